@@ -1,0 +1,27 @@
+"""The command line: one file a command. Each imports what it needs only when it is called."""
+
+from __future__ import annotations
+
+import sys
+
+import typer
+
+from ledpi.errors import LedpiError
+
+app = typer.Typer(
+    name="ledpi",
+    help="The lighting is the marker: reads blinking LED panels with a rolling-shutter camera.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+
+
+def main() -> None:
+    """Entry point. A LedpiError is one line on standard error and exit status 2."""
+    try:
+        app()
+    except LedpiError as error:
+        print(f"ledpi: {error}", file=sys.stderr)
+        sys.exit(2)

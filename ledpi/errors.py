@@ -1,0 +1,29 @@
+"""What can go wrong for good: one small tree. What is *expected* to go wrong on the path is a `Rejected` value.
+
+`str()` of each of these is one line for the user: the file, key or device, what is wrong, and what would be right.
+The command line prints it and exits with status 2.
+"""
+
+
+class LedpiError(Exception):
+    """Anything that a user can put right."""
+
+
+class ConfigError(LedpiError):
+    """config.yaml, or a value given in its place, cannot be used."""
+
+
+class CameraError(LedpiError):
+    """A camera cannot be opened, or does not do what was asked of it."""
+
+
+class RecordingError(CameraError):
+    """A recording, or a picture in it, cannot be read or written."""
+
+
+class WireError(LedpiError):
+    """A serial port or a packet cannot be used."""
+
+
+class CalibrationError(LedpiError):
+    """Calibration input is missing or cannot give a rational result, or a calibration file is broken."""

@@ -1,0 +1,85 @@
+"""Rotations, and the camera as a map between rays and pixels. Pure arithmetic."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ledpi.records import Floats, Intrinsics
+
+
+def quaternion_from_matrix(matrix: Floats) -> Floats:
+    """Unit quaternion (w, x, y, z), w ≥ 0, of a (3, 3) rotation matrix. Shepperd's method: the largest part first."""
+    m = matrix
+    squares = np.array(
+        [
+            1 + m[0, 0] + m[1, 1] + m[2, 2],
+            1 + m[0, 0] - m[1, 1] - m[2, 2],
+            1 - m[0, 0] + m[1, 1] - m[2, 2],
+            1 - m[0, 0] - m[1, 1] + m[2, 2],
+        ]
+    )
+    largest = int(np.argmax(squares))
+    s = 2.0 * math.sqrt(squares[largest])
+    wx, wy, wz = (m[2, 1] - m[1, 2]) / s, (m[0, 2] - m[2, 0]) / s, (m[1, 0] - m[0, 1]) / s
+    xy, xz, yz = (m[0, 1] + m[1, 0]) / s, (m[0, 2] + m[2, 0]) / s, (m[1, 2] + m[2, 1]) / s
+    quarter = s / 4.0
+    rows = ((quarter, wx, wy, wz), (wx, quarter, xy, xz), (wy, xy, quarter, yz), (wz, xz, yz, quarter))
+    q = np.array(rows[largest])
+    q /= np.linalg.norm(q)
+    return -q if q[0] < 0 else q
+
+
+def matrix_from_quaternion(quaternion_wxyz: Floats) -> Floats:
+    """(3, 3) rotation matrix of a quaternion (w, x, y, z) of any length but zero."""
+    norm = float(np.linalg.norm(quaternion_wxyz))
+    if not norm > 0:
+        raise ValueError("a quaternion of length zero is no rotation")
+    w, x, y, z = (float(v) / norm for v in quaternion_wxyz)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def rotation_angle_deg(a: Floats, b: Floats) -> float:
+    """Angle of the rotation between two unit quaternions, in degrees, 0 to 180."""
+    return math.degrees(2.0 * math.acos(min(1.0, abs(float(a @ b)))))
+
+
+def distort(rays_xy: Floats, intrinsics: Intrinsics) -> Floats:
+    """Pixels (N, 2) of rays given as (x/z, y/z) (N, 2). OpenCV's model: radial k1 k2 k3, tangential p1 p2."""
+    k1, k2, p1, p2, k3 = intrinsics.distortion
+    x, y = rays_xy[..., 0], rays_xy[..., 1]
+    r2 = x * x + y * y
+    radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    xy2 = 2.0 * x * y
+    out = np.empty_like(rays_xy)
+    out[..., 0] = intrinsics.fx * (x * radial + p1 * xy2 + p2 * (r2 + 2.0 * x * x)) + intrinsics.cx
+    out[..., 1] = intrinsics.fy * (y * radial + p1 * (r2 + 2.0 * y * y) + p2 * xy2) + intrinsics.cy
+    return out
+
+
+def undistort(pixels: Floats, intrinsics: Intrinsics) -> Floats:
+    """Rays (x/z, y/z) (N, 2) that pixels (N, 2) look along: the inverse of `distort`, by fixed-point iteration.
+
+    Eight rounds leave less than 1e-6 px for lenses whose distortion inside the picture is below about 20 %.
+    """
+    k1, k2, p1, p2, k3 = intrinsics.distortion
+    x0 = (pixels[..., 0] - intrinsics.cx) / intrinsics.fx
+    y0 = (pixels[..., 1] - intrinsics.cy) / intrinsics.fy
+    x, y = x0, y0
+    if any(intrinsics.distortion):
+        for _ in range(8):
+            r2 = x * x + y * y
+            radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
+            xy2 = 2.0 * x * y
+            x, y = (
+                (x0 - p1 * xy2 - p2 * (r2 + 2.0 * x * x)) / radial,
+                (y0 - p1 * (r2 + 2.0 * y * y) - p2 * xy2) / radial,
+            )
+    return np.stack([x, y], axis=-1)

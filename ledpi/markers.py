@@ -1,0 +1,65 @@
+"""A dictionary's words as classes of cells: what a panel shows for an ID, and how it looks when it is turned."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+Bits = NDArray[np.bool_]
+
+
+def dictionary_names() -> tuple[str, ...]:
+    """The predefined square-grid ArUco dictionaries that OpenCV knows, as `DICT_4X4_50`."""
+    return tuple(sorted(n for n in dir(cv2.aruco) if n.startswith("DICT_") and n[5].isdigit()))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Dictionary:
+    """Words of n × n cells. True blinks at `white_hz`, False at `black_hz`."""
+
+    name: str
+    words: Bits  # (IDs, n, n), upright, row 0 at the top, read-only
+
+    @property
+    def cells_per_side(self) -> int:
+        return int(self.words.shape[1])
+
+    def word(self, marker_id: int) -> Bits:
+        """The (n, n) word of an ID, upright. Raises ValueError for an ID that the dictionary does not have."""
+        if not 0 <= marker_id < len(self.words):
+            raise ValueError(f"{self.name} has the IDs 0 to {len(self.words) - 1}, not {marker_id}")
+        return self.words[marker_id]
+
+    def turned_words(self) -> Bits:
+        """(IDs, 4, n, n): each word as it looks after 0, 1, 2, 3 quarter turns **clockwise** in the picture."""
+        return np.stack([np.rot90(self.words, -k, axes=(1, 2)) for k in range(4)], axis=1)
+
+
+@cache
+def load_dictionary(name: str) -> Dictionary:
+    """A predefined dictionary by OpenCV's name. Raises ValueError, with the names there are, for another."""
+    if name not in dictionary_names():
+        raise ValueError(f"unknown dictionary {name!r}; known: {', '.join(dictionary_names())}")
+    raw = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
+    side = raw.markerSize
+    words = np.stack(
+        [
+            cv2.aruco.Dictionary.getBitsFromByteList(raw.bytesList[i : i + 1], side).astype(bool)
+            for i in range(len(raw.bytesList))
+        ]
+    )
+    words.flags.writeable = False
+    return Dictionary(name=name, words=words)
+
+
+def corners_of_turned(quad_corners: NDArray[np.float64], quarter_turns: int) -> NDArray[np.float64]:
+    """The marker's own corner order (top left first), of a quad that shows its word turned clockwise.
+
+    `quad_corners` (4, 2) runs clockwise in the picture. After one quarter turn clockwise, the marker's top left
+    corner is where the picture's top right one is.
+    """
+    return np.roll(quad_corners, -quarter_turns, axis=0)

@@ -1,0 +1,168 @@
+"""The records that flow along the path. Frozen, valid once built, arrays read-only.
+
+Pixel centres have integer coordinates. Times are integer nanoseconds of the camera's clock. Frames of reference:
+`camera` is OpenCV's optical frame (x right, y down, z forward); `marker` has its origin at the panel's centre,
+x right, y up, z out of the panel.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Pixels = NDArray[np.uint8]
+Transfer = Literal["linear", "srgb"]
+
+
+def read_only(array: Floats) -> Floats:
+    """A read-only view of `array` (the caller's own reference stays as it is)."""
+    view = array.view()
+    view.flags.writeable = False
+    return view
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Intrinsics:
+    """Pinhole camera with OpenCV's five-parameter lens distortion, for pictures of `width` × `height`."""
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)  # k1 k2 p1 p2 k3
+
+    def __post_init__(self) -> None:
+        values = (self.fx, self.fy, self.cx, self.cy, *self.distortion)
+        if not all(np.isfinite(values)) or self.fx <= 0 or self.fy <= 0:
+            raise ValueError("intrinsics: fx and fy must be positive and every value finite")
+
+    def matrix(self) -> Floats:
+        """The 3 × 3 camera matrix."""
+        return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1.0]])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PanelSpec:
+    """A panel as built: how large it is and how its two classes of cells blink."""
+
+    side_m: float  # outer edge of the lit grid
+    black_hz: float  # cells that are 0 in the dictionary's word
+    white_hz: float  # cells that are 1
+    duty: float = 0.5
+
+    def __post_init__(self) -> None:
+        if not self.side_m > 0:
+            raise ValueError(f"side_m must be positive, not {self.side_m}")
+        if not (self.black_hz > 0 and self.white_hz > 0):
+            raise ValueError("black_hz and white_hz must be positive")
+        if self.black_hz == self.white_hz:
+            raise ValueError(f"black_hz and white_hz must differ, both are {self.black_hz}")
+        if not 0 < self.duty < 1:
+            raise ValueError(f"duty must lie between 0 and 1, not {self.duty}")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Frame:
+    """One picture with everything that is known of how it was exposed."""
+
+    pixels: Pixels  # (H, W), read-only
+    seq: int
+    row0_readout_ns: int  # start of row 0's read-out; row 0's exposure began exposure_us earlier
+    exposure_us: float
+    row_time_us: float  # between the starts of two rows
+    transfer: Transfer
+    analogue_gain: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.pixels.ndim != 2 or self.pixels.dtype != np.uint8:
+            raise ValueError(f"pixels must be (H, W) uint8, not {self.pixels.shape} {self.pixels.dtype}")
+        if not (self.exposure_us > 0 and self.row_time_us > 0):
+            raise ValueError("exposure_us and row_time_us must be positive")
+        self.pixels.flags.writeable = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rejected:
+    """Something that was looked at and dropped: where, and why. Counted, never raised."""
+
+    stage: str
+    reason: str
+
+    @property
+    def key(self) -> str:
+        """The counter's name, as in `find.too_small`."""
+        return f"{self.stage}.{self.reason}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Quad:
+    """A lit, four-sided thing in the picture that may be a panel."""
+
+    corners_px: Floats  # (4, 2), clockwise as seen in the picture, first the one nearest the top left
+    corner_sigma_px: float  # standard deviation of a corner coordinate, from the edge fits
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sighting:
+    """A panel that was read."""
+
+    id: int
+    corners_px: Floats  # (4, 2): top left, top right, bottom right, bottom left of the marker as its ID is drawn
+    corner_sigma_px: float
+    margin: float  # natural-log likelihood ratio to the best explanation that is not this ID
+    frames_used: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pose:
+    """`a_from_b`: where frame b is in frame a, and how sure that is."""
+
+    position_m: Floats  # (3,)
+    quaternion_wxyz: Floats  # (4,), unit length
+    covariance: Floats | None = None  # (6, 6): x y z (m²), rotation about x y z (rad²), fixed axes of a, as ROS
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlanarSolution:
+    """One of the two poses that a square's four corners allow."""
+
+    camera_from_marker: Pose
+    reprojection_px: float  # rms over the four corners
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MarkerPose:
+    """A sighting with its place. `solution` is None where the camera is not calibrated."""
+
+    sighting: Sighting
+    mid_exposure_ns: int  # of the panel's centre row
+    solution: PlanarSolution | None
+    alternate: PlanarSolution | None  # the other planar solution, where it cannot be excluded
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RobotFix:
+    """map_from_base_link, solved from the panels in view."""
+
+    map_from_base_link: Pose
+    mid_exposure_ns: int
+    panels_used: tuple[int, ...]
+    panels_rejected: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Decoded:
+    """All that one frame gave."""
+
+    seq: int
+    row0_readout_ns: int
+    markers: tuple[MarkerPose, ...]
+    robot: RobotFix | None
+    rejected: tuple[Rejected, ...]
+    stage_ms: dict[str, float]  # time spent, by stage, in the order of the path
