@@ -78,6 +78,7 @@ class Frame:
     row_time_us: float  # between the starts of two rows
     transfer: Transfer
     analogue_gain: float | None = None
+    host_offset_ns: int = 0  # what to add to the camera's clock to get this machine's CLOCK_MONOTONIC
 
     def __post_init__(self) -> None:
         if self.pixels.ndim != 2 or self.pixels.dtype != np.uint8:
@@ -162,6 +163,7 @@ class Decoded:
 
     seq: int
     row0_readout_ns: int
+    host_offset_ns: int  # as the frame's
     markers: tuple[MarkerPose, ...]
     robot: RobotFix | None
     rejected: tuple[Rejected, ...]
