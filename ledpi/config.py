@@ -1,16 +1,31 @@
-"""config.yaml → a frozen `Config`. A wrong key or value is a `ConfigError` with file, key, and what is allowed."""
+"""config.yaml → a frozen `Config`.
+
+A wrong key or value is a `ConfigError` of one line: file, key, what is wrong, what is allowed.
+"""
 
 from __future__ import annotations
 
-import difflib
+import os
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import yaml
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Discriminator,
+    Field,
+    Tag,
+    ValidationError,
+    field_validator,
+    model_validator,
+)
 
+from ledpi.config_mistakes import explain
 from ledpi.errors import ConfigError
-from ledpi.markers import load_dictionary
+from ledpi.markers import dictionary_names, load_dictionary
 from ledpi.records import PanelSpec, Transfer
 
 SEARCH_PATH = (Path("config.yaml"), Path("/etc/ledpi/config.yaml"))
@@ -18,35 +33,67 @@ SEARCH_PATH = (Path("config.yaml"), Path("/etc/ledpi/config.yaml"))
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Duty = Annotated[float, Field(gt=0, lt=1)]
-Vector3 = tuple[Finite, Finite, Finite]
-Auto = Literal["auto"]
+Gain = Annotated[float, Field(ge=1, le=64)]
+_Auto = Annotated[Literal["auto"], Tag("auto")]
+# Only the branch that was meant is tried, so that a wrong number gives one message and not one a branch.
+_number_or_auto = Discriminator(lambda value: "auto" if value == "auto" else "number")
+PositiveOrAuto = Annotated[Annotated[Positive, Tag("number")] | _Auto, _number_or_auto]
+GainOrAuto = Annotated[Annotated[Gain, Tag("number")] | _Auto, _number_or_auto]
 
 
-def _known_source(source: str) -> str:
-    kind, _, rest = source.partition(":")
-    if source in ("picamera2", "simulated") or (kind in ("recording", "v4l2") and rest):
-        return source
+def _three_numbers(value: object) -> object:
+    if isinstance(value, (list, tuple)) and len(value) == 3:
+        return value
+    raise ValueError("must be three numbers, as in [0, 0, 0]")
+
+
+Vector3 = Annotated[tuple[Finite, Finite, Finite], BeforeValidator(_three_numbers)]
+
+
+def _known_source(source: object) -> object:
+    if isinstance(source, str):
+        kind, _, rest = source.partition(":")
+        if source in ("picamera2", "simulated") or (kind in ("recording", "v4l2") and rest):
+            return source
     raise ValueError("must be picamera2, simulated, recording:PATH or v4l2:/dev/videoN")
 
 
 def _known_dictionary(name: str) -> str:
-    load_dictionary(name)
-    return name
+    if name in dictionary_names():
+        return name
+    raise ValueError(f"must be one of {', '.join(dictionary_names())}")
 
 
 class _Section(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=False)
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _is_section(cls, value: object) -> object:
+        if value is None:  # `camera:` with every key under it commented out
+            return {}
+        if isinstance(value, (dict, cls)):
+            return value
+        raise ValueError(f"must be a section with the keys {', '.join(sorted(cls.model_fields))}")
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _is_no_boolean(cls, value: object) -> object:
+        """YAML reads yes, no, on, off as booleans, and pydantic a boolean as the number 1 or 0."""
+        if isinstance(value, bool):
+            raise ValueError("takes no true or false (which YAML also reads from yes, no, on and off)")
+        return value
 
 
 class CameraSettings(_Section):
-    source: Annotated[str, AfterValidator(_known_source)] = "picamera2"
+    source: Annotated[str, BeforeValidator(_known_source)] = "picamera2"
     width: Annotated[int, Field(ge=32, le=8192)] = 640
     height: Annotated[int, Field(ge=32, le=8192)] = 480
     exposure_us: Positive = 10000.0
-    frame_duration_us: Positive | Auto = "auto"
-    analogue_gain: Annotated[float, Field(ge=1, le=64)] | Auto = "auto"
-    row_time_us: Positive | Auto = "auto"
-    transfer: Transfer | Auto = "auto"
+    frame_duration_us: PositiveOrAuto = "auto"
+    analogue_gain: GainOrAuto = "auto"
+    row_time_us: PositiveOrAuto = "auto"
+    transfer: Literal["auto", Transfer] = "auto"
     intrinsics: Path | None = None
 
 
@@ -121,27 +168,30 @@ def load_config(path: Path | None, overrides: tuple[str, ...] = ()) -> Config:
     """
     where = str(path) if path is not None else "configuration"
     raw = _read_yaml(path) if path is not None else {}
+    raw.setdefault("panels", {})  # so that the message names the key that must be given
     base = path.parent if path is not None else Path()
     from_command_line = set()
     for item in overrides:
         from_command_line.add(_apply_override(raw, item))
     try:
         config = Config.model_validate(raw)
-        _check_panels(config.panels)
     except ValidationError as error:
-        raise ConfigError(f"{where}: {_explain(error)}") from None
-    except ValueError as error:
-        raise ConfigError(f"{where}: panels: {error}") from None
+        raise ConfigError(f"{where}: {explain(error, Config)}") from None
+    _check_panels(config.panels, where)
     return _with_absolute_paths(config, base, from_command_line)
 
 
-def _check_panels(panels: PanelSettings) -> None:
-    panels.spec()
+def _check_panels(panels: PanelSettings, where: str) -> None:
+    """Values that are right one by one may contradict each other, or the dictionary."""
     known = len(load_dictionary(panels.dictionary).words)
-    for marker_id in panels.overrides:
-        if marker_id >= known:
-            raise ValueError(f"overrides: {panels.dictionary} has the IDs 0 to {known - 1}, not {marker_id}")
-        panels.spec(marker_id)
+    for marker_id in (None, *panels.overrides):
+        key = "panels" if marker_id is None else f"panels.overrides.{marker_id}"
+        if marker_id is not None and marker_id >= known:
+            raise ConfigError(f"{where}: {key}: {panels.dictionary} has only the IDs 0 to {known - 1}")
+        try:
+            panels.spec(marker_id)
+        except ValueError as error:
+            raise ConfigError(f"{where}: {key}: {error}") from None
 
 
 def _read_yaml(path: Path) -> dict[str, Any]:
@@ -156,7 +206,7 @@ def _read_yaml(path: Path) -> dict[str, Any]:
     if raw is None:
         return {}
     if not isinstance(raw, dict):
-        raise ConfigError(f"{path}: must be a mapping of sections (camera:, panels:, …), not {type(raw).__name__}")
+        raise ConfigError(f"{path}: must be sections (camera:, panels:, …), not {str(raw)!r:.40}")
     return raw
 
 
@@ -168,7 +218,10 @@ def _apply_override(raw: dict[str, Any], item: str) -> str:
         value = yaml.safe_load(text)
     except yaml.YAMLError:
         raise ConfigError(f"--set {item}: {text!r} is not a YAML value") from None
-    *sections, last = key.split(".")
+    if isinstance(value, dict) and not text.lstrip().startswith("{"):
+        value = text  # `recording:` is a word with a colon here, although YAML reads a mapping
+    # A key of digits is a panel's ID, and YAML reads that as a number.
+    *sections, last = (int(part) if part.isdecimal() else part for part in key.split("."))
     node: Any = raw
     for name in sections:
         if node.get(name) is None:
@@ -180,49 +233,12 @@ def _apply_override(raw: dict[str, Any], item: str) -> str:
     return key
 
 
-def _allowed_keys(location: tuple[int | str, ...]) -> list[str]:
-    model: Any = Config
-    for part in location:
-        field = model.model_fields.get(part) if isinstance(part, str) else None
-        if isinstance(part, int):
-            model = PanelOverride
-        elif field is not None and isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel):
-            model = field.annotation
-    return sorted(model.model_fields)
-
-
-def _explain(error: ValidationError) -> str:
-    """One line for the first thing that is wrong, with the number of the others."""
-    problems = error.errors()
-    # A value that may be a number or `auto` fails once for each: the message about the number says more.
-    first = problems[0]
-    location = tuple(part for part in first["loc"] if not _is_union_branch(part))
-    key = ".".join(str(part) for part in location)
-    if first["type"] == "extra_forbidden":
-        allowed = _allowed_keys(location[:-1])
-        close = difflib.get_close_matches(str(location[-1]), allowed, n=1)
-        hint = f"did you mean {close[0]}? " if close else ""
-        text = f"{key}: unknown key; {hint}allowed here: {', '.join(allowed)}"
-    elif first["type"] == "missing":
-        text = f"{key}: must be given (it has no default)"
-    else:
-        auto = " (or auto)" if any("auto" in str(p.get("ctx", {}).get("expected", "")) for p in problems[1:]) else ""
-        text = f"{key}: {first['msg'].removeprefix('Value error, ')}{auto}, not {first['input']!r}"
-    others = len({tuple(q for q in p["loc"] if not _is_union_branch(q)) for p in problems}) - 1
-    return text + (f" (and {others} more)" if others > 0 else "")
-
-
-def _is_union_branch(part: int | str) -> bool:
-    """Whether a part of pydantic's error location names a type and not a key, as `literal['auto']` does."""
-    return isinstance(part, str) and (part in ("float", "int", "str", "[key]") or "[" in part)
-
-
 def _with_absolute_paths(config: Config, base: Path, from_command_line: set[str]) -> Config:
     """Paths in the file are relative to it, paths given with --set to the working directory."""
 
     def absolute(path: Path | str, key: str) -> Path:
         start = Path() if key in from_command_line else base
-        return (start / Path(path).expanduser()).absolute()
+        return (start / os.path.expanduser(path)).absolute()
 
     camera = config.camera
     changes: dict[str, Any] = {}

@@ -12,7 +12,7 @@ ROOT = Path(__file__).resolve().parents[1]
 
 @pytest.fixture
 def shared() -> Callable[[str], Path]:
-    """A path in the folder `shared` beside the repository, as in `shared("real/chessboard")`; skips without it."""
+    """A path in the folder `shared` beside the repository, as in `shared("recordings")`; skips without it."""
 
     def locate(relative: str) -> Path:
         path = ROOT.parent / "shared" / relative
