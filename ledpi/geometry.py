@@ -65,21 +65,26 @@ def distort(rays_xy: Floats, intrinsics: Intrinsics) -> Floats:
 
 
 def undistort(pixels: Floats, intrinsics: Intrinsics) -> Floats:
-    """Rays (x/z, y/z) (N, 2) that pixels (N, 2) look along: the inverse of `distort`, by fixed-point iteration.
+    """Rays (x/z, y/z) (N, 2) that pixels (N, 2) look along: the inverse of `distort`, by Newton's method.
 
-    Eight rounds leave less than 1e-6 px for lenses whose distortion inside the picture is below about 20 %.
+    Four rounds leave less than 1e-6 px for lenses that displace no pixel by more than a fifth of its radius.
     """
     k1, k2, p1, p2, k3 = intrinsics.distortion
     x0 = (pixels[..., 0] - intrinsics.cx) / intrinsics.fx
     y0 = (pixels[..., 1] - intrinsics.cy) / intrinsics.fy
     x, y = x0, y0
     if any(intrinsics.distortion):
-        for _ in range(8):
+        for _ in range(4):
             r2 = x * x + y * y
             radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
-            xy2 = 2.0 * x * y
-            x, y = (
-                (x0 - p1 * xy2 - p2 * (r2 + 2.0 * x * x)) / radial,
-                (y0 - p1 * (r2 + 2.0 * y * y) - p2 * xy2) / radial,
-            )
+            slope = 2.0 * (k1 + r2 * (2.0 * k2 + r2 * 3.0 * k3))  # d radial / dx = slope · x
+            xy = x * y
+            error_x = x * radial + 2.0 * p1 * xy + p2 * (r2 + 2.0 * x * x) - x0
+            error_y = y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * xy - y0
+            j_xx = radial + slope * x * x + 2.0 * p1 * y + 6.0 * p2 * x
+            j_yy = radial + slope * y * y + 6.0 * p1 * y + 2.0 * p2 * x
+            j_xy = slope * xy + 2.0 * (p1 * x + p2 * y)  # the Jacobian is symmetric
+            determinant = j_xx * j_yy - j_xy * j_xy
+            x = x - (j_yy * error_x - j_xy * error_y) / determinant
+            y = y - (j_xx * error_y - j_xy * error_x) / determinant
     return np.stack([x, y], axis=-1)

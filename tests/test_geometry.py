@@ -1,0 +1,138 @@
+"""Rotations and the lens, against OpenCV's own functions and rotations known by hand."""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+import pytest
+
+from ledpi.geometry import (
+    distort,
+    matrix_from_quaternion,
+    quaternion_from_matrix,
+    rotation_angle_deg,
+    undistort,
+)
+from ledpi.records import Floats, Intrinsics
+
+HALF = math.sqrt(0.5)
+
+# (axis × angle in degrees, quaternion w x y z)
+KNOWN = [
+    ((0, 0, 0), (1, 0, 0, 0)),
+    ((0, 0, 90), (HALF, 0, 0, HALF)),
+    ((0, -90, 0), (HALF, 0, -HALF, 0)),
+    ((60, 0, 0), (math.cos(math.pi / 6), 0.5, 0, 0)),
+    ((180, 0, 0), (0, 1, 0, 0)),
+    ((0, 180, 0), (0, 0, 1, 0)),
+    ((0, 0, 180), (0, 0, 0, 1)),
+]
+
+# Pi Camera v1, a wide lens with strong barrel, and every coefficient at once.
+LENSES = [
+    (0.13, -0.25, 0.0, 0.0, 0.0),
+    (-0.30, 0.10, 0.0, 0.0, 0.0),
+    (-0.25, 0.08, 0.003, -0.002, -0.01),
+]
+
+
+def camera(distortion: tuple[float, float, float, float, float]) -> Intrinsics:
+    return Intrinsics(width=640, height=480, fx=600, fy=603, cx=317, cy=244, distortion=distortion)
+
+
+def rodrigues(vector: Floats) -> Floats:
+    return np.asarray(cv2.Rodrigues(vector)[0], dtype=np.float64)
+
+
+def project(rays_xy: Floats, lens: Intrinsics) -> Floats:
+    points = np.column_stack([rays_xy, np.ones(len(rays_xy))])
+    pixels = cv2.projectPoints(points, np.zeros(3), np.zeros(3), lens.matrix(), np.array(lens.distortion))[0]
+    return np.asarray(pixels, dtype=np.float64).reshape(-1, 2)
+
+
+def grid_of_rays() -> Floats:
+    """(N, 2): rays that cover the picture of `camera`."""
+    rays: Floats = (grid_of_pixels() - [317, 244]) / [600, 603]
+    return rays
+
+
+def grid_of_pixels() -> Floats:
+    """(N, 2): a grid over the whole picture, its corners included."""
+    columns, rows = np.meshgrid(np.linspace(0, 639, 17), np.linspace(0, 479, 13))
+    return np.stack([columns.ravel(), rows.ravel()], axis=1)
+
+
+def random_rotation_vectors(count: int) -> list[Floats]:
+    """Axis × angle in radians, angles up to a half turn, the very small and the very large among them."""
+    random = np.random.default_rng(7)
+    axes = random.normal(size=(count, 3))
+    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+    extremes = [1e-9, 1e-4, math.pi - 1e-4, math.pi - 1e-9]
+    angles = np.concatenate([random.uniform(0, math.pi, count - 4), extremes])
+    return list(axes * angles[:, None])
+
+
+@pytest.mark.parametrize(("axis_angle_deg", "quaternion"), KNOWN)
+def test_known_rotations(axis_angle_deg: tuple[int, ...], quaternion: tuple[float, ...]) -> None:
+    """Rotations about single axes have the quaternions that one writes down by hand."""
+    matrix = rodrigues(np.radians(np.array(axis_angle_deg, dtype=float)))
+    np.testing.assert_allclose(quaternion_from_matrix(matrix), quaternion, atol=1e-12)
+    np.testing.assert_allclose(matrix_from_quaternion(np.array(quaternion)), matrix, atol=1e-12)
+
+
+def test_matrix_turns_x_to_y() -> None:
+    """A quarter turn about z takes x to y: the quaternion's handedness by hand."""
+    matrix = matrix_from_quaternion(np.array([HALF, 0, 0, HALF]))
+    np.testing.assert_allclose(matrix @ [1, 0, 0], [0, 1, 0], rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("vector", random_rotation_vectors(60))
+def test_rotations_are_those_of_opencv(vector: Floats) -> None:
+    """cos and sin of half the angle, and the matrix that cv2.Rodrigues makes of the same vector."""
+    angle = float(np.linalg.norm(vector))
+    expected = np.array([math.cos(angle / 2), *(math.sin(angle / 2) * vector / angle)])
+    matrix = rodrigues(vector)
+    np.testing.assert_allclose(quaternion_from_matrix(matrix), expected, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(matrix_from_quaternion(expected), matrix, rtol=0, atol=1e-9)
+
+
+def test_a_quaternion_of_any_length_is_a_rotation() -> None:
+    """The length does not matter, but there must be one."""
+    np.testing.assert_allclose(
+        matrix_from_quaternion(np.array([3.0, 0, 0, 3.0])), [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-12
+    )
+    with pytest.raises(ValueError, match="length zero"):
+        matrix_from_quaternion(np.zeros(4))
+
+
+def test_angle_between_rotations_by_hand() -> None:
+    """90° from the identity to a quarter turn; a quaternion and its negative are the same rotation."""
+    identity, quarter = np.array([1.0, 0, 0, 0]), np.array([HALF, 0, 0, HALF])
+    assert rotation_angle_deg(identity, quarter) == pytest.approx(90)
+    assert rotation_angle_deg(identity, -quarter) == pytest.approx(90)
+    assert rotation_angle_deg(quarter, -quarter) == pytest.approx(0, abs=1e-5)
+
+
+@pytest.mark.parametrize("distortion", LENSES)
+def test_distort_is_opencvs_projection(distortion: tuple[float, float, float, float, float]) -> None:
+    """Rays land where cv2.projectPoints puts them."""
+    lens = camera(distortion)
+    rays = grid_of_rays()
+    np.testing.assert_allclose(distort(rays, lens), project(rays, lens), rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("distortion", [*LENSES, (0, 0, 0, 0, 0), (-0.2, 0, 0, 0, 0), (0.2, 0, 0, 0, 0)])
+def test_undistort_undoes_opencvs_projection(distortion: tuple[float, float, float, float, float]) -> None:
+    """Where cv2.projectPoints puts a ray, that ray is found again, to 1e-6 px."""
+    lens = camera(distortion)
+    rays = grid_of_rays()
+    np.testing.assert_allclose(undistort(project(rays, lens), lens), rays, rtol=0, atol=1e-6 / 600)
+
+
+def test_undistort_reaches_the_pictures_corners() -> None:
+    """Every pixel of a picture with a fifth of barrel at its corners is inverted to 1e-6 px."""
+    lens = Intrinsics(width=640, height=480, fx=500, fy=500, cx=320, cy=240, distortion=(-0.2, 0, 0, 0, 0))
+    pixels = grid_of_pixels()
+    np.testing.assert_allclose(distort(undistort(pixels, lens), lens), pixels, rtol=0, atol=1e-6)
