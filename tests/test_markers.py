@@ -1,0 +1,95 @@
+"""Dictionary words, and how they look when they are turned: drawn by hand, and read by OpenCV's detector."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from ledpi.markers import Bits, corners_of_turned, dictionary_names, load_dictionary
+
+
+def drawn(text: str) -> Bits:
+    """A word written as `1100 / 0100 / …`, from the top."""
+    return np.array([[c == "1" for c in row.strip()] for row in text.split("/")])
+
+
+SEVEN = "1100 / 0100 / 1111 / 0010"
+SEVEN_TURNED_CLOCKWISE = [
+    "0101 / 0111 / 1100 / 0100",
+    "0100 / 1111 / 0010 / 0011",
+    "0010 / 0011 / 1110 / 1010",
+]
+
+
+def test_id_7_upright() -> None:
+    """ID 7 of DICT_4X4_50 has the bits that the design writes down."""
+    np.testing.assert_array_equal(load_dictionary("DICT_4X4_50").word(7), drawn(SEVEN))
+
+
+def test_id_7_turned() -> None:
+    """Quarter turns clockwise: the left column, read upward, becomes the top row."""
+    turned = load_dictionary("DICT_4X4_50").turned_words()[7]
+    for quarter_turns, text in enumerate([SEVEN, *SEVEN_TURNED_CLOCKWISE]):
+        np.testing.assert_array_equal(turned[quarter_turns], drawn(text), err_msg=f"turns: {quarter_turns}")
+
+
+def test_corners_of_a_turned_panel_by_hand() -> None:
+    """After one quarter turn clockwise the marker's top left corner is at the picture's top right."""
+    quad = np.array([[10.0, 20], [30, 20], [30, 40], [10, 40]])  # clockwise from the top left
+    np.testing.assert_array_equal(corners_of_turned(quad, 0), quad)
+    np.testing.assert_array_equal(corners_of_turned(quad, 1), [[30, 20], [30, 40], [10, 40], [10, 20]])
+    np.testing.assert_array_equal(corners_of_turned(quad, 3), [[10, 40], [10, 20], [30, 20], [30, 40]])
+
+
+@pytest.mark.parametrize("quarter_turns", range(4))
+def test_turning_is_opencvs(quarter_turns: int) -> None:
+    """In a turned picture of a printed marker OpenCV finds the same ID, and the corners in the same order."""
+    raw = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
+    picture = np.full((160, 160), 255, np.uint8)
+    picture[20:140, 20:140] = cv2.aruco.generateImageMarker(raw, 7, 120)
+    picture = np.ascontiguousarray(np.rot90(picture, -quarter_turns))
+    corners, ids, _ = cv2.aruco.ArucoDetector(raw).detectMarkers(picture)
+    cells = picture[40:120, 40:120].reshape(4, 20, 4, 20).mean(axis=(1, 3)) > 127
+    as_seen = np.array([[20.0, 20], [139, 20], [139, 139], [20, 139]])
+
+    assert ids.ravel().tolist() == [7]
+    np.testing.assert_array_equal(load_dictionary("DICT_4X4_50").turned_words()[7, quarter_turns], cells)
+    np.testing.assert_allclose(corners_of_turned(as_seen, quarter_turns), corners[0][0], rtol=0, atol=1)
+
+
+@pytest.mark.parametrize(("name", "ids", "side"), [("DICT_4X4_50", 50, 4), ("DICT_6X6_250", 250, 6)])
+def test_a_dictionary_has_its_words(name: str, ids: int, side: int) -> None:
+    """Number of IDs and of cells are what the name says."""
+    dictionary = load_dictionary(name)
+    assert dictionary.words.shape == (ids, side, side)
+    assert dictionary.cells_per_side == side
+
+
+def test_every_name_loads() -> None:
+    """Each name that is offered is a dictionary of square words; AprilTag's families are not among them."""
+    names = dictionary_names()
+    assert "DICT_4X4_50" in names
+    assert not any("APRILTAG" in name or "ORIGINAL" in name for name in names)
+    for name in names:
+        side = int(name[5])
+        assert load_dictionary(name).words.shape[1:] == (side, side)
+
+
+def test_an_unknown_dictionary_names_the_known() -> None:
+    """A wrong name is told together with those that there are."""
+    with pytest.raises(ValueError, match=r"unknown dictionary 'DICT_9X9'; known: .*DICT_4X4_50"):
+        load_dictionary("DICT_9X9")
+
+
+@pytest.mark.parametrize("marker_id", [-1, 50])
+def test_an_unknown_id_names_the_range(marker_id: int) -> None:
+    """An ID that the dictionary has not is an error, also where Python would count from the end."""
+    with pytest.raises(ValueError, match=f"IDs 0 to 49, not {marker_id}"):
+        load_dictionary("DICT_4X4_50").word(marker_id)
+
+
+def test_words_cannot_be_changed() -> None:
+    """The words are shared, so they are read-only."""
+    with pytest.raises(ValueError, match="read-only"):
+        load_dictionary("DICT_4X4_50").word(7)[0, 0] = False
