@@ -1,0 +1,98 @@
+"""One picture file → pixels. A file that cannot be used is a value with a message, not an exception.
+
+OpenCV may hand out the upper part of a truncated PNG as if it were whole, with a grey or black rest: bands in
+it would be decoded as if they had been seen. So the PNG's own structure (lengths, checksums, end mark) is
+checked first.
+"""
+
+from __future__ import annotations
+
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from ledpi.records import Pixels, Rejected
+
+_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+_GREY, _COLOUR_TYPES = 0, {0: "grey", 2: "colour", 3: "palette", 4: "grey with alpha", 6: "colour with alpha"}
+_IHDR_END = 8 + 4 + 4 + 13 + 4  # signature, then the first chunk's length, name, content and checksum
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BadPicture:
+    """Why a picture cannot be used: what to count, and one line for the user that names the file."""
+
+    rejected: Rejected  # stage `capture`, reason `unreadable`, `truncated` or `wrong_size`
+    message: str
+
+
+def read_picture(path: Path, into: Pixels) -> BadPicture | None:
+    """Reads an 8-bit grey PNG into `into` (H, W) uint8. None when that worked; else `into` is untouched."""
+
+    def bad(reason: str, what: str) -> BadPicture:
+        return BadPicture(rejected=Rejected(stage="capture", reason=reason), message=f"{path}: {what}")
+
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        return bad("unreadable", f"cannot be read: {error.strerror}")
+    height, width = into.shape
+    fault = _fault(data, width, height)
+    if fault is not None:
+        return bad(*fault)
+    try:
+        picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    except cv2.error:
+        picture = None
+    if picture is None or picture.shape != into.shape or picture.dtype != np.uint8:
+        return bad("unreadable", "its content is not a PNG picture that OpenCV can decode")
+    np.copyto(into, picture)
+    return None
+
+
+def _fault(data: bytes, width: int, height: int) -> tuple[str, str] | None:
+    """(reason, what is wrong) where bytes are no whole 8-bit grey PNG of this size (PNG specification §5)."""
+    if not data:
+        return "truncated", "is empty; must be an 8-bit grey PNG"
+    if not data.startswith(_SIGNATURE):
+        if _SIGNATURE.startswith(data):
+            return "truncated", f"ends after {len(data)} bytes, inside the PNG signature"
+        return "unreadable", "is not a PNG file; must be an 8-bit grey PNG"
+    if len(data) >= _IHDR_END and data[12:16] == b"IHDR":
+        fault = _header_fault(data, width, height)
+        if fault is not None:
+            return fault
+    return _chunk_fault(data)
+
+
+def _header_fault(data: bytes, width: int, height: int) -> tuple[str, str] | None:
+    size = int.from_bytes(data[16:20], "big"), int.from_bytes(data[20:24], "big")
+    depth, colour = data[24], data[25]
+    if zlib.crc32(data[12:29]) != int.from_bytes(data[29:33], "big"):
+        return "unreadable", "its chunk IHDR at byte 8 is damaged (wrong checksum)"
+    if (depth, colour) != (8, _GREY):
+        kind = _COLOUR_TYPES.get(colour, f"colour type {colour}")
+        return "unreadable", f"is {depth}-bit {kind}; must be 8-bit grey"
+    if size != (width, height):
+        return "wrong_size", f"is {size[0]} × {size[1]} pixels; must be {width} × {height}"
+    return None
+
+
+def _chunk_fault(data: bytes) -> tuple[str, str] | None:
+    position = len(_SIGNATURE)
+    while position < len(data):
+        length = int.from_bytes(data[position : position + 4], "big")
+        name = data[position + 4 : position + 8]
+        end = position + 12 + length
+        if end > len(data):
+            inside = f"chunk {name.decode('ascii', 'replace')}" if len(name) == 4 else "a chunk's header"
+            return "truncated", f"ends after {len(data)} bytes, inside {inside}"
+        if zlib.crc32(memoryview(data)[position + 4 : end - 4]) != int.from_bytes(data[end - 4 : end], "big"):
+            return "unreadable", f"its chunk at byte {position} is damaged (wrong checksum)"
+        if name == b"IEND":
+            return None
+        position = end
+    return "truncated", f"ends after {len(data)} bytes without the end mark IEND"

@@ -1,0 +1,149 @@
+"""What stands in a recording's files, value by value (format 1); recording.py checks them against each other.
+
+Keys that are not known here are passed over, so that a recording may hold more than this version reads.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path, PurePosixPath
+from typing import Annotated, Any, TypeVar
+
+import yaml
+from pydantic import AfterValidator, BaseModel, Field, ValidationError
+
+from ledpi.errors import RecordingError
+from ledpi.markers import load_dictionary
+from ledpi.records import Transfer
+
+FORMAT = 1
+HEADER_FILE, FRAMES_FILE, TRUTH_FILE = "recording.yaml", "frames.jsonl", "truth.jsonl"
+
+Real = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+Positive = Annotated[float, Field(strict=True, gt=0, allow_inf_nan=False)]
+Natural = Annotated[int, Field(strict=True, ge=0, lt=2**63)]
+Size = Annotated[int, Field(strict=True, ge=1, le=16384)]
+Point = tuple[Real, Real]
+Model = TypeVar("Model", bound=BaseModel)
+
+
+def _known_dictionary(name: str) -> str:
+    load_dictionary(name)
+    return name
+
+
+def _inside_the_folder(name: str) -> str:
+    path = PurePosixPath(name)
+    if not path.name or path.is_absolute() or ".." in path.parts or "\0" in name:
+        raise ValueError("must be a path inside the recording, as frames/000000.png")
+    return name
+
+
+class CameraSection(BaseModel):
+    width: Size
+    height: Size
+    row_time_us: Positive
+    exposure_us: Positive
+    transfer: Transfer
+    frame_length_rows: Size | None = None  # a V4L2 camera cannot tell
+    fx: Positive | None = None  # fx to distortion: all, or none where the camera was not calibrated
+    fy: Positive | None = None
+    cx: Real | None = None
+    cy: Real | None = None
+    distortion: tuple[Real, Real, Real, Real, Real] | None = None
+
+
+class PanelSection(BaseModel):
+    dictionary: Annotated[str, AfterValidator(_known_dictionary)]
+    side_m: Positive
+    black_hz: Positive
+    white_hz: Positive
+    duty: Annotated[float, Field(strict=True, gt=0, lt=1)]
+
+
+class Header(BaseModel):
+    camera: CameraSection
+    panel: PanelSection
+
+
+class FrameLine(BaseModel):
+    seq: Natural
+    file: Annotated[str, AfterValidator(_inside_the_folder)]
+    sensor_timestamp_ns: Natural
+    exposure_us: Positive
+    analogue_gain: Positive | None = None
+
+
+class TruthLineMarker(BaseModel):
+    id: Natural
+    corners_px: tuple[Point, Point, Point, Point]
+    position_m: tuple[Real, Real, Real]
+    quaternion_wxyz: tuple[Real, Real, Real, Real]
+    optional: Annotated[bool, Field(strict=True)] = False
+
+
+class TruthLine(BaseModel):
+    seq: Natural
+    markers: tuple[TruthLineMarker, ...]
+
+
+def read_header(path: Path) -> Header:
+    """Reads recording.yaml. Raises RecordingError."""
+    try:
+        raw = yaml.safe_load(_read_text(path))
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        raise RecordingError(f"{path}: not valid YAML: {' '.join(str(error).split())}") from None
+    if not isinstance(raw, dict):
+        wanted = "a mapping with format, camera and panel"
+        raise RecordingError(f"{path}: must be {wanted}, not {type(raw).__name__}")
+    if "format" not in raw:
+        raise RecordingError(f"{path}: format: is missing; must be {FORMAT}")
+    if type(raw["format"]) is not int or raw["format"] != FORMAT:
+        found = _shortened(raw["format"])
+        raise RecordingError(f"{path}: format: is {found}; this version reads format {FORMAT}")
+    return _checked(Header, raw, str(path))
+
+
+def read_lines(path: Path, model: type[Model]) -> Iterator[tuple[int, Model]]:
+    """The lines of a .jsonl file, numbered from 1; empty ones are passed over. Raises RecordingError."""
+    for number, text in enumerate(_read_text(path).split("\n"), start=1):
+        if not text.strip():
+            continue
+        where = f"{path}: line {number}"
+        try:
+            raw = json.loads(text)
+        except (ValueError, RecursionError) as error:
+            raise RecordingError(f"{where}: not valid JSON ({error}); must be one object a line") from None
+        if not isinstance(raw, dict):
+            raise RecordingError(f"{where}: must be a JSON object, not {type(raw).__name__}")
+        yield number, _checked(model, raw, where)
+
+
+def _read_text(path: Path) -> str:
+    try:
+        return path.read_bytes().decode("utf-8")
+    except FileNotFoundError:
+        wanted = f"a recording has {HEADER_FILE}, {FRAMES_FILE} and its pictures"
+        raise RecordingError(f"{path}: is missing; {wanted}") from None
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError as error:
+        raise RecordingError(f"{path}: byte {error.start} is not UTF-8 text") from None
+
+
+def _checked(model: type[Model], raw: dict[str, Any], where: str) -> Model:
+    try:
+        return model.model_validate(raw)
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(str(part) for part in first["loc"])
+        if first["type"] == "missing":
+            raise RecordingError(f"{where}: {key}: is missing; must be given") from None
+        message = first["msg"].removeprefix("Value error, ")
+        raise RecordingError(f"{where}: {key}: {message}, not {_shortened(first['input'])}") from None
+
+
+def _shortened(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."

@@ -1,0 +1,316 @@
+"""Reading recordings: what is legal, and what is said of one that is broken."""
+
+from __future__ import annotations
+
+import json
+import struct
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from ledpi.errors import RecordingError
+from ledpi.picture import read_picture
+from ledpi.recording import find_recordings, load_recording
+
+HEADER = """\
+format: 1
+note: written by hand
+camera: {width: 8, height: 6, row_time_us: 33.67, frame_length_rows: 504,
+         exposure_us: 10000.0, transfer: srgb,
+         fx: 643.0, fy: 644.0, cx: 322.0, cy: 238.0, distortion: [0.08, -0.18, 0.0008, -0.0006, 0.05]}
+panel: {dictionary: DICT_4X4_50, side_m: 0.16, black_hz: 1250.0, white_hz: 2450.0, duty: 0.5}
+"""
+FRAMES = """\
+{"seq": 0, "file": "frames/000000.png", "sensor_timestamp_ns": 1010000000, "exposure_us": 10000.0}
+{"seq": 1, "file": "frames/000001.png", "sensor_timestamp_ns": 1026969680, "exposure_us": 9967, \
+"analogue_gain": 2.5}
+{"seq": 40, "file": "frames/000040.png", "sensor_timestamp_ns": 3000000000, "exposure_us": 10000.0}
+"""
+TRUTH = """\
+{"seq": 1, "markers": [{"id": 7, "corners_px": [[1, 2], [3, 2], [3, 4], [1, 4]], \
+"position_m": [0.1, 0.2, 0.6], "quaternion_wxyz": [0, 1, 0, 0], "optional": true}]}
+{"seq": 40, "markers": []}
+"""
+PICTURE = np.arange(48, dtype=np.uint8).reshape(6, 8)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A whole recording of three frames in two takes, its text written by hand."""
+    place = tmp_path / "take"
+    (place / "frames").mkdir(parents=True)
+    (place / "recording.yaml").write_text(HEADER)
+    (place / "frames.jsonl").write_text(FRAMES)
+    (place / "truth.jsonl").write_text(TRUTH)
+    for seq in (0, 1, 40):
+        cv2.imwrite(str(place / f"frames/{seq:06d}.png"), PICTURE + seq)
+    return place
+
+
+def replace(path: Path, old: str, new: str) -> None:
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new))
+
+
+def complaint(folder: Path) -> str:
+    with pytest.raises(RecordingError) as caught:
+        load_recording(folder)
+    message = str(caught.value)
+    assert "\n" not in message
+    return message.replace(str(folder), "take")
+
+
+def test_all_values_are_read(folder: Path) -> None:
+    """Camera, lens, panel, frames and truth arrive as they stand in the files."""
+    recording = load_recording(folder)
+    camera, lens = recording.camera, recording.camera.intrinsics
+    assert (camera.width, camera.height, camera.row_time_us, camera.frame_length_rows) == (8, 6, 33.67, 504)
+    assert (camera.exposure_us, camera.transfer) == (10000.0, "srgb")
+    assert lens is not None
+    assert (lens.width, lens.height, lens.fx, lens.fy, lens.cx, lens.cy) == (8, 6, 643.0, 644.0, 322.0, 238.0)
+    assert lens.distortion == (0.08, -0.18, 0.0008, -0.0006, 0.05)
+    assert recording.dictionary == "DICT_4X4_50"
+    assert (recording.panel.side_m, recording.panel.black_hz) == (0.16, 1250.0)
+    assert (recording.panel.white_hz, recording.panel.duty) == (2450.0, 0.5)
+    second = recording.frames[1]
+    assert (second.seq, second.row0_readout_ns, second.exposure_us) == (1, 1026969680, 9967.0)
+    assert (second.analogue_gain, second.picture) == (2.5, folder / "frames/000001.png")
+    assert recording.frames[0].analogue_gain is None
+    assert recording.truth is not None
+    (marker,) = recording.truth[1]
+    assert (marker.id, marker.optional) == (7, True)
+    assert marker.corners_px.tolist() == [[1, 2], [3, 2], [3, 4], [1, 4]]
+    assert marker.camera_from_marker.position_m.tolist() == [0.1, 0.2, 0.6]
+    assert marker.camera_from_marker.quaternion_wxyz.tolist() == [0, 1, 0, 0]
+    assert recording.truth[40] == ()
+
+
+def test_gaps_in_seq_and_jumps_forward_are_legal(folder: Path) -> None:
+    """A recording may hold several takes: from seq 1 to 40, two seconds later."""
+    assert [entry.seq for entry in load_recording(folder).frames] == [0, 1, 40]
+
+
+def test_a_camera_without_calibration_has_no_intrinsics(folder: Path) -> None:
+    """Without any of the five lens keys the recording is whole, and has no intrinsics."""
+    start, end = HEADER.index(",\n         fx"), HEADER.index("}\npanel")
+    (folder / "recording.yaml").write_text(HEADER[:start] + HEADER[end:])
+    assert load_recording(folder).camera.intrinsics is None
+
+
+def test_truth_is_optional(folder: Path) -> None:
+    """A recording made by a robot knows no truth."""
+    (folder / "truth.jsonl").unlink()
+    assert load_recording(folder).truth is None
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new", "message"),
+    [
+        ("recording.yaml", "format: 1", "format: 2", "take/recording.yaml: format: is 2; this version reads"),
+        ("recording.yaml", "format: 1", "f: 1", "take/recording.yaml: format: is missing; must be 1"),
+        ("recording.yaml", "format: 1", "format: true", "take/recording.yaml: format: is True; this version"),
+        ("recording.yaml", HEADER, "[1, 2]", "take/recording.yaml: must be a mapping with format"),
+        ("recording.yaml", HEADER, "a: [1", "take/recording.yaml: not valid YAML: "),
+        ("recording.yaml", "DICT_4X4_50", "DICT_X", "panel.dictionary: unknown dictionary 'DICT_X'; known:"),
+        ("recording.yaml", "row_time_us: 33.67, ", "", "camera.row_time_us: is missing; must be given"),
+        ("recording.yaml", "33.67", "-1", "camera.row_time_us: Input should be greater than 0, not -1"),
+        ("recording.yaml", "33.67", "'33'", "camera.row_time_us: Input should be a valid number, not '33'"),
+        ("recording.yaml", "33.67", ".nan", "camera.row_time_us: Input should be a finite number, not nan"),
+        ("recording.yaml", "width: 8", "width: 8.5", "camera.width: Input should be a valid integer"),
+        ("recording.yaml", "srgb", "g", "camera.transfer: Input should be 'linear' or 'srgb', not 'g'"),
+        ("recording.yaml", "fy: 644.0, ", "", "camera.fy: is missing; give all of fx, fy, cx, cy, dist"),
+        ("recording.yaml", "[0.08, -0.18, ", "[", "camera.distortion.3: is missing"),
+        ("recording.yaml", "2450.0", "1250.0", "recording.yaml: panel: black_hz and white_hz must differ"),
+        ("frames.jsonl", FRAMES, "", "take/frames.jsonl: is empty; must hold a line for each frame"),
+        ("frames.jsonl", '"seq": 1', '"sq": 1', "take/frames.jsonl: line 2: seq: is missing; must be given"),
+        ("frames.jsonl", '"seq": 1', '"seq": true', "line 2: seq: Input should be a valid integer"),
+        ("frames.jsonl", '"seq": 1', '"seq": 0', "line 2: seq: is 0; must be more than the last frame's 0"),
+        (
+            "frames.jsonl",
+            "1026969680",
+            "1009999999",
+            "line 2: sensor_timestamp_ns: time runs backward, from 1010000000 to 1009999999; must increase",
+        ),
+        ("frames.jsonl", "9967", "0", "line 2: exposure_us: Input should be greater than 0, not 0"),
+        ("frames.jsonl", "9967", "NaN", "line 2: exposure_us: Input should be a finite number"),
+        ("frames.jsonl", "2.5}", "2.5", "take/frames.jsonl: line 2: not valid JSON"),
+        ("frames.jsonl", "frames/000001.png", "../x.png", "line 2: file: must be a path inside"),
+        ("frames.jsonl", "frames/000001.png", "/x.png", "line 2: file: must be a path inside the recording"),
+        ("frames.jsonl", FRAMES, "[1]\n", "take/frames.jsonl: line 1: must be a JSON object, not list"),
+        ("truth.jsonl", '"seq": 40', '"seq": 41', "truth.jsonl: line 2: seq: is 41; must be that of a frame"),
+        ("truth.jsonl", '"seq": 40', '"seq": 1', "take/truth.jsonl: line 2: seq: 1 has a line already"),
+        ("truth.jsonl", "[3, 2], ", "", "truth.jsonl: line 1: markers.0.corners_px.3: is missing"),
+    ],
+)
+def test_a_broken_description_names_file_key_and_remedy(
+    folder: Path, name: str, old: str, new: str, message: str
+) -> None:
+    """Each mistake is one line: the file, the line or key, what is wrong, and what would be right."""
+    replace(folder / name, old, new)
+    assert message in complaint(folder)
+
+
+@pytest.mark.parametrize("name", ["recording.yaml", "frames.jsonl"])
+def test_a_missing_file_is_named(folder: Path, name: str) -> None:
+    """Both files that make a recording must be there."""
+    (folder / name).unlink()
+    assert complaint(folder) == (
+        f"take/{name}: is missing; a recording has recording.yaml, frames.jsonl and its pictures"
+    )
+
+
+def test_bytes_that_are_not_text_are_located(folder: Path) -> None:
+    """A damaged file says at which byte it is no longer text."""
+    (folder / "frames.jsonl").write_bytes(FRAMES.encode()[:20] + b"\xff\xfe" + FRAMES.encode()[20:])
+    assert complaint(folder) == "take/frames.jsonl: byte 20 is not UTF-8 text"
+
+
+def test_recordings_are_found_sorted_with_the_broken_ones(folder: Path, tmp_path: Path) -> None:
+    """A folder with only one of the two files is a broken recording, not none; a plain folder is none."""
+    (tmp_path / "b" / "deep").mkdir(parents=True)
+    (tmp_path / "b" / "deep" / "frames.jsonl").write_text("")
+    (tmp_path / "a").mkdir()
+    (tmp_path / "a" / "recording.yaml").write_text("")
+    (tmp_path / "photographs").mkdir()
+    assert find_recordings(tmp_path) == (tmp_path / "a", tmp_path / "b/deep", folder)
+    assert find_recordings(folder) == (folder,)
+
+
+def test_looking_for_recordings_where_nothing_is(tmp_path: Path) -> None:
+    """A folder that does not exist is an error that names it, not an empty list."""
+    with pytest.raises(RecordingError, match="nowhere: cannot be read as a folder: No such file"):
+        find_recordings(tmp_path / "nowhere")
+
+
+def test_the_shared_recordings_are_read(shared: Callable[[str], Path]) -> None:
+    """Recordings that other code wrote are whole, with truth for each frame."""
+    folders = find_recordings(shared("recordings"))
+    assert len(folders) >= 7
+    for place in folders:
+        recording = load_recording(place)
+        assert recording.truth is not None
+        assert set(recording.truth) == {entry.seq for entry in recording.frames}
+        into = np.zeros((recording.camera.height, recording.camera.width), np.uint8)
+        assert read_picture(recording.frames[0].picture, into) is None
+        assert into.any()
+
+
+# ---- Pictures
+
+
+def chunk(name: bytes, content: bytes) -> bytes:
+    return struct.pack(">I", len(content)) + name + content + struct.pack(">I", zlib.crc32(name + content))
+
+
+def grey_png() -> bytes:
+    """PICTURE as a PNG in two IDAT chunks, put together by hand from the PNG specification."""
+    rows = zlib.compress(b"".join(b"\0" + row.tobytes() for row in PICTURE))
+    header = chunk(b"IHDR", struct.pack(">IIBBBBB", 8, 6, 8, 0, 0, 0, 0))
+    parts = chunk(b"IDAT", rows[:20]) + chunk(b"IDAT", rows[20:])
+    return b"\x89PNG\r\n\x1a\n" + header + parts + chunk(b"IEND", b"")
+
+
+def test_a_picture_is_read_into_the_given_array(tmp_path: Path) -> None:
+    """The pixels of a hand-made PNG arrive in the caller's own array."""
+    path = tmp_path / "p.png"
+    path.write_bytes(grey_png())
+    into = np.zeros((6, 8), np.uint8)
+    assert read_picture(path, into) is None
+    assert np.array_equal(into, PICTURE)
+
+
+def test_a_picture_cut_anywhere_is_truncated(tmp_path: Path) -> None:
+    """Whatever its length, a cut file is named as truncated, and the array stays as it was."""
+    whole, path = grey_png(), tmp_path / "p.png"
+    for length in range(len(whole)):
+        path.write_bytes(whole[:length])
+        into = np.full((6, 8), 99, np.uint8)
+        bad = read_picture(path, into)
+        assert bad is not None
+        assert bad.rejected.key == "capture.truncated", (length, bad.message)
+        assert bad.message.startswith(f"{path}: ")
+        assert (into == 99).all()
+
+
+def test_a_single_wrong_byte_anywhere_is_noticed(tmp_path: Path) -> None:
+    """No bit error passes for a picture: checksums cover every chunk."""
+    whole, path = grey_png(), tmp_path / "p.png"
+    for position in range(len(whole)):
+        damaged = bytearray(whole)
+        damaged[position] ^= 0x10
+        path.write_bytes(damaged)
+        into = np.full((6, 8), 99, np.uint8)
+        bad = read_picture(path, into)
+        assert bad is not None, position
+        assert bad.rejected.stage == "capture"
+        assert (into == 99).all()
+
+
+def test_a_large_truncated_picture_is_not_half_decoded(tmp_path: Path) -> None:
+    """A full-size picture cut in the middle is rejected before OpenCV could hand out a part of it."""
+    path = tmp_path / "p.png"
+    noise = np.random.default_rng(1).integers(0, 256, (480, 640), dtype=np.uint8)
+    data = cv2.imencode(".png", noise)[1].tobytes()
+    path.write_bytes(data[: len(data) // 2])
+    bad = read_picture(path, np.zeros((480, 640), np.uint8))
+    assert bad is not None
+    assert bad.message == f"{path}: ends after {len(data) // 2} bytes, inside chunk IDAT"
+
+
+@pytest.mark.parametrize(
+    ("picture", "reason", "what"),
+    [
+        (np.zeros((6, 9), np.uint8), "wrong_size", "is 9 × 6 pixels; must be 8 × 6"),
+        (np.zeros((6, 8, 3), np.uint8), "unreadable", "is 8-bit colour; must be 8-bit grey"),
+        (np.zeros((6, 8), np.uint16), "unreadable", "is 16-bit grey; must be 8-bit grey"),
+    ],
+)
+def test_a_picture_of_another_kind_is_refused(
+    tmp_path: Path, picture: np.ndarray, reason: str, what: str
+) -> None:
+    """Size and kind are named as they are and as they must be."""
+    path = tmp_path / "p.png"
+    cv2.imwrite(str(path), picture)
+    bad = read_picture(path, np.zeros((6, 8), np.uint8))
+    assert bad is not None
+    assert (bad.rejected.stage, bad.rejected.reason) == ("capture", reason)
+    assert bad.message == f"{path}: {what}"
+
+
+def test_a_missing_picture_is_unreadable(tmp_path: Path) -> None:
+    """A missing picture does not break the recording; it is one bad frame."""
+    bad = read_picture(tmp_path / "p.png", np.zeros((6, 8), np.uint8))
+    assert bad is not None
+    assert bad.rejected.key == "capture.unreadable"
+    assert bad.message == f"{tmp_path}/p.png: cannot be read: No such file or directory"
+
+
+def test_a_picture_that_is_no_png(tmp_path: Path) -> None:
+    """A JPEG under a PNG's name is told apart from a truncated PNG."""
+    path = tmp_path / "p.png"
+    path.write_bytes(cv2.imencode(".jpg", PICTURE)[1].tobytes())
+    bad = read_picture(path, np.zeros((6, 8), np.uint8))
+    assert bad is not None
+    assert bad.message == f"{path}: is not a PNG file; must be an 8-bit grey PNG"
+
+
+def test_content_that_does_not_unpack_is_unreadable(tmp_path: Path) -> None:
+    """Chunks that are whole, but hold no picture, are refused by OpenCV, and so by us."""
+    path = tmp_path / "p.png"
+    header = chunk(b"IHDR", struct.pack(">IIBBBBB", 8, 6, 8, 0, 0, 0, 0))
+    path.write_bytes(b"\x89PNG\r\n\x1a\n" + header + chunk(b"IDAT", b"not zlib") + chunk(b"IEND", b""))
+    bad = read_picture(path, np.zeros((6, 8), np.uint8))
+    assert bad is not None
+    assert bad.rejected.key == "capture.unreadable"
+
+
+def test_a_line_of_json_may_hold_more_keys(folder: Path) -> None:
+    """A key that this version does not know is passed over: a later recorder may say more."""
+    lines = [json.loads(line) | {"decoded": True} for line in FRAMES.splitlines()]
+    (folder / "frames.jsonl").write_text("\n".join(json.dumps(line) for line in lines))
+    assert len(load_recording(folder).frames) == 3
