@@ -38,6 +38,15 @@ class Dictionary:
         """(IDs, 4, n, n): each word as it looks after 0, 1, 2, 3 quarter turns **clockwise** in the picture."""
         return np.stack([np.rot90(self.words, -k, axes=(1, 2)) for k in range(4)], axis=1)
 
+    def correctable_cells(self) -> int:
+        """⌊(d − 1)/2⌋ for the smallest distance d between two words, however they are turned."""
+        flat = self.turned_words().reshape(len(self.words), 4, -1).astype(np.int32)
+        upright, turned = flat[:, 0], flat.reshape(-1, flat.shape[-1])
+        distance = upright @ (1 - turned).T + (1 - upright) @ turned.T
+        own = np.arange(len(upright))
+        distance[own, 4 * own] = distance.max()  # each word to itself
+        return int(distance.min() - 1) // 2
+
 
 @cache
 def load_dictionary(name: str) -> Dictionary:

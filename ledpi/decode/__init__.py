@@ -1,0 +1,1 @@
+"""From a picture to the IDs in it. Pure: no threads, clocks, files or cameras."""

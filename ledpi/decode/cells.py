@@ -1,0 +1,142 @@
+"""Takes the light of every cell of a quad, on a lattice that is the same in each cell.
+
+The lattice makes the panel's static picture easy to remove later (`soft`): whatever the diffuser does at one place
+in a cell, it does at the same place of every cell.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ledpi.geometry import distort, undistort
+from ledpi.records import Floats, Frame, Intrinsics, Quad, Rejected
+from ledpi.tone import linear_light
+
+Singles = NDArray[np.float32]
+
+# The rim of a cell is left out: there the optics mix in the neighbour's light, and partitions cast shadows.
+INSET = 0.08
+MIN_LATTICE, MAX_LATTICE = 2, 16
+# A lattice of 12 × 12 in each cell is all that a close panel needs; a finer picture is averaged down to it.
+MIN_CELL_PX = 2.5
+
+TOO_SMALL = Rejected(stage="cells", reason="too_small")
+OUTSIDE = Rejected(stage="cells", reason="outside_picture")
+SATURATED = Rejected(stage="cells", reason="saturated")
+DARK = Rejected(stage="cells", reason="dark")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Lattice:
+    """`k` × `k` points in each of n × n cells, cell by cell, row by row."""
+
+    cells: int  # n, along one side
+    k: int
+    u: Singles  # (n·n, k·k), across the panel, 0..1 from its left edge
+    v: Singles  # (n·n, k·k), down the panel
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CellSamples:
+    """Linear light on the lattice."""
+
+    lattice: Lattice
+    light: Singles  # (n·n, k·k), 0 where not valid
+    valid: NDArray[np.bool_] | None  # (n·n, k·k), None where all are
+    rows: Singles  # (n·n, k·k), picture row of each sample
+    step_px: float  # distance of two samples, in (averaged) pixels
+
+
+@cache
+def lattice(cells: int, k: int) -> Lattice:
+    """The lattice of a panel of cells × cells; kept, as its points never change."""
+    inside = INSET + (np.arange(k) + 0.5) / k * (1.0 - 2.0 * INSET)
+    along = ((np.arange(cells)[:, None] + inside[None, :]) / cells).astype(np.float32)  # (n, k)
+    shape = (cells, cells, k, k)  # row of cells, column of cells, row in the cell, column in it
+    v = np.broadcast_to(along[:, None, :, None], shape).reshape(cells * cells, k * k).copy()
+    u = np.broadcast_to(along[None, :, None, :], shape).reshape(cells * cells, k * k).copy()
+    return Lattice(cells=cells, k=k, u=u, v=v)
+
+
+def unit_square_to(corners: Floats) -> Floats:
+    """(3, 3) homography that takes (0,0) (1,0) (1,1) (0,1) to the four `corners` (4, 2).
+
+    Heckbert's closed form (Fundamentals of Texture Mapping, 1989). Raises numpy's LinAlgError never: a quad whose
+    sides are parallel, or a degenerate one, divides by zero and gives non-finite numbers, which callers refuse.
+    """
+    (x0, y0), (x1, y1), (x2, y2), (x3, y3) = corners.tolist()
+    dx1, dx2, dx3 = x1 - x2, x3 - x2, x0 - x1 + x2 - x3
+    dy1, dy2, dy3 = y1 - y2, y3 - y2, y0 - y1 + y2 - y3
+    det = dx1 * dy2 - dx2 * dy1
+    if det == 0.0:
+        return np.full((3, 3), np.nan)
+    g = (dx3 * dy2 - dx2 * dy3) / det
+    h = (dx1 * dy3 - dx3 * dy1) / det
+    return np.array(
+        [
+            [x1 - x0 + g * x1, x3 - x0 + h * x3, x0],
+            [y1 - y0 + g * y1, y3 - y0 + h * y3, y0],
+            [g, h, 1.0],
+        ]
+    )
+
+
+def _lattice_pixels(quad: Quad, points: Lattice, intrinsics: Intrinsics | None) -> Singles:
+    """(n·n, k·k, 2) pixel of each lattice point. A square stays a square only before the lens bends it."""
+    bent = intrinsics is not None and any(intrinsics.distortion)
+    corners = undistort(quad.corners_px, intrinsics) if bent and intrinsics is not None else quad.corners_px
+    h = unit_square_to(corners).astype(np.float32)
+    scale = 1.0 / (h[2, 0] * points.u + h[2, 1] * points.v + h[2, 2])
+    out = np.empty((*points.u.shape, 2), np.float32)
+    out[..., 0] = (h[0, 0] * points.u + h[0, 1] * points.v + h[0, 2]) * scale
+    out[..., 1] = (h[1, 0] * points.u + h[1, 1] * points.v + h[1, 2]) * scale
+    return distort(out, intrinsics) if bent and intrinsics is not None else out
+
+
+def sample_cells(
+    frame: Frame, quad: Quad, cells: int, intrinsics: Intrinsics | None = None
+) -> CellSamples | Rejected:
+    """The light of `cells` × `cells` cells inside `quad`, or why it cannot be had."""
+    sides = np.roll(quad.corners_px, -1, axis=0) - quad.corners_px
+    lengths = np.hypot(sides[:, 0], sides[:, 1])
+    # Opposite sides: the height and the width of a cell, seen from wherever.
+    cell_px = np.array([lengths[0] + lengths[2], lengths[1] + lengths[3]]) / (2 * cells)
+    if cell_px.min() < MIN_CELL_PX:
+        return TOO_SMALL
+    # One sample a pixel along the longer side: nothing is lost, and little is read twice.
+    k = int(np.clip(round(float(cell_px.max()) * (1 - 2 * INSET)), MIN_LATTICE, MAX_LATTICE))
+    points = lattice(cells, k)
+    at = _lattice_pixels(quad, points, intrinsics)
+    low, high = at.min(axis=(0, 1)), at.max(axis=(0, 1))
+    height, width = frame.pixels.shape
+    if not (low[0] >= 0 and low[1] >= 0 and high[0] <= width - 1 and high[1] <= height - 1):
+        return OUTSIDE
+    x0, y0 = int(low[0]), int(low[1])
+    patch = frame.pixels[y0 : int(high[1]) + 2, x0 : int(high[0]) + 2]
+    linear = cv2.LUT(patch, linear_light(frame.transfer))
+    shrink = max(1, int(cell_px.min() / MAX_LATTICE))
+    if shrink > 1:  # averages whole pixels: less noise, and the band's depth over 2 or 3 rows hardly suffers
+        size = (linear.shape[1] // shrink, linear.shape[0] // shrink)
+        linear = cv2.resize(linear[: size[1] * shrink, : size[0] * shrink], size, interpolation=cv2.INTER_AREA)
+    shift = np.array([x0, y0], np.float32) + np.float32((shrink - 1) / 2)
+    light = cv2.remap(linear, (at - shift) / np.float32(shrink), None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    step = float(np.sqrt(cell_px[0] * cell_px[1])) * (1 - 2 * INSET) / k / shrink
+    return _checked(points, light, at[..., 1], step)
+
+
+def _checked(points: Lattice, light: Singles, rows: Singles, step_px: float) -> CellSamples | Rejected:
+    blown = np.isnan(light)
+    valid = None
+    if blown.any():
+        valid = ~blown
+        if valid.sum(axis=1).min() < light.shape[1] // 4:
+            return SATURATED
+        light = np.where(valid, light, np.float32(0))
+    if light.sum(axis=1).min() <= 0:
+        return DARK
+    return CellSamples(lattice=points, light=light, valid=valid, rows=rows, step_px=step_px)

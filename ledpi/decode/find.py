@@ -1,0 +1,166 @@
+"""Finds lit, four-sided things in a picture: everything that may be a panel, roughly placed.
+
+A panel is brighter than what is next to it. A pixel is "lit" where it is nearer to the brightest than to the darkest
+within a small window around it (Bernsen's threshold), so that every bright thing gets a dark moat, however bright
+the room is further away. On a picture shrunk far enough the cells of a panel melt into one; so this is done on a
+pyramid, at each level for things of its size, and for two thresholds: a low one for cells whose light falls off
+towards their rims, a high one where something half as bright touches the panel.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from ledpi import shutter
+from ledpi.records import Floats, Frame, PanelSpec, Pixels, Rejected
+
+TOO_SMALL = Rejected(stage="find", reason="too_small")
+NOT_FOUR_SIDED = Rejected(stage="find", reason="not_four_sided")
+AT_BORDER = Rejected(stage="find", reason="at_picture_border")
+
+LEVELS = 3  # halvings; the cells of a panel that fills the picture's height melt together at an eighth
+THRESHOLDS = (0.35, 0.6)  # share of the way from the darkest to the brightest in the window
+WINDOW = 13  # pixels of the level
+MIN_CONTRAST = 10  # grey levels between darkest and brightest: less is noise
+SMALLEST, LARGEST = 6, 40  # pixels of the level, longer side of the upright box; the last level has no upper bound
+MIN_SOLIDITY = 0.8  # area over that of the convex hull
+STRIPED_CONTRAST = 0.5  # bands deeper than this cut a panel into pieces
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """Where a panel may be."""
+
+    corners: Floats  # (4, 2), clockwise as seen in the picture, first the one nearest the top left
+    side_px: float
+    misfit: float  # of the outline to the four sides, 0 is perfect
+
+
+class Finder:
+    """Keeps the pictures it works on, for frames of one size."""
+
+    def __init__(self, width: int, height: int, spec: PanelSpec) -> None:
+        self._spec = spec
+        sizes = [(height >> level, width >> level) for level in range(1, LEVELS + 1)]
+        self._levels = [np.empty(size, np.uint8) for size in sizes]
+        self._work = [tuple(np.empty(size, np.uint8) for _ in range(4)) for size in sizes]
+        self._window = np.ones((WINDOW, WINDOW), np.uint8)
+        self._melt = np.ones((3, 3), np.uint8)
+        # Finding compares neighbours only; a square root gives dark linear pictures the contrast they need.
+        self._brighten = np.round(255 * np.sqrt(np.arange(256) / 255)).astype(np.uint8)
+
+    def find(self, frame: Frame) -> tuple[list[Candidate], list[Rejected]]:
+        """Candidates, best outline first, no two of the same thing; and what was dropped."""
+        found: list[Candidate] = []
+        dropped: list[Rejected] = []
+        above: Pixels = frame.pixels
+        stripes = self._stripe_rows(frame)
+        for index, picture in enumerate(self._levels):
+            cv2.resize(above, (picture.shape[1], picture.shape[0]), dst=picture, interpolation=cv2.INTER_AREA)
+            if index == 0 and frame.transfer == "linear":
+                cv2.LUT(picture, self._brighten, dst=picture)
+            above = picture
+            for outline in self._outlines(index, math.ceil(stripes / (2 << index))):
+                result = _candidate(outline, picture.shape, 2 << index, last=index == LEVELS - 1)
+                if isinstance(result, Candidate):
+                    found.append(result)
+                elif result is not None:
+                    dropped.append(result)
+        return _distinct(found), dropped
+
+    def _stripe_rows(self, frame: Frame) -> float:
+        """Height of the longest dark band that cuts panels into pieces; 0 where the exposure smooths the bands."""
+        rows = 0.0
+        for hz in (self._spec.black_hz, self._spec.white_hz):
+            if shutter.contrast(hz, frame.exposure_us, self._spec.duty) > STRIPED_CONTRAST:
+                rows = max(rows, (1.0 - self._spec.duty) / (hz * frame.row_time_us * 1e-6))
+        return rows
+
+    def _outlines(self, index: int, stripe: int) -> list[Pixels]:
+        picture = self._levels[index]
+        brightest, darkest, threshold, lit = self._work[index]
+        if stripe:
+            picture = cv2.morphologyEx(picture, cv2.MORPH_CLOSE, np.ones(((stripe + 2) | 1, 1), np.uint8))
+        cv2.dilate(picture, self._window, dst=brightest)
+        cv2.erode(picture, self._window, dst=darkest)
+        outlines: list[Pixels] = []
+        for share in THRESHOLDS:
+            cv2.addWeighted(brightest, share, darkest, 1.0 - share, 0.0, dst=threshold)
+            cv2.max(threshold, cv2.add(darkest, MIN_CONTRAST), dst=threshold)
+            cv2.compare(picture, threshold, cv2.CMP_GT, dst=lit)
+            cv2.morphologyEx(lit, cv2.MORPH_CLOSE, self._melt, dst=lit)
+            outlines.extend(cv2.findContours(lit, cv2.RETR_LIST, cv2.CHAIN_APPROX_SIMPLE)[0])
+        return outlines
+
+
+def _candidate(outline: Pixels, shape: tuple[int, ...], scale: int, *, last: bool) -> Candidate | Rejected | None:
+    """A candidate, why it is none, or None for specks, holes and what another level is there for."""
+    if len(outline) < 4:
+        return None
+    x, y, width, height = cv2.boundingRect(outline)
+    longer = max(width, height)
+    if longer < SMALLEST or min(width, height) < 3 or (longer > LARGEST and not last):
+        return None
+    area = -cv2.contourArea(outline, True)  # OpenCV runs round what is lit the other way than round a hole in it
+    if area < 0.25 * width * height:
+        return None
+    if x <= 0 or y <= 0 or x + width >= shape[1] or y + height >= shape[0]:
+        return AT_BORDER
+    hull = cv2.convexHull(outline)
+    if area < MIN_SOLIDITY * cv2.contourArea(hull):
+        return NOT_FOUR_SIDED
+    corners = _four_sides(hull)
+    if corners is None:
+        return NOT_FOUR_SIDED
+    quad_area = cv2.contourArea(corners)
+    misfit = abs(math.log(max(quad_area, 1e-3) / area))
+    if misfit > 0.35:
+        return NOT_FOUR_SIDED
+    # An outline runs through the centres of the outermost lit pixels: half a pixel inside the edge.
+    centre = corners.mean(axis=0)
+    grown = centre + (corners - centre) * (1.0 + 1.0 / max(2.0, math.sqrt(quad_area)))
+    return Candidate(
+        corners=_clockwise(np.asarray((grown + 0.5) * scale - 0.5, np.float64)),
+        side_px=math.sqrt(quad_area) * scale,
+        misfit=misfit,
+    )
+
+
+def _four_sides(hull: Pixels) -> Floats | None:
+    """(4, 2) corners of the polygon of four sides nearest to the hull: ever coarser, else the smallest box around it."""
+    length = cv2.arcLength(hull, True)
+    for tolerance in (0.03, 0.05, 0.07, 0.1, 0.13):
+        polygon = cv2.approxPolyDP(hull, tolerance * length, True)
+        if len(polygon) <= 4:
+            break
+    if len(polygon) == 4:
+        return polygon.reshape(4, 2).astype(np.float32)
+    box: Floats = cv2.boxPoints(cv2.minAreaRect(hull))
+    return box
+
+
+def _clockwise(corners: Floats) -> Floats:
+    """Clockwise as seen in the picture, first the corner nearest the top left."""
+    x, y = corners[:, 0], corners[:, 1]
+    if x @ np.roll(y, -1) < y @ np.roll(x, -1):
+        corners = corners[::-1]
+    return np.roll(corners, -int(np.argmin(corners.sum(axis=1))), axis=0)
+
+
+def _distinct(found: list[Candidate]) -> list[Candidate]:
+    """One candidate of each thing, the one whose outline fits best."""
+    kept: list[Candidate] = []
+    for candidate in sorted(found, key=lambda c: c.misfit):
+        centre = candidate.corners.mean(axis=0)
+        for other in kept:
+            away = centre - other.corners.mean(axis=0)
+            larger, smaller = max(candidate.side_px, other.side_px), min(candidate.side_px, other.side_px)
+            if math.hypot(away[0], away[1]) < 0.25 * larger and smaller > 0.7 * larger:
+                break
+        else:
+            kept.append(candidate)
+    return kept
