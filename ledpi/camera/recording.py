@@ -1,0 +1,105 @@
+"""A recording as a camera: replayed as the sensor delivered it, or as fast as it is read."""
+
+from __future__ import annotations
+
+import itertools
+import logging
+import threading
+import time
+from collections.abc import Iterator
+from dataclasses import asdict, replace
+
+from ledpi.camera.base import CameraInfo, PanelValues
+from ledpi.picture import read_picture
+from ledpi.recording import FrameEntry, Recording
+from ledpi.records import Frame, Pixels, Rejected
+
+# Between the last frame and the first one of the next round the scene jumps, and so do the phases. More than
+# half a second ends every track, as between two takes; so no decoder takes the jump for a motion.
+_ROUND_GAP_NS = 1_000_000_000
+
+_log = logging.getLogger(__name__)
+
+
+class RecordingCamera:
+    """Replays a recording.
+
+    `paced`: each frame comes when its last row was read out, by the recording's own clock, gaps included. As
+    with a sensor, a reader that is too slow loses frames: one whose successor is due already is passed over,
+    counted in `missed`, and leaves a gap in `seq`. Not paced: every frame comes at once, as if its read-out
+    had just ended.
+
+    `loop` repeats the recording for ever; `seq` and time go on, with a gap between the rounds. `frames` ends
+    the replay after so many. A picture that cannot be read is logged by its name and comes as `Rejected`.
+    """
+
+    def __init__(
+        self, recording: Recording, *, paced: bool, loop: bool = False, frames: int | None = None
+    ) -> None:
+        self._recording = recording
+        self._paced = paced
+        self._entries = itertools.islice(_rounds(recording.frames, loop), frames)
+        self._upcoming = next(self._entries, None)
+        self._host_offset_ns: int | None = None  # of a paced replay, once its first frame was delivered
+        self._closed = threading.Event()
+        self._readout_ns = round(recording.camera.height * recording.camera.row_time_us * 1e3)
+        self.missed = 0
+
+    @property
+    def info(self) -> CameraInfo:
+        """The recording's own values; they override the configuration's."""
+        camera = self._recording.camera
+        return CameraInfo(**(asdict(camera) | {"intrinsics": camera.intrinsics}))
+
+    @property
+    def panel(self) -> PanelValues:
+        """The panels that the recording shows."""
+        return PanelValues(dictionary=self._recording.dictionary, **asdict(self._recording.panel))
+
+    def read(self, into: Pixels) -> Frame | Rejected | None:
+        """As `Camera.read`."""
+        entry = self._next()
+        if entry is None or self._closed.is_set():
+            return None
+        bad = read_picture(entry.picture, into)
+        host_offset_ns = self._wait_for_readout(entry)
+        if self._closed.is_set():
+            return None
+        if bad is not None:
+            _log.warning("%s", bad.message)
+            return bad.rejected
+        return self._recording.frame(entry, into.view(), host_offset_ns=host_offset_ns)
+
+    def close(self) -> None:
+        """As `Camera.close`."""
+        self._closed.set()
+
+    def _next(self) -> FrameEntry | None:
+        entry, self._upcoming = self._upcoming, next(self._entries, None)
+        if self._host_offset_ns is not None:
+            latest_ns = time.monotonic_ns() - self._readout_ns - self._host_offset_ns
+            while self._upcoming is not None and self._upcoming.row0_readout_ns <= latest_ns:
+                entry, self._upcoming = self._upcoming, next(self._entries, None)
+                self.missed += 1
+        return entry
+
+    def _wait_for_readout(self, entry: FrameEntry) -> int:
+        """Waits, if paced, until the last row is read out, or `close`. Returns the frame's host_offset_ns."""
+        end_ns = entry.row0_readout_ns + self._readout_ns
+        if not self._paced:
+            return time.monotonic_ns() - end_ns
+        if self._host_offset_ns is None:
+            self._host_offset_ns = time.monotonic_ns() - end_ns
+        while (left_ns := end_ns + self._host_offset_ns - time.monotonic_ns()) > 0:
+            if self._closed.wait(left_ns * 1e-9):
+                break
+        return self._host_offset_ns
+
+
+def _rounds(frames: tuple[FrameEntry, ...], loop: bool) -> Iterator[FrameEntry]:
+    first, last = frames[0], frames[-1]
+    for round_number in itertools.count() if loop else (0,):
+        seq = round_number * (last.seq - first.seq + 1)
+        time_ns = round_number * (last.row0_readout_ns - first.row0_readout_ns + _ROUND_GAP_NS)
+        for entry in frames:
+            yield replace(entry, seq=entry.seq + seq, row0_readout_ns=entry.row0_readout_ns + time_ns)
