@@ -88,3 +88,15 @@ def undistort(pixels: Floats, intrinsics: Intrinsics) -> Floats:
             x = x - (j_yy * error_x - j_xy * error_y) / determinant
             y = y - (j_xx * error_y - j_xy * error_x) / determinant
     return np.stack([x, y], axis=-1)
+
+
+def matrix_from_rotation_vector(vector: Floats) -> Floats:
+    """(3, 3) rotation by |vector| radians about `vector` (3,). Rodrigues' formula, series near zero."""
+    angle = float(np.linalg.norm(vector))
+    x, y, z = (float(v) for v in vector)
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0.0]])
+    if angle < 1e-8:
+        small: Floats = np.eye(3) + cross
+        return small
+    turned: Floats = np.eye(3) + math.sin(angle) / angle * cross + (1 - math.cos(angle)) / angle**2 * (cross @ cross)
+    return turned

@@ -32,7 +32,8 @@ class Dictionary:
         """The (n, n) word of an ID, upright. Raises ValueError for an ID that the dictionary does not have."""
         if not 0 <= marker_id < len(self.words):
             raise ValueError(f"{self.name} has the IDs 0 to {len(self.words) - 1}, not {marker_id}")
-        return self.words[marker_id]
+        word: Bits = self.words[marker_id]
+        return word
 
     def turned_words(self) -> Bits:
         """(IDs, 4, n, n): each word as it looks after 0, 1, 2, 3 quarter turns **clockwise** in the picture."""

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import sys
+
+# Matrices here are small, and the daemon's threads have the other cores to themselves. Before numpy is loaded.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import typer
 
@@ -20,6 +24,8 @@ app = typer.Typer(
 
 def main() -> None:
     """Entry point. A LedpiError is one line on standard error and exit status 2."""
+    from ledpi.cli import calibrate, decode, monitor  # noqa: F401, each adds its command to `app`
+
     try:
         app()
     except LedpiError as error:

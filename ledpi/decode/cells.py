@@ -95,7 +95,9 @@ def _lattice_pixels(quad: Quad, points: Lattice, intrinsics: Intrinsics | None) 
     out = np.empty((*points.u.shape, 2), np.float32)
     out[..., 0] = (h[0, 0] * points.u + h[0, 1] * points.v + h[0, 2]) * scale
     out[..., 1] = (h[1, 0] * points.u + h[1, 1] * points.v + h[1, 2]) * scale
-    return distort(out, intrinsics) if bent and intrinsics is not None else out
+    if not bent or intrinsics is None:
+        return out
+    return distort(out, intrinsics).astype(np.float32, copy=False)
 
 
 def sample_cells(

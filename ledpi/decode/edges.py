@@ -69,8 +69,13 @@ def refine_quad(
     if side < MIN_SIDE_PX:
         return TOO_SMALL
     corners, sigma = rough, math.inf
+    if striped:
+        outer = _outermost_light(frame, rough, side)
+        if isinstance(outer, Rejected):
+            return outer
+        corners = outer
     for step in (side * 0.025, 0.5, 0.5, 0.5):
-        if step < 0.5:  # a small square: the fine pass reaches as far
+        if step < 0.5 or (striped and step > 0.5):  # a small square: the fine pass reaches as far
             continue
         fitted = _fit_sides(frame, corners, step, side, intrinsics, striped)
         if isinstance(fitted, Rejected):
@@ -94,7 +99,7 @@ def _fit_sides(
 ) -> tuple[Floats, float] | Rejected:
     reach = 0.45 * side_px / 4 / step_px  # not beyond the middle of a cell, where its light falls again
     inside = next((n for n in reversed(SAMPLES_INSIDE) if n <= reach), SAMPLES_INSIDE[0])
-    points, inward, profiles = _take_profiles(frame, corners, step_px, inside)
+    points, inward, profiles = _take_profiles(frame, corners, step_px, -SAMPLES_OUTSIDE, inside)
     found, strength = _edge_offsets(profiles, inside)
     good = strength > 0.3 * np.percentile(strength, 90)
     if good.mean(axis=1).min() < MIN_GOOD_SHARE:
@@ -117,7 +122,7 @@ def _fit_sides(
 
 
 def _take_profiles(
-    frame: Frame, corners: Floats, step_px: float, inside: int
+    frame: Frame, corners: Floats, step_px: float, first: int, last: int
 ) -> tuple[Floats, Floats, Singles]:
     """Points on the sides (4, P, 2), inward normals (4, 1, 2), linear light along them (4, P, S)."""
     along = np.roll(corners, -1, axis=0) - corners
@@ -125,7 +130,7 @@ def _take_profiles(
     inward = (np.stack([-along[:, 1], along[:, 0]], axis=1) / length)[:, None, :]
     share = np.linspace(0.06, 0.94, PROFILES)[None, :, None]
     points = corners[:, None, :] + along[:, None, :] * share
-    t = np.arange(-SAMPLES_OUTSIDE, inside + 1) * step_px
+    t = np.arange(first, last + 1) * step_px
     at = (points[:, :, None, :] + inward[:, :, None, :] * t[None, None, :, None]).astype(np.float32)
     height, width = frame.pixels.shape
     low = np.floor(at.min(axis=(0, 1, 2))).astype(int)
@@ -162,6 +167,23 @@ def _edge_offsets(profiles: Singles, inside: int) -> tuple[Floats, Floats]:
     offset = OFFSETS[best] + np.clip(shift, -1, 1) * (OFFSETS[1] - OFFSETS[0])
     strength = np.where(here > 0, height[row, best], 0.0)
     return offset.reshape(4, -1), strength.reshape(4, -1)
+
+
+def _outermost_light(frame: Frame, corners: Floats, side_px: float) -> Floats | Rejected:
+    """Corners of a striped square: lines through where light begins furthest outside, up to a fifth of the side away."""
+    reach = 16
+    step = max(0.5, 0.2 * side_px / reach)
+    points, inward, profiles = _take_profiles(frame, corners, step, -reach, reach)
+    background = np.median(profiles[:, :, : reach // 2], axis=2)
+    lit = np.percentile(profiles, 90, axis=(1, 2))[:, None]
+    above = profiles > (0.5 * (background + lit))[..., None]
+    first = above.argmax(axis=2)
+    good = (first > reach // 4) & (lit > 2 * background)
+    if good.mean(axis=1).min() < MIN_GOOD_SHARE:
+        return LOST
+    edge = points + inward * ((first - 0.5 - reach) * step)[..., None]
+    lines, _ = _fit_lines(edge, (good & _outermost(first.astype(float), good)).astype(float))
+    return _intersections(lines)
 
 
 def _outermost(found: Floats, good: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -3,7 +3,7 @@
 A panel is brighter than what is next to it. A pixel is "lit" where it is nearer to the brightest than to the darkest
 within a small window around it (Bernsen's threshold), so that every bright thing gets a dark moat, however bright
 the room is further away. On a picture shrunk far enough the cells of a panel melt into one; so this is done on a
-pyramid, at each level for things of its size, and for two thresholds: a low one for cells whose light falls off
+pyramid, and for two thresholds: a low one for cells whose light falls off
 towards their rims, a high one where something half as bright touches the panel.
 """
 
@@ -26,7 +26,7 @@ LEVELS = 3  # halvings; the cells of a panel that fills the picture's height mel
 THRESHOLDS = (0.35, 0.6)  # share of the way from the darkest to the brightest in the window
 WINDOW = 13  # pixels of the level
 MIN_CONTRAST = 10  # grey levels between darkest and brightest: less is noise
-SMALLEST, LARGEST = 6, 40  # pixels of the level, longer side of the upright box; the last level has no upper bound
+SMALLEST = 6  # pixels of the level, longer side of the upright box
 MIN_SOLIDITY = 0.8  # area over that of the convex hull
 STRIPED_CONTRAST = 0.5  # bands deeper than this cut a panel into pieces
 
@@ -38,6 +38,7 @@ class Candidate:
     corners: Floats  # (4, 2), clockwise as seen in the picture, first the one nearest the top left
     side_px: float
     misfit: float  # of the outline to the four sides, 0 is perfect
+    striped: bool  # bands so deep that parts of its rim may be dark
 
 
 class Finder:
@@ -65,7 +66,7 @@ class Finder:
                 cv2.LUT(picture, self._brighten, dst=picture)
             above = picture
             for outline in self._outlines(index, math.ceil(stripes / (2 << index))):
-                result = _candidate(outline, picture.shape, 2 << index, last=index == LEVELS - 1)
+                result = _candidate(outline, picture.shape, 2 << index, striped=stripes > 0)
                 if isinstance(result, Candidate):
                     found.append(result)
                 elif result is not None:
@@ -73,12 +74,15 @@ class Finder:
         return _distinct(found), dropped
 
     def _stripe_rows(self, frame: Frame) -> float:
-        """Height of the longest dark band that cuts panels into pieces; 0 where the exposure smooths the bands."""
-        rows = 0.0
-        for hz in (self._spec.black_hz, self._spec.white_hz):
-            if shutter.contrast(hz, frame.exposure_us, self._spec.duty) > STRIPED_CONTRAST:
-                rows = max(rows, (1.0 - self._spec.duty) / (hz * frame.row_time_us * 1e-6))
-        return rows
+        """Height of the longest dark band that cuts panels into pieces; 0 where the exposure smooths the bands.
+
+        Where a black cell stands on a white one, a dark band of either may meet one of the other.
+        """
+        return sum(
+            (1.0 - self._spec.duty) / (hz * frame.row_time_us * 1e-6)
+            for hz in (self._spec.black_hz, self._spec.white_hz)
+            if shutter.contrast(hz, frame.exposure_us, self._spec.duty) > STRIPED_CONTRAST
+        )
 
     def _outlines(self, index: int, stripe: int) -> list[Pixels]:
         picture = self._levels[index]
@@ -93,17 +97,18 @@ class Finder:
             cv2.max(threshold, cv2.add(darkest, MIN_CONTRAST), dst=threshold)
             cv2.compare(picture, threshold, cv2.CMP_GT, dst=lit)
             cv2.morphologyEx(lit, cv2.MORPH_CLOSE, self._melt, dst=lit)
+            if stripe:  # thin bridges to the surroundings, which the closing over dark bands has made
+                cv2.morphologyEx(lit, cv2.MORPH_OPEN, self._melt, dst=lit)
             outlines.extend(cv2.findContours(lit, cv2.RETR_LIST, cv2.CHAIN_APPROX_SIMPLE)[0])
         return outlines
 
 
-def _candidate(outline: Pixels, shape: tuple[int, ...], scale: int, *, last: bool) -> Candidate | Rejected | None:
-    """A candidate, why it is none, or None for specks, holes and what another level is there for."""
+def _candidate(outline: Pixels, shape: tuple[int, ...], scale: int, *, striped: bool) -> Candidate | Rejected | None:
+    """A candidate, why it is none, or None for specks and holes."""
     if len(outline) < 4:
         return None
     x, y, width, height = cv2.boundingRect(outline)
-    longer = max(width, height)
-    if longer < SMALLEST or min(width, height) < 3 or (longer > LARGEST and not last):
+    if max(width, height) < SMALLEST or min(width, height) < 3:
         return None
     area = -cv2.contourArea(outline, True)  # OpenCV runs round what is lit the other way than round a hole in it
     if area < 0.25 * width * height:
@@ -127,6 +132,7 @@ def _candidate(outline: Pixels, shape: tuple[int, ...], scale: int, *, last: boo
         corners=_clockwise(np.asarray((grown + 0.5) * scale - 0.5, np.float64)),
         side_px=math.sqrt(quad_area) * scale,
         misfit=misfit,
+        striped=striped,
     )
 
 
@@ -138,7 +144,7 @@ def _four_sides(hull: Pixels) -> Floats | None:
         if len(polygon) <= 4:
             break
     if len(polygon) == 4:
-        return polygon.reshape(4, 2).astype(np.float32)
+        return np.asarray(polygon.reshape(4, 2), np.float32)
     box: Floats = cv2.boxPoints(cv2.minAreaRect(hull))
     return box
 

@@ -43,6 +43,8 @@ IMPLAUSIBLE = Rejected(stage="soft", reason="implausible_depth")
 MARGIN = -math.log(1e-6)
 # Of the things that blink like a panel, the share that shows no word: a mirror image, a broken panel, another system.
 PRIOR_OF_NO_WORD = 0.001
+# What a track adds: as much as a frame of its own must bring, less what guards against another panel in its place.
+EXPECTED = MARGIN - 4.0
 # No square wave leaves deeper bands than `shutter.harmonic_amplitude` of duty 0.5 by more than π/2 (a duty near 0), and
 # the classes of one panel are thinned alike by whatever light does not blink. Texture knows of neither.
 MAX_DEPTH = math.pi / 2
@@ -96,14 +98,19 @@ class Evidence:
     prior: Doubles  # (4,) expected variance of x
 
 
-def read_word(samples: CellSamples, frame: Frame, codebook: Codebook) -> Reading | Rejected:
-    """The word that these samples show, or why none can be told."""
+def read_word(
+    samples: CellSamples, frame: Frame, codebook: Codebook, expected_id: int | None = None
+) -> Reading | Rejected:
+    """The word that these samples show, or why none can be told.
+
+    `expected_id` is what a track has shown at this place so far. It raises that ID's odds, but the frame must show
+    bands by itself, and no other ID may fit it better.
+    """
     evidence = gather_evidence(samples, frame, codebook.spec)
     if isinstance(evidence, Rejected):
         return evidence
     likelihood = word_log_likelihoods(evidence, codebook.white)
     best = int(np.argmax(likelihood))
-    rivals = likelihood[codebook.ids != codebook.ids[best]]
     none = float(likelihood[best])
     if none < MARGIN:
         return NO_BANDS
@@ -111,10 +118,12 @@ def read_word(samples: CellSamples, frame: Frame, codebook: Codebook) -> Reading
     amplitude = (math.hypot(*bands[:2]), math.hypot(*bands[2:]))
     if not _plausible(amplitude, deviation, evidence):
         return IMPLAUSIBLE
-    outside = _odds_against_other_patterns(evidence, codebook, best, bands)
+    prior = EXPECTED if codebook.ids[best] == expected_id else 0.0
+    outside = _odds_against_other_patterns(evidence, codebook, best, bands) + prior
     if outside < MARGIN:
         return NO_WORD
-    other = none - float(rivals.max()) if len(rivals) else none
+    rivals = likelihood[codebook.ids != codebook.ids[best]]
+    other = none - float(rivals.max()) + prior if len(rivals) else none
     if other < MARGIN:
         return AMBIGUOUS
     centre = float(samples.rows.mean())
@@ -311,7 +320,7 @@ def _plausible(amplitude: tuple[float, float], deviation: tuple[float, float], e
     least = [(a - DEVIATIONS * d) / e for a, d, e in zip(amplitude, deviation, expected, strict=True)]
     if max(least) > MAX_DEPTH:
         return False
-    return least[0] <= MAX_DEPTH_RATIO * most[1] and least[1] <= MAX_DEPTH_RATIO * most[0]
+    return bool(least[0] <= MAX_DEPTH_RATIO * most[1] and least[1] <= MAX_DEPTH_RATIO * most[0])
 
 
 def _odds_against_other_patterns(evidence: Evidence, codebook: Codebook, best: int, bands: Doubles) -> float:

@@ -1,0 +1,185 @@
+"""`ledpi decode`: recordings or pictures → one JSON object a frame."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import typer
+
+from ledpi.cli import app
+from ledpi.cli.progress import progress
+from ledpi.errors import ConfigError, RecordingError
+from ledpi.output import decoded_as_json
+from ledpi.records import Decoded, Frame, Intrinsics, Rejected
+
+if TYPE_CHECKING:
+    from ledpi.config import Config
+
+SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".tif", ".tiff"}
+
+
+@app.command()
+def decode(
+    paths: list[Path] = typer.Argument(metavar="PATH…", help="Recordings, folders that hold some, or pictures."),
+    config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
+    set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
+    single_frame: bool = typer.Option(False, "--single-frame", help="Each frame alone, no memory of those before."),
+    method: str | None = typer.Option(None, "--method", help="Overrides decode.method."),
+) -> None:
+    """Recordings or pictures → one JSON object a frame, on standard output.
+
+    A recording brings its own camera and panel values; for pictures they come from the configuration. A
+    picture that cannot be read is named on standard error, the others are still decoded, and the exit status
+    is 2.
+
+    Example: ledpi decode --single-frame recordings/static | jq .markers
+    """
+    from ledpi.config import find_config, load_config
+
+    file = find_config(config)
+    overrides = list(set_) + ([f"decode.method={method}"] if method is not None else [])
+    if file is None and not any(item.startswith("panels.side_m=") for item in overrides):
+        # Recordings bring their panel's size; pictures without a configuration are refused below.
+        overrides.append("panels.side_m=1")
+    settings = load_config(file, tuple(overrides))
+    recordings, pictures = _sort_out(paths)
+    if pictures and file is None and not any(item.startswith("panels.side_m=") for item in set_):
+        raise ConfigError("pictures need a configuration: --config FILE, or at least --set panels.side_m=METRES")
+    bad = 0
+    with progress("decoding", _frame_count(recordings) + len(pictures)) as advance:
+        for name, folder in recordings:
+            bad += _decode_recording(name, folder, settings, stream=not single_frame, advance=advance)
+        bad += _decode_pictures(pictures, settings, advance=advance)
+    if bad:
+        raise typer.Exit(2)
+
+
+def _sort_out(paths: list[Path]) -> tuple[list[tuple[str, Path]], list[Path]]:
+    """(name, folder) of every recording, and the picture files, in the order given."""
+    from ledpi.recording import find_recordings
+
+    recordings: list[tuple[str, Path]] = []
+    pictures: list[Path] = []
+    for path in paths:
+        if path.is_dir():
+            found = find_recordings(path)
+            if not found:
+                raise RecordingError(f"{path}: holds no recording (no recording.yaml in it or below)")
+            recordings += [(str(f.relative_to(path)) if f != path else path.resolve().name, f) for f in found]
+        elif path.suffix.lower() in SUFFIXES and path.is_file():
+            pictures.append(path)
+        elif path.is_file():
+            raise RecordingError(f"{path}: is no picture ({', '.join(sorted(SUFFIXES))}) and no folder")
+        else:
+            raise RecordingError(f"{path}: no such file or folder")
+    return recordings, pictures
+
+
+def _frame_count(recordings: list[tuple[str, Path]]) -> int:
+    """Frames in all; also finds a broken recording before the first line is printed."""
+    from ledpi.recording import load_recording
+
+    return sum(len(load_recording(folder).frames) for _, folder in recordings)
+
+
+def _decode_recording(
+    name: str, folder: Path, settings: Config, *, stream: bool, advance: Callable[[int], None]
+) -> int:
+    """Prints every frame; returns how many pictures could not be read."""
+    from ledpi.camera.base import CameraInfo, PanelValues
+    from ledpi.picture import read_picture
+    from ledpi.pipeline import Pipeline
+    from ledpi.recording import load_recording
+
+    recording = load_recording(folder)
+    camera = recording.camera
+    pipeline = Pipeline(
+        CameraInfo(**asdict(camera) | {"intrinsics": camera.intrinsics}),
+        settings.panels,
+        intrinsics=camera.intrinsics or _intrinsics(settings),
+        shown=PanelValues(dictionary=recording.dictionary, **asdict(recording.panel)),
+        stream=stream,
+    )
+    bad = 0
+    for entry in recording.frames:
+        picture = np.empty((camera.height, camera.width), np.uint8)
+        fault = read_picture(entry.picture, picture)
+        if fault is None:
+            _print(pipeline.decode(recording.frame(entry, picture)), name)
+        else:
+            print(f"ledpi: {fault.message}", file=sys.stderr)
+            _print(_nothing(entry.seq, entry.row0_readout_ns, fault.rejected), name)
+            bad += 1
+        advance(1)
+    return bad
+
+
+def _decode_pictures(pictures: list[Path], settings: Config, *, advance: Callable[[int], None]) -> int:
+    """Prints every picture, each on its own: nothing is known of the time between them."""
+    import cv2
+
+    from ledpi.camera.base import CameraInfo
+    from ledpi.pipeline import Pipeline
+
+    if not pictures:
+        return 0
+    camera = settings.camera
+    if camera.row_time_us == "auto":
+        raise ConfigError("pictures do not say their row time: --set camera.row_time_us=33.67 (or what it was)")
+    info = CameraInfo(
+        width=camera.width,
+        height=camera.height,
+        exposure_us=camera.exposure_us,
+        row_time_us=camera.row_time_us,
+        transfer="srgb" if camera.transfer == "auto" else camera.transfer,
+    )
+    pipeline = Pipeline(info, settings.panels, intrinsics=_intrinsics(settings), stream=False)
+    bad = 0
+    for seq, path in enumerate(pictures):
+        picture = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_GRAYSCALE) if path.stat().st_size else None
+        if picture is None or picture.shape != (info.height, info.width):
+            seen = "cannot be read as a picture" if picture is None else f"is {picture.shape[1]} × {picture.shape[0]}"
+            print(f"ledpi: {path}: {seen}; must be {info.width} × {info.height}", file=sys.stderr)
+            _print(_nothing(seq, 0, Rejected(stage="capture", reason="unreadable")), str(path))
+            bad += 1
+        else:
+            frame = Frame(
+                pixels=picture,
+                seq=seq,
+                row0_readout_ns=0,
+                exposure_us=info.exposure_us,
+                row_time_us=info.row_time_us,
+                transfer=info.transfer,
+            )
+            _print(pipeline.decode(frame), str(path))
+        advance(1)
+    return bad
+
+
+def _intrinsics(settings: Config) -> Intrinsics | None:
+    from ledpi.camera_yaml import load_intrinsics
+
+    path = settings.camera.intrinsics
+    return load_intrinsics(path) if path is not None else None
+
+
+def _nothing(seq: int, row0_readout_ns: int, why: Rejected) -> Decoded:
+    return Decoded(
+        seq=seq,
+        row0_readout_ns=row0_readout_ns,
+        host_offset_ns=0,
+        markers=(),
+        robot=None,
+        rejected=(why,),
+        stage_ms={},
+    )
+
+
+def _print(decoded: Decoded, recording: str) -> None:
+    print(json.dumps(decoded_as_json(decoded, recording)), flush=True)

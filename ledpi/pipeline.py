@@ -1,0 +1,188 @@
+"""The path of one frame: find → edges → cells → identify → pose. The only module that knows all stages."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ledpi.camera.base import CameraInfo, PanelValues
+from ledpi.config import PanelSettings
+from ledpi.decode import soft
+from ledpi.decode.cells import sample_cells
+from ledpi.decode.edges import refine_quad
+from ledpi.decode.find import Candidate, Finder
+from ledpi.decode.track import Tracker
+from ledpi.markers import corners_of_turned, load_dictionary
+from ledpi.pose.planar import solve_square
+from ledpi.records import (
+    Decoded,
+    Floats,
+    Frame,
+    Intrinsics,
+    MarkerPose,
+    PanelSpec,
+    Quad,
+    Rejected,
+    Sighting,
+    read_only,
+)
+from ledpi.shutter import row_mid_exposure_ns
+
+SAME_PLACE = Rejected(stage="identify", reason="same_panel_twice")
+SAME_ID = Rejected(stage="identify", reason="same_id_twice")
+STAGES = ("find", "edges", "cells", "soft", "pose")
+
+
+@dataclass(slots=True)
+class _Work:
+    """What one frame has given so far."""
+
+    rejected: list[Rejected] = field(default_factory=list)
+    seconds: dict[str, float] = field(default_factory=lambda: dict.fromkeys(STAGES, 0.0))
+
+
+class Pipeline:
+    """Decodes the frames of one camera. Not shared between threads.
+
+    `stream`: frames follow each other in time, and tracks add to what a frame shows; else each frame is alone.
+    Raises ValueError where the panels' values contradict each other.
+    """
+
+    def __init__(
+        self,
+        camera: CameraInfo,
+        panels: PanelSettings,
+        *,
+        intrinsics: Intrinsics | None,
+        shown: PanelValues | None = None,
+        stream: bool = True,
+        clock: Callable[[], float] = time.perf_counter,
+    ) -> None:
+        if shown is not None:  # a recording's own panel values override the configuration's
+            panels = panels.model_copy(
+                update={key: getattr(shown, key) for key in ("dictionary", "side_m", "black_hz", "white_hz", "duty")}
+            )
+        self._panels = panels
+        self._intrinsics = intrinsics
+        self._clock = clock
+        self._stream = stream
+        self._tracker = Tracker()
+        self._finder = Finder(camera.width, camera.height, panels.spec())
+        self._cells = load_dictionary(panels.dictionary).cells_per_side
+        self._codebooks = _codebooks(panels)
+
+    def decode(self, frame: Frame) -> Decoded:
+        """Everything that this frame shows. Time in `stage_ms` is from the picture in memory to the pose."""
+        work = _Work()
+        start = self._clock()
+        candidates, dropped = self._finder.find(frame)
+        work.rejected.extend(dropped)
+        work.seconds["find"] = self._clock() - start
+        if not self._stream:
+            self._tracker = Tracker()
+        sightings = [s for c in candidates if (s := self._read(frame, c, work)) is not None]
+        sightings = _one_of_each(sightings, work.rejected)
+        self._tracker.update(sightings, frame.row0_readout_ns)
+        start = self._clock()
+        markers = tuple(m for s in sightings if (m := self._place(frame, s, work)) is not None)
+        work.seconds["pose"] = self._clock() - start
+        return Decoded(
+            seq=frame.seq,
+            row0_readout_ns=frame.row0_readout_ns,
+            host_offset_ns=frame.host_offset_ns,
+            markers=markers,
+            robot=None,
+            rejected=tuple(work.rejected),
+            stage_ms={stage: 1e3 * seconds for stage, seconds in work.seconds.items()},
+        )
+
+    def _timed(self, work: _Work, stage: str, since: float) -> float:
+        now = self._clock()
+        work.seconds[stage] += now - since
+        return now
+
+    def _read(self, frame: Frame, candidate: Candidate, work: _Work) -> Sighting | None:
+        """The panel at a candidate's place, or None where it is none; why is in `work`."""
+        since = self._clock()
+        quad = refine_quad(frame, candidate.corners, self._intrinsics, striped=candidate.striped)
+        since = self._timed(work, "edges", since)
+        if isinstance(quad, Rejected):
+            work.rejected.append(quad)
+            return None
+        samples = sample_cells(frame, quad, self._cells, self._intrinsics)
+        since = self._timed(work, "cells", since)
+        if isinstance(samples, Rejected):
+            work.rejected.append(samples)
+            return None
+        track = self._tracker.expect(quad, frame.row0_readout_ns)
+        expected = track.id if track is not None else None
+        readings = [soft.read_word(samples, frame, book, expected) for book in self._codebooks]
+        self._timed(work, "soft", since)
+        read = [r for r in readings if isinstance(r, soft.Reading)]
+        if not read:
+            work.rejected.extend(r for r in readings[:1] if isinstance(r, Rejected))
+            return None
+        best = max(read, key=lambda r: r.margin)
+        agreed = track.frames if track is not None and track.id == best.id else 0
+        return _sighting(quad, best, frames_used=agreed + 1)
+
+    def _place(self, frame: Frame, sighting: Sighting, work: _Work) -> MarkerPose | None:
+        centre_row = float(sighting.corners_px[:, 1].mean())
+        solution = alternate = None
+        if self._intrinsics is not None:
+            side_m = self._panels.spec(sighting.id).side_m
+            solved = solve_square(sighting.corners_px, sighting.corner_sigma_px, side_m, self._intrinsics)
+            if isinstance(solved, Rejected):
+                work.rejected.append(solved)
+                return None
+            solution, alternate = solved
+        return MarkerPose(
+            sighting=sighting,
+            mid_exposure_ns=row_mid_exposure_ns(frame, centre_row),
+            solution=solution,
+            alternate=alternate,
+        )
+
+
+def _codebooks(panels: PanelSettings) -> list[soft.Codebook]:
+    """One for each pair of frequencies and duty that the panels have."""
+    dictionary = load_dictionary(panels.dictionary)
+    groups: dict[tuple[float, float, float], tuple[PanelSpec, list[int]]] = {}
+    for marker_id in range(len(dictionary.words)):
+        spec = panels.spec(marker_id)
+        groups.setdefault((spec.black_hz, spec.white_hz, spec.duty), (spec, []))[1].append(marker_id)
+    return [soft.Codebook.build(ids, dictionary, spec) for spec, ids in groups.values()]
+
+
+def _sighting(quad: Quad, reading: soft.Reading, frames_used: int) -> Sighting:
+    return Sighting(
+        id=reading.id,
+        corners_px=read_only(corners_of_turned(quad.corners_px, reading.quarter_turns)),
+        corner_sigma_px=quad.corner_sigma_px,
+        margin=reading.margin,
+        frames_used=frames_used,
+    )
+
+
+def _one_of_each(sightings: list[Sighting], rejected: list[Rejected]) -> list[Sighting]:
+    """The surest sighting of each panel. An ID that is in two places at once is in neither."""
+    kept: list[Sighting] = []
+    for sighting in sorted(sightings, key=lambda s: -s.margin):
+        centre = sighting.corners_px.mean(axis=0)
+        if any(_inside(centre, other.corners_px) for other in kept):
+            rejected.append(SAME_PLACE)
+        else:
+            kept.append(sighting)
+    ids = [s.id for s in kept]
+    rejected.extend(SAME_ID for i in ids if ids.count(i) > 1)
+    return [s for s in kept if ids.count(s.id) == 1]
+
+
+def _inside(point: Floats, corners: Floats) -> bool:
+    """Whether a point lies within a convex quad, clockwise in the picture."""
+    along = np.roll(corners, -1, axis=0) - corners
+    to = point - corners
+    return bool((along[:, 0] * to[:, 1] - along[:, 1] * to[:, 0] > 0).all())

@@ -1,0 +1,1 @@
+"""From corners to places. Pure: no threads, clocks, files or cameras."""

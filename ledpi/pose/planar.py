@@ -1,0 +1,69 @@
+"""The pose of one panel from its four corners."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from ledpi.geometry import matrix_from_rotation_vector, quaternion_from_matrix, rotation_angle_deg
+from ledpi.records import Floats, Intrinsics, PlanarSolution, Pose, Rejected, read_only
+
+BEHIND = Rejected(stage="pose", reason="behind_camera")
+UNSOLVED = Rejected(stage="pose", reason="unsolved")
+
+# What the edge fits do not show of a corner's error: the lens model, the panel's own build.
+CORNER_FLOOR_PX = 0.1
+# The other solution is excluded where its squared residuals say that it is a thousand times less likely: 2·ln 1000.
+EXCLUDED_BY = 13.8
+
+
+def square_corners(side_m: float) -> Floats:
+    """(4, 3) top left, top right, bottom right, bottom left of a panel in `marker`: x right, y up, z out of it."""
+    half = side_m / 2
+    return np.array([[-half, half, 0], [half, half, 0], [half, -half, 0], [-half, -half, 0.0]])
+
+
+def solve_square(
+    corners_px: Floats, corner_sigma_px: float, side_m: float, intrinsics: Intrinsics
+) -> tuple[PlanarSolution, PlanarSolution | None] | Rejected:
+    """camera_from_marker of a square, and the other planar solution where the corners do not exclude it.
+
+    `corners_px` (4, 2) in the marker's order. Infinitesimal plane-based pose estimation (Collins & Bartoli, IJCV
+    2014, as in OpenCV) gives both solutions; each is refined to the least squared reprojection error.
+    """
+    square = square_corners(side_m)
+    matrix, distortion = intrinsics.matrix(), np.array(intrinsics.distortion)
+    count, turns, shifts, _ = cv2.solvePnPGeneric(square, corners_px, matrix, distortion, flags=cv2.SOLVEPNP_IPPE_SQUARE)
+    solutions: list[PlanarSolution] = []
+    for i in range(count):
+        turn, shift = cv2.solvePnPRefineLM(square, corners_px, matrix, distortion, turns[i], shifts[i])
+        if np.isfinite(turn).all() and np.isfinite(shift).all() and float(shift[2, 0]) > 0:
+            solutions.append(_solution(square, corners_px, matrix, distortion, turn, shift))
+    if not solutions:
+        return BEHIND if count else UNSOLVED
+    solutions.sort(key=lambda s: s.reprojection_px)
+    best = solutions[0]
+    if len(solutions) == 1:
+        return best, None
+    variance = corner_sigma_px**2 + CORNER_FLOOR_PX**2
+    # Four corners: the sum of squared residuals is four times their mean square.
+    apart = 4 * (solutions[1].reprojection_px ** 2 - best.reprojection_px**2) / variance
+    return best, (solutions[1] if apart < EXCLUDED_BY and not _same(best, solutions[1]) else None)
+
+
+def _same(a: PlanarSolution, b: PlanarSolution) -> bool:
+    """Whether the refinement led both to one pose (a panel seen square on has but one): closer than 0.1°."""
+    return rotation_angle_deg(a.camera_from_marker.quaternion_wxyz, b.camera_from_marker.quaternion_wxyz) < 0.1
+
+
+def _solution(
+    square: Floats, corners_px: Floats, matrix: Floats, distortion: Floats, turn: Floats, shift: Floats
+) -> PlanarSolution:
+    seen = cv2.projectPoints(square, turn, shift, matrix, distortion)[0].reshape(4, 2)
+    pose = Pose(
+        position_m=read_only(shift.reshape(3)),
+        quaternion_wxyz=read_only(quaternion_from_matrix(matrix_from_rotation_vector(turn.reshape(3)))),
+    )
+    return PlanarSolution(
+        camera_from_marker=pose, reprojection_px=float(np.sqrt(np.square(seen - corners_px).sum(axis=1).mean()))
+    )
