@@ -16,6 +16,8 @@ _WORDING = {
     "int_from_float": "must be a whole number",
     "string_type": "must be text",
     "path_type": "must be a path",
+    "list_type": "must be a list",
+    "model_type": "must be a section",
     "dict_type": "must be a mapping from IDs, as in {7: {side_m: 0.3}}",
 }
 

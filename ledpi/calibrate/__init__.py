@@ -1,0 +1,1 @@
+"""Workshop tools that measure a camera or a panel. `ledpi run` never imports them."""

@@ -1,0 +1,34 @@
+"""Writing a calibration: whole or not at all, and never over an older one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ledpi.errors import CalibrationError
+
+
+def write_keeping_old(path: Path, text: str) -> Path | None:
+    """Writes `text`. A file that is already there is kept beside it as NAME.bak-1, -2, …
+
+    Returns the kept file, if there was one. Raises CalibrationError where `path` cannot be written; the older
+    file is then untouched.
+    """
+    if path.is_dir():
+        raise CalibrationError(f"{path}: is a folder; must be the file to write")
+    fresh = path.with_name(path.name + ".new")
+    kept = _next_backup(path) if path.exists() else None
+    try:
+        fresh.write_text(text, encoding="utf-8")
+        if kept is not None:
+            path.rename(kept)
+        fresh.replace(path)
+    except OSError as error:
+        raise CalibrationError(f"{path}: cannot be written: {error.strerror}") from None
+    return kept
+
+
+def _next_backup(path: Path) -> Path:
+    number = 1
+    while (backup := path.with_name(f"{path.name}.bak-{number}")).exists():
+        number += 1
+    return backup

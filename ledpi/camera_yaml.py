@@ -1,0 +1,99 @@
+"""camera.yaml: the lens, in the form of ROS camera_info: each side can read the other's files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import yaml
+from pydantic import AfterValidator, BaseModel, Field, ValidationError
+
+from ledpi.config_mistakes import explain
+from ledpi.errors import CalibrationError
+from ledpi.records import Intrinsics
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+
+
+def _numbers(*counts: int) -> Callable[[list[float]], list[float]]:
+    def check(values: list[float]) -> list[float]:
+        if len(values) in counts:
+            return values
+        raise ValueError(f"must be {' or '.join(map(str, counts))} numbers")
+
+    return check
+
+
+def _camera_matrix(data: list[float]) -> list[float]:
+    fx, skew, _, zero, fy, _, *last_row = _numbers(9)(data)
+    if fx > 0 and fy > 0 and skew == 0 and zero == 0 and last_row == [0, 0, 1]:
+        return data
+    raise ValueError("must be [fx, 0, cx, 0, fy, cy, 0, 0, 1] with positive fx and fy")
+
+
+class _CameraMatrix(BaseModel):
+    data: Annotated[list[Finite], AfterValidator(_camera_matrix)]
+
+
+class _Coefficients(BaseModel):
+    data: Annotated[list[Finite], AfterValidator(_numbers(4, 5))]
+
+
+class _CameraInfo(BaseModel):
+    """What is read of a file; anything else in it is passed over."""
+
+    image_width: Annotated[int, Field(gt=0)]
+    image_height: Annotated[int, Field(gt=0)]
+    camera_matrix: _CameraMatrix
+    distortion_model: Literal["plumb_bob"] = "plumb_bob"  # ROS takes it for granted too where it is missing
+    distortion_coefficients: _Coefficients
+
+
+def load_intrinsics(path: Path) -> Intrinsics:
+    """Reads camera.yaml, ours or one made by ROS. Raises CalibrationError with file and key.
+
+    The coefficients are OpenCV's k1 k2 p1 p2 and, where there is a fifth, k3.
+    """
+    try:
+        raw = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise CalibrationError(f"{path}: cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError as error:
+        raise CalibrationError(f"{path}: byte {error.start} is not UTF-8 text") from None
+    except yaml.YAMLError as error:
+        raise CalibrationError(f"{path}: not valid YAML: {' '.join(str(error).split())}") from None
+    if not isinstance(raw, dict):
+        raise CalibrationError(f"{path}: must hold ROS camera_info (image_width, camera_matrix, …)")
+    try:
+        info = _CameraInfo.model_validate(raw)
+    except ValidationError as error:
+        raise CalibrationError(f"{path}: {explain(error, _CameraInfo)}") from None
+    fx, _, cx, _, fy, cy, *_ = info.camera_matrix.data
+    k1, k2, p1, p2, k3 = [*info.distortion_coefficients.data, 0.0][:5]
+    return Intrinsics(
+        width=info.image_width,
+        height=info.image_height,
+        fx=fx,
+        fy=fy,
+        cx=cx,
+        cy=cy,
+        distortion=(k1, k2, p1, p2, k3),
+    )
+
+
+def camera_yaml_text(intrinsics: Intrinsics, ledpi: dict[str, float | int]) -> str:
+    """The text of a camera.yaml. `ledpi` is our own section, which ROS passes over: how good it is."""
+    k = [float(value) for value in intrinsics.matrix().ravel()]
+    content: dict[str, Any] = {
+        "image_width": intrinsics.width,
+        "image_height": intrinsics.height,
+        "camera_name": "ledpi",
+        "camera_matrix": {"rows": 3, "cols": 3, "data": k},
+        "distortion_model": "plumb_bob",
+        "distortion_coefficients": {"rows": 1, "cols": 5, "data": [float(v) for v in intrinsics.distortion]},
+        "rectification_matrix": {"rows": 3, "cols": 3, "data": [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]},
+        "projection_matrix": {"rows": 3, "cols": 4, "data": [*k[0:3], 0.0, *k[3:6], 0.0, *k[6:9], 0.0]},
+        "ledpi": ledpi,
+    }
+    return yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=110)

@@ -1,0 +1,306 @@
+"""`ledpi calibrate camera`: a known camera is asked back, bad views are named, nonsense is refused."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+
+import ledpi.cli.calibrate  # noqa: F401  (registers the command)
+from ledpi.calibrate.camera import Board, BoardView, calibrate_camera, find_board
+from ledpi.calibrate.files import write_keeping_old
+from ledpi.camera_yaml import load_intrinsics
+from ledpi.cli import main
+from ledpi.errors import CalibrationError
+from ledpi.geometry import undistort
+from ledpi.records import Floats, Intrinsics, Pixels
+
+BOARD = Board(columns=6, rows=5)
+LENS = Intrinsics(
+    width=640, height=480, fx=600, fy=604, cx=326, cy=234, distortion=(-0.25, 0.09, 0.001, -0.0005, 0)
+)
+GREY = cv2.IMREAD_GRAYSCALE
+
+Pose = tuple[tuple[int, int, int], tuple[float, float], float]
+Command = Callable[..., tuple[int, str, str]]
+
+# Tilt of the board about the picture's x and y axis and within its plane (degrees); its centre (picture
+# widths from the middle, across and down); its distance (squares).
+POSES: list[Pose] = [
+    ((30, 0, 0), (0.0, 0.0), 11),
+    ((-30, 0, 5), (-0.2, 0.1), 13),
+    ((0, 30, 10), (0.2, 0.1), 14),
+    ((0, -30, 0), (-0.2, -0.1), 13),
+    ((25, 25, 0), (0.2, -0.1), 14),
+    ((-25, -25, 20), (0.0, 0.05), 13),
+    ((-25, 25, 0), (-0.2, 0.0), 12),
+    ((10, -35, 90), (0.2, 0.0), 13),
+    ((35, 10, 45), (0.0, -0.05), 14),
+    ((0, 0, 0), (0.05, 0.0), 10),
+]
+
+
+def board_from_pose(pose: Pose) -> tuple[Floats, Floats]:
+    """Rotation (3, 3) and translation (3,), in squares, of camera_from_board."""
+    (about_x, about_y, about_z), (across, down), distance = pose
+    turns = [np.radians([about_x, 0, 0]), np.radians([0, about_y, 0]), np.radians([0, 0, about_z])]
+    x, y, z = (np.asarray(cv2.Rodrigues(turn)[0], dtype=np.float64) for turn in turns)
+    rotation: Floats = x @ y @ z
+    centre = np.array([across * 640 / 600, down * 640 / 600, 1.0]) * distance
+    return rotation, centre - rotation @ BOARD.corners().mean(axis=0)
+
+
+@cache
+def rays_of_half_pixels() -> Floats:
+    """(960, 1280, 3): the rays that LENS sends through the middles of half pixels."""
+    x, y = np.meshgrid((np.arange(1280) - 0.5) / 2, (np.arange(960) - 0.5) / 2)
+    rays = undistort(np.stack([x, y], axis=-1), LENS)
+    return np.concatenate([rays, np.ones((960, 1280, 1))], axis=-1)
+
+
+def rendered(pose: Pose, noise: np.random.Generator) -> Pixels:
+    """A picture of the board through LENS: every ray is followed to the board; a little blur and noise."""
+    rotation, translation = board_from_pose(pose)
+    board_from_ray = np.linalg.inv(np.column_stack([rotation[:, :2], translation]))
+    hit = rays_of_half_pixels() @ board_from_ray.T
+    column, row = np.floor(hit[..., 0] / hit[..., 2]), np.floor(hit[..., 1] / hit[..., 2])
+    on_squares = (abs(column - 2) <= 3) & (abs(row - 1.5) <= 2.5)
+    on_paper = (abs(column - 2) <= 4) & (abs(row - 1.5) <= 3.5)
+    light = np.where(on_squares & ((column + row) % 2 == 0), 30.0, np.where(on_paper, 210.0, 90.0))
+    sharp = light.reshape(480, 2, 640, 2).mean(axis=(1, 3))
+    picture = cv2.GaussianBlur(sharp, (0, 0), 0.8) + noise.normal(0, 2, (480, 640))
+    return np.asarray(np.clip(np.rint(picture), 0, 255), dtype=np.uint8)
+
+
+def projected(name: str, pose: Pose, seed: int) -> BoardView:
+    """The corners that the board of a pose has, with 0.05 px of noise, without a picture."""
+    rotation, translation = board_from_pose(pose)
+    vector, _ = cv2.Rodrigues(rotation)
+    exact, _ = cv2.projectPoints(
+        BOARD.corners(), vector, translation, LENS.matrix(), np.array(LENS.distortion)
+    )
+    noise = np.random.default_rng(seed).normal(0, 0.05, (30, 2))
+    return BoardView(name=name, corners_px=np.asarray(exact, dtype=np.float64).reshape(-1, 2) + noise)
+
+
+def good_views() -> list[BoardView]:
+    return [projected(f"{i:02}.png", pose, seed=i) for i, pose in enumerate(POSES)]
+
+
+def refusal(views: list[BoardView]) -> str:
+    with pytest.raises(CalibrationError) as caught:
+        calibrate_camera(views, BOARD, 640, 480)
+    text = str(caught.value)
+    assert "\n" not in text
+    return text
+
+
+@pytest.fixture(scope="module")
+def pictures(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a rendered picture for each of POSES, and one without a board."""
+    folder = tmp_path_factory.mktemp("pictures")
+    noise = np.random.default_rng(4)
+    for i, pose in enumerate(POSES):
+        cv2.imwrite(str(folder / f"{i:02}.png"), rendered(pose, noise))
+    cv2.imwrite(str(folder / "zz_empty.png"), np.full((480, 640), 90, np.uint8))
+    return folder
+
+
+@pytest.fixture
+def command(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Command:
+    """Runs `ledpi calibrate camera …` in an empty folder → exit status, standard output, standard error."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*arguments: object) -> tuple[int, str, str]:
+        monkeypatch.setattr("sys.argv", ["ledpi", "calibrate", "camera", *map(str, arguments)])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        captured = capsys.readouterr()
+        return int(ended.value.code or 0), captured.out, captured.err
+
+    return run
+
+
+def test_corners_of_a_rendered_board_are_found(pictures: Path) -> None:
+    """The detector's corners lie within 0.15 px rms of where the board's corners were projected to."""
+    for i, pose in enumerate(POSES):
+        picture = np.asarray(cv2.imread(str(pictures / f"{i:02}.png"), GREY), dtype=np.uint8)
+        corners = find_board(picture, BOARD)
+        assert corners is not None
+        truth = projected("", pose, seed=i).corners_px
+        nearest = np.linalg.norm(corners[:, None] - truth[None], axis=2).min(axis=1)
+        assert np.sqrt((nearest**2).mean()) < 0.15
+
+
+def test_a_rendered_camera_is_asked_back(pictures: Path, command: Command) -> None:
+    """Focal lengths within 0.3 %, principal point within 1 px, and rays within 1 px everywhere."""
+    status, out, err = command(pictures)
+    lens = load_intrinsics(Path("camera.yaml"))
+    assert (status, err) == (0, "")
+    assert [lens.fx, lens.fy] == pytest.approx([600, 604], rel=0.003)
+    assert [lens.cx, lens.cy] == pytest.approx([326, 234], abs=1)
+    edge = np.array([[x, y] for x in (40.0, 320, 600) for y in (40.0, 240, 440)])
+    difference = (undistort(edge, lens) - undistort(edge, LENS)) * 600
+    assert np.abs(difference).max() < 1
+    assert "11 pictures, 10 with the board, 10 used" in out
+    assert "rms 0.0" in out
+
+
+def test_the_file_says_how_good_it_is(pictures: Path, command: Command) -> None:
+    """Our own section holds rms, deviation of the focal length, and number of views."""
+    command(pictures, "--out", "other.yaml")
+    quality = yaml.safe_load(Path("other.yaml").read_text())["ledpi"]
+    assert quality["views"] == 10
+    assert 0 < quality["rms_px"] < 0.2
+    assert 0 < quality["fx_sigma_px"] < 3
+
+
+def test_an_older_file_is_kept(pictures: Path, command: Command) -> None:
+    """camera.yaml is moved aside before a new one takes its place, and the new place is told."""
+    Path("camera.yaml").write_text("precious")
+    _, out, _ = command(pictures)
+    assert Path("camera.yaml.bak-1").read_text() == "precious"
+    assert "camera.yaml written; the older one is kept as camera.yaml.bak-1" in out
+
+
+def test_kept_files_are_numbered(tmp_path: Path) -> None:
+    """A kept file is never overwritten by the next."""
+    path = tmp_path / "camera.yaml"
+    kept = [write_keeping_old(path, text) for text in ("one", "two", "three")]
+    assert kept == [None, tmp_path / "camera.yaml.bak-1", tmp_path / "camera.yaml.bak-2"]
+    assert [file.read_text() for file in (path, *kept[1:]) if file] == ["three", "one", "two"]
+    assert len(list(tmp_path.iterdir())) == 3
+
+
+def test_a_place_that_cannot_be_written_is_named(tmp_path: Path) -> None:
+    """A folder in the file's place and a folder that is not there are told."""
+    with pytest.raises(CalibrationError, match="is a folder; must be the file to write"):
+        write_keeping_old(tmp_path, "text")
+    with pytest.raises(CalibrationError, match=r"no/camera.yaml: cannot be written: No such file"):
+        write_keeping_old(tmp_path / "no" / "camera.yaml", "text")
+
+
+def test_a_bad_view_is_named_and_left_out() -> None:
+    """A board that was bent in one picture: it is left out by name, and the camera is as without it."""
+    views = good_views()
+    from_centre = BOARD.corners()[:, :1] - 2.5
+    bent = BoardView(name="bent.png", corners_px=views[3].corners_px + [0.0, 0.5] * from_centre**2)
+    result = calibrate_camera([*views[:3], bent, *views[4:]], BOARD, 640, 480)
+    assert [view.name for view in result.dropped] == ["bent.png"]
+    assert result.dropped[0].rms_px > 0.25
+    without = calibrate_camera([*views[:3], *views[4:]], BOARD, 640, 480)
+    np.testing.assert_allclose(result.intrinsics.matrix(), without.intrinsics.matrix(), rtol=1e-6)
+
+
+def test_no_good_view_is_left_out() -> None:
+    """Honest noise drops nothing."""
+    result = calibrate_camera(good_views(), BOARD, 640, 480)
+    assert result.dropped == ()
+    assert [view.name for view in result.used] == [f"{i:02}.png" for i in range(10)]
+
+
+def test_k3_is_fitted_only_where_it_shows() -> None:
+    """This lens has none, and ten views of noise are not taken for it."""
+    assert calibrate_camera(good_views(), BOARD, 640, 480).intrinsics.distortion[4] == 0
+
+
+def test_too_few_views_are_refused() -> None:
+    """Seven views are one too few."""
+    text = refusal(good_views()[:7])
+    assert text.startswith("the board was found in only 7 pictures, at least 8 are needed")
+
+
+def test_views_without_tilt_are_refused() -> None:
+    """Frontal views fit any focal length."""
+    frontal: list[Pose] = [
+        ((0, 0, 10 * i), (0.1 * (i % 3 - 1), 0.05 * (i % 2)), 12 + i % 4) for i in range(12)
+    ]
+    views = [projected(f"{i}", pose, seed=i) for i, pose in enumerate(frontal)]
+    assert "the views are too much alike" in refusal(views)
+
+
+def test_views_that_repeat_are_refused() -> None:
+    """One tilted pose many times determines nothing."""
+    views = [projected(f"{i}", POSES[4], seed=i) for i in range(12)]
+    assert "the views are too much alike" in refusal(views)
+
+
+def test_views_of_no_board_are_refused() -> None:
+    """Points that no flat board can show are refused, whatever the fit makes of them."""
+    random = np.random.default_rng(3)
+    views = [BoardView(name=f"{i}", corners_px=random.uniform(20, 460, (30, 2))) for i in range(12)]
+    assert "rms is" in refusal(views) or "no camera" in refusal(views)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (("--cols", 9, "--rows", 7), "no board with 9 × 7 inner corners in any of 11 pictures"),
+        (("--out", "/dev/null/camera.yaml"), "/dev/null/camera.yaml: cannot be written: Not a directory"),
+    ],
+)
+def test_a_refusal_is_one_line_and_writes_nothing(
+    pictures: Path,
+    command: Command,
+    arguments: tuple[object, ...],
+    expected: str,
+) -> None:
+    """Exit status 2, one line on standard error, and the older file is as it was."""
+    Path("camera.yaml").write_text("precious")
+    status, out, err = command(pictures, *arguments)
+    assert (status, out) == (2, "")
+    assert expected in err
+    assert err.count("\n") == 1
+    assert [path.name for path in Path().iterdir()] == ["camera.yaml"]
+    assert Path("camera.yaml").read_text() == "precious"
+
+
+def test_pictures_of_two_sizes_are_refused(command: Command) -> None:
+    """The first picture that differs is named, with both sizes."""
+    for name, shape in (("a.png", (240, 320)), ("b.png", (480, 640))):
+        cv2.imwrite(name, np.zeros(shape, np.uint8))
+    status, _, err = command(".")
+    assert status == 2
+    assert "b.png: is 640 × 480 pixels, a.png is 320 × 240" in err
+
+
+def test_folders_and_files_that_cannot_be_used_are_named(
+    tmp_path: Path, command: Command
+) -> None:
+    """A missing folder, one without pictures, and a picture that is none: one line each, exit status 2."""
+    assert command("missing") == (2, "", "ledpi: missing: cannot be read: No such file or directory\n")
+    status, _, err = command(".")
+    assert (status, err[:24]) == (2, "ledpi: .: no pictures in")
+    for content in (b"", b"no picture"):
+        (tmp_path / "a.png").write_bytes(content)
+        status, _, err = command(".")
+        assert (status, err.count("\n")) == (2, 1)
+        assert "a.png: is not a picture that can be decoded" in err
+
+
+@pytest.mark.parametrize(("side", "focal_px"), [("left", 973), ("right", 968)])
+def test_real_pictures(
+    side: str,
+    focal_px: float,
+    shared: Callable[[str], Path],
+    tmp_path: Path,
+    command: Command,
+) -> None:
+    """Two webcams: fx within 1 % of OpenCV's on all good views, rms at most 0.16 px."""
+    folder = tmp_path / side
+    folder.mkdir()
+    for path in shared("real/chessboard").glob(f"{side}*.jpg"):
+        (folder / path.name).symlink_to(path)
+    status, out, _ = command(folder)
+    written = yaml.safe_load(Path("camera.yaml").read_text())
+    assert status == 0
+    assert "18 pictures, 18 with the board" in out
+    assert load_intrinsics(Path("camera.yaml")).fx == pytest.approx(focal_px, rel=0.01)
+    assert written["ledpi"]["rms_px"] <= 0.16
