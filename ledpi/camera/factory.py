@@ -1,0 +1,45 @@
+"""From `camera.source` to an open camera. Each device's module is imported only where it is used."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ledpi.camera.base import Camera
+from ledpi.config import Config, PanelSettings
+from ledpi.errors import CameraError
+
+
+def open_camera(config: Config, *, paced: bool = True, frames: int | None = None) -> Camera:
+    """Opens what the configuration names.
+
+    `paced` and `frames` are for what has no pace and no end of its own: the simulator and recordings deliver
+    frames as a sensor would, or as fast as they are read, and end after `frames` (a shorter recording is
+    repeated). A recording's own values override the configuration's. Raises LedpiError.
+    """
+    kind, _, place = config.camera.source.partition(":")
+    if kind == "simulated":
+        from ledpi.camera.simulated import open_simulated
+
+        return open_simulated(config, paced=paced, frames=frames)
+    if kind == "recording":
+        from ledpi.camera.recording import RecordingCamera
+        from ledpi.recording import load_recording
+
+        return RecordingCamera(
+            load_recording(Path(place)), paced=paced, loop=frames is not None, frames=frames
+        )
+    if frames is not None or not paced:
+        raise CameraError(f"camera.source: {kind} has its own pace and no end; must be a replay")
+    if kind == "picamera2":
+        from ledpi.camera.picamera import open_picamera
+
+        return open_picamera(config.camera, panel_frequencies_hz(config.panels))
+    from ledpi.camera.v4l2 import open_v4l2
+
+    return open_v4l2(config.camera, place)
+
+
+def panel_frequencies_hz(panels: PanelSettings) -> tuple[float, ...]:
+    """Every frequency that a panel of this configuration blinks at, sorted."""
+    specs = [panels.spec(), *(panels.spec(marker_id) for marker_id in panels.overrides)]
+    return tuple(sorted({hz for spec in specs for hz in (spec.black_hz, spec.white_hz)}))
