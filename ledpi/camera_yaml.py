@@ -50,10 +50,12 @@ class _CameraInfo(BaseModel):
     distortion_coefficients: _Coefficients
 
 
-def load_intrinsics(path: Path) -> Intrinsics:
+def load_intrinsics(path: Path, for_size: tuple[int, int] | None = None) -> Intrinsics:
     """Reads camera.yaml, ours or one made by ROS. Raises CalibrationError with file and key.
 
-    The coefficients are OpenCV's k1 k2 p1 p2 and, where there is a fifth, k3.
+    The coefficients are OpenCV's k1 k2 p1 p2 and, where there is a fifth, k3. `for_size` is the
+    (width, height) of the pictures that it is wanted for. A calibration at another size is refused: another
+    sensor mode may show another part of the scene, and nothing tells how to convert.
     """
     try:
         raw = yaml.safe_load(path.read_text(encoding="utf-8"))
@@ -69,6 +71,12 @@ def load_intrinsics(path: Path) -> Intrinsics:
         info = _CameraInfo.model_validate(raw)
     except ValidationError as error:
         raise CalibrationError(f"{path}: {explain(error, _CameraInfo)}") from None
+    size = (info.image_width, info.image_height)
+    if for_size is not None and size != for_size:
+        raise CalibrationError(
+            f"{path}: was made for pictures of {size[0]} × {size[1]} pixels, but the camera delivers "
+            f"{for_size[0]} × {for_size[1]}: calibrate at that size"
+        )
     fx, _, cx, _, fy, cy, *_ = info.camera_matrix.data
     k1, k2, p1, p2, k3 = [*info.distortion_coefficients.data, 0.0][:5]
     return Intrinsics(

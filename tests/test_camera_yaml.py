@@ -84,6 +84,14 @@ def test_what_is_written_has_the_keys_of_ros() -> None:
     assert ours["ledpi"] == {"rms_px": 0.114, "views": 18}
 
 
+def test_a_file_for_another_size_is_refused(tmp_path: Path) -> None:
+    """A lens that was measured at 640 × 480 says nothing of another mode's pictures."""
+    path = written(tmp_path, MADE_BY_ROS)
+    assert load_intrinsics(path, for_size=(640, 480)) == LENS
+    with pytest.raises(CalibrationError, match=r"made for pictures of 640 × 480 pixels, .* 1296 × 972"):
+        load_intrinsics(path, for_size=(1296, 972))
+
+
 @pytest.mark.parametrize(
     ("right", "wrong", "expected"),
     [

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
 
 from ledpi.cli import app
+from ledpi.cli.progress import progress
 from ledpi.errors import CalibrationError
 
 if TYPE_CHECKING:
@@ -99,29 +99,22 @@ def _find_boards(paths: list[Path], board: Board) -> tuple[list[BoardView], tupl
 
     views: list[BoardView] = []
     size = (0, 0)
-    for path in _with_progress(paths):
-        picture = _read_grey(path)
-        height, width = picture.shape
-        if path == paths[0]:
-            size = (width, height)
-        if (width, height) != size:
-            raise CalibrationError(
-                f"{path}: is {width} × {height} pixels, {paths[0].name} is {size[0]} × {size[1]}; "
-                "all must be of one camera at one size"
-            )
-        corners = find_board(picture, board)
-        if corners is not None:
-            views.append(BoardView(name=path.name, corners_px=corners))
+    with progress("looking for the board", len(paths)) as advance:
+        for path in paths:
+            picture = _read_grey(path)
+            height, width = picture.shape
+            if path == paths[0]:
+                size = (width, height)
+            if (width, height) != size:
+                raise CalibrationError(
+                    f"{path}: is {width} × {height} pixels, {paths[0].name} is {size[0]} × {size[1]}; "
+                    "all must be of one camera at one size"
+                )
+            corners = find_board(picture, board)
+            if corners is not None:
+                views.append(BoardView(name=path.name, corners_px=corners))
+            advance(1)
     return views, size
-
-
-def _with_progress(paths: list[Path]) -> Iterator[Path]:
-    from rich.console import Console
-    from rich.progress import track
-
-    console = Console(stderr=True)
-    shown = console.is_terminal
-    yield from track(paths, "Looking for the board", console=console, disable=not shown)
 
 
 def _report(result: CameraCalibration, pictures: int) -> None:
