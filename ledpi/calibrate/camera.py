@@ -185,7 +185,7 @@ def _check(fit: _Fit, size: tuple[int, int]) -> None:
     if fit.rms_px > MAX_RMS_PX:
         raise CalibrationError(
             f"rms is {fit.rms_px:.2f} px, must be below {MAX_RMS_PX:g}: "
-            "is the board flat, at rest, and sharp?"
+            "is the board flat, at rest and sharp, and are its inner corners counted right?"
         )
     tilt_deg = math.degrees(math.acos(np.clip((fit.normals @ fit.normals.T).min(), -1, 1)))
     if tilt_deg < MIN_TILT_DEG or fit.focal_sigma_px > MAX_FOCAL_DEVIATION * fx:
