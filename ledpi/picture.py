@@ -1,8 +1,8 @@
 """One picture file → pixels. A file that cannot be used is a value with a message, not an exception.
 
-OpenCV may hand out the upper part of a truncated PNG as if it were whole, with a grey or black rest: bands in
-it would be decoded as if they had been seen. So the PNG's own structure (lengths, checksums, end mark) is
-checked first.
+OpenCV says only that it cannot decode, and prints its own words to standard error; half a picture that some
+version might take for a whole one would be decoded as if it had been seen. So the PNG's own structure
+(lengths, checksums, end mark) is checked first: 0.1 ms, where decoding takes 3 ms.
 """
 
 from __future__ import annotations

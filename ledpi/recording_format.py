@@ -90,9 +90,10 @@ class TruthLine(BaseModel):
 
 def read_header(path: Path) -> Header:
     """Reads recording.yaml. Raises RecordingError."""
+    text = _read_text(path)
     try:
-        raw = yaml.safe_load(_read_text(path))
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        raw = yaml.safe_load(text)
+    except Exception as error:  # for a broken value (`!!timestamp x`) PyYAML lets through whatever came up
         raise RecordingError(f"{path}: not valid YAML: {' '.join(str(error).split())}") from None
     if not isinstance(raw, dict):
         wanted = "a mapping with format, camera and panel"

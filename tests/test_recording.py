@@ -116,6 +116,8 @@ def test_truth_is_optional(folder: Path) -> None:
         ("recording.yaml", "format: 1", "format: true", "take/recording.yaml: format: is True; this version"),
         ("recording.yaml", HEADER, "[1, 2]", "take/recording.yaml: must be a mapping with format"),
         ("recording.yaml", HEADER, "a: [1", "take/recording.yaml: not valid YAML: "),
+        ("recording.yaml", "643.0", "!!timestamp x", "take/recording.yaml: not valid YAML: "),
+        ("recording.yaml", "643.0", "2001-99-99", "take/recording.yaml: not valid YAML: "),
         ("recording.yaml", "DICT_4X4_50", "DICT_X", "panel.dictionary: unknown dictionary 'DICT_X'; known:"),
         ("recording.yaml", "row_time_us: 33.67, ", "", "camera.row_time_us: is missing; must be given"),
         ("recording.yaml", "33.67", "-1", "camera.row_time_us: Input should be greater than 0, not -1"),
