@@ -11,7 +11,7 @@ import numpy as np
 from ledpi.camera.base import CameraInfo, PanelValues
 from ledpi.config import PanelSettings
 from ledpi.decode import soft
-from ledpi.decode.cells import sample_cells
+from ledpi.decode.cells import MIN_CELL_PX, sample_cells
 from ledpi.decode.edges import refine_quad
 from ledpi.decode.find import Candidate, Finder
 from ledpi.decode.track import Tracker
@@ -70,8 +70,8 @@ class Pipeline:
         self._clock = clock
         self._stream = stream
         self._tracker = Tracker()
-        self._finder = Finder(camera.width, camera.height, panels.spec())
         self._cells = load_dictionary(panels.dictionary).cells_per_side
+        self._finder = Finder(camera.width, camera.height, panels.spec(), smallest_px=self._cells * MIN_CELL_PX)
         self._codebooks = _codebooks(panels)
 
     def decode(self, frame: Frame) -> Decoded:
@@ -107,7 +107,9 @@ class Pipeline:
     def _read(self, frame: Frame, candidate: Candidate, work: _Work) -> Sighting | None:
         """The panel at a candidate's place, or None where it is none; why is in `work`."""
         since = self._clock()
-        quad = refine_quad(frame, candidate.corners, self._intrinsics, striped=candidate.striped)
+        quad = refine_quad(
+            frame, candidate.corners, candidate.tolerance_px, self._intrinsics, striped=candidate.striped
+        )
         since = self._timed(work, "edges", since)
         if isinstance(quad, Rejected):
             work.rejected.append(quad)

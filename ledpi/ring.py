@@ -77,7 +77,13 @@ class FrameRing:
             self._reading, frame = self._newest
             self._newest = None
             self._taken += 1
+            self._changed.notify_all()
             return frame
+
+    def wait_until_taken(self, timeout_s: float) -> bool:
+        """For a writer that has no pace of its own: whether no frame waits to be read, after at most `timeout_s`."""
+        with self._changed:
+            return self._changed.wait_for(lambda: self._newest is None or self._closed, timeout_s)
 
     def release(self) -> None:
         """Gives the slot of the frame last taken back. Safe to call twice."""

@@ -21,9 +21,10 @@ Singles = NDArray[np.float32]
 
 # The rim of a cell is left out: there the optics mix in the neighbour's light, and partitions cast shadows.
 INSET = 0.08
-MIN_LATTICE, MAX_LATTICE = 2, 16
-# A lattice of 12 × 12 in each cell is all that a close panel needs; a finer picture is averaged down to it.
+MIN_LATTICE, MAX_LATTICE = 2, 16  # points along a cell; a finer picture is averaged down to the latter
 MIN_CELL_PX = 2.5
+# A lens that bends the square by less than this is left out: it moves no sample by a fiftieth of the smallest cell.
+MAX_BEND_PX = 0.05
 
 TOO_SMALL = Rejected(stage="cells", reason="too_small")
 OUTSIDE = Rejected(stage="cells", reason="outside_picture")
@@ -88,7 +89,7 @@ def unit_square_to(corners: Floats) -> Floats:
 
 def _lattice_pixels(quad: Quad, points: Lattice, intrinsics: Intrinsics | None) -> Singles:
     """(n·n, k·k, 2) pixel of each lattice point. A square stays a square only before the lens bends it."""
-    bent = intrinsics is not None and any(intrinsics.distortion)
+    bent = intrinsics is not None and quad.bend_px > MAX_BEND_PX
     corners = undistort(quad.corners_px, intrinsics) if bent and intrinsics is not None else quad.corners_px
     h = unit_square_to(corners).astype(np.float32)
     scale = 1.0 / (h[2, 0] * points.u + h[2, 1] * points.v + h[2, 2])

@@ -12,6 +12,7 @@ is that of the smallest residual. A half-height crossing would sit too far insid
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from functools import cache
 
 import cv2
@@ -19,11 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ledpi.decode.cells import Singles
-from ledpi.geometry import distort, undistort
+from ledpi.geometry import distort
 from ledpi.records import Floats, Frame, Intrinsics, Quad, Rejected
 from ledpi.tone import linear_light
 
 LOST = Rejected(stage="edges", reason="no_edge")
+NOT_STRAIGHT = Rejected(stage="edges", reason="not_straight")
 NOT_CONVEX = Rejected(stage="edges", reason="not_convex")
 AT_BORDER = Rejected(stage="edges", reason="at_picture_border")
 TOO_SMALL = Rejected(stage="edges", reason="too_small")
@@ -32,12 +34,21 @@ PROFILES = 24  # a side
 SAMPLES_OUTSIDE = 6
 SAMPLES_INSIDE = (4, 6, 8)
 # Blur in samples. Lens and pixel of a focused camera give 0.6 to 1.2 px; the wider ones serve the coarse first pass.
-SIGMAS = (1.2, 1.8, 2.6, 4.0)
-OFFSETS = np.arange(-4.5, 3.01, 0.5)  # of the edge, in samples, inward positive
+SIGMAS = (1.3, 2.0, 3.2)
+OFFSETS = np.arange(-4.5, 3.01, 0.75)  # of the edge, in samples, inward positive
 MIN_SIDE_PX = 8.0
-# At short exposure half of a side and more may be dark; a straight line needs less.
-MIN_GOOD_SHARE = 0.2
-CONVERGED_PX = 0.3  # a fine pass that moves the corners by more than this is repeated
+# Share of a side's profiles that must show an edge. A panel of which a corner is hidden still shows most of each side;
+# a rough quad may miss many at first, and at short exposure half of a side and more may be dark.
+MIN_EDGE, MIN_EDGE_AT_FIRST = 0.6, 0.2
+# The edges of a panel lie on a line to a tenth of a pixel, those of most other things do not by far. In the coarse pass
+# the samples are further apart.
+MAX_SPREAD_PX, MAX_SPREAD_STEPS = 0.5, 0.3
+CONVERGED_PX = 1.0  # a fine pass that moves the corners by more than this is repeated
+OUTER_REACH = 16  # samples to either side of a striped square's rim
+
+_NEXT = np.array([1, 2, 3, 0])
+_BEFORE = np.array([3, 0, 1, 2])
+_SHARE = np.linspace(0.06, 0.94, PROFILES)  # of the way along a side
 
 
 @cache
@@ -57,106 +68,131 @@ def _edge_models(inside: int) -> tuple[Floats, Floats]:
 
 
 def refine_quad(
-    frame: Frame, rough: Floats, intrinsics: Intrinsics | None = None, *, striped: bool = False
+    frame: Frame, rough: Floats, tolerance_px: float, intrinsics: Intrinsics | None = None, *, striped: bool = False
 ) -> Quad | Rejected:
     """Sub-pixel corners of the lit square near `rough` (4, 2; clockwise in the picture), or why there are none.
 
-    A coarse pass may move a side by a tenth of the square; fine ones of half-pixel samples follow until it stays.
+    A coarse pass finds sides that are up to `tolerance_px` away; fine ones of half-pixel samples follow until they stay.
     In a `striped` picture cells may be dark at the very edge, so that their light seems to end further inside: there
     the outermost edges count.
     """
     side = math.sqrt(abs(_area(rough)))
     if side < MIN_SIDE_PX:
         return TOO_SMALL
-    corners, sigma = rough, math.inf
+    corners, spread = rough, math.inf
+    bend = _bend(rough, intrinsics)
     if striped:
-        outer = _outermost_light(frame, rough, side)
+        outer = _outermost_light(frame, rough, side, bend)
         if isinstance(outer, Rejected):
             return outer
         corners = outer
-    for step in (side * 0.025, 0.5, 0.5, 0.5):
-        if step < 0.5 or (striped and step > 0.5):  # a small square: the fine pass reaches as far
+    for step in (tolerance_px / -OFFSETS[0], 0.5, 0.5, 0.5):
+        if step < 1.0 and step != 0.5 or (striped and step > 0.5):  # the fine pass reaches nearly as far
             continue
-        fitted = _fit_sides(frame, corners, step, side, intrinsics, striped)
+        fitted = _fit_sides(frame, corners, step, side, bend, striped=striped)
         if isinstance(fitted, Rejected):
             return fitted
         moved = float(np.abs(fitted[0] - corners).max())
-        corners, sigma = fitted
-        if moved > 0.5 * side:
+        corners, spread = fitted
+        if not moved < 0.5 * side:
             return LOST
         if step == 0.5 and moved < CONVERGED_PX:
             break
-    return _checked(frame, corners, sigma)
+    return _checked(frame, corners, spread, bend)
 
 
 def _area(corners: Floats) -> float:
-    x, y = corners[:, 0], corners[:, 1]
-    return 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
+    (x0, y0), (x1, y1), (x2, y2), (x3, y3) = corners.tolist()
+    return 0.5 * float((x2 - x0) * (y3 - y1) - (x3 - x1) * (y2 - y0))
+
+
+@dataclass(frozen=True, slots=True)
+class _Sides:
+    """Light across the four sides of a quad."""
+
+    corners: Floats  # (4, 2); side k runs from corner k to the next
+    along: Floats  # (4, 2)
+    inward: Floats  # (4, 2) unit normals
+    light: Singles  # (4, P, S)
+
+
+def _bend(corners: Floats, intrinsics: Intrinsics | None) -> Floats:
+    """(4, P) how far inward the lens moves the points of a side off the straight line between its corners, in pixels.
+
+    The bend changes so slowly over the picture that it is taken where the lens would put these corners, instead of
+    undistorting them first.
+    """
+    if intrinsics is None or not any(intrinsics.distortion):
+        return np.zeros((4, PROFILES))
+    rays = (corners - (intrinsics.cx, intrinsics.cy)) / (intrinsics.fx, intrinsics.fy)
+    share = np.concatenate([[0.0], _SHARE])[:, None]
+    bent = distort(rays[:, None, :] + (rays[_NEXT] - rays)[:, None, :] * share, intrinsics)
+    ends = bent[:, 0]
+    along, inward = _along_and_inward(ends)
+    away = bent[:, 1:] - ends[:, None, :] - along[:, None, :] * _SHARE[:, None]
+    bend: Floats = (away * inward[:, None, :]).sum(axis=2)
+    return bend
+
+
+def _along_and_inward(corners: Floats) -> tuple[Floats, Floats]:
+    """Each side's way to the next corner (4, 2), and its unit normal into the square (4, 2)."""
+    along = corners[_NEXT] - corners
+    length = np.maximum(np.hypot(along[:, 0], along[:, 1]), 1e-9)
+    return along, np.stack([-along[:, 1], along[:, 0]], axis=1) / length[:, None]
 
 
 def _fit_sides(
-    frame: Frame, corners: Floats, step_px: float, side_px: float, intrinsics: Intrinsics | None, striped: bool
+    frame: Frame, corners: Floats, step_px: float, side_px: float, bend: Floats, *, striped: bool
 ) -> tuple[Floats, float] | Rejected:
+    """New corners, and how far single edges lie from the sides fitted to them (standard deviation, pixels)."""
     reach = 0.45 * side_px / 4 / step_px  # not beyond the middle of a cell, where its light falls again
     inside = next((n for n in reversed(SAMPLES_INSIDE) if n <= reach), SAMPLES_INSIDE[0])
-    points, inward, profiles = _take_profiles(frame, corners, step_px, -SAMPLES_OUTSIDE, inside)
-    found, strength = _edge_offsets(profiles, inside)
-    good = strength > 0.3 * np.percentile(strength, 90)
-    if good.mean(axis=1).min() < MIN_GOOD_SHARE:
+    sides = _look_across(frame, corners, step_px, SAMPLES_OUTSIDE, inside)
+    found, strength = _edge_offsets(sides.light, inside)
+    usual = np.sort(strength, axis=None)[int(0.9 * strength.size)]
+    good = strength > 0.3 * usual
+    fine = step_px == 0.5 and not striped
+    if good.sum(axis=1).min() < (MIN_EDGE if fine else MIN_EDGE_AT_FIRST) * PROFILES:
         return LOST
     if striped:
         good &= _outermost(found, good)
-    edge = points + inward * (found * step_px)[..., None]
-    bent = intrinsics is not None and any(intrinsics.distortion)
-    if bent and intrinsics is not None:
-        focal, centre = np.array([intrinsics.fx, intrinsics.fy]), np.array([intrinsics.cx, intrinsics.cy])
-        edge = undistort(edge, intrinsics) * focal + centre
-    lines, scatter = _fit_lines(edge, good.astype(float))
-    fitted = _intersections(lines)
-    if not np.isfinite(fitted).all():
-        return NOT_CONVEX
-    if bent and intrinsics is not None:
-        fitted = distort((fitted - centre) / focal, intrinsics)
-    # A corner is where two lines cross: at the end of a line of n points its deviation is 2·scatter/√n.
-    return fitted, 2.0 * scatter / math.sqrt(PROFILES * float(good.mean()))
+    fitted, spread = _fit_lines(sides, found * step_px - bend, good)
+    if spread > max(MAX_SPREAD_PX, MAX_SPREAD_STEPS * step_px):
+        return NOT_STRAIGHT
+    return fitted, spread
 
 
-def _take_profiles(
-    frame: Frame, corners: Floats, step_px: float, first: int, last: int
-) -> tuple[Floats, Floats, Singles]:
-    """Points on the sides (4, P, 2), inward normals (4, 1, 2), linear light along them (4, P, S)."""
-    along = np.roll(corners, -1, axis=0) - corners
-    length = np.maximum(np.hypot(along[:, 0], along[:, 1]), 1e-9)[:, None]
-    inward = (np.stack([-along[:, 1], along[:, 0]], axis=1) / length)[:, None, :]
-    share = np.linspace(0.06, 0.94, PROFILES)[None, :, None]
-    points = corners[:, None, :] + along[:, None, :] * share
-    t = np.arange(first, last + 1) * step_px
-    at = (points[:, :, None, :] + inward[:, :, None, :] * t[None, None, :, None]).astype(np.float32)
+def _look_across(frame: Frame, corners: Floats, step_px: float, outside: int, inside: int) -> _Sides:
+    """Linear light on `outside` samples beyond each side, one on it, and `inside` ones within, at P places along it."""
+    along, inward = _along_and_inward(corners)
+    points = corners[:, None, :] + along[:, None, :] * _SHARE[:, None]
+    t = np.arange(-outside, inside + 1) * step_px
+    at = (points[:, :, None, :] + inward[:, None, None, :] * t[:, None]).astype(np.float32).reshape(4 * PROFILES, -1, 2)
     height, width = frame.pixels.shape
-    low = np.floor(at.min(axis=(0, 1, 2))).astype(int)
-    high = np.ceil(at.max(axis=(0, 1, 2))).astype(int) + 1
+    ends = at[:, (0, -1)].reshape(-1, 2)
+    low, high = ends.min(axis=0), ends.max(axis=0)
     x0, y0 = max(0, int(low[0])), max(0, int(low[1]))
-    patch = frame.pixels[y0 : max(y0 + 1, min(height, int(high[1]))), x0 : max(x0 + 1, min(width, int(high[0])))]
-    linear = cv2.LUT(patch, linear_light(frame.transfer, mark_saturated=False))
+    x1, y1 = min(width, int(high[0]) + 2), min(height, int(high[1]) + 2)
+    linear = cv2.LUT(frame.pixels[y0 : max(y1, y0 + 1), x0 : max(x1, x0 + 1)], linear_light(frame.transfer, mark_saturated=False))
     if step_px >= 1.5:  # coarse samples see all pixels between them
         size = int(step_px) | 1
         linear = cv2.blur(linear, (size, size))
     at -= np.array([x0, y0], np.float32)
-    flat = at.reshape(4 * PROFILES, -1, 2)
-    light = cv2.remap(linear, flat, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return points, inward, light.reshape(4, PROFILES, -1)
+    light = cv2.remap(linear, at, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return _Sides(corners=corners, along=along, inward=inward, light=light.reshape(4, PROFILES, -1))
 
 
-def _edge_offsets(profiles: Singles, inside: int) -> tuple[Floats, Floats]:
+def _edge_offsets(light: Singles, inside: int) -> tuple[Floats, Floats]:
     """Edge (4, P) in samples, inward positive, and the step's height there; σ is one for all profiles."""
     bases, heights = _edge_models(inside)
-    flat = profiles.reshape(-1, profiles.shape[-1]).astype(np.float64)
+    flat = light.reshape(4 * PROFILES, -1).astype(np.float64)
     flat -= flat.mean(axis=1, keepdims=True)
     shape = (len(flat), len(SIGMAS), len(OFFSETS))
-    explained = np.square(flat @ bases).reshape(*shape, 3).sum(axis=3)
+    parts = (flat @ bases).reshape(-1, 3)
+    explained = np.einsum("md,md->m", parts, parts).reshape(shape)
     # Only a step up, from the dark outside to the lit inside, is an edge of ours.
     height = (flat @ heights).reshape(shape)
-    explained[height <= 0] = 0.0
+    explained *= height > 0
     sigma = int(np.argmax(explained.max(axis=2).sum(axis=0)))
     fit, height = explained[:, sigma], height[:, sigma]
     best = np.clip(np.argmax(fit, axis=1), 1, len(OFFSETS) - 2)
@@ -165,25 +201,64 @@ def _edge_offsets(profiles: Singles, inside: int) -> tuple[Floats, Floats]:
     bend = 2 * here - before - after
     shift = 0.5 * (after - before) / np.where(bend > 0, bend, np.inf)
     offset = OFFSETS[best] + np.clip(shift, -1, 1) * (OFFSETS[1] - OFFSETS[0])
-    strength = np.where(here > 0, height[row, best], 0.0)
+    strength = height[row, best] * (here > 0)
     return offset.reshape(4, -1), strength.reshape(4, -1)
 
 
-def _outermost_light(frame: Frame, corners: Floats, side_px: float) -> Floats | Rejected:
+def _fit_lines(sides: _Sides, y: Floats, good: NDArray[np.bool_]) -> tuple[Floats, float]:
+    """Corners where straight lines through edges `y` (4, P; pixels inward) cross, and the edges' spread about them.
+
+    Each side is moved inward by a + b·(share of the way along it), by least squares; two rounds of Tukey's biweight
+    drop what a textured background or a gap between cells has led astray.
+    """
+    x = _SHARE - 0.5
+    w = good.astype(float)
+    for _ in range(3):
+        sw, sx, sy = w.sum(axis=1), w @ x, (w * y).sum(axis=1)
+        sxx, sxy = w @ (x * x), (w * y) @ x
+        det = np.maximum(sw * sxx - sx * sx, 1e-12)
+        b = (sw * sxy - sx * sy) / det
+        a = (sy - b * sx) / np.maximum(sw, 1e-12)
+        away = y - a[:, None] - b[:, None] * x
+        spread = _spread(away, good & (w > 0))
+        u = away / (4.7 * np.maximum(spread, 0.02))[:, None]
+        w = good * np.square(np.maximum(0.0, 1.0 - u * u))
+    start = sides.corners + sides.inward * (a - 0.5 * b)[:, None]
+    end = sides.corners[_NEXT] + sides.inward * (a + 0.5 * b)[:, None]
+    return _crossings(start, end - start), math.sqrt(float(np.mean(spread * spread)))
+
+
+def _spread(away: Floats, counts: NDArray[np.bool_]) -> Floats:
+    """Standard deviation (4,) of the points that count, from the median of their distances (normal: 1.4826)."""
+    distance = np.sort(np.where(counts, np.abs(away), np.inf), axis=1)
+    middle = np.maximum(counts.sum(axis=1) - 1, 0) // 2
+    spread: Floats = 1.4826 * distance[np.arange(len(distance)), middle]
+    return np.where(np.isfinite(spread), spread, 1e3)
+
+
+def _crossings(start: Floats, direction: Floats) -> Floats:
+    """Corner k (4, 2): where side k − 1 meets side k. Not finite where they are parallel."""
+    before, before_direction = start[_BEFORE], direction[_BEFORE]
+    det = before_direction[:, 0] * direction[:, 1] - before_direction[:, 1] * direction[:, 0]
+    gap = start - before
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = (gap[:, 0] * direction[:, 1] - gap[:, 1] * direction[:, 0]) / det
+    return before + before_direction * share[:, None]
+
+
+def _outermost_light(frame: Frame, corners: Floats, side_px: float, bend: Floats) -> Floats | Rejected:
     """Corners of a striped square: lines through where light begins furthest outside, up to a fifth of the side away."""
-    reach = 16
-    step = max(0.5, 0.2 * side_px / reach)
-    points, inward, profiles = _take_profiles(frame, corners, step, -reach, reach)
-    background = np.median(profiles[:, :, : reach // 2], axis=2)
-    lit = np.percentile(profiles, 90, axis=(1, 2))[:, None]
-    above = profiles > (0.5 * (background + lit))[..., None]
+    step = max(0.5, 0.2 * side_px / OUTER_REACH)
+    sides = _look_across(frame, corners, step, OUTER_REACH, OUTER_REACH)
+    background = np.median(sides.light[:, :, : OUTER_REACH // 2], axis=2)
+    lit = np.percentile(sides.light, 90, axis=(1, 2))[:, None]
+    above = sides.light > (0.5 * (background + lit))[..., None]
     first = above.argmax(axis=2)
-    good = (first > reach // 4) & (lit > 2 * background)
-    if good.mean(axis=1).min() < MIN_GOOD_SHARE:
+    good = (first > OUTER_REACH // 4) & (lit > 2 * background)
+    if good.sum(axis=1).min() < MIN_EDGE_AT_FIRST * PROFILES:
         return LOST
-    edge = points + inward * ((first - 0.5 - reach) * step)[..., None]
-    lines, _ = _fit_lines(edge, (good & _outermost(first.astype(float), good)).astype(float))
-    return _intersections(lines)
+    good &= _outermost(first.astype(float), good)
+    return _fit_lines(sides, (first - 0.5 - OUTER_REACH) * step - bend, good)[0]
 
 
 def _outermost(found: Floats, good: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -194,54 +269,18 @@ def _outermost(found: Floats, good: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return agrees
 
 
-def _fit_lines(points: Floats, weights: Floats) -> tuple[Floats, float]:
-    """Lines n·p = c (4, 3: nx, ny, c) through (4, P, 2), and the scatter of the points about them in pixels.
-
-    Total least squares; three rounds of Tukey's biweight drop what a textured background or a gap has led astray.
-    """
-    w = weights
-    for _ in range(3):
-        total = np.maximum(w.sum(axis=1), 1e-9)
-        mean = np.einsum("kp,kpd->kd", w, points) / total[:, None]
-        d = points - mean[:, None]
-        xx, xy, yy = (np.einsum("kp,kp->k", w, d[..., i] * d[..., j]) for i, j in ((0, 0), (0, 1), (1, 1)))
-        angle = 0.5 * np.arctan2(2 * xy, xx - yy)  # of the line
-        normal = np.stack([-np.sin(angle), np.cos(angle)], axis=1)
-        away = np.einsum("kpd,kd->kp", d, normal)
-        scatter = _spread(away, w)
-        u = away / (4.7 * np.maximum(scatter, 0.02))[:, None]
-        w = weights * np.square(np.maximum(0.0, 1.0 - u * u))
-    lines = np.concatenate([normal, np.einsum("kd,kd->k", normal, mean)[:, None]], axis=1)
-    return lines, float(np.sqrt(np.mean(np.square(scatter))))
-
-
-def _spread(away: Floats, weights: Floats) -> Floats:
-    """Standard deviation (4,) of the points that count, from the median of their distances (normal: 1.4826)."""
-    counts = weights > 0
-    distance = np.sort(np.where(counts, np.abs(away), np.inf), axis=1)
-    middle = (counts.sum(axis=1) - 1) // 2
-    spread: Floats = 1.4826 * distance[np.arange(len(distance)), middle]
-    return spread
-
-
-def _intersections(lines: Floats) -> Floats:
-    """Corner i (4, 2) is where side i − 1 meets side i."""
-    before = np.roll(lines, 1, axis=0)
-    det = before[:, 0] * lines[:, 1] - before[:, 1] * lines[:, 0]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        x = (before[:, 2] * lines[:, 1] - lines[:, 2] * before[:, 1]) / det
-        y = (before[:, 0] * lines[:, 2] - lines[:, 0] * before[:, 2]) / det
-    return np.stack([x, y], axis=1)
-
-
-def _checked(frame: Frame, corners: Floats, sigma: float) -> Quad | Rejected:
-    sides = np.roll(corners, -1, axis=0) - corners
-    turns = sides[:, 0] * np.roll(sides[:, 1], -1) - sides[:, 1] * np.roll(sides[:, 0], -1)
-    if not (turns > 0).all():
+def _checked(frame: Frame, corners: Floats, spread: float, bend: Floats) -> Quad | Rejected:
+    if not np.isfinite(corners).all():
+        return NOT_CONVEX
+    sides = corners[_NEXT] - corners
+    onward = sides[_NEXT]
+    if not (sides[:, 0] * onward[:, 1] > sides[:, 1] * onward[:, 0]).all():
         return NOT_CONVEX
     if _area(corners) < MIN_SIDE_PX**2:
         return TOO_SMALL
     height, width = frame.pixels.shape
     if not ((corners >= 0).all() and (corners[:, 0] <= width - 1).all() and (corners[:, 1] <= height - 1).all()):
         return AT_BORDER
-    return Quad(corners_px=corners, corner_sigma_px=sigma)
+    # A corner is at the end of two lines through n edges each: its deviation is twice their spread over √n.
+    sigma = 2.0 * spread / math.sqrt(PROFILES)
+    return Quad(corners_px=corners, corner_sigma_px=sigma, bend_px=float(np.abs(bend).max()))

@@ -2,15 +2,14 @@
 
 A panel is brighter than what is next to it. A pixel is "lit" where it is nearer to the brightest than to the darkest
 within a small window around it (Bernsen's threshold), so that every bright thing gets a dark moat, however bright
-the room is further away. On a picture shrunk far enough the cells of a panel melt into one; so this is done on a
-pyramid, and for two thresholds: a low one for cells whose light falls off
-towards their rims, a high one where something half as bright touches the panel.
+the room is further away. On a picture shrunk far enough the cells of a panel melt into one, so this is done on a pyramid.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -23,10 +22,10 @@ NOT_FOUR_SIDED = Rejected(stage="find", reason="not_four_sided")
 AT_BORDER = Rejected(stage="find", reason="at_picture_border")
 
 LEVELS = 3  # halvings; the cells of a panel that fills the picture's height melt together at an eighth
-THRESHOLDS = (0.35, 0.6)  # share of the way from the darkest to the brightest in the window
 WINDOW = 13  # pixels of the level
 MIN_CONTRAST = 10  # grey levels between darkest and brightest: less is noise
 SMALLEST = 6  # pixels of the level, longer side of the upright box
+MAX_MISFIT, MAX_MISFIT_STRIPED = 0.15, 0.35  # logarithm of the four sides' area over the outline's
 MIN_SOLIDITY = 0.8  # area over that of the convex hull
 STRIPED_CONTRAST = 0.5  # bands deeper than this cut a panel into pieces
 
@@ -35,17 +34,20 @@ STRIPED_CONTRAST = 0.5  # bands deeper than this cut a panel into pieces
 class Candidate:
     """Where a panel may be."""
 
-    corners: Floats  # (4, 2), clockwise as seen in the picture, first the one nearest the top left
+    corners: Floats  # (4, 2); those that `find` gives, clockwise in the picture, first the one nearest the top left
     side_px: float
     misfit: float  # of the outline to the four sides, 0 is perfect
+    tolerance_px: float  # how far off the corners may be: two pixels of the picture that they were found in
     striped: bool  # bands so deep that parts of its rim may be dark
 
 
 class Finder:
     """Keeps the pictures it works on, for frames of one size."""
 
-    def __init__(self, width: int, height: int, spec: PanelSpec) -> None:
+    def __init__(self, width: int, height: int, spec: PanelSpec, smallest_px: float) -> None:
+        """`smallest_px`: side of the smallest panel that can be read."""
         self._spec = spec
+        self._smallest_px = smallest_px
         sizes = [(height >> level, width >> level) for level in range(1, LEVELS + 1)]
         self._levels = [np.empty(size, np.uint8) for size in sizes]
         self._work = [tuple(np.empty(size, np.uint8) for _ in range(4)) for size in sizes]
@@ -68,7 +70,10 @@ class Finder:
             for outline in self._outlines(index, math.ceil(stripes / (2 << index))):
                 result = _candidate(outline, picture.shape, 2 << index, striped=stripes > 0)
                 if isinstance(result, Candidate):
-                    found.append(result)
+                    if result.side_px < self._smallest_px:
+                        dropped.append(TOO_SMALL)
+                    else:
+                        found.append(result)
                 elif result is not None:
                     dropped.append(result)
         return _distinct(found), dropped
@@ -84,22 +89,21 @@ class Finder:
             if shutter.contrast(hz, frame.exposure_us, self._spec.duty) > STRIPED_CONTRAST
         )
 
-    def _outlines(self, index: int, stripe: int) -> list[Pixels]:
+    def _outlines(self, index: int, stripe: int) -> Sequence[Pixels]:
         picture = self._levels[index]
         brightest, darkest, threshold, lit = self._work[index]
         if stripe:
             picture = cv2.morphologyEx(picture, cv2.MORPH_CLOSE, np.ones(((stripe + 2) | 1, 1), np.uint8))
         cv2.dilate(picture, self._window, dst=brightest)
         cv2.erode(picture, self._window, dst=darkest)
-        outlines: list[Pixels] = []
-        for share in THRESHOLDS:
-            cv2.addWeighted(brightest, share, darkest, 1.0 - share, 0.0, dst=threshold)
-            cv2.max(threshold, cv2.add(darkest, MIN_CONTRAST), dst=threshold)
-            cv2.compare(picture, threshold, cv2.CMP_GT, dst=lit)
-            cv2.morphologyEx(lit, cv2.MORPH_CLOSE, self._melt, dst=lit)
-            if stripe:  # thin bridges to the surroundings, which the closing over dark bands has made
-                cv2.morphologyEx(lit, cv2.MORPH_OPEN, self._melt, dst=lit)
-            outlines.extend(cv2.findContours(lit, cv2.RETR_LIST, cv2.CHAIN_APPROX_SIMPLE)[0])
+        cv2.addWeighted(brightest, 0.5, darkest, 0.5, 0.0, dst=threshold)
+        cv2.add(darkest, MIN_CONTRAST, dst=darkest)
+        cv2.max(threshold, darkest, dst=threshold)
+        cv2.compare(picture, threshold, cv2.CMP_GT, dst=lit)
+        cv2.morphologyEx(lit, cv2.MORPH_CLOSE, self._melt, dst=lit)
+        if stripe:  # thin bridges to the surroundings, which the closing over dark bands has made
+            cv2.morphologyEx(lit, cv2.MORPH_OPEN, self._melt, dst=lit)
+        outlines: Sequence[Pixels] = cv2.findContours(lit, cv2.RETR_LIST, cv2.CHAIN_APPROX_SIMPLE)[0]
         return outlines
 
 
@@ -123,15 +127,16 @@ def _candidate(outline: Pixels, shape: tuple[int, ...], scale: int, *, striped: 
         return NOT_FOUR_SIDED
     quad_area = cv2.contourArea(corners)
     misfit = abs(math.log(max(quad_area, 1e-3) / area))
-    if misfit > 0.35:
+    if misfit > (MAX_MISFIT_STRIPED if striped else MAX_MISFIT):
         return NOT_FOUR_SIDED
     # An outline runs through the centres of the outermost lit pixels: half a pixel inside the edge.
     centre = corners.mean(axis=0)
     grown = centre + (corners - centre) * (1.0 + 1.0 / max(2.0, math.sqrt(quad_area)))
     return Candidate(
-        corners=_clockwise(np.asarray((grown + 0.5) * scale - 0.5, np.float64)),
+        corners=np.asarray((grown + 0.5) * scale - 0.5, np.float64),
         side_px=math.sqrt(quad_area) * scale,
         misfit=misfit,
+        tolerance_px=2.0 * scale,
         striped=striped,
     )
 
@@ -159,14 +164,13 @@ def _clockwise(corners: Floats) -> Floats:
 
 def _distinct(found: list[Candidate]) -> list[Candidate]:
     """One candidate of each thing, the one whose outline fits best."""
-    kept: list[Candidate] = []
+    kept: list[tuple[float, float, Candidate]] = []
     for candidate in sorted(found, key=lambda c: c.misfit):
-        centre = candidate.corners.mean(axis=0)
-        for other in kept:
-            away = centre - other.corners.mean(axis=0)
+        x, y = (0.25 * candidate.corners.sum(axis=0)).tolist()
+        for other_x, other_y, other in kept:
             larger, smaller = max(candidate.side_px, other.side_px), min(candidate.side_px, other.side_px)
-            if math.hypot(away[0], away[1]) < 0.25 * larger and smaller > 0.7 * larger:
+            if math.hypot(x - other_x, y - other_y) < 0.25 * larger and smaller > 0.7 * larger:
                 break
         else:
-            kept.append(candidate)
-    return kept
+            kept.append((x, y, candidate))
+    return [replace(candidate, corners=_clockwise(candidate.corners)) for _, _, candidate in kept]

@@ -29,16 +29,15 @@ def solve_square(
     """camera_from_marker of a square, and the other planar solution where the corners do not exclude it.
 
     `corners_px` (4, 2) in the marker's order. Infinitesimal plane-based pose estimation (Collins & Bartoli, IJCV
-    2014, as in OpenCV) gives both solutions; each is refined to the least squared reprojection error.
+    2014, as in OpenCV) gives both solutions.
     """
     square = square_corners(side_m)
     matrix, distortion = intrinsics.matrix(), np.array(intrinsics.distortion)
     count, turns, shifts, _ = cv2.solvePnPGeneric(square, corners_px, matrix, distortion, flags=cv2.SOLVEPNP_IPPE_SQUARE)
     solutions: list[PlanarSolution] = []
     for i in range(count):
-        turn, shift = cv2.solvePnPRefineLM(square, corners_px, matrix, distortion, turns[i], shifts[i])
-        if np.isfinite(turn).all() and np.isfinite(shift).all() and float(shift[2, 0]) > 0:
-            solutions.append(_solution(square, corners_px, matrix, distortion, turn, shift))
+        if np.isfinite(turns[i]).all() and float(shifts[i][2, 0]) > 0:
+            solutions.append(_solution(square, corners_px, matrix, distortion, turns[i], shifts[i]))
     if not solutions:
         return BEHIND if count else UNSOLVED
     solutions.sort(key=lambda s: s.reprojection_px)

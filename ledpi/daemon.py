@@ -1,0 +1,194 @@
+"""`ledpi run`, without its command line: capture thread → ring → decode worker → publisher thread."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from ledpi.camera.base import Camera
+from ledpi.camera_yaml import load_intrinsics
+from ledpi.config import Config
+from ledpi.health import Health, HealthSnapshot
+from ledpi.pipeline import Pipeline
+from ledpi.records import Intrinsics, Rejected
+from ledpi.ring import FrameRing, RingCounters
+from ledpi.service_notify import notify, watchdog_period_s
+from ledpi.wire.message import NoFix, State, StatusMessage
+from ledpi.wire.publisher import Publisher, PublisherCounters
+
+TICK_S = 0.1  # between two looks at the state of things
+NO_FRAMES_AFTER_S = 0.2  # six frame periods of the slowest camera in scope (33 ms)
+HEALTH_EVERY_S = 1.0
+JOIN_S = 0.4  # for each worker; the whole daemon ends within 1 s
+
+_log = logging.getLogger("ledpi")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Totals:
+    """What a run came to."""
+
+    health: HealthSnapshot
+    ring: RingCounters
+    packets: PublisherCounters
+
+
+class Daemon:
+    """One run over one camera."""
+
+    def __init__(self, config: Config, camera: Camera, *, lossless: bool = False) -> None:
+        """`lossless`: capture waits for the decoder, for a camera that has no pace of its own."""
+        info = camera.info
+        self._camera = camera
+        self._lossless = lossless
+        self._calibrated = calibration(config, camera)
+        self._has_map = config.map is not None
+        self._ring = FrameRing(info.height, info.width)
+        self._pipeline = Pipeline(info, config.panels, intrinsics=self._calibrated, shown=camera.panel)
+        self._publisher = Publisher(config.serial)
+        self._health = Health()
+        self._stop = threading.Event()
+        self._failure: BaseException | None = None
+        self._started_s = time.monotonic()
+        self._threads = [
+            threading.Thread(target=self._guard, args=(loop,), name=loop.__name__.strip("_"), daemon=True)
+            for loop in (self._capture, self._decode)
+        ]
+
+    def stop(self) -> None:
+        """Ends `run` soon. From any thread or signal handler."""
+        self._stop.set()
+
+    def run(self) -> Totals:
+        """Until `stop`, or until the camera has no further frame. Raises what stopped a worker."""
+        if self._calibrated is None:
+            _log.warning("camera.intrinsics is not set: IDs are sent flagged uncalibrated, without poses")
+        self._publisher.set_status(StatusMessage(state=State.STARTING, no_fix=NoFix.NOT_RUNNING))
+        self._publisher.start()
+        for thread in self._threads:
+            thread.start()
+        notify("READY=1")
+        try:
+            self._watch()
+        finally:
+            notify("STOPPING=1")
+            self._close()
+        if self._failure is not None:
+            raise self._failure
+        return self._totals()
+
+    def _close(self) -> None:
+        self._stop.set()
+        self._camera.close()
+        self._threads[0].join(JOIN_S)
+        self._ring.close()
+        self._threads[1].join(JOIN_S)
+        self._publisher.stop()
+
+    def _guard(self, loop: Callable[[], None]) -> None:
+        try:
+            loop()
+        except BaseException as error:
+            self._failure = self._failure or error
+            self._stop.set()
+
+    def _capture(self) -> None:
+        while not self._stop.is_set():
+            result = self._camera.read(self._ring.acquire())
+            if result is None:
+                break
+            if isinstance(result, Rejected):
+                self._health.reject(result)
+                continue
+            self._ring.publish(result)
+            while self._lossless and not self._stop.is_set() and not self._ring.wait_until_taken(TICK_S):
+                pass
+        self._ring.close()
+
+    def _decode(self) -> None:
+        while True:
+            frame = self._ring.take(TICK_S)
+            if frame is not None:
+                decoded = self._pipeline.decode(frame)
+                self._ring.release()
+                self._health.add(decoded)
+                self._publisher.publish(decoded)
+            elif self._ring.closed:
+                break
+        self._stop.set()
+
+    def _watch(self) -> None:
+        """Keeps status and health up to date until it is time to stop."""
+        last, said_s = self._totals(), time.monotonic()
+        watchdog_s, fed_s, fed_frames = watchdog_period_s(), time.monotonic(), 0
+        while not self._stop.wait(TICK_S):
+            now_s = time.monotonic()
+            totals = self._totals()
+            self._publisher.set_status(self._status(totals))
+            if watchdog_s and now_s - fed_s >= watchdog_s and totals.health.decoded > fed_frames:
+                notify("WATCHDOG=1")
+                fed_s, fed_frames = now_s, totals.health.decoded
+            if now_s - said_s >= HEALTH_EVERY_S:
+                _log.info(health_line(last, totals, now_s - said_s))
+                last, said_s = totals, now_s
+
+    def _totals(self) -> Totals:
+        return Totals(
+            health=self._health.snapshot(), ring=self._ring.counters(), packets=self._publisher.counters
+        )
+
+    def _status(self, totals: Totals) -> StatusMessage:
+        health, ring, packets = totals.health, totals.ring, totals.packets
+        newest_ns = health.newest_host_ns
+        starting = newest_ns is None and time.monotonic() - self._started_s < 2.0
+        lost = newest_ns is None or time.monotonic_ns() - newest_ns > NO_FRAMES_AFTER_S * 1e9
+        return StatusMessage(
+            state=State.STARTING if starting else State.CAMERA_LOST if lost else State.RUNNING,
+            no_fix=self._no_fix(health, starting=starting, lost=lost),
+            panels_in_view=0 if lost else health.in_view,
+            uptime_s=int(time.monotonic() - self._started_s),
+            frames=ring.published,
+            frames_dropped=ring.dropped,
+            markers=health.markers,
+            packets_dropped=packets.replaced + packets.stale + packets.refused,
+            decode_p50_us=None if health.decode_p50_ms is None else round(1e3 * health.decode_p50_ms),
+            decode_p99_us=None if health.decode_p99_ms is None else round(1e3 * health.decode_p99_ms),
+        )
+
+    def _no_fix(self, health: HealthSnapshot, *, starting: bool, lost: bool) -> NoFix:
+        if starting:
+            return NoFix.NOT_RUNNING
+        if lost:
+            return NoFix.NO_FRAMES
+        if self._calibrated is None:
+            return NoFix.UNCALIBRATED
+        if not self._has_map:
+            return NoFix.NO_MAP
+        return NoFix.NO_PANEL if not health.in_view else NoFix.REJECTED
+
+
+def calibration(config: Config, camera: Camera) -> Intrinsics | None:
+    """The lens: what the source itself knows, else what the configuration names. Raises CalibrationError."""
+    info = camera.info
+    if info.intrinsics is not None or config.camera.intrinsics is None:
+        return info.intrinsics
+    return load_intrinsics(config.camera.intrinsics, (info.width, info.height))
+
+
+def health_line(before: Totals, now: Totals, seconds: float) -> str:
+    """One line for the journal: what the last second brought, and what was lost so far."""
+    health, packets = now.health, now.packets
+    stages = " ".join(f"{name} {ms:.1f}" for name, ms in health.stage_p50_ms.items())
+    sent = packets.fixes + packets.statuses + packets.markers
+    sent_before = before.packets.fixes + before.packets.statuses + before.packets.markers
+    port = "port open" if packets.connected else f"no port ({packets.error})"
+    return (
+        f"{(now.ring.published - before.ring.published) / seconds:.0f} frames/s, "
+        f"{(health.decoded - before.health.decoded) / seconds:.0f} decoded/s, "
+        f"{(health.markers - before.health.markers) / seconds:.0f} markers/s, {health.in_view} in view; "
+        f"dropped {now.ring.dropped} of {now.ring.published}; ms: {stages or 'none'}; "
+        f"packets {(sent - sent_before) / seconds:.0f}/s, stale {packets.stale}, {port}"
+    )
