@@ -1,0 +1,173 @@
+"""The rolling-shutter simulator as a camera: paced like a sensor, or as fast as it is read."""
+
+from __future__ import annotations
+
+import threading
+import time
+from dataclasses import asdict
+
+from ledpi.camera.base import CameraInfo, PanelValues
+from ledpi.camera.timing import choose_frame_length_rows
+from ledpi.config import CameraSettings, Config, PanelSettings
+from ledpi.errors import CameraError, ConfigError
+from ledpi.recording import TruthMarker
+from ledpi.records import Frame, Pixels
+from ledpi.simulate.render import Renderer
+from ledpi.simulate.scene import OV5647_FRAME_LENGTH_ROWS, OV5647_ROW_TIME_US, Scene, SimulatedSensor
+from ledpi.simulate.scenes import DRIVE_IDS, drive_scene, ov5647_lens, whole_rows_us
+
+_SPARE_ROWS = 4  # that the OV5647's driver keeps between the exposure and the frame's length
+_BLANKING_ROWS = OV5647_FRAME_LENGTH_ROWS - 480
+
+
+class SimulatedCamera:
+    """Photographs a scene.
+
+    `paced`: frame n exists from the end of its read-out on, the first one at the first `read`. As with a
+    sensor, a reader that is too slow misses frames: those whose successor exists too are not rendered, are
+    counted in `missed`, and leave a gap in `seq`. Not paced: every frame comes as soon as it is rendered,
+    as if its read-out had just ended. After `frames` frames of the sensor, `read` returns None.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        *,
+        seed: int,
+        paced: bool,
+        frames: int | None = None,
+        panel: PanelValues | None = None,
+    ) -> None:
+        self._sensor = scene.sensor
+        self._renderer = Renderer(scene, seed=seed)
+        self._renderer.light(0)  # what stands still is rendered here, and not late in the first frame
+        self._paced = paced
+        self._frames = frames
+        self._panel = panel
+        self._seq = 0
+        self._host_offset_ns: int | None = None  # of a paced camera, from its first frame on
+        self._closed = threading.Event()
+        self.missed = 0
+
+    @property
+    def info(self) -> CameraInfo:
+        """As `Camera.info`."""
+        sensor = self._sensor
+        return CameraInfo(
+            width=sensor.intrinsics.width,
+            height=sensor.intrinsics.height,
+            exposure_us=sensor.exposure_us,
+            row_time_us=sensor.row_time_us,
+            transfer=sensor.transfer,
+            frame_length_rows=sensor.frame_length_rows,
+            intrinsics=sensor.intrinsics,
+        )
+
+    @property
+    def panel(self) -> PanelValues | None:
+        """As `Camera.panel`."""
+        return self._panel
+
+    def truth(self, seq: int) -> tuple[TruthMarker, ...]:
+        """The markers that are in view in frame `seq`, and where they really are. From any thread."""
+        return self._renderer.truth(seq)
+
+    def read(self, into: Pixels) -> Frame | None:
+        """As `Camera.read`; a simulated frame is never `Rejected`."""
+        sensor = self._sensor
+        shape = (sensor.intrinsics.height, sensor.intrinsics.width)
+        if into.shape != shape:
+            raise CameraError(f"simulated camera: a frame needs an array of {shape}, not {into.shape}")
+        seq = self._next_seq()
+        if self._closed.is_set() or (self._frames is not None and seq >= self._frames):
+            return None
+        self._seq = seq + 1
+        self._renderer.render(seq, into)
+        host_offset_ns = self._wait_for_readout(seq)
+        if self._closed.is_set():
+            return None
+        return Frame(
+            pixels=into.view(),
+            seq=seq,
+            row0_readout_ns=sensor.row0_readout_ns(seq),
+            exposure_us=sensor.exposure_us,
+            row_time_us=sensor.row_time_us,
+            transfer=sensor.transfer,
+            analogue_gain=sensor.gain,
+            host_offset_ns=host_offset_ns,
+        )
+
+    def close(self) -> None:
+        """As `Camera.close`."""
+        self._closed.set()
+
+    def _next_seq(self) -> int:
+        """The frame that comes next, or, where the reader is late, the newest that exists already."""
+        if self._host_offset_ns is None:
+            return self._seq
+        sensor, now_ns = self._sensor, time.monotonic_ns() - self._host_offset_ns
+        period_ns = sensor.frame_length_rows * sensor.row_time_us * 1e3
+        newest = int((now_ns - sensor.readout_end_ns(0)) / period_ns)
+        if self._frames is not None:
+            newest = min(newest, self._frames - 1)
+        seq = max(self._seq, newest)
+        self.missed += seq - self._seq
+        return seq
+
+    def _wait_for_readout(self, seq: int) -> int:
+        """Waits, if paced, until the last row is read out, or `close`. Returns the frame's host_offset_ns."""
+        end_ns = self._sensor.readout_end_ns(seq)
+        if not self._paced:
+            return time.monotonic_ns() - end_ns
+        if self._host_offset_ns is None:
+            self._host_offset_ns = time.monotonic_ns() - end_ns
+        while (left_ns := end_ns + self._host_offset_ns - time.monotonic_ns()) > 0:
+            if self._closed.wait(left_ns * 1e-9):
+                break
+        return self._host_offset_ns
+
+
+def open_simulated(
+    config: Config, *, paced: bool, frames: int | None = None, seed: int = 0
+) -> SimulatedCamera:
+    """The robot that drives past two panels, 7 and 23, with the configuration's camera and panels.
+
+    Raises ConfigError where the configuration asks for what the simulated sensor cannot do.
+    """
+    panels = config.panels
+    sensor = simulated_sensor(config.camera, panels)
+    scene = drive_scene(sensor, {i: panels.spec(i) for i in DRIVE_IDS}, panels.dictionary)
+    values = PanelValues(dictionary=panels.dictionary, **asdict(panels.spec()))
+    return SimulatedCamera(scene, seed=seed, paced=paced, frames=frames, panel=values)
+
+
+def simulated_sensor(camera: CameraSettings, panels: PanelSettings) -> SimulatedSensor:
+    """An OV5647 with the configuration's picture size, gain and transfer; exposure and period in whole rows.
+
+    Raises ConfigError where it has no such exposure, or no frame period keeps the phases moving.
+    """
+    row_time_us = OV5647_ROW_TIME_US if camera.row_time_us == "auto" else camera.row_time_us
+    exposure_us = whole_rows_us(camera.exposure_us, row_time_us)
+    shortest = max(camera.height + _BLANKING_ROWS, round(exposure_us / row_time_us) + _SPARE_ROWS)
+    if camera.frame_duration_us == "auto":
+        spec = panels.spec()
+        frequencies = (spec.black_hz, spec.white_hz)
+        try:
+            rows = choose_frame_length_rows(
+                shortest_rows=shortest, row_time_us=row_time_us, frequencies_hz=frequencies
+            )
+        except ValueError as error:
+            raise ConfigError(str(error)) from None
+    else:
+        rows = max(shortest, round(camera.frame_duration_us / row_time_us))
+    try:
+        return SimulatedSensor(
+            intrinsics=ov5647_lens(camera.width, camera.height),
+            exposure_us=exposure_us,
+            row_time_us=row_time_us,
+            frame_length_rows=rows,
+            transfer="srgb" if camera.transfer == "auto" else camera.transfer,
+            gain=1.0 if camera.analogue_gain == "auto" else camera.analogue_gain,
+        )
+    except ValueError as error:
+        raise ConfigError(f"camera: {error}") from None

@@ -1,0 +1,1 @@
+"""Scenes with blinking panels, and the rolling-shutter renderer that photographs them."""

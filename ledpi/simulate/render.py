@@ -1,0 +1,88 @@
+"""The rolling-shutter renderer: (scene, seed, frame number) → picture and truth, in whatever order.
+
+Linear light of a pixel in row y = what is behind × (1 − opacity) + Σ over classes of picture × w(y),
+surface by surface from far to near (`exposure`), then noise and codes (`sensor`). Each panel has its own
+oscillator for each class; all run from t = 0 of the camera's clock, from a phase that the seed decides.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ledpi.recording import TruthMarker
+from ledpi.records import Pixels
+from ledpi.simulate.exposure import Exposed, add_to, expose_moving, expose_still
+from ledpi.simulate.optics import PoseAt
+from ledpi.simulate.scene import Scene
+from ledpi.simulate.sensor import SensorReadout
+from ledpi.simulate.surface import Image, Surface, light_surface, panel_surface
+from ledpi.simulate.trajectory import Trajectory, inverse
+from ledpi.simulate.truth import marker_truth
+from ledpi.simulate.wall import Wall
+
+_NOISE, _OSCILLATORS = 0, 1  # independent streams of random numbers
+
+
+class Renderer:
+    """Renders frames of one scene. What stands still is kept. Not for two threads at once."""
+
+    def __init__(self, scene: Scene, *, seed: int) -> None:
+        self.scene = scene
+        self._seed = seed
+        surfaces = [panel_surface(panel, scene.room) for panel in scene.panels]
+        self._surfaces: list[Surface] = surfaces + [light_surface(light) for light in scene.lights]
+        self._phases = [self._draw_phases(index, s) for index, s in enumerate(self._surfaces)]
+        lens = scene.sensor.intrinsics
+        self._level: Image = np.empty((lens.height, lens.width), np.float32)
+        self._readout = SensorReadout(scene.sensor)
+        self._wall = Wall(scene.room, scene.sensor)
+        self._kept: dict[int, Exposed | None] = {}
+        self._kept_wall: Image | None = None
+
+    def _draw_phases(self, index: int, surface: Surface) -> tuple[float, ...]:
+        rng = np.random.default_rng(np.random.SeedSequence(self._seed, spawn_key=(_OSCILLATORS, index)))
+        return tuple(float(phase) for phase in rng.random(len(surface.waves)))
+
+    @property
+    def phases_cycles(self) -> tuple[tuple[float, ...], ...]:
+        """Each panel's phases (black class, white class) at t = 0 of the camera's clock."""
+        return tuple(self._phases[: len(self.scene.panels)])
+
+    def _pose_at(self, motion: Trajectory) -> PoseAt:
+        camera = self.scene.camera_motion
+        return lambda t_s: inverse(camera.scene_from_body(t_s)) @ motion.scene_from_body(t_s)
+
+    def light(self, seq: int) -> Image:
+        """(H, W) linear light of frame `seq` without noise, full scale 1. Overwritten by the next frame."""
+        sensor = self.scene.sensor
+        if self._kept_wall is None or self.scene.camera_motion.moves:
+            self._kept_wall = self._wall.seen(self.scene.camera_motion, seq)
+        np.copyto(self._level, self._kept_wall)
+        now = sensor.mid_exposure_s(seq, (sensor.intrinsics.height - 1) / 2.0)
+        poses = [self._pose_at(surface.motion) for surface in self._surfaces]
+        away = [float(np.linalg.norm(pose(now)[:3, 3])) for pose in poses]
+        for index in sorted(range(len(poses)), key=lambda i: -away[i]):
+            surface = self._surfaces[index]
+            exposed = self._exposed(index, poses[index], seq)
+            if exposed is not None:
+                add_to(self._level, exposed, surface, self._phases[index], sensor, seq)
+        return self._level
+
+    def _exposed(self, index: int, pose_at: PoseAt, seq: int) -> Exposed | None:
+        surface, sensor = self._surfaces[index], self.scene.sensor
+        if surface.motion.moves or self.scene.camera_motion.moves:
+            return expose_moving(surface, pose_at, sensor, seq)
+        if index not in self._kept:
+            self._kept[index] = expose_still(surface, pose_at(0.0), sensor)
+        return self._kept[index]
+
+    def render(self, seq: int, into: Pixels) -> None:
+        """Fills `into` (H, W) with frame `seq`."""
+        sequence = np.random.SeedSequence(self._seed, spawn_key=(_NOISE, seq))
+        self._readout.read(self.light(seq), np.random.Generator(np.random.SFC64(sequence)), into)
+
+    def truth(self, seq: int) -> tuple[TruthMarker, ...]:
+        """The markers that are in view in frame `seq`. Changes nothing: may be asked from another thread."""
+        scene = self.scene
+        found = (marker_truth(p, self._pose_at(p.motion), scene.sensor, seq) for p in scene.panels)
+        return tuple(truth for truth in found if truth is not None)

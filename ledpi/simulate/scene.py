@@ -1,0 +1,154 @@
+"""What there is to photograph, and with what: panels, other lights, a room, a sensor. Frozen records.
+
+Everything stands in the `scene` frame: x right, y down, z ahead, metres; the camera's optical frame while
+the camera has not moved. Levels are linear light in shares of the sensor's full scale, so 1.0 saturates. A
+scene states the level at which a thing is pictured, whatever the exposure and the gain: these decide bands
+and noise, not brightness.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from ledpi.markers import Bits
+from ledpi.records import Floats, Intrinsics, PanelSpec, Transfer
+from ledpi.simulate.trajectory import Still, Trajectory
+
+OV5647_ROW_TIME_US = 1852 / 55.0  # 1852 pixel clocks a row at 55 MHz: the sensor's 640×480 mode, 33.67 µs
+OV5647_FRAME_LENGTH_ROWS = 504
+FIRST_READOUT_NS = 1_000_000_000  # frame 0; oscillators run from t = 0, so no exposure begins before they do
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PanelLook:
+    """How the light is spread over a panel's face. Lengths are shares of a cell's pitch."""
+
+    gap: float = 0.06  # dark wall between neighbouring cells; the lit grid's outer edge has none
+    bezel: float = 0.15  # unlit frame around the lit grid
+    falloff: float = 0.2  # how much darker a cell's corner is than its middle, smoothly
+    hot_spot: float = 0.2  # share of the peak that comes from the LED shining through the diffuser
+    hot_spot_sigma: float = 0.2
+    albedo: float = 0.3  # what the unlit face returns of the room's uniform level
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Panel:
+    """A panel, `motion` being scene_from_marker."""
+
+    word: Bits  # (n, n), row 0 at the top of the marker; True blinks at white_hz
+    spec: PanelSpec
+    motion: Trajectory
+    marker_id: int | None  # None for a panel that is no marker, a decoy: it has no truth
+    brightness: float = 0.45  # level at the brightest point of a cell of gain 1, averaged over its blinking
+    cell_gains: Floats | None = None  # (n, n); None: all 1
+    look: PanelLook = field(default_factory=PanelLook)
+
+    def __post_init__(self) -> None:
+        n = len(self.word)
+        if self.word.shape != (n, n):
+            raise ValueError(f"a panel's word must be square, not {self.word.shape}")
+        if self.cell_gains is not None and self.cell_gains.shape != (n, n):
+            raise ValueError(f"cell_gains must be ({n}, {n}), not {self.cell_gains.shape}")
+        if not self.brightness >= 0:
+            raise ValueError(f"brightness must not be negative, is {self.brightness}")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SquareWave:
+    """A light that is switched: on for `duty` of each period."""
+
+    frequency_hz: float
+    duty: float = 0.5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Light:
+    """A flat lamp or window, or with `level` 0 a flat thing in the way.
+
+    `motion` is scene_from_light; its z comes out of its front, as a panel's does, and its back is never seen.
+    """
+
+    shape: Literal["rectangle", "disc", "lattice"]
+    width_m: float
+    height_m: float
+    motion: Trajectory
+    level: float  # averaged over its blinking
+    panes: tuple[int, int] = (3, 2)  # of a lattice: across, down
+    bar: float = 0.12  # of a lattice: width of the bars, share of a pane's pitch
+    wave: SquareWave | None = None  # None: constant
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Room:
+    """Ambient light: a textured wall across the view, square to the scene's z axis."""
+
+    level: float = 0.08  # the wall's mean; panels' unlit faces return their albedo of it
+    contrast: float = 0.6  # the texture's darkest and brightest are level × (1 ∓ contrast)
+    distance_m: float = 4.0
+    texture: int = 0  # which of the procedural pictures
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SimulatedSensor:
+    """Lens and sensor. Full well and read noise are assumptions of the OV5647's order, not measurements.
+
+    Its data sheet's signal-to-noise ratio of at most 36 dB is 4000 electrons a pixel, and the 640×480 mode
+    bins.
+    """
+
+    intrinsics: Intrinsics
+    exposure_us: float
+    row_time_us: float = OV5647_ROW_TIME_US
+    frame_length_rows: int = OV5647_FRAME_LENGTH_ROWS
+    transfer: Transfer = "srgb"
+    psf_sigma_px: float = 0.7  # the lens's blur, Gaussian
+    full_well_e: float = 8000.0
+    read_noise_e: float = 8.0
+    gain: float = 1.0  # full scale is full_well_e / gain electrons
+
+    def __post_init__(self) -> None:
+        if not (self.exposure_us > 0 and self.row_time_us > 0 and self.gain > 0 and self.full_well_e > 0):
+            raise ValueError("exposure_us, row_time_us, gain and full_well_e must be positive")
+        if not (self.psf_sigma_px >= 0 and self.read_noise_e >= 0):
+            raise ValueError("psf_sigma_px and read_noise_e must not be negative")
+        if self.frame_length_rows < self.intrinsics.height:
+            rows = self.intrinsics.height
+            raise ValueError(f"frame_length_rows must be at least {rows}, is {self.frame_length_rows}")
+        if self.exposure_us * 1e3 > FIRST_READOUT_NS:
+            raise ValueError(f"exposure_us must be at most {FIRST_READOUT_NS / 1e3:.0f}")
+
+    def row0_readout_ns(self, seq: int) -> int:
+        """Start of row 0's read-out of frame `seq`, on the camera's clock."""
+        return FIRST_READOUT_NS + round(seq * self.frame_length_rows * self.row_time_us * 1e3)
+
+    def readout_end_ns(self, seq: int) -> int:
+        """When the last row of frame `seq` has been read: the frame exists from then on."""
+        return self.row0_readout_ns(seq) + round(self.intrinsics.height * self.row_time_us * 1e3)
+
+    def exposure_start_s(self, seq: int, row: float = 0.0) -> float:
+        """When `row` of frame `seq` began its exposure, in seconds of the camera's clock."""
+        return self.row0_readout_ns(seq) * 1e-9 + (row * self.row_time_us - self.exposure_us) * 1e-6
+
+    def mid_exposure_s(self, seq: int, row: float) -> float:
+        """When `row` of frame `seq` was half-way through its exposure."""
+        return self.exposure_start_s(seq, row) + self.exposure_us * 0.5e-6
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Scene:
+    """All that the renderer needs but the seed."""
+
+    sensor: SimulatedSensor
+    panels: tuple[Panel, ...] = ()
+    lights: tuple[Light, ...] = ()
+    room: Room = field(default_factory=Room)
+    camera_motion: Trajectory = field(default_factory=Still)  # scene_from_camera
+
+
+def uneven_gains(rng: np.random.Generator, cells_per_side: int, deviation: float) -> Floats:
+    """(n, n) gains around 1 with the given standard deviation, as LEDs of one batch have, at least 0.05."""
+    gains = 1.0 + deviation * rng.standard_normal((cells_per_side, cells_per_side))
+    return np.maximum(gains, 0.05)

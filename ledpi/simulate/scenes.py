@@ -1,0 +1,92 @@
+"""Ready-made scenes, and the sensor of the Pi's camera."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from ledpi.markers import load_dictionary
+from ledpi.records import Intrinsics, PanelSpec
+from ledpi.simulate.scene import Panel, Room, Scene, SimulatedSensor, uneven_gains
+from ledpi.simulate.trajectory import Patrol, Still, facing_camera
+
+_DRIVE_PANELS = (  # ID, place in the scene, yaw, brightness
+    (7, (-0.22, -0.05, 2.75), 8.0, 0.45),
+    (23, (0.25, 0.06, 3.0), -15.0, 0.38),
+)
+DRIVE_IDS = tuple(panel[0] for panel in _DRIVE_PANELS)
+_DRIVE_SIDE_M = 0.16  # that the drive's distances are meant for
+_SHORTEST_EXPOSURE_ROWS = 4  # the OV5647 driver's lower limit
+
+
+def ov5647_lens(width: int = 640, height: int = 480) -> Intrinsics:
+    """The Pi camera v1: 3.6 mm lens, pixels of 4 × 1.4 µm in the 640×480 mode, distortion of a usual size."""
+    focal_px = 3.6e-3 / (4 * 1.4e-6) * width / 640
+    return Intrinsics(
+        width=width,
+        height=height,
+        fx=focal_px,
+        fy=focal_px,
+        cx=(width - 1) / 2 + 0.004 * width,
+        cy=(height - 1) / 2 - 0.003 * width,
+        distortion=(0.1, -0.2, 0.0005, -0.0005, 0.06),
+    )
+
+
+def whole_rows_us(exposure_us: float, row_time_us: float) -> float:
+    """What the sensor makes of an exposure that is asked for: whole rows, rounded down, four at least."""
+    rows = math.floor(exposure_us / row_time_us + 1e-6)
+    return max(rows, _SHORTEST_EXPOSURE_ROWS) * row_time_us
+
+
+def still_scene(
+    sensor: SimulatedSensor,
+    specs: Mapping[int, PanelSpec],
+    dictionary: str,
+    *,
+    distance_m: float,
+    angle_deg: float,
+) -> Scene:
+    """Panels side by side before a camera at rest, each turned about its vertical axis as in the paper.
+
+    `specs` holds each ID's panel; they stand 1.5 sides apart, at the same depth.
+    """
+    pitch_m = 1.5 * max(spec.side_m for spec in specs.values())
+    panels = []
+    for place, (marker_id, spec) in enumerate(specs.items()):
+        position = np.array([(place - (len(specs) - 1) / 2.0) * pitch_m, 0.0, distance_m])
+        pose = facing_camera(position, yaw_deg=angle_deg)
+        word = load_dictionary(dictionary).word(marker_id)
+        panels.append(Panel(word=word, spec=spec, motion=Still(pose), marker_id=marker_id))
+    return Scene(sensor=sensor, panels=tuple(panels))
+
+
+def drive_scene(sensor: SimulatedSensor, specs: Mapping[int, PanelSpec], dictionary: str) -> Scene:
+    """A robot that drives up to two panels, 7 and 23, and back, for ever: 0.7 to 2.5 m away, up to 0.7 m/s.
+
+    Distances and speeds are of panels of 16 cm; they grow with the panels.
+    """
+    scale = max(spec.side_m for spec in specs.values()) / _DRIVE_SIDE_M
+    panels = []
+    for marker_id, place, yaw_deg, brightness in _DRIVE_PANELS:
+        word = load_dictionary(dictionary).word(marker_id)
+        panels.append(
+            Panel(
+                word=word,
+                spec=specs[marker_id],
+                motion=Still(facing_camera(scale * np.array(place), yaw_deg=yaw_deg, roll_deg=yaw_deg / 3)),
+                marker_id=marker_id,
+                brightness=brightness,
+                cell_gains=uneven_gains(np.random.default_rng(marker_id), len(word), 0.05),
+            )
+        )
+    patrol = Patrol(
+        period_s=10.0,
+        centre_m=scale * np.array([0.0, 0.0, 1.15]),
+        swing_m=(0.3 * scale, 0.9 * scale),
+        looks_at_m=scale * np.array([0.0, 0.0, 2.9]),
+    )
+    room = Room(distance_m=4.5 * scale)
+    return Scene(sensor=sensor, panels=tuple(panels), camera_motion=patrol, room=room)

@@ -1,0 +1,118 @@
+"""The faces of panels and lights as textures: what each point sends out, and what it hides.
+
+A surface's frame is the marker's: x right, y up, z out of its front. A texture's row 0 is its top. Each of
+its planes is the light of one class while that class is on; the last plane is opacity.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ledpi.records import Floats
+from ledpi.simulate.scene import Light, Panel, PanelLook, Room, SquareWave
+from ledpi.simulate.trajectory import Trajectory
+
+Image = NDArray[np.float32]
+
+PANEL_TEXELS = 512  # across the lit grid: finer than three samples a pixel on panels of up to 170 pixels
+LIGHT_TEXELS = 256
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Surface:
+    """A flat thing that shines, hides what is behind it, or both."""
+
+    planes: tuple[Image, ...]  # (H, W) each: the classes, then opacity
+    size_m: tuple[float, float]  # width and height that the texture covers, around the origin
+    waves: tuple[SquareWave | None, ...]  # of each class; None: always on
+    reflected: float  # level of what an opaque point returns of the room
+    motion: Trajectory
+    _levels: dict[tuple[int, int], tuple[Image, ...]] = field(default_factory=dict)
+
+    def outline_m(self) -> Floats:
+        """(4, 3) corners of the texture, from the top left clockwise."""
+        x, y = self.size_m[0] / 2.0, self.size_m[1] / 2.0
+        return np.array([[-x, y, 0.0], [x, y, 0.0], [x, -y, 0.0], [-x, -y, 0.0]])
+
+    def shrunk(self, columns: float, rows: float) -> tuple[Image, ...]:
+        """The texture averaged down, by powers of √2, to not less than `columns` × `rows`; made once."""
+        height, width = self.planes[0].shape
+        steps = (_steps(width / max(columns, 1.0)), _steps(height / max(rows, 1.0)))
+        if steps not in self._levels:
+            size = (max(1, round(width / 2 ** (steps[0] / 2))), max(1, round(height / 2 ** (steps[1] / 2))))
+            self._levels[steps] = tuple(_averaged(plane, size) for plane in self.planes)
+        return self._levels[steps]
+
+
+def _averaged(plane: Image, size: tuple[int, int]) -> Image:
+    return np.asarray(cv2.resize(plane, size, interpolation=cv2.INTER_AREA), np.float32)
+
+
+def _steps(ratio: float) -> int:
+    return max(0, math.floor(2.0 * math.log2(max(ratio, 1.0))))
+
+
+def panel_surface(panel: Panel, room: Room) -> Surface:
+    """A panel: its black class, its white class, and its opaque face with the bezel."""
+    cells = len(panel.word)
+    texels = max(32, PANEL_TEXELS // cells)  # a cell
+    bezel = round(panel.look.bezel * texels)
+    on = panel.brightness / panel.spec.duty * _cell_lights(cells, texels, panel.look)
+    if panel.cell_gains is not None:
+        on = on * np.kron(panel.cell_gains, np.ones((texels, texels)))
+    white = np.kron(panel.word, np.ones((texels, texels), bool))
+    classes = [np.pad(np.where(own, on, 0.0), bezel).astype(np.float32) for own in (~white, white)]
+    size_m = panel.spec.side_m * len(classes[0]) / (cells * texels)
+    frequencies = (panel.spec.black_hz, panel.spec.white_hz)
+    return Surface(
+        planes=(*classes, np.ones_like(classes[0])),
+        size_m=(size_m, size_m),
+        waves=tuple(SquareWave(frequency_hz=f, duty=panel.spec.duty) for f in frequencies),
+        reflected=panel.look.albedo * room.level,
+        motion=panel.motion,
+    )
+
+
+def _cell_lights(cells: int, texels: int, look: PanelLook) -> Floats:
+    """(n·texels, n·texels) light of cells of peak 1: diffuser, LED shining through it, walls between."""
+    position = (np.arange(cells * texels) + 0.5) / texels  # in cells
+    offset = position - np.floor(position) - 0.5  # from the middle of its cell
+    radius2 = offset[:, None] ** 2 + offset[None, :] ** 2
+    diffuse = 1.0 - look.falloff * radius2 / 0.5
+    spot = np.exp(-radius2 / (2.0 * look.hot_spot_sigma**2))
+    inner_wall = np.clip(np.round(position), 1, cells - 1)
+    open_share = np.clip((np.abs(position - inner_wall) - look.gap / 2.0) * texels + 0.5, 0.0, 1.0)
+    light = (1.0 - look.hot_spot) * diffuse + look.hot_spot * spot
+    return np.asarray(light * np.outer(open_share, open_share))
+
+
+def light_surface(light: Light) -> Surface:
+    """A lamp, a window, or something in the way."""
+    position = (np.arange(LIGHT_TEXELS) + 0.5) / LIGHT_TEXELS
+    on = opacity = np.ones((LIGHT_TEXELS, LIGHT_TEXELS))
+    if light.shape == "disc":
+        distance = np.hypot(position[:, None] - 0.5, position[None, :] - 0.5)
+        on = opacity = np.clip((0.5 - distance) * LIGHT_TEXELS + 0.5, 0.0, 1.0)
+    elif light.shape == "lattice":
+        clear = [_between_bars(position * panes, light.bar) for panes in light.panes]
+        on = np.outer(clear[1], clear[0])
+    duty = light.wave.duty if light.wave is not None else 1.0
+    return Surface(
+        planes=((light.level / duty * on).astype(np.float32), opacity.astype(np.float32)),
+        size_m=(light.width_m, light.height_m),
+        waves=(light.wave,),
+        reflected=0.0,
+        motion=light.motion,
+    )
+
+
+def _between_bars(position: Floats, bar: float) -> Floats:
+    """1 on the panes, 0 on the bars around each, half a bar's width in every pane; `position` in panes."""
+    to_edge = 0.5 - np.abs(position - np.floor(position) - 0.5)
+    texels = 1.0 / (position[1] - position[0])  # a pane
+    return np.asarray(np.clip((to_edge - bar / 2.0) * texels + 0.5, 0.0, 1.0))
