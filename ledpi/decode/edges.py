@@ -37,12 +37,13 @@ SAMPLES_INSIDE = (4, 6, 8)
 SIGMAS = (1.3, 2.0, 3.2)
 OFFSETS = np.arange(-4.5, 3.01, 0.75)  # of the edge, in samples, inward positive
 MIN_SIDE_PX = 8.0
-# Share of a side's profiles that must show an edge. A panel of which a corner is hidden still shows most of each side;
-# a rough quad may miss many at first, and at short exposure half of a side and more may be dark.
-MIN_EDGE, MIN_EDGE_AT_FIRST = 0.6, 0.2
-# The edges of a panel lie on a line to a tenth of a pixel, those of most other things do not by far. In the coarse pass
-# the samples are further apart.
-MAX_SPREAD_PX, MAX_SPREAD_STEPS = 0.5, 0.3
+# Share of a side's profiles that must show an edge: a rough quad may miss many at first, and at short exposure half of a
+# side and more may be dark.
+MIN_EDGE = 0.2
+# The edges of a panel lie on a line to a tenth of a pixel, those of most other things do not by far; at first a side
+# that is seen from too far off may still lean on something beside it.
+MAX_SPREAD_PX, MAX_SPREAD_AT_FIRST_PX = 0.5, 1.2
+FINE_PASSES = 3
 CONVERGED_PX = 1.0  # a fine pass that moves the corners by more than this is repeated
 OUTER_REACH = 16  # samples to either side of a striped square's rim
 
@@ -86,9 +87,9 @@ def refine_quad(
         if isinstance(outer, Rejected):
             return outer
         corners = outer
-    for step in (tolerance_px / -OFFSETS[0], 0.5, 0.5, 0.5):
-        if step < 1.0 and step != 0.5 or (striped and step > 0.5):  # the fine pass reaches nearly as far
-            continue
+    coarse = tolerance_px / -OFFSETS[0]
+    steps = [0.5] * FINE_PASSES if striped or coarse < 1.0 else [coarse] + [0.5] * FINE_PASSES
+    for step in steps:
         fitted = _fit_sides(frame, corners, step, side, bend, striped=striped)
         if isinstance(fitted, Rejected):
             return fitted
@@ -151,15 +152,12 @@ def _fit_sides(
     found, strength = _edge_offsets(sides.light, inside)
     usual = np.sort(strength, axis=None)[int(0.9 * strength.size)]
     good = strength > 0.3 * usual
-    fine = step_px == 0.5 and not striped
-    if good.sum(axis=1).min() < (MIN_EDGE if fine else MIN_EDGE_AT_FIRST) * PROFILES:
+    if good.sum(axis=1).min() < MIN_EDGE * PROFILES:
         return LOST
     if striped:
         good &= _outermost(found, good)
     fitted, spread = _fit_lines(sides, found * step_px - bend, good)
-    if spread > max(MAX_SPREAD_PX, MAX_SPREAD_STEPS * step_px):
-        return NOT_STRAIGHT
-    return fitted, spread
+    return (fitted, spread) if spread <= max(MAX_SPREAD_AT_FIRST_PX, 0.3 * step_px) else NOT_STRAIGHT
 
 
 def _look_across(frame: Frame, corners: Floats, step_px: float, outside: int, inside: int) -> _Sides:
@@ -255,7 +253,7 @@ def _outermost_light(frame: Frame, corners: Floats, side_px: float, bend: Floats
     above = sides.light > (0.5 * (background + lit))[..., None]
     first = above.argmax(axis=2)
     good = (first > OUTER_REACH // 4) & (lit > 2 * background)
-    if good.sum(axis=1).min() < MIN_EDGE_AT_FIRST * PROFILES:
+    if good.sum(axis=1).min() < MIN_EDGE * PROFILES:
         return LOST
     good &= _outermost(first.astype(float), good)
     return _fit_lines(sides, (first - 0.5 - OUTER_REACH) * step - bend, good)[0]
@@ -272,6 +270,8 @@ def _outermost(found: Floats, good: NDArray[np.bool_]) -> NDArray[np.bool_]:
 def _checked(frame: Frame, corners: Floats, spread: float, bend: Floats) -> Quad | Rejected:
     if not np.isfinite(corners).all():
         return NOT_CONVEX
+    if spread > MAX_SPREAD_PX:
+        return NOT_STRAIGHT
     sides = corners[_NEXT] - corners
     onward = sides[_NEXT]
     if not (sides[:, 0] * onward[:, 1] > sides[:, 1] * onward[:, 0]).all():
