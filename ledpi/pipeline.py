@@ -34,14 +34,22 @@ from ledpi.shutter import row_mid_exposure_ns
 SAME_PLACE = Rejected(stage="identify", reason="same_panel_twice")
 SAME_ID = Rejected(stage="identify", reason="same_id_twice")
 STAGES = ("find", "edges", "cells", "soft", "pose")
+# Told where in the picture something four-sided was dropped, (4, 2) corners in pixels, and why.
+Observer = Callable[[Floats, Rejected], None]
 
 
 @dataclass(slots=True)
 class _Work:
     """What one frame has given so far."""
 
+    observer: Observer | None
     rejected: list[Rejected] = field(default_factory=list)
     seconds: dict[str, float] = field(default_factory=lambda: dict.fromkeys(STAGES, 0.0))
+
+    def reject(self, corners_px: Floats, why: Rejected) -> None:
+        self.rejected.append(why)
+        if self.observer is not None:
+            self.observer(corners_px, why)
 
 
 class Pipeline:
@@ -74,9 +82,13 @@ class Pipeline:
         self._finder = Finder(camera.width, camera.height, panels.spec(), smallest_px=self._cells * MIN_CELL_PX)
         self._codebooks = _codebooks(panels)
 
-    def decode(self, frame: Frame) -> Decoded:
-        """Everything that this frame shows. Time in `stage_ms` is from the picture in memory to the pose."""
-        work = _Work()
+    def decode(self, frame: Frame, observer: Observer | None = None) -> Decoded:
+        """Everything that this frame shows. Time in `stage_ms` is from the picture in memory to the pose.
+
+        `observer` is told of each candidate that is dropped; what `find` itself drops has no corners yet, and is
+        only counted.
+        """
+        work = _Work(observer)
         start = self._clock()
         candidates, dropped = self._finder.find(frame)
         work.rejected.extend(dropped)
@@ -84,7 +96,7 @@ class Pipeline:
         if not self._stream:
             self._tracker = Tracker()
         sightings = [s for c in candidates if (s := self._read(frame, c, work)) is not None]
-        sightings = _one_of_each(sightings, work.rejected)
+        sightings = _one_of_each(sightings, work)
         self._tracker.update(sightings, frame.row0_readout_ns)
         start = self._clock()
         markers = tuple(m for s in sightings if (m := self._place(frame, s, work)) is not None)
@@ -112,12 +124,12 @@ class Pipeline:
         )
         since = self._timed(work, "edges", since)
         if isinstance(quad, Rejected):
-            work.rejected.append(quad)
+            work.reject(candidate.corners, quad)
             return None
         samples = sample_cells(frame, quad, self._cells, self._intrinsics)
         since = self._timed(work, "cells", since)
         if isinstance(samples, Rejected):
-            work.rejected.append(samples)
+            work.reject(quad.corners_px, samples)
             return None
         track = self._tracker.expect(quad, frame.row0_readout_ns)
         expected = track.id if track is not None else None
@@ -125,7 +137,7 @@ class Pipeline:
         self._timed(work, "soft", since)
         read = [r for r in readings if isinstance(r, soft.Reading)]
         if not read:
-            work.rejected.extend(r for r in readings[:1] if isinstance(r, Rejected))
+            work.reject(quad.corners_px, next(r for r in readings if isinstance(r, Rejected)))
             return None
         best = max(read, key=lambda r: r.margin)
         agreed = track.frames if track is not None and track.id == best.id else 0
@@ -138,7 +150,7 @@ class Pipeline:
             side_m = self._panels.spec(sighting.id).side_m
             solved = solve_square(sighting.corners_px, sighting.corner_sigma_px, side_m, self._intrinsics)
             if isinstance(solved, Rejected):
-                work.rejected.append(solved)
+                work.reject(sighting.corners_px, solved)
                 return None
             solution, alternate = solved
         return MarkerPose(
@@ -169,17 +181,19 @@ def _sighting(quad: Quad, reading: soft.Reading, frames_used: int) -> Sighting:
     )
 
 
-def _one_of_each(sightings: list[Sighting], rejected: list[Rejected]) -> list[Sighting]:
+def _one_of_each(sightings: list[Sighting], work: _Work) -> list[Sighting]:
     """The surest sighting of each panel. An ID that is in two places at once is in neither."""
     kept: list[Sighting] = []
     for sighting in sorted(sightings, key=lambda s: -s.margin):
         centre = sighting.corners_px.mean(axis=0)
         if any(_inside(centre, other.corners_px) for other in kept):
-            rejected.append(SAME_PLACE)
+            work.reject(sighting.corners_px, SAME_PLACE)
         else:
             kept.append(sighting)
     ids = [s.id for s in kept]
-    rejected.extend(SAME_ID for i in ids if ids.count(i) > 1)
+    for sighting in kept:
+        if ids.count(sighting.id) > 1:
+            work.reject(sighting.corners_px, SAME_ID)
     return [s for s in kept if ids.count(s.id) == 1]
 
 
