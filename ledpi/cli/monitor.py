@@ -1,0 +1,148 @@
+"""`ledpi monitor`: shows the stream that a motor controller reads."""
+
+from __future__ import annotations
+
+import json
+import math
+import signal
+import time
+from collections.abc import Callable
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from ledpi.cli import app
+
+if TYPE_CHECKING:
+    import serial
+
+    from ledpi.wire import FixMessage, MarkerMessage, Message, ReceiverCounters, StatusMessage, WirePose
+    from ledpi.wire.receiver import Receiver
+
+READ_TIMEOUT_S = 0.1
+_POSE_KEYS = ("position_m", "quaternion_wxyz", "deviation_m", "deviation_rad")
+
+
+@app.command()
+def monitor(
+    port: Annotated[str, typer.Argument(help="Serial port or pty that carries the stream.")],
+    baud: Annotated[int, typer.Option(min=1200, help="As serial.baud of the sender.")] = 115200,
+    as_json: Annotated[bool, typer.Option("--json", help="One JSON object a message.")] = False,
+    seconds: Annotated[float | None, typer.Option(min=0, help="Stop after this time.")] = None,
+) -> None:
+    """Print the serial stream; at the end, say how many packets were lost or bad.
+
+    Ends with Ctrl-C, after --seconds, or when the other end hangs up. Exit status 2 if the port cannot be
+    opened.
+
+    Example: ledpi monitor /dev/ttyUSB0 --json
+    """
+    from ledpi.wire import Receiver
+    from ledpi.wire.line import open_port
+
+    # As Ctrl-C, which a shell's background jobs ignore.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    receiver = Receiver()
+    with open_port(port, baud, read_timeout_s=READ_TIMEOUT_S) as line:
+        try:
+            hung_up = _show(line, receiver, json_line if as_json else text_line, seconds)
+        except KeyboardInterrupt:
+            hung_up = False
+    if hung_up:
+        typer.echo(f"{port}: the other end hung up", err=True)
+    typer.echo(summary(receiver.counters), err=True)
+
+
+def _show(
+    line: serial.Serial, receiver: Receiver, render: Callable[[Message], str], seconds: float | None
+) -> bool:
+    """Prints until the time is over; True if the other end hung up before."""
+    end_s = math.inf if seconds is None else time.monotonic() + seconds
+    while time.monotonic() < end_s:
+        try:
+            data = line.read(max(1, line.in_waiting))
+        except OSError:
+            return True
+        for message in receiver.feed(data):
+            typer.echo(render(message))
+    return False
+
+
+def json_line(message: Message) -> str:
+    """The fields as in docs/wire.md, a pose's beside the others; null is unknown."""
+    from ledpi.wire import FixMessage, MarkerMessage, StatusMessage
+
+    kinds = {MarkerMessage: "marker", FixMessage: "fix", StatusMessage: "status"}
+    values: dict[str, Any] = {"message": kinds[type(message)]} | asdict(message)
+    if isinstance(message, StatusMessage):
+        values |= {"state": message.state.name.lower(), "no_fix": message.no_fix.name.lower()}
+    else:
+        values |= values.pop("pose") or dict.fromkeys(_POSE_KEYS)
+    return json.dumps(values)
+
+
+def text_line(message: Message) -> str:
+    """A line for the eye."""
+    from ledpi.wire import FixMessage, MarkerMessage
+
+    if isinstance(message, MarkerMessage):
+        return _marker_text(message)
+    return _fix_text(message) if isinstance(message, FixMessage) else _status_text(message)
+
+
+def _marker_text(m: MarkerMessage) -> str:
+    cautions = [name for name in ("uncalibrated", "ambiguous", "alternate") if getattr(m, name)]
+    pose = "no pose" if m.pose is None else _pose_text(m.pose)
+    return "  ".join([f"marker {m.id:4d}", pose, f"age {m.age_us / 1e3:.1f} ms", *cautions])
+
+
+def _fix_text(m: FixMessage) -> str:
+    w, x, y, z = m.pose.quaternion_wxyz
+    heading_deg = math.degrees(math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
+    parts = [f"heading {heading_deg:+.1f}°", f"panels {m.panels_used}", f"age {m.age_us / 1e3:.1f} ms"]
+    return "  ".join(["fix        ", _pose_text(m.pose), *parts])
+
+
+def _pose_text(pose: WirePose) -> str:
+    position = " ".join(f"{v:+.4f}" for v in pose.position_m)
+    rotation = " ".join(f"{v:+.4f}" for v in pose.quaternion_wxyz)
+    return f"xyz {position}{_deviation_text(pose.deviation_m)} m  wxyz {rotation}" + (
+        "" if pose.deviation_rad is None else f"{_deviation_text(pose.deviation_rad)} rad"
+    )
+
+
+def _deviation_text(deviations: tuple[float, float, float] | None) -> str:
+    return "" if deviations is None else " ± " + " ".join(f"{d:.4f}" for d in deviations)
+
+
+def _status_text(m: StatusMessage) -> str:
+    fix = "fix" if m.no_fix == 0 else f"no fix: {m.no_fix.name.lower().replace('_', ' ')}"
+
+    def known(value: int | None, text: str = "{}") -> str:
+        return "?" if value is None else text.format(value)
+
+    parts = [
+        f"{m.state.name.lower().replace('_', ' ')}, {fix}",
+        f"panels {known(m.panels_in_view)}",
+        f"{known(m.temperature_c)} °C, throttling {known(m.throttling, '0x{:04x}')}",
+        f"up {known(m.uptime_s)} s",
+        f"frames {known(m.frames)}, dropped {known(m.frames_dropped)}",
+        f"markers {known(m.markers)}",
+        f"packets dropped {known(m.packets_dropped)}",
+        f"decode {known(m.decode_p50_us)} µs, p99 {known(m.decode_p99_us)} µs",
+    ]
+    return "  ".join(["status     ", *parts])
+
+
+def summary(counters: ReceiverCounters) -> str:
+    """What was received, in one line, as in `12 packets, 0 lost, 1 bad (crc 1)`."""
+
+    def by_reason(name: str, counts: dict[Any, int]) -> str:
+        detail = ", ".join(f"{reason} {count}" for reason, count in sorted(counts.items()))
+        return f"{sum(counts.values())} {name}" + (f" ({detail})" if detail else "")
+
+    text = f"{counters.good} packets, {counters.lost} lost, {by_reason('bad', counters.bad)}"
+    if counters.skipped:
+        text += f", {by_reason('skipped', counters.skipped)}"
+    return text + (f", sender restarted {counters.restarts} times" if counters.restarts else "")

@@ -1,0 +1,115 @@
+"""A serial port: opened, written to without waiting for the other end, honest about what still queues."""
+
+from __future__ import annotations
+
+import errno
+import os
+import re
+import select
+import termios
+from contextlib import suppress
+
+import serial
+
+from ledpi.errors import WireError
+from ledpi.wire.codec import DELIMITER
+
+BITS_PER_BYTE = 10  # 8N1: start bit, eight of data, stop bit
+# The transmit FIFO of the Pi's PL011 (16 bytes on BCM2835 to BCM2837), which TIOCOUTQ does not see. The next
+# frame may follow while the FIFO is emptied, so that the line never idles; its bytes count in the age.
+FIFO_BYTES = 16
+WRITE_TIMEOUT_S = 0.02  # a frame is written only where there is room, so only a jammed port takes longer
+JAMMED_RETRY_NS = 20_000_000
+QUEUED_RETRY_NS = 1_000_000
+
+_REMEDIES = {
+    errno.EACCES: "permission denied (is this user in the group dialout?)",
+    errno.EAGAIN: "in use by another process",
+    errno.EBUSY: "in use by another process",
+    errno.ENOTTY: "not a serial port",
+}
+
+
+def open_port(port: str, baud: int, *, read_timeout_s: float = 0.0) -> serial.Serial:
+    """An open, exclusively locked serial port, 8N1 without flow control. Raises WireError with the reason."""
+    try:
+        return serial.Serial(
+            port, baud, timeout=read_timeout_s, write_timeout=WRITE_TIMEOUT_S, exclusive=True
+        )
+    except (OSError, ValueError, termios.error) as error:
+        raise WireError(f"{port}: cannot be opened: {reason(error)}") from None
+
+
+def reason(error: Exception) -> str:
+    """What the system says. pyserial often keeps the error number in its text only."""
+    in_text = re.search(r"\[Errno (\d+)\]|\((\d+), ", str(error))
+    if in_text is None:
+        return str(error)
+    code = int(in_text[1] or in_text[2])
+    return _REMEDIES.get(code, os.strerror(code).lower())
+
+
+class SerialLine:
+    """One open port. Every method that touches it raises WireError when the port is lost."""
+
+    def __init__(self, port: str, baud: int) -> None:
+        self._port = port
+        self._serial = open_port(port, baud)
+        self._byte_ns = BITS_PER_BYTE * 1_000_000_000 / baud
+        self._free_ns = 0  # when, at the baud rate, the last byte that was written has left
+        self._cut = True  # the line may hold the beginning of a frame: ours, or what was there before
+
+    def busy_ns(self, now_ns: int) -> int:
+        """0 where a frame may be written now; else how long to wait before asking again."""
+        queued = self._queued_bytes()
+        if queued:
+            return max(round(queued * self._byte_ns), QUEUED_RETRY_NS)
+        if not self._has_room():
+            return JAMMED_RETRY_NS
+        return max(0, self._free_ns - now_ns - round(FIFO_BYTES * self._byte_ns))
+
+    def first_byte_ns(self, now_ns: int) -> int:
+        """When the first byte of a frame written now leaves: after all that was written before it."""
+        return max(now_ns, self._free_ns)
+
+    def is_drained(self, now_ns: int) -> bool:
+        """Whether every byte that was written has left."""
+        return self._queued_bytes() == 0 and self._free_ns <= now_ns
+
+    def write(self, frame: bytes, now_ns: int) -> bool:
+        """Writes a whole frame; False where the port took only a part of it in WRITE_TIMEOUT_S."""
+        data = DELIMITER + frame if self._cut else frame
+        self._free_ns = self.first_byte_ns(now_ns) + round(len(data) * self._byte_ns)
+        try:
+            self._serial.write(data)
+        except serial.SerialTimeoutException:
+            self._cut = True
+            return False
+        except OSError as error:
+            raise self._lost(error) from None
+        self._cut = False
+        return True
+
+    def close(self) -> None:
+        """Closes the port at once. What still queues is thrown away: the kernel would wait 30 s for it."""
+        with suppress(OSError, WireError, termios.error):
+            if self._queued_bytes():
+                self._serial.reset_output_buffer()
+        with suppress(OSError):
+            self._serial.close()
+
+    def _queued_bytes(self) -> int:
+        """Bytes in the kernel's queue (TIOCOUTQ). A pty always says 0: there, only the baud rate paces us."""
+        try:
+            return int(self._serial.out_waiting)
+        except OSError as error:
+            if error.errno in (errno.ENOTTY, errno.EINVAL):  # a driver that does not know the question
+                return 0
+            raise self._lost(error) from None
+
+    def _has_room(self) -> bool:
+        _, writable, _ = select.select([], [self._serial.fileno()], [], 0)
+        return bool(writable)
+
+    def _lost(self, error: OSError) -> WireError:
+        return WireError(f"{self._port}: lost: {reason(error)}")

@@ -1,0 +1,183 @@
+"""The three messages that go to the motor controller, and how they are made of the path's records. Pure.
+
+Records are valid once built: a value that must not be sent raises WireError here, before it reaches the line.
+codec.py puts them into bytes; docs/wire.md is the contract.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+from enum import IntEnum
+from typing import TypeAlias
+
+from ledpi.errors import WireError
+from ledpi.records import Floats, MarkerPose, Pose, RobotFix
+
+Triple: TypeAlias = tuple[float, float, float]
+Quadruple: TypeAlias = tuple[float, float, float, float]
+
+UNITS_PER_SI = 10_000  # a step is 0.1 mm or 0.1 mrad: finer than a pose is known; 24 bits still reach 838 m
+POSITION_MAX_UNITS = 0x7FFFFF
+
+
+class State(IntEnum):
+    """What the daemon does. A value that is not known here reads as UNKNOWN."""
+
+    STARTING = 0
+    RUNNING = 1
+    CAMERA_LOST = 2
+    STOPPING = 3
+    UNKNOWN = 255
+
+    @classmethod
+    def _missing_(cls, value: object) -> State:
+        return cls.UNKNOWN
+
+
+class NoFix(IntEnum):
+    """Why there is no fix; NONE where there is one. A value that is not known here reads as UNKNOWN."""
+
+    NONE = 0
+    NOT_RUNNING = 1  # starting or stopping
+    NO_FRAMES = 2  # the camera delivers nothing
+    UNCALIBRATED = 3  # the camera has no intrinsics
+    NO_MAP = 4  # no map is configured
+    NO_PANEL = 5  # no panel in view
+    NOT_IN_MAP = 6  # panels in view, none of them in the map
+    REJECTED = 7  # a fix was solved and not believed
+    STALE = 8  # the last fix is older than serial.max_age_ms
+    UNKNOWN = 255
+
+    @classmethod
+    def _missing_(cls, value: object) -> NoFix:
+        return cls.UNKNOWN
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WirePose:
+    """A pose with the standard deviation of each axis; three deviations together are None where not known."""
+
+    position_m: Triple  # each within ±838.8607
+    quaternion_wxyz: Quadruple  # unit length; q and −q are the same rotation, w ≥ 0 is sent
+    deviation_m: Triple | None  # along x, y, z
+    deviation_rad: Triple | None  # of the rotation about x, y, z; fixed axes, as ROS
+
+    def __post_init__(self) -> None:
+        if not all(math.isfinite(v) for v in (*self.position_m, *self.quaternion_wxyz)):
+            raise WireError(f"a pose must be finite, not {self.position_m} {self.quaternion_wxyz}")
+        if any(abs(round(v * UNITS_PER_SI)) > POSITION_MAX_UNITS for v in self.position_m):
+            raise WireError(f"position_m {self.position_m} does not fit a packet: each within ±838.8607")
+        if abs(math.hypot(*self.quaternion_wxyz) - 1.0) > 1e-3:
+            raise WireError(f"quaternion_wxyz {self.quaternion_wxyz} must have length 1")
+        for deviations in (self.deviation_m, self.deviation_rad):
+            if deviations is not None and not all(math.isfinite(d) and d >= 0 for d in deviations):
+                raise WireError(f"deviations must be finite and not negative, not {deviations}")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MarkerMessage:
+    """One panel: camera_from_marker, in OpenCV's optical frame."""
+
+    id: int  # 0 to 65535
+    age_us: int  # at the frame's first byte on the wire, from mid-exposure of the panel's centre row
+    pose: WirePose | None
+    uncalibrated: bool = False  # the camera has no intrinsics: an ID, no pose
+    ambiguous: bool = False  # the square's other planar pose could not be excluded
+    alternate: bool = False  # this is that other pose
+
+    def __post_init__(self) -> None:
+        _check("id", self.id, 0xFFFF)
+        _check("age_us", self.age_us)
+        if self.uncalibrated and self.pose is not None:
+            raise WireError(f"marker {self.id}: an uncalibrated camera gives no pose")
+        if self.alternate and not self.ambiguous:
+            raise WireError(f"marker {self.id}: only an ambiguous pose has an alternate")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FixMessage:
+    """The robot: map_from_base_link."""
+
+    age_us: int  # as a marker's
+    pose: WirePose
+    panels_used: int  # 255 on the wire: that many or more
+    map_resets: int = 0  # jumps of the map's frame since the daemon started, modulo 256
+
+    def __post_init__(self) -> None:
+        _check("age_us", self.age_us)
+        _check("panels_used", self.panels_used)
+        _check("map_resets", self.map_resets, 0xFF)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StatusMessage:
+    """The heartbeat. None is unknown. Counters are totals since the daemon started."""
+
+    state: State
+    no_fix: NoFix
+    panels_in_view: int | None = None
+    temperature_c: int | None = None  # of the processor
+    throttling: int | None = None  # the firmware's get_throttled: its bits 0–3 as they are, its 16–19 as 8–11
+    uptime_s: int | None = None
+    frames: int | None = None  # delivered by the camera
+    frames_dropped: int | None = None  # of these, not decoded
+    markers: int | None = None  # panels read, summed over the frames
+    packets_dropped: int | None = None  # poses that never reached the line
+    decode_p50_us: int | None = None  # find to pose: median of the recent frames
+    decode_p99_us: int | None = None
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if value is not None and field.name != "temperature_c":
+                _check(field.name, value, 0x0F0F if field.name == "throttling" else None)
+
+
+Message: TypeAlias = MarkerMessage | FixMessage | StatusMessage
+
+
+def _check(name: str, value: int, maximum: int | None = None) -> None:
+    if value < 0 or (maximum is not None and value > maximum):
+        limit = "0 or more" if maximum is None else f"0 to {maximum}"
+        raise WireError(f"{name} must be {limit}, not {value}")
+
+
+def marker_message(marker: MarkerPose, *, age_us: int, alternate: bool = False) -> MarkerMessage:
+    """The message of a marker, or of its alternate. Raises WireError for a pose that must not be sent."""
+    solution = marker.alternate if alternate else marker.solution
+    return MarkerMessage(
+        id=marker.sighting.id,
+        age_us=age_us,
+        pose=None if solution is None else _wire_pose(solution.camera_from_marker),
+        uncalibrated=solution is None,
+        ambiguous=marker.alternate is not None,
+        alternate=alternate,
+    )
+
+
+def fix_message(fix: RobotFix, *, age_us: int) -> FixMessage:
+    """The message of a robot's fix. Raises WireError for a pose that must not be sent."""
+    pose = _wire_pose(fix.map_from_base_link)
+    return FixMessage(age_us=age_us, pose=pose, panels_used=len(fix.panels_used))
+
+
+def _wire_pose(pose: Pose) -> WirePose:
+    x, y, z = (float(v) for v in pose.position_m)
+    qw, qx, qy, qz = (float(v) for v in pose.quaternion_wxyz)
+    return WirePose(
+        position_m=(x, y, z),
+        quaternion_wxyz=(qw, qx, qy, qz),
+        deviation_m=_deviations(pose.covariance, 0),
+        deviation_rad=_deviations(pose.covariance, 3),
+    )
+
+
+def _deviations(covariance: Floats | None, first: int) -> Triple | None:
+    """Square roots of three variances; None where one of them is no variance (a degenerate solution)."""
+    if covariance is None:
+        return None
+    a, b, c = (float(covariance[i, i]) for i in range(first, first + 3))
+    if not all(math.isfinite(v) and v >= 0 for v in (a, b, c)):
+        return None
+    return math.sqrt(a), math.sqrt(b), math.sqrt(c)

@@ -1,0 +1,140 @@
+"""What goes on the line next: newest wins, nothing too old, the fix first. Knows neither clock nor port."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from typing import TypeAlias, TypeVar
+
+from ledpi.errors import WireError
+from ledpi.records import Decoded, MarkerPose, RobotFix
+from ledpi.wire.message import (
+    FixMessage,
+    MarkerMessage,
+    Message,
+    NoFix,
+    State,
+    StatusMessage,
+    fix_message,
+    marker_message,
+)
+
+STATUS_PERIOD_NS = 160_000_000  # at least 5 a second are promised; this leaves 40 ms for a busy line
+
+_Key: TypeAlias = tuple[int, bool]  # ID, and whether this is the alternate
+_M = TypeVar("_M", FixMessage, MarkerMessage)
+
+
+class Outbox:
+    """The newest pose of everything in view, and the status. Not thread-safe: its user holds a lock.
+
+    Times are CLOCK_MONOTONIC, ns. A marker keeps its place in the queue when a newer pose of it comes, so all
+    have their turn on a short line.
+    """
+
+    def __init__(self, *, max_age_ms: float) -> None:
+        self._max_age_ns = round(max_age_ms * 1e6)
+        self._fix: tuple[RobotFix, int] | None = None  # with its mid-exposure on the host's clock
+        self._markers: dict[_Key, tuple[MarkerPose, int]] = {}
+        self._newest_fix_ns: int | None = None
+        self._status = StatusMessage(state=State.STARTING, no_fix=NoFix.NOT_RUNNING)
+        self._status_due_ns: int | None = None  # None: now
+        self._status_waits = False  # a fix has gone ahead of a status that was due
+        self.replaced = 0  # by a newer pose, or by the port's return
+        self.stale = 0
+        self.refused = 0  # not fit to be sent: out of range, or from the future
+
+    def put(self, decoded: Decoded) -> None:
+        """Takes the poses of a frame in place of older ones of the same things."""
+        for marker in decoded.markers:
+            mid_ns = marker.mid_exposure_ns + decoded.host_offset_ns
+            self._put_marker((marker.sighting.id, False), marker, mid_ns)
+            if marker.alternate is not None:
+                self._put_marker((marker.sighting.id, True), marker, mid_ns)
+            elif self._markers.pop((marker.sighting.id, True), None) is not None:
+                self.replaced += 1
+        if decoded.robot is not None:
+            self.replaced += self._fix is not None
+            self._newest_fix_ns = decoded.robot.mid_exposure_ns + decoded.host_offset_ns
+            self._fix = (decoded.robot, self._newest_fix_ns)
+
+    def _put_marker(self, key: _Key, marker: MarkerPose, mid_ns: int) -> None:
+        self.replaced += key in self._markers
+        self._markers[key] = (marker, mid_ns)  # a key that is there keeps its place
+
+    def set_status(self, status: StatusMessage) -> None:
+        self._status = status
+
+    def clear(self) -> None:
+        """Forgets all poses; a status is due at once."""
+        self.replaced += len(self._markers) + (self._fix is not None)
+        self._markers.clear()
+        self._fix = None
+        self._status_due_ns = None
+
+    def idle_ns(self, now_ns: int) -> int:
+        """How long there is nothing to send, if nothing is put in."""
+        if self._fix is not None or self._markers or self._status_due_ns is None:
+            return 0
+        return max(0, self._status_due_ns - now_ns)
+
+    def take(self, first_byte_ns: int) -> Message | None:
+        """The next message for a frame whose first byte leaves at `first_byte_ns`, or None.
+
+        The fix first, then the status, then the markers; but a status that is due waits for one fix at most,
+        or a line too short for all fixes would never carry it.
+        """
+        status_due = self._status_due_ns is None or first_byte_ns >= self._status_due_ns
+        if not (status_due and self._status_waits):
+            fix = self._take_fix(first_byte_ns)
+            if fix is not None:
+                self._status_waits = status_due
+                return fix
+        if status_due:
+            self._status_waits = False
+            self._status_due_ns = first_byte_ns + STATUS_PERIOD_NS
+            return self._status_at(first_byte_ns)
+        return self._take_marker(first_byte_ns)
+
+    def stopping_status(self) -> StatusMessage:
+        """The last word."""
+        return replace(self._counted(self._status), state=State.STOPPING, no_fix=NoFix.NOT_RUNNING)
+
+    def _take_fix(self, first_byte_ns: int) -> FixMessage | None:
+        if self._fix is None:
+            return None
+        (fix, mid_ns), self._fix = self._fix, None
+        return self._aged(mid_ns, first_byte_ns, partial(fix_message, fix))
+
+    def _take_marker(self, first_byte_ns: int) -> MarkerMessage | None:
+        while self._markers:
+            key = next(iter(self._markers))
+            marker, mid_ns = self._markers.pop(key)
+            build = partial(marker_message, marker, alternate=key[1])
+            message = self._aged(mid_ns, first_byte_ns, build)
+            if message is not None:
+                return message
+        return None
+
+    def _aged(self, mid_ns: int, first_byte_ns: int, build: Callable[..., _M]) -> _M | None:
+        age_ns = first_byte_ns - mid_ns
+        if age_ns > self._max_age_ns:
+            self.stale += 1
+            return None
+        try:
+            return build(age_us=age_ns // 1000)  # a negative age is a WireError as well: clocks disagree
+        except WireError:
+            self.refused += 1
+            return None
+
+    def _status_at(self, now_ns: int) -> StatusMessage:
+        """The status as it was set, but never with a fix that is no longer there."""
+        status = self._counted(self._status)
+        newest = self._newest_fix_ns
+        if status.no_fix is NoFix.NONE and (newest is None or now_ns - newest > self._max_age_ns):
+            return replace(status, no_fix=NoFix.STALE)
+        return status
+
+    def _counted(self, status: StatusMessage) -> StatusMessage:
+        return replace(status, packets_dropped=self.replaced + self.stale + self.refused)

@@ -1,0 +1,164 @@
+"""The publisher thread: takes what was decoded and puts it on the serial line, whatever the line does."""
+
+from __future__ import annotations
+
+import threading
+import time
+from dataclasses import dataclass
+
+from ledpi.config import SerialSettings
+from ledpi.errors import WireError
+from ledpi.records import Decoded
+from ledpi.wire.codec import encode
+from ledpi.wire.line import SerialLine
+from ledpi.wire.message import FixMessage, MarkerMessage, StatusMessage
+from ledpi.wire.outbox import Outbox
+
+BACKOFF_FIRST_S = 0.1
+BACKOFF_LAST_S = 0.5  # a port that is back is found within this time
+GOODBYE_S = 0.4  # for the last status to leave; the whole daemon must end within 1 s
+JOIN_S = 1.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PublisherCounters:
+    """Since the publisher was made. Packets written, poses that were not, and the port's state."""
+
+    fixes: int
+    statuses: int
+    markers: int
+    replaced: int  # by a newer pose before there was room on the line
+    stale: int  # older than max_age_ms when their turn came
+    refused: int  # not fit to be sent: out of range, or from the future
+    cut: int  # packets that the port took only in part
+    opened: int  # times the port was opened
+    connected: bool
+    error: str | None  # why the port is not open, or was last lost
+
+
+class Publisher:
+    """Writes poses and a status heartbeat to the motor controller. Only `stop` waits for the port."""
+
+    def __init__(self, settings: SerialSettings) -> None:
+        self._settings = settings
+        self._outbox = Outbox(max_age_ms=settings.max_age_ms)
+        self._wake = threading.Condition()  # guards the outbox and all below; not held while the port is used
+        self._stopping = False
+        self._written = {FixMessage: 0, StatusMessage: 0, MarkerMessage: 0}
+        self._cut = 0
+        self._opened = 0
+        self._connected = False
+        self._error: str | None = None
+        self._sequence = 0
+        self._thread = threading.Thread(target=self._run, name="publisher", daemon=True)
+
+    def start(self) -> None:
+        self._thread.start()
+
+    def publish(self, decoded: Decoded) -> None:
+        """Hands over a frame's poses. Takes microseconds; newer poses replace those that still wait."""
+        with self._wake:
+            self._outbox.put(decoded)
+            self._wake.notify()
+
+    def set_status(self, status: StatusMessage) -> None:
+        """What the heartbeat says from now on; `packets_dropped` is filled in here."""
+        with self._wake:
+            self._outbox.set_status(status)
+
+    def stop(self) -> None:
+        """Sends a last status, "stopping", if the port is up, and ends the thread within 1 s."""
+        with self._wake:
+            self._stopping = True
+            self._wake.notify()
+        if self._thread.ident is not None:
+            self._thread.join(JOIN_S)
+
+    @property
+    def counters(self) -> PublisherCounters:
+        with self._wake:
+            return PublisherCounters(
+                fixes=self._written[FixMessage],
+                statuses=self._written[StatusMessage],
+                markers=self._written[MarkerMessage],
+                replaced=self._outbox.replaced,
+                stale=self._outbox.stale,
+                refused=self._outbox.refused,
+                cut=self._cut,
+                opened=self._opened,
+                connected=self._connected,
+                error=self._error,
+            )
+
+    def _run(self) -> None:
+        backoff_s = BACKOFF_FIRST_S
+        while not self._stopping:
+            try:
+                line = SerialLine(self._settings.port, self._settings.baud)
+                backoff_s = BACKOFF_FIRST_S
+                try:
+                    self._use(line)
+                finally:
+                    line.close()
+            except WireError as error:
+                self._note(connected=False, error=str(error))
+                self._pause(backoff_s)
+                backoff_s = min(2 * backoff_s, BACKOFF_LAST_S)
+        self._note(connected=False, error=self._error)
+
+    def _use(self, line: SerialLine) -> None:
+        """Sends until told to stop. Raises WireError when the port is lost."""
+        with self._wake:
+            self._outbox.clear()  # nothing that waited for the port is still true
+            self._opened += 1
+        self._note(connected=True, error=None)
+        while not self._stopping:
+            with self._wake:
+                idle_ns = self._outbox.idle_ns(time.monotonic_ns())
+                if idle_ns and not self._stopping:
+                    self._wake.wait(idle_ns / 1e9)
+                    continue
+            busy_ns = line.busy_ns(time.monotonic_ns())
+            if busy_ns:
+                self._pause(busy_ns / 1e9)
+            else:
+                self._send_next(line)
+        self._say_goodbye(line)
+
+    def _send_next(self, line: SerialLine) -> None:
+        with self._wake:
+            message = self._outbox.take(line.first_byte_ns(time.monotonic_ns()))
+        if message is not None and self._send(line, message):
+            with self._wake:
+                self._written[type(message)] += 1
+
+    def _send(self, line: SerialLine, message: FixMessage | StatusMessage | MarkerMessage) -> bool:
+        frame = encode(message, self._sequence)
+        self._sequence = self._sequence % 0xFFFF + 1  # 0 only once, so that a receiver sees a restart
+        whole = line.write(frame, time.monotonic_ns())
+        if not whole:
+            with self._wake:
+                self._cut += 1
+        return whole
+
+    def _say_goodbye(self, line: SerialLine) -> None:
+        deadline_ns = time.monotonic_ns() + round(GOODBYE_S * 1e9)
+        with self._wake:
+            message = self._outbox.stopping_status()
+        while (wait_ns := line.busy_ns(time.monotonic_ns())) and time.monotonic_ns() + wait_ns < deadline_ns:
+            time.sleep(wait_ns / 1e9)
+        if wait_ns == 0 and self._send(line, message):
+            with self._wake:
+                self._written[StatusMessage] += 1
+        while not line.is_drained(time.monotonic_ns()) and time.monotonic_ns() < deadline_ns:
+            time.sleep(0.001)
+
+    def _pause(self, seconds: float) -> None:
+        """Sleeps, unless it is time to stop."""
+        with self._wake:
+            self._wake.wait_for(lambda: self._stopping, seconds)
+
+    def _note(self, *, connected: bool, error: str | None) -> None:
+        with self._wake:
+            self._connected = connected
+            self._error = error

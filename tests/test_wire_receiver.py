@@ -1,0 +1,95 @@
+"""The receiver's bookkeeping: what was lost, what was bad, and how little it keeps."""
+
+from __future__ import annotations
+
+import random
+import tracemalloc
+
+from ledpi.wire import NoFix, Receiver, State, StatusMessage
+from ledpi.wire.codec import encode
+
+STATUS = StatusMessage(state=State.RUNNING, no_fix=NoFix.NO_PANEL)
+
+
+def receiver_of(*sequences: int) -> Receiver:
+    receiver = Receiver()
+    for sequence in sequences:
+        assert receiver.feed(encode(STATUS, sequence)) == [STATUS]
+    return receiver
+
+
+def test_missing_numbers_are_lost_packets() -> None:
+    """5, 6, then 10: three are missing."""
+    assert receiver_of(5, 6, 10).counters.lost == 3
+
+
+def test_joining_in_the_middle_loses_nothing() -> None:
+    """The first number that is heard is where counting begins."""
+    assert receiver_of(4711, 4712).counters.lost == 0
+
+
+def test_after_65535_comes_1() -> None:
+    """0 is kept for the first packet after a start."""
+    counters = receiver_of(65534, 65535, 1, 2, 4).counters
+    assert (counters.lost, counters.restarts) == (1, 0)
+
+
+def test_a_sender_that_begins_anew_loses_nothing() -> None:
+    """Number 0, or, where that one was not heard, a step back."""
+    counters = receiver_of(900, 0, 1, 2).counters
+    assert (counters.lost, counters.restarts) == (0, 1)
+    counters = receiver_of(900, 3, 4, 6).counters
+    assert (counters.lost, counters.restarts) == (1, 1)
+
+
+def test_a_bad_packet_is_bad_and_lost() -> None:
+    """It was damaged (one bad), and its message never came (one lost)."""
+    receiver = receiver_of(1)
+    damaged = bytearray(encode(STATUS, 2))
+    damaged[6] ^= 0x10
+    receiver.feed(bytes(damaged))
+    receiver.feed(encode(STATUS, 3))
+    assert (receiver.counters.good, receiver.counters.lost) == (2, 1)
+    assert receiver.counters.bad == {"crc": 1}
+
+
+def test_the_rest_of_a_frame_that_began_before_is_not_counted() -> None:
+    """A monitor that is plugged in at any moment has seen no fault."""
+    receiver = Receiver()
+    assert receiver.feed(encode(STATUS, 1)[17:] + encode(STATUS, 2)) == [STATUS]
+    assert receiver.counters.bad == {}
+
+
+def test_a_stream_without_delimiters_is_one_bad_frame_and_takes_no_memory() -> None:
+    """The wrong baud rate for a day: the buffer is bounded, and the next frame is received."""
+    receiver = Receiver()
+    receiver.feed(b"\0")
+    noise = b"\x55" * 4096
+    receiver.feed(noise)
+    tracemalloc.start()
+    for _ in range(1000):
+        receiver.feed(noise)
+    kept, _ = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert kept < 4096
+    assert receiver.feed(b"\0" + encode(STATUS, 1)) == [STATUS]
+    assert receiver.counters.bad == {"length": 1}
+
+
+def test_a_corrupted_stream_gives_no_false_message() -> None:
+    """2000 frames with 1 % of the bytes hit: what comes out was sent, in its order, and the sums agree."""
+    rng = random.Random(1)
+    sent = [StatusMessage(state=State.RUNNING, no_fix=NoFix.NO_PANEL, frames=n) for n in range(2000)]
+    stream = bytearray(b"\0" + b"".join(encode(message, n % 65536) for n, message in enumerate(sent)))
+    for place in range(1, len(stream)):
+        if rng.random() < 0.01:
+            stream[place] = rng.randrange(256)
+    receiver = Receiver()
+    pieces = [bytes(stream[i : i + 100]) for i in range(0, len(stream), 100)]
+    received = [message for piece in pieces for message in receiver.feed(piece)]
+    assert 1000 < len(received) < 2000
+    numbers = [message.frames for message in received if isinstance(message, StatusMessage)]
+    assert set(received) <= set(sent)
+    assert numbers == sorted(set(numbers), key=lambda n: n or 0)
+    counters = receiver.counters
+    assert counters.good + counters.lost == (numbers[-1] or 0) - (numbers[0] or 0) + 1
