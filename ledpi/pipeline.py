@@ -12,7 +12,7 @@ from ledpi.camera.base import CameraInfo, PanelValues
 from ledpi.config import PanelSettings
 from ledpi.decode import soft
 from ledpi.decode.cells import MIN_CELL_PX, sample_cells
-from ledpi.decode.edges import refine_quad
+from ledpi.decode.edges import approach_quads, refine_quad
 from ledpi.decode.find import Candidate, Finder
 from ledpi.decode.track import Tracker
 from ledpi.markers import corners_of_turned, load_dictionary
@@ -92,10 +92,18 @@ class Pipeline:
         start = self._clock()
         candidates, dropped = self._finder.find(frame)
         work.rejected.extend(dropped)
-        work.seconds["find"] = self._clock() - start
+        since = self._timed(work, "find", start)
+        near = approach_quads(
+            frame,
+            np.array([candidate.corners for candidate in candidates]),
+            np.array([candidate.tolerance_px for candidate in candidates]),
+            striped=any(candidate.striped for candidate in candidates),
+        )
+        self._timed(work, "edges", since)
         if not self._stream:
             self._tracker = Tracker()
-        sightings = [s for c in candidates if (s := self._read(frame, c, work)) is not None]
+        looks = zip(candidates, near, strict=True)
+        sightings = [s for candidate, at in looks if (s := self._read(frame, candidate, at, work)) is not None]
         sightings = _one_of_each(sightings, work)
         self._tracker.update(sightings, frame.row0_readout_ns)
         start = self._clock()
@@ -116,12 +124,15 @@ class Pipeline:
         work.seconds[stage] += now - since
         return now
 
-    def _read(self, frame: Frame, candidate: Candidate, work: _Work) -> Sighting | None:
+    def _read(
+        self, frame: Frame, candidate: Candidate, near: Floats | Rejected, work: _Work
+    ) -> Sighting | None:
         """The panel at a candidate's place, or None where it is none; why is in `work`."""
         since = self._clock()
-        quad = refine_quad(
-            frame, candidate.corners, candidate.tolerance_px, self._intrinsics, striped=candidate.striped
-        )
+        if isinstance(near, Rejected):
+            work.reject(candidate.corners, near)
+            return None
+        quad = refine_quad(frame, near, self._intrinsics, striped=candidate.striped)
         since = self._timed(work, "edges", since)
         if isinstance(quad, Rejected):
             work.reject(candidate.corners, quad)

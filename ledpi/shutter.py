@@ -8,6 +8,7 @@ state is s(t) ∈ {0, 1} shows there as its static picture times w(y) = (1/T)·�
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 import numpy as np
 
@@ -52,6 +53,7 @@ def contrast(frequency_hz: float, exposure_us: float, duty: float = 0.5) -> floa
     return swing / (cycles * duty)
 
 
+@lru_cache(maxsize=256)
 def harmonic_amplitude(harmonic: int, frequency_hz: float, exposure_us: float, duty: float = 0.5) -> float:
     """Amplitude of the h-th harmonic of w(y), over w's mean: 2·|sinc(h·d)|·|sinc(h·f·T)|, sinc x = sin πx / πx.
 

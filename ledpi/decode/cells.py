@@ -127,7 +127,8 @@ def sample_cells(
         size = (linear.shape[1] // shrink, linear.shape[0] // shrink)
         linear = cv2.resize(linear[: size[1] * shrink, : size[0] * shrink], size, interpolation=cv2.INTER_AREA)
     shift = np.array([x0, y0], np.float32) + np.float32((shrink - 1) / 2)
-    light = cv2.remap(linear, (at - shift) / np.float32(shrink), None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    places = (at - shift) / np.float32(shrink)
+    light = cv2.remap(linear, places, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     step = float(np.sqrt(cell_px[0] * cell_px[1])) * (1 - 2 * INSET) / k / shrink
     return _checked(points, light, at[..., 1], step)
 

@@ -2,14 +2,14 @@
 
 A panel is brighter than what is next to it. A pixel is "lit" where it is nearer to the brightest than to the darkest
 within a small window around it (Bernsen's threshold), so that every bright thing gets a dark moat, however bright
-the room is further away. On a picture shrunk far enough the cells of a panel melt into one, so this is done on a pyramid.
+the room is further away. On a picture shrunk far enough the cells of a panel melt into one, so this is done on a
+pyramid.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -23,9 +23,11 @@ AT_BORDER = Rejected(stage="find", reason="at_picture_border")
 
 LEVELS = 3  # halvings; the cells of a panel that fills the picture's height melt together at an eighth
 WINDOW = 13  # pixels of the level
-MIN_CONTRAST = 10  # grey levels between darkest and brightest: less is noise
+MIN_CONTRAST = 16  # grey levels from the darkest in the window: less is noise and texture
 SMALLEST = 6  # pixels of the level, longer side of the upright box
+SHORTEST = 12  # pixels, outline of a square foreshortened to that by 60°
 MAX_MISFIT, MAX_MISFIT_STRIPED = 0.15, 0.35  # logarithm of the four sides' area over the outline's
+BLUR_MISFIT = 0.002  # by how much a coarser outline, a pixel less certain, must fit better to be preferred
 MIN_SOLIDITY = 0.8  # area over that of the convex hull
 STRIPED_CONTRAST = 0.5  # bands deeper than this cut a panel into pieces
 
@@ -34,7 +36,7 @@ STRIPED_CONTRAST = 0.5  # bands deeper than this cut a panel into pieces
 class Candidate:
     """Where a panel may be."""
 
-    corners: Floats  # (4, 2); those that `find` gives, clockwise in the picture, first the one nearest the top left
+    corners: Floats  # (4, 2), clockwise as seen in the picture, first the one nearest the top left
     side_px: float
     misfit: float  # of the outline to the four sides, 0 is perfect
     tolerance_px: float  # how far off the corners may be: two pixels of the picture that they were found in
@@ -89,7 +91,7 @@ class Finder:
             if shutter.contrast(hz, frame.exposure_us, self._spec.duty) > STRIPED_CONTRAST
         )
 
-    def _outlines(self, index: int, stripe: int) -> Sequence[Pixels]:
+    def _outlines(self, index: int, stripe: int) -> list[Pixels]:
         picture = self._levels[index]
         brightest, darkest, threshold, lit = self._work[index]
         if stripe:
@@ -103,14 +105,13 @@ class Finder:
         cv2.morphologyEx(lit, cv2.MORPH_CLOSE, self._melt, dst=lit)
         if stripe:  # thin bridges to the surroundings, which the closing over dark bands has made
             cv2.morphologyEx(lit, cv2.MORPH_OPEN, self._melt, dst=lit)
-        outlines: Sequence[Pixels] = cv2.findContours(lit, cv2.RETR_LIST, cv2.CHAIN_APPROX_SIMPLE)[0]
-        return outlines
+        # Every pixel of an outline, so that its number of points is its length and tells a speck at no cost.
+        outlines = cv2.findContours(lit, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)[0]
+        return [outline for outline in outlines if len(outline) >= SHORTEST]
 
 
 def _candidate(outline: Pixels, shape: tuple[int, ...], scale: int, *, striped: bool) -> Candidate | Rejected | None:
     """A candidate, why it is none, or None for specks and holes."""
-    if len(outline) < 4:
-        return None
     x, y, width, height = cv2.boundingRect(outline)
     if max(width, height) < SMALLEST or min(width, height) < 3:
         return None
@@ -133,7 +134,7 @@ def _candidate(outline: Pixels, shape: tuple[int, ...], scale: int, *, striped: 
     centre = corners.mean(axis=0)
     grown = centre + (corners - centre) * (1.0 + 1.0 / max(2.0, math.sqrt(quad_area)))
     return Candidate(
-        corners=np.asarray((grown + 0.5) * scale - 0.5, np.float64),
+        corners=_clockwise(np.asarray((grown + 0.5) * scale - 0.5, np.float64)),
         side_px=math.sqrt(quad_area) * scale,
         misfit=misfit,
         tolerance_px=2.0 * scale,
@@ -142,7 +143,7 @@ def _candidate(outline: Pixels, shape: tuple[int, ...], scale: int, *, striped: 
 
 
 def _four_sides(hull: Pixels) -> Floats | None:
-    """(4, 2) corners of the polygon of four sides nearest to the hull: ever coarser, else the smallest box around it."""
+    """(4, 2) corners of the four-sided polygon nearest to the hull: ever coarser, else the smallest box around it."""
     length = cv2.arcLength(hull, True)
     for tolerance in (0.03, 0.05, 0.07, 0.1, 0.13):
         polygon = cv2.approxPolyDP(hull, tolerance * length, True)
@@ -156,16 +157,16 @@ def _four_sides(hull: Pixels) -> Floats | None:
 
 def _clockwise(corners: Floats) -> Floats:
     """Clockwise as seen in the picture, first the corner nearest the top left."""
-    x, y = corners[:, 0], corners[:, 1]
-    if x @ np.roll(y, -1) < y @ np.roll(x, -1):
-        corners = corners[::-1]
-    return np.roll(corners, -int(np.argmin(corners.sum(axis=1))), axis=0)
+    (x0, y0), (x1, y1), (x2, y2), (x3, y3) = corners.tolist()
+    order = [0, 1, 2, 3] if (x2 - x0) * (y3 - y1) > (x3 - x1) * (y2 - y0) else [3, 2, 1, 0]
+    nearest = min(range(4), key=lambda i: float(corners[order[i]].sum()))
+    return corners[order[nearest:] + order[:nearest]]
 
 
 def _distinct(found: list[Candidate]) -> list[Candidate]:
     """One candidate of each thing, the one whose outline fits best."""
     kept: list[tuple[float, float, Candidate]] = []
-    for candidate in sorted(found, key=lambda c: c.misfit):
+    for candidate in sorted(found, key=lambda c: c.misfit + BLUR_MISFIT * c.tolerance_px):
         x, y = (0.25 * candidate.corners.sum(axis=0)).tolist()
         for other_x, other_y, other in kept:
             larger, smaller = max(candidate.side_px, other.side_px), min(candidate.side_px, other.side_px)
@@ -173,4 +174,4 @@ def _distinct(found: list[Candidate]) -> list[Candidate]:
                 break
         else:
             kept.append((x, y, candidate))
-    return [replace(candidate, corners=_clockwise(candidate.corners)) for _, _, candidate in kept]
+    return [candidate for _, _, candidate in kept]

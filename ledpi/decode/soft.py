@@ -91,7 +91,8 @@ class Reading:
 class Evidence:
     """What the samples say of every cell and class: quadratic in the bands, so that words only add up.
 
-    The log-likelihood of bands x (cosine and sine in each class, one x for all cells of it) is `score·x − xᵀ·information·x/2`.
+    The log-likelihood of bands x (cosine and sine in each class, one x for all cells of it) is
+    `score·x − xᵀ·information·x/2`.
     """
 
     score: Doubles  # (cells, 4)
@@ -173,14 +174,15 @@ def gather_evidence(samples: CellSamples, frame: Frame, spec: PanelSpec) -> Evid
         return UNFIT
     independent = min(1.0, INTERPOLATION_VARIANCE * samples.step_px**2)
     scale = independent / variance
-    amplitude = [shutter.harmonic_amplitude(1, hz, frame.exposure_us, spec.duty) for hz in (spec.black_hz, spec.white_hz)]
+    frequencies = (spec.black_hz, spec.white_hz)
+    amplitude = [shutter.harmonic_amplitude(1, hz, frame.exposure_us, spec.duty) for hz in frequencies]
     # A depth of which the mean square is the expected one; the phase may be any.
     prior = np.repeat(np.maximum(np.square(amplitude), 1e-12), 2) / 2
     return Evidence(score=score * scale, information=information * scale, prior=prior)
 
 
 def _remove_static_picture(samples: CellSamples) -> tuple[Singles, Singles, Singles]:
-    """Gain (cells,), profile (points,), both of mean 1, and I / (g·p) − 1 (cells, points) without row or column mean."""
+    """Gain (cells,), profile (points,), both of mean 1, and I / (g·p) − 1 (cells, points) without their means."""
     light, valid = samples.light, samples.valid
     count = light.shape[1] if valid is None else valid.sum(axis=1)
     gain = light.sum(axis=1) / count
@@ -240,15 +242,21 @@ def _registration_slopes(samples: CellSamples, gain: Singles, profile: Singles) 
 
 
 def _project_out(
-    slopes: Singles, light: Singles, waves: Singles, residual: Singles, score: Doubles, information: Doubles, squares: float
+    slopes: Singles,
+    light: Singles,
+    waves: Singles,
+    residual: Singles,
+    score: Doubles,
+    information: Doubles,
+    squares: float,
 ) -> tuple[Doubles, Doubles, float]:
     """Score, information and sum of squares of what the slopes cannot explain (their Schur complement)."""
-    cells, points = light.shape
-    n = len(slopes)
+    cells, n = len(light), len(slopes)
     weighted = slopes * light
     flat = weighted.reshape(n, -1)
     normal = (flat @ slopes.reshape(n, -1).T).astype(np.float64)
-    normal[np.diag_indices(n)] += 1e-6 * (np.trace(normal) / n + 1e-12)
+    diagonal = np.einsum("ii->i", normal)  # a view
+    diagonal += 1e-6 * (diagonal.mean() + 1e-12)
     with_waves = np.matmul(weighted.transpose(1, 0, 2), waves.transpose(1, 2, 0)).astype(np.float64)  # (cells, n, 4)
     with_waves = with_waves.transpose(1, 0, 2).reshape(n, cells * PARAMETERS)
     with_residual = (flat @ residual.reshape(-1)).astype(np.float64)
@@ -265,7 +273,8 @@ def _noise_variance(
     cells, points = samples.light.shape
     size = cells * PARAMETERS
     matrix = information.reshape(size, size).copy()
-    matrix[np.diag_indices(size)] += 1e-6 * np.trace(matrix) / size
+    diagonal = np.einsum("ii->i", matrix)  # a view
+    diagonal += 1e-6 * diagonal.mean()
     flat = score.reshape(size)
     left = squares - float(flat @ np.linalg.solve(matrix, flat))
     used = cells * points if samples.valid is None else int(samples.valid.sum())
@@ -341,12 +350,12 @@ def _fit(evidence: Evidence, white: Singles) -> tuple[Doubles, tuple[float, floa
 
 def _plausible(amplitude: tuple[float, float], deviation: tuple[float, float], evidence: Evidence) -> bool:
     """Whether a square wave, seen through this exposure, can look like this in both classes of one panel."""
-    expected = np.sqrt(2.0 * evidence.prior[::2])
+    expected = [math.sqrt(2.0 * variance) for variance in evidence.prior[::2].tolist()]
     most = [(a + DEVIATIONS * d) / e for a, d, e in zip(amplitude, deviation, expected, strict=True)]
     least = [(a - DEVIATIONS * d) / e for a, d, e in zip(amplitude, deviation, expected, strict=True)]
     if max(least) > MAX_DEPTH:
         return False
-    return bool(least[0] <= MAX_DEPTH_RATIO * most[1] and least[1] <= MAX_DEPTH_RATIO * most[0])
+    return least[0] <= MAX_DEPTH_RATIO * most[1] and least[1] <= MAX_DEPTH_RATIO * most[0]
 
 
 def _odds_against_other_patterns(evidence: Evidence, codebook: Codebook, best: int, bands: Doubles) -> float:
