@@ -7,6 +7,7 @@ import time
 from dataclasses import asdict
 
 from ledpi.camera.base import CameraInfo, PanelValues
+from ledpi.camera.factory import panel_frequencies_hz
 from ledpi.camera.timing import choose_frame_length_rows
 from ledpi.config import CameraSettings, Config, PanelSettings
 from ledpi.errors import CameraError, ConfigError
@@ -150,8 +151,7 @@ def simulated_sensor(camera: CameraSettings, panels: PanelSettings) -> Simulated
     exposure_us = whole_rows_us(camera.exposure_us, row_time_us)
     shortest = max(camera.height + _BLANKING_ROWS, round(exposure_us / row_time_us) + _SPARE_ROWS)
     if camera.frame_duration_us == "auto":
-        spec = panels.spec()
-        frequencies = (spec.black_hz, spec.white_hz)
+        frequencies = panel_frequencies_hz(panels)
         try:
             rows = choose_frame_length_rows(
                 shortest_rows=shortest, row_time_us=row_time_us, frequencies_hz=frequencies

@@ -1,0 +1,129 @@
+"""`ledpi simulate`: a recording of a simulated scene, with truth."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+from ledpi.cli import app
+from ledpi.cli.progress import progress
+from ledpi.errors import ConfigError
+
+if TYPE_CHECKING:
+    from ledpi.config import Config, PanelSettings
+    from ledpi.records import PanelSpec
+    from ledpi.simulate.scene import Scene
+
+_STILL_IDS, _STILL_DISTANCE_M, _STILL_ANGLE_DEG = [7], 1.0, 0.0
+
+
+class SceneName(StrEnum):
+    DRIVE = "drive"
+
+
+class TransferName(StrEnum):
+    LINEAR = "linear"
+    SRGB = "srgb"
+
+
+@app.command()
+def simulate(
+    out: Path = typer.Argument(metavar="OUT", help="Folder for the recording: new, or empty."),
+    frames: int = typer.Option(60, min=1, help="Frames to render."),
+    scene: SceneName | None = typer.Option(None, help="drive: a robot driving past panels 7 and 23."),
+    distance: float | None = typer.Option(None, min=0.05, max=1000, help="Of still panels, in metres. Default: 1."),
+    angle: float | None = typer.Option(None, min=-88, max=88, help="Their yaw, in degrees. Default: 0."),
+    id_: list[int] = typer.Option([], "--id", help="ID of a still panel; may be repeated, side by side. Default: 7."),
+    exposure_us: float | None = typer.Option(None, help="Overrides camera.exposure_us; whole rows, rounded down."),
+    transfer: TransferName | None = typer.Option(None, help="Overrides camera.transfer."),
+    seed: int = typer.Option(0, min=0, help="Decides noise and phases: the same seed, the same recording."),
+    config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
+    set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
+) -> None:
+    """Render panels through the rolling-shutter simulator: a recording with truth.jsonl.
+
+    Camera and panels are the configuration's; without one, panels of 16 cm.
+
+    Example: ledpi simulate take --distance 2 --angle 30 --id 7 --frames 100 --exposure-us 150
+    """
+    settings = _settings(config, set_, exposure_us, transfer)
+    if scene is not None:
+        if id_ or distance is not None or angle is not None:
+            raise ConfigError("--scene drive: places its own panels; --id, --distance and --angle are of still ones")
+        built = _drive(settings)
+    else:
+        place = (
+            _STILL_DISTANCE_M if distance is None else distance,
+            _STILL_ANGLE_DEG if angle is None else angle,
+        )
+        built = _still(settings, id_ or _STILL_IDS, *place)
+    _record(out, built, settings.panels, frames=frames, seed=seed)
+
+
+def _settings(
+    config: Path | None, set_: list[str], exposure_us: float | None, transfer: TransferName | None
+) -> Config:
+    from ledpi.config import find_config, load_config
+
+    file = find_config(config)
+    overrides = [] if file is not None else ["panels.side_m=0.16"]
+    overrides += set_
+    if exposure_us is not None:
+        overrides.append(f"camera.exposure_us={exposure_us}")
+    if transfer is not None:
+        overrides.append(f"camera.transfer={transfer.value}")
+    return load_config(file, tuple(overrides))
+
+
+def _drive(settings: Config) -> Scene:
+    from ledpi.camera.simulated import simulated_sensor
+    from ledpi.simulate.scenes import DRIVE_IDS, drive_scene
+
+    sensor = simulated_sensor(settings.camera, settings.panels)
+    return drive_scene(sensor, _specs(settings.panels, DRIVE_IDS), settings.panels.dictionary)
+
+
+def _still(settings: Config, ids: list[int], distance_m: float, angle_deg: float) -> Scene:
+    from ledpi.camera.simulated import simulated_sensor
+    from ledpi.simulate.scenes import still_scene
+
+    sensor = simulated_sensor(settings.camera, settings.panels)
+    specs = _specs(settings.panels, ids)
+    try:
+        return still_scene(sensor, specs, settings.panels.dictionary, distance_m=distance_m, angle_deg=angle_deg)
+    except ValueError as error:
+        raise ConfigError(f"--id: {error}") from None
+
+
+def _specs(panels: PanelSettings, ids: list[int] | tuple[int, ...]) -> dict[int, PanelSpec]:
+    """Each ID's panel, which must be the common one."""
+    for marker_id in ids:
+        if panels.spec(marker_id) != panels.spec():
+            raise ConfigError(
+                f"panels.overrides.{marker_id}: a recording describes one kind of panel; must not concern a shown ID"
+            )
+    return dict.fromkeys(ids, panels.spec())
+
+
+def _record(out: Path, scene: Scene, panels: PanelSettings, *, frames: int, seed: int) -> None:
+    from dataclasses import asdict
+
+    import numpy as np
+
+    from ledpi.camera.simulated import SimulatedCamera
+    from ledpi.recording import RecordedCamera
+    from ledpi.recording_writer import RecordingWriter
+
+    camera = SimulatedCamera(scene, seed=seed, paced=False, frames=frames)
+    described = RecordedCamera(**(asdict(camera.info) | {"intrinsics": camera.info.intrinsics}))
+    pixels = np.empty((camera.info.height, camera.info.width), np.uint8)
+    writer = RecordingWriter(
+        out, camera=described, dictionary=panels.dictionary, panel=panels.spec(), note=f"simulated, seed {seed}"
+    )
+    with writer, progress("simulating", frames) as advance:
+        while (frame := camera.read(pixels)) is not None:
+            writer.write(frame, camera.truth(frame.seq))
+            advance(1)
