@@ -21,7 +21,9 @@ Singles = NDArray[np.float32]
 
 # The rim of a cell is left out: there the optics mix in the neighbour's light, and partitions cast shadows.
 INSET = 0.08
-MIN_LATTICE, MAX_LATTICE = 2, 16  # points along a cell; a finer picture is averaged down to the latter
+# Points along a cell. Up to the most, one a pixel: nothing is lost. A panel so close that this is not enough has light to
+# spare: its picture is averaged down to the coarser lattice, for speed.
+MIN_LATTICE, MAX_LATTICE, CLOSE_LATTICE = 2, 16, 12
 MIN_CELL_PX = 2.5
 # A lens that bends the square by less than this is left out: it moves no sample by a fiftieth of the smallest cell.
 MAX_BEND_PX = 0.05
@@ -40,6 +42,7 @@ class Lattice:
     k: int
     u: Singles  # (n·n, k·k), across the panel, 0..1 from its left edge
     v: Singles  # (n·n, k·k), down the panel
+    shifts: Singles  # (8, 2, n·n, k·k) how each of the eight ways of being a wrong homography moves the points along u, v
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,7 +64,10 @@ def lattice(cells: int, k: int) -> Lattice:
     shape = (cells, cells, k, k)  # row of cells, column of cells, row in the cell, column in it
     v = np.broadcast_to(along[:, None, :, None], shape).reshape(cells * cells, k * k).copy()
     u = np.broadcast_to(along[None, :, None, :], shape).reshape(cells * cells, k * k).copy()
-    return Lattice(cells=cells, k=k, u=u, v=v)
+    # To first order a homography can differ by 1, x, y in either direction, and by (x², xy) and (xy, y²).
+    x, y, one, none = u * 2 - 1, v * 2 - 1, np.ones_like(u), np.zeros_like(u)
+    across = [(one, none), (x, none), (y, none), (none, one), (none, x), (none, y), (x * x, x * y), (x * y, y * y)]
+    return Lattice(cells=cells, k=k, u=u, v=v, shifts=np.array(across, np.float32))
 
 
 def unit_square_to(corners: Floats) -> Floats:
@@ -111,8 +117,9 @@ def sample_cells(
     cell_px = np.array([lengths[0] + lengths[2], lengths[1] + lengths[3]]) / (2 * cells)
     if cell_px.min() < MIN_CELL_PX:
         return TOO_SMALL
-    # One sample a pixel along the longer side: nothing is lost, and little is read twice.
-    k = int(np.clip(round(float(cell_px.max()) * (1 - 2 * INSET)), MIN_LATTICE, MAX_LATTICE))
+    k = max(MIN_LATTICE, round(float(cell_px.max()) * (1 - 2 * INSET)))
+    if k > MAX_LATTICE:
+        k = CLOSE_LATTICE
     points = lattice(cells, k)
     at = _lattice_pixels(quad, points, intrinsics)
     low, high = at.min(axis=(0, 1)), at.max(axis=(0, 1))
@@ -122,7 +129,7 @@ def sample_cells(
     x0, y0 = int(low[0]), int(low[1])
     patch = frame.pixels[y0 : int(high[1]) + 2, x0 : int(high[0]) + 2]
     linear = cv2.LUT(patch, linear_light(frame.transfer))
-    shrink = max(1, int(cell_px.min() / MAX_LATTICE))
+    shrink = max(1, int(cell_px.min() * (1 - 2 * INSET) / k))
     if shrink > 1:  # averages whole pixels: less noise, and the band's depth over 2 or 3 rows hardly suffers
         size = (linear.shape[1] // shrink, linear.shape[0] // shrink)
         linear = cv2.resize(linear[: size[1] * shrink, : size[0] * shrink], size, interpolation=cv2.INTER_AREA)

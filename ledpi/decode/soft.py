@@ -112,13 +112,15 @@ def read_word(
     if isinstance(evidence, Rejected):
         return evidence
     likely = shortlist(evidence, codebook.white)
-    likelihood = word_log_likelihoods(evidence, codebook.white[likely])
+    likelihood, fits, covariances = word_log_likelihoods(evidence, codebook.white[likely])
     first = int(np.argmax(likelihood))
     best, none = int(likely[first]), float(likelihood[first])
     if none < MARGIN:
         return NO_BANDS
-    bands, deviation = _fit(evidence, codebook.white[best])
+    bands = fits[first]
     amplitude = (math.hypot(*bands[:2]), math.hypot(*bands[2:]))
+    spread = np.sqrt(np.diagonal(covariances[first])).tolist()
+    deviation = (max(spread[:2]), max(spread[2:]))
     if not _plausible(amplitude, deviation, evidence):
         return IMPLAUSIBLE
     prior = EXPECTED if codebook.ids[best] == expected_id else 0.0
@@ -222,23 +224,24 @@ def _class_waves(samples: CellSamples, frame: Frame, spec: PanelSpec) -> Singles
 def _registration_slopes(samples: CellSamples, gain: Singles, profile: Singles) -> Singles | None:
     """(8, cells, points): relative change of the light for each way in which four corners can be off.
 
-    The profile's logarithmic slopes along u and v, times the eight fields by which a homography can differ to first
-    order: 1, x, y for either direction, and (x², xy), (xy, y²).
+    The profile's logarithmic slopes along u and v, times the shifts that the lattice knows of.
     """
     k = samples.lattice.k
     if k < 3:
         return None
-    down, across = np.gradient(np.log(profile.reshape(k, k)))
-    down, across = down.reshape(-1), across.reshape(-1)
-    x, y = samples.lattice.u * 2 - 1, samples.lattice.v * 2 - 1
-    ax, ay, dx, dy = across * x, across * y, down * x, down * y
-    ones = np.ones_like(x)
-    fields = np.stack([across * ones, ax, ay, down * ones, dx, dy, ax * x + dx * y, ay * x + dy * y])
+    shape = np.log(profile).reshape(k, k)
+    slope = np.empty((2, k, k), np.float32)
+    slope[0, :, 1:-1], slope[1, 1:-1] = 0.5 * (shape[:, 2:] - shape[:, :-2]), 0.5 * (shape[2:] - shape[:-2])
+    slope[0, :, 0], slope[1, 0] = shape[:, 1] - shape[:, 0], shape[1] - shape[0]
+    slope[0, :, -1], slope[1, -1] = shape[:, -1] - shape[:, -2], shape[-1] - shape[-2]
+    flat = slope.reshape(2, k * k)
+    shifts = samples.lattice.shifts
+    fields = shifts[:, 0] * flat[0] + shifts[:, 1] * flat[1]
     fields -= (fields @ (profile / profile.sum()))[..., None]
-    fields -= np.einsum("acs,c->as", fields, gain / gain.sum())[:, None, :]
+    fields -= np.matmul(gain / gain.sum(), fields)[:, None, :]
     if samples.valid is not None:
         fields *= samples.valid
-    return fields.astype(np.float32)
+    return fields
 
 
 def _project_out(
@@ -306,20 +309,20 @@ def shortlist(evidence: Evidence, white: Singles) -> NDArray[np.int64]:
     return chosen
 
 
-def word_log_likelihoods(evidence: Evidence, white: Singles) -> Doubles:
+def word_log_likelihoods(evidence: Evidence, white: Singles) -> tuple[Doubles, Doubles, Doubles]:
     """Log-likelihood ratio of each word (W, cells) to "no bands", depth and phase integrated out.
 
     With score b and information A of the word's four parameters and prior variance Λ:
-    ½ bᵀ(A + Λ⁻¹)⁻¹b − ½ ln det(I + ΛA).
+    ½ bᵀ(A + Λ⁻¹)⁻¹b − ½ ln det(I + ΛA). Also the parameters' most probable values (W, 4) and covariance (W, 4, 4).
     """
     normal, score = _word_normal_equations(evidence, white.astype(np.float64))
     inverse_prior = 1.0 / evidence.prior
     normal[:, range(PARAMETERS), range(PARAMETERS)] += inverse_prior
-    factor = np.linalg.cholesky(normal)
-    half = np.linalg.solve(factor, score[..., None])[..., 0]
-    log_det = 2.0 * np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1) - np.log(inverse_prior).sum()
-    likelihood: Doubles = 0.5 * ((half * half).sum(axis=1) - log_det)
-    return likelihood
+    covariance: Doubles = np.linalg.inv(normal)
+    bands: Doubles = np.matmul(covariance, score[..., None])[..., 0]
+    log_det = np.linalg.slogdet(normal)[1] - np.log(inverse_prior).sum()
+    likelihood: Doubles = 0.5 * ((bands * score).sum(axis=1) - log_det)
+    return likelihood, bands, covariance
 
 
 def _class_masks(white: Doubles) -> Doubles:
@@ -338,14 +341,6 @@ def _word_normal_equations(evidence: Evidence, white: Doubles) -> tuple[Doubles,
             pair = evidence.information[:, i, :, j]
             normal[:, i, j] = normal[:, j, i] = ((masks[:, :, i] @ pair) * masks[:, :, j]).sum(axis=1)
     return normal, score
-
-
-def _fit(evidence: Evidence, white: Singles) -> tuple[Doubles, tuple[float, float]]:
-    """Most probable cosine and sine of each class (4,) for one word (cells,); deviation of either class's amplitude."""
-    normal, score = _word_normal_equations(evidence, white[None].astype(np.float64))
-    covariance = np.linalg.inv(normal[0] + np.diag(1.0 / evidence.prior))
-    spread = np.sqrt(np.diagonal(covariance))
-    return covariance @ score[0], (float(spread[:2].max()), float(spread[2:].max()))
 
 
 def _plausible(amplitude: tuple[float, float], deviation: tuple[float, float], evidence: Evidence) -> bool:
