@@ -16,6 +16,12 @@ CORNER_FLOOR_PX = 0.1
 # The other solution is excluded where its squared residuals say that it is a thousand times less likely: 2·ln 1000.
 EXCLUDED_BY = 13.8
 
+# OpenCV hands rotations over as vectors, and its IPPE loses those of half a turn: just what an upright panel has that
+# faces the camera. So the square is solved in a frame of its own, `seen`, whose x and y point right and down in the
+# picture as nearly as quarter turns of the marker allow, z away from the camera: never near half a turn.
+_QUARTER_TURN = np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]])
+_SEEN_FROM_MARKER = tuple(np.linalg.matrix_power(_QUARTER_TURN, k) @ np.diag([1.0, -1, -1]) for k in range(4))
+
 
 def square_corners(side_m: float) -> Floats:
     """(4, 3) top left, top right, bottom right, bottom left of a panel in `marker`: x right, y up, z out of it."""
@@ -33,13 +39,19 @@ def solve_square(
     """
     square = square_corners(side_m)
     matrix, distortion = intrinsics.matrix(), np.array(intrinsics.distortion)
-    count, turns, shifts, _ = cv2.solvePnPGeneric(square, corners_px, matrix, distortion, flags=cv2.SOLVEPNP_IPPE_SQUARE)
+    first = int(np.argmin(corners_px.sum(axis=1)))  # nearest the picture's top left
+    as_seen = np.roll(corners_px, -first, axis=0)[::-1]  # IPPE's order, in `seen`: bottom left first, anticlockwise
+    count, turns, shifts, _ = cv2.solvePnPGeneric(square, as_seen, matrix, distortion, flags=cv2.SOLVEPNP_IPPE_SQUARE)
+    finite = [(turns[i], shifts[i]) for i in range(count) if np.isfinite(turns[i]).all()]
     solutions: list[PlanarSolution] = []
-    for i in range(count):
-        if np.isfinite(turns[i]).all() and float(shifts[i][2, 0]) > 0:
-            solutions.append(_solution(square, corners_px, matrix, distortion, turns[i], shifts[i]))
+    for turn, shift in finite:
+        if float(shift[2, 0]) > 0:
+            again = cv2.projectPoints(square, turn, shift, matrix, distortion)[0].reshape(4, 2)
+            off_px = float(np.sqrt(np.square(again - as_seen).sum(axis=1).mean()))
+            camera_from_marker = matrix_from_rotation_vector(turn.reshape(3)) @ _SEEN_FROM_MARKER[first]
+            solutions.append(_solution(camera_from_marker, shift.reshape(3), off_px))
     if not solutions:
-        return BEHIND if count else UNSOLVED
+        return BEHIND if finite else UNSOLVED
     solutions.sort(key=lambda s: s.reprojection_px)
     best = solutions[0]
     if len(solutions) == 1:
@@ -55,14 +67,8 @@ def _same(a: PlanarSolution, b: PlanarSolution) -> bool:
     return rotation_angle_deg(a.camera_from_marker.quaternion_wxyz, b.camera_from_marker.quaternion_wxyz) < 0.1
 
 
-def _solution(
-    square: Floats, corners_px: Floats, matrix: Floats, distortion: Floats, turn: Floats, shift: Floats
-) -> PlanarSolution:
-    seen = cv2.projectPoints(square, turn, shift, matrix, distortion)[0].reshape(4, 2)
+def _solution(rotation: Floats, position_m: Floats, reprojection_px: float) -> PlanarSolution:
     pose = Pose(
-        position_m=read_only(shift.reshape(3)),
-        quaternion_wxyz=read_only(quaternion_from_matrix(matrix_from_rotation_vector(turn.reshape(3)))),
+        position_m=read_only(position_m), quaternion_wxyz=read_only(quaternion_from_matrix(rotation))
     )
-    return PlanarSolution(
-        camera_from_marker=pose, reprojection_px=float(np.sqrt(np.square(seen - corners_px).sum(axis=1).mean()))
-    )
+    return PlanarSolution(camera_from_marker=pose, reprojection_px=reprojection_px)

@@ -1,0 +1,167 @@
+"""Finding lit squares: every panel is among the candidates, and what is dropped says why."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from decode_material import SHORT_US, SPEC, Canvas, flat, square, word
+
+from ledpi.decode.find import Candidate, Finder
+from ledpi.records import Floats, Frame, Rejected, Transfer
+
+SMALLEST_PX = 10.0
+
+
+def find(frame: Frame) -> tuple[list[Candidate], list[str]]:
+    found, dropped = Finder(640, 480, SPEC, SMALLEST_PX).find(frame)
+    return found, [rejected.key for rejected in dropped]
+
+
+def matches(found: list[Candidate], corners: Floats) -> list[Candidate]:
+    """The candidates whose corners, from whichever on, are as near to these as they claim."""
+
+    def off(candidate: Candidate) -> float:
+        turned = [np.roll(candidate.corners, k, axis=0) for k in range(4)]
+        return min(float(np.abs(t - corners).max()) for t in turned)
+
+    return [candidate for candidate in found if off(candidate) <= candidate.tolerance_px]
+
+
+@pytest.mark.parametrize("transfer", ["linear", "srgb"])
+@pytest.mark.parametrize("side", [14, 25, 50, 100, 200, 380])
+def test_a_panel_of_any_size_is_found(side: float, transfer: Transfer) -> None:
+    """From some metres away to one that nearly fills the picture: one candidate, its corners within the tolerance."""
+    corners = square(310.3, 236.6, side, 8)
+    canvas = Canvas(transfer=transfer)
+    canvas.panel(corners, word(7))
+    found, _ = find(canvas.frame())
+    assert len(found) == 1
+    assert len(matches(found, corners)) == 1
+
+
+@pytest.mark.parametrize("turn_deg", [0, 20, 45, 70])
+def test_corners_run_clockwise_from_the_top_left(turn_deg: float) -> None:
+    """As seen in the picture, whichever way up the panel hangs; the first is the one nearest the top left."""
+    canvas = Canvas()
+    canvas.panel(square(320, 240, 90, turn_deg), word(7))
+    ((candidate,), _) = find(canvas.frame())
+    along = np.roll(candidate.corners, -1, axis=0) - candidate.corners
+    onward = np.roll(along, -1, axis=0)
+    assert (along[:, 0] * onward[:, 1] - along[:, 1] * onward[:, 0] > 0).all()
+    assert np.argmin(candidate.corners.sum(axis=1)) == 0
+
+
+def test_an_oblique_panel_is_found() -> None:
+    """Turned by 70° it is a narrow trapezium."""
+    corners = np.array([[300.0, 180], [342, 195], [342, 285], [300, 300]])
+    canvas = Canvas()
+    canvas.panel(corners, word(7))
+    found, _ = find(canvas.frame())
+    assert len(matches(found, corners)) == 1
+
+
+def test_several_panels_are_found() -> None:
+    """Near and far ones in one picture."""
+    places = [square(100, 100, 40), square(300, 150, 120, 12), square(520, 380, 25, -5), square(150, 350, 80)]
+    canvas = Canvas()
+    for place in places:
+        canvas.panel(place, word(23))
+    found, _ = find(canvas.frame())
+    assert [len(matches(found, place)) for place in places] == [1, 1, 1, 1]
+
+
+@pytest.mark.parametrize("side", [40, 100])
+def test_neighbours_are_told_apart(side: float) -> None:
+    """Two panels with half a cell of wall between them, and a bright window a cell away, are three things."""
+    gap = side / 8
+    left, right = square(250, 240, side), square(250 + side + gap, 240, side)
+    canvas = Canvas()
+    canvas.panel(left, word(7))
+    canvas.panel(right, word(23))
+    canvas.lamp(square(250, 240 - side - 2 * gap, side), 0.9)
+    found, _ = find(canvas.frame())
+    assert len(matches(found, left)) == 1
+    assert len(matches(found, right)) == 1
+
+
+def test_a_dim_panel_in_a_bright_room_is_found() -> None:
+    """What is next to the panel decides, not what is brightest in the picture."""
+    corners = square(200, 240, 80)
+    canvas = Canvas(background=0.05)
+    canvas.light += np.linspace(0, 0.1, 640)
+    canvas.lamp(square(520, 150, 150), 0.95)
+    canvas.panel(corners, word(7), light=0.15)
+    found, _ = find(canvas.frame())
+    assert len(matches(found, corners)) == 1
+
+
+@pytest.mark.parametrize("transfer", ["linear", "srgb"])
+@pytest.mark.parametrize("background", [0.0, 0.05, 0.5])
+def test_an_empty_noisy_picture_holds_nothing(background: float, transfer: Transfer) -> None:
+    """Neither darkness nor an evenly lit wall, with noise and a slow slope of light, looks like a panel."""
+    canvas = Canvas(background=background, transfer=transfer)
+    canvas.light *= np.linspace(0.7, 1.3, 640)
+    found, _ = find(canvas.frame())
+    assert found == []
+
+
+@pytest.mark.parametrize("phase", [0.0, 0.25, 0.5, 0.75])
+@pytest.mark.parametrize("side", [70, 130, 200])
+def test_bands_of_full_depth_do_not_cut_a_panel_up(side: float, phase: float) -> None:
+    """At 150 µs whole rows of cells are dark; still the whole panel is a candidate, and says that it is striped."""
+    corners = square(320, 240, side, 5)
+    canvas = Canvas(exposure_us=SHORT_US)
+    canvas.panel(corners, word(7), phases=(phase, phase + 0.4))
+    found, _ = find(canvas.frame())
+    whole = [c for c in found if np.abs(c.corners - corners).max() < 0.25 * side]
+    assert whole
+    assert all(c.striped for c in whole)
+
+
+def test_at_10_ms_nothing_is_striped() -> None:
+    """The exposure smooths the bands to a few percent."""
+    canvas = Canvas()
+    canvas.panel(square(320, 240, 100), word(7))
+    ((candidate,), _) = find(canvas.frame())
+    assert not candidate.striped
+
+
+def test_a_panel_too_small_to_read_is_dropped_as_such() -> None:
+    """What is smaller than asked for is counted, not passed on."""
+    canvas = Canvas()
+    canvas.panel(square(320, 240, 25), word(7))
+    found, dropped = Finder(640, 480, SPEC, smallest_px=40.0).find(canvas.frame())
+    assert found == []
+    assert Rejected(stage="find", reason="too_small") in dropped
+
+
+@pytest.mark.parametrize("place", [(20, 240), (620, 240), (320, 10), (320, 470)])
+def test_a_panel_cut_by_the_picture_is_dropped_as_such(place: tuple[float, float]) -> None:
+    """Part of it is out of view, on whichever side."""
+    canvas = Canvas()
+    canvas.panel(square(*place, 80), word(7), profile=flat)
+    found, dropped = find(canvas.frame())
+    assert found == []
+    assert "find.at_picture_border" in dropped
+
+
+def test_a_thing_with_other_than_four_sides_is_dropped_as_such() -> None:
+    """A triangle of light."""
+    canvas = Canvas()
+    cv2.fillPoly(canvas.light, [np.array([[250, 300], [390, 300], [320, 180]])], 0.4)
+    found, dropped = find(canvas.frame())
+    assert found == []
+    assert "find.not_four_sided" in dropped
+
+
+def test_a_finder_keeps_nothing_of_the_last_picture() -> None:
+    """Its work space is used again: an empty picture after a full one holds nothing, and the same gives the same."""
+    canvas = Canvas()
+    canvas.panel(square(320, 240, 100), word(7))
+    finder = Finder(640, 480, SPEC, SMALLEST_PX)
+    first, _ = finder.find(canvas.frame())
+    nothing, _ = finder.find(Canvas().frame())
+    again, _ = finder.find(canvas.frame())
+    assert nothing == []
+    np.testing.assert_array_equal(first[0].corners, again[0].corners)
