@@ -82,6 +82,11 @@ class Pipeline:
         self._finder = Finder(camera.width, camera.height, panels.spec(), smallest_px=self._cells * MIN_CELL_PX)
         self._codebooks = _codebooks(panels)
 
+    @property
+    def panels(self) -> PanelSettings:
+        """The panels that are looked for: the configuration's, with what the source knows better."""
+        return self._panels
+
     def decode(self, frame: Frame, observer: Observer | None = None) -> Decoded:
         """Everything that this frame shows. Time in `stage_ms` is from the picture in memory to the pose.
 

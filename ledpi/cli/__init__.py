@@ -24,7 +24,14 @@ app = typer.Typer(
 
 def main() -> None:
     """Entry point. A LedpiError is one line on standard error and exit status 2."""
-    from ledpi.cli import calibrate, decode, monitor, run  # noqa: F401, each adds its command to `app`
+    from ledpi.cli import (  # noqa: F401, each adds its command to `app`
+        calibrate,
+        decode,
+        monitor,
+        run,
+        simulate,
+        snapshot,
+    )
 
     try:
         app()

@@ -16,12 +16,10 @@ from ledpi.cli import app
 from ledpi.cli.progress import progress
 from ledpi.errors import ConfigError, RecordingError
 from ledpi.output import decoded_as_json
-from ledpi.records import Decoded, Frame, Intrinsics, Rejected
+from ledpi.records import Decoded, Intrinsics, Rejected
 
 if TYPE_CHECKING:
     from ledpi.config import Config
-
-SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".tif", ".tiff"}
 
 
 @app.command()
@@ -63,6 +61,7 @@ def decode(
 def _sort_out(paths: list[Path]) -> tuple[list[tuple[str, Path]], list[Path]]:
     """(name, folder) of every recording, and the picture files, in the order given."""
     from ledpi.recording import find_recordings
+    from ledpi.still import SUFFIXES
 
     recordings: list[tuple[str, Path]] = []
     pictures: list[Path] = []
@@ -122,42 +121,21 @@ def _decode_recording(
 
 def _decode_pictures(pictures: list[Path], settings: Config, *, advance: Callable[[int], None]) -> int:
     """Prints every picture, each on its own: nothing is known of the time between them."""
-    import cv2
-
-    from ledpi.camera.base import CameraInfo
     from ledpi.pipeline import Pipeline
+    from ledpi.still import read_still, still_camera
 
     if not pictures:
         return 0
-    camera = settings.camera
-    if camera.row_time_us == "auto":
-        raise ConfigError("pictures do not say their row time: --set camera.row_time_us=33.67 (or what it was)")
-    info = CameraInfo(
-        width=camera.width,
-        height=camera.height,
-        exposure_us=camera.exposure_us,
-        row_time_us=camera.row_time_us,
-        transfer="srgb" if camera.transfer == "auto" else camera.transfer,
-    )
+    info = still_camera(settings.camera)
     pipeline = Pipeline(info, settings.panels, intrinsics=_intrinsics(settings), stream=False)
     bad = 0
     for seq, path in enumerate(pictures):
-        picture = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_GRAYSCALE) if path.stat().st_size else None
-        if picture is None or picture.shape != (info.height, info.width):
-            seen = "cannot be read as a picture" if picture is None else f"is {picture.shape[1]} × {picture.shape[0]}"
-            print(f"ledpi: {path}: {seen}; must be {info.width} × {info.height}", file=sys.stderr)
+        try:
+            _print(pipeline.decode(read_still(path, info, seq)), str(path))
+        except RecordingError as error:
+            print(f"ledpi: {error}", file=sys.stderr)
             _print(_nothing(seq, 0, Rejected(stage="capture", reason="unreadable")), str(path))
             bad += 1
-        else:
-            frame = Frame(
-                pixels=picture,
-                seq=seq,
-                row0_readout_ns=0,
-                exposure_us=info.exposure_us,
-                row_time_us=info.row_time_us,
-                transfer=info.transfer,
-            )
-            _print(pipeline.decode(frame), str(path))
         advance(1)
     return bad
 

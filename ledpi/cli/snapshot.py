@@ -1,0 +1,164 @@
+"""`ledpi snapshot`: one annotated picture of one frame."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import typer
+
+from ledpi.cli import app
+from ledpi.errors import CameraError, ConfigError, RecordingError
+
+if TYPE_CHECKING:
+    from ledpi.camera.base import CameraInfo, PanelValues
+    from ledpi.config import Config
+    from ledpi.records import Decoded, Frame, Intrinsics, MarkerPose, Pixels
+
+FORMATS = (".png", ".jpg")
+UNUSABLE_FRAMES = 30  # in a row, half a second of a camera, after which it is given up
+
+
+class _Source(NamedTuple):
+    """A frame, where it comes from, and what that knows."""
+
+    title: str
+    frame: Frame
+    camera: CameraInfo
+    panel: PanelValues | None
+    intrinsics: Intrinsics | None
+
+
+@app.command()
+def snapshot(
+    path: Path | None = typer.Argument(None, help="A recording or a picture. Default: the configured camera."),
+    config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
+    set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
+    frame: int | None = typer.Option(
+        None, "--frame", min=0, metavar="SEQ", help="Of a recording: this frame. Of a camera: the first from this on."
+    ),
+    out: Path = typer.Option(Path("snapshot.png"), "--out", help="Picture to write, .png or .jpg."),
+) -> None:
+    """One frame as an annotated picture: bands amplified, cells, poses, and what was dropped, and why.
+
+    The frame is decoded alone, without memory of those before. One line on standard output says what was read.
+
+    Example: ledpi snapshot recordings/drive --frame 42 --out frame42.png
+    """
+    from ledpi.config import find_config, load_config
+    from ledpi.pipeline import Pipeline
+    from ledpi.snapshot.page import draw
+    from ledpi.snapshot.record import take
+
+    if out.suffix.lower() not in FORMATS:
+        raise ConfigError(f"--out {out}: must end in {' or '.join(FORMATS)}")
+    file, overrides = find_config(config), list(set_)
+    if file is None and path is not None and path.is_dir():
+        overrides.insert(0, "panels.side_m=1")  # a recording brings its panel's size
+    settings = load_config(file, tuple(overrides))
+    source = _open(path, settings, frame)
+    pipeline = Pipeline(
+        source.camera, settings.panels, intrinsics=source.intrinsics, shown=source.panel, stream=False
+    )
+    taken = take(source.title, source.frame, pipeline, source.intrinsics)
+    _write(out, draw(taken))
+    typer.echo(f"{out}: {source.title}: {summary(taken.decoded)}")
+
+
+def _open(path: Path | None, settings: Config, seq: int | None) -> _Source:
+    if path is None:
+        return _from_camera(settings, seq or 0)
+    if path.is_dir():
+        return _from_recording(path, settings, seq)
+    if not path.exists():
+        raise RecordingError(f"{path}: no such file or folder")
+    if seq:
+        raise ConfigError(f"--frame {seq}: {path} is a picture, not a recording; it has no frame but 0")
+    return _from_picture(path, settings)
+
+
+def _from_camera(settings: Config, seq: int) -> _Source:
+    """The first usable frame from `seq` on; replays and the simulator are not waited for."""
+    import numpy as np
+
+    from ledpi.camera.factory import open_camera
+    from ledpi.daemon import calibration
+    from ledpi.records import Rejected
+
+    name = settings.camera.source
+    camera = open_camera(settings, paced=name.partition(":")[0] not in ("simulated", "recording"))
+    into = np.empty((camera.info.height, camera.info.width), np.uint8)
+    unusable = 0
+    try:
+        while True:
+            frame = camera.read(into)
+            if frame is None:
+                raise CameraError(f"camera.source: {name} ended before frame {seq}")
+            unusable = unusable + 1 if isinstance(frame, Rejected) else 0
+            if isinstance(frame, Rejected) and unusable >= UNUSABLE_FRAMES:
+                raise CameraError(f"camera.source: {name} gave {unusable} unusable frames in a row: {frame.key}")
+            if not isinstance(frame, Rejected) and frame.seq >= seq:
+                lens = calibration(settings, camera)
+                return _Source(f"{Path(name).name}, frame {frame.seq}", frame, camera.info, camera.panel, lens)
+    finally:
+        camera.close()
+
+
+def _from_recording(folder: Path, settings: Config, seq: int | None) -> _Source:
+    import numpy as np
+
+    from ledpi.camera.recording import RecordingCamera
+    from ledpi.daemon import calibration
+    from ledpi.picture import read_picture
+    from ledpi.recording import load_recording
+
+    recording = load_recording(folder)
+    frames = recording.frames
+    entry = next((entry for entry in frames if seq is None or entry.seq == seq), None)
+    if entry is None:
+        raise RecordingError(f"{folder}: has no frame {seq}; has {len(frames)}, {frames[0].seq} to {frames[-1].seq}")
+    picture = np.empty((recording.camera.height, recording.camera.width), np.uint8)
+    fault = read_picture(entry.picture, picture)
+    if fault is not None:
+        raise RecordingError(fault.message)
+    camera = RecordingCamera(recording, paced=False)
+    title = f"{folder.resolve().name}, frame {entry.seq}"
+    return _Source(title, recording.frame(entry, picture), camera.info, camera.panel, calibration(settings, camera))
+
+
+def _from_picture(path: Path, settings: Config) -> _Source:
+    from ledpi.camera_yaml import load_intrinsics
+    from ledpi.still import read_still, still_camera
+
+    camera = still_camera(settings.camera)
+    lens = settings.camera.intrinsics
+    intrinsics = None if lens is None else load_intrinsics(lens, (camera.width, camera.height))
+    return _Source(path.name, read_still(path, camera), camera, None, intrinsics)
+
+
+def _write(out: Path, drawn: Pixels) -> None:
+    import cv2
+
+    data = cv2.imencode(out.suffix.lower(), drawn)[1]
+    try:
+        out.write_bytes(data.tobytes())
+    except OSError as error:
+        raise RecordingError(f"--out {out}: cannot be written: {error.strerror}") from None
+
+
+def summary(decoded: Decoded) -> str:
+    """What a frame showed, in one line, as in `ID 7 at +0.100 -0.200 1.500 m, margin 14; dropped: soft.no_bands 1`."""
+    from collections import Counter
+
+    counts = Counter(rejected.key for rejected in decoded.rejected)
+    dropped = ", ".join(f"{key} {count}" for key, count in counts.most_common())
+    parts = [_marker_text(marker) for marker in decoded.markers] or ["no panel read"]
+    return "; ".join(parts + ([f"dropped: {dropped}"] if dropped else []))
+
+
+def _marker_text(marker: MarkerPose) -> str:
+    sighting, where = marker.sighting, "without a pose"
+    if marker.solution is not None:
+        x, y, z = marker.solution.camera_from_marker.position_m
+        where = f"at {x:+.3f} {y:+.3f} {z:.3f} m"
+    return f"ID {sighting.id} {where}, margin {sighting.margin:.0f}"

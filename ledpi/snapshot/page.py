@@ -1,0 +1,69 @@
+"""The whole picture: the frame as seen and as read, and below them the panels enlarged."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import cv2
+import numpy as np
+
+from ledpi.records import Frame, Pixels
+from ledpi.snapshot import enlarged
+from ledpi.snapshot.drawing import BACKGROUND, BLACK_CLASS, DIM, WHITE_CLASS, Canvas, text, text_size
+from ledpi.snapshot.overlay import draw_reading
+from ledpi.snapshot.record import Snapshot
+
+# Two columns; in pixels.
+BORDER, GUTTER = 20, 20
+COLUMN = 3 * enlarged.TILE + 2 * enlarged.GAP
+LEFT, RIGHT = BORDER, BORDER + COLUMN + GUTTER
+WIDTH = RIGHT + COLUMN + BORDER
+PICTURES_TOP = 74  # below the heading and the pictures' titles
+BLOCK_PITCH = enlarged.HEIGHT + 8
+MOST_BLOCKS = 4
+FOOTER = 40
+
+
+def picture_scale(frame: Frame) -> float:
+    """Pixels of the finished picture for each pixel of the frame."""
+    return COLUMN / int(frame.pixels.shape[1])
+
+
+def draw(snapshot: Snapshot) -> Pixels:
+    """(height, WIDTH, 3), BGR."""
+    frame = snapshot.frame
+    scale = picture_scale(frame)
+    pictures_end = PICTURES_TOP + round(frame.pixels.shape[0] * scale)
+    blocks = enlarged.blocks_of(snapshot)[:MOST_BLOCKS]
+    blocks_top = pictures_end + 12
+    height = blocks_top + (len(blocks) + 1) // 2 * BLOCK_PITCH + FOOTER
+    canvas = np.full((height, WIDTH, 3), BACKGROUND, np.uint8)
+    _draw_heading(canvas, snapshot)
+    seen = cv2.resize(frame.pixels, (COLUMN, pictures_end - PICTURES_TOP), interpolation=cv2.INTER_AREA)
+    for left in (LEFT, RIGHT):
+        canvas[PICTURES_TOP:pictures_end, left : left + COLUMN] = seen[..., None]
+    draw_reading(canvas[PICTURES_TOP:pictures_end, RIGHT : RIGHT + COLUMN], snapshot, scale)
+    for index, block in enumerate(blocks):
+        top, left = blocks_top + index // 2 * BLOCK_PITCH, (LEFT, RIGHT)[index % 2]
+        enlarged.draw_block(canvas[top : top + enlarged.HEIGHT, left : left + COLUMN], block, snapshot)
+    counts = Counter(rejected.key for rejected in snapshot.decoded.rejected).most_common()
+    dropped = ", ".join(f"{key} {count}" for key, count in counts) or "nothing"
+    text(canvas, f"Dropped: {dropped}", (LEFT, height - 16), colour=DIM)
+    return canvas
+
+
+def _draw_heading(canvas: Canvas, snapshot: Snapshot) -> None:
+    frame, spec = snapshot.frame, snapshot.panels.spec()
+    height, width = frame.pixels.shape
+    values = f"{width} x {height}, exposure {frame.exposure_us / 1e3:.4g} ms, row time {frame.row_time_us:.2f} us"
+    text(canvas, snapshot.title, (LEFT, 30), size=0.7, bold=True)
+    text(canvas, values, (WIDTH - BORDER - text_size(values)[0], 30), colour=DIM)
+    text(canvas, "As the camera sees it", (LEFT, 62), bold=True)
+    text(canvas, "As ledpi reads it", (RIGHT, 62), bold=True)
+    at = WIDTH - BORDER
+    for bit, hz, colour in ((1, spec.white_hz, WHITE_CLASS), (0, spec.black_hz, BLACK_CLASS)):
+        label = f"{bit}: {hz:g} Hz"
+        at -= text_size(label)[0]
+        text(canvas, label, (at, 62))
+        cv2.rectangle(canvas, (at - 20, 51), (at - 8, 63), colour, cv2.FILLED)
+        at -= 40
