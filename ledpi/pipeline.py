@@ -13,8 +13,9 @@ from ledpi.config import PanelSettings
 from ledpi.decode import soft
 from ledpi.decode.cells import MIN_CELL_PX, sample_cells
 from ledpi.decode.edges import approach_quads, refine_quad
+from ledpi.decode.evidence import Evidence
 from ledpi.decode.find import Candidate, Finder
-from ledpi.decode.track import Tracker
+from ledpi.decode.track import NOT_SHOWN, Track, Tracker, contradicts
 from ledpi.markers import corners_of_turned, load_dictionary
 from ledpi.pose.planar import solve_square
 from ledpi.records import (
@@ -77,10 +78,11 @@ class Pipeline:
         self._intrinsics = intrinsics
         self._clock = clock
         self._stream = stream
-        self._tracker = Tracker()
         self._cells = load_dictionary(panels.dictionary).cells_per_side
         self._finder = Finder(camera.width, camera.height, panels.spec(), smallest_px=self._cells * MIN_CELL_PX)
         self._codebooks = _codebooks(panels)
+        self._specs = tuple(book.spec for book in self._codebooks)
+        self._tracker = Tracker(self._specs)
 
     @property
     def panels(self) -> PanelSettings:
@@ -105,12 +107,13 @@ class Pipeline:
             striped=any(candidate.striped for candidate in candidates),
         )
         self._timed(work, "edges", since)
-        if not self._stream:
-            self._tracker = Tracker()
         looks = zip(candidates, near, strict=True)
-        sightings = [s for candidate, at in looks if (s := self._read(frame, candidate, at, work)) is not None]
+        quads = [quad for candidate, at in looks if (quad := self._refine(frame, candidate, at, work)) is not None]
+        if not self._stream:
+            self._tracker = Tracker(self._specs)
+        followed = self._tracker.follow(quads, frame.row0_readout_ns)
+        sightings = [s for quad, track in followed if (s := self._read(frame, quad, track, work)) is not None]
         sightings = _one_of_each(sightings, work)
-        self._tracker.update(sightings, frame.row0_readout_ns)
         start = self._clock()
         markers = tuple(m for s in sightings if (m := self._place(frame, s, work)) is not None)
         work.seconds["pose"] = self._clock() - start
@@ -129,35 +132,46 @@ class Pipeline:
         work.seconds[stage] += now - since
         return now
 
-    def _read(
-        self, frame: Frame, candidate: Candidate, near: Floats | Rejected, work: _Work
-    ) -> Sighting | None:
-        """The panel at a candidate's place, or None where it is none; why is in `work`."""
+    def _refine(self, frame: Frame, candidate: Candidate, near: Floats | Rejected, work: _Work) -> Quad | None:
+        """The lit square at a candidate's place, or None where it is none; why is in `work`."""
         since = self._clock()
-        if isinstance(near, Rejected):
-            work.reject(candidate.corners, near)
+        refined = (
+            near
+            if isinstance(near, Rejected)
+            else refine_quad(frame, near, self._intrinsics, striped=candidate.striped)
+        )
+        self._timed(work, "edges", since)
+        if isinstance(refined, Rejected):
+            work.reject(candidate.corners, refined)
             return None
-        quad = refine_quad(frame, near, self._intrinsics, striped=candidate.striped)
-        since = self._timed(work, "edges", since)
-        if isinstance(quad, Rejected):
-            work.reject(candidate.corners, quad)
-            return None
-        samples = sample_cells(frame, quad, self._cells, self._intrinsics)
+        return refined
+
+    def _read(self, frame: Frame, quad: Quad, track: Track, work: _Work) -> Sighting | None:
+        """The panel that this lit square is, or None where none can be told; why is in `work`."""
+        since = self._clock()
+        samples = sample_cells(frame, quad, self._cells, self._intrinsics, like=track.memories[0].lattice)
         since = self._timed(work, "cells", since)
         if isinstance(samples, Rejected):
             work.reject(quad.corners_px, samples)
             return None
-        track = self._tracker.expect(quad, frame.row0_readout_ns)
-        expected = track.id if track is not None else None
-        readings = [soft.read_word(samples, frame, book, expected) for book in self._codebooks]
+        added = [memory.add(samples, frame) for memory in track.memories]
+        if track.shown is not None and all(map(contradicts, added, track.shown)):
+            work.reject(quad.corners_px, NOT_SHOWN)
+            track.forget()
+            for memory in track.memories:
+                memory.add(samples, frame)
+        readings = [
+            soft.decide(evidence, book) if isinstance(evidence, Evidence) else evidence
+            for book, evidence in zip(self._codebooks, (m.evidence() for m in track.memories), strict=True)
+        ]
+        reading = soft.surest(readings)
         self._timed(work, "soft", since)
-        read = [r for r in readings if isinstance(r, soft.Reading)]
-        if not read:
-            work.reject(quad.corners_px, next(r for r in readings if isinstance(r, Rejected)))
+        if isinstance(reading, Rejected):
+            work.reject(quad.corners_px, reading)
+            track.shown = None
             return None
-        best = max(read, key=lambda r: r.margin)
-        agreed = track.frames if track is not None and track.id == best.id else 0
-        return _sighting(quad, best, frames_used=agreed + 1)
+        track.shown = tuple(reading.cell_bands if r is reading else np.zeros_like(reading.cell_bands) for r in readings)
+        return _sighting(quad, reading, frames_used=track.memories[0].frames)
 
     def _place(self, frame: Frame, sighting: Sighting, work: _Work) -> MarkerPose | None:
         centre_row = float(sighting.corners_px[:, 1].mean())

@@ -21,9 +21,10 @@ Singles = NDArray[np.float32]
 
 # The rim of a cell is left out: there the optics mix in the neighbour's light, and partitions cast shadows.
 INSET = 0.08
-# Points along a cell. Up to the most, one a pixel: nothing is lost. A panel so close that this is not enough has light to
-# spare: its picture is averaged down to the coarser lattice, for speed.
+# Points along a cell. Up to the most, one a pixel: nothing is lost. A panel so close that this is not enough has light
+# to spare: its picture is averaged down to the coarser lattice, for speed.
 MIN_LATTICE, MAX_LATTICE, CLOSE_LATTICE = 2, 16, 12
+SAME_LATTICE = 0.15  # by how much a panel may grow or shrink and keep its lattice
 MIN_CELL_PX = 2.5
 # A lens that bends the square by less than this is left out: it moves no sample by a fiftieth of the smallest cell.
 MAX_BEND_PX = 0.05
@@ -42,7 +43,8 @@ class Lattice:
     k: int
     u: Singles  # (n·n, k·k), across the panel, 0..1 from its left edge
     v: Singles  # (n·n, k·k), down the panel
-    shifts: Singles  # (8, 2, n·n, k·k) how each of the eight ways of being a wrong homography moves the points along u, v
+    along: Singles  # (n·k,) the places of u, and of v, in order
+    shifts: Singles  # (8, 2, n·n, k·k) how each of the eight ways of being a wrong homography moves them along u, v
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,7 +69,7 @@ def lattice(cells: int, k: int) -> Lattice:
     # To first order a homography can differ by 1, x, y in either direction, and by (x², xy) and (xy, y²).
     x, y, one, none = u * 2 - 1, v * 2 - 1, np.ones_like(u), np.zeros_like(u)
     across = [(one, none), (x, none), (y, none), (none, one), (none, x), (none, y), (x * x, x * y), (x * y, y * y)]
-    return Lattice(cells=cells, k=k, u=u, v=v, shifts=np.array(across, np.float32))
+    return Lattice(cells=cells, k=k, u=u, v=v, along=along.reshape(-1), shifts=np.array(across, np.float32))
 
 
 def unit_square_to(corners: Floats) -> Floats:
@@ -108,9 +110,12 @@ def _lattice_pixels(quad: Quad, points: Lattice, intrinsics: Intrinsics | None) 
 
 
 def sample_cells(
-    frame: Frame, quad: Quad, cells: int, intrinsics: Intrinsics | None = None
+    frame: Frame, quad: Quad, cells: int, intrinsics: Intrinsics | None = None, like: Lattice | None = None
 ) -> CellSamples | Rejected:
-    """The light of `cells` × `cells` cells inside `quad`, or why it cannot be had."""
+    """The light of `cells` × `cells` cells inside `quad`, or why it cannot be had.
+
+    On the lattice `like`, where the panel's size still suits it: pictures on one lattice can be compared.
+    """
     sides = np.roll(quad.corners_px, -1, axis=0) - quad.corners_px
     lengths = np.hypot(sides[:, 0], sides[:, 1])
     # Opposite sides: the height and the width of a cell, seen from wherever.
@@ -120,6 +125,8 @@ def sample_cells(
     k = max(MIN_LATTICE, round(float(cell_px.max()) * (1 - 2 * INSET)))
     if k > MAX_LATTICE:
         k = CLOSE_LATTICE
+    if like is not None and abs(k - like.k) <= max(1.0, SAME_LATTICE * like.k):
+        k = like.k
     points = lattice(cells, k)
     at = _lattice_pixels(quad, points, intrinsics)
     low, high = at.min(axis=(0, 1)), at.max(axis=(0, 1))

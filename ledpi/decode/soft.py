@@ -1,42 +1,29 @@
-"""Reads a panel's ID from the bands in its cells, all cells and both classes together.
+"""Reads a panel's ID from the evidence of all its cells together.
 
-The light of cell c at lattice point s and picture row y is
-
-    I[c, s] = g_c · p_s · (1 + m_k(c) · cos(2π f_k t_row y − φ_k(c))) + noise
-
-with a gain g_c for each cell, one diffuser profile p_s that all cells share, and the class k(c) of the cell, black or
-white. The cells of a class share one oscillator: one frequency, one phase. What the picture would be without bands,
-g_c · p_s, is estimated and divided out; what an error of the corners would add (the profile's slope times the shift
-that each corner's error makes there) is projected out; what is left is regressed on a cosine and a sine per class.
 A word of the dictionary says which cells carry which class, so its likelihood is that of *one* fit to the whole
 panel: no cell is ever decided alone. Depth and phase are not known beforehand; they are integrated out under a
-Gaussian whose width is the depth that the exposure leaves of a square wave (`shutter.harmonic_amplitude`).
+Gaussian whose width is the depth that the exposure leaves of a square wave (`shutter.harmonic_amplitude`). Three
+rivals are weighed against the best word: no bands at all, the best other ID, and all patterns that are no word.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ledpi import shutter
 from ledpi.decode.cells import CellSamples, Singles
+from ledpi.decode.evidence import PARAMETERS, Doubles, Evidence, single_evidence
 from ledpi.markers import Dictionary
 from ledpi.records import Frame, PanelSpec, Rejected
 
-Doubles = NDArray[np.float64]
-
-# Bilinear interpolation averages the noise of four pixels: the mean of the squared weights over all positions is
-# (2/3)² of one pixel's variance. Samples that are closer than that allows share noise and count for less.
-INTERPOLATION_VARIANCE = 4.0 / 9.0
-PARAMETERS = 4  # cosine and sine of each class
 SHORTLIST = 16  # words that are compared exactly
 NO_BANDS = Rejected(stage="soft", reason="no_bands")
 NO_WORD = Rejected(stage="soft", reason="not_in_dictionary")
 AMBIGUOUS = Rejected(stage="soft", reason="ambiguous")
-UNFIT = Rejected(stage="soft", reason="unfit")
 IMPLAUSIBLE = Rejected(stage="soft", reason="implausible_depth")
 
 # A word is taken where it is e^MARGIN times likelier than whatever else the panel may be. At 1e-6 false IDs a
@@ -44,8 +31,6 @@ IMPLAUSIBLE = Rejected(stage="soft", reason="implausible_depth")
 MARGIN = -math.log(1e-6)
 # Of the things that blink like a panel, the share that shows no word: a mirror image, a broken panel, another system.
 PRIOR_OF_NO_WORD = 0.001
-# What a track adds: as much as a frame of its own must bring, less what guards against another panel in its place.
-EXPECTED = MARGIN - 4.0
 # No square wave leaves deeper bands than `shutter.harmonic_amplitude` of duty 0.5 by more than π/2 (a duty near 0), and
 # the classes of one panel are thinned alike by whatever light does not blink. Texture knows of neither.
 MAX_DEPTH = math.pi / 2
@@ -78,39 +63,24 @@ class Codebook:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reading:
-    """The best word, and how sure it is. Amplitudes and phases are of (black, white)."""
+    """The best word, and how sure it is."""
 
     id: int
     quarter_turns: int  # clockwise, of the word as seen in the picture
     margin: float  # natural-log likelihood ratio to the best rival
-    amplitude: tuple[float, float]  # of the bands over the mean light
-    phase_rad: tuple[float, float]  # of the bands' cosine at picture row 0
+    likelihood: float  # natural-log likelihood ratio to "no bands at all"
+    amplitude: tuple[float, float]  # of black's and white's bands over the mean light
+    cell_bands: Doubles  # (cells, 4) cosine and sine of black's bands, then white's, as each cell shows them
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Evidence:
-    """What the samples say of every cell and class: quadratic in the bands, so that words only add up.
-
-    The log-likelihood of bands x (cosine and sine in each class, one x for all cells of it) is
-    `score·x − xᵀ·information·x/2`.
-    """
-
-    score: Doubles  # (cells, 4)
-    information: Doubles  # (cells, 4, cells, 4)
-    prior: Doubles  # (4,) expected variance of x
+def read_word(samples: CellSamples, frame: Frame, codebook: Codebook) -> Reading | Rejected:
+    """The word that these samples show by themselves, or why none can be told."""
+    evidence = single_evidence(samples, frame, codebook.spec)
+    return evidence if isinstance(evidence, Rejected) else decide(evidence, codebook)
 
 
-def read_word(
-    samples: CellSamples, frame: Frame, codebook: Codebook, expected_id: int | None = None
-) -> Reading | Rejected:
-    """The word that these samples show, or why none can be told.
-
-    `expected_id` is what a track has shown at this place so far. It raises that ID's odds, but the frame must show
-    bands by itself, and no other ID may fit it better.
-    """
-    evidence = gather_evidence(samples, frame, codebook.spec)
-    if isinstance(evidence, Rejected):
-        return evidence
+def decide(evidence: Evidence, codebook: Codebook) -> Reading | Rejected:
+    """The word that the evidence is for, or why none can be told."""
     likely = shortlist(evidence, codebook.white)
     likelihood, fits, covariances = word_log_likelihoods(evidence, codebook.white[likely])
     first = int(np.argmax(likelihood))
@@ -120,169 +90,35 @@ def read_word(
     bands = fits[first]
     amplitude = (math.hypot(*bands[:2]), math.hypot(*bands[2:]))
     spread = np.sqrt(np.diagonal(covariances[first])).tolist()
-    deviation = (max(spread[:2]), max(spread[2:]))
-    if not _plausible(amplitude, deviation, evidence):
+    if not _plausible(amplitude, (max(spread[:2]), max(spread[2:])), evidence):
         return IMPLAUSIBLE
-    prior = EXPECTED if codebook.ids[best] == expected_id else 0.0
-    outside = _odds_against_other_patterns(evidence, codebook, best, bands) + prior
+    outside = _odds_against_other_patterns(evidence, codebook, best, bands)
     if outside < MARGIN:
         return NO_WORD
     rivals = likelihood[codebook.ids[likely] != codebook.ids[best]]
-    other = none - float(rivals.max()) + prior if len(rivals) else none
+    other = none - float(rivals.max()) if len(rivals) else none
     if other < MARGIN:
         return AMBIGUOUS
-    centre = float(samples.rows.mean())
-    phases = []
-    for k, hz in enumerate((codebook.spec.black_hz, codebook.spec.white_hz)):
-        phases.append(math.atan2(bands[2 * k + 1], bands[2 * k]) + 2 * math.pi * _cycles_per_row(frame, hz) * centre)
     return Reading(
         id=int(codebook.ids[best]),
         quarter_turns=int(codebook.quarter_turns[best]),
         margin=min(none, other, outside),
+        likelihood=none,
         amplitude=amplitude,
-        phase_rad=(phases[0], phases[1]),
+        cell_bands=_class_masks(codebook.white[best].astype(np.float64)) * bands,
     )
 
 
-def _cycles_per_row(frame: Frame, frequency_hz: float) -> float:
-    return frequency_hz * frame.row_time_us * 1e-6
-
-
-def gather_evidence(samples: CellSamples, frame: Frame, spec: PanelSpec) -> Evidence | Rejected:
-    """Divides the static picture out and correlates the rest with each class's bands in each cell."""
-    cells, points = samples.light.shape
-    gain, profile, residual = _remove_static_picture(samples)
-    waves = _class_waves(samples, frame, spec)  # (4, cells, points)
-    waves = waves - (waves @ (profile / profile.sum()))[..., None]
-    # Weighted by the light: shot noise has the variance of the light, so of the light's ratio its inverse.
-    root = np.sqrt(profile)
-    weighted = (waves * root).transpose(1, 0, 2).reshape(cells * PARAMETERS, points)
-    overlap = (weighted @ weighted.T).astype(np.float64).reshape(cells, PARAMETERS, cells, PARAMETERS)
-    # Removing the shared profile takes from each cell what all of them have in common.
-    g = gain.astype(np.float64)
-    information = overlap * (-np.outer(g, g) / g.sum())[:, None, :, None]
-    each = np.arange(cells)
-    information[each, :, each, :] += g[:, None, None] * overlap[each, :, each, :]
-    light = gain[:, None] * profile
-    score = np.einsum("jcs,cs->cj", waves, residual * light, optimize=False).astype(np.float64)
-    squares = float((residual * residual * light).sum())
-    slopes = _registration_slopes(samples, gain, profile)
-    nuisances = 0
-    if slopes is not None:
-        score, information, squares = _project_out(slopes, light, waves, residual, score, information, squares)
-        nuisances = len(slopes)
-    variance = _noise_variance(score, information, squares, samples, nuisances)
-    if not variance > 0:
-        return UNFIT
-    independent = min(1.0, INTERPOLATION_VARIANCE * samples.step_px**2)
-    scale = independent / variance
-    frequencies = (spec.black_hz, spec.white_hz)
-    amplitude = [shutter.harmonic_amplitude(1, hz, frame.exposure_us, spec.duty) for hz in frequencies]
-    # A depth of which the mean square is the expected one; the phase may be any.
-    prior = np.repeat(np.maximum(np.square(amplitude), 1e-12), 2) / 2
-    return Evidence(score=score * scale, information=information * scale, prior=prior)
-
-
-def _remove_static_picture(samples: CellSamples) -> tuple[Singles, Singles, Singles]:
-    """Gain (cells,), profile (points,), both of mean 1, and I / (g·p) − 1 (cells, points) without their means."""
-    light, valid = samples.light, samples.valid
-    count = light.shape[1] if valid is None else valid.sum(axis=1)
-    gain = light.sum(axis=1) / count
-    if valid is None:
-        profile = (light / gain[:, None]).mean(axis=0)
-    else:
-        seen = np.maximum(valid.sum(axis=0), 1)
-        profile = (light / gain[:, None]).sum(axis=0) / seen
-    profile = np.maximum(profile, np.float32(1e-3))
-    ratio = light / (gain[:, None] * profile) - np.float32(1)
-    if valid is not None:
-        ratio *= valid
-    gain, profile = gain / gain.mean(), profile / profile.mean()
-    # Twice where samples are missing: rows and columns are then not independent of each other.
-    for _ in range(1 if valid is None else 4):
-        w = gain[:, None] * profile if valid is None else gain[:, None] * profile * valid
-        ratio = ratio - (ratio * w).sum(axis=1, keepdims=True) / np.maximum(w.sum(axis=1, keepdims=True), 1e-9)
-        ratio = ratio - (ratio * w).sum(axis=0) / np.maximum(w.sum(axis=0), 1e-9)
-        if valid is not None:
-            ratio *= valid
-    return gain, profile, ratio
-
-
-def _class_waves(samples: CellSamples, frame: Frame, spec: PanelSpec) -> Singles:
-    """(4, cells, points): cosine and sine of black's bands, then of white's, from the panel's mean row."""
-    rows = samples.rows - samples.rows.mean()
-    out = np.empty((PARAMETERS, *rows.shape), np.float32)
-    for k, hz in enumerate((spec.black_hz, spec.white_hz)):
-        angle = rows * np.float32(2 * math.pi * _cycles_per_row(frame, hz))
-        np.cos(angle, out=out[2 * k])
-        np.sin(angle, out=out[2 * k + 1])
-    if samples.valid is not None:
-        out *= samples.valid
-    return out
-
-
-def _registration_slopes(samples: CellSamples, gain: Singles, profile: Singles) -> Singles | None:
-    """(8, cells, points): relative change of the light for each way in which four corners can be off.
-
-    The profile's logarithmic slopes along u and v, times the shifts that the lattice knows of.
-    """
-    k = samples.lattice.k
-    if k < 3:
-        return None
-    shape = np.log(profile).reshape(k, k)
-    slope = np.empty((2, k, k), np.float32)
-    slope[0, :, 1:-1], slope[1, 1:-1] = 0.5 * (shape[:, 2:] - shape[:, :-2]), 0.5 * (shape[2:] - shape[:-2])
-    slope[0, :, 0], slope[1, 0] = shape[:, 1] - shape[:, 0], shape[1] - shape[0]
-    slope[0, :, -1], slope[1, -1] = shape[:, -1] - shape[:, -2], shape[-1] - shape[-2]
-    flat = slope.reshape(2, k * k)
-    shifts = samples.lattice.shifts
-    fields = shifts[:, 0] * flat[0] + shifts[:, 1] * flat[1]
-    fields -= (fields @ (profile / profile.sum()))[..., None]
-    fields -= np.matmul(gain / gain.sum(), fields)[:, None, :]
-    if samples.valid is not None:
-        fields *= samples.valid
-    return fields
-
-
-def _project_out(
-    slopes: Singles,
-    light: Singles,
-    waves: Singles,
-    residual: Singles,
-    score: Doubles,
-    information: Doubles,
-    squares: float,
-) -> tuple[Doubles, Doubles, float]:
-    """Score, information and sum of squares of what the slopes cannot explain (their Schur complement)."""
-    cells, n = len(light), len(slopes)
-    weighted = slopes * light
-    flat = weighted.reshape(n, -1)
-    normal = (flat @ slopes.reshape(n, -1).T).astype(np.float64)
-    diagonal = np.einsum("ii->i", normal)  # a view
-    diagonal += 1e-6 * (diagonal.mean() + 1e-12)
-    with_waves = np.matmul(weighted.transpose(1, 0, 2), waves.transpose(1, 2, 0)).astype(np.float64)  # (cells, n, 4)
-    with_waves = with_waves.transpose(1, 0, 2).reshape(n, cells * PARAMETERS)
-    with_residual = (flat @ residual.reshape(-1)).astype(np.float64)
-    solved = np.linalg.solve(normal, np.concatenate([with_waves, with_residual[:, None]], axis=1))
-    score = score - (with_waves.T @ solved[:, -1]).reshape(cells, PARAMETERS)
-    taken = with_waves.T @ solved[:, :-1]
-    return score, information - taken.reshape(information.shape), squares - float(with_residual @ solved[:, -1])
-
-
-def _noise_variance(
-    score: Doubles, information: Doubles, squares: float, samples: CellSamples, nuisances: int
-) -> float:
-    """Variance of one sample of unit weight: what is left when every cell has bands of its own in both classes."""
-    cells, points = samples.light.shape
-    size = cells * PARAMETERS
-    matrix = information.reshape(size, size).copy()
-    diagonal = np.einsum("ii->i", matrix)  # a view
-    diagonal += 1e-6 * diagonal.mean()
-    flat = score.reshape(size)
-    left = squares - float(flat @ np.linalg.solve(matrix, flat))
-    used = cells * points if samples.valid is None else int(samples.valid.sum())
-    freedom = used - cells - points - nuisances - size
-    return left / freedom if freedom > 0 else math.nan
+def surest(readings: Sequence[Reading | Rejected]) -> Reading | Rejected:
+    """The reading to believe, of those under each pair of frequencies that panels may have; at least one is given."""
+    read = sorted((r for r in readings if isinstance(r, Reading)), key=lambda r: -r.likelihood)
+    if not read:
+        return next(r for r in readings if isinstance(r, Rejected))
+    best = read[0]
+    ahead = min((best.likelihood - r.likelihood for r in read[1:] if r.id != best.id), default=math.inf)
+    if ahead < MARGIN:
+        return AMBIGUOUS
+    return replace(best, margin=min(best.margin, ahead))
 
 
 def shortlist(evidence: Evidence, white: Singles) -> NDArray[np.int64]:
@@ -318,7 +154,7 @@ def word_log_likelihoods(evidence: Evidence, white: Singles) -> tuple[Doubles, D
     normal, score = _word_normal_equations(evidence, white.astype(np.float64))
     inverse_prior = 1.0 / evidence.prior
     normal[:, range(PARAMETERS), range(PARAMETERS)] += inverse_prior
-    covariance: Doubles = np.linalg.inv(normal)
+    covariance = np.asarray(np.linalg.inv(normal), np.float64)
     bands: Doubles = np.matmul(covariance, score[..., None])[..., 0]
     log_det = np.linalg.slogdet(normal)[1] - np.log(inverse_prior).sum()
     likelihood: Doubles = 0.5 * ((bands * score).sum(axis=1) - log_det)

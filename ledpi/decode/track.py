@@ -1,8 +1,4 @@
-"""Remembers where each panel was, so that a frame which alone would leave a little doubt need not be thrown away.
-
-A track is prior odds for one reading at one place, nothing more: the frame itself must still show bands, and must
-itself make that ID its likeliest one.
-"""
+"""Follows each lit square from frame to frame, so that what several frames say of one panel can be added up."""
 
 from __future__ import annotations
 
@@ -11,72 +7,102 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ledpi.records import Floats, Quad, Sighting
+from ledpi.decode.evidence import Doubles, Evidence
+from ledpi.decode.memory import PanelMemory
+from ledpi.records import Floats, PanelSpec, Quad, Rejected
+
+NOT_SHOWN = Rejected(stage="track", reason="not_shown")
 
 MAX_GAP_NS = 500_000_000  # tracks do not survive a longer one (the recording format says so)
-MAX_FRAMES = 255
-# Between two frames a panel's centre may differ from its prediction by this share of its side, its side by the other.
+# Between two frames a square's centre may miss its prediction by this share of its side, and its side may change by the
+# other.
 MAX_SHIFT, MAX_GROWTH = 0.35, 1.25
+# A frame that is e^DOUBT times likelier without a panel's bands than with them does not show the panel. One that does
+# show it looks so in less than 1 of 1,000, however much or little a frame can tell: with E = bands·information·bands/2,
+# the log-likelihood ratio is normal with mean E and variance 2E, so (E + DOUBT)/√(2E) is at least √(2·DOUBT) = 3.2.
+DOUBT = 5.0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(slots=True)
 class Track:
-    """One panel as last seen."""
+    """One lit square over time. Changed by `Tracker` and by the path, frame by frame."""
 
-    id: int
-    corners_px: Floats  # (4, 2) of the marker
-    velocity_px_s: Floats  # (2,) of its centre
-    seen_ns: int
-    frames: int  # that agreed, so far
+    corners_px: Floats  # (4, 2) as last seen, in the order of the first frame
+    velocity_px_s: Floats  # (2,) of the centre
+    seen_ns: int  # row 0's read-out of the frame
+    memories: tuple[PanelMemory, ...]  # one for each pair of frequencies
+    shown: tuple[Doubles, ...] | None = None  # by memory: (cells, 4) bands of the word that was read last
+
+    def forget(self) -> None:
+        """What was seen here was something else."""
+        self.memories = tuple(PanelMemory(memory.spec) for memory in self.memories)
+        self.shown = None
 
 
 class Tracker:
     """The tracks of one stream."""
 
-    def __init__(self) -> None:
+    def __init__(self, specs: tuple[PanelSpec, ...]) -> None:
+        self._specs = specs
         self._tracks: list[Track] = []
 
-    def expect(self, quad: Quad, row0_readout_ns: int) -> Track | None:
-        """The track whose panel this quad continues, if any."""
-        centre, side = quad.corners_px.mean(axis=0), _side(quad.corners_px)
-        best, nearest = None, MAX_SHIFT
-        for track in self._tracks:
-            passed_s = (row0_readout_ns - track.seen_ns) * 1e-9
-            away = centre - track.corners_px.mean(axis=0) - track.velocity_px_s * passed_s
-            distance = math.hypot(away[0], away[1]) / side
-            growth = side / _side(track.corners_px)
-            if distance < nearest and 1 / MAX_GROWTH < growth < MAX_GROWTH:
-                best, nearest = track, distance
-        return best
+    def follow(self, quads: list[Quad], now_ns: int) -> list[tuple[Quad, Track]]:
+        """Each quad with the track that it continues, or begins; its corners in the track's order.
 
-    def update(self, sightings: list[Sighting], row0_readout_ns: int) -> None:
-        """Takes in what this frame showed; forgets what has not been seen for too long."""
-        kept = [t for t in self._tracks if 0 <= row0_readout_ns - t.seen_ns <= MAX_GAP_NS]
-        for sighting in sightings:
-            old = next((t for t in kept if t.id == sighting.id), None)
-            if old is not None:
-                kept.remove(old)
-            kept.append(_continued(old, sighting, row0_readout_ns))
-        self._tracks = kept
+        The nearest pair first, and none twice, so that neighbours do not swap. Tracks not seen for MAX_GAP_NS end.
+        """
+        self._tracks = [t for t in self._tracks if 0 < now_ns - t.seen_ns <= MAX_GAP_NS]
+        pairs = [
+            (distance, i, j)
+            for i, quad in enumerate(quads)
+            for j, track in enumerate(self._tracks)
+            if (distance := _distance(quad, track, now_ns)) is not None
+        ]
+        partner: dict[int, int] = {}
+        for _, i, j in sorted(pairs):
+            if i not in partner and j not in partner.values():
+                partner[i] = j
+        followed = []
+        for i, quad in enumerate(quads):
+            if i in partner:
+                track = self._tracks[partner[i]]
+                quad = _in_order_of(quad, track)
+                moved = quad.corners_px.mean(axis=0) - track.corners_px.mean(axis=0)
+                track.velocity_px_s = moved / ((now_ns - track.seen_ns) * 1e-9)
+                track.corners_px, track.seen_ns = quad.corners_px, now_ns
+            else:
+                track = Track(quad.corners_px, np.zeros(2), now_ns, tuple(PanelMemory(s) for s in self._specs))
+                self._tracks.append(track)
+            followed.append((quad, track))
+        return followed
+
+
+def contradicts(added: Evidence | None, shown: Doubles) -> bool:
+    """Whether a frame denies bands (cells, 4) that the frames before it have shown."""
+    if added is None:
+        return False
+    expected = 0.5 * float(np.einsum("ci,cidj,dj->", shown, added.information, shown))
+    return float((shown * added.score).sum()) - expected < -DOUBT
 
 
 def _side(corners: Floats) -> float:
-    x, y = corners[:, 0], corners[:, 1]
-    return math.sqrt(max(1e-9, 0.5 * abs(float(x @ np.roll(y, -1) - y @ np.roll(x, -1)))))
+    (x0, y0), (x1, y1), (x2, y2), (x3, y3) = corners.tolist()
+    return math.sqrt(max(1e-9, 0.5 * abs((x2 - x0) * (y3 - y1) - (x3 - x1) * (y2 - y0))))
 
 
-def _continued(old: Track | None, sighting: Sighting, seen_ns: int) -> Track:
-    new = Track(
-        id=sighting.id,
-        corners_px=sighting.corners_px,
-        velocity_px_s=np.zeros(2),
-        seen_ns=seen_ns,
-        frames=1,
-    )
-    if old is None or seen_ns <= old.seen_ns:
-        return new
-    moved = sighting.corners_px.mean(axis=0) - old.corners_px.mean(axis=0)
-    if math.hypot(moved[0], moved[1]) > 2 * _side(sighting.corners_px):  # elsewhere: another panel of the same ID
-        return new
-    velocity = moved / ((seen_ns - old.seen_ns) * 1e-9)
-    return replace(new, velocity_px_s=velocity, frames=min(MAX_FRAMES, old.frames + 1))
+def _distance(quad: Quad, track: Track, now_ns: int) -> float | None:
+    """How far a quad is from where a track is expected, in sides; None where it cannot be the same."""
+    side = _side(quad.corners_px)
+    expected = track.corners_px.mean(axis=0) + track.velocity_px_s * ((now_ns - track.seen_ns) * 1e-9)
+    away = quad.corners_px.mean(axis=0) - expected
+    distance = math.hypot(away[0], away[1]) / side
+    growth = side / _side(track.corners_px)
+    return distance if distance < MAX_SHIFT and 1 / MAX_GROWTH < growth < MAX_GROWTH else None
+
+
+def _in_order_of(quad: Quad, track: Track) -> Quad:
+    """The quad with its corners turned so that each is the one of the track that it continues."""
+    centred = quad.corners_px - quad.corners_px.mean(axis=0)
+    before = track.corners_px - track.corners_px.mean(axis=0)
+    turns = max(range(4), key=lambda k: float((np.roll(centred, -k, axis=0) * before).sum()))
+    return quad if turns == 0 else replace(quad, corners_px=np.roll(quad.corners_px, -turns, axis=0))

@@ -1,0 +1,166 @@
+"""What several frames of one panel say together.
+
+After the first frame a panel's static picture is known, cell by cell, so a further frame is compared with the mean
+of those before it: what differs are the bands. Each comparison is independent of all earlier ones (Helmert's
+contrasts), and the oscillators are stable, so its evidence adds to theirs in one phase: the wave of the new frame
+less the mean wave of the old ones. Where the phases stand still from frame to frame the comparisons say nothing;
+then the mean picture, read as a single frame of less noise, still says what one frame would have said, and more.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ledpi.decode.cells import CellSamples, Lattice, Singles
+from ledpi.decode.evidence import (
+    PARAMETERS,
+    Correlation,
+    Doubles,
+    Evidence,
+    band_prior,
+    class_waves,
+    evidence_from,
+    single_evidence,
+)
+from ledpi.records import Frame, PanelSpec, Rejected
+
+# Old evidence fades, as oscillators drift and a wrong turn must be mended: to a third in 30 frames, half a second.
+FORGETTING = 0.97
+# Frames that the mean picture remembers: a moving camera changes how a panel looks.
+MEAN_FRAMES = 16.0
+# Below this share of a wave's power the mean picture has no bands left that are worth reading.
+MEAN_WAVE_POWER = 0.02
+
+
+class PanelMemory:
+    """The frames of one panel so far, for one pair of frequencies. Frames come in order; corners keep their order."""
+
+    def __init__(self, spec: PanelSpec) -> None:
+        self.spec = spec
+        self.frames = 0
+        self.lattice: Lattice | None = None
+        self._origin_ns = 0
+        self._score: Doubles | None = None
+        self._information: Doubles | None = None
+
+    def add(self, samples: CellSamples, frame: Frame) -> Evidence | None:
+        """Takes a frame in. Returns what it adds by comparison with those before, if anything."""
+        if self.frames == 0:
+            self._origin_ns = frame.row0_readout_ns
+        since_s = (frame.row0_readout_ns - self._origin_ns) * 1e-9
+        waves = class_waves(samples, frame, self.spec, since_s)
+        valid = np.ones(samples.light.shape, np.float32) if samples.valid is None else samples.valid.astype(np.float32)
+        self._samples, self._frame = samples, frame
+        compared = None
+        if self.frames == 0 or self.lattice is not samples.lattice:
+            # A new lattice: what was learnt of the bands stays, the picture does not.
+            self.lattice = samples.lattice
+            self._count, self._picture, self._mean_waves = valid, samples.light / samples.light.mean(), waves
+        else:
+            compared = self._compare(samples, frame, waves, valid)
+        self.frames += 1
+        return compared
+
+    def evidence(self) -> Evidence | Rejected:
+        """All that is known: the comparisons so far, and the mean picture read as one frame."""
+        total = self._of_mean_picture()
+        if self._score is None or self._information is None:
+            return total
+        prior = band_prior(self._frame, self.spec)
+        if isinstance(total, Rejected):
+            return Evidence(score=self._score, information=self._information, prior=prior)
+        return Evidence(
+            score=self._score + total.score, information=self._information + total.information, prior=prior
+        )
+
+    def _of_mean_picture(self) -> Evidence | Rejected:
+        seen = self._count > 0
+        power = float(np.square(self._mean_waves).sum() / max(1, 2 * int(seen.sum())))
+        if self._score is not None and power < MEAN_WAVE_POWER:
+            cells = len(self._picture)
+            nothing = np.zeros((cells, PARAMETERS))
+            return Evidence(
+                score=nothing,
+                information=np.zeros((cells, PARAMETERS, cells, PARAMETERS)),
+                prior=band_prior(self._frame, self.spec),
+            )
+        mean = CellSamples(
+            lattice=self._samples.lattice,
+            light=self._picture,
+            valid=None if seen.all() else seen,
+            rows=self._samples.rows,
+            step_px=self._samples.step_px,
+        )
+        return single_evidence(mean, self._frame, self.spec, self._mean_waves)
+
+    def _compare(self, samples: CellSamples, frame: Frame, waves: Singles, valid: Singles) -> Evidence | None:
+        both = valid * (self._count > 0)
+        picture = np.maximum(self._picture, np.float32(0.02))
+        scale = float((samples.light * picture * both).sum() / max(1e-9, float((picture * picture * both).sum())))
+        light = samples.light / np.float32(max(scale, 1e-9))
+        residual = (light / picture - np.float32(1)) * both
+        # The mean of n frames has a noise of its own: the difference has the variance 1 + 1/n.
+        weight = picture * both * (self._count / (self._count + 1))
+        weight /= max(float(weight.mean()), 1e-9)
+        new_waves = (waves - self._mean_waves) * both
+        added = self._evidence(residual, weight, new_waves, picture, samples, frame)
+        if isinstance(added, Evidence):
+            before = 0.0 if self._score is None else FORGETTING * self._score
+            known = 0.0 if self._information is None else FORGETTING * self._information
+            self._score, self._information = before + added.score, known + added.information
+        self._remember(light, waves, valid)
+        return added if isinstance(added, Evidence) else None
+
+    def _evidence(
+        self,
+        residual: Singles,
+        weight: Singles,
+        waves: Singles,
+        picture: Singles,
+        samples: CellSamples,
+        frame: Frame,
+    ) -> Evidence | Rejected:
+        cells = len(residual)
+        weighted = waves * weight
+        own = np.matmul(weighted.transpose(1, 0, 2), waves.transpose(1, 2, 0)).astype(np.float64)  # (cells, 4, 4)
+        information = np.zeros((cells, PARAMETERS, cells, PARAMETERS))
+        each = np.arange(cells)
+        information[each, :, each, :] = own
+        nuisances = _picture_slopes(picture, samples.lattice)
+        return evidence_from(
+            Correlation(
+                residual=residual,
+                weight=weight,
+                waves=waves,
+                nuisances=nuisances * (weight > 0),
+                score=np.einsum("jcs,cs->cj", weighted, residual).astype(np.float64),
+                information=information,
+                freedom=int((weight > 0).sum()) - len(nuisances) - cells * PARAMETERS,
+            ),
+            samples,
+            frame,
+            self.spec,
+        )
+
+    def _remember(self, light: Singles, waves: Singles, valid: Singles) -> None:
+        total = self._count + valid
+        share = np.where(valid > 0, 1.0 / np.maximum(total, 1.0), 0.0).astype(np.float32)
+        self._picture = self._picture + (light - self._picture) * share
+        self._mean_waves = self._mean_waves + (waves - self._mean_waves) * share
+        self._count = np.minimum(total, np.float32(MEAN_FRAMES))
+
+
+def _picture_slopes(picture: Singles, lattice: Lattice) -> NDArray[np.float32]:
+    """(9, cells, points): relative change of this picture for each way in which corners or gain can be off."""
+    n, k = lattice.cells, lattice.k
+    whole = np.log(picture).reshape(n, n, k, k).transpose(0, 2, 1, 3).reshape(n * k, n * k)
+    slopes = np.empty((2, n * k, n * k), np.float32)
+    for axis, out in ((1, slopes[0]), (0, slopes[1])):
+        out[:] = np.gradient(whole, lattice.along, axis=axis)
+    flat = slopes.reshape(2, n, k, n, k).transpose(0, 1, 3, 2, 4).reshape(2, n * n, k * k)
+    fields = np.empty((9, n * n, k * k), np.float32)
+    np.multiply(lattice.shifts[:, 0], flat[0], out=fields[:8])
+    fields[:8] += lattice.shifts[:, 1] * flat[1]
+    fields[8] = 1.0
+    return fields
