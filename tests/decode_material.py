@@ -138,9 +138,17 @@ class Canvas:
             on = share_on(rows, hz, phase, exposure_us=self.exposure_us, duty=spec.duty, start_us=start_us)
             self.light[area] += picture * on[:, None] / spec.duty
 
-    def lamp(self, corners: Floats, light: float = 0.4, *, profile: Profile = flat, blur_px: float = 0.7) -> None:
+    def lamp(
+        self,
+        corners: Floats,
+        light: float = 0.4,
+        *,
+        profile: Profile = flat,
+        blur_px: float = 0.7,
+        lens: Intrinsics | None = None,
+    ) -> None:
         """A four-sided light that does not blink."""
-        area, opacity, (picture,) = _painted(corners, [np.full((1, 1), light)], profile, blur_px, None)
+        area, opacity, (picture,) = _painted(corners, [np.full((1, 1), light)], profile, blur_px, lens)
         self.light[area] = self.light[area] * (1.0 - opacity) + picture
 
     def disc(self, x: float, y: float, radius: float, light: float = 0.4, *, blur_px: float = 0.7) -> None:
