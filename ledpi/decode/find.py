@@ -22,6 +22,7 @@ NOT_FOUR_SIDED = Rejected(stage="find", reason="not_four_sided")
 AT_BORDER = Rejected(stage="find", reason="at_picture_border")
 
 LEVELS = 3  # halvings; the cells of a panel that fills the picture's height melt together at an eighth
+THRESHOLDS = ((0.5,), (0.5, 0.7), (0.5, 0.7))  # by level: share of the way from the darkest to the brightest
 WINDOW = 13  # pixels of the level
 MIN_CONTRAST = 16  # grey levels from the darkest in the window: less is noise and texture
 SMALLEST = 6  # pixels of the level, longer side of the upright box
@@ -98,16 +99,18 @@ class Finder:
             picture = cv2.morphologyEx(picture, cv2.MORPH_CLOSE, np.ones(((stripe + 2) | 1, 1), np.uint8))
         cv2.dilate(picture, self._window, dst=brightest)
         cv2.erode(picture, self._window, dst=darkest)
-        cv2.addWeighted(brightest, 0.5, darkest, 0.5, 0.0, dst=threshold)
-        cv2.add(darkest, MIN_CONTRAST, dst=darkest)
-        cv2.max(threshold, darkest, dst=threshold)
-        cv2.compare(picture, threshold, cv2.CMP_GT, dst=lit)
-        cv2.morphologyEx(lit, cv2.MORPH_CLOSE, self._melt, dst=lit)
-        if stripe:  # thin bridges to the surroundings, which the closing over dark bands has made
-            cv2.morphologyEx(lit, cv2.MORPH_OPEN, self._melt, dst=lit)
-        # Every pixel of an outline, so that its number of points is its length and tells a speck at no cost.
-        outlines = cv2.findContours(lit, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)[0]
-        return [outline for outline in outlines if len(outline) >= SHORTEST]
+        outlines: list[Pixels] = []
+        for share in THRESHOLDS[index]:
+            cv2.addWeighted(brightest, share, darkest, 1.0 - share, 0.0, dst=threshold)
+            cv2.max(threshold, cv2.add(darkest, MIN_CONTRAST), dst=threshold)
+            cv2.compare(picture, threshold, cv2.CMP_GT, dst=lit)
+            cv2.morphologyEx(lit, cv2.MORPH_CLOSE, self._melt, dst=lit)
+            if stripe:  # thin bridges to the surroundings, which the closing over dark bands has made
+                cv2.morphologyEx(lit, cv2.MORPH_OPEN, self._melt, dst=lit)
+            # Every pixel of an outline, so that its number of points is its length and tells a speck at no cost.
+            found = cv2.findContours(lit, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)[0]
+            outlines.extend(outline for outline in found if len(outline) >= SHORTEST)
+        return outlines
 
 
 def _candidate(outline: Pixels, shape: tuple[int, ...], scale: int, *, striped: bool) -> Candidate | Rejected | None:
