@@ -56,7 +56,7 @@ def most_bent(straight: Floats) -> float:
 def brighter_inside(u: Floats, v: Floats) -> Floats:
     """From 60 % at the rim to full light a quarter of the side further in."""
     to_rim = np.minimum(np.minimum(u, 1 - u), np.minimum(v, 1 - v))
-    return 0.6 + 0.4 * np.clip(4 * to_rim, 0, 1)
+    return np.asarray(0.6 + 0.4 * np.clip(4 * to_rim, 0, 1))
 
 
 @pytest.mark.parametrize("transfer", ["linear", "srgb"])
