@@ -28,6 +28,7 @@ MIN_CONTRAST = 16  # grey levels from the darkest in the window: less is noise a
 SMALLEST = 6  # pixels of the level, longer side of the upright box
 SHORTEST = 12  # pixels, outline of a square foreshortened to that by 60°
 MAX_MISFIT, MAX_MISFIT_STRIPED = 0.15, 0.35  # logarithm of the four sides' area over the outline's
+PIXEL_MISFIT = 0.6  # allowed on top, over the side in pixels: steps of whole pixels make small outlines ragged
 BLUR_MISFIT = 0.002  # by how much a coarser outline, a pixel less certain, must fit better to be preferred
 MIN_SOLIDITY = 0.8  # area over that of the convex hull
 STRIPED_CONTRAST = 0.5  # bands deeper than this cut a panel into pieces
@@ -126,30 +127,29 @@ def _candidate(outline: Pixels, shape: tuple[int, ...], scale: int, *, striped: 
     hull = cv2.convexHull(outline)
     if area < MIN_SOLIDITY * cv2.contourArea(hull):
         return NOT_FOUR_SIDED
-    corners = _four_sides(hull)
+    corners = _four_sides(hull, math.sqrt(area))
     if corners is None:
         return NOT_FOUR_SIDED
     quad_area = cv2.contourArea(corners)
     misfit = abs(math.log(max(quad_area, 1e-3) / area))
-    if misfit > (MAX_MISFIT_STRIPED if striped else MAX_MISFIT):
+    if misfit > (MAX_MISFIT_STRIPED if striped else MAX_MISFIT) + PIXEL_MISFIT / math.sqrt(area):
         return NOT_FOUR_SIDED
     # An outline runs through the centres of the outermost lit pixels: half a pixel inside the edge.
     centre = corners.mean(axis=0)
     grown = centre + (corners - centre) * (1.0 + 1.0 / max(2.0, math.sqrt(quad_area)))
     return Candidate(
         corners=_clockwise(np.asarray((grown + 0.5) * scale - 0.5, np.float64)),
-        side_px=math.sqrt(quad_area) * scale,
+        side_px=(math.sqrt(quad_area) + 1.0) * scale,
         misfit=misfit,
         tolerance_px=2.0 * scale,
         striped=striped,
     )
 
 
-def _four_sides(hull: Pixels) -> Floats | None:
+def _four_sides(hull: Pixels, size: float) -> Floats | None:
     """(4, 2) corners of the four-sided polygon nearest to the hull: ever coarser, else the smallest box around it."""
-    length = cv2.arcLength(hull, True)
-    for tolerance in (0.03, 0.05, 0.07, 0.1, 0.13):
-        polygon = cv2.approxPolyDP(hull, tolerance * length, True)
+    for tolerance in (0.1, 0.15, 0.2, 0.3, 0.4):
+        polygon = cv2.approxPolyDP(hull, tolerance * size, True)
         if len(polygon) <= 4:
             break
     if len(polygon) == 4:
