@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
 from dataclasses import asdict
@@ -19,6 +20,8 @@ from ledpi.simulate.scenes import DRIVE_IDS, drive_scene, ov5647_lens, whole_row
 
 _SPARE_ROWS = 4  # that the OV5647's driver keeps between the exposure and the frame's length
 _BLANKING_ROWS = OV5647_FRAME_LENGTH_ROWS - 480
+
+_log = logging.getLogger(__name__)
 
 
 class SimulatedCamera:
@@ -122,6 +125,8 @@ class SimulatedCamera:
             return time.monotonic_ns() - end_ns
         if self._host_offset_ns is None:
             self._host_offset_ns = time.monotonic_ns() - end_ns
+            # So that whoever listens can tell from a packet's age which moment of the scene it is about.
+            _log.info("simulated camera: time 0 of its scene is %d ns of CLOCK_MONOTONIC", self._host_offset_ns)
         while (left_ns := end_ns + self._host_offset_ns - time.monotonic_ns()) > 0:
             if self._closed.wait(left_ns * 1e-9):
                 break

@@ -52,6 +52,8 @@ def snapshot(
 
     if out.suffix.lower() not in FORMATS:
         raise ConfigError(f"--out {out}: must end in {' or '.join(FORMATS)}")
+    if path is not None and not path.exists():
+        raise RecordingError(f"{path}: no such file or folder")
     file, overrides = find_config(config), list(set_)
     if file is None and path is not None and path.is_dir():
         overrides.insert(0, "panels.side_m=1")  # a recording brings its panel's size
@@ -70,8 +72,6 @@ def _open(path: Path | None, settings: Config, seq: int | None) -> _Source:
         return _from_camera(settings, seq or 0)
     if path.is_dir():
         return _from_recording(path, settings, seq)
-    if not path.exists():
-        raise RecordingError(f"{path}: no such file or folder")
     if seq:
         raise ConfigError(f"--frame {seq}: {path} is a picture, not a recording; it has no frame but 0")
     return _from_picture(path, settings)

@@ -55,7 +55,7 @@ def draw_block(canvas: Canvas, block: Block, snapshot: Snapshot) -> None:
     bands, share = _bands_tile(block, snapshot)
     tiles = (
         (_seen_tile(block, snapshot.frame), "as seen"),
-        (bands, f"bands: black to white is +-{100 * share:.1f} %" if share else "cells cannot be sampled"),
+        (bands, f"bands: +-{100 * share:.1f} %" if share else "cells cannot be sampled"),
         (_cells_tile(block.word), "cells" if block.word is not None else ""),
     )
     for index, (tile, caption) in enumerate(tiles):

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections import Counter
+from textwrap import wrap
 
 import cv2
 import numpy as np
 
-from ledpi.records import Frame, Pixels
+from ledpi.records import Pixels
 from ledpi.snapshot import enlarged
 from ledpi.snapshot.drawing import BACKGROUND, BLACK_CLASS, DIM, WHITE_CLASS, Canvas, text, text_size
 from ledpi.snapshot.overlay import draw_reading
@@ -19,24 +20,21 @@ COLUMN = 3 * enlarged.TILE + 2 * enlarged.GAP
 LEFT, RIGHT = BORDER, BORDER + COLUMN + GUTTER
 WIDTH = RIGHT + COLUMN + BORDER
 PICTURES_TOP = 74  # below the heading and the pictures' titles
-BLOCK_PITCH = enlarged.HEIGHT + 8
+BLOCKS_GAP, BLOCK_PITCH = 12, enlarged.HEIGHT + 8
 MOST_BLOCKS = 4
-FOOTER = 40
-
-
-def picture_scale(frame: Frame) -> float:
-    """Pixels of the finished picture for each pixel of the frame."""
-    return COLUMN / int(frame.pixels.shape[1])
+FOOTER, FOOTER_LINE, FOOTER_LETTERS = 20, 20, 130
 
 
 def draw(snapshot: Snapshot) -> Pixels:
     """(height, WIDTH, 3), BGR."""
     frame = snapshot.frame
-    scale = picture_scale(frame)
+    scale = COLUMN / int(frame.pixels.shape[1])
     pictures_end = PICTURES_TOP + round(frame.pixels.shape[0] * scale)
     blocks = enlarged.blocks_of(snapshot)[:MOST_BLOCKS]
-    blocks_top = pictures_end + 12
-    height = blocks_top + (len(blocks) + 1) // 2 * BLOCK_PITCH + FOOTER
+    blocks_top = pictures_end + BLOCKS_GAP
+    blocks_end = blocks_top + (len(blocks) + 1) // 2 * BLOCK_PITCH
+    footer = _dropped(snapshot)
+    height = blocks_end + FOOTER + FOOTER_LINE * len(footer)
     canvas = np.full((height, WIDTH, 3), BACKGROUND, np.uint8)
     _draw_heading(canvas, snapshot)
     seen = cv2.resize(frame.pixels, (COLUMN, pictures_end - PICTURES_TOP), interpolation=cv2.INTER_AREA)
@@ -46,10 +44,15 @@ def draw(snapshot: Snapshot) -> Pixels:
     for index, block in enumerate(blocks):
         top, left = blocks_top + index // 2 * BLOCK_PITCH, (LEFT, RIGHT)[index % 2]
         enlarged.draw_block(canvas[top : top + enlarged.HEIGHT, left : left + COLUMN], block, snapshot)
-    counts = Counter(rejected.key for rejected in snapshot.decoded.rejected).most_common()
-    dropped = ", ".join(f"{key} {count}" for key, count in counts) or "nothing"
-    text(canvas, f"Dropped: {dropped}", (LEFT, height - 16), colour=DIM)
+    for index, words in enumerate(footer):
+        text(canvas, words, (LEFT, blocks_end + FOOTER + index * FOOTER_LINE), colour=DIM)
     return canvas
+
+
+def _dropped(snapshot: Snapshot) -> list[str]:
+    """What was dropped, by stage and reason, in as many lines as that takes."""
+    counts = Counter(rejected.key for rejected in snapshot.decoded.rejected).most_common()
+    return wrap("Dropped: " + (", ".join(f"{key} {count}" for key, count in counts) or "nothing"), FOOTER_LETTERS)
 
 
 def _draw_heading(canvas: Canvas, snapshot: Snapshot) -> None:
