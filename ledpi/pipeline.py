@@ -78,6 +78,7 @@ class Pipeline:
         self._intrinsics = intrinsics
         self._clock = clock
         self._stream = stream
+        self._false_id_rate = soft.FALSE_ID_RATE if stream else soft.FALSE_ID_RATE_ALONE
         self._cells = load_dictionary(panels.dictionary).cells_per_side
         self._finder = Finder(camera.width, camera.height, panels.spec(), smallest_px=self._cells * MIN_CELL_PX)
         self._codebooks = _codebooks(panels)
@@ -161,10 +162,10 @@ class Pipeline:
             for memory in track.memories:
                 memory.add(samples, frame)
         readings = [
-            soft.decide(evidence, book) if isinstance(evidence, Evidence) else evidence
+            soft.decide(evidence, book, self._false_id_rate) if isinstance(evidence, Evidence) else evidence
             for book, evidence in zip(self._codebooks, (m.evidence() for m in track.memories), strict=True)
         ]
-        reading = soft.surest(readings)
+        reading = soft.surest(readings, self._false_id_rate)
         self._timed(work, "soft", since)
         if isinstance(reading, Rejected):
             work.reject(quad.corners_px, reading)

@@ -26,14 +26,16 @@ NO_WORD = Rejected(stage="soft", reason="not_in_dictionary")
 AMBIGUOUS = Rejected(stage="soft", reason="ambiguous")
 IMPLAUSIBLE = Rejected(stage="soft", reason="implausible_depth")
 
-# A word is taken where it is e^MARGIN times likelier than whatever else the panel may be. At 1e-6 false IDs a
-# candidate, one in a day of 60 fps with two lamps in view is about ten candidates that look like a panel at all.
-MARGIN = -math.log(1e-6)
+# A word is taken where it is likelier than whatever else the panel may be by this factor, which bounds the share of
+# wrong ones among what is taken. A stream has time to look again, so it asks for more; a frame that stands alone is
+# what the source paper counts, and all there is to go by.
+FALSE_ID_RATE, FALSE_ID_RATE_ALONE = 1e-6, 1e-4
 # Of the things that blink like a panel, the share that shows no word: a mirror image, a broken panel, another system.
-PRIOR_OF_NO_WORD = 0.001
+PRIOR_OF_NO_WORD = 0.01
 # No square wave leaves deeper bands than `shutter.harmonic_amplitude` of duty 0.5 by more than π/2 (a duty near 0), and
-# the classes of one panel are thinned alike by whatever light does not blink. Texture knows of neither.
-MAX_DEPTH = math.pi / 2
+# the classes of one panel are thinned alike by whatever light does not blink; where that is three times the panel's
+# own, the panel is no longer seen to be lit. Texture knows of none of this.
+MIN_DEPTH, MAX_DEPTH = 0.25, math.pi / 2
 MAX_DEPTH_RATIO = 2.5
 DEVIATIONS = 3.0  # allowed to either, for noise
 
@@ -76,16 +78,17 @@ class Reading:
 def read_word(samples: CellSamples, frame: Frame, codebook: Codebook) -> Reading | Rejected:
     """The word that these samples show by themselves, or why none can be told."""
     evidence = single_evidence(samples, frame, codebook.spec)
-    return evidence if isinstance(evidence, Rejected) else decide(evidence, codebook)
+    return evidence if isinstance(evidence, Rejected) else decide(evidence, codebook, FALSE_ID_RATE_ALONE)
 
 
-def decide(evidence: Evidence, codebook: Codebook) -> Reading | Rejected:
+def decide(evidence: Evidence, codebook: Codebook, false_id_rate: float) -> Reading | Rejected:
     """The word that the evidence is for, or why none can be told."""
+    needed = -math.log(false_id_rate)
     likely = shortlist(evidence, codebook.white)
     likelihood, fits, covariances = word_log_likelihoods(evidence, codebook.white[likely])
     first = int(np.argmax(likelihood))
     best, none = int(likely[first]), float(likelihood[first])
-    if none < MARGIN:
+    if none < needed:
         return NO_BANDS
     bands = fits[first]
     amplitude = (math.hypot(*bands[:2]), math.hypot(*bands[2:]))
@@ -93,11 +96,11 @@ def decide(evidence: Evidence, codebook: Codebook) -> Reading | Rejected:
     if not _plausible(amplitude, (max(spread[:2]), max(spread[2:])), evidence):
         return IMPLAUSIBLE
     outside = _odds_against_other_patterns(evidence, codebook, best, bands)
-    if outside < MARGIN:
+    if outside < needed:
         return NO_WORD
     rivals = likelihood[codebook.ids[likely] != codebook.ids[best]]
     other = none - float(rivals.max()) if len(rivals) else none
-    if other < MARGIN:
+    if other < needed:
         return AMBIGUOUS
     return Reading(
         id=int(codebook.ids[best]),
@@ -109,14 +112,14 @@ def decide(evidence: Evidence, codebook: Codebook) -> Reading | Rejected:
     )
 
 
-def surest(readings: Sequence[Reading | Rejected]) -> Reading | Rejected:
+def surest(readings: Sequence[Reading | Rejected], false_id_rate: float) -> Reading | Rejected:
     """The reading to believe, of those under each pair of frequencies that panels may have; at least one is given."""
     read = sorted((r for r in readings if isinstance(r, Reading)), key=lambda r: -r.likelihood)
     if not read:
         return next(r for r in readings if isinstance(r, Rejected))
     best = read[0]
     ahead = min((best.likelihood - r.likelihood for r in read[1:] if r.id != best.id), default=math.inf)
-    if ahead < MARGIN:
+    if ahead < -math.log(false_id_rate):
         return AMBIGUOUS
     return replace(best, margin=min(best.margin, ahead))
 
@@ -184,7 +187,7 @@ def _plausible(amplitude: tuple[float, float], deviation: tuple[float, float], e
     expected = [math.sqrt(2.0 * variance) for variance in evidence.prior[::2].tolist()]
     most = [(a + DEVIATIONS * d) / e for a, d, e in zip(amplitude, deviation, expected, strict=True)]
     least = [(a - DEVIATIONS * d) / e for a, d, e in zip(amplitude, deviation, expected, strict=True)]
-    if max(least) > MAX_DEPTH:
+    if max(least) > MAX_DEPTH or min(most) < MIN_DEPTH:
         return False
     return least[0] <= MAX_DEPTH_RATIO * most[1] and least[1] <= MAX_DEPTH_RATIO * most[0]
 

@@ -10,9 +10,13 @@ from ledpi.records import Floats, Intrinsics, PlanarSolution, Pose, Rejected, re
 
 BEHIND = Rejected(stage="pose", reason="behind_camera")
 UNSOLVED = Rejected(stage="pose", reason="unsolved")
+NOT_SQUARE = Rejected(stage="pose", reason="not_square")
 
 # What the edge fits do not show of a corner's error: the lens model, the panel's own build.
 CORNER_FLOOR_PX = 0.1
+# No square looks like four corners that its best pose misses by more: a share of the side, as at short exposure the
+# rim's dark bands hide where it is, or a pixel.
+MAX_REPROJECTION, MAX_REPROJECTION_PX = 0.04, 1.0
 # The other solution is excluded where its squared residuals say that it is a thousand times less likely: 2·ln 1000.
 EXCLUDED_BY = 13.8
 
@@ -54,6 +58,9 @@ def solve_square(
         return BEHIND if finite else UNSOLVED
     solutions.sort(key=lambda s: s.reprojection_px)
     best = solutions[0]
+    side_px = float(np.hypot(*(np.roll(corners_px, -1, axis=0) - corners_px).T).mean())
+    if best.reprojection_px > max(MAX_REPROJECTION_PX, MAX_REPROJECTION * side_px):
+        return NOT_SQUARE
     if len(solutions) == 1:
         return best, None
     variance = corner_sigma_px**2 + CORNER_FLOOR_PX**2
