@@ -1,0 +1,31 @@
+"""What the documents point to is there."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+from typer.main import get_command
+
+from ledpi.cli import app, main
+
+ROOT = Path(__file__).resolve().parents[1]
+DOCUMENTS = ["README.md", "docs/architecture.md", "docs/wire.md"]
+
+
+@pytest.mark.parametrize("document", DOCUMENTS)
+def test_links_lead_to_files(document: str) -> None:
+    """Every relative link and picture, from where the document lies."""
+    path = ROOT / document
+    targets = [t for t in re.findall(r"\]\(([^)#\s]+)", path.read_text(encoding="utf-8")) if "://" not in t]
+    assert [target for target in targets if not (path.parent / target).exists()] == []
+
+
+def test_the_readme_lists_every_command(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The table of commands has a row for each that there is, and no other."""
+    monkeypatch.setattr("sys.argv", ["ledpi", "--help"])
+    with pytest.raises(SystemExit):
+        main()  # loads the commands
+    listed = re.findall(r"^\| `ledpi (\w+)", (ROOT / "README.md").read_text(encoding="utf-8"), re.MULTILINE)
+    assert sorted(set(listed)) == sorted(get_command(app).commands)
