@@ -16,7 +16,7 @@ import numpy as np
 
 from ledpi.records import Pixels, Rejected
 
-_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _GREY, _COLOUR_TYPES = 0, {0: "grey", 2: "colour", 3: "palette", 4: "grey with alpha", 6: "colour with alpha"}
 _IHDR_END = 8 + 4 + 4 + 13 + 4  # signature, then the first chunk's length, name, content and checksum
 
@@ -57,15 +57,15 @@ def _fault(data: bytes, width: int, height: int) -> tuple[str, str] | None:
     """(reason, what is wrong) where bytes are no whole 8-bit grey PNG of this size (PNG specification §5)."""
     if not data:
         return "truncated", "is empty; must be an 8-bit grey PNG"
-    if not data.startswith(_SIGNATURE):
-        if _SIGNATURE.startswith(data):
+    if not data.startswith(PNG_SIGNATURE):
+        if PNG_SIGNATURE.startswith(data):
             return "truncated", f"ends after {len(data)} bytes, inside the PNG signature"
         return "unreadable", "is not a PNG file; must be an 8-bit grey PNG"
     if len(data) >= _IHDR_END and data[12:16] == b"IHDR":
         fault = _header_fault(data, width, height)
         if fault is not None:
             return fault
-    return _chunk_fault(data)
+    return png_fault(data)
 
 
 def _header_fault(data: bytes, width: int, height: int) -> tuple[str, str] | None:
@@ -81,8 +81,9 @@ def _header_fault(data: bytes, width: int, height: int) -> tuple[str, str] | Non
     return None
 
 
-def _chunk_fault(data: bytes) -> tuple[str, str] | None:
-    position = len(_SIGNATURE)
+def png_fault(data: bytes) -> tuple[str, str] | None:
+    """(reason, what is wrong) where bytes that begin as a PNG are cut off or damaged. Their content is not looked at."""
+    position = len(PNG_SIGNATURE)
     while position < len(data):
         length = int.from_bytes(data[position : position + 4], "big")
         name = data[position + 4 : position + 8]

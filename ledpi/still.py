@@ -10,6 +10,7 @@ import numpy as np
 from ledpi.camera.base import CameraInfo
 from ledpi.config import CameraSettings
 from ledpi.errors import ConfigError, RecordingError
+from ledpi.picture import PNG_SIGNATURE, png_fault
 from ledpi.records import Frame
 
 SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".tif", ".tiff"}
@@ -32,10 +33,14 @@ def read_still(path: Path, camera: CameraInfo, seq: int = 0) -> Frame:
     """The picture as a frame at time 0. Raises RecordingError where it cannot be read or has another size."""
     wanted = f"must be {camera.width} × {camera.height}"
     try:
-        data = np.frombuffer(path.read_bytes(), np.uint8)
-        picture = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE) if data.size else None
+        data = path.read_bytes()
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read: {error.strerror}") from None
+    fault = png_fault(data) if data.startswith(PNG_SIGNATURE) else None
+    if fault is not None:
+        raise RecordingError(f"{path}: {fault[1]}")
+    try:
+        picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE) if data else None
     except cv2.error:
         picture = None
     if picture is None:

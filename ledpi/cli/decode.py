@@ -98,13 +98,16 @@ def _decode_recording(
 
     recording = load_recording(folder)
     camera = recording.camera
-    pipeline = Pipeline(
-        CameraInfo(**asdict(camera) | {"intrinsics": camera.intrinsics}),
-        settings.panels,
-        intrinsics=camera.intrinsics or _intrinsics(settings),
-        shown=PanelValues(dictionary=recording.dictionary, **asdict(recording.panel)),
-        stream=stream,
-    )
+    try:
+        pipeline = Pipeline(
+            CameraInfo(**asdict(camera) | {"intrinsics": camera.intrinsics}),
+            settings.panels,
+            intrinsics=camera.intrinsics or _intrinsics(settings, camera.width, camera.height),
+            shown=PanelValues(dictionary=recording.dictionary, **asdict(recording.panel)),
+            stream=stream,
+        )
+    except ValueError as error:
+        raise ConfigError(f"panels.overrides: contradict the panel of {folder}: {error}") from None
     bad = 0
     for entry in recording.frames:
         picture = np.empty((camera.height, camera.width), np.uint8)
@@ -127,7 +130,7 @@ def _decode_pictures(pictures: list[Path], settings: Config, *, advance: Callabl
     if not pictures:
         return 0
     info = still_camera(settings.camera)
-    pipeline = Pipeline(info, settings.panels, intrinsics=_intrinsics(settings), stream=False)
+    pipeline = Pipeline(info, settings.panels, intrinsics=_intrinsics(settings, info.width, info.height), stream=False)
     bad = 0
     for seq, path in enumerate(pictures):
         try:
@@ -140,11 +143,11 @@ def _decode_pictures(pictures: list[Path], settings: Config, *, advance: Callabl
     return bad
 
 
-def _intrinsics(settings: Config) -> Intrinsics | None:
+def _intrinsics(settings: Config, width: int, height: int) -> Intrinsics | None:
     from ledpi.camera_yaml import load_intrinsics
 
     path = settings.camera.intrinsics
-    return load_intrinsics(path) if path is not None else None
+    return load_intrinsics(path, (width, height)) if path is not None else None
 
 
 def _nothing(seq: int, row0_readout_ns: int, why: Rejected) -> Decoded:
