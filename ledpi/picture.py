@@ -82,7 +82,7 @@ def _header_fault(data: bytes, width: int, height: int) -> tuple[str, str] | Non
 
 
 def png_fault(data: bytes) -> tuple[str, str] | None:
-    """(reason, what is wrong) where bytes that begin as a PNG are cut off or damaged. Their content is not looked at."""
+    """(reason, what is wrong) where bytes that begin as a PNG are cut off or damaged. Looks at no content."""
     position = len(PNG_SIGNATURE)
     while position < len(data):
         length = int.from_bytes(data[position : position + 4], "big")
