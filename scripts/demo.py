@@ -1,8 +1,8 @@
 """The whole path live, without hardware: `ledpi run` on the simulated camera, `ledpi monitor` at the other end.
 
 Two ptys and a cable between them stand for the serial line. What the monitor prints is set beside the truth: a packet
-carries its pose's age, the daemon's log says when the simulated scene began, so it is known which picture the pose is
-from; and the simulator, asked here a second time, knows where the panels are in that picture.
+carries its pose's age, the cable knows when the packet passed, and the daemon's log when the simulated scene began. So
+it is known which picture a pose is from, and the simulator, asked here a second time, where the panels are in it.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import sys
 import threading
 import time
 import tty
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
@@ -33,6 +33,7 @@ from ledpi.camera.simulated import open_simulated, simulated_sensor
 from ledpi.config import Config, load_config
 from ledpi.recording import TruthMarker
 from ledpi.records import Floats
+from ledpi.wire import MarkerMessage, Receiver
 
 ROOT = Path(__file__).resolve().parents[1]
 CONFIG, SOURCE = "config.yaml", "camera.source=simulated"
@@ -92,22 +93,44 @@ class Tally:
         )
 
 
+@dataclass(frozen=True, slots=True)
+class Cable:
+    """Two serial ports: what is written to the first can be read from the second."""
+
+    sender: str
+    receiver: str
+    passed: deque[tuple[int, int, int]]  # ID, age in µs and CLOCK_MONOTONIC of each marker's packet, oldest first
+
+    def passed_ns(self, marker_id: int, age_us: int) -> int:
+        """When the next such packet passed. Those that the monitor has missed are forgotten."""
+        while True:
+            passed_id, passed_age_us, passed_ns = self.passed.popleft()
+            if (passed_id, passed_age_us) == (marker_id, age_us):
+                return passed_ns
+
+
 @contextmanager
-def cable() -> Iterator[tuple[str, str]]:
-    """The names of two serial ports. What is written to the first can be read from the second."""
+def cable() -> Iterator[Cable]:
+    """Carries bytes until the block is left."""
     (source, source_port), (sink, sink_port) = os.openpty(), os.openpty()
     for port in (source_port, sink_port):
         tty.setraw(port)
 
+    passed: deque[tuple[int, int, int]] = deque()
+
     def carry() -> None:
+        packets = Receiver()
         with suppress(OSError):  # nobody holds the port any more
             while data := os.read(source, 4096):
+                now_ns = time.monotonic_ns()
+                messages = [m for m in packets.feed(data) if isinstance(m, MarkerMessage)]
+                passed.extend((message.id, message.age_us, now_ns) for message in messages)
                 os.write(sink, data)
 
     thread = threading.Thread(target=carry, daemon=True)
     thread.start()
     try:
-        yield os.ttyname(source_port), os.ttyname(sink_port)
+        yield Cable(sender=os.ttyname(source_port), receiver=os.ttyname(sink_port), passed=passed)
     finally:
         os.close(source_port)
         thread.join(STOP_S)
@@ -133,24 +156,26 @@ def running(log: Path, *arguments: str) -> Iterator[subprocess.Popen[str]]:
                 process.kill()
 
 
-def watch(monitor: subprocess.Popen[str], run: subprocess.Popen[str], run_log: Path, seconds: float) -> Tally:
+def watch(
+    monitor: subprocess.Popen[str], run: subprocess.Popen[str], run_log: Path, line: Cable, seconds: float
+) -> Tally:
     """Reads what the monitor prints until the daemon, ended `seconds` after its first pose, has had its last word."""
     assert monitor.stdout is not None
     truth, tally = Truth(load_config(ROOT / CONFIG, (SOURCE,))), Tally()
     threading.Thread(target=_hang_up, args=(monitor, run, START_S + seconds + STOP_S), daemon=True).start()
     begin_s, end_s = math.inf, time.monotonic() + START_S
     shown_s: dict[int, float] = {}
-    for line in monitor.stdout:
-        received_ns = time.monotonic_ns()
-        now_s = received_ns * 1e-9
-        message = json.loads(line)
+    for printed in monitor.stdout:
+        now_s = time.monotonic()
+        message = json.loads(printed)
         if message["message"] == "status":
             tally.frames = message["frames"] or tally.frames
         elif message["message"] == "marker" and message["position_m"] and not message["alternate"]:
             if not shown_s:
                 begin_s, end_s = now_s, now_s + seconds
                 print(HEADING, flush=True)
-            text = judge(message, received_ns, scene_start_ns(run_log), truth, tally)
+            passed_ns = line.passed_ns(message["id"], message["age_us"])
+            text = judge(message, passed_ns - scene_start_ns(run_log), truth, tally)
             if "WRONG" in text or now_s >= shown_s.get(message["id"], -math.inf) + SHOW_EVERY_S:
                 shown_s[message["id"]] = now_s
                 print(f"{now_s - begin_s:5.1f} s  {text}", flush=True)
@@ -160,11 +185,12 @@ def watch(monitor: subprocess.Popen[str], run: subprocess.Popen[str], run_log: P
     return tally
 
 
-def judge(message: dict[str, Any], received_ns: int, scene_start: int, truth: Truth, tally: Tally) -> str:
-    """Counts a marker's pose as right or wrong; a line that sets it beside the truth."""
+def judge(message: dict[str, Any], passed_ns: int, truth: Truth, tally: Tally) -> str:
+    """Counts a marker's pose, passed at a time of the scene's clock, as right or wrong; a line that sets it beside
+    the truth.
+    """
     marker_id, position_m = message["id"], np.array(message["position_m"])
-    exposed_ns = received_ns + EARLY_NS - 1000 * message["age_us"] - scene_start
-    true = truth.nearest(position_m, exposed_ns)
+    true = truth.nearest(position_m, passed_ns - 1000 * message["age_us"] + EARLY_NS)
     x, y, z = position_m
     text = f"{marker_id:4d}     {x:+6.3f}  {y:+6.3f}  {z:6.3f} m"
     if true is None or true.id != marker_id:
@@ -213,9 +239,9 @@ def main() -> int:
     out.mkdir(parents=True, exist_ok=True)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     run_log, monitor_log = out / "run.log", out / "monitor.log"
-    with cable() as (controller, listener), running(monitor_log, "monitor", listener, "--json") as monitor:
-        with running(run_log, "run", *OPTIONS, "--set", f"serial.port={controller}") as run:
-            tally = watch(monitor, run, run_log, arguments.seconds)
+    with cable() as line, running(monitor_log, "monitor", line.receiver, "--json") as monitor:
+        with running(run_log, "run", *OPTIONS, "--set", f"serial.port={line.sender}") as run:
+            tally = watch(monitor, run, run_log, line, arguments.seconds)
         monitor.wait(STOP_S)
     drawn = draw_picture(out / "snapshot.png")
     print(tally.summary((monitor_log.read_text().splitlines() or ["no packets"])[-1]))

@@ -23,7 +23,6 @@ from ledpi.recording import TruthMarker
 
 ROOT = Path(__file__).resolve().parents[1]
 DEADLINE_S = 60.0
-SCENE_START_NS = 5_000_000_000_000
 AGE_US = 31_000
 PERIOD_US = 504 * 1852 / 55  # of the simulated sensor's frames
 
@@ -55,12 +54,11 @@ def judged(demo: ModuleType, config: Config, camera: SimulatedCamera, *, seq: in
     seven = true_seven(camera, seq)
     centre_row = float(seven.corners_px[:, 1].mean())
     sensor = simulated_sensor(config.camera, config.panels)
-    exposed_ns = SCENE_START_NS + round(1e9 * sensor.mid_exposure_s(seq, centre_row))
+    exposed_ns = round(1e9 * sensor.mid_exposure_s(seq, centre_row))
     position_m = seven.camera_from_marker.position_m.tolist()
     message = {"id": marker_id, "position_m": position_m, "age_us": AGE_US}
     tally = demo.Tally()
-    received_ns = exposed_ns + 1000 * (AGE_US + late_us)
-    demo.judge(message, received_ns, SCENE_START_NS, demo.Truth(config), tally)
+    demo.judge(message, exposed_ns + 1000 * (AGE_US + late_us), demo.Truth(config), tally)
     return tally
 
 
@@ -72,7 +70,7 @@ def true_seven(camera: SimulatedCamera, seq: int) -> TruthMarker:
 def test_a_pose_is_set_beside_its_own_picture(
     late_us: int, demo: ModuleType, config: Config, camera: SimulatedCamera
 ) -> None:
-    """However long a packet takes, within most of a frame's period: a true pose is off by nothing."""
+    """However late a packet passes, within most of a frame's period: a true pose is off by nothing."""
     tally = judged(demo, config, camera, seq=100, marker_id=7, late_us=late_us)
     assert (dict(tally.right), tally.wrong) == ({7: 1}, 0)
     assert tally.errors_m == [0.0]
@@ -131,7 +129,7 @@ def test_the_demo_runs_by_itself(tmp_path: Path) -> None:
     frames, markers, right, packets = (int(summary[i]) for i in (1, 2, 3, 5))
     assert 0 < right == markers <= 2 * frames
     assert packets > markers  # there are status packets too
-    assert float(summary[4]) < 1.0
+    assert float(summary[4]) < 2.0
     assert cv2.imread(str(tmp_path / "snapshot.png")) is not None
     assert processes_with(str(tmp_path)) == []
 
