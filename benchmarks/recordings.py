@@ -23,7 +23,7 @@ from ledpi.camera.base import CameraInfo, PanelValues
 from ledpi.config import load_config
 from ledpi.geometry import rotation_angle_deg
 from ledpi.picture import read_picture
-from ledpi.pipeline import STAGES, Pipeline
+from ledpi.pipeline import Pipeline
 from ledpi.recording import Recording, find_recordings, load_recording
 from ledpi.records import Frame
 
@@ -92,7 +92,7 @@ def measure(recording: Recording, name: str, *, stream: bool) -> None:
                 distance = float(np.linalg.norm(true_pose.position_m))
                 relative_m.append(float(np.linalg.norm(pose.position_m - true_pose.position_m)) / distance)
                 angle_deg.append(rotation_angle_deg(pose.quaternion_wxyz, true_pose.quaternion_wxyz))
-    parts = ", ".join(f"{s} {np.median([t[s] for t in stages]):.2f}" for s in STAGES)
+    parts = ", ".join(f"{s} {np.median([t[s] for t in stages]):.2f}" for s in stages[0])
     median = [f"{np.median(v):.3g}" if v else "–" for v in (corner_px, [100 * r for r in relative_m], angle_deg)]
     ratio = np.median(ours) / np.median(theirs)
     print(

@@ -120,8 +120,11 @@ class PanelSettings(_Section):
         return PanelSpec(**values)
 
 
+Method = Literal["soft", "bands"]  # of decoding: ours, and the source paper's own
+
+
 class DecodeSettings(_Section):
-    method: Literal["soft"] = "soft"
+    method: Method = "soft"
 
 
 class CameraMount(_Section):

@@ -9,8 +9,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ledpi.camera.base import CameraInfo, PanelValues
-from ledpi.config import PanelSettings
+from ledpi.config import Method, PanelSettings
 from ledpi.decode import soft
+from ledpi.decode.bands import NO_SQUARE, BandsReader
 from ledpi.decode.cells import MIN_CELL_PX, sample_cells
 from ledpi.decode.edges import approach_quads, refine_quad
 from ledpi.decode.evidence import Evidence
@@ -31,32 +32,35 @@ from ledpi.records import (
     read_only,
 )
 from ledpi.shutter import row_mid_exposure_ns
+from ledpi.trace import Dropped, Look, Trace
 
 SAME_PLACE = Rejected(stage="identify", reason="same_panel_twice")
 SAME_ID = Rejected(stage="identify", reason="same_id_twice")
-STAGES = ("find", "edges", "cells", "soft", "pose")
-# Told where in the picture something four-sided was dropped, (4, 2) corners in pixels, and why.
-Observer = Callable[[Floats, Rejected], None]
+STAGES: dict[Method, tuple[str, ...]] = {
+    "soft": ("find", "edges", "cells", "soft", "pose"),
+    "bands": ("bands", "pose"),
+}
 
 
 @dataclass(slots=True)
 class _Work:
     """What one frame has given so far."""
 
-    observer: Observer | None
+    seconds: dict[str, float]  # by stage
+    trace: Trace | None
     rejected: list[Rejected] = field(default_factory=list)
-    seconds: dict[str, float] = field(default_factory=lambda: dict.fromkeys(STAGES, 0.0))
 
     def reject(self, corners_px: Floats, why: Rejected) -> None:
         self.rejected.append(why)
-        if self.observer is not None:
-            self.observer(corners_px, why)
+        if self.trace is not None:
+            self.trace.dropped.append(Dropped(corners_px=corners_px, why=why))
 
 
 class Pipeline:
     """Decodes the frames of one camera. Not shared between threads.
 
-    `stream`: frames follow each other in time, and tracks add to what a frame shows; else each frame is alone.
+    `stream`: frames follow each other in time, and tracks add to what a frame shows; else each frame is alone, as it
+    always is for the method `bands`.
     Raises ValueError where the panels' values contradict each other.
     """
 
@@ -67,6 +71,7 @@ class Pipeline:
         *,
         intrinsics: Intrinsics | None,
         shown: PanelValues | None = None,
+        method: Method = "soft",
         stream: bool = True,
         clock: Callable[[], float] = time.perf_counter,
     ) -> None:
@@ -77,12 +82,15 @@ class Pipeline:
         self._panels = panels
         self._intrinsics = intrinsics
         self._clock = clock
+        self._method: Method = method
         self._stream = stream
         self._false_id_rate = soft.FALSE_ID_RATE if stream else soft.FALSE_ID_RATE_ALONE
         self._cells = load_dictionary(panels.dictionary).cells_per_side
         self._finder = Finder(camera.width, camera.height, panels.spec(), smallest_px=self._cells * MIN_CELL_PX)
-        self._codebooks = _codebooks(panels)
-        self._specs = tuple(book.spec for book in self._codebooks)
+        dictionary, groups = load_dictionary(panels.dictionary), _same_frequencies(panels)
+        self._codebooks = [soft.Codebook.build(ids, dictionary, spec) for spec, ids in groups]
+        self._readers = [BandsReader(dictionary, ids, spec) for spec, ids in groups] if method == "bands" else []
+        self._specs = tuple(spec for spec, _ in groups)
         self._tracker = Tracker(self._specs)
 
     @property
@@ -90,34 +98,18 @@ class Pipeline:
         """The panels that are looked for: the configuration's, with what the source knows better."""
         return self._panels
 
-    def decode(self, frame: Frame, observer: Observer | None = None) -> Decoded:
+    def decode(self, frame: Frame, trace: Trace | None = None) -> Decoded:
         """Everything that this frame shows. Time in `stage_ms` is from the picture in memory to the pose.
 
-        `observer` is told of each candidate that is dropped; what `find` itself drops has no corners yet, and is
-        only counted.
+        `trace` takes in what each step made of the frame, and each candidate that was dropped; what `find` itself drops
+        has no corners yet, and is only counted.
         """
-        work = _Work(observer)
-        start = self._clock()
-        candidates, dropped = self._finder.find(frame)
-        work.rejected.extend(dropped)
-        since = self._timed(work, "find", start)
-        near = approach_quads(
-            frame,
-            np.array([candidate.corners for candidate in candidates]),
-            np.array([candidate.tolerance_px for candidate in candidates]),
-            striped=any(candidate.striped for candidate in candidates),
-        )
-        self._timed(work, "edges", since)
-        looks = zip(candidates, near, strict=True)
-        quads = [quad for candidate, at in looks if (quad := self._refine(frame, candidate, at, work)) is not None]
-        if not self._stream:
-            self._tracker = Tracker(self._specs)
-        followed = self._tracker.follow(quads, frame.row0_readout_ns)
-        sightings = [s for quad, track in followed if (s := self._read(frame, quad, track, work)) is not None]
-        sightings = _one_of_each(sightings, work)
+        work = _Work(dict.fromkeys(STAGES[self._method], 0.0), trace)
+        read = self._by_soft if self._method == "soft" else self._by_bands
+        sightings = _one_of_each(read(frame, work), work)
         start = self._clock()
         markers = tuple(m for s in sightings if (m := self._place(frame, s, work)) is not None)
-        work.seconds["pose"] = self._clock() - start
+        self._timed(work, "pose", start)
         return Decoded(
             seq=frame.seq,
             row0_readout_ns=frame.row0_readout_ns,
@@ -127,6 +119,46 @@ class Pipeline:
             rejected=tuple(work.rejected),
             stage_ms={stage: 1e3 * seconds for stage, seconds in work.seconds.items()},
         )
+
+    def _by_soft(self, frame: Frame, work: _Work) -> list[Sighting]:
+        """find → edges → track → cells → soft, which is the likeliest word of all cells together."""
+        start = self._clock()
+        candidates, dropped = self._finder.find(frame)
+        work.rejected.extend(dropped)
+        if work.trace is not None:
+            work.trace.candidates.extend(candidates)
+        since = self._timed(work, "find", start)
+        near = approach_quads(
+            frame,
+            np.array([candidate.corners for candidate in candidates]),
+            np.array([candidate.tolerance_px for candidate in candidates]),
+            stripe_rows=max((candidate.stripe_rows for candidate in candidates), default=0.0),
+        )
+        self._timed(work, "edges", since)
+        looks = zip(candidates, near, strict=True)
+        quads = [quad for candidate, at in looks if (quad := self._refine(frame, candidate, at, work)) is not None]
+        if not self._stream:
+            self._tracker = Tracker(self._specs)
+        followed = self._tracker.follow(quads, frame.row0_readout_ns)
+        return [s for quad, track in followed if (s := self._read(frame, quad, track, work)) is not None]
+
+    def _by_bands(self, frame: Frame, work: _Work) -> list[Sighting]:
+        """The source paper's method, once for each pair of frequencies."""
+        start = self._clock()
+        sightings = []
+        for reader in self._readers:
+            steps = reader.read(frame)
+            if work.trace is not None:
+                work.trace.bands.append(steps)
+            if not steps.squares:
+                work.rejected.append(NO_SQUARE)
+            for square in steps.squares:
+                if isinstance(square.result, Sighting):
+                    sightings.append(square.result)
+                else:
+                    work.reject(square.corners_px, square.result)
+        self._timed(work, "bands", start)
+        return sightings
 
     def _timed(self, work: _Work, stage: str, since: float) -> float:
         now = self._clock()
@@ -139,7 +171,7 @@ class Pipeline:
         refined = (
             near
             if isinstance(near, Rejected)
-            else refine_quad(frame, near, self._intrinsics, striped=candidate.striped)
+            else refine_quad(frame, near, self._intrinsics, striped=candidate.stripe_rows > 0)
         )
         self._timed(work, "edges", since)
         if isinstance(refined, Rejected):
@@ -161,12 +193,16 @@ class Pipeline:
             track.forget()
             for memory in track.memories:
                 memory.add(samples, frame)
+        known = [memory.evidence() for memory in track.memories]
         readings = [
             soft.decide(evidence, book, self._false_id_rate) if isinstance(evidence, Evidence) else evidence
-            for book, evidence in zip(self._codebooks, (m.evidence() for m in track.memories), strict=True)
+            for book, evidence in zip(self._codebooks, known, strict=True)
         ]
         reading = soft.surest(readings, self._false_id_rate)
         self._timed(work, "soft", since)
+        if work.trace is not None:
+            evidence = known[_group_of(reading, readings)]
+            work.trace.looks.append(Look(quad=quad, samples=samples, evidence=evidence, reading=reading))
         if isinstance(reading, Rejected):
             work.reject(quad.corners_px, reading)
             track.shown = None
@@ -192,14 +228,19 @@ class Pipeline:
         )
 
 
-def _codebooks(panels: PanelSettings) -> list[soft.Codebook]:
-    """One for each pair of frequencies and duty that the panels have."""
-    dictionary = load_dictionary(panels.dictionary)
+def _same_frequencies(panels: PanelSettings) -> list[tuple[PanelSpec, list[int]]]:
+    """The panel and the IDs of each pair of frequencies and duty that there are."""
     groups: dict[tuple[float, float, float], tuple[PanelSpec, list[int]]] = {}
-    for marker_id in range(len(dictionary.words)):
+    for marker_id in range(len(load_dictionary(panels.dictionary).words)):
         spec = panels.spec(marker_id)
         groups.setdefault((spec.black_hz, spec.white_hz, spec.duty), (spec, []))[1].append(marker_id)
-    return [soft.Codebook.build(ids, dictionary, spec) for spec, ids in groups.values()]
+    return list(groups.values())
+
+
+def _group_of(reading: soft.Reading | Rejected, readings: list[soft.Reading | Rejected]) -> int:
+    """Which pair of frequencies the surest reading is of; the first where nothing was read."""
+    ids = [r.id if isinstance(r, soft.Reading) else None for r in readings]
+    return ids.index(reading.id) if isinstance(reading, soft.Reading) else 0
 
 
 def _sighting(quad: Quad, reading: soft.Reading, frames_used: int) -> Sighting:

@@ -30,10 +30,11 @@ from ledpi.camera.base import PanelValues
 from ledpi.camera.simulated import SimulatedCamera
 from ledpi.markers import load_dictionary
 from ledpi.pipeline import Pipeline
-from ledpi.records import Decoded, Floats, Frame, Intrinsics, Pixels, Rejected
+from ledpi.records import Decoded, Floats, Frame, Intrinsics, Pixels
 from ledpi.simulate.scene import Light, Panel, Room, Scene, SimulatedSensor, SquareWave
 from ledpi.simulate.scenes import drive_scene, ov5647_lens
 from ledpi.simulate.trajectory import Gliding, Still, facing_camera
+from ledpi.trace import Trace
 
 PERIOD_US = FRAME_ROWS * ROW_TIME_US
 NEAR, FAR = square(310.3, 240.6, 100, 4), square(310.3, 240.6, 45, 4)  # FAR takes more than one frame to read
@@ -167,15 +168,15 @@ def test_what_was_dropped_is_counted_by_stage_and_reason() -> None:
     assert "find.at_picture_border" in keys(decoded)
 
 
-def test_an_observer_is_told_where_something_was_dropped() -> None:
+def test_a_trace_says_where_something_was_dropped() -> None:
     """Four corners in the picture, and why; the panel that was read is not among them."""
     canvas = Canvas()
     canvas.panel(square(150, 150, 100), word(7))
     canvas.lamp(square(450, 300, 100))
-    told: list[tuple[Floats, Rejected]] = []
-    decoded = pipeline().decode(canvas.frame(), observer=lambda corners, why: told.append((corners, why)))
+    trace = Trace()
+    decoded = pipeline().decode(canvas.frame(), trace)
     assert ids(decoded) == [7]
-    where = [corners.mean(axis=0) for corners, why in told if why.key == "soft.no_bands"]
+    where = [dropped.corners_px.mean(axis=0) for dropped in trace.dropped if dropped.why.key == "soft.no_bands"]
     np.testing.assert_allclose(where, [[450, 300]], atol=1)
 
 

@@ -110,7 +110,7 @@ def test_what_was_dropped_is_outlined_with_its_reason(snapshot: Snapshot, drawn:
 
 
 def test_every_reason_is_counted_in_the_record(snapshot: Snapshot) -> None:
-    """What has corners is told to the observer once each, in the order of the decoder's own list."""
+    """What has corners is in the trace once each, in the order of the decoder's own list."""
     from_find = [why for why in snapshot.decoded.rejected if why.stage == "find"]
     assert from_find + [dropped.why for dropped in snapshot.dropped] == list(snapshot.decoded.rejected)
 

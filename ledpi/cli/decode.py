@@ -104,6 +104,7 @@ def _decode_recording(
             settings.panels,
             intrinsics=camera.intrinsics or _intrinsics(settings, camera.width, camera.height),
             shown=PanelValues(dictionary=recording.dictionary, **asdict(recording.panel)),
+            method=settings.decode.method,
             stream=stream,
         )
     except ValueError as error:
@@ -130,7 +131,8 @@ def _decode_pictures(pictures: list[Path], settings: Config, *, advance: Callabl
     if not pictures:
         return 0
     info = still_camera(settings.camera)
-    pipeline = Pipeline(info, settings.panels, intrinsics=_intrinsics(settings, info.width, info.height), stream=False)
+    lens, method = _intrinsics(settings, info.width, info.height), settings.decode.method
+    pipeline = Pipeline(info, settings.panels, intrinsics=lens, method=method, stream=False)
     bad = 0
     for seq, path in enumerate(pictures):
         try:

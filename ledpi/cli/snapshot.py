@@ -60,7 +60,12 @@ def snapshot(
     settings = load_config(file, tuple(overrides))
     source = _open(path, settings, frame)
     pipeline = Pipeline(
-        source.camera, settings.panels, intrinsics=source.intrinsics, shown=source.panel, stream=False
+        source.camera,
+        settings.panels,
+        intrinsics=source.intrinsics,
+        shown=source.panel,
+        method=settings.decode.method,
+        stream=False,
     )
     taken = take(source.title, source.frame, pipeline, source.intrinsics)
     _write(out, draw(taken))

@@ -7,15 +7,8 @@ from dataclasses import dataclass
 from ledpi.config import PanelSettings
 from ledpi.markers import Bits, load_dictionary
 from ledpi.pipeline import Pipeline
-from ledpi.records import Decoded, Floats, Frame, Intrinsics, Rejected
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Dropped:
-    """Something four-sided that was no panel."""
-
-    corners_px: Floats  # (4, 2) as the picture shows it
-    why: Rejected
+from ledpi.records import Decoded, Frame, Intrinsics
+from ledpi.trace import Dropped, Trace
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -25,9 +18,14 @@ class Snapshot:
     title: str  # ASCII
     frame: Frame
     decoded: Decoded
-    dropped: tuple[Dropped, ...]
+    trace: Trace
     panels: PanelSettings
     intrinsics: Intrinsics | None
+
+    @property
+    def dropped(self) -> list[Dropped]:
+        """What was four-sided and no panel."""
+        return self.trace.dropped
 
     def word(self, marker_id: int) -> Bits:
         """The cells of an ID, upright."""
@@ -35,14 +33,14 @@ class Snapshot:
 
 
 def take(title: str, frame: Frame, pipeline: Pipeline, intrinsics: Intrinsics | None) -> Snapshot:
-    """Decodes a frame, and keeps what was dropped on the way."""
-    dropped: list[Dropped] = []
-    decoded = pipeline.decode(frame, lambda corners, why: dropped.append(Dropped(corners_px=corners, why=why)))
+    """Decodes a frame, and keeps what it went through."""
+    trace = Trace()
+    decoded = pipeline.decode(frame, trace)
     return Snapshot(
         title=title,
         frame=frame,
         decoded=decoded,
-        dropped=tuple(dropped),
+        trace=trace,
         panels=pipeline.panels,
         intrinsics=intrinsics,
     )

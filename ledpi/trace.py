@@ -1,0 +1,40 @@
+"""What a frame went through, step by step, for those who want to see it: `Pipeline.decode` fills it in."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from ledpi.decode.bands import Steps
+from ledpi.decode.cells import CellSamples
+from ledpi.decode.evidence import Evidence
+from ledpi.decode.find import Candidate
+from ledpi.decode.soft import Reading
+from ledpi.records import Floats, Quad, Rejected
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Dropped:
+    """Something four-sided that was no panel."""
+
+    corners_px: Floats  # (4, 2) as the picture shows it
+    why: Rejected
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Look:
+    """What `soft` made of one lit square."""
+
+    quad: Quad
+    samples: CellSamples
+    evidence: Evidence | Rejected  # of all frames that were used
+    reading: Reading | Rejected
+
+
+@dataclass(slots=True)
+class Trace:
+    """Of one frame. Of `soft` the candidates and the looks, of `bands` the steps, one for each pair of frequencies."""
+
+    dropped: list[Dropped] = field(default_factory=list)
+    candidates: list[Candidate] = field(default_factory=list)
+    looks: list[Look] = field(default_factory=list)
+    bands: list[Steps] = field(default_factory=list)
