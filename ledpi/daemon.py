@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from ledpi.camera.base import Camera
 from ledpi.camera_yaml import load_intrinsics
 from ledpi.config import Config
+from ledpi.errors import ConfigError
 from ledpi.health import Health, HealthSnapshot
 from ledpi.pipeline import Pipeline
 from ledpi.records import Intrinsics, Rejected
@@ -47,9 +48,15 @@ class Daemon:
         self._calibrated = calibration(config, camera)
         self._has_map = config.map is not None
         self._ring = FrameRing(info.height, info.width)
-        self._pipeline = Pipeline(info, config.panels, intrinsics=self._calibrated, shown=camera.panel)
+        try:
+            self._pipeline = Pipeline(
+                info, config.panels, intrinsics=self._calibrated, shown=camera.panel, method=config.decode.method
+            )
+        except ValueError as error:
+            raise ConfigError(f"panels.overrides: contradict the panel of {config.camera.source}: {error}") from None
         self._publisher = Publisher(config.serial)
         self._health = Health()
+        self._asked_to_stop = False
         self._stop = threading.Event()
         self._failure: BaseException | None = None
         self._started_s = time.monotonic()
@@ -59,8 +66,11 @@ class Daemon:
         ]
 
     def stop(self) -> None:
-        """Ends `run` soon. From any thread or signal handler."""
-        self._stop.set()
+        """Ends `run` soon. From any thread or signal handler: takes no lock, as an Event would.
+
+        A handler runs in the middle of whatever `run` does; were that the Event's own lock, nothing would ever end.
+        """
+        self._asked_to_stop = True
 
     def run(self) -> Totals:
         """Until `stop`, or until the camera has no further frame. Raises what stopped a worker."""
@@ -124,7 +134,7 @@ class Daemon:
         """Keeps status and health up to date until it is time to stop."""
         last, said_s = self._totals(), time.monotonic()
         watchdog_s, fed_s, fed_frames = watchdog_period_s(), time.monotonic(), 0
-        while not self._stop.wait(TICK_S):
+        while not self._stop.wait(TICK_S) and not self._asked_to_stop:
             now_s = time.monotonic()
             totals = self._totals()
             self._publisher.set_status(self._status(totals))
