@@ -1,0 +1,176 @@
+"""Many simulated frames through the whole daemon, unpaced: does it lose speed, memory, threads or files on the way?
+
+Runs `ledpi run --unpaced --frames N` on the simulated camera with a pty for the controller, whose stream is read and
+checked, and looks at the process in /proc. The first tenth of the frames (but at least 100) is warm-up: by then all
+that is kept has been made. Of the rest, the median memory of the first quarter is compared with that of the last one,
+as it goes up and down by megabytes within a frame. Exit status 1 where it has grown by more than --allow-mib, where
+threads or descriptors have, where a packet was damaged or an ID wrong, or where the daemon failed.
+
+    python benchmarks/soak.py [--frames 50000] [--allow-mib 8]
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import statistics
+import subprocess
+import sys
+import threading
+import time
+import tty
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+
+from ledpi.simulate.scenes import DRIVE_IDS
+from ledpi.wire import MarkerMessage, Receiver, State, StatusMessage
+
+ROOT = Path(__file__).resolve().parents[1]
+SAMPLE_S = 0.2
+WARM_UP_SHARE, WARM_UP_FRAMES = 0.1, 100
+ROWS = 10  # of the table that is printed on the way
+MIB = 2**20
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """The process at one moment."""
+
+    frames: int  # through the daemon by then, as its heartbeat says
+    resident: int  # bytes
+    threads: int
+    descriptors: int
+
+
+class Controller:
+    """The other end of the line: reads all that comes until it is closed."""
+
+    def __init__(self) -> None:
+        self._master, self._slave = os.openpty()
+        tty.setraw(self._master)
+        self.port = os.ttyname(self._slave)
+        self.ids: Counter[int] = Counter()
+        self.last_status: StatusMessage | None = None
+        self.receiver = Receiver()
+        self._closing = False
+        self._thread = threading.Thread(target=self._read, daemon=True)
+        self._thread.start()
+
+    def _read(self) -> None:
+        os.set_blocking(self._master, False)
+        while not self._closing:
+            try:
+                data = os.read(self._master, 65536)
+            except BlockingIOError:
+                time.sleep(0.005)
+                continue
+            for message in self.receiver.feed(data):
+                if isinstance(message, MarkerMessage):
+                    self.ids[message.id] += 1
+                elif isinstance(message, StatusMessage):
+                    self.last_status = message
+
+    def close(self) -> None:
+        time.sleep(0.1)  # what the daemon wrote last
+        self._closing = True
+        self._thread.join()
+        os.close(self._slave)
+        os.close(self._master)
+
+
+def sample(pid: int, frames: int) -> Sample | None:
+    """None where the process has ended."""
+    place = Path(f"/proc/{pid}")
+    try:
+        pages = int((place / "statm").read_text().split()[1])
+        threads = len(list((place / "task").iterdir()))
+        descriptors = len(list((place / "fd").iterdir()))
+    except (OSError, IndexError):
+        return None
+    return Sample(frames, pages * os.sysconf("SC_PAGE_SIZE"), threads, descriptors)
+
+
+def run(frames: int, controller: Controller) -> tuple[int, str, list[Sample]]:
+    """Exit status, the log, and the samples of one daemon."""
+    options = ["panels.side_m=0.16", "camera.source=simulated", f"serial.port={controller.port}"]
+    command = [sys.executable, "-c", "from ledpi.cli import main; main()", "run", "--unpaced", "--frames", str(frames)]
+    command += [part for option in options for part in ("--set", option)]
+    samples: list[Sample] = []
+    with subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE, text=True) as process:
+        log: list[str] = []
+        assert process.stderr is not None
+        reader = threading.Thread(target=lambda stream: log.extend(stream), args=(process.stderr,), daemon=True)
+        reader.start()
+        started, rows = time.monotonic(), 0
+        while process.poll() is None:
+            time.sleep(SAMPLE_S)
+            status = controller.last_status
+            if status is None or not status.frames or status.state is State.STOPPING:
+                continue
+            now = sample(process.pid, status.frames)
+            if now is None or not now.resident:
+                continue
+            samples.append(now)
+            if now.frames >= (rows + 1) * frames / ROWS:
+                rows = now.frames * ROWS // frames
+                since_s = time.monotonic() - started
+                print(f"{since_s:8.1f} s  {now.frames:7} frames  {now.resident / MIB:7.1f} MiB", flush=True)
+        reader.join()
+    return process.returncode, "".join(log), samples
+
+
+def judge(frames: int, allow_mib: float) -> list[str]:
+    """Runs it, prints what came of it, and returns what is wrong with that."""
+    controller = Controller()
+    started = time.monotonic()
+    status, log, samples = run(frames, controller)
+    seconds = time.monotonic() - started
+    controller.close()
+    ended = re.search(r"ended: (\d+) frames, (\d+) dropped, (\d+) decoded, (\d+) markers", log)
+    if status != 0 or ended is None:
+        return [f"the daemon ended with status {status}:\n{log}"]
+    delivered, dropped, decoded, markers = map(int, ended.groups())
+    warm = [s for s in samples if s.frames >= max(WARM_UP_FRAMES, WARM_UP_SHARE * frames)]
+    print(
+        f"{delivered} frames in {seconds:.1f} s ({delivered / seconds:.1f} frames/s, start-up included), {dropped} "
+        f"dropped, {decoded} decoded, {markers} markers; packets {controller.receiver.counters}; "
+        f"IDs {dict(sorted(controller.ids.items()))}"
+    )
+    if len(warm) < 8:
+        return [f"too short to judge: {len(warm)} samples after the warm-up"]
+    quarter = len(warm) // 4
+    before, after = (statistics.median(s.resident for s in part) / MIB for part in (warm[:quarter], warm[-quarter:]))
+    first, last = warm[0], warm[-1]
+    print(
+        f"memory {before:.1f} MiB from frame {first.frames}, {after:.1f} MiB to frame {last.frames}: growth "
+        f"{after - before:+.2f} MiB; threads {first.threads} → {last.threads}, descriptors {first.descriptors} → "
+        f"{last.descriptors}"
+    )
+    wrong_ids = sorted(set(controller.ids) - set(DRIVE_IDS))
+    faults = {
+        f"memory has grown by {after - before:.2f} MiB, more than {allow_mib:g}": after - before > allow_mib,
+        "threads have become more": last.threads > first.threads,
+        "descriptors have become more": last.descriptors > first.descriptors,
+        f"{delivered} frames came, {decoded} were decoded, of {frames}": not delivered == decoded == frames,
+        "no panel was read": not controller.ids,
+        f"IDs that are not in the scene: {wrong_ids}": bool(wrong_ids),
+        f"damaged packets: {controller.receiver.counters.bad}": bool(controller.receiver.counters.bad),
+    }
+    return [fault for fault, holds in faults.items() if holds]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("--frames", type=int, default=50_000)
+    parser.add_argument("--allow-mib", type=float, default=8.0, help="growth after the warm-up that is taken for none")
+    arguments = parser.parse_args()
+    faults = judge(arguments.frames, arguments.allow_mib)
+    for fault in faults:
+        print(f"soak: {fault}", file=sys.stderr)
+    sys.exit(1 if faults else 0)
+
+
+if __name__ == "__main__":
+    main()
