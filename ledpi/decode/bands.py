@@ -70,6 +70,7 @@ class Square:
 class Steps:
     """What each step made of a frame."""
 
+    widths_rows: tuple[float, float]  # expected height of a band of the black class, and of the white one
     lit: Pixels  # (H, W), 255 where brighter than the local mean: (c)
     classes: Classes  # (H, W), NO_BAND, BLACK_BAND or WHITE_BAND: (d)
     white: Pixels  # (H, W), 255 within the white squares: (e)
@@ -97,7 +98,7 @@ class BandsReader:
         white = np.zeros_like(frame.pixels)
         cv2.drawContours(white, [outline for outline, _ in found], -1, 255, cv2.FILLED)
         squares = tuple(self._read_square(classes, corners) for _, corners in found)
-        return Steps(lit=lit, classes=classes, white=white, squares=squares)
+        return Steps(widths_rows=widths, lit=lit, classes=classes, white=white, squares=squares)
 
     def _read_square(self, classes: Classes, corners_px: Floats) -> Square:
         black, white = cell_shares(classes, corners_px, self._cells)
@@ -143,14 +144,18 @@ def band_widths_rows(frame: Frame, spec: PanelSpec) -> tuple[float, float]:
 
 
 def binarise(pixels: Pixels, widths: tuple[float, float]) -> Pixels:
-    """(H, W), 255 where a pixel is brighter than the mean of those above and below it, else 0: step (c).
+    """(H, W), 255 where a pixel is brighter than the local mean, else 0: step (c)."""
+    return np.asarray(cv2.compare(pixels.astype(np.float32), local_mean(pixels, widths), cv2.CMP_GT), np.uint8)
 
-    The paper is silent on how large "local" is. One period of the wider bands, so that these leave the mean even, and
-    one column, as the cells to either side have bands of their own.
+
+def local_mean(pixels: Pixels, widths: tuple[float, float]) -> NDArray[np.float32]:
+    """(H, W) mean over the pixels above and below.
+
+    The paper is silent on how far. One period of the wider bands, so that these leave the mean even; of one column, as
+    the cells to either side have bands of their own.
     """
     period = min(round(2 * max(widths)), pixels.shape[0] - 1) | 1
-    mean = cv2.boxFilter(pixels, cv2.CV_32F, (1, period))
-    return np.asarray(cv2.compare(pixels.astype(np.float32), mean, cv2.CMP_GT), np.uint8)
+    return np.asarray(cv2.boxFilter(pixels, cv2.CV_32F, (1, period)), np.float32)
 
 
 def classify(lit: Pixels, widths: tuple[float, float]) -> Classes:

@@ -46,6 +46,7 @@ MAX_SPREAD_PX, MAX_SPREAD_AT_FIRST_PX, MAX_SPREAD_AT_FIRST_STEPS = 0.5, 1.2, 0.5
 FINE_STEP_PX, FINE_PASSES = 0.5, 3
 CONVERGED_PX = 1.0  # a fine pass that moves the corners by more than this is repeated
 OUTER_REACH = 16  # samples to either side of a striped square's rim
+OUTER_PASSES = 3
 OUTER_SHARE = 0.2  # of the side: as far beyond the rough corners a striped square may begin
 
 _NEXT = np.array([1, 2, 3, 0])
@@ -70,18 +71,18 @@ def _edge_models(inside: int) -> tuple[Floats, Floats]:
 
 
 def approach_quads(
-    frame: Frame, rough: Floats, tolerance_px: Floats, *, striped: bool = False
+    frame: Frame, rough: Floats, tolerance_px: Floats, *, stripe_rows: float = 0.0
 ) -> list[Floats | Rejected]:
     """Better corners for each of `rough` (N, 4, 2; clockwise in the picture), or why there is no square; all at once.
 
-    The sides are sought up to `tolerance_px` (N,) away, with samples as far apart as that takes. In a `striped`
-    picture cells may be dark at the very edge, so that their light seems to end further inside: there the sides are
-    where light begins furthest outside.
+    The sides are sought up to `tolerance_px` (N,) away, with samples as far apart as that takes. In a striped picture,
+    with dark bands of up to `stripe_rows`, cells may be dark at the very edge, so that their light seems to end further
+    inside: there the sides are where light begins furthest outside.
     """
     if not len(rough):
         return []
-    if striped:
-        corners, spread, seen = _approach_striped(frame, rough)
+    if stripe_rows:
+        corners, spread, seen = _approach_striped(frame, rough, stripe_rows)
         limit = np.full(len(rough), np.inf)
     else:
         step = np.maximum(FINE_STEP_PX, tolerance_px / -OFFSETS[0])
@@ -102,7 +103,10 @@ def approach_quads(
 def refine_quad(
     frame: Frame, near: Floats, intrinsics: Intrinsics | None = None, *, striped: bool = False
 ) -> Quad | Rejected:
-    """Sub-pixel corners of the lit square whose corners are within 2 px of `near` (4, 2), or why there are none."""
+    """Sub-pixel corners of the lit square whose corners are within 2 px of `near` (4, 2), or why there are none.
+
+    In a `striped` picture the rim may be too dark for that; then `near` is as good as it gets.
+    """
     side = math.sqrt(abs(float(_areas(near))))
     if side < MIN_SIDE_PX:
         return TOO_SMALL
@@ -114,14 +118,13 @@ def refine_quad(
     for number in range(FINE_PASSES):
         sides = _look_across(frame, corners, step, SAMPLES_OUTSIDE, inside, exact=True)
         fitted, spread, seen = _fit_sides(sides, step, inside, bend, striped=striped)
-        if not seen[0]:
-            return LOST
-        if spread[0] > (MAX_SPREAD_AT_FIRST_PX if number == 0 else MAX_SPREAD_PX):
-            return NOT_STRAIGHT
+        straight = spread[0] <= (MAX_SPREAD_AT_FIRST_PX if number == 0 else MAX_SPREAD_PX)
         moved = float(np.abs(fitted - corners).max())
+        if not (seen[0] and straight and moved < 0.5 * side):
+            if striped:
+                return _checked(frame, near, MAX_SPREAD_PX, bend)
+            return NOT_STRAIGHT if seen[0] and not straight else LOST
         corners = fitted
-        if not moved < 0.5 * side:
-            return LOST
         if moved < CONVERGED_PX:
             break
     return _checked(frame, corners[0], float(spread[0]), bend)
@@ -283,21 +286,44 @@ def _crossings(start: Floats, direction: Floats) -> Floats:
     return corners
 
 
-def _approach_striped(frame: Frame, rough: Floats) -> tuple[Floats, Floats, NDArray[np.bool_]]:
-    """As `_fit_sides`, for striped squares: lines through where light begins furthest outside."""
-    step = np.maximum(FINE_STEP_PX, OUTER_SHARE / OUTER_REACH * np.sqrt(np.abs(_areas(rough))))
-    sides = _look_across(frame, rough, step, OUTER_REACH, OUTER_REACH, exact=False)
-    outside = np.sort(sides.light[..., : OUTER_REACH // 2], axis=-1)
-    background = outside[..., OUTER_REACH // 4]
-    brightness = np.sort(sides.light.reshape(len(rough), -1), axis=1)
-    lit = brightness[:, int(0.9 * brightness.shape[1])][:, None, None]
-    above = sides.light > (0.5 * (background + lit))[..., None]
-    first = above.argmax(axis=-1)
-    good = (first > OUTER_REACH // 4) & (lit > 2 * background)
-    seen = good.sum(axis=2).min(axis=1) >= MIN_EDGE * PROFILES
-    good &= _outermost(first.astype(float), good)
-    corners, spread = _fit_lines(sides, (first - 0.5 - OUTER_REACH) * step[:, None, None], good)
+def _approach_striped(frame: Frame, rough: Floats, stripe_rows: float) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+    """As `_fit_sides`, for striped squares: lines through where light begins furthest outside.
+
+    Dark bands may have cut so much off the rough square that all of a side's window is still inside: then it moves out
+    by a window, and all are looked at again. Something bright nearby may lead it astray, though; so what counts is the
+    pass after which most light is inside the sides, and least beyond them.
+    """
+    count = len(rough)
+    reached, corners = rough, rough
+    spread, seen, best = np.full(count, np.inf), np.zeros(count, bool), np.full(count, -np.inf)
+    for _ in range(OUTER_PASSES):
+        reach_px = np.maximum(OUTER_SHARE * np.sqrt(np.abs(_areas(reached))), stripe_rows + 2)
+        step = np.maximum(FINE_STEP_PX, reach_px / OUTER_REACH)
+        sides = _look_across(frame, reached, step, OUTER_REACH, OUTER_REACH, exact=False)
+        above, sure = _lit(sides)
+        first = above.argmax(axis=-1)
+        good = above.any(axis=-1)
+        sure = sure & (good.sum(axis=2).min(axis=1) >= MIN_EDGE * PROFILES)
+        good &= _outermost(first.astype(float), good)
+        fitted, apart = _fit_lines(sides, (first - 0.5 - OUTER_REACH) * step[:, None, None], good)
+        if not np.isfinite(fitted).all():
+            break
+        reached = fitted
+        above, _ = _lit(_look_across(frame, reached, step, OUTER_REACH, OUTER_REACH, exact=False))
+        contrast = above[..., OUTER_REACH + 2 :].mean(axis=(1, 2, 3))  # lit inside, less what is lit beyond
+        contrast -= above[..., : OUTER_REACH - 1].mean(axis=(1, 2, 3))
+        better = sure & (contrast > best)
+        best = np.where(better, contrast, best)
+        corners = np.where(better[:, None, None], reached, corners)
+        spread, seen = np.where(better, apart, spread), seen | better
     return corners, spread, seen
+
+
+def _lit(sides: _Sides) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """What is lit (N, 4, P, S), by the middle of each quad's dark and bright; and which quads (N,) have a contrast."""
+    ordered = np.sort(sides.light.reshape(len(sides.light), -1), axis=1)
+    dark, lit = (ordered[:, int(share * ordered.shape[1])] for share in (0.1, 0.9))
+    return sides.light > (0.5 * (dark + lit))[:, None, None, None], np.asarray(lit > 2 * dark)
 
 
 def _outermost(found: Floats, good: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -42,7 +42,7 @@ class Candidate:
     side_px: float
     misfit: float  # of the outline to the four sides, 0 is perfect
     tolerance_px: float  # how far off the corners may be: two pixels of the picture that they were found in
-    striped: bool  # bands so deep that parts of its rim may be dark
+    stripe_rows: float  # height of the longest dark band, so deep that parts of its rim may be dark; 0: no such bands
 
 
 class Finder:
@@ -72,7 +72,7 @@ class Finder:
                 cv2.LUT(picture, self._brighten, dst=picture)
             above = picture
             for outline in self._outlines(index, math.ceil(stripes / (2 << index))):
-                result = _candidate(outline, picture.shape, 2 << index, striped=stripes > 0)
+                result = _candidate(outline, picture.shape, 2 << index, stripe_rows=stripes)
                 if isinstance(result, Candidate):
                     if result.side_px < self._smallest_px:
                         dropped.append(TOO_SMALL)
@@ -114,7 +114,9 @@ class Finder:
         return outlines
 
 
-def _candidate(outline: Pixels, shape: tuple[int, ...], scale: int, *, striped: bool) -> Candidate | Rejected | None:
+def _candidate(
+    outline: Pixels, shape: tuple[int, ...], scale: int, *, stripe_rows: float
+) -> Candidate | Rejected | None:
     """A candidate, why it is none, or None for specks and holes."""
     x, y, width, height = cv2.boundingRect(outline)
     if max(width, height) < SMALLEST or min(width, height) < 3:
@@ -132,7 +134,7 @@ def _candidate(outline: Pixels, shape: tuple[int, ...], scale: int, *, striped: 
         return NOT_FOUR_SIDED
     quad_area = cv2.contourArea(corners)
     misfit = abs(math.log(max(quad_area, 1e-3) / area))
-    if misfit > (MAX_MISFIT_STRIPED if striped else MAX_MISFIT) + PIXEL_MISFIT / math.sqrt(area):
+    if misfit > (MAX_MISFIT_STRIPED if stripe_rows else MAX_MISFIT) + PIXEL_MISFIT / math.sqrt(area):
         return NOT_FOUR_SIDED
     # An outline runs through the centres of the outermost lit pixels: half a pixel inside the edge.
     centre = corners.mean(axis=0)
@@ -142,7 +144,7 @@ def _candidate(outline: Pixels, shape: tuple[int, ...], scale: int, *, striped: 
         side_px=(math.sqrt(quad_area) + 1.0) * scale,
         misfit=misfit,
         tolerance_px=2.0 * scale,
-        striped=striped,
+        stripe_rows=stripe_rows,
     )
 
 

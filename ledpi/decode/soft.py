@@ -24,6 +24,7 @@ SHORTLIST = 16  # words that are compared exactly
 NO_BANDS = Rejected(stage="soft", reason="no_bands")
 NO_WORD = Rejected(stage="soft", reason="not_in_dictionary")
 AMBIGUOUS = Rejected(stage="soft", reason="ambiguous")
+INCONSISTENT = Rejected(stage="soft", reason="inconsistent_cells")
 IMPLAUSIBLE = Rejected(stage="soft", reason="implausible_depth")
 
 # A word is taken where it is likelier than whatever else the panel may be by this factor, which bounds the share of
@@ -38,6 +39,10 @@ PRIOR_OF_NO_WORD = 0.01
 MIN_DEPTH, MAX_DEPTH = 0.25, math.pi / 2
 MAX_DEPTH_RATIO = 2.5
 DEVIATIONS = 3.0  # allowed to either, for noise
+# Bands of its own in every cell fit better than one word's for all, by noise alone with mean and variance of half as
+# many degrees of freedom; of what a word explains, harmonics, tone and a corner that is off may cost some. Where it is
+# more than this share, the cells do not lie where the bands change, or are no cells of one panel.
+MAX_MISFIT = 1.0 / 3.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -95,6 +100,8 @@ def decide(evidence: Evidence, codebook: Codebook, false_id_rate: float) -> Read
     spread = np.sqrt(np.diagonal(covariances[first])).tolist()
     if not _plausible(amplitude, (max(spread[:2]), max(spread[2:])), evidence):
         return IMPLAUSIBLE
+    if not _consistent(evidence, none):
+        return INCONSISTENT
     outside = _odds_against_other_patterns(evidence, codebook, best, bands)
     if outside < needed:
         return NO_WORD
@@ -190,6 +197,19 @@ def _plausible(amplitude: tuple[float, float], deviation: tuple[float, float], e
     if max(least) > MAX_DEPTH or min(most) < MIN_DEPTH:
         return False
     return least[0] <= MAX_DEPTH_RATIO * most[1] and least[1] <= MAX_DEPTH_RATIO * most[0]
+
+
+def _consistent(evidence: Evidence, of_word: float) -> bool:
+    """Whether all cells share the bands of one word, as far as `of_word`, its log-likelihood ratio, can tell."""
+    size = evidence.score.size
+    matrix = evidence.information.reshape(size, size).copy()
+    diagonal = np.einsum("ii->i", matrix)  # a view
+    diagonal += 1e-6 * diagonal.mean() + 1e-12
+    score = evidence.score.reshape(size)
+    of_cells = 0.5 * float(score @ np.linalg.solve(matrix, score))
+    freedom = size - PARAMETERS
+    by_noise = 0.5 * (freedom + DEVIATIONS * math.sqrt(2.0 * freedom))
+    return of_cells - of_word < by_noise + MAX_MISFIT * of_word
 
 
 def _odds_against_other_patterns(evidence: Evidence, codebook: Codebook, best: int, bands: Doubles) -> float:
