@@ -13,13 +13,15 @@ import numpy as np
 import typer
 
 from ledpi.cli import app
+from ledpi.cli.drawn import write_drawn
 from ledpi.cli.progress import progress
 from ledpi.errors import ConfigError, RecordingError
 from ledpi.output import decoded_as_json
-from ledpi.records import Decoded, Intrinsics, Rejected
+from ledpi.records import Decoded, Frame, Intrinsics, Rejected
 
 if TYPE_CHECKING:
     from ledpi.config import Config
+    from ledpi.pipeline import Pipeline
 
 
 @app.command()
@@ -28,13 +30,16 @@ def decode(
     config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
     set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
     single_frame: bool = typer.Option(False, "--single-frame", help="Each frame alone, no memory of those before."),
-    method: str | None = typer.Option(None, "--method", help="Overrides decode.method."),
+    method: str | None = typer.Option(None, "--method", help="Overrides decode.method: soft or bands."),
+    steps: Path | None = typer.Option(
+        None, "--steps", metavar="DIR", help="Also draw the method's steps: a picture a frame, DIR/NNNNNN.png."
+    ),
 ) -> None:
     """Recordings or pictures → one JSON object a frame, on standard output.
 
     A recording brings its own camera and panel values; for pictures they come from the configuration. A
     picture that cannot be read is named on standard error, the others are still decoded, and the exit status
-    is 2.
+    is 2. Where there are several recordings, --steps gives each a folder of its name.
 
     Example: ledpi decode --single-frame recordings/static | jq .markers
     """
@@ -52,8 +57,9 @@ def decode(
     bad = 0
     with progress("decoding", _frame_count(recordings) + len(pictures)) as advance:
         for name, folder in recordings:
-            bad += _decode_recording(name, folder, settings, stream=not single_frame, advance=advance)
-        bad += _decode_pictures(pictures, settings, advance=advance)
+            drawn = steps / name if steps is not None and len(recordings) + bool(pictures) > 1 else steps
+            bad += _decode_recording(name, folder, settings, drawn, stream=not single_frame, advance=advance)
+        bad += _decode_pictures(pictures, settings, steps, advance=advance)
     if bad:
         raise typer.Exit(2)
 
@@ -88,7 +94,7 @@ def _frame_count(recordings: list[tuple[str, Path]]) -> int:
 
 
 def _decode_recording(
-    name: str, folder: Path, settings: Config, *, stream: bool, advance: Callable[[int], None]
+    name: str, folder: Path, settings: Config, steps: Path | None, *, stream: bool, advance: Callable[[int], None]
 ) -> int:
     """Prints every frame; returns how many pictures could not be read."""
     from ledpi.camera.base import CameraInfo, PanelValues
@@ -98,11 +104,12 @@ def _decode_recording(
 
     recording = load_recording(folder)
     camera = recording.camera
+    lens = camera.intrinsics or _intrinsics(settings, camera.width, camera.height)
     try:
         pipeline = Pipeline(
             CameraInfo(**asdict(camera) | {"intrinsics": camera.intrinsics}),
             settings.panels,
-            intrinsics=camera.intrinsics or _intrinsics(settings, camera.width, camera.height),
+            intrinsics=lens,
             shown=PanelValues(dictionary=recording.dictionary, **asdict(recording.panel)),
             method=settings.decode.method,
             stream=stream,
@@ -114,7 +121,7 @@ def _decode_recording(
         picture = np.empty((camera.height, camera.width), np.uint8)
         fault = read_picture(entry.picture, picture)
         if fault is None:
-            _print(pipeline.decode(recording.frame(entry, picture)), name)
+            _decode(recording.frame(entry, picture), name, pipeline, lens, steps)
         else:
             print(f"ledpi: {fault.message}", file=sys.stderr)
             _print(_nothing(entry.seq, entry.row0_readout_ns, fault.rejected), name)
@@ -123,7 +130,9 @@ def _decode_recording(
     return bad
 
 
-def _decode_pictures(pictures: list[Path], settings: Config, *, advance: Callable[[int], None]) -> int:
+def _decode_pictures(
+    pictures: list[Path], settings: Config, steps: Path | None, *, advance: Callable[[int], None]
+) -> int:
     """Prints every picture, each on its own: nothing is known of the time between them."""
     from ledpi.pipeline import Pipeline
     from ledpi.still import read_still, still_camera
@@ -136,13 +145,32 @@ def _decode_pictures(pictures: list[Path], settings: Config, *, advance: Callabl
     bad = 0
     for seq, path in enumerate(pictures):
         try:
-            _print(pipeline.decode(read_still(path, info, seq)), str(path))
+            frame = read_still(path, info, seq)
         except RecordingError as error:
             print(f"ledpi: {error}", file=sys.stderr)
             _print(_nothing(seq, 0, Rejected(stage="capture", reason="unreadable")), str(path))
             bad += 1
+        else:
+            _decode(frame, str(path), pipeline, lens, steps)
         advance(1)
     return bad
+
+
+def _decode(frame: Frame, name: str, pipeline: Pipeline, lens: Intrinsics | None, steps: Path | None) -> None:
+    """Prints a frame; with a folder `steps`, draws into it how it was decoded."""
+    if steps is None:
+        _print(pipeline.decode(frame), name)
+        return
+    from ledpi.snapshot.record import take
+    from ledpi.snapshot.steps import draw_steps
+
+    taken = take(f"{name}, frame {frame.seq}", frame, pipeline, lens)
+    try:
+        steps.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise RecordingError(f"--steps {steps}: cannot be made: {error.strerror}") from None
+    write_drawn(steps / f"{frame.seq:06}.png", draw_steps(taken), "--steps")
+    _print(taken.decoded, name)
 
 
 def _intrinsics(settings: Config, width: int, height: int) -> Intrinsics | None:

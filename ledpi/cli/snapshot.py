@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING, NamedTuple
 import typer
 
 from ledpi.cli import app
+from ledpi.cli.drawn import write_drawn
 from ledpi.errors import CameraError, ConfigError, RecordingError
 
 if TYPE_CHECKING:
     from ledpi.camera.base import CameraInfo, PanelValues
     from ledpi.config import Config
-    from ledpi.records import Decoded, Frame, Intrinsics, MarkerPose, Pixels
+    from ledpi.records import Decoded, Frame, Intrinsics, MarkerPose
 
 FORMATS = (".png", ".jpg")
 UNUSABLE_FRAMES = 30  # in a row, half a second of a camera, after which it is given up
@@ -38,6 +39,8 @@ def snapshot(
         None, "--frame", min=0, metavar="SEQ", help="Of a recording: this frame. Of a camera: the first from this on."
     ),
     out: Path = typer.Option(Path("snapshot.png"), "--out", help="Picture to write, .png or .jpg."),
+    method: str | None = typer.Option(None, "--method", help="Overrides decode.method: soft or bands."),
+    steps: bool = typer.Option(False, "--steps", help="Draw the method's steps, one by one, instead."),
 ) -> None:
     """One frame as an annotated picture: bands amplified, cells, poses, and what was dropped, and why.
 
@@ -49,6 +52,7 @@ def snapshot(
     from ledpi.pipeline import Pipeline
     from ledpi.snapshot.page import draw
     from ledpi.snapshot.record import take
+    from ledpi.snapshot.steps import draw_steps
 
     if out.suffix.lower() not in FORMATS:
         raise ConfigError(f"--out {out}: must end in {' or '.join(FORMATS)}")
@@ -57,6 +61,8 @@ def snapshot(
     file, overrides = find_config(config), list(set_)
     if file is None and path is not None and path.is_dir():
         overrides.insert(0, "panels.side_m=1")  # a recording brings its panel's size
+    if method is not None:
+        overrides.append(f"decode.method={method}")
     settings = load_config(file, tuple(overrides))
     source = _open(path, settings, frame)
     pipeline = Pipeline(
@@ -68,7 +74,7 @@ def snapshot(
         stream=False,
     )
     taken = take(source.title, source.frame, pipeline, source.intrinsics)
-    _write(out, draw(taken))
+    write_drawn(out, draw_steps(taken) if steps else draw(taken), "--out")
     typer.echo(f"{out}: {source.title}: {summary(taken.decoded)}")
 
 
@@ -139,16 +145,6 @@ def _from_picture(path: Path, settings: Config) -> _Source:
     lens = settings.camera.intrinsics
     intrinsics = None if lens is None else load_intrinsics(lens, (camera.width, camera.height))
     return _Source(path.name, read_still(path, camera), camera, None, intrinsics)
-
-
-def _write(out: Path, drawn: Pixels) -> None:
-    import cv2
-
-    data = cv2.imencode(out.suffix.lower(), drawn)[1]
-    try:
-        out.write_bytes(data.tobytes())
-    except OSError as error:
-        raise RecordingError(f"--out {out}: cannot be written: {error.strerror}") from None
 
 
 def summary(decoded: Decoded) -> str:

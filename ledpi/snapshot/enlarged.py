@@ -36,7 +36,7 @@ def blocks_of(snapshot: Snapshot) -> list[Block]:
         sighting = marker.sighting
         title = f"ID {sighting.id}   {_place(marker)}   margin {sighting.margin:.0f}"
         blocks.append(Block(corners_px=sighting.corners_px, title=title, word=snapshot.word(sighting.id)))
-    near = [d for d in snapshot.dropped if d.why.stage == "soft"]
+    near = [d for d in snapshot.dropped if d.why.stage in ("soft", "bands")]
     for dropped in sorted(near, key=lambda d: -cv2.contourArea(d.corners_px.astype(np.float32))):
         blocks.append(Block(corners_px=dropped.corners_px, title=dropped.why.key, word=None))
     return blocks
@@ -52,11 +52,13 @@ def _place(marker: MarkerPose) -> str:
 def draw_block(canvas: Canvas, block: Block, snapshot: Snapshot) -> None:
     """Fills `canvas`, HEIGHT high."""
     text(canvas, block.title, (0, TITLE - 9), colour=DROPPED if block.word is None else TEXT, bold=True)
-    bands, share = _bands_tile(block, snapshot)
+    samples = _samples(block, snapshot)
+    sampled = isinstance(samples, CellSamples)
+    bands, share = bands_tile(samples) if isinstance(samples, CellSamples) else (blank(TILE), 0.0)
     tiles = (
         (_seen_tile(block, snapshot.frame), "as seen"),
-        (bands, f"bands: +-{100 * share:.1f} %" if share else "cells cannot be sampled"),
-        (_cells_tile(block.word), "cells" if block.word is not None else ""),
+        (bands, f"bands: +-{100 * share:.1f} %" if sampled else "cells cannot be sampled"),
+        (cells_tile(block.word), "cells") if block.word is not None else (blank(TILE), ""),
     )
     for index, (tile, caption) in enumerate(tiles):
         x = index * (TILE + GAP)
@@ -64,8 +66,9 @@ def draw_block(canvas: Canvas, block: Block, snapshot: Snapshot) -> None:
         text(canvas, caption, (x, TITLE + TILE + 17), size=0.42, colour=DIM)
 
 
-def _blank() -> Pixels:
-    return np.full((TILE, TILE, 3), BACKGROUND, np.uint8)
+def blank(size: int) -> Pixels:
+    """An empty tile."""
+    return np.full((size, size, 3), BACKGROUND, np.uint8)
 
 
 def _seen_tile(block: Block, frame: Frame) -> Pixels:
@@ -76,19 +79,20 @@ def _seen_tile(block: Block, frame: Frame) -> Pixels:
     return np.asarray(cv2.cvtColor(tile, cv2.COLOR_GRAY2BGR), np.uint8)
 
 
-def _bands_tile(block: Block, snapshot: Snapshot) -> tuple[Pixels, float]:
-    """The light of every cell over what it would be without bands; and how much more or less is white or black."""
-    tile = _blank()
+def _samples(block: Block, snapshot: Snapshot) -> CellSamples | Rejected:
     n = load_dictionary(snapshot.panels.dictionary).cells_per_side
     # How far the lens bends the sides is not kept with a sighting; 1 px has the bend looked at.
     quad = Quad(corners_px=block.corners_px, corner_sigma_px=0.0, bend_px=1.0)
-    samples = sample_cells(snapshot.frame, quad, n, snapshot.intrinsics)
-    if isinstance(samples, Rejected):
-        return tile, 0.0
+    return sample_cells(snapshot.frame, quad, n, snapshot.intrinsics)
+
+
+def bands_tile(samples: CellSamples, size: int = TILE) -> tuple[Pixels, float]:
+    """The light of every cell over what it would be without bands; and how much more or less is white or black."""
+    tile, n = blank(size), samples.lattice.cells
     bands = _averaged_along_rows(bands_of(samples), samples)
     share = float(np.percentile(np.abs(bands), 100 - CLIPPED_PERCENT)) or 1.0
     grey = np.clip(127.5 * (1 + bands / share), 0, 255).astype(np.uint8)
-    pitch, wall = TILE / n, (1 - CELL_SHARE) / 2
+    pitch, wall = size / n, (1 - CELL_SHARE) / 2
     for cell, light in enumerate(grey):
         top, left = (round((c + wall) * pitch) for c in divmod(cell, n))
         bottom, right = (round((c + 1 - wall) * pitch) for c in divmod(cell, n))
@@ -119,13 +123,12 @@ def _averaged_along_rows(bands: Floats, samples: CellSamples) -> Floats:
     return np.stack([cv2.blur(c, size, borderType=cv2.BORDER_REPLICATE) for c in bands.reshape(-1, k, k)])
 
 
-def _cells_tile(word: Bits | None) -> Pixels:
-    tile = _blank()
-    if word is None:
-        return tile
-    last = TILE - 1.0
+def cells_tile(word: Bits, size: int = TILE) -> Pixels:
+    """Every cell in the colour of its class, with its bit."""
+    tile = blank(size)
+    last = size - 1.0
     draw_cells(tile, np.array([[0, 0], [last, 0], [last, last], [0, last]]), word, tint=1.0)
-    pitch = TILE / len(word)
+    pitch = size / len(word)
     for (row, column), bit in np.ndenumerate(word):
         label = str(int(bit))
         width, height = text_size(label, bold=True)

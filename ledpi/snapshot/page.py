@@ -36,7 +36,9 @@ def draw(snapshot: Snapshot) -> Pixels:
     footer = _dropped(snapshot)
     height = blocks_end + FOOTER + FOOTER_LINE * len(footer)
     canvas = np.full((height, WIDTH, 3), BACKGROUND, np.uint8)
-    _draw_heading(canvas, snapshot)
+    draw_heading(canvas, snapshot)
+    text(canvas, "As the camera sees it", (LEFT, 62), bold=True)
+    text(canvas, "As ledpi reads it", (RIGHT, 62), bold=True)
     seen = cv2.resize(frame.pixels, (COLUMN, pictures_end - PICTURES_TOP), interpolation=cv2.INTER_AREA)
     for left in (LEFT, RIGHT):
         canvas[PICTURES_TOP:pictures_end, left : left + COLUMN] = seen[..., None]
@@ -55,14 +57,13 @@ def _dropped(snapshot: Snapshot) -> list[str]:
     return wrap("Dropped: " + (", ".join(f"{key} {count}" for key, count in counts) or "nothing"), FOOTER_LETTERS)
 
 
-def _draw_heading(canvas: Canvas, snapshot: Snapshot) -> None:
+def draw_heading(canvas: Canvas, snapshot: Snapshot) -> None:
+    """Title, the frame's values and the classes' colours, above PICTURES_TOP."""
     frame, spec = snapshot.frame, snapshot.panels.spec()
     height, width = frame.pixels.shape
     values = f"{width} x {height}, exposure {frame.exposure_us / 1e3:.4g} ms, row time {frame.row_time_us:.2f} us"
     text(canvas, snapshot.title, (LEFT, 30), size=0.7, bold=True)
     text(canvas, values, (WIDTH - BORDER - text_size(values)[0], 30), colour=DIM)
-    text(canvas, "As the camera sees it", (LEFT, 62), bold=True)
-    text(canvas, "As ledpi reads it", (RIGHT, 62), bold=True)
     at = WIDTH - BORDER
     for bit, hz, colour in ((1, spec.white_hz, WHITE_CLASS), (0, spec.black_hz, BLACK_CLASS)):
         label = f"{bit}: {hz:g} Hz"
