@@ -18,7 +18,7 @@ OFFSETS = [0.0, 0.15, 0.35, 0.5, 0.7, 0.9]
 
 def edges(frame: Frame, rough: Floats, lens: Intrinsics | None = None, *, striped: bool = False) -> Quad | Rejected:
     """The whole way from a finder's corners to exact ones."""
-    (near,) = approach_quads(frame, rough[None], np.array([TOLERANCE_PX]), striped=striped)
+    (near,) = approach_quads(frame, rough[None], np.array([TOLERANCE_PX]), stripe_rows=12.0 if striped else 0.0)
     return near if isinstance(near, Rejected) else refine_quad(frame, near, lens, striped=striped)
 
 

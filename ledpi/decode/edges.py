@@ -300,19 +300,19 @@ def _approach_striped(frame: Frame, rough: Floats, stripe_rows: float) -> tuple[
         reach_px = np.maximum(OUTER_SHARE * np.sqrt(np.abs(_areas(reached))), stripe_rows + 2)
         step = np.maximum(FINE_STEP_PX, reach_px / OUTER_REACH)
         sides = _look_across(frame, reached, step, OUTER_REACH, OUTER_REACH, exact=False)
-        above, sure = _lit(sides)
+        above, contrasty = _lit(sides)
         first = above.argmax(axis=-1)
-        good = above.any(axis=-1)
-        sure = sure & (good.sum(axis=2).min(axis=1) >= MIN_EDGE * PROFILES)
+        good = np.asarray(above.any(axis=-1))
+        sure = contrasty & (good.sum(axis=2).min(axis=1) >= MIN_EDGE * PROFILES)
         good &= _outermost(first.astype(float), good)
         fitted, apart = _fit_lines(sides, (first - 0.5 - OUTER_REACH) * step[:, None, None], good)
         if not np.isfinite(fitted).all():
             break
         reached = fitted
         above, _ = _lit(_look_across(frame, reached, step, OUTER_REACH, OUTER_REACH, exact=False))
-        contrast = above[..., OUTER_REACH + 2 :].mean(axis=(1, 2, 3))  # lit inside, less what is lit beyond
-        contrast -= above[..., : OUTER_REACH - 1].mean(axis=(1, 2, 3))
-        better = sure & (contrast > best)
+        inside = np.asarray(above[..., OUTER_REACH + 2 :].mean(axis=(1, 2, 3)))
+        contrast = inside - above[..., : OUTER_REACH - 1].mean(axis=(1, 2, 3))
+        better = np.asarray(sure & (contrast > best))
         best = np.where(better, contrast, best)
         corners = np.where(better[:, None, None], reached, corners)
         spread, seen = np.where(better, apart, spread), seen | better

@@ -29,6 +29,7 @@ SMALLEST = 6  # pixels of the level, longer side of the upright box
 SHORTEST = 12  # pixels, outline of a square foreshortened to that by 60°
 MAX_MISFIT, MAX_MISFIT_STRIPED = 0.15, 0.35  # logarithm of the four sides' area over the outline's
 PIXEL_MISFIT = 0.6  # allowed on top, over the side in pixels: steps of whole pixels make small outlines ragged
+MIN_SIDE = 0.3  # shortest side over the root of the area; that of a panel turned by 80° is 0.4
 BLUR_MISFIT = 0.002  # by how much a coarser outline, a pixel less certain, must fit better to be preferred
 MIN_SOLIDITY = 0.8  # area over that of the convex hull
 STRIPED_CONTRAST = 0.5  # bands deeper than this cut a panel into pieces
@@ -132,7 +133,7 @@ def _candidate(
     corners = _four_sides(hull, math.sqrt(area))
     if corners is None:
         return NOT_FOUR_SIDED
-    quad_area = cv2.contourArea(corners)
+    quad_area = cv2.contourArea(corners.astype(np.float32))
     misfit = abs(math.log(max(quad_area, 1e-3) / area))
     if misfit > (MAX_MISFIT_STRIPED if stripe_rows else MAX_MISFIT) + PIXEL_MISFIT / math.sqrt(area):
         return NOT_FOUR_SIDED
@@ -155,7 +156,10 @@ def _four_sides(hull: Pixels, size: float) -> Floats | None:
         if len(polygon) <= 4:
             break
     if len(polygon) == 4:
-        return np.asarray(polygon.reshape(4, 2), np.float32)
+        corners = np.asarray(polygon.reshape(4, 2), np.float64)
+        sides = corners - np.roll(corners, 1, axis=0)
+        # With a side this short it is a triangle with a corner cut off.
+        return corners if float(np.hypot(sides[:, 0], sides[:, 1]).min()) > MIN_SIDE * size else None
     box: Floats = cv2.boxPoints(cv2.minAreaRect(hull))
     return box
 

@@ -100,8 +100,6 @@ def decide(evidence: Evidence, codebook: Codebook, false_id_rate: float) -> Read
     spread = np.sqrt(np.diagonal(covariances[first])).tolist()
     if not _plausible(amplitude, (max(spread[:2]), max(spread[2:])), evidence):
         return IMPLAUSIBLE
-    if not _consistent(evidence, none):
-        return INCONSISTENT
     outside = _odds_against_other_patterns(evidence, codebook, best, bands)
     if outside < needed:
         return NO_WORD
@@ -109,6 +107,8 @@ def decide(evidence: Evidence, codebook: Codebook, false_id_rate: float) -> Read
     other = none - float(rivals.max()) if len(rivals) else none
     if other < needed:
         return AMBIGUOUS
+    if not _consistent(evidence, none):
+        return INCONSISTENT
     return Reading(
         id=int(codebook.ids[best]),
         quarter_turns=int(codebook.quarter_turns[best]),
