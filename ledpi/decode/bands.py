@@ -73,7 +73,7 @@ class Steps:
     widths_rows: tuple[float, float]  # expected height of a band of the black class, and of the white one
     lit: Pixels  # (H, W), 255 where brighter than the local mean: (c)
     classes: Classes  # (H, W), NO_BAND, BLACK_BAND or WHITE_BAND: (d)
-    white: Pixels  # (H, W), 255 within the white squares: (e)
+    white: Pixels  # (H, W), 255 within the white squares, notches filled: (e)
     squares: tuple[Square, ...]  # largest first
 
 
@@ -96,7 +96,8 @@ class BandsReader:
         classes = classify(lit, widths)
         found = find_squares(frame.pixels, widths, SMALLEST_CELL_PX * self._cells)
         white = np.zeros_like(frame.pixels)
-        cv2.drawContours(white, [outline for outline, _ in found], -1, 255, cv2.FILLED)
+        for outline, _ in found:  # one by one: where two overlap, OpenCV leaves a hole
+            cv2.fillConvexPoly(white, cv2.convexHull(outline), 255)
         squares = tuple(self._read_square(classes, corners) for _, corners in found)
         return Steps(widths_rows=widths, lit=lit, classes=classes, white=white, squares=squares)
 
