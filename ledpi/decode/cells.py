@@ -6,6 +6,7 @@ in a cell, it does at the same place of every cell.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cache
 
@@ -23,11 +24,11 @@ Singles = NDArray[np.float32]
 INSET = 0.08
 # Points along a cell. Up to the most, one a pixel: nothing is lost. A panel so close that this is not enough has light
 # to spare: its picture is averaged down to the coarser lattice, for speed.
-MIN_LATTICE, MAX_LATTICE, CLOSE_LATTICE = 2, 16, 12
+MIN_LATTICE, MAX_LATTICE, CLOSE_LATTICE = 3, 16, 10
 SAME_LATTICE = 0.15  # by how much a panel may grow or shrink and keep its lattice
-MIN_CELL_PX = 2.5
-# A lens that bends the square by less than this is left out: it moves no sample by a fiftieth of the smallest cell.
-MAX_BEND_PX = 0.05
+MIN_CELL_PX = 2.0
+# A lens that bends the square by less than this share of a cell is left out: what it moves there is projected out anyway.
+MAX_BEND = 0.02
 
 TOO_SMALL = Rejected(stage="cells", reason="too_small")
 OUTSIDE = Rejected(stage="cells", reason="outside_picture")
@@ -95,9 +96,15 @@ def unit_square_to(corners: Floats) -> Floats:
     )
 
 
+def _area(corners: Floats) -> float:
+    (x0, y0), (x1, y1), (x2, y2), (x3, y3) = corners.tolist()
+    return 0.5 * float((x2 - x0) * (y3 - y1) - (x3 - x1) * (y2 - y0))
+
+
 def _lattice_pixels(quad: Quad, points: Lattice, intrinsics: Intrinsics | None) -> Singles:
     """(n·n, k·k, 2) pixel of each lattice point. A square stays a square only before the lens bends it."""
-    bent = intrinsics is not None and quad.bend_px > MAX_BEND_PX
+    side_px = math.sqrt(abs(_area(quad.corners_px)))
+    bent = intrinsics is not None and quad.bend_px > MAX_BEND * side_px / points.cells
     corners = undistort(quad.corners_px, intrinsics) if bent and intrinsics is not None else quad.corners_px
     h = unit_square_to(corners).astype(np.float32)
     scale = 1.0 / (h[2, 0] * points.u + h[2, 1] * points.v + h[2, 2])

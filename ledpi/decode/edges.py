@@ -36,13 +36,13 @@ SAMPLES_INSIDE = (4, 6, 8)
 # Blur in samples. Lens and pixel of a focused camera give 0.6 to 1.2 px; the wider ones serve the coarse first pass.
 SIGMAS = (1.3, 2.0, 3.2)
 OFFSETS = np.arange(-4.5, 3.01, 0.75)  # of the edge, in samples, inward positive
-MIN_SIDE_PX = 8.0
+MIN_SIDE_PX = 7.0
 # Share of a side's profiles that must show an edge: a rough quad may miss many at first, and at short exposure half of
 # a side and more may be dark.
 MIN_EDGE = 0.2
 # The edges of a panel lie on a line to a tenth of a pixel, those of most other things do not by far; at first a side
 # that is seen from too far off may still lean on something beside it.
-MAX_SPREAD_PX, MAX_SPREAD_AT_FIRST_PX, MAX_SPREAD_AT_FIRST_STEPS = 0.5, 1.2, 0.5
+MAX_SPREAD_PX, MAX_SPREAD_AT_FIRST_PX, MAX_SPREAD_AT_FIRST_STEPS = 0.5, 0.9, 0.4
 FINE_STEP_PX, FINE_PASSES = 0.5, 3
 CONVERGED_PX = 1.0  # a fine pass that moves the corners by more than this is repeated
 OUTER_REACH = 16  # samples to either side of a striped square's rim

@@ -22,11 +22,12 @@ NOT_FOUR_SIDED = Rejected(stage="find", reason="not_four_sided")
 AT_BORDER = Rejected(stage="find", reason="at_picture_border")
 
 LEVELS = 3  # halvings; the cells of a panel that fills the picture's height melt together at an eighth
-THRESHOLDS = ((0.5,), (0.5, 0.7), (0.5, 0.7))  # by level: share of the way from the darkest to the brightest
+THRESHOLDS = ((0.5,), (0.5, 0.7), (0.6,))  # by level: share of the way from the darkest to the brightest
 WINDOW = 13  # pixels of the level
 MIN_CONTRAST = 16  # grey levels from the darkest in the window: less is noise and texture
-SMALLEST = 6  # pixels of the level, longer side of the upright box
-SHORTEST = 12  # pixels, outline of a square foreshortened to that by 60°
+# Shortest outline by level, in its pixels: of the smallest panel in scope, foreshortened by 60°; then of what the level
+# before sees better.
+SHORTEST = (10, 24, 24)
 MAX_MISFIT, MAX_MISFIT_STRIPED = 0.15, 0.35  # logarithm of the four sides' area over the outline's
 PIXEL_MISFIT = 0.6  # allowed on top, over the side in pixels: steps of whole pixels make small outlines ragged
 MIN_SIDE = 0.3  # shortest side over the root of the area; that of a panel turned by 80° is 0.4
@@ -42,7 +43,7 @@ class Candidate:
     corners: Floats  # (4, 2), clockwise as seen in the picture, first the one nearest the top left
     side_px: float
     misfit: float  # of the outline to the four sides, 0 is perfect
-    tolerance_px: float  # how far off the corners may be: two pixels of the picture that they were found in
+    tolerance_px: float  # how far off the sides may be: 1.5 pixels of the picture that they were found in
     stripe_rows: float  # height of the longest dark band, so deep that parts of its rim may be dark; 0: no such bands
 
 
@@ -111,7 +112,7 @@ class Finder:
                 cv2.morphologyEx(lit, cv2.MORPH_OPEN, self._melt, dst=lit)
             # Every pixel of an outline, so that its number of points is its length and tells a speck at no cost.
             found = cv2.findContours(lit, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)[0]
-            outlines.extend(outline for outline in found if len(outline) >= SHORTEST)
+            outlines.extend(outline for outline in found if len(outline) >= SHORTEST[index])
         return outlines
 
 
@@ -120,7 +121,7 @@ def _candidate(
 ) -> Candidate | Rejected | None:
     """A candidate, why it is none, or None for specks and holes."""
     x, y, width, height = cv2.boundingRect(outline)
-    if max(width, height) < SMALLEST or min(width, height) < 3:
+    if min(width, height) < 3:
         return None
     area = -cv2.contourArea(outline, True)  # OpenCV runs round what is lit the other way than round a hole in it
     if area < 0.25 * width * height:
@@ -144,7 +145,7 @@ def _candidate(
         corners=_clockwise(np.asarray((grown + 0.5) * scale - 0.5, np.float64)),
         side_px=(math.sqrt(quad_area) + 1.0) * scale,
         misfit=misfit,
-        tolerance_px=2.0 * scale,
+        tolerance_px=1.5 * scale,
         stripe_rows=stripe_rows,
     )
 
