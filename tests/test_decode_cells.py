@@ -114,7 +114,7 @@ def test_saturated_pixels_are_not_averaged_in() -> None:
     canvas.lamp(SHAPES["upright"], 1.0, profile=blown, blur_px=0.4)
     samples = sampled(canvas.frame(None), quad(SHAPES["upright"]))
     assert samples.valid is not None
-    assert 0.5 < samples.valid.mean() < 0.9
+    assert 0.3 < samples.valid.mean() < 0.95
     assert (samples.light[~samples.valid] == 0).all()
     at_the_rim_of_the_spots = 0.1  # where the blur leaves pixels brighter than 0.3 but not blown
     np.testing.assert_allclose(means(samples), 0.3, atol=at_the_rim_of_the_spots)
@@ -149,10 +149,10 @@ def test_a_panel_that_is_partly_outside_is_told(place: tuple[float, float]) -> N
 
 
 def test_cells_smaller_than_can_be_told_apart_are_refused() -> None:
-    """Two pixels a cell are too few, also where only one side is so short."""
-    narrow = np.array([[300.0, 200], [308, 200], [308, 260], [300, 260]])
+    """A pixel and a half a cell is too little, also where only one side is so short."""
+    narrow = np.array([[300.0, 200], [306, 200], [306, 260], [300, 260]])
     frame = Canvas().frame(None)
-    assert reason(sample_cells(frame, quad(square(310, 240, 8)), 4)) == "cells.too_small"
+    assert reason(sample_cells(frame, quad(square(310, 240, 6)), 4)) == "cells.too_small"
     assert reason(sample_cells(frame, quad(narrow), 4)) == "cells.too_small"
 
 

@@ -125,11 +125,14 @@ def test_other_frequencies_and_duty_are_read_where_they_are_known() -> None:
 
 
 def test_the_bands_depth_is_told() -> None:
-    """Amplitude over the mean of either class at 10 ms: the first harmonic of a square wave, box-filtered."""
-    shown = panel_shown(word(7), side=150)
+    """Amplitude over the mean of either class at 10 ms: the first harmonic of a square wave, box-filtered.
+
+    Of a panel that is not so near that pixels are averaged, which costs some of the depth.
+    """
+    shown = panel_shown(word(7), side=75)
     assert isinstance(shown, Reading)
     expected = [4 / np.pi * abs(np.sinc(hz * TRUE_10_MS_US * 1e-6)) for hz in (1250, 2450)]
-    np.testing.assert_allclose(shown.amplitude, expected, rtol=0.15)
+    np.testing.assert_allclose(shown.amplitude, expected, rtol=0.2)
 
 
 def test_more_light_makes_a_surer_reading() -> None:
