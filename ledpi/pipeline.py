@@ -188,7 +188,7 @@ class Pipeline:
             work.reject(quad.corners_px, samples)
             return None
         added = [memory.add(samples, frame) for memory in track.memories]
-        if track.shown is not None and all(map(contradicts, added, track.shown)):
+        if track.shown is not None and contradicts(added[track.shown[0]], track.shown[1]):
             work.reject(quad.corners_px, NOT_SHOWN)
             track.forget()
             for memory in track.memories:
@@ -200,14 +200,14 @@ class Pipeline:
         ]
         reading = soft.surest(readings, self._false_id_rate)
         self._timed(work, "soft", since)
+        group = _group_of(reading, readings)
         if work.trace is not None:
-            evidence = known[_group_of(reading, readings)]
-            work.trace.looks.append(Look(quad=quad, samples=samples, evidence=evidence, reading=reading))
+            work.trace.looks.append(Look(quad=quad, samples=samples, evidence=known[group], reading=reading))
         if isinstance(reading, Rejected):
             work.reject(quad.corners_px, reading)
             track.shown = None
             return None
-        track.shown = tuple(reading.cell_bands if r is reading else np.zeros_like(reading.cell_bands) for r in readings)
+        track.shown = (group, reading.cell_bands)
         return _sighting(quad, reading, frames_used=track.memories[0].frames)
 
     def _place(self, frame: Frame, sighting: Sighting, work: _Work) -> MarkerPose | None:

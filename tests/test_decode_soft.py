@@ -216,7 +216,6 @@ def test_a_still_texture_is_rejected(side: float, texture: object) -> None:
         assert isinstance(read_at(canvas.frame(seed), corners), Rejected)
 
 
-@pytest.mark.xfail(strict=True, reason="with cells as high as black's period, the shared profile hides the difference")
 def test_the_negative_of_a_word_is_not_the_word() -> None:
     """All classes swapped: as far from the word as can be. A cell is 24 rows high here, as is black's period."""
     for marker_id in (7, 12, 23):

@@ -27,7 +27,7 @@ INSET = 0.08
 MIN_LATTICE, MAX_LATTICE, CLOSE_LATTICE = 3, 16, 10
 SAME_LATTICE = 0.15  # by how much a panel may grow or shrink and keep its lattice
 MIN_CELL_PX = 2.0
-# A lens that bends the square by less than this share of a cell is left out: what it moves there is projected out anyway.
+# A lens that bends the square by less than this share of a cell is left out; what it moves is projected out anyway.
 MAX_BEND = 0.02
 
 TOO_SMALL = Rejected(stage="cells", reason="too_small")
@@ -140,12 +140,14 @@ def sample_cells(
     height, width = frame.pixels.shape
     if not (low[0] >= 0 and low[1] >= 0 and high[0] <= width - 1 and high[1] <= height - 1):
         return OUTSIDE
-    x0, y0 = int(low[0]), int(low[1])
-    patch = frame.pixels[y0 : int(high[1]) + 2, x0 : int(high[0]) + 2]
-    linear = cv2.LUT(patch, linear_light(frame.transfer))
     shrink = max(1, int(cell_px.min() * (1 - 2 * INSET) / k))
+    # A pixel more on each side, also where it is one of several averaged, so that no sample lies beyond the last.
+    x0, y0 = max(0, int(low[0]) + 1 - shrink), max(0, int(low[1]) + 1 - shrink)
+    columns, rows = (math.ceil((int(end) + 1 - start) / shrink) + 1 for end, start in ((high[0], x0), (high[1], y0)))
+    patch = frame.pixels[y0 : y0 + rows * shrink, x0 : x0 + columns * shrink]
+    linear = cv2.LUT(patch, linear_light(frame.transfer))
     if shrink > 1:  # averages whole pixels: less noise, and the band's depth over 2 or 3 rows hardly suffers
-        size = (linear.shape[1] // shrink, linear.shape[0] // shrink)
+        size = (linear.shape[1] // shrink, linear.shape[0] // shrink)  # at the picture's end a last part may be missing
         linear = cv2.resize(linear[: size[1] * shrink, : size[0] * shrink], size, interpolation=cv2.INTER_AREA)
     shift = np.array([x0, y0], np.float32) + np.float32((shrink - 1) / 2)
     places = (at - shift) / np.float32(shrink)

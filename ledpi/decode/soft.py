@@ -100,7 +100,10 @@ def decide(evidence: Evidence, codebook: Codebook, false_id_rate: float) -> Read
     spread = np.sqrt(np.diagonal(covariances[first])).tolist()
     if not _plausible(amplitude, (max(spread[:2]), max(spread[2:])), evidence):
         return IMPLAUSIBLE
-    outside = _odds_against_other_patterns(evidence, codebook, best, bands)
+    outside = min(
+        _odds_against_other_patterns(evidence, codebook, best, bands),
+        none - _log_likelihood_of_negative(evidence, codebook, best) + _prior_odds_of_word(codebook),
+    )
     if outside < needed:
         return NO_WORD
     rivals = likelihood[codebook.ids[likely] != codebook.ids[best]]
@@ -232,7 +235,19 @@ def _odds_against_other_patterns(evidence: Evidence, codebook: Codebook, best: i
     for ratio in np.exp(np.minimum(gain, 40.0)).tolist():
         by_distance[1:] += by_distance[:-1] * ratio
     others = float(by_distance[codebook.correctable + 1 :].sum())
-    # Beforehand: all words together against all patterns together, evenly within either.
-    word_prior = math.log((1 - PRIOR_OF_NO_WORD) / len(codebook.ids))
-    pattern_prior = math.log(PRIOR_OF_NO_WORD) - cells * math.log(2)
-    return word_prior - pattern_prior - math.log(max(others, 1e-300))
+    return _prior_odds_of_word(codebook) - math.log(max(others, 1e-300))
+
+
+def _prior_odds_of_word(codebook: Codebook) -> float:
+    """Log odds, beforehand, of one word against one pattern that is none: evenly within either."""
+    word = math.log((1 - PRIOR_OF_NO_WORD) / len(codebook.ids))
+    return word - math.log(PRIOR_OF_NO_WORD) + int(codebook.white.shape[1]) * math.log(2)
+
+
+def _log_likelihood_of_negative(evidence: Evidence, codebook: Codebook, best: int) -> float:
+    """Of the word with all classes swapped, bands fitted anew.
+
+    The one pattern that may look like the word although all its cells differ: where a cell is as high as a band is
+    long, the same wave is in every cell, and all that the shared profile leaves of it is where it is *not*.
+    """
+    return float(word_log_likelihoods(evidence, 1.0 - codebook.white[best : best + 1])[0][0])

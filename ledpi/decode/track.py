@@ -21,6 +21,9 @@ MAX_SHIFT, MAX_GROWTH = 0.35, 1.25
 # show it looks so in less than 1 of 1,000, however much or little a frame can tell: with E = bands·information·bands/2,
 # the log-likelihood ratio is normal with mean E and variance 2E, so (E + DOUBT)/√(2E) is at least √(2·DOUBT) = 3.2.
 DOUBT = 5.0
+# Where cells would rather be of the other class, by this much together, another panel has taken the place. Cells that
+# are what they were gain by noise alone: 0.2 each on average, whatever their evidence E (mean of max(0, N(−E, 2E))).
+OTHER_CELLS = 10.0
 
 
 @dataclass(slots=True)
@@ -31,7 +34,7 @@ class Track:
     velocity_px_s: Floats  # (2,) of the centre
     seen_ns: int  # row 0's read-out of the frame
     memories: tuple[PanelMemory, ...]  # one for each pair of frequencies
-    shown: tuple[Doubles, ...] | None = None  # by memory: (cells, 4) bands of the word that was read last
+    shown: tuple[int, Doubles] | None = None  # which memory read a word last, and the (cells, 4) bands of that word
 
     def forget(self) -> None:
         """What was seen here was something else."""
@@ -78,11 +81,21 @@ class Tracker:
 
 
 def contradicts(added: Evidence | None, shown: Doubles) -> bool:
-    """Whether a frame denies bands (cells, 4) that the frames before it have shown."""
+    """Whether a frame denies bands (cells, 4) that the frames before it have shown: none, or in other cells."""
     if added is None:
         return False
-    expected = 0.5 * float(np.einsum("ci,cidj,dj->", shown, added.information, shown))
-    return float((shown * added.score).sum()) - expected < -DOUBT
+    left = added.score - np.einsum("cidj,dj->ci", added.information, shown)
+    likelihood = 0.5 * float((shown * (added.score + left)).sum())  # shown·score − shown·information·shown/2
+    if likelihood < -DOUBT:
+        return True
+    black, white = shown[:, :2].any(axis=1), shown[:, 2:].any(axis=1)
+    if not (black.any() and white.any()):
+        return False
+    bands = np.concatenate([shown[black][0, :2], shown[white][0, 2:]])
+    change = np.where(shown != 0, 0.0, bands) - shown  # of a cell that changes its class
+    own = np.einsum("cicj->cij", added.information)
+    gain = (change * left).sum(axis=1) - 0.5 * np.einsum("ci,cij,cj->c", change, own, change)
+    return float(np.maximum(gain, 0.0).sum()) > OTHER_CELLS
 
 
 def _side(corners: Floats) -> float:
