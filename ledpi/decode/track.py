@@ -23,7 +23,8 @@ MAX_SHIFT, MAX_GROWTH = 0.35, 1.25
 DOUBT = 5.0
 # Where cells would rather be of the other class, by this much together, another panel has taken the place. Cells that
 # are what they were gain by noise alone: 0.2 each on average, whatever their evidence E (mean of max(0, N(−E, 2E))).
-OTHER_CELLS = 10.0
+# The rest is for bands that are not known exactly yet.
+OTHER_CELLS = 16.0
 
 
 @dataclass(slots=True)
