@@ -96,6 +96,7 @@ class Daemon:
         self._threads[0].join(JOIN_S)
         self._ring.close()
         self._threads[1].join(JOIN_S)
+        self._publisher.set_status(self._status(self._totals()))  # the last status counts every frame
         self._publisher.stop()
 
     def _guard(self, loop: Callable[[], None]) -> None:
