@@ -30,7 +30,7 @@ NOT_CONVEX = Rejected(stage="edges", reason="not_convex")
 AT_BORDER = Rejected(stage="edges", reason="at_picture_border")
 TOO_SMALL = Rejected(stage="edges", reason="too_small")
 
-PROFILES = 24  # a side
+PROFILES, PROFILES_AT_FIRST = 24, 12  # a side
 SAMPLES_OUTSIDE = 6
 SAMPLES_INSIDE = (4, 6, 8)
 # Blur in samples. Lens and pixel of a focused camera give 0.6 to 1.2 px; the wider ones serve the coarse first pass.
@@ -44,6 +44,7 @@ MIN_EDGE = 0.2
 # that is seen from too far off may still lean on something beside it.
 MAX_SPREAD_PX, MAX_SPREAD_AT_FIRST_PX, MAX_SPREAD_AT_FIRST_STEPS = 0.5, 0.9, 0.4
 FINE_STEP_PX, FINE_PASSES = 0.5, 3
+MAX_MOVE = 0.2  # of the side: what moves further when looked at closely was not there
 CONVERGED_PX = 1.0  # a fine pass that moves the corners by more than this is repeated
 OUTER_REACH = 16  # samples to either side of a striped square's rim
 OUTER_PASSES = 3
@@ -52,6 +53,7 @@ OUTER_SHARE = 0.2  # of the side: as far beyond the rough corners a striped squa
 _NEXT = np.array([1, 2, 3, 0])
 _BEFORE = np.array([3, 0, 1, 2])
 _SHARE = np.linspace(0.06, 0.94, PROFILES)  # of the way along a side
+_SHARE_AT_FIRST = np.linspace(0.06, 0.94, PROFILES_AT_FIRST)
 
 
 @cache
@@ -86,7 +88,9 @@ def approach_quads(
         limit = np.full(len(rough), np.inf)
     else:
         step = np.maximum(FINE_STEP_PX, tolerance_px / -OFFSETS[0])
-        sides = _look_across(frame, rough, step, SAMPLES_OUTSIDE, SAMPLES_INSIDE[0], exact=False)
+        sides = _look_across(
+            frame, rough, step, SAMPLES_OUTSIDE, SAMPLES_INSIDE[0], share=_SHARE_AT_FIRST, exact=False
+        )
         corners, spread, seen = _fit_sides(sides, step, SAMPLES_INSIDE[0])
         limit = np.maximum(MAX_SPREAD_AT_FIRST_PX, MAX_SPREAD_AT_FIRST_STEPS * step)
     moved = np.abs(corners - rough).max(axis=(1, 2))
@@ -120,7 +124,7 @@ def refine_quad(
         fitted, spread, seen = _fit_sides(sides, step, inside, bend, striped=striped)
         straight = spread[0] <= (MAX_SPREAD_AT_FIRST_PX if number == 0 else MAX_SPREAD_PX)
         moved = float(np.abs(fitted - corners).max())
-        if not (seen[0] and straight and moved < 0.5 * side):
+        if not (seen[0] and straight and moved < MAX_MOVE * side):
             if striped:
                 return _checked(frame, near, MAX_SPREAD_PX, bend)
             return NOT_STRAIGHT if seen[0] and not straight else LOST
@@ -144,6 +148,7 @@ class _Sides:
 
     corners: Floats  # (N, 4, 2); side k runs from corner k to the next
     inward: Floats  # (N, 4, 2) unit normals
+    share: Floats  # (P,) of the way along a side
     light: Singles  # (N, 4, P, S)
 
 
@@ -175,14 +180,14 @@ def _bend(corners: Floats, intrinsics: Intrinsics | None) -> Floats:
 
 
 def _look_across(
-    frame: Frame, corners: Floats, step_px: Floats, outside: int, inside: int, *, exact: bool
+    frame: Frame, corners: Floats, step_px: Floats, outside: int, inside: int, *, exact: bool, share: Floats = _SHARE
 ) -> _Sides:
     """Linear light on `outside` samples beyond each side, one on it, and `inside` ones within, at P places along it.
 
     `exact` interpolates linear light, else picture values: rounded, but with no more of the picture touched.
     """
     along, inward = _along_and_inward(corners)
-    points = corners[:, :, None, :] + along[:, :, None, :] * _SHARE[:, None]
+    points = corners[:, :, None, :] + along[:, :, None, :] * share[:, None]
     across = inward * step_px[:, None, None]
     t = np.arange(-outside, inside + 1)
     at = points[:, :, :, None, :] + across[:, :, None, None, :] * t[:, None]
@@ -200,7 +205,9 @@ def _look_across(
     else:
         seen = cv2.remap(frame.pixels, flat, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         light = cv2.LUT(seen, table)
-    return _Sides(corners=corners, inward=inward, light=light.reshape(len(corners), 4, PROFILES, len(t)))
+    return _Sides(
+        corners=corners, inward=inward, share=share, light=light.reshape(len(corners), 4, len(share), len(t))
+    )
 
 
 def _fit_sides(
@@ -208,9 +215,9 @@ def _fit_sides(
 ) -> tuple[Floats, Floats, NDArray[np.bool_]]:
     """New corners (N, 4, 2), the edges' spread about the sides in pixels (N,), and whether there are edges (N,)."""
     found, strength = _edge_offsets(sides.light, inside)
-    usual = np.sort(strength.reshape(len(strength), -1), axis=1)[:, int(0.9 * 4 * PROFILES)]
+    usual = np.sort(strength.reshape(len(strength), -1), axis=1)[:, int(0.9 * 4 * len(sides.share))]
     good = strength > 0.3 * usual[:, None, None]
-    seen = good.sum(axis=2).min(axis=1) >= MIN_EDGE * PROFILES
+    seen = good.sum(axis=2).min(axis=1) >= MIN_EDGE * len(sides.share)
     if striped:
         good &= _outermost(found, good)
     corners, spread = _fit_lines(sides, found * step_px[:, None, None] - bend, good)
@@ -221,9 +228,9 @@ def _edge_offsets(light: Singles, inside: int) -> tuple[Floats, Floats]:
     """Edge (N, 4, P) in samples, inward positive, and the step's height there; σ is one for all profiles of a quad."""
     bases, heights = _edge_models(inside)
     count = len(light)
-    flat = light.reshape(count * 4 * PROFILES, -1).astype(np.float64)
+    flat = light.reshape(-1, light.shape[-1]).astype(np.float64)
     flat -= flat.mean(axis=1, keepdims=True)
-    shape = (count, 4 * PROFILES, len(SIGMAS), len(OFFSETS))
+    shape = (count, len(flat) // count, len(SIGMAS), len(OFFSETS))
     parts = (flat @ bases).reshape(-1, 3)
     explained = np.einsum("md,md->m", parts, parts).reshape(shape)
     # Only a step up, from the dark outside to the lit inside, is an edge of ours.
@@ -249,7 +256,7 @@ def _fit_lines(sides: _Sides, y: Floats, good: NDArray[np.bool_]) -> tuple[Float
     Each side is moved inward by a + b·(share of the way along it), by least squares; two rounds, of which the second
     drops by Tukey's biweight what a textured background or a gap between cells has led astray.
     """
-    x = _SHARE - 0.5
+    x = sides.share - 0.5
     w = good.astype(float)
     for _ in range(2):
         sw, sx, sy = w.sum(axis=-1), w @ x, (w * y).sum(axis=-1)

@@ -123,11 +123,11 @@ def _candidate(
     x, y, width, height = cv2.boundingRect(outline)
     if min(width, height) < 3:
         return None
+    if x <= 0 or y <= 0 or x + width >= shape[1] or y + height >= shape[0]:
+        return AT_BORDER
     area = -cv2.contourArea(outline, True)  # OpenCV runs round what is lit the other way than round a hole in it
     if area < 0.25 * width * height:
         return None
-    if x <= 0 or y <= 0 or x + width >= shape[1] or y + height >= shape[0]:
-        return AT_BORDER
     hull = cv2.convexHull(outline)
     if area < MIN_SOLIDITY * cv2.contourArea(hull):
         return NOT_FOUR_SIDED
