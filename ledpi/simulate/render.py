@@ -15,9 +15,8 @@ from ledpi.simulate.exposure import Exposed, add_to, expose_moving, expose_still
 from ledpi.simulate.optics import PoseAt
 from ledpi.simulate.scene import Scene
 from ledpi.simulate.sensor import SensorReadout
-from ledpi.simulate.surface import Image, Surface, light_surface, panel_surface
-from ledpi.simulate.trajectory import Trajectory, inverse
-from ledpi.simulate.truth import marker_truth
+from ledpi.simulate.surface import Image, Surface, light_surface, panel_surface, print_surface
+from ledpi.simulate.truth import pose_seen, scene_truth
 from ledpi.simulate.wall import Wall
 
 _NOISE, _OSCILLATORS = 0, 1  # independent streams of random numbers
@@ -30,7 +29,8 @@ class Renderer:
         self.scene = scene
         self._seed = seed
         surfaces = [panel_surface(panel, scene.room) for panel in scene.panels]
-        self._surfaces: list[Surface] = surfaces + [light_surface(light) for light in scene.lights]
+        surfaces += [light_surface(light) for light in scene.lights]
+        self._surfaces: list[Surface] = surfaces + [print_surface(printed) for printed in scene.prints]
         self._phases = [self._draw_phases(index, s) for index, s in enumerate(self._surfaces)]
         lens = scene.sensor.intrinsics
         self._level: Image = np.empty((lens.height, lens.width), np.float32)
@@ -48,10 +48,6 @@ class Renderer:
         """Each panel's phases (black class, white class) at t = 0 of the camera's clock."""
         return tuple(self._phases[: len(self.scene.panels)])
 
-    def _pose_at(self, motion: Trajectory) -> PoseAt:
-        camera = self.scene.camera_motion
-        return lambda t_s: inverse(camera.scene_from_body(t_s)) @ motion.scene_from_body(t_s)
-
     def light(self, seq: int) -> Image:
         """(H, W) linear light of frame `seq` without noise, full scale 1. Overwritten by the next frame."""
         sensor = self.scene.sensor
@@ -59,7 +55,7 @@ class Renderer:
             self._kept_wall = self._wall.seen(self.scene.camera_motion, seq)
         np.copyto(self._level, self._kept_wall)
         now = sensor.mid_exposure_s(seq, (sensor.intrinsics.height - 1) / 2.0)
-        poses = [self._pose_at(surface.motion) for surface in self._surfaces]
+        poses = [pose_seen(self.scene, surface.motion) for surface in self._surfaces]
         away = [float(np.linalg.norm(pose(now)[:3, 3])) for pose in poses]
         for index in sorted(range(len(poses)), key=lambda i: -away[i]):
             surface = self._surfaces[index]
@@ -83,6 +79,4 @@ class Renderer:
 
     def truth(self, seq: int) -> tuple[TruthMarker, ...]:
         """The markers that are in view in frame `seq`. Changes nothing: may be asked from another thread."""
-        scene = self.scene
-        found = (marker_truth(p, self._pose_at(p.motion), scene.sensor, seq) for p in scene.panels)
-        return tuple(truth for truth in found if truth is not None)
+        return scene_truth(self.scene, seq)

@@ -81,6 +81,23 @@ class Light:
     wave: SquareWave | None = None  # None: constant
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Print:
+    """A printed square marker on white paper, to compare panels with. `motion` is scene_from_marker."""
+
+    modules: Bits  # (n, n), row 0 at the top of the marker, its black border included; True is white
+    side_m: float  # outer edge of the modules
+    motion: Trajectory
+    white: float = 0.45  # level of the paper
+    black: float = 0.03  # level of the ink
+    quiet_modules: int = 1  # white paper around, in widths of a module
+
+    def __post_init__(self) -> None:
+        n = len(self.modules)
+        if self.modules.shape != (n, n):
+            raise ValueError(f"a print's modules must be square, not {self.modules.shape}")
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Room:
     """Ambient light: a textured wall across the view, square to the scene's z axis."""
@@ -144,6 +161,7 @@ class Scene:
     sensor: SimulatedSensor
     panels: tuple[Panel, ...] = ()
     lights: tuple[Light, ...] = ()
+    prints: tuple[Print, ...] = ()
     room: Room = field(default_factory=Room)
     camera_motion: Trajectory = field(default_factory=Still)  # scene_from_camera
 

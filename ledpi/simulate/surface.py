@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ledpi.records import Floats
-from ledpi.simulate.scene import Light, Panel, PanelLook, Room, SquareWave
+from ledpi.simulate.scene import Light, Panel, PanelLook, Print, Room, SquareWave
 from ledpi.simulate.trajectory import Trajectory
 
 Image = NDArray[np.float32]
@@ -108,6 +108,21 @@ def light_surface(light: Light) -> Surface:
         waves=(light.wave,),
         reflected=0.0,
         motion=light.motion,
+    )
+
+
+def print_surface(printed: Print) -> Surface:
+    """A printed marker: steady, as the paper and the ink return the room's light."""
+    modules = np.pad(printed.modules, printed.quiet_modules, constant_values=True)
+    texels = max(32, PANEL_TEXELS // len(printed.modules))  # a module
+    level = np.kron(np.where(modules, printed.white, printed.black), np.ones((texels, texels))).astype(np.float32)
+    size_m = printed.side_m * len(modules) / len(printed.modules)
+    return Surface(
+        planes=(level, np.ones_like(level)),
+        size_m=(size_m, size_m),
+        waves=(None,),
+        reflected=0.0,
+        motion=printed.motion,
     )
 
 

@@ -9,9 +9,22 @@ from ledpi.geometry import quaternion_from_matrix
 from ledpi.recording import TruthMarker
 from ledpi.records import Floats, Intrinsics, Pose, read_only
 from ledpi.simulate.optics import PoseAt, seen_at, shows_front
-from ledpi.simulate.scene import Panel, SimulatedSensor
+from ledpi.simulate.scene import Panel, Scene, SimulatedSensor
+from ledpi.simulate.trajectory import Trajectory, inverse
 
 _WIDEST_TANGENT = 2.75  # of a corner's angle from the optical axis, 70°: lens models end there
+
+
+def scene_truth(scene: Scene, seq: int) -> tuple[TruthMarker, ...]:
+    """The markers that are in view in frame `seq`."""
+    found = (marker_truth(p, pose_seen(scene, p.motion), scene.sensor, seq) for p in scene.panels)
+    return tuple(truth for truth in found if truth is not None)
+
+
+def pose_seen(scene: Scene, motion: Trajectory) -> PoseAt:
+    """camera_from_body of what moves so, as a function of time."""
+    camera = scene.camera_motion
+    return lambda t_s: inverse(camera.scene_from_body(t_s)) @ motion.scene_from_body(t_s)
 
 
 def marker_truth(panel: Panel, pose_at: PoseAt, sensor: SimulatedSensor, seq: int) -> TruthMarker | None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import cv2
 import numpy as np
 
@@ -51,8 +53,15 @@ class Wall:
 
 
 def _painted(room: Room) -> Image:
-    """(_TEXELS, _TEXELS) levels: blotches of every size, boards, frames, lines."""
-    rng = np.random.default_rng((room.texture, 77))
+    """(_TEXELS, _TEXELS) levels."""
+    picture = _picture(room.texture)
+    return np.asarray(room.level * (1.0 + picture * (room.contrast / np.abs(picture).max())), np.float32)
+
+
+@lru_cache(maxsize=1)  # one room is often photographed several times: with panels, with prints in their place
+def _picture(texture: int) -> Image:
+    """(_TEXELS, _TEXELS) of mean 0: blotches of every size, boards, frames, lines."""
+    rng = np.random.default_rng((texture, 77))
     picture = np.zeros((_TEXELS, _TEXELS), np.float32)
     for octave in range(2, 9):
         grain = rng.standard_normal((2**octave, 2**octave)).astype(np.float32)
@@ -71,5 +80,4 @@ def _painted(room: Room) -> Image:
         shade, thick = float(rng.uniform(-0.9, 0.9)), int(rng.integers(1, 4))
         cv2.line(picture, (int(x), int(y)), end, shade, thick, cv2.LINE_AA)
     picture -= picture.mean()
-    picture *= room.contrast / np.abs(picture).max()
-    return np.asarray(room.level * (1.0 + picture), np.float32)
+    return picture
