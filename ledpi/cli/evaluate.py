@@ -1,0 +1,211 @@
+"""`ledpi evaluate`: recognition rates of simulated panels, of prints, of decoys, or of a real panel's recording."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import sys
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+from ledpi.cli import app
+from ledpi.cli.progress import progress
+from ledpi.cli.simulate import TransferName
+from ledpi.errors import ConfigError
+
+if TYPE_CHECKING:
+    from ledpi.config import Config
+    from ledpi.evaluate.page import Commands
+    from ledpi.evaluate.plan import Plan
+    from ledpi.evaluate.reading import Method
+    from ledpi.evaluate.table import TableRow
+
+_SIDE = "panels.side_m=0.16"
+
+
+class SuiteName(StrEnum):
+    PAPER = "paper"
+    BEYOND = "beyond"
+    ROBUSTNESS = "robustness"
+    DECOYS = "decoys"
+
+
+class MethodName(StrEnum):
+    BANDS = "bands"
+    SOFT = "soft"
+    STREAM = "stream"
+    ARUCO = "aruco"
+    APRILTAG = "apriltag"
+
+
+@app.command()
+def evaluate(
+    out: Path = typer.Option(Path("evaluation"), "--out", metavar="DIR", help="Folder of the results; goes on in it."),
+    suite: list[SuiteName] = typer.Option([], help="May be repeated. Default: paper and beyond."),
+    frames: int = typer.Option(300, min=1, help="Of each condition: takes that are judged; of decoys, frames."),
+    seed: int = typer.Option(1, min=0, help="Decides all that is random: the same seed, the same results."),
+    exposure_us: list[float] = typer.Option([], min=1, help="May be repeated. Default: 10000, and 150 but for cases."),
+    transfer: list[TransferName] = typer.Option([TransferName.SRGB], help="May be repeated."),
+    distance: list[float] = typer.Option([], min=0.05, max=1000, help="In place of the suite's own, in metres."),
+    angle: list[float] = typer.Option([], min=-88, max=88, help="In place of the suite's own, in degrees."),
+    case: list[str] = typer.Option([], help="Only this case of the suite robustness or decoys; may be repeated."),
+    roll: bool = typer.Option(False, "--roll", help="Panels turned by any angle; default: within 3°."),
+    method: list[MethodName] = typer.Option([], help="May be repeated. Default: all that the suite is for."),
+    workers: int = typer.Option(0, min=0, help="Processes; default: one a core. Changes no result but the times."),
+    scheduler: str | None = typer.Option(None, metavar="ADDRESS", help="A dask.distributed cluster does the work."),
+    take: int | None = typer.Option(None, min=0, help="Write this take of one condition to DIR, as a recording."),
+    recording: Path | None = typer.Option(None, metavar="DIR", help="Read these frames of a real panel instead."),
+    id_: int | None = typer.Option(None, "--id", min=0, help="With --recording: the panel's ID."),
+    config: Path | None = typer.Option(None, "--config", help="Its panels, in place of the paper's of 16 cm."),
+    set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
+) -> None:
+    """How often panels are read, how exactly, and what is mistaken for one.
+
+    Frames are rendered, with a seed; or they are those of a recording, whose panel's distance and angle are
+    given. Results go to DIR: results.csv, evaluation.md, plots. A run that is broken off goes on where it was.
+
+    Example: ledpi evaluate --out far --suite beyond --frames 300 --method soft --method stream
+
+    Example: ledpi evaluate --out mine --recording take1 --id 7 --distance 0.6
+    """
+    from ledpi.config import load_config
+
+    settings = load_config(config, tuple(([] if config is not None else [_SIDE]) + set_))
+    panel_options = [] if config is None else ["--config", str(config)]
+    panel_options += [word for item in set_ for word in ("--set", item)]
+    methods: list[Method] = [m.value for m in method]
+    if recording is not None:
+        place = _one("--distance", distance), _one("--angle", angle or [0.0])
+        _read_recording(out, recording, id_, *place, methods, settings, panel_options)
+        return
+    if id_ is not None:
+        raise ConfigError("--id: goes with --recording DIR; rendered panels draw their IDs")
+    from ledpi.evaluate.plan import Plan
+    from ledpi.evaluate.prints import has_apriltag
+    from ledpi.evaluate.units import code_version
+
+    plan = Plan(
+        suites=tuple(s.value for s in suite or (SuiteName.PAPER, SuiteName.BEYOND)),
+        frames=frames,
+        seed=seed,
+        transfers=tuple(t.value for t in transfer),
+        exposures_us=tuple(exposure_us),
+        distances_m=tuple(distance),
+        angles_deg=tuple(angle),
+        cases=tuple(case),
+        methods=tuple(methods),
+        any_roll=roll,
+        apriltag=has_apriltag(),
+        panels=settings.panels,
+        panel_options=tuple(panel_options),
+        code=code_version(),
+    )
+    if take is not None:
+        _write_take(out, plan, take)
+    else:
+        _run(out, plan, workers, scheduler)
+
+
+def _one(name: str, values: list[float]) -> float:
+    if len(values) != 1:
+        raise ConfigError(f"{name}: must be given once with --recording: where its panel was")
+    return values[0]
+
+
+def _run(out: Path, plan: Plan, workers: int, scheduler: str | None) -> None:
+    from contextlib import closing
+
+    from ledpi.evaluate.folder import ResultsFolder
+    from ledpi.evaluate.workers import run_on_cluster, run_on_processes
+
+    units = plan.units()
+    folder = ResultsFolder(out, plan.as_json())
+    left = [unit for unit in units if unit.key not in folder.finished]
+    with progress("evaluating", len(units)) as advance:
+        advance(len(units) - len(left))
+        records = run_on_cluster(left, scheduler) if scheduler else run_on_processes(left, workers or _cores())
+        with closing(records):
+            for record in records:
+                folder.add(record)
+                advance(1)
+    rows = plan.rows(folder.finished)
+    intro = f"Seed {plan.seed}, {plan.frames} frames a condition, code {plan.code}."
+    if not plan.apriltag and any(row.method == "aruco" for row in rows):
+        intro += " AprilTag is left out: pupil-apriltags is not installed."
+    _show(out, rows, intro, plan.commands)
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _write_take(out: Path, plan: Plan, number: int) -> None:
+    from ledpi.evaluate.replay import write_take
+
+    conditions = plan.conditions()
+    if len(conditions) != 1:
+        raise ConfigError(
+            f"--take: is of one condition, asked for are {len(conditions)}; "
+            "narrow them with --suite, --case, --distance, --angle and --exposure-us"
+        )
+    write_take(out, conditions[0], plan.panels, plan.seed, number)
+
+
+def _read_recording(
+    out: Path,
+    recording: Path,
+    marker_id: int | None,
+    distance_m: float,
+    angle_deg: float,
+    methods: list[Method],
+    settings: Config,
+    panel_options: list[str],
+) -> None:
+    from ledpi.camera_yaml import load_intrinsics
+    from ledpi.evaluate.folder import ResultsFolder
+    from ledpi.evaluate.reading import PANEL_METHODS
+    from ledpi.evaluate.recorded import evaluate_recording, rows_of_recordings
+    from ledpi.evaluate.units import code_version
+    from ledpi.recording import load_recording
+
+    if marker_id is None:
+        raise ConfigError("--id: must be given with --recording: its panel's")
+    unable = [m for m in methods if m not in PANEL_METHODS]
+    if unable:
+        raise ConfigError(f"--method {unable[0]}: a recording is of a panel; must be one of {', '.join(PANEL_METHODS)}")
+    folder = ResultsFolder(out, {"recordings": True, "code": code_version()})
+    lens = settings.camera.intrinsics
+    with progress("evaluating", len(load_recording(recording).frames)) as advance:
+        record = evaluate_recording(
+            recording,
+            marker_id=marker_id,
+            distance_m=distance_m,
+            angle_deg=angle_deg,
+            methods=[m for m in PANEL_METHODS if m in (methods or PANEL_METHODS)],
+            intrinsics=load_intrinsics(lens) if lens is not None else None,
+            panels=settings.panels,
+            advance=advance,
+        )
+    words = ["ledpi", "evaluate", "--out", "DIR", "--recording", str(recording), "--id", str(marker_id)]
+    words += ["--distance", f"{distance_m:g}", "--angle", f"{angle_deg:g}"]
+    words += [word for m in methods for word in ("--method", m)] + panel_options
+    folder.add(record | {"command": shlex.join(words)})
+    records = folder.finished.values()
+
+    def commands(row: TableRow) -> list[str]:
+        return [r["command"] for r in records if (r["exposure_us"], r["transfer"]) == (row.exposure_us, row.transfer)]
+
+    _show(out, rows_of_recordings(records), f"Read from recordings, code {code_version()}.", commands)
+
+
+def _show(out: Path, rows: list[TableRow], intro: str, commands: Commands) -> None:
+    """Writes the results, and says in short on standard output what they are."""
+    from ledpi.evaluate.page import PAGE_FILE, in_short, write_results
+
+    for note in write_results(out, rows, intro, commands):
+        print(f"ledpi: {note}", file=sys.stderr)
+    print(in_short(rows))
+    print(f"The tables and the plots: {out / PAGE_FILE}")

@@ -1,0 +1,165 @@
+"""What is tried: the conditions of each suite, as plain values that name, draw and repeat them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal, get_args
+
+from ledpi.records import Transfer
+
+Suite = Literal["paper", "beyond", "robustness", "decoys"]
+SUITES: tuple[Suite, ...] = get_args(Suite)
+
+PAPER_DISTANCES_M = tuple(round(0.2 * step, 1) for step in range(2, 11))
+PAPER_ANGLES_DEG = (-70.0, -45.0, -20.0, 0.0, 20.0, 45.0, 70.0)
+PAPER_ANGLES_AT_M = 0.6
+BEYOND_DISTANCES_M = (3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0)
+BEYOND_ANGLES_DEG = (-80.0, 80.0)
+ROBUSTNESS_DISTANCES_M = (1.0, 3.0)  # where a single frame has light to spare, and where it has not
+# Asked for; the sensor rounds down to whole rows. Robustness has other exposures among its cases.
+EXPOSURES_US: dict[Suite, tuple[float, ...]] = {
+    "paper": (10_000.0, 150.0),
+    "beyond": (10_000.0, 150.0),
+    "robustness": (10_000.0,),
+    "decoys": (10_000.0, 150.0),
+}
+
+PLAIN = "plain"
+
+DECOYS = (
+    "lamps",  # discs and rectangles, steady, some too bright
+    "windows",  # large bright rectangles
+    "window_grids",  # with bars, from 2 × 2 to 6 × 6 panes
+    "pwm_lights",  # either of these, switched at 100 to 20,000 Hz with duty 0.1 to 0.9
+    "single_class",  # panels all of whose cells blink alike
+    "near_words",  # panels with two or more cells that differ from every word
+    "mirrored",  # panels that show a word's mirror image, unless that is a word too
+    "dead",  # panels that are dark, or lit without blinking
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Variation:
+    """How a robustness case departs from the plain panel. Levels are shares of the sensor's full scale."""
+
+    peak_level: tuple[float, float] = (0.35, 0.7)  # drawn from; of a bright band at the middle of a cell of gain 1
+    room_level: tuple[float, float] = (0.04, 0.15)  # drawn from
+    gain_deviation: float = 0.05  # standard deviation of the cells' gains
+    hot_spot: float = 0.2  # share of the LED that shines through the diffuser
+    hot_spot_sigma: float = 0.2  # its width, in cells
+    oscillator_error: float = 0.0  # relative; either class off by so much, up or down
+    row_time_us: float | None = None  # the sensor's; None: 33.67 µs
+    frame_period_us: float | None = None  # None: as the daemon would choose it
+    reported_row_time: float = 1.0  # what the driver says of row time and exposure, over the truth
+    exposure_us: float | None = None  # in place of the run's own exposures
+    speed_m_s: float = 0.0  # of the camera, up to; along the floor, in any direction
+    turn_rad_s: float = 0.0  # of the camera about its vertical axis, up to
+    panels: int = 1
+    dead_cells: int = 0
+    hidden: Literal["", "corner", "edge"] = ""
+    hidden_share: float = 0.12  # of the panel's side
+    lamps: int = 0  # other lights in view
+
+
+VARIATIONS: dict[str, Variation] = {
+    PLAIN: Variation(),
+    "peak level 0.15": Variation(peak_level=(0.15, 0.15), room_level=(0.02, 0.06)),
+    "peak level 0.85": Variation(peak_level=(0.85, 0.85)),
+    "gains uneven by 15 %": Variation(gain_deviation=0.15),
+    "bare LEDs, hot spots": Variation(hot_spot=0.75, hot_spot_sigma=0.16),
+    "oscillators off by 1 %": Variation(oscillator_error=0.01),
+    # At 58.333 MHz: rows of 31.75 µs, frames of 16.0 ms, in which 1250 Hz advances 20.0016 cycles: phases freeze.
+    "frames of 16 ms, phases freeze": Variation(row_time_us=1852 / 58.333333, frame_period_us=16_000.0),
+    "frames of 20 ms": Variation(frame_period_us=20_000.0),
+    "frames of 25 ms": Variation(frame_period_us=25_000.0),
+    "frames of 33 ms": Variation(frame_period_us=33_333.0),
+    "row time misreported by 6 %": Variation(row_time_us=1852 / 58.333333, reported_row_time=58.333333 / 55.0),
+    "driving": Variation(speed_m_s=1.0, turn_rad_s=0.5),
+    "two panels": Variation(panels=2),
+    "one dead cell": Variation(dead_cells=1),
+    "a corner hidden": Variation(hidden="corner"),
+    "an edge hidden": Variation(hidden="edge"),
+    "bright room": Variation(room_level=(0.25, 0.35)),
+    "other lamps": Variation(lamps=4),
+    "exposure 500 µs": Variation(exposure_us=500.0),
+    "exposure 2 ms": Variation(exposure_us=2_000.0),
+    "exposure 5 ms": Variation(exposure_us=5_000.0),
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Condition:
+    """One row of a table. Decoys have no distance and no angle: each stands somewhere."""
+
+    suite: Suite
+    case: str  # a key of VARIATIONS, or one of DECOYS
+    distance_m: float | None
+    angle_deg: float | None  # between the panel's normal and the line of sight, about the vertical axis
+    exposure_us: float
+    transfer: Transfer
+    any_roll: bool  # False: within ±3°, as hung by hand
+
+    @property
+    def name(self) -> str:
+        """One of a kind, and readable."""
+        place = "" if self.distance_m is None else f", {self.distance_m:g} m, {self.angle_deg:g}°"
+        roll = ", any roll" if self.any_roll else ""
+        return f"{self.suite}: {self.case}{place}{roll}, {self.exposure_us:g} µs, {self.transfer}"
+
+    @property
+    def variation(self) -> Variation:
+        """Decoys stand in a plain room."""
+        return VARIATIONS.get(self.case, VARIATIONS[PLAIN])
+
+
+def suite_conditions(
+    suite: Suite,
+    *,
+    distances_m: Sequence[float] = (),
+    angles_deg: Sequence[float] = (),
+    exposures_us: Sequence[float] = (),
+    transfers: Sequence[Transfer],
+    any_roll: bool,
+) -> Iterator[Condition]:
+    """The conditions of a suite, in the tables' order. Distances, angles, exposures replace its own, if given.
+
+    A case that has its own exposure comes once for each of the run's.
+    """
+    for transfer in transfers:
+        for exposure_us in exposures_us or EXPOSURES_US[suite]:
+            common = Condition(
+                suite=suite,
+                case=PLAIN,
+                distance_m=None,
+                angle_deg=None,
+                exposure_us=exposure_us,
+                transfer=transfer,
+                any_roll=any_roll,
+            )
+            if suite == "decoys":
+                yield from (replace(common, case=kind, any_roll=True) for kind in DECOYS)
+                continue
+            for case in VARIATIONS if suite == "robustness" else (PLAIN,):
+                own_us = VARIATIONS[case].exposure_us or exposure_us
+                for distance_m, angle_deg in _places(suite, distances_m, angles_deg):
+                    yield replace(
+                        common, case=case, distance_m=distance_m, angle_deg=angle_deg, exposure_us=own_us
+                    )
+
+
+def _places(
+    suite: Suite, distances_m: Sequence[float], angles_deg: Sequence[float]
+) -> Iterator[tuple[float, float]]:
+    """(distance, angle) of each; none twice."""
+    if distances_m or angles_deg:
+        default_m = ROBUSTNESS_DISTANCES_M if suite == "robustness" else (PAPER_ANGLES_AT_M,)
+        yield from ((d, a) for d in distances_m or default_m for a in angles_deg or (0.0,))
+    elif suite == "robustness":
+        yield from ((d, 0.0) for d in ROBUSTNESS_DISTANCES_M)
+    elif suite == "paper":
+        yield from ((d, 0.0) for d in PAPER_DISTANCES_M)
+        yield from ((PAPER_ANGLES_AT_M, a) for a in PAPER_ANGLES_DEG if a)
+    else:
+        yield from ((d, 0.0) for d in BEYOND_DISTANCES_M)
+        yield from ((PAPER_ANGLES_AT_M, a) for a in BEYOND_ANGLES_DEG)

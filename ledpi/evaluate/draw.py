@@ -1,0 +1,206 @@
+"""Draws one take of a condition: what stands where, in which room, seen by which sensor. Seeded.
+
+Every take has its own ID, roll, place in the picture (so the sub-pixel position), room, brightness, cell gains and
+oscillator phases. Take 17 at one distance and angle is the same for every case, exposure and tone, but for what these
+change, so that small differences between their rates mean something.
+"""
+
+from __future__ import annotations
+
+import math
+import zlib
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ledpi import shutter
+from ledpi.camera.simulated import simulated_sensor
+from ledpi.config import CameraSettings, PanelSettings
+from ledpi.evaluate.conditions import Condition, Variation
+from ledpi.evaluate.decoys import decoys, lamp
+from ledpi.evaluate.placing import Placer, in_sight
+from ledpi.markers import load_dictionary
+from ledpi.records import Floats, PanelSpec
+from ledpi.simulate.scene import OV5647_ROW_TIME_US, Light, Panel, PanelLook, Room, Scene, SimulatedSensor
+from ledpi.simulate.trajectory import Gliding, Still, Trajectory, transform
+
+FRAMES_A_TAKE = 12
+OFFSET_PX = (80.0, 60.0)  # how far from the picture's middle a panel is put, at most
+HUNG_BY_HAND_DEG = 3.0
+APART_SIDES = (1.3, 2.2)  # of two panels' centres
+_PLACE, _EXTRA, _RENDERER = 0, 1, 2  # independent streams of random numbers
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Take:
+    """A scene to be photographed, and what the driver says of its sensor."""
+
+    scene: Scene
+    peak_level: float  # of the panels: what is printed in their place is as bright
+    seed: int  # the renderer's
+    reported_row_time: float  # over the truth
+
+
+def draw_take(condition: Condition, panels: PanelSettings, seed: int, number: int) -> Take:
+    """Take `number` of a condition."""
+    streams = [_stream(condition, seed, number, purpose) for purpose in (_PLACE, _EXTRA, _RENDERER)]
+    place, extra = np.random.default_rng(streams[0]), np.random.default_rng(streams[1])
+    variation = condition.variation
+    sensor = _sensor(condition, panels)
+    room = Room(
+        level=float(place.uniform(*variation.room_level)),
+        distance_m=max(4.0, (condition.distance_m or 0.0) + 1.5),
+        texture=int(place.integers(2**31)),
+    )
+    peak = float(place.uniform(*variation.peak_level))
+    if condition.suite == "decoys":
+        found = decoys(condition.case, sensor, panels, place)
+        scene = Scene(sensor=sensor, room=room, panels=found.panels, lights=found.lights)
+    else:
+        shown = _panels(condition, panels, sensor, peak, place, extra)
+        scene = Scene(
+            sensor=sensor,
+            room=room,
+            panels=shown,
+            lights=_in_the_way(variation, shown, extra) + _lamps_beside(variation, shown, sensor, extra),
+            camera_motion=_camera_motion(variation, sensor, extra),
+        )
+    return Take(
+        scene=scene,
+        peak_level=peak,
+        seed=int(streams[2].generate_state(1, np.uint64)[0]),
+        reported_row_time=variation.reported_row_time,
+    )
+
+
+def _stream(condition: Condition, seed: int, number: int, purpose: int) -> np.random.SeedSequence:
+    where = condition.case if condition.suite == "decoys" else f"{condition.distance_m} {condition.angle_deg}"
+    return np.random.SeedSequence(seed, spawn_key=(zlib.crc32(where.encode()), number, purpose))
+
+
+def _sensor(condition: Condition, panels: PanelSettings) -> SimulatedSensor:
+    """What the daemon would choose of exposure and frame period, by the row time that the driver reports."""
+    variation = condition.variation
+    true_us = variation.row_time_us or OV5647_ROW_TIME_US
+    settings = CameraSettings(
+        source="simulated",
+        exposure_us=condition.exposure_us,
+        transfer=condition.transfer,
+        row_time_us=true_us * variation.reported_row_time,
+        frame_duration_us=variation.frame_period_us or "auto",
+    )
+    chosen = simulated_sensor(settings, panels)  # the sensor keeps to these rows, whatever time each takes
+    return replace(
+        chosen, row_time_us=true_us, exposure_us=chosen.exposure_us / variation.reported_row_time
+    )
+
+
+def _panels(
+    condition: Condition,
+    panels: PanelSettings,
+    sensor: SimulatedSensor,
+    peak: float,
+    place: np.random.Generator,
+    extra: np.random.Generator,
+) -> tuple[Panel, ...]:
+    """The panels in view, each at its own word, gains and roll; together they are somewhere near the middle."""
+    variation, dictionary = condition.variation, load_dictionary(panels.dictionary)
+    assert condition.distance_m is not None
+    assert condition.angle_deg is not None
+    ids = place.permutation(len(dictionary.words))[: max(2, variation.panels)]
+    n = dictionary.cells_per_side
+    gains = 1.0 + variation.gain_deviation * place.standard_normal((len(ids), n, n))
+    span_deg = 180.0 if condition.any_roll else HUNG_BY_HAND_DEG
+    rolls_deg = span_deg * place.uniform(-1.0, 1.0, len(ids))
+    offset_px = place.uniform(-1.0, 1.0, 2) * OFFSET_PX
+    specs = [panels.spec(int(marker_id)) for marker_id in ids[: variation.panels]]
+    pitch_m = float(extra.uniform(*APART_SIDES)) * max(spec.side_m for spec in specs)
+    shifts_m = [(k - (len(specs) - 1) / 2.0) * pitch_m for k in range(len(specs))]
+    poses = in_sight(
+        [(shift_m, spec.side_m, roll) for shift_m, spec, roll in zip(shifts_m, specs, rolls_deg, strict=False)],
+        condition.distance_m,
+        condition.angle_deg,
+        offset_px,
+        sensor,
+    )
+    shown = []
+    for k, (spec, pose) in enumerate(zip(specs, poses, strict=True)):
+        own_gains = np.maximum(gains[k], 0.05)
+        own_gains.ravel()[extra.permutation(n * n)[: variation.dead_cells]] = 0.0
+        shown.append(
+            Panel(
+                word=dictionary.word(int(ids[k])),
+                spec=_as_built(spec, variation, extra),
+                motion=Still(pose),
+                marker_id=int(ids[k]),
+                brightness=brightness_of(peak, spec, sensor),
+                cell_gains=own_gains,
+                look=PanelLook(hot_spot=variation.hot_spot, hot_spot_sigma=variation.hot_spot_sigma),
+            )
+        )
+    return tuple(shown)
+
+
+def brightness_of(peak_level: float, spec: PanelSpec, sensor: SimulatedSensor) -> float:
+    """The level, averaged over the blinking, whose brightest band is at `peak_level`: deep bands need room above."""
+    depth = max(shutter.contrast(hz, sensor.exposure_us, spec.duty) for hz in (spec.black_hz, spec.white_hz))
+    return peak_level / (1.0 + depth / 2.0)
+
+
+def _as_built(spec: PanelSpec, variation: Variation, extra: np.random.Generator) -> PanelSpec:
+    off = 1.0 + variation.oscillator_error * extra.choice((-1.0, 1.0), 2)
+    return replace(spec, black_hz=spec.black_hz * float(off[0]), white_hz=spec.white_hz * float(off[1]))
+
+
+def _camera_motion(variation: Variation, sensor: SimulatedSensor, extra: np.random.Generator) -> Trajectory:
+    """Over the floor, and at the scene's origin in the middle of the take."""
+    direction, speed = 2.0 * math.pi * extra.random(), variation.speed_m_s * extra.random()
+    turn = variation.turn_rad_s * extra.uniform(-1.0, 1.0)
+    if not (speed or turn):
+        return Still()
+    middle_s = sensor.mid_exposure_s(FRAMES_A_TAKE // 2, sensor.intrinsics.height / 2.0)
+    return Gliding(
+        start=np.eye(4),
+        velocity_m_s=speed * np.array([math.sin(direction), 0.0, math.cos(direction)]),
+        angular_velocity_rad_s=np.array([0.0, turn, 0.0]),
+        start_s=middle_s,
+    )
+
+
+def _in_the_way(variation: Variation, shown: tuple[Panel, ...], extra: np.random.Generator) -> tuple[Light, ...]:
+    """Something dark before a corner or an edge of each panel, square to its sides."""
+    if not variation.hidden:
+        return ()
+    hidden = []
+    for panel in shown:
+        side, share = panel.spec.side_m, float(variation.hidden_share * extra.random())
+        turn = int(extra.integers(4)) * math.pi / 2.0
+        along = (0.5, 0.5) if variation.hidden == "corner" else (0.0, 0.5)
+        size = (2.0 * share, 2.0 * share) if variation.hidden == "corner" else (1.4, 2.0 * share)
+        c, s = math.cos(turn), math.sin(turn)
+        centre = np.array([c * along[0] - s * along[1], s * along[0] + c * along[1], 0.0]) * side
+        in_panel = transform(np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]), centre)
+        pose: Floats = panel.motion.scene_from_body(0.0) @ in_panel
+        nearer = 0.8  # along the same lines of sight, so that it hides the same but surely stands before the panel
+        pose[:3, 3] *= nearer
+        hidden.append(
+            Light(
+                shape="rectangle",
+                width_m=size[0] * side * nearer,
+                height_m=size[1] * side * nearer,
+                motion=Still(pose),
+                level=0.0,
+            )
+        )
+    return tuple(hidden)
+
+
+def _lamps_beside(
+    variation: Variation, shown: tuple[Panel, ...], sensor: SimulatedSensor, extra: np.random.Generator
+) -> tuple[Light, ...]:
+    placer = Placer(sensor, extra)
+    for panel in shown:
+        placer.keep_free(panel.motion.scene_from_body(0.0)[:3, 3], panel.spec.side_m)
+    return tuple(light for _ in range(variation.lamps) if (light := lamp(placer, extra)) is not None)
+
+

@@ -1,0 +1,108 @@
+"""The same table from frames of a real panel: the source paper's experiment on one's own hardware."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ledpi.camera.base import CameraInfo, PanelValues
+from ledpi.config import PanelSettings
+from ledpi.errors import ConfigError, RecordingError
+from ledpi.evaluate.conditions import PLAIN
+from ledpi.evaluate.draw import FRAMES_A_TAKE
+from ledpi.evaluate.reading import PanelMethod, PanelReader
+from ledpi.evaluate.scoring import Expected, Tally
+from ledpi.evaluate.table import TableRow, table_row
+from ledpi.evaluate.units import STREAM_ROWS
+from ledpi.markers import load_dictionary
+from ledpi.picture import read_picture
+from ledpi.recording import Recording, load_recording
+from ledpi.records import Frame, Intrinsics
+
+_PLACE = ("distance_m", "angle_deg", "exposure_us", "transfer")
+
+
+def evaluate_recording(
+    folder: Path,
+    *,
+    marker_id: int,
+    distance_m: float,
+    angle_deg: float,
+    methods: Sequence[PanelMethod],
+    intrinsics: Intrinsics | None,
+    panels: PanelSettings,
+    advance: Callable[[int], None],
+) -> dict[str, Any]:
+    """A record, for `rows_of_recordings`, of a recording that shows panel `marker_id` in every frame.
+
+    Streams are cut into takes of 12 frames, each begun anew, as the rendered ones are. Corners and poses are judged
+    where the recording has truth. Raises RecordingError for a picture that cannot be read, ConfigError for an ID that
+    the dictionary does not have.
+    """
+    recording = load_recording(folder)
+    words = len(load_dictionary(recording.dictionary).words)
+    if not 0 <= marker_id < words:
+        raise ConfigError(f"--id {marker_id}: {recording.dictionary} has the IDs 0 to {words - 1}")
+    camera = recording.camera
+    info = CameraInfo(**asdict(camera) | {"intrinsics": camera.intrinsics or intrinsics})
+    shown = PanelValues(dictionary=recording.dictionary, **asdict(recording.panel))
+    rows_of: dict[PanelMethod, tuple[str, ...]] = {m: tuple(STREAM_ROWS) if m == "stream" else (m,) for m in methods}
+    tallies = {row: Tally() for rows in rows_of.values() for row in rows}
+    for first in range(0, len(recording.frames), FRAMES_A_TAKE):
+        readers = {m: PanelReader(m, info, panels, shown) for m in methods}
+        for index in range(min(FRAMES_A_TAKE, len(recording.frames) - first)):
+            frame = _frame(recording, first + index)
+            expected = _expected(recording, frame, marker_id)
+            for method, reader in readers.items():
+                read = reader.read(frame)
+                for row in rows_of[method]:
+                    if index in STREAM_ROWS.get(row, range(FRAMES_A_TAKE)):
+                        tallies[row].add(read, expected, f"{folder.name}, frame {frame.seq}")
+                        tallies[row].trials += row != "stream_all" or index == 0
+            advance(1)
+    return {
+        "unit": f"{folder.absolute()} {marker_id} {distance_m:g} {angle_deg:g}",
+        "distance_m": distance_m,
+        "angle_deg": angle_deg,
+        "exposure_us": camera.exposure_us,
+        "transfer": camera.transfer,
+        "rows": {row: tally.as_json() for row, tally in tallies.items()},
+    }
+
+
+def _frame(recording: Recording, index: int) -> Frame:
+    picture = np.empty((recording.camera.height, recording.camera.width), np.uint8)
+    fault = read_picture(recording.frames[index].picture, picture)
+    if fault is not None:
+        raise RecordingError(fault.message)
+    return recording.frame(recording.frames[index], picture)
+
+
+def _expected(recording: Recording, frame: Frame, marker_id: int) -> list[Expected]:
+    if recording.truth is None:
+        return [Expected(id=marker_id)]
+    return [Expected.of(truth) for truth in recording.truth.get(frame.seq, ())]
+
+
+def rows_of_recordings(records: Iterable[dict[str, Any]]) -> list[TableRow]:
+    """The tables' rows, in order of distance and angle; recordings of the same place are put together."""
+    places: dict[tuple[Any, ...], list[Tally]] = {}
+    for record in sorted(records, key=lambda record: (record["distance_m"], record["angle_deg"], record["unit"])):
+        place = tuple(record[key] for key in _PLACE)
+        for row, values in record["rows"].items():
+            places.setdefault((*place, row), []).append(Tally.from_json(values))
+    return [
+        table_row(
+            Tally.sum_of(tallies),
+            suite="recording",
+            case=PLAIN,
+            any_roll=None,
+            method=row,
+            **dict(zip(_PLACE, place, strict=True)),
+        )
+        for (*place, row), tallies in places.items()
+    ]

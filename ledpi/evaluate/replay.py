@@ -1,0 +1,30 @@
+"""One take of a condition as a recording, to look at with the other commands what a method missed or made up."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+
+from ledpi.config import PanelSettings
+from ledpi.evaluate.conditions import Condition
+from ledpi.evaluate.draw import FRAMES_A_TAKE, draw_take
+from ledpi.evaluate.units import photographed, sensor_info
+from ledpi.recording import RecordedCamera
+from ledpi.recording_writer import RecordingWriter
+from ledpi.simulate.truth import scene_truth
+
+
+def write_take(out: Path, condition: Condition, panels: PanelSettings, seed: int, number: int) -> None:
+    """All frames of the take, with truth. Raises RecordingError where `out` cannot be written."""
+    take = draw_take(condition, panels, seed, number)
+    info = sensor_info(take.scene.sensor, take.reported_row_time)
+    writer = RecordingWriter(
+        out,
+        camera=RecordedCamera(**asdict(info) | {"intrinsics": info.intrinsics}),
+        dictionary=panels.dictionary,
+        panel=panels.spec(),
+        note=f"ledpi evaluate, seed {seed}, take {number} of {condition.name}",
+    )
+    with writer:
+        for frame in photographed(take, take.scene, FRAMES_A_TAKE):
+            writer.write(frame, scene_truth(take.scene, frame.seq))

@@ -1,0 +1,147 @@
+"""A unit of work: some takes of one condition, read by each method. A pure function of its values, but for the times.
+
+It is what is handed to a process, or to a cluster, and what is kept when a run is broken off.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+import ledpi
+from ledpi.camera.base import CameraInfo
+from ledpi.config import PanelSettings
+from ledpi.errors import ConfigError
+from ledpi.evaluate.conditions import Condition
+from ledpi.evaluate.draw import FRAMES_A_TAKE, Take, draw_take
+from ledpi.evaluate.prints import Family, printed_id, printed_scene
+from ledpi.evaluate.reading import PANEL_METHODS, Method, PanelReader, apriltag_reader, aruco_reader
+from ledpi.evaluate.scoring import Expected, Tally
+from ledpi.records import Frame
+from ledpi.simulate.render import Renderer
+from ledpi.simulate.scene import Scene, SimulatedSensor
+from ledpi.simulate.truth import scene_truth
+
+TAKES_A_UNIT = 25  # a few seconds of work
+
+# What the tables tell apart. A stream is judged at its 4th and its 12th frame, and on the way.
+Row = str
+STREAM_ROWS: dict[Row, range] = {
+    "stream_4": range(3, 4),
+    "stream_12": range(11, 12),
+    "stream_all": range(FRAMES_A_TAKE),
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Unit:
+    """All that a worker needs."""
+
+    seed: int
+    condition: Condition
+    first_take: int
+    takes: int
+    methods: tuple[Method, ...]
+    panels: PanelSettings
+    code: str  # as `code_version` of whoever asks
+
+    @property
+    def key(self) -> str:
+        """One of a kind within a run."""
+        return f"{self.condition.name} #{self.first_take}"
+
+    def rows_of(self, method: Method) -> tuple[Row, ...]:
+        """The rows that a method fills. Of decoys all frames count, and none is special."""
+        if method != "stream":
+            return (method,)
+        return tuple(STREAM_ROWS) if self.condition.suite != "decoys" else ("stream_all",)
+
+
+@cache
+def code_version() -> str:
+    """What the results depend on, besides the values of a unit: this package's source, numpy, OpenCV."""
+    root = Path(ledpi.__file__).parent
+    digest = hashlib.sha256()
+    for path in sorted(root.rglob("*.py")):
+        digest.update(str(path.relative_to(root)).encode() + b"\0" + path.read_bytes())
+    return f"{digest.hexdigest()[:12]} numpy {np.__version__} OpenCV {cv2.__version__}"
+
+
+def run_unit(unit: Unit) -> dict[str, Any]:
+    """{"unit": key, "rows": {row: Tally as JSON}}. Raises ConfigError on a worker that runs other code."""
+    if unit.code != code_version():
+        raise ConfigError(f"a worker runs other code: {code_version()}; must be {unit.code}, as here")
+    cv2.setNumThreads(1)  # units share the cores among them
+    rows: dict[Row, Tally] = {row: Tally() for method in unit.methods for row in unit.rows_of(method)}
+    for number in range(unit.first_take, unit.first_take + unit.takes):
+        take = draw_take(unit.condition, unit.panels, unit.seed, number)
+        for tally in rows.values():
+            tally.trials += max(1, len(take.scene.panels) if unit.condition.suite != "decoys" else 1)
+        _read_panels(take, number, unit, rows)
+        for family in ("aruco", "apriltag"):
+            if family in unit.methods:
+                _read_prints(take, number, unit, family, rows[family])
+    return {"unit": unit.key, "rows": {row: tally.as_json() for row, tally in rows.items()}}
+
+
+def _read_panels(take: Take, number: int, unit: Unit, rows: dict[Row, Tally]) -> None:
+    """Methods that keep nothing read one frame of a take: the others show the same. Of decoys they read all."""
+    panels, info = unit.panels, sensor_info(take.scene.sensor, take.reported_row_time)
+    readers = {m: PanelReader(m, info, panels) for m in PANEL_METHODS if m in unit.methods}
+    alone = 1 if unit.condition.suite != "decoys" else FRAMES_A_TAKE
+    for index, frame in enumerate(photographed(take, take.scene, FRAMES_A_TAKE if "stream" in readers else alone)):
+        expected = [Expected.of(truth) for truth in scene_truth(take.scene, frame.seq)]
+        for method, reader in readers.items():
+            if method == "stream" or index < alone:
+                read = reader.read(frame)
+                for row in unit.rows_of(method):
+                    if index in STREAM_ROWS.get(row, range(FRAMES_A_TAKE)):
+                        rows[row].add(read, expected, f"take {number}, frame {frame.seq}")
+
+
+def _read_prints(take: Take, number: int, unit: Unit, family: Family, tally: Tally) -> None:
+    """One frame, with prints in the panels' place."""
+    dictionary = unit.panels.dictionary
+    lens, side_m = take.scene.sensor.intrinsics, unit.panels.side_m
+    reader = aruco_reader(dictionary, side_m, lens) if family == "aruco" else apriltag_reader(side_m, lens)
+    for frame in photographed(take, printed_scene(take.scene, family, dictionary, take.peak_level), 1):
+        expected = [Expected.of(truth) for truth in scene_truth(take.scene, frame.seq)]
+        expected = [replace(e, id=printed_id(family, dictionary, e.id)) for e in expected]
+        tally.add(reader.read(frame), expected, f"take {number}, frame {frame.seq}")
+
+
+def photographed(take: Take, scene: Scene, frames: int) -> Iterator[Frame]:
+    """The first frames of a take, with what the driver says of them."""
+    sensor, renderer = scene.sensor, Renderer(scene, seed=take.seed)
+    for seq in range(frames):
+        pixels = np.empty((sensor.intrinsics.height, sensor.intrinsics.width), np.uint8)
+        renderer.render(seq, pixels)
+        yield Frame(
+            pixels=pixels,
+            seq=seq,
+            row0_readout_ns=sensor.row0_readout_ns(seq),
+            exposure_us=sensor.exposure_us * take.reported_row_time,
+            row_time_us=sensor.row_time_us * take.reported_row_time,
+            transfer=sensor.transfer,
+            analogue_gain=sensor.gain,
+        )
+
+
+def sensor_info(sensor: SimulatedSensor, reported_row_time: float) -> CameraInfo:
+    """What the driver says of the camera."""
+    return CameraInfo(
+        width=sensor.intrinsics.width,
+        height=sensor.intrinsics.height,
+        exposure_us=sensor.exposure_us * reported_row_time,
+        row_time_us=sensor.row_time_us * reported_row_time,
+        transfer=sensor.transfer,
+        frame_length_rows=sensor.frame_length_rows,
+        intrinsics=sensor.intrinsics,
+    )

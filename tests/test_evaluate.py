@@ -1,0 +1,256 @@
+"""`ledpi evaluate`, in short: the same results however the work is shared out, kept when broken off, and told."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from ledpi.cli.evaluate import evaluate
+from ledpi.cli.simulate import simulate
+from ledpi.config import PanelSettings
+from ledpi.errors import ConfigError, LedpiError, RecordingError
+from ledpi.evaluate import plan as plan_module
+from ledpi.evaluate import units as units_module
+from ledpi.evaluate import workers as workers_module
+from ledpi.evaluate.conditions import Condition
+from ledpi.evaluate.draw import Take, draw_take
+from ledpi.evaluate.units import Unit, code_version, run_unit
+from ledpi.recording import load_recording
+
+APP = typer.Typer()
+APP.command()(evaluate)
+APP.command()(simulate)
+
+SMALL = ("--suite", "paper", "--distance", "1", "--exposure-us", "10000", "--frames", "5")
+
+
+@pytest.fixture(autouse=True)
+def _elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Results go to an empty working directory; units are so small that even a short run has several."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(plan_module, "TAKES_A_UNIT", 2)
+
+
+def run(command: str, *arguments: str) -> str:
+    """Standard output; a LedpiError comes through, as `main` prints it."""
+    result = CliRunner().invoke(APP, [command, *arguments])
+    if result.exception is not None:
+        raise result.exception
+    return result.stdout
+
+
+def table(folder: str) -> list[dict[str, str]]:
+    """results.csv, but for the times."""
+    with Path(folder, "results.csv").open(newline="", encoding="utf-8") as file:
+        lines = list(csv.DictReader(file))
+    return [{name: value for name, value in line.items() if name != "decode_ms"} for line in lines]
+
+
+def test_the_number_of_workers_changes_nothing() -> None:
+    """Three units on one process and on three; the table is the same, number by number."""
+    run("evaluate", "--out", "one", *SMALL, "--workers", "1")
+    run("evaluate", "--out", "three", *SMALL, "--workers", "3")
+    assert table("one") == table("three")
+    methods = [line["method"] for line in table("one")]
+    assert methods[:6] == ["bands", "soft", "stream_4", "stream_12", "stream_all", "aruco"]
+    assert [line["frames"] for line in table("one")][:6] == ["5", "5", "5", "5", "60", "5"]
+    assert {line["recognised"] for line in table("one") if line["method"] in ("soft", "stream_4")} == {"5"}
+
+
+def test_a_run_goes_on_where_it_was_broken_off() -> None:
+    """One unit finished, the next cut off in the middle of its line: only the finished one is not done again."""
+    options = (*SMALL, "--method", "soft", "--workers", "1")
+    run("evaluate", "--out", "out", *options)
+    units = Path("out/units.jsonl")
+    lines = units.read_text(encoding="utf-8").splitlines(keepends=True)
+    assert len(lines) == 3
+    whole = table("out")
+    first = json.loads(lines[0])
+    first["rows"]["soft"]["corner_px"] = [77.0] * 5  # so that one sees that it is taken as it is
+    units.write_text(json.dumps(first) + "\n" + lines[1][:40], encoding="utf-8")
+    run("evaluate", "--out", "out", *options)
+    again = units.read_text(encoding="utf-8").splitlines()
+    assert [json.loads(line)["unit"] for line in again] == [json.loads(line)["unit"] for line in lines]
+    assert table("out")[0]["corner_px"] == "77"
+    assert table("out")[0] | {"corner_px": ""} == whole[0] | {"corner_px": ""}
+
+
+def test_other_settings_go_to_another_folder() -> None:
+    """Results of two kinds are never mixed, nor is anything else written over."""
+    run("evaluate", "--out", "out", *SMALL, "--method", "aruco")
+    with pytest.raises(ConfigError, match=r"out/settings\.json: seed: the results here are of 1, asked for is 2"):
+        run("evaluate", "--out", "out", *SMALL, "--method", "aruco", "--seed", "2")
+    Path("mine").mkdir()
+    Path("mine/thesis.txt").write_text("do not touch", encoding="utf-8")
+    with pytest.raises(ConfigError, match="--out mine: holds other things"):
+        run("evaluate", "--out", "mine", *SMALL)
+
+
+def test_the_page_shows_tables_plots_and_the_command() -> None:
+    """Beside every table the command that gives it again; each picture that is linked is there."""
+    run("evaluate", "--out", "out", *SMALL, "--angle", "45", "--method", "aruco", "--roll")
+    page = Path("out/evaluation.md").read_text(encoding="utf-8")
+    command = "ledpi evaluate --out DIR --suite paper --frames 5 --seed 1 --transfer srgb --exposure-us 10000"
+    assert f"{command} --distance 1 --angle 45 --method aruco --roll\n" in page
+    assert "| 1 m, 45° | 100 % (56.6–100.0) |" in page
+    pytest.importorskip("matplotlib", reason="matplotlib is not installed (extra: evaluate)")
+    assert "(rates-10000us-srgb.png)" in page
+    assert Path("out/rates-10000us-srgb.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_decoys_give_no_false_id() -> None:
+    """24 frames each of what is most like a panel, read one by one and as streams."""
+    options: tuple[str, ...] = ("--suite", "decoys", "--exposure-us", "10000", "--frames", "24")
+    kinds = ("near_words", "single_class", "pwm_lights")
+    options += ("--method", "soft", "--method", "stream")
+    out = run("evaluate", "--out", "out", *options, *(word for kind in kinds for word in ("--case", kind)))
+    lines = table("out")
+    assert {(line["case"], line["method"]) for line in lines} == {(k, m) for k in kinds for m in ("soft", "stream_all")}
+    assert {line["frames"] for line in lines} == {"24"}
+    assert {line["false_ids"] for line in lines} == {"0"}
+    assert {line["rate"] for line in lines} == {""}
+    assert "0 in 24 frames of 2 scenes" in out
+
+
+PLAIN = Condition(
+    suite="paper",
+    case="plain",
+    distance_m=0.8,
+    angle_deg=0.0,
+    exposure_us=10_000.0,
+    transfer="srgb",
+    any_roll=False,
+)
+UNIT = Unit(
+    seed=1,
+    condition=PLAIN,
+    first_take=0,
+    takes=1,
+    methods=("soft", "stream"),
+    panels=PanelSettings(side_m=0.16),
+    code=code_version(),
+)
+
+
+def test_a_decoy_that_is_read_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A decoy that shows a word, which no drawn one does, is a false ID in each of 12 frames: zero means something."""
+
+    def word_without_truth(*of: object) -> Take:
+        take = draw_take(PLAIN, UNIT.panels, 1, 0)
+        return replace(take, scene=replace(take.scene, panels=(replace(take.scene.panels[0], marker_id=None),)))
+
+    monkeypatch.setattr(units_module, "draw_take", word_without_truth)
+    rows = run_unit(replace(UNIT, condition=replace(PLAIN, suite="decoys", case="mirrored")))["rows"]
+    assert {row: (tally["frames"], tally["false_ids"]) for row, tally in rows.items()} == {
+        "soft": (12, 12),
+        "stream_all": (12, 12),
+    }
+    assert rows["soft"]["false"][3].startswith("take 0, frame 3: ID ")
+
+
+def test_a_worker_with_other_code_is_refused() -> None:
+    """Its results would not be ours."""
+    with pytest.raises(ConfigError, match="a worker runs other code"):
+        run_unit(replace(UNIT, code="another"))
+
+
+@pytest.fixture
+def cluster() -> Iterator[str]:
+    """The address of a dask.distributed scheduler with one worker of its own."""
+    distributed = pytest.importorskip("distributed", reason="dask.distributed is not installed (extra: cluster)")
+    with distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as local:
+        yield local.scheduler_address
+
+
+@pytest.mark.filterwarnings("ignore")  # distributed's own
+def test_a_cluster_gives_the_same_results(cluster: str) -> None:
+    """The same units on a dask.distributed worker, and on processes of our own."""
+    options = (*SMALL, "--method", "soft", "--method", "aruco")
+    run("evaluate", "--out", "there", *options, "--scheduler", cluster)
+    run("evaluate", "--out", "here", *options)
+    assert table("there") == table("here")
+
+
+def test_frames_of_a_real_panel_fill_the_same_table() -> None:
+    """A recording whose panel is known; without truth its ID is judged, with it corners and pose too."""
+    run("simulate", "take", "--distance", "0.6", "--angle", "20", "--frames", "14")
+    options = ("--recording", "take", "--id", "7", "--distance", "0.6", "--angle", "20")
+    run("evaluate", "--out", "truth", *options)
+    os.remove("take/truth.jsonl")
+    run("evaluate", "--out", "none", *options)
+    run("evaluate", "--out", "none", "--recording", "take", "--id", "8", "--distance", "0.8", "--method", "soft")
+    soft, stream = (line for line in table("truth") if line["method"] in ("soft", "stream_12"))
+    assert (soft["suite"], soft["distance_m"], soft["angle_deg"]) == ("recording", "0.6", "20")
+    assert (soft["frames"], soft["recognised"], soft["false_ids"]) == ("14", "14", "0")
+    assert float(soft["corner_px"]) < 0.3
+    assert (stream["frames"], stream["recognised"]) == ("1", "1")
+    blind = [line for line in table("none") if line["method"] == "soft"]
+    assert [(b["distance_m"], b["recognised"], b["false_ids"], b["corner_px"]) for b in blind] == [
+        ("0.6", "14", "0", ""),
+        ("0.8", "0", "14", ""),
+    ]
+    page = Path("none/evaluation.md").read_text(encoding="utf-8")
+    assert "ledpi evaluate --out DIR --recording take --id 7 --distance 0.6 --angle 20\n" in page
+
+
+def test_a_take_becomes_a_recording_to_look_at() -> None:
+    """With its truth, and as the driver describes it."""
+    where = ("--suite", "robustness", "--case", "row time misreported by 6 %", "--distance", "1")
+    run("evaluate", "--out", "take", *where, "--take", "3")
+    recording = load_recording(Path("take"))
+    assert len(recording.frames) == 12
+    assert recording.camera.row_time_us == pytest.approx(33.67, abs=0.01)
+    assert recording.truth is not None
+    assert len(recording.truth[11]) == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--case", "fog"), "--case fog: paper has only: plain"),
+        (("--recording", "nowhere", "--id", "7", "--distance", "1"), "nowhere"),
+        (("--recording", "x", "--distance", "1"), "--id: must be given with --recording"),
+        (("--recording", "x", "--id", "7"), "--distance: must be given once with --recording"),
+        (("--recording", "x", "--id", "7", "--distance", "1", "--method", "aruco"), "aruco: a recording is of"),
+        (("--id", "7"), "--id: goes with --recording"),
+        (("--take", "0"), "--take: is of one condition, asked for are 30"),
+        (("--set", "panels.colour=red"), "panels.colour"),
+    ],
+)
+def test_what_cannot_be_is_said_in_one_line(arguments: tuple[str, ...], message: str) -> None:
+    """And nothing is written."""
+    with pytest.raises(LedpiError) as refused:
+        run("evaluate", "--out", "out", "--suite", "paper", *arguments)
+    assert message in str(refused.value)
+    assert "\n" not in str(refused.value)
+    assert not Path("out/results.csv").exists()
+
+
+def test_prints_are_no_decoys() -> None:
+    """A method is refused where its suite has nothing for it."""
+    with pytest.raises(ConfigError, match="--method aruco: prints are for the suites paper and beyond, not for decoys"):
+        run("evaluate", "--suite", "decoys", "--method", "aruco")
+
+
+def test_a_scheduler_that_is_not_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One line, once it has been waited for."""
+    pytest.importorskip("distributed", reason="dask.distributed is not installed (extra: cluster)")
+    monkeypatch.setattr(workers_module, "CONNECT_S", 0.5)
+    with pytest.raises(ConfigError, match=r"--scheduler tcp://127\.0\.0\.1:9: no scheduler answers there"):
+        run("evaluate", "--out", "out", *SMALL, "--scheduler", "tcp://127.0.0.1:9")
+
+
+def test_a_picture_that_cannot_be_read_is_named() -> None:
+    """Rates of fewer frames than there are would be a lie."""
+    run("simulate", "take", "--frames", "2")
+    Path("take/frames/000001.png").write_bytes(b"no picture")
+    with pytest.raises(RecordingError, match=r"000001\.png"):
+        run("evaluate", "--recording", "take", "--id", "7", "--distance", "1")

@@ -1,0 +1,191 @@
+"""What is drawn is what the condition says: places, cases, decoys, and prints in the panels' place."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from ledpi.config import PanelSettings
+from ledpi.evaluate.conditions import (
+    DECOYS,
+    PAPER_ANGLES_DEG,
+    PAPER_DISTANCES_M,
+    VARIATIONS,
+    Condition,
+    Suite,
+    suite_conditions,
+)
+from ledpi.evaluate.draw import FRAMES_A_TAKE, Take, draw_take
+from ledpi.evaluate.prints import printed_id, printed_scene
+from ledpi.evaluate.reading import aruco_reader
+from ledpi.evaluate.units import photographed, sensor_info
+from ledpi.markers import load_dictionary
+from ledpi.records import Frame
+from ledpi.simulate.render import Renderer
+from ledpi.simulate.truth import scene_truth
+
+PANELS = PanelSettings(side_m=0.16)
+WORDS = load_dictionary("DICT_4X4_50").turned_words()
+
+
+def condition(
+    suite: Suite = "paper", case: str = "plain", distance_m: float = 1.0, angle_deg: float = 0.0
+) -> Condition:
+    return Condition(
+        suite=suite,
+        case=case,
+        distance_m=distance_m,
+        angle_deg=angle_deg,
+        exposure_us=10_000.0,
+        transfer="srgb",
+        any_roll=True,
+    )
+
+
+def take_of(what: Condition, number: int = 0, seed: int = 1) -> Take:
+    return draw_take(what, PANELS, seed, number)
+
+
+def first_frame(take: Take) -> Frame:
+    return next(photographed(take, take.scene, 1))
+
+
+def test_the_papers_experiment() -> None:
+    """0.4 to 2.0 m by 0.2 m, and seven angles at 0.6 m, of which 0° is among the distances already."""
+    places = [(c.distance_m, c.angle_deg) for c in suite_conditions("paper", transfers=["srgb"], any_roll=False)]
+    assert PAPER_DISTANCES_M == (0.4, 0.6, 0.8, 1.0, 1.2, 1.4, 1.6, 1.8, 2.0)
+    assert PAPER_ANGLES_DEG == (-70, -45, -20, 0, 20, 45, 70)
+    at_10_ms = places[: len(places) // 2]
+    assert at_10_ms == [(d, 0.0) for d in PAPER_DISTANCES_M] + [(0.6, a) for a in (-70, -45, -20, 20, 45, 70)]
+
+
+def test_every_condition_has_its_own_name() -> None:
+    """Names are the keys of the results."""
+    suites: tuple[Suite, ...] = ("paper", "beyond", "robustness", "decoys")
+    names = [c.name for s in suites for c in suite_conditions(s, transfers=["srgb", "linear"], any_roll=True)]
+    assert len(set(names)) == len(names)
+
+
+def test_a_take_is_its_seed_condition_and_number() -> None:
+    """Drawn and photographed again it is the same, pixel by pixel; another number or seed is another."""
+    again = [first_frame(take_of(condition(), *which)).pixels for which in ((3, 1), (3, 1), (4, 1), (3, 2))]
+    np.testing.assert_array_equal(again[0], again[1])
+    assert not np.array_equal(again[0], again[2])
+    assert not np.array_equal(again[0], again[3])
+
+
+@pytest.mark.parametrize("case", VARIATIONS)
+def test_cases_differ_from_the_plain_take_in_the_case_alone(case: str) -> None:
+    """The same IDs in the same room, so that small differences between rates mean something."""
+    plain, varied = take_of(condition(), 5).scene, take_of(condition("robustness", case), 5).scene
+    assert varied.panels[0].marker_id == plain.panels[0].marker_id
+    assert varied.room.texture == plain.room.texture
+    if VARIATIONS[case].panels == 1:
+        here, there = (scene.panels[0].motion.scene_from_body(0.0) for scene in (varied, plain))
+        np.testing.assert_array_equal(here, there)
+
+
+@pytest.mark.parametrize(("distance_m", "angle_deg"), [(0.4, 0.0), (2.0, 0.0), (0.6, -70.0), (12.0, 0.0)])
+def test_a_panel_stands_where_the_condition_says(distance_m: float, angle_deg: float) -> None:
+    """At the distance, its normal at the angle to the line of sight, wholly in view, at any roll."""
+    rolls = []
+    for number in range(12):
+        take = take_of(condition(distance_m=distance_m, angle_deg=angle_deg), number)
+        pose = take.scene.panels[0].motion.scene_from_body(0.0)
+        assert np.linalg.norm(pose[:3, 3]) == pytest.approx(distance_m)
+        cosine = float(-pose[:3, 2] @ pose[:3, 3] / distance_m)
+        assert math.degrees(math.acos(min(1.0, cosine))) == pytest.approx(abs(angle_deg), abs=1e-3)
+        (truth,) = scene_truth(take.scene, 0)
+        assert not truth.optional
+        top = truth.corners_px[1] - truth.corners_px[0]
+        rolls.append(math.atan2(top[1], top[0]))
+    assert np.ptp(rolls) > math.pi
+
+
+def test_a_misreported_row_time() -> None:
+    """The driver says 33.67 µs and 296 rows of exposure; the rows take 31.75 µs, and so it is 9.4 ms."""
+    take = take_of(condition("robustness", "row time misreported by 6 %"))
+    info = sensor_info(take.scene.sensor, take.reported_row_time)
+    assert (take.scene.sensor.row_time_us, info.row_time_us) == pytest.approx((31.749, 33.673), abs=1e-3)
+    assert (take.scene.sensor.exposure_us, info.exposure_us) == pytest.approx((9397.6, 9967.1), abs=0.1)
+    assert first_frame(take).exposure_us == pytest.approx(9967.1, abs=0.1)
+
+
+def test_driving_moves_the_panel_and_keeps_it_in_view() -> None:
+    """At 1 m the panel moves by pixels from frame to frame, and is in each of them."""
+    moved = []
+    for number in range(8):
+        scene = take_of(condition("robustness", "driving"), number).scene
+        places = [scene_truth(scene, seq)[0] for seq in range(FRAMES_A_TAKE)]
+        assert not any(truth.optional for truth in places)
+        moved.append(float(np.abs(places[-1].corners_px - places[0].corners_px).max()))
+    assert max(moved) > 50
+
+
+@pytest.mark.parametrize("case", ["a corner hidden", "an edge hidden"])
+def test_what_is_in_the_way_hides_up_to_12_percent(case: str) -> None:
+    """Behind it the panel's picture is dark; that takes at most a corner or a strip of 12 % of the side."""
+    shares = []
+    for number in range(6):
+        scene = take_of(condition("robustness", case, 0.5), number).scene
+        open_light = Renderer(replace(scene, lights=()), seed=1).light(0).copy()
+        light = Renderer(scene, seed=1).light(0)
+        inside = np.zeros(light.shape, np.uint8)
+        cv2.fillConvexPoly(inside, np.round(scene_truth(scene, 0)[0].corners_px).astype(np.int32), 1)
+        shares.append(float(((light < 0.5 * open_light) & (inside > 0)).sum() / inside.sum()))
+    most = 0.12**2 if case == "a corner hidden" else 0.12
+    assert max(shares) < most + 0.02
+    assert max(shares) > 0.4 * most
+
+
+@pytest.mark.parametrize("kind", DECOYS)
+def test_decoys_are_no_markers(kind: str) -> None:
+    """None has a truth; of each kind some are in view."""
+    what = replace(condition("decoys", kind), distance_m=None, angle_deg=None)
+    for number in range(4):
+        scene = take_of(what, number).scene
+        assert scene_truth(scene, 0) == ()
+        assert len(scene.panels) + len(scene.lights) >= 1
+
+
+@pytest.mark.parametrize(("kind", "least"), [("near_words", 2), ("mirrored", 1), ("single_class", 2)])
+def test_patterns_of_decoys_are_no_words(kind: str, least: int) -> None:
+    """So many cells at least differ from every word, however it is turned."""
+    what = replace(condition("decoys", kind), distance_m=None, angle_deg=None)
+    words = [panel.word for number in range(20) for panel in take_of(what, number).scene.panels]
+    assert len(words) > 20
+    assert all((word != WORDS).sum(axis=(2, 3)).min() >= least for word in words)
+
+
+@pytest.mark.parametrize(("angle_deg", "most_px"), [(0.0, 0.3), (45.0, 0.4)])
+def test_opencv_finds_the_print_where_the_panel_was(angle_deg: float, most_px: float) -> None:
+    """Its black border's outer edge is the lit grid's; in linear light, where nothing shifts the edges."""
+    what = replace(condition(distance_m=0.8, angle_deg=angle_deg), transfer="linear")
+    for number in range(3):
+        take = take_of(what, number)
+        scene = printed_scene(take.scene, "aruco", "DICT_4X4_50", take.peak_level)
+        frame = next(photographed(take, scene, 1))
+        (read,) = aruco_reader("DICT_4X4_50", 0.16, take.scene.sensor.intrinsics).read(frame).found
+        (truth,) = scene_truth(take.scene, 0)
+        assert read.id == truth.id
+        assert np.hypot(*(read.corners_px - truth.corners_px).T).max() < most_px
+        assert read.pose is not None
+        np.testing.assert_allclose(read.pose.position_m, truth.camera_from_marker.position_m, atol=0.005)
+
+
+def test_apriltag_finds_its_print_where_the_panel_was() -> None:
+    """Its corners, brought into our order and pixel convention, are the panel's."""
+    pytest.importorskip("pupil_apriltags", reason="pupil-apriltags is not installed (extra: evaluate)")
+    from ledpi.evaluate.reading import apriltag_reader
+
+    take = take_of(replace(condition(distance_m=0.8), transfer="linear"), 2)
+    scene = printed_scene(take.scene, "apriltag", "DICT_4X4_50", take.peak_level)
+    frame = next(photographed(take, scene, 1))
+    (read,) = apriltag_reader(0.16, take.scene.sensor.intrinsics).read(frame).found
+    (truth,) = scene_truth(take.scene, 0)
+    assert read.id == printed_id("apriltag", "DICT_4X4_50", truth.id)
+    assert np.hypot(*(read.corners_px - truth.corners_px).T).max() < 0.4
