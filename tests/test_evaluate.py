@@ -81,6 +81,8 @@ def test_a_run_goes_on_where_it_was_broken_off() -> None:
     assert [json.loads(line)["unit"] for line in again] == [json.loads(line)["unit"] for line in lines]
     assert table("out")[0]["corner_px"] == "77"
     assert table("out")[0] | {"corner_px": ""} == whole[0] | {"corner_px": ""}
+    run("evaluate", "--out", "out", *options)
+    assert units.read_text(encoding="utf-8").splitlines() == again
 
 
 def test_other_settings_go_to_another_folder() -> None:

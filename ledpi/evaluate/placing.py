@@ -18,7 +18,7 @@ _TRIES = 30
 
 
 def turned_from_sight(position_m: Floats, angle_deg: float, roll_deg: float) -> Floats:
-    """Pose of a panel, rolled, whose normal makes `angle_deg` with the line of sight; positive: it faces to the left."""
+    """Pose of a panel, rolled, whose normal makes `angle_deg` with the line of sight; positive: it faces the left."""
     x, y, z = position_m.tolist()
     yaw_deg, pitch_deg = math.degrees(math.atan2(x, z)), -math.degrees(math.atan2(y, math.hypot(x, z)))
     sight = facing_camera(position_m, yaw_deg=yaw_deg, pitch_deg=pitch_deg) @ np.diag([1.0, -1.0, -1.0, 1.0])
@@ -42,7 +42,8 @@ def in_sight(
     for share in (1.0, 0.75, 0.5, 0.25, 0.0):
         ray = np.append(undistort((middle + share * offset_px)[None], lens)[0], 1.0)
         centre_m = distance_m * ray / np.linalg.norm(ray)
-        poses = [turned_from_sight(centre_m + np.array([shift, 0.0, 0.0]), angle_deg, roll) for shift, _, roll in panels]
+        centres_m = [centre_m + np.array([shift_m, 0.0, 0.0]) for shift_m, _, _ in panels]
+        poses = [turned_from_sight(at, angle_deg, roll) for at, (_, _, roll) in zip(centres_m, panels, strict=True)]
         if all(_in_view(pose, side, sensor) for pose, (_, side, _) in zip(poses, panels, strict=True)):
             break
     return poses

@@ -18,6 +18,8 @@ CONNECT_S = 10
 
 def run_on_processes(units: Sequence[Unit], workers: int) -> Generator[dict[str, Any], None, None]:
     """Records as their units finish, in whatever order. Raises ConfigError where a worker dies."""
+    if not units:
+        return
     # One thread a worker: the cores are shared out by units. Read when a worker loads numpy.
     os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
     # Not by fork: OpenCV's threads do not survive it.
