@@ -27,6 +27,7 @@ def main() -> None:
     from ledpi.cli import (  # noqa: F401, each adds its command to `app`
         calibrate,
         decode,
+        evaluate,
         monitor,
         run,
         simulate,
