@@ -48,6 +48,7 @@ class Variation:
     gain_deviation: float = 0.05  # standard deviation of the cells' gains
     hot_spot: float = 0.2  # share of the LED that shines through the diffuser
     hot_spot_sigma: float = 0.2  # its width, in cells
+    gap: float = 0.06  # dark wall between cells, share of a cell
     oscillator_error: float = 0.0  # relative; either class off by so much, up or down
     row_time_us: float | None = None  # the sensor's; None: 33.67 µs
     frame_period_us: float | None = None  # None: as the daemon would choose it
@@ -68,6 +69,8 @@ VARIATIONS: dict[str, Variation] = {
     "peak level 0.85": Variation(peak_level=(0.85, 0.85)),
     "gains uneven by 15 %": Variation(gain_deviation=0.15),
     "bare LEDs, hot spots": Variation(hot_spot=0.75, hot_spot_sigma=0.16),
+    "no walls between cells": Variation(gap=0.0),
+    "thick walls, 12 % of a cell": Variation(gap=0.12),
     "oscillators off by 1 %": Variation(oscillator_error=0.01),
     # At 58.333 MHz: rows of 31.75 µs, frames of 16.0 ms, in which 1250 Hz advances 20.0016 cycles: phases freeze.
     "frames of 16 ms, phases freeze": Variation(row_time_us=1852 / 58.333333, frame_period_us=16_000.0),

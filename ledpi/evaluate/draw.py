@@ -135,7 +135,9 @@ def _panels(
                 marker_id=int(ids[k]),
                 brightness=brightness_of(peak, spec, sensor),
                 cell_gains=own_gains,
-                look=PanelLook(hot_spot=variation.hot_spot, hot_spot_sigma=variation.hot_spot_sigma),
+                look=PanelLook(
+                    gap=variation.gap, hot_spot=variation.hot_spot, hot_spot_sigma=variation.hot_spot_sigma
+                ),
             )
         )
     return tuple(shown)

@@ -133,7 +133,7 @@ def _size_px(corners: Floats) -> float:
 def _described(found: Found, expected: Sequence[Expected]) -> str:
     """A false ID: which, where, and what is there."""
     middle = found.corners_px.mean(axis=0)
-    text = f"ID {found.id} at ({middle[0]:.0f}, {middle[1]:.0f}) px"
+    text = f"ID {found.id} at ({middle[0]:.0f}, {middle[1]:.0f}) px, {_size_px(found.corners_px):.0f} px large"
     for marker in expected:
         if marker.corners_px is not None:
             away = float(np.hypot(*(middle - marker.corners_px.mean(axis=0))))
