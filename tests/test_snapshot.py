@@ -144,10 +144,10 @@ def test_bands_are_what_the_light_is_beyond_the_static_picture() -> None:
 
 
 def test_panels_are_enlarged_before_what_was_dropped(snapshot: Snapshot) -> None:
-    """The panel with its place, then the lamp, which came as far as its cells."""
+    """The panel with its place, then the lamp, which came as far as its cells (as may something in the room)."""
     titles = [block.title for block in blocks_of(snapshot)]
     assert titles[0].startswith("ID 7   x ")
-    assert titles[1:] == ["soft.no_bands"]
+    assert set(titles[1:]) == {"soft.no_bands"}
 
 
 # ---- the command
