@@ -29,14 +29,14 @@ APP = typer.Typer()
 APP.command()(evaluate)
 APP.command()(simulate)
 
-SMALL = ("--suite", "paper", "--distance", "1", "--exposure-us", "10000", "--frames", "5")
+SMALL = ("--suite", "paper", "--distance", "1", "--exposure-us", "10000", "--frames", "3")
 
 
 @pytest.fixture(autouse=True)
 def _elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Results go to an empty working directory; units are so small that even a short run has several."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(plan_module, "TAKES_A_UNIT", 2)
+    monkeypatch.setattr(plan_module, "TAKES_A_UNIT", 1)
 
 
 def run(command: str, *arguments: str) -> str:
@@ -61,8 +61,8 @@ def test_the_number_of_workers_changes_nothing() -> None:
     assert table("one") == table("three")
     methods = [line["method"] for line in table("one")]
     assert methods[:6] == ["bands", "soft", "stream_4", "stream_12", "stream_all", "aruco"]
-    assert [line["frames"] for line in table("one")][:6] == ["5", "5", "5", "5", "60", "5"]
-    assert {line["recognised"] for line in table("one") if line["method"] in ("soft", "stream_4")} == {"5"}
+    assert [line["frames"] for line in table("one")][:6] == ["3", "3", "3", "3", "36", "3"]
+    assert {line["recognised"] for line in table("one") if line["method"] in ("soft", "stream_4")} == {"3"}
 
 
 def test_a_run_goes_on_where_it_was_broken_off() -> None:
@@ -100,9 +100,9 @@ def test_the_page_shows_tables_plots_and_the_command() -> None:
     """Beside every table the command that gives it again; each picture that is linked is there."""
     run("evaluate", "--out", "out", *SMALL, "--angle", "45", "--method", "aruco", "--roll")
     page = Path("out/evaluation.md").read_text(encoding="utf-8")
-    command = "ledpi evaluate --out DIR --suite paper --frames 5 --seed 1 --transfer srgb --exposure-us 10000"
+    command = "ledpi evaluate --out DIR --suite paper --frames 3 --seed 1 --transfer srgb --exposure-us 10000"
     assert f"{command} --distance 1 --angle 45 --method aruco --roll\n" in page
-    assert "| 1 m, 45° | 100 % (56.6–100.0) |" in page
+    assert "| 1 m, 45° | 100 % (43.9–100.0) |" in page
     pytest.importorskip("matplotlib", reason="matplotlib is not installed (extra: evaluate)")
     assert "(rates-10000us-srgb.png)" in page
     assert Path("out/rates-10000us-srgb.png").read_bytes().startswith(b"\x89PNG")
@@ -248,6 +248,8 @@ def test_a_scheduler_that_is_not_there(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(workers_module, "CONNECT_S", 0.5)
     with pytest.raises(ConfigError, match=r"--scheduler tcp://127\.0\.0\.1:9: no scheduler answers there"):
         run("evaluate", "--out", "out", *SMALL, "--scheduler", "tcp://127.0.0.1:9")
+    with pytest.raises(ConfigError, match="--scheduler nowhere: must be as tcp://HOST:PORT"):
+        run("evaluate", "--out", "out", *SMALL, "--scheduler", "nowhere")
 
 
 def test_a_picture_that_cannot_be_read_is_named() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import re
 import signal
 from collections.abc import Generator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -51,9 +52,11 @@ def run_on_cluster(units: Sequence[Unit], address: str) -> Generator[dict[str, A
         from distributed import as_completed as as_completed_there
     except ImportError:
         raise ConfigError("--scheduler: needs dask.distributed: pip install 'ledpi[cluster]'") from None
+    if not re.fullmatch(r"(\w+://)?.+:\d+", address):
+        raise ConfigError(f"--scheduler {address}: must be as tcp://HOST:PORT")
     try:
         client = Client(address, timeout=CONNECT_S, set_as_default=False)
-    except (OSError, ValueError) as error:
+    except OSError as error:
         raise ConfigError(f"--scheduler {address}: no scheduler answers there: {error}") from None
     with client:
         futures = client.map(run_unit, units, pure=False)
