@@ -72,9 +72,10 @@ VARIATIONS: dict[str, Variation] = {
     "no walls between cells": Variation(gap=0.0),
     "thick walls, 12 % of a cell": Variation(gap=0.12),
     "oscillators off by 1 %": Variation(oscillator_error=0.01),
-    # At 58.333 MHz: rows of 31.75 µs, frames of 16.0 ms, in which 1250 Hz advances 20.0016 cycles: phases freeze.
-    "frames of 16 ms, phases freeze": Variation(row_time_us=1852 / 58.333333, frame_period_us=16_000.0),
-    "frames of 20 ms": Variation(frame_period_us=20_000.0),
+    # At 58.333 MHz: rows of 31.75 µs, frames of 16.0 ms, in which 1250 Hz advances by 20.00 cycles, 2450 Hz by 39.2.
+    "frames of 16 ms, one phase freezes": Variation(row_time_us=1852 / 58.333333, frame_period_us=16_000.0),
+    # 25.00 cycles of 1250 Hz, 49.00 of 2450 Hz: every frame shows the same.
+    "frames of 20 ms, both phases freeze": Variation(frame_period_us=20_000.0),
     "frames of 25 ms": Variation(frame_period_us=25_000.0),
     "frames of 33 ms": Variation(frame_period_us=33_333.0),
     "row time misreported by 6 %": Variation(row_time_us=1852 / 58.333333, reported_row_time=58.333333 / 55.0),
@@ -83,7 +84,8 @@ VARIATIONS: dict[str, Variation] = {
     "one dead cell": Variation(dead_cells=1),
     "a corner hidden": Variation(hidden="corner"),
     "an edge hidden": Variation(hidden="edge"),
-    "bright room": Variation(room_level=(0.25, 0.35)),
+    # The wall's brightest spots at 0.3 to 0.5, panels not much above.
+    "bright room": Variation(room_level=(0.2, 0.3), peak_level=(0.5, 0.85)),
     "other lamps": Variation(lamps=4),
     "exposure 500 µs": Variation(exposure_us=500.0),
     "exposure 2 ms": Variation(exposure_us=2_000.0),

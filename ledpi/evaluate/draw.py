@@ -27,7 +27,7 @@ from ledpi.simulate.trajectory import Gliding, Still, Trajectory, transform
 FRAMES_A_TAKE = 12
 OFFSET_PX = (80.0, 60.0)  # how far from the picture's middle a panel is put, at most
 HUNG_BY_HAND_DEG = 3.0
-APART_SIDES = (1.3, 2.2)  # of two panels' centres
+APART_SIDES = (1.6, 2.4)  # of two panels' centres; turned by 45°, with their bezels, they need 1.53
 _PLACE, _EXTRA, _RENDERER = 0, 1, 2  # independent streams of random numbers
 
 
