@@ -186,6 +186,8 @@ def test_frames_of_a_real_panel_fill_the_same_table() -> None:
     run("simulate", "take", "--distance", "0.6", "--angle", "20", "--frames", "14")
     options = ("--recording", "take", "--id", "7", "--distance", "0.6", "--angle", "20")
     run("evaluate", "--out", "truth", *options)
+    with pytest.raises(ConfigError, match=r"--id 8: by its truth\.jsonl, take shows 7"):
+        run("evaluate", "--out", "truth", "--recording", "take", "--id", "8", "--distance", "0.6")
     os.remove("take/truth.jsonl")
     run("evaluate", "--out", "none", *options)
     run("evaluate", "--out", "none", "--recording", "take", "--id", "8", "--distance", "0.8", "--method", "soft")

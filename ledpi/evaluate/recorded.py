@@ -41,12 +41,16 @@ def evaluate_recording(
 
     Streams are cut into takes of 12 frames, each begun anew, as the rendered ones are. Corners and poses are judged
     where the recording has truth. Raises RecordingError for a picture that cannot be read, ConfigError for an ID that
-    the dictionary does not have.
+    the dictionary does not have, or that is not in the truth.
     """
     recording = load_recording(folder)
     words = len(load_dictionary(recording.dictionary).words)
     if not 0 <= marker_id < words:
         raise ConfigError(f"--id {marker_id}: {recording.dictionary} has the IDs 0 to {words - 1}")
+    in_view = {truth.id for frame in (recording.truth or {}).values() for truth in frame}
+    if recording.truth is not None and marker_id not in in_view:
+        there = ", ".join(map(str, sorted(in_view))) or "no panel"
+        raise ConfigError(f"--id {marker_id}: by its truth.jsonl, {folder} shows {there}")
     camera = recording.camera
     info = CameraInfo(**asdict(camera) | {"intrinsics": camera.intrinsics or intrinsics})
     shown = PanelValues(dictionary=recording.dictionary, **asdict(recording.panel))
