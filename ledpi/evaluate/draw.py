@@ -123,24 +123,23 @@ def _panels(
         offset_px,
         sensor,
     )
-    shown = []
-    for k, (spec, pose) in enumerate(zip(specs, poses, strict=True)):
-        own_gains = np.maximum(gains[k], 0.05)
-        own_gains.ravel()[extra.permutation(n * n)[: variation.dead_cells]] = 0.0
-        shown.append(
-            Panel(
-                word=dictionary.word(int(ids[k])),
-                spec=_as_built(spec, variation, extra),
-                motion=Still(pose),
-                marker_id=int(ids[k]),
-                brightness=brightness_of(peak, spec, sensor),
-                cell_gains=own_gains,
-                look=PanelLook(
-                    gap=variation.gap, hot_spot=variation.hot_spot, hot_spot_sigma=variation.hot_spot_sigma
-                ),
-            )
+    return tuple(
+        Panel(
+            word=dictionary.word(int(marker_id)),
+            spec=_as_built(spec, variation, extra),
+            motion=Still(pose),
+            marker_id=int(marker_id),
+            brightness=brightness_of(peak, spec, sensor),
+            cell_gains=_with_dead_cells(np.maximum(own_gains, 0.05), variation.dead_cells, extra),
+            look=PanelLook(gap=variation.gap, hot_spot=variation.hot_spot, hot_spot_sigma=variation.hot_spot_sigma),
         )
-    return tuple(shown)
+        for marker_id, spec, pose, own_gains in zip(ids, specs, poses, gains, strict=False)
+    )
+
+
+def _with_dead_cells(gains: Floats, dead: int, extra: np.random.Generator) -> Floats:
+    gains.ravel()[extra.permutation(gains.size)[:dead]] = 0.0
+    return gains
 
 
 def brightness_of(peak_level: float, spec: PanelSpec, sensor: SimulatedSensor) -> float:

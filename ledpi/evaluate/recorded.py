@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -54,28 +55,47 @@ def evaluate_recording(
     camera = recording.camera
     info = CameraInfo(**asdict(camera) | {"intrinsics": camera.intrinsics or intrinsics})
     shown = PanelValues(dictionary=recording.dictionary, **asdict(recording.panel))
-    rows_of: dict[PanelMethod, tuple[str, ...]] = {m: tuple(STREAM_ROWS) if m == "stream" else (m,) for m in methods}
-    tallies = {row: Tally() for rows in rows_of.values() for row in rows}
-    for first in range(0, len(recording.frames), FRAMES_A_TAKE):
-        readers = {m: PanelReader(m, info, panels, shown) for m in methods}
-        for index in range(min(FRAMES_A_TAKE, len(recording.frames) - first)):
-            frame = _frame(recording, first + index)
-            expected = _expected(recording, frame, marker_id)
-            for method, reader in readers.items():
-                read = reader.read(frame)
-                for row in rows_of[method]:
-                    if index in STREAM_ROWS.get(row, range(FRAMES_A_TAKE)):
-                        tallies[row].add(read, expected, f"{folder.name}, frame {frame.seq}")
-                        tallies[row].trials += row != "stream_all" or index == 0
-            advance(1)
+    readers = partial(_readers, methods, info, shown, panels)
     return {
         "unit": f"{folder.absolute()} {marker_id} {distance_m:g} {angle_deg:g}",
         "distance_m": distance_m,
         "angle_deg": angle_deg,
         "exposure_us": camera.exposure_us,
         "transfer": camera.transfer,
-        "rows": {row: tally.as_json() for row, tally in tallies.items()},
+        "rows": {row: tally.as_json() for row, tally in _read_all(recording, marker_id, readers, advance).items()},
     }
+
+
+def _readers(
+    methods: Sequence[PanelMethod], camera: CameraInfo, shown: PanelValues, panels: PanelSettings
+) -> dict[PanelMethod, PanelReader]:
+    return {method: PanelReader(method, camera, panels, shown) for method in methods}
+
+
+def _read_all(
+    recording: Recording,
+    marker_id: int,
+    readers: Callable[[], dict[PanelMethod, PanelReader]],
+    advance: Callable[[int], None],
+) -> dict[str, Tally]:
+    """By row; each take is read by new `readers`."""
+    tallies: dict[str, Tally] = {}
+    current = readers()
+    for number in range(len(recording.frames)):
+        index = number % FRAMES_A_TAKE
+        if index == 0:
+            current = readers()
+        frame = _frame(recording, number)
+        expected = _expected(recording, frame, marker_id)
+        for method, reader in current.items():
+            read = reader.read(frame)
+            for row in STREAM_ROWS if method == "stream" else (method,):
+                tally = tallies.setdefault(row, Tally())
+                if index in STREAM_ROWS.get(row, range(FRAMES_A_TAKE)):
+                    tally.add(read, expected, f"{recording.folder.name}, frame {frame.seq}")
+                    tally.trials += row != "stream_all" or index == 0
+        advance(1)
+    return tallies
 
 
 def _frame(recording: Recording, index: int) -> Frame:
