@@ -43,6 +43,9 @@ DEVIATIONS = 3.0  # allowed to either, for noise
 # many degrees of freedom; of what a word explains, harmonics, tone and a corner that is off may cost some. Where it is
 # more than this share, the cells do not lie where the bands change, or are no cells of one panel.
 MAX_MISFIT = 1.0 / 3.0
+# Bands of nearly full depth outshine all that but their own harmonics, a twentieth. There every cell shows its class,
+# and a pattern two cells off a word already costs an eighth.
+FULL_DEPTH, MAX_MISFIT_AT_FULL_DEPTH = 0.5, 0.12
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -212,7 +215,8 @@ def _consistent(evidence: Evidence, of_word: float) -> bool:
     of_cells = 0.5 * float(score @ np.linalg.solve(matrix, score))
     freedom = size - PARAMETERS
     by_noise = 0.5 * (freedom + DEVIATIONS * math.sqrt(2.0 * freedom))
-    return of_cells - of_word < by_noise + MAX_MISFIT * of_word
+    full = math.sqrt(2.0 * float(evidence.prior.min())) > FULL_DEPTH
+    return of_cells - of_word < by_noise + (MAX_MISFIT_AT_FULL_DEPTH if full else MAX_MISFIT) * of_word
 
 
 def _odds_against_other_patterns(evidence: Evidence, codebook: Codebook, best: int, bands: Doubles) -> float:
