@@ -11,7 +11,6 @@ import argparse
 import os
 import sys
 import time
-from dataclasses import asdict
 from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -19,7 +18,6 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import cv2
 import numpy as np
 
-from ledpi.camera.base import CameraInfo, PanelValues
 from ledpi.config import load_config
 from ledpi.geometry import rotation_angle_deg
 from ledpi.picture import read_picture
@@ -44,10 +42,10 @@ def frames_of(recording: Recording) -> list[Frame]:
 def pipeline_for(recording: Recording, *, stream: bool) -> Pipeline:
     camera = recording.camera
     return Pipeline(
-        CameraInfo(**asdict(camera) | {"intrinsics": camera.intrinsics}),
+        camera,
         load_config(None, ("panels.side_m=1",)).panels,
         intrinsics=camera.intrinsics,
-        shown=PanelValues(dictionary=recording.dictionary, **asdict(recording.panel)),
+        shown=recording.panel_values,
         stream=stream,
     )
 

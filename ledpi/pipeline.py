@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ledpi.camera.base import CameraInfo, PanelValues
 from ledpi.config import Method, PanelSettings
 from ledpi.decode import soft
 from ledpi.decode.bands import NO_SQUARE, BandsReader
@@ -20,12 +19,14 @@ from ledpi.decode.track import NOT_SHOWN, Track, Tracker, contradicts
 from ledpi.markers import corners_of_turned, load_dictionary
 from ledpi.pose.planar import solve_square
 from ledpi.records import (
+    CameraInfo,
     Decoded,
     Floats,
     Frame,
     Intrinsics,
     MarkerPose,
     PanelSpec,
+    PanelValues,
     Quad,
     Rejected,
     Sighting,

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from types import MappingProxyType
 
@@ -27,22 +27,9 @@ from ledpi.recording_format import (
     read_header,
     read_lines,
 )
-from ledpi.records import Floats, Frame, Intrinsics, PanelSpec, Pixels, Pose, Transfer, read_only
+from ledpi.records import CameraInfo, Floats, Frame, Intrinsics, PanelSpec, PanelValues, Pixels, Pose, read_only
 
 _LENS_KEYS = ("fx", "fy", "cx", "cy", "distortion")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RecordedCamera:
-    """The camera that made a recording."""
-
-    width: int
-    height: int
-    exposure_us: float
-    row_time_us: float
-    transfer: Transfer
-    frame_length_rows: int | None = None  # rows in a frame's period, blanking included, where known
-    intrinsics: Intrinsics | None = None  # where the camera was calibrated
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,11 +58,16 @@ class Recording:
     """A recording whose description is valid. Its pictures are read one by one, with `read_picture`."""
 
     folder: Path
-    camera: RecordedCamera
+    camera: CameraInfo
     dictionary: str
     panel: PanelSpec
     frames: tuple[FrameEntry, ...]  # at least one; seq and time strictly increasing
     truth: Mapping[int, tuple[TruthMarker, ...]] | None  # by seq
+
+    @property
+    def panel_values(self) -> PanelValues:
+        """The panels that it shows."""
+        return PanelValues(dictionary=self.dictionary, **asdict(self.panel))
 
     def frame(self, entry: FrameEntry, pixels: Pixels, *, host_offset_ns: int = 0) -> Frame:
         """The frame of `entry`, once `pixels` (H, W) hold its picture; marks `pixels` read-only."""
@@ -122,7 +114,7 @@ def load_recording(folder: Path) -> Recording:
     frames = _load_frames(folder)
     return Recording(
         folder=folder,
-        camera=_recorded_camera(header.camera, path),
+        camera=_camera_info(header.camera, path),
         dictionary=header.panel.dictionary,
         panel=panel,
         frames=frames,
@@ -130,17 +122,17 @@ def load_recording(folder: Path) -> Recording:
     )
 
 
-def _recorded_camera(section: CameraSection, path: Path) -> RecordedCamera:
+def _camera_info(section: CameraSection, path: Path) -> CameraInfo:
     values = section.model_dump()
     lens = {key: values.pop(key) for key in _LENS_KEYS}
     missing = [key for key, value in lens.items() if value is None]
     if not missing:
         intrinsics = Intrinsics(width=section.width, height=section.height, **lens)
-        return RecordedCamera(**values, intrinsics=intrinsics)
+        return CameraInfo(**values, intrinsics=intrinsics)
     if len(missing) < len(lens):
         wanted = ", ".join(_LENS_KEYS)
         raise RecordingError(f"{path}: camera.{missing[0]}: is missing; give all of {wanted}, or none")
-    return RecordedCamera(**values)
+    return CameraInfo(**values)
 
 
 def _load_frames(folder: Path) -> tuple[FrameEntry, ...]:

@@ -18,7 +18,7 @@ import yaml
 from pydantic import BaseModel
 
 from ledpi.errors import RecordingError
-from ledpi.recording import FrameEntry, RecordedCamera, TruthMarker, check_order, frame_entry
+from ledpi.recording import FrameEntry, TruthMarker, check_order, frame_entry
 from ledpi.recording_format import (
     FORMAT,
     FRAMES_FILE,
@@ -31,7 +31,7 @@ from ledpi.recording_format import (
     TruthLine,
     TruthLineMarker,
 )
-from ledpi.records import Frame, PanelSpec, Pixels
+from ledpi.records import CameraInfo, Frame, PanelSpec, Pixels
 
 # Sensor noise does not repeat itself: Huffman coding alone is the smallest and the fastest of zlib's
 # strategies (a noisy 640 × 480 frame: 168 kB in 6.1 ms against 183 kB in 6.8 ms with OpenCV's default).
@@ -46,7 +46,7 @@ class RecordingWriter:
     """
 
     def __init__(
-        self, folder: Path, *, camera: RecordedCamera, dictionary: str, panel: PanelSpec, note: str = ""
+        self, folder: Path, *, camera: CameraInfo, dictionary: str, panel: PanelSpec, note: str = ""
     ) -> None:
         self._folder = folder
         self._camera = camera
@@ -144,7 +144,7 @@ def _write_picture(path: Path, pixels: Pixels) -> None:
             raise
 
 
-def _camera_section(camera: RecordedCamera) -> CameraSection:
+def _camera_section(camera: CameraInfo) -> CameraSection:
     values = asdict(camera)
     return CameraSection(**(values.pop("intrinsics") or {}) | values)
 

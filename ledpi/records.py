@@ -68,6 +68,30 @@ class PanelSpec:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class CameraInfo:
+    """What is known of a camera once it is configured, or of the one that made a recording."""
+
+    width: int
+    height: int
+    exposure_us: float
+    row_time_us: float
+    transfer: Transfer
+    frame_length_rows: int | None = None  # rows in a frame's period, blanking included, where known
+    intrinsics: Intrinsics | None = None  # where the source itself knows (a recording, the simulator)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PanelValues:
+    """What a source knows of the panels that it shows; a recording's own values override the configuration's."""
+
+    dictionary: str
+    side_m: float
+    black_hz: float
+    white_hz: float
+    duty: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Frame:
     """One picture with everything that is known of how it was exposed."""
 

@@ -7,11 +7,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from ledpi.camera.base import CameraInfo
 from ledpi.config import CameraSettings
 from ledpi.errors import ConfigError, RecordingError
 from ledpi.picture import PNG_SIGNATURE, png_fault
-from ledpi.records import Frame
+from ledpi.records import CameraInfo, Frame
 
 SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".tif", ".tiff"}
 

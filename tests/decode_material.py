@@ -13,9 +13,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ledpi.camera.base import CameraInfo
 from ledpi.config import PanelSettings, load_config
-from ledpi.records import Floats, Frame, Intrinsics, PanelSpec, Pixels, Quad, Rejected, Transfer
+from ledpi.records import CameraInfo, Floats, Frame, Intrinsics, PanelSpec, Pixels, Quad, Rejected, Transfer
 
 Bits = NDArray[np.bool_]
 Profile = Callable[[Floats, Floats], Floats]  # light at (u, v), 0..1 across and down the panel

@@ -19,9 +19,8 @@ import pytest
 from ledpi.camera.base import Camera
 from ledpi.camera.factory import open_camera
 from ledpi.config import Config
-from ledpi.recording import RecordedCamera
 from ledpi.recording_writer import RecordingWriter
-from ledpi.records import Frame, PanelSpec, Pixels
+from ledpi.records import CameraInfo, Frame, PanelSpec, Pixels
 
 FRAMES = 4
 FAR_S = 3600.0  # a frame that does not come while the test runs
@@ -34,7 +33,7 @@ def configured(source: str, **camera: object) -> Config:
 
 
 def open_recording(folder: Path, wait_s: float | None, *, paced: bool) -> Camera:
-    source = RecordedCamera(width=64, height=48, exposure_us=150.0, row_time_us=33.67, transfer="srgb")
+    source = CameraInfo(width=64, height=48, exposure_us=150.0, row_time_us=33.67, transfer="srgb")
     panel = PanelSpec(side_m=0.16, black_hz=1250.0, white_hz=2450.0)
     step_ns = round((0.02 if wait_s is None else wait_s) * 1e9)
     with RecordingWriter(folder / "take", camera=source, dictionary="DICT_4X4_50", panel=panel) as recorder:

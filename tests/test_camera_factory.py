@@ -13,9 +13,8 @@ from ledpi.camera.factory import open_camera, panel_frequencies_hz
 from ledpi.camera.recording import RecordingCamera
 from ledpi.config import Config
 from ledpi.errors import CameraError, LedpiError, RecordingError
-from ledpi.recording import RecordedCamera
 from ledpi.recording_writer import RecordingWriter
-from ledpi.records import Frame, PanelSpec
+from ledpi.records import CameraInfo, Frame, PanelSpec
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -27,7 +26,7 @@ def config(source: str, **camera: object) -> Config:
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     """A recording of two frames with 31.75 µs rows, linear."""
-    source = RecordedCamera(width=8, height=6, exposure_us=150.0, row_time_us=31.75, transfer="linear")
+    source = CameraInfo(width=8, height=6, exposure_us=150.0, row_time_us=31.75, transfer="linear")
     panel = PanelSpec(side_m=0.16, black_hz=1250.0, white_hz=2450.0)
     with RecordingWriter(tmp_path / "take", camera=source, dictionary="DICT_4X4_50", panel=panel) as recorder:
         for seq in range(2):

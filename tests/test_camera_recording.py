@@ -12,15 +12,15 @@ import numpy as np
 import pytest
 
 from ledpi.camera.recording import RecordingCamera
-from ledpi.recording import RecordedCamera, load_recording
+from ledpi.recording import load_recording
 from ledpi.recording_writer import RecordingWriter
-from ledpi.records import Frame, Intrinsics, PanelSpec, Rejected
+from ledpi.records import CameraInfo, Frame, Intrinsics, PanelSpec, Rejected
 
 HEIGHT, WIDTH, ROW_US = 6, 8, 100.0
 READOUT_NS = 600_000  # 6 rows
 WAIT_S = 10.0
 LENS = Intrinsics(width=WIDTH, height=HEIGHT, fx=10.0, fy=11.0, cx=3.5, cy=2.5)
-SOURCE = RecordedCamera(
+SOURCE = CameraInfo(
     width=WIDTH,
     height=HEIGHT,
     exposure_us=150.0,

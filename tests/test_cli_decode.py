@@ -18,9 +18,8 @@ import pytest
 
 from ledpi.camera.simulated import SimulatedCamera
 from ledpi.cli import main
-from ledpi.recording import RecordedCamera
 from ledpi.recording_writer import RecordingWriter
-from ledpi.records import Frame, PanelSpec
+from ledpi.records import CameraInfo, Frame, PanelSpec
 from ledpi.simulate.scene import SimulatedSensor
 from ledpi.simulate.scenes import ov5647_lens, still_scene
 
@@ -38,7 +37,7 @@ def write_recording(folder: Path, marker_id: int, *, calibrated: bool = True) ->
     scene = still_scene(sensor, {marker_id: SPEC}, "DICT_4X4_50", distance_m=1.0, angle_deg=20.0)
     camera = SimulatedCamera(scene, seed=1, paced=False, frames=FRAMES)
     values = asdict(camera.info) | {"intrinsics": lens if calibrated else None}
-    with RecordingWriter(folder, camera=RecordedCamera(**values), dictionary="DICT_4X4_50", panel=SPEC) as writer:
+    with RecordingWriter(folder, camera=CameraInfo(**values), dictionary="DICT_4X4_50", panel=SPEC) as writer:
         into = np.empty((480, 640), np.uint8)
         while isinstance(frame := camera.read(into), Frame):
             writer.write(frame, camera.truth(frame.seq))

@@ -26,7 +26,6 @@ from decode_material import (
     word,
 )
 
-from ledpi.camera.base import PanelValues
 from ledpi.config import load_config
 from ledpi.decode.bands import (
     BLACK_BAND,
@@ -48,7 +47,7 @@ from ledpi.markers import load_dictionary
 from ledpi.picture import read_picture
 from ledpi.pipeline import Pipeline
 from ledpi.recording import load_recording
-from ledpi.records import Decoded, Floats, Frame, Intrinsics, PanelSpec, Rejected, Sighting, Transfer
+from ledpi.records import Decoded, Floats, Frame, Intrinsics, PanelSpec, PanelValues, Rejected, Sighting, Transfer
 
 PLACE = square(310.3, 240.6, 150, 4)
 # A dark band at the rim takes its rows off the square: black's are 11.9 rows high, and a corner ends one side of each.

@@ -26,11 +26,10 @@ from decode_material import (
     word,
 )
 
-from ledpi.camera.base import PanelValues
 from ledpi.camera.simulated import SimulatedCamera
 from ledpi.markers import load_dictionary
 from ledpi.pipeline import Pipeline
-from ledpi.records import Decoded, Floats, Frame, Intrinsics, Pixels
+from ledpi.records import Decoded, Floats, Frame, Intrinsics, PanelValues, Pixels
 from ledpi.simulate.scene import Light, Panel, Room, Scene, SimulatedSensor, SquareWave
 from ledpi.simulate.scenes import drive_scene, ov5647_lens
 from ledpi.simulate.trajectory import Gliding, Still, facing_camera

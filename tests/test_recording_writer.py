@@ -12,12 +12,12 @@ import yaml
 
 from ledpi.errors import RecordingError
 from ledpi.picture import read_picture
-from ledpi.recording import RecordedCamera, TruthMarker, load_recording
+from ledpi.recording import TruthMarker, load_recording
 from ledpi.recording_writer import RecordingWriter
-from ledpi.records import Frame, Intrinsics, PanelSpec, Pose
+from ledpi.records import CameraInfo, Frame, Intrinsics, PanelSpec, Pose
 
 LENS = Intrinsics(width=8, height=6, fx=10.5, fy=11.0, cx=3.5, cy=2.5, distortion=(0.1, 0.2, 0.3, 0.4, 0.5))
-CAMERA = RecordedCamera(
+CAMERA = CameraInfo(
     width=8,
     height=6,
     exposure_us=150.0,
@@ -42,7 +42,7 @@ def frame(seq: int, time_ns: int, **changes: object) -> Frame:
     return Frame(pixels=PICTURE + seq, seq=seq, row0_readout_ns=time_ns, **values)  # type: ignore[arg-type]
 
 
-def writer(folder: Path, camera: RecordedCamera = CAMERA) -> RecordingWriter:
+def writer(folder: Path, camera: CameraInfo = CAMERA) -> RecordingWriter:
     return RecordingWriter(folder, camera=camera, dictionary="DICT_5X5_50", panel=PANEL, note="two\nlines")
 
 
@@ -119,7 +119,7 @@ def test_each_frame_is_there_before_the_next(tmp_path: Path) -> None:
 
 def test_an_uncalibrated_camera_writes_no_lens_keys(tmp_path: Path) -> None:
     """What is not known is not in the file, and is not known after reading it."""
-    camera = RecordedCamera(width=8, height=6, exposure_us=150.0, row_time_us=31.75, transfer="linear")
+    camera = CameraInfo(width=8, height=6, exposure_us=150.0, row_time_us=31.75, transfer="linear")
     with writer(tmp_path, camera) as recorder:
         recorder.write(frame(0, 0))
     assert load_recording(tmp_path).camera == camera

@@ -22,15 +22,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ledpi.camera.base import CameraInfo, PanelValues
 from ledpi.camera.simulated import SimulatedCamera, open_simulated
 from ledpi.cli import main
 from ledpi.config import Config, load_config
 from ledpi.daemon import Daemon
 from ledpi.errors import CameraError
-from ledpi.recording import RecordedCamera
 from ledpi.recording_writer import RecordingWriter
-from ledpi.records import Frame, PanelSpec, Pixels
+from ledpi.records import CameraInfo, Frame, PanelSpec, PanelValues, Pixels
 from ledpi.simulate.scene import SimulatedSensor
 from ledpi.simulate.scenes import ov5647_lens, still_scene
 from ledpi.wire import MarkerMessage, Message, NoFix, Receiver, State, StatusMessage
@@ -267,7 +265,7 @@ def write_recording(folder: Path, frames: int, *, calibrated: bool = True) -> No
     scene = still_scene(sensor, {7: SPEC}, "DICT_4X4_50", distance_m=1.0, angle_deg=20.0)
     camera = SimulatedCamera(scene, seed=1, paced=False, frames=frames)
     values = dataclasses.asdict(camera.info) | {"intrinsics": lens if calibrated else None}
-    with RecordingWriter(folder, camera=RecordedCamera(**values), dictionary="DICT_4X4_50", panel=SPEC) as writer:
+    with RecordingWriter(folder, camera=CameraInfo(**values), dictionary="DICT_4X4_50", panel=SPEC) as writer:
         into = np.empty((480, 640), np.uint8)
         while isinstance(frame := camera.read(into), Frame):
             writer.write(frame)

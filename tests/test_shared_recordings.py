@@ -10,7 +10,7 @@ import threading
 import time
 import tty
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 
@@ -18,7 +18,6 @@ import numpy as np
 import pytest
 from decode_material import panel_settings
 
-from ledpi.camera.base import CameraInfo, PanelValues
 from ledpi.picture import read_picture
 from ledpi.pipeline import Pipeline
 from ledpi.recording import TruthMarker, find_recordings, load_recording
@@ -70,10 +69,10 @@ def outcome(folder: Path, *, stream: bool = False) -> Outcome:
         assert recording.truth is not None
         camera = recording.camera
         path = Pipeline(
-            CameraInfo(**asdict(camera) | {"intrinsics": camera.intrinsics}),
+            camera,
             panel_settings(),
             intrinsics=camera.intrinsics,
-            shown=PanelValues(dictionary=recording.dictionary, **asdict(recording.panel)),
+            shown=recording.panel_values,
             stream=stream,
         )
         for entry in recording.frames:

@@ -10,12 +10,11 @@ import numpy as np
 import pytest
 from simulate_material import LENS, SPEC, WORD_7, opencv_pixels, panel, sensor, standing
 
-from ledpi.camera.base import CameraInfo
 from ledpi.cli import main
 from ledpi.config import PanelSettings
 from ledpi.decode.cells import CellSamples, lattice
 from ledpi.pipeline import Pipeline
-from ledpi.records import Floats, Frame, Pixels
+from ledpi.records import CameraInfo, Floats, Frame, Pixels
 from ledpi.simulate.render import Renderer
 from ledpi.simulate.scene import Light, PanelLook, Scene
 from ledpi.snapshot.drawing import AXES

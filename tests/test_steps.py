@@ -17,9 +17,8 @@ from ledpi.config import Method
 from ledpi.decode.evidence import Evidence
 from ledpi.decode.soft import Reading
 from ledpi.pipeline import Pipeline
-from ledpi.recording import RecordedCamera
 from ledpi.recording_writer import RecordingWriter
-from ledpi.records import Floats, Frame, Pixels, Rejected
+from ledpi.records import CameraInfo, Floats, Frame, Pixels, Rejected
 from ledpi.snapshot.drawing import BLACK_CLASS, WHITE_CLASS
 from ledpi.snapshot.page import BORDER, PICTURES_TOP, WIDTH
 from ledpi.snapshot.record import Snapshot, take
@@ -249,7 +248,7 @@ def test_a_pixel_is_where_it_is_placed() -> None:
 
 
 def write_take(folder: Path, frames: int = 2) -> None:
-    camera = RecordedCamera(
+    camera = CameraInfo(
         width=640,
         height=480,
         row_time_us=ROW_TIME_US,

@@ -2,41 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Protocol
 
-from ledpi.records import Frame, Intrinsics, Pixels, Rejected, Transfer
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CameraInfo:
-    """What is known of a camera once it is configured. Fixed until it is closed."""
-
-    width: int
-    height: int
-    exposure_us: float
-    row_time_us: float
-    transfer: Transfer
-    frame_length_rows: int | None = None  # rows in a frame's period, blanking included, where known
-    intrinsics: Intrinsics | None = None  # where the source itself knows (a recording, the simulator)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PanelValues:
-    """What a source knows of the panels that it shows; a recording's own values override the configuration's."""
-
-    dictionary: str
-    side_m: float
-    black_hz: float
-    white_hz: float
-    duty: float
+from ledpi.records import CameraInfo, Frame, PanelValues, Pixels, Rejected
 
 
 class Camera(Protocol):
     """A configured camera. One thread calls `read`; `close` may be called from another, and ends a waiting `read`."""
 
     @property
-    def info(self) -> CameraInfo: ...
+    def info(self) -> CameraInfo:
+        """Fixed until it is closed."""
+        ...
 
     @property
     def panel(self) -> PanelValues | None: ...

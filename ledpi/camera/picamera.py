@@ -18,7 +18,6 @@ from typing import Any
 
 import numpy as np
 
-from ledpi.camera.base import CameraInfo
 from ledpi.camera.capture_settings import (
     MODE,
     check_mode,
@@ -31,7 +30,7 @@ from ledpi.camera.capture_settings import (
 from ledpi.camera.timing import exposure_honoured, frame_duration_us
 from ledpi.config import CameraSettings
 from ledpi.errors import CameraError
-from ledpi.records import Frame, Pixels, Rejected
+from ledpi.records import CameraInfo, Frame, Pixels, Rejected
 
 _SETTLE_FRAMES = 30  # controls act after 2 frames and the first 2 are bad: no agreement by then is a refusal
 _STALL_S = 1.0  # many frame periods

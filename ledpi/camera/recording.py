@@ -7,12 +7,11 @@ import logging
 import threading
 import time
 from collections.abc import Iterator
-from dataclasses import asdict, replace
+from dataclasses import replace
 
-from ledpi.camera.base import CameraInfo, PanelValues
 from ledpi.picture import read_picture
 from ledpi.recording import FrameEntry, Recording
-from ledpi.records import Frame, Pixels, Rejected
+from ledpi.records import CameraInfo, Frame, PanelValues, Pixels, Rejected
 
 # Between the last frame and the first one of the next round the scene jumps, and so do the phases. More than
 # half a second ends every track, as between two takes; so no decoder takes the jump for a motion.
@@ -48,13 +47,12 @@ class RecordingCamera:
     @property
     def info(self) -> CameraInfo:
         """The recording's own values; they override the configuration's."""
-        camera = self._recording.camera
-        return CameraInfo(**(asdict(camera) | {"intrinsics": camera.intrinsics}))
+        return self._recording.camera
 
     @property
     def panel(self) -> PanelValues:
         """The panels that the recording shows."""
-        return PanelValues(dictionary=self._recording.dictionary, **asdict(self._recording.panel))
+        return self._recording.panel_values
 
     def read(self, into: Pixels) -> Frame | Rejected | None:
         """As `Camera.read`."""

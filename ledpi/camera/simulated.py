@@ -7,13 +7,12 @@ import threading
 import time
 from dataclasses import asdict
 
-from ledpi.camera.base import CameraInfo, PanelValues
 from ledpi.camera.factory import panel_frequencies_hz
 from ledpi.camera.timing import choose_frame_length_rows
 from ledpi.config import CameraSettings, Config, PanelSettings
 from ledpi.errors import CameraError, ConfigError
 from ledpi.recording import TruthMarker
-from ledpi.records import Frame, Pixels
+from ledpi.records import CameraInfo, Frame, PanelValues, Pixels
 from ledpi.simulate.render import Renderer
 from ledpi.simulate.scene import OV5647_FRAME_LENGTH_ROWS, OV5647_ROW_TIME_US, Scene, SimulatedSensor
 from ledpi.simulate.scenes import DRIVE_IDS, drive_scene, ov5647_lens, whole_rows_us

@@ -15,10 +15,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from ledpi.camera.base import CameraInfo
 from ledpi.config import CameraSettings
 from ledpi.errors import CameraError
-from ledpi.records import Frame, Pixels, Rejected
+from ledpi.records import CameraInfo, Frame, Pixels, Rejected
 
 _MANUAL_EXPOSURE = 1  # V4L2_EXPOSURE_MANUAL
 _EXPOSURE_UNIT_US = 100  # V4L2_CID_EXPOSURE_ABSOLUTE counts in 100 µs

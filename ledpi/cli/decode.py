@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Callable
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -97,7 +96,6 @@ def _decode_recording(
     name: str, folder: Path, settings: Config, steps: Path | None, *, stream: bool, advance: Callable[[int], None]
 ) -> int:
     """Prints every frame; returns how many pictures could not be read."""
-    from ledpi.camera.base import CameraInfo, PanelValues
     from ledpi.picture import read_picture
     from ledpi.pipeline import Pipeline
     from ledpi.recording import load_recording
@@ -107,10 +105,10 @@ def _decode_recording(
     lens = camera.intrinsics or _intrinsics(settings, camera.width, camera.height)
     try:
         pipeline = Pipeline(
-            CameraInfo(**asdict(camera) | {"intrinsics": camera.intrinsics}),
+            camera,
             settings.panels,
             intrinsics=lens,
-            shown=PanelValues(dictionary=recording.dictionary, **asdict(recording.panel)),
+            shown=recording.panel_values,
             method=settings.decode.method,
             stream=stream,
         )

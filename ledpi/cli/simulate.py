@@ -109,19 +109,15 @@ def _specs(panels: PanelSettings, ids: list[int] | tuple[int, ...]) -> dict[int,
 
 
 def _record(out: Path, scene: Scene, panels: PanelSettings, *, frames: int, seed: int) -> None:
-    from dataclasses import asdict
-
     import numpy as np
 
     from ledpi.camera.simulated import SimulatedCamera
-    from ledpi.recording import RecordedCamera
     from ledpi.recording_writer import RecordingWriter
 
     camera = SimulatedCamera(scene, seed=seed, paced=False, frames=frames)
-    described = RecordedCamera(**(asdict(camera.info) | {"intrinsics": camera.info.intrinsics}))
     pixels = np.empty((camera.info.height, camera.info.width), np.uint8)
     writer = RecordingWriter(
-        out, camera=described, dictionary=panels.dictionary, panel=panels.spec(), note=f"simulated, seed {seed}"
+        out, camera=camera.info, dictionary=panels.dictionary, panel=panels.spec(), note=f"simulated, seed {seed}"
     )
     with writer, progress("simulating", frames) as advance:
         while (frame := camera.read(pixels)) is not None:

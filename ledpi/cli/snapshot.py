@@ -12,9 +12,8 @@ from ledpi.cli.drawn import write_drawn
 from ledpi.errors import CameraError, ConfigError, RecordingError
 
 if TYPE_CHECKING:
-    from ledpi.camera.base import CameraInfo, PanelValues
     from ledpi.config import Config
-    from ledpi.records import Decoded, Frame, Intrinsics, MarkerPose
+    from ledpi.records import CameraInfo, Decoded, Frame, Intrinsics, MarkerPose, PanelValues
 
 FORMATS = (".png", ".jpg")
 UNUSABLE_FRAMES = 30  # in a row, half a second of a camera, after which it is given up

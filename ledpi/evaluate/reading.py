@@ -11,12 +11,11 @@ from typing import Any, Literal, Protocol, get_args
 import cv2
 import numpy as np
 
-from ledpi.camera.base import CameraInfo, PanelValues
 from ledpi.config import PanelSettings
 from ledpi.evaluate.prints import APRILTAG
 from ledpi.pipeline import Pipeline
 from ledpi.pose.planar import solve_square
-from ledpi.records import Floats, Frame, Intrinsics, Pose, Rejected
+from ledpi.records import CameraInfo, Floats, Frame, Intrinsics, PanelValues, Pose, Rejected
 from ledpi.trace import Dropped, Trace
 
 Method = Literal["bands", "soft", "stream", "aruco", "apriltag"]

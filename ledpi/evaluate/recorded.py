@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import asdict
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ledpi.camera.base import CameraInfo, PanelValues
 from ledpi.config import PanelSettings
 from ledpi.errors import ConfigError, RecordingError
 from ledpi.evaluate.conditions import PLAIN
@@ -22,7 +21,7 @@ from ledpi.evaluate.units import STREAM_ROWS
 from ledpi.markers import load_dictionary
 from ledpi.picture import read_picture
 from ledpi.recording import Recording, load_recording
-from ledpi.records import Frame, Intrinsics
+from ledpi.records import CameraInfo, Frame, Intrinsics, PanelValues
 
 _PLACE = ("distance_m", "angle_deg", "exposure_us", "transfer")
 
@@ -53,8 +52,8 @@ def evaluate_recording(
         there = ", ".join(map(str, sorted(in_view))) or "no panel"
         raise ConfigError(f"--id {marker_id}: by its truth.jsonl, {folder} shows {there}")
     camera = recording.camera
-    info = CameraInfo(**asdict(camera) | {"intrinsics": camera.intrinsics or intrinsics})
-    shown = PanelValues(dictionary=recording.dictionary, **asdict(recording.panel))
+    info = replace(camera, intrinsics=camera.intrinsics or intrinsics)
+    shown = recording.panel_values
     readers = partial(_readers, methods, info, shown, panels)
     return {
         "unit": f"{folder.absolute()} {marker_id} {distance_m:g} {angle_deg:g}",

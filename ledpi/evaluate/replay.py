@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from pathlib import Path
 
 from ledpi.config import PanelSettings
 from ledpi.evaluate.conditions import Condition
 from ledpi.evaluate.draw import FRAMES_A_TAKE, draw_take
 from ledpi.evaluate.units import photographed, sensor_info
-from ledpi.recording import RecordedCamera
 from ledpi.recording_writer import RecordingWriter
 from ledpi.simulate.truth import scene_truth
 
@@ -20,7 +18,7 @@ def write_take(out: Path, condition: Condition, panels: PanelSettings, seed: int
     info = sensor_info(take.scene.sensor, take.reported_row_time)
     writer = RecordingWriter(
         out,
-        camera=RecordedCamera(**asdict(info) | {"intrinsics": info.intrinsics}),
+        camera=info,
         dictionary=panels.dictionary,
         panel=panels.spec(),
         note=f"ledpi evaluate, seed {seed}, take {number} of {condition.name}",

@@ -16,7 +16,6 @@ import cv2
 import numpy as np
 
 import ledpi
-from ledpi.camera.base import CameraInfo
 from ledpi.config import PanelSettings
 from ledpi.errors import ConfigError
 from ledpi.evaluate.conditions import Condition
@@ -24,7 +23,7 @@ from ledpi.evaluate.draw import FRAMES_A_TAKE, Take, draw_take
 from ledpi.evaluate.prints import Family, printed_id, printed_scene
 from ledpi.evaluate.reading import PANEL_METHODS, Method, PanelReader, apriltag_reader, aruco_reader
 from ledpi.evaluate.scoring import Expected, Tally
-from ledpi.records import Frame
+from ledpi.records import CameraInfo, Frame
 from ledpi.simulate.render import Renderer
 from ledpi.simulate.scene import Scene, SimulatedSensor
 from ledpi.simulate.truth import scene_truth
