@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 import yaml
 
-import ledpi.cli.calibrate  # noqa: F401  (registers the command)
 from ledpi.calibrate.camera import Board, BoardView, calibrate_camera, find_board
 from ledpi.calibrate.files import write_keeping_old
 from ledpi.camera_yaml import load_intrinsics

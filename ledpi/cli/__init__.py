@@ -26,6 +26,7 @@ def main() -> None:
     """Entry point. A LedpiError is one line on standard error and exit status 2."""
     from ledpi.cli import (  # noqa: F401, each adds its command to `app`
         calibrate,
+        calibrate_camera,
         decode,
         evaluate,
         monitor,
