@@ -15,7 +15,7 @@ from ledpi.decode.cells import MIN_CELL_PX, sample_cells
 from ledpi.decode.edges import approach_quads, refine_quad
 from ledpi.decode.evidence import Evidence
 from ledpi.decode.find import Candidate, Finder
-from ledpi.decode.track import NOT_SHOWN, Track, Tracker, contradicts
+from ledpi.decode.track import NOT_SHOWN, Shown, Track, Tracker, weigh
 from ledpi.markers import corners_of_turned, load_dictionary
 from ledpi.pose.planar import solve_square
 from ledpi.records import (
@@ -37,6 +37,10 @@ from ledpi.trace import Dropped, Look, Trace
 
 SAME_PLACE = Rejected(stage="identify", reason="same_panel_twice")
 SAME_ID = Rejected(stage="identify", reason="same_id_twice")
+# A stream searches the whole picture for newcomers in every third frame, and in each that does not show all its tracks.
+SEARCH_EVERY = 3
+# A frame that confirms what its track shows is not read anew, but for one of four: the margin grows with the frames.
+READ_EVERY = 4
 STAGES: dict[Method, tuple[str, ...]] = {
     "soft": ("find", "edges", "cells", "soft", "pose"),
     "bands": ("bands", "pose"),
@@ -93,6 +97,7 @@ class Pipeline:
         self._readers = [BandsReader(dictionary, ids, spec) for spec, ids in groups] if method == "bands" else []
         self._specs = tuple(spec for spec, _ in groups)
         self._tracker = Tracker(self._specs)
+        self._since_search = 0
 
     @property
     def panels(self) -> PanelSettings:
@@ -123,8 +128,34 @@ class Pipeline:
 
     def _by_soft(self, frame: Frame, work: _Work) -> list[Sighting]:
         """find → edges → track → cells → soft, which is the likeliest word of all cells together."""
+        if not self._stream:
+            self._tracker = Tracker(self._specs)
+        self._tracker.begin(frame.row0_readout_ns)
+        followed = self._where_expected(frame, work)
+        self._since_search += 1
+        if self._since_search >= SEARCH_EVERY or not self._tracker.all_seen():
+            self._since_search = 0
+            followed += self._search(frame, work)
+        return [s for quad, track in followed if (s := self._read(frame, quad, track, work)) is not None]
+
+    def _where_expected(self, frame: Frame, work: _Work) -> list[tuple[Quad, Track]]:
+        """The squares that are where their tracks lead; what is not there is left to a search."""
         start = self._clock()
-        candidates, dropped = self._finder.find(frame)
+        followed = []
+        for track in self._tracker.expected():
+            near = track.expected_px(frame.row0_readout_ns)
+            quad = refine_quad(frame, near, self._intrinsics, striped=self._finder.stripe_rows(frame) > 0)
+            there = self._tracker.go_on(track, quad)
+            if there is not None:
+                followed.append((there, track))
+        self._timed(work, "edges", start)
+        return followed
+
+    def _search(self, frame: Frame, work: _Work) -> list[tuple[Quad, Track]]:
+        """The squares in the whole picture, but for those that this frame has shown already."""
+        start = self._clock()
+        found, dropped = self._finder.find(frame)
+        candidates = [c for c in found if not self._tracker.is_followed(c.centre_px, c.side_px)]
         work.rejected.extend(dropped)
         if work.trace is not None:
             work.trace.candidates.extend(candidates)
@@ -133,15 +164,12 @@ class Pipeline:
             frame,
             np.array([candidate.corners for candidate in candidates]),
             np.array([candidate.tolerance_px for candidate in candidates]),
-            stripe_rows=max((candidate.stripe_rows for candidate in candidates), default=0.0),
+            stripe_rows=self._finder.stripe_rows(frame),
         )
         self._timed(work, "edges", since)
         looks = zip(candidates, near, strict=True)
         quads = [quad for candidate, at in looks if (quad := self._refine(frame, candidate, at, work)) is not None]
-        if not self._stream:
-            self._tracker = Tracker(self._specs)
-        followed = self._tracker.follow(quads, frame.row0_readout_ns)
-        return [s for quad, track in followed if (s := self._read(frame, quad, track, work)) is not None]
+        return self._tracker.follow(quads)
 
     def _by_bands(self, frame: Frame, work: _Work) -> list[Sighting]:
         """The source paper's method, once for each pair of frequencies."""
@@ -189,27 +217,36 @@ class Pipeline:
             work.reject(quad.corners_px, samples)
             return None
         added = [memory.add(samples, frame) for memory in track.memories]
-        if track.shown is not None and contradicts(added[track.shown[0]], track.shown[1]):
-            work.reject(quad.corners_px, NOT_SHOWN)
-            track.forget()
-            for memory in track.memories:
-                memory.add(samples, frame)
-        known = [memory.evidence() for memory in track.memories]
+        shown = track.shown
+        if shown is not None:
+            word = weigh(added[shown.group], shown.reading.cell_bands)
+            if word == "confirmed" and track.frames - shown.at_frame < READ_EVERY:
+                self._timed(work, "soft", since)
+                if work.trace is not None:
+                    known = track.memories[shown.group].evidence()
+                    work.trace.looks.append(Look(quad=quad, samples=samples, evidence=known, reading=shown.reading))
+                return _sighting(quad, shown.reading, frames_used=track.frames)
+            if word == "denied":
+                work.reject(quad.corners_px, NOT_SHOWN)
+                track.forget()
+                for memory in track.memories:
+                    memory.add(samples, frame)
+        evidence = [memory.evidence() for memory in track.memories]
         readings = [
-            soft.decide(evidence, book, self._false_id_rate) if isinstance(evidence, Evidence) else evidence
-            for book, evidence in zip(self._codebooks, known, strict=True)
+            soft.decide(known, book, self._false_id_rate) if isinstance(known, Evidence) else known
+            for book, known in zip(self._codebooks, evidence, strict=True)
         ]
         reading = soft.surest(readings, self._false_id_rate)
         self._timed(work, "soft", since)
         group = _group_of(reading, readings)
         if work.trace is not None:
-            work.trace.looks.append(Look(quad=quad, samples=samples, evidence=known[group], reading=reading))
+            work.trace.looks.append(Look(quad=quad, samples=samples, evidence=evidence[group], reading=reading))
         if isinstance(reading, Rejected):
             work.reject(quad.corners_px, reading)
             track.shown = None
             return None
-        track.shown = (group, reading.cell_bands)
-        return _sighting(quad, reading, frames_used=track.memories[0].frames)
+        track.shown = Shown(group=group, reading=reading, at_frame=track.frames)
+        return _sighting(quad, reading, frames_used=track.frames)
 
     def _place(self, frame: Frame, sighting: Sighting, work: _Work) -> MarkerPose | None:
         centre_row = float(sighting.corners_px[:, 1].mean())

@@ -336,6 +336,56 @@ def test_another_panel_in_a_panels_place_is_not_reported_as_that(corners: Floats
     assert found[25] == [23]
 
 
+def test_a_tracked_panel_is_sought_in_its_neighbourhood() -> None:
+    """Two of three frames that show it where it was expected do not search the picture at all."""
+    path = pipeline(stream=True)
+    decoded = [path.decode(frame_of((NEAR, word(7)), seq=n)) for n in range(10)]
+    searched = [d.stage_ms["find"] > 0 for d in decoded]
+    assert searched == [True, False, False] * 3 + [True]
+    assert [ids(d) for d in decoded] == [[7]] * 10
+
+
+@pytest.mark.parametrize("appears", range(4, 7))
+def test_a_newcomer_is_found_within_three_frames(appears: int) -> None:
+    """While another panel is tracked, whichever frame it comes in."""
+    path = pipeline(stream=True)
+    late = square(500, 150, 90)
+    found = [
+        ids(path.decode(frame_of((NEAR, word(7)), *[(late, word(23))] * (n >= appears), seq=n)))
+        for n in range(appears + 3)
+    ]
+    assert found[appears + 2] == [7, 23]
+
+
+def test_a_panel_that_comes_back_is_found_at_once() -> None:
+    """Something stood in front of it for five frames, while another panel was in view; and it has moved meanwhile."""
+    path = pipeline(stream=True)
+    other, back = square(520, 130, 90), square(250, 300, 95)
+    for n in range(6):
+        path.decode(frame_of((other, word(23)), (NEAR, word(7)), seq=n))
+    assert ids_of(path, [frame_of((other, word(23)), seq=n) for n in range(6, 11)]) == [[23]] * 5
+    assert ids(path.decode(frame_of((other, word(23)), (back, word(7)), seq=11))) == [7, 23]
+
+
+def test_a_lamp_does_not_keep_the_search_going() -> None:
+    """It is no panel, and looked at with every search only, once 16 frames have shown nothing."""
+    canvas = Canvas()
+    canvas.lamp(square(500, 150, 60))
+    lamp = np.array(canvas.light)
+    path = pipeline(stream=True)
+    looks = []
+    for n in range(24):
+        canvas = Canvas()
+        canvas.light = lamp.copy()
+        canvas.panel(NEAR, word(7), start_us=n * PERIOD_US)
+        trace = Trace()
+        frame = dataclasses.replace(canvas.frame(n, seq=n), row0_readout_ns=round(1e9 + 1e3 * n * PERIOD_US))
+        assert ids(path.decode(frame, trace)) == [7]
+        looks.append(len(trace.looks))
+    assert looks[:4] == [2, 2, 2, 2]
+    assert sum(looks[-6:]) == 6 + 2
+
+
 def test_nothing_survives_a_jump_in_time() -> None:
     """The next take of a recording begins anew: its first frame is as if it were the first of all."""
     path = pipeline(stream=True)

@@ -15,7 +15,8 @@ PLACE = square(300, 200, 60)
 
 def follow(tracker: Tracker, number: int, *corners: Floats) -> list[Track]:
     """The track of each square of frame `number`, in the order of the squares."""
-    followed = tracker.follow([quad(c) for c in corners], number * FRAME_NS)
+    tracker.begin(number * FRAME_NS)
+    followed = tracker.follow([quad(c) for c in corners])
     assert len(followed) == len(corners)
     by_place = {tuple(q.corners_px.mean(axis=0).round(6)): track for q, track in followed}
     return [by_place[tuple(c.mean(axis=0).round(6))] for c in corners]
@@ -101,9 +102,11 @@ def test_a_track_is_continued_once(tracker: Tracker) -> None:
 
 def test_corners_keep_the_tracks_order(tracker: Tracker) -> None:
     """A square that turns past 45° is found from another corner on, but its corners stay what they were."""
-    tracker.follow([quad(square(300, 200, 60, 40))], FRAME_NS)
+    tracker.begin(FRAME_NS)
+    tracker.follow([quad(square(300, 200, 60, 40))])
     found = square(300, 200, 60, 50)
-    ((followed, _),) = tracker.follow([quad(np.roll(found, 1, axis=0))], 2 * FRAME_NS)
+    tracker.begin(2 * FRAME_NS)
+    ((followed, _),) = tracker.follow([quad(np.roll(found, 1, axis=0))])
     np.testing.assert_allclose(followed.corners_px, found)
 
 

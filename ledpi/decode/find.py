@@ -36,6 +36,9 @@ MIN_SOLIDITY = 0.8  # area over that of the convex hull
 STRIPED_CONTRAST = 0.5  # bands deeper than this cut a panel into pieces
 
 
+Corners = list[list[float]]  # four of x, y; numbers by numbers, as arrays this small only cost
+
+
 @dataclass(frozen=True, slots=True)
 class Candidate:
     """Where a panel may be."""
@@ -45,6 +48,12 @@ class Candidate:
     misfit: float  # of the outline to the four sides, 0 is perfect
     tolerance_px: float  # how far off the sides may be: 1.5 pixels of the picture that they were found in
     stripe_rows: float  # height of the longest dark band, so deep that parts of its rim may be dark; 0: no such bands
+
+    @property
+    def centre_px(self) -> tuple[float, float]:
+        """Mean of the corners."""
+        x, y = (0.25 * self.corners.sum(axis=0)).tolist()
+        return x, y
 
 
 class Finder:
@@ -67,7 +76,7 @@ class Finder:
         found: list[Candidate] = []
         dropped: list[Rejected] = []
         above: Pixels = frame.pixels
-        stripes = self._stripe_rows(frame)
+        stripes = self.stripe_rows(frame)
         for index, picture in enumerate(self._levels):
             cv2.resize(above, (picture.shape[1], picture.shape[0]), dst=picture, interpolation=cv2.INTER_AREA)
             if index == 0 and frame.transfer == "linear":
@@ -84,7 +93,7 @@ class Finder:
                     dropped.append(result)
         return _distinct(found), dropped
 
-    def _stripe_rows(self, frame: Frame) -> float:
+    def stripe_rows(self, frame: Frame) -> float:
         """Height of the longest dark band that cuts panels into pieces; 0 where the exposure smooths the bands.
 
         Where a black cell stands on a white one, a dark band of either may meet one of the other.
@@ -111,21 +120,24 @@ class Finder:
             if stripe:  # thin bridges to the surroundings, which the closing over dark bands has made
                 cv2.morphologyEx(lit, cv2.MORPH_OPEN, self._melt, dst=lit)
             # Every pixel of an outline, so that its number of points is its length and tells a speck at no cost.
-            found = cv2.findContours(lit, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)[0]
-            outlines.extend(outline for outline in found if len(outline) >= SHORTEST[index])
+            found, tree = cv2.findContours(lit, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+            if found:
+                holes = (tree[0, :, 3] >= 0).tolist()
+                pairs = zip(found, holes, strict=True)
+                outlines.extend(outline for outline, hole in pairs if not hole and len(outline) >= SHORTEST[index])
         return outlines
 
 
 def _candidate(
     outline: Pixels, shape: tuple[int, ...], scale: int, *, stripe_rows: float
 ) -> Candidate | Rejected | None:
-    """A candidate, why it is none, or None for specks and holes."""
+    """A candidate, why it is none, or None for specks."""
     x, y, width, height = cv2.boundingRect(outline)
     if min(width, height) < 3:
         return None
     if x <= 0 or y <= 0 or x + width >= shape[1] or y + height >= shape[0]:
         return AT_BORDER
-    area = -cv2.contourArea(outline, True)  # OpenCV runs round what is lit the other way than round a hole in it
+    area = cv2.contourArea(outline)
     if area < 0.25 * width * height:
         return None
     hull = cv2.convexHull(outline)
@@ -134,15 +146,16 @@ def _candidate(
     corners = _four_sides(hull, math.sqrt(area))
     if corners is None:
         return NOT_FOUR_SIDED
-    quad_area = cv2.contourArea(corners.astype(np.float32))
+    quad_area = 0.5 * abs(_twice_area(corners))
     misfit = abs(math.log(max(quad_area, 1e-3) / area))
     if misfit > (MAX_MISFIT_STRIPED if stripe_rows else MAX_MISFIT) + PIXEL_MISFIT / math.sqrt(area):
         return NOT_FOUR_SIDED
     # An outline runs through the centres of the outermost lit pixels: half a pixel inside the edge.
-    centre = corners.mean(axis=0)
-    grown = centre + (corners - centre) * (1.0 + 1.0 / max(2.0, math.sqrt(quad_area)))
+    growth = 1.0 + 1.0 / max(2.0, math.sqrt(quad_area))
+    middle_x, middle_y = (0.25 * sum(corner[axis] for corner in corners) for axis in (0, 1))
+    grown = [[middle_x + (x - middle_x) * growth, middle_y + (y - middle_y) * growth] for x, y in corners]
     return Candidate(
-        corners=_clockwise(np.asarray((grown + 0.5) * scale - 0.5, np.float64)),
+        corners=(_clockwise(grown) + 0.5) * scale - 0.5,
         side_px=(math.sqrt(quad_area) + 1.0) * scale,
         misfit=misfit,
         tolerance_px=1.5 * scale,
@@ -150,34 +163,39 @@ def _candidate(
     )
 
 
-def _four_sides(hull: Pixels, size: float) -> Floats | None:
-    """(4, 2) corners of the four-sided polygon nearest to the hull: ever coarser, else the smallest box around it."""
+def _four_sides(hull: Pixels, size: float) -> Corners | None:
+    """The corners of the four-sided polygon nearest to the hull: ever coarser, else the smallest box around it."""
     for tolerance in (0.1, 0.15, 0.2, 0.3, 0.4):
         polygon = cv2.approxPolyDP(hull, tolerance * size, True)
         if len(polygon) <= 4:
             break
     if len(polygon) == 4:
-        corners = np.asarray(polygon.reshape(4, 2), np.float64)
-        sides = corners - np.roll(corners, 1, axis=0)
+        corners: Corners = polygon[:, 0].tolist()
+        shortest = min(math.dist(corners[k], corners[k - 1]) for k in range(4))
         # With a side this short it is a triangle with a corner cut off.
-        return corners if float(np.hypot(sides[:, 0], sides[:, 1]).min()) > MIN_SIDE * size else None
-    box: Floats = cv2.boxPoints(cv2.minAreaRect(hull))
+        return corners if shortest > MIN_SIDE * size else None
+    box: Corners = cv2.boxPoints(cv2.minAreaRect(hull)).tolist()
     return box
 
 
-def _clockwise(corners: Floats) -> Floats:
-    """Clockwise as seen in the picture, first the corner nearest the top left."""
-    (x0, y0), (x1, y1), (x2, y2), (x3, y3) = corners.tolist()
-    order = [0, 1, 2, 3] if (x2 - x0) * (y3 - y1) > (x3 - x1) * (y2 - y0) else [3, 2, 1, 0]
-    nearest = min(range(4), key=lambda i: float(corners[order[i]].sum()))
-    return corners[order[nearest:] + order[:nearest]]
+def _twice_area(corners: Corners) -> float:
+    """Positive where the corners run clockwise in the picture."""
+    (x0, y0), (x1, y1), (x2, y2), (x3, y3) = corners
+    return (x2 - x0) * (y3 - y1) - (x3 - x1) * (y2 - y0)
+
+
+def _clockwise(corners: Corners) -> Floats:
+    """(4, 2) clockwise as seen in the picture, first the corner nearest the top left."""
+    order = [0, 1, 2, 3] if _twice_area(corners) > 0 else [3, 2, 1, 0]
+    nearest = min(range(4), key=lambda i: sum(corners[order[i]]))
+    return np.array([corners[i] for i in order[nearest:] + order[:nearest]], np.float64)
 
 
 def _distinct(found: list[Candidate]) -> list[Candidate]:
     """One candidate of each thing, the one whose outline fits best."""
     kept: list[tuple[float, float, Candidate]] = []
     for candidate in sorted(found, key=lambda c: c.misfit + BLUR_MISFIT * c.tolerance_px):
-        x, y = (0.25 * candidate.corners.sum(axis=0)).tolist()
+        x, y = candidate.centre_px
         for other_x, other_y, other in kept:
             larger, smaller = max(candidate.side_px, other.side_px), min(candidate.side_px, other.side_px)
             if math.hypot(x - other_x, y - other_y) < 0.25 * larger and smaller > 0.7 * larger:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
 from ledpi.decode.evidence import Doubles, Evidence
 from ledpi.decode.memory import PanelMemory
+from ledpi.decode.soft import Reading
 from ledpi.records import Floats, PanelSpec, Quad, Rejected
 
 NOT_SHOWN = Rejected(stage="track", reason="not_shown")
@@ -17,6 +19,11 @@ MAX_GAP_NS = 500_000_000  # tracks do not survive a longer one (the recording fo
 # Between two frames a square's centre may miss its prediction by this share of its side, and its side may change by the
 # other.
 MAX_SHIFT, MAX_GROWTH = 0.35, 1.25
+# How much of a corner's velocity the last step alone decides: the noise of two corners weighs on it, but a robot that
+# brakes changes it by a tenth from frame to frame.
+NEW_VELOCITY = 0.7
+# A square that has not been read in so many frames is a lamp or a window: it is looked at when all is searched anyway.
+OLD_FRAMES = 16
 # A frame that is e^DOUBT times likelier without a panel's bands than with them does not show the panel. One that does
 # show it looks so in less than 1 of 1,000, however much or little a frame can tell: with E = bands·information·bands/2,
 # the log-likelihood ratio is normal with mean E and variance 2E, so (E + DOUBT)/√(2E) is at least √(2·DOUBT) = 3.2.
@@ -26,41 +33,104 @@ DOUBT = 5.0
 # The rest is for bands that are not known exactly yet.
 OTHER_CELLS = 16.0
 
+Word = Literal["denied", "confirmed", "open"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Shown:
+    """What a track was read as last."""
+
+    group: int  # which pair of frequencies, of those that panels may have
+    reading: Reading
+    at_frame: int  # of the track's memory
+
 
 @dataclass(slots=True)
 class Track:
     """One lit square over time. Changed by `Tracker` and by the path, frame by frame."""
 
     corners_px: Floats  # (4, 2) as last seen, in the order of the first frame
-    velocity_px_s: Floats  # (2,) of the centre
+    velocity_px_s: Floats | None  # (4, 2), None where it was seen once
     seen_ns: int  # row 0's read-out of the frame
     memories: tuple[PanelMemory, ...]  # one for each pair of frequencies
-    shown: tuple[int, Doubles] | None = None  # which memory read a word last, and the (cells, 4) bands of that word
+    shown: Shown | None = None
+
+    @property
+    def frames(self) -> int:
+        """How many have shown it."""
+        return self.memories[0].frames
 
     def forget(self) -> None:
         """What was seen here was something else."""
         self.memories = tuple(PanelMemory(memory.spec) for memory in self.memories)
         self.shown = None
 
+    def expected_px(self, now_ns: int) -> Floats:
+        """(4, 2) where the corners should be now."""
+        if self.velocity_px_s is None:
+            return self.corners_px
+        expected: Floats = self.corners_px + self.velocity_px_s * ((now_ns - self.seen_ns) * 1e-9)
+        return expected
+
+    def go_on(self, quad: Quad, now_ns: int) -> Quad:
+        """Takes in where the square is now. Returns it with its corners in the track's order."""
+        quad = _in_order_of(quad, self)
+        step = (quad.corners_px - self.corners_px) / ((now_ns - self.seen_ns) * 1e-9)
+        before = self.velocity_px_s
+        self.velocity_px_s = step if before is None else before + NEW_VELOCITY * (step - before)
+        self.corners_px, self.seen_ns = quad.corners_px, now_ns
+        return quad
+
 
 class Tracker:
-    """The tracks of one stream."""
+    """The tracks of one stream. `begin` each frame, then let tracks go on, then `follow` what else is seen."""
 
     def __init__(self, specs: tuple[PanelSpec, ...]) -> None:
         self._specs = specs
         self._tracks: list[Track] = []
+        self._before_ns = self._now_ns = 0
 
-    def follow(self, quads: list[Quad], now_ns: int) -> list[tuple[Quad, Track]]:
+    def begin(self, now_ns: int) -> None:
+        """A new frame. Tracks not seen for MAX_GAP_NS end, and all do where time does not advance."""
+        self._tracks = [t for t in self._tracks if 0 < now_ns - t.seen_ns <= MAX_GAP_NS]
+        self._before_ns, self._now_ns = self._now_ns, now_ns
+
+    def expected(self) -> list[Track]:
+        """The tracks that this frame should show near by: those the last one showed, but for old ones of no panel."""
+        return [t for t in self._tracks if t.seen_ns == self._before_ns and (t.shown or t.frames < OLD_FRAMES)]
+
+    def go_on(self, track: Track, quad: Quad | Rejected) -> Quad | None:
+        """The square that was sought where `track` is expected, if it can be the track's; in the track's order."""
+        if isinstance(quad, Rejected) or _distance(quad, track, self._now_ns) is None:
+            return None
+        return track.go_on(quad, self._now_ns)
+
+    def all_seen(self) -> bool:
+        """Whether this frame has shown the square of every panel that was read, and there are any."""
+        panels = [t for t in self._tracks if t.shown is not None]
+        return bool(panels) and all(t.seen_ns == self._now_ns for t in panels)
+
+    def is_followed(self, centre_px: tuple[float, float], side_px: float) -> bool:
+        """Whether a candidate is a square that this frame has already shown."""
+        for track in self._tracks:
+            if track.seen_ns == self._now_ns:
+                side, (x, y) = _side(track.corners_px), track.corners_px.mean(axis=0).tolist()
+                away = math.hypot(centre_px[0] - x, centre_px[1] - y)
+                if away < MAX_SHIFT * side and 1 / MAX_GROWTH < side_px / side < MAX_GROWTH:
+                    return True
+        return False
+
+    def follow(self, quads: list[Quad]) -> list[tuple[Quad, Track]]:
         """Each quad with the track that it continues, or begins; its corners in the track's order.
 
-        The nearest pair first, and none twice, so that neighbours do not swap. Tracks not seen for MAX_GAP_NS end.
+        The nearest pair first, and none twice, so that neighbours do not swap.
         """
-        self._tracks = [t for t in self._tracks if 0 < now_ns - t.seen_ns <= MAX_GAP_NS]
+        unseen = [t for t in self._tracks if t.seen_ns != self._now_ns]
         pairs = [
             (distance, i, j)
             for i, quad in enumerate(quads)
-            for j, track in enumerate(self._tracks)
-            if (distance := _distance(quad, track, now_ns)) is not None
+            for j, track in enumerate(unseen)
+            if (distance := _distance(quad, track, self._now_ns)) is not None
         ]
         partner: dict[int, int] = {}
         for _, i, j in sorted(pairs):
@@ -69,34 +139,45 @@ class Tracker:
         followed = []
         for i, quad in enumerate(quads):
             if i in partner:
-                track = self._tracks[partner[i]]
-                quad = _in_order_of(quad, track)
-                moved = quad.corners_px.mean(axis=0) - track.corners_px.mean(axis=0)
-                track.velocity_px_s = moved / ((now_ns - track.seen_ns) * 1e-9)
-                track.corners_px, track.seen_ns = quad.corners_px, now_ns
+                track = unseen[partner[i]]
+                quad = track.go_on(quad, self._now_ns)
             else:
-                track = Track(quad.corners_px, np.zeros(2), now_ns, tuple(PanelMemory(s) for s in self._specs))
+                track = Track(quad.corners_px, None, self._now_ns, tuple(PanelMemory(s) for s in self._specs))
                 self._tracks.append(track)
             followed.append((quad, track))
         return followed
 
 
-def contradicts(added: Evidence | None, shown: Doubles) -> bool:
-    """Whether a frame denies bands (cells, 4) that the frames before it have shown: none, or in other cells."""
+def weigh(added: Evidence | None, shown: Doubles) -> Word:
+    """What a frame by itself says of bands (cells, 4) that the frames before it have shown.
+
+    "denied": there are none, or in other cells; "confirmed": there they are; "open": it cannot tell.
+    """
     if added is None:
-        return False
-    left = added.score - np.einsum("cidj,dj->ci", added.information, shown)
-    likelihood = 0.5 * float((shown * (added.score + left)).sum())  # shown·score − shown·information·shown/2
-    if likelihood < -DOUBT:
-        return True
+        return "open"
+    likelihood, left = _likelihood(added, shown)
+    if likelihood < -DOUBT or _other_cells(added, left, shown) > OTHER_CELLS:
+        return "denied"
+    return "confirmed" if likelihood > DOUBT else "open"
+
+
+def _likelihood(added: Evidence, shown: Doubles) -> tuple[float, Doubles]:
+    """Log-likelihood ratio of a frame with these bands to one without any; and the score (cells, 4) they leave."""
+    explained = np.tensordot(added.information, shown, axes=((2, 3), (0, 1)))
+    return float((shown * (added.score - 0.5 * explained)).sum()), added.score - explained
+
+
+def _other_cells(added: Evidence, left: Doubles, shown: Doubles) -> float:
+    """By how much log-likelihood cells would rather be of the other class, all together."""
     black, white = shown[:, :2].any(axis=1), shown[:, 2:].any(axis=1)
     if not (black.any() and white.any()):
-        return False
+        return 0.0
     bands = np.concatenate([shown[black][0, :2], shown[white][0, 2:]])
     change = np.where(shown != 0, 0.0, bands) - shown  # of a cell that changes its class
-    own = np.einsum("cicj->cij", added.information)
+    each = np.arange(len(shown))
+    own = added.information[each, :, each, :]
     gain = (change * left).sum(axis=1) - 0.5 * np.einsum("ci,cij,cj->c", change, own, change)
-    return float(np.maximum(gain, 0.0).sum()) > OTHER_CELLS
+    return float(np.maximum(gain, 0.0).sum())
 
 
 def _side(corners: Floats) -> float:
@@ -107,8 +188,7 @@ def _side(corners: Floats) -> float:
 def _distance(quad: Quad, track: Track, now_ns: int) -> float | None:
     """How far a quad is from where a track is expected, in sides; None where it cannot be the same."""
     side = _side(quad.corners_px)
-    expected = track.corners_px.mean(axis=0) + track.velocity_px_s * ((now_ns - track.seen_ns) * 1e-9)
-    away = quad.corners_px.mean(axis=0) - expected
+    away = quad.corners_px.mean(axis=0) - track.expected_px(now_ns).mean(axis=0)
     distance = math.hypot(away[0], away[1]) / side
     growth = side / _side(track.corners_px)
     return distance if distance < MAX_SHIFT and 1 / MAX_GROWTH < growth < MAX_GROWTH else None
