@@ -32,6 +32,7 @@ from ledpi.records import (
     Sighting,
     read_only,
 )
+from ledpi.row_clock import MIN_DEVIATION, RowClock
 from ledpi.shutter import row_mid_exposure_ns
 from ledpi.trace import Dropped, Look, Trace
 
@@ -98,6 +99,7 @@ class Pipeline:
         self._specs = tuple(spec for spec, _ in groups)
         self._tracker = Tracker(self._specs)
         self._since_search = 0
+        self._row_clock = RowClock(camera)
 
     @property
     def panels(self) -> PanelSettings:
@@ -110,6 +112,7 @@ class Pipeline:
         `trace` takes in what each step made of the frame, and each candidate that was dropped; what `find` itself drops
         has no corners yet, and is only counted.
         """
+        frame = self._with_true_row_time(frame)
         work = _Work(dict.fromkeys(STAGES[self._method], 0.0), trace)
         read = self._by_soft if self._method == "soft" else self._by_bands
         sightings = _one_of_each(read(frame, work), work)
@@ -125,6 +128,16 @@ class Pipeline:
             rejected=tuple(work.rejected),
             stage_ms={stage: 1e3 * seconds for stage, seconds in work.seconds.items()},
         )
+
+    def _with_true_row_time(self, frame: Frame) -> Frame:
+        """The frame, corrected where the stream's own times say that the driver misreports its row time."""
+        if not self._stream:
+            return frame
+        before = self._row_clock.ratio
+        self._row_clock.add(frame.seq, frame.row0_readout_ns)
+        if abs(self._row_clock.ratio - before) > MIN_DEVIATION:  # what was seen so far was seen in the wrong bands
+            self._tracker = Tracker(self._specs)
+        return self._row_clock.corrected(frame)
 
     def _by_soft(self, frame: Frame, work: _Work) -> list[Sighting]:
         """find → edges → track → cells → soft, which is the likeliest word of all cells together."""

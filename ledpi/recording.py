@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 
@@ -28,6 +28,7 @@ from ledpi.recording_format import (
     read_lines,
 )
 from ledpi.records import CameraInfo, Floats, Frame, Intrinsics, PanelSpec, PanelValues, Pixels, Pose, read_only
+from ledpi.row_clock import RowClock
 
 _LENS_KEYS = ("fx", "fy", "cx", "cy", "distortion")
 
@@ -63,6 +64,7 @@ class Recording:
     panel: PanelSpec
     frames: tuple[FrameEntry, ...]  # at least one; seq and time strictly increasing
     truth: Mapping[int, tuple[TruthMarker, ...]] | None  # by seq
+    row_time_ratio: float = 1.0  # of `camera` and `frames`, corrected, over what the files say: 1 unless they misreport
 
     @property
     def panel_values(self) -> PanelValues:
@@ -111,14 +113,21 @@ def load_recording(folder: Path) -> Recording:
         panel = PanelSpec(**header.panel.model_dump(exclude={"dictionary"}))
     except ValueError as error:
         raise RecordingError(f"{path}: panel: {error}") from None
-    frames = _load_frames(folder)
+    camera, frames = _camera_info(header.camera, path), _load_frames(folder)
+    clock = RowClock(camera)
+    for entry in frames:
+        clock.add(entry.seq, entry.row0_readout_ns)
+    if clock.ratio != 1.0:
+        camera = clock.corrected(camera)
+        frames = tuple(replace(entry, exposure_us=entry.exposure_us * clock.ratio) for entry in frames)
     return Recording(
         folder=folder,
-        camera=_camera_info(header.camera, path),
+        camera=camera,
         dictionary=header.panel.dictionary,
         panel=panel,
         frames=frames,
         truth=_load_truth(folder / TRUTH_FILE, {entry.seq for entry in frames}),
+        row_time_ratio=clock.ratio,
     )
 
 

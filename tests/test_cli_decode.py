@@ -26,7 +26,7 @@ from ledpi.simulate.scenes import ov5647_lens, still_scene
 ROOT = Path(__file__).resolve().parents[1]
 COMMAND = [sys.executable, "-c", "from ledpi.cli import main; main()", "decode"]
 SPEC = PanelSpec(side_m=0.16, black_hz=1250.0, white_hz=2450.0)
-FRAMES = 3
+FRAMES = 4
 TIME_OF_LINE_2 = round(1e9 + 504 * 33.67e3)
 
 
@@ -118,8 +118,8 @@ def test_a_stream_remembers_and_single_frames_do_not(ledpi: Run, kept: Path) -> 
     """`frames_used` grows from frame to frame; with --single-frame each frame is alone."""
     _, stream, _ = ledpi(kept / "one")
     _, alone, _ = ledpi("--single-frame", kept / "one")
-    assert [frame["markers"][0]["frames_used"] for frame in lines(stream)] == [1, 2, 3]
-    assert [frame["markers"][0]["frames_used"] for frame in lines(alone)] == [1, 1, 1]
+    assert [frame["markers"][0]["frames_used"] for frame in lines(stream)] == [1, 2, 3, 4]
+    assert [frame["markers"][0]["frames_used"] for frame in lines(alone)] == [1, 1, 1, 1]
 
 
 def test_a_folder_of_recordings_is_decoded_whole(ledpi: Run, kept: Path) -> None:
@@ -168,6 +168,17 @@ def test_pictures_use_the_configured_lens(ledpi: Run, kept: Path, tmp_path: Path
     np.testing.assert_allclose(lines(output)[0]["markers"][0]["position_m"], [0, 0, 1], atol=0.05)
 
 
+def test_a_misreported_row_time_is_corrected_and_told(ledpi: Run, take: Path) -> None:
+    """The driver says 35.69 µs and 10.56 ms, 6 % too much; the frames' intervals know better."""
+    header, frames = take / "recording.yaml", take / "frames.jsonl"
+    header.write_text(header.read_text().replace("33.67", "35.69").replace("9966.32", "10564.3"))
+    frames.write_text(frames.read_text().replace("9966.32", "10564.3"))
+    status, output, said = ledpi("--single-frame", take)
+    assert status == 0
+    assert [[marker["id"] for marker in frame["markers"]] for frame in lines(output)] == [[7]] * FRAMES
+    assert "a row takes 33.67 µs, not 35.69 µs as reported" in said
+
+
 def test_a_broken_picture_is_named_and_the_others_are_decoded(take: Path) -> None:
     """As a command of its own: its line says why there is nothing, standard error names the file, status 2."""
     picture = take / "frames" / "000001.png"
@@ -178,7 +189,7 @@ def test_a_broken_picture_is_named_and_the_others_are_decoded(take: Path) -> Non
     assert str(picture) in line
     assert "ends after 5000 bytes" in line
     frames = lines(done.stdout)
-    assert [[marker["id"] for marker in frame["markers"]] for frame in frames] == [[7], [], [7]]
+    assert [[marker["id"] for marker in frame["markers"]] for frame in frames] == [[7], [], [7], [7]]
     assert frames[1]["rejected"] == {"capture.truncated": 1}
 
 

@@ -20,6 +20,7 @@ PURE = [
     "ledpi.shutter",
     "ledpi.geometry",
     "ledpi.records",
+    "ledpi.row_clock",
     "ledpi.wire.message",
 ]
 IMPURE_MODULES = {

@@ -99,9 +99,12 @@ def _decode_recording(
     from ledpi.picture import read_picture
     from ledpi.pipeline import Pipeline
     from ledpi.recording import load_recording
+    from ledpi.row_clock import row_time_note
 
     recording = load_recording(folder)
     camera = recording.camera
+    if recording.row_time_ratio != 1.0:
+        print(f"ledpi: {folder}: {row_time_note(camera.row_time_us, recording.row_time_ratio)}", file=sys.stderr)
     lens = camera.intrinsics or _intrinsics(settings, camera.width, camera.height)
     try:
         pipeline = Pipeline(

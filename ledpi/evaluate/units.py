@@ -24,6 +24,7 @@ from ledpi.evaluate.prints import Family, printed_id, printed_scene
 from ledpi.evaluate.reading import PANEL_METHODS, Method, PanelReader, apriltag_reader, aruco_reader
 from ledpi.evaluate.scoring import Expected, Tally
 from ledpi.records import CameraInfo, Frame
+from ledpi.row_clock import MIN_INTERVALS, RowClock
 from ledpi.simulate.render import Renderer
 from ledpi.simulate.scene import Scene, SimulatedSensor
 from ledpi.simulate.truth import scene_truth
@@ -117,12 +118,13 @@ def _read_prints(take: Take, number: int, unit: Unit, family: Family, tally: Tal
 
 
 def photographed(take: Take, scene: Scene, frames: int) -> Iterator[Frame]:
-    """The first frames of a take, with what the driver says of them."""
+    """The first frames of a take, with what the driver says of them, as corrected from the times of the others."""
     sensor, renderer = scene.sensor, Renderer(scene, seed=take.seed)
+    clock = row_clock(sensor, take.reported_row_time)
     for seq in range(frames):
         pixels = np.empty((sensor.intrinsics.height, sensor.intrinsics.width), np.uint8)
         renderer.render(seq, pixels)
-        yield Frame(
+        frame = Frame(
             pixels=pixels,
             seq=seq,
             row0_readout_ns=sensor.row0_readout_ns(seq),
@@ -131,9 +133,23 @@ def photographed(take: Take, scene: Scene, frames: int) -> Iterator[Frame]:
             transfer=sensor.transfer,
             analogue_gain=sensor.gain,
         )
+        yield clock.corrected(frame)
+
+
+def row_clock(sensor: SimulatedSensor, reported_row_time: float) -> RowClock:
+    """What the frames of a camera that has run for a while tell of its row time."""
+    clock = RowClock(reported_info(sensor, reported_row_time))
+    for seq in range(MIN_INTERVALS + 1):
+        clock.add(seq, sensor.row0_readout_ns(seq))
+    return clock
 
 
 def sensor_info(sensor: SimulatedSensor, reported_row_time: float) -> CameraInfo:
+    """The camera as a daemon knows it that has run for a while."""
+    return row_clock(sensor, reported_row_time).corrected(reported_info(sensor, reported_row_time))
+
+
+def reported_info(sensor: SimulatedSensor, reported_row_time: float) -> CameraInfo:
     """What the driver says of the camera."""
     return CameraInfo(
         width=sensor.intrinsics.width,
