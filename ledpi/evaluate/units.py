@@ -24,7 +24,7 @@ from ledpi.evaluate.prints import Family, printed_id, printed_scene
 from ledpi.evaluate.reading import PANEL_METHODS, Method, PanelReader, apriltag_reader, aruco_reader
 from ledpi.evaluate.scoring import Expected, Tally
 from ledpi.records import CameraInfo, Frame
-from ledpi.row_clock import MIN_INTERVALS, RowClock
+from ledpi.row_clock import RowClock
 from ledpi.simulate.render import Renderer
 from ledpi.simulate.scene import Scene, SimulatedSensor
 from ledpi.simulate.truth import scene_truth
@@ -93,14 +93,18 @@ def run_unit(unit: Unit) -> dict[str, Any]:
 
 def _read_panels(take: Take, number: int, unit: Unit, rows: dict[Row, Tally]) -> None:
     """Methods that keep nothing read one frame of a take: the others show the same. Of decoys they read all."""
-    panels, info = unit.panels, sensor_info(take.scene.sensor, take.reported_row_time)
-    readers = {m: PanelReader(m, info, panels) for m in PANEL_METHODS if m in unit.methods}
+    sensor, panels = take.scene.sensor, unit.panels
+    info = sensor_info(sensor, take.reported_row_time)
+    clock = RowClock(info)  # of a camera that has run for a while: what its frames' times tell is known
+    for seq in range(FRAMES_A_TAKE):
+        clock.add(seq, sensor.row0_readout_ns(seq))
+    readers = {m: PanelReader(m, clock.corrected(info), panels) for m in PANEL_METHODS if m in unit.methods}
     alone = 1 if unit.condition.suite != "decoys" else FRAMES_A_TAKE
     for index, frame in enumerate(photographed(take, take.scene, FRAMES_A_TAKE if "stream" in readers else alone)):
         expected = [Expected.of(truth) for truth in scene_truth(take.scene, frame.seq)]
         for method, reader in readers.items():
             if method == "stream" or index < alone:
-                read = reader.read(frame)
+                read = reader.read(clock.corrected(frame))
                 for row in unit.rows_of(method):
                     if index in STREAM_ROWS.get(row, range(FRAMES_A_TAKE)):
                         rows[row].add(read, expected, f"take {number}, frame {frame.seq}")
@@ -118,13 +122,12 @@ def _read_prints(take: Take, number: int, unit: Unit, family: Family, tally: Tal
 
 
 def photographed(take: Take, scene: Scene, frames: int) -> Iterator[Frame]:
-    """The first frames of a take, with what the driver says of them, as corrected from the times of the others."""
+    """The first frames of a take, with what the driver says of them."""
     sensor, renderer = scene.sensor, Renderer(scene, seed=take.seed)
-    clock = row_clock(sensor, take.reported_row_time)
     for seq in range(frames):
         pixels = np.empty((sensor.intrinsics.height, sensor.intrinsics.width), np.uint8)
         renderer.render(seq, pixels)
-        frame = Frame(
+        yield Frame(
             pixels=pixels,
             seq=seq,
             row0_readout_ns=sensor.row0_readout_ns(seq),
@@ -133,23 +136,9 @@ def photographed(take: Take, scene: Scene, frames: int) -> Iterator[Frame]:
             transfer=sensor.transfer,
             analogue_gain=sensor.gain,
         )
-        yield clock.corrected(frame)
-
-
-def row_clock(sensor: SimulatedSensor, reported_row_time: float) -> RowClock:
-    """What the frames of a camera that has run for a while tell of its row time."""
-    clock = RowClock(reported_info(sensor, reported_row_time))
-    for seq in range(MIN_INTERVALS + 1):
-        clock.add(seq, sensor.row0_readout_ns(seq))
-    return clock
 
 
 def sensor_info(sensor: SimulatedSensor, reported_row_time: float) -> CameraInfo:
-    """The camera as a daemon knows it that has run for a while."""
-    return row_clock(sensor, reported_row_time).corrected(reported_info(sensor, reported_row_time))
-
-
-def reported_info(sensor: SimulatedSensor, reported_row_time: float) -> CameraInfo:
     """What the driver says of the camera."""
     return CameraInfo(
         width=sensor.intrinsics.width,
