@@ -30,6 +30,8 @@ def main() -> None:
         decode,
         evaluate,
         monitor,
+        panel,
+        panel_firmware,
         run,
         simulate,
         snapshot,

@@ -1,0 +1,38 @@
+/* Panel driver with two outputs, for an ATmega328P at 16 MHz (Arduino Uno, Nano).
+ *
+ *   D9  (PB1, OC1A)   all cells of class black
+ *   D10 (PB2, OC1B)   all cells of class white
+ *
+ * Timer1 counts clock cycles, round and round. Whenever it equals OCR1A, the hardware itself toggles OC1A; the interrupt
+ * only says where the next edge is to be: half a period on. It may come late by almost that half period, and the edge is
+ * still exact to the cycle. The same with OCR1B and OC1B: two frequencies that know nothing of each other.
+ */
+#include <avr/interrupt.h>
+#include <avr/io.h>
+#include <avr/sleep.h>
+
+#include "settings.h"
+
+ISR(TIMER1_COMPA_vect)
+{
+    OCR1A += BLACK_HALF_PERIOD_CYCLES;
+}
+
+ISR(TIMER1_COMPB_vect)
+{
+    OCR1B += WHITE_HALF_PERIOD_CYCLES;
+}
+
+int main(void)
+{
+    DDRB = _BV(DDB1) | _BV(DDB2);
+    OCR1A = BLACK_HALF_PERIOD_CYCLES;
+    OCR1B = WHITE_HALF_PERIOD_CYCLES;
+    TCCR1A = _BV(COM1A0) | _BV(COM1B0); /* a match toggles the pin; WGM 0: count to 65535 and on */
+    TIMSK1 = _BV(OCIE1A) | _BV(OCIE1B);
+    TCCR1B = _BV(CS10); /* undivided clock: now it runs */
+    set_sleep_mode(SLEEP_MODE_IDLE);
+    sei();
+    for (;;)
+        sleep_mode();
+}

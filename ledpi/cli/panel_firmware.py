@@ -1,0 +1,78 @@
+"""`ledpi panel firmware`: the driver's program for one panel, ready to flash."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+from ledpi.cli.panel import panel
+from ledpi.errors import ConfigError
+from ledpi.panel.firmware import Build
+
+if TYPE_CHECKING:
+    from ledpi.panel.firmware import Firmware
+
+
+@panel.command()
+def firmware(
+    id_: int = typer.Option(..., "--id", help="ID that the panel shows."),
+    out: Path = typer.Option(..., "--out", metavar="FOLDER", help="Folder for the sources: new, or empty."),
+    black: float | None = typer.Option(None, "--black", metavar="HZ", help="Default: panels.black_hz."),
+    white: float | None = typer.Option(None, "--white", metavar="HZ", help="Default: panels.white_hz."),
+    build: Build = typer.Option(
+        Build.TWO_OUTPUTS, help="two-outputs: one for each class. sixteen-cells: one a cell, ID over serial."
+    ),
+    config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
+    set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
+) -> None:
+    """The driver's firmware for an ATmega328P (Arduino Uno, Nano): sources, and where avr-gcc is here, the .hex.
+
+    Dictionary and exposure are the configuration's. A frequency that the timer cannot make to 100 ppm is refused, and
+    so is one whose bands the exposure would average away.
+
+    Example: ledpi panel firmware --id 7 --black 1250 --white 2450 --out panel7
+    """
+    from ledpi.panel.firmware import build_firmware, missing_tools, write_firmware
+    from ledpi.panel.firmware_readme import readme_text
+
+    planned = _plan(id_, black, white, build, config, set_)
+    write_firmware(planned, readme_text(planned), out)
+    for name, half in (("black", planned.black), ("white", planned.white)):
+        typer.echo(f"{name}  {half.cycles} cycles  {half.frequency_hz:.4f} Hz  {half.error_ppm:+.1f} ppm")
+    missing = missing_tools()
+    if missing:
+        typer.echo(
+            f"{out}: sources; no .hex, as there is no {', '.join(missing)} here "
+            f"(Debian: apt install gcc-avr avr-libc make; then make -C {out})"
+        )
+    else:
+        typer.echo(f"{build_firmware(out)}; what to wire and how to flash it: {out / 'README.md'}")
+
+
+def _plan(
+    marker_id: int, black: float | None, white: float | None, build: Build, file: Path | None, overrides: list[str]
+) -> Firmware:
+    from ledpi.config import find_config, load_config
+    from ledpi.markers import load_dictionary
+    from ledpi.panel.firmware import plan_firmware
+    from ledpi.simulate.scene import OV5647_ROW_TIME_US
+    from ledpi.simulate.scenes import whole_rows_us
+
+    found = find_config(file)
+    size = [] if found is not None else ["panels.side_m=0.16"]  # of no account here
+    settings = load_config(found, tuple(size + overrides))
+    spec, camera = settings.panels.spec(marker_id), settings.camera
+    try:
+        spec = replace(
+            spec,
+            black_hz=spec.black_hz if black is None else black,
+            white_hz=spec.white_hz if white is None else white,
+        )
+    except ValueError as error:
+        raise ConfigError(f"--black, --white: {error}") from None
+    row_time_us = OV5647_ROW_TIME_US if camera.row_time_us == "auto" else camera.row_time_us
+    exposure_us = whole_rows_us(camera.exposure_us, row_time_us)
+    return plan_firmware(build, load_dictionary(settings.panels.dictionary), marker_id, spec, exposure_us=exposure_us)

@@ -1,0 +1,1 @@
+"""The panel itself: its frequencies, its build sheet, its driver's firmware."""

@@ -1,0 +1,165 @@
+"""The driver's firmware for one panel: what is asked for → a folder of sources, ready to build."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import zlib
+from dataclasses import dataclass
+from enum import StrEnum
+from importlib.resources import files
+from pathlib import Path
+
+from ledpi.errors import ConfigError
+from ledpi.markers import Bits, Dictionary
+from ledpi.panel.timer import HalfPeriod, half_period, nearest_frequency
+from ledpi.records import PanelSpec
+from ledpi.shutter import contrast
+
+SINGLE_CELLS = 16  # that the board has pins for, the serial line left free
+LOW_RISK_HZ = 1250.0  # IEEE 1789: from here on light that goes fully on and off is of low risk
+
+# Share of the deepest bands that an exposure of this length could show, below which a frequency counts as on a null.
+# The light that tells a fifth of the depth apart from noise is 25 times that of the whole.
+_NULL_SHARE = 0.2
+
+
+class Build(StrEnum):
+    TWO_OUTPUTS = "two-outputs"
+    SIXTEEN_CELLS = "sixteen-cells"
+
+    @property
+    def source(self) -> str:
+        return self.value.replace("-", "_") + ".c"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Firmware:
+    """All that a driver's sources depend on."""
+
+    build: Build
+    dictionary: Dictionary
+    marker_id: int
+    black: HalfPeriod
+    white: HalfPeriod
+
+    @property
+    def word(self) -> Bits:
+        """The (n, n) word of the ID, upright."""
+        return self.dictionary.word(self.marker_id)
+
+
+def plan_firmware(
+    build: Build, dictionary: Dictionary, marker_id: int, spec: PanelSpec, *, exposure_us: float
+) -> Firmware:
+    """Raises ConfigError where the board cannot drive such a panel, or the camera could not read it.
+
+    `exposure_us` is what the sensor really does, whole rows.
+    """
+    try:
+        word = dictionary.word(marker_id)
+    except ValueError as error:
+        raise ConfigError(f"--id: {error}") from None
+    if build is Build.SIXTEEN_CELLS and word.size != SINGLE_CELLS:
+        raise ConfigError(
+            f"--build {build}: drives 4 × 4 cells, {dictionary.name} has {word.size}; must be {Build.TWO_OUTPUTS}, "
+            "which drives two groups of cells, however many they are"
+        )
+    if spec.duty != 0.5:
+        raise ConfigError(f"panels.duty: the driver's outputs are on for half a period; must be 0.5, not {spec.duty}")
+    for key, hz in (("black_hz", spec.black_hz), ("white_hz", spec.white_hz)):
+        _check_frequency(key, hz, exposure_us)
+    black, white = _half_period("black_hz", spec.black_hz), _half_period("white_hz", spec.white_hz)
+    if black.cycles == white.cycles:
+        raise ConfigError(
+            f"black_hz, white_hz: {spec.black_hz:g} and {spec.white_hz:g} Hz are the same to the timer, "
+            f"{black.cycles} cycles; must differ by far more than that for a camera to tell them apart"
+        )
+    return Firmware(build=build, dictionary=dictionary, marker_id=marker_id, black=black, white=white)
+
+
+def _half_period(key: str, hz: float) -> HalfPeriod:
+    try:
+        return half_period(hz)
+    except ValueError as error:
+        raise ConfigError(f"{key}: {error}") from None
+
+
+def _check_frequency(key: str, hz: float, exposure_us: float) -> None:
+    if hz < LOW_RISK_HZ:
+        raise ConfigError(
+            f"{key}: {hz:g} Hz flickers; light that goes fully on and off is of low risk (IEEE 1789) "
+            f"from {LOW_RISK_HZ:g} Hz"
+        )
+    cycles = hz * exposure_us * 1e-6
+    if contrast(hz, exposure_us) < _NULL_SHARE * min(2.0, 1.0 / cycles):
+        whole = round(cycles)
+        best = ((whole + side) / exposure_us * 1e6 for side in (-0.5, 0.5))
+        good = " or ".join(f"{nearest_frequency(hz):.2f} Hz" for hz in best)
+        raise ConfigError(
+            f"{key}: {hz:g} Hz is on a null: an exposure of {exposure_us:.0f} µs holds {cycles:.2f} of its cycles, "
+            f"and whole ones leave no bands; a whole number and a half is best, {good}"
+        )
+
+
+def word_number(word: Bits) -> int:
+    """Bit k is cell k, row by row from the top left; 1 is class white."""
+    return sum(1 << k for k, white in enumerate(word.ravel()) if white)
+
+
+def settings_text(firmware: Firmware) -> str:
+    """settings.h: everything in the sources that depends on the panel."""
+    dictionary = firmware.dictionary
+    lines = [
+        "/* Written by `ledpi panel firmware`. Half periods are in cycles of 16 MHz. */",
+        *_half_period_lines("BLACK", firmware.black),
+        *_half_period_lines("WHITE", firmware.white),
+    ]
+    if firmware.build is Build.SIXTEEN_CELLS:
+        # Below 0x8000, so that no half-written record in the EEPROM passes for a whole one.
+        build_key = zlib.crc32(f"{dictionary.name} {firmware.marker_id}".encode()) & 0x7FFF
+        words = [f"0x{word_number(word):04X}" for word in dictionary.words]
+        rows = [", ".join(words[i : i + 10]) for i in range(0, len(words), 10)]
+        lines += [
+            f"#define DEFAULT_ID {firmware.marker_id} /* of {dictionary.name} */",
+            f"#define ID_COUNT {len(words)}",
+            f"#define BUILD_KEY 0x{build_key:04X}",
+            "#define WORDS \\",
+            "    { \\",
+            *(f"        {row}, \\" for row in rows),
+            "    }",
+        ]
+    return "\n".join(lines) + "\n"
+
+
+def _half_period_lines(name: str, half: HalfPeriod) -> list[str]:
+    what = f"{half.frequency_hz:.4f} Hz, {half.error_ppm:+.1f} ppm from {half.asked_hz:g} Hz"
+    return [f"#define {name}_HALF_PERIOD_CYCLES {half.cycles}u /* {what} */"]
+
+
+def write_firmware(firmware: Firmware, readme: str, out: Path) -> None:
+    """Writes the sources into a new or empty folder. Raises ConfigError where that cannot be done."""
+    sources = files("ledpi.panel") / "sources"
+    texts = {name: (sources / name).read_text(encoding="utf-8") for name in (firmware.build.source, "Makefile")}
+    texts |= {"settings.h": settings_text(firmware), "README.md": readme}
+    try:
+        if out.is_dir() and any(out.iterdir()):
+            raise ConfigError(f"--out {out}: is not empty; must be a new or an empty folder")
+        out.mkdir(parents=True, exist_ok=True)
+        for name, text in texts.items():
+            (out / name).write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(f"--out {out}: cannot be written: {error.strerror}") from None
+
+
+def missing_tools() -> tuple[str, ...]:
+    """What `make` would need and is not installed."""
+    return tuple(tool for tool in ("make", "avr-gcc", "avr-objcopy") if shutil.which(tool) is None)
+
+
+def build_firmware(out: Path) -> Path:
+    """Runs `make` in the folder; the .hex. Raises ConfigError with the compiler's words where it fails."""
+    made = subprocess.run(["make", "-C", str(out)], capture_output=True, text=True, check=False)
+    if made.returncode != 0:
+        raise ConfigError(f"make -C {out}: {' '.join(made.stderr.split())}")
+    return next(out.glob("*.hex"))
