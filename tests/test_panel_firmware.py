@@ -149,7 +149,7 @@ def test_without_a_compiler_the_sources_are_left(monkeypatch: pytest.MonkeyPatch
 @pytest.mark.skipif(bool(missing_tools()), reason=f"not installed: {', '.join(missing_tools())}")
 @pytest.mark.parametrize("build", list(Build))
 def test_with_a_compiler_the_hex_is_made(build: Build) -> None:
-    """Without a warning (they are errors); it fits the chip's 32 kB even with the 1000 words of the largest dictionary."""
+    """Without a warning (they are errors); the 1000 words of the largest dictionary fit into the chip, too."""
     told = run("--id", "7", "--build", build, "--set", "panels.dictionary=DICT_4X4_1000", "--out", "out")
     hex_file = Path("out", build.source).with_suffix(".hex")
     assert str(hex_file) in told
