@@ -37,11 +37,6 @@ def _class_row(name: str, half: HalfPeriod) -> str:
     )
 
 
-def _grid(rows: list[list[str]]) -> str:
-    width = max(len(cell) for row in rows for cell in row)
-    return "\n".join("    " + "  ".join(cell.ljust(width) for cell in row).rstrip() for row in rows)
-
-
 def _two_outputs(firmware: Firmware) -> str:
     rows = [[OUTPUTS[bool(white)] for white in row] for row in firmware.word]
     return f"""## Wiring
