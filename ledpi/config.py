@@ -24,8 +24,8 @@ from pydantic import (
 )
 
 from ledpi.config_mistakes import explain
+from ledpi.dictionaries import FILE_ENDINGS, dictionary_names, is_file, load_dictionary
 from ledpi.errors import ConfigError
-from ledpi.markers import dictionary_names, load_dictionary
 from ledpi.records import PanelSpec, Transfer
 
 SEARCH_PATH = (Path("config.yaml"), Path("/etc/ledpi/config.yaml"))
@@ -59,9 +59,10 @@ def _known_source(source: object) -> object:
 
 
 def _known_dictionary(name: str) -> str:
-    if name in dictionary_names():
+    if name in dictionary_names() or is_file(name):
         return name
-    raise ValueError(f"must be one of {', '.join(dictionary_names())}")
+    endings = ", ".join(FILE_ENDINGS)
+    raise ValueError(f"must be one of {', '.join(dictionary_names())}, or a file that ends in {endings}")
 
 
 class _Section(BaseModel):
@@ -180,13 +181,17 @@ def load_config(path: Path | None, overrides: tuple[str, ...] = ()) -> Config:
         config = Config.model_validate(raw)
     except ValidationError as error:
         raise ConfigError(f"{where}: {explain(error, Config)}") from None
+    config = _with_absolute_paths(config, base, from_command_line)
     _check_panels(config.panels, where)
-    return _with_absolute_paths(config, base, from_command_line)
+    return config
 
 
 def _check_panels(panels: PanelSettings, where: str) -> None:
     """Values that are right one by one may contradict each other, or the dictionary."""
-    known = len(load_dictionary(panels.dictionary).words)
+    try:
+        known = len(load_dictionary(panels.dictionary).words)
+    except ValueError as error:
+        raise ConfigError(f"{where}: panels.dictionary: {error}") from None
     for marker_id in (None, *panels.overrides):
         key = "panels" if marker_id is None else f"panels.overrides.{marker_id}"
         if marker_id is not None and marker_id >= known:
@@ -251,6 +256,9 @@ def _with_absolute_paths(config: Config, base: Path, from_command_line: set[str]
     if kind == "recording":
         changes["source"] = f"recording:{absolute(rest, 'camera.source')}"
     changes_top: dict[str, Any] = {"camera": camera.model_copy(update=changes)}
+    if is_file(config.panels.dictionary):
+        words = str(absolute(config.panels.dictionary, "panels.dictionary"))
+        changes_top["panels"] = config.panels.model_copy(update={"dictionary": words})
     if config.map is not None:
         changes_top["map"] = absolute(config.map, "map")
     return config.model_copy(update=changes_top)

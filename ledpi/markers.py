@@ -3,18 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 Bits = NDArray[np.bool_]
-
-
-def dictionary_names() -> tuple[str, ...]:
-    """The predefined square-grid ArUco dictionaries that OpenCV knows, as `DICT_4X4_50`."""
-    return tuple(sorted(n for n in dir(cv2.aruco) if n.startswith("DICT_") and n[5].isdigit()))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,23 +40,6 @@ class Dictionary:
         own = np.arange(len(upright))
         distance[own, 4 * own] = distance.max()  # each word to itself
         return int(distance.min() - 1) // 2
-
-
-@cache
-def load_dictionary(name: str) -> Dictionary:
-    """A predefined dictionary by OpenCV's name. Raises ValueError, with the names there are, for another."""
-    if name not in dictionary_names():
-        raise ValueError(f"unknown dictionary {name!r}; known: {', '.join(dictionary_names())}")
-    raw = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
-    side = raw.markerSize
-    words = np.stack(
-        [
-            cv2.aruco.Dictionary.getBitsFromByteList(raw.bytesList[i : i + 1], side).astype(bool)
-            for i in range(len(raw.bytesList))
-        ]
-    )
-    words.flags.writeable = False
-    return Dictionary(name=name, words=words)
 
 
 def corners_of_turned(quad_corners: NDArray[np.float64], quarter_turns: int) -> NDArray[np.float64]:

@@ -16,7 +16,8 @@ from ledpi.decode.edges import approach_quads, refine_quad
 from ledpi.decode.evidence import Evidence
 from ledpi.decode.find import Candidate, Finder
 from ledpi.decode.track import NOT_SHOWN, Shown, Track, Tracker, weigh
-from ledpi.markers import corners_of_turned, load_dictionary
+from ledpi.dictionaries import load_dictionary
+from ledpi.markers import corners_of_turned
 from ledpi.pose.planar import solve_square
 from ledpi.records import (
     CameraInfo,

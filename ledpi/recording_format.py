@@ -13,8 +13,8 @@ from typing import Annotated, Any, TypeVar
 import yaml
 from pydantic import AfterValidator, BaseModel, Field, ValidationError
 
+from ledpi.dictionaries import is_file, load_dictionary
 from ledpi.errors import RecordingError
-from ledpi.markers import load_dictionary
 from ledpi.records import Transfer
 
 FORMAT = 1
@@ -29,6 +29,8 @@ Model = TypeVar("Model", bound=BaseModel)
 
 
 def _known_dictionary(name: str) -> str:
+    if is_file(name):
+        return _inside_the_folder(name)
     load_dictionary(name)
     return name
 
@@ -103,7 +105,19 @@ def read_header(path: Path) -> Header:
     if type(raw["format"]) is not int or raw["format"] != FORMAT:
         found = _shortened(raw["format"])
         raise RecordingError(f"{path}: format: is {found}; this version reads format {FORMAT}")
-    return _checked(Header, raw, str(path))
+    return _with_dictionary_file(_checked(Header, raw, str(path)), path)
+
+
+def _with_dictionary_file(header: Header, path: Path) -> Header:
+    """A dictionary that comes with the recording, by its whole path."""
+    if not is_file(header.panel.dictionary):
+        return header
+    dictionary = str((path.parent / header.panel.dictionary).absolute())
+    try:
+        load_dictionary(dictionary)
+    except ValueError as error:
+        raise RecordingError(f"{path}: panel.dictionary: {error}") from None
+    return header.model_copy(update={"panel": header.panel.model_copy(update={"dictionary": dictionary})})
 
 
 def read_lines(path: Path, model: type[Model]) -> Iterator[tuple[int, Model]]:

@@ -5,6 +5,7 @@ So what is there when the writing is cut off is a recording of the frames until 
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
@@ -17,6 +18,7 @@ import cv2
 import yaml
 from pydantic import BaseModel
 
+from ledpi.dictionaries import is_file
 from ledpi.errors import RecordingError
 from ledpi.recording import FrameEntry, TruthMarker, check_order, frame_entry
 from ledpi.recording_format import (
@@ -50,6 +52,9 @@ class RecordingWriter:
     ) -> None:
         self._folder = folder
         self._camera = camera
+        self._dictionary_file = Path(dictionary) if is_file(dictionary) else None
+        if self._dictionary_file is not None:  # a recording holds all that it takes to read it
+            dictionary = self._dictionary_file.name
         self._header = Header(
             camera=_camera_section(camera), panel=PanelSection(dictionary=dictionary, **asdict(panel))
         )
@@ -63,6 +68,8 @@ class RecordingWriter:
             if folder.is_dir() and any(folder.iterdir()):
                 raise RecordingError(f"{folder}: is not empty; a recording needs a new or an empty folder")
             (folder / "frames").mkdir(parents=True)
+            if self._dictionary_file is not None:
+                shutil.copyfile(self._dictionary_file, folder / self._dictionary_file.name)
         values = {"format": FORMAT, "note": self._note}
         values |= self._header.model_dump(mode="json", exclude_none=True)
         with _writing(self._folder / HEADER_FILE) as path:

@@ -7,7 +7,7 @@ from statistics import NormalDist
 import cv2
 import numpy as np
 
-from ledpi.markers import load_dictionary
+from ledpi.dictionaries import load_dictionary
 from ledpi.records import Floats, Intrinsics, PanelSpec
 from ledpi.simulate.scene import Panel, PanelLook, Room, Scene, SimulatedSensor
 from ledpi.simulate.trajectory import Still, Trajectory, facing_camera

@@ -42,8 +42,8 @@ from ledpi.decode.bands import (
     find_squares,
     restore,
 )
+from ledpi.dictionaries import load_dictionary
 from ledpi.errors import ConfigError
-from ledpi.markers import load_dictionary
 from ledpi.picture import read_picture
 from ledpi.pipeline import Pipeline
 from ledpi.recording import load_recording

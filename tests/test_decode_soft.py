@@ -24,7 +24,7 @@ from decode_material import (
 
 from ledpi.decode.cells import CellSamples, sample_cells
 from ledpi.decode.soft import Codebook, Reading, read_word
-from ledpi.markers import load_dictionary
+from ledpi.dictionaries import load_dictionary
 from ledpi.records import Floats, Frame, PanelSpec, Rejected, Transfer
 
 ALL = Codebook.build(list(range(50)), load_dictionary("DICT_4X4_50"), SPEC)

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from ledpi.config import PanelSettings
+from ledpi.dictionaries import load_dictionary
 from ledpi.evaluate.conditions import (
     DECOYS,
     PAPER_ANGLES_DEG,
@@ -23,7 +24,6 @@ from ledpi.evaluate.draw import FRAMES_A_TAKE, Take, draw_take
 from ledpi.evaluate.prints import printed_id, printed_scene
 from ledpi.evaluate.reading import aruco_reader
 from ledpi.evaluate.units import photographed, sensor_info
-from ledpi.markers import load_dictionary
 from ledpi.records import Frame
 from ledpi.simulate.render import Renderer
 from ledpi.simulate.truth import scene_truth

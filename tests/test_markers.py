@@ -6,7 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from ledpi.markers import Bits, corners_of_turned, dictionary_names, load_dictionary
+from ledpi.dictionaries import dictionary_names, load_dictionary
+from ledpi.markers import Bits, corners_of_turned
 
 
 def drawn(text: str) -> Bits:

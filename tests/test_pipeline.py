@@ -27,7 +27,7 @@ from decode_material import (
 )
 
 from ledpi.camera.simulated import SimulatedCamera
-from ledpi.markers import load_dictionary
+from ledpi.dictionaries import load_dictionary
 from ledpi.pipeline import Pipeline
 from ledpi.records import Decoded, Floats, Frame, Intrinsics, PanelValues, Pixels
 from ledpi.simulate.scene import Light, Panel, Room, Scene, SimulatedSensor, SquareWave

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 import yaml
 
+from ledpi.dictionaries import load_dictionary
 from ledpi.geometry import matrix_from_quaternion
-from ledpi.markers import load_dictionary
 from ledpi.records import Floats, Intrinsics, PanelSpec
 from ledpi.shutter import harmonic_amplitude
 from ledpi.simulate.optics import project

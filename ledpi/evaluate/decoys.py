@@ -10,8 +10,9 @@ from typing import Literal
 import numpy as np
 
 from ledpi.config import PanelSettings
+from ledpi.dictionaries import load_dictionary
 from ledpi.evaluate.placing import Placer, turned_from_sight
-from ledpi.markers import Bits, Dictionary, load_dictionary
+from ledpi.markers import Bits, Dictionary
 from ledpi.records import Floats
 from ledpi.simulate.scene import Light, Panel, SimulatedSensor, SquareWave
 from ledpi.simulate.trajectory import Still

@@ -16,10 +16,10 @@ import numpy as np
 from ledpi import shutter
 from ledpi.camera.simulated import simulated_sensor
 from ledpi.config import CameraSettings, PanelSettings
+from ledpi.dictionaries import load_dictionary
 from ledpi.evaluate.conditions import Condition, Variation
 from ledpi.evaluate.decoys import decoys, lamp
 from ledpi.evaluate.placing import Placer, in_sight
-from ledpi.markers import load_dictionary
 from ledpi.records import Floats, PanelSpec
 from ledpi.simulate.scene import OV5647_ROW_TIME_US, Light, Panel, PanelLook, Room, Scene, SimulatedSensor
 from ledpi.simulate.trajectory import Gliding, Still, Trajectory, transform

@@ -9,6 +9,7 @@ from typing import Literal
 import cv2
 import numpy as np
 
+from ledpi.dictionaries import load_dictionary, opencv_dictionary
 from ledpi.markers import Bits
 from ledpi.simulate.scene import Print, Scene
 
@@ -62,5 +63,6 @@ def printed_modules(family: Family, dictionary: str, marker_id: int) -> Bits:
 
 
 def _known(family: Family, dictionary: str) -> cv2.aruco.Dictionary:
-    name = dictionary if family == "aruco" else _OPENCV_APRILTAG
-    return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
+    if family == "aruco":
+        return opencv_dictionary(load_dictionary(dictionary))
+    return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, _OPENCV_APRILTAG))

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 
 from ledpi.config import PanelSettings
+from ledpi.dictionaries import load_dictionary, opencv_dictionary
 from ledpi.evaluate.prints import APRILTAG
 from ledpi.pipeline import Pipeline
 from ledpi.pose.planar import solve_square
@@ -111,7 +112,7 @@ def aruco_reader(dictionary: str, side_m: float, intrinsics: Intrinsics) -> Prin
     """OpenCV's detector with its defaults, and sub-pixel refinement."""
     parameters = cv2.aruco.DetectorParameters()
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
-    known = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, dictionary))
+    known = opencv_dictionary(load_dictionary(dictionary))
     detector = cv2.aruco.ArucoDetector(known, parameters)
 
     def detect(frame: Frame) -> list[tuple[int, Floats]]:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ledpi.config import PanelSettings
+from ledpi.dictionaries import load_dictionary
 from ledpi.errors import ConfigError, RecordingError
 from ledpi.evaluate.conditions import PLAIN
 from ledpi.evaluate.draw import FRAMES_A_TAKE
@@ -18,7 +19,6 @@ from ledpi.evaluate.reading import PanelMethod, PanelReader
 from ledpi.evaluate.scoring import Expected, Tally
 from ledpi.evaluate.table import TableRow, table_row
 from ledpi.evaluate.units import STREAM_ROWS
-from ledpi.markers import load_dictionary
 from ledpi.picture import read_picture
 from ledpi.recording import Recording, load_recording
 from ledpi.records import CameraInfo, Frame, Intrinsics, PanelValues

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ledpi.markers import load_dictionary
+from ledpi.dictionaries import load_dictionary
 from ledpi.records import Intrinsics, PanelSpec
 from ledpi.simulate.scene import Panel, Room, Scene, SimulatedSensor, uneven_gains
 from ledpi.simulate.trajectory import Patrol, Still, facing_camera

@@ -8,7 +8,8 @@ import cv2
 import numpy as np
 
 from ledpi.decode.cells import CellSamples, sample_cells
-from ledpi.markers import Bits, load_dictionary
+from ledpi.dictionaries import load_dictionary
+from ledpi.markers import Bits
 from ledpi.records import Floats, Frame, MarkerPose, Pixels, Quad, Rejected
 from ledpi.snapshot.drawing import BACKGROUND, CELL_SHARE, DIM, DROPPED, TEXT, Canvas, draw_cells, text, text_size
 from ledpi.snapshot.record import Snapshot

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ledpi.config import PanelSettings
-from ledpi.markers import Bits, load_dictionary
+from ledpi.dictionaries import load_dictionary
+from ledpi.markers import Bits
 from ledpi.pipeline import Pipeline
 from ledpi.records import Decoded, Frame, Intrinsics
 from ledpi.trace import Dropped, Trace

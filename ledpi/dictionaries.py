@@ -1,0 +1,104 @@
+"""The dictionaries there are: OpenCV's predefined ones by name, others from a file in OpenCV's own form."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from ledpi.markers import Dictionary
+
+FILE_ENDINGS = (".yml", ".yaml", ".json")
+MIN_SIDE, MAX_SIDE = 2, 8  # cells; OpenCV keeps a word in 64 bits
+
+
+def dictionary_names() -> tuple[str, ...]:
+    """The predefined square-grid ArUco dictionaries that OpenCV knows, as `DICT_4X4_50`."""
+    return tuple(sorted(n for n in dir(cv2.aruco) if n.startswith("DICT_") and n[5].isdigit()))
+
+
+def is_file(name: str) -> bool:
+    """Whether a dictionary's name is that of a file."""
+    return name.endswith(FILE_ENDINGS)
+
+
+@cache
+def load_dictionary(name: str) -> Dictionary:
+    """A predefined dictionary by OpenCV's name, or the one of a file. Raises ValueError that says what is right."""
+    if is_file(name):
+        return read_dictionary(Path(name))
+    if name not in dictionary_names():
+        raise ValueError(
+            f"unknown dictionary {name!r}; known: {', '.join(dictionary_names())}, or a file that ends in "
+            f"{', '.join(FILE_ENDINGS)}"
+        )
+    raw = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
+    side = raw.markerSize
+    words = np.stack(
+        [
+            cv2.aruco.Dictionary.getBitsFromByteList(raw.bytesList[i : i + 1], side).astype(bool)
+            for i in range(len(raw.bytesList))
+        ]
+    )
+    words.flags.writeable = False
+    return Dictionary(name=name, words=words)
+
+
+def read_dictionary(path: Path) -> Dictionary:
+    """A dictionary of one's own, in the form that OpenCV's `Dictionary.writeDictionary` writes.
+
+    `nmarkers` (count), `markersize` (cells a side) and `marker_0`, `marker_1`, …: the cells of each word from the top
+    left, row by row, 1 for white. Raises ValueError naming file, key, what is wrong and what would be right.
+    """
+    try:
+        storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
+    except (cv2.error, SystemError):  # OpenCV's way to say that it is neither YAML nor JSON
+        storage = None
+    if storage is None or not storage.isOpened():
+        raise ValueError(f"{path}: cannot be read as a dictionary; must be YAML (first line %YAML:1.0) or JSON")
+    try:
+        side = _whole(storage, "markersize", path, MIN_SIDE, MAX_SIDE)
+        count = _whole(storage, "nmarkers", path, 1, 100_000)
+        words = np.stack([_word(storage, f"marker_{i}", path, side) for i in range(count)])
+    finally:
+        storage.release()
+    words.flags.writeable = False
+    dictionary = Dictionary(name=str(path), words=words)
+    _check_distinct(dictionary, path)
+    return dictionary
+
+
+def _whole(storage: cv2.FileStorage, key: str, path: Path, least: int, most: int) -> int:
+    node = storage.getNode(key)
+    value = node.real() if node.isInt() else None
+    if value is None or not least <= value <= most:
+        raise ValueError(f"{path}: {key}: must be a whole number from {least} to {most}")
+    return int(value)
+
+
+def _word(storage: cv2.FileStorage, key: str, path: Path, side: int) -> np.ndarray:
+    node = storage.getNode(key)
+    text = node.string() if node.isString() else ""
+    if len(text) != side * side or set(text) - {"0", "1"}:
+        raise ValueError(f'{path}: {key}: must be {side * side} digits 0 and 1 in quotes, as "{"01" * side}…"')
+    return np.array([digit == "1" for digit in text]).reshape(side, side)
+
+
+def _check_distinct(dictionary: Dictionary, path: Path) -> None:
+    """No word may look like another, or like itself turned: which one it is could not be told."""
+    seen: dict[bytes, tuple[int, int]] = {}
+    for number, turned in enumerate(dictionary.turned_words()):
+        for turns, word in enumerate(turned):
+            before = seen.setdefault(word.tobytes(), (number, turns))
+            if before == (number, turns):
+                continue
+            other = f"marker_{before[0]}" if before[0] != number else "itself"
+            raise ValueError(f"{path}: marker_{number}: looks like {other} when it is turned; words must differ")
+
+
+def opencv_dictionary(dictionary: Dictionary) -> cv2.aruco.Dictionary:
+    """The same words for OpenCV's own detector."""
+    words = [cv2.aruco.Dictionary.getByteListFromBits(word.astype(np.uint8)) for word in dictionary.words]
+    return cv2.aruco.Dictionary(np.concatenate(words), dictionary.cells_per_side, dictionary.correctable_cells())
