@@ -10,8 +10,8 @@ import pytest
 from typer.testing import CliRunner
 
 from ledpi.cli import app, main, panel_firmware
+from ledpi.dictionaries import load_dictionary
 from ledpi.errors import LedpiError
-from ledpi.markers import load_dictionary
 from ledpi.panel.firmware import Build, missing_tools, plan_firmware, settings_text
 from ledpi.records import PanelSpec
 

@@ -56,7 +56,7 @@ def _plan(
     marker_id: int, black: float | None, white: float | None, build: Build, file: Path | None, overrides: list[str]
 ) -> Firmware:
     from ledpi.config import find_config, load_config
-    from ledpi.markers import load_dictionary
+    from ledpi.dictionaries import load_dictionary
     from ledpi.panel.firmware import plan_firmware
     from ledpi.simulate.scene import OV5647_ROW_TIME_US
     from ledpi.simulate.scenes import whole_rows_us
