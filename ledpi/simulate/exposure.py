@@ -30,7 +30,7 @@ from ledpi.simulate.optics import (
     spread,
     whole_picture,
 )
-from ledpi.simulate.scene import SimulatedSensor, SquareWave
+from ledpi.simulate.scene import SimulatedSensor, TracedWave, Wave
 from ledpi.simulate.surface import Image, Surface
 
 _STEP_PX = 0.5  # largest motion between two parts of an exposure; it leaves out a box of 0.14 px rms
@@ -172,7 +172,7 @@ def add_to(
 ) -> None:
     """Puts a surface before what is behind it, (H, W) linear light, in place.
 
-    `phases_cycles` are the classes' phases at t = 0 of the camera's clock.
+    `phases_cycles` are the classes' phases at t = 0 of the camera's clock; a trace has its own.
     """
     region, parts = exposed.region, len(exposed.parts)
     weights = [
@@ -190,7 +190,7 @@ def add_to(
 
 
 def _part_weights(
-    wave: SquareWave | None,
+    wave: Wave | None,
     phase_cycles: float,
     region: Region,
     parts: int,
@@ -202,6 +202,9 @@ def _part_weights(
         return np.full((parts, region.height), 1.0 / parts, np.float32)
     part_us = sensor.exposure_us / parts
     rows = np.arange(region.y0, region.y1) + np.arange(parts)[:, None] * (part_us / sensor.row_time_us)
+    if isinstance(wave, TracedWave):
+        starts_s = sensor.exposure_start_s(seq) + rows * (sensor.row_time_us * 1e-6)
+        return np.asarray(wave.share_on(starts_s, part_us * 1e-6) / parts, np.float32)
     at_row0 = phase_cycles + wave.frequency_hz * sensor.exposure_start_s(seq)
     weights = row_weights(
         rows,

@@ -2,7 +2,8 @@
 
 Linear light of a pixel in row y = what is behind × (1 − opacity) + Σ over classes of picture × w(y),
 surface by surface from far to near (`exposure`), then noise and codes (`sensor`). Each panel has its own
-oscillator for each class; all run from t = 0 of the camera's clock, from a phase that the seed decides.
+oscillator for each class; all run from t = 0 of the camera's clock, from a phase that the seed decides. A panel
+whose cells were traced shows what the trace says.
 """
 
 from __future__ import annotations

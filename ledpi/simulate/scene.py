@@ -34,6 +34,49 @@ class PanelLook:
     albedo: float = 0.3  # what the unlit face returns of the room's uniform level
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SquareWave:
+    """A light that is switched: on for `duty` of each period."""
+
+    frequency_hz: float
+    duty: float = 0.5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class TracedWave:
+    """A light that is switched at recorded moments, as a driver's pin was traced.
+
+    Kept as its integral: for how long it has been on until each moment, linear in between.
+    """
+
+    moments_s: Floats  # (N,) rising, of the camera's clock: start of the trace, each edge, its end
+    lit_s: Floats  # (N,)
+
+    @classmethod
+    def from_edges(cls, edges_s: Floats, *, begin_s: float, end_s: float) -> TracedWave:
+        """Off at `begin_s`, on from the first of `edges_s` (N,) to the second, and so on. Raises ValueError."""
+        moments = np.concatenate([[begin_s], edges_s, [end_s]])
+        lengths = np.diff(moments)
+        if np.any(lengths < 0):
+            raise ValueError("edges_s must rise, and lie between begin_s and end_s")
+        lengths[0::2] = 0.0  # it is off from the start to the first edge, from the second to the third …
+        return cls(moments_s=moments, lit_s=np.concatenate([[0.0], np.cumsum(lengths)]))
+
+    def share_on(self, starts_s: Floats, exposure_s: float) -> Floats:
+        """Share of each exposure in which it was on, exact. Raises ValueError where the trace does not cover them."""
+        first, last = self.moments_s[[0, -1]]
+        if starts_s.min() < first or starts_s.max() + exposure_s > last:
+            raise ValueError(
+                f"an exposure from {starts_s.min():.6f} to {starts_s.max() + exposure_s:.6f} s is not within "
+                f"the trace, {first:.6f} to {last:.6f} s"
+            )
+        until, since = (np.interp(t, self.moments_s, self.lit_s) for t in (starts_s + exposure_s, starts_s))
+        return np.asarray((until - since) / exposure_s)
+
+
+Wave = SquareWave | TracedWave
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Panel:
     """A panel, `motion` being scene_from_marker."""
@@ -44,6 +87,7 @@ class Panel:
     marker_id: int | None  # None for a panel that is no marker, a decoy: it has no truth
     brightness: float = 0.45  # level at the brightest point of a cell of gain 1, averaged over its blinking
     cell_gains: Floats | None = None  # (n, n); None: all 1
+    cell_waves: tuple[TracedWave, ...] | None = None  # row by row; None: the word's classes, ideal square waves
     look: PanelLook = field(default_factory=PanelLook)
 
     def __post_init__(self) -> None:
@@ -52,16 +96,10 @@ class Panel:
             raise ValueError(f"a panel's word must be square, not {self.word.shape}")
         if self.cell_gains is not None and self.cell_gains.shape != (n, n):
             raise ValueError(f"cell_gains must be ({n}, {n}), not {self.cell_gains.shape}")
+        if self.cell_waves is not None and len(self.cell_waves) != n * n:
+            raise ValueError(f"cell_waves must be {n * n}, not {len(self.cell_waves)}")
         if not self.brightness >= 0:
             raise ValueError(f"brightness must not be negative, is {self.brightness}")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SquareWave:
-    """A light that is switched: on for `duty` of each period."""
-
-    frequency_hz: float
-    duty: float = 0.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -13,8 +13,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ledpi.markers import Bits
 from ledpi.records import Floats
-from ledpi.simulate.scene import Light, Panel, PanelLook, Print, Room, SquareWave
+from ledpi.simulate.scene import Light, Panel, PanelLook, Print, Room, SquareWave, Wave
 from ledpi.simulate.trajectory import Trajectory
 
 Image = NDArray[np.float32]
@@ -29,7 +30,7 @@ class Surface:
 
     planes: tuple[Image, ...]  # (H, W) each: the classes, then opacity
     size_m: tuple[float, float]  # width and height that the texture covers, around the origin
-    waves: tuple[SquareWave | None, ...]  # of each class; None: always on
+    waves: tuple[Wave | None, ...]  # of each class; None: always on
     reflected: float  # level of what an opaque point returns of the room
     motion: Trajectory
     _levels: dict[tuple[int, int], tuple[Image, ...]] = field(default_factory=dict)
@@ -58,24 +59,34 @@ def _steps(ratio: float) -> int:
 
 
 def panel_surface(panel: Panel, room: Room) -> Surface:
-    """A panel: its black class, its white class, and its opaque face with the bezel."""
+    """A panel: the light of each group of cells that blink alike, and its opaque face with the bezel."""
     cells = len(panel.word)
     texels = max(32, PANEL_TEXELS // cells)  # a cell
     bezel = round(panel.look.bezel * texels)
     on = panel.brightness / panel.spec.duty * _cell_lights(cells, texels, panel.look)
     if panel.cell_gains is not None:
         on = on * np.kron(panel.cell_gains, np.ones((texels, texels)))
-    white = np.kron(panel.word, np.ones((texels, texels), bool))
-    classes = [np.pad(np.where(own, on, 0.0), bezel).astype(np.float32) for own in (~white, white)]
+    groups, waves = _groups(panel)
+    own_texels = (np.kron(own, np.ones((texels, texels), bool)) for own in groups)
+    classes = [np.pad(np.where(own, on, 0.0), bezel).astype(np.float32) for own in own_texels]
     size_m = panel.spec.side_m * len(classes[0]) / (cells * texels)
-    frequencies = (panel.spec.black_hz, panel.spec.white_hz)
     return Surface(
         planes=(*classes, np.ones_like(classes[0])),
         size_m=(size_m, size_m),
-        waves=tuple(SquareWave(frequency_hz=f, duty=panel.spec.duty) for f in frequencies),
+        waves=waves,
         reflected=panel.look.albedo * room.level,
         motion=panel.motion,
     )
+
+
+def _groups(panel: Panel) -> tuple[list[Bits], tuple[Wave, ...]]:
+    """The (n, n) cells that share a wave, and the wave: the word's black and white, or as they were traced."""
+    if panel.cell_waves is None:
+        frequencies = (panel.spec.black_hz, panel.spec.white_hz)
+        return [~panel.word, panel.word], tuple(SquareWave(frequency_hz=f, duty=panel.spec.duty) for f in frequencies)
+    waves = tuple({id(wave): wave for wave in panel.cell_waves}.values())
+    own = [np.array([each is wave for each in panel.cell_waves]).reshape(panel.word.shape) for wave in waves]
+    return own, waves
 
 
 def _cell_lights(cells: int, texels: int, look: PanelLook) -> Floats:
