@@ -3,7 +3,7 @@
 #define WHITE_HALF_PERIOD_CYCLES 3265u /* 2450.2297 Hz, +93.8 ppm from 2450 Hz */
 #define DEFAULT_ID 7 /* of DICT_4X4_50 */
 #define ID_COUNT 50
-#define BUILD_KEY 0x6CFD
+#define BUILD_KEY 0x212A
 #define WORDS \
     { \
         0x4CAD, 0x59F0, 0xB4CC, 0x6299, 0x792A, 0xB39E, 0x7479, 0x4F23, 0x5B7F, 0x6AF3, \

@@ -117,7 +117,7 @@ def settings_text(firmware: Firmware) -> str:
     ]
     if firmware.build is Build.SIXTEEN_CELLS:
         # Below 0x8000, so that no half-written record in the EEPROM passes for a whole one.
-        build_key = zlib.crc32(f"{dictionary.name} {firmware.marker_id}".encode()) & 0x7FFF
+        build_key = zlib.crc32(dictionary.words.tobytes(), firmware.marker_id) & 0x7FFF
         words = [f"0x{word_number(word):04X}" for word in dictionary.words]
         rows = [", ".join(words[i : i + 10]) for i in range(0, len(words), 10)]
         lines += [

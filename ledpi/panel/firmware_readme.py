@@ -71,8 +71,9 @@ Over USB, 9600 baud, 8N1. One line to the panel, one line back; wait for it befo
 The Arduino IDE's serial monitor, set to "New Line", will do. Many boards restart when their port is opened, and listen
 a second or two later.
 
-The ID is kept in the EEPROM. A program built for another ID or dictionary starts with its own. Where the power failed
-while an ID was written, the panel stays dark until it is told one: dark is better than wrong.
+The ID is kept in the EEPROM. A program built for another ID or dictionary starts with its own. Where the EEPROM holds
+something else, from another program or because the power failed while an ID was written, the panel stays dark until it
+is told an ID: dark is better than wrong.
 """
 
 

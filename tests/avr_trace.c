@@ -1,0 +1,185 @@
+/* Runs a program for the ATmega328P in simavr, and writes down when its pins change.
+ *
+ *   avr_trace PROGRAM.hex SECONDS TRACE.vcd EEPROM.bin BAUD [SECONDS:HEX …]
+ *
+ * TRACE.vcd: the pins of ports B, C and D, in steps of 100 ps (a clock cycle is 62.5 ns). EEPROM.bin: read before the start where it is there,
+ * written at the end. SECONDS:HEX: bytes that arrive on the serial line from then on, at BAUD. What the program sends goes to standard output.
+ *
+ * simavr looks for what is due only between two instructions, so up to 4 cycles late. An edge that the program makes is noted when it is made; one
+ * that Timer1 makes by itself is noted at the cycle that it was due, as hardware would do it.
+ */
+#include <simavr/avr_eeprom.h>
+#include <simavr/avr_ioport.h>
+#include <simavr/avr_timer.h>
+#include <simavr/avr_uart.h>
+#include <simavr/sim_avr.h>
+#include <simavr/sim_hex.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define CLOCK_HZ 16000000.0
+#define EEPROM_BYTES 1024
+#define TICKS_PER_CYCLE 625 /* of 100 ps */
+
+static avr_t *avr;
+static avr_timer_t *timer1;
+static FILE *trace;
+static avr_cycle_count_t last_match[2];
+static unsigned char level[3][8], toggled_by_timer[3][8];
+
+static char signal_of(int port, int pin) { return (char)('!' + 8 * port + pin); }
+
+static void note(int port, int pin, int value, avr_cycle_count_t cycle)
+{
+    level[port][pin] = (unsigned char)value;
+    fprintf(trace, "#%llu\n%d%c\n", (unsigned long long)cycle * TICKS_PER_CYCLE, value, signal_of(port, pin));
+}
+
+static void on_pin(struct avr_irq_t *irq, uint32_t value, void *port_index)
+{
+    const int port = (int)(intptr_t)port_index, pin = irq->irq;
+    if (level[port][pin] != (value & 1) && !toggled_by_timer[port][pin])
+        note(port, pin, value & 1, avr->cycle);
+}
+
+/* A match of Timer1 with OCR1A or OCR1B (0, 1) that toggles OC1A (PB1) or OC1B (PB2). */
+static void on_match(struct avr_irq_t *irq, uint32_t value, void *comparator_index)
+{
+    (void)irq, (void)value;
+    const int comparator = (int)(intptr_t)comparator_index, pin = 1 + comparator;
+    const uint16_t late = (uint16_t)(avr->cycle - timer1->tov_base - timer1->comp[comparator].comp_cycles);
+    if (last_match[comparator] == avr->cycle - late)
+        return; /* simavr 1.6 gives a match again if the other comparator is written in that very cycle */
+    last_match[comparator] = avr->cycle - late;
+    toggled_by_timer[0][pin] = 1;
+    note(0, pin, !level[0][pin], last_match[comparator]);
+}
+
+static void on_serial_out(struct avr_irq_t *irq, uint32_t value, void *unused)
+{
+    (void)irq, (void)unused;
+    putchar((int)value);
+}
+
+struct arrival {
+    const char *hex; /* of the bytes that are still to come */
+    avr_cycle_count_t cycles_per_byte;
+};
+
+static avr_cycle_count_t on_arrival(avr_t *to, avr_cycle_count_t when, void *param)
+{
+    struct arrival *arriving = param;
+    unsigned byte;
+    if (sscanf(arriving->hex, "%2x", &byte) != 1)
+        return 0;
+    arriving->hex += 2;
+    avr_raise_irq(avr_io_getirq(to, AVR_IOCTL_UART_GETIRQ('0'), UART_IRQ_INPUT), byte);
+    return when + arriving->cycles_per_byte;
+}
+
+static void no_waiting(avr_t *of, avr_cycle_count_t cycles) { (void)of, (void)cycles; }
+
+static void fail(const char *what, const char *name)
+{
+    fprintf(stderr, "avr_trace: %s: %s\n", name, what);
+    exit(2);
+}
+
+static void start(const char *program)
+{
+    uint32_t size = 0, at = 0;
+    uint8_t *code = read_ihex_file(program, &size, &at);
+    if (!code)
+        fail("cannot be read", program);
+    avr = avr_make_mcu_by_name("atmega328p");
+    if (!avr)
+        fail("not known to this simavr", "atmega328p");
+    avr_init(avr);
+    avr->frequency = (uint32_t)CLOCK_HZ;
+    avr->sleep = no_waiting;
+    avr_loadcode(avr, code, size, at);
+    avr->codeend = at + size;
+    for (avr_io_t *io = avr->io_port; io; io = io->next)
+        if (!strcmp(io->kind, "timer") && ((avr_timer_t *)io)->name == '1')
+            timer1 = (avr_timer_t *)io;
+}
+
+static void watch_pins(const char *to)
+{
+    trace = fopen(to, "w");
+    if (!trace)
+        fail("cannot be written", to);
+    fprintf(trace, "$timescale 100 ps $end\n");
+    for (int comparator = 0; comparator < 2; comparator++) {
+        avr_irq_t *match = timer1->io.irq + TIMER_IRQ_OUT_COMP + comparator;
+        avr_irq_register_notify(match, on_match, (void *)(intptr_t)comparator); /* is called before the pin's own */
+    }
+    for (int port = 0; port < 3; port++)
+        for (int pin = 0; pin < 8; pin++) {
+            fprintf(trace, "$var wire 1 %c P%c%d $end\n", signal_of(port, pin), 'B' + port, pin);
+            avr_irq_register_notify(
+                avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('B' + port), pin), on_pin, (void *)(intptr_t)port);
+        }
+    fprintf(trace, "$enddefinitions $end\n#0\n");
+    for (int port = 0; port < 3; port++)
+        for (int pin = 0; pin < 8; pin++)
+            fprintf(trace, "0%c\n", signal_of(port, pin));
+}
+
+static void open_serial_line(char **arrivals, int count, double baud)
+{
+    uint32_t flags = 0;
+    avr_ioctl(avr, AVR_IOCTL_UART_SET_FLAGS('0'), &flags);
+    avr_irq_register_notify(avr_io_getirq(avr, AVR_IOCTL_UART_GETIRQ('0'), UART_IRQ_OUTPUT), on_serial_out, NULL);
+    struct arrival *each = calloc((size_t)count, sizeof *each);
+    for (int i = 0; i < count; i++) {
+        char *hex;
+        const double seconds = strtod(arrivals[i], &hex);
+        each[i] = (struct arrival){hex + 1, (avr_cycle_count_t)(10 * CLOCK_HZ / baud)};
+        avr_cycle_timer_register(avr, (avr_cycle_count_t)(seconds * CLOCK_HZ), on_arrival, &each[i]);
+    }
+}
+
+static void load_eeprom(const char *from)
+{
+    uint8_t bytes[EEPROM_BYTES];
+    FILE *file = fopen(from, "rb");
+    memset(bytes, 0xFF, sizeof bytes);
+    if (file && fread(bytes, 1, sizeof bytes, file) != sizeof bytes)
+        fail("must have 1024 bytes", from);
+    if (file)
+        fclose(file);
+    avr_eeprom_desc_t all = {.ee = bytes, .offset = 0, .size = sizeof bytes};
+    avr_ioctl(avr, AVR_IOCTL_EEPROM_SET, &all);
+}
+
+static void save_eeprom(const char *to)
+{
+    avr_eeprom_desc_t all = {.ee = NULL, .offset = 0, .size = EEPROM_BYTES};
+    avr_ioctl(avr, AVR_IOCTL_EEPROM_GET, &all);
+    FILE *file = fopen(to, "wb");
+    if (!file || fwrite(all.ee, 1, EEPROM_BYTES, file) != EEPROM_BYTES || fclose(file))
+        fail("cannot be written", to);
+}
+
+int main(int argc, char **argv)
+{
+    if (argc < 6)
+        fail("usage: avr_trace PROGRAM.hex SECONDS TRACE.vcd EEPROM.bin BAUD [SECONDS:HEX ...]", "arguments");
+    const avr_cycle_count_t end = (avr_cycle_count_t)(strtod(argv[2], NULL) * CLOCK_HZ);
+    start(argv[1]);
+    load_eeprom(argv[4]);
+    watch_pins(argv[3]);
+    open_serial_line(argv + 6, argc - 6, strtod(argv[5], NULL));
+    while (avr->cycle < end) {
+        const int state = avr_run(avr);
+        if (state == cpu_Done || state == cpu_Crashed)
+            fail("stopped before the end", argv[1]);
+    }
+    fprintf(trace, "#%llu\n", (unsigned long long)avr->cycle * TICKS_PER_CYCLE);
+    if (fclose(trace))
+        fail("cannot be written", argv[3]);
+    save_eeprom(argv[4]);
+    return 0;
+}

@@ -1,0 +1,71 @@
+"""Drivers of panels, built and measured: what their tests and their benchmark share."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+from simavr_material import CLOCK_HZ, Cycles, PinTrace, build_with_make
+
+from ledpi.dictionaries import load_dictionary
+from ledpi.panel.firmware import Build, plan_firmware, write_firmware
+from ledpi.panel.firmware_readme import readme_text
+from ledpi.records import PanelSpec
+
+WORDS = load_dictionary("DICT_4X4_50").words
+EXPOSURE_US = 9966.3
+USUAL_PAIR = (1250.0, 2450.0)
+PAIRS = [USUAL_PAIR, (1262.0, 2350.0), (1450.0, 2949.85), (1656.0, 3951.0), (16000.0, 20000.0)]
+IDS = [0, 7, 9, 13, 17, 23, 31, 37, 44, 49]
+LARGEST_JITTER = 4e-6 * CLOCK_HZ - 4  # cycles; 4 for the entry into an interrupt
+
+# Cell by cell, row by row, as in firmware/panel/sixteen_cells.c.
+CELL_PINS = [f"PD{n}" for n in range(2, 8)] + [f"PB{n}" for n in range(6)] + [f"PC{n}" for n in range(4)]
+
+
+def program(folder: Path, build: Build, marker_id: int = 7, pair: tuple[float, float] = USUAL_PAIR) -> Path:
+    """The .hex of one panel, as `ledpi panel firmware` writes its sources and `make` builds them."""
+    spec = PanelSpec(side_m=0.16, black_hz=pair[0], white_hz=pair[1])
+    planned = plan_firmware(build, load_dictionary("DICT_4X4_50"), marker_id, spec, exposure_us=EXPOSURE_US)
+    write_firmware(planned, readme_text(planned), folder)
+    return build_with_make(folder)
+
+
+def defined(hex_file: Path, name: str) -> int:
+    """A half period in cycles, as the generated settings.h has it."""
+    found = re.search(rf"^#define {name}_HALF_PERIOD_CYCLES (\d+)u", (hex_file.parent / "settings.h").read_text(), re.M)
+    assert found
+    return int(found[1])
+
+
+def jitter(edges: Cycles, half_period: int) -> int:
+    """Cycles between the earliest and the latest edge, against a clock that ticks every half period exactly."""
+    return int(np.ptp(edges - half_period * np.arange(len(edges))))
+
+
+def duty(edges: Cycles) -> float:
+    """Share of the whole periods from the first rising edge to the last in which the pin is high."""
+    rising, falling = edges[0::2], edges[1::2]
+    periods = len(rising) - 1
+    return float((falling[:periods] - rising[:periods]).sum() / (rising[periods] - rising[0]))
+
+
+def shown_word(trace: PinTrace, black_cycles: int, white_cycles: int, begin: int, end: int) -> list[str]:
+    """The class of each of 16 cells, by how long its pin keeps a level between two cycles; "?" for neither."""
+    halves = {"black": black_cycles, "white": white_cycles}
+    word = []
+    for pin in CELL_PINS:
+        edges = trace.edges[pin]
+        lengths = np.diff(edges[(edges >= begin) & (edges < end)])
+        word.append(next((name for name, half in halves.items() if _all_near(lengths, half)), "?"))
+    return word
+
+
+def _all_near(lengths: Cycles, half_period: int) -> bool:
+    return len(lengths) > 0 and int(np.abs(lengths - half_period).max()) <= LARGEST_JITTER
+
+
+def classes(marker_id: int) -> list[str]:
+    """The class of each of an ID's 16 cells, row by row."""
+    return ["white" if bit else "black" for bit in WORDS[marker_id].ravel()]
