@@ -3,18 +3,25 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from simavr_material import CLOCK_HZ, Cycles, PinTrace, build_with_make
 
+from ledpi.camera.simulated import SimulatedCamera
 from ledpi.dictionaries import load_dictionary
 from ledpi.panel.firmware import Build, plan_firmware, write_firmware
 from ledpi.panel.firmware_readme import readme_text
+from ledpi.recording_writer import RecordingWriter
 from ledpi.records import PanelSpec
+from ledpi.simulate.scene import OV5647_ROW_TIME_US, Panel, Scene, SimulatedSensor, TracedWave
+from ledpi.simulate.scenes import ov5647_lens, whole_rows_us
+from ledpi.simulate.trajectory import Still, facing_camera
 
 WORDS = load_dictionary("DICT_4X4_50").words
 EXPOSURE_US = 9966.3
+SPEC = PanelSpec(side_m=0.16, black_hz=1250.0, white_hz=2450.0)
 USUAL_PAIR = (1250.0, 2450.0)
 PAIRS = [USUAL_PAIR, (1262.0, 2350.0), (1450.0, 2949.85), (1656.0, 3951.0), (16000.0, 20000.0)]
 IDS = [0, 7, 9, 13, 17, 23, 31, 37, 44, 49]
@@ -23,10 +30,13 @@ LARGEST_JITTER = 4e-6 * CLOCK_HZ - 4  # cycles; 4 for the entry into an interrup
 # Cell by cell, row by row, as in firmware/panel/sixteen_cells.c.
 CELL_PINS = [f"PD{n}" for n in range(2, 8)] + [f"PB{n}" for n in range(6)] + [f"PC{n}" for n in range(4)]
 
+CHIP_PINS = {f"D{n}": pin for n, pin in enumerate([f"PD{n}" for n in range(8)] + [f"PB{n}" for n in range(6)])}
+CHIP_PINS |= {f"A{n}": f"PC{n}" for n in range(6)}
+
 
 def program(folder: Path, build: Build, marker_id: int = 7, pair: tuple[float, float] = USUAL_PAIR) -> Path:
     """The .hex of one panel, as `ledpi panel firmware` writes its sources and `make` builds them."""
-    spec = PanelSpec(side_m=0.16, black_hz=pair[0], white_hz=pair[1])
+    spec = replace(SPEC, black_hz=pair[0], white_hz=pair[1])
     planned = plan_firmware(build, load_dictionary("DICT_4X4_50"), marker_id, spec, exposure_us=EXPOSURE_US)
     write_firmware(planned, readme_text(planned), folder)
     return build_with_make(folder)
@@ -69,3 +79,47 @@ def _all_near(lengths: Cycles, half_period: int) -> bool:
 def classes(marker_id: int) -> list[str]:
     """The class of each of an ID's 16 cells, row by row."""
     return ["white" if bit else "black" for bit in WORDS[marker_id].ravel()]
+
+
+def wired_pins(hex_file: Path) -> list[str]:
+    """The chip's pin of each cell, row by row, as the README beside the program shows them from the front."""
+    page = (hex_file.parent / "README.md").read_text(encoding="utf-8")
+    front = page.split("seen from the front")[1].split("**Seen from the back**")[0]
+    return [CHIP_PINS[pin] for pin in re.findall(r"\b[AD]\d+\b", front)]
+
+
+def record_panel(
+    folder: Path,
+    trace: PinTrace,
+    pins: list[str],
+    marker_id: int,
+    *,
+    begin_s: float,
+    distance_m: float,
+    turned_deg: tuple[float, float] = (0.0, 0.0),
+    frames: int,
+) -> None:
+    """Photographs a panel whose cells are lit by these pins, from `begin_s` of the trace on; yaw and roll.
+
+    The panel's own word is left empty: nothing of the ID is in the pictures but what the pins bring there.
+    """
+    sensor = SimulatedSensor(intrinsics=ov5647_lens(), exposure_us=whole_rows_us(1e4, OV5647_ROW_TIME_US))
+    shift_s = sensor.exposure_start_s(0) - begin_s
+    end_s = trace.end / CLOCK_HZ + shift_s
+    waves = {
+        pin: TracedWave.from_edges(trace.edges[pin] / CLOCK_HZ + shift_s, begin_s=shift_s, end_s=end_s)
+        for pin in set(pins)
+    }
+    pose = facing_camera(np.array([0.0, 0.0, distance_m]), yaw_deg=turned_deg[0], roll_deg=turned_deg[1])
+    shown = Panel(
+        word=np.zeros((4, 4), bool),
+        spec=SPEC,
+        motion=Still(pose),
+        marker_id=marker_id,
+        cell_waves=tuple(waves[pin] for pin in pins),
+    )
+    camera = SimulatedCamera(Scene(sensor=sensor, panels=(shown,)), seed=marker_id, paced=False, frames=frames)
+    pixels = np.empty((camera.info.height, camera.info.width), np.uint8)
+    with RecordingWriter(folder, camera=camera.info, dictionary="DICT_4X4_50", panel=SPEC) as writer:
+        while (frame := camera.read(pixels)) is not None:
+            writer.write(frame, camera.truth(frame.seq))
