@@ -6,6 +6,7 @@ A wrong key or value is a `ConfigError` of one line: file, key, what is wrong, w
 from __future__ import annotations
 
 import os
+from datetime import date
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -103,6 +104,7 @@ class PanelOverride(_Section):
     black_hz: Positive | None = None
     white_hz: Positive | None = None
     duty: Duty | None = None
+    measured: date | None = None  # by `ledpi calibrate panel`
 
 
 class PanelSettings(_Section):
@@ -117,7 +119,7 @@ class PanelSettings(_Section):
         """The panel of one ID, or, without an ID, the common one. Raises ValueError where they contradict."""
         values = self.model_dump(include={"side_m", "black_hz", "white_hz", "duty"})
         if marker_id is not None and marker_id in self.overrides:
-            values |= self.overrides[marker_id].model_dump(exclude_none=True)
+            values |= self.overrides[marker_id].model_dump(exclude_none=True, exclude={"measured"})
         return PanelSpec(**values)
 
 

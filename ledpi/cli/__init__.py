@@ -27,6 +27,8 @@ def main() -> None:
     from ledpi.cli import (  # noqa: F401, each adds its command to `app`
         calibrate,
         calibrate_camera,
+        calibrate_panel,
+        calibrate_shutter,
         decode,
         evaluate,
         monitor,

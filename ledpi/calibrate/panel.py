@@ -1,0 +1,192 @@
+"""A panel's frequencies, duty and depth, from its light over many frames; and what would make its bands easier to read.
+
+Pure. The row time must be known; the panel's announced frequencies only roughly.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ledpi import shutter
+from ledpi.calibrate.bands import CLOCK_SIGMA, ClassBands, PanelLight, Waves, measure_word, search_step_hz
+from ledpi.camera.timing import MIN_PHASE_ADVANCE_CYCLES, choose_frame_length_rows, frame_duration_us
+from ledpi.errors import CalibrationError
+from ledpi.markers import Dictionary
+from ledpi.records import PanelSpec
+
+SEARCH = 0.15  # of the announced frequency, to either side: more than an RC oscillator is off
+MIN_ALIAS_DEVIATIONS = 6.0  # between a frequency and the next that looks alike from frame to frame
+ROW_TIME_DOUBT = (5.0, 0.003)  # deviations, and share: more than both, and bands and row time contradict each other
+MAX_DUTY_SIGMA = 0.02
+# A panel that is within these of what is announced needs no entry of its own: each other pair of frequencies costs the
+# decoder a look of its own at every square. Over its memory of half a second 1e-4 of 2450 Hz is an eighth of a cycle.
+SAME_FREQUENCY, SAME_DUTY = 1e-4, 0.03
+# Depth falls with |sin πfT|, down to nothing where exposure times frequency is whole. Below the first it is worth a
+# warning, and an exposure is proposed for which all frequencies reach the second.
+WEAK, STRONG = 0.5, 0.75
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PanelCalibration:
+    """What one panel was measured to be."""
+
+    id: int
+    black: ClassBands
+    white: ClassBands
+    duty: float | None  # None where this exposure hides it
+    duty_sigma: float
+    blinking_share: tuple[float, float]  # of each class's light: the rest is steady, as a reflection is
+
+    def overrides(self) -> dict[str, float]:
+        """What belongs into `panels.overrides` of config.yaml."""
+        values = {"black_hz": round(self.black.frequency_hz, 2), "white_hz": round(self.white.frequency_hz, 2)}
+        return values if self.duty is None else values | {"duty": round(self.duty, 3)}
+
+
+    def differs_from(self, announced: PanelSpec) -> bool:
+        """Whether the decoder should know of it."""
+        pairs = ((self.black, announced.black_hz), (self.white, announced.white_hz))
+        if any(abs(bands.frequency_hz / hz - 1) > SAME_FREQUENCY for bands, hz in pairs):
+            return True
+        return self.duty is not None and abs(self.duty - announced.duty) > SAME_DUTY
+
+
+def measure_panel(
+    light: PanelLight, dictionary: Dictionary, announced: PanelSpec, *, exposure_us: float, row_time_us: float
+) -> PanelCalibration:
+    """Searches ±15 % around the announced frequencies. Raises CalibrationError where nothing sure is found."""
+    row_time_s = row_time_us * 1e-6
+    spans = search_ranges(announced)
+    black, white = (_waves(light, span, row_time_s) for span in spans)
+    words = dictionary.turned_words().reshape(4 * len(dictionary.words), -1)
+    found = measure_word(light, words, black, white)
+    if not (found.black.certain and found.white.certain):
+        (black_low, black_high), (white_low, white_high) = spans
+        raise CalibrationError(
+            f"no bands of a {dictionary.name} panel between {black_low:.0f} and {black_high:.0f} Hz (black) and "
+            f"{white_low:.0f} and {white_high:.0f} Hz (white)"
+        )
+    measured = (found.black, found.white)
+    for bands in measured:
+        _check_against_row_time(bands, light, row_time_s)
+    duty, duty_sigma = _duty(measured, exposure_us)
+    return PanelCalibration(
+        id=found.word // 4,
+        black=found.black,
+        white=found.white,
+        duty=duty,
+        duty_sigma=duty_sigma,
+        blinking_share=(
+            _blinking_share(found.black, exposure_us, duty or announced.duty),
+            _blinking_share(found.white, exposure_us, duty or announced.duty),
+        ),
+    )
+
+
+def frequency_sigma_hz(bands: ClassBands) -> float:
+    """Deviation of a frequency in true time: that of the fit, and of the camera's clock."""
+    return math.hypot(bands.frequency_sigma_hz, CLOCK_SIGMA * bands.frequency_hz)
+
+
+def search_ranges(announced: PanelSpec) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Where black's and white's frequency are sought; the ranges do not overlap."""
+    middle = math.sqrt(announced.black_hz * announced.white_hz)
+    spans = []
+    for hz in (announced.black_hz, announced.white_hz):
+        low, high = hz * (1 - SEARCH), hz * (1 + SEARCH)
+        spans.append((low, min(high, middle)) if hz < middle else (max(low, middle), high))
+    return spans[0], spans[1]
+
+
+def advice(
+    frequencies_hz: Sequence[float], *, exposure_us: float, row_time_us: float, frame_interval_us: float
+) -> list[str]:
+    """What keeps bands of these frequencies from being deep and moving, and what would be better; a line each."""
+    lines = []
+    exposure = better_exposure_us(exposure_us, row_time_us, frequencies_hz)
+    for hz in frequencies_hz:
+        strength = band_strength(hz, exposure_us)
+        if strength < WEAK:
+            better = f"; camera.exposure_us: {exposure:.0f} would be better" if exposure is not None else ""
+            lines.append(
+                f"{hz:.1f} Hz is near a null of the exposure: {exposure_us:.0f} µs hold {hz * exposure_us * 1e-6:.2f} "
+                f"periods, and leave {strength:.0%} of the bands' depth at a half{better}"
+            )
+    frame_rows = round(frame_interval_us / row_time_us)
+    interval = better_interval_us(frame_rows, row_time_us, frequencies_hz)
+    for hz in frequencies_hz:
+        moved = shutter.phase_advance_cycles(hz, frame_interval_us)
+        if abs(moved) < MIN_PHASE_ADVANCE_CYCLES:
+            better = f"; camera.frame_duration_us: {interval:.0f} would be better" if interval is not None else ""
+            lines.append(
+                f"the bands of {hz:.1f} Hz nearly stand still from frame to frame, they move by {moved:+.2f} periods "
+                f"in {frame_interval_us:.0f} µs{better}"
+            )
+    return lines
+
+
+def better_exposure_us(exposure_us: float, row_time_us: float, frequencies_hz: Sequence[float]) -> float | None:
+    """The exposure of whole rows nearest to this one in which no class's bands are weak, if there is one."""
+    candidates = (np.arange(4, 2 * round(exposure_us / row_time_us) + 8) * row_time_us).tolist()
+    good = [t for t in candidates if min(band_strength(hz, t) for hz in frequencies_hz) >= STRONG]
+    return min(good, key=lambda t: abs(t - exposure_us), default=None)
+
+
+def better_interval_us(frame_rows: int, row_time_us: float, frequencies_hz: Sequence[float]) -> float | None:
+    """The next longer frame interval of whole rows that keeps all phases moving, if there is one."""
+    try:
+        rows = choose_frame_length_rows(
+            shortest_rows=frame_rows, row_time_us=row_time_us, frequencies_hz=frequencies_hz
+        )
+    except ValueError:
+        return None
+    return frame_duration_us(rows, row_time_us)
+
+
+def band_strength(frequency_hz: float, exposure_us: float) -> float:
+    """|sin πfT|: 1 where this exposure leaves the deepest bands that one of its length can, 0 where it leaves none."""
+    return abs(math.sin(math.pi * frequency_hz * exposure_us * 1e-6))
+
+
+def _waves(light: PanelLight, span_hz: tuple[float, float], row_time_s: float) -> Waves:
+    step = search_step_hz(light)
+    grid = np.arange(span_hz[0], span_hz[1] + step, step)
+    return Waves(frequency_hz=grid, cycles_per_row=grid * row_time_s)
+
+
+def _check_against_row_time(bands: ClassBands, light: PanelLight, row_time_s: float) -> None:
+    frame_hz = 1e6 / light.frame_interval_us
+    if frame_hz * row_time_s < MIN_ALIAS_DEVIATIONS * bands.cycles_per_row_sigma:
+        raise CalibrationError(
+            f"the panel shows too little of its bands ({bands.periods:.1f} periods) to tell {bands.frequency_hz:.1f} "
+            f"from {bands.frequency_hz + frame_hz:.1f} Hz: go nearer, or take more frames"
+        )
+    off = bands.cycles_per_row / (bands.frequency_hz * row_time_s) - 1
+    sigma = bands.cycles_per_row_sigma / bands.cycles_per_row
+    if abs(off) > max(ROW_TIME_DOUBT[0] * sigma, ROW_TIME_DOUBT[1]):
+        raise CalibrationError(
+            f"the bands do not fit a row time of {row_time_s * 1e6:.2f} µs: measure that first, with a panel whose "
+            "frequencies are known and `ledpi calibrate shutter`"
+        )
+
+
+def _duty(measured: Sequence[ClassBands], exposure_us: float) -> tuple[float | None, float]:
+    """From the second harmonic over the first, which is cos πd · cos πfT (as sinc 2x = sinc x · cos πx)."""
+    values, weights = [], []
+    for bands in measured:
+        cycles = bands.frequency_hz * exposure_us * 1e-6
+        seen = math.cos(math.pi * cycles) * math.copysign(1.0, float(np.sinc(cycles)))
+        values.append(math.acos(min(1.0, max(-1.0, bands.second / seen))) / math.pi)
+        sigma = bands.second_sigma / (abs(seen) * math.pi * max(math.sin(math.pi * values[-1]), 0.1))
+        weights.append(sigma**-2)
+    sigma = sum(weights) ** -0.5
+    duty = sum(w * v for w, v in zip(weights, values, strict=True)) / sum(weights)
+    return (duty if sigma <= MAX_DUTY_SIGMA else None), sigma
+
+
+def _blinking_share(bands: ClassBands, exposure_us: float, duty: float) -> float:
+    return bands.amplitude / shutter.harmonic_amplitude(1, bands.frequency_hz, exposure_us, duty)

@@ -1,0 +1,159 @@
+"""`ledpi calibrate panel`: what a panel really blinks at → panels.overrides in config.yaml."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+from ledpi.cli.calibrate import calibrate, settings_for
+from ledpi.cli.progress import progress
+from ledpi.errors import CalibrationError
+
+if TYPE_CHECKING:
+    from ledpi.calibrate.bands import ClassBands
+    from ledpi.calibrate.panel import PanelCalibration
+    from ledpi.calibrate.taking import Taken
+    from ledpi.config import PanelSettings
+    from ledpi.records import Floats, PanelSpec
+
+
+@calibrate.command()
+def panel(
+    recording: Path | None = typer.Argument(None, metavar="[RECORDING]", help="Default: the configured camera, live."),
+    frames: int = typer.Option(120, min=20, max=600, help="Frames to take."),
+    dry_run: bool = typer.Option(False, "--dry-run", help="Measure, and write nothing."),
+    config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
+    set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
+) -> None:
+    """What the panels in view really blink at → panels.overrides in config.yaml; an older file is kept.
+
+    Camera and panel at rest, the panel at a metre or so. Frequencies are sought within 15 % of what the
+    configuration (or the recording) announces; a panel that is as announced needs no entry. Says too where an
+    exposure or a frame period suits these frequencies badly, and which would be better.
+
+    Example: ledpi calibrate panel --frames 120
+    """
+    from ledpi.calibrate.taking import take_frames
+
+    settings, file = settings_for(config, set_, recording)
+    with progress("taking frames", frames) as advance:
+        taken = take_frames(settings, frames, advance)
+    panels, measured = _measure(taken, settings.panels)
+    for result, corners in measured:
+        _report(result, corners, panels.spec(result.id), taken)
+    _write({r.id: r for r, _ in measured}, panels, None if dry_run else file)
+
+
+def _measure(taken: Taken, panels: PanelSettings) -> tuple[PanelSettings, list[tuple[PanelCalibration, Floats]]]:
+    """The panels as announced, and each one in view as measured and read again by the decoder, with its corners."""
+    from ledpi.calibrate.panel import advice, measure_panel
+    from ledpi.calibrate.still_panels import panel_light, still_squares
+    from ledpi.markers import load_dictionary
+    from ledpi.pipeline import Pipeline
+
+    camera, lens = taken.camera, taken.intrinsics
+    pipeline = Pipeline(camera, panels, intrinsics=lens, shown=taken.panel, stream=False)
+    panels, announced = pipeline.panels, pipeline.panels.spec()
+    dictionary = load_dictionary(panels.dictionary)
+    measured, refusals = [], ["no lit square is in view"]
+    for corners in still_squares(taken.frames, pipeline):
+        try:
+            light = panel_light(taken.frames, corners, dictionary.cells_per_side, lens)
+            result = measure_panel(
+                light, dictionary, announced, exposure_us=camera.exposure_us, row_time_us=camera.row_time_us
+            )
+            _check_that_it_reads(taken, panels, result, corners)
+            measured.append((result, corners))
+        except CalibrationError as error:
+            refusals.append(str(error))
+    if measured:
+        return panels, measured
+    hints = advice(
+        (announced.black_hz, announced.white_hz),
+        exposure_us=camera.exposure_us,
+        row_time_us=camera.row_time_us,
+        frame_interval_us=_interval_us(taken),
+    )
+    raise CalibrationError("; ".join([refusals[-1], *hints]))
+
+
+def _check_that_it_reads(taken: Taken, panels: PanelSettings, result: PanelCalibration, corners: Floats) -> None:
+    from ledpi.calibrate.still_panels import reads
+    from ledpi.config import PanelOverride
+    from ledpi.pipeline import Pipeline
+
+    known = panels.overrides.get(result.id, PanelOverride()).model_copy(update=result.overrides())
+    with_it = panels.model_copy(update={"overrides": {result.id: known}})
+    pipeline = Pipeline(taken.camera, with_it, intrinsics=taken.intrinsics)
+    if not reads(taken.frames, pipeline, result.id, corners):
+        raise CalibrationError(
+            f"bands like those of panel {result.id} at {result.black.frequency_hz:.1f} and "
+            f"{result.white.frequency_hz:.1f} Hz, but the decoder does not read it: is it of {panels.dictionary}?"
+        )
+
+
+def _interval_us(taken: Taken) -> float:
+    from ledpi.calibrate.still_panels import steady_seconds
+
+    return steady_seconds(taken.frames)[1]
+
+
+def _report(result: PanelCalibration, corners: Floats, announced: PanelSpec, taken: Taken) -> None:
+    from ledpi.calibrate.panel import advice
+
+    height = corners[:, 1].max() - corners[:, 1].min()
+    typer.echo(f"panel {result.id}: {height:.0f} px high, {len(taken.frames)} frames")
+    exposure_us = taken.camera.exposure_us
+    duty = announced.duty if result.duty is None else result.duty
+    for name, bands, hz, share in (
+        ("black", result.black, announced.black_hz, result.blinking_share[0]),
+        ("white", result.white, announced.white_hz, result.blinking_share[1]),
+    ):
+        typer.echo(f"  {name}  {_class_text(bands, hz, exposure_us, duty, share)}")
+    if result.duty is None:
+        typer.echo("  duty   does not show at this exposure")
+    else:
+        typer.echo(f"  duty   {result.duty:.3f} ± {result.duty_sigma:.3f}")
+    for line in advice(
+        (result.black.frequency_hz, result.white.frequency_hz),
+        exposure_us=exposure_us,
+        row_time_us=taken.camera.row_time_us,
+        frame_interval_us=_interval_us(taken),
+    ):
+        typer.echo(f"  {line}")
+
+
+def _class_text(bands: ClassBands, announced_hz: float, exposure_us: float, duty: float, share: float) -> str:
+    from ledpi.calibrate.panel import frequency_sigma_hz
+    from ledpi.shutter import contrast
+
+    depth = contrast(bands.frequency_hz, exposure_us, duty) * share
+    off = bands.frequency_hz / announced_hz - 1
+    return (
+        f"{bands.frequency_hz:.2f} ± {frequency_sigma_hz(bands):.2f} Hz ({off:+.2%} of {announced_hz:g}), bands "
+        f"{depth:.1%} deep, {share:.0%} of what all of the light would give"
+    )
+
+
+def _write(measured: dict[int, PanelCalibration], panels: PanelSettings, file: Path | None) -> None:
+    from datetime import date
+    from typing import Any
+
+    from ledpi.calibrate.config_file import Key, change_config
+
+    changes: dict[Key, Any] = {}
+    for marker_id, result in measured.items():
+        if result.differs_from(panels.spec(marker_id)):
+            values = result.overrides() | {"measured": date.today()}
+            changes |= {("panels", "overrides", marker_id, key): value for key, value in values.items()}
+    if not changes:
+        typer.echo("as announced: nothing to write")
+    elif file is None:
+        typer.echo("nothing written; for config.yaml:")
+        for key, value in changes.items():
+            typer.echo(f"  {'.'.join(map(str, key))}: {value}")
+    else:
+        kept = change_config(file, changes)
+        typer.echo(f"{file}: panels.overrides written; the older one is kept as {kept}")

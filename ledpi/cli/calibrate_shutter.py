@@ -1,0 +1,111 @@
+"""`ledpi calibrate shutter`: row time and exposure, from a panel with a crystal → config.yaml and camera.yaml."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+from ledpi.cli.calibrate import calibrate, settings_for
+from ledpi.cli.progress import progress
+from ledpi.errors import CalibrationError
+
+if TYPE_CHECKING:
+    from ledpi.calibrate.shutter import Reported, ShutterCalibration
+    from ledpi.calibrate.taking import Taken
+    from ledpi.config import PanelSettings
+
+
+@calibrate.command()
+def shutter(
+    recording: Path | None = typer.Argument(None, metavar="[RECORDING]", help="Default: the configured camera, live."),
+    frames: int = typer.Option(120, min=20, max=600, help="Frames to take."),
+    dry_run: bool = typer.Option(False, "--dry-run", help="Measure, and write nothing."),
+    config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
+    set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
+) -> None:
+    """Row time and real exposure, from a panel whose frequencies are known, as a crystal's are.
+
+    Camera and panel at rest, the panel at a metre or so. Where the driver misreports the row time, the measured
+    one is written to camera.row_time_us in config.yaml; an older file is kept.
+
+    Example: ledpi calibrate shutter --set panels.black_hz=1250 --set panels.white_hz=2450
+    """
+    from ledpi.calibrate.shutter import Reported
+    from ledpi.calibrate.taking import take_frames
+
+    settings, file = settings_for(config, set_, recording)
+    with progress("taking frames", frames) as advance:
+        taken = take_frames(settings, frames, advance)
+    reported = Reported(
+        row_time_us=taken.camera.row_time_us,
+        exposure_us=taken.frames[0].exposure_us,
+        frame_length_rows=taken.camera.frame_length_rows,
+    )
+    result = _measure(taken, settings.panels, reported)
+    _report(result, reported)
+    _write(result, reported, None if dry_run else file)
+
+
+def _measure(taken: Taken, panels: PanelSettings, reported: Reported) -> ShutterCalibration:
+    """By the first square, from the largest on, that is such a panel and that the decoder reads at the new row time."""
+    from dataclasses import replace
+
+    from ledpi.calibrate.shutter import measure_shutter
+    from ledpi.calibrate.still_panels import panel_light, reads, still_squares
+    from ledpi.markers import load_dictionary
+    from ledpi.pipeline import Pipeline
+
+    lens = taken.intrinsics
+    pipeline = Pipeline(taken.camera, panels, intrinsics=lens, shown=taken.panel, stream=False)
+    dictionary = load_dictionary(pipeline.panels.dictionary)
+    why = "no lit square is in view"
+    for corners in still_squares(taken.frames, pipeline):
+        try:
+            light = panel_light(taken.frames, corners, dictionary.cells_per_side, lens)
+            result = measure_shutter(light, dictionary, pipeline.panels.spec(), reported)
+        except CalibrationError as error:
+            why = str(error)
+            continue
+        camera = replace(taken.camera, row_time_us=result.row_time_us.value)
+        frames = [replace(frame, row_time_us=result.row_time_us.value) for frame in taken.frames]
+        if reads(frames, Pipeline(camera, pipeline.panels, intrinsics=lens), result.id, corners):
+            return result
+        why = f"bands like those of panel {result.id}, but the decoder does not read it"
+    raise CalibrationError(why)
+
+
+def _report(result: ShutterCalibration, reported: Reported) -> None:
+    row, bands, interval = result.row_time_us, result.by_bands_us, result.by_interval_us
+    typer.echo(f"panel {result.id}")
+    typer.echo(f"  row time  {row.value:.3f} ± {row.sigma:.3f} µs; the driver says {reported.row_time_us:.3f} µs")
+    typer.echo(f"            by the bands {bands.value:.3f} ± {bands.sigma:.3f} µs")
+    over = f"            by the frames' interval over {reported.frame_length_rows} rows"
+    if interval is not None:
+        typer.echo(f"{over} {interval.value:.3f} µs")
+    elif reported.frame_length_rows is not None:
+        typer.echo(f"{over} another one: a scaled picture?")
+    exposure = result.exposure_us
+    said = f"the driver says {reported.exposure_us:.0f} µs"
+    if exposure is None:
+        typer.echo(f"  exposure  cannot be told from these bands; {said}")
+    else:
+        typer.echo(f"  exposure  {exposure.value:.0f} ± {exposure.sigma:.0f} µs; {said}")
+    if not row.agrees_with(reported.row_time_us):
+        typer.echo(f"  the driver misreports its row time by {reported.row_time_us / row.value - 1:+.1%}")
+    if exposure is not None and abs(exposure.value - reported.exposure_us) > max(row.value, 4 * exposure.sigma):
+        typer.echo(f"  the driver misreports its exposure by {reported.exposure_us / exposure.value - 1:+.1%}")
+
+
+def _write(result: ShutterCalibration, reported: Reported, file: Path | None) -> None:
+    from ledpi.calibrate.config_file import change_config
+
+    row_time_us = round(result.row_time_us.value, 3)
+    if result.row_time_us.agrees_with(reported.row_time_us):
+        typer.echo("the driver's row time is right: nothing to write")
+    elif file is None:
+        typer.echo(f"nothing written; for config.yaml: camera.row_time_us: {row_time_us}")
+    else:
+        kept = change_config(file, {("camera", "row_time_us"): row_time_us})
+        typer.echo(f"{file}: camera.row_time_us: {row_time_us} written; the older one is kept as {kept}")

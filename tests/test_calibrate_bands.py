@@ -1,0 +1,228 @@
+"""Frequencies, row time, exposure and duty are asked back of light that was counted moment by moment."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ledpi.calibrate.bands import PanelLight
+from ledpi.calibrate.panel import PanelCalibration, advice, measure_panel
+from ledpi.calibrate.shutter import Reported, ShutterCalibration, measure_shutter
+from ledpi.calibrate.still_panels import panel_light, steady_seconds
+from ledpi.errors import CalibrationError
+from ledpi.markers import load_dictionary
+from ledpi.picture import read_picture
+from ledpi.recording import load_recording
+from ledpi.records import Frame, PanelSpec
+
+DICTIONARY = load_dictionary("DICT_4X4_50")
+ANNOUNCED = PanelSpec(side_m=0.16, black_hz=1250.0, white_hz=2450.0)
+WORD_7 = np.array([[1, 1, 0, 0], [0, 1, 0, 0], [1, 1, 1, 1], [0, 0, 1, 0]], bool)
+FRAME_ROWS = 504  # over which both classes' bands move; at 31.75 µs a row those of 1250 Hz do not, but do over 509
+
+
+@cache
+def counted_light(
+    black_hz: float = 1250.0,
+    white_hz: float = 2450.0,
+    *,
+    duty: float = 0.5,
+    exposure_us: float = 9967.0,
+    row_time_us: float = 33.67,
+    frames: int = 40,
+    frame_rows: int = FRAME_ROWS,
+    cell_rows: int = 24,
+    noise: float = 3e-3,
+    blinking: float = 1.0,
+    jitter_us: float = 0.0,
+    seed: int = 0,
+) -> PanelLight:
+    """ID 7 upright, its cells 24 rows high and 24 pixels wide; each row's share of light is counted at 2,000 moments.
+
+    `noise` is that of one row of a cell, over its light; `jitter_us` that of the times which frames are told to have.
+    """
+    rng = np.random.default_rng(seed)
+    rows = 4 * cell_rows
+    moments_us = exposure_us * (np.arange(2000) + 0.5) / 2000
+    start_us = frame_rows * row_time_us * np.arange(frames)
+    at_us = start_us[:, None] + row_time_us * np.arange(rows)
+    light = np.zeros((frames, 16, rows))
+    waves = (black_hz * 1e-6, 0.1), (white_hz * 1e-6, 0.63)
+    on = [np.stack([((p + f * (t[:, None] + moments_us)) % 1.0 < duty).mean(axis=1) for t in at_us]) for f, p in waves]
+    profile = 24 * 0.4 * (1 + 0.2 * np.cos(np.linspace(-1, 1, cell_rows - 2)))
+    for cell, white in enumerate(WORD_7.ravel()):
+        own = slice(cell // 4 * cell_rows + 1, (cell // 4 + 1) * cell_rows - 1)
+        seen = 1 - blinking + blinking * on[int(white)][:, own] / duty
+        light[:, cell, own] = (1 + 0.05 * (cell % 3)) * profile * seen * (1 + noise * rng.standard_normal(seen.shape))
+    seconds = (start_us + jitter_us * rng.standard_normal(frames)) * 1e-6
+    return PanelLight(light=light, seconds=seconds, frame_interval_us=frame_rows * row_time_us)
+
+
+def measured_panel(light: PanelLight, exposure_us: float = 9967.0, row_time_us: float = 33.67) -> PanelCalibration:
+    return measure_panel(light, DICTIONARY, ANNOUNCED, exposure_us=exposure_us, row_time_us=row_time_us)
+
+
+def measured_shutter(light: PanelLight, *, row_time_us: float = 33.67, rows: int | None = None) -> ShutterCalibration:
+    reported = Reported(row_time_us=row_time_us, exposure_us=296 * row_time_us, frame_length_rows=rows)
+    return measure_shutter(light, DICTIONARY, ANNOUNCED, reported)
+
+
+def test_frequencies_that_are_off_are_found() -> None:
+    """1262 and 2431 Hz, announced as 1250 and 2450, to 0.01 %; ID 7 is not told beforehand."""
+    result = measured_panel(counted_light(1262.0, 2431.0))
+    assert result.id == 7
+    assert result.black.frequency_hz == pytest.approx(1262.0, rel=1e-4)
+    assert result.white.frequency_hz == pytest.approx(2431.0, rel=1e-4)
+    assert result.differs_from(ANNOUNCED)
+    assert not result.differs_from(PanelSpec(side_m=1.0, black_hz=1262.0, white_hz=2431.0))
+
+
+def test_deviations_are_those_of_the_errors() -> None:
+    """Over 30 seeds the errors of f and ν, over their reported deviations, have a root mean square near 1."""
+    clean, rng, pulls = counted_light(frames=25, noise=0.0), np.random.default_rng(0), []
+    for _ in range(30):
+        noisy = clean.light * (1 + 0.01 * rng.standard_normal(clean.light.shape))
+        result = measured_panel(replace(clean, light=noisy))
+        for bands, hz in ((result.black, 1250.0), (result.white, 2450.0)):
+            pulls.append((bands.frequency_hz - hz) / bands.frequency_sigma_hz)
+            pulls.append((bands.cycles_per_row - hz * 33.67e-6) / bands.cycles_per_row_sigma)
+    assert 0.8 < np.sqrt(np.mean(np.square(pulls))) < 1.2
+
+
+def test_late_interrupts_cost_little() -> None:
+    """Frames that are dated wrong by 30 µs: frequencies still to 0.01 %, as the frames' period is constant."""
+    jittered = counted_light(1262.0, 2431.0, jitter_us=30.0)
+    frames = [
+        Frame(
+            pixels=np.zeros((2, 2), np.uint8),
+            seq=10 + i,
+            row0_readout_ns=round(t * 1e9) + 10**9,
+            exposure_us=9967.0,
+            row_time_us=33.67,
+            transfer="linear",
+        )
+        for i, t in enumerate(jittered.seconds)
+    ]
+    seconds, interval_us = steady_seconds(frames)
+    result = measured_panel(PanelLight(light=jittered.light, seconds=seconds, frame_interval_us=interval_us))
+    assert result.black.frequency_hz == pytest.approx(1262.0, rel=1e-4)
+    assert interval_us == pytest.approx(FRAME_ROWS * 33.67, rel=1e-4)
+
+
+@pytest.mark.parametrize("duty", [0.3, 0.45, 0.6])
+def test_duty_shows_in_the_second_harmonic(duty: float) -> None:
+    """Which side of one half it lies on too, and the share of light that blinks."""
+    result = measured_panel(counted_light(duty=duty, blinking=0.8))
+    assert result.duty == pytest.approx(duty, abs=0.02)
+    assert result.blinking_share == pytest.approx((0.8, 0.8), abs=0.02)
+
+
+def test_duty_is_not_guessed_where_the_exposure_hides_it() -> None:
+    """Where exposure times frequency is a whole number and a half, the second harmonic vanishes at any duty."""
+    result = measured_panel(counted_light(1250.0, 2450.0, duty=0.4, exposure_us=10000.0), exposure_us=10000.0)
+    assert result.duty is None
+    assert "duty" not in result.overrides()
+
+
+@pytest.mark.parametrize(
+    "light",
+    [
+        counted_light(blinking=0.0),
+        counted_light(1300.0, 2500.0, exposure_us=10000.0),  # nulls of the exposure
+        counted_light(1e6 / 33.67 / 504 * 21, 2450.0),  # black's bands stand still from frame to frame
+    ],
+    ids=["steady", "nulls", "frozen"],
+)
+def test_no_bands_are_no_result(light: PanelLight) -> None:
+    """A steady lamp, bands that the exposure blots out, bands that never move: refused, nothing made up."""
+    with pytest.raises(CalibrationError, match="no bands of a DICT_4X4_50 panel between 1062 and 1438 Hz"):
+        measured_panel(light)
+
+
+def test_a_wrong_row_time_is_noticed() -> None:
+    """A row time that is off by 6 % would give another alias of each frequency; it is named instead."""
+    with pytest.raises(CalibrationError, match=r"do not fit a row time of 33\.67 µs"):
+        measured_panel(counted_light(row_time_us=31.75, frame_rows=509))
+
+
+def test_too_few_periods_are_told() -> None:
+    """A small panel shows too few rows to tell a frequency from one that looks alike from frame to frame."""
+    with pytest.raises(CalibrationError, match="too little of its bands"):
+        measured_panel(counted_light(cell_rows=6, noise=0.01))
+
+
+@pytest.mark.parametrize("row_time_us", [21.17, 31.75, 33.67])
+def test_the_row_time_is_found_whatever_the_driver_says(row_time_us: float) -> None:
+    """To 0.1 % by the bands alone, and to the last digit with the frames' rows; the driver said 33.67 µs.
+
+    At 31.75 µs black's bands stand still from frame to frame: white's are enough.
+    """
+    light = counted_light(row_time_us=row_time_us, exposure_us=9967.0)
+    by_bands, with_rows = measured_shutter(light), measured_shutter(light, rows=FRAME_ROWS)
+    assert by_bands.row_time_us.value == pytest.approx(row_time_us, rel=1e-3)
+    assert with_rows.row_time_us.value == pytest.approx(row_time_us, rel=1e-9)
+    assert by_bands.row_time_us.agrees_with(33.67) == (row_time_us == 33.67)
+
+
+def test_a_scaled_picture_has_its_own_row_time() -> None:
+    """Where the frames' interval over the sensor's rows is not what the bands show, the bands are right."""
+    result = measured_shutter(counted_light(row_time_us=33.67), rows=FRAME_ROWS * 2)
+    assert result.by_interval_us is None
+    assert result.row_time_us.value == pytest.approx(33.67, rel=1e-3)
+
+
+@pytest.mark.parametrize("exposure_us", [9394.0, 9700.0, 9967.0, 10000.0])
+def test_the_exposure_shows_in_the_classes_depths(exposure_us: float) -> None:
+    """Within its deviations of the truth, also at 10 ms, where the ratio of depths turns."""
+    rows = round(exposure_us / 33.67)
+    reported = Reported(row_time_us=33.67, exposure_us=rows * 33.67, frame_length_rows=None)
+    result = measure_shutter(counted_light(exposure_us=exposure_us), DICTIONARY, ANNOUNCED, reported)
+    assert result.exposure_us is not None
+    assert abs(result.exposure_us.value - exposure_us) < 4 * result.exposure_us.sigma + 1
+    assert result.exposure_us.sigma < 50
+
+
+def test_a_panel_that_is_no_crystal_is_refused() -> None:
+    """A row time is not measured with a panel that is 1 % off."""
+    with pytest.raises(CalibrationError, match="right to 300 ppm"):
+        measured_shutter(counted_light(1262.0, 2431.0))
+
+
+def test_advice_names_what_would_be_better() -> None:
+    """A null of the exposure and standing bands are named with values that have neither; a good setting has no line."""
+    bad = advice([1300.0, 2500.0], exposure_us=10000.0, row_time_us=33.67, frame_interval_us=20_000.0)
+    assert [line.split(" Hz")[0].split()[-1] for line in bad] == ["1300.0", "2500.0", "1300.0", "2500.0"]
+    exposure_us, interval_us = (float(line.split("_us: ")[1].split()[0]) for line in (bad[0], bad[2]))
+    again = advice([1300.0, 2500.0], exposure_us=exposure_us, row_time_us=33.67, frame_interval_us=interval_us)
+    assert again == []
+    assert advice([1250.0, 2450.0], exposure_us=9967.0, row_time_us=33.67, frame_interval_us=504 * 33.67) == []
+
+
+@pytest.mark.parametrize("name", ["static/d0.6", "static/d2", "linear/d1", "oblique/d0.6_yaw-70"])
+def test_frames_that_others_rendered(shared: Callable[[str], Path], name: str) -> None:
+    """Five or six frames of another simulator: 1250 and 2450 Hz to 0.02 %, 33.67 µs to 0.5 %, 10 ms to 1 %."""
+    folder = shared(f"recordings/{name}")
+    recording = load_recording(folder)
+    truth = json.loads((folder / "truth.jsonl").read_text().splitlines()[0])["markers"][0]
+    assert recording.truth is not None
+    frames = []
+    for entry in recording.frames:
+        if entry.row0_readout_ns - recording.frames[0].row0_readout_ns < 200_000_000:
+            pixels = np.empty((480, 640), np.uint8)
+            assert read_picture(entry.picture, pixels) is None
+            frames.append(recording.frame(entry, pixels))
+    light = panel_light(frames, np.array(truth["corners_px"]), 4, recording.camera.intrinsics)
+    panel = measured_panel(light, exposure_us=10000.0)
+    shutter = measured_shutter(light)
+    assert panel.id == shutter.id == truth["id"]
+    assert panel.black.frequency_hz == pytest.approx(1250.0, rel=2e-4)
+    assert panel.white.frequency_hz == pytest.approx(2450.0, rel=2e-4)
+    assert shutter.row_time_us.value == pytest.approx(33.67, rel=5e-3)
+    assert shutter.exposure_us is not None
+    assert shutter.exposure_us.value == pytest.approx(10000.0, rel=1e-2)

@@ -1,0 +1,120 @@
+"""`ledpi calibrate panel` and `shutter`, from a simulated recording to config.yaml."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import yaml
+
+from ledpi.calibrate.config_file import change_config, changed_yaml
+from ledpi.cli import main
+from ledpi.config import load_config
+from ledpi.errors import CalibrationError
+
+Command = Callable[..., tuple[int, str, str]]
+CONFIG = """\
+# my robot
+camera:
+    row_time_us: auto   # the driver's
+panels:
+    side_m: 0.16   # measured twice
+    overrides: {3: {side_m: 0.3}}
+map: null
+"""
+
+
+@pytest.fixture
+def command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Command:
+    """Runs `ledpi …` in an empty folder with CONFIG → exit status, standard output, standard error."""
+    monkeypatch.chdir(tmp_path)
+    Path("config.yaml").write_text(CONFIG, encoding="utf-8")
+
+    def run(*arguments: object) -> tuple[int, str, str]:
+        monkeypatch.setattr("sys.argv", ["ledpi", *map(str, arguments)])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        captured = capsys.readouterr()
+        return int(ended.value.code or 0), captured.out, captured.err
+
+    return run
+
+
+def simulated(command: Command, *settings: str, told: dict[str, dict[str, float]]) -> Path:
+    """60 frames of panel 7 at 1 m, whose recording then tells other values than those that were simulated."""
+    overrides = [part for setting in settings for part in ("--set", setting)]
+    assert command("simulate", "take", "--distance", 1, "--frames", 60, *overrides)[0] == 0
+    header = Path("take/recording.yaml")
+    values = yaml.safe_load(header.read_text())
+    for section, keys in told.items():
+        values[section] |= keys
+    header.write_text(yaml.safe_dump(values))
+    return Path("take")
+
+
+def test_a_panel_that_is_off_is_measured_and_written(command: Command) -> None:
+    """1262 and 2431 Hz, announced as 1250 and 2450: in panels.overrides to 0.1 %, and nothing else is touched."""
+    announced = {"panel": {"black_hz": 1250.0, "white_hz": 2450.0}}
+    take = simulated(command, "panels.black_hz=1262", "panels.white_hz=2431", told=announced)
+    status, out, err = command("calibrate", "panel", take)
+    assert (status, err) == (0, "")
+    assert "panel 7: " in out
+    assert "config.yaml: panels.overrides written; the older one is kept as config.yaml.bak-1" in out
+    assert Path("config.yaml.bak-1").read_text(encoding="utf-8") == CONFIG
+    spec = load_config(Path("config.yaml")).panels.spec(7)
+    assert spec.black_hz == pytest.approx(1262.0, rel=1e-3)
+    assert spec.white_hz == pytest.approx(2431.0, rel=1e-3)
+    written = Path("config.yaml").read_text(encoding="utf-8")
+    assert "# my robot" in written
+    assert "# measured twice" in written
+    assert yaml.safe_load(written)["panels"]["overrides"][3] == {"side_m": 0.3}
+
+
+def test_a_row_time_that_the_driver_misreports_is_written(command: Command) -> None:
+    """31.75 µs, reported as 33.67: in camera.row_time_us to 0.2 %; a dry run writes nothing."""
+    take = simulated(command, "camera.row_time_us=31.75", told={"camera": {"row_time_us": 33.67}})
+    status, out, _ = command("calibrate", "shutter", take, "--dry-run")
+    assert status == 0
+    assert "the driver misreports its row time by +6.0%" in out
+    assert Path("config.yaml").read_text(encoding="utf-8") == CONFIG
+    assert command("calibrate", "shutter", take)[0] == 0
+    assert load_config(Path("config.yaml")).camera.row_time_us == pytest.approx(31.75, rel=2e-3)
+
+
+def test_what_is_as_announced_needs_no_entry(command: Command) -> None:
+    """A right panel and a right driver: both say so, and config.yaml stays as it is."""
+    take = simulated(command, told={})
+    for what, said in (("panel", "as announced: nothing to write"), ("shutter", "row time is right: nothing to write")):
+        status, out, _ = command("calibrate", what, take)
+        assert status == 0
+        assert said in out
+    assert Path("config.yaml").read_text(encoding="utf-8") == CONFIG
+
+
+@pytest.mark.parametrize("what", ["panel", "shutter"])
+def test_what_moves_or_is_short_is_refused(command: Command, what: str) -> None:
+    """A robot that drives, and a recording of too few frames: one line, exit status 2, nothing written."""
+    command("simulate", "drive", "--scene", "drive", "--frames", 21)
+    command("simulate", "short", "--frames", 5)
+    for take, why in (("drive", "no lit square stands still in view"), ("short", "5 usable frames in a row")):
+        status, _, err = command("calibrate", what, take)
+        assert (status, err.count("\n")) == (2, 1)
+        assert why in err
+    assert Path("config.yaml").read_text(encoding="utf-8") == CONFIG
+    assert not Path("config.yaml.bak-1").exists()
+
+
+def test_a_key_is_changed_and_comments_stay() -> None:
+    """Also where the section is not there yet."""
+    text = changed_yaml(CONFIG, {("camera", "row_time_us"): 31.75, ("serial", "baud"): 9600})
+    assert "row_time_us: 31.75 " in text
+    assert "# the driver's" in text
+    assert "map: null" in text
+    assert yaml.safe_load(text)["serial"] == {"baud": 9600}
+
+
+def test_a_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
+    """A configuration that went away is an error with its name."""
+    with pytest.raises(CalibrationError, match=r"gone\.yaml: cannot be read: No such file"):
+        change_config(tmp_path / "gone.yaml", {("camera", "row_time_us"): 1.0})
