@@ -15,8 +15,8 @@ from ledpi.calibrate.bands import PanelLight
 from ledpi.calibrate.panel import PanelCalibration, advice, measure_panel
 from ledpi.calibrate.shutter import Reported, ShutterCalibration, measure_shutter
 from ledpi.calibrate.still_panels import panel_light, steady_seconds
+from ledpi.dictionaries import load_dictionary
 from ledpi.errors import CalibrationError
-from ledpi.markers import load_dictionary
 from ledpi.picture import read_picture
 from ledpi.recording import load_recording
 from ledpi.records import Frame, PanelSpec

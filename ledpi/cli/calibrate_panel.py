@@ -50,7 +50,7 @@ def _measure(taken: Taken, panels: PanelSettings) -> tuple[PanelSettings, list[t
     """The panels as announced, and each one in view as measured and read again by the decoder, with its corners."""
     from ledpi.calibrate.panel import advice, measure_panel
     from ledpi.calibrate.still_panels import panel_light, still_squares
-    from ledpi.markers import load_dictionary
+    from ledpi.dictionaries import load_dictionary
     from ledpi.pipeline import Pipeline
 
     camera, lens = taken.camera, taken.intrinsics

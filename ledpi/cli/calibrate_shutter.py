@@ -54,7 +54,7 @@ def _measure(taken: Taken, panels: PanelSettings, reported: Reported) -> Shutter
 
     from ledpi.calibrate.shutter import measure_shutter
     from ledpi.calibrate.still_panels import panel_light, reads, still_squares
-    from ledpi.markers import load_dictionary
+    from ledpi.dictionaries import load_dictionary
     from ledpi.pipeline import Pipeline
 
     lens = taken.intrinsics
