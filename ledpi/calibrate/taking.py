@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from ledpi.camera.factory import open_camera
 from ledpi.config import Config
 from ledpi.daemon import calibration
 from ledpi.errors import CalibrationError
+from ledpi.recording import load_recording
 from ledpi.records import CameraInfo, Frame, Intrinsics, PanelValues, Rejected
 
 FEWEST_FRAMES = 20
@@ -25,6 +27,7 @@ class Taken:
     camera: CameraInfo
     panel: PanelValues | None
     intrinsics: Intrinsics | None
+    row_time_ratio: float  # row time and exposure, as they are here, over what the driver reports
 
 
 def take_frames(config: Config, count: int, advance: Callable[[int], None]) -> Taken:
@@ -33,7 +36,9 @@ def take_frames(config: Config, count: int, advance: Callable[[int], None]) -> T
     Raises CalibrationError where there are too few, and what the camera itself raises.
     """
     source = config.camera.source
-    camera = open_camera(config, paced=source.partition(":")[0] not in ("simulated", "recording"))
+    kind, _, place = source.partition(":")
+    ratio = load_recording(Path(place)).row_time_ratio if kind == "recording" else 1.0
+    camera = open_camera(config, paced=kind not in ("simulated", "recording"))
     frames: list[Frame] = []
     unusable = 0
     try:
@@ -52,7 +57,9 @@ def take_frames(config: Config, count: int, advance: Callable[[int], None]) -> T
     take = longest_take(frames)
     if len(take) < FEWEST_FRAMES:
         raise CalibrationError(f"{source}: {len(take)} usable frames in a row; at least {FEWEST_FRAMES} are needed")
-    return Taken(frames=take, camera=camera.info, panel=camera.panel, intrinsics=intrinsics)
+    return Taken(
+        frames=take, camera=camera.info, panel=camera.panel, intrinsics=intrinsics, row_time_ratio=ratio
+    )
 
 
 def longest_take(frames: list[Frame]) -> list[Frame]:

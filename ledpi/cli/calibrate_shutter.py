@@ -39,8 +39,8 @@ def shutter(
     with progress("taking frames", frames) as advance:
         taken = take_frames(settings, frames, advance)
     reported = Reported(
-        row_time_us=taken.camera.row_time_us,
-        exposure_us=taken.frames[0].exposure_us,
+        row_time_us=taken.camera.row_time_us / taken.row_time_ratio,
+        exposure_us=taken.frames[0].exposure_us / taken.row_time_ratio,
         frame_length_rows=taken.camera.frame_length_rows,
     )
     result = _measure(taken, settings.panels, reported)
@@ -68,8 +68,10 @@ def _measure(taken: Taken, panels: PanelSettings, reported: Reported) -> Shutter
         except CalibrationError as error:
             why = str(error)
             continue
-        camera = replace(taken.camera, row_time_us=result.row_time_us.value)
-        frames = [replace(frame, row_time_us=result.row_time_us.value) for frame in taken.frames]
+        found = {"row_time_us": result.row_time_us.value}
+        if result.exposure_us is not None:
+            found["exposure_us"] = result.exposure_us.value
+        camera, frames = replace(taken.camera, **found), [replace(frame, **found) for frame in taken.frames]
         if reads(frames, Pipeline(camera, pipeline.panels, intrinsics=lens), result.id, corners):
             return result
         why = f"bands like those of panel {result.id}, but the decoder does not read it"
