@@ -22,6 +22,7 @@ SEARCH = 0.15  # of the announced frequency, to either side: more than an RC osc
 MIN_ALIAS_DEVIATIONS = 6.0  # between a frequency and the next that looks alike from frame to frame
 ROW_TIME_DOUBT = (5.0, 0.003)  # deviations, and share: more than both, and bands and row time contradict each other
 MAX_DUTY_SIGMA = 0.02
+MOST_LIGHT = 1.1  # of the depth that all of the light would give: more, and the exposure is not what it is said to be
 # A panel that is within these of what is announced needs no entry of its own: each other pair of frequencies costs the
 # decoder a look of its own at every square. Over its memory of half a second 1e-4 of 2450 Hz is an eighth of a cycle.
 SAME_FREQUENCY, SAME_DUTY = 1e-4, 0.03

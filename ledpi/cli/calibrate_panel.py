@@ -53,7 +53,7 @@ def _measure(taken: Taken, panels: PanelSettings) -> tuple[PanelSettings, list[t
     from ledpi.dictionaries import load_dictionary
     from ledpi.pipeline import Pipeline
 
-    camera, lens = taken.camera, taken.intrinsics
+    camera, lens, exposure_us = taken.camera, taken.intrinsics, taken.frames[0].exposure_us
     pipeline = Pipeline(camera, panels, intrinsics=lens, shown=taken.panel, stream=False)
     panels, announced = pipeline.panels, pipeline.panels.spec()
     dictionary = load_dictionary(panels.dictionary)
@@ -62,7 +62,7 @@ def _measure(taken: Taken, panels: PanelSettings) -> tuple[PanelSettings, list[t
         try:
             light = panel_light(taken.frames, corners, dictionary.cells_per_side, lens)
             result = measure_panel(
-                light, dictionary, announced, exposure_us=camera.exposure_us, row_time_us=camera.row_time_us
+                light, dictionary, announced, exposure_us=exposure_us, row_time_us=camera.row_time_us
             )
             _check_that_it_reads(taken, panels, result, corners)
             measured.append((result, corners))
@@ -72,7 +72,7 @@ def _measure(taken: Taken, panels: PanelSettings) -> tuple[PanelSettings, list[t
         return panels, measured
     hints = advice(
         (announced.black_hz, announced.white_hz),
-        exposure_us=camera.exposure_us,
+        exposure_us=exposure_us,
         row_time_us=camera.row_time_us,
         frame_interval_us=_interval_us(taken),
     )
@@ -101,11 +101,11 @@ def _interval_us(taken: Taken) -> float:
 
 
 def _report(result: PanelCalibration, corners: Floats, announced: PanelSpec, taken: Taken) -> None:
-    from ledpi.calibrate.panel import advice
+    from ledpi.calibrate.panel import MOST_LIGHT, advice
 
     height = corners[:, 1].max() - corners[:, 1].min()
     typer.echo(f"panel {result.id}: {height:.0f} px high, {len(taken.frames)} frames")
-    exposure_us = taken.camera.exposure_us
+    exposure_us = taken.frames[0].exposure_us
     duty = announced.duty if result.duty is None else result.duty
     for name, bands, hz, share in (
         ("black", result.black, announced.black_hz, result.blinking_share[0]),
@@ -116,6 +116,8 @@ def _report(result: PanelCalibration, corners: Floats, announced: PanelSpec, tak
         typer.echo("  duty   does not show at this exposure")
     else:
         typer.echo(f"  duty   {result.duty:.3f} ± {result.duty_sigma:.3f}")
+    if max(result.blinking_share) > MOST_LIGHT:
+        typer.echo(f"  an exposure of {exposure_us:.0f} µs leaves no bands so deep: see `ledpi calibrate shutter`")
     for line in advice(
         (result.black.frequency_hz, result.white.frequency_hz),
         exposure_us=exposure_us,

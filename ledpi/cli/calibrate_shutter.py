@@ -68,10 +68,11 @@ def _measure(taken: Taken, panels: PanelSettings, reported: Reported) -> Shutter
         except CalibrationError as error:
             why = str(error)
             continue
-        found = {"row_time_us": result.row_time_us.value}
+        row_us, exposure_us = result.row_time_us.value, taken.frames[0].exposure_us
         if result.exposure_us is not None:
-            found["exposure_us"] = result.exposure_us.value
-        camera, frames = replace(taken.camera, **found), [replace(frame, **found) for frame in taken.frames]
+            exposure_us = result.exposure_us.value
+        camera = replace(taken.camera, row_time_us=row_us, exposure_us=exposure_us)
+        frames = [replace(frame, row_time_us=row_us, exposure_us=exposure_us) for frame in taken.frames]
         if reads(frames, Pipeline(camera, pipeline.panels, intrinsics=lens), result.id, corners):
             return result
         why = f"bands like those of panel {result.id}, but the decoder does not read it"
