@@ -11,24 +11,17 @@ from ledpi.records import Floats, Intrinsics
 
 def quaternion_from_matrix(matrix: Floats) -> Floats:
     """Unit quaternion (w, x, y, z), w ≥ 0, of a (3, 3) rotation matrix. Shepperd's method: the largest part first."""
-    m = matrix
-    squares = np.array(
-        [
-            1 + m[0, 0] + m[1, 1] + m[2, 2],
-            1 + m[0, 0] - m[1, 1] - m[2, 2],
-            1 - m[0, 0] + m[1, 1] - m[2, 2],
-            1 - m[0, 0] - m[1, 1] + m[2, 2],
-        ]
-    )
-    largest = int(np.argmax(squares))
+    (a, b, c), (d, e, f), (g, h, i) = matrix.tolist()
+    squares = (1 + a + e + i, 1 + a - e - i, 1 - a + e - i, 1 - a - e + i)
+    largest = squares.index(max(squares))
     s = 2.0 * math.sqrt(squares[largest])
-    wx, wy, wz = (m[2, 1] - m[1, 2]) / s, (m[0, 2] - m[2, 0]) / s, (m[1, 0] - m[0, 1]) / s
-    xy, xz, yz = (m[0, 1] + m[1, 0]) / s, (m[0, 2] + m[2, 0]) / s, (m[1, 2] + m[2, 1]) / s
+    wx, wy, wz = (h - f) / s, (c - g) / s, (d - b) / s
+    xy, xz, yz = (b + d) / s, (c + g) / s, (f + h) / s
     quarter = s / 4.0
     rows = ((quarter, wx, wy, wz), (wx, quarter, xy, xz), (wy, xy, quarter, yz), (wz, xz, yz, quarter))
     q = np.array(rows[largest])
-    q /= np.linalg.norm(q)
-    return -q if q[0] < 0 else q
+    q /= math.copysign(math.sqrt(q @ q), q[0])
+    return q
 
 
 def matrix_from_quaternion(quaternion_wxyz: Floats) -> Floats:

@@ -18,7 +18,7 @@ from ledpi.decode.find import Candidate, Finder
 from ledpi.decode.track import NOT_SHOWN, Shown, Track, Tracker, weigh
 from ledpi.dictionaries import load_dictionary
 from ledpi.markers import corners_of_turned
-from ledpi.pose.planar import solve_square
+from ledpi.pose.place import Placer
 from ledpi.records import (
     CameraInfo,
     Decoded,
@@ -34,7 +34,6 @@ from ledpi.records import (
     read_only,
 )
 from ledpi.row_clock import MIN_DEVIATION, RowClock
-from ledpi.shutter import row_mid_exposure_ns
 from ledpi.trace import Dropped, Look, Trace
 
 SAME_PLACE = Rejected(stage="identify", reason="same_panel_twice")
@@ -98,6 +97,8 @@ class Pipeline:
         self._codebooks = [soft.Codebook.build(ids, dictionary, spec) for spec, ids in groups]
         self._readers = [BandsReader(dictionary, ids, spec) for spec, ids in groups] if method == "bands" else []
         self._specs = tuple(spec for spec, _ in groups)
+        sides_m = {marker_id: panels.spec(marker_id).side_m for marker_id in range(len(dictionary.words))}
+        self._placer = Placer(intrinsics, sides_m, stream=stream)
         self._tracker = Tracker(self._specs)
         self._since_search = 0
         self._row_clock = RowClock(camera)
@@ -118,13 +119,13 @@ class Pipeline:
         read = self._by_soft if self._method == "soft" else self._by_bands
         sightings = _one_of_each(read(frame, work), work)
         start = self._clock()
-        markers = tuple(m for s in sightings if (m := self._place(frame, s, work)) is not None)
+        markers = self._place(frame, sightings, work)
         self._timed(work, "pose", start)
         return Decoded(
             seq=frame.seq,
             row0_readout_ns=frame.row0_readout_ns,
             host_offset_ns=frame.host_offset_ns,
-            markers=markers,
+            markers=tuple(markers),
             robot=None,
             rejected=tuple(work.rejected),
             stage_ms={stage: 1e3 * seconds for stage, seconds in work.seconds.items()},
@@ -239,7 +240,7 @@ class Pipeline:
                 if work.trace is not None:
                     known = track.memories[shown.group].evidence()
                     work.trace.looks.append(Look(quad=quad, samples=samples, evidence=known, reading=shown.reading))
-                return _sighting(quad, shown.reading, frames_used=track.frames)
+                return _sighting(quad, shown.reading, track)
             if word == "denied":
                 work.reject(quad.corners_px, NOT_SHOWN)
                 track.forget()
@@ -260,24 +261,14 @@ class Pipeline:
             track.shown = None
             return None
         track.shown = Shown(group=group, reading=reading, at_frame=track.frames)
-        return _sighting(quad, reading, frames_used=track.frames)
+        return _sighting(quad, reading, track)
 
-    def _place(self, frame: Frame, sighting: Sighting, work: _Work) -> MarkerPose | None:
-        centre_row = float(sighting.corners_px[:, 1].mean())
-        solution = alternate = None
-        if self._intrinsics is not None:
-            side_m = self._panels.spec(sighting.id).side_m
-            solved = solve_square(sighting.corners_px, sighting.corner_sigma_px, side_m, self._intrinsics)
-            if isinstance(solved, Rejected):
-                work.reject(sighting.corners_px, solved)
-                return None
-            solution, alternate = solved
-        return MarkerPose(
-            sighting=sighting,
-            mid_exposure_ns=row_mid_exposure_ns(frame, centre_row),
-            solution=solution,
-            alternate=alternate,
-        )
+    def _place(self, frame: Frame, sightings: list[Sighting], work: _Work) -> list[MarkerPose]:
+        placed = self._placer.place(frame, sightings)
+        for sighting, marker in zip(sightings, placed, strict=True):
+            if isinstance(marker, Rejected):
+                work.reject(sighting.corners_px, marker)
+        return [marker for marker in placed if isinstance(marker, MarkerPose)]
 
 
 def _same_frequencies(panels: PanelSettings) -> list[tuple[PanelSpec, list[int]]]:
@@ -295,13 +286,15 @@ def _group_of(reading: soft.Reading | Rejected, readings: list[soft.Reading | Re
     return ids.index(reading.id) if isinstance(reading, soft.Reading) else 0
 
 
-def _sighting(quad: Quad, reading: soft.Reading, frames_used: int) -> Sighting:
+def _sighting(quad: Quad, reading: soft.Reading, track: Track) -> Sighting:
+    velocity = track.velocity_px_s
     return Sighting(
         id=reading.id,
         corners_px=read_only(corners_of_turned(quad.corners_px, reading.quarter_turns)),
         corner_sigma_px=quad.corner_sigma_px,
         margin=reading.margin,
-        frames_used=frames_used,
+        frames_used=track.frames,
+        velocity_px_s=None if velocity is None else read_only(corners_of_turned(velocity, reading.quarter_turns)),
     )
 
 

@@ -143,6 +143,7 @@ class Sighting:
     corner_sigma_px: float
     margin: float  # natural-log likelihood ratio to the best explanation that is not this ID
     frames_used: int
+    velocity_px_s: Floats | None = None  # (4, 2) of the corners, where they were followed
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -160,6 +161,7 @@ class PlanarSolution:
 
     camera_from_marker: Pose
     reprojection_px: float  # rms over the four corners
+    chi2: float  # the corners' squared residuals over their variances, 8 of them less 6 that the pose takes up
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -80,7 +80,7 @@ def test_a_frame_has_the_documented_keys() -> None:
 
 def test_a_marker_has_the_documented_keys() -> None:
     """Calibrated, with one pose."""
-    (seen,) = printed(marker(PlanarSolution(camera_from_marker=pose(), reprojection_px=0.125)))["markers"]
+    (seen,) = printed(marker(PlanarSolution(camera_from_marker=pose(), reprojection_px=0.125, chi2=1.0)))["markers"]
     assert list(seen) == MARKER_KEYS
     assert seen["id"] == 7
     assert seen["corners_px"] == CORNERS.tolist()
@@ -106,8 +106,8 @@ def test_without_intrinsics_the_pose_is_null() -> None:
 
 def test_the_other_pose_is_told_where_it_cannot_be_excluded() -> None:
     """With the same keys as the first."""
-    one = PlanarSolution(camera_from_marker=pose(), reprojection_px=0.1)
-    other = PlanarSolution(camera_from_marker=pose(), reprojection_px=0.25)
+    one = PlanarSolution(camera_from_marker=pose(), reprojection_px=0.1, chi2=1.0)
+    other = PlanarSolution(camera_from_marker=pose(), reprojection_px=0.25, chi2=1.0)
     (seen,) = printed(marker(one, other))["markers"]
     assert list(seen["alternate"]) == ALTERNATE_KEYS
     assert seen["alternate"]["reprojection_px"] == 0.25
@@ -117,7 +117,7 @@ def test_a_covariance_is_36_numbers_row_by_row() -> None:
     """As ROS: x y z, then the rotation about x y z."""
     matrix = np.diag([1e-6, 2e-6, 3e-5, 4e-4, 5e-4, 6e-4])
     matrix[0, 2] = matrix[2, 0] = 1.5e-6
-    solved = PlanarSolution(camera_from_marker=pose(matrix), reprojection_px=0.1)
+    solved = PlanarSolution(camera_from_marker=pose(matrix), reprojection_px=0.1, chi2=1.0)
     (seen,) = printed(marker(solved))["markers"]
     assert len(seen["covariance"]) == 36
     np.testing.assert_allclose(np.reshape(seen["covariance"], (6, 6)), matrix, rtol=1e-5)

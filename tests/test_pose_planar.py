@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from decode_material import LENS, PINHOLE, reason
 
-from ledpi.pose.planar import solve_square, square_corners
-from ledpi.records import Floats, Intrinsics, PlanarSolution
+from ledpi.pose.planar import Solutions, solve_square, solve_squares, square_corners
+from ledpi.records import Floats, Intrinsics, Rejected
 
 SIDE_M = 0.16
 SIGMA_PX = 0.05
@@ -57,10 +57,15 @@ def matrix_of(quaternion_wxyz: Floats) -> Floats:
 
 def solve(
     corners: Floats, lens: Intrinsics = PINHOLE, *, side_m: float = SIDE_M, sigma_px: float = SIGMA_PX
-) -> tuple[PlanarSolution, PlanarSolution | None]:
+) -> Solutions:
     solved = solve_square(corners, sigma_px, side_m, lens)
     assert isinstance(solved, tuple), reason(solved)
     return solved
+
+
+def angle_deg(quaternion_wxyz: Floats, rotation: Floats) -> float:
+    cosine = (np.trace(matrix_of(quaternion_wxyz) @ rotation.T) - 1) / 2
+    return math.degrees(math.acos(max(-1.0, min(1.0, cosine))))
 
 
 POSES = [
@@ -86,11 +91,10 @@ def test_exact_corners_give_the_exact_pose(
     rotation: Floats, position: tuple[float, float, float], lens: Intrinsics
 ) -> None:
     """camera_from_marker to 0.1 mm and 0.02°, and no residual to speak of, also of half a turn about any axis."""
-    best, _ = solve(pixels(marker_corners(), rotation, np.array(position), lens), lens)
+    best = solve(pixels(marker_corners(), rotation, np.array(position), lens), lens)[0]
     pose = best.camera_from_marker
     np.testing.assert_allclose(pose.position_m, position, rtol=0, atol=1e-4)
-    apart = matrix_of(pose.quaternion_wxyz) @ rotation.T
-    assert math.degrees(math.acos(min(1.0, (np.trace(apart) - 1) / 2))) < 0.02
+    assert angle_deg(pose.quaternion_wxyz, rotation) < 0.02
     assert best.reprojection_px < 1e-3
 
 
@@ -100,7 +104,7 @@ def test_the_pose_projects_the_square_onto_the_corners(lens: Intrinsics) -> None
     rotation, position = POSES[0]
     corners = pixels(marker_corners(), rotation, np.array(position), lens)
     corners += np.array([[0.3, -0.2], [-0.1, 0.2], [0.25, 0.1], [-0.3, -0.1]])
-    best, _ = solve(corners, lens)
+    best = solve(corners, lens)[0]
     pose = best.camera_from_marker
     seen = pixels(marker_corners(), matrix_of(pose.quaternion_wxyz), pose.position_m, lens)
     rms = math.sqrt(np.mean(np.square(seen - corners).sum(axis=1)))
@@ -120,45 +124,112 @@ def test_a_larger_panel_is_further_away() -> None:
 def test_the_order_of_the_corners_turns_the_marker() -> None:
     """The panel hung a quarter turn clockwise: its top left corner is seen top right, its x points down."""
     corners = pixels(marker_corners(), turn("y", 30) @ FACING, np.array([0, 0, 0.8]), PINHOLE)
-    best, _ = solve(np.roll(corners, -1, axis=0))
+    best = solve(np.roll(corners, -1, axis=0))[0]
     x_axis = matrix_of(best.camera_from_marker.quaternion_wxyz)[:, 0]
     np.testing.assert_allclose(x_axis, [0, 1, 0], atol=1e-3)
 
 
-def test_nearly_frontal_and_distant_the_other_pose_is_kept() -> None:
-    """5 m away and turned by 10°, a tenth of a pixel cannot tell left from right: both poses are given."""
+def test_nearly_frontal_and_distant_both_poses_fit() -> None:
+    """5 m away and turned by 10°: the pose and its mirror image about the line of sight, the better first."""
     corners = pixels(marker_corners(), turn("y", 10) @ FACING, np.array([0, 0, 5.0]), PINHOLE)
-    best, alternate = solve(corners)
-    assert alternate is not None
-    assert best.reprojection_px <= alternate.reprojection_px
-    normals = sorted(matrix_of(s.camera_from_marker.quaternion_wxyz)[0, 2] for s in (best, alternate))
-    # Turned to one side or, mirrored about the line of sight, to the other.
+    best, other = solve(corners)
+    assert best.chi2 <= other.chi2 < 1
+    normals = sorted(matrix_of(s.camera_from_marker.quaternion_wxyz)[0, 2] for s in (best, other))
     np.testing.assert_allclose(normals, [-math.sin(math.radians(10)), math.sin(math.radians(10))], atol=0.02)
 
 
-def test_close_and_oblique_the_other_pose_is_excluded() -> None:
+def test_close_and_oblique_the_other_pose_fits_badly() -> None:
     """0.5 m away and turned by 50°, perspective shows which side is nearer by many pixels."""
     corners = pixels(marker_corners(), turn("y", 50) @ FACING, np.array([0, 0, 0.5]), PINHOLE)
-    _, alternate = solve(corners)
-    assert alternate is None
+    best, other = solve(corners)
+    assert other.chi2 > best.chi2 + 1000
+    assert other.reprojection_px > 5
 
 
-def test_what_cannot_be_excluded_depends_on_the_corners_errors() -> None:
-    """A pose that sharp corners decide stays open where the corners are known to 3 px only."""
+def test_how_badly_a_pose_fits_depends_on_the_corners_errors() -> None:
+    """What sharp corners exclude is as good as the other where the corners are known to 3 px only."""
     corners = pixels(marker_corners(), turn("y", 40) @ FACING, np.array([0.2, 0.1, 1.2]), PINHOLE)
-    assert solve(corners, sigma_px=0.05)[1] is None
-    assert solve(corners, sigma_px=3.0)[1] is not None
+    assert solve(corners, sigma_px=0.05)[1].chi2 > 100
+    assert solve(corners, sigma_px=3.0)[1].chi2 < 10
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_of_noisy_corners_one_of_the_two_poses_is_right(seed: int) -> None:
-    """At 2 m with 0.1 px of noise: the true rotation is within 6° of the best pose or of the alternate."""
+    """At 2 m with 0.1 px of noise: one of the rotations is within 6° of the true one."""
     rotation = turn("y", 25) @ turn("x", 8) @ FACING
     corners = pixels(marker_corners(), rotation, np.array([0.1, 0, 2.0]), PINHOLE)
     noise = 0.1 * np.random.default_rng(seed).standard_normal((4, 2))
-    solutions = [s for s in solve(corners + noise, sigma_px=0.1) if s is not None]
-    traces = [np.trace(matrix_of(s.camera_from_marker.quaternion_wxyz) @ rotation.T) for s in solutions]
-    assert math.degrees(math.acos(min(1.0, (max(traces) - 1) / 2))) < 6
+    solutions = solve(corners + noise, sigma_px=0.1)
+    assert min(angle_deg(s.camera_from_marker.quaternion_wxyz, rotation) for s in solutions) < 6
+
+
+def moved_sides(corners: Floats, sigma_px: float, rng: np.random.Generator) -> Floats:
+    """Corners where sides cross that were fitted with errors: each is shifted and turned about its middle.
+
+    Of a line through n edges of spread s the middle errs by s/√n = σ/2, its ends about the middle by √3 times that
+    (`corner_sigma_px` is 2s/√n); and all by what the edges do not show, 0.1 px.
+    """
+    following = np.roll(corners, -1, axis=0)
+    along = following - corners
+    normal = np.column_stack([-along[:, 1], along[:, 0]]) / np.hypot(*along.T)[:, None]
+    shift = math.hypot(sigma_px / 2, 0.1) * rng.standard_normal((4, 1))
+    turned = math.hypot(math.sqrt(3) * sigma_px / 2, 0.1) * rng.standard_normal((4, 1))
+    start, end = corners + normal * (shift - turned), following + normal * (shift + turned)
+    lines = np.cross(np.column_stack([start, np.ones(4)]), np.column_stack([end, np.ones(4)]))
+    crossings = np.cross(np.roll(lines, 1, axis=0), lines)
+    return np.asarray(crossings[:, :2] / crossings[:, 2:])
+
+
+@pytest.mark.parametrize(
+    ("rotation", "position", "sigma_px"),
+    [
+        (turn("y", 40) @ turn("x", 5) @ FACING, (0.1, -0.05, 0.6), 0.05),
+        (turn("y", 50) @ FACING, (0.1, -0.05, 1.0), 0.1),
+        (turn("y", -70) @ turn("x", 5) @ FACING, (-0.1, 0.1, 0.6), 0.06),
+        (FACING @ turn("z", 30), (0.1, -0.05, 0.6), 0.05),
+        (turn("x", 45) @ FACING, (0.2, 0.1, 3.0), 0.05),
+    ],
+)
+def test_errors_are_as_large_as_the_covariance_says(
+    rotation: Floats, position: tuple[float, float, float], sigma_px: float
+) -> None:
+    """1,000 draws: the mean of eᵀ·covariance⁻¹·e within the 95 % band of a χ² of 6, each deviation within 7 %."""
+    rng = np.random.default_rng(1)
+    exact = pixels(marker_corners(), rotation, np.array(position), LENS)
+    errors, nees = np.empty((1000, 6)), np.empty(1000)
+    reported = np.zeros(6)
+    for i in range(1000):
+        pose = solve(moved_sides(exact, sigma_px, rng), LENS, sigma_px=sigma_px)[0].camera_from_marker
+        assert pose.covariance is not None
+        turned_by = cv2.Rodrigues(matrix_of(pose.quaternion_wxyz) @ rotation.T)[0][:, 0]
+        errors[i] = np.concatenate([pose.position_m - position, turned_by])
+        nees[i] = errors[i] @ np.linalg.solve(pose.covariance, errors[i])
+        reported += np.diag(pose.covariance) / 1000
+    # χ² of 6000 degrees of freedom is normal by then: mean 6000, variance 12000.
+    assert abs(nees.mean() - 6) < 1.96 * math.sqrt(12000) / 1000
+    np.testing.assert_allclose(np.sqrt(np.mean(errors**2, axis=0) / reported), 1.0, atol=0.07)
+
+
+def test_many_squares_are_solved_as_each_alone() -> None:
+    """Together only because it is quicker; and one that cannot be solved does not spoil the others."""
+    seen = [pixels(marker_corners(), rotation, np.array(position), LENS) for rotation, position in POSES]
+    seen.insert(2, np.array([[300.0, 200], [340, 200], [340, 200], [300, 200]]))
+    together = solve_squares(np.array(seen), np.full(7, SIGMA_PX), [SIDE_M] * 7, LENS)
+    assert isinstance(together[2], Rejected)
+    for corners, solutions in zip(seen, together, strict=True):
+        alone = solve_square(corners, SIGMA_PX, SIDE_M, LENS)
+        if isinstance(solutions, Rejected):
+            assert solutions == alone
+            continue
+        assert isinstance(alone, tuple)
+        best, best_alone = (found[0].camera_from_marker for found in (solutions, alone))
+        np.testing.assert_allclose(best.position_m, best_alone.position_m, atol=1e-6)
+
+
+def test_four_corners_of_no_square_give_a_reason() -> None:
+    """A kite that no square looks like from anywhere."""
+    kite = np.array([[300.0, 200], [340, 180], [420, 260], [310, 240]])
+    assert reason(solve_square(kite, SIGMA_PX, SIDE_M, PINHOLE)) == "pose.not_square"
 
 
 def test_corners_on_a_line_give_a_reason_not_a_pose() -> None:
@@ -171,6 +242,6 @@ def test_corners_on_a_line_give_a_reason_not_a_pose() -> None:
 def test_poses_cannot_be_changed() -> None:
     """They flow through several threads."""
     corners = pixels(marker_corners(), POSES[0][0], np.array(POSES[0][1]), PINHOLE)
-    best, _ = solve(corners)
+    best = solve(corners)[0]
     with pytest.raises(ValueError, match="read-only"):
         best.camera_from_marker.position_m[0] = 1.0

@@ -73,8 +73,8 @@ def pose_at(x: float, covariance: Floats | None = None) -> Pose:
 def marker_pose(
     marker_id: int, mid_exposure_ns: int, *, pose: Pose | None = None, ambiguous: bool = False
 ) -> MarkerPose:
-    solution = PlanarSolution(camera_from_marker=pose or pose_at(0.0), reprojection_px=0.1)
-    other = PlanarSolution(camera_from_marker=pose_at(-1.0), reprojection_px=0.3)
+    solution = PlanarSolution(camera_from_marker=pose or pose_at(0.0), reprojection_px=0.1, chi2=1.0)
+    other = PlanarSolution(camera_from_marker=pose_at(-1.0), reprojection_px=0.3, chi2=1.0)
     sighting = Sighting(
         id=marker_id, corners_px=np.zeros((4, 2)), corner_sigma_px=0.1, margin=10.0, frames_used=1
     )

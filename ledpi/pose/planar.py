@@ -1,30 +1,30 @@
-"""The pose of one panel from its four corners."""
+"""The two poses that a square's four corners allow, each as good as the corners, with its deviations."""
 
 from __future__ import annotations
+
+import math
+from collections.abc import Sequence
 
 import cv2
 import numpy as np
 
-from ledpi.geometry import matrix_from_rotation_vector, quaternion_from_matrix, rotation_angle_deg
+from ledpi.geometry import quaternion_from_matrix, rotation_angle_deg
+from ledpi.pose.corners import whiteners
+from ledpi.pose.refine import Fits, refine
 from ledpi.records import Floats, Intrinsics, PlanarSolution, Pose, Rejected, read_only
 
-BEHIND = Rejected(stage="pose", reason="behind_camera")
 UNSOLVED = Rejected(stage="pose", reason="unsolved")
 NOT_SQUARE = Rejected(stage="pose", reason="not_square")
 
-# What the edge fits do not show of a corner's error: the lens model, the panel's own build.
-CORNER_FLOOR_PX = 0.1
 # No square looks like four corners that its best pose misses by more: a share of the side, as at short exposure the
 # rim's dark bands hide where it is, or a pixel.
 MAX_REPROJECTION, MAX_REPROJECTION_PX = 0.04, 1.0
-# The other solution is excluded where its squared residuals say that it is a thousand times less likely: 2·ln 1000.
-EXCLUDED_BY = 13.8
+# Where the refinement led both to one pose (a panel seen square on has but one): closer than this.
+SAME_DEG = 0.1
 
-# OpenCV hands rotations over as vectors, and its IPPE loses those of half a turn: just what an upright panel has that
-# faces the camera. So the square is solved in a frame of its own, `seen`, whose x and y point right and down in the
-# picture as nearly as quarter turns of the marker allow, z away from the camera: never near half a turn.
-_QUARTER_TURN = np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]])
-_SEEN_FROM_MARKER = tuple(np.linalg.matrix_power(_QUARTER_TURN, k) @ np.diag([1.0, -1, -1]) for k in range(4))
+Vector = tuple[float, float, float]
+Rows = tuple[Vector, Vector, Vector]
+Solutions = tuple[PlanarSolution, ...]  # one or two, the better first
 
 
 def square_corners(side_m: float) -> Floats:
@@ -33,49 +33,122 @@ def square_corners(side_m: float) -> Floats:
     return np.array([[-half, half, 0], [half, half, 0], [half, -half, 0], [-half, -half, 0.0]])
 
 
+def solve_squares(
+    corners_px: Floats, sigma_px: Floats, sides_m: Sequence[float], intrinsics: Intrinsics
+) -> list[Solutions | Rejected]:
+    """camera_from_marker of each of N squares: one or two solutions, the better first, or why there is none.
+
+    `corners_px` (N, 4, 2) in the marker's order, `sigma_px` (N,) the deviation of their coordinates. `ippe` gives both
+    solutions of a square; least squares, weighted as the corners' errors hang together, makes the best of each, and
+    the covariance is (JᵀWJ)⁻¹ there.
+    """
+    rays = cv2.undistortPoints(corners_px.reshape(-1, 1, 2), intrinsics.matrix(), np.array(intrinsics.distortion))
+    starts = [ippe(xy, side_m) for xy, side_m in zip(rays.reshape(-1, 4, 2).tolist(), sides_m, strict=True)]
+    solved = [i for i, start in enumerate(starts) if start is not None]
+    results: list[Solutions | Rejected] = [UNSOLVED] * len(starts)
+    if not solved:
+        return results
+    of = np.repeat(solved, 2)
+    found = [start for start in starts if start is not None]
+    fits = refine(
+        np.array([turn for first, second, _ in found for turn in (first, second)]),
+        np.array([position for *_, position in found for _ in range(2)]),
+        square_corners(1.0) * np.array(sides_m)[of][:, None, None],
+        corners_px[of],
+        whiteners(corners_px, sigma_px)[of],
+        intrinsics,
+    )
+    both = _solutions(fits)
+    for k, i in enumerate(solved):
+        results[i] = _checked(both[2 * k], both[2 * k + 1], corners_px[i])
+    return results
+
+
 def solve_square(
     corners_px: Floats, corner_sigma_px: float, side_m: float, intrinsics: Intrinsics
-) -> tuple[PlanarSolution, PlanarSolution | None] | Rejected:
-    """camera_from_marker of a square, and the other planar solution where the corners do not exclude it.
+) -> Solutions | Rejected:
+    """`solve_squares` of one, `corners_px` (4, 2)."""
+    return solve_squares(corners_px[None], np.array([corner_sigma_px]), [side_m], intrinsics)[0]
 
-    `corners_px` (4, 2) in the marker's order. Infinitesimal plane-based pose estimation (Collins & Bartoli, IJCV
-    2014, as in OpenCV) gives both solutions.
+
+def ippe(corners_xy: Sequence[Sequence[float]], side_m: float) -> tuple[Rows, Rows, Vector] | None:
+    """Both rotations (rows of a matrix) and the position that a square's corners leave open; None where it has no area.
+
+    `corners_xy`: four (x/z, y/z) in the marker's order. Infinitesimal plane-based pose estimation (Collins & Bartoli,
+    IJCV 2014): the homography's value and slope at the square's centre give the pose but for a sign. In scalars, as no
+    array is worth its overhead here; OpenCV's own hands rotations over as vectors and loses those of half a turn, which
+    is just what an upright panel has that faces the camera.
     """
-    square = square_corners(side_m)
-    matrix, distortion = intrinsics.matrix(), np.array(intrinsics.distortion)
-    first = int(np.argmin(corners_px.sum(axis=1)))  # nearest the picture's top left
-    as_seen = np.roll(corners_px, -first, axis=0)[::-1]  # IPPE's order, in `seen`: bottom left first, anticlockwise
-    count, turns, shifts, _ = cv2.solvePnPGeneric(square, as_seen, matrix, distortion, flags=cv2.SOLVEPNP_IPPE_SQUARE)
-    finite = [(turns[i], shifts[i]) for i in range(count) if np.isfinite(turns[i]).all()]
-    solutions: list[PlanarSolution] = []
-    for turn, shift in finite:
-        if float(shift[2, 0]) > 0:
-            again = cv2.projectPoints(square, turn, shift, matrix, distortion)[0].reshape(4, 2)
-            off_px = float(np.sqrt(np.square(again - as_seen).sum(axis=1).mean()))
-            camera_from_marker = matrix_from_rotation_vector(turn.reshape(3)) @ _SEEN_FROM_MARKER[first]
-            solutions.append(_solution(camera_from_marker, shift.reshape(3), off_px))
-    if not solutions:
-        return BEHIND if finite else UNSOLVED
-    solutions.sort(key=lambda s: s.reprojection_px)
-    best = solutions[0]
-    side_px = float(np.hypot(*(np.roll(corners_px, -1, axis=0) - corners_px).T).mean())
+    (x0, y0), (x1, y1), (x2, y2), (x3, y3) = corners_xy
+    # The homography of the unit square, u from the top left to the top right, v to the bottom left (Heckbert 1989).
+    d1x, d1y, d2x, d2y = x1 - x2, y1 - y2, x3 - x2, y3 - y2
+    sx, sy = x0 - x1 + x2 - x3, y0 - y1 + y2 - y3
+    area = d1x * d2y - d1y * d2x
+    if abs(area) < 1e-12:
+        return None
+    g, h = (sx * d2y - sy * d2x) / area, (d1x * sy - d1y * sx) / area
+    ax, ay, bx, by = x1 - x0 + g * x1, y1 - y0 + g * y1, x3 - x0 + h * x3, y3 - y0 + h * y3
+    w = 1.0 + 0.5 * (g + h)
+    if not w > 0:
+        return None
+    qx, qy = (0.5 * (ax + bx) + x0) / w, (0.5 * (ay + by) + y0) / w  # the centre, and its slope by x and y in metres
+    per_m = 1.0 / (w * side_m)
+    j00, j10, j01, j11 = (ax - g * qx) * per_m, (ay - g * qy) * per_m, (h * qx - bx) * per_m, (h * qy - by) * per_m
+    # Turn the view until the centre is straight ahead: V takes z there, and the slope becomes A = R₂₂/depth.
+    n = math.sqrt(1.0 + qx * qx + qy * qy)
+    a, b, c = qx / n, qy / n, 1.0 / n
+    k = 1.0 / (1.0 + c)
+    v00, v01, v11 = 1.0 - a * a * k, -a * b * k, 1.0 - b * b * k
+    b00, b01, b10, b11 = v00 + qx * a, v01 + qx * b, v01 + qy * a, v11 + qy * b
+    det = b00 * b11 - b01 * b10
+    a00, a01 = (b11 * j00 - b01 * j10) / det, (b11 * j01 - b01 * j11) / det
+    a10, a11 = (b00 * j10 - b10 * j00) / det, (b00 * j11 - b10 * j01) / det
+    # The larger singular value of A is 1/depth, as that of R₂₂ is 1.
+    square_sum, product = a00 * a00 + a01 * a01 + a10 * a10 + a11 * a11, a00 * a11 - a01 * a10
+    depth = 1.0 / math.sqrt(0.5 * (square_sum + math.sqrt(max(0.0, square_sum * square_sum - 4.0 * product * product))))
+    r00, r01, r10, r11 = a00 * depth, a01 * depth, a10 * depth, a11 * depth
+    # R's columns have length 1 and are square to each other: that leaves the third row's sign.
+    r20 = math.sqrt(max(0.0, 1.0 - r00 * r00 - r10 * r10))
+    r21 = math.copysign(math.sqrt(max(0.0, 1.0 - r01 * r01 - r11 * r11)), -(r00 * r01 + r10 * r11))
+    turns = []
+    for e, f in ((r20, r21), (-r20, -r21)):
+        x, y, z = r10 * f - e * r11, e * r01 - r00 * f, r00 * r11 - r10 * r01
+        turns.append(
+            (
+                (v00 * r00 + v01 * r10 + a * e, v00 * r01 + v01 * r11 + a * f, v00 * x + v01 * y + a * z),
+                (v01 * r00 + v11 * r10 + b * e, v01 * r01 + v11 * r11 + b * f, v01 * x + v11 * y + b * z),
+                (c * e - a * r00 - b * r10, c * f - a * r01 - b * r11, c * z - a * x - b * y),
+            )
+        )
+    return turns[0], turns[1], (qx * depth, qy * depth, depth)
+
+
+def _solutions(fits: Fits) -> list[PlanarSolution]:
+    off_px = np.sqrt((fits.residuals_px * fits.residuals_px).sum(axis=(1, 2)) / 4)
+    numbers = zip(fits.rotations, fits.positions, fits.covariances, off_px.tolist(), fits.chi2.tolist(), strict=True)
+    return [
+        PlanarSolution(
+            camera_from_marker=Pose(
+                position_m=read_only(position),
+                quaternion_wxyz=read_only(quaternion_from_matrix(rotation)),
+                covariance=read_only(covariance),
+            ),
+            reprojection_px=off,
+            chi2=chi2,
+        )
+        for rotation, position, covariance, off, chi2 in numbers
+    ]
+
+
+def _checked(one: PlanarSolution, other: PlanarSolution, corners_px: Floats) -> Solutions | Rejected:
+    best, second = (one, other) if one.chi2 <= other.chi2 else (other, one)
+    if not best.camera_from_marker.position_m[2] > 0:
+        return UNSOLVED
+    along = corners_px - corners_px[[1, 2, 3, 0]]
+    side_px = float(np.sqrt((along * along).sum(axis=1)).sum()) / 4
     if best.reprojection_px > max(MAX_REPROJECTION_PX, MAX_REPROJECTION * side_px):
         return NOT_SQUARE
-    if len(solutions) == 1:
-        return best, None
-    variance = corner_sigma_px**2 + CORNER_FLOOR_PX**2
-    # Four corners: the sum of squared residuals is four times their mean square.
-    apart = 4 * (solutions[1].reprojection_px ** 2 - best.reprojection_px**2) / variance
-    return best, (solutions[1] if apart < EXCLUDED_BY and not _same(best, solutions[1]) else None)
-
-
-def _same(a: PlanarSolution, b: PlanarSolution) -> bool:
-    """Whether the refinement led both to one pose (a panel seen square on has but one): closer than 0.1°."""
-    return rotation_angle_deg(a.camera_from_marker.quaternion_wxyz, b.camera_from_marker.quaternion_wxyz) < 0.1
-
-
-def _solution(rotation: Floats, position_m: Floats, reprojection_px: float) -> PlanarSolution:
-    pose = Pose(
-        position_m=read_only(position_m), quaternion_wxyz=read_only(quaternion_from_matrix(rotation))
-    )
-    return PlanarSolution(camera_from_marker=pose, reprojection_px=reprojection_px)
+    poses = best.camera_from_marker, second.camera_from_marker
+    apart = rotation_angle_deg(poses[0].quaternion_wxyz, poses[1].quaternion_wxyz)
+    ahead = poses[1].position_m[2] > 0
+    return (best, second) if ahead and apart > SAME_DEG else (best,)

@@ -1,0 +1,91 @@
+"""Which of a square's two poses to believe: by this frame, the frames before it, and that panels hang upright."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from ledpi.pose.planar import Solutions
+from ledpi.records import Floats, PlanarSolution
+
+# The other solution is excluded where it is a thousand times less likely: 2·ln 1000 of χ².
+EXCLUDED_BY = 13.8
+# The most that one frame may say. Half of it is enough for a first look; but what was believed for n frames is given up
+# over several, in which both poses are reported.
+MOST = 2 * EXCLUDED_BY
+# The mean is over so many frames. It is a mean and no sum: what errs most in a corner (the lens, a bezel's gleam) errs
+# alike from frame to frame, and ten looks at it are no more than one.
+REMEMBERED = 16
+MAX_GAP_NS = 500_000_000  # as for tracks: after a longer gap anything may have happened
+APART = 3.0  # standard deviations: solutions that are nearer than this cannot be told from one frame to the next
+# How far a panel's upward axis may lean from the robot's: hung by eye, a robot on a doorstep or braking.
+UPRIGHT_SIGMA_RAD = math.radians(5)
+
+
+@dataclass(slots=True)
+class _Belief:
+    believed: PlanarSolution
+    other: PlanarSolution
+    gap: float  # mean over the frames of the other's χ² less that of the believed
+    frames: int
+    seen_ns: int
+
+
+class Branches:
+    """One stream's panels. `up_in_camera` (3,) is given where they are known to hang upright."""
+
+    def __init__(self, up_in_camera: Floats | None = None) -> None:
+        self._up = None if up_in_camera is None else tuple(up_in_camera.tolist())
+        self._beliefs: dict[int, _Belief] = {}
+
+    def choose(
+        self, marker_id: int, solutions: Solutions, now_ns: int
+    ) -> tuple[PlanarSolution, PlanarSolution | None]:
+        """The pose to believe, and the other one where it cannot be excluded.
+
+        The belief never changes without both being reported: while they change places neither is excluded.
+        """
+        past = self._beliefs.pop(marker_id, None)
+        if len(solutions) == 1:
+            return solutions[0], None
+        first, second = solutions
+        gap, frames = 0.0, 0
+        if past is not None and 0 < now_ns - past.seen_ns <= MAX_GAP_NS and _told_apart(first, second):
+            gap, frames = past.gap, past.frames
+            if _goes_on(past, second, first) < _goes_on(past, first, second):
+                first, second = second, first
+        gap += (self._gap(first, second) - gap) / (frames + 1)
+        if gap < 0:
+            first, second, gap = second, first, -gap
+        self._beliefs[marker_id] = _Belief(first, second, gap, min(frames + 1, REMEMBERED - 1), now_ns)
+        return first, second if gap < EXCLUDED_BY else None
+
+    def _gap(self, first: PlanarSolution, second: PlanarSolution) -> float:
+        gap = second.chi2 - first.chi2
+        if self._up is not None:
+            gap += (self._lean2(second) - self._lean2(first)) / UPRIGHT_SIGMA_RAD**2
+        return max(-MOST, min(MOST, gap))
+
+    def _lean2(self, solution: PlanarSolution) -> float:
+        """Squared angle, rad², between the marker's y axis and up; the chord's, which is as good below 60°."""
+        assert self._up is not None
+        w, x, y, z = solution.camera_from_marker.quaternion_wxyz.tolist()
+        axis = (2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x))
+        return math.fsum((a - b) ** 2 for a, b in zip(axis, self._up, strict=True))
+
+
+def _told_apart(first: PlanarSolution, second: PlanarSolution) -> bool:
+    covariance = first.camera_from_marker.covariance
+    assert covariance is not None
+    return _angle2(first, second) > APART**2 * float(covariance[3, 3] + covariance[4, 4] + covariance[5, 5])
+
+
+def _goes_on(past: _Belief, believed: PlanarSolution, other: PlanarSolution) -> float:
+    """How badly two solutions continue the past ones. A turn of the camera, common to both, makes no difference."""
+    return _angle2(past.believed, believed) + _angle2(past.other, other)
+
+
+def _angle2(a: PlanarSolution, b: PlanarSolution) -> float:
+    """Squared angle between two rotations, rad²."""
+    dot = float(a.camera_from_marker.quaternion_wxyz @ b.camera_from_marker.quaternion_wxyz)
+    return 4.0 * math.acos(min(1.0, abs(dot))) ** 2

@@ -1,0 +1,55 @@
+"""What is known of four corners: when each was seen, and how their errors hang together."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ledpi.records import Floats
+
+# What the edge fits do not show of a side's error: the lens model, the panel's own build.
+FLOOR_PX = 0.1
+
+_NEXT = np.array([1, 2, 3, 0])
+_SIDE = np.arange(4)
+
+
+def centre_px(corners_px: Floats) -> tuple[float, float]:
+    """Where the middle of a square (4, 2) is seen: where its diagonals cross, which a perspective keeps."""
+    (ax, ay), (bx, by), (cx, cy), (dx, dy) = corners_px.tolist()
+    across = (cx - ax) * (dy - by) - (cy - ay) * (dx - bx)
+    if across == 0.0:
+        return (ax + bx + cx + dx) / 4, (ay + by + cy + dy) / 4
+    share = ((bx - ax) * (dy - by) - (by - ay) * (dx - bx)) / across
+    return ax + share * (cx - ax), ay + share * (cy - ay)
+
+
+def seen_at_row(corners_px: Floats, velocity_px_s: Floats | None, row: float, row_time_us: float) -> Floats:
+    """Where corners (4, 2) would be seen if all were exposed when `row` was.
+
+    A rolling shutter sees each corner at its own row's time, `y·t_row`: a camera that moves sees the square sheared.
+    Without a velocity (4, 2) they are taken as they are.
+    """
+    if velocity_px_s is None:
+        return corners_px
+    late_s = (corners_px[:, 1:] - row) * (row_time_us * 1e-6)
+    return corners_px - velocity_px_s * late_s
+
+
+def whiteners(corners_px: Floats, sigma_px: Floats) -> Floats:
+    """(N, 8, 8) that turn errors of corners (N, 4, 2) into independent ones of deviation 1: WᵀW = covariance⁻¹.
+
+    A corner is where two sides cross, so its error is theirs. Of a straight line through n edges of spread s, the
+    middle has the deviation s/√n and the ends, about the middle, √3 times that: with σ = 2s/√n for a corner
+    coordinate (`sigma_px` (N,)) these are σ/2 and √3·σ/2. Both ends of a side err together: taking corners for
+    independent would overstate the error of the distance, and understate that of the tilt. To each the floor is added.
+    """
+    along = corners_px[:, _NEXT] - corners_px
+    normal = np.stack([-along[..., 1], along[..., 0]], axis=-1)
+    normal /= np.sqrt((along * along).sum(axis=2, keepdims=True)) + 1e-12
+    variance = 0.25 * sigma_px * sigma_px
+    shift = (normal.transpose(1, 0, 2) * (0.5 / np.sqrt(variance + FLOOR_PX**2))[:, None]).transpose(1, 0, 2)
+    turn = (normal.transpose(1, 0, 2) * (0.5 / np.sqrt(3 * variance + FLOOR_PX**2))[:, None]).transpose(1, 0, 2)
+    rows = np.zeros((len(corners_px), 8, 4, 2))
+    rows[:, _SIDE, _SIDE], rows[:, _SIDE, _NEXT] = shift, shift
+    rows[:, 4 + _SIDE, _SIDE], rows[:, 4 + _SIDE, _NEXT] = -turn, turn
+    return rows.reshape(-1, 8, 8)

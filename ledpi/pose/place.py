@@ -1,0 +1,69 @@
+"""From sightings to poses: each panel where it was when its centre row was half-way through its exposure."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from ledpi.pose.branches import Branches
+from ledpi.pose.corners import centre_px, seen_at_row
+from ledpi.pose.planar import solve_squares
+from ledpi.records import Floats, Frame, Intrinsics, MarkerPose, Rejected, Sighting
+from ledpi.shutter import row_mid_exposure_ns
+
+
+class Placer:
+    """Places the panels of one camera's frames.
+
+    `sides_m` by ID; `stream`: frames follow each other in time, else each is alone; `up_in_camera` (3,) where panels
+    are known to hang upright. Without `intrinsics` there are times, but no poses.
+    """
+
+    def __init__(
+        self,
+        intrinsics: Intrinsics | None,
+        sides_m: Mapping[int, float],
+        *,
+        stream: bool,
+        up_in_camera: Floats | None = None,
+    ) -> None:
+        self._intrinsics = intrinsics
+        self._sides_m = sides_m
+        self._stream = stream
+        self._up = up_in_camera
+        self._branches = Branches(up_in_camera)
+
+    def place(self, frame: Frame, sightings: list[Sighting]) -> list[MarkerPose | Rejected]:
+        """Of each sighting its pose, or why it has none."""
+        rows = [centre_px(s.corners_px)[1] for s in sightings]
+        if self._intrinsics is None:
+            return [_marker(frame, s, row) for s, row in zip(sightings, rows, strict=True)]
+        if not self._stream:
+            self._branches = Branches(self._up)
+        if not sightings:
+            return []
+        seen = zip(sightings, rows, strict=True)
+        corners = [seen_at_row(s.corners_px, s.velocity_px_s, row, frame.row_time_us) for s, row in seen]
+        solved = solve_squares(
+            np.array(corners),
+            np.array([s.corner_sigma_px for s in sightings]),
+            [self._sides_m[s.id] for s in sightings],
+            self._intrinsics,
+        )
+        placed: list[MarkerPose | Rejected] = []
+        for sighting, row, solutions in zip(sightings, rows, solved, strict=True):
+            if isinstance(solutions, Rejected):
+                placed.append(solutions)
+                continue
+            marker = _marker(frame, sighting, row)
+            best, other = self._branches.choose(sighting.id, solutions, marker.mid_exposure_ns)
+            placed.append(replace(marker, solution=best, alternate=other))
+        return placed
+
+
+def _marker(frame: Frame, sighting: Sighting, row: float) -> MarkerPose:
+    return MarkerPose(
+        sighting=sighting, mid_exposure_ns=row_mid_exposure_ns(frame, row), solution=None, alternate=None
+    )

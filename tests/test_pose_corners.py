@@ -1,0 +1,41 @@
+"""What is known of four corners, with squares that are written down here."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ledpi.pose.corners import FLOOR_PX, centre_px, seen_at_row, whiteners
+
+UPRIGHT = np.array([[100.0, 50], [180, 50], [180, 130], [100, 130]])
+
+
+def test_the_centre_is_where_the_diagonals_cross() -> None:
+    """Not the mean of the corners: of a panel seen from the side the nearer half is larger."""
+    assert centre_px(UPRIGHT) == (140.0, 90.0)
+    trapezium = np.array([[0.0, 0], [30, 10], [30, 20], [0, 30]])
+    assert centre_px(trapezium) == pytest.approx((22.5, 15.0))
+
+
+def test_corners_are_brought_to_one_rows_time() -> None:
+    """At 300 px/s to the right and 40 µs a row, the corners 40 rows above the middle are 0.48 px behind."""
+    velocity = np.tile([300.0, 0.0], (4, 1))
+    moved = seen_at_row(UPRIGHT, velocity, 90.0, 40.0)
+    np.testing.assert_allclose(moved - UPRIGHT, [[0.48, 0], [0.48, 0], [-0.48, 0], [-0.48, 0]])
+
+
+def test_without_a_velocity_corners_stay() -> None:
+    """A first sighting."""
+    assert seen_at_row(UPRIGHT, None, 90.0, 40.0) is UPRIGHT
+
+
+@pytest.mark.parametrize("sigma_px", [0.05, 0.4])
+def test_errors_of_sides_are_made_independent(sigma_px: float) -> None:
+    """A side that is shifted by its deviation, and one that is turned by it, are 1 each, and nothing else."""
+    whiten = whiteners(UPRIGHT[None], np.array([sigma_px]))[0]
+    down_by_shift = np.zeros((4, 2))
+    down_by_shift[:2, 1] = np.hypot(sigma_px / 2, FLOOR_PX)  # the upper side
+    np.testing.assert_allclose(np.abs(whiten @ down_by_shift.ravel())[[0, 4, 2, 6]], [1, 0, 0, 0], atol=1e-12)
+    turned = np.zeros((4, 2))
+    turned[0, 1], turned[1, 1] = (sign * np.hypot(np.sqrt(3) * sigma_px / 2, FLOOR_PX) for sign in (-1, 1))
+    np.testing.assert_allclose(np.abs(whiten @ turned.ravel())[[0, 4, 2, 6]], [0, 1, 0, 0], atol=1e-12)
