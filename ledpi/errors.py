@@ -1,7 +1,7 @@
 """What can go wrong for good: one small tree. What is *expected* to go wrong on the path is a `Rejected` value.
 
 `str()` of each of these is one line for the user: the file, key or device, what is wrong, and what would be right.
-The command line prints it and exits with status 2.
+The command line prints it and exits with status 2: a person has to act. Status 1 is what trying again may put right.
 """
 
 
@@ -15,6 +15,10 @@ class ConfigError(LedpiError):
 
 class CameraError(LedpiError):
     """A camera cannot be opened, or does not do what was asked of it."""
+
+
+class CameraLostError(CameraError):
+    """A camera that is not there, is in use, or delivers no more: it may come back by itself, so exit status 1."""
 
 
 class RecordingError(CameraError):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from ledpi.records import CameraInfo, Frame, PanelValues, Pixels, Rejected
 
@@ -29,4 +29,18 @@ class Camera(Protocol):
 
     def close(self) -> None:
         """Releases the device. Safe to call twice."""
+        ...
+
+
+@runtime_checkable
+class AdjustableGain(Protocol):
+    """What a camera has beside that where its gain can follow the panels."""
+
+    @property
+    def gain_limits(self) -> tuple[float, float] | None:
+        """Least and most analogue gain; None where the configuration fixes it."""
+        ...
+
+    def set_gain(self, gain: float) -> None:
+        """From some frame on; every frame says its own gain. From any thread."""
         ...

@@ -1,38 +1,32 @@
-"""What is asked of the Pi's camera so that its bands can be read, and whether it does that. Pure functions.
-
-The sensor's facts are those of the OV5647, with their sources.
-"""
+"""What is asked of the Pi's camera so that its bands can be read, and whether it does that. Pure functions."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from ledpi.camera.sensors import BIT_DEPTH, MODE, SENSORS
 from ledpi.camera.timing import choose_frame_length_rows, exposure_honoured
 from ledpi.config import CameraSettings
 from ledpi.errors import CameraError
 
-SENSOR = "ov5647"
-MODE = (640, 480)
-SHORTEST_FRAME_ROWS = 504  # of that mode: Linux driver ov5647.c, vts 0x1f8
-EXPOSURE_MARGIN_ROWS = 4  # frame less exposure: libcamera cam_helper_ov5647.cpp, frameIntegrationDiff
-GAIN_STEP = 1 / 16  # the same file, gainCode
-
-# Where `analogue_gain: auto` starts, and stays until there is a control loop for it: a lit panel in a room is
-# well above the noise at 10 ms, and the gain can still go either way.
-START_GAIN = 4.0
+# A sensor's gains are steps, and it takes the one below: the OV5647's are 1/16 apart, which is most at gain 1; the
+# IMX219's are less than 5 % apart.
+GAIN_TOLERANCE = 1 / 16
+FORMATS = ("YUV420", "NV12")  # in both, luma is a picture of its own, ahead of the colours
 
 
 def check_mode(configuration: Mapping[str, Any]) -> None:
     """Raises CameraError where what was configured is not what was asked (`camera_configuration()`)."""
     sensor, main = configuration.get("sensor") or {}, configuration["main"]
     mode = tuple(sensor.get("output_size") or ())
-    if mode != MODE:
+    if mode != MODE or sensor.get("bit_depth") != BIT_DEPTH:
         raise CameraError(
-            f"picamera2: the sensor's mode is {mode or 'unknown'}; must be {MODE}, whose row time is known"
+            f"picamera2: the sensor's mode is {mode or 'unknown'}, {sensor.get('bit_depth')} bit; "
+            f"must be {MODE}, {BIT_DEPTH} bit, whose row time is known"
         )
-    if tuple(main["size"]) != MODE or main["format"] not in ("YUV420", "NV12"):
-        raise CameraError(f"picamera2: pictures are {main['size']} {main['format']}; must be {MODE} YUV420")
+    if tuple(main["size"]) != MODE or main["format"] not in FORMATS:
+        raise CameraError(f"picamera2: pictures are {main['size']} {main['format']}; must be {MODE} {FORMATS[0]}")
 
 
 def row_time(settings: CameraSettings, model: str, shortest_frame_us: float) -> float:
@@ -42,23 +36,27 @@ def row_time(settings: CameraSettings, model: str, shortest_frame_us: float) -> 
     """
     if settings.row_time_us != "auto":
         return settings.row_time_us
-    if model != SENSOR:
+    facts = SENSORS.get(model)
+    if facts is None or facts.shortest_frame_rows is None:
+        known = ", ".join(name for name, sensor in SENSORS.items() if sensor.shortest_frame_rows is not None)
         raise CameraError(
-            f"camera.row_time_us: auto is for {SENSOR}, and this camera is {model}; measure it once with "
+            f"camera.row_time_us: auto is for {known}, and this camera is {model}; measure it once with "
             "`ledpi calibrate shutter` and set it"
         )
-    return shortest_frame_us / SHORTEST_FRAME_ROWS
+    return shortest_frame_us / facts.shortest_frame_rows
 
 
 def frame_rows(
-    settings: CameraSettings, row_time_us: float, frequencies_hz: Sequence[float], sensor_shortest_rows: int
+    settings: CameraSettings, row_time_us: float, frequencies_hz: Sequence[float], model: str, shortest_frame_us: float
 ) -> int:
     """The frame period in rows: as set, or the shortest that keeps the phases moving.
 
     Raises CameraError where the period set is too short for the sensor or the exposure, or none suits.
     """
+    facts = SENSORS.get(model)
+    margin = 4 if facts is None else facts.exposure_margin_rows
     exposure_rows = int(settings.exposure_us / row_time_us)
-    shortest = max(sensor_shortest_rows, exposure_rows + EXPOSURE_MARGIN_ROWS)
+    shortest = max(round(shortest_frame_us / row_time_us), exposure_rows + margin)
     if settings.frame_duration_us == "auto":
         try:
             return choose_frame_length_rows(
@@ -75,13 +73,13 @@ def frame_rows(
     return rows
 
 
-def start_gain(settings: CameraSettings) -> float:
-    """The analogue gain to start with."""
-    return START_GAIN if settings.analogue_gain == "auto" else settings.analogue_gain
-
-
 def fixed_controls(
-    *, exposure_us: float, analogue_gain: float, duration_us: int, noise_reduction_off: Any
+    *,
+    exposure_us: float,
+    analogue_gain: float,
+    duration_us: int,
+    colour_gains: tuple[float, float],
+    noise_reduction_off: Any,
 ) -> dict[str, Any]:
     """Every control that a frame depends on. libcamera judges the types: ExposureTime must be an int."""
     return {
@@ -89,7 +87,7 @@ def fixed_controls(
         "ExposureTime": int(exposure_us),
         "AnalogueGain": float(analogue_gain),
         "AwbEnable": False,
-        "ColourGains": (1.0, 1.0),  # luma is mostly green: gains for red and blue would add noise
+        "ColourGains": colour_gains,
         "FrameDurationLimits": (duration_us, duration_us),
         "NoiseReductionMode": noise_reduction_off,
         "Sharpness": 0.0,
@@ -105,8 +103,8 @@ def disagreement(metadata: Mapping[str, Any], asked: Mapping[str, Any], row_time
     if not exposure_honoured(asked_us=wanted, reported_us=exposure, row_time_us=row_time_us):
         return f"camera.exposure_us: {wanted} µs was asked, and the camera reports {exposure}"
     gain, wanted = metadata.get("AnalogueGain", 0), asked["AnalogueGain"]
-    if abs(gain - wanted) > GAIN_STEP:
-        return f"camera.analogue_gain: {wanted} was asked, and the camera reports {gain}"
+    if abs(gain - wanted) > GAIN_TOLERANCE * wanted:
+        return f"camera.analogue_gain: {wanted:g} was asked, and the camera reports {gain:g}"
     duration, wanted = metadata.get("FrameDuration", 0), asked["FrameDurationLimits"][0]
     if abs(duration - wanted) > row_time_us:
         return f"camera.frame_duration_us: {wanted} µs was asked, and the camera reports {duration}"

@@ -1,14 +1,15 @@
 """The Raspberry Pi's camera through picamera2 and libcamera. The only module that imports them.
 
-**Not seen on hardware**: written from the sources of picamera2, libcamera and the Linux driver of the OV5647.
+**Not seen on hardware**: written from the sources of picamera2, libcamera and the Linux drivers, and tested with the
+real picamera2 and libcamera, on libcamera's virtual camera.
 
-What the decoder lives on: the sensor's own 640 × 480 mode, an exposure and a frame period that stay as they
-were set, and every automatic off. One is left: the ISP's adaptive tone curve, which no control switches off.
-Frames are marked `srgb`, which that curve is near.
+What the decoder lives on: the sensor's own 640 × 480 mode, an exposure and a frame period that stay as they were set, a
+picture that is linear in light, and every automatic off.
 """
 
 from __future__ import annotations
 
+import contextlib
 import threading
 import time
 from collections.abc import Mapping, Sequence
@@ -18,32 +19,34 @@ from typing import Any
 
 import numpy as np
 
-from ledpi.camera.capture_settings import (
-    MODE,
-    check_mode,
-    disagreement,
-    fixed_controls,
-    frame_rows,
-    row_time,
-    start_gain,
-)
+from ledpi.camera.capture_settings import check_mode, disagreement, fixed_controls, frame_rows, row_time
+from ledpi.camera.gain import FIRST_GAIN
+from ledpi.camera.holder import who_holds
+from ledpi.camera.sensors import BIT_DEPTH, MODE
 from ledpi.camera.timing import exposure_honoured, frame_duration_us
+from ledpi.camera.tuning import linear_tuning, white_gains
 from ledpi.config import CameraSettings
-from ledpi.errors import CameraError
+from ledpi.errors import CameraError, CameraLostError
 from ledpi.records import CameraInfo, Frame, Pixels, Rejected
 
+STALL_PERIODS = 5  # without a frame for so many periods, the camera has stalled
 _SETTLE_FRAMES = 30  # controls act after 2 frames and the first 2 are bad: no agreement by then is a refusal
-_STALL_S = 1.0  # many frame periods
+_START_S = 2.0  # for the first frame: the sensor is powered up and its firmware loaded
 _INSTALL = "sudo apt install python3-picamera2, and a virtual environment with --system-site-packages"
 
 
 class PicameraCamera:
     """A started camera whose metadata agrees with what was asked. Made by `open_picamera`."""
 
-    def __init__(self, picam2: Any, mapped_array: Any, info: CameraInfo) -> None:
+    def __init__(
+        self, picam2: Any, mapped_array: Any, info: CameraInfo, gain_limits: tuple[float, float] | None
+    ) -> None:
         self._picam2 = picam2
         self._mapped_array = mapped_array  # picamera2.MappedArray
         self._info = info
+        self._gain_limits = gain_limits
+        assert info.frame_length_rows is not None
+        self._period_s = info.frame_length_rows * info.row_time_us * 1e-6
         self._in_use = threading.Lock()  # held while a request is waited for or in our hands
         self._closed = threading.Event()
         self._seq = 0
@@ -59,17 +62,26 @@ class PicameraCamera:
         """A camera does not know what it looks at."""
         return None
 
+    @property
+    def gain_limits(self) -> tuple[float, float] | None:
+        """As `Camera.gain_limits`: the sensor's, where the configuration leaves the gain open."""
+        return self._gain_limits
+
+    def set_gain(self, gain: float) -> None:
+        """As `Camera.set_gain`; acts 2 frames later."""
+        self._picam2.set_controls({"AnalogueGain": float(gain)})
+
     def read(self, into: Pixels) -> Frame | Rejected | None:
         """As `Camera.read`. Picture and metadata are of one request, which is released at once."""
         with self._in_use:
-            request = self._next_request()
+            request = self._next_request(STALL_PERIODS * self._period_s)
             if request is None:
                 return None
             try:
-                metadata = request.get_metadata()
                 with self._mapped_array(request, "main", write=False) as mapped:
                     # Luma is the upper part of YUV420 (and of NV12); rows are padded on the right.
                     np.copyto(into, mapped.array[: self._info.height, : self._info.width])
+                metadata = request.get_metadata()
             finally:
                 request.release()
         return self._frame(metadata, into)
@@ -85,31 +97,34 @@ class PicameraCamera:
 
     def settle(self, asked: Mapping[str, Any]) -> None:
         """Waits until the camera does what was asked. Raises CameraError where it does not."""
-        for _ in range(_SETTLE_FRAMES):
-            request = self._next_request()
-            if request is None:
-                return
+        difference: str | None = None
+        for number in range(_SETTLE_FRAMES):
+            request = self._next_request(STALL_PERIODS * self._period_s if number else _START_S)
+            assert request is not None, "nobody else has this camera yet"
             metadata = request.get_metadata()
             request.release()
             difference = disagreement(metadata, asked, self._info.row_time_us)
             if difference is None:
                 break
-        else:
+        if difference is not None:
             raise CameraError(f"picamera2: {difference}")
         age_ns = time.monotonic_ns() - metadata.get("SensorTimestamp", 0)
         if not 0 <= age_ns < 1_000_000_000:
             raise CameraError("picamera2: SensorTimestamp is not of CLOCK_MONOTONIC; update libcamera")
 
-    def _next_request(self) -> Any | None:
+    def _next_request(self, timeout_s: float) -> Any | None:
         if self._closed.is_set():
             return None
-        job = self._picam2.capture_request(wait=False)
         try:
-            return job.get_result(timeout=_STALL_S)
+            return self._picam2.capture_request(wait=False).get_result(timeout=timeout_s)
         except CancelledError:
             return None
         except TimeoutError:
-            raise CameraError(f"picamera2: the camera delivered nothing for {_STALL_S:g} s") from None
+            if self._closed.is_set():  # between the two looks, so that the wait could not be ended
+                return None
+            raise CameraLostError(f"picamera2: the camera delivered nothing for {timeout_s:.2g} s") from None
+        except (RuntimeError, OSError) as error:
+            raise CameraLostError(f"picamera2: {error}") from None
 
     def _frame(self, metadata: Mapping[str, Any], into: Pixels) -> Frame | Rejected:
         readout_ns, exposure_us = metadata.get("SensorTimestamp"), metadata.get("ExposureTime")
@@ -120,9 +135,8 @@ class PicameraCamera:
             asked_us=info.exposure_us, reported_us=exposure_us, row_time_us=info.row_time_us
         ):
             return Rejected(stage="capture", reason="exposure")
-        if self._last_ns is not None and info.frame_length_rows is not None:
-            period_ns = info.frame_length_rows * info.row_time_us * 1e3
-            self._seq += max(1, round((readout_ns - self._last_ns) / period_ns))
+        if self._last_ns is not None:
+            self._seq += max(1, round((readout_ns - self._last_ns) * 1e-9 / self._period_s))
         self._last_ns = readout_ns
         return Frame(
             pixels=into.view(),
@@ -138,7 +152,7 @@ class PicameraCamera:
 def open_picamera(settings: CameraSettings, frequencies_hz: Sequence[float]) -> PicameraCamera:
     """Opens, configures and starts the first camera. `frequencies_hz`: what the panels blink at.
 
-    Raises CameraError where there is no camera, or where it does not do what was asked.
+    Raises CameraLostError where there is no camera or it is in use, CameraError where it does not do what was asked.
     """
     if (settings.width, settings.height) != MODE:
         raise CameraError(
@@ -146,28 +160,49 @@ def open_picamera(settings: CameraSettings, frequencies_hz: Sequence[float]) -> 
             f"has another row time), not {settings.width} and {settings.height}"
         )
     libcamera, picamera2 = _import_picamera2()
-    cameras = picamera2.Picamera2.global_camera_info()
-    if not cameras:
-        raise CameraError("picamera2: no camera found; check the cable, and see rpicam-hello --list-cameras")
+    model = first_model(libcamera)
     try:
-        picam2 = picamera2.Picamera2(0)  # the first of that list
+        tuning = picamera2.Picamera2.load_tuning_file(f"{model}.json")
+        linear, colour_gains = linear_tuning(tuning), white_gains(tuning)
+    except (RuntimeError, ValueError) as error:
+        raise CameraError(f"picamera2: libcamera's tuning file {model}.json cannot be used: {error}") from None
+    try:
+        picam2 = picamera2.Picamera2(0, tuning=linear)
     except (RuntimeError, OSError) as error:
-        raise CameraError(
-            f"picamera2: the camera cannot be opened ({error.__cause__ or error}); "
-            "if another process holds it, `fuser /dev/video*` tells which"
-        ) from None
+        holder = who_holds("/dev/media*") or "`sudo fuser -v /dev/media*` tells if another process holds it"
+        why = error.__cause__ or error
+        raise CameraLostError(f"picamera2: the camera cannot be opened ({why}); {holder}") from None
     try:
-        asked, info = _configure(picam2, libcamera, settings, frequencies_hz, cameras[0].get("Model", "?"))
+        asked, info = _configure(picam2, libcamera, settings, frequencies_hz, model, colour_gains)
         picam2.set_controls(asked)  # goes to the camera with its start
         picam2.start(show_preview=False)
-        camera = PicameraCamera(picam2, picamera2.MappedArray, info)
+        limits = picam2.camera_controls["AnalogueGain"][:2] if settings.analogue_gain == "auto" else None
+        camera = PicameraCamera(picam2, picamera2.MappedArray, info, limits)
         camera.settle(asked)
         return camera
     except BaseException as error:
-        picam2.close()
+        with contextlib.suppress(RuntimeError):  # of one that is half started; the first error counts
+            picam2.close()
         if isinstance(error, (RuntimeError, OSError)):
             raise CameraError(f"picamera2: {error}") from None
         raise
+
+
+def first_model(libcamera: ModuleType) -> str:
+    """The sensor of the camera that picamera2 calls number 0, as "ov5647".
+
+    libcamera reads its tuning files when its camera manager starts, so the manager that is asked here must be gone
+    before `Picamera2(tuning=…)` is made, which starts another; it ends with the last reference to it. Asking anew also
+    finds what was plugged in since. Raises CameraLostError where there is none.
+    """
+    found = [
+        (camera.id, next(value for key, value in camera.properties.items() if key.name == "Model"))
+        for camera in libcamera.CameraManager.singleton().cameras
+        if "/usb" not in camera.id
+    ]
+    if not found:
+        raise CameraLostError("picamera2: no camera found; check the cable, and see rpicam-hello --list-cameras")
+    return str(max(found)[1])  # picamera2 sorts so
 
 
 def _import_picamera2() -> tuple[ModuleType, ModuleType]:
@@ -184,29 +219,36 @@ def _import_picamera2() -> tuple[ModuleType, ModuleType]:
 
 
 def _configure(
-    picam2: Any, libcamera: ModuleType, settings: CameraSettings, frequencies_hz: Sequence[float], model: str
+    picam2: Any,
+    libcamera: ModuleType,
+    settings: CameraSettings,
+    frequencies_hz: Sequence[float],
+    model: str,
+    colour_gains: tuple[float, float],
 ) -> tuple[dict[str, Any], CameraInfo]:
     """Puts the camera into its mode. Returns the controls to start it with, and what is then known of it."""
+    full_range = libcamera.ColorSpace.Sycc()  # a video's default puts luma into 16..235
     configuration = picam2.create_video_configuration(
         main={"format": "YUV420", "size": MODE},
         raw=None,
-        sensor={"output_size": MODE, "bit_depth": 10},
-        colour_space=libcamera.ColorSpace.Sycc(),  # full range: a video's default puts luma into 16..235
+        sensor={"output_size": MODE, "bit_depth": BIT_DEPTH},
+        colour_space=full_range,
         display=None,
         encode=None,
     )
     picam2.configure(configuration)
     check_mode(picam2.camera_configuration())
-    colours = picam2.libcamera_config.at(0).color_space
-    if colours is None or colours.range != libcamera.ColorSpace.Range.Full:
+    colours = picam2.camera_configuration()["colour_space"]
+    if colours.range != full_range.range:
         raise CameraError(f"picamera2: the camera gives {colours}; must be full range; update libcamera")
     shortest_us = float(picam2.camera_controls["FrameDurationLimits"][0])
     row_time_us = row_time(settings, model, shortest_us)
-    rows = frame_rows(settings, row_time_us, frequencies_hz, round(shortest_us / row_time_us))
+    rows = frame_rows(settings, row_time_us, frequencies_hz, model, shortest_us)
     asked = fixed_controls(
         exposure_us=settings.exposure_us,
-        analogue_gain=start_gain(settings),
+        analogue_gain=FIRST_GAIN if settings.analogue_gain == "auto" else settings.analogue_gain,
         duration_us=frame_duration_us(rows, row_time_us),
+        colour_gains=colour_gains,
         noise_reduction_off=libcamera.controls.draft.NoiseReductionModeEnum.Off,
     )
     info = CameraInfo(
@@ -214,7 +256,7 @@ def _configure(
         height=MODE[1],
         exposure_us=settings.exposure_us,
         row_time_us=row_time_us,
-        transfer="srgb" if settings.transfer == "auto" else settings.transfer,
+        transfer="linear" if settings.transfer == "auto" else settings.transfer,
         frame_length_rows=rows,
     )
     return asked, info

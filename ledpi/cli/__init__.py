@@ -10,7 +10,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import typer
 
-from ledpi.errors import LedpiError
+from ledpi.errors import CameraLostError, LedpiError
 
 app = typer.Typer(
     name="ledpi",
@@ -23,7 +23,7 @@ app = typer.Typer(
 
 
 def main() -> None:
-    """Entry point. A LedpiError is one line on standard error and exit status 2."""
+    """Entry point. A LedpiError is one line on standard error and exit status 2, or 1 where trying again may help."""
     from ledpi.cli import (  # noqa: F401, each adds its command to `app`
         calibrate,
         calibrate_camera,
@@ -43,4 +43,4 @@ def main() -> None:
         app()
     except LedpiError as error:
         print(f"ledpi: {error}", file=sys.stderr)
-        sys.exit(2)
+        sys.exit(1 if isinstance(error, CameraLostError) else 2)
