@@ -146,6 +146,11 @@ def open_simulated(
     return SimulatedCamera(scene, seed=seed, paced=paced, frames=frames, panel=values)
 
 
+def shortest_frame_rows(height: int, exposure_us: float, row_time_us: float) -> int:
+    """Rows of the shortest frame: the picture and its blanking, or the exposure, whichever takes longer."""
+    return max(height + _BLANKING_ROWS, round(exposure_us / row_time_us) + _SPARE_ROWS)
+
+
 def simulated_sensor(camera: CameraSettings, panels: PanelSettings) -> SimulatedSensor:
     """An OV5647 with the configuration's picture size, gain and transfer; exposure and period in whole rows.
 
@@ -153,7 +158,7 @@ def simulated_sensor(camera: CameraSettings, panels: PanelSettings) -> Simulated
     """
     row_time_us = OV5647_ROW_TIME_US if camera.row_time_us == "auto" else camera.row_time_us
     exposure_us = whole_rows_us(camera.exposure_us, row_time_us)
-    shortest = max(camera.height + _BLANKING_ROWS, round(exposure_us / row_time_us) + _SPARE_ROWS)
+    shortest = shortest_frame_rows(camera.height, exposure_us, row_time_us)
     if camera.frame_duration_us == "auto":
         frequencies = panel_frequencies_hz(panels)
         try:

@@ -33,6 +33,7 @@ def main() -> None:
         evaluate,
         monitor,
         panel,
+        panel_design,
         panel_firmware,
         run,
         simulate,

@@ -12,16 +12,11 @@ from pathlib import Path
 
 from ledpi.errors import ConfigError
 from ledpi.markers import Bits, Dictionary
+from ledpi.panel.frequencies import NULL_SHARE, Flicker, null_share
 from ledpi.panel.timer import HalfPeriod, half_period, nearest_frequency
 from ledpi.records import PanelSpec
-from ledpi.shutter import contrast
 
 SINGLE_CELLS = 16  # that the board has pins for, the serial line left free
-LOW_RISK_HZ = 1250.0  # IEEE 1789: from here on light that goes fully on and off is of low risk
-
-# Share of the deepest bands that an exposure of this length could show, below which a frequency counts as on a null.
-# The light that tells a fifth of the depth apart from noise is 25 times that of the whole.
-_NULL_SHARE = 0.2
 
 
 class Build(StrEnum):
@@ -86,13 +81,14 @@ def _half_period(key: str, hz: float) -> HalfPeriod:
 
 
 def _check_frequency(key: str, hz: float, exposure_us: float) -> None:
-    if hz < LOW_RISK_HZ:
+    low_risk_hz = Flicker.LOW_RISK.lowest_hz
+    if hz < low_risk_hz:
         raise ConfigError(
             f"{key}: {hz:g} Hz flickers; light that goes fully on and off is of low risk (IEEE 1789) "
-            f"from {LOW_RISK_HZ:g} Hz"
+            f"from {low_risk_hz:g} Hz"
         )
     cycles = hz * exposure_us * 1e-6
-    if contrast(hz, exposure_us) < _NULL_SHARE * min(2.0, 1.0 / cycles):
+    if null_share(hz, exposure_us) < NULL_SHARE:
         whole = round(cycles)
         best = ((whole + side) / exposure_us * 1e6 for side in (-0.5, 0.5))
         good = " or ".join(f"{nearest_frequency(hz):.2f} Hz" for hz in best)

@@ -1,0 +1,185 @@
+"""`ledpi panel design`: which two frequencies a panel should blink at, and with which frame period."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+from ledpi.cli.panel import panel
+from ledpi.cli.progress import progress
+from ledpi.errors import ConfigError
+from ledpi.panel.frequencies import Flicker
+
+if TYPE_CHECKING:
+    from ledpi.config import Config
+    from ledpi.panel.design import Proposal, Task
+    from ledpi.panel.reach import Reach
+
+_SHOWN = 5
+# Of the farthest distance at which cells can be sampled; for a panel of 16 cm 0.6, 1, 1.4, 2, 3, 5, 8 and 12 m.
+_DISTANCE_SHARES = (0.048, 0.08, 0.11, 0.16, 0.24, 0.4, 0.64, 0.95)
+
+
+@panel.command()
+def design(
+    check: tuple[float, float] | None = typer.Option(None, metavar="BLACK WHITE", help="Judge this pair, in Hz."),
+    exposure_us: float | None = typer.Option(None, min=1, help="Default: camera.exposure_us; in whole rows."),
+    row_time_us: float | None = typer.Option(None, min=1, help="Default: camera.row_time_us; auto: an OV5647's 33.67."),
+    fps: float | None = typer.Option(None, min=1, help="Of the camera. Default: by camera.frame_duration_us."),
+    side: float | None = typer.Option(None, min=0.01, max=10, metavar="M", help="Default: panels.side_m."),
+    distance: list[float] = typer.Option([], min=0.05, metavar="M", help="May be repeated. Default: near to farthest."),
+    tolerance_ppm: float = typer.Option(100, min=0, max=200_000, help="Of the oscillators: a crystal's is 100."),
+    flicker: Flicker = typer.Option(Flicker.LOW_RISK, help="IEEE 1789's class: from 1250 Hz, or from 3000 Hz."),
+    out: Path | None = typer.Option(None, metavar="FOLDER", help="Writes panel.yaml and plots there."),
+    config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
+    set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
+) -> None:
+    """Ranks pairs of frequencies, each with a frame period, by what they let the decoder know.
+
+    Shows the best five beside the configuration's own, how far each is read, and the lines for config.yaml.
+    With --check judges one pair instead: exit status 1, and the reasons, where it cannot be used.
+
+    Example: ledpi panel design --side 0.3 --distance 2 --distance 10 --out design
+
+    Example: ledpi panel design --check 1000 2000
+    """
+    from ledpi.config import find_config, load_config
+
+    file = find_config(config)
+    overrides = [] if file is not None else ["panels.side_m=0.16"]
+    overrides += set_
+    overrides += [f"camera.exposure_us={exposure_us}"] if exposure_us is not None else []
+    overrides += [f"camera.row_time_us={row_time_us}"] if row_time_us is not None else []
+    overrides += [f"camera.frame_duration_us={1e6 / fps}"] if fps is not None else []
+    overrides += [f"panels.side_m={side}"] if side is not None else []
+    settings = load_config(file, tuple(overrides))
+    task = _task(settings, distance, tolerance_ppm, flicker)
+    if check is not None:
+        _check(task, settings, check)
+    else:
+        _design(task, settings, out)
+
+
+def _task(settings: Config, distances_m: list[float], tolerance_ppm: float, flicker: Flicker) -> Task:
+    from ledpi.camera.simulated import shortest_frame_rows
+    from ledpi.camera_yaml import load_intrinsics
+    from ledpi.dictionaries import load_dictionary
+    from ledpi.panel.design import Task, farthest_m
+    from ledpi.simulate.scene import OV5647_ROW_TIME_US, SimulatedSensor
+    from ledpi.simulate.scenes import ov5647_lens, whole_rows_us
+
+    camera, panels = settings.camera, settings.panels
+    row_time_us = OV5647_ROW_TIME_US if camera.row_time_us == "auto" else camera.row_time_us
+    exposure_us = whole_rows_us(camera.exposure_us, row_time_us)
+    rows = shortest_frame_rows(camera.height, exposure_us, row_time_us)
+    if camera.frame_duration_us != "auto":
+        given = round(camera.frame_duration_us / row_time_us)
+        if given < rows and camera.row_time_us == "auto":
+            # Its frames are shorter than those of the row time that is taken for granted: then its rows are too.
+            row_time_us = camera.frame_duration_us / rows
+            exposure_us = whole_rows_us(camera.exposure_us, row_time_us)
+        elif given < rows:
+            raise ConfigError(
+                f"a frame of {camera.frame_duration_us:.0f} µs is {given} rows of {row_time_us:g} µs; must be at least "
+                f"{rows}, at most {1e6 / (rows * row_time_us):.2f} fps"
+            )
+        rows = max(rows, given)
+    lens = ov5647_lens(camera.width, camera.height)
+    if camera.intrinsics is not None:
+        lens = load_intrinsics(camera.intrinsics)
+    try:
+        sensor = SimulatedSensor(
+            intrinsics=lens,
+            exposure_us=exposure_us,
+            row_time_us=row_time_us,
+            frame_length_rows=rows,
+            transfer="srgb" if camera.transfer == "auto" else camera.transfer,
+        )
+    except ValueError as error:
+        raise ConfigError(f"camera: {error}") from None
+    cells = load_dictionary(panels.dictionary).cells_per_side
+    farthest = farthest_m(sensor, panels.side_m, cells)
+    return Task(
+        sensor=sensor,
+        period_given=camera.frame_duration_us != "auto",
+        side_m=panels.side_m,
+        cells=cells,
+        duty=panels.duty,
+        distances_m=tuple(sorted(distances_m or (float(f"{share * farthest:.2g}") for share in _DISTANCE_SHARES))),
+        tolerance=tolerance_ppm * 1e-6,
+        flicker=flicker,
+    )
+
+
+def _check(task: Task, settings: Config, pair: tuple[float, float]) -> None:
+    """Says what is wrong with a pair, or how far it carries. Exit status 1 where it cannot be used."""
+    from ledpi.panel.design import auto_rows, proposal_at, views_of
+    from ledpi.panel.design_text import legend, table, task_text
+    from ledpi.panel.verdict import findings
+
+    black_hz, white_hz = pair
+    if not (black_hz > 0 and white_hz > 0):
+        raise ConfigError(f"--check {black_hz:g} {white_hz:g}: frequencies must be positive")
+    rows = auto_rows(task, pair)
+    found = findings(task, black_hz, white_hz, rows)
+    typer.echo(task_text(task))
+    for finding in found:
+        typer.echo(f"{'unusable' if finding.unusable else 'note'}: {finding.text}")
+    if any(finding.unusable for finding in found):
+        raise typer.Exit(1)
+    proposal = proposal_at(task, black_hz, white_hz, rows, views_of(task))
+    (row,) = _with_reach(task, settings, [("checked", proposal)])
+    typer.echo(table(task, [row]))
+    typer.echo(legend())
+
+
+def _design(task: Task, settings: Config, out: Path | None) -> None:
+    from ledpi.panel.design import auto_rows, candidate_pairs, proposal_at, ranked, views_of
+    from ledpi.panel.design_text import config_lines, legend, table, task_text
+    from ledpi.panel.verdict import findings
+
+    panels = settings.panels
+    pair = (panels.black_hz, panels.white_hz)
+    views = views_of(task)
+    present = proposal_at(task, *pair, auto_rows(task, pair), views)
+    with progress("trying pairs", len(candidate_pairs(task))) as advance:
+        best = ranked(task, present, views, advance)[:_SHOWN]
+    rows = _with_reach(task, settings, [*((str(n + 1), p) for n, p in enumerate(best)), ("present", present)])
+    typer.echo(task_text(task))
+    typer.echo(table(task, rows))
+    typer.echo(legend())
+    for finding in findings(task, *pair, present.frame_length_rows):
+        typer.echo(f"present: {'unusable' if finding.unusable else 'note'}: {finding.text}")
+    lines = config_lines(task, best[0], panels.dictionary, settings.camera.exposure_us)
+    typer.echo(f"\nFor config.yaml:\n\n{lines}", nl=False)
+    if out is not None:
+        _write(out, task, rows, lines)
+
+
+def _with_reach(
+    task: Task, settings: Config, proposals: list[tuple[str, Proposal]]
+) -> list[tuple[str, Proposal, Reach]]:
+    from ledpi.dictionaries import load_dictionary
+    from ledpi.panel.reach import reach_of, reach_views
+
+    dictionary, views = load_dictionary(settings.panels.dictionary), reach_views(task)
+    with progress("drawing panels", len(views) * len(proposals)) as advance:
+        return [(name, p, reach_of(task, p, dictionary, views, advance)) for name, p in proposals]
+
+
+def _write(out: Path, task: Task, rows: list[tuple[str, Proposal, Reach]], lines: str) -> None:
+    from ledpi.panel.matplotlib_extra import require_matplotlib
+
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        (out / "panel.yaml").write_text(lines, encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(f"--out {out}: cannot be written: {error.strerror}") from None
+    require_matplotlib(f"--out {out}: the plots")
+    from ledpi.panel.design_plots import draw_contrast, draw_reach
+
+    draw_contrast(task, rows[0][1], out / "contrast.png")
+    draw_reach(rows, out / "reach.png")
+    typer.echo(f"{out}: panel.yaml, contrast.png, reach.png")
