@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from ledpi.camera.base import Camera
 from ledpi.camera_yaml import load_intrinsics
 from ledpi.config import Config
+from ledpi.decode.tuning import off_frequency_note
 from ledpi.errors import ConfigError
 from ledpi.health import Health, HealthSnapshot
 from ledpi.pipeline import Pipeline
@@ -56,6 +57,7 @@ class Daemon:
             raise ConfigError(f"panels.overrides: contradict the panel of {config.camera.source}: {error}") from None
         self._publisher = Publisher(config.serial)
         self._health = Health()
+        self._told: set[int] = set()  # panels that blink at other frequencies than configured
         self._asked_to_stop = False
         self._stop = threading.Event()
         self._failure: BaseException | None = None
@@ -127,6 +129,9 @@ class Daemon:
                 self._ring.release()
                 self._health.add(decoded)
                 self._publisher.publish(decoded)
+                for marker_id in self._pipeline.off_frequency.keys() - self._told:
+                    self._told.add(marker_id)
+                    _log.warning("%s", off_frequency_note(marker_id, self._pipeline.off_frequency[marker_id]))
             elif self._ring.closed:
                 break
         self._stop.set()

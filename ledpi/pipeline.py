@@ -13,9 +13,9 @@ from ledpi.decode import soft
 from ledpi.decode.bands import NO_SQUARE, BandsReader
 from ledpi.decode.cells import MIN_CELL_PX, sample_cells
 from ledpi.decode.edges import approach_quads, refine_quad
-from ledpi.decode.evidence import Evidence
 from ledpi.decode.find import Candidate, Finder
-from ledpi.decode.track import NOT_SHOWN, Shown, Track, Tracker, weigh
+from ledpi.decode.reader import Reader
+from ledpi.decode.track import NOT_SHOWN, Track, Tracker
 from ledpi.dictionaries import load_dictionary
 from ledpi.markers import corners_of_turned
 from ledpi.pose.place import Placer
@@ -40,8 +40,6 @@ SAME_PLACE = Rejected(stage="identify", reason="same_panel_twice")
 SAME_ID = Rejected(stage="identify", reason="same_id_twice")
 # A stream searches the whole picture for newcomers in every third frame, and in each that does not show all its tracks.
 SEARCH_EVERY = 3
-# A frame that confirms what its track shows is not read anew, but for one of four: the margin grows with the frames.
-READ_EVERY = 4
 STAGES: dict[Method, tuple[str, ...]] = {
     "soft": ("find", "edges", "cells", "soft", "pose"),
     "bands": ("bands", "pose"),
@@ -90,11 +88,11 @@ class Pipeline:
         self._clock = clock
         self._method: Method = method
         self._stream = stream
-        self._false_id_rate = soft.FALSE_ID_RATE if stream else soft.FALSE_ID_RATE_ALONE
         self._cells = load_dictionary(panels.dictionary).cells_per_side
         self._finder = Finder(camera.width, camera.height, panels.spec(), smallest_px=self._cells * MIN_CELL_PX)
         dictionary, groups = load_dictionary(panels.dictionary), _same_frequencies(panels)
-        self._codebooks = [soft.Codebook.build(ids, dictionary, spec) for spec, ids in groups]
+        codebooks = [soft.Codebook.build(ids, dictionary, spec) for spec, ids in groups]
+        self._reader = Reader(codebooks, soft.FALSE_ID_RATE if stream else soft.FALSE_ID_RATE_ALONE)
         self._readers = [BandsReader(dictionary, ids, spec) for spec, ids in groups] if method == "bands" else []
         self._specs = tuple(spec for spec, _ in groups)
         sides_m = {marker_id: panels.spec(marker_id).side_m for marker_id in range(len(dictionary.words))}
@@ -102,6 +100,7 @@ class Pipeline:
         self._tracker = Tracker(self._specs)
         self._since_search = 0
         self._row_clock = RowClock(camera)
+        self.off_frequency: dict[int, PanelSpec] = {}  # by ID: panels that blink at others than announced, and at which
 
     @property
     def panels(self) -> PanelSettings:
@@ -231,37 +230,19 @@ class Pipeline:
         if isinstance(samples, Rejected):
             work.reject(quad.corners_px, samples)
             return None
-        added = [memory.add(samples, frame) for memory in track.memories]
-        shown = track.shown
-        if shown is not None:
-            word = weigh(added[shown.group], shown.reading.cell_bands)
-            if word == "confirmed" and track.frames - shown.at_frame < READ_EVERY:
-                self._timed(work, "soft", since)
-                if work.trace is not None:
-                    known = track.memories[shown.group].evidence()
-                    work.trace.looks.append(Look(quad=quad, samples=samples, evidence=known, reading=shown.reading))
-                return _sighting(quad, shown.reading, track)
-            if word == "denied":
-                work.reject(quad.corners_px, NOT_SHOWN)
-                track.forget()
-                for memory in track.memories:
-                    memory.add(samples, frame)
-        evidence = [memory.evidence() for memory in track.memories]
-        readings = [
-            soft.decide(known, book, self._false_id_rate) if isinstance(known, Evidence) else known
-            for book, known in zip(self._codebooks, evidence, strict=True)
-        ]
-        reading = soft.surest(readings, self._false_id_rate)
+        outcome = self._reader.read(track, samples, frame)
         self._timed(work, "soft", since)
-        group = _group_of(reading, readings)
+        if outcome.denied:
+            work.reject(quad.corners_px, NOT_SHOWN)
         if work.trace is not None:
-            work.trace.looks.append(Look(quad=quad, samples=samples, evidence=evidence[group], reading=reading))
-        if isinstance(reading, Rejected):
-            work.reject(quad.corners_px, reading)
-            track.shown = None
+            evidence = track.memories[outcome.group].evidence()
+            work.trace.looks.append(Look(quad=quad, samples=samples, evidence=evidence, reading=outcome.reading))
+        if isinstance(outcome.reading, Rejected):
+            work.reject(quad.corners_px, outcome.reading)
             return None
-        track.shown = Shown(group=group, reading=reading, at_frame=track.frames)
-        return _sighting(quad, reading, track)
+        if track.tuned is not None and track.tuned.measured:
+            self.off_frequency[outcome.reading.id] = track.tuned.spec
+        return _sighting(quad, outcome.reading, track)
 
     def _place(self, frame: Frame, sightings: list[Sighting], work: _Work) -> list[MarkerPose]:
         placed = self._placer.place(frame, sightings)
@@ -278,12 +259,6 @@ def _same_frequencies(panels: PanelSettings) -> list[tuple[PanelSpec, list[int]]
         spec = panels.spec(marker_id)
         groups.setdefault((spec.black_hz, spec.white_hz, spec.duty), (spec, []))[1].append(marker_id)
     return list(groups.values())
-
-
-def _group_of(reading: soft.Reading | Rejected, readings: list[soft.Reading | Rejected]) -> int:
-    """Which pair of frequencies the surest reading is of; the first where nothing was read."""
-    ids = [r.id if isinstance(r, soft.Reading) else None for r in readings]
-    return ids.index(reading.id) if isinstance(reading, soft.Reading) else 0
 
 
 def _sighting(quad: Quad, reading: soft.Reading, track: Track) -> Sighting:

@@ -299,6 +299,46 @@ def test_frozen_phases_make_a_stream_no_worse_than_single_frames(corners: Floats
     assert {i for found in together for i in found} == {7}
 
 
+@pytest.mark.parametrize(("black_hz", "white_hz"), [(1262.0, 2431.0), (1258.0, 2466.0), (1240.0, 2470.0)])
+@pytest.mark.parametrize(("side_px", "frames"), [(100, 2), (38, 12)])
+def test_oscillators_that_are_off_are_found_out(black_hz: float, white_hz: float, side_px: int, frames: int) -> None:
+    """By 1 %: near by, each frame is read by itself; further off, frames add up at the frequencies that they tell."""
+    corners = square(310.3, 240.6, side_px, 4)
+    spec = dataclasses.replace(SPEC, black_hz=black_hz, white_hz=white_hz)
+    path = pipeline(stream=True)
+    found = []
+    for n in range(24):
+        canvas = Canvas()
+        canvas.panel(corners, word(7), light=0.2, spec=spec, start_us=n * PERIOD_US)
+        frame = dataclasses.replace(canvas.frame(n, seq=n), row0_readout_ns=round(1e9 + 1e3 * n * PERIOD_US))
+        found.append(ids(path.decode(frame)))
+    assert found[frames:] == [[7]] * (24 - frames)
+    told = path.off_frequency[7]
+    assert (told.black_hz, told.white_hz) == pytest.approx((black_hz, white_hz), abs=2.0)
+
+
+def test_of_an_oscillator_that_is_off_the_phase_may_stand_still() -> None:
+    """1237.5 Hz advance by 21.0 cycles a frame: frames tell the white class's frequency, their mean shows the black."""
+    spec = dataclasses.replace(SPEC, black_hz=1237.5, white_hz=2431.0)
+    path = pipeline(stream=True)
+    found = []
+    for n in range(24):
+        canvas = Canvas()
+        canvas.panel(square(310.3, 240.6, 50, 4), word(7), light=0.4, spec=spec, start_us=n * PERIOD_US)
+        frame = dataclasses.replace(canvas.frame(n, seq=n), row0_readout_ns=round(1e9 + 1e3 * n * PERIOD_US))
+        found.append(ids(path.decode(frame)))
+    assert found[12:] == [[7]] * 12
+    assert path.off_frequency == {}  # of one of them it is only known that it stands still
+
+
+def test_a_panel_that_blinks_as_announced_is_not_tuned() -> None:
+    """However far it is."""
+    path = pipeline(stream=True)
+    for n in range(24):
+        path.decode(frame_of((square(310.3, 240.6, 38, 4), word(7)), seq=n, light=0.1))
+    assert path.off_frequency == {}
+
+
 def test_corners_are_always_the_frames_own() -> None:
     """Of a panel that moves by 6 px a frame: where it is in this frame, not where it was."""
     path = pipeline(stream=True)

@@ -96,6 +96,7 @@ def _decode_recording(
     name: str, folder: Path, settings: Config, steps: Path | None, *, stream: bool, advance: Callable[[int], None]
 ) -> int:
     """Prints every frame; returns how many pictures could not be read."""
+    from ledpi.decode.tuning import off_frequency_note
     from ledpi.picture import read_picture
     from ledpi.pipeline import Pipeline
     from ledpi.recording import load_recording
@@ -128,6 +129,8 @@ def _decode_recording(
             _print(_nothing(entry.seq, entry.row0_readout_ns, fault.rejected), name)
             bad += 1
         advance(1)
+    for marker_id, found in pipeline.off_frequency.items():
+        print(f"ledpi: {folder}: {off_frequency_note(marker_id, found)}", file=sys.stderr)
     return bad
 
 

@@ -127,7 +127,7 @@ class PanelMemory:
         information = np.zeros((cells, PARAMETERS, cells, PARAMETERS))
         each = np.arange(cells)
         information[each, :, each, :] = own
-        nuisances = _picture_slopes(picture, samples.lattice)
+        nuisances = picture_slopes(picture, samples.lattice)
         return evidence_from(
             Correlation(
                 residual=residual,
@@ -151,7 +151,7 @@ class PanelMemory:
         self._count = np.minimum(total, np.float32(MEAN_FRAMES))
 
 
-def _picture_slopes(picture: Singles, lattice: Lattice) -> NDArray[np.float32]:
+def picture_slopes(picture: Singles, lattice: Lattice) -> NDArray[np.float32]:
     """(9, cells, points): relative change of this picture for each way in which corners or gain can be off."""
     n, k = lattice.cells, lattice.k
     whole = np.log(picture).reshape(n, n, k, k).transpose(0, 2, 1, 3).reshape(n * k, n * k)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from collections import deque
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -11,6 +12,7 @@ import numpy as np
 from ledpi.decode.evidence import Doubles, Evidence
 from ledpi.decode.memory import PanelMemory
 from ledpi.decode.soft import Reading
+from ledpi.decode.tuning import Proposal, Seen
 from ledpi.records import Floats, PanelSpec, Quad, Rejected
 
 NOT_SHOWN = Rejected(stage="track", reason="not_shown")
@@ -24,6 +26,7 @@ MAX_SHIFT, MAX_GROWTH = 0.35, 1.25
 NEW_VELOCITY = 0.7
 # A square that has not been read in so many frames is a lamp or a window: it is looked at when all is searched anyway.
 OLD_FRAMES = 16
+SEEN_FRAMES = 12  # that are kept to find a panel's frequencies from
 # A frame that is e^DOUBT times likelier without a panel's bands than with them does not show the panel. One that does
 # show it looks so in less than 1 of 1,000, however much or little a frame can tell: with E = bands·information·bands/2,
 # the log-likelihood ratio is normal with mean E and variance 2E, so (E + DOUBT)/√(2E) is at least √(2·DOUBT) = 3.2.
@@ -54,6 +57,9 @@ class Track:
     seen_ns: int  # row 0's read-out of the frame
     memories: tuple[PanelMemory, ...]  # one for each pair of frequencies
     shown: Shown | None = None
+    seen: deque[Seen] = field(default_factory=lambda: deque(maxlen=SEEN_FRAMES))
+    looks: int = 0  # since the last try to find its frequencies
+    tuned: Proposal | None = None  # its frequencies, where they are others than announced
 
     @property
     def frames(self) -> int:

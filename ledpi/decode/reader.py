@@ -1,0 +1,102 @@
+"""What a track shows: adds a frame to its memories and tells the word, or that it is another one than before.
+
+Three questions, each asked only where the one before leaves it open. Does the frame show what the track has shown
+before? What word do all its frames together show? And if none, do they at other frequencies than announced?
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ledpi.decode import soft
+from ledpi.decode.cells import CellSamples
+from ledpi.decode.evidence import Evidence
+from ledpi.decode.memory import PanelMemory
+from ledpi.decode.soft import Codebook, Reading
+from ledpi.decode.track import Shown, Track, weigh
+from ledpi.decode.tuning import CHOICES, Seen, propose_frequencies
+from ledpi.records import Frame, Pixels, Rejected
+
+# A frame that confirms what its track shows is not read anew, but for one of four: the margin grows with the frames.
+READ_EVERY = 4
+# A track whose frames add up to nothing may blink at other frequencies. That is tried after every so many.
+TUNE_EVERY = 6
+# Frames that contradict each other make a track forget: one that remembers less than this does not add up.
+ADDS_UP_FRAMES = 4
+
+_NO_PICTURE: Pixels = np.empty((0, 0), np.uint8)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outcome:
+    """What became of a frame."""
+
+    reading: Reading | Rejected
+    group: int  # which pair of frequencies it is of; the first where nothing was read
+    denied: bool  # that it shows what the track has shown before
+
+
+class Reader:
+    """Reads the panels of some pairs of frequencies. Keeps nothing; what is known of a panel is in its track."""
+
+    def __init__(self, codebooks: Sequence[Codebook], false_id_rate: float) -> None:
+        self._codebooks = tuple(codebooks)
+        self._false_id_rate = false_id_rate
+
+    def read(self, track: Track, samples: CellSamples, frame: Frame) -> Outcome:
+        """The word that a track shows with this frame, or why none can be told."""
+        added = [memory.add(samples, frame) for memory in track.memories]
+        track.seen.append(Seen(samples=samples, frame=replace(frame, pixels=_NO_PICTURE)))
+        track.looks += 1
+        shown, denied = track.shown, False
+        if shown is not None:
+            word = weigh(added[shown.group], shown.reading.cell_bands)
+            if word == "confirmed" and track.frames - shown.at_frame < READ_EVERY:
+                return Outcome(reading=shown.reading, group=shown.group, denied=False)
+            if word == "denied":
+                denied = True
+                track.forget()
+                for memory in track.memories:
+                    memory.add(samples, frame)
+        group, reading = self._decide(track)
+        if (isinstance(reading, Rejected) or track.frames < ADDS_UP_FRAMES) and track.looks >= TUNE_EVERY:
+            track.looks = 0
+            if self._tune(track):
+                group, reading = self._decide(track)
+        track.shown = None
+        if isinstance(reading, Reading):
+            track.shown = Shown(group=group, reading=reading, at_frame=track.frames)
+        return Outcome(reading=reading, group=group, denied=denied)
+
+    def _decide(self, track: Track) -> tuple[int, Reading | Rejected]:
+        tuned = track.tuned is not None
+        readings = [self._word(memory, group, tuned=tuned) for group, memory in enumerate(track.memories)]
+        reading = soft.surest(readings, self._false_id_rate)
+        ids = [r.id if isinstance(r, Reading) else None for r in readings]
+        return (ids.index(reading.id) if isinstance(reading, Reading) else 0), reading
+
+    def _word(self, memory: PanelMemory, group: int, *, tuned: bool) -> Reading | Rejected:
+        evidence = memory.evidence()
+        if not isinstance(evidence, Evidence):
+            return evidence
+        # Frequencies that were chosen to fit leave chance more ways to look like a word.
+        rate = self._false_id_rate / CHOICES if tuned else self._false_id_rate
+        return soft.decide(evidence, self._codebooks[group], rate)
+
+    def _tune(self, track: Track) -> bool:
+        """Whether a track's frames add up to a word at other frequencies; then its memory has them."""
+        for group, book in enumerate(self._codebooks):
+            for proposal in propose_frequencies(track.seen, book.spec, book):
+                memory, added = PanelMemory(proposal.spec), None
+                for seen in track.seen:
+                    added = memory.add(seen.samples, seen.frame)
+                reading = self._word(memory, group, tuned=True)
+                # What the frames before have shown may be there no more.
+                if isinstance(reading, Reading) and weigh(added, reading.cell_bands) != "denied":
+                    track.memories = (*track.memories[:group], memory, *track.memories[group + 1 :])
+                    track.tuned = proposal
+                    return True
+        return False

@@ -1,0 +1,147 @@
+"""At which frequencies a panel really blinks, told from the frames of one track.
+
+An RC oscillator is off by a percent. Within one frame that hardly shows, but from frame to frame the bands then advance
+by a tenth of a cycle and more besides what was expected, so that frames do not add up. So, for each class and each
+frequency around the announced one, the frames are added up at that frequency's phases; the word and the two
+frequencies that together leave the most power are proposed. What they are worth is for `soft` to decide, on the same
+frames, seen again at these frequencies.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ledpi.decode.cells import CellSamples
+from ledpi.decode.memory import picture_slopes
+from ledpi.decode.soft import Codebook
+from ledpi.records import Frame, PanelSpec
+
+Complexes = NDArray[np.complex128]
+
+MAX_OFF = 0.012  # relative: of an RC oscillator that was trimmed by hand
+MIN_FRAMES = 6
+# The phases of the first and the last frame tell frequencies apart that differ by 1/time; a quarter of that is fine
+# enough for a parabola through three of them.
+STEPS_PER_CYCLE = 4.0
+# Of a wave whose phase hardly moves the mean takes almost all; what is left then is mostly noise.
+MIN_LEFT = 0.2
+# Over the mean of noise: one of e^10 looks so by chance, and there are some 10 independent frequencies and 100 words.
+SIGNIFICANT = 10.0
+# Word, black and white frequency are chosen among so many that are independent (12 frames of 17 ms): what is found
+# must be surer by as much: 2·1.2 %·1250 Hz·0.2 s = 6, times 12; each of them may also stand still.
+CHOICES = 300.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Seen:
+    """What one frame showed of a panel."""
+
+    samples: CellSamples
+    frame: Frame  # its times count; of its picture nothing is used any more
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Proposal:
+    """A panel at frequencies that may be its own."""
+
+    spec: PanelSpec
+    measured: bool  # both; else one is only such that its phase stands still
+
+
+def propose_frequencies(seen: Sequence[Seen], spec: PanelSpec, codebook: Codebook) -> list[Proposal]:
+    """The panel with the frequencies that make most of what was seen, likeliest first; none where nothing stands out.
+
+    Frames on another lattice than the last one's are left out. Of a class that stands out in no frequency the phase may
+    stand still from frame to frame, so that differences show nothing of it.
+    """
+    last = seen[-1].samples.lattice
+    seen = [s for s in seen if s.samples.lattice is last and s.samples.valid is None]
+    if len(seen) < MIN_FRAMES:
+        return []
+    times_s = np.array([(s.frame.row0_readout_ns - seen[0].frame.row0_readout_ns) * 1e-9 for s in seen])
+    residual, weight = _residuals(seen)
+    black = _sums(seen, residual, weight, spec.black_hz)
+    white = _sums(seen, residual, weight, spec.white_hz)
+    is_white = codebook.white.astype(np.float64)
+    black_hz, black_power = _powers(black, times_s, spec.black_hz, 1.0 - is_white)
+    white_hz, white_power = _powers(white, times_s, spec.white_hz, is_white)
+    word = int(np.argmax(black_power.max(axis=0) + white_power.max(axis=0)))
+    period_s = times_s[-1] / (len(seen) - 1)
+    peaks = _peak(black_hz, black_power[:, word]), _peak(white_hz, white_power[:, word])
+    if peaks == (None, None):
+        return []
+    frozen = _frozen(spec.black_hz, period_s), _frozen(spec.white_hz, period_s)
+    ways = itertools.product(*((peak, still) if peak else (still,) for peak, still in zip(peaks, frozen, strict=True)))
+    return [
+        Proposal(spec=replace(spec, black_hz=black, white_hz=white), measured=(black, white) == peaks)
+        for black, white in ways
+    ]
+
+
+def off_frequency_note(marker_id: int, found: PanelSpec) -> str:
+    """What to tell the user of a panel that blinks at other frequencies than announced."""
+    return (
+        f"panel {marker_id} blinks at about {found.black_hz:.0f} and {found.white_hz:.0f} Hz, not as configured; "
+        "`ledpi calibrate panel` measures it"
+    )
+
+
+def _residuals(seen: Sequence[Seen]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """What each frame's light is over the mean picture's (frames, cells·points), corners' errors taken off; weights."""
+    light = np.stack([s.samples.light / s.samples.light.mean() for s in seen]).astype(np.float64)
+    picture = np.maximum(light.mean(axis=0), 0.02)
+    weight = picture / picture.mean()
+    slopes = picture_slopes(picture.astype(np.float32), seen[-1].samples.lattice).reshape(9, -1).astype(np.float64)
+    root = np.sqrt(weight).reshape(-1)
+    basis = np.linalg.qr((slopes * root).T)[0]
+    residual = ((light / picture - 1.0).reshape(len(seen), -1)) * root
+    residual -= (residual @ basis) @ basis.T
+    return residual / root, weight.reshape(-1)
+
+
+def _sums(seen: Sequence[Seen], residual: NDArray[np.float64], weight: NDArray[np.float64], hz: float) -> Complexes:
+    """(frames, cells): the wave that each cell shows, with the phase that it had when row 0 was read out."""
+    rows = np.stack([s.samples.rows for s in seen]).astype(np.float64)
+    turns = np.array([hz * s.frame.row_time_us * 1e-6 for s in seen])[:, None, None]
+    waves = np.exp(-2j * math.pi * turns * rows)
+    return np.asarray((waves * (residual * weight).reshape(rows.shape)).sum(axis=2))
+
+
+def _powers(
+    sums: Complexes, times_s: NDArray[np.float64], hz: float, members: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Frequencies (F,), and the power (F, words) of all member cells of a word together, over what noise leaves."""
+    step = 1.0 / (STEPS_PER_CYCLE * max(times_s[-1], 1e-3))
+    count = math.ceil(MAX_OFF * hz / step)
+    frequencies = hz + step * np.arange(-count, count + 1)
+    turning = np.exp(2j * math.pi * frequencies[:, None] * times_s)
+    turning -= turning.mean(axis=1, keepdims=True)  # as the residuals are without their mean
+    left = np.maximum(np.square(np.abs(turning)).mean(axis=1), MIN_LEFT)
+    total = turning.conj() @ sums  # (F, cells)
+    power = np.square(np.abs(total @ members.T)) / np.maximum(members.sum(axis=1), 1.0)
+    return frequencies, power / left[:, None]
+
+
+def _frozen(hz: float, period_s: float) -> float:
+    """The frequency nearest to `hz` whose bands stand still from frame to frame, so that differences do not show it."""
+    return float(round(hz * period_s) / period_s)
+
+
+def _peak(frequencies: NDArray[np.float64], power: NDArray[np.float64]) -> float | None:
+    """Where a parabola through the highest and its neighbours has its top; None where nothing stands out of noise.
+
+    The power of noise alone is distributed exponentially: with a median of ln 2 of its mean.
+    """
+    if power.max() < SIGNIFICANT * float(np.median(power)) / math.log(2):
+        return None
+    top = int(np.clip(np.argmax(power), 1, len(power) - 2))
+    before, here, after = power[top - 1 : top + 2].tolist()
+    bend = before - 2 * here + after
+    shift = 0.5 * (before - after) / bend if bend < 0 else 0.0
+    return float(frequencies[top] + min(1.0, max(-1.0, shift)) * (frequencies[1] - frequencies[0]))
