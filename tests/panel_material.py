@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -20,7 +21,7 @@ from ledpi.simulate.scenes import ov5647_lens, whole_rows_us
 from ledpi.simulate.trajectory import Still, facing_camera
 
 WORDS = load_dictionary("DICT_4X4_50").words
-EXPOSURE_US = 9966.3
+EXPOSURE_US, SCAN_TIME_S = 9966.3, 0.0162
 SPEC = PanelSpec(side_m=0.16, black_hz=1250.0, white_hz=2450.0)
 USUAL_PAIR = (1250.0, 2450.0)
 PAIRS = [USUAL_PAIR, (1262.0, 2350.0), (1450.0, 2949.85), (1656.0, 3951.0), (16000.0, 20000.0)]
@@ -34,10 +35,19 @@ CHIP_PINS = {f"D{n}": pin for n, pin in enumerate([f"PD{n}" for n in range(8)] +
 CHIP_PINS |= {f"A{n}": f"PC{n}" for n in range(6)}
 
 
-def program(folder: Path, build: Build, marker_id: int = 7, pair: tuple[float, float] = USUAL_PAIR) -> Path:
+def program(
+    folder: Path,
+    build: Build,
+    marker_id: int = 7,
+    *,
+    pair: tuple[float, float] = USUAL_PAIR,
+    dictionary: str = "DICT_4X4_50",
+) -> Path:
     """The .hex of one panel, as `ledpi panel firmware` writes its sources and `make` builds them."""
     spec = replace(SPEC, black_hz=pair[0], white_hz=pair[1])
-    planned = plan_firmware(build, load_dictionary("DICT_4X4_50"), marker_id, spec, exposure_us=EXPOSURE_US)
+    planned = plan_firmware(
+        build, load_dictionary(dictionary), marker_id, spec, exposure_us=EXPOSURE_US, scan_time_s=SCAN_TIME_S
+    )
     write_firmware(planned, readme_text(planned), folder)
     return build_with_make(folder)
 
@@ -98,6 +108,7 @@ def record_panel(
     distance_m: float,
     turned_deg: tuple[float, float] = (0.0, 0.0),
     frames: int,
+    dictionary: str = "DICT_4X4_50",
 ) -> None:
     """Photographs a panel whose cells are lit by these pins, from `begin_s` of the trace on; yaw and roll.
 
@@ -110,9 +121,10 @@ def record_panel(
         pin: TracedWave.from_edges(trace.edges[pin] / CLOCK_HZ + shift_s, begin_s=shift_s, end_s=end_s)
         for pin in set(pins)
     }
+    side = math.isqrt(len(pins))
     pose = facing_camera(np.array([0.0, 0.0, distance_m]), yaw_deg=turned_deg[0], roll_deg=turned_deg[1])
     shown = Panel(
-        word=np.zeros((4, 4), bool),
+        word=np.zeros((side, side), bool),
         spec=SPEC,
         motion=Still(pose),
         marker_id=marker_id,
@@ -120,6 +132,6 @@ def record_panel(
     )
     camera = SimulatedCamera(Scene(sensor=sensor, panels=(shown,)), seed=marker_id, paced=False, frames=frames)
     pixels = np.empty((camera.info.height, camera.info.width), np.uint8)
-    with RecordingWriter(folder, camera=camera.info, dictionary="DICT_4X4_50", panel=SPEC) as writer:
+    with RecordingWriter(folder, camera=camera.info, dictionary=dictionary, panel=SPEC) as writer:
         while (frame := camera.read(pixels)) is not None:
             writer.write(frame, camera.truth(frame.seq))

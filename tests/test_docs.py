@@ -11,7 +11,7 @@ from typer.main import get_command
 from ledpi.cli import app, main
 
 ROOT = Path(__file__).resolve().parents[1]
-DOCUMENTS = ["README.md", "docs/architecture.md", "docs/first-panel.md", "docs/wire.md"]
+DOCUMENTS = ["README.md", "docs/architecture.md", "docs/first-panel.md", "firmware/panel/README.md", "docs/wire.md"]
 
 
 @pytest.mark.parametrize("document", DOCUMENTS)

@@ -74,6 +74,23 @@ def test_twenty_panels_are_read_from_their_drivers_pins(tmp_path: Path) -> None:
         assert np.abs(corners_px - expected.corners_px).max() < UPRIGHT_PX
 
 
+def test_a_grid_of_36_cells_is_read_from_two_pins(tmp_path: Path) -> None:
+    """More cells than the chip has pins: the two-output build drives them as two groups."""
+    built = program(tmp_path / "two", Build.TWO_OUTPUTS, 11, dictionary="DICT_6X6_50")
+    trace = emulate(built, TRACED_S, work=tmp_path)
+    record_panel(
+        tmp_path / "shown/6x6",
+        trace,
+        wired_pins(built),
+        11,
+        begin_s=0.06,
+        distance_m=0.6,
+        frames=FRAMES,
+        dictionary="DICT_6X6_50",
+    )
+    assert [[marker["id"] for marker in line["markers"]] for line in decoded(tmp_path / "shown")] == [[11], [11]]
+
+
 def test_swapped_outputs_do_not_show_the_id(tmp_path: Path) -> None:
     """Nothing but the pins tells the ID: black's cells on white's output and the reverse are another word, or none."""
     built = program(tmp_path / "two", Build.TWO_OUTPUTS, 7)

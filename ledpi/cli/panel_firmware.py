@@ -74,5 +74,11 @@ def _plan(
     except ValueError as error:
         raise ConfigError(f"--black, --white: {error}") from None
     row_time_us = OV5647_ROW_TIME_US if camera.row_time_us == "auto" else camera.row_time_us
-    exposure_us = whole_rows_us(camera.exposure_us, row_time_us)
-    return plan_firmware(build, load_dictionary(settings.panels.dictionary), marker_id, spec, exposure_us=exposure_us)
+    return plan_firmware(
+        build,
+        load_dictionary(settings.panels.dictionary),
+        marker_id,
+        spec,
+        exposure_us=whole_rows_us(camera.exposure_us, row_time_us),
+        scan_time_s=camera.height * row_time_us * 1e-6,
+    )

@@ -45,11 +45,11 @@ class Firmware:
 
 
 def plan_firmware(
-    build: Build, dictionary: Dictionary, marker_id: int, spec: PanelSpec, *, exposure_us: float
+    build: Build, dictionary: Dictionary, marker_id: int, spec: PanelSpec, *, exposure_us: float, scan_time_s: float
 ) -> Firmware:
     """Raises ConfigError where the board cannot drive such a panel, or the camera could not read it.
 
-    `exposure_us` is what the sensor really does, whole rows.
+    `exposure_us` is what the sensor really does, whole rows; `scan_time_s` is the time in which it reads them all.
     """
     try:
         word = dictionary.word(marker_id)
@@ -64,13 +64,14 @@ def plan_firmware(
         raise ConfigError(f"panels.duty: the driver's outputs are on for half a period; must be 0.5, not {spec.duty}")
     for key, hz in (("black_hz", spec.black_hz), ("white_hz", spec.white_hz)):
         _check_frequency(key, hz, exposure_us)
-    black, white = _half_period("black_hz", spec.black_hz), _half_period("white_hz", spec.white_hz)
-    if black.cycles == white.cycles:
-        raise ConfigError(
-            f"black_hz, white_hz: {spec.black_hz:g} and {spec.white_hz:g} Hz are the same to the timer, "
-            f"{black.cycles} cycles; must differ by far more than that for a camera to tell them apart"
-        )
-    return Firmware(build=build, dictionary=dictionary, marker_id=marker_id, black=black, white=white)
+    _check_apart(spec, scan_time_s)
+    return Firmware(
+        build=build,
+        dictionary=dictionary,
+        marker_id=marker_id,
+        black=_half_period("black_hz", spec.black_hz),
+        white=_half_period("white_hz", spec.white_hz),
+    )
 
 
 def _half_period(key: str, hz: float) -> HalfPeriod:
@@ -95,6 +96,17 @@ def _check_frequency(key: str, hz: float, exposure_us: float) -> None:
         raise ConfigError(
             f"{key}: {hz:g} Hz is on a null: an exposure of {exposure_us:.0f} µs holds {cycles:.2f} of its cycles, "
             f"and whole ones leave no bands; a whole number and a half is best, {good}"
+        )
+
+
+def _check_apart(spec: PanelSpec, scan_time_s: float) -> None:
+    """Over a time t two frequencies less than 1/t apart drift by less than a cycle: they look alike."""
+    least_hz = 1.0 / scan_time_s
+    if abs(spec.white_hz - spec.black_hz) < least_hz:
+        raise ConfigError(
+            f"black_hz, white_hz: {spec.black_hz:g} and {spec.white_hz:g} Hz coincide: in the "
+            f"{scan_time_s * 1e3:.1f} ms of a whole picture they drift by less than a cycle; must be {least_hz:.0f} Hz "
+            f"apart at the very least, and {10 * least_hz:.0f} Hz for a panel a tenth as high as the picture"
         )
 
 
