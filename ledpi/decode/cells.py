@@ -16,17 +16,25 @@ from numpy.typing import NDArray
 
 from ledpi.geometry import distort, undistort
 from ledpi.records import Floats, Frame, Intrinsics, Quad, Rejected
+from ledpi.tone import SATURATED as SATURATED_VALUE
 from ledpi.tone import linear_light
 
 Singles = NDArray[np.float32]
 
-# The rim of a cell is left out: there the optics mix in the neighbour's light, and partitions cast shadows.
-INSET = 0.08
+# The very rim of a cell is left out: partitions cast shadows there that no smooth interpolation follows. No more than
+# that: with its gain unknown, a short cell tells its class by how its light changes from its top to its bottom, so by
+# nearly the fourth power of its height.
+INSET = 0.06
 # Points along a cell. Up to the most, one a pixel: nothing is lost. A panel so close that this is not enough has light
-# to spare: its picture is averaged down to the coarser lattice, for speed.
-MIN_LATTICE, MAX_LATTICE, CLOSE_LATTICE = 3, 16, 10
+# to spare; its picture is averaged down to this lattice.
+MIN_LATTICE, MAX_LATTICE = 3, 12
 SAME_LATTICE = 0.15  # by how much a panel may grow or shrink and keep its lattice
 MIN_CELL_PX = 2.0
+# Small cells are interpolated by Lanczos: at a wall a pixel wide, a straight line between two pixels is off by more
+# than bands are deep. (Saturated pixels would spoil too much of it.) The variance of a sample over a pixel's is the
+# mean of the squared weights: (2/3)² for lines in both directions; 0.84, measured, for OpenCV's Lanczos of 8 × 8.
+LANCZOS_VARIANCE, LINEAR_VARIANCE = 0.84, 4.0 / 9.0
+MARGIN = 4  # pixels that Lanczos takes in on either side
 # A lens that bends the square by less than this share of a cell is left out; what it moves is projected out anyway.
 MAX_BEND = 0.02
 
@@ -56,7 +64,8 @@ class CellSamples:
     light: Singles  # (n·n, k·k), 0 where not valid
     valid: NDArray[np.bool_] | None  # (n·n, k·k), None where all are
     rows: Singles  # (n·n, k·k), picture row of each sample
-    step_px: float  # distance of two samples, in (averaged) pixels
+    cell_px: tuple[float, float]  # width and height of a cell, in (averaged) pixels
+    independence: float  # what a sample counts for: less than 1 where its neighbours share its noise
 
 
 @cache
@@ -125,13 +134,11 @@ def sample_cells(
     """
     sides = np.roll(quad.corners_px, -1, axis=0) - quad.corners_px
     lengths = np.hypot(sides[:, 0], sides[:, 1])
-    # Opposite sides: the height and the width of a cell, seen from wherever.
+    # Opposite sides: the width and the height of a cell, seen from wherever.
     cell_px = np.array([lengths[0] + lengths[2], lengths[1] + lengths[3]]) / (2 * cells)
     if cell_px.min() < MIN_CELL_PX:
         return TOO_SMALL
-    k = max(MIN_LATTICE, round(float(cell_px.max()) * (1 - 2 * INSET)))
-    if k > MAX_LATTICE:
-        k = CLOSE_LATTICE
+    k = min(max(MIN_LATTICE, round(float(cell_px.max()) * (1 - 2 * INSET))), MAX_LATTICE)
     if like is not None and abs(k - like.k) <= max(1.0, SAME_LATTICE * like.k):
         k = like.k
     points = lattice(cells, k)
@@ -141,22 +148,28 @@ def sample_cells(
     if not (low[0] >= 0 and low[1] >= 0 and high[0] <= width - 1 and high[1] <= height - 1):
         return OUTSIDE
     shrink = max(1, int(cell_px.min() * (1 - 2 * INSET) / k))
-    # A pixel more on each side, also where it is one of several averaged, so that no sample lies beyond the last.
-    x0, y0 = max(0, int(low[0]) + 1 - shrink), max(0, int(low[1]) + 1 - shrink)
-    columns, rows = (math.ceil((int(end) + 1 - start) / shrink) + 1 for end, start in ((high[0], x0), (high[1], y0)))
+    # As many more on each side as the interpolation takes in, so that no sample lies beyond the last.
+    x0, y0 = (max(0, int(start) + 1 - MARGIN * shrink) for start in low)
+    columns = math.ceil((int(high[0]) + 1 - x0) / shrink) + MARGIN
+    rows = math.ceil((int(high[1]) + 1 - y0) / shrink) + MARGIN
     patch = frame.pixels[y0 : y0 + rows * shrink, x0 : x0 + columns * shrink]
+    dense = shrink == 1 and k < MAX_LATTICE and int(patch.max()) < SATURATED_VALUE
     linear = cv2.LUT(patch, linear_light(frame.transfer))
     if shrink > 1:  # averages whole pixels: less noise, and the band's depth over 2 or 3 rows hardly suffers
         size = (linear.shape[1] // shrink, linear.shape[0] // shrink)  # at the picture's end a last part may be missing
         linear = cv2.resize(linear[: size[1] * shrink, : size[0] * shrink], size, interpolation=cv2.INTER_AREA)
     shift = np.array([x0, y0], np.float32) + np.float32((shrink - 1) / 2)
     places = (at - shift) / np.float32(shrink)
-    light = cv2.remap(linear, places, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    step = float(np.sqrt(cell_px[0] * cell_px[1])) * (1 - 2 * INSET) / k / shrink
-    return _checked(points, light, at[..., 1], step)
+    kernel, variance = (cv2.INTER_LANCZOS4, LANCZOS_VARIANCE) if dense else (cv2.INTER_LINEAR, LINEAR_VARIANCE)
+    light = cv2.remap(linear, places, None, kernel, borderMode=cv2.BORDER_REPLICATE)
+    across, down = (cell_px / shrink).tolist()
+    independence = min(1.0, variance * across * down * ((1 - 2 * INSET) / k) ** 2)
+    return _checked(points, light, at[..., 1], (across, down), independence)
 
 
-def _checked(points: Lattice, light: Singles, rows: Singles, step_px: float) -> CellSamples | Rejected:
+def _checked(
+    points: Lattice, light: Singles, rows: Singles, cell_px: tuple[float, float], independence: float
+) -> CellSamples | Rejected:
     blown = np.isnan(light)
     valid = None
     if blown.any():
@@ -166,4 +179,4 @@ def _checked(points: Lattice, light: Singles, rows: Singles, step_px: float) -> 
         light = np.where(valid, light, np.float32(0))
     if light.sum(axis=1).min() <= 0:
         return DARK
-    return CellSamples(lattice=points, light=light, valid=valid, rows=rows, step_px=step_px)
+    return CellSamples(lattice=points, light=light, valid=valid, rows=rows, cell_px=cell_px, independence=independence)

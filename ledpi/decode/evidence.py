@@ -5,10 +5,14 @@ The light of cell c at lattice point s and picture row y is
     I[c, s] = a[c, s] · (1 + m_k(c) · cos(2π f_k t − φ_k(c))) + noise,    t: when row y was exposed
 
 with the cell's static picture a and the class k(c) of the cell, black or white. The cells of a class share one
-oscillator: one frequency, one phase. Of a single frame a is not known, but all cells share one diffuser profile:
-a[c, s] = g_c · p_s with a gain for each cell. What the picture would be without bands is estimated and divided out;
-what an error of the corners would add (the picture's slope times the shift that each corner's error makes there) is
-projected out; what is left is correlated with a cosine and a sine per class, in each cell.
+oscillator: one frequency, one phase. Of a single frame a is not known; but all cells are built alike and seen through
+one lens, so but for a gain g they all send the same to point s of their own, and across a border near s to a neighbour:
+
+    a[c, s] = g_c · p_s + Σ_n g_n · q_{n,s},    n: neighbours of c beyond a border near s; beyond the rim g is 0
+
+For known gains that is linear in p and q, at each point by itself. What it can explain is taken off, and with it what a
+wrong gain and wrong corners would add (the picture's slope times the shift that each corner's error makes there). What
+is left is correlated with a cosine and a sine per class, in each cell.
 
 `memory` does the same over several frames, where a is learnt from the frames before.
 """
@@ -17,20 +21,23 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ledpi import shutter
-from ledpi.decode.cells import CellSamples, Singles
+from ledpi.decode.cells import INSET, CellSamples, Lattice, Singles
 from ledpi.records import Frame, PanelSpec, Rejected
 
 Doubles = NDArray[np.float64]
+Integers = NDArray[np.int64]
 
-# Bilinear interpolation averages the noise of four pixels: the mean of the squared weights over all positions is
-# (2/3)² of one pixel's variance. Samples that are closer than that allows share noise and count for less.
-INTERPOLATION_VARIANCE = 4.0 / 9.0
 PARAMETERS = 4  # cosine and sine of each class
+# How far across a cell's border its light reaches: lens, pixel and interpolation together have a standard deviation of
+# 0.8 to 1.1 px in a focused picture.
+BORDER_PX = 2.5
+SHIFTS = 8  # ways in which four corners can be off
 UNFIT = Rejected(stage="soft", reason="unfit")
 
 
@@ -48,16 +55,16 @@ class Evidence:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Correlation:
-    """A residual (cells, points) against the class waves and against nuisances, before the noise is known."""
+class Normal:
+    """Normal equations of nuisances and bands, for a residual that is whitened up to a factor."""
 
-    residual: Singles  # relative: what the static picture leaves
-    weight: Singles  # the inverse of the residual's variance, up to a factor
-    waves: Singles  # (4, cells, points)
-    nuisances: Singles  # (n, cells, points) what may also be in the residual; none of it is a band
-    score: Doubles  # (cells, 4) waves · weight · residual
-    information: Doubles  # (cells, 4, cells, 4) waves · weight · waves, what else is projected out taken off
-    freedom: int  # of the residual, without what nuisances and bands take
+    of_nuisances: Doubles  # (n, n)
+    of_both: Doubles  # (n, cells·4)
+    of_bands: Doubles  # (cells·4, cells·4)
+    nuisances: Doubles  # (n,) residual against the nuisances
+    bands: Doubles  # (cells·4,) against the bands
+    squares: float  # of the residual
+    freedom: int  # samples, less what nuisances and bands take
 
 
 def single_evidence(
@@ -65,55 +72,161 @@ def single_evidence(
 ) -> Evidence | Rejected:
     """The evidence of one picture; `waves` are its bands' shapes where it is no plain frame but a mean of several."""
     cells, points = samples.light.shape
-    gain, profile, residual = _remove_shared_profile(samples)
-    if waves is None:
-        waves = class_waves(samples, frame, spec)
-    waves = waves - (waves @ (profile / profile.sum()))[..., None]
-    # Weighted by the light: shot noise has the variance of the light, so of the light's ratio its inverse.
-    root = np.sqrt(profile)
-    weighted = (waves * root).transpose(1, 0, 2).reshape(cells * PARAMETERS, points)
-    overlap = (weighted @ weighted.T).astype(np.float64).reshape(cells, PARAMETERS, cells, PARAMETERS)
-    # Removing the shared profile takes from each cell what all of them have in common.
-    g = gain.astype(np.float64)
-    information = overlap * (-np.outer(g, g) / g.sum())[:, None, :, None]
-    each = np.arange(cells)
-    information[each, :, each, :] += g[:, None, None] * overlap[each, :, each, :]
-    weight = gain[:, None] * profile
-    nuisances = _shared_slopes(samples, gain, profile)
-    used = cells * points if samples.valid is None else int(samples.valid.sum())
-    return evidence_from(
-        Correlation(
-            residual=residual,
-            weight=weight,
-            waves=waves,
-            nuisances=nuisances,
-            score=np.einsum("jcs,cs->cj", waves, residual * weight).astype(np.float64),
-            information=information,
-            freedom=used - cells - points - len(nuisances) - cells * PARAMETERS,
-        ),
-        samples,
-        frame,
-        spec,
+    sources = _sources(samples.lattice.k, _border(samples))
+    gain, light = _levels(samples)
+    profile = (light / gain[:, None]).mean(axis=0)
+    # Shot noise has the variance of the light: over this root it is alike everywhere.
+    root = np.sqrt(gain[:, None] * np.maximum(profile, np.float32(1e-3)))
+    seen = light / root
+    basis = _shared_light(gain, samples.lattice.cells)[:, sources.column]  # (cells, P)
+    static = np.add.reduceat(basis * (basis * seen[:, sources.point]).sum(axis=0), sources.first, axis=1)
+    residual = seen - static
+    np.maximum(static, np.float32(0.02), out=static)
+    shapes = np.empty((cells, 1 + PARAMETERS, points), np.float32)  # of a wrong gain, and of the bands
+    shapes[:, 0] = static
+    shapes[:, 1:] = (class_waves(samples, frame, spec) if waves is None else waves).transpose(1, 0, 2)
+    shapes[:, 1:] *= static[:, None]
+    slopes = picture_slopes(static * root, samples.lattice) * static
+    if samples.valid is not None:
+        residual, shapes, slopes = (part * mask for part, mask in (
+            (residual, samples.valid), (shapes, samples.valid[:, None]), (slopes, samples.valid)))
+    normal = _without_shared_light(residual, shapes, slopes, basis, sources)
+    return evidence_from(normal, samples, frame, spec)
+
+
+def _levels(samples: CellSamples) -> tuple[Singles, Singles]:
+    """Gain of each cell, of mean 1, and the light in the same unit; what is not valid is filled in."""
+    light, valid = samples.light, samples.valid
+    if valid is None:
+        gain = light.mean(axis=1)
+        mean = gain.mean()
+        return gain / mean, light / mean
+    gain = light.sum(axis=1) / valid.sum(axis=1)
+    for _ in range(3):  # gains and profile of what is seen: not independent of each other
+        profile = light.sum(axis=0) / np.maximum((gain[:, None] * valid).sum(axis=0), 1e-9)
+        gain = light.sum(axis=1) / np.maximum((profile * valid).sum(axis=1), 1e-9)
+    profile[~valid.any(axis=0)] = profile.max()
+    light = np.where(valid, light, gain[:, None] * profile)
+    mean = gain.mean()
+    return gain / mean, light / mean
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sources:
+    """What may light up each lattice point: P columns of `_shared_light`, those of one point after each other."""
+
+    point: Integers  # (P,)
+    column: Integers  # (P,)
+    first: Integers  # (points,) where each point's begin
+
+
+def _border(samples: CellSamples) -> tuple[int, int]:
+    """How many points at either end of a cell a neighbour may light up: across, down."""
+    k = samples.lattice.k
+    cell = np.array(samples.cell_px)
+    step = cell * (1 - 2 * INSET) / k
+    across, down = np.clip(np.ceil((BORDER_PX - INSET * cell) / step - 0.5), 0, k // 2).astype(int).tolist()
+    return across, down
+
+
+# The cells whose light meets at a point, as (down, across) from its own: near a corner; near a side. The first two of
+# the former also serve near the left and the right side. Neighbours across a corner add too little to matter.
+_MEETINGS = [[(0, 0), (0, x), (y, 0)] for y in (-1, 1) for x in (-1, 1)] + [[(0, 0), (y, 0), (0, 1)] for y in (-1, 1)]
+
+
+@cache
+def _sources(k: int, border: tuple[int, int]) -> Sources:
+    """For k × k points a cell, of which the outer `border` (across, down) are near a border."""
+    across, down = (np.where(np.arange(k) < b, -1, np.where(np.arange(k) >= k - b, 1, 0)).tolist() for b in border)
+    point: list[int] = []
+    column: list[int] = []
+    first: list[int] = []
+    for at, (y, x) in enumerate((y, x) for y in down for x in across):
+        meeting = 4 + (y > 0) if y and not x else 2 * (y > 0) + (x > 0)
+        count = 1 + (x != 0) + (y != 0)
+        first.append(len(point))
+        point += [at] * count
+        column += [3 * meeting + i for i in range(count)]
+    return Sources(point=np.array(point), column=np.array(column), first=np.array(first))
+
+
+def _shared_light(gain: Singles, cells: int) -> Singles:
+    """(cells, 18): for each of `_MEETINGS`, an orthonormal basis of what the cells may show at one point, whitened."""
+    around = np.zeros((cells + 2, cells + 2), np.float32)
+    around[1:-1, 1:-1] = gain.reshape(cells, cells)
+    shown = np.array(
+        [[around[1 + y : 1 + y + cells, 1 + x : 1 + x + cells].reshape(-1) for y, x in m] for m in _MEETINGS]
+    )
+    basis = np.linalg.qr((shown / np.sqrt(gain)).transpose(0, 2, 1))[0]  # (meetings, cells, 3)
+    return np.ascontiguousarray(basis.transpose(1, 0, 2).reshape(len(gain), -1))
+
+
+def _without_shared_light(
+    residual: Singles, shapes: Singles, slopes: Singles, basis: Singles, sources: Sources
+) -> Normal:
+    """The normal equations, once what the cells share at each point is projected out (of `residual` it has been)."""
+    cells, each, _ = shapes.shape
+    size = cells * each
+    shared = np.empty((size + len(slopes), len(sources.point)), np.float32)
+    np.multiply(shapes[:, :, sources.point], basis[:, None], out=shared[:size].reshape(cells, each, -1))
+    shared[size:] = (slopes[:, :, sources.point] * basis).sum(axis=1)
+    matrix = -(shared @ shared.T)
+    blocks = matrix[:size, :size].reshape(cells, each, cells, each)
+    own = np.arange(cells)
+    blocks[own, :, own, :] += np.matmul(shapes, shapes.transpose(0, 2, 1))
+    with_slopes = np.matmul(shapes, slopes.transpose(1, 2, 0)).reshape(size, -1)
+    matrix[:size, size:] += with_slopes
+    matrix[size:, :size] += with_slopes.T
+    flat = slopes.reshape(len(slopes), -1)
+    matrix[size:, size:] += flat @ flat.T
+    right = np.concatenate([np.matmul(shapes, residual[..., None]).reshape(size), flat @ residual.reshape(-1)])
+    nuisance, band = _split(cells, each, len(slopes))
+    return Normal(
+        of_nuisances=matrix[np.ix_(nuisance, nuisance)].astype(np.float64),
+        of_both=matrix[np.ix_(band, nuisance)].T.astype(np.float64),
+        of_bands=matrix[np.ix_(band, band)].astype(np.float64),
+        nuisances=right[nuisance].astype(np.float64),
+        bands=right[band].astype(np.float64),
+        squares=float((residual * residual).sum()),
+        freedom=int((shapes[:, 0] > 0).sum()) - len(sources.point) - len(nuisance) + 1 - len(band),
     )
 
 
-def evidence_from(
-    correlation: Correlation, samples: CellSamples, frame: Frame, spec: PanelSpec
-) -> Evidence | Rejected:
+@cache
+def _split(cells: int, each: int, slopes: int) -> tuple[Integers, Integers]:
+    """Where in the normal equations nuisances are, and where bands."""
+    gains = each * np.arange(cells)
+    bands = np.setdiff1d(np.arange(cells * each), gains)
+    return np.concatenate([gains, cells * each + np.arange(slopes)]), bands
+
+
+def evidence_from(normal: Normal, samples: CellSamples, frame: Frame, spec: PanelSpec) -> Evidence | Rejected:
     """Takes the nuisances off, and weighs the rest by the noise that is left when every cell has bands of its own."""
-    score, information, squares = _project_out(correlation)
-    if correlation.freedom <= 0:
+    if normal.freedom <= 0:
         return UNFIT
-    size = score.size
-    matrix = information.reshape(size, size).copy()
-    diagonal = np.einsum("ii->i", matrix)  # a view
-    diagonal += 1e-6 * diagonal.mean() + 1e-12
-    flat = score.reshape(size)
-    variance = (squares - float(flat @ np.linalg.solve(matrix, flat))) / correlation.freedom
+    cells = len(samples.light)
+    right = np.column_stack([normal.of_both, normal.nuisances])
+    taken = np.linalg.solve(_ridged(normal.of_nuisances), right)
+    score = normal.bands - normal.of_both.T @ taken[:, -1]
+    information = normal.of_bands - normal.of_both.T @ taken[:, :-1]
+    squares = normal.squares - float(normal.nuisances @ taken[:, -1])
+    variance = (squares - float(score @ np.linalg.solve(_ridged(information), score))) / normal.freedom
     if not variance > 0:
         return UNFIT
-    scale = min(1.0, INTERPOLATION_VARIANCE * samples.step_px**2) / variance
-    return Evidence(score=score * scale, information=information * scale, prior=band_prior(frame, spec))
+    scale = samples.independence / variance
+    return Evidence(
+        score=(score * scale).reshape(cells, PARAMETERS),
+        information=(information * scale).reshape(cells, PARAMETERS, cells, PARAMETERS),
+        prior=band_prior(frame, spec),
+    )
+
+
+def _ridged(matrix: Doubles) -> Doubles:
+    """What may be singular but for rounding, made solvable."""
+    ridged = matrix.copy()
+    diagonal = np.einsum("ii->i", ridged)  # a view
+    diagonal += 1e-5 * diagonal.mean() + 1e-12
+    return ridged
 
 
 def band_prior(frame: Frame, spec: PanelSpec) -> Doubles:
@@ -136,70 +249,12 @@ def class_waves(samples: CellSamples, frame: Frame, spec: PanelSpec, since_s: fl
     return out
 
 
-def _remove_shared_profile(samples: CellSamples) -> tuple[Singles, Singles, Singles]:
-    """Gain (cells,), profile (points,), both of mean 1, and I / (g·p) − 1 (cells, points) without their means."""
-    light, valid = samples.light, samples.valid
-    count = light.shape[1] if valid is None else valid.sum(axis=1)
-    gain = light.sum(axis=1) / count
-    if valid is None:
-        profile = (light / gain[:, None]).mean(axis=0)
-    else:
-        profile = (light / gain[:, None]).sum(axis=0) / np.maximum(valid.sum(axis=0), 1)
-    profile = np.maximum(profile, np.float32(1e-3))
-    ratio = light / (gain[:, None] * profile) - np.float32(1)
-    gain, profile = gain / gain.mean(), profile / profile.mean()
-    weight = gain[:, None] * profile
-    if valid is not None:
-        weight = weight * valid
-    # More than once where samples are missing: rows and columns are then not independent of each other.
-    by_cell, by_point = np.maximum(weight.sum(axis=1, keepdims=True), 1e-9), np.maximum(weight.sum(axis=0), 1e-9)
-    for _ in range(1 if valid is None else 4):
-        ratio = ratio - (ratio * weight).sum(axis=1, keepdims=True) / by_cell
-        ratio = ratio - (ratio * weight).sum(axis=0) / by_point
-    if valid is not None:
-        ratio = ratio * valid
-    return gain, profile, ratio
-
-
-def _shared_slopes(samples: CellSamples, gain: Singles, profile: Singles) -> Singles:
-    """(8, cells, points): relative change of the light for each way in which four corners can be off.
-
-    The profile's logarithmic slopes along u and v, times the shifts that the lattice knows of. (0, …) where the
-    lattice is too small to have slopes.
-    """
-    k = samples.lattice.k
-    if k < 3:
-        return np.empty((0, *samples.light.shape), np.float32)
-    shape = np.log(profile).reshape(k, k)
-    slope = np.empty((2, k, k), np.float32)
-    slope[0, :, 1:-1], slope[1, 1:-1] = 0.5 * (shape[:, 2:] - shape[:, :-2]), 0.5 * (shape[2:] - shape[:-2])
-    slope[0, :, 0], slope[1, 0] = shape[:, 1] - shape[:, 0], shape[1] - shape[0]
-    slope[0, :, -1], slope[1, -1] = shape[:, -1] - shape[:, -2], shape[-1] - shape[-2]
-    flat = slope.reshape(2, k * k)
-    shifts = samples.lattice.shifts
-    fields: Singles = shifts[:, 0] * flat[0] + shifts[:, 1] * flat[1]
-    fields -= (fields @ (profile / profile.sum()))[..., None]
-    fields -= np.matmul(gain / gain.sum(), fields)[:, None, :]
-    if samples.valid is not None:
-        fields *= samples.valid
-    return fields
-
-
-def _project_out(c: Correlation) -> tuple[Doubles, Doubles, float]:
-    """Score, information and sum of squares of what the nuisances cannot explain (their Schur complement)."""
-    cells, n = len(c.residual), len(c.nuisances)
-    squares = float((c.residual * c.residual * c.weight).sum())
-    if not n:
-        return c.score, c.information, squares
-    weighted = c.nuisances * c.weight
-    flat = weighted.reshape(n, -1)
-    normal = (flat @ c.nuisances.reshape(n, -1).T).astype(np.float64)
-    diagonal = np.einsum("ii->i", normal)  # a view
-    diagonal += 1e-6 * (diagonal.mean() + 1e-12)
-    with_waves = np.matmul(weighted.transpose(1, 0, 2), c.waves.transpose(1, 2, 0)).astype(np.float64)  # (cells, n, 4)
-    with_waves = with_waves.transpose(1, 0, 2).reshape(n, cells * PARAMETERS)
-    with_residual = (flat @ c.residual.reshape(-1)).astype(np.float64)
-    solved = np.linalg.solve(normal, np.concatenate([with_waves, with_residual[:, None]], axis=1))
-    score = c.score - (with_waves.T @ solved[:, -1]).reshape(cells, PARAMETERS)
-    taken = (with_waves.T @ solved[:, :-1]).reshape(c.information.shape)
-    return score, c.information - taken, squares - float(with_residual @ solved[:, -1])
+def picture_slopes(picture: Singles, lattice: Lattice) -> Singles:
+    """(8, cells, points): relative change of this picture for each way in which its corners can be off."""
+    n, k = lattice.cells, lattice.k
+    whole = np.log(picture).reshape(n, n, k, k).transpose(0, 2, 1, 3).reshape(n * k, n * k)
+    slopes = np.empty((2, n * k, n * k), np.float32)
+    for axis, out in ((1, slopes[0]), (0, slopes[1])):
+        out[:] = np.gradient(whole, lattice.along, axis=axis)
+    flat = slopes.reshape(2, n, k, n, k).transpose(0, 1, 3, 2, 4).reshape(2, n * n, k * k)
+    return np.asarray(lattice.shifts[:, 0] * flat[0] + lattice.shifts[:, 1] * flat[1])

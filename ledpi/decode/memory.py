@@ -10,17 +10,17 @@ then the mean picture, read as a single frame of less noise, still says what one
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ledpi.decode.cells import CellSamples, Lattice, Singles
 from ledpi.decode.evidence import (
     PARAMETERS,
-    Correlation,
     Doubles,
     Evidence,
+    Normal,
     band_prior,
     class_waves,
     evidence_from,
+    picture_slopes,
     single_evidence,
 )
 from ledpi.records import Frame, PanelSpec, Rejected
@@ -90,7 +90,8 @@ class PanelMemory:
             light=self._picture,
             valid=None if seen.all() else seen,
             rows=self._samples.rows,
-            step_px=self._samples.step_px,
+            cell_px=self._samples.cell_px,
+            independence=self._samples.independence,
         )
         return single_evidence(mean, self._frame, self.spec, self._mean_waves)
 
@@ -121,27 +122,26 @@ class PanelMemory:
         samples: CellSamples,
         frame: Frame,
     ) -> Evidence | Rejected:
-        cells = len(residual)
-        weighted = waves * weight
-        own = np.matmul(weighted.transpose(1, 0, 2), waves.transpose(1, 2, 0)).astype(np.float64)  # (cells, 4, 4)
+        cells, points = residual.shape
+        root = np.sqrt(weight)
+        seen = (residual * root).reshape(-1)
+        shapes = (waves * root).transpose(1, 0, 2)  # (cells, 4, points)
+        gain_and_slopes = np.concatenate([root[None], picture_slopes(picture, samples.lattice) * root])
+        nuisances = gain_and_slopes.reshape(-1, cells * points)
         information = np.zeros((cells, PARAMETERS, cells, PARAMETERS))
         each = np.arange(cells)
-        information[each, :, each, :] = own
-        nuisances = picture_slopes(picture, samples.lattice)
-        return evidence_from(
-            Correlation(
-                residual=residual,
-                weight=weight,
-                waves=waves,
-                nuisances=nuisances * (weight > 0),
-                score=np.einsum("jcs,cs->cj", weighted, residual).astype(np.float64),
-                information=information,
-                freedom=int((weight > 0).sum()) - len(nuisances) - cells * PARAMETERS,
-            ),
-            samples,
-            frame,
-            self.spec,
+        information[each, :, each, :] = np.matmul(shapes, shapes.transpose(0, 2, 1))
+        both = np.matmul(shapes, gain_and_slopes.transpose(1, 2, 0)).reshape(cells * PARAMETERS, -1)
+        normal = Normal(
+            of_nuisances=(nuisances @ nuisances.T).astype(np.float64),
+            of_both=both.T.astype(np.float64),
+            of_bands=information.reshape(cells * PARAMETERS, -1),
+            nuisances=(nuisances @ seen).astype(np.float64),
+            bands=np.matmul(shapes, seen.reshape(cells, points, 1)).reshape(-1).astype(np.float64),
+            squares=float(seen @ seen),
+            freedom=int((weight > 0).sum()) - len(nuisances) - cells * PARAMETERS,
         )
+        return evidence_from(normal, samples, frame, self.spec)
 
     def _remember(self, light: Singles, waves: Singles, valid: Singles) -> None:
         total = self._count + valid
@@ -149,18 +149,3 @@ class PanelMemory:
         self._picture = self._picture + (light - self._picture) * share
         self._mean_waves = self._mean_waves + (waves - self._mean_waves) * share
         self._count = np.minimum(total, np.float32(MEAN_FRAMES))
-
-
-def picture_slopes(picture: Singles, lattice: Lattice) -> NDArray[np.float32]:
-    """(9, cells, points): relative change of this picture for each way in which corners or gain can be off."""
-    n, k = lattice.cells, lattice.k
-    whole = np.log(picture).reshape(n, n, k, k).transpose(0, 2, 1, 3).reshape(n * k, n * k)
-    slopes = np.empty((2, n * k, n * k), np.float32)
-    for axis, out in ((1, slopes[0]), (0, slopes[1])):
-        out[:] = np.gradient(whole, lattice.along, axis=axis)
-    flat = slopes.reshape(2, n, k, n, k).transpose(0, 1, 3, 2, 4).reshape(2, n * n, k * k)
-    fields = np.empty((9, n * n, k * k), np.float32)
-    np.multiply(lattice.shifts[:, 0], flat[0], out=fields[:8])
-    fields[:8] += lattice.shifts[:, 1] * flat[1]
-    fields[8] = 1.0
-    return fields

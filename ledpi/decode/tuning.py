@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ledpi.decode.cells import CellSamples
-from ledpi.decode.memory import picture_slopes
+from ledpi.decode.evidence import picture_slopes
 from ledpi.decode.soft import Codebook
 from ledpi.records import Frame, PanelSpec
 
@@ -97,9 +97,10 @@ def _residuals(seen: Sequence[Seen]) -> tuple[NDArray[np.float64], NDArray[np.fl
     light = np.stack([s.samples.light / s.samples.light.mean() for s in seen]).astype(np.float64)
     picture = np.maximum(light.mean(axis=0), 0.02)
     weight = picture / picture.mean()
-    slopes = picture_slopes(picture.astype(np.float32), seen[-1].samples.lattice).reshape(9, -1).astype(np.float64)
+    slopes = picture_slopes(picture.astype(np.float32), seen[-1].samples.lattice).reshape(-1, picture.size)
+    changes = np.concatenate([np.ones((1, picture.size)), slopes])  # of exposure, of corners
     root = np.sqrt(weight).reshape(-1)
-    basis = np.linalg.qr((slopes * root).T)[0]
+    basis = np.linalg.qr((changes * root).T)[0]
     residual = ((light / picture - 1.0).reshape(len(seen), -1)) * root
     residual -= (residual @ basis) @ basis.T
     return residual / root, weight.reshape(-1)
