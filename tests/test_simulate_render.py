@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from simulate_material import (
@@ -21,7 +23,7 @@ from simulate_material import (
 
 from ledpi.records import Pixels
 from ledpi.simulate.render import Renderer
-from ledpi.simulate.scene import Light, PanelLook, Room, Scene, SquareWave
+from ledpi.simulate.scene import Light, PanelLook, Ripple, Room, Scene, SquareWave
 from ledpi.simulate.trajectory import Gliding, Still, facing_camera, transform
 
 EXPOSURE_S = 9967e-6
@@ -267,3 +269,36 @@ def test_a_panel_from_behind_or_behind_the_camera_is_not_there() -> None:
     turned = Still(transform(np.diag([-1.0, -1.0, 1.0]), np.array([0.0, 0.0, 1.0])))
     for motion in (turned, standing(z_m=-1.0), standing(x_m=3.0)):
         assert Renderer(dark_scene(panel(motion), camera=sensor()), seed=0).light(0).max() == 0.0
+
+
+@pytest.mark.parametrize(("frequency_hz", "left"), [(100.0, 0.0), (120.0, -0.156)])
+def test_mains_flicker_bands_the_room_as_far_as_the_exposure_leaves_it(frequency_hz: float, left: float) -> None:
+    """10 ms hold one cycle of 100 Hz, and nothing is left; of 120 Hz sinc 1.2 = sin(1.2π)/(1.2π), about 16 %."""
+    ripple = Ripple(frequency_hz=frequency_hz, depth=0.6)
+    camera = sensor(PINHOLE, exposure_us=10_000.0)
+
+    def rows(room: Room) -> np.ndarray:
+        return np.array(Renderer(Scene(sensor=camera, room=room), seed=3).light(4).mean(axis=1))
+
+    ratio = rows(Room(ripple=ripple)) / rows(Room())
+    assert np.ptp(ratio) == pytest.approx(2 * 0.6 * abs(left), abs=0.003)
+    if left:
+        y = np.arange(480.0)
+        wave = np.exp(2j * np.pi * frequency_hz * 33.67e-6 * y)
+        fit = np.linalg.lstsq(np.column_stack([np.ones(480), wave.real, wave.imag]), ratio, rcond=None)
+        assert float(fit[1][0]) < 1e-6  # all of it is the ripple's own frequency
+
+
+def test_what_hangs_on_the_mains_flickers_together() -> None:
+    """A lamp, the wall beside it and a panel's unlit bezel are brightest in the same rows."""
+    ripple = Ripple(frequency_hz=120.0, depth=0.6)
+    lamp = Light(shape="rectangle", width_m=0.2, height_m=0.8, motion=standing(z_m=1.0), level=0.4, wave=ripple)
+
+    def light(wave: Ripple | None) -> np.ndarray:
+        shining = dataclasses.replace(lamp, wave=wave)
+        scene = Scene(sensor=sensor(PINHOLE, exposure_us=2_000.0), lights=(shining,), room=Room(ripple=wave))
+        return np.array(Renderer(scene, seed=3).light(0))
+
+    ratio = light(ripple) / light(None)
+    np.testing.assert_allclose(ratio[100:380, 320], ratio[100:380, 50], rtol=1e-3)
+    assert np.ptp(ratio[:, 50]) > 0.5

@@ -61,6 +61,7 @@ class Variation:
     hidden: Literal["", "corner", "edge"] = ""
     hidden_share: float = 0.12  # of the panel's side
     lamps: int = 0  # other lights in view
+    room_ripple: tuple[float, float] | None = None  # frequency in Hz and depth of the light in the room
 
 
 VARIATIONS: dict[str, Variation] = {
@@ -87,6 +88,9 @@ VARIATIONS: dict[str, Variation] = {
     # The wall's brightest spots at 0.3 to 0.5, panels not much above.
     "bright room": Variation(room_level=(0.2, 0.3), peak_level=(0.5, 0.85)),
     "other lamps": Variation(lamps=4),
+    # Twice the mains' frequency, as deep as poor LED lamps do it. 100 Hz vanish at 10 ms; 120 Hz keep 16 %.
+    "mains flicker, 50 Hz": Variation(room_ripple=(100.0, 0.6), room_level=(0.1, 0.25), lamps=2),
+    "mains flicker, 60 Hz": Variation(room_ripple=(120.0, 0.6), room_level=(0.1, 0.25), lamps=2),
     "exposure 500 µs": Variation(exposure_us=500.0),
     "exposure 2 ms": Variation(exposure_us=2_000.0),
     "exposure 5 ms": Variation(exposure_us=5_000.0),

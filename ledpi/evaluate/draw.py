@@ -21,7 +21,7 @@ from ledpi.evaluate.conditions import Condition, Variation
 from ledpi.evaluate.decoys import decoys, lamp
 from ledpi.evaluate.placing import Placer, in_sight
 from ledpi.records import Floats, PanelSpec
-from ledpi.simulate.scene import OV5647_ROW_TIME_US, Light, Panel, PanelLook, Room, Scene, SimulatedSensor
+from ledpi.simulate.scene import OV5647_ROW_TIME_US, Light, Panel, PanelLook, Ripple, Room, Scene, SimulatedSensor
 from ledpi.simulate.trajectory import Gliding, Still, Trajectory, transform
 
 FRAMES_A_TAKE = 12
@@ -51,6 +51,7 @@ def draw_take(condition: Condition, panels: PanelSettings, seed: int, number: in
         level=float(place.uniform(*variation.room_level)),
         distance_m=max(4.0, (condition.distance_m or 0.0) + 1.5),
         texture=int(place.integers(2**31)),
+        ripple=_ripple(variation),
     )
     peak = float(place.uniform(*variation.peak_level))
     if condition.suite == "decoys":
@@ -199,9 +200,17 @@ def _in_the_way(variation: Variation, shown: tuple[Panel, ...], extra: np.random
 def _lamps_beside(
     variation: Variation, shown: tuple[Panel, ...], sensor: SimulatedSensor, extra: np.random.Generator
 ) -> tuple[Light, ...]:
-    placer = Placer(sensor, extra)
+    placer, ripple = Placer(sensor, extra), _ripple(variation)
     for panel in shown:
         placer.keep_free(panel.motion.scene_from_body(0.0)[:3, 3], panel.spec.side_m)
-    return tuple(light for _ in range(variation.lamps) if (light := lamp(placer, extra)) is not None)
+    lamps = [light for _ in range(variation.lamps) if (light := lamp(placer, extra)) is not None]
+    return tuple(lamps if ripple is None else [replace(light, wave=ripple) for light in lamps])
+
+
+def _ripple(variation: Variation) -> Ripple | None:
+    if variation.room_ripple is None:
+        return None
+    frequency_hz, depth = variation.room_ripple
+    return Ripple(frequency_hz=frequency_hz, depth=depth)
 
 

@@ -30,7 +30,7 @@ from ledpi.simulate.optics import (
     spread,
     whole_picture,
 )
-from ledpi.simulate.scene import SimulatedSensor, TracedWave, Wave
+from ledpi.simulate.scene import Ripple, SimulatedSensor, TracedWave, Wave
 from ledpi.simulate.surface import Image, Surface
 
 _STEP_PX = 0.5  # largest motion between two parts of an exposure; it leaves out a box of 0.14 px rms
@@ -169,10 +169,12 @@ def add_to(
     phases_cycles: tuple[float, ...],
     sensor: SimulatedSensor,
     seq: int,
+    room_rows: Image | None,
 ) -> None:
     """Puts a surface before what is behind it, (H, W) linear light, in place.
 
-    `phases_cycles` are the classes' phases at t = 0 of the camera's clock; a trace has its own.
+    `phases_cycles` are the classes' phases at t = 0 of the camera's clock; a trace has its own. `room_rows` (H,) is
+    the room's light in each row, over its mean, where it ripples.
     """
     region, parts = exposed.region, len(exposed.parts)
     weights = [
@@ -181,6 +183,8 @@ def add_to(
     ]
     hidden = np.add.reduce([part.opacity for part in exposed.parts]) / np.float32(parts)
     light = np.float32(surface.reflected) * hidden
+    if room_rows is not None:
+        light *= room_rows[region.y0 : region.y1, None]
     for k, part in enumerate(exposed.parts):
         for weight, picture in zip(weights, part.classes, strict=True):
             light += weight[k, :, None] * picture
@@ -206,6 +210,11 @@ def _part_weights(
         starts_s = sensor.exposure_start_s(seq) + rows * (sensor.row_time_us * 1e-6)
         return np.asarray(wave.share_on(starts_s, part_us * 1e-6) / parts, np.float32)
     at_row0 = phase_cycles + wave.frequency_hz * sensor.exposure_start_s(seq)
+    if isinstance(wave, Ripple):
+        levels = wave.row_levels(
+            rows, phase_cycles=at_row0, exposure_us=part_us, row_time_us=sensor.row_time_us
+        )
+        return np.asarray(levels / parts, np.float32)
     weights = row_weights(
         rows,
         frequency_hz=wave.frequency_hz,

@@ -14,13 +14,13 @@ from ledpi.recording import TruthMarker
 from ledpi.records import Pixels
 from ledpi.simulate.exposure import Exposed, add_to, expose_moving, expose_still
 from ledpi.simulate.optics import PoseAt
-from ledpi.simulate.scene import Scene
+from ledpi.simulate.scene import Ripple, Scene
 from ledpi.simulate.sensor import SensorReadout
 from ledpi.simulate.surface import Image, Surface, light_surface, panel_surface, print_surface
 from ledpi.simulate.truth import pose_seen, scene_truth
 from ledpi.simulate.wall import Wall
 
-_NOISE, _OSCILLATORS = 0, 1  # independent streams of random numbers
+_NOISE, _OSCILLATORS, _MAINS = 0, 1, 2  # independent streams of random numbers
 
 
 class Renderer:
@@ -31,7 +31,9 @@ class Renderer:
         self._seed = seed
         surfaces = [panel_surface(panel, scene.room) for panel in scene.panels]
         surfaces += [light_surface(light) for light in scene.lights]
-        self._surfaces: list[Surface] = surfaces + [print_surface(printed) for printed in scene.prints]
+        self._surfaces: list[Surface] = surfaces + [print_surface(printed, scene.room) for printed in scene.prints]
+        rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_MAINS,)))
+        self._room_phase = float(rng.random())  # of whatever hangs on the mains
         self._phases = [self._draw_phases(index, s) for index, s in enumerate(self._surfaces)]
         lens = scene.sensor.intrinsics
         self._level: Image = np.empty((lens.height, lens.width), np.float32)
@@ -42,7 +44,11 @@ class Renderer:
 
     def _draw_phases(self, index: int, surface: Surface) -> tuple[float, ...]:
         rng = np.random.default_rng(np.random.SeedSequence(self._seed, spawn_key=(_OSCILLATORS, index)))
-        return tuple(float(phase) for phase in rng.random(len(surface.waves)))
+        drawn = rng.random(len(surface.waves)).tolist()
+        return tuple(
+            self._room_phase if isinstance(wave, Ripple) else phase
+            for wave, phase in zip(surface.waves, drawn, strict=True)
+        )
 
     @property
     def phases_cycles(self) -> tuple[tuple[float, ...], ...]:
@@ -55,6 +61,9 @@ class Renderer:
         if self._kept_wall is None or self.scene.camera_motion.moves:
             self._kept_wall = self._wall.seen(self.scene.camera_motion, seq)
         np.copyto(self._level, self._kept_wall)
+        room_rows = self._room_rows(seq)
+        if room_rows is not None:
+            self._level *= room_rows[:, None]
         now = sensor.mid_exposure_s(seq, (sensor.intrinsics.height - 1) / 2.0)
         poses = [pose_seen(self.scene, surface.motion) for surface in self._surfaces]
         away = [float(np.linalg.norm(pose(now)[:3, 3])) for pose in poses]
@@ -62,8 +71,21 @@ class Renderer:
             surface = self._surfaces[index]
             exposed = self._exposed(index, poses[index], seq)
             if exposed is not None:
-                add_to(self._level, exposed, surface, self._phases[index], sensor, seq)
+                add_to(self._level, exposed, surface, self._phases[index], sensor, seq, room_rows)
         return self._level
+
+    def _room_rows(self, seq: int) -> Image | None:
+        """(H,) the room's light in each row, over its mean; None where it is steady."""
+        sensor, ripple = self.scene.sensor, self.scene.room.ripple
+        if ripple is None:
+            return None
+        levels = ripple.row_levels(
+            np.arange(sensor.intrinsics.height, dtype=np.float64),
+            phase_cycles=self._room_phase + ripple.frequency_hz * sensor.exposure_start_s(seq),
+            exposure_us=sensor.exposure_us,
+            row_time_us=sensor.row_time_us,
+        )
+        return levels.astype(np.float32)
 
     def _exposed(self, index: int, pose_at: PoseAt, seq: int) -> Exposed | None:
         surface, sensor = self._surfaces[index], self.scene.sensor

@@ -74,7 +74,24 @@ class TracedWave:
         return np.asarray((until - since) / exposure_s)
 
 
-Wave = SquareWave | TracedWave
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Ripple:
+    """A lamp on the mains, whose light follows the power: 1 + depth·cos(2πft), at twice the mains' frequency."""
+
+    frequency_hz: float  # 100 or 120
+    depth: float  # a filament's 0.1 to 0.2, a poor LED driver's up to 1
+
+    def row_levels(self, rows: Floats, *, phase_cycles: float, exposure_us: float, row_time_us: float) -> Floats:
+        """Mean over each row's exposure, over the mean of all time; `phase_cycles` as row 0's exposure begins.
+
+        The exposure is a box filter: it leaves sinc(f·T) of the ripple, in the phase of its middle.
+        """
+        middle = phase_cycles + self.frequency_hz * 1e-6 * (rows * row_time_us + exposure_us / 2.0)
+        left = self.depth * np.sinc(self.frequency_hz * exposure_us * 1e-6)
+        return np.asarray(1.0 + left * np.cos(2.0 * np.pi * middle))
+
+
+Wave = SquareWave | TracedWave | Ripple
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -116,7 +133,7 @@ class Light:
     level: float  # averaged over its blinking
     panes: tuple[int, int] = (3, 2)  # of a lattice: across, down
     bar: float = 0.12  # of a lattice: width of the bars, share of a pane's pitch
-    wave: SquareWave | None = None  # None: constant
+    wave: SquareWave | Ripple | None = None  # None: constant
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -144,6 +161,7 @@ class Room:
     contrast: float = 0.6  # the texture's darkest and brightest are level × (1 ∓ contrast)
     distance_m: float = 4.0
     texture: int = 0  # which of the procedural pictures
+    ripple: Ripple | None = None  # of the lamps that light it; None: daylight
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -112,7 +112,7 @@ def light_surface(light: Light) -> Surface:
     elif light.shape == "lattice":
         clear = [_between_bars(position * panes, light.bar) for panes in light.panes]
         on = np.outer(clear[1], clear[0])
-    duty = light.wave.duty if light.wave is not None else 1.0
+    duty = light.wave.duty if isinstance(light.wave, SquareWave) else 1.0
     return Surface(
         planes=((light.level / duty * on).astype(np.float32), opacity.astype(np.float32)),
         size_m=(light.width_m, light.height_m),
@@ -122,8 +122,8 @@ def light_surface(light: Light) -> Surface:
     )
 
 
-def print_surface(printed: Print) -> Surface:
-    """A printed marker: steady, as the paper and the ink return the room's light."""
+def print_surface(printed: Print, room: Room) -> Surface:
+    """A printed marker: as the paper and the ink return the room's light."""
     modules = np.pad(printed.modules, printed.quiet_modules, constant_values=True)
     texels = max(32, PANEL_TEXELS // len(printed.modules))  # a module
     level = np.kron(np.where(modules, printed.white, printed.black), np.ones((texels, texels))).astype(np.float32)
@@ -131,7 +131,7 @@ def print_surface(printed: Print) -> Surface:
     return Surface(
         planes=(level, np.ones_like(level)),
         size_m=(size_m, size_m),
-        waves=(None,),
+        waves=(room.ripple,),
         reflected=0.0,
         motion=printed.motion,
     )
