@@ -90,7 +90,17 @@ def load_intrinsics(path: Path, for_size: tuple[int, int] | None = None) -> Intr
     )
 
 
-def camera_yaml_text(intrinsics: Intrinsics, ledpi: dict[str, float | int]) -> str:
+def own_section(path: Path) -> dict[str, Any]:
+    """The section `ledpi` of a camera.yaml: how good it is, and what is known of the shutter. Empty without one."""
+    try:
+        raw = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError):
+        return {}
+    section = raw.get("ledpi") if isinstance(raw, dict) else None
+    return section if isinstance(section, dict) else {}
+
+
+def camera_yaml_text(intrinsics: Intrinsics, ledpi: dict[str, Any]) -> str:
     """The text of a camera.yaml. `ledpi` is our own section, which ROS passes over: how good it is."""
     k = [float(value) for value in intrinsics.matrix().ravel()]
     content: dict[str, Any] = {

@@ -1,4 +1,4 @@
-"""Chessboard pictures → the camera's intrinsics, or the reason why they give none."""
+"""Views of a board → the camera's intrinsics, or the reason why they give none."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ from typing import Any
 import cv2
 import numpy as np
 
+from ledpi.calibrate.boards import Board, BoardView
 from ledpi.errors import CalibrationError
-from ledpi.records import Floats, Intrinsics, Pixels
+from ledpi.records import Floats, Intrinsics
 
 MIN_VIEWS = 8  # below, one bad view is no longer told from the good ones
 # A view is bad where its rms exceeds this many times the median of all. Good views of one camera lie
@@ -27,32 +28,13 @@ _NO_CAMERA = "the views give no camera at all: are they of one flat, rigid board
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Board:
-    """A chessboard by its inner corners. Its size in metres does not matter for intrinsics."""
-
-    columns: int
-    rows: int
-
-    def corners(self) -> Floats:
-        """(columns·rows, 3): row by row, in squares, z = 0."""
-        x, y = np.meshgrid(np.arange(self.columns), np.arange(self.rows))
-        return np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)]).astype(np.float64)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BoardView:
-    """A board that was found in a picture."""
-
-    name: str
-    corners_px: Floats  # (columns·rows, 2), in the order of Board.corners
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class ViewError:
     """How well the camera model explains one view."""
 
     name: str
     rms_px: float
+    corners_px: Floats  # (N, 2) where they were found
+    residuals_px: Floats  # (N, 2) from where the model has them to there
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,20 +43,9 @@ class CameraCalibration:
 
     intrinsics: Intrinsics
     rms_px: float  # over all corners of the views used
-    focal_sigma_px: float  # standard deviation of fx
+    deviations: Floats  # (9,) standard deviations of fx fy cx cy (px) k1 k2 p1 p2 k3
     used: tuple[ViewError, ...]
     dropped: tuple[ViewError, ...]  # with the error for which each was dropped, the worst first
-
-
-def find_board(picture: Pixels, board: Board) -> Floats | None:
-    """Corners (columns·rows, 2) of the board in a grey picture, or None.
-
-    OpenCV's sector-based detector: on 36 webcam photographs it leaves 0.11 px of rms where the classic one
-    with cornerSubPix leaves 0.15 px, and it does not run away to a neighbouring corner.
-    """
-    flags = cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
-    found, corners = cv2.findChessboardCornersSB(picture, (board.columns, board.rows), flags=flags)
-    return np.asarray(corners, dtype=np.float64).reshape(-1, 2) if found else None
 
 
 def calibrate_camera(views: Sequence[BoardView], board: Board, width: int, height: int) -> CameraCalibration:
@@ -85,7 +56,7 @@ def calibrate_camera(views: Sequence[BoardView], board: Board, width: int, heigh
     size = (width, height)
     kept, dropped, fit = _without_outliers(views, board, size)
     with_k3 = _fit(kept, board, size, 0)
-    residuals = 2 * len(kept) * len(board.corners())
+    residuals = 2 * sum(len(view.corner_ids) for view in kept)
     # Likelihood ratio of nested models with a common, unknown noise.
     if residuals * math.log(fit.rms_px**2 / with_k3.rms_px**2) > K3_SIGNIFICANT:
         fit = with_k3
@@ -93,11 +64,8 @@ def calibrate_camera(views: Sequence[BoardView], board: Board, width: int, heigh
     return CameraCalibration(
         intrinsics=_intrinsics(fit, width, height),
         rms_px=fit.rms_px,
-        focal_sigma_px=fit.focal_sigma_px,
-        used=tuple(
-            ViewError(name=view.name, rms_px=float(rms))
-            for view, rms in zip(kept, fit.view_rms_px, strict=True)
-        ),
+        deviations=fit.deviations,
+        used=tuple(fit.error_of(i, view) for i, view in enumerate(kept)),
         dropped=dropped,
     )
 
@@ -117,7 +85,7 @@ def _without_outliers(
         limit = OUTLIER_RATIO * max(float(np.median(fit.view_rms_px)), CORNER_NOISE_PX)
         if fit.view_rms_px[worst] <= limit:
             return kept, tuple(dropped), fit
-        dropped.append(ViewError(name=kept.pop(worst).name, rms_px=float(fit.view_rms_px[worst])))
+        dropped.append(fit.error_of(worst, kept.pop(worst)))
     raise CalibrationError(_too_few(len(views), dropped))
 
 
@@ -139,28 +107,43 @@ class _Fit:
     rms_px: float
     matrix: Floats  # (3, 3)
     distortion: Floats  # (5,): k1 k2 p1 p2 k3
-    focal_sigma_px: float
+    deviations: Floats  # (9,)
     view_rms_px: Floats  # (views,)
     normals: Floats  # (views, 3): the board's normal in the camera frame
+    residuals_px: tuple[Floats, ...]  # of each view (N, 2)
+
+    def error_of(self, index: int, view: BoardView) -> ViewError:
+        return ViewError(
+            name=view.name,
+            rms_px=float(self.view_rms_px[index]),
+            corners_px=view.corners_px,
+            residuals_px=self.residuals_px[index],
+        )
 
 
 def _fit(views: Sequence[BoardView], board: Board, size: tuple[int, int], flags: int) -> _Fit:
     """One run of OpenCV's (Zhang's) calibration. Raises CalibrationError where there is no solution."""
-    objects: list[Any] = [board.corners().astype(np.float32)] * len(views)
+    corners = board.corners().astype(np.float32)
+    objects: list[Any] = [corners[view.corner_ids] for view in views]
     pictures: list[Any] = [view.corners_px.astype(np.float32) for view in views]
     try:
-        rms, matrix, distortion, rotations, _, sigmas, _, errors = cv2.calibrateCameraExtended(
+        rms, matrix, distortion, rotations, shifts, sigmas, _, errors = cv2.calibrateCameraExtended(
             objects, pictures, size, np.eye(3), np.zeros(5), flags=flags
         )
     except cv2.error:
         raise CalibrationError(_NO_CAMERA) from None
+    model = [
+        cv2.projectPoints(points, turn, shift, matrix, distortion)[0].reshape(-1, 2)
+        for points, turn, shift in zip(objects, rotations, shifts, strict=True)
+    ]
     return _Fit(
         rms_px=float(rms),
         matrix=np.asarray(matrix, dtype=np.float64),
         distortion=np.asarray(distortion, dtype=np.float64).ravel()[:5],
-        focal_sigma_px=float(np.ravel(sigmas)[0]),
+        deviations=np.asarray(sigmas, dtype=np.float64).ravel()[:9],
         view_rms_px=np.asarray(errors, dtype=np.float64).ravel(),
         normals=np.array([cv2.Rodrigues(rotation)[0][:, 2] for rotation in rotations]),
+        residuals_px=tuple(view.corners_px - points for view, points in zip(views, model, strict=True)),
     )
 
 
@@ -188,10 +171,10 @@ def _check(fit: _Fit, size: tuple[int, int]) -> None:
             "is the board flat, at rest and sharp, and are its inner corners counted right?"
         )
     tilt_deg = math.degrees(math.acos(np.clip((fit.normals @ fit.normals.T).min(), -1, 1)))
-    if tilt_deg < MIN_TILT_DEG or fit.focal_sigma_px > MAX_FOCAL_DEVIATION * fx:
+    if tilt_deg < MIN_TILT_DEG or fit.deviations[0] > MAX_FOCAL_DEVIATION * fx:
         raise CalibrationError(
             f"the views are too much alike (board tilted by {tilt_deg:.0f}° in all, fx {fx:.0f} ± "
-            f"{fit.focal_sigma_px:.0f} px): take views tilted by 20° to 40° to different sides"
+            f"{fit.deviations[0]:.0f} px): take views tilted by 20° to 40° to different sides"
         )
     view_deg = math.degrees(2 * math.atan(size[0] / (2 * fx)))
     if not FIELD_OF_VIEW_DEG[0] <= view_deg <= FIELD_OF_VIEW_DEG[1] or not 0.8 < fx / fy < 1.25:

@@ -13,12 +13,21 @@ def write_keeping_old(path: Path, text: str) -> Path | None:
     Returns the kept file, if there was one. Raises CalibrationError where `path` cannot be written; the older
     file is then untouched.
     """
-    if path.is_dir():
-        raise CalibrationError(f"{path}: is a folder; must be the file to write")
     fresh = path.with_name(path.name + ".new")
-    kept = _next_backup(path) if path.exists() else None
     try:
         fresh.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise CalibrationError(f"{path}: cannot be written: {error.strerror}") from None
+    return keep_old(path, fresh)
+
+
+def keep_old(path: Path, fresh: Path) -> Path | None:
+    """Puts the file `fresh` in the place of `path`, as `write_keeping_old` does."""
+    if path.is_dir():
+        fresh.unlink()
+        raise CalibrationError(f"{path}: is a folder; must be the file to write")
+    kept = _next_backup(path) if path.exists() else None
+    try:
         if kept is not None:
             path.rename(kept)
         fresh.replace(path)

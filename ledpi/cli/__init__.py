@@ -26,6 +26,7 @@ def main() -> None:
     """Entry point. A LedpiError is one line on standard error and exit status 2, or 1 where trying again may help."""
     from ledpi.cli import (  # noqa: F401, each adds its command to `app`
         calibrate,
+        calibrate_board,
         calibrate_camera,
         calibrate_panel,
         calibrate_shutter,

@@ -1,61 +1,115 @@
-"""`ledpi calibrate camera`: chessboard pictures → camera.yaml."""
+"""`ledpi calibrate camera`: views of a board, live or from pictures → camera.yaml."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from datetime import date
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import typer
 
-from ledpi.cli.calibrate import calibrate
+from ledpi.cli.calibrate import calibrate, settings_for
+from ledpi.cli.calibrate_board import KindName
 from ledpi.cli.progress import progress
 from ledpi.errors import CalibrationError
 
 if TYPE_CHECKING:
-    from ledpi.calibrate.camera import Board, BoardView, CameraCalibration
+    from ledpi.calibrate.boards import Board, BoardView
+    from ledpi.calibrate.camera import CameraCalibration
+    from ledpi.camera.base import Camera
     from ledpi.records import Pixels
 
 SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".tif", ".tiff"}
+PARAMETERS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
+
 
 @calibrate.command()
 def camera(
-    folder: Path = typer.Argument(help="Folder with the pictures."),
-    cols: int = typer.Option(6, min=3, help="Inner corners along the board's one side."),
-    rows: int = typer.Option(5, min=3, help="Inner corners along the other."),
+    folder: Path | None = typer.Argument(None, metavar="[FOLDER]", help="With pictures. Default: the camera, live."),
+    kind: KindName = typer.Option(KindName.CHESSBOARD, "--board", help="As `ledpi calibrate board` prints them."),
+    cols: int = typer.Option(6, min=3, max=20, help="Inner corners along the board's one side."),
+    rows: int = typer.Option(5, min=3, max=20, help="Inner corners along the other."),
     out: Path = typer.Option(Path("camera.yaml"), help="File to write; an older one is kept as NAME.bak-1."),
+    config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
+    set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
 ) -> None:
-    """Chessboard pictures → camera.yaml (ROS camera_info form). The squares' size does not matter.
+    """Views of a chessboard or ChArUco board → camera.yaml (ROS camera_info form), and a picture of them beside it.
 
-    Take 15 or more with the very camera, at the width and height that config.yaml asks for: the board
-    flat and at rest, all over the field of view, tilted by 20° to 40° to different sides. Views that
-    contradict the others are named and left out.
+    Live, it says how to hold the board next, sets exposure and gain by it, and takes each view by itself once the
+    board is at rest; Ctrl-C ends early. From a folder, the pictures must be of the very camera, at the width and
+    height that config.yaml asks for: 15 or more, all over the field of view, tilted by 20° to 40° to different
+    sides. Views that contradict the others are named and left out. The squares' size does not matter.
 
     Example: ledpi calibrate camera pictures --cols 9 --rows 6
     """
-    from ledpi.calibrate.camera import Board, calibrate_camera
-    from ledpi.calibrate.files import write_keeping_old
-    from ledpi.camera_yaml import camera_yaml_text
+    from ledpi.calibrate.boards import Board
+    from ledpi.calibrate.camera import calibrate_camera
 
+    board = Board(columns=cols, rows=rows, kind=kind.value)
+    found = _live_views(config, set_, board) if folder is None else _views_in(folder, board)
+    try:
+        result = calibrate_camera(found.views, board, *found.size)
+    except CalibrationError as error:
+        raise CalibrationError(f"{folder or 'live'}: {error}") from None
+    written = _write(out, result)
+    typer.echo(f"{found.pictures} pictures, {len(found.views)} with the board")
+    _report(result)
+    for line in written:
+        typer.echo(line)
+
+
+@dataclass(frozen=True)
+class _Found:
+    pictures: int
+    views: list[BoardView]
+    size: tuple[int, int]  # width and height of all pictures
+
+
+def _live_views(config: Path | None, set_: list[str], board: Board) -> _Found:
+    from ledpi.calibrate.live_board import collect_views
+    from ledpi.camera.factory import open_camera
+
+    settings, _ = settings_for(config, set_, None)
+    replay = settings.camera.source.partition(":")[0] in ("simulated", "recording")
+
+    def open_at(exposure: tuple[float, float] | None) -> Camera:
+        if exposure is None:
+            return open_camera(settings, paced=not replay)
+        changed = settings.camera.model_copy(update={"exposure_us": exposure[0], "analogue_gain": exposure[1]})
+        return open_camera(settings.model_copy(update={"camera": changed}))
+
+    collection, info = collect_views(open_at, board, lambda text: typer.echo(text, err=True), metered=not replay)
+    return _Found(collection.frames, collection.views, (info.width, info.height))
+
+
+def _views_in(folder: Path, board: Board) -> _Found:
+    from ledpi.calibrate.boards import find_board
+
+    views: list[BoardView] = []
+    size = (0, 0)
     paths = _picture_files(folder)
-    board = Board(columns=cols, rows=rows)
-    views, (width, height) = _find_boards(paths, board)
+    with progress("looking for the board", len(paths)) as advance:
+        for path in paths:
+            picture = _read_grey(path)
+            height, width = picture.shape
+            if path == paths[0]:
+                size = (width, height)
+            if (width, height) != size:
+                raise CalibrationError(
+                    f"{path}: is {width} × {height} pixels, {paths[0].name} is {size[0]} × {size[1]}; "
+                    "all must be of one camera at one size"
+                )
+            view = find_board(path.name, picture, board)
+            if view is not None:
+                views.append(view)
+            advance(1)
     if not views:
         raise CalibrationError(
-            f"{folder}: no board with {cols} × {rows} inner corners in any of {len(paths)} pictures; "
-            "--cols and --rows must be those of the board"
+            f"{folder}: no {board.kind} with {board.columns} × {board.rows} inner corners in any of {len(paths)} "
+            "pictures; --board, --cols and --rows must be those of the board"
         )
-    try:
-        result = calibrate_camera(views, board, width, height)
-    except CalibrationError as error:
-        raise CalibrationError(f"{folder}: {error}") from None
-    quality = {
-        "rms_px": round(result.rms_px, 4),
-        "fx_sigma_px": round(result.focal_sigma_px, 3),
-        "views": len(result.used),
-    }
-    kept = write_keeping_old(out, camera_yaml_text(result.intrinsics, quality))
-    _report(result, len(paths))
-    typer.echo(f"{out} written" + (f"; the older one is kept as {kept}" if kept else ""))
+    return _Found(len(paths), views, size)
 
 
 def _picture_files(folder: Path) -> list[Path]:
@@ -84,38 +138,47 @@ def _read_grey(path: Path) -> Pixels:
     return np.asarray(picture, dtype=np.uint8)
 
 
-def _find_boards(paths: list[Path], board: Board) -> tuple[list[BoardView], tuple[int, int]]:
-    """The views with a board, and the (width, height) that all pictures share."""
-    from ledpi.calibrate.camera import BoardView, find_board
+def _report(result: CameraCalibration) -> None:
+    from ledpi.calibrate.coverage import corner_counts, places_without_corners
 
-    views: list[BoardView] = []
-    size = (0, 0)
-    with progress("looking for the board", len(paths)) as advance:
-        for path in paths:
-            picture = _read_grey(path)
-            height, width = picture.shape
-            if path == paths[0]:
-                size = (width, height)
-            if (width, height) != size:
-                raise CalibrationError(
-                    f"{path}: is {width} × {height} pixels, {paths[0].name} is {size[0]} × {size[1]}; "
-                    "all must be of one camera at one size"
-                )
-            corners = find_board(picture, board)
-            if corners is not None:
-                views.append(BoardView(name=path.name, corners_px=corners))
-            advance(1)
-    return views, size
-
-
-def _report(result: CameraCalibration, pictures: int) -> None:
     for view in result.used:
         typer.echo(f"{view.name}  {view.rms_px:.2f} px")
     for view in result.dropped:
         typer.echo(f"{view.name}  {view.rms_px:.2f} px  left out: the other views contradict it")
+    typer.echo(f"{len(result.used)} views used, rms {result.rms_px:.3f} px")
     i = result.intrinsics
-    found = len(result.used) + len(result.dropped)
-    typer.echo(f"{pictures} pictures, {found} with the board, {len(result.used)} used")
-    typer.echo(f"rms {result.rms_px:.3f} px")
-    typer.echo(f"fx {i.fx:.1f} ± {result.focal_sigma_px:.1f}, fy {i.fy:.1f}, cx {i.cx:.1f}, cy {i.cy:.1f} px")
-    typer.echo("k1 {:.4f}, k2 {:.4f}, p1 {:.4f}, p2 {:.4f}, k3 {:.4f}".format(*i.distortion))
+    values = (i.fx, i.fy, i.cx, i.cy, *i.distortion)
+    for name, value, sigma in zip(PARAMETERS, values, result.deviations, strict=True):
+        digits, unit = (1, " px") if name[0] in "fc" else (4, "")
+        spread = f"± {sigma:.{digits}f}{unit}" if sigma > 0 else "(held: the views show none)"
+        typer.echo(f"{name} {value:9.{digits}f} {spread}")
+    empty = places_without_corners(corner_counts([view.corners_px for view in result.used], i.width, i.height))
+    if empty:
+        typer.echo(f"no corner was in the picture's {', '.join(empty)}: how the lens bends there is a guess")
+
+
+def _write(out: Path, result: CameraCalibration) -> list[str]:
+    """Writes camera.yaml and its picture; returns what to say of that."""
+    import cv2
+
+    from ledpi.calibrate.coverage import draw_coverage
+    from ledpi.calibrate.files import keep_old, write_keeping_old
+    from ledpi.camera_yaml import camera_yaml_text, own_section
+
+    quality: dict[str, Any] = {
+        "calibrated": date.today(),
+        "rms_px": round(result.rms_px, 4),
+        "views": len(result.used),
+        "deviations": {n: float(f"{s:.2g}") for n, s in zip(PARAMETERS, result.deviations, strict=True)},
+    }
+    before = own_section(out)
+    if "shutter" in before:  # what `ledpi calibrate shutter` measured does not change with the lens
+        quality["shutter"] = before["shutter"]
+    kept = write_keeping_old(out, camera_yaml_text(result.intrinsics, quality))
+    lines = [f"{out} written" + (f"; the older one is kept as {kept}" if kept else "")]
+    picture = out.with_suffix(".png")
+    fresh = picture.with_name("new." + picture.name)
+    if cv2.imwrite(str(fresh), draw_coverage(result)):
+        kept = keep_old(picture, fresh)
+        lines.append(f"{picture}: where the corners were" + (f"; the older one is kept as {kept}" if kept else ""))
+    return lines

@@ -1,0 +1,66 @@
+"""A board before the live camera → enough views of it: says what to do next, and meters on the board."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ledpi.calibrate.boards import Board, BoardView, find_board
+from ledpi.calibrate.collecting import Collection, next_exposure
+from ledpi.camera.base import Camera
+from ledpi.records import CameraInfo, Frame, Rejected
+
+OpenAt = Callable[[tuple[float, float] | None], Camera]  # (exposure µs, gain), or None for the configured ones
+
+MOST_CHANGES = 8  # of the exposure: light that flickers would otherwise keep it changing for ever
+BLIND_FRAMES = 15  # without a board, until the exposure is set by the whole picture
+NO_BOARD = "show the board to the camera"
+
+
+def collect_views(
+    open_at: OpenAt, board: Board, say: Callable[[str], None], *, metered: bool
+) -> tuple[Collection, CameraInfo]:
+    """Reads frames until the collection is complete, the camera's frames end, or the user presses Ctrl-C.
+
+    `say` is told what to do whenever that changes. `metered`: the camera is opened anew where the board is too dark or
+    too bright. Raises what the camera raises.
+    """
+    camera = open_at(None)
+    collection = Collection(board=board, width=camera.info.width, height=camera.info.height)
+    said, blind, changes = "", 0, 0
+    try:
+        while (wanted := collection.missing()) is not None:
+            text = f"{len(collection.views)} views; {NO_BOARD if blind > BLIND_FRAMES else wanted}"
+            if text != said:
+                say(text)
+                said = text
+            frame = camera.read(np.empty((collection.height, collection.width), np.uint8))
+            if frame is None:
+                break
+            if isinstance(frame, Rejected):
+                continue
+            collection.frames += 1
+            view = find_board(f"frame {frame.seq}", frame.pixels, board)
+            blind = 0 if view is not None else blind + 1
+            other = _other_exposure(frame, view, blind) if metered and changes < MOST_CHANGES else None
+            if other is not None:
+                say(f"exposure {other[0]:.0f} µs, gain {other[1]:.1f}")
+                camera.close()
+                camera = open_at(other)
+                changes += 1
+            elif view is not None:
+                collection.add(view)
+    except KeyboardInterrupt:
+        say("ended")
+    finally:
+        info = camera.info
+        camera.close()
+    return collection, info
+
+
+def _other_exposure(frame: Frame, view: BoardView | None, blind: int) -> tuple[float, float] | None:
+    """A better exposure and gain, by the board, or, where none was seen for a while, by the whole picture."""
+    if view is None and blind % BLIND_FRAMES != BLIND_FRAMES - 1:
+        return None
+    return next_exposure(frame, view)

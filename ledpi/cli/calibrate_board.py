@@ -1,0 +1,48 @@
+"""`ledpi calibrate board`: a board to print, true to scale."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+
+import typer
+
+from ledpi.cli.calibrate import calibrate
+
+
+class KindName(StrEnum):
+    CHESSBOARD = "chessboard"
+    CHARUCO = "charuco"
+
+
+class PaperName(StrEnum):
+    A4 = "a4"
+    LETTER = "letter"
+
+
+@calibrate.command()
+def board(
+    out: Path = typer.Argument(Path("board.pdf"), metavar="[OUT]", help="PDF to write; an older one is kept."),
+    kind: KindName = typer.Option(KindName.CHARUCO, help="charuco may be seen in part, also at the picture's rim."),
+    cols: int = typer.Option(6, min=3, max=20, help="Inner corners along the long side."),
+    rows: int = typer.Option(5, min=3, max=20, help="Inner corners along the other."),
+    square_mm: float = typer.Option(30.0, min=1, help="Side of a square."),
+    paper: PaperName = typer.Option(PaperName.A4, help="Landscape."),
+) -> None:
+    """A chessboard or ChArUco board as a PDF, true to scale. Print at 100 %, and glue onto something flat and stiff.
+
+    The ruler below the board is 100 mm long: if it is not on the print, the printer has scaled it.
+
+    Example: ledpi calibrate board board.pdf --kind charuco --paper letter
+    """
+    from ledpi.calibrate.board_sheet import write_sheet
+    from ledpi.calibrate.boards import Board
+    from ledpi.calibrate.files import keep_old
+
+    command = f"ledpi calibrate camera --board {kind.value} --cols {cols} --rows {rows}"
+    caption = f"100 mm. Squares of {square_mm:g} mm. {command}"
+    fresh = out.with_name(out.name + ".new")
+    write_sheet(fresh, Board(columns=cols, rows=rows, kind=kind.value), square_mm, paper.value, caption)
+    kept = keep_old(out, fresh)
+    typer.echo(f"{out} written" + (f"; the older one is kept as {kept}" if kept else ""))
+    typer.echo(f"print it at 100 %, check the ruler, then: {command}")
