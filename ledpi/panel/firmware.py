@@ -12,8 +12,8 @@ from pathlib import Path
 
 from ledpi.errors import ConfigError
 from ledpi.markers import Bits, Dictionary
-from ledpi.panel.frequencies import NULL_SHARE, Flicker, null_share
-from ledpi.panel.timer import HalfPeriod, half_period, nearest_frequency
+from ledpi.panel.frequencies import NULL_SHARE, Flicker, nearest_lobe_hz, null_share
+from ledpi.panel.timer import HalfPeriod, half_period
 from ledpi.records import PanelSpec
 
 SINGLE_CELLS = 16  # that the board has pins for, the serial line left free
@@ -82,20 +82,17 @@ def _half_period(key: str, hz: float) -> HalfPeriod:
 
 
 def _check_frequency(key: str, hz: float, exposure_us: float) -> None:
-    low_risk_hz = Flicker.LOW_RISK.lowest_hz
-    if hz < low_risk_hz:
+    lowest_hz = Flicker.LOW_RISK.lowest_hz
+    good = f"the nearest good one is {nearest_lobe_hz(hz, exposure_us, lowest_hz):.2f} Hz"
+    if hz < lowest_hz:
         raise ConfigError(
-            f"{key}: {hz:g} Hz flickers; light that goes fully on and off is of low risk (IEEE 1789) "
-            f"from {low_risk_hz:g} Hz"
+            f"{key}: {hz:g} Hz flickers: light that goes fully on and off is of low risk (IEEE 1789) from "
+            f"{lowest_hz:g} Hz on; {good}"
         )
-    cycles = hz * exposure_us * 1e-6
     if null_share(hz, exposure_us) < NULL_SHARE:
-        whole = round(cycles)
-        best = ((whole + side) / exposure_us * 1e6 for side in (-0.5, 0.5))
-        good = " or ".join(f"{nearest_frequency(hz):.2f} Hz" for hz in best)
         raise ConfigError(
-            f"{key}: {hz:g} Hz is on a null: an exposure of {exposure_us:.0f} µs holds {cycles:.2f} of its cycles, "
-            f"and whole ones leave no bands; a whole number and a half is best, {good}"
+            f"{key}: {hz:g} Hz is on a null: an exposure of {exposure_us:.0f} µs holds {hz * exposure_us * 1e-6:.2f} "
+            f"of its cycles, and whole ones leave no bands; {good}"
         )
 
 
