@@ -8,14 +8,16 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from ledpi.camera.base import Camera
+from ledpi.camera.base import AdjustableGain, Camera
+from ledpi.camera.gain import GainControl, brightest_level
+from ledpi.camera.recovering import LOST
 from ledpi.camera_yaml import load_intrinsics
 from ledpi.config import Config
 from ledpi.decode.tuning import off_frequency_note
 from ledpi.errors import ConfigError
 from ledpi.health import Health, HealthSnapshot
 from ledpi.pipeline import Pipeline
-from ledpi.records import Intrinsics, Rejected
+from ledpi.records import Decoded, Frame, Intrinsics, Rejected
 from ledpi.ring import FrameRing, RingCounters
 from ledpi.service_notify import notify, watchdog_period_s
 from ledpi.wire.message import NoFix, State, StatusMessage
@@ -55,9 +57,12 @@ class Daemon:
             )
         except ValueError as error:
             raise ConfigError(f"panels.overrides: contradict the panel of {config.camera.source}: {error}") from None
+        limits = camera.gain_limits if isinstance(camera, AdjustableGain) else None
+        self._gain = None if limits is None else GainControl(limits)
         self._publisher = Publisher(config.serial)
         self._health = Health()
         self._told: set[int] = set()  # panels that blink at other frequencies than configured
+        self._camera_lost = False
         self._asked_to_stop = False
         self._stop = threading.Event()
         self._failure: BaseException | None = None
@@ -115,17 +120,27 @@ class Daemon:
                 break
             if isinstance(result, Rejected):
                 self._health.reject(result)
+                self._note_lost(result == LOST)
                 continue
+            self._note_lost(False)
             self._ring.publish(result)
             while self._lossless and not self._stop.is_set() and not self._ring.wait_until_taken(TICK_S):
                 pass
         self._ring.close()
+
+    def _note_lost(self, lost: bool) -> None:
+        """Tells the controller at once when the camera is lost, without waiting for the next tick."""
+        if lost == self._camera_lost:
+            return
+        self._camera_lost = lost
+        self._publisher.set_status(self._status(self._totals()))
 
     def _decode(self) -> None:
         while True:
             frame = self._ring.take(TICK_S)
             if frame is not None:
                 decoded = self._pipeline.decode(frame)
+                self._follow_brightness(frame, decoded)
                 self._ring.release()
                 self._health.add(decoded)
                 self._publisher.publish(decoded)
@@ -136,17 +151,27 @@ class Daemon:
                 break
         self._stop.set()
 
+    def _follow_brightness(self, frame: Frame, decoded: Decoded) -> None:
+        if self._gain is None or not isinstance(self._camera, AdjustableGain):
+            return
+        level = brightest_level(frame, [marker.sighting.corners_px for marker in decoded.markers])
+        gain = self._gain.update(frame.row0_readout_ns, frame.analogue_gain, level)
+        if gain is not None:
+            self._camera.set_gain(gain)
+
     def _watch(self) -> None:
         """Keeps status and health up to date until it is time to stop."""
         last, said_s = self._totals(), time.monotonic()
-        watchdog_s, fed_s, fed_frames = watchdog_period_s(), time.monotonic(), 0
+        watchdog_s, fed_s, fed_steps = watchdog_period_s(), time.monotonic(), 0
         while not self._stop.wait(TICK_S) and not self._asked_to_stop:
             now_s = time.monotonic()
             totals = self._totals()
             self._publisher.set_status(self._status(totals))
-            if watchdog_s and now_s - fed_s >= watchdog_s and totals.health.decoded > fed_frames:
+            # Trying to open a lost camera again is progress too, until that gives up.
+            steps = totals.health.decoded + totals.health.rejected.get(LOST.key, 0)
+            if watchdog_s and now_s - fed_s >= watchdog_s and steps > fed_steps:
                 notify("WATCHDOG=1")
-                fed_s, fed_frames = now_s, totals.health.decoded
+                fed_s, fed_steps = now_s, steps
             if now_s - said_s >= HEALTH_EVERY_S:
                 _log.info(health_line(last, totals, now_s - said_s))
                 last, said_s = totals, now_s
@@ -160,7 +185,7 @@ class Daemon:
         health, ring, packets = totals.health, totals.ring, totals.packets
         newest_ns = health.newest_host_ns
         starting = newest_ns is None and time.monotonic() - self._started_s < 2.0
-        lost = newest_ns is None or time.monotonic_ns() - newest_ns > NO_FRAMES_AFTER_S * 1e9
+        lost = self._camera_lost or newest_ns is None or time.monotonic_ns() - newest_ns > NO_FRAMES_AFTER_S * 1e9
         return StatusMessage(
             state=State.STARTING if starting else State.CAMERA_LOST if lost else State.RUNNING,
             no_fix=self._no_fix(health, starting=starting, lost=lost),

@@ -148,11 +148,24 @@ def test_the_status_comes_every_period_and_says_what_was_set() -> None:
     first = outbox.take(0)
     assert isinstance(first, StatusMessage)
     assert (first.state, first.no_fix) == (State.STARTING, NoFix.NOT_RUNNING)
-    outbox.set_status(replace(RUNNING, no_fix=NoFix.NO_MAP, frames=60))
+    outbox.set_status(replace(first, frames=60))
     assert outbox.idle_ns(10 * MS) == STATUS_PERIOD_NS - 10 * MS
     assert outbox.take(STATUS_PERIOD_NS - 1) is None
     second = outbox.take(STATUS_PERIOD_NS)
-    assert second == replace(RUNNING, no_fix=NoFix.NO_MAP, frames=60, packets_dropped=0)
+    assert second == replace(first, frames=60)
+
+
+def test_a_new_reason_is_said_at_once() -> None:
+    """The camera is lost: the controller is not left to wait for the next heartbeat. New counts alone can wait."""
+    outbox = outbox_with_status_sent()
+    outbox.set_status(replace(RUNNING, no_fix=NoFix.NO_MAP))
+    assert label(outbox.take(1 * MS)) == "status"
+    outbox.set_status(replace(RUNNING, no_fix=NoFix.NO_MAP, frames=1))
+    assert outbox.take(2 * MS) is None
+    outbox.set_status(replace(RUNNING, state=State.CAMERA_LOST, no_fix=NoFix.NO_FRAMES, frames=1))
+    said = outbox.take(3 * MS)
+    assert isinstance(said, StatusMessage)
+    assert (said.state, said.no_fix) == (State.CAMERA_LOST, NoFix.NO_FRAMES)
 
 
 def test_a_status_never_claims_a_fix_that_is_gone() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 from ledpi.camera.base import Camera
@@ -9,12 +10,15 @@ from ledpi.config import Config, PanelSettings
 from ledpi.errors import CameraError
 
 
-def open_camera(config: Config, *, paced: bool = True, frames: int | None = None) -> Camera:
+def open_camera(
+    config: Config, *, paced: bool = True, frames: int | None = None, recover: bool = False
+) -> Camera:
     """Opens what the configuration names.
 
     `paced` and `frames` are for what has no pace and no end of its own: the simulator and recordings deliver
     frames as a sensor would, or as fast as they are read, and end after `frames` (a shorter recording is
-    repeated). A recording's own values override the configuration's. Raises LedpiError.
+    repeated). `recover`: a device that is lost is opened again. A recording's own values override the
+    configuration's. Raises LedpiError.
     """
     kind, _, place = config.camera.source.partition(":")
     if kind == "simulated":
@@ -30,6 +34,13 @@ def open_camera(config: Config, *, paced: bool = True, frames: int | None = None
         )
     if frames is not None or not paced:
         raise CameraError(f"camera.source: {kind} has its own pace and no end; must be a replay")
+    from ledpi.camera.recovering import RecoveringCamera
+
+    device = partial(_open_device, config, kind, place)
+    return RecoveringCamera(device) if recover else device()
+
+
+def _open_device(config: Config, kind: str, place: str) -> Camera:
     if kind == "picamera2":
         from ledpi.camera.picamera import open_picamera
 

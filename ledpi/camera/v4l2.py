@@ -15,8 +15,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from ledpi.camera.holder import who_holds
 from ledpi.config import CameraSettings
-from ledpi.errors import CameraError
+from ledpi.errors import CameraError, CameraLostError
 from ledpi.records import CameraInfo, Frame, Pixels, Rejected
 
 _MANUAL_EXPOSURE = 1  # V4L2_EXPOSURE_MANUAL
@@ -59,7 +60,7 @@ class V4l2Camera:
         if self._closed.is_set():
             return None
         if not done:
-            raise CameraError(f"{self._device}: delivers no more pictures; is it still plugged in?")
+            raise CameraLostError(f"{self._device}: delivers no more pictures; is it still plugged in?")
         if self._picture.ndim == 3:
             cv2.cvtColor(self._picture, cv2.COLOR_BGR2GRAY, dst=into)
         else:
@@ -100,10 +101,11 @@ def open_v4l2(settings: CameraSettings, device: str) -> V4l2Camera:
             "camera.row_time_us: must be a number, as V4L2 cannot tell; `ledpi calibrate shutter` measures it"
         )
     if not Path(device).exists():
-        raise CameraError(f"camera.source: {device} does not exist; see v4l2-ctl --list-devices")
+        raise CameraLostError(f"camera.source: {device} does not exist; see v4l2-ctl --list-devices")
     capture = cv2.VideoCapture(device, cv2.CAP_V4L2)
     if not capture.isOpened():
-        raise CameraError(f"camera.source: {device} cannot be opened; `fuser {device}` tells if it is in use")
+        holder = who_holds(device) or f"`sudo fuser -v {device}` tells if another process holds it"
+        raise CameraLostError(f"camera.source: {device} cannot be opened; {holder}")
     try:
         _set_size(capture, settings, device)
         exposure_us = _fix_exposure(capture, settings, device)

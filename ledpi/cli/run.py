@@ -23,7 +23,8 @@ def run(
     """Decode the camera's frames and stream poses to the serial port, until Ctrl-C or SIGTERM.
 
     Each second one line on standard error says how it goes. Exit status 0 after a signal or at the end of a
-    replay, 2 where the configuration, the camera or a file cannot be used.
+    replay, 2 where the configuration, the camera or a file cannot be used, 1 where the camera is lost and does
+    not come back, so that a service manager tries again.
 
     Example: ledpi run --set camera.source=simulated --set serial.port=/tmp/robot
     """
@@ -36,7 +37,7 @@ def run(
     if file is None and not set_:
         raise ConfigError("no configuration: --config FILE, ./config.yaml or /etc/ledpi/config.yaml")
     settings = load_config(file, tuple(set_))
-    camera = open_camera(settings, paced=not unpaced, frames=frames)
+    camera = open_camera(settings, paced=not unpaced, frames=frames, recover=True)
     daemon = Daemon(settings, camera, lossless=unpaced)
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: daemon.stop())

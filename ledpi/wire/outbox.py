@@ -64,6 +64,9 @@ class Outbox:
         self._markers[key] = (marker, mid_ns)  # a key that is there keeps its place
 
     def set_status(self, status: StatusMessage) -> None:
+        """What the next one says; due at once where it says something new of why there is no fix."""
+        if (status.state, status.no_fix) != (self._status.state, self._status.no_fix):
+            self._status_due_ns = None
         self._status = status
 
     def clear(self) -> None:

@@ -65,6 +65,7 @@ class Publisher:
         """What the heartbeat says from now on; `packets_dropped` is filled in here."""
         with self._wake:
             self._outbox.set_status(status)
+            self._wake.notify()
 
     def stop(self) -> None:
         """Sends a last status, "stopping", if the port is up, and ends the thread within 1 s."""

@@ -6,6 +6,7 @@ They run in an environment of their own: `scripts/virtual-camera -rs` makes it (
 from __future__ import annotations
 
 import importlib.util
+import os
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -17,6 +18,7 @@ import pytest
 if TYPE_CHECKING:
     from virtual_picamera2 import Behaviour
 
+os.environ["LIBCAMERA_LOG_LEVELS"] = "*:FATAL"  # it names each control that the virtual camera does not know
 sys.path.insert(0, str(Path(__file__).parent))
 sys.path.insert(0, str(Path(__file__).parents[1]))  # the material of the other tests
 

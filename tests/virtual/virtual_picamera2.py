@@ -218,8 +218,8 @@ class VirtualPicamera2(Picamera2):
         """As picamera2's, but one request a frame period, and none while the sensor is stalled."""
         self._loop = threading.current_thread()
         if self.behaviour.failing is not None:
-            self._fail()
-        elif self._completed and self.started and not self.behaviour.stalled.is_set():
+            self._fail_whoever_waits()
+        if self._completed and self.started and not self.behaviour.stalled.is_set():
             metadata = self._photograph()
             with self._requestslock:
                 request = self._completed.pop(0)
@@ -228,12 +228,11 @@ class VirtualPicamera2(Picamera2):
             self._run_process_requests()  # for those that wait, and have had their notice
         super().process_requests(display)
 
-    def _fail(self) -> None:
+    def _fail_whoever_waits(self) -> None:
         with self.lock:
-            for job in self._job_list:
-                job._future.set_exception(self.behaviour.failing)
-            self._job_list = []
-        self.behaviour.failing = None
+            if self._job_list:
+                self._job_list.pop(0)._future.set_exception(self.behaviour.failing)
+                self.behaviour.failing = None
 
     def _photograph(self) -> dict[str, Any]:
         """Waits for the next frame's read-out, and says how it was made."""

@@ -1,0 +1,198 @@
+"""The daemon on the real picamera2 and libcamera: rendered panels in, packets out of a pty."""
+
+from __future__ import annotations
+
+import gc
+import json
+import os
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_run import controller
+from virtual_picamera2 import ROW_US, Behaviour, show, unplug
+
+from ledpi.camera.factory import open_camera
+from ledpi.camera.simulated import SimulatedCamera, simulated_sensor
+from ledpi.config import Config, load_config
+from ledpi.daemon import Daemon
+from ledpi.records import Frame, Pixels
+from ledpi.simulate.scenes import still_scene
+from ledpi.wire import NoFix, State
+
+ROWS = 504
+PERIOD_S = ROWS * ROW_US * 1e-6
+# The virtual camera shows each picture four times, at times of its own: with whole cycles in a frame period the bands
+# are those of any frame.
+BLACK_HZ, WHITE_HZ = 20 / PERIOD_S, 39 / PERIOD_S
+IDS = (7, 23, 41)
+QUIET_S = 0.2  # promised until "no fix" is on the wire
+RETURN_S = 2.0  # and until a camera that is there again is in use
+
+
+def settings(port: str = "/dev/null") -> Config:
+    return load_config(
+        None,
+        (
+            "panels.side_m=0.16",
+            f"panels.black_hz={BLACK_HZ}",
+            f"panels.white_hz={WHITE_HZ}",
+            f"camera.row_time_us={ROW_US}",
+            f"camera.frame_duration_us={ROWS * ROW_US}",
+            "camera.transfer=linear",
+            f"serial.port={port}",
+        ),
+    )
+
+
+@pytest.fixture(scope="module")
+def pictures() -> list[Pixels]:
+    """Three frames of three panels, side by side at 0.75 m."""
+    config = settings()
+    specs = {marker_id: config.panels.spec(marker_id) for marker_id in IDS}
+    sensor = simulated_sensor(config.camera, config.panels)
+    scene = still_scene(sensor, specs, config.panels.dictionary, distance_m=0.75, angle_deg=0.0)
+    camera = SimulatedCamera(scene, seed=0, paced=False)
+    found = [np.zeros((480, 640), np.uint8) for _ in range(3)]
+    assert all(isinstance(camera.read(into), Frame) for into in found)
+    return found
+
+
+@contextmanager
+def running(port: str) -> Iterator[Daemon]:
+    """A daemon on the virtual camera, in a thread; stopped, and its error raised, at the end."""
+    config = settings(port)
+    failed: list[BaseException] = []
+    daemon = Daemon(config, open_camera(config, recover=True))
+
+    def run() -> None:
+        try:
+            daemon.run()
+        except BaseException as error:
+            failed.append(error)
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    try:
+        yield daemon
+    finally:
+        daemon.stop()
+        thread.join(10)
+        assert not thread.is_alive()
+    if failed:
+        raise failed[0]
+
+
+def test_the_right_ids_arrive(behaviour: Behaviour, pictures: list[Pixels], tmp_path: Path) -> None:
+    """Through picamera2, ring, decoder and serial line come the IDs that `ledpi decode` reads in the files."""
+    show(tmp_path / "panels", pictures)
+    files = sorted((tmp_path / "panels").glob("*.jpg"))
+    values = settings().panels
+    given = [
+        f"panels.side_m={values.side_m}",
+        f"panels.black_hz={values.black_hz}",
+        f"panels.white_hz={values.white_hz}",
+        f"camera.row_time_us={ROW_US}",
+        f"camera.exposure_us={int(314 * ROW_US)}",
+        "camera.transfer=linear",
+    ]
+    command = [sys.executable, "-c", "from ledpi.cli import main; main()", "decode", *map(str, files)]
+    command += [part for item in given for part in ("--set", item)]
+    lines = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60).stdout.splitlines()
+    decoded = [{marker["id"] for marker in json.loads(line)["markers"]} for line in lines]
+    assert decoded == [set(IDS)] * len(files)
+    with controller() as line, running(line.port):
+        line.wait_for(lambda end: len({marker.id for marker in end.markers}) == len(IDS) and len(end.markers) > 30)
+    assert {marker.id for marker in line.markers} == set(IDS)
+
+
+def test_no_fix_is_said_when_the_camera_is_taken_away_and_it_comes_back(
+    behaviour: Behaviour, pictures: list[Pixels], tmp_path: Path
+) -> None:
+    """It stalls and is unplugged: within 200 ms the wire says so; plugged in again it is in use within 2 s."""
+    show(tmp_path / "panels", pictures)
+    with controller() as line, running(line.port):
+        line.wait_for(lambda end: len(end.markers) > 5)
+        unplug()
+        behaviour.stalled.set()
+        gone_s = time.monotonic()
+        line.wait_for(lambda end: end.statuses[-1][1].state is State.CAMERA_LOST)
+        said_s = next(at for at, status in line.statuses if at > gone_s and status.state is State.CAMERA_LOST)
+        time.sleep(1.0)
+        last = line.statuses[-1][1]
+        assert (last.state, last.no_fix) == (State.CAMERA_LOST, NoFix.NO_FRAMES)
+        assert max(at for at, message in line.got if message in line.markers) < said_s + 0.1
+        behaviour.stalled.clear()
+        show(tmp_path / "again", pictures)
+        back_s = time.monotonic()
+        line.wait_for(lambda end: any(at > back_s for at, message in end.got if message in end.markers))
+        first_s = next(at for at, message in line.got if at > back_s and message in line.markers)
+    assert said_s - gone_s < QUIET_S * slowness()
+    assert first_s - back_s < RETURN_S * slowness()
+
+
+def test_an_error_in_the_event_loop_is_recovered_from(
+    behaviour: Behaviour, pictures: list[Pixels], tmp_path: Path
+) -> None:
+    """One failed wait: the camera is opened anew and the packets go on."""
+    show(tmp_path / "panels", pictures)
+    with controller() as line, running(line.port):
+        line.wait_for(lambda end: len(end.markers) > 5)
+        behaviour.failing = RuntimeError("Dequeue timer expired")
+        line.wait_for(lambda end: any(status.state is State.CAMERA_LOST for _, status in end.statuses))
+        count = len(line.markers)
+        line.wait_for(lambda end: len(end.markers) > count + 10)
+    assert len(behaviour.opened) == 2
+
+
+def test_lost_fifty_times_nothing_is_left(behaviour: Behaviour) -> None:
+    """Each time it stalls, is closed and opened again: descriptors and threads stay as many, memory as much."""
+    config = settings()
+    camera = open_camera(config, recover=True)
+    into = np.zeros((480, 640), np.uint8)
+
+    def read_frame() -> None:
+        while not isinstance(camera.read(into), Frame):
+            pass
+
+    def lose() -> None:
+        read_frame()
+        behaviour.stalled.set()
+        while isinstance(camera.read(into), Frame):
+            pass
+        behaviour.stalled.clear()
+        read_frame()
+        del behaviour.opened[:-1]
+        gc.collect()
+
+    for _ in range(3):
+        lose()
+    before = leftovers()
+    for _ in range(50):
+        lose()
+    after = leftovers()
+    camera.close()
+    assert after[:2] == before[:2]
+    assert (after[2] - before[2]) / 50 < into.size / 4
+
+
+def leftovers() -> tuple[int, int, int]:
+    """Open descriptors, threads, bytes of resident memory."""
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return len(os.listdir("/proc/self/fd")), threading.active_count(), pages * os.sysconf("SC_PAGE_SIZE")
+
+
+def slowness() -> float:
+    """By how much longer than planned a short sleep takes here: a busy machine gets as much more time."""
+    started = time.monotonic()
+    for _ in range(20):
+        time.sleep(0.005)
+    return max(1.0, 2 * (time.monotonic() - started) / 0.1)
+
+
