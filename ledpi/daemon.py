@@ -140,10 +140,10 @@ class Daemon:
             frame = self._ring.take(TICK_S)
             if frame is not None:
                 decoded = self._pipeline.decode(frame)
+                self._publisher.publish(decoded)
                 self._follow_brightness(frame, decoded)
                 self._ring.release()
                 self._health.add(decoded)
-                self._publisher.publish(decoded)
                 for marker_id in self._pipeline.off_frequency.keys() - self._told:
                     self._told.add(marker_id)
                     _log.warning("%s", off_frequency_note(marker_id, self._pipeline.off_frequency[marker_id]))
