@@ -24,6 +24,7 @@
 
 static avr_t *avr;
 static avr_timer_t *timer1;
+static avr_uart_t *uart;
 static FILE *trace;
 static avr_cycle_count_t last_match[2];
 static unsigned char level[3][8], toggled_by_timer[3][8];
@@ -73,6 +74,7 @@ static avr_cycle_count_t on_arrival(avr_t *to, avr_cycle_count_t when, void *par
     unsigned byte;
     if (sscanf(arriving->hex, "%2x", &byte) != 1)
         return 0;
+    uart->cycles_per_byte = arriving->cycles_per_byte; /* simavr 1.6 takes a tenth longer: it counts a parity bit that is not there */
     arriving->hex += 2;
     avr_raise_irq(avr_io_getirq(to, AVR_IOCTL_UART_GETIRQ('0'), UART_IRQ_INPUT), byte);
     return when + arriving->cycles_per_byte;
@@ -103,6 +105,8 @@ static void start(const char *program)
     for (avr_io_t *io = avr->io_port; io; io = io->next)
         if (!strcmp(io->kind, "timer") && ((avr_timer_t *)io)->name == '1')
             timer1 = (avr_timer_t *)io;
+        else if (!strcmp(io->kind, "uart"))
+            uart = (avr_uart_t *)io;
 }
 
 static void watch_pins(const char *to)

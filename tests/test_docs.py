@@ -11,7 +11,8 @@ from typer.main import get_command
 from ledpi.cli import app, main
 
 ROOT = Path(__file__).resolve().parents[1]
-DOCUMENTS = ["README.md", "docs/architecture.md", "docs/first-panel.md", "firmware/panel/README.md", "docs/wire.md"]
+_GLOBS = ("README.md", "docs/*.md", "firmware/*/*.md")
+DOCUMENTS = [str(path.relative_to(ROOT)) for glob in _GLOBS for path in sorted(ROOT.glob(glob))]
 
 
 @pytest.mark.parametrize("document", DOCUMENTS)
