@@ -12,6 +12,9 @@ The camera's tone curve is not known. It is taken to be sRGB, with nothing fitte
 the 500 Hz photographs alone, and held for all others. The last column is a doubt: with sRGB, edges are about as steep
 as an exposure of 80 µs would make them. A steeper tone curve explains that as well as a shorter exposure does.
 
+A second table says how well `ledpi calibrate panel PICTURE…` tells the frequency of such a lamp, knowing nothing of it
+but exposure and row time: of photographs that show 2.5 periods or more, by how much it is off.
+
     python benchmarks/led_bands.py [../shared/real/led_bands]
 """
 
@@ -27,6 +30,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ledpi.calibrate.lamp import lamp_frequency, lamp_rows
+from ledpi.records import Frame
 from ledpi.shutter import row_weights
 from ledpi.tone import linear_light
 
@@ -163,6 +168,34 @@ def correlations(
     return dict(sorted(by_frequency.items()))
 
 
+def frequency_errors(folder: Path, every: int = 1) -> tuple[dict[float, list[float]], int]:
+    """By frequency, how far off the measured one is, as a share; and how many photographs gave none.
+
+    Of all photographs of square waves at this exposure, those of the room that the lamp lights included.
+    """
+    errors: dict[float, list[float]] = {}
+    none = 0
+    with (folder / "index.csv").open(newline="") as file:
+        for number, entry in enumerate(csv.DictReader(file)):
+            if entry["code"] != "square" or float(entry["exposure_us"]) != EXPOSURE_US or number % every:
+                continue
+            picture = np.asarray(cv2.imread(str(folder / entry["png"]), cv2.IMREAD_GRAYSCALE), np.uint8)
+            frame = Frame(
+                pixels=picture,
+                seq=0,
+                row0_readout_ns=0,
+                exposure_us=EXPOSURE_US,
+                row_time_us=ROW_TIME_US,
+                transfer="srgb",
+            )
+            found = lamp_frequency(lamp_rows(frame), exposure_us=EXPOSURE_US, row_time_us=ROW_TIME_US)
+            if found is None:
+                none += 1
+            else:
+                errors.setdefault(float(entry["freq_hz"]), []).append(found.value / float(entry["freq_hz"]) - 1)
+    return dict(sorted(errors.items())), none
+
+
 def main(folder: Path) -> None:
     found, others = photographs(folder)
     print(f"{len(found)} photographs; {len(others)} left out: no lamp in view, or under {FEWEST_PERIODS} periods of it")
@@ -182,6 +215,14 @@ def main(folder: Path) -> None:
             f"{frequency:6.0f} {len(values):7d}   {np.median(values):.4f} {min(values):.4f}    {text}"
             f"       {np.median(wrong[frequency]):.4f}           {best:.0f}"
         )
+    errors, none = frequency_errors(folder)
+    every = np.abs(np.concatenate(list(errors.values())))
+    middle, worst = np.median(every), every.max()
+    print(f"\nfrequency measured: {len(every)} photographs, off by {middle:.3%} (median), {worst:.2%} (worst)")
+    print(f"no frequency from {none}: fewer than 2.5 periods, or no lamp in view")
+    for frequency, off in errors.items():
+        worst = max(map(abs, off))
+        print(f"{frequency:6.0f} {len(off):7d}   median {np.median(off):+.3%}, worst {worst:.2%}")
 
 
 if __name__ == "__main__":

@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING
 import typer
 
 from ledpi.cli import app
+from ledpi.errors import CalibrationError
 
 if TYPE_CHECKING:
     from ledpi.config import Config
+    from ledpi.records import Pixels
 
 calibrate = typer.Typer(help="Measures the camera and the panels.", no_args_is_help=True, rich_markup_mode=None)
 app.add_typer(calibrate, name="calibrate")
@@ -29,6 +31,23 @@ def settings_for(config: Path | None, set_: list[str], recording: Path | None) -
     overrides = list(set_)
     if recording is not None:
         overrides.append(f"camera.source=recording:{recording}")
-        if file is None and not any(item.startswith("panels.side_m=") for item in set_):
-            overrides.append("panels.side_m=1")  # the recording brings its own, and nothing here depends on it
+    if file is None and not any(item.startswith("panels.side_m=") for item in set_):
+        overrides.append("panels.side_m=1")  # a panel's size has no part in what is measured here
     return load_config(file, tuple(overrides)), file
+
+
+def read_grey(path: Path) -> Pixels:
+    """A picture file as grey values (H, W). Raises CalibrationError where it is none."""
+    import cv2
+    import numpy as np
+
+    # The file's own orientation mark is passed over: lens and shutter belong to the sensor's rows and columns.
+    flags = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
+    try:
+        data = np.frombuffer(path.read_bytes(), np.uint8)
+        picture = cv2.imdecode(data, flags) if data.size else None
+    except OSError as error:
+        raise CalibrationError(f"{path}: cannot be read: {error.strerror}") from None
+    if picture is None:
+        raise CalibrationError(f"{path}: is not a picture that can be decoded; remove it from the folder")
+    return np.asarray(picture, dtype=np.uint8)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from ledpi.cli.calibrate import calibrate, settings_for
+from ledpi.cli.calibrate import calibrate, read_grey, settings_for
 from ledpi.cli.calibrate_board import KindName
 from ledpi.cli.progress import progress
 from ledpi.errors import CalibrationError
@@ -18,9 +18,7 @@ if TYPE_CHECKING:
     from ledpi.calibrate.boards import Board, BoardView
     from ledpi.calibrate.camera import CameraCalibration
     from ledpi.camera.base import Camera
-    from ledpi.records import Pixels
 
-SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".tif", ".tiff"}
 PARAMETERS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 
 
@@ -91,7 +89,7 @@ def _views_in(folder: Path, board: Board) -> _Found:
     paths = _picture_files(folder)
     with progress("looking for the board", len(paths)) as advance:
         for path in paths:
-            picture = _read_grey(path)
+            picture = read_grey(path)
             height, width = picture.shape
             if path == paths[0]:
                 size = (width, height)
@@ -113,6 +111,8 @@ def _views_in(folder: Path, board: Board) -> _Found:
 
 
 def _picture_files(folder: Path) -> list[Path]:
+    from ledpi.still import SUFFIXES
+
     try:
         paths = sorted(path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES)
     except OSError as error:
@@ -120,22 +120,6 @@ def _picture_files(folder: Path) -> list[Path]:
     if not paths:
         raise CalibrationError(f"{folder}: no pictures in it ({', '.join(sorted(SUFFIXES))})")
     return paths
-
-
-def _read_grey(path: Path) -> Pixels:
-    import cv2
-    import numpy as np
-
-    # The file's own orientation mark is passed over: the lens belongs to the sensor's rows and columns.
-    flags = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
-    try:
-        data = np.frombuffer(path.read_bytes(), np.uint8)
-        picture = cv2.imdecode(data, flags) if data.size else None
-    except OSError as error:
-        raise CalibrationError(f"{path}: cannot be read: {error.strerror}") from None
-    if picture is None:
-        raise CalibrationError(f"{path}: is not a picture that can be decoded; remove it from the folder")
-    return np.asarray(picture, dtype=np.uint8)
 
 
 def _report(result: CameraCalibration) -> None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from ledpi.cli.calibrate import calibrate, settings_for
+from ledpi.cli.calibrate import calibrate, read_grey, settings_for
 from ledpi.cli.progress import progress
 from ledpi.errors import CalibrationError
 
@@ -15,13 +15,15 @@ if TYPE_CHECKING:
     from ledpi.calibrate.bands import ClassBands
     from ledpi.calibrate.panel import PanelCalibration
     from ledpi.calibrate.taking import Taken
-    from ledpi.config import PanelSettings
+    from ledpi.config import Config, PanelSettings
     from ledpi.records import Floats, PanelSpec
 
 
 @calibrate.command()
 def panel(
-    recording: Path | None = typer.Argument(None, metavar="[RECORDING]", help="Default: the configured camera, live."),
+    paths: list[Path] | None = typer.Argument(
+        None, metavar="[RECORDING | PICTURE…]", help="Default: the configured camera, live."
+    ),
     frames: int = typer.Option(120, min=20, max=600, help="Frames to take."),
     dry_run: bool = typer.Option(False, "--dry-run", help="Measure, and write nothing."),
     config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
@@ -33,17 +35,50 @@ def panel(
     configuration (or the recording) announces; a panel that is as announced needs no entry. Says too where an
     exposure or a frame period suits these frequencies badly, and which would be better.
 
+    Of photographs, each of one blinking lamp, the frequency is told to a tenth of a percent, and nothing is
+    written: a first look at an LED and its driver.
+
     Example: ledpi calibrate panel --frames 120
     """
     from ledpi.calibrate.taking import take_frames
+    from ledpi.still import SUFFIXES
 
-    settings, file = settings_for(config, set_, recording)
+    if paths and all(path.suffix.lower() in SUFFIXES for path in paths):
+        _look_at_lamps(paths, settings_for(config, set_, None)[0])
+        return
+    if paths and len(paths) > 1:
+        raise CalibrationError("one recording at a time, or only pictures")
+    settings, file = settings_for(config, set_, paths[0] if paths else None)
     with progress("taking frames", frames) as advance:
         taken = take_frames(settings, frames, advance)
     panels, measured = _measure(taken, settings.panels)
     for result, corners in measured:
         _report(result, corners, panels.spec(result.id), taken)
     _write({r.id: r for r, _ in measured}, panels, None if dry_run else file)
+
+
+def _look_at_lamps(paths: list[Path], settings: Config) -> None:
+    from ledpi.calibrate.lamp import lamp_frequency, lamp_rows
+    from ledpi.records import Frame
+    from ledpi.still import still_camera
+
+    camera = still_camera(settings.camera)
+    seen = 0
+    for path in paths:
+        frame = Frame(
+            pixels=read_grey(path),
+            seq=0,
+            row0_readout_ns=0,
+            exposure_us=camera.exposure_us,
+            row_time_us=camera.row_time_us,
+            transfer=camera.transfer,
+        )
+        light = lamp_rows(frame)
+        hz = lamp_frequency(light, exposure_us=camera.exposure_us, row_time_us=camera.row_time_us)
+        seen += hz is not None
+        typer.echo(f"{path}  " + (f"{hz.value:.1f} ± {hz.sigma:.1f} Hz" if hz is not None else "no lamp with bands"))
+    if not seen:
+        raise CalibrationError("no lamp with bands in any picture; camera.exposure_us must be that of the pictures")
 
 
 def _measure(taken: Taken, panels: PanelSettings) -> tuple[PanelSettings, list[tuple[PanelCalibration, Floats]]]:
