@@ -10,10 +10,11 @@ import numpy as np
 
 from ledpi.config import Method, PanelSettings
 from ledpi.decode import soft
+from ledpi.decode.approach import approach_quads
 from ledpi.decode.bands import NO_SQUARE, BandsReader
 from ledpi.decode.cells import MIN_CELL_PX, sample_cells
-from ledpi.decode.edges import approach_quads, refine_quad
-from ledpi.decode.find import Candidate, Finder
+from ledpi.decode.edges import refine_quads
+from ledpi.decode.find import Finder
 from ledpi.decode.reader import Reader
 from ledpi.decode.track import NOT_SHOWN, Track, Tracker
 from ledpi.dictionaries import load_dictionary
@@ -155,13 +156,13 @@ class Pipeline:
     def _where_expected(self, frame: Frame, work: _Work) -> list[tuple[Quad, Track]]:
         """The squares that are where their tracks lead; what is not there is left to a search."""
         start = self._clock()
-        followed = []
-        for track in self._tracker.expected():
-            near = track.expected_px(frame.row0_readout_ns)
-            quad = refine_quad(frame, near, self._intrinsics, striped=self._finder.stripe_rows(frame) > 0)
-            there = self._tracker.go_on(track, quad)
-            if there is not None:
-                followed.append((there, track))
+        tracks = self._tracker.expected()
+        quads = self._refine(frame, [track.expected_px(frame.row0_readout_ns) for track in tracks])
+        followed = [
+            (there, track)
+            for track, quad in zip(tracks, quads, strict=True)
+            if (there := self._tracker.go_on(track, quad)) is not None
+        ]
         self._timed(work, "edges", start)
         return followed
 
@@ -180,9 +181,15 @@ class Pipeline:
             np.array([candidate.tolerance_px for candidate in candidates]),
             stripe_rows=self._finder.stripe_rows(frame),
         )
+        refined = iter(self._refine(frame, [at for at in near if not isinstance(at, Rejected)]))
         self._timed(work, "edges", since)
-        looks = zip(candidates, near, strict=True)
-        quads = [quad for candidate, at in looks if (quad := self._refine(frame, candidate, at, work)) is not None]
+        quads = []
+        for candidate, at in zip(candidates, near, strict=True):
+            quad = at if isinstance(at, Rejected) else next(refined)
+            if isinstance(quad, Rejected):
+                work.reject(candidate.corners, quad)
+            else:
+                quads.append(quad)
         return self._tracker.follow(quads)
 
     def _by_bands(self, frame: Frame, work: _Work) -> list[Sighting]:
@@ -208,19 +215,10 @@ class Pipeline:
         work.seconds[stage] += now - since
         return now
 
-    def _refine(self, frame: Frame, candidate: Candidate, near: Floats | Rejected, work: _Work) -> Quad | None:
-        """The lit square at a candidate's place, or None where it is none; why is in `work`."""
-        since = self._clock()
-        refined = (
-            near
-            if isinstance(near, Rejected)
-            else refine_quad(frame, near, self._intrinsics, striped=candidate.stripe_rows > 0)
-        )
-        self._timed(work, "edges", since)
-        if isinstance(refined, Rejected):
-            work.reject(candidate.corners, refined)
-            return None
-        return refined
+    def _refine(self, frame: Frame, near: list[Floats]) -> list[Quad | Rejected]:
+        """The lit squares at these places, or why there are none."""
+        striped = self._finder.stripe_rows(frame) > 0
+        return refine_quads(frame, np.array(near), self._cells, self._intrinsics, striped=striped)
 
     def _read(self, frame: Frame, quad: Quad, track: Track, work: _Work) -> Sighting | None:
         """The panel that this lit square is, or None where none can be told; why is in `work`."""

@@ -1,360 +1,226 @@
-"""Where exactly the sides of a lit square run, in linear light.
+"""Sub-pixel corners of lit squares: straight sides through what profiles across them show, all squares at once.
 
-Across a side the light is a background, then, from the edge on, the lit cell, whose brightness rises inward: a ramp.
-The optics blur that with a width σ. So a profile along the side's inward normal t is
-
-    p(t) = b + L·Φ(t'/σ) + m·(t'·Φ(t'/σ) + σ·φ(t'/σ)),    t' = t − edge
-
-(Φ and φ: the normal distribution and its density). For a given edge and σ this is linear in b, L and m, so the edge
-is that of the smallest residual. A half-height crossing would sit too far inside where the light still rises.
+A side's place comes from the mean of its profiles and the filter that a lattice's rim calls for (`rim`); how it is
+turned, from where each profile has its edge.
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 
-import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from ledpi.decode.cells import Singles
-from ledpi.geometry import distort
+from ledpi.decode.approach import (
+    FINEST_STEP_PX,
+    LOST,
+    NOT_STRAIGHT,
+    is_step,
+    nearest_sides,
+    root_mean_square,
+    seen_on_all_sides,
+)
+from ledpi.decode.rim import ACROSS, USUAL_BLUR_PX, filter_key, rim_filter
+from ledpi.decode.sides import (
+    NEXT,
+    Mask,
+    Patches,
+    Points,
+    Shares,
+    Sides,
+    Singles,
+    areas,
+    as_corners,
+    as_points,
+    bends,
+    cross,
+    deviations,
+    fit_lines,
+    points_across,
+)
 from ledpi.records import Floats, Frame, Intrinsics, Quad, Rejected
-from ledpi.tone import linear_light
 
-LOST = Rejected(stage="edges", reason="no_edge")
-NOT_STRAIGHT = Rejected(stage="edges", reason="not_straight")
 NOT_CONVEX = Rejected(stage="edges", reason="not_convex")
 AT_BORDER = Rejected(stage="edges", reason="at_picture_border")
 TOO_SMALL = Rejected(stage="edges", reason="too_small")
 
-PROFILES, PROFILES_AT_FIRST = 24, 12  # a side
-SAMPLES_OUTSIDE = 6
-SAMPLES_INSIDE = (4, 6, 8)
-# Blur in samples. Lens and pixel of a focused camera give 0.6 to 1.2 px; the wider ones serve the coarse first pass.
-SIGMAS = (1.3, 2.0, 3.2)
-OFFSETS = np.arange(-4.5, 3.01, 0.75)  # of the edge, in samples, inward positive
 MIN_SIDE_PX = 7.0
-# Share of a side's profiles that must show an edge: a rough quad may miss many at first, and at short exposure half of
-# a side and more may be dark.
-MIN_EDGE = 0.2
-# The edges of a panel lie on a line to a tenth of a pixel, those of most other things do not by far; at first a side
-# that is seen from too far off may still lean on something beside it.
-MAX_SPREAD_PX, MAX_SPREAD_AT_FIRST_PX, MAX_SPREAD_AT_FIRST_STEPS = 0.5, 0.9, 0.4
-FINE_STEP_PX, FINE_PASSES = 0.5, 3
+PROFILES = 48  # a side
+CELL_INSET = 0.18  # of a cell's pitch at its ends, where no profile is: gaps and corners
+ROUNDS = 2
+MAX_STEP_PX = 2.0  # by which a side moves in a round: no filter sees further
+# The edges of a panel lie on a line to a tenth of a pixel, those of most other things do not by far.
+MAX_SPREAD_PX = 0.5
 MAX_MOVE = 0.2  # of the side: what moves further when looked at closely was not there
-CONVERGED_PX = 1.0  # a fine pass that moves the corners by more than this is repeated
-OUTER_REACH = 16  # samples to either side of a striped square's rim
-OUTER_PASSES = 3
-OUTER_SHARE = 0.2  # of the side: as far beyond the rough corners a striped square may begin
-
-_NEXT = np.array([1, 2, 3, 0])
-_BEFORE = np.array([3, 0, 1, 2])
-_SHARE = np.linspace(0.06, 0.94, PROFILES)  # of the way along a side
-_SHARE_AT_FIRST = np.linspace(0.06, 0.94, PROFILES_AT_FIRST)
-
-
-@cache
-def _edge_models(inside: int) -> tuple[Floats, Floats]:
-    """Of each (σ, offset): an orthonormal basis of the profiles it can explain, (S, models·3), and L, (S, models)."""
-    t = np.arange(-SAMPLES_OUTSIDE, inside + 1, dtype=float)
-    bases, heights = [], []
-    for sigma in SIGMAS:
-        for offset in OFFSETS:
-            z = (t - offset) / sigma
-            cdf = np.array([0.5 * (1 + math.erf(v / math.sqrt(2))) for v in z])
-            pdf = np.exp(-0.5 * z * z) / math.sqrt(2 * math.pi)
-            model = np.stack([np.ones_like(t), cdf, sigma * (z * cdf + pdf)], axis=1)
-            bases.append(np.linalg.qr(model)[0])
-            heights.append(np.linalg.pinv(model)[1])
-    return np.concatenate(bases, axis=1), np.stack(heights, axis=1)
-
-
-def approach_quads(
-    frame: Frame, rough: Floats, tolerance_px: Floats, *, stripe_rows: float = 0.0
-) -> list[Floats | Rejected]:
-    """Better corners for each of `rough` (N, 4, 2; clockwise in the picture), or why there is no square; all at once.
-
-    The sides are sought up to `tolerance_px` (N,) away, with samples as far apart as that takes. In a striped picture,
-    with dark bands of up to `stripe_rows`, cells may be dark at the very edge, so that their light seems to end further
-    inside: there the sides are where light begins furthest outside.
-    """
-    if not len(rough):
-        return []
-    if stripe_rows:
-        corners, spread, seen = _approach_striped(frame, rough, stripe_rows)
-        limit = np.full(len(rough), np.inf)
-    else:
-        step = np.maximum(FINE_STEP_PX, tolerance_px / -OFFSETS[0])
-        sides = _look_across(
-            frame, rough, step, SAMPLES_OUTSIDE, SAMPLES_INSIDE[0], share=_SHARE_AT_FIRST, exact=False
-        )
-        corners, spread, seen = _fit_sides(sides, step, SAMPLES_INSIDE[0])
-        limit = np.maximum(MAX_SPREAD_AT_FIRST_PX, MAX_SPREAD_AT_FIRST_STEPS * step)
-    moved = np.abs(corners - rough).max(axis=(1, 2))
-    side = np.sqrt(np.abs(_areas(rough)))
-    results: list[Floats | Rejected] = []
-    for i in range(len(rough)):
-        if not seen[i] or not moved[i] < 0.5 * side[i]:
-            results.append(LOST)
-        else:
-            results.append(corners[i] if spread[i] <= limit[i] else NOT_STRAIGHT)
-    return results
-
-
-def refine_quad(
-    frame: Frame, near: Floats, intrinsics: Intrinsics | None = None, *, striped: bool = False
-) -> Quad | Rejected:
-    """Sub-pixel corners of the lit square whose corners are within 2 px of `near` (4, 2), or why there are none.
-
-    In a `striped` picture the rim may be too dark for that; then `near` is as good as it gets.
-    """
-    side = math.sqrt(abs(float(_areas(near))))
-    if side < MIN_SIDE_PX:
-        return TOO_SMALL
-    reach = 0.45 * side / 4 / FINE_STEP_PX  # not beyond the middle of a cell, where its light falls again
-    inside = next((n for n in reversed(SAMPLES_INSIDE) if n <= reach), SAMPLES_INSIDE[0])
-    step = np.array([FINE_STEP_PX])
-    bend = _bend(near, intrinsics)
-    corners = near[None]
-    for number in range(FINE_PASSES):
-        sides = _look_across(frame, corners, step, SAMPLES_OUTSIDE, inside, exact=True)
-        fitted, spread, seen = _fit_sides(sides, step, inside, bend, striped=striped)
-        straight = spread[0] <= (MAX_SPREAD_AT_FIRST_PX if number == 0 else MAX_SPREAD_PX)
-        moved = float(np.abs(fitted - corners).max())
-        if not (seen[0] and straight and moved < MAX_MOVE * side):
-            if striped:
-                return _checked(frame, near, MAX_SPREAD_PX, bend)
-            return NOT_STRAIGHT if seen[0] and not straight else LOST
-        corners = fitted
-        if moved < CONVERGED_PX:
-            break
-    return _checked(frame, corners[0], float(spread[0]), bend)
-
-
-def _areas(corners: Floats) -> Floats:
-    """Signed area of quads (…, 4, 2), positive where they run clockwise in the picture."""
-    x, y = corners[..., 0], corners[..., 1]
-    area: Floats = 0.5 * ((x[..., 2] - x[..., 0]) * (y[..., 3] - y[..., 1]))
-    area -= 0.5 * ((x[..., 3] - x[..., 1]) * (y[..., 2] - y[..., 0]))
-    return area
+BORDER_PX = 1.0
+REACH_PX = 8.0  # around the corners that are given: as far as any profile may reach
+MAX_BLUR_CHANGE = 0.4  # of its logarithm, in a round
 
 
 @dataclass(frozen=True, slots=True)
-class _Sides:
-    """Light across the four sides of N quads."""
+class _Fit:
+    """What a round has found of N quads."""
 
-    corners: Floats  # (N, 4, 2); side k runs from corner k to the next
-    inward: Floats  # (N, 4, 2) unit normals
-    share: Floats  # (P,) of the way along a side
-    light: Singles  # (N, 4, P, S)
-
-
-def _along_and_inward(corners: Floats) -> tuple[Floats, Floats]:
-    """Each side's way to the next corner (…, 4, 2), and its unit normal into the square (…, 4, 2)."""
-    along = corners[..., _NEXT, :] - corners
-    length = np.maximum(np.hypot(along[..., 0], along[..., 1]), 1e-9)
-    inward = np.empty_like(along)
-    inward[..., 0], inward[..., 1] = -along[..., 1] / length, along[..., 0] / length
-    return along, inward
+    sides: Sides
+    blur_px: Floats  # (N, 2) of either pair of opposite sides
+    weights: Floats  # (N, 4, P) of the profiles
+    spread: Floats  # (N, 4) of the profiles' edges about each side, in pixels
+    variance: Floats  # (N, 4) of a side's place, by what the filter leaves open
+    seen: Mask  # (N,) whether all sides show edges
 
 
-def _bend(corners: Floats, intrinsics: Intrinsics | None) -> Floats:
-    """(4, P) how far inward the lens moves the points of a side off the straight line between its corners, in pixels.
+@np.errstate(divide="ignore", invalid="ignore")  # parallel sides cross nowhere: not finite, and refused
+def refine_quads(
+    frame: Frame, near: Floats, cells: int, intrinsics: Intrinsics | None = None, *, striped: bool = False
+) -> list[Quad | Rejected]:
+    """Sub-pixel corners of each lit square of `cells` × `cells` whose corners are within 2 px of `near` (N, 4, 2).
 
-    The bend changes so slowly over the picture that it is taken where the lens would put these corners, instead of
-    undistorting them first.
+    Or why there are none. In a `striped` picture the rim may be too dark for that; then `near` is as good as it gets.
     """
-    if intrinsics is None or not any(intrinsics.distortion):
-        return np.zeros((4, PROFILES))
-    rays = (corners - (intrinsics.cx, intrinsics.cy)) / (intrinsics.fx, intrinsics.fy)
-    share = np.concatenate([[0.0], _SHARE])[:, None]
-    bent = distort(rays[:, None, :] + (rays[_NEXT] - rays)[:, None, :] * share, intrinsics)
-    ends = bent[:, 0]
-    along, inward = _along_and_inward(ends)
-    away = bent[:, 1:] - ends[:, None, :] - along[:, None, :] * _SHARE[:, None]
-    bend: Floats = (away * inward[:, None, :]).sum(axis=2)
-    return bend
+    if not len(near):
+        return []
+    start = as_points(near)
+    reach = MAX_MOVE * np.sqrt(np.abs(areas(start)))
+    bend = bends(start, intrinsics)
+    patches = Patches(frame, start, REACH_PX)
+    within = start - patches.first
+    corners, spread, seen = nearest_sides(
+        patches.light_at, within, np.full(len(near), FINEST_STEP_PX), outermost=striped
+    )
+    there = np.asarray(seen & (np.abs(corners - within).max(axis=1) < reach))  # False where not finite
+    if striped:
+        there &= spread <= MAX_SPREAD_PX
+        corners = np.where(there[:, None], corners, within)
+        return _quads(frame, corners + patches.first, np.full(len(near), MAX_SPREAD_PX), bend)
+    shares, sides = _shares(cells), Sides.of(np.where(there[:, None], corners, within))
+    fit = _Fit(
+        sides=sides,
+        blur_px=np.full((len(near), 2), USUAL_BLUR_PX),
+        weights=np.ones((len(near), 4, len(shares.share))),
+        spread=np.zeros((len(near), 4)),
+        variance=np.zeros((len(near), 4)),
+        seen=seen,
+    )
+    pitch_px, along_bend = _pitches(sides, cells), bend @ shares.bend
+    for _ in range(ROUNDS):
+        fit = _fit_again(patches, fit, pitch_px, along_bend, shares)
+    there &= fit.seen & (np.abs(fit.sides.start - within).max(axis=1) < reach)
+    straight = np.asarray(root_mean_square(fit.spread) <= MAX_SPREAD_PX)
+    quads = _quads(frame, fit.sides.start + patches.first, _corner_sigma(fit), bend)
+    return [
+        quad if there[i] and straight[i] else NOT_STRAIGHT if there[i] else LOST for i, quad in enumerate(quads)
+    ]
 
 
-def _look_across(
-    frame: Frame, corners: Floats, step_px: Floats, outside: int, inside: int, *, exact: bool, share: Floats = _SHARE
-) -> _Sides:
-    """Linear light on `outside` samples beyond each side, one on it, and `inside` ones within, at P places along it.
+@cache
+def _shares(cells: int) -> Shares:
+    """Within each cell of a side, away from its ends."""
+    each = max(1, round(PROFILES / cells))
+    within = np.linspace(CELL_INSET, 1 - CELL_INSET, each)
+    return Shares.at(((np.arange(cells)[:, None] + within) / cells).reshape(-1))
 
-    `exact` interpolates linear light, else picture values: rounded, but with no more of the picture touched.
-    """
-    along, inward = _along_and_inward(corners)
-    points = corners[:, :, None, :] + along[:, :, None, :] * share[:, None]
-    across = inward * step_px[:, None, None]
-    t = np.arange(-outside, inside + 1)
-    at = points[:, :, :, None, :] + across[:, :, None, None, :] * t[:, None]
-    flat = at.reshape(-1, len(t), 2).astype(np.float32)
-    table = linear_light(frame.transfer, mark_saturated=False)
-    if exact:
-        height, width = frame.pixels.shape
-        ends = flat[:, (0, -1)].reshape(-1, 2)
-        low, high = ends.min(axis=0), ends.max(axis=0)
-        x0, y0 = min(max(0, int(low[0])), width - 1), min(max(0, int(low[1])), height - 1)
-        x1, y1 = max(x0 + 1, int(high[0]) + 2), max(y0 + 1, int(high[1]) + 2)
-        flat -= np.array([x0, y0], np.float32)
-        linear = cv2.LUT(frame.pixels[y0:y1, x0:x1], table)
-        light = cv2.remap(linear, flat, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    else:
-        seen = cv2.remap(frame.pixels, flat, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        light = cv2.LUT(seen, table)
-    return _Sides(
-        corners=corners, inward=inward, share=share, light=light.reshape(len(corners), 4, len(share), len(t))
+
+def _fit_again(patches: Patches, fit: _Fit, pitch_px: Floats, bend: Floats, shares: Shares) -> _Fit:
+    """A closer look from where the sides are held to be."""
+    sides, count = fit.sides, len(fit.seen)
+    filters = [
+        _square_filter(*filter_key(pitch[0], blur[0]), *filter_key(pitch[1], blur[1]))
+        for pitch, blur in zip(pitch_px.tolist(), fit.blur_px.tolist(), strict=True)
+    ]
+    light = patches.light_at(points_across(sides, shares.share, ACROSS[None], bend))
+    single = light @ np.array([f.single for f in filters])
+    height = single[..., 1].astype(np.float64)
+    good = is_step(height)
+    height[~good] = np.inf
+    found = single[..., 0] / height - np.array([f.single_offset for f in filters])[..., None]
+    middle, slope = fit_lines(shares, found, good * fit.weights)
+    spread, weights = deviations(shares, found, good, middle, slope)
+    total = np.maximum(weights.sum(axis=-1), 1e-9)
+    mean = ((weights / height)[..., None, :].astype(np.float32) @ light)[..., 0, :] / total[..., None]
+    place = (np.array([f.place for f in filters]) @ mean.reshape(count, -1, 1))[..., 0]
+    place += np.array([f.place_offset for f in filters])
+    # The mean profile is at its profiles' mean share of the way.
+    middle = np.clip(place[:, :4], -MAX_STEP_PX, MAX_STEP_PX) - slope * ((weights @ shares.powers[:, 1]) / total)
+    corners = sides.moved(middle, slope)
+    finite = np.asarray(np.isfinite(corners).all(axis=1))
+    return _Fit(
+        sides=Sides.of(np.where(finite[:, None], corners, sides.start)),
+        blur_px=fit.blur_px * np.exp(np.clip(place[:, 4:], -MAX_BLUR_CHANGE, MAX_BLUR_CHANGE)),
+        weights=weights,
+        spread=spread,
+        variance=np.array([f.variance for f in filters]),
+        seen=np.asarray(finite & seen_on_all_sides(good)),
     )
 
 
-def _fit_sides(
-    sides: _Sides, step_px: Floats, inside: int, bend: Floats | float = 0.0, *, striped: bool = False
-) -> tuple[Floats, Floats, NDArray[np.bool_]]:
-    """New corners (N, 4, 2), the edges' spread about the sides in pixels (N,), and whether there are edges (N,)."""
-    found, strength = _edge_offsets(sides.light, inside)
-    usual = np.sort(strength.reshape(len(strength), -1), axis=1)[:, int(0.9 * 4 * len(sides.share))]
-    good = strength > 0.3 * usual[:, None, None]
-    seen = good.sum(axis=2).min(axis=1) >= MIN_EDGE * len(sides.share)
-    if striped:
-        good &= _outermost(found, good)
-    corners, spread = _fit_lines(sides, found * step_px[:, None, None] - bend, good)
-    return corners, spread, seen
+def _pitches(sides: Sides, cells: int) -> Floats:
+    """(N, 2) the rim cells' width as seen across either pair of opposite sides, in pixels."""
+    opposite = sides.start[:, [2, 3, 0, 1]] + 0.5 * sides.along[:, [2, 3, 0, 1]] - sides.start
+    depth = (opposite * sides.inward.conj()).real
+    # Perspective: along the way to the opposite side things shrink as these two sides do.
+    shrunk = sides.length / np.maximum((1 - 1 / cells) * sides.length[:, [2, 3, 0, 1]] + sides.length / cells, 1e-9)
+    pitch = depth / cells * shrunk
+    return 0.5 * (pitch[:, :2] + pitch[:, 2:])
 
 
-def _edge_offsets(light: Singles, inside: int) -> tuple[Floats, Floats]:
-    """Edge (N, 4, P) in samples, inward positive, and the step's height there; σ is one for all profiles of a quad."""
-    bases, heights = _edge_models(inside)
-    count = len(light)
-    flat = light.reshape(-1, light.shape[-1]).astype(np.float64)
-    flat -= flat.mean(axis=1, keepdims=True)
-    shape = (count, len(flat) // count, len(SIGMAS), len(OFFSETS))
-    parts = (flat @ bases).reshape(-1, 3)
-    explained = np.einsum("md,md->m", parts, parts).reshape(shape)
-    # Only a step up, from the dark outside to the lit inside, is an edge of ours.
-    height = (flat @ heights).reshape(shape)
-    explained *= height > 0
-    sigma = explained.max(axis=3).sum(axis=1).argmax(axis=1)
-    quad = np.arange(count)
-    fit = explained[quad, :, sigma].reshape(-1, len(OFFSETS))
-    heights_there = height[quad, :, sigma].reshape(-1, len(OFFSETS))
-    best = np.clip(np.argmax(fit, axis=1), 1, len(OFFSETS) - 2)
-    row = np.arange(len(fit))
-    before, here, after = fit[row, best - 1], fit[row, best], fit[row, best + 1]
-    bend = 2 * here - before - after
-    shift = 0.5 * (after - before) / np.where(bend > 0, bend, np.inf)
-    offset = OFFSETS[best] + np.clip(shift, -1, 1) * (OFFSETS[1] - OFFSETS[0])
-    strength = heights_there[row, best] * (here > 0)
-    return offset.reshape(count, 4, -1), strength.reshape(count, 4, -1)
+@dataclass(frozen=True, slots=True)
+class _SquareFilter:
+    """A square's four sides' filters, ready to be applied together; T light values across each."""
+
+    single: Singles  # (4, T, 2) of one profile: A·(e + offset), and A
+    single_offset: Floats  # (4,)
+    place: Floats  # (6, 4·T) of the sides' mean profiles: each side's place, and the blurs' logarithms
+    place_offset: Floats  # (6,)
+    variance: Floats  # (4,) of the places
 
 
-def _fit_lines(sides: _Sides, y: Floats, good: NDArray[np.bool_]) -> tuple[Floats, Floats]:
-    """Corners where straight lines through edges `y` (N, 4, P; pixels inward) cross, and the edges' spread (N,).
-
-    Each side is moved inward by a + b·(share of the way along it), by least squares; two rounds, of which the second
-    drops by Tukey's biweight what a textured background or a gap between cells has led astray.
-    """
-    x = sides.share - 0.5
-    w = good.astype(float)
-    for _ in range(2):
-        sw, sx, sy = w.sum(axis=-1), w @ x, (w * y).sum(axis=-1)
-        sxx, sxy = w @ (x * x), (w * y) @ x
-        det = np.maximum(sw * sxx - sx * sx, 1e-12)
-        b = (sw * sxy - sx * sy) / det
-        a = (sy - b * sx) / np.maximum(sw, 1e-12)
-        away = y - a[..., None] - b[..., None] * x
-        spread = _spread(away, good & (w > 0))
-        u = away / (4.7 * np.maximum(spread, 0.02))[..., None]
-        w = good * np.square(np.maximum(0.0, 1.0 - u * u))
-    start = sides.corners + sides.inward * (a - 0.5 * b)[..., None]
-    end = sides.corners[:, _NEXT] + sides.inward * (a + 0.5 * b)[..., None]
-    return _crossings(start, end - start), np.sqrt(np.square(spread).mean(axis=1))
+@lru_cache(maxsize=2048)
+def _square_filter(pitch_a: int, blur_a: int, pitch_b: int, blur_b: int) -> _SquareFilter:
+    """For sides 0 and 2 (a), and 1 and 3 (b)."""
+    pairs = (rim_filter(pitch_a, blur_a), rim_filter(pitch_b, blur_b))
+    place, offset = np.zeros((6, 4, len(ACROSS))), np.zeros(6)
+    for k, pair in enumerate(pairs):
+        place[k, k], place[k, k + 2] = pair.both[0] + pair.apart, pair.both[0] - pair.apart
+        place[k + 2, k], place[k + 2, k + 2] = pair.both[0] - pair.apart, pair.both[0] + pair.apart
+        place[4 + k, k] = place[4 + k, k + 2] = pair.both[1]
+        offset[[k, k + 2]], offset[4 + k] = pair.both_offset[0], pair.both_offset[1]
+    return _SquareFilter(
+        single=np.array([pairs[k % 2].single for k in range(4)], np.float32),
+        single_offset=np.array([pairs[k % 2].single_offset for k in range(4)]),
+        place=(0.5 * place).reshape(6, -1),
+        place_offset=offset,
+        variance=np.array([pairs[k % 2].variance for k in range(4)]),
+    )
 
 
-def _spread(away: Floats, counts: NDArray[np.bool_]) -> Floats:
-    """Standard deviation (N, 4) of the points that count, from the median of their distances (normal: 1.4826)."""
-    distance = np.sort(np.where(counts, np.abs(away), np.inf), axis=-1)
-    middle = np.maximum(counts.sum(axis=-1, keepdims=True) - 1, 0) // 2
-    spread: Floats = 1.4826 * np.take_along_axis(distance, middle, axis=-1)[..., 0]
-    spread[~np.isfinite(spread)] = 1e3  # none counts
-    return spread
+def _corner_sigma(fit: _Fit) -> Floats:
+    """(N,) standard deviation of a corner's coordinates."""
+    # Profiles nearer to each other than a pixel are not independent.
+    profiles = np.minimum(fit.weights.sum(axis=-1), fit.sides.length)
+    # At its ends a line through n points is off by 2 of their deviations over √n.
+    variance = fit.variance + 4 * np.square(fit.spread) / np.maximum(profiles, 1.0)
+    sine = cross(fit.sides.inward, fit.sides.inward[:, NEXT])
+    # Where two lines with independent errors cross at that angle.
+    sigma: Floats = np.sqrt((variance / np.maximum(sine * sine, 1e-3)).mean(axis=1))
+    return sigma
 
 
-def _crossings(start: Floats, direction: Floats) -> Floats:
-    """Corner k (N, 4, 2): where side k − 1 meets side k. Not finite where they are parallel."""
-    before, before_direction = start[:, _BEFORE], direction[:, _BEFORE]
-    det = before_direction[..., 0] * direction[..., 1] - before_direction[..., 1] * direction[..., 0]
-    gap = start - before
-    with np.errstate(divide="ignore", invalid="ignore"):
-        share = (gap[..., 0] * direction[..., 1] - gap[..., 1] * direction[..., 0]) / det
-        corners: Floats = before + before_direction * share[..., None]
-    return corners
-
-
-def _approach_striped(frame: Frame, rough: Floats, stripe_rows: float) -> tuple[Floats, Floats, NDArray[np.bool_]]:
-    """As `_fit_sides`, for striped squares: lines through where light begins furthest outside.
-
-    Dark bands may have cut so much off the rough square that all of a side's window is still inside: then it moves out
-    by a window, and all are looked at again. Something bright nearby may lead it astray, though; so what counts is the
-    pass after which most light is inside the sides, and least beyond them.
-    """
-    count = len(rough)
-    reached, corners = rough, rough
-    spread, seen, best = np.full(count, np.inf), np.zeros(count, bool), np.full(count, -np.inf)
-    for _ in range(OUTER_PASSES):
-        reach_px = np.maximum(OUTER_SHARE * np.sqrt(np.abs(_areas(reached))), stripe_rows + 2)
-        step = np.maximum(FINE_STEP_PX, reach_px / OUTER_REACH)
-        sides = _look_across(frame, reached, step, OUTER_REACH, OUTER_REACH, exact=False)
-        above, contrasty = _lit(sides)
-        first = above.argmax(axis=-1)
-        good = np.asarray(above.any(axis=-1))
-        sure = contrasty & (good.sum(axis=2).min(axis=1) >= MIN_EDGE * PROFILES)
-        good &= _outermost(first.astype(float), good)
-        fitted, apart = _fit_lines(sides, (first - 0.5 - OUTER_REACH) * step[:, None, None], good)
-        if not np.isfinite(fitted).all():
-            break
-        reached = fitted
-        above, _ = _lit(_look_across(frame, reached, step, OUTER_REACH, OUTER_REACH, exact=False))
-        inside = np.asarray(above[..., OUTER_REACH + 2 :].mean(axis=(1, 2, 3)))
-        contrast = inside - above[..., : OUTER_REACH - 1].mean(axis=(1, 2, 3))
-        better = np.asarray(sure & (contrast > best))
-        best = np.where(better, contrast, best)
-        corners = np.where(better[:, None, None], reached, corners)
-        spread, seen = np.where(better, apart, spread), seen | better
-    return corners, spread, seen
-
-
-def _lit(sides: _Sides) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """What is lit (N, 4, P, S), by the middle of each quad's dark and bright; and which quads (N,) have a contrast."""
-    ordered = np.sort(sides.light.reshape(len(sides.light), -1), axis=1)
-    dark, lit = (ordered[:, int(share * ordered.shape[1])] for share in (0.1, 0.9))
-    return sides.light > (0.5 * (dark + lit))[:, None, None, None], np.asarray(lit > 2 * dark)
-
-
-def _outermost(found: Floats, good: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Of each side's edges (N, 4, P), those of the quarter that lies furthest outside, and what agrees with them."""
-    offsets = np.where(good, found, np.inf)
-    quarter = good.sum(axis=-1, keepdims=True) // 4
-    agrees: NDArray[np.bool_] = offsets <= np.take_along_axis(np.sort(offsets, axis=-1), quarter, axis=-1) + 1.5
-    return agrees
-
-
-def _checked(frame: Frame, corners: Floats, spread: float, bend: Floats) -> Quad | Rejected:
-    if not np.isfinite(corners).all():
-        return NOT_CONVEX
-    if spread > MAX_SPREAD_PX:
-        return NOT_STRAIGHT
-    sides = corners[_NEXT] - corners
-    onward = sides[_NEXT]
-    if not (sides[:, 0] * onward[:, 1] > sides[:, 1] * onward[:, 0]).all():
-        return NOT_CONVEX
-    if _areas(corners) < MIN_SIDE_PX**2:
-        return TOO_SMALL
+def _quads(frame: Frame, corners: Points, sigma_px: Floats, bend: Floats) -> list[Quad | Rejected]:
+    """Records of what has the shape of a square and is wholly in the picture."""
+    along = corners[:, NEXT] - corners
+    convex = np.asarray((cross(along, along[:, NEXT]) > 0).all(axis=1))
+    large = np.asarray(areas(corners) >= MIN_SIDE_PX**2)
     height, width = frame.pixels.shape
-    if not ((corners >= 0).all() and (corners[:, 0] <= width - 1).all() and (corners[:, 1] <= height - 1).all()):
-        return AT_BORDER
-    # A corner is at the end of two lines through n edges each: its deviation is twice their spread over √n.
-    sigma = 2.0 * spread / math.sqrt(PROFILES)
-    return Quad(corners_px=corners, corner_sigma_px=sigma, bend_px=float(np.abs(bend).max()))
+    x, y = corners.real, corners.imag
+    from_border = np.minimum(np.minimum(x, width - 1 - x), np.minimum(y, height - 1 - y)).min(axis=1)
+    exact, most_bent = as_corners(corners), np.abs(bend).max(axis=(1, 2)).tolist()
+    return [
+        NOT_CONVEX
+        if not convex[i]
+        else TOO_SMALL
+        if not large[i]
+        else AT_BORDER
+        if not from_border[i] >= BORDER_PX
+        else Quad(corners_px=exact[i], corner_sigma_px=float(sigma_px[i]), bend_px=most_bent[i])
+        for i in range(len(corners))
+    ]

@@ -1,0 +1,128 @@
+"""From the rough corners of a lit square to its sides, up to several pixels away: where light steps up the most."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import cache, partial
+
+import numpy as np
+
+from ledpi.decode.sides import (
+    Coordinates,
+    Mask,
+    Points,
+    Shares,
+    Sides,
+    Singles,
+    areas,
+    as_corners,
+    as_points,
+    deviations,
+    fit_lines,
+    points_across,
+    roughly_light_at,
+)
+from ledpi.decode.striped import outermost_of, outermost_sides
+from ledpi.records import Floats, Frame, Rejected
+
+LOST = Rejected(stage="edges", reason="no_edge")
+NOT_STRAIGHT = Rejected(stage="edges", reason="not_straight")
+
+SHARES = Shares.at(np.linspace(0.06, 0.94, 12))
+ACROSS = np.arange(-6.0, 5.0)  # in steps, inward
+OFFSETS = np.arange(-4.5, 3.01, 0.75)  # of the step up in light, in steps
+STEP_SIGMA = 1.6  # of its blur, in steps: wide enough for half a pixel's steps as for those of a coarse look
+FINEST_STEP_PX = 0.5
+MIN_STEP = 0.3  # of the steps of the brightest tenth: less is not the side's
+# Share of a side's profiles that must show an edge: a rough quad may miss many at first, and at short exposure half of
+# a side and more may be dark.
+MIN_EDGE = 0.2
+# What most other things are not straight by; a side that is seen from too far off may still lean on what is beside it.
+MAX_SPREAD_PX, MAX_SPREAD_STEPS = 0.9, 0.4
+
+
+def approach_quads(
+    frame: Frame, rough: Floats, tolerance_px: Floats, *, stripe_rows: float = 0.0
+) -> list[Floats | Rejected]:
+    """Better corners for each of `rough` (N, 4, 2; clockwise in the picture), or why there is no square; all at once.
+
+    The sides are sought up to `tolerance_px` (N,) away, with samples as far apart as that takes. In a striped picture,
+    with dark bands of up to `stripe_rows`, cells may be dark at the very edge, so that their light seems to end further
+    inside: there the sides are where light begins furthest outside.
+    """
+    if not len(rough):
+        return []
+    start = as_points(rough)
+    if stripe_rows:
+        corners, spread, seen = outermost_sides(frame, start, stripe_rows)
+        limit = np.full(len(rough), np.inf)
+    else:
+        step_px = np.maximum(FINEST_STEP_PX, tolerance_px / -OFFSETS[0])
+        corners, spread, seen = nearest_sides(partial(roughly_light_at, frame), start, step_px)
+        limit = np.maximum(MAX_SPREAD_PX, MAX_SPREAD_STEPS * step_px)
+    near = np.abs(corners - start).max(axis=1) < 0.5 * np.sqrt(np.abs(areas(start)))
+    reached = as_corners(corners)
+    return [
+        LOST if not (seen[i] and near[i]) else reached[i] if spread[i] <= limit[i] else NOT_STRAIGHT
+        for i in range(len(rough))
+    ]
+
+
+def nearest_sides(
+    look: Callable[[Coordinates], Singles], corners: Points, step_px: Floats, *, outermost: bool = False
+) -> tuple[Points, Floats, Mask]:
+    """Corners (N, 4) whose sides run where light steps up, the steps' spread (N,), and which quads have them all round.
+
+    `look` tells the light at points. `outermost`: the steps furthest outside count, as others may be where a dark band
+    begins.
+    """
+    sides = Sides.of(corners)
+    found, height = _steps_up(look(points_across(sides, SHARES.share, step_px[:, None] * ACROSS)))
+    good = is_step(height)
+    if outermost:
+        good &= outermost_of(found, good)
+    found *= step_px[:, None, None]
+    spread, weights = deviations(SHARES, found, good, *fit_lines(SHARES, found, good.astype(np.float64)))
+    return sides.moved(*fit_lines(SHARES, found, weights)), root_mean_square(spread), seen_on_all_sides(good)
+
+
+def root_mean_square(spread: Floats) -> Floats:
+    """(N,) of the four sides'."""
+    mean: Floats = np.sqrt(np.square(spread).mean(axis=1))
+    return mean
+
+
+def is_step(height: Floats) -> Mask:
+    """Which profiles (N, 4, P) have a step that may be the panel's: a cell that is as dark is dead, or hidden."""
+    highest = np.sort(height.reshape(len(height), -1), axis=1)
+    usual = highest[:, int(0.9 * highest.shape[1])]
+    return height > np.maximum(MIN_STEP * usual, 1e-6)[:, None, None]
+
+
+def seen_on_all_sides(good: Mask) -> Mask:
+    """(N,) whether enough of the profiles (N, 4, P) have a step."""
+    enough: Mask = good.sum(axis=2).min(axis=1) >= MIN_EDGE * good.shape[2]
+    return enough
+
+
+def _steps_up(light: Singles) -> tuple[Floats, Floats]:
+    """Where in each profile (…, T) the largest step up is, in steps, and how high."""
+    scores = (light @ _step_templates()).reshape(-1, len(OFFSETS))
+    best = np.clip(scores.argmax(axis=1), 1, len(OFFSETS) - 2)
+    row = np.arange(len(scores))
+    before, here, after = scores[row, best - 1], scores[row, best], scores[row, best + 1]
+    shift = 0.5 * (after - before) / np.maximum(2 * here - before - after, 1e-9)  # of the parabola through the three
+    found = OFFSETS[best] + np.clip(shift, -1, 1) * (OFFSETS[1] - OFFSETS[0])
+    return found.reshape(light.shape[:-1]), here.reshape(light.shape[:-1]).astype(np.float64)
+
+
+@cache
+def _step_templates() -> Singles:
+    """(T, offsets): blurred steps less their means, of unit length: the best is that with the largest product."""
+    z = (ACROSS[:, None] - OFFSETS) / STEP_SIGMA
+    steps = np.array([[0.5 * (1 + math.erf(v / math.sqrt(2))) for v in row] for row in z.tolist()])
+    steps -= steps.mean(axis=0)
+    templates: Singles = (steps / np.linalg.norm(steps, axis=0)).astype(np.float32)
+    templates.flags.writeable = False
+    return templates

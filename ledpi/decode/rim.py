@@ -1,0 +1,179 @@
+"""What light does across a side of a panel, and the filters that find the side best in it.
+
+Going inward from the side, t pixels, light is that of the surroundings, then of the rim's cell, which is brighter in
+its middle, then of a gap, then of the next cell. Lens and pixel blur that with a width σ. With F the usual course of it
+for cells of a given pitch, and F' its slope, a profile is to first order
+
+    p(t) = b + A·(F(t) − e·F'(t) + Σ nuisance_k(t)) + noise
+
+e is what is sought: how far inward of t = 0 the side is. The nuisances are all that pictures of panels differ in: the
+blur, the shape of a cell's light (even in the place within the cell, as each LED is behind its middle), the gap, bands
+that make the light slope, and a dark frame around the lit grid. None is known, all are bounded; so e is estimated as
+Bayesian linear regression has it, which for a given pitch and blur is one scalar product with a fixed filter. Opposite
+sides share blur, cells and gap: half their sum holds the panel's size and all the nuisances, half their difference its
+place and none that are shared.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ledpi.records import Floats
+
+Singles = NDArray[np.float32]
+
+# Pixels across a side, negative outside. Outside: three times the usual blur, and no more of the wall than that needs.
+# Inside: more tells nothing of the edge.
+ACROSS = np.arange(-3.0, 7.0)
+PITCHES = 1.0  # of the lattice, that are looked at: further inside is the light of the next cells
+
+# The usual course, and its deviations: relative to the light at a cell's rim.
+USUAL_BLUR_PX, BLUR_DEVIATION = 0.78, 0.3  # lens and pixel, as a normal distribution's; logarithm
+BRIGHTER, BRIGHTER_DEVIATION = (0.6, -0.3), (1.0, 0.8)  # by b₁(1 − y²) + b₂(1 − y⁴), y = −1…1 across the cell
+PITCH_DEVIATION = 0.03  # logarithm: what the corners that it was told by were off, and half a gap at the rim or none
+GAP, GAP_DEVIATION = 0.05, 0.04  # of the pitch
+# A band's light changes by up to 2πfT…; at 10 ms 8 % deep and 24 rows long: 1 % a row, and its bend.
+SLOPE_DEVIATION, BEND_DEVIATION = 0.012, 0.002
+FRAME_PX, FRAME_DEVIATION = (1.0, 2.5), 0.05  # how wide a frame around the grid, and how much darker or brighter
+MISFIT = 0.016  # deviation of a mean profile's pixels from all this: what no nuisance describes
+# The deviations above are bounds, so that no panel is beyond them. What a panel's sides are off by is told with those
+# of panels as they are: half as large, and a misfit of a quarter.
+AS_THEY_ARE, MISFIT_AS_IS = 0.5, 0.006
+
+# A single profile is noisy: it gets a shorter filter with no other nuisance than the slope; what these leave out is the
+# same for all profiles of a side, and so does not turn it.
+SINGLE_OUTSIDE, SINGLE_INSIDE = 2.0, 3.0
+SINGLE_NOISE, SINGLE_SLOPE = 0.03, 0.004
+FLAT_PX = 1.5  # from the edge on, light is even enough to tell its two levels
+
+PITCH_STEP, BLUR_STEP = math.log(1.03), math.log(1.06)  # between the filters that are made
+MIN_PITCH_PX, MAX_PITCH_PX = 1.5, 24.0  # beyond, nothing of the cell's shape is left in what is looked at
+MIN_BLUR_PX, MAX_BLUR_PX = 0.45, 3.0
+
+
+@dataclass(frozen=True, slots=True)
+class RimFilter:
+    """For a pair of opposite sides with one pitch and one blur; light is on ACROSS (T)."""
+
+    course: Floats  # (T,) F
+    single: Floats  # (T, 2): of one profile, A·(e + single_offset), and A
+    single_offset: float
+    both: Floats  # (2, T): of the half sum of two sides' mean profiles over A: e's half sum, and the blur's logarithm
+    both_offset: Floats  # (2,)
+    apart: Floats  # (T,): of the half difference: e's half difference
+    variance: float  # of a side's e
+
+
+def filter_key(pitch_px: float, blur_px: float) -> tuple[int, int]:
+    """Which filter serves this pitch and blur."""
+    pitch = min(max(pitch_px, MIN_PITCH_PX), MAX_PITCH_PX)
+    blur = min(max(blur_px, MIN_BLUR_PX), MAX_BLUR_PX)
+    return round(math.log(pitch) / PITCH_STEP), round(math.log(blur) / BLUR_STEP)
+
+
+@lru_cache(maxsize=2048)
+def rim_filter(pitch_step: int, blur_step: int) -> RimFilter:
+    """The filter for a `filter_key`. Made in half a millisecond, then kept."""
+    pitch, blur = math.exp(pitch_step * PITCH_STEP), math.exp(blur_step * BLUR_STEP)
+    t, usual = ACROSS, np.array([1.0, *BRIGHTER, GAP])
+    parts = light_across(t, pitch, blur)
+    course = usual @ parts
+    slope = usual @ (light_across(t + 0.01, pitch, blur) - light_across(t - 0.01, pitch, blur)) / 0.02
+    wider, narrower = (usual @ light_across(t, pitch, blur * factor) for factor in (1.02, 1 / 1.02))
+    larger, smaller = (usual @ light_across(t, pitch * factor, blur) for factor in (1.02, 1 / 1.02))
+    one = np.ones_like(t)
+    frames = [_step(t / blur) - _step((t + width) / blur) for width in FRAME_PX]
+    side = np.stack([-slope, one, course, course * t, course * t * t, *frames], axis=1)
+    by_factor = 2 * math.log(1.02)
+    shared = np.stack([(wider - narrower) / by_factor, (larger - smaller) / by_factor, *parts[1:]], axis=1)
+    loose = 1e-6
+    side_precision = np.array(
+        [loose, loose, loose, SLOPE_DEVIATION**-2, BEND_DEVIATION**-2, *(FRAME_DEVIATION**-2 for _ in FRAME_PX)]
+    )
+    shared_precision = np.array([BLUR_DEVIATION, PITCH_DEVIATION, *BRIGHTER_DEVIATION, GAP_DEVIATION]) ** -2.0
+    looked_at = t <= max(PITCHES * pitch, 2.5)
+    # Half sum and half difference of two sides: half the variance in noise and in what each side has of its own.
+    apart, _ = _regression(side, 2 * side_precision, looked_at, MISFIT**2 / 2)
+    both, covariance = _regression(
+        np.concatenate([side, shared], axis=1),
+        np.concatenate([2 * side_precision, shared_precision]),
+        looked_at,
+        MISFIT**2 / 2,
+    )
+    wanted = [0, side.shape[1]]
+    expected_blur = math.log(USUAL_BLUR_PX / blur) * shared_precision[0]
+    bounded = np.concatenate([side[:, 3:], shared], axis=1)
+    bounds = np.concatenate([2 * side_precision[3:], shared_precision]) ** -0.5
+    variance = (
+        np.square(AS_THEY_ARE * bounds * (both[0] @ bounded)).sum()
+        + np.square(AS_THEY_ARE * bounds[: -shared.shape[1]] * (apart[0] @ side[:, 3:])).sum()
+        + MISFIT_AS_IS**2 / 2 * (both[0] @ both[0] + apart[0] @ apart[0])
+    )
+    near = looked_at & (t >= -SINGLE_OUTSIDE) & (t <= SINGLE_INSIDE)
+    single, _ = _regression(side[:, :4], np.array([0, 0, 0, SINGLE_SLOPE**-2]), near, SINGLE_NOISE**2)
+    flat = looked_at & (np.abs(t) >= FLAT_PX)
+    levels, _ = _regression(side[:, 1:3], np.zeros(2), flat, 1.0)
+    return RimFilter(
+        course=course,
+        single=np.stack([single[0], levels[1]], axis=1),
+        single_offset=float(single[0] @ course),
+        both=both[wanted],
+        both_offset=covariance[wanted, wanted[1]] * expected_blur - both[wanted] @ course,
+        apart=apart[0],
+        variance=float(variance),
+    )
+
+
+def light_across(t: Floats, pitch: float, blur: float) -> Floats:
+    """(4, T) blurred light at t: of even cells, of (1 − y²) and (1 − y⁴) in each cell, and what a gap of 1 takes away.
+
+    In a cell from a to b the light is a polynomial in y; its convolution with a normal distribution is the sum of that
+    distribution's truncated moments m₀ … m₄ between the cell's ends.
+    """
+    x, length = t / blur, pitch / blur
+    parts = np.zeros((4, len(t)))
+    for cell in range(4):
+        low, high = x - (cell + 1) * length, x - cell * length
+        at_low, at_high = _bell(low), _bell(high)
+        m0 = _step(high) - _step(low)
+        m1 = at_low - at_high
+        m2 = m0 + low * at_low - high * at_high
+        m3 = 2 * m1 + low**2 * at_low - high**2 * at_high
+        m4 = 3 * m2 + low**3 * at_low - high**3 * at_high
+        scale = 2 / length
+        y = scale * x - 2 * cell - 1
+        square = y**2 * m0 - 2 * y * scale * m1 + scale**2 * m2
+        fourth = y**4 * m0 - 4 * y**3 * scale * m1 + 6 * y**2 * scale**2 * m2 - 4 * y * scale**3 * m3 + scale**4 * m4
+        parts[:3] += m0, m0 - square, m0 - fourth
+        if cell:
+            parts[3] -= length * at_high
+    return parts
+
+
+def _regression(
+    columns: Floats, precision: Floats, rows: NDArray[np.bool_], noise_variance: float
+) -> tuple[Floats, Floats]:
+    """(K, T) what gives the K coefficients of `columns` (T, K), from the rows that count, and their covariance.
+
+    Each coefficient has been normal about 0 with the given precision before any light was seen.
+    """
+    counted = columns * rows[:, None]
+    covariance = np.linalg.inv(np.asarray(counted.T @ counted / noise_variance + np.diag(precision), np.float64))
+    coefficients: Floats = covariance @ counted.T / noise_variance
+    return coefficients, covariance
+
+
+def _step(z: Floats) -> Floats:
+    """The normal distribution: a blurred step."""
+    return np.array([0.5 * (1 + math.erf(v / math.sqrt(2))) for v in z.tolist()])
+
+
+def _bell(z: Floats) -> Floats:
+    """Its density."""
+    density: Floats = np.exp(-0.5 * z * z) / math.sqrt(2 * math.pi)
+    return density
