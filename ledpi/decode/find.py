@@ -117,7 +117,7 @@ class Finder:
             cv2.max(threshold, cv2.add(darkest, MIN_CONTRAST), dst=threshold)
             cv2.compare(picture, threshold, cv2.CMP_GT, dst=lit)
             cv2.morphologyEx(lit, cv2.MORPH_CLOSE, self._melt, dst=lit)
-            if stripe:  # thin bridges to the surroundings, which the closing over dark bands has made
+            if stripe or index:  # thin bridges to the surroundings, which the closing has made
                 cv2.morphologyEx(lit, cv2.MORPH_OPEN, self._melt, dst=lit)
             # Every pixel of an outline, so that its number of points is its length and tells a speck at no cost.
             found, tree = cv2.findContours(lit, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)

@@ -89,8 +89,8 @@ VARIATIONS: dict[str, Variation] = {
     "bright room": Variation(room_level=(0.2, 0.3), peak_level=(0.5, 0.85)),
     "other lamps": Variation(lamps=4),
     # Twice the mains' frequency, as deep as poor LED lamps do it. 100 Hz vanish at 10 ms; 120 Hz keep 16 %.
-    "mains flicker, 50 Hz": Variation(room_ripple=(100.0, 0.6), room_level=(0.1, 0.25), lamps=2),
-    "mains flicker, 60 Hz": Variation(room_ripple=(120.0, 0.6), room_level=(0.1, 0.25), lamps=2),
+    "mains flicker, 50 Hz": Variation(room_ripple=(100.0, 0.6), lamps=2),
+    "mains flicker, 60 Hz": Variation(room_ripple=(120.0, 0.6), lamps=2),
     "exposure 500 µs": Variation(exposure_us=500.0),
     "exposure 2 ms": Variation(exposure_us=2_000.0),
     "exposure 5 ms": Variation(exposure_us=5_000.0),
