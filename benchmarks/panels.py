@@ -1,6 +1,7 @@
 """How long a frame with 1 to 8 panels takes, searching and tracking, beside OpenCV's detectMarkers on the same frames.
 
-Each frame is decoded three ways in turn, in one process, OpenCV on one thread; figures are medians of processor time. "Searching": each
+Each frame is decoded three ways in turn, in one process, OpenCV on one thread; figures are medians of processor time.
+"Searching": each
 frame alone. "Tracking": in a stream, once every panel was read. The last lines say what each further panel costs.
 
     python benchmarks/panels.py [--panels 8] [--frames 24]
