@@ -2,11 +2,12 @@
  *
  *   avr_trace PROGRAM.hex SECONDS TRACE.vcd EEPROM.bin BAUD [SECONDS:HEX …]
  *
- * TRACE.vcd: the pins of ports B, C and D, in steps of 100 ps (a clock cycle is 62.5 ns). EEPROM.bin: read before the start where it is there,
- * written at the end. SECONDS:HEX: bytes that arrive on the serial line from then on, at BAUD. What the program sends goes to standard output.
+ * TRACE.vcd: the pins of ports B, C and D, in steps of 100 ps (a clock cycle is 62.5 ns). EEPROM.bin: read before the
+ * start where it is there, written at the end. SECONDS:HEX: bytes that arrive on the serial line from then on, at BAUD.
+ * What the program sends goes to standard output.
  *
- * simavr looks for what is due only between two instructions, so up to 4 cycles late. An edge that the program makes is noted when it is made; one
- * that Timer1 makes by itself is noted at the cycle that it was due, as hardware would do it.
+ * simavr looks for what is due only between two instructions, so up to 3 cycles late. An edge that the program makes is
+ * noted when it is made; one that Timer1 makes by itself is noted at the cycle that it was due, as hardware would do it.
  */
 #include <simavr/avr_eeprom.h>
 #include <simavr/avr_ioport.h>
@@ -26,35 +27,27 @@ static avr_t *avr;
 static avr_timer_t *timer1;
 static avr_uart_t *uart;
 static FILE *trace;
-static avr_cycle_count_t last_match[2];
-static unsigned char level[3][8], toggled_by_timer[3][8];
+static avr_cycle_count_t late; /* how late simavr is with the match of Timer1 that it is about to show on a pin */
+static unsigned char level[3][8];
 
 static char signal_of(int port, int pin) { return (char)('!' + 8 * port + pin); }
 
-static void note(int port, int pin, int value, avr_cycle_count_t cycle)
+/* A match of Timer1 with OCR1A or OCR1B (0, 1) that moves OC1A or OC1B. simavr calls this first, then `on_pin`. */
+static void on_match(struct avr_irq_t *irq, uint32_t value, void *comparator)
 {
-    level[port][pin] = (unsigned char)value;
-    fprintf(trace, "#%llu\n%d%c\n", (unsigned long long)cycle * TICKS_PER_CYCLE, value, signal_of(port, pin));
+    (void)irq, (void)value;
+    late = (uint16_t)(avr->cycle - timer1->tov_base - timer1->comp[(intptr_t)comparator].comp_cycles);
 }
 
 static void on_pin(struct avr_irq_t *irq, uint32_t value, void *port_index)
 {
     const int port = (int)(intptr_t)port_index, pin = irq->irq;
-    if (level[port][pin] != (value & 1) && !toggled_by_timer[port][pin])
-        note(port, pin, value & 1, avr->cycle);
-}
-
-/* A match of Timer1 with OCR1A or OCR1B (0, 1) that toggles OC1A (PB1) or OC1B (PB2). */
-static void on_match(struct avr_irq_t *irq, uint32_t value, void *comparator_index)
-{
-    (void)irq, (void)value;
-    const int comparator = (int)(intptr_t)comparator_index, pin = 1 + comparator;
-    const uint16_t late = (uint16_t)(avr->cycle - timer1->tov_base - timer1->comp[comparator].comp_cycles);
-    if (last_match[comparator] == avr->cycle - late)
-        return; /* simavr 1.6 gives a match again if the other comparator is written in that very cycle */
-    last_match[comparator] = avr->cycle - late;
-    toggled_by_timer[0][pin] = 1;
-    note(0, pin, !level[0][pin], last_match[comparator]);
+    if (level[port][pin] == (value & 1))
+        return;
+    level[port][pin] = value & 1;
+    const unsigned long long cycle = avr->cycle - late;
+    late = 0;
+    fprintf(trace, "#%llu\n%u%c\n", cycle * TICKS_PER_CYCLE, value & 1, signal_of(port, pin));
 }
 
 static void on_serial_out(struct avr_irq_t *irq, uint32_t value, void *unused)
@@ -117,7 +110,7 @@ static void watch_pins(const char *to)
     fprintf(trace, "$timescale 100 ps $end\n");
     for (int comparator = 0; comparator < 2; comparator++) {
         avr_irq_t *match = timer1->io.irq + TIMER_IRQ_OUT_COMP + comparator;
-        avr_irq_register_notify(match, on_match, (void *)(intptr_t)comparator); /* is called before the pin's own */
+        avr_irq_register_notify(match, on_match, (void *)(intptr_t)comparator);
     }
     for (int port = 0; port < 3; port++)
         for (int pin = 0; pin < 8; pin++) {

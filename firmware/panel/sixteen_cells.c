@@ -1,13 +1,14 @@
 /* Panel driver with one output for each of 4 × 4 cells, for an ATmega328P at 16 MHz (Arduino Uno, Nano).
  *
- *   cells 0 to 5     D2 to D7     (PD2 to PD7)      cell 0 is the top left one, as the marker is drawn from the front;
- *   cells 6 to 11    D8 to D13    (PB0 to PB5)      row by row
+ *   cells 0 to 5     D2 to D7     (PD2 to PD7)     row by row from the top left, as the marker is seen from the front
+ *   cells 6 to 11    D8 to D13    (PB0 to PB5)
  *   cells 12 to 15   A0 to A3     (PC0 to PC3)
  *   D0, D1           serial line, 9600 baud 8N1
  *
- * Timer1 matches OCR1A (class black) and OCR1B (class white) half a period apart, as in two_outputs.c, but here it is the
+ * Timer1 matches OCR1A (class black) and OCR1B (class white) every half period, as in two_outputs.c, but here it is the
  * interrupt that toggles the class's pins: a one written to PINx toggles PORTx. An edge is late by the interrupt's own
- * way, always the same, and now and then by the other class's interrupt. The serial line has none: it is looked at after each edge.
+ * way, always the same, and now and then by the other class's interrupt. The serial line has no interrupt: it is looked
+ * at after each edge.
  *
  * Lines on the serial line, each answered by one line; wait for the answer before the next:
  *   id         which ID is shown             → ok id 7

@@ -13,21 +13,34 @@
 
 #include "settings.h"
 
+/* Two of simavr 1.6's faults are kept away from, since its traces are all the proof that there is; a chip has neither.
+ * It toggles a pin twice if the other output's register is written in the very cycle of its match: the write lets a match
+ * that is near go by. And it can miss a match in the first cycles after the counter's wrap: from this start on, most half
+ * periods never lead there. */
+#define FIRST_MATCH 1006u
+#define LET_MATCH_PASS(other)                                                                                          \
+    while ((uint16_t)(other + 1 - TCNT1) < 16)                                                                         \
+        ;
+
 ISR(TIMER1_COMPA_vect)
 {
-    OCR1A += BLACK_HALF_PERIOD_CYCLES;
+    const uint16_t next = OCR1A + BLACK_HALF_PERIOD_CYCLES;
+    LET_MATCH_PASS(OCR1B)
+    OCR1A = next;
 }
 
 ISR(TIMER1_COMPB_vect)
 {
-    OCR1B += WHITE_HALF_PERIOD_CYCLES;
+    const uint16_t next = OCR1B + WHITE_HALF_PERIOD_CYCLES;
+    LET_MATCH_PASS(OCR1A)
+    OCR1B = next;
 }
 
 int main(void)
 {
     DDRB = _BV(DDB1) | _BV(DDB2);
-    OCR1A = BLACK_HALF_PERIOD_CYCLES;
-    OCR1B = WHITE_HALF_PERIOD_CYCLES;
+    OCR1A = FIRST_MATCH;
+    OCR1B = FIRST_MATCH;
     TCCR1A = _BV(COM1A0) | _BV(COM1B0); /* a match toggles the pin; WGM 0: count to 65535 and on */
     TIMSK1 = _BV(OCIE1A) | _BV(OCIE1B);
     TCCR1B = _BV(CS10); /* undivided clock: now it runs */
