@@ -18,8 +18,10 @@ from pydantic import (
     ConfigDict,
     Discriminator,
     Field,
+    StrictBool,
     Tag,
     ValidationError,
+    ValidationInfo,
     field_validator,
     model_validator,
 )
@@ -80,9 +82,9 @@ class _Section(BaseModel):
 
     @field_validator("*", mode="before")
     @classmethod
-    def _is_no_boolean(cls, value: object) -> object:
+    def _is_no_boolean(cls, value: object, info: ValidationInfo) -> object:
         """YAML reads yes, no, on, off as booleans, and pydantic a boolean as the number 1 or 0."""
-        if isinstance(value, bool):
+        if isinstance(value, bool) and cls.model_fields[str(info.field_name)].annotation is not bool:
             raise ValueError("takes no true or false (which YAML also reads from yes, no, on and off)")
         return value
 
@@ -113,6 +115,7 @@ class PanelSettings(_Section):
     black_hz: Positive = 1250.0
     white_hz: Positive = 2450.0
     duty: Duty = 0.5
+    upright: StrictBool = False  # all hang with their y axis up, on walls
     overrides: dict[Annotated[int, Field(ge=0)], PanelOverride] = {}
 
     def spec(self, marker_id: int | None = None) -> PanelSpec:

@@ -16,10 +16,13 @@ _WORDING = {
     "int_from_float": "must be a whole number",
     "string_type": "must be text",
     "path_type": "must be a path",
+    "bool_type": "must be true or false",
     "list_type": "must be a list",
     "model_type": "must be a section",
     "dict_type": "must be a mapping from IDs, as in {7: {side_m: 0.3}}",
 }
+
+_UNKNOWN = ("extra_forbidden", "invalid_key")
 
 # Last parts of a location that are no keys: the branch of a number or `auto`, and [key] for a mapping's key.
 _BRANCHES = ("number", "auto", "[key]")
@@ -28,9 +31,10 @@ _BRANCHES = ("number", "auto", "[key]")
 def explain(error: ValidationError, model: type[BaseModel]) -> str:
     """One line for the first thing that is wrong in a `model`, with the number of the others."""
     problems = error.errors()
-    first = problems[0]
+    # A misspelt key leaves the right one missing: it is the cause.
+    first = next((problem for problem in problems if problem["type"] in _UNKNOWN), problems[0])
     location = first["loc"]
-    unknown = first["type"] in ("extra_forbidden", "invalid_key")
+    unknown = first["type"] in _UNKNOWN
     branch = location[-1] if not unknown and location[-1] in _BRANCHES else None
     key = ".".join(str(part) for part in (location if branch is None else location[:-1]))
     if unknown:
@@ -53,6 +57,8 @@ def _section_at(model: type[BaseModel], location: tuple[int | str, ...]) -> type
     for part in location:
         if isinstance(node, type) and issubclass(node, BaseModel):
             node = node.model_fields[str(part)].annotation
+            if type(None) in get_args(node):  # section | None
+                node = get_args(node)[0]
         else:
             node = get_args(node)[-1]  # dict[ID, section]
     return node  # type: ignore[no-any-return]

@@ -17,8 +17,10 @@ from ledpi.decode.tuning import off_frequency_note
 from ledpi.errors import ConfigError
 from ledpi.health import Health, HealthSnapshot
 from ledpi.pipeline import Pipeline
+from ledpi.pose.fix import NOT_IN_MAP
 from ledpi.records import Decoded, Frame, Intrinsics, Rejected
 from ledpi.ring import FrameRing, RingCounters
+from ledpi.robot import load_robot
 from ledpi.service_notify import notify, watchdog_period_s
 from ledpi.wire.message import NoFix, State, StatusMessage
 from ledpi.wire.publisher import Publisher, PublisherCounters
@@ -53,7 +55,12 @@ class Daemon:
         self._ring = FrameRing(info.height, info.width)
         try:
             self._pipeline = Pipeline(
-                info, config.panels, intrinsics=self._calibrated, shown=camera.panel, method=config.decode.method
+                info,
+                config.panels,
+                intrinsics=self._calibrated,
+                shown=camera.panel,
+                robot=load_robot(config),
+                method=config.decode.method,
             )
         except ValueError as error:
             raise ConfigError(f"panels.overrides: contradict the panel of {config.camera.source}: {error}") from None
@@ -208,7 +215,11 @@ class Daemon:
             return NoFix.UNCALIBRATED
         if not self._has_map:
             return NoFix.NO_MAP
-        return NoFix.NO_PANEL if not health.in_view else NoFix.REJECTED
+        if health.fixed:
+            return NoFix.NONE
+        if not health.in_view:
+            return NoFix.NO_PANEL
+        return NoFix.NOT_IN_MAP if health.no_fix == NOT_IN_MAP.reason else NoFix.REJECTED
 
 
 def calibration(config: Config, camera: Camera) -> Intrinsics | None:

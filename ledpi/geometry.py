@@ -93,3 +93,54 @@ def matrix_from_rotation_vector(vector: Floats) -> Floats:
         return small
     turned: Floats = np.eye(3) + math.sin(angle) / angle * cross + (1 - math.cos(angle)) / angle**2 * (cross @ cross)
     return turned
+
+
+def rotation_vector(matrix: Floats) -> Floats:
+    """(3,) axis times angle in radians of a (3, 3) rotation, 0 to π: the inverse of `matrix_from_rotation_vector`."""
+    w, *axis = quaternion_from_matrix(matrix).tolist()
+    length = math.hypot(*axis)
+    scale = 2.0 * math.atan2(length, w) / length if length > 1e-12 else 2.0
+    return scale * np.array(axis)
+
+
+def transform(rotation: Floats, position_m: Floats) -> Floats:
+    """The (4, 4) matrix of a (3, 3) rotation followed by a (3,) shift."""
+    matrix = np.eye(4)
+    matrix[:3, :3] = rotation
+    matrix[:3, 3] = position_m
+    return matrix
+
+
+def inverse(a_from_b: Floats) -> Floats:
+    """b_from_a of a rigid (4, 4) a_from_b."""
+    turned = a_from_b[:3, :3].T
+    return transform(turned, -turned @ a_from_b[:3, 3])
+
+
+def matrix_from_rpy_deg(roll: float, pitch: float, yaw: float) -> Floats:
+    """(3, 3) rotation: roll about x, then pitch about y, then yaw about z, the axes fixed (REP-103)."""
+    (sr, cr), (sp, cp), (sy, cy) = ((math.sin(math.radians(a)), math.cos(math.radians(a))) for a in (roll, pitch, yaw))
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
+
+
+def rpy_deg_from_matrix(rotation: Floats) -> tuple[float, float, float]:
+    """Roll, pitch, yaw of a (3, 3) rotation; where pitch is ±90° only their sum is defined, and roll is 0."""
+    r = rotation.tolist()
+    level = math.hypot(r[0][0], r[1][0])
+    pitch = math.atan2(-r[2][0], level)
+    if level < 1e-9:
+        return 0.0, math.degrees(pitch), math.degrees(math.atan2(-r[0][1], r[1][1]))
+    return math.degrees(math.atan2(r[2][1], r[2][2])), math.degrees(pitch), math.degrees(math.atan2(r[1][0], r[0][0]))
+
+
+# A camera_link has x ahead, y left, z up (REP-103); the optical frame `camera` x right, y down, z ahead.
+CAMERA_LINK_FROM_CAMERA = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])
+# A panel that faces along x and hangs upright: its z (out of it) is x, its x (right, as it is looked at) y, its y z.
+# So a tag faces in WPILib's field layouts too.
+FACING_FROM_MARKER = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])

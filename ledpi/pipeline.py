@@ -19,6 +19,7 @@ from ledpi.decode.reader import Reader
 from ledpi.decode.track import NOT_SHOWN, Track, Tracker
 from ledpi.dictionaries import load_dictionary
 from ledpi.markers import corners_of_turned
+from ledpi.pose.fix import Robot
 from ledpi.pose.place import Placer
 from ledpi.records import (
     CameraInfo,
@@ -31,6 +32,7 @@ from ledpi.records import (
     PanelValues,
     Quad,
     Rejected,
+    RobotFix,
     Sighting,
     read_only,
 )
@@ -65,7 +67,7 @@ class Pipeline:
     """Decodes the frames of one camera. Not shared between threads.
 
     `stream`: frames follow each other in time, and tracks add to what a frame shows; else each frame is alone, as it
-    always is for the method `bands`.
+    always is for the method `bands`. `robot`: how the camera sits on it, and its map; without, no fix is solved.
     Raises ValueError where the panels' values contradict each other.
     """
 
@@ -76,6 +78,7 @@ class Pipeline:
         *,
         intrinsics: Intrinsics | None,
         shown: PanelValues | None = None,
+        robot: Robot | None = None,
         method: Method = "soft",
         stream: bool = True,
         clock: Callable[[], float] = time.perf_counter,
@@ -97,7 +100,7 @@ class Pipeline:
         self._readers = [BandsReader(dictionary, ids, spec) for spec, ids in groups] if method == "bands" else []
         self._specs = tuple(spec for spec, _ in groups)
         sides_m = {marker_id: panels.spec(marker_id).side_m for marker_id in range(len(dictionary.words))}
-        self._placer = Placer(intrinsics, sides_m, stream=stream)
+        self._placer = Placer(intrinsics, sides_m, stream=stream, robot=robot)
         self._tracker = Tracker(self._specs)
         self._since_search = 0
         self._row_clock = RowClock(camera)
@@ -120,13 +123,16 @@ class Pipeline:
         sightings = _one_of_each(read(frame, work), work)
         start = self._clock()
         markers = self._place(frame, sightings, work)
+        fix = self._placer.fix(frame, markers)
+        if isinstance(fix, Rejected):
+            work.rejected.append(fix)
         self._timed(work, "pose", start)
         return Decoded(
             seq=frame.seq,
             row0_readout_ns=frame.row0_readout_ns,
             host_offset_ns=frame.host_offset_ns,
             markers=tuple(markers),
-            robot=None,
+            robot=fix if isinstance(fix, RobotFix) else None,
             rejected=tuple(work.rejected),
             stage_ms={stage: 1e3 * seconds for stage, seconds in work.seconds.items()},
         )

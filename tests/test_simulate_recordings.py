@@ -14,13 +14,13 @@ import pytest
 import yaml
 
 from ledpi.dictionaries import load_dictionary
-from ledpi.geometry import matrix_from_quaternion
+from ledpi.geometry import matrix_from_quaternion, transform
 from ledpi.records import Floats, Intrinsics, PanelSpec
 from ledpi.shutter import harmonic_amplitude
 from ledpi.simulate.optics import project
 from ledpi.simulate.render import Renderer
 from ledpi.simulate.scene import Panel, PanelLook, Scene, SimulatedSensor
-from ledpi.simulate.trajectory import Still, transform
+from ledpi.simulate.trajectory import Still
 from ledpi.tone import linear_light
 
 HARMONICS = (1, 3, 5)  # a square wave of duty 0.5 has odd ones only

@@ -21,10 +21,11 @@ from simulate_material import (
     standing,
 )
 
+from ledpi.geometry import transform
 from ledpi.records import Pixels
 from ledpi.simulate.render import Renderer
 from ledpi.simulate.scene import Light, PanelLook, Ripple, Room, Scene, SquareWave
-from ledpi.simulate.trajectory import Gliding, Still, facing_camera, transform
+from ledpi.simulate.trajectory import Gliding, Still, facing_camera
 
 EXPOSURE_S = 9967e-6
 

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from simulate_material import LENS, PINHOLE, dark_scene, opencv_pixels, panel, sensor, single_class_panel, standing
 
+from ledpi.geometry import inverse, transform
 from ledpi.records import Floats, PanelSpec
 from ledpi.simulate.render import Renderer
 from ledpi.simulate.scene import SimulatedSensor
 from ledpi.simulate.scenes import drive_scene, ov5647_lens, still_scene, whole_rows_us
-from ledpi.simulate.trajectory import Gliding, Still, facing_camera, inverse, rotation, transform
+from ledpi.simulate.trajectory import Gliding, Still, facing_camera, rotation
 
 CORNERS_M = np.array([[-0.08, 0.08, 0.0], [0.08, 0.08, 0.0], [0.08, -0.08, 0.0], [-0.08, -0.08, 0.0]])
 

@@ -32,6 +32,7 @@ def main() -> None:
         calibrate_shutter,
         decode,
         evaluate,
+        map,
         monitor,
         panel,
         panel_design,

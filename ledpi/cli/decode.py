@@ -100,6 +100,7 @@ def _decode_recording(
     from ledpi.picture import read_picture
     from ledpi.pipeline import Pipeline
     from ledpi.recording import load_recording
+    from ledpi.robot import load_robot
     from ledpi.row_clock import row_time_note
 
     recording = load_recording(folder)
@@ -113,6 +114,7 @@ def _decode_recording(
             settings.panels,
             intrinsics=lens,
             shown=recording.panel_values,
+            robot=load_robot(settings),
             method=settings.decode.method,
             stream=stream,
         )
@@ -139,13 +141,15 @@ def _decode_pictures(
 ) -> int:
     """Prints every picture, each on its own: nothing is known of the time between them."""
     from ledpi.pipeline import Pipeline
+    from ledpi.robot import load_robot
     from ledpi.still import read_still, still_camera
 
     if not pictures:
         return 0
     info = still_camera(settings.camera)
     lens, method = _intrinsics(settings, info.width, info.height), settings.decode.method
-    pipeline = Pipeline(info, settings.panels, intrinsics=lens, method=method, stream=False)
+    robot = load_robot(settings)
+    pipeline = Pipeline(info, settings.panels, intrinsics=lens, robot=robot, method=method, stream=False)
     bad = 0
     for seq, path in enumerate(pictures):
         try:

@@ -20,9 +20,10 @@ from ledpi.dictionaries import load_dictionary
 from ledpi.evaluate.conditions import Condition, Variation
 from ledpi.evaluate.decoys import decoys, lamp
 from ledpi.evaluate.placing import Placer, in_sight
+from ledpi.geometry import transform
 from ledpi.records import Floats, PanelSpec
 from ledpi.simulate.scene import OV5647_ROW_TIME_US, Light, Panel, PanelLook, Ripple, Room, Scene, SimulatedSensor
-from ledpi.simulate.trajectory import Gliding, Still, Trajectory, transform
+from ledpi.simulate.trajectory import Gliding, Still, Trajectory
 
 FRAMES_A_TAKE = 12
 OFFSET_PX = (80.0, 60.0)  # how far from the picture's middle a panel is put, at most

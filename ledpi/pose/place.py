@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from ledpi.pose.branches import Branches
 from ledpi.pose.corners import centre_px, seen_at_row
+from ledpi.pose.fix import FixSolver, Robot
 from ledpi.pose.planar import solve_squares
-from ledpi.records import Floats, Frame, Intrinsics, MarkerPose, Rejected, Sighting
+from ledpi.records import Frame, Intrinsics, MarkerPose, Rejected, RobotFix, Sighting
 from ledpi.shutter import row_mid_exposure_ns
 
 
 class Placer:
     """Places the panels of one camera's frames.
 
-    `sides_m` by ID; `stream`: frames follow each other in time, else each is alone; `up_in_camera` (3,) where panels
-    are known to hang upright. Without `intrinsics` there are times, but no poses.
+    `sides_m` by ID, where the robot's map has no other; `stream`: frames follow each other in time, else each is alone.
+    Without `intrinsics` there are times, but no poses, and without a map no fixes.
     """
 
     def __init__(
@@ -27,13 +28,23 @@ class Placer:
         sides_m: Mapping[int, float],
         *,
         stream: bool,
-        up_in_camera: Floats | None = None,
+        robot: Robot | None = None,
     ) -> None:
         self._intrinsics = intrinsics
-        self._sides_m = sides_m
+        self._robot = robot
+        panels = robot.panels if robot is not None and robot.panels is not None else {}
+        self._sides_m = {**sides_m, **{i: panel.side_m for i, panel in panels.items() if panel.side_m is not None}}
         self._stream = stream
-        self._up = up_in_camera
-        self._branches = Branches(up_in_camera)
+        self._begin()
+
+    def _begin(self) -> None:
+        """Without a past."""
+        robot = self._robot
+        up = robot.base_link_from_camera[2, :3] if robot is not None and robot.panels_upright else None
+        self._branches = Branches(up)
+        self._fixes: FixSolver | None = None
+        if robot is not None and robot.panels is not None and self._intrinsics is not None:
+            self._fixes = FixSolver(self._intrinsics, robot, robot.panels, self._sides_m)
 
     def place(self, frame: Frame, sightings: list[Sighting]) -> list[MarkerPose | Rejected]:
         """Of each sighting its pose, or why it has none."""
@@ -41,7 +52,7 @@ class Placer:
         if self._intrinsics is None:
             return [_marker(frame, s, row) for s, row in zip(sightings, rows, strict=True)]
         if not self._stream:
-            self._branches = Branches(self._up)
+            self._begin()
         if not sightings:
             return []
         seen = zip(sightings, rows, strict=True)
@@ -61,6 +72,11 @@ class Placer:
             best, other = self._branches.choose(sighting.id, solutions, marker.mid_exposure_ns)
             placed.append(replace(marker, solution=best, alternate=other))
         return placed
+
+
+    def fix(self, frame: Frame, markers: Sequence[MarkerPose]) -> RobotFix | Rejected | None:
+        """Where the robot is in the map, or why that cannot be told; None without a map or a panel."""
+        return self._fixes.solve(frame, markers) if self._fixes is not None and markers else None
 
 
 def _marker(frame: Frame, sighting: Sighting, row: float) -> MarkerPose:

@@ -55,7 +55,7 @@ def solve_squares(
         np.array([position for *_, position in found for _ in range(2)]),
         square_corners(1.0) * np.array(sides_m)[of][:, None, None],
         corners_px[of],
-        whiteners(corners_px, sigma_px)[of],
+        whiteners(corners_px, sigma_px)[of, None],
         intrinsics,
     )
     both = _solutions(fits)

@@ -60,15 +60,25 @@ def turned(rotations: Floats, turns: Floats) -> Floats:
 
 
 def refine(
-    rotations: Floats, positions: Floats, points: Floats, seen_px: Floats, whiteners: Floats, intrinsics: Intrinsics
+    rotations: Floats,
+    positions: Floats,
+    points: Floats,
+    seen_px: Floats,
+    whiteners: Floats,
+    intrinsics: Intrinsics,
+    at_most: int | None = None,
 ) -> Fits:
     """The nearest best poses of K bodies of P points each: `points` (K, P, 3) in the body, `seen_px` (K, P, 2).
 
-    Levenberg and Marquardt's method on the residuals that `whiteners` (K, 2P, 2P) make independent. Every pose returned
-    is at least as good as the one that it began with.
+    Levenberg and Marquardt's method on the residuals that `whiteners` (K, P/4, 8, 8) make independent, four points at a
+    time; what is the same for all bodies may have 1 for K. `at_most`: of more starts only the likeliest are followed.
+    Every pose returned is at least as good as the one that it began with.
     """
-    damping = np.zeros(len(points))  # Marquardt's: 1 halves a step
+    damping = np.zeros(len(rotations))  # Marquardt's: 1 halves a step
     best = _Look.at(rotations, positions, points, seen_px, whiteners, intrinsics)
+    if at_most is not None and len(rotations) > at_most:
+        likeliest = np.argsort(best.chi2)[:at_most]
+        best, damping = _Look(*(array[likeliest] for array in best)), damping[:at_most]
     for _ in range(ROUNDS):
         information = best.slopes.transpose(0, 2, 1) @ best.slopes + UNKNOWN_TURN
         pull = best.slopes.transpose(0, 2, 1) @ best.left
@@ -99,14 +109,14 @@ class _Look(NamedTuple):
     def at(
         cls, rotations: Floats, positions: Floats, points: Floats, seen_px: Floats, whiteners: Floats, lens: Intrinsics
     ) -> _Look:
-        count = len(points)
+        count = len(rotations)
         arms = points @ rotations.transpose(0, 2, 1)
         pixels, by_point = projected(arms + positions[:, None], lens)
         off_px = seen_px - pixels
         slopes = np.concatenate([by_point, -by_point @ skew(arms)], axis=-1)
-        left = whiteners @ off_px.reshape(count, -1, 1)
-        chi2 = (left * left).sum(axis=(1, 2))
-        return cls(rotations, positions, chi2, off_px, whiteners @ slopes.reshape(count, -1, 6), left)
+        left = (whiteners @ off_px.reshape(count, -1, 8, 1)).reshape(count, -1, 1)
+        slopes = (whiteners @ slopes.reshape(count, -1, 8, 6)).reshape(count, -1, 6)
+        return cls(rotations, positions, (left * left).sum(axis=(1, 2)), off_px, slopes, left)
 
     def where(self, chosen: NDArray[np.bool_], other: _Look) -> _Look:
         pairs = zip(self, other, strict=True)

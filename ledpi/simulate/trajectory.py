@@ -9,6 +9,7 @@ from typing import Protocol
 import cv2
 import numpy as np
 
+from ledpi.geometry import transform
 from ledpi.records import Floats
 
 
@@ -23,20 +24,6 @@ class Trajectory(Protocol):
     def scene_from_body(self, t_s: float) -> Floats:
         """(4, 4) pose at `t_s` seconds of the camera's clock."""
         ...
-
-
-def transform(rotation: Floats, position_m: Floats) -> Floats:
-    """The (4, 4) matrix of a (3, 3) rotation followed by a (3,) shift."""
-    matrix = np.eye(4)
-    matrix[:3, :3] = rotation
-    matrix[:3, 3] = position_m
-    return matrix
-
-
-def inverse(transform_matrix: Floats) -> Floats:
-    """b_from_a of a rigid a_from_b."""
-    turned = transform_matrix[:3, :3].T
-    return transform(turned, -turned @ transform_matrix[:3, 3])
 
 
 def rotation(vector_rad: Floats) -> Floats:

@@ -5,12 +5,12 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from ledpi.geometry import quaternion_from_matrix
+from ledpi.geometry import inverse, quaternion_from_matrix
 from ledpi.recording import TruthMarker
 from ledpi.records import Floats, Intrinsics, Pose, read_only
 from ledpi.simulate.optics import PoseAt, seen_at, shows_front
 from ledpi.simulate.scene import Panel, Scene, SimulatedSensor
-from ledpi.simulate.trajectory import Trajectory, inverse
+from ledpi.simulate.trajectory import Trajectory
 
 _WIDEST_TANGENT = 2.75  # of a corner's angle from the optical axis, 70°: lens models end there
 

@@ -1,0 +1,163 @@
+"""markers.yaml: where each panel hangs in the map, as a person measures it or `ledpi calibrate map` writes it.
+
+docs/map.md is the format's description.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import yaml
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+
+from ledpi.config import Finite, Positive, Vector3
+from ledpi.config_mistakes import explain
+from ledpi.errors import ConfigError
+from ledpi.geometry import (
+    FACING_FROM_MARKER,
+    matrix_from_quaternion,
+    matrix_from_rpy_deg,
+    quaternion_from_matrix,
+    transform,
+)
+from ledpi.pose.panel_map import MapPanel, PanelMap
+from ledpi.records import Floats, read_only
+
+# Where a map does not say how well its panels are placed: a tape measure on a wall, a panel hung by eye.
+BY_TAPE_M, BY_EYE_DEG = 0.01, 1.0
+
+NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+
+
+def _rotation(values: list[float]) -> list[float]:
+    if len(values) != 4:
+        raise ValueError("must be four numbers w, x, y, z, as in [1, 0, 0, 0]")
+    length = math.hypot(*values)
+    if length == 0:
+        raise ValueError("is no rotation: a quaternion's length must be 1, and its is 0")
+    if abs(length - 1) > 0.01:
+        raise ValueError(f"must have length 1, and its is {length:.4g}")
+    return values
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _is_no_boolean(cls, value: object) -> object:
+        """YAML reads yes, no, on, off as booleans, and pydantic a boolean as the number 1 or 0."""
+        if isinstance(value, bool):
+            raise ValueError("takes no true or false (which YAML also reads from yes, no, on and off)")
+        return value
+
+
+class _Deviations(_Part):
+    position_m: NotNegative = BY_TAPE_M
+    angle_deg: NotNegative = BY_EYE_DEG
+
+
+class _Panel(_Part):
+    position_m: Vector3
+    quaternion_wxyz: Annotated[list[Finite], AfterValidator(_rotation)] | None = None
+    yaw_deg: Finite | None = None
+    pitch_deg: Finite | None = None
+    roll_deg: Finite | None = None
+    side_m: Positive | None = None
+    deviations: _Deviations | None = None
+
+    @model_validator(mode="after")
+    def _turned_once(self) -> _Panel:
+        angles = (self.yaw_deg, self.pitch_deg, self.roll_deg)
+        if (self.quaternion_wxyz is None) == all(angle is None for angle in angles):
+            raise ValueError("must have either quaternion_wxyz, or yaw_deg (with pitch_deg and roll_deg where not 0)")
+        return self
+
+    def map_from_marker(self) -> Floats:
+        if self.quaternion_wxyz is not None:
+            rotation = matrix_from_quaternion(np.array(self.quaternion_wxyz))
+        else:
+            turned = matrix_from_rpy_deg(self.roll_deg or 0.0, self.pitch_deg or 0.0, self.yaw_deg or 0.0)
+            rotation = turned @ FACING_FROM_MARKER
+        return transform(rotation, np.array(self.position_m))
+
+
+def _at_least_one(panels: dict[int, _Panel]) -> dict[int, _Panel]:
+    if panels:
+        return panels
+    raise ValueError("must hold a panel at least")
+
+
+class _Map(_Part):
+    format: Literal[1] = 1
+    deviations: _Deviations = _Deviations()
+    panels: Annotated[dict[Annotated[int, Field(ge=0)], _Panel], AfterValidator(_at_least_one)]
+
+
+class _UniqueKeys(yaml.SafeLoader):
+    """YAML lets the last of two equal keys win in silence; of a panel's two places neither must."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        seen: set[Any] = set()
+        for key_node, _ in node.value:
+            if isinstance(key_node, yaml.ScalarNode):
+                key = self.construct_object(key_node)
+                if key in seen:
+                    line = key_node.start_mark.line + 1
+                    raise ConfigError(f"line {line}: {key} is there twice; each key and each ID once")
+                seen.add(key)
+        return super().construct_mapping(node, deep)
+
+
+def load_map(path: Path) -> PanelMap:
+    """Reads markers.yaml. Raises ConfigError with file and key."""
+    try:
+        raw = yaml.load(path.read_text(encoding="utf-8"), _UniqueKeys)
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{path}: byte {error.start} is not UTF-8 text") from None
+    except yaml.YAMLError as error:
+        raise ConfigError(f"{path}: not valid YAML: {' '.join(str(error).split())}") from None
+    except ConfigError as error:
+        raise ConfigError(f"{path}: {error}") from None
+    if not isinstance(raw, dict):
+        raise ConfigError(f"{path}: must be a map of panels (format: 1, panels: …)")
+    try:
+        content = _Map.model_validate(raw)
+    except ValidationError as error:
+        raise ConfigError(f"{path}: {explain(error, _Map)}") from None
+    panels = {}
+    for marker_id, panel in content.panels.items():
+        known = panel.deviations or content.deviations
+        panels[marker_id] = MapPanel(
+            map_from_marker=read_only(panel.map_from_marker()),
+            side_m=panel.side_m,
+            position_sigma_m=known.position_m,
+            angle_sigma_rad=math.radians(known.angle_deg),
+        )
+    return panels
+
+
+def map_text(panels: PanelMap, comment: str) -> str:
+    """The text of a markers.yaml, `comment` (lines) at its head."""
+    content: dict[int, dict[str, Any]] = {}
+    for marker_id, panel in sorted(panels.items()):
+        place = panel.map_from_marker
+        values: dict[str, Any] = {
+            "position_m": [round(float(v), 5) for v in place[:3, 3]],
+            "quaternion_wxyz": [round(float(v), 7) for v in quaternion_from_matrix(place[:3, :3])],
+        }
+        if panel.side_m is not None:
+            values["side_m"] = float(panel.side_m)
+        values["deviations"] = {
+            "position_m": round(panel.position_sigma_m, 5),
+            "angle_deg": round(math.degrees(panel.angle_sigma_rad), 4),
+        }
+        content[marker_id] = values
+    head = "".join(f"# {line}\n" for line in comment.splitlines())
+    body = yaml.safe_dump({"format": 1, "panels": content}, sort_keys=False, default_flow_style=None, width=140)
+    return head + body

@@ -1,0 +1,214 @@
+"""Where the robot is: one pose from all corners of all panels that the map knows.
+
+Everything is brought to one moment, and weighed by how well it is known: corners by their edges, panels by what the map
+says of its own deviations. The panels' own poses are only where the joint solution starts from.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ledpi.geometry import inverse, matrix_from_quaternion, quaternion_from_matrix, transform
+from ledpi.pose.corners import centre_px, seen_at_row, whiteners
+from ledpi.pose.panel_map import PanelMap
+from ledpi.pose.past import Candidate, Past, distance2
+from ledpi.pose.planar import square_corners
+from ledpi.pose.refine import Fits, projected, refine, skew
+from ledpi.records import Floats, Frame, Intrinsics, MarkerPose, PlanarSolution, Pose, Rejected, RobotFix, read_only
+from ledpi.shutter import row_mid_exposure_ns
+
+NOT_IN_MAP = Rejected(stage="fix", reason="not_in_map")
+AMBIGUOUS = Rejected(stage="fix", reason="ambiguous")
+CONTRADICTION = Rejected(stage="fix", reason="panels_contradict")
+
+# Panels agree where their joint χ² is one that chance exceeds once in 1,000 times: 3.09 deviations of a normal.
+AGREE_Z = 3.09
+EXCLUDED_BY = 13.8  # of χ², as for a marker's two poses: a thousand times less likely
+MAX_STARTS = 6  # of the joint solution: both poses of the three largest panels
+ONE_POSE = 1.0  # solutions that are no further apart than one deviation are one
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Robot:
+    """How the camera sits on the robot, and the map that it drives in."""
+
+    base_link_from_camera: Floats  # (4, 4)
+    panels: PanelMap | None = None
+    panels_upright: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class _Seen:
+    """The N panels of the map that a frame shows, at one moment."""
+
+    ids: tuple[int, ...]
+    points: Floats  # (N, 4, 3) of their corners in the map, about `middle`
+    middle: Floats  # (3,) in the map: small numbers keep the equations well conditioned
+    corners_px: Floats  # (N, 4, 2)
+    whiteners: Floats  # (N, 8, 8)
+    starts: tuple[tuple[Floats, ...], ...]  # of each panel, camera_from_middle (4, 4): one or two, the likelier first
+
+    def without(self, index: int) -> _Seen:
+        keep = [i for i in range(len(self.ids)) if i != index]
+        starts = tuple(self.starts[i] for i in keep)
+        ids = tuple(self.ids[i] for i in keep)
+        return _Seen(ids, self.points[keep], self.middle, self.corners_px[keep], self.whiteners[keep], starts)
+
+
+class FixSolver:
+    """Solves one stream's fixes. `sides_m` by ID."""
+
+    def __init__(self, intrinsics: Intrinsics, robot: Robot, panels: PanelMap, sides_m: Mapping[int, float]) -> None:
+        self._intrinsics = intrinsics
+        self._camera_from_base = inverse(robot.base_link_from_camera)
+        self._panels = panels
+        self._sides_m = sides_m
+        self._past = Past()
+
+    def solve(self, frame: Frame, markers: Sequence[MarkerPose]) -> RobotFix | Rejected:
+        """map_from_base_link from the panels of a frame, or why there is none. `markers` must not be empty.
+
+        Where several poses fit, or two panels contradict each other, the last fix decides, or there is none.
+        """
+        known = [m for m in markers if m.sighting.id in self._panels and m.solution is not None]
+        if not known:
+            return NOT_IN_MAP
+        known.sort(key=lambda m: -_size_px2(m.sighting.corners_px))
+        row = float(np.mean([centre_px(m.sighting.corners_px)[1] for m in known]))
+        now_ns = row_mid_exposure_ns(frame, row)
+        candidates = self._candidates(self._look(known, row, frame.row_time_us))
+        chosen = self._past.choose(candidates, now_ns)
+        if chosen is None:
+            return CONTRADICTION if candidates[0].rejected else AMBIGUOUS
+        self._past.remember(chosen, now_ns)
+        pose = Pose(
+            position_m=read_only(chosen.map_from_base[:3, 3]),
+            quaternion_wxyz=read_only(quaternion_from_matrix(chosen.map_from_base[:3, :3])),
+            covariance=read_only(chosen.covariance),
+        )
+        return RobotFix(
+            map_from_base_link=pose,
+            mid_exposure_ns=now_ns,
+            panels_used=tuple(sorted(chosen.used)),
+            panels_rejected=tuple(sorted(chosen.rejected)),
+        )
+
+    def _look(self, known: list[MarkerPose], row: float, row_time_us: float) -> _Seen:
+        ids = tuple(m.sighting.id for m in known)
+        places = np.array([self._panels[i].map_from_marker for i in ids])
+        squares = np.array([square_corners(self._sides_m[i]) for i in ids])
+        middle = places[:, :3, 3].mean(axis=0)
+        places[:, :3, 3] -= middle
+        sightings = [m.sighting for m in known]
+        corners = np.array([seen_at_row(s.corners_px, s.velocity_px_s, row, row_time_us) for s in sightings])
+        whiten = whiteners(corners, np.array([s.corner_sigma_px for s in sightings]))
+        starts, believed = [], []
+        for marker, place in zip(known, places, strict=True):
+            assert marker.solution is not None
+            poses = [_matrix(s) for s in (marker.solution, marker.alternate) if s is not None]
+            believed.append(poses[0])
+            starts.append(tuple(pose @ inverse(place) for pose in poses))
+        return _Seen(
+            ids=ids,
+            points=squares @ places[:, :3, :3].transpose(0, 2, 1) + places[:, None, :3, 3],
+            middle=middle,
+            corners_px=corners,
+            whiteners=self._with_map_errors(whiten, ids, squares, np.array(believed)),
+            starts=tuple(starts),
+        )
+
+    def _with_map_errors(self, whiten: Floats, ids: tuple[int, ...], squares: Floats, poses: Floats) -> Floats:
+        """Whiteners (N, 8, 8) that also count with the panels not being just where the map has them.
+
+        A panel that is off by (δ, ω) moves its corners by J·(δ, ω), so their covariance grows by J·Σ·Jᵀ. Equal
+        deviations along all axes are the same in every frame of reference.
+        """
+        panels = [self._panels[i] for i in ids]
+        variances = np.array([[p.position_sigma_m**2] * 3 + [p.angle_sigma_rad**2] * 3 for p in panels])
+        if not variances.any():
+            return whiten
+        arms = squares @ poses[:, :3, :3].transpose(0, 2, 1)
+        _, by_point = projected(arms + poses[:, None, :3, 3], self._intrinsics)
+        slopes = np.concatenate([by_point, -by_point @ skew(arms)], axis=-1).reshape(len(ids), 8, 6)
+        from_corners = np.linalg.inv(whiten)
+        covariance = from_corners @ from_corners.transpose(0, 2, 1)
+        covariance += (slopes * variances[:, None, :]) @ slopes.transpose(0, 2, 1)
+        return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)), np.float64)
+
+    def _candidates(self, seen: _Seen, excluded: tuple[int, ...] = ()) -> list[Candidate]:
+        """The poses that the panels allow; more than one where they do not decide."""
+        fits = self._fit(seen)
+        if len(seen.ids) == 1 or _agrees(fits, len(seen.ids)):
+            return self._distinct(fits, seen, excluded)
+        fewer = [seen.without(i) for i in range(len(seen.ids))]
+        tried = [self._fit(rest) for rest in fewer]
+        chi2 = [float(t.chi2.min()) for t in tried]
+        best = int(np.argmin(chi2))
+        if len(seen.ids) > 2 and not _agrees(tried[best], len(seen.ids) - 1):
+            return self._candidates(fewer[best], (*excluded, seen.ids[best]))
+        # The one without which the others agree; of two each, as each agrees with itself.
+        as_good = [i for i, value in enumerate(chi2) if value <= chi2[best] + EXCLUDED_BY]
+        return [c for i in as_good for c in self._distinct(tried[i], fewer[i], (*excluded, seen.ids[i]))]
+
+    def _fit(self, seen: _Seen) -> Fits:
+        """camera_from_middle, from each of the starts."""
+        starts = np.array([start for both in seen.starts for start in both][:MAX_STARTS])
+        return refine(
+            starts[:, :3, :3],
+            starts[:, :3, 3],
+            seen.points.reshape(1, -1, 3),
+            seen.corners_px.reshape(1, -1, 2),
+            seen.whiteners[None],
+            self._intrinsics,
+            at_most=2,
+        )
+
+    def _distinct(self, fits: Fits, seen: _Seen, excluded: tuple[int, ...]) -> list[Candidate]:
+        """The different poses among fits that are not excluded by the best; of one panel its own two, as believed."""
+        found: list[Candidate] = []
+        order = range(len(fits.chi2)) if len(seen.ids) == 1 else np.argsort(fits.chi2).tolist()
+        for k in order:
+            if len(seen.ids) > 1 and fits.chi2[k] > fits.chi2.min() + EXCLUDED_BY:
+                break
+            candidate = self._candidate(fits, k, seen, excluded)
+            if all(distance2(candidate, other, candidate.covariance) > ONE_POSE for other in found):
+                found.append(candidate)
+        return found
+
+    def _candidate(self, fits: Fits, k: int, seen: _Seen, excluded: tuple[int, ...]) -> Candidate:
+        """The robot's pose of a camera's, with its covariance.
+
+        With camera_from_map R, t and the robot's origin c in the camera, b = Rᵀ(c − t): errors δ of t and ω of R, about
+        the camera's axes, move b by Rᵀ((c − t) × ω − δ), and turn the robot by −Rᵀω.
+        """
+        turned, shift = fits.rotations[k].T, fits.positions[k]
+        to_base = self._camera_from_base[:3, 3] - shift
+        slopes = np.zeros((6, 6))
+        slopes[:3, :3], slopes[:3, 3:], slopes[3:, 3:] = -turned, turned @ skew(to_base), -turned
+        return Candidate(
+            map_from_base=transform(turned @ self._camera_from_base[:3, :3], seen.middle + turned @ to_base),
+            covariance=slopes @ fits.covariances[k] @ slopes.T,
+            used=seen.ids,
+            rejected=excluded,
+        )
+
+
+def _matrix(solution: PlanarSolution) -> Floats:
+    pose = solution.camera_from_marker
+    return transform(matrix_from_quaternion(pose.quaternion_wxyz), pose.position_m)
+
+
+def _size_px2(corners_px: Floats) -> float:
+    (x0, y0), (x1, y1), (x2, y2), (x3, y3) = corners_px.tolist()
+    return abs(float((x2 - x0) * (y3 - y1) - (x3 - x1) * (y2 - y0))) / 2
+
+
+def _agrees(fits: Fits, panels: int) -> bool:
+    """Whether the best χ² is one that chance gives: Wilson and Hilferty's cube is normal."""
+    freedom = 8 * panels - 6
+    spread = 2 / (9 * freedom)
+    return bool(fits.chi2.min() < freedom * (1 - spread + AGREE_Z * math.sqrt(spread)) ** 3)

@@ -1,0 +1,32 @@
+"""What the configuration says of the robot and its map, as the path needs it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ledpi.config import Config
+from ledpi.errors import ConfigError
+from ledpi.geometry import CAMERA_LINK_FROM_CAMERA, matrix_from_rpy_deg, transform
+from ledpi.map_yaml import load_map
+from ledpi.pose.fix import Robot
+
+
+def load_robot(config: Config) -> Robot:
+    """Reads the map too, if there is one. Raises ConfigError."""
+    mount = config.robot.camera_mount
+    rotation = matrix_from_rpy_deg(*mount.rpy_deg) @ CAMERA_LINK_FROM_CAMERA
+    panels = None
+    if config.map is not None:
+        panels = load_map(config.map)
+        for marker_id, override in config.panels.overrides.items():
+            side_m = panels[marker_id].side_m if marker_id in panels else None
+            if side_m is not None and override.side_m is not None and side_m != override.side_m:
+                raise ConfigError(
+                    f"{config.map}: panels.{marker_id}.side_m: is {side_m}, but panels.overrides.{marker_id}.side_m in "
+                    f"the configuration is {override.side_m}: give it once"
+                )
+    return Robot(
+        base_link_from_camera=transform(rotation, np.array(mount.position_m)),
+        panels=panels,
+        panels_upright=config.panels.upright,
+    )
