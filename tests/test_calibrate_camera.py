@@ -18,6 +18,7 @@ from ledpi.calibrate.camera import calibrate_camera
 from ledpi.calibrate.files import write_keeping_old
 from ledpi.camera_yaml import load_intrinsics
 from ledpi.cli import main
+from ledpi.config import load_config
 from ledpi.errors import CalibrationError
 from ledpi.geometry import undistort
 from ledpi.records import Floats, Intrinsics, Pixels
@@ -151,9 +152,11 @@ def test_corners_of_a_rendered_board_are_found(pictures: Path) -> None:
 def test_a_rendered_camera_is_asked_back(pictures: Path, command: Command) -> None:
     """Focal lengths within 0.3 %, principal point within 1 px, and rays within 1 px everywhere.
 
-    The file also says when it was made and how good it is; an older one is kept; a picture shows the corners.
+    The file also says when it was made and how good it is; an older one is kept; a picture shows the corners; and a
+    configuration that names no lens names this one.
     """
     Path("camera.yaml").write_text("precious")
+    Path("config.yaml").write_text("panels: {side_m: 0.16}  # lamp\n")
     status, out, err = command(pictures)
     lens = load_intrinsics(Path("camera.yaml"))
     assert (status, err) == (0, "")
@@ -172,6 +175,8 @@ def test_a_rendered_camera_is_asked_back(pictures: Path, command: Command) -> No
     assert list(quality["deviations"]) == ["fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3"]
     assert 0 < quality["deviations"]["fx"] < 3
     assert cv2.imread("camera.png").shape == (480, 640, 3)
+    assert load_config(Path("config.yaml")).camera.intrinsics == Path("camera.yaml").absolute()
+    assert Path("config.yaml.bak-1").read_text() == "panels: {side_m: 0.16}  # lamp\n"
 
 
 def test_kept_files_are_numbered(tmp_path: Path) -> None:

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from datetime import date, timedelta
 from pathlib import Path
 
 import pytest
 import yaml
 
 from ledpi.calibrate.config_file import change_config, changed_yaml
+from ledpi.camera_yaml import camera_yaml_text
 from ledpi.cli import main
 from ledpi.config import load_config
 from ledpi.errors import CalibrationError
+from ledpi.records import Intrinsics
 
 Command = Callable[..., tuple[int, str, str]]
 CONFIG = """\
@@ -82,14 +85,55 @@ def test_a_row_time_that_the_driver_misreports_is_written(command: Command) -> N
     assert load_config(Path("config.yaml")).camera.row_time_us == pytest.approx(31.75, rel=2e-3)
 
 
-def test_what_is_as_announced_needs_no_entry(command: Command) -> None:
-    """A right panel and a right driver: both say so, and config.yaml stays as it is."""
+def test_what_is_as_announced_changes_nothing(command: Command) -> None:
+    """A right driver changes nothing; of a right panel only the day is noted, which costs the decoder nothing."""
     take = simulated(command, told={})
-    for what, said in (("panel", "as announced: nothing to write"), ("shutter", "row time is right: nothing to write")):
-        status, out, _ = command("calibrate", what, take)
-        assert status == 0
-        assert said in out
+    status, out, _ = command("calibrate", "shutter", take)
+    assert status == 0
+    assert "row time is right: nothing to write" in out
     assert Path("config.yaml").read_text(encoding="utf-8") == CONFIG
+    status, out, _ = command("calibrate", "panel", take)
+    assert status == 0
+    assert "panel 7 is as announced" in out
+    panels = load_config(Path("config.yaml")).panels
+    assert panels.overrides[7].measured == date.today()
+    assert panels.spec(7) == panels.spec()
+
+
+def test_bare_it_says_what_comes_next(command: Command) -> None:
+    """From nothing to a lens, a shutter and a panel: each is named with its age and quality once it is there."""
+    lens = Intrinsics(width=640, height=480, fx=643.0, fy=643.0, cx=320.0, cy=240.0)
+    own = {"calibrated": date.today() - timedelta(days=3), "rms_px": 0.114, "views": 18, "deviations": {"fx": 2.6}}
+    Path("config.yaml").write_text(CONFIG.replace("# the driver's", "\n    intrinsics: null"), encoding="utf-8")
+    status, out, _ = command("calibrate")
+    assert status == 0
+    assert "camera   no camera.intrinsics: IDs, but no poses" in out
+    assert out.splitlines()[-1].startswith("next: ledpi calibrate camera (a board to print: ledpi calibrate board)")
+    Path("camera.yaml").write_text(camera_yaml_text(lens, own))
+    Path("config.yaml").write_text(CONFIG.replace("# the driver's", "\n    intrinsics: camera.yaml"), encoding="utf-8")
+    out = command("calibrate")[1]
+    assert "640 × 480, rms 0.114 px of 18 views, fx 643.0 ± 2.6 px, 3 days old" in out
+    assert "next: ledpi calibrate shutter" in out
+    take = simulated(command, told={})
+    assert command("calibrate", "shutter", take)[0] == 0
+    out = command("calibrate")[1]
+    assert "measured 33.67" in out
+    assert "next: ledpi calibrate panel" in out
+    assert command("calibrate", "panel", take)[0] == 0
+    out = command("calibrate")[1]
+    assert "7: as announced, of today; others not measured" in out
+    assert "next: ledpi calibrate map" in out
+
+
+def test_bare_it_names_what_is_broken(command: Command) -> None:
+    """A camera.yaml for another size is not calibrated, and the reason is given."""
+    lens = Intrinsics(width=1296, height=972, fx=1000.0, fy=1000.0, cx=648.0, cy=486.0)
+    Path("camera.yaml").write_text(camera_yaml_text(lens, {}))
+    Path("config.yaml").write_text(CONFIG.replace("# the driver's", "\n    intrinsics: camera.yaml"), encoding="utf-8")
+    status, out, _ = command("calibrate")
+    assert status == 0
+    assert "was made for pictures of 1296 × 972 pixels" in out
+    assert "next: ledpi calibrate camera" in out
 
 
 @pytest.mark.parametrize("what", ["panel", "shutter"])

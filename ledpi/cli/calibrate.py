@@ -14,13 +14,32 @@ if TYPE_CHECKING:
     from ledpi.config import Config
     from ledpi.records import Pixels
 
-calibrate = typer.Typer(help="Measures the camera and the panels.", no_args_is_help=True, rich_markup_mode=None)
+calibrate = typer.Typer(rich_markup_mode=None)
 app.add_typer(calibrate, name="calibrate")
 
 
-@calibrate.callback()
-def _group() -> None:
-    """Keeps each command one of its own while it is the only one."""
+@calibrate.callback(invoke_without_command=True)
+def status(
+    context: typer.Context,
+    config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
+) -> None:
+    """Measure the camera and the panels. Without a command: what is calibrated, how well, and what comes next.
+
+    Example: ledpi calibrate
+    """
+    if context.invoked_subcommand is not None:
+        return
+    from datetime import date
+
+    from ledpi.calibrate.status import next_command, parts
+
+    settings, file = settings_for(config, [], None)
+    typer.echo(f"of {file}" if file is not None else "no config.yaml: of the defaults")
+    found = list(parts(settings, date.today()))
+    for part in found:
+        typer.echo(f"  {part.name:8} {part.text}")
+    command = next_command(found)
+    typer.echo(f"next: {command}" if command is not None else "nothing is missing")
 
 
 def settings_for(config: Path | None, set_: list[str], recording: Path | None) -> tuple[Config, Path | None]:

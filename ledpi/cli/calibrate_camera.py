@@ -53,7 +53,7 @@ def camera(
     written = _write(out, result)
     typer.echo(f"{found.pictures} pictures, {len(found.views)} with the board")
     _report(result)
-    for line in written:
+    for line in [*written, *_name_in_config(config, out)]:
         typer.echo(line)
 
 
@@ -166,3 +166,16 @@ def _write(out: Path, result: CameraCalibration) -> list[str]:
         kept = keep_old(picture, fresh)
         lines.append(f"{picture}: where the corners were" + (f"; the older one is kept as {kept}" if kept else ""))
     return lines
+
+
+def _name_in_config(config: Path | None, out: Path) -> list[str]:
+    """Puts the new file into a configuration that names none; returns what to say of that."""
+    from ledpi.calibrate.config_file import change_config
+
+    settings, file = settings_for(config, [], None)
+    if file is None or settings.camera.intrinsics is not None:
+        return []
+    beside = out.resolve().parent == file.resolve().parent  # paths in the file are relative to it
+    place = out.name if beside else str(out.resolve())
+    kept = change_config(file, {("camera", "intrinsics"): place})
+    return [f"{file}: camera.intrinsics: {place} written; the older one is kept as {kept}"]

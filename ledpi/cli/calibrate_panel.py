@@ -32,8 +32,8 @@ def panel(
     """What the panels in view really blink at → panels.overrides in config.yaml; an older file is kept.
 
     Camera and panel at rest, the panel at a metre or so. Frequencies are sought within 15 % of what the
-    configuration (or the recording) announces; a panel that is as announced needs no entry. Says too where an
-    exposure or a frame period suits these frequencies badly, and which would be better.
+    configuration (or the recording) announces; of a panel that is as announced only the day is noted. Says too
+    where an exposure or a frame period suits these frequencies badly, and which would be better.
 
     Of photographs, each of one blinking lamp, the frequency is told to a tenth of a percent, and nothing is
     written: a first look at an LED and its driver.
@@ -182,12 +182,13 @@ def _write(measured: dict[int, PanelCalibration], panels: PanelSettings, file: P
 
     changes: dict[Key, Any] = {}
     for marker_id, result in measured.items():
+        values: dict[str, Any] = {"measured": date.today()}
         if result.differs_from(panels.spec(marker_id)):
-            values = result.overrides() | {"measured": date.today()}
-            changes |= {("panels", "overrides", marker_id, key): value for key, value in values.items()}
-    if not changes:
-        typer.echo("as announced: nothing to write")
-    elif file is None:
+            values = result.overrides() | values
+        else:
+            typer.echo(f"panel {marker_id} is as announced")
+        changes |= {("panels", "overrides", marker_id, key): value for key, value in values.items()}
+    if file is None:
         typer.echo("nothing written; for config.yaml:")
         for key, value in changes.items():
             typer.echo(f"  {'.'.join(map(str, key))}: {value}")

@@ -28,7 +28,8 @@ def shutter(
     """Row time and real exposure, from a panel whose frequencies are known, as a crystal's are.
 
     Camera and panel at rest, the panel at a metre or so. Where the driver misreports the row time, the measured
-    one is written to camera.row_time_us in config.yaml; an older file is kept.
+    one is written to camera.row_time_us in config.yaml; what was measured is noted in camera.yaml too, if there is
+    one. Older files are kept.
 
     Example: ledpi calibrate shutter --set panels.black_hz=1250 --set panels.white_hz=2450
     """
@@ -46,6 +47,8 @@ def shutter(
     result = _measure(taken, settings.panels, reported)
     _report(result, reported)
     _write(result, reported, None if dry_run else file)
+    if not dry_run and settings.camera.intrinsics is not None:
+        _note(settings.camera.intrinsics, result)
 
 
 def _measure(taken: Taken, panels: PanelSettings, reported: Reported) -> ShutterCalibration:
@@ -112,3 +115,18 @@ def _write(result: ShutterCalibration, reported: Reported, file: Path | None) ->
     else:
         kept = change_config(file, {("camera", "row_time_us"): row_time_us})
         typer.echo(f"{file}: camera.row_time_us: {row_time_us} written; the older one is kept as {kept}")
+
+
+def _note(camera_yaml: Path, result: ShutterCalibration) -> None:
+    """What was measured, and when, beside the lens."""
+    from datetime import date
+    from typing import Any
+
+    from ledpi.calibrate.config_file import Key, change_config
+
+    values = {"row_time_us": result.row_time_us.value, "row_time_sigma_us": result.row_time_us.sigma}
+    if result.exposure_us is not None:
+        values |= {"exposure_us": result.exposure_us.value, "exposure_sigma_us": result.exposure_us.sigma}
+    notes: dict[Key, Any] = {("ledpi", "shutter", key): round(value, 3) for key, value in values.items()}
+    kept = change_config(camera_yaml, notes | {("ledpi", "shutter", "measured"): date.today()})
+    typer.echo(f"{camera_yaml}: ledpi.shutter written; the older one is kept as {kept}")
