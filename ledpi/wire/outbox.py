@@ -21,6 +21,9 @@ from ledpi.wire.message import (
 )
 
 STATUS_PERIOD_NS = 160_000_000  # at least 5 a second are promised; this leaves 40 ms for a busy line
+# A status that will be due so soon follows the next pose at once. Sent by itself it could be on the line, for 3.5 ms,
+# when the next frame's poses are ready; a camera of 25 fps or more has a pose for it to follow in this time.
+STATUS_FOLLOWS_NS = 40_000_000
 
 _Key: TypeAlias = tuple[int, bool]  # ID, and whether this is the alternate
 _M = TypeVar("_M", FixMessage, MarkerMessage)
@@ -37,7 +40,7 @@ class Outbox:
         self._max_age_ns = round(max_age_ms * 1e6)
         self._fix: tuple[RobotFix, int] | None = None  # with its mid-exposure on the host's clock
         self._markers: dict[_Key, tuple[MarkerPose, int]] = {}
-        self._newest_fix_ns: int | None = None
+        self._sent_fix_ns: int | None = None  # mid-exposure of the newest fix that went out
         self._status = StatusMessage(state=State.STARTING, no_fix=NoFix.NOT_RUNNING)
         self._status_due_ns: int | None = None  # None: now
         self._status_waits = False  # a fix has gone ahead of a status that was due
@@ -56,8 +59,7 @@ class Outbox:
                 self.replaced += 1
         if decoded.robot is not None:
             self.replaced += self._fix is not None
-            self._newest_fix_ns = decoded.robot.mid_exposure_ns + decoded.host_offset_ns
-            self._fix = (decoded.robot, self._newest_fix_ns)
+            self._fix = (decoded.robot, decoded.robot.mid_exposure_ns + decoded.host_offset_ns)
 
     def _put_marker(self, key: _Key, marker: MarkerPose, mid_ns: int) -> None:
         self.replaced += key in self._markers
@@ -73,7 +75,7 @@ class Outbox:
         """Forgets all poses; a status is due at once."""
         self.replaced += len(self._markers) + (self._fix is not None)
         self._markers.clear()
-        self._fix = None
+        self._fix = self._sent_fix_ns = None
         self._status_due_ns = None
 
     def idle_ns(self, now_ns: int) -> int:
@@ -86,19 +88,28 @@ class Outbox:
         """The next message for a frame whose first byte leaves at `first_byte_ns`, or None.
 
         The fix first, then the status, then the markers; but a status that is due waits for one fix at most,
-        or a line too short for all fixes would never carry it.
+        or a line too short for all fixes would never carry it. The first fix, and the first after a time without,
+        is followed by a status that says so.
         """
         status_due = self._status_due_ns is None or first_byte_ns >= self._status_due_ns
         if not (status_due and self._status_waits):
             fix = self._take_fix(first_byte_ns)
             if fix is not None:
                 self._status_waits = status_due
+                self._let_status_follow(first_byte_ns)
                 return fix
         if status_due:
             self._status_waits = False
             self._status_due_ns = first_byte_ns + STATUS_PERIOD_NS
             return self._status_at(first_byte_ns)
-        return self._take_marker(first_byte_ns)
+        marker = self._take_marker(first_byte_ns)
+        if marker is not None:
+            self._let_status_follow(first_byte_ns)
+        return marker
+
+    def _let_status_follow(self, now_ns: int) -> None:
+        if self._status_due_ns is not None and now_ns >= self._status_due_ns - STATUS_FOLLOWS_NS:
+            self._status_due_ns = None
 
     def stopping_status(self) -> StatusMessage:
         """The last word."""
@@ -108,7 +119,16 @@ class Outbox:
         if self._fix is None:
             return None
         (fix, mid_ns), self._fix = self._fix, None
-        return self._aged(mid_ns, first_byte_ns, partial(fix_message, fix))
+        message = self._aged(mid_ns, first_byte_ns, partial(fix_message, fix))
+        if message is not None:
+            if not self._has_fix(first_byte_ns):
+                self._status_due_ns = None
+            self._sent_fix_ns = mid_ns
+        return message
+
+    def _has_fix(self, now_ns: int) -> bool:
+        """Whether the receiver has a fix that is not too old."""
+        return self._sent_fix_ns is not None and now_ns - self._sent_fix_ns <= self._max_age_ns
 
     def _take_marker(self, first_byte_ns: int) -> MarkerMessage | None:
         while self._markers:
@@ -132,12 +152,11 @@ class Outbox:
             return None
 
     def _status_at(self, now_ns: int) -> StatusMessage:
-        """The status as it was set, but never with a fix that is no longer there."""
+        """The status as it was set, but for the fix: there is one while the newest that was sent is not too old."""
         status = self._counted(self._status)
-        newest = self._newest_fix_ns
-        if status.no_fix is NoFix.NONE and (newest is None or now_ns - newest > self._max_age_ns):
-            return replace(status, no_fix=NoFix.STALE)
-        return status
+        if status.state is not State.CAMERA_LOST and self._has_fix(now_ns):
+            return replace(status, no_fix=NoFix.NONE)
+        return replace(status, no_fix=NoFix.STALE) if status.no_fix is NoFix.NONE else status
 
     def _counted(self, status: StatusMessage) -> StatusMessage:
         return replace(status, packets_dropped=self.replaced + self.stale + self.refused)
