@@ -163,3 +163,13 @@ def test_the_sources_in_the_repository_can_be_built_as_they_are() -> None:
         Build.SIXTEEN_CELLS, load_dictionary("DICT_4X4_50"), 7, SPEC, exposure_us=9966.0, scan_time_s=0.016
     )
     assert (ROOT / "firmware/panel/settings.h").read_text(encoding="utf-8") == settings_text(planned)
+
+
+def test_the_commands_in_the_guide_print_what_it_says() -> None:
+    """Build your first panel: its commands are accepted, and the two lines it shows are the command's own."""
+    guide = (ROOT / "docs/first-panel.md").read_text(encoding="utf-8")
+    commands = re.findall(r"^    ledpi panel firmware (.+) --out driver$", guide, re.MULTILINE)
+    assert len(commands) == 2
+    shown = re.findall(r"^    ((?:black|white)  \d.*)$", guide, re.MULTILINE)
+    for number, command in enumerate(commands):
+        assert run(*command.split(), "--out", f"driver{number}").splitlines()[:2] == shown
