@@ -37,6 +37,7 @@ def main() -> None:
         panel,
         panel_design,
         panel_firmware,
+        panel_sheet,
         run,
         simulate,
         snapshot,

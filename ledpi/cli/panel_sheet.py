@@ -1,0 +1,71 @@
+"""`ledpi panel sheet`: what to buy, how to wire it, and the panel true to scale, on paper."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+from ledpi.cli.panel import panel
+from ledpi.cli.progress import progress
+from ledpi.errors import ConfigError
+
+if TYPE_CHECKING:
+    from ledpi.config import PanelSettings
+    from ledpi.panel.circuit import Lamps
+    from ledpi.panel.sheet import Sheet
+
+
+@panel.command()
+def sheet(
+    ids: list[int] = typer.Argument(metavar="ID…", help="IDs of the panels."),
+    out: Path = typer.Option(..., "--out", metavar="FOLDER", help="Folder for panel-ID.pdf, and an SVG of each page."),
+    supply: float = typer.Option(12.0, min=1, metavar="V", help="Of the LEDs."),
+    leds: int | None = typer.Option(None, help="In series in each cell. Default: what the supply carries, 4 at most."),
+    led_voltage: float = typer.Option(3.2, min=1, max=60, metavar="V", help="Forward voltage of one LED."),
+    led_ma: float = typer.Option(20.0, min=0.1, max=3000, metavar="MA", help="Current while it is on, the brightness."),
+    side: float | None = typer.Option(None, min=0.01, max=10, metavar="M", help="Default: panels.side_m."),
+    config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
+    set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
+) -> None:
+    """Wiring and build sheets: classes from both sides, circuit, parts, and the panel at 1 : 1.
+
+    Dictionary, size and frequencies are the configuration's.
+
+    Example: ledpi panel sheet 7 23 --out sheets --supply 12 --led-ma 15
+    """
+    from ledpi.config import find_config, load_config
+    from ledpi.panel.matplotlib_extra import require_matplotlib
+
+    file = find_config(config)
+    overrides = [] if file is not None else ["panels.side_m=0.16"]
+    overrides += set_ + ([f"panels.side_m={side}"] if side is not None else [])
+    panels = load_config(file, tuple(overrides)).panels
+    require_matplotlib("build sheets")
+    from ledpi.panel.circuit import Lamps
+    from ledpi.panel.sheet import write_sheet
+
+    lamps = Lamps(supply_v=supply, leds=leds, forward_v=led_voltage, current_a=1e-3 * led_ma)
+    sheets = [_planned(panels, marker_id, lamps) for marker_id in dict.fromkeys(ids)]
+    with progress("drawing", len(sheets)) as advance:
+        for planned in sheets:
+            typer.echo(str(write_sheet(planned, out)))
+            advance(1)
+
+
+def _planned(panels: PanelSettings, marker_id: int, lamps: Lamps) -> Sheet:
+    from ledpi.dictionaries import load_dictionary
+    from ledpi.panel.body import Body
+    from ledpi.panel.circuit import plan_circuit
+    from ledpi.panel.sheet import Sheet
+
+    dictionary = load_dictionary(panels.dictionary)
+    try:
+        word = dictionary.word(marker_id)
+    except ValueError as error:
+        raise ConfigError(f"ID {marker_id}: {error}") from None
+    spec, white = panels.spec(marker_id), int(word.sum())
+    circuit = plan_circuit(lamps, (word.size - white, white))
+    body = Body(word=word, side_mm=round(1e3 * spec.side_m, 3), leds=circuit.leds)
+    return Sheet(dictionary=dictionary, marker_id=marker_id, spec=spec, circuit=circuit, body=body)
