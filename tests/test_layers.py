@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import os
 import subprocess
 import sys
 from collections.abc import Iterable
@@ -148,3 +149,11 @@ def test_a_breach_two_steps_away_is_seen(tmp_path: Path) -> None:
     (package / "c.py").write_text("import numpy\ndef g():\n    import os.path\n    return os.path\n")
     assert breaches(["ledpi.a"], {"os"}, tmp_path) == ["ledpi.c imports os.path"]
     assert breaches(["ledpi.a"], {"os"}, tmp_path, stop_at="ledpi.c") == []
+
+
+def test_a_command_computes_on_one_thread() -> None:
+    """OpenCV's and BLAS's threads wait for each other longer than these small pictures take."""
+    code = "import ledpi.cli, cv2; print(cv2.getNumThreads())"
+    plain = {key: value for key, value in os.environ.items() if not key.startswith("OPENCV_")}
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, env=plain, capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "1"

@@ -5,8 +5,10 @@ from __future__ import annotations
 import os
 import sys
 
-# Matrices here are small, and the daemon's threads have the other cores to themselves. Before numpy is loaded.
+# Matrices and pictures here are small: a second thread costs more to wake than it saves (a busy core made the edges of
+# one panel take 9 ms, not 1), and the daemon's threads have the other cores. Before numpy and OpenCV are loaded.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ.setdefault("OPENCV_FOR_THREADS_NUM", "1")
 
 import typer
 
