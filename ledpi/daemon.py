@@ -8,8 +8,8 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from ledpi.camera.base import AdjustableGain, Camera
-from ledpi.camera.gain import GainControl, brightest_level
+from ledpi.camera.base import Camera
+from ledpi.camera.gain_follower import GainFollower
 from ledpi.camera.recovering import LOST
 from ledpi.camera_yaml import load_intrinsics
 from ledpi.config import Config
@@ -18,7 +18,7 @@ from ledpi.errors import ConfigError
 from ledpi.health import Health, HealthSnapshot
 from ledpi.pipeline import Pipeline
 from ledpi.pose.fix import NOT_IN_MAP
-from ledpi.records import Decoded, Frame, Intrinsics, Rejected
+from ledpi.records import Intrinsics, Rejected
 from ledpi.ring import FrameRing, RingCounters
 from ledpi.robot import load_robot
 from ledpi.service_notify import notify, watchdog_period_s
@@ -64,8 +64,7 @@ class Daemon:
             )
         except ValueError as error:
             raise ConfigError(f"panels.overrides: contradict the panel of {config.camera.source}: {error}") from None
-        limits = camera.gain_limits if isinstance(camera, AdjustableGain) else None
-        self._gain = None if limits is None else GainControl(limits)
+        self._gain = GainFollower(camera)
         self._publisher = Publisher(config.serial)
         self._health = Health()
         self._told: set[int] = set()  # panels that blink at other frequencies than configured
@@ -148,7 +147,7 @@ class Daemon:
             if frame is not None:
                 decoded = self._pipeline.decode(frame)
                 self._publisher.publish(decoded)
-                self._follow_brightness(frame, decoded)
+                self._gain.see(frame, decoded)
                 self._ring.release()
                 self._health.add(decoded)
                 for marker_id in self._pipeline.off_frequency.keys() - self._told:
@@ -157,14 +156,6 @@ class Daemon:
             elif self._ring.closed:
                 break
         self._stop.set()
-
-    def _follow_brightness(self, frame: Frame, decoded: Decoded) -> None:
-        if self._gain is None or not isinstance(self._camera, AdjustableGain):
-            return
-        level = brightest_level(frame, [marker.sighting.corners_px for marker in decoded.markers])
-        gain = self._gain.update(frame.row0_readout_ns, frame.analogue_gain, level)
-        if gain is not None:
-            self._camera.set_gain(gain)
 
     def _watch(self) -> None:
         """Keeps status and health up to date until it is time to stop."""

@@ -42,6 +42,7 @@ class FrameEntry:
     row0_readout_ns: int  # `sensor_timestamp_ns` in the file: start of row 0's read-out, camera's clock
     exposure_us: float
     analogue_gain: float | None = None
+    decoded: bool | None = None  # while it was recorded; None: not known
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -165,6 +166,7 @@ def frame_entry(folder: Path, line: FrameLine) -> FrameEntry:
         row0_readout_ns=line.sensor_timestamp_ns,
         exposure_us=line.exposure_us,
         analogue_gain=line.analogue_gain,
+        decoded=line.decoded,
     )
 
 

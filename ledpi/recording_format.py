@@ -75,6 +75,7 @@ class FrameLine(BaseModel):
     sensor_timestamp_ns: Natural
     exposure_us: Positive
     analogue_gain: Positive | None = None
+    decoded: Annotated[bool | None, Field(strict=True)] = None  # while it was recorded; None: nothing was
 
 
 class TruthLineMarker(BaseModel):

@@ -85,8 +85,19 @@ class RecordingWriter:
                 file.close()
         self._frames = self._truth = None
 
-    def write(self, frame: Frame, truth: Sequence[TruthMarker] | None = None) -> None:
-        """Adds a frame, and what is to be seen in it where that is known. On return the kernel has it all."""
+    def write(
+        self,
+        frame: Frame,
+        truth: Sequence[TruthMarker] | None = None,
+        *,
+        png: bytes | None = None,
+        decoded: bool | None = None,
+    ) -> int:
+        """Adds a frame, and what is to be seen in it where that is known. On return the kernel has it all.
+
+        `png`: its picture, where `encode_picture` was called elsewhere. `decoded`: whether it was decoded while it was
+        recorded. Returns the picture's bytes.
+        """
         if self._frames is None:
             raise ValueError("a RecordingWriter writes only inside its `with` block")
         line = FrameLine(
@@ -95,16 +106,19 @@ class RecordingWriter:
             sensor_timestamp_ns=frame.row0_readout_ns,
             exposure_us=frame.exposure_us,
             analogue_gain=frame.analogue_gain,
+            decoded=decoded,
         )
         entry = frame_entry(self._folder, line)
         self._check(frame, entry)
-        _write_picture(entry.picture, frame.pixels)
+        png = encode_picture(frame.pixels) if png is None else png
+        _write_picture(entry.picture, png)
         self._append(self._frames, line)
         self._last = entry
         if truth is not None:
             self._truth = self._truth or self._create(TRUTH_FILE)
             markers = tuple(_truth_line_marker(marker) for marker in truth)
             self._append(self._truth, TruthLine(seq=frame.seq, markers=markers))
+        return len(png)
 
     def _check(self, frame: Frame, entry: FrameEntry) -> None:
         camera, where = self._camera, f"{self._folder}: frame {frame.seq}"
@@ -142,10 +156,15 @@ def _writing(path: Path) -> Iterator[Path]:
         raise RecordingError(f"{path}: cannot be written: {error.strerror}") from None
 
 
-def _write_picture(path: Path, pixels: Pixels) -> None:
+def encode_picture(pixels: Pixels) -> bytes:
+    """A picture (H, W) as PNG, without loss. From any thread, as OpenCV lets the others run meanwhile."""
+    return bytes(cv2.imencode(".png", pixels, _PNG_OPTIONS)[1].tobytes())
+
+
+def _write_picture(path: Path, png: bytes) -> None:
     with _writing(path):
         try:
-            path.write_bytes(cv2.imencode(".png", pixels, _PNG_OPTIONS)[1].tobytes())
+            path.write_bytes(png)
         except BaseException:  # also Ctrl-C: half a picture is of no use
             path.unlink(missing_ok=True)
             raise

@@ -40,6 +40,7 @@ def main() -> None:
         panel_design,
         panel_firmware,
         panel_sheet,
+        record,
         run,
         simulate,
         snapshot,

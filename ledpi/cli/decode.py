@@ -29,6 +29,7 @@ def decode(
     config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
     set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
     single_frame: bool = typer.Option(False, "--single-frame", help="Each frame alone, no memory of those before."),
+    as_live: bool = typer.Option(False, "--as-live", help="Of `ledpi record`: only the frames it decoded live."),
     method: str | None = typer.Option(None, "--method", help="Overrides decode.method: soft or bands."),
     steps: Path | None = typer.Option(
         None, "--steps", metavar="DIR", help="Also draw the method's steps: a picture a frame, DIR/NNNNNN.png."
@@ -57,7 +58,9 @@ def decode(
     with progress("decoding", _frame_count(recordings) + len(pictures)) as advance:
         for name, folder in recordings:
             drawn = steps / name if steps is not None and len(recordings) + bool(pictures) > 1 else steps
-            bad += _decode_recording(name, folder, settings, drawn, stream=not single_frame, advance=advance)
+            bad += _decode_recording(
+                name, folder, settings, drawn, stream=not single_frame, as_live=as_live, advance=advance
+            )
         bad += _decode_pictures(pictures, settings, steps, advance=advance)
     if bad:
         raise typer.Exit(2)
@@ -93,7 +96,14 @@ def _frame_count(recordings: list[tuple[str, Path]]) -> int:
 
 
 def _decode_recording(
-    name: str, folder: Path, settings: Config, steps: Path | None, *, stream: bool, advance: Callable[[int], None]
+    name: str,
+    folder: Path,
+    settings: Config,
+    steps: Path | None,
+    *,
+    stream: bool,
+    as_live: bool,
+    advance: Callable[[int], None],
 ) -> int:
     """Prints every frame; returns how many pictures could not be read."""
     from ledpi.decode.tuning import off_frequency_note
@@ -122,6 +132,8 @@ def _decode_recording(
         raise ConfigError(f"panels.overrides: contradict the panel of {folder}: {error}") from None
     bad = 0
     for entry in recording.frames:
+        if as_live and not entry.decoded:
+            continue
         picture = np.empty((camera.height, camera.width), np.uint8)
         fault = read_picture(entry.picture, picture)
         if fault is None:

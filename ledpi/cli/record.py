@@ -1,0 +1,113 @@
+"""`ledpi record`: the camera to a recording."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+from ledpi.cli import app
+from ledpi.cli.progress import progress
+from ledpi.errors import ConfigError
+
+if TYPE_CHECKING:
+    from ledpi.camera.base import Camera
+    from ledpi.config import Config
+    from ledpi.recorder import Recorded, Recorder
+
+TICK_S = 0.1
+
+
+@app.command()
+def record(
+    out: Path = typer.Argument(metavar="OUT", help="Folder for the recording: new, or empty."),
+    seconds: float = typer.Option(10.0, "--seconds", min=0.1, help="Ends after so long."),
+    frames: int | None = typer.Option(None, "--frames", min=1, help="Ends after so many frames, if that is sooner."),
+    max_mb: float = typer.Option(2000.0, "--max-mb", min=1.0, help="Ends before the pictures take more than this."),
+    config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
+    set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
+) -> None:
+    """Record the camera at its full rate, with all that `ledpi decode` needs, and decode live meanwhile.
+
+    What was decoded live is in OUT/live.jsonl; `ledpi decode --as-live OUT` gives the same again. Ctrl-C ends it early;
+    what was recorded until then is whole, also where the disk was full. A frame takes some 170 kB.
+
+    Example: ledpi record takes/kitchen --seconds 30
+    """
+    from ledpi.camera.factory import open_camera
+    from ledpi.config import find_config, load_config
+
+    file = find_config(config)
+    if file is None and not set_:
+        raise ConfigError("no configuration: --config FILE, ./config.yaml or /etc/ledpi/config.yaml")
+    settings = load_config(file, tuple(set_))
+    camera = open_camera(settings)
+    try:
+        recorder = _recorder(out, settings, camera)
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, lambda *_: recorder.stop())
+        try:
+            _run(recorder, seconds=seconds, frames=frames, max_bytes=max_mb * 1e6)
+        finally:
+            typer.echo(f"{out}: {summary(recorder.done)}")
+    finally:
+        camera.close()
+
+
+def _recorder(out: Path, settings: Config, camera: Camera) -> Recorder:
+    from ledpi.daemon import calibration
+    from ledpi.pipeline import Pipeline
+    from ledpi.recorder import Recorder
+    from ledpi.recording_writer import RecordingWriter
+
+    lens = calibration(settings, camera)
+    try:
+        pipeline = Pipeline(
+            camera.info, settings.panels, intrinsics=lens, shown=camera.panel, method=settings.decode.method
+        )
+    except ValueError as error:
+        raise ConfigError(f"panels.overrides: contradict the panel of {settings.camera.source}: {error}") from None
+    writer = RecordingWriter(
+        out,
+        camera=replace(camera.info, intrinsics=lens),
+        dictionary=pipeline.panels.dictionary,
+        panel=pipeline.panels.spec(),
+        note=f"recorded from {settings.camera.source}",
+    )
+    return Recorder(camera, writer, pipeline, out)
+
+
+def _run(recorder: Recorder, *, seconds: float, frames: int | None, max_bytes: float) -> None:
+    """Ends it in time, or before it takes too much room; a bar shows how far it is."""
+
+    def watch() -> None:
+        with progress("recording", round(seconds / TICK_S)) as advance:
+            for _ in range(round(seconds / TICK_S)):
+                if ended.wait(TICK_S) or recorder.done.picture_bytes >= max_bytes:
+                    break
+                advance(1)
+        recorder.stop()
+
+    ended = threading.Event()
+    watching = threading.Thread(target=watch)
+    watching.start()
+    try:
+        recorder.run(frames)
+    finally:
+        ended.set()
+        watching.join()
+
+
+def summary(done: Recorded) -> str:
+    """As in `600 frames, 101 MB; 312 decoded live; none lost`."""
+    lost = {
+        "dropped, as encoders or disk were too slow": done.dropped,
+        "missed, as this machine was busy": done.missed,
+        "unfit": done.rejected,
+    }
+    said = ", ".join(f"{count} {why}" for why, count in lost.items() if count) or "none lost"
+    return f"{done.written} frames, {done.picture_bytes / 1e6:.0f} MB; {done.decoded} decoded live; {said}"
