@@ -63,11 +63,17 @@ def _recorder(out: Path, settings: Config, camera: Camera) -> Recorder:
     from ledpi.pipeline import Pipeline
     from ledpi.recorder import Recorder
     from ledpi.recording_writer import RecordingWriter
+    from ledpi.robot import load_robot
 
     lens = calibration(settings, camera)
     try:
         pipeline = Pipeline(
-            camera.info, settings.panels, intrinsics=lens, shown=camera.panel, method=settings.decode.method
+            camera.info,
+            settings.panels,
+            intrinsics=lens,
+            shown=camera.panel,
+            method=settings.decode.method,
+            robot=load_robot(settings),
         )
     except ValueError as error:
         raise ConfigError(f"panels.overrides: contradict the panel of {settings.camera.source}: {error}") from None
