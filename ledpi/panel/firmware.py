@@ -13,7 +13,7 @@ from pathlib import Path
 from ledpi.errors import ConfigError
 from ledpi.markers import Bits, Dictionary
 from ledpi.panel.frequencies import NULL_SHARE, Flicker, nearest_lobe_hz, null_share
-from ledpi.panel.timer import HalfPeriod, half_period
+from ledpi.panel.timer import HIGHEST_HZ, HalfPeriod, half_period
 from ledpi.records import PanelSpec
 
 SINGLE_CELLS = 16  # that the board has pins for, the serial line left free
@@ -62,19 +62,19 @@ def plan_firmware(
         )
     if spec.duty != 0.5:
         raise ConfigError(f"panels.duty: the driver's outputs are on for half a period; must be 0.5, not {spec.duty}")
-    for key, hz in (("black_hz", spec.black_hz), ("white_hz", spec.white_hz)):
-        _check_frequency(key, hz, exposure_us)
     _check_apart(spec, scan_time_s)
     return Firmware(
         build=build,
         dictionary=dictionary,
         marker_id=marker_id,
-        black=_half_period("black_hz", spec.black_hz),
-        white=_half_period("white_hz", spec.white_hz),
+        black=_half_period("black_hz", spec.black_hz, exposure_us),
+        white=_half_period("white_hz", spec.white_hz, exposure_us),
     )
 
 
-def _half_period(key: str, hz: float) -> HalfPeriod:
+def _half_period(key: str, hz: float, exposure_us: float) -> HalfPeriod:
+    if hz <= HIGHEST_HZ:
+        _check_frequency(key, hz, exposure_us)
     try:
         return half_period(hz)
     except ValueError as error:

@@ -35,6 +35,9 @@ def frequency_of(cycles: int) -> float:
     return CLOCK_HZ / (2 * cycles)
 
 
+LOWEST_HZ, HIGHEST_HZ = frequency_of(MOST_CYCLES), frequency_of(FEWEST_CYCLES)
+
+
 def nearest_frequency(frequency_hz: float) -> float:
     """A frequency the timer makes, close to this one."""
     return frequency_of(max(FEWEST_CYCLES, min(MOST_CYCLES, round(CLOCK_HZ / (2.0 * frequency_hz)))))
@@ -47,12 +50,11 @@ def half_period(frequency_hz: float) -> HalfPeriod:
     edges that jitter; it is not done.
     """
     if not math.isfinite(frequency_hz) or frequency_hz <= 0:
-        raise ValueError(f"a frequency must be positive, not {frequency_hz}")
-    lowest, highest = frequency_of(MOST_CYCLES), frequency_of(FEWEST_CYCLES)
-    if frequency_hz < lowest * (1.0 - LARGEST_ERROR_PPM * 1e-6):
-        raise ValueError(f"{frequency_hz:g} Hz is too slow for the timer's 16 bits; the nearest is {lowest:.4f} Hz")
-    if frequency_hz > highest * (1.0 + LARGEST_ERROR_PPM * 1e-6):
-        raise ValueError(f"{frequency_hz:g} Hz leaves the interrupts no time; the nearest is {highest:.4f} Hz")
+        raise ValueError(f"a frequency must be positive and finite, not {frequency_hz}")
+    if frequency_hz < LOWEST_HZ * (1.0 - LARGEST_ERROR_PPM * 1e-6):
+        raise ValueError(f"{frequency_hz:g} Hz is too slow for the timer's 16 bits; the nearest is {LOWEST_HZ:.4f} Hz")
+    if frequency_hz > HIGHEST_HZ * (1.0 + LARGEST_ERROR_PPM * 1e-6):
+        raise ValueError(f"{frequency_hz:g} Hz leaves the interrupts no time; the nearest is {HIGHEST_HZ:.4f} Hz")
     exact = CLOCK_HZ / (2.0 * frequency_hz)
     # Between two whole numbers the middle in frequency is not the middle in cycles.
     candidates = {min(max(n, FEWEST_CYCLES), MOST_CYCLES) for n in (math.floor(exact), math.ceil(exact))}
