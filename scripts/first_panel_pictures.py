@@ -2,7 +2,7 @@
 
     .venv/bin/python scripts/first_panel_pictures.py
 
-Needs make, gcc, gcc-avr, avr-libc, libsimavr-dev, and what `.venv` has after `scripts/test`.
+Needs make, gcc, gcc-avr, avr-libc, libsimavr-dev, poppler-utils, and what `.venv` has after `scripts/test`.
 """
 
 from __future__ import annotations
@@ -12,12 +12,12 @@ import sys
 import tempfile
 from pathlib import Path
 
+import cv2
 import numpy as np
-from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
-from panel_material import WORDS, program, record_panel, wired_pins
+from panel_material import program, record_panel, wired_pins
 from simavr_material import CLOCK_HZ, ROOT, PinTrace, emulate
 
 from ledpi.panel.firmware import Build
@@ -52,21 +52,17 @@ def draw_waves(trace: PinTrace, to: Path) -> None:
     figure.savefig(to, dpi=100)
 
 
-def draw_wiring(to: Path) -> None:
-    """Which output each cell belongs to, from the front and from the back."""
-    figure = Figure(figsize=(8.0, 4.7), layout="constrained")
-    views = figure.subplots(1, 2)
-    colours = [colour for _, colour in OUTPUTS.values()]
-    for view, word, title in ((views[0], WORDS[MARKER_ID], "front"), (views[1], WORDS[MARKER_ID][:, ::-1], "back")):
-        view.imshow(word, cmap=ListedColormap(colours), vmin=0, vmax=1)
-        for (row, column), white in np.ndenumerate(word):
-            view.text(column, row, "D10" if white else "D9", ha="center", va="center", fontsize=14)
-        view.set_xticks(np.arange(-0.5, 4), labels=[])
-        view.set_yticks(np.arange(-0.5, 4), labels=[])
-        view.grid(color="white", linewidth=4)
-        view.tick_params(length=0)
-        view.set_title(f"ID {MARKER_ID}, seen from the {title}\n▲ top")
-    figure.savefig(to, dpi=100)
+def draw_sheet(work: Path, to: Path) -> None:
+    """The first page of the build sheet, and the circuit of the second; each without its empty lower part."""
+    subprocess.run(
+        [sys.executable, "-m", "ledpi", "panel", "sheet", str(MARKER_ID), "--out", str(work)], cwd=ROOT, check=True
+    )
+    pages = work / "page"
+    subprocess.run(["pdftoppm", "-png", "-r", "90", work / f"panel-{MARKER_ID}.pdf", pages], check=True)
+    overview, drawings = (cv2.imread(f"{pages}-{number}.png") for number in (1, 2))
+    written = np.flatnonzero(overview.min(axis=(1, 2)) < 255)
+    cv2.imwrite(str(to / "first-panel-sheet.png"), overview[: written[-1] + 20])
+    cv2.imwrite(str(to / "first-panel-circuit.png"), drawings[: int(0.47 * len(drawings))])
 
 
 def take_snapshot(trace: PinTrace, pins: list[str], work: Path, to: Path) -> None:
@@ -86,13 +82,13 @@ def take_snapshot(trace: PinTrace, pins: list[str], work: Path, to: Path) -> Non
 
 
 def main() -> None:
-    """Draws all three."""
+    """Draws all four."""
     with tempfile.TemporaryDirectory() as name:
         work = Path(name)
         built = program(work / "driver", Build.TWO_OUTPUTS, MARKER_ID)
         trace = emulate(built, TRACED_S, work=work)
         draw_waves(trace, PICTURES / "driver-waves.png")
-        draw_wiring(PICTURES / "first-panel-wiring.png")
+        draw_sheet(work, PICTURES)
         take_snapshot(trace, wired_pins(built), work, PICTURES / "first-panel.jpg")
 
 
