@@ -30,6 +30,7 @@ def main() -> None:
         calibrate,
         calibrate_board,
         calibrate_camera,
+        calibrate_map,
         calibrate_panel,
         calibrate_shutter,
         decode,

@@ -1,0 +1,124 @@
+"""`ledpi calibrate map`: one drive past the panels → markers.yaml and a picture of it."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+from ledpi.cli.calibrate import calibrate, settings_for
+from ledpi.cli.progress import progress
+from ledpi.errors import CalibrationError
+
+if TYPE_CHECKING:
+    from ledpi.calibrate.map import MapCalibration
+    from ledpi.calibrate.map_views import View
+    from ledpi.config import Config
+    from ledpi.records import Intrinsics
+
+
+@calibrate.command("map")
+def map_(
+    recording: Path = typer.Argument(help="A drive past the panels, recorded."),
+    out: Path = typer.Option(Path("markers.yaml"), help="File to write; an older one is kept as NAME.bak-1."),
+    origin: int | None = typer.Option(None, help="ID of the panel that the map is laid from. Default: the lowest."),
+    position: tuple[float, float, float] = typer.Option((0, 0, 0), help="Where that one is: x y z in metres."),
+    yaw_deg: float = typer.Option(0, help="And where it faces, hanging upright: 0 along x, 90 along y."),
+    config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
+    set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
+) -> None:
+    """A drive past the panels → markers.yaml, with deviations, and the map from above as a picture beside it.
+
+    Drive slowly, so that each panel is seen together with its neighbours, from several places. Without --position
+    and --yaw-deg the origin panel is at 0 0 0 and the map's x comes out of it; what matters is that it hangs upright.
+
+    Example: ledpi calibrate map drive --origin 7 --position 4 1.2 1.5 --yaw-deg 180
+    """
+    import numpy as np
+
+    try:
+        from ledpi.calibrate.map import calibrate_map
+        from ledpi.calibrate.map_picture import map_picture  # noqa: F401, missing is told before the long work
+    except ImportError as error:
+        raise CalibrationError(f"{error.name} is missing: pip install 'ledpi[calibrate]'") from None
+    from ledpi.geometry import FACING_FROM_MARKER, matrix_from_rpy_deg, transform
+
+    settings, _ = settings_for(config, set_, recording)
+    views, sides_m, lens = _drive(recording, settings)
+    map_from_origin = transform(matrix_from_rpy_deg(0, 0, yaw_deg) @ FACING_FROM_MARKER, np.array(position))
+    try:
+        result = calibrate_map(views, map_from_origin, sides_m, lens, origin)
+    except CalibrationError as error:
+        raise CalibrationError(f"{recording}: {error}") from None
+    _report(result, len(views))
+    _write(result, out, recording)
+
+
+def _drive(recording: Path, settings: Config) -> tuple[list[View], dict[int, float], Intrinsics]:
+    """What each frame shows, every panel's size, and the lens."""
+    import numpy as np
+
+    from ledpi.calibrate.map_views import view_of
+    from ledpi.camera.factory import open_camera
+    from ledpi.daemon import calibration
+    from ledpi.dictionaries import load_dictionary
+    from ledpi.pipeline import Pipeline
+    from ledpi.recording import load_recording
+    from ledpi.records import Frame
+
+    frames = len(load_recording(recording).frames)
+    camera = open_camera(settings, paced=False)
+    views: list[View] = []
+    try:
+        lens = calibration(settings, camera)
+        if lens is None:
+            raise CalibrationError(f"{recording}: has no lens, and camera.intrinsics is not set: no poses, no map")
+        pipeline = Pipeline(camera.info, settings.panels, intrinsics=lens, shown=camera.panel)
+        with progress("decoding", frames) as advance:
+            while (frame := camera.read(np.empty((camera.info.height, camera.info.width), np.uint8))) is not None:
+                if isinstance(frame, Frame):
+                    views.append(view_of(frame, pipeline.decode(frame).markers))
+                advance(1)
+    finally:
+        camera.close()
+    known = len(load_dictionary(pipeline.panels.dictionary).words)
+    return views, {i: pipeline.panels.spec(i).side_m for i in range(known)}, lens
+
+
+def _report(result: MapCalibration, frames: int) -> None:
+    typer.echo("  ID       x       y       z m   deviation")
+    for marker_id, panel in sorted(result.panels.items()):
+        x, y, z = panel.map_from_marker[:3, 3]
+        deviation = f"{100 * panel.position_sigma_m:5.1f} cm  {math.degrees(panel.angle_sigma_rad):.2f}°"
+        held = "  the origin" if marker_id == result.origin else ""
+        typer.echo(f"{marker_id:4} {x:7.3f} {y:7.3f} {z:7.3f}     {deviation}{held}")
+    for marker_id in result.unconnected:
+        typer.echo(f"{marker_id:4}  left out: no frame shows it together with a panel that leads to the origin")
+    adjusted = result.adjusted
+    typer.echo(
+        f"{frames} frames, {result.views} used; corners fit to {adjusted.rms_px:.2f} px rms, "
+        f"{adjusted.outliers:.1%} of the views are contradicted"
+    )
+
+
+def _write(result: MapCalibration, out: Path, recording: Path) -> None:
+    from ledpi.calibrate.files import keep_old, write_keeping_old
+    from ledpi.calibrate.map_picture import map_picture
+    from ledpi.map_yaml import map_text
+
+    comment = (
+        f"Panels as `ledpi calibrate map` placed them from {recording.name}; panel {result.origin} is the origin.\n"
+        f"Deviations are relative to it."
+    )
+    picture = out.with_suffix(".png")
+    fresh = picture.with_name(picture.name + ".new")
+    drawn = map_picture(result)
+    kept = write_keeping_old(out, map_text(result.panels, comment))
+    try:
+        fresh.write_bytes(drawn)
+    except OSError as error:
+        raise CalibrationError(f"{picture}: cannot be written: {error.strerror}") from None
+    keep_old(picture, fresh)
+    typer.echo(f"{out} and {picture} written" + (f"; the older ones are kept ({kept})" if kept else ""))
