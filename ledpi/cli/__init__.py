@@ -34,6 +34,7 @@ def main() -> None:
         calibrate_panel,
         calibrate_shutter,
         decode,
+        doctor,
         evaluate,
         map,
         monitor,

@@ -1,0 +1,69 @@
+"""`ledpi doctor`: whether the daemon would run here, and what is in its way."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+from ledpi.cli import app
+from ledpi.errors import ConfigError, LedpiError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from ledpi.doctor.finding import Finding
+
+MARKS = {"ok": "✓", "bad": "✗", "unknown": "·"}
+
+
+@app.command()
+def doctor(
+    config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
+    set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
+    as_json: bool = typer.Option(False, "--json", help="One JSON object, with a list of findings."),
+) -> None:
+    """One page of ✓ and ✗, each ✗ with what to do; · could not be looked at here.
+
+    Exit status 0 where `ledpi run` would run with this configuration, else 1. The camera must be free: stop the
+    daemon first (sudo systemctl stop ledpi).
+
+    Example: ledpi doctor --config /etc/ledpi/config.yaml
+    """
+    findings = []
+    for finding in _findings(config, set_):
+        findings.append(finding)
+        if not as_json:
+            typer.echo(line(finding))
+    would_run = not any(finding.stops_daemon for finding in findings)
+    if as_json:
+        typer.echo(json.dumps({"would_run": would_run, "findings": [asdict(finding) for finding in findings]}))
+    else:
+        typer.echo("`ledpi run` would run" if would_run else "`ledpi run` would not run")
+    raise typer.Exit(0 if would_run else 1)
+
+
+def _findings(config: Path | None, set_: list[str]) -> Iterator[Finding]:
+    from ledpi.config import find_config, load_config
+    from ledpi.doctor.checks import examine
+    from ledpi.doctor.finding import bad, ok
+
+    file = find_config(config)
+    try:
+        if file is None and not set_:
+            raise ConfigError("no configuration: --config FILE, ./config.yaml or /etc/ledpi/config.yaml")
+        settings = load_config(file, tuple(set_))
+    except LedpiError as error:
+        yield bad("configuration", str(error), "put it right, and try again", stops_daemon=True)
+        return
+    yield ok("configuration", str(file or "from --set alone"))
+    yield from examine(settings)
+
+
+def line(finding: Finding) -> str:
+    """As in `✗ serial port        /dev/ledpi-controller: …`, and a second line with the remedy."""
+    said = f"{MARKS[finding.state]} {finding.name:<18} {finding.said}"
+    return f"{said}\n  {'':<18} → {finding.remedy}" if finding.remedy else said

@@ -1,0 +1,126 @@
+"""The camera, as the configuration asks for it: opened, tried, and closed again."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+
+import numpy as np
+
+from ledpi.camera.factory import open_camera, panel_frequencies_hz
+from ledpi.camera.timing import MIN_PHASE_ADVANCE_CYCLES
+from ledpi.camera_yaml import load_intrinsics
+from ledpi.config import Config
+from ledpi.doctor.finding import Finding, bad, ok, unknown
+from ledpi.errors import CalibrationError, LedpiError
+from ledpi.records import CameraInfo, Frame, Intrinsics, Rejected
+from ledpi.shutter import contrast, phase_advance_cycles
+
+FRAMES = 12
+# Of the depth that the best exposure of about this length would give; below it a class is near a null, where it can
+# hardly be seen.
+LEAST_SHARE_OF_CONTRAST = 0.2
+# From a telephoto lens to a wide-angle one, in picture widths; the Pi's cameras are at 1.0 and 1.2 in the 640×480 mode.
+FOCAL_WIDTHS = (0.3, 4.0)
+
+
+def camera(config: Config) -> tuple[list[Finding], CameraInfo | None]:
+    """Whether it is there, free, and does as asked; and what is then known of it."""
+    try:
+        device = open_camera(config, paced=config.camera.source.partition(":")[0] not in ("simulated", "recording"))
+    except LedpiError as error:
+        what, _, remedy = str(error).partition("; ")
+        return [bad("camera", what, remedy or "see the message", stops_daemon=True)], None
+    try:
+        info = device.info
+        into = np.empty((info.height, info.width), np.uint8)
+        results = [result for _ in range(FRAMES) if (result := device.read(into)) is not None]
+    except LedpiError as error:
+        return [bad("camera", str(error), "check the cable, and try again", stops_daemon=True)], None
+    finally:
+        device.close()
+    return [_delivers(config, results), *_timing(info, results)], info
+
+
+def _delivers(config: Config, results: list[Frame | Rejected]) -> Finding:
+    rejected = [result.key for result in results if isinstance(result, Rejected)]
+    frames = len(results) - len(rejected)
+    if frames == 0:
+        why = f"no usable frame of {len(results)}: {', '.join(sorted(set(rejected))) or 'it ended'}"
+        return bad("camera", why, "see `ledpi snapshot`", stops_daemon=True)
+    return ok("camera", f"{config.camera.source}: {frames} of {len(results)} frames usable")
+
+
+def _timing(info: CameraInfo, results: list[Frame | Rejected]) -> list[Finding]:
+    frames = [result for result in results if isinstance(result, Frame)]
+    findings = [
+        ok("sensor mode", f"{info.width} × {info.height}, {info.transfer} tone"),
+        ok("exposure", f"{frames[-1].exposure_us:.0f} µs of {info.exposure_us:.0f} µs asked for")
+        if frames
+        else unknown("exposure", "no frame to tell"),
+    ]
+    if info.frame_length_rows is None:
+        return [*findings, unknown("row time", f"{info.row_time_us:.2f} µs, as configured; this camera cannot tell")]
+    period_us = info.frame_length_rows * info.row_time_us
+    steps = [
+        (later.row0_readout_ns - earlier.row0_readout_ns) / (later.seq - earlier.seq) / 1e3
+        for earlier, later in itertools.pairwise(frames)
+    ]
+    said = f"{info.row_time_us:.3f} µs, {info.frame_length_rows} rows a frame: {1e6 / period_us:.2f} frames a second"
+    if steps and abs(float(np.median(steps)) / period_us - 1) > 0.01:
+        off = f"{said}, but frames come every {np.median(steps):.0f} µs"
+        return [*findings, bad("row time", off, "`ledpi calibrate shutter`, and set camera.row_time_us")]
+    return [*findings, ok("row time", said)]
+
+
+def frequencies(config: Config, info: CameraInfo) -> Finding:
+    """Whether the bands of every class are deep enough at this exposure, and move from frame to frame."""
+    duties = {config.panels.duty, *(o.duty for o in config.panels.overrides.values() if o.duty is not None)}
+    said, weak, frozen = [], [], []
+    for hz in panel_frequencies_hz(config.panels):
+        depth = min(contrast(hz, info.exposure_us, duty) for duty in duties)
+        said.append(f"{hz:g} Hz {100 * depth:.1f} %")
+        if depth < LEAST_SHARE_OF_CONTRAST * min(2.0, 1e6 / (hz * info.exposure_us)):
+            weak.append(f"{hz:g} Hz")
+        if info.frame_length_rows is not None:
+            advance = phase_advance_cycles(hz, info.frame_length_rows * info.row_time_us)
+            if abs(advance) < MIN_PHASE_ADVANCE_CYCLES:
+                frozen.append(f"{hz:g} Hz")
+    depths = f"depth of the bands at {info.exposure_us:.0f} µs: {', '.join(said)}"
+    if weak:
+        remedy = "choose exposure × frequency near a whole number and a half: `ledpi panel design`"
+        return bad("panel frequencies", f"{depths}; {', '.join(weak)} all but vanishes", remedy)
+    if frozen:
+        remedy = "camera.frame_duration_us: auto"
+        return bad("panel frequencies", f"{depths}; {', '.join(frozen)} hardly moves from frame to frame", remedy)
+    return ok("panel frequencies", depths)
+
+
+def intrinsics(config: Config, info: CameraInfo | None) -> Finding:
+    """Whether there is a lens, of this picture's size, that is a lens."""
+    path = config.camera.intrinsics
+    if path is None:
+        if info is not None and info.intrinsics is not None:
+            return plausible(info.intrinsics, Path(config.camera.source))
+        return bad(
+            "intrinsics",
+            "camera.intrinsics is not set: IDs are sent, but no poses",
+            "print a board (`ledpi calibrate board`), then `ledpi calibrate camera`",
+        )
+    try:
+        size = (config.camera.width, config.camera.height) if info is None else (info.width, info.height)
+        return plausible(load_intrinsics(path, size), path)
+    except CalibrationError as error:
+        return bad("intrinsics", str(error), "`ledpi calibrate camera`", stops_daemon=True)
+
+
+def plausible(lens: Intrinsics, path: Path) -> Finding:
+    """Focal length within what lenses have, the centre near the middle."""
+    said = f"{path}: fx {lens.fx:.0f}, fy {lens.fy:.0f}, centre {lens.cx:.0f}, {lens.cy:.0f} px"
+    least, most = FOCAL_WIDTHS
+    is_lens = all(least <= focal / lens.width <= most for focal in (lens.fx, lens.fy))
+    is_square = abs(lens.fx / lens.fy - 1) < 0.1
+    is_central = abs(lens.cx / lens.width - 0.5) < 0.2 and abs(lens.cy / lens.height - 0.5) < 0.2
+    if is_lens and is_square and is_central:
+        return ok("intrinsics", said)
+    return bad("intrinsics", f"{said}: no such lens", "calibrate again, with views that fill the picture")

@@ -1,0 +1,184 @@
+"""`ledpi doctor`: what it finds, what it advises, and when it says that the daemon would run."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tty
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from ledpi.camera.factory import open_camera
+from ledpi.cli.doctor import line
+from ledpi.config import load_config
+from ledpi.doctor import camera, machine
+from ledpi.doctor.checks import examine
+from ledpi.doctor.finding import bad
+from ledpi.records import CameraInfo
+from ledpi.simulate.scenes import ov5647_lens
+
+ROOT = Path(__file__).resolve().parents[1]
+COMMAND = [sys.executable, "-c", "from ledpi.cli import main; main()", "doctor"]
+INFO = CameraInfo(
+    width=640, height=480, exposure_us=9969.0, row_time_us=31.748, transfer="linear", frame_length_rows=509
+)
+
+
+def doctor(*settings: str, options: tuple[str, ...] = ()) -> subprocess.CompletedProcess[str]:
+    given = [part for item in settings for part in ("--set", item)]
+    return subprocess.run(
+        [*COMMAND, *options, *given], cwd=ROOT, capture_output=True, text=True, check=False, timeout=60
+    )
+
+
+# ---- The page
+
+
+def test_without_a_camera_the_page_says_what_to_do() -> None:
+    """Each ✗ is followed by a remedy, and the exit status says that the daemon would not run."""
+    done = doctor("panels.side_m=0.16", "camera.source=v4l2:/dev/video99", "camera.row_time_us=30")
+    assert (done.returncode, done.stderr) == (1, "")
+    lines = done.stdout.splitlines()
+    assert lines[-1] == "`ledpi run` would not run"
+    bad_lines = [number for number, text in enumerate(lines) if text.startswith("✗")]
+    assert any("camera.source: /dev/video99 does not exist" in lines[number] for number in bad_lines)
+    assert all("→" in lines[number + 1] for number in bad_lines)
+
+
+def test_where_all_is_well_the_daemon_would_run() -> None:
+    """The simulator and a pty: status 0, and the same as JSON."""
+    master, slave = os.openpty()
+    tty.setraw(master)
+    port = f"serial.port={os.ttyname(slave)}"
+    done = doctor("panels.side_m=0.16", "camera.source=simulated", port, options=("--json",))
+    os.close(slave)
+    os.close(master)
+    assert done.returncode == 0, done.stdout
+    page = json.loads(done.stdout)
+    assert page["would_run"] is True
+    states = {finding["name"]: finding["state"] for finding in page["findings"]}
+    well = {"configuration", "packages", "camera", "exposure", "row time", "panel frequencies", "intrinsics"}
+    assert {name for name, state in states.items() if state == "ok"} >= well | {"serial port"}
+
+
+def test_a_broken_configuration_is_the_first_finding(tmp_path: Path) -> None:
+    """Nothing else can be looked at."""
+    (tmp_path / "config.yaml").write_text("camera: {exposure: 10000}\n")
+    done = doctor(options=("--config", str(tmp_path / "config.yaml")))
+    assert done.returncode == 1
+    assert "exposure" in done.stdout.splitlines()[0]
+    assert "Traceback" not in done.stderr
+
+
+def test_a_missing_controller_does_not_stop_the_daemon(tmp_path: Path) -> None:
+    """It is a ✗, but `run` starts without the port and keeps trying."""
+    config = load_config(None, ("panels.side_m=0.16", "camera.source=simulated", f"serial.port={tmp_path}/none"))
+    findings = {finding.name: finding for finding in examine(config)}
+    assert findings["serial port"].state == "bad"
+    assert not findings["serial port"].stops_daemon
+
+
+def test_a_line_has_its_mark_its_name_and_its_remedy() -> None:
+    """The remedy on a line of its own."""
+    assert line(bad("disk", "full", "delete")) == "✗ disk               full\n                     → delete"
+
+
+# ---- The camera
+
+
+def test_a_frequency_near_a_null_is_named() -> None:
+    """At 10 ms, 1200.3 Hz is 11.97 cycles: hardly a band is left."""
+    config = load_config(None, ("panels.side_m=0.16", "panels.black_hz=1204"))
+    found = camera.frequencies(config, INFO)
+    assert found.state == "bad"
+    assert "1204 Hz all but vanishes" in found.said
+
+
+def test_a_frame_period_that_freezes_the_bands_is_named() -> None:
+    """504 rows of 31.748 µs are 20.00 cycles of 1250 Hz; the 509 that `auto` picks are well."""
+    config = load_config(None, ("panels.side_m=0.16",))
+    assert camera.frequencies(config, INFO).state == "ok"
+    found = camera.frequencies(config, replace(INFO, frame_length_rows=504))
+    assert "1250 Hz hardly moves from frame to frame" in found.said
+
+
+def test_a_lens_that_is_none_is_seen() -> None:
+    """The OV5647's is one; a focal length of ten picture widths is not, nor a centre in the corner."""
+    lens = ov5647_lens()
+    assert camera.plausible(lens, Path("camera.yaml")).state == "ok"
+    assert camera.plausible(replace(lens, fx=6400.0, fy=6400.0), Path("camera.yaml")).state == "bad"
+    assert camera.plausible(replace(lens, cx=20.0), Path("camera.yaml")).state == "bad"
+
+
+def test_a_broken_calibration_stops_the_daemon(tmp_path: Path) -> None:
+    """As `run` would not start with it."""
+    (tmp_path / "camera.yaml").write_text("nothing")
+    config = load_config(None, ("panels.side_m=0.16", f"camera.intrinsics={tmp_path}/camera.yaml"))
+    found = camera.intrinsics(config, None)
+    assert (found.state, found.stops_daemon) == ("bad", True)
+
+
+def test_the_camera_is_free_again_after_the_look() -> None:
+    """What was opened is closed, so that the next one can have it."""
+    config = load_config(None, ("panels.side_m=0.16", "camera.source=simulated"))
+    findings, info = camera.camera(config)
+    assert [finding.state for finding in findings] == ["ok"] * 4
+    device = open_camera(config, paced=False)
+    assert info == device.info
+    device.close()
+
+
+# ---- The machine
+
+
+@pytest.mark.parametrize(
+    ("said", "state", "text"),
+    [
+        ("throttled=0x0", "ok", "never"),
+        ("throttled=0x50000", "bad", "since the start: under-voltage, throttled"),
+        ("throttled=0x50005", "bad", "now: under-voltage, throttled"),
+        ("VCHI initialization failed", "unknown", "vcgencmd said"),
+    ],
+)
+def test_the_firmware_s_bits_are_read(said: str, state: str, text: str) -> None:
+    """By Raspberry Pi's table: bits 0 to 3 now, 16 to 19 since the start."""
+    found = machine.throttled(said)
+    assert found.state == state
+    assert text in found.said
+
+
+def test_a_console_on_the_controller_s_port_is_seen(tmp_path: Path) -> None:
+    """As Raspberry Pi OS has it at first: boot messages would reach the motor controller."""
+    cmdline = tmp_path / "cmdline"
+    cmdline.write_text("console=ttyAMA0,115200 console=tty1 root=PARTUUID=1-02 rootwait\n")
+    found = machine.serial_console("/dev/ttyAMA0", cmdline)
+    assert found.state == "bad"
+    assert "raspi-config" in found.remedy
+    assert machine.serial_console("/dev/ttyUSB0", cmdline).state == "ok"
+
+
+def test_a_clock_that_was_never_set_is_seen() -> None:
+    """A Pi has no clock of its own that goes on without power."""
+    assert machine.clock(1_700_000_000).state == "bad"
+    assert machine.clock(1_800_000_000).state == "ok"
+
+
+def test_a_package_that_cannot_be_imported_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """With the reason that Python gives, from a process of its own."""
+    (tmp_path / "libcamera.py").write_text("raise ValueError('numpy.dtype size changed')")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    found = machine.picamera2()
+    assert (found.state, found.stops_daemon) == ("bad", True)
+    assert "numpy.dtype size changed" in found.said
+    assert "scripts/install" in found.remedy
+
+
+def test_a_full_disk_is_seen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A folder that is not there yet is no fault."""
+    assert machine.disk(tmp_path / "none").state == "unknown"
+    monkeypatch.setattr(machine, "FREE_BYTES", 10**18)
+    assert machine.disk(tmp_path).state == "bad"
