@@ -84,15 +84,15 @@ def test_frequencies_that_are_off_are_found() -> None:
 
 
 def test_deviations_are_those_of_the_errors() -> None:
-    """Over 30 seeds the errors of f and ν, over their reported deviations, have a root mean square near 1."""
+    """Over 20 draws the errors of f and ν, over their reported deviations, have a root mean square near 1."""
     clean, rng, pulls = counted_light(frames=25, noise=0.0), np.random.default_rng(0), []
-    for _ in range(30):
+    for _ in range(20):
         noisy = clean.light * (1 + 0.01 * rng.standard_normal(clean.light.shape))
         result = measured_panel(replace(clean, light=noisy))
         for bands, hz in ((result.black, 1250.0), (result.white, 2450.0)):
             pulls.append((bands.frequency_hz - hz) / bands.frequency_sigma_hz)
             pulls.append((bands.cycles_per_row - hz * 33.67e-6) / bands.cycles_per_row_sigma)
-    assert 0.8 < np.sqrt(np.mean(np.square(pulls))) < 1.2
+    assert 0.75 < np.sqrt(np.mean(np.square(pulls))) < 1.25
 
 
 def test_late_interrupts_cost_little() -> None:
@@ -197,8 +197,15 @@ def test_a_panel_that_is_no_crystal_is_refused() -> None:
 def test_advice_names_what_would_be_better() -> None:
     """A null of the exposure and standing bands are named with values that have neither; a good setting has no line."""
     bad = advice([1300.0, 2500.0], exposure_us=10000.0, row_time_us=33.67, frame_interval_us=20_000.0)
-    assert [line.split(" Hz")[0].split()[-1] for line in bad] == ["1300.0", "2500.0", "1300.0", "2500.0"]
-    exposure_us, interval_us = (float(line.split("_us: ")[1].split()[0]) for line in (bad[0], bad[2]))
+    assert [line[:27] for line in bad] == [
+        "1300.0 Hz is near a null: a",
+        "2500.0 Hz is near a null: a",
+        "camera.exposure_us: 10236 w",
+        "the bands of 1300.0 Hz move",
+        "the bands of 2500.0 Hz move",
+        "camera.frame_duration_us: 2",
+    ]
+    exposure_us, interval_us = (float(bad[i].split("_us: ")[1].split()[0]) for i in (2, 5))
     again = advice([1300.0, 2500.0], exposure_us=exposure_us, row_time_us=33.67, frame_interval_us=interval_us)
     assert again == []
     assert advice([1250.0, 2450.0], exposure_us=9967.0, row_time_us=33.67, frame_interval_us=504 * 33.67) == []

@@ -34,8 +34,7 @@ def printed(path: Path) -> Pixels:
     return np.asarray(cv2.imread(str(path.with_suffix(".pgm")), cv2.IMREAD_GRAYSCALE), np.uint8)
 
 
-@pytest.mark.parametrize("kind", ["chessboard", "charuco"])
-@pytest.mark.parametrize("paper", ["a4", "letter"])
+@pytest.mark.parametrize(("kind", "paper"), [("chessboard", "a4"), ("charuco", "letter")])
 def test_the_board_is_true_to_scale(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str, paper: str
 ) -> None:

@@ -75,10 +75,9 @@ def opener(pictures: Iterator[Pixels], exposure_us: float) -> tuple[OpenAt, list
     return open_at, opened
 
 
-@pytest.mark.parametrize("configured_us", [1_000.0, 10_000.0])
-def test_the_exposure_is_set_by_the_board(configured_us: float) -> None:
+def test_the_exposure_is_set_by_the_board() -> None:
     """A camera that starts too dark is opened anew until the board's white is right; then every view counts."""
-    open_at, opened = opener(shown(4), configured_us)
+    open_at, opened = opener(shown(4), 1_000.0)
     said: list[str] = []
     collection, info = collect_views(open_at, CHARUCO, said.append, metered=True)
     assert len(opened) > 1

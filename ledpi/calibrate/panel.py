@@ -72,8 +72,9 @@ def measure_panel(
             f"{white_low:.0f} and {white_high:.0f} Hz (white)"
         )
     measured = (found.black, found.white)
-    for bands in measured:
-        _check_against_row_time(bands, light, row_time_s)
+    for check in (_check_aliases, _check_row_time):
+        for bands in measured:
+            check(bands, light, row_time_s)
     duty, duty_sigma = _duty(measured, exposure_us)
     return PanelCalibration(
         id=found.word // 4,
@@ -108,25 +109,27 @@ def advice(
 ) -> list[str]:
     """What keeps bands of these frequencies from being deep and moving, and what would be better; a line each."""
     lines = []
-    exposure = better_exposure_us(exposure_us, row_time_us, frequencies_hz)
-    for hz in frequencies_hz:
-        strength = band_strength(hz, exposure_us)
-        if strength < WEAK:
-            better = f"; camera.exposure_us: {exposure:.0f} would be better" if exposure is not None else ""
-            lines.append(
-                f"{hz:.1f} Hz is near a null of the exposure: {exposure_us:.0f} µs hold {hz * exposure_us * 1e-6:.2f} "
-                f"periods, and leave {strength:.0%} of the bands' depth at a half{better}"
-            )
-    frame_rows = round(frame_interval_us / row_time_us)
-    interval = better_interval_us(frame_rows, row_time_us, frequencies_hz)
-    for hz in frequencies_hz:
-        moved = shutter.phase_advance_cycles(hz, frame_interval_us)
-        if abs(moved) < MIN_PHASE_ADVANCE_CYCLES:
-            better = f"; camera.frame_duration_us: {interval:.0f} would be better" if interval is not None else ""
-            lines.append(
-                f"the bands of {hz:.1f} Hz nearly stand still from frame to frame, they move by {moved:+.2f} periods "
-                f"in {frame_interval_us:.0f} µs{better}"
-            )
+    weak = [hz for hz in frequencies_hz if band_strength(hz, exposure_us) < WEAK]
+    for hz in weak:
+        periods = hz * exposure_us * 1e-6
+        lines.append(
+            f"{hz:.1f} Hz is near a null: an exposure of {exposure_us:.0f} µs holds {periods:.2f} periods, and leaves "
+            f"{band_strength(hz, exposure_us):.0%} of the depth that {math.floor(periods) + 0.5:g} would"
+        )
+    better = better_exposure_us(exposure_us, row_time_us, frequencies_hz) if weak else None
+    if better is not None:
+        lines.append(f"camera.exposure_us: {math.ceil(better)} would be better")
+    standing = [
+        (hz, moved)
+        for hz in frequencies_hz
+        if abs(moved := shutter.phase_advance_cycles(hz, frame_interval_us)) < MIN_PHASE_ADVANCE_CYCLES
+    ]
+    for hz, moved in standing:
+        lines.append(f"the bands of {hz:.1f} Hz move by only {moved:+.2f} periods from frame to frame")
+    rows = round(frame_interval_us / row_time_us)
+    better = better_interval_us(rows, row_time_us, frequencies_hz) if standing else None
+    if better is not None:
+        lines.append(f"camera.frame_duration_us: {better:.0f} would be better")
     return lines
 
 
@@ -159,13 +162,16 @@ def _waves(light: PanelLight, span_hz: tuple[float, float], row_time_s: float) -
     return Waves(frequency_hz=grid, cycles_per_row=grid * row_time_s)
 
 
-def _check_against_row_time(bands: ClassBands, light: PanelLight, row_time_s: float) -> None:
+def _check_aliases(bands: ClassBands, light: PanelLight, row_time_s: float) -> None:
     frame_hz = 1e6 / light.frame_interval_us
     if frame_hz * row_time_s < MIN_ALIAS_DEVIATIONS * bands.cycles_per_row_sigma:
         raise CalibrationError(
             f"the panel shows too little of its bands ({bands.periods:.1f} periods) to tell {bands.frequency_hz:.1f} "
             f"from {bands.frequency_hz + frame_hz:.1f} Hz: go nearer, or take more frames"
         )
+
+
+def _check_row_time(bands: ClassBands, light: PanelLight, row_time_s: float) -> None:
     off = bands.cycles_per_row / (bands.frequency_hz * row_time_s) - 1
     sigma = bands.cycles_per_row_sigma / bands.cycles_per_row
     if abs(off) > max(ROW_TIME_DOUBT[0] * sigma, ROW_TIME_DOUBT[1]):
