@@ -2,8 +2,9 @@
 
 For each pair of frequencies and either build, the pins are traced, the sixteen cells for ten IDs one after the other,
 told over the serial line. The table has, of each class, the frequency from first edge to last and how far it is off
-what was asked for, the worst duty of any pin, and the widest any pin's edges stray from an exact clock. simavr does
-not count the 4 cycles (0.25 µs) that a chip takes to enter an interrupt, nor do they jitter.
+what was asked for, the worst duty of any pin, and the widest any pin's edges stray from an exact clock. simavr counts
+neither the 4 cycles in which a chip wakes from sleep nor the 4 in which it enters an interrupt: where one class's edge
+waits for the other's interrupt, a chip adds up to 0.5 µs.
 
     python benchmarks/panel_driver.py [--seconds 1]     # a trace, per ID
 

@@ -1,7 +1,4 @@
-"""The driver's program in an emulated ATmega328P: what its pins really do.
-
-The emulator counts every instruction's cycles, but not the 4 that a chip takes to enter an interrupt.
-"""
+"""The driver's program in an emulated ATmega328P: what its pins really do."""
 
 from __future__ import annotations
 
