@@ -56,30 +56,46 @@ static void on_serial_out(struct avr_irq_t *irq, uint32_t value, void *unused)
     putchar((int)value);
 }
 
-struct arrival {
-    const char *hex; /* of the bytes that are still to come */
-    avr_cycle_count_t cycles_per_byte;
-};
-
-static avr_cycle_count_t on_arrival(avr_t *to, avr_cycle_count_t when, void *param)
-{
-    struct arrival *arriving = param;
-    unsigned byte;
-    if (sscanf(arriving->hex, "%2x", &byte) != 1)
-        return 0;
-    uart->cycles_per_byte = arriving->cycles_per_byte; /* simavr 1.6 takes a tenth longer: it counts a parity bit that is not there */
-    arriving->hex += 2;
-    avr_raise_irq(avr_io_getirq(to, AVR_IOCTL_UART_GETIRQ('0'), UART_IRQ_INPUT), byte);
-    return when + arriving->cycles_per_byte;
-}
-
-static void no_waiting(avr_t *of, avr_cycle_count_t cycles) { (void)of, (void)cycles; }
-
 static void fail(const char *what, const char *name)
 {
     fprintf(stderr, "avr_trace: %s: %s\n", name, what);
     exit(2);
 }
+
+static struct {
+    char **waiting; /* SECONDS:HEX each, in order of time */
+    int count;
+    const char *hex; /* what is still to come of the one that has begun */
+    avr_cycle_count_t cycles_per_byte;
+} arrivals;
+
+/* Takes the next one; the cycle at which it begins. */
+static avr_cycle_count_t next_arrival(void)
+{
+    char *colon;
+    const double seconds = strtod(*arrivals.waiting++, &colon);
+    arrivals.count--;
+    arrivals.hex = colon + 1;
+    return (avr_cycle_count_t)(seconds * CLOCK_HZ);
+}
+
+static avr_cycle_count_t on_arrival(avr_t *to, avr_cycle_count_t when, void *unused)
+{
+    unsigned byte;
+    (void)unused;
+    if (sscanf(arrivals.hex, "%2x", &byte) != 1)
+        fail("must be SECONDS:HEX", "arrivals");
+    uart->cycles_per_byte = arrivals.cycles_per_byte; /* simavr 1.6 takes longer: it counts a parity bit that is not there */
+    avr_raise_irq(avr_io_getirq(to, AVR_IOCTL_UART_GETIRQ('0'), UART_IRQ_INPUT), byte);
+    arrivals.hex += 2;
+    const avr_cycle_count_t line_free = when + arrivals.cycles_per_byte;
+    if (*arrivals.hex)
+        return line_free;
+    const avr_cycle_count_t next = arrivals.count ? next_arrival() : 0;
+    return next && next < line_free ? line_free : next;
+}
+
+static void no_waiting(avr_t *of, avr_cycle_count_t cycles) { (void)of, (void)cycles; }
 
 static void start(const char *program)
 {
@@ -124,18 +140,16 @@ static void watch_pins(const char *to)
             fprintf(trace, "0%c\n", signal_of(port, pin));
 }
 
-static void open_serial_line(char **arrivals, int count, double baud)
+static void open_serial_line(char **waiting, int count, double baud)
 {
     uint32_t flags = 0;
     avr_ioctl(avr, AVR_IOCTL_UART_SET_FLAGS('0'), &flags);
     avr_irq_register_notify(avr_io_getirq(avr, AVR_IOCTL_UART_GETIRQ('0'), UART_IRQ_OUTPUT), on_serial_out, NULL);
-    struct arrival *each = calloc((size_t)count, sizeof *each);
-    for (int i = 0; i < count; i++) {
-        char *hex;
-        const double seconds = strtod(arrivals[i], &hex);
-        each[i] = (struct arrival){hex + 1, (avr_cycle_count_t)(10 * CLOCK_HZ / baud)};
-        avr_cycle_timer_register(avr, (avr_cycle_count_t)(seconds * CLOCK_HZ), on_arrival, &each[i]);
-    }
+    arrivals.waiting = waiting;
+    arrivals.count = count;
+    arrivals.cycles_per_byte = (avr_cycle_count_t)(10 * CLOCK_HZ / baud);
+    if (count)
+        avr_cycle_timer_register(avr, next_arrival(), on_arrival, NULL);
 }
 
 static void load_eeprom(const char *from)

@@ -63,7 +63,7 @@ def emulate(
     """
     trace = work / "trace.vcd"
     command = [_emulator(), program, str(seconds), trace, work / "eeprom.bin", str(baud)]
-    command += [f"{at_s}:{sent.hex()}" for at_s, sent in arrivals]
+    command += [f"{at_s}:{sent.hex()}" for at_s, sent in sorted(arrivals)]
     done = subprocess.run(command, check=True, capture_output=True, timeout=60)
     edges, end = _read_vcd(trace)
     return PinTrace(edges=edges, end=end, said=done.stdout)

@@ -118,6 +118,20 @@ def test_a_new_id_disturbs_nobody_else(tmp_path: Path) -> None:
     assert seen == {("black", "white"), ("white", "black")}
 
 
+def test_a_new_id_may_come_at_any_moment(tmp_path: Path, seven: Path) -> None:
+    """Forty changes to and fro, anywhere in the classes' periods: the others' edges hold, no level lasts a period."""
+    moments_s = 0.05 + 0.04 * np.arange(40) + np.random.default_rng(5).uniform(0, 0.004, 40)
+    told = [(at_s, b"id 23\n" if n % 2 == 0 else b"id 7\n") for n, at_s in enumerate(moments_s.tolist())]
+    trace = emulate(seven, told[-1][0] + 0.05, work=tmp_path, arrivals=told)
+    assert trace.said.count(b"ok id") == 40
+    halves = {"black": defined(seven, "BLACK"), "white": defined(seven, "WHITE")}
+    for pin, one, other in zip(CELL_PINS, classes(7), classes(23), strict=True):
+        if one == other:
+            assert jitter(trace.edges[pin], halves[one]) <= LARGEST_JITTER
+        else:
+            assert np.diff(trace.edges[pin]).max() < 2 * halves["black"]
+
+
 @pytest.mark.parametrize(
     ("line", "answer"),
     [
