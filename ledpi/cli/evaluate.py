@@ -100,6 +100,7 @@ def evaluate(
         any_roll=roll,
         apriltag=has_apriltag(),
         panels=settings.panels,
+        frame_duration_us=None if settings.camera.frame_duration_us == "auto" else settings.camera.frame_duration_us,
         panel_options=tuple(panel_options),
         code=code_version(),
     )
@@ -151,7 +152,7 @@ def _write_take(out: Path, plan: Plan, number: int) -> None:
             f"--take: is of one condition, asked for are {len(conditions)}; "
             "narrow them with --suite, --case, --distance, --angle and --exposure-us"
         )
-    write_take(out, conditions[0], plan.panels, plan.seed, number)
+    write_take(out, conditions[0], plan.panels, plan.seed, number, plan.frame_duration_us)
 
 
 def _read_recording(

@@ -42,12 +42,14 @@ class Take:
     reported_row_time: float  # over the truth
 
 
-def draw_take(condition: Condition, panels: PanelSettings, seed: int, number: int) -> Take:
-    """Take `number` of a condition."""
+def draw_take(
+    condition: Condition, panels: PanelSettings, seed: int, number: int, frame_duration_us: float | None = None
+) -> Take:
+    """Take `number` of a condition. `frame_duration_us` None: as the daemon would choose it."""
     streams = [_stream(condition, seed, number, purpose) for purpose in (_PLACE, _EXTRA, _RENDERER)]
     place, extra = np.random.default_rng(streams[0]), np.random.default_rng(streams[1])
     variation = condition.variation
-    sensor = _sensor(condition, panels)
+    sensor = _sensor(condition, panels, frame_duration_us)
     room = Room(
         level=float(place.uniform(*variation.room_level)),
         distance_m=max(4.0, (condition.distance_m or 0.0) + 1.5),
@@ -80,7 +82,7 @@ def _stream(condition: Condition, seed: int, number: int, purpose: int) -> np.ra
     return np.random.SeedSequence(seed, spawn_key=(zlib.crc32(where.encode()), number, purpose))
 
 
-def _sensor(condition: Condition, panels: PanelSettings) -> SimulatedSensor:
+def _sensor(condition: Condition, panels: PanelSettings, frame_duration_us: float | None) -> SimulatedSensor:
     """What the daemon would choose of exposure and frame period, by the row time that the driver reports."""
     variation = condition.variation
     true_us = variation.row_time_us or OV5647_ROW_TIME_US
@@ -89,7 +91,7 @@ def _sensor(condition: Condition, panels: PanelSettings) -> SimulatedSensor:
         exposure_us=condition.exposure_us,
         transfer=condition.transfer,
         row_time_us=true_us * variation.reported_row_time,
-        frame_duration_us=variation.frame_period_us or "auto",
+        frame_duration_us=variation.frame_period_us or frame_duration_us or "auto",
     )
     chosen = simulated_sensor(settings, panels)  # the sensor keeps to these rows, whatever time each takes
     return replace(

@@ -41,6 +41,7 @@ class Plan:
     any_roll: bool = False
     apriltag: bool  # whether its detector is installed: an optional extra
     panels: PanelSettings
+    frame_duration_us: float | None = None  # None: as the daemon would choose it
     panel_options: tuple[str, ...] = ()  # the command line's, that `panels` came from
     code: str
 
@@ -89,6 +90,7 @@ class Plan:
                         takes=min(TAKES_A_UNIT, takes - first),
                         methods=self.methods_of(condition.suite),
                         panels=self.panels,
+                        frame_duration_us=self.frame_duration_us,
                         code=self.code,
                     )
                 )

@@ -12,9 +12,11 @@ from ledpi.recording_writer import RecordingWriter
 from ledpi.simulate.truth import scene_truth
 
 
-def write_take(out: Path, condition: Condition, panels: PanelSettings, seed: int, number: int) -> None:
+def write_take(
+    out: Path, condition: Condition, panels: PanelSettings, seed: int, number: int, frame_duration_us: float | None
+) -> None:
     """All frames of the take, with truth. Raises RecordingError where `out` cannot be written."""
-    take = draw_take(condition, panels, seed, number)
+    take = draw_take(condition, panels, seed, number, frame_duration_us)
     info = sensor_info(take.scene.sensor, take.reported_row_time)
     writer = RecordingWriter(
         out,

@@ -50,6 +50,7 @@ class Unit:
     takes: int
     methods: tuple[Method, ...]
     panels: PanelSettings
+    frame_duration_us: float | None = None  # None: as the daemon would choose it
     code: str  # as `code_version` of whoever asks
 
     @property
@@ -81,7 +82,7 @@ def run_unit(unit: Unit) -> dict[str, Any]:
     cv2.setNumThreads(1)  # units share the cores among them
     rows: dict[Row, Tally] = {row: Tally() for method in unit.methods for row in unit.rows_of(method)}
     for number in range(unit.first_take, unit.first_take + unit.takes):
-        take = draw_take(unit.condition, unit.panels, unit.seed, number)
+        take = draw_take(unit.condition, unit.panels, unit.seed, number, unit.frame_duration_us)
         for tally in rows.values():
             tally.trials += max(1, len(take.scene.panels) if unit.condition.suite != "decoys" else 1)
         _read_panels(take, number, unit, rows)
