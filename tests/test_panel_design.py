@@ -17,11 +17,13 @@ from ledpi.decode.cells import CellSamples, sample_cells
 from ledpi.decode.evidence import Evidence, single_evidence
 from ledpi.dictionaries import load_dictionary
 from ledpi.errors import ConfigError
+from ledpi.markers import Dictionary
+from ledpi.panel.antiphase import distance_to_negatives, judge_antiphase
 from ledpi.panel.chances import chance_of_reading
 from ledpi.panel.design import ENOUGH_NATS, Proposal, Task, candidate_pairs, proposal_at, ranked, views_of
 from ledpi.panel.frequencies import NULL_SHARE, Flicker, null_share, worthwhile_frequencies
 from ledpi.panel.information import View, evidence_of, separation_nats, view_panel
-from ledpi.panel.reach import Reach
+from ledpi.panel.reach import Reach, reach_of
 from ledpi.panel.verdict import findings
 from ledpi.records import Quad
 from ledpi.simulate.render import Renderer
@@ -304,9 +306,27 @@ def test_an_impossible_frame_rate_is_refused() -> None:
         run("--check", "1250", "2450", "--fps", "62.49", "--row-time-us", "33.67")
 
 
+def test_words_that_are_nearly_negatives_of_each_other_are_known() -> None:
+    """Counted by hand in a small way: of 2 × 2 cells, 1110 and the negative of 0000, turned, are one cell apart."""
+    small = Dictionary(name="small", words=np.array([[[1, 1], [1, 0]], [[0, 0], [0, 0]]], bool))
+    assert distance_to_negatives(small) == 1
+    assert distance_to_negatives(DICTIONARY) == 2
+
+
+def test_antiphase_would_be_read_where_two_frequencies_are_not() -> None:
+    """One frame at 3 m, four frames at 12 m."""
+    asked = task(3.0, 12.0)
+    views = views_of(asked)
+    judged = judge_antiphase(asked, DICTIONARY, views).reach
+    pair = reach_of(asked, proposal_at(asked, 1250.0, 2450.0, 504, views), DICTIONARY, views)
+    assert judged.alone[0] > 0.85 > 0.7 > pair.alone[0]
+    assert judged.stream[1] > 0.9 > 0.7 > pair.stream[1]
+
+
 def test_a_design_is_a_configuration(monkeypatch: pytest.MonkeyPatch) -> None:
     """Five pairs beside the present one, two plots, and lines that are loaded as they are and found good."""
-    monkeypatch.setattr("ledpi.panel.reach._DRAWS", 5)
+    for module in ("reach", "antiphase"):
+        monkeypatch.setattr(f"ledpi.panel.{module}._DRAWS", 5)
     monkeypatch.setattr("ledpi.panel.reach._DISTANCES", 3)
     status, output = run("--distance", "1", "--distance", "8", "--fps", "58.93", "--out", "design")
     assert status == 0

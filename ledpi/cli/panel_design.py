@@ -14,6 +14,7 @@ from ledpi.panel.frequencies import Flicker
 
 if TYPE_CHECKING:
     from ledpi.config import Config
+    from ledpi.panel.antiphase import Antiphase
     from ledpi.panel.design import Proposal, Task
     from ledpi.panel.reach import Reach
 
@@ -137,7 +138,7 @@ def _check(task: Task, settings: Config, pair: tuple[float, float]) -> None:
 
 def _design(task: Task, settings: Config, out: Path | None) -> None:
     from ledpi.panel.design import auto_rows, candidate_pairs, proposal_at, ranked, views_of
-    from ledpi.panel.design_text import config_lines, legend, table, task_text
+    from ledpi.panel.design_text import antiphase_text, config_lines, legend, table, task_text
     from ledpi.panel.verdict import findings
 
     panels = settings.panels
@@ -152,10 +153,19 @@ def _design(task: Task, settings: Config, out: Path | None) -> None:
     typer.echo(legend())
     for finding in findings(task, *pair, present.frame_length_rows):
         typer.echo(f"present: {'unusable' if finding.unusable else 'note'}: {finding.text}")
+    typer.echo(antiphase_text(_judged_antiphase(task, settings), rows[0][2]))
     lines = config_lines(task, best[0], panels.dictionary, settings.camera.exposure_us)
     typer.echo(f"\nFor config.yaml:\n\n{lines}", nl=False)
     if out is not None:
         _write(out, task, rows, lines)
+
+
+def _judged_antiphase(task: Task, settings: Config) -> Antiphase:
+    from ledpi.dictionaries import load_dictionary
+    from ledpi.panel.antiphase import judge_antiphase
+    from ledpi.panel.reach import reach_views
+
+    return judge_antiphase(task, load_dictionary(settings.panels.dictionary), reach_views(task))
 
 
 def _with_reach(

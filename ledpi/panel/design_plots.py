@@ -31,7 +31,7 @@ def draw_contrast(task: Task, chosen: Proposal, path: Path) -> None:
     nulls = np.arange(math.ceil(hz[0] * exposure_us * 1e-6), int(highest * exposure_us * 1e-6) + 1) / exposure_us * 1e6
     if len(nulls) <= _MOST_NULLS:
         axes.plot(nulls, np.zeros_like(nulls), "v", color="tab:red", ms=5, clip_on=False, label="nulls: whole cycles")
-    axes.axvspan(hz[0], task.flicker.lowest_hz, color="0.9", label=f"flickers: below {task.flicker.value}")
+    axes.axvspan(hz[0], task.flicker.lowest_hz, color="0.9", label=f"flicker that is not {task.flicker.value}")
     for name, f, colour in (("black", chosen.black_hz, _BLACK), ("white", chosen.white_hz, _WHITE)):
         axes.axvline(f, color=colour, lw=1.5, label=f"{name}: {f:.2f} Hz, {100 * contrast(f, exposure_us):.1f} %")
     axes.set_xlim(hz[0], hz[-1])

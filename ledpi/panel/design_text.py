@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ledpi.camera.timing import frame_duration_us
+from ledpi.panel.antiphase import Antiphase
 from ledpi.panel.design import ENOUGH_NATS, Proposal, Task
 from ledpi.panel.frequencies import off_mains_hz
 from ledpi.panel.information import STREAM_FRAMES
@@ -66,6 +67,24 @@ def legend() -> str:
         f"is frozen. nats: what tells the classes apart in a cell, of one frame / of {STREAM_FRAMES}; {ENOUGH_NATS:g} "
         "are enough. off mains: from the nearest harmonic of 100 or 120 Hz. read: as far as "
         f"{100 * SURE:.0f} % are, by the decoder's own error model; corners that are off make it less."
+    )
+    return "\n".join(textwrap.wrap(sentences, 118))
+
+
+def antiphase_text(judged: Antiphase, best: Reach) -> str:
+    """What it would be worth, beside the best pair."""
+    own = [_metres(judged.reach.range_m(chances)) for chances in (judged.reach.alone, judged.reach.stream)]
+    pair = [_metres(best.range_m(chances)) for chances in (best.alone, best.stream)]
+    apart = judged.distance_to_negatives
+    verdict = (
+        f"its words are told from each other's negatives by {apart} cells or more"
+        if apart > 1
+        else f"no use with this dictionary, which has a word that is another's negative but for {apart} cells"
+    )
+    sentences = (
+        f"antiphase, which the decoder does not read yet: both classes at {judged.frequency_hz:.2f} Hz, half a cycle "
+        f"apart, would be read alone to {own[0]}, of {STREAM_FRAMES} to {own[1]} (best pair: {pair[0]}, {pair[1]}); "
+        f"{verdict}"
     )
     return "\n".join(textwrap.wrap(sentences, 118))
 
