@@ -9,6 +9,8 @@ then the mean picture, read as a single frame of less noise, still says what one
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from ledpi.decode.cells import CellSamples, Lattice, Singles
@@ -31,6 +33,17 @@ FORGETTING = 0.97
 MEAN_FRAMES = 16.0
 # Below this share of a wave's power the mean picture has no bands left that are worth reading.
 MEAN_WAVE_POWER = 0.02
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Known:
+    """The mean picture of some frames, and what is in it of the class's waves."""
+
+    lattice: Lattice
+    origin_ns: int  # row 0's read-out of the first frame, from which phases count
+    picture: Singles  # (cells, points)
+    count: Singles  # (cells, points) frames that showed it
+    mean_waves: Singles  # (4, cells, points)
 
 
 class PanelMemory:
@@ -61,6 +74,16 @@ class PanelMemory:
             compared = self._compare(samples, frame, waves, valid)
         self.frames += 1
         return compared
+
+    def known(self) -> Known:
+        """What there is to compare a further frame with."""
+        return Known(
+            lattice=self._samples.lattice,
+            origin_ns=self._origin_ns,
+            picture=np.maximum(self._picture, np.float32(0.02)),
+            count=self._count,
+            mean_waves=self._mean_waves,
+        )
 
     def evidence(self) -> Evidence | Rejected:
         """All that is known: the comparisons so far, and the mean picture read as one frame."""

@@ -14,14 +14,16 @@ import numpy as np
 from ledpi.decode import soft
 from ledpi.decode.cells import CellSamples
 from ledpi.decode.evidence import Evidence
+from ledpi.decode.expect import Expectation
 from ledpi.decode.memory import PanelMemory
 from ledpi.decode.soft import Codebook, Reading
-from ledpi.decode.track import Shown, Track, weigh
+from ledpi.decode.track import Shown, Track, denies
 from ledpi.decode.tuning import CHOICES, Seen, propose_frequencies
 from ledpi.records import Frame, Pixels, Rejected
 
-# A frame that confirms what its track shows is not read anew, but for one of four: the margin grows with the frames.
-READ_EVERY = 4
+# Frames that surely show what was read last are not read anew, but for one of eight: by then a panel may look a little
+# otherwise, and the margin has grown.
+READ_EVERY = 8
 # A track whose frames add up to nothing may blink at other frequencies. That is tried after every so many.
 TUNE_EVERY = 6
 # Frames that contradict each other make a track forget: one that remembers less than this does not add up.
@@ -48,16 +50,15 @@ class Reader:
 
     def read(self, track: Track, samples: CellSamples, frame: Frame) -> Outcome:
         """The word that a track shows with this frame, or why none can be told."""
+        if track.shown is not None and self._is_as_expected(track, track.shown, samples, frame):
+            return Outcome(reading=track.shown.reading, group=track.shown.group, denied=False)
         added = [memory.add(samples, frame) for memory in track.memories]
         track.seen.append(Seen(samples=samples, frame=replace(frame, pixels=_NO_PICTURE)))
         track.looks += 1
         shown, denied = track.shown, False
         if shown is not None:
-            word = weigh(added[shown.group], shown.reading.cell_bands)
-            if word == "confirmed" and track.frames - shown.at_frame < READ_EVERY:
-                return Outcome(reading=shown.reading, group=shown.group, denied=False)
-            if word == "denied":
-                denied = True
+            denied = denies(added[shown.group], shown.reading.cell_bands)
+            if denied:
                 track.forget()
                 for memory in track.memories:
                     memory.add(samples, frame)
@@ -68,8 +69,18 @@ class Reader:
                 group, reading = self._decide(track)
         track.shown = None
         if isinstance(reading, Reading):
-            track.shown = Shown(group=group, reading=reading, at_frame=track.frames)
+            track.shown = Shown(group=group, reading=reading, expectation=None, frames=0)
         return Outcome(reading=reading, group=group, denied=denied)
+
+    def _is_as_expected(self, track: Track, shown: Shown, samples: CellSamples, frame: Frame) -> bool:
+        if shown.frames >= READ_EVERY - 1:
+            return False
+        memory = track.memories[shown.group]
+        expectation = shown.expectation or Expectation.of(memory, shown.reading.cell_bands)
+        met = expectation.is_met(samples, frame)
+        track.shown = replace(shown, expectation=expectation, frames=shown.frames + 1)
+        track.confirmed += met
+        return met
 
     def _decide(self, track: Track) -> tuple[int, Reading | Rejected]:
         tuned = track.tuned is not None
@@ -95,7 +106,7 @@ class Reader:
                     added = memory.add(seen.samples, seen.frame)
                 reading = self._word(memory, group, tuned=True)
                 # What the frames before have shown may be there no more.
-                if isinstance(reading, Reading) and weigh(added, reading.cell_bands) != "denied":
+                if isinstance(reading, Reading) and not denies(added, reading.cell_bands):
                     track.memories = (*track.memories[:group], memory, *track.memories[group + 1 :])
                     track.tuned = proposal
                     return True

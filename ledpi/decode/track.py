@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass, field, replace
-from typing import Literal
 
 import numpy as np
 
 from ledpi.decode.evidence import Doubles, Evidence
+from ledpi.decode.expect import Expectation
 from ledpi.decode.memory import PanelMemory
 from ledpi.decode.soft import Reading
 from ledpi.decode.tuning import Proposal, Seen
@@ -36,8 +36,6 @@ DOUBT = 5.0
 # The rest is for bands that are not known exactly yet.
 OTHER_CELLS = 16.0
 
-Word = Literal["denied", "confirmed", "open"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Shown:
@@ -45,7 +43,8 @@ class Shown:
 
     group: int  # which pair of frequencies, of those that panels may have
     reading: Reading
-    at_frame: int  # of the track's memory
+    expectation: Expectation | None  # of the frames to come, once it was asked for
+    frames: int  # that have been compared with it
 
 
 @dataclass(slots=True)
@@ -57,6 +56,7 @@ class Track:
     seen_ns: int  # row 0's read-out of the frame
     memories: tuple[PanelMemory, ...]  # one for each pair of frequencies
     shown: Shown | None = None
+    confirmed: int = 0  # frames that were as expected, and did not enter the memories
     seen: deque[Seen] = field(default_factory=lambda: deque(maxlen=SEEN_FRAMES))
     looks: int = 0  # since the last try to find its frequencies
     tuned: Proposal | None = None  # its frequencies, where they are others than announced
@@ -64,12 +64,12 @@ class Track:
     @property
     def frames(self) -> int:
         """How many have shown it."""
-        return self.memories[0].frames
+        return self.memories[0].frames + self.confirmed
 
     def forget(self) -> None:
         """What was seen here was something else."""
         self.memories = tuple(PanelMemory(memory.spec) for memory in self.memories)
-        self.shown = None
+        self.shown, self.confirmed = None, 0
 
     def expected_px(self, now_ns: int) -> Floats:
         """(4, 2) where the corners should be now."""
@@ -154,17 +154,12 @@ class Tracker:
         return followed
 
 
-def weigh(added: Evidence | None, shown: Doubles) -> Word:
-    """What a frame by itself says of bands (cells, 4) that the frames before it have shown.
-
-    "denied": there are none, or in other cells; "confirmed": there they are; "open": it cannot tell.
-    """
+def denies(added: Evidence | None, shown: Doubles) -> bool:
+    """Whether a frame denies bands (cells, 4) that the frames before it have shown: none, or in other cells."""
     if added is None:
-        return "open"
+        return False
     likelihood, left = _likelihood(added, shown)
-    if likelihood < -DOUBT or _other_cells(added, left, shown) > OTHER_CELLS:
-        return "denied"
-    return "confirmed" if likelihood > DOUBT else "open"
+    return likelihood < -DOUBT or _other_cells(added, left, shown) > OTHER_CELLS
 
 
 def _likelihood(added: Evidence, shown: Doubles) -> tuple[float, Doubles]:

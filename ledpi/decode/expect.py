@@ -1,0 +1,84 @@
+"""Whether a frame shows what a track that was read lets expect of it, at a fraction of what reading costs.
+
+The mean picture of the frames before and the bands of the word say what each sample should be; gain and corners may be
+a little off, as ever (`memory`). What is left tells the noise, and so the log-likelihood ratio of "these bands" to
+"none": of the whole panel, and of each cell, so that another panel in the place does not pass for most of its cells.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ledpi.decode.cells import CellSamples, Lattice, Singles
+from ledpi.decode.evidence import Doubles, picture_slopes
+from ledpi.decode.memory import PanelMemory
+from ledpi.records import Frame
+
+# A frame that is e^SURE times likelier with the bands than without shows them. Cells that speak against them weigh less
+# than that together: by noise alone each does by 0.2 on average, whatever it can tell (mean of max(0, N(−E, 2E))).
+SURE = 6.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Expectation:
+    """What a panel's next frames should look like."""
+
+    lattice: Lattice
+    origin_ns: int  # when the bands' phases count from
+    picture: Singles  # (cells, points) without what is left of bands in it
+    root: Singles  # (cells, points) of the weights
+    basis: Singles  # (9, cells·points) orthonormal: what a wrong gain and wrong corners would add, weighted
+    left_bands: Singles  # (cells, points) of the bands' mean that is still in the picture
+    hz: Doubles  # (cells,)
+    depth: Singles  # (cells, 1)
+    phase: Doubles  # (cells,)
+
+    @classmethod
+    def of(cls, memory: PanelMemory, bands: Doubles) -> Expectation:
+        """Of the frames in `memory`, which show `bands` (cells, 4): cosine and sine of black's, then of white's."""
+        known = memory.known()
+        weight = known.picture * (known.count / (known.count + 1))
+        root = np.sqrt(weight / weight.mean())
+        fields = np.concatenate([root[None], picture_slopes(known.picture, known.lattice) * root])
+        white = np.asarray(bands[:, 2:].any(axis=1))
+        cosine, sine = np.where(white[:, None], bands[:, 2:], bands[:, :2]).T
+        return cls(
+            lattice=known.lattice,
+            origin_ns=known.origin_ns,
+            picture=known.picture,
+            root=root,
+            basis=np.ascontiguousarray(np.linalg.qr(fields.reshape(len(fields), -1).T)[0].T),
+            left_bands=np.einsum("cj,jcs->cs", bands.astype(np.float32), known.mean_waves),
+            hz=np.where(white, memory.spec.white_hz, memory.spec.black_hz),
+            depth=np.hypot(cosine, sine).astype(np.float32)[:, None],
+            phase=np.arctan2(sine, cosine),
+        )
+
+    def is_met(self, samples: CellSamples, frame: Frame) -> bool:
+        """Whether a frame surely shows it. Where the panel's size in the picture has changed, nothing is sure."""
+        if samples.lattice is not self.lattice or samples.valid is not None:
+            return False
+        since_s = (frame.row0_readout_ns - self.origin_ns) * 1e-9
+        start = 2 * math.pi * ((self.hz * since_s) % 1.0) - self.phase
+        a_row = 2 * math.pi * self.hz * (frame.row_time_us * 1e-6)
+        angle = samples.rows * a_row.astype(np.float32)[:, None] + start.astype(np.float32)[:, None]
+        cells, points = self.picture.shape
+        both = np.empty((2, cells, points), np.float32)  # what the frame adds to the picture, and what it should
+        np.multiply(samples.light, self.picture.sum() / samples.light.sum(), out=both[0])
+        both[0] /= self.picture
+        both[0] -= 1.0
+        np.cos(angle, out=both[1])
+        both[1] *= self.depth
+        both[1] -= self.left_bands
+        both *= self.root
+        flat = both.reshape(2, -1)
+        flat -= (flat @ self.basis.T) @ self.basis
+        added, expected = both
+        own = ((added - 0.5 * expected) * expected).sum(axis=1).astype(np.float64)
+        off = (flat[0] - flat[1]).astype(np.float64)
+        variance = float(off @ off) / max(1, off.size - len(self.basis))
+        own *= samples.independence / max(variance, 1e-12)
+        return float(own.sum()) > SURE and -float(np.minimum(own, 0.0).sum()) < SURE

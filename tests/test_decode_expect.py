@@ -1,0 +1,125 @@
+"""What a panel that was read lets expect of its next frame: painted panels, each by itself."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from decode_material import FRAME_ROWS, ROW_TIME_US, SPEC, Canvas, diffuser, quad, square, word
+
+from ledpi.decode import soft
+from ledpi.decode.cells import CellSamples, sample_cells
+from ledpi.decode.evidence import Evidence
+from ledpi.decode.expect import Expectation
+from ledpi.decode.memory import PanelMemory
+from ledpi.dictionaries import load_dictionary
+from ledpi.records import Floats, Frame, PanelSpec, Rejected
+
+PERIOD_US = FRAME_ROWS * ROW_TIME_US
+PLACE = square(310.3, 240.6, 100, 4)
+BOOK = soft.Codebook.build(list(range(50)), load_dictionary("DICT_4X4_50"), SPEC)
+READ_FRAMES = 5
+
+
+def frame_of(seq: int, marker_id: int = 7, *, corners: Floats = PLACE, spec: PanelSpec = SPEC) -> Frame:
+    canvas = Canvas()
+    canvas.panel(corners, word(marker_id), start_us=seq * PERIOD_US, spec=spec)
+    return dataclasses.replace(canvas.frame(seq, seq=seq), row0_readout_ns=round(1e9 + 1e3 * seq * PERIOD_US))
+
+
+def samples_of(frame: Frame, corners: Floats = PLACE) -> CellSamples:
+    samples = sample_cells(frame, quad(corners), 4)
+    assert not isinstance(samples, Rejected)
+    return samples
+
+
+@pytest.fixture(scope="module")
+def expected() -> Expectation:
+    """Of panel 7, after five frames."""
+    memory = PanelMemory(SPEC)
+    for seq in range(READ_FRAMES):
+        frame = frame_of(seq)
+        memory.add(samples_of(frame), frame)
+    evidence = memory.evidence()
+    assert isinstance(evidence, Evidence)
+    reading = soft.decide(evidence, BOOK, soft.FALSE_ID_RATE)
+    assert isinstance(reading, soft.Reading)
+    assert reading.id == 7
+    return Expectation.of(memory, reading.cell_bands)
+
+
+@pytest.mark.parametrize("seq", [5, 6, 7, 12, 30])
+def test_the_same_panel_is_as_expected(expected: Expectation, seq: int) -> None:
+    """Soon, and half a second later: the oscillators run on."""
+    frame = frame_of(seq)
+    assert expected.is_met(samples_of(frame), frame)
+
+
+@pytest.mark.parametrize("off_px", [(0.3, -0.2), (-0.25, 0.3)])
+def test_corners_may_be_a_little_off(expected: Expectation, off_px: tuple[float, float]) -> None:
+    """By more than they usually are."""
+    frame = frame_of(6)
+    assert expected.is_met(samples_of(frame, PLACE + off_px), frame)
+
+
+@pytest.mark.parametrize("seq", range(5, 11))
+def test_a_panel_that_only_shines_is_not(expected: Expectation, seq: int) -> None:
+    """Its driver hangs, all cells lit."""
+    canvas = Canvas()
+    canvas.lamp(PLACE, profile=diffuser)
+    frame = dataclasses.replace(canvas.frame(seq, seq=seq), row0_readout_ns=round(1e9 + 1e3 * seq * PERIOD_US))
+    assert not expected.is_met(samples_of(frame), frame)
+
+
+@pytest.mark.parametrize("other", [0, 12, 17, 23, 42])
+def test_another_panel_in_the_place_is_not(expected: Expectation, other: int) -> None:
+    """With the same phases, which is the hardest: half of its cells are as expected."""
+    for seq in (5, 6, 9):
+        frame = frame_of(seq, other)
+        assert not expected.is_met(samples_of(frame), frame)
+
+
+def test_a_panel_with_one_other_cell_is_not(expected: Expectation) -> None:
+    """All but one are as expected."""
+    cells = word(7).copy()
+    cells[1, 2] ^= True
+    for seq in (5, 6, 9):
+        canvas = Canvas()
+        canvas.panel(PLACE, cells, start_us=seq * PERIOD_US)
+        frame = dataclasses.replace(canvas.frame(seq, seq=seq), row0_readout_ns=round(1e9 + 1e3 * seq * PERIOD_US))
+        assert not expected.is_met(samples_of(frame), frame)
+
+
+def test_a_frozen_picture_is_not(expected: Expectation) -> None:
+    """A camera that hangs and stamps its last picture anew: the bands should have moved on."""
+    last = frame_of(READ_FRAMES - 1)
+    for seq in (5, 6, 7):
+        frame = dataclasses.replace(last, row0_readout_ns=round(1e9 + 1e3 * seq * PERIOD_US))
+        assert not expected.is_met(samples_of(frame), frame)
+
+
+def test_of_another_size_nothing_is_sure(expected: Expectation) -> None:
+    """A lattice of other points has no picture to compare with."""
+    further = square(310.3, 240.6, 30, 4)
+    frame = frame_of(6, corners=further)
+    samples = samples_of(frame, further)
+    assert samples.lattice is not expected.lattice
+    assert not expected.is_met(samples, frame)
+
+
+def test_what_noise_alone_shows_is_not() -> None:
+    """Two hundred frames of a dim panel that does not blink, each against the expectation of one that did."""
+    memory = PanelMemory(SPEC)
+    for seq in range(READ_FRAMES):
+        frame = frame_of(seq)
+        memory.add(samples_of(frame), frame)
+    bands = np.zeros((16, 4))
+    bands[:8, 0], bands[8:, 2] = 0.004, 0.004  # so shallow that one frame hardly tells
+    expectation = Expectation.of(memory, bands)
+    canvas = Canvas()
+    canvas.lamp(PLACE, profile=diffuser)
+    met = 0
+    for seed in range(200):
+        met += expectation.is_met(samples_of(frame := canvas.frame(seed)), frame)
+    assert met <= 1  # e^-6 of 200 is 0.5
