@@ -79,14 +79,9 @@ ISR(TIMER1_COMPB_vect)
 
 static void show(uint16_t id)
 {
-    const uint16_t cells = id == NO_ID ? 0 : 0xFFFF;
-    const uint16_t word = id == NO_ID ? 0 : pgm_read_word(&words[id]);
+    const uint16_t word = pgm_read_word(&words[id]);
     const struct pins to_white = {(word << 2) & CELLS_D, (word >> 6) & CELLS_B, (word >> 12) & CELLS_C};
-    const struct pins to_black = {
-        to_white.d ^ ((cells << 2) & CELLS_D),
-        to_white.b ^ ((cells >> 6) & CELLS_B),
-        to_white.c ^ ((cells >> 12) & CELLS_C),
-    };
+    const struct pins to_black = {to_white.d ^ CELLS_D, to_white.b ^ CELLS_B, to_white.c ^ CELLS_C};
     SWITCH(PORTD, d, to_black.d, to_white.d, RX_PULL_UP)
     SWITCH(PORTB, b, to_black.b, to_white.b, 0)
     SWITCH(PORTC, c, to_black.c, to_white.c, 0)
@@ -208,6 +203,7 @@ static const char *received(void)
 
 static void start_serial_line(void)
 {
+    PORTD |= RX_PULL_UP; /* with nothing connected there is nothing to hear */
     UBRR0 = (F_CPU + 8 * BAUD) / (16 * BAUD) - 1; /* 0.2 % off */
     UCSR0B = _BV(RXEN0) | _BV(TXEN0);
 }
@@ -226,7 +222,8 @@ int main(void)
     DDRB = CELLS_B;
     DDRC = CELLS_C;
     uint16_t shown = kept_id();
-    show(shown);
+    if (shown != NO_ID)
+        show(shown);
     start_serial_line();
     start_timer();
     set_sleep_mode(SLEEP_MODE_IDLE);
