@@ -113,6 +113,17 @@ def test_a_panel_that_comes_back_ends_the_sweep() -> None:
     assert len(loop.asked) == changes
 
 
+def test_it_is_settled_once_a_panel_is_well_exposed() -> None:
+    """Not while it sweeps, nor while a step is on its way; also where the sensor can do no more."""
+    loop = Loop(light=0.02)
+    assert not loop.control.settled
+    loop.run(1.0)
+    assert loop.control.settled
+    loop.in_view = False
+    loop.run(0.1)
+    assert not loop.control.settled
+
+
 def test_the_sensor_s_limits_are_kept() -> None:
     """A panel that is too bright at the least gain: nothing is asked that the sensor cannot do."""
     loop = Loop(light=0.9)

@@ -37,6 +37,7 @@ class GainControl:
         self._asked = first
         self._seen_ns: int | None = None
         self._stepped_ns: int | None = None
+        self.settled = False  # a panel is read, as bright as it should be, or as the sensor can make it
 
     def update(self, time_ns: int, gain: float | None, level: float | None) -> float | None:
         """The gain to ask for from now on, or None to leave it.
@@ -50,7 +51,10 @@ class GainControl:
         if gain is None or abs(gain / self._asked - 1) > _SAME_GAIN:
             return None
         if level is not None:
-            return self._follow(level)
+            gain_wanted = self._follow(level)
+            self.settled = gain_wanted is None
+            return gain_wanted
+        self.settled = False
         if self._seen_ns is not None and time_ns - self._seen_ns < FREEZE_S * 1e9:
             return None
         return self._sweep(time_ns)

@@ -15,6 +15,11 @@ class GainFollower:
         limits = None if self._camera is None else self._camera.gain_limits
         self._control = None if limits is None else GainControl(limits)
 
+    @property
+    def settled(self) -> bool:
+        """Whether there is nothing left to do for now."""
+        return self._control is None or self._control.settled
+
     def see(self, frame: Frame, decoded: Decoded) -> None:
         """After each decoded frame, while its pixels are there."""
         if self._camera is None or self._control is None:

@@ -12,10 +12,12 @@ from ledpi.cli.drawn import write_drawn
 from ledpi.errors import CameraError, ConfigError, RecordingError
 
 if TYPE_CHECKING:
+    from ledpi.camera.base import Camera
     from ledpi.config import Config
-    from ledpi.records import CameraInfo, Decoded, Frame, Intrinsics, MarkerPose, PanelValues
+    from ledpi.records import CameraInfo, Decoded, Frame, Intrinsics, MarkerPose, PanelValues, Pixels
 
 FORMATS = (".png", ".jpg")
+EXPOSE_S = 4.0  # twice what the gain's sweep takes
 UNUSABLE_FRAMES = 30  # in a row, half a second of a camera, after which it is given up
 
 
@@ -103,6 +105,7 @@ def _from_camera(settings: Config, seq: int) -> _Source:
     into = np.empty((camera.info.height, camera.info.width), np.uint8)
     unusable = 0
     try:
+        _expose(camera, settings, into)
         while True:
             frame = camera.read(into)
             if frame is None:
@@ -115,6 +118,27 @@ def _from_camera(settings: Config, seq: int) -> _Source:
                 return _Source(f"{Path(name).name}, frame {frame.seq}", frame, camera.info, camera.panel, lens)
     finally:
         camera.close()
+
+
+def _expose(camera: Camera, settings: Config, into: Pixels) -> None:
+    """Where the gain is `auto`: looks for the panels with every gain, for EXPOSE_S at most."""
+    import time
+
+    from ledpi.camera.gain_follower import GainFollower
+    from ledpi.pipeline import Pipeline
+    from ledpi.records import Frame
+
+    follower = GainFollower(camera)
+    if follower.settled:
+        return
+    pipeline = Pipeline(camera.info, settings.panels, intrinsics=None, shown=camera.panel)
+    end_s = time.monotonic() + EXPOSE_S
+    while not follower.settled and time.monotonic() < end_s:
+        frame = camera.read(into)
+        if frame is None:
+            return
+        if isinstance(frame, Frame):
+            follower.see(frame, pipeline.decode(frame))
 
 
 def _from_recording(folder: Path, settings: Config, seq: int | None) -> _Source:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import json
 import os
+import re
 import subprocess
 import sys
 import threading
@@ -20,8 +21,10 @@ from virtual_picamera2 import ROW_US, Behaviour, show, unplug
 
 from ledpi.camera.factory import open_camera
 from ledpi.camera.simulated import SimulatedCamera, simulated_sensor
+from ledpi.cli import main
 from ledpi.config import Config, load_config
 from ledpi.daemon import Daemon
+from ledpi.doctor.camera import camera as camera_findings
 from ledpi.records import Frame, Pixels
 from ledpi.simulate.scenes import still_scene
 from ledpi.wire import NoFix, State
@@ -180,6 +183,65 @@ def test_lost_fifty_times_nothing_is_left(behaviour: Behaviour) -> None:
     camera.close()
     assert after[:2] == before[:2]
     assert (after[2] - before[2]) / 50 < into.size / 4
+
+
+def command(arguments: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> str:
+    """What a command of ledpi prints; here, as only this process has the virtual OV5647."""
+    config = settings()
+    given = [f"panels.{name}={value}" for name, value in config.panels.model_dump(exclude={"overrides"}).items()]
+    given += [f"camera.row_time_us={ROW_US}", f"camera.frame_duration_us={ROWS * ROW_US}", "camera.transfer=linear"]
+    monkeypatch.setattr("sys.argv", ["ledpi", *arguments, *(part for item in given for part in ("--set", item))])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code in (0, None)
+    return capsys.readouterr().out
+
+
+def test_a_snapshot_is_taken(
+    behaviour: Behaviour,
+    pictures: list[Pixels],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """One frame, read and drawn, once the gain has found the panels."""
+    show(tmp_path / "panels", pictures)
+    said = command(["snapshot", "--out", str(tmp_path / "look.png")], monkeypatch, capsys)
+    assert {f"ID {marker_id} without a pose" for marker_id in IDS} <= set(re.findall(r"ID \d+ without a pose", said))
+    assert (tmp_path / "look.png").stat().st_size > 10_000
+
+
+def test_a_recording_repeats_what_was_live(
+    behaviour: Behaviour,
+    pictures: list[Pixels],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Two seconds at full rate: frames on disk with time, exposure and gain; the replay decodes as live."""
+    show(tmp_path / "panels", pictures)
+    take = tmp_path / "take"
+    said = command(["record", str(take), "--seconds", "2"], monkeypatch, capsys)
+    live = [json.loads(text) for text in (take / "live.jsonl").read_text().splitlines()]
+    lines = [json.loads(text) for text in (take / "frames.jsonl").read_text().splitlines()]
+    assert f"{len(lines)} frames" in said
+    assert {(entry["exposure_us"], entry["analogue_gain"] >= 1) for entry in lines} == {(int(314 * ROW_US), True)}
+    again = [json.loads(text) for text in command(["decode", "--as-live", str(take)], monkeypatch, capsys).splitlines()]
+    for result in live + again:
+        del result["decode_ms"]
+    assert {marker["id"] for result in live for marker in result["markers"]} == set(IDS)
+    assert again == live
+
+
+def test_the_doctor_finds_the_camera_well(behaviour: Behaviour, pictures: list[Pixels], tmp_path: Path) -> None:
+    """Opened, tried and closed again: mode, exposure and row time are as asked."""
+    show(tmp_path / "panels", pictures)
+    findings, info = camera_findings(settings())
+    assert [(finding.name, finding.state) for finding in findings] == [
+        (name, "ok") for name in ("camera", "sensor mode", "exposure", "row time")
+    ]
+    assert info is not None
+    assert not behaviour.opened[0].is_open
 
 
 def leftovers() -> tuple[int, int, int]:
