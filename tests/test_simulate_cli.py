@@ -74,7 +74,7 @@ def test_the_drive_moves(tmp_path: Path) -> None:
     ("arguments", "message"),
     [
         (["--id", "50"], "--id: DICT_4X4_50 has the IDs 0 to 49, not 50"),
-        (["--scene", "drive", "--id", "3"], "--scene drive: places its own panels"),
+        (["--scene", "drive", "--id", "3"], "--scene drive: --id, --distance and --angle are of still panels"),
         (["--set", "panels.overrides={7: {side_m: 1}}"], "panels.overrides.7"),
         (["--exposure-us", "-3"], "camera.exposure_us"),
         (["--config", "nowhere.yaml"], "nowhere.yaml: cannot be read"),

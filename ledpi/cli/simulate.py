@@ -22,6 +22,7 @@ _STILL_IDS, _STILL_DISTANCE_M, _STILL_ANGLE_DEG = [7], 1.0, 0.0
 
 class SceneName(StrEnum):
     DRIVE = "drive"
+    BOARD = "board"
 
 
 class TransferName(StrEnum):
@@ -33,7 +34,9 @@ class TransferName(StrEnum):
 def simulate(
     out: Path = typer.Argument(metavar="OUT", help="Folder for the recording: new, or empty."),
     frames: int = typer.Option(60, min=1, help="Frames to render."),
-    scene: SceneName | None = typer.Option(None, help="drive: a robot driving past panels 7 and 23."),
+    scene: SceneName | None = typer.Option(
+        None, help="drive: a robot driving past panels 7 and 23. board: a ChArUco board, held this way and that."
+    ),
     distance: float | None = typer.Option(None, min=0.05, max=1000, help="Of still panels, in metres. Default: 1."),
     angle: float | None = typer.Option(None, min=-88, max=88, help="Their yaw, in degrees. Default: 0."),
     id_: list[int] = typer.Option([], "--id", help="ID of a still panel; may be repeated, side by side. Default: 7."),
@@ -52,8 +55,8 @@ def simulate(
     settings = _settings(config, set_, exposure_us, transfer)
     if scene is not None:
         if id_ or distance is not None or angle is not None:
-            raise ConfigError("--scene drive: places its own panels; --id, --distance and --angle are of still ones")
-        built = _drive(settings)
+            raise ConfigError(f"--scene {scene}: --id, --distance and --angle are of still panels")
+        built = _drive(settings) if scene is SceneName.DRIVE else _board(settings)
     else:
         place = (
             _STILL_DISTANCE_M if distance is None else distance,
@@ -84,6 +87,16 @@ def _drive(settings: Config) -> Scene:
 
     sensor = simulated_sensor(settings.camera, settings.panels)
     return drive_scene(sensor, _specs(settings.panels, DRIVE_IDS), settings.panels.dictionary)
+
+
+def _board(settings: Config) -> Scene:
+    """The board that `ledpi calibrate board` prints."""
+    from ledpi.calibrate.boards import Board
+    from ledpi.camera.simulated import simulated_sensor
+    from ledpi.simulate.scenes import board_scene
+
+    sensor = simulated_sensor(settings.camera, settings.panels)
+    return board_scene(sensor, Board(columns=6, rows=5, kind="charuco").black(), width_m=7 * 0.03)
 
 
 def _still(settings: Config, ids: list[int], distance_m: float, angle_deg: float) -> Scene:

@@ -40,7 +40,7 @@ def printed_scene(scene: Scene, family: Family, dictionary: str, paper_level: fl
         prints.append(
             Print(
                 modules=modules,
-                side_m=panel.spec.side_m,
+                width_m=panel.spec.side_m,
                 motion=panel.motion,
                 white=paper_level,
                 black=INK * paper_level,

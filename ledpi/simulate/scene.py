@@ -138,19 +138,14 @@ class Light:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Print:
-    """A printed square marker on white paper, to compare panels with. `motion` is scene_from_marker."""
+    """Black on white paper: a marker to compare panels with, a calibration board. `motion` is scene_from_print."""
 
-    modules: Bits  # (n, n), row 0 at the top of the marker, its black border included; True is white
-    side_m: float  # outer edge of the modules
+    modules: Bits  # (rows, columns), row 0 at the top, a marker's black border included; True is white
+    width_m: float  # of the modules
     motion: Trajectory
     white: float = 0.45  # level of the paper
     black: float = 0.03  # level of the ink
     quiet_modules: int = 1  # white paper around, in widths of a module
-
-    def __post_init__(self) -> None:
-        n = len(self.modules)
-        if self.modules.shape != (n, n):
-            raise ValueError(f"a print's modules must be square, not {self.modules.shape}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

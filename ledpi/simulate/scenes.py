@@ -8,9 +8,10 @@ from collections.abc import Mapping
 import numpy as np
 
 from ledpi.dictionaries import load_dictionary
+from ledpi.markers import Bits
 from ledpi.records import Intrinsics, PanelSpec
-from ledpi.simulate.scene import Panel, Room, Scene, SimulatedSensor, uneven_gains
-from ledpi.simulate.trajectory import Patrol, Still, facing_camera
+from ledpi.simulate.scene import FIRST_READOUT_NS, Panel, Print, Room, Scene, SimulatedSensor, uneven_gains
+from ledpi.simulate.trajectory import Patrol, Shown, Still, facing_camera
 
 _DRIVE_PANELS = (  # ID, place in the scene, yaw, brightness
     (7, (-0.22, -0.05, 2.75), 8.0, 0.45),
@@ -90,3 +91,22 @@ def drive_scene(sensor: SimulatedSensor, specs: Mapping[int, PanelSpec], diction
     )
     room = Room(distance_m=4.5 * scale)
     return Scene(sensor=sensor, panels=tuple(panels), camera_motion=patrol, room=room)
+
+
+def board_scene(sensor: SimulatedSensor, black: Bits, width_m: float) -> Scene:
+    """A board that is held before the camera for half a second at each of 20 places, tilted to every side.
+
+    `black`, (rows, columns) texels: the printed board, `width_m` wide without the white around it. It is brought so
+    near that its outer parts leave the view.
+    """
+    near = 1.75 * width_m
+    places = tuple(
+        (np.array([x * width_m, y * width_m, near * depth]), np.array([pitch, yaw, 3.0 * number]))
+        for number, (pitch, yaw, depth) in enumerate(
+            [(0.0, 30.0, 1.0), (0.0, -30.0, 1.1), (30.0, 0.0, 1.0), (-30.0, 0.0, 1.1), (0.0, 0.0, 1.0)]
+        )
+        for x, y in ((-0.42, -0.3), (0.42, -0.3), (0.42, 0.3), (-0.42, 0.3))
+    )
+    motion = Shown(places=places, each_s=0.5, rest_s=0.4, start_s=FIRST_READOUT_NS * 1e-9)
+    paper = Print(modules=~black, width_m=width_m, motion=motion, quiet_modules=black.shape[1] // 14)
+    return Scene(sensor=sensor, prints=(paper,), room=Room(distance_m=8.0 * width_m))

@@ -21,6 +21,7 @@ from ledpi.simulate.trajectory import Trajectory
 Image = NDArray[np.float32]
 
 PANEL_TEXELS = 512  # across the lit grid: finer than three samples a pixel on panels of up to 170 pixels
+PRINT_TEXELS = 2048  # across a print, at most
 LIGHT_TEXELS = 256
 
 
@@ -123,14 +124,15 @@ def light_surface(light: Light) -> Surface:
 
 
 def print_surface(printed: Print, room: Room) -> Surface:
-    """A printed marker: as the paper and the ink return the room's light."""
+    """What is printed: as the paper and the ink return the room's light."""
     modules = np.pad(printed.modules, printed.quiet_modules, constant_values=True)
-    texels = max(32, PANEL_TEXELS // len(printed.modules))  # a module
+    columns = printed.modules.shape[1]
+    texels = min(max(32, PANEL_TEXELS // columns), max(1, PRINT_TEXELS // columns))  # a module
     level = np.kron(np.where(modules, printed.white, printed.black), np.ones((texels, texels))).astype(np.float32)
-    size_m = printed.side_m * len(modules) / len(printed.modules)
+    module_m = printed.width_m / columns
     return Surface(
         planes=(level, np.ones_like(level)),
-        size_m=(size_m, size_m),
+        size_m=(module_m * modules.shape[1], module_m * modules.shape[0]),
         waves=(room.ripple,),
         reflected=0.0,
         motion=printed.motion,

@@ -79,6 +79,31 @@ class Gliding:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Shown:
+    """Held before the camera by hand: at one place after another for a while, for ever.
+
+    Of each `each_s` the body rests for the first part and is carried on, evenly, in what is left.
+    """
+
+    places: tuple[tuple[Floats, Floats], ...]  # position (3,) in metres; pitch, yaw, roll (3,) as of `facing_camera`
+    each_s: float
+    rest_s: float
+    start_s: float = 0.0
+
+    @property
+    def moves(self) -> bool:
+        return True
+
+    def scene_from_body(self, t_s: float) -> Floats:
+        turn, since_s = divmod(t_s - self.start_s, self.each_s)
+        now, after = (self.places[int(turn + k) % len(self.places)] for k in (0, 1))
+        share = max(0.0, since_s - self.rest_s) / (self.each_s - self.rest_s)
+        position, angles_deg = (a + share * (b - a) for a, b in zip(now, after, strict=True))
+        pitch_deg, yaw_deg, roll_deg = angles_deg.tolist()
+        return facing_camera(position, pitch_deg=pitch_deg, yaw_deg=yaw_deg, roll_deg=roll_deg)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Patrol:
     """A camera that drives a figure of eight for ever, level, and keeps looking at a point.
 
