@@ -13,6 +13,7 @@ from decode_material import (
     WORDS,
     Bits,
     Canvas,
+    Profile,
     diffuser,
     drawn,
     flat,
@@ -50,13 +51,14 @@ def panel_shown(
     light: float = 0.4,
     gains: Floats | None = None,
     spec: PanelSpec = SPEC,
+    profile: Profile = diffuser,
 ) -> Reading | Rejected:
     """The reading of a painted panel; place, noise and phases are the seed's."""
     rng = np.random.default_rng(seed)
     corners = square(310 + rng.uniform(), 240 + rng.uniform(), side, 4)
     canvas = Canvas(exposure_us=exposure_us, transfer=transfer)
     phases = (float(rng.uniform()), float(rng.uniform()))
-    canvas.panel(corners, cells, light=light, gains=gains, spec=spec, phases=phases)
+    canvas.panel(corners, cells, light=light, profile=profile, gains=gains, spec=spec, phases=phases)
     return read_at(canvas.frame(seed), corners)
 
 
@@ -151,6 +153,39 @@ def test_the_same_picture_gives_the_same_reading() -> None:
     assert isinstance(first, Reading)
     assert isinstance(second, Reading)
     assert (first.id, first.quarter_turns, first.margin) == (second.id, second.quarter_turns, second.margin)
+
+
+def walled(u: Floats, v: Floats) -> Floats:
+    """Cells like lamps behind glass, with walls between them as wide as an eighth of a cell."""
+    inner = np.minimum(np.abs(4 * u - np.clip(np.round(4 * u), 1, 3)), np.abs(4 * v - np.clip(np.round(4 * v), 1, 3)))
+    return np.asarray(diffuser(u, v) * (inner > 0.06))
+
+
+@pytest.mark.parametrize(("profile", "side"), [(flat, 52), (diffuser, 52), (walled, 90)])
+def test_what_neighbours_and_the_dark_beyond_the_rim_mix_in_does_not_matter(profile: Profile, side: float) -> None:
+    """Uneven LEDs, small cells: the blur reaches over the gaps, if there are any, and the rim has no neighbour."""
+    read = 0
+    for seed in range(8):
+        gains = np.random.default_rng(seed).normal(1.0, 0.1, (4, 4))
+        shown = panel_shown(word(7, seed % 4), side=side, seed=seed, gains=gains, profile=profile)
+        read += reading_of(shown) == (7, seed % 4)
+    assert read >= 7
+
+
+@pytest.mark.parametrize("side", [60, 80, 120])
+def test_full_bands_are_read_in_every_phase(side: float) -> None:
+    """At 150 µs some cells are dark in most of their rows, and what is seen of others is mostly harmonics."""
+    for seed in range(8):
+        shown = panel_shown(word(7, seed % 4), side=side, seed=seed, exposure_us=SHORT_US)
+        assert reading_of(shown) == (7, seed % 4)
+
+
+@pytest.mark.parametrize("side", [20, 30, 40])
+@pytest.mark.parametrize("pattern", TWO_OFF)
+def test_full_bands_in_few_pixels_are_not_taken_for_a_word_nearby(pattern: str, side: float) -> None:
+    """Far less than noise stands between a word and its neighbours there: what fits badly is not believed."""
+    for seed in range(6):
+        assert isinstance(panel_shown(drawn(pattern), side=side, seed=seed, exposure_us=SHORT_US), Rejected)
 
 
 # ---- What is no word is not read as one

@@ -103,7 +103,7 @@ def even_evidence(each: float, depth: float) -> Evidence:
     information = np.zeros((16, 4, 16, 4))
     for cell in range(16):
         information[cell, :, cell, :] = each * np.eye(4)
-    return Evidence(score=np.zeros((16, 4)), information=information, prior=np.full(4, depth**2 / 2))
+    return Evidence(score=np.zeros((16, 4)), information=information, prior=np.full(4, depth**2 / 2), left=0.0)
 
 
 @pytest.mark.parametrize(

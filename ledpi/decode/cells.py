@@ -153,7 +153,7 @@ def sample_cells(
     columns = math.ceil((int(high[0]) + 1 - x0) / shrink) + MARGIN
     rows = math.ceil((int(high[1]) + 1 - y0) / shrink) + MARGIN
     patch = frame.pixels[y0 : y0 + rows * shrink, x0 : x0 + columns * shrink]
-    dense = shrink == 1 and k < MAX_LATTICE and int(patch.max()) < SATURATED_VALUE
+    dense = shrink == 1 and int(patch.max()) < SATURATED_VALUE
     linear = cv2.LUT(patch, linear_light(frame.transfer))
     if shrink > 1:  # averages whole pixels: less noise, and the band's depth over 2 or 3 rows hardly suffers
         size = (linear.shape[1] // shrink, linear.shape[0] // shrink)  # at the picture's end a last part may be missing

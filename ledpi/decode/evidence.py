@@ -20,7 +20,7 @@ is left is correlated with a cosine and a sine per class, in each cell.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -37,7 +37,9 @@ PARAMETERS = 4  # cosine and sine of each class
 # How far across a cell's border its light reaches: lens, pixel and interpolation together have a standard deviation of
 # 0.8 to 1.1 px in a focused picture.
 BORDER_PX = 2.5
-SHIFTS = 8  # ways in which four corners can be off
+# Of full bands the darkest part: there is stray light, read noise, and a waveform that is not quite a square wave's, so
+# that the dark says less of a cell than its few photons would.
+DARKEST = 0.1
 UNFIT = Rejected(stage="soft", reason="unfit")
 
 
@@ -52,6 +54,7 @@ class Evidence:
     score: Doubles  # (cells, 4)
     information: Doubles  # (cells, 4, cells, 4)
     prior: Doubles  # (4,) expected variance of x
+    left: float  # log-likelihood of what no bands explain; noise if the model is right
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,48 +70,125 @@ class Normal:
     freedom: int  # samples, less what nuisances and bands take
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Believed:
+    """Bands that a first look has shown, from which a second one takes its bearings."""
+
+    phases: tuple[float, float]  # of the fundamentals, black's and white's; `waves` begin there
+    bands: Doubles  # (cells, 4), by these waves
+    waves: Singles  # (4, cells, points): what to measure them by
+    white: NDArray[np.bool_]  # (cells,)
+    light: Singles  # (2, cells, points): what the bands of either class make of an even light
+
+    def own_light(self) -> Singles:
+        """(cells, points): what each cell's bands make of it."""
+        return np.asarray(np.where(self.white[:, None], self.light[1], self.light[0]), np.float32)
+
+    def turned_back(self, bands: Doubles) -> Doubles:
+        """Bands (cells, 4) by these waves, as cosine and sine."""
+        out = np.empty_like(bands)
+        for k, phase in enumerate(self.phases):
+            c, s = math.cos(phase), math.sin(phase)
+            out[:, 2 * k : 2 * k + 2] = bands[:, 2 * k : 2 * k + 2] @ np.array([[c, s], [-s, c]])
+        return out
+
+
 def single_evidence(
-    samples: CellSamples, frame: Frame, spec: PanelSpec, waves: Singles | None = None
+    samples: CellSamples,
+    frame: Frame,
+    spec: PanelSpec,
+    waves: Singles | None = None,
+    believed: Believed | None = None,
 ) -> Evidence | Rejected:
-    """The evidence of one picture; `waves` are its bands' shapes where it is no plain frame but a mean of several."""
+    """The evidence of one picture; `waves` are its bands' shapes where it is no plain frame but a mean of several.
+
+    Where bands are deep, what cells have in common only shows once the bands are known: so with what is `believed`
+    the static picture is what is left when that is divided out, and evidence is on how far the bands differ from it.
+    """
     cells, points = samples.light.shape
     sources = _sources(samples.lattice.k, _border(samples))
-    gain, light = _levels(samples)
-    profile = (light / gain[:, None]).mean(axis=0)
+    shown = np.ones_like(samples.light) if believed is None else believed.own_light()
+    gain, profile, light = _levels(samples, shown)
     # Shot noise has the variance of the light: over this root it is alike everywhere.
-    root = np.sqrt(gain[:, None] * np.maximum(profile, np.float32(1e-3)))
+    even = np.sqrt(gain[:, None] * np.maximum(profile, np.float32(1e-3)))
+    if believed is None:
+        root = even
+        basis = _shared_light(gain, samples.lattice.cells)[:, sources.column]  # (cells, P)
+    else:
+        root = even * np.sqrt(shown)
+        basis = _shared_blinking_light(gain, believed, samples.lattice.cells, sources, root)
     seen = light / root
-    basis = _shared_light(gain, samples.lattice.cells)[:, sources.column]  # (cells, P)
-    static = np.add.reduceat(basis * (basis * seen[:, sources.point]).sum(axis=0), sources.first, axis=1)
-    residual = seen - static
+    parts = basis * (basis * seen[:, sources.point]).sum(axis=0)
+    static = np.asarray(np.add.reduceat(parts, sources.first, axis=1), np.float32)
+    residual = np.asarray(seen - static, np.float32)
     np.maximum(static, np.float32(0.02), out=static)
     shapes = np.empty((cells, 1 + PARAMETERS, points), np.float32)  # of a wrong gain, and of the bands
     shapes[:, 0] = static
-    shapes[:, 1:] = (class_waves(samples, frame, spec) if waves is None else waves).transpose(1, 0, 2)
-    shapes[:, 1:] *= static[:, None]
-    slopes = picture_slopes(static * root, samples.lattice) * static
+    if believed is not None:
+        static /= shown
+    if believed is not None:
+        waves = believed.waves
+    elif waves is None:
+        waves = class_waves(samples, frame, spec)
+    np.multiply(waves.transpose(1, 0, 2), static[:, None], out=shapes[:, 1:])
+    slopes = picture_slopes(static * root, samples.lattice) * shapes[:, 0]
     if samples.valid is not None:
-        residual, shapes, slopes = (part * mask for part, mask in (
-            (residual, samples.valid), (shapes, samples.valid[:, None]), (slopes, samples.valid)))
+        residual *= samples.valid
+        slopes *= samples.valid
+        shapes *= samples.valid[:, None]
     normal = _without_shared_light(residual, shapes, slopes, basis, sources)
-    return evidence_from(normal, samples, frame, spec)
+    evidence = evidence_from(normal, samples, frame, spec)
+    if believed is None or isinstance(evidence, Rejected):
+        return evidence
+    score = evidence.score + np.einsum("cidj,dj->ci", evidence.information, believed.bands)
+    return replace(evidence, score=score)
 
 
-def _levels(samples: CellSamples) -> tuple[Singles, Singles]:
-    """Gain of each cell, of mean 1, and the light in the same unit; what is not valid is filled in."""
+def _levels(samples: CellSamples, shown: Singles) -> tuple[Singles, Singles, Singles]:
+    """Gain (cells,), of mean 1, profile (points,), and the light in the same unit, filled in where it is not valid."""
     light, valid = samples.light, samples.valid
-    if valid is None:
-        gain = light.mean(axis=1)
-        mean = gain.mean()
-        return gain / mean, light / mean
-    gain = light.sum(axis=1) / valid.sum(axis=1)
-    for _ in range(3):  # gains and profile of what is seen: not independent of each other
-        profile = light.sum(axis=0) / np.maximum((gain[:, None] * valid).sum(axis=0), 1e-9)
-        gain = light.sum(axis=1) / np.maximum((profile * valid).sum(axis=1), 1e-9)
-    profile[~valid.any(axis=0)] = profile.max()
-    light = np.where(valid, light, gain[:, None] * profile)
+    share = shown if valid is None else shown * valid
+    gain = light.sum(axis=1) / share.sum(axis=1)
+    for _ in range(3):  # what is missing or dark in one cell is not in another: neither is known without the other
+        profile = light.sum(axis=0) / np.maximum((gain[:, None] * share).sum(axis=0), 1e-9)
+        gain = light.sum(axis=1) / np.maximum((profile * share).sum(axis=1), 1e-9)
+    if valid is not None:
+        profile[~valid.any(axis=0)] = profile.max()
+        light = np.where(valid, light, gain[:, None] * profile * shown)
     mean = gain.mean()
-    return gain / mean, light / mean
+    return gain / mean, profile, light / mean
+
+
+def believed_bands(samples: CellSamples, frame: Frame, spec: PanelSpec, bands: Doubles) -> Believed:
+    """What `bands` (cells, 4), sinusoids in each cell's own class, are as square waves seen through the exposure.
+
+    Phase and depth of a square wave are those of its fundamental. Its own waves: what more depth adds, and what a
+    later phase does, so that a small change of either is measured by the exact waveform, harmonics and all.
+    """
+    rows_cycles = samples.rows * np.float32(frame.row_time_us * 1e-6)
+    waves = np.empty((PARAMETERS, *samples.rows.shape), np.float32)
+    light = np.ones((2, *samples.rows.shape), np.float32)
+    turned = np.zeros_like(bands)
+    phases = []
+    for k, hz in enumerate((spec.black_hz, spec.white_hz)):
+        two = slice(2 * k, 2 * k + 2)
+        members = bands[:, two].any(axis=1)
+        cosine, sine = bands[members][0, two].tolist() if members.any() else (1.0, 0.0)
+        depth = math.hypot(cosine, sine) if members.any() else 0.0
+        phases.append(math.atan2(sine, cosine))
+        cycles = (rows_cycles * np.float32(hz)).astype(np.float64) - phases[k] / (2 * math.pi)
+        waves[two] = shutter.square_wave_bands(cycles, hz, frame.exposure_us, spec.duty)
+        turned[members, 2 * k] = depth
+        light[k] += np.float32(depth) * waves[2 * k]
+    if samples.valid is not None:
+        waves *= samples.valid
+    return Believed(
+        phases=(phases[0], phases[1]),
+        bands=turned,
+        waves=waves,
+        white=np.asarray(bands[:, 2:].any(axis=1)),
+        light=np.maximum(light, np.float32(DARKEST)),
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -150,15 +230,41 @@ def _sources(k: int, border: tuple[int, int]) -> Sources:
     return Sources(point=np.array(point), column=np.array(column), first=np.array(first))
 
 
+def _meeting(values: Singles, cells: int) -> Singles:
+    """(cells, 18): the values (cells,) of the cells that meet, in each of `_MEETINGS`; 0 beyond the rim."""
+    around = np.zeros((cells + 2, cells + 2), np.float32)
+    around[1:-1, 1:-1] = values.reshape(cells, cells)
+    met = [around[1 + y : 1 + y + cells, 1 + x : 1 + x + cells].reshape(-1) for m in _MEETINGS for y, x in m]
+    return np.stack(met, axis=1)
+
+
 def _shared_light(gain: Singles, cells: int) -> Singles:
     """(cells, 18): for each of `_MEETINGS`, an orthonormal basis of what the cells may show at one point, whitened."""
-    around = np.zeros((cells + 2, cells + 2), np.float32)
-    around[1:-1, 1:-1] = gain.reshape(cells, cells)
-    shown = np.array(
-        [[around[1 + y : 1 + y + cells, 1 + x : 1 + x + cells].reshape(-1) for y, x in m] for m in _MEETINGS]
-    )
-    basis = np.linalg.qr((shown / np.sqrt(gain)).transpose(0, 2, 1))[0]  # (meetings, cells, 3)
+    shown = _meeting(gain, cells) / np.sqrt(gain)[:, None]
+    basis = np.linalg.qr(shown.reshape(len(gain), -1, 3).transpose(1, 0, 2))[0]  # (meetings, cells, 3)
     return np.ascontiguousarray(basis.transpose(1, 0, 2).reshape(len(gain), -1))
+
+
+def _shared_blinking_light(gain: Singles, believed: Believed, cells: int, sources: Sources, root: Singles) -> Singles:
+    """(cells, P): the same at each point, where each cell blinks as its class is believed to."""
+    white = _meeting(believed.white.astype(np.float32), cells)[:, sources.column] > 0
+    light = np.where(white, believed.light[1][:, sources.point], believed.light[0][:, sources.point])
+    columns = _meeting(gain, cells)[:, sources.column] * light / root[:, sources.point]
+    return _orthonormal(columns, sources)
+
+
+def _orthonormal(columns: Singles, sources: Sources) -> Singles:
+    """Those of each point made orthonormal among themselves (Gram and Schmidt), one after the other."""
+    rank = np.arange(len(sources.point)) - sources.first[sources.point]
+    done = columns.copy()
+    for order in range(int(rank.max()) + 1):
+        at = np.flatnonzero(rank == order)
+        own = done[:, at]
+        for before in range(order):
+            other = done[:, sources.first[sources.point[at]] + before]
+            own = own - other * (own * other).sum(axis=0)
+        done[:, at] = own / np.maximum(np.sqrt((own * own).sum(axis=0)), 1e-9)
+    return done
 
 
 def _without_shared_light(
@@ -218,6 +324,7 @@ def evidence_from(normal: Normal, samples: CellSamples, frame: Frame, spec: Pane
         score=(score * scale).reshape(cells, PARAMETERS),
         information=(information * scale).reshape(cells, PARAMETERS, cells, PARAMETERS),
         prior=band_prior(frame, spec),
+        left=0.5 * samples.independence * normal.freedom,
     )
 
 

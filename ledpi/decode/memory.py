@@ -9,7 +9,8 @@ then the mean picture, read as a single frame of less noise, still says what one
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -56,6 +57,7 @@ class PanelMemory:
         self._origin_ns = 0
         self._score: Doubles | None = None
         self._information: Doubles | None = None
+        self._left = 0.0
 
     def add(self, samples: CellSamples, frame: Frame) -> Evidence | None:
         """Takes a frame in. Returns what it adds by comparison with those before, if anything."""
@@ -85,17 +87,35 @@ class PanelMemory:
             mean_waves=self._mean_waves,
         )
 
+    @property
+    def newest(self) -> tuple[CellSamples, Frame]:
+        """The frame that was added last."""
+        return self._samples, self._frame
+
+    def in_its_time(self, bands: Doubles) -> Doubles:
+        """Bands (cells, 4) of the newest frame alone as all frames count them: from row 0 of the first."""
+        out = np.empty_like(bands)
+        since_s = (self._frame.row0_readout_ns - self._origin_ns) * 1e-9
+        for k, hz in enumerate((self.spec.black_hz, self.spec.white_hz)):
+            angle = 2 * math.pi * ((hz * since_s) % 1.0)
+            c, s = math.cos(angle), math.sin(angle)
+            out[:, 2 * k : 2 * k + 2] = bands[:, 2 * k : 2 * k + 2] @ np.array([[c, s], [-s, c]])
+        return out
+
     def evidence(self) -> Evidence | Rejected:
         """All that is known: the comparisons so far, and the mean picture read as one frame."""
         total = self._of_mean_picture()
         if self._score is None or self._information is None:
             return total
-        prior = band_prior(self._frame, self.spec)
-        if isinstance(total, Rejected):
-            return Evidence(score=self._score, information=self._information, prior=prior)
-        return Evidence(
-            score=self._score + total.score, information=self._information + total.information, prior=prior
+        known = Evidence(
+            score=self._score,
+            information=self._information,
+            prior=band_prior(self._frame, self.spec),
+            left=self._left,
         )
+        if isinstance(total, Rejected):
+            return known
+        return replace(known, score=known.score + total.score, information=known.information + total.information)
 
     def _of_mean_picture(self) -> Evidence | Rejected:
         seen = self._count > 0
@@ -107,6 +127,7 @@ class PanelMemory:
                 score=nothing,
                 information=np.zeros((cells, PARAMETERS, cells, PARAMETERS)),
                 prior=band_prior(self._frame, self.spec),
+                left=0.0,
             )
         mean = CellSamples(
             lattice=self._samples.lattice,
@@ -133,6 +154,7 @@ class PanelMemory:
             before = 0.0 if self._score is None else FORGETTING * self._score
             known = 0.0 if self._information is None else FORGETTING * self._information
             self._score, self._information = before + added.score, known + added.information
+            self._left = FORGETTING * self._left + added.left
         self._remember(light, waves, valid)
         return added if isinstance(added, Evidence) else None
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from ledpi.decode import soft
 from ledpi.decode.cells import CellSamples
-from ledpi.decode.evidence import Evidence
+from ledpi.decode.evidence import Evidence, band_prior
 from ledpi.decode.expect import Expectation
 from ledpi.decode.memory import PanelMemory
 from ledpi.decode.soft import Codebook, Reading
@@ -28,6 +28,9 @@ READ_EVERY = 8
 TUNE_EVERY = 6
 # Frames that contradict each other make a track forget: one that remembers less than this does not add up.
 ADDS_UP_FRAMES = 4
+
+# What no further frame can mend: this is no panel, or not where it was thought to be.
+SOMETHING_ELSE = (soft.INCONSISTENT, soft.IMPLAUSIBLE)
 
 _NO_PICTURE: Pixels = np.empty((0, 0), np.uint8)
 
@@ -90,12 +93,27 @@ class Reader:
         return (ids.index(reading.id) if isinstance(reading, Reading) else 0), reading
 
     def _word(self, memory: PanelMemory, group: int, *, tuned: bool) -> Reading | Rejected:
-        evidence = memory.evidence()
-        if not isinstance(evidence, Evidence):
-            return evidence
         # Frequencies that were chosen to fit leave chance more ways to look like a word.
         rate = self._false_id_rate / CHOICES if tuned else self._false_id_rate
-        return soft.decide(evidence, self._codebooks[group], rate)
+        book = self._codebooks[group]
+        alone = self._alone(memory, replace(book, spec=memory.spec), rate)
+        if alone is not None:
+            return alone
+        evidence = memory.evidence()
+        return soft.decide(evidence, book, rate) if isinstance(evidence, Evidence) else evidence
+
+    def _alone(self, memory: PanelMemory, book: Codebook, rate: float) -> Reading | Rejected | None:
+        """What the newest frame shows by itself; None where it is for all frames together to tell.
+
+        A single frame of deep bands says all, to who looks twice, or that something is not as it should be.
+        """
+        samples, frame = memory.newest
+        if memory.frames > 1 and not soft.is_deep(band_prior(frame, book.spec)):
+            return None
+        reading = soft.read_word(samples, frame, book, rate)
+        if isinstance(reading, Reading):
+            return replace(reading, cell_bands=memory.in_its_time(reading.cell_bands))
+        return reading if memory.frames == 1 or reading in SOMETHING_ELSE else None
 
     def _tune(self, track: Track) -> bool:
         """Whether a track's frames add up to a word at other frequencies; then its memory has them."""

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ledpi.decode.cells import CellSamples, Singles
-from ledpi.decode.evidence import PARAMETERS, Doubles, Evidence, single_evidence
+from ledpi.decode.evidence import PARAMETERS, Doubles, Evidence, believed_bands, single_evidence
 from ledpi.markers import Dictionary
 from ledpi.records import Frame, PanelSpec, Rejected
 
@@ -43,9 +43,9 @@ DEVIATIONS = 3.0  # allowed to either, for noise
 # many degrees of freedom; of what a word explains, harmonics, tone and a corner that is off may cost some. Where it is
 # more than this share, the cells do not lie where the bands change, or are no cells of one panel.
 MAX_MISFIT = 1.0 / 3.0
-# Bands of nearly full depth outshine all that but their own harmonics, a twentieth. There every cell shows its class,
-# and a pattern two cells off a word already costs an eighth.
-FULL_DEPTH, MAX_MISFIT_AT_FULL_DEPTH = 0.5, 0.12
+# Bands of nearly full depth outshine all noise. They explain most of what there is to see. What a word leaves open then
+# is as much as there is wrong with what it is told by; so its lead over its rivals must be more than that.
+FULL_DEPTH, MIN_EXPLAINED = 0.5, 3.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -83,25 +83,73 @@ class Reading:
     cell_bands: Doubles  # (cells, 4) cosine and sine of black's bands, then white's, as each cell shows them
 
 
-def read_word(samples: CellSamples, frame: Frame, codebook: Codebook) -> Reading | Rejected:
-    """The word that these samples show by themselves, or why none can be told."""
-    evidence = single_evidence(samples, frame, codebook.spec)
-    return evidence if isinstance(evidence, Rejected) else decide(evidence, codebook, FALSE_ID_RATE_ALONE)
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Fit:
+    """The likeliest words under some evidence, best first."""
+
+    words: NDArray[np.int64]  # indices of the codebook
+    likelihood: Doubles  # (words,) log-likelihood ratio to "no bands"
+    bands: Doubles  # (4,) of the best word
+    deviation: Doubles  # (4,)
+
+
+def read_word(
+    samples: CellSamples, frame: Frame, codebook: Codebook, false_id_rate: float = FALSE_ID_RATE_ALONE
+) -> Reading | Rejected:
+    """The word that these samples show by themselves, or why none can be told.
+
+    Bands are looked at twice where that may change the answer: as sinusoids; and, once it is known where in their
+    period they are, as what the exposure leaves of a square wave, with the static picture that is then left.
+    """
+    spec = codebook.spec
+    evidence = single_evidence(samples, frame, spec)
+    if isinstance(evidence, Rejected):
+        return evidence
+    fit = _likeliest(evidence, codebook)
+    first = _judged(fit, evidence, codebook, false_id_rate)
+    if first == NO_BANDS or not (isinstance(first, Rejected) or is_deep(evidence.prior)):
+        return first
+    believed = believed_bands(samples, frame, spec, _shown(codebook, int(fit.words[0]), fit.bands))
+    again = single_evidence(samples, frame, spec, believed=believed)
+    if isinstance(again, Rejected):
+        return again
+    second = decide(again, codebook, false_id_rate)
+    if isinstance(second, Rejected):
+        return second
+    return replace(second, cell_bands=believed.turned_back(second.cell_bands))
+
+
+def is_deep(prior: Doubles) -> bool:
+    """Whether bands of this variance (4,) are so deep that their harmonics show, and hide what is static."""
+    return math.sqrt(2.0 * float(prior.min())) > FULL_DEPTH
 
 
 def decide(evidence: Evidence, codebook: Codebook, false_id_rate: float) -> Reading | Rejected:
     """The word that the evidence is for, or why none can be told."""
+    return _judged(_likeliest(evidence, codebook), evidence, codebook, false_id_rate)
+
+
+def _likeliest(evidence: Evidence, codebook: Codebook) -> _Fit:
+    words = shortlist(evidence, codebook.white)
+    likelihood, bands, covariances = word_log_likelihoods(evidence, codebook.white[words])
+    order = np.argsort(-likelihood)
+    first = order[0]
+    return _Fit(
+        words=words[order],
+        likelihood=likelihood[order],
+        bands=bands[first],
+        deviation=np.sqrt(np.diagonal(covariances[first])),
+    )
+
+
+def _judged(fit: _Fit, evidence: Evidence, codebook: Codebook, false_id_rate: float) -> Reading | Rejected:
+    """The best word, if it stands against all its rivals."""
     needed = -math.log(false_id_rate)
-    likely = shortlist(evidence, codebook.white)
-    likelihood, fits, covariances = word_log_likelihoods(evidence, codebook.white[likely])
-    first = int(np.argmax(likelihood))
-    best, none = int(likely[first]), float(likelihood[first])
+    best, none, bands = int(fit.words[0]), float(fit.likelihood[0]), fit.bands
     if none < needed:
         return NO_BANDS
-    bands = fits[first]
     amplitude = (math.hypot(*bands[:2]), math.hypot(*bands[2:]))
-    spread = np.sqrt(np.diagonal(covariances[first])).tolist()
-    if not _plausible(amplitude, (max(spread[:2]), max(spread[2:])), evidence):
+    if not _plausible(amplitude, (float(fit.deviation[:2].max()), float(fit.deviation[2:].max())), evidence):
         return IMPLAUSIBLE
     outside = min(
         _odds_against_other_patterns(evidence, codebook, best, bands),
@@ -109,11 +157,11 @@ def decide(evidence: Evidence, codebook: Codebook, false_id_rate: float) -> Read
     )
     if outside < needed:
         return NO_WORD
-    rivals = likelihood[codebook.ids[likely] != codebook.ids[best]]
+    rivals = fit.likelihood[codebook.ids[fit.words] != codebook.ids[best]]
     other = none - float(rivals.max()) if len(rivals) else none
     if other < needed:
         return AMBIGUOUS
-    if not _consistent(evidence, none):
+    if not _consistent(evidence, none, min(other, outside) - needed):
         return INCONSISTENT
     return Reading(
         id=int(codebook.ids[best]),
@@ -121,8 +169,13 @@ def decide(evidence: Evidence, codebook: Codebook, false_id_rate: float) -> Read
         margin=min(none, other, outside),
         likelihood=none,
         amplitude=amplitude,
-        cell_bands=_class_masks(codebook.white[best].astype(np.float64)) * bands,
+        cell_bands=_shown(codebook, best, bands),
     )
+
+
+def _shown(codebook: Codebook, word: int, bands: Doubles) -> Doubles:
+    """(cells, 4): the bands that each cell of a word shows."""
+    return _class_masks(codebook.white[word].astype(np.float64)) * bands
 
 
 def surest(readings: Sequence[Reading | Rejected], false_id_rate: float) -> Reading | Rejected:
@@ -205,8 +258,8 @@ def _plausible(amplitude: tuple[float, float], deviation: tuple[float, float], e
     return least[0] <= MAX_DEPTH_RATIO * most[1] and least[1] <= MAX_DEPTH_RATIO * most[0]
 
 
-def _consistent(evidence: Evidence, of_word: float) -> bool:
-    """Whether all cells share the bands of one word, as far as `of_word`, its log-likelihood ratio, can tell."""
+def _consistent(evidence: Evidence, of_word: float, lead: float) -> bool:
+    """Whether all cells share the bands of one word, as far as its log-likelihood ratio and its lead can tell."""
     size = evidence.score.size
     matrix = evidence.information.reshape(size, size).copy()
     diagonal = np.einsum("ii->i", matrix)  # a view
@@ -214,9 +267,10 @@ def _consistent(evidence: Evidence, of_word: float) -> bool:
     score = evidence.score.reshape(size)
     of_cells = 0.5 * float(score @ np.linalg.solve(matrix, score))
     freedom = size - PARAMETERS
-    by_noise = 0.5 * (freedom + DEVIATIONS * math.sqrt(2.0 * freedom))
-    full = math.sqrt(2.0 * float(evidence.prior.min())) > FULL_DEPTH
-    return of_cells - of_word < by_noise + (MAX_MISFIT_AT_FULL_DEPTH if full else MAX_MISFIT) * of_word
+    misfit = of_cells - of_word
+    if is_deep(evidence.prior):
+        return misfit < lead and of_word > MIN_EXPLAINED * evidence.left
+    return misfit < 0.5 * (freedom + DEVIATIONS * math.sqrt(2.0 * freedom)) + MAX_MISFIT * of_word
 
 
 def _odds_against_other_patterns(evidence: Evidence, codebook: Codebook, best: int, bands: Doubles) -> float:
@@ -238,8 +292,10 @@ def _odds_against_other_patterns(evidence: Evidence, codebook: Codebook, best: i
     by_distance[0] = 1.0
     for ratio in np.exp(np.minimum(gain, 40.0)).tolist():
         by_distance[1:] += by_distance[:-1] * ratio
-    others = float(by_distance[codebook.correctable + 1 :].sum())
-    return _prior_odds_of_word(codebook) - math.log(max(others, 1e-300))
+    others = math.log(max(float(by_distance[codebook.correctable + 1 :].sum()), 1e-300))
+    if others < -600:  # the nearest of them outshines the rest, and may be too small for a number
+        others = float(np.sort(gain)[-codebook.correctable - 1 :].sum())
+    return _prior_odds_of_word(codebook) - others
 
 
 def _prior_odds_of_word(codebook: Codebook) -> float:

@@ -112,7 +112,7 @@ def evidence_of(view: View, spec: PanelSpec, *, frames: int, frame_length_rows: 
     if isinstance(known, Evidence):
         return known
     shape = (len(view.shots[0][0].light), PARAMETERS)
-    return Evidence(score=np.zeros(shape), information=np.zeros(shape * 2), prior=np.full(PARAMETERS, 1e-12))
+    return Evidence(score=np.zeros(shape), information=np.zeros(shape * 2), prior=np.full(PARAMETERS, 1e-12), left=0.0)
 
 
 def separation_nats(evidence: Evidence, depths: tuple[float, float]) -> float:
