@@ -20,7 +20,17 @@ from ledpi.errors import ConfigError
 from ledpi.markers import Dictionary
 from ledpi.panel.antiphase import distance_to_negatives, judge_antiphase
 from ledpi.panel.chances import chance_of_reading
-from ledpi.panel.design import ENOUGH_NATS, Proposal, Task, candidate_pairs, proposal_at, ranked, views_of
+from ledpi.panel.design import (
+    ENOUGH_NATS,
+    Proposal,
+    Task,
+    auto_rows,
+    candidate_pairs,
+    proposal_at,
+    ranked,
+    views_of,
+    with_best_period,
+)
 from ledpi.panel.frequencies import NULL_SHARE, Flicker, null_share, worthwhile_frequencies
 from ledpi.panel.information import View, evidence_of, separation_nats, view_panel
 from ledpi.panel.reach import Reach, reach_of
@@ -141,7 +151,8 @@ def test_short_exposures_have_no_nulls_to_lie_between() -> None:
     """At 150 µs the first null is at 6667 Hz: steps upward from the limit."""
     tried = worthwhile_frequencies(150.0, 1250.0)
     assert tried[0] == 1250.0
-    assert np.diff(np.log(tried)) == pytest.approx(np.log(1.08), rel=1e-2)
+    assert np.diff(np.log(tried)) == pytest.approx(np.log(1.1), rel=1e-2)
+    assert tried[-1] > 4500.0
 
 
 def test_information_of_even_cells_is_its_definition() -> None:
@@ -216,6 +227,16 @@ def test_the_best_never_tell_less_than_the_present_pair() -> None:
     assert flags == sorted(flags, reverse=True)
 
 
+def test_a_proposal_always_moves() -> None:
+    """Also where one frame tells enough, at 135 µs: the shortest period that keeps both classes moving."""
+    asked = task(1.0, exposure_us=4 * OV5647_ROW_TIME_US)
+    views = views_of(asked)
+    for pair in ((1250.0, 2313.48), (1457.99, 2313.48)):
+        proposal = with_best_period(asked, *pair, views)
+        assert asked.least_advance(*pair, proposal.frame_length_rows) >= 1 / 6
+        assert proposal.frame_length_rows == auto_rows(asked, pair)
+
+
 def test_more_than_enough_counts_as_enough() -> None:
     """Near by every pair is read; what it tells beyond does not outweigh what another tells far away."""
     near_by = Proposal(black_hz=1, white_hz=2, frame_length_rows=504, alone=(9000.0, 5.0), stream=(9000.0, 10.0))
@@ -239,8 +260,9 @@ def test_a_pair_may_be_unusable_for_its_flicker() -> None:
 
 
 def test_a_pair_may_coincide() -> None:
-    """Within what the oscillators may be off."""
-    assert "coincide" in told(task(), 1253.0, 1253.2)
+    """Or drift by less than a cycle over a whole picture."""
+    assert "coincide" in told(task(), 1250.0, 1250.0)
+    assert "must be 62 Hz apart" in told(task(), 1253.0, 1300.0)  # 480 rows of 33.67 µs are 1/62 s
     assert "coincide" not in told(task(), 1253.0, 1353.64)
 
 
@@ -267,9 +289,21 @@ def test_drifting_oscillators_are_no_help_to_a_stream() -> None:
 
 def test_no_pair_for_such_oscillators() -> None:
     """± 5 % of 1250 Hz are more than a whole lobe at 10 ms; a shorter exposure is named."""
+    assert "none near by is good" in told(task(tolerance=0.05), 1250.0, 2450.0)
     with pytest.raises(ConfigError, match=r"± 50000 ppm.*at most 4800 µs"):
         candidate_pairs(task(tolerance=0.05))
     assert candidate_pairs(task(tolerance=0.05, exposure_us=4 * 33.67))
+
+
+def test_a_long_exposure_has_no_more_pairs_to_try() -> None:
+    """At 0.1 s a null lies every 10 Hz; the frequencies that are tried are as many as ever."""
+    assert len(worthwhile_frequencies(100_000.0, 1250.0)) <= 16
+
+
+def test_a_panel_that_does_not_fit_into_the_picture_is_refused() -> None:
+    """480 rows at 643 px focal length: 16 cm fill them at 0.21 m."""
+    with pytest.raises(ConfigError, match=r"--distance 0.1: .* at least 0\.21"):
+        views_of(task(0.1))
 
 
 def test_too_far_to_sample_is_refused_with_the_farthest() -> None:

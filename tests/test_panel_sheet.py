@@ -117,6 +117,8 @@ def test_a_supply_that_is_too_high_is_refused() -> None:
         circuit(supply_v=60.0)
     with pytest.raises(ConfigError, match=r"resistor would turn 19\.7 W into heat; .* \(--leds 6\)"):
         circuit(supply_v=24.0, leds=1, current_a=1.0)
+    with pytest.raises(ConfigError, match="less current"):
+        circuit(current_a=3.0)
 
 
 def test_cells_are_placed_as_seen_from_the_front() -> None:
@@ -181,6 +183,12 @@ def test_parts_of_a_large_panel_make_it_up() -> None:
     for x, y in rng.uniform(-210, 210, (200, 2)):
         bounds = [(*window.get_xlim(), *window.get_ylim()) for window in windows]
         assert sum(left <= x < right and bottom <= y < top for left, right, bottom, top in bounds) == 1
+
+
+def test_a_panel_that_takes_too_many_pages_is_refused() -> None:
+    """10 m at 1 : 1 would be 55 × 43 of them."""
+    with pytest.raises(ConfigError, match="takes 2365 pages of A4"):
+        run("7", "--out", "sheets", "--side", "10")
 
 
 def test_many_panels_of_any_grid() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -121,7 +122,7 @@ def _check(task: Task, settings: Config, pair: tuple[float, float]) -> None:
     from ledpi.panel.verdict import findings
 
     black_hz, white_hz = pair
-    if not (black_hz > 0 and white_hz > 0):
+    if not (0 < black_hz < math.inf and 0 < white_hz < math.inf):
         raise ConfigError(f"--check {black_hz:g} {white_hz:g}: frequencies must be positive")
     rows = auto_rows(task, pair)
     found = findings(task, black_hz, white_hz, rows)

@@ -104,9 +104,10 @@ def plan_circuit(lamps: Lamps, cells: tuple[int, int]) -> Circuit:
         resistor_ohm=next_e24(over_v / lamps.current_a),
     )
     if circuit.resistor_w > _RATINGS_W[-1]:
+        remedy = f"more LEDs in series (--leds {most})" if most > wanted else "less current (--led-ma)"
         raise ConfigError(
             f"--supply {supply_v:g}: each cell's resistor would turn {circuit.resistor_w:.1f} W into heat; must be "
-            f"nearer to {wanted * (forward_v + _HEADROOM_V):.1f} V, or more LEDs in series (--leds {most})"
+            f"nearer to {wanted * (forward_v + _HEADROOM_V):.1f} V, or {remedy}"
         )
     return circuit
 

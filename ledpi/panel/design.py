@@ -1,18 +1,19 @@
 """Ranks pairs of frequencies, each with its frame period, by what they let the decoder know.
 
-A pair is tried with every frame period from the sensor's shortest to a twentieth longer; the one that tells most a
-second at the farthest distance is kept. Pairs are then ordered by how much of what the decoder needs they give it, over
-all distances, of one frame and of a short stream; those that at some distance would give less than the present pair
-come after those that never do.
+A pair is tried with the frame periods from the sensor's shortest on, until its bands' advance has taken every value;
+the one that gives most a second of what the decoder needs at the farthest distance is kept. Pairs are then ordered by
+how much of that they give over all distances, of one frame and of a short stream; those that at some distance would
+give less than the present pair come after those that never do, and those that a given period freezes come last.
 """
 
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
-from ledpi.camera.timing import choose_frame_length_rows
+from ledpi.camera.timing import MIN_PHASE_ADVANCE_CYCLES, choose_frame_length_rows
 from ledpi.decode.cells import MIN_CELL_PX
 from ledpi.errors import ConfigError
 from ledpi.panel.frequencies import (
@@ -25,13 +26,16 @@ from ledpi.panel.frequencies import (
 )
 from ledpi.panel.information import STREAM_FRAMES, View, evidence_of, separation_nats, view_panel
 from ledpi.records import PanelSpec, Rejected
+from ledpi.shutter import phase_advance_cycles
 from ledpi.simulate.scene import SimulatedSensor
 
 # From so much information a cell and frame on, the decoder's decision is right in 98 draws of 100 and more; what a pair
 # gives beyond counts no more. (A test draws.)
 ENOUGH_NATS = 20.0
+# Two frames that are 1/20 of a cycle apart differ by 2·sin(π/20) = 0.31 of the bands' amplitude: a tenth of the power.
+FROZEN_CYCLES = 0.05
 _SAME = 0.01  # of what is needed: less is no difference
-_LONGEST_PERIOD = 1.05  # over the shortest: more would cost more frames than it gives
+_MOST_PERIODS = 30  # that are tried with a pair
 # An oscillator that drifts further than this from where it is expected no longer adds to what earlier frames told.
 _COHERENT_CYCLES = 0.25
 _OFF_MAINS_HZ = 5.0
@@ -60,6 +64,18 @@ class Task:
         black, white = (least_amplitude(hz, exposure_us, self.tolerance, self.duty) for hz in (black_hz, white_hz))
         return black, white
 
+    def least_apart_hz(self, black_hz: float, white_hz: float) -> float:
+        """How far apart two frequencies must be: more than their oscillators may be off, and than what lets them drift
+        by a cycle over a whole picture.
+        """
+        scan_s = self.sensor.intrinsics.height * self.sensor.row_time_us * 1e-6
+        return max(self.tolerance * (black_hz + white_hz), 1.0 / scan_s)
+
+    def least_advance(self, black_hz: float, white_hz: float, rows: int) -> float:
+        """By how many cycles a frame the slower-moving class's bands are off a whole number."""
+        period_us = rows * self.sensor.row_time_us
+        return min(abs(phase_advance_cycles(hz, period_us)) for hz in (black_hz, white_hz))
+
     def coherent_frames(self, highest_hz: float, rows: int) -> int:
         """Frames over which the worse oscillator keeps within a quarter of a cycle of where it is expected."""
         drift_cycles = self.tolerance * highest_hz * rows * self.sensor.row_time_us * 1e-6
@@ -86,7 +102,14 @@ class Proposal:
 
 
 def views_of(task: Task) -> list[View]:
-    """Pictures from each distance. Raises ConfigError for one from which the cells are too small, or too large."""
+    """Pictures from each distance. Raises ConfigError for one that is too near or too far."""
+    lens = task.sensor.intrinsics
+    nearest = lens.fy * task.side_m / lens.height
+    if task.distances_m[0] < nearest:
+        raise ConfigError(
+            f"--distance {task.distances_m[0]:g}: from there a panel of {task.side_m:g} m is larger than the picture; "
+            f"must be at least {nearest:.2f}"
+        )
     views = []
     for distance_m in task.distances_m:
         view = view_panel(task.sensor, task.cells, task.side_m, distance_m)
@@ -115,7 +138,7 @@ def candidate_pairs(task: Task) -> list[tuple[float, float]]:
         and hz * task.sensor.row_time_us * 1e-6 < 0.5
         and off_mains_hz(hz) >= _OFF_MAINS_HZ
     ]
-    pairs = [(b, w) for b, w in itertools.combinations(frequencies, 2) if w - b > task.tolerance * (b + w)]
+    pairs = [(b, w) for b, w in itertools.combinations(frequencies, 2) if w - b > task.least_apart_hz(b, w)]
     if not pairs:
         # A lobe must be wide enough for the tolerance: ± tolerance·f·T less than about a third of a cycle.
         shorter_us = 0.3 / (max(task.tolerance, 1e-6) * lowest_hz) * 1e6
@@ -130,13 +153,16 @@ def candidate_pairs(task: Task) -> list[tuple[float, float]]:
 def with_best_period(task: Task, black_hz: float, white_hz: float, views: Sequence[View]) -> Proposal:
     """The pair with the frame period that tells most a second at the farthest distance."""
     shortest = task.sensor.frame_length_rows
-    longest = shortest if task.period_given else int(shortest * _LONGEST_PERIOD)
+    # Over so many rows the slower class's advance takes every value once.
+    span = 0 if task.period_given else math.ceil(1e6 / (min(black_hz, white_hz) * task.sensor.row_time_us))
     far = views[-1:]
 
-    def told_a_second(rows: int) -> float:
-        return _nats(task, black_hz, white_hz, far, rows, STREAM_FRAMES)[0] / rows
+    def given_a_second(rows: int) -> float:
+        return min(1.0, _nats(task, black_hz, white_hz, far, rows, STREAM_FRAMES)[0] / ENOUGH_NATS) / rows
 
-    rows = max(range(shortest, longest + 1), key=told_a_second)
+    periods = range(shortest, shortest + span + 1, 1 + span // _MOST_PERIODS)
+    moving = [rows for rows in periods if task.least_advance(black_hz, white_hz, rows) >= MIN_PHASE_ADVANCE_CYCLES]
+    rows = max(moving or periods, key=given_a_second)
     return proposal_at(task, black_hz, white_hz, rows, views)
 
 
@@ -184,4 +210,8 @@ def ranked(
             yield with_best_period(task, *pair, views)
             advance(1)
 
-    return sorted(tried(), key=lambda p: (not p.never_tells_less_than(present), -sum(p.worth())))
+    def place(p: Proposal) -> tuple[bool, bool, float]:
+        frozen = task.least_advance(p.black_hz, p.white_hz, p.frame_length_rows) < FROZEN_CYCLES
+        return frozen, not p.never_tells_less_than(present), -sum(p.worth())
+
+    return sorted(tried(), key=place)

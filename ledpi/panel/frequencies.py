@@ -26,7 +26,9 @@ class Flicker(StrEnum):
 NULL_SHARE = 0.2
 # Above, bands are half as deep as those of the lowest frequency, or less: a quarter of the information.
 _HIGHEST_OVER_LOWEST = 2.1
-_STEP_WITHOUT_NULLS = 1.08  # between two frequencies that are tried, where no null gives them places
+_MOST_FREQUENCIES = 16  # that pairs are made from; an exposure of 0.1 s has ten times as many lobes
+# Where no null gives them places: steps, up to where bands get too narrow for the lens.
+_STEP_WITHOUT_NULLS, _HIGHEST_WITHOUT_NULLS = 1.1, 4.0
 
 
 def null_share(frequency_hz: float, exposure_us: float, tolerance: float = 0.0) -> float:
@@ -75,18 +77,20 @@ def _lobe_top(whole: int) -> float:
 def worthwhile_frequencies(exposure_us: float, lowest_hz: float) -> list[float]:
     """The frequencies from which pairs are made: between two nulls the best, as the timer can make it.
 
-    An exposure so short that there are no nulls leaves most of the lowest frequency; steps of 8 % from there.
+    An exposure so short that there are no nulls leaves nearly all of any frequency; steps of a tenth from the lowest.
     """
-    highest_hz = _HIGHEST_OVER_LOWEST * lowest_hz
     per_hz = exposure_us * 1e-6
     if lowest_hz * per_hz < 1.0:
-        steps = int(math.log(_HIGHEST_OVER_LOWEST) / math.log(_STEP_WITHOUT_NULLS))
+        highest_hz = _HIGHEST_WITHOUT_NULLS * lowest_hz
+        steps = int(math.log(_HIGHEST_WITHOUT_NULLS) / math.log(_STEP_WITHOUT_NULLS))
         ideal = [lowest_hz * _STEP_WITHOUT_NULLS**k for k in range(steps + 1)]
     else:
+        highest_hz = _HIGHEST_OVER_LOWEST * lowest_hz
         lobes = range(math.floor(lowest_hz * per_hz), math.ceil(highest_hz * per_hz) + 1)
         ideal = [_lobe_top(whole) / per_hz for whole in lobes]
     made = [_written(nearest_frequency(hz)) for hz in ideal]
-    return [hz for hz in made if lowest_hz <= hz <= highest_hz]
+    tried = [hz for hz in made if lowest_hz <= hz <= highest_hz]
+    return tried[:: math.ceil(len(tried) / _MOST_FREQUENCIES)]
 
 
 def off_mains_hz(frequency_hz: float) -> float:

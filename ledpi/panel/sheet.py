@@ -14,9 +14,11 @@ from ledpi.panel.firmware_readme import OUTPUTS
 from ledpi.panel.paper import MARGIN_MM, Page, write_pdf, write_svg
 from ledpi.panel.schematic import GATE_OHM, PULL_DOWN_OHM, SIZE_MM, draw_schematic
 from ledpi.panel.sheet_parts import electrics, parts
-from ledpi.panel.sheet_views import draw_back, draw_front, scaled_view, true_views
+from ledpi.panel.sheet_views import draw_back, draw_front, scaled_view, tile_count, true_views
 from ledpi.panel.sheet_walls import draw_section, draw_wall
 from ledpi.records import PanelSpec
+
+_MOST_PARTS = 30  # that a panel is put together from
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -36,6 +38,12 @@ class Sheet:
 
 def sheet_pages(sheet: Sheet) -> list[tuple[str, Page]]:
     """The pages, each with a short name."""
+    body = sheet.body
+    if tile_count(body) > _MOST_PARTS:
+        raise ConfigError(
+            f"a panel of {sheet.spec.side_m:g} m takes {tile_count(body)} pages of A4 at 1 : 1; must be at most "
+            f"{_MOST_PARTS}: --side 1, and a print shop for more"
+        )
     back = (
         f"From the back, as it is soldered. ○: LED, {sheet.body.led_mm:g} mm; arrows: + to −, into an LED's long leg; "
         f"rectangle: {ohm_text(sheet.circuit.resistor_ohm)}."

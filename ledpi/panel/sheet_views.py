@@ -160,7 +160,7 @@ def scaled_view(page: Page, view: View, body: Body, marker_id: int, place: tuple
 
 def true_views(title: str, name: str, view: View, body: Body, marker_id: int) -> list[Page]:
     """The panel at 1 : 1, on as many pages as it takes, each with a ruler."""
-    columns, rows = (math.ceil(body.outer_mm / size) for size in _TILE_MM)
+    columns, rows = _tiles(body)
     pages = []
     for row in range(rows):
         for column in range(columns):
@@ -170,6 +170,16 @@ def true_views(title: str, name: str, view: View, body: Body, marker_id: int) ->
             page.ruler(MARGIN_MM + 5, 12)
             pages.append(page)
     return pages
+
+
+def tile_count(body: Body) -> int:
+    """Pages that a view takes at 1 : 1."""
+    columns, rows = _tiles(body)
+    return columns * rows
+
+
+def _tiles(body: Body) -> tuple[int, int]:
+    return math.ceil(body.outer_mm / _TILE_MM[0]), math.ceil(body.outer_mm / _TILE_MM[1])
 
 
 def _part(row: int, column: int) -> str:

@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ledpi.camera.timing import choose_frame_length_rows
-from ledpi.panel.design import Task
+from ledpi.panel.design import FROZEN_CYCLES, Task
 from ledpi.panel.frequencies import NULL_SHARE, nearest_lobe_hz, null_share, off_mains_hz
 from ledpi.panel.timer import half_period
 from ledpi.shutter import contrast, phase_advance_cycles
 
-# Two frames that are 1/20 of a cycle apart differ by 2·sin(π/20) = 0.31 of the bands' amplitude: a tenth of the power.
-FROZEN_CYCLES = 0.05
 _NEAR_MAINS_HZ = 5.0
 
 
@@ -44,7 +42,10 @@ def findings(task: Task, black_hz: float, white_hz: float, frame_length_rows: in
 
 def _of_frequency(task: Task, hz: float) -> list[str]:
     exposure_us, lowest_hz = task.sensor.exposure_us, task.flicker.lowest_hz
-    better = f"the nearest good one is {nearest_lobe_hz(hz, exposure_us, lowest_hz):.2f} Hz"
+    near_hz = nearest_lobe_hz(hz, exposure_us, lowest_hz)
+    better = f"the nearest good one is {near_hz:.2f} Hz"
+    if null_share(near_hz, exposure_us, task.tolerance) < NULL_SHARE:
+        better = f"none near by is good with oscillators within ± {1e6 * task.tolerance:g} ppm; a crystal's are 100"
     found = []
     if hz < lowest_hz:
         found.append(
@@ -72,14 +73,14 @@ def _of_frequency(task: Task, hz: float) -> list[str]:
 
 
 def _of_pair(task: Task, black_hz: float, white_hz: float) -> list[str]:
-    reach = task.tolerance * (black_hz + white_hz)
-    if abs(white_hz - black_hz) > reach:
+    least_hz = task.least_apart_hz(black_hz, white_hz)
+    if abs(white_hz - black_hz) > least_hz:
         return []
-    apart = f"± {1e6 * task.tolerance:g} ppm of either is {reach:.2g} Hz"
     good = nearest_lobe_hz(2 * black_hz, task.sensor.exposure_us, task.flicker.lowest_hz)
     return [
-        f"{black_hz:g} and {white_hz:g} Hz coincide ({apart}): no bands tell the classes apart; with {black_hz:g} Hz a "
-        f"good one is {good:.2f} Hz"
+        f"{black_hz:g} and {white_hz:g} Hz coincide: their bands look alike; must be {least_hz:.0f} Hz apart at the "
+        "very least, to drift by a cycle over a whole picture and whatever the oscillators do; "
+        f"with {black_hz:g} Hz a good one is {good:.2f} Hz"
     ]
 
 
