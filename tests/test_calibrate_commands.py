@@ -74,6 +74,17 @@ def test_a_panel_that_is_off_is_measured_and_written(command: Command) -> None:
     assert yaml.safe_load(written)["panels"]["overrides"][3] == {"side_m": 0.3}
 
 
+def test_a_panel_with_an_entry_is_sought_around_it(command: Command) -> None:
+    """ID 7 is announced as 1500 and 2800 Hz by itself; it is found there, although the common ones are far off."""
+    overrides = ("camera.exposure_us=1000", "panels.black_hz=1507", "panels.white_hz=2790")
+    take = simulated(command, *overrides, told={"panel": {"black_hz": 1000.0, "white_hz": 2000.0}})
+    entry = ("--set", "panels.overrides.7.black_hz=1500", "--set", "panels.overrides.7.white_hz=2800")
+    status, out, _ = command("calibrate", "panel", take, "--dry-run", *entry)
+    assert status == 0
+    assert "black  1507.0" in out
+    assert "(+0.47% of 1500)" in out
+
+
 def test_a_row_time_that_the_driver_misreports_is_written(command: Command) -> None:
     """31.75 µs, reported as 33.67: in camera.row_time_us to 0.2 %; a dry run writes nothing."""
     take = simulated(command, "camera.row_time_us=31.75", told={"camera": {"row_time_us": 33.67}})

@@ -47,7 +47,6 @@ class PanelCalibration:
         values = {"black_hz": round(self.black.frequency_hz, 2), "white_hz": round(self.white.frequency_hz, 2)}
         return values if self.duty is None else values | {"duty": round(self.duty, 3)}
 
-
     def differs_from(self, announced: PanelSpec) -> bool:
         """Whether the decoder should know of it."""
         pairs = ((self.black, announced.black_hz), (self.white, announced.white_hz))

@@ -10,7 +10,8 @@ from typing import Any
 
 from ledpi.camera_yaml import load_intrinsics, own_section
 from ledpi.config import Config
-from ledpi.errors import CalibrationError
+from ledpi.errors import CalibrationError, ConfigError
+from ledpi.map_yaml import load_map
 
 OLD_DAYS = 365  # a lens that was never touched does not change; one that was knocked does
 
@@ -91,9 +92,12 @@ def _map(config: Config, today: date) -> Part:
     command = "ledpi calibrate map"
     if config.map is None:
         return Part(name="map", text="no map: poses of panels, but none of the robot", done=False, command=command)
-    if not config.map.is_file():
-        return Part(name="map", text=f"{config.map}: is not there", done=False, command=command)
-    return Part(name="map", text=f"{config.map}, {_age(_changed(config.map), today)}", done=True, command=command)
+    try:
+        panels = load_map(config.map)
+    except ConfigError as error:
+        return Part(name="map", text=str(error), done=False, command=command)
+    text = f"{config.map}: {len(panels)} panels, {_age(_changed(config.map), today)}"
+    return Part(name="map", text=text, done=True, command=command)
 
 
 def _changed(path: Path) -> date:

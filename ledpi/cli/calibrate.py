@@ -11,8 +11,8 @@ from ledpi.cli import app
 from ledpi.errors import CalibrationError
 
 if TYPE_CHECKING:
-    from ledpi.config import Config
-    from ledpi.records import Pixels
+    from ledpi.config import Config, PanelSettings
+    from ledpi.records import PanelSpec, Pixels
 
 calibrate = typer.Typer(rich_markup_mode=None)
 app.add_typer(calibrate, name="calibrate")
@@ -53,6 +53,12 @@ def settings_for(config: Path | None, set_: list[str], recording: Path | None) -
     if file is None and not any(item.startswith("panels.side_m=") for item in set_):
         overrides.append("panels.side_m=1")  # a panel's size has no part in what is measured here
     return load_config(file, tuple(overrides)), file
+
+
+def announced_specs(panels: PanelSettings) -> list[PanelSpec]:
+    """Every pair of frequencies that a panel is announced with, the common one first."""
+    specs = [panels.spec(), *(panels.spec(marker_id) for marker_id in panels.overrides)]
+    return list({(spec.black_hz, spec.white_hz): spec for spec in reversed(specs)}.values())[::-1]
 
 
 def read_grey(path: Path) -> Pixels:

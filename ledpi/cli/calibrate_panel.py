@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from ledpi.cli.calibrate import calibrate, read_grey, settings_for
+from ledpi.cli.calibrate import announced_specs, calibrate, read_grey, settings_for
 from ledpi.cli.progress import progress
 from ledpi.errors import CalibrationError
 
 if TYPE_CHECKING:
-    from ledpi.calibrate.bands import ClassBands
+    from ledpi.calibrate.bands import ClassBands, PanelLight
     from ledpi.calibrate.panel import PanelCalibration
     from ledpi.calibrate.taking import Taken
     from ledpi.config import Config, PanelSettings
@@ -24,7 +24,7 @@ def panel(
     paths: list[Path] | None = typer.Argument(
         None, metavar="[RECORDING | PICTURE…]", help="Default: the configured camera, live."
     ),
-    frames: int = typer.Option(120, min=20, max=600, help="Frames to take."),
+    frames: int = typer.Option(120, min=20, max=300, help="Frames to take."),
     dry_run: bool = typer.Option(False, "--dry-run", help="Measure, and write nothing."),
     config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
     set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
@@ -83,38 +83,50 @@ def _look_at_lamps(paths: list[Path], settings: Config) -> None:
 
 def _measure(taken: Taken, panels: PanelSettings) -> tuple[PanelSettings, list[tuple[PanelCalibration, Floats]]]:
     """The panels as announced, and each one in view as measured and read again by the decoder, with its corners."""
-    from ledpi.calibrate.panel import advice, measure_panel
     from ledpi.calibrate.still_panels import panel_light, still_squares
     from ledpi.dictionaries import load_dictionary
     from ledpi.pipeline import Pipeline
 
-    camera, lens, exposure_us = taken.camera, taken.intrinsics, taken.frames[0].exposure_us
-    pipeline = Pipeline(camera, panels, intrinsics=lens, shown=taken.panel, stream=False)
-    panels, announced = pipeline.panels, pipeline.panels.spec()
-    dictionary = load_dictionary(panels.dictionary)
+    pipeline = Pipeline(taken.camera, panels, intrinsics=taken.intrinsics, shown=taken.panel, stream=False)
+    panels, cells = pipeline.panels, load_dictionary(pipeline.panels.dictionary).cells_per_side
     measured, refusals = [], ["no lit square is in view"]
     for corners in still_squares(taken.frames, pipeline):
         try:
-            light = panel_light(taken.frames, corners, dictionary.cells_per_side, lens)
-            result = measure_panel(
-                light, dictionary, announced, exposure_us=exposure_us, row_time_us=camera.row_time_us
-            )
-            _check_that_it_reads(taken, panels, result, corners)
-            measured.append((result, corners))
+            light = panel_light(taken.frames, corners, cells, taken.intrinsics)
+            measured.append((_measure_one(taken, panels, light, corners), corners))
         except CalibrationError as error:
             refusals.append(str(error))
     if measured:
         return panels, measured
-    hints = advice(
-        (announced.black_hz, announced.white_hz),
-        exposure_us=exposure_us,
-        row_time_us=camera.row_time_us,
-        frame_interval_us=_interval_us(taken),
-    )
+    announced = panels.spec()
+    hints = _advice((announced.black_hz, announced.white_hz), taken)
     raise CalibrationError("; ".join([refusals[-1], *hints]))
 
 
+def _measure_one(taken: Taken, panels: PanelSettings, light: PanelLight, corners: Floats) -> PanelCalibration:
+    """As the first pair of announced frequencies that it can be, and that the decoder then reads."""
+    from ledpi.calibrate.panel import measure_panel
+    from ledpi.dictionaries import load_dictionary
+
+    why = CalibrationError("no panel is announced")
+    for announced in announced_specs(panels):
+        try:
+            result = measure_panel(
+                light,
+                load_dictionary(panels.dictionary),
+                announced,
+                exposure_us=taken.frames[0].exposure_us,
+                row_time_us=taken.camera.row_time_us,
+            )
+            _check_that_it_reads(taken, panels, result, corners)
+            return result
+        except CalibrationError as error:
+            why = error
+    raise why
+
+
 def _check_that_it_reads(taken: Taken, panels: PanelSettings, result: PanelCalibration, corners: Floats) -> None:
+    from ledpi.calibrate.panel import MOST_LIGHT
     from ledpi.calibrate.still_panels import reads
     from ledpi.config import PanelOverride
     from ledpi.pipeline import Pipeline
@@ -122,21 +134,29 @@ def _check_that_it_reads(taken: Taken, panels: PanelSettings, result: PanelCalib
     known = panels.overrides.get(result.id, PanelOverride()).model_copy(update=result.overrides())
     with_it = panels.model_copy(update={"overrides": {result.id: known}})
     pipeline = Pipeline(taken.camera, with_it, intrinsics=taken.intrinsics)
-    if not reads(taken.frames, pipeline, result.id, corners):
-        raise CalibrationError(
-            f"bands like those of panel {result.id} at {result.black.frequency_hz:.1f} and "
-            f"{result.white.frequency_hz:.1f} Hz, but the decoder does not read it: is it of {panels.dictionary}?"
-        )
+    if reads(taken.frames, pipeline, result.id, corners):
+        return
+    found = f"{result.black.frequency_hz:.1f} and {result.white.frequency_hz:.1f} Hz"
+    why = f"is it of {panels.dictionary}?"
+    if max(result.blinking_share) > MOST_LIGHT:
+        why = f"no exposure of {taken.frames[0].exposure_us:.0f} µs leaves them so deep; see `ledpi calibrate shutter`"
+    raise CalibrationError(f"bands like those of panel {result.id} at {found}, but the decoder does not read it: {why}")
 
 
-def _interval_us(taken: Taken) -> float:
+def _advice(frequencies_hz: tuple[float, float], taken: Taken) -> list[str]:
+    from ledpi.calibrate.panel import advice
     from ledpi.calibrate.still_panels import steady_seconds
 
-    return steady_seconds(taken.frames)[1]
+    return advice(
+        frequencies_hz,
+        exposure_us=taken.frames[0].exposure_us,
+        row_time_us=taken.camera.row_time_us,
+        frame_interval_us=steady_seconds(taken.frames)[1],
+    )
 
 
 def _report(result: PanelCalibration, corners: Floats, announced: PanelSpec, taken: Taken) -> None:
-    from ledpi.calibrate.panel import MOST_LIGHT, advice
+    from ledpi.calibrate.panel import MOST_LIGHT
 
     height = corners[:, 1].max() - corners[:, 1].min()
     typer.echo(f"panel {result.id}: {height:.0f} px high, {len(taken.frames)} frames")
@@ -153,12 +173,7 @@ def _report(result: PanelCalibration, corners: Floats, announced: PanelSpec, tak
         typer.echo(f"  duty   {result.duty:.3f} ± {result.duty_sigma:.3f}")
     if max(result.blinking_share) > MOST_LIGHT:
         typer.echo(f"  an exposure of {exposure_us:.0f} µs leaves no bands so deep: see `ledpi calibrate shutter`")
-    for line in advice(
-        (result.black.frequency_hz, result.white.frequency_hz),
-        exposure_us=exposure_us,
-        row_time_us=taken.camera.row_time_us,
-        frame_interval_us=_interval_us(taken),
-    ):
+    for line in _advice((result.black.frequency_hz, result.white.frequency_hz), taken):
         typer.echo(f"  {line}")
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from ledpi.cli.calibrate import calibrate, settings_for
+from ledpi.cli.calibrate import announced_specs, calibrate, settings_for
 from ledpi.cli.progress import progress
 from ledpi.errors import CalibrationError
 
@@ -15,12 +15,13 @@ if TYPE_CHECKING:
     from ledpi.calibrate.shutter import Reported, ShutterCalibration
     from ledpi.calibrate.taking import Taken
     from ledpi.config import PanelSettings
+    from ledpi.records import Floats
 
 
 @calibrate.command()
 def shutter(
     recording: Path | None = typer.Argument(None, metavar="[RECORDING]", help="Default: the configured camera, live."),
-    frames: int = typer.Option(120, min=20, max=600, help="Frames to take."),
+    frames: int = typer.Option(120, min=20, max=300, help="Frames to take."),
     dry_run: bool = typer.Option(False, "--dry-run", help="Measure, and write nothing."),
     config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
     set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
@@ -53,33 +54,41 @@ def shutter(
 
 def _measure(taken: Taken, panels: PanelSettings, reported: Reported) -> ShutterCalibration:
     """By the first square, from the largest on, that is such a panel and that the decoder reads at the new row time."""
-    from dataclasses import replace
-
     from ledpi.calibrate.shutter import measure_shutter
-    from ledpi.calibrate.still_panels import panel_light, reads, still_squares
+    from ledpi.calibrate.still_panels import panel_light, still_squares
     from ledpi.dictionaries import load_dictionary
     from ledpi.pipeline import Pipeline
 
-    lens = taken.intrinsics
-    pipeline = Pipeline(taken.camera, panels, intrinsics=lens, shown=taken.panel, stream=False)
-    dictionary = load_dictionary(pipeline.panels.dictionary)
+    pipeline = Pipeline(taken.camera, panels, intrinsics=taken.intrinsics, shown=taken.panel, stream=False)
+    panels, dictionary = pipeline.panels, load_dictionary(pipeline.panels.dictionary)
     why = "no lit square is in view"
     for corners in still_squares(taken.frames, pipeline):
-        try:
-            light = panel_light(taken.frames, corners, dictionary.cells_per_side, lens)
-            result = measure_shutter(light, dictionary, pipeline.panels.spec(), reported)
-        except CalibrationError as error:
-            why = str(error)
-            continue
-        row_us, exposure_us = result.row_time_us.value, taken.frames[0].exposure_us
-        if result.exposure_us is not None:
-            exposure_us = result.exposure_us.value
-        camera = replace(taken.camera, row_time_us=row_us, exposure_us=exposure_us)
-        frames = [replace(frame, row_time_us=row_us, exposure_us=exposure_us) for frame in taken.frames]
-        if reads(frames, Pipeline(camera, pipeline.panels, intrinsics=lens), result.id, corners):
-            return result
-        why = f"bands like those of panel {result.id}, but the decoder does not read it"
+        for spec in announced_specs(panels):
+            try:
+                light = panel_light(taken.frames, corners, dictionary.cells_per_side, taken.intrinsics)
+                result = measure_shutter(light, dictionary, spec, reported)
+            except CalibrationError as error:
+                why = str(error)
+                continue
+            if _reads(taken, panels, result, corners):
+                return result
+            why = f"bands like those of panel {result.id}, but the decoder does not read it"
     raise CalibrationError(why)
+
+
+def _reads(taken: Taken, panels: PanelSettings, result: ShutterCalibration, corners: Floats) -> bool:
+    """Whether the decoder reads the panel with the shutter as it was measured."""
+    from dataclasses import replace
+
+    from ledpi.calibrate.still_panels import reads
+    from ledpi.pipeline import Pipeline
+
+    row_us, exposure_us = result.row_time_us.value, taken.frames[0].exposure_us
+    if result.exposure_us is not None:
+        exposure_us = result.exposure_us.value
+    camera = replace(taken.camera, row_time_us=row_us, exposure_us=exposure_us)
+    frames = [replace(frame, row_time_us=row_us, exposure_us=exposure_us) for frame in taken.frames]
+    return reads(frames, Pipeline(camera, panels, intrinsics=taken.intrinsics), result.id, corners)
 
 
 def _report(result: ShutterCalibration, reported: Reported) -> None:
