@@ -45,7 +45,7 @@ def record(
     if file is None and not set_:
         raise ConfigError("no configuration: --config FILE, ./config.yaml or /etc/ledpi/config.yaml")
     settings = load_config(file, tuple(set_))
-    camera = open_camera(settings)
+    camera = open_camera(settings, recover=True)
     try:
         recorder = _recorder(out, settings, camera)
         for number in (signal.SIGINT, signal.SIGTERM):
