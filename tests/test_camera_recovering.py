@@ -12,6 +12,7 @@ import pytest
 from ledpi.camera import recovering
 from ledpi.camera.base import Camera
 from ledpi.camera.recovering import LOST, RecoveringCamera
+from ledpi.cli import main
 from ledpi.errors import CameraError, CameraLostError
 from ledpi.records import CameraInfo, Frame, Pixels
 
@@ -80,6 +81,16 @@ def test_a_lost_camera_is_closed_and_opened_again() -> None:
     assert camera.info == INFO
 
 
+def test_the_loss_is_told_before_the_camera_is_closed() -> None:
+    """Closing one that hangs takes its time, and the controller must not wait for it."""
+    first = Short(1)
+    camera = RecoveringCamera(opens(first, Short(9)))
+    assert results(camera, 2) == [0, LOST]
+    assert first.closed == 0
+    camera.close()
+    assert first.closed == 1
+
+
 def test_a_camera_that_was_never_there_is_an_error_at_once() -> None:
     """Whoever starts the daemon sees it; the service manager tries again."""
     with pytest.raises(CameraLostError, match="no camera found"):
@@ -137,3 +148,15 @@ def test_close_ends_the_wait_between_two_attempts(monkeypatch: pytest.MonkeyPatc
     camera.close()
     reader.join(10)
     assert got == [None]
+
+
+def test_a_camera_that_may_come_back_ends_a_command_with_status_1(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The service manager tries again after 1, and not after 2, which only a person can put right."""
+    given = ("panels.side_m=0.16", "camera.source=v4l2:/dev/video99", "camera.row_time_us=30")
+    monkeypatch.setattr("sys.argv", ["ledpi", "run", *(part for item in given for part in ("--set", item))])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 1
+    assert "/dev/video99 does not exist" in capsys.readouterr().err

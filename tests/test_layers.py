@@ -23,6 +23,8 @@ PURE = [
     "ledpi.records",
     "ledpi.row_clock",
     "ledpi.wire.message",
+    "ledpi.camera.gain",
+    "ledpi.camera.tuning",
 ]
 IMPURE_MODULES = {
     *("threading", "multiprocessing", "concurrent", "asyncio", "queue", "signal", "subprocess"),

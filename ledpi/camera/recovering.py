@@ -36,6 +36,7 @@ class RecoveringCamera:
         self._changing = threading.Lock()  # of _camera, between its reader and `close`
         self._closed = threading.Event()
         self._camera: Camera | None = open_camera()
+        self._broken: Camera | None = None  # lost, and not closed yet
         self._info = self._camera.info
         self._panel = self._camera.panel
         self._gain: float | None = None
@@ -90,21 +91,28 @@ class RecoveringCamera:
             camera, self._camera = self._camera, None
         if camera is not None:
             camera.close()
+        self._close_broken()
 
     def _lose(self, camera: Camera, error: CameraError) -> Rejected | None:
         with self._changing:
             if self._closed.is_set():
                 return None
-            self._camera = None
+            self._broken, self._camera = camera, None
         if self._lost_s is None:  # else it was opened again and gave no frame: lost ever since
             self._lost_s = time.monotonic()
         self._said = str(error)
         _log.warning("camera lost: %s; opening it again", error)
-        with contextlib.suppress(CameraError, RuntimeError, OSError):
-            camera.close()
-        return LOST
+        return LOST  # the reader is told first: closing may take as long as five frames again
+
+    def _close_broken(self) -> None:
+        with self._changing:
+            camera, self._broken = self._broken, None
+        if camera is not None:
+            with contextlib.suppress(CameraError, RuntimeError, OSError):
+                camera.close()
 
     def _try_again(self) -> Rejected | None:
+        self._close_broken()
         if self._closed.wait(self._backoff_s):
             return None
         self._backoff_s = min(2 * self._backoff_s, BACKOFF_LAST_S)
