@@ -7,7 +7,7 @@ import numpy as np
 from ledpi.records import Floats
 
 # What the edge fits do not show of a side's error: the lens model, the panel's own build.
-FLOOR_PX = 0.1
+FLOOR_PX = 0.05
 
 _NEXT = np.array([1, 2, 3, 0])
 _SIDE = np.arange(4)
