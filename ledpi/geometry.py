@@ -26,10 +26,11 @@ def quaternion_from_matrix(matrix: Floats) -> Floats:
 
 def matrix_from_quaternion(quaternion_wxyz: Floats) -> Floats:
     """(3, 3) rotation matrix of a quaternion (w, x, y, z) of any length but zero."""
-    norm = float(np.linalg.norm(quaternion_wxyz))
+    w, x, y, z = quaternion_wxyz.tolist()
+    norm = math.sqrt(w * w + x * x + y * y + z * z)
     if not norm > 0:
         raise ValueError("a quaternion of length zero is no rotation")
-    w, x, y, z = (float(v) / norm for v in quaternion_wxyz)
+    w, x, y, z = w / norm, x / norm, y / norm, z / norm
     return np.array(
         [
             [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],

@@ -66,7 +66,8 @@ class FixSolver:
         self._intrinsics = intrinsics
         self._camera_from_base = inverse(robot.base_link_from_camera)
         self._panels = panels
-        self._sides_m = sides_m
+        self._marker_from_map = {i: inverse(panel.map_from_marker) for i, panel in panels.items()}
+        self._squares = {i: square_corners(sides_m[i]) for i in panels if i in sides_m}
         self._past = Past()
 
     def solve(self, frame: Frame, markers: Sequence[MarkerPose]) -> RobotFix | Rejected:
@@ -100,18 +101,19 @@ class FixSolver:
     def _look(self, known: list[MarkerPose], row: float, row_time_us: float) -> _Seen:
         ids = tuple(m.sighting.id for m in known)
         places = np.array([self._panels[i].map_from_marker for i in ids])
-        squares = np.array([square_corners(self._sides_m[i]) for i in ids])
+        squares = np.array([self._squares[i] for i in ids])
         middle = places[:, :3, 3].mean(axis=0)
         places[:, :3, 3] -= middle
+        map_from_middle = transform(np.eye(3), middle)
         sightings = [m.sighting for m in known]
         corners = np.array([seen_at_row(s.corners_px, s.velocity_px_s, row, row_time_us) for s in sightings])
         whiten = whiteners(corners, np.array([s.corner_sigma_px for s in sightings]))
         starts, believed = [], []
-        for marker, place in zip(known, places, strict=True):
-            assert marker.solution is not None
+        for marker in known:
+            marker_from_middle = self._marker_from_map[marker.sighting.id] @ map_from_middle
             poses = [_matrix(s) for s in (marker.solution, marker.alternate) if s is not None]
             believed.append(poses[0])
-            starts.append(tuple(pose @ inverse(place) for pose in poses))
+            starts.append(tuple(pose @ marker_from_middle for pose in poses))
         return _Seen(
             ids=ids,
             points=squares @ places[:, :3, :3].transpose(0, 2, 1) + places[:, None, :3, 3],
