@@ -14,7 +14,7 @@ from ledpi.camera.base import Camera
 from ledpi.camera.recovering import LOST, RecoveringCamera
 from ledpi.cli import main
 from ledpi.errors import CameraError, CameraLostError
-from ledpi.records import CameraInfo, Frame, Pixels
+from ledpi.records import CameraInfo, Frame, Pixels, Rejected
 
 INFO = CameraInfo(width=8, height=6, exposure_us=1e4, row_time_us=31.75, transfer="linear", frame_length_rows=509)
 GONE = CameraLostError("picamera2: the camera delivered nothing for 0.081 s")
@@ -88,6 +88,16 @@ def test_the_loss_is_told_before_the_camera_is_closed() -> None:
     assert results(camera, 2) == [0, LOST]
     assert first.closed == 0
     camera.close()
+    assert first.closed == 1
+
+
+def test_a_camera_whose_frames_are_all_unfit_is_opened_again() -> None:
+    """One at another exposure is dropped; half a second of them is a camera that has forgotten its settings."""
+    unfit = Rejected(stage="capture", reason="exposure")
+    first = Short(0)
+    first.read = lambda into: unfit  # type: ignore[method-assign]
+    camera = RecoveringCamera(opens(first, Short(9)))
+    assert results(camera, recovering.UNFIT_FRAMES + 2) == [*([unfit] * (recovering.UNFIT_FRAMES - 1)), LOST, LOST, 0]
     assert first.closed == 1
 
 

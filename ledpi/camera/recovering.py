@@ -19,6 +19,8 @@ BACKOFF_LAST_S = 0.5  # so that one that is back is in use within 2 s, opening i
 # Without a frame for so long the process ends, and its service manager starts another: what is wrong may be in it.
 DEADLINE_S = 30.0
 
+UNFIT_FRAMES = 30  # half a second of a camera
+
 _log = logging.getLogger(__name__)
 
 
@@ -44,6 +46,7 @@ class RecoveringCamera:
         self._lost_s: float | None = None  # since when; None: it delivers
         self._backoff_s = BACKOFF_FIRST_S
         self._said = ""
+        self._unfit = 0  # frames in a row
 
     @property
     def info(self) -> CameraInfo:
@@ -79,10 +82,18 @@ class RecoveringCamera:
         except CameraError as error:
             return self._lose(camera, error)
         if not isinstance(result, Frame):
-            return result
+            return None if result is None else self._count_unfit(camera, result)
+        self._unfit = 0
         self._seq = self._first_seq + result.seq
         self._lost_s, self._backoff_s = None, BACKOFF_FIRST_S
         return result if self._first_seq == 0 else replace(result, seq=self._seq)
+
+    def _count_unfit(self, camera: Camera, result: Rejected) -> Rejected | None:
+        """One frame may be unfit; one after the other, and the camera is not what it was set up to be."""
+        self._unfit += 1
+        if self._unfit < UNFIT_FRAMES:
+            return result
+        return self._lose(camera, CameraLostError(f"{self._unfit} unusable frames in a row: {result.key}"))
 
     def close(self) -> None:
         """As `Camera.close`."""
@@ -142,5 +153,6 @@ class RecoveringCamera:
                 return
             self._camera = camera
         self._first_seq = self._seq + 1
+        self._unfit = 0
         if self._gain is not None and isinstance(camera, AdjustableGain):
             camera.set_gain(self._gain)
