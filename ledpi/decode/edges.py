@@ -22,7 +22,7 @@ from ledpi.decode.approach import (
 )
 from ledpi.decode.rim import ACROSS, USUAL_BLUR_PX, filter_key, rim_filter
 from ledpi.decode.sides import (
-    NEXT,
+    OPPOSITE,
     Mask,
     Patches,
     Points,
@@ -33,7 +33,6 @@ from ledpi.decode.sides import (
     as_corners,
     as_points,
     bends,
-    cross,
     deviations,
     fit_lines,
     points_across,
@@ -47,26 +46,17 @@ TOO_SMALL = Rejected(stage="edges", reason="too_small")
 MIN_SIDE_PX = 7.0
 PROFILES = 48  # a side
 CELL_INSET = 0.18  # of a cell's pitch at its ends, where no profile is: gaps and corners
-ROUNDS = 2
-MAX_STEP_PX = 2.0  # by which a side moves in a round: no filter sees further
+AT_SIDE = 2  # of ACROSS: from a pixel outside to a pixel inside
+STEEPEST = 0.8  # of the steepest two pixels of a profile, those at the side must be at least
+SETTLED_PX = 0.2  # what a first look moves no further than is as good as what a second one would find
+CONVERGED_PX = 0.2  # by which a second look moves the corners, at most, where the first was near enough to see them
+LEAST_HEIGHT = 1e-4  # of full scale: a profile without any step
 # The edges of a panel lie on a line to a tenth of a pixel, those of most other things do not by far.
 MAX_SPREAD_PX = 0.5
 MAX_MOVE = 0.2  # of the side: what moves further when looked at closely was not there
 BORDER_PX = 1.0
 REACH_PX = 8.0  # around the corners that are given: as far as any profile may reach
 MAX_BLUR_CHANGE = 0.4  # of its logarithm, in a round
-
-
-@dataclass(frozen=True, slots=True)
-class _Fit:
-    """What a round has found of N quads."""
-
-    sides: Sides
-    blur_px: Floats  # (N, 2) of either pair of opposite sides
-    weights: Floats  # (N, 4, P) of the profiles
-    spread: Floats  # (N, 4) of the profiles' edges about each side, in pixels
-    variance: Floats  # (N, 4) of a side's place, by what the filter leaves open
-    seen: Mask  # (N,) whether all sides show edges
 
 
 @np.errstate(divide="ignore", invalid="ignore")  # parallel sides cross nowhere: not finite, and refused
@@ -80,37 +70,47 @@ def refine_quads(
     if not len(near):
         return []
     start = as_points(near)
-    reach = MAX_MOVE * np.sqrt(np.abs(areas(start)))
-    bend = bends(start, intrinsics)
     patches = Patches(frame, start, REACH_PX)
-    within = start - patches.first
-    corners, spread, seen = nearest_sides(
-        patches.light_at, within, np.full(len(near), FINEST_STEP_PX), outermost=striped
-    )
-    there = np.asarray(seen & (np.abs(corners - within).max(axis=1) < reach))  # False where not finite
+    within, bend = start - patches.first, bends(start, intrinsics)
     if striped:
-        there &= spread <= MAX_SPREAD_PX
-        corners = np.where(there[:, None], corners, within)
-        return _quads(frame, corners + patches.first, np.full(len(near), MAX_SPREAD_PX), bend)
-    shares, sides = _shares(cells), Sides.of(np.where(there[:, None], corners, within))
-    fit = _Fit(
-        sides=sides,
-        blur_px=np.full((len(near), 2), USUAL_BLUR_PX),
-        weights=np.ones((len(near), 4, len(shares.share))),
-        spread=np.zeros((len(near), 4)),
-        variance=np.zeros((len(near), 4)),
-        seen=seen,
-    )
-    pitch_px, along_bend = _pitches(sides, cells), bend @ shares.bend
-    for _ in range(ROUNDS):
-        fit = _fit_again(patches, fit, pitch_px, along_bend, shares)
-    there &= fit.seen & (np.abs(fit.sides.start - within).max(axis=1) < reach)
-    straight = np.asarray(root_mean_square(fit.spread) <= MAX_SPREAD_PX)
-    quads = _quads(frame, fit.sides.start + patches.first, _corner_sigma(fit), bend)
-    return [
-        quad if there[i] and straight[i] else NOT_STRAIGHT if there[i] else LOST for i, quad in enumerate(quads)
-    ]
+        corners = _outermost(patches, within)
+        return [
+            _checked(frame, at, MAX_SPREAD_PX, float(most))
+            for at, most in zip(corners + patches.first, np.abs(bend).max(axis=(1, 2)), strict=True)
+        ]
+    look = _Look(patches, _shares(cells), bend @ _shares(cells).bend, cells)
+    fit = look.first(within)
+    corners, sure = fit.sides.start, fit.settled
+    if not sure.all():
+        corners, sure = look.again(fit)
+    if not sure.all():  # too far off for the filters, or nothing there
+        nearest, _, _ = nearest_sides(patches.light_at, within, np.full(len(near), FINEST_STEP_PX))
+        there = np.abs(nearest - within).max(axis=1) < MAX_MOVE * np.sqrt(np.abs(areas(within)))
+        fit = look.first(np.where(there[:, None], nearest, within))
+        corners, _ = look.again(fit)
+    return _results(frame, start, corners + patches.first, fit, bend)
 
+
+def _outermost(patches: Patches, corners: Points) -> Points:
+    """Corners (N, 4) of striped squares: where they step up furthest outside, if that is a square."""
+    found, spread, seen = nearest_sides(
+        patches.light_at, corners, np.full(len(corners), FINEST_STEP_PX), outermost=True
+    )
+    near = np.abs(found - corners).max(axis=1) < MAX_MOVE * np.sqrt(np.abs(areas(corners)))
+    return np.where((seen & near & (spread <= MAX_SPREAD_PX))[:, None], found, corners)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Fit:
+    """What a first look has found of N quads."""
+
+    sides: Sides  # after it
+    blur_px: Floats  # (N, 2) of either pair of opposite sides
+    weights: Floats  # (N, 4, P) of the profiles: 0 for those that do not show the side
+    spread: Floats  # (N, 4) of the profiles' edges about each side, in pixels
+    variance: Floats  # (N, 4) of a side's place, by what the filter leaves open
+    seen: Mask  # (N,) whether all sides show edges
+    settled: Mask  # (N,) whether they are where they were sought, so that there is no need to look again
 
 @cache
 def _shares(cells: int) -> Shares:
@@ -120,46 +120,96 @@ def _shares(cells: int) -> Shares:
     return Shares.at(((np.arange(cells)[:, None] + within) / cells).reshape(-1))
 
 
-def _fit_again(patches: Patches, fit: _Fit, pitch_px: Floats, bend: Floats, shares: Shares) -> _Fit:
-    """A closer look from where the sides are held to be."""
-    sides, count = fit.sides, len(fit.seen)
-    filters = [
-        _square_filter(*filter_key(pitch[0], blur[0]), *filter_key(pitch[1], blur[1]))
-        for pitch, blur in zip(pitch_px.tolist(), fit.blur_px.tolist(), strict=True)
-    ]
-    light = patches.light_at(points_across(sides, shares.share, ACROSS[None], bend))
-    single = light @ np.array([f.single for f in filters])
-    height = single[..., 1].astype(np.float64)
-    good = is_step(height)
-    height[~good] = np.inf
-    found = single[..., 0] / height - np.array([f.single_offset for f in filters])[..., None]
-    middle, slope = fit_lines(shares, found, good * fit.weights)
-    spread, weights = deviations(shares, found, good, middle, slope)
-    total = np.maximum(weights.sum(axis=-1), 1e-9)
-    mean = ((weights / height)[..., None, :].astype(np.float32) @ light)[..., 0, :] / total[..., None]
-    place = (np.array([f.place for f in filters]) @ mean.reshape(count, -1, 1))[..., 0]
-    place += np.array([f.place_offset for f in filters])
-    # The mean profile is at its profiles' mean share of the way.
-    middle = np.clip(place[:, :4], -MAX_STEP_PX, MAX_STEP_PX) - slope * ((weights @ shares.powers[:, 1]) / total)
-    corners = sides.moved(middle, slope)
-    finite = np.asarray(np.isfinite(corners).all(axis=1))
-    return _Fit(
-        sides=Sides.of(np.where(finite[:, None], corners, sides.start)),
-        blur_px=fit.blur_px * np.exp(np.clip(place[:, 4:], -MAX_BLUR_CHANGE, MAX_BLUR_CHANGE)),
-        weights=weights,
-        spread=spread,
-        variance=np.array([f.variance for f in filters]),
-        seen=np.asarray(finite & seen_on_all_sides(good)),
-    )
+@dataclass(frozen=True, slots=True, eq=False)
+class _Look:
+    """The light around N quads, looked at along their sides."""
+
+    patches: Patches
+    shares: Shares
+    bend: Floats  # (N, 4, P) how far inward the lens moves each place of a side
+    cells: int
+
+    def first(self, corners: Points) -> _Fit:
+        """Which profiles show the sides, and where these are; from corners (N, 4) that are a pixel off at most."""
+        sides, blur_px = Sides.of(corners), np.full((len(corners), 2), USUAL_BLUR_PX)
+        filters = self._filters(sides, blur_px)
+        light, found, height = self._profiles(sides, filters)
+        good = is_step(height)
+        middle, slope = fit_lines(self.shares, found, good.astype(np.float64))
+        spread, weights = deviations(self.shares, found, good, middle, slope)
+        mean, place = self._mean_profile(filters, light, height, weights)
+        moved = self._moved(sides, place, found, weights)
+        finite = np.asarray(np.isfinite(moved).all(axis=1))
+        seen = finite & seen_on_all_sides(good)
+        return _Fit(
+            sides=Sides.of(np.where(finite[:, None], moved, corners)),
+            blur_px=blur_px * np.exp(np.clip(place[:, 4:], -MAX_BLUR_CHANGE, MAX_BLUR_CHANGE)),
+            weights=weights,
+            spread=spread,
+            variance=np.array([f.variance for f in filters]),
+            seen=seen,
+            settled=seen & _steep(mean) & _within(SETTLED_PX, moved, corners),
+        )
+
+    def again(self, fit: _Fit) -> tuple[Points, Mask]:
+        """The corners (N, 4) after a second look, with the blur that the first one saw, at the same profiles.
+
+        And whether that agrees with the first, and light does step up where the sides are.
+        """
+        filters = self._filters(fit.sides, fit.blur_px)
+        light, found, height = self._profiles(fit.sides, filters)
+        mean, place = self._mean_profile(filters, light, height, fit.weights)
+        corners = self._moved(fit.sides, place, found, fit.weights)
+        return corners, fit.seen & _steep(mean) & _within(CONVERGED_PX, corners, fit.sides.start)
+
+    def _filters(self, sides: Sides, blur_px: Floats) -> list[_SquareFilter]:
+        return [
+            _square_filter(*filter_key(pitch[0], blur[0]), *filter_key(pitch[1], blur[1]))
+            for pitch, blur in zip(_pitches(sides, self.cells).tolist(), blur_px.tolist(), strict=True)
+        ]
+
+    def _profiles(self, sides: Sides, filters: list[_SquareFilter]) -> tuple[Singles, Floats, Floats]:
+        """Light (N, 4, P, T) across the sides; of each profile the edge (N, 4, P), and the step's height there."""
+        light = self.patches.light_at(points_across(sides, self.shares.share, ACROSS[None], self.bend))
+        single = light @ np.array([f.single for f in filters])
+        height = np.maximum(single[..., 1], LEAST_HEIGHT).astype(np.float64)
+        return light, single[..., 0] / height - np.array([f.single_offset for f in filters])[..., None], height
+
+    def _mean_profile(
+        self, filters: list[_SquareFilter], light: Singles, height: Floats, weights: Floats
+    ) -> tuple[Singles, Floats]:
+        """Of each side (N, 4, T), relative to the step's height; and what the filters make of the four (N, 6)."""
+        share = weights / (height * np.maximum(weights.sum(axis=-1, keepdims=True), 1e-9))
+        mean = (share[..., None, :].astype(np.float32) @ light)[..., 0, :]
+        place: Floats = (np.array([f.place for f in filters]) @ mean.reshape(len(mean), -1, 1))[..., 0]
+        return mean, place + np.array([f.place_offset for f in filters])
+
+    def _moved(self, sides: Sides, place: Floats, found: Floats, weights: Floats) -> Points:
+        """Corners (N, 4) after each side has moved to where its mean profile has it, turned as the single ones say."""
+        middle, slope = fit_lines(self.shares, found, weights)
+        # The mean profile is at the profiles' mean share of the way: there, not at half of it, the line meets its mean.
+        mean_found = (weights * found).sum(axis=-1) / np.maximum(weights.sum(axis=-1), 1e-9)
+        return sides.moved(place[:, :4] - mean_found + middle, slope)
+
+
+def _steep(mean: Singles) -> Mask:
+    """(N,) of which quads all sides' mean profiles (N, 4, T) are about as steep at the side as anywhere."""
+    steps = mean[..., 2:] - mean[..., :-2]
+    return np.asarray((steps[..., AT_SIDE] >= STEEPEST * steps.max(axis=-1)).all(axis=1))
+
+
+def _within(distance_px: float, a: Points, b: Points) -> Mask:
+    """(N,) whether all corners are so near to each other."""
+    return np.asarray(np.abs(a - b).max(axis=1) < distance_px)
 
 
 def _pitches(sides: Sides, cells: int) -> Floats:
     """(N, 2) the rim cells' width as seen across either pair of opposite sides, in pixels."""
-    opposite = sides.start[:, [2, 3, 0, 1]] + 0.5 * sides.along[:, [2, 3, 0, 1]] - sides.start
+    opposite = sides.start[:, OPPOSITE] + 0.5 * sides.along[:, OPPOSITE] - sides.start
     depth = (opposite * sides.inward.conj()).real
     # Perspective: along the way to the opposite side things shrink as these two sides do.
-    shrunk = sides.length / np.maximum((1 - 1 / cells) * sides.length[:, [2, 3, 0, 1]] + sides.length / cells, 1e-9)
-    pitch = depth / cells * shrunk
+    shrunk = cells * sides.length[:, OPPOSITE] - sides.length[:, OPPOSITE] + sides.length
+    pitch = depth * sides.length / np.maximum(shrunk, 1e-9)
     return 0.5 * (pitch[:, :2] + pitch[:, 2:])
 
 
@@ -193,34 +243,36 @@ def _square_filter(pitch_a: int, blur_a: int, pitch_b: int, blur_b: int) -> _Squ
     )
 
 
-def _corner_sigma(fit: _Fit) -> Floats:
-    """(N,) standard deviation of a corner's coordinates."""
-    # Profiles nearer to each other than a pixel are not independent.
-    profiles = np.minimum(fit.weights.sum(axis=-1), fit.sides.length)
-    # At its ends a line through n points is off by 2 of their deviations over √n.
-    variance = fit.variance + 4 * np.square(fit.spread) / np.maximum(profiles, 1.0)
-    sine = cross(fit.sides.inward, fit.sides.inward[:, NEXT])
-    # Where two lines with independent errors cross at that angle.
-    sigma: Floats = np.sqrt((variance / np.maximum(sine * sine, 1e-3)).mean(axis=1))
-    return sigma
-
-
-def _quads(frame: Frame, corners: Points, sigma_px: Floats, bend: Floats) -> list[Quad | Rejected]:
-    """Records of what has the shape of a square and is wholly in the picture."""
-    along = corners[:, NEXT] - corners
-    convex = np.asarray((cross(along, along[:, NEXT]) > 0).all(axis=1))
-    large = np.asarray(areas(corners) >= MIN_SIDE_PX**2)
-    height, width = frame.pixels.shape
-    x, y = corners.real, corners.imag
-    from_border = np.minimum(np.minimum(x, width - 1 - x), np.minimum(y, height - 1 - y)).min(axis=1)
-    exact, most_bent = as_corners(corners), np.abs(bend).max(axis=(1, 2)).tolist()
+def _results(frame: Frame, start: Points, corners: Points, fit: _Fit, bend: Floats) -> list[Quad | Rejected]:
+    """Each quad, or why there is none."""
+    moved = np.abs(corners - start).max(axis=1) / np.sqrt(np.abs(areas(start)))
+    # Profiles nearer to each other than a pixel are not independent. At its ends a line through n points is off by 2 of
+    # their deviations over √n.
+    profiles = np.maximum(np.minimum(fit.weights.sum(axis=-1), fit.sides.length), 1.0)
+    variance = fit.variance + 4 * np.square(fit.spread) / profiles
+    sigma_px, spread = np.sqrt(variance.mean(axis=1)).tolist(), root_mean_square(fit.spread).tolist()
+    there, most = (fit.seen & (moved < MAX_MOVE)).tolist(), np.abs(bend).max(axis=(1, 2)).tolist()
     return [
-        NOT_CONVEX
-        if not convex[i]
-        else TOO_SMALL
-        if not large[i]
-        else AT_BORDER
-        if not from_border[i] >= BORDER_PX
-        else Quad(corners_px=exact[i], corner_sigma_px=float(sigma_px[i]), bend_px=most_bent[i])
+        LOST
+        if not there[i]
+        else NOT_STRAIGHT
+        if spread[i] > MAX_SPREAD_PX
+        else _checked(frame, corners[i], sigma_px[i], most[i])
         for i in range(len(corners))
     ]
+
+
+def _checked(frame: Frame, corners: Points, sigma_px: float, bend_px: float) -> Quad | Rejected:
+    """A record of what has the shape of a square and is wholly in the picture."""
+    a, b, c, d = corners.tolist()
+    sides = (b - a, c - b, d - c, a - d)
+    turns = [(sides[k - 1].conjugate() * sides[k]).imag for k in range(4)]
+    if not min(turns) > 0:  # also where a corner is not finite
+        return NOT_CONVEX
+    if 0.5 * ((c - a).conjugate() * (d - b)).imag < MIN_SIDE_PX**2:
+        return TOO_SMALL
+    height, width = frame.pixels.shape
+    xs, ys = (a.real, b.real, c.real, d.real), (a.imag, b.imag, c.imag, d.imag)
+    if min(*xs, *ys) < BORDER_PX or max(xs) > width - 1 - BORDER_PX or max(ys) > height - 1 - BORDER_PX:
+        return AT_BORDER
+    return Quad(corners_px=as_corners(corners), corner_sigma_px=sigma_px, bend_px=bend_px)
