@@ -49,6 +49,7 @@ CELL_INSET = 0.18  # of a cell's pitch at its ends, where no profile is: gaps an
 AT_SIDE = 2  # of ACROSS: from a pixel outside to a pixel inside
 STEEPEST = 0.8  # of the steepest two pixels of a profile, those at the side must be at least
 SETTLED_PX = 0.2  # what a first look moves no further than is as good as what a second one would find
+SETTLED_BLUR = 0.1  # logarithm: nor does another blur change it
 CONVERGED_PX = 0.2  # by which a second look moves the corners, at most, where the first was near enough to see them
 LEAST_HEIGHT = 1e-4  # of full scale: a profile without any step
 # The edges of a panel lie on a line to a tenth of a pixel, those of most other things do not by far.
@@ -148,7 +149,10 @@ class _Look:
             spread=spread,
             variance=np.array([f.variance for f in filters]),
             seen=seen,
-            settled=seen & _steep(mean) & _within(SETTLED_PX, moved, corners),
+            settled=seen
+            & _steep(mean)
+            & _within(SETTLED_PX, moved, corners)
+            & (np.abs(place[:, 4:]).max(axis=1) < SETTLED_BLUR),
         )
 
     def again(self, fit: _Fit) -> tuple[Points, Mask]:
