@@ -20,6 +20,7 @@ from ledpi.decode.sides import (
     as_points,
     deviations,
     fit_lines,
+    near_median,
     points_across,
     roughly_light_at,
 )
@@ -38,6 +39,7 @@ MIN_STEP = 0.3  # of the steps of the brightest tenth: less is not the side's
 # Share of a side's profiles that must show an edge: a rough quad may miss many at first, and at short exposure half of
 # a side and more may be dark.
 MIN_EDGE = 0.2
+MAX_TILT_STEPS = 2.0  # by which a side's edges may differ as the rough one is turned; a dead cell's lie further inside
 # What most other things are not straight by; a side that is seen from too far off may still lean on what is beside it.
 MAX_SPREAD_PX, MAX_SPREAD_STEPS = 0.9, 0.4
 
@@ -83,7 +85,8 @@ def nearest_sides(
     if outermost:
         good &= outermost_of(found, good)
     found *= step_px[:, None, None]
-    spread, weights = deviations(SHARES, found, good, *fit_lines(SHARES, found, good.astype(np.float64)))
+    start = near_median(found, good, MAX_TILT_STEPS * step_px[:, None, None]).astype(np.float64)
+    spread, weights = deviations(SHARES, found, good, *fit_lines(SHARES, found, start))
     return sides.moved(*fit_lines(SHARES, found, weights)), root_mean_square(spread), seen_on_all_sides(good)
 
 

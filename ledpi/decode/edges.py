@@ -35,6 +35,7 @@ from ledpi.decode.sides import (
     bends,
     deviations,
     fit_lines,
+    near_median,
     points_across,
 )
 from ledpi.records import Floats, Frame, Intrinsics, Quad, Rejected
@@ -51,6 +52,7 @@ STEEPEST = 0.8  # of the steepest two pixels of a profile, those at the side mus
 SETTLED_PX = 0.2  # what a first look moves no further than is as good as what a second one would find
 SETTLED_BLUR = 0.1  # logarithm: nor does another blur change it
 CONVERGED_PX = 0.2  # by which a second look moves the corners, at most, where the first was near enough to see them
+NEAR_PX = 1.0  # a side's edges to their median, when it is looked at first
 LEAST_HEIGHT = 1e-4  # of full scale: a profile without any step
 # The edges of a panel lie on a line to a tenth of a pixel, those of most other things do not by far.
 MAX_SPREAD_PX = 0.5
@@ -136,7 +138,7 @@ class _Look:
         filters = self._filters(sides, blur_px)
         light, found, height = self._profiles(sides, filters)
         good = is_step(height)
-        middle, slope = fit_lines(self.shares, found, good.astype(np.float64))
+        middle, slope = fit_lines(self.shares, found, near_median(found, good, NEAR_PX).astype(np.float64))
         spread, weights = deviations(self.shares, found, good, middle, slope)
         mean, place = self._mean_profile(filters, light, height, weights)
         moved = self._moved(sides, place, found, weights)

@@ -171,6 +171,15 @@ def fit_lines(shares: Shares, found: Floats, weights: Floats) -> tuple[Floats, F
     return (y0 - slope * x1) / np.maximum(n, 1e-12), slope
 
 
+def near_median(found: Floats, good: Mask, distance: Floats | float) -> Mask:
+    """Which of the `good` of `found` (N, 4, P) are so near their side's median: a first guess that half may spoil."""
+    ordered = np.sort(np.where(good, found, np.inf), axis=-1).reshape(-1, good.shape[-1])
+    middle = np.maximum(good.sum(axis=-1).reshape(-1) - 1, 0) // 2
+    median = ordered[np.arange(len(ordered)), middle].reshape(*good.shape[:-1], 1)
+    near: Mask = good & (np.abs(found - np.where(np.isfinite(median), median, 0.0)) < distance)
+    return near
+
+
 def deviations(shares: Shares, found: Floats, good: Mask, middle: Floats, slope: Floats) -> tuple[Floats, Floats]:
     """Standard deviation (N, 4) of the `good` of `found` about lines, and the weights (N, 4, P) that each deserves.
 
