@@ -55,9 +55,10 @@ def most_bent(straight: Floats) -> float:
 
 
 def brighter_inside(u: Floats, v: Floats) -> Floats:
-    """From 60 % at the rim to full light a quarter of the side further in."""
-    to_rim = np.minimum(np.minimum(u, 1 - u), np.minimum(v, 1 - v))
-    return np.asarray(0.6 + 0.4 * np.clip(4 * to_rim, 0, 1))
+    """Each cell from 60 % at its rim to full light in its middle."""
+    x, y = 4 * u % 1.0, 4 * v % 1.0
+    to_rim = np.minimum(np.minimum(x, 1 - x), np.minimum(y, 1 - y))
+    return np.asarray(0.6 + 0.8 * to_rim)
 
 
 @pytest.mark.parametrize("transfer", ["linear", "srgb"])

@@ -38,11 +38,14 @@ from ledpi.decode.sides import (
     near_median,
     points_across,
 )
+from ledpi.decode.whole import hidden_shares, uncovered
 from ledpi.records import Floats, Frame, Intrinsics, Quad, Rejected
 
 NOT_CONVEX = Rejected(stage="edges", reason="not_convex")
 AT_BORDER = Rejected(stage="edges", reason="at_picture_border")
 TOO_SMALL = Rejected(stage="edges", reason="too_small")
+
+NOT_WHOLE = Rejected(stage="edges", reason="not_whole")
 
 MIN_SIDE_PX = 7.0
 PROFILES = 48  # a side
@@ -55,9 +58,11 @@ CONVERGED_PX = 0.2  # by which a second look moves the corners, at most, where t
 NEAR_PX = 1.0  # a side's edges to their median, when it is looked at first
 LEAST_HEIGHT = 1e-4  # of full scale: a profile without any step
 # The edges of a panel lie on a line to a tenth of a pixel, those of most other things do not by far.
-MAX_SPREAD_PX = 0.5
+MAX_SPREAD_PX = 0.35
+MIN_USED = 0.6  # share of the profiles that have an edge near their side: with two dead cells on each it is a half
 MAX_MOVE = 0.2  # of the side: what moves further when looked at closely was not there
 BORDER_PX = 1.0
+HIDDEN_SIGMA = 0.003  # of the side: how exactly the cells tell where a side is that nothing shows
 REACH_PX = 8.0  # around the corners that are given: as far as any profile may reach
 MAX_BLUR_CHANGE = 0.4  # of its logarithm, in a round
 
@@ -79,9 +84,9 @@ def refine_quads(
         corners = _outermost(patches, within)
         return [
             _checked(frame, at, MAX_SPREAD_PX, float(most))
-            for at, most in zip(corners + patches.first, np.abs(bend).max(axis=(1, 2)), strict=True)
+            for at, most in zip(corners + patches.first, np.abs(bend.imag).max(axis=(1, 2)), strict=True)
         ]
-    look = _Look(patches, _shares(cells), bend @ _shares(cells).bend, cells)
+    look = _Look(patches, _shares(cells), bend.imag @ _shares(cells).bend, cells)
     fit = look.first(within)
     corners, sure = fit.sides.start, fit.settled
     if not sure.all():
@@ -91,7 +96,8 @@ def refine_quads(
         there = np.abs(nearest - within).max(axis=1) < MAX_MOVE * np.sqrt(np.abs(areas(within)))
         fit = look.first(np.where(there[:, None], nearest, within))
         corners, _ = look.again(fit)
-    return _results(frame, start, corners + patches.first, fit, bend)
+    hidden = hidden_shares(patches, corners, bend, cells)
+    return _results(frame, start, corners + patches.first, fit, bend, hidden)
 
 
 def _outermost(patches: Patches, corners: Points) -> Points:
@@ -249,23 +255,33 @@ def _square_filter(pitch_a: int, blur_a: int, pitch_b: int, blur_b: int) -> _Squ
     )
 
 
-def _results(frame: Frame, start: Points, corners: Points, fit: _Fit, bend: Floats) -> list[Quad | Rejected]:
+def _results(
+    frame: Frame, start: Points, corners: Points, fit: _Fit, bend: Points, hidden: Floats
+) -> list[Quad | Rejected]:
     """Each quad, or why there is none."""
-    moved = np.abs(corners - start).max(axis=1) / np.sqrt(np.abs(areas(start)))
+    side_px = np.sqrt(np.abs(areas(start)))
+    there = fit.seen & (np.abs(corners - start).max(axis=1) < MAX_MOVE * side_px)
     # Profiles nearer to each other than a pixel are not independent. At its ends a line through n points is off by 2 of
     # their deviations over √n.
     profiles = np.maximum(np.minimum(fit.weights.sum(axis=-1), fit.sides.length), 1.0)
-    variance = fit.variance + 4 * np.square(fit.spread) / profiles
-    sigma_px, spread = np.sqrt(variance.mean(axis=1)).tolist(), root_mean_square(fit.spread).tolist()
-    there, most = (fit.seen & (moved < MAX_MOVE)).tolist(), np.abs(bend).max(axis=(1, 2)).tolist()
-    return [
-        LOST
-        if not there[i]
-        else NOT_STRAIGHT
-        if spread[i] > MAX_SPREAD_PX
-        else _checked(frame, corners[i], sigma_px[i], most[i])
-        for i in range(len(corners))
-    ]
+    sigma_px = np.sqrt((fit.variance + 4 * np.square(fit.spread) / profiles).mean(axis=1))
+    used = (fit.weights > 0).mean(axis=(1, 2))
+    straight = (root_mean_square(fit.spread) <= MAX_SPREAD_PX) & (used >= MIN_USED)
+    most_bent = np.abs(bend.imag).max(axis=(1, 2))
+    results: list[Quad | Rejected] = []
+    for i in range(len(corners)):
+        if not there[i]:
+            results.append(LOST)
+        elif not straight[i]:
+            results.append(NOT_STRAIGHT)
+        elif not hidden[i].any():
+            results.append(_checked(frame, corners[i], float(sigma_px[i]), float(most_bent[i])))
+        elif np.isfinite(hidden[i]).all():
+            whole, sigma = uncovered(corners[i], hidden[i]), float(sigma_px[i] + HIDDEN_SIGMA * side_px[i])
+            results.append(_checked(frame, whole, sigma, float(most_bent[i])))
+        else:
+            results.append(NOT_WHOLE)
+    return results
 
 
 def _checked(frame: Frame, corners: Points, sigma_px: float, bend_px: float) -> Quad | Rejected:

@@ -76,14 +76,14 @@ def areas(corners: Points) -> Floats:
     return 0.5 * cross(corners[..., 2] - corners[..., 0], corners[..., 3] - corners[..., 1])
 
 
-def bends(corners: Points, intrinsics: Intrinsics | None) -> Floats:
-    """(N, 4, 2) how far inward the lens moves the points at a third and two thirds of each side off the straight line.
+def bends(corners: Points, intrinsics: Intrinsics | None) -> Points:
+    """(N, 4, 2) where the lens moves the points at a third and two thirds of each side, off the line between its ends.
 
-    The bend changes so slowly over the picture that it is taken where the lens would put these corners, instead of
-    undistorting them first.
+    In pixels: along the side, and inward as the imaginary part. That changes so slowly over the picture that it is
+    taken where the lens would put these corners, instead of undistorting them first.
     """
     if intrinsics is None or not any(intrinsics.distortion):
-        return np.zeros((*corners.shape, 2))
+        return np.zeros((*corners.shape, 2), np.complex128)
     centred = as_corners(corners - complex(intrinsics.cx, intrinsics.cy))
     rays = as_points(centred / (intrinsics.fx, intrinsics.fy))
     onward = rays[:, NEXT] - rays
@@ -91,8 +91,8 @@ def bends(corners: Points, intrinsics: Intrinsics | None) -> Floats:
     bent = as_points(distort(as_corners(points), intrinsics))
     sides = Sides.of(bent[..., 0])
     away = bent[..., 1:] - bent[..., :1] - sides.along[..., None] * (1 / 3, 2 / 3)
-    inward: Floats = (away * sides.inward.conj()[..., None]).real
-    return inward
+    moved: Points = away * 1j * sides.inward.conj()[..., None]
+    return moved
 
 
 def points_across(sides: Sides, share: Floats, across: Floats, bend: Floats | float = 0.0) -> Coordinates:

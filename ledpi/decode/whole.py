@@ -1,0 +1,132 @@
+"""Whether a quad shows a panel's cells where a whole panel's would be, and where the panel is if it does not.
+
+Every cell is brighter in its middle, or has gaps to its neighbours, or both. Where a side is hidden, a row of cells is
+dead, or a bright thing touches, the quad that is seen is no longer n × n cells: they and their gaps lie elsewhere in
+it. So the light along it is explained as that of n whole cells, and of the same cells with a side further in or out;
+if one of those explains it better, the quad is not the panel.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ledpi.decode.cells import unit_square_to
+from ledpi.decode.sides import Coordinates, Patches, Points, Shares, Singles, areas, as_corners
+from ledpi.records import Floats
+
+ALONG = 40  # places along the quad
+_ALONG = (np.arange(ALONG) + 0.5) / ALONG
+ACROSS_CELL = (0.3, 0.7)  # of a cell: where the light along the quad is taken, and averaged
+NEAR_EDGE = 0.06  # of the quad: so near to its ends the blurred edge is seen
+# Of the panel's side that may be hidden, or too much. No place is told by less than three cells and a half of four, but
+# what may be a whole row is looked at too: else that would pass as what comes nearest.
+SHARE_STEP = 0.02
+SHARES = SHARE_STEP * np.arange(-5, 15)
+WHOLE, MOST = 5, 0.15
+ENDS = ((1.0, 0.0), (0.0, 1.0), (1.0, 1.0))  # where it is: the last as bare LEDs have it, dark all around
+GAP, BLUR_PX = 0.03, 0.9  # half a gap, of the pitch; and what blurs it, as deviations
+BLUR_STEP = 0.15  # logarithm, between the explanations that are made
+BETTER = 0.6  # what is left unexplained, of that of whole cells: less is a better explanation
+# Of the mean light, and of what whole cells leave: more than either, and nothing that is tried explains it.
+LITTLE_LEFT, CLEARLY_BETTER = 0.06, 0.15
+NOTHING_LEFT = 0.02  # of the mean light: whole cells explain this well whatever noise and bands there are
+
+
+def hidden_shares(patches: Patches, corners: Points, bend_px: Points, cells: int) -> Floats:
+    """(N, 2, 2) share of the panel's side that quads (N, 4) lack: at the left and right, then at the top and bottom.
+
+    Negative where the quad is too large; 0 where it is whole, and where nothing tells, as of a lamp that is even all
+    over; not a number where no such share explains what is seen. `bend_px` (N, 4, 2) is the sides' `bends`: the lens
+    moves the rows of gaps with them.
+    """
+    side_px, most_bent = np.sqrt(np.abs(areas(corners))), np.abs(bend_px.imag).max(axis=(1, 2))
+    blurs = (BLUR_PX + most_bent + GAP * side_px / cells) / np.maximum(side_px, 1.0)
+    light = patches.light_at(_grid(corners, bend_px.real, cells)).mean(axis=2)  # (N, 2, ALONG)
+    light /= np.maximum(light.mean(axis=2, keepdims=True), 1e-6)
+    hidden = np.zeros((len(corners), 2, 2))
+    for into, along, blur in zip(hidden, light, blurs.tolist(), strict=True):
+        left = _explanations(cells, round(math.log(blur) / BLUR_STEP)).left(along)
+        whole = left[:, 0, WHOLE]
+        for axis in np.flatnonzero((whole > NOTHING_LEFT**2) & (left.min(axis=(1, 2)) < BETTER * whole)).tolist():
+            end, best = divmod(int(left[axis].argmin()), len(SHARES))
+            into[axis] = _share(left[axis, end], best) * np.array(ENDS[end])
+    return hidden
+
+
+def uncovered(corners: Points, hidden: Floats) -> Points:
+    """The corners (4,) of a quad that lacks `hidden` (2, 2) of its panel, of the whole panel."""
+    seen = 1 - hidden.sum(axis=1)
+    (left, top), (right, bottom) = -hidden[:, 0] / seen, 1 + hidden[:, 1] / seen
+    unit = np.array([[left, top, 1], [right, top, 1], [right, bottom, 1], [left, bottom, 1]])
+    x, y, w = unit_square_to(as_corners(corners)) @ unit.T
+    whole: Points = (x + 1j * y) / w
+    return whole
+
+
+def _share(left: Floats, best: int) -> float:
+    """The share with the least left unexplained, between the SHARES by the parabola through its neighbours."""
+    if not 0 < best < len(SHARES) - 1:
+        return math.nan
+    before, here, after = left[best - 1 : best + 2].tolist()
+    share = float(SHARES[best]) + SHARE_STEP * 0.5 * (before - after) / max(before + after - 2 * here, 1e-12)
+    return share if abs(share) < MOST and here < max(LITTLE_LEFT**2, CLEARLY_BETTER * left[WHOLE]) else math.nan
+
+
+def _grid(corners: Points, stretch_px: Floats, cells: int) -> Coordinates:
+    """(N, 2, lines, ALONG) points: on lines from left to right, and on lines from top to bottom.
+
+    `stretch_px` (N, 4, 2) is how far along each side the lens moves its thirds.
+    """
+    onward, back = stretch_px[:, :2], -stretch_px[:, 2:, ::-1]  # sides 2 and 3 run the other way
+    length = np.abs(corners[:, 1:3] - corners[:, :2])
+    shift = (0.5 * (onward + back) / length[..., None]) @ Shares.at(_ALONG).bend  # (N, 2, ALONG)
+    across = ((np.arange(cells)[:, None] + ACROSS_CELL) / cells).reshape(-1, 1)
+    grid = np.empty((len(corners), 2, len(across), ALONG), np.complex64)
+    for into, quad, (right, down) in zip(grid, as_corners(corners), _ALONG + shift, strict=True):
+        x, y, w = unit_square_to(quad)
+        point = x + 1j * y
+        for k, (u, v) in enumerate(((right, across), (across, down))):
+            into[k] = (point[0] * u + point[1] * v + point[2]) / (w[0] * u + w[1] * v + w[2])
+    return grid
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Explanations:
+    """Of light along a quad, by cells of which so much is hidden at one end."""
+
+    bases: Floats  # (ALONG, columns) orthonormal within each explanation, 0 near the ends
+    first: NDArray[np.intp]  # (explanations,) where the columns of each begin
+    counted: Floats  # (ALONG,) 1, and 0 near the ends
+
+    def left(self, light: Singles) -> Floats:
+        """(2, ENDS, SHARES) mean square that each leaves of light (2, ALONG)."""
+        all_of_it = np.square(light) @ self.counted
+        explained = np.add.reduceat(np.square(light @ self.bases), self.first, axis=1)
+        rest: Floats = np.maximum(all_of_it[:, None] - explained, 1e-9) / self.counted.sum()
+        return rest.reshape(2, len(ENDS), len(SHARES))
+
+
+@lru_cache(maxsize=256)
+def _explanations(cells: int, blur_step: int) -> _Explanations:
+    """`blur_step`: logarithm of a gap's deviation, as a share of the quad, in BLUR_STEP."""
+    along = _ALONG
+    counted = np.asarray((along > NEAR_EDGE) & (along < 1 - NEAR_EDGE))
+    width = cells * math.exp(blur_step * BLUR_STEP)
+    bases, first = [], [0]
+    for before, after in ((share * left, share * right) for left, right in ENDS for share in SHARES.tolist()):
+        at = (before + along * (1 - before - after)) * cells  # in cells of the whole panel
+        cell = np.clip(np.floor(at), 0, cells - 1)
+        y = 2 * (at - cell) - 1
+        columns = [sum(np.exp(-0.5 * np.square((at - gap) / width)) for gap in range(1, cells)) * counted]
+        for k in range(cells):
+            inside = (cell == k) & counted
+            if inside.sum() > 2:
+                columns += [inside * 1.0, inside * y * y]
+        bases.append(np.linalg.qr(np.stack(columns, axis=1))[0])
+        first.append(first[-1] + len(columns))
+    return _Explanations(np.concatenate(bases, axis=1), np.array(first[:-1], np.intp), counted.astype(np.float64))

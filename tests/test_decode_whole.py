@@ -1,0 +1,99 @@
+"""Panels that are not wholly seen: something dark before a side, dead cells, quads too small or too large."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from decode_material import Canvas, flat, reason, square, word
+
+from ledpi.decode.approach import approach_quads
+from ledpi.decode.edges import refine_quads
+from ledpi.records import Floats, Frame, Quad, Rejected
+
+SIDES_PX = [24.0, 60.0, 120.0]
+
+
+def seen(frame: Frame, rough: Floats) -> Quad | Rejected:
+    (near,) = approach_quads(frame, rough[None], np.array([3.0]))
+    return near if isinstance(near, Rejected) else refine_quads(frame, near[None], 4)[0]
+
+
+def farthest(found: Quad | Rejected, true: Floats) -> float:
+    assert isinstance(found, Quad), reason(found)
+    return float(np.linalg.norm(found.corners_px - true, axis=1).max())
+
+
+def covered(true: Floats, share: float) -> tuple[Floats, Floats]:
+    """What hides `share` of the left side of a panel, and what then is left of it."""
+    (a, b, c, d) = true
+    left = np.array([a + share * (b - a), b, c, d + share * (c - d)])
+    out = 0.3 * (a - b)
+    up = 0.2 * (a - d)
+    return np.array([a + out + up, left[0] + up, left[3] - up, d + out - up]), left
+
+
+@pytest.mark.parametrize("side", SIDES_PX)
+@pytest.mark.parametrize("share", [0.06, 0.09, 0.12])
+def test_a_hidden_side_is_where_the_cells_tell(share: float, side: float) -> None:
+    """What is left is a rectangle with all four sides; its corners would be off by the hidden share."""
+    true = square(310.4, 240.2, side, 8)
+    canvas = Canvas()
+    canvas.panel(true, word(7))
+    shade, left = covered(true, share)
+    canvas.lamp(shade, 0.0)
+    found = seen(canvas.frame(), left)
+    assert farthest(found, true) < 0.02 * side
+    assert isinstance(found, Quad)
+    assert found.corner_sigma_px > 0.002 * side
+
+
+@pytest.mark.parametrize("side", SIDES_PX)
+def test_a_whole_panel_is_left_as_it_is(side: float) -> None:
+    """With cells of unlike brightness, and bands."""
+    true = square(310.4, 240.2, side, 8)
+    canvas = Canvas()
+    canvas.panel(true, word(12), gains=np.random.default_rng(1).uniform(0.7, 1.3, (4, 4)))
+    assert farthest(seen(canvas.frame(), true), true) < 0.25
+
+
+@pytest.mark.parametrize("side", [60.0, 120.0])
+def test_a_panel_with_a_dead_row_is_refused(side: float) -> None:
+    """Three rows of four cells are lit: a rectangle, but no panel's place."""
+    true = square(310.4, 240.2, side, 8)
+    gains = np.ones((4, 4))
+    gains[0] = 0.0
+    canvas = Canvas()
+    canvas.panel(true, word(7), gains=gains)
+    (a, b, c, d) = true
+    assert reason(seen(canvas.frame(), np.array([a + 0.25 * (d - a), b + 0.25 * (c - b), c, d]))) == "edges.not_whole"
+
+
+@pytest.mark.parametrize("dead", [(0, 1), (2, 3), (0, 0)])
+@pytest.mark.parametrize("side", [40.0, 110.0])
+def test_one_dead_cell_does_not_move_the_corners(side: float, dead: tuple[int, int]) -> None:
+    """Of the rim, or at a corner: the sides are where their other cells are."""
+    true = square(310.4, 240.2, side, 8)
+    gains = np.ones((4, 4))
+    gains[dead] = 0.0
+    canvas = Canvas()
+    canvas.panel(true, word(7), gains=gains)
+    assert farthest(seen(canvas.frame(), true + 0.5), true) < 0.3
+
+
+def test_a_hidden_corner_does_not_move_the_others() -> None:
+    """An eighth of either side at one corner is dark."""
+    true = square(310.4, 240.2, 100, 8)
+    (a, b, _, d) = true
+    canvas = Canvas()
+    canvas.panel(true, word(7))
+    along, down = 0.12 * (b - a), 0.12 * (d - a)
+    canvas.lamp(np.array([a - along - down, a + along - down, a + along + down, a - along + down]), 0.0)
+    assert farthest(seen(canvas.frame(), true + 0.5), true) < 0.3
+
+
+def test_where_nothing_tells_a_quad_is_taken_as_it_is() -> None:
+    """A lamp that is even all over has no cells to be in the wrong place."""
+    true = square(310.4, 240.2, 80, 8)
+    canvas = Canvas()
+    canvas.lamp(true, 0.4, profile=flat)
+    assert farthest(seen(canvas.frame(), true), true) < 0.25
