@@ -268,7 +268,7 @@ def test_frames_that_stand_alone_leave_nothing_behind() -> None:
 
 def test_in_a_stream_frames_add_up() -> None:
     """A far panel that no single frame shows surely is read after a few, and stays read, ever more surely."""
-    frames = [frame_of((square(310.3, 240.6, 38, 4), word(7)), seq=n, light=0.1) for n in range(10)]
+    frames = [frame_of((square(310.3, 240.6, 38, 4), word(7)), seq=n, light=0.08) for n in range(10)]
     assert ids_of(pipeline(stream=False), frames) == [[]] * 10
     path = pipeline(stream=True)
     decoded = [path.decode(frame) for frame in frames]
