@@ -143,7 +143,7 @@ def sample_cells(
         k = like.k
     points = lattice(cells, k)
     at = _lattice_pixels(quad, points, intrinsics)
-    low, high = at.min(axis=(0, 1)), at.max(axis=(0, 1))
+    low, high = quad.corners_px.min(axis=0) - quad.bend_px, quad.corners_px.max(axis=0) + quad.bend_px
     height, width = frame.pixels.shape
     if not (low[0] >= 0 and low[1] >= 0 and high[0] <= width - 1 and high[1] <= height - 1):
         return OUTSIDE

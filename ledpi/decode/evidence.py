@@ -107,24 +107,24 @@ def single_evidence(
     """
     cells, points = samples.light.shape
     sources = _sources(samples.lattice.k, _border(samples))
-    shown = np.ones_like(samples.light) if believed is None else believed.own_light()
+    shown = None if believed is None else believed.own_light()
     gain, profile, light = _levels(samples, shown)
     # Shot noise has the variance of the light: over this root it is alike everywhere.
     even = np.sqrt(gain[:, None] * np.maximum(profile, np.float32(1e-3)))
-    if believed is None:
+    if believed is None or shown is None:
         root = even
-        basis = _shared_light(gain, samples.lattice.cells)[:, sources.column]  # (cells, P)
+        basis = _shared_light(gain, samples.lattice.cells).take(sources.column, axis=1)  # (cells, P)
     else:
         root = even * np.sqrt(shown)
         basis = _shared_blinking_light(gain, believed, samples.lattice.cells, sources, root)
     seen = light / root
-    parts = basis * (basis * seen[:, sources.point]).sum(axis=0)
+    parts = basis * (basis * seen.take(sources.point, axis=1)).sum(axis=0)
     static = np.asarray(np.add.reduceat(parts, sources.first, axis=1), np.float32)
     residual = np.asarray(seen - static, np.float32)
     np.maximum(static, np.float32(0.02), out=static)
     shapes = np.empty((cells, 1 + PARAMETERS, points), np.float32)  # of a wrong gain, and of the bands
     shapes[:, 0] = static
-    if believed is not None:
+    if shown is not None:
         static /= shown
     if believed is not None:
         waves = believed.waves
@@ -144,17 +144,23 @@ def single_evidence(
     return replace(evidence, score=score)
 
 
-def _levels(samples: CellSamples, shown: Singles) -> tuple[Singles, Singles, Singles]:
+def _levels(samples: CellSamples, shown: Singles | None) -> tuple[Singles, Singles, Singles]:
     """Gain (cells,), of mean 1, profile (points,), and the light in the same unit, filled in where it is not valid."""
     light, valid = samples.light, samples.valid
-    share = shown if valid is None else shown * valid
+    if shown is None and valid is None:
+        gain = light.mean(axis=1)
+        mean = gain.mean()
+        return gain / mean, (light / gain[:, None]).mean(axis=0), light / mean
+    share = np.ones_like(light) if shown is None else shown
+    if valid is not None:
+        share = share * valid
     gain = light.sum(axis=1) / share.sum(axis=1)
     for _ in range(3):  # what is missing or dark in one cell is not in another: neither is known without the other
         profile = light.sum(axis=0) / np.maximum((gain[:, None] * share).sum(axis=0), 1e-9)
         gain = light.sum(axis=1) / np.maximum((profile * share).sum(axis=1), 1e-9)
     if valid is not None:
         profile[~valid.any(axis=0)] = profile.max()
-        light = np.where(valid, light, gain[:, None] * profile * shown)
+        light = np.where(valid, light, gain[:, None] * profile * (1.0 if shown is None else shown))
     mean = gain.mean()
     return gain / mean, profile, light / mean
 
@@ -232,17 +238,28 @@ def _sources(k: int, border: tuple[int, int]) -> Sources:
 
 def _meeting(values: Singles, cells: int) -> Singles:
     """(cells, 18): the values (cells,) of the cells that meet, in each of `_MEETINGS`; 0 beyond the rim."""
-    around = np.zeros((cells + 2, cells + 2), np.float32)
-    around[1:-1, 1:-1] = values.reshape(cells, cells)
+    return np.append(values, np.float32(0)).take(_met(cells))
+
+
+@cache
+def _met(cells: int) -> Integers:
+    """(cells, 18): which cells meet there; beyond the rim there is one more."""
+    around = np.full((cells + 2, cells + 2), cells * cells)
+    around[1:-1, 1:-1] = np.arange(cells * cells).reshape(cells, cells)
     met = [around[1 + y : 1 + y + cells, 1 + x : 1 + x + cells].reshape(-1) for m in _MEETINGS for y, x in m]
     return np.stack(met, axis=1)
 
 
 def _shared_light(gain: Singles, cells: int) -> Singles:
     """(cells, 18): for each of `_MEETINGS`, an orthonormal basis of what the cells may show at one point, whitened."""
-    shown = _meeting(gain, cells) / np.sqrt(gain)[:, None]
-    basis = np.linalg.qr(shown.reshape(len(gain), -1, 3).transpose(1, 0, 2))[0]  # (meetings, cells, 3)
-    return np.ascontiguousarray(basis.transpose(1, 0, 2).reshape(len(gain), -1))
+    shown = (_meeting(gain, cells) / np.sqrt(gain)[:, None]).reshape(len(gain), -1, 3)
+    own, second, third = (shown[:, :, i] for i in range(3))  # (cells, meetings) each; Gram and Schmidt
+    own /= np.sqrt((own * own).sum(axis=0))
+    second -= own * (own * second).sum(axis=0)
+    second /= np.maximum(np.sqrt((second * second).sum(axis=0)), 1e-6)
+    third -= own * (own * third).sum(axis=0) + second * (second * third).sum(axis=0)
+    third /= np.maximum(np.sqrt((third * third).sum(axis=0)), 1e-6)
+    return np.asarray(shown.reshape(len(gain), -1), np.float32)
 
 
 def _shared_blinking_light(gain: Singles, believed: Believed, cells: int, sources: Sources, root: Singles) -> Singles:
@@ -274,8 +291,8 @@ def _without_shared_light(
     cells, each, _ = shapes.shape
     size = cells * each
     shared = np.empty((size + len(slopes), len(sources.point)), np.float32)
-    np.multiply(shapes[:, :, sources.point], basis[:, None], out=shared[:size].reshape(cells, each, -1))
-    shared[size:] = (slopes[:, :, sources.point] * basis).sum(axis=1)
+    np.multiply(shapes.take(sources.point, axis=2), basis[:, None], out=shared[:size].reshape(cells, each, -1))
+    shared[size:] = np.einsum("fcp,cp->fp", slopes.take(sources.point, axis=2), basis)
     matrix = -(shared @ shared.T)
     blocks = matrix[:size, :size].reshape(cells, each, cells, each)
     own = np.arange(cells)
@@ -360,8 +377,14 @@ def picture_slopes(picture: Singles, lattice: Lattice) -> Singles:
     """(8, cells, points): relative change of this picture for each way in which its corners can be off."""
     n, k = lattice.cells, lattice.k
     whole = np.log(picture).reshape(n, n, k, k).transpose(0, 2, 1, 3).reshape(n * k, n * k)
+    apart = np.diff(lattice.along)  # further across a border between cells
+    before = apart[1:] / (apart[1:] + apart[:-1])
     slopes = np.empty((2, n * k, n * k), np.float32)
-    for axis, out in ((1, slopes[0]), (0, slopes[1])):
-        out[:] = np.gradient(whole, lattice.along, axis=axis)
-    flat = slopes.reshape(2, n, k, n, k).transpose(0, 1, 3, 2, 4).reshape(2, n * n, k * k)
-    return np.asarray(lattice.shifts[:, 0] * flat[0] + lattice.shifts[:, 1] * flat[1])
+    for across, slope in ((whole.T, slopes[0].T), (whole, slopes[1])):
+        step = (across[1:] - across[:-1]) / apart[:, None]
+        slope[0], slope[-1] = step[0], step[-1]
+        slope[1:-1] = step[1:] + (step[:-1] - step[1:]) * before[:, None]  # of a parabola through three
+    flat = slopes.reshape(2, n, k, n, k).transpose(0, 1, 3, 2, 4).reshape(2, 1, n * n, k * k)
+    out: Singles = lattice.shifts[:, 0] * flat[0]
+    out += lattice.shifts[:, 1] * flat[1]
+    return out

@@ -198,16 +198,15 @@ def shortlist(evidence: Evidence, white: Singles) -> NDArray[np.int64]:
     """
     if len(white) <= SHORTLIST:
         return np.arange(len(white))
-    score = np.empty((len(white), PARAMETERS))
-    normal = np.empty((len(white), 2, 3))  # of each class: cosine², cosine·sine, sine²
-    for k, weight in enumerate((1.0 - white, white)):
-        two = slice(2 * k, 2 * k + 2)
-        score[:, two] = weight @ evidence.score[:, two]
-        own = np.einsum("cicj->cij", evidence.information[:, two][..., two])
-        normal[:, k] = weight @ own.reshape(len(own), 4)[:, (0, 1, 3)]
+    # Of each cell and class: cosine and sine; cosine², cosine·sine, sine².
+    own = np.einsum("cicj->cij", evidence.information).reshape(-1, 16)[:, (0, 1, 5, 10, 11, 15)]
+    cells = np.concatenate([evidence.score, own], axis=1)
+    of_white = white @ cells.astype(np.float32)
+    of_black = cells.sum(axis=0) - of_white
+    x, y = (np.stack([of_black[:, i], of_white[:, i + 2]], axis=1) for i in (0, 1))
+    normal = np.stack([of_black[:, 4:7], of_white[:, 7:]], axis=1)
     inverse_prior = (1.0 / evidence.prior).reshape(2, 2)
     a, b, d = normal[..., 0] + inverse_prior[:, 0], normal[..., 1], normal[..., 2] + inverse_prior[:, 1]
-    x, y = score[:, 0::2], score[:, 1::2]
     det = a * d - b * b
     likelihood = 0.5 * ((d * x * x - 2 * b * x * y + a * y * y) / det - np.log(det)).sum(axis=1)
     chosen: NDArray[np.int64] = np.argpartition(likelihood, -SHORTLIST)[-SHORTLIST:]
@@ -239,13 +238,11 @@ def _class_masks(white: Doubles) -> Doubles:
 def _word_normal_equations(evidence: Evidence, white: Doubles) -> tuple[Doubles, Doubles]:
     """Information (W, 4, 4) and score (W, 4) of the parameters that all cells of a class share."""
     masks = _class_masks(white)
-    score = np.einsum("wcj,cj->wj", masks, evidence.score)
-    normal = np.empty((len(white), PARAMETERS, PARAMETERS))
-    for j in range(PARAMETERS):
-        for i in range(j + 1):
-            pair = evidence.information[:, i, :, j]
-            normal[:, i, j] = normal[:, j, i] = ((masks[:, :, i] @ pair) * masks[:, :, j]).sum(axis=1)
-    return normal, score
+    words, cells, _ = masks.shape
+    score = (masks * evidence.score).sum(axis=1)
+    by_row = evidence.information.transpose(1, 0, 2, 3).reshape(PARAMETERS, cells, cells * PARAMETERS)
+    rows = np.matmul(masks.transpose(2, 0, 1), by_row).reshape(PARAMETERS, words, cells, PARAMETERS)
+    return np.ascontiguousarray((rows * masks).sum(axis=2).transpose(1, 0, 2)), score
 
 
 def _plausible(amplitude: tuple[float, float], deviation: tuple[float, float], evidence: Evidence) -> bool:
@@ -281,18 +278,20 @@ def _odds_against_other_patterns(evidence: Evidence, codebook: Codebook, best: i
     Given the bands, cells are independent, so the patterns that differ in d cells sum up to the d-th elementary
     symmetric polynomial of the cells' likelihood ratios.
     """
-    cells = len(evidence.score)
     masks = _class_masks(codebook.white[best].astype(np.float64))
     shown = masks * bands
-    left = evidence.score - np.einsum("cidj,dj->ci", evidence.information, shown)
+    size = masks.size
+    left = evidence.score - (evidence.information.reshape(size, size) @ shown.reshape(size)).reshape(masks.shape)
     change = (1.0 - masks) * bands - shown  # of a cell that changes its class
     own = np.einsum("cicj->cij", evidence.information)
-    gain = (change * left).sum(axis=1) - 0.5 * np.einsum("ci,cij,cj->c", change, own, change)
-    by_distance = np.zeros(cells + 1)
-    by_distance[0] = 1.0
+    gain = (change * left).sum(axis=1) - 0.5 * (np.matmul(own, change[..., None])[..., 0] * change).sum(axis=1)
+    by_distance = [1.0] + [0.0] * codebook.correctable  # few cells differ: 0, 1, …
+    further = 0.0  # more
     for ratio in np.exp(np.minimum(gain, 40.0)).tolist():
-        by_distance[1:] += by_distance[:-1] * ratio
-    others = math.log(max(float(by_distance[codebook.correctable + 1 :].sum()), 1e-300))
+        further += (further + by_distance[-1]) * ratio
+        for d in range(codebook.correctable, 0, -1):
+            by_distance[d] += by_distance[d - 1] * ratio
+    others = math.log(max(further, 1e-300))
     if others < -600:  # the nearest of them outshines the rest, and may be too small for a number
         others = float(np.sort(gain)[-codebook.correctable - 1 :].sum())
     return _prior_odds_of_word(codebook) - others
