@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ledpi.calibrate.bands import PanelLight
+from ledpi.calibrate.band_search import PanelLight
 from ledpi.calibrate.panel import PanelCalibration, advice, measure_panel
 from ledpi.calibrate.shutter import Reported, ShutterCalibration, measure_shutter
 from ledpi.calibrate.still_panels import panel_light, steady_seconds
@@ -41,11 +41,13 @@ def counted_light(
     noise: float = 3e-3,
     blinking: float = 1.0,
     jitter_us: float = 0.0,
+    drift: float = 0.0,
     seed: int = 0,
 ) -> PanelLight:
     """ID 7 upright, its cells 24 rows high and 24 pixels wide; each row's share of light is counted at 2,000 moments.
 
     `noise` is that of one row of a cell, over its light; `jitter_us` that of the times which frames are told to have.
+    `drift` is by what share the frequencies rise in a second.
     """
     rng = np.random.default_rng(seed)
     rows = 4 * cell_rows
@@ -54,7 +56,12 @@ def counted_light(
     at_us = start_us[:, None] + row_time_us * np.arange(rows)
     light = np.zeros((frames, 16, rows))
     waves = (black_hz * 1e-6, 0.1), (white_hz * 1e-6, 0.63)
-    on = [np.stack([((p + f * (t[:, None] + moments_us)) % 1.0 < duty).mean(axis=1) for t in at_us]) for f, p in waves]
+
+    def share_on(f: float, phase: float, t_us: np.ndarray) -> np.ndarray:
+        moments = t_us[:, None] + moments_us
+        return np.asarray(((phase + f * moments * (1 + drift * moments * 0.5e-6)) % 1.0 < duty).mean(axis=1))
+
+    on = [np.stack([share_on(f, p, t) for t in at_us]) for f, p in waves]
     profile = 24 * 0.4 * (1 + 0.2 * np.cos(np.linspace(-1, 1, cell_rows - 2)))
     for cell, white in enumerate(WORD_7.ravel()):
         own = slice(cell // 4 * cell_rows + 1, (cell // 4 + 1) * cell_rows - 1)
@@ -113,6 +120,16 @@ def test_late_interrupts_cost_little() -> None:
     result = measured_panel(PanelLight(light=jittered.light, seconds=seconds, frame_interval_us=interval_us))
     assert result.black.frequency_hz == pytest.approx(1262.0, rel=1e-4)
     assert interval_us == pytest.approx(FRAME_ROWS * 33.67, rel=1e-4)
+
+
+def test_an_oscillator_that_wanders_is_measured_in_parts() -> None:
+    """One that rises by 0.2 % a second never adds up over all frames; its mean is found, and how far it wanders."""
+    result = measured_panel(counted_light(1262.0, 2431.0, frames=60, drift=2e-3))
+    middle_s = 60 * FRAME_ROWS * 33.67e-6 / 2
+    for bands, hz in ((result.black, 1262.0), (result.white, 2431.0)):
+        assert bands.frequency_hz == pytest.approx(hz * (1 + 2e-3 * middle_s), rel=2e-4)
+        assert bands.wander_hz == pytest.approx(hz * 2e-3 * middle_s / np.sqrt(2), rel=0.1)
+    assert result.blinking_share == pytest.approx((1.0, 1.0), abs=0.06)
 
 
 @pytest.mark.parametrize("duty", [0.3, 0.45, 0.6])

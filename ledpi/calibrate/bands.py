@@ -13,49 +13,21 @@ which. They are fitted apart, so that ν/f measures the row time where f is know
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ledpi.calibrate.band_search import STEPS_PER_CYCLE, PanelLight, Waves, changes, find_word, spectrum_of
 from ledpi.markers import Bits
 from ledpi.records import Floats
 
-Complexes = NDArray[np.complex128]
-
-SEARCH_FRAMES = 60  # enough to find the waves; all frames then refine them
-WORDS_AT_ONCE = 256  # bounds the memory of the search
+PART_FRAMES = 30  # half a second, within which an RC oscillator is steady enough
+MAX_WANDER = 0.005  # of the frequency, to either side, from part to part
+STEADY = (4.0, 1e-4)  # deviations, and share of the frequency: the larger may lie between the parts of a steady one
 ROUNDS = 12  # of Gauss-Newton; from the search's grid four are enough
-MIN_MOVEMENT = 0.02  # share of a wave's power that the frames' mean must leave, for it to be searched
 MIN_CERTAINTY = 8.0  # an amplitude in deviations: the best of 10⁹ guesses at noise reaches 6.5
 CLOCK_SIGMA = 50e-6  # deviation of the clock that dates the frames: within ±100 ppm, as a share
-STEPS_PER_CYCLE = 4  # of a search's grid: a cycle over all frames that are searched, or over all rows
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PanelLight:
-    """The light of one still panel: sufficient for all that is measured here."""
-
-    light: Floats  # (frames, cells, rows) linear light of a cell's pixels in a picture row, summed; 0 where it has none
-    seconds: Floats  # (frames,) when row 0 of the picture was read out
-    frame_interval_us: float  # from one frame of the camera to the next, also where some are missing
-
-    def times_from_middle(self) -> Floats:
-        """(frames,) seconds, about their mean: phases and frequencies are then told independently."""
-        return np.asarray(self.seconds - self.seconds.mean(), np.float64)
-
-    def rows_from_middle(self) -> Floats:
-        """(rows,) about the panel's middle row."""
-        rows = self.light.shape[2]
-        return np.asarray(np.arange(rows) - (rows - 1) / 2.0, np.float64)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Waves:
-    """Candidates for one class: pairs of frequency and spatial frequency."""
-
-    frequency_hz: Floats  # (waves,)
-    cycles_per_row: Floats  # (waves,)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,6 +43,7 @@ class ClassBands:
     second: float  # x₂·conj(x₁)²/|x₁|³, real part: the second harmonic in the first one's phase, over the first
     second_sigma: float
     periods: float  # of the bands on the panel
+    wander_hz: float = 0.0  # deviation of the frequency from part to part of the frames, where it is no steady one
 
     @property
     def certain(self) -> bool:
@@ -89,52 +62,65 @@ class Measured:
 
 def measure_word(panel: PanelLight, words: Bits, black: Waves, white: Waves) -> Measured:
     """The likeliest of `words` (W, cells; True is white) and how its classes blink, each certain or not."""
-    word, *likeliest = _find_word(panel, words, black, white)
+    word, *likeliest = find_word(panel, words, black, white)
     of_black, of_white = (
-        _measure_class(panel, cells, float(waves.frequency_hz[index]), float(waves.cycles_per_row[index]))
+        _measure_steady(panel, cells, float(waves.frequency_hz[index]), float(waves.cycles_per_row[index]))
         for cells, waves, index in zip((~words[word], words[word]), (black, white), likeliest, strict=True)
     )
     return Measured(word=word, black=of_black, white=of_white)
 
 
-def search_step_hz(panel: PanelLight) -> float:
-    """How far two frequencies may be apart for a search not to step over what lies between them."""
-    return 1.0 / (STEPS_PER_CYCLE * float(np.ptp(panel.seconds[:SEARCH_FRAMES])))
+def _measure_steady(panel: PanelLight, cells: Bits, frequency_hz: float, cycles_per_row: float) -> ClassBands:
+    """All frames in one phase; or, where the oscillator wanders too much for that, the mean of parts of them."""
+    whole = _measure_class(panel, cells, frequency_hz, cycles_per_row)
+    parts = []
+    for part in panel.parts(PART_FRAMES):
+        hz = _nearest(part, cells, frequency_hz, cycles_per_row)
+        parts.append(_measure_class(part, cells, hz, cycles_per_row * hz / frequency_hz))
+    apart = max(p.frequency_hz for p in parts) - min(p.frequency_hz for p in parts)
+    allowed = max(STEADY[0] * math.sqrt(2) * max(p.frequency_sigma_hz for p in parts), STEADY[1] * frequency_hz)
+    if apart <= allowed or not all(p.certain for p in parts):
+        return whole
+    return _mean_of(parts)
 
 
-def moved_share(seconds: Floats, frequency_hz: Floats) -> Floats:
-    """(waves,) share of a wave's power that is left once the frames' mean is taken off: 0 where it stands still."""
-    mean = np.exp(2j * math.pi * np.outer(seconds, frequency_hz)).mean(axis=0)
-    return np.asarray(1.0 - np.abs(mean) ** 2, np.float64)
+def _nearest(panel: PanelLight, cells: Bits, frequency_hz: float, cycles_per_row: float) -> float:
+    """The strongest frequency within MAX_WANDER of one."""
+    reach, step = MAX_WANDER * frequency_hz, 1.0 / (STEPS_PER_CYCLE * float(np.ptp(panel.seconds)))
+    steps = math.ceil(reach / step)
+    grid = np.asarray(frequency_hz + step * np.arange(-steps, steps + 1), np.float64)
+    change, _ = changes(panel.light[:, cells].sum(axis=1, keepdims=True))
+    waves = Waves(frequency_hz=grid, cycles_per_row=np.asarray(grid * (cycles_per_row / frequency_hz), np.float64))
+    spectrum = spectrum_of(change, panel.times_from_middle(), panel.rows_from_middle(), waves)
+    return float(grid[int(np.abs(spectrum[0]).argmax())])
 
 
-def _find_word(panel: PanelLight, words: Bits, black: Waves, white: Waves) -> tuple[int, int, int]:
-    """Index of the likeliest word, of its black wave and of its white one.
+def _mean_of(parts: Sequence[ClassBands]) -> ClassBands:
+    """Of an oscillator that wanders: means over the parts, and the deviation that its wandering leaves to theirs."""
+    count = len(parts)
+    frequencies = np.array([p.frequency_hz for p in parts])
 
-    A class's cells share one wave: the log-likelihood ratio of a wave with free amplitude and phase is
-    |Σ_c S_c|²/(σ²·V), S_c the light's deviation from the still picture, correlated with the wave, V its expected power.
-    """
-    change, still = _changes(panel.light[:SEARCH_FRAMES])
-    seconds, rows = panel.times_from_middle()[:SEARCH_FRAMES], panel.rows_from_middle()
-    best, best_waves = np.zeros(len(words)), np.zeros((2, len(words)), np.int64)
-    for k, waves in enumerate((black, white)):
-        spectrum = _spectrum(change, seconds, rows, waves)
-        moved = moved_share(seconds, waves.frequency_hz)
-        power = np.where(moved > MIN_MOVEMENT, moved, np.inf)
-        for start in range(0, len(words), WORDS_AT_ONCE):
-            some = slice(start, start + WORDS_AT_ONCE)
-            own = (words[some] if k else ~words[some]).astype(np.float64)
-            light = np.maximum(own @ still.sum(axis=1), 1e-9)
-            ratio = np.abs(own @ spectrum) ** 2 / (light[:, None] * power)
-            best_waves[k, some] = ratio.argmax(axis=1)
-            best[some] += ratio.max(axis=1)
-    word = int(best.argmax())
-    return word, int(best_waves[0, word]), int(best_waves[1, word])
+    def mean(name: str) -> float:
+        return float(np.mean([getattr(p, name) for p in parts]))
+
+    wander = float(frequencies.std(ddof=1))
+    return ClassBands(
+        frequency_hz=float(frequencies.mean()),
+        frequency_sigma_hz=wander / math.sqrt(count),
+        cycles_per_row=mean("cycles_per_row"),
+        cycles_per_row_sigma=mean("cycles_per_row_sigma") / math.sqrt(count),
+        amplitude=mean("amplitude"),
+        amplitude_sigma=mean("amplitude_sigma") / math.sqrt(count),
+        second=mean("second"),
+        second_sigma=mean("second_sigma") / math.sqrt(count),
+        periods=mean("periods"),
+        wander_hz=wander,
+    )
 
 
 def _measure_class(panel: PanelLight, cells: Bits, frequency_hz: float, cycles_per_row: float) -> ClassBands:
     """Least squares over the class's `cells` (cells,), from a wave that is nearly right (Gauss-Newton)."""
-    change, still = _changes(panel.light[:, cells].sum(axis=1, keepdims=True))
+    change, still = changes(panel.light[:, cells].sum(axis=1, keepdims=True))
     seen = still[0] > 0
     change, weight = change[:, 0, seen], still[0, seen]
     seconds, rows = panel.times_from_middle(), panel.rows_from_middle()[seen]
@@ -154,23 +140,6 @@ def _measure_class(panel: PanelLight, cells: Bits, frequency_hz: float, cycles_p
     freedom = max(1, (change.shape[0] - 1) * (change.shape[1] - 1) - 6)
     covariance = np.linalg.inv(normal) * float((residual**2 / weight).sum()) / freedom
     return _class_bands(wave, harmonics, covariance, periods=float(wave[1] * np.ptp(rows)))
-
-
-def _changes(light: Floats) -> tuple[Floats, Floats]:
-    """What changes from frame to frame (frames, cells, rows), each frame's gain taken off, and the still picture."""
-    still = light.mean(axis=0)
-    gain = light.sum(axis=(1, 2), keepdims=True) / still.sum()
-    return light - gain * still, still
-
-
-def _spectrum(change: Floats, seconds: Floats, rows: Floats, waves: Waves) -> Complexes:
-    """(cells, waves): Σ over frames and rows of change · exp(−2πi·(f·t + ν·y))."""
-    in_time = np.exp(-2j * math.pi * np.outer(seconds, waves.frequency_hz))
-    in_rows = np.exp(-2j * math.pi * np.outer(rows, waves.cycles_per_row))
-    out = np.zeros((change.shape[1], len(waves.frequency_hz)), np.complex128)
-    for frame, turn in zip(change, in_time, strict=True):
-        out += (frame @ in_rows) * turn
-    return out
 
 
 def _design(seconds: Floats, rows: Floats, wave: Floats, harmonics: Floats, weight: Floats) -> Floats:

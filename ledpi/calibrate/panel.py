@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ledpi import shutter
-from ledpi.calibrate.bands import CLOCK_SIGMA, ClassBands, PanelLight, Waves, measure_word, search_step_hz
+from ledpi.calibrate.band_search import PanelLight, Waves, search_step_hz
+from ledpi.calibrate.bands import CLOCK_SIGMA, ClassBands, measure_word
 from ledpi.camera.timing import MIN_PHASE_ADVANCE_CYCLES, choose_frame_length_rows, frame_duration_us
 from ledpi.errors import CalibrationError
 from ledpi.markers import Dictionary

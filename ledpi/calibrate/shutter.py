@@ -8,16 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ledpi.calibrate.bands import (
-    CLOCK_SIGMA,
-    STEPS_PER_CYCLE,
-    ClassBands,
-    PanelLight,
-    Waves,
-    measure_word,
-    moved_share,
-    search_step_hz,
-)
+from ledpi.calibrate.band_search import STEPS_PER_CYCLE, PanelLight, Waves, moved_share, search_step_hz
+from ledpi.calibrate.bands import CLOCK_SIGMA, ClassBands, measure_word
 from ledpi.errors import CalibrationError
 from ledpi.markers import Dictionary
 from ledpi.records import PanelSpec
@@ -108,7 +100,10 @@ def _waves(light: PanelLight, frequency_hz: float) -> Waves:
 
 
 def _is_crystal(bands: ClassBands, frequency_hz: float) -> bool:
-    return abs(bands.frequency_hz - frequency_hz) <= CRYSTAL * frequency_hz + AGREEMENT[0] * bands.frequency_sigma_hz
+    steady = bands.wander_hz <= CRYSTAL * frequency_hz
+    return steady and abs(bands.frequency_hz - frequency_hz) <= (
+        CRYSTAL * frequency_hz + AGREEMENT[0] * bands.frequency_sigma_hz
+    )
 
 
 def _row_time_us(bands: ClassBands) -> Estimate:

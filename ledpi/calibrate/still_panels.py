@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ledpi.calibrate.bands import PanelLight
+from ledpi.calibrate.band_search import PanelLight
 from ledpi.decode.cells import unit_square_to
 from ledpi.errors import CalibrationError
 from ledpi.geometry import undistort

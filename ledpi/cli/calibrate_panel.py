@@ -12,7 +12,8 @@ from ledpi.cli.progress import progress
 from ledpi.errors import CalibrationError
 
 if TYPE_CHECKING:
-    from ledpi.calibrate.bands import ClassBands, PanelLight
+    from ledpi.calibrate.band_search import PanelLight
+    from ledpi.calibrate.bands import ClassBands
     from ledpi.calibrate.panel import PanelCalibration
     from ledpi.calibrate.taking import Taken
     from ledpi.config import Config, PanelSettings
@@ -183,9 +184,10 @@ def _class_text(bands: ClassBands, announced_hz: float, exposure_us: float, duty
 
     depth = contrast(bands.frequency_hz, exposure_us, duty) * share
     off = bands.frequency_hz / announced_hz - 1
+    wander = f", wanders by {bands.wander_hz:.1f} Hz (no crystal?)" if bands.wander_hz > 0 else ""
     return (
-        f"{bands.frequency_hz:.2f} ± {frequency_sigma_hz(bands):.2f} Hz ({off:+.2%} of {announced_hz:g}), bands "
-        f"{depth:.1%} deep, {share:.0%} of what all of the light would give"
+        f"{bands.frequency_hz:.2f} ± {frequency_sigma_hz(bands):.2f} Hz ({off:+.2%} of {announced_hz:g}){wander}, "
+        f"bands {depth:.1%} deep, {share:.0%} of what all of the light would give"
     )
 
 
