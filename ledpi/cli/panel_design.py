@@ -15,8 +15,9 @@ from ledpi.panel.frequencies import Flicker
 
 if TYPE_CHECKING:
     from ledpi.config import Config
-    from ledpi.panel.antiphase import Antiphase
+    from ledpi.markers import Dictionary
     from ledpi.panel.design import Proposal, Task
+    from ledpi.panel.information import View
     from ledpi.panel.reach import Reach
 
 _SHOWN = 5
@@ -117,8 +118,10 @@ def _task(settings: Config, distances_m: list[float], tolerance_ppm: float, flic
 
 def _check(task: Task, settings: Config, pair: tuple[float, float]) -> None:
     """Says what is wrong with a pair, or how far it carries. Exit status 1 where it cannot be used."""
+    from ledpi.dictionaries import load_dictionary
     from ledpi.panel.design import auto_rows, proposal_at, views_of
     from ledpi.panel.design_text import legend, table, task_text
+    from ledpi.panel.reach import reach_views
     from ledpi.panel.verdict import findings
 
     black_hz, white_hz = pair
@@ -132,14 +135,18 @@ def _check(task: Task, settings: Config, pair: tuple[float, float]) -> None:
     if any(finding.unusable for finding in found):
         raise typer.Exit(1)
     proposal = proposal_at(task, black_hz, white_hz, rows, views_of(task))
-    (row,) = _with_reach(task, settings, [("checked", proposal)])
+    dictionary = load_dictionary(settings.panels.dictionary)
+    (row,) = _with_reach(task, dictionary, reach_views(task), [("checked", proposal)])
     typer.echo(table(task, [row]))
     typer.echo(legend())
 
 
 def _design(task: Task, settings: Config, out: Path | None) -> None:
+    from ledpi.dictionaries import load_dictionary
+    from ledpi.panel.antiphase import judge_antiphase
     from ledpi.panel.design import auto_rows, candidate_pairs, proposal_at, ranked, views_of
     from ledpi.panel.design_text import antiphase_text, config_lines, legend, table, task_text
+    from ledpi.panel.reach import reach_views
     from ledpi.panel.verdict import findings
 
     panels = settings.panels
@@ -148,34 +155,26 @@ def _design(task: Task, settings: Config, out: Path | None) -> None:
     present = proposal_at(task, *pair, auto_rows(task, pair), views)
     with progress("trying pairs", len(candidate_pairs(task))) as advance:
         best = ranked(task, present, views, advance)[:_SHOWN]
-    rows = _with_reach(task, settings, [*((str(n + 1), p) for n, p in enumerate(best)), ("present", present)])
+    dictionary, everywhere = load_dictionary(panels.dictionary), reach_views(task)
+    named = [*((str(n + 1), p) for n, p in enumerate(best)), ("present", present)]
+    rows = _with_reach(task, dictionary, everywhere, named)
     typer.echo(task_text(task))
     typer.echo(table(task, rows))
     typer.echo(legend())
     for finding in findings(task, *pair, present.frame_length_rows):
         typer.echo(f"present: {'unusable' if finding.unusable else 'note'}: {finding.text}")
-    typer.echo(antiphase_text(_judged_antiphase(task, settings), rows[0][2]))
+    typer.echo(antiphase_text(judge_antiphase(task, dictionary, everywhere), rows[0][2]))
     lines = config_lines(task, best[0], panels.dictionary, settings.camera.exposure_us)
     typer.echo(f"\nFor config.yaml:\n\n{lines}", nl=False)
     if out is not None:
         _write(out, task, rows, lines)
 
 
-def _judged_antiphase(task: Task, settings: Config) -> Antiphase:
-    from ledpi.dictionaries import load_dictionary
-    from ledpi.panel.antiphase import judge_antiphase
-    from ledpi.panel.reach import reach_views
-
-    return judge_antiphase(task, load_dictionary(settings.panels.dictionary), reach_views(task))
-
-
 def _with_reach(
-    task: Task, settings: Config, proposals: list[tuple[str, Proposal]]
+    task: Task, dictionary: Dictionary, views: list[View], proposals: list[tuple[str, Proposal]]
 ) -> list[tuple[str, Proposal, Reach]]:
-    from ledpi.dictionaries import load_dictionary
-    from ledpi.panel.reach import reach_of, reach_views
+    from ledpi.panel.reach import reach_of
 
-    dictionary, views = load_dictionary(settings.panels.dictionary), reach_views(task)
     with progress("drawing panels", len(views) * len(proposals)) as advance:
         return [(name, p, reach_of(task, p, dictionary, views, advance)) for name, p in proposals]
 
