@@ -39,3 +39,15 @@ def test_errors_of_sides_are_made_independent(sigma_px: float) -> None:
     turned = np.zeros((4, 2))
     turned[0, 1], turned[1, 1] = (sign * np.hypot(np.sqrt(3) * sigma_px / 2, FLOOR_PX) for sign in (-1, 1))
     np.testing.assert_allclose(np.abs(whiten @ turned.ravel())[[0, 4, 2, 6]], [0, 1, 0, 0], atol=1e-12)
+
+
+def test_a_side_that_motion_blurs_widely_may_be_elsewhere() -> None:
+    """5 px to the right during an exposure: the left and right sides by 1.25 px, the upper and lower ones as before."""
+    sigma, still = np.array([0.05]), whiteners(UPRIGHT[None], np.array([0.05]))[0]
+    blurred = whiteners(UPRIGHT[None], sigma, np.tile([5.0, 0.0], (1, 4, 1)))[0]
+    np.testing.assert_allclose(blurred[[0, 2, 4, 5, 6, 7]], still[[0, 2, 4, 5, 6, 7]])
+    moved_right = np.zeros((4, 2))
+    moved_right[1:3, 0] = 1.25  # the right side
+    assert abs(blurred[1] @ moved_right.ravel()) == pytest.approx(1.0, rel=0.01)
+    slower = whiteners(UPRIGHT[None], sigma, np.tile([3.0, 0.0], (1, 4, 1)))[0]
+    np.testing.assert_allclose(slower, still)

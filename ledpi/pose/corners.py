@@ -9,6 +9,10 @@ from ledpi.records import Floats
 # What the edge fits do not show of a side's error: the lens model, the panel's own build.
 FLOOR_PX = 0.05
 
+# The edges expect a lens's blur, 0.8 px. With motion's, a box of 4 px, it is 1.4 px: two of their deviations away
+# (`decode/rim.py`). A square that motion blurs further may be taken for wider by a quarter of the blur on either side.
+KNOWN_BLUR_PX, BLUR_ERROR = 4.0, 0.25
+
 _NEXT = np.array([1, 2, 3, 0])
 _SIDE = np.arange(4)
 
@@ -35,20 +39,31 @@ def seen_at_row(corners_px: Floats, velocity_px_s: Floats | None, row: float, ro
     return corners_px - velocity_px_s * late_s
 
 
-def whiteners(corners_px: Floats, sigma_px: Floats) -> Floats:
+def motion_px(velocity_px_s: Floats | None, exposure_us: float) -> Floats:
+    """(4, 2) how far the corners move during an exposure; zero where that is not known."""
+    return np.zeros((4, 2)) if velocity_px_s is None else velocity_px_s * (exposure_us * 1e-6)
+
+
+def whiteners(corners_px: Floats, sigma_px: Floats, motions_px: Floats | None = None) -> Floats:
     """(N, 8, 8) that turn errors of corners (N, 4, 2) into independent ones of deviation 1: WᵀW = covariance⁻¹.
 
     A corner is where two sides cross, so its error is theirs. Of a straight line through n edges of spread s, the
     middle has the deviation s/√n and the ends, about the middle, √3 times that: with σ = 2s/√n for a corner
     coordinate (`sigma_px` (N,)) these are σ/2 and √3·σ/2. Both ends of a side err together: taking corners for
-    independent would overstate the error of the distance, and understate that of the tilt. To each the floor is added.
+    independent would overstate the error of the distance, and understate that of the tilt. To each the floor is added;
+    and to the shift, where the square moves by `motions_px` (N, 4, 2) during the exposure, what a blur beyond the known
+    one may hide.
     """
     along = corners_px[:, _NEXT] - corners_px
     normal = np.stack([-along[..., 1], along[..., 0]], axis=-1)
     normal /= np.sqrt((along * along).sum(axis=2, keepdims=True)) + 1e-12
-    variance = 0.25 * sigma_px * sigma_px
-    shift = (normal.transpose(1, 0, 2) * (0.5 / np.sqrt(variance + FLOOR_PX**2))[:, None]).transpose(1, 0, 2)
-    turn = (normal.transpose(1, 0, 2) * (0.5 / np.sqrt(3 * variance + FLOOR_PX**2))[:, None]).transpose(1, 0, 2)
+    middle = 0.25 * np.square(sigma_px)[:, None, None]
+    ends = 3 * middle + FLOOR_PX**2
+    middle = middle + FLOOR_PX**2
+    if motions_px is not None and motions_px.any():
+        blur = np.abs(((motions_px + motions_px[:, _NEXT]) * normal).sum(axis=2, keepdims=True)) / 2
+        middle = middle + np.where(blur > KNOWN_BLUR_PX, np.square(BLUR_ERROR * blur), 0.0)
+    shift, turn = normal * (0.5 / np.sqrt(middle)), normal * (0.5 / np.sqrt(ends))
     rows = np.zeros((len(corners_px), 8, 4, 2))
     rows[:, _SIDE, _SIDE], rows[:, _SIDE, _NEXT] = shift, shift
     rows[:, 4 + _SIDE, _SIDE], rows[:, 4 + _SIDE, _NEXT] = -turn, turn

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ledpi.geometry import inverse, matrix_from_quaternion, quaternion_from_matrix, transform
-from ledpi.pose.corners import centre_px, seen_at_row, whiteners
+from ledpi.pose.corners import centre_px, motion_px, seen_at_row, whiteners
 from ledpi.pose.panel_map import PanelMap
 from ledpi.pose.past import Candidate, Past, distance2
 from ledpi.pose.planar import square_corners
@@ -81,7 +81,7 @@ class FixSolver:
         known.sort(key=lambda m: -_size_px2(m.sighting.corners_px))
         row = float(np.mean([centre_px(m.sighting.corners_px)[1] for m in known]))
         now_ns = row_mid_exposure_ns(frame, row)
-        candidates = self._candidates(self._look(known, row, frame.row_time_us))
+        candidates = self._candidates(self._look(known, row, frame))
         chosen = self._past.choose(candidates, now_ns)
         if chosen is None:
             return CONTRADICTION if candidates[0].rejected else AMBIGUOUS
@@ -98,7 +98,7 @@ class FixSolver:
             panels_rejected=tuple(sorted(chosen.rejected)),
         )
 
-    def _look(self, known: list[MarkerPose], row: float, row_time_us: float) -> _Seen:
+    def _look(self, known: list[MarkerPose], row: float, frame: Frame) -> _Seen:
         ids = tuple(m.sighting.id for m in known)
         places = np.array([self._panels[i].map_from_marker for i in ids])
         squares = np.array([self._squares[i] for i in ids])
@@ -106,8 +106,9 @@ class FixSolver:
         places[:, :3, 3] -= middle
         map_from_middle = transform(np.eye(3), middle)
         sightings = [m.sighting for m in known]
-        corners = np.array([seen_at_row(s.corners_px, s.velocity_px_s, row, row_time_us) for s in sightings])
-        whiten = whiteners(corners, np.array([s.corner_sigma_px for s in sightings]))
+        corners = np.array([seen_at_row(s.corners_px, s.velocity_px_s, row, frame.row_time_us) for s in sightings])
+        motions = np.array([motion_px(s.velocity_px_s, frame.exposure_us) for s in sightings])
+        whiten = whiteners(corners, np.array([s.corner_sigma_px for s in sightings]), motions)
         starts, believed = [], []
         for marker in known:
             marker_from_middle = self._marker_from_map[marker.sighting.id] @ map_from_middle

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ledpi.pose.branches import Branches
-from ledpi.pose.corners import centre_px, seen_at_row
+from ledpi.pose.corners import centre_px, motion_px, seen_at_row
 from ledpi.pose.fix import FixSolver, Robot
 from ledpi.pose.planar import solve_squares
 from ledpi.records import Frame, Intrinsics, MarkerPose, Rejected, RobotFix, Sighting
@@ -62,6 +62,7 @@ class Placer:
             np.array([s.corner_sigma_px for s in sightings]),
             [self._sides_m[s.id] for s in sightings],
             self._intrinsics,
+            np.array([motion_px(s.velocity_px_s, frame.exposure_us) for s in sightings]),
         )
         placed: list[MarkerPose | Rejected] = []
         for sighting, row, solutions in zip(sightings, rows, solved, strict=True):

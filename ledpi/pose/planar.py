@@ -34,13 +34,17 @@ def square_corners(side_m: float) -> Floats:
 
 
 def solve_squares(
-    corners_px: Floats, sigma_px: Floats, sides_m: Sequence[float], intrinsics: Intrinsics
+    corners_px: Floats,
+    sigma_px: Floats,
+    sides_m: Sequence[float],
+    intrinsics: Intrinsics,
+    motions_px: Floats | None = None,
 ) -> list[Solutions | Rejected]:
     """camera_from_marker of each of N squares: one or two solutions, the better first, or why there is none.
 
-    `corners_px` (N, 4, 2) in the marker's order, `sigma_px` (N,) the deviation of their coordinates. `ippe` gives both
-    solutions of a square; least squares, weighted as the corners' errors hang together, makes the best of each, and
-    the covariance is (JᵀWJ)⁻¹ there.
+    `corners_px` (N, 4, 2) in the marker's order, `sigma_px` (N,) the deviation of their coordinates, `motions_px`
+    (N, 4, 2) how far they move during the exposure. `ippe` gives both solutions of a square; least squares, weighted as
+    the corners' errors hang together, makes the best of each, and the covariance is (JᵀWJ)⁻¹ there.
     """
     rays = cv2.undistortPoints(corners_px.reshape(-1, 1, 2), intrinsics.matrix(), np.array(intrinsics.distortion))
     starts = [ippe(xy, side_m) for xy, side_m in zip(rays.reshape(-1, 4, 2).tolist(), sides_m, strict=True)]
@@ -55,7 +59,7 @@ def solve_squares(
         np.array([position for *_, position in found for _ in range(2)]),
         square_corners(1.0) * np.array(sides_m)[of][:, None, None],
         corners_px[of],
-        whiteners(corners_px, sigma_px)[of, None],
+        whiteners(corners_px, sigma_px, motions_px)[of, None],
         intrinsics,
     )
     both = _solutions(fits)
