@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from datetime import date, timedelta
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 
 from ledpi.calibrate.config_file import change_config, changed_yaml
+from ledpi.calibrate.taking import settle_gain
+from ledpi.camera.simulated import SimulatedCamera, simulated_sensor
 from ledpi.camera_yaml import camera_yaml_text
 from ledpi.cli import main
 from ledpi.config import load_config
 from ledpi.errors import CalibrationError
-from ledpi.records import Intrinsics
+from ledpi.records import Frame, Intrinsics, Pixels
+from ledpi.simulate.scenes import still_scene
 
 Command = Callable[..., tuple[int, str, str]]
 CONFIG = """\
@@ -165,3 +170,32 @@ def test_a_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
     """A configuration that went away is an error with its name."""
     with pytest.raises(CalibrationError, match=r"gone\.yaml: cannot be read: No such file"):
         change_config(tmp_path / "gone.yaml", {("camera", "row_time_us"): 1.0})
+
+
+class TooBrightCamera(SimulatedCamera):
+    """One whose pictures are as bright as its gain makes them: a panel that saturates at the gain it starts with."""
+
+    gain_limits = (1.0, 16.0)
+    gain = 4.0
+
+    def set_gain(self, gain: float) -> None:
+        self.gain = gain
+
+    def read(self, into: Pixels) -> Frame | None:
+        frame = super().read(into)
+        if frame is None:
+            return None
+        bright = np.minimum(frame.pixels * self.gain, 255).astype(np.uint8)
+        return replace(frame, pixels=bright, analogue_gain=self.gain)
+
+
+def test_the_gain_settles_on_the_panel_before_frames_are_taken() -> None:
+    """Where the configuration leaves the gain open, a panel that is too bright is brought below full scale."""
+    config = load_config(None, ("panels.side_m=0.16", "camera.transfer=linear"))
+    sensor = simulated_sensor(config.camera, config.panels)
+    scene = still_scene(sensor, {7: config.panels.spec()}, "DICT_4X4_50", distance_m=1.0, angle_deg=0.0)
+    camera = TooBrightCamera(scene, seed=0, paced=False, frames=60)
+    settle_gain(camera, config.panels)
+    frame = camera.read(np.empty((480, 640), np.uint8))
+    assert frame is not None
+    assert 1 / 6 < np.percentile(frame.pixels[200:280, 280:360], 99) / 255 < 0.75

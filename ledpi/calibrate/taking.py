@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from ledpi.camera.base import AdjustableGain, Camera
 from ledpi.camera.factory import open_camera
-from ledpi.config import Config
+from ledpi.camera.gain import GainControl, brightest_level
+from ledpi.config import Config, PanelSettings
 from ledpi.daemon import calibration
+from ledpi.decode.cells import SATURATED
 from ledpi.errors import CalibrationError
+from ledpi.pipeline import Pipeline
 from ledpi.recording import load_recording
 from ledpi.records import CameraInfo, Frame, Intrinsics, PanelValues, Rejected
+from ledpi.trace import Trace
 
 FEWEST_FRAMES = 20
+SETTLE_FRAMES = 300  # five seconds: the gain's sweep takes two
 MAX_GAP_NS = 500_000_000  # a longer one begins another take, as the recording format says
 
 
@@ -39,18 +45,12 @@ def take_frames(config: Config, count: int, advance: Callable[[int], None]) -> T
     kind, _, place = source.partition(":")
     ratio = load_recording(Path(place)).row_time_ratio if kind == "recording" else 1.0
     camera = open_camera(config, paced=kind not in ("simulated", "recording"))
-    frames: list[Frame] = []
-    unusable = 0
     try:
-        while len(frames) < count and unusable < count:
-            frame = camera.read(np.empty((camera.info.height, camera.info.width), np.uint8))
-            if frame is None:
-                break
-            if isinstance(frame, Rejected):
-                unusable += 1
-            else:
-                frames.append(frame)
-                advance(1)
+        settle_gain(camera, config.panels)
+        frames = []
+        for frame in _read(camera, count):
+            frames.append(frame)
+            advance(1)
         intrinsics = calibration(config, camera)
     finally:
         camera.close()
@@ -60,6 +60,42 @@ def take_frames(config: Config, count: int, advance: Callable[[int], None]) -> T
     return Taken(
         frames=take, camera=camera.info, panel=camera.panel, intrinsics=intrinsics, row_time_ratio=ratio
     )
+
+
+def settle_gain(camera: Camera, panels: PanelSettings) -> None:
+    """Where the gain is left open: waits until the brightest lit square is as bright as a panel should be.
+
+    It need not be read as a panel: how it blinks is what is to be found out. Gives up after SETTLE_FRAMES.
+    """
+    limits = camera.gain_limits if isinstance(camera, AdjustableGain) else None
+    if limits is None or not isinstance(camera, AdjustableGain):
+        return
+    control = GainControl(limits)
+    pipeline = Pipeline(camera.info, panels, intrinsics=None, stream=False)
+    for frame in _read(camera, SETTLE_FRAMES):
+        trace = Trace()
+        pipeline.decode(frame, trace)
+        squares = [look.quad.corners_px for look in trace.looks]
+        squares += [dropped.corners_px for dropped in trace.dropped if dropped.why == SATURATED]
+        gain = control.update(frame.row0_readout_ns, frame.analogue_gain, brightest_level(frame, squares))
+        if gain is not None:
+            camera.set_gain(gain)
+        if control.settled:
+            return
+
+
+def _read(camera: Camera, count: int) -> Iterator[Frame]:
+    """At most `count` usable frames; ends with the camera's, or when as many were of no use."""
+    used = unusable = 0
+    while used < count and unusable < count:
+        frame = camera.read(np.empty((camera.info.height, camera.info.width), np.uint8))
+        if frame is None:
+            return
+        if isinstance(frame, Rejected):
+            unusable += 1
+        else:
+            used += 1
+            yield frame
 
 
 def longest_take(frames: list[Frame]) -> list[Frame]:
