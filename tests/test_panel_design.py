@@ -312,6 +312,11 @@ def test_too_far_to_sample_is_refused_with_the_farthest() -> None:
         views_of(task(1.0, 20.0))
 
 
+def test_periods_in_a_cell() -> None:
+    """At 8 m a cell of 4 cm is 3.2 rows of 33.67 µs high at 643 px focal length: 0.135 periods of 1250 Hz."""
+    assert task().periods_in_a_cell(1250.0, 8.0) == pytest.approx(642.86 * 0.04 / 8 * 33.67e-6 * 1250, rel=1e-3)
+
+
 def test_range_is_read_off_between_distances() -> None:
     """From 100 % at 2 m to 80 % at 8 m, 90 % is half-way in the logarithm."""
     reach = Reach(distances_m=(1.0, 2.0, 8.0), alone=(0.5, 0.5, 0.5), stream=(1.0, 1.0, 0.8))

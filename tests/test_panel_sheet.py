@@ -105,9 +105,9 @@ def test_the_usual_supply_carries_three_leds_a_cell() -> None:
 
 def test_a_supply_that_is_too_low_is_refused_with_what_would_do() -> None:
     """Four LEDs of 3.2 V and half a volt each need 14.8 V."""
-    with pytest.raises(ConfigError, match=r"--supply 12: .* need 14\.8 V .* must be --supply 15 or --leds 3"):
+    with pytest.raises(ConfigError, match=r"--supply 12:.*need 14\.8 V.* must be --supply 15 or --leds 3"):
         circuit(leds=4)
-    with pytest.raises(ConfigError, match=r"--supply 3: .* must be --supply 5$"):
+    with pytest.raises(ConfigError, match=r"--supply 3: .*must be --supply 5$"):
         circuit(supply_v=3.0)
 
 

@@ -118,8 +118,8 @@ def _too_low(supply_v: float, leds: int, forward_v: float, most: int) -> str:
     remedies = [f"--supply {better_v:g}"] if better_v is not None else []
     remedies += [f"--leds {most}"] if most else []
     return (
-        f"--supply {supply_v:g}: is too low for {leds} LEDs of {forward_v:g} V in series, which need {needed_v:.1f} V "
-        f"with {_HEADROOM_V:g} V a LED left for the resistor; must be {' or '.join(remedies)}"
+        f"--supply {supply_v:g}: is too low for {leds} × {forward_v:g} V of LEDs in series: they need {needed_v:.1f} "
+        f"V, {_HEADROOM_V:g} V a LED left for the resistor; must be {' or '.join(remedies)}"
     )
 
 

@@ -76,6 +76,11 @@ class Task:
         period_us = rows * self.sensor.row_time_us
         return min(abs(phase_advance_cycles(hz, period_us)) for hz in (black_hz, white_hz))
 
+    def periods_in_a_cell(self, frequency_hz: float, distance_m: float) -> float:
+        """How many periods of the bands a cell is high, from there."""
+        rows = self.sensor.intrinsics.fy * self.side_m / self.cells / distance_m
+        return rows * self.sensor.row_time_us * 1e-6 * frequency_hz
+
     def coherent_frames(self, highest_hz: float, rows: int) -> int:
         """Frames over which the worse oscillator keeps within a quarter of a cycle of where it is expected."""
         drift_cycles = self.tolerance * highest_hz * rows * self.sensor.row_time_us * 1e-6

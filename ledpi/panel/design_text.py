@@ -36,7 +36,8 @@ def table(task: Task, rows: Sequence[tuple[str, Proposal, Reach]]) -> str:
     far_m = task.distances_m[-1]
     head = (
         f"{'':9}{'black':>9}{'white':>9}  {'frame period':>17}  {'depth of bands':>14}  {'advance a frame':>15}  "
-        f"{f'nats at {far_m:g} m':>14}  {'off mains':>9}  {f'read alone, of {STREAM_FRAMES}':>16}"
+        f"{'periods a cell':>14}  {f'nats at {far_m:g} m':>14}  {'off mains':>9}  "
+        f"{f'read alone, of {STREAM_FRAMES}':>16}"
     )
     return "\n".join([head, *(_line(task, *row) for row in rows)])
 
@@ -46,11 +47,13 @@ def _line(task: Task, name: str, proposal: Proposal, reach: Reach) -> str:
     period_us = proposal.frame_length_rows * task.sensor.row_time_us
     depth = [f"{100 * contrast(hz, task.sensor.exposure_us, task.duty):.1f}" for hz in pair]
     advance = [f"{phase_advance_cycles(hz, period_us):+.2f}" for hz in pair]
+    periods = [f"{task.periods_in_a_cell(hz, task.distances_m[-1]):.2f}" for hz in pair]
     mains = min(off_mains_hz(hz) for hz in pair)
     ranges = [_metres(reach.range_m(chances)) for chances in (reach.alone, reach.stream)]
     return (
         f"{name:9}{pair[0]:9.2f}{pair[1]:9.2f}  {f'{period_us:.0f} µs {proposal.frame_length_rows} rows':>17}  "
         f"{' and '.join(depth) + ' %':>14}  {' and '.join(advance):>15}  "
+        f"{' and '.join(periods):>14}  "
         f"{f'{proposal.alone[-1]:.2g} / {proposal.stream[-1]:.1f}':>14}  {f'{mains:.0f} Hz':>9}  "
         f"{', '.join(ranges):>16}"
     )
@@ -64,8 +67,9 @@ def legend() -> str:
     """What the columns mean."""
     sentences = (
         "depth of bands: peak to peak over the mean, as the exposure leaves them. advance: in cycles; near 0 a class "
-        f"is frozen. nats: what tells the classes apart in a cell, of one frame / of {STREAM_FRAMES}; {ENOUGH_NATS:g} "
-        "are enough. off mains: from the nearest harmonic of 100 or 120 Hz. read: as far as "
+        "is frozen. periods a cell: of the bands, from the farthest distance. nats: what tells the classes apart in a "
+        f"cell, from there, of one frame / of {STREAM_FRAMES}; {ENOUGH_NATS:g} are enough. off mains: from the nearest "
+        "harmonic of 100 or 120 Hz. read: as far as "
         f"{100 * SURE:.0f} % are, by the decoder's own error model; corners that are off make it less."
     )
     return "\n".join(textwrap.wrap(sentences, 118))

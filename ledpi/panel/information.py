@@ -42,12 +42,6 @@ class View:
     distance_m: float
     shots: tuple[tuple[CellSamples, Frame], ...]  # noise is all that differs
 
-    @property
-    def cell_px(self) -> float:
-        """How large a cell is, in rows."""
-        rows = self.shots[0][0].rows
-        return float(rows.max() - rows.min()) / self.shots[0][0].lattice.cells
-
 
 def view_panel(
     sensor: SimulatedSensor, cells: int, side_m: float, distance_m: float, *, frames: int = STREAM_FRAMES
