@@ -12,6 +12,7 @@ from __future__ import annotations
 import contextlib
 import threading
 import time
+from collections import deque
 from collections.abc import Mapping, Sequence
 from concurrent.futures import CancelledError
 from types import ModuleType
@@ -32,6 +33,9 @@ from ledpi.records import CameraInfo, Frame, Pixels, Rejected
 STALL_PERIODS = 5  # without a frame for so many periods, the camera has stalled
 _SETTLE_FRAMES = 30  # controls act after 2 frames and the first 2 are bad: no agreement by then is a refusal
 _START_S = 2.0  # for the first frame: the sensor is powered up and its firmware loaded
+# Frames that are asked for ahead of time. Where this thread is held up, so many wait for it, of picamera2's 6 buffers,
+# and one more in picamera2; what comes after that is missed.
+_ASKED_AHEAD = 3
 _INSTALL = "sudo apt install python3-picamera2, and a virtual environment with --system-site-packages"
 
 
@@ -49,6 +53,7 @@ class PicameraCamera:
         self._period_s = info.frame_length_rows * info.row_time_us * 1e-6
         self._in_use = threading.Lock()  # held while a request is waited for or in our hands
         self._closed = threading.Event()
+        self._asked: deque[Any] = deque()  # picamera2's jobs, the next frame's first
         self._seq = 0
         self._last_ns: int | None = None
 
@@ -93,6 +98,9 @@ class PicameraCamera:
         self._closed.set()
         self._picam2.cancel_all_and_flush()  # ends a waiting read
         with self._in_use:
+            while self._asked:
+                with contextlib.suppress(CancelledError, TimeoutError, RuntimeError, OSError):
+                    self._asked.popleft().get_result(timeout=0).release()
             self._picam2.close()
 
     def settle(self, asked: Mapping[str, Any]) -> None:
@@ -115,8 +123,10 @@ class PicameraCamera:
     def _next_request(self, timeout_s: float) -> Any | None:
         if self._closed.is_set():
             return None
+        while len(self._asked) < _ASKED_AHEAD:
+            self._asked.append(self._picam2.capture_request(wait=False))
         try:
-            return self._picam2.capture_request(wait=False).get_result(timeout=timeout_s)
+            return self._asked.popleft().get_result(timeout=timeout_s)
         except CancelledError:
             return None
         except TimeoutError:
@@ -172,17 +182,18 @@ def open_picamera(settings: CameraSettings, frequencies_hz: Sequence[float]) -> 
         holder = who_holds("/dev/media*") or "`sudo fuser -v /dev/media*` tells if another process holds it"
         why = error.__cause__ or error
         raise CameraLostError(f"picamera2: the camera cannot be opened ({why}); {holder}") from None
+    opened: Any = picam2  # what to close where the rest fails
     try:
         asked, info = _configure(picam2, libcamera, settings, frequencies_hz, model, colour_gains)
         picam2.set_controls(asked)  # goes to the camera with its start
         picam2.start(show_preview=False)
         limits = picam2.camera_controls["AnalogueGain"][:2] if settings.analogue_gain == "auto" else None
-        camera = PicameraCamera(picam2, picamera2.MappedArray, info, limits)
+        opened = camera = PicameraCamera(picam2, picamera2.MappedArray, info, limits)
         camera.settle(asked)
         return camera
     except BaseException as error:
         with contextlib.suppress(RuntimeError):  # of one that is half started; the first error counts
-            picam2.close()
+            opened.close()
         if isinstance(error, (RuntimeError, OSError)):
             raise CameraError(f"picamera2: {error}") from None
         raise
