@@ -41,9 +41,9 @@ GAP, GAP_DEVIATION = 0.05, 0.04  # of the pitch
 SLOPE_DEVIATION, BEND_DEVIATION = 0.012, 0.002
 FRAME_PX, FRAME_DEVIATION = (1.0, 2.5), 0.05  # how wide a frame around the grid, and how much darker or brighter
 MISFIT = 0.016  # deviation of a mean profile's pixels from all this: what no nuisance describes
-# The deviations above are bounds, so that no panel is beyond them. What a panel's sides are off by is told with those
-# of panels as they are: half as large, and a misfit of a quarter.
-AS_THEY_ARE, MISFIT_AS_IS = 0.5, 0.006
+# These keep the filters from trusting what a panel need not be. What a side is then off by is told with panels as they
+# are: over simulated and independently rendered ones, their corners' deviations are within a factor of two of that.
+AS_THEY_ARE, MISFIT_AS_IS = 0.75, 0.003
 
 # A single profile is noisy: it gets a shorter filter with no other nuisance than the slope; what these leave out is the
 # same for all profiles of a side, and so does not turn it.

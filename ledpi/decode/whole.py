@@ -21,6 +21,7 @@ from ledpi.records import Floats
 
 ALONG = 40  # places along the quad
 _ALONG = (np.arange(ALONG) + 0.5) / ALONG
+_BEND = Shares.at(_ALONG).bend
 ACROSS_CELL = (0.3, 0.7)  # of a cell: where the light along the quad is taken, and averaged
 NEAR_EDGE = 0.06  # of the quad: so near to its ends the blurred edge is seen
 # Of the panel's side that may be hidden, or too much. No place is told by less than three cells and a half of four, but
@@ -84,7 +85,7 @@ def _grid(corners: Points, stretch_px: Floats, cells: int) -> Coordinates:
     """
     onward, back = stretch_px[:, :2], -stretch_px[:, 2:, ::-1]  # sides 2 and 3 run the other way
     length = np.abs(corners[:, 1:3] - corners[:, :2])
-    shift = (0.5 * (onward + back) / length[..., None]) @ Shares.at(_ALONG).bend  # (N, 2, ALONG)
+    shift = (0.5 * (onward + back) / length[..., None]) @ _BEND  # (N, 2, ALONG)
     across = ((np.arange(cells)[:, None] + ACROSS_CELL) / cells).reshape(-1, 1)
     grid = np.empty((len(corners), 2, len(across), ALONG), np.complex64)
     for into, quad, (right, down) in zip(grid, as_corners(corners), _ALONG + shift, strict=True):
