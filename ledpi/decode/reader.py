@@ -62,14 +62,20 @@ class Reader:
         if shown is not None:
             denied = denies(added[shown.group], shown.reading.cell_bands)
             if denied:
-                track.forget()
-                for memory in track.memories:
-                    memory.add(samples, frame)
-        group, reading = self._decide(track)
+                track.begin_anew(self._only(track, samples, frame))
+        group, reading = self._decide(track.memories, tuned=track.tuned is not None)
+        young = 1 < track.frames <= TUNE_EVERY
+        if isinstance(reading, Rejected) and (shown is not None or young) and not denied:
+            # Together they tell nothing any more; where phases run other than expected, each frame still may by itself.
+            only = self._only(track, samples, frame)
+            group, alone = self._decide(only, tuned=track.tuned is not None)
+            if isinstance(alone, Reading):
+                reading = alone
+                track.begin_anew(only)
         if (isinstance(reading, Rejected) or track.frames < ADDS_UP_FRAMES) and track.looks >= TUNE_EVERY:
             track.looks = 0
             if self._tune(track):
-                group, reading = self._decide(track)
+                group, reading = self._decide(track.memories, tuned=True)
         track.shown = None
         if isinstance(reading, Reading):
             track.shown = Shown(group=group, reading=reading, expectation=None, frames=0)
@@ -85,9 +91,15 @@ class Reader:
         track.confirmed += met
         return met
 
-    def _decide(self, track: Track) -> tuple[int, Reading | Rejected]:
-        tuned = track.tuned is not None
-        readings = [self._word(memory, group, tuned=tuned) for group, memory in enumerate(track.memories)]
+    def _only(self, track: Track, samples: CellSamples, frame: Frame) -> tuple[PanelMemory, ...]:
+        """Memories of this one frame."""
+        memories = tuple(PanelMemory(memory.spec) for memory in track.memories)
+        for memory in memories:
+            memory.add(samples, frame)
+        return memories
+
+    def _decide(self, memories: Sequence[PanelMemory], *, tuned: bool) -> tuple[int, Reading | Rejected]:
+        readings = [self._word(memory, group, tuned=tuned) for group, memory in enumerate(memories)]
         reading = soft.surest(readings, self._false_id_rate)
         ids = [r.id if isinstance(r, Reading) else None for r in readings]
         return (ids.index(reading.id) if isinstance(reading, Reading) else 0), reading

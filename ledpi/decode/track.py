@@ -66,10 +66,9 @@ class Track:
         """How many have shown it."""
         return self.memories[0].frames + self.confirmed
 
-    def forget(self) -> None:
-        """What was seen here was something else."""
-        self.memories = tuple(PanelMemory(memory.spec) for memory in self.memories)
-        self.shown, self.confirmed = None, 0
+    def begin_anew(self, memories: tuple[PanelMemory, ...]) -> None:
+        """What was seen here was something else, or does not add up."""
+        self.memories, self.shown, self.confirmed = memories, None, 0
 
     def expected_px(self, now_ns: int) -> Floats:
         """(4, 2) where the corners should be now."""
