@@ -22,7 +22,7 @@ class PaperName(StrEnum):
 
 @calibrate.command()
 def board(
-    out: Path = typer.Argument(Path("board.pdf"), metavar="[OUT]", help="PDF to write; an older one is kept."),
+    out: Path = typer.Argument(Path("board.pdf"), metavar="OUT", help="PDF to write; an older one is kept."),
     kind: KindName = typer.Option(KindName.CHARUCO, help="charuco may be seen in part, also at the picture's rim."),
     cols: int = typer.Option(6, min=3, max=20, help="Inner corners along the long side."),
     rows: int = typer.Option(5, min=3, max=20, help="Inner corners along the other."),

@@ -24,7 +24,9 @@ PARAMETERS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 
 @calibrate.command()
 def camera(
-    folder: Path | None = typer.Argument(None, metavar="[FOLDER]", help="With pictures. Default: the camera, live."),
+    folder: Path | None = typer.Argument(
+        None, metavar="FOLDER", help="With pictures, or a recording. Default: the camera, live."
+    ),
     kind: KindName = typer.Option(KindName.CHESSBOARD, "--board", help="As `ledpi calibrate board` prints them."),
     cols: int = typer.Option(6, min=3, max=20, help="Inner corners along the board's one side."),
     rows: int = typer.Option(5, min=3, max=20, help="Inner corners along the other."),
@@ -35,17 +37,22 @@ def camera(
     """Views of a chessboard or ChArUco board → camera.yaml (ROS camera_info form), and a picture of them beside it.
 
     Live, it says how to hold the board next, sets exposure and gain by it, and takes each view by itself once the
-    board is at rest; Ctrl-C ends early. From a folder, the pictures must be of the very camera, at the width and
-    height that config.yaml asks for: 15 or more, all over the field of view, tilted by 20° to 40° to different
-    sides. Views that contradict the others are named and left out. The squares' size does not matter.
+    board is at rest; Ctrl-C ends early. A recording is looked at in the same way. Pictures in a folder must be of
+    the very camera, at the width and height that config.yaml asks for: 15 or more, all over the field of view,
+    tilted by 20° to 40° to different sides. Views that contradict the others are named and left out. The squares'
+    size does not matter.
 
     Example: ledpi calibrate camera pictures --cols 9 --rows 6
     """
     from ledpi.calibrate.boards import Board
     from ledpi.calibrate.camera import calibrate_camera
+    from ledpi.recording_format import HEADER_FILE
 
     board = Board(columns=cols, rows=rows, kind=kind.value)
-    found = _live_views(config, set_, board) if folder is None else _views_in(folder, board)
+    if folder is None or (folder / HEADER_FILE).is_file():
+        found = _live_views(config, set_, board, folder)
+    else:
+        found = _views_in(folder, board)
     try:
         result = calibrate_camera(found.views, board, *found.size)
     except CalibrationError as error:
@@ -64,11 +71,11 @@ class _Found:
     size: tuple[int, int]  # width and height of all pictures
 
 
-def _live_views(config: Path | None, set_: list[str], board: Board) -> _Found:
+def _live_views(config: Path | None, set_: list[str], board: Board, recording: Path | None) -> _Found:
     from ledpi.calibrate.live_board import collect_views
     from ledpi.camera.factory import open_camera
 
-    settings, _ = settings_for(config, set_, None)
+    settings, _ = settings_for(config, set_, recording)
     replay = settings.camera.source.partition(":")[0] in ("simulated", "recording")
 
     def open_at(exposure: tuple[float, float] | None) -> Camera:

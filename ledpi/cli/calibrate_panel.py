@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 @calibrate.command()
 def panel(
     paths: list[Path] | None = typer.Argument(
-        None, metavar="[RECORDING | PICTURE…]", help="Default: the configured camera, live."
+        None, metavar="RECORDING|PICTURE…", help="Default: the configured camera, live."
     ),
     frames: int = typer.Option(120, min=20, max=300, help="Frames to take."),
     dry_run: bool = typer.Option(False, "--dry-run", help="Measure, and write nothing."),

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @calibrate.command()
 def shutter(
-    recording: Path | None = typer.Argument(None, metavar="[RECORDING]", help="Default: the configured camera, live."),
+    recording: Path | None = typer.Argument(None, metavar="RECORDING", help="Default: the configured camera, live."),
     frames: int = typer.Option(120, min=20, max=300, help="Frames to take."),
     dry_run: bool = typer.Option(False, "--dry-run", help="Measure, and write nothing."),
     config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
