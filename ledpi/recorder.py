@@ -22,7 +22,8 @@ import numpy as np
 
 from ledpi.camera.base import Camera
 from ledpi.camera.gain_follower import GainFollower
-from ledpi.errors import CameraError, LedpiError, RecordingError
+from ledpi.camera.recovering import LOST
+from ledpi.errors import LedpiError, RecordingError
 from ledpi.output import decoded_as_json
 from ledpi.pipeline import Pipeline
 from ledpi.recording_writer import RecordingWriter, encode_picture
@@ -31,7 +32,6 @@ from ledpi.records import Frame, Rejected
 LIVE_FILE = "live.jsonl"
 ENCODERS = 2
 WAITING = 128  # frames between capture and disk, 2 s at 60 a second and 40 MB: a disk may pause for so long
-UNUSABLE_FRAMES = 30  # in a row, after which the camera is given up
 
 
 @dataclass(slots=True)
@@ -41,7 +41,8 @@ class Recorded:
     written: int = 0
     decoded: int = 0
     dropped: int = 0  # there was no room, as the disk or the encoders were too slow
-    rejected: int = 0  # frames that the camera itself found unfit
+    unfit: int = 0  # made otherwise than asked, or without a time
+    lost: int = 0  # times that the camera was lost, and opened again
     missed: int = 0  # gaps in seq: frames that the camera made and nobody fetched in time
     picture_bytes: int = 0
 
@@ -92,20 +93,23 @@ class Recorder:
 
     def _capture(self, encoders: ThreadPoolExecutor, frames: int | None) -> None:
         info = self._camera.info
-        unusable = captured = 0
+        captured = unfit = 0  # unfit: since the last frame, whose number they have taken
+        is_lost = False
         next_seq: int | None = None
         while not self._stopping and (frames is None or captured < frames):
             frame = self._camera.read(np.empty((info.height, info.width), np.uint8))
             if frame is None:
                 break
-            if isinstance(frame, Rejected):
-                self.done.rejected += 1
-                unusable += 1
-                if unusable >= UNUSABLE_FRAMES:
-                    raise CameraError(f"the camera gave {unusable} unusable frames in a row: {frame.key}")
+            if frame == LOST:
+                self.done.lost += not is_lost
+                is_lost = True
                 continue
-            self.done.missed += 0 if next_seq is None else frame.seq - next_seq - unusable
-            unusable, next_seq = 0, frame.seq + 1
+            if isinstance(frame, Rejected):
+                self.done.unfit += 1
+                unfit += 1
+                continue
+            self.done.missed += 0 if next_seq is None or is_lost else frame.seq - next_seq - unfit
+            is_lost, unfit, next_seq = False, 0, frame.seq + 1
             captured += 1
             if self._jobs.full():
                 self.done.dropped += 1

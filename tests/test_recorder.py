@@ -17,9 +17,10 @@ import numpy as np
 import pytest
 
 from ledpi.camera.base import Camera
+from ledpi.camera.recovering import LOST
 from ledpi.cli.record import summary
 from ledpi.config import load_config
-from ledpi.errors import CameraError, RecordingError
+from ledpi.errors import RecordingError
 from ledpi.pipeline import Pipeline
 from ledpi.recorder import LIVE_FILE, WAITING, Recorder
 from ledpi.recording import load_recording
@@ -109,7 +110,7 @@ def test_what_is_lost_is_counted(tmp_path: Path) -> None:
     unfit = Rejected(stage="capture", reason="exposure")
     one = recorder(tmp_path / "take", Steps(0, 1, 5, unfit, 7))
     one.run()
-    assert (one.done.written, one.done.missed, one.done.rejected, one.done.dropped) == (4, 3, 1, 0)
+    assert (one.done.written, one.done.missed, one.done.unfit, one.done.dropped) == (4, 3, 1, 0)
     assert summary(one.done).endswith("3 missed, as this machine was busy, 1 unfit")
 
 
@@ -146,11 +147,12 @@ def test_a_full_disk_leaves_a_recording(tmp_path: Path, monkeypatch: pytest.Monk
     assert [entry.seq for entry in load_recording(tmp_path / "take").frames] == list(range(7))
 
 
-def test_a_camera_that_gives_nothing_fit_is_given_up(tmp_path: Path) -> None:
-    """After half a second's worth, with the reason."""
-    unfit = Rejected(stage="capture", reason="exposure")
-    with pytest.raises(CameraError, match=r"30 unusable frames in a row: capture.exposure"):
-        recorder(tmp_path / "take", Steps(0, *([unfit] * 100))).run()
+def test_a_camera_that_was_lost_meanwhile_is_told(tmp_path: Path) -> None:
+    """However many attempts it took to open it again; what it did not make meanwhile is not counted as missed."""
+    one = recorder(tmp_path / "take", Steps(0, 1, LOST, LOST, LOST, 2, 3))
+    one.run()
+    assert (one.done.written, one.done.missed, one.done.unfit, one.done.lost) == (4, 0, 0, 1)
+    assert summary(one.done).endswith("none lost; the camera was lost and opened again 1 times")
 
 
 def test_a_replay_decodes_as_live(tmp_path: Path) -> None:

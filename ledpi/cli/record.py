@@ -113,7 +113,9 @@ def summary(done: Recorded) -> str:
     lost = {
         "dropped, as encoders or disk were too slow": done.dropped,
         "missed, as this machine was busy": done.missed,
-        "unfit": done.rejected,
+        "unfit": done.unfit,
     }
     said = ", ".join(f"{count} {why}" for why, count in lost.items() if count) or "none lost"
+    if done.lost:
+        said += f"; the camera was lost and opened again {done.lost} times"
     return f"{done.written} frames, {done.picture_bytes / 1e6:.0f} MB; {done.decoded} decoded live; {said}"
