@@ -80,6 +80,18 @@ def test_one_dead_cell_does_not_move_the_corners(side: float, dead: tuple[int, i
     assert farthest(seen(canvas.frame(), true + 0.5), true) < 0.3
 
 
+def test_a_finders_corner_that_a_dead_cell_cut_off_is_put_back() -> None:
+    """An outline around fifteen cells of sixteen is four-sided too, with one corner a cell too far inside."""
+    true = square(310.4, 240.2, 100, 8)
+    gains = np.ones((4, 4))
+    gains[0, 0] = 0.0
+    canvas = Canvas()
+    canvas.panel(true, word(7), gains=gains)
+    cut = true.copy()
+    cut[0] += 0.24 * (true[2] - true[0]) / np.sqrt(2)
+    assert farthest(seen(canvas.frame(), cut), true) < 0.3
+
+
 def test_a_hidden_corner_does_not_move_the_others() -> None:
     """An eighth of either side at one corner is dark."""
     true = square(310.4, 240.2, 100, 8)

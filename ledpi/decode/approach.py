@@ -9,6 +9,9 @@ from functools import cache, partial
 import numpy as np
 
 from ledpi.decode.sides import (
+    BEFORE,
+    NEXT,
+    OPPOSITE,
     Coordinates,
     Mask,
     Points,
@@ -40,6 +43,9 @@ MIN_STEP = 0.3  # of the steps of the brightest tenth: less is not the side's
 # a side and more may be dark.
 MIN_EDGE = 0.2
 MAX_TILT_STEPS = 2.0  # by which a side's edges may differ as the rough one is turned; a dead cell's lie further inside
+# How far a corner is from making its quad a parallelogram, as a share of the side, and the cosine of its angle, where a
+# dead cell may have cut it off.
+CUT_OFF, OBTUSE = 0.12, -0.15
 # What most other things are not straight by; a side that is seen from too far off may still lean on what is beside it.
 MAX_SPREAD_PX, MAX_SPREAD_STEPS = 0.9, 0.4
 
@@ -61,7 +67,16 @@ def approach_quads(
         limit = np.full(len(rough), np.inf)
     else:
         step_px = np.maximum(FINEST_STEP_PX, tolerance_px / -OFFSETS[0])
-        corners, spread, seen = nearest_sides(partial(roughly_light_at, frame), start, step_px)
+        look = partial(roughly_light_at, frame)
+        corners, spread, seen = nearest_sides(look, start, step_px)
+        squared, cut = _with_fourth_corner(start)
+        if cut.any():
+            others, other_spread, other_seen = nearest_sides(look, squared[cut], step_px[cut])
+            better = other_seen & ~(other_spread >= np.where(seen[cut], spread[cut], np.inf))
+            taken = np.flatnonzero(cut)[better]
+            start = start.copy()
+            start[taken], corners[taken] = squared[taken], others[better]
+            spread[taken], seen[taken] = other_spread[better], True
         limit = np.maximum(MAX_SPREAD_PX, MAX_SPREAD_STEPS * step_px)
     near = np.abs(corners - start).max(axis=1) < 0.5 * np.sqrt(np.abs(areas(start)))
     reached = as_corners(corners)
@@ -69,6 +84,22 @@ def approach_quads(
         LOST if not (seen[i] and near[i]) else reached[i] if spread[i] <= limit[i] else NOT_STRAIGHT
         for i in range(len(rough))
     ]
+
+
+def _with_fourth_corner(corners: Points) -> tuple[Points, Mask]:
+    """Quads (N, 4) with the most obtuse corner moved to where it makes them parallelograms; and for which that is far.
+
+    A dead cell at a corner cuts it off: the other three are right.
+    """
+    onward, back = corners[:, NEXT] - corners, corners[:, BEFORE] - corners
+    cosine = (onward * back.conj()).real / np.maximum(np.abs(onward) * np.abs(back), 1e-9)
+    quads, most = np.arange(len(corners)), cosine.argmin(axis=1)
+    moved = corners[quads, most] + (onward + back)[quads, most]
+    fourth = moved - (corners[quads, OPPOSITE[most]] - corners[quads, most])
+    far = np.abs(fourth - corners[quads, most]) > CUT_OFF * np.sqrt(np.abs(areas(corners)))
+    squared = corners.copy()
+    squared[quads, most] = fourth
+    return squared, np.asarray(far & (cosine.min(axis=1) < OBTUSE))
 
 
 def nearest_sides(

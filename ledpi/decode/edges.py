@@ -62,6 +62,7 @@ MAX_SPREAD_PX = 0.35
 MIN_USED = 0.6  # share of the profiles that have an edge near their side: with two dead cells on each it is a half
 MAX_MOVE = 0.2  # of the side: what moves further when looked at closely was not there
 BORDER_PX = 1.0
+STRIPED_SIGMA = 0.03  # of the side: what dark bands along the rim hide of it, on average
 HIDDEN_SIGMA = 0.003  # of the side: how exactly the cells tell where a side is that nothing shows
 REACH_PX = 8.0  # around the corners that are given: as far as any profile may reach
 MAX_BLUR_CHANGE = 0.4  # of its logarithm, in a round
@@ -82,9 +83,11 @@ def refine_quads(
     within, bend = start - patches.first, bends(start, intrinsics)
     if striped:
         corners = _outermost(patches, within)
+        sigma_px = STRIPED_SIGMA * np.sqrt(np.abs(areas(corners)))
+        most_bent = np.abs(bend.imag).max(axis=(1, 2))
         return [
-            _checked(frame, at, MAX_SPREAD_PX, float(most))
-            for at, most in zip(corners + patches.first, np.abs(bend.imag).max(axis=(1, 2)), strict=True)
+            _checked(frame, at, float(sigma), float(most))
+            for at, sigma, most in zip(corners + patches.first, sigma_px, most_bent, strict=True)
         ]
     look = _Look(patches, _shares(cells), bend.imag @ _shares(cells).bend, cells)
     fit = look.first(within)
