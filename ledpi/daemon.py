@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import logging
+import sys
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 
 from ledpi.camera.base import Camera
 from ledpi.camera.gain_follower import GainFollower
@@ -15,31 +15,28 @@ from ledpi.camera_yaml import load_intrinsics
 from ledpi.config import Config
 from ledpi.decode.tuning import off_frequency_note
 from ledpi.errors import ConfigError
-from ledpi.health import Health, HealthSnapshot
+from ledpi.health import Health, HealthSnapshot, StageTimes
 from ledpi.pipeline import Pipeline
 from ledpi.pose.fix import NOT_IN_MAP
+from ledpi.processor import read_processor
 from ledpi.records import Intrinsics, Rejected
-from ledpi.ring import FrameRing, RingCounters
+from ledpi.reporting import Totals, in_service, minute_line, second_line
+from ledpi.ring import FrameRing
 from ledpi.robot import load_robot
 from ledpi.service_notify import notify, watchdog_period_s
 from ledpi.wire.message import NoFix, State, StatusMessage
-from ledpi.wire.publisher import Publisher, PublisherCounters
+from ledpi.wire.publisher import Publisher
 
 TICK_S = 0.1  # between two looks at the state of things
 NO_FRAMES_AFTER_S = 0.2  # six frame periods of the slowest camera in scope (33 ms)
-HEALTH_EVERY_S = 1.0
+LOOK_EVERY_S = 1.0  # at times and temperature
+MINUTE_S = 60.0
+# A thread that wants to run waits at most so long for one that computes in Python. The default is 5 ms: so long would
+# poses that are ready wait for the decoding of the next frame.
+SWITCH_INTERVAL_S = 0.0005
 JOIN_S = 0.4  # for each worker; the whole daemon ends within 1 s
 
 _log = logging.getLogger("ledpi")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Totals:
-    """What a run came to."""
-
-    health: HealthSnapshot
-    ring: RingCounters
-    packets: PublisherCounters
 
 
 class Daemon:
@@ -67,6 +64,8 @@ class Daemon:
         self._gain = GainFollower(camera)
         self._publisher = Publisher(config.serial)
         self._health = Health()
+        self._times = StageTimes()
+        self._processor = read_processor()
         self._told: set[int] = set()  # panels that blink at other frequencies than configured
         self._camera_lost = False
         self._asked_to_stop = False
@@ -78,6 +77,11 @@ class Daemon:
             for loop in (self._capture, self._decode)
         ]
 
+    @property
+    def calibrated(self) -> bool:
+        """Whether the lens is known, and poses can be sent."""
+        return self._calibrated is not None
+
     def stop(self) -> None:
         """Ends `run` soon. From any thread or signal handler: takes no lock, as an Event would.
 
@@ -85,8 +89,12 @@ class Daemon:
         """
         self._asked_to_stop = True
 
-    def run(self) -> Totals:
-        """Until `stop`, or until the camera has no further frame. Raises what stopped a worker."""
+    def run(self, at_each_tick: Callable[[], None] = lambda: None) -> Totals:
+        """Until `stop`, or until the camera has no further frame. Raises what stopped a worker.
+
+        `at_each_tick` is called ten times a second, in the calling thread.
+        """
+        sys.setswitchinterval(SWITCH_INTERVAL_S)
         if self._calibrated is None:
             _log.warning("camera.intrinsics is not set: IDs are sent flagged uncalibrated, without poses")
         self._publisher.set_status(StatusMessage(state=State.STARTING, no_fix=NoFix.NOT_RUNNING))
@@ -95,9 +103,8 @@ class Daemon:
             thread.start()
         notify("READY=1")
         try:
-            self._watch()
+            self._watch(at_each_tick)
         finally:
-            notify("STOPPING=1")
             self._close()
         if self._failure is not None:
             raise self._failure
@@ -157,11 +164,12 @@ class Daemon:
                 break
         self._stop.set()
 
-    def _watch(self) -> None:
+    def _watch(self, at_each_tick: Callable[[], None]) -> None:
         """Keeps status and health up to date until it is time to stop."""
-        last, said_s = self._totals(), time.monotonic()
+        last, looked_s, said_s = self._totals(), time.monotonic(), time.monotonic()
         watchdog_s, fed_s, fed_steps = watchdog_period_s(), time.monotonic(), 0
         while not self._stop.wait(TICK_S) and not self._asked_to_stop:
+            at_each_tick()
             now_s = time.monotonic()
             totals = self._totals()
             self._publisher.set_status(self._status(totals))
@@ -170,19 +178,29 @@ class Daemon:
             if watchdog_s and now_s - fed_s >= watchdog_s and steps > fed_steps:
                 notify("WATCHDOG=1")
                 fed_s, fed_steps = now_s, steps
-            if now_s - said_s >= HEALTH_EVERY_S:
-                _log.info(health_line(last, totals, now_s - said_s))
-                last, said_s = totals, now_s
+            if now_s - looked_s >= LOOK_EVERY_S:
+                self._times, self._processor = self._health.times(), read_processor()
+                totals = self._totals()
+                if not in_service():
+                    _log.info(second_line(last, totals, now_s - looked_s))
+                elif now_s - said_s >= MINUTE_S:
+                    _log.info(minute_line(totals, self._processor))
+                    said_s = now_s
+                last, looked_s = totals, now_s
 
     def _totals(self) -> Totals:
         return Totals(
-            health=self._health.snapshot(), ring=self._ring.counters(), packets=self._publisher.counters
+            health=self._health.snapshot(),
+            times=self._times,
+            ring=self._ring.counters(),
+            packets=self._publisher.counters,
         )
 
     def _status(self, totals: Totals) -> StatusMessage:
         health, ring, packets = totals.health, totals.ring, totals.packets
         newest_ns = health.newest_host_ns
         starting = newest_ns is None and time.monotonic() - self._started_s < 2.0
+        p50_us, p99_us = totals.times.decode_us
         lost = self._camera_lost or newest_ns is None or time.monotonic_ns() - newest_ns > NO_FRAMES_AFTER_S * 1e9
         return StatusMessage(
             state=State.STARTING if starting else State.CAMERA_LOST if lost else State.RUNNING,
@@ -192,9 +210,11 @@ class Daemon:
             frames=ring.published,
             frames_dropped=ring.dropped,
             markers=health.markers,
-            packets_dropped=packets.replaced + packets.stale + packets.refused,
-            decode_p50_us=None if health.decode_p50_ms is None else round(1e3 * health.decode_p50_ms),
-            decode_p99_us=None if health.decode_p99_ms is None else round(1e3 * health.decode_p99_ms),
+            packets_dropped=packets.unsent,
+            temperature_c=self._processor.temperature_c,
+            throttling=self._processor.throttling,
+            decode_p50_us=p50_us,
+            decode_p99_us=p99_us,
         )
 
     def _no_fix(self, health: HealthSnapshot, *, starting: bool, lost: bool) -> NoFix:
@@ -219,19 +239,3 @@ def calibration(config: Config, camera: Camera) -> Intrinsics | None:
     if info.intrinsics is not None or config.camera.intrinsics is None:
         return info.intrinsics
     return load_intrinsics(config.camera.intrinsics, (info.width, info.height))
-
-
-def health_line(before: Totals, now: Totals, seconds: float) -> str:
-    """One line for the journal: what the last second brought, and what was lost so far."""
-    health, packets = now.health, now.packets
-    stages = " ".join(f"{name} {ms:.1f}" for name, ms in health.stage_p50_ms.items())
-    sent = packets.fixes + packets.statuses + packets.markers
-    sent_before = before.packets.fixes + before.packets.statuses + before.packets.markers
-    port = "port open" if packets.connected else f"no port ({packets.error})"
-    return (
-        f"{(now.ring.published - before.ring.published) / seconds:.0f} frames/s, "
-        f"{(health.decoded - before.health.decoded) / seconds:.0f} decoded/s, "
-        f"{(health.markers - before.health.markers) / seconds:.0f} markers/s, {health.in_view} in view; "
-        f"dropped {now.ring.dropped} of {now.ring.published}; ms: {stages or 'none'}; "
-        f"packets {(sent - sent_before) / seconds:.0f}/s, stale {packets.stale}, {port}"
-    )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections import Counter, deque
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from ledpi.records import Decoded, Rejected
 
@@ -13,7 +13,7 @@ RECENT = 512  # frames that the times are taken from: some 8 s of a 60 fps camer
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HealthSnapshot:
-    """Totals since the start; times of the recent frames in milliseconds."""
+    """Totals since the start, and what the newest frame showed."""
 
     decoded: int
     markers: int
@@ -21,10 +21,23 @@ class HealthSnapshot:
     fixed: bool  # whether that gave the robot's place in the map
     no_fix: str | None  # and why it did not, where that was tried
     rejected: dict[str, int]
-    stage_p50_ms: dict[str, float]
-    decode_p50_ms: float | None
-    decode_p99_ms: float | None
     newest_host_ns: int | None  # CLOCK_MONOTONIC at the newest decoded frame's row 0 read-out
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StageTimes:
+    """Of the recent frames: median and 99th percentile in milliseconds."""
+
+    decode_ms: tuple[float, float] | None = None  # find to pose; None before the first frame
+    stages_ms: dict[str, tuple[float, float]] = field(default_factory=dict)  # in the order of the path
+
+    @property
+    def decode_us(self) -> tuple[int, int] | tuple[None, None]:
+        """As the status message wants it."""
+        if self.decode_ms is None:
+            return None, None
+        p50_ms, p99_ms = self.decode_ms
+        return round(1e3 * p50_ms), round(1e3 * p99_ms)
 
 
 class Health:
@@ -59,20 +72,28 @@ class Health:
     def snapshot(self) -> HealthSnapshot:
         """A consistent picture of now."""
         with self._lock:
-            recent, rejected = list(self._recent), dict(self._rejected)
-            decoded, markers, in_view, newest = self._decoded, self._markers, self._in_view, self._newest_host_ns
-            fixed, no_fix = self._fixed, self._no_fix
-        totals = sorted(sum(stages.values()) for stages in recent)
-        names = recent[-1] if recent else {}
-        return HealthSnapshot(
-            decoded=decoded,
-            markers=markers,
-            in_view=in_view,
-            fixed=fixed,
-            no_fix=no_fix,
-            rejected=rejected,
-            stage_p50_ms={name: sorted(s[name] for s in recent)[len(recent) // 2] for name in names},
-            decode_p50_ms=totals[len(totals) // 2] if totals else None,
-            decode_p99_ms=totals[int(0.99 * len(totals))] if totals else None,
-            newest_host_ns=newest,
+            return HealthSnapshot(
+                decoded=self._decoded,
+                markers=self._markers,
+                in_view=self._in_view,
+                fixed=self._fixed,
+                no_fix=self._no_fix,
+                rejected=dict(self._rejected),
+                newest_host_ns=self._newest_host_ns,
+            )
+
+    def times(self) -> StageTimes:
+        """Apart from the snapshot, as it takes a millisecond: for once a second, not for each tick."""
+        with self._lock:
+            recent = list(self._recent)
+        if not recent:
+            return StageTimes()
+        return StageTimes(
+            decode_ms=_percentiles([sum(stages.values()) for stages in recent]),
+            stages_ms={name: _percentiles([stages[name] for stages in recent]) for name in recent[-1]},
         )
+
+
+def _percentiles(values: list[float]) -> tuple[float, float]:
+    values.sort()
+    return values[len(values) // 2], values[int(0.99 * len(values))]

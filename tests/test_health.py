@@ -7,7 +7,7 @@ import threading
 import pytest
 from wire_material import marker_pose
 
-from ledpi.health import RECENT, Health
+from ledpi.health import RECENT, Health, StageTimes
 from ledpi.records import Decoded, MarkerPose, Rejected
 
 NO_BANDS = Rejected(stage="soft", reason="no_bands")
@@ -36,9 +36,7 @@ def test_at_first_there_is_nothing() -> None:
     """No times are invented for frames that have not come."""
     snapshot = Health().snapshot()
     assert (snapshot.decoded, snapshot.markers, snapshot.in_view, snapshot.rejected) == (0, 0, 0, {})
-    assert snapshot.stage_p50_ms == {}
-    assert snapshot.decode_p50_ms is None
-    assert snapshot.decode_p99_ms is None
+    assert Health().times() == StageTimes(decode_ms=None, stages_ms={})
     assert snapshot.newest_host_ns is None
 
 
@@ -67,19 +65,17 @@ def test_times_are_the_median_and_the_slowest_in_a_hundred() -> None:
     health = Health()
     for number in range(201):
         health.add(frame(find_ms=1.0 + number * 100 % 201, soft_ms=0.0))
-    snapshot = health.snapshot()
-    assert snapshot.decode_p50_ms == 101
-    assert snapshot.decode_p99_ms == pytest.approx(199.5, abs=0.6)
+    assert health.times().decode_ms == (101, pytest.approx(199.5, abs=0.6))
 
 
-def test_stages_have_a_median_of_their_own() -> None:
+def test_stages_have_times_of_their_own() -> None:
     """In the order of the path."""
     health = Health()
     for find_ms, soft_ms in ((1.0, 9.0), (3.0, 7.0), (2.0, 8.0)):
         health.add(frame(find_ms=find_ms, soft_ms=soft_ms))
-    snapshot = health.snapshot()
-    assert list(snapshot.stage_p50_ms.items()) == [("find", 2.0), ("soft", 8.0)]
-    assert snapshot.decode_p50_ms == 10.0
+    times = health.times()
+    assert list(times.stages_ms.items()) == [("find", (2.0, 3.0)), ("soft", (8.0, 9.0))]
+    assert times.decode_ms == (10.0, 10.0)
 
 
 def test_times_are_of_the_recent_frames_only() -> None:
@@ -89,9 +85,8 @@ def test_times_are_of_the_recent_frames_only() -> None:
         health.add(frame(find_ms=100.0))
     for _ in range(RECENT):
         health.add(frame(find_ms=2.0))
-    snapshot = health.snapshot()
-    assert snapshot.decode_p99_ms == 2.0
-    assert snapshot.decoded == RECENT + 50
+    assert health.times().decode_ms == (2.0, 2.0)
+    assert health.snapshot().decoded == RECENT + 50
 
 
 def test_the_newest_frames_time_is_the_hosts() -> None:

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from ledpi.config import SerialSettings
 from ledpi.service_notify import notify, watchdog_period_s
 
 UNIT = Path(__file__).resolve().parents[1] / "systemd" / "ledpi.service"
@@ -130,3 +131,25 @@ def test_no_watchdog_watches_us(limit: str | None, pid: str | None, monkeypatch:
         if value is not None:
             monkeypatch.setenv(key, value)
     assert watchdog_period_s() is None
+
+
+# ---- The device's name
+
+
+def test_the_udev_rules_are_well_formed() -> None:
+    """Comments, and lines of known keys, known operators and quoted values; each GOTO has its LABEL."""
+    rules = (UNIT.parent / "60-ledpi.rules").read_text(encoding="utf-8")
+    keys = r"(SUBSYSTEMS?|KERNEL|SYMLINK|GROUP|MODE|GOTO|LABEL|ENV\{\w+\})"
+    term = rf'{keys}(==|!=|\+=|=)"[^"]+"'
+    lines = [line for line in rules.splitlines() if line and not line.startswith("# ") and line != "#"]
+    examples = re.findall(r"^# ((?:ENV|KERNEL).*)$", rules, re.MULTILINE)
+    assert len(examples) == 2
+    for line in lines + examples:
+        assert re.fullmatch(rf"{term}(, {term})*", line), line
+    assert re.findall(r'GOTO="(\w+)"', rules) == re.findall(r'LABEL="(\w+)"', rules)
+
+
+def test_the_rules_name_the_port_that_is_the_default() -> None:
+    """serial.port's default is the link that they make."""
+    rules = (UNIT.parent / "60-ledpi.rules").read_text(encoding="utf-8")
+    assert {f"/dev/{name}" for name in re.findall(r'SYMLINK\+="([^"]+)"', rules)} == {SerialSettings().port}

@@ -16,8 +16,9 @@ from ledpi.records import CameraInfo, Frame, PanelValues, Pixels, Rejected
 LOST = Rejected(stage="camera", reason="lost")
 BACKOFF_FIRST_S = 0.1
 BACKOFF_LAST_S = 0.5  # so that one that is back is in use within 2 s, opening included
-# Without a frame for so long the process ends, and its service manager starts another: what is wrong may be in it.
-DEADLINE_S = 30.0
+# Without a frame for so long the process ends, and its service manager starts another: what is wrong may be in it. Less
+# than the unit's WatchdogSec=, so that it ends by itself and says why.
+DEADLINE_S = 8.0
 
 UNFIT_FRAMES = 30  # half a second of a camera
 

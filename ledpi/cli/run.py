@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import signal
-import sys
 from pathlib import Path
 
 import typer
@@ -22,26 +21,32 @@ def run(
 ) -> None:
     """Decode the camera's frames and stream poses to the serial port, until Ctrl-C or SIGTERM.
 
-    Each second one line on standard error says how it goes. Exit status 0 after a signal or at the end of a
-    replay, 2 where the configuration, the camera or a file cannot be used, 1 where the camera is lost and does
-    not come back, so that a service manager tries again.
+    Each second one line on standard error says how it goes; as a service, each minute. SIGHUP reads the
+    configuration again; where it is bad, the old one stays.
+
+    Exit status 0 after a signal or at the end of a replay, 2 where the configuration, the camera or a file cannot
+    be used, 1 where the camera is lost and does not come back, so that a service manager tries again.
 
     Example: ledpi run --set camera.source=simulated --set serial.port=/tmp/robot
     """
     from ledpi.camera.factory import open_camera
     from ledpi.config import find_config, load_config
-    from ledpi.daemon import Daemon
+    from ledpi.reporting import log_to_standard_error
+    from ledpi.service import Service
 
-    logging.basicConfig(stream=sys.stderr, level=logging.INFO, format="%(levelname)s %(message)s")
+    log_to_standard_error()
     file = find_config(config)
     if file is None and not set_:
         raise ConfigError("no configuration: --config FILE, ./config.yaml or /etc/ledpi/config.yaml")
-    settings = load_config(file, tuple(set_))
-    camera = open_camera(settings, paced=not unpaced, frames=frames, recover=True)
-    daemon = Daemon(settings, camera, lossless=unpaced)
+    service = Service(
+        lambda: load_config(file, tuple(set_)),
+        lambda settings: open_camera(settings, paced=not unpaced, frames=frames, recover=True),
+        lossless=unpaced,
+    )
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: daemon.stop())
-    totals = daemon.run()
+        signal.signal(number, lambda *_: service.stop())
+    signal.signal(signal.SIGHUP, lambda *_: service.reload())
+    totals = service.run()
     health = totals.health
     logging.getLogger("ledpi").info(
         "ended: %d frames, %d dropped, %d decoded, %d markers, rejected: %s",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import logging
 import threading
 import time
 from dataclasses import dataclass
@@ -19,6 +21,8 @@ BACKOFF_LAST_S = 0.5  # a port that is back is found within this time
 GOODBYE_S = 0.4  # for the last status to leave; the whole daemon must end within 1 s
 JOIN_S = 1.0
 
+_log = logging.getLogger("ledpi")
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PublisherCounters:
@@ -34,6 +38,16 @@ class PublisherCounters:
     opened: int  # times the port was opened
     connected: bool
     error: str | None  # why the port is not open, or was last lost
+
+    @property
+    def sent(self) -> int:
+        """Packets of all kinds."""
+        return self.fixes + self.statuses + self.markers
+
+    @property
+    def unsent(self) -> int:
+        """Poses that never reached the line."""
+        return self.replaced + self.stale + self.refused
 
 
 class Publisher:
@@ -161,5 +175,10 @@ class Publisher:
 
     def _note(self, *, connected: bool, error: str | None) -> None:
         with self._wake:
+            news = not self._stopping and (connected, error) != (self._connected, self._error)
             self._connected = connected
             self._error = error
+        if news and connected:
+            _log.info("serial_open port=%s", self._settings.port)
+        elif news:
+            _log.warning("serial_lost error=%s", json.dumps(error, ensure_ascii=False))

@@ -1,0 +1,102 @@
+"""The life of `ledpi run`: one daemon, and after a change of the configuration another."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+
+from ledpi.camera.base import Camera
+from ledpi.config import Config
+from ledpi.daemon import Daemon
+from ledpi.errors import LedpiError
+from ledpi.reporting import Totals, event
+from ledpi.service_notify import notify
+
+_log = logging.getLogger("ledpi")
+
+
+class Service:
+    """Runs until `stop`, or until the camera has no further frame; `reload` takes the configuration anew."""
+
+    def __init__(
+        self, load: Callable[[], Config], open_camera: Callable[[Config], Camera], *, lossless: bool = False
+    ) -> None:
+        """`lossless`: as Daemon's. Raises LedpiError where the first configuration or its camera cannot be used."""
+        self._load, self._open_camera, self._lossless = load, open_camera, lossless
+        self._asked_to_stop = self._asked_to_reload = False
+        self._next: Config | None = None
+        self._config = load()
+        self._daemon = self._start(self._config)
+
+    def stop(self) -> None:
+        """From a signal handler: takes no lock."""
+        self._asked_to_stop = True
+        self._daemon.stop()
+
+    def reload(self) -> None:
+        """From a signal handler: takes no lock. The work is done in the thread that runs."""
+        self._asked_to_reload = True
+
+    def run(self) -> Totals:
+        """What the last daemon came to. Raises what stopped it."""
+        try:
+            while True:
+                totals = self._daemon.run(self._look)
+                config, self._next = self._next, None
+                if config is None or self._asked_to_stop:
+                    return totals
+                self._daemon = self._change_to(config)
+                if self._asked_to_stop:  # while there was no daemon to tell
+                    self._daemon.stop()
+        finally:
+            notify("STOPPING=1")
+
+    def _look(self) -> None:
+        """A configuration that can be read ends the daemon, for another one to begin; a bad one is named."""
+        if not self._asked_to_reload:
+            return
+        self._asked_to_reload = False
+        try:
+            self._next = self._load()
+        except LedpiError as error:
+            self._refuse(error)
+        else:
+            self._daemon.stop()
+
+    def _change_to(self, config: Config) -> Daemon:
+        """What only the camera shows to be wrong brings the old configuration back."""
+        try:
+            daemon = self._start(config)
+        except LedpiError as error:
+            self._refuse(error)
+            return self._start(self._config)
+        self._config = config
+        return daemon
+
+    def _start(self, config: Config) -> Daemon:
+        camera = self._open_camera(config)
+        try:
+            daemon = Daemon(config, camera, lossless=self._lossless)
+        except LedpiError:
+            camera.close()
+            raise
+        info = camera.info
+        _log.info(
+            event(
+                "start",
+                source=config.camera.source,
+                size=f"{info.width}x{info.height}",
+                exposure_us=info.exposure_us,
+                row_time_us=info.row_time_us,
+                calibrated=daemon.calibrated,
+                map=config.map,
+                method=config.decode.method,
+                port=config.serial.port,
+                baud=config.serial.baud,
+                protocol=config.serial.protocol,
+            )
+        )
+        return daemon
+
+    def _refuse(self, error: LedpiError) -> None:
+        _log.error(event("reload_refused", error=str(error), stays="the old configuration"))
