@@ -100,6 +100,7 @@ MISTAKES = [
     ("panels.side_m=0", "panels.side_m: must be greater than 0, not 0"),
     ("panels.side_m=.nan", "panels.side_m: must be a finite number, not nan"),
     ("panels.side_m=yes", "panels.side_m: takes no true or false"),
+    ("panels.upright=1", "panels.upright: must be true or false, not 1"),
     ("panels.duty=1", "panels.duty: must be less than 1, not 1"),
     ("panels.dictionary=DICT_9X9", "panels.dictionary: must be one of DICT_4X4_100, DICT_4X4_1000"),
     ("panels.white_hz=1250", "panels: black_hz and white_hz must differ, both are 1250"),

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from ledpi.geometry import rotation_angle_deg
+from ledpi.pose.fix import Robot
 from ledpi.pose.place import Placer
 from ledpi.recording import TruthMarker
 from ledpi.records import Frame, MarkerPose, PanelSpec, PlanarSolution, Rejected, Sighting
@@ -126,3 +128,28 @@ def test_each_sighting_gets_its_answer() -> None:
     answers = Placer(SENSOR.intrinsics, {7: 0.16, 8: 0.16}, stream=True).place(frame(1), [kite, sighting(now)])
     assert isinstance(answers[0], Rejected)
     assert isinstance(answers[1], MarkerPose)
+
+
+def test_panels_that_hang_upright_are_told_from_their_mirror_images() -> None:
+    """A camera that looks up by 35° at a panel 3.5 m away: its mirror image leans by 70° from the wall.
+
+    Whatever this frame's noise says, it is excluded where panels are known to hang upright.
+    """
+    up = np.array([0.0, -math.cos(math.radians(35)), math.sin(math.radians(35))])  # in the camera's frame
+    base_link_from_camera = np.eye(4)
+    # Rows: ahead, left and up as the camera sees them.
+    ahead = np.array([0.0, math.sin(math.radians(35)), math.cos(math.radians(35))])
+    base_link_from_camera[:3, :3] = [ahead, [-1.0, 0.0, 0.0], up]
+    hung = Still(facing_camera(np.array([0.0, 0.0, 3.5]), pitch_deg=-35))
+    before = scene((0, 0, 0))
+    ((now,),) = [scene_truth(replace(before, panels=(replace(before.panels[0], motion=hung),)), 1)]
+    answers = []
+    for upright in (False, True):
+        robot = Robot(base_link_from_camera=base_link_from_camera, panels_upright=upright)
+        placer = Placer(SENSOR.intrinsics, {7: 0.16}, stream=True, robot=robot)
+        answers.append(placed(placer, 1, replace(sighting(now), corner_sigma_px=0.5)))
+    (unknown, _), (known, solution) = answers
+    assert unknown.alternate is not None
+    assert known.alternate is None
+    apart = rotation_angle_deg(solution.camera_from_marker.quaternion_wxyz, now.camera_from_marker.quaternion_wxyz)
+    assert apart < 5
