@@ -35,10 +35,13 @@ def calibrate_map(
     sides_m: Mapping[int, float],
     lens: Intrinsics,
     origin: int | None = None,
+    *,
+    upright: bool = False,
 ) -> MapCalibration:
     """The places of all panels that the views connect with the origin panel (the lowest ID, if none is named).
 
-    `map_from_origin` (4, 4) is map_from_marker of that panel; `sides_m` by ID. Raises CalibrationError.
+    `map_from_origin` (4, 4) is map_from_marker of that panel; `sides_m` by ID; `upright`: all hang
+    upright. Raises CalibrationError.
     """
     telling = telling_views(views)
     together = {panel.id for view in telling for panel in view}
@@ -51,7 +54,7 @@ def calibrate_map(
     places = chained(telling, chosen, map_from_origin)
     connected = [tuple(panel for panel in view if panel.id in places) for view in telling]
     used = [view for view in connected if len(view) > 1]
-    adjusted = adjust(used, places, camera_poses(used, places), chosen, sides_m, lens)
+    adjusted = adjust(used, places, camera_poses(used, places), chosen, sides_m, lens, upright=upright)
     seen_at_all = {panel.id for view in views for panel in view}
     return MapCalibration(
         panels={i: _panel(place, adjusted.covariances[i], sides_m[i]) for i, place in adjusted.places.items()},

@@ -7,16 +7,18 @@ that something stood before weighs little.
 
 from __future__ import annotations
 
+import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csc_matrix, identity
+from scipy.sparse import block_diag, csc_matrix, identity
 from scipy.sparse.linalg import splu
 
-from ledpi.calibrate.map_views import View
-from ledpi.pose.corners import whiteners
+from ledpi.calibrate.map_views import PanelView, View
+from ledpi.pose.corners import FLOOR_PX, whiteners
 from ledpi.pose.planar import square_corners
 from ledpi.pose.refine import projected, skew, turned
 from ledpi.records import Floats, Intrinsics
@@ -24,6 +26,7 @@ from ledpi.records import Floats, Intrinsics
 ROUNDS = 30
 CONVERGED = 1e-6  # of the cost
 CAUCHY = 4.0  # times the χ² of 8 that is expected: from there on an observation's weight falls
+UPRIGHT_SIGMA_RAD = math.radians(1)  # hung by eye
 OUTLIER = 26.1  # χ² of 8 that chance exceeds once in 1,000 times
 
 
@@ -47,8 +50,15 @@ class _Problem:
     squares: Floats  # (N, 4, 3)
     seen_px: Floats  # (N, 4, 2)
     whiteners: Floats  # (N, 8, 8)
+    alike: float  # by how much variances are understated, as observations are not independent
     lens: Intrinsics
     fixed: int  # the origin's panel
+    upright: bool
+
+    @property
+    def upright_sigma(self) -> float:
+        """Of an axis that hangs upright, on the scale of observations that are taken for independent."""
+        return UPRIGHT_SIGMA_RAD / math.sqrt(self.alike)
 
 
 @dataclass(slots=True, eq=False)
@@ -79,10 +89,15 @@ def adjust(
     origin: int,
     sides_m: Mapping[int, float],
     lens: Intrinsics,
+    *,
+    upright: bool = False,
 ) -> Adjusted:
-    """The best places, from a first guess: `places` map_from_marker by ID, `cameras` camera_from_map of each view."""
+    """The best places, from a first guess: `places` map_from_marker by ID, `cameras` camera_from_map of each view.
+
+    `upright`: the panels are known to hang upright, to a degree or so, which keeps a long chain from bending.
+    """
     ids = sorted(places)
-    problem = _problem(views, ids, origin, sides_m, lens)
+    problem = _problem(views, ids, origin, sides_m, lens, upright)
     state = _State(
         np.array([c[:3, :3] for c in cameras]),
         np.array([c[:3, 3] for c in cameras]),
@@ -97,7 +112,7 @@ def adjust(
         step = splu((normal + damping * _diagonal(normal)).tocsc()).solve(pull)
         tried = state.moved(step, problem.fixed)
         looked = _look(problem, tried)
-        gain = _cost(left) - _cost(looked[0])
+        gain = _cost(left) + _lean(problem, state) - _cost(looked[0]) - _lean(problem, tried)
         if gain > 0:
             state, (left, off_px, slopes) = tried, looked
             damping *= 0.2
@@ -109,19 +124,40 @@ def adjust(
 
 
 def _problem(
-    views: Sequence[View], ids: Sequence[int], origin: int, sides_m: Mapping[int, float], lens: Intrinsics
+    views: Sequence[View],
+    ids: Sequence[int],
+    origin: int,
+    sides_m: Mapping[int, float],
+    lens: Intrinsics,
+    upright: bool,
 ) -> _Problem:
     seen = [(v, panel) for v, view in enumerate(views) for panel in view]
     corners = np.array([panel.corners_px for _, panel in seen])
+    sigma_px = np.array([panel.corner_sigma_px for _, panel in seen])
     return _Problem(
         view=np.array([v for v, _ in seen]),
         panel=np.array([ids.index(panel.id) for _, panel in seen]),
         squares=np.array([square_corners(sides_m[panel.id]) for _, panel in seen]),
         seen_px=corners,
-        whiteners=whiteners(corners, np.array([panel.corner_sigma_px for _, panel in seen])),
+        whiteners=whiteners(corners, sigma_px),
+        alike=_alike(views, seen, sigma_px),
         lens=lens,
         fixed=ids.index(origin),
+        upright=upright,
     )
+
+
+def _alike(views: Sequence[View], seen: Sequence[tuple[int, PanelView]], sigma_px: Floats) -> float:
+    """By how much variances of places are understated if all observations are taken for independent.
+
+    What the edges do not show of an error is alike in the n frames that show the same panels: their mean has the
+    variance σ²/n + floor², where independent ones would have (σ² + floor²)/n.
+    """
+    groups = [frozenset(panel.id for panel in view) for view in views]
+    sizes = Counter(groups)
+    n = np.array([sizes[groups[v]] for v, _ in seen])
+    noise, hidden = np.square(sigma_px) / 4, FLOOR_PX**2
+    return float(np.mean((noise + n * hidden) / (noise + hidden)))
 
 
 def _look(problem: _Problem, state: _State) -> tuple[Floats, Floats, Floats]:
@@ -167,7 +203,22 @@ def _normal(
     held = np.zeros(6 * count)
     held[6 * (len(state.view_shifts) + problem.fixed) :][:6] = 1.0
     normal = (jacobian.T @ jacobian + identity(6 * count, format="csc").multiply(held[:, None])).tocsc()
-    return normal, np.asarray(jacobian.T @ (left * root[..., 0]).ravel())
+    pull = np.asarray(jacobian.T @ (left * root[..., 0]).ravel())
+    if not problem.upright:
+        return normal, pull
+    # A small turn ω moves an axis a by ω × a.
+    slopes = -skew(state.panel_turns[:, :, 1])[:, :2] / problem.upright_sigma
+    slopes[problem.fixed] = 0
+    leaning = np.zeros((count, 6, 6))
+    leaning[len(state.view_shifts) :, 3:, 3:] = slopes.transpose(0, 2, 1) @ slopes
+    off = -state.panel_turns[:, :2, 1, None] / problem.upright_sigma
+    pull.reshape(count, 6)[len(state.view_shifts) :, 3:] += (slopes.transpose(0, 2, 1) @ off)[..., 0]
+    return (normal + block_diag(list(leaning), format="csc")).tocsc(), pull
+
+
+def _lean(problem: _Problem, state: _State) -> float:
+    """χ² of the panels' leaning: the horizontal parts of their y axes."""
+    return float(np.square(state.panel_turns[:, :2, 1] / problem.upright_sigma).sum()) if problem.upright else 0.0
 
 
 def _diagonal(normal: csc_matrix) -> csc_matrix:
@@ -183,12 +234,13 @@ def _result(
     solver, views = splu(normal), len(state.view_shifts)
     freedom = max(1, left.size - 6 * (views + len(ids) - 1))
     scale = max(1.0, float((weights * _chi2(left)).sum()) / freedom)
+    scale_all = scale * problem.alike
     covariances = {}
     for k, marker_id in enumerate(ids):
         first = 6 * (views + k)
         unit = np.zeros((normal.shape[0], 6))
         unit[first : first + 6] = np.eye(6)
-        covariance = scale * solver.solve(unit)[first : first + 6]
+        covariance = scale_all * solver.solve(unit)[first : first + 6]
         covariances[marker_id] = np.zeros((6, 6)) if k == problem.fixed else covariance
     places = {}
     for k, marker_id in enumerate(ids):

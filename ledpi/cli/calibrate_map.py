@@ -49,7 +49,8 @@ def map_(
     views, sides_m, lens = _drive(recording, settings)
     map_from_origin = transform(matrix_from_rpy_deg(0, 0, yaw_deg) @ FACING_FROM_MARKER, np.array(position))
     try:
-        result = calibrate_map(views, map_from_origin, sides_m, lens, origin)
+        upright = settings.panels.upright
+        result = calibrate_map(views, map_from_origin, sides_m, lens, origin, upright=upright)
     except CalibrationError as error:
         raise CalibrationError(f"{recording}: {error}") from None
     _report(result, len(views))

@@ -58,8 +58,7 @@ def whiteners(corners_px: Floats, sigma_px: Floats, motions_px: Floats | None = 
     normal = np.stack([-along[..., 1], along[..., 0]], axis=-1)
     normal /= np.sqrt((along * along).sum(axis=2, keepdims=True)) + 1e-12
     middle = 0.25 * np.square(sigma_px)[:, None, None]
-    ends = 3 * middle + FLOOR_PX**2
-    middle = middle + FLOOR_PX**2
+    ends, middle = 3 * middle + FLOOR_PX**2, middle + FLOOR_PX**2
     if motions_px is not None and motions_px.any():
         blur = np.abs(((motions_px + motions_px[:, _NEXT]) * normal).sum(axis=2, keepdims=True)) / 2
         middle = middle + np.where(blur > KNOWN_BLUR_PX, np.square(BLUR_ERROR * blur), 0.0)
