@@ -301,7 +301,9 @@ def test_real_pictures(
     folder.mkdir()
     for path in shared("real/chessboard").glob(f"{side}*.jpg"):
         (folder / path.name).symlink_to(path)
+    Path("config.yaml").write_text("{camera: {width: 1296, height: 972}, panels: {side_m: 0.16}}")
     status, out, _ = command(folder)
+    assert "config.yaml asks for 1296 × 972 pixels, these have 640 × 480: not named there" in out
     written = yaml.safe_load(Path("camera.yaml").read_text())
     assert status == 0
     assert "18 pictures, 18 with the board" in out

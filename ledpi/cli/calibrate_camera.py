@@ -60,7 +60,7 @@ def camera(
     written = _write(out, result)
     typer.echo(f"{found.pictures} pictures, {len(found.views)} with the board")
     _report(result)
-    for line in [*written, *_name_in_config(config, out)]:
+    for line in [*written, *_name_in_config(config, out, found.size)]:
         typer.echo(line)
 
 
@@ -175,13 +175,16 @@ def _write(out: Path, result: CameraCalibration) -> list[str]:
     return lines
 
 
-def _name_in_config(config: Path | None, out: Path) -> list[str]:
+def _name_in_config(config: Path | None, out: Path, size: tuple[int, int]) -> list[str]:
     """Puts the new file into a configuration that names none; returns what to say of that."""
     from ledpi.calibrate.config_file import change_config
 
     settings, file = settings_for(config, [], None)
     if file is None or settings.camera.intrinsics is not None:
         return []
+    wanted = (settings.camera.width, settings.camera.height)
+    if size != wanted:
+        return [f"{file} asks for {wanted[0]} × {wanted[1]} pixels, these have {size[0]} × {size[1]}: not named there"]
     beside = out.resolve().parent == file.resolve().parent  # paths in the file are relative to it
     place = out.name if beside else str(out.resolve())
     kept = change_config(file, {("camera", "intrinsics"): place})
