@@ -17,54 +17,29 @@ from pathlib import Path
 import numpy as np
 import pytest
 from test_run import controller
+from virtual_panels import IDS, SETTINGS, rendered
 from virtual_picamera2 import ROW_US, Behaviour, show, unplug
 
 from ledpi.camera.factory import open_camera
-from ledpi.camera.simulated import SimulatedCamera, simulated_sensor
 from ledpi.cli import main
 from ledpi.config import Config, load_config
 from ledpi.daemon import Daemon
 from ledpi.doctor.camera import camera as camera_findings
 from ledpi.records import Frame, Pixels
-from ledpi.simulate.scenes import still_scene
 from ledpi.wire import NoFix, State
 
-ROWS = 504
-PERIOD_S = ROWS * ROW_US * 1e-6
-# The virtual camera shows each picture four times, at times of its own: with whole cycles in a frame period the bands
-# are those of any frame.
-BLACK_HZ, WHITE_HZ = 20 / PERIOD_S, 39 / PERIOD_S
-IDS = (7, 23, 41)
 QUIET_S = 0.2  # promised until "no fix" is on the wire
 RETURN_S = 2.0  # and until a camera that is there again is in use
 
 
 def settings(port: str = "/dev/null") -> Config:
-    return load_config(
-        None,
-        (
-            "panels.side_m=0.16",
-            f"panels.black_hz={BLACK_HZ}",
-            f"panels.white_hz={WHITE_HZ}",
-            f"camera.row_time_us={ROW_US}",
-            f"camera.frame_duration_us={ROWS * ROW_US}",
-            "camera.transfer=linear",
-            f"serial.port={port}",
-        ),
-    )
+    return load_config(None, (*SETTINGS, f"serial.port={port}"))
 
 
 @pytest.fixture(scope="module")
 def pictures() -> list[Pixels]:
-    """Three frames of three panels, side by side at 0.75 m."""
-    config = settings()
-    specs = {marker_id: config.panels.spec(marker_id) for marker_id in IDS}
-    sensor = simulated_sensor(config.camera, config.panels)
-    scene = still_scene(sensor, specs, config.panels.dictionary, distance_m=0.75, angle_deg=0.0)
-    camera = SimulatedCamera(scene, seed=0, paced=False)
-    found = [np.zeros((480, 640), np.uint8) for _ in range(3)]
-    assert all(isinstance(camera.read(into), Frame) for into in found)
-    return found
+    """Rendered once."""
+    return rendered()
 
 
 @contextmanager
@@ -96,15 +71,7 @@ def test_the_right_ids_arrive(behaviour: Behaviour, pictures: list[Pixels], tmp_
     """Through picamera2, ring, decoder and serial line come the IDs that `ledpi decode` reads in the files."""
     show(tmp_path / "panels", pictures)
     files = sorted((tmp_path / "panels").glob("*.jpg"))
-    values = settings().panels
-    given = [
-        f"panels.side_m={values.side_m}",
-        f"panels.black_hz={values.black_hz}",
-        f"panels.white_hz={values.white_hz}",
-        f"camera.row_time_us={ROW_US}",
-        f"camera.exposure_us={int(314 * ROW_US)}",
-        "camera.transfer=linear",
-    ]
+    given = (*SETTINGS, f"camera.exposure_us={int(314 * ROW_US)}")
     command = [sys.executable, "-c", "from ledpi.cli import main; main()", "decode", *map(str, files)]
     command += [part for item in given for part in ("--set", item)]
     lines = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60).stdout.splitlines()
@@ -188,10 +155,7 @@ def test_lost_fifty_times_nothing_is_left(behaviour: Behaviour) -> None:
 
 def command(arguments: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> str:
     """What a command of ledpi prints; here, as only this process has the virtual OV5647."""
-    config = settings()
-    given = [f"panels.{name}={value}" for name, value in config.panels.model_dump(exclude={"overrides"}).items()]
-    given += [f"camera.row_time_us={ROW_US}", f"camera.frame_duration_us={ROWS * ROW_US}", "camera.transfer=linear"]
-    monkeypatch.setattr("sys.argv", ["ledpi", *arguments, *(part for item in given for part in ("--set", item))])
+    monkeypatch.setattr("sys.argv", ["ledpi", *arguments, *(part for item in SETTINGS for part in ("--set", item))])
     with pytest.raises(SystemExit) as ended:
         main()
     assert ended.value.code in (0, None)
