@@ -126,7 +126,9 @@ def test_axes_are_drawn_only_with_a_pose(drawn: Pixels) -> None:
 def samples_of(light: Floats) -> CellSamples:
     points = lattice(2, 2)
     singles = light.astype(np.float32)
-    return CellSamples(lattice=points, light=singles, valid=None, rows=points.v, cell_px=(6.0, 6.0), independence=1.0)
+    return CellSamples(
+        lattice=points, light=singles, valid=None, rows=points.v, averaged=1, cell_px=(6.0, 6.0), independence=1.0
+    )
 
 
 def test_a_static_picture_shows_no_bands() -> None:

@@ -30,9 +30,9 @@ INSET = 0.06
 MIN_LATTICE, MAX_LATTICE = 3, 12
 SAME_LATTICE = 0.15  # by how much a panel may grow or shrink and keep its lattice
 MIN_CELL_PX = 2.0
-# Small cells are interpolated by Lanczos: at a wall a pixel wide, a straight line between two pixels is off by more
-# than bands are deep. (Saturated pixels would spoil too much of it.) The variance of a sample over a pixel's is the
-# mean of the squared weights: (2/3)² for lines in both directions; 0.84, measured, for OpenCV's Lanczos of 8 × 8.
+# Samples are interpolated by Lanczos: at a wall a pixel wide, a straight line between two pixels is off by more than
+# bands are deep. (Saturated pixels would spoil too much of it.) The variance of a sample over a pixel's is the mean of
+# the squared weights: (2/3)² for lines in both directions; 0.84, measured, for OpenCV's Lanczos of 8 × 8.
 LANCZOS_VARIANCE, LINEAR_VARIANCE = 0.84, 4.0 / 9.0
 MARGIN = 4  # pixels that Lanczos takes in on either side
 # A lens that bends the square by less than this share of a cell is left out; what it moves is projected out anyway.
@@ -64,6 +64,7 @@ class CellSamples:
     light: Singles  # (n·n, k·k), 0 where not valid
     valid: NDArray[np.bool_] | None  # (n·n, k·k), None where all are
     rows: Singles  # (n·n, k·k), picture row of each sample
+    averaged: int  # picture rows, and columns, in each pixel that was sampled
     cell_px: tuple[float, float]  # width and height of a cell, in (averaged) pixels
     independence: float  # what a sample counts for: less than 1 where its neighbours share its noise
 
@@ -153,30 +154,36 @@ def sample_cells(
     columns = math.ceil((int(high[0]) + 1 - x0) / shrink) + MARGIN
     rows = math.ceil((int(high[1]) + 1 - y0) / shrink) + MARGIN
     patch = frame.pixels[y0 : y0 + rows * shrink, x0 : x0 + columns * shrink]
-    dense = shrink == 1 and int(patch.max()) < SATURATED_VALUE
+    saturated = int(patch.max()) == SATURATED_VALUE
     linear = cv2.LUT(patch, linear_light(frame.transfer))
     if shrink > 1:  # averages whole pixels: less noise, and the band's depth over 2 or 3 rows hardly suffers
         size = (linear.shape[1] // shrink, linear.shape[0] // shrink)  # at the picture's end a last part may be missing
         linear = cv2.resize(linear[: size[1] * shrink, : size[0] * shrink], size, interpolation=cv2.INTER_AREA)
     shift = np.array([x0, y0], np.float32) + np.float32((shrink - 1) / 2)
     places = (at - shift) / np.float32(shrink)
-    kernel, variance = (cv2.INTER_LANCZOS4, LANCZOS_VARIANCE) if dense else (cv2.INTER_LINEAR, LINEAR_VARIANCE)
+    kernel, variance = (cv2.INTER_LINEAR, LINEAR_VARIANCE) if saturated else (cv2.INTER_LANCZOS4, LANCZOS_VARIANCE)
     light = cv2.remap(linear, places, None, kernel, borderMode=cv2.BORDER_REPLICATE)
     across, down = (cell_px / shrink).tolist()
-    independence = min(1.0, variance * across * down * ((1 - 2 * INSET) / k) ** 2)
-    return _checked(points, light, at[..., 1], (across, down), independence)
+    valid = _valid(light)
+    if isinstance(valid, Rejected):
+        return valid
+    return CellSamples(
+        lattice=points,
+        light=light if valid is None else np.where(valid, light, np.float32(0)),
+        valid=valid,
+        rows=at[..., 1],
+        averaged=shrink,
+        cell_px=(across, down),
+        independence=min(1.0, variance * across * down * ((1 - 2 * INSET) / k) ** 2),
+    )
 
 
-def _checked(
-    points: Lattice, light: Singles, rows: Singles, cell_px: tuple[float, float], independence: float
-) -> CellSamples | Rejected:
+def _valid(light: Singles) -> NDArray[np.bool_] | Rejected | None:
+    """Which samples are not saturated, None where all are; or why they are not enough."""
     blown = np.isnan(light)
-    valid = None
-    if blown.any():
-        valid = ~blown
-        if valid.sum(axis=1).min() < light.shape[1] // 4:
-            return SATURATED
-        light = np.where(valid, light, np.float32(0))
-    if light.sum(axis=1).min() <= 0:
-        return DARK
-    return CellSamples(lattice=points, light=light, valid=valid, rows=rows, cell_px=cell_px, independence=independence)
+    if not blown.any():
+        return DARK if light.sum(axis=1).min() <= 0 else None
+    valid: NDArray[np.bool_] = ~blown
+    if valid.sum(axis=1).min() < light.shape[1] // 4:
+        return SATURATED
+    return DARK if np.nansum(light, axis=1).min() <= 0 else valid

@@ -183,7 +183,9 @@ def believed_bands(samples: CellSamples, frame: Frame, spec: PanelSpec, bands: D
         depth = math.hypot(cosine, sine) if members.any() else 0.0
         phases.append(math.atan2(sine, cosine))
         cycles = (rows_cycles * np.float32(hz)).astype(np.float64) - phases[k] / (2 * math.pi)
-        waves[two] = shutter.square_wave_bands(cycles, hz, frame.exposure_us, spec.duty)
+        averaged = (np.arange(samples.averaged) - (samples.averaged - 1) / 2) * hz * frame.row_time_us * 1e-6
+        each = [shutter.square_wave_bands(cycles + row, hz, frame.exposure_us, spec.duty) for row in averaged]
+        waves[two] = np.mean(each, axis=0)
         turned[members, 2 * k] = depth
         light[k] += np.float32(depth) * waves[2 * k]
     if samples.valid is not None:

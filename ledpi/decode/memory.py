@@ -134,6 +134,7 @@ class PanelMemory:
             light=self._picture,
             valid=None if seen.all() else seen,
             rows=self._samples.rows,
+            averaged=self._samples.averaged,
             cell_px=self._samples.cell_px,
             independence=self._samples.independence,
         )
