@@ -312,6 +312,15 @@ def test_too_far_to_sample_is_refused_with_the_farthest() -> None:
         views_of(task(1.0, 20.0))
 
 
+def test_what_is_certain_is_not_drawn() -> None:
+    """Three times enough is read in every draw, a twentieth in none: as draws would say."""
+    spec = task().spec(1250.0, 2450.0)
+    codebook = soft.Codebook.build(list(range(50)), DICTIONARY, spec)
+    for nats, chance in ((3 * ENOUGH_NATS, 1.0), (ENOUGH_NATS / 20, 0.0)):
+        known = even_evidence(nats / 0.05**2, 0.05)
+        assert chance_of_reading(known, codebook, (0.05, 0.05), soft.FALSE_ID_RATE_ALONE, draws=100) == chance
+
+
 def test_periods_in_a_cell() -> None:
     """At 8 m a cell of 4 cm is 3.2 rows of 33.67 µs high at 643 px focal length: 0.135 periods of 1250 Hz."""
     assert task().periods_in_a_cell(1250.0, 8.0) == pytest.approx(642.86 * 0.04 / 8 * 33.67e-6 * 1250, rel=1e-3)

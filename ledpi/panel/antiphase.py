@@ -25,7 +25,7 @@ from ledpi.panel.frequencies import worthwhile_frequencies
 from ledpi.panel.information import STREAM_FRAMES, View, evidence_of
 from ledpi.panel.reach import Reach
 
-_DRAWS = 100
+_DRAWS = 300
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -11,11 +11,13 @@ import numpy as np
 from ledpi.decode.soft import FALSE_ID_RATE, FALSE_ID_RATE_ALONE, Codebook
 from ledpi.markers import Dictionary
 from ledpi.panel.chances import chance_of_reading
-from ledpi.panel.design import Proposal, Task, farthest_m
-from ledpi.panel.information import STREAM_FRAMES, View, evidence_of, view_panel
+from ledpi.panel.design import ENOUGH_NATS, Proposal, Task, farthest_m
+from ledpi.panel.information import STREAM_FRAMES, View, evidence_of, separation_nats, view_panel
 
 SURE = 0.9  # the chance up to which a panel counts as within range
-_DRAWS = 100  # a case
+_DRAWS = 300  # a case
+# Where the outcome is certain nothing is drawn: far more than enough information, or far from it.
+_CERTAIN_NATS, _HOPELESS_NATS = 3 * ENOUGH_NATS, ENOUGH_NATS / 20
 _DISTANCES = 14  # evenly in their logarithm
 _NEAREST_SHARE = 0.05  # of the farthest; nearer than that all pairs are read
 
@@ -62,7 +64,11 @@ def reach_of(
             known = evidence_of(
                 view, spec, frames=min(frames, most), frame_length_rows=proposal.frame_length_rows
             )
-            chances[frames].append(chance_of_reading(known, codebook, depths, rate, draws=_DRAWS))
+            nats = separation_nats(known, depths)
+            if _HOPELESS_NATS < nats < _CERTAIN_NATS:
+                chances[frames].append(chance_of_reading(known, codebook, depths, rate, draws=_DRAWS))
+            else:
+                chances[frames].append(float(nats >= _CERTAIN_NATS))
         advance(1)
     return Reach(
         distances_m=tuple(view.distance_m for view in views),
