@@ -50,9 +50,9 @@ def _lens(config: Config, today: date) -> Part:
         return Part(name="camera", text=str(error), done=False, command=command)
     own = own_section(path)
     quality = [f"{lens.width} × {lens.height}"]
-    if "rms_px" in own:
+    if _is_number(own.get("rms_px")):
         quality.append(f"rms {own['rms_px']:.3f} px of {own.get('views', '?')} views")
-    if isinstance(deviations := own.get("deviations"), dict) and "fx" in deviations:
+    if isinstance(deviations := own.get("deviations"), dict) and _is_number(deviations.get("fx")):
         quality.append(f"fx {lens.fx:.1f} ± {deviations['fx']:g} px")
     day = own.get("calibrated") or _changed(path)
     text = f"{path}: {', '.join(quality)}, {_age(day, today)}"
@@ -64,12 +64,13 @@ def _shutter(config: Config, today: date) -> Part:
     measured = own_section(path).get("shutter") if path is not None else None
     used = config.camera.row_time_us
     text = "row time: what the driver says" if used == "auto" else f"row time: {used:g} µs, set in the configuration"
-    if isinstance(measured, dict) and "row_time_us" in measured:
-        sigma, day = measured.get("row_time_sigma_us", 0.0), measured.get("measured")
-        text += f"; measured {measured['row_time_us']:g} ± {sigma:g} µs, {_age(day, today)}"
-    else:
-        text += ", never measured" if used == "auto" else ""
-    done = used != "auto" or isinstance(measured, dict)
+    noted = isinstance(measured, dict) and _is_number(measured.get("row_time_us"))
+    if noted and measured is not None:
+        sigma = measured.get("row_time_sigma_us", "?")
+        text += f"; measured {measured['row_time_us']:g} ± {sigma} µs, {_age(measured.get('measured'), today)}"
+    elif used == "auto":
+        text += ", never measured"
+    done = used != "auto" or noted
     return Part(name="shutter", text=text, done=done, command="ledpi calibrate shutter (before a panel with a crystal)")
 
 
@@ -98,6 +99,11 @@ def _map(config: Config, today: date) -> Part:
         return Part(name="map", text=str(error), done=False, command=command)
     text = f"{config.map}: {len(panels)} panels, {_age(_changed(config.map), today)}"
     return Part(name="map", text=text, done=True, command=command)
+
+
+def _is_number(value: Any) -> bool:
+    """A person may have edited the file; what is none is passed over."""
+    return isinstance(value, (int, float))
 
 
 def _changed(path: Path) -> date:
