@@ -54,7 +54,7 @@ def calibrate_map(
     places = chained(telling, chosen, map_from_origin)
     connected = [tuple(panel for panel in view if panel.id in places) for view in telling]
     used = [view for view in connected if len(view) > 1]
-    adjusted = adjust(used, places, camera_poses(used, places), chosen, sides_m, lens, upright=upright)
+    adjusted = adjust(used, places, camera_poses(used, places, sides_m, lens), chosen, sides_m, lens, upright=upright)
     seen_at_all = {panel.id for view in views for panel in view}
     return MapCalibration(
         panels={i: _panel(place, adjusted.covariances[i], sides_m[i]) for i, place in adjusted.places.items()},

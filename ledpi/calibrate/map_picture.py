@@ -37,5 +37,5 @@ def map_picture(result: MapCalibration) -> bytes:
     axes.set_title(f"{len(result.panels)} panels from above; red: {SHOWN_SIGMA:g} standard deviations")
     axes.legend(loc="best", fontsize=8)
     data = BytesIO()
-    figure.savefig(data, format="png", dpi=110, metadata={"Software": None})
+    figure.savefig(data, format="png", dpi=110, bbox_inches="tight", metadata={"Software": None})
     return data.getvalue()

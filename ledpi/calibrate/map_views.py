@@ -13,8 +13,10 @@ from itertools import combinations
 import numpy as np
 
 from ledpi.geometry import inverse, matrix_from_quaternion, transform
-from ledpi.pose.corners import centre_px, seen_at_row
-from ledpi.records import Floats, Frame, MarkerPose
+from ledpi.pose.corners import centre_px, seen_at_row, whiteners
+from ledpi.pose.planar import square_corners
+from ledpi.pose.refine import refine
+from ledpi.records import Floats, Frame, Intrinsics, MarkerPose
 
 VIEWS_OF_A_GROUP = 40  # frames that show the same panels, evenly over the drive: more of one place add nothing
 SAME_PLACE_M, SAME_ANGLE_RAD = 0.1, 0.1  # how far two frames' relative poses may differ and count as agreeing
@@ -105,14 +107,23 @@ def _apart(a: Floats, b: Floats) -> float:
     return max(away, float(np.arccos(np.clip(cosine, -1, 1))) / SAME_ANGLE_RAD)
 
 
-def camera_poses(views: Sequence[View], places: Mapping[int, Floats]) -> list[Floats]:
-    """A first camera_from_map of each view: that of its panels' poses which the others of the view agree with best."""
+def camera_poses(
+    views: Sequence[View], places: Mapping[int, Floats], sides_m: Mapping[int, float], lens: Intrinsics
+) -> list[Floats]:
+    """A first camera_from_map of each view: the best of those that its panels' poses lead to, by all their corners."""
     poses = []
     for view in views:
-        guesses = [pose @ inverse(places[panel.id]) for panel in view for pose in panel.poses]
-        poses.append(min(guesses, key=lambda guess: sum(_misfit(guess @ places[p.id], p) for p in view)))
+        guesses = np.array([pose @ inverse(places[panel.id]) for panel in view for pose in panel.poses])
+        corners = np.array([panel.corners_px for panel in view])
+        squares = [square_corners(sides_m[p.id]) @ places[p.id][:3, :3].T + places[p.id][:3, 3] for p in view]
+        fits = refine(
+            guesses[:, :3, :3],
+            guesses[:, :3, 3],
+            np.concatenate(squares)[None],
+            corners.reshape(1, -1, 2),
+            whiteners(corners, np.array([panel.corner_sigma_px for panel in view]))[None],
+            lens,
+        )
+        best = int(np.argmin(fits.chi2))
+        poses.append(transform(fits.rotations[best], fits.positions[best]))
     return poses
-
-
-def _misfit(expected: Floats, panel: PanelView) -> float:
-    return min(_apart(expected, pose) for pose in panel.poses)
