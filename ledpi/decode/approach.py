@@ -45,7 +45,7 @@ MIN_EDGE = 0.2
 MAX_TILT_STEPS = 2.0  # by which a side's edges may differ as the rough one is turned; a dead cell's lie further inside
 # How far a corner is from making its quad a parallelogram, as a share of the side, and the cosine of its angle, where a
 # dead cell may have cut it off.
-CUT_OFF, OBTUSE = 0.12, -0.15
+CUT_OFF, OBTUSE = 0.05, -0.03
 # What most other things are not straight by; a side that is seen from too far off may still lean on what is beside it.
 MAX_SPREAD_PX, MAX_SPREAD_STEPS = 0.9, 0.4
 
