@@ -78,7 +78,7 @@ def filter_key(pitch_px: float, blur_px: float) -> tuple[int, int]:
 
 @lru_cache(maxsize=2048)
 def rim_filter(pitch_step: int, blur_step: int) -> RimFilter:
-    """The filter for a `filter_key`. Made in half a millisecond, then kept."""
+    """The filter for a `filter_key`. Made in about a millisecond, then kept."""
     pitch, blur = math.exp(pitch_step * PITCH_STEP), math.exp(blur_step * BLUR_STEP)
     t, usual = ACROSS, np.array([1.0, *BRIGHTER, GAP])
     parts = light_across(t, pitch, blur)
