@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+import subprocess
+import sys
 import threading
 import time
 import tracemalloc
@@ -308,6 +310,33 @@ def test_stopping_while_frames_come(behaviour: Behaviour) -> None:
     camera.close()
     reader.join(WAIT_S)
     assert not reader.is_alive()
+
+
+WRONG_TYPE = """
+import sys
+sys.path.insert(0, sys.argv[1])
+from virtual_picamera2 import Behaviour, use
+from ledpi.camera import picamera
+from ledpi.config import CameraSettings
+from ledpi.errors import CameraError
+use(Behaviour(), setattr)
+fixed = picamera.fixed_controls
+picamera.fixed_controls = lambda **values: fixed(**values) | {"ExposureTime": sys.argv[2]}
+try:
+    picamera.open_picamera(CameraSettings(), (1250.0, 2450.0))
+except (CameraError, TypeError) as error:
+    print(type(error).__name__, error, flush=True)
+"""
+
+
+def test_libcamera_judges_the_controls(behaviour: Behaviour) -> None:
+    """An exposure that is a text is refused at the start: what other tests ask for was really taken.
+
+    In a process of its own, as libcamera may end one whose start has failed.
+    """
+    command = [sys.executable, "-c", WRONG_TYPE, str(Path(__file__).parent), "10000"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+    assert done.stdout.startswith("CameraError picamera2: "), done.stderr
 
 
 def test_the_stand_in_is_a_picamera2(behaviour: Behaviour) -> None:
