@@ -214,7 +214,7 @@ def _read_yaml(path: Path) -> dict[str, Any]:
         raise ConfigError(f"{path}: cannot be read: {error.strerror}") from None
     except UnicodeDecodeError as error:
         raise ConfigError(f"{path}: byte {error.start} is not UTF-8 text") from None
-    except yaml.YAMLError as error:
+    except (yaml.YAMLError, ValueError, AttributeError) as error:  # the last two: a date such as 2001-99-99
         raise ConfigError(f"{path}: not valid YAML: {' '.join(str(error).split())}") from None
     if raw is None:
         return {}
@@ -229,7 +229,7 @@ def _apply_override(raw: dict[str, Any], item: str) -> str:
         raise ConfigError(f"--set {item}: must be KEY=VALUE, as in --set camera.source=simulated")
     try:
         value = yaml.safe_load(text)
-    except yaml.YAMLError:
+    except (yaml.YAMLError, ValueError, AttributeError):
         raise ConfigError(f"--set {item}: {text!r} is not a YAML value") from None
     if isinstance(value, dict) and not text.lstrip().startswith("{"):
         value = text  # `recording:` is a word with a colon here, although YAML reads a mapping

@@ -226,3 +226,14 @@ def test_lookup_order(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert find_config(Path("given.yaml")) == Path("given.yaml")
     write(tmp_path, "panels: {side_m: 1}")
     assert find_config(None) == Path("config.yaml")
+
+
+@pytest.mark.parametrize("value", ["2001-99-99", "!!timestamp x"])
+def test_a_date_that_is_none_is_told_in_one_line(tmp_path: Path, value: str) -> None:
+    """PyYAML raises what is no YAMLError there; the file is named all the same, and so is the override."""
+    file = tmp_path / "config.yaml"
+    file.write_text(f"panels: {{side_m: {value}}}\n")
+    with pytest.raises(ConfigError, match=r"config\.yaml: not valid YAML"):
+        load_config(file)
+    with pytest.raises(ConfigError, match="is not a YAML value"):
+        load_config(None, (f"panels.side_m={value}",))
