@@ -146,6 +146,14 @@ def test_close_and_oblique_the_other_pose_fits_badly() -> None:
     assert other.reprojection_px > 5
 
 
+def test_a_pose_half_way_to_the_best_is_not_another() -> None:
+    """Here the mirror pose is no minimum: followed, it slides into the best one, and is not reported just beside it."""
+    corners = pixels(marker_corners(), turn("y", 10) @ turn("x", 20) @ FACING, np.array([0.05, 0.03, 0.5]), PINHOLE)
+    best, *others = solve(corners)
+    assert best.chi2 < 1e-6
+    assert all(other.chi2 > 60 for other in others)
+
+
 def test_how_badly_a_pose_fits_depends_on_the_corners_errors() -> None:
     """What sharp corners exclude is as good as the other where the corners are known to 3 px only."""
     corners = pixels(marker_corners(), turn("y", 40) @ FACING, np.array([0.2, 0.1, 1.2]), PINHOLE)

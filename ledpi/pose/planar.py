@@ -61,6 +61,7 @@ def solve_squares(
         corners_px[of],
         whiteners(corners_px, sigma_px, motions_px)[of, None],
         intrinsics,
+        rivals=2,
     )
     both = _solutions(fits)
     for k, i in enumerate(solved):

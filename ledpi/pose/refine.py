@@ -13,6 +13,7 @@ from ledpi.records import Floats, Intrinsics
 
 ROUNDS = 6
 CONVERGED = 1e-3  # of χ² that a step would still gain, in a good fit: nothing that could be measured
+BEATEN_BY = 60.0  # of χ²: e³⁰ times less likely than a rival, and so never believed, wherever it would end
 # A rotation that is known to no better than a radian is not known. Without this, a distant square seen face on,
 # whose tilt changes nothing in the picture to first order, would have steps and deviations without bounds.
 UNKNOWN_TURN = np.diag([0.0, 0, 0, 1, 1, 1])
@@ -67,11 +68,13 @@ def refine(
     whiteners: Floats,
     intrinsics: Intrinsics,
     at_most: int | None = None,
+    rivals: int = 1,
 ) -> Fits:
     """The nearest best poses of K bodies of P points each: `points` (K, P, 3) in the body, `seen_px` (K, P, 2).
 
     Levenberg and Marquardt's method on the residuals that `whiteners` (K, P/4, 8, 8) make independent, four points at a
     time; what is the same for all bodies may have 1 for K. `at_most`: of more starts only the likeliest are followed.
+    `rivals`: so many in a row are starts of one body; those that are beaten by far are not followed to their ends.
     Every pose returned is at least as good as the one that it began with.
     """
     damping = np.zeros(len(rotations))  # Marquardt's: 1 halves a step
@@ -84,7 +87,7 @@ def refine(
         pull = best.slopes.transpose(0, 2, 1) @ best.left
         damped = information + damping[:, None, None] * (information * _DIAGONAL)
         step = np.asarray(np.linalg.solve(damped, pull)[..., 0], np.float64)
-        if ((step * pull[..., 0]).sum(axis=1) < CONVERGED * (1.0 + best.chi2)).all():
+        if _at_end(best.chi2, (step * pull[..., 0]).sum(axis=1), rivals):
             break
         moved = turned(best.rotations, step[:, 3:]), best.positions + step[:, :3]
         look = _Look.at(*moved, points, seen_px, whiteners, intrinsics)
@@ -93,6 +96,12 @@ def refine(
         best = look if better.all() else look.where(better, best)
     covariances = np.asarray(np.linalg.inv(information), np.float64)
     return Fits(best.rotations, best.positions, best.chi2, best.off_px, covariances)
+
+
+def _at_end(chi2: Floats, gain: Floats, rivals: int) -> bool:
+    """Whether a step that gains so much (K,) would change nothing: too little, or of what is beaten with it too."""
+    least = chi2.reshape(-1, rivals).min(axis=1).repeat(rivals)
+    return bool(((gain < CONVERGED * (1.0 + chi2)) | (chi2 - gain > least + BEATEN_BY)).all())
 
 
 class _Look(NamedTuple):
