@@ -63,7 +63,7 @@ def load_intrinsics(path: Path, for_size: tuple[int, int] | None = None) -> Intr
         raise CalibrationError(f"{path}: cannot be read: {error.strerror}") from None
     except UnicodeDecodeError as error:
         raise CalibrationError(f"{path}: byte {error.start} is not UTF-8 text") from None
-    except yaml.YAMLError as error:
+    except (yaml.YAMLError, ValueError, AttributeError) as error:  # the last two: a date such as 2001-99-99
         raise CalibrationError(f"{path}: not valid YAML: {' '.join(str(error).split())}") from None
     if not isinstance(raw, dict):
         raise CalibrationError(f"{path}: must hold ROS camera_info (image_width, camera_matrix, …)")
@@ -94,7 +94,7 @@ def own_section(path: Path) -> dict[str, Any]:
     """The section `ledpi` of a camera.yaml: how good it is, and what is known of the shutter. Empty without one."""
     try:
         raw = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError):
+    except (OSError, ValueError, AttributeError, yaml.YAMLError):
         return {}
     section = raw.get("ledpi") if isinstance(raw, dict) else None
     return section if isinstance(section, dict) else {}
