@@ -118,10 +118,14 @@ def test_it_is_given_up_after_the_deadline(monkeypatch: pytest.MonkeyPatch) -> N
 def test_one_that_opens_but_never_delivers_is_given_up_too(monkeypatch: pytest.MonkeyPatch) -> None:
     """What counts is the last frame, not the last opening."""
     monkeypatch.setattr(recovering, "DEADLINE_S", 0.05)
-    flapping: list[Short | CameraError] = [step for _ in range(200) for step in (Short(0), ABSENT)]
-    camera = RecoveringCamera(opens(Short(1), *flapping))
-    with pytest.raises(CameraLostError, match="given up after"):
+    camera = RecoveringCamera(opens(Short(1), Short(0)))
+    with pytest.raises(CameraLostError, match=f"^{GONE}; given up after 0 s$"):
         results(camera, 1000)
+    unfit = Short(0)
+    unfit.read = lambda into: Rejected(stage="capture", reason="exposure")  # type: ignore[method-assign]
+    camera = RecoveringCamera(opens(Short(1), unfit))
+    with pytest.raises(CameraLostError, match=r"unusable frames in a row: capture\.exposure; given up"):
+        results(camera, 100_000)
 
 
 def test_another_camera_ends_it() -> None:

@@ -112,6 +112,7 @@ class RecoveringCamera:
             self._broken, self._camera = camera, None
         if self._lost_s is None:  # else it was opened again and gave no frame: lost ever since
             self._lost_s = time.monotonic()
+        self._give_up_in_time(error)
         self._said = str(error)
         _log.warning("camera lost: %s; opening it again", error)
         return LOST  # the reader is told first: closing may take as long as five frames again
@@ -131,8 +132,7 @@ class RecoveringCamera:
         try:
             camera = self._open()
         except CameraError as error:
-            if self._away_s() > DEADLINE_S:
-                raise CameraLostError(f"{error}; given up after {self._away_s():.0f} s") from None
+            self._give_up_in_time(error)
             if str(error) != self._said:
                 _log.warning("camera still lost: %s", error)
                 self._said = str(error)
@@ -143,6 +143,10 @@ class RecoveringCamera:
         self._take(camera)
         _log.warning("camera back after %.1f s", self._away_s())
         return LOST
+
+    def _give_up_in_time(self, error: CameraError) -> None:
+        if self._away_s() > DEADLINE_S:
+            raise CameraLostError(f"{error}; given up after {self._away_s():.0f} s") from None
 
     def _away_s(self) -> float:
         return 0.0 if self._lost_s is None else time.monotonic() - self._lost_s
