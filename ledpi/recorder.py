@@ -23,7 +23,7 @@ import numpy as np
 from ledpi.camera.base import Camera
 from ledpi.camera.gain_follower import GainFollower
 from ledpi.camera.recovering import LOST
-from ledpi.errors import LedpiError, RecordingError
+from ledpi.errors import RecordingError
 from ledpi.output import decoded_as_json
 from ledpi.pipeline import Pipeline
 from ledpi.recording_writer import RecordingWriter, encode_picture
@@ -126,7 +126,7 @@ class Recorder:
             if self._failure is None:
                 try:
                     size = self._writer.write(job.frame, png=job.png.result(), decoded=job.decoded)
-                except LedpiError as error:  # a full disk: what is there is a recording
+                except Exception as error:  # a full disk: what is there is a recording
                     self._failure = error
                     self._stopping = True
                     continue

@@ -147,6 +147,31 @@ def test_a_full_disk_leaves_a_recording(tmp_path: Path, monkeypatch: pytest.Monk
     assert [entry.seq for entry in load_recording(tmp_path / "take").frames] == list(range(7))
 
 
+def test_a_bug_in_an_encoder_ends_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With its error, also where many frames wait: nothing waits for ever for a writer that is gone."""
+    may_fail = threading.Event()
+
+    def broken(pixels: Pixels) -> bytes:
+        may_fail.wait(10)
+        raise ZeroDivisionError("a bug")
+
+    monkeypatch.setattr("ledpi.recorder.encode_picture", broken)
+    one = recorder(tmp_path / "take", Steps(*range(WAITING + 50)))
+    threading.Timer(0.5, may_fail.set).start()
+    ended: list[BaseException] = []
+
+    def run() -> None:
+        try:
+            one.run()
+        except ZeroDivisionError as error:
+            ended.append(error)
+
+    running = threading.Thread(target=run, daemon=True)
+    running.start()
+    running.join(timeout=20)
+    assert [str(error) for error in ended] == ["a bug"]
+
+
 def test_a_camera_that_was_lost_meanwhile_is_told(tmp_path: Path) -> None:
     """However many attempts it took to open it again; what it did not make meanwhile is not counted as missed."""
     one = recorder(tmp_path / "take", Steps(0, 1, LOST, LOST, LOST, 2, 3))
