@@ -106,8 +106,9 @@ class Daemon:
             self._watch(at_each_tick)
         finally:
             self._close()
-        if self._failure is not None:
-            raise self._failure
+        failure = self._failure or self._publisher.failure
+        if failure is not None:
+            raise failure
         return self._totals()
 
     def _close(self) -> None:
@@ -168,7 +169,7 @@ class Daemon:
         """Keeps status and health up to date until it is time to stop."""
         last, looked_s, said_s = self._totals(), time.monotonic(), time.monotonic()
         watchdog_s, fed_s, fed_steps = watchdog_period_s(), time.monotonic(), 0
-        while not self._stop.wait(TICK_S) and not self._asked_to_stop:
+        while not self._stop.wait(TICK_S) and not self._asked_to_stop and self._publisher.failure is None:
             at_each_tick()
             now_s = time.monotonic()
             totals = self._totals()

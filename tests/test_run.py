@@ -351,6 +351,23 @@ def test_a_failing_camera_ends_the_daemon_with_its_error(failure: Exception) -> 
         assert last.state is State.STOPPING
 
 
+def test_a_failing_publisher_ends_the_daemon_with_its_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A daemon that decodes and sends nothing must not look alive to its service manager."""
+
+    def broken(*_: object) -> bytes:
+        raise ZeroDivisionError("a bug")
+
+    monkeypatch.setattr("ledpi.wire.publisher.encode", broken)
+    with controller() as line:
+        settings = config(line.port)
+        running = Daemon(settings, open_simulated(settings, paced=True))
+        rescue = threading.Timer(20, running.stop)
+        rescue.start()
+        with pytest.raises(ZeroDivisionError, match="a bug"):
+            running.run()
+        rescue.cancel()
+
+
 def test_stop_ends_it_from_any_thread(tmp_path: Path) -> None:
     """Without a port, too; what it did until then is returned."""
     settings = config(str(tmp_path / "no-port"))

@@ -58,6 +58,7 @@ class Publisher:
         self._outbox = Outbox(max_age_ms=settings.max_age_ms)
         self._wake = threading.Condition()  # guards the outbox and all below; not held while the port is used
         self._stopping = False
+        self.failure: BaseException | None = None  # what ended the thread: a bug, as no port's fault does
         self._written = {FixMessage: 0, StatusMessage: 0, MarkerMessage: 0}
         self._cut = 0
         self._opened = 0
@@ -106,6 +107,13 @@ class Publisher:
             )
 
     def _run(self) -> None:
+        try:
+            self._serve()
+        except BaseException as error:
+            self.failure = error
+
+    def _serve(self) -> None:
+        """Opens the port, and opens it again, until told to stop."""
         backoff_s = BACKOFF_FIRST_S
         while not self._stopping:
             try:
