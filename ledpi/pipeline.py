@@ -162,6 +162,8 @@ class Pipeline:
     def _where_expected(self, frame: Frame, work: _Work) -> list[tuple[Quad, Track]]:
         """The squares that are where their tracks lead; what is not there is left to a search."""
         start = self._clock()
+        if self._finder.stripe_rows(frame):  # a rim that may be dark is seen from afar only
+            return []
         tracks = self._tracker.expected()
         quads = self._refine(frame, [track.expected_px(frame.row0_readout_ns) for track in tracks])
         followed = [
