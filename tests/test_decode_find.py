@@ -165,3 +165,13 @@ def test_a_finder_keeps_nothing_of_the_last_picture() -> None:
     again, _ = finder.find(canvas.frame())
     assert nothing == []
     np.testing.assert_array_equal(first[0].corners, again[0].corners)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_ring_is_no_lit_square(seed: int) -> None:
+    """Beside a wide dark bezel the wall is lit, all around: what shines is the square within."""
+    canvas = Canvas(background=0.03, transfer="linear")
+    canvas.lamp(square(320.4, 240.2, 170), light=0.002)
+    canvas.lamp(square(320.4, 240.2, 146), light=0.4)
+    found, _ = find(canvas.frame(seed))
+    assert [round(candidate.side_px / 146, 1) for candidate in found] == [1.0]

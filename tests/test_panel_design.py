@@ -367,7 +367,7 @@ def test_antiphase_would_be_read_where_two_frequencies_are_not() -> None:
     views = views_of(asked)
     judged = judge_antiphase(asked, DICTIONARY, views).reach
     pair = reach_of(asked, proposal_at(asked, 1250.0, 2450.0, 504, views), DICTIONARY, views)
-    assert judged.alone[0] > 0.85 > 0.7 > pair.alone[0]
+    assert judged.alone[0] > 0.75 > 0.5 > pair.alone[0]
     assert judged.stream[1] > 0.9 > 0.7 > pair.stream[1]
 
 

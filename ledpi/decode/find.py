@@ -9,10 +9,12 @@ pyramid.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from ledpi import shutter
 from ledpi.records import Floats, Frame, PanelSpec, Pixels, Rejected
@@ -33,6 +35,7 @@ PIXEL_MISFIT = 0.6  # allowed on top, over the side in pixels: steps of whole pi
 MIN_SIDE = 0.3  # shortest side over the root of the area; that of a panel turned by 80° is 0.4
 BLUR_MISFIT = 0.002  # by how much a coarser outline, a pixel less certain, must fit better to be preferred
 MIN_SOLIDITY = 0.8  # area over that of the convex hull
+MAX_HOLE = 0.6  # length of a hole's outline over the outer one's; the walls between cells leave small ones
 STRIPED_CONTRAST = 0.5  # bands deeper than this cut a panel into pieces
 
 
@@ -121,11 +124,27 @@ class Finder:
                 cv2.morphologyEx(lit, cv2.MORPH_OPEN, self._melt, dst=lit)
             # Every pixel of an outline, so that its number of points is its length and tells a speck at no cost.
             found, tree = cv2.findContours(lit, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
-            if found:
-                holes = (tree[0, :, 3] >= 0).tolist()
-                pairs = zip(found, holes, strict=True)
-                outlines.extend(outline for outline, hole in pairs if not hole and len(outline) >= SHORTEST[index])
+            outlines.extend(_filled(found, tree, SHORTEST[index]))
         return outlines
+
+
+def _filled(found: Sequence[Pixels], tree: NDArray[np.int32] | None, shortest: int) -> Iterator[Pixels]:
+    """The outer outlines of what is lit throughout: a ring around something dark is what lies beside a dark bezel.
+
+    `found` and `tree` as `cv2.findContours` gives them: a line of the tree holds next, previous, first hole, parent.
+    """
+    if tree is None:
+        return
+    links = tree[0].tolist()
+    for outline, (_, _, hole, parent) in zip(found, links, strict=True):
+        if parent >= 0 or len(outline) < shortest:
+            continue
+        longest = 0
+        while hole >= 0:
+            longest = max(longest, len(found[hole]))
+            hole = links[hole][0]
+        if longest < MAX_HOLE * len(outline):
+            yield outline
 
 
 def _candidate(

@@ -30,7 +30,7 @@ IMPLAUSIBLE = Rejected(stage="soft", reason="implausible_depth")
 # A word is taken where it is likelier than whatever else the panel may be by this factor, which bounds the share of
 # wrong ones among what is taken. A stream has time to look again, so it asks for more; a frame that stands alone is
 # what the source paper counts, and all there is to go by.
-FALSE_ID_RATE, FALSE_ID_RATE_ALONE = 1e-6, 1e-4
+FALSE_ID_RATE, FALSE_ID_RATE_ALONE = 1e-6, 1e-5
 # Of the things that blink like a panel, the share that shows no word: a mirror image, a broken panel, another system.
 PRIOR_OF_NO_WORD = 0.01
 # No square wave leaves deeper bands than `shutter.harmonic_amplitude` of duty 0.5 by more than π/2 (a duty near 0), and
