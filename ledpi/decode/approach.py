@@ -61,28 +61,24 @@ def approach_quads(
     """
     if not len(rough):
         return []
-    start = as_points(rough)
+    start, chosen = as_points(rough), np.arange(len(rough))
     if stripe_rows:
         corners, spread, seen = outermost_sides(frame, start, stripe_rows)
         limit = np.full(len(rough), np.inf)
     else:
-        step_px = np.maximum(FINEST_STEP_PX, tolerance_px / -OFFSETS[0])
-        look = partial(roughly_light_at, frame)
-        corners, spread, seen = nearest_sides(look, start, step_px)
         squared, cut = _with_fourth_corner(start)
-        if cut.any():
-            others, other_spread, other_seen = nearest_sides(look, squared[cut], step_px[cut])
-            better = other_seen & ~(other_spread >= np.where(seen[cut], spread[cut], np.inf))
-            taken = np.flatnonzero(cut)[better]
-            start = start.copy()
-            start[taken], corners[taken] = squared[taken], others[better]
-            spread[taken], seen[taken] = other_spread[better], True
+        start, of = np.concatenate([start, squared[cut]]), np.concatenate([chosen, chosen[cut]])
+        step_px = np.maximum(FINEST_STEP_PX, tolerance_px / -OFFSETS[0])[of]
+        corners, spread, seen = nearest_sides(partial(roughly_light_at, frame), start, step_px)
         limit = np.maximum(MAX_SPREAD_PX, MAX_SPREAD_STEPS * step_px)
+        for k in range(len(rough), len(start)):
+            if seen[k] and not (seen[of[k]] and spread[k] >= spread[of[k]]):
+                chosen[of[k]] = k
     near = np.abs(corners - start).max(axis=1) < 0.5 * np.sqrt(np.abs(areas(start)))
     reached = as_corners(corners)
     return [
-        LOST if not (seen[i] and near[i]) else reached[i] if spread[i] <= limit[i] else NOT_STRAIGHT
-        for i in range(len(rough))
+        LOST if not (seen[k] and near[k]) else reached[k] if spread[k] <= limit[k] else NOT_STRAIGHT
+        for k in chosen.tolist()
     ]
 
 
@@ -143,11 +139,11 @@ def seen_on_all_sides(good: Mask) -> Mask:
 def _steps_up(light: Singles) -> tuple[Floats, Floats]:
     """Where in each profile (…, T) the largest step up is, in steps, and how high."""
     scores = (light @ _step_templates()).reshape(-1, len(OFFSETS))
-    best = np.clip(scores.argmax(axis=1), 1, len(OFFSETS) - 2)
-    row = np.arange(len(scores))
-    before, here, after = scores[row, best - 1], scores[row, best], scores[row, best + 1]
+    best = scores.argmax(axis=1).clip(1, len(OFFSETS) - 2)
+    at = best + len(OFFSETS) * np.arange(len(scores))
+    before, here, after = scores.reshape(-1).take([at - 1, at, at + 1])
     shift = 0.5 * (after - before) / np.maximum(2 * here - before - after, 1e-9)  # of the parabola through the three
-    found = OFFSETS[best] + np.clip(shift, -1, 1) * (OFFSETS[1] - OFFSETS[0])
+    found = OFFSETS[best] + shift.clip(-1, 1) * (OFFSETS[1] - OFFSETS[0])
     return found.reshape(light.shape[:-1]), here.reshape(light.shape[:-1]).astype(np.float64)
 
 

@@ -6,7 +6,7 @@ turned, from where each profile has its edge.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, lru_cache
 
 import numpy as np
@@ -53,8 +53,10 @@ CELL_INSET = 0.18  # of a cell's pitch at its ends, where no profile is: gaps an
 AT_SIDE = 2  # of ACROSS: from a pixel outside to a pixel inside
 STEEPEST = 0.8  # of the steepest two pixels of a profile, those at the side must be at least
 SETTLED_PX = 0.2  # what a first look moves no further than is as good as what a second one would find
-SETTLED_BLUR = 0.1  # logarithm: nor does another blur change it
-CONVERGED_PX = 0.2  # by which a second look moves the corners, at most, where the first was near enough to see them
+SETTLED_BLUR = 0.1  # logarithm: nor does it then, if the filters saw the blur that they were made for
+FIRST_LOOK_PX = 1.0  # what a first look moves further was too far off for its filters
+MORE_LOOKS = 2
+CONVERGED_PX = 0.2  # by which a further look moves the corners, at most, where the one before was near enough
 NEAR_PX = 1.0  # a side's edges to their median, when it is looked at first
 LEAST_HEIGHT = 1e-4  # of full scale: a profile without any step
 # The edges of a panel lie on a line to a tenth of a pixel, those of most other things do not by far.
@@ -91,14 +93,13 @@ def refine_quads(
         ]
     look = _Look(patches, _shares(cells), bend.imag @ _shares(cells).bend, cells)
     fit = look.first(within)
-    corners, sure = fit.sides.start, fit.settled
-    if not sure.all():
-        corners, sure = look.again(fit)
-    if not sure.all():  # too far off for the filters, or nothing there
+    if _within(FIRST_LOOK_PX, fit.sides.start, within).any():
+        fit = look.more(fit)
+    if not fit.settled.all():  # too far off for the filters, or nothing there
         nearest, _, _ = nearest_sides(patches.light_at, within, np.full(len(near), FINEST_STEP_PX))
         there = np.abs(nearest - within).max(axis=1) < MAX_MOVE * np.sqrt(np.abs(areas(within)))
-        fit = look.first(np.where(there[:, None], nearest, within))
-        corners, _ = look.again(fit)
+        fit = look.more(look.first(np.where(there[:, None], nearest, within)))
+    corners = fit.sides.start
     hidden = hidden_shares(patches, corners, bend, cells)
     return _results(frame, start, corners + patches.first, fit, bend, hidden)
 
@@ -114,15 +115,16 @@ def _outermost(patches: Patches, corners: Points) -> Points:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Fit:
-    """What a first look has found of N quads."""
+    """What looks have found of N quads."""
 
-    sides: Sides  # after it
+    sides: Sides  # after them
     blur_px: Floats  # (N, 2) of either pair of opposite sides
     weights: Floats  # (N, 4, P) of the profiles: 0 for those that do not show the side
     spread: Floats  # (N, 4) of the profiles' edges about each side, in pixels
     variance: Floats  # (N, 4) of a side's place, by what the filter leaves open
     seen: Mask  # (N,) whether all sides show edges
     settled: Mask  # (N,) whether they are where they were sought, so that there is no need to look again
+
 
 @cache
 def _shares(cells: int) -> Shares:
@@ -144,18 +146,22 @@ class _Look:
     def first(self, corners: Points) -> _Fit:
         """Which profiles show the sides, and where these are; from corners (N, 4) that are a pixel off at most."""
         sides, blur_px = Sides.of(corners), np.full((len(corners), 2), USUAL_BLUR_PX)
-        filters = self._filters(sides, blur_px)
+        pitches = _pitches(sides, self.cells)
+        filters = _filters(pitches, blur_px)
         light, found, height = self._profiles(sides, filters)
         good = is_step(height)
         middle, slope = fit_lines(self.shares, found, near_median(found, good, NEAR_PX).astype(np.float64))
         spread, weights = deviations(self.shares, found, good, middle, slope)
-        mean, place = self._mean_profile(filters, light, height, weights)
+        mean = _mean_profile(light, height, weights)
+        blur_px = _blur(blur_px, _places(filters, mean))
+        filters = _filters(pitches, blur_px)  # those that fit the blur that is seen
+        place = _places(filters, mean)
         moved = self._moved(sides, place, found, weights)
         finite = np.asarray(np.isfinite(moved).all(axis=1))
         seen = finite & seen_on_all_sides(good)
         return _Fit(
             sides=Sides.of(np.where(finite[:, None], moved, corners)),
-            blur_px=blur_px * np.exp(np.clip(place[:, 4:], -MAX_BLUR_CHANGE, MAX_BLUR_CHANGE)),
+            blur_px=_blur(blur_px, place),
             weights=weights,
             spread=spread,
             variance=np.array([f.variance for f in filters]),
@@ -166,22 +172,27 @@ class _Look:
             & (np.abs(place[:, 4:]).max(axis=1) < SETTLED_BLUR),
         )
 
-    def again(self, fit: _Fit) -> tuple[Points, Mask]:
-        """The corners (N, 4) after a second look, with the blur that the first one saw, at the same profiles.
+    def more(self, fit: _Fit) -> _Fit:
+        """As many looks more as it takes."""
+        for _ in range(MORE_LOOKS):
+            if fit.settled.all():
+                break
+            fit = self.again(fit)
+        return fit
 
-        And whether that agrees with the first, and light does step up where the sides are.
-        """
-        filters = self._filters(fit.sides, fit.blur_px)
+    def again(self, fit: _Fit) -> _Fit:
+        """With the blur that the last look has seen, at the same profiles."""
+        filters = _filters(_pitches(fit.sides, self.cells), fit.blur_px)
         light, found, height = self._profiles(fit.sides, filters)
-        mean, place = self._mean_profile(filters, light, height, fit.weights)
+        mean = _mean_profile(light, height, fit.weights)
+        place = _places(filters, mean)
         corners = self._moved(fit.sides, place, found, fit.weights)
-        return corners, fit.seen & _steep(mean) & _within(CONVERGED_PX, corners, fit.sides.start)
-
-    def _filters(self, sides: Sides, blur_px: Floats) -> list[_SquareFilter]:
-        return [
-            _square_filter(*filter_key(pitch[0], blur[0]), *filter_key(pitch[1], blur[1]))
-            for pitch, blur in zip(_pitches(sides, self.cells).tolist(), blur_px.tolist(), strict=True)
-        ]
+        return replace(
+            fit,
+            sides=Sides.of(corners),
+            blur_px=_blur(fit.blur_px, place),
+            settled=fit.seen & _steep(mean) & _within(CONVERGED_PX, corners, fit.sides.start),
+        )
 
     def _profiles(self, sides: Sides, filters: list[_SquareFilter]) -> tuple[Singles, Floats, Floats]:
         """Light (N, 4, P, T) across the sides; of each profile the edge (N, 4, P), and the step's height there."""
@@ -190,21 +201,40 @@ class _Look:
         height = np.maximum(single[..., 1], LEAST_HEIGHT).astype(np.float64)
         return light, single[..., 0] / height - np.array([f.single_offset for f in filters])[..., None], height
 
-    def _mean_profile(
-        self, filters: list[_SquareFilter], light: Singles, height: Floats, weights: Floats
-    ) -> tuple[Singles, Floats]:
-        """Of each side (N, 4, T), relative to the step's height; and what the filters make of the four (N, 6)."""
-        share = weights / (height * np.maximum(weights.sum(axis=-1, keepdims=True), 1e-9))
-        mean = (share[..., None, :].astype(np.float32) @ light)[..., 0, :]
-        place: Floats = (np.array([f.place for f in filters]) @ mean.reshape(len(mean), -1, 1))[..., 0]
-        return mean, place + np.array([f.place_offset for f in filters])
-
     def _moved(self, sides: Sides, place: Floats, found: Floats, weights: Floats) -> Points:
         """Corners (N, 4) after each side has moved to where its mean profile has it, turned as the single ones say."""
         middle, slope = fit_lines(self.shares, found, weights)
         # The mean profile is at the profiles' mean share of the way: there, not at half of it, the line meets its mean.
         mean_found = (weights * found).sum(axis=-1) / np.maximum(weights.sum(axis=-1), 1e-9)
         return sides.moved(place[:, :4] - mean_found + middle, slope)
+
+
+def _filters(pitches_px: Floats, blur_px: Floats) -> list[_SquareFilter]:
+    """For N quads, by the pitch and the blur (N, 2) across either pair of opposite sides."""
+    return [
+        _square_filter(*filter_key(pitch[0], blur[0]), *filter_key(pitch[1], blur[1]))
+        for pitch, blur in zip(pitches_px.tolist(), blur_px.tolist(), strict=True)
+    ]
+
+
+def _mean_profile(light: Singles, height: Floats, weights: Floats) -> Singles:
+    """Of each side (N, 4, T), relative to the step's height."""
+    share = weights / (height * np.maximum(weights.sum(axis=-1, keepdims=True), 1e-9))
+    mean: Singles = (share[..., None, :].astype(np.float32) @ light)[..., 0, :]
+    return mean
+
+
+def _places(filters: list[_SquareFilter], mean: Singles) -> Floats:
+    """What the filters make of the four mean profiles (N, 4, T): (N, 6)."""
+    offset = np.array([f.place_offset for f in filters])
+    place: Floats = (np.array([f.place for f in filters]) @ mean.reshape(len(mean), -1, 1))[..., 0] + offset
+    return place
+
+
+def _blur(assumed_px: Floats, place: Floats) -> Floats:
+    """(N, 2) the blur that filters for `assumed_px` (N, 2) have seen."""
+    seen: Floats = assumed_px * np.exp(place[:, 4:].clip(-MAX_BLUR_CHANGE, MAX_BLUR_CHANGE))
+    return seen
 
 
 def _steep(mean: Singles) -> Mask:

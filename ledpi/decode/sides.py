@@ -84,14 +84,13 @@ def bends(corners: Points, intrinsics: Intrinsics | None) -> Points:
     """
     if intrinsics is None or not any(intrinsics.distortion):
         return np.zeros((*corners.shape, 2), np.complex128)
-    centred = as_corners(corners - complex(intrinsics.cx, intrinsics.cy))
-    rays = as_points(centred / (intrinsics.fx, intrinsics.fy))
-    onward = rays[:, NEXT] - rays
-    points = np.stack([rays, rays + onward / 3, rays + onward * (2 / 3)], axis=-1)
+    rays = as_points((as_corners(corners) - (intrinsics.cx, intrinsics.cy)) / (intrinsics.fx, intrinsics.fy))
+    points = rays[..., None] + (rays[:, NEXT] - rays)[..., None] * (0, 1 / 3, 2 / 3)
     bent = as_points(distort(as_corners(points), intrinsics))
-    sides = Sides.of(bent[..., 0])
-    away = bent[..., 1:] - bent[..., :1] - sides.along[..., None] * (1 / 3, 2 / 3)
-    moved: Points = away * 1j * sides.inward.conj()[..., None]
+    start = bent[..., :1]
+    along = start[:, NEXT] - start
+    away = bent[..., 1:] - start - along * (1 / 3, 2 / 3)
+    moved: Points = away * along.conj() / np.maximum(np.abs(along), 1e-9)
     return moved
 
 

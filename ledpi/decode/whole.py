@@ -47,7 +47,7 @@ def hidden_shares(patches: Patches, corners: Points, bend_px: Points, cells: int
     """
     side_px, most_bent = np.sqrt(np.abs(areas(corners))), np.abs(bend_px.imag).max(axis=(1, 2))
     blurs = (BLUR_PX + most_bent + GAP * side_px / cells) / np.maximum(side_px, 1.0)
-    light = patches.light_at(_grid(corners, bend_px.real, cells)).mean(axis=2)  # (N, 2, ALONG)
+    light = patches.light_at(_grid(corners, bend_px, cells)).mean(axis=2)  # (N, 2, ALONG)
     light /= np.maximum(light.mean(axis=2, keepdims=True), 1e-6)
     hidden = np.zeros((len(corners), 2, 2))
     for into, along, blur in zip(hidden, light, blurs.tolist(), strict=True):
@@ -78,21 +78,21 @@ def _share(left: Floats, best: int) -> float:
     return share if abs(share) < MOST and here < max(LITTLE_LEFT**2, CLEARLY_BETTER * left[WHOLE]) else math.nan
 
 
-def _grid(corners: Points, stretch_px: Floats, cells: int) -> Coordinates:
+def _grid(corners: Points, stretch_px: Points, cells: int) -> Coordinates:
     """(N, 2, lines, ALONG) points: on lines from left to right, and on lines from top to bottom.
 
     `stretch_px` (N, 4, 2) is how far along each side the lens moves its thirds.
     """
-    onward, back = stretch_px[:, :2], -stretch_px[:, 2:, ::-1]  # sides 2 and 3 run the other way
+    onward, back = stretch_px.real[:, :2], -stretch_px.real[:, 2:, ::-1]  # sides 2 and 3 run the other way
     length = np.abs(corners[:, 1:3] - corners[:, :2])
     shift = (0.5 * (onward + back) / length[..., None]) @ _BEND  # (N, 2, ALONG)
     across = ((np.arange(cells)[:, None] + ACROSS_CELL) / cells).reshape(-1, 1)
+    homographies = np.array([unit_square_to(quad) for quad in as_corners(corners)])[..., None, None]
+    by_u, by_v, start = (homographies[:, 0] + 1j * homographies[:, 1]).swapaxes(0, 1)
+    g, h = homographies[:, 2, :2].swapaxes(0, 1)
     grid = np.empty((len(corners), 2, len(across), ALONG), np.complex64)
-    for into, quad, (right, down) in zip(grid, as_corners(corners), _ALONG + shift, strict=True):
-        x, y, w = unit_square_to(quad)
-        point = x + 1j * y
-        for k, (u, v) in enumerate(((right, across), (across, down))):
-            into[k] = (point[0] * u + point[1] * v + point[2]) / (w[0] * u + w[1] * v + w[2])
+    for k, (u, v) in enumerate(((_ALONG + shift[:, :1], across), (across, _ALONG + shift[:, 1:]))):
+        grid[:, k] = (by_u * u + (by_v * v + start)) / (g * u + (h * v + 1))
     return grid
 
 
