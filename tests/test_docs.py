@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from typer.main import get_command
 
+from ledpi.camera.recovering import DEADLINE_S
 from ledpi.cli import app, main
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -21,6 +22,14 @@ def test_links_lead_to_files(document: str) -> None:
     path = ROOT / document
     targets = [t for t in re.findall(r"\]\(([^)#\s]+)", path.read_text(encoding="utf-8")) if "://" not in t]
     assert [target for target in targets if not (path.parent / target).exists()] == []
+
+
+@pytest.mark.parametrize("document", ["docs/architecture.md", "docs/faults.md", "docs/raspberry-pi.md"])
+def test_when_a_lost_camera_is_given_up(document: str) -> None:
+    """Wherever a page says it, it says what the code does."""
+    text = (ROOT / document).read_text(encoding="utf-8")
+    said = re.findall(r"[Aa]fter (\d+) s\s(?:without a frame|it ends|ends)", text)
+    assert said == [f"{DEADLINE_S:g}"]
 
 
 def test_the_readme_lists_every_command(monkeypatch: pytest.MonkeyPatch) -> None:
