@@ -65,6 +65,17 @@ def test_where_all_is_well_the_daemon_would_run() -> None:
     assert {name for name, state in states.items() if state == "ok"} >= well | {"serial port"}
 
 
+@pytest.mark.parametrize(
+    ("content", "state"), [("format: 1\npanels: {7: {position_m: [4, 1, 1.5], yaw_deg: 180}}\n", "ok"), ("7\n", "bad")]
+)
+def test_the_map_is_read_as_the_daemon_reads_it(tmp_path: Path, content: str, state: str) -> None:
+    """A broken one stops the daemon, and so it does the doctor."""
+    (tmp_path / "markers.yaml").write_text(content)
+    given = ("panels.side_m=0.16", "camera.source=simulated", f"map={tmp_path / 'markers.yaml'}")
+    found = next(finding for finding in examine(load_config(None, given)) if finding.name == "map")
+    assert (found.state, found.stops_daemon) == (state, state == "bad")
+
+
 def test_a_broken_configuration_is_the_first_finding(tmp_path: Path) -> None:
     """Nothing else can be looked at."""
     (tmp_path / "config.yaml").write_text("camera: {exposure: 10000}\n")

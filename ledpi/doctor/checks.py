@@ -6,8 +6,9 @@ from collections.abc import Iterator
 
 from ledpi.config import Config
 from ledpi.doctor import camera, machine
-from ledpi.doctor.finding import Finding, bad, ok
-from ledpi.errors import WireError
+from ledpi.doctor.finding import Finding, bad, ok, unknown
+from ledpi.errors import LedpiError, WireError
+from ledpi.robot import load_robot
 
 
 def examine(config: Config) -> Iterator[Finding]:
@@ -24,11 +25,23 @@ def examine(config: Config) -> Iterator[Finding]:
     if info is not None:
         yield camera.frequencies(config, info)
     yield camera.intrinsics(config, info)
+    yield _map(config)
     yield _serial_port(config)
     yield machine.serial_console(config.serial.port)
     yield machine.disk()
     yield machine.clock()
     yield machine.throttling()
+
+
+def _map(config: Config) -> Finding:
+    """Read as the daemon does, which does not start with a broken one."""
+    try:
+        panels = load_robot(config).panels
+    except LedpiError as error:
+        return bad("map", str(error), "put it right, or make one with `ledpi calibrate map`", stops_daemon=True)
+    if panels is None:
+        return unknown("map", "map is not set: panels' poses are sent, but not the robot's place")
+    return ok("map", f"{config.map}: {len(panels)} panels")
 
 
 def _serial_port(config: Config) -> Finding:
