@@ -116,6 +116,14 @@ def end(process: subprocess.Popen[str], signal_number: int | None = None) -> End
     return Ended(process.returncode, log.splitlines(), time.monotonic() - started)
 
 
+def slowness() -> float:
+    """By how much longer than planned a short sleep takes here: a busy machine gets as much more time."""
+    started = time.monotonic()
+    for _ in range(20):
+        time.sleep(0.005)
+    return max(1.0, 2 * (time.monotonic() - started) / 0.1)
+
+
 def write_recording(folder: Path, frames: int, *, calibrated: bool = True) -> None:
     lens = ov5647_lens()
     sensor = SimulatedSensor(intrinsics=lens, exposure_us=9966.32, row_time_us=33.67, frame_length_rows=504)

@@ -98,14 +98,15 @@ def test_paced_frames_never_come_before_their_read_out_ends(tmp_path: Path) -> N
     """With one constant offset for all, each frame comes after its last row was read out; the gap is kept."""
     times_ms = [0, 150, 300, 700, 850]
     camera = RecordingCamera(load_recording(recorded(tmp_path, times_ms)), paced=True)
-    offsets, arrivals = set(), []
+    offsets, ends, arrivals = set(), [], []
     for _ in times_ms:
         frame = read(camera)
         arrivals.append(time.monotonic_ns())
         offsets.add(frame.host_offset_ns)
-        assert arrivals[-1] >= frame.row0_readout_ns + frame.host_offset_ns + READOUT_NS
+        ends.append(frame.row0_readout_ns + frame.host_offset_ns + READOUT_NS)
+        assert arrivals[-1] >= ends[-1]
     assert len(offsets) == 1
-    assert arrivals[3] - arrivals[0] >= 700e6
+    assert arrivals[3] - ends[0] >= 700e6
     assert camera.missed == 0
     assert camera.read(picture()) is None
 

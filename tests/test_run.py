@@ -27,6 +27,7 @@ from daemon_material import (
     controller,
     daemon,
     end,
+    slowness,
     write_recording,
 )
 
@@ -67,7 +68,7 @@ def drive() -> Iterator[Run]:
 def test_sigterm_ends_it_soon_and_well(drive: Run) -> None:
     """Exit status 0, no traceback, and a summary as its last line."""
     assert drive.ended.status == 0
-    assert drive.ended.seconds_to_end < END_S
+    assert drive.ended.seconds_to_end < END_S * slowness()
     assert not any("Traceback" in line for line in drive.ended.log)
     assert re.match(r"INFO ended: \d+ frames, \d+ dropped, \d+ decoded, \d+ markers", drive.ended.log[-1])
 
@@ -154,7 +155,7 @@ def test_an_absent_port_is_waited_for(tmp_path: Path) -> None:
             line.close()
             last = line.got[-1][1]
     assert ended.status == 0
-    assert ended.seconds_to_end < END_S
+    assert ended.seconds_to_end < END_S * slowness()
     assert isinstance(last, StatusMessage)
     assert last.state is State.STOPPING
 
@@ -375,7 +376,7 @@ def test_stop_ends_it_from_any_thread(tmp_path: Path) -> None:
     threading.Timer(0.5, running.stop).start()
     started = time.monotonic()
     totals = running.run()
-    assert time.monotonic() - started < 0.5 + END_S
+    assert time.monotonic() - started < 0.5 + END_S * slowness()
     assert totals.ring.published >= totals.ring.taken >= totals.health.decoded > 0
 
 
@@ -386,7 +387,7 @@ def test_a_stop_before_the_start_counts(tmp_path: Path) -> None:
     running.stop()
     started = time.monotonic()
     running.run()
-    assert time.monotonic() - started < END_S
+    assert time.monotonic() - started < END_S * slowness()
 
 
 def test_a_signal_cannot_lock_the_daemon_up(tmp_path: Path) -> None:

@@ -40,6 +40,7 @@ def record(
     """
     from ledpi.camera.factory import open_camera
     from ledpi.config import find_config, load_config
+    from ledpi.recorder import Recorded
 
     file = find_config(config)
     if file is None and not set_:
@@ -53,7 +54,8 @@ def record(
         try:
             _run(recorder, seconds=seconds, frames=frames, max_bytes=max_mb * 1e6)
         finally:
-            typer.echo(f"{out}: {summary(recorder.done)}")
+            if recorder.done != Recorded():  # else the folder was refused, and nothing was begun
+                typer.echo(f"{out}: {summary(recorder.done)}")
     finally:
         camera.close()
 

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_run import controller
+from daemon_material import controller, slowness
 from virtual_panels import IDS, SETTINGS, rendered
 from virtual_picamera2 import ROW_US, Behaviour, show, unplug
 
@@ -213,13 +213,3 @@ def leftovers() -> tuple[int, int, int]:
     """Open descriptors, threads, bytes of resident memory."""
     pages = int(Path("/proc/self/statm").read_text().split()[1])
     return len(os.listdir("/proc/self/fd")), threading.active_count(), pages * os.sysconf("SC_PAGE_SIZE")
-
-
-def slowness() -> float:
-    """By how much longer than planned a short sleep takes here: a busy machine gets as much more time."""
-    started = time.monotonic()
-    for _ in range(20):
-        time.sleep(0.005)
-    return max(1.0, 2 * (time.monotonic() - started) / 0.1)
-
-
