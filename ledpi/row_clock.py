@@ -25,6 +25,9 @@ MAX_RATIO = 1.1
 # a panel for less.
 MIN_DEVIATION = 0.01
 SURE = 5.0  # standard errors that a deviation must have, where times are taken by a busy computer
+# Three intervals that are off by much may agree to a hair by chance: of fewer than so many, the one that is furthest
+# from their middle says how well they are known.
+FEW = 8
 
 
 class RowClock:
@@ -52,8 +55,10 @@ class RowClock:
             return 1.0
         ratios = np.array(self._ratios)
         middle = float(np.median(ratios))
+        away = np.abs(ratios - middle)
         # Of a median of n normal values: 1.25·σ/√n, σ = 1.48 times the median distance from it.
-        error = 1.25 * 1.48 * float(np.median(np.abs(ratios - middle))) / np.sqrt(len(ratios))
+        sigma = float(away.max() if len(ratios) < FEW else 1.48 * np.median(away))
+        error = 1.25 * sigma / np.sqrt(len(ratios))
         off = abs(middle - 1.0)
         return middle if off > max(MIN_DEVIATION, SURE * error) else 1.0
 
