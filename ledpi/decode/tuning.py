@@ -81,6 +81,7 @@ def propose_frequencies(seen: Sequence[Seen], spec: PanelSpec, codebook: Codeboo
     return [
         Proposal(spec=replace(spec, black_hz=black, white_hz=white), measured=(black, white) == peaks)
         for black, white in ways
+        if black > 0.0 and white > 0.0 and black != white  # as those of a panel are; what stands still may be neither
     ]
 
 

@@ -1,0 +1,49 @@
+"""Frequencies told from a track's frames: what is proposed is always a panel that can be."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import pytest
+from decode_material import SPEC, Canvas, quad, square, word
+
+from ledpi.decode.cells import CellSamples, sample_cells
+from ledpi.decode.soft import Codebook
+from ledpi.decode.tuning import Proposal, Seen, propose_frequencies
+from ledpi.dictionaries import load_dictionary
+
+PERIOD_US = 16_969.7  # in which 1250 and 1262 Hz both advance by nearly 21 cycles, and 20 Hz by a third of one
+
+
+def proposals(announced: tuple[float, float], true: tuple[float, float]) -> list[Proposal]:
+    """Of 12 frames of panel 7, (black, white) in Hz."""
+    spec, shown = (dataclasses.replace(SPEC, black_hz=black, white_hz=white) for black, white in (announced, true))
+    corners, seen = square(310.3, 240.6, 60, 4), []
+    for n in range(12):
+        canvas = Canvas()
+        canvas.panel(corners, word(7), light=0.4, spec=shown, start_us=n * PERIOD_US)
+        frame = dataclasses.replace(canvas.frame(n, seq=n), row0_readout_ns=round(1e9 + 1e3 * n * PERIOD_US))
+        samples = sample_cells(frame, quad(corners), 4)
+        assert isinstance(samples, CellSamples)
+        seen.append(Seen(samples=samples, frame=frame))
+    dictionary = load_dictionary("DICT_4X4_50")
+    return propose_frequencies(seen, spec, Codebook.build(range(50), dictionary, spec))
+
+
+def test_both_frequencies_come_first() -> None:
+    """Oscillators that are 1 % off; after them come those of which one's phase would stand still."""
+    first, *others = proposals((1250.0, 2450.0), (1262.0, 2431.0))
+    assert first.measured
+    assert (first.spec.black_hz, first.spec.white_hz) == pytest.approx((1262.0, 2431.0), abs=0.5)
+    assert [other.measured for other in others] == [False] * 3
+
+
+@pytest.mark.parametrize(
+    ("announced", "true"), [((1240.0, 1262.0), (1250.0, 1262.0)), ((20.0, 2450.0), (20.0, 2450.0))]
+)
+def test_frequencies_that_no_panel_has_are_not_proposed(
+    announced: tuple[float, float], true: tuple[float, float]
+) -> None:
+    """Of classes that are near each other both stand still at one frequency; a slow one does so at none."""
+    for proposal in proposals(announced, true):
+        assert 0 < proposal.spec.black_hz != proposal.spec.white_hz > 0
