@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import cv2
 import numpy as np
 import pytest
@@ -175,3 +177,12 @@ def test_a_ring_is_no_lit_square(seed: int) -> None:
     canvas.lamp(square(320.4, 240.2, 146), light=0.4)
     found, _ = find(canvas.frame(seed))
     assert [round(candidate.side_px / 146, 1) for candidate in found] == [1.0]
+
+
+@pytest.mark.parametrize("size", [(1, 1), (3, 5), (16, 640), (480, 16)])
+def test_a_picture_too_small_for_any_panel_holds_none(size: tuple[int, int]) -> None:
+    """A recording may be cut down to whatever its maker cared for; halved four times nothing is left of it."""
+    height, width = size
+    pixels = np.random.default_rng(1).integers(0, 256, size, np.uint8)
+    frame = dataclasses.replace(Canvas().frame(), pixels=pixels)
+    assert Finder(width, height, SPEC, SMALLEST_PX).find(frame)[0] == []

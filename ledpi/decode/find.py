@@ -66,7 +66,7 @@ class Finder:
         """`smallest_px`: side of the smallest panel that can be read."""
         self._spec = spec
         self._smallest_px = smallest_px
-        sizes = [(height >> level, width >> level) for level in range(1, LEVELS + 1)]
+        sizes = [(max(1, height >> level), max(1, width >> level)) for level in range(1, LEVELS + 1)]
         self._levels = [np.empty(size, np.uint8) for size in sizes]
         self._work = [tuple(np.empty(size, np.uint8) for _ in range(4)) for size in sizes]
         self._window = np.ones((WINDOW, WINDOW), np.uint8)
