@@ -16,6 +16,7 @@ from ledpi.decode.cells import MIN_CELL_PX, sample_cells
 from ledpi.decode.edges import refine_quads
 from ledpi.decode.find import Finder
 from ledpi.decode.reader import Reader
+from ledpi.decode.sightings import one_of_each
 from ledpi.decode.track import NOT_SHOWN, Track, Tracker
 from ledpi.dictionaries import load_dictionary
 from ledpi.markers import corners_of_turned
@@ -39,8 +40,6 @@ from ledpi.records import (
 from ledpi.row_clock import MIN_DEVIATION, RowClock
 from ledpi.trace import Dropped, Look, Trace
 
-SAME_PLACE = Rejected(stage="identify", reason="same_panel_twice")
-SAME_ID = Rejected(stage="identify", reason="same_id_twice")
 # A stream searches the whole picture for newcomers in every third frame, and in each that does not show all its tracks.
 SEARCH_EVERY = 3
 STAGES: dict[Method, tuple[str, ...]] = {
@@ -120,7 +119,9 @@ class Pipeline:
         frame = self._with_true_row_time(frame)
         work = _Work(dict.fromkeys(STAGES[self._method], 0.0), trace)
         read = self._by_soft if self._method == "soft" else self._by_bands
-        sightings = _one_of_each(read(frame, work), work)
+        sightings, dropped = one_of_each(read(frame, work))
+        for sighting, why in dropped:
+            work.reject(sighting.corners_px, why)
         start = self._clock()
         markers = self._place(frame, sightings, work)
         fix = self._placer.fix(frame, markers)
@@ -277,26 +278,3 @@ def _sighting(quad: Quad, reading: soft.Reading, track: Track) -> Sighting:
         frames_used=track.frames,
         velocity_px_s=None if velocity is None else read_only(corners_of_turned(velocity, reading.quarter_turns)),
     )
-
-
-def _one_of_each(sightings: list[Sighting], work: _Work) -> list[Sighting]:
-    """The surest sighting of each panel. An ID that is in two places at once is in neither."""
-    kept: list[Sighting] = []
-    for sighting in sorted(sightings, key=lambda s: -s.margin):
-        centre = sighting.corners_px.mean(axis=0)
-        if any(_inside(centre, other.corners_px) for other in kept):
-            work.reject(sighting.corners_px, SAME_PLACE)
-        else:
-            kept.append(sighting)
-    ids = [s.id for s in kept]
-    for sighting in kept:
-        if ids.count(sighting.id) > 1:
-            work.reject(sighting.corners_px, SAME_ID)
-    return [s for s in kept if ids.count(s.id) == 1]
-
-
-def _inside(point: Floats, corners: Floats) -> bool:
-    """Whether a point lies within a convex quad, clockwise in the picture."""
-    along = np.roll(corners, -1, axis=0) - corners
-    to = point - corners
-    return bool((along[:, 0] * to[:, 1] - along[:, 1] * to[:, 0] > 0).all())

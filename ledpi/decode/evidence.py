@@ -27,16 +27,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ledpi import shutter
-from ledpi.decode.cells import INSET, CellSamples, Lattice, Singles
+from ledpi.decode.cells import CellSamples, Lattice, Singles
+from ledpi.decode.shared_light import (
+    Integers,
+    Sources,
+    border_points,
+    shared_blinking_light,
+    shared_light,
+    sources_of,
+)
 from ledpi.records import Frame, PanelSpec, Rejected
 
 Doubles = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 PARAMETERS = 4  # cosine and sine of each class
-# How far across a cell's border its light reaches: lens, pixel and interpolation together have a standard deviation of
-# 0.8 to 1.1 px in a focused picture.
-BORDER_PX = 2.5
 # Of full bands the darkest part: there is stray light, read noise, and a waveform that is not quite a square wave's, so
 # that the dark says less of a cell than its few photons would.
 DARKEST = 0.1
@@ -106,17 +110,17 @@ def single_evidence(
     the static picture is what is left when that is divided out, and evidence is on how far the bands differ from it.
     """
     cells, points = samples.light.shape
-    sources = _sources(samples.lattice.k, _border(samples))
+    sources = sources_of(samples.lattice.k, border_points(samples))
     shown = None if believed is None else believed.own_light()
     gain, profile, light = _levels(samples, shown)
     # Shot noise has the variance of the light: over this root it is alike everywhere.
     even = np.sqrt(gain[:, None] * np.maximum(profile, np.float32(1e-3)))
     if believed is None or shown is None:
         root = even
-        basis = _shared_light(gain, samples.lattice.cells).take(sources.column, axis=1)  # (cells, P)
+        basis = shared_light(gain, samples.lattice.cells).take(sources.column, axis=1)  # (cells, P)
     else:
         root = even * np.sqrt(shown)
-        basis = _shared_blinking_light(gain, believed, samples.lattice.cells, sources, root)
+        basis = shared_blinking_light(gain, believed.white, believed.light, samples.lattice.cells, sources, root)
     seen = light / root
     parts = basis * (basis * seen.take(sources.point, axis=1)).sum(axis=0)
     static = np.asarray(np.add.reduceat(parts, sources.first, axis=1), np.float32)
@@ -197,93 +201,6 @@ def believed_bands(samples: CellSamples, frame: Frame, spec: PanelSpec, bands: D
         white=np.asarray(bands[:, 2:].any(axis=1)),
         light=np.maximum(light, np.float32(DARKEST)),
     )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Sources:
-    """What may light up each lattice point: P columns of `_shared_light`, those of one point after each other."""
-
-    point: Integers  # (P,)
-    column: Integers  # (P,)
-    first: Integers  # (points,) where each point's begin
-
-
-def _border(samples: CellSamples) -> tuple[int, int]:
-    """How many points at either end of a cell a neighbour may light up: across, down."""
-    k = samples.lattice.k
-    cell = np.array(samples.cell_px)
-    step = cell * (1 - 2 * INSET) / k
-    across, down = np.clip(np.ceil((BORDER_PX - INSET * cell) / step - 0.5), 0, k // 2).astype(int).tolist()
-    return across, down
-
-
-# The cells whose light meets at a point, as (down, across) from its own: near a corner; near a side. The first two of
-# the former also serve near the left and the right side. Neighbours across a corner add too little to matter.
-_MEETINGS = [[(0, 0), (0, x), (y, 0)] for y in (-1, 1) for x in (-1, 1)] + [[(0, 0), (y, 0), (0, 1)] for y in (-1, 1)]
-
-
-@cache
-def _sources(k: int, border: tuple[int, int]) -> Sources:
-    """For k × k points a cell, of which the outer `border` (across, down) are near a border."""
-    across, down = (np.where(np.arange(k) < b, -1, np.where(np.arange(k) >= k - b, 1, 0)).tolist() for b in border)
-    point: list[int] = []
-    column: list[int] = []
-    first: list[int] = []
-    for at, (y, x) in enumerate((y, x) for y in down for x in across):
-        meeting = 4 + (y > 0) if y and not x else 2 * (y > 0) + (x > 0)
-        count = 1 + (x != 0) + (y != 0)
-        first.append(len(point))
-        point += [at] * count
-        column += [3 * meeting + i for i in range(count)]
-    return Sources(point=np.array(point), column=np.array(column), first=np.array(first))
-
-
-def _meeting(values: Singles, cells: int) -> Singles:
-    """(cells, 18): the values (cells,) of the cells that meet, in each of `_MEETINGS`; 0 beyond the rim."""
-    return np.append(values, np.float32(0)).take(_met(cells))
-
-
-@cache
-def _met(cells: int) -> Integers:
-    """(cells, 18): which cells meet there; beyond the rim there is one more."""
-    around = np.full((cells + 2, cells + 2), cells * cells)
-    around[1:-1, 1:-1] = np.arange(cells * cells).reshape(cells, cells)
-    met = [around[1 + y : 1 + y + cells, 1 + x : 1 + x + cells].reshape(-1) for m in _MEETINGS for y, x in m]
-    return np.stack(met, axis=1)
-
-
-def _shared_light(gain: Singles, cells: int) -> Singles:
-    """(cells, 18): for each of `_MEETINGS`, an orthonormal basis of what the cells may show at one point, whitened."""
-    shown = (_meeting(gain, cells) / np.sqrt(gain)[:, None]).reshape(len(gain), -1, 3)
-    own, second, third = (shown[:, :, i] for i in range(3))  # (cells, meetings) each; Gram and Schmidt
-    own /= np.sqrt((own * own).sum(axis=0))
-    second -= own * (own * second).sum(axis=0)
-    second /= np.maximum(np.sqrt((second * second).sum(axis=0)), 1e-6)
-    third -= own * (own * third).sum(axis=0) + second * (second * third).sum(axis=0)
-    third /= np.maximum(np.sqrt((third * third).sum(axis=0)), 1e-6)
-    return np.asarray(shown.reshape(len(gain), -1), np.float32)
-
-
-def _shared_blinking_light(gain: Singles, believed: Believed, cells: int, sources: Sources, root: Singles) -> Singles:
-    """(cells, P): the same at each point, where each cell blinks as its class is believed to."""
-    white = _meeting(believed.white.astype(np.float32), cells)[:, sources.column] > 0
-    light = np.where(white, believed.light[1][:, sources.point], believed.light[0][:, sources.point])
-    columns = _meeting(gain, cells)[:, sources.column] * light / root[:, sources.point]
-    return _orthonormal(columns, sources)
-
-
-def _orthonormal(columns: Singles, sources: Sources) -> Singles:
-    """Those of each point made orthonormal among themselves (Gram and Schmidt), one after the other."""
-    rank = np.arange(len(sources.point)) - sources.first[sources.point]
-    done = columns.copy()
-    for order in range(int(rank.max()) + 1):
-        at = np.flatnonzero(rank == order)
-        own = done[:, at]
-        for before in range(order):
-            other = done[:, sources.first[sources.point[at]] + before]
-            own = own - other * (own * other).sum(axis=0)
-        done[:, at] = own / np.maximum(np.sqrt((own * own).sum(axis=0)), 1e-9)
-    return done
 
 
 def _without_shared_light(
