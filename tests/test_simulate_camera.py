@@ -5,7 +5,9 @@ from __future__ import annotations
 import dataclasses
 import threading
 import time
+from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from simulate_material import LENS, panel, sensor, standing
@@ -187,3 +189,13 @@ def test_an_impossible_sensor_is_a_configuration_error() -> None:
     """An exposure that no frame of the simulator holds is told, with the key."""
     with pytest.raises(ConfigError, match="exposure_us"):
         open_simulated(config("camera.exposure_us=3000000", "camera.frame_duration_us=4000000"), paced=False)
+
+
+def test_a_dictionary_without_the_drives_ids_is_a_configuration_error(tmp_path: Path) -> None:
+    """Of one's own five words, for example: the remedy is another dictionary, or another source."""
+    storage = cv2.FileStorage(str(tmp_path / "words.yaml"), cv2.FILE_STORAGE_WRITE)
+    cv2.aruco.extendDictionary(5, 4).writeDictionary(storage)
+    storage.release()
+    settings = load_config(None, ("panels.side_m=0.16", f"panels.dictionary={tmp_path / 'words.yaml'}"))
+    with pytest.raises(ConfigError, match=r"^panels\.dictionary: the simulated drive shows 7 and 23: .* IDs 0 to 4"):
+        open_simulated(settings, paced=False)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import threading
 import time
+from collections.abc import Mapping
 from dataclasses import asdict
 
 from ledpi.camera.factory import panel_frequencies_hz
@@ -12,7 +13,7 @@ from ledpi.camera.timing import choose_frame_length_rows
 from ledpi.config import CameraSettings, Config, PanelSettings
 from ledpi.errors import CameraError, ConfigError
 from ledpi.recording import TruthMarker
-from ledpi.records import CameraInfo, Frame, PanelValues, Pixels
+from ledpi.records import CameraInfo, Frame, PanelSpec, PanelValues, Pixels
 from ledpi.simulate.render import Renderer
 from ledpi.simulate.scene import OV5647_FRAME_LENGTH_ROWS, OV5647_ROW_TIME_US, Scene, SimulatedSensor
 from ledpi.simulate.scenes import DRIVE_IDS, drive_scene, ov5647_lens, whole_rows_us
@@ -141,9 +142,18 @@ def open_simulated(
     """
     panels = config.panels
     sensor = simulated_sensor(config.camera, panels)
-    scene = drive_scene(sensor, {i: panels.spec(i) for i in DRIVE_IDS}, panels.dictionary)
+    scene = simulated_drive(sensor, {i: panels.spec(i) for i in DRIVE_IDS}, panels.dictionary)
     values = PanelValues(dictionary=panels.dictionary, **asdict(panels.spec()))
     return SimulatedCamera(scene, seed=seed, paced=paced, frames=frames, panel=values)
+
+
+def simulated_drive(sensor: SimulatedSensor, specs: Mapping[int, PanelSpec], dictionary: str) -> Scene:
+    """The drive past panels 7 and 23. Raises ConfigError for a dictionary without them."""
+    try:
+        return drive_scene(sensor, specs, dictionary)
+    except ValueError as error:
+        ids = " and ".join(str(marker_id) for marker_id in DRIVE_IDS)
+        raise ConfigError(f"panels.dictionary: the simulated drive shows {ids}: {error}") from None
 
 
 def shortest_frame_rows(height: int, exposure_us: float, row_time_us: float) -> int:

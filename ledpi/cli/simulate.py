@@ -82,11 +82,11 @@ def _settings(
 
 
 def _drive(settings: Config) -> Scene:
-    from ledpi.camera.simulated import simulated_sensor
-    from ledpi.simulate.scenes import DRIVE_IDS, drive_scene
+    from ledpi.camera.simulated import simulated_drive, simulated_sensor
+    from ledpi.simulate.scenes import DRIVE_IDS
 
     sensor = simulated_sensor(settings.camera, settings.panels)
-    return drive_scene(sensor, _specs(settings.panels, DRIVE_IDS), settings.panels.dictionary)
+    return simulated_drive(sensor, _specs(settings.panels, DRIVE_IDS), settings.panels.dictionary)
 
 
 def _board(settings: Config) -> Scene:

@@ -67,7 +67,8 @@ def still_scene(
 def drive_scene(sensor: SimulatedSensor, specs: Mapping[int, PanelSpec], dictionary: str) -> Scene:
     """A robot that drives up to two panels, 7 and 23, and back, for ever: 0.7 to 2.5 m away, up to 0.7 m/s.
 
-    Distances and speeds are of panels of 16 cm; they grow with the panels.
+    Distances and speeds are of panels of 16 cm; they grow with the panels. Raises ValueError for a dictionary without
+    these IDs.
     """
     scale = max(spec.side_m for spec in specs.values()) / _DRIVE_SIDE_M
     panels = []
