@@ -24,6 +24,20 @@ def test_links_lead_to_files(document: str) -> None:
     assert [target for target in targets if not (path.parent / target).exists()] == []
 
 
+def test_every_page_can_be_reached_from_the_readme() -> None:
+    """By links, a folder standing for its README.md."""
+    reached: set[Path] = set()
+    waiting = [ROOT / "README.md"]
+    while waiting:
+        page = waiting.pop()
+        if page.suffix == ".md" and page.is_file() and page not in reached:
+            reached.add(page)
+            targets = re.findall(r"\]\(([^)#\s]+)", page.read_text(encoding="utf-8"))
+            there = [(page.parent / target).resolve() for target in targets if "://" not in target]
+            waiting += [path / "README.md" if path.is_dir() else path for path in there]
+    assert [document for document in DOCUMENTS if ROOT / document not in reached] == []
+
+
 @pytest.mark.parametrize("document", ["docs/architecture.md", "docs/faults.md", "docs/raspberry-pi.md"])
 def test_when_a_lost_camera_is_given_up(document: str) -> None:
     """Wherever a page says it, it says what the code does."""

@@ -23,6 +23,10 @@ PURE = [
     "ledpi.records",
     "ledpi.row_clock",
     "ledpi.wire.message",
+    "ledpi.wire.codec",
+    "ledpi.wire.outbox",
+    "ledpi.wire.receiver",
+    "ledpi.camera.timing",
     "ledpi.camera.gain",
     "ledpi.camera.tuning",
 ]
