@@ -13,6 +13,8 @@ from ledpi.picture import PNG_SIGNATURE, png_fault
 from ledpi.records import CameraInfo, Frame
 
 SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".tif", ".tiff"}
+# The file's own orientation mark is passed over: lens and shutter belong to the sensor's rows and columns.
+_AS_EXPOSED = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
 
 
 def still_camera(settings: CameraSettings) -> CameraInfo:
@@ -39,7 +41,7 @@ def read_still(path: Path, camera: CameraInfo, seq: int = 0) -> Frame:
     if fault is not None:
         raise RecordingError(f"{path}: {fault[1]}")
     try:
-        picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE) if data else None
+        picture = cv2.imdecode(np.frombuffer(data, np.uint8), _AS_EXPOSED) if data else None
     except cv2.error:
         picture = None
     if picture is None:

@@ -1,0 +1,25 @@
+"""Picture files as frames."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from ledpi.records import CameraInfo
+from ledpi.still import read_still
+
+# An APP1 segment of 34 bytes: Exif, big-endian TIFF with one entry, Orientation (0x0112) = 3, upside down.
+UPSIDE_DOWN = bytes.fromhex("ffe1 0022 457869660000 4d4d002a00000008 0001 0112 0003 00000001 0003 0000 00000000")
+
+
+def test_rows_stay_as_the_sensor_exposed_them(tmp_path: Path) -> None:
+    """A camera that was held upside down marks its file so; turned, the bands would run the wrong way."""
+    dark_above = np.repeat(np.uint8([20, 220]), 16)[:, None] * np.ones((1, 32), np.uint8)
+    jpeg = cv2.imencode(".jpg", dark_above)[1].tobytes()
+    path = tmp_path / "held.jpg"
+    path.write_bytes(jpeg[:2] + UPSIDE_DOWN + jpeg[2:])
+    assert cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)[0, 0] > 200  # OpenCV sees the mark
+    camera = CameraInfo(width=32, height=32, exposure_us=9967.0, row_time_us=33.67, transfer="srgb")
+    assert read_still(path, camera).pixels[0, 0] < 40
