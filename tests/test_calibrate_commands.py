@@ -79,6 +79,27 @@ def test_a_panel_that_is_off_is_measured_and_written(command: Command) -> None:
     assert yaml.safe_load(written)["panels"]["overrides"][3] == {"side_m": 0.3}
 
 
+def test_what_only_the_recording_knows_is_written_too(command: Command) -> None:
+    """The recording announces 1262 and 2431 Hz, and they are right; config.yaml has 1250 and 2450."""
+    take = simulated(command, "panels.black_hz=1262", "panels.white_hz=2431", told={})
+    status, out, err = command("calibrate", "panel", take)
+    assert (status, err) == (0, "")
+    assert "as announced" not in out
+    spec = load_config(Path("config.yaml")).panels.spec(7)
+    assert (spec.black_hz, spec.white_hz) == pytest.approx((1262.0, 2431.0), rel=1e-3)
+
+
+def test_one_picture_over_and_over_is_refused(command: Command) -> None:
+    """A camera that hangs, or frames copied by hand: nothing moves, so nothing can be measured."""
+    take = simulated(command, told={})
+    first = (take / "frames/000000.png").read_bytes()
+    for picture in sorted((take / "frames").iterdir()):
+        picture.write_bytes(first)
+    status, _, err = command("calibrate", "panel", take)
+    assert status == 2
+    assert err.startswith("ledpi: all frames show the very same light")
+
+
 def test_a_panel_with_an_entry_is_sought_around_it(command: Command) -> None:
     """ID 7 is announced as 1500 and 2800 Hz by itself; it is found there, although the common ones are far off."""
     overrides = ("camera.exposure_us=1000", "panels.black_hz=1507", "panels.white_hz=2790")

@@ -55,7 +55,10 @@ def mean_frame(frames: Sequence[Frame]) -> Frame:
 def panel_light(
     frames: Sequence[Frame], corners_px: Floats, cells: int, intrinsics: Intrinsics | None
 ) -> PanelLight:
-    """The light of `cells` × `cells` cells, summed over each picture row. Raises CalibrationError if too bright."""
+    """The light of `cells` × `cells` cells, summed over each picture row.
+
+    Raises CalibrationError if it is too bright, or the same in all frames.
+    """
     low = np.maximum(np.floor(corners_px.min(axis=0)).astype(int), 0)
     high = np.ceil(corners_px.max(axis=0)).astype(int) + 1
     area = (slice(low[1], high[1]), slice(low[0], high[0]))
@@ -72,6 +75,8 @@ def panel_light(
     light = [
         np.bincount(index, table[frame.pixels[area][clear]], minlength=cells * cells * rows) for frame in frames
     ]
+    if not np.ptp(light, axis=0).any():
+        raise CalibrationError("all frames show the very same light: one picture over and over measures nothing")
     seconds, interval_us = steady_seconds(frames)
     return PanelLight(
         light=np.array(light, np.float64).reshape(len(frames), cells * cells, rows),

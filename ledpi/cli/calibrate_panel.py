@@ -55,7 +55,8 @@ def panel(
     panels, measured = _measure(taken, settings.panels)
     for result, corners in measured:
         _report(result, corners, panels.spec(result.id), taken)
-    _write({r.id: r for r, _ in measured}, panels, None if dry_run else file)
+    # The recording may announce what the configuration does not, by which the daemon will read this panel.
+    _write({r.id: r for r, _ in measured}, settings.panels, None if dry_run else file)
 
 
 def _look_at_lamps(paths: list[Path], settings: Config) -> None:
