@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import sys
 import threading
 import time
@@ -168,7 +169,8 @@ class Daemon:
     def _watch(self, at_each_tick: Callable[[], None]) -> None:
         """Keeps status and health up to date until it is time to stop."""
         last, looked_s, said_s = self._totals(), time.monotonic(), time.monotonic()
-        watchdog_s, fed_s, fed_steps = watchdog_period_s(), time.monotonic(), 0
+        # The first frame counts at once: after a reload the watchdog was last fed before the camera was opened.
+        watchdog_s, fed_s, fed_steps = watchdog_period_s(), -math.inf, 0
         while not self._stop.wait(TICK_S) and not self._asked_to_stop and self._publisher.failure is None:
             at_each_tick()
             now_s = time.monotonic()

@@ -65,6 +65,7 @@ class Service:
 
     def _change_to(self, config: Config) -> Daemon:
         """What only the camera shows to be wrong brings the old configuration back."""
+        notify("WATCHDOG=1")  # the old daemon has ended as it should; a camera, or two, is about to be opened
         try:
             daemon = self._start(config)
         except LedpiError as error:

@@ -129,6 +129,22 @@ def test_a_good_configuration_is_taken(tmp_path: Path) -> None:
         assert last.state.name == "STOPPING"
 
 
+def test_a_reload_does_not_starve_the_watchdog(
+    tmp_path: Path, manager: Callable[[], str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is fed before the camera is opened again, and by the first frame after: not half of its time later."""
+    monkeypatch.setenv("WATCHDOG_USEC", "600000000")
+    monkeypatch.delenv("WATCHDOG_PID", raising=False)
+    file = tmp_path / "config.yaml"
+    with controller() as line:
+        file.write_text(f"panels: {{side_m: 0.16}}\ncamera: {{source: simulated}}\nserial: {{port: {line.port}}}\n")
+        with daemon(options=("--config", str(file))) as process:
+            assert [manager() for _ in range(2)] == ["READY=1", "WATCHDOG=1"]
+            process.send_signal(signal.SIGHUP)
+            assert [manager() for _ in range(3)] == ["WATCHDOG=1", "READY=1", "WATCHDOG=1"]
+            assert end(process, signal.SIGTERM).status == 0
+
+
 # ---- What the journal gets
 
 
