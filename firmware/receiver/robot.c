@@ -2,7 +2,8 @@
  *
  *   D0  (PD0, RXD)   the stream, 115200 baud
  *   D1  (PD1, TXD)   one line of text a second, for a person
- *   D9  (PB1)        high: the motors may run. Low within 300 ms of the last picture that gave a fix
+ *   D9  (PB1)        high: the motors may run. Low 300 ms after the last picture that gave a fix, and the 5 ms
+ *                    that its bytes are on the wire and looked at
  *   D13 (PB5)        the board's lamp: changes with each message
  */
 #include <avr/interrupt.h>
