@@ -334,6 +334,18 @@ def test_what_is_no_input_is_named(ledpi: Run, tmp_path: Path, name: str, messag
     assert message in complaint(ledpi(tmp_path / name))
 
 
+def test_recordings_of_one_name_are_not_drawn_over_each_other(ledpi: Run, kept: Path, take: Path) -> None:
+    """Each has a folder of its name below --steps; two of one name would share it in silence."""
+    take = take.rename(take.with_name("one"))
+    assert "--steps: two recordings are called one" in complaint(ledpi(kept / "one", take, "--steps", take / "steps"))
+    assert not (take / "steps").exists()
+
+
+def test_as_live_needs_a_recording_that_was_decoded_live(ledpi: Run, take: Path) -> None:
+    """`ledpi simulate` decodes nothing: an empty answer would look like a recording without panels."""
+    assert "--as-live: does not say which frames were decoded live" in complaint(ledpi("--as-live", take))
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

@@ -54,6 +54,8 @@ def decode(
     recordings, pictures = _sort_out(paths)
     if pictures and file is None and not any(item.startswith("panels.side_m=") for item in set_):
         raise ConfigError("pictures need a configuration: --config FILE, or at least --set panels.side_m=METRES")
+    if steps is not None:
+        _check_names_differ([name for name, _ in recordings])
     bad = 0
     with progress("decoding", _frame_count(recordings) + len(pictures)) as advance:
         for name, folder in recordings:
@@ -88,6 +90,13 @@ def _sort_out(paths: list[Path]) -> tuple[list[tuple[str, Path]], list[Path]]:
     return recordings, pictures
 
 
+def _check_names_differ(names: list[str]) -> None:
+    """Each recording's steps are drawn into a folder of its name."""
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise RecordingError(f"--steps: two recordings are called {twice}, and would be drawn over each other")
+
+
 def _frame_count(recordings: list[tuple[str, Path]]) -> int:
     """Frames in all; also finds a broken recording before the first line is printed."""
     from ledpi.recording import load_recording
@@ -114,6 +123,8 @@ def _decode_recording(
     from ledpi.row_clock import row_time_note
 
     recording = load_recording(folder)
+    if as_live and all(entry.decoded is None for entry in recording.frames):
+        raise RecordingError(f"{folder}: --as-live: does not say which frames were decoded live")
     camera = recording.camera
     if recording.row_time_ratio != 1.0:
         print(f"ledpi: {folder}: {row_time_note(camera.row_time_us, recording.row_time_ratio)}", file=sys.stderr)
