@@ -7,11 +7,11 @@ too; the frames' intervals it cannot bend.
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import replace
+from statistics import median
 from typing import TypeVar
-
-import numpy as np
 
 from ledpi.records import CameraInfo, Frame
 
@@ -53,12 +53,11 @@ class RowClock:
     def _sure_ratio(self) -> float:
         if len(self._ratios) < MIN_INTERVALS:
             return 1.0
-        ratios = np.array(self._ratios)
-        middle = float(np.median(ratios))
-        away = np.abs(ratios - middle)
+        middle = median(self._ratios)
+        away = [abs(ratio - middle) for ratio in self._ratios]
         # Of a median of n normal values: 1.25·σ/√n, σ = 1.48 times the median distance from it.
-        sigma = float(away.max() if len(ratios) < FEW else 1.48 * np.median(away))
-        error = 1.25 * sigma / np.sqrt(len(ratios))
+        sigma = max(away) if len(away) < FEW else 1.48 * median(away)
+        error = 1.25 * sigma / math.sqrt(len(away))
         off = abs(middle - 1.0)
         return middle if off > max(MIN_DEVIATION, SURE * error) else 1.0
 
