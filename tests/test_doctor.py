@@ -65,6 +65,13 @@ def test_where_all_is_well_the_daemon_would_run() -> None:
     assert {name for name, state in states.items() if state == "ok"} >= well | {"serial port"}
 
 
+def test_a_lens_that_the_daemon_does_not_read_does_not_stop_it(tmp_path: Path) -> None:
+    """The simulator, as a recording, knows its own; what the configuration names is of no account then."""
+    given = ("panels.side_m=0.16", "camera.source=simulated", f"camera.intrinsics={tmp_path / 'gone.yaml'}")
+    found = next(finding for finding in examine(load_config(None, given)) if finding.name == "intrinsics")
+    assert (found.state, found.stops_daemon) == ("ok", False)
+
+
 @pytest.mark.parametrize(
     ("content", "state"), [("format: 1\npanels: {7: {position_m: [4, 1, 1.5], yaw_deg: 180}}\n", "ok"), ("7\n", "bad")]
 )

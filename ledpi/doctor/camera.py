@@ -98,10 +98,10 @@ def frequencies(config: Config, info: CameraInfo) -> Finding:
 
 def intrinsics(config: Config, info: CameraInfo | None) -> Finding:
     """Whether there is a lens, of this picture's size, that is a lens."""
+    if info is not None and info.intrinsics is not None:  # a recording's own, which override the configuration's
+        return plausible(info.intrinsics, Path(config.camera.source))
     path = config.camera.intrinsics
     if path is None:
-        if info is not None and info.intrinsics is not None:
-            return plausible(info.intrinsics, Path(config.camera.source))
         return bad(
             "intrinsics",
             "camera.intrinsics is not set: IDs are sent, but no poses",
