@@ -71,10 +71,12 @@ def approach_quads(
         step_px = np.maximum(FINEST_STEP_PX, tolerance_px / -OFFSETS[0])[of]
         corners, spread, seen = nearest_sides(partial(roughly_light_at, frame), start, step_px)
         limit = np.maximum(MAX_SPREAD_PX, MAX_SPREAD_STEPS * step_px)
-        for k in range(len(rough), len(start)):
-            if seen[k] and not (seen[of[k]] and spread[k] >= spread[of[k]]):
-                chosen[of[k]] = k
     near = np.abs(corners - start).max(axis=1) < 0.5 * np.sqrt(np.abs(areas(start)))
+    # Perspective, too, makes a square no parallelogram: what is a square as it is stays as it is.
+    fits = seen & near & (spread <= limit)
+    for k in range(len(rough), len(start)):
+        if fits[k] and not fits[of[k]]:
+            chosen[of[k]] = k
     reached = as_corners(corners)
     return [
         LOST if not (seen[k] and near[k]) else reached[k] if spread[k] <= limit[k] else NOT_STRAIGHT
