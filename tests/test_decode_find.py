@@ -186,3 +186,19 @@ def test_a_picture_too_small_for_any_panel_holds_none(size: tuple[int, int]) -> 
     pixels = np.random.default_rng(1).integers(0, 256, size, np.uint8)
     frame = dataclasses.replace(Canvas().frame(), pixels=pixels)
     assert Finder(width, height, SPEC, SMALLEST_PX).find(frame)[0] == []
+
+
+@pytest.mark.parametrize("turn_deg", [10, 30, 50, 75])
+def test_a_slender_panels_corners_are_where_its_sides_cross(turn_deg: float) -> None:
+    """Turned away by 80° and rolled: its acute corners are blunt in the picture, and its sides are not."""
+    turn, roll = np.radians(80), np.radians(turn_deg)
+    flat_square = 0.08 * np.array([[-1.0, -1], [1, -1], [1, 1], [-1, 1]])
+    rolled = flat_square @ np.array([[np.cos(roll), np.sin(roll)], [-np.sin(roll), np.cos(roll)]])
+    depth = 0.6 + rolled[:, 0] * np.sin(turn)
+    corners = np.stack([320 + 640 * rolled[:, 0] * np.cos(turn) / depth, 240 + 640 * rolled[:, 1] / depth], axis=1)
+    canvas = Canvas()
+    canvas.panel(corners, word(7))
+    found, _ = find(canvas.frame())
+    (candidate, *_) = found
+    off = min(np.abs(np.roll(corners, k, axis=0) - candidate.corners).max() for k in range(4))
+    assert off < 5.0

@@ -35,6 +35,7 @@ PIXEL_MISFIT = 0.6  # allowed on top, over the side in pixels: steps of whole pi
 MIN_SIDE = 0.3  # shortest side over the root of the area; that of a panel turned by 80° is 0.4
 BLUR_MISFIT = 0.002  # by how much a coarser outline, a pixel less certain, must fit better to be preferred
 MIN_SOLIDITY = 0.8  # area over that of the convex hull
+SLENDER = 0.85  # area over that of the square of the same outline, below which corners are where sides cross
 MAX_HOLE = 0.6  # length of a hole's outline over the outer one's; the walls between cells leave small ones
 STRIPED_CONTRAST = 0.5  # bands deeper than this cut a panel into pieces
 
@@ -165,6 +166,8 @@ def _candidate(
     corners = _four_sides(hull, math.sqrt(area))
     if corners is None:
         return NOT_FOUR_SIDED
+    if area < SLENDER * (0.25 * sum(math.dist(corners[k], corners[k - 1]) for k in range(4))) ** 2:
+        corners = _through_sides(corners, outline)
     quad_area = 0.5 * abs(_twice_area(corners))
     misfit = abs(math.log(max(quad_area, 1e-3) / area))
     if misfit > (MAX_MISFIT_STRIPED if stripe_rows else MAX_MISFIT) + PIXEL_MISFIT / math.sqrt(area):
@@ -195,6 +198,36 @@ def _four_sides(hull: Pixels, size: float) -> Corners | None:
         return corners if shortest > MIN_SIDE * size else None
     box: Corners = cv2.boxPoints(cv2.minAreaRect(hull)).tolist()
     return box
+
+
+def _through_sides(corners: Corners, outline: Pixels) -> Corners:
+    """Where straight lines through each side's part of the outline cross; `corners` where they do not.
+
+    Of a slender shape the outline's own corners are blunt, and may lie far inside.
+    """
+    start = np.array(corners, np.float64)
+    along = np.roll(start, -1, axis=0) - start
+    length = np.maximum(np.hypot(along[:, 0], along[:, 1]), 1e-9)
+    along /= length[:, None]
+    across = np.stack([-along[:, 1], along[:, 0]], axis=1)
+    points = outline[:, 0] - start[:, None]  # (4, P, 2)
+    t, d = (points @ along[:, :, None])[..., 0], (points @ across[:, :, None])[..., 0]
+    own = np.abs(d) == np.abs(d).min(axis=0)
+    w = (own & (t > 0.15 * length[:, None]) & (t < 0.85 * length[:, None])).astype(float)
+    count = np.maximum(w.sum(axis=1), 1e-9)
+    t0, d0 = (w * t).sum(axis=1) / count, (w * d).sum(axis=1) / count
+    off = t - t0[:, None]
+    slope = (w * off * d).sum(axis=1) / np.maximum((w * off * off).sum(axis=1), 1e-9)
+    on = start + along * t0[:, None] + across * d0[:, None]
+    way = along + across * slope[:, None]
+    before, way_before = np.roll(on, 1, axis=0), np.roll(way, 1, axis=0)
+    turn = way_before[:, 0] * way[:, 1] - way_before[:, 1] * way[:, 0]
+    gap = on - before
+    if (count < 3).any() or (np.abs(turn) < 0.05).any():
+        return corners
+    share = (gap[:, 0] * way[:, 1] - gap[:, 1] * way[:, 0]) / turn
+    crossings: Corners = (before + way_before * share[:, None]).tolist()
+    return crossings
 
 
 def _twice_area(corners: Corners) -> float:
