@@ -34,6 +34,7 @@ from ledpi.records import PanelSpec, Transfer
 SEARCH_PATH = (Path("config.yaml"), Path("/etc/ledpi/config.yaml"))
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+SideM = Annotated[float, Field(gt=0, le=10, allow_inf_nan=False)]  # a larger one was given in millimetres
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Duty = Annotated[float, Field(gt=0, lt=1)]
 Gain = Annotated[float, Field(ge=1, le=64)]
@@ -102,7 +103,7 @@ class CameraSettings(_Section):
 
 
 class PanelOverride(_Section):
-    side_m: Positive | None = None
+    side_m: SideM | None = None
     black_hz: Positive | None = None
     white_hz: Positive | None = None
     duty: Duty | None = None
@@ -111,7 +112,7 @@ class PanelOverride(_Section):
 
 class PanelSettings(_Section):
     dictionary: Annotated[str, AfterValidator(_known_dictionary)] = "DICT_4X4_50"
-    side_m: Positive
+    side_m: SideM
     black_hz: Positive = 1250.0
     white_hz: Positive = 2450.0
     duty: Duty = 0.5

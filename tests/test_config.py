@@ -98,6 +98,7 @@ MISTAKES = [
     ("camera.intrinsics=3", "camera.intrinsics: must be a path, not 3"),
     ("panels.side_m=", "panels.side_m: must be a number, not None"),
     ("panels.side_m=0", "panels.side_m: must be greater than 0, not 0"),
+    ("panels.side_m=160", "panels.side_m: must be less than or equal to 10, not 160"),
     ("panels.side_m=.nan", "panels.side_m: must be a finite number, not nan"),
     ("panels.side_m=yes", "panels.side_m: takes no true or false"),
     ("panels.upright=1", "panels.upright: must be true or false, not 1"),
