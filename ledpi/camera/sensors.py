@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 MODE = (640, 480)  # both sensors have it; no other is used, as a scaled picture has another row time
 BIT_DEPTH = 10
-CONTROL_DELAY_FRAMES = 2  # from asking for an exposure or a gain to the first frame made so; both helpers' default
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -20,19 +19,13 @@ class SensorFacts:
     row_clocks: int  # pixel clocks from one row's start to the next's, blanking included
     shortest_frame_rows: int | None  # the driver's least frame, blanking included; None where drivers differ
     exposure_margin_rows: int  # that a frame is longer than its exposure, at least
-    exposure_min_rows: int
-    gain_max: float
 
 
 SENSORS = {
-    # hts 1852 (register 0x380c 0x073c), vts 0x1f8, OV5647_VBLANK_MIN 24; OV5647_EXPOSURE_MIN; frameIntegrationDiff.
-    # Gain: code / 16, code at most 1023. The pixel rate is the driver's word: 55 MHz, 58.333 MHz in newer ones.
-    "ov5647": SensorFacts(
-        row_clocks=1852, shortest_frame_rows=504, exposure_margin_rows=4, exposure_min_rows=4, gain_max=1023 / 16
-    ),
+    # hts 1852 (register 0x380c 0x073c), vts 0x1f8, OV5647_VBLANK_MIN 24; frameIntegrationDiff. The pixel rate is the
+    # driver's word: 55 MHz, 58.333 MHz in newer ones.
+    "ov5647": SensorFacts(row_clocks=1852, shortest_frame_rows=504, exposure_margin_rows=4),
     # IMX219_PPL_DEFAULT; IMX219_VBLANK_MIN is 4 in older drivers and 32 in newer ones, and newer ones double the pixel
-    # rate of 182.4 MHz in binned modes, so the row time must be measured. Gain: 256 / (256 − code), code at most 232.
-    "imx219": SensorFacts(
-        row_clocks=3448, shortest_frame_rows=None, exposure_margin_rows=4, exposure_min_rows=4, gain_max=256 / 24
-    ),
+    # rate of 182.4 MHz in binned modes, so the row time must be measured.
+    "imx219": SensorFacts(row_clocks=3448, shortest_frame_rows=None, exposure_margin_rows=4),
 }
