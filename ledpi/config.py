@@ -148,7 +148,8 @@ class RobotSettings(_Section):
 class SerialSettings(_Section):
     port: str = "/dev/ledpi-controller"
     baud: Annotated[int, Field(ge=1200, le=4_000_000)] = 115200
-    protocol: Literal["ledpi"] = "ledpi"
+    protocol: Literal["ledpi", "mavlink"] = "ledpi"
+    mavlink_profile: Literal["ardupilot", "px4"] = "ardupilot"
     max_age_ms: Positive = 100.0
 
 

@@ -20,11 +20,12 @@ from ledpi.health import Health, HealthSnapshot, StageTimes
 from ledpi.pipeline import Pipeline
 from ledpi.pose.fix import NOT_IN_MAP
 from ledpi.processor import read_processor
-from ledpi.records import Intrinsics, Rejected
+from ledpi.records import Floats, Intrinsics, Rejected
 from ledpi.reporting import Totals, in_service, minute_line, second_line
 from ledpi.ring import FrameRing
 from ledpi.robot import load_robot
 from ledpi.service_notify import notify, watchdog_period_s
+from ledpi.wire.mavlink import Mavlink
 from ledpi.wire.message import NoFix, State, StatusMessage
 from ledpi.wire.publisher import Publisher
 
@@ -51,19 +52,20 @@ class Daemon:
         self._calibrated = calibration(config, camera)
         self._has_map = config.map is not None
         self._ring = FrameRing(info.height, info.width)
+        robot = load_robot(config)
         try:
             self._pipeline = Pipeline(
                 info,
                 config.panels,
                 intrinsics=self._calibrated,
                 shown=camera.panel,
-                robot=load_robot(config),
+                robot=robot,
                 method=config.decode.method,
             )
         except ValueError as error:
             raise ConfigError(f"panels.overrides: contradict the panel of {config.camera.source}: {error}") from None
         self._gain = GainFollower(camera)
-        self._publisher = Publisher(config.serial)
+        self._publisher = Publisher(config.serial, _mavlink(config, robot.base_link_from_camera))
         self._health = Health()
         self._times = StageTimes()
         self._processor = read_processor()
@@ -242,3 +244,10 @@ def calibration(config: Config, camera: Camera) -> Intrinsics | None:
     if info.intrinsics is not None or config.camera.intrinsics is None:
         return info.intrinsics
     return load_intrinsics(config.camera.intrinsics, (info.width, info.height))
+
+
+def _mavlink(config: Config, base_link_from_camera: Floats) -> Mavlink | None:
+    """Raises ConfigError where it is asked for and pymavlink is missing."""
+    if config.serial.protocol != "mavlink":
+        return None
+    return Mavlink(base_link_from_camera=base_link_from_camera, profile=config.serial.mavlink_profile)

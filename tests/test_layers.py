@@ -28,6 +28,7 @@ PURE = [
     "ledpi.wire.codec",
     "ledpi.wire.outbox",
     "ledpi.wire.receiver",
+    "ledpi.wire.mavlink",
     "ledpi.camera.gain",
     "ledpi.camera.timing",
     "ledpi.camera.tuning",

@@ -7,7 +7,7 @@ codec.py puts them into bytes; docs/wire.md is the contract.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from enum import IntEnum
 from typing import TypeAlias
 
@@ -62,6 +62,7 @@ class WirePose:
     quaternion_wxyz: Quadruple  # unit length; q and −q are the same rotation, w ≥ 0 is sent
     deviation_m: Triple | None  # along x, y, z
     deviation_rad: Triple | None  # of the rotation about x, y, z; fixed axes, as ROS
+    covariance: Floats | None = field(default=None, compare=False, repr=False)  # the Pose's own; our packets hold none
 
     def __post_init__(self) -> None:
         if not all(math.isfinite(v) for v in (*self.position_m, *self.quaternion_wxyz)):
@@ -128,10 +129,10 @@ class StatusMessage:
     decode_p99_us: int | None = None
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if value is not None and field.name != "temperature_c":
-                _check(field.name, value, 0x0F0F if field.name == "throttling" else None)
+        for name in (item.name for item in fields(self)):
+            value = getattr(self, name)
+            if value is not None and name != "temperature_c":
+                _check(name, value, 0x0F0F if name == "throttling" else None)
 
 
 Message: TypeAlias = MarkerMessage | FixMessage | StatusMessage
@@ -170,6 +171,7 @@ def _wire_pose(pose: Pose) -> WirePose:
         quaternion_wxyz=(qw, qx, qy, qz),
         deviation_m=_deviations(pose.covariance, 0),
         deviation_rad=_deviations(pose.covariance, 3),
+        covariance=pose.covariance,
     )
 
 

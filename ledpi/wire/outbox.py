@@ -36,8 +36,9 @@ class Outbox:
     have their turn on a short line.
     """
 
-    def __init__(self, *, max_age_ms: float) -> None:
+    def __init__(self, *, max_age_ms: float, status_period_ns: int = STATUS_PERIOD_NS) -> None:
         self._max_age_ns = round(max_age_ms * 1e6)
+        self._status_period_ns = status_period_ns
         self._fix: tuple[RobotFix, int] | None = None  # with its mid-exposure on the host's clock
         self._markers: dict[_Key, tuple[MarkerPose, int]] = {}
         self._sent_fix_ns: int | None = None  # mid-exposure of the newest fix that went out
@@ -100,7 +101,7 @@ class Outbox:
                 return fix
         if status_due:
             self._status_waits = False
-            self._status_due_ns = first_byte_ns + STATUS_PERIOD_NS
+            self._status_due_ns = first_byte_ns + self._status_period_ns
             return self._status_at(first_byte_ns)
         marker = self._take_marker(first_byte_ns)
         if marker is not None:

@@ -13,8 +13,9 @@ from ledpi.errors import WireError
 from ledpi.records import Decoded
 from ledpi.wire.codec import encode
 from ledpi.wire.line import SerialLine
-from ledpi.wire.message import FixMessage, MarkerMessage, StatusMessage
-from ledpi.wire.outbox import Outbox
+from ledpi.wire.mavlink import HEARTBEAT_PERIOD_NS, Mavlink
+from ledpi.wire.message import FixMessage, MarkerMessage, Message, StatusMessage
+from ledpi.wire.outbox import STATUS_PERIOD_NS, Outbox
 
 BACKOFF_FIRST_S = 0.1
 BACKOFF_LAST_S = 0.5  # a port that is back is found within this time
@@ -53,9 +54,14 @@ class PublisherCounters:
 class Publisher:
     """Writes poses and a status heartbeat to the motor controller. Only `stop` waits for the port."""
 
-    def __init__(self, settings: SerialSettings) -> None:
+    def __init__(self, settings: SerialSettings, mavlink: Mavlink | None = None) -> None:
+        """`mavlink`: speaks that in place of our own protocol."""
         self._settings = settings
-        self._outbox = Outbox(max_age_ms=settings.max_age_ms)
+        self._mavlink = mavlink
+        self._outbox = Outbox(
+            max_age_ms=settings.max_age_ms,
+            status_period_ns=STATUS_PERIOD_NS if mavlink is None else HEARTBEAT_PERIOD_NS,
+        )
         self._wake = threading.Condition()  # guards the outbox and all below; not held while the port is used
         self._stopping = False
         self.failure: BaseException | None = None  # what ended the thread: a bug, as no port's fault does
@@ -150,19 +156,33 @@ class Publisher:
 
     def _send_next(self, line: SerialLine) -> None:
         with self._wake:
-            message = self._outbox.take(line.first_byte_ns(time.monotonic_ns()))
-        if message is not None and self._send(line, message):
+            first_byte_ns = line.first_byte_ns(time.monotonic_ns())
+            message = self._outbox.take(first_byte_ns)
+        if message is not None and self._send(line, message, first_byte_ns):
             with self._wake:
                 self._written[type(message)] += 1
 
-    def _send(self, line: SerialLine, message: FixMessage | StatusMessage | MarkerMessage) -> bool:
-        frame = encode(message, self._sequence)
-        self._sequence = self._sequence % 0xFFFF + 1  # 0 only once, so that a receiver sees a restart
+    def _send(self, line: SerialLine, message: Message, first_byte_ns: int) -> bool:
+        frame = self._encode(message, first_byte_ns)
+        if frame is None:
+            return False
         whole = line.write(frame, time.monotonic_ns())
         if not whole:
             with self._wake:
                 self._cut += 1
         return whole
+
+    def _encode(self, message: Message, first_byte_ns: int) -> bytes | None:
+        if self._mavlink is None:
+            frame = encode(message, self._sequence)
+            self._sequence = self._sequence % 0xFFFF + 1  # 0 only once, so that a receiver sees a restart
+            return frame
+        try:
+            return self._mavlink.encode(message, first_byte_ns)
+        except WireError:
+            with self._wake:
+                self._outbox.refused += 1
+            return None
 
     def _say_goodbye(self, line: SerialLine) -> None:
         deadline_ns = time.monotonic_ns() + round(GOODBYE_S * 1e9)
@@ -170,7 +190,7 @@ class Publisher:
             message = self._outbox.stopping_status()
         while (wait_ns := line.busy_ns(time.monotonic_ns())) and time.monotonic_ns() + wait_ns < deadline_ns:
             time.sleep(wait_ns / 1e9)
-        if wait_ns == 0 and self._send(line, message):
+        if wait_ns == 0 and self._send(line, message, time.monotonic_ns()):
             with self._wake:
                 self._written[StatusMessage] += 1
         while not line.is_drained(time.monotonic_ns()) and time.monotonic_ns() < deadline_ns:

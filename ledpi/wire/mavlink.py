@@ -1,0 +1,167 @@
+"""Messages → MAVLink 2, in the frames that autopilots expect, by pymavlink's own packer. Knows neither clock nor port.
+
+Frames: the vehicle's body is FRD (x ahead, y right, z down), the local frame NED (x north, y east, z down); a map is
+ENU (x east, y north, z up; REP-103). docs/mavlink.md says what ArduPilot and PX4 do with each field.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Literal, TypeAlias
+
+import numpy as np
+
+from ledpi.errors import ConfigError, WireError
+from ledpi.geometry import matrix_from_quaternion, quaternion_from_matrix, rpy_deg_from_matrix
+from ledpi.records import Floats
+from ledpi.wire.message import FixMessage, MarkerMessage, Message, State, StatusMessage
+
+Profile: TypeAlias = Literal["ardupilot", "px4"]
+
+HEARTBEAT_PERIOD_NS = 1_000_000_000  # once a second, as https://mavlink.io/en/services/heartbeat.html says
+SYSTEM_ID = 1  # that of the vehicle, where nobody has changed it: a companion computer is a part of it
+# A fix has jumped where no robot of a room could have moved so far since the last: a step for the noise of a poor fix,
+# and the fastest indoor drones' speeds.
+JUMP_M, JUMP_M_S = 0.5, 10.0
+JUMP_RAD, JUMP_RAD_S = math.radians(30.0), 2.0 * math.pi
+# PX4 meets a target's direction with the ground. Nearer to the horizon a degree of tilt is more than a tenth of the
+# height, and a panel above has no such point at all.
+PX4_STEEPEST_TANGENT = math.tan(math.radians(60.0))
+
+NED_FROM_ENU = np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, -1]])
+FRD_FROM_FLU = np.diag([1.0, -1, -1])
+
+
+class Mavlink:
+    """Encodes what an Outbox gives. Holds the packets' number, and the last fix to see where one has jumped."""
+
+    def __init__(self, *, base_link_from_camera: Floats, profile: Profile) -> None:
+        """Raises ConfigError where pymavlink is not installed."""
+        try:
+            from pymavlink.dialects.v20 import common
+        except ImportError:
+            raise ConfigError(
+                "serial.protocol: mavlink needs pymavlink, which is not installed: pip install 'ledpi[mavlink]'"
+            ) from None
+        self._dialect: Any = common
+        self._packer: Any = common.MAVLink(
+            None, srcSystem=SYSTEM_ID, srcComponent=common.MAV_COMP_ID_VISUAL_INERTIAL_ODOMETRY
+        )
+        self._frd_from_camera = FRD_FROM_FLU @ base_link_from_camera[:3]
+        self._profile = profile
+        self._last_fix: tuple[int, Floats, Floats] | None = None  # when in µs, position, rotation
+        self._jumps = 0
+
+    def encode(self, message: Message, first_byte_ns: int) -> bytes | None:
+        """A whole packet; None where MAVLink, or the autopilot, has no place for this.
+
+        `first_byte_ns` is the moment that `age_us` runs to. Raises WireError for what must not be sent.
+        """
+        match message:
+            case MarkerMessage():
+                fields = self._landing_target(message, _picture_us(first_byte_ns, message.age_us))
+            case FixMessage():
+                fields = self._vision_position(message, _picture_us(first_byte_ns, message.age_us))
+            case StatusMessage():
+                fields = self._heartbeat(message)
+        if fields is None:
+            return None
+        packet = bytes(fields.pack(self._packer))
+        self._packer.seq = (self._packer.seq + 1) % 256
+        return packet
+
+    def _heartbeat(self, status: StatusMessage) -> Any:
+        d = self._dialect
+        states = {
+            State.STARTING: d.MAV_STATE_BOOT,
+            State.RUNNING: d.MAV_STATE_ACTIVE,
+            State.CAMERA_LOST: d.MAV_STATE_CRITICAL,
+            State.STOPPING: d.MAV_STATE_POWEROFF,
+        }
+        state = states.get(status.state, d.MAV_STATE_UNINIT)
+        return d.MAVLink_heartbeat_message(d.MAV_TYPE_ONBOARD_CONTROLLER, d.MAV_AUTOPILOT_INVALID, 0, 0, state, 3)
+
+    def _landing_target(self, marker: MarkerMessage, picture_us: int) -> Any:
+        if marker.pose is None or marker.alternate:
+            return None
+        if marker.id > 0xFF:
+            raise WireError(f"marker {marker.id}: LANDING_TARGET's target_num holds 0 to 255")
+        in_camera = np.array(marker.pose.position_m)
+        x, y, z = (float(v) for v in self._frd_from_camera @ [*in_camera, 1.0])
+        distance_m = math.hypot(x, y, z)
+        kind = self._dialect.LANDING_TARGET_TYPE_VISION_FIDUCIAL
+        if self._profile == "px4":
+            if math.hypot(x, y) > PX4_STEEPEST_TANGENT * z:
+                return None
+            return self._dialect.MAVLink_landing_target_message(
+                picture_us, marker.id, self._dialect.MAV_FRAME_BODY_FRD, x / z, y / z, distance_m, 0, 0, type=kind
+            )
+        angle_x, angle_y = (math.atan2(v, in_camera[2]) for v in in_camera[:2])
+        turned = quaternion_from_matrix(
+            self._frd_from_camera[:, :3] @ matrix_from_quaternion(np.array(marker.pose.quaternion_wxyz))
+        )
+        return self._dialect.MAVLink_landing_target_message(
+            picture_us,
+            marker.id,
+            self._dialect.MAV_FRAME_BODY_FRD,
+            angle_x,
+            angle_y,
+            distance_m,
+            0,
+            0,
+            x,
+            y,
+            z,
+            [0.0] * 4 if marker.ambiguous else turned.tolist(),
+            kind,
+            1,
+        )
+
+    def _vision_position(self, fix: FixMessage, picture_us: int) -> Any:
+        map_from_base_link = matrix_from_quaternion(np.array(fix.pose.quaternion_wxyz))
+        rotation = NED_FROM_ENU @ map_from_base_link @ FRD_FROM_FLU
+        position_m = NED_FROM_ENU @ np.array(fix.pose.position_m)
+        self._count_jump(picture_us, position_m, rotation)
+        return self._dialect.MAVLink_vision_position_estimate_message(
+            picture_us,
+            *position_m.tolist(),
+            *(math.radians(angle) for angle in rpy_deg_from_matrix(rotation)),
+            _upper_triangle(fix.pose.covariance, rotation),
+            (self._jumps + fix.map_resets) % 256,
+        )
+
+    def _count_jump(self, picture_us: int, position_m: Floats, rotation: Floats) -> None:
+        if self._last_fix is not None:
+            last_us, last_position_m, last_rotation = self._last_fix
+            seconds = abs(picture_us - last_us) / 1e6
+            moved_m = float(np.linalg.norm(position_m - last_position_m))
+            cosine = (float(np.trace(rotation @ last_rotation.T)) - 1.0) / 2.0
+            turned_rad = math.acos(max(-1.0, min(1.0, cosine)))
+            self._jumps += moved_m > JUMP_M + JUMP_M_S * seconds or turned_rad > JUMP_RAD + JUMP_RAD_S * seconds
+        self._last_fix = (picture_us, position_m, rotation)
+
+
+def _picture_us(first_byte_ns: int, age_us: int) -> int:
+    """Mid-exposure on the clock of `first_byte_ns`, in µs."""
+    return first_byte_ns // 1000 - age_us
+
+
+def _upper_triangle(covariance: Floats | None, ned_from_frd: Floats) -> list[float]:
+    """The 21 numbers, row by row, of (x, y, z, roll, pitch, yaw); a first NaN where they are not known.
+
+    Rotations about fixed axes become roll, pitch and yaw by the inverse of ω = J·(roll', pitch', yaw'), whose columns
+    are the axes that each angle turns about. Where the vehicle stands on its nose or tail there is no inverse.
+    """
+    unknown = [math.nan] + [0.0] * 20  # both autopilots look at the first; ArduPilot adds others up
+    roll_axis = ned_from_frd[:, 0]
+    level = math.hypot(roll_axis[0], roll_axis[1])
+    if covariance is None or level < 1e-3:
+        return unknown
+    pitch_axis = np.array([-roll_axis[1], roll_axis[0], 0.0]) / level
+    angles_from_axes = np.linalg.inv(np.column_stack([roll_axis, pitch_axis, [0.0, 0.0, 1.0]]))
+    change = np.zeros((6, 6))
+    change[:3, :3] = NED_FROM_ENU
+    change[3:, 3:] = angles_from_axes @ NED_FROM_ENU
+    values: Floats = (change @ covariance @ change.T)[np.triu_indices(6)]
+    fit = np.all(np.abs(values) < np.finfo(np.float32).max) and np.all(values[[0, 6, 11, 15, 18, 20]] >= 0)
+    return [float(value) for value in values] if fit else unknown
