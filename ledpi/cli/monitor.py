@@ -78,7 +78,8 @@ def json_line(message: Message) -> str:
     if isinstance(message, StatusMessage):
         values |= {"state": message.state.name.lower(), "no_fix": message.no_fix.name.lower()}
     else:
-        values |= values.pop("pose") or dict.fromkeys(_POSE_KEYS)
+        pose = values.pop("pose") or {}
+        values |= {key: pose.get(key) for key in _POSE_KEYS}
     return json.dumps(values)
 
 
