@@ -166,12 +166,13 @@ def _candidate(
     corners = _four_sides(hull, math.sqrt(area))
     if corners is None:
         return NOT_FOUR_SIDED
-    if area < SLENDER * (0.25 * sum(math.dist(corners[k], corners[k - 1]) for k in range(4))) ** 2:
-        corners = _through_sides(corners, outline)
     quad_area = 0.5 * abs(_twice_area(corners))
     misfit = abs(math.log(max(quad_area, 1e-3) / area))
     if misfit > (MAX_MISFIT_STRIPED if stripe_rows else MAX_MISFIT) + PIXEL_MISFIT / math.sqrt(area):
         return NOT_FOUR_SIDED
+    if area < SLENDER * (0.25 * sum(math.dist(corners[k], corners[k - 1]) for k in range(4))) ** 2:
+        corners = _through_sides(corners, outline)
+        quad_area = 0.5 * abs(_twice_area(corners))
     # An outline runs through the centres of the outermost lit pixels: half a pixel inside the edge.
     growth = 1.0 + 1.0 / max(2.0, math.sqrt(quad_area))
     middle_x, middle_y = (0.25 * sum(corner[axis] for corner in corners) for axis in (0, 1))
