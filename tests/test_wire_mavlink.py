@@ -6,6 +6,7 @@ import itertools
 import math
 import os
 import select
+import signal
 import subprocess
 import sys
 import time
@@ -17,10 +18,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from daemon_material import SIMULATED, daemon, end
 from pymavlink.dialects.v20 import common
 from wire_material import decoded, decoded_now, marker_pose, robot_fix
 
-from ledpi.config import SerialSettings
+from ledpi.config import SerialSettings, load_config
+from ledpi.doctor.checks import examine
 from ledpi.errors import ConfigError, WireError
 from ledpi.geometry import (
     CAMERA_LINK_FROM_CAMERA,
@@ -339,6 +342,27 @@ def test_without_pymavlink_the_codec_says_how_to_install_it(monkeypatch: pytest.
     monkeypatch.setitem(sys.modules, "pymavlink.dialects.v20", None)
     with pytest.raises(ConfigError, match=r"serial.protocol: mavlink needs pymavlink.*pip install 'ledpi\[mavlink\]'"):
         codec()
+
+
+def test_without_pymavlink_doctor_says_that_the_daemon_would_not_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With the same words as the daemon's, and a remedy."""
+    settings = ("panels.side_m=0.16", "camera.source=simulated", "serial.protocol=mavlink")
+    monkeypatch.setitem(sys.modules, "pymavlink.dialects.v20", None)
+    (finding,) = [f for f in examine(load_config(None, settings)) if f.name == "mavlink"]
+    assert finding.stops_daemon
+    assert "pip install 'ledpi[mavlink]'" in finding.said
+
+
+def test_the_daemon_speaks_mavlink() -> None:
+    """The simulated drive's two panels, ahead of the vehicle; its last word is power off."""
+    autopilot = Autopilot()
+    with daemon(*SIMULATED, "serial.protocol=mavlink", f"serial.port={autopilot.path}") as process:
+        autopilot.read_until(lambda: {target.target_num for target in autopilot.of("LANDING_TARGET")} == {7, 23})
+        ended = end(process, signal.SIGTERM)
+        autopilot.read_until(lambda: autopilot.of("HEARTBEAT")[-1].system_status == common.MAV_STATE_POWEROFF)
+    autopilot.close()
+    assert ended.status == 0
+    assert all(0.5 < target.x < 3.0 and target.position_valid for target in autopilot.of("LANDING_TARGET"))
 
 
 def test_without_pymavlink_run_ends_with_status_2() -> None:

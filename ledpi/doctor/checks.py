@@ -27,6 +27,8 @@ def examine(config: Config) -> Iterator[Finding]:
     yield camera.intrinsics(config, info)
     yield _map(config)
     yield _serial_port(config)
+    if config.serial.protocol == "mavlink":
+        yield _mavlink()
     yield machine.serial_console(config.serial.port)
     yield machine.disk()
     yield machine.clock()
@@ -57,3 +59,13 @@ def _serial_port(config: Config) -> Finding:
             remedy = "another process has it: `sudo systemctl stop ledpi`, if that is the daemon"
         return bad("serial port", str(error), remedy)
     return ok("serial port", f"{settings.port}, {settings.baud} baud")
+
+
+def _mavlink() -> Finding:
+    from ledpi.wire.mavlink import load_dialect
+
+    try:
+        load_dialect()
+    except LedpiError as error:
+        return bad("mavlink", str(error), "install it, or set serial.protocol: ledpi", stops_daemon=True)
+    return ok("mavlink", "pymavlink is installed")

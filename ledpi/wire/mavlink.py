@@ -7,6 +7,7 @@ ENU (x east, y north, z up; REP-103). docs/mavlink.md says what ArduPilot and PX
 from __future__ import annotations
 
 import math
+import sys
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
@@ -32,21 +33,26 @@ NED_FROM_ENU = np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, -1]])
 FRD_FROM_FLU = np.diag([1.0, -1, -1])
 
 
+def load_dialect() -> Any:
+    """pymavlink's module of MAVLink 2's common messages. Raises ConfigError where it is not installed."""
+    try:
+        from pymavlink.dialects.v20 import common
+    except ImportError:
+        raise ConfigError(
+            "serial.protocol: mavlink needs pymavlink, which is not installed: "
+            f"{sys.executable} -m pip install 'ledpi[mavlink]'"
+        ) from None
+    return common
+
+
 class Mavlink:
     """Encodes what an Outbox gives. Holds the packets' number, and the last fix to see where one has jumped."""
 
     def __init__(self, *, base_link_from_camera: Floats, profile: Profile) -> None:
         """Raises ConfigError where pymavlink is not installed."""
-        try:
-            from pymavlink.dialects.v20 import common
-        except ImportError:
-            raise ConfigError(
-                "serial.protocol: mavlink needs pymavlink, which is not installed: pip install 'ledpi[mavlink]'"
-            ) from None
-        self._dialect: Any = common
-        self._packer: Any = common.MAVLink(
-            None, srcSystem=SYSTEM_ID, srcComponent=common.MAV_COMP_ID_VISUAL_INERTIAL_ODOMETRY
-        )
+        self._dialect = load_dialect()
+        component = self._dialect.MAV_COMP_ID_VISUAL_INERTIAL_ODOMETRY
+        self._packer: Any = self._dialect.MAVLink(None, srcSystem=SYSTEM_ID, srcComponent=component)
         self._frd_from_camera = FRD_FROM_FLU @ base_link_from_camera[:3]
         self._profile = profile
         self._last_fix: tuple[int, Floats, Floats] | None = None  # when in µs, position, rotation
