@@ -16,6 +16,7 @@ from ledpi.decode.cells import MIN_CELL_PX, sample_cells
 from ledpi.decode.edges import refine_quads
 from ledpi.decode.find import Finder
 from ledpi.decode.reader import Reader
+from ledpi.decode.rim import make_usual_filters
 from ledpi.decode.sightings import one_of_each
 from ledpi.decode.track import NOT_SHOWN, Track, Tracker
 from ledpi.dictionaries import load_dictionary
@@ -103,6 +104,8 @@ class Pipeline:
         self._tracker = Tracker(self._specs)
         self._since_search = 0
         self._row_clock = RowClock(camera)
+        if method == "soft":
+            make_usual_filters()
         self.off_frequency: dict[int, PanelSpec] = {}  # by ID: panels that blink at others than announced, and at which
 
     @property

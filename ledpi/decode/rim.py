@@ -55,6 +55,7 @@ FLAT_PX = 1.5  # from the edge on, light is even enough to tell its two levels
 PITCH_STEP, BLUR_STEP = math.log(1.03), math.log(1.06)  # between the filters that are made
 MIN_PITCH_PX, MAX_PITCH_PX = 1.5, 24.0  # beyond, nothing of the cell's shape is left in what is looked at
 MIN_BLUR_PX, MAX_BLUR_PX = 0.45, 3.0
+FOCUSED_PX = 0.6, 1.1  # blur of lens and pixel where the picture is sharp
 
 # What a course is looked at with: as it is, a little further and less far in, blurred more and less, with larger and
 # smaller cells. What differs between two of them is how light changes with that.
@@ -81,6 +82,15 @@ def filter_key(pitch_px: float, blur_px: float) -> tuple[int, int]:
     pitch = min(max(pitch_px, MIN_PITCH_PX), MAX_PITCH_PX)
     blur = min(max(blur_px, MIN_BLUR_PX), MAX_BLUR_PX)
     return round(math.log(pitch) / PITCH_STEP), round(math.log(blur) / BLUR_STEP)
+
+
+def make_usual_filters() -> None:
+    """Those of panels in focus, which would else be made in the frames that first ask for them. Done once a process."""
+    pitches = range(filter_key(MIN_PITCH_PX, 1.0)[0], filter_key(MAX_PITCH_PX, 1.0)[0] + 1)
+    blurs = range(filter_key(1.0, FOCUSED_PX[0])[1], filter_key(1.0, FOCUSED_PX[1])[1] + 1)
+    for pitch in pitches:
+        for blur in blurs:
+            rim_filter(pitch, blur)
 
 
 @lru_cache(maxsize=2048)
