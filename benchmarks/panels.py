@@ -29,7 +29,7 @@ from ledpi.simulate.scenes import ov5647_lens
 from ledpi.simulate.trajectory import Still, facing_camera
 
 DISTANCE_M = 1.4
-WARM_UP_FRAMES = 8
+WARM_UP_FRAMES = 24  # squares that are no panels are looked at in each frame until then
 SETTINGS = load_config(None, ("panels.side_m=0.16",)).panels
 PLACES_M = [(x, y) for y in (-0.22, 0.22) for x in (-0.45, -0.15, 0.15, 0.45)]  # four across, two down
 

@@ -285,3 +285,14 @@ def test_several_squares_at_once_are_as_each_alone() -> None:
         else:
             assert number == 2
             assert reason(quad) == reason(alone_quad)
+
+
+def test_a_candidate_whose_sides_are_parallel_is_refused_in_silence() -> None:
+    """Its sides cross nowhere; no number comes out of it, and no warning."""
+    canvas = Canvas()
+    canvas.lamp(square(300, 200, 60))
+    flat_quad = np.array([[270.0, 200], [330, 200], [330, 200], [270, 200]])
+    folded = np.array([[270.0, 170], [330, 170], [270, 170], [330, 170]])
+    for rough in (flat_quad, folded):
+        (found,) = approach_quads(canvas.frame(), rough[None], np.array([3.0]))
+        assert isinstance(found, Rejected)

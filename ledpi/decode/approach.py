@@ -50,6 +50,7 @@ CUT_OFF, OBTUSE = 0.05, -0.03
 MAX_SPREAD_PX, MAX_SPREAD_STEPS = 0.9, 0.4
 
 
+@np.errstate(divide="ignore", invalid="ignore")  # parallel sides cross nowhere: not finite, and refused
 def approach_quads(
     frame: Frame, rough: Floats, tolerance_px: Floats, *, stripe_rows: float = 0.0
 ) -> list[Floats | Rejected]:
