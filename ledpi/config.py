@@ -126,6 +126,11 @@ class PanelSettings(_Section):
             values |= self.overrides[marker_id].model_dump(exclude_none=True, exclude={"measured"})
         return PanelSpec(**values)
 
+    def frequencies_hz(self) -> tuple[float, ...]:
+        """Every frequency that a panel blinks at, sorted. Raises ValueError where the panels' values contradict."""
+        specs = [self.spec(), *(self.spec(marker_id) for marker_id in self.overrides)]
+        return tuple(sorted({hz for spec in specs for hz in (spec.black_hz, spec.white_hz)}))
+
 
 Method = Literal["soft", "bands"]  # of decoding: ours, and the source paper's own
 

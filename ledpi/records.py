@@ -17,6 +17,9 @@ Floats = NDArray[np.float64]
 Pixels = NDArray[np.uint8]
 Transfer = Literal["linear", "srgb"]
 
+# Of a stream: after a longer gap anything may have happened, and all begins anew (the recording format says so).
+MAX_GAP_NS = 500_000_000
+
 
 def read_only(array: Floats) -> Floats:
     """A read-only view of `array` (the caller's own reference stays as it is)."""

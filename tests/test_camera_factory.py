@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ledpi.camera.factory import open_camera, panel_frequencies_hz
+from ledpi.camera.factory import open_camera
 from ledpi.camera.recording import RecordingCamera
 from ledpi.config import Config
 from ledpi.errors import CameraError, LedpiError, RecordingError
@@ -87,7 +87,7 @@ def test_all_frequencies_of_all_panels_count() -> None:
     """A panel that differs has its own frequencies, and the frame period must suit them too."""
     values = {"side_m": 0.16, "overrides": {7: {"black_hz": 1262.0}, 9: {"white_hz": 3000.0}}}
     panels = Config.model_validate({"panels": values}).panels
-    assert panel_frequencies_hz(panels) == (1250.0, 1262.0, 2450.0, 3000.0)
+    assert panels.frequencies_hz() == (1250.0, 1262.0, 2450.0, 3000.0)
 
 
 def test_no_device_is_imported_before_it_is_used() -> None:

@@ -17,12 +17,11 @@ from ledpi.decode.cells import SATURATED
 from ledpi.errors import CalibrationError
 from ledpi.pipeline import Pipeline
 from ledpi.recording import load_recording
-from ledpi.records import CameraInfo, Frame, Intrinsics, PanelValues, Rejected
+from ledpi.records import MAX_GAP_NS, CameraInfo, Frame, Intrinsics, PanelValues, Rejected
 from ledpi.trace import Trace
 
 FEWEST_FRAMES = 20
 SETTLE_FRAMES = 300  # five seconds: the gain's sweep takes two
-MAX_GAP_NS = 500_000_000  # a longer one begins another take, as the recording format says
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

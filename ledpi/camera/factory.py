@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 
 from ledpi.camera.base import Camera
-from ledpi.config import Config, PanelSettings
+from ledpi.config import Config
 from ledpi.errors import CameraError
 
 
@@ -44,13 +44,7 @@ def _open_device(config: Config, kind: str, place: str) -> Camera:
     if kind == "picamera2":
         from ledpi.camera.picamera import open_picamera
 
-        return open_picamera(config.camera, panel_frequencies_hz(config.panels))
+        return open_picamera(config.camera, config.panels.frequencies_hz())
     from ledpi.camera.v4l2 import open_v4l2
 
     return open_v4l2(config.camera, place)
-
-
-def panel_frequencies_hz(panels: PanelSettings) -> tuple[float, ...]:
-    """Every frequency that a panel of this configuration blinks at, sorted."""
-    specs = [panels.spec(), *(panels.spec(marker_id) for marker_id in panels.overrides)]
-    return tuple(sorted({hz for spec in specs for hz in (spec.black_hz, spec.white_hz)}))

@@ -8,7 +8,6 @@ import time
 from collections.abc import Mapping
 from dataclasses import asdict
 
-from ledpi.camera.factory import panel_frequencies_hz
 from ledpi.camera.timing import choose_frame_length_rows
 from ledpi.config import CameraSettings, Config, PanelSettings
 from ledpi.errors import CameraError, ConfigError
@@ -170,7 +169,7 @@ def simulated_sensor(camera: CameraSettings, panels: PanelSettings) -> Simulated
     exposure_us = whole_rows_us(camera.exposure_us, row_time_us)
     shortest = shortest_frame_rows(camera.height, exposure_us, row_time_us)
     if camera.frame_duration_us == "auto":
-        frequencies = panel_frequencies_hz(panels)
+        frequencies = panels.frequencies_hz()
         try:
             rows = choose_frame_length_rows(
                 shortest_rows=shortest, row_time_us=row_time_us, frequencies_hz=frequencies

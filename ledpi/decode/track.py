@@ -13,11 +13,10 @@ from ledpi.decode.expect import Expectation
 from ledpi.decode.memory import PanelMemory
 from ledpi.decode.soft import Reading
 from ledpi.decode.tuning import Proposal, Seen
-from ledpi.records import Floats, PanelSpec, Quad, Rejected
+from ledpi.records import MAX_GAP_NS, Floats, PanelSpec, Quad, Rejected
 
 NOT_SHOWN = Rejected(stage="track", reason="not_shown")
 
-MAX_GAP_NS = 500_000_000  # tracks do not survive a longer one (the recording format says so)
 # Between two frames a square's centre may miss its prediction by this share of its side, and its side may change by the
 # other.
 MAX_SHIFT, MAX_GROWTH = 0.35, 1.25

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ledpi.camera.factory import open_camera, panel_frequencies_hz
+from ledpi.camera.factory import open_camera
 from ledpi.camera.timing import MIN_PHASE_ADVANCE_CYCLES
 from ledpi.camera_yaml import load_intrinsics
 from ledpi.config import Config
@@ -77,7 +77,7 @@ def frequencies(config: Config, info: CameraInfo) -> Finding:
     """Whether the bands of every class are deep enough at this exposure, and move from frame to frame."""
     duties = {config.panels.duty, *(o.duty for o in config.panels.overrides.values() if o.duty is not None)}
     said, weak, frozen = [], [], []
-    for hz in panel_frequencies_hz(config.panels):
+    for hz in config.panels.frequencies_hz():
         depth = min(contrast(hz, info.exposure_us, duty) for duty in duties)
         said.append(f"{hz:g} Hz {100 * depth:.1f} %")
         if depth < LEAST_SHARE_OF_CONTRAST * min(2.0, 1e6 / (hz * info.exposure_us)):

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from ledpi.pose.planar import Solutions
-from ledpi.records import Floats, PlanarSolution
+from ledpi.records import MAX_GAP_NS, Floats, PlanarSolution
 
 # The other solution is excluded where it is a thousand times less likely: 2·ln 1000 of χ².
 EXCLUDED_BY = 13.8
@@ -16,7 +16,6 @@ MOST = 2 * EXCLUDED_BY
 # The mean is over so many frames. It is a mean and no sum: what errs most in a corner (the lens, a bezel's gleam) errs
 # alike from frame to frame, and ten looks at it are no more than one.
 REMEMBERED = 16
-MAX_GAP_NS = 500_000_000  # as for tracks: after a longer gap anything may have happened
 APART = 3.0  # standard deviations: solutions that are nearer than this cannot be told from one frame to the next
 # How far a panel's upward axis may lean from the robot's: hung by eye, a robot on a doorstep or braking.
 UPRIGHT_SIGMA_RAD = math.radians(5)

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ledpi.geometry import inverse, matrix_from_quaternion, quaternion_from_matrix, transform
+from ledpi.pose.branches import EXCLUDED_BY
 from ledpi.pose.corners import centre_px, motion_px, seen_at_row, whiteners
 from ledpi.pose.panel_map import PanelMap
 from ledpi.pose.past import Candidate, Past, distance2
@@ -27,7 +28,6 @@ CONTRADICTION = Rejected(stage="fix", reason="panels_contradict")
 
 # Panels agree where their joint χ² is one that chance exceeds once in 1,000 times: 3.09 deviations of a normal.
 AGREE_Z = 3.09
-EXCLUDED_BY = 13.8  # of χ², as for a marker's two poses: a thousand times less likely
 MAX_STARTS = 6  # of the joint solution: both poses of the three largest panels
 ONE_POSE = 1.0  # solutions that are no further apart than one deviation are one
 

@@ -7,12 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ledpi.geometry import rotation_vector
-from ledpi.records import Floats
+from ledpi.pose.branches import EXCLUDED_BY
+from ledpi.records import MAX_GAP_NS, Floats
 
-MAX_GAP_NS = 500_000_000  # as for tracks
 # How far a robot may have come since: no wheeled robot that looks for panels is quicker.
 MAX_SPEED_M_S, MAX_TURN_RAD_S = 3.0, 6.0
-EXCLUDED_BY = 13.8  # of χ²: a thousand times less likely
 NEAR = 22.5  # χ² of 6 that chance exceeds once in 1,000 times: what is further away is not where the robot went
 
 
