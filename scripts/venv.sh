@@ -3,7 +3,7 @@
 #   make_venv DIRECTORY [PIP-ARGUMENT…]
 #
 # A virtual environment with ledpi and what its checks need. It is kept until its inputs change: the interpreter,
-# pyproject.toml, the arguments. PYTHON=python3.12 chooses another interpreter. Needs no root.
+# pyproject.toml, the C sources, the arguments. PYTHON=python3.12 chooses another interpreter. Needs no root.
 
 make_venv() {
     local venv=$1 python=${PYTHON:-python3} wanted
@@ -12,7 +12,7 @@ make_venv() {
         echo "$0: $python must be Python 3.11 or newer with venv (Debian: apt install python3-venv)" >&2
         exit 2
     fi
-    wanted=$("$python" -c 'import sys; print(sys.executable, sys.version)'; cat pyproject.toml constraints/*; echo "$@")
+    wanted=$("$python" -c 'import sys; print(sys.executable, sys.version)'; cat pyproject.toml constraints/* setup.py ledpi/kernels/*.[ch]; echo "$@")
     if [[ ! -f $venv/inputs || $(<"$venv/inputs") != "$wanted" ]]; then
         echo "$0: installing into $venv (once; a minute or so)" >&2
         "$python" -m venv --clear "$venv"

@@ -17,6 +17,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PURE = [
     "ledpi.decode.",
     "ledpi.pose.",
+    "ledpi.kernels.",
     "ledpi.markers",
     "ledpi.shutter",
     "ledpi.geometry",

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ledpi.geometry import distort
+from ledpi.kernels import light as kernel
 from ledpi.records import Floats, Frame, Intrinsics, Pixels
 from ledpi.tone import linear_light
 
@@ -108,8 +109,16 @@ def points_across(sides: Sides, share: Floats, across: Floats, bend: Floats | fl
 class Patches:
     """The linear light around each of N quads. Points within are counted from its own first pixel."""
 
-    def __init__(self, frame: Frame, corners: Points, reach_px: float) -> None:
-        """All that is up to `reach_px` around the `corners` (N, 4)."""
+    def __init__(self, frame: Frame, corners: Points, reach_px: float, *, compiled: bool | None = None) -> None:
+        """All that is up to `reach_px` around the `corners` (N, 4).
+
+        Where the loops are `compiled` (default: whether they are), nothing is cut out: they read the frame itself.
+        """
+        self._frame = frame
+        self._compiled = kernel.can_read(frame) if compiled is None else compiled
+        if self._compiled:
+            self.first: Points = np.zeros((len(corners), 1), np.complex128)  # (N, 1) where each begins
+            return
         height, width = frame.pixels.shape
         table = linear_light(frame.transfer, mark_saturated=False)
         self._linear: list[Pixels] = []
@@ -119,10 +128,12 @@ class Patches:
             x1, y1 = (max(int(max(ends) + reach_px) + 2, start + 2) for ends, start in ((xs, x0), (ys, y0)))
             self._linear.append(cv2.LUT(frame.pixels[y0:y1, x0:x1], table))
             first.append(complex(x0, y0))
-        self.first: Points = np.array(first)[:, None]  # (N, 1) where each begins
+        self.first = np.array(first)[:, None]
 
     def light_at(self, points: Coordinates) -> Singles:
         """Bilinear, at (N, …); beyond the picture as at its border."""
+        if self._compiled:
+            return kernel.light_at(self._frame, points)
         light = np.empty(points.shape, np.float32)
         for linear, at, into in zip(self._linear, points, light, strict=True):
             into[...] = cv2.remap(linear, as_map(at), None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).reshape(

@@ -1,0 +1,36 @@
+"""Linear light between the pixels of a frame (light.c)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ledpi.kernels.library import COMPILED, INTEGER, POINTER, address, function
+from ledpi.records import Frame
+from ledpi.tone import linear_light
+
+PICTURE = (POINTER, INTEGER, INTEGER, INTEGER, POINTER)
+_light_at = function("ledpi_light_at", *PICTURE, POINTER, INTEGER, POINTER)
+
+
+def can_read(frame: Frame) -> bool:
+    """Whether the compiled loops are there, and can read this frame: pixels side by side, 2 × 2 at least."""
+    return COMPILED and frame.pixels.strides[1] == 1 and min(frame.pixels.shape) >= 2
+
+
+def picture(frame: Frame, *, mark_saturated: bool = False) -> tuple[int, int, int, int, int]:
+    """A frame's arguments to a function that takes a PICTURE."""
+    pixels = frame.pixels
+    height, width = pixels.shape
+    table = linear_light(frame.transfer, mark_saturated=mark_saturated)  # kept for good
+    return pixels.__array_interface__["data"][0], height, width, pixels.strides[0], address(table)
+
+
+def light_at(frame: Frame, points: NDArray[np.complex64]) -> NDArray[np.float32]:
+    """Bilinear, at points (…) x + iy; beyond the picture as at its border. Saturated light is 1."""
+    points = np.ascontiguousarray(points)
+    light: NDArray[Any] = np.empty(points.shape, np.float32)
+    _light_at(*picture(frame), address(points), points.size, address(light))
+    return light
