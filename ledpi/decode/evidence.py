@@ -36,6 +36,7 @@ from ledpi.decode.shared_light import (
     shared_light,
     sources_of,
 )
+from ledpi.decode.uncovered import without_covered
 from ledpi.records import Frame, PanelSpec, Rejected
 
 Doubles = NDArray[np.float64]
@@ -44,6 +45,7 @@ PARAMETERS = 4  # cosine and sine of each class
 # Of full bands the darkest part: there is stray light, read noise, and a waveform that is not quite a square wave's, so
 # that the dark says less of a cell than its few photons would.
 DARKEST = 0.1
+FULL_DEPTH = 0.5  # bands as deep as this outshine all noise
 UNFIT = Rejected(stage="soft", reason="unfit")
 
 
@@ -109,6 +111,8 @@ def single_evidence(
     Where bands are deep, what cells have in common only shows once the bands are known: so with what is `believed`
     the static picture is what is left when that is divided out, and evidence is on how far the bands differ from it.
     """
+    if believed is None and not is_deep(band_prior(frame, spec)):  # a deep band is as dark as what is covered
+        samples = without_covered(samples)
     cells, points = samples.light.shape
     sources = sources_of(samples.lattice.k, border_points(samples))
     shown = None if believed is None else believed.own_light()
@@ -240,6 +244,11 @@ def _split(cells: int, each: int, slopes: int) -> tuple[Integers, Integers]:
     gains = each * np.arange(cells)
     bands = np.setdiff1d(np.arange(cells * each), gains)
     return np.concatenate([gains, cells * each + np.arange(slopes)]), bands
+
+
+def is_deep(prior: Doubles) -> bool:
+    """Whether bands of this variance (4,) are so deep that their harmonics show, and hide what is static."""
+    return math.sqrt(2.0 * float(prior.min())) > FULL_DEPTH
 
 
 def evidence_from(normal: Normal, samples: CellSamples, frame: Frame, spec: PanelSpec) -> Evidence | Rejected:

@@ -13,7 +13,7 @@ import numpy as np
 
 from ledpi.decode import soft
 from ledpi.decode.cells import CellSamples
-from ledpi.decode.evidence import Evidence, band_prior
+from ledpi.decode.evidence import Evidence, band_prior, is_deep
 from ledpi.decode.expect import Expectation
 from ledpi.decode.memory import PanelMemory
 from ledpi.decode.soft import Codebook, Reading
@@ -120,7 +120,7 @@ class Reader:
         A single frame of deep bands says all, to who looks twice, or that something is not as it should be.
         """
         samples, frame = memory.newest
-        if memory.frames > 1 and not soft.is_deep(band_prior(frame, book.spec)):
+        if memory.frames > 1 and not is_deep(band_prior(frame, book.spec)):
             return None
         reading = soft.read_word(samples, frame, book, rate)
         if isinstance(reading, Reading):

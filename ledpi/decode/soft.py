@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ledpi.decode.cells import CellSamples, Singles
-from ledpi.decode.evidence import PARAMETERS, Doubles, Evidence, believed_bands, single_evidence
+from ledpi.decode.evidence import PARAMETERS, Doubles, Evidence, believed_bands, is_deep, single_evidence
 from ledpi.markers import Dictionary
 from ledpi.records import Frame, PanelSpec, Rejected
 
@@ -46,7 +46,7 @@ MAX_MISFIT = 1.0 / 3.0
 # Bands of nearly full depth outshine all noise, and explain all but a few percent of what there is to see (1.5 % on
 # photographs of real lamps), unless the corners are wrong. What a word leaves open then is as much as there is wrong
 # with what it is told by; so its lead over its rivals must be more than that.
-FULL_DEPTH, MIN_EXPLAINED = 0.5, 50.0
+MIN_EXPLAINED = 50.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -118,11 +118,6 @@ def read_word(
     if isinstance(second, Rejected):
         return second
     return replace(second, cell_bands=believed.turned_back(second.cell_bands))
-
-
-def is_deep(prior: Doubles) -> bool:
-    """Whether bands of this variance (4,) are so deep that their harmonics show, and hide what is static."""
-    return math.sqrt(2.0 * float(prior.min())) > FULL_DEPTH
 
 
 def decide(evidence: Evidence, codebook: Codebook, false_id_rate: float) -> Reading | Rejected:

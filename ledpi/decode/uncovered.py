@@ -1,0 +1,70 @@
+"""Leaves out the samples of cells that something stands before: what is dark there says nothing of the cell.
+
+All cells are built alike, so but for its gain each shows the same at the same place of its own. Where one is far darker
+there than the others are, it is covered.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ledpi.decode.cells import CellSamples, Singles
+from ledpi.decode.shared_light import border_points
+
+Mask = NDArray[np.bool_]
+
+# Of the light that the others show at this place: less is not the cell's own. Diffusers differ by a few percent.
+COVERED = 0.75
+ALIGHT = 0.2  # of the usual gain: a cell of less is dead, and may look like anything
+FULLY_LIT = 0.75  # quantile of a cell's samples that is taken for its gain: half of the cell may be covered
+MIN_LEFT = 0.25  # of a cell's samples: with less of one its gain is not known, and all is left as it is
+
+
+def without_covered(samples: CellSamples) -> CellSamples:
+    """The samples, those that are covered or next to it marked as not valid. For bands that are not deep."""
+    border = border_points(samples)
+    n, k = samples.lattice.cells, samples.lattice.k
+    tested = _inner(n, k, border)
+    if samples.valid is not None:
+        tested = tested & samples.valid
+    light = samples.light / samples.light.mean(axis=1, keepdims=True)
+    if (light >= COVERED * light.mean(axis=0))[tested].all():
+        return samples
+    usual = _quantile(light, samples.valid, 0.5)
+    gain = _quantile((light / np.maximum(usual, 1e-6)).T, None if samples.valid is None else samples.valid.T, FULLY_LIT)
+    alight = gain * samples.light.mean(axis=1) > ALIGHT * np.median(samples.light.mean(axis=1))
+    covered = (light < COVERED * gain[:, None] * usual) & tested & alight[:, None]
+    if not covered.any():
+        return samples
+    whole = covered.reshape(n, n, k, k).transpose(0, 2, 1, 3).reshape(n * k, n * k).astype(np.uint8)
+    reach = np.ones((2 * border[1] + 1, 2 * border[0] + 1), np.uint8)  # its edge is as blurred as that of a cell
+    near = cv2.dilate(whole, reach).reshape(n, k, n, k).transpose(0, 2, 1, 3).reshape(n * n, k * k) > 0
+    valid = ~near if samples.valid is None else samples.valid & ~near
+    if (valid.mean(axis=1) < MIN_LEFT).any():
+        return samples
+    return replace(samples, valid=valid, light=np.where(valid, samples.light, np.float32(0)))
+
+
+def _quantile(values: Singles, valid: Mask | None, share: float) -> Singles:
+    """Of each column's valid values."""
+    if valid is None:
+        at = int(share * len(values))
+        return np.asarray(np.partition(values, at, axis=0)[at])
+    ordered = np.sort(np.where(valid, values, np.inf), axis=0)
+    at = (share * valid.sum(axis=0)).astype(np.intp)
+    chosen = np.take_along_axis(ordered, at[None], axis=0)[0]
+    return np.where(np.isfinite(chosen), chosen, np.float32(0))
+
+
+@cache
+def _inner(n: int, k: int, border: tuple[int, int]) -> Mask:
+    """(cells, points) but for those near the panel's rim, which are darker for being there."""
+    inner = np.zeros((n * k, n * k), bool)
+    across, down = border
+    inner[down : n * k - down, across : n * k - across] = True
+    return inner.reshape(n, k, n, k).transpose(0, 2, 1, 3).reshape(n * n, k * k)

@@ -1,0 +1,65 @@
+"""Something dark before a corner or an edge of a panel: what it covers says nothing of the bands."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from decode_material import SPEC, Canvas, quad, square, word
+
+from ledpi.decode.cells import CellSamples, sample_cells
+from ledpi.decode.soft import Codebook, Reading, read_word
+from ledpi.decode.uncovered import without_covered
+from ledpi.dictionaries import load_dictionary
+from ledpi.records import Floats, Frame
+
+TRUE = square(310.4, 240.2, 100.0, 12)
+
+
+def samples_of(frame: Frame) -> CellSamples:
+    samples = sample_cells(frame, quad(TRUE), 4)
+    assert isinstance(samples, CellSamples)
+    return samples
+
+
+def before_the_panel(u: tuple[float, float], v: tuple[float, float]) -> Floats:
+    """The corners in the picture of what reaches from u to u across the panel, and from v to v down it."""
+    unit = np.array([[u[0], v[0]], [u[1], v[0]], [u[1], v[1]], [u[0], v[1]]])
+    return TRUE[0] + unit @ np.array([TRUE[1] - TRUE[0], TRUE[3] - TRUE[0]])
+
+
+@pytest.mark.parametrize("shade", [((-0.1, 0.1), (-0.1, 0.12)), ((-0.2, 1.2), (-0.3, 0.12))], ids=["corner", "edge"])
+def test_a_single_frame_is_read_although_a_corner_or_an_edge_is_covered(
+    shade: tuple[tuple[float, float], tuple[float, float]],
+) -> None:
+    """Where the corners are is known here; the panel's ID is all that is asked."""
+    canvas = Canvas()
+    canvas.panel(TRUE, word(7))
+    canvas.lamp(before_the_panel(*shade), 0.0)
+    frame = canvas.frame()
+    reading = read_word(samples_of(frame), frame, Codebook.build(list(range(50)), load_dictionary("DICT_4X4_50"), SPEC))
+    assert isinstance(reading, Reading), reading
+    assert reading.id == 7
+
+
+def test_what_is_covered_is_not_valid_and_the_rest_is() -> None:
+    """The first cell's upper left quarter is covered: of all cells only that one loses samples."""
+    canvas = Canvas()
+    canvas.panel(TRUE, word(7))
+    canvas.lamp(before_the_panel((-0.1, 0.1), (-0.1, 0.1)), 0.0)
+    samples = without_covered(samples_of(canvas.frame()))
+    assert samples.valid is not None
+    k = samples.lattice.k
+    first = samples.valid[0].reshape(k, k)
+    assert not first[: k // 3, : k // 3].any()
+    assert first[-k // 3 :].all()
+    assert samples.valid[1:].all()
+
+
+def test_a_whole_panel_keeps_all_samples() -> None:
+    """Gains that differ by a third, bands and the walls between cells cover nothing; nor does a dead cell."""
+    gains = np.random.default_rng(1).uniform(0.7, 1.3, (4, 4))
+    gains[2, 3] = 0.0
+    canvas = Canvas()
+    canvas.panel(TRUE, word(7), gains=gains)
+    samples = samples_of(canvas.frame())
+    assert without_covered(samples) is samples
