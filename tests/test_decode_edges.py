@@ -281,7 +281,7 @@ def test_several_squares_at_once_are_as_each_alone() -> None:
         (alone_quad,) = refine_quads(frame, one[None], 4)
         if isinstance(quad, Quad):
             assert isinstance(alone_quad, Quad)
-            np.testing.assert_allclose(quad.corners_px, alone_quad.corners_px, atol=0.05)
+            np.testing.assert_allclose(quad.corners_px, alone_quad.corners_px, atol=1e-5)
         else:
             assert number == 2
             assert reason(quad) == reason(alone_quad)

@@ -7,20 +7,42 @@ import os
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
+from typing import TypeVar
 
+import cv2
 import numpy as np
 import pytest
+from decode_material import LENS, Canvas, seen_through, square, word
 
-from ledpi.decode.sides import Patches
+from ledpi.decode.approach import SHARES, nearest_sides, step_templates
+from ledpi.decode.edges import refine_quads
+from ledpi.decode.sides import Patches, as_points
 from ledpi.doctor.machine import loops
+from ledpi.kernels import edges as kernel
+from ledpi.kernels import library
 from ledpi.kernels.library import COMPILED, sources
-from ledpi.records import Frame
+from ledpi.records import Floats, Frame, Intrinsics, Quad, Rejected, Transfer
 
 ROOT = Path(__file__).resolve().parents[1]
 FOLDER = ROOT / "ledpi/kernels"
+Result = TypeVar("Result")
 
 compiled = pytest.mark.skipif(not COMPILED, reason="needs the compiled loops (a C compiler when ledpi was installed)")
+
+
+# Older OpenCVs round places between pixels to this, which the loops do not.
+ROUNDED_PX = 0.0 if cv2.__version__.startswith("5") else 1 / 64
+
+
+def both_ways(call: Callable[[], Result]) -> tuple[Result, Result]:
+    """What the loops in C give, and what the numpy code does."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(library, "COMPILED", False)
+        reference = call()
+    return call(), reference
 
 
 # ---- The build
@@ -66,36 +88,108 @@ def frame_of(pixels: np.ndarray, transfer: str = "linear") -> Frame:
     return Frame(pixels=pixels, seq=0, row0_readout_ns=0, exposure_us=1e4, row_time_us=30.0, transfer=transfer)
 
 
+def light_at(frame: Frame, points: np.ndarray) -> np.ndarray:
+    """Around the points themselves."""
+    corners = np.array([[0, 59, 59 + 39j, 39j]])
+    patches = Patches(frame, corners, 9.0)
+    return patches.light_at((points - patches.first).astype(np.complex64))
+
+
 @compiled
 def test_light_between_pixels() -> None:
     """A quarter of the way to the right, half of the way down; beyond the picture as at its border."""
+    points = np.array([[0.25 + 0.5j, 1, -3 - 3j, 7 + 9j, 1j]])
     frame = frame_of(np.array([[0, 51], [102, 153]], np.uint8))
-    patches = Patches(frame, np.zeros((1, 4), np.complex128), 8.0, compiled=True)
-    points = np.array([[0.25 + 0.5j, 1, -3 - 3j, 7 + 9j, 1j]], np.complex64)
-    expected = [[0.25 * 0.2 + 0.5 * 0.4, 0.2, 0.0, 0.6, 0.4]]
-    np.testing.assert_allclose(patches.light_at(points), expected, atol=1e-6)
+    np.testing.assert_allclose(light_at(frame, points), [[0.25 * 0.2 + 0.5 * 0.4, 0.2, 0.0, 0.6, 0.4]], atol=1e-6)
 
 
 @compiled
-def test_light_is_what_opencv_interpolates() -> None:
-    """Anywhere in and around a picture; older OpenCVs round places to 1/32 of a pixel."""
+@pytest.mark.parametrize("transfer", ["linear", "srgb"])
+def test_light_is_what_opencv_interpolates(transfer: str) -> None:
+    """Anywhere in and around a picture."""
     rng = np.random.default_rng(1)
-    pixels = rng.integers(0, 255, (40, 60), np.uint8)
-    points = (rng.uniform(-9, 69, (2, 500)) + 1j * rng.uniform(-9, 49, (2, 500))).astype(np.complex64)
-    corners = np.tile(np.array([0, 59, 59 + 39j, 39j]), (2, 1))
-    for transfer in ("linear", "srgb"):
-        frame = frame_of(pixels, transfer)
-        ours, theirs = (
-            patches.light_at(points - patches.first.astype(np.complex64))
-            for patches in (Patches(frame, corners, 9.0, compiled=use) for use in (True, False))
-        )
-        steps = np.abs(np.diff(theirs)).max()
-        assert np.abs(ours - theirs).max() <= 2 * steps / 64
+    frame = frame_of(rng.integers(0, 255, (40, 60), np.uint8), transfer)
+    points = rng.uniform(-9, 69, (1, 900)) + 1j * rng.uniform(-9, 49, (1, 900))
+    ours, theirs = both_ways(lambda: light_at(frame, points))
+    steepest = 1.0  # of the light from one pixel to the next
+    assert np.abs(ours - theirs).max() <= 2 * steepest * ROUNDED_PX + 1e-5
 
 
 @compiled
 def test_places_that_are_no_numbers_do_no_harm() -> None:
     """Degenerate quads ask for light at infinity and at nothing."""
-    patches = Patches(frame_of(np.full((4, 4), 51, np.uint8)), np.zeros((1, 4), np.complex128), 8.0, compiled=True)
     points = np.array([[np.nan, np.inf, -np.inf, 1e38, complex(1, np.nan), complex(np.inf, -np.inf)]], np.complex64)
-    np.testing.assert_allclose(patches.light_at(points), 0.2, rtol=1e-6)
+    frame = frame_of(np.full((4, 4), 51, np.uint8))
+    np.testing.assert_allclose(Patches(frame, np.zeros((1, 4)) + 0j, 8.0).light_at(points), 0.2, rtol=1e-6)
+
+
+# ---- Edges
+
+
+def panels(transfer: Transfer = "srgb", lens: Intrinsics | None = None) -> tuple[Frame, Floats]:
+    """A panel large, small, oblique, far; one that the picture cuts off, a lamp with bad sides, and a bare wall."""
+    oblique = np.array([[420.0, 60], [500, 95], [500, 200], [420, 240]])
+    places = [square(120.3, 130.2, 160, 7), square(300.4, 100.7, 60, -20), oblique, square(330, 330, 14, 40)]
+    canvas = Canvas(transfer=transfer)
+    for place in places:
+        canvas.panel(place, word(7), lens=lens)
+    canvas.panel(square(5, 440, 60), word(23), lens=lens)
+    canvas.disc(560, 380, 30)
+    places += [square(5, 440, 60), square(560, 380, 52), square(220, 420, 50)]
+    seen = places if lens is None else [seen_through(lens, place) for place in places]
+    return canvas.frame(seed=4), np.stack(seen)
+
+
+def assert_same(ours: Sequence[Quad | Rejected], theirs: Sequence[Quad | Rejected], within_px: float) -> None:
+    assert len(ours) == len(theirs)
+    for a, b in zip(ours, theirs, strict=True):
+        if isinstance(a, Rejected) or isinstance(b, Rejected):
+            assert isinstance(a, Rejected) == isinstance(b, Rejected)
+        else:
+            np.testing.assert_allclose(a.corners_px, b.corners_px, atol=within_px)
+            np.testing.assert_allclose(a.corner_sigma_px, b.corner_sigma_px, rtol=0.02, atol=within_px / 10)
+            np.testing.assert_allclose(a.bend_px, b.bend_px, atol=1e-6)
+
+
+@compiled
+@pytest.mark.parametrize("off_px", [0.1, 1.0, 2.5])
+@pytest.mark.parametrize(("transfer", "lens"), [("srgb", None), ("linear", LENS)])
+def test_edges_are_those_of_the_numpy_code(off_px: float, transfer: Transfer, lens: Intrinsics | None) -> None:
+    """From corners that are right, off as after a search, and too far off for the filters; all at once."""
+    frame, places = panels(transfer, lens)
+    near = places + np.random.default_rng(2).uniform(-off_px, off_px, places.shape)
+    ours, theirs = both_ways(lambda: refine_quads(frame, near, 4, lens))
+    assert sum(isinstance(quad, Quad) for quad in ours) >= 3
+    assert_same(ours, theirs, within_px=1e-4 + 2 * ROUNDED_PX)
+
+
+@compiled
+def test_sides_further_off_are_those_of_the_numpy_code() -> None:
+    """With steps of half a pixel, and of one and a half; from corners that are off by as many."""
+    frame, places = panels()
+    step_px = np.array([0.5, 1.5])[np.arange(len(places)) % 2]
+    rough = as_points(places + step_px[:, None, None] * np.random.default_rng(3).uniform(-2, 2, places.shape))
+    ours = kernel.nearest_sides(frame, rough, step_px, SHARES.share, step_templates())
+    theirs = nearest_sides(Patches(frame, np.zeros((len(rough), 4)) + 0j, 640.0).light_at, rough, step_px)
+    for a, b, within in zip(ours, theirs, (1e-3, 1e-3, 0), strict=True):
+        np.testing.assert_allclose(a, b, atol=within)
+
+
+@compiled
+def test_quads_that_are_none_are_refused_as_by_the_numpy_code() -> None:
+    """Without an area, folded, or nowhere near the picture; and none at all."""
+    frame, places = panels()
+    point, line = np.full((4, 2), 100.0), np.array([[50.0, 50], [90, 50], [90, 50], [50, 50]])
+    folded, far = places[0][[0, 2, 1, 3]], places[0] + 1e4
+    near = np.stack([point, line, folded, far, -far])
+    for quads in (near, near[:0]):
+        ours, theirs = both_ways(partial(refine_quads, frame, quads, 4, LENS))
+        assert_same(ours, theirs, within_px=1e-3)
+
+
+@compiled
+def test_quads_that_are_not_finite_are_refused() -> None:
+    """No index comes of them, and no warning."""
+    frame, places = panels()
+    near = np.stack([np.full((4, 2), np.nan), places[0] * [np.inf, 1], places[0] + 1e30])
+    assert all(isinstance(quad, Rejected) for quad in refine_quads(frame, near, 4))

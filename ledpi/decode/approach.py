@@ -28,6 +28,8 @@ from ledpi.decode.sides import (
     roughly_light_at,
 )
 from ledpi.decode.striped import outermost_of, outermost_sides
+from ledpi.kernels import edges as kernel
+from ledpi.kernels.light import can_read
 from ledpi.records import Floats, Frame, Rejected
 
 LOST = Rejected(stage="edges", reason="no_edge")
@@ -70,7 +72,10 @@ def approach_quads(
         squared, cut = _with_fourth_corner(start)
         start, of = np.concatenate([start, squared[cut]]), np.concatenate([chosen, chosen[cut]])
         step_px = np.maximum(FINEST_STEP_PX, tolerance_px / -OFFSETS[0])[of]
-        corners, spread, seen = nearest_sides(partial(roughly_light_at, frame), start, step_px)
+        if can_read(frame):
+            corners, spread, seen = kernel.nearest_sides(frame, start, step_px, SHARES.share, step_templates())
+        else:
+            corners, spread, seen = nearest_sides(partial(roughly_light_at, frame), start, step_px)
         limit = np.maximum(MAX_SPREAD_PX, MAX_SPREAD_STEPS * step_px)
     near = np.abs(corners - start).max(axis=1) < 0.5 * np.sqrt(np.abs(areas(start)))
     # Perspective, too, makes a square no parallelogram: what is a square as it is stays as it is.
@@ -141,7 +146,7 @@ def seen_on_all_sides(good: Mask) -> Mask:
 
 def _steps_up(light: Singles) -> tuple[Floats, Floats]:
     """Where in each profile (…, T) the largest step up is, in steps, and how high."""
-    scores = (light @ _step_templates()).reshape(-1, len(OFFSETS))
+    scores = (light @ step_templates()).reshape(-1, len(OFFSETS))
     best = scores.argmax(axis=1).clip(1, len(OFFSETS) - 2)
     at = best + len(OFFSETS) * np.arange(len(scores))
     before, here, after = scores.reshape(-1).take([at - 1, at, at + 1])
@@ -151,8 +156,8 @@ def _steps_up(light: Singles) -> tuple[Floats, Floats]:
 
 
 @cache
-def _step_templates() -> Singles:
-    """(T, offsets): blurred steps less their means, of unit length: the best is that with the largest product."""
+def step_templates() -> Singles:
+    """(T, OFFSETS): blurred steps less their means, of unit length: the best is that with the largest product."""
     z = (ACROSS[:, None] - OFFSETS) / STEP_SIGMA
     steps = np.array([[0.5 * (1 + math.erf(v / math.sqrt(2))) for v in row] for row in z.tolist()])
     steps -= steps.mean(axis=0)

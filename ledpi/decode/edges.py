@@ -6,8 +6,9 @@ turned, from where each profile has its edge.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cache, lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -15,10 +16,12 @@ from ledpi.decode.approach import (
     FINEST_STEP_PX,
     LOST,
     NOT_STRAIGHT,
+    SHARES,
     is_step,
     nearest_sides,
     root_mean_square,
     seen_on_all_sides,
+    step_templates,
 )
 from ledpi.decode.rim import ACROSS, USUAL_BLUR_PX, filter_key, rim_filter
 from ledpi.decode.sides import (
@@ -39,6 +42,8 @@ from ledpi.decode.sides import (
     points_across,
 )
 from ledpi.decode.whole import hidden_shares, uncovered
+from ledpi.kernels import edges as kernel
+from ledpi.kernels.light import can_read
 from ledpi.records import Floats, Frame, Intrinsics, Quad, Rejected
 
 NOT_CONVEX = Rejected(stage="edges", reason="not_convex")
@@ -81,27 +86,69 @@ def refine_quads(
     if not len(near):
         return []
     start = as_points(near)
-    patches = Patches(frame, start, REACH_PX)
-    within, bend = start - patches.first, bends(start, intrinsics)
+    bend = bends(start, intrinsics)
     if striped:
-        corners = _outermost(patches, within)
-        sigma_px = STRIPED_SIGMA * np.sqrt(np.abs(areas(corners)))
-        most_bent = np.abs(bend.imag).max(axis=(1, 2))
-        return [
-            _checked(frame, at, float(sigma), float(most))
-            for at, sigma, most in zip(corners + patches.first, sigma_px, most_bent, strict=True)
-        ]
+        return _striped(frame, start, bend)
+    patches = Patches(frame, start, REACH_PX)
+    found = (_find_compiled if can_read(frame) else _find)(frame, start, bend, cells)
+    hidden = hidden_shares(patches, found.corners - patches.first, bend, cells)
+    return _results(frame, start, found, bend, hidden)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Found:
+    """What N quads were found to be."""
+
+    corners: Points  # (N, 4)
+    seen: Mask  # (N,) whether all sides show edges
+    used: Floats  # (N,) share of the profiles that have an edge near their side
+    spread_px: Floats  # (N,) of these edges about the sides
+    sigma_px: Floats  # (N,) of the corners
+
+
+def _find_compiled(frame: Frame, start: Points, bend: Points, cells: int) -> _Found:
+    """`_find`, in C."""
+    shares = _shares(cells)
+    sides = (shares.share, shares.bend)
+    corners, numbers = kernel.find_sides(frame, start, bend, cells, sides, (SHARES.share, step_templates()))
+    seen, used, spread_px, sigma_px = numbers.T
+    return _Found(corners, seen > 0, used, spread_px, sigma_px)
+
+
+def _find(frame: Frame, start: Points, bend: Points, cells: int) -> _Found:
+    """The sides near corners (N, 4): a look, and more for those that it has not settled."""
+    patches = Patches(frame, start, REACH_PX)
+    within = start - patches.first
     look = _Look(patches, _shares(cells), bend.imag @ _shares(cells).bend, cells)
     fit = look.first(within)
-    if _within(FIRST_LOOK_PX, fit.sides.start, within).any():
-        fit = look.more(fit)
+    fit = look.more(fit, _within(FIRST_LOOK_PX, fit.sides.start, within))
     if not fit.settled.all():  # too far off for the filters, or nothing there
-        nearest, _, _ = nearest_sides(patches.light_at, within, np.full(len(near), FINEST_STEP_PX))
+        nearest, _, _ = nearest_sides(patches.light_at, within, np.full(len(start), FINEST_STEP_PX))
         there = np.abs(nearest - within).max(axis=1) < MAX_MOVE * np.sqrt(np.abs(areas(within)))
-        fit = look.more(look.first(np.where(there[:, None], nearest, within)))
-    corners = fit.sides.start
-    hidden = hidden_shares(patches, corners, bend, cells)
-    return _results(frame, start, corners + patches.first, fit, bend, hidden)
+        anew = look.first(np.where(there[:, None], nearest, within))
+        fit = look.more(anew, ~fit.settled).where(~fit.settled, fit)
+    # Profiles nearer to each other than a pixel are not independent. At its ends a line through n points is off by 2 of
+    # their deviations over √n.
+    profiles = np.maximum(np.minimum(fit.weights.sum(axis=-1), fit.sides.length), 1.0)
+    return _Found(
+        corners=fit.sides.start + patches.first,
+        seen=fit.seen,
+        used=(fit.weights > 0).mean(axis=(1, 2)),
+        spread_px=root_mean_square(fit.spread),
+        sigma_px=np.sqrt((fit.variance + 4 * np.square(fit.spread) / profiles).mean(axis=1)),
+    )
+
+
+def _striped(frame: Frame, start: Points, bend: Points) -> list[Quad | Rejected]:
+    """Squares in a striped picture: only as good as they were told, but for how they are approached."""
+    patches = Patches(frame, start, REACH_PX)
+    corners = _outermost(patches, start - patches.first)
+    sigma_px = STRIPED_SIGMA * np.sqrt(np.abs(areas(corners)))
+    most_bent = np.abs(bend.imag).max(axis=(1, 2))
+    return [
+        _checked(frame, at, float(sigma), float(most))
+        for at, sigma, most in zip(corners + patches.first, sigma_px, most_bent, strict=True)
+    ]
 
 
 def _outermost(patches: Patches, corners: Points) -> Points:
@@ -124,6 +171,17 @@ class _Fit:
     variance: Floats  # (N, 4) of a side's place, by what the filter leaves open
     seen: Mask  # (N,) whether all sides show edges
     settled: Mask  # (N,) whether they are where they were sought, so that there is no need to look again
+
+    def where(self, chosen: Mask, other: _Fit) -> _Fit:
+        """Of the `chosen` quads (N,) this, of the rest the other."""
+
+        def either(a: Any, b: Any) -> Any:
+            return np.where(chosen.reshape(-1, *[1] * (a.ndim - 1)), a, b)
+
+        return _Fit(
+            Sides.of(either(self.sides.start, other.sides.start)),
+            *(either(getattr(self, f.name), getattr(other, f.name)) for f in fields(self)[1:]),
+        )
 
 
 @cache
@@ -172,12 +230,13 @@ class _Look:
             & (np.abs(place[:, 4:]).max(axis=1) < SETTLED_BLUR),
         )
 
-    def more(self, fit: _Fit) -> _Fit:
-        """As many looks more as it takes."""
+    def more(self, fit: _Fit, which: Mask) -> _Fit:
+        """As many looks more at `which` (N,) as it takes."""
         for _ in range(MORE_LOOKS):
-            if fit.settled.all():
+            which = which & ~fit.settled
+            if not which.any():
                 break
-            fit = self.again(fit)
+            fit = self.again(fit).where(which, fit)
         return fit
 
     def again(self, fit: _Fit) -> _Fit:
@@ -186,12 +245,14 @@ class _Look:
         light, found, height = self._profiles(fit.sides, filters)
         mean = _mean_profile(light, height, fit.weights)
         place = _places(filters, mean)
-        corners = self._moved(fit.sides, place, found, fit.weights)
+        moved = self._moved(fit.sides, place, found, fit.weights)
+        finite = np.asarray(np.isfinite(moved).all(axis=1))
+        corners = np.where(finite[:, None], moved, fit.sides.start)
         return replace(
             fit,
             sides=Sides.of(corners),
             blur_px=_blur(fit.blur_px, place),
-            settled=fit.seen & _steep(mean) & _within(CONVERGED_PX, corners, fit.sides.start),
+            settled=fit.seen & finite & _steep(mean) & _within(CONVERGED_PX, corners, fit.sides.start),
         )
 
     def _profiles(self, sides: Sides, filters: list[_SquareFilter]) -> tuple[Singles, Floats, Floats]:
@@ -288,18 +349,11 @@ def _square_filter(pitch_a: int, blur_a: int, pitch_b: int, blur_b: int) -> _Squ
     )
 
 
-def _results(
-    frame: Frame, start: Points, corners: Points, fit: _Fit, bend: Points, hidden: Floats
-) -> list[Quad | Rejected]:
+def _results(frame: Frame, start: Points, found: _Found, bend: Points, hidden: Floats) -> list[Quad | Rejected]:
     """Each quad, or why there is none."""
-    side_px = np.sqrt(np.abs(areas(start)))
-    there = fit.seen & (np.abs(corners - start).max(axis=1) < MAX_MOVE * side_px)
-    # Profiles nearer to each other than a pixel are not independent. At its ends a line through n points is off by 2 of
-    # their deviations over √n.
-    profiles = np.maximum(np.minimum(fit.weights.sum(axis=-1), fit.sides.length), 1.0)
-    sigma_px = np.sqrt((fit.variance + 4 * np.square(fit.spread) / profiles).mean(axis=1))
-    used = (fit.weights > 0).mean(axis=(1, 2))
-    straight = (root_mean_square(fit.spread) <= MAX_SPREAD_PX) & (used >= MIN_USED)
+    side_px, corners, sigma_px = np.sqrt(np.abs(areas(start))), found.corners, found.sigma_px
+    there = found.seen & (np.abs(corners - start).max(axis=1) < MAX_MOVE * side_px)
+    straight = (found.spread_px <= MAX_SPREAD_PX) & (found.used >= MIN_USED)
     most_bent = np.abs(bend.imag).max(axis=(1, 2))
     results: list[Quad | Rejected] = []
     for i in range(len(corners)):

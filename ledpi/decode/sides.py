@@ -109,13 +109,10 @@ def points_across(sides: Sides, share: Floats, across: Floats, bend: Floats | fl
 class Patches:
     """The linear light around each of N quads. Points within are counted from its own first pixel."""
 
-    def __init__(self, frame: Frame, corners: Points, reach_px: float, *, compiled: bool | None = None) -> None:
-        """All that is up to `reach_px` around the `corners` (N, 4).
-
-        Where the loops are `compiled` (default: whether they are), nothing is cut out: they read the frame itself.
-        """
+    def __init__(self, frame: Frame, corners: Points, reach_px: float) -> None:
+        """All that is up to `reach_px` around the `corners` (N, 4). The compiled loops read the frame itself."""
         self._frame = frame
-        self._compiled = kernel.can_read(frame) if compiled is None else compiled
+        self._compiled = kernel.can_read(frame)
         if self._compiled:
             self.first: Points = np.zeros((len(corners), 1), np.complex128)  # (N, 1) where each begins
             return
@@ -143,7 +140,9 @@ class Patches:
 
 
 def roughly_light_at(frame: Frame, points: Coordinates) -> Singles:
-    """As `Patches.light_at`, but between the codes of pixels: not exact, and no more is touched than that."""
+    """As `Patches.light_at`; in numpy between the codes of pixels: not exact, and no more is touched than that."""
+    if kernel.can_read(frame):
+        return kernel.light_at(frame, points)
     codes = cv2.remap(frame.pixels, as_map(points), None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     light: Singles = cv2.LUT(codes, linear_light(frame.transfer, mark_saturated=False)).reshape(points.shape)
     return light

@@ -51,6 +51,8 @@ def hidden_shares(patches: Patches, corners: Points, bend_px: Points, cells: int
     light /= np.maximum(light.mean(axis=2, keepdims=True), 1e-6)
     hidden = np.zeros((len(corners), 2, 2))
     for into, along, blur in zip(hidden, light, blurs.tolist(), strict=True):
+        if not blur > 0:  # the quad is nowhere
+            continue
         left = _explanations(cells, round(math.log(blur) / BLUR_STEP)).left(along)
         whole = left[:, 0, WHOLE]
         for axis in np.flatnonzero((whole > NOTHING_LEFT**2) & (left.min(axis=(1, 2)) < BETTER * whole)).tolist():

@@ -31,8 +31,13 @@ _LIBRARY = _load()
 COMPILED = _LIBRARY is not None
 
 
+def compiled() -> bool:
+    """Whether to call the loops. Asked at each call, so that tests can have the numpy code called instead."""
+    return COMPILED
+
+
 def function(name: str, *arguments: Any, result: Any = None) -> Callable[..., Any]:
-    """The C function `name`, its arguments' and its result's types given. Only to be called where COMPILED."""
+    """The C function `name`, its arguments' and its result's types given. Only to be called where `compiled`."""
     if _LIBRARY is None:
         return _not_compiled
     found = getattr(_LIBRARY, name)
@@ -41,7 +46,7 @@ def function(name: str, *arguments: Any, result: Any = None) -> Callable[..., An
 
 
 def _not_compiled(*_: Any) -> Any:
-    raise RuntimeError("ledpi's loops are not compiled: ask ledpi.kernels.library.COMPILED first")
+    raise RuntimeError("ledpi's loops are not compiled: ask ledpi.kernels.library.compiled first")
 
 
 def address(array: NDArray[Any]) -> int:

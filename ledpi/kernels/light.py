@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ledpi.kernels.library import COMPILED, INTEGER, POINTER, address, function
+from ledpi.kernels.library import INTEGER, POINTER, address, compiled, function
 from ledpi.records import Frame
 from ledpi.tone import linear_light
 
@@ -17,7 +17,7 @@ _light_at = function("ledpi_light_at", *PICTURE, POINTER, INTEGER, POINTER)
 
 def can_read(frame: Frame) -> bool:
     """Whether the compiled loops are there, and can read this frame: pixels side by side, 2 × 2 at least."""
-    return COMPILED and frame.pixels.strides[1] == 1 and min(frame.pixels.shape) >= 2
+    return compiled() and frame.pixels.strides[1] == 1 and min(frame.pixels.shape) >= 2
 
 
 def picture(frame: Frame, *, mark_saturated: bool = False) -> tuple[int, int, int, int, int]:

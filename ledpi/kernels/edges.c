@@ -1,0 +1,294 @@
+/* Sub-pixel corners of lit squares, as decode/edges.py explains and does it: one quad at a time, from a first look to the
+ * last, without any array but on the stack. */
+#include <math.h>
+
+#include "kernels.h"
+
+#define LEAST_HEIGHT 1e-4
+#define NEAR_PX 1.0
+#define SETTLED_PX 0.2
+#define SETTLED_BLUR 0.1
+#define FIRST_LOOK_PX 1.0
+#define MORE_LOOKS 2
+#define CONVERGED_PX 0.2
+#define STEEPEST 0.8
+#define MAX_MOVE 0.2
+#define FINEST_STEP_PX 0.5
+#define MAX_BLUR_CHANGE 0.4
+enum { T = 10, AT_SIDE = 2 };
+#define FIRST_ACROSS (-3.0)
+
+/* A rim's filter, as decode/rim.py makes it, and kernels/edges.py packs it. */
+typedef struct {
+    double made; /* 0 until it is */
+    double single[T][2], single_offset;
+    double both[2][T], both_offset[2];
+    double apart[T];
+    double variance;
+} Filter;
+
+/* All of them by pitch and blur, and how these are told apart. */
+typedef struct {
+    const Filter *filters;
+    ptrdiff_t pitches, blurs, first_pitch, first_blur;
+    double pitch_step, blur_step; /* of their logarithms */
+    double least_pitch_px, most_pitch_px, least_blur_px, most_blur_px, usual_blur_px;
+} Filters;
+
+typedef struct {
+    const Picture *picture;
+    const Shares *shares;
+    const Filters *filters;
+    double bend[4][MOST_PROFILES]; /* how far inward the lens moves each place of a side, in pixels */
+    ptrdiff_t cells;
+    ptrdiff_t missing; /* the filter that is wanted and not made, counted from 1; else 0 */
+} Look;
+
+/* What looks have found of a quad, as `_Fit` there. */
+typedef struct {
+    Point corners[4];
+    Side sides[4];
+    double blur_px[2], weights[4][MOST_PROFILES], spread[4], variance[4];
+    bool seen, settled;
+} Fit;
+
+/* Light across the sides, and the edge and the step's height in each profile. */
+typedef struct {
+    float light[4][MOST_PROFILES][T];
+    double found[4][MOST_PROFILES], height[4][MOST_PROFILES];
+} Profiles;
+
+static double clipped(double value, double least, double most) {
+    return value > least ? value < most ? value : most : least; /* what is no number is the least */
+}
+
+static const Filter *filter_for(Look *look, double pitch_px, double blur_px) {
+    const Filters *all = look->filters;
+    double pitch = log(clipped(pitch_px, all->least_pitch_px, all->most_pitch_px));
+    double blur = log(clipped(blur_px, all->least_blur_px, all->most_blur_px));
+    ptrdiff_t row = (ptrdiff_t)rint(pitch / all->pitch_step) - all->first_pitch;
+    ptrdiff_t column = (ptrdiff_t)rint(blur / all->blur_step) - all->first_blur;
+    const Filter *filter = &all->filters[row * all->blurs + column];
+    if (filter->made == 0.0) look->missing = 1 + row * all->blurs + column;
+    return filter;
+}
+
+/* Those of either pair of opposite sides. */
+static void filters_for(Look *look, const Side sides[4], const double blur_px[2], const Filter *filters[2]) {
+    for (int pair = 0; pair < 2; pair++) {
+        double pitch = 0.0;
+        for (int k = pair; k < 4; k += 2) {
+            const Side *here = &sides[k], *there = &sides[(k + 2) & 3];
+            double x = there->start.x + 0.5 * there->along.x - here->start.x;
+            double y = there->start.y + 0.5 * there->along.y - here->start.y;
+            double depth = x * here->inward.x + y * here->inward.y;
+            double shrunk = (double)look->cells * there->length - there->length + here->length;
+            pitch += 0.5 * depth * here->length / fmax(shrunk, 1e-9);
+        }
+        filters[pair] = filter_for(look, pitch, blur_px[pair]);
+    }
+}
+
+static void take_profiles(const Look *look, const Side sides[4], const Filter *filters[2], Profiles *into) {
+    for (int k = 0; k < 4; k++) {
+        const Side *side = &sides[k];
+        const Filter *filter = filters[k & 1];
+        float across_x[T], across_y[T];
+        for (int t = 0; t < T; t++) {
+            across_x[t] = (float)(side->inward.x * (FIRST_ACROSS + t));
+            across_y[t] = (float)(side->inward.y * (FIRST_ACROSS + t));
+        }
+        for (ptrdiff_t p = 0; p < look->shares->count; p++) {
+            double share = look->shares->share[p], bend = look->bend[k][p];
+            float x = (float)(side->start.x + side->along.x * share + side->inward.x * bend);
+            float y = (float)(side->start.y + side->along.y * share + side->inward.y * bend);
+            float *light = into->light[k][p];
+            double edge = 0.0, height = 0.0;
+            for (int t = 0; t < T; t++) {
+                light[t] = ledpi_light_between(look->picture, x + across_x[t], y + across_y[t]);
+                edge += light[t] * filter->single[t][0];
+                height += light[t] * filter->single[t][1];
+            }
+            into->height[k][p] = height = fmax(height, LEAST_HEIGHT);
+            into->found[k][p] = edge / height - filter->single_offset;
+        }
+    }
+}
+
+/* Of each side, relative to the step's height. */
+static void mean_profiles(const Look *look, const Profiles *profiles, const Fit *fit, double mean[4][T]) {
+    for (int k = 0; k < 4; k++) {
+        double sum = 0.0;
+        for (int t = 0; t < T; t++) mean[k][t] = 0.0;
+        for (ptrdiff_t p = 0; p < look->shares->count; p++) {
+            double weight = fit->weights[k][p];
+            if (weight == 0.0) continue;
+            sum += weight;
+            weight /= profiles->height[k][p];
+            for (int t = 0; t < T; t++) mean[k][t] += weight * profiles->light[k][p][t];
+        }
+        for (int t = 0; t < T; t++) mean[k][t] /= fmax(sum, 1e-9);
+    }
+}
+
+/* What the filters make of the mean profiles: each side's place, and both pairs' blur, as a logarithm. */
+static void places(const Filter *filters[2], double mean[4][T], double place[4], double blur[2]) {
+    for (int k = 0; k < 2; k++) {
+        const Filter *f = filters[k];
+        double both = 0.0, apart = 0.0, blurred = 0.0;
+        for (int t = 0; t < T; t++) {
+            double sum = 0.5 * (mean[k][t] + mean[k + 2][t]), difference = 0.5 * (mean[k][t] - mean[k + 2][t]);
+            both += f->both[0][t] * sum;
+            blurred += f->both[1][t] * sum;
+            apart += f->apart[t] * difference;
+        }
+        place[k] = both + apart + f->both_offset[0];
+        place[k + 2] = both - apart + f->both_offset[0];
+        blur[k] = blurred + f->both_offset[1];
+    }
+}
+
+/* Whether all sides' mean profiles are about as steep at the side as anywhere. */
+static bool steep(double mean[4][T]) {
+    for (int k = 0; k < 4; k++) {
+        double here = mean[k][AT_SIDE + 2] - mean[k][AT_SIDE];
+        for (int t = 0; t + 2 < T; t++)
+            if (!(here >= STEEPEST * (mean[k][t + 2] - mean[k][t]))) return false;
+    }
+    return true;
+}
+
+/* Corners after each side has moved to where its mean profile has it, turned as the single ones say; as they were where
+ * that is nowhere. Returns whether it is somewhere. */
+static bool move(const Look *look, const Profiles *profiles, const double place[4], Fit *fit, Point corners[4]) {
+    double by[4], slope[4];
+    for (int k = 0; k < 4; k++) {
+        double middle, sum = 0.0, found = 0.0;
+        ledpi_fit_line(look->shares, profiles->found[k], fit->weights[k], &middle, &slope[k]);
+        for (ptrdiff_t p = 0; p < look->shares->count; p++) {
+            sum += fit->weights[k][p];
+            found += fit->weights[k][p] * profiles->found[k][p];
+        }
+        by[k] = place[k] - found / fmax(sum, 1e-9) + middle;
+    }
+    ledpi_moved(fit->sides, by, slope, corners);
+    bool finite = true;
+    for (int k = 0; k < 4; k++) finite = finite && isfinite(corners[k].x) && isfinite(corners[k].y);
+    for (int k = 0; k < 4; k++) fit->corners[k] = finite ? corners[k] : fit->sides[k].start;
+    return finite;
+}
+
+static void change_blur(double blur_px[2], const double by[2]) {
+    for (int k = 0; k < 2; k++) blur_px[k] *= exp(fmin(fmax(by[k], -MAX_BLUR_CHANGE), MAX_BLUR_CHANGE));
+}
+
+static void first_look(Look *look, const Point corners[4], Profiles *profiles, Fit *fit) {
+    const Filter *filters[2];
+    double mean[4][T], place[4], blur[2];
+    bool good[4 * MOST_PROFILES];
+    ptrdiff_t count = look->shares->count;
+    ledpi_sides_of(corners, fit->sides);
+    fit->blur_px[0] = fit->blur_px[1] = look->filters->usual_blur_px;
+    filters_for(look, fit->sides, fit->blur_px, filters);
+    take_profiles(look, fit->sides, filters, profiles);
+    double height[4 * MOST_PROFILES];
+    for (int k = 0; k < 4; k++)
+        for (ptrdiff_t p = 0; p < count; p++) height[k * count + p] = profiles->height[k][p];
+    fit->seen = ledpi_steps(count, height, good);
+    for (int k = 0; k < 4; k++) {
+        double middle, slope;
+        const bool *steps = good + k * count;
+        ledpi_near_median(count, profiles->found[k], steps, NEAR_PX, fit->weights[k]);
+        ledpi_fit_line(look->shares, profiles->found[k], fit->weights[k], &middle, &slope);
+        fit->spread[k] = ledpi_deviation(look->shares, profiles->found[k], steps, middle, slope, fit->weights[k]);
+    }
+    mean_profiles(look, profiles, fit, mean);
+    places(filters, mean, place, blur);
+    change_blur(fit->blur_px, blur);
+    filters_for(look, fit->sides, fit->blur_px, filters); /* those that fit the blur that is seen */
+    places(filters, mean, place, blur);
+    Point moved[4];
+    fit->seen = move(look, profiles, place, fit, moved) && fit->seen;
+    ledpi_sides_of(fit->corners, fit->sides);
+    change_blur(fit->blur_px, blur);
+    for (int k = 0; k < 4; k++) fit->variance[k] = filters[k & 1]->variance;
+    fit->settled = fit->seen && steep(mean) && ledpi_farthest(moved, corners) < SETTLED_PX &&
+                   fabs(blur[0]) < SETTLED_BLUR && fabs(blur[1]) < SETTLED_BLUR;
+}
+
+/* As many looks more as it takes, each with the blur that the last has seen, at the same profiles. */
+static void more_looks(Look *look, Profiles *profiles, Fit *fit) {
+    const Filter *filters[2];
+    double mean[4][T], place[4], blur[2];
+    Point moved[4];
+    for (int round = 0; round < MORE_LOOKS && !fit->settled; round++) {
+        filters_for(look, fit->sides, fit->blur_px, filters);
+        take_profiles(look, fit->sides, filters, profiles);
+        mean_profiles(look, profiles, fit, mean);
+        places(filters, mean, place, blur);
+        bool finite = move(look, profiles, place, fit, moved);
+        double farthest = 0.0;
+        for (int k = 0; k < 4; k++)
+            farthest = fmax(farthest, hypot(fit->corners[k].x - fit->sides[k].start.x, fit->corners[k].y - fit->sides[k].start.y));
+        ledpi_sides_of(fit->corners, fit->sides);
+        change_blur(fit->blur_px, blur);
+        fit->settled = finite && fit->seen && steep(mean) && farthest < CONVERGED_PX;
+    }
+}
+
+static void find_sides(Look *look, const Shares *coarse, const float *templates, const Point near[4], Fit *fit) {
+    Profiles profiles;
+    first_look(look, near, &profiles, fit);
+    if (ledpi_farthest(fit->corners, near) < FIRST_LOOK_PX) more_looks(look, &profiles, fit);
+    if (fit->settled) return;
+    Point nearest[4]; /* too far off for the filters, or nothing there */
+    double spread;
+    ledpi_nearest(look->picture, coarse, templates, near, FINEST_STEP_PX, nearest, &spread);
+    bool there = ledpi_farthest(nearest, near) < MAX_MOVE * sqrt(fabs(ledpi_area(near)));
+    first_look(look, there ? nearest : near, &profiles, fit);
+    more_looks(look, &profiles, fit);
+}
+
+/* How far inward the lens moves the places along the sides, from where it moves their thirds (4, 2, 2: along, inward). */
+static void bend_sides(Look *look, const double *bends) {
+    ptrdiff_t count = look->shares->count;
+    for (int k = 0; k < 4; k++)
+        for (ptrdiff_t p = 0; p < count; p++)
+            look->bend[k][p] = bends[4 * k + 1] * look->shares->bend[p] + bends[4 * k + 3] * look->shares->bend[count + p];
+}
+
+/* Of `quads` quads whose corners (quads, 4, 2) are near: where they are, and of each 4 numbers (quads, 4): 1 where all
+ * its sides show edges, the share of the profiles that are used, the root mean square of the edges about the sides, and
+ * the corners' deviation, in pixels. `bends` (quads, 4, 2, 2) is `bends` of decode/sides.py. Returns 0, or the number
+ * (from 1) of a filter that must be made first. */
+ptrdiff_t ledpi_find_sides(const uint8_t *pixels, ptrdiff_t height, ptrdiff_t width, ptrdiff_t stride, const float *table,
+                           const Filters *filters, const double *share, const double *share_bends, ptrdiff_t shares,
+                           const double *coarse, ptrdiff_t coarse_shares, const float *templates, ptrdiff_t cells,
+                           ptrdiff_t quads, const Point *near, const double *bends, Point *corners, double *numbers) {
+    const Picture picture = {pixels, height, width, stride, table};
+    const Shares at = {shares, share, share_bends}, coarsely = {coarse_shares, coarse, NULL};
+    Look look = {.picture = &picture, .shares = &at, .filters = filters, .cells = cells, .missing = 0};
+    Fit fit;
+    for (ptrdiff_t i = 0; i < quads; i++) {
+        bend_sides(&look, bends + 16 * i);
+        find_sides(&look, &coarsely, templates, near + 4 * i, &fit);
+        if (look.missing) return look.missing;
+        double used = 0.0, squares = 0.0, variance = 0.0;
+        for (int k = 0; k < 4; k++) {
+            double weights = 0.0, spread2 = fit.spread[k] * fit.spread[k];
+            for (ptrdiff_t p = 0; p < shares; p++) {
+                weights += fit.weights[k][p];
+                used += fit.weights[k][p] > 0.0;
+            }
+            squares += spread2;
+            variance += fit.variance[k] + 4 * spread2 / fmax(fmin(weights, fit.sides[k].length), 1.0);
+            corners[4 * i + k] = fit.corners[k];
+        }
+        double *of_quad = numbers + 4 * i;
+        of_quad[0] = fit.seen;
+        of_quad[1] = used / (4.0 * (double)shares);
+        of_quad[2] = sqrt(squares / 4);
+        of_quad[3] = sqrt(variance / 4);
+    }
+    return 0;
+}
