@@ -19,7 +19,8 @@ from decode_material import LENS, Canvas, seen_through, square, word
 
 from ledpi.decode.approach import SHARES, nearest_sides, step_templates
 from ledpi.decode.edges import refine_quads
-from ledpi.decode.sides import Patches, as_points
+from ledpi.decode.sides import Patches, as_points, bends
+from ledpi.decode.whole import hidden_shares
 from ledpi.doctor.machine import loops
 from ledpi.kernels import edges as kernel
 from ledpi.kernels import library
@@ -193,3 +194,23 @@ def test_quads_that_are_not_finite_are_refused() -> None:
     frame, places = panels()
     near = np.stack([np.full((4, 2), np.nan), places[0] * [np.inf, 1], places[0] + 1e30])
     assert all(isinstance(quad, Rejected) for quad in refine_quads(frame, near, 4))
+
+
+# ---- Whole
+
+
+@compiled
+def test_what_is_hidden_is_what_the_numpy_code_finds() -> None:
+    """Of a whole panel, of one with a hidden side, and of a quad that no share explains."""
+    places = [square(150, 150, 90, 10), square(400, 150, 90, -5), square(250, 350, 120)]
+    canvas = Canvas()
+    for place in places:
+        canvas.panel(place, word(7))
+    seen = np.stack(places)
+    seen[1, [0, 3]] += 0.1 * (seen[1, [1, 2]] - seen[1, [0, 3]])
+    seen[2, [2, 3]] -= 0.07 * (seen[2, [1, 0]] - seen[2, [2, 3]])
+    corners, frame = as_points(seen), canvas.frame()
+    ours, theirs = both_ways(lambda: hidden_shares(frame, corners, bends(corners, LENS), 4))
+    np.testing.assert_allclose(ours, theirs, atol=1e-4 + ROUNDED_PX / 10)
+    np.testing.assert_allclose(ours[:, 0, 0], [0, 0.1, 0], atol=0.02)
+    assert np.isnan(ours[2, 1]).any()

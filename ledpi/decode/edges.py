@@ -26,6 +26,7 @@ from ledpi.decode.approach import (
 from ledpi.decode.rim import ACROSS, USUAL_BLUR_PX, filter_key, rim_filter
 from ledpi.decode.sides import (
     OPPOSITE,
+    REACH_PX,
     Mask,
     Patches,
     Points,
@@ -71,7 +72,6 @@ MAX_MOVE = 0.2  # of the side: what moves further when looked at closely was not
 BORDER_PX = 1.0
 STRIPED_SIGMA = 0.03  # of the side: what dark bands along the rim hide of it, on average
 HIDDEN_SIGMA = 0.003  # of the side: how exactly the cells tell where a side is that nothing shows
-REACH_PX = 8.0  # around the corners that are given: as far as any profile may reach
 MAX_BLUR_CHANGE = 0.4  # of its logarithm, in a round
 
 
@@ -89,9 +89,8 @@ def refine_quads(
     bend = bends(start, intrinsics)
     if striped:
         return _striped(frame, start, bend)
-    patches = Patches(frame, start, REACH_PX)
     found = (_find_compiled if can_read(frame) else _find)(frame, start, bend, cells)
-    hidden = hidden_shares(patches, found.corners - patches.first, bend, cells)
+    hidden = hidden_shares(frame, found.corners, bend, cells)
     return _results(frame, start, found, bend, hidden)
 
 

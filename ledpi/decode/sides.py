@@ -25,6 +25,7 @@ Mask = NDArray[np.bool_]
 NEXT = np.array([1, 2, 3, 0])
 BEFORE = np.array([3, 0, 1, 2])
 OPPOSITE = np.array([2, 3, 0, 1])
+REACH_PX = 8.0  # around corners: as far as any profile across the sides may reach
 BIWEIGHT = 4.7  # Tukey's, in standard deviations: what lies further off a line does not count
 LEAST_SPREAD_PX = 0.03  # profiles that agree better than their noise lets them must not throw out the others
 

@@ -16,8 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ledpi.decode.cells import unit_square_to
-from ledpi.decode.sides import Coordinates, Patches, Points, Shares, Singles, areas, as_corners
-from ledpi.records import Floats
+from ledpi.decode.sides import REACH_PX, Coordinates, Patches, Points, Shares, areas, as_corners
+from ledpi.kernels import whole as kernel
+from ledpi.kernels.library import compiled
+from ledpi.kernels.light import can_read
+from ledpi.records import Floats, Frame
 
 ALONG = 40  # places along the quad
 _ALONG = (np.arange(ALONG) + 0.5) / ALONG
@@ -38,7 +41,7 @@ LITTLE_LEFT, CLEARLY_BETTER = 0.06, 0.15
 NOTHING_LEFT = 0.02  # of the mean light: whole cells explain this well whatever noise and bands there are
 
 
-def hidden_shares(patches: Patches, corners: Points, bend_px: Points, cells: int) -> Floats:
+def hidden_shares(frame: Frame, corners: Points, bend_px: Points, cells: int) -> Floats:
     """(N, 2, 2) share of the panel's side that quads (N, 4) lack: at the left and right, then at the top and bottom.
 
     Negative where the quad is too large; 0 where it is whole, and where nothing tells, as of a lamp that is even all
@@ -47,18 +50,29 @@ def hidden_shares(patches: Patches, corners: Points, bend_px: Points, cells: int
     """
     side_px, most_bent = np.sqrt(np.abs(areas(corners))), np.abs(bend_px.imag).max(axis=(1, 2))
     blurs = (BLUR_PX + most_bent + GAP * side_px / cells) / np.maximum(side_px, 1.0)
-    light = patches.light_at(_grid(corners, bend_px, cells)).mean(axis=2)  # (N, 2, ALONG)
-    light /= np.maximum(light.mean(axis=2, keepdims=True), 1e-6)
+    if can_read(frame):
+        light = kernel.light_along(frame, corners, bend_px, _BEND, cells)
+    else:
+        light = _light_along(frame, corners, bend_px, cells)
     hidden = np.zeros((len(corners), 2, 2))
     for into, along, blur in zip(hidden, light, blurs.tolist(), strict=True):
         if not blur > 0:  # the quad is nowhere
             continue
-        left = _explanations(cells, round(math.log(blur) / BLUR_STEP)).left(along)
-        whole = left[:, 0, WHOLE]
-        for axis in np.flatnonzero((whole > NOTHING_LEFT**2) & (left.min(axis=(1, 2)) < BETTER * whole)).tolist():
-            end, best = divmod(int(left[axis].argmin()), len(SHARES))
-            into[axis] = _share(left[axis, end], best) * np.array(ENDS[end])
+        axes, left = _explanations(cells, round(math.log(blur) / BLUR_STEP)).left(along)
+        for axis in axes:
+            best = int(left[axis].argmin())
+            if left[axis, best] < BETTER * left[axis, WHOLE]:
+                end, share = divmod(best, len(SHARES))
+                into[axis] = _share(left[axis, end * len(SHARES) :][: len(SHARES)], share) * np.array(ENDS[end])
     return hidden
+
+
+def _light_along(frame: Frame, corners: Points, bend_px: Points, cells: int) -> Floats:
+    """(N, 2, ALONG) light along quads (N, 4), from left to right and from top to bottom, its mean 1."""
+    patches = Patches(frame, corners, REACH_PX)
+    light = patches.light_at(_grid(corners - patches.first, bend_px, cells)).mean(axis=2)
+    light /= np.maximum(light.mean(axis=2, keepdims=True), 1e-6)
+    return np.asarray(light, np.float64)
 
 
 def uncovered(corners: Points, hidden: Floats) -> Points:
@@ -102,16 +116,19 @@ def _grid(corners: Points, stretch_px: Points, cells: int) -> Coordinates:
 class _Explanations:
     """Of light along a quad, by cells of which so much is hidden at one end."""
 
-    bases: Floats  # (ALONG, columns) orthonormal within each explanation, 0 near the ends
-    first: NDArray[np.intp]  # (explanations,) where the columns of each begin
+    bases: Floats  # (columns, ALONG) orthonormal within each explanation, 0 near the ends
+    first: NDArray[np.intp]  # (explanations + 1,) where the columns of each begin, and the last ones end
     counted: Floats  # (ALONG,) 1, and 0 near the ends
 
-    def left(self, light: Singles) -> Floats:
-        """(2, ENDS, SHARES) mean square that each leaves of light (2, ALONG)."""
+    def left(self, light: Floats) -> tuple[list[int], Floats]:
+        """Mean square that each leaves of light (2, ALONG): the axes of which whole cells leave any, and (2, E)."""
+        if compiled():
+            bits, left = kernel.unexplained(light, self.bases, self.first, self.counted, WHOLE, NOTHING_LEFT**2)
+            return [axis for axis in (0, 1) if bits >> axis & 1], left
         all_of_it = np.square(light) @ self.counted
-        explained = np.add.reduceat(np.square(light @ self.bases), self.first, axis=1)
+        explained = np.add.reduceat(np.square(light @ self.bases.T), self.first[:-1], axis=1)
         rest: Floats = np.maximum(all_of_it[:, None] - explained, 1e-9) / self.counted.sum()
-        return rest.reshape(2, len(ENDS), len(SHARES))
+        return np.flatnonzero(rest[:, WHOLE] > NOTHING_LEFT**2).tolist(), rest
 
 
 @lru_cache(maxsize=256)
@@ -132,4 +149,5 @@ def _explanations(cells: int, blur_step: int) -> _Explanations:
                 columns += [inside * 1.0, inside * y * y]
         bases.append(np.linalg.qr(np.stack(columns, axis=1))[0])
         first.append(first[-1] + len(columns))
-    return _Explanations(np.concatenate(bases, axis=1), np.array(first[:-1], np.intp), counted.astype(np.float64))
+    columns_first = np.ascontiguousarray(np.concatenate(bases, axis=1).T)
+    return _Explanations(columns_first, np.array(first, np.intp), counted.astype(np.float64))

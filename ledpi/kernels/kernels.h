@@ -59,6 +59,9 @@ double ledpi_kth(double *numbers, ptrdiff_t count, ptrdiff_t k);
 
 double ledpi_area(const Point corners[4]); /* positive where they run clockwise in the picture */
 
+/* The homography that takes (0,0) (1,0) (1,1) (0,1) to the corners; not a number where there is none. */
+void ledpi_unit_square_to(const Point corners[4], double homography[9]);
+
 double ledpi_farthest(const Point a[4], const Point b[4]); /* NaN where a corner is none */
 
 /* ---- Where light steps up the most across the sides of a quad, as `nearest_sides` in decode/approach.py (approach.c).
