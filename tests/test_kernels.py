@@ -15,16 +15,18 @@ from typing import TypeVar
 import cv2
 import numpy as np
 import pytest
-from decode_material import LENS, Canvas, seen_through, square, word
+from decode_material import LENS, PINHOLE, Canvas, seen_through, square, word
 
 from ledpi.decode.approach import SHARES, nearest_sides, step_templates
 from ledpi.decode.edges import refine_quads
 from ledpi.decode.sides import Patches, as_points, bends
 from ledpi.decode.whole import hidden_shares
 from ledpi.doctor.machine import loops
+from ledpi.geometry import matrix_from_rotation_vector
 from ledpi.kernels import edges as kernel
 from ledpi.kernels import library
 from ledpi.kernels.library import COMPILED, sources
+from ledpi.pose.planar import solve_squares, square_corners
 from ledpi.records import Floats, Frame, Intrinsics, Quad, Rejected, Transfer
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -214,3 +216,39 @@ def test_what_is_hidden_is_what_the_numpy_code_finds() -> None:
     np.testing.assert_allclose(ours, theirs, atol=1e-4 + ROUNDED_PX / 10)
     np.testing.assert_allclose(ours[:, 0, 0], [0, 0.1, 0], atol=0.02)
     assert np.isnan(ours[2, 1]).any()
+
+
+# ---- Poses
+
+
+@compiled
+@pytest.mark.parametrize("lens", [PINHOLE, LENS])
+def test_poses_of_squares_are_those_of_the_numpy_code(lens: Intrinsics) -> None:
+    """Both of each, with their covariances: near and far, face on and oblique, upside down, moving; each by itself."""
+    rng = np.random.default_rng(6)
+    for number in range(40):
+        turn = matrix_from_rotation_vector(rng.normal(size=3) * [0.6, 0.6, 2.0]) @ np.diag([1.0, -1, -1])
+        at = turn @ square_corners(0.16).T + np.array([[0.1], [-0.1], [1.0]]) * rng.uniform(0.5, 6)
+        corners = seen_through(lens, (at[:2] / at[2]).T * (lens.fx, lens.fy) + (lens.cx, lens.cy))
+        corners += rng.normal(0, 0.1, corners.shape)
+        motions = rng.normal(0, 4, (1, 4, 2)) if number % 2 else None
+        solve = partial(solve_squares, corners[None], np.array([0.1]), [0.16], lens, motions)
+        (ours,), (theirs,) = both_ways(solve)
+        assert isinstance(ours, tuple)
+        assert isinstance(theirs, tuple)
+        assert len(ours) == len(theirs)
+        for a, b in zip(ours, theirs, strict=True):
+            one, other = a.camera_from_marker, b.camera_from_marker
+            np.testing.assert_allclose(one.position_m, other.position_m, rtol=1e-6)
+            np.testing.assert_allclose(one.quaternion_wxyz, other.quaternion_wxyz, atol=1e-6)
+            np.testing.assert_allclose(one.covariance, other.covariance, rtol=1e-3, atol=1e-6 * one.covariance.max())
+            np.testing.assert_allclose([a.chi2, a.reprojection_px], [b.chi2, b.reprojection_px], rtol=1e-4)
+
+
+@compiled
+def test_corners_without_a_pose_have_none() -> None:
+    """All in one place, in a line, nowhere; between others that have one."""
+    corners = np.stack([square(300, 200, 50), np.full((4, 2), 9.0), np.full((4, 2), np.nan), square(100, 200, 50)])
+    corners[1, :, 0] = [0, 1, 2, 3]
+    found = solve_squares(corners, np.full(4, 0.1), [0.16] * 4, PINHOLE)
+    assert [isinstance(solutions, Rejected) for solutions in found] == [False, True, True, False]

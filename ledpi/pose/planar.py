@@ -9,6 +9,8 @@ import cv2
 import numpy as np
 
 from ledpi.geometry import quaternion_from_matrix, rotation_angle_deg
+from ledpi.kernels import pose as kernel
+from ledpi.kernels.library import compiled
 from ledpi.pose.corners import whiteners
 from ledpi.pose.refine import Fits, refine
 from ledpi.records import Floats, Intrinsics, PlanarSolution, Pose, Rejected, read_only
@@ -46,10 +48,42 @@ def solve_squares(
     (N, 4, 2) how far they move during the exposure. `ippe` gives both solutions of a square; least squares, weighted as
     the corners' errors hang together, makes the best of each, and the covariance is (JᵀWJ)⁻¹ there.
     """
+    if not compiled():
+        both = _solved(corners_px, sigma_px, sides_m, intrinsics, motions_px)
+    else:
+        motions_px = np.zeros_like(corners_px) if motions_px is None else motions_px
+        found, solved = kernel.solve_squares(corners_px, sigma_px, np.array(sides_m), intrinsics, motions_px)
+        both = [
+            (_solution(one), _solution(other)) if there else None
+            for (one, other), there in zip(found, solved.tolist(), strict=True)
+        ]
+    return [
+        UNSOLVED if solutions is None else _checked(*solutions, corners)
+        for solutions, corners in zip(both, corners_px, strict=True)
+    ]
+
+
+def _solution(numbers: Floats) -> PlanarSolution:
+    """From what the compiled loops have found."""
+    return PlanarSolution(
+        camera_from_marker=Pose(
+            position_m=numbers[kernel.POSITION],
+            quaternion_wxyz=numbers[kernel.QUATERNION],
+            covariance=numbers[kernel.COVARIANCE].reshape(6, 6),
+        ),
+        reprojection_px=float(numbers[kernel.REPROJECTION]),
+        chi2=float(numbers[kernel.CHI2]),
+    )
+
+
+def _solved(
+    corners_px: Floats, sigma_px: Floats, sides_m: Sequence[float], intrinsics: Intrinsics, motions_px: Floats | None
+) -> list[tuple[PlanarSolution, PlanarSolution] | None]:
+    """Both solutions of each square, or None."""
     rays = cv2.undistortPoints(corners_px.reshape(-1, 1, 2), intrinsics.matrix(), np.array(intrinsics.distortion))
     starts = [ippe(xy, side_m) for xy, side_m in zip(rays.reshape(-1, 4, 2).tolist(), sides_m, strict=True)]
     solved = [i for i, start in enumerate(starts) if start is not None]
-    results: list[Solutions | Rejected] = [UNSOLVED] * len(starts)
+    results: list[tuple[PlanarSolution, PlanarSolution] | None] = [None] * len(starts)
     if not solved:
         return results
     of = np.repeat(solved, 2)
@@ -65,7 +99,7 @@ def solve_squares(
     )
     both = _solutions(fits)
     for k, i in enumerate(solved):
-        results[i] = _checked(both[2 * k], both[2 * k + 1], corners_px[i])
+        results[i] = both[2 * k], both[2 * k + 1]
     return results
 
 
@@ -149,8 +183,8 @@ def _checked(one: PlanarSolution, other: PlanarSolution, corners_px: Floats) -> 
     best, second = (one, other) if one.chi2 <= other.chi2 else (other, one)
     if not best.camera_from_marker.position_m[2] > 0:
         return UNSOLVED
-    along = corners_px - corners_px[[1, 2, 3, 0]]
-    side_px = float(np.sqrt((along * along).sum(axis=1)).sum()) / 4
+    corners = corners_px.tolist()
+    side_px = math.fsum(math.dist(a, b) for a, b in zip(corners, corners[1:] + corners[:1], strict=True)) / 4
     if best.reprojection_px > max(MAX_REPROJECTION_PX, MAX_REPROJECTION * side_px):
         return NOT_SQUARE
     poses = best.camera_from_marker, second.camera_from_marker

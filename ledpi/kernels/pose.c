@@ -1,0 +1,166 @@
+/* Poses by least squares: Levenberg and Marquardt's method, as pose/refine.py explains it. */
+#include <math.h>
+
+#include "pose.h"
+
+#define CONVERGED 1e-3
+#define BEATEN_BY 60.0
+
+typedef struct {
+    double rotation[9], position[3], chi2;
+    double information[6][6], pull[6];
+} Look;
+
+void ledpi_project(const Lens *lens, const double at[3], double pixel[2], double slope[2][3]) {
+    double depth = at[2] != 0.0 ? 1.0 / at[2] : 1.0, x = at[0] * depth, y = at[1] * depth, r2 = x * x + y * y, xy = x * y;
+    double radial = 1.0 + r2 * (lens->k1 + r2 * (lens->k2 + r2 * lens->k3));
+    double steep = 2.0 * (lens->k1 + r2 * (2.0 * lens->k2 + r2 * 3.0 * lens->k3)); /* d radial / dx = steep · x */
+    double both = steep * xy + 2.0 * (lens->p1 * x + lens->p2 * y);
+    double xx = radial + steep * x * x + 2.0 * lens->p1 * y + 6.0 * lens->p2 * x;
+    double yy = radial + steep * y * y + 6.0 * lens->p1 * y + 2.0 * lens->p2 * x;
+    pixel[0] = lens->fx * (x * radial + 2.0 * lens->p1 * xy + lens->p2 * (r2 + 2.0 * x * x)) + lens->cx;
+    pixel[1] = lens->fy * (y * radial + lens->p1 * (r2 + 2.0 * y * y) + 2.0 * lens->p2 * xy) + lens->cy;
+    double fx = lens->fx * depth, fy = lens->fy * depth;
+    slope[0][0] = fx * xx, slope[0][1] = fx * both, slope[0][2] = -fx * (xx * x + both * y);
+    slope[1][0] = fy * both, slope[1][1] = fy * yy, slope[1][2] = -fy * (both * x + yy * y);
+}
+
+/* What four points add to a look. */
+static void look_at_four(Look *look, const double *points, const double *seen_px, const double *whitener, const Lens *lens,
+                         double *off_px) {
+    double slopes[8][6], off[8];
+    for (int p = 0; p < 4; p++) {
+        const double *r = look->rotation, *at = points + 3 * p;
+        double arm[3], place[3], pixel[2], by_point[2][3];
+        for (int i = 0; i < 3; i++) {
+            arm[i] = r[3 * i] * at[0] + r[3 * i + 1] * at[1] + r[3 * i + 2] * at[2];
+            place[i] = arm[i] + look->position[i];
+        }
+        ledpi_project(lens, place, pixel, by_point);
+        for (int j = 0; j < 2; j++) {
+            const double *by = by_point[j];
+            double *slope = slopes[2 * p + j];
+            off_px[2 * p + j] = off[2 * p + j] = seen_px[2 * p + j] - pixel[j];
+            slope[0] = by[0], slope[1] = by[1], slope[2] = by[2];
+            slope[3] = arm[1] * by[2] - arm[2] * by[1]; /* by the turn: arm × by */
+            slope[4] = arm[2] * by[0] - arm[0] * by[2];
+            slope[5] = arm[0] * by[1] - arm[1] * by[0];
+        }
+    }
+    for (int row = 0; row < 8; row++) {
+        double left = 0.0, by[6] = {0};
+        for (int k = 0; k < 8; k++) {
+            double weight = whitener[8 * row + k];
+            left += weight * off[k];
+            for (int j = 0; j < 6; j++) by[j] += weight * slopes[k][j];
+        }
+        look->chi2 += left * left;
+        for (int i = 0; i < 6; i++) {
+            look->pull[i] += by[i] * left;
+            for (int j = 0; j <= i; j++) look->information[i][j] += by[i] * by[j];
+        }
+    }
+}
+
+static void look_from(Look *look, const Body *body, const Lens *lens, double *off_px) {
+    look->chi2 = 0.0;
+    for (int i = 0; i < 6; i++) {
+        look->pull[i] = 0.0;
+        for (int j = 0; j < 6; j++) look->information[i][j] = i == j && i >= 3 ? 1.0 : 0.0; /* no turn by a radian is known */
+    }
+    for (ptrdiff_t four = 0; four < body->points / 4; four++)
+        look_at_four(look, body->place + 12 * four, body->seen_px + 8 * four, body->whiteners + 64 * four, lens,
+                     off_px + 8 * four);
+    for (int i = 0; i < 6; i++)
+        for (int j = i + 1; j < 6; j++) look->information[i][j] = look->information[j][i];
+}
+
+/* Cholesky's factor of a symmetric matrix, damped; what no row knows of is known a little. */
+static void factor(double matrix[6][6], double damping, double root[6][6]) {
+    for (int i = 0; i < 6; i++)
+        for (int j = 0; j <= i; j++) {
+            double sum = matrix[i][j] * (i == j ? 1.0 + damping : 1.0);
+            for (int k = 0; k < j; k++) sum -= root[i][k] * root[j][k];
+            root[i][j] = i == j ? sqrt(fmax(sum, fmax(1e-14 * matrix[i][i], 1e-300))) : sum / root[j][j];
+        }
+}
+
+static void solve(double root[6][6], const double right[6], double out[6]) {
+    for (int i = 0; i < 6; i++) {
+        double sum = right[i];
+        for (int k = 0; k < i; k++) sum -= root[i][k] * out[k];
+        out[i] = sum / root[i][i];
+    }
+    for (int i = 5; i >= 0; i--) {
+        for (int k = i + 1; k < 6; k++) out[i] -= root[k][i] * out[k];
+        out[i] /= root[i][i];
+    }
+}
+
+/* Turned further by a small turn about fixed axes, by Cayley's map, and moved. */
+static void step_from(const Look *from, const double step[6], Look *to) {
+    double a = 0.5 * step[3], b = 0.5 * step[4], c = 0.5 * step[5], scale = 2.0 / (1.0 + a * a + b * b + c * c);
+    const double half[9] = {0, -c, b, c, 0, -a, -b, a, 0};
+    double by[9];
+    for (int i = 0; i < 3; i++) {
+        to->position[i] = from->position[i] + step[i];
+        for (int j = 0; j < 3; j++) {
+            double sum = half[3 * i + j];
+            for (int k = 0; k < 3; k++) sum += half[3 * i + k] * half[3 * k + j];
+            by[3 * i + j] = scale * sum;
+        }
+    }
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) {
+            double sum = from->rotation[3 * i + j];
+            for (int k = 0; k < 3; k++) sum += by[3 * i + k] * from->rotation[3 * k + j];
+            to->rotation[3 * i + j] = sum;
+        }
+}
+
+void ledpi_fit(const Body *body, const Lens *lens, int rivals, int rounds, Fit *fits, double *off_px, double *trial_px) {
+    Look best[MOST_RIVALS], trial;
+    double damping[MOST_RIVALS] = {0}, step[MOST_RIVALS][6], root[6][6], information[MOST_RIVALS][6][6];
+    ptrdiff_t residuals = 2 * body->points;
+    for (int k = 0; k < rivals; k++) {
+        for (int i = 0; i < 9; i++) best[k].rotation[i] = fits[k].rotation[i];
+        for (int i = 0; i < 3; i++) best[k].position[i] = fits[k].position[i];
+        look_from(&best[k], body, lens, off_px + k * residuals);
+    }
+    for (int round = 0; round < rounds; round++) {
+        double least = INFINITY, gain[MOST_RIVALS];
+        bool at_end = true;
+        for (int k = 0; k < rivals; k++) {
+            gain[k] = 0.0;
+            for (int i = 0; i < 36; i++) (&information[k][0][0])[i] = (&best[k].information[0][0])[i];
+            factor(best[k].information, damping[k], root);
+            solve(root, best[k].pull, step[k]);
+            for (int i = 0; i < 6; i++) gain[k] += step[k][i] * best[k].pull[i];
+            least = fmin(least, best[k].chi2);
+        }
+        for (int k = 0; k < rivals; k++) /* a step would change nothing, or what is beaten with it too */
+            at_end = at_end && (gain[k] < CONVERGED * (1.0 + best[k].chi2) || best[k].chi2 - gain[k] > least + BEATEN_BY);
+        if (at_end) break;
+        for (int k = 0; k < rivals; k++) {
+            step_from(&best[k], step[k], &trial);
+            look_from(&trial, body, lens, trial_px);
+            bool better = trial.chi2 < best[k].chi2;
+            damping[k] = better ? 0.25 * damping[k] : 1.0 + 4.0 * damping[k];
+            if (!better) continue;
+            best[k] = trial;
+            for (ptrdiff_t i = 0; i < residuals; i++) off_px[k * residuals + i] = trial_px[i];
+        }
+    }
+    for (int k = 0; k < rivals; k++) {
+        for (int i = 0; i < 9; i++) fits[k].rotation[i] = best[k].rotation[i];
+        for (int i = 0; i < 3; i++) fits[k].position[i] = best[k].position[i];
+        fits[k].chi2 = best[k].chi2;
+        factor(rounds ? information[k] : best[k].information, 0.0, root);
+        for (int column = 0; column < 6; column++) {
+            double unit[6] = {0}, out[6];
+            unit[column] = 1.0;
+            solve(root, unit, out);
+            for (int row = 0; row < 6; row++) fits[k].covariance[6 * row + column] = out[row];
+        }
+    }
+}

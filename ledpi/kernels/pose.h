@@ -1,0 +1,32 @@
+/* What the poses' loops share. */
+#ifndef LEDPI_POSE_H
+#define LEDPI_POSE_H
+
+#include <stdbool.h>
+#include <stddef.h>
+
+enum { MOST_RIVALS = 2 };
+
+/* As `Intrinsics`: OpenCV's five-parameter model. */
+typedef struct {
+    double fx, fy, cx, cy, k1, k2, p1, p2, k3;
+} Lens;
+
+/* Points of a body and where they are seen, four at a time with what makes their errors independent. */
+typedef struct {
+    ptrdiff_t points; /* a multiple of 4 */
+    const double *place, *seen_px, *whiteners; /* (points, 3), (points, 2), (points/4, 8, 8) */
+} Body;
+
+typedef struct {
+    double rotation[9], position[3], chi2, covariance[36];
+} Fit;
+
+/* The pixel of a point in the camera's frame, and its derivative by the point. */
+void ledpi_project(const Lens *lens, const double at[3], double pixel[2], double slope[2][3]);
+
+/* Betters `rivals` starts of one body, at most MOST_RIVALS, in `rounds`; those that are beaten by far are not followed to
+ * their ends. `off_px` (rivals, points, 2) of the residuals; `trial_px` (points, 2) is room to try in. */
+void ledpi_fit(const Body *body, const Lens *lens, int rivals, int rounds, Fit *fits, double *off_px, double *trial_px);
+
+#endif

@@ -1,0 +1,34 @@
+"""The poses of squares (squares.c, pose.c)."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ledpi.kernels.library import INTEGER, POINTER, address, doubles, function
+from ledpi.records import Floats, Intrinsics
+
+_solve_squares = function("ledpi_solve_squares", POINTER, INTEGER, *(POINTER,) * 6)
+
+# Where a solution's numbers are: its position, quaternion, reprojection_px, chi2, covariance.
+POSITION, QUATERNION, REPROJECTION, CHI2, COVARIANCE = slice(0, 3), slice(3, 7), 7, 8, slice(9, 45)
+
+
+@lru_cache(maxsize=16)
+def _lens(intrinsics: Intrinsics) -> Floats:
+    return np.array([intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy, *intrinsics.distortion])
+
+
+def solve_squares(
+    corners_px: Floats, sigma_px: Floats, sides_m: Floats, intrinsics: Intrinsics, motions_px: Floats
+) -> tuple[Floats, NDArray[np.bool_]]:
+    """(N, 2, 45) read-only: both solutions of each square, and (N,) whether there are any."""
+    count = len(corners_px)
+    given = [_lens(intrinsics), *(doubles(array) for array in (corners_px, sigma_px, sides_m, motions_px))]
+    solutions, solved = np.empty((count, 2, COVARIANCE.stop)), np.empty(count, np.bool_)
+    lens, *squares = (address(array) for array in given)
+    _solve_squares(lens, count, *squares, address(solutions), address(solved))
+    solutions.flags.writeable = False
+    return solutions, solved
