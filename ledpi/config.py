@@ -29,7 +29,7 @@ from pydantic import (
 from ledpi.config_mistakes import explain
 from ledpi.dictionaries import FILE_ENDINGS, dictionary_names, is_file, load_dictionary
 from ledpi.errors import ConfigError
-from ledpi.records import PanelSpec, Transfer
+from ledpi.records import PanelSpec, Phase, Transfer
 
 SEARCH_PATH = (Path("config.yaml"), Path("/etc/ledpi/config.yaml"))
 
@@ -107,6 +107,7 @@ class PanelOverride(_Section):
     black_hz: Positive | None = None
     white_hz: Positive | None = None
     duty: Duty | None = None
+    phase: Phase | None = None
     measured: date | None = None  # by `ledpi calibrate panel`
 
 
@@ -116,20 +117,27 @@ class PanelSettings(_Section):
     black_hz: Positive = 1250.0
     white_hz: Positive = 2450.0
     duty: Duty = 0.5
+    phase: Phase = "free"
     upright: StrictBool = False  # all hang with their y axis up, on walls
     overrides: dict[Annotated[int, Field(ge=0)], PanelOverride] = {}
 
     def spec(self, marker_id: int | None = None) -> PanelSpec:
         """The panel of one ID, or, without an ID, the common one. Raises ValueError where they contradict."""
-        values = self.model_dump(include={"side_m", "black_hz", "white_hz", "duty"})
+        values = self.model_dump(include={"side_m", "black_hz", "white_hz", "duty", "phase"})
         if marker_id is not None and marker_id in self.overrides:
             values |= self.overrides[marker_id].model_dump(exclude_none=True, exclude={"measured"})
         return PanelSpec(**values)
 
     def frequencies_hz(self) -> tuple[float, ...]:
         """Every frequency that a panel blinks at, sorted. Raises ValueError where the panels' values contradict."""
-        specs = [self.spec(), *(self.spec(marker_id) for marker_id in self.overrides)]
-        return tuple(sorted({hz for spec in specs for hz in (spec.black_hz, spec.white_hz)}))
+        return tuple(sorted({hz for spec in self._specs() for hz in spec.waves_hz}))
+
+    def has_antiphase(self) -> bool:
+        """Whether the classes of any panel blink in antiphase."""
+        return any(spec.phase == "antiphase" for spec in self._specs())
+
+    def _specs(self) -> list[PanelSpec]:
+        return [self.spec(), *(self.spec(marker_id) for marker_id in self.overrides)]
 
 
 Method = Literal["soft", "bands"]  # of decoding: ours, and the source paper's own
@@ -195,21 +203,29 @@ def load_config(path: Path | None, overrides: tuple[str, ...] = ()) -> Config:
         raise ConfigError(f"{where}: {explain(error, Config)}") from None
     config = _with_absolute_paths(config, base, from_command_line)
     _check_panels(config.panels, where)
+    if config.decode.method == "bands" and config.panels.has_antiphase():
+        raise ConfigError(
+            f"{where}: decode.method: bands tells classes by how high their bands are, and in antiphase "
+            "(panels.phase) they are alike; must be soft"
+        )
     return config
 
 
 def _check_panels(panels: PanelSettings, where: str) -> None:
     """Values that are right one by one may contradict each other, or the dictionary."""
     try:
-        known = len(load_dictionary(panels.dictionary).words)
+        dictionary = load_dictionary(panels.dictionary)
     except ValueError as error:
         raise ConfigError(f"{where}: panels.dictionary: {error}") from None
     for marker_id in (None, *panels.overrides):
         key = "panels" if marker_id is None else f"panels.overrides.{marker_id}"
+        known = len(dictionary.words)
         if marker_id is not None and marker_id >= known:
             raise ConfigError(f"{where}: {key}: {panels.dictionary} has only the IDs 0 to {known - 1}")
         try:
-            panels.spec(marker_id)
+            spec = panels.spec(marker_id)
+            if marker_id is not None:
+                dictionary.check_readable(marker_id, spec.phase)
         except ValueError as error:
             raise ConfigError(f"{where}: {key}: {error}") from None
 

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
+from ledpi.records import Phase
 
 Bits = NDArray[np.bool_]
 
@@ -32,14 +35,53 @@ class Dictionary:
         """(IDs, 4, n, n): each word as it looks after 0, 1, 2, 3 quarter turns **clockwise** in the picture."""
         return np.stack([np.rot90(self.words, -k, axes=(1, 2)) for k in range(4)], axis=1)
 
-    def correctable_cells(self) -> int:
-        """⌊(d − 1)/2⌋ for the smallest distance d between two words, however they are turned."""
+    def distances(self, phase: Phase = "free") -> NDArray[np.int32]:
+        """(IDs, 4·IDs) cells by which each word differs from every turned one; from itself unturned, as from none.
+
+        Where classes blink in antiphase a word and its negative are one pattern, half a cycle apart: then it is the
+        distance to the nearer of the two.
+        """
         flat = self.turned_words().reshape(len(self.words), 4, -1).astype(np.int32)
         upright, turned = flat[:, 0], flat.reshape(-1, flat.shape[-1])
         distance = upright @ (1 - turned).T + (1 - upright) @ turned.T
+        if phase == "antiphase":
+            distance = np.minimum(distance, flat.shape[-1] - distance)
         own = np.arange(len(upright))
-        distance[own, 4 * own] = distance.max()  # each word to itself
-        return int(distance.min() - 1) // 2
+        distance[own, 4 * own] = flat.shape[-1]
+        return np.asarray(distance, np.int32)
+
+    def readable_ids(self, phase: Phase = "free") -> tuple[int, ...]:
+        """The IDs whose pattern is no other word's, nor their own turned: all, but where classes are in antiphase."""
+        if phase == "free":
+            return tuple(range(len(self.words)))
+        return tuple(np.flatnonzero(self.distances(phase).min(axis=1) > 0).tolist())
+
+    def check_readable(self, marker_id: int, phase: Phase) -> None:
+        """Raises ValueError for an ID that no panel of this phase can show, with those that it can."""
+        self.word(marker_id)
+        readable = self.readable_ids(phase)
+        if marker_id not in readable:
+            raise ValueError(
+                f"{self.name}: ID {marker_id} is the negative of another word, or of its own when it is turned: in "
+                f"antiphase they look alike; must be one of {as_ranges(readable)}"
+            )
+
+    def correctable_cells(self, phase: Phase = "free") -> int:
+        """⌊(d − 1)/2⌋ for the smallest distance d of a word that can be read to another, however they are turned."""
+        distance = self.distances(phase)
+        readable = distance.min(axis=1) > 0
+        return int(distance[readable].min(initial=distance.shape[1]) - 1) // 2
+
+
+def as_ranges(numbers: Sequence[int]) -> str:
+    """Rising numbers, as in 0 to 3, 5, 7 to 9."""
+    runs: list[list[int]] = []
+    for number in numbers:
+        if runs and number == runs[-1][-1] + 1:
+            runs[-1].append(number)
+        else:
+            runs.append([number])
+    return ", ".join(f"{run[0]} to {run[-1]}" if len(run) > 1 else str(run[0]) for run in runs) or "none"
 
 
 def corners_of_turned(quad_corners: NDArray[np.float64], quarter_turns: int) -> NDArray[np.float64]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 
@@ -85,7 +85,7 @@ class Pipeline:
     ) -> None:
         if shown is not None:  # a recording's own panel values override the configuration's
             panels = panels.model_copy(
-                update={key: getattr(shown, key) for key in ("dictionary", "side_m", "black_hz", "white_hz", "duty")}
+                update={f.name: getattr(shown, f.name) for f in fields(shown)}
             )
         self._panels = panels
         self._intrinsics = intrinsics
@@ -263,11 +263,11 @@ class Pipeline:
 
 
 def _same_frequencies(panels: PanelSettings) -> list[tuple[PanelSpec, list[int]]]:
-    """The panel and the IDs of each pair of frequencies and duty that there are."""
-    groups: dict[tuple[float, float, float], tuple[PanelSpec, list[int]]] = {}
+    """The panel and the IDs of each kind of blinking that there is."""
+    groups: dict[tuple[tuple[float, ...], float], tuple[PanelSpec, list[int]]] = {}
     for marker_id in range(len(load_dictionary(panels.dictionary).words)):
         spec = panels.spec(marker_id)
-        groups.setdefault((spec.black_hz, spec.white_hz, spec.duty), (spec, []))[1].append(marker_id)
+        groups.setdefault((spec.waves_hz, spec.duty), (spec, []))[1].append(marker_id)
     return list(groups.values())
 
 

@@ -15,7 +15,7 @@ from pydantic import AfterValidator, BaseModel, Field, ValidationError
 
 from ledpi.dictionaries import is_file, load_dictionary
 from ledpi.errors import RecordingError
-from ledpi.records import Transfer
+from ledpi.records import Phase, Transfer
 
 FORMAT = 1
 HEADER_FILE, FRAMES_FILE, TRUTH_FILE = "recording.yaml", "frames.jsonl", "truth.jsonl"
@@ -62,6 +62,7 @@ class PanelSection(BaseModel):
     black_hz: Positive
     white_hz: Positive
     duty: Annotated[float, Field(strict=True, gt=0, lt=1)]
+    phase: Phase = "free"
 
 
 class Header(BaseModel):

@@ -71,7 +71,7 @@ class RecordingWriter:
             if self._dictionary_file is not None:
                 shutil.copyfile(self._dictionary_file, folder / self._dictionary_file.name)
         values = {"format": FORMAT, "note": self._note}
-        values |= self._header.model_dump(mode="json", exclude_none=True)
+        values |= self._header.model_dump(mode="json", exclude_defaults=True)
         with _writing(self._folder / HEADER_FILE) as path:
             path.write_text(yaml.safe_dump(values, sort_keys=False, allow_unicode=True), encoding="utf-8")
         self._frames = self._create(FRAMES_FILE)

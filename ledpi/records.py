@@ -7,7 +7,8 @@ x right, y up, z out of the panel.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Pixels = NDArray[np.uint8]
 Transfer = Literal["linear", "srgb"]
+Phase = Literal["free", "antiphase"]  # between a panel's classes
 
 # Of a stream: after a longer gap anything may have happened, and all begins anew (the recording format says so).
 MAX_GAP_NS = 500_000_000
@@ -58,16 +60,42 @@ class PanelSpec:
     black_hz: float  # cells that are 0 in the dictionary's word
     white_hz: float  # cells that are 1
     duty: float = 0.5
+    phase: Phase = "free"  # antiphase: both classes blink at one frequency, half a cycle apart
 
     def __post_init__(self) -> None:
         if not self.side_m > 0:
             raise ValueError(f"side_m must be positive, not {self.side_m}")
         if not (self.black_hz > 0 and self.white_hz > 0):
             raise ValueError("black_hz and white_hz must be positive")
-        if self.black_hz == self.white_hz:
-            raise ValueError(f"black_hz and white_hz must differ, both are {self.black_hz}")
         if not 0 < self.duty < 1:
             raise ValueError(f"duty must lie between 0 and 1, not {self.duty}")
+        if self.phase == "antiphase":
+            self._check_antiphase()
+        elif self.black_hz == self.white_hz:
+            raise ValueError(
+                f"black_hz and white_hz must differ, both are {self.black_hz:g}; one frequency for both classes is for "
+                "phase: antiphase"
+            )
+
+    def _check_antiphase(self) -> None:
+        if self.black_hz != self.white_hz:
+            raise ValueError(
+                f"phase: antiphase is for both classes at one frequency; black_hz and white_hz must be equal, not "
+                f"{self.black_hz:g} and {self.white_hz:g}"
+            )
+        if self.duty != 0.5:  # else white's wave is not black's negative
+            raise ValueError(f"phase: antiphase needs a duty of 0.5, not {self.duty:g}")
+
+    @property
+    def waves_hz(self) -> tuple[float, ...]:
+        """The frequency of each wave: black's and white's; of an antiphase panel the one that is black's, and white's
+        turned upside down.
+        """
+        return (self.black_hz,) if self.phase == "antiphase" else (self.black_hz, self.white_hz)
+
+    def at(self, waves_hz: Sequence[float]) -> PanelSpec:
+        """The panel with other frequencies of its waves."""
+        return replace(self, black_hz=waves_hz[0], white_hz=waves_hz[-1])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -92,6 +120,7 @@ class PanelValues:
     black_hz: float
     white_hz: float
     duty: float
+    phase: Phase = "free"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

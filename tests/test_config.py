@@ -238,3 +238,46 @@ def test_a_date_that_is_none_is_told_in_one_line(tmp_path: Path, value: str) -> 
         load_config(file)
     with pytest.raises(ConfigError, match="is not a YAML value"):
         load_config(None, (f"panels.side_m={value}",))
+
+
+def test_antiphase_is_one_frequency_for_both_classes(tmp_path: Path) -> None:
+    """The panel has one wave then."""
+    text = "panels: {side_m: 0.2, phase: antiphase, black_hz: 1253.33, white_hz: 1253.33}"
+    panels = load_config(write(tmp_path, text)).panels
+    assert panels.spec().waves_hz == (1253.33,)
+    assert panels.frequencies_hz() == (1253.33,)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("panels: {side_m: 0.2, phase: antiphase}", "black_hz and white_hz must be equal, not 1250 and 2450"),
+        ("panels: {side_m: 0.2, black_hz: 1300, white_hz: 1300}", "must differ, both are 1300.*phase: antiphase"),
+        ("panels: {side_m: 0.2, phase: antiphase, white_hz: 1250, duty: 0.4}", "needs a duty of 0.5, not 0.4"),
+        ("panels: {side_m: 0.2, phase: opposite}", "panels.phase: must be 'free' or 'antiphase'"),
+        (
+            "panels: {side_m: 0.2, phase: antiphase, white_hz: 1250, overrides: {7: {black_hz: 1251}}}",
+            "panels.overrides.7: .*must be equal, not 1251 and 1250",
+        ),
+        (
+            "panels: {side_m: 1, dictionary: DICT_4X4_100, phase: antiphase, white_hz: 1250, overrides: {38: {}}}",
+            "panels.overrides.38: DICT_4X4_100: ID 38 is the negative .* must be one of 0 to 37, 39 to 68",
+        ),
+        (
+            "{panels: {side_m: 0.2, phase: antiphase, white_hz: 1250}, decode: {method: bands}}",
+            "decode.method: bands .* must be soft",
+        ),
+    ],
+)
+def test_what_is_no_antiphase_panel_is_refused(tmp_path: Path, text: str, message: str) -> None:
+    """In one line, with what would be right."""
+    with pytest.raises(ConfigError, match=message):
+        load_config(write(tmp_path, text))
+
+
+def test_one_panel_may_be_in_antiphase(tmp_path: Path) -> None:
+    """Among others of two frequencies."""
+    override = "{9: {phase: antiphase, black_hz: 1653, white_hz: 1653}}"
+    panels = load_config(write(tmp_path, f"panels: {{side_m: 0.2, overrides: {override}}}")).panels
+    assert panels.spec(9).waves_hz == (1653.0,)
+    assert panels.frequencies_hz() == (1250.0, 1653.0, 2450.0)

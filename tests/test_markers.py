@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ledpi.dictionaries import dictionary_names, load_dictionary
-from ledpi.markers import Bits, corners_of_turned
+from ledpi.markers import Bits, Dictionary, corners_of_turned
 
 
 def drawn(text: str) -> Bits:
@@ -94,3 +94,34 @@ def test_words_cannot_be_changed() -> None:
     """The words are shared, so they are read-only."""
     with pytest.raises(ValueError, match="read-only"):
         load_dictionary("DICT_4X4_50").word(7)[0, 0] = False
+
+
+def test_distances_in_antiphase_by_hand() -> None:
+    """Of 2 × 2 cells: 1110 is one cell from the negative of 0000, and two from each of its own other turns."""
+    small = Dictionary(name="small", words=np.array([[[1, 1], [1, 0]], [[0, 0], [0, 0]]], bool))
+    assert small.distances("free")[0].tolist() == [4, 2, 2, 2, 3, 3, 3, 3]
+    assert small.distances("antiphase")[0].tolist() == [4, 2, 2, 2, 1, 1, 1, 1]
+
+
+def test_7_and_the_negative_of_2_differ_in_two_cells() -> None:
+    """Written down: 1100/0100/1111/0010 is shown by 7, and by 2 half a cycle later but for its second row."""
+    dictionary = load_dictionary("DICT_4X4_50")
+    np.testing.assert_array_equal(~dictionary.word(2), drawn("1100 / 1100 / 1101 / 0010"))
+    assert dictionary.distances("antiphase")[7, 4 * 2] == 2
+    assert (dictionary.correctable_cells(), dictionary.correctable_cells("antiphase")) == (1, 0)
+
+
+def test_a_word_that_is_anothers_negative_cannot_be_used_in_antiphase() -> None:
+    """38 and, turned, 69 of DICT_4X4_100; the others can, and are named."""
+    dictionary = load_dictionary("DICT_4X4_100")
+    assert set(range(100)) - set(dictionary.readable_ids("antiphase")) == {38, 69}
+    assert len(dictionary.readable_ids()) == 100
+    with pytest.raises(ValueError, match=r"ID 38 is the negative .* one of 0 to 37, 39 to 68, 70 to 99"):
+        dictionary.check_readable(38, "antiphase")
+    dictionary.check_readable(38, "free")
+
+
+def test_a_word_that_is_its_own_negative_turned_cannot_be_used_in_antiphase() -> None:
+    """Half white, half black: turned by 180° it is its negative, so how it hangs could not be told."""
+    half = Dictionary(name="half", words=np.array([[[1, 1], [0, 0]], [[1, 1], [1, 0]]], bool))
+    assert half.readable_ids("antiphase") == (1,)

@@ -17,14 +17,13 @@ from ledpi.decode.cells import CellSamples, sample_cells
 from ledpi.decode.evidence import Evidence, single_evidence
 from ledpi.dictionaries import load_dictionary
 from ledpi.errors import ConfigError
-from ledpi.markers import Dictionary
-from ledpi.panel.antiphase import distance_to_negatives, judge_antiphase
 from ledpi.panel.chances import chance_of_reading
 from ledpi.panel.design import (
     ENOUGH_NATS,
     Proposal,
     Task,
     auto_rows,
+    best_antiphase,
     candidate_pairs,
     proposal_at,
     ranked,
@@ -354,33 +353,57 @@ def test_an_impossible_frame_rate_is_refused() -> None:
         run("--check", "1250", "2450", "--fps", "62.49", "--row-time-us", "33.67")
 
 
-def test_words_that_are_nearly_negatives_of_each_other_are_known() -> None:
-    """Counted by hand in a small way: of 2 × 2 cells, 1110 and the negative of 0000, turned, are one cell apart."""
-    small = Dictionary(name="small", words=np.array([[[1, 1], [1, 0]], [[0, 0], [0, 0]]], bool))
-    assert distance_to_negatives(small) == 1
-    assert distance_to_negatives(DICTIONARY) == 2
-
-
-def test_antiphase_would_be_read_where_two_frequencies_are_not() -> None:
-    """One frame at 3 m, four frames at 12 m."""
-    asked = task(3.0, 12.0)
+def test_antiphase_is_read_where_two_frequencies_are_not() -> None:
+    """One frame at 2.5 m, four frames at 12 m."""
+    asked = task(2.5, 12.0)
     views = views_of(asked)
-    judged = judge_antiphase(asked, DICTIONARY, views).reach
-    pair = reach_of(asked, proposal_at(asked, 1250.0, 2450.0, 504, views), DICTIONARY, views)
-    assert judged.alone[0] > 0.75 > 0.5 > pair.alone[0]
-    assert judged.stream[1] > 0.9 > 0.7 > pair.stream[1]
+    one = best_antiphase(asked, views)
+    assert one is not None
+    assert one.black_hz == one.white_hz
+    two = proposal_at(asked, 1250.0, 2450.0, 504, views)
+    antiphase, pair = (reach_of(asked, proposal, DICTIONARY, views) for proposal in (one, two))
+    assert antiphase.alone[0] > 0.85 > 0.75 > pair.alone[0]
+    assert antiphase.stream[1] > 0.85 > 0.7 > pair.stream[1]
+
+
+def test_what_tells_antiphase_classes_apart_is_twice_the_bands() -> None:
+    """Of isotropic information i and depth a: D = i·(2a)²/2, at any phase."""
+    known = Evidence(
+        score=np.zeros((2, 2)), information=1000 * np.eye(4).reshape(2, 2, 2, 2), prior=np.ones(2), left=0.0
+    )
+    assert separation_nats(known, (0.05, 0.05)) == pytest.approx(0.5 * 1000 * 0.1**2)
+
+
+def test_classes_that_share_a_duty_of_another_size_are_not_in_antiphase() -> None:
+    """One would not fill the other's gaps."""
+    asked = replace(task(2.0), duty=0.4)
+    assert best_antiphase(asked, views_of(asked)) is None
+
+
+def test_an_antiphase_panel_is_checked_as_one() -> None:
+    """One frequency for both classes is what it has; two are refused, and so are its null and its freezing, once."""
+    one = ("--set", "panels.phase=antiphase", "--set", "panels.white_hz=1250")
+    assert run("--check", "1250", "1250", *one, "--fps", "58.93")[0] == 0
+    status, output = run("--check", "1250", "2450", *one)
+    assert (status, output.count("both classes blink alike")) == (1, 1)
+    status, output = run("--check", "1000", "1000", *one)
+    assert (status, output.count("on a null")) == (1, 1)
+    status, output = run("--check", "1250", "1250", *one, "--fps", "62.49")
+    assert (status, output.count("is frozen")) == (1, 1)
 
 
 def test_a_design_is_a_configuration(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Five pairs beside the present one, two plots, and lines that are loaded as they are and found good."""
-    for module in ("reach", "antiphase"):
-        monkeypatch.setattr(f"ledpi.panel.{module}._DRAWS", 5)
+    """Five pairs and antiphase beside the present one, two plots, and lines that are loaded and found good."""
+    monkeypatch.setattr("ledpi.panel.reach._DRAWS", 5)
     monkeypatch.setattr("ledpi.panel.reach._DISTANCES", 3)
     status, output = run("--distance", "1", "--distance", "8", "--fps", "58.93", "--out", "design")
     assert status == 0
-    assert re.findall(r"^(\d|present) ", output, re.MULTILINE) == ["1", "2", "3", "4", "5", "present"]
+    assert re.findall(r"^(\d|antiphase|present) ", output, re.MULTILINE) == [*"12345", "antiphase", "present"]
     config = load_config(Path("design/panel.yaml"))
     assert config.panels.side_m == 0.16
     assert config.camera.frame_duration_us == round(504.25 * OV5647_ROW_TIME_US)
     assert run("--check", str(config.panels.black_hz), str(config.panels.white_hz), "--fps", "58.93")[0] == 0
-    assert {path.name for path in Path("design").iterdir()} == {"panel.yaml", "contrast.png", "reach.png"}
+    antiphase = load_config(Path("design/antiphase.yaml")).panels
+    assert (antiphase.phase, antiphase.white_hz) == ("antiphase", antiphase.black_hz)
+    drawn = {"panel.yaml", "antiphase.yaml", "contrast.png", "reach.png"}
+    assert {path.name for path in Path("design").iterdir()} == drawn

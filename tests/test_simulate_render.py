@@ -303,3 +303,18 @@ def test_what_hangs_on_the_mains_flickers_together() -> None:
     ratio = light(ripple) / light(None)
     np.testing.assert_allclose(ratio[100:380, 320], ratio[100:380, 50], rtol=1e-3)
     assert np.ptp(ratio[:, 50]) > 0.5
+
+
+def test_antiphase_classes_are_half_a_cycle_apart() -> None:
+    """A panel of one class only is dark where one of the other is bright: together they do not flicker."""
+    usual = panel(standing(z_m=1.0))
+    spec = dataclasses.replace(usual.spec, white_hz=usual.spec.black_hz, phase="antiphase")
+    black, white = (
+        Renderer(
+            dark_scene(dataclasses.replace(usual, spec=spec, word=np.full((4, 4), own)), camera=sensor(PINHOLE)), seed=1
+        ).light(0)[200:280, 320]
+        for own in (False, True)
+    )
+    still = (black + white) / 2
+    assert np.ptp(black / still) > 0.06
+    np.testing.assert_allclose(black / still - 1, 1 - white / still, atol=1e-5)

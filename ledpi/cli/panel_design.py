@@ -35,7 +35,7 @@ def design(
     distance: list[float] = typer.Option([], min=0.05, metavar="M", help="May be repeated. Default: near to farthest."),
     tolerance_ppm: float = typer.Option(100, min=0, max=200_000, help="Of the oscillators: a crystal's is 100."),
     flicker: Flicker = typer.Option(Flicker.LOW_RISK, help="IEEE 1789's class: from 1250 Hz, or from 3000 Hz."),
-    out: Path | None = typer.Option(None, metavar="FOLDER", help="Writes panel.yaml and plots there."),
+    out: Path | None = typer.Option(None, metavar="FOLDER", help="Writes panel.yaml, antiphase.yaml and plots there."),
     config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
     set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
 ) -> None:
@@ -128,7 +128,7 @@ def _check(task: Task, settings: Config, pair: tuple[float, float]) -> None:
     if not (0 < black_hz < math.inf and 0 < white_hz < math.inf):
         raise ConfigError(f"--check {black_hz:g} {white_hz:g}: frequencies must be positive")
     rows = auto_rows(task, pair)
-    found = findings(task, black_hz, white_hz, rows)
+    found = findings(task, black_hz, white_hz, rows, settings.panels.phase)
     typer.echo(task_text(task))
     for finding in found:
         typer.echo(f"{'unusable' if finding.unusable else 'note'}: {finding.text}")
@@ -143,8 +143,7 @@ def _check(task: Task, settings: Config, pair: tuple[float, float]) -> None:
 
 def _design(task: Task, settings: Config, out: Path | None) -> None:
     from ledpi.dictionaries import load_dictionary
-    from ledpi.panel.antiphase import judge_antiphase
-    from ledpi.panel.design import auto_rows, candidate_pairs, proposal_at, ranked, views_of
+    from ledpi.panel.design import auto_rows, best_antiphase, candidate_pairs, proposal_at, ranked, views_of
     from ledpi.panel.design_text import antiphase_text, config_lines, legend, table, task_text
     from ledpi.panel.reach import reach_views
     from ledpi.panel.verdict import findings
@@ -154,18 +153,22 @@ def _design(task: Task, settings: Config, out: Path | None) -> None:
     views = views_of(task)
     present = proposal_at(task, *pair, auto_rows(task, pair), views)
     with progress("trying pairs", len(candidate_pairs(task))) as advance:
-        best = ranked(task, present, views, advance)[:_SHOWN]
-    dictionary, everywhere = load_dictionary(panels.dictionary), reach_views(task)
-    named = [*((str(n + 1), p) for n, p in enumerate(best)), ("present", present)]
-    rows = _with_reach(task, dictionary, everywhere, named)
+        named = [(str(n + 1), p) for n, p in enumerate(ranked(task, present, views, advance)[:_SHOWN])]
+    antiphase = best_antiphase(task, views)
+    named += [("antiphase", antiphase)] if antiphase is not None else []
+    dictionary = load_dictionary(panels.dictionary)
+    rows = _with_reach(task, dictionary, reach_views(task), [*named, ("present", present)])
     typer.echo(task_text(task))
     typer.echo(table(task, rows))
     typer.echo(legend())
-    for finding in findings(task, *pair, present.frame_length_rows):
+    for finding in findings(task, *pair, present.frame_length_rows, panels.phase):
         typer.echo(f"present: {'unusable' if finding.unusable else 'note'}: {finding.text}")
-    typer.echo(antiphase_text(judge_antiphase(task, dictionary, everywhere), rows[0][2]))
-    lines = config_lines(task, best[0], panels.dictionary, settings.camera.exposure_us)
-    typer.echo(f"\nFor config.yaml:\n\n{lines}", nl=False)
+    lines = {"panel.yaml": config_lines(task, rows[0][1], panels.dictionary, settings.camera.exposure_us)}
+    typer.echo(f"\nFor config.yaml:\n\n{lines['panel.yaml']}", nl=False)
+    if antiphase is not None:
+        typer.echo("\n" + antiphase_text(antiphase, rows[-2][2], rows[0][2], dictionary))
+        lines["antiphase.yaml"] = config_lines(task, antiphase, panels.dictionary, settings.camera.exposure_us)
+        typer.echo(f"For config.yaml, instead:\n\n{lines['antiphase.yaml']}", nl=False)
     if out is not None:
         _write(out, task, rows, lines)
 
@@ -179,12 +182,13 @@ def _with_reach(
         return [(name, p, reach_of(task, p, dictionary, views, advance)) for name, p in proposals]
 
 
-def _write(out: Path, task: Task, rows: list[tuple[str, Proposal, Reach]], lines: str) -> None:
+def _write(out: Path, task: Task, rows: list[tuple[str, Proposal, Reach]], lines: dict[str, str]) -> None:
     from ledpi.panel.matplotlib_extra import require_matplotlib
 
     try:
         out.mkdir(parents=True, exist_ok=True)
-        (out / "panel.yaml").write_text(lines, encoding="utf-8")
+        for name, text in lines.items():
+            (out / name).write_text(text, encoding="utf-8")
     except OSError as error:
         raise ConfigError(f"--out {out}: cannot be written: {error.strerror}") from None
     require_matplotlib(f"--out {out}: the plots")
@@ -192,4 +196,4 @@ def _write(out: Path, task: Task, rows: list[tuple[str, Proposal, Reach]], lines
 
     draw_contrast(task, rows[0][1], out / "contrast.png")
     draw_reach(rows, out / "reach.png")
-    typer.echo(f"{out}: panel.yaml, contrast.png, reach.png")
+    typer.echo(f"{out}: {', '.join(lines)}, contrast.png, reach.png")

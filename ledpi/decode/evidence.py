@@ -5,14 +5,15 @@ The light of cell c at lattice point s and picture row y is
     I[c, s] = a[c, s] · (1 + m_k(c) · cos(2π f_k t − φ_k(c))) + noise,    t: when row y was exposed
 
 with the cell's static picture a and the class k(c) of the cell, black or white. The cells of a class share one
-oscillator: one frequency, one phase. Of a single frame a is not known; but all cells are built alike and seen through
-one lens, so but for a gain g they all send the same to point s of their own, and across a border near s to a neighbour:
+oscillator: one frequency, one phase (in antiphase both classes do, as `classes` says). Of a single frame a is not
+known; but all cells are built alike and seen through one lens, so but for a gain g they all send the same to point s of
+their own, and across a border near s to a neighbour:
 
     a[c, s] = g_c · p_s + Σ_n g_n · q_{n,s},    n: neighbours of c beyond a border near s; beyond the rim g is 0
 
 For known gains that is linear in p and q, at each point by itself. What it can explain is taken off, and with it what a
 wrong gain and wrong corners would add (the picture's slope times the shift that each corner's error makes there). What
-is left is correlated with a cosine and a sine per class, in each cell.
+is left is correlated with a cosine and a sine of each wave, in each cell.
 
 `memory` does the same over several frames, where a is learnt from the frames before.
 """
@@ -28,6 +29,7 @@ from numpy.typing import NDArray
 
 from ledpi import shutter
 from ledpi.decode.cells import CellSamples, Lattice, Singles
+from ledpi.decode.classes import band_shares, wave_shares
 from ledpi.decode.shared_light import (
     Integers,
     Sources,
@@ -41,7 +43,6 @@ from ledpi.records import Frame, PanelSpec, Rejected
 
 Doubles = NDArray[np.float64]
 
-PARAMETERS = 4  # cosine and sine of each class
 # Of full bands the darkest part: there is stray light, read noise, and a waveform that is not quite a square wave's, so
 # that the dark says less of a cell than its few photons would.
 DARKEST = 0.1
@@ -51,15 +52,15 @@ UNFIT = Rejected(stage="soft", reason="unfit")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Evidence:
-    """What the samples say of every cell and class: quadratic in the bands, so that words and frames only add up.
+    """What the samples say of every cell and wave: quadratic in the bands, so that words and frames only add up.
 
-    The log-likelihood of bands x (cosine and sine in each class, one x for all cells of it) is
-    `score·x − xᵀ·information·x/2`.
+    The log-likelihood of bands x, cosine and sine of each wave in each cell, is `score·x − xᵀ·information·x/2`. There
+    are P of them to a cell: 4 where the classes blink at two frequencies, 2 in antiphase.
     """
 
-    score: Doubles  # (cells, 4)
-    information: Doubles  # (cells, 4, cells, 4)
-    prior: Doubles  # (4,) expected variance of x
+    score: Doubles  # (cells, P)
+    information: Doubles  # (cells, P, cells, P)
+    prior: Doubles  # (P,) expected variance of x
     left: float  # log-likelihood of what no bands explain; noise if the model is right
 
 
@@ -68,10 +69,10 @@ class Normal:
     """Normal equations of nuisances and bands, for a residual that is whitened up to a factor."""
 
     of_nuisances: Doubles  # (n, n)
-    of_both: Doubles  # (n, cells·4)
-    of_bands: Doubles  # (cells·4, cells·4)
+    of_both: Doubles  # (n, cells·P)
+    of_bands: Doubles  # (cells·P, cells·P)
     nuisances: Doubles  # (n,) residual against the nuisances
-    bands: Doubles  # (cells·4,) against the bands
+    bands: Doubles  # (cells·P,) against the bands
     squares: float  # of the residual
     freedom: int  # samples, less what nuisances and bands take
 
@@ -80,9 +81,9 @@ class Normal:
 class Believed:
     """Bands that a first look has shown, from which a second one takes its bearings."""
 
-    phases: tuple[float, float]  # of the fundamentals, black's and white's; `waves` begin there
-    bands: Doubles  # (cells, 4), by these waves
-    waves: Singles  # (4, cells, points): what to measure them by
+    phases: tuple[float, ...]  # of each wave's fundamental; `waves` begin there
+    bands: Doubles  # (cells, P), by these waves
+    waves: Singles  # (P, cells, points): what to measure them by
     white: NDArray[np.bool_]  # (cells,)
     light: Singles  # (2, cells, points): what the bands of either class make of an even light
 
@@ -91,7 +92,7 @@ class Believed:
         return np.asarray(np.where(self.white[:, None], self.light[1], self.light[0]), np.float32)
 
     def turned_back(self, bands: Doubles) -> Doubles:
-        """Bands (cells, 4) by these waves, as cosine and sine."""
+        """Bands (cells, P) by these waves, as cosine and sine."""
         out = np.empty_like(bands)
         for k, phase in enumerate(self.phases):
             c, s = math.cos(phase), math.sin(phase)
@@ -130,14 +131,14 @@ def single_evidence(
     static = np.asarray(np.add.reduceat(parts, sources.first, axis=1), np.float32)
     residual = np.asarray(seen - static, np.float32)
     np.maximum(static, np.float32(0.02), out=static)
-    shapes = np.empty((cells, 1 + PARAMETERS, points), np.float32)  # of a wrong gain, and of the bands
-    shapes[:, 0] = static
-    if shown is not None:
-        static /= shown
     if believed is not None:
         waves = believed.waves
     elif waves is None:
         waves = class_waves(samples, frame, spec)
+    shapes = np.empty((cells, 1 + len(waves), points), np.float32)  # of a wrong gain, and of the bands
+    shapes[:, 0] = static
+    if shown is not None:
+        static /= shown
     np.multiply(waves.transpose(1, 0, 2), static[:, None], out=shapes[:, 1:])
     slopes = picture_slopes(static * root, samples.lattice) * shapes[:, 0]
     if samples.valid is not None:
@@ -173,36 +174,36 @@ def _levels(samples: CellSamples, shown: Singles | None) -> tuple[Singles, Singl
     return gain / mean, profile, light / mean
 
 
-def believed_bands(samples: CellSamples, frame: Frame, spec: PanelSpec, bands: Doubles) -> Believed:
-    """What `bands` (cells, 4), sinusoids in each cell's own class, are as square waves seen through the exposure.
+def believed_bands(
+    samples: CellSamples, frame: Frame, spec: PanelSpec, white: NDArray[np.bool_], bands: Doubles
+) -> Believed:
+    """What `bands` (P,), sinusoids in cells of which these are `white` (cells,), are as square waves seen through the
+    exposure.
 
     Phase and depth of a square wave are those of its fundamental. Its own waves: what more depth adds, and what a
     later phase does, so that a small change of either is measured by the exact waveform, harmonics and all.
     """
     rows_cycles = samples.rows * np.float32(frame.row_time_us * 1e-6)
-    waves = np.empty((PARAMETERS, *samples.rows.shape), np.float32)
+    waves = np.empty((len(bands), *samples.rows.shape), np.float32)
     light = np.ones((2, *samples.rows.shape), np.float32)
-    turned = np.zeros_like(bands)
-    phases = []
-    for k, hz in enumerate((spec.black_hz, spec.white_hz)):
+    turned = np.zeros(len(bands))
+    phases = [math.atan2(sine, cosine) for cosine, sine in bands.reshape(-1, 2).tolist()]
+    of_classes = wave_shares(np.array([0.0, 1.0]), len(phases)).astype(np.float32)  # (black and white, waves)
+    for k, (hz, phase) in enumerate(zip(spec.waves_hz, phases, strict=True)):
         two = slice(2 * k, 2 * k + 2)
-        members = bands[:, two].any(axis=1)
-        cosine, sine = bands[members][0, two].tolist() if members.any() else (1.0, 0.0)
-        depth = math.hypot(cosine, sine) if members.any() else 0.0
-        phases.append(math.atan2(sine, cosine))
-        cycles = (rows_cycles * np.float32(hz)).astype(np.float64) - phases[k] / (2 * math.pi)
+        turned[2 * k] = math.hypot(*bands[two])
+        cycles = (rows_cycles * np.float32(hz)).astype(np.float64) - phase / (2 * math.pi)
         averaged = (np.arange(samples.averaged) - (samples.averaged - 1) / 2) * hz * frame.row_time_us * 1e-6
         each = [shutter.square_wave_bands(cycles + row, hz, frame.exposure_us, spec.duty) for row in averaged]
         waves[two] = np.mean(each, axis=0)
-        turned[members, 2 * k] = depth
-        light[k] += np.float32(depth) * waves[2 * k]
+        light += of_classes[:, k, None, None] * np.float32(turned[2 * k]) * waves[2 * k]
     if samples.valid is not None:
         waves *= samples.valid
     return Believed(
-        phases=(phases[0], phases[1]),
-        bands=turned,
+        phases=tuple(phases),
+        bands=band_shares(white.astype(np.float64), len(bands)) * turned,
         waves=waves,
-        white=np.asarray(bands[:, 2:].any(axis=1)),
+        white=white,
         light=np.maximum(light, np.float32(DARKEST)),
     )
 
@@ -247,7 +248,7 @@ def _split(cells: int, each: int, slopes: int) -> tuple[Integers, Integers]:
 
 
 def is_deep(prior: Doubles) -> bool:
-    """Whether bands of this variance (4,) are so deep that their harmonics show, and hide what is static."""
+    """Whether bands of this variance (P,) are so deep that their harmonics show, and hide what is static."""
     return math.sqrt(2.0 * float(prior.min())) > FULL_DEPTH
 
 
@@ -266,8 +267,8 @@ def evidence_from(normal: Normal, samples: CellSamples, frame: Frame, spec: Pane
         return UNFIT
     scale = samples.independence / variance
     return Evidence(
-        score=(score * scale).reshape(cells, PARAMETERS),
-        information=(information * scale).reshape(cells, PARAMETERS, cells, PARAMETERS),
+        score=(score * scale).reshape(cells, -1),
+        information=(information * scale).reshape(cells, len(score) // cells, cells, -1),
         prior=band_prior(frame, spec),
         left=0.5 * samples.independence * normal.freedom,
     )
@@ -282,16 +283,15 @@ def _ridged(matrix: Doubles) -> Doubles:
 
 
 def band_prior(frame: Frame, spec: PanelSpec) -> Doubles:
-    """(4,) variance of each class's cosine and sine: a depth whose mean square is the expected one, in any phase."""
-    frequencies = (spec.black_hz, spec.white_hz)
-    amplitude = [shutter.harmonic_amplitude(1, hz, frame.exposure_us, spec.duty) for hz in frequencies]
+    """(P,) variance of each wave's cosine and sine: a depth whose mean square is the expected one, in any phase."""
+    amplitude = [shutter.harmonic_amplitude(1, hz, frame.exposure_us, spec.duty) for hz in spec.waves_hz]
     return np.repeat(np.maximum(np.square(amplitude), 1e-12), 2) / 2
 
 
 def class_waves(samples: CellSamples, frame: Frame, spec: PanelSpec, since_s: float = 0.0) -> Singles:
-    """(4, cells, points): cosine and sine of black's bands, then of white's; `since_s` from the origin to row 0."""
-    out = np.empty((PARAMETERS, *samples.rows.shape), np.float32)
-    for k, hz in enumerate((spec.black_hz, spec.white_hz)):
+    """(P, cells, points): cosine and sine of each of the panel's waves; `since_s` from the origin to row 0."""
+    out = np.empty((2 * len(spec.waves_hz), *samples.rows.shape), np.float32)
+    for k, hz in enumerate(spec.waves_hz):
         start = 2 * math.pi * ((hz * since_s) % 1.0)
         angle = samples.rows * np.float32(2 * math.pi * hz * frame.row_time_us * 1e-6) + np.float32(start)
         np.cos(angle, out=out[2 * k])

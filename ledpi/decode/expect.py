@@ -38,13 +38,14 @@ class Expectation:
 
     @classmethod
     def of(cls, memory: PanelMemory, bands: Doubles) -> Expectation:
-        """Of the frames in `memory`, which show `bands` (cells, 4): cosine and sine of black's, then of white's."""
+        """Of the frames in `memory`, which show `bands` (cells, P): cosine and sine of each wave."""
         known = memory.known()
         weight = known.picture * (known.count / (known.count + 1))
         root = np.sqrt(weight / weight.mean())
         fields = np.concatenate([root[None], picture_slopes(known.picture, known.lattice) * root])
-        white = np.asarray(bands[:, 2:].any(axis=1))
-        cosine, sine = np.where(white[:, None], bands[:, 2:], bands[:, :2]).T
+        by_wave = bands.reshape(len(bands), -1, 2)
+        wave = by_wave.any(axis=2).argmax(axis=1)  # that a cell shows
+        cosine, sine = by_wave[np.arange(len(bands)), wave].T
         return cls(
             lattice=known.lattice,
             origin_ns=known.origin_ns,
@@ -52,7 +53,7 @@ class Expectation:
             root=root,
             basis=np.ascontiguousarray(np.linalg.qr(fields.reshape(len(fields), -1).T)[0].T),
             left_bands=np.einsum("cj,jcs->cs", bands.astype(np.float32), known.mean_waves),
-            hz=np.where(white, memory.spec.white_hz, memory.spec.black_hz),
+            hz=np.array(memory.spec.waves_hz)[wave],
             depth=np.hypot(cosine, sine).astype(np.float32)[:, None],
             phase=np.arctan2(sine, cosine),
         )

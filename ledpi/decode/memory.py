@@ -16,7 +16,6 @@ import numpy as np
 
 from ledpi.decode.cells import CellSamples, Lattice, Singles
 from ledpi.decode.evidence import (
-    PARAMETERS,
     Doubles,
     Evidence,
     Normal,
@@ -44,7 +43,7 @@ class Known:
     origin_ns: int  # row 0's read-out of the first frame, from which phases count
     picture: Singles  # (cells, points)
     count: Singles  # (cells, points) frames that showed it
-    mean_waves: Singles  # (4, cells, points)
+    mean_waves: Singles  # (P, cells, points)
 
 
 class PanelMemory:
@@ -93,10 +92,10 @@ class PanelMemory:
         return self._samples, self._frame
 
     def in_its_time(self, bands: Doubles) -> Doubles:
-        """Bands (cells, 4) of the newest frame alone as all frames count them: from row 0 of the first."""
+        """Bands (cells, P) of the newest frame alone as all frames count them: from row 0 of the first."""
         out = np.empty_like(bands)
         since_s = (self._frame.row0_readout_ns - self._origin_ns) * 1e-9
-        for k, hz in enumerate((self.spec.black_hz, self.spec.white_hz)):
+        for k, hz in enumerate(self.spec.waves_hz):
             angle = 2 * math.pi * ((hz * since_s) % 1.0)
             c, s = math.cos(angle), math.sin(angle)
             out[:, 2 * k : 2 * k + 2] = bands[:, 2 * k : 2 * k + 2] @ np.array([[c, s], [-s, c]])
@@ -119,13 +118,14 @@ class PanelMemory:
 
     def _of_mean_picture(self) -> Evidence | Rejected:
         seen = self._count > 0
-        power = float(np.square(self._mean_waves).sum() / max(1, 2 * int(seen.sum())))
+        # A whole wave's cosine and sine have a power of 1 together.
+        waves = len(self._mean_waves) // 2
+        power = float(np.square(self._mean_waves).sum() / max(1, waves * int(seen.sum())))
         if self._score is not None and power < MEAN_WAVE_POWER:
-            cells = len(self._picture)
-            nothing = np.zeros((cells, PARAMETERS))
+            nothing = np.zeros((len(self._picture), len(self._mean_waves)))
             return Evidence(
                 score=nothing,
-                information=np.zeros((cells, PARAMETERS, cells, PARAMETERS)),
+                information=np.zeros(nothing.shape * 2),
                 prior=band_prior(self._frame, self.spec),
                 left=0.0,
             )
@@ -169,23 +169,24 @@ class PanelMemory:
         frame: Frame,
     ) -> Evidence | Rejected:
         cells, points = residual.shape
+        parameters = len(waves)
         root = np.sqrt(weight)
         seen = (residual * root).reshape(-1)
-        shapes = (waves * root).transpose(1, 0, 2)  # (cells, 4, points)
+        shapes = (waves * root).transpose(1, 0, 2)  # (cells, P, points)
         gain_and_slopes = np.concatenate([root[None], picture_slopes(picture, samples.lattice) * root])
         nuisances = gain_and_slopes.reshape(-1, cells * points)
-        information = np.zeros((cells, PARAMETERS, cells, PARAMETERS))
+        information = np.zeros((cells, parameters, cells, parameters))
         each = np.arange(cells)
         information[each, :, each, :] = np.matmul(shapes, shapes.transpose(0, 2, 1))
-        both = np.matmul(shapes, gain_and_slopes.transpose(1, 2, 0)).reshape(cells * PARAMETERS, -1)
+        both = np.matmul(shapes, gain_and_slopes.transpose(1, 2, 0)).reshape(cells * parameters, -1)
         normal = Normal(
             of_nuisances=(nuisances @ nuisances.T).astype(np.float64),
             of_both=both.T.astype(np.float64),
-            of_bands=information.reshape(cells * PARAMETERS, -1),
+            of_bands=information.reshape(cells * parameters, -1),
             nuisances=(nuisances @ seen).astype(np.float64),
             bands=np.matmul(shapes, seen.reshape(cells, points, 1)).reshape(-1).astype(np.float64),
             squares=float(seen @ seen),
-            freedom=int((weight > 0).sum()) - len(nuisances) - cells * PARAMETERS,
+            freedom=int((weight > 0).sum()) - len(nuisances) - cells * parameters,
         )
         return evidence_from(normal, samples, frame, self.spec)
 

@@ -4,6 +4,9 @@ A word of the dictionary says which cells carry which class, so its likelihood i
 panel: no cell is ever decided alone. Depth and phase are not known beforehand; they are integrated out under a
 Gaussian whose width is the depth that the exposure leaves of a square wave (`shutter.harmonic_amplitude`). Three
 rivals are weighed against the best word: no bands at all, the best other ID, and all patterns that are no word.
+
+On an antiphase panel a word and its negative are one pattern, half a cycle apart; only words that can be told from all
+others' negatives are in its `Codebook`.
 """
 
 from __future__ import annotations
@@ -16,7 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ledpi.decode.cells import CellSamples, Singles
-from ledpi.decode.evidence import PARAMETERS, Doubles, Evidence, believed_bands, is_deep, single_evidence
+from ledpi.decode.classes import band_shares, in_other_class, wave_shares
+from ledpi.decode.evidence import Doubles, Evidence, believed_bands, is_deep, single_evidence
 from ledpi.markers import Dictionary
 from ledpi.records import Frame, PanelSpec, Rejected
 
@@ -61,13 +65,15 @@ class Codebook:
 
     @classmethod
     def build(cls, ids: list[int], dictionary: Dictionary, spec: PanelSpec) -> Codebook:
-        """The words of those `ids` of a dictionary whose panels have this `spec`."""
+        """The words of those `ids` of a dictionary whose panels have this `spec`, but for those that cannot be told."""
+        readable = set(dictionary.readable_ids(spec.phase))
+        ids = [marker_id for marker_id in ids if marker_id in readable]
         words = dictionary.turned_words()[ids].reshape(len(ids) * 4, -1)
         return cls(
             ids=np.repeat(np.asarray(ids, np.int64), 4),
             quarter_turns=np.tile(np.arange(4), len(ids)),
             white=words.astype(np.float32),
-            correctable=dictionary.correctable_cells(),
+            correctable=dictionary.correctable_cells(spec.phase),
             spec=spec,
         )
 
@@ -81,7 +87,7 @@ class Reading:
     margin: float  # natural-log likelihood ratio to the best rival
     likelihood: float  # natural-log likelihood ratio to "no bands at all"
     amplitude: tuple[float, float]  # of black's and white's bands over the mean light
-    cell_bands: Doubles  # (cells, 4) cosine and sine of black's bands, then white's, as each cell shows them
+    cell_bands: Doubles  # (cells, P) cosine and sine of each wave, as each cell shows them
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -90,8 +96,8 @@ class _Fit:
 
     words: NDArray[np.int64]  # indices of the codebook
     likelihood: Doubles  # (words,) log-likelihood ratio to "no bands"
-    bands: Doubles  # (4,) of the best word
-    deviation: Doubles  # (4,)
+    bands: Doubles  # (P,) of the best word
+    deviation: Doubles  # (P,)
 
 
 def read_word(
@@ -110,7 +116,7 @@ def read_word(
     first = _judged(fit, evidence, codebook, false_id_rate)
     if first == NO_BANDS or not (isinstance(first, Rejected) or is_deep(evidence.prior)):
         return first
-    believed = believed_bands(samples, frame, spec, _shown(codebook, int(fit.words[0]), fit.bands))
+    believed = believed_bands(samples, frame, spec, codebook.white[fit.words[0]] > 0, fit.bands)
     again = single_evidence(samples, frame, spec, believed=believed)
     if isinstance(again, Rejected):
         return again
@@ -144,12 +150,12 @@ def _judged(fit: _Fit, evidence: Evidence, codebook: Codebook, false_id_rate: fl
     best, none, bands = int(fit.words[0]), float(fit.likelihood[0]), fit.bands
     if none < needed:
         return NO_BANDS
-    amplitude = (math.hypot(*bands[:2]), math.hypot(*bands[2:]))
-    if not _plausible(amplitude, (float(fit.deviation[:2].max()), float(fit.deviation[2:].max())), evidence):
+    amplitude = np.hypot(bands[::2], bands[1::2]).tolist()
+    if not _plausible(amplitude, fit.deviation.reshape(-1, 2).max(axis=1).tolist(), evidence):
         return IMPLAUSIBLE
     outside = min(
         _odds_against_other_patterns(evidence, codebook, best, bands),
-        none - _log_likelihood_of_negative(evidence, codebook, best) + _prior_odds_of_word(codebook),
+        _odds_against_negative(evidence, codebook, best, none),
     )
     if outside < needed:
         return NO_WORD
@@ -164,14 +170,14 @@ def _judged(fit: _Fit, evidence: Evidence, codebook: Codebook, false_id_rate: fl
         quarter_turns=int(codebook.quarter_turns[best]),
         margin=min(none, other, outside),
         likelihood=none,
-        amplitude=amplitude,
+        amplitude=(amplitude[0], amplitude[-1]),
         cell_bands=_shown(codebook, best, bands),
     )
 
 
 def _shown(codebook: Codebook, word: int, bands: Doubles) -> Doubles:
-    """(cells, 4): the bands that each cell of a word shows."""
-    return _class_masks(codebook.white[word].astype(np.float64)) * bands
+    """(cells, P): the bands that each cell of a word shows."""
+    return band_shares(codebook.white[word].astype(np.float64), len(bands)) * bands
 
 
 def surest(readings: Sequence[Reading | Rejected], false_id_rate: float) -> Reading | Rejected:
@@ -194,17 +200,18 @@ def shortlist(evidence: Evidence, white: Singles) -> NDArray[np.int64]:
     """
     if len(white) <= SHORTLIST:
         return np.arange(len(white))
-    # Of each cell and class: cosine and sine; cosine², cosine·sine, sine².
-    own = np.einsum("cicj->cij", evidence.information).reshape(-1, 16)[:, (0, 1, 5, 10, 11, 15)]
-    cells = np.concatenate([evidence.score, own], axis=1)
-    of_white = white @ cells.astype(np.float32)
-    of_black = cells.sum(axis=0) - of_white
-    x, y = (np.stack([of_black[:, i], of_white[:, i + 2]], axis=1) for i in (0, 1))
-    normal = np.stack([of_black[:, 4:7], of_white[:, 7:]], axis=1)
-    inverse_prior = (1.0 / evidence.prior).reshape(2, 2)
-    a, b, d = normal[..., 0] + inverse_prior[:, 0], normal[..., 1], normal[..., 2] + inverse_prior[:, 1]
-    det = a * d - b * b
-    likelihood = 0.5 * ((d * x * x - 2 * b * x * y + a * y * y) / det - np.log(det)).sum(axis=1)
+    parameters = len(evidence.prior)
+    shares = wave_shares(white, parameters // 2).transpose(2, 0, 1)  # (waves, W, cells)
+    own = np.einsum("cicj->cij", evidence.information).reshape(len(evidence.score), -1)
+    likelihood = np.zeros(len(white))
+    for k, share in enumerate(shares):
+        cosine, sine = 2 * k, 2 * k + 1
+        squares = own[:, (cosine * (parameters + 1), cosine * parameters + sine, sine * (parameters + 1))]
+        x, y = (share @ evidence.score[:, (cosine, sine)].astype(np.float32)).T
+        a, b, d = ((share * share) @ squares.astype(np.float32)).T
+        a, d = a + 1.0 / evidence.prior[cosine], d + 1.0 / evidence.prior[sine]
+        det = a * d - b * b
+        likelihood += 0.5 * ((d * x * x - 2 * b * x * y + a * y * y) / det - np.log(det))
     chosen: NDArray[np.int64] = np.argpartition(likelihood, -SHORTLIST)[-SHORTLIST:]
     return chosen
 
@@ -212,12 +219,12 @@ def shortlist(evidence: Evidence, white: Singles) -> NDArray[np.int64]:
 def word_log_likelihoods(evidence: Evidence, white: Singles) -> tuple[Doubles, Doubles, Doubles]:
     """Log-likelihood ratio of each word (W, cells) to "no bands", depth and phase integrated out.
 
-    With score b and information A of the word's four parameters and prior variance Λ:
-    ½ bᵀ(A + Λ⁻¹)⁻¹b − ½ ln det(I + ΛA). Also the parameters' most probable values (W, 4) and covariance (W, 4, 4).
+    With score b and information A of the word's P parameters and prior variance Λ:
+    ½ bᵀ(A + Λ⁻¹)⁻¹b − ½ ln det(I + ΛA). Also the parameters' most probable values (W, P) and covariance (W, P, P).
     """
     normal, score = _word_normal_equations(evidence, white.astype(np.float64))
     inverse_prior = 1.0 / evidence.prior
-    normal[:, range(PARAMETERS), range(PARAMETERS)] += inverse_prior
+    normal[:, range(len(inverse_prior)), range(len(inverse_prior))] += inverse_prior
     covariance = np.asarray(np.linalg.inv(normal), np.float64)
     bands: Doubles = np.matmul(covariance, score[..., None])[..., 0]
     log_det = np.linalg.slogdet(normal)[1] - np.log(inverse_prior).sum()
@@ -225,30 +232,25 @@ def word_log_likelihoods(evidence: Evidence, white: Singles) -> tuple[Doubles, D
     return likelihood, bands, covariance
 
 
-def _class_masks(white: Doubles) -> Doubles:
-    """(W, cells, 4): which parameters each cell takes part in."""
-    black = 1.0 - white
-    return np.stack([black, black, white, white], axis=-1)
-
-
 def _word_normal_equations(evidence: Evidence, white: Doubles) -> tuple[Doubles, Doubles]:
-    """Information (W, 4, 4) and score (W, 4) of the parameters that all cells of a class share."""
-    masks = _class_masks(white)
-    words, cells, _ = masks.shape
-    score = (masks * evidence.score).sum(axis=1)
-    by_row = evidence.information.transpose(1, 0, 2, 3).reshape(PARAMETERS, cells, cells * PARAMETERS)
-    rows = np.matmul(masks.transpose(2, 0, 1), by_row).reshape(PARAMETERS, words, cells, PARAMETERS)
-    return np.ascontiguousarray((rows * masks).sum(axis=2).transpose(1, 0, 2)), score
+    """Information (W, P, P) and score (W, P) of the parameters that all cells share."""
+    parameters = len(evidence.prior)
+    shares = band_shares(white, parameters)
+    words, cells, _ = shares.shape
+    score = (shares * evidence.score).sum(axis=1)
+    by_row = evidence.information.transpose(1, 0, 2, 3).reshape(parameters, cells, cells * parameters)
+    rows = np.matmul(shares.transpose(2, 0, 1), by_row).reshape(parameters, words, cells, parameters)
+    return np.ascontiguousarray((rows * shares).sum(axis=2).transpose(1, 0, 2)), score
 
 
-def _plausible(amplitude: tuple[float, float], deviation: tuple[float, float], evidence: Evidence) -> bool:
-    """Whether a square wave, seen through this exposure, can look like this in both classes of one panel."""
+def _plausible(amplitude: list[float], deviation: list[float], evidence: Evidence) -> bool:
+    """Whether square waves, seen through this exposure, can look like these waves of one panel."""
     expected = [math.sqrt(2.0 * variance) for variance in evidence.prior[::2].tolist()]
     most = [(a + DEVIATIONS * d) / e for a, d, e in zip(amplitude, deviation, expected, strict=True)]
     least = [(a - DEVIATIONS * d) / e for a, d, e in zip(amplitude, deviation, expected, strict=True)]
     if max(least) > MAX_DEPTH or min(most) < MIN_DEPTH:
         return False
-    return least[0] <= MAX_DEPTH_RATIO * most[1] and least[1] <= MAX_DEPTH_RATIO * most[0]
+    return least[0] <= MAX_DEPTH_RATIO * most[-1] and least[-1] <= MAX_DEPTH_RATIO * most[0]
 
 
 def _consistent(evidence: Evidence, of_word: float, lead: float) -> bool:
@@ -259,7 +261,7 @@ def _consistent(evidence: Evidence, of_word: float, lead: float) -> bool:
     diagonal += 1e-6 * diagonal.mean() + 1e-12
     score = evidence.score.reshape(size)
     of_cells = 0.5 * float(score @ np.linalg.solve(matrix, score))
-    freedom = size - PARAMETERS
+    freedom = size - len(evidence.prior)
     misfit = of_cells - of_word
     if is_deep(evidence.prior):
         return misfit < lead and of_word > MIN_EXPLAINED * evidence.left
@@ -274,11 +276,10 @@ def _odds_against_other_patterns(evidence: Evidence, codebook: Codebook, best: i
     Given the bands, cells are independent, so the patterns that differ in d cells sum up to the d-th elementary
     symmetric polynomial of the cells' likelihood ratios.
     """
-    masks = _class_masks(codebook.white[best].astype(np.float64))
-    shown = masks * bands
-    size = masks.size
-    left = evidence.score - (evidence.information.reshape(size, size) @ shown.reshape(size)).reshape(masks.shape)
-    change = (1.0 - masks) * bands - shown  # of a cell that changes its class
+    shown = _shown(codebook, best, bands)
+    size = shown.size
+    left = evidence.score - (evidence.information.reshape(size, size) @ shown.reshape(size)).reshape(shown.shape)
+    change = in_other_class(shown) - shown
     own = np.einsum("cicj->cij", evidence.information)
     gain = (change * left).sum(axis=1) - 0.5 * (np.matmul(own, change[..., None])[..., 0] * change).sum(axis=1)
     by_distance = [1.0] + [0.0] * codebook.correctable  # few cells differ: 0, 1, …
@@ -293,16 +294,21 @@ def _odds_against_other_patterns(evidence: Evidence, codebook: Codebook, best: i
     return _prior_odds_of_word(codebook) - others
 
 
+def _odds_against_negative(evidence: Evidence, codebook: Codebook, best: int, of_word: float) -> float:
+    """Log odds of the best word against the pattern with all classes swapped, bands fitted anew.
+
+    The one pattern that may look like the word although all its cells differ: where a cell is as high as a band is
+    long, the same wave is in every cell, and all that the shared profile leaves of it is where it is *not*. (In
+    antiphase it is the word itself.)
+    """
+    if codebook.spec.phase == "antiphase":
+        return math.inf
+    of_negative = float(word_log_likelihoods(evidence, 1.0 - codebook.white[best : best + 1])[0][0])
+    return of_word - of_negative + _prior_odds_of_word(codebook)
+
+
 def _prior_odds_of_word(codebook: Codebook) -> float:
     """Log odds, beforehand, of one word against one pattern that is none: evenly within either."""
     word = math.log((1 - PRIOR_OF_NO_WORD) / len(codebook.ids))
-    return word - math.log(PRIOR_OF_NO_WORD) + int(codebook.white.shape[1]) * math.log(2)
-
-
-def _log_likelihood_of_negative(evidence: Evidence, codebook: Codebook, best: int) -> float:
-    """Of the word with all classes swapped, bands fitted anew.
-
-    The one pattern that may look like the word although all its cells differ: where a cell is as high as a band is
-    long, the same wave is in every cell, and all that the shared profile leaves of it is where it is *not*.
-    """
-    return float(word_log_likelihoods(evidence, 1.0 - codebook.white[best : best + 1])[0][0])
+    alike = 2 if codebook.spec.phase == "antiphase" else 1  # a pattern and its negative are one
+    return word - math.log(PRIOR_OF_NO_WORD) + int(codebook.white.shape[1]) * math.log(2) - math.log(alike)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from ledpi.decode.classes import in_other_class
 from ledpi.decode.evidence import Doubles, Evidence
 from ledpi.decode.expect import Expectation
 from ledpi.decode.memory import PanelMemory
@@ -153,7 +154,7 @@ class Tracker:
 
 
 def denies(added: Evidence | None, shown: Doubles) -> bool:
-    """Whether a frame denies bands (cells, 4) that the frames before it have shown: none, or in other cells."""
+    """Whether a frame denies bands (cells, P) that the frames before it have shown: none, or in other cells."""
     if added is None:
         return False
     likelihood, left = _likelihood(added, shown)
@@ -161,18 +162,14 @@ def denies(added: Evidence | None, shown: Doubles) -> bool:
 
 
 def _likelihood(added: Evidence, shown: Doubles) -> tuple[float, Doubles]:
-    """Log-likelihood ratio of a frame with these bands to one without any; and the score (cells, 4) they leave."""
+    """Log-likelihood ratio of a frame with these bands to one without any; and the score (cells, P) they leave."""
     explained = np.tensordot(added.information, shown, axes=((2, 3), (0, 1)))
     return float((shown * (added.score - 0.5 * explained)).sum()), added.score - explained
 
 
 def _other_cells(added: Evidence, left: Doubles, shown: Doubles) -> float:
     """By how much log-likelihood cells would rather be of the other class, all together."""
-    black, white = shown[:, :2].any(axis=1), shown[:, 2:].any(axis=1)
-    if not (black.any() and white.any()):
-        return 0.0
-    bands = np.concatenate([shown[black][0, :2], shown[white][0, 2:]])
-    change = np.where(shown != 0, 0.0, bands) - shown  # of a cell that changes its class
+    change = in_other_class(shown) - shown
     each = np.arange(len(shown))
     own = added.information[each, :, each, :]
     gain = (change * left).sum(axis=1) - 0.5 * np.einsum("ci,cij,cj->c", change, own, change)

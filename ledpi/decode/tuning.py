@@ -12,12 +12,13 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ledpi.decode.cells import CellSamples
+from ledpi.decode.classes import wave_shares
 from ledpi.decode.evidence import picture_slopes
 from ledpi.decode.soft import Codebook
 from ledpi.records import Frame, PanelSpec
@@ -66,29 +67,29 @@ def propose_frequencies(seen: Sequence[Seen], spec: PanelSpec, codebook: Codeboo
         return []
     times_s = np.array([(s.frame.row0_readout_ns - seen[0].frame.row0_readout_ns) * 1e-9 for s in seen])
     residual, weight = _residuals(seen)
-    black = _sums(seen, residual, weight, spec.black_hz)
-    white = _sums(seen, residual, weight, spec.white_hz)
-    is_white = codebook.white.astype(np.float64)
-    black_hz, black_power = _powers(black, times_s, spec.black_hz, 1.0 - is_white)
-    white_hz, white_power = _powers(white, times_s, spec.white_hz, is_white)
-    word = int(np.argmax(black_power.max(axis=0) + white_power.max(axis=0)))
+    shares = wave_shares(codebook.white.astype(np.float64), len(spec.waves_hz))
+    searched = [
+        _powers(_sums(seen, residual, weight, hz), times_s, hz, shares[..., k]) for k, hz in enumerate(spec.waves_hz)
+    ]
+    word = int(np.argmax(np.sum([power.max(axis=0) for _, power in searched], axis=0)))
     period_s = times_s[-1] / (len(seen) - 1)
-    peaks = _peak(black_hz, black_power[:, word]), _peak(white_hz, white_power[:, word])
-    if peaks == (None, None):
+    peaks = tuple(_peak(frequencies, power[:, word]) for frequencies, power in searched)
+    if not any(peaks):
         return []
-    frozen = _frozen(spec.black_hz, period_s), _frozen(spec.white_hz, period_s)
+    frozen = [_frozen(hz, period_s) for hz in spec.waves_hz]
     ways = itertools.product(*((peak, still) if peak else (still,) for peak, still in zip(peaks, frozen, strict=True)))
     return [
-        Proposal(spec=replace(spec, black_hz=black, white_hz=white), measured=(black, white) == peaks)
-        for black, white in ways
-        if black > 0.0 and white > 0.0 and black != white  # as those of a panel are; what stands still may be neither
+        Proposal(spec=spec.at(hz), measured=hz == peaks)
+        for hz in ways
+        if min(hz) > 0.0 and len(set(hz)) == len(hz)  # as those of a panel are; what stands still may be neither
     ]
 
 
 def off_frequency_note(marker_id: int, found: PanelSpec) -> str:
     """What to tell the user of a panel that blinks at other frequencies than announced."""
+    seen = " and ".join(f"{hz:.0f}" for hz in found.waves_hz)
     return (
-        f"panel {marker_id} blinks at about {found.black_hz:.0f} and {found.white_hz:.0f} Hz, not as configured; "
+        f"panel {marker_id} blinks at about {seen} Hz, not as configured; "
         "`ledpi calibrate panel` measures it"
     )
 
@@ -116,9 +117,12 @@ def _sums(seen: Sequence[Seen], residual: NDArray[np.float64], weight: NDArray[n
 
 
 def _powers(
-    sums: Complexes, times_s: NDArray[np.float64], hz: float, members: NDArray[np.float64]
+    sums: Complexes, times_s: NDArray[np.float64], hz: float, shares: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Frequencies (F,), and the power (F, words) of all member cells of a word together, over what noise leaves."""
+    """Frequencies (F,), and the power (F, words) of a wave in all cells of a word together, over what noise leaves.
+
+    `shares` (words, cells): how much of it each shows.
+    """
     step = 1.0 / (STEPS_PER_CYCLE * max(times_s[-1], 1e-3))
     count = math.ceil(MAX_OFF * hz / step)
     frequencies = hz + step * np.arange(-count, count + 1)
@@ -126,7 +130,7 @@ def _powers(
     turning -= turning.mean(axis=1, keepdims=True)  # as the residuals are without their mean
     left = np.maximum(np.square(np.abs(turning)).mean(axis=1), MIN_LEFT)
     total = turning.conj() @ sums  # (F, cells)
-    power = np.square(np.abs(total @ members.T)) / np.maximum(members.sum(axis=1), 1.0)
+    power = np.square(np.abs(total @ shares.T)) / np.maximum(np.square(shares).sum(axis=1), 1.0)
     return frequencies, power / left[:, None]
 
 

@@ -13,7 +13,7 @@ from ledpi.config import PanelSettings
 from ledpi.dictionaries import load_dictionary
 from ledpi.evaluate.placing import Placer, turned_from_sight
 from ledpi.markers import Bits, Dictionary
-from ledpi.records import Floats
+from ledpi.records import Floats, Phase
 from ledpi.simulate.scene import Light, Panel, SimulatedSensor, SquareWave
 from ledpi.simulate.trajectory import Still
 
@@ -44,7 +44,7 @@ def decoys(kind: str, sensor: SimulatedSensor, panels: PanelSettings, rng: np.ra
             panels=tuple(p for p in dark if p is not None), lights=tuple(light for light in lit if light is not None)
         )
     dictionary = load_dictionary(panels.dictionary)
-    shown = [_panel(_PATTERNS[kind](dictionary, rng), placer, panels, rng) for _ in range(count)]
+    shown = [_panel(_PATTERNS[kind](dictionary, panels.phase, rng), placer, panels, rng) for _ in range(count)]
     return Decoys(panels=tuple(p for p in shown if p is not None))
 
 
@@ -141,34 +141,35 @@ def _lit_for_good(placer: Placer, panels: PanelSettings, rng: np.random.Generato
     )
 
 
-def _single_class(dictionary: Dictionary, rng: np.random.Generator) -> Bits:
+def _single_class(dictionary: Dictionary, _: Phase, rng: np.random.Generator) -> Bits:
     n = dictionary.cells_per_side
     return np.full((n, n), rng.random() < 0.5)
 
 
-def _near_word(dictionary: Dictionary, rng: np.random.Generator) -> Bits:
+def _near_word(dictionary: Dictionary, phase: Phase, rng: np.random.Generator) -> Bits:
     """A word with a few cells changed so that two or more differ from any word."""
     while True:
         word = dictionary.words[rng.integers(len(dictionary.words))].copy()
         changed = rng.permutation(word.size)[: int(rng.integers(NEAR_CELLS[0], NEAR_CELLS[1] + 1))]
         word.ravel()[changed] ^= True
-        if _distance(word, dictionary) >= 2:
+        if _distance(word, dictionary, phase) >= 2:
             return np.asarray(word)
 
 
-def _mirrored(dictionary: Dictionary, rng: np.random.Generator) -> Bits:
+def _mirrored(dictionary: Dictionary, phase: Phase, rng: np.random.Generator) -> Bits:
     while True:
         word = dictionary.words[rng.integers(len(dictionary.words)), :, ::-1]
-        if _distance(word, dictionary) > 0:
+        if _distance(word, dictionary, phase) > 0:
             return np.asarray(word)
 
 
-def _distance(word: Bits, dictionary: Dictionary) -> int:
-    """Cells that differ from the nearest word, however that is turned."""
-    return int((dictionary.turned_words() != word).sum(axis=(2, 3)).min())
+def _distance(word: Bits, dictionary: Dictionary, phase: Phase) -> int:
+    """Cells that differ from the nearest word, however that is turned; in antiphase, from the nearest negative, too."""
+    differ = (dictionary.turned_words() != word).sum(axis=(2, 3))
+    return int(differ.min() if phase == "free" else np.minimum(differ, word.size - differ).min())
 
 
-_PATTERNS: dict[str, Callable[[Dictionary, np.random.Generator], Bits]] = {
+_PATTERNS: dict[str, Callable[[Dictionary, Phase, np.random.Generator], Bits]] = {
     "single_class": _single_class,
     "near_words": _near_word,
     "mirrored": _mirrored,

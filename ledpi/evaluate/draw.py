@@ -111,7 +111,8 @@ def _panels(
     variation, dictionary = condition.variation, load_dictionary(panels.dictionary)
     assert condition.distance_m is not None
     assert condition.angle_deg is not None
-    ids = place.permutation(len(dictionary.words))[: max(2, variation.panels)]
+    readable = dictionary.readable_ids(panels.phase)
+    ids = np.array(readable)[place.permutation(len(readable))[: max(2, variation.panels)]]
     n = dictionary.cells_per_side
     gains = 1.0 + variation.gain_deviation * place.standard_normal((len(ids), n, n))
     span_deg = 180.0 if condition.any_roll else HUNG_BY_HAND_DEG
@@ -154,7 +155,7 @@ def brightness_of(peak_level: float, spec: PanelSpec, sensor: SimulatedSensor) -
 
 def _as_built(spec: PanelSpec, variation: Variation, extra: np.random.Generator) -> PanelSpec:
     off = 1.0 + variation.oscillator_error * extra.choice((-1.0, 1.0), 2)
-    return replace(spec, black_hz=spec.black_hz * float(off[0]), white_hz=spec.white_hz * float(off[1]))
+    return spec.at([hz * own for hz, own in zip(spec.waves_hz, off.tolist(), strict=False)])
 
 
 def _camera_motion(variation: Variation, sensor: SimulatedSensor, extra: np.random.Generator) -> Trajectory:

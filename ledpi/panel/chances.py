@@ -13,7 +13,8 @@ from dataclasses import replace
 import numpy as np
 
 from ledpi.decode import soft
-from ledpi.decode.evidence import PARAMETERS, Doubles, Evidence
+from ledpi.decode.classes import wave_shares
+from ledpi.decode.evidence import Doubles, Evidence
 from ledpi.records import Rejected
 
 
@@ -35,7 +36,7 @@ def chance_of_reading(
     right = 0
     for _ in range(draws):
         shown = int(rng.integers(len(codebook.white)))
-        bands = _bands(codebook.white[shown].astype(np.float64), depths, rng)
+        bands = _bands(codebook.white[shown].astype(np.float64), depths, rng, len(evidence.prior) // 2)
         score = information @ bands.ravel() + root @ rng.standard_normal(size)
         drawn = replace(evidence, score=score.reshape(evidence.score.shape))
         read = soft.decide(drawn, codebook, false_id_rate)
@@ -44,11 +45,12 @@ def chance_of_reading(
     return right / draws
 
 
-def _bands(white: Doubles, depths: tuple[float, float], rng: np.random.Generator) -> Doubles:
-    """(cells, 4) cosine and sine of what each cell shows, at random phases."""
-    out = np.zeros((len(white), PARAMETERS))
-    for k, own in enumerate((1.0 - white, white)):
+def _bands(white: Doubles, depths: tuple[float, float], rng: np.random.Generator, waves: int) -> Doubles:
+    """(cells, 2·waves) cosine and sine of what each cell shows, at random phases."""
+    shares = wave_shares(white, waves)
+    out = np.zeros((len(white), 2 * waves))
+    for k in range(waves):
         phase = 2 * np.pi * rng.random()
-        out[:, 2 * k] = depths[k] * np.cos(phase) * own
-        out[:, 2 * k + 1] = depths[k] * np.sin(phase) * own
+        out[:, 2 * k] = depths[k] * np.cos(phase) * shares[:, k]
+        out[:, 2 * k + 1] = depths[k] * np.sin(phase) * shares[:, k]
     return out

@@ -25,7 +25,7 @@ from ledpi.panel.frequencies import (
     worthwhile_frequencies,
 )
 from ledpi.panel.information import STREAM_FRAMES, View, evidence_of, separation_nats, view_panel
-from ledpi.records import PanelSpec, Rejected
+from ledpi.records import PanelSpec, Phase, Rejected
 from ledpi.shutter import phase_advance_cycles
 from ledpi.simulate.scene import SimulatedSensor
 
@@ -55,8 +55,9 @@ class Task:
     flicker: Flicker
 
     def spec(self, black_hz: float, white_hz: float) -> PanelSpec:
-        """The panel with such a pair."""
-        return PanelSpec(side_m=self.side_m, black_hz=black_hz, white_hz=white_hz, duty=self.duty)
+        """The panel with such a pair; of one frequency twice, the antiphase panel."""
+        phase: Phase = "antiphase" if black_hz == white_hz else "free"
+        return PanelSpec(side_m=self.side_m, black_hz=black_hz, white_hz=white_hz, duty=self.duty, phase=phase)
 
     def depths(self, black_hz: float, white_hz: float) -> tuple[float, float]:
         """Amplitude of either class's bands, where its oscillator is off to the worse side."""
@@ -89,7 +90,10 @@ class Task:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Proposal:
-    """A pair of frequencies with a frame period, and what it tells: nats a cell, by distance."""
+    """A pair of frequencies with a frame period, and what it tells: nats a cell, by distance.
+
+    An antiphase panel is a pair of one frequency twice.
+    """
 
     black_hz: float
     white_hz: float
@@ -133,16 +137,22 @@ def farthest_m(sensor: SimulatedSensor, side_m: float, cells: int) -> float:
     return 0.98 * sensor.intrinsics.fx * side_m / cells / MIN_CELL_PX
 
 
-def candidate_pairs(task: Task) -> list[tuple[float, float]]:
-    """All pairs worth a trial, black the slower one. Raises ConfigError where there is none."""
-    exposure_us, lowest_hz = task.sensor.exposure_us, task.flicker.lowest_hz
-    frequencies = [
+def candidate_frequencies(task: Task) -> list[float]:
+    """All frequencies worth a trial, rising."""
+    exposure_us = task.sensor.exposure_us
+    return [
         hz
-        for hz in worthwhile_frequencies(exposure_us, lowest_hz)
+        for hz in worthwhile_frequencies(exposure_us, task.flicker.lowest_hz)
         if null_share(hz, exposure_us, task.tolerance) >= NULL_SHARE
         and hz * task.sensor.row_time_us * 1e-6 < 0.5
         and off_mains_hz(hz) >= _OFF_MAINS_HZ
     ]
+
+
+def candidate_pairs(task: Task) -> list[tuple[float, float]]:
+    """All pairs worth a trial, black the slower one. Raises ConfigError where there is none."""
+    exposure_us, lowest_hz = task.sensor.exposure_us, task.flicker.lowest_hz
+    frequencies = candidate_frequencies(task)
     pairs = [(b, w) for b, w in itertools.combinations(frequencies, 2) if w - b > task.least_apart_hz(b, w)]
     if not pairs:
         # A lobe must be wide enough for the tolerance: ± tolerance·f·T less than about a third of a cycle.
@@ -169,6 +179,17 @@ def with_best_period(task: Task, black_hz: float, white_hz: float, views: Sequen
     moving = [rows for rows in periods if task.least_advance(black_hz, white_hz, rows) >= MIN_PHASE_ADVANCE_CYCLES]
     rows = max(moving or periods, key=given_a_second)
     return proposal_at(task, black_hz, white_hz, rows, views)
+
+
+def best_antiphase(task: Task, views: Sequence[View]) -> Proposal | None:
+    """The one frequency, with its frame period, at which classes half a cycle apart tell most; the lowest of equals.
+
+    A cell that is taken for the other class is then off by twice its bands, whatever the phase. None where the duty is
+    not a half, so that one class would not fill the other's gaps.
+    """
+    frequencies = candidate_frequencies(task) if task.duty == 0.5 else []
+    tried = [with_best_period(task, hz, hz, views) for hz in frequencies]
+    return max(tried, key=lambda proposal: sum(proposal.worth()), default=None)
 
 
 def auto_rows(task: Task, pair: tuple[float, float]) -> int:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ledpi.camera.timing import frame_duration_us
-from ledpi.panel.antiphase import Antiphase
+from ledpi.markers import Dictionary
 from ledpi.panel.design import ENOUGH_NATS, Proposal, Task
 from ledpi.panel.frequencies import off_mains_hz
 from ledpi.panel.information import STREAM_FRAMES
@@ -75,20 +75,16 @@ def legend() -> str:
     return "\n".join(textwrap.wrap(sentences, 118))
 
 
-def antiphase_text(judged: Antiphase, best: Reach) -> str:
-    """What it would be worth, beside the best pair."""
-    own = [_metres(judged.reach.range_m(chances)) for chances in (judged.reach.alone, judged.reach.stream)]
-    pair = [_metres(best.range_m(chances)) for chances in (best.alone, best.stream)]
-    apart = judged.distance_to_negatives
-    verdict = (
-        f"its words are told from each other's negatives by {apart} cells or more"
-        if apart > 1
-        else f"no use with this dictionary, which has a word that is another's negative but for {apart} cells"
-    )
+def antiphase_text(proposal: Proposal, reach: Reach, best: Reach, dictionary: Dictionary) -> str:
+    """What an antiphase panel would be worth beside the best pair, and what it costs."""
+    own, pair = ([_metres(r.range_m(chances)) for chances in (r.alone, r.stream)] for r in (reach, best))
+    readable = dictionary.readable_ids("antiphase")
+    ids = "all IDs" if len(readable) == len(dictionary.words) else f"of {len(dictionary.words)} IDs {len(readable)}"
     sentences = (
-        f"antiphase, which the decoder does not read yet: both classes at {judged.frequency_hz:.2f} Hz, half a cycle "
-        f"apart, would be read alone to {own[0]}, of {STREAM_FRAMES} to {own[1]} (best pair: {pair[0]}, {pair[1]}); "
-        f"{verdict}"
+        f"antiphase: both classes at {proposal.black_hz:.2f} Hz, half a cycle apart, are read alone to {own[0]}, of "
+        f"{STREAM_FRAMES} to {own[1]} (best pair: {pair[0]}, {pair[1]}). A word and its negative are one there, so of "
+        f"{dictionary.name} {ids} can be used, and of a panel {dictionary.correctable_cells('antiphase')} cells may be "
+        f"wrong or dead instead of {dictionary.correctable_cells()}."
     )
     return "\n".join(textwrap.wrap(sentences, 118))
 
@@ -106,5 +102,5 @@ def config_lines(task: Task, proposal: Proposal, dictionary: str, exposure_us: f
         f"  side_m: {task.side_m:g}\n"
         f"  black_hz: {proposal.black_hz:.2f}\n"
         f"  white_hz: {proposal.white_hz:.2f}\n"
-        f"  duty: {task.duty:g}\n"
+        f"  duty: {task.duty:g}\n" + ("  phase: antiphase\n" if proposal.black_hz == proposal.white_hz else "")
     )

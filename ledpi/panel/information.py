@@ -1,9 +1,10 @@
 """How much a camera's pictures of a panel tell of each cell's class, for any pair of frequencies and frame period.
 
 A cell shows its class's bands x_k (cosine and sine of amplitude a_k). Taken for the other class it would have to show
-the other's, so what tells the two apart is δ = (−x_black, +x_white). I, the decoder's own Fisher information of that
-cell (`decode.evidence`, `decode.memory`), has gain, the profile that cells share, and wrong corners projected out, and
-noise as it measures it. Then the log-likelihood ratio of the two is normal with mean D = ½ δᵀIδ and variance 2D (nats).
+the other's, so what tells the two apart is δ = (−x_black, +x_white), or −2·x_black in antiphase. I, the decoder's own
+Fisher information of that cell (`decode.evidence`, `decode.memory`), has gain, the profile that cells share, and wrong
+corners projected out, and noise as it measures it. Then the log-likelihood ratio of the two is normal with mean
+D = ½ δᵀIδ and variance 2D (nats).
 
 I depends on where the rows lie and how noisy they are, not on the bands. So a panel is pictured *steady*, by the
 simulator, a few times from each distance; every pair and period is then judged on the same pictures.
@@ -17,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ledpi.decode.cells import CellSamples, sample_cells
-from ledpi.decode.evidence import PARAMETERS, Doubles, Evidence
+from ledpi.decode.evidence import Doubles, Evidence
 from ledpi.decode.memory import PanelMemory
 from ledpi.records import Frame, Intrinsics, PanelSpec, Quad, Rejected
 from ledpi.simulate.render import Renderer
@@ -105,8 +106,8 @@ def evidence_of(view: View, spec: PanelSpec, *, frames: int, frame_length_rows: 
     known = memory.evidence()
     if isinstance(known, Evidence):
         return known
-    shape = (len(view.shots[0][0].light), PARAMETERS)
-    return Evidence(score=np.zeros(shape), information=np.zeros(shape * 2), prior=np.full(PARAMETERS, 1e-12), left=0.0)
+    shape = (len(view.shots[0][0].light), 2 * len(spec.waves_hz))
+    return Evidence(score=np.zeros(shape), information=np.zeros(shape * 2), prior=np.full(shape[1], 1e-12), left=0.0)
 
 
 def separation_nats(evidence: Evidence, depths: tuple[float, float]) -> float:
@@ -117,13 +118,16 @@ def separation_nats(evidence: Evidence, depths: tuple[float, float]) -> float:
     much information on average and little of it where their phases agree.
     """
     own = np.einsum("cicj->cij", evidence.information)
-    changes = _changes(depths)
+    changes = _changes(depths, len(evidence.prior) // 2)
     separations = 0.5 * np.einsum("pci,pi->pc", np.einsum("pj,cij->pci", changes, own), changes)
     return float(-4.0 * (np.logaddexp.reduce(-separations.ravel() / 4.0) - math.log(separations.size)))
 
 
-def _changes(depths: tuple[float, float]) -> Doubles:
-    """(phases, 4) δ: what a cell of class black shows more or less when it is taken for white."""
+def _changes(depths: tuple[float, float], waves: int) -> Doubles:
+    """(phases, 2·waves) δ: what a cell of class black shows more or less when it is taken for white."""
+    if waves == 1:
+        turn = 2 * np.pi * np.arange(_PHASES) / _PHASES
+        return -2 * depths[0] * np.stack([np.cos(turn), np.sin(turn)], axis=1)
     black, white = np.meshgrid(np.arange(_PHASES) / (2 * _PHASES), np.arange(_PHASES) / _PHASES, indexing="ij")
     b, w = 2 * np.pi * black.ravel(), 2 * np.pi * white.ravel()
     return np.stack(

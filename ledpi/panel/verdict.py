@@ -8,6 +8,7 @@ from ledpi.camera.timing import choose_frame_length_rows
 from ledpi.panel.design import FROZEN_CYCLES, Task
 from ledpi.panel.frequencies import NULL_SHARE, nearest_lobe_hz, null_share, off_mains_hz
 from ledpi.panel.timer import half_period
+from ledpi.records import Phase
 from ledpi.shutter import contrast, phase_advance_cycles
 
 _NEAR_MAINS_HZ = 5.0
@@ -21,14 +22,21 @@ class Finding:
     text: str
 
 
-def findings(task: Task, black_hz: float, white_hz: float, frame_length_rows: int) -> list[Finding]:
+def findings(
+    task: Task, black_hz: float, white_hz: float, frame_length_rows: int, phase: Phase = "free"
+) -> list[Finding]:
     """All that speaks against the pair, the worst first; empty where nothing does."""
     found = []
-    for name, hz in (("black", black_hz), ("white", white_hz)):
+    both = phase == "antiphase" and black_hz == white_hz
+    classes = [("both", black_hz)] if both else [("black", black_hz), ("white", white_hz)]
+    for name, hz in classes:
         found += [Finding(True, f"{name}, {hz:g} Hz: {text}") for text in _of_frequency(task, hz)]
-    found += [Finding(True, text) for text in _of_pair(task, black_hz, white_hz)]
-    found += [Finding(True, text) for text in _frozen(task, (black_hz, white_hz), frame_length_rows)]
-    for name, hz in (("black", black_hz), ("white", white_hz)):
+    if phase == "free":
+        found += [Finding(True, text) for text in _of_pair(task, black_hz, white_hz)]
+    elif not both:
+        found.append(Finding(True, f"in antiphase both classes blink alike, not at {black_hz:g} and {white_hz:g} Hz"))
+    found += [Finding(True, text) for text in _frozen(task, [hz for _, hz in classes], frame_length_rows)]
+    for name, hz in classes:
         if off_mains_hz(hz) < _NEAR_MAINS_HZ:
             found.append(
                 Finding(
@@ -84,15 +92,15 @@ def _of_pair(task: Task, black_hz: float, white_hz: float) -> list[str]:
     ]
 
 
-def _frozen(task: Task, pair: tuple[float, float], rows: int) -> list[str]:
+def _frozen(task: Task, frequencies_hz: list[float], rows: int) -> list[str]:
     """A class whose bands stand still from frame to frame, and the period that would move them."""
     row_time_us = task.sensor.row_time_us
     period_us = rows * row_time_us
-    frozen = [hz for hz in pair if abs(phase_advance_cycles(hz, period_us)) < FROZEN_CYCLES]
+    frozen = [hz for hz in frequencies_hz if abs(phase_advance_cycles(hz, period_us)) < FROZEN_CYCLES]
     if not frozen:
         return []
     try:
-        moving = choose_frame_length_rows(shortest_rows=rows, row_time_us=row_time_us, frequencies_hz=pair)
+        moving = choose_frame_length_rows(shortest_rows=rows, row_time_us=row_time_us, frequencies_hz=frequencies_hz)
         moving_us = moving * row_time_us
         cure = f"a frame of {moving_us:.0f} µs ({moving} rows, {1e6 / moving_us:.2f} fps) moves both"
     except ValueError:

@@ -45,6 +45,8 @@ class Renderer:
     def _draw_phases(self, index: int, surface: Surface) -> tuple[float, ...]:
         rng = np.random.default_rng(np.random.SeedSequence(self._seed, spawn_key=(_OSCILLATORS, index)))
         drawn = rng.random(len(surface.waves)).tolist()
+        if surface.antiphase:
+            drawn[1] = (drawn[0] + 0.5) % 1.0
         return tuple(
             self._room_phase if isinstance(wave, Ripple) else phase
             for wave, phase in zip(surface.waves, drawn, strict=True)

@@ -34,6 +34,7 @@ class Surface:
     waves: tuple[Wave | None, ...]  # of each class; None: always on
     reflected: float  # level of what an opaque point returns of the room
     motion: Trajectory
+    antiphase: bool = False  # the second class is the first one's, half a cycle later; else each has its own oscillator
     _levels: dict[tuple[int, int], tuple[Image, ...]] = field(default_factory=dict)
 
     def outline_m(self) -> Floats:
@@ -77,6 +78,7 @@ def panel_surface(panel: Panel, room: Room) -> Surface:
         waves=waves,
         reflected=panel.look.albedo * room.level,
         motion=panel.motion,
+        antiphase=panel.spec.phase == "antiphase" and panel.cell_waves is None,
     )
 
 
