@@ -24,6 +24,7 @@ WORDS = load_dictionary("DICT_4X4_50").words
 EXPOSURE_US, SCAN_TIME_S = 9966.3, 0.0162
 SPEC = PanelSpec(side_m=0.16, black_hz=1250.0, white_hz=2450.0)
 USUAL_PAIR = (1250.0, 2450.0)
+ANTIPHASE = (1253.33, 1253.33)
 PAIRS = [USUAL_PAIR, (1262.0, 2350.0), (1450.0, 2949.85), (1656.0, 3951.0), (16000.0, 20000.0)]
 IDS = [0, 7, 9, 13, 17, 23, 31, 37, 44, 49]
 # Cycles. The emulator counts neither the 4 in which a chip wakes from sleep nor the 4 in which it enters an interrupt.
@@ -36,6 +37,11 @@ CHIP_PINS = {f"D{n}": pin for n, pin in enumerate([f"PD{n}" for n in range(8)] +
 CHIP_PINS |= {f"A{n}": f"PC{n}" for n in range(6)}
 
 
+def spec_of(pair: tuple[float, float]) -> PanelSpec:
+    """The panel of a pair of frequencies; the antiphase panel of one frequency twice."""
+    return replace(SPEC, black_hz=pair[0], white_hz=pair[1], phase="antiphase" if pair[0] == pair[1] else "free")
+
+
 def program(
     folder: Path,
     build: Build,
@@ -44,8 +50,10 @@ def program(
     pair: tuple[float, float] = USUAL_PAIR,
     dictionary: str = "DICT_4X4_50",
 ) -> Path:
-    """The .hex of one panel, as `ledpi panel firmware` writes its sources and `make` builds them."""
-    spec = replace(SPEC, black_hz=pair[0], white_hz=pair[1])
+    """The .hex of one panel, as `ledpi panel firmware` writes its sources and `make` builds them; of a pair of one
+    frequency twice, in antiphase.
+    """
+    spec = spec_of(pair)
     planned = plan_firmware(
         build, load_dictionary(dictionary), marker_id, spec, exposure_us=EXPOSURE_US, scan_time_s=SCAN_TIME_S
     )
@@ -110,6 +118,7 @@ def record_panel(
     turned_deg: tuple[float, float] = (0.0, 0.0),
     frames: int,
     dictionary: str = "DICT_4X4_50",
+    spec: PanelSpec = SPEC,
 ) -> None:
     """Photographs a panel whose cells are lit by these pins, from `begin_s` of the trace on; yaw and roll.
 
@@ -126,13 +135,13 @@ def record_panel(
     pose = facing_camera(np.array([0.0, 0.0, distance_m]), yaw_deg=turned_deg[0], roll_deg=turned_deg[1])
     shown = Panel(
         word=np.zeros((side, side), bool),
-        spec=SPEC,
+        spec=spec,
         motion=Still(pose),
         marker_id=marker_id,
         cell_waves=tuple(waves[pin] for pin in pins),
     )
     camera = SimulatedCamera(Scene(sensor=sensor, panels=(shown,)), seed=marker_id, paced=False, frames=frames)
     pixels = np.empty((camera.info.height, camera.info.width), np.uint8)
-    with RecordingWriter(folder, camera=camera.info, dictionary=dictionary, panel=SPEC) as writer:
+    with RecordingWriter(folder, camera=camera.info, dictionary=dictionary, panel=spec) as writer:
         while (frame := camera.read(pixels)) is not None:
             writer.write(frame, camera.truth(frame.seq))

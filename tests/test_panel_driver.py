@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from panel_material import (
+    ANTIPHASE,
     CELL_PINS,
     IDS,
     LARGEST_JITTER,
@@ -48,6 +49,29 @@ def test_two_outputs_are_exact_to_the_cycle(tmp_path: Path, pair: tuple[float, f
         assert trace.end - edges[-1] < 1.1 * half  # till the end
         assert CLOCK_HZ / (2 * half) == pytest.approx(asked_hz, rel=100e-6)
         assert duty(edges) == 0.5
+
+
+@pytest.mark.parametrize("hz", [1253.33, 1656.0, 20000.0])
+def test_two_outputs_in_antiphase_are_each_others_opposite(tmp_path: Path, hz: float) -> None:
+    """Every edge of one is one of the other, the other way: to the cycle, once both have begun."""
+    built = program(tmp_path / "sources", Build.TWO_OUTPUTS, pair=(hz, hz))
+    trace = emulate(built, SECONDS, work=tmp_path)
+    black, white = trace.edges["PB1"], trace.edges["PB2"]
+    assert np.diff(black).min() == np.diff(black).max() == defined(built, "BLACK")
+    np.testing.assert_array_equal(black[1:], white)
+    assert trace.is_high("PB1", int(white[0])) != trace.is_high("PB2", int(white[0]))
+
+
+def test_sixteen_cells_in_antiphase_are_half_a_cycle_apart(tmp_path: Path) -> None:
+    """Each class with its own interrupt: to 4 µs, on every pin, and each at the one frequency."""
+    built = program(tmp_path / "sources", Build.SIXTEEN_CELLS, pair=ANTIPHASE)
+    half = defined(built, "BLACK")
+    assert half == defined(built, "WHITE")
+    trace = emulate(built, SECONDS, work=tmp_path)
+    first = {name: trace.edges[pin] for pin, name in zip(CELL_PINS, classes(7), strict=True)}
+    for pin, name in zip(CELL_PINS, classes(7), strict=True):
+        assert jitter(trace.edges[pin], half) <= LARGEST_JITTER
+        assert abs(int(trace.edges[pin][0] - first["black"][0]) - half * (name == "white")) <= LARGEST_JITTER
 
 
 def test_two_outputs_move_no_other_pin(tmp_path: Path) -> None:

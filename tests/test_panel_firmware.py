@@ -95,6 +95,27 @@ def test_frequencies_come_from_the_configuration() -> None:
     assert "from 1250 Hz" in Path("overridden/settings.h").read_text()
 
 
+def test_antiphase_is_one_frequency_half_a_period_late() -> None:
+    """By an option and one frequency, or by the configuration: the same sources."""
+    told = run("--id", "7", "--phase", "antiphase", "--black", "1253.33", "--out", "asked")
+    assert told.count("6383 cycles  1253.3292 Hz  -0.7 ppm") == 2
+    Path("config.yaml").write_text("panels: {side_m: 0.3, phase: antiphase, black_hz: 1253.33, white_hz: 1253.33}")
+    run("--id", "7", "--out", "configured")
+    asked, configured = (Path(name, "settings.h").read_text() for name in ("asked", "configured"))
+    assert asked == configured
+    assert defined(asked, "WHITE_DELAY_CYCLES") == "WHITE_HALF_PERIOD_CYCLES"
+    assert "one is on while the other is off" in Path("asked/README.md").read_text()
+
+
+def test_an_id_that_cannot_be_told_in_antiphase_is_refused() -> None:
+    """38 of DICT_4X4_100 is the negative of 69; the page of another says which IDs there are."""
+    one = ("--phase", "antiphase", "--white", "1253.33", "--set", "panels.dictionary=DICT_4X4_100")
+    with pytest.raises(LedpiError, match="--id: DICT_4X4_100: ID 38 is the negative"):
+        run("--id", "38", *one, "--out", "out")
+    run("--id", "7", *one, "--out", "out")
+    assert "Only the IDs 0 to 37, 39 to 68, 70 to 99 can be read so." in Path("out/README.md").read_text()
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -105,6 +126,8 @@ def test_frequencies_come_from_the_configuration() -> None:
         (["--white", "2500"], r"white_hz: 2500 Hz is on a null: .* holds 24.92 .* nearest good one is 2457.76 Hz"),
         (["--black", "1000"], r"black_hz: 1000 Hz flickers: .* from 1250 Hz on; the nearest good one is 1253.33 Hz"),
         (["--white", "25000"], r"white_hz: 25000 Hz leaves the interrupts no time; the nearest is 20000.0000 Hz"),
+        (["--phase", "antiphase"], "--black, --white, --phase: .* must be equal, not 1250 and 2450"),
+        (["--phase", "antiphase", "--black", "1300"], "black_hz: 1300 Hz is on a null"),
         (["--white", "inf"], "white_hz: a frequency must be positive and finite, not inf"),
         (["--white", "-5"], "black_hz and white_hz must be positive"),
         (["--build", "sixteen-cells", "--set", "panels.dictionary=DICT_5X5_50"], "drives 4 × 4 cells, DICT_5X5_50 has"),

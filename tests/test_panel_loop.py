@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from panel_material import program, record_panel, wired_pins
+from panel_material import ANTIPHASE, program, record_panel, spec_of, wired_pins
 from simavr_material import ROOT, PinTrace, emulate, needs_simavr
 
 from ledpi.panel.firmware import Build
@@ -89,6 +89,28 @@ def test_a_grid_of_36_cells_is_read_from_two_pins(tmp_path: Path) -> None:
         dictionary="DICT_6X6_50",
     )
     assert [[marker["id"] for marker in line["markers"]] for line in decoded(tmp_path / "shown")] == [[11], [11]]
+
+
+def test_antiphase_panels_are_read_from_their_drivers_pins(tmp_path: Path) -> None:
+    """By the wiring, and by an ID told over the serial line; at 2.2 m, from one frame each."""
+    wired = program(tmp_path / "two", Build.TWO_OUTPUTS, 7, pair=ANTIPHASE)
+    told = program(tmp_path / "sixteen", Build.SIXTEEN_CELLS, pair=ANTIPHASE)
+    arrivals: dict[int, list[tuple[float, bytes]]] = {7: [], 23: [(0.01, b"id 23\n")]}
+    for marker_id, built in ((7, wired), (23, told)):
+        trace = emulate(built, TRACED_S, work=tmp_path, arrivals=arrivals[marker_id])
+        record_panel(
+            tmp_path / f"shown/{marker_id:02d}",
+            trace,
+            wired_pins(built),
+            marker_id,
+            begin_s=0.06,
+            distance_m=2.2,
+            turned_deg=(0.0, 30.0),
+            frames=FRAMES,
+            spec=spec_of(ANTIPHASE),
+        )
+    read = [[marker["id"] for marker in line["markers"]] for line in decoded(tmp_path / "shown")]
+    assert read == [[7], [7], [23], [23]]
 
 
 def test_swapped_outputs_do_not_show_the_id(tmp_path: Path) -> None:

@@ -211,7 +211,7 @@ static void start_serial_line(void)
 static void start_timer(void)
 {
     OCR1A = BLACK_HALF_PERIOD_CYCLES;
-    OCR1B = WHITE_HALF_PERIOD_CYCLES;
+    OCR1B = WHITE_HALF_PERIOD_CYCLES + WHITE_DELAY_CYCLES; /* in antiphase half a period later */
     TIMSK1 = _BV(OCIE1A) | _BV(OCIE1B);
     TCCR1B = _BV(CS10); /* undivided clock, counts to 65535 and on */
 }

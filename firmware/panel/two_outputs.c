@@ -5,7 +5,8 @@
  *
  * Timer1 counts clock cycles, round and round. Whenever it equals OCR1A, the hardware itself toggles OC1A; the interrupt
  * only says where the next edge is to be: half a period on. It may come late by almost that half period, and the edge is
- * still exact to the cycle. The same with OCR1B and OC1B: two frequencies that know nothing of each other.
+ * still exact to the cycle. The same with OCR1B and OC1B: two frequencies that know nothing of each other. Or one, in
+ * antiphase: then the half periods are the same, and OC1B begins one of them later.
  */
 #include <avr/interrupt.h>
 #include <avr/io.h>
@@ -40,7 +41,7 @@ int main(void)
 {
     DDRB = _BV(DDB1) | _BV(DDB2);
     OCR1A = FIRST_MATCH;
-    OCR1B = FIRST_MATCH;
+    OCR1B = FIRST_MATCH + WHITE_DELAY_CYCLES;
     TCCR1A = _BV(COM1A0) | _BV(COM1B0); /* a match toggles the pin; WGM 0: count to 65535 and on */
     TIMSK1 = _BV(OCIE1A) | _BV(OCIE1B);
     TCCR1B = _BV(CS10); /* undivided clock: now it runs */

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,12 +17,22 @@ if TYPE_CHECKING:
     from ledpi.panel.firmware import Firmware
 
 
+class PhaseName(StrEnum):
+    """`panels.phase`."""
+
+    FREE = "free"
+    ANTIPHASE = "antiphase"
+
+
 @panel.command()
 def firmware(
     id_: int = typer.Option(..., "--id", help="ID that the panel shows."),
     out: Path = typer.Option(..., "--out", metavar="FOLDER", help="Folder for the sources: new, or empty."),
     black: float | None = typer.Option(None, "--black", metavar="HZ", help="Default: panels.black_hz."),
     white: float | None = typer.Option(None, "--white", metavar="HZ", help="Default: panels.white_hz."),
+    phase: PhaseName | None = typer.Option(
+        None, help="antiphase: both classes at one frequency, which --black or --white gives. Default: panels.phase."
+    ),
     build: Build = typer.Option(
         Build.TWO_OUTPUTS, help="two-outputs: one for each class. sixteen-cells: one a cell, ID over serial."
     ),
@@ -34,11 +45,13 @@ def firmware(
     so is one whose bands the exposure would average away.
 
     Example: ledpi panel firmware --id 7 --black 1250 --white 2450 --out panel7
+
+    Example: ledpi panel firmware --id 7 --phase antiphase --black 1253.33 --out panel7
     """
     from ledpi.panel.firmware import build_firmware, missing_tools, write_firmware
     from ledpi.panel.firmware_readme import readme_text
 
-    planned = _plan(id_, black, white, build, config, set_)
+    planned = _plan(id_, black, white, phase, build, config, set_)
     write_firmware(planned, readme_text(planned), out)
     for name, half in (("black", planned.black), ("white", planned.white)):
         typer.echo(f"{name}  {half.cycles} cycles  {half.frequency_hz:.4f} Hz  {half.error_ppm:+.1f} ppm")
@@ -53,7 +66,13 @@ def firmware(
 
 
 def _plan(
-    marker_id: int, black: float | None, white: float | None, build: Build, file: Path | None, overrides: list[str]
+    marker_id: int,
+    black: float | None,
+    white: float | None,
+    phase: PhaseName | None,
+    build: Build,
+    file: Path | None,
+    overrides: list[str],
 ) -> Firmware:
     from ledpi.config import find_config, load_config
     from ledpi.dictionaries import load_dictionary
@@ -65,14 +84,17 @@ def _plan(
     size = [] if found is not None else ["panels.side_m=0.16"]  # of no account here
     settings = load_config(found, tuple(size + overrides))
     spec, camera = settings.panels.spec(marker_id), settings.camera
+    if (phase or spec.phase) == PhaseName.ANTIPHASE:  # one frequency is enough
+        black, white = (black if white is None else white), (white if black is None else black)
     try:
         spec = replace(
             spec,
             black_hz=spec.black_hz if black is None else black,
             white_hz=spec.white_hz if white is None else white,
+            phase=spec.phase if phase is None else phase.value,
         )
     except ValueError as error:
-        raise ConfigError(f"--black, --white: {error}") from None
+        raise ConfigError(f"--black, --white, --phase: {error}") from None
     row_time_us = OV5647_ROW_TIME_US if camera.row_time_us == "auto" else camera.row_time_us
     return plan_firmware(
         build,

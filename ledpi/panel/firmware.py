@@ -14,7 +14,7 @@ from ledpi.errors import ConfigError
 from ledpi.markers import Bits, Dictionary
 from ledpi.panel.frequencies import NULL_SHARE, Flicker, nearest_lobe_hz, null_share
 from ledpi.panel.timer import HIGHEST_HZ, HalfPeriod, half_period
-from ledpi.records import PanelSpec
+from ledpi.records import PanelSpec, Phase
 
 SINGLE_CELLS = 16  # that the board has pins for, the serial line left free
 
@@ -37,6 +37,7 @@ class Firmware:
     marker_id: int
     black: HalfPeriod
     white: HalfPeriod
+    phase: Phase
 
     @property
     def word(self) -> Bits:
@@ -52,6 +53,7 @@ def plan_firmware(
     `exposure_us` is what the sensor really does, whole rows; `scan_time_s` is the time in which it reads them all.
     """
     try:
+        dictionary.check_readable(marker_id, spec.phase)
         word = dictionary.word(marker_id)
     except ValueError as error:
         raise ConfigError(f"--id: {error}") from None
@@ -62,13 +64,15 @@ def plan_firmware(
         )
     if spec.duty != 0.5:
         raise ConfigError(f"panels.duty: the driver's outputs are on for half a period; must be 0.5, not {spec.duty}")
-    _check_apart(spec, scan_time_s)
+    if spec.phase == "free":
+        _check_apart(spec, scan_time_s)
     return Firmware(
         build=build,
         dictionary=dictionary,
         marker_id=marker_id,
         black=_half_period("black_hz", spec.black_hz, exposure_us),
         white=_half_period("white_hz", spec.white_hz, exposure_us),
+        phase=spec.phase,
     )
 
 
@@ -119,6 +123,7 @@ def settings_text(firmware: Firmware) -> str:
         "/* Written by `ledpi panel firmware`. Half periods are in cycles of 16 MHz. */",
         *_half_period_lines("BLACK", firmware.black),
         *_half_period_lines("WHITE", firmware.white),
+        _white_delay_line(firmware),
     ]
     if firmware.build is Build.SIXTEEN_CELLS:
         # Below 0x8000, so that no half-written record in the EEPROM passes for a whole one.
@@ -140,6 +145,13 @@ def settings_text(firmware: Firmware) -> str:
 def _half_period_lines(name: str, half: HalfPeriod) -> list[str]:
     what = f"{half.frequency_hz:.4f} Hz, {half.error_ppm:+.1f} ppm from {half.asked_hz:g} Hz"
     return [f"#define {name}_HALF_PERIOD_CYCLES {half.cycles}u /* {what} */"]
+
+
+def _white_delay_line(firmware: Firmware) -> str:
+    """By how much white's first edge is late: half a period makes antiphase of one frequency."""
+    if firmware.phase == "antiphase":
+        return "#define WHITE_DELAY_CYCLES WHITE_HALF_PERIOD_CYCLES /* antiphase */"
+    return "#define WHITE_DELAY_CYCLES 0u"
 
 
 def write_firmware(firmware: Firmware, readme: str, out: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from ledpi.markers import as_ranges
 from ledpi.panel.firmware import Build, Firmware
 from ledpi.panel.timer import HalfPeriod
 
@@ -45,7 +46,7 @@ D9 switches all cells of class black, D10 all of class white, each through a MOS
 {_both_views(rows)}
 `ledpi panel sheet {firmware.marker_id} --out sheet` draws it true to scale, with the MOSFETs.
 
-The timer's hardware toggles both pins: the edges do not jitter.
+The timer's hardware toggles both pins: the edges do not jitter.{_antiphase(firmware)}
 """
 
 
@@ -56,7 +57,7 @@ def _sixteen_cells(firmware: Firmware) -> str:
 
 Each cell has its own pin, and its own MOSFET: a pin cannot carry a cell's LEDs.
 {_both_views(rows)}
-D0 and D1 are the serial line, A4 and A5 are free. Edges jitter by less than 4 µs.
+D0 and D1 are the serial line, A4 and A5 are free. Edges jitter by less than 4 µs.{_antiphase(firmware)}
 
 ## Changing the ID
 
@@ -75,6 +76,17 @@ The ID is kept in the EEPROM. A program built for another ID or dictionary start
 something else, from another program or because the power failed while an ID was written, the panel stays dark until it
 is told an ID: dark is better than wrong.
 """
+
+
+def _antiphase(firmware: Firmware) -> str:
+    """How the classes go together, where they do."""
+    if firmware.phase == "free":
+        return ""
+    text = " Black and white are in antiphase: one is on while the other is off (`panels.phase: antiphase`)."
+    readable = firmware.dictionary.readable_ids("antiphase")
+    if len(readable) < len(firmware.dictionary.words):
+        text += f" Only the IDs {as_ranges(readable)} can be read so."
+    return text
 
 
 def _both_views(rows: list[list[str]]) -> str:
@@ -103,10 +115,15 @@ The Arduino bootloader stays, the Arduino runtime is not used. On a bare chip se
 
 def _brightness(firmware: Firmware) -> str:
     second_hz, white_hz = 2.0 * firmware.black.frequency_hz, firmware.white.frequency_hz
+    why = (
+        "A wave that is on for half of its period holds odd harmonics only. At any other duty it holds even ones, too: "
+        f"black's\nsecond, {second_hz:.0f} Hz, is then read beside white's {white_hz:.0f} Hz."
+    )
+    if firmware.phase == "antiphase":
+        why = "At any other duty than a half one class's light would not fill the other's gaps."
     return f"""## Brightness
 
 Set it by the LEDs' current, that is by their resistors, and never by duty. Current scales the wave and leaves its form.
-A wave that is on for half of its period holds odd harmonics only. At any other duty it holds even ones, too: black's
-second, {second_hz:.0f} Hz, is then read beside white's {white_hz:.0f} Hz. The decoder is told one duty for all panels.
-Dimming by a second, faster PWM is worse: it beats with both classes.
+{why} The decoder is told one duty for all panels. Dimming by a second, faster PWM is worse: it beats with both
+classes.
 """

@@ -72,10 +72,11 @@ def write_sheet(sheet: Sheet, out: Path) -> Path:
 
 def _overview(sheet: Sheet) -> Page:
     body, spec = sheet.body, sheet.spec
+    later = ", half a cycle later" if spec.phase == "antiphase" else ""
     page = Page(
         sheet.title,
         f"{body.cells} × {body.cells} cells. B: class black, bit 0, {spec.black_hz:g} Hz. W: class white, bit 1, "
-        f"{spec.white_hz:g} Hz. Lit square {body.side_mm:g} mm (panels.side_m: {spec.side_m:g}).",
+        f"{spec.white_hz:g} Hz{later}. Lit square {body.side_mm:g} mm (panels.side_m: {spec.side_m:g}).",
     )
     size = 82.0
     for x, view, text in ((MARGIN_MM, draw_front, "from the front"), (MARGIN_MM + 98, draw_back, "from the back")):
