@@ -23,7 +23,10 @@ setup(
             sources=[str(path) for path in sources],
             depends=[str(path) for path in headers],
             define_macros=[("LEDPI_SOURCES", f'"{digest}"')],
-            extra_compile_args=["-std=c99", "-O3", "-Wall", "-Wextra", "-fno-math-errno", "-fno-trapping-math"],
+            extra_compile_args=[
+                *("-std=c99", "-O3", "-Wall", "-Wextra"),
+                *("-fno-math-errno", "-fno-trapping-math", "-ffp-contract=fast"),
+            ],
             libraries=["m"],
             optional=True,
         )

@@ -34,11 +34,14 @@ from ledpi.decode.shared_light import (
     Integers,
     Sources,
     border_points,
+    meeting_cells,
     shared_blinking_light,
     shared_light,
     sources_of,
 )
 from ledpi.decode.uncovered import without_covered
+from ledpi.kernels import evidence as kernel
+from ledpi.kernels.library import COMPILED
 from ledpi.records import Frame, PanelSpec, Rejected
 
 Doubles = NDArray[np.float64]
@@ -106,6 +109,8 @@ def single_evidence(
     spec: PanelSpec,
     waves: Singles | None = None,
     believed: Believed | None = None,
+    *,
+    compiled: bool = COMPILED,
 ) -> Evidence | Rejected:
     """The evidence of one picture; `waves` are its bands' shapes where it is no plain frame but a mean of several.
 
@@ -116,6 +121,12 @@ def single_evidence(
         samples = without_covered(samples)
     cells, points = samples.light.shape
     sources = sources_of(samples.lattice.k, border_points(samples))
+    if believed is not None:
+        waves = believed.waves
+    elif waves is None:
+        waves = class_waves(samples, frame, spec, compiled=compiled)
+    if compiled:
+        return _compiled_evidence(samples, frame, spec, waves, believed, sources)
     shown = None if believed is None else believed.own_light()
     gain, profile, light = _levels(samples, shown)
     # Shot noise has the variance of the light: over this root it is alike everywhere.
@@ -131,10 +142,6 @@ def single_evidence(
     static = np.asarray(np.add.reduceat(parts, sources.first, axis=1), np.float32)
     residual = np.asarray(seen - static, np.float32)
     np.maximum(static, np.float32(0.02), out=static)
-    if believed is not None:
-        waves = believed.waves
-    elif waves is None:
-        waves = class_waves(samples, frame, spec)
     shapes = np.empty((cells, 1 + len(waves), points), np.float32)  # of a wrong gain, and of the bands
     shapes[:, 0] = static
     if shown is not None:
@@ -147,10 +154,43 @@ def single_evidence(
         shapes *= samples.valid[:, None]
     normal = _without_shared_light(residual, shapes, slopes, basis, sources)
     evidence = evidence_from(normal, samples, frame, spec)
-    if believed is None or isinstance(evidence, Rejected):
-        return evidence
-    score = evidence.score + np.einsum("cidj,dj->ci", evidence.information, believed.bands)
-    return replace(evidence, score=score)
+    return evidence if believed is None or isinstance(evidence, Rejected) else _from_believed(evidence, believed)
+
+
+def _compiled_evidence(
+    samples: CellSamples,
+    frame: Frame,
+    spec: PanelSpec,
+    waves: Singles,
+    believed: Believed | None,
+    sources: Sources,
+) -> Evidence | Rejected:
+    """The same as what follows in `single_evidence`."""
+    found = kernel.single_evidence(
+        light=samples.light,
+        valid=samples.valid,
+        waves=waves,
+        along=samples.lattice.along,
+        shifts=samples.lattice.shifts,
+        column=sources.column,
+        first=sources.first,
+        met=meeting_cells(samples.lattice.cells),
+        shown=None if believed is None else believed.own_light(),
+        of_class=None if believed is None else believed.light,
+        white=None if believed is None else believed.white,
+        independence=samples.independence,
+    )
+    if found is None:
+        return UNFIT
+    score, information, free = found
+    prior, left = band_prior(frame, spec), 0.5 * samples.independence * free
+    evidence = Evidence(score=score, information=information, prior=prior, left=left)
+    return evidence if believed is None else _from_believed(evidence, believed)
+
+
+def _from_believed(evidence: Evidence, believed: Believed) -> Evidence:
+    """What says how far the bands differ from what is believed, as what says how they are."""
+    return replace(evidence, score=evidence.score + np.einsum("cidj,dj->ci", evidence.information, believed.bands))
 
 
 def _levels(samples: CellSamples, shown: Singles | None) -> tuple[Singles, Singles, Singles]:
@@ -288,8 +328,13 @@ def band_prior(frame: Frame, spec: PanelSpec) -> Doubles:
     return np.repeat(np.maximum(np.square(amplitude), 1e-12), 2) / 2
 
 
-def class_waves(samples: CellSamples, frame: Frame, spec: PanelSpec, since_s: float = 0.0) -> Singles:
+def class_waves(
+    samples: CellSamples, frame: Frame, spec: PanelSpec, since_s: float = 0.0, *, compiled: bool = COMPILED
+) -> Singles:
     """(P, cells, points): cosine and sine of each of the panel's waves; `since_s` from the origin to row 0."""
+    if compiled:
+        out = kernel.waves(samples.rows, spec.waves_hz, frame.row_time_us, since_s)
+        return out if samples.valid is None else np.asarray(out * samples.valid, np.float32)
     out = np.empty((2 * len(spec.waves_hz), *samples.rows.shape), np.float32)
     for k, hz in enumerate(spec.waves_hz):
         start = 2 * math.pi * ((hz * since_s) % 1.0)

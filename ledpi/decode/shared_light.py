@@ -64,11 +64,11 @@ def sources_of(k: int, border: tuple[int, int]) -> Sources:
 
 def _meeting(values: Singles, cells: int) -> Singles:
     """(cells, 18): the values (cells,) of the cells that meet, in each of `_MEETINGS`; 0 beyond the rim."""
-    return np.append(values, np.float32(0)).take(_met(cells))
+    return np.append(values, np.float32(0)).take(meeting_cells(cells))
 
 
 @cache
-def _met(cells: int) -> Integers:
+def meeting_cells(cells: int) -> Integers:
     """(cells, 18): which cells meet there; beyond the rim there is one more."""
     around = np.full((cells + 2, cells + 2), cells * cells)
     around[1:-1, 1:-1] = np.arange(cells * cells).reshape(cells, cells)

@@ -1,0 +1,43 @@
+/* The cells of a panel, and what each of their samples is explained by: a row of columns (columns.c). */
+#ifndef LEDPI_CELLS_H
+#define LEDPI_CELLS_H
+
+#include <stdint.h>
+
+#include "normal.h"
+
+enum {
+    SLOPES = 8, /* ways in which a homography can be wrong */
+    MOST_COLUMNS = 16,
+};
+
+/* cells = side × side, points = k × k in each; `waves` parameters of bands to a cell. */
+typedef struct {
+    ptrdiff_t side, k, waves, cells, points, samples;
+    const uint8_t *valid; /* (cells, points); NULL: all are */
+    const float *along, *shifts; /* (side·k,); (8, 2, cells, points) */
+} Panel;
+
+/* A sample's columns: its cell's gain, then bands, then SLOPES, and last what is left to explain. */
+static inline ptrdiff_t first_slope(const Panel *panel) { return 1 + panel->waves; }
+static inline ptrdiff_t of_residual(const Panel *panel) { return 1 + panel->waves + SLOPES; }
+static inline ptrdiff_t padded(ptrdiff_t count) { return (count + LEDPI_WIDTH - 1) / LEDPI_WIDTH * LEDPI_WIDTH; }
+static inline ptrdiff_t width_of(const Panel *panel) { return padded(of_residual(panel) + 1); }
+
+/* Unknowns in the order of the matrix: `gains` (one for each cell, or one for all), SLOPES, then each cell's bands. */
+static inline ptrdiff_t unknowns(const Panel *panel, ptrdiff_t gains) {
+    return gains + SLOPES + panel->cells * panel->waves;
+}
+
+/* Into `columns` (samples, width): how the logarithm of `picture` changes for each way in which its corners can be off,
+ * times `weight`. `logarithm` (samples) is room to work in. */
+void ledpi_put_slopes(const Panel *panel, const float *picture, const float *weight, float *logarithm, float *columns);
+
+/* Into `columns`: the waves (waves, cells, points), times `weight`. */
+void ledpi_put_waves(const Panel *panel, const float *waves, const float *weight, float *columns);
+
+/* Adds what each cell's columns are among themselves to the matrix (size, size + 1), the last column of which is the
+ * right side. Returns the square of what is left to explain. */
+double ledpi_add_cells(const Panel *panel, ptrdiff_t gains, const float *columns, double *matrix);
+
+#endif

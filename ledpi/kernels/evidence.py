@@ -1,0 +1,75 @@
+"""What pictures say of the bands in a panel's cells (waves.c, evidence.c)."""
+
+from __future__ import annotations
+
+import ctypes
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ledpi.kernels.library import DOUBLE, INTEGER, POINTER, address, function
+
+Singles = NDArray[np.float32]
+Doubles = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+_FLOAT = ctypes.c_float
+_waves = function("ledpi_waves", POINTER, INTEGER, _FLOAT, _FLOAT, POINTER, POINTER)
+_single_evidence = function(
+    "ledpi_single_evidence",
+    *(INTEGER, INTEGER, INTEGER, POINTER, POINTER, POINTER, POINTER, POINTER),
+    *(INTEGER, POINTER, POINTER, POINTER, POINTER, POINTER, POINTER, DOUBLE, POINTER, POINTER, POINTER),
+    result=ctypes.c_bool,
+)
+
+
+def waves(rows: Singles, waves_hz: Sequence[float], row_time_us: float, since_s: float) -> Singles:
+    """(2·waves, …): cosine and sine of each wave in these picture rows (…), `since_s` from the origin to row 0."""
+    rows = np.ascontiguousarray(rows)
+    out = np.empty((2 * len(waves_hz), *rows.shape), np.float32)
+    at = address(out)
+    for hz in waves_hz:
+        _waves(address(rows), rows.size, hz * row_time_us * 1e-6, math.fmod(hz * since_s, 1.0), at, at + rows.nbytes)
+        at += 2 * rows.nbytes
+    return out
+
+
+def single_evidence(
+    *,
+    light: Singles,
+    valid: Mask | None,
+    waves: Singles,
+    along: Singles,
+    shifts: Singles,
+    column: Integers,
+    first: Integers,
+    met: Integers,
+    shown: Singles | None,
+    of_class: Singles | None,
+    white: Mask | None,
+    independence: float,
+) -> tuple[Doubles, Doubles, float] | None:
+    """Score (cells, P), information (cells, P, cells, P), and how many samples are free; None where nothing fits.
+
+    `light`, `valid`, `shown` (cells, points), `waves` (P, cells, points), `of_class` (2, cells, points), `white`
+    (cells,); `along` and `shifts` are the lattice's; `column`, `first` and `met` say what lights up each point.
+    """
+    cells, points = light.shape
+    parameters = len(waves)
+    light, waves = np.ascontiguousarray(light), np.ascontiguousarray(waves)
+    score, free = np.empty((cells, parameters)), np.empty(1)
+    information = np.empty((cells, parameters, cells, parameters))
+    fits = _single_evidence(
+        *(math.isqrt(cells), math.isqrt(points), parameters, address(light), _or_none(valid), address(waves)),
+        *(address(along), address(shifts), len(column), address(column), address(first), address(met)),
+        *(_or_none(shown), _or_none(of_class), _or_none(white), independence),
+        *(address(score), address(information), address(free)),
+    )
+    return (score, information, float(free[0])) if fits else None
+
+
+def _or_none(array: Singles | Mask | None) -> int | None:
+    return None if array is None else address(array)

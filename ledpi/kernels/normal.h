@@ -1,0 +1,19 @@
+/* Normal equations (normal.c). */
+#ifndef LEDPI_NORMAL_H
+#define LEDPI_NORMAL_H
+
+#include <stdbool.h>
+#include <stddef.h>
+
+#define LEDPI_WIDTH 8    /* what rows are padded to a multiple of */
+#define LEDPI_RIDGE 1e-5 /* of the mean diagonal: what may be singular but for rounding is made solvable */
+
+/* `sums` (width, width) += the products of the columns of `rows` (count, width), on and above the diagonal at least. */
+void ledpi_add_products(const float *rows, ptrdiff_t count, ptrdiff_t width, float *sums);
+
+/* What is left of a symmetric matrix (size, size + 1; right side last; used up) once the first `nuisances` unknowns are
+ * eliminated, over the variance of what then is left: `evidence_from` in decode/evidence.py. False where it cannot be. */
+bool ledpi_weigh(double *matrix, ptrdiff_t size, ptrdiff_t nuisances, double squares, double freedom,
+                 double independence, double *score, double *information);
+
+#endif

@@ -1,0 +1,14 @@
+/* Loops that are worth compiling twice on x86-64, where a processor may have wider vectors than all of its kind have:
+ * the loader takes the ones for it. */
+#ifndef LEDPI_WIDE_H
+#define LEDPI_WIDE_H
+
+#include <stdint.h> /* tells which C library this is */
+
+#if defined(__x86_64__) && defined(__GLIBC__) && defined(__GNUC__) && !defined(__clang__)
+#define LEDPI_WIDE __attribute__((target_clones("fma", "default")))
+#else
+#define LEDPI_WIDE
+#endif
+
+#endif

@@ -1,0 +1,105 @@
+"""What the compiled loops make of a panel's cells is what the numpy code makes of them."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from decode_material import SPEC, TRUE_10_MS_US, Canvas, diffuser, quad, square, word
+
+from ledpi.decode.cells import CellSamples, sample_cells
+from ledpi.decode.evidence import UNFIT, Believed, Evidence, believed_bands, class_waves, single_evidence
+from ledpi.kernels.library import COMPILED
+from ledpi.records import Frame, PanelSpec
+
+pytestmark = pytest.mark.skipif(not COMPILED, reason="needs the compiled loops (a C compiler when ledpi was installed)")
+
+ANTIPHASE = dataclasses.replace(SPEC, white_hz=SPEC.black_hz, phase="antiphase")
+EXPOSURE_US = {"shallow": TRUE_10_MS_US, "deep": 151.5}
+
+
+def seen(side: float, exposure_us: float = TRUE_10_MS_US) -> tuple[CellSamples, Frame]:
+    """A painted panel whose side is so many pixels."""
+    corners = square(310.3, 240.6, side, 9)
+    canvas = Canvas(exposure_us=exposure_us)
+    canvas.panel(corners, word(7), profile=diffuser)
+    frame = canvas.frame(seed=1)
+    samples = sample_cells(frame, quad(corners), 4)
+    assert isinstance(samples, CellSamples)
+    return samples, frame
+
+
+def with_holes(samples: CellSamples) -> CellSamples:
+    """As if a tenth of the samples were saturated, and one point in all cells."""
+    valid = np.random.default_rng(2).random(samples.light.shape) > 0.1
+    valid[:, 5] = False
+    return dataclasses.replace(samples, valid=valid, light=samples.light * valid)
+
+
+def believed_of(samples: CellSamples, frame: Frame, spec: PanelSpec = SPEC) -> Believed:
+    bands = np.array([0.5, 0.1, 0.3, -0.2][: 2 * len(spec.waves_hz)])
+    return believed_bands(samples, frame, spec, word(7).ravel(), bands)
+
+
+def assert_alike(
+    samples: CellSamples, frame: Frame, believed: Believed | None = None, spec: PanelSpec = SPEC
+) -> None:
+    ours, theirs = (
+        single_evidence(samples, frame, spec, believed=believed, compiled=compiled) for compiled in (True, False)
+    )
+    assert isinstance(ours, Evidence)
+    assert isinstance(theirs, Evidence)
+    for mine, reference in ((ours.score, theirs.score), (ours.information, theirs.information)):
+        np.testing.assert_allclose(mine, reference, atol=2e-3 * float(np.abs(reference).max()))
+    np.testing.assert_array_equal(ours.prior, theirs.prior)
+    assert ours.left == pytest.approx(theirs.left)
+
+
+@pytest.mark.parametrize("side", [14.0, 40.0, 90.0, 200.0], ids=lambda side: f"{side:.0f} px")
+def test_the_evidence_of_a_picture(side: float) -> None:
+    """At any size: with many neighbours' light at each point, and with little."""
+    assert_alike(*seen(side))
+
+
+@pytest.mark.parametrize("depth", EXPOSURE_US)
+def test_the_evidence_of_a_second_look(depth: str) -> None:
+    """Where the bands are known already, and hide or show what is static."""
+    samples, frame = seen(90.0, EXPOSURE_US[depth])
+    assert_alike(samples, frame, believed_of(samples, frame))
+
+
+def test_the_evidence_of_one_wave() -> None:
+    """That both classes of an antiphase panel show."""
+    samples, frame = seen(60.0)
+    assert_alike(samples, frame, None, ANTIPHASE)
+    assert_alike(samples, frame, believed_of(samples, frame, ANTIPHASE), ANTIPHASE)
+
+
+def test_the_evidence_of_a_picture_with_holes() -> None:
+    """What is saturated is filled in, in the first look and in the second."""
+    samples, frame = seen(60.0)
+    holes = with_holes(samples)
+    assert_alike(holes, frame)
+    assert_alike(holes, frame, believed_of(holes, frame))
+
+
+def test_light_that_is_no_number_is_no_evidence() -> None:
+    """Nothing that is computed from it passes for one."""
+    samples, frame = seen(40.0)
+    light = samples.light.copy()
+    light[3, 4] = np.nan
+    assert single_evidence(dataclasses.replace(samples, light=light), frame, SPEC, compiled=True) == UNFIT
+
+
+def test_waves_are_cosine_and_sine() -> None:
+    """Of black's bands, then of white's, at the phases that they have some time after the origin."""
+    samples, frame = seen(40.0)
+    since_s = 0.3217
+    seconds = since_s + samples.rows.astype(np.float64) * frame.row_time_us * 1e-6
+    turns = 2 * np.pi * np.array([SPEC.black_hz, SPEC.white_hz])[:, None, None] * seconds
+    expected = np.stack([np.cos(turns[0]), np.sin(turns[0]), np.cos(turns[1]), np.sin(turns[1])])
+    waves = class_waves(samples, frame, SPEC, since_s, compiled=True)
+    np.testing.assert_allclose(waves, expected, atol=5e-4)  # rows are in single precision
+    holes = with_holes(samples)
+    assert not class_waves(holes, frame, SPEC, compiled=True)[:, ~holes.valid].any()
