@@ -115,6 +115,14 @@ def test_angle_between_rotations_by_hand() -> None:
     assert rotation_angle_deg(quarter, -quarter) == pytest.approx(0, abs=1e-5)
 
 
+def test_a_small_angle_between_rounded_quaternions() -> None:
+    """A truth of six digits is a millionth too long, and the angle is still the one between them: 0.02°."""
+    a = np.array([0.083410, -0.995565, 0.041817, 0.011986])
+    half = np.radians(0.01)
+    b = np.cos(half) * a + np.sin(half) * np.array([0.995565, 0.083410, 0.011986, -0.041817])
+    assert rotation_angle_deg(1.000001 * a, 0.999999 * b) == pytest.approx(0.02, rel=1e-6)
+
+
 @pytest.mark.parametrize("distortion", LENSES)
 def test_distort_is_opencvs_projection(distortion: tuple[float, float, float, float, float]) -> None:
     """Rays land where cv2.projectPoints puts them."""

@@ -1,7 +1,7 @@
 """Sub-pixel corners of lit squares: straight sides through what profiles across them show, all squares at once.
 
 A side's place comes from the mean of its profiles and the filter that a lattice's rim calls for (`rim`); how it is
-turned, from where each profile has its edge.
+turned, from where each profile has its edge. The lines within the panel have their say at the end (`adjust`).
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from ledpi.decode.adjust import adjust_quads
 from ledpi.decode.approach import (
     FINEST_STEP_PX,
     LOST,
@@ -91,7 +92,8 @@ def refine_quads(
         return _striped(frame, start, bend)
     found = (_find_compiled if can_read(frame) else _find)(frame, start, bend, cells)
     hidden = hidden_shares(frame, found.corners, bend, cells)
-    return _results(frame, start, found, bend, hidden)
+    quads = _results(frame, start, found, bend, hidden)
+    return adjust_quads(frame, quads, np.asarray(~hidden.any(axis=(1, 2))), bend, cells, intrinsics)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

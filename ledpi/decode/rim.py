@@ -74,7 +74,13 @@ class RimFilter:
     both: Floats  # (2, T): of the half sum of two sides' mean profiles over A: e's half sum, and the blur's logarithm
     both_offset: Floats  # (2,)
     apart: Floats  # (T,): of the half difference: e's half difference
-    variance: float  # of a side's e
+    both_variance: float  # of e's half sum
+    apart_variance: float  # of e's half difference
+
+    @property
+    def variance(self) -> float:
+        """Of one side's e."""
+        return self.both_variance + self.apart_variance
 
 
 def filter_key(pitch_px: float, blur_px: float) -> tuple[int, int]:
@@ -124,11 +130,10 @@ def rim_filter(pitch_step: int, blur_step: int) -> RimFilter:
     expected_blur = math.log(USUAL_BLUR_PX / blur) * shared_precision[0]
     bounded = np.concatenate([side[:, 3:], shared], axis=1)
     bounds = np.concatenate([2 * side_precision[3:], shared_precision]) ** -0.5
-    variance = (
-        np.square(AS_THEY_ARE * bounds * (both[0] @ bounded)).sum()
-        + np.square(AS_THEY_ARE * bounds[: -shared.shape[1]] * (apart[0] @ side[:, 3:])).sum()
-        + MISFIT_AS_IS**2 / 2 * (both[0] @ both[0] + apart[0] @ apart[0])
-    )
+    own = AS_THEY_ARE * bounds[: -shared.shape[1]]
+    misfit = MISFIT_AS_IS**2 / 2
+    both_variance = np.square(AS_THEY_ARE * bounds * (both[0] @ bounded)).sum() + misfit * (both[0] @ both[0])
+    apart_variance = np.square(own * (apart[0] @ side[:, 3:])).sum() + misfit * (apart[0] @ apart[0])
     near = looked_at & (t >= -SINGLE_OUTSIDE) & (t <= SINGLE_INSIDE)
     single, _ = _regression(side[:, :4], np.array([0, 0, 0, SINGLE_SLOPE**-2]), near, SINGLE_NOISE**2)
     flat = looked_at & (np.abs(t) >= FLAT_PX)
@@ -140,7 +145,8 @@ def rim_filter(pitch_step: int, blur_step: int) -> RimFilter:
         both=both[wanted],
         both_offset=covariance[wanted, wanted[1]] * expected_blur - both[wanted] @ course,
         apart=apart[0],
-        variance=float(variance),
+        both_variance=float(both_variance),
+        apart_variance=float(apart_variance),
     )
 
 

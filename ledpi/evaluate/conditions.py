@@ -62,6 +62,7 @@ class Variation:
     hidden_share: float = 0.12  # of the panel's side
     lamps: int = 0  # other lights in view
     room_ripple: tuple[float, float] | None = None  # frequency in Hz and depth of the light in the room
+    on_a_page: bool = False  # without a bezel, on paper with black spots
 
 
 VARIATIONS: dict[str, Variation] = {
@@ -88,6 +89,8 @@ VARIATIONS: dict[str, Variation] = {
     # The wall's brightest spots at 0.3 to 0.5, panels not much above.
     "bright room": Variation(room_level=(0.2, 0.3), peak_level=(0.5, 0.85)),
     "other lamps": Variation(lamps=4),
+    # What touches the lit cells is black here and white there, in spots of half a cell: letters, tiles, a cable.
+    "on a printed page": Variation(on_a_page=True),
     # Twice the mains' frequency, as deep as poor LED lamps do it. 100 Hz vanish at 10 ms; 120 Hz keep 16 %.
     "mains flicker, 50 Hz": Variation(room_ripple=(100.0, 0.6), lamps=2),
     "mains flicker, 60 Hz": Variation(room_ripple=(120.0, 0.6), lamps=2),

@@ -22,13 +22,25 @@ from ledpi.evaluate.decoys import decoys, lamp
 from ledpi.evaluate.placing import Placer, in_sight
 from ledpi.geometry import transform
 from ledpi.records import Floats, PanelSpec
-from ledpi.simulate.scene import OV5647_ROW_TIME_US, Light, Panel, PanelLook, Ripple, Room, Scene, SimulatedSensor
+from ledpi.simulate.scene import (
+    OV5647_ROW_TIME_US,
+    Light,
+    Panel,
+    PanelLook,
+    Print,
+    Ripple,
+    Room,
+    Scene,
+    SimulatedSensor,
+)
 from ledpi.simulate.trajectory import Gliding, Still, Trajectory
 
 FRAMES_A_TAKE = 12
 OFFSET_PX = (80.0, 60.0)  # how far from the picture's middle a panel is put, at most
 HUNG_BY_HAND_DEG = 3.0
 APART_SIDES = (1.6, 2.4)  # of two panels' centres; turned by 45°, with their bezels, they need 1.53
+# A page behind a panel: spots across it, its width in the panel's sides, the share of ink, levels of paper and ink.
+PAGE_SPOTS, PAGE_SIDES, PAGE_INK, PAGE_WHITE, PAGE_BLACK = 20, 2.6, 0.35, (0.1, 0.25), (0.01, 0.05)
 _PLACE, _EXTRA, _RENDERER = 0, 1, 2  # independent streams of random numbers
 
 
@@ -66,6 +78,7 @@ def draw_take(
             sensor=sensor,
             room=room,
             panels=shown,
+            prints=_pages(variation, shown, extra),
             lights=_in_the_way(variation, shown, extra) + _lamps_beside(variation, shown, sensor, extra),
             camera_motion=_camera_motion(variation, sensor, extra),
         )
@@ -136,10 +149,35 @@ def _panels(
             marker_id=int(marker_id),
             brightness=brightness_of(peak, spec, sensor),
             cell_gains=_with_dead_cells(np.maximum(own_gains, 0.05), variation.dead_cells, extra),
-            look=PanelLook(gap=variation.gap, hot_spot=variation.hot_spot, hot_spot_sigma=variation.hot_spot_sigma),
+            look=_look(variation),
         )
         for marker_id, spec, pose, own_gains in zip(ids, specs, poses, gains, strict=False)
     )
+
+
+def _look(variation: Variation) -> PanelLook:
+    look = PanelLook(gap=variation.gap, hot_spot=variation.hot_spot, hot_spot_sigma=variation.hot_spot_sigma)
+    return replace(look, bezel=0.0) if variation.on_a_page else look
+
+
+def _pages(variation: Variation, shown: tuple[Panel, ...], extra: np.random.Generator) -> tuple[Print, ...]:
+    """Behind each panel a page with spots anywhere, of paper that is grey beside the panel's rim."""
+    if not variation.on_a_page:
+        return ()
+    pages = []
+    for panel in shown:
+        pose = panel.motion.scene_from_body(0.0).copy()
+        pose[:3, 3] *= 1.002  # along the same lines of sight, and surely behind
+        pages.append(
+            Print(
+                modules=extra.random((PAGE_SPOTS, PAGE_SPOTS)) > PAGE_INK,
+                width_m=PAGE_SIDES * panel.spec.side_m,
+                motion=Still(pose),
+                white=float(extra.uniform(*PAGE_WHITE)),
+                black=float(extra.uniform(*PAGE_BLACK)),
+            )
+        )
+    return tuple(pages)
 
 
 def _with_dead_cells(gains: Floats, dead: int, extra: np.random.Generator) -> Floats:
