@@ -43,6 +43,7 @@ def counted_light(
     jitter_us: float = 0.0,
     drift: float = 0.0,
     seed: int = 0,
+    white_phase: float = 0.63,
 ) -> PanelLight:
     """ID 7 upright, its cells 24 rows high and 24 pixels wide; each row's share of light is counted at 2,000 moments.
 
@@ -55,7 +56,7 @@ def counted_light(
     start_us = frame_rows * row_time_us * np.arange(frames)
     at_us = start_us[:, None] + row_time_us * np.arange(rows)
     light = np.zeros((frames, 16, rows))
-    waves = (black_hz * 1e-6, 0.1), (white_hz * 1e-6, 0.63)
+    waves = (black_hz * 1e-6, 0.1), (white_hz * 1e-6, white_phase)
 
     def share_on(f: float, phase: float, t_us: np.ndarray) -> np.ndarray:
         moments = t_us[:, None] + moments_us
@@ -211,13 +212,41 @@ def test_a_panel_that_is_no_crystal_is_refused() -> None:
         measured_shutter(counted_light(1262.0, 2431.0))
 
 
+ONE = replace(ANNOUNCED, black_hz=1254.0, white_hz=1254.0, phase="antiphase")
+
+
+def test_the_one_frequency_of_an_antiphase_panel() -> None:
+    """0.8 % off what is announced: both classes have it, and no duty is written, which is a half."""
+    light = counted_light(1264.0, 1264.0, white_phase=0.6)
+    found = measure_panel(light, DICTIONARY, ONE, exposure_us=9967.0, row_time_us=33.67)
+    assert found.id == 7
+    assert found.black.frequency_hz == found.white.frequency_hz == pytest.approx(1264.0, rel=1e-5)
+    assert found.overrides() == {"black_hz": pytest.approx(1264.0, abs=0.02), "white_hz": found.overrides()["black_hz"]}
+    assert found.differs_from(ONE)
+
+
+def test_two_oscillators_are_no_antiphase_panel() -> None:
+    """Near enough for one frame; but their frequencies are not the same."""
+    with pytest.raises(CalibrationError, match=r"1254\.00 and 1255\.50 Hz are not in antiphase|no bands of"):
+        measure_panel(counted_light(1254.0, 1255.5), DICTIONARY, ONE, exposure_us=9967.0, row_time_us=33.67)
+
+
+def test_a_crystal_in_antiphase_measures_the_row_time() -> None:
+    """But not the exposure: that takes the depths of two frequencies."""
+    light = counted_light(1254.0, 1254.0, white_phase=0.6, row_time_us=32.9, exposure_us=9960.0)
+    reported = Reported(row_time_us=33.67, exposure_us=296 * 33.67, frame_length_rows=None)
+    found = measure_shutter(light, DICTIONARY, ONE, reported)
+    assert (found.id, found.exposure_us) == (7, None)
+    assert found.row_time_us.value == pytest.approx(32.9, rel=2e-3)
+
+
 def test_advice_names_what_would_be_better() -> None:
     """A null of the exposure and standing bands are named with values that have neither; a good setting has no line."""
     bad = advice([1300.0, 2500.0], exposure_us=10000.0, row_time_us=33.67, frame_interval_us=20_000.0)
     assert [line[:27] for line in bad] == [
         "1300.0 Hz is near a null: a",
         "2500.0 Hz is near a null: a",
-        "camera.exposure_us: 10236 w",
+        "camera.exposure_us: 10203 w",
         "the bands of 1300.0 Hz move",
         "the bands of 2500.0 Hz move",
         "camera.frame_duration_us: 2",

@@ -6,11 +6,13 @@ What waves there are is told by `bands`, which fits them.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ledpi.decode.classes import wave_shares
 from ledpi.markers import Bits
 from ledpi.records import Floats
 
@@ -52,34 +54,35 @@ class PanelLight:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Waves:
-    """Candidates for one class: pairs of frequency and spatial frequency."""
+    """Candidates for one of a panel's waves: pairs of frequency and spatial frequency."""
 
     frequency_hz: Floats  # (waves,)
     cycles_per_row: Floats  # (waves,)
 
 
-def find_word(panel: PanelLight, words: Bits, black: Waves, white: Waves) -> tuple[int, int, int]:
-    """Index of the likeliest word, of its black wave and of its white one.
+def find_word(panel: PanelLight, words: Bits, waves: Sequence[Waves]) -> tuple[int, list[int]]:
+    """Index of the likeliest word, and which of each of the panel's `waves` (`decode.classes`) it shows.
 
-    A class's cells share one wave: the log-likelihood ratio of a wave with free amplitude and phase is
-    |Σ_c S_c|²/(σ²·V), S_c the light's deviation from the still picture, correlated with the wave, V its expected power.
+    The log-likelihood ratio of a wave with free amplitude and phase is |Σ_c s_c·S_c|²/(σ²·V): S_c the light's deviation
+    from the still picture, correlated with the wave, s_c how much of it the cell shows, V its expected power.
     """
     change, still = changes(panel.light[:SEARCH_FRAMES])
     seconds, rows = panel.times_from_middle()[:SEARCH_FRAMES], panel.rows_from_middle()
-    best, best_waves = np.zeros(len(words)), np.zeros((2, len(words)), np.int64)
-    for k, waves in enumerate((black, white)):
-        spectrum = spectrum_of(change, seconds, rows, waves)
-        moved = moved_share(seconds, waves.frequency_hz)
+    shares = wave_shares(words.astype(np.float64), len(waves))
+    best, best_waves = np.zeros(len(words)), np.zeros((len(waves), len(words)), np.int64)
+    for k, candidates in enumerate(waves):
+        spectrum = spectrum_of(change, seconds, rows, candidates)
+        moved = moved_share(seconds, candidates.frequency_hz)
         power = np.where(moved > MIN_MOVEMENT, moved, np.inf)
         for start in range(0, len(words), WORDS_AT_ONCE):
             some = slice(start, start + WORDS_AT_ONCE)
-            own = (words[some] if k else ~words[some]).astype(np.float64)
-            light = np.maximum(own @ still.sum(axis=1), 1e-9)
+            own = shares[some, :, k]
+            light = np.maximum(np.square(own) @ still.sum(axis=1), 1e-9)
             ratio = np.abs(own @ spectrum) ** 2 / (light[:, None] * power)
             best_waves[k, some] = ratio.argmax(axis=1)
             best[some] += ratio.max(axis=1)
     word = int(best.argmax())
-    return word, int(best_waves[0, word]), int(best_waves[1, word])
+    return word, best_waves[:, word].tolist()
 
 
 def search_step_hz(panel: PanelLight) -> float:

@@ -60,12 +60,19 @@ class Measured:
     white: ClassBands
 
 
-def measure_word(panel: PanelLight, words: Bits, black: Waves, white: Waves) -> Measured:
-    """The likeliest of `words` (W, cells; True is white) and how its classes blink, each certain or not."""
-    word, *likeliest = find_word(panel, words, black, white)
+def measure_word(panel: PanelLight, words: Bits, waves: Sequence[Waves]) -> Measured:
+    """The likeliest of `words` (W, cells; True is white) and how its classes blink, each certain or not.
+
+    `waves` are candidates for black's and for white's; of a panel in antiphase for the one, which either class is then
+    measured for by itself.
+    """
+    word, likeliest = find_word(panel, words, waves)
     of_black, of_white = (
-        _measure_steady(panel, cells, float(waves.frequency_hz[index]), float(waves.cycles_per_row[index]))
-        for cells, waves, index in zip((~words[word], words[word]), (black, white), likeliest, strict=True)
+        _measure_steady(panel, cells, float(own.frequency_hz[index]), float(own.cycles_per_row[index]))
+        for cells, own, index in (
+            (~words[word], waves[0], likeliest[0]),
+            (words[word], waves[-1], likeliest[-1]),
+        )
     )
     return Measured(word=word, black=of_black, white=of_white)
 

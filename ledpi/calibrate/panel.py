@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,19 +17,21 @@ from ledpi.calibrate.bands import CLOCK_SIGMA, ClassBands, measure_word
 from ledpi.camera.timing import MIN_PHASE_ADVANCE_CYCLES, choose_frame_length_rows, frame_duration_us
 from ledpi.errors import CalibrationError
 from ledpi.markers import Dictionary
-from ledpi.records import PanelSpec
+from ledpi.panel.frequencies import null_share
+from ledpi.records import PanelSpec, Phase
 
 SEARCH = 0.15  # of the announced frequency, to either side: more than an RC oscillator is off
 MIN_ALIAS_DEVIATIONS = 6.0  # between a frequency and the next that looks alike from frame to frame
 ROW_TIME_DOUBT = (5.0, 0.003)  # deviations, and share: more than both, and bands and row time contradict each other
+MAX_APART = 5.0  # deviations between what either class of a panel in antiphase says of their one frequency
 MAX_DUTY_SIGMA = 0.02
 MOST_LIGHT = 1.1  # of the depth that all of the light would give: more, and the exposure is not what it is said to be
 # A panel that is within these of what is announced needs no entry of its own: each other pair of frequencies costs the
 # decoder a look of its own at every square. Over its memory of half a second 1e-4 of 2450 Hz is an eighth of a cycle.
 SAME_FREQUENCY, SAME_DUTY = 1e-4, 0.03
-# Depth falls with |sin πfT|, down to nothing where exposure times frequency is whole. Below the first it is worth a
-# warning, and an exposure is proposed for which all frequencies reach the second.
-WEAK, STRONG = 0.5, 0.75
+# Of the deepest bands that an exposure of this length leaves (`null_share`). Below the first, as in a third of a lobe,
+# it is worth a warning; and an exposure is proposed for which all frequencies reach the second, as in half of a lobe.
+WEAK, STRONG = 1 / 3, 0.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,7 +40,8 @@ class PanelCalibration:
 
     id: int
     black: ClassBands
-    white: ClassBands
+    white: ClassBands  # in antiphase at the same frequency
+    phase: Phase  # as announced
     duty: float | None  # None where this exposure hides it
     duty_sigma: float
     blinking_share: tuple[float, float]  # of each class's light: the rest is steady, as a reflection is
@@ -46,7 +49,8 @@ class PanelCalibration:
     def overrides(self) -> dict[str, float]:
         """What belongs into `panels.overrides` of config.yaml."""
         values = {"black_hz": round(self.black.frequency_hz, 2), "white_hz": round(self.white.frequency_hz, 2)}
-        return values if self.duty is None else values | {"duty": round(self.duty, 3)}
+        # In antiphase the duty is a half by its nature, and what is measured is off it by noise.
+        return values if self.duty is None or self.phase == "antiphase" else values | {"duty": round(self.duty, 3)}
 
     def differs_from(self, announced: PanelSpec) -> bool:
         """Whether the decoder should know of it."""
@@ -62,29 +66,30 @@ def measure_panel(
     """Searches ±15 % around the announced frequencies. Raises CalibrationError where nothing sure is found."""
     row_time_s = row_time_us * 1e-6
     spans = search_ranges(announced)
-    black, white = (_waves(light, span, row_time_s) for span in spans)
+    waves = [_waves(light, span, row_time_s) for span in spans]
     words = dictionary.turned_words().reshape(4 * len(dictionary.words), -1)
-    found = measure_word(light, words, black, white)
+    found = measure_word(light, words, waves)
     if not (found.black.certain and found.white.certain):
-        (black_low, black_high), (white_low, white_high) = spans
-        raise CalibrationError(
-            f"no bands of a {dictionary.name} panel between {black_low:.0f} and {black_high:.0f} Hz (black) and "
-            f"{white_low:.0f} and {white_high:.0f} Hz (white)"
-        )
+        names = ("black", "white") if announced.phase == "free" else ("both classes",)
+        sought = [f"{low:.0f} and {high:.0f} Hz ({name})" for name, (low, high) in zip(names, spans, strict=True)]
+        raise CalibrationError(f"no bands of a {dictionary.name} panel between {' and '.join(sought)}")
     measured = (found.black, found.white)
+    if announced.phase == "antiphase":
+        measured = _of_one_oscillator(measured)
     for check in (_check_aliases, _check_row_time):
         for bands in measured:
             check(bands, light, row_time_s)
     duty, duty_sigma = _duty(measured, exposure_us)
     return PanelCalibration(
         id=found.word // 4,
-        black=found.black,
-        white=found.white,
+        black=measured[0],
+        white=measured[1],
+        phase=announced.phase,
         duty=duty,
         duty_sigma=duty_sigma,
         blinking_share=(
-            _blinking_share(found.black, exposure_us, duty or announced.duty),
-            _blinking_share(found.white, exposure_us, duty or announced.duty),
+            _blinking_share(measured[0], exposure_us, duty or announced.duty),
+            _blinking_share(measured[1], exposure_us, duty or announced.duty),
         ),
     )
 
@@ -94,14 +99,16 @@ def frequency_sigma_hz(bands: ClassBands) -> float:
     return math.hypot(bands.frequency_sigma_hz, CLOCK_SIGMA * bands.frequency_hz)
 
 
-def search_ranges(announced: PanelSpec) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Where black's and white's frequency are sought; the ranges do not overlap."""
+def search_ranges(announced: PanelSpec) -> list[tuple[float, float]]:
+    """Where the frequency of each of the panel's waves is sought; the ranges do not overlap."""
     middle = math.sqrt(announced.black_hz * announced.white_hz)
     spans = []
-    for hz in (announced.black_hz, announced.white_hz):
+    for hz in announced.waves_hz:
         low, high = hz * (1 - SEARCH), hz * (1 + SEARCH)
-        spans.append((low, min(high, middle)) if hz < middle else (max(low, middle), high))
-    return spans[0], spans[1]
+        if hz != middle:
+            low, high = (low, min(high, middle)) if hz < middle else (max(low, middle), high)
+        spans.append((low, high))
+    return spans
 
 
 def advice(
@@ -109,12 +116,12 @@ def advice(
 ) -> list[str]:
     """What keeps bands of these frequencies from being deep and moving, and what would be better; a line each."""
     lines = []
-    weak = [hz for hz in frequencies_hz if band_strength(hz, exposure_us) < WEAK]
+    weak = [hz for hz in frequencies_hz if null_share(hz, exposure_us) < WEAK]
     for hz in weak:
         periods = hz * exposure_us * 1e-6
         lines.append(
             f"{hz:.1f} Hz is near a null: an exposure of {exposure_us:.0f} µs holds {periods:.2f} periods, and leaves "
-            f"{band_strength(hz, exposure_us):.0%} of the depth that {math.floor(periods) + 0.5:g} would"
+            f"{null_share(hz, exposure_us):.0%} of the depth that {math.floor(periods) + 0.5:g} would"
         )
     better = better_exposure_us(exposure_us, row_time_us, frequencies_hz) if weak else None
     if better is not None:
@@ -136,7 +143,7 @@ def advice(
 def better_exposure_us(exposure_us: float, row_time_us: float, frequencies_hz: Sequence[float]) -> float | None:
     """The exposure of whole rows nearest to this one in which no class's bands are weak, if there is one."""
     candidates = (np.arange(4, 2 * round(exposure_us / row_time_us) + 8) * row_time_us).tolist()
-    good = [t for t in candidates if min(band_strength(hz, t) for hz in frequencies_hz) >= STRONG]
+    good = [t for t in candidates if min(null_share(hz, t) for hz in frequencies_hz) >= STRONG]
     return min(good, key=lambda t: abs(t - exposure_us), default=None)
 
 
@@ -151,15 +158,26 @@ def better_interval_us(frame_rows: int, row_time_us: float, frequencies_hz: Sequ
     return frame_duration_us(rows, row_time_us)
 
 
-def band_strength(frequency_hz: float, exposure_us: float) -> float:
-    """|sin πfT|: 1 where this exposure leaves the deepest bands that one of its length can, 0 where it leaves none."""
-    return abs(math.sin(math.pi * frequency_hz * exposure_us * 1e-6))
-
-
 def _waves(light: PanelLight, span_hz: tuple[float, float], row_time_s: float) -> Waves:
     step = search_step_hz(light)
     grid = np.arange(span_hz[0], span_hz[1] + step, step)
     return Waves(frequency_hz=grid, cycles_per_row=grid * row_time_s)
+
+
+def _of_one_oscillator(measured: tuple[ClassBands, ClassBands]) -> tuple[ClassBands, ClassBands]:
+    """Both classes at the mean of their frequencies. Raises CalibrationError where these are not one."""
+    black, white = measured
+    weights = [bands.frequency_sigma_hz**-2 for bands in measured]
+    mean = sum(w * b.frequency_hz for w, b in zip(weights, measured, strict=True)) / sum(weights)
+    apart = abs(black.frequency_hz - white.frequency_hz)
+    if apart > max(MAX_APART * math.hypot(black.frequency_sigma_hz, white.frequency_sigma_hz), SAME_FREQUENCY * mean):
+        raise CalibrationError(
+            f"classes that blink at {black.frequency_hz:.2f} and {white.frequency_hz:.2f} Hz are not in antiphase: see "
+            "panels.phase"
+        )
+    sigma = sum(weights) ** -0.5
+    common = [replace(bands, frequency_hz=mean, frequency_sigma_hz=sigma) for bands in measured]
+    return common[0], common[1]
 
 
 def _check_aliases(bands: ClassBands, light: PanelLight, row_time_s: float) -> None:

@@ -52,7 +52,7 @@ class ShutterCalibration:
     row_time_us: Estimate  # the better of the next two
     by_bands_us: Estimate
     by_interval_us: Estimate | None  # None where the frames' rows are not known, or the bands do not bear it out
-    exposure_us: Estimate | None  # None where only one class's bands move, or no exposure near leaves bands like these
+    exposure_us: Estimate | None  # None where bands of one frequency only are seen, or no exposure near leaves such
 
 
 def measure_shutter(
@@ -64,27 +64,29 @@ def measure_shutter(
     far more sharply, and is taken where the bands bear it out: a scaled picture has other rows than the sensor.
     """
     words = dictionary.turned_words().reshape(4 * len(dictionary.words), -1)
-    found = measure_word(light, words, _waves(light, crystal.black_hz), _waves(light, crystal.white_hz))
+    found = measure_word(light, words, [_waves(light, hz) for hz in crystal.waves_hz])
     classes = ((found.black, crystal.black_hz), (found.white, crystal.white_hz))
     sure = [bands for bands, hz in classes if bands.certain and _is_crystal(bands, hz)]
     # Bands that stand still from frame to frame are uncertain; those of the other class are enough for the row time.
     still = [hz for _, hz in classes if moved_share(light.seconds, np.array([hz]))[0] < STANDING]
     if not sure or len(sure) + len(still) < len(classes):
+        announced = " and ".join(f"{hz:g}" for hz in crystal.waves_hz)
         raise CalibrationError(
-            f"no panel of {dictionary.name} that blinks at {crystal.black_hz:g} and {crystal.white_hz:g} Hz is seen; "
-            f"they must be right to {CRYSTAL * 1e6:.0f} ppm, as a crystal's are"
+            f"no panel of {dictionary.name} that blinks at {announced} Hz is seen; must be right to "
+            f"{CRYSTAL * 1e6:.0f} ppm, as a crystal's is"
         )
     by_bands = _mean([_row_time_us(bands) for bands in sure])
     by_interval = _by_interval_us(light, reported.frame_length_rows)
     if by_interval is not None and not by_bands.agrees_with(by_interval.value):
         by_interval = None
     row_time = by_interval or by_bands
+    two_depths = len(sure) == 2 and crystal.phase == "free"
     return ShutterCalibration(
         id=found.word // 4,
         row_time_us=row_time,
         by_bands_us=by_bands,
         by_interval_us=by_interval,
-        exposure_us=_exposure_us(found.black, found.white, reported, row_time.value) if len(sure) == 2 else None,
+        exposure_us=_exposure_us(found.black, found.white, reported, row_time.value) if two_depths else None,
     )
 
 

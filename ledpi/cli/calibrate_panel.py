@@ -150,7 +150,7 @@ def _advice(frequencies_hz: tuple[float, float], taken: Taken) -> list[str]:
     from ledpi.calibrate.still_panels import steady_seconds
 
     return advice(
-        frequencies_hz,
+        tuple(dict.fromkeys(frequencies_hz)),
         exposure_us=taken.frames[0].exposure_us,
         row_time_us=taken.camera.row_time_us,
         frame_interval_us=steady_seconds(taken.frames)[1],
