@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import io
+import itertools
 import json
 import os
 import sys
@@ -55,7 +56,8 @@ def main() -> None:
         live = without_times((take / "live.jsonl").read_text().splitlines())
         again = without_times(command("decode", "--as-live", str(take)).splitlines())
         sightings = sum(len(frame["markers"]) for frame in live)
-    print(f"gaps in seq: {seqs[-1] - seqs[0] + 1 - len(seqs)}")
+    gaps = {before: after - before - 1 for before, after in itertools.pairwise(seqs) if after - before > 1}
+    print(f"gaps in seq: {sum(gaps.values())} frames{', after: ' if gaps else ''}{gaps or ''}")
     print(f"replay of {len(live)} decoded frames, {sightings} sightings: {'the same' if again == live else 'DIFFERS'}")
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import math
-import sys
 import threading
 import time
 from collections.abc import Callable
@@ -25,6 +24,7 @@ from ledpi.reporting import Totals, in_service, minute_line, second_line
 from ledpi.ring import FrameRing
 from ledpi.robot import load_robot
 from ledpi.service_notify import notify, watchdog_period_s
+from ledpi.threads import switch_promptly
 from ledpi.wire.mavlink import Mavlink
 from ledpi.wire.message import NoFix, State, StatusMessage
 from ledpi.wire.publisher import Publisher
@@ -33,9 +33,6 @@ TICK_S = 0.1  # between two looks at the state of things
 NO_FRAMES_AFTER_S = 0.2  # six frame periods of the slowest camera in scope (33 ms)
 LOOK_EVERY_S = 1.0  # at times and temperature
 MINUTE_S = 60.0
-# A thread that wants to run waits at most so long for one that computes in Python. The default is 5 ms: so long would
-# poses that are ready wait for the decoding of the next frame.
-SWITCH_INTERVAL_S = 0.0005
 JOIN_S = 0.4  # for each worker; the whole daemon ends within 1 s
 
 _log = logging.getLogger("ledpi")
@@ -97,7 +94,7 @@ class Daemon:
 
         `at_each_tick` is called ten times a second, in the calling thread.
         """
-        sys.setswitchinterval(SWITCH_INTERVAL_S)
+        switch_promptly()
         if self._calibrated is None:
             _log.warning("camera.intrinsics is not set: IDs are sent flagged uncalibrated, without poses")
         self._publisher.set_status(StatusMessage(state=State.STARTING, no_fix=NoFix.NOT_RUNNING))

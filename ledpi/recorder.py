@@ -3,6 +3,7 @@
     capture ──▶ encoders (PNG) ──▶ writer, in order
        └──────▶ decoder, whenever it is free ──▶ live.jsonl
 
+A frame can be decoded again, but not recorded again: where the encoders are behind, none is decoded.
 Which frames were decoded is settled as each is captured, so its line in frames.jsonl can say so, and `ledpi decode
 --as-live` decodes the same frames in the same order.
 """
@@ -28,10 +29,12 @@ from ledpi.output import decoded_as_json
 from ledpi.pipeline import Pipeline
 from ledpi.recording_writer import RecordingWriter, encode_picture
 from ledpi.records import Frame, Rejected
+from ledpi.threads import switch_promptly
 
 LIVE_FILE = "live.jsonl"
 ENCODERS = 2
 WAITING = 128  # frames between capture and disk, 2 s at 60 a second and 40 MB: a disk may pause for so long
+BEHIND = WAITING // 4  # of them: the encoders are behind, and the decoder leaves the processor to them
 
 
 @dataclass(slots=True)
@@ -76,6 +79,7 @@ class Recorder:
 
     def run(self, frames: int | None = None) -> None:
         """Until `stop`, the camera's end, or so many frames. Raises LedpiError; what was written by then is whole."""
+        switch_promptly()
         with self._writer, ThreadPoolExecutor(ENCODERS) as encoders:
             writer = threading.Thread(target=self._guard, args=(self._write,))
             decoder = threading.Thread(target=self._guard, args=(self._decode,))
@@ -114,7 +118,7 @@ class Recorder:
             if self._jobs.full():
                 self.done.dropped += 1
                 continue
-            is_decoded = self._decoder_is_free.is_set()
+            is_decoded = self._decoder_is_free.is_set() and self._jobs.qsize() < BEHIND
             if is_decoded:
                 self._decoder_is_free.clear()
                 self._to_decode.put(frame)

@@ -22,7 +22,7 @@ from ledpi.cli.record import summary
 from ledpi.config import load_config
 from ledpi.errors import RecordingError
 from ledpi.pipeline import Pipeline
-from ledpi.recorder import LIVE_FILE, WAITING, Recorder
+from ledpi.recorder import BEHIND, LIVE_FILE, WAITING, Recorder
 from ledpi.recording import load_recording
 from ledpi.recording_writer import RecordingWriter
 from ledpi.records import CameraInfo, Decoded, Frame, PanelSpec, Pixels, Rejected
@@ -137,6 +137,33 @@ def test_a_slow_disk_never_holds_the_camera_up(tmp_path: Path, monkeypatch: pyte
     assert one.done.dropped > 0
     assert one.done.written + one.done.dropped == WAITING + 50
     assert len(load_recording(tmp_path / "take").frames) == one.done.written
+
+
+def test_where_frames_pile_up_none_is_decoded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The decoder leaves the processor to those that keep frames, and goes on when they have caught up."""
+    blocked, write = threading.Event(), RecordingWriter.write
+
+    def slow(self: RecordingWriter, *arguments: Any, **options: Any) -> int:
+        blocked.wait(10)
+        return write(self, *arguments, **options)
+
+    class Paced(Steps):
+        """Leaves a decoder that is free the time for every frame; the disk goes on before the last."""
+
+        def read(self, into: Pixels) -> Frame | Rejected | None:
+            result = super().read(into)
+            if isinstance(result, Frame) and result.seq == 2 * BEHIND:
+                blocked.set()
+                time.sleep(0.5)
+            time.sleep(0.01)
+            return result
+
+    monkeypatch.setattr(RecordingWriter, "write", slow)
+    recorder(tmp_path / "take", Paced(*range(2 * BEHIND + 1))).run()
+    decoded = [entry.decoded for entry in load_recording(tmp_path / "take").frames]
+    assert decoded[0] is True
+    assert decoded[BEHIND + 1 : -1] == [False] * (BEHIND - 1), "one frame is in the writer's hands"
+    assert decoded[-1] is True
 
 
 def test_a_full_disk_leaves_a_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

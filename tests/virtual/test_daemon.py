@@ -190,6 +190,8 @@ def test_a_recording_repeats_what_was_live(
     live = [json.loads(text) for text in (take / "live.jsonl").read_text().splitlines()]
     lines = [json.loads(text) for text in (take / "frames.jsonl").read_text().splitlines()]
     assert f"{len(lines)} frames" in said
+    missed = lines[-1]["seq"] - lines[0]["seq"] + 1 - len(lines)
+    assert ("none lost" in said) if missed == 0 else (f"{missed} missed" in said), "a gap is told, and nothing else"
     assert {(entry["exposure_us"], entry["analogue_gain"] >= 1) for entry in lines} == {(int(314 * ROW_US), True)}
     again = [json.loads(text) for text in command(["decode", "--as-live", str(take)], monkeypatch, capsys).splitlines()]
     for result in live + again:

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from virtual_picamera2 import ROW_US, Behaviour, VirtualPicamera2, show, unplug
 
-from ledpi.camera.picamera import STALL_PERIODS, PicameraCamera, open_picamera
+from ledpi.camera.picamera import ASKED_AHEAD, STALL_PERIODS, PicameraCamera, open_picamera
 from ledpi.config import CameraSettings
 from ledpi.errors import CameraError, CameraLostError
 from ledpi.records import Frame, Pixels, Rejected
@@ -151,11 +151,22 @@ def test_a_missed_frame_leaves_a_gap_in_seq(behaviour: Behaviour) -> None:
     """seq follows the sensor's time: a reader that sleeps finds out how much it missed."""
     camera = opened()
     before = read(camera)
-    time.sleep(0.3)
-    after = [read(camera) for _ in range(6)][-1]  # some have waited
+    time.sleep(0.6)
+    reads = ASKED_AHEAD + 4  # more than can have waited
+    after = [read(camera) for _ in range(reads)][-1]
     period_ns = 509 * ROW_US * 1e3
     assert after.seq - before.seq == round((after.row0_readout_ns - before.row0_readout_ns) / period_ns)
-    assert after.seq - before.seq > 6
+    assert after.seq - before.seq > reads
+
+
+def test_the_first_frame_is_made_after_it_was_asked_for(behaviour: Behaviour) -> None:
+    """Those that have waited since the camera was opened are let go, so no gap follows them."""
+    camera = opened()
+    time.sleep(0.4)
+    asked_ns = time.monotonic_ns()
+    frames = [read(camera) for _ in range(4)]
+    assert frames[0].row0_readout_ns > asked_ns
+    assert [frame.seq for frame in frames] == [0, 1, 2, 3]
 
 
 def test_the_gain_can_be_set_while_it_runs(behaviour: Behaviour) -> None:
@@ -244,12 +255,12 @@ def test_a_frame_made_otherwise_is_rejected(behaviour: Behaviour, change: dict[s
     assert any(isinstance(camera.read(slot()), Frame) for _ in range(8))
 
 
-def test_a_reader_that_is_held_up_for_three_frames_misses_none(behaviour: Behaviour) -> None:
+def test_a_reader_that_is_held_up_for_eight_frames_misses_none(behaviour: Behaviour) -> None:
     """They are asked for ahead of time, and wait."""
-    camera = opened(frame_duration_us=100_000)  # long, so that a busy machine does not hold it up for a fourth
+    camera = opened(frame_duration_us=50_000)  # long, so that a busy machine does not hold it up for a ninth
     before = read(camera)
-    time.sleep(0.25)
-    assert [read(camera).seq - before.seq for _ in range(4)] == [1, 2, 3, 4]
+    time.sleep((ASKED_AHEAD - 0.5) * 0.05)
+    assert [read(camera).seq - before.seq for _ in range(9)] == list(range(1, 10))
 
 
 # ---- The end

@@ -73,14 +73,13 @@ class MemfdAllocator(Allocator):
         self.sync = MappedSync
         self.mapped_buffers: dict[Any, mmap.mmap] = {}
         self._buffers: dict[Any, list[Any]] = {}
+        self.count = 0  # as asked for: the virtual camera says 4, whatever it is asked, and takes more
 
     def allocate(self, libcamera_config: Any, _use_case: Any) -> None:
         self.close()
         for stream in libcamera_config:
             luma = stream.stride * stream.size.height
-            self._buffers[stream.stream] = [
-                self._buffer(stream.frame_size, luma) for _ in range(stream.buffer_count)
-            ]
+            self._buffers[stream.stream] = [self._buffer(stream.frame_size, luma) for _ in range(self.count)]
 
     def _buffer(self, size: int, luma: int) -> Any:
         fd = os.memfd_create("virtual-camera")
@@ -180,6 +179,7 @@ class VirtualPicamera2(Picamera2):
 
     def configure_(self, camera_config: Any) -> None:
         wanted = camera_config["colour_space"]
+        self.allocator.count = camera_config["buffer_count"]
         super().configure_(camera_config)
         behaviour = self.behaviour
         if not behaviour.limited_range:  # the virtual camera knows Rec709 only
@@ -239,9 +239,14 @@ class VirtualPicamera2(Picamera2):
         acting = [asked for since, asked in self._asked if self._number >= since]
         asked = acting[-1] if acting else {"ExposureTime": 1500, "AnalogueGain": 1.0, "FrameDurationLimits": (16001, 0)}
         rows = max(504, int(asked["FrameDurationLimits"][0] / ROW_US))
+        period_ns = round(rows * ROW_US * 1e3)
+        # Frames that are due wait in buffers; what finds none is lost, as a sensor does not wait.
+        due = (time.monotonic_ns() - self._start_ns) // period_ns
+        lost = max(0, due - len(self._completed))
+        self._start_ns += lost * period_ns
         readout_ns = self._start_ns + round(504 * ROW_US * 1e3)
-        self._start_ns += round(rows * ROW_US * 1e3)
-        self._number += 1
+        self._start_ns += period_ns
+        self._number += 1 + lost
         time.sleep(max(0.0, (readout_ns + 480 * ROW_US * 1e3 - time.monotonic_ns()) * 1e-9))
         made = {
             "SensorTimestamp": readout_ns + self.behaviour.clock_offset_ns,

@@ -1,0 +1,15 @@
+"""How soon a thread that wants to run gets the interpreter from one that computes."""
+
+from __future__ import annotations
+
+import sys
+
+# A thread that wants to run waits at most so long for one that computes in Python. The default is 5 ms: so long would
+# poses that are ready wait for the decoding of the next frame, and frames that are there for each of the threads that
+# decode, encode and write.
+SWITCH_INTERVAL_S = 0.0005
+
+
+def switch_promptly() -> None:
+    """For the whole process, as only that can be set."""
+    sys.setswitchinterval(SWITCH_INTERVAL_S)
