@@ -18,6 +18,7 @@ import pytest
 from decode_material import LENS, PINHOLE, Canvas, seen_through, square, word
 
 from ledpi.decode.approach import SHARES, nearest_sides, step_templates
+from ledpi.decode.cells import CellSamples, sample_cells
 from ledpi.decode.edges import refine_quads
 from ledpi.decode.sides import Patches, as_points, bends
 from ledpi.decode.whole import hidden_shares
@@ -252,3 +253,43 @@ def test_corners_without_a_pose_have_none() -> None:
     corners[1, :, 0] = [0, 1, 2, 3]
     found = solve_squares(corners, np.full(4, 0.1), [0.16] * 4, PINHOLE)
     assert [isinstance(solutions, Rejected) for solutions in found] == [False, True, True, False]
+
+
+# ---- Cells
+
+
+@compiled
+@pytest.mark.parametrize("light", [0.2, 0.88])
+@pytest.mark.parametrize("lens", [None, LENS])
+@pytest.mark.parametrize(("x", "side"), [(82.3, 131), (300, 60), (320, 300), (600.4, 58.2)])
+def test_cells_hold_the_light_that_the_numpy_code_finds(
+    x: float, side: float, lens: Intrinsics | None, light: float
+) -> None:
+    """Near and far, averaged or not, at the picture's border, saturated or not; OpenCV rounds places to 1/32 px."""
+    corners = square(x, 240, side, 3)
+    canvas = Canvas(transfer="linear")
+    canvas.panel(corners, word(7), lens=lens, light=light, gains=np.linspace(0.3, 1.1, 16).reshape(4, 4))
+    seen = corners if lens is None else seen_through(lens, corners)
+    quad = Quad(corners_px=seen, corner_sigma_px=0.1, bend_px=0.0 if lens is None else 1.5)
+    ours, theirs = both_ways(partial(sample_cells, canvas.frame(), quad, 4, lens))
+    assert isinstance(ours, CellSamples)
+    assert isinstance(theirs, CellSamples)
+    assert (ours.lattice, ours.averaged, ours.cell_px) == (theirs.lattice, theirs.averaged, theirs.cell_px)
+    np.testing.assert_allclose(ours.rows, theirs.rows, atol=1e-3)
+    assert ours.independence == theirs.independence
+    assert (ours.valid is None) == (theirs.valid is None)
+    both = np.ones(ours.light.shape, bool) if ours.valid is None else ours.valid & theirs.valid
+    assert both.mean() > 0.97 * (1 if theirs.valid is None else theirs.valid.mean())
+    steepest = 0.35 * light  # per pixel, at the panel's rim and its dark walls; in both directions
+    assert np.abs(ours.light - theirs.light)[both].max() < 2 * steepest / 64 + 1e-3
+
+
+@compiled
+def test_cells_outside_and_dark_ones_are_refused() -> None:
+    """With the same reasons."""
+    frame = Canvas(background=0.0).frame(seed=None)
+    for corners in (square(20, 240, 50), square(300, 240, 50), square(300, 240, 6), np.full((4, 2), np.nan)):
+        quad = Quad(corners_px=corners, corner_sigma_px=0.1)
+        ours, theirs = both_ways(partial(sample_cells, frame, quad, 4))
+        assert isinstance(ours, Rejected)
+        assert ours == theirs

@@ -15,6 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ledpi.geometry import distort, undistort
+from ledpi.kernels import cells as kernel
+from ledpi.kernels.light import can_read
 from ledpi.records import Floats, Frame, Intrinsics, Quad, Rejected
 from ledpi.tone import SATURATED as SATURATED_VALUE
 from ledpi.tone import linear_light
@@ -111,19 +113,21 @@ def _area(corners: Floats) -> float:
     return 0.5 * float((x2 - x0) * (y3 - y1) - (x3 - x1) * (y2 - y0))
 
 
-def _lattice_pixels(quad: Quad, points: Lattice, intrinsics: Intrinsics | None) -> Singles:
-    """(n·n, k·k, 2) pixel of each lattice point. A square stays a square only before the lens bends it."""
+def _bent(quad: Quad, cells: int, intrinsics: Intrinsics | None) -> Intrinsics | None:
+    """The lens, where it bends the square: it stays a square only before the lens does."""
     side_px = math.sqrt(abs(_area(quad.corners_px)))
-    bent = intrinsics is not None and quad.bend_px > MAX_BEND * side_px / points.cells
-    corners = undistort(quad.corners_px, intrinsics) if bent and intrinsics is not None else quad.corners_px
+    return intrinsics if quad.bend_px > MAX_BEND * side_px / cells else None
+
+
+def _lattice_pixels(quad: Quad, points: Lattice, lens: Intrinsics | None) -> Singles:
+    """(n·n, k·k, 2) pixel of each lattice point."""
+    corners = quad.corners_px if lens is None else undistort(quad.corners_px, lens)
     h = unit_square_to(corners).astype(np.float32)
     scale = 1.0 / (h[2, 0] * points.u + h[2, 1] * points.v + h[2, 2])
     out = np.empty((*points.u.shape, 2), np.float32)
     out[..., 0] = (h[0, 0] * points.u + h[0, 1] * points.v + h[0, 2]) * scale
     out[..., 1] = (h[1, 0] * points.u + h[1, 1] * points.v + h[1, 2]) * scale
-    if not bent or intrinsics is None:
-        return out
-    return distort(out, intrinsics).astype(np.float32, copy=False)
+    return out if lens is None else distort(out, lens).astype(np.float32, copy=False)
 
 
 def sample_cells(
@@ -133,57 +137,88 @@ def sample_cells(
 
     On the lattice `like`, where the panel's size still suits it: pictures on one lattice can be compared.
     """
-    sides = np.roll(quad.corners_px, -1, axis=0) - quad.corners_px
-    lengths = np.hypot(sides[:, 0], sides[:, 1])
-    # Opposite sides: the width and the height of a cell, seen from wherever.
-    cell_px = np.array([lengths[0] + lengths[2], lengths[1] + lengths[3]]) / (2 * cells)
-    if cell_px.min() < MIN_CELL_PX:
+    width_px, height_px = cell_px = _cell_px(quad.corners_px, cells)
+    if not min(cell_px) >= MIN_CELL_PX:
         return TOO_SMALL
-    k = min(max(MIN_LATTICE, round(float(cell_px.max()) * (1 - 2 * INSET))), MAX_LATTICE)
+    k = min(max(MIN_LATTICE, round(max(cell_px) * (1 - 2 * INSET))), MAX_LATTICE)
     if like is not None and abs(k - like.k) <= max(1.0, SAME_LATTICE * like.k):
         k = like.k
     points = lattice(cells, k)
-    at = _lattice_pixels(quad, points, intrinsics)
-    low, high = quad.corners_px.min(axis=0) - quad.bend_px, quad.corners_px.max(axis=0) + quad.bend_px
-    height, width = frame.pixels.shape
-    if not (low[0] >= 0 and low[1] >= 0 and high[0] <= width - 1 and high[1] <= height - 1):
+    shrink = max(1, int(min(cell_px) * (1 - 2 * INSET) / k))
+    window = _window(frame, quad, shrink)
+    if window is None:
         return OUTSIDE
-    shrink = max(1, int(cell_px.min() * (1 - 2 * INSET) / k))
-    # As many more on each side as the interpolation takes in, so that no sample lies beyond the last.
-    x0, y0 = (max(0, int(start) + 1 - MARGIN * shrink) for start in low)
-    columns = math.ceil((int(high[0]) + 1 - x0) / shrink) + MARGIN
-    rows = math.ceil((int(high[1]) + 1 - y0) / shrink) + MARGIN
-    patch = frame.pixels[y0 : y0 + rows * shrink, x0 : x0 + columns * shrink]
-    saturated = int(patch.max()) == SATURATED_VALUE
-    linear = cv2.LUT(patch, linear_light(frame.transfer))
-    if shrink > 1:  # averages whole pixels: less noise, and the band's depth over 2 or 3 rows hardly suffers
-        size = (linear.shape[1] // shrink, linear.shape[0] // shrink)  # at the picture's end a last part may be missing
-        linear = cv2.resize(linear[: size[1] * shrink, : size[0] * shrink], size, interpolation=cv2.INTER_AREA)
-    shift = np.array([x0, y0], np.float32) + np.float32((shrink - 1) / 2)
-    places = (at - shift) / np.float32(shrink)
-    kernel, variance = (cv2.INTER_LINEAR, LINEAR_VARIANCE) if saturated else (cv2.INTER_LANCZOS4, LANCZOS_VARIANCE)
-    light = cv2.remap(linear, places, None, kernel, borderMode=cv2.BORDER_REPLICATE)
-    across, down = (cell_px / shrink).tolist()
-    valid = _valid(light)
+    sample = _sample_compiled if can_read(frame) else _sample
+    light, rows, saturated, least = sample(frame, quad, points, _bent(quad, cells, intrinsics), window, shrink)
+    valid = _valid(light) if math.isnan(least) else DARK if least <= 0 else None
     if isinstance(valid, Rejected):
         return valid
+    across, down, variance = width_px / shrink, height_px / shrink, LINEAR_VARIANCE if saturated else LANCZOS_VARIANCE
     return CellSamples(
         lattice=points,
         light=light if valid is None else np.where(valid, light, np.float32(0)),
         valid=valid,
-        rows=at[..., 1],
+        rows=rows,
         averaged=shrink,
         cell_px=(across, down),
         independence=min(1.0, variance * across * down * ((1 - 2 * INSET) / k) ** 2),
     )
 
 
-def _valid(light: Singles) -> NDArray[np.bool_] | Rejected | None:
-    """Which samples are not saturated, None where all are; or why they are not enough."""
-    blown = np.isnan(light)
-    if not blown.any():
-        return DARK if light.sum(axis=1).min() <= 0 else None
-    valid: NDArray[np.bool_] = ~blown
+def _cell_px(corners: Floats, cells: int) -> tuple[float, float]:
+    """A cell's width and height, seen from wherever: of opposite sides."""
+    a, b, c, d = corners.tolist()
+    width, height = math.dist(a, b) + math.dist(c, d), math.dist(b, c) + math.dist(d, a)
+    return width / (2 * cells), height / (2 * cells)
+
+
+def _window(frame: Frame, quad: Quad, shrink: int) -> tuple[int, int, int, int] | None:
+    """First column and row, columns and rows of `shrink` pixels each, around a quad; None where it leaves the picture.
+
+    As many more on each side as the interpolation takes in, so that no sample lies beyond the last.
+    """
+    height, width = frame.pixels.shape
+    xs, ys = quad.corners_px.T.tolist()
+    window = []
+    for ends, size in ((xs, width), (ys, height)):
+        low, high = min(ends) - quad.bend_px, max(ends) + quad.bend_px
+        if not (low >= 0 and high <= size - 1):
+            return None
+        first = max(0, int(low) + 1 - MARGIN * shrink)
+        wanted = math.ceil((int(high) + 1 - first) / shrink) + MARGIN
+        window.append((first, min(wanted, (size - first) // shrink)))  # at the picture's end a last part may be missing
+    (column, columns), (row, rows) = window
+    return column, row, columns, rows
+
+
+def _sample_compiled(
+    frame: Frame, quad: Quad, points: Lattice, lens: Intrinsics | None, window: tuple[int, int, int, int], shrink: int
+) -> tuple[Singles, Singles, bool, float]:
+    """`_sample`, in C."""
+    return kernel.sample_cells(frame, quad.corners_px, lens, points.cells, points.k, points.along, window, shrink)
+
+
+def _sample(
+    frame: Frame, quad: Quad, points: Lattice, lens: Intrinsics | None, window: tuple[int, int, int, int], shrink: int
+) -> tuple[Singles, Singles, bool, float]:
+    """Light and rows of the lattice's points, whether a pixel is saturated, and the least light of a cell; or NaN."""
+    x0, y0, columns, rows = window
+    at = _lattice_pixels(quad, points, lens)
+    patch = frame.pixels[y0 : y0 + rows * shrink, x0 : x0 + columns * shrink]
+    saturated = int(patch.max()) == SATURATED_VALUE
+    linear = cv2.LUT(patch, linear_light(frame.transfer))
+    if shrink > 1:  # averages whole pixels: less noise, and the band's depth over 2 or 3 rows hardly suffers
+        linear = cv2.resize(linear, (columns, rows), interpolation=cv2.INTER_AREA)
+    shift = np.array([x0, y0], np.float32) + np.float32((shrink - 1) / 2)
+    places = (at - shift) / np.float32(shrink)
+    kernel_of = cv2.INTER_LINEAR if saturated else cv2.INTER_LANCZOS4
+    light = cv2.remap(linear, places, None, kernel_of, borderMode=cv2.BORDER_REPLICATE)
+    return light, at[..., 1], saturated, float(light.sum(axis=1).min())
+
+
+def _valid(light: Singles) -> NDArray[np.bool_] | Rejected:
+    """Which samples are not saturated, or why they are not enough."""
+    valid: NDArray[np.bool_] = ~np.isnan(light)
     if valid.sum(axis=1).min() < light.shape[1] // 4:
         return SATURATED
     return DARK if np.nansum(light, axis=1).min() <= 0 else valid

@@ -11,20 +11,6 @@ typedef struct {
     double information[6][6], pull[6];
 } Look;
 
-void ledpi_project(const Lens *lens, const double at[3], double pixel[2], double slope[2][3]) {
-    double depth = at[2] != 0.0 ? 1.0 / at[2] : 1.0, x = at[0] * depth, y = at[1] * depth, r2 = x * x + y * y, xy = x * y;
-    double radial = 1.0 + r2 * (lens->k1 + r2 * (lens->k2 + r2 * lens->k3));
-    double steep = 2.0 * (lens->k1 + r2 * (2.0 * lens->k2 + r2 * 3.0 * lens->k3)); /* d radial / dx = steep · x */
-    double both = steep * xy + 2.0 * (lens->p1 * x + lens->p2 * y);
-    double xx = radial + steep * x * x + 2.0 * lens->p1 * y + 6.0 * lens->p2 * x;
-    double yy = radial + steep * y * y + 6.0 * lens->p1 * y + 2.0 * lens->p2 * x;
-    pixel[0] = lens->fx * (x * radial + 2.0 * lens->p1 * xy + lens->p2 * (r2 + 2.0 * x * x)) + lens->cx;
-    pixel[1] = lens->fy * (y * radial + lens->p1 * (r2 + 2.0 * y * y) + 2.0 * lens->p2 * xy) + lens->cy;
-    double fx = lens->fx * depth, fy = lens->fy * depth;
-    slope[0][0] = fx * xx, slope[0][1] = fx * both, slope[0][2] = -fx * (xx * x + both * y);
-    slope[1][0] = fy * both, slope[1][1] = fy * yy, slope[1][2] = -fy * (both * x + yy * y);
-}
-
 /* What four points add to a look. */
 static void look_at_four(Look *look, const double *points, const double *seen_px, const double *whitener, const Lens *lens,
                          double *off_px) {

@@ -22,8 +22,12 @@ typedef struct {
     double rotation[9], position[3], chi2, covariance[36];
 } Fit;
 
-/* The pixel of a point in the camera's frame, and its derivative by the point. */
+/* The pixel of a point in the camera's frame, and its derivative by the point (lens.c). */
 void ledpi_project(const Lens *lens, const double at[3], double pixel[2], double slope[2][3]);
+
+/* The pixel of a ray (x/z, y/z), and the ray of a pixel by Newton's method, as geometry.py has them (lens.c). */
+void ledpi_distort(const Lens *lens, double x, double y, double pixel[2]);
+void ledpi_ray_of(const Lens *lens, const double pixel[2], double ray[2]);
 
 /* Betters `rivals` starts of one body, at most MOST_RIVALS, in `rounds`; those that are beaten by far are not followed to
  * their ends. `off_px` (rivals, points, 2) of the residuals; `trial_px` (points, 2) is room to try in. */

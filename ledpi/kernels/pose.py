@@ -17,7 +17,8 @@ POSITION, QUATERNION, REPROJECTION, CHI2, COVARIANCE = slice(0, 3), slice(3, 7),
 
 
 @lru_cache(maxsize=16)
-def _lens(intrinsics: Intrinsics) -> Floats:
+def lens_of(intrinsics: Intrinsics) -> Floats:
+    """`Lens` of pose.h."""
     return np.array([intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy, *intrinsics.distortion])
 
 
@@ -26,7 +27,7 @@ def solve_squares(
 ) -> tuple[Floats, NDArray[np.bool_]]:
     """(N, 2, 45) read-only: both solutions of each square, and (N,) whether there are any."""
     count = len(corners_px)
-    given = [_lens(intrinsics), *(doubles(array) for array in (corners_px, sigma_px, sides_m, motions_px))]
+    given = [lens_of(intrinsics), *(doubles(array) for array in (corners_px, sigma_px, sides_m, motions_px))]
     solutions, solved = np.empty((count, 2, COVARIANCE.stop)), np.empty(count, np.bool_)
     lens, *squares = (address(array) for array in given)
     _solve_squares(lens, count, *squares, address(solutions), address(solved))

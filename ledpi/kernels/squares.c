@@ -4,7 +4,6 @@
 #include "pose.h"
 
 #define ROUNDS 6
-#define UNDISTORTING 4
 #define FLOOR_PX 0.05
 #define KNOWN_BLUR_PX 4.0
 #define BLUR_ERROR 0.25
@@ -13,21 +12,6 @@
 typedef struct {
     double position[3], quaternion[4], reprojection_px, chi2, covariance[36];
 } Solution;
-
-/* The ray (x/z, y/z) of a pixel, by Newton's method, as `undistort` in geometry.py. */
-static void ray_of(const Lens *lens, const double pixel[2], double ray[2]) {
-    double x0 = (pixel[0] - lens->cx) / lens->fx, y0 = (pixel[1] - lens->cy) / lens->fy;
-    double at[3] = {x0, y0, 1.0};
-    for (int round = 0; round < UNDISTORTING; round++) {
-        double seen[2], slope[2][3];
-        ledpi_project(lens, at, seen, slope);
-        double ex = seen[0] - pixel[0], ey = seen[1] - pixel[1];
-        double determinant = slope[0][0] * slope[1][1] - slope[0][1] * slope[1][0];
-        at[0] -= (slope[1][1] * ex - slope[0][1] * ey) / determinant;
-        at[1] -= (slope[0][0] * ey - slope[1][0] * ex) / determinant;
-    }
-    ray[0] = at[0], ray[1] = at[1];
-}
 
 /* `ippe` of pose/planar.py: both rotations and the position; false where the corners have no area. */
 static bool ippe(double c[4][2], double side_m, Fit starts[2]) {
@@ -109,7 +93,7 @@ void ledpi_solve_squares(const Lens *lens, ptrdiff_t count, const double *corner
         const double place[12] = {-half, half, 0, half, half, 0, half, -half, 0, -half, -half, 0};
         const Body body = {4, place, corners_px, whitener};
         Fit fits[2];
-        for (int k = 0; k < 4; k++) ray_of(lens, corners_px + 2 * k, rays[k]);
+        for (int k = 0; k < 4; k++) ledpi_ray_of(lens, corners_px + 2 * k, rays[k]);
         solved[i] = ippe(rays, sides_m[i], fits);
         if (!solved[i]) continue;
         whiten(corners_px, sigma_px[i], motions_px, whitener);

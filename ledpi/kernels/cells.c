@@ -1,0 +1,148 @@
+/* The light of a panel's cells, on a lattice of points in each: `sample_cells` of decode/cells.py. */
+#include <math.h>
+#include <string.h>
+
+#include "kernels.h"
+#include "pose.h"
+
+enum { TAPS = 8 }; /* of Lanczos' kernel, the fourth at the pixel before */
+
+/* The part of a picture that is sampled, in linear light; each of its pixels is the mean of shrink × shrink. */
+typedef struct {
+    float *light; /* (rows, columns) */
+    ptrdiff_t first_column, first_row, columns, rows, shrink;
+} Patch;
+
+/* Whether one of `count` pixels is saturated. */
+static bool any_saturated(const uint8_t *pixels, ptrdiff_t count) {
+    uint8_t most = 0;
+    for (ptrdiff_t i = 0; i < count; i++) most = pixels[i] > most ? pixels[i] : most;
+    return most == 255;
+}
+
+/* Returns whether a pixel of it is saturated: then it is not a number, and so is each mean that it enters. */
+static bool linearise(const Picture *picture, Patch *patch) {
+    const float *table = picture->light;
+    ptrdiff_t shrink = patch->shrink;
+    float share = 1.0f / (float)(shrink * shrink), *into = patch->light;
+    bool saturated = false;
+    for (ptrdiff_t row = 0; row < patch->rows; row++, into += patch->columns) {
+        const uint8_t *from = picture->pixels + (patch->first_row + row * shrink) * picture->stride + patch->first_column;
+        for (ptrdiff_t column = 0; column < patch->columns; column++) into[column] = 0.0f;
+        for (ptrdiff_t y = 0; y < shrink; y++, from += picture->stride) {
+            saturated = any_saturated(from, patch->columns * shrink) || saturated;
+            const uint8_t *pixel = from;
+            if (shrink == 1)
+                for (ptrdiff_t column = 0; column < patch->columns; column++) into[column] = table[pixel[column]];
+            else
+                for (ptrdiff_t column = 0; column < patch->columns; column++)
+                    for (ptrdiff_t x = 0; x < shrink; x++) into[column] += table[*pixel++];
+        }
+        if (shrink > 1)
+            for (ptrdiff_t column = 0; column < patch->columns; column++) into[column] *= share;
+    }
+    return saturated;
+}
+
+static ptrdiff_t within(ptrdiff_t index, ptrdiff_t size) { return index < 0 ? 0 : index >= size ? size - 1 : index; }
+
+/* The pixel before a place, and the share of the way to the next; places far outside, or that are no numbers, are at an
+ * end of the patch. */
+static ptrdiff_t before(double at, ptrdiff_t size, double *share) {
+    if (!(at > -1.0)) at = -1.0;
+    if (at > (double)size) at = (double)size;
+    ptrdiff_t pixel = (ptrdiff_t)(at + 1.0) - 1; /* rounded down: what is cut off is positive */
+    *share = at - (double)pixel;
+    return pixel;
+}
+
+static float bilinear(const Patch *patch, double x, double y) {
+    double right, down;
+    ptrdiff_t column = before(x, patch->columns, &right), row = before(y, patch->rows, &down);
+    const float *above = patch->light + within(row, patch->rows) * patch->columns;
+    const float *below = patch->light + within(row + 1, patch->rows) * patch->columns;
+    ptrdiff_t left = within(column, patch->columns), next = within(column + 1, patch->columns);
+    double upper = above[left] + right * (above[next] - above[left]);
+    double lower = below[left] + right * (below[next] - below[left]);
+    return (float)(upper + down * (lower - upper));
+}
+
+/* Four numbers that the processor treats at once: the compilers of all systems that there are for Pis know this. */
+typedef float Four __attribute__((vector_size(16)));
+
+static Four four_at(const float *numbers) {
+    Four four;
+    memcpy(&four, numbers, sizeof four);
+    return four;
+}
+
+/* `kernel` (steps + 1, TAPS): Lanczos' weights for every share of the way. */
+static float lanczos(const Patch *patch, const float *kernel, ptrdiff_t steps, double x, double y) {
+    double right, down;
+    ptrdiff_t column = before(x, patch->columns, &right) - 3, row = before(y, patch->rows, &down) - 3;
+    const float *across = kernel + (ptrdiff_t)(right * (double)steps + 0.5) * TAPS;
+    const float *downward = kernel + (ptrdiff_t)(down * (double)steps + 0.5) * TAPS;
+    Four left = {0}, next = {0}; /* of the columns: sums down them */
+    if (column >= 0 && row >= 0 && column + TAPS <= patch->columns && row + TAPS <= patch->rows) {
+        const float *light = patch->light + row * patch->columns + column;
+        for (int j = 0; j < TAPS; j++, light += patch->columns) {
+            left += downward[j] * four_at(light);
+            next += downward[j] * four_at(light + 4);
+        }
+    } else {
+        for (int j = 0; j < TAPS; j++) {
+            const float *light = patch->light + within(row + j, patch->rows) * patch->columns;
+            float eight[TAPS];
+            for (int i = 0; i < TAPS; i++) eight[i] = light[within(column + i, patch->columns)];
+            left += downward[j] * four_at(eight);
+            next += downward[j] * four_at(eight + 4);
+        }
+    }
+    Four sums = four_at(across) * left + four_at(across + 4) * next;
+    return sums[0] + sums[1] + sums[2] + sums[3];
+}
+
+/* Samples cells × cells cells inside `corners` (4, 2), k × k points in each, at the places `along` (cells·k,) across the
+ * panel and down it, bent by the `lens` unless that is none. Light (cells², k²) and the picture row of each sample; the
+ * patch (rows·columns floats of room in `room`) must lie within the picture. Lanczos' kernel, or straight lines where a
+ * pixel is saturated. Returns 1 if one is; `least` is the least sum over a cell's samples, not a number where one is none. */
+int ledpi_sample_cells(const uint8_t *pixels, ptrdiff_t height, ptrdiff_t width, ptrdiff_t stride, const float *table,
+                       const double *corners, const Lens *lens, ptrdiff_t cells, ptrdiff_t k, const float *along,
+                       ptrdiff_t first_column, ptrdiff_t first_row, ptrdiff_t columns, ptrdiff_t rows, ptrdiff_t shrink,
+                       const float *kernel, ptrdiff_t steps, float *room, float *light, float *picture_rows, double *least) {
+    const Picture picture = {pixels, height, width, stride, table};
+    Patch patch = {room, first_column, first_row, columns, rows, shrink};
+    bool saturated = linearise(&picture, &patch);
+    Point seen[4];
+    double h[9], scale = 1.0 / (double)shrink, shift = 0.5 * (double)(shrink - 1);
+    for (int i = 0; i < 4; i++) {
+        seen[i] = (Point){corners[2 * i], corners[2 * i + 1]};
+        if (lens) {
+            double ray[2];
+            ledpi_ray_of(lens, corners + 2 * i, ray);
+            seen[i] = (Point){ray[0], ray[1]};
+        }
+    }
+    ledpi_unit_square_to(seen, h);
+    bool numbers = true;
+    *least = INFINITY;
+    for (ptrdiff_t cell = 0; cell < cells * cells; cell++) {
+        const float *us = along + cell % cells * k, *vs = along + cell / cells * k;
+        double sum = 0.0;
+        for (ptrdiff_t j = 0; j < k; j++) {
+            double v = vs[j], x0 = h[1] * v + h[2], y0 = h[4] * v + h[5], w0 = h[7] * v + 1.0;
+            for (ptrdiff_t i = 0; i < k; i++, light++, picture_rows++) {
+                double u = us[i], w = 1.0 / (h[6] * u + w0), at[2] = {(h[0] * u + x0) * w, (h[3] * u + y0) * w};
+                if (lens) ledpi_distort(lens, at[0], at[1], at);
+                *picture_rows = (float)at[1];
+                double x = (at[0] - (double)first_column - shift) * scale, y = (at[1] - (double)first_row - shift) * scale;
+                *light = saturated ? bilinear(&patch, x, y) : lanczos(&patch, kernel, steps, x, y);
+                sum += *light;
+            }
+        }
+        numbers = numbers && !isnan(sum);
+        *least = fmin(*least, sum);
+    }
+    if (!numbers) *least = NAN;
+    return saturated;
+}
