@@ -8,8 +8,11 @@ import numpy as np
 import pytest
 from decode_material import SPEC, TRUE_10_MS_US, Canvas, diffuser, quad, square, word
 
+from ledpi.decode import soft
 from ledpi.decode.cells import CellSamples, sample_cells
 from ledpi.decode.evidence import UNFIT, Believed, Evidence, believed_bands, class_waves, single_evidence
+from ledpi.decode.soft import Codebook
+from ledpi.dictionaries import load_dictionary
 from ledpi.kernels.library import COMPILED
 from ledpi.records import Frame, PanelSpec
 
@@ -103,3 +106,30 @@ def test_waves_are_cosine_and_sine() -> None:
     np.testing.assert_allclose(waves, expected, atol=5e-4)  # rows are in single precision
     holes = with_holes(samples)
     assert not class_waves(holes, frame, SPEC, compiled=True)[:, ~holes.valid].any()
+
+
+@pytest.mark.parametrize("spec", [SPEC, ANTIPHASE], ids=["two waves", "one wave"])
+def test_the_likeliest_words(spec: PanelSpec) -> None:
+    """The same ones in the same order, as likely; the best one's bands, and what speaks against it."""
+    samples, frame = seen(60.0)
+    evidence = single_evidence(samples, frame, spec)
+    assert isinstance(evidence, Evidence)
+    book = Codebook.build(list(range(50)), load_dictionary("DICT_4X4_50"), spec)
+    ours, theirs = (soft._likeliest(evidence, book, compiled=compiled) for compiled in (True, False))
+    np.testing.assert_array_equal(ours.words, theirs.words)
+    for mine, reference in ((ours.likelihood, theirs.likelihood), (ours.bands, theirs.bands)):
+        np.testing.assert_allclose(mine, reference, rtol=1e-6)
+    np.testing.assert_allclose(ours.deviation, theirs.deviation, rtol=1e-6)
+    best = int(ours.words[0])
+    mine, reference = (soft._against(evidence, book, best, ours.bands, compiled=compiled) for compiled in (True, False))
+    np.testing.assert_allclose(mine.gain, reference.gain, rtol=1e-6)
+    assert (mine.negative, mine.of_cells) == pytest.approx((reference.negative, reference.of_cells), rel=1e-6)
+
+
+def test_a_short_list_of_words() -> None:
+    """Of fewer words than are compared exactly, each is there."""
+    samples, frame = seen(60.0)
+    evidence = single_evidence(samples, frame, SPEC)
+    assert isinstance(evidence, Evidence)
+    book = Codebook.build([7], load_dictionary("DICT_4X4_50"), SPEC)
+    assert sorted(soft._likeliest(evidence, book, compiled=True).words) == [0, 1, 2, 3]

@@ -21,6 +21,8 @@ from numpy.typing import NDArray
 from ledpi.decode.cells import CellSamples, Singles
 from ledpi.decode.classes import band_shares, in_other_class, wave_shares
 from ledpi.decode.evidence import Doubles, Evidence, believed_bands, is_deep, single_evidence
+from ledpi.kernels import words as kernel
+from ledpi.kernels.library import COMPILED
 from ledpi.markers import Dictionary
 from ledpi.records import Frame, PanelSpec, Rejected
 
@@ -131,7 +133,11 @@ def decide(evidence: Evidence, codebook: Codebook, false_id_rate: float) -> Read
     return _judged(_likeliest(evidence, codebook), evidence, codebook, false_id_rate)
 
 
-def _likeliest(evidence: Evidence, codebook: Codebook) -> _Fit:
+def _likeliest(evidence: Evidence, codebook: Codebook, *, compiled: bool = COMPILED) -> _Fit:
+    if compiled:
+        found = kernel.likeliest(evidence.score, evidence.information, evidence.prior, codebook.white, SHORTLIST)
+        chosen, likelihood, bands, deviation = found
+        return _Fit(words=chosen, likelihood=likelihood, bands=bands, deviation=deviation)
     words = shortlist(evidence, codebook.white)
     likelihood, bands, covariances = word_log_likelihoods(evidence, codebook.white[words])
     order = np.argsort(-likelihood)
@@ -153,9 +159,10 @@ def _judged(fit: _Fit, evidence: Evidence, codebook: Codebook, false_id_rate: fl
     amplitude = np.hypot(bands[::2], bands[1::2]).tolist()
     if not _plausible(amplitude, fit.deviation.reshape(-1, 2).max(axis=1).tolist(), evidence):
         return IMPLAUSIBLE
+    against = _against(evidence, codebook, best, bands)
     outside = min(
-        _odds_against_other_patterns(evidence, codebook, best, bands),
-        _odds_against_negative(evidence, codebook, best, none),
+        _odds_against_other_patterns(against.gain, codebook),
+        _odds_against_negative(against.negative, codebook, none),
     )
     if outside < needed:
         return NO_WORD
@@ -163,7 +170,7 @@ def _judged(fit: _Fit, evidence: Evidence, codebook: Codebook, false_id_rate: fl
     other = none - float(rivals.max()) if len(rivals) else none
     if other < needed:
         return AMBIGUOUS
-    if not _consistent(evidence, none, min(other, outside) - needed):
+    if not _consistent(evidence, against.of_cells, none, min(other, outside) - needed):
         return INCONSISTENT
     return Reading(
         id=int(codebook.ids[best]),
@@ -253,35 +260,54 @@ def _plausible(amplitude: list[float], deviation: list[float], evidence: Evidenc
     return least[0] <= MAX_DEPTH_RATIO * most[-1] and least[-1] <= MAX_DEPTH_RATIO * most[0]
 
 
-def _consistent(evidence: Evidence, of_word: float, lead: float) -> bool:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Against:
+    """What speaks against a word, as log-likelihood ratios."""
+
+    gain: Doubles  # (cells,) of each cell in the other class to the one that the word says
+    negative: float  # of the word with all classes swapped to "no bands", its bands fitted anew
+    of_cells: float  # of bands of its own in every cell to "no bands"
+
+
+def _against(
+    evidence: Evidence, codebook: Codebook, word: int, bands: Doubles, *, compiled: bool = COMPILED
+) -> _Against:
+    white = codebook.white[word]
+    if compiled:
+        found = kernel.against(evidence.score, evidence.information, evidence.prior, white, bands)
+        return _Against(gain=found[0], negative=found[1], of_cells=found[2])
+    shown = _shown(codebook, word, bands)
+    size = shown.size
+    matrix, score = evidence.information.reshape(size, size), evidence.score.reshape(size)
+    left = evidence.score - (matrix @ shown.reshape(size)).reshape(shown.shape)
+    change = in_other_class(shown) - shown
+    own = np.einsum("cicj->cij", evidence.information)
+    gain = (change * left).sum(axis=1) - 0.5 * (np.matmul(own, change[..., None])[..., 0] * change).sum(axis=1)
+    ridged = matrix + (1e-6 * float(np.trace(matrix)) / size + 1e-12) * np.eye(size)
+    return _Against(
+        gain=gain,
+        negative=float(word_log_likelihoods(evidence, 1.0 - white[None])[0][0]),
+        of_cells=0.5 * float(score @ np.linalg.solve(ridged, score)),
+    )
+
+
+def _consistent(evidence: Evidence, of_cells: float, of_word: float, lead: float) -> bool:
     """Whether all cells share the bands of one word, as far as its log-likelihood ratio and its lead can tell."""
-    size = evidence.score.size
-    matrix = evidence.information.reshape(size, size).copy()
-    diagonal = np.einsum("ii->i", matrix)  # a view
-    diagonal += 1e-6 * diagonal.mean() + 1e-12
-    score = evidence.score.reshape(size)
-    of_cells = 0.5 * float(score @ np.linalg.solve(matrix, score))
-    freedom = size - len(evidence.prior)
+    freedom = evidence.score.size - len(evidence.prior)
     misfit = of_cells - of_word
     if is_deep(evidence.prior):
         return misfit < lead and of_word > MIN_EXPLAINED * evidence.left
     return misfit < 0.5 * (freedom + DEVIATIONS * math.sqrt(2.0 * freedom)) + MAX_MISFIT * of_word
 
 
-def _odds_against_other_patterns(evidence: Evidence, codebook: Codebook, best: int, bands: Doubles) -> float:
-    """Log odds of the best word against all patterns that are too far from it to be it.
+def _odds_against_other_patterns(gain: Doubles, codebook: Codebook) -> float:
+    """Log odds of a word against all patterns that are too far from it to be it; `gain` is that of `_Against`.
 
     Without this rival a panel that shows no word of the dictionary would pass as its neighbour. As with any code, a
     pattern counts as the word itself while no more cells differ than the dictionary can correct (a dead cell).
     Given the bands, cells are independent, so the patterns that differ in d cells sum up to the d-th elementary
     symmetric polynomial of the cells' likelihood ratios.
     """
-    shown = _shown(codebook, best, bands)
-    size = shown.size
-    left = evidence.score - (evidence.information.reshape(size, size) @ shown.reshape(size)).reshape(shown.shape)
-    change = in_other_class(shown) - shown
-    own = np.einsum("cicj->cij", evidence.information)
-    gain = (change * left).sum(axis=1) - 0.5 * (np.matmul(own, change[..., None])[..., 0] * change).sum(axis=1)
     by_distance = [1.0] + [0.0] * codebook.correctable  # few cells differ: 0, 1, …
     further = 0.0  # more
     for ratio in np.exp(np.minimum(gain, 40.0)).tolist():
@@ -294,8 +320,8 @@ def _odds_against_other_patterns(evidence: Evidence, codebook: Codebook, best: i
     return _prior_odds_of_word(codebook) - others
 
 
-def _odds_against_negative(evidence: Evidence, codebook: Codebook, best: int, of_word: float) -> float:
-    """Log odds of the best word against the pattern with all classes swapped, bands fitted anew.
+def _odds_against_negative(of_negative: float, codebook: Codebook, of_word: float) -> float:
+    """Log odds of a word against the pattern with all classes swapped, bands fitted anew.
 
     The one pattern that may look like the word although all its cells differ: where a cell is as high as a band is
     long, the same wave is in every cell, and all that the shared profile leaves of it is where it is *not*. (In
@@ -303,7 +329,6 @@ def _odds_against_negative(evidence: Evidence, codebook: Codebook, best: int, of
     """
     if codebook.spec.phase == "antiphase":
         return math.inf
-    of_negative = float(word_log_likelihoods(evidence, 1.0 - codebook.white[best : best + 1])[0][0])
     return of_word - of_negative + _prior_odds_of_word(codebook)
 
 

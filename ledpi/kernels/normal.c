@@ -48,24 +48,24 @@ LEDPI_WIDE static double eliminate(double *matrix, ptrdiff_t size, ptrdiff_t fro
 }
 
 /* What may be singular but for rounding, made solvable. */
-static void ridge(double *matrix, ptrdiff_t size, ptrdiff_t from, ptrdiff_t to) {
+static void ridge(double *matrix, ptrdiff_t size, ptrdiff_t from, ptrdiff_t to, double share) {
     double mean = 0.0;
     for (ptrdiff_t j = from; j < to; j++) mean += matrix[j * (size + 2)] / (double)(to - from);
-    for (ptrdiff_t j = from; j < to; j++) matrix[j * (size + 2)] += LEDPI_RIDGE * mean + 1e-12;
+    for (ptrdiff_t j = from; j < to; j++) matrix[j * (size + 2)] += share * mean + 1e-12;
 }
 
 bool ledpi_weigh(double *matrix, ptrdiff_t size, ptrdiff_t nuisances, double squares, double freedom,
                  double independence, double *score, double *information) {
     const ptrdiff_t bands = size - nuisances;
     if (!(freedom > 0.0)) return false;
-    ridge(matrix, size, 0, nuisances);
+    ridge(matrix, size, 0, nuisances, LEDPI_RIDGE);
     squares -= eliminate(matrix, size, 0, nuisances);
     for (ptrdiff_t i = 0; i < bands; i++) {
         const double *row = matrix + (nuisances + i) * (size + 1);
         score[i] = row[size];
         for (ptrdiff_t j = i; j < bands; j++) information[i * bands + j] = row[nuisances + j];
     }
-    ridge(matrix, size, nuisances, size);
+    ridge(matrix, size, nuisances, size, LEDPI_RIDGE);
     const double variance = (squares - eliminate(matrix, size, nuisances, size)) / freedom;
     if (!(variance > 0.0)) return false;
     const double scale = independence / variance;
@@ -75,4 +75,9 @@ bool ledpi_weigh(double *matrix, ptrdiff_t size, ptrdiff_t nuisances, double squ
             information[j * bands + i] = information[i * bands + j] *= scale;
     }
     return true;
+}
+
+double ledpi_explained(double *matrix, ptrdiff_t size, double ridge_share) {
+    ridge(matrix, size, 0, size, ridge_share);
+    return eliminate(matrix, size, 0, size);
 }

@@ -1,0 +1,182 @@
+/* How well words explain the evidence of a panel's cells, as in decode/soft.py, which says why. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "normal.h"
+#include "wide.h"
+
+enum { MOST = 4, NUMBERS = 5 }; /* parameters of a cell; what a cell says of one wave by itself: x, y; xx, xy, yy */
+
+/* score (cells, parameters), information (cells, parameters, cells, parameters), prior (parameters,). */
+typedef struct {
+    ptrdiff_t cells, parameters;
+    const double *score, *information, *prior;
+} Evidence;
+
+/* How much of the wave that parameter i belongs to a cell shows, whose class is `white` by 1 or black by 0. */
+static inline double share_of(const Evidence *evidence, double white, ptrdiff_t i) {
+    if (evidence->parameters == 2) return 1.0 - 2.0 * white;
+    return i < 2 ? 1.0 - white : white;
+}
+
+/* Per cell, and in the last line of all together, NUMBERS for each wave. */
+static void put_numbers(const Evidence *evidence, double *numbers) {
+    const ptrdiff_t parameters = evidence->parameters, size = evidence->cells * parameters;
+    const ptrdiff_t each = parameters / 2 * NUMBERS;
+    double *total = numbers + evidence->cells * each;
+    memset(total, 0, sizeof(double) * (size_t)each);
+    for (ptrdiff_t i = 0; i < size; i += 2, numbers += NUMBERS) {
+        const double *here = evidence->information + i * size + i;
+        const double own[NUMBERS] = {evidence->score[i], evidence->score[i + 1], here[0], here[1], here[size + 1]};
+        for (int n = 0; n < NUMBERS; n++) {
+            numbers[n] = own[n];
+            total[i % parameters / 2 * NUMBERS + n] += own[n];
+        }
+    }
+}
+
+/* A word's log-likelihood ratio to "no bands" as far as each cell tells by itself. `white` (cells,). */
+LEDPI_WIDE static double roughly(const Evidence *evidence, const double *numbers, const float *white) {
+    const ptrdiff_t waves = evidence->parameters / 2, each = waves * NUMBERS;
+    const double *total = numbers + evidence->cells * each;
+    double sum[MOST / 2 * NUMBERS] = {0}, likelihood = 0.0;
+    for (ptrdiff_t c = 0; c < evidence->cells; c++)
+        for (ptrdiff_t n = 0; n < each; n++) sum[n] += white[c] * numbers[c * each + n];
+    for (ptrdiff_t k = 0; k < waves; k++) {
+        double own[NUMBERS];
+        for (int n = 0; n < NUMBERS; n++) {
+            const double all = total[k * NUMBERS + n], in_white = sum[k * NUMBERS + n];
+            own[n] = waves == 2 ? (k == 0 ? all - in_white : in_white) : (n < 2 ? all - 2.0 * in_white : all);
+        }
+        const double x = own[0], y = own[1], b = own[3];
+        const double a = own[2] + 1.0 / evidence->prior[2 * k], d = own[4] + 1.0 / evidence->prior[2 * k + 1];
+        const double det = a * d - b * b;
+        likelihood += 0.5 * ((d * x * x - 2.0 * b * x * y + a * y * y) / det - log(det));
+    }
+    return likelihood;
+}
+
+/* What all cells that share the bands of a word say of these: matrix (parameters, parameters) and right side. */
+LEDPI_WIDE static void gather(const Evidence *evidence, const double *shares, double matrix[MOST][MOST], double *right) {
+    const ptrdiff_t parameters = evidence->parameters, size = evidence->cells * parameters;
+    memset(matrix, 0, sizeof(double) * MOST * MOST);
+    memset(right, 0, sizeof(double) * MOST);
+    for (ptrdiff_t c = 0; c < size; c += parameters)
+        for (ptrdiff_t i = 0; i < parameters; i++) {
+            const double share = shares[c + i], *row = evidence->information + (c + i) * size;
+            if (share == 0.0) continue;
+            double sum[MOST] = {0};
+            for (ptrdiff_t d = 0; d < size; d += parameters)
+                for (ptrdiff_t j = 0; j < parameters; j++) sum[j] += shares[d + j] * row[d + j];
+            for (ptrdiff_t j = 0; j < parameters; j++) matrix[i][j] += share * sum[j];
+            right[i] += share * evidence->score[c + i];
+        }
+}
+
+/* Log-likelihood ratio of a word to "no bands", depth and phase integrated out; the bands and their deviations.
+ * `negated`: of the word with all classes swapped. `shares` (cells, parameters) is room to work in. */
+static double exactly(const Evidence *evidence, const float *white, bool negated, double *shares, double *bands,
+                      double *deviation) {
+    const ptrdiff_t parameters = evidence->parameters;
+    double matrix[MOST][MOST], right[MOST], likelihood = 0.0;
+    for (ptrdiff_t c = 0; c < evidence->cells; c++)
+        for (ptrdiff_t i = 0; i < parameters; i++)
+            shares[c * parameters + i] = share_of(evidence, negated ? 1.0 - white[c] : white[c], i);
+    gather(evidence, shares, matrix, right);
+    for (ptrdiff_t i = 0; i < parameters; i++) matrix[i][i] += 1.0 / evidence->prior[i];
+    for (ptrdiff_t k = 0; k < parameters; k++) { /* Gauss and Jordan: the matrix becomes its inverse */
+        const double pivot = matrix[k][k];
+        likelihood -= 0.5 * log(pivot * evidence->prior[k]);
+        matrix[k][k] = 1.0;
+        for (ptrdiff_t j = 0; j < parameters; j++) matrix[k][j] /= pivot;
+        for (ptrdiff_t i = 0; i < parameters; i++) {
+            if (i == k) continue;
+            const double factor = matrix[i][k];
+            matrix[i][k] = 0.0;
+            for (ptrdiff_t j = 0; j < parameters; j++) matrix[i][j] -= factor * matrix[k][j];
+        }
+    }
+    for (ptrdiff_t i = 0; i < parameters; i++) {
+        bands[i] = 0.0;
+        for (ptrdiff_t j = 0; j < parameters; j++) bands[i] += matrix[i][j] * right[j];
+        deviation[i] = sqrt(matrix[i][i]);
+        likelihood += 0.5 * bands[i] * right[i];
+    }
+    return likelihood;
+}
+
+/* Puts a word among the `most` likeliest so far, best first. Returns how many there are. */
+static ptrdiff_t put(int64_t word, double likelihood, ptrdiff_t count, ptrdiff_t most, int64_t *words, double *of) {
+    if (count == most && !(likelihood > of[most - 1])) return count;
+    ptrdiff_t at = count < most ? count : most - 1;
+    for (; at > 0 && likelihood > of[at - 1]; at--) {
+        words[at] = words[at - 1];
+        of[at] = of[at - 1];
+    }
+    words[at] = word;
+    of[at] = likelihood;
+    return count < most ? count + 1 : most;
+}
+
+/* The likeliest of `words` (count, cells), best first: `chosen` (most,) and their log-likelihood ratios to "no bands";
+ * the bands of the best (parameters,), and their deviations. Returns how many are chosen, 0 where there is no memory. */
+ptrdiff_t ledpi_likeliest(ptrdiff_t cells, ptrdiff_t parameters, const double *score, const double *information,
+                          const double *prior, const float *words, ptrdiff_t count, ptrdiff_t most, int64_t *chosen,
+                          double *likelihood, double *bands, double *deviation) {
+    const Evidence evidence = {cells, parameters, score, information, prior};
+    const ptrdiff_t of_numbers = (cells + 1) * (parameters / 2 * NUMBERS), of_shares = cells * parameters;
+    double *numbers = malloc(sizeof(double) * (size_t)(of_numbers + of_shares + most) + sizeof(int64_t) * (size_t)most);
+    if (!numbers) return 0;
+    double *shares = numbers + of_numbers, *rough = shares + of_shares;
+    int64_t *shortlist = (int64_t *)(rough + most);
+    put_numbers(&evidence, numbers);
+    ptrdiff_t found = 0, kept = 0;
+    for (ptrdiff_t word = 0; word < count; word++)
+        found = put(word, roughly(&evidence, numbers, words + word * cells), found, most, shortlist, rough);
+    for (ptrdiff_t n = 0; n < found; n++) {
+        double own_bands[MOST], own_deviation[MOST];
+        const double own = exactly(&evidence, words + shortlist[n] * cells, false, shares, own_bands, own_deviation);
+        kept = put(shortlist[n], own, kept, found, chosen, likelihood);
+        if (chosen[0] != shortlist[n]) continue;
+        memcpy(bands, own_bands, sizeof(double) * (size_t)parameters);
+        memcpy(deviation, own_deviation, sizeof(double) * (size_t)parameters);
+    }
+    free(numbers);
+    return found;
+}
+
+/* What speaks against a word (cells,) with these bands (parameters,): what each cell would gain by the other class,
+ * `gain` (cells,); how likely its negative is; and what bands of their own in every cell explain. False: no memory. */
+bool ledpi_against(ptrdiff_t cells, ptrdiff_t parameters, const double *score, const double *information,
+                   const double *prior, const float *white, const double *bands, double *gain, double *negative,
+                   double *of_cells) {
+    const Evidence evidence = {cells, parameters, score, information, prior};
+    const ptrdiff_t size = cells * parameters;
+    double *shown = malloc(sizeof(double) * (size_t)(size * (size + 2))), *matrix = shown + size;
+    double other[MOST], deviation[MOST];
+    if (!shown) return false;
+    *negative = exactly(&evidence, white, true, shown, other, deviation);
+    for (ptrdiff_t i = 0; i < size; i++)
+        shown[i] = share_of(&evidence, white[i / parameters], i % parameters) * bands[i % parameters];
+    for (ptrdiff_t c = 0; c < cells; c++) {
+        double change[MOST];
+        for (ptrdiff_t i = 0; i < parameters; i++)
+            change[i] = share_of(&evidence, 1.0 - white[c], i) * bands[i] - shown[c * parameters + i];
+        gain[c] = 0.0;
+        for (ptrdiff_t i = 0; i < parameters; i++) {
+            const double *row = information + (c * parameters + i) * size;
+            double left = score[c * parameters + i];
+            for (ptrdiff_t j = 0; j < size; j++) left -= row[j] * shown[j];
+            for (ptrdiff_t j = 0; j < parameters; j++) left -= 0.5 * row[c * parameters + j] * change[j];
+            gain[c] += change[i] * left;
+        }
+    }
+    for (ptrdiff_t i = 0; i < size; i++) {
+        memcpy(matrix + i * (size + 1), information + i * size, sizeof(double) * (size_t)size);
+        matrix[i * (size + 1) + size] = score[i];
+    }
+    *of_cells = 0.5 * ledpi_explained(matrix, size, 1e-6);
+    free(shown);
+    return true;
+}
