@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 
@@ -12,6 +13,9 @@ from ledpi.shutter import phase_advance_cycles
 # δ = 1/6 on that is at least a: the difference shows the bands no weaker than one frame does. It costs only
 # a few rows more than a smaller bound would.
 MIN_PHASE_ADVANCE_CYCLES = 1 / 6
+# Far away, where a cell is a small part of a band, only the advance tells one class's bands from the other's, and not
+# whether it is up or down. 1/12 takes them half a cycle apart in six frames. It is worth a tenth of the frame rate.
+MIN_DIFFERENCE_CYCLES, WORTH_LONGER = 1 / 12, 1.1
 
 
 def choose_frame_length_rows(
@@ -19,16 +23,31 @@ def choose_frame_length_rows(
 ) -> int:
     """The shortest frame, in rows, over which every phase advances by 1/6 cycle or more from an integer.
 
-    Looks at whole rows from `shortest_rows` to twice that. Raises ValueError where no length suits.
+    Or one that is up to a tenth longer, if in that one no two classes advance alike. Looks at whole rows from
+    `shortest_rows` to twice that. Raises ValueError where no length suits.
     """
-    for rows in range(shortest_rows, 2 * shortest_rows + 1):
-        period_us = rows * row_time_us
-        if all(abs(phase_advance_cycles(f, period_us)) >= MIN_PHASE_ADVANCE_CYCLES for f in frequencies_hz):
-            return rows
+    moving = [
+        rows
+        for rows in range(shortest_rows, 2 * shortest_rows + 1)
+        if all(abs(phase_advance_cycles(f, rows * row_time_us)) >= MIN_PHASE_ADVANCE_CYCLES for f in frequencies_hz)
+    ]
+    if moving:
+        near = (rows for rows in moving if rows <= WORTH_LONGER * moving[0])
+        return next((rows for rows in near if _unlike(frequencies_hz, rows * row_time_us)), moving[0])
     named = ", ".join(f"{f:g}" for f in frequencies_hz)
     raise ValueError(
         f"no frame of {shortest_rows} to {2 * shortest_rows} rows of {row_time_us:g} µs keeps the phases of "
         f"{named} Hz all moving; set camera.frame_duration_us"
+    )
+
+
+def _unlike(frequencies_hz: Sequence[float], period_us: float) -> bool:
+    """Whether no two frequencies advance alike; those less than a frame rate apart are one class's, of two panels."""
+    return all(
+        abs(phase_advance_cycles(one + sign * other, period_us)) >= MIN_DIFFERENCE_CYCLES
+        for one, other in itertools.combinations(frequencies_hz, 2)
+        if abs(one - other) * period_us >= 1e6
+        for sign in (1.0, -1.0)
     )
 
 
