@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 from decode_material import LENS, PINHOLE, Canvas, seen_through, square, word
 
+from ledpi.decode.adjust import adjust_quads
 from ledpi.decode.approach import SHARES, nearest_sides, step_templates
 from ledpi.decode.cells import CellSamples, sample_cells
 from ledpi.decode.edges import refine_quads
@@ -197,6 +198,22 @@ def test_quads_that_are_not_finite_are_refused() -> None:
     frame, places = panels()
     near = np.stack([np.full((4, 2), np.nan), places[0] * [np.inf, 1], places[0] + 1e30])
     assert all(isinstance(quad, Rejected) for quad in refine_quads(frame, near, 4))
+
+
+# ---- Adjusting
+
+
+@compiled
+@pytest.mark.parametrize(("transfer", "lens"), [("srgb", None), ("linear", LENS)])
+def test_adjusted_corners_are_those_of_the_numpy_code(transfer: Transfer, lens: Intrinsics | None) -> None:
+    """From corners that are a tenth of a pixel off; beside them, one too far away, and quads that are no panel's."""
+    frame, places = panels(transfer, lens)
+    near = places + np.random.default_rng(4).uniform(-0.1, 0.1, places.shape)
+    quads = [Quad(corners_px=at, corner_sigma_px=0.1) for at in (*near, near[0] + 30.0, near[0] + 1e4)]
+    bend = bends(as_points(np.array([quad.corners_px for quad in quads])), lens)
+    ours, theirs = both_ways(lambda: adjust_quads(frame, quads, np.ones(len(quads), bool), bend, 4, lens))
+    assert_same(ours, theirs, within_px=1e-4 + 2 * ROUNDED_PX)
+    assert [quad.corner_sigma_px == 0.1 for quad in ours[:4] if isinstance(quad, Quad)] == [False, False, False, True]
 
 
 # ---- Whole

@@ -17,6 +17,8 @@ import numpy as np
 from ledpi.decode.inner_lines import NOT_SEEN_PX2, Homographies, inner_lines, lens_moves, line_places
 from ledpi.decode.rim import ACROSS, USUAL_BLUR_PX, RimFilter, filter_key, rim_filter
 from ledpi.decode.sides import Mask, Patches, Points, Shares, Sides, areas, as_corners, as_points, points_across
+from ledpi.kernels import adjust as kernel
+from ledpi.kernels.light import can_read
 from ledpi.records import Floats, Frame, Intrinsics, Quad, Rejected
 
 PLACES = np.linspace(0.2, 0.8, 6)  # along each cell at a side
@@ -88,29 +90,31 @@ def adjust_quads(
     if not of:
         return found
     corners = np.array([all_corners[i] for i in of])
-    patches = Patches(frame, corners, REACH_PX)
-    better, sigma_px = _adjusted(patches, corners - patches.first, bend[of], cells, intrinsics)
+    compiled = can_read(frame) and cells <= kernel.MOST_CELLS
+    better, sigma_px = (kernel.adjusted if compiled else _adjusted)(frame, corners, bend[of], cells, intrinsics)
     adjusted = list(found)
-    for i, at, sigma in zip(of, as_corners(better + patches.first), sigma_px.tolist(), strict=True):
+    for i, at, sigma in zip(of, as_corners(better), sigma_px.tolist(), strict=True):
         if math.isfinite(sigma):
             adjusted[i] = replace(panels[i], corners_px=at, corner_sigma_px=sigma)
     return adjusted
 
 
 def _adjusted(
-    patches: Patches, corners: Points, bend: Points, cells: int, intrinsics: Intrinsics | None
+    frame: Frame, found: Points, bend: Points, cells: int, intrinsics: Intrinsics | None
 ) -> tuple[Points, Floats]:
-    """Better corners (N, 4), in the patches' own pixels, and the deviation (N,) of their coordinates.
+    """Better corners (N, 4), and the deviation (N,) of their coordinates.
 
     Not a number where the lines are no panel's.
     """
+    patches = Patches(frame, found, REACH_PX)
+    corners = found - patches.first
     design, homographies = _design(cells), Homographies.of(corners)
     _, by_u, by_v = homographies.at(design.u, design.v)
     # A line runs along v, and is crossed by u, or the other way round: pixels across it, by a unit of u or v.
     scale = np.abs((by_u.conj() * by_v).imag) / np.where(design.by_u, np.abs(by_v), np.abs(by_u))
     inner = 2 * cells * (cells - 1)
     pitch_px = scale[:, :inner].reshape(-1, 2, inner // 2).mean(axis=2) / cells
-    moved_px = lens_moves(corners + patches.first, cells, intrinsics)
+    moved_px = lens_moves(found, cells, intrinsics)
     lines, variance = inner_lines(patches, homographies, pitch_px, moved_px, cells)
     rim, rim_variance, shift_covariance = _rims(patches, corners, bend, pitch_px, cells)
     seen = np.concatenate([lines, rim * design.shifts[inner:].sum(axis=1)], axis=1)
@@ -125,7 +129,7 @@ def _adjusted(
     both = np.concatenate([by_move.real, by_move.imag], axis=1)
     sigma_px = np.sqrt(((both @ covariance[:, :8, :8]) * both).sum(axis=2).mean(axis=1))
     fits = np.abs(step).max(axis=1) < MOST_PX
-    return corners + step, np.where(fits, sigma_px, np.nan)
+    return found + step, np.where(fits, sigma_px, np.nan)
 
 
 def _rims(

@@ -108,16 +108,13 @@ def _light_across(
     across = ((lines + reach[:, :, None, None] * steps) / cells)[:, :, :, None, None]  # (N, 2, lines, 1, 1, T)
     along = ((np.arange(cells)[:, None] + PLACES) / cells)[..., None]  # (cells, places, 1)
     # Lines along v are crossed by u, the others by v.
-    top, bottom = homographies.top.astype(np.complex64), homographies.bottom.astype(np.float32)
     (by_across, by_along), (g, h) = (
-        (first[:, :, None, None, None, None], first[:, ::-1, None, None, None, None]) for first in (top[:, :2], bottom)
+        (first[:, :, None, None, None, None], first[:, ::-1, None, None, None, None])
+        for first in (homographies.top[:, :2], homographies.bottom)
     )
-    across, along = across.astype(np.float32), along.astype(np.float32)
-    start = top[:, 2, None, None, None, None, None]
-    points: Coordinates = np.asarray(
-        (by_across * across + (by_along * along + start)) / (g * across + (h * along + np.float32(1))), np.complex64
-    )
-    points += moved_px[..., None, None].astype(np.complex64)
+    start = homographies.top[:, 2, None, None, None, None, None]
+    seen = (by_across * across + by_along * along + start) / (g * across + h * along + 1.0)
+    points: Coordinates = (seen + moved_px[..., None, None]).astype(np.complex64)
     light = patches.light_at(points.reshape(len(points), -1, len(steps))).reshape(points.shape)
     mean: Floats = light.mean(axis=4, dtype=np.float64)
     return mean

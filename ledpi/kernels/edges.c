@@ -3,6 +3,7 @@
 #include <math.h>
 
 #include "kernels.h"
+#include "rim.h"
 
 #define LEAST_HEIGHT 1e-4
 #define NEAR_PX 1.0
@@ -15,25 +16,7 @@
 #define MAX_MOVE 0.2
 #define FINEST_STEP_PX 0.5
 #define MAX_BLUR_CHANGE 0.4
-enum { T = 10, AT_SIDE = 2 };
-#define FIRST_ACROSS (-3.0)
-
-/* A rim's filter, as decode/rim.py makes it, and kernels/edges.py packs it. */
-typedef struct {
-    double made; /* 0 until it is */
-    double single[T][2], single_offset;
-    double both[2][T], both_offset[2];
-    double apart[T];
-    double variance;
-} Filter;
-
-/* All of them by pitch and blur, and how these are told apart. */
-typedef struct {
-    const Filter *filters;
-    ptrdiff_t pitches, blurs, first_pitch, first_blur;
-    double pitch_step, blur_step; /* of their logarithms */
-    double least_pitch_px, most_pitch_px, least_blur_px, most_blur_px, usual_blur_px;
-} Filters;
+enum { T = RIM_T, AT_SIDE = 2 };
 
 typedef struct {
     const Picture *picture;
@@ -62,14 +45,13 @@ static double clipped(double value, double least, double most) {
     return value > least ? value < most ? value : most : least; /* what is no number is the least */
 }
 
-static const Filter *filter_for(Look *look, double pitch_px, double blur_px) {
-    const Filters *all = look->filters;
+const Filter *ledpi_filter_for(const Filters *all, double pitch_px, double blur_px, ptrdiff_t *missing) {
     double pitch = log(clipped(pitch_px, all->least_pitch_px, all->most_pitch_px));
     double blur = log(clipped(blur_px, all->least_blur_px, all->most_blur_px));
     ptrdiff_t row = (ptrdiff_t)rint(pitch / all->pitch_step) - all->first_pitch;
     ptrdiff_t column = (ptrdiff_t)rint(blur / all->blur_step) - all->first_blur;
     const Filter *filter = &all->filters[row * all->blurs + column];
-    if (filter->made == 0.0) look->missing = 1 + row * all->blurs + column;
+    if (filter->made == 0.0) *missing = 1 + row * all->blurs + column;
     return filter;
 }
 
@@ -85,7 +67,7 @@ static void filters_for(Look *look, const Side sides[4], const double blur_px[2]
             double shrunk = (double)look->cells * there->length - there->length + here->length;
             pitch += 0.5 * depth * here->length / fmax(shrunk, 1e-9);
         }
-        filters[pair] = filter_for(look, pitch, blur_px[pair]);
+        filters[pair] = ledpi_filter_for(look->filters, pitch, blur_px[pair], &look->missing);
     }
 }
 
@@ -95,8 +77,8 @@ static void take_profiles(const Look *look, const Side sides[4], const Filter *f
         const Filter *filter = filters[k & 1];
         float across_x[T], across_y[T];
         for (int t = 0; t < T; t++) {
-            across_x[t] = (float)(side->inward.x * (FIRST_ACROSS + t));
-            across_y[t] = (float)(side->inward.y * (FIRST_ACROSS + t));
+            across_x[t] = (float)(side->inward.x * (RIM_FIRST_ACROSS + t));
+            across_y[t] = (float)(side->inward.y * (RIM_FIRST_ACROSS + t));
         }
         for (ptrdiff_t p = 0; p < look->shares->count; p++) {
             double share = look->shares->share[p], bend = look->bend[k][p];
@@ -211,7 +193,7 @@ static void first_look(Look *look, const Point corners[4], Profiles *profiles, F
     fit->seen = move(look, profiles, place, fit, moved) && fit->seen;
     ledpi_sides_of(fit->corners, fit->sides);
     change_blur(fit->blur_px, blur);
-    for (int k = 0; k < 4; k++) fit->variance[k] = filters[k & 1]->variance;
+    for (int k = 0; k < 4; k++) fit->variance[k] = filters[k & 1]->both_variance + filters[k & 1]->apart_variance;
     fit->settled = fit->seen && steep(mean) && ledpi_farthest(moved, corners) < SETTLED_PX &&
                    fabs(blur[0]) < SETTLED_BLUR && fabs(blur[1]) < SETTLED_BLUR;
 }

@@ -34,7 +34,7 @@ _nearest_sides = function("ledpi_nearest_sides", *PICTURE, POINTER, INTEGER, POI
 
 
 class _Filters(ctypes.Structure):
-    """`Filters` of edges.c."""
+    """`Filters` of rim.h."""
 
     _fields_ = [
         ("filters", ctypes.c_void_p),
@@ -45,12 +45,12 @@ class _Filters(ctypes.Structure):
 
 
 def _packed(made: RimFilter) -> Floats:
-    """`Filter` of edges.c."""
+    """`Filter` of rim.h."""
     single, both = (made.single.ravel(), [made.single_offset]), (made.both.ravel(), made.both_offset)
-    return np.concatenate([[1.0], *single, *both, made.apart, [made.variance]])
+    return np.concatenate([[1.0], *single, *both, made.apart, [made.both_variance, made.apart_variance]])
 
 
-class _FilterTable:
+class FilterTable:
     """Every filter there may be, by pitch and blur; made when it is asked for, and kept for good."""
 
     def __init__(self) -> None:
@@ -71,8 +71,8 @@ class _FilterTable:
 
 
 @cache
-def _filter_table() -> _FilterTable:
-    return _FilterTable()
+def filter_table() -> FilterTable:
+    return FilterTable()
 
 
 def find_sides(
@@ -90,7 +90,7 @@ def find_sides(
     looked across; `coarse`: the same where they are sought from further off, and templates of the step there.
     """
     assert len(shares[0]) <= MOST_PROFILES
-    table, corners, numbers = _filter_table(), np.empty_like(near), np.empty((len(near), 4))
+    table, corners, numbers = filter_table(), np.empty_like(near), np.empty((len(near), 4))
     arguments = (
         *picture(frame), table.at, address(shares[0]), address(shares[1]), len(shares[0]), address(coarse[0]),
         len(coarse[0]), address(coarse[1]), cells, len(near), address(near), address(bends), address(corners),

@@ -1,0 +1,278 @@
+/* A panel's corners by all the lines of its lattice, as decode/adjust.py explains and does it. */
+#include <math.h>
+
+#include "lattice.h"
+#include "pose.h"
+#include "rim.h"
+
+enum { PLACES = 6, MOST_RIMS = 4 * MOST_CELLS, MOST_MEASURED = MOST_INNER + MOST_RIMS, MOVES = 8, ALL = MOVES + 4 };
+#define FIRST_PLACE 0.2
+#define LAST_PLACE 0.8
+#define BUILT_PX 0.05
+#define LEAST_VARIANCE 0.2
+#define LOOSE 0.01
+#define HUBER 2.0
+#define FARTHEST 4.0
+#define MOST_PX 1.0
+#define PAIRS_ALIKE 0.9
+#define LEAST_HEIGHT 0.3
+
+typedef struct {
+    double slopes[MOST_MEASURED][ALL], seen[MOST_MEASURED], variance[MOST_MEASURED], left[MOST_MEASURED];
+    double weights[MOST_MEASURED], prior[4][4], information[ALL][ALL], moves[ALL];
+    ptrdiff_t inner, count; /* the first `inner` are of inner lines */
+} Problem;
+
+/* How the eight small changes of a homography move a place along u, and along v. */
+static void moves_at(double u, double v, double by_u[MOVES], double by_v[MOVES]) {
+    const double along_u[MOVES] = {1, u, v, 0, 0, 0, u * u, u * v}, along_v[MOVES] = {0, 0, 0, 1, u, v, u * v, v * v};
+    for (int m = 0; m < MOVES; m++) by_u[m] = along_u[m], by_v[m] = along_v[m];
+}
+
+/* Cholesky's L of a symmetric matrix (size, size), in its lower part. */
+static void factor(double *matrix, int size) {
+    for (int i = 0; i < size; i++)
+        for (int j = 0; j <= i; j++) {
+            double sum = matrix[i * size + j];
+            for (int k = 0; k < j; k++) sum -= matrix[i * size + k] * matrix[j * size + k];
+            matrix[i * size + j] = i == j ? sqrt(sum) : sum / matrix[j * size + j];
+        }
+}
+
+/* L⁻¹ of a vector, in place. */
+static void forward(const double *lower, int size, double *vector) {
+    for (int i = 0; i < size; i++) {
+        for (int k = 0; k < i; k++) vector[i] -= lower[i * size + k] * vector[k];
+        vector[i] /= lower[i * size + i];
+    }
+}
+
+static void backward(const double *lower, int size, double *vector) {
+    for (int i = size - 1; i >= 0; i--) {
+        for (int k = i + 1; k < size; k++) vector[i] -= lower[k * size + i] * vector[k];
+        vector[i] /= lower[i * size + i];
+    }
+}
+
+/* Place `cell` of a side, counted along it, and which way is inward: 1 along u or v, or −1 against. */
+static double side_place(int side, double share, double *u, double *v) {
+    *u = side == 0 ? share : side == 1 ? 1.0 : side == 2 ? 1.0 - share : 0.0;
+    *v = side == 0 ? 0.0 : side == 1 ? share : side == 2 ? 1.0 : 1.0 - share;
+    return side == 0 || side == 3 ? 1.0 : -1.0;
+}
+
+/* A measurement's slopes, but for the sides' shifts; returns pixels across its line, by a unit of u or v. */
+static double measure_at(const Homography *homography, double u, double v, bool along_u, double slopes[ALL]) {
+    double by_u[MOVES], by_v[MOVES];
+    Point at, x, y;
+    ledpi_seen(homography, u, v, &at, &x, &y);
+    double scale = fabs(x.x * y.y - x.y * y.x) / (along_u ? hypot(y.x, y.y) : hypot(x.x, x.y));
+    moves_at(u, v, by_u, by_v);
+    for (int m = 0; m < MOVES; m++) slopes[m] = scale * (along_u ? by_u[m] : by_v[m]);
+    for (int k = 0; k < 4; k++) slopes[MOVES + k] = 0.0;
+    return scale;
+}
+
+/* Where the lens puts what would be at a pixel without it. */
+static Point bent(const Lens *lens, Point at) {
+    const double ray[3] = {(at.x - lens->cx) / lens->fx, (at.y - lens->cy) / lens->fy, 1.0};
+    double pixel[2], slope[2][3];
+    ledpi_project(lens, ray, pixel, slope);
+    return (Point){pixel[0], pixel[1]};
+}
+
+/* `lens_moves` of decode/inner_lines.py; none without a lens. */
+static void lens_moves(const Lens *lens, const Homography *homography, const Point corners[4], ptrdiff_t cells,
+                       Point *moves) {
+    Point there[4], at, by_u, by_v;
+    Homography bent_homography;
+    double u, v;
+    for (int k = 0; k < 4 && lens; k++) there[k] = bent(lens, corners[k]);
+    if (lens) ledpi_unit_square_to(there, bent_homography.h);
+    for (ptrdiff_t i = 0; i < 2 * cells * (cells - 1); i++) {
+        moves[i] = (Point){0.0, 0.0};
+        if (!lens) continue;
+        ledpi_line_place(i, cells, &u, &v);
+        ledpi_seen(homography, u, v, &at, &by_u, &by_v);
+        const Point seen = bent(lens, at);
+        ledpi_seen(&bent_homography, u, v, &at, &by_u, &by_v);
+        moves[i] = (Point){seen.x - at.x, seen.y - at.y};
+    }
+}
+
+/* `_rims` there; the inverse of the shifts' covariance goes into problem->prior. */
+static void take_rims(const Picture *picture, const Point corners[4], const double *bends, const Filter *filters[4],
+                      ptrdiff_t cells, Problem *problem) {
+    double begins[4][MOST_CELLS], height[MOST_RIMS], ordered[MOST_RIMS], spread = 0.0;
+    Side sides[4];
+    ledpi_sides_of(corners, sides);
+    for (int k = 0; k < 4; k++)
+        for (ptrdiff_t c = 0; c < cells; c++) {
+            double edge = 0.0, high = 0.0;
+            for (int p = 0; p < PLACES; p++) {
+                double share = ((double)c + FIRST_PLACE + (LAST_PLACE - FIRST_PLACE) * p / (PLACES - 1)) / (double)cells;
+                double bend = 13.5 * share * (share - 1) *
+                              ((share - 2.0 / 3) * bends[4 * k + 1] - (share - 1.0 / 3) * bends[4 * k + 3]);
+                double x = sides[k].start.x + sides[k].along.x * share, y = sides[k].start.y + sides[k].along.y * share;
+                for (int t = 0; t < RIM_T; t++) {
+                    double in = RIM_FIRST_ACROSS + t + bend;
+                    double light = ledpi_light_between(picture, (float)(x + sides[k].inward.x * in),
+                                                       (float)(y + sides[k].inward.y * in));
+                    edge += light * filters[k]->single[t][0];
+                    high += light * filters[k]->single[t][1];
+                }
+            }
+            begins[k][c] = edge / high;
+            height[k * cells + c] = ordered[k * cells + c] = high / PLACES;
+        }
+    double usual = ledpi_kth(ordered, 4 * cells, 2 * cells);
+    usual = 0.5 * (usual + ledpi_kth(ordered, 4 * cells, 2 * cells - 1));
+    for (int k = 0; k < 4; k++) {
+        double sum = 0.0, counted = 0.0;
+        for (ptrdiff_t c = 0; c < cells; c++)
+            if (height[k * cells + c] > fmax(LEAST_HEIGHT * usual, 1e-6)) sum += begins[k][c], counted += 1.0;
+        for (ptrdiff_t c = 0; c < cells; c++) {
+            bool shown = height[k * cells + c] > fmax(LEAST_HEIGHT * usual, 1e-6);
+            begins[k][c] = shown ? begins[k][c] - sum / counted : 0.0;
+            problem->variance[problem->inner + k * cells + c] = shown ? 0.0 : NOT_SEEN_PX2;
+            spread += begins[k][c] * begins[k][c] / (double)(4 * cells - 8);
+        }
+    }
+    for (ptrdiff_t i = 0; i < 4 * cells; i++) {
+        double *variance = &problem->variance[problem->inner + i];
+        if (*variance == 0.0) *variance = BUILT_PX * BUILT_PX + spread;
+        problem->seen[problem->inner + i] *= begins[i / cells][i % cells]; /* it holds which way is inward */
+    }
+    double covariance[4][4];
+    for (int i = 0; i < 4; i++)
+        for (int j = 0; j < 4; j++) {
+            bool pair = (i & 1) == (j & 1);
+            covariance[i][j] = sqrt(filters[i]->both_variance * filters[j]->both_variance) * (pair ? 1.0 : PAIRS_ALIKE);
+            if (pair) covariance[i][j] += filters[i]->apart_variance * (i == j ? 1.0 : -1.0);
+            if (i == j) covariance[i][j] += spread / (double)cells;
+        }
+    factor(&covariance[0][0], 4);
+    for (int i = 0; i < 4; i++) {
+        double column[4] = {i == 0, i == 1, i == 2, i == 3};
+        forward(&covariance[0][0], 4, column);
+        backward(&covariance[0][0], 4, column);
+        for (int j = 0; j < 4; j++) problem->prior[i][j] = column[j];
+    }
+}
+
+/* The moves that explain what is seen, and what they leave; the information's factor stays in its place. */
+static void solve(Problem *problem, double prior) {
+    double pull[ALL] = {0.0};
+    for (int i = 0; i < ALL; i++)
+        for (int j = 0; j <= i; j++)
+            problem->information[i][j] = i >= MOVES && j >= MOVES ? prior * problem->prior[i - MOVES][j - MOVES] : 0.0;
+    for (ptrdiff_t m = 0; m < problem->count; m++) {
+        const double *row = problem->slopes[m], weight = problem->weights[m];
+        for (int i = 0; i < ALL; i++) {
+            double weighted = weight * row[i];
+            if (weighted == 0.0) continue;
+            pull[i] += weighted * problem->seen[m];
+            for (int j = 0; j <= i; j++) problem->information[i][j] += weighted * row[j];
+        }
+    }
+    factor(&problem->information[0][0], ALL);
+    forward(&problem->information[0][0], ALL, pull);
+    backward(&problem->information[0][0], ALL, pull);
+    for (int i = 0; i < ALL; i++) problem->moves[i] = pull[i];
+    for (ptrdiff_t m = 0; m < problem->count; m++) {
+        problem->left[m] = problem->seen[m];
+        for (int i = 0; i < ALL; i++) problem->left[m] -= problem->slopes[m][i] * pull[i];
+    }
+}
+
+/* Variance of what is left unexplained over what was expected; taken off the weights from … to − 1. */
+static void agree(Problem *problem, const double *weights, ptrdiff_t from, ptrdiff_t to) {
+    double total = 0.0, measured = 0.0;
+    for (ptrdiff_t m = from; m < to; m++) {
+        measured += weights[m] > 1.0 / NOT_SEEN_PX2;
+        total += fmin(problem->left[m] * problem->left[m] * weights[m], FARTHEST * FARTHEST);
+    }
+    double ratio = fmax(total / fmax(measured - MOVES, 1.0), LEAST_VARIANCE);
+    for (ptrdiff_t m = from; m < to; m++) problem->weights[m] = weights[m] / ratio;
+}
+
+static void least_squares(Problem *problem) {
+    ptrdiff_t inner = problem->inner, count = problem->count;
+    double weights[MOST_MEASURED];
+    for (ptrdiff_t m = 0; m < count; m++) {
+        weights[m] = 1.0 / problem->variance[m];
+        problem->weights[m] = m < inner ? weights[m] : LOOSE * weights[m];
+    }
+    solve(problem, LOOSE);
+    agree(problem, weights, 0, inner);
+    for (ptrdiff_t m = inner; m < count; m++) problem->weights[m] = weights[m];
+    solve(problem, 1.0);
+    agree(problem, weights, inner, count);
+    for (ptrdiff_t m = 0; m < count; m++)
+        problem->weights[m] *= fmin(1.0, HUBER / fmax(fabs(problem->left[m]) * sqrt(problem->weights[m]), HUBER));
+    solve(problem, 1.0);
+}
+
+/* The corners after the moves, and the deviation of their coordinates; not a number where they would go too far. */
+static double move_corners(const Homography *homography, const Problem *problem, const Point corners[4], Point moved[4]) {
+    double variance = 0.0, farthest = 0.0;
+    for (int c = 0; c < 4; c++) {
+        double u = c == 1 || c == 2, v = c >= 2, along_u[MOVES], along_v[MOVES];
+        Point at, by_u, by_v;
+        ledpi_seen(homography, u, v, &at, &by_u, &by_v);
+        moves_at(u, v, along_u, along_v);
+        double by_move[2][ALL] = {{0.0}}, step[2] = {0.0, 0.0};
+        for (int m = 0; m < MOVES; m++) {
+            by_move[0][m] = by_u.x * along_u[m] + by_v.x * along_v[m];
+            by_move[1][m] = by_u.y * along_u[m] + by_v.y * along_v[m];
+            for (int i = 0; i < 2; i++) step[i] += by_move[i][m] * problem->moves[m];
+        }
+        for (int i = 0; i < 2; i++) {
+            forward(&problem->information[0][0], ALL, by_move[i]);
+            for (int m = 0; m < ALL; m++) variance += by_move[i][m] * by_move[i][m] / 8;
+        }
+        moved[c] = (Point){corners[c].x + step[0], corners[c].y + step[1]};
+        double away = hypot(step[0], step[1]);
+        if (!(away <= farthest)) farthest = away;
+    }
+    return farthest < MOST_PX ? sqrt(variance) : NAN;
+}
+
+/* Of `quads` whole panels with `corners` (quads, 4, 2), at most MOST_CELLS cells a side: better ones, and the deviations
+ * (quads,) of their coordinates. `bends` (quads, 4, 2, 2) are the sides', `lens` is NULL where it bends nothing. Returns 0,
+ * or the number (from 1) of a filter that must be made first. */
+ptrdiff_t ledpi_adjust(const uint8_t *pixels, ptrdiff_t height, ptrdiff_t width, ptrdiff_t stride, const float *table,
+                       const Filters *all, ptrdiff_t cells, ptrdiff_t quads, const Point *corners, const double *bends,
+                       const Lens *lens, Point *moved, double *sigma_px) {
+    const Picture picture = {pixels, height, width, stride, table};
+    const ptrdiff_t inner = 2 * cells * (cells - 1);
+    Point moves[MOST_INNER];
+    Problem problem = {.inner = inner, .count = inner + 4 * cells};
+    for (ptrdiff_t q = 0; q < quads; q++, corners += 4, moved += 4) {
+        Homography homography;
+        ledpi_unit_square_to(corners, homography.h);
+        double pitch[2] = {0.0, 0.0}, u, v;
+        for (ptrdiff_t i = 0; i < inner; i++) {
+            ledpi_line_place(i, cells, &u, &v);
+            double scale = measure_at(&homography, u, v, i < inner / 2, problem.slopes[i]);
+            pitch[i >= inner / 2] += scale / (double)(inner / 2 * cells);
+        }
+        for (ptrdiff_t i = 0; i < 4 * cells; i++) {
+            int side = (int)(i / cells);
+            double inward = side_place(side, ((double)(i % cells) + 0.5) / (double)cells, &u, &v);
+            measure_at(&homography, u, v, side & 1, problem.slopes[inner + i]);
+            problem.slopes[inner + i][MOVES + side] = problem.seen[inner + i] = inward;
+        }
+        ptrdiff_t missing = 0;
+        const Filter *filters[4]; /* going inward from sides 0 and 2 is along v */
+        for (int k = 0; k < 4; k++) filters[k] = ledpi_filter_for(all, pitch[!(k & 1)], all->usual_blur_px, &missing);
+        if (missing) return missing;
+        lens_moves(lens, &homography, corners, cells, moves);
+        ledpi_inner_lines(&picture, &homography, pitch, moves, cells, problem.seen, problem.variance);
+        for (ptrdiff_t i = 0; i < inner; i++) problem.variance[i] += BUILT_PX * BUILT_PX;
+        take_rims(&picture, corners, bends + 16 * q, filters, cells, &problem);
+        least_squares(&problem);
+        sigma_px[q] = move_corners(&homography, &problem, corners, moved);
+    }
+    return 0;
+}

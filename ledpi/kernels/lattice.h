@@ -1,0 +1,25 @@
+/* What the loops for a panel's lattice share: adjust.c, inner_lines.c. */
+#ifndef LEDPI_LATTICE_H
+#define LEDPI_LATTICE_H
+
+#include "kernels.h"
+
+enum { MOST_CELLS = 8, MOST_INNER = 2 * MOST_CELLS * (MOST_CELLS - 1) };
+
+#define NOT_SEEN_PX2 1e4 /* variance of what is not measured */
+
+/* (u, v) of the unit square → where it is seen, and its derivatives by u and by v. */
+typedef struct {
+    double h[9];
+} Homography;
+
+void ledpi_seen(const Homography *homography, double u, double v, Point *at, Point *by_u, Point *by_v);
+
+/* Place i of the `line_places` of decode/inner_lines.py. */
+void ledpi_line_place(ptrdiff_t i, ptrdiff_t cells, double *u, double *v);
+
+/* How far each of these is off, and its variance; `moves` are what the lens does to them, all in pixels. */
+void ledpi_inner_lines(const Picture *picture, const Homography *homography, const double pitch_px[2], const Point *moves,
+                       ptrdiff_t cells, double *off, double *variance);
+
+#endif
