@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from decode_material import Canvas, flat, reason, square, word
+from decode_material import SPEC, Canvas, flat, reason, square, word
 
 from ledpi.decode.approach import approach_quads
 from ledpi.decode.edges import refine_quads
+from ledpi.decode.find import Finder
 from ledpi.records import Floats, Frame, Quad, Rejected
 
 SIDES_PX = [24.0, 60.0, 120.0]
 
 
-def seen(frame: Frame, rough: Floats) -> Quad | Rejected:
-    (near,) = approach_quads(frame, rough[None], np.array([3.0]))
+def seen(frame: Frame, rough: Floats, tolerance_px: float = 3.0) -> Quad | Rejected:
+    (near,) = approach_quads(frame, rough[None], np.array([tolerance_px]))
     return near if isinstance(near, Rejected) else refine_quads(frame, near[None], 4)[0]
 
 
@@ -92,6 +93,21 @@ def test_a_finders_corner_that_a_dead_cell_cut_off_is_put_back() -> None:
     assert farthest(seen(canvas.frame(), cut), true) < 0.3
 
 
+@pytest.mark.parametrize("turn_deg", [8, 28, 62])
+@pytest.mark.parametrize("dead", [(0, 3), (3, 0), (3, 3)])
+def test_a_panel_whose_corner_is_dead_is_found_whole(dead: tuple[int, int], turn_deg: float) -> None:
+    """Its outline has five corners: two of the sides cross where the panel's own corner is."""
+    true, gains = square(310.3, 236.6, 100, turn_deg), np.ones((4, 4))
+    gains[dead] = 0.0
+    canvas = Canvas()
+    canvas.panel(true, word(7), gains=gains)
+    frame = canvas.frame()
+    candidates, _ = Finder(640, 480, SPEC, 10.0).find(frame)
+    quads = [seen(frame, candidate.corners, candidate.tolerance_px) for candidate in candidates]
+    squares = [q.corners_px for q in quads if isinstance(q, Quad)]
+    assert min((np.abs(np.roll(s, k, axis=0) - true).max() for s in squares for k in range(4)), default=np.inf) < 0.3
+
+
 def test_a_hidden_corner_does_not_move_the_others() -> None:
     """An eighth of either side at one corner is dark."""
     true = square(310.4, 240.2, 100, 8)
@@ -101,6 +117,19 @@ def test_a_hidden_corner_does_not_move_the_others() -> None:
     along, down = 0.12 * (b - a), 0.12 * (d - a)
     canvas.lamp(np.array([a - along - down, a + along - down, a + along + down, a - along + down]), 0.0)
     assert farthest(seen(canvas.frame(), true + 0.5), true) < 0.3
+
+
+def test_a_finders_corner_that_is_cut_off_along_one_side_is_put_back() -> None:
+    """An outline that ends where the hidden corner begins: one side is then off by 12 pixels at its end."""
+    true = square(310.4, 240.2, 100, 8)
+    canvas = Canvas()
+    canvas.panel(true, word(7))
+    canvas.lamp(square(*true[0], 24, 8), 0.0)
+    rough = true.copy()
+    rough[0] += 0.12 * (true[1] - true[0])
+    (near,) = approach_quads(canvas.frame(), rough[None], np.array([6.0]))
+    assert not isinstance(near, Rejected), reason(near)
+    assert float(np.linalg.norm(near - true, axis=1).max()) < 2.0
 
 
 def test_where_nothing_tells_a_quad_is_taken_as_it_is() -> None:

@@ -50,6 +50,7 @@ MAX_TILT_STEPS = 2.0  # by which a side's edges may differ as the rough one is t
 CUT_OFF, OBTUSE = 0.05, -0.03
 # What most other things are not straight by; a side that is seen from too far off may still lean on what is beside it.
 MAX_SPREAD_PX, MAX_SPREAD_STEPS = 0.9, 0.4
+ALMOST = 4.0  # times as much: sides that were only reached in part look so, and are looked at again
 
 
 @np.errstate(divide="ignore", invalid="ignore")  # parallel sides cross nowhere: not finite, and refused
@@ -72,11 +73,11 @@ def approach_quads(
         squared, cut = _with_fourth_corner(start)
         start, of = np.concatenate([start, squared[cut]]), np.concatenate([chosen, chosen[cut]])
         step_px = np.maximum(FINEST_STEP_PX, tolerance_px / -OFFSETS[0])[of]
-        if can_read(frame):
-            corners, spread, seen = kernel.nearest_sides(frame, start, step_px, SHARES.share, step_templates())
-        else:
-            corners, spread, seen = nearest_sides(partial(roughly_light_at, frame), start, step_px)
+        corners, spread, seen = _nearest(frame, start, step_px)
         limit = np.maximum(MAX_SPREAD_PX, MAX_SPREAD_STEPS * step_px)
+        again = np.flatnonzero(seen & (spread > limit) & (spread < ALMOST * limit) & np.isfinite(corners).all(axis=1))
+        if len(again):  # a side that began too far off was only seen in part
+            corners[again], spread[again], seen[again] = _nearest(frame, corners[again], step_px[again])
     near = np.abs(corners - start).max(axis=1) < 0.5 * np.sqrt(np.abs(areas(start)))
     # Perspective, too, makes a square no parallelogram: what is a square as it is stays as it is.
     fits = seen & near & (spread <= limit)
@@ -88,6 +89,13 @@ def approach_quads(
         LOST if not (seen[k] and near[k]) else reached[k] if spread[k] <= limit[k] else NOT_STRAIGHT
         for k in chosen.tolist()
     ]
+
+
+def _nearest(frame: Frame, corners: Points, step_px: Floats) -> tuple[Points, Floats, Mask]:
+    """`nearest_sides` of a picture, by the compiled loops where there are any."""
+    if can_read(frame):
+        return kernel.nearest_sides(frame, corners, step_px, SHARES.share, step_templates())
+    return nearest_sides(partial(roughly_light_at, frame), corners, step_px)
 
 
 def _with_fourth_corner(corners: Points) -> tuple[Points, Mask]:

@@ -33,8 +33,10 @@ SHORTEST = (10, 24, 24)
 MAX_MISFIT, MAX_MISFIT_STRIPED = 0.15, 0.35  # logarithm of the four sides' area over the outline's
 PIXEL_MISFIT = 0.6  # allowed on top, over the side in pixels: steps of whole pixels make small outlines ragged
 MIN_SIDE = 0.3  # shortest side over the root of the area; that of a panel turned by 80° is 0.4
+MAX_CUT_OFF = 0.05  # of the area: what a dead cell at a corner takes of the outline's hull is half of 1/16
 BLUR_MISFIT = 0.002  # by how much a coarser outline, a pixel less certain, must fit better to be preferred
 MIN_SOLIDITY = 0.8  # area over that of the convex hull
+SAME_CORNERS = 0.25  # of the side: of outlines in one place, what is no further off is the same
 SLENDER = 0.85  # area over that of the square of the same outline, below which corners are where sides cross
 MAX_HOLE = 0.6  # length of a hole's outline over the outer one's; the walls between cells leave small ones
 STRIPED_CONTRAST = 0.5  # bands deeper than this cut a panel into pieces
@@ -190,15 +192,39 @@ def _four_sides(hull: Pixels, size: float) -> Corners | None:
     """The corners of the four-sided polygon nearest to the hull: ever coarser, else the smallest box around it."""
     for tolerance in (0.1, 0.15, 0.2, 0.3, 0.4):
         polygon = cv2.approxPolyDP(hull, tolerance * size, True)
+        if len(polygon) == 5:
+            corners = _with_corner(polygon[:, 0].tolist(), size)
+            if corners is not None:
+                return corners
         if len(polygon) <= 4:
             break
     if len(polygon) == 4:
-        corners: Corners = polygon[:, 0].tolist()
+        corners = polygon[:, 0].tolist()
         shortest = min(math.dist(corners[k], corners[k - 1]) for k in range(4))
         # With a side this short it is a triangle with a corner cut off.
         return corners if shortest > MIN_SIDE * size else None
     box: Corners = cv2.boxPoints(cv2.minAreaRect(hull)).tolist()
     return box
+
+
+def _with_corner(five: Corners, size: float) -> Corners | None:
+    """The quad of a pentagon whose one side cuts off its corner, dead or hidden; None where no side does."""
+    best, least = None, MAX_CUT_OFF * size * size
+    for k in range(5):
+        (ax, ay), (bx, by), (cx, cy), (dx, dy) = (five[(k + i) % 5] for i in range(4))  # bc is to go: ab and dc meet
+        turn = (bx - ax) * (cy - dy) - (by - ay) * (cx - dx)
+        if abs(turn) < 1e-9:
+            continue
+        share = ((dx - ax) * (cy - dy) - (dy - ay) * (cx - dx)) / turn
+        x, y = ax + share * (bx - ax), ay + share * (by - ay)
+        added = 0.5 * abs((bx - x) * (cy - y) - (by - y) * (cx - x))
+        # Beyond b and beyond c, else they meet on the other side.
+        beyond = share > 1 and (x - cx) * (cx - dx) + (y - cy) * (cy - dy) > 0
+        if beyond and added < least:
+            best, least = [[x, y], five[(k + 3) % 5], five[(k + 4) % 5], five[k]], added
+    if best is None or min(math.dist(best[k], best[k - 1]) for k in range(4)) < MIN_SIDE * size:
+        return None
+    return best
 
 
 def _through_sides(corners: Corners, outline: Pixels) -> Corners:
@@ -244,6 +270,12 @@ def _clockwise(corners: Corners) -> Floats:
     return np.array([corners[i] for i in order[nearest:] + order[:nearest]], np.float64)
 
 
+def _farthest(corners: Floats, others: Floats) -> float:
+    """From a corner of one quad to the nearest of the other, at most."""
+    pairs: list[Corners] = [corners.tolist(), others.tolist()]
+    return max(min(math.dist(a, b) for b in pairs[1]) for a in pairs[0])
+
+
 def _distinct(found: list[Candidate]) -> list[Candidate]:
     """One candidate of each thing, the one whose outline fits best."""
     kept: list[tuple[float, float, Candidate]] = []
@@ -251,7 +283,8 @@ def _distinct(found: list[Candidate]) -> list[Candidate]:
         x, y = candidate.centre_px
         for other_x, other_y, other in kept:
             larger, smaller = max(candidate.side_px, other.side_px), min(candidate.side_px, other.side_px)
-            if math.hypot(x - other_x, y - other_y) < 0.25 * larger and smaller > 0.7 * larger:
+            near = math.hypot(x - other_x, y - other_y) < 0.25 * larger and smaller > 0.7 * larger
+            if near and _farthest(candidate.corners, other.corners) < SAME_CORNERS * larger:
                 break
         else:
             kept.append((x, y, candidate))

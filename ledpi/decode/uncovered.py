@@ -13,8 +13,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ledpi.decode.cells import CellSamples, Singles
-from ledpi.decode.shared_light import border_points
+from ledpi.decode.cells import INSET, CellSamples, Singles
+from ledpi.decode.shared_light import BORDER_PX, border_points
+from ledpi.records import Pixels
 
 Mask = NDArray[np.bool_]
 
@@ -42,12 +43,18 @@ def without_covered(samples: CellSamples) -> CellSamples:
     if not covered.any():
         return samples
     whole = covered.reshape(n, n, k, k).transpose(0, 2, 1, 3).reshape(n * k, n * k).astype(np.uint8)
-    reach = np.ones((2 * border[1] + 1, 2 * border[0] + 1), np.uint8)  # its edge is as blurred as that of a cell
-    near = cv2.dilate(whole, reach).reshape(n, k, n, k).transpose(0, 2, 1, 3).reshape(n * n, k * k) > 0
+    near = cv2.dilate(whole, _reach(samples)).reshape(n, k, n, k).transpose(0, 2, 1, 3).reshape(n * n, k * k) > 0
     valid = ~near if samples.valid is None else samples.valid & ~near
     if (valid.mean(axis=1) < MIN_LEFT).any():
         return samples
     return replace(samples, valid=valid, light=np.where(valid, samples.light, np.float32(0)))
+
+
+def _reach(samples: CellSamples) -> Pixels:
+    """What may be near an edge: as blurred as that of a cell."""
+    steps = np.array(samples.cell_px) * (1 - 2 * INSET) / samples.lattice.k
+    across, down = np.maximum(np.round(BORDER_PX / steps), 1).astype(int).tolist()
+    return np.ones((2 * down + 1, 2 * across + 1), np.uint8)
 
 
 def _quantile(values: Singles, valid: Mask | None, share: float) -> Singles:

@@ -90,8 +90,10 @@ def _share(left: Floats, best: int) -> float:
     if not 0 < best < len(SHARES) - 1:
         return math.nan
     before, here, after = left[best - 1 : best + 2].tolist()
-    share = float(SHARES[best]) + SHARE_STEP * 0.5 * (before - after) / max(before + after - 2 * here, 1e-12)
-    return share if abs(share) < MOST and here < max(LITTLE_LEFT**2, CLEARLY_BETTER * left[WHOLE]) else math.nan
+    tilt, bend = 0.5 * (before - after), max(before + after - 2 * here, 1e-12)
+    share = float(SHARES[best]) + SHARE_STEP * tilt / bend
+    least = here - 0.5 * tilt * tilt / bend
+    return share if abs(share) < MOST and least < max(LITTLE_LEFT**2, CLEARLY_BETTER * left[WHOLE]) else math.nan
 
 
 def _grid(corners: Points, stretch_px: Points, cells: int) -> Coordinates:
