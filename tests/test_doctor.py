@@ -195,6 +195,29 @@ def test_a_package_that_cannot_be_imported_is_named(monkeypatch: pytest.MonkeyPa
     assert "scripts/install" in found.remedy
 
 
+@pytest.mark.parametrize(("tool", "said"), [("exec sleep 60", "no answer within 0.2 s"), ("", "vcgencmd said")])
+def test_a_tool_that_hangs_or_says_nothing_does_not_hold_the_page_up(
+    tool: str, said: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """It is ended, and the line says what is not known."""
+    (tmp_path / "vcgencmd").write_text(f"#!/bin/sh\n{tool}\n")
+    (tmp_path / "vcgencmd").chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path), prepend=os.pathsep)
+    monkeypatch.setattr(machine, "VCGENCMD_S", 0.2)
+    found = machine.throttling()
+    assert found.state == "unknown"
+    assert said in found.said
+
+
+def test_an_import_that_hangs_stops_the_daemon(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """As one that fails: the daemon would hang there too."""
+    (tmp_path / "libcamera.py").write_text("import time; time.sleep(60)")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    monkeypatch.setattr(machine, "IMPORT_S", 0.2)
+    found = machine.picamera2()
+    assert (found.state, found.stops_daemon, found.said) == ("bad", True, "no answer within 0.2 s")
+
+
 def test_a_full_disk_is_seen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A folder that is not there yet is no fault."""
     assert machine.disk(tmp_path / "none").state == "unknown"

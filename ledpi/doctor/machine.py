@@ -22,6 +22,8 @@ CALIBRATION_FOLDER = Path("/var/lib/ledpi")  # as scripts/install makes it
 FREE_BYTES = 1_000_000_000  # a recording of a minute and a half
 # Raspberry Pi's documentation of vcgencmd get_throttled: now, and (16 bits up) since boot.
 THROTTLED = {0: "under-voltage", 1: "clock capped", 2: "throttled", 3: "too hot"}
+VCGENCMD_S = 5.0  # it answers at once, or its driver hangs
+IMPORT_S = 60.0  # picamera2 from a slow card takes some 10 s
 RELEASED = 1735689600  # 2025: a clock that says earlier was never set
 
 
@@ -114,8 +116,7 @@ def throttling() -> Finding:
     tool = shutil.which("vcgencmd")
     if tool is None:
         return unknown("throttling", "no vcgencmd here: not a Pi")
-    done = subprocess.run([tool, "get_throttled"], capture_output=True, text=True, check=False, timeout=5)
-    return throttled(done.stdout.strip())
+    return throttled(_run([tool, "get_throttled"], VCGENCMD_S).stdout.strip())
 
 
 def throttled(said: str) -> Finding:
@@ -134,8 +135,18 @@ def throttled(said: str) -> Finding:
 
 
 def _python(code: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-c", code]
-    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+    return _run([sys.executable, "-c", code], IMPORT_S)
+
+
+def _run(command: list[str], timeout_s: float) -> subprocess.CompletedProcess[str]:
+    """One that hangs is ended, and has failed: the page goes on."""
+    try:
+        return subprocess.run(command, capture_output=True, text=True, check=False, timeout=timeout_s)
+    except subprocess.TimeoutExpired:
+        said = f"no answer within {timeout_s:g} s"
+    except OSError as error:
+        said = f"{command[0]}: {error.strerror}"
+    return subprocess.CompletedProcess(command, returncode=1, stdout=said, stderr=said)
 
 
 def _last_line(done: subprocess.CompletedProcess[str]) -> str:
