@@ -331,7 +331,7 @@ class _SquareFilter:
     variance: Floats  # (4,) of the places
 
 
-@lru_cache(maxsize=2048)
+@lru_cache(maxsize=128)  # 4 kB each; more bring no more hits, where panels are driven past
 def _square_filter(pitch_a: int, blur_a: int, pitch_b: int, blur_b: int) -> _SquareFilter:
     """For sides 0 and 2 (a), and 1 and 3 (b)."""
     pairs = (rim_filter(pitch_a, blur_a), rim_filter(pitch_b, blur_b))
