@@ -3,7 +3,8 @@
 A still panel, so the place of its centre row is known, and with it the time from mid-exposure to the end of the
 frame's read-out, at which the recording delivers it. What a packet's age is more than that, is time that ledpi took:
 the frame's hand-over, decoding, and the wait for the line. Exit status 1 where the 99th percentile is more than the
-median decoding time (which the daemon reports) and --allow-ms.
+median decoding time (which the daemon reports) and --allow-ms. The pictures are stored uncompressed: a replay unpacks
+the next one while this one is decoded, on a core that a sensor would leave to the publisher.
 
     python benchmarks/latency.py [--seconds 30] [--allow-ms 1]
 """
@@ -18,6 +19,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from ledpi.recording import load_recording
@@ -58,6 +60,10 @@ def measure(seconds: float, *, centre_row: float = 239.5) -> Latency:
     with tempfile.TemporaryDirectory() as folder, controller() as line:
         take = Path(folder) / "take"
         write_recording(take, FRAMES)  # a panel 1 m straight ahead: its centre is the picture's
+        for picture in (take / "frames").iterdir():
+            content = cv2.imread(str(picture), cv2.IMREAD_UNCHANGED)
+            assert content is not None
+            cv2.imwrite(str(picture), content, [cv2.IMWRITE_PNG_COMPRESSION, 0])
         settings = ("panels.side_m=1", f"camera.source=recording:{take}", f"serial.port={line.port}")
         with daemon(*settings, options=("--frames", "1000000")) as process:
             line.wait_for(lambda c: len(c.markers) > 200)  # until it has warmed up

@@ -4,8 +4,8 @@ Renders ten seconds of a robot that drives up to two panels and back, and runs `
 recording, again and again, with a pty for the controller, whose stream is read and checked. Looks at the process in
 /proc. The first tenth of the frames (but at least 100) is warm-up: by then all that is kept has been made. Of the rest,
 the median memory of the first quarter is compared with that of the last one, as it goes up and down by megabytes within
-a frame. Exit status 1 where it has grown by more than --allow-mib, where threads or descriptors have, where a packet was
-damaged or an ID wrong, or where the daemon failed.
+a frame. Exit status 1 where it has grown by more than --allow-mib, where threads or descriptors have, where a packet
+was damaged or an ID wrong, or where the daemon failed.
 
     python benchmarks/soak.py [--frames 50000] [--width 640] [--allow-mib 1]
 """

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
-from dataclasses import dataclass, field, fields
+from collections.abc import Callable, Iterator
+from dataclasses import fields
+from typing import TypeAlias
 
 import numpy as np
 
@@ -12,12 +13,11 @@ from ledpi.config import Method, PanelSettings
 from ledpi.decode import soft
 from ledpi.decode.approach import approach_quads
 from ledpi.decode.bands import NO_SQUARE, BandsReader
-from ledpi.decode.cells import MIN_CELL_PX, sample_cells
+from ledpi.decode.cells import MIN_CELL_PX, CellSamples, sample_cells
 from ledpi.decode.edges import refine_quads
 from ledpi.decode.find import Finder
 from ledpi.decode.reader import Reader
 from ledpi.decode.rim import make_usual_filters
-from ledpi.decode.sightings import one_of_each
 from ledpi.decode.track import NOT_SHOWN, Track, Tracker
 from ledpi.dictionaries import load_dictionary
 from ledpi.markers import corners_of_turned
@@ -29,17 +29,16 @@ from ledpi.records import (
     Floats,
     Frame,
     Intrinsics,
-    MarkerPose,
     PanelSpec,
     PanelValues,
     Quad,
     Rejected,
-    RobotFix,
     Sighting,
     read_only,
 )
+from ledpi.results import Results
 from ledpi.row_clock import MIN_DEVIATION, RowClock
-from ledpi.trace import Dropped, Look, Trace
+from ledpi.trace import Look, Trace
 
 # A stream searches the whole picture for newcomers in every third frame, and in each that does not show all its tracks.
 SEARCH_EVERY = 3
@@ -49,18 +48,7 @@ STAGES: dict[Method, tuple[str, ...]] = {
 }
 
 
-@dataclass(slots=True)
-class _Work:
-    """What one frame has given so far."""
-
-    seconds: dict[str, float]  # by stage
-    trace: Trace | None
-    rejected: list[Rejected] = field(default_factory=list)
-
-    def reject(self, corners_px: Floats, why: Rejected) -> None:
-        self.rejected.append(why)
-        if self.trace is not None:
-            self.trace.dropped.append(Dropped(corners_px=corners_px, why=why))
+_Looked: TypeAlias = tuple[Quad, Track, CellSamples]
 
 
 class Pipeline:
@@ -113,33 +101,26 @@ class Pipeline:
         """The panels that are looked for: the configuration's, with what the source knows better."""
         return self._panels
 
-    def decode(self, frame: Frame, trace: Trace | None = None) -> Decoded:
+    def decode(
+        self, frame: Frame, trace: Trace | None = None, at_once: Callable[[Decoded], None] = lambda news: None
+    ) -> Decoded:
         """Everything that this frame shows. Time in `stage_ms` is from the picture in memory to the pose.
 
+        `at_once` is given the same piece by piece, each as soon as it is known: panels that are followed need not wait
+        until the picture has been searched for others. Where further panels give another fix, that is news too.
         `trace` takes in what each step made of the frame, and each candidate that was dropped; what `find` itself drops
         has no corners yet, and is only counted.
         """
         frame = self._with_true_row_time(frame)
-        work = _Work(dict.fromkeys(STAGES[self._method], 0.0), trace)
-        read = self._by_soft if self._method == "soft" else self._by_bands
-        sightings, dropped = one_of_each(read(frame, work))
-        for sighting, why in dropped:
-            work.reject(sighting.corners_px, why)
-        start = self._clock()
-        markers = self._place(frame, sightings, work)
-        fix = self._placer.fix(frame, markers)
-        if isinstance(fix, Rejected):
-            work.rejected.append(fix)
-        self._timed(work, "pose", start)
-        return Decoded(
-            seq=frame.seq,
-            row0_readout_ns=frame.row0_readout_ns,
-            host_offset_ns=frame.host_offset_ns,
-            markers=tuple(markers),
-            robot=fix if isinstance(fix, RobotFix) else None,
-            rejected=tuple(work.rejected),
-            stage_ms={stage: 1e3 * seconds for stage, seconds in work.seconds.items()},
-        )
+        work = Results(dict.fromkeys(STAGES[self._method], 0.0), trace)
+        groups = self._by_soft if self._method == "soft" else self._by_bands
+        for sightings in groups(frame, work):
+            if sightings:
+                start = self._clock()
+                markers = work.add(frame, sightings, self._placer)
+                self._timed(work, "pose", start)
+                at_once(work.news(frame, markers))
+        return work.whole(frame)
 
     def _with_true_row_time(self, frame: Frame) -> Frame:
         """The frame, corrected where the stream's own times say that the driver misreports its row time."""
@@ -151,19 +132,34 @@ class Pipeline:
             self._tracker = Tracker(self._specs)
         return self._row_clock.corrected(frame)
 
-    def _by_soft(self, frame: Frame, work: _Work) -> list[Sighting]:
-        """find → edges → track → cells → soft, which is the likeliest word of all cells together."""
+    def _by_soft(self, frame: Frame, work: Results) -> Iterator[list[Sighting]]:
+        """find → edges → track → cells → soft, which is the likeliest word of all cells together.
+
+        First the panels that the frames before have shown, where they are expected; then all else.
+        """
         if not self._stream:
             self._tracker = Tracker(self._specs)
         self._tracker.begin(frame.row0_readout_ns)
-        followed = self._where_expected(frame, work)
-        self._since_search += 1
-        if self._since_search >= SEARCH_EVERY or not self._tracker.all_seen():
-            self._since_search = 0
-            followed += self._search(frame, work)
-        return [s for quad, track in followed if (s := self._read(frame, quad, track, work)) is not None]
+        looked = self._sample(frame, self._where_expected(frame, work), work)
+        searching = self._is_to_be_searched()
+        others = [look for look in looked if look[1].shown is None]
+        yield self._read(frame, [look for look in looked if look[1].shown is not None], work)
+        if searching:
+            found = self._sample(frame, self._search(frame, work), work)
+            looked, others = looked + found, others + found
+        yield self._read(frame, others, work)
+        if self._stream:
+            self._keep_up(frame, looked, work)
 
-    def _where_expected(self, frame: Frame, work: _Work) -> list[tuple[Quad, Track]]:
+    def _is_to_be_searched(self) -> bool:
+        """Whether it is time again, or a panel is not where it was expected."""
+        self._since_search += 1
+        if self._since_search < SEARCH_EVERY and self._tracker.all_seen():
+            return False
+        self._since_search = 0
+        return True
+
+    def _where_expected(self, frame: Frame, work: Results) -> list[tuple[Quad, Track]]:
         """The squares that are where their tracks lead; what is not there is left to a search."""
         start = self._clock()
         if self._finder.stripe_rows(frame):  # a rim that may be dark is seen from afar only
@@ -178,7 +174,7 @@ class Pipeline:
         self._timed(work, "edges", start)
         return followed
 
-    def _search(self, frame: Frame, work: _Work) -> list[tuple[Quad, Track]]:
+    def _search(self, frame: Frame, work: Results) -> list[tuple[Quad, Track]]:
         """The squares in the whole picture, but for those that this frame has shown already."""
         start = self._clock()
         found, dropped = self._finder.find(frame)
@@ -204,7 +200,7 @@ class Pipeline:
                 quads.append(quad)
         return self._tracker.follow(quads)
 
-    def _by_bands(self, frame: Frame, work: _Work) -> list[Sighting]:
+    def _by_bands(self, frame: Frame, work: Results) -> Iterator[list[Sighting]]:
         """The source paper's method, once for each pair of frequencies."""
         start = self._clock()
         sightings = []
@@ -220,9 +216,9 @@ class Pipeline:
                 else:
                     work.reject(square.corners_px, square.result)
         self._timed(work, "bands", start)
-        return sightings
+        yield sightings
 
-    def _timed(self, work: _Work, stage: str, since: float) -> float:
+    def _timed(self, work: Results, stage: str, since: float) -> float:
         now = self._clock()
         work.seconds[stage] += now - since
         return now
@@ -232,34 +228,56 @@ class Pipeline:
         striped = self._finder.stripe_rows(frame) > 0
         return refine_quads(frame, np.array(near), self._cells, self._intrinsics, striped=striped)
 
-    def _read(self, frame: Frame, quad: Quad, track: Track, work: _Work) -> Sighting | None:
-        """The panel that this lit square is, or None where none can be told; why is in `work`."""
+    def _sample(self, frame: Frame, squares: list[tuple[Quad, Track]], work: Results) -> list[_Looked]:
+        """The light in their cells, of those where it can be told."""
         since = self._clock()
-        samples = sample_cells(frame, quad, self._cells, self._intrinsics, like=track.memories[0].lattice)
-        since = self._timed(work, "cells", since)
-        if isinstance(samples, Rejected):
-            work.reject(quad.corners_px, samples)
-            return None
-        outcome = self._reader.read(track, samples, frame)
-        self._timed(work, "soft", since)
-        if outcome.denied:
-            work.reject(quad.corners_px, NOT_SHOWN)
-        if work.trace is not None:
-            evidence = track.memories[outcome.group].evidence()
-            work.trace.looks.append(Look(quad=quad, samples=samples, evidence=evidence, reading=outcome.reading))
-        if isinstance(outcome.reading, Rejected):
-            work.reject(quad.corners_px, outcome.reading)
-            return None
-        if track.tuned is not None and track.tuned.measured:
-            self.off_frequency[outcome.reading.id] = track.tuned.spec
-        return _sighting(quad, outcome.reading, track)
+        looked = []
+        for quad, track in squares:
+            samples = sample_cells(frame, quad, self._cells, self._intrinsics, like=track.memories[0].lattice)
+            if isinstance(samples, Rejected):
+                work.reject(quad.corners_px, samples)
+            else:
+                looked.append((quad, track, samples))
+        self._timed(work, "cells", since)
+        return looked
 
-    def _place(self, frame: Frame, sightings: list[Sighting], work: _Work) -> list[MarkerPose]:
-        placed = self._placer.place(frame, sightings)
-        for sighting, marker in zip(sightings, placed, strict=True):
-            if isinstance(marker, Rejected):
-                work.reject(sighting.corners_px, marker)
-        return [marker for marker in placed if isinstance(marker, MarkerPose)]
+    def _read(self, frame: Frame, looked: list[_Looked], work: Results) -> list[Sighting]:
+        """The panels that these lit squares are; where none can be told, why is in `work`."""
+        since = self._clock()
+        sightings = []
+        for quad, track, samples in looked:
+            outcome = self._reader.read(track, samples, frame)
+            if outcome.denied:
+                work.reject(quad.corners_px, NOT_SHOWN)
+            if work.trace is not None:
+                evidence = track.memories[outcome.group].evidence()
+                work.trace.looks.append(Look(quad=quad, samples=samples, evidence=evidence, reading=outcome.reading))
+            if isinstance(outcome.reading, Rejected):
+                work.reject(quad.corners_px, outcome.reading)
+            else:
+                sightings.append(self._sighting(quad, outcome.reading, track))
+        self._timed(work, "soft", since)
+        return sightings
+
+    def _sighting(self, quad: Quad, reading: soft.Reading, track: Track) -> Sighting:
+        if track.tuned is not None and track.tuned.measured:
+            self.off_frequency[reading.id] = track.tuned.spec
+        velocity = track.velocity_px_s
+        return Sighting(
+            id=reading.id,
+            corners_px=read_only(corners_of_turned(quad.corners_px, reading.quarter_turns)),
+            corner_sigma_px=quad.corner_sigma_px,
+            margin=reading.margin,
+            frames_used=track.frames,
+            velocity_px_s=None if velocity is None else read_only(corners_of_turned(velocity, reading.quarter_turns)),
+        )
+
+    def _keep_up(self, frame: Frame, looked: list[_Looked], work: Results) -> None:
+        """What prepares for the frames to come."""
+        since = self._clock()
+        for _, track, samples in looked:
+            self._reader.keep_up(track, samples, frame)
+        self._timed(work, "soft", since)
 
 
 def _same_frequencies(panels: PanelSettings) -> list[tuple[PanelSpec, list[int]]]:
@@ -269,15 +287,3 @@ def _same_frequencies(panels: PanelSettings) -> list[tuple[PanelSpec, list[int]]
         spec = panels.spec(marker_id)
         groups.setdefault((spec.waves_hz, spec.duty), (spec, []))[1].append(marker_id)
     return list(groups.values())
-
-
-def _sighting(quad: Quad, reading: soft.Reading, track: Track) -> Sighting:
-    velocity = track.velocity_px_s
-    return Sighting(
-        id=reading.id,
-        corners_px=read_only(corners_of_turned(quad.corners_px, reading.quarter_turns)),
-        corner_sigma_px=quad.corner_sigma_px,
-        margin=reading.margin,
-        frames_used=track.frames,
-        velocity_px_s=None if velocity is None else read_only(corners_of_turned(velocity, reading.quarter_turns)),
-    )

@@ -28,7 +28,10 @@ from decode_material import (
 
 from ledpi.camera.simulated import SimulatedCamera
 from ledpi.dictionaries import load_dictionary
+from ledpi.geometry import matrix_from_quaternion, transform
 from ledpi.pipeline import Pipeline
+from ledpi.pose.fix import Robot
+from ledpi.pose.panel_map import MapPanel
 from ledpi.records import Decoded, Floats, Frame, Intrinsics, PanelValues, Pixels
 from ledpi.simulate.scene import Light, Panel, Room, Scene, SimulatedSensor, SquareWave
 from ledpi.simulate.scenes import drive_scene, ov5647_lens
@@ -268,12 +271,12 @@ def test_frames_that_stand_alone_leave_nothing_behind() -> None:
 
 def test_in_a_stream_frames_add_up() -> None:
     """A far panel that no single frame shows surely is read after a few, and stays read, ever more surely."""
-    frames = [frame_of((square(310.3, 240.6, 38, 4), word(7)), seq=n, light=0.08) for n in range(10)]
-    assert ids_of(pipeline(stream=False), frames) == [[]] * 10
+    frames = [frame_of((square(310.3, 240.6, 38, 4), word(7)), seq=n, light=0.08) for n in range(12)]
+    assert ids_of(pipeline(stream=False), frames) == [[]] * 12
     path = pipeline(stream=True)
     decoded = [path.decode(frame) for frame in frames]
-    assert [ids(d) for d in decoded[4:]] == [[7]] * 6
-    last, before = decoded[9].markers[0].sighting, decoded[5].markers[0].sighting
+    assert [ids(d) for d in decoded[4:]] == [[7]] * 8
+    last, before = decoded[11].markers[0].sighting, decoded[5].markers[0].sighting
     assert last.margin > before.margin
     assert last.frames_used > before.frames_used > 1
 
@@ -395,6 +398,45 @@ def test_a_newcomer_is_found_within_three_frames(appears: int) -> None:
         for n in range(appears + 3)
     ]
     assert found[appears + 2] == [7, 23]
+
+
+def test_a_followed_panel_does_not_wait_for_the_search() -> None:
+    """It is handed out before the picture is searched, a newcomer after that; each once, with the fix as it is then."""
+    one, other = (NEAR, word(7)), (square(500, 150, 90), word(23))
+    places = {m.sighting.id: m.solution for m in pipeline().decode(frame_of(one, other)).markers}
+    panels = {
+        marker_id: MapPanel(
+            map_from_marker=transform(
+                matrix_from_quaternion(solution.camera_from_marker.quaternion_wxyz),
+                solution.camera_from_marker.position_m,
+            )
+        )
+        for marker_id, solution in places.items()
+        if solution is not None
+    }
+    robot = Robot(base_link_from_camera=np.eye(4), panels=panels)
+    path = Pipeline(camera_info(), panel_settings(), intrinsics=PINHOLE, robot=robot)
+    said = []
+    for n in range(8):
+        news: list[Decoded] = []
+        decoded = path.decode(frame_of(one, *[other] * (n >= 4), seq=n), at_once=news.append)
+        said.append([(ids(part), part.stage_ms["find"] > 0, part.robot and part.robot.panels_used) for part in news])
+        assert sorted(i for part in news for i in ids(part)) == ids(decoded)
+        assert (decoded.robot and decoded.robot.panels_used) == said[-1][-1][2]
+    alone, both = [([7], False, (7,))], [([7, 23], False, (7, 23))]
+    assert said == [[([7], True, (7,))], *[alone] * 5, [*alone, ([23], True, (7, 23))], both]
+
+
+def test_what_was_handed_out_is_taken_back_where_a_newcomer_denies_it() -> None:
+    """An ID in two places at once is in neither; from the next frame on it is not handed out at all."""
+    path = pipeline(stream=True)
+    one, other = (NEAR, word(7)), (square(500, 150, 90), word(7))
+    said = []
+    for n in range(8):
+        news: list[Decoded] = []
+        decoded = path.decode(frame_of(one, *[other] * (n >= 4), seq=n), at_once=news.append)
+        said.append(([i for part in news for i in ids(part)], ids(decoded)))
+    assert said == [([7], [7])] * 6 + [([7], []), ([], [])]
 
 
 def test_a_panel_that_comes_back_is_found_at_once() -> None:

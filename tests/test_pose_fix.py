@@ -151,6 +151,17 @@ def test_the_fix_before_tells_which_of_two_poses_it_is() -> None:
         assert fix.panels_used == (7,)
 
 
+def test_a_frames_first_fix_tells_as_well() -> None:
+    """A newcomer further up in the same frame contradicts the other panel: the one of the first fix is believed."""
+    wrong = {**WALL, 8: WALL[8].copy()}
+    wrong[8][1, 3] += 0.4
+    driver = Driver(panels=wrong, sigma_m=0.005, sigma_rad=0.005)
+    fix_of(driver.see({7: seen_corners(BASE, WALL[7])}))
+    driver.seq -= 1
+    fix = fix_of(driver.see({i: seen_corners(BASE, WALL[i]) for i in (7, 8)}))
+    assert (fix.panels_used, fix.panels_rejected) == ((7,), (8,))
+
+
 def test_after_half_a_second_the_fix_before_tells_nothing() -> None:
     """The robot may have turned."""
     base, panels = mirror_pair()

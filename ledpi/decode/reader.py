@@ -53,8 +53,30 @@ class Reader:
 
     def read(self, track: Track, samples: CellSamples, frame: Frame) -> Outcome:
         """The word that a track shows with this frame, or why none can be told."""
-        if track.shown is not None and self._is_as_expected(track, track.shown, samples, frame):
-            return Outcome(reading=track.shown.reading, group=track.shown.group, denied=False)
+        shown = track.shown
+        if shown is not None and self._is_as_expected(track, shown, samples, frame):
+            return Outcome(reading=shown.reading, group=shown.group, denied=False)
+        return self._read_anew(track, samples, frame)
+
+    def keep_up(self, track: Track, samples: CellSamples, frame: Frame) -> None:
+        """What is for the good of the frames to come, once this one, which has shown `samples`, has given its results.
+
+        A track that was as expected for a while is read anew, and what its next frame should look like is made ready.
+        """
+        if track.shown is not None and track.shown.frames >= READ_EVERY:
+            track.confirmed -= 1  # as this frame now enters the memories
+            self._read_anew(track, samples, frame)
+        if track.shown is not None and track.shown.expectation is None:
+            track.shown = replace(track.shown, expectation=_expectation(track, track.shown))
+
+    def _is_as_expected(self, track: Track, shown: Shown, samples: CellSamples, frame: Frame) -> bool:
+        expectation = shown.expectation or _expectation(track, shown)
+        met = expectation.is_met(samples, frame)
+        track.shown = replace(shown, expectation=expectation, frames=shown.frames + 1)
+        track.confirmed += met
+        return met
+
+    def _read_anew(self, track: Track, samples: CellSamples, frame: Frame) -> Outcome:
         added = [memory.add(samples, frame) for memory in track.memories]
         track.seen.append(Seen(samples=samples, frame=replace(frame, pixels=_NO_PICTURE)))
         track.looks += 1
@@ -80,16 +102,6 @@ class Reader:
         if isinstance(reading, Reading):
             track.shown = Shown(group=group, reading=reading, expectation=None, frames=0)
         return Outcome(reading=reading, group=group, denied=denied)
-
-    def _is_as_expected(self, track: Track, shown: Shown, samples: CellSamples, frame: Frame) -> bool:
-        if shown.frames >= READ_EVERY - 1:
-            return False
-        memory = track.memories[shown.group]
-        expectation = shown.expectation or Expectation.of(memory, shown.reading.cell_bands)
-        met = expectation.is_met(samples, frame)
-        track.shown = replace(shown, expectation=expectation, frames=shown.frames + 1)
-        track.confirmed += met
-        return met
 
     def _only(self, track: Track, samples: CellSamples, frame: Frame) -> tuple[PanelMemory, ...]:
         """Memories of this one frame."""
@@ -141,3 +153,7 @@ class Reader:
                     track.tuned = proposal
                     return True
         return False
+
+
+def _expectation(track: Track, shown: Shown) -> Expectation:
+    return Expectation.of(track.memories[shown.group], shown.reading.cell_bands)

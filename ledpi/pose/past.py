@@ -40,7 +40,7 @@ class Past:
         if len(candidates) == 1:
             return candidates[0]
         elapsed_s = (now_ns - self._at_ns) * 1e-9
-        if self._last is None or not candidates or not 0 < elapsed_s <= MAX_GAP_NS * 1e-9:
+        if self._last is None or not candidates or abs(elapsed_s) > MAX_GAP_NS * 1e-9:
             return None
         last = self._last
         grown = last.covariance + _way(elapsed_s)
