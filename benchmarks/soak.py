@@ -2,10 +2,11 @@
 
 Renders ten seconds of a robot that drives up to two panels and back, and runs `ledpi run --unpaced --frames N` on that
 recording, again and again, with a pty for the controller, whose stream is read and checked. Looks at the process in
-/proc. The first tenth of the frames (but at least 100) is warm-up: by then all that is kept has been made. Of the rest,
-the median memory of the first quarter is compared with that of the last one, as it goes up and down by megabytes within
-a frame. Exit status 1 where it has grown by more than --allow-mib, where threads or descriptors have, where a packet
-was damaged or an ID wrong, or where the daemon failed.
+/proc: at its own memory (RssAnon), as of the files that it has mapped the kernel keeps more or less as it likes. The
+first tenth of the frames (but at least 100) is warm-up: by then all that is kept has been made. Of the rest, the median
+memory of the first quarter is compared with that of the last one, as it goes up and down within a frame. Exit status 1
+where it has grown by more than --allow-mib, where threads or descriptors have, where a packet was damaged or an ID
+wrong, or where the daemon failed.
 
     python benchmarks/soak.py [--frames 50000] [--width 640] [--allow-mib 1]
 """
@@ -42,7 +43,7 @@ class Sample:
     """The process at one moment."""
 
     frames: int  # through the daemon by then, as its heartbeat says
-    resident: int  # bytes
+    memory: int  # bytes
     threads: int
     descriptors: int
 
@@ -84,15 +85,15 @@ class Controller:
 
 
 def sample(pid: int, frames: int) -> Sample | None:
-    """None where the process has ended."""
+    """None where the process has ended, or is about to."""
     place = Path(f"/proc/{pid}")
     try:
-        pages = int((place / "statm").read_text().split()[1])
+        own = re.search(r"RssAnon:\s+(\d+) kB", (place / "status").read_text())
         threads = len(list((place / "task").iterdir()))
         descriptors = len(list((place / "fd").iterdir()))
-    except (OSError, IndexError):
+    except OSError:
         return None
-    return Sample(frames, pages * os.sysconf("SC_PAGE_SIZE"), threads, descriptors)
+    return None if own is None else Sample(frames, 1024 * int(own[1]), threads, descriptors)
 
 
 def ledpi(command: str, *options: str, settings: tuple[str, ...]) -> list[str]:
@@ -126,14 +127,14 @@ def run(frames: int, take: Path, controller: Controller) -> tuple[int, str, list
             if status is None or not status.frames or status.state is State.STOPPING:
                 continue
             now = sample(process.pid, status.frames)
-            if now is None or not now.resident:
+            if now is None:
                 continue
             samples.append(now)
             if now.frames >= (rows + 1) * frames / ROWS:
                 rows = now.frames * ROWS // frames
                 since_s = time.monotonic() - started
                 print(
-                    f"{since_s:8.1f} s  {now.frames:7} frames  {now.resident / MIB:7.2f} MiB  "
+                    f"{since_s:8.1f} s  {now.frames:7} frames  {now.memory / MIB:7.2f} MiB  "
                     f"{now.threads} threads  {now.descriptors} descriptors  decoding "
                     f"{(status.decode_p50_us or 0) / 1e3:.1f} ms, p99 {(status.decode_p99_us or 0) / 1e3:.1f} ms",
                     flush=True,
@@ -165,7 +166,7 @@ def judge(frames: int, width: int, allow_mib: float) -> list[str]:
     if len(warm) < 8:
         return [f"too short to judge: {len(warm)} samples after the warm-up"]
     quarter = len(warm) // 4
-    before, after = (statistics.median(s.resident for s in part) / MIB for part in (warm[:quarter], warm[-quarter:]))
+    before, after = (statistics.median(s.memory for s in part) / MIB for part in (warm[:quarter], warm[-quarter:]))
     first, last = warm[0], warm[-1]
     print(
         f"memory {before:.1f} MiB from frame {first.frames}, {after:.1f} MiB to frame {last.frames}: growth "

@@ -19,6 +19,7 @@ from ledpi.decode.find import Finder
 from ledpi.decode.reader import Reader
 from ledpi.decode.rim import make_usual_filters
 from ledpi.decode.track import NOT_SHOWN, Track, Tracker
+from ledpi.decode.whole import make_usual_explanations
 from ledpi.dictionaries import load_dictionary
 from ledpi.markers import corners_of_turned
 from ledpi.pose.fix import Robot
@@ -94,6 +95,7 @@ class Pipeline:
         self._row_clock = RowClock(camera)
         if method == "soft":
             make_usual_filters()
+            make_usual_explanations(self._cells, self._cells * MIN_CELL_PX, camera.height)
         self.off_frequency: dict[int, PanelSpec] = {}  # by ID: panels that blink at others than announced, and at which
 
     @property

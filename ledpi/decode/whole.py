@@ -58,7 +58,7 @@ def hidden_shares(frame: Frame, corners: Points, bend_px: Points, cells: int) ->
     for into, along, blur in zip(hidden, light, blurs.tolist(), strict=True):
         if not blur > 0:  # the quad is nowhere
             continue
-        axes, left = _explanations(cells, round(math.log(blur) / BLUR_STEP)).left(along)
+        axes, left = _explanations(cells, _step(blur)).left(along)
         for axis in axes:
             best = int(left[axis].argmin())
             if left[axis, best] < BETTER * left[axis, WHOLE]:
@@ -133,7 +133,18 @@ class _Explanations:
         return np.flatnonzero(rest[:, WHOLE] > NOTHING_LEFT**2).tolist(), rest
 
 
-@lru_cache(maxsize=256)
+def make_usual_explanations(cells: int, smallest_px: float, largest_px: float) -> None:
+    """Those of sides so long, which would else be made in the frames that first ask for them, in 4 ms each."""
+    first, last = (_step((BLUR_PX + GAP * side_px / cells) / side_px) for side_px in (largest_px, smallest_px))
+    for blur_step in range(first, last + 1):
+        _explanations(cells, blur_step)
+
+
+def _step(blur: float) -> int:
+    return round(math.log(blur) / BLUR_STEP)
+
+
+@lru_cache(maxsize=32)  # 160 kB each; the usual ones are 16
 def _explanations(cells: int, blur_step: int) -> _Explanations:
     """`blur_step`: logarithm of a gap's deviation, as a share of the quad, in BLUR_STEP."""
     along = _ALONG
