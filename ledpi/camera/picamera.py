@@ -136,16 +136,19 @@ class PicameraCamera:
             return None
         while len(self._asked) < ASKED_AHEAD:
             self._asked.append(self._picam2.capture_request(wait=False))
-        try:
-            return self._asked.popleft().get_result(timeout=timeout_s)
-        except CancelledError:
-            return None
-        except TimeoutError:
-            if self._closed.is_set():  # between the two looks, so that the wait could not be ended
+        job = self._asked.popleft()
+        # In several waits: a process that was held up as a whole wakes to a wait that is over, and to one only.
+        for _ in range(STALL_PERIODS):
+            try:
+                return job.get_result(timeout=timeout_s / STALL_PERIODS)
+            except CancelledError:
                 return None
-            raise CameraLostError(f"picamera2: the camera delivered nothing for {timeout_s:.2g} s") from None
-        except (RuntimeError, OSError) as error:
-            raise CameraLostError(f"picamera2: {error}") from None
+            except TimeoutError:
+                if self._closed.is_set():  # between the two looks, so that the wait could not be ended
+                    return None
+            except (RuntimeError, OSError) as error:
+                raise CameraLostError(f"picamera2: {error}") from None
+        raise CameraLostError(f"picamera2: the camera delivered nothing for {timeout_s:.2g} s")
 
     def _frame(self, metadata: Mapping[str, Any], into: Pixels) -> Frame | Rejected:
         readout_ns, exposure_us = metadata.get("SensorTimestamp"), metadata.get("ExposureTime")

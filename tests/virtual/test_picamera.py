@@ -279,6 +279,17 @@ def test_a_stall_is_noticed_after_five_periods(behaviour: Behaviour) -> None:
     assert not behaviour.opened[0].is_open
 
 
+def test_a_process_that_is_held_up_has_not_lost_its_camera(behaviour: Behaviour) -> None:
+    """Stopped for ten periods while it waits for a frame, eight times: the camera was there all the time."""
+    camera = opened()
+    before = read(camera)
+    stop_and_go = "for i in 1 2 3 4 5 6 7 8; do kill -STOP $1; sleep 0.16; kill -CONT $1; sleep 0.04; done"
+    with subprocess.Popen(["sh", "-c", stop_and_go, "sh", str(os.getpid())]) as hold_up:
+        while hold_up.poll() is None:
+            after = read(camera)
+    assert after.seq - before.seq > 8 * STALL_PERIODS
+
+
 def test_an_error_while_waiting_is_a_lost_camera(behaviour: Behaviour) -> None:
     """What picamera2's event loop raises comes out of the wait; it is closed and may be opened again."""
     camera = opened()
