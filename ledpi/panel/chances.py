@@ -3,7 +3,7 @@
 Of a panel that shows the word w with bands x, the score of the evidence is normal with mean I·X and covariance I, with
 X = the bands of each cell's class, and I the information of `information.evidence_of`. The draws go through
 `decode.soft.decide` as a camera's do. What the model leaves out: whether the square is found at all, corners that are
-off by more than their first order, harmonics of the wave, what the optics mix between cells. So it is an upper bound.
+off by more than their first order, harmonics of the wave, what the optics mix between cells.
 """
 
 from __future__ import annotations
