@@ -37,6 +37,7 @@ class Latency:
     packets: int
     decode_p50: float
     decode_p99: float
+    p25: float
     p50: float
     p99: float
     largest: float
@@ -55,8 +56,8 @@ def mid_exposure_to_ready_ms(take: Path, centre_row: float) -> float:
     return float((camera.height - centre_row) * camera.row_time_us + camera.exposure_us / 2) / 1e3
 
 
-def measure(seconds: float, *, centre_row: float = 239.5) -> Latency:
-    """Runs the daemon for so long, with a receiver that reads all at once."""
+def measure(seconds: float, *, warm_up: int = 200, centre_row: float = 239.5) -> Latency:
+    """Runs the daemon for so long after `warm_up` packets, with a receiver that reads all at once."""
     with tempfile.TemporaryDirectory() as folder, controller() as line:
         take = Path(folder) / "take"
         write_recording(take, FRAMES)  # a panel 1 m straight ahead: its centre is the picture's
@@ -66,7 +67,7 @@ def measure(seconds: float, *, centre_row: float = 239.5) -> Latency:
             cv2.imwrite(str(picture), content, [cv2.IMWRITE_PNG_COMPRESSION, 0])
         settings = ("panels.side_m=1", f"camera.source=recording:{take}", f"serial.port={line.port}")
         with daemon(*settings, options=("--frames", "1000000")) as process:
-            line.wait_for(lambda c: len(c.markers) > 200)  # until it has warmed up
+            line.wait_for(lambda c: len(c.markers) > warm_up)
             first = len(line.markers)
             time.sleep(seconds)
             assert end(process, signal.SIGTERM).status == 0
@@ -78,6 +79,7 @@ def measure(seconds: float, *, centre_row: float = 239.5) -> Latency:
         packets=len(latency_ms),
         decode_p50=(status.decode_p50_us or 0) / 1e3,
         decode_p99=(status.decode_p99_us or 0) / 1e3,
+        p25=float(np.percentile(latency_ms, 25)),
         p50=float(np.median(latency_ms)),
         p99=float(np.percentile(latency_ms, 99)),
         largest=float(latency_ms.max()),

@@ -21,8 +21,9 @@ from ledpi.recording_writer import RecordingWriter
 from ledpi.records import CameraInfo, Frame, PanelSpec
 from ledpi.simulate.scene import SimulatedSensor
 from ledpi.simulate.scenes import ov5647_lens, still_scene
-from ledpi.wire import MarkerMessage, Message, Receiver, StatusMessage
+from ledpi.wire import FixMessage, MarkerMessage, Message, Receiver, StatusMessage
 
+MAX_AGE_US = 100_000  # serial.max_age_ms as it is by default
 ROOT = Path(__file__).resolve().parents[1]
 COMMAND = [sys.executable, "-c", "from ledpi.cli import main; main()", "run"]
 DEADLINE_S = 60.0  # for anything at all, on a slow machine
@@ -67,12 +68,14 @@ class Controller:
             time.sleep(0.02)
 
     def close(self) -> None:
-        """Reads what is still there."""
+        """Reads what is still there. No pose of all that came may be older than allowed."""
         if not self._closing.is_set():
             self._closing.set()
             self._thread.join()
             os.close(self._slave)
             os.close(self._master)
+            poses = [message for _, message in self.got if isinstance(message, MarkerMessage | FixMessage)]
+            assert all(pose.age_us <= MAX_AGE_US for pose in poses)
 
 
 @contextmanager
@@ -94,8 +97,10 @@ class Ended:
 
 
 @contextmanager
-def daemon(*settings: str, options: tuple[str, ...] = ()) -> Iterator[subprocess.Popen[str]]:
-    command = [*COMMAND, *options, *(part for item in settings for part in ("--set", item))]
+def daemon(
+    *settings: str, options: tuple[str, ...] = (), command: list[str] = COMMAND
+) -> Iterator[subprocess.Popen[str]]:
+    command = [*command, *options, *(part for item in settings for part in ("--set", item))]
     process = subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE, text=True)
     deadline = threading.Timer(DEADLINE_S, process.kill)
     deadline.start()

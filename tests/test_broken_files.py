@@ -7,7 +7,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+import yaml
 from daemon_material import ROOT, write_recording
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from ledpi.config import load_config
 from ledpi.errors import LedpiError
@@ -62,6 +65,34 @@ def test_a_damaged_configuration_is_refused_in_one_line(tmp_path: Path, seed: in
         file.write_bytes(damaged(sound, rng))
         refused += is_refused(load_config, file)
     assert refused > 0
+
+
+SCALARS = st.none() | st.booleans() | st.integers() | st.floats() | st.dates() | st.text(max_size=8) | st.just("auto")
+VALUES = st.recursive(
+    SCALARS,
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.integers() | st.text(max_size=5), inner, max_size=3),
+    max_leaves=6,
+)
+SOUND = yaml.safe_load((ROOT / "config.yaml").read_text(encoding="utf-8"))
+KEYS = sorted((section, key) for section, keys in SOUND.items() if isinstance(keys, dict) for key in keys)
+
+
+@settings(
+    max_examples=80,
+    derandomize=True,
+    deadline=None,
+    database=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
+@given(st.dictionaries(st.sampled_from(KEYS), VALUES, min_size=1, max_size=3))
+def test_any_value_is_taken_or_refused_in_one_line(tmp_path: Path, values: dict[tuple[str, str], object]) -> None:
+    """Of one to three keys of the configuration that is shipped: what YAML can write."""
+    changed = {section: dict(keys) if isinstance(keys, dict) else keys for section, keys in SOUND.items()}
+    for (section, key), value in values.items():
+        changed[section][key] = value
+    file = tmp_path / "config.yaml"
+    file.write_text(yaml.safe_dump(changed, allow_unicode=True), encoding="utf-8")
+    is_refused(load_config, file)
 
 
 @pytest.mark.parametrize("name", ["recording.yaml", "frames.jsonl"])

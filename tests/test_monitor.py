@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 import tty
 from collections.abc import Iterator
 from contextlib import suppress
@@ -185,6 +186,25 @@ def test_a_port_that_cannot_be_opened_is_one_line_and_status_2(port: str, why: s
     done = run(port)
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr == f"ledpi: {port}: cannot be opened: {why}\n"
+
+
+def test_mavlink_is_named_and_status_2() -> None:
+    """Not shown as so many bad packets: one frame of MAVLink 2 after another tells."""
+    heartbeat = bytes.fromhex("fd 09 00 00 00 01 c4 00 00 00 00 00 00 00 12 08 00 04 03 5c 4b")
+    master, slave = os.openpty()
+    tty.setraw(master)
+    process = subprocess.Popen([*COMMAND, os.ttyname(slave)], cwd=ROOT, text=True, stderr=subprocess.PIPE)
+    while process.poll() is None:
+        os.write(master, heartbeat)
+        time.sleep(0.05)
+    assert process.stderr is not None
+    (line,) = process.stderr.read().splitlines()
+    process.stderr.close()
+    os.close(master)
+    os.close(slave)
+    assert process.returncode == 2
+    assert "carries MAVLink" in line
+    assert "serial.protocol: ledpi" in line
 
 
 def test_help_shows_an_example() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import random
 import re
 import shutil
@@ -13,17 +14,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cobs import cobs
-from receiver_material import HEADER, ROOT, STRICT, needs_gcc, received_in_c
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from receiver_material import HEADER, ROOT, STRICT, Received, needs_gcc, received_in_c
 from simavr_material import CLOCK_HZ, PinTrace, build_with_make, emulate, needs_simavr
 from wire_material import RejectedVector, Vector, rejected_vectors, vectors
 
-from ledpi.wire import FixMessage, MarkerMessage, NoFix, State, StatusMessage, WirePose
+from ledpi.wire import FixMessage, MarkerMessage, Message, NoFix, Receiver, State, StatusMessage, WirePose
 from ledpi.wire.codec import decode, encode
 
 sys.path.insert(0, str(ROOT / "benchmarks"))
 from receivers import corrupted_stream, faults, received_in_python
 
 VECTORS = vectors()
+BYTES = st.integers(0, 255)
 
 # ---- On this machine
 
@@ -55,6 +59,34 @@ def test_a_corrupted_stream_gives_the_whole_frames_and_no_other() -> None:
     stream, whole = corrupted_stream(300_000, random.Random(6))
     assert len(whole) > 1000
     assert faults(stream, whole) == []
+
+
+WHOLE = st.sampled_from([vector.frame for vector in VECTORS])  # with their delimiters
+PIECES = st.one_of(
+    WHOLE,
+    st.binary(max_size=60),
+    st.builds(lambda frame, at, byte: frame[:at] + bytes([byte]) + frame[at + 1 :], WHOLE, st.integers(0, 39), BYTES),
+    st.builds(lambda frame, start, end: frame[start:end], WHOLE, st.integers(0, 40), st.integers(0, 40)),
+    st.builds(lambda body: cobs.encode(body + zlib.crc32(body).to_bytes(4, "little")) + b"\0", st.binary(max_size=38)),
+)
+
+
+@needs_gcc
+@settings(max_examples=40, derandomize=True, deadline=None, database=None)
+@given(st.lists(PIECES, max_size=40), st.lists(st.integers(1, 90), min_size=1, max_size=5))
+def test_both_decide_alike_on_any_stream(pieces: list[bytes], cuts: list[int]) -> None:
+    """Whole frames, pieces of them, right checksums around anything, noise: the same messages and counters.
+
+    Python is given it in pieces of other lengths, C byte by byte.
+    """
+    stream, receiver, lengths = b"".join(pieces), Receiver(), itertools.cycle(cuts)
+    messages: list[Message] = []
+    fed = 0
+    while fed < len(stream):
+        length = next(lengths)
+        messages += receiver.feed(stream[fed : fed + length])
+        fed += length
+    assert received_in_c(stream) == Received(messages=messages, counters=receiver.counters)
 
 
 @needs_gcc

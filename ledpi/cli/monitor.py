@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ledpi.cli import app
+from ledpi.errors import WireError
 
 if TYPE_CHECKING:
     import serial
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
     from ledpi.wire.receiver import Receiver
 
 READ_TIMEOUT_S = 0.1
+_MAVLINK_MAGIC, _MAVLINK_AROUND = 0xFD, 12  # of version 2: header of 10 bytes, checksum of 2, around the payload
+_MAVLINK_LONGEST = 255 + _MAVLINK_AROUND
 _POSE_KEYS = ("position_m", "quaternion_wxyz", "deviation_m", "deviation_rad")
 
 
@@ -34,7 +37,7 @@ def monitor(
     """Print the serial stream; at the end, say how many packets were lost or bad.
 
     Ends with Ctrl-C, after --seconds, or when the other end hangs up. Exit status 2 if the port cannot be
-    opened.
+    opened, or carries MAVLink, which autopilots' own tools show.
 
     Example: ledpi monitor /dev/ttyUSB0 --json
     """
@@ -57,8 +60,9 @@ def monitor(
 def _show(
     line: serial.Serial, receiver: Receiver, render: Callable[[Message], str], seconds: float | None
 ) -> bool:
-    """Prints until the time is over; True if the other end hung up before."""
+    """Prints until the time is over; True if the other end hung up before. Raises WireError where it is MAVLink."""
     end_s = math.inf if seconds is None else time.monotonic() + seconds
+    unread = b""  # as long as nothing of it was a packet of ours
     while time.monotonic() < end_s:
         try:
             data = line.read(max(1, line.in_waiting))
@@ -66,7 +70,20 @@ def _show(
             return True
         for message in receiver.feed(data):
             typer.echo(render(message))
+        unread = b"" if receiver.counters.good else (unread + data)[-2 * _MAVLINK_LONGEST :]
+        if _is_mavlink(unread):
+            raise WireError(
+                f"{line.port}: carries MAVLink, which monitor does not read; "
+                "set serial.protocol: ledpi, or use MAVLink's own tools, as `mavproxy.py --master=PORT`"
+            )
     return False
+
+
+def _is_mavlink(data: bytes) -> bool:
+    """Whether one MAVLink 2 frame follows another: magic, payload's length, no signature, ten bytes more of header."""
+    starts = (at for at in range(len(data) - 2) if data[at] == _MAVLINK_MAGIC and data[at + 2] == 0)
+    ends = (at + data[at + 1] + _MAVLINK_AROUND for at in starts)
+    return any(end + 2 < len(data) and data[end] == _MAVLINK_MAGIC and data[end + 2] == 0 for end in ends)
 
 
 def json_line(message: Message) -> str:
