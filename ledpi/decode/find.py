@@ -9,7 +9,7 @@ pyramid.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import cv2
@@ -17,6 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ledpi import shutter
+from ledpi.decode.outlines import Outline, Outlines
+from ledpi.kernels import outlines as kernel
+from ledpi.kernels.library import COMPILED
 from ledpi.records import Floats, Frame, PanelSpec, Pixels, Rejected
 
 TOO_SMALL = Rejected(stage="find", reason="too_small")
@@ -38,7 +41,6 @@ BLUR_MISFIT = 0.002  # by how much a coarser outline, a pixel less certain, must
 MIN_SOLIDITY = 0.8  # area over that of the convex hull
 SAME_CORNERS = 0.25  # of the side: of outlines in one place, what is no further off is the same
 SLENDER = 0.85  # area over that of the square of the same outline, below which corners are where sides cross
-MAX_HOLE = 0.6  # length of a hole's outline over the outer one's; the walls between cells leave small ones
 STRIPED_CONTRAST = 0.5  # bands deeper than this cut a panel into pieces
 
 
@@ -72,6 +74,7 @@ class Finder:
         sizes = [(max(1, height >> level), max(1, width >> level)) for level in range(1, LEVELS + 1)]
         self._levels = [np.empty(size, np.uint8) for size in sizes]
         self._work = [tuple(np.empty(size, np.uint8) for _ in range(4)) for size in sizes]
+        self._outlines = [Outlines(*size) for size in sizes]
         self._window = np.ones((WINDOW, WINDOW), np.uint8)
         self._melt = np.ones((3, 3), np.uint8)
         # Finding compares neighbours only; a square root gives dark linear pictures the contrast they need.
@@ -88,15 +91,17 @@ class Finder:
             if index == 0 and frame.transfer == "linear":
                 cv2.LUT(picture, self._brighten, dst=picture)
             above = picture
-            for outline in self._outlines(index, math.ceil(stripes / (2 << index))):
-                result = _candidate(outline, picture.shape, 2 << index, stripe_rows=stripes)
-                if isinstance(result, Candidate):
-                    if result.side_px < self._smallest_px:
+            for lit in self._lit(index, math.ceil(stripes / (2 << index))):
+                outlines, at_border = self._outlines[index].of(lit, SHORTEST[index])
+                dropped.extend([AT_BORDER] * at_border)
+                for outline in outlines:
+                    result = _candidate(outline, 2 << index, stripe_rows=stripes)
+                    if isinstance(result, Rejected):
+                        dropped.append(result)
+                    elif result.side_px < self._smallest_px:
                         dropped.append(TOO_SMALL)
                     else:
                         found.append(result)
-                elif result is not None:
-                    dropped.append(result)
         return _distinct(found), dropped
 
     def stripe_rows(self, frame: Frame) -> float:
@@ -110,14 +115,14 @@ class Finder:
             if shutter.contrast(hz, frame.exposure_us, self._spec.duty) > STRIPED_CONTRAST
         )
 
-    def _outlines(self, index: int, stripe: int) -> list[Pixels]:
+    def _lit(self, index: int, stripe: int) -> Iterator[Pixels]:
+        """What is lit at one level, 0 or 255, by each threshold; each until the next is asked for."""
         picture = self._levels[index]
         brightest, darkest, threshold, lit = self._work[index]
         if stripe:
             picture = cv2.morphologyEx(picture, cv2.MORPH_CLOSE, np.ones(((stripe + 2) | 1, 1), np.uint8))
         cv2.dilate(picture, self._window, dst=brightest)
         cv2.erode(picture, self._window, dst=darkest)
-        outlines: list[Pixels] = []
         for share in THRESHOLDS[index]:
             cv2.addWeighted(brightest, share, darkest, 1.0 - share, 0.0, dst=threshold)
             cv2.max(threshold, cv2.add(darkest, MIN_CONTRAST), dst=threshold)
@@ -125,44 +130,13 @@ class Finder:
             cv2.morphologyEx(lit, cv2.MORPH_CLOSE, self._melt, dst=lit)
             if stripe or index:  # thin bridges to the surroundings, which the closing has made
                 cv2.morphologyEx(lit, cv2.MORPH_OPEN, self._melt, dst=lit)
-            # Every pixel of an outline, so that its number of points is its length and tells a speck at no cost.
-            found, tree = cv2.findContours(lit, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
-            outlines.extend(_filled(found, tree, SHORTEST[index]))
-        return outlines
+            yield lit
 
 
-def _filled(found: Sequence[Pixels], tree: NDArray[np.int32] | None, shortest: int) -> Iterator[Pixels]:
-    """The outer outlines of what is lit throughout: a ring around something dark is what lies beside a dark bezel.
-
-    `found` and `tree` as `cv2.findContours` gives them: a line of the tree holds next, previous, first hole, parent.
-    """
-    if tree is None:
-        return
-    links = tree[0].tolist()
-    for outline, (_, _, hole, parent) in zip(found, links, strict=True):
-        if parent >= 0 or len(outline) < shortest:
-            continue
-        longest = 0
-        while hole >= 0:
-            longest = max(longest, len(found[hole]))
-            hole = links[hole][0]
-        if longest < MAX_HOLE * len(outline):
-            yield outline
-
-
-def _candidate(
-    outline: Pixels, shape: tuple[int, ...], scale: int, *, stripe_rows: float
-) -> Candidate | Rejected | None:
-    """A candidate, why it is none, or None for specks."""
-    x, y, width, height = cv2.boundingRect(outline)
-    if min(width, height) < 3:
-        return None
-    if x <= 0 or y <= 0 or x + width >= shape[1] or y + height >= shape[0]:
-        return AT_BORDER
-    area = cv2.contourArea(outline)
-    if area < 0.25 * width * height:
-        return None
-    hull = cv2.convexHull(outline)
+def _candidate(outline: Outline, scale: int, *, stripe_rows: float) -> Candidate | Rejected:
+    """A candidate, or why it is none."""
+    area = outline.area
+    hull = cv2.convexHull(outline.points)
     if area < MIN_SOLIDITY * cv2.contourArea(hull):
         return NOT_FOUR_SIDED
     corners = _four_sides(hull, math.sqrt(area))
@@ -173,7 +147,7 @@ def _candidate(
     if misfit > (MAX_MISFIT_STRIPED if stripe_rows else MAX_MISFIT) + PIXEL_MISFIT / math.sqrt(area):
         return NOT_FOUR_SIDED
     if area < SLENDER * (0.25 * sum(math.dist(corners[k], corners[k - 1]) for k in range(4))) ** 2:
-        corners = _through_sides(corners, outline)
+        corners = _through_sides(corners, outline.points)
         quad_area = 0.5 * abs(_twice_area(corners))
     # An outline runs through the centres of the outermost lit pixels: half a pixel inside the edge.
     growth = 1.0 + 1.0 / max(2.0, math.sqrt(quad_area))
@@ -227,11 +201,13 @@ def _with_corner(five: Corners, size: float) -> Corners | None:
     return best
 
 
-def _through_sides(corners: Corners, outline: Pixels) -> Corners:
+def _through_sides(corners: Corners, outline: NDArray[np.int32], *, compiled: bool = COMPILED) -> Corners:
     """Where straight lines through each side's part of the outline cross; `corners` where they do not.
 
     Of a slender shape the outline's own corners are blunt, and may lie far inside.
     """
+    if compiled:
+        return kernel.through_sides(corners, outline)
     start = np.array(corners, np.float64)
     along = np.roll(start, -1, axis=0) - start
     length = np.maximum(np.hypot(along[:, 0], along[:, 1]), 1e-9)

@@ -1,0 +1,83 @@
+"""The outlines of what is lit throughout in a black and white picture, as far as they may be a panel's."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ledpi.kernels.library import COMPILED
+from ledpi.kernels.outlines import Outliner
+from ledpi.records import Pixels
+
+MAX_HOLE = 0.6  # length of a hole's outline over the outer one's; the walls between cells leave small ones
+NARROWEST = 3  # pixels, across and down: less is a speck
+MIN_AREA = 0.25  # over that of the box around; a square's is at least 1/2
+
+
+@dataclass(frozen=True, slots=True)
+class Outline:
+    """Around one thing."""
+
+    points: NDArray[np.int32]  # (N, 1, 2) x, y of every pixel on it, as OpenCV has it
+    area: float
+
+
+class Outlines:
+    """Finds them in pictures of one size, in room that it keeps."""
+
+    def __init__(self, height: int, width: int, *, compiled: bool = COMPILED) -> None:
+        self._outliner = Outliner(height, width) if compiled else None
+
+    def of(self, lit: Pixels, shortest: int) -> tuple[list[Outline], int]:
+        """Those of at least `shortest` pixels in `lit` (0 or 255), and how many besides touch the picture's border.
+
+        They last until the next call.
+        """
+        if self._outliner is None:
+            return _by_opencv(lit, shortest)
+        found, at_border = self._outliner.outlines(
+            lit, shortest=shortest, narrowest=NARROWEST, longest_hole=MAX_HOLE, least_area=MIN_AREA
+        )
+        return [Outline(points, area) for points, area in found], at_border
+
+
+def _by_opencv(lit: Pixels, shortest: int) -> tuple[list[Outline], int]:
+    # Every pixel of an outline, so that its number of points is its length and tells a speck at no cost.
+    found, tree = cv2.findContours(lit, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+    outlines, at_border = [], 0
+    for points in _filled(found, tree, shortest):
+        x, y, width, height = cv2.boundingRect(points)
+        if min(width, height) < NARROWEST:
+            continue
+        if x <= 0 or y <= 0 or x + width >= lit.shape[1] or y + height >= lit.shape[0]:
+            at_border += 1
+            continue
+        area = cv2.contourArea(points)
+        if area >= MIN_AREA * width * height:
+            outlines.append(Outline(points, area))
+    return outlines, at_border
+
+
+def _filled(
+    found: Sequence[NDArray[np.int32]], tree: NDArray[np.int32] | None, shortest: int
+) -> Iterator[NDArray[np.int32]]:
+    """The outer outlines of what is lit throughout: a ring around something dark is what lies beside a dark bezel.
+
+    `found` and `tree` as `cv2.findContours` gives them: a line of the tree holds next, previous, first hole, parent.
+    """
+    if tree is None:
+        return
+    links = tree[0].tolist()
+    for outline, (_, _, hole, parent) in zip(found, links, strict=True):
+        if parent >= 0 or len(outline) < shortest:
+            continue
+        longest = 0
+        while hole >= 0:
+            longest = max(longest, len(found[hole]))
+            hole = links[hole][0]
+        if longest < MAX_HOLE * len(outline):
+            yield outline

@@ -1,0 +1,205 @@
+/* Outlines of what is lit: Suzuki and Abe's border following (1985), as decode/outlines.py has it from OpenCV. */
+#include <math.h>
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <string.h>
+
+typedef struct {
+    int32_t first, length; /* of its points */
+    int32_t left, top, right, bottom;
+    int32_t longest_hole;
+    double area;
+} Outline;
+
+/* `mark` is 0 where nothing is lit, 1 where no border has passed, else the number of the component + 2; less than 0 where
+ * a border has passed to the left of something dark. A row has `stride` marks, of which the outermost are dark. */
+typedef struct {
+    int32_t *mark;
+    ptrdiff_t stride;
+    ptrdiff_t way[16]; /* to the neighbours, twice around: right, then against the clock */
+    int32_t (*points)[2];
+    ptrdiff_t count, room;
+} Borders;
+
+static const int32_t right[8] = {1, 1, 0, -1, -1, -1, 0, 1}, down[8] = {0, -1, -1, -1, 0, 1, 1, 1};
+
+/* Follows a border from the pixel (x, y); points are kept of an outer one, where there is room. Returns its length. */
+static int32_t follow(Borders *borders, int32_t x, int32_t y, int32_t number, bool hole, Outline *outline) {
+    const ptrdiff_t *const way = borders->way;
+    int32_t *const start = borders->mark + (y + 1) * borders->stride + x + 1, *here = start, *before;
+    const int32_t passed = number + 2;
+    int32_t length = 0;
+    int s = hole ? 0 : 4;
+    const int around = s;
+    do {
+        s = (s - 1) & 7;
+        before = start + way[s];
+    } while (*before == 0 && s != around);
+    const bool alone = *before == 0;
+    double twice_area = 0.0;
+    for (;;) {
+        const int end = s;
+        if (!alone) {
+            while (here[way[++s]] == 0) {}
+            s &= 7;
+        }
+        if (alone || (unsigned)(s - 1) < (unsigned)end)
+            *here = -passed;
+        else if (*here == 1)
+            *here = passed;
+        length++;
+        if (!hole) {
+            if (borders->count < borders->room) {
+                borders->points[borders->count][0] = x;
+                borders->points[borders->count++][1] = y;
+            }
+            outline->left = x < outline->left ? x : outline->left;
+            outline->right = x > outline->right ? x : outline->right;
+            outline->bottom = y > outline->bottom ? y : outline->bottom;
+            twice_area += (double)x * down[s] - (double)y * right[s];
+        }
+        if (alone || (here + way[s] == start && here == before)) break;
+        here += way[s];
+        x += right[s];
+        y += down[s];
+        s = (s + 4) & 7;
+    }
+    if (!hole) outline->area = alone ? 0.0 : 0.5 * (twice_area < 0.0 ? -twice_area : twice_area);
+    return length;
+}
+
+/* The first pixel from x on that is lit otherwise than `lit`; `width` where there is none. */
+static inline int32_t next_change(const uint8_t *row, int32_t x, int32_t width, bool lit) {
+    uint64_t eight;
+    for (const uint64_t all = lit ? ~(uint64_t)0 : 0; x + 8 <= width; x += 8) {
+        memcpy(&eight, row + x, 8);
+        if (eight == all) continue;
+#if defined(__GNUC__) && __BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__
+        return x + (__builtin_ctzll(eight ^ all) >> 3);
+#else
+        break;
+#endif
+    }
+    while (x < width && (row[x] != 0) == lit) x++;
+    return x;
+}
+
+/* What is looked at more closely: the shortest outline, how long a hole's may be beside the outer one, the narrowest
+ * width and height in pixels, and the least area beside that of the box around. */
+typedef struct {
+    int32_t shortest, narrowest;
+    double longest_hole, least_area;
+} Wanted;
+
+/* Moves the outlines that are wanted to the front; counts those that are but for the picture's border. */
+static ptrdiff_t choose(Outline *outlines, ptrdiff_t count, const Wanted *wanted, ptrdiff_t height, ptrdiff_t width,
+                        ptrdiff_t *at_border) {
+    ptrdiff_t kept = 0;
+    *at_border = 0;
+    for (const Outline *own = outlines; own < outlines + count; own++) {
+        const int32_t across = own->right - own->left + 1, down = own->bottom - own->top + 1;
+        if (own->length < wanted->shortest || own->longest_hole >= wanted->longest_hole * own->length) continue;
+        if (across < wanted->narrowest || down < wanted->narrowest) continue;
+        if (own->left <= 0 || own->top <= 0 || own->right + 1 >= width || own->bottom + 1 >= height)
+            ++*at_border;
+        else if (own->area >= wanted->least_area * across * down)
+            outlines[kept++] = *own;
+    }
+    return kept;
+}
+
+/* The outlines of what is lit in a picture of 0 and 255 (height, width), as far as they are wanted. `mark` (height + 2,
+ * width + 2) and `outlines` (most) are room to work in; what there is no room for is left out. Returns how many. */
+ptrdiff_t ledpi_outlines(const uint8_t *lit, ptrdiff_t height, ptrdiff_t width, int32_t shortest, int32_t narrowest,
+                         double longest_hole, double least_area, int32_t *mark, int32_t (*points)[2], ptrdiff_t room,
+                         Outline *outlines, ptrdiff_t most, ptrdiff_t *at_border) {
+    const Wanted wanted = {shortest, narrowest, longest_hole, least_area};
+    Borders borders = {mark, width + 2, {0}, points, 0, room};
+    for (int s = 0; s < 16; s++) borders.way[s] = down[s & 7] * borders.stride + right[s & 7];
+    int32_t count = 0;
+    memset(mark, 0, sizeof(int32_t) * (size_t)(borders.stride * (height + 2)));
+    for (ptrdiff_t y = 0; y < height; y++)
+        for (ptrdiff_t x = 0; x < width; x++) mark[(y + 1) * borders.stride + x + 1] = lit[y * width + x] & 1;
+    for (int32_t y = 0; y < height; y++) {
+        const uint8_t *row = lit + y * width;
+        const int32_t *marks = mark + (y + 1) * borders.stride + 1;
+        for (int32_t x = next_change(row, 0, (int32_t)width, false); x < width;) {
+            if (marks[x] == 1) {
+                if (count == most) return choose(outlines, count, &wanted, height, width, at_border);
+                Outline *own = outlines + count;
+                *own = (Outline){(int32_t)borders.count, 0, x, y, x, y, 0, 0.0};
+                own->length = follow(&borders, x, y, count++, false, own);
+                if (borders.count == room) own->length = 0; /* cut short */
+                if (own->length < shortest) borders.count = own->first;
+            }
+            Outline *own = outlines + (marks[x] < 0 ? -marks[x] : marks[x]) - 2;
+            x = next_change(row, x, (int32_t)width, true);
+            if (marks[x - 1] > 0) {
+                const int32_t length = follow(&borders, x - 1, y, (int32_t)(own - outlines), true, own);
+                if (length > own->longest_hole) own->longest_hole = length;
+            }
+            x = next_change(row, x, (int32_t)width, false);
+        }
+    }
+    return choose(outlines, count, &wanted, height, width, at_border);
+}
+
+typedef struct {
+    double x, y, along_x, along_y, length;
+    double count, t, d, tt, td; /* sums over its points: how far along they are, and across */
+} Line;
+
+/* Adds a point to the side that it is nearest to, or to both; but for what is near a corner. */
+static void add_point(Line sides[4], double x, double y) {
+    double t[4], d[4], nearest = HUGE_VAL;
+    for (int k = 0; k < 4; k++) {
+        const double from_x = x - sides[k].x, from_y = y - sides[k].y;
+        t[k] = from_x * sides[k].along_x + from_y * sides[k].along_y;
+        d[k] = from_y * sides[k].along_x - from_x * sides[k].along_y;
+        nearest = fmin(nearest, fabs(d[k]));
+    }
+    for (int k = 0; k < 4; k++) {
+        if (fabs(d[k]) != nearest || !(t[k] > 0.15 * sides[k].length && t[k] < 0.85 * sides[k].length)) continue;
+        sides[k].count += 1.0;
+        sides[k].t += t[k];
+        sides[k].d += d[k];
+        sides[k].tt += t[k] * t[k];
+        sides[k].td += t[k] * d[k];
+    }
+}
+
+/* Where straight lines through each side's part of an outline (count, 2) cross: `corners` (4, 2) before and after. False
+ * where they do not. */
+bool ledpi_through_sides(const int32_t *points, ptrdiff_t count, double corners[4][2]) {
+    Line sides[4];
+    double on[4][2], way[4][2], crossings[4][2];
+    for (int k = 0; k < 4; k++) {
+        const double *start = corners[k], *end = corners[(k + 1) % 4];
+        const double length = fmax(hypot(end[0] - start[0], end[1] - start[1]), 1e-9);
+        sides[k] = (Line){.x = start[0], .y = start[1], .length = length};
+        sides[k].along_x = (end[0] - start[0]) / length;
+        sides[k].along_y = (end[1] - start[1]) / length;
+    }
+    for (ptrdiff_t i = 0; i < count; i++) add_point(sides, points[2 * i], points[2 * i + 1]);
+    for (int k = 0; k < 4; k++) {
+        const Line side = sides[k];
+        if (side.count < 3.0) return false;
+        const double t = side.t / side.count, d = side.d / side.count;
+        const double slope = (side.td - side.t * d) / fmax(side.tt - side.t * t, 1e-9);
+        on[k][0] = side.x + side.along_x * t - side.along_y * d;
+        on[k][1] = side.y + side.along_y * t + side.along_x * d;
+        way[k][0] = side.along_x - side.along_y * slope;
+        way[k][1] = side.along_y + side.along_x * slope;
+    }
+    for (int k = 0; k < 4; k++) {
+        const double *before = way[(k + 3) % 4], *from = on[(k + 3) % 4];
+        const double turn = before[0] * way[k][1] - before[1] * way[k][0];
+        if (fabs(turn) < 0.05) return false;
+        const double share = ((on[k][0] - from[0]) * way[k][1] - (on[k][1] - from[1]) * way[k][0]) / turn;
+        crossings[k][0] = from[0] + before[0] * share;
+        crossings[k][1] = from[1] + before[1] * share;
+    }
+    memcpy(corners, crossings, sizeof crossings);
+    return true;
+}
