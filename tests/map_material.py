@@ -17,7 +17,7 @@ from ledpi.records import Floats, Frame, MarkerPose, PlanarSolution, RobotFix, S
 
 SIDE_M = 0.16
 SIGMA_PX = 0.05
-FLOOR_PX = 0.05  # of a side, beside that
+FLOOR_PX = 0.03  # of a side, beside that
 PERIOD_NS = 16_966_000
 CAMERA_LINK_FROM_OPTICAL = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])  # REP-103
 

@@ -4,7 +4,7 @@
 #include "pose.h"
 
 #define ROUNDS 6
-#define FLOOR_PX 0.05
+#define FLOOR_PX 0.03
 #define KNOWN_BLUR_PX 4.0
 #define BLUR_ERROR 0.25
 

@@ -6,8 +6,9 @@ import numpy as np
 
 from ledpi.records import Floats
 
-# What the edge fits do not show of a side's error: the lens model, the panel's own build.
-FLOOR_PX = 0.05
+# What the fits of edges do not show of a side's error: the lens model, the panel's own build. At 2 m 0.1 mm is 0.03 px;
+# with more, poses of a panel near by would be given several times their deviations.
+FLOOR_PX = 0.03
 
 # The edges expect a lens's blur, 0.8 px. With motion's, a box of 4 px, it is 1.4 px: two of their deviations away
 # (`decode/rim.py`). A square that motion blurs further may be taken for wider by a quarter of the blur on either side.
