@@ -23,7 +23,7 @@ from ledpi.processor import read_processor
 from ledpi.records import Floats, Intrinsics, Rejected
 from ledpi.reporting import Totals, in_service, minute_line, second_line
 from ledpi.ring import FrameRing
-from ledpi.robot import load_robot
+from ledpi.robot import load_robot, strangers_note
 from ledpi.service_notify import notify, watchdog_period_s
 from ledpi.threads import switch_promptly
 from ledpi.wire.mavlink import Mavlink
@@ -63,6 +63,8 @@ class Daemon:
         except ValueError as error:
             raise ConfigError(f"panels.overrides: contradict the panel of {config.camera.source}: {error}") from None
         self._gain = GainFollower(camera)
+        if note := strangers_note(config, robot.panels):
+            _log.warning("map: %s", note)
         self._publisher = Publisher(config.serial, _mavlink(config, robot.base_link_from_camera))
         self._health = Health()
         self._times = StageTimes()

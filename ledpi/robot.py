@@ -5,10 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from ledpi.config import Config
+from ledpi.dictionaries import load_dictionary
 from ledpi.errors import ConfigError
 from ledpi.geometry import CAMERA_LINK_FROM_CAMERA, matrix_from_rpy_deg, transform
 from ledpi.map_yaml import load_map
 from ledpi.pose.fix import Robot
+from ledpi.pose.panel_map import PanelMap
+
+SOME = 5  # that are named of many
 
 
 def load_robot(config: Config) -> Robot:
@@ -30,3 +34,16 @@ def load_robot(config: Config) -> Robot:
         panels=panels,
         panels_upright=config.panels.upright,
     )
+
+
+def strangers_note(config: Config, panels: PanelMap | None) -> str:
+    """Which of the map's panels will never be seen, as the dictionary has no such words; empty where there are none.
+
+    No error: a field's layout may hold tags that are read by others.
+    """
+    words = len(load_dictionary(config.panels.dictionary).words)
+    strangers = sorted(marker_id for marker_id in panels or {} if marker_id >= words)
+    if not strangers:
+        return ""
+    some = ", ".join(str(marker_id) for marker_id in strangers[:SOME]) + (", …" if len(strangers) > SOME else "")
+    return f"{some} in {config.map} cannot be read: {config.panels.dictionary} has IDs 0 to {words - 1}"

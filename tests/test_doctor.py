@@ -83,6 +83,17 @@ def test_the_map_is_read_as_the_daemon_reads_it(tmp_path: Path, content: str, st
     assert (found.state, found.stops_daemon) == (state, state == "bad")
 
 
+def test_a_panel_in_the_map_that_no_camera_can_read_is_named(tmp_path: Path) -> None:
+    """DICT_4X4_50 has no word 50; the others are found all the same, so the daemon runs."""
+    hung = "{position_m: [4, 1, 1.5], yaw_deg: 180}"
+    (tmp_path / "markers.yaml").write_text(f"format: 1\npanels: {{49: {hung}, 50: {hung}}}\n")
+    given = ("panels.side_m=0.16", "camera.source=simulated", f"map={tmp_path / 'markers.yaml'}")
+    found = next(finding for finding in examine(load_config(None, given)) if finding.name == "map")
+    assert (found.state, found.stops_daemon) == ("bad", False)
+    assert found.said.startswith("50 in ")
+    assert found.said.endswith("DICT_4X4_50 has IDs 0 to 49")
+
+
 def test_a_broken_configuration_is_the_first_finding(tmp_path: Path) -> None:
     """Nothing else can be looked at."""
     (tmp_path / "config.yaml").write_text("camera: {exposure: 10000}\n")

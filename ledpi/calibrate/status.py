@@ -12,6 +12,7 @@ from ledpi.camera_yaml import load_intrinsics, own_section
 from ledpi.config import Config
 from ledpi.errors import CalibrationError, ConfigError
 from ledpi.map_yaml import load_map
+from ledpi.robot import strangers_note
 
 OLD_DAYS = 365  # a lens that was never touched does not change; one that was knocked does
 
@@ -98,7 +99,8 @@ def _map(config: Config, today: date) -> Part:
     except ConfigError as error:
         return Part(name="map", text=str(error), done=False, command=command)
     text = f"{config.map}: {len(panels)} panels, {_age(_changed(config.map), today)}"
-    return Part(name="map", text=text, done=True, command=command)
+    strangers = strangers_note(config, panels)
+    return Part(name="map", text="; ".join(filter(None, (text, strangers))), done=not strangers, command=command)
 
 
 def _is_number(value: Any) -> bool:

@@ -8,7 +8,7 @@ from ledpi.config import Config
 from ledpi.doctor import camera, machine
 from ledpi.doctor.finding import Finding, bad, ok, unknown
 from ledpi.errors import LedpiError, WireError
-from ledpi.robot import load_robot
+from ledpi.robot import load_robot, strangers_note
 
 
 def examine(config: Config) -> Iterator[Finding]:
@@ -44,6 +44,9 @@ def _map(config: Config) -> Finding:
         return bad("map", str(error), "put it right, or make one with `ledpi calibrate map`", stops_daemon=True)
     if panels is None:
         return unknown("map", "map is not set: panels' poses are sent, but not the robot's place")
+    strangers = strangers_note(config, panels)
+    if strangers:
+        return bad("map", strangers, "correct their IDs, or panels.dictionary")
     return ok("map", f"{config.map}: {len(panels)} panels")
 
 
