@@ -27,7 +27,7 @@ from ledpi.recording import load_recording
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 from daemon_material import controller, daemon, end, write_recording
 
-FRAMES = 120  # of the recording, which is repeated
+FRAMES = 600  # of the recording, which is repeated: in each first one, nothing is followed yet
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,11 +56,11 @@ def mid_exposure_to_ready_ms(take: Path, centre_row: float) -> float:
     return float((camera.height - centre_row) * camera.row_time_us + camera.exposure_us / 2) / 1e3
 
 
-def measure(seconds: float, *, warm_up: int = 200, centre_row: float = 239.5) -> Latency:
+def measure(seconds: float, *, frames: int = FRAMES, warm_up: int = 200, centre_row: float = 239.5) -> Latency:
     """Runs the daemon for so long after `warm_up` packets, with a receiver that reads all at once."""
     with tempfile.TemporaryDirectory() as folder, controller() as line:
         take = Path(folder) / "take"
-        write_recording(take, FRAMES)  # a panel 1 m straight ahead: its centre is the picture's
+        write_recording(take, frames)  # a panel 1 m straight ahead: its centre is the picture's
         for picture in (take / "frames").iterdir():
             content = cv2.imread(str(picture), cv2.IMREAD_UNCHANGED)
             assert content is not None

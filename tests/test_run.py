@@ -240,7 +240,7 @@ def test_a_pose_leaves_once_it_is_decoded() -> None:
 
     `benchmarks/latency.py` asks that of the 99th percentile, on a machine that has nothing else to do.
     """
-    latency = measure(1.5, warm_up=40)
+    latency = measure(1.5, frames=120, warm_up=40)
     assert latency.packets > 8
     assert latency.p25 <= slowness() * (latency.decode_p50 + 1.0)
 
