@@ -19,6 +19,8 @@ from ledpi.config import PanelSettings, load_config
 from ledpi.decode.approach import approach_quads
 from ledpi.decode.edges import refine_quads
 from ledpi.decode.find import Finder
+from ledpi.decode.find_striped import StripedFinder
+from ledpi.decode.striped import striped_squares
 from ledpi.evaluate.conditions import PLAIN, VARIATIONS, Condition
 from ledpi.evaluate.draw import FRAMES_A_TAKE, draw_take
 from ledpi.geometry import rotation_angle_deg
@@ -33,16 +35,22 @@ WRONG = 0.25  # of the side: what is further off is something else
 
 def nearest_square(frame: Frame, true: Floats, lens: Intrinsics, spec: PanelSpec) -> tuple[Floats, float] | None:
     """Corners in the order of the true ones, and their stated deviation; None where no square is near."""
-    finder = Finder(lens.width, lens.height, spec, SMALLEST_PX)
-    candidates, _ = finder.find(frame)
-    corners = np.array([candidate.corners for candidate in candidates])
-    tolerance_px = np.array([candidate.tolerance_px for candidate in candidates])
-    stripe_rows = finder.stripe_rows(frame)
-    near = approach_quads(frame, corners, tolerance_px, stripe_rows=stripe_rows)
-    starts = np.array([at for at in near if not isinstance(at, Rejected)])
+    finder, striped_finder = (
+        Finder(lens.width, lens.height, SMALLEST_PX),
+        StripedFinder(lens.width, lens.height, [spec], SMALLEST_PX),
+    )
+    stripe_rows = striped_finder.stripe_rows(frame)
+    if stripe_rows:
+        candidates, _ = striped_finder.find(frame)
+        quads = [quad for _, quad in striped_squares(frame, candidates, 4, [spec], stripe_rows, lens)]
+    else:
+        candidates, _ = finder.find(frame)
+        corners = np.array([candidate.corners for candidate in candidates])
+        near = approach_quads(frame, corners, np.array([candidate.tolerance_px for candidate in candidates]))
+        quads = refine_quads(frame, np.array([at for at in near if not isinstance(at, Rejected)]), 4, lens)
     found = [
         (np.roll(quad.corners_px, turn, axis=0), quad.corner_sigma_px)
-        for quad in refine_quads(frame, starts, 4, lens, striped=stripe_rows > 0)
+        for quad in quads
         if isinstance(quad, Quad)
         for turn in range(4)
     ]

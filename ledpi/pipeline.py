@@ -15,9 +15,11 @@ from ledpi.decode.approach import approach_quads
 from ledpi.decode.bands import NO_SQUARE, BandsReader
 from ledpi.decode.cells import MIN_CELL_PX, CellSamples, sample_cells
 from ledpi.decode.edges import refine_quads
-from ledpi.decode.find import Finder
+from ledpi.decode.find import Candidate, Finder
+from ledpi.decode.find_striped import StripedFinder
 from ledpi.decode.reader import Reader
 from ledpi.decode.rim import make_usual_filters
+from ledpi.decode.striped import striped_squares
 from ledpi.decode.track import NOT_SHOWN, Track, Tracker
 from ledpi.decode.whole import make_usual_explanations
 from ledpi.dictionaries import load_dictionary
@@ -82,12 +84,14 @@ class Pipeline:
         self._method: Method = method
         self._stream = stream
         self._cells = load_dictionary(panels.dictionary).cells_per_side
-        self._finder = Finder(camera.width, camera.height, panels.spec(), smallest_px=self._cells * MIN_CELL_PX)
         dictionary, groups = load_dictionary(panels.dictionary), _same_frequencies(panels)
         codebooks = [soft.Codebook.build(ids, dictionary, spec) for spec, ids in groups]
         self._reader = Reader(codebooks, soft.FALSE_ID_RATE if stream else soft.FALSE_ID_RATE_ALONE)
         self._readers = [BandsReader(dictionary, ids, spec) for spec, ids in groups] if method == "bands" else []
         self._specs = tuple(spec for spec, _ in groups)
+        smallest_px = self._cells * MIN_CELL_PX
+        self._finder = Finder(camera.width, camera.height, smallest_px)
+        self._striped_finder = StripedFinder(camera.width, camera.height, self._specs, smallest_px)
         sides_m = {marker_id: panels.spec(marker_id).side_m for marker_id in range(len(dictionary.words))}
         self._placer = Placer(intrinsics, sides_m, stream=stream, robot=robot)
         self._tracker = Tracker(self._specs)
@@ -164,7 +168,7 @@ class Pipeline:
     def _where_expected(self, frame: Frame, work: Results) -> list[tuple[Quad, Track]]:
         """The squares that are where their tracks lead; what is not there is left to a search."""
         start = self._clock()
-        if self._finder.stripe_rows(frame):  # a rim that may be dark is seen from afar only
+        if self._striped_finder.stripe_rows(frame):  # a rim that may be dark is seen from afar only
             return []
         tracks = self._tracker.expected()
         quads = self._refine(frame, [track.expected_px(frame.row0_readout_ns) for track in tracks])
@@ -179,28 +183,33 @@ class Pipeline:
     def _search(self, frame: Frame, work: Results) -> list[tuple[Quad, Track]]:
         """The squares in the whole picture, but for those that this frame has shown already."""
         start = self._clock()
-        found, dropped = self._finder.find(frame)
+        stripe_rows = self._striped_finder.stripe_rows(frame)
+        found, dropped = (self._striped_finder if stripe_rows else self._finder).find(frame)
         candidates = [c for c in found if not self._tracker.is_followed(c.centre_px, c.side_px)]
         work.rejected.extend(dropped)
         if work.trace is not None:
             work.trace.candidates.extend(candidates)
         since = self._timed(work, "find", start)
+        if stripe_rows:
+            results = striped_squares(frame, candidates, self._cells, self._specs, stripe_rows, self._intrinsics)
+        else:
+            results = self._squares(frame, candidates)
+        self._timed(work, "edges", since)
+        for sought, quad in results:
+            if isinstance(quad, Rejected):
+                work.reject(sought, quad)
+        return self._tracker.follow([quad for _, quad in results if isinstance(quad, Quad)])
+
+    def _squares(self, frame: Frame, candidates: list[Candidate]) -> list[tuple[Floats, Quad | Rejected]]:
+        """The lit square of each candidate, or why there is none, beside where it was sought."""
         near = approach_quads(
             frame,
             np.array([candidate.corners for candidate in candidates]),
             np.array([candidate.tolerance_px for candidate in candidates]),
-            stripe_rows=self._finder.stripe_rows(frame),
         )
         refined = iter(self._refine(frame, [at for at in near if not isinstance(at, Rejected)]))
-        self._timed(work, "edges", since)
-        quads = []
-        for candidate, at in zip(candidates, near, strict=True):
-            quad = at if isinstance(at, Rejected) else next(refined)
-            if isinstance(quad, Rejected):
-                work.reject(candidate.corners, quad)
-            else:
-                quads.append(quad)
-        return self._tracker.follow(quads)
+        quads = [at if isinstance(at, Rejected) else next(refined) for at in near]
+        return [(candidate.corners, quad) for candidate, quad in zip(candidates, quads, strict=True)]
 
     def _by_bands(self, frame: Frame, work: Results) -> Iterator[list[Sighting]]:
         """The source paper's method, once for each pair of frequencies."""
@@ -227,8 +236,7 @@ class Pipeline:
 
     def _refine(self, frame: Frame, near: list[Floats]) -> list[Quad | Rejected]:
         """The lit squares at these places, or why there are none."""
-        striped = self._finder.stripe_rows(frame) > 0
-        return refine_quads(frame, np.array(near), self._cells, self._intrinsics, striped=striped)
+        return refine_quads(frame, np.array(near), self._cells, self._intrinsics)
 
     def _sample(self, frame: Frame, squares: list[tuple[Quad, Track]], work: Results) -> list[_Looked]:
         """The light in their cells, of those where it can be told."""

@@ -7,7 +7,7 @@ import math
 import cv2
 import numpy as np
 import pytest
-from decode_material import LENS, SHORT_US, Canvas, diffuser, flat, reason, seen_through, square, word
+from decode_material import LENS, Canvas, diffuser, flat, reason, seen_through, square, word
 
 from ledpi.decode.approach import approach_quads
 from ledpi.decode.edges import refine_quads
@@ -17,14 +17,14 @@ TOLERANCE_PX = 4.0  # how far off a finder's corners are allowed to be
 OFFSETS = [0.0, 0.15, 0.35, 0.5, 0.7, 0.9]
 
 
-def edges(frame: Frame, rough: Floats, lens: Intrinsics | None = None, *, striped: bool = False) -> Quad | Rejected:
+def edges(frame: Frame, rough: Floats, lens: Intrinsics | None = None) -> Quad | Rejected:
     """The whole way from a finder's corners to exact ones."""
-    (near,) = approach_quads(frame, rough[None], np.array([TOLERANCE_PX]), stripe_rows=12.0 if striped else 0.0)
-    return near if isinstance(near, Rejected) else refine_quads(frame, near[None], 4, lens, striped=striped)[0]
+    (near,) = approach_quads(frame, rough[None], np.array([TOLERANCE_PX]))
+    return near if isinstance(near, Rejected) else refine_quads(frame, near[None], 4, lens)[0]
 
 
-def corners(frame: Frame, rough: Floats, lens: Intrinsics | None = None, *, striped: bool = False) -> Floats:
-    found = edges(frame, rough, lens, striped=striped)
+def corners(frame: Frame, rough: Floats, lens: Intrinsics | None = None) -> Floats:
+    found = edges(frame, rough, lens)
     assert isinstance(found, Quad), reason(found)
     return found.corners_px
 
@@ -203,30 +203,6 @@ def test_noise_makes_the_edges_less_sure() -> None:
         assert isinstance(found, Quad)
         stated.append(found.corner_sigma_px)
     assert stated[1] > 1.5 * stated[0] > 0
-
-
-@pytest.mark.parametrize("phase", np.arange(8) / 8)
-def test_of_a_striped_panel_the_outermost_light_is_its_rim(phase: float) -> None:
-    """At 150 µs whole cells are dark at the rim; the corners stay within a tenth of the side."""
-    true = square(310.4, 240.2, 120, 5)
-    canvas = Canvas(exposure_us=SHORT_US)
-    canvas.panel(true, word(7), phases=(phase, 3 * phase + 0.4))
-    found = corners(canvas.frame(), nudged(true, 1), striped=True)
-    assert np.linalg.norm(found - true, axis=1).max() < 12
-
-
-@pytest.mark.xfail(strict=True, reason="dark bands hide the rim: corners are off by 0.5 to 5 % of the side, and say so")
-def test_corners_of_a_striped_panel_are_exact() -> None:
-    """At 150 µs, over phases and sizes: half a pixel, as at 10 ms."""
-    errors = []
-    for side in (80, 140):
-        for phase in np.arange(8) / 8:
-            true = square(310.4, 240.2, side, 5)
-            canvas = Canvas(exposure_us=SHORT_US)
-            canvas.panel(true, word(7), phases=(phase, 3 * phase + 0.4))
-            found = edges(canvas.frame(), nudged(true, 1), striped=True)
-            errors.append(rms(found.corners_px - true) if isinstance(found, Quad) else math.inf)
-    assert np.median(errors) < 0.5
 
 
 def test_a_disc_is_refused() -> None:

@@ -7,7 +7,7 @@ import dataclasses
 import cv2
 import numpy as np
 import pytest
-from decode_material import SHORT_US, SPEC, Canvas, flat, square, word
+from decode_material import Canvas, flat, square, word
 
 from ledpi.decode.find import Candidate, Finder
 from ledpi.records import Floats, Frame, Rejected, Transfer
@@ -16,7 +16,7 @@ SMALLEST_PX = 10.0
 
 
 def find(frame: Frame) -> tuple[list[Candidate], list[str]]:
-    found, dropped = Finder(640, 480, SPEC, SMALLEST_PX).find(frame)
+    found, dropped = Finder(640, 480, SMALLEST_PX).find(frame)
     return found, [rejected.key for rejected in dropped]
 
 
@@ -108,32 +108,11 @@ def test_an_empty_noisy_picture_holds_nothing(background: float, transfer: Trans
     assert found == []
 
 
-@pytest.mark.parametrize("phase", [0.0, 0.25, 0.5, 0.75])
-@pytest.mark.parametrize("side", [70, 130, 200])
-def test_bands_of_full_depth_do_not_cut_a_panel_up(side: float, phase: float) -> None:
-    """At 150 µs whole rows of cells are dark; still the whole panel is a candidate, and says that it is striped."""
-    corners = square(320, 240, side, 5)
-    canvas = Canvas(exposure_us=SHORT_US)
-    canvas.panel(corners, word(7), phases=(phase, phase + 0.4))
-    found, _ = find(canvas.frame())
-    whole = [c for c in found if np.abs(c.corners - corners).max() < 0.25 * side]
-    assert whole
-    assert all(c.stripe_rows > 0 for c in whole)
-
-
-def test_at_10_ms_nothing_is_striped() -> None:
-    """The exposure smooths the bands to a few percent."""
-    canvas = Canvas()
-    canvas.panel(square(320, 240, 100), word(7))
-    ((candidate,), _) = find(canvas.frame())
-    assert candidate.stripe_rows == 0
-
-
 def test_a_panel_too_small_to_read_is_dropped_as_such() -> None:
     """What is smaller than asked for is counted, not passed on."""
     canvas = Canvas()
     canvas.panel(square(320, 240, 25), word(7))
-    found, dropped = Finder(640, 480, SPEC, smallest_px=40.0).find(canvas.frame())
+    found, dropped = Finder(640, 480, smallest_px=40.0).find(canvas.frame())
     assert found == []
     assert Rejected(stage="find", reason="too_small") in dropped
 
@@ -161,7 +140,7 @@ def test_a_finder_keeps_nothing_of_the_last_picture() -> None:
     """Its work space is used again: an empty picture after a full one holds nothing, and the same gives the same."""
     canvas = Canvas()
     canvas.panel(square(320, 240, 100), word(7))
-    finder = Finder(640, 480, SPEC, SMALLEST_PX)
+    finder = Finder(640, 480, SMALLEST_PX)
     first, _ = finder.find(canvas.frame())
     nothing, _ = finder.find(Canvas().frame())
     again, _ = finder.find(canvas.frame())
@@ -185,7 +164,7 @@ def test_a_picture_too_small_for_any_panel_holds_none(size: tuple[int, int]) -> 
     height, width = size
     pixels = np.random.default_rng(1).integers(0, 256, size, np.uint8)
     frame = dataclasses.replace(Canvas().frame(), pixels=pixels)
-    assert Finder(width, height, SPEC, SMALLEST_PX).find(frame)[0] == []
+    assert Finder(width, height, SMALLEST_PX).find(frame)[0] == []
 
 
 @pytest.mark.parametrize("turn_deg", [10, 30, 50, 75])

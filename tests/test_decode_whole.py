@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from decode_material import SPEC, Canvas, flat, reason, square, word
+from decode_material import Canvas, flat, reason, square, word
 
 from ledpi.decode.approach import approach_quads
 from ledpi.decode.edges import refine_quads
@@ -102,7 +102,7 @@ def test_a_panel_whose_corner_is_dead_is_found_whole(dead: tuple[int, int], turn
     canvas = Canvas()
     canvas.panel(true, word(7), gains=gains)
     frame = canvas.frame()
-    candidates, _ = Finder(640, 480, SPEC, 10.0).find(frame)
+    candidates, _ = Finder(640, 480, 10.0).find(frame)
     quads = [seen(frame, candidate.corners, candidate.tolerance_px) for candidate in candidates]
     squares = [q.corners_px for q in quads if isinstance(q, Quad)]
     assert min((np.abs(np.roll(s, k, axis=0) - true).max() for s in squares for k in range(4)), default=np.inf) < 0.3

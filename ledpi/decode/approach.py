@@ -27,7 +27,6 @@ from ledpi.decode.sides import (
     points_across,
     roughly_light_at,
 )
-from ledpi.decode.striped import outermost_of, outermost_sides
 from ledpi.kernels import edges as kernel
 from ledpi.kernels.light import can_read
 from ledpi.records import Floats, Frame, Rejected
@@ -54,30 +53,22 @@ ALMOST = 4.0  # times as much: sides that were only reached in part look so, and
 
 
 @np.errstate(divide="ignore", invalid="ignore")  # parallel sides cross nowhere: not finite, and refused
-def approach_quads(
-    frame: Frame, rough: Floats, tolerance_px: Floats, *, stripe_rows: float = 0.0
-) -> list[Floats | Rejected]:
+def approach_quads(frame: Frame, rough: Floats, tolerance_px: Floats) -> list[Floats | Rejected]:
     """Better corners for each of `rough` (N, 4, 2; clockwise in the picture), or why there is no square; all at once.
 
-    The sides are sought up to `tolerance_px` (N,) away, with samples as far apart as that takes. In a striped picture,
-    with dark bands of up to `stripe_rows`, cells may be dark at the very edge, so that their light seems to end further
-    inside: there the sides are where light begins furthest outside.
+    The sides are sought up to `tolerance_px` (N,) away, with samples as far apart as that takes.
     """
     if not len(rough):
         return []
     start, chosen = as_points(rough), np.arange(len(rough))
-    if stripe_rows:
-        corners, spread, seen = outermost_sides(frame, start, stripe_rows)
-        limit = np.full(len(rough), np.inf)
-    else:
-        squared, cut = _with_fourth_corner(start)
-        start, of = np.concatenate([start, squared[cut]]), np.concatenate([chosen, chosen[cut]])
-        step_px = np.maximum(FINEST_STEP_PX, tolerance_px / -OFFSETS[0])[of]
-        corners, spread, seen = _nearest(frame, start, step_px)
-        limit = np.maximum(MAX_SPREAD_PX, MAX_SPREAD_STEPS * step_px)
-        again = np.flatnonzero(seen & (spread > limit) & (spread < ALMOST * limit) & np.isfinite(corners).all(axis=1))
-        if len(again):  # a side that began too far off was only seen in part
-            corners[again], spread[again], seen[again] = _nearest(frame, corners[again], step_px[again])
+    squared, cut = _with_fourth_corner(start)
+    start, of = np.concatenate([start, squared[cut]]), np.concatenate([chosen, chosen[cut]])
+    step_px = np.maximum(FINEST_STEP_PX, tolerance_px / -OFFSETS[0])[of]
+    corners, spread, seen = _nearest(frame, start, step_px)
+    limit = np.maximum(MAX_SPREAD_PX, MAX_SPREAD_STEPS * step_px)
+    again = np.flatnonzero(seen & (spread > limit) & (spread < ALMOST * limit) & np.isfinite(corners).all(axis=1))
+    if len(again):  # a side that began too far off was only seen in part
+        corners[again], spread[again], seen[again] = _nearest(frame, corners[again], step_px[again])
     near = np.abs(corners - start).max(axis=1) < 0.5 * np.sqrt(np.abs(areas(start)))
     # Perspective, too, makes a square no parallelogram: what is a square as it is stays as it is.
     fits = seen & near & (spread <= limit)
@@ -115,18 +106,15 @@ def _with_fourth_corner(corners: Points) -> tuple[Points, Mask]:
 
 
 def nearest_sides(
-    look: Callable[[Coordinates], Singles], corners: Points, step_px: Floats, *, outermost: bool = False
+    look: Callable[[Coordinates], Singles], corners: Points, step_px: Floats
 ) -> tuple[Points, Floats, Mask]:
     """Corners (N, 4) whose sides run where light steps up, the steps' spread (N,), and which quads have them all round.
 
-    `look` tells the light at points. `outermost`: the steps furthest outside count, as others may be where a dark band
-    begins.
+    `look` tells the light at points.
     """
     sides = Sides.of(corners)
     found, height = _steps_up(look(points_across(sides, SHARES.share, step_px[:, None] * ACROSS)))
     good = is_step(height)
-    if outermost:
-        good &= outermost_of(found, good)
     found *= step_px[:, None, None]
     start = near_median(found, good, MAX_TILT_STEPS * step_px[:, None, None]).astype(np.float64)
     spread, weights = deviations(SHARES, found, good, *fit_lines(SHARES, found, start))

@@ -71,25 +71,22 @@ MAX_SPREAD_PX = 0.35
 MIN_USED = 0.6  # share of the profiles that have an edge near their side: with two dead cells on each it is a half
 MAX_MOVE = 0.2  # of the side: what moves further when looked at closely was not there
 BORDER_PX = 1.0
-STRIPED_SIGMA = 0.03  # of the side: what dark bands along the rim hide of it, on average
 HIDDEN_SIGMA = 0.003  # of the side: how exactly the cells tell where a side is that nothing shows
 MAX_BLUR_CHANGE = 0.4  # of its logarithm, in a round
 
 
 @np.errstate(divide="ignore", invalid="ignore")  # parallel sides cross nowhere: not finite, and refused
 def refine_quads(
-    frame: Frame, near: Floats, cells: int, intrinsics: Intrinsics | None = None, *, striped: bool = False
+    frame: Frame, near: Floats, cells: int, intrinsics: Intrinsics | None = None
 ) -> list[Quad | Rejected]:
     """Sub-pixel corners of each lit square of `cells` × `cells` whose corners are within 2 px of `near` (N, 4, 2).
 
-    Or why there are none. In a `striped` picture the rim may be too dark for that; then `near` is as good as it gets.
+    Or why there are none.
     """
     if not len(near):
         return []
     start = as_points(near)
     bend = bends(start, intrinsics)
-    if striped:
-        return _striped(frame, start, bend)
     found = (_find_compiled if can_read(frame) else _find)(frame, start, bend, cells)
     hidden = hidden_shares(frame, found.corners, bend, cells)
     quads = _results(frame, start, found, bend, hidden)
@@ -138,27 +135,6 @@ def _find(frame: Frame, start: Points, bend: Points, cells: int) -> _Found:
         spread_px=root_mean_square(fit.spread),
         sigma_px=np.sqrt((fit.variance + 4 * np.square(fit.spread) / profiles).mean(axis=1)),
     )
-
-
-def _striped(frame: Frame, start: Points, bend: Points) -> list[Quad | Rejected]:
-    """Squares in a striped picture: only as good as they were told, but for how they are approached."""
-    patches = Patches(frame, start, REACH_PX)
-    corners = _outermost(patches, start - patches.first)
-    sigma_px = STRIPED_SIGMA * np.sqrt(np.abs(areas(corners)))
-    most_bent = np.abs(bend.imag).max(axis=(1, 2))
-    return [
-        _checked(frame, at, float(sigma), float(most))
-        for at, sigma, most in zip(corners + patches.first, sigma_px, most_bent, strict=True)
-    ]
-
-
-def _outermost(patches: Patches, corners: Points) -> Points:
-    """Corners (N, 4) of striped squares: where they step up furthest outside, if that is a square."""
-    found, spread, seen = nearest_sides(
-        patches.light_at, corners, np.full(len(corners), FINEST_STEP_PX), outermost=True
-    )
-    near = np.abs(found - corners).max(axis=1) < MAX_MOVE * np.sqrt(np.abs(areas(corners)))
-    return np.where((seen & near & (spread <= MAX_SPREAD_PX))[:, None], found, corners)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -363,16 +339,16 @@ def _results(frame: Frame, start: Points, found: _Found, bend: Points, hidden: F
         elif not straight[i]:
             results.append(NOT_STRAIGHT)
         elif not hidden[i].any():
-            results.append(_checked(frame, corners[i], float(sigma_px[i]), float(most_bent[i])))
+            results.append(checked(frame, corners[i], float(sigma_px[i]), float(most_bent[i])))
         elif np.isfinite(hidden[i]).all():
             whole, sigma = uncovered(corners[i], hidden[i]), float(sigma_px[i] + HIDDEN_SIGMA * side_px[i])
-            results.append(_checked(frame, whole, sigma, float(most_bent[i])))
+            results.append(checked(frame, whole, sigma, float(most_bent[i])))
         else:
             results.append(NOT_WHOLE)
     return results
 
 
-def _checked(frame: Frame, corners: Points, sigma_px: float, bend_px: float) -> Quad | Rejected:
+def checked(frame: Frame, corners: Points, sigma_px: float, bend_px: float) -> Quad | Rejected:
     """A record of what has the shape of a square and is wholly in the picture."""
     a, b, c, d = corners.tolist()
     sides = (b - a, c - b, d - c, a - d)

@@ -16,11 +16,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ledpi import shutter
 from ledpi.decode.outlines import Outline, Outlines
 from ledpi.kernels import outlines as kernel
 from ledpi.kernels.library import COMPILED
-from ledpi.records import Floats, Frame, PanelSpec, Pixels, Rejected
+from ledpi.records import Floats, Frame, Pixels, Rejected
 
 TOO_SMALL = Rejected(stage="find", reason="too_small")
 NOT_FOUR_SIDED = Rejected(stage="find", reason="not_four_sided")
@@ -33,7 +32,7 @@ MIN_CONTRAST = 16  # grey levels from the darkest in the window: less is noise a
 # Shortest outline by level, in its pixels: of the smallest panel in scope, foreshortened by 60°; then of what the level
 # before sees better.
 SHORTEST = (10, 24, 24)
-MAX_MISFIT, MAX_MISFIT_STRIPED = 0.15, 0.35  # logarithm of the four sides' area over the outline's
+MAX_MISFIT = 0.15  # logarithm of the four sides' area over the outline's
 PIXEL_MISFIT = 0.6  # allowed on top, over the side in pixels: steps of whole pixels make small outlines ragged
 MIN_SIDE = 0.3  # shortest side over the root of the area; that of a panel turned by 80° is 0.4
 MAX_CUT_OFF = 0.05  # of the area: what a dead cell at a corner takes of the outline's hull is half of 1/16
@@ -41,7 +40,6 @@ BLUR_MISFIT = 0.002  # by how much a coarser outline, a pixel less certain, must
 MIN_SOLIDITY = 0.8  # area over that of the convex hull
 SAME_CORNERS = 0.25  # of the side: of outlines in one place, what is no further off is the same
 SLENDER = 0.85  # area over that of the square of the same outline, below which corners are where sides cross
-STRIPED_CONTRAST = 0.5  # bands deeper than this cut a panel into pieces
 
 
 Corners = list[list[float]]  # four of x, y; numbers by numbers, as arrays this small only cost
@@ -55,7 +53,6 @@ class Candidate:
     side_px: float
     misfit: float  # of the outline to the four sides, 0 is perfect
     tolerance_px: float  # how far off the sides may be: 1.5 pixels of the picture that they were found in
-    stripe_rows: float  # height of the longest dark band, so deep that parts of its rim may be dark; 0: no such bands
 
     @property
     def centre_px(self) -> tuple[float, float]:
@@ -67,9 +64,8 @@ class Candidate:
 class Finder:
     """Keeps the pictures it works on, for frames of one size."""
 
-    def __init__(self, width: int, height: int, spec: PanelSpec, smallest_px: float) -> None:
+    def __init__(self, width: int, height: int, smallest_px: float) -> None:
         """`smallest_px`: side of the smallest panel that can be read."""
-        self._spec = spec
         self._smallest_px = smallest_px
         sizes = [(max(1, height >> level), max(1, width >> level)) for level in range(1, LEVELS + 1)]
         self._levels = [np.empty(size, np.uint8) for size in sizes]
@@ -85,17 +81,16 @@ class Finder:
         found: list[Candidate] = []
         dropped: list[Rejected] = []
         above: Pixels = frame.pixels
-        stripes = self.stripe_rows(frame)
         for index, picture in enumerate(self._levels):
             cv2.resize(above, (picture.shape[1], picture.shape[0]), dst=picture, interpolation=cv2.INTER_AREA)
             if index == 0 and frame.transfer == "linear":
                 cv2.LUT(picture, self._brighten, dst=picture)
             above = picture
-            for lit in self._lit(index, math.ceil(stripes / (2 << index))):
+            for lit in self._lit(index):
                 outlines, at_border = self._outlines[index].of(lit, SHORTEST[index])
                 dropped.extend([AT_BORDER] * at_border)
                 for outline in outlines:
-                    result = _candidate(outline, 2 << index, stripe_rows=stripes)
+                    result = _candidate(outline, 2 << index)
                     if isinstance(result, Rejected):
                         dropped.append(result)
                     elif result.side_px < self._smallest_px:
@@ -104,23 +99,10 @@ class Finder:
                         found.append(result)
         return _distinct(found), dropped
 
-    def stripe_rows(self, frame: Frame) -> float:
-        """Height of the longest dark band that cuts panels into pieces; 0 where the exposure smooths the bands.
-
-        Where a black cell stands on a white one, a dark band of either may meet one of the other.
-        """
-        return sum(
-            (1.0 - self._spec.duty) / (hz * frame.row_time_us * 1e-6)
-            for hz in (self._spec.black_hz, self._spec.white_hz)
-            if shutter.contrast(hz, frame.exposure_us, self._spec.duty) > STRIPED_CONTRAST
-        )
-
-    def _lit(self, index: int, stripe: int) -> Iterator[Pixels]:
+    def _lit(self, index: int) -> Iterator[Pixels]:
         """What is lit at one level, 0 or 255, by each threshold; each until the next is asked for."""
         picture = self._levels[index]
         brightest, darkest, threshold, lit = self._work[index]
-        if stripe:
-            picture = cv2.morphologyEx(picture, cv2.MORPH_CLOSE, np.ones(((stripe + 2) | 1, 1), np.uint8))
         cv2.dilate(picture, self._window, dst=brightest)
         cv2.erode(picture, self._window, dst=darkest)
         for share in THRESHOLDS[index]:
@@ -128,12 +110,12 @@ class Finder:
             cv2.max(threshold, cv2.add(darkest, MIN_CONTRAST), dst=threshold)
             cv2.compare(picture, threshold, cv2.CMP_GT, dst=lit)
             cv2.morphologyEx(lit, cv2.MORPH_CLOSE, self._melt, dst=lit)
-            if stripe or index:  # thin bridges to the surroundings, which the closing has made
+            if index:  # thin bridges to the surroundings, which the closing has made
                 cv2.morphologyEx(lit, cv2.MORPH_OPEN, self._melt, dst=lit)
             yield lit
 
 
-def _candidate(outline: Outline, scale: int, *, stripe_rows: float) -> Candidate | Rejected:
+def _candidate(outline: Outline, scale: int) -> Candidate | Rejected:
     """A candidate, or why it is none."""
     area = outline.area
     hull = cv2.convexHull(outline.points)
@@ -144,7 +126,7 @@ def _candidate(outline: Outline, scale: int, *, stripe_rows: float) -> Candidate
         return NOT_FOUR_SIDED
     quad_area = 0.5 * abs(_twice_area(corners))
     misfit = abs(math.log(max(quad_area, 1e-3) / area))
-    if misfit > (MAX_MISFIT_STRIPED if stripe_rows else MAX_MISFIT) + PIXEL_MISFIT / math.sqrt(area):
+    if misfit > MAX_MISFIT + PIXEL_MISFIT / math.sqrt(area):
         return NOT_FOUR_SIDED
     if area < SLENDER * (0.25 * sum(math.dist(corners[k], corners[k - 1]) for k in range(4))) ** 2:
         corners = _through_sides(corners, outline.points)
@@ -158,7 +140,6 @@ def _candidate(outline: Outline, scale: int, *, stripe_rows: float) -> Candidate
         side_px=(math.sqrt(quad_area) + 1.0) * scale,
         misfit=misfit,
         tolerance_px=1.5 * scale,
-        stripe_rows=stripe_rows,
     )
 
 

@@ -1,0 +1,272 @@
+"""What the light around a square says of a lattice of blinking cells there, whose word is not known.
+
+Where exposures are short a cell of class k shows its light times w_k(y), which is known but for one phase: bright in
+some rows, dark in others. So a pixel of relative light n is likelier as a lit part of such a cell than as darkness by
+
+    gain_k = e·(2n − e),    e = EVEN·w_k(y)        (n² − (n − e)², of a normal distribution with one variance)
+
+which is positive where it is bright in rows in which the class is, negative where it is dark there, and nothing in rows
+in which the class is dark: those tell nothing of where the panel is. A lattice in some place explains the sum over its
+cells of what either class gains in each; the walls between cells shine with whatever share λ of that explains them
+best: λe·(2n − λe). No border between cells, no rim needs to be seen for that, and all that are seen add to it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache, lru_cache
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ledpi import shutter
+from ledpi.decode.sides import Points, Singles, areas
+from ledpi.records import Floats, Frame, PanelSpec
+from ledpi.tone import linear_light
+
+FEWEST_PX = 70  # the side of a square that is looked at is averaged down to, as long as it has two times as many
+PHASES = 32  # that are tried, of each class
+WAVE_STEPS = 512  # of a period, in which its light is known
+EVEN = 0.85  # of the light of the brightest tenth: what a bright point of a cell has on average
+DARK, BRIGHT = 0.05, 0.9  # shares of the points that are darker than what is taken for dark, and for bright
+MOST = 1.2  # of the bright level: what is brighter counts no more
+MIN_CONTRAST = 3.0  # of bright to dark; a wall beside a panel's dark frame has less than a panel
+# What a lattice loses, per pixel of its area, for the square of the share by which its perspective is not a square's:
+# so little that only what dark rows leave open is decided by it.
+AS_A_SQUARE = 0.5
+UNKNOWN = -0.3  # gain of a pixel beyond what is looked at: about what a dark one has on average
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Lattice:
+    """Points in the cells of a panel, cell by cell, each standing for as much of it.
+
+    In a cell they are a Fibonacci lattice: no two in one row, so that no bands fall between its rows.
+    """
+
+    across: Singles  # (cells², P) 0..1
+    down: Singles
+    of_cells: Singles  # (cells², P) share of the panel, in the open part of cells
+    of_walls: Singles  # (cells², P) and between them
+
+    @classmethod
+    def of(cls, cells: int, points: int, step: int, wall: float) -> Lattice:
+        """With so many points in a cell; the next in a lower row is `step` of them further, around the cell.
+
+        `wall`: what may be dark on either side of a border between cells, as a share of the cell.
+        """
+        order = np.arange(points)
+        down, across = (order + 0.5) / points, (order * step % points + 0.5) / points
+        number = np.arange(cells)
+        u = np.broadcast_to((number[None, :, None] + across) / cells, (cells, cells, points)).reshape(-1, points)
+        v = np.broadcast_to((number[:, None, None] + down) / cells, (cells, cells, points)).reshape(-1, points)
+        border = [np.abs(w * cells - np.clip(np.round(w * cells), 1, cells - 1)) < wall for w in (u, v)]
+        walls = (border[0] | border[1]) / u.size
+        return cls(*(np.asarray(part, np.float32) for part in (u, v, 1 / u.size - walls, walls)))
+
+
+@cache
+def rough_lattice(cells: int) -> Lattice:
+    """Few points, for a first look."""
+    return Lattice.of(cells, 21, 13, 0.0)
+
+
+@cache
+def fine_lattice(cells: int) -> Lattice:
+    """Points enough to see walls: what is dark there is not the cell's."""
+    return Lattice.of(cells, 55, 34, 0.04)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Window:
+    """Linear light of a part of the picture, averaged down by whole pixels."""
+
+    light: Singles  # (rows, columns)
+    first: complex  # pixel of the picture in which the first of these has its centre
+    shrink: int
+    frame: Frame
+
+    @classmethod
+    def around(cls, frame: Frame, corners: Points, reach_px: float) -> Window:
+        """What is up to `reach_px` around quads (S, 4)."""
+        height, width = frame.pixels.shape
+        shrink = max(1, int(np.sqrt(np.abs(areas(corners)).min()) // FEWEST_PX))
+        x0, y0 = max(0, int(corners.real.min() - reach_px)), max(0, int(corners.imag.min() - reach_px))
+        x1, y1 = min(width, int(corners.real.max() + reach_px) + 2), min(height, int(corners.imag.max() + reach_px) + 2)
+        columns, rows = max(1, (x1 - x0) // shrink), max(1, (y1 - y0) // shrink)
+        patch = frame.pixels[y0 : y0 + rows * shrink, x0 : x0 + columns * shrink]
+        light = cv2.LUT(patch, linear_light(frame.transfer, mark_saturated=False))
+        if shrink > 1:
+            light = cv2.resize(light, (columns, rows), interpolation=cv2.INTER_AREA)
+        return cls(light, complex(x0, y0) + (shrink - 1) / 2 * (1 + 1j), shrink, frame)
+
+    def within(self, points: Points) -> Points:
+        """Pixels of the picture as pixels of this."""
+        return np.asarray((points - self.first) / self.shrink)
+
+    def in_picture(self, points: Points) -> Points:
+        """The other way."""
+        return np.asarray(points * self.shrink + self.first)
+
+    def waves(self, spec: PanelSpec) -> Singles:
+        """(2, PHASES, rows) share of its light that either class shows in each row, by the phase in row 0."""
+        rows = self.first.imag + self.shrink * np.arange(len(self.light))
+        phase = np.arange(PHASES)[:, None] / PHASES
+        both = []
+        for hz in (spec.black_hz, spec.white_hz):
+            cycles = phase + rows * (hz * self.frame.row_time_us * 1e-6)
+            table = _wave(hz, self.frame.exposure_us, spec.duty, self.shrink, self.frame.row_time_us)
+            both.append(table[(cycles * WAVE_STEPS).astype(np.int64) % WAVE_STEPS])
+        return np.stack(both)
+
+
+@lru_cache(maxsize=32)
+def _wave(hz: float, exposure_us: float, duty: float, shrink: int, row_time_us: float) -> Singles:
+    """(WAVE_STEPS,) light of a row, over that of an exposure in which the lamp is on; mean of `shrink` rows."""
+    cycles = (np.arange(WAVE_STEPS) + 0.5) / WAVE_STEPS
+    around = (np.arange(shrink) - (shrink - 1) / 2) * hz * row_time_us * 1e-6
+    each = [shutter.exposure_weight(cycles + row, hz * exposure_us * 1e-6, duty) for row in around]
+    wave = np.mean(each, axis=0)
+    return np.asarray(wave / wave.max(), np.float32)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Bands:
+    """The bands that explain best what a square shows."""
+
+    dark: float  # levels of light
+    bright: float
+    waves: Singles  # (2, rows of the window) of either class
+    explained: float  # share of the square's light, squared, that its cells explain
+
+    @classmethod
+    def at(cls, window: Window, corners: Points, cells: int, specs: Sequence[PanelSpec]) -> Bands | None:
+        """Of the square at `corners` (4,) in the window; None where nothing there is bright."""
+        lattice = fine_lattice(cells)
+        x, y, _ = lattice_places(corners[None], lattice)
+        height, width = window.light.shape
+        rows = (y[0] + 0.5).astype(np.int64).clip(0, height - 1)
+        light = window.light[rows, (x[0] + 0.5).astype(np.int64).clip(0, width - 1)]
+        dark, bright = np.quantile(light, (DARK, BRIGHT)).tolist()
+        if not bright > MIN_CONTRAST * dark:
+            return None
+        relative = np.clip((light - dark) / (bright - dark), 0.0, MOST)
+        fits = [_phases(relative, lattice.of_cells, rows, window.waves(spec), spec) for spec in specs]
+        explained, waves = max(fits, key=lambda fit: fit[0])
+        return cls(dark, bright, waves, explained / max(float((lattice.of_cells * relative * relative).sum()), 1e-9))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BandLight:
+    """What each pixel of a window gains as part of a cell of either class."""
+
+    cells: int
+    focal_px: float  # of the camera, in the window's pixels
+    gains: Singles  # (rows, columns, 4) 2en of either class, then e²
+
+    @classmethod
+    def of(cls, window: Window, bands: Bands, cells: int, focal_px: float) -> BandLight:
+        """With bands as they are; `focal_px` in the picture's pixels."""
+        relative = np.clip((window.light - bands.dark) * (1 / (bands.bright - bands.dark)), 0.0, MOST)
+        expected = EVEN * bands.waves.T[:, None]  # (rows, 1, 2)
+        gains = np.empty((*relative.shape, 4), np.float32)
+        np.multiply(2 * expected, relative[..., None], out=gains[..., :2])
+        gains[..., 2:] = expected * expected
+        return cls(cells, focal_px / window.shrink, gains)
+
+    def explains(self, corners: Points, lattice: Lattice) -> Floats:
+        """(N,) how much a lattice with each of corners (N, 4) explains, in pixels of full light."""
+        x, y, depth = lattice_places(corners, lattice)
+        count, each, points = x.shape
+        at = (x.reshape(count, -1), y.reshape(count, -1))
+        gains = cv2.remap(
+            self.gains, *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=(0, 0, -UNKNOWN, -UNKNOWN)
+        ).reshape(count, each, points, 4)
+        area = np.abs(areas(corners))
+        nearer = depth**-3  # of the picture's area: further away, less of it
+        nearer *= (area / nearer.mean(axis=(1, 2))).astype(np.float32)[:, None, None]
+        of_cells = np.matmul((nearer * lattice.of_cells)[:, :, None], gains)[:, :, 0]
+        of_class = of_cells[..., :2] - of_cells[..., 2:]
+        explained = of_class.max(axis=2).sum(axis=1).astype(np.float64)
+        if lattice.of_walls.any():
+            of_walls = np.matmul((nearer * lattice.of_walls)[:, :, None], gains)[:, :, 0]
+            own = np.where((of_class[..., 1] > of_class[..., 0])[..., None], of_walls[..., 1::2], of_walls[..., ::2])
+            seen, expected = own.sum(axis=1).T
+            share = (0.5 * seen / np.maximum(expected, 1e-9)).clip(0, 1)
+            explained += share * seen - share * share * expected
+        explained -= AS_A_SQUARE * area * np.square(unlike_a_square(corners, self.focal_px))
+        return np.where(np.isfinite(explained), explained, -np.inf)
+
+
+def have_contrast(frame: Frame, corners: Points, cells: int) -> NDArray[np.bool_]:
+    """(N,) which quads (N, 4) in the picture show both bright and dark."""
+    x, y, _ = lattice_places(corners, rough_lattice(cells))
+    height, width = frame.pixels.shape
+    codes = frame.pixels[y.astype(np.int64).clip(0, height - 1), x.astype(np.int64).clip(0, width - 1)]
+    light = linear_light(frame.transfer, mark_saturated=False)[codes.reshape(len(corners), -1)]
+    dark, bright = np.quantile(light, (DARK, BRIGHT), axis=1)
+    contrasty: NDArray[np.bool_] = bright > MIN_CONTRAST * dark
+    return contrasty
+
+
+def _phases(
+    relative: Singles, share: Singles, rows: NDArray[np.int64], waves: Singles, spec: PanelSpec
+) -> tuple[float, Singles]:
+    """How much the lattice explains in the best two phases, as a share of its area, and the waves (2, rows) then."""
+    cells, height = len(relative), waves.shape[2]
+    index = (np.arange(cells)[:, None] * height + rows).reshape(-1)
+    light = np.bincount(index, (share * relative).reshape(-1), cells * height).reshape(cells, height)
+    count = np.bincount(index, share.reshape(-1), cells * height).reshape(cells, height)
+    black, white = (EVEN * (2 * light @ wave.T - EVEN * count @ np.square(wave).T) for wave in waves)
+    either = np.maximum(black[:, :, None], white[:, None, :]).sum(axis=0)
+    if spec.phase == "antiphase":  # white half a cycle after black
+        opposite = np.arange(PHASES)
+        tied = np.full_like(either, -np.inf)
+        tied[opposite, opposite - PHASES // 2] = either[opposite, opposite - PHASES // 2]
+        either = tied
+    phase = np.unravel_index(either.argmax(), either.shape)
+    return float(either.max()), np.stack([waves[k][phase[k]] for k in (0, 1)])
+
+
+def unlike_a_square(corners: Points, focal_px: float) -> Floats:
+    """(N,) how much depth across quads (N, 4) differs from that of a square that is foreshortened as they are.
+
+    A square turned by τ from the line of sight is shorter by cos τ across the axis that it is turned about, and over
+    its height its relative depth changes by sin τ times its side over its distance, which is its longer side over the
+    focal length. It may be nearer at either end.
+    """
+    c0, c1, c2, c3 = corners.T
+    across, down = 0.5 * (c1 + c2 - c0 - c3), 0.5 * (c3 + c2 - c0 - c1)
+    g, h = _perspective(corners)
+    depth = (g + 1j * h) / (1 + 0.5 * (g + h))  # change of relative depth, across and down
+    u, v, both = np.square(np.abs(across)), np.square(np.abs(down)), (across.conj() * down).real
+    root = np.hypot(u - v, 2 * both)
+    expected = np.sqrt(root) / focal_px  # longer side² less shorter side²
+    shortened = 1j * np.exp(0.5j * np.arctan2(2 * both, u - v))  # the way, in the square, in which it is shorter
+    off: Floats = np.minimum(np.abs(depth - expected * shortened), np.abs(depth + expected * shortened))
+    return off
+
+
+def _perspective(corners: Points) -> tuple[Floats, Floats]:
+    """(N,) each: by how much relative depth changes across and down the unit square that is seen at corners (N, 4)."""
+    c0, c1, c2, c3 = corners.T
+    far, near, all_four = c1 - c2, c3 - c2, c0 - c1 + c2 - c3
+    det = (far.conj() * near).imag
+    return (all_four.conj() * near).imag / det, (far.conj() * all_four).imag / det
+
+
+def lattice_places(corners: Points, lattice: Lattice) -> tuple[Singles, Singles, Singles]:
+    """(N, cells², P) each: x, y, and relative depth of a lattice's points in quads (N, 4).
+
+    Of the homography from the unit square, as `cells.unit_square_to`, for many at once.
+    """
+    c0, c1, _, c3 = corners.T
+    g, h = _perspective(corners)
+    across, down = c1 - c0 + g * c1, c3 - c0 + h * c3
+    values = np.stack([g, h, across.real, down.real, c0.real, across.imag, down.imag, c0.imag]).astype(np.float32)
+    g_, h_, xu, xv, x0, yu, yv, y0 = values[:, :, None, None]
+    u, v = lattice.across, lattice.down
+    depth = g_ * u + h_ * v + np.float32(1)
+    return (xu * u + xv * v + x0) / depth, (yu * u + yv * v + y0) / depth, depth

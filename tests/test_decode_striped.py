@@ -1,0 +1,114 @@
+"""Exposures so short that dark bands cut panels into pieces: squares are found by the lattice of their cells."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from decode_material import (
+    PINHOLE,
+    ROW_TIME_US,
+    SHORT_US,
+    SPEC,
+    Canvas,
+    camera_info,
+    panel_settings,
+    square,
+    word,
+)
+
+from ledpi.decode.band_light import unlike_a_square
+from ledpi.decode.find_striped import StripedFinder, smallest_square_around
+from ledpi.decode.sides import as_points
+from ledpi.decode.striped import striped_squares
+from ledpi.pipeline import Pipeline
+from ledpi.records import Floats, Frame, Quad
+
+SMALLEST_PX = 8.0
+
+
+def squares(frame: Frame) -> list[Floats]:
+    """Corners of all squares in a picture."""
+    finder = StripedFinder(640, 480, [SPEC], SMALLEST_PX)
+    candidates, _ = finder.find(frame)
+    found = striped_squares(frame, candidates, 4, [SPEC], finder.stripe_rows(frame))
+    return [result.corners_px for _, result in found if isinstance(result, Quad)]
+
+
+def striped(corners: Floats, marker_id: int, phases: tuple[float, float], exposure_us: float = SHORT_US) -> Frame:
+    canvas = Canvas(exposure_us=exposure_us)
+    canvas.panel(corners, word(marker_id), phases=phases)
+    return canvas.frame()
+
+
+def worst_corner(found: Floats, true: Floats) -> float:
+    """Of the four, in pixels; found corners may begin with any."""
+    return min(float(np.linalg.norm(np.roll(found, turn, axis=0) - true, axis=1).max()) for turn in range(4))
+
+
+@pytest.mark.parametrize("turn_deg", [1, 20, 45])
+@pytest.mark.parametrize("side", [52, 130, 200])
+@pytest.mark.parametrize("phase", [0.0, 0.4, 0.8])
+def test_a_panel_in_pieces_is_one_square(side: float, turn_deg: float, phase: float) -> None:
+    """At 150 µs whole rows of cells are dark; still there is the panel's square, to 3 % of its side, and no other."""
+    true = square(310.3, 240.6, side, turn_deg)
+    (found,) = squares(striped(true, 7, (phase, 3 * phase + 0.4)))
+    assert worst_corner(found, true) < 0.03 * side
+
+
+@pytest.mark.parametrize("side", [60, 120])
+def test_a_side_that_is_dark_all_along_is_found(side: float) -> None:
+    """Both classes switch off where the panel begins: its first 1.5 rows of light at 60 px come a band further down."""
+    true = square(310, 240, side)
+    top_s = true[0, 1] * ROW_TIME_US * 1e-6
+    off = (0.5 - 1250 * top_s, 0.5 - 2450 * top_s)
+    (found,) = squares(striped(true, 42, off))
+    assert worst_corner(found, true) < 0.03 * side
+
+
+def test_a_lamp_is_no_striped_square() -> None:
+    """A steady light of the same shape has no bands."""
+    canvas = Canvas(exposure_us=SHORT_US)
+    canvas.lamp(square(310, 240, 100, 10))
+    assert squares(canvas.frame()) == []
+
+
+def test_how_high_dark_bands_are() -> None:
+    """Half a period of 1250 Hz and half a one of 2450 Hz, in rows of 33.67 µs: 11.88 + 6.06; none at 10 ms."""
+    finder = StripedFinder(640, 480, [SPEC], SMALLEST_PX)
+    canvas = Canvas(exposure_us=SHORT_US)
+    assert finder.stripe_rows(canvas.frame()) == pytest.approx(17.94, abs=0.01)
+    assert finder.stripe_rows(Canvas().frame()) == 0
+
+
+def test_the_smallest_square_around_one_with_its_corner_cut_off() -> None:
+    """It is the square again, whichever way around its outline is given."""
+    outline = np.array([[0.0, 0], [10, 0], [10, 7], [7, 10], [0, 10]])
+    whole = np.array([[0.0, 0], [10, 0], [10, 10], [0, 10]])
+    for given in (outline, outline[::-1]):
+        found = smallest_square_around(given)
+        assert found is not None
+        np.testing.assert_allclose(found, whole, atol=1e-9)
+
+
+def test_perspective_of_a_turned_square() -> None:
+    """Seen from four sides away, turned by 60°, it is like a square; with its far side twice as short it is not."""
+    c, s = 0.5, 0.75**0.5
+    points = np.array([[x * c, y, 4 + x * s] for x, y in ((-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5))])
+    seen = 600 * points[:, :2] / points[:, 2:]
+    drawn = np.array([[-40.0, -80], [40, -40], [40, 40], [-40, 80]])
+    assert unlike_a_square(as_points(seen[None]), 600.0)[0] < 0.01
+    assert unlike_a_square(as_points(drawn[None]), 600.0)[0] > 0.3
+
+
+@pytest.mark.parametrize("exposure_us", [130.0, 161.6, 500.0, 1000.0, 2000.0, 5000.0])
+@pytest.mark.parametrize("turn_deg", [3, 40])
+def test_one_frame_is_read_at_any_exposure(exposure_us: float, turn_deg: float) -> None:
+    """Panels 7 and 42, 70 px wide, from full bands to those that are a tenth deep."""
+    pipeline = Pipeline(
+        dataclasses.replace(camera_info(), exposure_us=exposure_us), panel_settings(), intrinsics=PINHOLE, stream=False
+    )
+    for marker_id in (7, 42):
+        frame = striped(square(310, 240, 70, turn_deg), marker_id, (0.3, 0.9), exposure_us)
+        assert [marker.sighting.id for marker in pipeline.decode(frame).markers] == [marker_id]
