@@ -69,7 +69,19 @@ def _known_dictionary(name: str) -> str:
     raise ValueError(f"must be one of {', '.join(dictionary_names())}, or a file that ends in {endings}")
 
 
-class _Section(BaseModel):
+class NoBooleans(BaseModel):
+    """What a person has written, where true is not taken for 1."""
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _is_no_boolean(cls, value: object, info: ValidationInfo) -> object:
+        """YAML reads yes, no, on, off as booleans, and pydantic a boolean as the number 1 or 0."""
+        if isinstance(value, bool) and cls.model_fields[str(info.field_name)].annotation is not bool:
+            raise ValueError("takes no true or false (which YAML also reads from yes, no, on and off)")
+        return value
+
+
+class _Section(NoBooleans):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     @model_validator(mode="before")
@@ -80,14 +92,6 @@ class _Section(BaseModel):
         if isinstance(value, (dict, cls)):
             return value
         raise ValueError(f"must be a section with the keys {', '.join(sorted(cls.model_fields))}")
-
-    @field_validator("*", mode="before")
-    @classmethod
-    def _is_no_boolean(cls, value: object, info: ValidationInfo) -> object:
-        """YAML reads yes, no, on, off as booleans, and pydantic a boolean as the number 1 or 0."""
-        if isinstance(value, bool) and cls.model_fields[str(info.field_name)].annotation is not bool:
-            raise ValueError("takes no true or false (which YAML also reads from yes, no, on and off)")
-        return value
 
 
 class CameraSettings(_Section):

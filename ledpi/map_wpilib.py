@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BaseModel, Field, ValidationError
+from pydantic import Field, ValidationError
 
-from ledpi.config import Finite, Positive
+from ledpi.config import Finite, NoBooleans, Positive
 from ledpi.config_mistakes import explain
 from ledpi.errors import ConfigError
 from ledpi.geometry import FACING_FROM_MARKER, matrix_from_quaternion, quaternion_from_matrix, transform
@@ -23,39 +23,39 @@ from ledpi.pose.panel_map import MapPanel, PanelMap
 from ledpi.records import read_only
 
 
-class _Translation(BaseModel):
+class _Translation(NoBooleans):
     x: Finite
     y: Finite
     z: Finite
 
 
-class _Quaternion(BaseModel):
+class _Quaternion(NoBooleans):
     W: Finite
     X: Finite
     Y: Finite
     Z: Finite
 
 
-class _Rotation(BaseModel):
+class _Rotation(NoBooleans):
     quaternion: _Quaternion
 
 
-class _Pose(BaseModel):
+class _Pose(NoBooleans):
     translation: _Translation
     rotation: _Rotation
 
 
-class _Tag(BaseModel):
+class _Tag(NoBooleans):
     ID: Annotated[int, Field(ge=0)]
     pose: _Pose
 
 
-class _Field(BaseModel):
+class _Field(NoBooleans):
     length: Positive
     width: Positive
 
 
-class _Layout(BaseModel):
+class _Layout(NoBooleans):
     tags: Annotated[list[_Tag], Field(min_length=1)]
     field: _Field | None = None
 

@@ -11,9 +11,9 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 import yaml
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import AfterValidator, ConfigDict, Field, ValidationError, model_validator
 
-from ledpi.config import Finite, Positive, Vector3
+from ledpi.config import Finite, NoBooleans, SideM, Vector3
 from ledpi.config_mistakes import explain
 from ledpi.errors import ConfigError
 from ledpi.geometry import (
@@ -43,16 +43,8 @@ def _rotation(values: list[float]) -> list[float]:
     return values
 
 
-class _Part(BaseModel):
+class _Part(NoBooleans):
     model_config = ConfigDict(extra="forbid", frozen=True)
-
-    @field_validator("*", mode="before")
-    @classmethod
-    def _is_no_boolean(cls, value: object) -> object:
-        """YAML reads yes, no, on, off as booleans, and pydantic a boolean as the number 1 or 0."""
-        if isinstance(value, bool):
-            raise ValueError("takes no true or false (which YAML also reads from yes, no, on and off)")
-        return value
 
 
 class _Deviations(_Part):
@@ -66,7 +58,7 @@ class _Panel(_Part):
     yaw_deg: Finite | None = None
     pitch_deg: Finite | None = None
     roll_deg: Finite | None = None
-    side_m: Positive | None = None
+    side_m: SideM | None = None
     deviations: _Deviations | None = None
 
     @model_validator(mode="after")

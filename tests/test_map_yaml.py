@@ -86,6 +86,7 @@ MISTAKES = [
     (f"units: cm\npanels: {{7: {{{PLACE}, yaw_deg: 0}}}}", "units: unknown key"),
     (f"panels: {{7: {{{PLACE}, yaw_rad: 0}}}}", "panels.7.yaw_rad: unknown key; did you mean yaw_deg?"),
     (f"panels: {{7: {{{PLACE}, yaw_deg: 0, side_m: 0}}}}", "panels.7.side_m: must be greater than 0"),
+    (f"panels: {{7: {{{PLACE}, yaw_deg: 0, side_m: 160}}}}", "panels.7.side_m: must be less than or equal to 10"),
     (f"panels: {{7: {{{PLACE}}}}}", "panels.7: must have either quaternion_wxyz, or yaw_deg"),
     (f"panels: {{7: {{{PLACE}, yaw_deg: 0, quaternion_wxyz: [1, 0, 0, 0]}}}}", "panels.7: must have either"),
     (f"panels: {{-7: {{{PLACE}, yaw_deg: 0}}}}", "panels.-7: must be greater than or equal to 0"),
@@ -190,6 +191,7 @@ def test_a_field_layout_goes_out_as_it_came_in(tmp_path: Path) -> None:
         (lambda layout: layout["tags"][0]["pose"]["rotation"]["quaternion"].update(Z=0), "must have length 1"),
         (lambda layout: layout["tags"][0]["pose"].pop("translation"), "tags.0.pose.translation: must be given"),
         (lambda layout: layout.pop("tags"), "tags: must be given"),
+        (lambda layout: layout["tags"][0].update(ID=True), "tags.0.ID: takes no true or false"),
     ],
 )
 def test_a_mistake_in_a_layout_is_named(tmp_path: Path, change: Any, message: str) -> None:
