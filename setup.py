@@ -10,7 +10,7 @@ from setuptools import Extension, setup
 
 FOLDER = Path("ledpi/kernels")
 sources, headers = sorted(FOLDER.glob("*.c")), sorted(FOLDER.glob("*.h"))
-# Compiled in, so that a test can tell a library that is older than its sources.
+# Compiled in, so that a library that is older than its sources is not used (`digest` in ledpi/kernels/library.py).
 digest = sha256(b"".join(path.read_bytes() for path in (*sources, *headers))).hexdigest()
 
 # One library of plain C functions, no Python module: ctypes loads it (ledpi/kernels/library.py), and no headers of

@@ -1,14 +1,17 @@
 """The compiled loops, where a compiler was at hand when ledpi was installed; and how arrays are handed to them.
 
-Loading them is as pure as importing numpy: a shared library from beside this file, once. While one of its functions
-runs, Python's other threads do too.
+Loading them is as pure as importing numpy: a shared library and its sources from beside this file, once. While one of
+its functions runs, Python's other threads do too.
 """
 
 from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable
-from importlib.util import find_spec
+from hashlib import sha256
+from importlib.machinery import EXTENSION_SUFFIXES
+from importlib.resources import files
+from importlib.resources.abc import Traversable
 from typing import Any
 
 import numpy as np
@@ -17,17 +20,34 @@ from numpy.typing import NDArray
 POINTER, INTEGER, DOUBLE = ctypes.c_void_p, ctypes.c_ssize_t, ctypes.c_double
 
 
-def _load() -> ctypes.CDLL | None:
-    found = find_spec("ledpi.kernels.compiled")
-    if found is None or found.origin is None:
-        return None
+def load(folder: Traversable) -> ctypes.CDLL | None:
+    """The library in this folder, if it can be used: made for this machine, and of the sources that lie beside it.
+
+    One that is older than they are (sources that were updated and not installed anew) takes other arguments.
+    """
+    made = [folder / f"compiled{suffix}" for suffix in EXTENSION_SUFFIXES]
     try:
-        return ctypes.CDLL(found.origin)
-    except OSError:  # made for another machine
+        library = ctypes.CDLL(str(next(file for file in made if file.is_file())))
+    except (StopIteration, OSError):
         return None
+    return library if sources_of(library) == digest(folder) else None
 
 
-_LIBRARY = _load()
+def sources_of(library: ctypes.CDLL) -> str:
+    """`digest` of the sources that were compiled."""
+    library.ledpi_sources.restype = ctypes.c_char_p
+    said: bytes = library.ledpi_sources()
+    return said.decode("ascii")
+
+
+def digest(folder: Traversable) -> str:
+    """SHA-256 of the C files there, then of the headers, in hexadecimal; as setup.py has it."""
+    by_name = {file.name: file for file in folder.iterdir()}
+    names = [name for ending in (".c", ".h") for name in sorted(by_name) if name.endswith(ending)]
+    return sha256(b"".join(by_name[name].read_bytes() for name in names)).hexdigest()
+
+
+_LIBRARY = load(files("ledpi.kernels"))
 COMPILED = _LIBRARY is not None
 
 
@@ -54,12 +74,6 @@ def address(array: NDArray[Any]) -> int:
     assert array.flags.c_contiguous
     at: int = array.__array_interface__["data"][0]
     return at
-
-
-def sources() -> str:
-    """SHA-256 of the C files that were compiled, in hexadecimal."""
-    said: bytes = function("ledpi_sources", result=ctypes.c_char_p)()
-    return said.decode("ascii")
 
 
 def doubles(array: NDArray[Any]) -> NDArray[np.float64]:
