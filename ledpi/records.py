@@ -93,6 +93,11 @@ class PanelSpec:
         """
         return (self.black_hz,) if self.phase == "antiphase" else (self.black_hz, self.white_hz)
 
+    def blinking(self) -> str:
+        """How it blinks, in words."""
+        hz = " and ".join(f"{hz:g}" for hz in self.waves_hz)
+        return f"{hz} Hz in antiphase" if self.phase == "antiphase" else f"{hz} Hz"
+
     def at(self, waves_hz: Sequence[float]) -> PanelSpec:
         """The panel with other frequencies of its waves."""
         return replace(self, black_hz=waves_hz[0], white_hz=waves_hz[-1])

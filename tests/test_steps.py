@@ -23,7 +23,7 @@ from ledpi.snapshot.drawing import BLACK_CLASS, WHITE_CLASS
 from ledpi.snapshot.page import BORDER, PICTURES_TOP, WIDTH
 from ledpi.snapshot.record import Snapshot, take
 from ledpi.snapshot.steps import CAPTION, TITLE, draw_steps
-from ledpi.snapshot.steps_soft import evidence_for_white
+from ledpi.snapshot.steps_soft import alone_for_white, given_others_for_white
 from ledpi.snapshot.tiles import GAP, View, tile_width, view_of
 
 PLACE = square(310.3, 240.6, 150, 4)
@@ -204,16 +204,33 @@ def test_evidence_is_positive_for_white_cells(soft: Snapshot) -> None:
     """And it is the same whichever way it is asked: given the other cells, or of the cell alone."""
     (look,) = (look for look in soft.trace.looks if isinstance(look.reading, Reading))
     assert isinstance(look.evidence, Evidence)
-    none = Rejected(stage="soft", reason="no_bands")
-    for reading in (look.reading, none):
-        np.testing.assert_array_equal(evidence_for_white(look.evidence, reading).reshape(4, 4) > 0, word(7))
+    given_others = given_others_for_white(look.evidence, look.reading.cell_bands, word(7).ravel())
+    for nats in (given_others, alone_for_white(look.evidence)):
+        np.testing.assert_array_equal(nats.reshape(4, 4) > 0, word(7))
 
 
 def test_a_lamp_gives_no_evidence(soft: Snapshot) -> None:
     """No cell speaks for either class by more than a factor of twenty."""
     (look,) = (look for look in soft.trace.looks if isinstance(look.reading, Rejected))
     assert isinstance(look.evidence, Evidence)
-    assert np.abs(evidence_for_white(look.evidence, look.reading)).max() < np.log(20)
+    assert np.abs(alone_for_white(look.evidence)).max() < np.log(20)
+
+
+def test_in_antiphase_each_cell_of_a_panel_that_was_read_says_its_class() -> None:
+    """Given the others; by itself none can, as nothing tells which half of the cycle it is."""
+    one = ("panels.phase=antiphase", "panels.black_hz=1254", "panels.white_hz=1254")
+    canvas = Canvas(exposure_us=SHORT_US)
+    canvas.panel(PLACE, word(7), spec=panel_settings(*one).spec(), phases=(0.1, 0.6))
+    canvas.lamp(square(560, 100, 60))
+    seen = canvas.frame()
+    info = camera_info(exposure_us=seen.exposure_us)
+    pipeline = Pipeline(info, panel_settings(*one), intrinsics=PINHOLE, stream=False)
+    snapshot = take("a panel and a lamp", seen, pipeline, PINHOLE)
+    (look,) = (look for look in snapshot.trace.looks if isinstance(look.reading, Reading))
+    assert isinstance(look.evidence, Evidence)
+    nats = given_others_for_white(look.evidence, look.reading.cell_bands, word(7).ravel())
+    np.testing.assert_array_equal(nats.reshape(4, 4) > 0, word(7))
+    assert draw_steps(snapshot).ndim == 3
 
 
 # ---- Parts of a frame

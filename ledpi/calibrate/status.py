@@ -81,11 +81,10 @@ def _panels(config: Config, today: date) -> Part:
     texts = []
     for marker_id, day in measured.items():
         spec = panels.spec(marker_id)
-        same = (spec.black_hz, spec.white_hz) == (common.black_hz, common.white_hz)
-        value = "as announced" if same else f"{spec.black_hz:g} and {spec.white_hz:g} Hz"
+        value = "as announced" if spec.waves_hz == common.waves_hz else spec.blinking()
         texts.append(f"{marker_id}: {value}, {_age(day, today)}")
     rest = "others not" if measured else "none"
-    texts.append(f"{rest} measured; announced are {common.black_hz:g} and {common.white_hz:g} Hz")
+    texts.append(f"{rest} measured; announced are {common.blinking()}")
     command = "ledpi calibrate panel (before each of them)"
     return Part(name="panels", text="; ".join(texts), done=bool(measured), command=command)
 

@@ -39,6 +39,9 @@ IMPLAUSIBLE = Rejected(stage="soft", reason="implausible_depth")
 FALSE_ID_RATE, FALSE_ID_RATE_ALONE = 1e-6, 1e-5
 # Of the things that blink like a panel, the share that shows no word: a mirror image, a broken panel, another system.
 PRIOR_OF_NO_WORD = 0.01
+# In antiphase patterns are tried that differ in so many cells more than may be wrong: most that are no word are as near
+# to one, or to its negative.
+NEIGHBOURS = 3
 # No square wave leaves deeper bands than `shutter.harmonic_amplitude` of duty 0.5 by more than π/2 (a duty near 0), and
 # the classes of one panel are thinned alike by whatever light does not blink; where that is three times the panel's
 # own, the panel is no longer seen to be lit. Texture knows of none of this.
@@ -164,6 +167,8 @@ def _judged(fit: _Fit, evidence: Evidence, codebook: Codebook, false_id_rate: fl
         _odds_against_other_patterns(against.gain, codebook),
         _odds_against_negative(against.negative, codebook, none),
     )
+    if outside >= needed:
+        outside = min(outside, _odds_against_neighbours(evidence, codebook, best, none))
     if outside < needed:
         return NO_WORD
     rivals = fit.likelihood[codebook.ids[fit.words] != codebook.ids[best]]
@@ -318,6 +323,26 @@ def _odds_against_other_patterns(gain: Doubles, codebook: Codebook) -> float:
     if others < -600:  # the nearest of them outshines the rest, and may be too small for a number
         others = float(np.sort(gain)[-codebook.correctable - 1 :].sum())
     return _prior_odds_of_word(codebook) - others
+
+
+def _odds_against_neighbours(evidence: Evidence, codebook: Codebook, best: int, of_word: float) -> float:
+    """Log odds of a word against patterns a few cells off, each with the bands that fit it best.
+
+    With the word's bands a pattern that is really shown may look unlikely, where these are half as deep as its own. Of
+    two frequencies that hardly passes: the depths of two classes must agree. In antiphase it is looked for, from the
+    word outward, always to the likeliest of the patterns that differ in one more cell.
+    """
+    if codebook.spec.phase == "free":
+        return math.inf
+    word = codebook.white[best]
+    here, others = word, -math.inf
+    for differ in range(1, codebook.correctable + NEIGHBOURS + 1):
+        near = np.abs(here - np.eye(len(word), dtype=np.float32))[here == word]
+        likelihood = word_log_likelihoods(evidence, near)[0]
+        if differ > codebook.correctable:
+            others = float(np.logaddexp(others, np.logaddexp.reduce(likelihood)))
+        here = near[int(likelihood.argmax())]
+    return of_word - others + _prior_odds_of_word(codebook)
 
 
 def _odds_against_negative(of_negative: float, codebook: Codebook, of_word: float) -> float:

@@ -5,10 +5,11 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from ledpi.decode.classes import in_other_class
 from ledpi.decode.evidence import Evidence
 from ledpi.decode.soft import Reading
 from ledpi.markers import Bits
-from ledpi.records import Floats, Rejected
+from ledpi.records import Floats
 from ledpi.snapshot.drawing import (
     BACKGROUND,
     BLACK_CLASS,
@@ -59,13 +60,15 @@ def _row(look: Look, snapshot: Snapshot) -> Row:
         Tile(label=f"refined square, +-{look.quad.corner_sigma_px:.2f} px", picture=_refined(look, snapshot, size)),
         Tile(label=f"its bands: +-{100 * share:.1f} %", picture=bands),
     ]
-    if isinstance(look.evidence, Evidence):
-        nats = evidence_for_white(look.evidence, reading).reshape(n, n)
-        how = "given the other cells" if isinstance(reading, Reading) else "each cell alone"
-        tiles.append(Tile(label=f"evidence in nats, {how}", picture=_evidence(nats, size)))
     if not isinstance(reading, Reading):
+        if isinstance(look.evidence, Evidence) and len(look.evidence.prior) == 4:  # in antiphase none says it alone
+            nats = alone_for_white(look.evidence).reshape(n, n)
+            tiles.append(Tile(label="evidence in nats, each cell alone", picture=_evidence(nats, size)))
         return Row(title=reading.key, tiles=tuple(tiles))
     word: Bits = np.rot90(snapshot.word(reading.id), -reading.quarter_turns)
+    if isinstance(look.evidence, Evidence):
+        nats = given_others_for_white(look.evidence, reading.cell_bands, word.ravel()).reshape(n, n)
+        tiles.append(Tile(label="evidence in nats, given the other cells", picture=_evidence(nats, size)))
     tiles.append(Tile(label=f"word of ID {reading.id}, as seen", picture=cells_tile(word, size)))
     depth = " and ".join(f"{100 * a:.1f} %" for a in reading.amplitude)
     return Row(title=f"ID {reading.id}   margin {reading.margin:.0f}   bands of {depth}", tiles=tuple(tiles))
@@ -83,21 +86,23 @@ def _refined(look: Look, snapshot: Snapshot, size: int) -> Canvas:
     return tile
 
 
-def evidence_for_white(evidence: Evidence, reading: Reading | Rejected) -> Floats:
-    """(cells,) log-likelihood ratio of the white class to the black one in each cell.
+def given_others_for_white(evidence: Evidence, shown: Floats, word: Bits) -> Floats:
+    """(cells,) by how much likelier all the light of a panel that was read is with this cell white than with it black.
 
-    Of a panel that was read: how much likelier all its light is than with this cell's class changed. Else of each cell
-    alone, with depth and phase integrated out.
+    `shown` (cells, P) are its bands, `word` (cells,) which cells it shows as white.
     """
-    if isinstance(reading, Reading):
-        shown = reading.cell_bands
-        both = shown.sum(axis=0) / np.maximum((shown != 0).sum(axis=0), 1)
-        change = both * (shown == 0) - shown
-        left = evidence.score - np.einsum("cidj,dj->ci", evidence.information, shown)
-        own = np.einsum("cicj->cij", evidence.information)
-        gain = (change * left).sum(axis=1) - 0.5 * np.einsum("ci,cij,cj->c", change, own, change)
-        is_white = (shown[:, 2:] != 0).any(axis=1)
-        return np.asarray(np.where(is_white, -gain, gain))
+    change = in_other_class(shown) - shown
+    left = evidence.score - np.einsum("cidj,dj->ci", evidence.information, shown)
+    own = np.einsum("cicj->cij", evidence.information)
+    gain = (change * left).sum(axis=1) - 0.5 * np.einsum("ci,cij,cj->c", change, own, change)
+    return np.asarray(np.where(word, -gain, gain))
+
+
+def alone_for_white(evidence: Evidence) -> Floats:
+    """(cells,) log-likelihood ratio of white to black in each cell by itself, depth and phase integrated out.
+
+    Of two frequencies.
+    """
     nats = []
     for two in (slice(0, 2), slice(2, 4)):
         prior = np.diag(evidence.prior[two])
