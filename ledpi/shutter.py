@@ -63,6 +63,12 @@ def harmonic_amplitude(harmonic: int, frequency_hz: float, exposure_us: float, d
     return float(2.0 * abs(np.sinc(harmonic * duty)) * abs(np.sinc(harmonic * cycles)))
 
 
+def fundamental_amplitude(frequency_hz: float, exposure_us: float, duty: float = 0.5) -> float:
+    """That of the first harmonic of w(y), over w's mean; negative where its bright bands are of exposures whose middle
+    meets the middle of the time that the wave is off."""
+    return 2.0 * float(np.sinc(duty)) * float(np.sinc(frequency_hz * exposure_us * 1e-6))
+
+
 def square_wave_bands(cycles: Floats, frequency_hz: float, exposure_us: float, duty: float = 0.5) -> Floats:
     """(2, …): a square wave as its rows show it, less its mean, and what a later phase adds, per radian.
 
@@ -71,7 +77,7 @@ def square_wave_bands(cycles: Floats, frequency_hz: float, exposure_us: float, d
     that the wave is on; or of the time that it is off, where the fundamental's share of the exposure is negative.
     """
     exposed = frequency_hz * exposure_us * 1e-6
-    fundamental = 2.0 * float(np.sinc(duty)) * float(np.sinc(exposed))
+    fundamental = fundamental_amplitude(frequency_hz, exposure_us, duty)
     start = np.asarray(cycles) + (duty / 2 - exposed / 2 + (0.5 if fundamental < 0 else 0.0))
     bands = (exposure_weight(start, exposed, duty) / duty - 1.0) / abs(fundamental)
     switched_on = start - np.floor(start) < duty

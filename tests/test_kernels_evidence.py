@@ -10,7 +10,7 @@ from decode_material import SPEC, TRUE_10_MS_US, Canvas, diffuser, quad, square,
 
 from ledpi.decode import soft
 from ledpi.decode.cells import CellSamples, sample_cells
-from ledpi.decode.evidence import UNFIT, Believed, Evidence, believed_bands, class_waves, single_evidence
+from ledpi.decode.evidence import UNFIT, Believed, Evidence, believed_bands, class_waves, single_evidence, square_waves
 from ledpi.decode.soft import Codebook
 from ledpi.dictionaries import load_dictionary
 from ledpi.kernels.library import COMPILED
@@ -106,6 +106,17 @@ def test_waves_are_cosine_and_sine() -> None:
     np.testing.assert_allclose(waves, expected, atol=5e-4)  # rows are in single precision
     holes = with_holes(samples)
     assert not class_waves(holes, frame, SPEC, compiled=True)[:, ~holes.valid].any()
+
+
+@pytest.mark.parametrize("depth", EXPOSURE_US)
+@pytest.mark.parametrize("side", [60.0, 200.0], ids=["native", "averaged"])
+def test_square_waves(depth: str, side: float) -> None:
+    """What more depth adds, and what a later phase does; but for rows right at an edge of the wave."""
+    samples, frame = seen(side, EXPOSURE_US[depth])
+    for hz in SPEC.waves_hz:
+        ours, theirs = (square_waves(samples, frame, SPEC, hz, -0.3, compiled=compiled) for compiled in (True, False))
+        np.testing.assert_allclose(ours[0], theirs[0], atol=1e-4)
+        assert np.mean(np.abs(ours[1] - theirs[1]) > 1e-4) < 0.01
 
 
 @pytest.mark.parametrize("spec", [SPEC, ANTIPHASE], ids=["two waves", "one wave"])

@@ -223,7 +223,6 @@ def believed_bands(
     Phase and depth of a square wave are those of its fundamental. Its own waves: what more depth adds, and what a
     later phase does, so that a small change of either is measured by the exact waveform, harmonics and all.
     """
-    rows_cycles = samples.rows * np.float32(frame.row_time_us * 1e-6)
     waves = np.empty((len(bands), *samples.rows.shape), np.float32)
     light = np.ones((2, *samples.rows.shape), np.float32)
     turned = np.zeros(len(bands))
@@ -232,10 +231,7 @@ def believed_bands(
     for k, (hz, phase) in enumerate(zip(spec.waves_hz, phases, strict=True)):
         two = slice(2 * k, 2 * k + 2)
         turned[2 * k] = math.hypot(*bands[two])
-        cycles = (rows_cycles * np.float32(hz)).astype(np.float64) - phase / (2 * math.pi)
-        averaged = (np.arange(samples.averaged) - (samples.averaged - 1) / 2) * hz * frame.row_time_us * 1e-6
-        each = [shutter.square_wave_bands(cycles + row, hz, frame.exposure_us, spec.duty) for row in averaged]
-        waves[two] = np.mean(each, axis=0)
+        waves[two] = square_waves(samples, frame, spec, hz, -phase / (2 * math.pi))
         light += of_classes[:, k, None, None] * np.float32(turned[2 * k]) * waves[2 * k]
     if samples.valid is not None:
         waves *= samples.valid
@@ -246,6 +242,33 @@ def believed_bands(
         white=white,
         light=np.maximum(light, np.float32(DARKEST)),
     )
+
+
+def square_waves(
+    samples: CellSamples,
+    frame: Frame,
+    spec: PanelSpec,
+    hz: float,
+    start_cycles: float,
+    *,
+    compiled: bool = COMPILED,
+) -> Singles:
+    """(2, cells, points): `shutter.square_wave_bands` in each sample, which is the mean of some rows."""
+    a_row = hz * frame.row_time_us * 1e-6
+    if compiled:
+        return kernel.square_waves(
+            samples.rows,
+            cycles_a_row=a_row,
+            start_cycles=start_cycles,
+            averaged=samples.averaged,
+            exposure_cycles=hz * frame.exposure_us * 1e-6,
+            duty=spec.duty,
+            fundamental=shutter.fundamental_amplitude(hz, frame.exposure_us, spec.duty),
+        )
+    cycles = samples.rows.astype(np.float64) * a_row + start_cycles
+    averaged = (np.arange(samples.averaged) - (samples.averaged - 1) / 2) * a_row
+    each = [shutter.square_wave_bands(cycles + row, hz, frame.exposure_us, spec.duty) for row in averaged]
+    return np.asarray(np.mean(each, axis=0), np.float32)
 
 
 def _without_shared_light(

@@ -18,6 +18,9 @@ Mask = NDArray[np.bool_]
 
 _FLOAT = ctypes.c_float
 _waves = function("ledpi_waves", POINTER, INTEGER, _FLOAT, _FLOAT, POINTER, POINTER)
+_square_waves = function(
+    "ledpi_square_waves", POINTER, INTEGER, DOUBLE, DOUBLE, INTEGER, DOUBLE, DOUBLE, DOUBLE, POINTER, POINTER
+)
 _single_evidence = function(
     "ledpi_single_evidence",
     *(INTEGER, INTEGER, INTEGER, POINTER, POINTER, POINTER, POINTER, POINTER),
@@ -34,6 +37,30 @@ def waves(rows: Singles, waves_hz: Sequence[float], row_time_us: float, since_s:
     for hz in waves_hz:
         _waves(address(rows), rows.size, hz * row_time_us * 1e-6, math.fmod(hz * since_s, 1.0), at, at + rows.nbytes)
         at += 2 * rows.nbytes
+    return out
+
+
+def square_waves(
+    rows: Singles,
+    *,
+    cycles_a_row: float,
+    start_cycles: float,
+    averaged: int,
+    exposure_cycles: float,
+    duty: float,
+    fundamental: float,
+) -> Singles:
+    """(2, …): `shutter.square_wave_bands` in these rows (…), meaned over `averaged` rows around each.
+
+    `start_cycles` is the fundamental's phase in row 0, `fundamental` its amplitude, with its sign.
+    """
+    rows = np.ascontiguousarray(rows)
+    out = np.empty((2, *rows.shape), np.float32)
+    at = address(out)
+    _square_waves(
+        *(address(rows), rows.size, cycles_a_row, start_cycles, averaged, exposure_cycles, duty, fundamental),
+        *(at, at + rows.nbytes),
+    )
     return out
 
 
