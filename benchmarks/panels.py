@@ -1,8 +1,9 @@
 """How long a frame with 1 to 8 panels takes, searching and tracking, beside OpenCV's detectMarkers on the same frames.
 
-Each frame is decoded three ways in turn, in one process, OpenCV on one thread; figures are medians of processor time.
-"Searching": each
-frame alone. "Tracking": in a stream, once every panel was read. The last lines say what each further panel costs.
+Each frame is decoded three ways in turn, in one process, OpenCV on one thread; figures are medians of processor time,
+those of stages (in brackets) of the clock's: to ask for the processor's at each costs as much as a stage.
+"Searching": each frame alone. "Tracking": in a stream, once every panel was read. The last lines say what each further
+panel costs.
 
     python benchmarks/panels.py [--panels 8] [--frames 24]
 """
@@ -77,7 +78,7 @@ def pipeline_of(scene: Scene, *, stream: bool) -> Pipeline:
         transfer=sensor.transfer,
         frame_length_rows=sensor.frame_length_rows,
     )
-    return Pipeline(info, SETTINGS, intrinsics=sensor.intrinsics, stream=stream, clock=time.thread_time)
+    return Pipeline(info, SETTINGS, intrinsics=sensor.intrinsics, stream=stream)
 
 
 def measure(count: int, frames: int) -> tuple[float, float, float]:

@@ -1,7 +1,8 @@
 """Recordings with truth → how many panels were read, how exactly, and how fast beside OpenCV's detectMarkers.
 
 Both are timed on the same frames, in turn, in one process, OpenCV on one thread; the figure is the median of the
-processor's time, so that whatever else runs on the machine hardly shows.
+processor's time, so that whatever else runs on the machine hardly shows. Those of stages (in brackets) are of the
+clock's: to ask for the processor's at each costs as much as a stage.
 
     python benchmarks/recordings.py [--stream] RECORDING…
 """
@@ -48,7 +49,6 @@ def pipeline_for(recording: Recording, *, stream: bool) -> Pipeline:
         intrinsics=camera.intrinsics,
         shown=recording.panel_values,
         stream=stream,
-        clock=time.thread_time,
     )
 
 

@@ -7,7 +7,7 @@ import math
 import cv2
 import numpy as np
 import pytest
-from decode_material import LENS, Canvas, diffuser, flat, reason, seen_through, square, word
+from decode_material import LENS, Canvas, diffuser, drawn, flat, reason, seen_through, square, word
 
 from ledpi.decode.approach import approach_quads
 from ledpi.decode.edges import refine_quads
@@ -232,6 +232,16 @@ def test_a_square_too_small_for_edges_is_refused() -> None:
     canvas = Canvas()
     canvas.panel(square(310, 240, 7), word(7), profile=flat)
     assert reason(refine_quads(canvas.frame(), square(310, 240, 7)[None], 4)[0]) == "edges.too_small"
+
+
+def test_a_panel_of_four_cells_has_corners() -> None:
+    """Two along a side, as dictionaries of one's own may have: its sides alone tell where it is."""
+    true = square(300, 200, 100, 5)
+    canvas = Canvas()
+    canvas.panel(true, drawn("10/01"), profile=flat)
+    (quad,) = refine_quads(canvas.frame(), nudged(true, 3, by_px=1.0)[None], 2)
+    assert isinstance(quad, Quad)
+    np.testing.assert_allclose(quad.corners_px, true, atol=0.3)
 
 
 def test_several_squares_at_once_are_as_each_alone() -> None:

@@ -134,6 +134,15 @@ def test_places_that_are_no_numbers_do_no_harm() -> None:
 # ---- Edges
 
 
+@compiled
+def test_lenses_bend_sides_as_in_the_numpy_code() -> None:
+    """Anywhere in the picture."""
+    rng = np.random.default_rng(9)
+    corners = as_points(np.stack([square(*rng.uniform(50, 430, 2), rng.uniform(10, 200), 30) for _ in range(6)]))
+    ours, theirs = both_ways(partial(bends, corners, LENS))
+    np.testing.assert_allclose(ours, theirs, atol=1e-9)
+
+
 def panels(transfer: Transfer = "srgb", lens: Intrinsics | None = None) -> tuple[Frame, Floats]:
     """A panel large, small, oblique, far; one that the picture cuts off, a lamp with bad sides, and a bare wall."""
     oblique = np.array([[420.0, 60], [500, 95], [500, 200], [420, 240]])

@@ -32,6 +32,7 @@ FARTHEST = 4.0  # deviations: beyond, it says nothing of how exact the others ar
 MOST_PX = 1.0  # what would move a corner further than the sides can be off is no lattice of a panel's
 # Where lines are nearer to each other than that, their blurs run together, and the sides are better known.
 MIN_PITCH_PX = 6.0
+LEAST_CELLS = 3  # a side: of fewer, nothing is left over to tell how well the sides' cells agree
 REACH_PX = 4.0  # around the corners: as far as profiles reach
 PAIRS_ALIKE = 0.9  # correlation of what opposite sides share with what the other two do
 _OPPOSITE = np.array([[1, 0, 1, 0], [0, 1, 0, 1], [1, 0, 1, 0], [0, 1, 0, 1]])
@@ -84,6 +85,8 @@ def adjust_quads(
 
     `bend` (N, 4, 2): its sides' `bends`.
     """
+    if cells < LEAST_CELLS:
+        return found
     panels = {i: quad for i, quad in enumerate(found) if isinstance(quad, Quad) and whole[i]}
     all_corners = {i: as_points(quad.corners_px) for i, quad in panels.items()}
     of = [i for i, corners in all_corners.items() if areas(corners) > (cells * MIN_PITCH_PX) ** 2]

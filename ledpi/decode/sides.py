@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 
 from ledpi.geometry import distort
 from ledpi.kernels import light as kernel
+from ledpi.kernels import pose as lens
+from ledpi.kernels.library import compiled
 from ledpi.records import Floats, Frame, Intrinsics, Pixels
 from ledpi.tone import linear_light
 
@@ -86,6 +88,8 @@ def bends(corners: Points, intrinsics: Intrinsics | None) -> Points:
     """
     if intrinsics is None or not any(intrinsics.distortion):
         return np.zeros((*corners.shape, 2), np.complex128)
+    if compiled():
+        return lens.bends(corners, intrinsics)
     rays = as_points((as_corners(corners) - (intrinsics.cx, intrinsics.cy)) / (intrinsics.fx, intrinsics.fy))
     points = rays[..., None] + (rays[:, NEXT] - rays)[..., None] * (0, 1 / 3, 2 / 3)
     bent = as_points(distort(as_corners(points), intrinsics))

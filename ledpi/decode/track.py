@@ -192,7 +192,10 @@ def _distance(quad: Quad, track: Track, now_ns: int) -> float | None:
 
 def _in_order_of(quad: Quad, track: Track) -> Quad:
     """The quad with its corners turned so that each is the one of the track that it continues."""
-    centred = quad.corners_px - quad.corners_px.mean(axis=0)
-    before = track.corners_px - track.corners_px.mean(axis=0)
-    turns = max(range(4), key=lambda k: float((np.roll(centred, -k, axis=0) * before).sum()))
+    xs, ys = (quad.corners_px - quad.corners_px.mean(axis=0)).T.tolist()
+    before = (track.corners_px - track.corners_px.mean(axis=0)).tolist()
+    turned = [
+        math.fsum(xs[i - 4 + k] * before[i][0] + ys[i - 4 + k] * before[i][1] for i in range(4)) for k in range(4)
+    ]
+    turns = turned.index(max(turned))
     return quad if turns == 0 else replace(quad, corners_px=np.roll(quad.corners_px, -turns, axis=0))

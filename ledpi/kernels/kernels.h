@@ -14,8 +14,32 @@ typedef struct {
     const float *light;
 } Picture;
 
-/* Linear light between pixels, bilinear; beyond the picture as at its border (light.c). */
-float ledpi_light_between(const Picture *picture, float x, float y);
+/* A coordinate's pixel before, 0 … size − 2, and the share of the way to the next; beyond the picture that of its end.
+ * What is not a number counts as 0, which is as good as any other place. */
+static inline ptrdiff_t ledpi_before(float at, ptrdiff_t size, float *share) {
+    if (!(at > 0.0f)) {
+        *share = 0.0f;
+        return 0;
+    }
+    if (at >= (float)(size - 1)) {
+        *share = 1.0f;
+        return size - 2;
+    }
+    ptrdiff_t pixel = (ptrdiff_t)at;
+    *share = at - (float)pixel;
+    return pixel;
+}
+
+/* Linear light between pixels, bilinear; beyond the picture as at its border. Here, as most of the time goes into it. */
+static inline float ledpi_light_between(const Picture *picture, float x, float y) {
+    float right, down;
+    ptrdiff_t column = ledpi_before(x, picture->width, &right), row = ledpi_before(y, picture->height, &down);
+    const uint8_t *above = picture->pixels + row * picture->stride + column, *below = above + picture->stride;
+    const float *light = picture->light;
+    float upper = light[above[0]] + right * (light[above[1]] - light[above[0]]);
+    float lower = light[below[0]] + right * (light[below[1]] - light[below[0]]);
+    return upper + down * (lower - upper);
+}
 
 /* ---- The four sides of quads, as in decode/sides.py (sides.c). */
 

@@ -1,4 +1,4 @@
-"""The poses of squares (squares.c, pose.c)."""
+"""The poses of squares, and what lenses do to their sides (squares.c, pose.c, lens.c)."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from ledpi.kernels.library import INTEGER, POINTER, address, doubles, function
 from ledpi.records import Floats, Intrinsics
 
+_bends = function("ledpi_bends", POINTER, INTEGER, POINTER, POINTER)
 _solve_squares = function("ledpi_solve_squares", POINTER, INTEGER, *(POINTER,) * 6)
 
 # Where a solution's numbers are: its position, quaternion, reprojection_px, chi2, covariance.
@@ -20,6 +21,13 @@ POSITION, QUATERNION, REPROJECTION, CHI2, COVARIANCE = slice(0, 3), slice(3, 7),
 def lens_of(intrinsics: Intrinsics) -> Floats:
     """`Lens` of pose.h."""
     return np.array([intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy, *intrinsics.distortion])
+
+
+def bends(corners: NDArray[np.complex128], lens: Intrinsics) -> NDArray[np.complex128]:
+    """As `bends` of decode/sides.py."""
+    corners, bent = np.ascontiguousarray(corners), np.empty((*corners.shape, 2), np.complex128)
+    _bends(address(lens_of(lens)), len(corners), address(corners), address(bent))
+    return bent
 
 
 def solve_squares(
