@@ -19,6 +19,7 @@ from ledpi.decode.find import Candidate, Finder
 from ledpi.decode.find_striped import StripedFinder
 from ledpi.decode.reader import Reader
 from ledpi.decode.rim import make_usual_filters
+from ledpi.decode.spots import is_part_of, settle
 from ledpi.decode.striped import striped_squares
 from ledpi.decode.track import NOT_SHOWN, Track, Tracker
 from ledpi.decode.whole import make_usual_explanations
@@ -90,7 +91,7 @@ class Pipeline:
         self._readers = [BandsReader(dictionary, ids, spec) for spec, ids in groups] if method == "bands" else []
         self._specs = tuple(spec for spec, _ in groups)
         smallest_px = self._cells * MIN_CELL_PX
-        self._finder = Finder(camera.width, camera.height, smallest_px)
+        self._finder = Finder(camera.width, camera.height, smallest_px, self._cells)
         self._striped_finder = StripedFinder(camera.width, camera.height, self._specs, smallest_px)
         sides_m = {marker_id: panels.spec(marker_id).side_m for marker_id in range(len(dictionary.words))}
         self._placer = Placer(intrinsics, sides_m, stream=stream, robot=robot)
@@ -171,7 +172,12 @@ class Pipeline:
         if self._striped_finder.stripe_rows(frame):  # a rim that may be dark is seen from afar only
             return []
         tracks = self._tracker.expected()
-        quads = self._refine(frame, [track.expected_px(frame.row0_readout_ns) for track in tracks])
+        near = [track.expected_px(frame.row0_readout_ns) for track in tracks]
+        refined = iter(self._refine(frame, [at for at, track in zip(near, tracks, strict=True) if not track.of_spots]))
+        quads = [
+            settle(frame, at, self._cells) if track.of_spots else next(refined)
+            for at, track in zip(near, tracks, strict=True)
+        ]
         followed = [
             (there, track)
             for track, quad in zip(tracks, quads, strict=True)
@@ -202,14 +208,21 @@ class Pipeline:
 
     def _squares(self, frame: Frame, candidates: list[Candidate]) -> list[tuple[Floats, Quad | Rejected]]:
         """The lit square of each candidate, or why there is none, beside where it was sought."""
+        squares = [candidate for candidate in candidates if not candidate.spots]
         near = approach_quads(
             frame,
-            np.array([candidate.corners for candidate in candidates]),
-            np.array([candidate.tolerance_px for candidate in candidates]),
+            np.array([candidate.corners for candidate in squares]),
+            np.array([candidate.tolerance_px for candidate in squares]),
         )
         refined = iter(self._refine(frame, [at for at in near if not isinstance(at, Rejected)]))
         quads = [at if isinstance(at, Rejected) else next(refined) for at in near]
-        return [(candidate.corners, quad) for candidate, quad in zip(candidates, quads, strict=True)]
+        results = [(candidate.corners, quad) for candidate, quad in zip(squares, quads, strict=True)]
+        for grid in (candidate.corners for candidate in candidates if candidate.spots):
+            of_spots = settle(frame, grid, self._cells)
+            if isinstance(of_spots, Quad):  # in place of what runs around its spots, or inside it
+                results = [(at, q) for at, q in results if isinstance(q, Rejected) or not is_part_of(q, of_spots)]
+            results.append((grid, of_spots))
+        return results
 
     def _by_bands(self, frame: Frame, work: Results) -> Iterator[list[Sighting]]:
         """The source paper's method, once for each pair of frequencies."""

@@ -169,6 +169,7 @@ class Quad:
     corners_px: Floats  # (4, 2), clockwise as seen in the picture, first the one nearest the top left
     corner_sigma_px: float  # standard deviation of a corner coordinate, from the edge fits
     bend_px: float = 0.0  # how far the lens bends its sides off the straight line, at most
+    of_spots: bool = False  # by the middles of its cells, bare LEDs, instead of by its sides
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -21,7 +21,7 @@ def lit_of(*rows: str) -> Pixels:
 
 def found_in(lit: Pixels, shortest: int, *, compiled: bool) -> tuple[list[tuple[float, list[list[int]]]], int]:
     """Area and points of each outline, in an order that does not depend on who follows them."""
-    outlines, at_border = Outlines(*lit.shape, compiled=compiled).of(lit, shortest)
+    outlines, at_border, _ = Outlines(*lit.shape, compiled=compiled).of(lit, shortest)
     return sorted((o.area, sorted(o.points[:, 0].tolist())) for o in outlines), at_border
 
 
@@ -35,6 +35,14 @@ def test_outlines_of_anything(share: float) -> None:
         for picture in (lit, cv2.morphologyEx(lit, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))):
             shortest = int(rng.integers(1, 12))
             assert found_in(picture, shortest, compiled=True) == found_in(picture, shortest, compiled=False)
+
+
+def test_spots_are_where_opencv_has_them() -> None:
+    """Middles and lengths of all small outlines, at the border too; holes are none."""
+    lit = 255 * (np.random.default_rng(7).random((50, 70)) < 0.4).astype(np.uint8)
+    ours, theirs = (Outlines(50, 70, compiled=compiled).of(lit, 10)[2] for compiled in (True, False))
+    assert len(ours) > 5
+    assert sorted(ours.tolist()) == sorted(theirs.tolist())
 
 
 @pytest.mark.parametrize("compiled", [True, False], ids=["compiled", "OpenCV"])
@@ -59,7 +67,7 @@ def test_sides_cross_where_they_do_in_numpy() -> None:
     """Of a slender shape, drawn with blunt corners."""
     lit = np.zeros((60, 90), np.uint8)
     cv2.fillConvexPoly(lit, np.array([[10, 20], [70, 8], [80, 20], [74, 30], [20, 41], [11, 30]]), 255)
-    (outline,), _ = Outlines(60, 90, compiled=True).of(lit, 10)
+    (outline,), _, _ = Outlines(60, 90, compiled=True).of(lit, 10)
     corners = [[10.0, 20.0], [70.0, 8.0], [78.0, 30.0], [15.0, 41.0]]
     ours, theirs = (_through_sides(corners, outline.points, compiled=compiled) for compiled in (True, False))
     np.testing.assert_allclose(ours, theirs, atol=1e-6)

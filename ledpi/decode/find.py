@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ledpi.decode.outlines import Outline, Outlines
+from ledpi.decode.spots import lattices
 from ledpi.kernels import outlines as kernel
 from ledpi.kernels.library import COMPILED
 from ledpi.records import Floats, Frame, Pixels, Rejected
@@ -53,6 +54,7 @@ class Candidate:
     side_px: float
     misfit: float  # of the outline to the four sides, 0 is perfect
     tolerance_px: float  # how far off the sides may be: 1.5 pixels of the picture that they were found in
+    spots: bool = False  # a lattice of bright spots, the grid of whose cells this is
 
     @property
     def centre_px(self) -> tuple[float, float]:
@@ -64,8 +66,9 @@ class Candidate:
 class Finder:
     """Keeps the pictures it works on, for frames of one size."""
 
-    def __init__(self, width: int, height: int, smallest_px: float) -> None:
-        """`smallest_px`: side of the smallest panel that can be read."""
+    def __init__(self, width: int, height: int, smallest_px: float, cells: int = 4) -> None:
+        """`smallest_px`: side of the smallest panel that can be read. `cells`: along a side."""
+        self._cells = cells
         self._smallest_px = smallest_px
         sizes = [(max(1, height >> level), max(1, width >> level)) for level in range(1, LEVELS + 1)]
         self._levels = [np.empty(size, np.uint8) for size in sizes]
@@ -77,8 +80,9 @@ class Finder:
         self._brighten = np.round(255 * np.sqrt(np.arange(256) / 255)).astype(np.uint8)
 
     def find(self, frame: Frame) -> tuple[list[Candidate], list[Rejected]]:
-        """Candidates, best outline first, no two of the same thing; and what was dropped."""
+        """Candidates, best outline first, no two of the same thing, lattices of spots last; and what was dropped."""
         found: list[Candidate] = []
+        grids: list[Candidate] = []
         dropped: list[Rejected] = []
         above: Pixels = frame.pixels
         for index, picture in enumerate(self._levels):
@@ -87,7 +91,8 @@ class Finder:
                 cv2.LUT(picture, self._brighten, dst=picture)
             above = picture
             for lit in self._lit(index):
-                outlines, at_border = self._outlines[index].of(lit, SHORTEST[index])
+                outlines, at_border, spots = self._outlines[index].of(lit, SHORTEST[index])
+                grids += [_grid(corners, 2 << index) for corners in lattices(spots, self._cells)]
                 dropped.extend([AT_BORDER] * at_border)
                 for outline in outlines:
                     result = _candidate(outline, 2 << index)
@@ -97,7 +102,7 @@ class Finder:
                         dropped.append(TOO_SMALL)
                     else:
                         found.append(result)
-        return _distinct(found), dropped
+        return _distinct(found) + _distinct(grids), dropped
 
     def _lit(self, index: int) -> Iterator[Pixels]:
         """What is lit at one level, 0 or 255, by each threshold; each until the next is asked for."""
@@ -113,6 +118,13 @@ class Finder:
             if index:  # thin bridges to the surroundings, which the closing has made
                 cv2.morphologyEx(lit, cv2.MORPH_OPEN, self._melt, dst=lit)
             yield lit
+
+
+def _grid(corners: Floats, scale: int) -> Candidate:
+    """Of a lattice of spots, in pixels that are `scale` of the picture's."""
+    in_picture = (corners + 0.5) * scale - 0.5
+    side_px = math.sqrt(0.5 * abs(_twice_area(in_picture.tolist())))
+    return Candidate(corners=in_picture, side_px=side_px, misfit=0.0, tolerance_px=0.5 * scale, spots=True)
 
 
 def _candidate(outline: Outline, scale: int) -> Candidate | Rejected:

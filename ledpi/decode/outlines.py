@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 from ledpi.kernels.library import COMPILED
 from ledpi.kernels.outlines import Outliner
-from ledpi.records import Pixels
+from ledpi.records import Floats, Pixels
 
 MAX_HOLE = 0.6  # length of a hole's outline over the outer one's; the walls between cells leave small ones
 NARROWEST = 3  # pixels, across and down: less is a speck
+SPOT_LENGTHS = (6, 64)  # outline of a bare LED: less is a speck, what is longer is shorter a level on
 MIN_AREA = 0.25  # over that of the box around; a square's is at least 1/2
 
 
@@ -32,20 +33,25 @@ class Outlines:
     def __init__(self, height: int, width: int, *, compiled: bool = COMPILED) -> None:
         self._outliner = Outliner(height, width) if compiled else None
 
-    def of(self, lit: Pixels, shortest: int) -> tuple[list[Outline], int]:
+    def of(self, lit: Pixels, shortest: int) -> tuple[list[Outline], int, Floats]:
         """Those of at least `shortest` pixels in `lit` (0 or 255), and how many besides touch the picture's border.
 
-        They last until the next call.
+        Third, of each spot (M, 3) the middle's x and y and the outline's length. They last until the next call.
         """
         if self._outliner is None:
             return _by_opencv(lit, shortest)
-        found, at_border = self._outliner.outlines(
-            lit, shortest=shortest, narrowest=NARROWEST, longest_hole=MAX_HOLE, least_area=MIN_AREA
+        found, at_border, spots = self._outliner.outlines(
+            lit,
+            shortest=shortest,
+            narrowest=NARROWEST,
+            longest_hole=MAX_HOLE,
+            least_area=MIN_AREA,
+            spot_lengths=SPOT_LENGTHS,
         )
-        return [Outline(points, area) for points, area in found], at_border
+        return [Outline(points, area) for points, area in found], at_border, spots
 
 
-def _by_opencv(lit: Pixels, shortest: int) -> tuple[list[Outline], int]:
+def _by_opencv(lit: Pixels, shortest: int) -> tuple[list[Outline], int, Floats]:
     # Every pixel of an outline, so that its number of points is its length and tells a speck at no cost.
     found, tree = cv2.findContours(lit, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
     outlines, at_border = [], 0
@@ -59,7 +65,11 @@ def _by_opencv(lit: Pixels, shortest: int) -> tuple[list[Outline], int]:
         area = cv2.contourArea(points)
         if area >= MIN_AREA * width * height:
             outlines.append(Outline(points, area))
-    return outlines, at_border
+    outer = () if tree is None else (tree[0, :, 3] < 0).tolist()
+    small = [o for o, own in zip(found, outer, strict=False) if own and SPOT_LENGTHS[0] <= len(o) < SPOT_LENGTHS[1]]
+    boxes = np.array([cv2.boundingRect(points) for points in small], np.float64).reshape(-1, 4)
+    lengths = np.array([len(points) for points in small], np.float64)
+    return outlines, at_border, np.column_stack([boxes[:, :2] + 0.5 * (boxes[:, 2:] - 1), lengths])
 
 
 def _filled(

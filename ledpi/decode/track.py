@@ -60,6 +60,7 @@ class Track:
     seen: deque[Seen] = field(default_factory=lambda: deque(maxlen=SEEN_FRAMES))
     looks: int = 0  # since the last try to find its frequencies
     tuned: Proposal | None = None  # its frequencies, where they are others than announced
+    of_spots: bool = False  # as its last quad was
 
     @property
     def frames(self) -> int:
@@ -83,7 +84,7 @@ class Track:
         step = (quad.corners_px - self.corners_px) / ((now_ns - self.seen_ns) * 1e-9)
         before = self.velocity_px_s
         self.velocity_px_s = step if before is None else before + NEW_VELOCITY * (step - before)
-        self.corners_px, self.seen_ns = quad.corners_px, now_ns
+        self.corners_px, self.seen_ns, self.of_spots = quad.corners_px, now_ns, quad.of_spots
         return quad
 
 
@@ -148,6 +149,7 @@ class Tracker:
                 quad = track.go_on(quad, self._now_ns)
             else:
                 track = Track(quad.corners_px, None, self._now_ns, tuple(PanelMemory(s) for s in self._specs))
+                track.of_spots = quad.of_spots
                 self._tracks.append(track)
             followed.append((quad, track))
         return followed

@@ -86,19 +86,33 @@ static inline int32_t next_change(const uint8_t *row, int32_t x, int32_t width, 
 }
 
 /* What is looked at more closely: the shortest outline, how long a hole's may be beside the outer one, the narrowest
- * width and height in pixels, and the least area beside that of the box around. */
+ * width and height in pixels, and the least area beside that of the box around. And what is a spot: from the shortest to
+ * below the longest outline. */
 typedef struct {
     int32_t shortest, narrowest;
     double longest_hole, least_area;
+    int32_t shortest_spot, longest_spot;
 } Wanted;
 
-/* Moves the outlines that are wanted to the front; counts those that are but for the picture's border. */
+/* The middles of spots, x and y, and how long their outlines are. */
+typedef struct {
+    double (*spots)[3];
+    ptrdiff_t count;
+} Spots;
+
+/* Moves the outlines that are wanted to the front; counts those that are but for the picture's border. Spots apart. */
 static ptrdiff_t choose(Outline *outlines, ptrdiff_t count, const Wanted *wanted, ptrdiff_t height, ptrdiff_t width,
-                        ptrdiff_t *at_border) {
+                        ptrdiff_t *at_border, Spots *spots) {
     ptrdiff_t kept = 0;
     *at_border = 0;
     for (const Outline *own = outlines; own < outlines + count; own++) {
         const int32_t across = own->right - own->left + 1, down = own->bottom - own->top + 1;
+        if (own->length >= wanted->shortest_spot && own->length < wanted->longest_spot) {
+            double *spot = spots->spots[spots->count++];
+            spot[0] = 0.5 * (own->left + own->right);
+            spot[1] = 0.5 * (own->top + own->bottom);
+            spot[2] = own->length;
+        }
         if (own->length < wanted->shortest || own->longest_hole >= wanted->longest_hole * own->length) continue;
         if (across < wanted->narrowest || down < wanted->narrowest) continue;
         if (own->left <= 0 || own->top <= 0 || own->right + 1 >= width || own->bottom + 1 >= height)
@@ -110,11 +124,13 @@ static ptrdiff_t choose(Outline *outlines, ptrdiff_t count, const Wanted *wanted
 }
 
 /* The outlines of what is lit in a picture of 0 and 255 (height, width), as far as they are wanted. `mark` (height + 2,
- * width + 2) and `outlines` (most) are room to work in; what there is no room for is left out. Returns how many. */
+ * width + 2), `outlines` (most) and `spots` (most) are room; `most` is as many as there can be. Returns how many. */
 ptrdiff_t ledpi_outlines(const uint8_t *lit, ptrdiff_t height, ptrdiff_t width, int32_t shortest, int32_t narrowest,
-                         double longest_hole, double least_area, int32_t *mark, int32_t (*points)[2], ptrdiff_t room,
-                         Outline *outlines, ptrdiff_t most, ptrdiff_t *at_border) {
-    const Wanted wanted = {shortest, narrowest, longest_hole, least_area};
+                         double longest_hole, double least_area, int32_t shortest_spot, int32_t longest_spot,
+                         int32_t *mark, int32_t (*points)[2], ptrdiff_t room, Outline *outlines, ptrdiff_t most,
+                         ptrdiff_t *at_border, double (*spots)[3], ptrdiff_t *spot_count) {
+    const Wanted wanted = {shortest, narrowest, longest_hole, least_area, shortest_spot, longest_spot};
+    Spots small = {spots, 0};
     Borders borders = {mark, width + 2, {0}, points, 0, room};
     for (int s = 0; s < 16; s++) borders.way[s] = down[s & 7] * borders.stride + right[s & 7];
     int32_t count = 0;
@@ -126,7 +142,7 @@ ptrdiff_t ledpi_outlines(const uint8_t *lit, ptrdiff_t height, ptrdiff_t width, 
         const int32_t *marks = mark + (y + 1) * borders.stride + 1;
         for (int32_t x = next_change(row, 0, (int32_t)width, false); x < width;) {
             if (marks[x] == 1) {
-                if (count == most) return choose(outlines, count, &wanted, height, width, at_border);
+                if (count == most) break;
                 Outline *own = outlines + count;
                 *own = (Outline){(int32_t)borders.count, 0, x, y, x, y, 0, 0.0};
                 own->length = follow(&borders, x, y, count++, false, own);
@@ -142,7 +158,9 @@ ptrdiff_t ledpi_outlines(const uint8_t *lit, ptrdiff_t height, ptrdiff_t width, 
             x = next_change(row, x, (int32_t)width, false);
         }
     }
-    return choose(outlines, count, &wanted, height, width, at_border);
+    count = (int32_t)choose(outlines, count, &wanted, height, width, at_border, &small);
+    *spot_count = small.count;
+    return count;
 }
 
 typedef struct {
