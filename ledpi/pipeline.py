@@ -191,6 +191,9 @@ class Pipeline:
         start = self._clock()
         stripe_rows = self._striped_finder.stripe_rows(frame)
         found, dropped = (self._striped_finder if stripe_rows else self._finder).find(frame)
+        if stripe_rows and not self._striped_finder.is_cut(frame):  # then it may also be seen whole
+            whole, dropped_too = self._finder.find(frame)
+            found, dropped = found + whole, dropped + dropped_too
         candidates = [c for c in found if not self._tracker.is_followed(c.centre_px, c.side_px)]
         work.rejected.extend(dropped)
         if work.trace is not None:

@@ -83,6 +83,14 @@ class StripedFinder:
             for spec in self._specs
         )
 
+    def is_cut(self, frame: Frame) -> bool:
+        """Whether the bands of both classes are so deep that they cut panels."""
+        return all(
+            shutter.contrast(hz, frame.exposure_us, spec.duty) > STRIPED_CONTRAST
+            for spec in self._specs
+            for hz in (spec.black_hz, spec.white_hz)
+        )
+
     def _outlines(self, share: float, bridge: int) -> list[Pixels]:
         cv2.addWeighted(self._brightest, share, self._darkest, 1.0 - share, 0.0, dst=self._threshold)
         cv2.max(self._threshold, self._least, dst=self._threshold)
