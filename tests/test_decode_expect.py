@@ -91,6 +91,32 @@ def test_a_panel_with_one_other_cell_is_not(expected: Expectation) -> None:
         assert not expected.is_met(samples_of(frame), frame)
 
 
+def with_holes(samples: CellSamples, share: float, cell: int | None = None) -> CellSamples:
+    """As if a share of the samples, or of one cell's, were saturated."""
+    valid = np.random.default_rng(3).random(samples.light.shape) >= (share if cell is None else 0.0)
+    if cell is not None:
+        valid[cell, : round(share * valid.shape[1])] = False
+    return dataclasses.replace(samples, valid=valid, light=samples.light * valid)
+
+
+@pytest.mark.parametrize("seq", [5, 6, 9])
+def test_with_a_few_samples_saturated_the_rest_is_compared(expected: Expectation, seq: int) -> None:
+    """The same panel is as expected; with one other cell it is not."""
+    assert expected.is_met(with_holes(samples_of(frame := frame_of(seq)), 0.1), frame)
+    cells = word(7).copy()
+    cells[1, 2] ^= True
+    canvas = Canvas()
+    canvas.panel(PLACE, cells, start_us=seq * PERIOD_US)
+    other = dataclasses.replace(canvas.frame(seq, seq=seq), row0_readout_ns=round(1e9 + 1e3 * seq * PERIOD_US))
+    assert not expected.is_met(with_holes(samples_of(other), 0.1), other)
+
+
+def test_of_a_cell_that_is_mostly_saturated_nothing_is_sure(expected: Expectation) -> None:
+    """It might be of the other class."""
+    frame = frame_of(6)
+    assert not expected.is_met(with_holes(samples_of(frame), 0.5, cell=5), frame)
+
+
 def test_a_frozen_picture_is_not(expected: Expectation) -> None:
     """A camera that hangs and stamps its last picture anew: the bands should have moved on."""
     last = frame_of(READ_FRAMES - 1)

@@ -20,6 +20,8 @@ from ledpi.records import Frame
 # A frame that is e^SURE times likelier with the bands than without shows them. Cells that speak against them weigh less
 # than that together: by noise alone each does by 0.2 on average, whatever it can tell (mean of max(0, N(−E, 2E))).
 SURE = 6.0
+MIN_VALID = 0.75  # of each cell's samples: of a cell that is mostly saturated nothing is sure
+RIDGE = 1e-6  # of a basis vector's square: one may be all but gone with what is saturated
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,7 +62,8 @@ class Expectation:
 
     def is_met(self, samples: CellSamples, frame: Frame) -> bool:
         """Whether a frame surely shows it. Where the panel's size in the picture has changed, nothing is sure."""
-        if samples.lattice is not self.lattice or samples.valid is not None:
+        valid, basis = samples.valid, self.basis
+        if samples.lattice is not self.lattice or (valid is not None and valid.mean(axis=1).min() < MIN_VALID):
             return False
         since_s = (frame.row0_readout_ns - self.origin_ns) * 1e-9
         start = 2 * math.pi * ((self.hz * since_s) % 1.0) - self.phase
@@ -68,7 +71,8 @@ class Expectation:
         angle = samples.rows * a_row.astype(np.float32)[:, None] + start.astype(np.float32)[:, None]
         cells, points = self.picture.shape
         both = np.empty((2, cells, points), np.float32)  # what the frame adds to the picture, and what it should
-        np.multiply(samples.light, self.picture.sum() / samples.light.sum(), out=both[0])
+        seen = self.picture.sum() if valid is None else (self.picture * valid).sum()
+        np.multiply(samples.light, seen / samples.light.sum(), out=both[0])
         both[0] /= self.picture
         both[0] -= 1.0
         np.cos(angle, out=both[1])
@@ -76,10 +80,16 @@ class Expectation:
         both[1] -= self.left_bands
         both *= self.root
         flat = both.reshape(2, -1)
-        flat -= (flat @ self.basis.T) @ self.basis
+        if valid is None:
+            flat -= (flat @ basis.T) @ basis
+        else:  # what is saturated says nothing; without it the basis is not orthonormal any more
+            both *= valid
+            basis = np.asarray(basis * valid.reshape(-1), np.float32)
+            gram = basis @ basis.T + np.float32(RIDGE) * np.eye(len(basis), dtype=np.float32)
+            flat -= np.linalg.solve(gram, basis @ flat.T).T @ basis
         added, expected = both
         own = ((added - 0.5 * expected) * expected).sum(axis=1).astype(np.float64)
         off = (flat[0] - flat[1]).astype(np.float64)
-        variance = float(off @ off) / max(1, off.size - len(self.basis))
+        variance = float(off @ off) / max(1, int(np.count_nonzero(off)) - len(basis))
         own *= samples.independence / max(variance, 1e-12)
         return float(own.sum()) > SURE and -float(np.minimum(own, 0.0).sum()) < SURE
