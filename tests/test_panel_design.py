@@ -227,13 +227,13 @@ def test_the_best_never_tell_less_than_the_present_pair() -> None:
 
 
 def test_a_proposal_always_moves() -> None:
-    """Also where one frame tells enough, at 135 µs: the shortest period that keeps both classes moving."""
+    """Also where one frame tells enough, at 135 µs: the shortest period that does, and auto's is hardly longer."""
     asked = task(1.0, exposure_us=4 * OV5647_ROW_TIME_US)
     views = views_of(asked)
     for pair in ((1250.0, 2313.48), (1457.99, 2313.48)):
         proposal = with_best_period(asked, *pair, views)
         assert asked.least_advance(*pair, proposal.frame_length_rows) >= 1 / 6
-        assert proposal.frame_length_rows == auto_rows(asked, pair)
+        assert auto_rows(asked, pair) / 1.1 <= proposal.frame_length_rows <= auto_rows(asked, pair)
 
 
 def test_more_than_enough_counts_as_enough() -> None:
