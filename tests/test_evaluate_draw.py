@@ -24,6 +24,7 @@ from ledpi.evaluate.draw import FRAMES_A_TAKE, Take, draw_take
 from ledpi.evaluate.prints import printed_id, printed_scene
 from ledpi.evaluate.reading import aruco_reader
 from ledpi.evaluate.units import photographed, sensor_info
+from ledpi.pipeline import Pipeline
 from ledpi.records import Frame
 from ledpi.simulate.render import Renderer
 from ledpi.simulate.truth import scene_truth
@@ -198,3 +199,17 @@ def test_the_frame_period_may_be_given() -> None:
     assert (chosen, given) == (504, 528)
     own = draw_take(condition("robustness", "frames of 20 ms, both phases freeze"), PANELS, 1, 0, 17_788.0)
     assert own.scene.sensor.frame_length_rows == 594
+
+
+def test_a_near_word_at_a_short_exposure_is_no_word() -> None:
+    """Three cells that are surely of the other class were outvoted by a second look that believed the word's."""
+    (near_words,) = (
+        c
+        for c in suite_conditions("decoys", exposures_us=(150.0,), transfers=("srgb",), any_roll=False)
+        if c.case == "near_words"
+    )
+    take = take_of(near_words, number=1, seed=5)
+    *_, frame = photographed(take, take.scene, 10)
+    decoded = Pipeline(sensor_info(take.scene.sensor, 1.0), PANELS, intrinsics=None, stream=False).decode(frame)
+    assert decoded.markers == ()
+    assert [why.key for why in decoded.rejected].count("soft.not_in_dictionary") >= 3, "they are found, and weighed"

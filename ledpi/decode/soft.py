@@ -121,6 +121,8 @@ def read_word(
     first = _judged(fit, evidence, codebook, false_id_rate)
     if first == NO_BANDS or not (isinstance(first, Rejected) or is_deep(evidence.prior)):
         return first
+    if isinstance(first, Rejected) and _is_contradicted(fit, evidence, codebook, false_id_rate):
+        return first
     believed = believed_bands(samples, frame, spec, codebook.white[fit.words[0]] > 0, fit.bands)
     again = single_evidence(samples, frame, spec, believed=believed)
     if isinstance(again, Rejected):
@@ -129,6 +131,16 @@ def read_word(
     if isinstance(second, Rejected):
         return second
     return replace(second, cell_bands=believed.turned_back(second.cell_bands))
+
+
+def _is_contradicted(fit: _Fit, evidence: Evidence, codebook: Codebook, false_id_rate: float) -> bool:
+    """Whether more cells than the dictionary can correct are surely of the other class than the best word says.
+
+    A second look believes the word's cells, and so finds more of what it believes: it may settle what was open, but not
+    what was decided against the word.
+    """
+    gain = _against(evidence, codebook, int(fit.words[0]), fit.bands).gain
+    return int((gain > -math.log(false_id_rate)).sum()) > codebook.correctable
 
 
 def decide(evidence: Evidence, codebook: Codebook, false_id_rate: float) -> Reading | Rejected:
