@@ -31,7 +31,7 @@ from ledpi.simulate.scenes import DRIVE_IDS
 from ledpi.wire import MarkerMessage, Receiver, State, StatusMessage
 
 ROOT = Path(__file__).resolve().parents[1]
-SAMPLE_S = 0.2
+SAMPLE_S = 0.05  # a short run of 300 frames takes two seconds
 WARM_UP_SHARE, WARM_UP_FRAMES = 0.1, 100
 ROUND_FRAMES = 600  # of the recording: the robot is back where it began
 ROWS = 20  # of the table that is printed on the way

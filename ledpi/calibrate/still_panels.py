@@ -45,7 +45,7 @@ def still_squares(frames: Sequence[Frame], pipeline: Pipeline) -> list[Floats]:
 
 
 def mean_frame(frames: Sequence[Frame]) -> Frame:
-    """One picture, the mean of many, at the first one's time; bands are no deeper in it than in one exposure as long."""
+    """The mean of many as one picture, at the first one's time; bands are no deeper than in one exposure as long."""
     total = np.zeros(frames[0].pixels.shape, np.uint32)
     for frame in frames:
         total += frame.pixels
