@@ -51,10 +51,10 @@ def worst_corner(found: Floats, true: Floats) -> float:
 @pytest.mark.parametrize("side", [52, 130, 200])
 @pytest.mark.parametrize("phase", [0.0, 0.4, 0.8])
 def test_a_panel_in_pieces_is_one_square(side: float, turn_deg: float, phase: float) -> None:
-    """At 150 µs whole rows of cells are dark; still there is the panel's square, to 3 % of its side, and no other."""
+    """At 150 µs whole rows of cells are dark; still there is the panel's square, to 4 % of its side, and no other."""
     true = square(310.3, 240.6, side, turn_deg)
     (found,) = squares(striped(true, 7, (phase, 3 * phase + 0.4)))
-    assert worst_corner(found, true) < 0.03 * side
+    assert worst_corner(found, true) < 0.04 * side
 
 
 @pytest.mark.parametrize("side", [60, 120])
