@@ -22,7 +22,7 @@ from ledpi.evaluate import units as units_module
 from ledpi.evaluate import workers as workers_module
 from ledpi.evaluate.conditions import Condition
 from ledpi.evaluate.draw import Take, draw_take
-from ledpi.evaluate.units import Unit, code_version, run_unit
+from ledpi.evaluate.units import Unit, code_version, run_unit, source_digest
 from ledpi.recording import load_recording
 
 APP = typer.Typer()
@@ -156,6 +156,20 @@ def test_a_decoy_that_is_read_is_counted(monkeypatch: pytest.MonkeyPatch) -> Non
         "stream_all": (12, 12),
     }
     assert rows["soft"]["false"][3].startswith("take 0, frame 3: ID ")
+
+
+@pytest.mark.parametrize("changed", ["reading.py", "kernels/loop.c", "kernels/loop.h"])
+def test_code_that_changes_results_changes_the_code_version(tmp_path: Path, changed: str) -> None:
+    """A run that was broken off does not go on with other Python code, nor with other compiled loops."""
+    sources = {tmp_path / name: b"" for name in ("reading.py", "kernels/loop.c", "kernels/loop.h", "kernels/loop.so")}
+    (tmp_path / "kernels").mkdir()
+    for path, text in sources.items():
+        path.write_bytes(text)
+    before = source_digest(tmp_path)
+    (tmp_path / "kernels" / "loop.so").write_bytes(b"compiled on another machine")
+    assert source_digest(tmp_path) == before
+    (tmp_path / changed).write_bytes(b"changed")
+    assert source_digest(tmp_path) != before
 
 
 def test_a_worker_with_other_code_is_refused() -> None:

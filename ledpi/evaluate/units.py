@@ -23,6 +23,7 @@ from ledpi.evaluate.draw import FRAMES_A_TAKE, Take, draw_take
 from ledpi.evaluate.prints import Family, printed_id, printed_scene
 from ledpi.evaluate.reading import PANEL_METHODS, Method, PanelReader, apriltag_reader, aruco_reader
 from ledpi.evaluate.scoring import Expected, Tally
+from ledpi.kernels.library import COMPILED
 from ledpi.records import CameraInfo, Frame
 from ledpi.row_clock import RowClock
 from ledpi.simulate.render import Renderer
@@ -30,6 +31,7 @@ from ledpi.simulate.scene import Scene, SimulatedSensor
 from ledpi.simulate.truth import scene_truth
 
 TAKES_A_UNIT = 25  # a few seconds of work
+SOURCES = (".py", ".c", ".h")
 
 # What the tables tell apart. A stream is judged at its 4th and its 12th frame, and on the way.
 Row = str
@@ -67,12 +69,21 @@ class Unit:
 
 @cache
 def code_version() -> str:
-    """What the results depend on, besides the values of a unit: this package's source, numpy, OpenCV."""
-    root = Path(ledpi.__file__).parent
+    """What the results depend on, besides the values of a unit: this package's source, numpy, OpenCV.
+
+    And whether its loops are compiled: what they give differs from numpy's in the last digits.
+    """
+    loops = "compiled" if COMPILED else "in numpy"
+    digest = source_digest(Path(ledpi.__file__).parent)
+    return f"{digest[:12]} {loops}, numpy {np.__version__} OpenCV {cv2.__version__}"
+
+
+def source_digest(package: Path) -> str:
+    """SHA-256 of a package's sources, those of its compiled loops too, and of their names; in hexadecimal."""
     digest = hashlib.sha256()
-    for path in sorted(root.rglob("*.py")):
-        digest.update(str(path.relative_to(root)).encode() + b"\0" + path.read_bytes())
-    return f"{digest.hexdigest()[:12]} numpy {np.__version__} OpenCV {cv2.__version__}"
+    for path in sorted(path for path in package.rglob("*") if path.suffix in SOURCES):
+        digest.update(str(path.relative_to(package)).encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()
 
 
 def run_unit(unit: Unit) -> dict[str, Any]:
