@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from decode_material import SPEC, TRUE_10_MS_US, Canvas, diffuser, quad, square, word
 
-from ledpi.decode import soft
+from ledpi.decode import soft, words
 from ledpi.decode.cells import CellSamples, sample_cells
-from ledpi.decode.evidence import UNFIT, Believed, Evidence, believed_bands, class_waves, single_evidence, square_waves
+from ledpi.decode.evidence import UNFIT, Believed, Evidence, believed_bands, class_waves, square_waves
+from ledpi.decode.single_frame import single_evidence
 from ledpi.decode.soft import Codebook
 from ledpi.dictionaries import load_dictionary
 from ledpi.kernels.library import COMPILED
@@ -126,7 +127,7 @@ def test_the_likeliest_words(spec: PanelSpec) -> None:
     evidence = single_evidence(samples, frame, spec)
     assert isinstance(evidence, Evidence)
     book = Codebook.build(list(range(50)), load_dictionary("DICT_4X4_50"), spec)
-    ours, theirs = (soft._likeliest(evidence, book, compiled=compiled) for compiled in (True, False))
+    ours, theirs = (words.likeliest(evidence, book.white, compiled=compiled) for compiled in (True, False))
     np.testing.assert_array_equal(ours.words, theirs.words)
     for mine, reference in ((ours.likelihood, theirs.likelihood), (ours.bands, theirs.bands)):
         np.testing.assert_allclose(mine, reference, rtol=1e-6)
@@ -143,4 +144,4 @@ def test_a_short_list_of_words() -> None:
     evidence = single_evidence(samples, frame, SPEC)
     assert isinstance(evidence, Evidence)
     book = Codebook.build([7], load_dictionary("DICT_4X4_50"), SPEC)
-    assert sorted(soft._likeliest(evidence, book, compiled=True).words) == [0, 1, 2, 3]
+    assert sorted(words.likeliest(evidence, book.white, compiled=True).words) == [0, 1, 2, 3]

@@ -14,7 +14,9 @@ from ledpi.cli import app, main, panel_design
 from ledpi.config import load_config
 from ledpi.decode import soft
 from ledpi.decode.cells import CellSamples, sample_cells
-from ledpi.decode.evidence import Evidence, single_evidence
+from ledpi.decode.evidence import Evidence
+from ledpi.decode.single_frame import single_evidence
+from ledpi.decode.words import word_log_likelihoods
 from ledpi.dictionaries import load_dictionary
 from ledpi.errors import ConfigError
 from ledpi.panel.chances import chance_of_reading
@@ -184,7 +186,7 @@ def test_information_foretells_likelihood_ratios(near: View) -> None:
         assert isinstance(samples, CellSamples)
         known = single_evidence(samples, frame, spec)
         assert isinstance(known, Evidence)
-        likelihood = soft.word_log_likelihoods(known, np.concatenate([white, others]))[0]
+        likelihood = word_log_likelihoods(known, np.concatenate([white, others]))[0]
         costs.append(float((likelihood[0] - likelihood[1:]).mean()))
     own = np.einsum("cicj->cij", evidence_of(near, spec, frames=1, frame_length_rows=504).information)
     square = np.repeat(np.square(asked.depths(1250.0, 2450.0)), 2) / 2

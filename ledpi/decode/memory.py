@@ -23,8 +23,8 @@ from ledpi.decode.evidence import (
     class_waves,
     evidence_from,
     picture_slopes,
-    single_evidence,
 )
+from ledpi.decode.single_frame import single_evidence
 from ledpi.records import Frame, PanelSpec, Rejected
 
 # Old evidence fades, as oscillators drift and a wrong turn must be mended: to a third in 30 frames, half a second.

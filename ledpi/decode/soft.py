@@ -19,14 +19,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ledpi.decode.cells import CellSamples, Singles
-from ledpi.decode.classes import band_shares, in_other_class, wave_shares
-from ledpi.decode.evidence import Doubles, Evidence, believed_bands, is_deep, single_evidence
+from ledpi.decode.classes import band_shares, in_other_class
+from ledpi.decode.evidence import Doubles, Evidence, believed_bands, is_deep
+from ledpi.decode.single_frame import single_evidence
+from ledpi.decode.words import Fit, likeliest, word_log_likelihoods
 from ledpi.kernels import words as kernel
 from ledpi.kernels.library import COMPILED
 from ledpi.markers import Dictionary
 from ledpi.records import Frame, PanelSpec, Rejected
 
-SHORTLIST = 16  # words that are compared exactly
 NO_BANDS = Rejected(stage="soft", reason="no_bands")
 NO_WORD = Rejected(stage="soft", reason="not_in_dictionary")
 AMBIGUOUS = Rejected(stage="soft", reason="ambiguous")
@@ -95,16 +96,6 @@ class Reading:
     cell_bands: Doubles  # (cells, P) cosine and sine of each wave, as each cell shows them
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Fit:
-    """The likeliest words under some evidence, best first."""
-
-    words: NDArray[np.int64]  # indices of the codebook
-    likelihood: Doubles  # (words,) log-likelihood ratio to "no bands"
-    bands: Doubles  # (P,) of the best word
-    deviation: Doubles  # (P,)
-
-
 def read_word(
     samples: CellSamples, frame: Frame, codebook: Codebook, false_id_rate: float = FALSE_ID_RATE_ALONE
 ) -> Reading | Rejected:
@@ -117,7 +108,7 @@ def read_word(
     evidence = single_evidence(samples, frame, spec)
     if isinstance(evidence, Rejected):
         return evidence
-    fit = _likeliest(evidence, codebook)
+    fit = likeliest(evidence, codebook.white)
     first = _judged(fit, evidence, codebook, false_id_rate)
     if first == NO_BANDS or not (isinstance(first, Rejected) or is_deep(evidence.prior)):
         return first
@@ -133,7 +124,7 @@ def read_word(
     return replace(second, cell_bands=believed.turned_back(second.cell_bands))
 
 
-def _is_contradicted(fit: _Fit, evidence: Evidence, codebook: Codebook, false_id_rate: float) -> bool:
+def _is_contradicted(fit: Fit, evidence: Evidence, codebook: Codebook, false_id_rate: float) -> bool:
     """Whether more cells than the dictionary can correct are surely of the other class than the best word says.
 
     A second look believes the word's cells, and so finds more of what it believes: it may settle what was open, but not
@@ -145,27 +136,10 @@ def _is_contradicted(fit: _Fit, evidence: Evidence, codebook: Codebook, false_id
 
 def decide(evidence: Evidence, codebook: Codebook, false_id_rate: float) -> Reading | Rejected:
     """The word that the evidence is for, or why none can be told."""
-    return _judged(_likeliest(evidence, codebook), evidence, codebook, false_id_rate)
+    return _judged(likeliest(evidence, codebook.white), evidence, codebook, false_id_rate)
 
 
-def _likeliest(evidence: Evidence, codebook: Codebook, *, compiled: bool = COMPILED) -> _Fit:
-    if compiled:
-        found = kernel.likeliest(evidence.score, evidence.information, evidence.prior, codebook.white, SHORTLIST)
-        chosen, likelihood, bands, deviation = found
-        return _Fit(words=chosen, likelihood=likelihood, bands=bands, deviation=deviation)
-    words = shortlist(evidence, codebook.white)
-    likelihood, bands, covariances = word_log_likelihoods(evidence, codebook.white[words])
-    order = np.argsort(-likelihood)
-    first = order[0]
-    return _Fit(
-        words=words[order],
-        likelihood=likelihood[order],
-        bands=bands[first],
-        deviation=np.sqrt(np.diagonal(covariances[first])),
-    )
-
-
-def _judged(fit: _Fit, evidence: Evidence, codebook: Codebook, false_id_rate: float) -> Reading | Rejected:
+def _judged(fit: Fit, evidence: Evidence, codebook: Codebook, false_id_rate: float) -> Reading | Rejected:
     """The best word, if it stands against all its rivals."""
     needed = -math.log(false_id_rate)
     best, none, bands = int(fit.words[0]), float(fit.likelihood[0]), fit.bands
@@ -214,57 +188,6 @@ def surest(readings: Sequence[Reading | Rejected], false_id_rate: float) -> Read
     if ahead < -math.log(false_id_rate):
         return AMBIGUOUS
     return replace(best, margin=min(best.margin, ahead))
-
-
-def shortlist(evidence: Evidence, white: Singles) -> NDArray[np.int64]:
-    """The SHORTLIST likeliest words of (W, cells), told by a likelihood that leaves out what ties cells together.
-
-    Exact within each cell. What cells share (profile, corners) takes about the same from every word, so the likeliest
-    word and its rivals are among these; and the sums are plain matrix products, for any size of dictionary.
-    """
-    if len(white) <= SHORTLIST:
-        return np.arange(len(white))
-    parameters = len(evidence.prior)
-    shares = wave_shares(white, parameters // 2).transpose(2, 0, 1)  # (waves, W, cells)
-    own = np.einsum("cicj->cij", evidence.information).reshape(len(evidence.score), -1)
-    likelihood = np.zeros(len(white))
-    for k, share in enumerate(shares):
-        cosine, sine = 2 * k, 2 * k + 1
-        squares = own[:, (cosine * (parameters + 1), cosine * parameters + sine, sine * (parameters + 1))]
-        x, y = (share @ evidence.score[:, (cosine, sine)].astype(np.float32)).T
-        a, b, d = ((share * share) @ squares.astype(np.float32)).T
-        a, d = a + 1.0 / evidence.prior[cosine], d + 1.0 / evidence.prior[sine]
-        det = a * d - b * b
-        likelihood += 0.5 * ((d * x * x - 2 * b * x * y + a * y * y) / det - np.log(det))
-    chosen: NDArray[np.int64] = np.argpartition(likelihood, -SHORTLIST)[-SHORTLIST:]
-    return chosen
-
-
-def word_log_likelihoods(evidence: Evidence, white: Singles) -> tuple[Doubles, Doubles, Doubles]:
-    """Log-likelihood ratio of each word (W, cells) to "no bands", depth and phase integrated out.
-
-    With score b and information A of the word's P parameters and prior variance Λ:
-    ½ bᵀ(A + Λ⁻¹)⁻¹b − ½ ln det(I + ΛA). Also the parameters' most probable values (W, P) and covariance (W, P, P).
-    """
-    normal, score = _word_normal_equations(evidence, white.astype(np.float64))
-    inverse_prior = 1.0 / evidence.prior
-    normal[:, range(len(inverse_prior)), range(len(inverse_prior))] += inverse_prior
-    covariance = np.asarray(np.linalg.inv(normal), np.float64)
-    bands: Doubles = np.matmul(covariance, score[..., None])[..., 0]
-    log_det = np.linalg.slogdet(normal)[1] - np.log(inverse_prior).sum()
-    likelihood: Doubles = 0.5 * ((bands * score).sum(axis=1) - log_det)
-    return likelihood, bands, covariance
-
-
-def _word_normal_equations(evidence: Evidence, white: Doubles) -> tuple[Doubles, Doubles]:
-    """Information (W, P, P) and score (W, P) of the parameters that all cells share."""
-    parameters = len(evidence.prior)
-    shares = band_shares(white, parameters)
-    words, cells, _ = shares.shape
-    score = (shares * evidence.score).sum(axis=1)
-    by_row = evidence.information.transpose(1, 0, 2, 3).reshape(parameters, cells, cells * parameters)
-    rows = np.matmul(shares.transpose(2, 0, 1), by_row).reshape(parameters, words, cells, parameters)
-    return np.ascontiguousarray((rows * shares).sum(axis=2).transpose(1, 0, 2)), score
 
 
 def _plausible(amplitude: list[float], deviation: list[float], evidence: Evidence) -> bool:

@@ -1,4 +1,4 @@
-/* Sub-pixel corners of lit squares, as decode/edges.py explains and does it: one quad at a time, from a first look to the
+/* Sub-pixel corners of lit squares, as decode/edges.py explains and decode/looks.py does it: one quad at a time, from a first look to the
  * last, without any array but on the stack. */
 #include <math.h>
 

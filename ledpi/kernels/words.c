@@ -1,4 +1,4 @@
-/* How well words explain the evidence of a panel's cells, as in decode/soft.py, which says why. */
+/* How well words explain the evidence of a panel's cells, as in decode/words.py and soft.py, which say why. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>

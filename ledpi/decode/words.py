@@ -1,0 +1,98 @@
+"""How well words explain the evidence of all of a panel's cells together.
+
+In C (kernels/words.c) and, where there is no compiler, in numpy, which is the reference.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ledpi.decode.cells import Singles
+from ledpi.decode.classes import band_shares, wave_shares
+from ledpi.decode.evidence import Doubles, Evidence
+from ledpi.kernels import words as kernel
+from ledpi.kernels.library import COMPILED
+
+SHORTLIST = 16  # words that are compared exactly
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Fit:
+    """The likeliest words under some evidence, best first."""
+
+    words: NDArray[np.int64]  # indices of the codebook
+    likelihood: Doubles  # (words,) log-likelihood ratio to "no bands"
+    bands: Doubles  # (P,) of the best word
+    deviation: Doubles  # (P,)
+
+
+def likeliest(evidence: Evidence, white: Singles, *, compiled: bool = COMPILED) -> Fit:
+    """The SHORTLIST likeliest of the words (W, cells), 1 where the class is white."""
+    if compiled:
+        found = kernel.likeliest(evidence.score, evidence.information, evidence.prior, white, SHORTLIST)
+        chosen, likelihood, bands, deviation = found
+        return Fit(words=chosen, likelihood=likelihood, bands=bands, deviation=deviation)
+    words = shortlist(evidence, white)
+    likelihood, bands, covariances = word_log_likelihoods(evidence, white[words])
+    order = np.argsort(-likelihood)
+    first = order[0]
+    return Fit(
+        words=words[order],
+        likelihood=likelihood[order],
+        bands=bands[first],
+        deviation=np.sqrt(np.diagonal(covariances[first])),
+    )
+
+
+def shortlist(evidence: Evidence, white: Singles) -> NDArray[np.int64]:
+    """The SHORTLIST likeliest words of (W, cells), told by a likelihood that leaves out what ties cells together.
+
+    Exact within each cell. What cells share (profile, corners) takes about the same from every word, so the likeliest
+    word and its rivals are among these; and the sums are plain matrix products, for any size of dictionary.
+    """
+    if len(white) <= SHORTLIST:
+        return np.arange(len(white))
+    parameters = len(evidence.prior)
+    shares = wave_shares(white, parameters // 2).transpose(2, 0, 1)  # (waves, W, cells)
+    own = np.einsum("cicj->cij", evidence.information).reshape(len(evidence.score), -1)
+    likelihood = np.zeros(len(white))
+    for k, share in enumerate(shares):
+        cosine, sine = 2 * k, 2 * k + 1
+        squares = own[:, (cosine * (parameters + 1), cosine * parameters + sine, sine * (parameters + 1))]
+        x, y = (share @ evidence.score[:, (cosine, sine)].astype(np.float32)).T
+        a, b, d = ((share * share) @ squares.astype(np.float32)).T
+        a, d = a + 1.0 / evidence.prior[cosine], d + 1.0 / evidence.prior[sine]
+        det = a * d - b * b
+        likelihood += 0.5 * ((d * x * x - 2 * b * x * y + a * y * y) / det - np.log(det))
+    chosen: NDArray[np.int64] = np.argpartition(likelihood, -SHORTLIST)[-SHORTLIST:]
+    return chosen
+
+
+def word_log_likelihoods(evidence: Evidence, white: Singles) -> tuple[Doubles, Doubles, Doubles]:
+    """Log-likelihood ratio of each word (W, cells) to "no bands", depth and phase integrated out.
+
+    With score b and information A of the word's P parameters and prior variance Λ:
+    ½ bᵀ(A + Λ⁻¹)⁻¹b − ½ ln det(I + ΛA). Also the parameters' most probable values (W, P) and covariance (W, P, P).
+    """
+    normal, score = _word_normal_equations(evidence, white.astype(np.float64))
+    inverse_prior = 1.0 / evidence.prior
+    normal[:, range(len(inverse_prior)), range(len(inverse_prior))] += inverse_prior
+    covariance = np.asarray(np.linalg.inv(normal), np.float64)
+    bands: Doubles = np.matmul(covariance, score[..., None])[..., 0]
+    log_det = np.linalg.slogdet(normal)[1] - np.log(inverse_prior).sum()
+    likelihood: Doubles = 0.5 * ((bands * score).sum(axis=1) - log_det)
+    return likelihood, bands, covariance
+
+
+def _word_normal_equations(evidence: Evidence, white: Doubles) -> tuple[Doubles, Doubles]:
+    """Information (W, P, P) and score (W, P) of the parameters that all cells share."""
+    parameters = len(evidence.prior)
+    shares = band_shares(white, parameters)
+    words, cells, _ = shares.shape
+    score = (shares * evidence.score).sum(axis=1)
+    by_row = evidence.information.transpose(1, 0, 2, 3).reshape(parameters, cells, cells * parameters)
+    rows = np.matmul(shares.transpose(2, 0, 1), by_row).reshape(parameters, words, cells, parameters)
+    return np.ascontiguousarray((rows * shares).sum(axis=2).transpose(1, 0, 2)), score
