@@ -53,14 +53,28 @@ def single_evidence(
     """
     if believed is None and not is_deep(band_prior(frame, spec)):  # a deep band is as dark as what is covered
         samples = without_covered(samples)
-    cells, points = samples.light.shape
     sources = sources_of(samples.lattice.k, border_points(samples))
     if believed is not None:
         waves = believed.waves
     elif waves is None:
         waves = class_waves(samples, frame, spec, compiled=compiled)
-    if compiled:
-        return _compiled_evidence(samples, frame, spec, waves, believed, sources)
+    how = _compiled_evidence if compiled else _numpy_evidence
+    evidence = how(samples, frame, spec, waves, believed, sources)
+    if believed is None or isinstance(evidence, Rejected):
+        return evidence
+    # What says how far the bands differ from what is believed, as what says how they are.
+    believed_score = np.einsum("cidj,dj->ci", evidence.information, believed.bands)
+    return replace(evidence, score=evidence.score + believed_score)
+
+
+def _numpy_evidence(
+    samples: CellSamples,
+    frame: Frame,
+    spec: PanelSpec,
+    waves: Singles,
+    believed: Believed | None,
+    sources: Sources,
+) -> Evidence | Rejected:
     shown = None if believed is None else believed.own_light()
     gain, profile, light = _levels(samples, shown)
     # Shot noise has the variance of the light: over this root it is alike everywhere.
@@ -76,6 +90,7 @@ def single_evidence(
     static = np.asarray(np.add.reduceat(parts, sources.first, axis=1), np.float32)
     residual = np.asarray(seen - static, np.float32)
     np.maximum(static, np.float32(0.02), out=static)
+    cells, points = samples.light.shape
     shapes = np.empty((cells, 1 + len(waves), points), np.float32)  # of a wrong gain, and of the bands
     shapes[:, 0] = static
     if shown is not None:
@@ -87,8 +102,7 @@ def single_evidence(
         slopes *= samples.valid
         shapes *= samples.valid[:, None]
     normal = _without_shared_light(residual, shapes, slopes, basis, sources)
-    evidence = evidence_from(normal, samples, frame, spec)
-    return evidence if believed is None or isinstance(evidence, Rejected) else _from_believed(evidence, believed)
+    return evidence_from(normal, samples, frame, spec)
 
 
 def _compiled_evidence(
@@ -99,7 +113,7 @@ def _compiled_evidence(
     believed: Believed | None,
     sources: Sources,
 ) -> Evidence | Rejected:
-    """The same as what follows in `single_evidence`."""
+    """`_numpy_evidence`, in C."""
     found = kernel.single_evidence(
         light=samples.light,
         valid=samples.valid,
@@ -118,13 +132,7 @@ def _compiled_evidence(
         return UNFIT
     score, information, free = found
     prior, left = band_prior(frame, spec), 0.5 * samples.independence * free
-    evidence = Evidence(score=score, information=information, prior=prior, left=left)
-    return evidence if believed is None else _from_believed(evidence, believed)
-
-
-def _from_believed(evidence: Evidence, believed: Believed) -> Evidence:
-    """What says how far the bands differ from what is believed, as what says how they are."""
-    return replace(evidence, score=evidence.score + np.einsum("cidj,dj->ci", evidence.information, believed.bands))
+    return Evidence(score=score, information=information, prior=prior, left=left)
 
 
 def _levels(samples: CellSamples, shown: Singles | None) -> tuple[Singles, Singles, Singles]:
