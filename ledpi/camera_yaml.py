@@ -11,6 +11,7 @@ from pydantic import AfterValidator, BaseModel, Field, ValidationError
 
 from ledpi.config_mistakes import explain
 from ledpi.errors import CalibrationError
+from ledpi.files import read_yaml
 from ledpi.records import Intrinsics
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -57,14 +58,7 @@ def load_intrinsics(path: Path, for_size: tuple[int, int] | None = None) -> Intr
     (width, height) of the pictures that it is wanted for. A calibration at another size is refused: another
     sensor mode may show another part of the scene, and nothing tells how to convert.
     """
-    try:
-        raw = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise CalibrationError(f"{path}: cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError as error:
-        raise CalibrationError(f"{path}: byte {error.start} is not UTF-8 text") from None
-    except (yaml.YAMLError, ValueError, AttributeError) as error:  # the last two: a date such as 2001-99-99
-        raise CalibrationError(f"{path}: not valid YAML: {' '.join(str(error).split())}") from None
+    raw = read_yaml(path, CalibrationError)
     if not isinstance(raw, dict):
         raise CalibrationError(f"{path}: must hold ROS camera_info (image_width, camera_matrix, …)")
     try:
@@ -93,8 +87,8 @@ def load_intrinsics(path: Path, for_size: tuple[int, int] | None = None) -> Intr
 def own_section(path: Path) -> dict[str, Any]:
     """The section `ledpi` of a camera.yaml: how good it is, and what is known of the shutter. Empty without one."""
     try:
-        raw = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, AttributeError, yaml.YAMLError):
+        raw = read_yaml(path, CalibrationError)
+    except CalibrationError:
         return {}
     section = raw.get("ledpi") if isinstance(raw, dict) else None
     return section if isinstance(section, dict) else {}

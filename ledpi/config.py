@@ -29,6 +29,7 @@ from pydantic import (
 from ledpi.config_mistakes import explain
 from ledpi.dictionaries import FILE_ENDINGS, dictionary_names, is_file, load_dictionary
 from ledpi.errors import ConfigError
+from ledpi.files import read_yaml
 from ledpi.records import PanelSpec, Phase, Transfer
 
 SEARCH_PATH = (Path("config.yaml"), Path("/etc/ledpi/config.yaml"))
@@ -195,7 +196,7 @@ def load_config(path: Path | None, overrides: tuple[str, ...] = ()) -> Config:
     Raises ConfigError.
     """
     where = str(path) if path is not None else "configuration"
-    raw = _read_yaml(path) if path is not None else {}
+    raw = _sections(path) if path is not None else {}
     raw.setdefault("panels", {})  # so that the message names the key that must be given
     base = path.parent if path is not None else Path()
     from_command_line = set()
@@ -234,15 +235,8 @@ def _check_panels(panels: PanelSettings, where: str) -> None:
             raise ConfigError(f"{where}: {key}: {error}") from None
 
 
-def _read_yaml(path: Path) -> dict[str, Any]:
-    try:
-        raw = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError as error:
-        raise ConfigError(f"{path}: byte {error.start} is not UTF-8 text") from None
-    except (yaml.YAMLError, ValueError, AttributeError) as error:  # the last two: a date such as 2001-99-99
-        raise ConfigError(f"{path}: not valid YAML: {' '.join(str(error).split())}") from None
+def _sections(path: Path) -> dict[str, Any]:
+    raw = read_yaml(path, ConfigError)
     if raw is None:
         return {}
     if not isinstance(raw, dict):

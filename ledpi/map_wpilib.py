@@ -17,6 +17,7 @@ from pydantic import Field, ValidationError
 from ledpi.config import Finite, NoBooleans, Positive
 from ledpi.config_mistakes import explain
 from ledpi.errors import ConfigError
+from ledpi.files import read_text
 from ledpi.geometry import FACING_FROM_MARKER, matrix_from_quaternion, quaternion_from_matrix, transform
 from ledpi.map_yaml import BY_EYE_DEG, BY_TAPE_M
 from ledpi.pose.panel_map import MapPanel, PanelMap
@@ -63,9 +64,7 @@ class _Layout(NoBooleans):
 def load_layout(path: Path) -> PanelMap:
     """Reads a field layout. Raises ConfigError with file and key."""
     try:
-        raw = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from None
+        raw = json.loads(read_text(path, ConfigError))
     except ValueError as error:
         raise ConfigError(f"{path}: not valid JSON: {error}") from None
     if not isinstance(raw, dict):

@@ -16,6 +16,7 @@ from pydantic import AfterValidator, ConfigDict, Field, ValidationError, model_v
 from ledpi.config import Finite, NoBooleans, SideM, Vector3
 from ledpi.config_mistakes import explain
 from ledpi.errors import ConfigError
+from ledpi.files import read_yaml
 from ledpi.geometry import (
     FACING_FROM_MARKER,
     matrix_from_quaternion,
@@ -89,33 +90,9 @@ class _Map(_Part):
     panels: Annotated[dict[Annotated[int, Field(ge=0)], _Panel], AfterValidator(_at_least_one)]
 
 
-class _UniqueKeys(yaml.SafeLoader):
-    """YAML lets the last of two equal keys win in silence; of a panel's two places neither must."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        seen: set[Any] = set()
-        for key_node, _ in node.value:
-            if isinstance(key_node, yaml.ScalarNode):
-                key = self.construct_object(key_node)
-                if key in seen:
-                    line = key_node.start_mark.line + 1
-                    raise ConfigError(f"line {line}: {key} is there twice; each key and each ID once")
-                seen.add(key)
-        return super().construct_mapping(node, deep)
-
-
 def load_map(path: Path) -> PanelMap:
     """Reads markers.yaml. Raises ConfigError with file and key."""
-    try:
-        raw = yaml.load(path.read_text(encoding="utf-8"), _UniqueKeys)
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError as error:
-        raise ConfigError(f"{path}: byte {error.start} is not UTF-8 text") from None
-    except (yaml.YAMLError, ValueError, AttributeError) as error:  # the last two: a date such as 2001-99-99
-        raise ConfigError(f"{path}: not valid YAML: {' '.join(str(error).split())}") from None
-    except ConfigError as error:
-        raise ConfigError(f"{path}: {error}") from None
+    raw = read_yaml(path, ConfigError)
     if not isinstance(raw, dict):
         raise ConfigError(f"{path}: must be a map of panels (format: 1, panels: …)")
     try:

@@ -10,11 +10,11 @@ from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
 from typing import Annotated, Any, TypeVar
 
-import yaml
 from pydantic import AfterValidator, BaseModel, Field, ValidationError
 
 from ledpi.dictionaries import is_file, load_dictionary
 from ledpi.errors import RecordingError
+from ledpi.files import read_text, read_yaml
 from ledpi.records import Phase, Transfer
 
 FORMAT = 1
@@ -94,11 +94,8 @@ class TruthLine(BaseModel):
 
 def read_header(path: Path) -> Header:
     """Reads recording.yaml. Raises RecordingError."""
-    text = _read_text(path)
-    try:
-        raw = yaml.safe_load(text)
-    except Exception as error:  # for a broken value (`!!timestamp x`) PyYAML lets through whatever came up
-        raise RecordingError(f"{path}: not valid YAML: {' '.join(str(error).split())}") from None
+    _require(path)
+    raw = read_yaml(path, RecordingError)
     if not isinstance(raw, dict):
         wanted = "a mapping with format, camera and panel"
         raise RecordingError(f"{path}: must be {wanted}, not {type(raw).__name__}")
@@ -124,7 +121,8 @@ def _with_dictionary_file(header: Header, path: Path) -> Header:
 
 def read_lines(path: Path, model: type[Model]) -> Iterator[tuple[int, Model]]:
     """The lines of a .jsonl file, numbered from 1; empty ones are passed over. Raises RecordingError."""
-    for number, text in enumerate(_read_text(path).split("\n"), start=1):
+    _require(path)
+    for number, text in enumerate(read_text(path, RecordingError).split("\n"), start=1):
         if not text.strip():
             continue
         where = f"{path}: line {number}"
@@ -137,16 +135,10 @@ def read_lines(path: Path, model: type[Model]) -> Iterator[tuple[int, Model]]:
         yield number, _checked(model, raw, where)
 
 
-def _read_text(path: Path) -> str:
-    try:
-        return path.read_bytes().decode("utf-8")
-    except FileNotFoundError:
+def _require(path: Path) -> None:
+    if not path.exists():
         wanted = f"a recording has {HEADER_FILE}, {FRAMES_FILE} and its pictures"
-        raise RecordingError(f"{path}: is missing; {wanted}") from None
-    except OSError as error:
-        raise RecordingError(f"{path}: cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError as error:
-        raise RecordingError(f"{path}: byte {error.start} is not UTF-8 text") from None
+        raise RecordingError(f"{path}: is missing; {wanted}")
 
 
 def _checked(model: type[Model], raw: dict[str, Any], where: str) -> Model:

@@ -72,6 +72,13 @@ def test_a_section_may_be_empty(tmp_path: Path) -> None:
     assert load_config(write(tmp_path, "camera:\npanels:\n  side_m: 0.2\n")).camera.width == 640
 
 
+def test_a_key_given_twice(tmp_path: Path) -> None:
+    """YAML would take the last of two exposures in silence: here it is a mistake, with its line."""
+    file = write(tmp_path, "panels: {side_m: 0.2}\ncamera:\n  exposure_us: 5000\n  exposure_us: 9000\n")
+    with pytest.raises(ConfigError, match="line 4: exposure_us is there twice"):
+        load_config(file)
+
+
 def test_config_is_frozen() -> None:
     """A value cannot be changed once the configuration is built."""
     config = load_config(SHIPPED)

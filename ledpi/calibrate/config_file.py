@@ -12,6 +12,7 @@ import yaml
 
 from ledpi.calibrate.files import write_keeping_old
 from ledpi.errors import CalibrationError
+from ledpi.files import read_text
 
 Key = tuple[str | int, ...]  # ("panels", "overrides", 7, "black_hz")
 
@@ -21,10 +22,7 @@ def change_config(path: Path, changes: Mapping[Key, Any]) -> Path | None:
 
     Raises CalibrationError where the file cannot be changed without losing something.
     """
-    try:
-        text = path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise CalibrationError(f"{path}: cannot be read: {error.strerror}") from None
+    text = read_text(path, CalibrationError)
     changed = changed_yaml(text, changes)
     wanted = copy.deepcopy(yaml.safe_load(text))
     for key, value in changes.items():
