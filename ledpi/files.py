@@ -20,7 +20,7 @@ class _UniqueKeys(yaml.SafeLoader):
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         seen: set[Any] = set()
         for key_node, _ in node.value:
-            if isinstance(key_node, yaml.ScalarNode):
+            if isinstance(key_node, yaml.ScalarNode) and key_node.value != "<<":  # what that merges in may be overruled
                 key = self.construct_object(key_node)
                 if key in seen:
                     raise _RepeatedKeyError(f"line {key_node.start_mark.line + 1}: {key} is there twice; each key once")
