@@ -93,6 +93,18 @@ def test_a_finders_corner_that_a_dead_cell_cut_off_is_put_back() -> None:
     assert farthest(seen(canvas.frame(), cut), true) < 0.3
 
 
+@pytest.mark.parametrize("turn_deg", [12, 40])
+def test_a_far_panels_corner_that_is_dead_is_put_back(turn_deg: float) -> None:
+    """An outline that goes on from one end of the dead cell: its sides are not straight, but by less than a pixel."""
+    true, gains = square(310.3, 236.6, 34, turn_deg), np.ones((4, 4))
+    gains[0, 0] = 0.0
+    canvas = Canvas()
+    canvas.panel(true, word(7), gains=gains)
+    cut = true.copy()
+    cut[0] += 0.25 * (true[1] - true[0]) + 0.04 * (true[3] - true[0])
+    assert farthest(seen(canvas.frame(), cut), true) < 0.5
+
+
 @pytest.mark.parametrize("turn_deg", [8, 28, 62])
 @pytest.mark.parametrize("dead", [(0, 3), (3, 0), (3, 3)])
 def test_a_panel_whose_corner_is_dead_is_found_whole(dead: tuple[int, int], turn_deg: float) -> None:

@@ -47,6 +47,7 @@ MAX_TILT_STEPS = 2.0  # by which a side's edges may differ as the rough one is t
 # How far a corner is from making its quad a parallelogram, as a share of the side, and the cosine of its angle, where a
 # dead cell may have cut it off.
 CUT_OFF, OBTUSE = 0.05, -0.03
+STRAIGHTER = 2.0  # times: sides through the end of a dead cell lie so much worse than those that pass it by
 # What most other things are not straight by; a side that is seen from too far off may still lean on what is beside it.
 MAX_SPREAD_PX, MAX_SPREAD_STEPS = 0.9, 0.4
 ALMOST = 4.0  # times as much: sides that were only reached in part look so, and are looked at again
@@ -70,10 +71,10 @@ def approach_quads(frame: Frame, rough: Floats, tolerance_px: Floats) -> list[Fl
     if len(again):  # a side that began too far off was only seen in part
         corners[again], spread[again], seen[again] = _nearest(frame, corners[again], step_px[again])
     near = np.abs(corners - start).max(axis=1) < 0.5 * np.sqrt(np.abs(areas(start)))
-    # Perspective, too, makes a square no parallelogram: what is a square as it is stays as it is.
+    # Perspective, too, makes a square no parallelogram: what is as straight as it is stays as it is.
     fits = seen & near & (spread <= limit)
     for k in range(len(rough), len(start)):
-        if fits[k] and not fits[of[k]]:
+        if fits[k] and not (fits[of[k]] and spread[of[k]] < STRAIGHTER * spread[k]):
             chosen[of[k]] = k
     reached = as_corners(corners)
     return [
