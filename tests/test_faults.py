@@ -167,9 +167,8 @@ def test_a_receiver_that_stops_reading(take: Path, tmp_path: Path, plug: Callabl
         line.wait_for_markers(5)
         ended = end(process, signal.SIGTERM)
     assert ended.status == 0
-    # On a busy machine a whole second without a decoded frame was seen: not held here, and not explained yet.
     decoded = [int(n) for entry in ended.log for n in re.findall(r"(\d+) decoded/s", entry)]
-    assert sum(decoded) > 0
+    assert min(decoded) > 0
 
 
 def test_a_receiver_as_fast_as_the_line(take: Path, tmp_path: Path, plug: Callable[[], Line]) -> None:

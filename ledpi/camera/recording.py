@@ -9,13 +9,19 @@ import time
 from collections.abc import Iterator
 from dataclasses import replace
 
-from ledpi.picture import read_picture
+from ledpi.picture import BadPicture, read_picture
 from ledpi.recording import FrameEntry, Recording
 from ledpi.records import CameraInfo, Frame, PanelValues, Pixels, Rejected
 
-# Between the last frame and the first one of the next round the scene jumps, and so do the phases. More than
-# half a second ends every track, as between two takes; so no decoder takes the jump for a motion.
-_ROUND_GAP_NS = 1_000_000_000
+# Between the last frame and the first one of the next round the scene jumps, and so do the phases. More than half a
+# second ends every track, as between two takes; so no decoder takes the jump for a motion. Less than a second, so that
+# there are frames in each of the seconds that the daemon counts.
+_ROUND_GAP_NS = 600_000_000
+# A paced replay begins to read a picture this many times earlier than reading takes. Not as soon as the last one is
+# handed over, though there would be time: decoding has just begun, and a sensor would leave it the interpreter and both
+# caches (the hand-over to the decoder took 1.4 ms then, and takes 0.1 ms).
+_READ_AHEAD = 2.0
+_FORGET = 0.9  # of the longest reading so far, from one picture to the next
 
 _log = logging.getLogger(__name__)
 
@@ -42,6 +48,7 @@ class RecordingCamera:
         self._host_offset_ns: int | None = None  # of a paced replay, once its first frame was delivered
         self._closed = threading.Event()
         self._readout_ns = round(recording.camera.height * recording.camera.row_time_us * 1e3)
+        self._reading_ns = 0.0  # what it takes to read a picture: the longest of late
         self.missed = 0
 
     @property
@@ -59,8 +66,16 @@ class RecordingCamera:
         entry = self._next()
         if entry is None or self._closed.is_set():
             return None
-        bad = read_picture(entry.picture, into)
-        host_offset_ns = self._wait_for_readout(entry)
+        end_ns = entry.row0_readout_ns + self._readout_ns
+        host_offset_ns = self._host_offset_ns
+        if host_offset_ns is not None:
+            self._wait_until(end_ns + host_offset_ns - round(_READ_AHEAD * self._reading_ns))
+        bad = self._read_timed(entry, into)
+        if host_offset_ns is None:
+            host_offset_ns = time.monotonic_ns() - end_ns
+        if self._paced:
+            self._host_offset_ns = host_offset_ns
+        self._wait_until(end_ns + host_offset_ns)
         if self._closed.is_set():
             return None
         if bad is not None:
@@ -81,17 +96,17 @@ class RecordingCamera:
                 self.missed += 1
         return entry
 
-    def _wait_for_readout(self, entry: FrameEntry) -> int:
-        """Waits, if paced, until the last row is read out, or `close`. Returns the frame's host_offset_ns."""
-        end_ns = entry.row0_readout_ns + self._readout_ns
-        if not self._paced:
-            return time.monotonic_ns() - end_ns
-        if self._host_offset_ns is None:
-            self._host_offset_ns = time.monotonic_ns() - end_ns
-        while (left_ns := end_ns + self._host_offset_ns - time.monotonic_ns()) > 0:
+    def _read_timed(self, entry: FrameEntry, into: Pixels) -> BadPicture | None:
+        began_ns = time.monotonic_ns()
+        bad = read_picture(entry.picture, into)
+        self._reading_ns = max(time.monotonic_ns() - began_ns, _FORGET * self._reading_ns)
+        return bad
+
+    def _wait_until(self, host_ns: int) -> None:
+        """Returns at that time, or at `close`."""
+        while (left_ns := host_ns - time.monotonic_ns()) > 0:
             if self._closed.wait(left_ns * 1e-9):
                 break
-        return self._host_offset_ns
 
 
 def _rounds(frames: tuple[FrameEntry, ...], loop: bool) -> Iterator[FrameEntry]:
