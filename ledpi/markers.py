@@ -12,6 +12,8 @@ from ledpi.records import Phase
 
 Bits = NDArray[np.bool_]
 
+_TURNED = (np.arange(4)[:, None] + np.arange(4)) % 4  # which corner comes where, by quarter turns
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Dictionary:
@@ -90,4 +92,5 @@ def corners_of_turned(quad_corners: NDArray[np.float64], quarter_turns: int) -> 
     `quad_corners` (4, 2) runs clockwise in the picture. After one quarter turn clockwise, the marker's top left
     corner is where the picture's top right one is.
     """
-    return np.roll(quad_corners, -quarter_turns, axis=0)
+    turned: NDArray[np.float64] = quad_corners.take(_TURNED[quarter_turns % 4], axis=0)
+    return turned

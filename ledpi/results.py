@@ -36,14 +36,16 @@ class Results:
         self.sightings, dropped = one_of_each([*self.sightings, *sightings])
         for sighting, why in dropped:
             self.reject(sighting.corners_px, why)
-        new = [s for s in self.sightings if any(s is sighting for sighting in sightings)]
+        given = {id(sighting) for sighting in sightings}
+        new = [s for s in self.sightings if id(s) in given]
         markers = []
         for sighting, placed in zip(new, placer.place(frame, new), strict=True):
             if isinstance(placed, Rejected):
                 self.reject(sighting.corners_px, placed)
             else:
                 markers.append(placed)
-        self.markers = [m for m in self.markers if any(m.sighting is s for s in self.sightings)] + markers
+        left = {id(sighting) for sighting in self.sightings}
+        self.markers = [m for m in self.markers if id(m.sighting) in left] + markers
         if markers or dropped:
             self.fix = placer.fix(frame, self.markers)
         return markers

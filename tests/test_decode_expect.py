@@ -14,6 +14,7 @@ from ledpi.decode.evidence import Evidence
 from ledpi.decode.expect import Expectation
 from ledpi.decode.memory import PanelMemory
 from ledpi.dictionaries import load_dictionary
+from ledpi.kernels.library import COMPILED
 from ledpi.records import Floats, Frame, PanelSpec, Rejected
 
 PERIOD_US = FRAME_ROWS * ROW_TIME_US
@@ -109,6 +110,18 @@ def test_with_a_few_samples_saturated_the_rest_is_compared(expected: Expectation
     canvas.panel(PLACE, cells, start_us=seq * PERIOD_US)
     other = dataclasses.replace(canvas.frame(seq, seq=seq), row0_readout_ns=round(1e9 + 1e3 * seq * PERIOD_US))
     assert not expected.is_met(with_holes(samples_of(other), 0.1), other)
+
+
+@pytest.mark.skipif(not COMPILED, reason="needs the compiled loops")
+@pytest.mark.parametrize("holes", [0.0, 0.1])
+@pytest.mark.parametrize("shown", [7, 12])
+def test_compiled_loops_weigh_as_the_numpy_code_does(expected: Expectation, shown: int, holes: float) -> None:
+    """The same panel and another one, wholly seen and with a few samples saturated."""
+    samples = samples_of(frame := frame_of(6, shown))
+    if holes:
+        samples = with_holes(samples, holes)
+    ours, theirs = (expected.weigh(samples, frame, compiled=compiled) for compiled in (True, False))
+    np.testing.assert_allclose(ours, theirs, rtol=2e-3, atol=1e-3)
 
 
 def test_of_a_cell_that_is_mostly_saturated_nothing_is_sure(expected: Expectation) -> None:

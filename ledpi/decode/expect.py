@@ -15,6 +15,8 @@ import numpy as np
 from ledpi.decode.cells import CellSamples, Lattice, Singles
 from ledpi.decode.evidence import Doubles, picture_slopes
 from ledpi.decode.memory import PanelMemory
+from ledpi.kernels import expect as kernel
+from ledpi.kernels.library import COMPILED
 from ledpi.records import Frame
 
 # A frame that is e^SURE times likelier with the bands than without shows them. Cells that speak against them weigh less
@@ -62,22 +64,48 @@ class Expectation:
 
     def is_met(self, samples: CellSamples, frame: Frame) -> bool:
         """Whether a frame surely shows it. Where the panel's size in the picture has changed, nothing is sure."""
-        valid, basis = samples.valid, self.basis
+        valid = samples.valid
         if samples.lattice is not self.lattice or (valid is not None and valid.mean(axis=1).min() < MIN_VALID):
             return False
+        of_all, of_those_against = self.weigh(samples, frame)
+        return of_all > SURE and of_those_against < SURE
+
+    def weigh(self, samples: CellSamples, frame: Frame, *, compiled: bool = COMPILED) -> tuple[float, float]:
+        """Log-likelihood ratio of a frame with these bands to one without; of all cells, and of those against them.
+
+        The latter with the other sign.
+        """
         since_s = (frame.row0_readout_ns - self.origin_ns) * 1e-9
+        if not compiled:
+            return self._weigh(samples, since_s, frame.row_time_us * 1e-6)
+        return kernel.weigh(
+            picture=self.picture,
+            root=self.root,
+            basis=self.basis,
+            left_bands=self.left_bands,
+            depth=self.depth,
+            hz=self.hz,
+            phase=self.phase,
+            since_s=since_s,
+            row_time_s=frame.row_time_us * 1e-6,
+            light=samples.light,
+            valid=samples.valid,
+            rows=samples.rows,
+            independence=samples.independence,
+            ridge=RIDGE,
+        )
+
+    def _weigh(self, samples: CellSamples, since_s: float, row_time_s: float) -> tuple[float, float]:
+        """The same, in numpy."""
+        valid, basis = samples.valid, self.basis
         start = 2 * math.pi * ((self.hz * since_s) % 1.0) - self.phase
-        a_row = 2 * math.pi * self.hz * (frame.row_time_us * 1e-6)
-        angle = samples.rows * a_row.astype(np.float32)[:, None] + start.astype(np.float32)[:, None]
+        angle = samples.rows * (2 * math.pi * row_time_s * self.hz).astype(np.float32)[:, None]
+        angle += start.astype(np.float32)[:, None]
         cells, points = self.picture.shape
         both = np.empty((2, cells, points), np.float32)  # what the frame adds to the picture, and what it should
         seen = self.picture.sum() if valid is None else (self.picture * valid).sum()
-        np.multiply(samples.light, seen / samples.light.sum(), out=both[0])
-        both[0] /= self.picture
-        both[0] -= 1.0
-        np.cos(angle, out=both[1])
-        both[1] *= self.depth
-        both[1] -= self.left_bands
+        both[0] = samples.light * (seen / samples.light.sum()) / self.picture - 1.0
+        both[1] = np.cos(angle) * self.depth - self.left_bands
         both *= self.root
         flat = both.reshape(2, -1)
         if valid is None:
@@ -92,4 +120,4 @@ class Expectation:
         off = (flat[0] - flat[1]).astype(np.float64)
         variance = float(off @ off) / max(1, int(np.count_nonzero(off)) - len(basis))
         own *= samples.independence / max(variance, 1e-12)
-        return float(own.sum()) > SURE and -float(np.minimum(own, 0.0).sum()) < SURE
+        return float(own.sum()), -float(np.minimum(own, 0.0).sum())

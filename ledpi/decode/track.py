@@ -12,6 +12,7 @@ from ledpi.decode.classes import in_other_class
 from ledpi.decode.evidence import Doubles, Evidence
 from ledpi.decode.expect import Expectation
 from ledpi.decode.memory import PanelMemory
+from ledpi.decode.sides import as_points
 from ledpi.decode.soft import Reading
 from ledpi.decode.tuning import Proposal, Seen
 from ledpi.records import MAX_GAP_NS, Floats, PanelSpec, Quad, Rejected
@@ -120,8 +121,8 @@ class Tracker:
         """Whether a candidate is a square that this frame has already shown."""
         for track in self._tracks:
             if track.seen_ns == self._now_ns:
-                side, (x, y) = _side(track.corners_px), track.corners_px.mean(axis=0).tolist()
-                away = math.hypot(centre_px[0] - x, centre_px[1] - y)
+                corners = track.corners_px.tolist()
+                side, away = _side(corners), math.dist(centre_px, _middle(corners))
                 if away < MAX_SHIFT * side and 1 / MAX_GROWTH < side_px / side < MAX_GROWTH:
                     return True
         return False
@@ -178,26 +179,30 @@ def _other_cells(added: Evidence, left: Doubles, shown: Doubles) -> float:
     return float(np.maximum(gain, 0.0).sum())
 
 
-def _side(corners: Floats) -> float:
-    (x0, y0), (x1, y1), (x2, y2), (x3, y3) = corners.tolist()
+def _side(corners: list[list[float]]) -> float:
+    (x0, y0), (x1, y1), (x2, y2), (x3, y3) = corners
     return math.sqrt(max(1e-9, 0.5 * abs((x2 - x0) * (y3 - y1) - (x3 - x1) * (y2 - y0))))
+
+
+def _middle(corners: list[list[float]]) -> tuple[float, float]:
+    (x0, y0), (x1, y1), (x2, y2), (x3, y3) = corners
+    return 0.25 * (x0 + x1 + x2 + x3), 0.25 * (y0 + y1 + y2 + y3)
 
 
 def _distance(quad: Quad, track: Track, now_ns: int) -> float | None:
     """How far a quad is from where a track is expected, in sides; None where it cannot be the same."""
-    side = _side(quad.corners_px)
-    away = quad.corners_px.mean(axis=0) - track.expected_px(now_ns).mean(axis=0)
-    distance = math.hypot(away[0], away[1]) / side
-    growth = side / _side(track.corners_px)
+    corners = quad.corners_px.tolist()
+    side = _side(corners)
+    distance = math.dist(_middle(corners), _middle(track.expected_px(now_ns).tolist())) / side
+    growth = side / _side(track.corners_px.tolist())
     return distance if distance < MAX_SHIFT and 1 / MAX_GROWTH < growth < MAX_GROWTH else None
 
 
 def _in_order_of(quad: Quad, track: Track) -> Quad:
     """The quad with its corners turned so that each is the one of the track that it continues."""
-    xs, ys = (quad.corners_px - quad.corners_px.mean(axis=0)).T.tolist()
-    before = (track.corners_px - track.corners_px.mean(axis=0)).tolist()
-    turned = [
-        math.fsum(xs[i - 4 + k] * before[i][0] + ys[i - 4 + k] * before[i][1] for i in range(4)) for k in range(4)
-    ]
+    corners, before = as_points(quad.corners_px).tolist(), as_points(track.corners_px).tolist()
+    middle = sum(before) / 4
+    towards = [(at - middle).conjugate() for at in before]
+    turned = [math.fsum((towards[i] * corners[i - 4 + k]).real for i in range(4)) for k in range(4)]
     turns = turned.index(max(turned))
     return quad if turns == 0 else replace(quad, corners_px=np.roll(quad.corners_px, -turns, axis=0))

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ledpi.kernels.library import INTEGER, POINTER, address, compiled, function
-from ledpi.records import Frame
+from ledpi.records import Frame, Transfer
 from ledpi.tone import linear_light
 
 PICTURE = (POINTER, INTEGER, INTEGER, INTEGER, POINTER)
 _light_at = function("ledpi_light_at", *PICTURE, POINTER, INTEGER, POINTER)
+
+
+@cache
+def _table_at(transfer: Transfer, mark_saturated: bool) -> int:
+    return address(linear_light(transfer, mark_saturated=mark_saturated))  # which is kept for good
 
 
 def can_read(frame: Frame) -> bool:
@@ -24,8 +30,8 @@ def picture(frame: Frame, *, mark_saturated: bool = False) -> tuple[int, int, in
     """A frame's arguments to a function that takes a PICTURE."""
     pixels = frame.pixels
     height, width = pixels.shape
-    table = linear_light(frame.transfer, mark_saturated=mark_saturated)  # kept for good
-    return pixels.__array_interface__["data"][0], height, width, pixels.strides[0], address(table)
+    at = pixels.__array_interface__["data"][0]
+    return at, height, width, pixels.strides[0], _table_at(frame.transfer, mark_saturated)
 
 
 def light_at(frame: Frame, points: NDArray[np.complex64]) -> NDArray[np.float32]:

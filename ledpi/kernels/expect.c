@@ -1,0 +1,129 @@
+/* Whether a frame shows what is expected of it: `is_met` of decode/expect.py, which says why. */
+#include <math.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "waves.h"
+#include "wide.h"
+
+#define TURN 6.283185307179586 /* rad */
+enum { MOST_WAYS = 16 }; /* in which gain and corners may be wrong */
+
+/* What is expected, as `Expectation` there: picture, root, left_bands (cells, points), basis (ways, cells·points), and the
+ * bands of each cell: frequency, phase (rad), depth (cells,); and when the frame's rows were read out. */
+typedef struct {
+    ptrdiff_t cells, points, ways;
+    const float *picture, *root, *basis, *left_bands, *depth;
+    const double *hz, *phase;
+    double since_s, row_time_s;
+} Expected;
+
+typedef float Four __attribute__((vector_size(16), aligned(4)));
+
+LEDPI_WIDE static double dot(const float *a, const float *b, ptrdiff_t count) {
+    Four first = {0}, second = {0};
+    ptrdiff_t i = 0;
+    for (; i + 8 <= count; i += 8) {
+        first += *(const Four *)(a + i) * *(const Four *)(b + i);
+        second += *(const Four *)(a + i + 4) * *(const Four *)(b + i + 4);
+    }
+    first += second;
+    double sum = (double)(first[0] + first[1]) + (double)(first[2] + first[3]);
+    for (; i < count; i++) sum += a[i] * b[i];
+    return sum;
+}
+
+/* `added` and `awaited` (cells·points): what the frame adds to the picture, what it should, weighted. */
+LEDPI_WIDE static void compare(const Expected *expected, const float *light, const uint8_t *valid, const float *rows,
+                               float *added, float *awaited) {
+    const ptrdiff_t cells = expected->cells, points = expected->points;
+    double seen = 0.0, shown = 0.0;
+    for (ptrdiff_t i = 0; i < cells * points; i++) {
+        seen += valid && !valid[i] ? 0.0f : expected->picture[i];
+        shown += light[i];
+    }
+    const float scale = (float)(seen / shown);
+    for (ptrdiff_t c = 0, i = 0; c < cells; c++) {
+        const double cycles = expected->hz[c] * expected->since_s;
+        const float start = (float)(cycles - floor(cycles) - expected->phase[c] / TURN), depth = expected->depth[c];
+        const float a_row = (float)(expected->hz[c] * expected->row_time_s);
+        for (const ptrdiff_t end = i + points; i < end; i++) {
+            const float root = valid && !valid[i] ? 0.0f : expected->root[i];
+            const float bands = depth * ledpi_cosine(ledpi_part(rows[i] * a_row + start));
+            added[i] = (light[i] * scale / expected->picture[i] - 1.0f) * root;
+            awaited[i] = (bands - expected->left_bands[i]) * root;
+        }
+    }
+}
+
+/* Solves a symmetric positive matrix (ways, ways) for two right sides (ways, 2), in place. Gauss. */
+static void solve(ptrdiff_t ways, double matrix[MOST_WAYS][MOST_WAYS], double right[MOST_WAYS][2]) {
+    for (ptrdiff_t k = 0; k < ways; k++)
+        for (ptrdiff_t i = k + 1; i < ways; i++) {
+            const double factor = matrix[i][k] / matrix[k][k];
+            for (ptrdiff_t j = k; j < ways; j++) matrix[i][j] -= factor * matrix[k][j];
+            for (int j = 0; j < 2; j++) right[i][j] -= factor * right[k][j];
+        }
+    for (ptrdiff_t k = ways - 1; k >= 0; k--)
+        for (int j = 0; j < 2; j++) {
+            for (ptrdiff_t i = k + 1; i < ways; i++) right[k][j] -= matrix[k][i] * right[i][j];
+            right[k][j] /= matrix[k][k];
+        }
+}
+
+/* Takes off what a wrong gain and wrong corners would add. Where samples are not valid, what is left of the basis is not
+ * orthonormal any more; `ridge` is of the square of a vector that may be all but gone. */
+LEDPI_WIDE static void project(const Expected *expected, const uint8_t *valid, double ridge, float *room, float *added,
+                               float *awaited) {
+    const ptrdiff_t size = expected->cells * expected->points, ways = expected->ways;
+    double right[MOST_WAYS][2], gram[MOST_WAYS][MOST_WAYS];
+    for (ptrdiff_t k = 0; k < ways; k++) {
+        right[k][0] = dot(expected->basis + k * size, added, size); /* which are 0 where not valid */
+        right[k][1] = dot(expected->basis + k * size, awaited, size);
+    }
+    if (valid) {
+        for (ptrdiff_t k = 0; k < ways; k++) {
+            for (ptrdiff_t i = 0; i < size; i++) room[i] = valid[i] ? expected->basis[k * size + i] : 0.0f;
+            for (ptrdiff_t j = 0; j < ways; j++) gram[k][j] = dot(room, expected->basis + j * size, size) + (j == k ? ridge : 0.0);
+        }
+        solve(ways, gram, right);
+    }
+    for (ptrdiff_t k = 0; k < ways; k++) {
+        const float *own = expected->basis + k * size, first = (float)right[k][0], second = (float)right[k][1];
+        for (ptrdiff_t i = 0; i < size; i++) {
+            added[i] -= first * own[i];
+            awaited[i] -= second * own[i];
+        }
+    }
+    for (ptrdiff_t i = 0; valid && i < size; i++)
+        if (!valid[i]) added[i] = awaited[i] = 0.0f;
+}
+
+/* Log-likelihood ratio of the frame's light (cells, points), `valid` unless that is NULL, with the bands to without:
+ * `of[0]` of all cells together, `of[1]` what cells that speak against them weigh. `room` is (3, cells·points). */
+void ledpi_expected(ptrdiff_t cells, ptrdiff_t points, ptrdiff_t ways, const float *picture, const float *root,
+                    const float *basis, const float *left_bands, const float *depth, const double *hz,
+                    const double *phase, double since_s, double row_time_s, const float *light, const uint8_t *valid,
+                    const float *rows, double independence, double ridge, float *room, double *of) {
+    const Expected expected = {cells, points, ways, picture, root, basis, left_bands, depth, hz, phase, since_s, row_time_s};
+    const ptrdiff_t size = cells * points;
+    float *added = room, *awaited = room + size, *off = room + 2 * size;
+    double squares = 0.0;
+    ptrdiff_t count = 0;
+    compare(&expected, light, valid, rows, added, awaited);
+    project(&expected, valid, ridge, off, added, awaited);
+    for (ptrdiff_t i = 0; i < size; i++) {
+        off[i] = added[i] - awaited[i];
+        count += off[i] != 0.0f;
+        added[i] -= 0.5f * awaited[i];
+    }
+    for (ptrdiff_t c = 0; c < cells; c++) squares += dot(off + c * points, off + c * points, points);
+    const double variance = squares / (count - ways > 1 ? (double)(count - ways) : 1.0);
+    const double scale = independence / (variance < 1e-12 ? 1e-12 : variance);
+    of[0] = of[1] = 0.0;
+    for (ptrdiff_t c = 0; c < cells; c++) {
+        const double own = scale * dot(added + c * points, awaited + c * points, points);
+        of[0] += own;
+        of[1] -= own < 0.0 ? own : 0.0;
+    }
+}
