@@ -172,7 +172,7 @@ class Pipeline:
         if self._striped_finder.stripe_rows(frame):  # a rim that may be dark is seen from afar only
             return []
         tracks = self._tracker.expected()
-        near = [track.expected_px(frame.row0_readout_ns) for track in tracks]
+        near = [track.sought_px(frame.row0_readout_ns) for track in tracks]
         refined = iter(self._refine(frame, [at for at, track in zip(near, tracks, strict=True) if not track.of_spots]))
         quads = [
             settle(frame, at, self._cells) if track.of_spots else next(refined)

@@ -170,6 +170,7 @@ class Quad:
     corner_sigma_px: float  # standard deviation of a corner coordinate, from the edge fits
     bend_px: float = 0.0  # how far the lens bends its sides off the straight line, at most
     of_spots: bool = False  # by the middles of its cells, bare LEDs, instead of by its sides
+    seen_px: Floats | None = None  # (4, 2) corners of what is seen of it, where a side is hidden
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from decode_material import Canvas, flat, reason, square, word
+from decode_material import Canvas, camera_info, flat, panel_settings, reason, square, word
 
 from ledpi.decode.approach import approach_quads
 from ledpi.decode.edges import refine_quads
 from ledpi.decode.find import Finder
+from ledpi.pipeline import Pipeline
 from ledpi.records import Floats, Frame, Quad, Rejected
+from ledpi.trace import Trace
 
 SIDES_PX = [24.0, 60.0, 120.0]
 
@@ -46,6 +48,21 @@ def test_a_hidden_side_is_where_the_cells_tell(share: float, side: float) -> Non
     assert farthest(found, true) < 0.02 * side
     assert isinstance(found, Quad)
     assert found.corner_sigma_px > 0.002 * side
+
+
+def test_a_stream_follows_what_is_seen_of_a_panel() -> None:
+    """Its hidden side is sought where it was seen last, not 4 px further out, where the panel ends."""
+    true = square(310.4, 240.2, 34.0, 40)
+    shade, _ = covered(true, 0.12)
+    pipeline = Pipeline(camera_info(), panel_settings(), intrinsics=None)
+    for seq in range(5):
+        canvas = Canvas()
+        canvas.panel(true, word(7), start_us=seq * 504 * 33.67)
+        canvas.lamp(shade, 0.0)
+        trace = Trace()
+        pipeline.decode(canvas.frame(seq, seq=seq), trace)
+        (look,) = trace.looks
+        assert farthest(look.quad, true) < 0.6
 
 
 @pytest.mark.parametrize("side", SIDES_PX)

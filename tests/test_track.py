@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from decode_material import SPEC, quad, square
@@ -83,6 +85,19 @@ def test_a_moving_square_is_not_sought_where_it_was(tracker: Tracker) -> None:
     (moving,) = follow(tracker, 2, square(108, 200, 25))
     (other,) = follow(tracker, 7, square(108, 200, 25))
     assert other is not moving
+
+
+def test_a_square_with_a_hidden_side_is_sought_where_it_is_seen(tracker: Tracker) -> None:
+    """However its corners are turned; and it moves with what hides it."""
+    seen = PLACE + np.array([[9.0, 0], [0, 0], [0, 0], [9, 0]])
+    (track,) = follow(tracker, 1, PLACE)
+    tracker.begin(2 * FRAME_NS)
+    turned = replace(quad(np.roll(PLACE + 2, 1, axis=0)), seen_px=np.roll(seen + 2, 1, axis=0))
+    ((found, same),) = tracker.follow([turned])
+    assert same is track
+    assert found.seen_px is not None
+    assert np.allclose(found.seen_px, seen + 2)
+    assert np.allclose(track.sought_px(3 * FRAME_NS), seen + 4)
 
 
 def test_two_squares_side_by_side_do_not_swap(tracker: Tracker) -> None:

@@ -6,6 +6,8 @@ turned, from where each profile has its edge. The lines within the panel have th
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from ledpi.decode.adjust import adjust_quads
@@ -74,7 +76,8 @@ def _results(frame: Frame, start: Points, found: Found, bend: Points, hidden: Fl
             results.append(checked(frame, corners[i], float(sigma_px[i]), float(most_bent[i])))
         elif np.isfinite(hidden[i]).all():
             whole, sigma = uncovered(corners[i], hidden[i]), float(sigma_px[i] + HIDDEN_SIGMA * side_px[i])
-            results.append(checked(frame, whole, sigma, float(most_bent[i])))
+            quad = checked(frame, whole, sigma, float(most_bent[i]))
+            results.append(replace(quad, seen_px=as_corners(corners[i])) if isinstance(quad, Quad) else quad)
         else:
             results.append(NOT_WHOLE)
     return results

@@ -62,6 +62,14 @@ class Track:
     looks: int = 0  # since the last try to find its frequencies
     tuned: Proposal | None = None  # its frequencies, where they are others than announced
     of_spots: bool = False  # as its last quad was
+    hidden_px: Floats | float = 0.0  # (4, 2) from its corners to those of what was seen of it
+
+    @classmethod
+    def of(cls, quad: Quad, now_ns: int, memories: tuple[PanelMemory, ...]) -> Track:
+        """A square that was not seen before."""
+        track = cls(quad.corners_px, None, now_ns, memories)
+        track._take(quad, now_ns)
+        return track
 
     @property
     def frames(self) -> int:
@@ -79,14 +87,22 @@ class Track:
         expected: Floats = self.corners_px + self.velocity_px_s * ((now_ns - self.seen_ns) * 1e-9)
         return expected
 
+    def sought_px(self, now_ns: int) -> Floats:
+        """(4, 2) where the corners of what is seen of it should be now: what hid a side still does."""
+        return np.asarray(self.expected_px(now_ns) + self.hidden_px)
+
     def go_on(self, quad: Quad, now_ns: int) -> Quad:
         """Takes in where the square is now. Returns it with its corners in the track's order."""
         quad = _in_order_of(quad, self)
         step = (quad.corners_px - self.corners_px) / ((now_ns - self.seen_ns) * 1e-9)
         before = self.velocity_px_s
         self.velocity_px_s = step if before is None else before + NEW_VELOCITY * (step - before)
-        self.corners_px, self.seen_ns, self.of_spots = quad.corners_px, now_ns, quad.of_spots
+        self._take(quad, now_ns)
         return quad
+
+    def _take(self, quad: Quad, now_ns: int) -> None:
+        self.corners_px, self.seen_ns, self.of_spots = quad.corners_px, now_ns, quad.of_spots
+        self.hidden_px = 0.0 if quad.seen_px is None else quad.seen_px - quad.corners_px
 
 
 class Tracker:
@@ -149,8 +165,7 @@ class Tracker:
                 track = unseen[partner[i]]
                 quad = track.go_on(quad, self._now_ns)
             else:
-                track = Track(quad.corners_px, None, self._now_ns, tuple(PanelMemory(s) for s in self._specs))
-                track.of_spots = quad.of_spots
+                track = Track.of(quad, self._now_ns, tuple(PanelMemory(s) for s in self._specs))
                 self._tracks.append(track)
             followed.append((quad, track))
         return followed
@@ -205,4 +220,7 @@ def _in_order_of(quad: Quad, track: Track) -> Quad:
     towards = [(at - middle).conjugate() for at in before]
     turned = [math.fsum((towards[i] * corners[i - 4 + k]).real for i in range(4)) for k in range(4)]
     turns = turned.index(max(turned))
-    return quad if turns == 0 else replace(quad, corners_px=np.roll(quad.corners_px, -turns, axis=0))
+    if turns == 0:
+        return quad
+    seen = None if quad.seen_px is None else np.roll(quad.seen_px, -turns, axis=0)
+    return replace(quad, corners_px=np.roll(quad.corners_px, -turns, axis=0), seen_px=seen)
