@@ -5,12 +5,7 @@
 #include <stdint.h>
 #include <string.h>
 
-typedef struct {
-    int32_t first, length; /* of its points */
-    int32_t left, top, right, bottom;
-    int32_t longest_hole;
-    double area;
-} Outline;
+#include "outlines.h"
 
 /* `mark` is 0 where nothing is lit, 1 where no border has passed, else the number of the component + 2; less than 0 where
  * a border has passed to the left of something dark. A row has `stride` marks, of which the outermost are dark. */
@@ -124,11 +119,12 @@ static ptrdiff_t choose(Outline *outlines, ptrdiff_t count, const Wanted *wanted
 }
 
 /* The outlines of what is lit in a picture of 0 and 255 (height, width), as far as they are wanted. `mark` (height + 2,
- * width + 2), `outlines` (most) and `spots` (most) are room; `most` is as many as there can be. Returns how many. */
+ * width + 2), `outlines` (most) and `spots` (most) are room; `most` is as many as there can be. Returns how many; `counts`: how many
+ * are but for touching the picture's border, and the spots. */
 ptrdiff_t ledpi_outlines(const uint8_t *lit, ptrdiff_t height, ptrdiff_t width, int32_t shortest, int32_t narrowest,
                          double longest_hole, double least_area, int32_t shortest_spot, int32_t longest_spot,
                          int32_t *mark, int32_t (*points)[2], ptrdiff_t room, Outline *outlines, ptrdiff_t most,
-                         ptrdiff_t *at_border, double (*spots)[3], ptrdiff_t *spot_count) {
+                         double (*spots)[3], ptrdiff_t counts[2]) {
     const Wanted wanted = {shortest, narrowest, longest_hole, least_area, shortest_spot, longest_spot};
     Spots small = {spots, 0};
     Borders borders = {mark, width + 2, {0}, points, 0, room};
@@ -158,66 +154,7 @@ ptrdiff_t ledpi_outlines(const uint8_t *lit, ptrdiff_t height, ptrdiff_t width, 
             x = next_change(row, x, (int32_t)width, false);
         }
     }
-    count = (int32_t)choose(outlines, count, &wanted, height, width, at_border, &small);
-    *spot_count = small.count;
+    count = (int32_t)choose(outlines, count, &wanted, height, width, &counts[0], &small);
+    counts[1] = small.count;
     return count;
-}
-
-typedef struct {
-    double x, y, along_x, along_y, length;
-    double count, t, d, tt, td; /* sums over its points: how far along they are, and across */
-} Line;
-
-/* Adds a point to the side that it is nearest to, or to both; but for what is near a corner. */
-static void add_point(Line sides[4], double x, double y) {
-    double t[4], d[4], nearest = HUGE_VAL;
-    for (int k = 0; k < 4; k++) {
-        const double from_x = x - sides[k].x, from_y = y - sides[k].y;
-        t[k] = from_x * sides[k].along_x + from_y * sides[k].along_y;
-        d[k] = from_y * sides[k].along_x - from_x * sides[k].along_y;
-        nearest = fmin(nearest, fabs(d[k]));
-    }
-    for (int k = 0; k < 4; k++) {
-        if (fabs(d[k]) != nearest || !(t[k] > 0.15 * sides[k].length && t[k] < 0.85 * sides[k].length)) continue;
-        sides[k].count += 1.0;
-        sides[k].t += t[k];
-        sides[k].d += d[k];
-        sides[k].tt += t[k] * t[k];
-        sides[k].td += t[k] * d[k];
-    }
-}
-
-/* Where straight lines through each side's part of an outline (count, 2) cross: `corners` (4, 2) before and after. False
- * where they do not. */
-bool ledpi_through_sides(const int32_t *points, ptrdiff_t count, double corners[4][2]) {
-    Line sides[4];
-    double on[4][2], way[4][2], crossings[4][2];
-    for (int k = 0; k < 4; k++) {
-        const double *start = corners[k], *end = corners[(k + 1) % 4];
-        const double length = fmax(hypot(end[0] - start[0], end[1] - start[1]), 1e-9);
-        sides[k] = (Line){.x = start[0], .y = start[1], .length = length};
-        sides[k].along_x = (end[0] - start[0]) / length;
-        sides[k].along_y = (end[1] - start[1]) / length;
-    }
-    for (ptrdiff_t i = 0; i < count; i++) add_point(sides, points[2 * i], points[2 * i + 1]);
-    for (int k = 0; k < 4; k++) {
-        const Line side = sides[k];
-        if (side.count < 3.0) return false;
-        const double t = side.t / side.count, d = side.d / side.count;
-        const double slope = (side.td - side.t * d) / fmax(side.tt - side.t * t, 1e-9);
-        on[k][0] = side.x + side.along_x * t - side.along_y * d;
-        on[k][1] = side.y + side.along_y * t + side.along_x * d;
-        way[k][0] = side.along_x - side.along_y * slope;
-        way[k][1] = side.along_y + side.along_x * slope;
-    }
-    for (int k = 0; k < 4; k++) {
-        const double *before = way[(k + 3) % 4], *from = on[(k + 3) % 4];
-        const double turn = before[0] * way[k][1] - before[1] * way[k][0];
-        if (fabs(turn) < 0.05) return false;
-        const double share = ((on[k][0] - from[0]) * way[k][1] - (on[k][1] - from[1]) * way[k][0]) / turn;
-        crossings[k][0] = from[0] + before[0] * share;
-        crossings[k][1] = from[1] + before[1] * share;
-    }
-    memcpy(corners, crossings, sizeof crossings);
-    return true;
 }

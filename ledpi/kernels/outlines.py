@@ -1,4 +1,4 @@
-"""The outlines of what is lit in a picture (outlines.c)."""
+"""The outlines of what is lit in a picture, and the squares among them (outlines.c, four_sides.c, distinct.c)."""
 
 from __future__ import annotations
 
@@ -9,27 +9,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ledpi.kernels.library import DOUBLE, INTEGER, POINTER, address, function
+from ledpi.records import Floats
 
-_OUTLINE = np.dtype(
+OUTLINE = np.dtype(
     [(name, np.int32) for name in ("first", "length", "left", "top", "right", "bottom", "longest_hole")]
     + [("area", np.float64)],
     align=True,
-)
+)  # as in outlines.h
+SQUARE = 11  # numbers: four corners' x and y, side_px, misfit, tolerance_px
+
 _outlines = function(
     "ledpi_outlines",
     *(POINTER, INTEGER, INTEGER, ctypes.c_int32, ctypes.c_int32, DOUBLE, DOUBLE, ctypes.c_int32, ctypes.c_int32),
-    *(POINTER, POINTER, INTEGER, POINTER, INTEGER, POINTER, POINTER, POINTER),
+    *(POINTER, POINTER, INTEGER, POINTER, INTEGER, POINTER, POINTER),
     result=INTEGER,
 )
-_through_sides = function("ledpi_through_sides", POINTER, INTEGER, POINTER, result=ctypes.c_bool)
-
-
-def through_sides(corners: list[list[float]], points: NDArray[np.int32]) -> list[list[float]]:
-    """Where straight lines through each side's part of an outline (N, 1, 2) cross; `corners` where they do not."""
-    points, found = np.ascontiguousarray(points, np.int32), np.array(corners, np.float64)
-    _through_sides(address(points), len(points), address(found))  # else they stay as they are
-    crossings: list[list[float]] = found.tolist()
-    return crossings
+_four_sides = function(
+    "ledpi_four_sides", POINTER, POINTER, INTEGER, DOUBLE, DOUBLE, *(POINTER,) * 4, result=INTEGER
+)
+_distinct = function("ledpi_distinct", POINTER, INTEGER, POINTER, result=INTEGER)
 
 
 class Outliner:
@@ -38,12 +36,12 @@ class Outliner:
     def __init__(self, height: int, width: int) -> None:
         self._mark = np.empty((height + 2, width + 2), np.int32)
         self._points = np.empty((height * width, 2), np.int32)
-        self._found = np.empty((height + 1) * (width + 1) // 4 + 1, _OUTLINE)  # as many pixels as can stand apart
-        self._at_border, self._spot_count = np.empty(1, np.intp), np.empty(1, np.intp)
+        self._found = np.empty((height + 1) * (width + 1) // 4 + 1, OUTLINE)  # as many pixels as can stand apart
+        self._counts = np.empty(2, np.intp)  # at the border, spots
         self._spots = np.empty((len(self._found), 3))
         self._room = (
             *(address(self._mark), address(self._points), len(self._points), address(self._found), len(self._found)),
-            *(address(self._at_border), address(self._spots), address(self._spot_count)),
+            *(address(self._spots), address(self._counts)),
         )
 
     def outlines(
@@ -55,10 +53,10 @@ class Outliner:
         longest_hole: float,
         least_area: float,
         spot_lengths: tuple[int, int],
-    ) -> tuple[list[tuple[NDArray[Any], float]], int, NDArray[np.float64]]:
-        """Points (N, 1, 2) and area of each that is wanted; and how many are but for touching the picture's border.
+    ) -> tuple[NDArray[np.int32], NDArray[Any], int, Floats]:
+        """Points (P, 2) and outlines (N,) of OUTLINE that are wanted; how many are but for the picture's border.
 
-        Third, the middles and lengths (M, 3) of all whose length is within `spot_lengths`, the end excluded.
+        Last, the middles and lengths (M, 3) of all whose length is within `spot_lengths`, the end excluded.
 
         `lit` is 0 or 255. `shortest` in points; `narrowest` in pixels, across or down; `longest_hole` over the length;
         `least_area` over that of the box around. What is returned lasts until the next call.
@@ -68,6 +66,32 @@ class Outliner:
             *(address(lit), height, width, shortest, narrowest, longest_hole, least_area, *spot_lengths),
             *self._room,
         )
-        found = self._found[:count].tolist()
-        outlines = [(self._points[own[0] : own[0] + own[1], None], own[7]) for own in found]
-        return outlines, int(self._at_border[0]), self._spots[: self._spot_count[0]]
+        at_border, spots = self._counts.tolist()
+        return self._points, self._found[:count], at_border, self._spots[:spots]
+
+
+class Squarer:
+    """Finds the squares among outlines in pictures so high, in room that it keeps."""
+
+    def __init__(self, height: int) -> None:
+        self._ends, self._hull = np.empty((height, 2), np.int32), np.empty((2 * height + 2, 2))
+        self._counts = np.empty(2, np.intp)
+        self._room = address(self._ends), address(self._hull)
+
+    def squares(
+        self, points: NDArray[np.int32], outlines: NDArray[Any], scale: float, smallest_px: float
+    ) -> tuple[Floats, int, int]:
+        """(K, SQUARE), how many outlines are no squares, and how many squares are too small."""
+        found = np.empty((len(outlines), SQUARE))
+        count = _four_sides(
+            *(address(points), address(outlines), len(outlines), scale, smallest_px, *self._room),
+            *(address(found), address(self._counts)),
+        )
+        not_four_sided, too_small = self._counts.tolist()
+        return found[:count], not_four_sided, too_small
+
+
+def distinct(squares: Floats) -> NDArray[np.intp]:
+    """As `distinct` of decode/four_sides.py."""
+    kept = np.empty(len(squares), np.intp)
+    return kept[: _distinct(address(squares), len(squares), address(kept))]

@@ -1,0 +1,261 @@
+/* The four sides of things by their outlines, as decode/four_sides.py explains and does it. */
+#include <math.h>
+#include <stdbool.h>
+#include <stddef.h>
+#include <string.h>
+
+#include "outlines.h"
+
+#define SIGNIFICANT 0.1
+#define ALIKE (2.0 / 3.0)
+#define MAX_MISFIT 0.15
+#define PIXEL_MISFIT 0.6
+#define MIN_SIDE 0.3
+#define MAX_CUT_OFF 0.05
+#define MIN_SOLIDITY 0.8
+#define SLENDER 0.85
+
+static double cross(const double o[2], const double a[2], const double b[2]) {
+    return (a[0] - o[0]) * (b[1] - o[1]) - (b[0] - o[0]) * (a[1] - o[1]);
+}
+
+static double apart(const double a[2], const double b[2]) { return hypot(a[0] - b[0], a[1] - b[1]); }
+
+static double twice_area(double c[4][2]) {
+    return (c[2][0] - c[0][0]) * (c[3][1] - c[1][1]) - (c[3][0] - c[1][0]) * (c[2][1] - c[0][1]);
+}
+
+static double shortest_side(double c[4][2]) {
+    return fmin(fmin(apart(c[0], c[1]), apart(c[1], c[2])), fmin(apart(c[2], c[3]), apart(c[3], c[0])));
+}
+
+/* Adds a corner to a convex chain, without those before it that are no corners then. */
+static ptrdiff_t chain(double (*hull)[2], ptrdiff_t from, ptrdiff_t count, double x, double y) {
+    const double next[2] = {x, y};
+    if (count && hull[count - 1][0] == x && hull[count - 1][1] == y) return count;
+    while (count >= from + 2 && cross(hull[count - 2], hull[count - 1], next) <= 0.0) count--;
+    hull[count][0] = x, hull[count][1] = y;
+    return count + 1;
+}
+
+/* The corners of an outline's hull, clockwise in the picture: down the right ends of its rows, and up the left ends.
+ * `ends` (rows, 2) is room for these. */
+static ptrdiff_t hull_of(const int32_t (*points)[2], const Outline *outline, int32_t (*ends)[2], double (*hull)[2]) {
+    const int32_t rows = outline->bottom - outline->top + 1;
+    for (int32_t y = 0; y < rows; y++) ends[y][0] = outline->right, ends[y][1] = outline->left;
+    for (int32_t i = 0; i < outline->length; i++) {
+        int32_t *const end = ends[points[i][1] - outline->top];
+        if (points[i][0] < end[0]) end[0] = points[i][0];
+        if (points[i][0] > end[1]) end[1] = points[i][0];
+    }
+    ptrdiff_t count = 0;
+    for (int32_t y = 0; y < rows; y++) count = chain(hull, 0, count, ends[y][1], outline->top + y);
+    const ptrdiff_t turn = count - 1;
+    for (int32_t y = rows; y-- > 0;) count = chain(hull, turn, count, ends[y][0], outline->top + y);
+    while (count > 1 && hull[count - 1][0] == hull[0][0] && hull[count - 1][1] == hull[0][1]) count--;
+    return count;
+}
+
+
+/* The hull's corner that is farthest from the chord between two of them, of those after `from` and before `to`. */
+typedef struct {
+    ptrdiff_t from, to, at;
+    double away;
+} Chord;
+
+static Chord chord_of(double (*hull)[2], ptrdiff_t count, ptrdiff_t from, ptrdiff_t to) {
+    Chord chord = {from, to, from, 0.0};
+    for (ptrdiff_t i = (from + 1) % count; i != to; i = (i + 1) % count) {
+        const double away = fabs(cross(hull[from], hull[to], hull[i]));
+        if (away > chord.away) chord.away = away, chord.at = i;
+    }
+    if (chord.away > 0.0) chord.away /= apart(hull[from], hull[to]);
+    return chord;
+}
+
+static ptrdiff_t farthest_from(double (*hull)[2], ptrdiff_t count, ptrdiff_t from) {
+    ptrdiff_t farthest = from;
+    double most = 0.0;
+    for (ptrdiff_t i = (from + 1) % count; i != from; i = (i + 1) % count) {
+        const double x = hull[i][0] - hull[from][0], y = hull[i][1] - hull[from][1], away = x * x + y * y;
+        if (away > most) most = away, farthest = i;
+    }
+    return farthest;
+}
+
+/* The hull's (count, 2) most significant corners: four of them, five, and how far out the fourth to the sixth are. */
+typedef struct {
+    double four[4][2], five[5][2], away[3];
+} Significant;
+
+static void significant(double (*hull)[2], ptrdiff_t count, Significant *found) {
+    Chord chords[6];
+    const ptrdiff_t first = farthest_from(hull, count, farthest_from(hull, count, 0));
+    const ptrdiff_t second = farthest_from(hull, count, first);
+    chords[0] = chord_of(hull, count, first, second);
+    chords[1] = chord_of(hull, count, second, first);
+    found->away[0] = found->away[1] = found->away[2] = 0.0;
+    for (int n = 2; n < 6; n++) {
+        int best = 0;
+        for (int k = 1; k < n; k++)
+            if (chords[k].away > chords[best].away) best = k;
+        const Chord split = chords[best];
+        if (!(split.away > 0.0)) return;
+        if (n > 2) found->away[n - 3] = split.away;
+        if (n == 5) return;
+        memmove(chords + best + 2, chords + best + 1, sizeof(Chord) * (size_t)(n - best - 1));
+        chords[best] = chord_of(hull, count, split.from, split.at);
+        chords[best + 1] = chord_of(hull, count, split.at, split.to);
+        for (int k = 0; k <= n && n > 2; k++)
+            memcpy(n == 3 ? found->four[k] : found->five[k], hull[chords[k].from], sizeof(double[2]));
+    }
+}
+
+/* The quad of a pentagon whose one side cuts off its corner, dead or hidden. False where no side does. */
+static bool with_corner(double five[5][2], double size, double four[4][2]) {
+    double least = MAX_CUT_OFF * size * size;
+    bool found = false;
+    for (int k = 0; k < 5; k++) { /* bc is to go: ab and dc meet */
+        const double *a = five[k], *b = five[(k + 1) % 5], *c = five[(k + 2) % 5], *d = five[(k + 3) % 5];
+        const double turn = (b[0] - a[0]) * (c[1] - d[1]) - (b[1] - a[1]) * (c[0] - d[0]);
+        if (fabs(turn) < 1e-9) continue;
+        const double share = ((d[0] - a[0]) * (c[1] - d[1]) - (d[1] - a[1]) * (c[0] - d[0])) / turn;
+        const double at[2] = {a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1])};
+        const double added = 0.5 * fabs(cross(at, c, b));
+        /* Beyond b and beyond c, else they meet on the other side. */
+        if (!(share > 1.0 && (at[0] - c[0]) * (c[0] - d[0]) + (at[1] - c[1]) * (c[1] - d[1]) > 0.0 && added < least)) continue;
+        const double *after = five[(k + 4) % 5];
+        const double quad[4][2] = {{at[0], at[1]}, {d[0], d[1]}, {after[0], after[1]}, {a[0], a[1]}};
+        memcpy(four, quad, sizeof quad);
+        least = added;
+        found = true;
+    }
+    return found && shortest_side(four) >= MIN_SIDE * size;
+}
+
+/* Corners of the four-sided figure that the hull of an outline is about. False where it is none. */
+static bool four_sides_of(double (*hull)[2], ptrdiff_t count, double size, double corners[4][2]) {
+    Significant found;
+    const double least = SIGNIFICANT * size, *const away = found.away;
+    significant(hull, count, &found);
+    if (away[1] > least && away[2] <= fmax(least, ALIKE * away[1]) && with_corner(found.five, size, corners)) return true;
+    if (!(away[0] > least)) return false;
+    memcpy(corners, found.four, sizeof found.four);
+    return shortest_side(corners) > MIN_SIDE * size; /* with a side this short it is a triangle with a corner cut off */
+}
+
+typedef struct {
+    double x, y, along_x, along_y, length;
+    double count, t, d, tt, td; /* sums over its points: how far along they are, and across */
+} Line;
+
+/* Adds a point to the side that it is nearest to, or to both; but for what is near a corner. */
+static void add_point(Line sides[4], double x, double y) {
+    double t[4], d[4], nearest = HUGE_VAL;
+    for (int k = 0; k < 4; k++) {
+        const double from_x = x - sides[k].x, from_y = y - sides[k].y;
+        t[k] = from_x * sides[k].along_x + from_y * sides[k].along_y;
+        d[k] = from_y * sides[k].along_x - from_x * sides[k].along_y;
+        nearest = fmin(nearest, fabs(d[k]));
+    }
+    for (int k = 0; k < 4; k++) {
+        if (fabs(d[k]) != nearest || !(t[k] > 0.15 * sides[k].length && t[k] < 0.85 * sides[k].length)) continue;
+        sides[k].count += 1.0;
+        sides[k].t += t[k];
+        sides[k].d += d[k];
+        sides[k].tt += t[k] * t[k];
+        sides[k].td += t[k] * d[k];
+    }
+}
+
+/* Moves corners to where straight lines through each side's part of an outline cross; not where they do not. */
+static void through_sides(const int32_t (*points)[2], ptrdiff_t count, double corners[4][2]) {
+    Line sides[4];
+    double on[4][2], way[4][2], crossings[4][2];
+    for (int k = 0; k < 4; k++) {
+        const double *start = corners[k], *end = corners[(k + 1) % 4];
+        const double length = fmax(apart(start, end), 1e-9);
+        sides[k] = (Line){.x = start[0], .y = start[1], .length = length};
+        sides[k].along_x = (end[0] - start[0]) / length;
+        sides[k].along_y = (end[1] - start[1]) / length;
+    }
+    for (ptrdiff_t i = 0; i < count; i++) add_point(sides, points[i][0], points[i][1]);
+    for (int k = 0; k < 4; k++) {
+        const Line side = sides[k];
+        if (side.count < 3.0) return;
+        const double t = side.t / side.count, d = side.d / side.count;
+        const double slope = (side.td - side.t * d) / fmax(side.tt - side.t * t, 1e-9);
+        on[k][0] = side.x + side.along_x * t - side.along_y * d;
+        on[k][1] = side.y + side.along_y * t + side.along_x * d;
+        way[k][0] = side.along_x - side.along_y * slope;
+        way[k][1] = side.along_y + side.along_x * slope;
+    }
+    for (int k = 0; k < 4; k++) {
+        const double *before = way[(k + 3) % 4], *from = on[(k + 3) % 4];
+        const double turn = before[0] * way[k][1] - before[1] * way[k][0];
+        if (fabs(turn) < 0.05) return;
+        const double share = ((on[k][0] - from[0]) * way[k][1] - (on[k][1] - from[1]) * way[k][0]) / turn;
+        crossings[k][0] = from[0] + before[0] * share;
+        crossings[k][1] = from[1] + before[1] * share;
+    }
+    memcpy(corners, crossings, sizeof crossings);
+}
+
+/* Clockwise in the picture, first the corner nearest the top left. */
+static void put_in_order(double corners[4][2]) {
+    double ordered[4][2];
+    const bool clockwise = twice_area(corners) > 0.0;
+    int nearest = 0;
+    for (int k = 0; k < 4; k++) memcpy(ordered[k], corners[clockwise ? k : 3 - k], sizeof ordered[k]);
+    for (int k = 1; k < 4; k++)
+        if (ordered[k][0] + ordered[k][1] < ordered[nearest][0] + ordered[nearest][1]) nearest = k;
+    for (int k = 0; k < 4; k++) memcpy(corners[k], ordered[(nearest + k) % 4], sizeof corners[k]);
+}
+
+/* The square that an outline shows; false where it shows none. Pixels here are `scale` of the picture's. */
+static bool square_of(const int32_t (*points)[2], const Outline *outline, double scale, int32_t (*ends)[2],
+                      double (*hull)[2], Square *square) {
+    const double area = outline->area, size = sqrt(area);
+    const ptrdiff_t count = hull_of(points, outline, ends, hull);
+    double of_hull = 0.0, around = 0.0, middle[2] = {0.0, 0.0};
+    for (ptrdiff_t i = 2; i < count; i++) of_hull += 0.5 * cross(hull[0], hull[i - 1], hull[i]);
+    double (*const corners)[2] = square->corners;
+    if (area < MIN_SOLIDITY * of_hull || !four_sides_of(hull, count, size, corners)) return false;
+    double of_quad = 0.5 * fabs(twice_area(corners));
+    square->misfit = fabs(log(fmax(of_quad, 1e-3) / area));
+    if (square->misfit > MAX_MISFIT + PIXEL_MISFIT / size) return false;
+    for (int k = 0; k < 4; k++) around += apart(corners[k], corners[(k + 1) % 4]);
+    if (area < SLENDER * (0.25 * around) * (0.25 * around)) {
+        through_sides(points, outline->length, corners);
+        of_quad = 0.5 * fabs(twice_area(corners));
+    }
+    /* An outline runs through the centres of the outermost lit pixels: half a pixel inside the edge. */
+    const double growth = 1.0 + 1.0 / fmax(2.0, sqrt(of_quad));
+    for (int k = 0; k < 8; k++) middle[k % 2] += 0.25 * corners[k / 2][k % 2];
+    for (int k = 0; k < 8; k++) {
+        const double grown = middle[k % 2] + (corners[k / 2][k % 2] - middle[k % 2]) * growth;
+        corners[k / 2][k % 2] = (grown + 0.5) * scale - 0.5;
+    }
+    put_in_order(corners);
+    square->side_px = (sqrt(of_quad) + 1.0) * scale;
+    square->tolerance_px = 1.5 * scale;
+    return true;
+}
+
+/* The squares that outlines (count) with `points` show; and how many are `refused`: first those that show none, then squares
+ * of less than `smallest_px`. `ends` (height, 2) and `hull` (2 height + 2, 2) are room. Returns how many there are. */
+ptrdiff_t ledpi_four_sides(const int32_t (*points)[2], const Outline *outlines, ptrdiff_t count, double scale,
+                           double smallest_px, int32_t (*ends)[2], double (*hull)[2], Square *squares,
+                           ptrdiff_t refused[2]) {
+    ptrdiff_t found = 0;
+    refused[0] = refused[1] = 0;
+    for (const Outline *own = outlines; own < outlines + count; own++) {
+        if (!square_of(points + own->first, own, scale, ends, hull, squares + found))
+            refused[0]++;
+        else if (squares[found].side_px < smallest_px)
+            refused[1]++;
+        else
+            found++;
+    }
+    return found;
+}

@@ -1,0 +1,97 @@
+/* What is lit in a picture, as decode/lit.py explains and does it. Rows are walked byte beside byte, with nothing that
+ * depends on the one before, so that a compiler can take many at once. */
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <string.h>
+
+enum { REACH = 6, SPAN = 2 * REACH + 1, EIGHT = 8 };
+
+static inline uint8_t larger(uint8_t a, uint8_t b) { return a > b ? a : b; }
+static inline uint8_t smaller(uint8_t a, uint8_t b) { return a < b ? a : b; }
+
+/* Each of `count` bytes and the one `on` bytes further, the larger or the smaller of them. */
+static inline void join(const uint8_t *restrict bytes, ptrdiff_t on, ptrdiff_t count, bool most, uint8_t *restrict into) {
+    const uint8_t *const further = bytes + on;
+    if (most)
+        for (ptrdiff_t i = 0; i < count; i++) into[i] = larger(bytes[i], further[i]);
+    else
+        for (ptrdiff_t i = 0; i < count; i++) into[i] = smaller(bytes[i], further[i]);
+}
+
+/* The extreme of each EIGHT values that follow each other, `on` bytes apart: of pairs, of pairs of pairs, and so on.
+ * `bytes` are overwritten. */
+static inline void join_eight(uint8_t *restrict bytes, ptrdiff_t on, ptrdiff_t count, bool most, uint8_t *restrict into) {
+    join(bytes, on, count - on, most, into);
+    join(into, 2 * on, count - 3 * on, most, bytes);
+    join(bytes, 4 * on, count - 7 * on, most, into);
+}
+
+/* The extremes (height + SPAN - EIGHT, width) of SPAN pixels side by side, and of EIGHT such rows below each other. Beyond
+ * the picture there is nothing that could be one. `room` (height + 2 REACH, width) and (2, width + 2 REACH). */
+static void extremes(const uint8_t *picture, ptrdiff_t height, ptrdiff_t width, bool most, uint8_t *room, uint8_t *into) {
+    const int nothing = most ? 0 : 255;
+    const ptrdiff_t beyond = REACH * width, wide = width + 2 * REACH;
+    uint8_t *const rows = room, *const row = room + (height + 2 * REACH) * width, *const joined = row + wide;
+    memset(rows, nothing, (size_t)beyond);
+    memset(rows + beyond + height * width, nothing, (size_t)beyond);
+    memset(row, nothing, REACH);
+    memset(row + REACH + width, nothing, REACH);
+    for (ptrdiff_t y = 0; y < height; y++) {
+        memcpy(row + REACH, picture + y * width, (size_t)width);
+        join_eight(row, 1, wide, most, joined);
+        join(joined, SPAN - EIGHT, width, most, rows + beyond + y * width);
+        memset(row, nothing, REACH);
+        memset(row + REACH + width, nothing, REACH);
+    }
+    join_eight(rows, width, (height + 2 * REACH) * width, most, into);
+}
+
+/* Of each pixel of a picture (height, width): how far it is `above` the darkest of the SPAN × SPAN around it, and their
+ * `contrast`, the brightest less the darkest. `room` (3, height + 2 REACH, width) and (2, width + 2 REACH). */
+void ledpi_contrast(const uint8_t *picture, ptrdiff_t height, ptrdiff_t width, uint8_t *room, uint8_t *restrict above,
+                    uint8_t *restrict contrast) {
+    const ptrdiff_t size = (height + 2 * REACH) * width, down = (SPAN - EIGHT) * width;
+    const uint8_t *const brightest = room, *const darkest = room + size;
+    extremes(picture, height, width, true, room + 2 * size, room);
+    extremes(picture, height, width, false, room + 2 * size, room + size);
+    for (ptrdiff_t i = 0; i < height * width; i++) {
+        const uint8_t bright = larger(brightest[i], brightest[i + down]), dark = smaller(darkest[i], darkest[i + down]);
+        above[i] = picture[i] - dark;
+        contrast[i] = bright - dark;
+    }
+}
+
+/* Where any (or all) of a pixel and its eight neighbours are lit; there are none beyond the picture. `row` (width + 2). */
+static void neighbours(const uint8_t *lit, ptrdiff_t height, ptrdiff_t width, bool any, uint8_t *row, uint8_t *into) {
+    for (ptrdiff_t y = 0; y < height; y++) {
+        const uint8_t *here = lit + y * width, *above = y ? here - width : here, *below = y + 1 < height ? here + width : here;
+        uint8_t *const out = into + y * width;
+        if (any)
+            for (ptrdiff_t x = 0; x < width; x++) row[x + 1] = above[x] | here[x] | below[x];
+        else
+            for (ptrdiff_t x = 0; x < width; x++) row[x + 1] = above[x] & here[x] & below[x];
+        row[0] = row[1], row[width + 1] = row[width];
+        if (any)
+            for (ptrdiff_t x = 0; x < width; x++) out[x] = row[x] | row[x + 1] | row[x + 2];
+        else
+            for (ptrdiff_t x = 0; x < width; x++) out[x] = row[x] & row[x + 1] & row[x + 2];
+    }
+}
+
+/* What is `lit` (height, width), 0 or 255: more than `share` (in 256ths) of the contrast and than `least` above the
+ * darkest; closed, and `opened` after that. `room` (height, width) and (width + 2). */
+void ledpi_lit(const uint8_t *above, const uint8_t *contrast, ptrdiff_t height, ptrdiff_t width, int share, int least,
+               bool opened, uint8_t *room, uint8_t *lit) {
+    uint8_t *const row = room + height * width;
+    const uint8_t at_least = (uint8_t)least;
+    for (ptrdiff_t i = 0; i < height * width; i++) {
+        const uint8_t threshold = (uint8_t)((uint16_t)(contrast[i] * share) >> 8);
+        lit[i] = above[i] > larger(threshold, at_least) ? 255 : 0;
+    }
+    neighbours(lit, height, width, true, row, room);
+    neighbours(room, height, width, false, row, lit);
+    if (!opened) return;
+    neighbours(lit, height, width, false, row, room);
+    neighbours(room, height, width, true, row, lit);
+}
