@@ -4,6 +4,7 @@
 
 #include "kernels.h"
 #include "pose.h"
+#include "wide.h"
 
 enum { TAPS = 8 }; /* of Lanczos' kernel, the fourth at the pixel before */
 
@@ -67,39 +68,62 @@ static float bilinear(const Patch *patch, double x, double y) {
     return (float)(upper + down * (lower - upper));
 }
 
-/* Four numbers that the processor treats at once: the compilers of all systems that there are for Pis know this. */
-typedef float Four __attribute__((vector_size(16)));
-
-static Four four_at(const float *numbers) {
-    Four four;
-    memcpy(&four, numbers, sizeof four);
-    return four;
-}
+/* Eight numbers that the processor treats at once, or in two halves: the compilers of all systems that there are for Pis
+ * know this. They may lie anywhere. */
+typedef float Eight __attribute__((vector_size(32), aligned(4)));
 
 /* `kernel` (steps + 1, TAPS): Lanczos' weights for every share of the way. */
-static float lanczos(const Patch *patch, const float *kernel, ptrdiff_t steps, double x, double y) {
+static inline float lanczos(const Patch *patch, const float *kernel, ptrdiff_t steps, double x, double y) {
     double right, down;
     ptrdiff_t column = before(x, patch->columns, &right) - 3, row = before(y, patch->rows, &down) - 3;
     const float *across = kernel + (ptrdiff_t)(right * (double)steps + 0.5) * TAPS;
     const float *downward = kernel + (ptrdiff_t)(down * (double)steps + 0.5) * TAPS;
-    Four left = {0}, next = {0}; /* of the columns: sums down them */
+    Eight sums = {0}; /* of the columns, down them */
     if (column >= 0 && row >= 0 && column + TAPS <= patch->columns && row + TAPS <= patch->rows) {
         const float *light = patch->light + row * patch->columns + column;
-        for (int j = 0; j < TAPS; j++, light += patch->columns) {
-            left += downward[j] * four_at(light);
-            next += downward[j] * four_at(light + 4);
-        }
+        for (int j = 0; j < TAPS; j++, light += patch->columns) sums += downward[j] * *(const Eight *)light;
     } else {
         for (int j = 0; j < TAPS; j++) {
             const float *light = patch->light + within(row + j, patch->rows) * patch->columns;
-            float eight[TAPS];
-            for (int i = 0; i < TAPS; i++) eight[i] = light[within(column + i, patch->columns)];
-            left += downward[j] * four_at(eight);
-            next += downward[j] * four_at(eight + 4);
+            for (int i = 0; i < TAPS; i++) sums[i] += downward[j] * light[within(column + i, patch->columns)];
         }
     }
-    Four sums = four_at(across) * left + four_at(across + 4) * next;
-    return sums[0] + sums[1] + sums[2] + sums[3];
+    sums *= *(const Eight *)across;
+    return ((sums[0] + sums[4]) + (sums[1] + sums[5])) + ((sums[2] + sums[6]) + (sums[3] + sums[7]));
+}
+
+/* Replaces columns of the patch (count) by the light there, in these rows of the picture. */
+LEDPI_WIDE static void interpolate(const Patch *patch, const float *kernel, ptrdiff_t steps, bool saturated,
+                                   const float *rows, ptrdiff_t count, float *columns) {
+    const double scale = 1.0 / (double)patch->shrink, first = (double)patch->first_row + 0.5 * (double)(patch->shrink - 1);
+    for (ptrdiff_t i = 0; i < count; i++) {
+        const double x = columns[i], y = (rows[i] - first) * scale;
+        columns[i] = saturated ? bilinear(patch, x, y) : lanczos(patch, kernel, steps, x, y);
+    }
+}
+
+/* Where in the patch, `columns` (cells², k²), and in which `rows` of the picture the lattice's points are seen. */
+LEDPI_WIDE static void put_places(const Patch *patch, const double h[9], const Lens *lens, ptrdiff_t cells, ptrdiff_t k,
+                                  const float *along, float *columns, float *rows) {
+    const double scale = 1.0 / (double)patch->shrink, first = (double)patch->first_column + 0.5 * (double)(patch->shrink - 1);
+    for (ptrdiff_t cell = 0; cell < cells * cells; cell++) {
+        const float *us = along + cell % cells * k, *vs = along + cell / cells * k;
+        for (ptrdiff_t j = 0; j < k; j++, columns += k, rows += k) {
+            const double v = vs[j], x0 = h[1] * v + h[2], y0 = h[4] * v + h[5], w0 = h[7] * v + 1.0;
+            for (ptrdiff_t i = 0; i < k; i++) {
+                const double u = us[i], w = 1.0 / (h[6] * u + w0);
+                columns[i] = (float)(((h[0] * u + x0) * w - first) * scale);
+                rows[i] = (float)((h[3] * u + y0) * w);
+            }
+            for (ptrdiff_t i = 0; lens && i < k; i++) {
+                const double u = us[i], w = 1.0 / (h[6] * u + w0);
+                double at[2];
+                ledpi_distort(lens, (h[0] * u + x0) * w, (h[3] * u + y0) * w, at);
+                columns[i] = (float)((at[0] - first) * scale);
+                rows[i] = (float)at[1];
+            }
+        }
+    }
 }
 
 /* Samples cells × cells cells inside `corners` (4, 2), k × k points in each, at the places `along` (cells·k,) across the
@@ -114,7 +138,7 @@ int ledpi_sample_cells(const uint8_t *pixels, ptrdiff_t height, ptrdiff_t width,
     Patch patch = {room, first_column, first_row, columns, rows, shrink};
     bool saturated = linearise(&picture, &patch);
     Point seen[4];
-    double h[9], scale = 1.0 / (double)shrink, shift = 0.5 * (double)(shrink - 1);
+    double h[9];
     for (int i = 0; i < 4; i++) {
         seen[i] = (Point){corners[2 * i], corners[2 * i + 1]};
         if (lens) {
@@ -124,22 +148,13 @@ int ledpi_sample_cells(const uint8_t *pixels, ptrdiff_t height, ptrdiff_t width,
         }
     }
     ledpi_unit_square_to(seen, h);
+    put_places(&patch, h, lens, cells, k, along, light, picture_rows);
+    interpolate(&patch, kernel, steps, saturated, picture_rows, cells * cells * k * k, light);
     bool numbers = true;
     *least = INFINITY;
     for (ptrdiff_t cell = 0; cell < cells * cells; cell++) {
-        const float *us = along + cell % cells * k, *vs = along + cell / cells * k;
         double sum = 0.0;
-        for (ptrdiff_t j = 0; j < k; j++) {
-            double v = vs[j], x0 = h[1] * v + h[2], y0 = h[4] * v + h[5], w0 = h[7] * v + 1.0;
-            for (ptrdiff_t i = 0; i < k; i++, light++, picture_rows++) {
-                double u = us[i], w = 1.0 / (h[6] * u + w0), at[2] = {(h[0] * u + x0) * w, (h[3] * u + y0) * w};
-                if (lens) ledpi_distort(lens, at[0], at[1], at);
-                *picture_rows = (float)at[1];
-                double x = (at[0] - (double)first_column - shift) * scale, y = (at[1] - (double)first_row - shift) * scale;
-                *light = saturated ? bilinear(&patch, x, y) : lanczos(&patch, kernel, steps, x, y);
-                sum += *light;
-            }
-        }
+        for (ptrdiff_t p = 0; p < k * k; p++) sum += *light++;
         numbers = numbers && !isnan(sum);
         *least = fmin(*least, sum);
     }

@@ -20,40 +20,50 @@ typedef struct {
 
 typedef float Four __attribute__((vector_size(16), aligned(4)));
 
-LEDPI_WIDE static double dot(const float *a, const float *b, ptrdiff_t count) {
+static inline double all_of(Four sums) { return (double)(sums[0] + sums[1]) + (double)(sums[2] + sums[3]); }
+
+static inline double dot(const float *a, const float *b, ptrdiff_t count) {
     Four first = {0}, second = {0};
     ptrdiff_t i = 0;
     for (; i + 8 <= count; i += 8) {
         first += *(const Four *)(a + i) * *(const Four *)(b + i);
         second += *(const Four *)(a + i + 4) * *(const Four *)(b + i + 4);
     }
-    first += second;
-    double sum = (double)(first[0] + first[1]) + (double)(first[2] + first[3]);
+    double sum = all_of(first + second);
     for (; i < count; i++) sum += a[i] * b[i];
+    return sum;
+}
+
+static inline double sum_of(const float *a, ptrdiff_t count) {
+    Four first = {0}, second = {0};
+    ptrdiff_t i = 0;
+    for (; i + 8 <= count; i += 8) {
+        first += *(const Four *)(a + i);
+        second += *(const Four *)(a + i + 4);
+    }
+    double sum = all_of(first + second);
+    for (; i < count; i++) sum += a[i];
     return sum;
 }
 
 /* `added` and `awaited` (cells·points): what the frame adds to the picture, what it should, weighted. */
 LEDPI_WIDE static void compare(const Expected *expected, const float *light, const uint8_t *valid, const float *rows,
-                               float *added, float *awaited) {
-    const ptrdiff_t cells = expected->cells, points = expected->points;
-    double seen = 0.0, shown = 0.0;
-    for (ptrdiff_t i = 0; i < cells * points; i++) {
-        seen += valid && !valid[i] ? 0.0f : expected->picture[i];
-        shown += light[i];
-    }
-    const float scale = (float)(seen / shown);
-    for (ptrdiff_t c = 0, i = 0; c < cells; c++) {
+                               float *restrict added, float *restrict awaited) {
+    const ptrdiff_t cells = expected->cells, points = expected->points, size = cells * points;
+    for (ptrdiff_t i = 0; valid && i < size; i++) added[i] = valid[i] ? expected->picture[i] : 0.0f;
+    const float scale = (float)(sum_of(valid ? added : expected->picture, size) / sum_of(light, size));
+    for (ptrdiff_t c = 0, from = 0; c < cells; c++, from += points) {
         const double cycles = expected->hz[c] * expected->since_s;
         const float start = (float)(cycles - floor(cycles) - expected->phase[c] / TURN), depth = expected->depth[c];
         const float a_row = (float)(expected->hz[c] * expected->row_time_s);
-        for (const ptrdiff_t end = i + points; i < end; i++) {
-            const float root = valid && !valid[i] ? 0.0f : expected->root[i];
-            const float bands = depth * ledpi_cosine(ledpi_part(rows[i] * a_row + start));
+        for (ptrdiff_t i = from; i < from + points; i++) {
+            const float bands = depth * ledpi_cosine(ledpi_part(rows[i] * a_row + start)), root = expected->root[i];
             added[i] = (light[i] * scale / expected->picture[i] - 1.0f) * root;
             awaited[i] = (bands - expected->left_bands[i]) * root;
         }
     }
+    for (ptrdiff_t i = 0; valid && i < size; i++)
+        if (!valid[i]) added[i] = awaited[i] = 0.0f;
 }
 
 /* Solves a symmetric positive matrix (ways, ways) for two right sides (ways, 2), in place. Gauss. */
@@ -73,8 +83,8 @@ static void solve(ptrdiff_t ways, double matrix[MOST_WAYS][MOST_WAYS], double ri
 
 /* Takes off what a wrong gain and wrong corners would add. Where samples are not valid, what is left of the basis is not
  * orthonormal any more; `ridge` is of the square of a vector that may be all but gone. */
-LEDPI_WIDE static void project(const Expected *expected, const uint8_t *valid, double ridge, float *room, float *added,
-                               float *awaited) {
+LEDPI_WIDE static void project(const Expected *expected, const uint8_t *valid, double ridge, float *room, float *restrict added,
+                               float *restrict awaited) {
     const ptrdiff_t size = expected->cells * expected->points, ways = expected->ways;
     double right[MOST_WAYS][2], gram[MOST_WAYS][MOST_WAYS];
     for (ptrdiff_t k = 0; k < ways; k++) {
@@ -101,24 +111,23 @@ LEDPI_WIDE static void project(const Expected *expected, const uint8_t *valid, d
 
 /* Log-likelihood ratio of the frame's light (cells, points), `valid` unless that is NULL, with the bands to without:
  * `of[0]` of all cells together, `of[1]` what cells that speak against them weigh. `room` is (3, cells·points). */
-void ledpi_expected(ptrdiff_t cells, ptrdiff_t points, ptrdiff_t ways, const float *picture, const float *root,
-                    const float *basis, const float *left_bands, const float *depth, const double *hz,
-                    const double *phase, double since_s, double row_time_s, const float *light, const uint8_t *valid,
-                    const float *rows, double independence, double ridge, float *room, double *of) {
+LEDPI_WIDE void ledpi_expected(ptrdiff_t cells, ptrdiff_t points, ptrdiff_t ways, const float *picture, const float *root,
+                               const float *basis, const float *left_bands, const float *depth, const double *hz,
+                               const double *phase, double since_s, double row_time_s, const float *light,
+                               const uint8_t *valid, const float *rows, double independence, double ridge, float *room,
+                               double *of) {
     const Expected expected = {cells, points, ways, picture, root, basis, left_bands, depth, hz, phase, since_s, row_time_s};
     const ptrdiff_t size = cells * points;
-    float *added = room, *awaited = room + size, *off = room + 2 * size;
-    double squares = 0.0;
-    ptrdiff_t count = 0;
+    float *restrict added = room, *restrict awaited = room + size, *restrict off = room + 2 * size;
     compare(&expected, light, valid, rows, added, awaited);
     project(&expected, valid, ridge, off, added, awaited);
+    int32_t count = 0;
     for (ptrdiff_t i = 0; i < size; i++) {
         off[i] = added[i] - awaited[i];
         count += off[i] != 0.0f;
         added[i] -= 0.5f * awaited[i];
     }
-    for (ptrdiff_t c = 0; c < cells; c++) squares += dot(off + c * points, off + c * points, points);
-    const double variance = squares / (count - ways > 1 ? (double)(count - ways) : 1.0);
+    const double variance = dot(off, off, size) / (count - ways > 1 ? (double)(count - ways) : 1.0);
     const double scale = independence / (variance < 1e-12 ? 1e-12 : variance);
     of[0] = of[1] = 0.0;
     for (ptrdiff_t c = 0; c < cells; c++) {
