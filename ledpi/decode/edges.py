@@ -6,14 +6,14 @@ turned, from where each profile has its edge. The lines within the panel have th
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 
 from ledpi.decode.adjust import adjust_quads
 from ledpi.decode.approach import LOST, NOT_STRAIGHT, SHARES, step_templates
 from ledpi.decode.looks import MAX_MOVE, Found, find_sides, profile_shares
-from ledpi.decode.sides import Points, areas, as_corners, as_points, bends
+from ledpi.decode.sides import Mask, Points, as_corners, as_points, bends
 from ledpi.decode.whole import hidden_shares, uncovered
 from ledpi.kernels import edges as kernel
 from ledpi.kernels.light import can_read
@@ -47,8 +47,8 @@ def refine_quads(
     bend = bends(start, intrinsics)
     found = (_find_compiled if can_read(frame) else find_sides)(frame, start, bend, cells)
     hidden = hidden_shares(frame, found.corners, bend, cells)
-    quads = _results(frame, start, found, bend, hidden)
-    return adjust_quads(frame, quads, np.asarray(~hidden.any(axis=(1, 2))), bend, cells, intrinsics)
+    whole = np.asarray(~hidden.reshape(-1, 4).any(axis=1))
+    return adjust_quads(frame, _results(frame, found, hidden, whole), whole, bend, cells, intrinsics)
 
 
 def _find_compiled(frame: Frame, start: Points, bend: Points, cells: int) -> Found:
@@ -56,28 +56,25 @@ def _find_compiled(frame: Frame, start: Points, bend: Points, cells: int) -> Fou
     shares = profile_shares(cells)
     sides = (shares.share, shares.bend)
     corners, numbers = kernel.find_sides(frame, start, bend, cells, sides, (SHARES.share, step_templates()))
-    seen, used, spread_px, sigma_px = numbers.T
-    return Found(corners, seen > 0, used, spread_px, sigma_px)
+    seen, *of_quads = numbers.T
+    return Found(corners, seen > 0, *of_quads)
 
 
-def _results(frame: Frame, start: Points, found: Found, bend: Points, hidden: Floats) -> list[Quad | Rejected]:
-    """Each quad, or why there is none."""
-    side_px, corners, sigma_px = np.sqrt(np.abs(areas(start))), found.corners, found.sigma_px
-    there = found.seen & (np.abs(corners - start).max(axis=1) < MAX_MOVE * side_px)
-    straight = (found.spread_px <= MAX_SPREAD_PX) & (found.used >= MIN_USED)
-    most_bent = np.abs(bend.imag).max(axis=(1, 2))
+def _results(frame: Frame, found: Found, hidden: Floats, whole: Mask) -> list[Quad | Rejected]:
+    """Each quad, or why there is none; `hidden` (N, 2, 2) of it, and which are `whole` (N,)."""
     results: list[Quad | Rejected] = []
-    for i in range(len(corners)):
-        if not there[i]:
+    numbers = (getattr(found, field.name).tolist() for field in fields(Found)[1:])
+    for i, (seen, used, spread_px, sigma_px, moved_px, side_px, bend_px) in enumerate(zip(*numbers, strict=True)):
+        if not (seen and moved_px < MAX_MOVE * side_px):
             results.append(LOST)
-        elif not straight[i]:
+        elif not (spread_px <= MAX_SPREAD_PX and used >= MIN_USED):
             results.append(NOT_STRAIGHT)
-        elif not hidden[i].any():
-            results.append(checked(frame, corners[i], float(sigma_px[i]), float(most_bent[i])))
+        elif whole[i]:
+            results.append(checked(frame, found.corners[i], sigma_px, bend_px))
         elif np.isfinite(hidden[i]).all():
-            whole, sigma = uncovered(corners[i], hidden[i]), float(sigma_px[i] + HIDDEN_SIGMA * side_px[i])
-            quad = checked(frame, whole, sigma, float(most_bent[i]))
-            results.append(replace(quad, seen_px=as_corners(corners[i])) if isinstance(quad, Quad) else quad)
+            corners = uncovered(found.corners[i], hidden[i])
+            quad = checked(frame, corners, sigma_px + HIDDEN_SIGMA * side_px, bend_px)
+            results.append(replace(quad, seen_px=as_corners(found.corners[i])) if isinstance(quad, Quad) else quad)
         else:
             results.append(NOT_WHOLE)
     return results

@@ -48,14 +48,13 @@ def hidden_shares(frame: Frame, corners: Points, bend_px: Points, cells: int) ->
     over; not a number where no such share explains what is seen. `bend_px` (N, 4, 2) is the sides' `bends`: the lens
     moves the rows of gaps with them.
     """
-    side_px, most_bent = np.sqrt(np.abs(areas(corners))), np.abs(bend_px.imag).max(axis=(1, 2))
-    blurs = (BLUR_PX + most_bent + GAP * side_px / cells) / np.maximum(side_px, 1.0)
     if can_read(frame):
-        light = kernel.light_along(frame, corners, bend_px, _BEND, cells)
+        light, sizes_px = kernel.light_along(frame, corners, bend_px, _BEND, cells)
     else:
-        light = _light_along(frame, corners, bend_px, cells)
+        light, sizes_px = _light_along(frame, corners, bend_px, cells)
     hidden = np.zeros((len(corners), 2, 2))
-    for into, along, blur in zip(hidden, light, blurs.tolist(), strict=True):
+    for into, along, (side_px, most_bent_px) in zip(hidden, light, sizes_px.tolist(), strict=True):
+        blur = (BLUR_PX + most_bent_px + GAP * side_px / cells) / max(side_px, 1.0)
         if not blur > 0:  # the quad is nowhere
             continue
         axes, left = _explanations(cells, _step(blur)).left(along)
@@ -67,12 +66,16 @@ def hidden_shares(frame: Frame, corners: Points, bend_px: Points, cells: int) ->
     return hidden
 
 
-def _light_along(frame: Frame, corners: Points, bend_px: Points, cells: int) -> Floats:
-    """(N, 2, ALONG) light along quads (N, 4), from left to right and from top to bottom, its mean 1."""
+def _light_along(frame: Frame, corners: Points, bend_px: Points, cells: int) -> tuple[Floats, Floats]:
+    """(N, 2, ALONG) light along quads (N, 4), from left to right and from top to bottom, its mean 1.
+
+    And (N, 2) pixels: how long their sides are, and how far the lens bends them inward, at most.
+    """
     patches = Patches(frame, corners, REACH_PX)
     light = patches.light_at(_grid(corners - patches.first, bend_px, cells)).mean(axis=2)
     light /= np.maximum(light.mean(axis=2, keepdims=True), 1e-6)
-    return np.asarray(light, np.float64)
+    sizes_px = np.stack([np.sqrt(np.abs(areas(corners))), np.abs(bend_px.imag).max(axis=(1, 2))], axis=1)
+    return np.asarray(light, np.float64), sizes_px
 
 
 def uncovered(corners: Points, hidden: Floats) -> Points:

@@ -16,7 +16,7 @@
 #define MAX_MOVE 0.2
 #define FINEST_STEP_PX 0.5
 #define MAX_BLUR_CHANGE 0.4
-enum { T = RIM_T, AT_SIDE = 2 };
+enum { T = RIM_T, AT_SIDE = 2, NUMBERS = 7 };
 
 typedef struct {
     const Picture *picture;
@@ -239,9 +239,10 @@ static void bend_sides(Look *look, const double *bends) {
             look->bend[k][p] = bends[4 * k + 1] * look->shares->bend[p] + bends[4 * k + 3] * look->shares->bend[count + p];
 }
 
-/* Of `quads` quads whose corners (quads, 4, 2) are near: where they are, and of each 4 numbers (quads, 4): 1 where all
- * its sides show edges, the share of the profiles that are used, the root mean square of the edges about the sides, and
- * the corners' deviation, in pixels. `bends` (quads, 4, 2, 2) is `bends` of decode/sides.py. Returns 0, or the number
+/* Of `quads` quads whose corners (quads, 4, 2) are near: where they are, and of each seven numbers (quads, NUMBERS): 1
+ * where all its sides show edges, the share of the profiles that are used; in pixels the root mean square of the edges
+ * about the sides, the corners' deviation, how far they were moved, the side where it was sought, and how far the lens
+ * bends that. `bends` (quads, 4, 2, 2) is `bends` of decode/sides.py. Returns 0, or the number
  * (from 1) of a filter that must be made first. */
 ptrdiff_t ledpi_find_sides(const uint8_t *pixels, ptrdiff_t height, ptrdiff_t width, ptrdiff_t stride, const float *table,
                            const Filters *filters, const double *share, const double *share_bends, ptrdiff_t shares,
@@ -266,11 +267,15 @@ ptrdiff_t ledpi_find_sides(const uint8_t *pixels, ptrdiff_t height, ptrdiff_t wi
             variance += fit.variance[k] + 4 * spread2 / fmax(fmin(weights, fit.sides[k].length), 1.0);
             corners[4 * i + k] = fit.corners[k];
         }
-        double *of_quad = numbers + 4 * i;
+        double *of_quad = numbers + NUMBERS * i, bent = 0.0;
+        for (int j = 1; j < 16; j += 2) bent = fmax(bent, fabs(bends[16 * i + j]));
         of_quad[0] = fit.seen;
         of_quad[1] = used / (4.0 * (double)shares);
         of_quad[2] = sqrt(squares / 4);
         of_quad[3] = sqrt(variance / 4);
+        of_quad[4] = ledpi_farthest(fit.corners, near + 4 * i);
+        of_quad[5] = sqrt(fabs(ledpi_area(near + 4 * i)));
+        of_quad[6] = bent;
     }
     return 0;
 }

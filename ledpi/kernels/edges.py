@@ -25,6 +25,7 @@ from ledpi.kernels.light import PICTURE, picture
 from ledpi.records import Floats, Frame
 
 MOST_PROFILES = 64  # as in kernels.h
+NUMBERS = 7  # of a quad, as in edges.c
 
 _find_sides = function(
     "ledpi_find_sides", *PICTURE, *(POINTER,) * 3, INTEGER, POINTER, INTEGER, POINTER, *(INTEGER,) * 2, *(POINTER,) * 4,
@@ -83,14 +84,15 @@ def find_sides(
     shares: tuple[Floats, Floats],
     coarse: tuple[Floats, NDArray[np.float32]],
 ) -> tuple[NDArray[np.complex128], Floats]:
-    """Corners (N, 4) of the lit squares near `near` (N, 4), and four numbers of each (N, 4).
+    """Corners (N, 4) of the lit squares near `near` (N, 4), and seven numbers of each (N, 7).
 
-    1 where all its sides show edges, else 0; the share of its profiles that are used; the root mean square of the edges
-    about the sides, and the corners' deviation, in pixels. `shares` (P,) and their bends (2, P): where the sides are
-    looked across; `coarse`: the same where they are sought from further off, and templates of the step there.
+    1 where all its sides show edges, else 0; the share of its profiles that are used; in pixels the root mean square of
+    the edges about the sides, the corners' deviation, how far they were moved, the side where it was sought, and how
+    far the lens bends that. `shares` (P,) and their bends (2, P): where the sides are looked across; `coarse`: the same
+    where they are sought from further off, and templates of the step there.
     """
     assert len(shares[0]) <= MOST_PROFILES
-    table, corners, numbers = filter_table(), np.empty_like(near), np.empty((len(near), 4))
+    table, corners, numbers = filter_table(), np.empty_like(near), np.empty((len(near), NUMBERS))
     arguments = (
         *picture(frame), table.at, address(shares[0]), address(shares[1]), len(shares[0]), address(coarse[0]),
         len(coarse[0]), address(coarse[1]), cells, len(near), address(near), address(bends), address(corners),

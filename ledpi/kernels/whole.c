@@ -33,13 +33,18 @@ static void light_along(const Picture *picture, const Point corners[4], const do
     }
 }
 
-/* `light` (quads, 2, ALONG) along quads with `corners` (quads, 4, 2). */
+/* `light` (quads, 2, ALONG) along quads with `corners` (quads, 4, 2); and of each how long its sides are, and how far the
+ * lens bends them inward, at most, in pixels: `sizes` (quads, 2). */
 void ledpi_light_along(const uint8_t *pixels, ptrdiff_t height, ptrdiff_t width, ptrdiff_t stride, const float *table,
                        ptrdiff_t cells, ptrdiff_t quads, const Point *corners, const double *bends, const double *cubics,
-                       double *light) {
+                       double *light, double *sizes) {
     const Picture picture = {pixels, height, width, stride, table};
-    for (ptrdiff_t i = 0; i < quads; i++)
+    for (ptrdiff_t i = 0; i < quads; i++) {
         light_along(&picture, corners + 4 * i, bends + 16 * i, cubics, cells, light + 2 * ALONG * i);
+        sizes[2 * i] = sqrt(fabs(ledpi_area(corners + 4 * i)));
+        sizes[2 * i + 1] = 0.0;
+        for (int j = 1; j < 16; j += 2) sizes[2 * i + 1] = fmax(sizes[2 * i + 1], fabs(bends[16 * i + j]));
+    }
 }
 
 /* Mean square that an orthonormal basis (columns, ALONG) leaves of `light`, of which `all` is the sum of squares. */

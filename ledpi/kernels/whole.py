@@ -11,7 +11,7 @@ from ledpi.kernels.library import DOUBLE, INTEGER, POINTER, address, function
 from ledpi.kernels.light import PICTURE, picture
 from ledpi.records import Floats, Frame
 
-_light_along = function("ledpi_light_along", *PICTURE, *(INTEGER,) * 2, *(POINTER,) * 4)
+_light_along = function("ledpi_light_along", *PICTURE, *(INTEGER,) * 2, *(POINTER,) * 5)
 _unexplained = function(
     "ledpi_unexplained", *(POINTER,) * 3, INTEGER, POINTER, INTEGER, DOUBLE, POINTER, result=ctypes.c_int
 )
@@ -19,13 +19,17 @@ _unexplained = function(
 
 def light_along(
     frame: Frame, corners: NDArray[np.complex128], bends: NDArray[np.complex128], cubics: Floats, cells: int
-) -> Floats:
-    """(N, 2, places) light along quads (N, 4), its mean 1. `cubics` (2, places): how `bends` move each place."""
-    light = np.empty((len(corners), *cubics.shape))
+) -> tuple[Floats, Floats]:
+    """(N, 2, places) light along quads (N, 4), its mean 1; and (N, 2) their sides, and how far the lens bends these.
+
+    `cubics` (2, places): how `bends` move each place.
+    """
+    light, sizes_px = np.empty((len(corners), *cubics.shape)), np.empty((len(corners), 2))
     _light_along(
-        *picture(frame), cells, len(corners), address(corners), address(bends), address(cubics), address(light)
+        *(*picture(frame), cells, len(corners), address(corners), address(bends), address(cubics)),
+        *(address(light), address(sizes_px)),
     )
-    return light
+    return light, sizes_px
 
 
 def unexplained(
