@@ -20,7 +20,7 @@ from ledpi.decode.find_striped import StripedFinder
 from ledpi.decode.reader import Reader
 from ledpi.decode.rim import make_usual_filters
 from ledpi.decode.spots import is_part_of, settle
-from ledpi.decode.striped import striped_squares
+from ledpi.decode.striped import striped_near, striped_squares
 from ledpi.decode.track import NOT_SHOWN, Track, Tracker
 from ledpi.decode.whole import make_usual_explanations
 from ledpi.dictionaries import load_dictionary
@@ -169,12 +169,10 @@ class Pipeline:
     def _where_expected(self, frame: Frame, work: Results) -> list[tuple[Quad, Track]]:
         """The squares that are where their tracks lead; what is not there is left to a search."""
         start = self._clock()
-        if self._striped_finder.stripe_rows(frame):  # a rim that may be dark is seen from afar only
-            return []
         tracks = self._tracker.expected()
         near = [track.sought_px(frame.row0_readout_ns) for track in tracks]
         refined = iter(self._refine(frame, [at for at, track in zip(near, tracks, strict=True) if not track.of_spots]))
-        quads = [
+        quads: list[Quad | Rejected] = [
             settle(frame, at, self._cells) if track.of_spots else next(refined)
             for at, track in zip(near, tracks, strict=True)
         ]
@@ -252,6 +250,8 @@ class Pipeline:
 
     def _refine(self, frame: Frame, near: list[Floats]) -> list[Quad | Rejected]:
         """The lit squares at these places, or why there are none."""
+        if self._striped_finder.stripe_rows(frame):
+            return striped_near(frame, near, self._cells, self._specs, self._intrinsics)
         return refine_quads(frame, np.array(near), self._cells, self._intrinsics)
 
     def _sample(self, frame: Frame, squares: list[tuple[Quad, Track]], work: Results) -> list[_Looked]:

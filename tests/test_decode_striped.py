@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 from decode_material import (
+    LENS,
     PINHOLE,
     ROW_TIME_US,
     SHORT_US,
@@ -14,6 +15,7 @@ from decode_material import (
     Canvas,
     camera_info,
     panel_settings,
+    seen_through,
     square,
     word,
 )
@@ -21,9 +23,9 @@ from decode_material import (
 from ledpi.decode.band_light import unlike_a_square
 from ledpi.decode.find_striped import StripedFinder, smallest_square_around
 from ledpi.decode.sides import as_points
-from ledpi.decode.striped import striped_squares
+from ledpi.decode.striped import striped_near, striped_squares
 from ledpi.pipeline import Pipeline
-from ledpi.records import Floats, Frame, Quad
+from ledpi.records import Floats, Frame, Intrinsics, Quad, Rejected
 
 SMALLEST_PX = 8.0
 
@@ -51,10 +53,10 @@ def worst_corner(found: Floats, true: Floats) -> float:
 @pytest.mark.parametrize("side", [52, 130, 200])
 @pytest.mark.parametrize("phase", [0.0, 0.4, 0.8])
 def test_a_panel_in_pieces_is_one_square(side: float, turn_deg: float, phase: float) -> None:
-    """At 150 µs whole rows of cells are dark; still there is the panel's square, to 4 % of its side, and no other."""
+    """At 150 µs whole rows of cells are dark; still there is the panel's square, to 0.5 % of its side, and no other."""
     true = square(310.3, 240.6, side, turn_deg)
     (found,) = squares(striped(true, 7, (phase, 3 * phase + 0.4)))
-    assert worst_corner(found, true) < 0.04 * side
+    assert worst_corner(found, true) < 0.005 * side
 
 
 @pytest.mark.parametrize("side", [60, 120])
@@ -64,7 +66,29 @@ def test_a_side_that_is_dark_all_along_is_found(side: float) -> None:
     top_s = true[0, 1] * ROW_TIME_US * 1e-6
     off = (0.5 - 1250 * top_s, 0.5 - 2450 * top_s)
     (found,) = squares(striped(true, 42, off))
-    assert worst_corner(found, true) < 0.03 * side
+    assert worst_corner(found, true) < 0.005 * side
+
+
+@pytest.mark.parametrize("lens", [PINHOLE, LENS])
+def test_a_followed_panel_is_fitted_to_a_quarter_of_a_pixel(lens: Intrinsics) -> None:
+    """From corners that are 2 % of the side off; before a lens that bends its sides, too, and beside bright walls."""
+    true = square(250, 180, 110, 12)
+    canvas = Canvas(exposure_us=SHORT_US, background=0.08)
+    canvas.panel(true, word(7), phases=(0.2, 0.7), lens=lens if any(lens.distortion) else None)
+    seen = seen_through(lens, true) if any(lens.distortion) else true
+    off = 2.0 * np.array([[1, -1], [-1, 1], [1, 1], [0, -1.0]])
+    (quad,) = striped_near(canvas.frame(), [seen + off], 4, [SPEC], lens)
+    assert isinstance(quad, Quad)
+    assert np.linalg.norm(quad.corners_px - seen, axis=1).max() < 0.25
+    assert quad.corner_sigma_px < 0.1
+
+
+def test_a_followed_panel_that_is_gone_is_not_found() -> None:
+    """A wall, and a lamp in its place."""
+    canvas = Canvas(exposure_us=SHORT_US)
+    canvas.lamp(square(200, 240, 100, 10))
+    near = [square(200, 240, 100, 10), square(450, 240, 100)]
+    assert [type(result) for result in striped_near(canvas.frame(), near, 4, [SPEC])] == [Rejected, Rejected]
 
 
 def test_a_lamp_is_no_striped_square() -> None:

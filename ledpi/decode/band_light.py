@@ -23,6 +23,8 @@ from numpy.typing import NDArray
 
 from ledpi import shutter
 from ledpi.decode.sides import Points, Singles, areas
+from ledpi.kernels import band_light as kernel
+from ledpi.kernels.library import compiled
 from ledpi.records import Floats, Frame, PanelSpec
 from ledpi.tone import linear_light
 
@@ -117,19 +119,25 @@ class Window:
         both = []
         for hz in (spec.black_hz, spec.white_hz):
             cycles = phase + rows * (hz * self.frame.row_time_us * 1e-6)
-            table = _wave(hz, self.frame.exposure_us, spec.duty, self.shrink, self.frame.row_time_us)
+            table = wave(hz, self.frame.exposure_us, spec.duty, self.shrink, self.frame.row_time_us)
             both.append(table[(cycles * WAVE_STEPS).astype(np.int64) % WAVE_STEPS])
         return np.stack(both)
 
 
 @lru_cache(maxsize=32)
-def _wave(hz: float, exposure_us: float, duty: float, shrink: int, row_time_us: float) -> Singles:
+def wave(hz: float, exposure_us: float, duty: float, shrink: int, row_time_us: float) -> Singles:
     """(WAVE_STEPS,) light of a row, over that of an exposure in which the lamp is on; mean of `shrink` rows."""
     cycles = (np.arange(WAVE_STEPS) + 0.5) / WAVE_STEPS
     around = (np.arange(shrink) - (shrink - 1) / 2) * hz * row_time_us * 1e-6
     each = [shutter.exposure_weight(cycles + row, hz * exposure_us * 1e-6, duty) for row in around]
     wave = np.mean(each, axis=0)
     return np.asarray(wave / wave.max(), np.float32)
+
+
+def wave_tables(spec: PanelSpec, frame: Frame, shrink: int) -> Singles:
+    """(2, WAVE_STEPS) `wave` of either class."""
+    both = [wave(hz, frame.exposure_us, spec.duty, shrink, frame.row_time_us) for hz in (spec.black_hz, spec.white_hz)]
+    return np.stack(both)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -139,6 +147,9 @@ class Bands:
     dark: float  # levels of light
     bright: float
     waves: Singles  # (2, rows of the window) of either class
+    phases: Floats  # (2,) of either wave in the picture's row 0, in cycles
+    white: NDArray[np.bool_]  # (cells²,) which cells are rather of the white class
+    spec: PanelSpec
     explained: float  # share of the square's light, squared, that its cells explain
 
     @classmethod
@@ -153,51 +164,70 @@ class Bands:
         if not bright > MIN_CONTRAST * dark:
             return None
         relative = np.clip((light - dark) / (bright - dark), 0.0, MOST)
-        fits = [_phases(relative, lattice.of_cells, rows, window.waves(spec), spec) for spec in specs]
-        explained, waves = max(fits, key=lambda fit: fit[0])
-        return cls(dark, bright, waves, explained / max(float((lattice.of_cells * relative * relative).sum()), 1e-9))
+        energy = max(float((lattice.of_cells * relative * relative).sum()), 1e-9)
+        fits = [_fitted_phases(relative, lattice.of_cells, rows, window.waves(spec), spec) for spec in specs]
+        best = max(range(len(specs)), key=lambda i: fits[i].explained)
+        fit, waves = fits[best], window.waves(specs[best])
+        return cls(
+            dark=dark,
+            bright=bright,
+            waves=np.stack([waves[k][fit.phases[k]] for k in (0, 1)]),
+            phases=np.array(fit.phases) / PHASES,
+            white=fit.white,
+            spec=specs[best],
+            explained=fit.explained / energy,
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BandLight:
-    """What each pixel of a window gains as part of a cell of either class."""
+    """The light of a window beside what cells of either class show there."""
 
     cells: int
     focal_px: float  # of the camera, in the window's pixels
-    gains: Singles  # (rows, columns, 4) 2en of either class, then e²
+    light: Singles  # (rows, columns) relative: 0 dark, 1 bright
+    shown: Singles  # (2, rows) e of either class
 
     @classmethod
     def of(cls, window: Window, bands: Bands, cells: int, focal_px: float) -> BandLight:
         """With bands as they are; `focal_px` in the picture's pixels."""
-        relative = np.clip((window.light - bands.dark) * (1 / (bands.bright - bands.dark)), 0.0, MOST)
-        expected = EVEN * bands.waves.T[:, None]  # (rows, 1, 2)
-        gains = np.empty((*relative.shape, 4), np.float32)
-        np.multiply(2 * expected, relative[..., None], out=gains[..., :2])
-        gains[..., 2:] = expected * expected
-        return cls(cells, focal_px / window.shrink, gains)
+        above_dark = window.light - np.float32(bands.dark)
+        relative = np.clip(above_dark * np.float32(1 / (bands.bright - bands.dark)), 0, MOST)
+        return cls(cells, focal_px / window.shrink, relative, np.asarray(EVEN * bands.waves, np.float32))
 
     def explains(self, corners: Points, lattice: Lattice) -> Floats:
         """(N,) how much a lattice with each of corners (N, 4) explains, in pixels of full light."""
+        if compiled():
+            places = (lattice.across, lattice.down, lattice.of_cells, lattice.of_walls)
+            return kernel.lattices_explain(self.light, self.shown, places, corners, self.focal_px)
         x, y, depth = lattice_places(corners, lattice)
-        count, each, points = x.shape
-        at = (x.reshape(count, -1), y.reshape(count, -1))
-        gains = cv2.remap(
-            self.gains, *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=(0, 0, -UNKNOWN, -UNKNOWN)
-        ).reshape(count, each, points, 4)
+        seen, expected = self._gains(x, y)
         area = np.abs(areas(corners))
         nearer = depth**-3  # of the picture's area: further away, less of it
         nearer *= (area / nearer.mean(axis=(1, 2))).astype(np.float32)[:, None, None]
-        of_cells = np.matmul((nearer * lattice.of_cells)[:, :, None], gains)[:, :, 0]
-        of_class = of_cells[..., :2] - of_cells[..., 2:]
-        explained = of_class.max(axis=2).sum(axis=1).astype(np.float64)
-        if lattice.of_walls.any():
-            of_walls = np.matmul((nearer * lattice.of_walls)[:, :, None], gains)[:, :, 0]
-            own = np.where((of_class[..., 1] > of_class[..., 0])[..., None], of_walls[..., 1::2], of_walls[..., ::2])
-            seen, expected = own.sum(axis=1).T
-            share = (0.5 * seen / np.maximum(expected, 1e-9)).clip(0, 1)
-            explained += share * seen - share * share * expected
+        of_class = ((seen - expected) * (nearer * lattice.of_cells)).sum(axis=3)  # (2, N, cells²)
+        of_walls, of_lit_walls = ((gain * (nearer * lattice.of_walls)).sum(axis=3) for gain in (seen, expected))
+        white = of_class[1] > of_class[0]
+        explained = of_class.max(axis=0).sum(axis=1).astype(np.float64)
+        of_walls, of_lit_walls = (np.where(white, gain[1], gain[0]).sum(axis=1) for gain in (of_walls, of_lit_walls))
+        share = (0.5 * of_walls / np.maximum(of_lit_walls, 1e-9)).clip(0, 1)
+        explained += share * of_walls - share * share * of_lit_walls
         explained -= AS_A_SQUARE * area * np.square(unlike_a_square(corners, self.focal_px))
         return np.where(np.isfinite(explained), explained, -np.inf)
+
+    def _gains(self, x: Singles, y: Singles) -> tuple[Singles, Singles]:
+        """(2, …) each: 2en and e² of either class at points."""
+        height, width = self.light.shape
+        inside = (x >= 0) & (y >= 0) & (x <= width - 1) & (y <= height - 1)
+        x, y = np.where(inside, x, 0), np.where(inside, y, 0)
+        column, row = np.minimum(x.astype(np.int64), width - 2), np.minimum(y.astype(np.int64), height - 2)
+        right, down = (x - column).astype(np.float32), (y - row).astype(np.float32)
+        upper, lower = (
+            (1 - right) * self.light[at, column] + right * self.light[at, column + 1] for at in (row, row + 1)
+        )
+        shown = (1 - down) * self.shown[:, row] + down * self.shown[:, row + 1]
+        seen = np.where(inside, 2 * shown * (upper + down * (lower - upper)), np.float32(UNKNOWN))
+        return seen, np.where(inside, shown * shown, np.float32(0))
 
 
 def have_contrast(frame: Frame, corners: Points, cells: int) -> NDArray[np.bool_]:
@@ -211,10 +241,19 @@ def have_contrast(frame: Frame, corners: Points, cells: int) -> NDArray[np.bool_
     return contrasty
 
 
-def _phases(
+@dataclass(frozen=True, slots=True, eq=False)
+class _Phases:
+    """The pair of phases in which a lattice explains most."""
+
+    explained: float  # as a share of its area
+    phases: tuple[int, int]  # of PHASES
+    white: NDArray[np.bool_]  # (cells²,)
+
+
+def _fitted_phases(
     relative: Singles, share: Singles, rows: NDArray[np.int64], waves: Singles, spec: PanelSpec
-) -> tuple[float, Singles]:
-    """How much the lattice explains in the best two phases, as a share of its area, and the waves (2, rows) then."""
+) -> _Phases:
+    """Of relative light (cells², P) at a lattice's points, each of which has a share of the panel, in these rows."""
     cells, height = len(relative), waves.shape[2]
     index = (np.arange(cells)[:, None] * height + rows).reshape(-1)
     light = np.bincount(index, (share * relative).reshape(-1), cells * height).reshape(cells, height)
@@ -226,8 +265,8 @@ def _phases(
         tied = np.full_like(either, -np.inf)
         tied[opposite, opposite - PHASES // 2] = either[opposite, opposite - PHASES // 2]
         either = tied
-    phase = np.unravel_index(either.argmax(), either.shape)
-    return float(either.max()), np.stack([waves[k][phase[k]] for k in (0, 1)])
+    of_black, of_white = divmod(int(either.argmax()), PHASES)
+    return _Phases(float(either.max()), (of_black, of_white), white[:, of_white] > black[:, of_black])
 
 
 def unlike_a_square(corners: Points, focal_px: float) -> Floats:

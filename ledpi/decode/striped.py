@@ -1,8 +1,9 @@
 """Corners of squares whose cells blink so deeply that dark bands stripe them: where a lattice explains most light.
 
-The rim of such a square may be dark, all along a side; so no edge is looked for. The whole lattice is fitted instead,
-with the bands' phases and each cell's class as they explain the light best (`band_light`). A side may have been found
-a band too far inside, or along a band's edge, so that several places of each are tried first.
+The rim of such a square may be dark, all along a side; so no edge is looked for. A side may have been found a band too
+far inside, or along a band's edge: several places of each are tried, with the bands' phases and each cell's class as
+they explain the light best (`band_light`). From there the panel's picture is fitted as a whole (`panel_fit`), and from
+where a track leads that is all there is to do.
 """
 
 from __future__ import annotations
@@ -12,9 +13,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ledpi.decode.band_light import BandLight, Bands, Lattice, Window, fine_lattice, have_contrast, rough_lattice
+from ledpi.decode.band_light import BandLight, Bands, Window, fine_lattice, have_contrast, rough_lattice
 from ledpi.decode.edges import checked
 from ledpi.decode.find import Candidate
+from ledpi.decode.panel_fit import MARGIN_PX, Fit, fitted
 from ledpi.decode.sides import OPPOSITE, Points, Sides, areas, as_points, bends
 from ledpi.records import Floats, Frame, Intrinsics, PanelSpec, Quad, Rejected
 
@@ -24,16 +26,10 @@ SAME_CENTRE = 0.25  # of the side: what is nearer is the same thing
 REACH = 0.45  # of the side, around it
 MIN_EXPLAINED = 0.6  # share of the light that a lattice's cells must explain
 OUTWARD = np.linspace(0, 1, 5)  # places of a side that are tried, in dark bands
-MOST_STARTS, FINALISTS = 5, 3
-ROUGH_STEPS = 0.06, 0.03  # of the side, by which sides are moved
-FIRST_STEPS = 0.03, 0.015
-FINE_STEPS = 0.02, 0.01, 0.005
-ROUNDS = 2  # with phases looked for anew
-STRIPED_SIGMA = 0.004  # of the side: how far off corners' coordinates are then, measured at 0.4 to 2 m
-
-# Each side inward, and turned.
-_MOVES = np.concatenate([np.stack([np.eye(4), np.zeros((4, 4))]), np.stack([np.zeros((4, 4)), 2 * np.eye(4)])], axis=1)
-_BOTH_WAYS = np.concatenate([_MOVES, -_MOVES], axis=1)  # (2, 16, 4)
+MOST_STARTS, APART = 3, 0.08  # of the side: what is nearer than that leads to the same
+LOOK_ROUNDS, ROUNDS = 3, 3  # of a first fit, by few points, and of the last
+MIN_FITTED = 0.8  # of the light's squares, that a panel's picture explains
+MARGIN = 0.05  # of the side, around it: by how much it may be off
 
 
 def striped_squares(
@@ -80,6 +76,13 @@ def _is_same(a: Floats, b: Floats) -> bool:
     return math.dist(a.mean(axis=0), b.mean(axis=0)) < SAME_CENTRE * side
 
 
+def striped_near(
+    frame: Frame, near: Sequence[Floats], cells: int, specs: Sequence[PanelSpec], intrinsics: Intrinsics | None = None
+) -> list[Quad | Rejected]:
+    """The square near each of these corners (4, 2), off by a few percent of the side; or why there is none."""
+    return [_square_near(frame, as_points(corners), cells, specs, intrinsics) for corners in near]
+
+
 @np.errstate(divide="ignore", invalid="ignore", over="ignore")  # parallel sides cross nowhere: worth nothing
 def striped_square(
     frame: Frame,
@@ -96,36 +99,66 @@ def striped_square(
     near = as_points(starts)
     focal_px = float(frame.pixels.shape[1] if intrinsics is None else intrinsics.fx)
     window = Window.around(frame, near, REACH * math.sqrt(np.abs(areas(near)).max()) + stripe_rows / 2)
-    near = window.within(near)
-    seen = [bands for at in near if (bands := Bands.at(window, at, cells, specs)) is not None]
+    seen = [bands for at in window.within(near) if (bands := Bands.at(window, at, cells, specs)) is not None]
     bands = max(seen, key=lambda one: one.explained, default=None)
     if bands is None or bands.explained < MIN_EXPLAINED:
         return NO_BANDS
     light = BandLight.of(window, bands, cells, focal_px)
-    corners = _from_afar(light, near, stripe_rows / window.shrink)
-    for _ in range(ROUNDS):
-        bands = Bands.at(window, corners, cells, specs)
-        if bands is None or bands.explained < MIN_EXPLAINED:
-            return NO_BANDS
-        light = BandLight.of(window, bands, cells, focal_px)
-        corners = _climbed(light, corners[None], fine_lattice(cells), FINE_STEPS)[0][0]
-    found = window.in_picture(corners)
-    side, bend = math.sqrt(abs(areas(found))), bends(found[None], intrinsics)
-    return checked(frame, found, STRIPED_SIGMA * side, float(np.abs(bend.imag).max()))
+    best, most = None, -math.inf
+    for corners in _likely(light, window.within(near), stripe_rows / window.shrink):
+        fit = _fit(window, window.in_picture(corners), cells, specs, intrinsics, LOOK_ROUNDS, roughly=True)
+        if isinstance(fit, Fit):
+            worth = float(light.explains(window.within(fit.corners)[None], fine_lattice(cells))[0])
+            if worth > most:
+                best, most = fit, worth
+    if best is None:
+        return NO_BANDS
+    return _square_near(frame, best.corners, cells, specs, intrinsics)
 
 
-def _from_afar(light: BandLight, near: Points, stripe: float) -> Points:
-    """(4,) corners that explain most, from any of `near` (S, 4) or with some of their sides further outside."""
-    lattice = rough_lattice(light.cells)
-    tried = np.concatenate([_other_sides(corners, first, stripe) for corners in near for first in (0, 1)])
+def _square_near(
+    frame: Frame, near: Points, cells: int, specs: Sequence[PanelSpec], intrinsics: Intrinsics | None
+) -> Quad | Rejected:
+    side = math.sqrt(abs(areas(near)))
+    window = Window.around(frame, near[None], MARGIN * side + MARGIN_PX)
+    fit = _fit(window, near, cells, specs, intrinsics, ROUNDS)
+    if isinstance(fit, Rejected):
+        return fit
+    bend = bends(fit.corners[None], intrinsics)
+    return checked(frame, fit.corners, fit.sigma_px, float(np.abs(bend.imag).max()))
+
+
+def _fit(
+    window: Window,
+    near: Points,
+    cells: int,
+    specs: Sequence[PanelSpec],
+    intrinsics: Intrinsics | None,
+    rounds: int,
+    *,
+    roughly: bool = False,
+) -> Fit | Rejected:
+    """The panel near corners (4,) in the picture, in the phases and classes that explain most there."""
+    bands = Bands.at(window, window.within(near), cells, specs)
+    if bands is None or bands.explained < MIN_EXPLAINED:
+        return NO_BANDS
+    fit = fitted(window, near, bands, cells, intrinsics, rounds=rounds, roughly=roughly)
+    return NO_BANDS if fit is None or fit.explained < MIN_FITTED else fit
+
+
+def _likely(light: BandLight, near: Points, stripe: float) -> Points:
+    """(K, 4) corners that explain most, of any of `near` (S, 4) and those with some of their sides further outside."""
+    tried = np.concatenate([near, *(_other_sides(corners, first, stripe) for corners in near for first in (0, 1))])
     tried = tried[np.isfinite(tried).all(axis=1)]
-    best = np.argsort(-light.explains(tried, lattice))[:MOST_STARTS]
-    several, _ = _climbed(light, np.concatenate([near, tried[best]]), lattice, ROUGH_STEPS)
-    several, lattice = np.concatenate([near, several]), fine_lattice(light.cells)
-    best = np.argsort(-light.explains(several, lattice))[:FINALISTS]
-    several, worth = _climbed(light, several[best], lattice, FIRST_STEPS)
-    best_one: Points = several[worth.argmax()]
-    return best_one
+    worth = light.explains(tried, rough_lattice(light.cells))
+    likely: list[Points] = []
+    for k in np.argsort(-worth).tolist():
+        side = math.sqrt(abs(areas(tried[k])))
+        if all(np.abs(tried[k] - other).max() > APART * side for other in likely):
+            likely.append(tried[k])
+        if len(likely) == MOST_STARTS:
+            break
+    return np.array(likely)
 
 
 def _other_sides(corners: Points, first: int, stripe: float) -> Points:
@@ -149,34 +182,3 @@ def _other_sides(corners: Points, first: int, stripe: float) -> Points:
         middle[way, ..., second] = -stripe * reach[1] * OUTWARD
     moved: Points = sides.moved(middle.reshape(-1, 4), slope.reshape(-1, 4))
     return moved
-
-
-def _climbed(light: BandLight, corners: Points, lattice: Lattice, steps: Sequence[float]) -> tuple[Points, Floats]:
-    """Corners (S, 4) that explain more, and how much, each side moved and turned by about `steps` of the side."""
-    worth = light.explains(corners, lattice)
-    for step in steps:
-        corners, worth = _one_step(light, corners, worth, lattice, step)
-    return corners, worth
-
-
-def _one_step(
-    light: BandLight, corners: Points, worth: Floats, lattice: Lattice, step: float
-) -> tuple[Points, Floats]:
-    """By Newton's method along each of the eight ways in which sides move, all at once; or the best single one."""
-    count, ways = len(corners), _MOVES.shape[1]
-    px = (step * np.sqrt(np.abs(areas(corners))))[:, None, None]
-    sides = Sides.of(np.repeat(corners, 2 * ways, axis=0))
-    tried = sides.moved(*((px * moves).reshape(-1, 4) for moves in _BOTH_WAYS))
-    tried_worth = light.explains(tried, lattice).reshape(count, 2, ways)
-    more, less = tried_worth[:, 0], tried_worth[:, 1]
-    bend = more + less - 2 * worth[:, None]
-    newton = np.where(bend < 0, 0.5 * (less - more) / bend, np.sign(more - less))
-    newton = np.where(np.isfinite(newton), newton, 0.0).clip(-1, 1)
-    middle, slope = (px[..., 0] * (newton @ moves) for moves in _MOVES)
-    single = tried.reshape(count, 2 * ways, 4)[np.arange(count), tried_worth.reshape(count, -1).argmax(axis=1)]
-    here = Sides.of(corners)
-    choice = np.stack([corners, here.moved(middle, slope), here.moved(0.5 * middle, 0.5 * slope), single], axis=1)
-    its_worth = light.explains(choice[:, 1:].reshape(-1, 4), lattice).reshape(count, 3)
-    its_worth = np.concatenate([worth[:, None], its_worth], axis=1)
-    best = its_worth.argmax(axis=1)
-    return choice[np.arange(count), best], its_worth[np.arange(count), best]

@@ -1,0 +1,294 @@
+/* The picture of a panel fitted to light: `fitted` of decode/panel_fit.py, which has the equations. */
+#include <math.h>
+#include <string.h>
+
+#include "kernels.h"
+#include "normal.h"
+#include "pose.h"
+
+enum {
+    WAYS = 8,   /* in which a homography can be wrong */
+    SPOTS = 2,  /* widths of which a cell's light is made up */
+    MOST_CELLS = 8, /* along a side */
+    MOST_ALONG = 160, /* places along the grid */
+    BLUR = WAYS, GAP, PHASE, SPOT = PHASE + 2, BESIDE = SPOT + SPOTS, GAIN = BESIDE + 4, /* unknowns; after the gains, what is there anyway */
+    MOST_UNKNOWN = GAIN + MOST_CELLS * MOST_CELLS + 1,
+    MOST_WIDTH = (MOST_UNKNOWN + 1 + LEDPI_WIDTH - 1) / LEDPI_WIDTH * LEDPI_WIDTH,
+    STEPS = 512, /* of a period */
+};
+static const double SPOT_SIGMA[SPOTS] = {0.16, 0.32}; /* of the pitch; as in decode/panel_fit.py, and what follows */
+#define ROOT_HALF 0.7071067811865476
+#define FLOOR 0.1 /* of full light: what weighs as much as the noise of what is dark; and what texture outside does */
+#define OUTSIDE 1.0
+#define MOST_STEP 0.1
+#define SETTLED 3e-4
+#define LEAST_GAIN 0.02
+static const double LEAST_BLUR_PX = 0.4, MOST_BLUR_PX = 3.0, MOST_GAP = 0.3;
+
+/* Light (rows, columns) of a part of the picture, each of `shrink` pixels a side, the first one's centre at `first`. */
+typedef struct {
+    const float *light;
+    ptrdiff_t rows, columns;
+    double first_x, first_y, shrink, saturated;
+    const Lens *lens; /* NULL: corners are pixels; else rays */
+} View;
+
+/* Of one place along the grid: the nearest cell and the next nearest. What its light is there, and how that changes with
+ * the place, with the blur's logarithm, and with the gap; its spots, and how these change. */
+typedef struct {
+    ptrdiff_t cell[2];
+    double light[2], slope[2], blurred[2], gapped[2], spot[2][SPOTS], steep[2][SPOTS];
+    double beside[2], falls[2]; /* share of what is before the first cell and after the last, and its slope */
+} Place;
+
+static double density(double z) { return 0.3989422804014327 * exp(-0.5 * z * z); }
+
+static Place place_at(double at, ptrdiff_t cells, double sigma, double gap) {
+    Place place = {{0}, {0}, {0}, {0}, {0}, {{0}}, {{0}}, {0}, {0}};
+    double within = fmin(fmax(floor(at), 0.0), (double)(cells - 1));
+    place.cell[0] = (ptrdiff_t)within;
+    for (int k = 0; k < 2; k++) {
+        double beyond = (k ? at - (double)cells : -at) / sigma;
+        place.beside[k] = 0.5 * (1.0 + erf(beyond * ROOT_HALF));
+        place.falls[k] = (k ? 1.0 : -1.0) * density(beyond) / sigma;
+    }
+    place.cell[1] = place.cell[0] + (at - within > 0.5 ? 1 : -1);
+    for (int k = 0; k < 2; k++) {
+        ptrdiff_t cell = place.cell[k];
+        if (cell < 0 || cell >= cells) {
+            place.cell[k] = -1;
+            continue;
+        }
+        double wall_before = cell > 0 ? 0.5 : 0.0, wall_after = cell < cells - 1 ? 0.5 : 0.0;
+        double before = (at - (double)cell - gap * wall_before) / sigma;
+        double after = (at - (double)(cell + 1) + gap * wall_after) / sigma;
+        double up = density(before), down = density(after), off = at - (double)cell - 0.5;
+        place.light[k] = 0.5 * (erf(before * ROOT_HALF) - erf(after * ROOT_HALF));
+        place.slope[k] = (up - down) / sigma;
+        place.blurred[k] = after * down - before * up;
+        place.gapped[k] = -(up * wall_before + down * wall_after) / sigma;
+        double inside = fmin(fmax(off, -0.5), 0.5);
+        for (int s = 0; s < SPOTS; s++) {
+            double z = inside / SPOT_SIGMA[s];
+            place.spot[k][s] = exp(-0.5 * z * z);
+            place.steep[k][s] = inside == off ? -z / SPOT_SIGMA[s] * place.spot[k][s] : 0.0;
+        }
+    }
+    return place;
+}
+
+static double light_at(const View *view, double x, double y) {
+    float right, down;
+    ptrdiff_t column = ledpi_before((float)x, view->columns, &right), row = ledpi_before((float)y, view->rows, &down);
+    const float *above = view->light + row * view->columns + column, *below = above + view->columns;
+    float upper = above[0] + right * (above[1] - above[0]), lower = below[0] + right * (below[1] - below[0]);
+    return upper + down * (lower - upper);
+}
+
+/* A wave's share of its light at `cycles`, from a table (STEPS,) of its period, and how that changes by a cycle. */
+static double wave_at(const float *table, double cycles, double *slope) {
+    double at = (cycles - floor(cycles)) * STEPS;
+    ptrdiff_t step = (ptrdiff_t)at;
+    step = step < STEPS ? step : STEPS - 1;
+    double here = table[step], next = table[step + 1 < STEPS ? step + 1 : 0];
+    *slope = (next - here) * STEPS;
+    return here + (at - (double)step) * (next - here);
+}
+
+/* What a row of the grid is explained by: `into` (unknowns + 1) gets the slopes by all unknowns, then what is left.
+ * Returns false where the sample tells nothing. */
+typedef struct {
+    ptrdiff_t cells;
+    const uint8_t *white;
+    const float *waves; /* (2, STEPS) */
+    double cycles_a_row[2], scale, dark; /* light is (what is seen − dark)·scale */
+} Panel;
+
+static bool sample(const Panel *panel, const View *view, const double *h, const double *unknown, const Place *across,
+                   const Place *down, double u, double v, float *into, double sums[2]) {
+    const ptrdiff_t n = panel->cells, last = GAIN + n * n;
+    double w = 1.0 / (h[6] * u + h[7] * v + h[8]), at[2] = {(h[0] * u + h[1] * v + h[2]) * w, (h[3] * u + h[4] * v + h[5]) * w};
+    if (view->lens) ledpi_distort(view->lens, at[0], at[1], at);
+    double x = (at[0] - view->first_x) / view->shrink, y = (at[1] - view->first_y) / view->shrink;
+    if (!(x >= 0.0 && y >= 0.0 && x <= (double)(view->columns - 1) && y <= (double)(view->rows - 1))) return false;
+    double seen = light_at(view, x, y);
+    if (!(seen < view->saturated)) return false;
+    double shown[2], later[2], slope[2] = {0.0, 0.0}, total = unknown[last], weight, by[GAIN] = {0.0};
+    double own[4];
+    ptrdiff_t of[4], count = 0;
+    for (int k = 0; k < 2; k++)
+        shown[k] = wave_at(panel->waves + k * STEPS, unknown[PHASE + k] + at[1] * panel->cycles_a_row[k], &later[k]);
+    for (int j = 0; j < 2; j++)
+        for (int i = 0; i < 2; i++) {
+            if (across->cell[i] < 0 || down->cell[j] < 0) continue;
+            const double both = across->light[i] * down->light[j];
+            if (both < 1e-4) continue;
+            const ptrdiff_t cell = down->cell[j] * n + across->cell[i];
+            const int class = panel->white[cell] != 0;
+            double shape = 1.0, tilt[2] = {0.0, 0.0};
+            const double lit = unknown[GAIN + cell] * shown[class];
+            for (int s = 0; s < SPOTS; s++) {
+                const double spot = across->spot[i][s] * down->spot[j][s], much = unknown[SPOT + s];
+                shape += much * spot;
+                tilt[0] += much * across->steep[i][s] * down->spot[j][s];
+                tilt[1] += much * across->spot[i][s] * down->steep[j][s];
+                by[SPOT + s] += lit * both * spot;
+            }
+            slope[0] += lit * (across->slope[i] * down->light[j] * shape + both * tilt[0]);
+            slope[1] += lit * (across->light[i] * down->slope[j] * shape + both * tilt[1]);
+            by[BLUR] += lit * shape * (across->blurred[i] * down->light[j] + across->light[i] * down->blurred[j]);
+            by[GAP] += lit * shape * (across->gapped[i] * down->light[j] + across->light[i] * down->gapped[j]);
+            by[PHASE + class] += unknown[GAIN + cell] * both * shape * later[class];
+            own[count] = both * shape * shown[class];
+            of[count++] = cell;
+            total += lit * both * shape;
+        }
+    double outside = 0.0;
+    for (int k = 0; k < 2; k++) { /* left, right, top, bottom; at a corner of either's only */
+        const double here[2] = {across->beside[k], down->beside[k] * (1.0 - across->beside[0] - across->beside[1])};
+        for (int axis = 0; axis < 2; axis++) {
+            by[BESIDE + 2 * axis + k] = here[axis];
+            total += unknown[BESIDE + 2 * axis + k] * here[axis];
+            outside += here[axis];
+        }
+        slope[0] += unknown[BESIDE + k] * across->falls[k];
+        slope[0] -= unknown[BESIDE + 2 + k] * down->beside[k] * (across->falls[0] + across->falls[1]);
+        slope[1] += unknown[BESIDE + 2 + k] * down->falls[k] * (1.0 - across->beside[0] - across->beside[1]);
+    }
+    const double p = 2.0 * u - 1.0, q = 2.0 * v - 1.0, half = 0.5 * (double)n;
+    slope[0] *= half, slope[1] *= half;
+    by[0] = slope[0], by[1] = p * slope[0], by[2] = q * slope[0];
+    by[3] = slope[1], by[4] = p * slope[1], by[5] = q * slope[1];
+    by[6] = p * (p * slope[0] + q * slope[1]), by[7] = q * (p * slope[0] + q * slope[1]);
+    seen = (seen - panel->dark) * panel->scale;
+    weight = 1.0 / sqrt(fmax(total, 0.0) + FLOOR + OUTSIDE * outside);
+    for (int k = 0; k < GAIN; k++) into[k] = (float)(weight * by[k]);
+    for (ptrdiff_t k = 0; k < count; k++) into[GAIN + of[k]] = (float)(weight * own[k]);
+    into[last] = (float)weight;
+    into[last + 1] = (float)(weight * (seen - total));
+    sums[0] += weight * weight * (seen - total) * (seen - total);
+    sums[1] += weight * weight * (seen - unknown[last]) * (seen - unknown[last]);
+    return true;
+}
+
+/* Solves a symmetric positive matrix (size, size) for the right side, which becomes the solution; the matrix becomes its
+ * Cholesky factor. */
+static bool solve(double *matrix, ptrdiff_t size, double *right) {
+    for (ptrdiff_t i = 0; i < size; i++)
+        for (ptrdiff_t j = 0; j <= i; j++) {
+            double sum = matrix[i * size + j];
+            for (ptrdiff_t k = 0; k < j; k++) sum -= matrix[i * size + k] * matrix[j * size + k];
+            if (i == j && !(sum > 0.0)) return false;
+            matrix[i * size + j] = i == j ? sqrt(sum) : sum / matrix[j * size + j];
+        }
+    for (ptrdiff_t i = 0; i < size; i++) {
+        for (ptrdiff_t k = 0; k < i; k++) right[i] -= matrix[i * size + k] * right[k];
+        right[i] /= matrix[i * size + i];
+    }
+    for (ptrdiff_t i = size - 1; i >= 0; i--) {
+        for (ptrdiff_t k = i + 1; k < size; k++) right[i] -= matrix[k * size + i] * right[k];
+        right[i] /= matrix[i * size + i];
+    }
+    return true;
+}
+
+/* The corners after the homography has been wrong by these WAYS. */
+static void move(Point corners[4], const double h[9], const double *ways) {
+    static const double ends[4][2] = {{-1.0, -1.0}, {1.0, -1.0}, {1.0, 1.0}, {-1.0, 1.0}};
+    for (int i = 0; i < 4; i++) {
+        double p = ends[i][0], q = ends[i][1], both = ways[6] * p + ways[7] * q;
+        double u = 0.5 * (p - ways[0] - ways[1] * p - ways[2] * q - p * both + 1.0);
+        double v = 0.5 * (q - ways[3] - ways[4] * p - ways[5] * q - q * both + 1.0);
+        double w = h[6] * u + h[7] * v + h[8];
+        corners[i] = (Point){(h[0] * u + h[1] * v + h[2]) / w, (h[3] * u + h[4] * v + h[5]) / w};
+    }
+}
+
+/* Deviation of the corners' coordinates, by the Cholesky factor of what is known of the unknowns. */
+static double corner_sigma(const double *factor, ptrdiff_t size, const double h[9]) {
+    const double little = 1e-4;
+    double of_way[WAYS][MOST_UNKNOWN], sum = 0.0, by_way[8][WAYS];
+    for (int way = 0; way < WAYS; way++) {
+        double ways[WAYS] = {0.0};
+        Point moved[4], here[4];
+        move(here, h, ways);
+        ways[way] = little;
+        move(moved, h, ways);
+        for (int i = 0; i < 4; i++) {
+            by_way[2 * i][way] = (moved[i].x - here[i].x) / little;
+            by_way[2 * i + 1][way] = (moved[i].y - here[i].y) / little;
+        }
+        for (ptrdiff_t i = 0; i < size; i++) {
+            double left = i == way;
+            for (ptrdiff_t k = 0; k < i; k++) left -= factor[i * size + k] * of_way[way][k];
+            of_way[way][i] = left / factor[i * size + i];
+        }
+    }
+    for (int coordinate = 0; coordinate < 8; coordinate++)
+        for (ptrdiff_t i = 0; i < size; i++) {
+            double part = 0.0;
+            for (int way = 0; way < WAYS; way++) part += by_way[coordinate][way] * of_way[way][i];
+            sum += part * part / 8.0;
+        }
+    return sqrt(sum);
+}
+
+/* Fits it, in `rounds` at most, from `corners` (4) and the values of the unknowns (GAIN + cells² + 1), of which the first
+ * WAYS are not used; both become what fits best. `prior` (2, unknowns): what they should be, and how surely. `pitch_px`
+ * (2,) of the view, across and down. `result` (4,): the share of the light's squares that is explained before the last step,
+ * samples, variance of what is left, deviation of the corners' coordinates. Returns false where it comes to nothing. */
+int ledpi_fit_panel(const float *light, ptrdiff_t rows, ptrdiff_t columns, double first_x, double first_y, double shrink,
+                    double saturated, const Lens *lens, ptrdiff_t cells, const uint8_t *white, const float *waves,
+                    const double *cycles_a_row, double dark, double scale, ptrdiff_t places, const double *along,
+                    const double *pitch_px, ptrdiff_t rounds, const double *prior, Point *corners, double *unknown,
+                    double *result) {
+    const ptrdiff_t size = GAIN + cells * cells + 1, width = (size + 1 + LEDPI_WIDTH - 1) / LEDPI_WIDTH * LEDPI_WIDTH;
+    const View view = {light, rows, columns, first_x, first_y, shrink, saturated, lens};
+    const Panel panel = {cells, white, waves, {cycles_a_row[0], cycles_a_row[1]}, scale, dark};
+    Place grid[2][MOST_ALONG]; /* 170 kB of the stack, with what follows */
+    float line[MOST_ALONG * MOST_WIDTH], products[MOST_WIDTH * MOST_WIDTH];
+    double matrix[MOST_UNKNOWN * MOST_UNKNOWN], step[MOST_UNKNOWN];
+    if (places > MOST_ALONG || cells > MOST_CELLS) return 0;
+    for (ptrdiff_t round = 0; round < rounds; round++) {
+        double h[9], sums[2] = {0.0, 0.0};
+        ptrdiff_t samples = 0;
+        ledpi_unit_square_to(corners, h);
+        for (int axis = 0; axis < 2; axis++)
+            for (ptrdiff_t i = 0; i < places; i++)
+                grid[axis][i] = place_at(along[i], cells, exp(unknown[BLUR]) / pitch_px[axis], unknown[GAP]);
+        memset(products, 0, sizeof(float) * (size_t)(width * width));
+        for (ptrdiff_t j = 0; j < places; j++) {
+            ptrdiff_t count = 0;
+            memset(line, 0, sizeof(float) * (size_t)(places * width));
+            for (ptrdiff_t i = 0; i < places; i++)
+                count += sample(&panel, &view, h, unknown, &grid[0][i], &grid[1][j], along[i] / (double)cells,
+                                along[j] / (double)cells, line + count * width, sums);
+            ledpi_add_products(line, count, width, products);
+            samples += count;
+        }
+        double variance = fmax(sums[0] / (double)(samples > 0 ? samples : 1), 1e-9);
+        result[0] = 1.0 - sums[0] / fmax(sums[1], 1e-9), result[1] = (double)samples, result[2] = variance;
+        for (ptrdiff_t i = 0; i < size; i++) {
+            for (ptrdiff_t j = 0; j <= i; j++) matrix[i * size + j] = products[j * width + i] / variance;
+            matrix[i * size + i] = matrix[i * size + i] * (1.0 + 1e-6) + 1e-6 + prior[size + i];
+            step[i] = products[i * width + size] / variance + prior[size + i] * (i < WAYS ? 0.0 : prior[i] - unknown[i]);
+        }
+        if (samples <= size || !solve(matrix, size, step)) return 0;
+        double most = 0.0, usual = 0.0;
+        for (int i = 0; i < WAYS; i++) most = fmax(most, fabs(step[i]));
+        double share = most > MOST_STEP ? MOST_STEP / most : 1.0;
+        for (ptrdiff_t i = 0; i < size; i++) step[i] *= share;
+        move(corners, h, step);
+        for (ptrdiff_t i = WAYS; i < size; i++) unknown[i] += step[i];
+        for (ptrdiff_t i = 0; i < cells * cells; i++) usual += unknown[GAIN + i] / (double)(cells * cells);
+        for (ptrdiff_t i = 0; i < cells * cells; i++)
+            unknown[GAIN + i] = fmax(unknown[GAIN + i], LEAST_GAIN * usual);
+        unknown[BLUR] = fmin(fmax(unknown[BLUR], log(LEAST_BLUR_PX)), log(MOST_BLUR_PX));
+        unknown[GAP] = fmin(fmax(unknown[GAP], 0.0), MOST_GAP);
+        if (most < SETTLED || round == rounds - 1) {
+            result[3] = corner_sigma(matrix, size, h);
+            break;
+        }
+    }
+    return 1;
+}

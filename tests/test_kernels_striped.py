@@ -1,0 +1,66 @@
+"""What compiled loops make of striped panels is what numpy makes of them."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+import pytest
+from decode_material import LENS, SHORT_US, SPEC, Canvas, seen_through, square, word
+
+from ledpi.decode.band_light import BandLight, Bands, Window, fine_lattice, rough_lattice
+from ledpi.decode.panel_fit import Fit, fitted
+from ledpi.decode.sides import as_points
+from ledpi.kernels import library
+from ledpi.kernels.library import COMPILED
+from ledpi.records import Intrinsics
+
+pytestmark = pytest.mark.skipif(not COMPILED, reason="needs the compiled loops (a C compiler when ledpi was installed)")
+
+
+def panel(side_px: float, lens: Intrinsics | None) -> tuple[Window, np.ndarray, Bands]:
+    """Light around a panel, its corners, and its bands."""
+    canvas, true = Canvas(exposure_us=SHORT_US), square(250, 200, side_px, 20)
+    canvas.panel(true, word(7), phases=(0.3, 0.9), lens=lens)
+    corners = as_points(true if lens is None else seen_through(lens, true))
+    window = Window.around(canvas.frame(), corners[None], 12)
+    bands = Bands.at(window, window.within(corners), 4, [SPEC])
+    assert bands is not None
+    return window, corners, bands
+
+
+@pytest.mark.parametrize("lattice", [rough_lattice(4), fine_lattice(4)], ids=["rough", "fine"])
+def test_lattices_explain_as_much(lattice: object, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In any place: on the panel, beside it, beyond what is looked at, turned over, and nowhere."""
+    window, corners, bands = panel(80, None)
+    light = BandLight.of(window, bands, 4, 600.0)
+    rng = np.random.default_rng(3)
+    near = window.within(corners) + 8 * (rng.standard_normal((50, 4)) + 1j * rng.standard_normal((50, 4)))
+    tried = np.concatenate([near, near[:2] + 70, near[:1, ::-1], np.full((1, 4), np.nan + 0j)])
+    ours = light.explains(tried, lattice)
+    monkeypatch.setattr(library, "COMPILED", False)
+    with np.errstate(all="ignore"):
+        np.testing.assert_allclose(ours, light.explains(tried, lattice), rtol=1e-4, atol=0.05)
+    assert ours[:50].max() > 0.5 * 80**2 * 0.3
+    assert ours[-1] == -np.inf
+
+
+@pytest.mark.parametrize("lens", [None, LENS], ids=["no lens", "lens"])
+@pytest.mark.parametrize("side_px", [30, 80, 200])
+@pytest.mark.parametrize("roughly", [True, False])
+def test_panels_fit_as_well(
+    side_px: float, lens: Intrinsics | None, roughly: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Corners, their deviation, and the share that is explained; after three steps from 1 % of the side away."""
+    window, corners, bands = panel(side_px, lens)
+    near = corners + 0.01 * side_px * np.array([1, -1j, 1j, -1 + 1j])
+    fit = partial(fitted, window, near, bands, 4, lens, rounds=3, roughly=roughly)
+    ours = fit()
+    monkeypatch.setattr(library, "COMPILED", False)
+    theirs = fit()
+    assert isinstance(ours, Fit)
+    assert isinstance(theirs, Fit)
+    assert np.abs(ours.corners - theirs.corners).max() < 1e-3
+    assert ours.sigma_px == pytest.approx(theirs.sigma_px, rel=1e-3)
+    assert ours.explained == pytest.approx(theirs.explained, abs=1e-5)
+    assert np.abs(ours.corners - near).max() > 0.005 * side_px  # it did move
