@@ -14,15 +14,13 @@ from ledpi.decode import soft
 from ledpi.decode.approach import approach_quads
 from ledpi.decode.bands import NO_SQUARE, BandsReader
 from ledpi.decode.cells import MIN_CELL_PX, CellSamples, sample_cells
-from ledpi.decode.edges import refine_quads
+from ledpi.decode.edges import prepare, refine_quads
 from ledpi.decode.find import Candidate, Finder
 from ledpi.decode.find_striped import StripedFinder
 from ledpi.decode.reader import Reader
-from ledpi.decode.rim import make_usual_filters
 from ledpi.decode.spots import is_part_of, settle
 from ledpi.decode.striped import striped_near, striped_squares
 from ledpi.decode.track import NOT_SHOWN, Track, Tracker
-from ledpi.decode.whole import make_usual_explanations
 from ledpi.dictionaries import load_dictionary
 from ledpi.markers import corners_of_turned
 from ledpi.pose.fix import Robot
@@ -99,8 +97,7 @@ class Pipeline:
         self._since_search = 0
         self._row_clock = RowClock(camera)
         if method == "soft":
-            make_usual_filters()
-            make_usual_explanations(self._cells, self._cells * MIN_CELL_PX, camera.height)
+            prepare(self._cells, self._cells * MIN_CELL_PX, camera.height)
         self.off_frequency: dict[int, PanelSpec] = {}  # by ID: panels that blink at others than announced, and at which
 
     @property

@@ -11,6 +11,7 @@ from ledpi.decode import edges
 from ledpi.decode.adjust import adjust_quads
 from ledpi.decode.inner_lines import NOT_SEEN_PX2, Homographies, inner_lines, lens_moves, line_places
 from ledpi.decode.sides import Patches, as_corners, as_points
+from ledpi.kernels import library
 from ledpi.records import Floats, Frame, Intrinsics, Quad
 
 CELLS = 4
@@ -33,6 +34,7 @@ def found(frame: Frame, near: Floats, lens: Intrinsics | None = None) -> Quad:
 
 def by_its_sides(frame: Frame, near: Floats) -> Quad:
     with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(library, "COMPILED", False)  # in one call of which the sides are adjusted, too
         patch.setattr(edges, "adjust_quads", lambda frame, quads, *_: quads)
         return found(frame, near)
 
@@ -120,8 +122,8 @@ def test_a_dead_cells_lines_do_not_count() -> None:
     canvas.panel(true, word(7), gains=gains)
     frame = canvas.frame()
     _, variance = measured(frame, true)
-    np.testing.assert_array_equal(np.argwhere(variance[0] == NOT_SEEN_PX2), [[1, 1], [2, 1]])
-    np.testing.assert_array_equal(np.argwhere(variance[1] == NOT_SEEN_PX2), [[0, 2], [1, 2]])
+    np.testing.assert_allclose(np.argwhere(variance[0] == NOT_SEEN_PX2), [[1, 1], [2, 1]], atol=1e-4)
+    np.testing.assert_allclose(np.argwhere(variance[1] == NOT_SEEN_PX2), [[0, 2], [1, 2]], atol=1e-4)
     assert rms(found(frame, true).corners_px - true) < 0.06
 
 
@@ -130,8 +132,8 @@ def test_a_far_panels_corners_are_its_sides() -> None:
     true = square(310.3, 240.6, 20, 7)
     canvas = Canvas()
     canvas.panel(true, word(7))
-    np.testing.assert_array_equal(
-        found(canvas.frame(), true).corners_px, by_its_sides(canvas.frame(), true).corners_px
+    np.testing.assert_allclose(
+        found(canvas.frame(), true).corners_px, by_its_sides(canvas.frame(), true).corners_px, atol=1e-4
     )
 
 

@@ -16,15 +16,12 @@ import numpy as np
 import pytest
 from decode_material import LENS, PINHOLE, Canvas, seen_through, square, word
 
-from ledpi.decode.adjust import adjust_quads
-from ledpi.decode.approach import SHARES, nearest_sides, step_templates
+from ledpi.decode.approach import _approach_quads, approach_quads
 from ledpi.decode.cells import CellSamples, sample_cells
-from ledpi.decode.edges import refine_quads
+from ledpi.decode.edges import NOT_WHOLE, refine_quads
 from ledpi.decode.sides import Patches, as_points, bends
-from ledpi.decode.whole import hidden_shares
 from ledpi.doctor.machine import loops
 from ledpi.geometry import matrix_from_rotation_vector
-from ledpi.kernels import edges as kernel
 from ledpi.kernels import library
 from ledpi.kernels.library import COMPILED, load
 from ledpi.pose.planar import solve_squares, square_corners
@@ -164,6 +161,7 @@ def assert_same(ours: Sequence[Quad | Rejected], theirs: Sequence[Quad | Rejecte
             assert isinstance(a, Rejected) == isinstance(b, Rejected)
         else:
             np.testing.assert_allclose(a.corners_px, b.corners_px, atol=within_px)
+            assert (a.seen_px is None) == (b.seen_px is None)
             np.testing.assert_allclose(a.corner_sigma_px, b.corner_sigma_px, rtol=0.02, atol=within_px / 10)
             np.testing.assert_allclose(a.bend_px, b.bend_px, atol=1e-6)
 
@@ -181,15 +179,21 @@ def test_edges_are_those_of_the_numpy_code(off_px: float, transfer: Transfer, le
 
 
 @compiled
-def test_sides_further_off_are_those_of_the_numpy_code() -> None:
-    """With steps of half a pixel, and of one and a half; from corners that are off by as many."""
+@pytest.mark.parametrize("tolerance_px", [3.0, 8.0])
+def test_rough_squares_are_approached_as_by_the_numpy_code(tolerance_px: float) -> None:
+    """From corners off by half of that, and one with a corner cut off; by the same light, which numpy takes roughly."""
     frame, places = panels()
-    step_px = np.array([0.5, 1.5])[np.arange(len(places)) % 2]
-    rough = as_points(places + step_px[:, None, None] * np.random.default_rng(3).uniform(-2, 2, places.shape))
-    ours = kernel.nearest_sides(frame, rough, step_px, SHARES.share, step_templates())
-    theirs = nearest_sides(Patches(frame, np.zeros((len(rough), 4)) + 0j, 640.0).light_at, rough, step_px)
-    for a, b, within in zip(ours, theirs, (1e-3, 1e-3, 0), strict=True):
-        np.testing.assert_allclose(a, b, atol=within)
+    off = np.random.default_rng(3).uniform(-0.5, 0.5, places.shape)
+    rough = np.concatenate([places, places[:1]]) + tolerance_px * np.concatenate([off, off[:1]])
+    rough[-1, 1] += 0.2 * (places[0, 3] - places[0, 1])
+    tolerance = np.full(len(rough), tolerance_px)
+    ours, theirs = approach_quads(frame, rough, tolerance), _approach_quads(frame, rough, tolerance)
+    assert sum(not isinstance(at, Rejected) for at in ours) >= 4
+    for a, b in zip(ours, theirs, strict=True):
+        if isinstance(a, Rejected) or isinstance(b, Rejected):
+            assert a == b
+        else:
+            np.testing.assert_allclose(a, b, atol=1e-3)
 
 
 @compiled
@@ -212,40 +216,37 @@ def test_quads_that_are_not_finite_are_refused() -> None:
     assert all(isinstance(quad, Rejected) for quad in refine_quads(frame, near, 4))
 
 
-# ---- Adjusting
-
-
 @compiled
-@pytest.mark.parametrize(("transfer", "lens"), [("srgb", None), ("linear", LENS)])
-def test_adjusted_corners_are_those_of_the_numpy_code(transfer: Transfer, lens: Intrinsics | None) -> None:
-    """From corners that are a tenth of a pixel off; beside them, one too far away, and quads that are no panel's."""
-    frame, places = panels(transfer, lens)
-    near = places + np.random.default_rng(4).uniform(-0.1, 0.1, places.shape)
-    quads = [Quad(corners_px=at, corner_sigma_px=0.1) for at in (*near, near[0] + 30.0, near[0] + 1e4)]
-    bend = bends(as_points(np.array([quad.corners_px for quad in quads])), lens)
-    ours, theirs = both_ways(lambda: adjust_quads(frame, quads, np.ones(len(quads), bool), bend, 4, lens))
+@pytest.mark.parametrize("cells", [2, 4, 5])
+def test_edges_with_other_cells_are_those_of_the_numpy_code(cells: int) -> None:
+    """Where lines between cells are too few to adjust by, and where cells are not those that are asked for."""
+    frame, places = panels()
+    ours, theirs = both_ways(lambda: refine_quads(frame, places, cells))
     assert_same(ours, theirs, within_px=1e-4 + 2 * ROUNDED_PX)
-    assert [quad.corner_sigma_px == 0.1 for quad in ours[:4] if isinstance(quad, Quad)] == [False, False, False, True]
-
-
-# ---- Whole
 
 
 @compiled
 def test_what_is_hidden_is_what_the_numpy_code_finds() -> None:
-    """Of a whole panel, of one with a hidden side, and of a quad that no share explains."""
+    """Of a whole panel nothing; of one with a hidden side, that; and of one without its first row, no place is told."""
     places = [square(150, 150, 90, 10), square(400, 150, 90, -5), square(250, 350, 120)]
-    canvas = Canvas()
-    for place in places:
-        canvas.panel(place, word(7))
+    canvas, dead = Canvas(), np.ones((4, 4))
+    dead[0] = 0.0
+    for place, gains in zip(places, (None, None, dead), strict=True):
+        canvas.panel(place, word(7), gains=gains)
     seen = np.stack(places)
     seen[1, [0, 3]] += 0.1 * (seen[1, [1, 2]] - seen[1, [0, 3]])
-    seen[2, [2, 3]] -= 0.07 * (seen[2, [1, 0]] - seen[2, [2, 3]])
-    corners, frame = as_points(seen), canvas.frame()
-    ours, theirs = both_ways(lambda: hidden_shares(frame, corners, bends(corners, LENS), 4))
-    np.testing.assert_allclose(ours, theirs, atol=1e-4 + ROUNDED_PX / 10)
-    np.testing.assert_allclose(ours[:, 0, 0], [0, 0.1, 0], atol=0.02)
-    assert np.isnan(ours[2, 1]).any()
+    seen[2, [0, 1]] += 0.25 * (seen[2, [3, 2]] - seen[2, [0, 1]])
+    outward = 0.3 * (places[1] - places[1][[1, 0, 3, 2]])
+    canvas.lamp(np.array([places[1][0] + outward[0], seen[1, 0], seen[1, 3], places[1][3] + outward[3]]), 0.0)
+    ours, theirs = both_ways(lambda: refine_quads(canvas.frame(), seen, 4, LENS))
+    assert_same(ours, theirs, within_px=1e-3 + 2 * ROUNDED_PX)
+    whole, hidden, without_row = ours
+    assert isinstance(whole, Quad)
+    assert isinstance(hidden, Quad)
+    assert whole.seen_px is None
+    np.testing.assert_allclose(hidden.seen_px, seen[1], atol=0.3)
+    np.testing.assert_allclose(hidden.corners_px, places[1], atol=1.5)
+    assert without_row == NOT_WHOLE
 
 
 # ---- Poses

@@ -16,9 +16,7 @@ import numpy as np
 
 from ledpi.decode.inner_lines import NOT_SEEN_PX2, Homographies, inner_lines, lens_moves, line_places
 from ledpi.decode.rim import ACROSS, USUAL_BLUR_PX, RimFilter, filter_key, rim_filter
-from ledpi.decode.sides import Mask, Patches, Points, Shares, Sides, as_corners, as_points, points_across
-from ledpi.kernels import adjust as kernel
-from ledpi.kernels.light import can_read
+from ledpi.decode.sides import Mask, Patches, Points, Shares, Sides, areas, as_corners, as_points, points_across
 from ledpi.records import Floats, Frame, Intrinsics, Quad, Rejected
 
 PLACES = np.linspace(0.2, 0.8, 6)  # along each cell at a side
@@ -87,25 +85,18 @@ def adjust_quads(
     """
     if cells < LEAST_CELLS:
         return found
-    of = [i for i, quad in enumerate(found) if isinstance(quad, Quad) and whole[i] and _is_near(quad, cells)]
+    panels = {i: quad for i, quad in enumerate(found) if isinstance(quad, Quad) and whole[i]}
+    all_corners = {i: as_points(quad.corners_px) for i, quad in panels.items()}
+    of = [i for i, corners in all_corners.items() if areas(corners) > (cells * MIN_PITCH_PX) ** 2]
     if not of:
         return found
-    panels = [quad for i in of if isinstance(quad := found[i], Quad)]
-    corners = as_points(np.array([quad.corners_px for quad in panels]))
-    compiled = can_read(frame) and cells <= kernel.MOST_CELLS
-    better, sigma_px = (kernel.adjusted if compiled else _adjusted)(frame, corners, bend[of], cells, intrinsics)
+    corners = np.array([all_corners[i] for i in of])
+    better, sigma_px = _adjusted(frame, corners, bend[of], cells, intrinsics)
     adjusted = list(found)
-    for i, quad, at, sigma in zip(of, panels, as_corners(better), sigma_px.tolist(), strict=True):
+    for i, at, sigma in zip(of, as_corners(better), sigma_px.tolist(), strict=True):
         if math.isfinite(sigma):
-            adjusted[i] = replace(quad, corners_px=at, corner_sigma_px=sigma)
+            adjusted[i] = replace(panels[i], corners_px=at, corner_sigma_px=sigma)
     return adjusted
-
-
-def _is_near(quad: Quad, cells: int) -> bool:
-    """Whether a panel's lines stand apart."""
-    (x0, y0), (x1, y1), (x2, y2), (x3, y3) = quad.corners_px.tolist()
-    area: float = 0.5 * ((x2 - x0) * (y3 - y1) - (y2 - y0) * (x3 - x1))
-    return area > (cells * MIN_PITCH_PX) ** 2
 
 
 def _adjusted(

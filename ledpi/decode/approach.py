@@ -53,7 +53,6 @@ MAX_SPREAD_PX, MAX_SPREAD_STEPS = 0.9, 0.4
 ALMOST = 4.0  # times as much: sides that were only reached in part look so, and are looked at again
 
 
-@np.errstate(divide="ignore", invalid="ignore")  # parallel sides cross nowhere: not finite, and refused
 def approach_quads(frame: Frame, rough: Floats, tolerance_px: Floats) -> list[Floats | Rejected]:
     """Better corners for each of `rough` (N, 4, 2; clockwise in the picture), or why there is no square; all at once.
 
@@ -61,15 +60,28 @@ def approach_quads(frame: Frame, rough: Floats, tolerance_px: Floats) -> list[Fl
     """
     if not len(rough):
         return []
+    if not can_read(frame):
+        return _approach_quads(frame, rough, tolerance_px)
+    corners, outcomes = kernel.approach(frame, rough, tolerance_px, SHARES.share, step_templates())
+    return [
+        at if outcome == 0 else LOST if outcome == 1 else NOT_STRAIGHT
+        for at, outcome in zip(corners, outcomes, strict=True)
+    ]
+
+
+@np.errstate(divide="ignore", invalid="ignore")  # parallel sides cross nowhere: not finite, and refused
+def _approach_quads(frame: Frame, rough: Floats, tolerance_px: Floats) -> list[Floats | Rejected]:
+    """In numpy."""
     start, chosen = as_points(rough), np.arange(len(rough))
     squared, cut = _with_fourth_corner(start)
     start, of = np.concatenate([start, squared[cut]]), np.concatenate([chosen, chosen[cut]])
     step_px = np.maximum(FINEST_STEP_PX, tolerance_px / -OFFSETS[0])[of]
-    corners, spread, seen = _nearest(frame, start, step_px)
+    light_at = partial(roughly_light_at, frame)
+    corners, spread, seen = nearest_sides(light_at, start, step_px)
     limit = np.maximum(MAX_SPREAD_PX, MAX_SPREAD_STEPS * step_px)
     again = np.flatnonzero(seen & (spread > limit) & (spread < ALMOST * limit) & np.isfinite(corners).all(axis=1))
     if len(again):  # a side that began too far off was only seen in part
-        corners[again], spread[again], seen[again] = _nearest(frame, corners[again], step_px[again])
+        corners[again], spread[again], seen[again] = nearest_sides(light_at, corners[again], step_px[again])
     near = np.abs(corners - start).max(axis=1) < 0.5 * np.sqrt(np.abs(areas(start)))
     # Perspective, too, makes a square no parallelogram: what is as straight as it is stays as it is.
     fits = seen & near & (spread <= limit)
@@ -81,13 +93,6 @@ def approach_quads(frame: Frame, rough: Floats, tolerance_px: Floats) -> list[Fl
         LOST if not (seen[k] and near[k]) else reached[k] if spread[k] <= limit[k] else NOT_STRAIGHT
         for k in chosen.tolist()
     ]
-
-
-def _nearest(frame: Frame, corners: Points, step_px: Floats) -> tuple[Points, Floats, Mask]:
-    """`nearest_sides` of a picture, by the compiled loops where there are any."""
-    if can_read(frame):
-        return kernel.nearest_sides(frame, corners, step_px, SHARES.share, step_templates())
-    return nearest_sides(partial(roughly_light_at, frame), corners, step_px)
 
 
 def _with_fourth_corner(corners: Points) -> tuple[Points, Mask]:

@@ -6,16 +6,20 @@ turned, from where each profile has its edge. The lines within the panel have th
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import replace
+from functools import cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ledpi.decode.adjust import adjust_quads
 from ledpi.decode.approach import LOST, NOT_STRAIGHT, SHARES, step_templates
 from ledpi.decode.looks import MAX_MOVE, Found, find_sides, profile_shares
-from ledpi.decode.sides import Mask, Points, as_corners, as_points, bends
-from ledpi.decode.whole import hidden_shares, uncovered
+from ledpi.decode.rim import make_usual_filters
+from ledpi.decode.sides import Points, areas, as_corners, as_points, bends
+from ledpi.decode.whole import BEND_ALONG, BLUR_STEPS, explanations, hidden_shares, uncovered, usual_blur_steps
 from ledpi.kernels import edges as kernel
+from ledpi.kernels.library import compiled
 from ledpi.kernels.light import can_read
 from ledpi.records import Floats, Frame, Intrinsics, Quad, Rejected
 
@@ -30,10 +34,17 @@ MIN_SIDE_PX = 7.0
 MAX_SPREAD_PX = 0.35
 MIN_USED = 0.6  # share of the profiles that have an edge near their side: with two dead cells on each it is a half
 BORDER_PX = 1.0
+REFUSED = {
+    kernel.NO_EDGE: LOST,
+    kernel.NOT_STRAIGHT: NOT_STRAIGHT,
+    kernel.NOT_WHOLE: NOT_WHOLE,
+    kernel.NOT_CONVEX: NOT_CONVEX,
+    kernel.TOO_SMALL: TOO_SMALL,
+    kernel.AT_BORDER: AT_BORDER,
+}
 HIDDEN_SIGMA = 0.003  # of the side: how exactly the cells tell where a side is that nothing shows
 
 
-@np.errstate(divide="ignore", invalid="ignore")  # parallel sides cross nowhere: not finite, and refused
 def refine_quads(
     frame: Frame, near: Floats, cells: int, intrinsics: Intrinsics | None = None
 ) -> list[Quad | Rejected]:
@@ -43,38 +54,72 @@ def refine_quads(
     """
     if not len(near):
         return []
+    if not (can_read(frame) and cells <= kernel.MOST_CELLS):
+        return _refine_quads(frame, near, cells, intrinsics)
+    refined, outcomes = kernel.refine(frame, near, _tables(cells), intrinsics)
+    corners = refined[:, :16].reshape(-1, 2, 4, 2)
+    return [
+        REFUSED[outcome]
+        if outcome in REFUSED
+        else Quad(
+            corners_px=at, corner_sigma_px=sigma_px, bend_px=bend_px, seen_px=None if outcome == kernel.WHOLE else seen
+        )
+        for (at, seen), (sigma_px, bend_px), outcome in zip(corners, refined[:, 16:].tolist(), outcomes, strict=True)
+    ]
+
+
+def prepare(cells: int, smallest_px: float, largest_px: float) -> None:
+    """Makes what squares in focus with such sides need, else made in the frames that first ask for it."""
+    make_usual_filters()
+    for blur_step in usual_blur_steps(cells, smallest_px, largest_px):
+        if compiled():
+            _tables(cells).explain(blur_step)
+        else:
+            explanations(cells, blur_step)
+
+
+@cache
+def _tables(cells: int) -> kernel.Tables:
+    """For the compiled loops."""
+
+    def explain(blur_step: int) -> tuple[Floats, NDArray[np.intp]]:
+        made = explanations(cells, blur_step)
+        return made.bases, made.first
+
+    profiles = profile_shares(cells)
+    coarse = (SHARES.share, step_templates())
+    return kernel.Tables(cells, (profiles.share, profiles.bend), coarse, BEND_ALONG, BLUR_STEPS, explain)
+
+
+@np.errstate(divide="ignore", invalid="ignore")  # parallel sides cross nowhere: not finite, and refused
+def _refine_quads(frame: Frame, near: Floats, cells: int, intrinsics: Intrinsics | None) -> list[Quad | Rejected]:
+    """In numpy."""
     start = as_points(near)
     bend = bends(start, intrinsics)
-    found = (_find_compiled if can_read(frame) else find_sides)(frame, start, bend, cells)
+    found = find_sides(frame, start, bend, cells)
     hidden = hidden_shares(frame, found.corners, bend, cells)
-    whole = np.asarray(~hidden.reshape(-1, 4).any(axis=1))
-    return adjust_quads(frame, _results(frame, found, hidden, whole), whole, bend, cells, intrinsics)
+    quads = _results(frame, start, found, bend, hidden)
+    return adjust_quads(frame, quads, np.asarray(~hidden.any(axis=(1, 2))), bend, cells, intrinsics)
 
 
-def _find_compiled(frame: Frame, start: Points, bend: Points, cells: int) -> Found:
-    """`find_sides`, in C."""
-    shares = profile_shares(cells)
-    sides = (shares.share, shares.bend)
-    corners, numbers = kernel.find_sides(frame, start, bend, cells, sides, (SHARES.share, step_templates()))
-    seen, *of_quads = numbers.T
-    return Found(corners, seen > 0, *of_quads)
-
-
-def _results(frame: Frame, found: Found, hidden: Floats, whole: Mask) -> list[Quad | Rejected]:
-    """Each quad, or why there is none; `hidden` (N, 2, 2) of it, and which are `whole` (N,)."""
+def _results(frame: Frame, start: Points, found: Found, bend: Points, hidden: Floats) -> list[Quad | Rejected]:
+    """Each quad, or why there is none."""
+    side_px, corners, sigma_px = np.sqrt(np.abs(areas(start))), found.corners, found.sigma_px
+    there = found.seen & (np.abs(corners - start).max(axis=1) < MAX_MOVE * side_px)
+    straight = (found.spread_px <= MAX_SPREAD_PX) & (found.used >= MIN_USED)
+    most_bent = np.abs(bend.imag).max(axis=(1, 2))
     results: list[Quad | Rejected] = []
-    numbers = (getattr(found, field.name).tolist() for field in fields(Found)[1:])
-    for i, (seen, used, spread_px, sigma_px, moved_px, side_px, bend_px) in enumerate(zip(*numbers, strict=True)):
-        if not (seen and moved_px < MAX_MOVE * side_px):
+    for i in range(len(corners)):
+        if not there[i]:
             results.append(LOST)
-        elif not (spread_px <= MAX_SPREAD_PX and used >= MIN_USED):
+        elif not straight[i]:
             results.append(NOT_STRAIGHT)
-        elif whole[i]:
-            results.append(checked(frame, found.corners[i], sigma_px, bend_px))
+        elif not hidden[i].any():
+            results.append(checked(frame, corners[i], float(sigma_px[i]), float(most_bent[i])))
         elif np.isfinite(hidden[i]).all():
-            corners = uncovered(found.corners[i], hidden[i])
-            quad = checked(frame, corners, sigma_px + HIDDEN_SIGMA * side_px, bend_px)
-            results.append(replace(quad, seen_px=as_corners(found.corners[i])) if isinstance(quad, Quad) else quad)
+            whole, sigma = uncovered(corners[i], hidden[i]), float(sigma_px[i] + HIDDEN_SIGMA * side_px[i])
+            quad = checked(frame, whole, sigma, float(most_bent[i]))
+            results.append(replace(quad, seen_px=as_corners(corners[i])) if isinstance(quad, Quad) else quad)
         else:
             results.append(NOT_WHOLE)
     return results

@@ -53,16 +53,13 @@ MAX_MOVE = 0.2  # of the side: what moves further when looked at closely was not
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Found:
-    """What N quads were found to be, and where they were sought."""
+    """What N quads were found to be."""
 
     corners: Points  # (N, 4)
     seen: Mask  # (N,) whether all sides show edges
     used: Floats  # (N,) share of the profiles that have an edge near their side
     spread_px: Floats  # (N,) of these edges about the sides
     sigma_px: Floats  # (N,) of the corners
-    moved_px: Floats  # (N,) the corners, at most, from where they were sought
-    side_px: Floats  # (N,) there
-    bend_px: Floats  # (N,) how far the lens bends the sides there, at most
 
 
 def find_sides(frame: Frame, start: Points, bend: Points, cells: int) -> Found:
@@ -86,9 +83,6 @@ def find_sides(frame: Frame, start: Points, bend: Points, cells: int) -> Found:
         used=(fit.weights > 0).mean(axis=(1, 2)),
         spread_px=root_mean_square(fit.spread),
         sigma_px=np.sqrt((fit.variance + 4 * np.square(fit.spread) / profiles).mean(axis=1)),
-        moved_px=np.abs(fit.sides.start - within).max(axis=1),
-        side_px=np.sqrt(np.abs(areas(start))),
-        bend_px=np.abs(bend.imag).max(axis=(1, 2)),
     )
 
 

@@ -17,14 +17,11 @@ from numpy.typing import NDArray
 
 from ledpi.decode.cells import unit_square_to
 from ledpi.decode.sides import REACH_PX, Coordinates, Patches, Points, Shares, areas, as_corners
-from ledpi.kernels import whole as kernel
-from ledpi.kernels.library import compiled
-from ledpi.kernels.light import can_read
 from ledpi.records import Floats, Frame
 
 ALONG = 40  # places along the quad
-_ALONG = (np.arange(ALONG) + 0.5) / ALONG
-_BEND = Shares.at(_ALONG).bend
+ALONG_AT = (np.arange(ALONG) + 0.5) / ALONG
+BEND_ALONG = Shares.at(ALONG_AT).bend
 ACROSS_CELL = (0.3, 0.7)  # of a cell: where the light along the quad is taken, and averaged
 NEAR_EDGE = 0.06  # of the quad: so near to its ends the blurred edge is seen
 # Of the panel's side that may be hidden, or too much. No place is told by less than three cells and a half of four, but
@@ -35,6 +32,7 @@ WHOLE, MOST = 5, 0.15
 ENDS = ((1.0, 0.0), (0.0, 1.0), (1.0, 1.0))  # where it is: the last as bare LEDs have it, dark all around
 GAP, BLUR_PX = 0.03, 0.9  # half a gap, of the pitch; and what blurs it, as deviations
 BLUR_STEP = 0.15  # logarithm, between the explanations that are made
+BLUR_STEPS = range(-40, 1)  # from a picture 360 px high of 8 cells a side, all in focus, to a blur as wide as the quad
 BETTER = 0.6  # what is left unexplained, of that of whole cells: less is a better explanation
 # Of the mean light, and of what whole cells leave: more than either, and nothing that is tried explains it.
 LITTLE_LEFT, CLEARLY_BETTER = 0.06, 0.15
@@ -48,16 +46,14 @@ def hidden_shares(frame: Frame, corners: Points, bend_px: Points, cells: int) ->
     over; not a number where no such share explains what is seen. `bend_px` (N, 4, 2) is the sides' `bends`: the lens
     moves the rows of gaps with them.
     """
-    if can_read(frame):
-        light, sizes_px = kernel.light_along(frame, corners, bend_px, _BEND, cells)
-    else:
-        light, sizes_px = _light_along(frame, corners, bend_px, cells)
+    side_px, most_bent = np.sqrt(np.abs(areas(corners))), np.abs(bend_px.imag).max(axis=(1, 2))
+    blurs = (BLUR_PX + most_bent + GAP * side_px / cells) / np.maximum(side_px, 1.0)
+    light = _light_along(frame, corners, bend_px, cells)
     hidden = np.zeros((len(corners), 2, 2))
-    for into, along, (side_px, most_bent_px) in zip(hidden, light, sizes_px.tolist(), strict=True):
-        blur = (BLUR_PX + most_bent_px + GAP * side_px / cells) / max(side_px, 1.0)
+    for into, along, blur in zip(hidden, light, blurs.tolist(), strict=True):
         if not blur > 0:  # the quad is nowhere
             continue
-        axes, left = _explanations(cells, _step(blur)).left(along)
+        axes, left = explanations(cells, _step(blur)).left(along)
         for axis in axes:
             best = int(left[axis].argmin())
             if left[axis, best] < BETTER * left[axis, WHOLE]:
@@ -66,16 +62,12 @@ def hidden_shares(frame: Frame, corners: Points, bend_px: Points, cells: int) ->
     return hidden
 
 
-def _light_along(frame: Frame, corners: Points, bend_px: Points, cells: int) -> tuple[Floats, Floats]:
-    """(N, 2, ALONG) light along quads (N, 4), from left to right and from top to bottom, its mean 1.
-
-    And (N, 2) pixels: how long their sides are, and how far the lens bends them inward, at most.
-    """
+def _light_along(frame: Frame, corners: Points, bend_px: Points, cells: int) -> Floats:
+    """(N, 2, ALONG) light along quads (N, 4), from left to right and from top to bottom, its mean 1."""
     patches = Patches(frame, corners, REACH_PX)
     light = patches.light_at(_grid(corners - patches.first, bend_px, cells)).mean(axis=2)
     light /= np.maximum(light.mean(axis=2, keepdims=True), 1e-6)
-    sizes_px = np.stack([np.sqrt(np.abs(areas(corners))), np.abs(bend_px.imag).max(axis=(1, 2))], axis=1)
-    return np.asarray(light, np.float64), sizes_px
+    return np.asarray(light, np.float64)
 
 
 def uncovered(corners: Points, hidden: Floats) -> Points:
@@ -106,19 +98,19 @@ def _grid(corners: Points, stretch_px: Points, cells: int) -> Coordinates:
     """
     onward, back = stretch_px.real[:, :2], -stretch_px.real[:, 2:, ::-1]  # sides 2 and 3 run the other way
     length = np.abs(corners[:, 1:3] - corners[:, :2])
-    shift = (0.5 * (onward + back) / length[..., None]) @ _BEND  # (N, 2, ALONG)
+    shift = (0.5 * (onward + back) / length[..., None]) @ BEND_ALONG  # (N, 2, ALONG)
     across = ((np.arange(cells)[:, None] + ACROSS_CELL) / cells).reshape(-1, 1)
     homographies = np.array([unit_square_to(quad) for quad in as_corners(corners)])[..., None, None]
     by_u, by_v, start = (homographies[:, 0] + 1j * homographies[:, 1]).swapaxes(0, 1)
     g, h = homographies[:, 2, :2].swapaxes(0, 1)
     grid = np.empty((len(corners), 2, len(across), ALONG), np.complex64)
-    for k, (u, v) in enumerate(((_ALONG + shift[:, :1], across), (across, _ALONG + shift[:, 1:]))):
+    for k, (u, v) in enumerate(((ALONG_AT + shift[:, :1], across), (across, ALONG_AT + shift[:, 1:]))):
         grid[:, k] = (by_u * u + (by_v * v + start)) / (g * u + (h * v + 1))
     return grid
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Explanations:
+class Explanations:
     """Of light along a quad, by cells of which so much is hidden at one end."""
 
     bases: Floats  # (columns, ALONG) orthonormal within each explanation, 0 near the ends
@@ -127,30 +119,29 @@ class _Explanations:
 
     def left(self, light: Floats) -> tuple[list[int], Floats]:
         """Mean square that each leaves of light (2, ALONG): the axes of which whole cells leave any, and (2, E)."""
-        if compiled():
-            bits, left = kernel.unexplained(light, self.bases, self.first, self.counted, WHOLE, NOTHING_LEFT**2)
-            return [axis for axis in (0, 1) if bits >> axis & 1], left
         all_of_it = np.square(light) @ self.counted
         explained = np.add.reduceat(np.square(light @ self.bases.T), self.first[:-1], axis=1)
         rest: Floats = np.maximum(all_of_it[:, None] - explained, 1e-9) / self.counted.sum()
         return np.flatnonzero(rest[:, WHOLE] > NOTHING_LEFT**2).tolist(), rest
 
 
-def make_usual_explanations(cells: int, smallest_px: float, largest_px: float) -> None:
-    """Those of sides so long, which would else be made in the frames that first ask for them, in 4 ms each."""
+def usual_blur_steps(cells: int, smallest_px: float, largest_px: float) -> range:
+    """The `explanations` that sides so long ask for."""
     first, last = (_step((BLUR_PX + GAP * side_px / cells) / side_px) for side_px in (largest_px, smallest_px))
-    for blur_step in range(first, last + 1):
-        _explanations(cells, blur_step)
+    return range(first, last + 1)
 
 
 def _step(blur: float) -> int:
-    return round(math.log(blur) / BLUR_STEP)
+    return min(max(round(math.log(blur) / BLUR_STEP), BLUR_STEPS[0]), BLUR_STEPS[-1])
 
 
-@lru_cache(maxsize=32)  # 160 kB each; the usual ones are 16
-def _explanations(cells: int, blur_step: int) -> _Explanations:
-    """`blur_step`: logarithm of a gap's deviation, as a share of the quad, in BLUR_STEP."""
-    along = _ALONG
+@lru_cache(maxsize=32)  # 160 kB each, made in 4 ms; the usual ones are 16
+def explanations(cells: int, blur_step: int) -> Explanations:
+    """Of light along a quad by `cells`, of which more or less is hidden.
+
+    `blur_step`: logarithm of a gap's deviation, as a share of the quad, in BLUR_STEP.
+    """
+    along = ALONG_AT
     counted = np.asarray((along > NEAR_EDGE) & (along < 1 - NEAR_EDGE))
     width = cells * math.exp(blur_step * BLUR_STEP)
     bases, first = [], [0]
@@ -166,4 +157,4 @@ def _explanations(cells: int, blur_step: int) -> _Explanations:
         bases.append(np.linalg.qr(np.stack(columns, axis=1))[0])
         first.append(first[-1] + len(columns))
     columns_first = np.ascontiguousarray(np.concatenate(bases, axis=1).T)
-    return _Explanations(columns_first, np.array(first, np.intp), counted.astype(np.float64))
+    return Explanations(columns_first, np.array(first, np.intp), counted.astype(np.float64))

@@ -2,8 +2,7 @@
 #include <math.h>
 
 #include "lattice.h"
-#include "pose.h"
-#include "rim.h"
+#include "quads.h"
 
 enum { PLACES = 6, MOST_RIMS = 4 * MOST_CELLS, MOST_MEASURED = MOST_INNER + MOST_RIMS, MOVES = 8, ALL = MOVES + 4 };
 #define FIRST_PLACE 0.2
@@ -238,41 +237,33 @@ static double move_corners(const Homography *homography, const Problem *problem,
     return farthest < MOST_PX ? sqrt(variance) : NAN;
 }
 
-/* Of `quads` whole panels with `corners` (quads, 4, 2), at most MOST_CELLS cells a side: better ones, and the deviations
- * (quads,) of their coordinates. `bends` (quads, 4, 2, 2) are the sides', `lens` is NULL where it bends nothing. Returns 0,
- * or the number (from 1) of a filter that must be made first. */
-ptrdiff_t ledpi_adjust(const uint8_t *pixels, ptrdiff_t height, ptrdiff_t width, ptrdiff_t stride, const float *table,
-                       const Filters *all, ptrdiff_t cells, ptrdiff_t quads, const Point *corners, const double *bends,
-                       const Lens *lens, Point *moved, double *sigma_px) {
-    const Picture picture = {pixels, height, width, stride, table};
-    const ptrdiff_t inner = 2 * cells * (cells - 1);
+double ledpi_adjust(const Picture *picture, const Tables *tables, const Point corners[4], const double *bends,
+                    const Lens *lens, Point moved[4], Missing *missing) {
+    const ptrdiff_t cells = tables->cells, inner = 2 * cells * (cells - 1);
     Point moves[MOST_INNER];
     Problem problem = {.inner = inner, .count = inner + 4 * cells};
-    for (ptrdiff_t q = 0; q < quads; q++, corners += 4, moved += 4) {
-        Homography homography;
-        ledpi_unit_square_to(corners, homography.h);
-        double pitch[2] = {0.0, 0.0}, u, v;
-        for (ptrdiff_t i = 0; i < inner; i++) {
-            ledpi_line_place(i, cells, &u, &v);
-            double scale = measure_at(&homography, u, v, i < inner / 2, problem.slopes[i]);
-            pitch[i >= inner / 2] += scale / (double)(inner / 2 * cells);
-        }
-        for (ptrdiff_t i = 0; i < 4 * cells; i++) {
-            int side = (int)(i / cells);
-            double inward = side_place(side, ((double)(i % cells) + 0.5) / (double)cells, &u, &v);
-            measure_at(&homography, u, v, side & 1, problem.slopes[inner + i]);
-            problem.slopes[inner + i][MOVES + side] = problem.seen[inner + i] = inward;
-        }
-        ptrdiff_t missing = 0;
-        const Filter *filters[4]; /* going inward from sides 0 and 2 is along v */
-        for (int k = 0; k < 4; k++) filters[k] = ledpi_filter_for(all, pitch[!(k & 1)], all->usual_blur_px, &missing);
-        if (missing) return missing;
-        lens_moves(lens, &homography, corners, cells, moves);
-        ledpi_inner_lines(&picture, &homography, pitch, moves, cells, problem.seen, problem.variance);
-        for (ptrdiff_t i = 0; i < inner; i++) problem.variance[i] += BUILT_PX * BUILT_PX;
-        take_rims(&picture, corners, bends + 16 * q, filters, cells, &problem);
-        least_squares(&problem);
-        sigma_px[q] = move_corners(&homography, &problem, corners, moved);
+    Homography homography;
+    const Filter *filters[4];
+    ledpi_unit_square_to(corners, homography.h);
+    double pitch[2] = {0.0, 0.0}, u, v;
+    for (ptrdiff_t i = 0; i < inner; i++) {
+        ledpi_line_place(i, cells, &u, &v);
+        double scale = measure_at(&homography, u, v, i < inner / 2, problem.slopes[i]);
+        pitch[i >= inner / 2] += scale / (double)(inner / 2 * cells);
     }
-    return 0;
+    for (ptrdiff_t i = 0; i < 4 * cells; i++) {
+        int side = (int)(i / cells);
+        double inward = side_place(side, ((double)(i % cells) + 0.5) / (double)cells, &u, &v);
+        measure_at(&homography, u, v, side & 1, problem.slopes[inner + i]);
+        problem.slopes[inner + i][MOVES + side] = problem.seen[inner + i] = inward;
+    }
+    for (int k = 0; k < 4; k++) /* going inward from sides 0 and 2 is along v */
+        filters[k] = ledpi_filter_for(&tables->filters, pitch[!(k & 1)], tables->filters.usual_blur_px, &missing->filter);
+    if (missing->filter) return NAN;
+    lens_moves(lens, &homography, corners, cells, moves);
+    ledpi_inner_lines(picture, &homography, pitch, moves, cells, problem.seen, problem.variance);
+    for (ptrdiff_t i = 0; i < inner; i++) problem.variance[i] += BUILT_PX * BUILT_PX;
+    take_rims(picture, corners, bends, filters, cells, &problem);
+    least_squares(&problem);
+    return move_corners(&homography, &problem, corners, moved);
 }

@@ -1,4 +1,4 @@
-/* From rough corners to the sides, up to several pixels away: `nearest_sides` of decode/approach.py. */
+/* From rough corners to the sides, up to several pixels away: decode/approach.py. */
 #include <math.h>
 
 #include "kernels.h"
@@ -9,6 +9,14 @@ enum { SAMPLES = 11, OFFSETS = 11 };
 #define FIRST_OFFSET (-4.5)
 #define OFFSET_STEP 0.75
 #define MAX_TILT_STEPS 2.0
+#define FINEST_STEP_PX 0.5
+#define CUT_OFF 0.05
+#define OBTUSE (-0.03)
+#define STRAIGHTER 2.0
+#define MAX_SPREAD_PX 0.9
+#define MAX_SPREAD_STEPS 0.4
+#define ALMOST 4.0
+#define MAX_MOVE 0.5
 
 /* Where in a profile the largest step up is, in steps, and how high. `templates` (SAMPLES, OFFSETS). */
 static double step_up(const float *light, const float *templates, double *height) {
@@ -59,13 +67,63 @@ bool ledpi_nearest(const Picture *picture, const Shares *shares, const float *te
     return seen;
 }
 
-/* Of `quads` quads: `corners` (quads, 4, 2), `step_px` (quads,) → `nearest` (quads, 4, 2), `spread_px` (quads,), and
- * whether each was `seen` (quads,). */
-void ledpi_nearest_sides(const uint8_t *pixels, ptrdiff_t height, ptrdiff_t width, ptrdiff_t stride, const float *table,
-                         const double *share, ptrdiff_t shares, const float *templates, ptrdiff_t quads,
-                         const Point *corners, const double *step_px, Point *nearest, double *spread_px, bool *seen) {
+/* A way from corners to the sides: where it leads, and whether that is a square. */
+typedef struct {
+    Point corners[4];
+    double spread_px;
+    bool there, straight;
+} Way;
+
+static Way follow(const Picture *picture, const Shares *shares, const float *templates, const Point start[4],
+                  double step_px) {
+    const double limit = fmax(MAX_SPREAD_PX, MAX_SPREAD_STEPS * step_px);
+    Way way;
+    bool seen = ledpi_nearest(picture, shares, templates, start, step_px, way.corners, &way.spread_px), finite = true;
+    for (int k = 0; k < 4; k++) finite = finite && isfinite(way.corners[k].x) && isfinite(way.corners[k].y);
+    if (seen && finite && way.spread_px > limit && way.spread_px < ALMOST * limit) {
+        Point begun[4]; /* too far off: the side was only seen in part */
+        for (int k = 0; k < 4; k++) begun[k] = way.corners[k];
+        seen = ledpi_nearest(picture, shares, templates, begun, step_px, way.corners, &way.spread_px);
+    }
+    way.there = seen && ledpi_farthest(way.corners, start) < MAX_MOVE * sqrt(fabs(ledpi_area(start)));
+    way.straight = way.there && way.spread_px <= limit;
+    return way;
+}
+
+/* A quad with the most obtuse corner moved to where it makes it a parallelogram. False where that is not far. */
+static bool with_fourth_corner(const Point c[4], Point squared[4]) {
+    double least = HUGE_VAL;
+    int most = 0;
+    for (int k = 0; k < 4; k++) {
+        const Point *here = &c[k], *next = &c[(k + 1) & 3], *before = &c[(k + 3) & 3];
+        const double x = next->x - here->x, y = next->y - here->y, u = before->x - here->x, v = before->y - here->y;
+        const double cosine = (x * u + y * v) / fmax(hypot(x, y) * hypot(u, v), 1e-9);
+        if (cosine < least) least = cosine, most = k;
+    }
+    const Point *here = &c[most], *next = &c[(most + 1) & 3], *before = &c[(most + 3) & 3], *opposite = &c[(most + 2) & 3];
+    for (int k = 0; k < 4; k++) squared[k] = c[k];
+    squared[most] = (Point){next->x + before->x - opposite->x, next->y + before->y - opposite->y};
+    const double away = hypot(squared[most].x - here->x, squared[most].y - here->y);
+    return least < OBTUSE && away > CUT_OFF * sqrt(fabs(ledpi_area(c)));
+}
+
+/* Of `quads` rough quads (quads, 4, 2), whose sides are up to `tolerance_px` (quads,) away: better corners; and what is
+ * there: 0 for a square, 1 for none, 2 for one whose sides are not straight. */
+void ledpi_approach(const uint8_t *pixels, ptrdiff_t height, ptrdiff_t width, ptrdiff_t stride, const float *table,
+                    const double *share, ptrdiff_t shares, const float *templates, ptrdiff_t quads, const Point *rough,
+                    const double *tolerance_px, Point *corners, int32_t *outcomes) {
     const Picture picture = {pixels, height, width, stride, table};
     const Shares at = {shares, share, NULL};
-    for (ptrdiff_t i = 0; i < quads; i++)
-        seen[i] = ledpi_nearest(&picture, &at, templates, corners + 4 * i, step_px[i], nearest + 4 * i, &spread_px[i]);
+    for (ptrdiff_t i = 0; i < quads; i++, rough += 4, corners += 4) {
+        const double step_px = fmax(FINEST_STEP_PX, tolerance_px[i] / -FIRST_OFFSET);
+        Point squared[4];
+        Way way = follow(&picture, &at, templates, rough, step_px);
+        if (with_fourth_corner(rough, squared)) {
+            const Way other = follow(&picture, &at, templates, squared, step_px);
+            /* Perspective, too, makes a square no parallelogram: what is as straight as it is stays as it is. */
+            if (other.straight && !(way.straight && way.spread_px < STRAIGHTER * other.spread_px)) way = other;
+        }
+        for (int k = 0; k < 4; k++) corners[k] = way.corners[k];
+        outcomes[i] = way.straight ? 0 : way.there ? 2 : 1;
+    }
 }

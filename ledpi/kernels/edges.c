@@ -1,9 +1,8 @@
-/* Sub-pixel corners of lit squares, as decode/edges.py explains and decode/looks.py does it: one quad at a time, from a first look to the
- * last, without any array but on the stack. */
+/* Sub-pixel corners of lit squares, as decode/edges.py explains and decode/looks.py does it: one quad at a time, from a
+ * first look to the last, without any array but on the stack. */
 #include <math.h>
 
-#include "kernels.h"
-#include "rim.h"
+#include "quads.h"
 
 #define LEAST_HEIGHT 1e-4
 #define NEAR_PX 1.0
@@ -16,7 +15,7 @@
 #define MAX_MOVE 0.2
 #define FINEST_STEP_PX 0.5
 #define MAX_BLUR_CHANGE 0.4
-enum { T = RIM_T, AT_SIDE = 2, NUMBERS = 7 };
+enum { T = RIM_T, AT_SIDE = 2 };
 
 typedef struct {
     const Picture *picture;
@@ -33,7 +32,7 @@ typedef struct {
     Side sides[4];
     double blur_px[2], weights[4][MOST_PROFILES], spread[4], variance[4];
     bool seen, settled;
-} Fit;
+} SquareFit;
 
 /* Light across the sides, and the edge and the step's height in each profile. */
 typedef struct {
@@ -98,7 +97,7 @@ static void take_profiles(const Look *look, const Side sides[4], const Filter *f
 }
 
 /* Of each side, relative to the step's height. */
-static void mean_profiles(const Look *look, const Profiles *profiles, const Fit *fit, double mean[4][T]) {
+static void mean_profiles(const Look *look, const Profiles *profiles, const SquareFit *fit, double mean[4][T]) {
     for (int k = 0; k < 4; k++) {
         double sum = 0.0;
         for (int t = 0; t < T; t++) mean[k][t] = 0.0;
@@ -142,7 +141,7 @@ static bool steep(double mean[4][T]) {
 
 /* Corners after each side has moved to where its mean profile has it, turned as the single ones say; as they were where
  * that is nowhere. Returns whether it is somewhere. */
-static bool move(const Look *look, const Profiles *profiles, const double place[4], Fit *fit, Point corners[4]) {
+static bool move(const Look *look, const Profiles *profiles, const double place[4], SquareFit *fit, Point corners[4]) {
     double by[4], slope[4];
     for (int k = 0; k < 4; k++) {
         double middle, sum = 0.0, found = 0.0;
@@ -164,7 +163,7 @@ static void change_blur(double blur_px[2], const double by[2]) {
     for (int k = 0; k < 2; k++) blur_px[k] *= exp(fmin(fmax(by[k], -MAX_BLUR_CHANGE), MAX_BLUR_CHANGE));
 }
 
-static void first_look(Look *look, const Point corners[4], Profiles *profiles, Fit *fit) {
+static void first_look(Look *look, const Point corners[4], Profiles *profiles, SquareFit *fit) {
     const Filter *filters[2];
     double mean[4][T], place[4], blur[2];
     bool good[4 * MOST_PROFILES];
@@ -199,7 +198,7 @@ static void first_look(Look *look, const Point corners[4], Profiles *profiles, F
 }
 
 /* As many looks more as it takes, each with the blur that the last has seen, at the same profiles. */
-static void more_looks(Look *look, Profiles *profiles, Fit *fit) {
+static void more_looks(Look *look, Profiles *profiles, SquareFit *fit) {
     const Filter *filters[2];
     double mean[4][T], place[4], blur[2];
     Point moved[4];
@@ -218,7 +217,7 @@ static void more_looks(Look *look, Profiles *profiles, Fit *fit) {
     }
 }
 
-static void find_sides(Look *look, const Shares *coarse, const float *templates, const Point near[4], Fit *fit) {
+static void find_sides(Look *look, const Shares *coarse, const float *templates, const Point near[4], SquareFit *fit) {
     Profiles profiles;
     first_look(look, near, &profiles, fit);
     if (ledpi_farthest(fit->corners, near) < FIRST_LOOK_PX) more_looks(look, &profiles, fit);
@@ -239,43 +238,27 @@ static void bend_sides(Look *look, const double *bends) {
             look->bend[k][p] = bends[4 * k + 1] * look->shares->bend[p] + bends[4 * k + 3] * look->shares->bend[count + p];
 }
 
-/* Of `quads` quads whose corners (quads, 4, 2) are near: where they are, and of each seven numbers (quads, NUMBERS): 1
- * where all its sides show edges, the share of the profiles that are used; in pixels the root mean square of the edges
- * about the sides, the corners' deviation, how far they were moved, the side where it was sought, and how far the lens
- * bends that. `bends` (quads, 4, 2, 2) is `bends` of decode/sides.py. Returns 0, or the number
- * (from 1) of a filter that must be made first. */
-ptrdiff_t ledpi_find_sides(const uint8_t *pixels, ptrdiff_t height, ptrdiff_t width, ptrdiff_t stride, const float *table,
-                           const Filters *filters, const double *share, const double *share_bends, ptrdiff_t shares,
-                           const double *coarse, ptrdiff_t coarse_shares, const float *templates, ptrdiff_t cells,
-                           ptrdiff_t quads, const Point *near, const double *bends, Point *corners, double *numbers) {
-    const Picture picture = {pixels, height, width, stride, table};
-    const Shares at = {shares, share, share_bends}, coarsely = {coarse_shares, coarse, NULL};
-    Look look = {.picture = &picture, .shares = &at, .filters = filters, .cells = cells, .missing = 0};
-    Fit fit;
-    for (ptrdiff_t i = 0; i < quads; i++) {
-        bend_sides(&look, bends + 16 * i);
-        find_sides(&look, &coarsely, templates, near + 4 * i, &fit);
-        if (look.missing) return look.missing;
-        double used = 0.0, squares = 0.0, variance = 0.0;
-        for (int k = 0; k < 4; k++) {
-            double weights = 0.0, spread2 = fit.spread[k] * fit.spread[k];
-            for (ptrdiff_t p = 0; p < shares; p++) {
-                weights += fit.weights[k][p];
-                used += fit.weights[k][p] > 0.0;
-            }
-            squares += spread2;
-            variance += fit.variance[k] + 4 * spread2 / fmax(fmin(weights, fit.sides[k].length), 1.0);
-            corners[4 * i + k] = fit.corners[k];
+void ledpi_find_sides(const Picture *picture, const Tables *tables, const Point near[4], const double *bends, Found *found,
+                      Missing *missing) {
+    Look look = {picture, &tables->profiles, &tables->filters, {{0.0}}, tables->cells, 0};
+    SquareFit fit;
+    double used = 0.0, squares = 0.0, variance = 0.0;
+    const ptrdiff_t count = look.shares->count;
+    bend_sides(&look, bends);
+    find_sides(&look, &tables->coarse, tables->templates, near, &fit);
+    missing->filter = look.missing;
+    for (int k = 0; k < 4; k++) {
+        double weights = 0.0, spread2 = fit.spread[k] * fit.spread[k];
+        for (ptrdiff_t p = 0; p < count; p++) {
+            weights += fit.weights[k][p];
+            used += fit.weights[k][p] > 0.0;
         }
-        double *of_quad = numbers + NUMBERS * i, bent = 0.0;
-        for (int j = 1; j < 16; j += 2) bent = fmax(bent, fabs(bends[16 * i + j]));
-        of_quad[0] = fit.seen;
-        of_quad[1] = used / (4.0 * (double)shares);
-        of_quad[2] = sqrt(squares / 4);
-        of_quad[3] = sqrt(variance / 4);
-        of_quad[4] = ledpi_farthest(fit.corners, near + 4 * i);
-        of_quad[5] = sqrt(fabs(ledpi_area(near + 4 * i)));
-        of_quad[6] = bent;
+        squares += spread2;
+        variance += fit.variance[k] + 4 * spread2 / fmax(fmin(weights, fit.sides[k].length), 1.0);
+        found->corners[k] = fit.corners[k];
     }
-    return 0;
+    found->seen = fit.seen;
+    found->used = used / (4.0 * (double)count);
+    found->spread_px = sqrt(squares / 4);
+    found->sigma_px = sqrt(variance / 4);
 }

@@ -1,8 +1,9 @@
-"""Sides of lit squares, and how they are approached (edges.c, approach.c)."""
+"""Sides of lit squares: how they are approached, and what they are (approach.c, refine.c and what it calls)."""
 
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Callable
 from functools import cache
 
 import numpy as np
@@ -20,18 +21,18 @@ from ledpi.decode.rim import (
     filter_key,
     rim_filter,
 )
-from ledpi.kernels.library import INTEGER, POINTER, address, function
+from ledpi.kernels.library import INTEGER, POINTER, address, doubles, function
 from ledpi.kernels.light import PICTURE, picture
-from ledpi.records import Floats, Frame
+from ledpi.kernels.pose import lens_of
+from ledpi.records import Floats, Frame, Intrinsics
 
-MOST_PROFILES = 64  # as in kernels.h
-NUMBERS = 7  # of a quad, as in edges.c
+MOST_PROFILES, MOST_CELLS = 64, 8  # as in kernels.h, lattice.h
+# As in refine.c and approach.c.
+WHOLE, PARTLY_HIDDEN, NO_EDGE, NOT_STRAIGHT, NOT_WHOLE, NOT_CONVEX, TOO_SMALL, AT_BORDER = range(8)
+REFINED = 18  # numbers: the corners' x and y, those of what is seen, sigma_px, bend_px
 
-_find_sides = function(
-    "ledpi_find_sides", *PICTURE, *(POINTER,) * 3, INTEGER, POINTER, INTEGER, POINTER, *(INTEGER,) * 2, *(POINTER,) * 4,
-    result=INTEGER,
-)  # fmt: skip
-_nearest_sides = function("ledpi_nearest_sides", *PICTURE, POINTER, INTEGER, POINTER, INTEGER, *(POINTER,) * 5)
+_refine = function("ledpi_refine", *PICTURE, POINTER, POINTER, INTEGER, *(POINTER,) * 4, result=ctypes.c_bool)
+_approach = function("ledpi_approach", *PICTURE, POINTER, INTEGER, POINTER, INTEGER, *(POINTER,) * 4)
 
 
 class _Filters(ctypes.Structure):
@@ -76,41 +77,95 @@ def filter_table() -> FilterTable:
     return FilterTable()
 
 
-def find_sides(
-    frame: Frame,
-    near: NDArray[np.complex128],
-    bends: NDArray[np.complex128],
-    cells: int,
-    shares: tuple[Floats, Floats],
-    coarse: tuple[Floats, NDArray[np.float32]],
-) -> tuple[NDArray[np.complex128], Floats]:
-    """Corners (N, 4) of the lit squares near `near` (N, 4), and seven numbers of each (N, 7).
+class _Shares(ctypes.Structure):
+    """`Shares` of kernels.h."""
 
-    1 where all its sides show edges, else 0; the share of its profiles that are used; in pixels the root mean square of
-    the edges about the sides, the corners' deviation, how far they were moved, the side where it was sought, and how
-    far the lens bends that. `shares` (P,) and their bends (2, P): where the sides are looked across; `coarse`: the same
-    where they are sought from further off, and templates of the step there.
-    """
-    assert len(shares[0]) <= MOST_PROFILES
-    table, corners, numbers = filter_table(), np.empty_like(near), np.empty((len(near), NUMBERS))
+    _fields_ = [("count", ctypes.c_ssize_t), ("share", ctypes.c_void_p), ("bend", ctypes.c_void_p)]
+
+
+class _Explanations(ctypes.Structure):
+    """`Explanations` of quads.h."""
+
+    _fields_ = [("bases", ctypes.c_void_p), ("first", ctypes.c_void_p)]
+
+
+class _Tables(ctypes.Structure):
+    """`Tables` of quads.h."""
+
+    _fields_ = [
+        ("filters", _Filters), ("profiles", _Shares), ("coarse", _Shares), ("templates", ctypes.c_void_p),
+        ("cubics", ctypes.c_void_p), ("explanations", ctypes.c_void_p), ("first_blur", ctypes.c_ssize_t),
+        ("blurs", ctypes.c_ssize_t), ("cells", ctypes.c_ssize_t),
+    ]  # fmt: skip
+
+
+class Tables:
+    """What refining needs and is made beforehand, for panels of so many cells a side; kept for good."""
+
+    def __init__(
+        self,
+        cells: int,
+        profiles: tuple[Floats, Floats],
+        coarse: tuple[Floats, NDArray[np.float32]],
+        cubics: Floats,
+        blur_steps: range,
+        explain: Callable[[int], tuple[Floats, NDArray[np.intp]]],
+    ) -> None:
+        """`profiles`: shares (P,) of the way along a side, and their bends (2, P); `coarse`: shares and templates.
+
+        `explain` makes the explanations for one of `blur_steps`: `bases` (columns, places) and where each begins.
+        """
+        assert len(profiles[0]) <= MOST_PROFILES
+        self._filters, self._blur_steps, self._explain = filter_table(), blur_steps, explain
+        self._explanations = (_Explanations * len(blur_steps))()
+        self._kept = [doubles(array) for array in (*profiles, coarse[0], cubics)], coarse[1]
+        share, bend, coarse_share, at_cubics = (address(array) for array in self._kept[0])
+        self._made: dict[int, tuple[Floats, NDArray[np.intp]]] = {}
+        structure = self._structure = _Tables(
+            self._filters.structure, _Shares(len(profiles[0]), share, bend),
+            _Shares(len(coarse[0]), coarse_share, None), address(coarse[1]), at_cubics,
+            ctypes.addressof(self._explanations), blur_steps.start, len(blur_steps), cells,
+        )  # fmt: skip
+        self.at = ctypes.addressof(structure)
+
+    def make(self, filter_number: int, explanations_number: int) -> None:
+        """Of either what has this number, counted from 1; nothing for 0."""
+        if filter_number:
+            self._filters.make(filter_number - 1)
+        if explanations_number:
+            self.explain(self._blur_steps[explanations_number - 1])
+
+    def explain(self, blur_step: int) -> None:
+        """Makes the explanations for this step, unless they are."""
+        number = self._blur_steps.index(blur_step)
+        if number not in self._made:
+            bases, first = self._made[number] = self._explain(blur_step)
+            self._explanations[number].first = address(first)
+            self._explanations[number].bases = address(bases)  # last, as another thread may look
+
+
+def refine(frame: Frame, near: Floats, tables: Tables, intrinsics: Intrinsics | None) -> tuple[Floats, list[int]]:
+    """(N, REFINED) of the squares near corners (N, 4, 2), and which of the outcomes above each is."""
+    near, count = doubles(near), len(near)
+    refined, outcomes, missing = np.empty((count, REFINED)), np.empty(count, np.int32), np.empty(2, np.intp)
+    lens = lens_of(intrinsics) if intrinsics is not None and any(intrinsics.distortion) else None
     arguments = (
-        *picture(frame), table.at, address(shares[0]), address(shares[1]), len(shares[0]), address(coarse[0]),
-        len(coarse[0]), address(coarse[1]), cells, len(near), address(near), address(bends), address(corners),
-        address(numbers),
+        *picture(frame), tables.at, None if lens is None else address(lens), count, address(near), address(refined),
+        address(outcomes), address(missing),
     )  # fmt: skip
-    while missing := _find_sides(*arguments):
-        table.make(missing - 1)
-    return corners, numbers
+    while not _refine(*arguments):
+        tables.make(*missing.tolist())
+    return refined, outcomes.tolist()
 
 
-def nearest_sides(
-    frame: Frame, corners: NDArray[np.complex128], step_px: Floats, share: Floats, templates: NDArray[np.float32]
-) -> tuple[NDArray[np.complex128], Floats, NDArray[np.bool_]]:
-    """As `nearest_sides` of decode/approach.py, with light that is interpolated as light."""
-    count = len(corners)
-    found, spread, seen = np.empty_like(corners), np.empty(count), np.empty(count, np.bool_)
-    _nearest_sides(
-        *picture(frame), address(share), len(share), address(templates), count, address(corners), address(step_px),
-        address(found), address(spread), address(seen),
+def approach(
+    frame: Frame, rough: Floats, tolerance_px: Floats, share: Floats, templates: NDArray[np.float32]
+) -> tuple[Floats, list[int]]:
+    """As `approach_quads` of decode/approach.py: corners (N, 4, 2), and 0, or 1 for no edge, 2 for not straight."""
+    rough, tolerance_px, count = doubles(rough), doubles(tolerance_px), len(rough)
+    corners, outcomes = np.empty((count, 4, 2)), np.empty(count, np.int32)
+    _approach(
+        *picture(frame), address(share), len(share), address(templates), count, address(rough), address(tolerance_px),
+        address(corners), address(outcomes),
     )  # fmt: skip
-    return found, spread, seen
+    return corners, outcomes.tolist()

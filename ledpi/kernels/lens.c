@@ -37,8 +37,7 @@ void ledpi_ray_of(const Lens *lens, const double pixel[2], double ray[2]) {
     ray[0] = at[0], ray[1] = at[1];
 }
 
-/* `bends` of decode/sides.py: where the lens moves the points at a third and two thirds of each side of quads
- * (quads, 4, 2), off the line between its ends: along it and inward (quads, 4, 2, 2). */
+/* Where the lens moves the points at a third and two thirds of each side, off the line between its ends: along, inward. */
 void ledpi_bends(const Lens *lens, ptrdiff_t quads, const double *corners, double *bends) {
     for (ptrdiff_t i = 0; i < quads; i++, corners += 8, bends += 16) {
         double seen[4][2];

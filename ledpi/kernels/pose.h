@@ -29,6 +29,9 @@ void ledpi_project(const Lens *lens, const double at[3], double pixel[2], double
 void ledpi_distort(const Lens *lens, double x, double y, double pixel[2]);
 void ledpi_ray_of(const Lens *lens, const double pixel[2], double ray[2]);
 
+/* What the lens does to the sides of quads (quads, 4, 2): `bends` of decode/sides.py, (quads, 4, 2, 2) (lens.c). */
+void ledpi_bends(const Lens *lens, ptrdiff_t quads, const double *corners, double *bends);
+
 /* Betters `rivals` starts of one body, at most MOST_RIVALS, in `rounds`; those that are beaten by far are not followed to
  * their ends. `off_px` (rivals, points, 2) of the residuals; `trial_px` (points, 2) is room to try in. */
 void ledpi_fit(const Body *body, const Lens *lens, int rivals, int rounds, Fit *fits, double *off_px, double *trial_px);

@@ -1,11 +1,23 @@
-/* Light along quads, and what is left of it once it is explained by cells: decode/whole.py. */
+/* Light along quads, what is left of it once it is explained by cells, and what is hidden by that: decode/whole.py. */
 #include <math.h>
 
-#include "kernels.h"
+#include "quads.h"
+#include "wide.h"
 
-enum { ALONG = 40 };
+enum { ALONG = 40, SHARES = 20, WHOLE = 5, EXPLAINED = 3 * SHARES };
 #define ACROSS_FIRST 0.3 /* of a cell: where the light along the quad is taken, and averaged */
 #define ACROSS_SECOND 0.7
+#define NEAR_EDGE 0.06
+#define SHARE_STEP 0.02
+#define FIRST_SHARE (-0.1)
+#define MOST 0.15
+#define GAP 0.03
+#define BLUR_PX 0.9
+#define BLUR_STEP 0.15
+#define BETTER 0.6
+#define LITTLE_LEFT 0.06
+#define CLEARLY_BETTER 0.15
+#define NOTHING_LEFT 0.02
 
 /* Light (2, ALONG) from left to right and from top to bottom of a quad, its mean 1. `bends` (4, 2, 2) of its sides, along
  * and inward; `cubics` (2, ALONG) how much of either moves each place. */
@@ -33,46 +45,64 @@ static void light_along(const Picture *picture, const Point corners[4], const do
     }
 }
 
-/* `light` (quads, 2, ALONG) along quads with `corners` (quads, 4, 2); and of each how long its sides are, and how far the
- * lens bends them inward, at most, in pixels: `sizes` (quads, 2). */
-void ledpi_light_along(const uint8_t *pixels, ptrdiff_t height, ptrdiff_t width, ptrdiff_t stride, const float *table,
-                       ptrdiff_t cells, ptrdiff_t quads, const Point *corners, const double *bends, const double *cubics,
-                       double *light, double *sizes) {
-    const Picture picture = {pixels, height, width, stride, table};
-    for (ptrdiff_t i = 0; i < quads; i++) {
-        light_along(&picture, corners + 4 * i, bends + 16 * i, cubics, cells, light + 2 * ALONG * i);
-        sizes[2 * i] = sqrt(fabs(ledpi_area(corners + 4 * i)));
-        sizes[2 * i + 1] = 0.0;
-        for (int j = 1; j < 16; j += 2) sizes[2 * i + 1] = fmax(sizes[2 * i + 1], fabs(bends[16 * i + j]));
+/* Mean square that the explanations from … to − 1 leave (to,) of `light`; the best of them. */
+LEDPI_WIDE static ptrdiff_t unexplained(const double *light, const Explanations *by, ptrdiff_t from, ptrdiff_t to, double *left) {
+    double all = 0.0, places = 0.0;
+    ptrdiff_t best = from;
+    for (int i = 0; i < ALONG; i++) {
+        const double at = (i + 0.5) / ALONG;
+        if (!(at > NEAR_EDGE && at < 1.0 - NEAR_EDGE)) continue;
+        all += light[i] * light[i];
+        places += 1.0;
     }
+    for (ptrdiff_t e = from; e < to; e++) {
+        double explained = 0.0;
+        for (const double *basis = by->bases + by->first[e] * ALONG; basis < by->bases + by->first[e + 1] * ALONG; basis += ALONG) {
+            double part[4] = {0.0, 0.0, 0.0, 0.0}; /* four sums side by side, as many as fit a register */
+            for (int i = 0; i < ALONG; i += 4)
+                for (int k = 0; k < 4; k++) part[k] += light[i + k] * basis[i + k];
+            const double product = (part[0] + part[1]) + (part[2] + part[3]);
+            explained += product * product;
+        }
+        left[e] = fmax(all - explained, 1e-9) / places;
+        if (left[e] < left[best]) best = e;
+    }
+    return best;
 }
 
-/* Mean square that an orthonormal basis (columns, ALONG) leaves of `light`, of which `all` is the sum of squares. */
-static double unexplained(const double *light, double all, const double *basis, ptrdiff_t columns, double places) {
-    for (ptrdiff_t c = 0; c < columns; c++) {
-        double product = 0.0;
-        for (int i = 0; i < ALONG; i++) product += light[i] * basis[c * ALONG + i];
-        all -= product * product;
-    }
-    return fmax(all, 1e-9) / places;
+/* The share with the least left unexplained, by the parabola through its neighbours; `left` (SHARES,), and of whole cells. */
+static double share_of(const double *left, ptrdiff_t best, double of_whole) {
+    if (best < 1 || best > SHARES - 2) return NAN;
+    const double tilt = 0.5 * (left[best - 1] - left[best + 1]);
+    const double bend = fmax(left[best - 1] + left[best + 1] - 2.0 * left[best], 1e-12);
+    const double share = FIRST_SHARE + SHARE_STEP * ((double)best + tilt / bend), least = left[best] - 0.5 * tilt * tilt / bend;
+    return fabs(share) < MOST && least < fmax(LITTLE_LEFT * LITTLE_LEFT, CLEARLY_BETTER * of_whole) ? share : NAN;
 }
 
-/* What each of `explanations` leaves (2, explanations) of `light` (2, ALONG), both ways. `bases` (columns, ALONG), those
- * of explanation e from column first[e] to first[e + 1]; `counted` (ALONG,) is 0 where light does not count. An axis of
- * which the explanation `whole` leaves no more than `little` is left out. Returns 1 and 2, added, for those that are not. */
-int ledpi_unexplained(const double *light, const double *bases, const ptrdiff_t *first, ptrdiff_t explanations,
-                      const double *counted, ptrdiff_t whole, double little, double *left) {
-    int axes = 0;
-    double places = 0.0;
-    for (int i = 0; i < ALONG; i++) places += counted[i];
-    for (int axis = 0; axis < 2; axis++, light += ALONG, left += explanations) {
-        double all = 0.0;
-        for (int i = 0; i < ALONG; i++) all += light[i] * light[i] * counted[i];
-        if (!(unexplained(light, all, bases + first[whole] * ALONG, first[whole + 1] - first[whole], places) > little))
-            continue;
-        for (ptrdiff_t e = 0; e < explanations; e++)
-            left[e] = unexplained(light, all, bases + first[e] * ALONG, first[e + 1] - first[e], places);
-        axes |= 1 << axis;
+void ledpi_hidden(const Picture *picture, const Tables *tables, const Point corners[4], const double *bends,
+                  double hidden[2][2], Missing *missing) {
+    static const double ends[3][2] = {{1.0, 0.0}, {0.0, 1.0}, {1.0, 1.0}};
+    const double side_px = sqrt(fabs(ledpi_area(corners))), cells = (double)tables->cells;
+    double most_bent = 0.0, light[2][ALONG], left[EXPLAINED];
+    for (int k = 0; k < 4; k++) {
+        hidden[k / 2][k % 2] = 0.0;
+        most_bent = fmax(most_bent, fmax(fabs(bends[4 * k + 1]), fabs(bends[4 * k + 3])));
     }
-    return axes;
+    const double blur = (BLUR_PX + most_bent + GAP * side_px / cells) / fmax(side_px, 1.0);
+    if (!(blur > 0.0)) return; /* the quad is nowhere */
+    const double step = fmin(fmax(rint(log(blur) / BLUR_STEP) - (double)tables->first_blur, 0.0), (double)(tables->blurs - 1));
+    const Explanations *const by = tables->explanations + (ptrdiff_t)step;
+    if (!by->bases) {
+        missing->explanations = 1 + (ptrdiff_t)step;
+        return;
+    }
+    light_along(picture, corners, bends, tables->cubics, tables->cells, &light[0][0]);
+    for (int axis = 0; axis < 2; axis++) {
+        unexplained(light[axis], by, WHOLE, WHOLE + 1, left);
+        if (!(left[WHOLE] > NOTHING_LEFT * NOTHING_LEFT)) continue;
+        const ptrdiff_t best = unexplained(light[axis], by, 0, EXPLAINED, left), end = best / SHARES;
+        if (!(left[best] < BETTER * left[WHOLE])) continue;
+        const double share = share_of(left + end * SHARES, best % SHARES, left[WHOLE]);
+        hidden[axis][0] = share * ends[end][0], hidden[axis][1] = share * ends[end][1];
+    }
 }

@@ -1,0 +1,53 @@
+/* What becomes of one quad after the other: its sides (edges.c), what is hidden of it (whole.c), its lattice (adjust.c); and
+ * all of that (refine.c). */
+#ifndef LEDPI_QUADS_H
+#define LEDPI_QUADS_H
+
+#include "kernels.h"
+#include "pose.h"
+#include "rim.h"
+
+/* How light along a quad is explained by cells of which so much is hidden, as decode/whole.py makes it: orthonormal `bases`
+ * (columns, places), those of explanation e from column first[e] to first[e + 1]. NULL until they are made. */
+typedef struct {
+    const double *bases;
+    const ptrdiff_t *first;
+} Explanations;
+
+/* What is made beforehand; as kernels/edges.py has it. */
+typedef struct {
+    Filters filters;
+    Shares profiles, coarse;     /* across the sides: looked at closely, and from further off */
+    const float *templates;      /* of the step there */
+    const double *cubics;        /* (2, places) by what the sides' bends move each place along a quad */
+    const Explanations *explanations;
+    ptrdiff_t first_blur, blurs; /* logarithms of a gap's blur that these are for, in steps */
+    ptrdiff_t cells;             /* along a side */
+} Tables;
+
+/* What is wanted and not made yet, counted from 1; 0 where nothing is missing. */
+typedef struct {
+    ptrdiff_t filter, explanations;
+} Missing;
+
+/* Where the sides near corners are, and how sure that is. */
+typedef struct {
+    Point corners[4];
+    bool seen;                            /* all sides show edges */
+    double used, spread_px, sigma_px;     /* share of the profiles that are; of their edges; of the corners */
+} Found;
+
+/* Below, `bends` (4, 2, 2) are what the lens does to a quad's sides: `bends` of decode/sides.py. */
+
+void ledpi_find_sides(const Picture *picture, const Tables *tables, const Point near[4], const double *bends, Found *found,
+                      Missing *missing);
+
+/* The share of the panel's side that a quad lacks: at the left and right, then at the top and bottom; as `hidden_shares`. */
+void ledpi_hidden(const Picture *picture, const Tables *tables, const Point corners[4], const double *bends,
+                  double hidden[2][2], Missing *missing);
+
+/* Better corners of a whole panel, and the deviation of their coordinates; not a number where its lines are none. */
+double ledpi_adjust(const Picture *picture, const Tables *tables, const Point corners[4], const double *bends,
+                    const Lens *lens, Point moved[4], Missing *missing);
+
+#endif

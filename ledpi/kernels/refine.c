@@ -1,0 +1,99 @@
+/* From corners nearby to a lit square's own, or why there is none: decode/edges.py, one quad after the other. */
+#include <math.h>
+
+#include "lattice.h"
+#include "quads.h"
+
+#define MAX_MOVE 0.2
+#define MAX_SPREAD_PX 0.35
+#define MIN_USED 0.6
+#define MIN_SIDE_PX 7.0
+#define BORDER_PX 1.0
+#define HIDDEN_SIGMA 0.003
+#define MIN_PITCH_PX 6.0
+enum { LEAST_CELLS = 3 };
+
+/* In this order in kernels/edges.py. */
+typedef enum { WHOLE, PARTLY_HIDDEN, NO_EDGE, NOT_STRAIGHT, NOT_WHOLE, NOT_CONVEX, TOO_SMALL, AT_BORDER } Outcome;
+
+/* A row there: the square's corners, those of what is seen of it, the corners' deviation, how far the lens bends it. */
+typedef struct {
+    Point corners[4], seen[4];
+    double sigma_px, bend_px;
+} Refined;
+
+/* The corners of a quad that lacks `hidden` of its panel, of the whole panel. */
+static void uncover(const Point corners[4], double hidden[2][2], Point whole[4]) {
+    double h[9], ends[2][2];
+    for (int axis = 0; axis < 2; axis++) {
+        const double seen = 1.0 - (hidden[axis][0] + hidden[axis][1]);
+        ends[axis][0] = -hidden[axis][0] / seen, ends[axis][1] = 1.0 + hidden[axis][1] / seen;
+    }
+    ledpi_unit_square_to(corners, h);
+    for (int k = 0; k < 4; k++) {
+        const double u = ends[0][k == 1 || k == 2], v = ends[1][k >= 2], w = h[6] * u + h[7] * v + h[8];
+        whole[k] = (Point){(h[0] * u + h[1] * v + h[2]) / w, (h[3] * u + h[4] * v + h[5]) / w};
+    }
+}
+
+/* Whether a quad has the shape of a square, and is wholly in the picture: `outcome` then, else why not. */
+static Outcome checked(const Picture *picture, const Point c[4], Outcome outcome) {
+    for (int k = 0; k < 4; k++) {
+        const Point *before = &c[(k + 3) & 3], *here = &c[k], *next = &c[(k + 1) & 3];
+        const double turn = (here->x - before->x) * (next->y - here->y) - (here->y - before->y) * (next->x - here->x);
+        if (!(turn > 0.0)) return NOT_CONVEX; /* also where a corner is not finite */
+    }
+    if (ledpi_area(c) < MIN_SIDE_PX * MIN_SIDE_PX) return TOO_SMALL;
+    const double right = (double)picture->width - 1.0 - BORDER_PX, bottom = (double)picture->height - 1.0 - BORDER_PX;
+    for (int k = 0; k < 4; k++)
+        if (c[k].x < BORDER_PX || c[k].y < BORDER_PX || c[k].x > right || c[k].y > bottom) return AT_BORDER;
+    return outcome;
+}
+
+static Outcome refine(const Picture *picture, const Tables *tables, const Lens *lens, const Point near[4], Refined *into,
+                      Missing *missing) {
+    const double side_px = sqrt(fabs(ledpi_area(near))), cells = (double)tables->cells;
+    double bends[16] = {0.0}, hidden[2][2];
+    Found found;
+    if (lens) ledpi_bends(lens, 1, &near[0].x, bends);
+    ledpi_find_sides(picture, tables, near, bends, &found, missing);
+    if (missing->filter) return NO_EDGE;
+    if (!found.seen || !(ledpi_farthest(found.corners, near) < MAX_MOVE * side_px)) return NO_EDGE;
+    if (!(found.spread_px <= MAX_SPREAD_PX && found.used >= MIN_USED)) return NOT_STRAIGHT;
+    ledpi_hidden(picture, tables, found.corners, bends, hidden, missing);
+    if (missing->explanations) return NO_EDGE;
+    into->sigma_px = found.sigma_px;
+    into->bend_px = 0.0;
+    for (int k = 0; k < 8; k++) into->bend_px = fmax(into->bend_px, fabs(bends[2 * k + 1]));
+    for (int k = 0; k < 4; k++) into->corners[k] = into->seen[k] = found.corners[k];
+    if (hidden[0][0] != 0.0 || hidden[0][1] != 0.0 || hidden[1][0] != 0.0 || hidden[1][1] != 0.0) {
+        if (!isfinite(hidden[0][0] + hidden[0][1] + hidden[1][0] + hidden[1][1])) return NOT_WHOLE;
+        uncover(found.corners, hidden, into->corners);
+        into->sigma_px += HIDDEN_SIGMA * side_px;
+        return checked(picture, into->corners, PARTLY_HIDDEN);
+    }
+    const Outcome outcome = checked(picture, into->corners, WHOLE);
+    const double least_px = cells * MIN_PITCH_PX; /* nearer, lines blur into each other, and sides are better known */
+    if (outcome != WHOLE || tables->cells < LEAST_CELLS || tables->cells > MOST_CELLS) return outcome;
+    if (!(ledpi_area(found.corners) > least_px * least_px)) return outcome;
+    Point moved[4];
+    const double sigma_px = ledpi_adjust(picture, tables, found.corners, bends, lens, moved, missing);
+    if (!isfinite(sigma_px)) return outcome;
+    for (int k = 0; k < 4; k++) into->corners[k] = moved[k];
+    into->sigma_px = sigma_px;
+    return outcome;
+}
+
+/* Of `quads` quads whose corners (quads, 4, 2) are `near`: what they are, and their `outcomes`. `lens` is NULL where it
+ * bends nothing. False where something is `missing` that must be made first. */
+bool ledpi_refine(const uint8_t *pixels, ptrdiff_t height, ptrdiff_t width, ptrdiff_t stride, const float *table,
+                  const Tables *tables, const Lens *lens, ptrdiff_t quads, const Point *near, Refined *refined,
+                  int32_t *outcomes, Missing *missing) {
+    const Picture picture = {pixels, height, width, stride, table};
+    *missing = (Missing){0, 0};
+    for (ptrdiff_t i = 0; i < quads; i++) {
+        outcomes[i] = refine(&picture, tables, lens, near + 4 * i, refined + i, missing);
+        if (missing->filter || missing->explanations) return false;
+    }
+    return true;
+}
