@@ -55,6 +55,11 @@ class Evidence:
     prior: Doubles  # (P,) expected variance of x
     left: float  # log-likelihood of what no bands explain; noise if the model is right
 
+    @property
+    def silent(self) -> NDArray[np.bool_]:
+        """(cells,) of which it holds nothing."""
+        return np.asarray(np.einsum("cici->c", self.information) == 0.0)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Normal:

@@ -25,6 +25,7 @@ from ledpi.decode.evidence import (
     picture_slopes,
 )
 from ledpi.decode.single_frame import single_evidence
+from ledpi.decode.unlit import without_unlit
 from ledpi.records import Frame, PanelSpec, Rejected
 
 # Old evidence fades, as oscillators drift and a wrong turn must be mended: to a third in 30 frames, half a second.
@@ -188,7 +189,8 @@ class PanelMemory:
             squares=float(seen @ seen),
             freedom=int((weight > 0).sum()) - len(nuisances) - cells * parameters,
         )
-        return evidence_from(normal, samples, frame, self.spec)
+        evidence = evidence_from(normal, samples, frame, self.spec)
+        return evidence if isinstance(evidence, Rejected) else without_unlit(evidence, samples)
 
     def _remember(self, light: Singles, waves: Singles, valid: Singles) -> None:
         total = self._count + valid

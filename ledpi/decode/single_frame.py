@@ -32,6 +32,7 @@ from ledpi.decode.shared_light import (
     sources_of,
 )
 from ledpi.decode.uncovered import without_covered
+from ledpi.decode.unlit import without_unlit
 from ledpi.kernels import evidence as kernel
 from ledpi.kernels.library import COMPILED
 from ledpi.records import Frame, PanelSpec, Rejected
@@ -51,7 +52,8 @@ def single_evidence(
     Where bands are deep, what cells have in common only shows once the bands are known: so with what is `believed`
     the static picture is what is left when that is divided out, and evidence is on how far the bands differ from it.
     """
-    if believed is None and not is_deep(band_prior(frame, spec)):  # a deep band is as dark as what is covered
+    deep = is_deep(band_prior(frame, spec))
+    if believed is None and not deep:  # a deep band is as dark as what is covered
         samples = without_covered(samples)
     sources = sources_of(samples.lattice.k, border_points(samples))
     if believed is not None:
@@ -60,11 +62,12 @@ def single_evidence(
         waves = class_waves(samples, frame, spec, compiled=compiled)
     how = _compiled_evidence if compiled else _numpy_evidence
     evidence = how(samples, frame, spec, waves, believed, sources)
-    if believed is None or isinstance(evidence, Rejected):
+    if isinstance(evidence, Rejected):
         return evidence
-    # What says how far the bands differ from what is believed, as what says how they are.
-    believed_score = np.einsum("cidj,dj->ci", evidence.information, believed.bands)
-    return replace(evidence, score=evidence.score + believed_score)
+    if believed is not None:  # what says how far the bands differ from what is believed, as what says how they are
+        believed_score = np.einsum("cidj,dj->ci", evidence.information, believed.bands)
+        evidence = replace(evidence, score=evidence.score + believed_score)
+    return evidence if deep else without_unlit(evidence, samples)
 
 
 def _numpy_evidence(

@@ -83,6 +83,19 @@ class Codebook:
             spec=spec,
         )
 
+    def correctable_beside(self, silent: NDArray[np.bool_], word: int) -> int:
+        """`correctable` where the `silent` (cells,) say nothing: ⌊(d − 1)/2⌋ of the other cells, if that is less.
+
+        d: by how many of them this word differs from the one that is most like it there.
+        """
+        if not silent.any():
+            return self.correctable
+        told = self.white[:, ~silent]
+        apart = (told != told[word]).sum(axis=1)
+        if self.spec.phase == "antiphase":
+            apart = np.minimum(apart, told.shape[1] - apart)
+        return max(0, min(self.correctable, int(np.delete(apart, word).min(initial=told.shape[1]) - 1) // 2))
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reading:
@@ -150,7 +163,7 @@ def _judged(fit: Fit, evidence: Evidence, codebook: Codebook, false_id_rate: flo
         return IMPLAUSIBLE
     against = _against(evidence, codebook, best, bands)
     outside = min(
-        _odds_against_other_patterns(against.gain, codebook),
+        _odds_against_other_patterns(against.gain, evidence.silent, codebook, best),
         _odds_against_negative(against.negative, codebook, none),
     )
     if outside >= needed:
@@ -233,31 +246,33 @@ def _against(
 
 def _consistent(evidence: Evidence, of_cells: float, of_word: float, lead: float) -> bool:
     """Whether all cells share the bands of one word, as far as its log-likelihood ratio and its lead can tell."""
-    freedom = evidence.score.size - len(evidence.prior)
+    freedom = (len(evidence.score) - int(evidence.silent.sum()) - 1) * len(evidence.prior)
     misfit = of_cells - of_word
     if is_deep(evidence.prior):
         return misfit < lead and of_word > MIN_EXPLAINED * evidence.left
     return misfit < 0.5 * (freedom + DEVIATIONS * math.sqrt(2.0 * freedom)) + MAX_MISFIT * of_word
 
 
-def _odds_against_other_patterns(gain: Doubles, codebook: Codebook) -> float:
+def _odds_against_other_patterns(gain: Doubles, silent: NDArray[np.bool_], codebook: Codebook, word: int) -> float:
     """Log odds of a word against all patterns that are too far from it to be it; `gain` is that of `_Against`.
 
     Without this rival a panel that shows no word of the dictionary would pass as its neighbour. As with any code, a
-    pattern counts as the word itself while no more cells differ than the dictionary can correct (a dead cell).
-    Given the bands, cells are independent, so the patterns that differ in d cells sum up to the d-th elementary
-    symmetric polynomial of the cells' likelihood ratios.
+    pattern counts as the word itself while no more cells differ than the dictionary can correct; those that are
+    `silent` (cells,) are erasures: they may be either, and leave less to be corrected. Given the bands, cells are
+    independent, so the patterns that differ in d cells sum up to the d-th elementary symmetric polynomial of the cells'
+    likelihood ratios.
     """
-    by_distance = [1.0] + [0.0] * codebook.correctable  # few cells differ: 0, 1, …
+    told, correctable = gain[~silent], codebook.correctable_beside(silent, word)
+    by_distance = [1.0] + [0.0] * correctable  # few cells differ: 0, 1, …
     further = 0.0  # more
-    for ratio in np.exp(np.minimum(gain, 40.0)).tolist():
+    for ratio in np.exp(np.minimum(told, 40.0)).tolist():
         further += (further + by_distance[-1]) * ratio
-        for d in range(codebook.correctable, 0, -1):
+        for d in range(correctable, 0, -1):
             by_distance[d] += by_distance[d - 1] * ratio
     others = math.log(max(further, 1e-300))
     if others < -600:  # the nearest of them outshines the rest, and may be too small for a number
-        others = float(np.sort(gain)[-codebook.correctable - 1 :].sum())
-    return _prior_odds_of_word(codebook) - others
+        others = float(np.sort(told)[-correctable - 1 :].sum())
+    return _prior_odds_of_word(codebook) - others - int(silent.sum()) * math.log(2)
 
 
 def _odds_against_neighbours(evidence: Evidence, codebook: Codebook, best: int, of_word: float) -> float:
@@ -269,12 +284,13 @@ def _odds_against_neighbours(evidence: Evidence, codebook: Codebook, best: int, 
     """
     if codebook.spec.phase == "free":
         return math.inf
-    word = codebook.white[best]
+    word, silent = codebook.white[best], evidence.silent
+    correctable = codebook.correctable_beside(silent, best)
     here, others = word, -math.inf
-    for differ in range(1, codebook.correctable + NEIGHBOURS + 1):
-        near = np.abs(here - np.eye(len(word), dtype=np.float32))[here == word]
+    for differ in range(1, correctable + NEIGHBOURS + 1):
+        near = np.abs(here - np.eye(len(word), dtype=np.float32))[(here == word) & ~silent]
         likelihood = word_log_likelihoods(evidence, near)[0]
-        if differ > codebook.correctable:
+        if differ > correctable:
             others = float(np.logaddexp(others, np.logaddexp.reduce(likelihood)))
         here = near[int(likelihood.argmax())]
     return of_word - others + _prior_odds_of_word(codebook)
