@@ -17,10 +17,10 @@ from ledpi.records import CameraInfo, Frame, PanelValues, Pixels, Rejected
 # second ends every track, as between two takes; so no decoder takes the jump for a motion. Less than a second, so that
 # there are frames in each of the seconds that the daemon counts.
 _ROUND_GAP_NS = 600_000_000
-# A paced replay begins to read a picture this many times earlier than reading takes. Not as soon as the last one is
-# handed over, though there would be time: decoding has just begun, and a sensor would leave it the interpreter and both
-# caches (the hand-over to the decoder took 1.4 ms then, and takes 0.1 ms).
-_READ_AHEAD = 2.0
+# A paced replay reads a picture in the second half of its read-out, and begins earlier only where reading takes long.
+# Not as soon as the last one is handed over: decoding has just begun, and a sensor would leave it the interpreter and
+# the caches (the hand-over to the decoder took 1.4 ms then, and takes 0.1 ms).
+_READ_AHEAD = 2.0  # times the longest reading of late
 _FORGET = 0.9  # of the longest reading so far, from one picture to the next
 
 _log = logging.getLogger(__name__)
@@ -69,7 +69,8 @@ class RecordingCamera:
         end_ns = entry.row0_readout_ns + self._readout_ns
         host_offset_ns = self._host_offset_ns
         if host_offset_ns is not None:
-            self._wait_until(end_ns + host_offset_ns - round(_READ_AHEAD * self._reading_ns))
+            ahead_ns = max(0.5 * self._readout_ns, _READ_AHEAD * self._reading_ns)
+            self._wait_until(end_ns + host_offset_ns - round(ahead_ns))
         bad = self._read_timed(entry, into)
         if host_offset_ns is None:
             host_offset_ns = time.monotonic_ns() - end_ns
