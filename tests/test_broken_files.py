@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+import copy
+import json
+import logging
 import random
-from collections.abc import Callable
+import shutil
+import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
@@ -12,6 +18,7 @@ from daemon_material import ROOT, write_recording
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from ledpi.cli import main
 from ledpi.config import load_config
 from ledpi.errors import LedpiError
 from ledpi.map_yaml import load_map
@@ -74,16 +81,20 @@ VALUES = st.recursive(
     max_leaves=6,
 )
 SOUND = yaml.safe_load((ROOT / "config.yaml").read_text(encoding="utf-8"))
+MAP = (ROOT / "docs/map.md").read_text(encoding="utf-8").partition("```yaml\n")[2].partition("```")[0]
 KEYS = sorted((section, key) for section, keys in SOUND.items() if isinstance(keys, dict) for key in keys)
 
 
-@settings(
+EIGHTY = settings(
     max_examples=80,
     derandomize=True,
     deadline=None,
     database=None,
     suppress_health_check=[HealthCheck.function_scoped_fixture],
 )
+
+
+@EIGHTY
 @given(st.dictionaries(st.sampled_from(KEYS), VALUES, min_size=1, max_size=3))
 def test_any_value_is_taken_or_refused_in_one_line(tmp_path: Path, values: dict[tuple[str, str], object]) -> None:
     """Of one to three keys of the configuration that is shipped: what YAML can write."""
@@ -93,6 +104,66 @@ def test_any_value_is_taken_or_refused_in_one_line(tmp_path: Path, values: dict[
     file = tmp_path / "config.yaml"
     file.write_text(yaml.safe_dump(changed, allow_unicode=True), encoding="utf-8")
     is_refused(load_config, file)
+
+
+def places(document: Any) -> Iterator[tuple[Any, ...]]:
+    """The way to each value in what YAML or JSON has given."""
+    within = document.items() if isinstance(document, dict) else enumerate(document)
+    for key, value in within:
+        yield (key,)
+        if isinstance(value, dict | list):
+            yield from ((key, *inner) for inner in places(value))
+
+
+def with_others(document: Any, data: st.DataObject) -> Any:
+    """A copy with one to three of its values exchanged for what YAML can write."""
+    document = copy.deepcopy(document)
+    for _ in range(data.draw(st.integers(1, 3))):
+        *way, last = data.draw(st.sampled_from(list(places(document))))
+        within = document
+        for key in way:
+            within = within[key]
+        within[last] = data.draw(VALUES)
+    return document
+
+
+@EIGHTY
+@given(st.data())
+def test_any_value_in_a_map_is_taken_or_refused_in_one_line(tmp_path: Path, data: st.DataObject) -> None:
+    """Of the one in docs/map.md."""
+    file = tmp_path / "markers.yaml"
+    file.write_text(yaml.safe_dump(with_others(yaml.safe_load(MAP), data), allow_unicode=True), encoding="utf-8")
+    is_refused(load_map, file)
+
+
+@pytest.fixture(scope="module")
+def sound_take(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A recording of three frames, with a line of truth."""
+    take = tmp_path_factory.mktemp("sound") / "take"
+    write_recording(take, 3)
+    marker = {"id": 7, "corners_px": [[1, 2], [3, 2], [3, 4], [1, 4]], "position_m": [0, 0, 1], "optional": True}
+    truth = {"seq": 1, "markers": [{**marker, "quaternion_wxyz": [0, 1, 0, 0]}]}
+    (take / "truth.jsonl").write_text(json.dumps(truth) + "\n", encoding="utf-8")
+    assert load_recording(take).truth is not None
+    return take
+
+
+@EIGHTY
+@given(st.data())
+def test_any_value_in_a_recording_is_taken_or_refused_in_one_line(sound_take: Path, data: st.DataObject) -> None:
+    """Of its header, of a frame's line, or of the truth's."""
+    file = sound_take / data.draw(st.sampled_from(["recording.yaml", "frames.jsonl", "truth.jsonl"]))
+    sound = file.read_text(encoding="utf-8")
+    first, _, rest = sound.partition("\n")
+    try:
+        if file.suffix == ".yaml":
+            changed = yaml.safe_dump(with_others(yaml.safe_load(sound), data), allow_unicode=True)
+        else:
+            changed = json.dumps(with_others(json.loads(first), data), default=str) + "\n" + rest
+        file.write_text(changed, encoding="utf-8")
+        is_refused(load_recording, sound_take)
+    finally:
+        file.write_text(sound, encoding="utf-8")
 
 
 @pytest.mark.parametrize("name", ["recording.yaml", "frames.jsonl"])
@@ -110,11 +181,81 @@ def test_a_damaged_recording_is_refused_in_one_line(tmp_path: Path, name: str) -
 def test_a_damaged_map_is_refused_in_one_line(tmp_path: Path) -> None:
     """Two hundred of the one in docs/map.md."""
     rng, file, refused = random.Random(3), tmp_path / "markers.yaml", 0
-    page = (ROOT / "docs/map.md").read_text(encoding="utf-8")
-    sound = page.partition("```yaml\n")[2].partition("```")[0].encode()
+    sound = MAP.encode()
     file.write_bytes(sound)
     assert len(load_map(file)) >= 4
     for _ in range(200):
         file.write_bytes(damaged(sound, rng))
         refused += is_refused(load_map, file)
     assert refused > 60
+
+
+# ---- The commands that read them
+
+
+@pytest.fixture
+def complaint(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[[list[str]], str]:
+    """The one line on standard error of a command that ends with status 2."""
+
+    def of(command: list[str]) -> str:
+        monkeypatch.setattr(sys, "argv", ["ledpi", *command])
+        monkeypatch.setattr(logging, "basicConfig", lambda **_: None)  # pytest's own handlers stay
+        with pytest.raises(SystemExit) as caught:
+            main()
+        output, errors = capsys.readouterr()
+        (line,) = errors.splitlines()
+        assert (caught.value.code, output) == (2, "")
+        return str(line)
+
+    return of
+
+
+def eight_refused(file: Path, read: Callable[[Path], object], place: Path) -> Iterator[None]:
+    """Damages `file` until `place` is refused, eight times."""
+    sound, rng, refused = file.read_bytes(), random.Random(file.name), 0
+    while refused < 8:
+        file.write_bytes(damaged(sound, rng))
+        if is_refused(read, place):
+            refused += 1
+            yield
+
+
+SIDE = ["--set", "panels.side_m=0.16"]
+
+
+def test_every_command_refuses_a_configuration(
+    tmp_path: Path, sound_take: Path, complaint: Callable[[list[str]], str]
+) -> None:
+    """With status 2 and one line that names it."""
+    file = tmp_path / "config.yaml"
+    shutil.copy(ROOT / "config.yaml", file)
+    with_it = ["--config", str(file)]
+    for _ in eight_refused(file, load_config, file):
+        for name in ("run", "snapshot", "calibrate"):
+            assert str(file) in complaint([name, *with_it])
+        for name in ("decode", "record"):
+            assert str(file) in complaint([name, *with_it, str(sound_take)])
+
+
+def test_every_command_refuses_a_map(tmp_path: Path, sound_take: Path, complaint: Callable[[list[str]], str]) -> None:
+    """With status 2 and one line that names it."""
+    file = tmp_path / "markers.yaml"
+    file.write_text(MAP, encoding="utf-8")
+    with_it = [*SIDE, "--set", f"map={file}"]
+    for _ in eight_refused(file, load_map, file):
+        assert str(file) in complaint(["run", *with_it, "--set", "camera.source=simulated"])
+        assert str(file) in complaint(["decode", *with_it, str(sound_take)])
+
+
+@pytest.mark.parametrize("name", ["recording.yaml", "frames.jsonl"])
+def test_every_command_refuses_a_recording(
+    tmp_path: Path, sound_take: Path, complaint: Callable[[list[str]], str], name: str
+) -> None:
+    """With status 2 and one line that names it."""
+    take = tmp_path / "take"
+    shutil.copytree(sound_take, take)
+    for _ in eight_refused(take / name, load_recording, take):
+        for command in ("run", "snapshot"):
+            assert str(take) in complaint([command, *SIDE, "--set", f"camera.source=recording:{take}"])
+        assert str(take) in complaint(["decode", *SIDE, str(take)])
+        assert str(take) in complaint(["calibrate", "shutter", *SIDE, str(take)])

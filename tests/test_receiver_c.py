@@ -115,6 +115,35 @@ def test_both_decide_alike_on_what_a_wrong_sender_could_send() -> None:
     assert set(in_c.counters.bad | in_c.counters.skipped) == {"length", "value", "version", "type", "flags"}
 
 
+FUZZ_ON_STDIN = """
+#include <stdio.h>
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
+int main(void)
+{
+    uint8_t data[256];
+    for (int size; (size = getchar()) != EOF;)
+        LLVMFuzzerTestOneInput(data, fread(data, 1, (size_t)size, stdin));
+    return 0;
+}
+"""
+
+
+@needs_gcc
+def test_what_the_fuzzer_asks_holds_on_seeded_input(tmp_path: Path) -> None:
+    """tests/receiver_fuzz.c, which clang's libFuzzer drives, given 5,000 inputs: its promises and gcc's sanitizers."""
+    source = tmp_path / "fuzz.c"
+    source.write_text((ROOT / "tests" / "receiver_fuzz.c").read_text(encoding="utf-8") + FUZZ_ON_STDIN)
+    sanitize = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+    subprocess.run(["gcc", *STRICT, *sanitize, "-o", str(tmp_path / "fuzz"), str(source)], check=True)
+    rng = random.Random(11)
+    inputs = []
+    for _ in range(5000):
+        sealed = [bytes([34 << 1 | 1, 1, rng.randint(1, 3)]) + rng.randbytes(32) for _ in range(rng.randint(0, 2))]
+        inputs.append(b"".join(sealed) + rng.randbytes(rng.randrange(100)))
+    stream = b"".join(bytes([len(data)]) + data for data in inputs)
+    subprocess.run([tmp_path / "fuzz"], input=stream, check=True, timeout=60)
+
+
 @pytest.mark.skipif(shutil.which("g++") is None, reason="not installed: g++")
 def test_the_header_is_good_for_arduino(tmp_path: Path) -> None:
     """An Arduino sketch is C++."""
