@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from decode_material import SPEC, Canvas, quad, square, word
@@ -10,6 +12,7 @@ from ledpi.decode.cells import CellSamples, sample_cells
 from ledpi.decode.soft import Codebook, Reading, read_word
 from ledpi.decode.uncovered import without_covered
 from ledpi.dictionaries import load_dictionary
+from ledpi.kernels.library import COMPILED
 from ledpi.records import Floats, Frame
 
 TRUE = square(310.4, 240.2, 100.0, 12)
@@ -53,6 +56,23 @@ def test_what_is_covered_is_not_valid_and_the_rest_is() -> None:
     assert not first[: k // 3, : k // 3].any()
     assert first[-k // 3 :].all()
     assert samples.valid[1:].all()
+
+
+@pytest.mark.skipif(not COMPILED, reason="needs the compiled loops")
+@pytest.mark.parametrize("darkness", [0.05, 0.01, 0.0], ids=["a corner", "hardly any", "none"])
+def test_compiled_loops_ask_the_same_question(darkness: float) -> None:
+    """Whether anything is covered, of samples of which some are not valid beforehand."""
+    canvas = Canvas()
+    canvas.panel(TRUE, word(7))
+    if darkness:
+        canvas.lamp(before_the_panel((-0.1, darkness), (-0.1, darkness)), 0.0)
+    samples = samples_of(canvas.frame())
+    valid = np.random.default_rng(3).random(samples.light.shape) > 0.1
+    holes = replace(samples, valid=valid, light=np.where(valid, samples.light, np.float32(0)))
+    for given in (samples, holes):
+        ours, theirs = (without_covered(given, compiled=compiled) for compiled in (True, False))
+        assert (ours is given) == (theirs is given)
+        np.testing.assert_array_equal(ours.light, theirs.light)
 
 
 def test_a_whole_panel_keeps_all_samples() -> None:

@@ -22,6 +22,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -156,7 +157,7 @@ def square_waves(
 
 def is_deep(prior: Doubles) -> bool:
     """Whether bands of this variance (P,) are so deep that their harmonics show, and hide what is static."""
-    return math.sqrt(2.0 * float(prior.min())) > FULL_DEPTH
+    return math.sqrt(2.0 * min(prior.tolist())) > FULL_DEPTH
 
 
 def evidence_from(normal: Normal, samples: CellSamples, frame: Frame, spec: PanelSpec) -> Evidence | Rejected:
@@ -191,7 +192,12 @@ def _ridged(matrix: Doubles) -> Doubles:
 
 def band_prior(frame: Frame, spec: PanelSpec) -> Doubles:
     """(P,) variance of each wave's cosine and sine: a depth whose mean square is the expected one, in any phase."""
-    amplitude = [shutter.harmonic_amplitude(1, hz, frame.exposure_us, spec.duty) for hz in spec.waves_hz]
+    return _prior_of(frame.exposure_us, spec.waves_hz, spec.duty).copy()
+
+
+@lru_cache(maxsize=64)  # exposures, of an automatic one too, are whole rows
+def _prior_of(exposure_us: float, waves_hz: tuple[float, ...], duty: float) -> Doubles:
+    amplitude = [shutter.harmonic_amplitude(1, hz, exposure_us, duty) for hz in waves_hz]
     return np.repeat(np.maximum(np.square(amplitude), 1e-12), 2) / 2
 
 

@@ -7,6 +7,7 @@ times theirs. An orthonormal basis of that space is what to project out (`eviden
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cache
 
@@ -34,11 +35,13 @@ class Sources:
 
 def border_points(samples: CellSamples) -> tuple[int, int]:
     """How many points at either end of a cell a neighbour may light up: across, down."""
-    k = samples.lattice.k
-    cell = np.array(samples.cell_px)
-    step = cell * (1 - 2 * INSET) / k
-    across, down = np.clip(np.ceil((BORDER_PX - INSET * cell) / step - 0.5), 0, k // 2).astype(int).tolist()
-    return across, down
+    k, (width, height) = samples.lattice.k, samples.cell_px
+    return _border_points(k, width), _border_points(k, height)
+
+
+def _border_points(k: int, cell_px: float) -> int:
+    step = cell_px * (1 - 2 * INSET) / k
+    return min(max(math.ceil((BORDER_PX - INSET * cell_px) / step - 0.5), 0), k // 2)
 
 
 # The cells whose light meets at a point, as (down, across) from its own: near a corner; near a side. The first two of

@@ -122,7 +122,6 @@ def _compiled_evidence(
         valid=samples.valid,
         waves=waves,
         along=samples.lattice.along,
-        shifts=samples.lattice.shifts,
         column=sources.column,
         first=sources.first,
         met=meeting_cells(samples.lattice.cells),

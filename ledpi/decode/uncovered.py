@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 
 from ledpi.decode.cells import INSET, CellSamples, Singles
 from ledpi.decode.shared_light import BORDER_PX, border_points
+from ledpi.kernels import uncovered as kernel
+from ledpi.kernels.library import COMPILED
 from ledpi.records import Pixels
 
 Mask = NDArray[np.bool_]
@@ -26,16 +28,16 @@ FULLY_LIT = 0.75  # quantile of a cell's samples that is taken for its gain: hal
 MIN_LEFT = 0.25  # of a cell's samples: with less of one its gain is not known, and all is left as it is
 
 
-def without_covered(samples: CellSamples) -> CellSamples:
+def without_covered(samples: CellSamples, *, compiled: bool = COMPILED) -> CellSamples:
     """The samples, those that are covered or next to it marked as not valid. For bands that are not deep."""
-    border = border_points(samples)
     n, k = samples.lattice.cells, samples.lattice.k
-    tested = _inner(n, k, border)
+    tested = _inner(n, k, border_points(samples))
+    none_covered = kernel.all_uncovered if compiled else _all_uncovered
+    if none_covered(samples.light, samples.valid, tested, COVERED):
+        return samples
     if samples.valid is not None:
         tested = tested & samples.valid
     light = samples.light / samples.light.mean(axis=1, keepdims=True)
-    if (light >= COVERED * light.mean(axis=0))[tested].all():
-        return samples
     usual = _quantile(light, samples.valid, 0.5)
     gain = _quantile((light / np.maximum(usual, 1e-6)).T, None if samples.valid is None else samples.valid.T, FULLY_LIT)
     alight = gain * samples.light.mean(axis=1) > ALIGHT * np.median(samples.light.mean(axis=1))
@@ -48,6 +50,12 @@ def without_covered(samples: CellSamples) -> CellSamples:
     if (valid.mean(axis=1) < MIN_LEFT).any():
         return samples
     return replace(samples, valid=valid, light=np.where(valid, samples.light, np.float32(0)))
+
+
+def _all_uncovered(light: Singles, valid: Mask | None, tested: Mask, share: float) -> bool:
+    """Whether all `tested` samples (cells, points) show so much of what cells show there on average."""
+    light = light / light.mean(axis=1, keepdims=True)
+    return bool((light >= share * light.mean(axis=0))[tested if valid is None else tested & valid].all())
 
 
 def _reach(samples: CellSamples) -> Pixels:

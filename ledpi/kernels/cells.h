@@ -15,7 +15,7 @@ enum {
 typedef struct {
     ptrdiff_t side, k, waves, cells, points, samples;
     const uint8_t *valid; /* (cells, points); NULL: all are */
-    const float *along, *shifts; /* (side·k,); (8, 2, cells, points) */
+    const float *along; /* (side·k,) */
 } Panel;
 
 /* A sample's columns: its cell's gain, then bands, then SLOPES, and last what is left to explain. */
@@ -29,9 +29,9 @@ static inline ptrdiff_t unknowns(const Panel *panel, ptrdiff_t gains) {
     return gains + SLOPES + panel->cells * panel->waves;
 }
 
-/* Into `columns` (samples, width): how the logarithm of `picture` changes for each way in which its corners can be off,
- * times `weight`. `logarithm` (samples) is room to work in. */
-void ledpi_put_slopes(const Panel *panel, const float *picture, const float *weight, float *logarithm, float *columns);
+/* Into `columns` (samples, width): how the logarithm of `picture` changes for each way in which its corners can be off
+ * (`Lattice.shifts` in decode/cells.py), times `weight`. `room` (samples + 4·side·k) is to work in. */
+void ledpi_put_slopes(const Panel *panel, const float *picture, const float *weight, float *room, float *columns);
 
 /* Into `columns`: the waves (waves, cells, points), times `weight`. */
 void ledpi_put_waves(const Panel *panel, const float *waves, const float *weight, float *columns);

@@ -4,9 +4,16 @@
 #include <string.h>
 
 #include "cells.h"
+#include "wide.h"
 
-enum { MEETING = 18 };
+enum { MEETING = 18, MET = 3 }; /* ways in which cells meet at a point, MET of them together */
 
+/* Sum of a[i]·b[i], i < wide, which is a multiple of 8. */
+static inline float product(const float *a, const float *b, ptrdiff_t wide) {
+    Eight sums = {0};
+    for (ptrdiff_t i = 0; i < wide; i += 8) sums += *(const Eight *)(a + i) * *(const Eight *)(b + i);
+    return ((sums[0] + sums[4]) + (sums[1] + sums[5])) + ((sums[2] + sums[6]) + (sums[3] + sums[7]));
+}
 
 /* What lights up each point, as `Sources` in decode/shared_light.py has it; and which cells meet. */
 typedef struct {
@@ -83,100 +90,143 @@ static void levels(const Panel *panel, const Believed *believed, float *light, d
     }
 }
 
-/* At point p: an orthonormal basis (sources, cells) of what the cells may show there, whitened. Gram and Schmidt. */
-static ptrdiff_t shared_at(const Panel *panel, const Sources *sources, const Believed *believed, const double *gain,
-                           const float *root, ptrdiff_t p, float *basis) {
-    const ptrdiff_t cells = panel->cells, from = sources->first[p];
-    const ptrdiff_t count = (p + 1 < panel->points ? sources->first[p + 1] : sources->count) - from;
+/* Gram and Schmidt: `count` vectors (count, wide) made orthonormal, one after the other. */
+LEDPI_WIDE static void make_orthonormal(float *vectors, ptrdiff_t count, ptrdiff_t wide) {
     for (ptrdiff_t s = 0; s < count; s++) {
-        float *own = basis + s * cells, norm = 0.0f;
-        for (ptrdiff_t c = 0, i = p; c < cells; c++, i += panel->points) {
-            const int64_t neighbour = sources->met[c * MEETING + sources->column[from + s]];
-            own[c] = neighbour < cells ? (float)gain[neighbour] / root[i] : 0.0f;
-            if (believed->shown && neighbour < cells)
-                own[c] *= believed->of_class[(believed->white[neighbour] ? panel->samples : 0) + i];
+        float *own = vectors + s * wide;
+        for (const float *other = vectors; other < own; other += wide) {
+            const float along = product(own, other, wide);
+            for (ptrdiff_t c = 0; c < wide; c++) own[c] -= along * other[c];
         }
-        for (const float *other = basis; other < own; other += cells) {
-            float along = 0.0f;
-            for (ptrdiff_t c = 0; c < cells; c++) along += own[c] * other[c];
-            for (ptrdiff_t c = 0; c < cells; c++) own[c] -= along * other[c];
-        }
-        for (ptrdiff_t c = 0; c < cells; c++) norm += own[c] * own[c];
-        norm = 1.0f / fmaxf(sqrtf(norm), 1e-9f);
-        for (ptrdiff_t c = 0; c < cells; c++) own[c] *= norm;
+        const float norm = 1.0f / fmaxf(sqrtf(product(own, own, wide)), 1e-9f);
+        for (ptrdiff_t c = 0; c < wide; c++) own[c] *= norm;
     }
-    return count;
+}
+
+/* For each column of MEETING, what the cells may show at a point, whitened, by an orthonormal basis (MEETING, wide). The
+ * same at all points of an even light: what else it is weighed by there is alike in all cells. */
+static void put_even_basis(const Panel *panel, const Sources *sources, const double *gain, float *basis) {
+    const ptrdiff_t wide = padded(panel->cells);
+    for (ptrdiff_t column = 0; column < MEETING; column++)
+        for (ptrdiff_t c = 0; c < panel->cells; c++) {
+            const int64_t neighbour = sources->met[c * MEETING + column];
+            basis[column * wide + c] = neighbour < panel->cells ? (float)(gain[neighbour] / sqrt(gain[c])) : 0.0f;
+        }
+    for (ptrdiff_t meeting = 0; meeting < MEETING; meeting += MET) make_orthonormal(basis + meeting * wide, MET, wide);
+}
+
+/* The same for `count` sources at point p from the one numbered `from`, where the cells' bands are known. */
+static void put_basis_at(const Panel *panel, const Sources *sources, const Believed *believed, const double *gain,
+                         const float *root, ptrdiff_t p, ptrdiff_t from, ptrdiff_t count, float *basis) {
+    const ptrdiff_t wide = padded(panel->cells);
+    for (ptrdiff_t s = 0; s < count; s++)
+        for (ptrdiff_t c = 0, i = p; c < panel->cells; c++, i += panel->points) {
+            const int64_t neighbour = sources->met[c * MEETING + sources->column[from + s]];
+            if (neighbour >= panel->cells) continue;
+            const float blinking = believed->of_class[(believed->white[neighbour] ? panel->samples : 0) + i];
+            basis[s * wide + c] = (float)gain[neighbour] / root[i] * blinking;
+        }
+    make_orthonormal(basis, count, wide);
+}
+
+/* An orthonormal basis of what the cells may show at the point of each source: `bases` (sources). */
+static void put_bases(const Panel *panel, const Sources *sources, const Believed *believed, const double *gain,
+                      const float *root, float *room, const float **bases) {
+    const ptrdiff_t wide = padded(panel->cells);
+    if (!believed->shown) put_even_basis(panel, sources, gain, room);
+    for (ptrdiff_t p = 0, s = 0; p < panel->points; p++) {
+        const ptrdiff_t to = p + 1 < panel->points ? sources->first[p + 1] : sources->count;
+        if (believed->shown) put_basis_at(panel, sources, believed, gain, root, p, s, to - s, room + s * wide);
+        for (; s < to; s++) bases[s] = room + wide * (believed->shown ? s : sources->column[s]);
+    }
 }
 
 /* Splits the light into what the cells share and what is left: `still` (samples), at least 0.02, and its column. */
-static void split(const Panel *panel, const Sources *sources, const float *light, const float *basis, float *still,
-                  float *columns) {
-    const ptrdiff_t cells = panel->cells, points = panel->points, width = width_of(panel);
-    for (ptrdiff_t p = 0; p < points; p++) {
-        const ptrdiff_t from = sources->first[p], to = p + 1 < points ? sources->first[p + 1] : sources->count;
-        for (ptrdiff_t i = p; i < panel->samples; i += points) still[i] = 0.0f;
-        for (ptrdiff_t s = from; s < to; s++) {
-            const float *own = basis + s * cells;
-            float along = 0.0f;
-            for (ptrdiff_t c = 0, i = p; c < cells; c++, i += points) along += own[c] * light[i];
-            for (ptrdiff_t c = 0, i = p; c < cells; c++, i += points) still[i] += along * own[c];
+LEDPI_WIDE static void split(const Panel *panel, const Sources *sources, const float *light, const float **bases,
+                             float *room, float *still, float *columns) {
+    const ptrdiff_t cells = panel->cells, points = panel->points, width = width_of(panel), wide = padded(cells);
+    float *seen = room, *shared = room + wide; /* at one point, of all cells */
+    for (ptrdiff_t p = 0, s = 0; p < points; p++) {
+        for (ptrdiff_t c = 0; c < cells; c++) seen[c] = light[c * points + p];
+        for (ptrdiff_t c = 0; c < wide; c++) shared[c] = 0.0f;
+        for (; s < (p + 1 < points ? sources->first[p + 1] : sources->count); s++) {
+            const float along = product(bases[s], seen, wide);
+            for (ptrdiff_t c = 0; c < wide; c++) shared[c] += along * bases[s][c];
         }
-        for (ptrdiff_t i = p; i < panel->samples; i += points) {
-            columns[i * width + of_residual(panel)] = light[i] - still[i];
-            still[i] = fmaxf(still[i], 0.02f);
+        for (ptrdiff_t c = 0, i = p; c < cells; c++, i += points) {
+            columns[i * width + of_residual(panel)] = seen[c] - shared[c];
+            still[i] = fmaxf(shared[c], 0.02f);
         }
     }
 }
 
+/* What a source takes from the matrix is the square of this row of its unknowns. */
+static inline void put_row(const Panel *panel, const float *basis, const float *columns, ptrdiff_t waves, float *row) {
+    const ptrdiff_t cells = panel->cells, apart = panel->points * width_of(panel);
+    Eight slopes = {0};
+    for (ptrdiff_t c = 0; c < cells; c++, columns += apart) {
+        row[c] = basis[c] * columns[0];
+        slopes += basis[c] * *(const Eight *)(columns + 1 + waves);
+        for (ptrdiff_t i = 0; i < waves; i++) row[cells + SLOPES + c * waves + i] = basis[c] * columns[1 + i];
+    }
+    *(Eight *)(row + cells) = slopes;
+}
+
 /* Takes what the cells share at each point out of the matrix. `rows` (sources, padded size) is room to work in. */
-static void take_shared(const Panel *panel, const Sources *sources, const float *basis, const float *columns, float *rows,
-                        float *sums, double *matrix) {
-    const ptrdiff_t cells = panel->cells, points = panel->points, waves = panel->waves, width = width_of(panel);
-    const ptrdiff_t size = unknowns(panel, cells), wide = padded(size);
-    memset(rows, 0, sizeof(float) * (size_t)(sources->count * wide));
+LEDPI_WIDE static void take_shared(const Panel *panel, const Sources *sources, const float **bases, const float *columns,
+                                   float *rows, float *sums, double *matrix) {
+    const ptrdiff_t points = panel->points, waves = panel->waves, width = width_of(panel);
+    const ptrdiff_t size = unknowns(panel, panel->cells), wide = padded(size);
     for (ptrdiff_t p = 0, s = 0; p < points; p++)
         for (; s < (p + 1 < points ? sources->first[p + 1] : sources->count); s++) {
             float *row = rows + s * wide;
-            for (ptrdiff_t c = 0; c < cells; c++) {
-                const float *own = columns + (c * points + p) * width, share = basis[s * cells + c];
-                row[c] = share * own[0];
-                for (ptrdiff_t i = 0; i < SLOPES; i++) row[cells + i] += share * own[1 + waves + i];
-                for (ptrdiff_t i = 0; i < waves; i++) row[cells + SLOPES + c * waves + i] = share * own[1 + i];
-            }
+            if (waves == 4) /* told twice, as loops of a known length are unrolled */
+                put_row(panel, bases[s], columns + p * width, 4, row);
+            else
+                put_row(panel, bases[s], columns + p * width, waves, row);
+            for (ptrdiff_t i = size; i < wide; i++) row[i] = 0.0f;
         }
-    memset(sums, 0, sizeof(float) * (size_t)(wide * wide));
     ledpi_add_products(rows, sources->count, wide, sums);
     for (ptrdiff_t i = 0; i < size; i++)
         for (ptrdiff_t j = i; j < size; j++) matrix[i * (size + 1) + j] -= sums[i * wide + j];
 }
 
-/* Room to work in, and whether there is any. */
+/* Room to work in. */
 typedef struct {
-    float *light, *root, *still, *logarithm, *columns, *basis, *rows, *sums;
     double *gain, *profile, *matrix;
+    float *light, *root, *still, *columns, *basis, *rows, *sums, *slopes;
+    const float **bases;
 } Room;
 
+/* Takes it, or none; `gain` is where it begins. What is added to is zero, and what pads the cells. */
 static bool make_room(const Panel *panel, const Sources *sources, Room *room) {
     const ptrdiff_t samples = panel->samples, size = unknowns(panel, panel->cells), wide = padded(size);
-    const ptrdiff_t doubles = panel->cells + panel->points + size * (size + 1);
-    const ptrdiff_t floats = samples * (4 + width_of(panel)) + sources->count * (panel->cells + wide) + wide * wide;
-    room->gain = calloc(1, sizeof(double) * (size_t)doubles + sizeof(float) * (size_t)floats);
-    if (!room->gain) return false;
+    const ptrdiff_t vectors = (MEETING + sources->count) * padded(panel->cells); /* of cells; two serve `split` */
+    const ptrdiff_t matrix = size * (size + 1), levels = panel->cells + panel->points;
+    const ptrdiff_t zeros = wide * wide + vectors + samples * width_of(panel);
+    const ptrdiff_t floats = zeros + 4 * samples + 4 * panel->side * panel->k + sources->count * wide;
+    char *all = malloc(sizeof(double) * (size_t)(matrix + levels) + sizeof(float) * (size_t)floats +
+                       sizeof(float *) * (size_t)sources->count);
+    if (!all) return false;
+    room->matrix = (double *)all;
+    room->gain = room->matrix + matrix;
     room->profile = room->gain + panel->cells;
-    room->matrix = room->profile + panel->points;
-    room->light = (float *)(room->matrix + size * (size + 1));
+    room->bases = (const float **)(room->profile + panel->points);
+    room->sums = (float *)(room->bases + sources->count);
+    room->basis = room->sums + wide * wide;
+    room->columns = room->basis + vectors;
+    room->light = room->columns + samples * width_of(panel);
     room->root = room->light + samples;
     room->still = room->root + samples;
-    room->logarithm = room->still + samples;
-    room->columns = room->logarithm + samples;
-    room->basis = room->columns + samples * width_of(panel);
-    room->rows = room->basis + sources->count * panel->cells;
-    room->sums = room->rows + sources->count * wide;
+    room->slopes = room->still + samples;
+    room->rows = room->slopes + samples + 4 * panel->side * panel->k;
+    memset(room->matrix, 0, sizeof(double) * (size_t)matrix);
+    memset(room->sums, 0, sizeof(float) * (size_t)(wide * wide + vectors));
     return true;
 }
 
 /* Every column of every sample. */
-static void put_columns(const Panel *panel, const Believed *believed, const float *waves, Room *room) {
+LEDPI_WIDE static void put_columns(const Panel *panel, const Believed *believed, const float *waves, Room *room) {
     const ptrdiff_t width = width_of(panel);
     float *picture = room->light, *weight = room->still; /* neither is asked for again */
     for (ptrdiff_t i = 0; i < panel->samples; i++) {
@@ -185,22 +235,38 @@ static void put_columns(const Panel *panel, const Believed *believed, const floa
         const float bare = believed->shown ? room->still[i] / believed->shown[i] : room->still[i];
         own[0] = valid * room->still[i];
         own[of_residual(panel)] *= valid;
+        for (ptrdiff_t j = of_residual(panel) + 1; j < width; j++) own[j] = 0.0f;
         picture[i] = bare * room->root[i];
         room->root[i] = valid * bare;
         weight[i] = own[0];
     }
     ledpi_put_waves(panel, waves, room->root, room->columns);
-    ledpi_put_slopes(panel, picture, weight, room->logarithm, room->columns);
+    ledpi_put_slopes(panel, picture, weight, room->slopes, room->columns);
+}
+
+/* The light over the root of its variance, so that it is alike everywhere. Returns how many samples are valid. */
+LEDPI_WIDE static ptrdiff_t whiten(const Panel *panel, const Believed *believed, Room *room) {
+    ptrdiff_t used = 0;
+    for (ptrdiff_t p = 0; p < panel->points; p++) room->profile[p] = sqrt(fmax(room->profile[p], 1e-3));
+    for (ptrdiff_t c = 0; c < panel->cells; c++) {
+        const ptrdiff_t from = c * panel->points;
+        const double of_cell = sqrt(room->gain[c]);
+        for (ptrdiff_t p = 0; p < panel->points; p++) room->root[from + p] = (float)(of_cell * room->profile[p]);
+    }
+    for (ptrdiff_t i = 0; believed->shown && i < panel->samples; i++) room->root[i] *= sqrtf(believed->shown[i]);
+    for (ptrdiff_t i = 0; i < panel->samples; i++) room->light[i] /= room->root[i];
+    for (ptrdiff_t i = 0; i < panel->samples; i++) used += !panel->valid || panel->valid[i];
+    return used;
 }
 
 /* `score` (cells, waves), `information` (cells, waves, cells, waves) and how many samples are `free`; false where that
  * cannot be had. */
 bool ledpi_single_evidence(ptrdiff_t side, ptrdiff_t k, ptrdiff_t count, const float *light, const uint8_t *valid,
-                           const float *waves, const float *along, const float *shifts, ptrdiff_t source_count,
-                           const int64_t *column, const int64_t *first, const int64_t *met, const float *shown,
-                           const float *of_class, const uint8_t *white, double independence, double *score,
-                           double *information, double *free_samples) {
-    const Panel panel = {side, k, count, side * side, k * k, side * side * k * k, valid, along, shifts};
+                           const float *waves, const float *along, ptrdiff_t source_count, const int64_t *column,
+                           const int64_t *first, const int64_t *met, const float *shown, const float *of_class,
+                           const uint8_t *white, double independence, double *score, double *information,
+                           double *free_samples) {
+    const Panel panel = {side, k, count, side * side, k * k, side * side * k * k, valid, along};
     const Sources sources = {source_count, column, first, met};
     const Believed believed = {shown, of_class, white};
     const ptrdiff_t size = unknowns(&panel, panel.cells);
@@ -208,24 +274,16 @@ bool ledpi_single_evidence(ptrdiff_t side, ptrdiff_t k, ptrdiff_t count, const f
     if (!make_room(&panel, &sources, &room)) return false;
     memcpy(room.light, light, sizeof(float) * (size_t)panel.samples);
     levels(&panel, &believed, room.light, room.gain, room.profile);
-    ptrdiff_t used = 0;
-    for (ptrdiff_t c = 0, i = 0; c < panel.cells; c++)
-        for (ptrdiff_t p = 0; p < panel.points; p++, i++) {
-            const float even = (float)(room.gain[c] * fmax(room.profile[p], 1e-3));
-            room.root[i] = sqrtf(shown ? even * shown[i] : even);
-            room.light[i] /= room.root[i]; /* shot noise has the variance of the light: now it is alike everywhere */
-            used += !valid || valid[i];
-        }
-    float *basis = room.basis;
-    for (ptrdiff_t p = 0; p < panel.points; p++)
-        basis += panel.cells * shared_at(&panel, &sources, &believed, room.gain, room.root, p, basis);
-    split(&panel, &sources, room.light, room.basis, room.still, room.columns);
+    const ptrdiff_t used = whiten(&panel, &believed, &room);
+    put_bases(&panel, &sources, &believed, room.gain, room.root, room.basis, room.bases);
+    float *vectors = room.basis + (believed.shown ? sources.count : MEETING) * padded(panel.cells);
+    split(&panel, &sources, room.light, room.bases, vectors, room.still, room.columns);
     put_columns(&panel, &believed, waves, &room);
     const double squares = ledpi_add_cells(&panel, panel.cells, room.columns, room.matrix);
-    take_shared(&panel, &sources, room.basis, room.columns, room.rows, room.sums, room.matrix);
+    take_shared(&panel, &sources, room.bases, room.columns, room.rows, room.sums, room.matrix);
     *free_samples = (double)(used - source_count + 1 - size);
     const bool fits = ledpi_weigh(room.matrix, size, panel.cells + SLOPES, squares, *free_samples, independence, score,
                                   information);
-    free(room.gain);
+    free(room.matrix);
     return fits;
 }

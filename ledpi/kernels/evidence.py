@@ -23,7 +23,7 @@ _square_waves = function(
 )
 _single_evidence = function(
     "ledpi_single_evidence",
-    *(INTEGER, INTEGER, INTEGER, POINTER, POINTER, POINTER, POINTER, POINTER),
+    *(INTEGER, INTEGER, INTEGER, POINTER, POINTER, POINTER, POINTER),
     *(INTEGER, POINTER, POINTER, POINTER, POINTER, POINTER, POINTER, DOUBLE, POINTER, POINTER, POINTER),
     result=ctypes.c_bool,
 )
@@ -70,7 +70,6 @@ def single_evidence(
     valid: Mask | None,
     waves: Singles,
     along: Singles,
-    shifts: Singles,
     column: Integers,
     first: Integers,
     met: Integers,
@@ -82,7 +81,7 @@ def single_evidence(
     """Score (cells, P), information (cells, P, cells, P), and how many samples are free; None where nothing fits.
 
     `light`, `valid`, `shown` (cells, points), `waves` (P, cells, points), `of_class` (2, cells, points), `white`
-    (cells,); `along` and `shifts` are the lattice's; `column`, `first` and `met` say what lights up each point.
+    (cells,); `along` is the lattice's; `column`, `first` and `met` say what lights up each point.
     """
     cells, points = light.shape
     parameters = len(waves)
@@ -91,7 +90,7 @@ def single_evidence(
     information = np.empty((cells, parameters, cells, parameters))
     fits = _single_evidence(
         *(math.isqrt(cells), math.isqrt(points), parameters, address(light), _or_none(valid), address(waves)),
-        *(address(along), address(shifts), len(column), address(column), address(first), address(met)),
+        *(address(along), len(column), address(column), address(first), address(met)),
         *(_or_none(shown), _or_none(of_class), _or_none(white), independence),
         *(address(score), address(information), address(free)),
     )

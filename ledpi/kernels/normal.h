@@ -5,6 +5,8 @@
 #include <stdbool.h>
 #include <stddef.h>
 
+typedef float Eight __attribute__((vector_size(32), aligned(4))); /* one register or two, on any machine that is meant */
+
 #define LEDPI_WIDTH 8    /* what rows are padded to a multiple of */
 #define LEDPI_RIDGE 1e-5 /* of the mean diagonal: what may be singular but for rounding is made solvable */
 

@@ -37,10 +37,10 @@ static void put_numbers(const Evidence *evidence, double *numbers) {
 }
 
 /* A word's log-likelihood ratio to "no bands" as far as each cell tells by itself. `white` (cells,). */
-LEDPI_WIDE static double roughly(const Evidence *evidence, const double *numbers, const float *white) {
-    const ptrdiff_t waves = evidence->parameters / 2, each = waves * NUMBERS;
+static inline double roughly_of(const Evidence *evidence, const double *numbers, const float *white, const ptrdiff_t waves) {
+    const ptrdiff_t each = waves * NUMBERS;
     const double *total = numbers + evidence->cells * each;
-    double sum[MOST / 2 * NUMBERS] = {0}, likelihood = 0.0;
+    double sum[MOST / 2 * NUMBERS] = {0}, squares = 0.0, det = 1.0;
     for (ptrdiff_t c = 0; c < evidence->cells; c++)
         for (ptrdiff_t n = 0; n < each; n++) sum[n] += white[c] * numbers[c * each + n];
     for (ptrdiff_t k = 0; k < waves; k++) {
@@ -51,27 +51,50 @@ LEDPI_WIDE static double roughly(const Evidence *evidence, const double *numbers
         }
         const double x = own[0], y = own[1], b = own[3];
         const double a = own[2] + 1.0 / evidence->prior[2 * k], d = own[4] + 1.0 / evidence->prior[2 * k + 1];
-        const double det = a * d - b * b;
-        likelihood += 0.5 * ((d * x * x - 2.0 * b * x * y + a * y * y) / det - log(det));
+        const double of_wave = a * d - b * b;
+        squares += (d * x * x - 2.0 * b * x * y + a * y * y) / of_wave;
+        det *= of_wave;
     }
-    return likelihood;
+    return 0.5 * (squares - log(det));
+}
+
+/* What follows is told for either number of parameters, as loops of a known length are unrolled. */
+LEDPI_WIDE static double roughly(const Evidence *evidence, const double *numbers, const float *white) {
+    return evidence->parameters == 4 ? roughly_of(evidence, numbers, white, 2) : roughly_of(evidence, numbers, white, 1);
+}
+
+static inline void gather_of(const Evidence *evidence, const double *shares, double matrix[MOST][MOST], double *right,
+                             const ptrdiff_t parameters) {
+    const ptrdiff_t size = evidence->cells * parameters;
+    for (ptrdiff_t i = 0; i < parameters; i++) {
+        double rows[MOST] = {0};
+        for (ptrdiff_t c = i; c < size; c += parameters) {
+            const double share = shares[c], *row = evidence->information + c * size;
+            if (share == 0.0) continue;
+            double sum[MOST] = {0}, more[MOST] = {0};
+            ptrdiff_t d = 0;
+            for (; d + 2 * parameters <= size; d += 2 * parameters)
+                for (ptrdiff_t j = 0; j < parameters; j++) {
+                    sum[j] += shares[d + j] * row[d + j];
+                    more[j] += shares[d + parameters + j] * row[d + parameters + j];
+                }
+            for (; d < size; d += parameters)
+                for (ptrdiff_t j = 0; j < parameters; j++) sum[j] += shares[d + j] * row[d + j];
+            for (ptrdiff_t j = 0; j < parameters; j++) rows[j] += share * (sum[j] + more[j]);
+            right[i] += share * evidence->score[c];
+        }
+        for (ptrdiff_t j = 0; j < parameters; j++) matrix[i][j] = rows[j];
+    }
 }
 
 /* What all cells that share the bands of a word say of these: matrix (parameters, parameters) and right side. */
 LEDPI_WIDE static void gather(const Evidence *evidence, const double *shares, double matrix[MOST][MOST], double *right) {
-    const ptrdiff_t parameters = evidence->parameters, size = evidence->cells * parameters;
     memset(matrix, 0, sizeof(double) * MOST * MOST);
     memset(right, 0, sizeof(double) * MOST);
-    for (ptrdiff_t c = 0; c < size; c += parameters)
-        for (ptrdiff_t i = 0; i < parameters; i++) {
-            const double share = shares[c + i], *row = evidence->information + (c + i) * size;
-            if (share == 0.0) continue;
-            double sum[MOST] = {0};
-            for (ptrdiff_t d = 0; d < size; d += parameters)
-                for (ptrdiff_t j = 0; j < parameters; j++) sum[j] += shares[d + j] * row[d + j];
-            for (ptrdiff_t j = 0; j < parameters; j++) matrix[i][j] += share * sum[j];
-            right[i] += share * evidence->score[c + i];
-        }
+    if (evidence->parameters == 4)
+        gather_of(evidence, shares, matrix, right, 4);
+    else
+        gather_of(evidence, shares, matrix, right, 2);
 }
 
 /* Log-likelihood ratio of a word to "no bands", depth and phase integrated out; the bands and their deviations.

@@ -1,0 +1,27 @@
+/* Whether something stands before a panel's cells: the first question of decode/uncovered.py. */
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "wide.h"
+
+/* Whether each `tested` sample of `light` (cells, points), over the mean of its cell, shows at least `share` of what the
+ * cells show there on average. `valid` unless that is NULL. `mean` (points + cells) is room to work in. */
+LEDPI_WIDE bool ledpi_all_uncovered(ptrdiff_t cells, ptrdiff_t points, const float *light, const uint8_t *valid,
+                                    const uint8_t *tested, float share, float *mean) {
+    float *least = mean, *gain = mean + points;
+    for (ptrdiff_t p = 0; p < points; p++) least[p] = 0.0f;
+    for (ptrdiff_t c = 0; c < cells; c++) {
+        const float *own = light + c * points;
+        double sum = 0.0;
+        for (ptrdiff_t p = 0; p < points; p++) sum += own[p];
+        gain[c] = (float)((double)points / sum);
+        for (ptrdiff_t p = 0; p < points; p++) least[p] += own[p] * gain[c];
+    }
+    for (ptrdiff_t p = 0; p < points; p++) least[p] *= share / (float)cells;
+    uint8_t covered = 0;
+    for (ptrdiff_t c = 0, i = 0; c < cells; c++)
+        for (ptrdiff_t p = 0; p < points; p++, i++)
+            covered |= (uint8_t)(tested[i] & (valid ? valid[i] : 1) & !(light[i] * gain[c] >= least[p]));
+    return !covered;
+}

@@ -1,0 +1,25 @@
+"""Whether something stands before a panel's cells (uncovered.c)."""
+
+from __future__ import annotations
+
+import ctypes
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ledpi.kernels.library import INTEGER, POINTER, address, function
+
+Singles = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+
+_all_uncovered = function(
+    "ledpi_all_uncovered", INTEGER, INTEGER, *(POINTER,) * 3, ctypes.c_float, POINTER, result=ctypes.c_bool
+)
+
+
+def all_uncovered(light: Singles, valid: Mask | None, tested: Mask, share: float) -> bool:
+    """As `_all_uncovered` of decode/uncovered.py: `light`, `valid` and `tested` (cells, points)."""
+    room = np.empty(sum(light.shape), np.float32)
+    mask = None if valid is None else address(valid)
+    found: bool = _all_uncovered(*light.shape, address(light), mask, address(tested), share, address(room))
+    return found
