@@ -76,7 +76,8 @@ class Branches:
 def _told_apart(first: PlanarSolution, second: PlanarSolution) -> bool:
     covariance = first.camera_from_marker.covariance
     assert covariance is not None
-    return _angle2(first, second) > APART**2 * float(covariance[3, 3] + covariance[4, 4] + covariance[5, 5])
+    turn2: float = sum(covariance.diagonal().tolist()[3:])
+    return _angle2(first, second) > APART**2 * turn2
 
 
 def _goes_on(past: _Belief, believed: PlanarSolution, other: PlanarSolution) -> float:
@@ -86,5 +87,7 @@ def _goes_on(past: _Belief, believed: PlanarSolution, other: PlanarSolution) -> 
 
 def _angle2(a: PlanarSolution, b: PlanarSolution) -> float:
     """Squared angle between two rotations, rad²."""
-    dot = float(a.camera_from_marker.quaternion_wxyz @ b.camera_from_marker.quaternion_wxyz)
+    aw, ax, ay, az = a.camera_from_marker.quaternion_wxyz.tolist()
+    bw, bx, by, bz = b.camera_from_marker.quaternion_wxyz.tolist()
+    dot: float = aw * bw + ax * bx + ay * by + az * bz
     return 4.0 * math.acos(min(1.0, abs(dot))) ** 2

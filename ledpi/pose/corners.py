@@ -28,20 +28,20 @@ def centre_px(corners_px: Floats) -> tuple[float, float]:
     return ax + share * (cx - ax), ay + share * (cy - ay)
 
 
-def seen_at_row(corners_px: Floats, velocity_px_s: Floats | None, row: float, row_time_us: float) -> Floats:
-    """Where corners (4, 2) would be seen if all were exposed when `row` was.
+def seen_at_row(corners_px: Floats, velocity_px_s: Floats | None, row: float | Floats, row_time_us: float) -> Floats:
+    """Where corners (…, 4, 2) would be seen if all were exposed when `row` (…, 1, 1) was.
 
     A rolling shutter sees each corner at its own row's time, `y·t_row`: a camera that moves sees the square sheared.
-    Without a velocity (4, 2) they are taken as they are.
+    Without a velocity (…, 4, 2) they are taken as they are.
     """
     if velocity_px_s is None:
         return corners_px
-    late_s = (corners_px[:, 1:] - row) * (row_time_us * 1e-6)
+    late_s = (corners_px[..., 1:] - row) * (row_time_us * 1e-6)
     return corners_px - velocity_px_s * late_s
 
 
 def motion_px(velocity_px_s: Floats | None, exposure_us: float) -> Floats:
-    """(4, 2) how far the corners move during an exposure; zero where that is not known."""
+    """(…, 4, 2) how far the corners move during an exposure; zero where that is not known."""
     return np.zeros((4, 2)) if velocity_px_s is None else velocity_px_s * (exposure_us * 1e-6)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -11,8 +10,10 @@ from ledpi.pose.branches import Branches
 from ledpi.pose.corners import centre_px, motion_px, seen_at_row
 from ledpi.pose.fix import FixSolver, Robot
 from ledpi.pose.planar import solve_squares
-from ledpi.records import Frame, Intrinsics, MarkerPose, Rejected, RobotFix, Sighting
+from ledpi.records import Frame, Intrinsics, MarkerPose, PlanarSolution, Rejected, RobotFix, Sighting
 from ledpi.shutter import row_mid_exposure_ns
+
+_STILL = np.zeros((4, 2))
 
 
 class Placer:
@@ -50,28 +51,27 @@ class Placer:
         """Of each sighting its pose, or why it has none."""
         rows = [centre_px(s.corners_px)[1] for s in sightings]
         if self._intrinsics is None:
-            return [_marker(frame, s, row) for s, row in zip(sightings, rows, strict=True)]
+            return [_marker(frame, s, row, None, None) for s, row in zip(sightings, rows, strict=True)]
         if not self._stream:
             self._begin()
         if not sightings:
             return []
-        seen = zip(sightings, rows, strict=True)
-        corners = [seen_at_row(s.corners_px, s.velocity_px_s, row, frame.row_time_us) for s, row in seen]
+        velocities = np.array([_STILL if s.velocity_px_s is None else s.velocity_px_s for s in sightings])
+        corners = np.array([s.corners_px for s in sightings])
         solved = solve_squares(
-            np.array(corners),
+            seen_at_row(corners, velocities, np.array(rows)[:, None, None], frame.row_time_us),
             np.array([s.corner_sigma_px for s in sightings]),
             [self._sides_m[s.id] for s in sightings],
             self._intrinsics,
-            np.array([motion_px(s.velocity_px_s, frame.exposure_us) for s in sightings]),
+            motion_px(velocities, frame.exposure_us),
         )
         placed: list[MarkerPose | Rejected] = []
         for sighting, row, solutions in zip(sightings, rows, solved, strict=True):
             if isinstance(solutions, Rejected):
                 placed.append(solutions)
                 continue
-            marker = _marker(frame, sighting, row)
-            best, other = self._branches.choose(sighting.id, solutions, marker.mid_exposure_ns)
-            placed.append(replace(marker, solution=best, alternate=other))
+            best, other = self._branches.choose(sighting.id, solutions, row_mid_exposure_ns(frame, row))
+            placed.append(_marker(frame, sighting, row, best, other))
         return placed
 
     def fix(self, frame: Frame, markers: Sequence[MarkerPose]) -> RobotFix | Rejected | None:
@@ -79,7 +79,9 @@ class Placer:
         return self._fixes.solve(frame, markers) if self._fixes is not None and markers else None
 
 
-def _marker(frame: Frame, sighting: Sighting, row: float) -> MarkerPose:
+def _marker(
+    frame: Frame, sighting: Sighting, row: float, best: PlanarSolution | None, other: PlanarSolution | None
+) -> MarkerPose:
     return MarkerPose(
-        sighting=sighting, mid_exposure_ns=row_mid_exposure_ns(frame, row), solution=None, alternate=None
+        sighting=sighting, mid_exposure_ns=row_mid_exposure_ns(frame, row), solution=best, alternate=other
     )

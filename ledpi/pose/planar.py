@@ -183,10 +183,11 @@ def _checked(one: PlanarSolution, other: PlanarSolution, corners_px: Floats) -> 
     best, second = (one, other) if one.chi2 <= other.chi2 else (other, one)
     if not best.camera_from_marker.position_m[2] > 0:
         return UNSOLVED
-    corners = corners_px.tolist()
-    side_px = math.fsum(math.dist(a, b) for a, b in zip(corners, corners[1:] + corners[:1], strict=True)) / 4
-    if best.reprojection_px > max(MAX_REPROJECTION_PX, MAX_REPROJECTION * side_px):
-        return NOT_SQUARE
+    if best.reprojection_px > MAX_REPROJECTION_PX:
+        corners = corners_px.tolist()
+        side_px = math.fsum(math.dist(a, b) for a, b in zip(corners, corners[1:] + corners[:1], strict=True)) / 4
+        if best.reprojection_px > MAX_REPROJECTION * side_px:
+            return NOT_SQUARE
     poses = best.camera_from_marker, second.camera_from_marker
     apart = rotation_angle_deg(poses[0].quaternion_wxyz, poses[1].quaternion_wxyz)
     ahead = poses[1].position_m[2] > 0
