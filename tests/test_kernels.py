@@ -24,7 +24,9 @@ from ledpi.doctor.machine import loops
 from ledpi.geometry import matrix_from_rotation_vector
 from ledpi.kernels import library
 from ledpi.kernels.library import COMPILED, load
+from ledpi.pose.corners import whiteners
 from ledpi.pose.planar import solve_squares, square_corners
+from ledpi.pose.refine import fit_body
 from ledpi.records import Floats, Frame, Intrinsics, Quad, Rejected, Transfer
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -274,6 +276,28 @@ def test_poses_of_squares_are_those_of_the_numpy_code(lens: Intrinsics) -> None:
             np.testing.assert_allclose(one.quaternion_wxyz, other.quaternion_wxyz, atol=1e-6)
             np.testing.assert_allclose(one.covariance, other.covariance, rtol=1e-3, atol=1e-6 * one.covariance.max())
             np.testing.assert_allclose([a.chi2, a.reprojection_px], [b.chi2, b.reprojection_px], rtol=1e-4)
+
+
+@compiled
+@pytest.mark.parametrize("starts", [1, 2, 5])
+def test_poses_of_a_body_are_those_of_the_numpy_code(starts: int) -> None:
+    """Three squares that hang together, from poses near the true one: in the starts' order, or the likeliest first."""
+    rng = np.random.default_rng(starts)
+    turn = matrix_from_rotation_vector(np.array([0.2, -0.3, 0.1])) @ np.diag([1.0, -1, -1])
+    points = np.concatenate([square_corners(0.16) + shift for shift in ([0, 0, 0], [0.5, 0.1, 0.2], [-0.4, 0.2, 0.1])])
+    at = turn @ points.T + np.array([[0.1], [-0.1], [2.0]])
+    seen = seen_through(LENS, (at[:2] / at[2]).T * (LENS.fx, LENS.fy) + (LENS.cx, LENS.cy))
+    seen += rng.normal(0, 0.1, seen.shape)
+    weights = whiteners(seen.reshape(3, 4, 2), np.full(3, 0.1))
+    rotations = np.array([matrix_from_rotation_vector(rng.normal(0, 0.1, 3)) @ turn for _ in range(starts)])
+    positions = np.array([0.1, -0.1, 2.0]) + rng.normal(0, 0.05, (starts, 3))
+    ours, theirs = both_ways(lambda: fit_body(rotations, positions, points, seen, weights, LENS, at_most=2))
+    assert len(ours.chi2) == min(starts, 2)
+    np.testing.assert_allclose(ours.positions, theirs.positions, atol=5e-5)  # either ends where no step gains much
+    np.testing.assert_allclose(ours.rotations, theirs.rotations, atol=5e-5)
+    np.testing.assert_allclose(ours.chi2, theirs.chi2, rtol=1e-3)
+    np.testing.assert_allclose(ours.residuals_px, theirs.residuals_px, atol=1e-2)
+    np.testing.assert_allclose(ours.covariances, theirs.covariances, rtol=1e-2, atol=1e-3 * theirs.covariances.max())
 
 
 @compiled

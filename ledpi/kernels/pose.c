@@ -150,3 +150,26 @@ void ledpi_fit(const Body *body, const Lens *lens, int rivals, int rounds, Fit *
         }
     }
 }
+
+/* One body (points, a multiple of 4) from `starts` poses, of which only the `at_most` likeliest are followed: rotations
+ * (starts, 9) and positions (starts, 3), `fits` (at_most) with their residuals `off_px` (at_most, points, 2): in the order
+ * of the starts, or the likeliest start's first where there are more than `at_most`. `room` is (2, points, 2). Returns how
+ * many there are. */
+ptrdiff_t ledpi_fit_body(const Lens *lens, ptrdiff_t points, const double *place, const double *seen_px,
+                         const double *whiteners, ptrdiff_t starts, const double *rotations, const double *positions,
+                         ptrdiff_t at_most, int rounds, Fit *fits, double *off_px, double *room) {
+    const Body body = {points, place, seen_px, whiteners};
+    ptrdiff_t count = 0;
+    for (ptrdiff_t i = 0; i < starts; i++) {
+        Fit start;
+        for (int j = 0; j < 9; j++) start.rotation[j] = rotations[9 * i + j];
+        for (int j = 0; j < 3; j++) start.position[j] = positions[3 * i + j];
+        ledpi_fit(&body, lens, 1, 0, &start, room, room + 2 * points);
+        if (count == at_most && !(start.chi2 < fits[count - 1].chi2)) continue;
+        ptrdiff_t at = count < at_most ? count++ : count - 1;
+        for (; starts > at_most && at > 0 && start.chi2 < fits[at - 1].chi2; at--) fits[at] = fits[at - 1];
+        fits[at] = start;
+    }
+    for (ptrdiff_t i = 0; i < count; i++) ledpi_fit(&body, lens, 1, rounds, fits + i, off_px + 2 * points * i, room);
+    return count;
+}

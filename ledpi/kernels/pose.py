@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 from functools import lru_cache
 
 import numpy as np
@@ -11,8 +12,13 @@ from ledpi.kernels.library import INTEGER, POINTER, address, doubles, function
 from ledpi.records import Floats, Intrinsics
 
 _bends = function("ledpi_bends", POINTER, INTEGER, POINTER, POINTER)
+_fit_body = function(
+    "ledpi_fit_body", POINTER, INTEGER, *(POINTER,) * 3, INTEGER, *(POINTER,) * 2, INTEGER, ctypes.c_int,
+    *(POINTER,) * 3, result=INTEGER,
+)  # fmt: skip
 _solve_squares = function("ledpi_solve_squares", POINTER, INTEGER, *(POINTER,) * 6)
 
+FIT = 49  # numbers: rotation, position, chi2, covariance
 # Where a solution's numbers are: its position, quaternion, reprojection_px, chi2, covariance.
 POSITION, QUATERNION, REPROJECTION, CHI2, COVARIANCE = slice(0, 3), slice(3, 7), 7, 8, slice(9, 45)
 
@@ -41,3 +47,27 @@ def solve_squares(
     _solve_squares(lens, count, *squares, address(solutions), address(solved))
     solutions.flags.writeable = False
     return solutions, solved
+
+
+def fit_body(
+    rotations: Floats,
+    positions: Floats,
+    points: Floats,
+    seen_px: Floats,
+    whiteners: Floats,
+    intrinsics: Intrinsics,
+    at_most: int,
+    rounds: int,
+) -> tuple[Floats, Floats, Floats, Floats, Floats]:
+    """As `fit_body` of pose/refine.py: rotations, positions, chi2, residuals and covariances of the `at_most` best."""
+    count = len(points)
+    fits, off_px, room = np.empty((at_most, FIT)), np.empty((at_most, count, 2)), np.empty((2, count, 2))
+    given = [doubles(array) for array in (points, seen_px, whiteners, rotations, positions)]
+    place, seen, whiten, turns, shifts = (address(array) for array in given)
+    followed = _fit_body(
+        *(address(lens_of(intrinsics)), count, place, seen, whiten, len(rotations), turns, shifts, at_most, rounds),
+        *(address(fits), address(off_px), address(room)),
+    )
+    fits = fits[:followed]
+    turned, shifted, chi2, covariances = fits[:, :9], fits[:, 9:12], fits[:, 12], fits[:, 13:]
+    return turned.reshape(-1, 3, 3), shifted, chi2, off_px[:followed], covariances.reshape(-1, 6, 6)

@@ -18,7 +18,7 @@ from ledpi.pose.corners import centre_px, motion_px, seen_at_row, whiteners
 from ledpi.pose.panel_map import PanelMap
 from ledpi.pose.past import Candidate, Past, distance2
 from ledpi.pose.planar import square_corners
-from ledpi.pose.refine import Fits, projected, refine, skew
+from ledpi.pose.refine import Fits, fit_body, projected, skew
 from ledpi.records import Floats, Frame, Intrinsics, MarkerPose, PlanarSolution, Pose, Rejected, RobotFix, read_only
 from ledpi.shutter import row_mid_exposure_ns
 
@@ -160,15 +160,8 @@ class FixSolver:
     def _fit(self, seen: _Seen) -> Fits:
         """camera_from_middle, from each of the starts."""
         starts = np.array([start for both in seen.starts for start in both][:MAX_STARTS])
-        return refine(
-            starts[:, :3, :3],
-            starts[:, :3, 3],
-            seen.points.reshape(1, -1, 3),
-            seen.corners_px.reshape(1, -1, 2),
-            seen.whiteners[None],
-            self._intrinsics,
-            at_most=2,
-        )
+        corners = seen.points.reshape(-1, 3), seen.corners_px.reshape(-1, 2), seen.whiteners
+        return fit_body(starts[:, :3, :3], starts[:, :3, 3], *corners, self._intrinsics, at_most=2)
 
     def _distinct(self, fits: Fits, seen: _Seen, excluded: tuple[int, ...]) -> list[Candidate]:
         """The different poses among fits that are not excluded by the best; of one panel its own two, as believed."""

@@ -9,6 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ledpi.kernels import pose as kernel
+from ledpi.kernels.library import compiled
 from ledpi.records import Floats, Intrinsics
 
 ROUNDS = 6
@@ -96,6 +98,22 @@ def refine(
         best = look if better.all() else look.where(better, best)
     covariances = np.asarray(np.linalg.inv(information), np.float64)
     return Fits(best.rotations, best.positions, best.chi2, best.off_px, covariances)
+
+
+def fit_body(
+    rotations: Floats,
+    positions: Floats,
+    points: Floats,
+    seen_px: Floats,
+    whiteners: Floats,
+    intrinsics: Intrinsics,
+    at_most: int,
+) -> Fits:
+    """`refine` from K starts of one body: `points` (P, 3), `seen_px` (P, 2), `whiteners` (P/4, 8, 8)."""
+    starts, most = (rotations, positions), min(at_most, len(rotations))
+    if compiled():
+        return Fits(*kernel.fit_body(*starts, points, seen_px, whiteners, intrinsics, most, ROUNDS))
+    return refine(*starts, points[None], seen_px[None], whiteners[None], intrinsics, at_most=most)
 
 
 def _at_end(chi2: Floats, gain: Floats, rivals: int) -> bool:
