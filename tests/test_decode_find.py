@@ -148,6 +148,18 @@ def test_a_finder_keeps_nothing_of_the_last_picture() -> None:
     np.testing.assert_array_equal(first[0].corners, again[0].corners)
 
 
+def test_a_panel_beside_something_darker_than_the_wall_is_found_when_looked_at_again() -> None:
+    """Half-way from black to its light is darker than the wall around, which so melts into it."""
+    true = square(310.4, 240.2, 30, 40)
+    canvas = Canvas(background=0.14)
+    canvas.panel(true, word(7), light=0.45)
+    before = square(310.4, 240.2, 42, 40)
+    canvas.lamp(np.array([before[0], before[1], 0.5 * (true[1] + before[1]), 0.5 * (true[0] + before[0])]), 0.0)
+    finder = Finder(640, 480, 10.0)
+    assert not matches(finder.find(canvas.frame())[0], true)
+    assert matches(finder.find_again()[0], true)
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_a_ring_is_no_lit_square(seed: int) -> None:
     """Beside a wide dark bezel the wall is lit, all around: what shines is the square within."""

@@ -26,6 +26,9 @@ AT_BORDER = Rejected(stage="find", reason="at_picture_border")
 LEVELS = 3  # halvings; the cells of a panel that fills the picture's height melt together at an eighth
 # By level: share of the way from the darkest to the brightest, in 256ths: 0.5 everywhere, 0.7 and 0.6.
 THRESHOLDS = ((128,), (128, 179), (154,))
+# The same where that has found nothing: beside something darker than the wall (what hides a part of it, ink), half-way
+# is darker than the wall, and a panel melts into it. A panel of few pixels would be cut by this alone.
+AGAIN = ((166,), (), ())  # 0.65
 # Shortest outline by level, in its pixels: of the smallest panel in scope, foreshortened by 60°; then of what the level
 # before sees better.
 SHORTEST = (10, 24, 24)
@@ -78,11 +81,19 @@ class Finder:
 
     def find(self, frame: Frame) -> tuple[list[Candidate], list[Rejected]]:
         """Candidates, best outline first, no two of the same thing, lattices of spots last; and what was dropped."""
+        self._shrink(frame)
+        for level in self._levels:
+            level.lit.look(level.picture)
+        return self._find(THRESHOLDS)
+
+    def find_again(self) -> tuple[list[Candidate], list[Rejected]]:
+        """The same, of the last frame once more, by a higher threshold."""
+        return self._find(AGAIN)
+
+    def _find(self, thresholds: tuple[tuple[int, ...], ...]) -> tuple[list[Candidate], list[Rejected]]:
         squares, grids = [NOTHING], [NOTHING]
         dropped: list[Rejected] = []
-        self._shrink(frame)
-        for level, shares, shortest in zip(self._levels, THRESHOLDS, SHORTEST, strict=True):
-            level.lit.look(level.picture)
+        for level, shares, shortest in zip(self._levels, thresholds, SHORTEST, strict=True):
             for share in shares:
                 # Opened where the closing makes thin bridges to the surroundings.
                 found = level.outlines.of(level.lit.by(share, opened=level.scale > 2), shortest)
