@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ledpi.decode.adjust import adjust_quads
 from ledpi.decode.approach import LOST, NOT_STRAIGHT, SHARES, step_templates
 from ledpi.decode.looks import MAX_MOVE, Found, find_sides, profile_shares
-from ledpi.decode.rim import make_usual_filters
+from ledpi.decode.rim import make_filters
 from ledpi.decode.sides import Points, areas, as_corners, as_points, bends
 from ledpi.decode.whole import BEND_ALONG, BLUR_STEPS, explanations, hidden_shares, uncovered, usual_blur_steps
 from ledpi.kernels import edges as kernel
@@ -69,8 +69,11 @@ def refine_quads(
 
 
 def prepare(cells: int, smallest_px: float, largest_px: float) -> None:
-    """Makes what squares in focus with such sides need, else made in the frames that first ask for it."""
-    make_usual_filters()
+    """Makes what squares with such sides need, else made in the frames that first ask for it."""
+    if compiled():
+        kernel.filter_table().make_all()
+    else:
+        make_filters()
     for blur_step in usual_blur_steps(cells, smallest_px, largest_px):
         if compiled():
             _tables(cells).explain(blur_step)

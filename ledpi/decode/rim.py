@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,7 +55,6 @@ FLAT_PX = 1.5  # from the edge on, light is even enough to tell its two levels
 PITCH_STEP, BLUR_STEP = math.log(1.03), math.log(1.06)  # between the filters that are made
 MIN_PITCH_PX, MAX_PITCH_PX = 1.5, 24.0  # beyond, nothing of the cell's shape is left in what is looked at
 MIN_BLUR_PX, MAX_BLUR_PX = 0.45, 3.0
-FOCUSED_PX = 0.6, 1.1  # blur of lens and pixel where the picture is sharp
 
 # What a course is looked at with: as it is, a little further and less far in, blurred more and less, with larger and
 # smaller cells. What differs between two of them is how light changes with that.
@@ -90,64 +89,90 @@ def filter_key(pitch_px: float, blur_px: float) -> tuple[int, int]:
     return round(math.log(pitch) / PITCH_STEP), round(math.log(blur) / BLUR_STEP)
 
 
-def make_usual_filters() -> None:
-    """Those of panels in focus, which would else be made in the frames that first ask for them. Done once a process."""
-    pitches = range(filter_key(MIN_PITCH_PX, 1.0)[0], filter_key(MAX_PITCH_PX, 1.0)[0] + 1)
-    blurs = range(filter_key(1.0, FOCUSED_PX[0])[1], filter_key(1.0, FOCUSED_PX[1])[1] + 1)
-    for pitch in pitches:
-        for blur in blurs:
-            rim_filter(pitch, blur)
+_FIRST, _LAST = filter_key(MIN_PITCH_PX, MIN_BLUR_PX), filter_key(MAX_PITCH_PX, MAX_BLUR_PX)
+PITCH_STEPS, BLUR_STEPS = (range(first, last + 1) for first, last in zip(_FIRST, _LAST, strict=True))
 
 
-@lru_cache(maxsize=1400)  # the usual 1140, and as many more as are in use at a time; 2.5 kB each
 def rim_filter(pitch_step: int, blur_step: int) -> RimFilter:
-    """The filter for a `filter_key`. Made in a third of a millisecond, then kept."""
-    pitch, blur = math.exp(pitch_step * PITCH_STEP), math.exp(blur_step * BLUR_STEP)
+    """The filter for a `filter_key`. Those of its pitch are made together, in some 2 ms, and kept."""
+    return _kept(pitch_step)[BLUR_STEPS.index(blur_step)]
+
+
+def make_filters() -> None:
+    """All there may be, which would else be made in the frames that first ask for them."""
+    for pitch_step in PITCH_STEPS:
+        _kept(pitch_step)
+
+
+@cache
+def _kept(pitch_step: int) -> list[RimFilter]:
+    return filters_of_pitch(pitch_step)
+
+
+def filters_of_pitch(pitch_step: int) -> list[RimFilter]:
+    """Those for each of BLUR_STEPS, B of them, with T light values across and 7 or 5 parts that may be added."""
+    pitch, blur = math.exp(pitch_step * PITCH_STEP), np.exp(np.array(BLUR_STEPS) * BLUR_STEP)
     t, usual = ACROSS, np.array([1.0, *BRIGHTER, GAP])
-    parts = light_across(t + _SHIFTS_PX, pitch * _PITCHES, blur * _BLURS)  # (4, 7, T)
+    looks = t + _SHIFTS_PX, pitch * _PITCHES + np.zeros((len(blur), 1, 1)), blur[:, None, None] * _BLURS
+    parts = light_across(*looks).swapaxes(1, 2)  # (4, 7, B, T)
     course, after, before, wider, narrower, larger, smaller = np.tensordot(usual, parts, axes=1)
-    slope = (after - before) / 0.02
-    one = np.ones_like(t)
-    frames = [_step(t / blur) - _step((t + width) / blur) for width in FRAME_PX]
-    side = np.stack([-slope, one, course, course * t, course * t * t, *frames], axis=1)
+    slope, one = (after - before) / 0.02, np.ones_like(course)
+    frames = [_step(t / blur[:, None]) - _step((t + width) / blur[:, None]) for width in FRAME_PX]
+    side = np.stack([-slope, one, course, course * t, course * t * t, *frames], axis=2)  # (B, T, 7)
     by_factor = 2 * math.log(1.02)
-    shared = np.stack([(wider - narrower) / by_factor, (larger - smaller) / by_factor, *parts[1:, 0]], axis=1)
-    loose = 1e-6
+    shared = np.stack([(wider - narrower) / by_factor, (larger - smaller) / by_factor, *parts[1:, 0]], axis=2)
+    return _filters(blur, course, side, shared, looked_at=t <= max(PITCHES * pitch, 2.5))
+
+
+def _filters(
+    blur: Floats, course: Floats, side: Floats, shared: Floats, looked_at: NDArray[np.bool_]
+) -> list[RimFilter]:
+    """From the usual course (B, T), and what is added to it: on each side (B, T, 7), on both alike (B, T, 5)."""
+    t, loose = ACROSS, 1e-6
     side_precision = np.array(
         [loose, loose, loose, SLOPE_DEVIATION**-2, BEND_DEVIATION**-2, *(FRAME_DEVIATION**-2 for _ in FRAME_PX)]
     )
     shared_precision = np.array([BLUR_DEVIATION, PITCH_DEVIATION, *BRIGHTER_DEVIATION, GAP_DEVIATION]) ** -2.0
-    looked_at = t <= max(PITCHES * pitch, 2.5)
     # Half sum and half difference of two sides: half the variance in noise and in what each side has of its own.
-    apart, _ = _regression(side, 2 * side_precision, looked_at, MISFIT**2 / 2)
+    apart = _regression(side, 2 * side_precision, looked_at, MISFIT**2 / 2)[0][:, 0]
     both, covariance = _regression(
-        np.concatenate([side, shared], axis=1),
+        np.concatenate([side, shared], axis=2),
         np.concatenate([2 * side_precision, shared_precision]),
         looked_at,
         MISFIT**2 / 2,
     )
-    wanted = [0, side.shape[1]]
-    expected_blur = math.log(USUAL_BLUR_PX / blur) * shared_precision[0]
-    bounded = np.concatenate([side[:, 3:], shared], axis=1)
+    wanted = [0, side.shape[2]]
+    both, to_blur = both[:, wanted], covariance[:, wanted, wanted[1]]
+    expected_blur = np.log(USUAL_BLUR_PX / blur) * shared_precision[0]
+    both_offset = to_blur * expected_blur[:, None] - (both * course[:, None]).sum(axis=2)
     bounds = np.concatenate([2 * side_precision[3:], shared_precision]) ** -0.5
-    own = AS_THEY_ARE * bounds[: -shared.shape[1]]
-    misfit = MISFIT_AS_IS**2 / 2
-    both_variance = np.square(AS_THEY_ARE * bounds * (both[0] @ bounded)).sum() + misfit * (both[0] @ both[0])
-    apart_variance = np.square(own * (apart[0] @ side[:, 3:])).sum() + misfit * (apart[0] @ apart[0])
+    bounded = np.concatenate([side[:, :, 3:], shared], axis=2)
     near = looked_at & (t >= -SINGLE_OUTSIDE) & (t <= SINGLE_INSIDE)
-    single, _ = _regression(side[:, :4], np.array([0, 0, 0, SINGLE_SLOPE**-2]), near, SINGLE_NOISE**2)
+    single = _regression(side[:, :, :4], np.array([0, 0, 0, SINGLE_SLOPE**-2]), near, SINGLE_NOISE**2)[0][:, 0]
     flat = looked_at & (np.abs(t) >= FLAT_PX)
-    levels, _ = _regression(side[:, 1:3], np.zeros(2), flat, 1.0)
-    return RimFilter(
-        course=course,
-        single=np.stack([single[0], levels[1]], axis=1),
-        single_offset=float(single[0] @ course),
-        both=both[wanted],
-        both_offset=covariance[wanted, wanted[1]] * expected_blur - both[wanted] @ course,
-        apart=apart[0],
-        both_variance=float(both_variance),
-        apart_variance=float(apart_variance),
-    )
+    levels = _regression(side[:, :, 1:3], np.zeros(2), flat, 1.0)[0][:, 1]
+    own = bounds[: -shared.shape[2]]
+    return [
+        RimFilter(*each)
+        for each in zip(
+            course,
+            np.stack([single, levels], axis=2),
+            (single * course).sum(axis=1).tolist(),
+            both,
+            both_offset,
+            apart,
+            _variance(both[:, 0], bounded, bounds).tolist(),
+            _variance(apart, side[:, :, 3:], own).tolist(),
+            strict=True,
+        )
+    ]
+
+
+def _variance(weights: Floats, bounded: Floats, bounds: Floats) -> Floats:
+    """(B,) of e as `weights` (B, T) tell it, with panels as they are."""
+    off = AS_THEY_ARE * bounds * (weights[:, None] @ bounded)[:, 0]
+    variance: Floats = np.square(off).sum(axis=1) + MISFIT_AS_IS**2 / 2 * np.square(weights).sum(axis=1)
+    return variance
 
 
 def light_across(t: Floats, pitch: Floats | float, blur: Floats | float) -> Floats:
@@ -162,12 +187,12 @@ def light_across(t: Floats, pitch: Floats | float, blur: Floats | float) -> Floa
     m0 = steps[:-1] - steps[1:]
     m1 = at_low - at_high
     m2 = m0 + low * at_low - high * at_high
-    m3 = 2 * m1 + low**2 * at_low - high**2 * at_high
-    m4 = 3 * m2 + low**3 * at_low - high**3 * at_high
-    scale = 2 * blur / pitch
-    y = np.stack([2 * t / pitch - 2 * k - 1 for k in range(CELLS)])
-    square = y**2 * m0 - 2 * y * scale * m1 + scale**2 * m2
-    fourth = y**4 * m0 - 4 * y**3 * scale * m1 + 6 * y**2 * scale**2 * m2 - 4 * y * scale**3 * m3 + scale**4 * m4
+    m3 = 2 * m1 + low * low * at_low - high * high * at_high
+    m4 = 3 * m2 + low * low * low * at_low - high * high * high * at_high
+    y, s = np.stack([2 * t / pitch - 2 * k - 1 for k in range(CELLS)]), 2 * blur / pitch
+    yy, ss = y * y, s * s
+    square = yy * m0 - 2 * y * s * m1 + ss * m2
+    fourth = yy * yy * m0 - 4 * yy * y * s * m1 + 6 * yy * ss * m2 - 4 * y * ss * s * m3 + ss * ss * m4
     gaps = -(pitch / blur) * at_high[1:]
     parts: Floats = np.stack([each.sum(axis=0) for each in (m0, m0 - square, m0 - fourth, gaps)])
     return parts
@@ -176,19 +201,21 @@ def light_across(t: Floats, pitch: Floats | float, blur: Floats | float) -> Floa
 def _regression(
     columns: Floats, precision: Floats, rows: NDArray[np.bool_], noise_variance: float
 ) -> tuple[Floats, Floats]:
-    """(K, T) what gives the K coefficients of `columns` (T, K), from the rows that count, and their covariance.
+    """(B, K, T) what gives the K coefficients of `columns` (B, T, K), from the rows that count, and their covariance.
 
     Each coefficient has been normal about 0 with the given precision before any light was seen.
     """
-    counted = columns * rows[:, None]
-    covariance = np.linalg.inv(np.asarray(counted.T @ counted / noise_variance + np.diag(precision), np.float64))
-    coefficients: Floats = covariance @ counted.T / noise_variance
+    counted = (columns * rows[:, None]).swapaxes(1, 2)
+    information = counted @ counted.swapaxes(1, 2) / noise_variance + np.diag(precision)
+    covariance = np.asarray(np.linalg.inv(information), np.float64)
+    coefficients: Floats = covariance @ counted / noise_variance
     return coefficients, covariance
 
 
 def _step(z: Floats) -> Floats:
     """The normal distribution: a blurred step."""
-    return np.array([0.5 * (1 + math.erf(v)) for v in (z / math.sqrt(2)).reshape(-1).tolist()]).reshape(z.shape)
+    scaled = (z / math.sqrt(2)).ravel().tolist()
+    return 0.5 + 0.5 * np.fromiter(map(math.erf, scaled), np.float64, len(scaled)).reshape(z.shape)
 
 
 def _bell(z: Floats) -> Floats:
