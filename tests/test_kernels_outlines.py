@@ -41,7 +41,7 @@ def test_outlines_of_anything(share: float) -> None:
 
 
 def test_spots_are_where_opencv_has_them() -> None:
-    """Middles and lengths of all small outlines, at the border too; holes are none."""
+    """Middles and lengths of all small outlines but at the border; holes are none."""
     lit = 255 * (np.random.default_rng(7).random((50, 70)) < 0.4).astype(np.uint8)
     ours, theirs = (Outlines(50, 70, compiled=compiled).of(lit, 10).spots for compiled in (True, False))
     assert len(ours) > 5

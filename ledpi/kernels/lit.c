@@ -5,7 +5,9 @@
 #include <stdint.h>
 #include <string.h>
 
-enum { REACH = 6, SPAN = 2 * REACH + 1, EIGHT = 8 };
+#include "wide.h"
+
+enum { REACH = 6, SPAN = 2 * REACH + 1, ROWS = 32, STRIP = ROWS + 2 * REACH };
 
 static inline uint8_t larger(uint8_t a, uint8_t b) { return a > b ? a : b; }
 static inline uint8_t smaller(uint8_t a, uint8_t b) { return a < b ? a : b; }
@@ -19,51 +21,56 @@ static inline void join(const uint8_t *restrict bytes, ptrdiff_t on, ptrdiff_t c
         for (ptrdiff_t i = 0; i < count; i++) into[i] = smaller(bytes[i], further[i]);
 }
 
-/* The extreme of each EIGHT values that follow each other, `on` bytes apart: of pairs, of pairs of pairs, and so on.
- * `bytes` are overwritten. */
-static inline void join_eight(uint8_t *restrict bytes, ptrdiff_t on, ptrdiff_t count, bool most, uint8_t *restrict into) {
+/* The extreme of each SPAN values that follow each other, `on` bytes apart: of pairs, of pairs of pairs, of eight, and of
+ * two eights that overlap. `bytes` are overwritten. */
+static inline void join_span(uint8_t *restrict bytes, ptrdiff_t on, ptrdiff_t count, bool most, uint8_t *restrict into) {
     join(bytes, on, count - on, most, into);
     join(into, 2 * on, count - 3 * on, most, bytes);
     join(bytes, 4 * on, count - 7 * on, most, into);
+    join(into, (SPAN - 8) * on, count - (SPAN - 1) * on, most, bytes);
 }
 
-/* The extremes (height + SPAN - EIGHT, width) of SPAN pixels side by side, and of EIGHT such rows below each other. Beyond
- * the picture there is nothing that could be one. `room` (height + 2 REACH, width) and (2, width + 2 REACH). */
-static void extremes(const uint8_t *picture, ptrdiff_t height, ptrdiff_t width, bool most, uint8_t *room, uint8_t *into) {
+/* In the rows from `first` on, the extremes `into` (ROWS, stride) of the SPAN × SPAN pixels around each. Beyond the picture
+ * there is nothing that could be one. `work` (STRIP, stride) is room. */
+static inline void extremes(const uint8_t *picture, ptrdiff_t height, ptrdiff_t width, ptrdiff_t first, bool most, uint8_t *work,
+                     uint8_t *into) {
     const int nothing = most ? 0 : 255;
-    const ptrdiff_t beyond = REACH * width, wide = width + 2 * REACH;
-    uint8_t *const rows = room, *const row = room + (height + 2 * REACH) * width, *const joined = row + wide;
-    memset(rows, nothing, (size_t)beyond);
-    memset(rows + beyond + height * width, nothing, (size_t)beyond);
-    memset(row, nothing, REACH);
-    memset(row + REACH + width, nothing, REACH);
-    for (ptrdiff_t y = 0; y < height; y++) {
-        memcpy(row + REACH, picture + y * width, (size_t)width);
-        join_eight(row, 1, wide, most, joined);
-        join(joined, SPAN - EIGHT, width, most, rows + beyond + y * width);
-        memset(row, nothing, REACH);
-        memset(row + REACH + width, nothing, REACH);
+    const ptrdiff_t stride = width + 2 * REACH;
+    memset(into, nothing, (size_t)(STRIP * stride));
+    for (ptrdiff_t i = 0, y = first - REACH; i < STRIP; i++, y++)
+        if (y >= 0 && y < height) memcpy(into + i * stride + REACH, picture + y * width, (size_t)width);
+    join_span(into, stride, STRIP * stride, most, work);
+    join_span(into, 1, ROWS * stride, most, work);
+}
+
+/* Of `count` pixels how far they, and the brightest ones around, are above the darkest around. */
+static inline void compare(const uint8_t *picture, const uint8_t *brightest, const uint8_t *darkest, ptrdiff_t count,
+                    uint8_t *restrict above, uint8_t *restrict contrast) {
+    for (ptrdiff_t i = 0; i < count; i++) {
+        above[i] = picture[i] - darkest[i];
+        contrast[i] = brightest[i] - darkest[i];
     }
-    join_eight(rows, width, (height + 2 * REACH) * width, most, into);
 }
 
 /* Of each pixel of a picture (height, width): how far it is `above` the darkest of the SPAN × SPAN around it, and their
- * `contrast`, the brightest less the darkest. `room` (3, height + 2 REACH, width) and (2, width + 2 REACH). */
-void ledpi_contrast(const uint8_t *picture, ptrdiff_t height, ptrdiff_t width, uint8_t *room, uint8_t *restrict above,
-                    uint8_t *restrict contrast) {
-    const ptrdiff_t size = (height + 2 * REACH) * width, down = (SPAN - EIGHT) * width;
-    const uint8_t *const brightest = room, *const darkest = room + size;
-    extremes(picture, height, width, true, room + 2 * size, room);
-    extremes(picture, height, width, false, room + 2 * size, room + size);
-    for (ptrdiff_t i = 0; i < height * width; i++) {
-        const uint8_t bright = larger(brightest[i], brightest[i + down]), dark = smaller(darkest[i], darkest[i + down]);
-        above[i] = picture[i] - dark;
-        contrast[i] = bright - dark;
+ * `contrast`, the brightest less the darkest. A few rows at once, which stay in the cache. `room` (3, STRIP, width +
+ * 2 REACH). */
+LEDPI_WIDE_BYTES void ledpi_contrast(const uint8_t *picture, ptrdiff_t height, ptrdiff_t width, uint8_t *room, uint8_t *above,
+                    uint8_t *contrast) {
+    const ptrdiff_t stride = width + 2 * REACH;
+    uint8_t *const brightest = room, *const darkest = room + STRIP * stride, *const work = darkest + STRIP * stride;
+    for (ptrdiff_t first = 0; first < height; first += ROWS) {
+        extremes(picture, height, width, first, true, work, brightest);
+        extremes(picture, height, width, first, false, work, darkest);
+        for (ptrdiff_t y = first; y < first + ROWS && y < height; y++) {
+            const ptrdiff_t at = y * width, from = (y - first) * stride;
+            compare(picture + at, brightest + from, darkest + from, width, above + at, contrast + at);
+        }
     }
 }
 
 /* Where any (or all) of a pixel and its eight neighbours are lit; there are none beyond the picture. `row` (width + 2). */
-static void neighbours(const uint8_t *lit, ptrdiff_t height, ptrdiff_t width, bool any, uint8_t *row, uint8_t *into) {
+static inline void neighbours(const uint8_t *lit, ptrdiff_t height, ptrdiff_t width, bool any, uint8_t *row, uint8_t *into) {
     for (ptrdiff_t y = 0; y < height; y++) {
         const uint8_t *here = lit + y * width, *above = y ? here - width : here, *below = y + 1 < height ? here + width : here;
         uint8_t *const out = into + y * width;
@@ -81,7 +88,7 @@ static void neighbours(const uint8_t *lit, ptrdiff_t height, ptrdiff_t width, bo
 
 /* What is `lit` (height, width), 0 or 255: more than `share` (in 256ths) of the contrast and than `least` above the
  * darkest; closed, and `opened` after that. `room` (height, width) and (width + 2). */
-void ledpi_lit(const uint8_t *above, const uint8_t *contrast, ptrdiff_t height, ptrdiff_t width, int share, int least,
+LEDPI_WIDE_BYTES void ledpi_lit(const uint8_t *above, const uint8_t *contrast, ptrdiff_t height, ptrdiff_t width, int share, int least,
                bool opened, uint8_t *room, uint8_t *lit) {
     uint8_t *const row = room + height * width;
     const uint8_t at_least = (uint8_t)least;

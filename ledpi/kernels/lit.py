@@ -9,7 +9,7 @@ import numpy as np
 from ledpi.kernels.library import INTEGER, POINTER, address, function
 from ledpi.records import Pixels
 
-REACH = 6  # of the window to either side, as in lit.c
+REACH, STRIP = 6, 44  # as in lit.c: of the window to either side, and rows that are looked at together
 
 _contrast = function("ledpi_contrast", POINTER, INTEGER, INTEGER, *(POINTER,) * 3)
 _lit = function(
@@ -22,7 +22,7 @@ class Lighter:
 
     def __init__(self, above: Pixels, contrast: Pixels, lit: Pixels) -> None:
         height, width = lit.shape
-        self._kept = above, contrast, lit, np.empty((3 * (height + 2 * REACH) + 2) * (width + 2 * REACH), np.uint8)
+        self._kept = above, contrast, lit, np.empty(max(3 * STRIP, height + 1) * (width + 2 * REACH), np.uint8)
         self._at = [address(array) for array in self._kept]
         self._size = height, width
 

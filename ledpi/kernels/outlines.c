@@ -1,68 +1,20 @@
-/* Outlines of what is lit: Suzuki and Abe's border following (1985), as decode/outlines.py has it from OpenCV. */
-#include <math.h>
-#include <stdbool.h>
-#include <stddef.h>
-#include <stdint.h>
-#include <string.h>
-
+/* Outlines of what is lit: things are told apart by the runs of their rows, and only around those that may be panels is it
+ * followed who is a neighbour of whom. As decode/outlines.py has it from OpenCV. */
 #include "outlines.h"
 
-/* `mark` is 0 where nothing is lit, 1 where no border has passed, else the number of the component + 2; less than 0 where
- * a border has passed to the left of something dark. A row has `stride` marks, of which the outermost are dark. */
+#include <stdbool.h>
+#include <stddef.h>
+#include <string.h>
+
+/* Pixels side by side that are lit, from … to − 1, and the thing that they belong to. */
 typedef struct {
-    int32_t *mark;
-    ptrdiff_t stride;
-    ptrdiff_t way[16]; /* to the neighbours, twice around: right, then against the clock */
-    int32_t (*points)[2];
-    ptrdiff_t count, room;
-} Borders;
+    int32_t from, to, thing;
+} Run;
 
-static const int32_t right[8] = {1, 1, 0, -1, -1, -1, 0, 1}, down[8] = {0, -1, -1, -1, 0, 1, 1, 1};
-
-/* Follows a border from the pixel (x, y); points are kept of an outer one, where there is room. Returns its length. */
-static int32_t follow(Borders *borders, int32_t x, int32_t y, int32_t number, bool hole, Outline *outline) {
-    const ptrdiff_t *const way = borders->way;
-    int32_t *const start = borders->mark + (y + 1) * borders->stride + x + 1, *here = start, *before;
-    const int32_t passed = number + 2;
-    int32_t length = 0;
-    int s = hole ? 0 : 4;
-    const int around = s;
-    do {
-        s = (s - 1) & 7;
-        before = start + way[s];
-    } while (*before == 0 && s != around);
-    const bool alone = *before == 0;
-    double twice_area = 0.0;
-    for (;;) {
-        const int end = s;
-        if (!alone) {
-            while (here[way[++s]] == 0) {}
-            s &= 7;
-        }
-        if (alone || (unsigned)(s - 1) < (unsigned)end)
-            *here = -passed;
-        else if (*here == 1)
-            *here = passed;
-        length++;
-        if (!hole) {
-            if (borders->count < borders->room) {
-                borders->points[borders->count][0] = x;
-                borders->points[borders->count++][1] = y;
-            }
-            outline->left = x < outline->left ? x : outline->left;
-            outline->right = x > outline->right ? x : outline->right;
-            outline->bottom = y > outline->bottom ? y : outline->bottom;
-            twice_area += (double)x * down[s] - (double)y * right[s];
-        }
-        if (alone || (here + way[s] == start && here == before)) break;
-        here += way[s];
-        x += right[s];
-        y += down[s];
-        s = (s + 4) & 7;
-    }
-    if (!hole) outline->area = alone ? 0.0 : 0.5 * (twice_area < 0.0 ? -twice_area : twice_area);
-    return length;
-}
+/* What is connected. `same_as` is the number of another thing that it turned out to be a part of, or its own. */
+typedef struct {
+    int32_t same_as, left, top, right, bottom, lit, first; /* the first pixel of its top row; how many are lit */
+} Thing;
 
 /* The first pixel from x on that is lit otherwise than `lit`; `width` where there is none. */
 static inline int32_t next_change(const uint8_t *row, int32_t x, int32_t width, bool lit) {
@@ -80,81 +32,132 @@ static inline int32_t next_change(const uint8_t *row, int32_t x, int32_t width, 
     return x;
 }
 
-/* What is looked at more closely: the shortest outline, how long a hole's may be beside the outer one, the narrowest
- * width and height in pixels, and the least area beside that of the box around. And what is a spot: from the shortest to
- * below the longest outline. */
-typedef struct {
-    int32_t shortest, narrowest;
-    double longest_hole, least_area;
-    int32_t shortest_spot, longest_spot;
-} Wanted;
-
-/* The middles of spots, x and y, and how long their outlines are. */
-typedef struct {
-    double (*spots)[3];
-    ptrdiff_t count;
-} Spots;
-
-/* Moves the outlines that are wanted to the front; counts those that are but for the picture's border. Spots apart. */
-static ptrdiff_t choose(Outline *outlines, ptrdiff_t count, const Wanted *wanted, ptrdiff_t height, ptrdiff_t width,
-                        ptrdiff_t *at_border, Spots *spots) {
-    ptrdiff_t kept = 0;
-    *at_border = 0;
-    for (const Outline *own = outlines; own < outlines + count; own++) {
-        const int32_t across = own->right - own->left + 1, down = own->bottom - own->top + 1;
-        if (own->length >= wanted->shortest_spot && own->length < wanted->longest_spot) {
-            double *spot = spots->spots[spots->count++];
-            spot[0] = 0.5 * (own->left + own->right);
-            spot[1] = 0.5 * (own->top + own->bottom);
-            spot[2] = own->length;
-        }
-        if (own->length < wanted->shortest || own->longest_hole >= wanted->longest_hole * own->length) continue;
-        if (across < wanted->narrowest || down < wanted->narrowest) continue;
-        if (own->left <= 0 || own->top <= 0 || own->right + 1 >= width || own->bottom + 1 >= height)
-            ++*at_border;
-        else if (own->area >= wanted->least_area * across * down)
-            outlines[kept++] = *own;
-    }
-    return kept;
+static int32_t whole_of(Thing *things, int32_t thing) {
+    while (things[thing].same_as != thing) thing = things[thing].same_as = things[things[thing].same_as].same_as;
+    return thing;
 }
 
-/* The outlines of what is lit in a picture of 0 and 255 (height, width), as far as they are wanted. `mark` (height + 2,
- * width + 2), `outlines` (most) and `spots` (most) are room; `most` is as many as there can be. Returns how many; `counts`: how many
- * are but for touching the picture's border, and the spots. */
-ptrdiff_t ledpi_outlines(const uint8_t *lit, ptrdiff_t height, ptrdiff_t width, int32_t shortest, int32_t narrowest,
-                         double longest_hole, double least_area, int32_t shortest_spot, int32_t longest_spot,
-                         int32_t *mark, int32_t (*points)[2], ptrdiff_t room, Outline *outlines, ptrdiff_t most,
-                         double (*spots)[3], ptrdiff_t counts[2]) {
-    const Wanted wanted = {shortest, narrowest, longest_hole, least_area, shortest_spot, longest_spot};
-    Spots small = {spots, 0};
-    Borders borders = {mark, width + 2, {0}, points, 0, room};
-    for (int s = 0; s < 16; s++) borders.way[s] = down[s & 7] * borders.stride + right[s & 7];
-    int32_t count = 0;
-    memset(mark, 0, sizeof(int32_t) * (size_t)(borders.stride * (height + 2)));
-    for (ptrdiff_t y = 0; y < height; y++)
-        for (ptrdiff_t x = 0; x < width; x++) mark[(y + 1) * borders.stride + x + 1] = lit[y * width + x] & 1;
-    for (int32_t y = 0; y < height; y++) {
-        const uint8_t *row = lit + y * width;
-        const int32_t *marks = mark + (y + 1) * borders.stride + 1;
-        for (int32_t x = next_change(row, 0, (int32_t)width, false); x < width;) {
-            if (marks[x] == 1) {
-                if (count == most) break;
-                Outline *own = outlines + count;
-                *own = (Outline){(int32_t)borders.count, 0, x, y, x, y, 0, 0.0};
-                own->length = follow(&borders, x, y, count++, false, own);
-                if (borders.count == room) own->length = 0; /* cut short */
-                if (own->length < shortest) borders.count = own->first;
-            }
-            Outline *own = outlines + (marks[x] < 0 ? -marks[x] : marks[x]) - 2;
-            x = next_change(row, x, (int32_t)width, true);
-            if (marks[x - 1] > 0) {
-                const int32_t length = follow(&borders, x - 1, y, (int32_t)(own - outlines), true, own);
-                if (length > own->longest_hole) own->longest_hole = length;
-            }
-            x = next_change(row, x, (int32_t)width, false);
-        }
+static int32_t smaller(int32_t a, int32_t b) { return a < b ? a : b; }
+static int32_t larger(int32_t a, int32_t b) { return a > b ? a : b; }
+
+/* Makes one thing of two; returns its number. */
+static int32_t unite(Thing *things, int32_t a, int32_t b) {
+    a = whole_of(things, a), b = whole_of(things, b);
+    if (a == b) return a;
+    if (things[b].top < things[a].top) {
+        const int32_t lower = a;
+        a = b, b = lower;
     }
-    count = (int32_t)choose(outlines, count, &wanted, height, width, &counts[0], &small);
-    counts[1] = small.count;
+    Thing *const one = things + a;
+    const Thing other = things[b];
+    things[b].same_as = a;
+    one->left = smaller(one->left, other.left);
+    one->right = larger(one->right, other.right);
+    one->bottom = larger(one->bottom, other.bottom);
+    one->lit += other.lit;
+    return a;
+}
+
+/* Tells the `things` (most) in a picture apart. `runs` (2, width) is room. Returns how many they are, parts included. */
+static int32_t tell_apart(const uint8_t *lit, int32_t height, int32_t width, Run *runs, Thing *things, int32_t most) {
+    Run *above = runs, *here = runs + width;
+    int32_t count = 0, count_above = 0;
+    for (int32_t y = 0; y < height; y++, lit += width) {
+        int32_t count_here = 0, k = 0;
+        for (int32_t x = next_change(lit, 0, width, false); x < width; x = next_change(lit, x, width, false)) {
+            Run *const run = here + count_here++;
+            *run = (Run){x, next_change(lit, x, width, true), -1};
+            x = run->to;
+            while (k < count_above && above[k].to < run->from) k++; /* one that ends there touches at a corner */
+            for (int32_t j = k; j < count_above && above[j].from <= run->to; j++)
+                run->thing = run->thing < 0 ? whole_of(things, above[j].thing) : unite(things, run->thing, above[j].thing);
+            if (run->thing < 0) {
+                if (count == most) return count;
+                things[count] = (Thing){count, run->from, y, run->from, y, 0, run->from};
+                run->thing = count++;
+            }
+            Thing *const own = things + run->thing;
+            own->left = smaller(own->left, run->from);
+            own->right = larger(own->right, run->to - 1);
+            own->bottom = y;
+            own->lit += run->to - run->from;
+        }
+        Run *const done = above;
+        above = here, here = done, count_above = count_here;
+    }
     return count;
+}
+
+/* Follows a thing's outline, against the clock from the first pixel of its top row (Moore's neighbours). It must not touch
+ * the picture's border. Points beyond `room` are left out. Returns how many there are; twice their `area` is kept too. */
+static int32_t follow(const uint8_t *lit, ptrdiff_t width, const Thing *thing, int32_t (*points)[2], ptrdiff_t room,
+                      double *area) {
+    static const int32_t right[8] = {1, 1, 0, -1, -1, -1, 0, 1}, down[8] = {0, -1, -1, -1, 0, 1, 1, 1};
+    ptrdiff_t way[8];
+    for (int s = 0; s < 8; s++) way[s] = down[s] * width + right[s];
+    int32_t x = thing->first, y = thing->top, length = 0;
+    const uint8_t *const start = lit + y * width + x, *here = start;
+    int64_t twice_area = 0;
+    int from = 4, first = -1; /* the way to a neighbour that is dark; the way that was gone first */
+    for (;;) {
+        unsigned neighbours = 0;
+        for (int s = 0; s < 8; s++) neighbours |= (unsigned)(here[way[s]] & 1) << s;
+        neighbours |= neighbours << 8;
+        const unsigned onward = neighbours >> from;
+        const int s = onward ? (from + __builtin_ctz(onward)) & 7 : -1;
+        if (here == start && s == first) break; /* the first step again */
+        if (length < room) points[length][0] = x, points[length][1] = y;
+        length++;
+        if (s < 0) break; /* alone */
+        if (first < 0) first = s;
+        twice_area += (int64_t)x * down[s] - (int64_t)y * right[s];
+        here += way[s], x += right[s], y += down[s];
+        from = (s + 6) & 7; /* the next after the one that was seen dark last */
+    }
+    *area = 0.5 * (double)(twice_area < 0 ? -twice_area : twice_area);
+    return length;
+}
+
+/* The outlines of what is lit in a picture of 0 and 255 (height, width), as far as they are wanted: the way around a thing's
+ * box is not shorter than `shortest`, its width and height not less than `narrowest`, the outline's area at least
+ * `least_area` of the box's, and of what is within `least_lit` is lit. Spots are things with a way around the box from
+ * `shortest_spot` to below `longest_spot`; of them the middle of the box and the outline's length are told. `runs` (2, width), `things`, `outlines` and `spots` (most) are room; `most` is as
+ * many as there can be. Returns how many; `counts`: how many are but for touching the picture's border, and the spots. */
+ptrdiff_t ledpi_outlines(const uint8_t *lit, ptrdiff_t height, ptrdiff_t width, int32_t shortest, int32_t narrowest,
+                         double least_area, double least_lit, int32_t shortest_spot, int32_t longest_spot, Run *runs,
+                         Thing *things, int32_t (*points)[2], ptrdiff_t room, Outline *outlines, ptrdiff_t most,
+                         double (*spots)[3], ptrdiff_t counts[2]) {
+    const int32_t count = tell_apart(lit, (int32_t)height, (int32_t)width, runs, things, (int32_t)most);
+    ptrdiff_t kept = 0, first = 0;
+    counts[0] = counts[1] = 0;
+    for (int32_t i = 0; i < count; i++) {
+        const Thing *own = things + i;
+        if (own->same_as != i) continue;
+        const int32_t across = own->right - own->left + 1, down = own->bottom - own->top + 1;
+        const int32_t around = 2 * (across + down) - 4;
+        const bool wanted = around >= shortest && across >= narrowest && down >= narrowest;
+        const bool small = around >= shortest_spot && around < longest_spot;
+        if (own->left <= 0 || own->top <= 0 || own->right + 1 >= width || own->bottom + 1 >= height) {
+            counts[0] += wanted;
+            continue;
+        }
+        if (!wanted && !small) continue;
+        Outline *const outline = outlines + kept;
+        const int32_t length = follow(lit, width, own, points + first, room - first, &outline->area);
+        if (small) {
+            double *spot = spots[counts[1]++];
+            spot[0] = 0.5 * (own->left + own->right);
+            spot[1] = 0.5 * (own->top + own->bottom);
+            spot[2] = length;
+        }
+        if (!wanted || first + length > room || outline->area < least_area * across * down) continue;
+        /* Pick's theorem: so many pixels are on the outline or within. */
+        if (own->lit < least_lit * (outline->area + 0.5 * length + 1.0)) continue;
+        outline->first = (int32_t)first, outline->length = length;
+        outline->left = own->left, outline->right = own->right;
+        outline->top = own->top, outline->bottom = own->bottom;
+        first += length;
+        kept++;
+    }
+    return kept;
 }

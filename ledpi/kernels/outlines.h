@@ -7,7 +7,6 @@
 typedef struct {
     int32_t first, length; /* of its points */
     int32_t left, top, right, bottom;
-    int32_t longest_hole;
     double area;
 } Outline;
 

@@ -12,8 +12,7 @@ from ledpi.kernels.library import DOUBLE, INTEGER, POINTER, address, function
 from ledpi.records import Floats
 
 OUTLINE = np.dtype(
-    [(name, np.int32) for name in ("first", "length", "left", "top", "right", "bottom", "longest_hole")]
-    + [("area", np.float64)],
+    [(name, np.int32) for name in ("first", "length", "left", "top", "right", "bottom")] + [("area", np.float64)],
     align=True,
 )  # as in outlines.h
 SQUARE = 11  # numbers: four corners' x and y, side_px, misfit, tolerance_px
@@ -21,7 +20,7 @@ SQUARE = 11  # numbers: four corners' x and y, side_px, misfit, tolerance_px
 _outlines = function(
     "ledpi_outlines",
     *(POINTER, INTEGER, INTEGER, ctypes.c_int32, ctypes.c_int32, DOUBLE, DOUBLE, ctypes.c_int32, ctypes.c_int32),
-    *(POINTER, POINTER, INTEGER, POINTER, INTEGER, POINTER, POINTER),
+    *(POINTER, POINTER, POINTER, INTEGER, POINTER, INTEGER, POINTER, POINTER),
     result=INTEGER,
 )
 _four_sides = function(
@@ -34,14 +33,14 @@ class Outliner:
     """Follows outlines in pictures of one size, in room that it keeps."""
 
     def __init__(self, height: int, width: int) -> None:
-        self._mark = np.empty((height + 2, width + 2), np.int32)
         self._points = np.empty((height * width, 2), np.int32)
         self._found = np.empty((height + 1) * (width + 1) // 4 + 1, OUTLINE)  # as many pixels as can stand apart
         self._counts = np.empty(2, np.intp)  # at the border, spots
         self._spots = np.empty((len(self._found), 3))
+        self._runs, self._things = np.empty((2, width, 3), np.int32), np.empty((len(self._found), 7), np.int32)
         self._room = (
-            *(address(self._mark), address(self._points), len(self._points), address(self._found), len(self._found)),
-            *(address(self._spots), address(self._counts)),
+            *(address(self._runs), address(self._things), address(self._points), len(self._points)),
+            *(address(self._found), len(self._found), address(self._spots), address(self._counts)),
         )
 
     def outlines(
@@ -50,20 +49,21 @@ class Outliner:
         *,
         shortest: int,
         narrowest: int,
-        longest_hole: float,
         least_area: float,
+        least_lit: float,
         spot_lengths: tuple[int, int],
     ) -> tuple[NDArray[np.int32], NDArray[Any], int, Floats]:
         """Points (P, 2) and outlines (N,) of OUTLINE that are wanted; how many are but for the picture's border.
 
-        Last, the middles and lengths (M, 3) of all whose length is within `spot_lengths`, the end excluded.
+        Last, of each spot (M, 3) the middle's x and y, and the outline's length.
 
-        `lit` is 0 or 255. `shortest` in points; `narrowest` in pixels, across or down; `longest_hole` over the length;
-        `least_area` over that of the box around. What is returned lasts until the next call.
+        `lit` is 0 or 255. `shortest` is the way around the box, in pixels, as `spot_lengths` are, the end excluded;
+        `narrowest` in pixels, across or down; `least_area` over the box's; `least_lit` of what is within the outline.
+        What is returned lasts until the next call.
         """
         height, width = lit.shape
         count = _outlines(
-            *(address(lit), height, width, shortest, narrowest, longest_hole, least_area, *spot_lengths),
+            *(address(lit), height, width, shortest, narrowest, least_area, least_lit, *spot_lengths),
             *self._room,
         )
         at_border, spots = self._counts.tolist()

@@ -7,8 +7,10 @@
 
 #if defined(__x86_64__) && defined(__GLIBC__) && defined(__GNUC__) && !defined(__clang__)
 #define LEDPI_WIDE __attribute__((target_clones("fma", "default")))
+#define LEDPI_WIDE_BYTES __attribute__((target_clones("avx2", "default"))) /* of which "fma" knows nothing */
 #else
 #define LEDPI_WIDE
+#define LEDPI_WIDE_BYTES
 #endif
 
 #endif
