@@ -59,7 +59,8 @@ class Evidence:
     @property
     def silent(self) -> NDArray[np.bool_]:
         """(cells,) of which it holds nothing."""
-        return np.asarray(np.einsum("cici->c", self.information) == 0.0)
+        own = self.information.reshape(self.score.size, -1).diagonal().reshape(self.score.shape)
+        return np.asarray(~own.any(axis=1))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -19,14 +19,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ledpi.decode.cells import CellSamples, Singles
-from ledpi.decode.classes import band_shares, in_other_class
 from ledpi.decode.evidence import Doubles, Evidence, believed_bands, is_deep
 from ledpi.decode.single_frame import single_evidence
 from ledpi.decode.words import Fit, likeliest, word_log_likelihoods
-from ledpi.kernels import words as kernel
-from ledpi.kernels.library import COMPILED
 from ledpi.markers import Dictionary
 from ledpi.records import Frame, PanelSpec, Rejected
+
+Mask = NDArray[np.bool_]
 
 NO_BANDS = Rejected(stage="soft", reason="no_bands")
 NO_WORD = Rejected(stage="soft", reason="not_in_dictionary")
@@ -83,7 +82,7 @@ class Codebook:
             spec=spec,
         )
 
-    def correctable_beside(self, silent: NDArray[np.bool_], word: int) -> int:
+    def correctable_beside(self, silent: Mask, word: int) -> int:
         """`correctable` where the `silent` (cells,) say nothing: ⌊(d − 1)/2⌋ of the other cells, if that is less.
 
         d: by how many of them this word differs from the one that is most like it there.
@@ -125,7 +124,7 @@ def read_word(
     first = _judged(fit, evidence, codebook, false_id_rate)
     if first == NO_BANDS or not (isinstance(first, Rejected) or is_deep(evidence.prior)):
         return first
-    if isinstance(first, Rejected) and _is_contradicted(fit, evidence, codebook, false_id_rate):
+    if isinstance(first, Rejected) and _is_contradicted(fit, codebook, false_id_rate):
         return first
     believed = believed_bands(samples, frame, spec, codebook.white[fit.words[0]] > 0, fit.bands)
     again = single_evidence(samples, frame, spec, believed=believed)
@@ -137,14 +136,13 @@ def read_word(
     return replace(second, cell_bands=believed.turned_back(second.cell_bands))
 
 
-def _is_contradicted(fit: Fit, evidence: Evidence, codebook: Codebook, false_id_rate: float) -> bool:
+def _is_contradicted(fit: Fit, codebook: Codebook, false_id_rate: float) -> bool:
     """Whether more cells than the dictionary can correct are surely of the other class than the best word says.
 
     A second look believes the word's cells, and so finds more of what it believes: it may settle what was open, but not
     what was decided against the word.
     """
-    gain = _against(evidence, codebook, int(fit.words[0]), fit.bands).gain
-    return int((gain > -math.log(false_id_rate)).sum()) > codebook.correctable
+    return int((fit.gain > -math.log(false_id_rate)).sum()) > codebook.correctable
 
 
 def decide(evidence: Evidence, codebook: Codebook, false_id_rate: float) -> Reading | Rejected:
@@ -155,26 +153,26 @@ def decide(evidence: Evidence, codebook: Codebook, false_id_rate: float) -> Read
 def _judged(fit: Fit, evidence: Evidence, codebook: Codebook, false_id_rate: float) -> Reading | Rejected:
     """The best word, if it stands against all its rivals."""
     needed = -math.log(false_id_rate)
-    best, none, bands = int(fit.words[0]), float(fit.likelihood[0]), fit.bands
+    best, none, silent = fit.words[0], fit.likelihood[0], evidence.silent
     if none < needed:
         return NO_BANDS
-    amplitude = np.hypot(bands[::2], bands[1::2]).tolist()
-    if not _plausible(amplitude, fit.deviation.reshape(-1, 2).max(axis=1).tolist(), evidence):
+    amplitude = [math.hypot(*wave) for wave in fit.bands.reshape(-1, 2).tolist()]
+    if not _plausible(amplitude, [max(wave) for wave in fit.deviation.reshape(-1, 2).tolist()], evidence):
         return IMPLAUSIBLE
-    against = _against(evidence, codebook, best, bands)
     outside = min(
-        _odds_against_other_patterns(against.gain, evidence.silent, codebook, best),
-        _odds_against_negative(against.negative, codebook, none),
+        _odds_against_other_patterns(fit.gain, silent, codebook, best),
+        _odds_against_negative(fit.negative, codebook, none),
     )
     if outside >= needed:
-        outside = min(outside, _odds_against_neighbours(evidence, codebook, best, none))
+        outside = min(outside, _odds_against_neighbours(evidence, silent, codebook, best, none))
     if outside < needed:
         return NO_WORD
-    rivals = fit.likelihood[codebook.ids[fit.words] != codebook.ids[best]]
-    other = none - float(rivals.max()) if len(rivals) else none
+    ids = codebook.ids
+    rivals = (of for word, of in zip(fit.words, fit.likelihood, strict=True) if ids[word] != ids[best])
+    other = none - next(rivals, 0.0)  # the likeliest of them comes first
     if other < needed:
         return AMBIGUOUS
-    if not _consistent(evidence, against.of_cells, none, min(other, outside) - needed):
+    if not _consistent(evidence, silent, fit.of_cells, none, min(other, outside) - needed):
         return INCONSISTENT
     return Reading(
         id=int(codebook.ids[best]),
@@ -182,13 +180,8 @@ def _judged(fit: Fit, evidence: Evidence, codebook: Codebook, false_id_rate: flo
         margin=min(none, other, outside),
         likelihood=none,
         amplitude=(amplitude[0], amplitude[-1]),
-        cell_bands=_shown(codebook, best, bands),
+        cell_bands=fit.shown,
     )
-
-
-def _shown(codebook: Codebook, word: int, bands: Doubles) -> Doubles:
-    """(cells, P): the bands that each cell of a word shows."""
-    return band_shares(codebook.white[word].astype(np.float64), len(bands)) * bands
 
 
 def surest(readings: Sequence[Reading | Rejected], false_id_rate: float) -> Reading | Rejected:
@@ -213,48 +206,17 @@ def _plausible(amplitude: list[float], deviation: list[float], evidence: Evidenc
     return least[0] <= MAX_DEPTH_RATIO * most[-1] and least[-1] <= MAX_DEPTH_RATIO * most[0]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Against:
-    """What speaks against a word, as log-likelihood ratios."""
-
-    gain: Doubles  # (cells,) of each cell in the other class to the one that the word says
-    negative: float  # of the word with all classes swapped to "no bands", its bands fitted anew
-    of_cells: float  # of bands of its own in every cell to "no bands"
-
-
-def _against(
-    evidence: Evidence, codebook: Codebook, word: int, bands: Doubles, *, compiled: bool = COMPILED
-) -> _Against:
-    white = codebook.white[word]
-    if compiled:
-        found = kernel.against(evidence.score, evidence.information, evidence.prior, white, bands)
-        return _Against(gain=found[0], negative=found[1], of_cells=found[2])
-    shown = _shown(codebook, word, bands)
-    size = shown.size
-    matrix, score = evidence.information.reshape(size, size), evidence.score.reshape(size)
-    left = evidence.score - (matrix @ shown.reshape(size)).reshape(shown.shape)
-    change = in_other_class(shown) - shown
-    own = np.einsum("cicj->cij", evidence.information)
-    gain = (change * left).sum(axis=1) - 0.5 * (np.matmul(own, change[..., None])[..., 0] * change).sum(axis=1)
-    ridged = matrix + (1e-6 * float(np.trace(matrix)) / size + 1e-12) * np.eye(size)
-    return _Against(
-        gain=gain,
-        negative=float(word_log_likelihoods(evidence, 1.0 - white[None])[0][0]),
-        of_cells=0.5 * float(score @ np.linalg.solve(ridged, score)),
-    )
-
-
-def _consistent(evidence: Evidence, of_cells: float, of_word: float, lead: float) -> bool:
+def _consistent(evidence: Evidence, silent: Mask, of_cells: float, of_word: float, lead: float) -> bool:
     """Whether all cells share the bands of one word, as far as its log-likelihood ratio and its lead can tell."""
-    freedom = (len(evidence.score) - int(evidence.silent.sum()) - 1) * len(evidence.prior)
+    freedom = (len(silent) - int(np.count_nonzero(silent)) - 1) * len(evidence.prior)
     misfit = of_cells - of_word
     if is_deep(evidence.prior):
         return misfit < lead and of_word > MIN_EXPLAINED * evidence.left
     return misfit < 0.5 * (freedom + DEVIATIONS * math.sqrt(2.0 * freedom)) + MAX_MISFIT * of_word
 
 
-def _odds_against_other_patterns(gain: Doubles, silent: NDArray[np.bool_], codebook: Codebook, word: int) -> float:
-    """Log odds of a word against all patterns that are too far from it to be it; `gain` is that of `_Against`.
+def _odds_against_other_patterns(gain: Doubles, silent: Mask, codebook: Codebook, word: int) -> float:
+    """Log odds of a word against all patterns that are too far from it to be it; `gain` is that of its `Fit`.
 
     Without this rival a panel that shows no word of the dictionary would pass as its neighbour. As with any code, a
     pattern counts as the word itself while no more cells differ than the dictionary can correct; those that are
@@ -272,10 +234,12 @@ def _odds_against_other_patterns(gain: Doubles, silent: NDArray[np.bool_], codeb
     others = math.log(max(further, 1e-300))
     if others < -600:  # the nearest of them outshines the rest, and may be too small for a number
         others = float(np.sort(told)[-correctable - 1 :].sum())
-    return _prior_odds_of_word(codebook) - others - int(silent.sum()) * math.log(2)
+    return _prior_odds_of_word(codebook) - others - int(np.count_nonzero(silent)) * math.log(2)
 
 
-def _odds_against_neighbours(evidence: Evidence, codebook: Codebook, best: int, of_word: float) -> float:
+def _odds_against_neighbours(
+    evidence: Evidence, silent: Mask, codebook: Codebook, best: int, of_word: float
+) -> float:
     """Log odds of a word against patterns a few cells off, each with the bands that fit it best.
 
     With the word's bands a pattern that is really shown may look unlikely, where these are half as deep as its own. Of
@@ -284,7 +248,7 @@ def _odds_against_neighbours(evidence: Evidence, codebook: Codebook, best: int, 
     """
     if codebook.spec.phase == "free":
         return math.inf
-    word, silent = codebook.white[best], evidence.silent
+    word = codebook.white[best]
     correctable = codebook.correctable_beside(silent, best)
     here, others = word, -math.inf
     for differ in range(1, correctable + NEIGHBOURS + 1):

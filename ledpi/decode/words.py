@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ledpi.decode.cells import Singles
-from ledpi.decode.classes import band_shares, wave_shares
+from ledpi.decode.classes import band_shares, in_other_class, wave_shares
 from ledpi.decode.evidence import Doubles, Evidence
 from ledpi.kernels import words as kernel
 from ledpi.kernels.library import COMPILED
@@ -19,32 +19,58 @@ from ledpi.kernels.library import COMPILED
 SHORTLIST = 16  # words that are compared exactly
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Fit:
-    """The likeliest words under some evidence, best first."""
+    """The likeliest words under some evidence, best first, and what speaks against the best of them."""
 
-    words: NDArray[np.int64]  # indices of the codebook
-    likelihood: Doubles  # (words,) log-likelihood ratio to "no bands"
+    words: list[int]  # indices of the codebook
+    likelihood: list[float]  # log-likelihood ratio of each to "no bands"
     bands: Doubles  # (P,) of the best word
     deviation: Doubles  # (P,)
+    shown: Doubles  # (cells, P) the bands that each cell of it shows
+    gain: Doubles  # (cells,) of each cell in the other class to the one that the word says
+    negative: float  # of the word with all classes swapped to "no bands", its bands fitted anew
+    of_cells: float  # of bands of its own in every cell to "no bands"
 
 
 def likeliest(evidence: Evidence, white: Singles, *, compiled: bool = COMPILED) -> Fit:
     """The SHORTLIST likeliest of the words (W, cells), 1 where the class is white."""
     if compiled:
-        found = kernel.likeliest(evidence.score, evidence.information, evidence.prior, white, SHORTLIST)
-        chosen, likelihood, bands, deviation = found
-        return Fit(words=chosen, likelihood=likelihood, bands=bands, deviation=deviation)
+        return Fit(*kernel.likeliest(evidence.score, evidence.information, evidence.prior, white, SHORTLIST))
     words = shortlist(evidence, white)
     likelihood, bands, covariances = word_log_likelihoods(evidence, white[words])
     order = np.argsort(-likelihood)
     first = order[0]
+    best = white[words[first]]
+    shown = band_shares(best.astype(np.float64), len(evidence.prior)) * bands[first]
     return Fit(
-        words=words[order],
-        likelihood=likelihood[order],
+        words=words[order].tolist(),
+        likelihood=likelihood[order].tolist(),
         bands=bands[first],
         deviation=np.sqrt(np.diagonal(covariances[first])),
+        shown=shown,
+        gain=_gain_by_other_class(evidence, shown),
+        negative=float(word_log_likelihoods(evidence, 1.0 - best[None])[0][0]),
+        of_cells=_explained_by_cells(evidence),
     )
+
+
+def _gain_by_other_class(evidence: Evidence, shown: Doubles) -> Doubles:
+    """(cells,) log-likelihood ratio of each cell in the other class to the one whose bands are `shown` (cells, P)."""
+    matrix = evidence.information.reshape(shown.size, shown.size)
+    left = evidence.score - (matrix @ shown.reshape(-1)).reshape(shown.shape)
+    change = in_other_class(shown) - shown
+    own = np.einsum("cicj->cij", evidence.information)
+    gain: Doubles = (change * left).sum(axis=1) - 0.5 * (np.matmul(own, change[..., None])[..., 0] * change).sum(axis=1)
+    return gain
+
+
+def _explained_by_cells(evidence: Evidence) -> float:
+    """Log-likelihood ratio of bands of its own in every cell to "no bands"."""
+    score = evidence.score.reshape(-1)
+    matrix = evidence.information.reshape(score.size, score.size)
+    ridged = matrix + (1e-6 * float(np.trace(matrix)) / score.size + 1e-12) * np.eye(score.size)
+    return 0.5 * float(score @ np.linalg.solve(ridged, score))
 
 
 def shortlist(evidence: Evidence, white: Singles) -> NDArray[np.int64]:

@@ -142,16 +142,51 @@ static ptrdiff_t put(int64_t word, double likelihood, ptrdiff_t count, ptrdiff_t
     return count < most ? count + 1 : most;
 }
 
-/* The likeliest of `words` (count, cells), best first: `chosen` (most,) and their log-likelihood ratios to "no bands";
- * the bands of the best (parameters,), and their deviations. Returns how many are chosen, 0 where there is no memory. */
+/* What speaks against a word (cells,) with these bands (parameters,): what each cell would gain by the other class,
+ * `gain` (cells,); how likely its negative is; and what bands of their own in every cell explain. `shown` (cells,
+ * parameters) are the bands in each cell, `matrix` (size, size + 1) is room to work in. */
+LEDPI_WIDE static void speak_against(const Evidence *evidence, const float *white, const double *bands, double *shown,
+                                     double *gain, double *negative, double *of_cells, double *matrix) {
+    const ptrdiff_t cells = evidence->cells, parameters = evidence->parameters, size = cells * parameters;
+    double other[MOST], deviation[MOST];
+    *negative = exactly(evidence, white, true, shown, other, deviation);
+    for (ptrdiff_t i = 0; i < size; i++)
+        shown[i] = share_of(evidence, white[i / parameters], i % parameters) * bands[i % parameters];
+    for (ptrdiff_t c = 0; c < cells; c++) {
+        double change[MOST];
+        for (ptrdiff_t i = 0; i < parameters; i++)
+            change[i] = share_of(evidence, 1.0 - white[c], i) * bands[i] - shown[c * parameters + i];
+        gain[c] = 0.0;
+        for (ptrdiff_t i = 0; i < parameters; i++) {
+            const double *row = evidence->information + (c * parameters + i) * size;
+            double left = evidence->score[c * parameters + i], sums[4] = {0};
+            for (ptrdiff_t j = 0; j + 4 <= size; j += 4)
+                for (int lane = 0; lane < 4; lane++) sums[lane] += row[j + lane] * shown[j + lane];
+            for (ptrdiff_t j = size / 4 * 4; j < size; j++) left -= row[j] * shown[j];
+            left -= (sums[0] + sums[1]) + (sums[2] + sums[3]);
+            for (ptrdiff_t j = 0; j < parameters; j++) left -= 0.5 * row[c * parameters + j] * change[j];
+            gain[c] += change[i] * left;
+        }
+    }
+    for (ptrdiff_t i = 0; i < size; i++) {
+        memcpy(matrix + i * (size + 1), evidence->information + i * size, sizeof(double) * (size_t)size);
+        matrix[i * (size + 1) + size] = evidence->score[i];
+    }
+    *of_cells = 0.5 * ledpi_explained(matrix, size, 1e-6);
+}
+
+/* The likeliest of `words` (count, cells), best first: `chosen` (most,) and their log-likelihood ratios to "no bands". Of
+ * the best its bands (parameters,), their deviations, the bands in each cell (cells, parameters), and what speaks against
+ * it: `gain` (cells,), `negative`, `of_cells`. Returns how many are chosen, 0 where there is no memory. */
 ptrdiff_t ledpi_likeliest(ptrdiff_t cells, ptrdiff_t parameters, const double *score, const double *information,
                           const double *prior, const float *words, ptrdiff_t count, ptrdiff_t most, int64_t *chosen,
-                          double *likelihood, double *bands, double *deviation) {
+                          double *likelihood, double *bands, double *deviation, double *shown, double *gain,
+                          double *negative, double *of_cells) {
     const Evidence evidence = {cells, parameters, score, information, prior};
-    const ptrdiff_t of_numbers = (cells + 1) * (parameters / 2 * NUMBERS), of_shares = cells * parameters;
-    double *numbers = malloc(sizeof(double) * (size_t)(of_numbers + of_shares + most) + sizeof(int64_t) * (size_t)most);
-    if (!numbers) return 0;
-    double *shares = numbers + of_numbers, *rough = shares + of_shares;
+    const ptrdiff_t size = cells * parameters, of_numbers = (cells + 1) * (parameters / 2 * NUMBERS);
+    double *matrix = malloc(sizeof(double) * (size_t)(size * (size + 1) + of_numbers + most) + sizeof(int64_t) * (size_t)most);
+    if (!matrix) return 0;
+    double *numbers = matrix + size * (size + 1), *rough = numbers + of_numbers;
     int64_t *shortlist = (int64_t *)(rough + most);
     put_numbers(&evidence, numbers);
     ptrdiff_t found = 0, kept = 0;
@@ -159,47 +194,13 @@ ptrdiff_t ledpi_likeliest(ptrdiff_t cells, ptrdiff_t parameters, const double *s
         found = put(word, roughly(&evidence, numbers, words + word * cells), found, most, shortlist, rough);
     for (ptrdiff_t n = 0; n < found; n++) {
         double own_bands[MOST], own_deviation[MOST];
-        const double own = exactly(&evidence, words + shortlist[n] * cells, false, shares, own_bands, own_deviation);
+        const double own = exactly(&evidence, words + shortlist[n] * cells, false, shown, own_bands, own_deviation);
         kept = put(shortlist[n], own, kept, found, chosen, likelihood);
         if (chosen[0] != shortlist[n]) continue;
         memcpy(bands, own_bands, sizeof(double) * (size_t)parameters);
         memcpy(deviation, own_deviation, sizeof(double) * (size_t)parameters);
     }
-    free(numbers);
+    if (found) speak_against(&evidence, words + chosen[0] * cells, bands, shown, gain, negative, of_cells, matrix);
+    free(matrix);
     return found;
-}
-
-/* What speaks against a word (cells,) with these bands (parameters,): what each cell would gain by the other class,
- * `gain` (cells,); how likely its negative is; and what bands of their own in every cell explain. False: no memory. */
-bool ledpi_against(ptrdiff_t cells, ptrdiff_t parameters, const double *score, const double *information,
-                   const double *prior, const float *white, const double *bands, double *gain, double *negative,
-                   double *of_cells) {
-    const Evidence evidence = {cells, parameters, score, information, prior};
-    const ptrdiff_t size = cells * parameters;
-    double *shown = malloc(sizeof(double) * (size_t)(size * (size + 2))), *matrix = shown + size;
-    double other[MOST], deviation[MOST];
-    if (!shown) return false;
-    *negative = exactly(&evidence, white, true, shown, other, deviation);
-    for (ptrdiff_t i = 0; i < size; i++)
-        shown[i] = share_of(&evidence, white[i / parameters], i % parameters) * bands[i % parameters];
-    for (ptrdiff_t c = 0; c < cells; c++) {
-        double change[MOST];
-        for (ptrdiff_t i = 0; i < parameters; i++)
-            change[i] = share_of(&evidence, 1.0 - white[c], i) * bands[i] - shown[c * parameters + i];
-        gain[c] = 0.0;
-        for (ptrdiff_t i = 0; i < parameters; i++) {
-            const double *row = information + (c * parameters + i) * size;
-            double left = score[c * parameters + i];
-            for (ptrdiff_t j = 0; j < size; j++) left -= row[j] * shown[j];
-            for (ptrdiff_t j = 0; j < parameters; j++) left -= 0.5 * row[c * parameters + j] * change[j];
-            gain[c] += change[i] * left;
-        }
-    }
-    for (ptrdiff_t i = 0; i < size; i++) {
-        memcpy(matrix + i * (size + 1), information + i * size, sizeof(double) * (size_t)size);
-        matrix[i * (size + 1) + size] = score[i];
-    }
-    *of_cells = 0.5 * ledpi_explained(matrix, size, 1e-6);
-    free(shown);
-    return true;
 }

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import ctypes
+from itertools import accumulate, pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,46 +13,49 @@ from ledpi.kernels.library import INTEGER, POINTER, address, function
 Singles = NDArray[np.float32]
 Doubles = NDArray[np.float64]
 
-_EVIDENCE = (INTEGER, INTEGER, POINTER, POINTER, POINTER)
-_likeliest = function("ledpi_likeliest", *_EVIDENCE, POINTER, INTEGER, INTEGER, *(POINTER,) * 4, result=INTEGER)
-_against = function("ledpi_against", *_EVIDENCE, *(POINTER,) * 5, result=ctypes.c_bool)
+_likeliest = function(
+    "ledpi_likeliest", INTEGER, INTEGER, *(POINTER,) * 4, INTEGER, INTEGER, *(POINTER,) * 8, result=INTEGER
+)
 
 
-def likeliest(
-    score: Doubles, information: Doubles, prior: Doubles, words: Singles, most: int
-) -> tuple[NDArray[np.int64], Doubles, Doubles, Doubles]:
-    """The `most` likeliest of `words` (W, cells), best first, and how likely; the best one's bands, their deviations.
+class Likeliest(NamedTuple):
+    """As `Fit` of decode/words.py has them."""
 
-    Raises MemoryError.
+    words: list[int]
+    likelihood: list[float]
+    bands: Doubles
+    deviation: Doubles
+    shown: Doubles
+    gain: Doubles
+    negative: float
+    of_cells: float
+
+
+def likeliest(score: Doubles, information: Doubles, prior: Doubles, words: Singles, most: int) -> Likeliest:
+    """The `most` likeliest of `words` (W, cells) under the evidence, and what speaks against the best.
+
+    `score` (cells, P), `information` (cells, P, cells, P), `prior` (P,). Raises MemoryError.
     """
-    parameters = len(prior)
-    chosen, likelihood = np.empty(most, np.int64), np.empty(most)
-    bands, deviation = np.empty(parameters), np.empty(parameters)
+    cells, parameters = score.shape
+    assert parameters in (2, 4)
+    chosen, numbers = np.empty(most, np.int64), np.empty(most + 2 * parameters + score.size + cells + 2)
+    ends = list(accumulate((0, most, parameters, parameters, score.size, cells, 1)))
+    at = address(numbers)
     count = _likeliest(
-        *_evidence(score, information, prior),
-        *(address(words), len(words), most, address(chosen), address(likelihood), address(bands), address(deviation)),
+        *(cells, parameters, address(score), address(information), address(prior), address(words), len(words), most),
+        *(address(chosen), *(at + numbers.itemsize * end for end in ends)),
     )
     if not count:
         raise MemoryError
-    return chosen[:count], likelihood[:count], bands, deviation
-
-
-def against(
-    score: Doubles, information: Doubles, prior: Doubles, white: Singles, bands: Doubles
-) -> tuple[Doubles, float, float]:
-    """What speaks against a word: each cell's gain by the other class, its negative, what no word has to explain.
-
-    `white` (cells,), `bands` (P,). Raises MemoryError.
-    """
-    gain, numbers = np.empty(len(score)), np.empty(2)
-    at = address(numbers)
-    arguments = address(white), address(bands), address(gain), at, at + numbers.itemsize
-    if not _against(*_evidence(score, information, prior), *arguments):
-        raise MemoryError
-    return gain, float(numbers[0]), float(numbers[1])
-
-
-def _evidence(score: Doubles, information: Doubles, prior: Doubles) -> tuple[int, int, int, int, int]:
-    cells, parameters = score.shape
-    assert parameters in (2, 4)
-    return cells, parameters, address(score), address(information), address(prior)
+    likelihood, bands, deviation, shown, gain = (numbers[a:b] for a, b in pairwise(ends[:6]))
+    negative, of_cells = numbers[ends[5] :].tolist()
+    return Likeliest(
+        words=chosen[:count].tolist(),
+        likelihood=likelihood[:count].tolist(),
+        bands=bands,
+        deviation=deviation,
+        shown=shown.reshape(cells, parameters),
+        gain=gain,
+        negative=negative,
+        of_cells=of_cells,
+    )
