@@ -29,15 +29,19 @@ static inline ptrdiff_t unknowns(const Panel *panel, ptrdiff_t gains) {
     return gains + SLOPES + panel->cells * panel->waves;
 }
 
-/* Into `columns` (samples, width): how the logarithm of `picture` changes for each way in which its corners can be off
- * (`Lattice.shifts` in decode/cells.py), times `weight`. `room` (samples + 4·side·k) is to work in. */
-void ledpi_put_slopes(const Panel *panel, const float *picture, const float *weight, float *room, float *columns);
+/* How the logarithm of `picture` changes across the panel and down it, per unit of either: `across` and `down` (cells,
+ * points). `room` (samples + 3·side·k) is to work in. */
+void ledpi_slopes(const Panel *panel, const float *picture, float *room, float *across, float *down);
 
-/* Into `columns`: the waves (waves, cells, points), times `weight`. */
-void ledpi_put_waves(const Panel *panel, const float *waves, const float *weight, float *columns);
+/* What each sample is explained by, all (cells, points): what a wrong gain adds, `weight`; what bands add for each of
+ * `waves` (waves, cells, points), `bands`; how the picture changes; and what is left to explain, `residual`. */
+typedef struct {
+    const float *weight, *bands, *waves, *across, *down, *residual;
+} Terms;
 
-/* Adds what each cell's columns are among themselves to the matrix (size, size + 1), the last column of which is the
- * right side. Returns the square of what is left to explain. */
-double ledpi_add_cells(const Panel *panel, ptrdiff_t gains, const float *columns, double *matrix);
+/* Puts each sample's columns (samples, width), and adds what those of each cell are among themselves to the matrix (size,
+ * size + 1), the last column of which is the right side. Corners can be off in SLOPES ways (`Lattice.shifts` in
+ * decode/cells.py). Returns the square of what is left to explain. */
+double ledpi_add_cells(const Panel *panel, ptrdiff_t gains, const Terms *terms, float *columns, double *matrix);
 
 #endif

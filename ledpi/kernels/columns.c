@@ -29,54 +29,63 @@ static void slope_weights(const float *along, ptrdiff_t size, float *of_next, fl
     }
 }
 
-LEDPI_WIDE void ledpi_put_slopes(const Panel *panel, const float *picture, const float *weight, float *room,
-                                 float *columns) {
-    const ptrdiff_t n = panel->side, k = panel->k, size = n * k, width = width_of(panel);
-    float *logarithm = room, *across = room + size * size, *down = across + size, *of_next = down + size;
-    float *of_last = of_next + size;
-    const float *along = panel->along;
-    slope_weights(along, size, of_next, of_last);
+LEDPI_WIDE void ledpi_slopes(const Panel *panel, const float *picture, float *room, float *across, float *down) {
+    const ptrdiff_t n = panel->side, k = panel->k, size = n * k;
+    float *logarithm = room, *of_next = room + size * size, *of_last = of_next + size, *of_row = of_last + size;
+    slope_weights(panel->along, size, of_next, of_last);
     for (ptrdiff_t cell = 0; cell < panel->cells; cell++)
         for (ptrdiff_t y = 0; y < k; y++, picture += k) {
             float *to = logarithm + (cell / n * k + y) * size + cell % n * k;
             for (ptrdiff_t x = 0; x < k; x++) to[x] = logarithm_of(picture[x]);
         }
     for (ptrdiff_t row = 0; row < size; row++) {
-        const float *here = logarithm + row * size, next = of_next[row], last = of_last[row], v = 2.0f * along[row] - 1.0f;
+        const float *here = logarithm + row * size, next = of_next[row], last = of_last[row];
         const float *below = row + 1 < size ? here + size : here, *above = row > 0 ? here - size : here;
-        for (ptrdiff_t x = 0; x < size; x++) down[x] = next * (below[x] - here[x]) + last * (here[x] - above[x]);
+        const ptrdiff_t from = row / k * n * k * k + row % k * k; /* of this row in its first cell; k·k further in the next */
+        for (ptrdiff_t x = 0; x < size; x++) of_row[x] = next * (below[x] - here[x]) + last * (here[x] - above[x]);
+        for (ptrdiff_t c = 0; c < n; c++) memcpy(down + from + c * k * k, of_row + c * k, sizeof(float) * (size_t)k);
         for (ptrdiff_t x = 1; x + 1 < size; x++)
-            across[x] = of_next[x] * (here[x + 1] - here[x]) + of_last[x] * (here[x] - here[x - 1]);
-        across[0] = size > 1 ? of_next[0] * (here[1] - here[0]) : 0.0f;
-        if (size > 1) across[size - 1] = of_last[size - 1] * (here[size - 1] - here[size - 2]);
-        for (ptrdiff_t cell = row / k * n, x = 0; x < size; cell++) {
-            const ptrdiff_t i = (cell * k + row % k) * k;
-            float *into = columns + i * width + first_slope(panel);
-            for (const float *own = weight + i, *end = own + k; own < end; own++, x++, into += width) {
-                const float u = 2.0f * along[x] - 1.0f, by_u = *own * across[x], by_v = *own * down[x];
-                const float both = u * by_u + v * by_v;
-                into[0] = by_u, into[1] = u * by_u, into[2] = v * by_u;
-                into[3] = by_v, into[4] = u * by_v, into[5] = v * by_v;
-                into[6] = u * both, into[7] = v * both;
-            }
-        }
+            of_row[x] = of_next[x] * (here[x + 1] - here[x]) + of_last[x] * (here[x] - here[x - 1]);
+        of_row[0] = of_row[size - 1] = 0.0f;
+        if (size > 1) of_row[0] = of_next[0] * (here[1] - here[0]);
+        if (size > 1) of_row[size - 1] = of_last[size - 1] * (here[size - 1] - here[size - 2]);
+        for (ptrdiff_t c = 0; c < n; c++) memcpy(across + from + c * k * k, of_row + c * k, sizeof(float) * (size_t)k);
     }
 }
 
-void ledpi_put_waves(const Panel *panel, const float *waves, const float *weight, float *columns) {
-    const ptrdiff_t width = width_of(panel);
-    for (ptrdiff_t wave = 0; wave < panel->waves; wave++, waves += panel->samples)
-        for (ptrdiff_t i = 0; i < panel->samples; i++) columns[i * width + 1 + wave] = weight[i] * waves[i];
+/* The columns of the samples of one cell, (points, width). */
+static inline void put_cell(const Panel *panel, const Terms *terms, ptrdiff_t cell, const ptrdiff_t waves, float *columns) {
+    const ptrdiff_t k = panel->k, width = width_of(panel);
+    const float *us = panel->along + cell % panel->side * k, *vs = panel->along + cell / panel->side * k;
+    ptrdiff_t i = cell * panel->points;
+    for (ptrdiff_t y = 0; y < k; y++)
+        for (ptrdiff_t x = 0; x < k; x++, i++, columns += width) {
+            const float weight = terms->weight[i], u = 2.0f * us[x] - 1.0f, v = 2.0f * vs[y] - 1.0f;
+            const float by_u = weight * terms->across[i], by_v = weight * terms->down[i], both = u * by_u + v * by_v;
+            float *slopes = columns + 1 + waves;
+            columns[0] = weight;
+            for (ptrdiff_t j = 0; j < waves; j++) columns[1 + j] = terms->bands[i] * terms->waves[j * panel->samples + i];
+            slopes[0] = by_u, slopes[1] = u * by_u, slopes[2] = v * by_u;
+            slopes[3] = by_v, slopes[4] = u * by_v, slopes[5] = v * by_v;
+            slopes[6] = u * both, slopes[7] = v * both;
+            slopes[8] = terms->residual[i];
+            for (ptrdiff_t j = 2 + waves + SLOPES; j < width; j++) columns[j] = 0.0f;
+        }
 }
 
-double ledpi_add_cells(const Panel *panel, ptrdiff_t gains, const float *columns, double *matrix) {
+LEDPI_WIDE double ledpi_add_cells(const Panel *panel, ptrdiff_t gains, const Terms *terms, float *columns, double *matrix) {
     const ptrdiff_t size = unknowns(panel, gains), width = width_of(panel), last = of_residual(panel);
     float sums[MOST_COLUMNS * MOST_COLUMNS];
     ptrdiff_t place[MOST_COLUMNS];
     double squares = 0.0;
     for (ptrdiff_t cell = 0; cell < panel->cells; cell++) {
+        float *own = columns + cell * panel->points * width;
+        if (panel->waves == 4) /* told twice, as loops of a known length are unrolled */
+            put_cell(panel, terms, cell, 4, own);
+        else
+            put_cell(panel, terms, cell, panel->waves, own);
         memset(sums, 0, sizeof(float) * (size_t)(width * width));
-        ledpi_add_products(columns + cell * panel->points * width, panel->points, width, sums);
+        ledpi_add_products(own, panel->points, width, sums);
         place[0] = gains > 1 ? cell : 0;
         for (ptrdiff_t i = 0; i < panel->waves; i++) place[1 + i] = gains + SLOPES + cell * panel->waves + i;
         for (ptrdiff_t i = 0; i < SLOPES; i++) place[first_slope(panel) + i] = gains + i;

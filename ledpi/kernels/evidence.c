@@ -141,10 +141,10 @@ static void put_bases(const Panel *panel, const Sources *sources, const Believed
     }
 }
 
-/* Splits the light into what the cells share and what is left: `still` (samples), at least 0.02, and its column. */
+/* Splits the light into what the cells share, `still`, at least 0.02, and what is left, `residual`: (samples) both. */
 LEDPI_WIDE static void split(const Panel *panel, const Sources *sources, const float *light, const float **bases,
-                             float *room, float *still, float *columns) {
-    const ptrdiff_t cells = panel->cells, points = panel->points, width = width_of(panel), wide = padded(cells);
+                             float *room, float *still, float *residual) {
+    const ptrdiff_t cells = panel->cells, points = panel->points, wide = padded(cells);
     float *seen = room, *shared = room + wide; /* at one point, of all cells */
     for (ptrdiff_t p = 0, s = 0; p < points; p++) {
         for (ptrdiff_t c = 0; c < cells; c++) seen[c] = light[c * points + p];
@@ -154,7 +154,7 @@ LEDPI_WIDE static void split(const Panel *panel, const Sources *sources, const f
             for (ptrdiff_t c = 0; c < wide; c++) shared[c] += along * bases[s][c];
         }
         for (ptrdiff_t c = 0, i = p; c < cells; c++, i += points) {
-            columns[i * width + of_residual(panel)] = seen[c] - shared[c];
+            residual[i] = seen[c] - shared[c];
             still[i] = fmaxf(shared[c], 0.02f);
         }
     }
@@ -194,7 +194,7 @@ LEDPI_WIDE static void take_shared(const Panel *panel, const Sources *sources, c
 /* Room to work in. */
 typedef struct {
     double *gain, *profile, *matrix;
-    float *light, *root, *still, *columns, *basis, *rows, *sums, *slopes;
+    float *light, *root, *still, *residual, *across, *down, *columns, *basis, *rows, *sums, *slopes;
     const float **bases;
 } Room;
 
@@ -203,8 +203,8 @@ static bool make_room(const Panel *panel, const Sources *sources, Room *room) {
     const ptrdiff_t samples = panel->samples, size = unknowns(panel, panel->cells), wide = padded(size);
     const ptrdiff_t vectors = (MEETING + sources->count) * padded(panel->cells); /* of cells; two serve `split` */
     const ptrdiff_t matrix = size * (size + 1), levels = panel->cells + panel->points;
-    const ptrdiff_t zeros = wide * wide + vectors + samples * width_of(panel);
-    const ptrdiff_t floats = zeros + 4 * samples + 4 * panel->side * panel->k + sources->count * wide;
+    const ptrdiff_t slopes = samples + 3 * panel->side * panel->k;
+    const ptrdiff_t floats = wide * wide + vectors + samples * (6 + width_of(panel)) + slopes + sources->count * wide;
     char *all = malloc(sizeof(double) * (size_t)(matrix + levels) + sizeof(float) * (size_t)floats +
                        sizeof(float *) * (size_t)sources->count);
     if (!all) return false;
@@ -218,30 +218,27 @@ static bool make_room(const Panel *panel, const Sources *sources, Room *room) {
     room->light = room->columns + samples * width_of(panel);
     room->root = room->light + samples;
     room->still = room->root + samples;
-    room->slopes = room->still + samples;
-    room->rows = room->slopes + samples + 4 * panel->side * panel->k;
+    room->residual = room->still + samples;
+    room->across = room->residual + samples;
+    room->down = room->across + samples;
+    room->slopes = room->down + samples;
+    room->rows = room->slopes + slopes;
     memset(room->matrix, 0, sizeof(double) * (size_t)matrix);
     memset(room->sums, 0, sizeof(float) * (size_t)(wide * wide + vectors));
     return true;
 }
 
-/* Every column of every sample. */
-LEDPI_WIDE static void put_columns(const Panel *panel, const Believed *believed, const float *waves, Room *room) {
-    const ptrdiff_t width = width_of(panel);
-    float *picture = room->light, *weight = room->still; /* neither is asked for again */
+/* What each sample is explained by. What is not valid is left out; `still` becomes the weight, `root` what bands add. */
+LEDPI_WIDE static void put_terms(const Panel *panel, const Believed *believed, Room *room) {
+    float *picture = room->light; /* which is not asked for again */
     for (ptrdiff_t i = 0; i < panel->samples; i++) {
-        float *own = room->columns + i * width;
-        const float valid = panel->valid && !panel->valid[i] ? 0.0f : 1.0f;
         const float bare = believed->shown ? room->still[i] / believed->shown[i] : room->still[i];
-        own[0] = valid * room->still[i];
-        own[of_residual(panel)] *= valid;
-        for (ptrdiff_t j = of_residual(panel) + 1; j < width; j++) own[j] = 0.0f;
         picture[i] = bare * room->root[i];
-        room->root[i] = valid * bare;
-        weight[i] = own[0];
+        room->root[i] = bare;
     }
-    ledpi_put_waves(panel, waves, room->root, room->columns);
-    ledpi_put_slopes(panel, picture, weight, room->slopes, room->columns);
+    for (ptrdiff_t i = 0; panel->valid && i < panel->samples; i++)
+        if (!panel->valid[i]) room->root[i] = room->still[i] = room->residual[i] = 0.0f;
+    ledpi_slopes(panel, picture, room->slopes, room->across, room->down);
 }
 
 /* The light over the root of its variance, so that it is alike everywhere. Returns how many samples are valid. */
@@ -277,9 +274,10 @@ bool ledpi_single_evidence(ptrdiff_t side, ptrdiff_t k, ptrdiff_t count, const f
     const ptrdiff_t used = whiten(&panel, &believed, &room);
     put_bases(&panel, &sources, &believed, room.gain, room.root, room.basis, room.bases);
     float *vectors = room.basis + (believed.shown ? sources.count : MEETING) * padded(panel.cells);
-    split(&panel, &sources, room.light, room.bases, vectors, room.still, room.columns);
-    put_columns(&panel, &believed, waves, &room);
-    const double squares = ledpi_add_cells(&panel, panel.cells, room.columns, room.matrix);
+    split(&panel, &sources, room.light, room.bases, vectors, room.still, room.residual);
+    put_terms(&panel, &believed, &room);
+    const Terms terms = {room.still, room.root, waves, room.across, room.down, room.residual};
+    const double squares = ledpi_add_cells(&panel, panel.cells, &terms, room.columns, room.matrix);
     take_shared(&panel, &sources, room.bases, room.columns, room.rows, room.sums, room.matrix);
     *free_samples = (double)(used - source_count + 1 - size);
     const bool fits = ledpi_weigh(room.matrix, size, panel.cells + SLOPES, squares, *free_samples, independence, score,
