@@ -88,6 +88,11 @@ class PanelMemory:
         )
 
     @property
+    def mean_waves(self) -> Singles:
+        """(P, cells, points): cosine and sine of each wave as the mean picture has them; of one frame, its own."""
+        return self._mean_waves
+
+    @property
     def newest(self) -> tuple[CellSamples, Frame]:
         """The frame that was added last."""
         return self._samples, self._frame

@@ -120,7 +120,7 @@ class Reader:
         # Frequencies that were chosen to fit leave chance more ways to look like a word.
         rate = self._false_id_rate / CHOICES if tuned else self._false_id_rate
         book = self._codebooks[group]
-        alone = self._alone(memory, replace(book, spec=memory.spec), rate)
+        alone = self._alone(memory, book if memory.spec is book.spec else replace(book, spec=memory.spec), rate)
         if alone is not None:
             return alone
         evidence = memory.evidence()
@@ -132,12 +132,14 @@ class Reader:
         A single frame of deep bands says all, to who looks twice, or that something is not as it should be.
         """
         samples, frame = memory.newest
-        if memory.frames > 1 and not is_deep(band_prior(frame, book.spec)):
+        if memory.frames == 1:
+            return soft.read_word(samples, frame, book, rate, memory.mean_waves)
+        if not is_deep(band_prior(frame, book.spec)):
             return None
         reading = soft.read_word(samples, frame, book, rate)
         if isinstance(reading, Reading):
             return replace(reading, cell_bands=memory.in_its_time(reading.cell_bands))
-        return reading if memory.frames == 1 or reading in SOMETHING_ELSE else None
+        return reading if reading in SOMETHING_ELSE else None
 
     def _tune(self, track: Track) -> bool:
         """Whether a track's frames add up to a word at other frequencies; then its memory has them."""

@@ -109,15 +109,19 @@ class Reading:
 
 
 def read_word(
-    samples: CellSamples, frame: Frame, codebook: Codebook, false_id_rate: float = FALSE_ID_RATE_ALONE
+    samples: CellSamples,
+    frame: Frame,
+    codebook: Codebook,
+    false_id_rate: float = FALSE_ID_RATE_ALONE,
+    waves: Singles | None = None,
 ) -> Reading | Rejected:
-    """The word that these samples show by themselves, or why none can be told.
+    """The word that these samples show by themselves, or why none can be told. `waves`: their `class_waves`, if known.
 
     Bands are looked at twice where that may change the answer: as sinusoids; and, once it is known where in their
     period they are, as what the exposure leaves of a square wave, with the static picture that is then left.
     """
     spec = codebook.spec
-    evidence = single_evidence(samples, frame, spec)
+    evidence = single_evidence(samples, frame, spec, waves)
     if isinstance(evidence, Rejected):
         return evidence
     fit = likeliest(evidence, codebook.white)
@@ -193,7 +197,7 @@ def surest(readings: Sequence[Reading | Rejected], false_id_rate: float) -> Read
     ahead = min((best.likelihood - r.likelihood for r in read[1:] if r.id != best.id), default=math.inf)
     if ahead < -math.log(false_id_rate):
         return AMBIGUOUS
-    return replace(best, margin=min(best.margin, ahead))
+    return best if best.margin <= ahead else replace(best, margin=ahead)
 
 
 def _plausible(amplitude: list[float], deviation: list[float], evidence: Evidence) -> bool:
@@ -224,16 +228,17 @@ def _odds_against_other_patterns(gain: Doubles, silent: Mask, codebook: Codebook
     independent, so the patterns that differ in d cells sum up to the d-th elementary symmetric polynomial of the cells'
     likelihood ratios.
     """
-    told, correctable = gain[~silent], codebook.correctable_beside(silent, word)
+    told, correctable = gain[~silent].tolist(), codebook.correctable_beside(silent, word)
     by_distance = [1.0] + [0.0] * correctable  # few cells differ: 0, 1, …
     further = 0.0  # more
-    for ratio in np.exp(np.minimum(told, 40.0)).tolist():
+    for of_cell in told:
+        ratio = math.exp(min(of_cell, 40.0))
         further += (further + by_distance[-1]) * ratio
         for d in range(correctable, 0, -1):
             by_distance[d] += by_distance[d - 1] * ratio
     others = math.log(max(further, 1e-300))
     if others < -600:  # the nearest of them outshines the rest, and may be too small for a number
-        others = float(np.sort(told)[-correctable - 1 :].sum())
+        others = sum(sorted(told)[-correctable - 1 :])
     return _prior_odds_of_word(codebook) - others - int(np.count_nonzero(silent)) * math.log(2)
 
 

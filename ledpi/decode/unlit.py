@@ -23,13 +23,13 @@ def unlit_cells(samples: CellSamples) -> NDArray[np.bool_]:
     """(cells,) which of them give no light of their own."""
     light, valid = samples.light.sum(axis=1), samples.valid
     level = light if valid is None else light / np.maximum(valid.sum(axis=1), 1)
-    return np.asarray(level < UNLIT * level.mean())
+    return np.asarray(level < UNLIT / len(level) * level.sum())
 
 
 def without_unlit(evidence: Evidence, samples: CellSamples) -> Evidence:
     """The evidence, with whatever bands fit best in cells that are unlit: of these it holds nothing then."""
     unlit = unlit_cells(samples)
-    if not unlit.any():
+    if True not in unlit.tolist():
         return evidence
     size, cell = evidence.score.size, np.repeat(unlit, evidence.score.shape[1])
     information, score = evidence.information.reshape(size, size), evidence.score.reshape(size)
