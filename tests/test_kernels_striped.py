@@ -13,18 +13,20 @@ from ledpi.decode.panel_fit import Fit, fitted
 from ledpi.decode.sides import as_points
 from ledpi.kernels import library
 from ledpi.kernels.library import COMPILED
-from ledpi.records import Intrinsics
+from ledpi.records import Intrinsics, PanelSpec
 
 pytestmark = pytest.mark.skipif(not COMPILED, reason="needs the compiled loops (a C compiler when ledpi was installed)")
 
+ANTIPHASE = PanelSpec(side_m=0.16, black_hz=1250.0, white_hz=1250.0, phase="antiphase")
 
-def panel(side_px: float, lens: Intrinsics | None) -> tuple[Window, np.ndarray, Bands]:
+
+def panel(side_px: float, lens: Intrinsics | None, spec: PanelSpec = SPEC) -> tuple[Window, np.ndarray, Bands]:
     """Light around a panel, its corners, and its bands."""
     canvas, true = Canvas(exposure_us=SHORT_US), square(250, 200, side_px, 20)
-    canvas.panel(true, word(7), phases=(0.3, 0.9), lens=lens)
+    canvas.panel(true, word(7), phases=(0.3, 0.9 if spec is SPEC else 0.8), lens=lens, spec=spec)
     corners = as_points(true if lens is None else seen_through(lens, true))
     window = Window.around(canvas.frame(), corners[None], 12)
-    bands = Bands.at(window, window.within(corners), 4, [SPEC])
+    bands = Bands.at(window, window.within(corners), 4, [spec])
     assert bands is not None
     return window, corners, bands
 
@@ -64,3 +66,24 @@ def test_panels_fit_as_well(
     assert ours.sigma_px == pytest.approx(theirs.sigma_px, rel=1e-3)
     assert ours.explained == pytest.approx(theirs.explained, abs=1e-5)
     assert np.abs(ours.corners - near).max() > 0.005 * side_px  # it did move
+
+
+@pytest.mark.parametrize("spec", [SPEC, ANTIPHASE], ids=["free", "antiphase"])
+@pytest.mark.parametrize("side_px", [30, 80, 200])
+def test_bands_are_the_same(side_px: float, spec: PanelSpec, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Levels, phases and classes of the panel, or near by; with two specs to choose from."""
+    window, corners, _ = panel(side_px, None, spec)
+    other = PanelSpec(side_m=0.16, black_hz=1500.0, white_hz=2700.0)
+    rng = np.random.default_rng(4)
+    off = 0.1 * side_px * (rng.standard_normal((20, 4)) + 1j * rng.standard_normal((20, 4)))
+    for at in (window.within(corners), *window.within(corners + off)):
+        ours = Bands.at(window, at, 4, [other, spec])
+        with monkeypatch.context() as patch:
+            patch.setattr(library, "COMPILED", False)
+            theirs = Bands.at(window, at, 4, [other, spec])
+        assert ours is not None
+        assert theirs is not None
+        assert (ours.spec, *ours.phases, *ours.white) == (theirs.spec, *theirs.phases, *theirs.white)
+        assert (ours.dark, ours.bright) == pytest.approx((theirs.dark, theirs.bright), rel=1e-5)
+        assert ours.explained == pytest.approx(theirs.explained, abs=1e-4)
+    assert Bands.at(window, window.within(corners) * 0, 4, [spec]) is None  # all of it in one dark pixel

@@ -38,6 +38,7 @@ MIN_CONTRAST = 3.0  # of bright to dark; a wall beside a panel's dark frame has 
 # What a lattice loses, per pixel of its area, for the square of the share by which its perspective is not a square's:
 # so little that only what dark rows leave open is decided by it.
 AS_A_SQUARE = 0.5
+SPARSE = 4  # pixels: so far apart those are that tell how dark it is around a panel
 UNKNOWN = -0.3  # gain of a pixel beyond what is looked at: about what a dark one has on average
 
 
@@ -89,6 +90,7 @@ class Window:
     first: complex  # pixel of the picture in which the first of these has its centre
     shrink: int
     frame: Frame
+    dark: float  # level of the darkest of it
 
     @classmethod
     def around(cls, frame: Frame, corners: Points, reach_px: float) -> Window:
@@ -102,7 +104,9 @@ class Window:
         light = cv2.LUT(patch, linear_light(frame.transfer, mark_saturated=False))
         if shrink > 1:
             light = cv2.resize(light, (columns, rows), interpolation=cv2.INTER_AREA)
-        return cls(light, complex(x0, y0) + (shrink - 1) / 2 * (1 + 1j), shrink, frame)
+        some = light[::SPARSE, ::SPARSE].reshape(-1)
+        dark = float(np.partition(some, at := int(DARK * len(some)))[at])
+        return cls(light, complex(x0, y0) + (shrink - 1) / 2 * (1 + 1j), shrink, frame, dark)
 
     def within(self, points: Points) -> Points:
         """Pixels of the picture as pixels of this."""
@@ -112,32 +116,56 @@ class Window:
         """The other way."""
         return np.asarray(points * self.shrink + self.first)
 
-    def waves(self, spec: PanelSpec) -> Singles:
-        """(2, PHASES, rows) share of its light that either class shows in each row, by the phase in row 0."""
+    def waves_of(self, spec: PanelSpec) -> ClassWaves:
+        """What cells of a panel show in its rows."""
+        return class_waves(spec, self.frame.exposure_us, self.frame.row_time_us, self.shrink)
+
+    def shown(self, waves: ClassWaves, phases: Floats) -> Singles:
+        """(2, …, rows) share of its light that either class shows in each row, by its phases (2, …) in row 0."""
         rows = self.first.imag + self.shrink * np.arange(len(self.light))
-        phase = np.arange(PHASES)[:, None] / PHASES
-        both = []
-        for hz in (spec.black_hz, spec.white_hz):
-            cycles = phase + rows * (hz * self.frame.row_time_us * 1e-6)
-            table = wave(hz, self.frame.exposure_us, spec.duty, self.shrink, self.frame.row_time_us)
-            both.append(table[(cycles * WAVE_STEPS).astype(np.int64) % WAVE_STEPS])
-        return np.stack(both)
+        cycles = phases[..., None] + rows * waves.cycles_a_row.reshape(2, *[1] * phases.ndim)
+        steps = (cycles * WAVE_STEPS).astype(np.int64) % WAVE_STEPS
+        return np.stack([table[step] for table, step in zip(waves.tables, steps, strict=True)])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ClassWaves:
+    """What cells of either class show, over a period."""
+
+    tables: Singles  # (2, WAVE_STEPS) light of a row, over that of an exposure in which the lamp is on
+    cycles_a_row: Floats  # (2,) of the picture
+
+
+@lru_cache(maxsize=64)
+def class_waves(spec: PanelSpec, exposure_us: float, row_time_us: float, shrink: int) -> ClassWaves:
+    """Of the means of `shrink` rows."""
+    both_hz = np.array([spec.black_hz, spec.white_hz])
+    cycles = (np.arange(WAVE_STEPS) + 0.5) / WAVE_STEPS
+    tables = []
+    for hz in both_hz.tolist():
+        around = (np.arange(shrink) - (shrink - 1) / 2) * hz * row_time_us * 1e-6
+        each = [shutter.exposure_weight(cycles + row, hz * exposure_us * 1e-6, spec.duty) for row in around]
+        mean = np.mean(each, axis=0)
+        tables.append(mean / mean.max())
+    return ClassWaves(np.array(tables, np.float32), both_hz * (row_time_us * 1e-6))
 
 
 @lru_cache(maxsize=32)
-def wave(hz: float, exposure_us: float, duty: float, shrink: int, row_time_us: float) -> Singles:
-    """(WAVE_STEPS,) light of a row, over that of an exposure in which the lamp is on; mean of `shrink` rows."""
-    cycles = (np.arange(WAVE_STEPS) + 0.5) / WAVE_STEPS
-    around = (np.arange(shrink) - (shrink - 1) / 2) * hz * row_time_us * 1e-6
-    each = [shutter.exposure_weight(cycles + row, hz * exposure_us * 1e-6, duty) for row in around]
-    wave = np.mean(each, axis=0)
-    return np.asarray(wave / wave.max(), np.float32)
+def _waves_of(
+    specs: tuple[PanelSpec, ...], exposure_us: float, row_time_us: float, shrink: int
+) -> tuple[Singles, Floats, NDArray[np.bool_]]:
+    """(specs, 2, WAVE_STEPS) tables, (specs, 2) cycles in a row of the picture, (specs,) which are in antiphase."""
+    waves = [class_waves(spec, exposure_us, row_time_us, shrink) for spec in specs]
+    antiphase = np.array([spec.phase == "antiphase" for spec in specs])
+    return np.array([w.tables for w in waves]), np.array([w.cycles_a_row for w in waves]), antiphase
 
 
-def wave_tables(spec: PanelSpec, frame: Frame, shrink: int) -> Singles:
-    """(2, WAVE_STEPS) `wave` of either class."""
-    both = [wave(hz, frame.exposure_us, spec.duty, shrink, frame.row_time_us) for hz in (spec.black_hz, spec.white_hz)]
-    return np.stack(both)
+@lru_cache(maxsize=32)
+def min_contrast(specs: tuple[PanelSpec, ...], exposure_us: float) -> float:
+    """Of bright to dark light in a panel, at least: MIN_CONTRAST, or half of what the deepest bands have."""
+    depths = [0.5 * shutter.contrast(hz, exposure_us, s.duty) for s in specs for hz in (s.black_hz, s.white_hz)]
+    deepest = min(max(depths), 0.999)
+    return min(MIN_CONTRAST, max(1.0, 0.5 * (1 + deepest) / (1 - deepest)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -146,7 +174,6 @@ class Bands:
 
     dark: float  # levels of light
     bright: float
-    waves: Singles  # (2, rows of the window) of either class
     phases: Floats  # (2,) of either wave in the picture's row 0, in cycles
     white: NDArray[np.bool_]  # (cells²,) which cells are rather of the white class
     spec: PanelSpec
@@ -155,28 +182,50 @@ class Bands:
     @classmethod
     def at(cls, window: Window, corners: Points, cells: int, specs: Sequence[PanelSpec]) -> Bands | None:
         """Of the square at `corners` (4,) in the window; None where nothing there is bright."""
+        specs = tuple(specs)
+        contrast = min_contrast(specs, window.frame.exposure_us)
+        if not (compiled() and min(window.light.shape) >= 2):
+            return cls._in_numpy(window, corners, cells, specs, contrast)
+        lattice = fine_lattice(cells)
+        tables, a_row, antiphase = _waves_of(specs, window.frame.exposure_us, window.frame.row_time_us, window.shrink)
+        found = kernel.bands_at(
+            window.light,
+            window.dark,
+            contrast,
+            (lattice.across, lattice.down, lattice.of_cells),
+            tables,
+            (a_row * window.shrink, a_row * window.first.imag),
+            antiphase,
+            corners,
+        )
+        if found is None:
+            return None
+        (dark, bright, spec, of_black, of_white, explained), white = found[0].tolist(), found[1]
+        return cls(dark, bright, np.array([of_black, of_white]) / PHASES, white, specs[int(spec)], explained)
+
+    @classmethod
+    def _in_numpy(
+        cls, window: Window, corners: Points, cells: int, specs: Sequence[PanelSpec], contrast: float
+    ) -> Bands | None:
         lattice = fine_lattice(cells)
         x, y, _ = lattice_places(corners[None], lattice)
         height, width = window.light.shape
         rows = (y[0] + 0.5).astype(np.int64).clip(0, height - 1)
         light = window.light[rows, (x[0] + 0.5).astype(np.int64).clip(0, width - 1)]
         dark, bright = np.quantile(light, (DARK, BRIGHT)).tolist()
-        if not bright > MIN_CONTRAST * dark:
+        if not bright > contrast * dark:
             return None
+        dark = min(dark, window.dark)
         relative = np.clip((light - dark) / (bright - dark), 0.0, MOST)
         energy = max(float((lattice.of_cells * relative * relative).sum()), 1e-9)
-        fits = [_fitted_phases(relative, lattice.of_cells, rows, window.waves(spec), spec) for spec in specs]
+        every = np.tile(np.arange(PHASES) / PHASES, (2, 1))
+        fits = [
+            _fitted_phases(relative, lattice.of_cells, rows, window.shown(window.waves_of(spec), every), spec)
+            for spec in specs
+        ]
         best = max(range(len(specs)), key=lambda i: fits[i].explained)
-        fit, waves = fits[best], window.waves(specs[best])
-        return cls(
-            dark=dark,
-            bright=bright,
-            waves=np.stack([waves[k][fit.phases[k]] for k in (0, 1)]),
-            phases=np.array(fit.phases) / PHASES,
-            white=fit.white,
-            spec=specs[best],
-            explained=fit.explained / energy,
-        )
+        fit = fits[best]
+        return cls(dark, bright, np.array(fit.phases) / PHASES, fit.white, specs[best], fit.explained / energy)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -191,9 +240,10 @@ class BandLight:
     @classmethod
     def of(cls, window: Window, bands: Bands, cells: int, focal_px: float) -> BandLight:
         """With bands as they are; `focal_px` in the picture's pixels."""
+        shown = window.shown(window.waves_of(bands.spec), bands.phases)
         above_dark = window.light - np.float32(bands.dark)
         relative = np.clip(above_dark * np.float32(1 / (bands.bright - bands.dark)), 0, MOST)
-        return cls(cells, focal_px / window.shrink, relative, np.asarray(EVEN * bands.waves, np.float32))
+        return cls(cells, focal_px / window.shrink, relative, np.float32(EVEN) * shown)
 
     def explains(self, corners: Points, lattice: Lattice) -> Floats:
         """(N,) how much a lattice with each of corners (N, 4) explains, in pixels of full light."""
@@ -230,14 +280,14 @@ class BandLight:
         return seen, np.where(inside, shown * shown, np.float32(0))
 
 
-def have_contrast(frame: Frame, corners: Points, cells: int) -> NDArray[np.bool_]:
+def have_contrast(frame: Frame, corners: Points, cells: int, specs: Sequence[PanelSpec]) -> NDArray[np.bool_]:
     """(N,) which quads (N, 4) in the picture show both bright and dark."""
     x, y, _ = lattice_places(corners, rough_lattice(cells))
     height, width = frame.pixels.shape
     codes = frame.pixels[y.astype(np.int64).clip(0, height - 1), x.astype(np.int64).clip(0, width - 1)]
     light = linear_light(frame.transfer, mark_saturated=False)[codes.reshape(len(corners), -1)]
     dark, bright = np.quantile(light, (DARK, BRIGHT), axis=1)
-    contrasty: NDArray[np.bool_] = bright > MIN_CONTRAST * dark
+    contrasty: NDArray[np.bool_] = bright > min_contrast(tuple(specs), frame.exposure_us) * dark
     return contrasty
 
 

@@ -18,9 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ledpi import shutter
+from ledpi.decode.band_light import min_contrast
 from ledpi.decode.find import AT_BORDER, NOT_FOUR_SIDED, TOO_SMALL, Candidate
-from ledpi.decode.sides import as_corners, cross
+from ledpi.decode.sides import Points, areas, as_corners, as_points, cross
+from ledpi.kernels import smallest as kernel
+from ledpi.kernels.library import compiled
 from ledpi.records import Floats, Frame, PanelSpec, Pixels, Rejected
+from ledpi.tone import linear_light
 
 STRIPED_CONTRAST = 0.5  # bands deeper than this cut a panel into pieces
 SCALE = 2  # pixels of the picture in one of the half-sized
@@ -40,7 +44,7 @@ class StripedFinder:
 
     def __init__(self, width: int, height: int, specs: Sequence[PanelSpec], smallest_px: float) -> None:
         """`specs`: the kinds of blinking that panels may have; `smallest_px`: side of the smallest that can be read."""
-        self._specs = specs
+        self._specs = tuple(specs)
         self._smallest_px = smallest_px
         self._half = np.empty((max(1, height // SCALE), max(1, width // SCALE)), np.uint8)
         self._brightest, self._darkest, self._least, self._threshold, self._lit = (
@@ -51,8 +55,11 @@ class StripedFinder:
     def find(self, frame: Frame) -> tuple[list[Candidate], list[Rejected]]:
         """Candidates, of one thing maybe two; and what was dropped."""
         cv2.resize(frame.pixels, self._half.shape[::-1], dst=self._half, interpolation=cv2.INTER_AREA)
+        self._light = linear_light("srgb", mark_saturated=False)
         if frame.transfer == "linear":
             cv2.LUT(self._half, self._brighten, dst=self._half)
+            self._light = np.square(np.arange(256, dtype=np.float32) / 255)
+        self._contrast = min_contrast(self._specs, frame.exposure_us)
         bridge = (math.ceil(self.stripe_rows(frame) / SCALE) + 2) | 1
         window = np.ones((2 * bridge + 1, 2 * bridge + 1), np.uint8)
         cv2.dilate(self._half, window, dst=self._brightest)
@@ -102,10 +109,15 @@ class StripedFinder:
         cv2.morphologyEx(lit, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8), dst=lit)  # what bridges led to
         return list(cv2.findContours(lit, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0])
 
+    def _has_contrast(self, x: int, y: int, width: int, height: int) -> bool:
+        """Whether any two places in a box are as bright and as dark as a panel has them."""
+        darkest, brightest, _, _ = cv2.minMaxLoc(self._half[y : y + height, x : x + width])
+        return bool(self._light[int(brightest)] > self._contrast * self._light[int(darkest)])
+
     def _candidate(self, outline: Pixels) -> Candidate | Rejected | None:
         """A candidate, why it is none, or None for specks."""
         x, y, width, height = cv2.boundingRect(outline)
-        if min(width, height) < MIN_PX:
+        if min(width, height) < MIN_PX or not self._has_contrast(x, y, width, height):
             return None
         if x <= 0 or y <= 0 or x + width >= self._half.shape[1] or y + height >= self._half.shape[0]:
             return AT_BORDER
@@ -116,7 +128,7 @@ class StripedFinder:
         corners = smallest_square_around(_few_corners(hull))
         if corners is None:
             return NOT_FOUR_SIDED
-        side = math.sqrt(0.5 * abs(float(np.linalg.det(corners[[2, 3]] - corners[[0, 1]]))))
+        side = math.sqrt(float(areas(as_points(corners))))
         if (side + 1.0) * SCALE < self._smallest_px:
             return TOO_SMALL
         # An outline runs through the centres of the outermost lit pixels: half a pixel inside the edge.
@@ -150,8 +162,14 @@ def smallest_square_around(outline: Floats) -> Floats | None:
     if len(outline) < 4:
         return None
     start = np.ascontiguousarray(outline).view(np.complex128)[:, 0]
-    if float(cross(start, np.roll(start, -1)).sum()) < 0:
+    if float((start[:-1].conj() * start[1:]).imag.sum() + (start[-1].conj() * start[0]).imag) < 0:
         start = start[::-1]
+    best = kernel.smallest_square(start) if compiled() else _smallest(start)
+    return None if best is None else as_corners(np.roll(best, -int((best.real + best.imag).argmin())))
+
+
+def _smallest(start: Points) -> Points | None:
+    """`kernel.smallest_square`, in numpy: of all ways of choosing four sides."""
     along = np.roll(start, -1) - start
     chosen = _fours(len(start))
     on, way = start[chosen], along[chosen]
@@ -162,9 +180,8 @@ def smallest_square_around(outline: Floats) -> Floats | None:
         return None
     corners = on[convex] + way[convex] * (cross(onward - on, next_way)[convex] / turn[convex])
     areas = 0.5 * cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
-    best = corners[np.where(areas > 0, areas, np.inf).argmin()]
-    square: Floats = as_corners(np.roll(best, -int((best.real + best.imag).argmin())))
-    return square
+    smallest: Points = corners[np.where(areas > 0, areas, np.inf).argmin()]
+    return smallest
 
 
 @cache

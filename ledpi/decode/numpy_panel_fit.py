@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ledpi.decode.cells import unit_square_to
 from ledpi.decode.sides import Points, Singles, as_corners, as_points
-from ledpi.geometry import distort
+from ledpi.geometry import distort, undistort
 from ledpi.records import Floats, Intrinsics
 
 WAYS, BLUR, GAP, PHASE, SPOT, BESIDE, GAIN = 8, 8, 9, 10, 12, 14, 18
@@ -46,6 +46,8 @@ def fit_panel(
     dark, bright, saturated = levels
     u, v = (w.reshape(-1) for w in np.meshgrid(along / cells, along / cells))
     explained = 0.0
+    if lens is not None:  # before it bends it a panel is a square
+        corners[:] = as_points(undistort(as_corners(corners), lens))
     for round_number in range(rounds):
         homography = unit_square_to(as_corners(corners))
         x, y, w = homography @ np.stack([u, v, np.ones_like(u)])
@@ -79,7 +81,11 @@ def fit_panel(
         unknown[GAP] = np.clip(unknown[GAP], 0.0, MOST_GAP)
         if most < SETTLED or round_number == rounds - 1:
             break
-    return explained, _corner_sigma(matrix, homography)
+    sigma = _corner_sigma(matrix, homography)
+    if lens is None:
+        return explained, sigma
+    corners[:] = as_points(distort(as_corners(corners), lens))
+    return explained, sigma * lens.fx
 
 
 def _light_at(light: Singles, at: Floats) -> tuple[Floats, NDArray[np.bool_]]:

@@ -21,9 +21,8 @@ from functools import cache, lru_cache
 import numpy as np
 
 from ledpi.decode import numpy_panel_fit
-from ledpi.decode.band_light import Bands, Window, wave_tables
-from ledpi.decode.sides import Points, as_corners, as_points
-from ledpi.geometry import distort, undistort
+from ledpi.decode.band_light import Bands, Window
+from ledpi.decode.sides import Points
 from ledpi.kernels import panel_fit as kernel
 from ledpi.kernels.library import compiled
 from ledpi.records import Floats, Intrinsics
@@ -66,9 +65,9 @@ def fitted(
     `bands`: of about the panel's phases and classes.
     """
     lens = intrinsics if intrinsics is not None and any(intrinsics.distortion) else None
-    # Before the lens bends it a panel is a square: in rays, if there is one.
-    at = corners.copy() if lens is None else as_points(undistort(as_corners(corners), lens))
+    at = corners.copy()
     pitch_px = pitches(corners, cells) / window.shrink
+    waves = window.waves_of(bands.spec)
     unknown, prior = _beforehand(cells)
     unknown = unknown.copy()
     unknown[PHASE : PHASE + 2] = bands.phases
@@ -79,8 +78,8 @@ def fitted(
         lens,
         cells,
         bands.white,
-        wave_tables(bands.spec, window.frame, window.shrink),
-        np.array([bands.spec.black_hz, bands.spec.white_hz]) * (window.frame.row_time_us * 1e-6),
+        waves.tables,
+        waves.cycles_a_row,
         (bands.dark, bands.bright, SATURATED),
         _grid(cells, round(float(pitch_px.min()), 1), roughly),
         pitch_px,
@@ -91,10 +90,8 @@ def fitted(
     )
     if fit is None or not np.isfinite(at).all():
         return None
-    explained, sigma = fit
-    if lens is None:
-        return Fit(at, sigma, explained)
-    return Fit(as_points(distort(as_corners(at), lens)), sigma * lens.fx, explained)
+    explained, sigma_px = fit
+    return Fit(at, sigma_px, explained)
 
 
 def pitches(corners: Points, cells: int) -> Floats:

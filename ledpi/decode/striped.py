@@ -27,6 +27,7 @@ REACH = 0.45  # of the side, around it
 MIN_EXPLAINED = 0.6  # share of the light that a lattice's cells must explain
 OUTWARD = np.linspace(0, 1, 5)  # places of a side that are tried, in dark bands
 MOST_STARTS, APART = 3, 0.08  # of the side: what is nearer than that leads to the same
+MOST_LOOKS = 40  # among the best of those that are tried
 LOOK_ROUNDS, ROUNDS = 3, 3  # of a first fit, by few points, and of the last
 MIN_FITTED = 0.8  # of the light's squares, that a panel's picture explains
 MARGIN = 0.05  # of the side, around it: by how much it may be off
@@ -45,7 +46,7 @@ def striped_squares(
     found: list[Floats] = []
     if not candidates:
         return results
-    contrasty = have_contrast(frame, as_points(np.array([c.corners for c in candidates])), cells)
+    contrasty = have_contrast(frame, as_points(np.array([c.corners for c in candidates])), cells, specs)
     results += [(c.corners, NO_BANDS) for c, one in zip(candidates, contrasty, strict=True) if not one]
     for starts in _of_one_thing([c for c, one in zip(candidates, contrasty, strict=True) if one]):
         square = striped_square(frame, starts, cells, specs, stripe_rows, intrinsics)
@@ -151,14 +152,14 @@ def _likely(light: BandLight, near: Points, stripe: float) -> Points:
     tried = np.concatenate([near, *(_other_sides(corners, first, stripe) for corners in near for first in (0, 1))])
     tried = tried[np.isfinite(tried).all(axis=1)]
     worth = light.explains(tried, rough_lattice(light.cells))
-    likely: list[Points] = []
-    for k in np.argsort(-worth).tolist():
-        side = math.sqrt(abs(areas(tried[k])))
-        if all(np.abs(tried[k] - other).max() > APART * side for other in likely):
-            likely.append(tried[k])
-        if len(likely) == MOST_STARTS:
-            break
-    return np.array(likely)
+    tried = tried[np.argsort(-worth)[:MOST_LOOKS]]
+    apart = np.abs(tried[:, None] - tried).max(axis=2) > APART * np.sqrt(np.abs(areas(tried)))[:, None]
+    likely = [0]
+    for k in range(1, len(tried)):
+        if len(likely) < MOST_STARTS and apart[k, likely].all():
+            likely.append(k)
+    chosen: Points = tried[likely]
+    return chosen
 
 
 def _other_sides(corners: Points, first: int, stripe: float) -> Points:

@@ -1,10 +1,16 @@
-/* How much lattices of blinking cells explain of the light around a square: `explains` of decode/band_light.py. */
+/* What the light around a square says of blinking cells there: `explains` and `Bands.at` of decode/band_light.py. */
 #include <math.h>
+#include <string.h>
 
 #include "kernels.h"
 
 #define AS_A_SQUARE 0.5 /* as in decode/band_light.py, and the next */
 #define UNKNOWN (-0.3f)
+#define EVEN 0.85f
+#define DARK 0.05
+#define BRIGHT 0.9
+#define MOST 1.2f
+enum { PHASES = 32, STEPS = 512, EACH = STEPS / PHASES, MOST_CELLS = 64 };
 
 /* Relative light (rows, columns) of a part of the picture, and what either class shows there (2, rows). */
 typedef struct {
@@ -95,4 +101,95 @@ void ledpi_lattices_explain(const float *light, const float *shown, ptrdiff_t ro
         worth[i] = explained(&bands, &lattice, corners + 4 * i, focal_px);
         if (!isfinite(worth[i])) worth[i] = -INFINITY;
     }
+}
+
+/* The share-th quantile of `numbers` (count,), between the nearest two; puts them into another order. */
+static double quantile(double *numbers, ptrdiff_t count, double share) {
+    double at = share * (double)(count - 1);
+    ptrdiff_t before = (ptrdiff_t)at, next = before + 1 < count ? before + 1 : before;
+    double low = ledpi_kth(numbers, count, before), high = ledpi_kth(numbers, count, next);
+    return low + (at - (double)before) * (high - low);
+}
+
+/* A period's table (STEPS,) as rows (EACH, 2·PHASES): from entry b on, each later phase next to the one before. */
+static void spread(const float *table, float *rows) {
+    for (int rest = 0; rest < EACH; rest++)
+        for (int phase = 0; phase < 2 * PHASES; phase++)
+            rows[rest * 2 * PHASES + phase] = EVEN * table[phase % PHASES * EACH + rest];
+}
+
+/* Into `gain` (cells, PHASES): what each cell explains as one of this class, in each phase. */
+static void gains_of(const Lattice *lattice, const float *table, const double *rows, const float *light, double a_row,
+                     double before, float *gain) {
+    float shown[EACH * 2 * PHASES];
+    spread(table, shown);
+    memset(gain, 0, sizeof(float) * (size_t)(lattice->cells * PHASES));
+    for (ptrdiff_t cell = 0, i = 0; cell < lattice->cells; cell++, gain += PHASES)
+        for (ptrdiff_t end = i + lattice->points; i < end; i++) {
+            double cycles = before + rows[i] * a_row;
+            int step = (int)((cycles - floor(cycles)) * STEPS) % STEPS;
+            const float *of_phase = shown + step % EACH * 2 * PHASES + step / EACH;
+            float share = lattice->of_cells[i], twice = 2.0f * light[i];
+            for (int phase = 0; phase < PHASES; phase++)
+                gain[phase] += share * of_phase[phase] * (twice - of_phase[phase]);
+        }
+}
+
+/* The pair of phases in which all cells together explain most, each as that class in which it does. */
+static float best_phases(ptrdiff_t cells, const float *black, const float *white, bool antiphase, int best[2]) {
+    float most = -INFINITY;
+    for (int of_black = 0; of_black < PHASES; of_black++) {
+        float sums[PHASES] = {0.0f};
+        for (ptrdiff_t cell = 0; cell < cells; cell++) {
+            const float *of_cell = white + cell * PHASES, own = black[cell * PHASES + of_black];
+            for (int phase = 0; phase < PHASES; phase++) sums[phase] += own > of_cell[phase] ? own : of_cell[phase];
+        }
+        for (int phase = 0; phase < PHASES; phase++)
+            if (sums[phase] > most && (!antiphase || phase == (of_black + PHASES / 2) % PHASES))
+                most = sums[phase], best[0] = of_black, best[1] = phase;
+    }
+    return most;
+}
+
+/* The bands that explain best what a square with these corners (4) shows, of those of several panels: `tables` (specs, 2,
+ * STEPS), `cycles_a_row` (specs, 2) of the window, and in its row 0 (specs, 2); `antiphase` (specs,). `room`: 3 numbers a
+ * point. Into `found` (6,): dark and bright level, which spec, both phases, the share of the light's squares that is
+ * explained; into `is_white` (cells,) which are of the white class. False where nothing is bright enough. */
+int ledpi_bands_at(const float *light, ptrdiff_t rows, ptrdiff_t columns, double darkest, double contrast, ptrdiff_t cells,
+                   ptrdiff_t points, const float *across, const float *down, const float *of_cells, ptrdiff_t specs,
+                   const float *tables, const double *cycles_a_row, const double *cycles_before, const uint8_t *antiphase,
+                   const Point *corners, double *room, double *found, uint8_t *is_white) {
+    const Lattice lattice = {cells, points, across, down, of_cells, NULL};
+    const ptrdiff_t count = cells * points;
+    double h[9], *at_row = room, *sorted = room + count, energy = 0.0;
+    float *relative = (float *)(room + 2 * count), gain[2][MOST_CELLS * PHASES];
+    ledpi_unit_square_to(corners, h);
+    for (ptrdiff_t i = 0; i < count; i++) {
+        double u = across[i], v = down[i], w = h[6] * u + h[7] * v + h[8];
+        double x = fmin(fmax((h[0] * u + h[1] * v + h[2]) / w + 0.5, 0.0), (double)(columns - 1));
+        double y = fmin(fmax((h[3] * u + h[4] * v + h[5]) / w + 0.5, 0.0), (double)(rows - 1));
+        ptrdiff_t row = y > 0.0 ? (ptrdiff_t)y : 0, column = x > 0.0 ? (ptrdiff_t)x : 0;
+        at_row[i] = (double)row;
+        sorted[i] = relative[i] = light[row * columns + column];
+    }
+    found[0] = quantile(sorted, count, DARK), found[1] = quantile(sorted, count, BRIGHT);
+    if (!(found[1] > contrast * found[0]) || cells > MOST_CELLS) return 0;
+    found[0] = fmin(darkest, found[0]);
+    for (ptrdiff_t i = 0; i < count; i++) {
+        float n = (relative[i] - (float)found[0]) * (float)(1.0 / (found[1] - found[0]));
+        relative[i] = n > MOST ? MOST : n > 0.0f ? n : 0.0f;
+        energy += of_cells[i] * relative[i] * relative[i];
+    }
+    found[5] = -INFINITY;
+    for (ptrdiff_t spec = 0; spec < specs; spec++, tables += 2 * STEPS, cycles_a_row += 2, cycles_before += 2) {
+        int best[2] = {0, 0};
+        for (int k = 0; k < 2; k++)
+            gains_of(&lattice, tables + k * STEPS, at_row, relative, cycles_a_row[k], cycles_before[k], gain[k]);
+        float most = best_phases(cells, gain[0], gain[1], antiphase[spec], best);
+        if (!(most / fmax(energy, 1e-9) > found[5])) continue;
+        found[2] = (double)spec, found[3] = best[0], found[4] = best[1], found[5] = most / fmax(energy, 1e-9);
+        for (ptrdiff_t cell = 0; cell < cells; cell++)
+            is_white[cell] = gain[1][cell * PHASES + best[1]] > gain[0][cell * PHASES + best[0]];
+    }
+    return 1;
 }

@@ -13,7 +13,9 @@ enum {
     MOST_ALONG = 160, /* places along the grid */
     BLUR = WAYS, GAP, PHASE, SPOT = PHASE + 2, BESIDE = SPOT + SPOTS, GAIN = BESIDE + 4, /* unknowns; after the gains, what is there anyway */
     MOST_UNKNOWN = GAIN + MOST_CELLS * MOST_CELLS + 1,
-    MOST_WIDTH = (MOST_UNKNOWN + 1 + LEDPI_WIDTH - 1) / LEDPI_WIDTH * LEDPI_WIDTH,
+    DENSE = 24, /* columns of a sample: by the unknowns before the gains, what is there anyway, and what is left */
+    DARK_COLUMN = GAIN, LEFT_COLUMN = GAIN + 1,
+    MOST_MET = 4, /* cells whose light meets at a place */
     STEPS = 512, /* of a period */
 };
 static const double SPOT_SIGMA[SPOTS] = {0.16, 0.32}; /* of the pitch; as in decode/panel_fit.py, and what follows */
@@ -30,7 +32,7 @@ typedef struct {
     const float *light;
     ptrdiff_t rows, columns;
     double first_x, first_y, shrink, saturated;
-    const Lens *lens; /* NULL: corners are pixels; else rays */
+    const Lens *lens; /* NULL: there is none */
 } View;
 
 /* Of one place along the grid: the nearest cell and the next nearest. What its light is there, and how that changes with
@@ -95,8 +97,6 @@ static double wave_at(const float *table, double cycles, double *slope) {
     return here + (at - (double)step) * (next - here);
 }
 
-/* What a row of the grid is explained by: `into` (unknowns + 1) gets the slopes by all unknowns, then what is left.
- * Returns false where the sample tells nothing. */
 typedef struct {
     ptrdiff_t cells;
     const uint8_t *white;
@@ -104,8 +104,16 @@ typedef struct {
     double cycles_a_row[2], scale, dark; /* light is (what is seen − dark)·scale */
 } Panel;
 
+/* What a sample is explained by: how it changes with the gains of the few cells that meet there, beside `DENSE`. */
+typedef struct {
+    ptrdiff_t count, cell[MOST_MET];
+    float by[MOST_MET];
+} Gains;
+
+/* Of a place of the grid: `into` (DENSE,), gains, and adds squares of what is left, and of all there is, to `sums`.
+ * Returns false where the sample tells nothing. */
 static bool sample(const Panel *panel, const View *view, const double *h, const double *unknown, const Place *across,
-                   const Place *down, double u, double v, float *into, double sums[2]) {
+                   const Place *down, double u, double v, float *into, Gains *gains, double sums[2]) {
     const ptrdiff_t n = panel->cells, last = GAIN + n * n;
     double w = 1.0 / (h[6] * u + h[7] * v + h[8]), at[2] = {(h[0] * u + h[1] * v + h[2]) * w, (h[3] * u + h[4] * v + h[5]) * w};
     if (view->lens) ledpi_distort(view->lens, at[0], at[1], at);
@@ -114,8 +122,8 @@ static bool sample(const Panel *panel, const View *view, const double *h, const 
     double seen = light_at(view, x, y);
     if (!(seen < view->saturated)) return false;
     double shown[2], later[2], slope[2] = {0.0, 0.0}, total = unknown[last], weight, by[GAIN] = {0.0};
-    double own[4];
-    ptrdiff_t of[4], count = 0;
+    double own[MOST_MET];
+    gains->count = 0;
     for (int k = 0; k < 2; k++)
         shown[k] = wave_at(panel->waves + k * STEPS, unknown[PHASE + k] + at[1] * panel->cycles_a_row[k], &later[k]);
     for (int j = 0; j < 2; j++)
@@ -139,8 +147,8 @@ static bool sample(const Panel *panel, const View *view, const double *h, const 
             by[BLUR] += lit * shape * (across->blurred[i] * down->light[j] + across->light[i] * down->blurred[j]);
             by[GAP] += lit * shape * (across->gapped[i] * down->light[j] + across->light[i] * down->gapped[j]);
             by[PHASE + class] += unknown[GAIN + cell] * both * shape * later[class];
-            own[count] = both * shape * shown[class];
-            of[count++] = cell;
+            own[gains->count] = both * shape * shown[class];
+            gains->cell[gains->count++] = cell;
             total += lit * both * shape;
         }
     double outside = 0.0;
@@ -163,12 +171,37 @@ static bool sample(const Panel *panel, const View *view, const double *h, const 
     seen = (seen - panel->dark) * panel->scale;
     weight = 1.0 / sqrt(fmax(total, 0.0) + FLOOR + OUTSIDE * outside);
     for (int k = 0; k < GAIN; k++) into[k] = (float)(weight * by[k]);
-    for (ptrdiff_t k = 0; k < count; k++) into[GAIN + of[k]] = (float)(weight * own[k]);
-    into[last] = (float)weight;
-    into[last + 1] = (float)(weight * (seen - total));
+    for (ptrdiff_t k = 0; k < gains->count; k++) gains->by[k] = (float)(weight * own[k]);
+    into[DARK_COLUMN] = (float)weight;
+    into[LEFT_COLUMN] = (float)(weight * (seen - total));
     sums[0] += weight * weight * (seen - total) * (seen - total);
     sums[1] += weight * weight * (seen - unknown[last]) * (seen - unknown[last]);
     return true;
+}
+
+/* Sums of products of all columns: `dense` (DENSE, DENSE) on and above the diagonal, `mixed` (cells, DENSE) with the
+ * gains, `own` (cells, cells) of these among each other. */
+typedef struct {
+    float dense[DENSE * DENSE], mixed[MOST_CELLS * MOST_CELLS * DENSE];
+    double own[MOST_CELLS * MOST_CELLS][MOST_CELLS * MOST_CELLS];
+} Products;
+
+static void add_gains(Products *products, const Gains *gains, const float *dense) {
+    for (ptrdiff_t i = 0; i < gains->count; i++) {
+        float *into = products->mixed + gains->cell[i] * DENSE;
+        for (int k = 0; k < DENSE; k++) into[k] += gains->by[i] * dense[k];
+        for (ptrdiff_t j = 0; j < gains->count; j++)
+            products->own[gains->cell[i]][gains->cell[j]] += (double)(gains->by[i] * gains->by[j]);
+    }
+}
+
+/* The product of unknowns i ≥ j; of the first with what is left where i is `size`. */
+static double product_of(const Products *products, ptrdiff_t size, ptrdiff_t i, ptrdiff_t j) {
+    const ptrdiff_t last = size - 1;
+    const int column = i == size ? LEFT_COLUMN : i == last ? DARK_COLUMN : (int)i;
+    if (i >= GAIN && i < last) return j >= GAIN ? products->own[i - GAIN][j - GAIN] : products->mixed[(i - GAIN) * DENSE + j];
+    if (j >= GAIN && j < last) return products->mixed[(j - GAIN) * DENSE + column];
+    return products->dense[(j == last ? DARK_COLUMN : j) * DENSE + column];
 }
 
 /* Solves a symmetric positive matrix (size, size) for the right side, which becomes the solution; the matrix becomes its
@@ -242,13 +275,20 @@ int ledpi_fit_panel(const float *light, ptrdiff_t rows, ptrdiff_t columns, doubl
                     const double *cycles_a_row, double dark, double scale, ptrdiff_t places, const double *along,
                     const double *pitch_px, ptrdiff_t rounds, const double *prior, Point *corners, double *unknown,
                     double *result) {
-    const ptrdiff_t size = GAIN + cells * cells + 1, width = (size + 1 + LEDPI_WIDTH - 1) / LEDPI_WIDTH * LEDPI_WIDTH;
+    const ptrdiff_t size = GAIN + cells * cells + 1;
     const View view = {light, rows, columns, first_x, first_y, shrink, saturated, lens};
     const Panel panel = {cells, white, waves, {cycles_a_row[0], cycles_a_row[1]}, scale, dark};
     Place grid[2][MOST_ALONG]; /* 170 kB of the stack, with what follows */
-    float line[MOST_ALONG * MOST_WIDTH], products[MOST_WIDTH * MOST_WIDTH];
+    float line[MOST_ALONG * DENSE];
+    Products products;
     double matrix[MOST_UNKNOWN * MOST_UNKNOWN], step[MOST_UNKNOWN];
     if (places > MOST_ALONG || cells > MOST_CELLS) return 0;
+    for (int i = 0; lens && i < 4; i++) { /* before the lens bends it a panel is a square */
+        const double seen[2] = {corners[i].x, corners[i].y};
+        double ray[2];
+        ledpi_ray_of(lens, seen, ray);
+        corners[i] = (Point){ray[0], ray[1]};
+    }
     for (ptrdiff_t round = 0; round < rounds; round++) {
         double h[9], sums[2] = {0.0, 0.0};
         ptrdiff_t samples = 0;
@@ -256,22 +296,28 @@ int ledpi_fit_panel(const float *light, ptrdiff_t rows, ptrdiff_t columns, doubl
         for (int axis = 0; axis < 2; axis++)
             for (ptrdiff_t i = 0; i < places; i++)
                 grid[axis][i] = place_at(along[i], cells, exp(unknown[BLUR]) / pitch_px[axis], unknown[GAP]);
-        memset(products, 0, sizeof(float) * (size_t)(width * width));
+        memset(&products, 0, sizeof products);
         for (ptrdiff_t j = 0; j < places; j++) {
             ptrdiff_t count = 0;
-            memset(line, 0, sizeof(float) * (size_t)(places * width));
-            for (ptrdiff_t i = 0; i < places; i++)
-                count += sample(&panel, &view, h, unknown, &grid[0][i], &grid[1][j], along[i] / (double)cells,
-                                along[j] / (double)cells, line + count * width, sums);
-            ledpi_add_products(line, count, width, products);
+            for (ptrdiff_t i = 0; i < places; i++) {
+                float *const dense = line + count * DENSE;
+                Gains gains;
+                for (int k = LEFT_COLUMN + 1; k < DENSE; k++) dense[k] = 0.0f;
+                if (!sample(&panel, &view, h, unknown, &grid[0][i], &grid[1][j], along[i] / (double)cells,
+                            along[j] / (double)cells, dense, &gains, sums))
+                    continue;
+                add_gains(&products, &gains, dense);
+                count++;
+            }
+            ledpi_add_products(line, count, DENSE, products.dense);
             samples += count;
         }
         double variance = fmax(sums[0] / (double)(samples > 0 ? samples : 1), 1e-9);
         result[0] = 1.0 - sums[0] / fmax(sums[1], 1e-9), result[1] = (double)samples, result[2] = variance;
         for (ptrdiff_t i = 0; i < size; i++) {
-            for (ptrdiff_t j = 0; j <= i; j++) matrix[i * size + j] = products[j * width + i] / variance;
+            for (ptrdiff_t j = 0; j <= i; j++) matrix[i * size + j] = product_of(&products, size, i, j) / variance;
             matrix[i * size + i] = matrix[i * size + i] * (1.0 + 1e-6) + 1e-6 + prior[size + i];
-            step[i] = products[i * width + size] / variance + prior[size + i] * (i < WAYS ? 0.0 : prior[i] - unknown[i]);
+            step[i] = product_of(&products, size, size, i) / variance + prior[size + i] * (i < WAYS ? 0.0 : prior[i] - unknown[i]);
         }
         if (samples <= size || !solve(matrix, size, step)) return 0;
         double most = 0.0, usual = 0.0;
@@ -286,9 +332,14 @@ int ledpi_fit_panel(const float *light, ptrdiff_t rows, ptrdiff_t columns, doubl
         unknown[BLUR] = fmin(fmax(unknown[BLUR], log(LEAST_BLUR_PX)), log(MOST_BLUR_PX));
         unknown[GAP] = fmin(fmax(unknown[GAP], 0.0), MOST_GAP);
         if (most < SETTLED || round == rounds - 1) {
-            result[3] = corner_sigma(matrix, size, h);
+            result[3] = corner_sigma(matrix, size, h) * (lens ? lens->fx : 1.0);
             break;
         }
+    }
+    for (int i = 0; lens && i < 4; i++) {
+        double seen[2];
+        ledpi_distort(lens, corners[i].x, corners[i].y, seen);
+        corners[i] = (Point){seen[0], seen[1]};
     }
     return 1;
 }
