@@ -73,7 +73,7 @@ class Lattice:
 @cache
 def rough_lattice(cells: int) -> Lattice:
     """Few points, for a first look."""
-    return Lattice.of(cells, 21, 13, 0.0)
+    return Lattice.of(cells, 8, 5, 0.0)
 
 
 @cache

@@ -29,7 +29,9 @@ OUTWARD = np.linspace(0, 1, 5)  # places of a side that are tried, in dark bands
 MOST_STARTS, APART = 3, 0.08  # of the side: what is nearer than that leads to the same
 MOST_LOOKS = 40  # among the best of those that are tried
 LOOK_ROUNDS, ROUNDS = 3, 3  # of a first fit, by few points, and of the last
-MIN_FITTED = 0.8  # of the light's squares, that a panel's picture explains
+# Of the light's squares, that a panel's picture explains: 0.94 and more of panels, from 0.4 to 4 m, and of those cut from
+# photographs; to begin with, less.
+MIN_FITTED, MIN_ROUGHLY = 0.9, 0.75
 MARGIN = 0.05  # of the side, around it: by how much it may be off
 
 
@@ -105,16 +107,13 @@ def striped_square(
     if bands is None or bands.explained < MIN_EXPLAINED:
         return NO_BANDS
     light = BandLight.of(window, bands, cells, focal_px)
-    best, most = None, -math.inf
-    for corners in _likely(light, window.within(near), stripe_rows / window.shrink):
-        fit = _fit(window, window.in_picture(corners), cells, specs, intrinsics, LOOK_ROUNDS, roughly=True)
-        if isinstance(fit, Fit):
-            worth = float(light.explains(window.within(fit.corners)[None], fine_lattice(cells))[0])
-            if worth > most:
-                best, most = fit, worth
-    if best is None:
+    likely = window.in_picture(_likely(light, window.within(near), stripe_rows / window.shrink))
+    fits = [_fit(window, at, cells, specs, intrinsics, LOOK_ROUNDS, roughly=True) for at in likely]
+    found = np.array([fit.corners for fit in fits if isinstance(fit, Fit)])
+    if not len(found):
         return NO_BANDS
-    return _square_near(frame, best.corners, cells, specs, intrinsics)
+    best = 0 if len(found) == 1 else int(light.explains(window.within(found), fine_lattice(cells)).argmax())
+    return _square_near(frame, found[best], cells, specs, intrinsics)
 
 
 def _square_near(
@@ -123,8 +122,8 @@ def _square_near(
     side = math.sqrt(abs(areas(near)))
     window = Window.around(frame, near[None], MARGIN * side + MARGIN_PX)
     fit = _fit(window, near, cells, specs, intrinsics, ROUNDS)
-    if isinstance(fit, Rejected):
-        return fit
+    if isinstance(fit, Rejected) or fit.explained < MIN_FITTED:
+        return NO_BANDS
     bend = bends(fit.corners[None], intrinsics)
     return checked(frame, fit.corners, fit.sigma_px, float(np.abs(bend.imag).max()))
 
@@ -144,7 +143,7 @@ def _fit(
     if bands is None or bands.explained < MIN_EXPLAINED:
         return NO_BANDS
     fit = fitted(window, near, bands, cells, intrinsics, rounds=rounds, roughly=roughly)
-    return NO_BANDS if fit is None or fit.explained < MIN_FITTED else fit
+    return NO_BANDS if fit is None or fit.explained < MIN_ROUGHLY else fit
 
 
 def _likely(light: BandLight, near: Points, stripe: float) -> Points:
