@@ -162,10 +162,10 @@ def _waves_of(
 
 @lru_cache(maxsize=32)
 def min_contrast(specs: tuple[PanelSpec, ...], exposure_us: float) -> float:
-    """Of bright to dark light in a panel, at least: MIN_CONTRAST, or half of what the deepest bands have."""
+    """Of bright to dark light in a panel, at least: MIN_CONTRAST, or a third of what the deepest bands have."""
     depths = [0.5 * shutter.contrast(hz, exposure_us, s.duty) for s in specs for hz in (s.black_hz, s.white_hz)]
     deepest = min(max(depths), 0.999)
-    return min(MIN_CONTRAST, max(1.0, 0.5 * (1 + deepest) / (1 - deepest)))
+    return min(MIN_CONTRAST, max(1.0, (1 + deepest) / (1 - deepest) / 3))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

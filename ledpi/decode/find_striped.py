@@ -107,7 +107,9 @@ class StripedFinder:
         cv2.morphologyEx(lit, cv2.MORPH_CLOSE, np.ones((bridge, 1), np.uint8), dst=lit)  # dark bands
         cv2.morphologyEx(lit, cv2.MORPH_CLOSE, np.ones((1, across), np.uint8), dst=lit)  # walls between cells
         cv2.morphologyEx(lit, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8), dst=lit)  # what bridges led to
-        return list(cv2.findContours(lit, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0])
+        outlines, levels = cv2.findContours(lit, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+        # A panel in its dark frame may be all around enclosed by a bright wall: only outlines of holes are none of anything.
+        return [outline for outline, level in zip(outlines, levels[0], strict=True) if level[3] < 0] if outlines else []
 
     def _has_contrast(self, x: int, y: int, width: int, height: int) -> bool:
         """Whether any two places in a box are as bright and as dark as a panel has them."""
