@@ -26,10 +26,10 @@ SAME_CENTRE = 0.25  # of the side: what is nearer is the same thing
 REACH = 0.45  # of the side, around it
 MIN_EXPLAINED = 0.6  # share of the light that a lattice's cells must explain
 OUTWARD = np.linspace(0, 1, 5)  # places of a side that are tried, in dark bands
-MOST_STARTS, APART = 3, 0.08  # of the side: what is nearer than that leads to the same
+MOST_STARTS, APART = 4, 0.08  # of the side: what is nearer than that leads to the same
 MOST_LOOKS = 40  # among the best of those that are tried
-LOOK_ROUNDS, ROUNDS = 3, 3  # of a first fit, by few points, and of the last
-# Of the light's squares, that a panel's picture explains: 0.94 and more of panels, from 0.4 to 4 m, and of those cut from
+LOOK_ROUNDS, ROUNDS = 3, 6  # of a first fit, by few points, and of the last
+# Of the light's squares, that a panel's picture explains: 0.94 and more of panels from 0.4 to 4 m, and of those made of
 # photographs; to begin with, less.
 MIN_FITTED, MIN_ROUGHLY = 0.9, 0.75
 MARGIN = 0.05  # of the side, around it: by how much it may be off
@@ -147,11 +147,11 @@ def _fit(
 
 
 def _likely(light: BandLight, near: Points, stripe: float) -> Points:
-    """(K, 4) corners that explain most, of any of `near` (S, 4) and those with some of their sides further outside."""
-    tried = np.concatenate([near, *(_other_sides(corners, first, stripe) for corners in near for first in (0, 1))])
+    """(K, 4) `near` (S, 4), and of the same with some of their sides further outside those that explain most."""
+    tried = np.concatenate([_other_sides(corners, first, stripe) for corners in near for first in (0, 1)])
     tried = tried[np.isfinite(tried).all(axis=1)]
     worth = light.explains(tried, rough_lattice(light.cells))
-    tried = tried[np.argsort(-worth)[:MOST_LOOKS]]
+    tried = np.concatenate([near, tried[np.argsort(-worth)[:MOST_LOOKS]]])
     apart = np.abs(tried[:, None] - tried).max(axis=2) > APART * np.sqrt(np.abs(areas(tried)))[:, None]
     likely = [0]
     for k in range(1, len(tried)):
