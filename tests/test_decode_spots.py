@@ -7,7 +7,7 @@ import pytest
 from decode_material import Canvas, camera_info, panel_settings, quad, reason, square, word
 
 from ledpi.decode.find import Finder
-from ledpi.decode.spots import is_part_of, lattices, settle
+from ledpi.decode.spots import group_sizes, groups, is_part_of, lattice, settle
 from ledpi.pipeline import Pipeline
 from ledpi.records import Floats, Quad
 
@@ -26,12 +26,18 @@ def middles(corners: Floats) -> Floats:
     return np.column_stack([points, np.full(16, 8.0)])
 
 
+def lattices(spots: Floats) -> list[Floats]:
+    """The corners of each grid of 4 × 4 that there is among spots."""
+    found = (lattice(group, 4) for group in groups(spots, group_sizes(4)))
+    return [corners for corners in found if corners is not None]
+
+
 def test_sixteen_spots_in_a_lattice_are_a_grid_half_a_pitch_larger() -> None:
     """In whatever order, and with specks beside them."""
     true = square(100.0, 80.0, 64.0, 20)
     specks = np.array([[300.0, 10.0, 8.0], [310.0, 12.0, 9.0], [200.0, 200.0, 7.0]])
     spots = np.random.default_rng(1).permutation(np.concatenate([middles(true), specks]))
-    (found,) = lattices(spots, 4)
+    (found,) = lattices(spots)
     assert np.abs(found - true).max() < 1e-3
 
 
@@ -41,9 +47,9 @@ def test_spots_that_are_no_lattice_are_no_grid() -> None:
     moved, unlike = spots.copy(), spots.copy()
     moved[5, :2] += 8.0
     unlike[::2, 2] = 40.0
-    assert lattices(moved, 4) == []
-    assert lattices(spots[1:], 4) == []
-    assert lattices(unlike, 4) == []
+    assert lattices(moved) == []
+    assert lattices(spots[1:]) == []
+    assert lattices(unlike) == []
 
 
 @pytest.mark.parametrize("side", [60.0, 110.0, 180.0])

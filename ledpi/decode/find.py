@@ -9,19 +9,24 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import cv2
 import numpy as np
 
-from ledpi.decode.four_sides import Squares, distinct
-from ledpi.decode.lit import Lit
-from ledpi.decode.outlines import Outlines
-from ledpi.decode.spots import lattices
+from ledpi.decode.four_sides import distinct, square_of
+from ledpi.decode.lit import contrasts, lit_by
+from ledpi.decode.outlines import outlines_in
+from ledpi.decode.spots import group_sizes, groups, lattice
+from ledpi.kernels import find as kernel
+from ledpi.kernels.library import COMPILED
 from ledpi.records import Floats, Frame, Pixels, Rejected
 
 TOO_SMALL = Rejected(stage="find", reason="too_small")
 NOT_FOUR_SIDED = Rejected(stage="find", reason="not_four_sided")
 AT_BORDER = Rejected(stage="find", reason="at_picture_border")
+
+Thresholds: TypeAlias = tuple[tuple[int, ...], ...]
 
 LEVELS = 3  # halvings; the cells of a panel that fills the picture's height melt together at an eighth
 # By level: share of the way from the darkest to the brightest, in 256ths: 0.5 everywhere, 0.7 and 0.6.
@@ -32,7 +37,6 @@ AGAIN = ((166,), (), ())  # 0.65
 # Shortest outline by level, in its pixels: of the smallest panel in scope, foreshortened by 60°; then of what the level
 # before sees better.
 SHORTEST = (10, 24, 24)
-NOTHING = np.empty((0, 11))
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,84 +52,91 @@ class Candidate:
     @property
     def centre_px(self) -> tuple[float, float]:
         """Mean of the corners."""
-        x, y = (0.25 * self.corners.sum(axis=0)).tolist()
-        return x, y
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Level:
-    """Of the pyramid: a picture that is kept, and what works on pictures of its size."""
-
-    picture: Pixels
-    lit: Lit
-    outlines: Outlines
-    squares: Squares
-    scale: int  # a pixel's side in the frame's
-
-    @classmethod
-    def of(cls, height: int, width: int, halvings: int) -> _Level:
-        size = max(1, height >> halvings), max(1, width >> halvings)
-        return cls(np.empty(size, np.uint8), Lit(*size), Outlines(*size), Squares(size[0]), 1 << halvings)
+        (x0, y0), (x1, y1), (x2, y2), (x3, y3) = self.corners.tolist()
+        return 0.25 * (x0 + x1 + x2 + x3), 0.25 * (y0 + y1 + y2 + y3)
 
 
 class Finder:
     """Keeps the pictures it works on, for frames of one size."""
 
-    def __init__(self, width: int, height: int, smallest_px: float, cells: int = 4) -> None:
+    def __init__(
+        self, width: int, height: int, smallest_px: float, cells: int = 4, *, compiled: bool = COMPILED
+    ) -> None:
         """`smallest_px`: side of the smallest panel that can be read. `cells`: along a side."""
-        self._cells = cells
-        self._smallest_px = smallest_px
-        self._levels = [_Level.of(height, width, halvings) for halvings in range(1, LEVELS + 1)]
+        self._cells, self._smallest_px, self._group_sizes = cells, smallest_px, group_sizes(cells)
+        self._levels = [
+            np.empty((max(1, height >> halvings), max(1, width >> halvings)), np.uint8)
+            for halvings in range(1, LEVELS + 1)
+        ]
         # Finding compares neighbours only; a square root gives dark linear pictures the contrast they need.
         self._brighten = np.round(255 * np.sqrt(np.arange(256) / 255)).astype(np.uint8)
+        self._searcher = (
+            kernel.Searcher(self._levels, SHORTEST, smallest_px, self._group_sizes) if compiled else None
+        )
 
     def find(self, frame: Frame) -> tuple[list[Candidate], list[Rejected]]:
         """Candidates, best outline first, no two of the same thing, lattices of spots last; and what was dropped."""
         self._shrink(frame)
-        for level in self._levels:
-            level.lit.look(level.picture)
         return self._find(THRESHOLDS)
 
     def find_again(self) -> tuple[list[Candidate], list[Rejected]]:
         """The same, of the last frame once more, by a higher threshold."""
         return self._find(AGAIN)
 
-    def _find(self, thresholds: tuple[tuple[int, ...], ...]) -> tuple[list[Candidate], list[Rejected]]:
-        squares, grids = [NOTHING], [NOTHING]
-        dropped: list[Rejected] = []
-        for level, shares, shortest in zip(self._levels, thresholds, SHORTEST, strict=True):
+    def _find(self, thresholds: Thresholds) -> tuple[list[Candidate], list[Rejected]]:
+        search = self._search if self._searcher is None else self._searcher.search
+        squares, spotted, counts = search(thresholds)
+        grids = [_grid(at, scale) for scale, group in spotted if (at := lattice(group, self._cells)) is not None]
+        candidates = _candidates(squares)
+        if grids:
+            candidates += _candidates(distinct(np.array(grids)), spots=True)
+        dropped = zip((AT_BORDER, NOT_FOUR_SIDED, TOO_SMALL), counts, strict=True)
+        return candidates, [why for why, count in dropped for _ in range(count)]
+
+    def _search(self, thresholds: Thresholds) -> tuple[Floats, list[tuple[int, Floats]], tuple[int, int, int]]:
+        """Distinct squares (K, 11) as `square_of` has them, groups of spots with a pixel's scale, and refused outlines.
+
+        How many touch the picture's border, show no square, or show one too small. The reference of kernels/find.c.
+        """
+        squares, spotted = [], []
+        all_at_border = not_four_sided = too_small = 0
+        for level, (picture, shares, shortest) in enumerate(zip(self._levels, thresholds, SHORTEST, strict=True)):
+            scale = 2 << level
+            seen = contrasts(picture)
             for share in shares:
                 # Opened where the closing makes thin bridges to the surroundings.
-                found = level.outlines.of(level.lit.by(share, opened=level.scale > 2), shortest)
-                here, not_four_sided, too_small = level.squares.among(found, level.scale, self._smallest_px)
-                squares.append(here)
-                grids += [_grid(corners, level.scale) for corners in lattices(found.spots, self._cells)]
-                dropped += [AT_BORDER] * found.at_border + [NOT_FOUR_SIDED] * not_four_sided + [TOO_SMALL] * too_small
-        return _candidates(squares) + _candidates(grids, spots=True), dropped
+                outlines, spots, at_border = outlines_in(lit_by(share, *seen, opened=level > 0), shortest)
+                found = [square_of(outline, scale) for outline in outlines]
+                large = [square for square in found if square is not None and square[8] >= self._smallest_px]
+                squares += large
+                spotted += [(scale, group) for group in groups(spots, self._group_sizes)]
+                all_at_border += at_border
+                not_four_sided += found.count(None)
+                too_small += len(found) - found.count(None) - len(large)
+        return distinct(np.array(squares).reshape(-1, 11)), spotted, (all_at_border, not_four_sided, too_small)
 
     def _shrink(self, frame: Frame) -> None:
         """Fills the pyramid."""
         above: Pixels = frame.pixels
-        for level in self._levels:
-            cv2.resize(above, level.picture.shape[::-1], dst=level.picture, interpolation=cv2.INTER_AREA)
+        for picture in self._levels:
+            cv2.resize(above, picture.shape[::-1], dst=picture, interpolation=cv2.INTER_AREA)
             if above is frame.pixels and frame.transfer == "linear":
-                cv2.LUT(level.picture, self._brighten, dst=level.picture)
-            above = level.picture
+                cv2.LUT(picture, self._brighten, dst=picture)
+            above = picture
 
 
-def _candidates(squares: list[Floats], *, spots: bool = False) -> list[Candidate]:
-    """Of rows as `Squares.among` has them, one of each thing, the best first."""
-    found = distinct(np.concatenate(squares))
-    corners = found[:, :8].reshape(-1, 4, 2)
+def _candidates(squares: Floats, *, spots: bool = False) -> list[Candidate]:
+    """Of squares (K, 11) as `square_of` has them."""
+    corners = squares[:, :8].reshape(-1, 4, 2)
     return [
-        Candidate(at, side, misfit, tolerance, spots)
-        for at, (side, misfit, tolerance) in zip(corners, found[:, 8:].tolist(), strict=True)
+        Candidate(at, side_px, misfit, tolerance_px, spots)
+        for at, (side_px, misfit, tolerance_px) in zip(corners, squares[:, 8:].tolist(), strict=True)
     ]
 
 
-def _grid(corners: Floats, scale: int) -> Floats:
-    """(1, 11) as `Squares.among` has it, of a lattice of spots in pixels that are `scale` of the picture's."""
+def _grid(corners: Floats, scale: int) -> list[float]:
+    """As `square_of` has it, of a lattice of spots in pixels that are `scale` of the picture's."""
     in_picture = (corners + 0.5) * scale - 0.5
     (x0, y0), (x1, y1), (x2, y2), (x3, y3) = in_picture.tolist()
     side_px = math.sqrt(0.5 * abs((x2 - x0) * (y3 - y1) - (x3 - x1) * (y2 - y0)))
-    return np.array([[*in_picture.reshape(-1), side_px, 0.0, 0.5 * scale]])
+    return [*in_picture.reshape(-1).tolist(), side_px, 0.0, 0.5 * scale]

@@ -3,6 +3,8 @@
 An outline's hull is boiled down to its most significant corners (Douglas and Peucker): the two that are farthest apart,
 then the one farthest from what is a polygon already. Four make a square seen from anywhere; where there are five, one
 of the five sides may cut a corner off that is dead or hidden.
+
+The reference of kernels/four_sides.c and distinct.c.
 """
 
 from __future__ import annotations
@@ -13,9 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ledpi.decode.outlines import Outlined
-from ledpi.kernels import outlines as kernel
-from ledpi.kernels.library import COMPILED
+from ledpi.decode.outlines import Outline
 from ledpi.records import Floats
 
 SIGNIFICANT = 0.1  # of the root of the area: corners less far from the polygon without them are none
@@ -33,55 +33,13 @@ NEAR, LIKE, SAME_CORNERS = 0.25, 0.7, 0.25  # of the side: of squares in one pla
 Corners = list[list[float]]  # x, y; numbers by numbers, as arrays this small only cost
 
 
-class Squares:
-    """Finds them among the outlines in pictures so high, in room that it keeps."""
+def square_of(outline: Outline, scale: float) -> list[float] | None:
+    """The square that an outline shows: eight numbers of its corners, its side, misfit, tolerance; None where none.
 
-    def __init__(self, height: int, *, compiled: bool = COMPILED) -> None:
-        self._squarer = kernel.Squarer(height) if compiled else None
-
-    def among(self, found: Outlined, scale: float, smallest_px: float) -> tuple[Floats, int, int]:
-        """(K, 11): corners, clockwise in the picture from the one nearest the top left, side, misfit, tolerance.
-
-        And how many outlines are no squares, and of how many squares the side is less than `smallest_px`. The outlines'
-        pixels are `scale` of the picture's, which is where squares are.
-        """
-        if self._squarer is not None:
-            return self._squarer.squares(found.points, found.outlines, scale, smallest_px)
-        all_of_them = [
-            _square(found.points[own["first"] :][: own["length"]], float(own["area"]), scale) for own in found.outlines
-        ]
-        squares = [square for square in all_of_them if square is not None]
-        large = [square for square in squares if square[8] >= smallest_px]
-        return (
-            np.array(large, np.float64).reshape(-1, kernel.SQUARE),
-            len(all_of_them) - len(squares),
-            len(squares) - len(large),
-        )
-
-
-def distinct(squares: Floats, *, compiled: bool = COMPILED) -> Floats:
-    """Of squares (K, 11) one of each thing, that which fits best; the best first."""
-    if compiled:
-        return squares[kernel.distinct(squares)]
-    kept: list[Floats] = []
-    for square in squares[np.argsort(squares[:, 9] + BLUR_MISFIT * squares[:, 10], kind="stable")]:
-        if not any(_same(square, other) for other in kept):
-            kept.append(square)
-    return np.array(kept).reshape(-1, kernel.SQUARE)
-
-
-def _same(square: Floats, other: Floats) -> bool:
-    """Whether two are of one thing."""
-    larger, smaller = max(square[8], other[8]), min(square[8], other[8])
-    a, b = square[:8].reshape(4, 2), other[:8].reshape(4, 2)
-    corners = np.hypot(*(a[:, None] - b).transpose(2, 0, 1)).min(axis=1).max()
-    middles = np.hypot(*(a.mean(axis=0) - b.mean(axis=0)))
-    return bool(smaller > LIKE * larger and middles < NEAR * larger and corners < SAME_CORNERS * larger)
-
-
-def _square(outline: NDArray[np.int32], area: float, scale: float) -> list[float] | None:
-    """A row of `Squares.among`, of an outline (P, 2); None where it shows no square."""
-    hull = cv2.convexHull(outline)[:, 0]
+    Corners run clockwise in the picture from the one nearest the top left. The outline's pixels are `scale` of the
+    frame's, which is where squares are.
+    """
+    area, hull = outline.area, cv2.convexHull(outline.points)[:, 0]
     if area < MIN_SOLIDITY * cv2.contourArea(hull):
         return None
     # Down the right side first, so that what is as good as something else is taken in the same order as in C.
@@ -95,7 +53,7 @@ def _square(outline: NDArray[np.int32], area: float, scale: float) -> list[float
     if misfit > MAX_MISFIT + PIXEL_MISFIT / size:
         return None
     if area < SLENDER * (0.25 * sum(math.dist(corners[k], corners[k - 1]) for k in range(4))) ** 2:
-        corners = _through_sides(corners, outline)
+        corners = _through_sides(corners, outline.points)
         of_quad = 0.5 * abs(_twice_area(corners))
     # An outline runs through the centres of the outermost lit pixels: half a pixel inside the edge.
     growth = 1.0 + 1.0 / max(2.0, math.sqrt(of_quad))
@@ -103,6 +61,24 @@ def _square(outline: NDArray[np.int32], area: float, scale: float) -> list[float
     grown = [[m + (p - m) * growth for p, m in zip(corner, middle, strict=True)] for corner in corners]
     in_picture = [(p + 0.5) * scale - 0.5 for corner in _in_order(grown) for p in corner]
     return [*in_picture, (math.sqrt(of_quad) + 1.0) * scale, misfit, TOLERANCE * scale]
+
+
+def distinct(squares: Floats) -> Floats:
+    """Of squares (K, 11) one of each thing, that which fits best; the best first."""
+    kept: list[Floats] = []
+    for square in squares[np.argsort(squares[:, 9] + BLUR_MISFIT * squares[:, 10], kind="stable")]:
+        if not any(_same(square, other) for other in kept):
+            kept.append(square)
+    return np.array(kept).reshape(-1, squares.shape[1])
+
+
+def _same(square: Floats, other: Floats) -> bool:
+    """Whether two are of one thing."""
+    larger, smaller = max(square[8], other[8]), min(square[8], other[8])
+    a, b = square[:8].reshape(4, 2), other[:8].reshape(4, 2)
+    corners = np.hypot(*(a[:, None] - b).transpose(2, 0, 1)).min(axis=1).max()
+    middles = np.hypot(*(a.mean(axis=0) - b.mean(axis=0)))
+    return bool(smaller > LIKE * larger and middles < NEAR * larger and corners < SAME_CORNERS * larger)
 
 
 def _four_sides(hull: Corners, size: float) -> Corners | None:

@@ -1,16 +1,16 @@
-"""The outlines of what is lit throughout in a black and white picture, as far as they may be a panel's."""
+"""The outlines of what is lit throughout in a black and white picture, as far as they may be a panel's.
+
+The reference of kernels/outlines.c.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ledpi.kernels.library import COMPILED
-from ledpi.kernels.outlines import OUTLINE, Outliner
 from ledpi.records import Floats, Pixels
 
 NARROWEST = 3  # pixels, across and down: less is a speck
@@ -22,40 +22,20 @@ MIN_LIT = 0.64
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Outlined:
-    """What is lit in one picture."""
+class Outline:
+    """Around one thing."""
 
-    points: NDArray[np.int32]  # (P, 2) x, y of every pixel on an outline, one outline after the other
-    outlines: NDArray[Any]  # (N,) of OUTLINE: which points each has, its box, and its area
-    at_border: int  # how many besides touch the picture's border
-    spots: Floats  # (M, 3) of each spot the middle's x and y, and the outline's length
+    points: NDArray[np.int32]  # (P, 2) x, y of every pixel on it
+    area: float
 
 
-class Outlines:
-    """Finds them in pictures of one size, in room that it keeps."""
+def outlines_in(lit: Pixels, shortest: int) -> tuple[list[Outline], Floats, int]:
+    """Those in `lit` (0 or 255) of things whose boxes are `shortest` around, at least.
 
-    def __init__(self, height: int, width: int, *, compiled: bool = COMPILED) -> None:
-        self._outliner = Outliner(height, width) if compiled else None
-
-    def of(self, lit: Pixels, shortest: int) -> Outlined:
-        """Those in `lit` (0 or 255) of things whose boxes are `shortest` around, at least; until the next call."""
-        if self._outliner is None:
-            return _by_opencv(lit, shortest)
-        return Outlined(
-            *self._outliner.outlines(
-                lit,
-                shortest=shortest,
-                narrowest=NARROWEST,
-                least_area=MIN_AREA,
-                least_lit=MIN_LIT,
-                spot_lengths=(SPOT_LENGTHS.start, SPOT_LENGTHS.stop),
-            )
-        )
-
-
-def _by_opencv(lit: Pixels, shortest: int) -> Outlined:
+    And of each spot (M, 3) the middle's x and y, and the outline's length; and how many touch the picture's border.
+    """
     _, things, boxes, _ = cv2.connectedComponentsWithStats(lit, connectivity=8)
-    chosen, table, spots, at_border, first = [np.empty((0, 2), np.int32)], [], [], 0, 0
+    outlines, spots, at_border = [], [], 0
     for number, (x, y, width, height, pixels) in enumerate(boxes[1:].tolist(), 1):
         around, right, bottom = 2 * (width + height) - 4, x + width - 1, y + height - 1
         wanted, small = around >= shortest and min(width, height) >= NARROWEST, around in SPOT_LENGTHS
@@ -69,7 +49,5 @@ def _by_opencv(lit: Pixels, shortest: int) -> Outlined:
         area = cv2.contourArea(points)
         within = area + 0.5 * len(points) + 1  # pixels, by Pick's theorem
         if wanted and area >= MIN_AREA * width * height and pixels >= MIN_LIT * within:
-            chosen.append(points[:, 0])
-            table.append((first, len(points), x, y, right, bottom, area))
-            first += len(points)
-    return Outlined(np.concatenate(chosen), np.array(table, OUTLINE), at_border, np.array(spots).reshape(-1, 3))
+            outlines.append(Outline(points[:, 0], area))
+    return outlines, np.array(spots, np.float64).reshape(-1, 3), at_border

@@ -30,11 +30,17 @@ LEAST_SIGMA_PX = 0.05  # of a corner: lamps are not quite alike
 MAX_RMS = 0.08  # of the pitch, of the spots about their lattice: LEDs sit where the grid has them
 
 
-def lattices(spots: Floats, cells: int) -> list[Floats]:
-    """Corners (4, 2) of each grid of `cells` × `cells`, roughly, whose middles are `spots` (M, 3): x, y, size."""
-    lengths = sorted(spots[:, 2].tolist())
-    needed = cells * cells
-    if len(spots) > MAX_SPOTS or not any(b < LIKE * a for a, b in zip(lengths, lengths[needed - 1 :], strict=False)):
+def group_sizes(cells: int) -> range:
+    """How many spots a group may have in which there may be a lattice of `cells` × `cells`, with specks beside it."""
+    return range(cells * cells, math.ceil(MOST_MORE * cells * cells))
+
+
+def groups(spots: Floats, sizes: range) -> list[Floats]:
+    """Of spots (M, 3; x, y, size) those that are alike and neighbours, as many together as `sizes` has.
+
+    The reference of kernels/spots.c.
+    """
+    if not sizes.start <= len(spots) <= MAX_SPOTS:
         return []
     points, size = spots[:, :2], spots[:, 2]
     apart = np.hypot(*(points[:, None] - points).transpose(2, 0, 1))
@@ -42,21 +48,20 @@ def lattices(spots: Floats, cells: int) -> list[Floats]:
     alike = np.maximum(size[:, None], size) < LIKE * np.minimum(size[:, None], size)
     nearest = np.where(alike, apart, np.inf).min(axis=1)
     linked = alike & (apart < LINK * np.minimum(nearest[:, None], nearest))
-    found = []
-    for group in _groups(linked):
-        if needed <= len(group) < MOST_MORE * needed:  # with specks beside it
-            odd = np.abs(size[group] - np.median(size[group]))
-            corners = _corners(points[group][np.argsort(odd, kind="stable")[:needed]], cells)
-            if corners is not None:
-                found.append(corners)
-    return found
+    return [spots[sorted(group)] for group in _linked(linked) if len(group) in sizes]
 
 
-def _groups(linked: NDArray[np.bool_]) -> list[list[int]]:
+def lattice(group: Floats, cells: int) -> Floats | None:
+    """Corners (4, 2) of the grid of `cells` × `cells`, roughly, whose middles a group's spots are; None for none."""
+    odd = np.abs(group[:, 2] - np.median(group[:, 2]))
+    return _corners(group[np.argsort(odd, kind="stable")[: cells * cells], :2], cells)
+
+
+def _linked(linked: NDArray[np.bool_]) -> list[list[int]]:
     """Of what is linked to each other, in one way or another."""
     others = [np.flatnonzero(row).tolist() for row in linked]
     seen: set[int] = set()
-    groups = []
+    found = []
     for start in range(len(others)):
         if start not in seen:
             seen.add(start)
@@ -65,8 +70,8 @@ def _groups(linked: NDArray[np.bool_]) -> list[list[int]]:
                 fresh = [other for other in others[member] if other not in seen]
                 seen.update(fresh)
                 group += fresh
-            groups.append(group)
-    return groups
+            found.append(group)
+    return found
 
 
 def _corners(points: Floats, cells: int) -> Floats | None:

@@ -1,9 +1,7 @@
 /* One square of each thing: `distinct` of decode/four_sides.py. */
 #include <math.h>
-#include <stdbool.h>
-#include <stddef.h>
 
-#include "outlines.h"
+#include "find.h"
 
 #define BLUR_MISFIT 0.002
 #define NEAR 0.25
@@ -32,7 +30,6 @@ static bool same(const Square *a, const Square *b) {
     return hypot(apart[0], apart[1]) < NEAR * larger && farthest(a, b) < SAME_CORNERS * larger;
 }
 
-/* Of squares (count) those, in `kept`, that are of no thing another fits better; the best first. Returns how many. */
 ptrdiff_t ledpi_distinct(const Square *squares, ptrdiff_t count, ptrdiff_t *kept) {
     ptrdiff_t distinct = 0;
     for (ptrdiff_t i = 0; i < count; i++) { /* in order, those that are alike as they came */

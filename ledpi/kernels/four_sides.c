@@ -1,10 +1,8 @@
 /* The four sides of things by their outlines, as decode/four_sides.py explains and does it. */
 #include <math.h>
-#include <stdbool.h>
-#include <stddef.h>
 #include <string.h>
 
-#include "outlines.h"
+#include "find.h"
 
 #define SIGNIFICANT 0.1
 #define ALIKE (2.0 / 3.0)
@@ -212,9 +210,8 @@ static void put_in_order(double corners[4][2]) {
     for (int k = 0; k < 4; k++) memcpy(corners[k], ordered[(nearest + k) % 4], sizeof corners[k]);
 }
 
-/* The square that an outline shows; false where it shows none. Pixels here are `scale` of the picture's. */
-static bool square_of(const int32_t (*points)[2], const Outline *outline, double scale, int32_t (*ends)[2],
-                      double (*hull)[2], Square *square) {
+bool ledpi_square_of(const int32_t (*points)[2], const Outline *outline, double scale, int32_t (*ends)[2],
+                     double (*hull)[2], Square *square) {
     const double area = outline->area, size = sqrt(area);
     const ptrdiff_t count = hull_of(points, outline, ends, hull);
     double of_hull = 0.0, around = 0.0, middle[2] = {0.0, 0.0};
@@ -240,22 +237,4 @@ static bool square_of(const int32_t (*points)[2], const Outline *outline, double
     square->side_px = (sqrt(of_quad) + 1.0) * scale;
     square->tolerance_px = 1.5 * scale;
     return true;
-}
-
-/* The squares that outlines (count) with `points` show; and how many are `refused`: first those that show none, then squares
- * of less than `smallest_px`. `ends` (height, 2) and `hull` (2 height + 2, 2) are room. Returns how many there are. */
-ptrdiff_t ledpi_four_sides(const int32_t (*points)[2], const Outline *outlines, ptrdiff_t count, double scale,
-                           double smallest_px, int32_t (*ends)[2], double (*hull)[2], Square *squares,
-                           ptrdiff_t refused[2]) {
-    ptrdiff_t found = 0;
-    refused[0] = refused[1] = 0;
-    for (const Outline *own = outlines; own < outlines + count; own++) {
-        if (!square_of(points + own->first, own, scale, ends, hull, squares + found))
-            refused[0]++;
-        else if (squares[found].side_px < smallest_px)
-            refused[1]++;
-        else
-            found++;
-    }
-    return found;
 }

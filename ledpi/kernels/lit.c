@@ -1,13 +1,11 @@
 /* What is lit in a picture, as decode/lit.py explains and does it. Rows are walked byte beside byte, with nothing that
  * depends on the one before, so that a compiler can take many at once. */
-#include <stdbool.h>
-#include <stddef.h>
-#include <stdint.h>
 #include <string.h>
 
+#include "find.h"
 #include "wide.h"
 
-enum { REACH = 6, SPAN = 2 * REACH + 1, ROWS = 32, STRIP = ROWS + 2 * REACH };
+#define MIN_CONTRAST 16
 
 static inline uint8_t larger(uint8_t a, uint8_t b) { return a > b ? a : b; }
 static inline uint8_t smaller(uint8_t a, uint8_t b) { return a < b ? a : b; }
@@ -52,11 +50,9 @@ static inline void compare(const uint8_t *picture, const uint8_t *brightest, con
     }
 }
 
-/* Of each pixel of a picture (height, width): how far it is `above` the darkest of the SPAN × SPAN around it, and their
- * `contrast`, the brightest less the darkest. A few rows at once, which stay in the cache. `room` (3, STRIP, width +
- * 2 REACH). */
-LEDPI_WIDE_BYTES void ledpi_contrast(const uint8_t *picture, ptrdiff_t height, ptrdiff_t width, uint8_t *room, uint8_t *above,
-                    uint8_t *contrast) {
+/* A few rows at once, which stay in the cache. */
+LEDPI_WIDE_BYTES void ledpi_contrast(const uint8_t *picture, ptrdiff_t height, ptrdiff_t width, uint8_t *room,
+                                     uint8_t *above, uint8_t *contrast) {
     const ptrdiff_t stride = width + 2 * REACH;
     uint8_t *const brightest = room, *const darkest = room + STRIP * stride, *const work = darkest + STRIP * stride;
     for (ptrdiff_t first = 0; first < height; first += ROWS) {
@@ -86,15 +82,12 @@ static inline void neighbours(const uint8_t *lit, ptrdiff_t height, ptrdiff_t wi
     }
 }
 
-/* What is `lit` (height, width), 0 or 255: more than `share` (in 256ths) of the contrast and than `least` above the
- * darkest; closed, and `opened` after that. `room` (height, width) and (width + 2). */
-LEDPI_WIDE_BYTES void ledpi_lit(const uint8_t *above, const uint8_t *contrast, ptrdiff_t height, ptrdiff_t width, int share, int least,
-               bool opened, uint8_t *room, uint8_t *lit) {
+LEDPI_WIDE_BYTES void ledpi_lit(const uint8_t *above, const uint8_t *contrast, ptrdiff_t height, ptrdiff_t width, int share,
+                                bool opened, uint8_t *room, uint8_t *lit) {
     uint8_t *const row = room + height * width;
-    const uint8_t at_least = (uint8_t)least;
     for (ptrdiff_t i = 0; i < height * width; i++) {
         const uint8_t threshold = (uint8_t)((uint16_t)(contrast[i] * share) >> 8);
-        lit[i] = above[i] > larger(threshold, at_least) ? 255 : 0;
+        lit[i] = above[i] > larger(threshold, MIN_CONTRAST) ? 255 : 0;
     }
     neighbours(lit, height, width, true, row, room);
     neighbours(room, height, width, false, row, lit);

@@ -1,20 +1,13 @@
 /* Outlines of what is lit: things are told apart by the runs of their rows, and only around those that may be panels is it
  * followed who is a neighbour of whom. As decode/outlines.py has it from OpenCV. */
-#include "outlines.h"
-
-#include <stdbool.h>
-#include <stddef.h>
 #include <string.h>
 
-/* Pixels side by side that are lit, from … to − 1, and the thing that they belong to. */
-typedef struct {
-    int32_t from, to, thing;
-} Run;
+#include "find.h"
 
-/* What is connected. `same_as` is the number of another thing that it turned out to be a part of, or its own. */
-typedef struct {
-    int32_t same_as, left, top, right, bottom, lit, first; /* the first pixel of its top row; how many are lit */
-} Thing;
+/* As in decode/outlines.py. */
+#define MIN_AREA 0.25
+#define MIN_LIT 0.64
+enum { NARROWEST = 3, SHORTEST_SPOT = 6, LONGEST_SPOT = 63 };
 
 /* The first pixel from x on that is lit otherwise than `lit`; `width` where there is none. */
 static inline int32_t next_change(const uint8_t *row, int32_t x, int32_t width, bool lit) {
@@ -37,8 +30,8 @@ static int32_t whole_of(Thing *things, int32_t thing) {
     return thing;
 }
 
-static int32_t smaller(int32_t a, int32_t b) { return a < b ? a : b; }
-static int32_t larger(int32_t a, int32_t b) { return a > b ? a : b; }
+static inline int32_t smaller(int32_t a, int32_t b) { return a < b ? a : b; }
+static inline int32_t larger(int32_t a, int32_t b) { return a > b ? a : b; }
 
 /* Makes one thing of two; returns its number. */
 static int32_t unite(Thing *things, int32_t a, int32_t b) {
@@ -118,46 +111,31 @@ static int32_t follow(const uint8_t *lit, ptrdiff_t width, const Thing *thing, i
     return length;
 }
 
-/* The outlines of what is lit in a picture of 0 and 255 (height, width), as far as they are wanted: the way around a thing's
- * box is not shorter than `shortest`, its width and height not less than `narrowest`, the outline's area at least
- * `least_area` of the box's, and of what is within `least_lit` is lit. Spots are things with a way around the box from
- * `shortest_spot` to below `longest_spot`; of them the middle of the box and the outline's length are told. `runs` (2, width), `things`, `outlines` and `spots` (most) are room; `most` is as
- * many as there can be. Returns how many; `counts`: how many are but for touching the picture's border, and the spots. */
-ptrdiff_t ledpi_outlines(const uint8_t *lit, ptrdiff_t height, ptrdiff_t width, int32_t shortest, int32_t narrowest,
-                         double least_area, double least_lit, int32_t shortest_spot, int32_t longest_spot, Run *runs,
-                         Thing *things, int32_t (*points)[2], ptrdiff_t room, Outline *outlines, ptrdiff_t most,
-                         double (*spots)[3], ptrdiff_t counts[2]) {
+Outlined ledpi_outlines(const uint8_t *lit, ptrdiff_t height, ptrdiff_t width, int32_t shortest, Run *runs, Thing *things,
+                        int32_t (*points)[2], ptrdiff_t room, Outline *outlines, Spot *spots, ptrdiff_t most) {
     const int32_t count = tell_apart(lit, (int32_t)height, (int32_t)width, runs, things, (int32_t)most);
-    ptrdiff_t kept = 0, first = 0;
-    counts[0] = counts[1] = 0;
+    Outlined found = {0, 0, 0};
+    ptrdiff_t first = 0;
     for (int32_t i = 0; i < count; i++) {
         const Thing *own = things + i;
         if (own->same_as != i) continue;
         const int32_t across = own->right - own->left + 1, down = own->bottom - own->top + 1;
         const int32_t around = 2 * (across + down) - 4;
-        const bool wanted = around >= shortest && across >= narrowest && down >= narrowest;
-        const bool small = around >= shortest_spot && around < longest_spot;
+        const bool wanted = around >= shortest && across >= NARROWEST && down >= NARROWEST;
+        const bool small = around >= SHORTEST_SPOT && around <= LONGEST_SPOT;
         if (own->left <= 0 || own->top <= 0 || own->right + 1 >= width || own->bottom + 1 >= height) {
-            counts[0] += wanted;
+            found.at_border += wanted;
             continue;
         }
         if (!wanted && !small) continue;
-        Outline *const outline = outlines + kept;
-        const int32_t length = follow(lit, width, own, points + first, room - first, &outline->area);
-        if (small) {
-            double *spot = spots[counts[1]++];
-            spot[0] = 0.5 * (own->left + own->right);
-            spot[1] = 0.5 * (own->top + own->bottom);
-            spot[2] = length;
-        }
-        if (!wanted || first + length > room || outline->area < least_area * across * down) continue;
+        double area;
+        const int32_t length = follow(lit, width, own, points + first, room - first, &area);
+        if (small) spots[found.spots++] = (Spot){0.5 * (own->left + own->right), 0.5 * (own->top + own->bottom), length};
+        if (!wanted || first + length > room || area < MIN_AREA * across * down) continue;
         /* Pick's theorem: so many pixels are on the outline or within. */
-        if (own->lit < least_lit * (outline->area + 0.5 * length + 1.0)) continue;
-        outline->first = (int32_t)first, outline->length = length;
-        outline->left = own->left, outline->right = own->right;
-        outline->top = own->top, outline->bottom = own->bottom;
+        if (own->lit < MIN_LIT * (area + 0.5 * length + 1.0)) continue;
+        outlines[found.outlines++] = (Outline){(int32_t)first, length, own->top, own->bottom, own->left, own->right, area};
         first += length;
-        kept++;
     }
-    return kept;
+    return found;
 }

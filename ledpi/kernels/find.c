@@ -1,0 +1,74 @@
+/* Squares and groups of spots in the pictures of a pyramid: `_search` of decode/find.py, level by level. */
+#include "find.h"
+
+enum { MOST_THRESHOLDS = 2 };
+
+/* A picture, a pixel of which is `scale` of the frame's; by which shares of the contrast something is lit there, in 256ths,
+ * and the shortest way around what is looked at. */
+typedef struct {
+    const uint8_t *picture;
+    ptrdiff_t height, width, scale, thresholds;
+    int32_t shares[MOST_THRESHOLDS], shortest;
+} Level;
+
+/* Enough for the largest level. */
+typedef struct {
+    uint8_t *window, *above, *contrast, *melt, *lit;
+    Run *runs;
+    Thing *things;
+    Outline *outlines;
+    Spot *spots;
+    ptrdiff_t most; /* things, outlines, spots */
+    int32_t (*points)[2];
+    ptrdiff_t points_room;
+    int32_t (*ends)[2];
+    double (*hull)[2];
+} Room;
+
+/* What is found; how often something was dropped, and for what. */
+typedef struct {
+    Square *squares;
+    ptrdiff_t *distinct; /* (most_squares,) which of them are of different things, the best first */
+    Spot *members;       /* of groups of spots, one after the other */
+    double *groups, *scales; /* the group that each is of, counted anew for each picture, and this one's scale */
+    ptrdiff_t most_squares, distinct_count, member_count, at_border, not_four_sided, too_small;
+} Found;
+
+static void find_in(const Level *level, const uint8_t *lit, double smallest_px, ptrdiff_t least, ptrdiff_t most,
+                    const Room *room, ptrdiff_t *squares, Found *found) {
+    const Outlined outlined = ledpi_outlines(lit, level->height, level->width, level->shortest, room->runs, room->things,
+                                             room->points, room->points_room, room->outlines, room->spots, room->most);
+    found->at_border += outlined.at_border;
+    for (ptrdiff_t i = 0; i < outlined.outlines && *squares < found->most_squares; i++) {
+        const Outline *const own = room->outlines + i;
+        Square *const square = found->squares + *squares;
+        if (!ledpi_square_of(room->points + own->first, own, (double)level->scale, room->ends, room->hull, square))
+            found->not_four_sided++;
+        else if (square->side_px < smallest_px)
+            found->too_small++;
+        else
+            ++*squares;
+    }
+    const ptrdiff_t first = found->member_count;
+    found->member_count += ledpi_groups(room->spots, outlined.spots, least, most, found->members + first, found->groups + first);
+    for (ptrdiff_t i = first; i < found->member_count; i++) found->scales[i] = (double)level->scale;
+}
+
+/* In `levels` (count): squares of at least `smallest_px`, and groups of `least` to `most` − 1 spots, for which there is room
+ * (MAX_SPOTS for each threshold). */
+void ledpi_find(const Level *levels, ptrdiff_t count, double smallest_px, ptrdiff_t least, ptrdiff_t most, const Room *room,
+                Found *found) {
+    ptrdiff_t squares = 0;
+    found->member_count = found->at_border = found->not_four_sided = found->too_small = 0;
+    for (const Level *level = levels; level < levels + count; level++) {
+        const ptrdiff_t height = level->height, width = level->width;
+        if (!level->thresholds) continue;
+        ledpi_contrast(level->picture, height, width, room->window, room->above, room->contrast);
+        for (ptrdiff_t k = 0; k < level->thresholds; k++) {
+            /* Opened where the closing makes thin bridges to the surroundings. */
+            ledpi_lit(room->above, room->contrast, height, width, level->shares[k], level->scale > 2, room->melt, room->lit);
+            find_in(level, room->lit, smallest_px, least, most, room, &squares, found);
+        }
+    }
+    found->distinct_count = ledpi_distinct(found->squares, squares, found->distinct);
+}

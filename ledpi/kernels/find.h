@@ -1,0 +1,80 @@
+/* What finding consists of: what is lit (lit.c), its outlines (outlines.c), the squares among them (four_sides.c), one of each
+ * thing (distinct.c), and spots side by side (spots.c). And all of that, level by level (find.c). */
+#ifndef LEDPI_FIND_H
+#define LEDPI_FIND_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+/* ---- What is lit */
+
+enum { REACH = 6, SPAN = 2 * REACH + 1, ROWS = 32, STRIP = ROWS + 2 * REACH };
+
+/* Of each pixel of a picture (height, width): how far it is `above` the darkest of the SPAN × SPAN around it, and their
+ * `contrast`, the brightest less the darkest. `room` (3, STRIP, width + 2 REACH). */
+void ledpi_contrast(const uint8_t *picture, ptrdiff_t height, ptrdiff_t width, uint8_t *room, uint8_t *above,
+                    uint8_t *contrast);
+
+/* What is `lit` (height, width), 0 or 255: more than `share` (in 256ths) of the contrast above the darkest; closed, and
+ * `opened` after that. `room` (height, width) and (width + 2). */
+void ledpi_lit(const uint8_t *above, const uint8_t *contrast, ptrdiff_t height, ptrdiff_t width, int share, bool opened,
+               uint8_t *room, uint8_t *lit);
+
+/* ---- Its outlines */
+
+/* Pixels side by side that are lit, from … to − 1, and the thing that they belong to. */
+typedef struct {
+    int32_t from, to, thing;
+} Run;
+
+/* What is connected. `same_as` is the number of another thing that it turned out to be a part of, or its own. */
+typedef struct {
+    int32_t same_as, left, top, right, bottom, lit, first; /* the first pixel of its top row; how many are lit */
+} Thing;
+
+typedef struct {
+    int32_t first, length, top, bottom, left, right; /* of its points; its box */
+    double area;
+} Outline;
+
+typedef struct {
+    double x, y, length; /* the middle of its box, and its outline's length */
+} Spot;
+
+/* How many there are; `at_border`: of outlines that are but for touching the picture's border. */
+typedef struct {
+    ptrdiff_t outlines, spots, at_border;
+} Outlined;
+
+/* The outlines of what is lit in a picture of 0 and 255 (height, width), of things the way around whose box is not less than
+ * `shortest`; and small things, which may be spots. `runs` (2, width), `things`, `outlines`, `spots` (most) are room, `most`
+ * as many as there can be; `points` beyond `room` are left out, and the outlines that they belong to. */
+Outlined ledpi_outlines(const uint8_t *lit, ptrdiff_t height, ptrdiff_t width, int32_t shortest, Run *runs, Thing *things,
+                        int32_t (*points)[2], ptrdiff_t room, Outline *outlines, Spot *spots, ptrdiff_t most);
+
+/* ---- The squares among them */
+
+/* As a row of the squares of decode/four_sides.py. */
+typedef struct {
+    double corners[4][2], side_px, misfit, tolerance_px;
+} Square;
+
+/* The square that an outline with `points` shows; false where it shows none. Pixels are `scale` of the frame's. `ends`
+ * (height, 2) and `hull` (2 height + 2, 2) are room. */
+bool ledpi_square_of(const int32_t (*points)[2], const Outline *outline, double scale, int32_t (*ends)[2],
+                     double (*hull)[2], Square *square);
+
+/* Of squares (count) those, in `kept` (count), that are of no thing which another fits better; the best first. Returns how
+ * many. */
+ptrdiff_t ledpi_distinct(const Square *squares, ptrdiff_t count, ptrdiff_t *kept);
+
+/* ---- Spots side by side */
+
+enum { MAX_SPOTS = 200 }; /* that are looked at: more is texture */
+
+/* The spots of each group of `least` to `most` − 1 that are alike and neighbours, one group after the other in `members`
+ * (count), each with its number in `groups` (count), from 0. Returns how many spots these are. */
+ptrdiff_t ledpi_groups(const Spot *spots, ptrdiff_t count, ptrdiff_t least, ptrdiff_t most, Spot *members, double *groups);
+
+#endif

@@ -1,0 +1,129 @@
+"""Squares and groups of spots in the pictures of a pyramid (find.c and what it calls)."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ledpi.kernels.library import DOUBLE, INTEGER, POINTER, address, function
+from ledpi.records import Floats, Pixels
+
+# As in find.h: pixels to either side of a window, rows that are looked at together, spots of one picture.
+REACH, STRIP, MAX_SPOTS = 6, 44, 200
+SQUARE = 11  # numbers: four corners' x and y, side_px, misfit, tolerance_px
+MOST_THRESHOLDS = 2  # of a level
+MOST_SQUARES = 4096  # in a frame: more is texture, and would take a second to look at
+_OUTLINE_BYTES, _THING_NUMBERS = 32, 7
+
+_find = function("ledpi_find", POINTER, INTEGER, DOUBLE, INTEGER, INTEGER, POINTER, POINTER)
+
+
+class _Level(ctypes.Structure):
+    """`Level` of find.c."""
+
+    _fields_ = [
+        ("picture", ctypes.c_void_p),
+        *((name, ctypes.c_ssize_t) for name in ("height", "width", "scale", "thresholds")),
+        ("shares", ctypes.c_int32 * MOST_THRESHOLDS),
+        ("shortest", ctypes.c_int32),
+    ]
+
+
+class _Room(ctypes.Structure):
+    """`Room` of find.c."""
+
+    _fields_ = [
+        *((name, ctypes.c_void_p) for name in ("window", "above", "contrast", "melt", "lit")),
+        *((name, ctypes.c_void_p) for name in ("runs", "things", "outlines", "spots")),
+        ("most", ctypes.c_ssize_t),
+        ("points", ctypes.c_void_p),
+        ("points_room", ctypes.c_ssize_t),
+        *((name, ctypes.c_void_p) for name in ("ends", "hull")),
+    ]
+
+
+class _Found(ctypes.Structure):
+    """`Found` of find.c."""
+
+    _fields_ = [
+        *((name, ctypes.c_void_p) for name in ("squares", "distinct", "members", "groups", "scales")),
+        *((name, ctypes.c_ssize_t) for name in ("most_squares", "distinct_count", "member_count")),
+        *((name, ctypes.c_ssize_t) for name in ("at_border", "not_four_sided", "too_small")),
+    ]
+
+
+class Searcher:
+    """Searches the same pictures again and again, in room that it keeps."""
+
+    def __init__(
+        self, pictures: Sequence[Pixels], shortest: Sequence[int], smallest_px: float, group_sizes: range
+    ) -> None:
+        """`pictures`, read anew each time, the largest first, and the `shortest` way around things in each."""
+        height, width = pictures[0].shape
+        self._pictures, self._shortest = tuple(pictures), tuple(shortest)
+        most = (height + 1) * (width + 1) // 4 + 1  # as many pixels as can stand apart
+        members = MAX_SPOTS * MOST_THRESHOLDS * len(pictures)
+        self._room, self._arrays = _room(height, width, most)
+        self._squares = np.empty((MOST_SQUARES, SQUARE))
+        self._distinct = np.empty(MOST_SQUARES, np.intp)
+        self._members, self._groups, self._scales = np.empty((members, 3)), np.empty(members), np.empty(members)
+        results = (self._squares, self._distinct, self._members, self._groups, self._scales)
+        self._found = _Found(*(address(array) for array in results), MOST_SQUARES)
+        self._levels: dict[tuple[tuple[int, ...], ...], Any] = {}  # by thresholds
+        self._arguments = (
+            *(smallest_px, group_sizes.start, group_sizes.stop),
+            *(ctypes.addressof(self._room), ctypes.addressof(self._found)),
+        )
+
+    def search(
+        self, thresholds: tuple[tuple[int, ...], ...]
+    ) -> tuple[Floats, list[tuple[int, Floats]], tuple[int, int, int]]:
+        """As `_search` of decode/find.py."""
+        levels = self._levels.get(thresholds)
+        if levels is None:
+            levels = self._levels[thresholds] = self._levels_for(thresholds)
+        _find(ctypes.addressof(levels), len(levels), *self._arguments)
+        found = self._found
+        groups = self._grouped(found.member_count) if found.member_count else []
+        squares = self._squares[self._distinct[: found.distinct_count]]
+        return squares, groups, (found.at_border, found.not_four_sided, found.too_small)
+
+    def _levels_for(self, thresholds: tuple[tuple[int, ...], ...]) -> Any:
+        levels = (_Level * len(self._pictures))()
+        for number, (picture, shares, shortest) in enumerate(
+            zip(self._pictures, thresholds, self._shortest, strict=True)
+        ):
+            padded = (*shares, *[0] * MOST_THRESHOLDS)[:MOST_THRESHOLDS]
+            levels[number] = _Level(address(picture), *picture.shape, 2 << number, len(shares), padded, shortest)
+        return levels
+
+    def _grouped(self, count: int) -> list[tuple[int, Floats]]:
+        """Each group's scale, and its spots (M, 3)."""
+        begins = np.flatnonzero(np.diff(self._groups[:count]) + 1e3 * np.diff(self._scales[:count])) + 1
+        ends = [0, *begins.tolist(), count]
+        return [(int(self._scales[a]), self._members[a:b]) for a, b in pairwise(ends)]
+
+
+def _room(height: int, width: int, most: int) -> tuple[_Room, list[NDArray[np.generic]]]:
+    """For pictures of this size, and the arrays that it consists of."""
+    pixels = [np.empty((height, width), np.uint8) for _ in range(3)]
+    arrays: list[NDArray[np.generic]] = [
+        np.empty(3 * STRIP * (width + 2 * REACH), np.uint8),
+        *pixels[:2],
+        np.empty((height + 1) * (width + 2), np.uint8),
+        pixels[2],
+        np.empty((2, width, 3), np.int32),
+        np.empty((most, _THING_NUMBERS), np.int32),
+        np.empty((most, _OUTLINE_BYTES), np.uint8),
+        np.empty((most, 3)),
+        np.empty((height * width, 2), np.int32),
+        np.empty((height, 2), np.int32),
+        np.empty((2 * height + 2, 2)),
+    ]
+    at = [address(array) for array in arrays]
+    return _Room(*at[:9], most, at[9], height * width, *at[10:]), arrays
