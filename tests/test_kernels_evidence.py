@@ -10,6 +10,7 @@ from decode_material import SPEC, TRUE_10_MS_US, Canvas, diffuser, quad, square,
 
 from ledpi.decode import words
 from ledpi.decode.cells import CellSamples, sample_cells
+from ledpi.decode.comparison import Mean, compared_evidence
 from ledpi.decode.evidence import UNFIT, Believed, Evidence, believed_bands, class_waves, square_waves
 from ledpi.decode.single_frame import single_evidence
 from ledpi.decode.soft import Codebook
@@ -102,6 +103,28 @@ def test_light_that_is_no_number_is_no_evidence() -> None:
     light = samples.light.copy()
     light[3, 4] = np.nan
     assert single_evidence(dataclasses.replace(samples, light=light), frame, SPEC, compiled=True) == UNFIT
+
+
+@pytest.mark.parametrize("spec", [SPEC, ANTIPHASE], ids=["two waves", "one wave"])
+@pytest.mark.parametrize("holes", [False, True], ids=["whole", "with holes"])
+def test_the_evidence_of_a_comparison(spec: PanelSpec, *, holes: bool) -> None:
+    """Of a frame with the mean of those before, which some samples were not seen in."""
+    samples, frame = seen(60.0)
+    rng = np.random.default_rng(3)
+    count = np.where(rng.random(samples.light.shape) < 0.05, 0.0, 4.0).astype(np.float32)
+    picture = samples.light / samples.light.mean() * (1 + 0.01 * rng.standard_normal(samples.light.shape, np.float32))
+    mean = Mean(picture=picture, count=count, waves=class_waves(samples, frame, spec, 0.1))
+    given = with_holes(samples) if holes else samples
+    waves = class_waves(given, frame, spec)
+    (scale, ours), (true_scale, theirs) = (
+        compared_evidence(given, frame, spec, waves, mean, compiled=compiled) for compiled in (True, False)
+    )
+    assert scale == pytest.approx(true_scale, rel=1e-5)
+    assert isinstance(ours, Evidence)
+    assert isinstance(theirs, Evidence)
+    assert ours.left == pytest.approx(theirs.left)
+    for mine, reference in ((ours.score, theirs.score), (ours.information, theirs.information)):
+        np.testing.assert_allclose(mine, reference, atol=2e-3 * float(np.abs(reference).max()))
 
 
 def test_waves_are_cosine_and_sine() -> None:

@@ -44,19 +44,20 @@ class Expectation:
     def of(cls, memory: PanelMemory, bands: Doubles) -> Expectation:
         """Of the frames in `memory`, which show `bands` (cells, P): cosine and sine of each wave."""
         known = memory.known()
-        weight = known.picture * (known.count / (known.count + 1))
+        mean = known.mean
+        weight = mean.picture * (mean.count / (mean.count + 1))
         root = np.sqrt(weight / weight.mean())
-        fields = np.concatenate([root[None], picture_slopes(known.picture, known.lattice) * root])
+        fields = np.concatenate([root[None], picture_slopes(mean.picture, known.lattice) * root])
         by_wave = bands.reshape(len(bands), -1, 2)
         wave = by_wave.any(axis=2).argmax(axis=1)  # that a cell shows
         cosine, sine = by_wave[np.arange(len(bands)), wave].T
         return cls(
             lattice=known.lattice,
             origin_ns=known.origin_ns,
-            picture=known.picture,
+            picture=mean.picture,
             root=root,
             basis=np.ascontiguousarray(np.linalg.qr(fields.reshape(len(fields), -1).T)[0].T),
-            left_bands=np.einsum("cj,jcs->cs", bands.astype(np.float32), known.mean_waves),
+            left_bands=np.einsum("cj,jcs->cs", bands.astype(np.float32), mean.waves),
             hz=np.array(memory.spec.waves_hz)[wave],
             depth=np.hypot(cosine, sine).astype(np.float32)[:, None],
             phase=np.arctan2(sine, cosine),

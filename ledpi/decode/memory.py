@@ -15,17 +15,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ledpi.decode.cells import CellSamples, Lattice, Singles
-from ledpi.decode.evidence import (
-    Doubles,
-    Evidence,
-    Normal,
-    band_prior,
-    class_waves,
-    evidence_from,
-    picture_slopes,
-)
+from ledpi.decode.comparison import LEAST_SCALE, Mean, compared_evidence
+from ledpi.decode.evidence import Doubles, Evidence, band_prior, class_waves
 from ledpi.decode.single_frame import single_evidence
-from ledpi.decode.unlit import without_unlit
 from ledpi.records import Frame, PanelSpec, Rejected
 
 # Old evidence fades, as oscillators drift and a wrong turn must be mended: to a third in 30 frames, half a second.
@@ -34,17 +26,16 @@ FORGETTING = 0.97
 MEAN_FRAMES = 16.0
 # Below this share of a wave's power the mean picture has no bands left that are worth reading.
 MEAN_WAVE_POWER = 0.02
+DARKEST = np.float32(0.02)  # of the mean picture's mean: what is darker is hardly lit, and has no logarithm
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Known:
-    """The mean picture of some frames, and what is in it of the class's waves."""
+    """The mean of some frames, and when they began."""
 
     lattice: Lattice
     origin_ns: int  # row 0's read-out of the first frame, from which phases count
-    picture: Singles  # (cells, points)
-    count: Singles  # (cells, points) frames that showed it
-    mean_waves: Singles  # (P, cells, points)
+    mean: Mean
 
 
 class PanelMemory:
@@ -79,13 +70,7 @@ class PanelMemory:
 
     def known(self) -> Known:
         """What there is to compare a further frame with."""
-        return Known(
-            lattice=self._samples.lattice,
-            origin_ns=self._origin_ns,
-            picture=np.maximum(self._picture, np.float32(0.02)),
-            count=self._count,
-            mean_waves=self._mean_waves,
-        )
+        return Known(lattice=self._samples.lattice, origin_ns=self._origin_ns, mean=self._mean())
 
     @property
     def mean_waves(self) -> Singles:
@@ -147,55 +132,17 @@ class PanelMemory:
         return single_evidence(mean, self._frame, self.spec, self._mean_waves)
 
     def _compare(self, samples: CellSamples, frame: Frame, waves: Singles, valid: Singles) -> Evidence | None:
-        both = valid * (self._count > 0)
-        picture = np.maximum(self._picture, np.float32(0.02))
-        scale = float((samples.light * picture * both).sum() / max(1e-9, float((picture * picture * both).sum())))
-        light = samples.light / np.float32(max(scale, 1e-9))
-        residual = (light / picture - np.float32(1)) * both
-        # The mean of n frames has a noise of its own: the difference has the variance 1 + 1/n.
-        weight = picture * both * (self._count / (self._count + 1))
-        weight /= max(float(weight.mean()), 1e-9)
-        new_waves = (waves - self._mean_waves) * both
-        added = self._evidence(residual, weight, new_waves, picture, samples, frame)
+        scale, added = compared_evidence(samples, frame, self.spec, waves, self._mean())
         if isinstance(added, Evidence):
             before = 0.0 if self._score is None else FORGETTING * self._score
             known = 0.0 if self._information is None else FORGETTING * self._information
             self._score, self._information = before + added.score, known + added.information
             self._left = FORGETTING * self._left + added.left
-        self._remember(light, waves, valid)
+        self._remember(samples.light / np.float32(max(scale, LEAST_SCALE)), waves, valid)
         return added if isinstance(added, Evidence) else None
 
-    def _evidence(
-        self,
-        residual: Singles,
-        weight: Singles,
-        waves: Singles,
-        picture: Singles,
-        samples: CellSamples,
-        frame: Frame,
-    ) -> Evidence | Rejected:
-        cells, points = residual.shape
-        parameters = len(waves)
-        root = np.sqrt(weight)
-        seen = (residual * root).reshape(-1)
-        shapes = (waves * root).transpose(1, 0, 2)  # (cells, P, points)
-        gain_and_slopes = np.concatenate([root[None], picture_slopes(picture, samples.lattice) * root])
-        nuisances = gain_and_slopes.reshape(-1, cells * points)
-        information = np.zeros((cells, parameters, cells, parameters))
-        each = np.arange(cells)
-        information[each, :, each, :] = np.matmul(shapes, shapes.transpose(0, 2, 1))
-        both = np.matmul(shapes, gain_and_slopes.transpose(1, 2, 0)).reshape(cells * parameters, -1)
-        normal = Normal(
-            of_nuisances=(nuisances @ nuisances.T).astype(np.float64),
-            of_both=both.T.astype(np.float64),
-            of_bands=information.reshape(cells * parameters, -1),
-            nuisances=(nuisances @ seen).astype(np.float64),
-            bands=np.matmul(shapes, seen.reshape(cells, points, 1)).reshape(-1).astype(np.float64),
-            squares=float(seen @ seen),
-            freedom=int((weight > 0).sum()) - len(nuisances) - cells * parameters,
-        )
-        evidence = evidence_from(normal, samples, frame, self.spec)
-        return evidence if isinstance(evidence, Rejected) else without_unlit(evidence, samples)
+    def _mean(self) -> Mean:
+        return Mean(picture=np.maximum(self._picture, DARKEST), count=self._count, waves=self._mean_waves)
 
     def _remember(self, light: Singles, waves: Singles, valid: Singles) -> None:
         total = self._count + valid

@@ -27,6 +27,9 @@ _single_evidence = function(
     *(INTEGER, POINTER, POINTER, POINTER, POINTER, POINTER, POINTER, DOUBLE, POINTER, POINTER, POINTER),
     result=ctypes.c_bool,
 )
+_compared_evidence = function(
+    "ledpi_compared_evidence", *(INTEGER,) * 3, *(POINTER,) * 7, DOUBLE, *(POINTER,) * 3, result=ctypes.c_bool
+)
 
 
 def waves(rows: Singles, waves_hz: Sequence[float], row_time_us: float, since_s: float) -> Singles:
@@ -95,6 +98,35 @@ def single_evidence(
         *(address(score), address(information), address(free)),
     )
     return (score, information, float(free[0])) if fits else None
+
+
+def compared_evidence(
+    *,
+    light: Singles,
+    valid: Mask | None,
+    waves: Singles,
+    picture: Singles,
+    count: Singles,
+    mean_waves: Singles,
+    along: Singles,
+    independence: float,
+) -> tuple[float, tuple[Doubles, Doubles, float] | None]:
+    """The light's scale; and, as of `single_evidence`, score, information and free samples, None where nothing fits.
+
+    `light`, `valid`, `picture`, `count` (cells, points), `waves`, `mean_waves` (P, cells, points); `along` is the
+    lattice's.
+    """
+    (cells, points), parameters = light.shape, len(waves)
+    score, numbers = np.empty((cells, parameters)), np.empty(2)
+    information = np.empty((cells, parameters, cells, parameters))
+    given = [np.ascontiguousarray(array) for array in (waves, picture, count, mean_waves)]
+    fits = _compared_evidence(
+        *(math.isqrt(cells), math.isqrt(points), parameters, address(light), _or_none(valid)),
+        *(*(address(array) for array in given), address(along), independence),
+        *(address(score), address(information), address(numbers)),
+    )
+    scale, free = numbers.tolist()
+    return scale, (score, information, free) if fits else None
 
 
 def _or_none(array: Singles | Mask | None) -> int | None:
