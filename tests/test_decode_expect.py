@@ -124,6 +124,20 @@ def test_compiled_loops_weigh_as_the_numpy_code_does(expected: Expectation, show
     np.testing.assert_allclose(ours, theirs, rtol=2e-3, atol=1e-3)
 
 
+@pytest.mark.skipif(not COMPILED, reason="needs the compiled loops")
+def test_compiled_loops_expect_what_the_numpy_code_does() -> None:
+    """The same weights and bands left; and a basis of the same space: what is in it is left out by either."""
+    memory = PanelMemory(SPEC)
+    for seq in range(READ_FRAMES):
+        memory.add(samples_of(frame := frame_of(seq)), frame)
+    bands = np.random.default_rng(4).normal(0, 0.04, (16, 4)) * np.repeat(word(7).reshape(-1, 1) == [0, 1], 2, axis=1)
+    ours, theirs = (Expectation.of(memory, bands, compiled=compiled) for compiled in (True, False))
+    np.testing.assert_allclose(ours.root, theirs.root, rtol=1e-5)
+    np.testing.assert_allclose(ours.left_bands, theirs.left_bands, atol=1e-6)
+    np.testing.assert_allclose(ours.basis @ ours.basis.T, np.eye(9), atol=1e-4)
+    np.testing.assert_allclose(np.abs(np.linalg.det(ours.basis @ theirs.basis.T)), 1.0, atol=1e-3)
+
+
 def test_of_a_cell_that_is_mostly_saturated_nothing_is_sure(expected: Expectation) -> None:
     """It might be of the other class."""
     frame = frame_of(6)

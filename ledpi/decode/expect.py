@@ -14,7 +14,7 @@ import numpy as np
 
 from ledpi.decode.cells import CellSamples, Lattice, Singles
 from ledpi.decode.evidence import Doubles, picture_slopes
-from ledpi.decode.memory import PanelMemory
+from ledpi.decode.memory import Known, PanelMemory
 from ledpi.kernels import expect as kernel
 from ledpi.kernels.library import COMPILED
 from ledpi.records import Frame
@@ -41,23 +41,20 @@ class Expectation:
     phase: Doubles  # (cells,)
 
     @classmethod
-    def of(cls, memory: PanelMemory, bands: Doubles) -> Expectation:
+    def of(cls, memory: PanelMemory, bands: Doubles, *, compiled: bool = COMPILED) -> Expectation:
         """Of the frames in `memory`, which show `bands` (cells, P): cosine and sine of each wave."""
         known = memory.known()
-        mean = known.mean
-        weight = mean.picture * (mean.count / (mean.count + 1))
-        root = np.sqrt(weight / weight.mean())
-        fields = np.concatenate([root[None], picture_slopes(mean.picture, known.lattice) * root])
+        root, basis, left_bands = (_made_compiled if compiled else _made)(known, bands)
         by_wave = bands.reshape(len(bands), -1, 2)
         wave = by_wave.any(axis=2).argmax(axis=1)  # that a cell shows
         cosine, sine = by_wave[np.arange(len(bands)), wave].T
         return cls(
             lattice=known.lattice,
             origin_ns=known.origin_ns,
-            picture=mean.picture,
+            picture=known.mean.picture,
             root=root,
-            basis=np.ascontiguousarray(np.linalg.qr(fields.reshape(len(fields), -1).T)[0].T),
-            left_bands=np.einsum("cj,jcs->cs", bands.astype(np.float32), mean.waves),
+            basis=basis,
+            left_bands=left_bands,
             hz=np.array(memory.spec.waves_hz)[wave],
             depth=np.hypot(cosine, sine).astype(np.float32)[:, None],
             phase=np.arctan2(sine, cosine),
@@ -122,3 +119,21 @@ class Expectation:
         variance = float(off @ off) / max(1, int(np.count_nonzero(off)) - len(basis))
         own *= samples.independence / max(variance, 1e-12)
         return float(own.sum()), -float(np.minimum(own, 0.0).sum())
+
+
+def _made_compiled(known: Known, bands: Doubles) -> tuple[Singles, Singles, Singles]:
+    """`_made`, in C."""
+    mean = known.mean
+    return kernel.expectation(
+        picture=mean.picture, count=mean.count, mean_waves=mean.waves, along=known.lattice.along, bands=bands
+    )
+
+
+def _made(known: Known, bands: Doubles) -> tuple[Singles, Singles, Singles]:
+    """`root`, `basis` and `left_bands` of an `Expectation`."""
+    mean = known.mean
+    weight = mean.picture * (mean.count / (mean.count + 1))
+    root = np.sqrt(weight / weight.mean())
+    fields = np.concatenate([root[None], picture_slopes(mean.picture, known.lattice) * root])
+    basis = np.ascontiguousarray(np.linalg.qr(fields.reshape(len(fields), -1).T)[0].T)
+    return root, basis, np.einsum("cj,jcs->cs", bands.astype(np.float32), mean.waves)

@@ -3,11 +3,12 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "cells.h"
 #include "waves.h"
 #include "wide.h"
 
 #define TURN 6.283185307179586 /* rad */
-enum { MOST_WAYS = 16 }; /* in which gain and corners may be wrong */
+enum { MOST_WAYS = 1 + SLOPES }; /* in which gain and corners may be wrong */
 
 /* What is expected, as `Expectation` there: picture, root, left_bands (cells, points), basis (ways, cells·points), and the
  * bands of each cell: frequency, phase (rad), depth (cells,); and when the frame's rows were read out. */
@@ -135,4 +136,58 @@ LEDPI_WIDE void ledpi_expected(ptrdiff_t cells, ptrdiff_t points, ptrdiff_t ways
         of[0] += own;
         of[1] -= own < 0.0 ? own : 0.0;
     }
+}
+
+/* Ways in which gain and corners may be wrong, weighted: `basis` (MOST_WAYS, samples). `room` (3·samples + 3·side·k). */
+static void put_ways(const Panel *panel, const float *picture, const float *root, float *room, float *basis) {
+    const ptrdiff_t k = panel->k, samples = panel->samples;
+    float *across = room, *down = across + samples;
+    ledpi_slopes(panel, picture, down + samples, across, down);
+    for (ptrdiff_t cell = 0, i = 0; cell < panel->cells; cell++) {
+        const float *us = panel->along + cell % panel->side * k, *vs = panel->along + cell / panel->side * k;
+        for (ptrdiff_t y = 0; y < k; y++)
+            for (ptrdiff_t x = 0; x < k; x++, i++) {
+                const float u = 2.0f * us[x] - 1.0f, v = 2.0f * vs[y] - 1.0f;
+                const float by_u = root[i] * across[i], by_v = root[i] * down[i], both = u * by_u + v * by_v;
+                const float ways[MOST_WAYS] = {root[i], by_u, u * by_u, v * by_u, by_v, u * by_v, v * by_v, u * both, v * both};
+                for (int way = 0; way < MOST_WAYS; way++) basis[way * samples + i] = ways[way];
+            }
+    }
+}
+
+/* Gram and Schmidt, each vector (size) twice, as single precision asks for. What the others explain all of becomes 0. */
+LEDPI_WIDE static void make_orthonormal(float *vectors, ptrdiff_t size) {
+    for (ptrdiff_t j = 0; j < MOST_WAYS; j++) {
+        float *own = vectors + j * size;
+        const double before = dot(own, own, size);
+        for (int round = 0; round < 2; round++)
+            for (const float *other = vectors; other < own; other += size) {
+                const float share = (float)dot(own, other, size);
+                for (ptrdiff_t i = 0; i < size; i++) own[i] -= share * other[i];
+            }
+        const double left = dot(own, own, size);
+        const float scale = left > 1e-10 * before ? (float)(1.0 / sqrt(left)) : 0.0f;
+        for (ptrdiff_t i = 0; i < size; i++) own[i] *= scale;
+    }
+}
+
+/* What to expect of the next frames of a panel whose mean picture, above 0, is of `count` frames (cells, points), with what
+ * is left of its waves in it (waves, cells, points), and that shows `bands` (cells, waves): `root`, `basis` and `left_bands`
+ * as above. `room` is (3·samples + 3·side·k). */
+LEDPI_WIDE void ledpi_expectation(ptrdiff_t side, ptrdiff_t k, ptrdiff_t waves, const float *picture, const float *count,
+                                  const float *mean_waves, const float *along, const double *bands, float *root,
+                                  float *basis, float *left_bands, float *room) {
+    const Panel panel = {side, k, waves, side * side, k * k, side * side * k * k, NULL, along};
+    const ptrdiff_t samples = panel.samples, points = panel.points;
+    for (ptrdiff_t i = 0; i < samples; i++) root[i] = picture[i] * (count[i] / (count[i] + 1.0f));
+    const float per_weight = (float)((double)samples / sum_of(root, samples));
+    for (ptrdiff_t i = 0; i < samples; i++) root[i] = sqrtf(root[i] * per_weight);
+    put_ways(&panel, picture, root, room, basis);
+    make_orthonormal(basis, samples);
+    for (ptrdiff_t i = 0; i < samples; i++) left_bands[i] = 0.0f;
+    for (ptrdiff_t wave = 0; wave < waves; wave++)
+        for (ptrdiff_t c = 0; c < panel.cells; c++) {
+            const float share = (float)bands[c * waves + wave], *own = mean_waves + wave * samples + c * points;
+            for (ptrdiff_t p = 0; p < points; p++) left_bands[c * points + p] += share * own[p];
+        }
 }

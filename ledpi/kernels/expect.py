@@ -2,20 +2,42 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
-from ledpi.kernels.library import DOUBLE, INTEGER, POINTER, address, function
+from ledpi.kernels.library import DOUBLE, INTEGER, POINTER, address, doubles, function
 
 Singles = NDArray[np.float32]
 Doubles = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-MOST_WAYS = 16  # as in expect.c
+WAYS = 9  # in which gain and corners may be wrong
 
 _expected = function(
     "ledpi_expected", *(INTEGER,) * 3, *(POINTER,) * 7, *(DOUBLE,) * 2, *(POINTER,) * 3, *(DOUBLE,) * 2, *(POINTER,) * 2
 )
+_expectation = function("ledpi_expectation", *(INTEGER,) * 3, *(POINTER,) * 9)
+
+
+def expectation(
+    *, picture: Singles, count: Singles, mean_waves: Singles, along: Singles, bands: Doubles
+) -> tuple[Singles, Singles, Singles]:
+    """`root` (cells, points), `basis` (WAYS, cells·points) and `left_bands` (cells, points) of an `Expectation`.
+
+    `picture`, `count` (cells, points), `mean_waves` (P, cells, points) as a `Mean` has them, `bands` (cells, P).
+    """
+    (cells, points), parameters = picture.shape, len(mean_waves)
+    given = [np.ascontiguousarray(array) for array in (picture, count, mean_waves, along)]
+    bands = doubles(bands)
+    root, left_bands = np.empty(picture.shape, np.float32), np.empty(picture.shape, np.float32)
+    basis, room = np.empty((WAYS, picture.size), np.float32), np.empty(3 * picture.size + 3 * along.size, np.float32)
+    _expectation(
+        *(math.isqrt(cells), math.isqrt(points), parameters, *(address(array) for array in given), address(bands)),
+        *(address(root), address(basis), address(left_bands), address(room)),
+    )
+    return root, basis, left_bands
 
 
 def weigh(
@@ -41,7 +63,7 @@ def weigh(
     (ways, cells·points), `depth` (cells, 1), `hz` and `phase` (cells,), as `Expectation` of decode/expect.py has them.
     """
     (cells, points), ways = picture.shape, len(basis)
-    assert ways <= MOST_WAYS
+    assert ways <= WAYS
     room, of = np.empty(3 * picture.size, np.float32), np.empty(2)
     _expected(
         *(cells, points, ways, address(picture), address(root), address(basis), address(left_bands)),
