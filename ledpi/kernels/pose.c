@@ -3,9 +3,6 @@
 
 #include "pose.h"
 
-#define CONVERGED 1e-3
-#define BEATEN_BY 60.0
-
 typedef struct {
     double rotation[9], position[3], chi2;
     double information[6][6], pull[6];
@@ -104,7 +101,7 @@ static void step_from(const Look *from, const double step[6], Look *to) {
         }
 }
 
-void ledpi_fit(const Body *body, const Lens *lens, int rivals, int rounds, Fit *fits, double *off_px, double *trial_px) {
+void ledpi_fit(const Body *body, const Lens *lens, int rivals, const Stop *stop, Fit *fits, double *off_px, double *trial_px) {
     Look best[MOST_RIVALS], trial;
     double damping[MOST_RIVALS] = {0}, step[MOST_RIVALS][6], root[6][6], information[MOST_RIVALS][6][6];
     ptrdiff_t residuals = 2 * body->points;
@@ -113,7 +110,7 @@ void ledpi_fit(const Body *body, const Lens *lens, int rivals, int rounds, Fit *
         for (int i = 0; i < 3; i++) best[k].position[i] = fits[k].position[i];
         look_from(&best[k], body, lens, off_px + k * residuals);
     }
-    for (int round = 0; round < rounds; round++) {
+    for (int round = 0; round < stop->rounds; round++) {
         double least = INFINITY, gain[MOST_RIVALS];
         bool at_end = true;
         for (int k = 0; k < rivals; k++) {
@@ -125,7 +122,8 @@ void ledpi_fit(const Body *body, const Lens *lens, int rivals, int rounds, Fit *
             least = fmin(least, best[k].chi2);
         }
         for (int k = 0; k < rivals; k++) /* a step would change nothing, or what is beaten with it too */
-            at_end = at_end && (gain[k] < CONVERGED * (1.0 + best[k].chi2) || best[k].chi2 - gain[k] > least + BEATEN_BY);
+            at_end = at_end && (gain[k] < stop->converged * (1.0 + best[k].chi2) ||
+                                best[k].chi2 - gain[k] > least + stop->beaten_by);
         if (at_end) break;
         for (int k = 0; k < rivals; k++) {
             step_from(&best[k], step[k], &trial);
@@ -141,7 +139,7 @@ void ledpi_fit(const Body *body, const Lens *lens, int rivals, int rounds, Fit *
         for (int i = 0; i < 9; i++) fits[k].rotation[i] = best[k].rotation[i];
         for (int i = 0; i < 3; i++) fits[k].position[i] = best[k].position[i];
         fits[k].chi2 = best[k].chi2;
-        factor(rounds ? information[k] : best[k].information, 0.0, root);
+        factor(stop->rounds > 0 ? information[k] : best[k].information, 0.0, root);
         for (int column = 0; column < 6; column++) {
             double unit[6] = {0}, out[6];
             unit[column] = 1.0;
@@ -157,19 +155,20 @@ void ledpi_fit(const Body *body, const Lens *lens, int rivals, int rounds, Fit *
  * many there are. */
 ptrdiff_t ledpi_fit_body(const Lens *lens, ptrdiff_t points, const double *place, const double *seen_px,
                          const double *whiteners, ptrdiff_t starts, const double *rotations, const double *positions,
-                         ptrdiff_t at_most, int rounds, Fit *fits, double *off_px, double *room) {
+                         ptrdiff_t at_most, const Stop *stop, Fit *fits, double *off_px, double *room) {
     const Body body = {points, place, seen_px, whiteners};
+    const Stop at_once = {0.0, stop->converged, stop->beaten_by};
     ptrdiff_t count = 0;
     for (ptrdiff_t i = 0; i < starts; i++) {
         Fit start;
         for (int j = 0; j < 9; j++) start.rotation[j] = rotations[9 * i + j];
         for (int j = 0; j < 3; j++) start.position[j] = positions[3 * i + j];
-        ledpi_fit(&body, lens, 1, 0, &start, room, room + 2 * points);
+        ledpi_fit(&body, lens, 1, &at_once, &start, room, room + 2 * points);
         if (count == at_most && !(start.chi2 < fits[count - 1].chi2)) continue;
         ptrdiff_t at = count < at_most ? count++ : count - 1;
         for (; starts > at_most && at > 0 && start.chi2 < fits[at - 1].chi2; at--) fits[at] = fits[at - 1];
         fits[at] = start;
     }
-    for (ptrdiff_t i = 0; i < count; i++) ledpi_fit(&body, lens, 1, rounds, fits + i, off_px + 2 * points * i, room);
+    for (ptrdiff_t i = 0; i < count; i++) ledpi_fit(&body, lens, 1, stop, fits + i, off_px + 2 * points * i, room);
     return count;
 }

@@ -32,8 +32,13 @@ void ledpi_ray_of(const Lens *lens, const double pixel[2], double ray[2]);
 /* What the lens does to the sides of quads (quads, 4, 2): `bends` of decode/sides.py, (quads, 4, 2, 2) (lens.c). */
 void ledpi_bends(const Lens *lens, ptrdiff_t quads, const double *corners, double *bends);
 
-/* Betters `rivals` starts of one body, at most MOST_RIVALS, in `rounds`; those that are beaten by far are not followed to
- * their ends. `off_px` (rivals, points, 2) of the residuals; `trial_px` (points, 2) is room to try in. */
-void ledpi_fit(const Body *body, const Lens *lens, int rivals, int rounds, Fit *fits, double *off_px, double *trial_px);
+/* When to stop: after so many rounds, where a step would change nothing, and what is beaten by so much of χ². Constants of
+ * pose/refine.py. */
+typedef struct {
+    double rounds, converged, beaten_by;
+} Stop;
+
+/* Betters `rivals` starts of one body, at most MOST_RIVALS; those that are beaten by far are not followed to their ends. `off_px` (rivals, points, 2) of the residuals; `trial_px` (points, 2) is room to try in. */
+void ledpi_fit(const Body *body, const Lens *lens, int rivals, const Stop *stop, Fit *fits, double *off_px, double *trial_px);
 
 #endif

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 from functools import lru_cache
 
 import numpy as np
@@ -13,10 +12,10 @@ from ledpi.records import Floats, Intrinsics
 
 _bends = function("ledpi_bends", POINTER, INTEGER, POINTER, POINTER)
 _fit_body = function(
-    "ledpi_fit_body", POINTER, INTEGER, *(POINTER,) * 3, INTEGER, *(POINTER,) * 2, INTEGER, ctypes.c_int,
-    *(POINTER,) * 3, result=INTEGER,
+    "ledpi_fit_body", POINTER, INTEGER, *(POINTER,) * 3, INTEGER, *(POINTER,) * 2, INTEGER, *(POINTER,) * 4,
+    result=INTEGER,
 )  # fmt: skip
-_solve_squares = function("ledpi_solve_squares", POINTER, INTEGER, *(POINTER,) * 6)
+_solve_squares = function("ledpi_solve_squares", *(POINTER,) * 3, INTEGER, *(POINTER,) * 6)
 
 FIT = 49  # numbers: rotation, position, chi2, covariance
 # Where a solution's numbers are: its position, quaternion, reprojection_px, chi2, covariance.
@@ -37,14 +36,24 @@ def bends(corners: NDArray[np.complex128], lens: Intrinsics) -> NDArray[np.compl
 
 
 def solve_squares(
-    corners_px: Floats, sigma_px: Floats, sides_m: Floats, intrinsics: Intrinsics, motions_px: Floats
+    corners_px: Floats,
+    sigma_px: Floats,
+    sides_m: Floats,
+    intrinsics: Intrinsics,
+    motions_px: Floats,
+    stop: Floats,
+    errors: Floats,
 ) -> tuple[Floats, NDArray[np.bool_]]:
-    """(N, 2, 45) read-only: both solutions of each square, and (N,) whether there are any."""
+    """(N, 2, 45) read-only: both solutions of each square, and (N,) whether there are any.
+
+    `stop`: rounds, CONVERGED and BEATEN_BY of pose/refine.py; `errors`: FLOOR_PX, KNOWN_BLUR_PX and BLUR_ERROR of
+    pose/corners.py.
+    """
     count = len(corners_px)
     given = [lens_of(intrinsics), *(doubles(array) for array in (corners_px, sigma_px, sides_m, motions_px))]
     solutions, solved = np.empty((count, 2, COVARIANCE.stop)), np.empty(count, np.bool_)
     lens, *squares = (address(array) for array in given)
-    _solve_squares(lens, count, *squares, address(solutions), address(solved))
+    _solve_squares(lens, address(stop), address(errors), count, *squares, address(solutions), address(solved))
     solutions.flags.writeable = False
     return solutions, solved
 
@@ -57,7 +66,7 @@ def fit_body(
     whiteners: Floats,
     intrinsics: Intrinsics,
     at_most: int,
-    rounds: int,
+    stop: Floats,
 ) -> tuple[Floats, Floats, Floats, Floats, Floats]:
     """As `fit_body` of pose/refine.py: rotations, positions, chi2, residuals and covariances of the `at_most` best."""
     count = len(points)
@@ -65,8 +74,8 @@ def fit_body(
     given = [doubles(array) for array in (points, seen_px, whiteners, rotations, positions)]
     place, seen, whiten, turns, shifts = (address(array) for array in given)
     followed = _fit_body(
-        *(address(lens_of(intrinsics)), count, place, seen, whiten, len(rotations), turns, shifts, at_most, rounds),
-        *(address(fits), address(off_px), address(room)),
+        *(address(lens_of(intrinsics)), count, place, seen, whiten, len(rotations), turns, shifts, at_most),
+        *(address(stop), address(fits), address(off_px), address(room)),
     )
     fits = fits[:followed]
     turned, shifted, chi2, covariances = fits[:, :9], fits[:, 9:12], fits[:, 12], fits[:, 13:]

@@ -3,10 +3,10 @@
 
 #include "pose.h"
 
-#define ROUNDS 6
-#define FLOOR_PX 0.03
-#define KNOWN_BLUR_PX 4.0
-#define BLUR_ERROR 0.25
+/* What is known of corners' errors: constants of pose/corners.py. */
+typedef struct {
+    double floor_px, known_blur_px, blur_error;
+} Errors;
 
 /* A solution as numpy takes it. */
 typedef struct {
@@ -49,7 +49,8 @@ static bool ippe(double c[4][2], double side_m, Fit starts[2]) {
 }
 
 /* `whiteners` of pose/corners.py, of one square. */
-static void whiten(const double corners[8], double sigma_px, const double motions[8], double rows[64]) {
+static void whiten(const Errors *errors, const double corners[8], double sigma_px, const double motions[8],
+                   double rows[64]) {
     for (int i = 0; i < 64; i++) rows[i] = 0.0;
     for (int k = 0; k < 4; k++) {
         int next = (k + 1) & 3;
@@ -58,8 +59,8 @@ static void whiten(const double corners[8], double sigma_px, const double motion
         double normal[2] = {-y / length, x / length}, middle = 0.25 * sigma_px * sigma_px, ends = 3 * middle;
         double blur = 0.0;
         for (int j = 0; j < 2; j++) blur += 0.5 * (motions[2 * k + j] + motions[2 * next + j]) * normal[j];
-        middle += FLOOR_PX * FLOOR_PX, ends += FLOOR_PX * FLOOR_PX;
-        if (fabs(blur) > KNOWN_BLUR_PX) middle += BLUR_ERROR * BLUR_ERROR * blur * blur;
+        middle += errors->floor_px * errors->floor_px, ends += errors->floor_px * errors->floor_px;
+        if (fabs(blur) > errors->known_blur_px) middle += errors->blur_error * errors->blur_error * blur * blur;
         for (int j = 0; j < 2; j++) {
             double shift = normal[j] * (0.5 / sqrt(middle)), turn = normal[j] * (0.5 / sqrt(ends));
             rows[8 * k + 2 * k + j] = rows[8 * k + 2 * next + j] = shift;
@@ -86,8 +87,9 @@ static void quaternion_of(const double r[9], double q[4]) {
 
 /* Of `count` squares with `sides_m` (count,), seen at `corners_px` (count, 4, 2) to `sigma_px` (count,), which move by
  * `motions_px` (count, 4, 2) during the exposure: two `solutions` each (count, 2), and whether there are any (count,). */
-void ledpi_solve_squares(const Lens *lens, ptrdiff_t count, const double *corners_px, const double *sigma_px,
-                         const double *sides_m, const double *motions_px, Solution *solutions, bool *solved) {
+void ledpi_solve_squares(const Lens *lens, const Stop *stop, const Errors *errors, ptrdiff_t count,
+                         const double *corners_px, const double *sigma_px, const double *sides_m,
+                         const double *motions_px, Solution *solutions, bool *solved) {
     for (ptrdiff_t i = 0; i < count; i++, corners_px += 8, motions_px += 8, solutions += 2) {
         double rays[4][2], whitener[64], off_px[16], trial_px[8], half = 0.5 * sides_m[i];
         const double place[12] = {-half, half, 0, half, half, 0, half, -half, 0, -half, -half, 0};
@@ -96,8 +98,8 @@ void ledpi_solve_squares(const Lens *lens, ptrdiff_t count, const double *corner
         for (int k = 0; k < 4; k++) ledpi_ray_of(lens, corners_px + 2 * k, rays[k]);
         solved[i] = ippe(rays, sides_m[i], fits);
         if (!solved[i]) continue;
-        whiten(corners_px, sigma_px[i], motions_px, whitener);
-        ledpi_fit(&body, lens, 2, ROUNDS, fits, off_px, trial_px);
+        whiten(errors, corners_px, sigma_px[i], motions_px, whitener);
+        ledpi_fit(&body, lens, 2, stop, fits, off_px, trial_px);
         for (int k = 0; k < 2; k++) {
             double squares = 0.0;
             for (int j = 0; j < 8; j++) squares += off_px[8 * k + j] * off_px[8 * k + j];

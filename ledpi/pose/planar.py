@@ -11,8 +11,8 @@ import numpy as np
 from ledpi.geometry import quaternion_from_matrix, rotation_angle_deg
 from ledpi.kernels import pose as kernel
 from ledpi.kernels.library import compiled
-from ledpi.pose.corners import whiteners
-from ledpi.pose.refine import Fits, refine
+from ledpi.pose.corners import ERRORS, whiteners
+from ledpi.pose.refine import STOP, Fits, refine
 from ledpi.records import Floats, Intrinsics, PlanarSolution, Pose, Rejected, read_only
 
 UNSOLVED = Rejected(stage="pose", reason="unsolved")
@@ -52,7 +52,8 @@ def solve_squares(
         both = _solved(corners_px, sigma_px, sides_m, intrinsics, motions_px)
     else:
         motions_px = np.zeros_like(corners_px) if motions_px is None else motions_px
-        found, solved = kernel.solve_squares(corners_px, sigma_px, np.array(sides_m), intrinsics, motions_px)
+        sides = np.array(sides_m)
+        found, solved = kernel.solve_squares(corners_px, sigma_px, sides, intrinsics, motions_px, STOP, ERRORS)
         both = [
             (_solution(one), _solution(other)) if there else None
             for (one, other), there in zip(found, solved.tolist(), strict=True)

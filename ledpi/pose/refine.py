@@ -16,6 +16,7 @@ from ledpi.records import Floats, Intrinsics
 ROUNDS = 6
 CONVERGED = 1e-3  # of χ² that a step would still gain, in a good fit: nothing that could be measured
 BEATEN_BY = 60.0  # of χ²: e³⁰ times less likely than a rival, and so never believed, wherever it would end
+STOP = np.array([ROUNDS, CONVERGED, BEATEN_BY])  # for the compiled loops
 # A rotation that is known to no better than a radian is not known. Without this, a distant square seen face on,
 # whose tilt changes nothing in the picture to first order, would have steps and deviations without bounds.
 UNKNOWN_TURN = np.diag([0.0, 0, 0, 1, 1, 1])
@@ -112,7 +113,7 @@ def fit_body(
     """`refine` from K starts of one body: `points` (P, 3), `seen_px` (P, 2), `whiteners` (P/4, 8, 8)."""
     starts, most = (rotations, positions), min(at_most, len(rotations))
     if compiled():
-        return Fits(*kernel.fit_body(*starts, points, seen_px, whiteners, intrinsics, most, ROUNDS))
+        return Fits(*kernel.fit_body(*starts, points, seen_px, whiteners, intrinsics, most, STOP))
     return refine(*starts, points[None], seen_px[None], whiteners[None], intrinsics, at_most=most)
 
 
