@@ -4,24 +4,66 @@
 #include "normal.h"
 #include "wide.h"
 
+#define ALWAYS_INLINE inline __attribute__((always_inline)) /* so that it is compiled for what calls it */
+
 enum { AT_ONCE = 64 }; /* rows whose 100 columns or so stay in the cache */
 
-LEDPI_WIDE void ledpi_add_products(const float *rows, ptrdiff_t count, ptrdiff_t width, float *sums) {
+/* 4 × 8 of the sums, at i and j. */
+static ALWAYS_INLINE void add_narrow(const float *rows, const float *to, ptrdiff_t width, ptrdiff_t i, ptrdiff_t j,
+                                     float *sums) {
+    Eight a = {0}, b = {0}, c = {0}, d = {0};
+    for (const float *row = rows; row < to; row += width) {
+        const Eight right = *(const Eight *)(row + j);
+        a += row[i] * right, b += row[i + 1] * right, c += row[i + 2] * right, d += row[i + 3] * right;
+    }
+    float *sum = sums + i * width + j;
+    *(Eight *)sum += a, *(Eight *)(sum + width) += b;
+    *(Eight *)(sum + 2 * width) += c, *(Eight *)(sum + 3 * width) += d;
+}
+
+/* 4 × 16 of them: fewer numbers are read for each product, where there are registers for so many. */
+static ALWAYS_INLINE void add_broad(const float *rows, const float *to, ptrdiff_t width, ptrdiff_t i, ptrdiff_t j,
+                                    float *sums) {
+    Eight a = {0}, b = {0}, c = {0}, d = {0}, e = {0}, f = {0}, g = {0}, h = {0};
+    for (const float *row = rows; row < to; row += width) {
+        const Eight left = *(const Eight *)(row + j), right = *(const Eight *)(row + j + 8);
+        a += row[i] * left, b += row[i + 1] * left, c += row[i + 2] * left, d += row[i + 3] * left;
+        e += row[i] * right, f += row[i + 1] * right, g += row[i + 2] * right, h += row[i + 3] * right;
+    }
+    float *sum = sums + i * width + j;
+    *(Eight *)sum += a, *(Eight *)(sum + width) += b;
+    *(Eight *)(sum + 2 * width) += c, *(Eight *)(sum + 3 * width) += d;
+    *(Eight *)(sum + 8) += e, *(Eight *)(sum + width + 8) += f;
+    *(Eight *)(sum + 2 * width + 8) += g, *(Eight *)(sum + 3 * width + 8) += h;
+}
+
+static ALWAYS_INLINE void add_products(const float *rows, ptrdiff_t count, ptrdiff_t width, float *sums, const bool broad) {
     for (ptrdiff_t from = 0; from < count; from += AT_ONCE) {
-        const float *to = rows + width * (from + AT_ONCE < count ? from + AT_ONCE : count);
-        for (ptrdiff_t i = 0; i < width; i += 4)
-            for (ptrdiff_t j = i / LEDPI_WIDTH * LEDPI_WIDTH; j < width; j += LEDPI_WIDTH) {
-                Eight a = {0}, b = {0}, c = {0}, d = {0}; /* 4 × 8 sums */
-                for (const float *row = rows + from * width; row < to; row += width) {
-                    const Eight right = *(const Eight *)(row + j);
-                    a += row[i] * right, b += row[i + 1] * right, c += row[i + 2] * right, d += row[i + 3] * right;
-                }
-                float *sum = sums + i * width + j;
-                *(Eight *)sum += a, *(Eight *)(sum + width) += b;
-                *(Eight *)(sum + 2 * width) += c, *(Eight *)(sum + 3 * width) += d;
-            }
+        const float *first = rows + width * from, *to = rows + width * (from + AT_ONCE < count ? from + AT_ONCE : count);
+        for (ptrdiff_t i = 0; i < width; i += 4) {
+            ptrdiff_t j = i / LEDPI_WIDTH * LEDPI_WIDTH;
+            for (; broad && j + 2 * LEDPI_WIDTH <= width; j += 2 * LEDPI_WIDTH) add_broad(first, to, width, i, j, sums);
+            for (; j < width; j += LEDPI_WIDTH) add_narrow(first, to, width, i, j, sums);
+        }
     }
 }
+
+#if defined(__x86_64__) && defined(__GNUC__)
+__attribute__((target("avx,fma"))) static void add_by_fma(const float *rows, ptrdiff_t count, ptrdiff_t width, float *sums) {
+    add_products(rows, count, width, sums, true);
+}
+
+void ledpi_add_products(const float *rows, ptrdiff_t count, ptrdiff_t width, float *sums) {
+    if (__builtin_cpu_supports("fma"))
+        add_by_fma(rows, count, width, sums);
+    else
+        add_products(rows, count, width, sums, false);
+}
+#else
+void ledpi_add_products(const float *rows, ptrdiff_t count, ptrdiff_t width, float *sums) {
+    add_products(rows, count, width, sums, true);
+}
+#endif
 
 /* Gauss's elimination of the unknowns from … to − 1 of a symmetric matrix (size, size + 1), the last column being the
  * right side; only what is on and above the diagonal is used. Returns what these unknowns explain of the squares. Four
