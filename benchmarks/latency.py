@@ -3,8 +3,8 @@
 A still panel, so the place of its centre row is known, and with it the time from mid-exposure to the end of the
 frame's read-out, at which the recording delivers it. What a packet's age is more than that, is time that ledpi took:
 the frame's hand-over, decoding, and the wait for the line. Exit status 1 where the 99th percentile is more than the
-median decoding time (which the daemon reports) and --allow-ms. The pictures are stored uncompressed: a replay unpacks
-the next one while this one is decoded, on a core that a sensor would leave to the publisher.
+median decoding time (which the daemon reports) and --allow-ms. The pictures are stored uncompressed and in memory: a
+sensor needs neither a processor to unpack them nor a disk.
 
     python benchmarks/latency.py [--seconds 30] [--allow-ms 1]
 """
@@ -27,6 +27,7 @@ from ledpi.recording import load_recording
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 from daemon_material import controller, daemon, end, write_recording
 
+IN_MEMORY = Path("/dev/shm")  # where there is such a thing
 FRAMES = 600  # of the recording, which is repeated: in each first one, nothing is followed yet
 
 
@@ -58,7 +59,8 @@ def mid_exposure_to_ready_ms(take: Path, centre_row: float) -> float:
 
 def measure(seconds: float, *, frames: int = FRAMES, warm_up: int = 200, centre_row: float = 239.5) -> Latency:
     """Runs the daemon for so long after `warm_up` packets, with a receiver that reads all at once."""
-    with tempfile.TemporaryDirectory() as folder, controller() as line:
+    place = IN_MEMORY if IN_MEMORY.is_dir() else None
+    with tempfile.TemporaryDirectory(dir=place) as folder, controller() as line:
         take = Path(folder) / "take"
         write_recording(take, frames)  # a panel 1 m straight ahead: its centre is the picture's
         for picture in (take / "frames").iterdir():

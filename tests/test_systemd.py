@@ -72,6 +72,12 @@ def test_the_devices_that_the_daemon_needs_stay_usable() -> None:
     assert values("InaccessiblePaths") + values("TemporaryFileSystem") == []  # /run/udev is not hidden
 
 
+def test_frames_do_not_wait_for_other_work() -> None:
+    """The daemon runs before all that has no real-time priority, and after the kernel's threads for interrupts (50)."""
+    assert values("CPUSchedulingPolicy") == ["fifo"]
+    assert 1 <= int(*values("CPUSchedulingPriority")) < 50
+
+
 def test_a_mistake_of_the_owner_is_not_tried_again_but_a_failure_is() -> None:
     """Exit status 2 waits for a person; anything else is restarted, for ever."""
     assert (values("Restart"), values("RestartPreventExitStatus")) == (["on-failure"], ["2"])
