@@ -79,7 +79,7 @@ def fit_panel(
         unknown[GAIN:-1] = np.maximum(unknown[GAIN:-1], LEAST_GAIN * unknown[GAIN:-1].mean())
         unknown[BLUR] = np.clip(unknown[BLUR], math.log(LEAST_BLUR_PX), math.log(MOST_BLUR_PX))
         unknown[GAP] = np.clip(unknown[GAP], 0.0, MOST_GAP)
-        if most < SETTLED or round_number == rounds - 1:
+        if (round_number > 0 and most < SETTLED) or round_number == rounds - 1:  # the first is with usual gains
             break
     sigma = _corner_sigma(matrix, homography)
     if lens is None:

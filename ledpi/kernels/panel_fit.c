@@ -331,7 +331,7 @@ int ledpi_fit_panel(const float *light, ptrdiff_t rows, ptrdiff_t columns, doubl
             unknown[GAIN + i] = fmax(unknown[GAIN + i], LEAST_GAIN * usual);
         unknown[BLUR] = fmin(fmax(unknown[BLUR], log(LEAST_BLUR_PX)), log(MOST_BLUR_PX));
         unknown[GAP] = fmin(fmax(unknown[GAP], 0.0), MOST_GAP);
-        if (most < SETTLED || round == rounds - 1) {
+        if ((round > 0 && most < SETTLED) || round == rounds - 1) { /* the first is with gains as they usually are */
             result[3] = corner_sigma(matrix, size, h) * (lens ? lens->fx : 1.0);
             break;
         }
