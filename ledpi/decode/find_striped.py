@@ -1,12 +1,8 @@
 """Finds what may be a panel in a picture that is exposed so shortly that dark bands cut panels into pieces.
 
-Where both classes' bands are deep, each column of a panel is bright and dark by turns, and hardly anything else is: a
-place is a panel's if any window of rows around it, as high as the longest dark band, holds both. What stands out from
-that is what is seen so from some of these rows only: the edges of other things.
-
-Where one class's bands are shallow, what is lit is bright within a window around it; dark bands are bridged along the
-columns. A window that reaches as far as the bridges do holds back what is only brighter than a panel's dark frame:
-wherever a bridge could lead from a panel, the panel's own light sets the threshold.
+Each column of a panel is bright and dark by turns, and hardly anything else is: a place is a panel's if every window
+of rows around it, as high as the longest dark band, holds both. Edges of other things are seen from some of these
+windows only. What holds both is as bright as what is brightest near by, too.
 
 Bands are as high on a near panel as on a far one, so one picture of half the size serves for all. Bands also cut
 corners off, so a rough square is the smallest four-sided figure around what is lit.
@@ -34,15 +30,14 @@ from ledpi.tone import linear_light
 
 STRIPED_CONTRAST = 0.5  # bands deeper than this cut a panel into pieces
 SCALE = 2  # pixels of the picture in one of the half-sized
-# Of the way from the darkest to the brightest code: by the first, far panels keep their corners; by the second, half of
-# the light once codes are sRGB, what is beside a near panel does not grow together with it.
-THRESHOLDS = 0.5, 0.7
-MIN_CONTRAST = 16  # codes: less is noise and texture
-# Of bright to dark, that is blinking: that, or this share of what the shallowest bands have.
-BLINKING, LEAST_OF_BANDS = 2.5, 0.75
+# Of bright to dark, that is blinking: that, or this share of what the shallowest bands have; or what the walls between
+# cells bring with them where a class's bands are gone.
+BLINKING, LEAST_OF_BANDS, WALLS = 2.5, 0.95, 1.3
 BRIGHT_SHARE = 2.5  # what is darker than the brightest near by by this is none of a panel
 OCTAVE = 20  # codes of twice the light
 LEAST_LIGHT = 0.01  # of full scale: less is as good as dark
+# Pixels of the half-sized picture, and share of a thing: what hangs on to it by less is another.
+LEAST_NECK, NECK = 3, 9
 MIN_PX = 4  # of the half-sized picture: less is a speck
 MIN_SOLIDITY = 0.6  # area over that of the convex hull; a corner may be dark
 MAX_OUTLINE = 12  # corners of an outline, of which four sides are chosen
@@ -58,9 +53,8 @@ class StripedFinder:
         self._specs = tuple(specs)
         self._smallest_px = smallest_px
         self._half = np.empty((max(1, height // SCALE), max(1, width // SCALE)), np.uint8)
-        self._brightest, self._darkest, self._most, self._least, self._threshold, self._lit, self._half_octaves = (
-            np.empty_like(self._half) for _ in range(7)
-        )
+        empty = (np.empty_like(self._half) for _ in range(5))
+        self._octaves, self._brightest, self._most, self._least, self._lit = empty
         self._brighten = np.round(255 * np.sqrt(np.arange(256) / 255)).astype(np.uint8)
 
     def find(self, frame: Frame) -> tuple[list[Candidate], list[Rejected]]:
@@ -73,15 +67,7 @@ class StripedFinder:
         bridge = (math.ceil(self.stripe_rows(frame) / SCALE) + 2) | 1
         found: list[Candidate] = []
         dropped: list[Rejected] = []
-        if self.is_cut(frame):
-            outlines = self._blinking(frame, bridge)
-        else:
-            window = np.ones((2 * bridge + 1, 2 * bridge + 1), np.uint8)
-            cv2.dilate(self._half, window, dst=self._brightest)
-            cv2.erode(self._half, window, dst=self._darkest)
-            cv2.add(self._darkest, MIN_CONTRAST, dst=self._least)
-            outlines = [outline for share in THRESHOLDS for outline in self._bright(share, bridge)]
-        for outline in outlines:
+        for outline in self._blinking(frame, bridge):
             result = self._candidate(outline)
             if isinstance(result, Candidate):
                 found.append(result)
@@ -103,21 +89,13 @@ class StripedFinder:
             for spec in self._specs
         )
 
-    def is_cut(self, frame: Frame) -> bool:
-        """Whether the bands of both classes are so deep that they cut panels."""
-        return all(
-            shutter.contrast(hz, frame.exposure_us, spec.duty) > STRIPED_CONTRAST
-            for spec in self._specs
-            for hz in (spec.black_hz, spec.white_hz)
-        )
-
     def _blinking(self, frame: Frame, bridge: int) -> list[Pixels]:
         """Outlines of what is bright and dark within every `bridge` rows of each column."""
-        ratio = min(BLINKING, LEAST_OF_BANDS * self._shallowest(frame))
-        cv2.LUT(self._half, _octaves(frame.transfer), dst=self._half_octaves)
+        ratio = min(BLINKING, max(WALLS, LEAST_OF_BANDS * self._shallowest(frame)))
+        cv2.LUT(self._half, _octaves(frame.transfer), dst=self._octaves)
         column, lit = np.ones((bridge, 1), np.uint8), self._lit
-        cv2.dilate(self._half_octaves, column, dst=self._most)
-        cv2.erode(self._half_octaves, column, dst=self._least)
+        cv2.dilate(self._octaves, column, dst=self._most)
+        cv2.erode(self._octaves, column, dst=self._least)
         cv2.subtract(self._most, self._least, dst=self._least)
         cv2.dilate(self._most, np.ones((bridge, 2 * bridge + 1), np.uint8), dst=self._brightest)
         cv2.subtract(self._brightest, self._most, dst=self._most)
@@ -138,25 +116,25 @@ class StripedFinder:
         )
         return (1 + depth) / max(1 - depth, 1e-3)
 
-    def _bright(self, share: float, bridge: int) -> list[Pixels]:
-        """Outlines of what is bright within a window, dark bands bridged."""
-        cv2.addWeighted(self._brightest, share, self._darkest, 1.0 - share, 0.0, dst=self._threshold)
-        cv2.max(self._threshold, self._least, dst=self._threshold)
-        lit = self._lit
-        cv2.compare(self._half, self._threshold, cv2.CMP_GT, dst=lit)
-        across = (bridge // 2) | 1
-        cv2.morphologyEx(lit, cv2.MORPH_CLOSE, np.ones((bridge, 1), np.uint8), dst=lit)  # dark bands
-        cv2.morphologyEx(lit, cv2.MORPH_CLOSE, np.ones((1, across), np.uint8), dst=lit)  # walls between cells
-        return self._outlines()
-
     def _outlines(self) -> list[Pixels]:
-        lit = self._lit
-        cv2.morphologyEx(lit, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8), dst=lit)  # what bridges led to
-        outlines, levels = cv2.findContours(lit, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
-        if not outlines:
-            return []
-        # A panel in its dark frame may be enclosed by a bright wall, all around: only outlines of holes are none.
-        return [outline for outline, level in zip(outlines, levels[0], strict=True) if level[3] < 0]
+        """Of all that is lit, without what hangs on to it by less than a share of its size."""
+        cv2.morphologyEx(self._lit, cv2.MORPH_OPEN, np.ones((LEAST_NECK, LEAST_NECK), np.uint8), dst=self._lit)
+        found, levels = cv2.findContours(self._lit, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+        outlines: list[Pixels] = []
+        for outline, level in zip(found, levels[0] if found else (), strict=True):
+            x, y, width, height = cv2.boundingRect(outline)
+            neck = min(width, height) // NECK
+            if level[3] >= 0:  # of a hole; in one of a wall there may be a panel, in its dark frame
+                continue
+            if neck <= LEAST_NECK:
+                outlines.append(outline)
+                continue
+            filled = np.zeros((height, width), np.uint8)
+            cv2.fillPoly(filled, [outline - (x, y)], 255)
+            cv2.morphologyEx(filled, cv2.MORPH_OPEN, np.ones((neck, neck), np.uint8), dst=filled)
+            parts, _ = cv2.findContours(filled, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE, offset=(x, y))
+            outlines.extend(parts)
+        return outlines
 
     def _has_contrast(self, x: int, y: int, width: int, height: int) -> bool:
         """Whether any two places in a box are as bright and as dark as a panel has them."""
