@@ -192,8 +192,7 @@ class Pipeline:
     def _look(self, frame: Frame, stripe_rows: float, work: Results, *, again: bool) -> list[Quad]:
         """The squares that candidates lead to; of those that only come to light when a frame is looked at `again`."""
         start = self._clock()
-        finder = self._striped_finder if stripe_rows else self._finder
-        found, dropped = self._finder.find_again() if again else finder.find(frame)
+        found, dropped = self._finder.find_again() if again else self._find(frame, stripe_rows)
         candidates = [c for c in found if not self._tracker.is_followed(c.centre_px, c.side_px)]
         work.rejected.extend(dropped)
         if work.trace is not None:
@@ -208,6 +207,16 @@ class Pipeline:
             if isinstance(quad, Rejected):
                 work.reject(sought, quad)
         return [quad for _, quad in results if isinstance(quad, Quad)]
+
+    def _find(self, frame: Frame, stripe_rows: float) -> tuple[list[Candidate], list[Rejected]]:
+        """What may be a panel, and what was dropped; where bands cut panels into pieces, what blinks."""
+        if not stripe_rows:
+            return self._finder.find(frame)
+        found, dropped = self._striped_finder.find(frame)
+        if not self._striped_finder.is_cut(frame):  # then it may also be seen whole
+            whole, dropped_too = self._finder.find(frame)
+            found, dropped = found + whole, dropped + dropped_too
+        return found, dropped
 
     def _squares(self, frame: Frame, candidates: list[Candidate]) -> list[tuple[Floats, Quad | Rejected]]:
         """The lit square of each candidate, or why there is none, beside where it was sought."""

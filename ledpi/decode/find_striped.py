@@ -28,7 +28,7 @@ from ledpi.kernels.library import compiled
 from ledpi.records import Floats, Frame, PanelSpec, Pixels, Rejected, Transfer
 from ledpi.tone import linear_light
 
-STRIPED_CONTRAST = 0.5  # bands deeper than this cut a panel into pieces
+STRIPED_CONTRAST = 0.8  # bands deeper than this cut a panel into pieces: of others the darkest rows, too, show its rim
 SCALE = 2  # pixels of the picture in one of the half-sized
 # Of bright to dark, that is blinking: that, or this share of what the shallowest bands have; or what the walls between
 # cells bring with them where a class's bands are gone.
@@ -87,6 +87,14 @@ class StripedFinder:
                 if shutter.contrast(hz, frame.exposure_us, spec.duty) > STRIPED_CONTRAST
             )
             for spec in self._specs
+        )
+
+    def is_cut(self, frame: Frame) -> bool:
+        """Whether the bands of both classes are so deep that they cut panels."""
+        return all(
+            shutter.contrast(hz, frame.exposure_us, spec.duty) > STRIPED_CONTRAST
+            for spec in self._specs
+            for hz in (spec.black_hz, spec.white_hz)
         )
 
     def _blinking(self, frame: Frame, bridge: int) -> list[Pixels]:

@@ -32,6 +32,7 @@ LOOK_ROUNDS, ROUNDS = 3, 6  # of a first fit, by few points, and of the last
 # Of the light's squares, that a panel's picture explains: 0.94 and more of panels from 0.4 to 4 m, and of those made of
 # photographs; to begin with, less.
 MIN_FITTED, MIN_ROUGHLY = 0.9, 0.75
+MAX_SIGMA = 0.007  # of the side: a panel's lattice tells its corners to a tenth of that nearby, to half at 4 m
 MARGIN = 0.05  # of the side, around it: by how much it may be off
 
 
@@ -122,7 +123,7 @@ def _square_near(
     side = math.sqrt(abs(areas(near)))
     window = Window.around(frame, near[None], MARGIN * side + MARGIN_PX)
     fit = _fit(window, near, cells, specs, intrinsics, ROUNDS)
-    if isinstance(fit, Rejected) or fit.explained < MIN_FITTED:
+    if isinstance(fit, Rejected) or fit.explained < MIN_FITTED or not fit.sigma_px < MAX_SIGMA * side:
         return NO_BANDS
     bend = bends(fit.corners[None], intrinsics)
     return checked(frame, fit.corners, fit.sigma_px, float(np.abs(bend.imag).max()))
