@@ -1,6 +1,7 @@
 """A ROS 2 node: ledpi's fixes as geometry_msgs/PoseWithCovarianceStamped on /ledpi/pose, frame `map`.
 
-Not run with ROS yet: what fills the message is tested, the node around it is not.
+Not run with ROS yet. The tests run it with stand-ins for rclpy; what `pose_fields` gives was put into a message by the
+definitions of ROS 2 Humble and Jazzy, serialised, and read back the same (rosbags 0.11).
 
     python examples/ros2_node.py /dev/ttyUSB0
 """
