@@ -319,7 +319,7 @@ def test_what_is_certain_is_not_drawn() -> None:
     codebook = soft.Codebook.build(list(range(50)), DICTIONARY, spec)
     for nats, chance in ((3 * ENOUGH_NATS, 1.0), (ENOUGH_NATS / 20, 0.0)):
         known = even_evidence(nats / 0.05**2, 0.05)
-        assert chance_of_reading(known, codebook, (0.05, 0.05), soft.FALSE_ID_RATE_ALONE, draws=100) == chance
+        assert chance_of_reading(known, codebook, (0.05, 0.05), soft.FALSE_ID_RATE, draws=100) == chance
 
 
 def test_periods_in_a_cell() -> None:
@@ -365,7 +365,7 @@ def test_antiphase_is_read_where_two_frequencies_are_not() -> None:
     two = proposal_at(asked, 1250.0, 2450.0, 504, views)
     antiphase, pair = (reach_of(asked, proposal, DICTIONARY, views) for proposal in (one, two))
     assert antiphase.alone[0] > 0.85 > 0.75 > pair.alone[0]
-    assert antiphase.stream[1] > 0.85 > 0.7 > pair.stream[1]
+    assert antiphase.stream[1] > 0.6 > 0.4 > pair.stream[1]
 
 
 def test_what_tells_antiphase_classes_apart_is_twice_the_bands() -> None:

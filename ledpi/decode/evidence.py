@@ -9,11 +9,12 @@ oscillator: one frequency, one phase (in antiphase both classes do, as `classes`
 known; but all cells are built alike and seen through one lens, so but for a gain g they all send the same to point s of
 their own, and across a border near s to a neighbour:
 
-    a[c, s] = g_c · p_s + Σ_n g_n · q_{n,s},    n: neighbours of c beyond a border near s; beyond the rim g is 0
+    a[c, s] = g_c · (p_s + Σ_m r_{m,s}) + Σ_n g_n · q_{n,s},    n: neighbours of c beyond a border near s
 
-For known gains that is linear in p and q, at each point by itself. What it can explain is taken off, and with it what a
-wrong gain and wrong corners would add (the picture's slope times the shift that each corner's error makes there). What
-is left is correlated with a cosine and a sine of each wave, in each cell.
+and m the sides near s where there is no neighbour: at a panel's rim stands no wall, or another one than between cells.
+For known gains that is linear in p, q and r, at each point by itself. What it can explain is taken off, and with it
+what a wrong gain and wrong corners would add (the picture's slope times the shift that each corner's error makes
+there). What is left is correlated with a cosine and a sine of each wave, in each cell.
 
 `single_frame` does so with one picture; `memory` over several frames, where a is learnt from the frames before.
 """

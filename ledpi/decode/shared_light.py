@@ -1,8 +1,9 @@
 """What the cells of a panel have in common: the light at a point of each, from itself and from across its borders.
 
 All cells are built alike and seen through one lens, so at each lattice point the light of all cells lies in the space
-that few unknowns span: the profile there, times each cell's own gain, and what the optics mix in of its neighbours',
-times theirs. An orthonormal basis of that space is what to project out (`evidence` has the equation).
+that few unknowns span: the profile there, times each cell's own gain; what the optics mix in of its neighbours', times
+theirs; and how else cells look at the panel's rim. An orthonormal basis of that space is what to project out
+(`evidence` has the equation).
 """
 
 from __future__ import annotations
@@ -22,6 +23,9 @@ Mask = NDArray[np.bool_]
 # How far across a cell's border its light reaches: lens, pixel and interpolation together have a standard deviation of
 # 0.8 to 1.1 px in a focused picture.
 BORDER_PX = 2.5
+# Neighbours of the same gain light up a border as the cell itself would. Where they add less than this share to what it
+# shows, that is far below the noise.
+ALIKE = 1e-3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,9 +48,12 @@ def _border_points(k: int, cell_px: float) -> int:
     return min(max(math.ceil((BORDER_PX - INSET * cell_px) / step - 0.5), 0), k // 2)
 
 
-# The cells whose light meets at a point, as (down, across) from its own: near a corner; near a side. The first two of
-# the former also serve near the left and the right side. Neighbours across a corner add too little to matter.
-_MEETINGS = [[(0, 0), (0, x), (y, 0)] for y in (-1, 1) for x in (-1, 1)] + [[(0, 0), (y, 0), (0, 1)] for y in (-1, 1)]
+# What lights up a point near one or two of its cell's sides, each given as (down, across): the cell itself, the
+# neighbour beyond each side, and at the panel's rim, where no wall stands or another one than between two cells, the
+# cell once more. Neighbours across a corner add too little to matter.
+_SIDES = ((-1, 0), (1, 0), (0, -1), (0, 1))
+_MEETINGS = (*(((y, 0), (0, x)) for y in (-1, 1) for x in (-1, 1)), *((side,) for side in _SIDES))
+_MET = 5  # columns of each meeting, the last two of those of one side being empty
 
 
 @cache
@@ -57,38 +64,39 @@ def sources_of(k: int, border: tuple[int, int]) -> Sources:
     column: list[int] = []
     first: list[int] = []
     for at, (y, x) in enumerate((y, x) for y in down for x in across):
-        meeting = 4 + (y > 0) if y and not x else 2 * (y > 0) + (x > 0)
-        count = 1 + (x != 0) + (y != 0)
+        sides = tuple(side for side in ((y, 0), (0, x)) if any(side))
+        count = 1 + 2 * len(sides)
+        begin = _MET * _MEETINGS.index(sides) if sides else 0
         first.append(len(point))
         point += [at] * count
-        column += [3 * meeting + i for i in range(count)]
+        column += range(begin, begin + count)
     return Sources(point=np.array(point), column=np.array(column), first=np.array(first))
 
 
 def _meeting(values: Singles, cells: int) -> Singles:
-    """(cells, 18): the values (cells,) of the cells that meet, in each of `_MEETINGS`; 0 beyond the rim."""
+    """(cells, 40): the values (cells,) of the cells that meet, in each of `_MEETINGS`; 0 where there is none."""
     return np.append(values, np.float32(0)).take(meeting_cells(cells))
 
 
 @cache
 def meeting_cells(cells: int) -> Integers:
-    """(cells, 18): which cells meet there; beyond the rim there is one more."""
-    around = np.full((cells + 2, cells + 2), cells * cells)
-    around[1:-1, 1:-1] = np.arange(cells * cells).reshape(cells, cells)
-    met = [around[1 + y : 1 + y + cells, 1 + x : 1 + x + cells].reshape(-1) for m in _MEETINGS for y, x in m]
-    return np.stack(met, axis=1)
+    """(cells, 40): which cells meet there; where there is none, one more than all."""
+    none = cells * cells
+    own = np.arange(none).reshape(cells, cells)
+    around = np.pad(own, 1, constant_values=none)
+    columns = []
+    for sides in _MEETINGS:
+        beyond = [around[1 + y : 1 + y + cells, 1 + x : 1 + x + cells] for y, x in sides]
+        at_rim = [np.where(there == none, own, none) for there in beyond]
+        empty = [np.full_like(own, none)] * (_MET - 1 - 2 * len(sides))
+        columns += [each.reshape(-1) for each in (own, *beyond, *at_rim, *empty)]
+    return np.stack(columns, axis=1)
 
 
 def shared_light(gain: Singles, cells: int) -> Singles:
-    """(cells, 18): for each of `_MEETINGS`, an orthonormal basis of what the cells may show at one point, whitened."""
-    shown = (_meeting(gain, cells) / np.sqrt(gain)[:, None]).reshape(len(gain), -1, 3)
-    own, second, third = (shown[:, :, i] for i in range(3))  # (cells, meetings) each; Gram and Schmidt
-    own /= np.sqrt((own * own).sum(axis=0))
-    second -= own * (own * second).sum(axis=0)
-    second /= np.maximum(np.sqrt((second * second).sum(axis=0)), 1e-6)
-    third -= own * (own * third).sum(axis=0) + second * (second * third).sum(axis=0)
-    third /= np.maximum(np.sqrt((third * third).sum(axis=0)), 1e-6)
-    return np.asarray(shown.reshape(len(gain), -1), np.float32)
+    """(cells, 40): for each of `_MEETINGS`, an orthonormal basis of what the cells may show at one point, whitened."""
+    shown = np.asarray(_meeting(gain, cells) / np.sqrt(gain)[:, None], np.float32)
+    return _orthonormal(shown, np.arange(0, shown.shape[1], _MET).repeat(_MET))
 
 
 def shared_blinking_light(
@@ -101,18 +109,21 @@ def shared_blinking_light(
     blinks_white = _meeting(white.astype(np.float32), cells)[:, sources.column] > 0
     light = np.where(blinks_white, lights[1][:, sources.point], lights[0][:, sources.point])
     columns = _meeting(gain, cells)[:, sources.column] * light / root[:, sources.point]
-    return _orthonormal(columns, sources)
+    return _orthonormal(columns, sources.first[sources.point])
 
 
-def _orthonormal(columns: Singles, sources: Sources) -> Singles:
-    """Those of each point made orthonormal among themselves (Gram and Schmidt), one after the other."""
-    rank = np.arange(len(sources.point)) - sources.first[sources.point]
+def _orthonormal(columns: Singles, first: Integers) -> Singles:
+    """(cells, P) made orthonormal among those that have the same `first` (P,) of them: Gram and Schmidt, one after the
+    other. 0 where one is all but the same as those before it."""
+    rank = np.arange(len(first)) - first
     done = columns.copy()
     for order in range(int(rank.max()) + 1):
         at = np.flatnonzero(rank == order)
-        own = done[:, at]
+        own = columns[:, at]
         for before in range(order):
-            other = done[:, sources.first[sources.point[at]] + before]
+            other = done[:, first[at] + before]
             own = own - other * (own * other).sum(axis=0)
-        done[:, at] = own / np.maximum(np.sqrt((own * own).sum(axis=0)), 1e-9)
+        left, whole = ((each * each).sum(axis=0) for each in (own, columns[:, at]))
+        unit = np.sqrt(np.maximum(left, np.float32(1e-18)))
+        done[:, at] = np.where(left > ALIKE**2 * whole, own / unit, np.float32(0))
     return done

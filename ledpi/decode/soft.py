@@ -14,6 +14,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
+from statistics import NormalDist
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +23,7 @@ from numpy.typing import NDArray
 from ledpi.decode.cells import CellSamples, Singles
 from ledpi.decode.evidence import Doubles, Evidence, believed_bands, is_deep
 from ledpi.decode.single_frame import single_evidence
-from ledpi.decode.words import Fit, likeliest, word_log_likelihoods
+from ledpi.decode.words import Fit, likeliest, of_neighbours
 from ledpi.markers import Dictionary
 from ledpi.records import Frame, PanelSpec, Rejected
 
@@ -33,14 +35,14 @@ AMBIGUOUS = Rejected(stage="soft", reason="ambiguous")
 INCONSISTENT = Rejected(stage="soft", reason="inconsistent_cells")
 IMPLAUSIBLE = Rejected(stage="soft", reason="implausible_depth")
 
-# A word is taken where it is likelier than whatever else the panel may be by this factor, which bounds the share of
-# wrong ones among what is taken. A stream has time to look again, so it asks for more; a frame that stands alone is
-# what the source paper counts, and all there is to go by.
-FALSE_ID_RATE, FALSE_ID_RATE_ALONE = 1e-6, 1e-5
-# Of the things that blink like a panel, the share that shows no word: a mirror image, a broken panel, another system.
-PRIOR_OF_NO_WORD = 0.01
-# In antiphase patterns are tried that differ in so many cells more than may be wrong: most that are no word are as near
-# to one, or to its negative.
+# The share of panels showing no word, but a pattern two or more cells away from every word, that are taken for one: in
+# single frames, at the distance where that is most frequent (`docs/evaluation.md`, How sure an ID is). What it costs at
+# 2 m and beyond is measured there, too.
+FALSE_ID_RATE = 1e-6
+# Patterns that are no word count as rivals as if they showed up as often as words: all of them alike, or those that
+# differ from a word in 2, 3 or 4 cells, evenly, which is more where panels have many cells.
+NEAR_DISTANCES, NEAREST = 3, 2
+# Patterns are tried that differ in up to so many cells: what differs in more is less likely than these.
 NEIGHBOURS = 3
 # No square wave leaves deeper bands than `shutter.harmonic_amplitude` of duty 0.5 by more than π/2 (a duty near 0), and
 # the classes of one panel are thinned alike by whatever light does not blink; where that is three times the panel's
@@ -65,7 +67,7 @@ class Codebook:
     ids: NDArray[np.int64]  # (W,)
     quarter_turns: NDArray[np.int64]  # (W,) clockwise
     white: Singles  # (W, cells) 1 where the class is white, 0 where black
-    correctable: int  # cells that may be wrong while the nearest word is still the right one
+    correctable: int  # cells that may be of the other class while it is still this word: one, if it can be corrected
     spec: PanelSpec
 
     @classmethod
@@ -78,7 +80,7 @@ class Codebook:
             ids=np.repeat(np.asarray(ids, np.int64), 4),
             quarter_turns=np.tile(np.arange(4), len(ids)),
             white=words.astype(np.float32),
-            correctable=dictionary.correctable_cells(spec.phase),
+            correctable=min(NEAREST - 1, dictionary.correctable_cells(spec.phase)),
             spec=spec,
         )
 
@@ -112,7 +114,7 @@ def read_word(
     samples: CellSamples,
     frame: Frame,
     codebook: Codebook,
-    false_id_rate: float = FALSE_ID_RATE_ALONE,
+    false_id_rate: float = FALSE_ID_RATE,
     waves: Singles | None = None,
 ) -> Reading | Rejected:
     """The word that these samples show by themselves, or why none can be told. `waves`: their `class_waves`, if known.
@@ -146,7 +148,7 @@ def _is_contradicted(fit: Fit, codebook: Codebook, false_id_rate: float) -> bool
     A second look believes the word's cells, and so finds more of what it believes: it may settle what was open, but not
     what was decided against the word.
     """
-    return int((fit.gain > -math.log(false_id_rate)).sum()) > codebook.correctable
+    return int((fit.gain > odds_needed(false_id_rate)).sum()) > codebook.correctable
 
 
 def decide(evidence: Evidence, codebook: Codebook, false_id_rate: float) -> Reading | Rejected:
@@ -154,9 +156,19 @@ def decide(evidence: Evidence, codebook: Codebook, false_id_rate: float) -> Read
     return _judged(likeliest(evidence, codebook.white), evidence, codebook, false_id_rate)
 
 
+@cache
+def odds_needed(false_id_rate: float) -> float:
+    """The log odds at which so many are false, of two patterns where these cannot be told apart well or badly: ½z².
+
+    The log-likelihood ratio of what is shown to what is not is normal, with mean D and variance 2D. It is below −m, as
+    log odds of m for the other one ask for, by a chance that is greatest for D = m: Φ(−√(2m)).
+    """
+    return 0.5 * NormalDist().inv_cdf(false_id_rate) ** 2
+
+
 def _judged(fit: Fit, evidence: Evidence, codebook: Codebook, false_id_rate: float) -> Reading | Rejected:
     """The best word, if it stands against all its rivals."""
-    needed = -math.log(false_id_rate)
+    needed = odds_needed(false_id_rate)
     best, none, silent = fit.words[0], fit.likelihood[0], evidence.silent
     if none < needed:
         return NO_BANDS
@@ -195,7 +207,7 @@ def surest(readings: Sequence[Reading | Rejected], false_id_rate: float) -> Read
         return next(r for r in readings if isinstance(r, Rejected))
     best = read[0]
     ahead = min((best.likelihood - r.likelihood for r in read[1:] if r.id != best.id), default=math.inf)
-    if ahead < -math.log(false_id_rate):
+    if ahead < odds_needed(false_id_rate):
         return AMBIGUOUS
     return best if best.margin <= ahead else replace(best, margin=ahead)
 
@@ -247,22 +259,11 @@ def _odds_against_neighbours(
 ) -> float:
     """Log odds of a word against patterns a few cells off, each with the bands that fit it best.
 
-    With the word's bands a pattern that is really shown may look unlikely, where these are half as deep as its own. Of
-    two frequencies that hardly passes: the depths of two classes must agree. In antiphase it is looked for, from the
-    word outward, always to the likeliest of the patterns that differ in one more cell.
+    With the word's bands a pattern that is really shown may look unlikely: these are meant for other cells.
     """
-    if codebook.spec.phase == "free":
-        return math.inf
-    word = codebook.white[best]
     correctable = codebook.correctable_beside(silent, best)
-    here, others = word, -math.inf
-    for differ in range(1, correctable + NEIGHBOURS + 1):
-        near = np.abs(here - np.eye(len(word), dtype=np.float32))[(here == word) & ~silent]
-        likelihood = word_log_likelihoods(evidence, near)[0]
-        if differ > correctable:
-            others = float(np.logaddexp(others, np.logaddexp.reduce(likelihood)))
-        here = near[int(likelihood.argmax())]
-    return of_word - others + _prior_odds_of_word(codebook)
+    others = of_neighbours(evidence, codebook.white[best], correctable + 1, max(NEIGHBOURS, correctable + 1))
+    return of_word - others + _prior_odds_of_word(codebook) - int(np.count_nonzero(silent)) * math.log(2)
 
 
 def _odds_against_negative(of_negative: float, codebook: Codebook, of_word: float) -> float:
@@ -278,7 +279,8 @@ def _odds_against_negative(of_negative: float, codebook: Codebook, of_word: floa
 
 
 def _prior_odds_of_word(codebook: Codebook) -> float:
-    """Log odds, beforehand, of one word against one pattern that is none: evenly within either."""
-    word = math.log((1 - PRIOR_OF_NO_WORD) / len(codebook.ids))
+    """Log odds, beforehand, of one word against one pattern that is none, where words and others are as frequent."""
+    cells = int(codebook.white.shape[1])
     alike = 2 if codebook.spec.phase == "antiphase" else 1  # a pattern and its negative are one
-    return word - math.log(PRIOR_OF_NO_WORD) + int(codebook.white.shape[1]) * math.log(2) - math.log(alike)
+    all_even = cells * math.log(2) - math.log(alike * len(codebook.ids))
+    return min(all_even, math.log(NEAR_DISTANCES * math.comb(cells, NEAREST)))

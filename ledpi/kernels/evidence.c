@@ -6,7 +6,8 @@
 #include "cells.h"
 #include "wide.h"
 
-enum { MEETING = 18, MET = 3 }; /* ways in which cells meet at a point, MET of them together */
+enum { MEETING = 40, MET = 5 }; /* ways in which cells meet at a point, MET of them together */
+static const float ALIKE = 1e-3f; /* as in decode/shared_light.py */
 
 /* Sum of a[i]·b[i], i < wide, which is a multiple of 8. */
 static inline float product(const float *a, const float *b, ptrdiff_t wide) {
@@ -19,7 +20,7 @@ static inline float product(const float *a, const float *b, ptrdiff_t wide) {
 typedef struct {
     ptrdiff_t count;
     const int64_t *column, *first; /* (count,) of MEETING; (points,) */
-    const int64_t *met; /* (cells, MEETING), `cells` beyond the rim */
+    const int64_t *met; /* (cells, MEETING), `cells` where there is none */
 } Sources;
 
 /* What a first look has shown, all NULL where there was none: what each cell's bands make of an even light (cells,
@@ -90,16 +91,19 @@ static void levels(const Panel *panel, const Believed *believed, float *light, d
     }
 }
 
-/* Gram and Schmidt: `count` vectors (count, wide) made orthonormal, one after the other. */
+/* Gram and Schmidt: `count` vectors (count, wide) made orthonormal, one after the other; 0 where one is all but the same
+ * as those before it. */
 LEDPI_WIDE static void make_orthonormal(float *vectors, ptrdiff_t count, ptrdiff_t wide) {
     for (ptrdiff_t s = 0; s < count; s++) {
         float *own = vectors + s * wide;
+        const float whole = product(own, own, wide);
         for (const float *other = vectors; other < own; other += wide) {
             const float along = product(own, other, wide);
             for (ptrdiff_t c = 0; c < wide; c++) own[c] -= along * other[c];
         }
-        const float norm = 1.0f / fmaxf(sqrtf(product(own, own, wide)), 1e-9f);
-        for (ptrdiff_t c = 0; c < wide; c++) own[c] *= norm;
+        const float left = product(own, own, wide);
+        const float unit = left > ALIKE * ALIKE * whole ? 1.0f / sqrtf(fmaxf(left, 1e-18f)) : 0.0f;
+        for (ptrdiff_t c = 0; c < wide; c++) own[c] *= unit;
     }
 }
 

@@ -1,12 +1,17 @@
 /* How well words explain the evidence of a panel's cells, as in decode/words.py and soft.py, which say why. */
 #include <math.h>
+#include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "normal.h"
 #include "wide.h"
 
-enum { MOST = 4, NUMBERS = 5 }; /* parameters of a cell; what a cell says of one wave by itself: x, y; xx, xy, yy */
+enum {
+    MOST = 4, /* parameters of a cell */
+    NUMBERS = 5, /* what a cell says of one wave by itself: x, y; xx, xy, yy */
+    BEAM = 16, /* as in decode/words.py */
+};
 
 /* score (cells, parameters), information (cells, parameters, cells, parameters), prior (parameters,). */
 typedef struct {
@@ -203,4 +208,120 @@ ptrdiff_t ledpi_likeliest(ptrdiff_t cells, ptrdiff_t parameters, const double *s
     if (found) speak_against(&evidence, words + chosen[0] * cells, bands, shown, gain, negative, of_cells, matrix);
     free(matrix);
     return found;
+}
+
+/* Patterns near a word: what all cells that share its bands say of these, and how one cell's change changes that. */
+typedef struct {
+    double matrix[MOST][MOST], right[MOST]; /* of the word itself; the prior is in it */
+    double *change; /* (cells, parameters) of what a cell shows of each wave, when it is of the other class */
+    double *crossed; /* (cells, parameters, parameters) that change with what all cells of the word show */
+} Around;
+
+/* One pattern of these: which cells are changed, a bit for each, and the rest as above. */
+typedef struct {
+    int64_t changed;
+    double matrix[MOST][MOST], right[MOST];
+} Pattern;
+
+static void look_around(const Evidence *evidence, const float *word, double *shares, Around *around) {
+    const ptrdiff_t parameters = evidence->parameters, size = evidence->cells * parameters;
+    for (ptrdiff_t i = 0; i < size; i++) {
+        shares[i] = share_of(evidence, word[i / parameters], i % parameters);
+        around->change[i] = share_of(evidence, 1.0 - word[i / parameters], i % parameters) - shares[i];
+    }
+    gather(evidence, shares, around->matrix, around->right);
+    for (ptrdiff_t i = 0; i < parameters; i++) around->matrix[i][i] += 1.0 / evidence->prior[i];
+    for (ptrdiff_t i = 0; i < size; i++)
+        for (ptrdiff_t j = 0; j < parameters; j++) {
+            double sum = 0.0;
+            for (ptrdiff_t d = j; d < size; d += parameters) sum += evidence->information[i * size + d] * shares[d];
+            around->crossed[i * parameters + j] = around->change[i] * sum;
+        }
+}
+
+/* Puts one more cell of a pattern into the other class. */
+static void change_cell(const Evidence *evidence, const Around *around, ptrdiff_t cell, Pattern *pattern) {
+    const ptrdiff_t parameters = evidence->parameters, size = evidence->cells * parameters, at = cell * parameters;
+    const double *change = around->change;
+    for (ptrdiff_t i = 0; i < parameters; i++) {
+        const double *row = evidence->information + (at + i) * size;
+        pattern->right[i] += change[at + i] * evidence->score[at + i];
+        for (ptrdiff_t j = 0; j < parameters; j++) {
+            double sum = around->crossed[(at + i) * parameters + j];
+            for (int64_t left = pattern->changed; left; left &= left - 1) {
+                const ptrdiff_t other = __builtin_ctzll((uint64_t)left) * parameters + j;
+                sum += change[at + i] * row[other] * change[other];
+            }
+            pattern->matrix[i][j] += sum + change[at + i] * row[at + j] * change[at + j];
+            pattern->matrix[j][i] += sum;
+        }
+    }
+    pattern->changed |= INT64_C(1) << cell;
+}
+
+/* A pattern's log-likelihood ratio to "no bands", depth and phase integrated out. Cholesky's factors. */
+static double likelihood_of(const Evidence *evidence, const Pattern *pattern) {
+    double factor[MOST][MOST], solved[MOST], likelihood = 0.0, determinant = 1.0;
+    for (ptrdiff_t i = 0; i < evidence->parameters; i++) {
+        double right = pattern->right[i];
+        for (ptrdiff_t j = 0; j <= i; j++) {
+            double sum = pattern->matrix[i][j];
+            for (ptrdiff_t k = 0; k < j; k++) sum -= factor[i][k] * factor[j][k];
+            factor[i][j] = j < i ? sum / factor[j][j] : sqrt(sum);
+            if (j < i) right -= factor[i][j] * solved[j];
+        }
+        solved[i] = right / factor[i][i];
+        likelihood += 0.5 * solved[i] * solved[i];
+        determinant *= factor[i][i] * sqrt(evidence->prior[i]);
+    }
+    return likelihood - log(determinant);
+}
+
+static Pattern pattern_of(const Evidence *evidence, const Around *around, int64_t changed) {
+    Pattern pattern = {.changed = 0};
+    memcpy(pattern.matrix, around->matrix, sizeof pattern.matrix);
+    memcpy(pattern.right, around->right, sizeof pattern.right);
+    for (int64_t left = changed; left; left &= left - 1)
+        change_cell(evidence, around, __builtin_ctzll((uint64_t)left), &pattern);
+    return pattern;
+}
+
+/* Log of the sum of the likelihoods of patterns that differ from a word (cells,) in `nearest` to `furthest` cells, none
+ * of them `silent` (cells,), each with the bands that fit it best: from the word outward, those near the BEAM likeliest
+ * of the patterns one cell nearer. At most 64 cells. NaN where there is no memory. */
+LEDPI_WIDE double ledpi_of_neighbours(ptrdiff_t cells, ptrdiff_t parameters, const double *score,
+                                      const double *information, const double *prior, const float *word,
+                                      const uint8_t *silent, ptrdiff_t nearest, ptrdiff_t furthest) {
+    const Evidence evidence = {cells, parameters, score, information, prior};
+    const ptrdiff_t size = cells * parameters;
+    double *shares = malloc(sizeof(double) * (size_t)(size * (2 + parameters)) + sizeof(int64_t) * (size_t)(BEAM * cells));
+    if (!shares) return NAN;
+    Around around = {.change = shares + size, .crossed = shares + 2 * size};
+    look_around(&evidence, word, shares, &around);
+    int64_t *tried = (int64_t *)(shares + size * (2 + parameters)), here[BEAM] = {0}, next[BEAM];
+    double of[BEAM], most = -INFINITY, sum = 0.0;
+    for (ptrdiff_t differ = 1, known = 1; differ <= furthest; differ++) {
+        ptrdiff_t found = 0, count = 0;
+        for (ptrdiff_t n = 0; n < known; n++) {
+            const Pattern from = pattern_of(&evidence, &around, here[n]);
+            for (ptrdiff_t c = 0; c < cells; c++) {
+                const int64_t changed = here[n] | INT64_C(1) << c;
+                bool is_new = changed != here[n] && !silent[c];
+                for (ptrdiff_t i = 0; is_new && i < count; i++) is_new = tried[i] != changed;
+                if (!is_new) continue;
+                tried[count++] = changed;
+                Pattern pattern = from;
+                change_cell(&evidence, &around, c, &pattern);
+                const double own = likelihood_of(&evidence, &pattern);
+                found = put(changed, own, found, BEAM, next, of);
+                if (differ < nearest) continue;
+                if (own > most) sum = sum * exp(most - own) + 1.0, most = own;
+                else sum += exp(own - most);
+            }
+        }
+        memcpy(here, next, sizeof here);
+        known = found;
+    }
+    free(shares);
+    return most + log(sum);
 }

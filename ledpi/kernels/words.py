@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import math
 from itertools import accumulate, pairwise
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ledpi.kernels.library import INTEGER, POINTER, address, function
+from ledpi.kernels.library import DOUBLE, INTEGER, POINTER, address, function
 
 Singles = NDArray[np.float32]
 Doubles = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 _likeliest = function(
     "ledpi_likeliest", INTEGER, INTEGER, *(POINTER,) * 4, INTEGER, INTEGER, *(POINTER,) * 8, result=INTEGER
+)
+_of_neighbours = function(
+    "ledpi_of_neighbours", INTEGER, INTEGER, *(POINTER,) * 5, INTEGER, INTEGER, result=DOUBLE
 )
 
 
@@ -59,3 +64,22 @@ def likeliest(score: Doubles, information: Doubles, prior: Doubles, words: Singl
         negative=negative,
         of_cells=of_cells,
     )
+
+
+def of_neighbours(
+    score: Doubles, information: Doubles, prior: Doubles, word: Singles, silent: Mask, nearest: int, furthest: int
+) -> float:
+    """`of_neighbours` of decode/words.py; `word` and `silent` (cells,). Raises MemoryError."""
+    cells, parameters = score.shape
+    assert parameters in (2, 4)
+    assert cells <= 64
+    word, silent = np.ascontiguousarray(word), np.ascontiguousarray(silent)
+    found = float(
+        _of_neighbours(
+            *(cells, parameters, address(score), address(information), address(prior)),
+            *(address(word), address(silent), nearest, furthest),
+        )
+    )
+    if math.isnan(found):
+        raise MemoryError
+    return found

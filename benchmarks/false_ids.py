@@ -1,0 +1,122 @@
+"""Recognition against false IDs, one frame alone, by distance: what each rate that could be asked for costs and buys.
+
+Each take is another scene (`ledpi evaluate`'s suite beyond, any roll). What its panel shows is judged against itself, a
+word of DICT_4X4_50; and, as if that dictionary had other words, against each of the 120 patterns that differ from it in
+two cells and 120 of those that differ in three. These judgements are of decoys: panels that are two or three cells off.
+
+All patterns that are no word of DICT_4X4_50, evenly, have 0.39 words at two cells and 1.8 at three, and so many chances
+to be taken for one.
+
+    python benchmarks/false_ids.py [--takes 100] [--seed 0] [--exposure-us 10000] [DISTANCE…]
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+from itertools import combinations
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import numpy as np
+
+from ledpi.config import PanelSettings, load_config
+from ledpi.decode.soft import Codebook, Reading, read_word
+from ledpi.evaluate.conditions import PLAIN, Condition
+from ledpi.evaluate.draw import draw_take
+from ledpi.evaluate.units import photographed, sensor_info
+from ledpi.markers import Bits
+from ledpi.pipeline import Pipeline
+from ledpi.records import Frame
+from ledpi.simulate.truth import scene_truth
+from ledpi.trace import Look, Trace
+
+CELLS, WORDS = 16, 200  # of DICT_4X4_50, each word turned four ways
+# How many of its words there are at a distance of two and of three cells from a pattern two or more away from all.
+CHANCES = {2: WORDS * 120 / 62_136, 3: WORDS * 560 / 62_136}
+RATES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
+
+
+def photographed_panel(
+    settings: PanelSettings, condition: Condition, seed: int, number: int
+) -> tuple[Frame, Look, Bits] | None:
+    """A frame, what was made of its panel, and what that shows as it is turned there; None where it was not found."""
+    take = draw_take(condition, settings, seed, number)
+    frame = next(photographed(take, take.scene, 1))
+    info = sensor_info(take.scene.sensor, 1.0)
+    trace = Trace()
+    Pipeline(info, settings, intrinsics=info.intrinsics, stream=False).decode(frame, trace)
+    true, word = scene_truth(take.scene, 0)[0].corners_px, take.scene.panels[0].word
+    for look in trace.looks:
+        off = [np.abs(np.roll(true, turns, axis=0) - look.quad.corners_px).max() for turns in range(4)]
+        if min(off) < 0.1 * np.linalg.norm(true[1] - true[0]):
+            return frame, look, np.rot90(word, -int(np.argmin(off))).ravel()
+    return None
+
+
+def rates_met(frame: Frame, look: Look, word: Bits, settings: PanelSettings) -> int:
+    """At how many of RATES what is seen is taken for this word, beside 199 that are as far from it as can be."""
+    far = np.repeat(~word[None], WORDS - 1, axis=0)
+    codebook = Codebook(
+        ids=np.array([0] + [1] * (WORDS - 1)),
+        quarter_turns=np.zeros(WORDS, np.int64),
+        white=np.concatenate([word[None], far]).astype(np.float32),
+        correctable=1,
+        spec=settings.spec(),
+    )
+    for met, rate in enumerate(RATES):
+        read = read_word(look.samples, frame, codebook, rate)
+        if not (isinstance(read, Reading) and read.id == 0):
+            return met
+    return len(RATES)
+
+
+def changed(word: Bits, cells: int, most: int, rng: np.random.Generator) -> list[Bits]:
+    """Patterns that differ from a word in so many cells."""
+    every = [list(each) for each in combinations(range(CELLS), cells)]
+    chosen = rng.permutation(len(every))[:most]
+    return [word ^ np.isin(np.arange(CELLS), every[i]) for i in chosen.tolist()]
+
+
+def main() -> None:
+    """Prints a line for each distance and rate."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("distances", nargs="*", type=float, default=[1.4, 2.0, 2.5, 3.0], metavar="DISTANCE")
+    parser.add_argument("--takes", type=int, default=100)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--exposure-us", type=float, default=10_000.0)
+    asked = parser.parse_args()
+    settings = load_config(None, ("panels.side_m=0.16",)).panels
+    print("| distance | rate asked for | recognised | decoys 2 cells off | 3 cells off | all patterns |")
+    print("|---|---|---|---|---|---|")
+    for distance_m in asked.distances:
+        condition = Condition(
+            suite="beyond",
+            case=PLAIN,
+            distance_m=distance_m,
+            angle_deg=0.0,
+            exposure_us=asked.exposure_us,
+            transfer="srgb",
+            any_roll=True,
+        )
+        own: list[int] = []
+        others: dict[int, list[int]] = {2: [], 3: []}
+        rng = np.random.default_rng(asked.seed)
+        for number in range(asked.takes):
+            seen = photographed_panel(settings, condition, asked.seed, number)
+            if seen is None:
+                own.append(0)
+                continue
+            frame, look, word = seen
+            own.append(rates_met(frame, look, word, settings))
+            for cells, met in others.items():
+                met += [rates_met(frame, look, each, settings) for each in changed(word, cells, 120, rng)]
+        for n, rate in enumerate(RATES):
+            share = {cells: float(np.mean(np.array(met) > n)) for cells, met in others.items()}
+            every = sum(CHANCES[cells] * share[cells] for cells in share)
+            taken = " | ".join(f"{of:.1e}" for of in (*share.values(), every))
+            print(f"| {distance_m:g} m | {rate:.0e} | {np.mean(np.array(own) > n):.1%} | {taken} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()

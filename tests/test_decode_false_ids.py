@@ -1,0 +1,115 @@
+"""How often a panel that shows no word is taken for one: as often as was asked for."""
+
+from __future__ import annotations
+
+import dataclasses
+from itertools import combinations
+
+import numpy as np
+import pytest
+from decode_material import SPEC, TRUE_10_MS_US, Canvas, quad, square, word
+
+from ledpi.decode.cells import CellSamples, sample_cells
+from ledpi.decode.evidence import Doubles, Evidence
+from ledpi.decode.single_frame import single_evidence
+from ledpi.decode.soft import Codebook, Reading, decide, odds_needed
+from ledpi.decode.words import of_neighbours, word_log_likelihoods
+from ledpi.dictionaries import load_dictionary
+from ledpi.kernels.library import COMPILED
+from ledpi.records import Frame
+
+DICTIONARY = load_dictionary("DICT_4X4_50")
+FLAT = np.arange(16)
+HARD_PX = 30.0  # a panel's side where patterns are mistaken most: 16 cm at 3.1 m
+
+
+def evidence_of(side: float, seed: int) -> Evidence:
+    """Of one frame of panel 7, anywhere in its bands."""
+    rng = np.random.default_rng(seed)
+    corners = square(310 + rng.uniform(), 240 + rng.uniform(), side, rng.uniform(-45, 45))
+    canvas = Canvas(exposure_us=TRUE_10_MS_US)
+    gains = 1 + 0.05 * rng.standard_normal((4, 4))
+    canvas.panel(corners, word(7), gains=gains, phases=(rng.uniform(), rng.uniform()))
+    frame: Frame = canvas.frame(seed)
+    samples = sample_cells(frame, quad(corners), 4)
+    assert isinstance(samples, CellSamples)
+    evidence = single_evidence(samples, frame, SPEC)
+    assert isinstance(evidence, Evidence)
+    return evidence
+
+
+def drawn_from(evidence: Evidence, rng: np.random.Generator) -> Evidence:
+    """As another frame would have it, if panel 7 had the bands that fit it best, and noise were all there is."""
+    flat = word(7).ravel().astype(np.float64)
+    _, bands, _ = word_log_likelihoods(evidence, flat[None].astype(np.float32))
+    shown = np.where(np.arange(4) < 2, 1 - flat[:, None], flat[:, None]) * bands[0]
+    matrix = evidence.information.reshape(64, 64)
+    values, vectors = np.linalg.eigh(matrix)
+    noise = vectors @ (np.sqrt(np.maximum(values, 0)) * rng.standard_normal(64))
+    score: Doubles = (matrix @ shown.ravel() + noise).reshape(16, 4)
+    return dataclasses.replace(evidence, score=score)
+
+
+def codebook_with(own: np.ndarray) -> Codebook:
+    """As if a dictionary of as many words as DICT_4X4_50 had this one, and none near it."""
+    return Codebook(
+        ids=np.array([0] + [1] * 199),
+        quarter_turns=np.zeros(200, np.int64),
+        white=np.concatenate([own[None], np.repeat(~own[None], 199, axis=0)]).astype(np.float32),
+        correctable=1,
+        spec=SPEC,
+    )
+
+
+def test_of_all_patterns_as_many_are_taken_for_a_word_as_was_asked_for() -> None:
+    """1 in 100, within a factor of 2: where most are, evenly over all patterns two or more cells off every word."""
+    rng, shown = np.random.default_rng(0), word(7).ravel()
+    # A pattern has so many words at a distance of two and three cells: those of DICT_4X4_50, by all that are none.
+    chances = {2: 200 * 120 / 62_136, 3: 200 * 560 / 62_136}
+    taken: dict[int, list[bool]] = {2: [], 3: []}
+    for seed in range(25):
+        evidence = drawn_from(evidence_of(HARD_PX, seed), rng)
+        for cells, found in taken.items():
+            every = list(combinations(range(16), cells))
+            for i in rng.permutation(len(every))[:60].tolist():
+                read = decide(evidence, codebook_with(shown ^ np.isin(FLAT, every[i])), 1e-2)
+                found.append(isinstance(read, Reading) and read.id == 0)
+    share = sum(chances[cells] * float(np.mean(found)) for cells, found in taken.items())
+    assert 0.005 < share < 0.02
+
+
+def test_what_is_asked_for_is_the_chance_where_two_patterns_are_mistaken_most() -> None:
+    """Log-likelihood ratios are normal with mean D, variance 2D: at the worst D so many are below −odds."""
+    needed = odds_needed(1e-2)
+    d = np.geomspace(0.5, 20, 30)[:, None]
+    ratios = d + np.sqrt(2 * d) * np.random.default_rng(0).standard_normal(200_000)
+    assert (ratios < -needed).mean(axis=1).max() == pytest.approx(1e-2, rel=0.1)
+
+
+@pytest.mark.parametrize("compiled", [pytest.param(True, marks=pytest.mark.skipif(not COMPILED, reason="")), False])
+def test_neighbours_are_summed_up_with_bands_of_their_own(compiled: bool) -> None:
+    """All 680 patterns that differ in two or three cells."""
+    evidence, own = evidence_of(40.0, 1), word(7).ravel()
+    near = [own ^ np.isin(FLAT, each) for cells in (2, 3) for each in combinations(range(16), cells)]
+    exact = float(np.logaddexp.reduce(word_log_likelihoods(evidence, np.array(near, np.float32))[0]))
+    found = of_neighbours(evidence, own.astype(np.float32), 2, 3, compiled=compiled)
+    assert found == pytest.approx(exact, abs=0.01)
+
+
+@pytest.mark.skipif(not COMPILED, reason="needs the compiled loops (a C compiler when ledpi was installed)")
+def test_neighbours_beside_a_silent_cell() -> None:
+    """A cell that gives no light is left as it is."""
+    evidence = evidence_of(40.0, 2)
+    score, information = evidence.score.copy(), evidence.information.copy()
+    score[5] = information[5] = information[:, :, 5] = 0.0
+    evidence = dataclasses.replace(evidence, score=score, information=information)
+    assert evidence.silent.tolist() == [cell == 5 for cell in range(16)]
+    own = word(7).ravel().astype(np.float32)
+    ours, theirs = (of_neighbours(evidence, own, 1, 3, compiled=compiled) for compiled in (True, False))
+    assert ours == pytest.approx(theirs)
+
+
+def test_a_pattern_two_cells_off_a_word_of_a_larger_grid_is_none() -> None:
+    """As in the smaller: one cell may be wrong, although the dictionary could correct three."""
+    assert Codebook.build([0], load_dictionary("DICT_5X5_50"), SPEC).correctable == 1
+    assert Codebook.build([0], DICTIONARY, SPEC).correctable == 1
