@@ -16,7 +16,7 @@ from ledpi.decode.bands import NO_SQUARE, BandsReader
 from ledpi.decode.cells import MIN_CELL_PX, CellSamples, sample_cells
 from ledpi.decode.edges import prepare, refine_quads
 from ledpi.decode.find import Candidate, Finder
-from ledpi.decode.find_striped import StripedFinder
+from ledpi.decode.find_striped import MIN_STRIPED_CELL_PX, StripedFinder
 from ledpi.decode.reader import Reader
 from ledpi.decode.spots import is_part_of, settle
 from ledpi.decode.striped import striped_near, striped_squares
@@ -90,7 +90,9 @@ class Pipeline:
         self._specs = tuple(spec for spec, _ in groups)
         smallest_px = self._cells * MIN_CELL_PX
         self._finder = Finder(camera.width, camera.height, smallest_px, self._cells)
-        self._striped_finder = StripedFinder(camera.width, camera.height, self._specs, smallest_px)
+        self._striped_finder = StripedFinder(
+            camera.width, camera.height, self._specs, self._cells * MIN_STRIPED_CELL_PX
+        )
         sides_m = {marker_id: panels.spec(marker_id).side_m for marker_id in range(len(dictionary.words))}
         self._placer = Placer(intrinsics, sides_m, stream=stream, robot=robot)
         self._tracker = Tracker(self._specs)

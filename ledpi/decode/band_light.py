@@ -134,6 +134,7 @@ class ClassWaves:
 
     tables: Singles  # (2, WAVE_STEPS) light of a row, over that of an exposure in which the lamp is on
     cycles_a_row: Floats  # (2,) of the picture
+    share: float  # of the squares of a panel's light, that its bands bring: 0.38 where they are full
 
 
 @lru_cache(maxsize=64)
@@ -147,7 +148,8 @@ def class_waves(spec: PanelSpec, exposure_us: float, row_time_us: float, shrink:
         each = [shutter.exposure_weight(cycles + row, hz * exposure_us * 1e-6, spec.duty) for row in around]
         mean = np.mean(each, axis=0)
         tables.append(mean / mean.max())
-    return ClassWaves(np.array(tables, np.float32), both_hz * (row_time_us * 1e-6))
+    share = float(np.mean([table.var() / np.square(table).mean() for table in tables]))
+    return ClassWaves(np.array(tables, np.float32), both_hz * (row_time_us * 1e-6), share)
 
 
 @lru_cache(maxsize=32)

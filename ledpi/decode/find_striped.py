@@ -38,6 +38,7 @@ OCTAVE = 20  # codes of twice the light
 LEAST_LIGHT = 0.01  # of full scale: less is as good as dark
 # Pixels of the half-sized picture, and share of a thing: what hangs on to it by less is another.
 LEAST_NECK, NECK = 3, 9
+MIN_STRIPED_CELL_PX = 3.0  # as roughly found: of smaller cells no lattice is seen through lens and pixel
 MIN_PX = 4  # of the half-sized picture: less is a speck
 MIN_SOLIDITY = 0.6  # area over that of the convex hull; a corner may be dark
 MAX_OUTLINE = 12  # corners of an outline, of which four sides are chosen

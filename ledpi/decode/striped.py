@@ -30,9 +30,10 @@ MOST_STARTS, APART = 4, 0.08  # of the side: what is nearer than that leads to t
 MOST_LOOKS = 40  # among the best of those that are tried
 LOOK_ROUNDS, ROUNDS = 3, 6  # of a first fit, by few points, and of the last
 # Of the light's squares, that a panel's picture explains: 0.94 and more of panels from 0.4 to 4 m, and of those made of
-# photographs; to begin with, less.
-MIN_FITTED, MIN_ROUGHLY = 0.9, 0.75
-MAX_SIGMA = 0.007  # of the side: a panel's lattice tells its corners to a tenth of that nearby, to half at 4 m
+# photographs. And deviation of the corners, as a share of the side: by a lattice they are known to 0.1 % nearby,
+# to 0.5 % at 4 m. After a first look, by few points, less; and what is clear then need not be sought elsewhere.
+MIN_FITTED, MIN_ROUGHLY, CLEAR = 0.9, 0.7, 0.12  # the last: of what the bands bring, that is not explained
+MAX_SIGMA, MAX_ROUGH_SIGMA, CLEAR_SIGMA = 0.007, 0.03, 0.005
 MARGIN = 0.05  # of the side, around it: by how much it may be off
 
 
@@ -107,9 +108,12 @@ def striped_square(
     bands = max(seen, key=lambda one: one.explained, default=None)
     if bands is None or bands.explained < MIN_EXPLAINED:
         return NO_BANDS
+    first = _look(window, near[0], cells, specs, intrinsics)
+    if isinstance(first, Fit) and _is_clear(first, window.waves_of(bands.spec).share):
+        return _square_near(frame, first.corners, cells, specs, intrinsics)
     light = BandLight.of(window, bands, cells, focal_px)
     likely = window.in_picture(_likely(light, window.within(near), stripe_rows / window.shrink))
-    fits = [_fit(window, at, cells, specs, intrinsics, LOOK_ROUNDS, roughly=True) for at in likely]
+    fits = [first, *(_look(window, at, cells, specs, intrinsics) for at in likely)]
     found = np.array([fit.corners for fit in fits if isinstance(fit, Fit)])
     if not len(found):
         return NO_BANDS
@@ -117,10 +121,30 @@ def striped_square(
     return _square_near(frame, found[best], cells, specs, intrinsics)
 
 
+def _look(
+    window: Window, near: Points, cells: int, specs: Sequence[PanelSpec], intrinsics: Intrinsics | None
+) -> Fit | Rejected:
+    """A first fit, by few points; from corners (4,) that may be a tenth of the side off."""
+    fit = _fit(window, near, cells, specs, intrinsics, LOOK_ROUNDS, roughly=True)
+    if isinstance(fit, Rejected):
+        return fit
+    is_one = fit.explained > MIN_ROUGHLY and fit.sigma_px < MAX_ROUGH_SIGMA * _side(fit.corners)
+    return fit if is_one else NO_BANDS
+
+
+def _is_clear(fit: Fit, share: float) -> bool:
+    """Whether no other fit can be better. `share`: of all light's squares, that bands bring."""
+    return fit.explained > 1 - CLEAR * share and fit.sigma_px < CLEAR_SIGMA * _side(fit.corners)
+
+
+def _side(corners: Points) -> float:
+    return math.sqrt(abs(areas(corners)))
+
+
 def _square_near(
     frame: Frame, near: Points, cells: int, specs: Sequence[PanelSpec], intrinsics: Intrinsics | None
 ) -> Quad | Rejected:
-    side = math.sqrt(abs(areas(near)))
+    side = _side(near)
     window = Window.around(frame, near[None], MARGIN * side + MARGIN_PX)
     fit = _fit(window, near, cells, specs, intrinsics, ROUNDS)
     if isinstance(fit, Rejected) or fit.explained < MIN_FITTED or not fit.sigma_px < MAX_SIGMA * side:
@@ -144,7 +168,7 @@ def _fit(
     if bands is None or bands.explained < MIN_EXPLAINED:
         return NO_BANDS
     fit = fitted(window, near, bands, cells, intrinsics, rounds=rounds, roughly=roughly)
-    return NO_BANDS if fit is None or fit.explained < MIN_ROUGHLY else fit
+    return fit or NO_BANDS
 
 
 def _likely(light: BandLight, near: Points, stripe: float) -> Points:
@@ -152,13 +176,13 @@ def _likely(light: BandLight, near: Points, stripe: float) -> Points:
     tried = np.concatenate([_other_sides(corners, first, stripe) for corners in near for first in (0, 1)])
     tried = tried[np.isfinite(tried).all(axis=1)]
     worth = light.explains(tried, rough_lattice(light.cells))
-    tried = np.concatenate([near, tried[np.argsort(-worth)[:MOST_LOOKS]]])
+    tried = np.concatenate([near, tried[np.argsort(-worth)[:MOST_LOOKS]]])  # the first of `near` has been looked at
     apart = np.abs(tried[:, None] - tried).max(axis=2) > APART * np.sqrt(np.abs(areas(tried)))[:, None]
     likely = [0]
     for k in range(1, len(tried)):
         if len(likely) < MOST_STARTS and apart[k, likely].all():
             likely.append(k)
-    chosen: Points = tried[likely]
+    chosen: Points = tried[likely[1:]]
     return chosen
 
 
