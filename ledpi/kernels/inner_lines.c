@@ -35,16 +35,20 @@ static void light_across(const Picture *picture, const Homography *homography, d
     const double *h = homography->h;
     double u, v;
     ledpi_line_place(i, cells, &u, &v);
-    for (int t = 0; t < T; t++) light[t] = 0.0;
+    const int by = i < half ? 0 : 1; /* across the line is along u, or along v */
+    double across[T];
+    for (int t = 0; t < T; t++) light[t] = 0.0, across[t] = reach * (t - REACH) / STEPS / (double)cells;
     for (int p = 0; p < PLACES; p++) {
-        double along = (FIRST_PLACE + (LAST_PLACE - FIRST_PLACE) * p / (PLACES - 1) - 0.5) / (double)cells;
+        const double along = (FIRST_PLACE + (LAST_PLACE - FIRST_PLACE) * p / (PLACES - 1) - 0.5) / (double)cells;
+        const double x = u + (by ? along : 0.0), y = v + (by ? 0.0 : along); /* on the line */
+        const double top = h[0] * x + h[1] * y + h[2], side = h[3] * x + h[4] * y + h[5], below = h[6] * x + h[7] * y + 1.0;
+        float columns[T], rows[T];
         for (int t = 0; t < T; t++) {
-            double across = reach * (t - REACH) / STEPS / (double)cells;
-            double x = u + (i < half ? across : along), y = v + (i < half ? along : across);
-            double scale = 1.0 / (h[6] * x + h[7] * y + 1.0);
-            light[t] += ledpi_light_between(picture, (float)((h[0] * x + h[1] * y + h[2]) * scale + moved.x),
-                                            (float)((h[3] * x + h[4] * y + h[5]) * scale + moved.y));
+            const double scale = 1.0 / (below + h[6 + by] * across[t]);
+            columns[t] = (float)((top + h[by] * across[t]) * scale + moved.x);
+            rows[t] = (float)((side + h[3 + by] * across[t]) * scale + moved.y);
         }
+        for (int t = 0; t < T; t++) light[t] += ledpi_light_between(picture, columns[t], rows[t]);
     }
     for (int t = 0; t < T; t++) light[t] /= PLACES;
 }

@@ -34,9 +34,9 @@ static void light_along(const Picture *picture, const Point corners[4], const do
             double along = (i + 0.5) / ALONG + first * cubics[i] + second * cubics[ALONG + i], total = 0.0;
             for (ptrdiff_t line = 0; line < 2 * cells; line++) {
                 double across = ((double)(line / 2) + (line % 2 ? ACROSS_SECOND : ACROSS_FIRST)) / (double)cells;
-                double u = axis ? across : along, v = axis ? along : across, w = h[6] * u + h[7] * v + h[8];
-                total += ledpi_light_between(picture, (float)((h[0] * u + h[1] * v + h[2]) / w),
-                                             (float)((h[3] * u + h[4] * v + h[5]) / w));
+                double u = axis ? across : along, v = axis ? along : across, scale = 1.0 / (h[6] * u + h[7] * v + h[8]);
+                total += ledpi_light_between(picture, (float)((h[0] * u + h[1] * v + h[2]) * scale),
+                                             (float)((h[3] * u + h[4] * v + h[5]) * scale));
             }
             into[i] = total / (2.0 * (double)cells);
             sum += into[i];
