@@ -19,6 +19,7 @@ from wire_material import decoded_now
 
 from ledpi.config import SerialSettings
 from ledpi.wire import FixMessage, MarkerMessage, Message, NoFix, Receiver, State, StatusMessage
+from ledpi.wire.codec import encode
 from ledpi.wire.line import SerialLine
 from ledpi.wire.publisher import Publisher
 
@@ -139,6 +140,27 @@ def test_the_age_runs_from_mid_exposure_to_the_first_byte(far_end: FarEnd, start
     assert isinstance(fix, FixMessage)
     status_on_the_line_us = 41 * 10 / 115200 * 1e6
     assert 30_000 <= fix.age_us <= (arrived_ns - mid_ns) / 1000 + status_on_the_line_us
+
+
+def test_the_age_counts_the_making_of_the_packet(
+    far_end: FarEnd, start: Start, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The clock is read before: on a computer that then takes 5 ms, no packet says that it left before it was made."""
+
+    def slowly(message: Message, sequence: int) -> bytes:
+        time.sleep(0.005)
+        return encode(message, sequence)
+
+    monkeypatch.setattr("ledpi.wire.publisher.encode", slowly)
+    publisher = start(far_end.path)
+    far_end.read_until(lambda: len(far_end.messages) == 1)
+    for n in range(20):
+        mid_ns = time.monotonic_ns() - 30_000_000
+        publisher.publish(decoded_now(n, age_ms=30.0))
+        far_end.read_until(lambda n=n: n in far_end.marker_ids())  # type: ignore[misc]
+    last = far_end.of(MarkerMessage)[-1]
+    assert isinstance(last, MarkerMessage)
+    assert 35_000 <= last.age_us <= (far_end.arrived_ns[-1] - mid_ns) / 1000 + 5_000
 
 
 def test_the_age_counts_the_bytes_that_have_not_left(far_end: FarEnd, start: Start) -> None:

@@ -6,6 +6,7 @@ import json
 import logging
 import threading
 import time
+from collections import deque
 from dataclasses import dataclass
 
 from ledpi.config import SerialSettings
@@ -21,6 +22,7 @@ BACKOFF_FIRST_S = 0.1
 BACKOFF_LAST_S = 0.5  # a port that is back is found within this time
 GOODBYE_S = 0.4  # for the last status to leave; the whole daemon must end within 1 s
 JOIN_S = 1.0
+RECENT = 15  # packets that say how long it takes to make one
 
 _log = logging.getLogger("ledpi")
 
@@ -71,6 +73,7 @@ class Publisher:
         self._connected = False
         self._error: str | None = None
         self._sequence = 0
+        self._making_ns = deque([0], maxlen=RECENT)  # from the clock's reading, which is in the packet, to its writing
         self._thread = threading.Thread(target=self._run, name="publisher", daemon=True)
 
     def start(self) -> None:
@@ -156,17 +159,20 @@ class Publisher:
 
     def _send_next(self, line: SerialLine) -> None:
         with self._wake:
-            first_byte_ns = line.first_byte_ns(time.monotonic_ns())
+            now_ns = time.monotonic_ns()
+            first_byte_ns = line.first_byte_ns(now_ns + sorted(self._making_ns)[len(self._making_ns) // 2])
             message = self._outbox.take(first_byte_ns)
-        if message is not None and self._send(line, message, first_byte_ns):
+        if message is not None and self._send(line, message, now_ns, first_byte_ns):
             with self._wake:
                 self._written[type(message)] += 1
 
-    def _send(self, line: SerialLine, message: Message, first_byte_ns: int) -> bool:
+    def _send(self, line: SerialLine, message: Message, begun_ns: int, first_byte_ns: int) -> bool:
         frame = self._encode(message, first_byte_ns)
         if frame is None:
             return False
-        whole = line.write(frame, time.monotonic_ns())
+        now_ns = time.monotonic_ns()
+        self._making_ns.append(now_ns - begun_ns)
+        whole = line.write(frame, now_ns)
         if not whole:
             with self._wake:
                 self._cut += 1
@@ -190,7 +196,8 @@ class Publisher:
             message = self._outbox.stopping_status()
         while (wait_ns := line.busy_ns(time.monotonic_ns())) and time.monotonic_ns() + wait_ns < deadline_ns:
             time.sleep(wait_ns / 1e9)
-        if wait_ns == 0 and self._send(line, message, time.monotonic_ns()):
+        now_ns = time.monotonic_ns()
+        if wait_ns == 0 and self._send(line, message, now_ns, line.first_byte_ns(now_ns)):
             with self._wake:
                 self._written[StatusMessage] += 1
         while not line.is_drained(time.monotonic_ns()) and time.monotonic_ns() < deadline_ns:
