@@ -28,7 +28,7 @@ from ledpi.kernels.library import compiled
 from ledpi.records import Floats, Intrinsics
 
 BLUR, GAP, PHASE, SPOT, BESIDE, GAIN = 8, 9, 10, 12, 14, 18  # where in the unknowns; last is the darkness
-MARGIN_PX = 2.5  # of the grid around the panel: where its rim's light ends
+MARGIN_PX = 1.5  # of the grid around the panel: further out is what may be beyond its frame
 NEAR_BORDER_PX = np.arange(-2.0, 3.0)  # of the grid, about the borders of cells
 INSIDE = 4  # points along a cell, between these
 LEAST_PITCH_PX = 9.0  # of cells that are so large
@@ -111,7 +111,8 @@ def _grid(cells: int, pitch_px: float, roughly: bool) -> Floats:
     borders = np.arange(cells + 1)[:, None] + NEAR_BORDER_PX / pitch_px
     first = (NEAR_BORDER_PX[-1] + 1) / pitch_px
     inside = np.arange(cells)[:, None] + np.linspace(first, 1 - first, INSIDE)
-    return np.sort(np.concatenate([borders, inside], axis=None))
+    grid = np.sort(np.concatenate([borders, inside], axis=None))
+    return grid[(grid > -MARGIN_PX / pitch_px) & (grid < cells + MARGIN_PX / pitch_px)]
 
 
 @cache

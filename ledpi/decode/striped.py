@@ -16,7 +16,7 @@ import numpy as np
 from ledpi.decode.band_light import BandLight, Bands, Window, fine_lattice, have_contrast, rough_lattice
 from ledpi.decode.edges import checked
 from ledpi.decode.find import Candidate
-from ledpi.decode.panel_fit import MARGIN_PX, Fit, fitted
+from ledpi.decode.panel_fit import Fit, fitted
 from ledpi.decode.sides import OPPOSITE, Points, Sides, areas, as_points, bends
 from ledpi.records import Floats, Frame, Intrinsics, PanelSpec, Quad, Rejected
 
@@ -34,7 +34,7 @@ LOOK_ROUNDS, ROUNDS = 3, 6  # of a first fit, by few points, and of the last
 # to 0.5 % at 4 m. After a first look, by few points, less; and what is clear then need not be sought elsewhere.
 MIN_FITTED, MIN_ROUGHLY, CLEAR = 0.9, 0.7, 0.12  # the last: of what the bands bring, that is not explained
 MAX_SIGMA, MAX_ROUGH_SIGMA, CLEAR_SIGMA = 0.007, 0.03, 0.005
-MARGIN = 0.05  # of the side, around it: by how much it may be off
+MARGIN, MARGIN_PX = 0.05, 3.0  # of the side, and pixels, around it: by how much it may be off, and be blurred
 
 
 def striped_squares(
