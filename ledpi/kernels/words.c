@@ -240,50 +240,94 @@ static void look_around(const Evidence *evidence, const float *word, double *sha
 }
 
 /* Puts one more cell of a pattern into the other class. */
-static void change_cell(const Evidence *evidence, const Around *around, ptrdiff_t cell, Pattern *pattern) {
-    const ptrdiff_t parameters = evidence->parameters, size = evidence->cells * parameters, at = cell * parameters;
-    const double *change = around->change;
+static inline void change_cell(const Evidence *evidence, const Around *around, ptrdiff_t cell, Pattern *pattern,
+                               const ptrdiff_t parameters) {
+    const ptrdiff_t size = evidence->cells * parameters, at = cell * parameters;
+    const double *change = around->change + at;
+    double sums[MOST][MOST];
+    for (ptrdiff_t i = 0; i < parameters; i++)
+        for (ptrdiff_t j = 0; j < parameters; j++) sums[i][j] = around->crossed[(at + i) * parameters + j];
+    for (int64_t left = pattern->changed; left; left &= left - 1) {
+        const ptrdiff_t other = __builtin_ctzll((uint64_t)left) * parameters;
+        for (ptrdiff_t i = 0; i < parameters; i++)
+            for (ptrdiff_t j = 0; j < parameters; j++)
+                sums[i][j] += change[i] * evidence->information[(at + i) * size + other + j] * around->change[other + j];
+    }
     for (ptrdiff_t i = 0; i < parameters; i++) {
-        const double *row = evidence->information + (at + i) * size;
-        pattern->right[i] += change[at + i] * evidence->score[at + i];
-        for (ptrdiff_t j = 0; j < parameters; j++) {
-            double sum = around->crossed[(at + i) * parameters + j];
-            for (int64_t left = pattern->changed; left; left &= left - 1) {
-                const ptrdiff_t other = __builtin_ctzll((uint64_t)left) * parameters + j;
-                sum += change[at + i] * row[other] * change[other];
-            }
-            pattern->matrix[i][j] += sum + change[at + i] * row[at + j] * change[at + j];
-            pattern->matrix[j][i] += sum;
-        }
+        pattern->right[i] += change[i] * evidence->score[at + i];
+        for (ptrdiff_t j = 0; j < parameters; j++)
+            pattern->matrix[i][j] += sums[i][j] + sums[j][i] + change[i] * evidence->information[(at + i) * size + at + j] * change[j];
     }
     pattern->changed |= INT64_C(1) << cell;
 }
 
-/* A pattern's log-likelihood ratio to "no bands", depth and phase integrated out. Cholesky's factors. */
-static double likelihood_of(const Evidence *evidence, const Pattern *pattern) {
-    double factor[MOST][MOST], solved[MOST], likelihood = 0.0, determinant = 1.0;
-    for (ptrdiff_t i = 0; i < evidence->parameters; i++) {
-        double right = pattern->right[i];
-        for (ptrdiff_t j = 0; j <= i; j++) {
+/* A pattern's log-likelihood ratio to "no bands", depth and phase integrated out, but for what the prior's determinant
+ * adds. By the factors L·D·Lᵀ. */
+static inline double likelihood_of(const Pattern *pattern, const ptrdiff_t parameters) {
+    double factor[MOST][MOST], inverse[MOST], solved[MOST], likelihood = 0.0, determinant = 1.0;
+    for (ptrdiff_t i = 0; i < parameters; i++) {
+        double own = pattern->matrix[i][i], right = pattern->right[i];
+        for (ptrdiff_t j = 0; j < i; j++) {
             double sum = pattern->matrix[i][j];
-            for (ptrdiff_t k = 0; k < j; k++) sum -= factor[i][k] * factor[j][k];
-            factor[i][j] = j < i ? sum / factor[j][j] : sqrt(sum);
-            if (j < i) right -= factor[i][j] * solved[j];
+            for (ptrdiff_t k = 0; k < j; k++) sum -= factor[i][k] * factor[j][k] * inverse[k];
+            factor[i][j] = sum; /* times D */
+            own -= sum * sum * inverse[j];
+            right -= sum * inverse[j] * solved[j];
         }
-        solved[i] = right / factor[i][i];
-        likelihood += 0.5 * solved[i] * solved[i];
-        determinant *= factor[i][i] * sqrt(evidence->prior[i]);
+        inverse[i] = 1.0 / own;
+        solved[i] = right;
+        likelihood += right * right * inverse[i];
+        determinant *= own;
     }
-    return likelihood - log(determinant);
+    return 0.5 * (likelihood - log(determinant));
 }
 
-static Pattern pattern_of(const Evidence *evidence, const Around *around, int64_t changed) {
-    Pattern pattern = {.changed = 0};
-    memcpy(pattern.matrix, around->matrix, sizeof pattern.matrix);
-    memcpy(pattern.right, around->right, sizeof pattern.right);
-    for (int64_t left = changed; left; left &= left - 1)
-        change_cell(evidence, around, __builtin_ctzll((uint64_t)left), &pattern);
-    return pattern;
+/* Which patterns were met with, by their bits; more than are tried, and a power of 2. */
+enum { MET = 4096 };
+
+static inline bool is_new(int64_t *met, int64_t changed) {
+    for (uint64_t at = (uint64_t)changed * UINT64_C(0x9e3779b97f4a7c15) >> 52;; at = (at + 1) % MET) {
+        if (met[at] == changed) return false;
+        if (met[at]) continue;
+        met[at] = changed;
+        return true;
+    }
+}
+
+static inline double of_neighbours(const Evidence *evidence, const Around *around, const uint8_t *silent, int64_t *met,
+                                   ptrdiff_t nearest, ptrdiff_t furthest, const ptrdiff_t parameters) {
+    int64_t next[BEAM] = {0};
+    Pattern here[BEAM] = {{.changed = 0}};
+    double of[BEAM], most = -INFINITY, sum = 0.0;
+    memcpy(here[0].matrix, around->matrix, sizeof around->matrix);
+    memcpy(here[0].right, around->right, sizeof around->right);
+    for (ptrdiff_t differ = 1, known = 1; differ <= furthest; differ++) {
+        ptrdiff_t found = 0;
+        memset(met, 0, sizeof(int64_t) * MET);
+        for (ptrdiff_t n = 0; n < known; n++)
+            for (ptrdiff_t c = 0; c < evidence->cells; c++) {
+                const int64_t changed = here[n].changed | INT64_C(1) << c;
+                if (changed == here[n].changed || silent[c] || !is_new(met, changed)) continue;
+                Pattern pattern = here[n];
+                change_cell(evidence, around, c, &pattern, parameters);
+                const double own = likelihood_of(&pattern, parameters);
+                found = put(changed, own, found, BEAM, next, of);
+                if (differ < nearest || own < most - 50.0) continue; /* e⁻⁵⁰ of what is there is lost in rounding */
+                if (own > most) sum = sum * exp(most - own) + 1.0, most = own;
+                else sum += exp(own - most);
+            }
+        for (ptrdiff_t n = 0; n < found && differ < furthest; n++) {
+            memset(&here[n], 0, sizeof here[n]);
+            memcpy(here[n].matrix, around->matrix, sizeof around->matrix);
+            memcpy(here[n].right, around->right, sizeof around->right);
+            for (int64_t left = next[n]; left; left &= left - 1)
+                change_cell(evidence, around, __builtin_ctzll((uint64_t)left), &here[n], parameters);
+        }
+        known = found;
+    }
+    double of_prior = 0.0;
+    for (ptrdiff_t i = 0; i < parameters; i++) of_prior += 0.5 * log(evidence->prior[i]);
+    return most + log(sum) - of_prior;
 }
 
 /* Log of the sum of the likelihoods of patterns that differ from a word (cells,) in `nearest` to `furthest` cells, none
@@ -294,34 +338,13 @@ LEDPI_WIDE double ledpi_of_neighbours(ptrdiff_t cells, ptrdiff_t parameters, con
                                       const uint8_t *silent, ptrdiff_t nearest, ptrdiff_t furthest) {
     const Evidence evidence = {cells, parameters, score, information, prior};
     const ptrdiff_t size = cells * parameters;
-    double *shares = malloc(sizeof(double) * (size_t)(size * (2 + parameters)) + sizeof(int64_t) * (size_t)(BEAM * cells));
+    double *shares = malloc(sizeof(double) * (size_t)(size * (2 + parameters)) + sizeof(int64_t) * MET);
     if (!shares) return NAN;
     Around around = {.change = shares + size, .crossed = shares + 2 * size};
     look_around(&evidence, word, shares, &around);
-    int64_t *tried = (int64_t *)(shares + size * (2 + parameters)), here[BEAM] = {0}, next[BEAM];
-    double of[BEAM], most = -INFINITY, sum = 0.0;
-    for (ptrdiff_t differ = 1, known = 1; differ <= furthest; differ++) {
-        ptrdiff_t found = 0, count = 0;
-        for (ptrdiff_t n = 0; n < known; n++) {
-            const Pattern from = pattern_of(&evidence, &around, here[n]);
-            for (ptrdiff_t c = 0; c < cells; c++) {
-                const int64_t changed = here[n] | INT64_C(1) << c;
-                bool is_new = changed != here[n] && !silent[c];
-                for (ptrdiff_t i = 0; is_new && i < count; i++) is_new = tried[i] != changed;
-                if (!is_new) continue;
-                tried[count++] = changed;
-                Pattern pattern = from;
-                change_cell(&evidence, &around, c, &pattern);
-                const double own = likelihood_of(&evidence, &pattern);
-                found = put(changed, own, found, BEAM, next, of);
-                if (differ < nearest) continue;
-                if (own > most) sum = sum * exp(most - own) + 1.0, most = own;
-                else sum += exp(own - most);
-            }
-        }
-        memcpy(here, next, sizeof here);
-        known = found;
-    }
+    int64_t *met = (int64_t *)(shares + size * (2 + parameters));
+    const double found = parameters == 4 ? of_neighbours(&evidence, &around, silent, met, nearest, furthest, 4)
+                                         : of_neighbours(&evidence, &around, silent, met, nearest, furthest, 2);
     free(shares);
-    return most + log(sum);
+    return found;
 }
