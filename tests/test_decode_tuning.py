@@ -15,11 +15,11 @@ from ledpi.dictionaries import load_dictionary
 PERIOD_US = 16_969.7  # in which 1250 and 1262 Hz both advance by nearly 21 cycles, and 20 Hz by a third of one
 
 
-def proposals(announced: tuple[float, float], true: tuple[float, float]) -> list[Proposal]:
-    """Of 12 frames of panel 7, (black, white) in Hz."""
+def proposals(announced: tuple[float, float], true: tuple[float, float], frames: int = 12) -> list[Proposal]:
+    """Of so many frames of panel 7, (black, white) in Hz."""
     spec, shown = (dataclasses.replace(SPEC, black_hz=black, white_hz=white) for black, white in (announced, true))
     corners, seen = square(310.3, 240.6, 60, 4), []
-    for n in range(12):
+    for n in range(frames):
         canvas = Canvas()
         canvas.panel(corners, word(7), light=0.4, spec=shown, start_us=n * PERIOD_US)
         frame = dataclasses.replace(canvas.frame(n, seq=n), row0_readout_ns=round(1e9 + 1e3 * n * PERIOD_US))
@@ -36,6 +36,26 @@ def test_both_frequencies_come_first() -> None:
     assert first.measured
     assert (first.spec.black_hz, first.spec.white_hz) == pytest.approx((1262.0, 2431.0), abs=0.5)
     assert [other.measured for other in others] == [False] * 3
+
+
+def test_four_frames_are_enough() -> None:
+    """In 51 ms frequencies are told apart by a twentieth of the 20 Hz that this time resolves."""
+    first = proposals((1250.0, 2450.0), (1262.0, 2431.0), frames=4)[0]
+    assert first.measured
+    assert (first.spec.black_hz, first.spec.white_hz) == pytest.approx((1262.0, 2431.0), abs=3.0)
+
+
+def test_a_lamp_has_no_frequencies() -> None:
+    """Nothing stands out of its noise."""
+    corners, seen = square(310.3, 240.6, 60, 4), []
+    for n in range(4):
+        canvas = Canvas()
+        canvas.lamp(corners, 0.4)
+        frame = dataclasses.replace(canvas.frame(n, seq=n), row0_readout_ns=round(1e9 + 1e3 * n * PERIOD_US))
+        samples = sample_cells(frame, quad(corners), 4)
+        assert isinstance(samples, CellSamples)
+        seen.append(Seen(samples=samples, frame=frame))
+    assert propose_frequencies(seen, SPEC, Codebook.build(range(50), load_dictionary("DICT_4X4_50"), SPEC)) == []
 
 
 @pytest.mark.parametrize(

@@ -25,7 +25,7 @@ from ledpi.records import Frame, Pixels, Rejected
 # otherwise, and the margin has grown.
 READ_EVERY = 8
 # A track whose frames add up to nothing may blink at other frequencies. That is tried after every so many.
-TUNE_EVERY = 6
+TUNE_EVERY = 4
 # Frames that contradict each other make a track forget: one that remembers less than this does not add up.
 ADDS_UP_FRAMES = 4
 
@@ -54,7 +54,7 @@ class Reader:
     def read(self, track: Track, samples: CellSamples, frame: Frame) -> Outcome:
         """The word that a track shows with this frame, or why none can be told."""
         shown = track.shown
-        if shown is not None and self._is_as_expected(track, shown, samples, frame):
+        if shown is not None and not track.settling and self._is_as_expected(track, shown, samples, frame):
             return Outcome(reading=shown.reading, group=shown.group, denied=False)
         return self._read_anew(track, samples, frame)
 
@@ -84,6 +84,8 @@ class Reader:
         if shown is not None:
             denied = denies(added[shown.group], shown.reading.cell_bands)
             if denied:
+                if track.frames > ADDS_UP_FRAMES and not track.settling:
+                    track.forget_seen()  # they did add up: what is there now is something else, at any frequencies
                 track.begin_anew(self._only(track, samples, frame))
         group, reading = self._decide(track.memories, tuned=track.tuned is not None)
         young = 1 < track.frames <= TUNE_EVERY
@@ -94,7 +96,8 @@ class Reader:
             if isinstance(alone, Reading):
                 reading = alone
                 track.begin_anew(only)
-        if (isinstance(reading, Rejected) or track.frames < ADDS_UP_FRAMES) and track.looks >= TUNE_EVERY:
+        open_yet = isinstance(reading, Rejected) or track.frames < ADDS_UP_FRAMES or track.settling
+        if open_yet and track.looks >= TUNE_EVERY:
             track.looks = 0
             if self._tune(track):
                 group, reading = self._decide(track.memories, tuned=True)
@@ -152,7 +155,7 @@ class Reader:
                 # What the frames before have shown may be there no more.
                 if isinstance(reading, Reading) and not denies(added, reading.cell_bands):
                     track.memories = (*track.memories[:group], memory, *track.memories[group + 1 :])
-                    track.tuned = proposal
+                    track.tuned, track.tuned_by = proposal, len(track.seen)
                     return True
         return False
 

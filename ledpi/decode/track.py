@@ -61,6 +61,7 @@ class Track:
     seen: deque[Seen] = field(default_factory=lambda: deque(maxlen=SEEN_FRAMES))
     looks: int = 0  # since the last try to find its frequencies
     tuned: Proposal | None = None  # its frequencies, where they are others than announced
+    tuned_by: int = 0  # frames
     of_spots: bool = False  # as its last quad was
     hidden_px: Floats | float = 0.0  # (4, 2) from its corners to those of what was seen of it
 
@@ -75,6 +76,15 @@ class Track:
     def frames(self) -> int:
         """How many have shown it."""
         return self.memories[0].frames + self.confirmed
+
+    @property
+    def settling(self) -> bool:
+        """Whether its frequencies were told from a few frames, which is not exact enough for many more."""
+        return self.tuned is not None and self.tuned_by < SEEN_FRAMES
+
+    def forget_seen(self) -> None:
+        """All but the last frame: the others say nothing of what blinks here now."""
+        self.seen, self.looks = deque([self.seen[-1]], SEEN_FRAMES), 1
 
     def begin_anew(self, memories: tuple[PanelMemory, ...]) -> None:
         """What was seen here was something else, or does not add up."""

@@ -26,7 +26,7 @@ from ledpi.records import Frame, PanelSpec
 Complexes = NDArray[np.complex128]
 
 MAX_OFF = 0.012  # relative: of an RC oscillator that was trimmed by hand
-MIN_FRAMES = 6
+MIN_FRAMES = 4
 # The phases of the first and the last frame tell frequencies apart that differ by 1/time; a quarter of that is fine
 # enough for a parabola through three of them.
 STEPS_PER_CYCLE = 4.0
@@ -73,7 +73,8 @@ def propose_frequencies(seen: Sequence[Seen], spec: PanelSpec, codebook: Codeboo
     ]
     word = int(np.argmax(np.sum([power.max(axis=0) for _, power in searched], axis=0)))
     period_s = times_s[-1] / (len(seen) - 1)
-    peaks = tuple(_peak(frequencies, power[:, word]) for frequencies, power in searched)
+    noise = _noise(seen, residual, weight)
+    peaks = tuple(_peak(frequencies, power[:, word], noise) for frequencies, power in searched)
     if not any(peaks):
         return []
     frozen = [_frozen(hz, period_s) for hz in spec.waves_hz]
@@ -139,12 +140,19 @@ def _frozen(hz: float, period_s: float) -> float:
     return float(round(hz * period_s) / period_s)
 
 
-def _peak(frequencies: NDArray[np.float64], power: NDArray[np.float64]) -> float | None:
-    """Where a parabola through the highest and its neighbours has its top; None where nothing stands out of noise.
+def _noise(seen: Sequence[Seen], residual: NDArray[np.float64], weight: NDArray[np.float64]) -> float:
+    """What `_powers` makes of noise alone, on average: as if all that is left of the light were noise.
 
-    The power of noise alone is distributed exponentially: with a median of ln 2 of its mean.
+    A residual has the variance σ²/weight, so a sum over samples that it was weighted in has σ²·Σ weight.
     """
-    if power.max() < SIGNIFICANT * float(np.median(power)) / math.log(2):
+    frames, cells = len(seen), len(seen[-1].samples.light)
+    variance = float((np.square(residual) * weight).mean()) * frames / (frames - 1)
+    return frames * variance * float(weight.sum()) / cells / seen[-1].samples.independence
+
+
+def _peak(frequencies: NDArray[np.float64], power: NDArray[np.float64], noise: float) -> float | None:
+    """Where a parabola through the highest and its neighbours has its top; None where nothing stands out of `noise`."""
+    if power.max() < SIGNIFICANT * noise:
         return None
     top = int(np.clip(np.argmax(power), 1, len(power) - 2))
     before, here, after = power[top - 1 : top + 2].tolist()
