@@ -4,12 +4,10 @@
 #include "normal.h"
 #include "wide.h"
 
-#define ALWAYS_INLINE inline __attribute__((always_inline)) /* so that it is compiled for what calls it */
-
 enum { AT_ONCE = 64 }; /* rows whose 100 columns or so stay in the cache */
 
 /* 4 × 8 of the sums, at i and j. */
-static ALWAYS_INLINE void add_narrow(const float *rows, const float *to, ptrdiff_t width, ptrdiff_t i, ptrdiff_t j,
+static LEDPI_INLINE void add_narrow(const float *rows, const float *to, ptrdiff_t width, ptrdiff_t i, ptrdiff_t j,
                                      float *sums) {
     Eight a = {0}, b = {0}, c = {0}, d = {0};
     for (const float *row = rows; row < to; row += width) {
@@ -22,7 +20,7 @@ static ALWAYS_INLINE void add_narrow(const float *rows, const float *to, ptrdiff
 }
 
 /* 4 × 16 of them: fewer numbers are read for each product, where there are registers for so many. */
-static ALWAYS_INLINE void add_broad(const float *rows, const float *to, ptrdiff_t width, ptrdiff_t i, ptrdiff_t j,
+static LEDPI_INLINE void add_broad(const float *rows, const float *to, ptrdiff_t width, ptrdiff_t i, ptrdiff_t j,
                                     float *sums) {
     Eight a = {0}, b = {0}, c = {0}, d = {0}, e = {0}, f = {0}, g = {0}, h = {0};
     for (const float *row = rows; row < to; row += width) {
@@ -37,7 +35,7 @@ static ALWAYS_INLINE void add_broad(const float *rows, const float *to, ptrdiff_
     *(Eight *)(sum + 2 * width + 8) += g, *(Eight *)(sum + 3 * width + 8) += h;
 }
 
-static ALWAYS_INLINE void add_products(const float *rows, ptrdiff_t count, ptrdiff_t width, float *sums, const bool broad) {
+static LEDPI_INLINE void add_products(const float *rows, ptrdiff_t count, ptrdiff_t width, float *sums, const bool broad) {
     for (ptrdiff_t from = 0; from < count; from += AT_ONCE) {
         const float *first = rows + width * from, *to = rows + width * (from + AT_ONCE < count ? from + AT_ONCE : count);
         for (ptrdiff_t i = 0; i < width; i += 4) {

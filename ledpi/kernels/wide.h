@@ -13,4 +13,6 @@
 #define LEDPI_WIDE_BYTES
 #endif
 
+#define LEDPI_INLINE inline __attribute__((always_inline)) /* so that it is compiled for what calls it */
+
 #endif

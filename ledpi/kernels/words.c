@@ -42,7 +42,7 @@ static void put_numbers(const Evidence *evidence, double *numbers) {
 }
 
 /* A word's log-likelihood ratio to "no bands" as far as each cell tells by itself. `white` (cells,). */
-static inline double roughly_of(const Evidence *evidence, const double *numbers, const float *white, const ptrdiff_t waves) {
+static LEDPI_INLINE double roughly_of(const Evidence *evidence, const double *numbers, const float *white, const ptrdiff_t waves) {
     const ptrdiff_t each = waves * NUMBERS;
     const double *total = numbers + evidence->cells * each;
     double sum[MOST / 2 * NUMBERS] = {0}, squares = 0.0, det = 1.0;
@@ -68,7 +68,7 @@ LEDPI_WIDE static double roughly(const Evidence *evidence, const double *numbers
     return evidence->parameters == 4 ? roughly_of(evidence, numbers, white, 2) : roughly_of(evidence, numbers, white, 1);
 }
 
-static inline void gather_of(const Evidence *evidence, const double *shares, double matrix[MOST][MOST], double *right,
+static LEDPI_INLINE void gather_of(const Evidence *evidence, const double *shares, double matrix[MOST][MOST], double *right,
                              const ptrdiff_t parameters) {
     const ptrdiff_t size = evidence->cells * parameters;
     for (ptrdiff_t i = 0; i < parameters; i++) {
@@ -240,7 +240,7 @@ static void look_around(const Evidence *evidence, const float *word, double *sha
 }
 
 /* Puts one more cell of a pattern into the other class. */
-static inline void change_cell(const Evidence *evidence, const Around *around, ptrdiff_t cell, Pattern *pattern,
+static LEDPI_INLINE void change_cell(const Evidence *evidence, const Around *around, ptrdiff_t cell, Pattern *pattern,
                                const ptrdiff_t parameters) {
     const ptrdiff_t size = evidence->cells * parameters, at = cell * parameters;
     const double *change = around->change + at;
@@ -263,7 +263,7 @@ static inline void change_cell(const Evidence *evidence, const Around *around, p
 
 /* A pattern's log-likelihood ratio to "no bands", depth and phase integrated out, but for what the prior's determinant
  * adds. By the factors L·D·Lᵀ. */
-static inline double likelihood_of(const Pattern *pattern, const ptrdiff_t parameters) {
+static LEDPI_INLINE double likelihood_of(const Pattern *pattern, const ptrdiff_t parameters) {
     double factor[MOST][MOST], inverse[MOST], solved[MOST], likelihood = 0.0, determinant = 1.0;
     for (ptrdiff_t i = 0; i < parameters; i++) {
         double own = pattern->matrix[i][i], right = pattern->right[i];
@@ -294,7 +294,7 @@ static inline bool is_new(int64_t *met, int64_t changed) {
     }
 }
 
-static inline double of_neighbours(const Evidence *evidence, const Around *around, const uint8_t *silent, int64_t *met,
+static LEDPI_INLINE double of_neighbours(const Evidence *evidence, const Around *around, const uint8_t *silent, int64_t *met,
                                    ptrdiff_t nearest, ptrdiff_t furthest, const ptrdiff_t parameters) {
     int64_t next[BEAM] = {0};
     Pattern here[BEAM] = {{.changed = 0}};
