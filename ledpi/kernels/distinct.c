@@ -3,12 +3,10 @@
 
 #include "find.h"
 
-#define BLUR_MISFIT 0.002
-#define NEAR 0.25
-#define LIKE 0.7
-#define SAME_CORNERS 0.25
 
-static double cost(const Square *square) { return square->misfit + BLUR_MISFIT * square->tolerance_px; }
+static double cost(const Square *square, const Limits *limits) {
+    return square->misfit + limits->blur_misfit * square->tolerance_px;
+}
 
 /* From a corner of one square to the nearest of the other, at most. */
 static double farthest(const Square *a, const Square *b) {
@@ -22,24 +20,24 @@ static double farthest(const Square *a, const Square *b) {
     return most;
 }
 
-static bool same(const Square *a, const Square *b) {
+static bool same(const Square *a, const Square *b, const Limits *limits) {
     const double larger = fmax(a->side_px, b->side_px), smaller = fmin(a->side_px, b->side_px);
     double apart[2] = {0.0, 0.0};
-    if (!(smaller > LIKE * larger)) return false;
+    if (!(smaller > limits->like * larger)) return false;
     for (int k = 0; k < 8; k++) apart[k % 2] += 0.25 * (a->corners[k / 2][k % 2] - b->corners[k / 2][k % 2]);
-    return hypot(apart[0], apart[1]) < NEAR * larger && farthest(a, b) < SAME_CORNERS * larger;
+    return hypot(apart[0], apart[1]) < limits->near * larger && farthest(a, b) < limits->same_corners * larger;
 }
 
-ptrdiff_t ledpi_distinct(const Square *squares, ptrdiff_t count, ptrdiff_t *kept) {
+ptrdiff_t ledpi_distinct(const Square *squares, ptrdiff_t count, const Limits *limits, ptrdiff_t *kept) {
     ptrdiff_t distinct = 0;
     for (ptrdiff_t i = 0; i < count; i++) { /* in order, those that are alike as they came */
         ptrdiff_t at = i;
-        for (; at > 0 && cost(squares + kept[at - 1]) > cost(squares + i); at--) kept[at] = kept[at - 1];
+        for (; at > 0 && cost(squares + kept[at - 1], limits) > cost(squares + i, limits); at--) kept[at] = kept[at - 1];
         kept[at] = i;
     }
     for (ptrdiff_t i = 0; i < count; i++) {
         bool seen = false;
-        for (ptrdiff_t k = 0; k < distinct && !seen; k++) seen = same(squares + kept[i], squares + kept[k]);
+        for (ptrdiff_t k = 0; k < distinct && !seen; k++) seen = same(squares + kept[i], squares + kept[k], limits);
         if (!seen) kept[distinct++] = kept[i];
     }
     return distinct;

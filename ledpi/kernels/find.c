@@ -34,30 +34,38 @@ typedef struct {
     ptrdiff_t most_squares, distinct_count, member_count, at_border, not_four_sided, too_small;
 } Found;
 
-static void find_in(const Level *level, const uint8_t *lit, double smallest_px, ptrdiff_t least, ptrdiff_t most,
-                    const Room *room, ptrdiff_t *squares, Found *found) {
-    const Outlined outlined = ledpi_outlines(lit, level->height, level->width, level->shortest, room->runs, room->things,
-                                             room->points, room->points_room, room->outlines, room->spots, room->most);
+/* What is looked for: squares of at least `smallest_px`, and groups of `least_spots` to `most_spots` − 1. */
+typedef struct {
+    double smallest_px;
+    ptrdiff_t least_spots, most_spots;
+    Limits limits;
+} Wanted;
+
+static void find_in(const Level *level, const uint8_t *lit, const Wanted *wanted, const Room *room,
+                    ptrdiff_t *squares, Found *found) {
+    const Limits *const limits = &wanted->limits;
+    const Outlined outlined = ledpi_outlines(lit, level->height, level->width, level->shortest, limits, room->runs,
+                                             room->things, room->points, room->points_room, room->outlines, room->spots,
+                                             room->most);
+    const ptrdiff_t first = found->member_count;
     found->at_border += outlined.at_border;
     for (ptrdiff_t i = 0; i < outlined.outlines && *squares < found->most_squares; i++) {
         const Outline *const own = room->outlines + i;
         Square *const square = found->squares + *squares;
-        if (!ledpi_square_of(room->points + own->first, own, (double)level->scale, room->ends, room->hull, square))
+        if (!ledpi_square_of(room->points + own->first, own, (double)level->scale, limits, room->ends, room->hull, square))
             found->not_four_sided++;
-        else if (square->side_px < smallest_px)
+        else if (square->side_px < wanted->smallest_px)
             found->too_small++;
         else
             ++*squares;
     }
-    const ptrdiff_t first = found->member_count;
-    found->member_count += ledpi_groups(room->spots, outlined.spots, least, most, found->members + first, found->groups + first);
+    found->member_count += ledpi_groups(room->spots, outlined.spots, wanted->least_spots, wanted->most_spots, limits,
+                                        found->members + first, found->groups + first);
     for (ptrdiff_t i = first; i < found->member_count; i++) found->scales[i] = (double)level->scale;
 }
 
-/* In `levels` (count): squares of at least `smallest_px`, and groups of `least` to `most` − 1 spots, for which there is room
- * (MAX_SPOTS for each threshold). */
-void ledpi_find(const Level *levels, ptrdiff_t count, double smallest_px, ptrdiff_t least, ptrdiff_t most, const Room *room,
-                Found *found) {
+/* In `levels` (count) what is `wanted`, for which there is room (MAX_SPOTS for each threshold). */
+void ledpi_find(const Level *levels, ptrdiff_t count, const Wanted *wanted, const Room *room, Found *found) {
     ptrdiff_t squares = 0;
     found->member_count = found->at_border = found->not_four_sided = found->too_small = 0;
     for (const Level *level = levels; level < levels + count; level++) {
@@ -66,9 +74,10 @@ void ledpi_find(const Level *levels, ptrdiff_t count, double smallest_px, ptrdif
         ledpi_contrast(level->picture, height, width, room->window, room->above, room->contrast);
         for (ptrdiff_t k = 0; k < level->thresholds; k++) {
             /* Opened where the closing makes thin bridges to the surroundings. */
-            ledpi_lit(room->above, room->contrast, height, width, level->shares[k], level->scale > 2, room->melt, room->lit);
-            find_in(level, room->lit, smallest_px, least, most, room, &squares, found);
+            ledpi_lit(room->above, room->contrast, height, width, level->shares[k], &wanted->limits, level->scale > 2,
+                      room->melt, room->lit);
+            find_in(level, room->lit, wanted, room, &squares, found);
         }
     }
-    found->distinct_count = ledpi_distinct(found->squares, squares, found->distinct);
+    found->distinct_count = ledpi_distinct(found->squares, squares, &wanted->limits, found->distinct);
 }

@@ -7,6 +7,15 @@
 #include <stddef.h>
 #include <stdint.h>
 
+/* Constants of decode/lit.py, outlines.py, four_sides.py and spots.py, where they are explained. */
+typedef struct {
+    double min_contrast;
+    double narrowest, shortest_spot, longest_spot, min_area, min_lit;
+    double min_solidity, significant, alike, min_side, max_cut_off, max_misfit, pixel_misfit, slender, tolerance;
+    double blur_misfit, near, like, same_corners;
+    double link, like_spots;
+} Limits;
+
 /* ---- What is lit */
 
 enum { REACH = 6, SPAN = 2 * REACH + 1, ROWS = 32, STRIP = ROWS + 2 * REACH };
@@ -18,8 +27,8 @@ void ledpi_contrast(const uint8_t *picture, ptrdiff_t height, ptrdiff_t width, u
 
 /* What is `lit` (height, width), 0 or 255: more than `share` (in 256ths) of the contrast above the darkest; closed, and
  * `opened` after that. `room` (height, width) and (width + 2). */
-void ledpi_lit(const uint8_t *above, const uint8_t *contrast, ptrdiff_t height, ptrdiff_t width, int share, bool opened,
-               uint8_t *room, uint8_t *lit);
+void ledpi_lit(const uint8_t *above, const uint8_t *contrast, ptrdiff_t height, ptrdiff_t width, int share,
+               const Limits *limits, bool opened, uint8_t *room, uint8_t *lit);
 
 /* ---- Its outlines */
 
@@ -50,8 +59,9 @@ typedef struct {
 /* The outlines of what is lit in a picture of 0 and 255 (height, width), of things the way around whose box is not less than
  * `shortest`; and small things, which may be spots. `runs` (2, width), `things`, `outlines`, `spots` (most) are room, `most`
  * as many as there can be; `points` beyond `room` are left out, and the outlines that they belong to. */
-Outlined ledpi_outlines(const uint8_t *lit, ptrdiff_t height, ptrdiff_t width, int32_t shortest, Run *runs, Thing *things,
-                        int32_t (*points)[2], ptrdiff_t room, Outline *outlines, Spot *spots, ptrdiff_t most);
+Outlined ledpi_outlines(const uint8_t *lit, ptrdiff_t height, ptrdiff_t width, int32_t shortest, const Limits *limits,
+                        Run *runs, Thing *things, int32_t (*points)[2], ptrdiff_t room, Outline *outlines,
+                        Spot *spots, ptrdiff_t most);
 
 /* ---- The squares among them */
 
@@ -62,12 +72,12 @@ typedef struct {
 
 /* The square that an outline with `points` shows; false where it shows none. Pixels are `scale` of the frame's. `ends`
  * (height, 2) and `hull` (2 height + 2, 2) are room. */
-bool ledpi_square_of(const int32_t (*points)[2], const Outline *outline, double scale, int32_t (*ends)[2],
-                     double (*hull)[2], Square *square);
+bool ledpi_square_of(const int32_t (*points)[2], const Outline *outline, double scale, const Limits *limits,
+                     int32_t (*ends)[2], double (*hull)[2], Square *square);
 
 /* Of squares (count) those, in `kept` (count), that are of no thing which another fits better; the best first. Returns how
  * many. */
-ptrdiff_t ledpi_distinct(const Square *squares, ptrdiff_t count, ptrdiff_t *kept);
+ptrdiff_t ledpi_distinct(const Square *squares, ptrdiff_t count, const Limits *limits, ptrdiff_t *kept);
 
 /* ---- Spots side by side */
 
@@ -75,6 +85,7 @@ enum { MAX_SPOTS = 200 }; /* that are looked at: more is texture */
 
 /* The spots of each group of `least` to `most` − 1 that are alike and neighbours, one group after the other in `members`
  * (count), each with its number in `groups` (count), from 0. Returns how many spots these are. */
-ptrdiff_t ledpi_groups(const Spot *spots, ptrdiff_t count, ptrdiff_t least, ptrdiff_t most, Spot *members, double *groups);
+ptrdiff_t ledpi_groups(const Spot *spots, ptrdiff_t count, ptrdiff_t least, ptrdiff_t most, const Limits *limits,
+                       Spot *members, double *groups);
 
 #endif

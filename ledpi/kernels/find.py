@@ -10,17 +10,28 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ledpi.kernels.library import DOUBLE, INTEGER, POINTER, address, function
+from ledpi.decode import four_sides, lit, outlines, spots
+from ledpi.kernels.library import INTEGER, POINTER, address, function
 from ledpi.records import Floats, Pixels
 
-# As in find.h: pixels to either side of a window, rows that are looked at together, spots of one picture.
-REACH, STRIP, MAX_SPOTS = 6, 44, 200
+# As in find.h, where they are sizes: pixels to either side of a window, rows that are looked at together.
+REACH, STRIP = lit.WINDOW // 2, 44
+assert (REACH, spots.MAX_SPOTS) == (6, 200)
 SQUARE = 11  # numbers: four corners' x and y, side_px, misfit, tolerance_px
 MOST_THRESHOLDS = 2  # of a level
 MOST_SQUARES = 4096  # in a frame: more is texture, and would take a second to look at
 _OUTLINE_BYTES, _THING_NUMBERS = 32, 7
 
-_find = function("ledpi_find", POINTER, INTEGER, DOUBLE, INTEGER, INTEGER, POINTER, POINTER)
+_LIMITS = (
+    *(lit.MIN_CONTRAST, outlines.NARROWEST, outlines.SPOT_LENGTHS[0], outlines.SPOT_LENGTHS[-1]),
+    *(outlines.MIN_AREA, outlines.MIN_LIT),
+    *(four_sides.MIN_SOLIDITY, four_sides.SIGNIFICANT, four_sides.ALIKE, four_sides.MIN_SIDE),
+    *(four_sides.MAX_CUT_OFF, four_sides.MAX_MISFIT, four_sides.PIXEL_MISFIT, four_sides.SLENDER),
+    *(four_sides.TOLERANCE, four_sides.BLUR_MISFIT, four_sides.NEAR, four_sides.LIKE, four_sides.SAME_CORNERS),
+    *(spots.LINK, spots.LIKE),
+)  # in the order of `Limits` of find.h
+
+_find = function("ledpi_find", POINTER, INTEGER, POINTER, POINTER, POINTER)
 
 
 class _Level(ctypes.Structure):
@@ -31,6 +42,17 @@ class _Level(ctypes.Structure):
         *((name, ctypes.c_ssize_t) for name in ("height", "width", "scale", "thresholds")),
         ("shares", ctypes.c_int32 * MOST_THRESHOLDS),
         ("shortest", ctypes.c_int32),
+    ]
+
+
+class _Wanted(ctypes.Structure):
+    """`Wanted` of find.c."""
+
+    _fields_ = [
+        ("smallest_px", ctypes.c_double),
+        ("least_spots", ctypes.c_ssize_t),
+        ("most_spots", ctypes.c_ssize_t),
+        ("limits", ctypes.c_double * len(_LIMITS)),
     ]
 
 
@@ -67,7 +89,7 @@ class Searcher:
         height, width = pictures[0].shape
         self._pictures, self._shortest = tuple(pictures), tuple(shortest)
         most = (height + 1) * (width + 1) // 4 + 1  # as many pixels as can stand apart
-        members = MAX_SPOTS * MOST_THRESHOLDS * len(pictures)
+        members = spots.MAX_SPOTS * MOST_THRESHOLDS * len(pictures)
         self._room, self._arrays = _room(height, width, most)
         self._squares = np.empty((MOST_SQUARES, SQUARE))
         self._distinct = np.empty(MOST_SQUARES, np.intp)
@@ -75,10 +97,9 @@ class Searcher:
         results = (self._squares, self._distinct, self._members, self._groups, self._scales)
         self._found = _Found(*(address(array) for array in results), MOST_SQUARES)
         self._levels: dict[tuple[tuple[int, ...], ...], Any] = {}  # by thresholds
-        self._arguments = (
-            *(smallest_px, group_sizes.start, group_sizes.stop),
-            *(ctypes.addressof(self._room), ctypes.addressof(self._found)),
-        )
+        limits = (ctypes.c_double * len(_LIMITS))(*_LIMITS)
+        self._wanted = _Wanted(smallest_px, group_sizes.start, group_sizes.stop, limits)
+        self._arguments = [ctypes.addressof(made) for made in (self._wanted, self._room, self._found)]
 
     def search(
         self, thresholds: tuple[tuple[int, ...], ...]

@@ -4,14 +4,6 @@
 
 #include "find.h"
 
-#define SIGNIFICANT 0.1
-#define ALIKE (2.0 / 3.0)
-#define MAX_MISFIT 0.15
-#define PIXEL_MISFIT 0.6
-#define MIN_SIDE 0.3
-#define MAX_CUT_OFF 0.05
-#define MIN_SOLIDITY 0.8
-#define SLENDER 0.85
 
 static double cross(const double o[2], const double a[2], const double b[2]) {
     return (a[0] - o[0]) * (b[1] - o[1]) - (b[0] - o[0]) * (a[1] - o[1]);
@@ -110,8 +102,8 @@ static void significant(double (*hull)[2], ptrdiff_t count, Significant *found) 
 }
 
 /* The quad of a pentagon whose one side cuts off its corner, dead or hidden. False where no side does. */
-static bool with_corner(double five[5][2], double size, double four[4][2]) {
-    double least = MAX_CUT_OFF * size * size;
+static bool with_corner(double five[5][2], double size, const Limits *limits, double four[4][2]) {
+    double least = limits->max_cut_off * size * size;
     bool found = false;
     for (int k = 0; k < 5; k++) { /* bc is to go: ab and dc meet */
         const double *a = five[k], *b = five[(k + 1) % 5], *c = five[(k + 2) % 5], *d = five[(k + 3) % 5];
@@ -121,25 +113,29 @@ static bool with_corner(double five[5][2], double size, double four[4][2]) {
         const double at[2] = {a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1])};
         const double added = 0.5 * fabs(cross(at, c, b));
         /* Beyond b and beyond c, else they meet on the other side. */
-        if (!(share > 1.0 && (at[0] - c[0]) * (c[0] - d[0]) + (at[1] - c[1]) * (c[1] - d[1]) > 0.0 && added < least)) continue;
+        const bool beyond = share > 1.0 && (at[0] - c[0]) * (c[0] - d[0]) + (at[1] - c[1]) * (c[1] - d[1]) > 0.0;
+        if (!(beyond && added < least)) continue;
         const double *after = five[(k + 4) % 5];
         const double quad[4][2] = {{at[0], at[1]}, {d[0], d[1]}, {after[0], after[1]}, {a[0], a[1]}};
         memcpy(four, quad, sizeof quad);
         least = added;
         found = true;
     }
-    return found && shortest_side(four) >= MIN_SIDE * size;
+    return found && shortest_side(four) >= limits->min_side * size;
 }
 
 /* Corners of the four-sided figure that the hull of an outline is about. False where it is none. */
-static bool four_sides_of(double (*hull)[2], ptrdiff_t count, double size, double corners[4][2]) {
+static bool four_sides_of(double (*hull)[2], ptrdiff_t count, double size, const Limits *limits, double corners[4][2]) {
     Significant found;
-    const double least = SIGNIFICANT * size, *const away = found.away;
+    const double least = limits->significant * size, *const away = found.away;
     significant(hull, count, &found);
-    if (away[1] > least && away[2] <= fmax(least, ALIKE * away[1]) && with_corner(found.five, size, corners)) return true;
+    if (away[1] > least && away[2] <= fmax(least, limits->alike * away[1]) &&
+        with_corner(found.five, size, limits, corners))
+        return true;
     if (!(away[0] > least)) return false;
     memcpy(corners, found.four, sizeof found.four);
-    return shortest_side(corners) > MIN_SIDE * size; /* with a side this short it is a triangle with a corner cut off */
+    /* With a side this short it is a triangle with a corner cut off. */
+    return shortest_side(corners) > limits->min_side * size;
 }
 
 typedef struct {
@@ -210,19 +206,19 @@ static void put_in_order(double corners[4][2]) {
     for (int k = 0; k < 4; k++) memcpy(corners[k], ordered[(nearest + k) % 4], sizeof corners[k]);
 }
 
-bool ledpi_square_of(const int32_t (*points)[2], const Outline *outline, double scale, int32_t (*ends)[2],
-                     double (*hull)[2], Square *square) {
+bool ledpi_square_of(const int32_t (*points)[2], const Outline *outline, double scale, const Limits *limits,
+                     int32_t (*ends)[2], double (*hull)[2], Square *square) {
     const double area = outline->area, size = sqrt(area);
     const ptrdiff_t count = hull_of(points, outline, ends, hull);
     double of_hull = 0.0, around = 0.0, middle[2] = {0.0, 0.0};
     for (ptrdiff_t i = 2; i < count; i++) of_hull += 0.5 * cross(hull[0], hull[i - 1], hull[i]);
     double (*const corners)[2] = square->corners;
-    if (area < MIN_SOLIDITY * of_hull || !four_sides_of(hull, count, size, corners)) return false;
+    if (area < limits->min_solidity * of_hull || !four_sides_of(hull, count, size, limits, corners)) return false;
     double of_quad = 0.5 * fabs(twice_area(corners));
     square->misfit = fabs(log(fmax(of_quad, 1e-3) / area));
-    if (square->misfit > MAX_MISFIT + PIXEL_MISFIT / size) return false;
+    if (square->misfit > limits->max_misfit + limits->pixel_misfit / size) return false;
     for (int k = 0; k < 4; k++) around += apart(corners[k], corners[(k + 1) % 4]);
-    if (area < SLENDER * (0.25 * around) * (0.25 * around)) {
+    if (area < limits->slender * (0.25 * around) * (0.25 * around)) {
         through_sides(points, outline->length, corners);
         of_quad = 0.5 * fabs(twice_area(corners));
     }
@@ -235,6 +231,6 @@ bool ledpi_square_of(const int32_t (*points)[2], const Outline *outline, double 
     }
     put_in_order(corners);
     square->side_px = (sqrt(of_quad) + 1.0) * scale;
-    square->tolerance_px = 1.5 * scale;
+    square->tolerance_px = limits->tolerance * scale;
     return true;
 }

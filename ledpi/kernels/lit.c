@@ -5,8 +5,6 @@
 #include "find.h"
 #include "wide.h"
 
-#define MIN_CONTRAST 16
-
 static inline uint8_t larger(uint8_t a, uint8_t b) { return a > b ? a : b; }
 static inline uint8_t smaller(uint8_t a, uint8_t b) { return a < b ? a : b; }
 
@@ -30,8 +28,8 @@ static inline void join_span(uint8_t *restrict bytes, ptrdiff_t on, ptrdiff_t co
 
 /* In the rows from `first` on, the extremes `into` (ROWS, stride) of the SPAN × SPAN pixels around each. Beyond the picture
  * there is nothing that could be one. `work` (STRIP, stride) is room. */
-static inline void extremes(const uint8_t *picture, ptrdiff_t height, ptrdiff_t width, ptrdiff_t first, bool most, uint8_t *work,
-                     uint8_t *into) {
+static inline void extremes(const uint8_t *picture, ptrdiff_t height, ptrdiff_t width, ptrdiff_t first, bool most,
+                            uint8_t *work, uint8_t *into) {
     const int nothing = most ? 0 : 255;
     const ptrdiff_t stride = width + 2 * REACH;
     memset(into, nothing, (size_t)(STRIP * stride));
@@ -66,9 +64,11 @@ LEDPI_WIDE_BYTES void ledpi_contrast(const uint8_t *picture, ptrdiff_t height, p
 }
 
 /* Where any (or all) of a pixel and its eight neighbours are lit; there are none beyond the picture. `row` (width + 2). */
-static inline void neighbours(const uint8_t *lit, ptrdiff_t height, ptrdiff_t width, bool any, uint8_t *row, uint8_t *into) {
+static inline void neighbours(const uint8_t *lit, ptrdiff_t height, ptrdiff_t width, bool any, uint8_t *row,
+                              uint8_t *into) {
     for (ptrdiff_t y = 0; y < height; y++) {
-        const uint8_t *here = lit + y * width, *above = y ? here - width : here, *below = y + 1 < height ? here + width : here;
+        const uint8_t *here = lit + y * width;
+        const uint8_t *above = y ? here - width : here, *below = y + 1 < height ? here + width : here;
         uint8_t *const out = into + y * width;
         if (any)
             for (ptrdiff_t x = 0; x < width; x++) row[x + 1] = above[x] | here[x] | below[x];
@@ -83,11 +83,12 @@ static inline void neighbours(const uint8_t *lit, ptrdiff_t height, ptrdiff_t wi
 }
 
 LEDPI_WIDE_BYTES void ledpi_lit(const uint8_t *above, const uint8_t *contrast, ptrdiff_t height, ptrdiff_t width, int share,
-                                bool opened, uint8_t *room, uint8_t *lit) {
+                                const Limits *limits, bool opened, uint8_t *room, uint8_t *lit) {
     uint8_t *const row = room + height * width;
+    const uint8_t least = (uint8_t)limits->min_contrast;
     for (ptrdiff_t i = 0; i < height * width; i++) {
         const uint8_t threshold = (uint8_t)((uint16_t)(contrast[i] * share) >> 8);
-        lit[i] = above[i] > larger(threshold, MIN_CONTRAST) ? 255 : 0;
+        lit[i] = above[i] > larger(threshold, least) ? 255 : 0;
     }
     neighbours(lit, height, width, true, row, room);
     neighbours(room, height, width, false, row, lit);

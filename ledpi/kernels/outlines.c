@@ -4,11 +4,6 @@
 
 #include "find.h"
 
-/* As in decode/outlines.py. */
-#define MIN_AREA 0.25
-#define MIN_LIT 0.64
-enum { NARROWEST = 3, SHORTEST_SPOT = 6, LONGEST_SPOT = 63 };
-
 /* The first pixel from x on that is lit otherwise than `lit`; `width` where there is none. */
 static inline int32_t next_change(const uint8_t *row, int32_t x, int32_t width, bool lit) {
     uint64_t eight;
@@ -111,8 +106,9 @@ static int32_t follow(const uint8_t *lit, ptrdiff_t width, const Thing *thing, i
     return length;
 }
 
-Outlined ledpi_outlines(const uint8_t *lit, ptrdiff_t height, ptrdiff_t width, int32_t shortest, Run *runs, Thing *things,
-                        int32_t (*points)[2], ptrdiff_t room, Outline *outlines, Spot *spots, ptrdiff_t most) {
+Outlined ledpi_outlines(const uint8_t *lit, ptrdiff_t height, ptrdiff_t width, int32_t shortest, const Limits *limits,
+                        Run *runs, Thing *things, int32_t (*points)[2], ptrdiff_t room, Outline *outlines,
+                        Spot *spots, ptrdiff_t most) {
     const int32_t count = tell_apart(lit, (int32_t)height, (int32_t)width, runs, things, (int32_t)most);
     Outlined found = {0, 0, 0};
     ptrdiff_t first = 0;
@@ -121,8 +117,8 @@ Outlined ledpi_outlines(const uint8_t *lit, ptrdiff_t height, ptrdiff_t width, i
         if (own->same_as != i) continue;
         const int32_t across = own->right - own->left + 1, down = own->bottom - own->top + 1;
         const int32_t around = 2 * (across + down) - 4;
-        const bool wanted = around >= shortest && across >= NARROWEST && down >= NARROWEST;
-        const bool small = around >= SHORTEST_SPOT && around <= LONGEST_SPOT;
+        const bool wanted = around >= shortest && across >= limits->narrowest && down >= limits->narrowest;
+        const bool small = around >= limits->shortest_spot && around <= limits->longest_spot;
         if (own->left <= 0 || own->top <= 0 || own->right + 1 >= width || own->bottom + 1 >= height) {
             found.at_border += wanted;
             continue;
@@ -131,9 +127,9 @@ Outlined ledpi_outlines(const uint8_t *lit, ptrdiff_t height, ptrdiff_t width, i
         double area;
         const int32_t length = follow(lit, width, own, points + first, room - first, &area);
         if (small) spots[found.spots++] = (Spot){0.5 * (own->left + own->right), 0.5 * (own->top + own->bottom), length};
-        if (!wanted || first + length > room || area < MIN_AREA * across * down) continue;
+        if (!wanted || first + length > room || area < limits->min_area * across * down) continue;
         /* Pick's theorem: so many pixels are on the outline or within. */
-        if (own->lit < MIN_LIT * (area + 0.5 * length + 1.0)) continue;
+        if (own->lit < limits->min_lit * (area + 0.5 * length + 1.0)) continue;
         outlines[found.outlines++] = (Outline){(int32_t)first, length, own->top, own->bottom, own->left, own->right, area};
         first += length;
     }

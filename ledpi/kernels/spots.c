@@ -3,10 +3,10 @@
 
 #include "find.h"
 
-#define LINK 1.6
-#define LIKE 2.0
 
-static bool alike(const Spot *a, const Spot *b) { return fmax(a->length, b->length) < LIKE * fmin(a->length, b->length); }
+static bool alike(const Spot *a, const Spot *b, const Limits *limits) {
+    return fmax(a->length, b->length) < limits->like_spots * fmin(a->length, b->length);
+}
 
 /* The square of the distance. */
 static double apart(const Spot *a, const Spot *b) {
@@ -19,7 +19,8 @@ static ptrdiff_t first_of(const ptrdiff_t *before, ptrdiff_t spot) {
     return spot;
 }
 
-ptrdiff_t ledpi_groups(const Spot *spots, ptrdiff_t count, ptrdiff_t least, ptrdiff_t most, Spot *members, double *groups) {
+ptrdiff_t ledpi_groups(const Spot *spots, ptrdiff_t count, ptrdiff_t least, ptrdiff_t most, const Limits *limits,
+                       Spot *members, double *groups) {
     double nearest[MAX_SPOTS];
     ptrdiff_t before[MAX_SPOTS], sizes[MAX_SPOTS] = {0}, found = 0;
     double number = 0.0;
@@ -28,12 +29,12 @@ ptrdiff_t ledpi_groups(const Spot *spots, ptrdiff_t count, ptrdiff_t least, ptrd
         before[i] = i;
         nearest[i] = HUGE_VAL;
         for (ptrdiff_t k = 0; k < count; k++)
-            if (k != i && alike(spots + i, spots + k)) nearest[i] = fmin(nearest[i], apart(spots + i, spots + k));
+            if (k != i && alike(spots + i, spots + k, limits)) nearest[i] = fmin(nearest[i], apart(spots + i, spots + k));
     }
     for (ptrdiff_t i = 0; i < count; i++)
         for (ptrdiff_t k = 0; k < i; k++) {
-            if (!alike(spots + i, spots + k)) continue;
-            if (!(apart(spots + i, spots + k) < LINK * LINK * fmin(nearest[i], nearest[k]))) continue;
+            if (!alike(spots + i, spots + k, limits)) continue;
+            if (!(apart(spots + i, spots + k) < limits->link * limits->link * fmin(nearest[i], nearest[k]))) continue;
             const ptrdiff_t a = first_of(before, i), b = first_of(before, k);
             before[a > b ? a : b] = a > b ? b : a;
         }
