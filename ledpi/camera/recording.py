@@ -76,13 +76,14 @@ class RecordingCamera:
             host_offset_ns = time.monotonic_ns() - end_ns
         if self._paced:
             self._host_offset_ns = host_offset_ns
+        frame = self._recording.frame(entry, into.view(), host_offset_ns=host_offset_ns)  # so that it only waits now
         self._wait_until(end_ns + host_offset_ns)
         if self._closed.is_set():
             return None
         if bad is not None:
             _log.warning("%s", bad.message)
             return bad.rejected
-        return self._recording.frame(entry, into.view(), host_offset_ns=host_offset_ns)
+        return frame
 
     def close(self) -> None:
         """As `Camera.close`."""
