@@ -1,6 +1,6 @@
 """How well words explain the evidence of all of a panel's cells together.
 
-In C (kernels/words.c) and, where there is no compiler, in numpy, which is the reference.
+In C (kernels/words.c, neighbours.c) and, where there is no compiler, in numpy, which is the reference.
 """
 
 from __future__ import annotations

@@ -6,24 +6,9 @@
 
 #include "normal.h"
 #include "wide.h"
+#include "words.h"
 
-enum {
-    MOST = 4, /* parameters of a cell */
-    NUMBERS = 5, /* what a cell says of one wave by itself: x, y; xx, xy, yy */
-    BEAM = 16, /* as in decode/words.py */
-};
-
-/* score (cells, parameters), information (cells, parameters, cells, parameters), prior (parameters,). */
-typedef struct {
-    ptrdiff_t cells, parameters;
-    const double *score, *information, *prior;
-} Evidence;
-
-/* How much of the wave that parameter i belongs to a cell shows, whose class is `white` by 1 or black by 0. */
-static inline double share_of(const Evidence *evidence, double white, ptrdiff_t i) {
-    if (evidence->parameters == 2) return 1.0 - 2.0 * white;
-    return i < 2 ? 1.0 - white : white;
-}
+enum { NUMBERS = 5 }; /* what a cell says of one wave by itself: x, y; xx, xy, yy */
 
 /* Per cell, and in the last line of all together, NUMBERS for each wave. */
 static void put_numbers(const Evidence *evidence, double *numbers) {
@@ -92,8 +77,7 @@ static LEDPI_INLINE void gather_of(const Evidence *evidence, const double *share
     }
 }
 
-/* What all cells that share the bands of a word say of these: matrix (parameters, parameters) and right side. */
-LEDPI_WIDE static void gather(const Evidence *evidence, const double *shares, double matrix[MOST][MOST], double *right) {
+LEDPI_WIDE void ledpi_gather(const Evidence *evidence, const double *shares, double matrix[MOST][MOST], double *right) {
     memset(matrix, 0, sizeof(double) * MOST * MOST);
     memset(right, 0, sizeof(double) * MOST);
     if (evidence->parameters == 4)
@@ -111,7 +95,7 @@ static double exactly(const Evidence *evidence, const float *white, bool negated
     for (ptrdiff_t c = 0; c < evidence->cells; c++)
         for (ptrdiff_t i = 0; i < parameters; i++)
             shares[c * parameters + i] = share_of(evidence, negated ? 1.0 - white[c] : white[c], i);
-    gather(evidence, shares, matrix, right);
+    ledpi_gather(evidence, shares, matrix, right);
     for (ptrdiff_t i = 0; i < parameters; i++) matrix[i][i] += 1.0 / evidence->prior[i];
     for (ptrdiff_t k = 0; k < parameters; k++) { /* Gauss and Jordan: the matrix becomes its inverse */
         const double pivot = matrix[k][k];
@@ -134,8 +118,7 @@ static double exactly(const Evidence *evidence, const float *white, bool negated
     return likelihood;
 }
 
-/* Puts a word among the `most` likeliest so far, best first. Returns how many there are. */
-static ptrdiff_t put(int64_t word, double likelihood, ptrdiff_t count, ptrdiff_t most, int64_t *words, double *of) {
+ptrdiff_t ledpi_put(int64_t word, double likelihood, ptrdiff_t count, ptrdiff_t most, int64_t *words, double *of) {
     if (count == most && !(likelihood > of[most - 1])) return count;
     ptrdiff_t at = count < most ? count : most - 1;
     for (; at > 0 && likelihood > of[at - 1]; at--) {
@@ -196,155 +179,16 @@ ptrdiff_t ledpi_likeliest(ptrdiff_t cells, ptrdiff_t parameters, const double *s
     put_numbers(&evidence, numbers);
     ptrdiff_t found = 0, kept = 0;
     for (ptrdiff_t word = 0; word < count; word++)
-        found = put(word, roughly(&evidence, numbers, words + word * cells), found, most, shortlist, rough);
+        found = ledpi_put(word, roughly(&evidence, numbers, words + word * cells), found, most, shortlist, rough);
     for (ptrdiff_t n = 0; n < found; n++) {
         double own_bands[MOST], own_deviation[MOST];
         const double own = exactly(&evidence, words + shortlist[n] * cells, false, shown, own_bands, own_deviation);
-        kept = put(shortlist[n], own, kept, found, chosen, likelihood);
+        kept = ledpi_put(shortlist[n], own, kept, found, chosen, likelihood);
         if (chosen[0] != shortlist[n]) continue;
         memcpy(bands, own_bands, sizeof(double) * (size_t)parameters);
         memcpy(deviation, own_deviation, sizeof(double) * (size_t)parameters);
     }
     if (found) speak_against(&evidence, words + chosen[0] * cells, bands, shown, gain, negative, of_cells, matrix);
     free(matrix);
-    return found;
-}
-
-/* Patterns near a word: what all cells that share its bands say of these, and how one cell's change changes that. */
-typedef struct {
-    double matrix[MOST][MOST], right[MOST]; /* of the word itself; the prior is in it */
-    double *change; /* (cells, parameters) of what a cell shows of each wave, when it is of the other class */
-    double *crossed; /* (cells, parameters, parameters) that change with what all cells of the word show */
-} Around;
-
-/* One pattern of these: which cells are changed, a bit for each, and the rest as above. */
-typedef struct {
-    int64_t changed;
-    double matrix[MOST][MOST], right[MOST];
-} Pattern;
-
-static void look_around(const Evidence *evidence, const float *word, double *shares, Around *around) {
-    const ptrdiff_t parameters = evidence->parameters, size = evidence->cells * parameters;
-    for (ptrdiff_t i = 0; i < size; i++) {
-        shares[i] = share_of(evidence, word[i / parameters], i % parameters);
-        around->change[i] = share_of(evidence, 1.0 - word[i / parameters], i % parameters) - shares[i];
-    }
-    gather(evidence, shares, around->matrix, around->right);
-    for (ptrdiff_t i = 0; i < parameters; i++) around->matrix[i][i] += 1.0 / evidence->prior[i];
-    for (ptrdiff_t i = 0; i < size; i++)
-        for (ptrdiff_t j = 0; j < parameters; j++) {
-            double sum = 0.0;
-            for (ptrdiff_t d = j; d < size; d += parameters) sum += evidence->information[i * size + d] * shares[d];
-            around->crossed[i * parameters + j] = around->change[i] * sum;
-        }
-}
-
-/* Puts one more cell of a pattern into the other class. */
-static LEDPI_INLINE void change_cell(const Evidence *evidence, const Around *around, ptrdiff_t cell, Pattern *pattern,
-                               const ptrdiff_t parameters) {
-    const ptrdiff_t size = evidence->cells * parameters, at = cell * parameters;
-    const double *change = around->change + at;
-    double sums[MOST][MOST];
-    for (ptrdiff_t i = 0; i < parameters; i++)
-        for (ptrdiff_t j = 0; j < parameters; j++) sums[i][j] = around->crossed[(at + i) * parameters + j];
-    for (int64_t left = pattern->changed; left; left &= left - 1) {
-        const ptrdiff_t other = __builtin_ctzll((uint64_t)left) * parameters;
-        for (ptrdiff_t i = 0; i < parameters; i++)
-            for (ptrdiff_t j = 0; j < parameters; j++)
-                sums[i][j] += change[i] * evidence->information[(at + i) * size + other + j] * around->change[other + j];
-    }
-    for (ptrdiff_t i = 0; i < parameters; i++) {
-        pattern->right[i] += change[i] * evidence->score[at + i];
-        for (ptrdiff_t j = 0; j < parameters; j++)
-            pattern->matrix[i][j] += sums[i][j] + sums[j][i] + change[i] * evidence->information[(at + i) * size + at + j] * change[j];
-    }
-    pattern->changed |= INT64_C(1) << cell;
-}
-
-/* A pattern's log-likelihood ratio to "no bands", depth and phase integrated out, but for what the prior's determinant
- * adds. By the factors L·D·Lᵀ. */
-static LEDPI_INLINE double likelihood_of(const Pattern *pattern, const ptrdiff_t parameters) {
-    double factor[MOST][MOST], inverse[MOST], solved[MOST], likelihood = 0.0, determinant = 1.0;
-    for (ptrdiff_t i = 0; i < parameters; i++) {
-        double own = pattern->matrix[i][i], right = pattern->right[i];
-        for (ptrdiff_t j = 0; j < i; j++) {
-            double sum = pattern->matrix[i][j];
-            for (ptrdiff_t k = 0; k < j; k++) sum -= factor[i][k] * factor[j][k] * inverse[k];
-            factor[i][j] = sum; /* times D */
-            own -= sum * sum * inverse[j];
-            right -= sum * inverse[j] * solved[j];
-        }
-        inverse[i] = 1.0 / own;
-        solved[i] = right;
-        likelihood += right * right * inverse[i];
-        determinant *= own;
-    }
-    return 0.5 * (likelihood - log(determinant));
-}
-
-/* Which patterns were met with, by their bits; more than are tried, and a power of 2. */
-enum { MET = 4096 };
-
-static inline bool is_new(int64_t *met, int64_t changed) {
-    for (uint64_t at = (uint64_t)changed * UINT64_C(0x9e3779b97f4a7c15) >> 52;; at = (at + 1) % MET) {
-        if (met[at] == changed) return false;
-        if (met[at]) continue;
-        met[at] = changed;
-        return true;
-    }
-}
-
-static LEDPI_INLINE double of_neighbours(const Evidence *evidence, const Around *around, const uint8_t *silent, int64_t *met,
-                                   ptrdiff_t nearest, ptrdiff_t furthest, const ptrdiff_t parameters) {
-    int64_t next[BEAM] = {0};
-    Pattern here[BEAM] = {{.changed = 0}};
-    double of[BEAM], most = -INFINITY, sum = 0.0;
-    memcpy(here[0].matrix, around->matrix, sizeof around->matrix);
-    memcpy(here[0].right, around->right, sizeof around->right);
-    for (ptrdiff_t differ = 1, known = 1; differ <= furthest; differ++) {
-        ptrdiff_t found = 0;
-        memset(met, 0, sizeof(int64_t) * MET);
-        for (ptrdiff_t n = 0; n < known; n++)
-            for (ptrdiff_t c = 0; c < evidence->cells; c++) {
-                const int64_t changed = here[n].changed | INT64_C(1) << c;
-                if (changed == here[n].changed || silent[c] || !is_new(met, changed)) continue;
-                Pattern pattern = here[n];
-                change_cell(evidence, around, c, &pattern, parameters);
-                const double own = likelihood_of(&pattern, parameters);
-                found = put(changed, own, found, BEAM, next, of);
-                if (differ < nearest || own < most - 50.0) continue; /* e⁻⁵⁰ of what is there is lost in rounding */
-                if (own > most) sum = sum * exp(most - own) + 1.0, most = own;
-                else sum += exp(own - most);
-            }
-        for (ptrdiff_t n = 0; n < found && differ < furthest; n++) {
-            memset(&here[n], 0, sizeof here[n]);
-            memcpy(here[n].matrix, around->matrix, sizeof around->matrix);
-            memcpy(here[n].right, around->right, sizeof around->right);
-            for (int64_t left = next[n]; left; left &= left - 1)
-                change_cell(evidence, around, __builtin_ctzll((uint64_t)left), &here[n], parameters);
-        }
-        known = found;
-    }
-    double of_prior = 0.0;
-    for (ptrdiff_t i = 0; i < parameters; i++) of_prior += 0.5 * log(evidence->prior[i]);
-    return most + log(sum) - of_prior;
-}
-
-/* Log of the sum of the likelihoods of patterns that differ from a word (cells,) in `nearest` to `furthest` cells, none
- * of them `silent` (cells,), each with the bands that fit it best: from the word outward, those near the BEAM likeliest
- * of the patterns one cell nearer. At most 64 cells. NaN where there is no memory. */
-LEDPI_WIDE double ledpi_of_neighbours(ptrdiff_t cells, ptrdiff_t parameters, const double *score,
-                                      const double *information, const double *prior, const float *word,
-                                      const uint8_t *silent, ptrdiff_t nearest, ptrdiff_t furthest) {
-    const Evidence evidence = {cells, parameters, score, information, prior};
-    const ptrdiff_t size = cells * parameters;
-    double *shares = malloc(sizeof(double) * (size_t)(size * (2 + parameters)) + sizeof(int64_t) * MET);
-    if (!shares) return NAN;
-    Around around = {.change = shares + size, .crossed = shares + 2 * size};
-    look_around(&evidence, word, shares, &around);
-    int64_t *met = (int64_t *)(shares + size * (2 + parameters));
-    const double found = parameters == 4 ? of_neighbours(&evidence, &around, silent, met, nearest, furthest, 4)
-                                         : of_neighbours(&evidence, &around, silent, met, nearest, furthest, 2);
-    free(shares);
     return found;
 }

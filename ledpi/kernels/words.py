@@ -1,4 +1,4 @@
-"""How well words explain the evidence of a panel's cells (words.c)."""
+"""How well words explain the evidence of a panel's cells (words.c, neighbours.c)."""
 
 from __future__ import annotations
 
