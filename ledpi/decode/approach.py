@@ -51,6 +51,14 @@ STRAIGHTER = 2.0  # times: sides through the end of a dead cell lie so much wors
 # What most other things are not straight by; a side that is seen from too far off may still lean on what is beside it.
 MAX_SPREAD_PX, MAX_SPREAD_STEPS = 0.9, 0.4
 ALMOST = 4.0  # times as much: sides that were only reached in part look so, and are looked at again
+MAX_MOVE = 0.5  # of the side: what is further off is something else
+# As `Approaching` of kernels.h has them.
+CONSTANTS = np.array(
+    [
+        *(FINEST_STEP_PX, MAX_TILT_STEPS, CUT_OFF, OBTUSE, STRAIGHTER),
+        *(MAX_SPREAD_PX, MAX_SPREAD_STEPS, ALMOST, MAX_MOVE),
+    ]
+)
 
 
 def approach_quads(frame: Frame, rough: Floats, tolerance_px: Floats) -> list[Floats | Rejected]:
@@ -62,7 +70,7 @@ def approach_quads(frame: Frame, rough: Floats, tolerance_px: Floats) -> list[Fl
         return []
     if not can_read(frame):
         return _approach_quads(frame, rough, tolerance_px)
-    corners, outcomes = kernel.approach(frame, rough, tolerance_px, SHARES.share, step_templates())
+    corners, outcomes = kernel.approach(frame, rough, tolerance_px, CONSTANTS, SHARES.share, step_templates())
     return [
         at if outcome == 0 else LOST if outcome == 1 else NOT_STRAIGHT
         for at, outcome in zip(corners, outcomes, strict=True)
@@ -82,7 +90,7 @@ def _approach_quads(frame: Frame, rough: Floats, tolerance_px: Floats) -> list[F
     again = np.flatnonzero(seen & (spread > limit) & (spread < ALMOST * limit) & np.isfinite(corners).all(axis=1))
     if len(again):  # a side that began too far off was only seen in part
         corners[again], spread[again], seen[again] = nearest_sides(light_at, corners[again], step_px[again])
-    near = np.abs(corners - start).max(axis=1) < 0.5 * np.sqrt(np.abs(areas(start)))
+    near = np.abs(corners - start).max(axis=1) < MAX_MOVE * np.sqrt(np.abs(areas(start)))
     # Perspective, too, makes a square no parallelogram: what is as straight as it is stays as it is.
     fits = seen & near & (spread <= limit)
     for k in range(len(rough), len(start)):

@@ -12,6 +12,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from ledpi.decode import adjust, approach, looks, whole
 from ledpi.decode.adjust import adjust_quads
 from ledpi.decode.approach import LOST, NOT_STRAIGHT, SHARES, step_templates
 from ledpi.decode.looks import MAX_MOVE, Found, find_sides, profile_shares
@@ -34,6 +35,18 @@ MIN_SIDE_PX = 7.0
 MAX_SPREAD_PX = 0.35
 MIN_USED = 0.6  # share of the profiles that have an edge near their side: with two dead cells on each it is a half
 BORDER_PX = 1.0
+HIDDEN_SIGMA = 0.003  # of the side: how exactly the cells tell where a side is that nothing shows
+# As `Refining` of quads.h has them.
+CONSTANTS = np.array(
+    [
+        *(looks.LEAST_HEIGHT, looks.NEAR_PX, looks.SETTLED_PX, looks.SETTLED_BLUR, looks.FIRST_LOOK_PX),
+        *(looks.MORE_LOOKS, looks.CONVERGED_PX, looks.STEEPEST, looks.MAX_MOVE, looks.MAX_BLUR_CHANGE),
+        *(whole.NEAR_EDGE, whole.SHARE_STEP, whole.SHARES[0], whole.MOST, whole.GAP, whole.BLUR_PX, whole.BLUR_STEP),
+        *(whole.BETTER, whole.LITTLE_LEFT, whole.CLEARLY_BETTER, whole.NOTHING_LEFT),
+        *(MAX_SPREAD_PX, MIN_USED, MIN_SIDE_PX, BORDER_PX, HIDDEN_SIGMA, adjust.MIN_PITCH_PX, adjust.LEAST_CELLS),
+    ],
+    np.float64,
+)
 REFUSED = {
     kernel.NO_EDGE: LOST,
     kernel.NOT_STRAIGHT: NOT_STRAIGHT,
@@ -42,7 +55,6 @@ REFUSED = {
     kernel.TOO_SMALL: TOO_SMALL,
     kernel.AT_BORDER: AT_BORDER,
 }
-HIDDEN_SIGMA = 0.003  # of the side: how exactly the cells tell where a side is that nothing shows
 
 
 def refine_quads(
@@ -91,7 +103,8 @@ def _tables(cells: int) -> kernel.Tables:
 
     profiles = profile_shares(cells)
     coarse = (SHARES.share, step_templates())
-    return kernel.Tables(cells, (profiles.share, profiles.bend), coarse, BEND_ALONG, BLUR_STEPS, explain)
+    sides = (profiles.share, profiles.bend)
+    return kernel.Tables(cells, approach.CONSTANTS, CONSTANTS, sides, coarse, BEND_ALONG, BLUR_STEPS, explain)
 
 
 @np.errstate(divide="ignore", invalid="ignore")  # parallel sides cross nowhere: not finite, and refused

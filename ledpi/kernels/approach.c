@@ -8,15 +8,6 @@ enum { SAMPLES = 11, OFFSETS = 11 };
 #define FIRST_SAMPLE (-6.0)
 #define FIRST_OFFSET (-4.5)
 #define OFFSET_STEP 0.75
-#define MAX_TILT_STEPS 2.0
-#define FINEST_STEP_PX 0.5
-#define CUT_OFF 0.05
-#define OBTUSE (-0.03)
-#define STRAIGHTER 2.0
-#define MAX_SPREAD_PX 0.9
-#define MAX_SPREAD_STEPS 0.4
-#define ALMOST 4.0
-#define MAX_MOVE 0.5
 
 /* Where in a profile the largest step up is, in steps, and how high. `templates` (SAMPLES, OFFSETS). */
 static double step_up(const float *light, const float *templates, double *height) {
@@ -33,8 +24,8 @@ static double step_up(const float *light, const float *templates, double *height
     return FIRST_OFFSET + best * OFFSET_STEP + fmin(fmax(shift, -1.0), 1.0) * OFFSET_STEP;
 }
 
-bool ledpi_nearest(const Picture *picture, const Shares *shares, const float *templates, const Point corners[4],
-                   double step_px, Point nearest[4], double *spread_px) {
+bool ledpi_nearest(const Picture *picture, const Approaching *by, const Shares *shares, const float *templates,
+                   const Point corners[4], double step_px, Point nearest[4], double *spread_px) {
     Side sides[4];
     double found[4 * MOST_PROFILES], height[4 * MOST_PROFILES], weights[MOST_PROFILES], middle[4], slope[4];
     bool good[4 * MOST_PROFILES];
@@ -56,7 +47,7 @@ bool ledpi_nearest(const Picture *picture, const Shares *shares, const float *te
     double squares = 0.0;
     for (int k = 0; k < 4; k++) {
         const double *at = found + k * count;
-        ledpi_near_median(count, at, good + k * count, MAX_TILT_STEPS * step_px, weights);
+        ledpi_near_median(count, at, good + k * count, by->max_tilt_steps * step_px, weights);
         ledpi_fit_line(shares, at, weights, &middle[k], &slope[k]);
         double spread = ledpi_deviation(shares, at, good + k * count, middle[k], slope[k], weights);
         ledpi_fit_line(shares, at, weights, &middle[k], &slope[k]);
@@ -74,24 +65,24 @@ typedef struct {
     bool there, straight;
 } Way;
 
-static Way follow(const Picture *picture, const Shares *shares, const float *templates, const Point start[4],
-                  double step_px) {
-    const double limit = fmax(MAX_SPREAD_PX, MAX_SPREAD_STEPS * step_px);
+static Way follow(const Picture *picture, const Approaching *by, const Shares *shares, const float *templates,
+                  const Point start[4], double step_px) {
+    const double limit = fmax(by->max_spread_px, by->max_spread_steps * step_px);
     Way way;
-    bool seen = ledpi_nearest(picture, shares, templates, start, step_px, way.corners, &way.spread_px), finite = true;
+    bool seen = ledpi_nearest(picture, by, shares, templates, start, step_px, way.corners, &way.spread_px), finite = true;
     for (int k = 0; k < 4; k++) finite = finite && isfinite(way.corners[k].x) && isfinite(way.corners[k].y);
-    if (seen && finite && way.spread_px > limit && way.spread_px < ALMOST * limit) {
+    if (seen && finite && way.spread_px > limit && way.spread_px < by->almost * limit) {
         Point begun[4]; /* too far off: the side was only seen in part */
         for (int k = 0; k < 4; k++) begun[k] = way.corners[k];
-        seen = ledpi_nearest(picture, shares, templates, begun, step_px, way.corners, &way.spread_px);
+        seen = ledpi_nearest(picture, by, shares, templates, begun, step_px, way.corners, &way.spread_px);
     }
-    way.there = seen && ledpi_farthest(way.corners, start) < MAX_MOVE * sqrt(fabs(ledpi_area(start)));
+    way.there = seen && ledpi_farthest(way.corners, start) < by->max_move * sqrt(fabs(ledpi_area(start)));
     way.straight = way.there && way.spread_px <= limit;
     return way;
 }
 
 /* A quad with the most obtuse corner moved to where it makes it a parallelogram. False where that is not far. */
-static bool with_fourth_corner(const Point c[4], Point squared[4]) {
+static bool with_fourth_corner(const Approaching *by, const Point c[4], Point squared[4]) {
     double least = HUGE_VAL;
     int most = 0;
     for (int k = 0; k < 4; k++) {
@@ -104,24 +95,25 @@ static bool with_fourth_corner(const Point c[4], Point squared[4]) {
     for (int k = 0; k < 4; k++) squared[k] = c[k];
     squared[most] = (Point){next->x + before->x - opposite->x, next->y + before->y - opposite->y};
     const double away = hypot(squared[most].x - here->x, squared[most].y - here->y);
-    return least < OBTUSE && away > CUT_OFF * sqrt(fabs(ledpi_area(c)));
+    return least < by->obtuse && away > by->cut_off * sqrt(fabs(ledpi_area(c)));
 }
 
 /* Of `quads` rough quads (quads, 4, 2), whose sides are up to `tolerance_px` (quads,) away: better corners; and what is
  * there: 0 for a square, 1 for none, 2 for one whose sides are not straight. */
 void ledpi_approach(const uint8_t *pixels, ptrdiff_t height, ptrdiff_t width, ptrdiff_t stride, const float *table,
-                    const double *share, ptrdiff_t shares, const float *templates, ptrdiff_t quads, const Point *rough,
+                    const Approaching *by, const double *share, ptrdiff_t shares, const float *templates,
+                    ptrdiff_t quads, const Point *rough,
                     const double *tolerance_px, Point *corners, int32_t *outcomes) {
     const Picture picture = {pixels, height, width, stride, table};
     const Shares at = {shares, share, NULL};
     for (ptrdiff_t i = 0; i < quads; i++, rough += 4, corners += 4) {
-        const double step_px = fmax(FINEST_STEP_PX, tolerance_px[i] / -FIRST_OFFSET);
+        const double step_px = fmax(by->finest_step_px, tolerance_px[i] / -FIRST_OFFSET);
         Point squared[4];
-        Way way = follow(&picture, &at, templates, rough, step_px);
-        if (with_fourth_corner(rough, squared)) {
-            const Way other = follow(&picture, &at, templates, squared, step_px);
+        Way way = follow(&picture, by, &at, templates, rough, step_px);
+        if (with_fourth_corner(by, rough, squared)) {
+            const Way other = follow(&picture, by, &at, templates, squared, step_px);
             /* Perspective, too, makes a square no parallelogram: what is as straight as it is stays as it is. */
-            if (other.straight && !(way.straight && way.spread_px < STRAIGHTER * other.spread_px)) way = other;
+            if (other.straight && !(way.straight && way.spread_px < by->straighter * other.spread_px)) way = other;
         }
         for (int k = 0; k < 4; k++) corners[k] = way.corners[k];
         outcomes[i] = way.straight ? 0 : way.there ? 2 : 1;

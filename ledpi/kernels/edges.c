@@ -4,21 +4,12 @@
 
 #include "quads.h"
 
-#define LEAST_HEIGHT 1e-4
-#define NEAR_PX 1.0
-#define SETTLED_PX 0.2
-#define SETTLED_BLUR 0.1
-#define FIRST_LOOK_PX 1.0
-#define MORE_LOOKS 2
-#define CONVERGED_PX 0.2
-#define STEEPEST 0.8
-#define MAX_MOVE 0.2
-#define FINEST_STEP_PX 0.5
-#define MAX_BLUR_CHANGE 0.4
 enum { T = RIM_T, AT_SIDE = 2 };
 
 typedef struct {
     const Picture *picture;
+    const Refining *by;
+    const Approaching *approaching;
     const Shares *shares;
     const Filters *filters;
     double bend[4][MOST_PROFILES]; /* how far inward the lens moves each place of a side, in pixels */
@@ -90,7 +81,7 @@ static void take_profiles(const Look *look, const Side sides[4], const Filter *f
                 edge += light[t] * filter->single[t][0];
                 height += light[t] * filter->single[t][1];
             }
-            into->height[k][p] = height = fmax(height, LEAST_HEIGHT);
+            into->height[k][p] = height = fmax(height, look->by->least_height);
             into->found[k][p] = edge / height - filter->single_offset;
         }
     }
@@ -130,11 +121,11 @@ static void places(const Filter *filters[2], double mean[4][T], double place[4],
 }
 
 /* Whether all sides' mean profiles are about as steep at the side as anywhere. */
-static bool steep(double mean[4][T]) {
+static bool steep(const Refining *by, double mean[4][T]) {
     for (int k = 0; k < 4; k++) {
         double here = mean[k][AT_SIDE + 2] - mean[k][AT_SIDE];
         for (int t = 0; t + 2 < T; t++)
-            if (!(here >= STEEPEST * (mean[k][t + 2] - mean[k][t]))) return false;
+            if (!(here >= by->steepest * (mean[k][t + 2] - mean[k][t]))) return false;
     }
     return true;
 }
@@ -159,8 +150,8 @@ static bool move(const Look *look, const Profiles *profiles, const double place[
     return finite;
 }
 
-static void change_blur(double blur_px[2], const double by[2]) {
-    for (int k = 0; k < 2; k++) blur_px[k] *= exp(fmin(fmax(by[k], -MAX_BLUR_CHANGE), MAX_BLUR_CHANGE));
+static void change_blur(const Refining *by, const double seen[2], double blur_px[2]) {
+    for (int k = 0; k < 2; k++) blur_px[k] *= exp(fmin(fmax(seen[k], -by->max_blur_change), by->max_blur_change));
 }
 
 static void first_look(Look *look, const Point corners[4], Profiles *profiles, SquareFit *fit) {
@@ -179,22 +170,22 @@ static void first_look(Look *look, const Point corners[4], Profiles *profiles, S
     for (int k = 0; k < 4; k++) {
         double middle, slope;
         const bool *steps = good + k * count;
-        ledpi_near_median(count, profiles->found[k], steps, NEAR_PX, fit->weights[k]);
+        ledpi_near_median(count, profiles->found[k], steps, look->by->near_px, fit->weights[k]);
         ledpi_fit_line(look->shares, profiles->found[k], fit->weights[k], &middle, &slope);
         fit->spread[k] = ledpi_deviation(look->shares, profiles->found[k], steps, middle, slope, fit->weights[k]);
     }
     mean_profiles(look, profiles, fit, mean);
     places(filters, mean, place, blur);
-    change_blur(fit->blur_px, blur);
+    change_blur(look->by, blur, fit->blur_px);
     filters_for(look, fit->sides, fit->blur_px, filters); /* those that fit the blur that is seen */
     places(filters, mean, place, blur);
     Point moved[4];
     fit->seen = move(look, profiles, place, fit, moved) && fit->seen;
     ledpi_sides_of(fit->corners, fit->sides);
-    change_blur(fit->blur_px, blur);
+    change_blur(look->by, blur, fit->blur_px);
     for (int k = 0; k < 4; k++) fit->variance[k] = filters[k & 1]->both_variance + filters[k & 1]->apart_variance;
-    fit->settled = fit->seen && steep(mean) && ledpi_farthest(moved, corners) < SETTLED_PX &&
-                   fabs(blur[0]) < SETTLED_BLUR && fabs(blur[1]) < SETTLED_BLUR;
+    fit->settled = fit->seen && steep(look->by, mean) && ledpi_farthest(moved, corners) < look->by->settled_px &&
+                   fabs(blur[0]) < look->by->settled_blur && fabs(blur[1]) < look->by->settled_blur;
 }
 
 /* As many looks more as it takes, each with the blur that the last has seen, at the same profiles. */
@@ -202,7 +193,7 @@ static void more_looks(Look *look, Profiles *profiles, SquareFit *fit) {
     const Filter *filters[2];
     double mean[4][T], place[4], blur[2];
     Point moved[4];
-    for (int round = 0; round < MORE_LOOKS && !fit->settled; round++) {
+    for (int round = 0; round < look->by->more_looks && !fit->settled; round++) {
         filters_for(look, fit->sides, fit->blur_px, filters);
         take_profiles(look, fit->sides, filters, profiles);
         mean_profiles(look, profiles, fit, mean);
@@ -212,20 +203,21 @@ static void more_looks(Look *look, Profiles *profiles, SquareFit *fit) {
         for (int k = 0; k < 4; k++)
             farthest = fmax(farthest, hypot(fit->corners[k].x - fit->sides[k].start.x, fit->corners[k].y - fit->sides[k].start.y));
         ledpi_sides_of(fit->corners, fit->sides);
-        change_blur(fit->blur_px, blur);
-        fit->settled = finite && fit->seen && steep(mean) && farthest < CONVERGED_PX;
+        change_blur(look->by, blur, fit->blur_px);
+        fit->settled = finite && fit->seen && steep(look->by, mean) && farthest < look->by->converged_px;
     }
 }
 
 static void find_sides(Look *look, const Shares *coarse, const float *templates, const Point near[4], SquareFit *fit) {
     Profiles profiles;
     first_look(look, near, &profiles, fit);
-    if (ledpi_farthest(fit->corners, near) < FIRST_LOOK_PX) more_looks(look, &profiles, fit);
+    if (ledpi_farthest(fit->corners, near) < look->by->first_look_px) more_looks(look, &profiles, fit);
     if (fit->settled) return;
     Point nearest[4]; /* too far off for the filters, or nothing there */
     double spread;
-    ledpi_nearest(look->picture, coarse, templates, near, FINEST_STEP_PX, nearest, &spread);
-    bool there = ledpi_farthest(nearest, near) < MAX_MOVE * sqrt(fabs(ledpi_area(near)));
+    ledpi_nearest(look->picture, look->approaching, coarse, templates, near, look->approaching->finest_step_px, nearest,
+                  &spread);
+    bool there = ledpi_farthest(nearest, near) < look->by->max_move * sqrt(fabs(ledpi_area(near)));
     first_look(look, there ? nearest : near, &profiles, fit);
     more_looks(look, &profiles, fit);
 }
@@ -240,7 +232,8 @@ static void bend_sides(Look *look, const double *bends) {
 
 void ledpi_find_sides(const Picture *picture, const Tables *tables, const Point near[4], const double *bends, Found *found,
                       Missing *missing) {
-    Look look = {picture, &tables->profiles, &tables->filters, {{0.0}}, tables->cells, 0};
+    Look look = {.picture = picture, .by = tables->refining, .approaching = tables->approaching,
+                 .shares = &tables->profiles, .filters = &tables->filters, .cells = tables->cells, .missing = 0};
     SquareFit fit;
     double used = 0.0, squares = 0.0, variance = 0.0;
     const ptrdiff_t count = look.shares->count;

@@ -34,7 +34,7 @@ WHOLE, PARTLY_HIDDEN, NO_EDGE, NOT_STRAIGHT, NOT_WHOLE, NOT_CONVEX, TOO_SMALL, A
 REFINED = 18  # numbers: the corners' x and y, those of what is seen, sigma_px, bend_px
 
 _refine = function("ledpi_refine", *PICTURE, POINTER, POINTER, INTEGER, *(POINTER,) * 4, result=ctypes.c_bool)
-_approach = function("ledpi_approach", *PICTURE, POINTER, INTEGER, POINTER, INTEGER, *(POINTER,) * 4)
+_approach = function("ledpi_approach", *PICTURE, *(POINTER,) * 2, INTEGER, POINTER, INTEGER, *(POINTER,) * 4)
 
 
 class _Filters(ctypes.Structure):
@@ -102,9 +102,10 @@ class _Tables(ctypes.Structure):
     """`Tables` of quads.h."""
 
     _fields_ = [
-        ("filters", _Filters), ("profiles", _Shares), ("coarse", _Shares), ("templates", ctypes.c_void_p),
-        ("cubics", ctypes.c_void_p), ("explanations", ctypes.c_void_p), ("first_blur", ctypes.c_ssize_t),
-        ("blurs", ctypes.c_ssize_t), ("cells", ctypes.c_ssize_t),
+        ("approaching", ctypes.c_void_p), ("refining", ctypes.c_void_p), ("filters", _Filters),
+        ("profiles", _Shares), ("coarse", _Shares), ("templates", ctypes.c_void_p), ("cubics", ctypes.c_void_p),
+        ("explanations", ctypes.c_void_p), ("first_blur", ctypes.c_ssize_t), ("blurs", ctypes.c_ssize_t),
+        ("cells", ctypes.c_ssize_t),
     ]  # fmt: skip
 
 
@@ -114,24 +115,27 @@ class Tables:
     def __init__(
         self,
         cells: int,
+        approaching: Floats,
+        refining: Floats,
         profiles: tuple[Floats, Floats],
         coarse: tuple[Floats, NDArray[np.float32]],
         cubics: Floats,
         blur_steps: range,
         explain: Callable[[int], tuple[Floats, NDArray[np.intp]]],
     ) -> None:
-        """`profiles`: shares (P,) of the way along a side, and their bends (2, P); `coarse`: shares and templates.
+        """`approaching`, `refining`: constants, as in kernels.h and quads.h.
 
+        `profiles`: shares (P,) of the way along a side, and their bends (2, P); `coarse`: shares and templates.
         `explain` makes the explanations for one of `blur_steps`: `bases` (columns, places) and where each begins.
         """
         assert len(profiles[0]) <= MOST_PROFILES
         self._filters, self._blur_steps, self._explain = filter_table(), blur_steps, explain
         self._explanations = (_Explanations * len(blur_steps))()
-        self._kept = [doubles(array) for array in (*profiles, coarse[0], cubics)], coarse[1]
-        share, bend, coarse_share, at_cubics = (address(array) for array in self._kept[0])
+        self._kept = [doubles(array) for array in (approaching, refining, *profiles, coarse[0], cubics)], coarse[1]
+        *constants, share, bend, coarse_share, at_cubics = (address(array) for array in self._kept[0])
         self._made: dict[int, tuple[Floats, NDArray[np.intp]]] = {}
         structure = self._structure = _Tables(
-            self._filters.structure, _Shares(len(profiles[0]), share, bend),
+            *constants, self._filters.structure, _Shares(len(profiles[0]), share, bend),
             _Shares(len(coarse[0]), coarse_share, None), address(coarse[1]), at_cubics,
             ctypes.addressof(self._explanations), blur_steps.start, len(blur_steps), cells,
         )  # fmt: skip
@@ -168,13 +172,18 @@ def refine(frame: Frame, near: Floats, tables: Tables, intrinsics: Intrinsics | 
 
 
 def approach(
-    frame: Frame, rough: Floats, tolerance_px: Floats, share: Floats, templates: NDArray[np.float32]
+    frame: Frame,
+    rough: Floats,
+    tolerance_px: Floats,
+    constants: Floats,
+    share: Floats,
+    templates: NDArray[np.float32],
 ) -> tuple[Floats, list[int]]:
     """As `approach_quads` of decode/approach.py: corners (N, 4, 2), and 0, or 1 for no edge, 2 for not straight."""
     rough, tolerance_px, count = doubles(rough), doubles(tolerance_px), len(rough)
     corners, outcomes = np.empty((count, 4, 2)), np.empty(count, np.int32)
     _approach(
-        *picture(frame), address(share), len(share), address(templates), count, address(rough), address(tolerance_px),
-        address(corners), address(outcomes),
+        *picture(frame), address(constants), address(share), len(share), address(templates), count, address(rough),
+        address(tolerance_px), address(corners), address(outcomes),
     )  # fmt: skip
     return corners, outcomes.tolist()

@@ -88,9 +88,14 @@ void ledpi_unit_square_to(const Point corners[4], double homography[9]);
 
 double ledpi_farthest(const Point a[4], const Point b[4]); /* NaN where a corner is none */
 
+/* Constants of decode/approach.py, where they are explained. */
+typedef struct {
+    double finest_step_px, max_tilt_steps, cut_off, obtuse, straighter, max_spread_px, max_spread_steps, almost, max_move;
+} Approaching;
+
 /* ---- Where light steps up the most across the sides of a quad, as `nearest_sides` in decode/approach.py (approach.c).
  * Returns whether it has such steps all round; `spread_px` is that of the steps about the sides. */
-bool ledpi_nearest(const Picture *picture, const Shares *shares, const float *templates, const Point corners[4],
-                   double step_px, Point found[4], double *spread_px);
+bool ledpi_nearest(const Picture *picture, const Approaching *by, const Shares *shares, const float *templates,
+                   const Point corners[4], double step_px, Point found[4], double *spread_px);
 
 #endif

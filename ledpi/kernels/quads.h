@@ -14,8 +14,18 @@ typedef struct {
     const ptrdiff_t *first;
 } Explanations;
 
+/* Constants of decode/looks.py, whole.py, edges.py and adjust.py, where they are explained. */
+typedef struct {
+    double least_height, near_px, settled_px, settled_blur, first_look_px, more_looks, converged_px, steepest, max_move,
+        max_blur_change;
+    double near_edge, share_step, first_share, most, gap, blur_px, blur_step, better, little_left, clearly_better, nothing_left;
+    double max_spread_px, min_used, min_side_px, border_px, hidden_sigma, min_pitch_px, least_cells;
+} Refining;
+
 /* What is made beforehand; as kernels/edges.py has it. */
 typedef struct {
+    const Approaching *approaching;
+    const Refining *refining;
     Filters filters;
     Shares profiles, coarse;     /* across the sides: looked at closely, and from further off */
     const float *templates;      /* of the step there */

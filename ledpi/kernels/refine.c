@@ -4,15 +4,6 @@
 #include "lattice.h"
 #include "quads.h"
 
-#define MAX_MOVE 0.2
-#define MAX_SPREAD_PX 0.35
-#define MIN_USED 0.6
-#define MIN_SIDE_PX 7.0
-#define BORDER_PX 1.0
-#define HIDDEN_SIGMA 0.003
-#define MIN_PITCH_PX 6.0
-enum { LEAST_CELLS = 3 };
-
 /* In this order in kernels/edges.py. */
 typedef enum { WHOLE, PARTLY_HIDDEN, NO_EDGE, NOT_STRAIGHT, NOT_WHOLE, NOT_CONVEX, TOO_SMALL, AT_BORDER } Outcome;
 
@@ -37,29 +28,30 @@ static void uncover(const Point corners[4], double hidden[2][2], Point whole[4])
 }
 
 /* Whether a quad has the shape of a square, and is wholly in the picture: `outcome` then, else why not. */
-static Outcome checked(const Picture *picture, const Point c[4], Outcome outcome) {
+static Outcome checked(const Picture *picture, const Refining *by, const Point c[4], Outcome outcome) {
     for (int k = 0; k < 4; k++) {
         const Point *before = &c[(k + 3) & 3], *here = &c[k], *next = &c[(k + 1) & 3];
         const double turn = (here->x - before->x) * (next->y - here->y) - (here->y - before->y) * (next->x - here->x);
         if (!(turn > 0.0)) return NOT_CONVEX; /* also where a corner is not finite */
     }
-    if (ledpi_area(c) < MIN_SIDE_PX * MIN_SIDE_PX) return TOO_SMALL;
-    const double right = (double)picture->width - 1.0 - BORDER_PX, bottom = (double)picture->height - 1.0 - BORDER_PX;
+    if (ledpi_area(c) < by->min_side_px * by->min_side_px) return TOO_SMALL;
+    const double right = (double)picture->width - 1.0 - by->border_px, bottom = (double)picture->height - 1.0 - by->border_px;
     for (int k = 0; k < 4; k++)
-        if (c[k].x < BORDER_PX || c[k].y < BORDER_PX || c[k].x > right || c[k].y > bottom) return AT_BORDER;
+        if (c[k].x < by->border_px || c[k].y < by->border_px || c[k].x > right || c[k].y > bottom) return AT_BORDER;
     return outcome;
 }
 
 static Outcome refine(const Picture *picture, const Tables *tables, const Lens *lens, const Point near[4], Refined *into,
                       Missing *missing) {
+    const Refining *const by = tables->refining;
     const double side_px = sqrt(fabs(ledpi_area(near))), cells = (double)tables->cells;
     double bends[16] = {0.0}, hidden[2][2];
     Found found;
     if (lens) ledpi_bends(lens, 1, &near[0].x, bends);
     ledpi_find_sides(picture, tables, near, bends, &found, missing);
     if (missing->filter) return NO_EDGE;
-    if (!found.seen || !(ledpi_farthest(found.corners, near) < MAX_MOVE * side_px)) return NO_EDGE;
-    if (!(found.spread_px <= MAX_SPREAD_PX && found.used >= MIN_USED)) return NOT_STRAIGHT;
+    if (!found.seen || !(ledpi_farthest(found.corners, near) < by->max_move * side_px)) return NO_EDGE;
+    if (!(found.spread_px <= by->max_spread_px && found.used >= by->min_used)) return NOT_STRAIGHT;
     ledpi_hidden(picture, tables, found.corners, bends, hidden, missing);
     if (missing->explanations) return NO_EDGE;
     into->sigma_px = found.sigma_px;
@@ -69,12 +61,12 @@ static Outcome refine(const Picture *picture, const Tables *tables, const Lens *
     if (hidden[0][0] != 0.0 || hidden[0][1] != 0.0 || hidden[1][0] != 0.0 || hidden[1][1] != 0.0) {
         if (!isfinite(hidden[0][0] + hidden[0][1] + hidden[1][0] + hidden[1][1])) return NOT_WHOLE;
         uncover(found.corners, hidden, into->corners);
-        into->sigma_px += HIDDEN_SIGMA * side_px;
-        return checked(picture, into->corners, PARTLY_HIDDEN);
+        into->sigma_px += by->hidden_sigma * side_px;
+        return checked(picture, by, into->corners, PARTLY_HIDDEN);
     }
-    const Outcome outcome = checked(picture, into->corners, WHOLE);
-    const double least_px = cells * MIN_PITCH_PX; /* nearer, lines blur into each other, and sides are better known */
-    if (outcome != WHOLE || tables->cells < LEAST_CELLS || tables->cells > MOST_CELLS) return outcome;
+    const Outcome outcome = checked(picture, by, into->corners, WHOLE);
+    const double least_px = cells * by->min_pitch_px; /* nearer, lines blur into each other, and sides are better known */
+    if (outcome != WHOLE || cells < by->least_cells || tables->cells > MOST_CELLS) return outcome;
     if (!(ledpi_area(found.corners) > least_px * least_px)) return outcome;
     Point moved[4];
     const double sigma_px = ledpi_adjust(picture, tables, found.corners, bends, lens, moved, missing);

@@ -7,17 +7,6 @@
 enum { ALONG = 40, SHARES = 20, WHOLE = 5, EXPLAINED = 3 * SHARES };
 #define ACROSS_FIRST 0.3 /* of a cell: where the light along the quad is taken, and averaged */
 #define ACROSS_SECOND 0.7
-#define NEAR_EDGE 0.06
-#define SHARE_STEP 0.02
-#define FIRST_SHARE (-0.1)
-#define MOST 0.15
-#define GAP 0.03
-#define BLUR_PX 0.9
-#define BLUR_STEP 0.15
-#define BETTER 0.6
-#define LITTLE_LEFT 0.06
-#define CLEARLY_BETTER 0.15
-#define NOTHING_LEFT 0.02
 
 /* Light (2, ALONG) from left to right and from top to bottom of a quad, its mean 1. `bends` (4, 2, 2) of its sides, along
  * and inward; `cubics` (2, ALONG) how much of either moves each place. */
@@ -46,18 +35,20 @@ static void light_along(const Picture *picture, const Point corners[4], const do
 }
 
 /* Mean square that the explanations from … to − 1 leave (to,) of `light`; the best of them. */
-LEDPI_WIDE static ptrdiff_t unexplained(const double *light, const Explanations *by, ptrdiff_t from, ptrdiff_t to, double *left) {
+LEDPI_WIDE static ptrdiff_t unexplained(const double *light, const Explanations *explanations, double near_edge,
+                                        ptrdiff_t from, ptrdiff_t to, double *left) {
     double all = 0.0, places = 0.0;
     ptrdiff_t best = from;
     for (int i = 0; i < ALONG; i++) {
         const double at = (i + 0.5) / ALONG;
-        if (!(at > NEAR_EDGE && at < 1.0 - NEAR_EDGE)) continue;
+        if (!(at > near_edge && at < 1.0 - near_edge)) continue;
         all += light[i] * light[i];
         places += 1.0;
     }
     for (ptrdiff_t e = from; e < to; e++) {
         double explained = 0.0;
-        for (const double *basis = by->bases + by->first[e] * ALONG; basis < by->bases + by->first[e + 1] * ALONG; basis += ALONG) {
+        const double *const end = explanations->bases + explanations->first[e + 1] * ALONG;
+        for (const double *basis = explanations->bases + explanations->first[e] * ALONG; basis < end; basis += ALONG) {
             double part[4] = {0.0, 0.0, 0.0, 0.0}; /* four sums side by side, as many as fit a register */
             for (int i = 0; i < ALONG; i += 4)
                 for (int k = 0; k < 4; k++) part[k] += light[i + k] * basis[i + k];
@@ -71,16 +62,19 @@ LEDPI_WIDE static ptrdiff_t unexplained(const double *light, const Explanations 
 }
 
 /* The share with the least left unexplained, by the parabola through its neighbours; `left` (SHARES,), and of whole cells. */
-static double share_of(const double *left, ptrdiff_t best, double of_whole) {
+static double share_of(const Refining *by, const double *left, ptrdiff_t best, double of_whole) {
     if (best < 1 || best > SHARES - 2) return NAN;
     const double tilt = 0.5 * (left[best - 1] - left[best + 1]);
     const double bend = fmax(left[best - 1] + left[best + 1] - 2.0 * left[best], 1e-12);
-    const double share = FIRST_SHARE + SHARE_STEP * ((double)best + tilt / bend), least = left[best] - 0.5 * tilt * tilt / bend;
-    return fabs(share) < MOST && least < fmax(LITTLE_LEFT * LITTLE_LEFT, CLEARLY_BETTER * of_whole) ? share : NAN;
+    const double share = by->first_share + by->share_step * ((double)best + tilt / bend);
+    const double least = left[best] - 0.5 * tilt * tilt / bend;
+    const double enough = fmax(by->little_left * by->little_left, by->clearly_better * of_whole);
+    return fabs(share) < by->most && least < enough ? share : NAN;
 }
 
 void ledpi_hidden(const Picture *picture, const Tables *tables, const Point corners[4], const double *bends,
                   double hidden[2][2], Missing *missing) {
+    const Refining *const by = tables->refining;
     static const double ends[3][2] = {{1.0, 0.0}, {0.0, 1.0}, {1.0, 1.0}};
     const double side_px = sqrt(fabs(ledpi_area(corners))), cells = (double)tables->cells;
     double most_bent = 0.0, light[2][ALONG], left[EXPLAINED];
@@ -88,21 +82,23 @@ void ledpi_hidden(const Picture *picture, const Tables *tables, const Point corn
         hidden[k / 2][k % 2] = 0.0;
         most_bent = fmax(most_bent, fmax(fabs(bends[4 * k + 1]), fabs(bends[4 * k + 3])));
     }
-    const double blur = (BLUR_PX + most_bent + GAP * side_px / cells) / fmax(side_px, 1.0);
+    const double blur = (by->blur_px + most_bent + by->gap * side_px / cells) / fmax(side_px, 1.0);
     if (!(blur > 0.0)) return; /* the quad is nowhere */
-    const double step = fmin(fmax(rint(log(blur) / BLUR_STEP) - (double)tables->first_blur, 0.0), (double)(tables->blurs - 1));
-    const Explanations *const by = tables->explanations + (ptrdiff_t)step;
-    if (!by->bases) {
+    const double last = (double)(tables->blurs - 1);
+    const double step = fmin(fmax(rint(log(blur) / by->blur_step) - (double)tables->first_blur, 0.0), last);
+    const Explanations *const explanations = tables->explanations + (ptrdiff_t)step;
+    if (!explanations->bases) {
         missing->explanations = 1 + (ptrdiff_t)step;
         return;
     }
     light_along(picture, corners, bends, tables->cubics, tables->cells, &light[0][0]);
     for (int axis = 0; axis < 2; axis++) {
-        unexplained(light[axis], by, WHOLE, WHOLE + 1, left);
-        if (!(left[WHOLE] > NOTHING_LEFT * NOTHING_LEFT)) continue;
-        const ptrdiff_t best = unexplained(light[axis], by, 0, EXPLAINED, left), end = best / SHARES;
-        if (!(left[best] < BETTER * left[WHOLE])) continue;
-        const double share = share_of(left + end * SHARES, best % SHARES, left[WHOLE]);
+        unexplained(light[axis], explanations, by->near_edge, WHOLE, WHOLE + 1, left);
+        if (!(left[WHOLE] > by->nothing_left * by->nothing_left)) continue;
+        const ptrdiff_t best = unexplained(light[axis], explanations, by->near_edge, 0, EXPLAINED, left);
+        const ptrdiff_t end = best / SHARES;
+        if (!(left[best] < by->better * left[WHOLE])) continue;
+        const double share = share_of(by, left + end * SHARES, best % SHARES, left[WHOLE]);
         hidden[axis][0] = share * ends[end][0], hidden[axis][1] = share * ends[end][1];
     }
 }
