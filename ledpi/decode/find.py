@@ -32,8 +32,9 @@ LEVELS = 3  # halvings; the cells of a panel that fills the picture's height mel
 # By level: share of the way from the darkest to the brightest, in 256ths: 0.5 everywhere, 0.7 and 0.6.
 THRESHOLDS = ((128,), (128, 179), (154,))
 # The same where that has found nothing: beside something darker than the wall (what hides a part of it, ink), half-way
-# is darker than the wall, and a panel melts into it. A panel of few pixels would be cut by this alone.
-AGAIN = ((166,), (), ())  # 0.65
+# is darker than the wall, and a panel melts into it; more so in a bright room. A panel of few pixels would be cut by
+# these alone.
+AGAIN = ((166, 192), (), ())  # 0.65 and 0.75
 # Shortest outline by level, in its pixels: of the smallest panel in scope, foreshortened by 60°; then of what the level
 # before sees better.
 SHORTEST = (10, 24, 24)
