@@ -169,6 +169,8 @@ class Pipeline:
         """The squares that are where their tracks lead; what is not there is left to a search."""
         start = self._clock()
         tracks = self._tracker.expected()
+        if not tracks:
+            return []
         near = [track.sought_px(frame.row0_readout_ns) for track in tracks]
         refined = iter(self._refine(frame, [at for at, track in zip(near, tracks, strict=True) if not track.of_spots]))
         quads: list[Quad | Rejected] = [
