@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from decode_material import SPEC, TRUE_10_MS_US, Canvas, quad, square, word
 
+from ledpi.decode import soft
 from ledpi.decode.cells import CellSamples, sample_cells
 from ledpi.decode.evidence import Doubles, Evidence
 from ledpi.decode.single_frame import single_evidence
@@ -113,3 +114,15 @@ def test_a_pattern_two_cells_off_a_word_of_a_larger_grid_is_none() -> None:
     """As in the smaller: one cell may be wrong, although the dictionary could correct three."""
     assert Codebook.build([0], load_dictionary("DICT_5X5_50"), SPEC).correctable == 1
     assert Codebook.build([0], DICTIONARY, SPEC).correctable == 1
+
+
+def test_faint_bands_that_tell_nothing_are_not_looked_at_twice(monkeypatch: pytest.MonkeyPatch) -> None:
+    """6 px a cell: no second look would make a word of these."""
+    monkeypatch.setattr(soft, "believed_bands", lambda *_: pytest.fail("looked at twice"))
+    corners, canvas = square(310.3, 240.6, 24, 9), Canvas(exposure_us=TRUE_10_MS_US)
+    canvas.panel(corners, word(7))
+    frame = canvas.frame(1)
+    samples = sample_cells(frame, quad(corners), 4)
+    assert isinstance(samples, CellSamples)
+    result = soft.read_word(samples, frame, Codebook.build(list(range(50)), DICTIONARY, SPEC))
+    assert result == soft.NO_WORD

@@ -44,6 +44,8 @@ FALSE_ID_RATE = 1e-6
 NEAR_DISTANCES, NEAREST = 3, 2
 # Patterns are tried that differ in up to so many cells: what differs in more is less likely than these.
 NEIGHBOURS = 3
+# Of bands less deep than this a second look has added 10 nats at most, of 750 panels at 2 to 3 m, and 1 or 2 mostly.
+FAINT_DEPTH, SECOND_LOOK_ADDS = 0.1, 10.0
 # No square wave leaves deeper bands than `shutter.harmonic_amplitude` of duty 0.5 by more than π/2 (a duty near 0), and
 # the classes of one panel are thinned alike by whatever light does not blink; where that is three times the panel's
 # own, the panel is no longer seen to be lit. Texture knows of none of this.
@@ -130,7 +132,9 @@ def read_word(
     first = _judged(fit, evidence, codebook, false_id_rate)
     if first == NO_BANDS or not (isinstance(first, Rejected) or is_deep(evidence.prior)):
         return first
-    if isinstance(first, Rejected) and _is_contradicted(fit, codebook, false_id_rate):
+    if isinstance(first, Rejected) and (
+        _is_contradicted(fit, codebook, false_id_rate) or _is_hopeless(fit, evidence, codebook, false_id_rate)
+    ):
         return first
     believed = believed_bands(samples, frame, spec, codebook.white[fit.words[0]] > 0, fit.bands)
     again = single_evidence(samples, frame, spec, believed=believed)
@@ -149,6 +153,14 @@ def _is_contradicted(fit: Fit, codebook: Codebook, false_id_rate: float) -> bool
     what was decided against the word.
     """
     return int((fit.gain > odds_needed(false_id_rate)).sum()) > codebook.correctable
+
+
+def _is_hopeless(fit: Fit, evidence: Evidence, codebook: Codebook, false_id_rate: float) -> bool:
+    """Whether a second look at faint bands, which adds little, cannot add what is missing."""
+    if math.sqrt(2.0 * float(evidence.prior.max())) > FAINT_DEPTH:
+        return False
+    odds = _odds_against_other_patterns(fit.gain, evidence.silent, codebook, fit.words[0])
+    return odds < odds_needed(false_id_rate) - SECOND_LOOK_ADDS
 
 
 def decide(evidence: Evidence, codebook: Codebook, false_id_rate: float) -> Reading | Rejected:
