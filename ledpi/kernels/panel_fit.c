@@ -23,7 +23,7 @@ static const double SPOT_SIGMA[SPOTS] = {0.16, 0.32}; /* of the pitch; as in dec
 #define FLOOR 0.1 /* of full light: what weighs as much as the noise of what is dark; and what texture outside does */
 #define OUTSIDE 1.0
 #define MOST_STEP 0.1
-#define SETTLED 3e-4
+#define SETTLED 1e-3
 #define LEAST_GAIN 0.02
 static const double LEAST_BLUR_PX = 0.4, MOST_BLUR_PX = 3.0, MOST_GAP = 0.3;
 
@@ -89,7 +89,9 @@ static double light_at(const View *view, double x, double y) {
 
 /* A wave's share of its light at `cycles`, from a table (STEPS,) of its period, and how that changes by a cycle. */
 static double wave_at(const float *table, double cycles, double *slope) {
-    double at = (cycles - floor(cycles)) * STEPS;
+    double turn = cycles - (double)(ptrdiff_t)cycles; /* what is cut off may be negative */
+    if (turn < 0.0) turn += 1.0;
+    double at = turn * STEPS;
     ptrdiff_t step = (ptrdiff_t)at;
     step = step < STEPS ? step : STEPS - 1;
     double here = table[step], next = table[step + 1 < STEPS ? step + 1 : 0];
