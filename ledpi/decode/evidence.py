@@ -162,6 +162,11 @@ def is_deep(prior: Doubles) -> bool:
     return math.sqrt(2.0 * min(prior.tolist())) > FULL_DEPTH
 
 
+def is_deep_anywhere(prior: Doubles) -> bool:
+    """Whether one class's are: then what a model leaves open is not noise."""
+    return math.sqrt(2.0 * max(prior.tolist())) > FULL_DEPTH
+
+
 def evidence_from(normal: Normal, samples: CellSamples, frame: Frame, spec: PanelSpec) -> Evidence | Rejected:
     """Takes the nuisances off, and weighs the rest by the noise that is left when every cell has bands of its own."""
     if normal.freedom <= 0:

@@ -21,9 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ledpi.decode.cells import CellSamples, Singles
-from ledpi.decode.evidence import Doubles, Evidence, believed_bands, is_deep
+from ledpi.decode.evidence import Doubles, Evidence, believed_bands, is_deep, is_deep_anywhere
 from ledpi.decode.single_frame import single_evidence
-from ledpi.decode.words import Fit, likeliest, of_neighbours
+from ledpi.decode.words import Fit, likeliest, of_neighbours, word_log_likelihoods
 from ledpi.markers import Dictionary
 from ledpi.records import Frame, PanelSpec, Rejected
 
@@ -133,7 +133,7 @@ def read_word(
     if first == NO_BANDS or not (isinstance(first, Rejected) or is_deep(evidence.prior)):
         return first
     if isinstance(first, Rejected) and (
-        _is_contradicted(fit, codebook, false_id_rate) or _is_hopeless(fit, evidence, codebook, false_id_rate)
+        _is_contradicted(fit, evidence, codebook, false_id_rate) or _is_hopeless(fit, evidence, codebook, false_id_rate)
     ):
         return first
     believed = believed_bands(samples, frame, spec, codebook.white[fit.words[0]] > 0, fit.bands)
@@ -146,13 +146,17 @@ def read_word(
     return replace(second, cell_bands=believed.turned_back(second.cell_bands))
 
 
-def _is_contradicted(fit: Fit, codebook: Codebook, false_id_rate: float) -> bool:
-    """Whether more cells than the dictionary can correct are surely of the other class than the best word says.
+def _is_contradicted(fit: Fit, evidence: Evidence, codebook: Codebook, false_id_rate: float) -> bool:
+    """Whether more cells than the dictionary can correct are surely of the other class than the best word says, or all
+    of them may be of one class.
 
     A second look believes the word's cells, and so finds more of what it believes: it may settle what was open, but not
     what was decided against the word.
     """
-    return int((fit.gain > odds_needed(false_id_rate)).sum()) > codebook.correctable
+    needed = odds_needed(false_id_rate)
+    if int((fit.gain > needed).sum()) > codebook.correctable:
+        return True
+    return is_deep_anywhere(evidence.prior) and fit.likelihood[0] - _of_one_class(evidence) < needed
 
 
 def _is_hopeless(fit: Fit, evidence: Evidence, codebook: Codebook, false_id_rate: float) -> bool:
@@ -193,6 +197,9 @@ def _judged(fit: Fit, evidence: Evidence, codebook: Codebook, false_id_rate: flo
     )
     if outside >= needed:
         outside = min(outside, _odds_against_neighbours(evidence, silent, codebook, best, none))
+    deep = is_deep_anywhere(evidence.prior)
+    if outside >= needed and deep:
+        outside = min(outside, none - _of_one_class(evidence) + _prior_odds_of_word(codebook))
     if outside < needed:
         return NO_WORD
     ids = codebook.ids
@@ -238,7 +245,7 @@ def _consistent(evidence: Evidence, silent: Mask, of_cells: float, of_word: floa
     """Whether all cells share the bands of one word, as far as its log-likelihood ratio and its lead can tell."""
     freedom = (len(silent) - int(np.count_nonzero(silent)) - 1) * len(evidence.prior)
     misfit = of_cells - of_word
-    if is_deep(evidence.prior):
+    if is_deep_anywhere(evidence.prior):
         return misfit < lead and of_word > MIN_EXPLAINED * evidence.left
     return misfit < 0.5 * (freedom + DEVIATIONS * math.sqrt(2.0 * freedom)) + MAX_MISFIT * of_word
 
@@ -288,6 +295,16 @@ def _odds_against_negative(of_negative: float, codebook: Codebook, of_word: floa
     if codebook.spec.phase == "antiphase":
         return math.inf
     return of_word - of_negative + _prior_odds_of_word(codebook)
+
+
+def _of_one_class(evidence: Evidence) -> float:
+    """Log-likelihood ratio of all cells being of one class, its bands fitted anew, to "no bands".
+
+    So is a lamp that is switched, or a panel whose driver has failed. Where cells are as high as bright bands, whole
+    rows of them are dark, and a word that says so where they are outshines patterns that are like it.
+    """
+    both = np.stack([np.zeros(len(evidence.score)), np.ones(len(evidence.score))]).astype(np.float32)
+    return float(word_log_likelihoods(evidence, both)[0].max())
 
 
 def _prior_odds_of_word(codebook: Codebook) -> float:
