@@ -20,10 +20,13 @@ from decode_material import (
     word,
 )
 
+from ledpi.decode import soft
 from ledpi.decode.band_light import unlike_a_square
+from ledpi.decode.cells import CellSamples, sample_cells
 from ledpi.decode.find_striped import StripedFinder, smallest_square_around
 from ledpi.decode.sides import as_points
 from ledpi.decode.striped import striped_near, striped_squares
+from ledpi.dictionaries import load_dictionary
 from ledpi.pipeline import Pipeline
 from ledpi.records import Floats, Frame, Intrinsics, Quad, Rejected
 
@@ -136,3 +139,17 @@ def test_one_frame_is_read_at_any_exposure(exposure_us: float, turn_deg: float) 
     for marker_id in (7, 42):
         frame = striped(square(310, 240, 70, turn_deg), marker_id, (0.3, 0.9), exposure_us)
         assert [marker.sighting.id for marker in pipeline.decode(frame).markers] == [marker_id]
+
+
+@pytest.mark.parametrize(
+    ("side", "turn_deg", "white", "phase"), [(24, 3, True, 0.2), (28, 3, True, 0.3), (27, 0, False, 0.4)]
+)
+def test_a_panel_of_one_class_is_no_word(side: float, turn_deg: float, white: bool, phase: float) -> None:
+    """Its cells are as high as its bright bands: whole rows of them are dark, as if of the class that is dark there."""
+    true = square(310.3, 240.6, side, turn_deg)
+    canvas = Canvas(exposure_us=SHORT_US)
+    canvas.panel(true, np.full((4, 4), white), phases=(phase, phase))
+    frame, book = canvas.frame(), soft.Codebook.build(list(range(50)), load_dictionary("DICT_4X4_50"), SPEC)
+    samples = sample_cells(frame, Quad(corners_px=true, corner_sigma_px=0.05), 4)
+    assert isinstance(samples, CellSamples)
+    assert isinstance(soft.read_word(samples, frame, book), Rejected)

@@ -156,7 +156,10 @@ def _is_contradicted(fit: Fit, evidence: Evidence, codebook: Codebook, false_id_
     needed = odds_needed(false_id_rate)
     if int((fit.gain > needed).sum()) > codebook.correctable:
         return True
-    return is_deep_anywhere(evidence.prior) and fit.likelihood[0] - _of_one_class(evidence) < needed
+    if not is_deep_anywhere(evidence.prior):
+        return False
+    misfit = fit.of_cells - fit.likelihood[0]  # by which either may be wrong
+    return fit.likelihood[0] - _of_one_class(evidence) < needed + misfit
 
 
 def _is_hopeless(fit: Fit, evidence: Evidence, codebook: Codebook, false_id_rate: float) -> bool:
