@@ -231,6 +231,8 @@ def _check_panels(panels: PanelSettings, where: str) -> None:
             spec = panels.spec(marker_id)
             if marker_id is not None:
                 dictionary.check_readable(marker_id, spec.phase)
+            elif not dictionary.readable_ids(spec.phase):
+                raise ValueError(dictionary.none_readable(spec.phase))
         except ValueError as error:
             raise ConfigError(f"{where}: {key}: {error}") from None
 

@@ -68,6 +68,10 @@ class Dictionary:
                 f"antiphase they look alike; must be one of {as_ranges(readable)}"
             )
 
+    def none_readable(self, phase: Phase) -> str:
+        """What to say where `readable_ids` has none."""
+        return f"no ID of {self.name} can be told from the others in {phase}; panels.phase must be free"
+
     def correctable_cells(self, phase: Phase = "free") -> int:
         """⌊(d − 1)/2⌋ for the smallest distance d of a word that can be read to another, however they are turned."""
         distance = self.distances(phase)

@@ -282,6 +282,15 @@ def test_what_is_no_antiphase_panel_is_refused(tmp_path: Path, text: str, messag
         load_config(write(tmp_path, text))
 
 
+def test_a_dictionary_of_which_antiphase_tells_no_id_is_refused(tmp_path: Path) -> None:
+    """A word and its negative: in antiphase they are one pattern."""
+    words = 'marker_0: "1000"\nmarker_1: "0111"\n'
+    (tmp_path / "two.yml").write_text(f"%YAML:1.0\n---\nnmarkers: 2\nmarkersize: 2\n{words}")
+    text = "panels: {side_m: 0.2, dictionary: two.yml, phase: antiphase, white_hz: 1250}"
+    with pytest.raises(ConfigError, match=r"panels: no ID of .*two.yml .* in antiphase; panels.phase must be free"):
+        load_config(write(tmp_path, text))
+
+
 def test_one_panel_may_be_in_antiphase(tmp_path: Path) -> None:
     """Among others of two frequencies."""
     override = "{9: {phase: antiphase, black_hz: 1653, white_hz: 1653}}"

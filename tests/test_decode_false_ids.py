@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from itertools import combinations
 
 import numpy as np
@@ -11,16 +12,17 @@ from decode_material import SPEC, TRUE_10_MS_US, Canvas, quad, square, word
 
 from ledpi.decode import soft
 from ledpi.decode.cells import CellSamples, sample_cells
-from ledpi.decode.evidence import Doubles, Evidence
+from ledpi.decode.evidence import UNFIT, Doubles, Evidence
 from ledpi.decode.single_frame import single_evidence
 from ledpi.decode.soft import Codebook, Reading, decide, odds_needed
-from ledpi.decode.words import of_neighbours, word_log_likelihoods
+from ledpi.decode.words import SHORTLIST, likeliest, of_neighbours, word_log_likelihoods
 from ledpi.dictionaries import load_dictionary
 from ledpi.kernels.library import COMPILED
 from ledpi.records import Frame
 
 DICTIONARY = load_dictionary("DICT_4X4_50")
 FLAT = np.arange(16)
+NEEDS_LOOPS = pytest.mark.skipif(not COMPILED, reason="needs the compiled loops, a C compiler at installation")
 HARD_PX = 30.0  # a panel's side where patterns are mistaken most: 16 cm at 3.1 m
 
 
@@ -97,7 +99,7 @@ def test_neighbours_are_summed_up_with_bands_of_their_own(compiled: bool) -> Non
     assert found == pytest.approx(exact, abs=0.01)
 
 
-@pytest.mark.skipif(not COMPILED, reason="needs the compiled loops (a C compiler when ledpi was installed)")
+@NEEDS_LOOPS
 def test_neighbours_beside_a_silent_cell() -> None:
     """A cell that gives no light is left as it is."""
     evidence = evidence_of(40.0, 2)
@@ -126,3 +128,54 @@ def test_faint_bands_that_tell_nothing_are_not_looked_at_twice(monkeypatch: pyte
     assert isinstance(samples, CellSamples)
     result = soft.read_word(samples, frame, Codebook.build(list(range(50)), DICTIONARY, SPEC))
     assert result == soft.NO_WORD
+
+
+@NEEDS_LOOPS
+def test_neighbours_on_the_largest_grid() -> None:
+    """8 × 8 cells, the last of which is bit 63 of a pattern; its change is what makes the likeliest one."""
+    rng, size = np.random.default_rng(0), 64 * 4
+    root = rng.standard_normal((size, size))
+    own = rng.integers(0, 2, 64).astype(np.float32)
+    other = own.copy()
+    other[63] = 1 - other[63]
+    shown = np.where(np.arange(4) < 2, 1 - other[:, None], other[:, None]) * (0.3, 0.1, -0.2, 0.2)
+    information = root @ root.T
+    evidence = Evidence(
+        score=(information @ shown.ravel()).reshape(64, 4),
+        information=information.reshape(64, 4, 64, 4),
+        prior=np.full(4, 0.1),
+        left=1.0,
+    )
+    ours, theirs = (of_neighbours(evidence, own, 1, 2, compiled=compiled) for compiled in (True, False))
+    assert ours == pytest.approx(theirs)
+
+
+@NEEDS_LOOPS
+def test_a_rival_that_cannot_be_weighed_is_not_beaten() -> None:
+    """Evidence that is indefinite where only the negative of panel 7 has bands: a likelihood that is no number."""
+    evidence, book = evidence_of(60.0, 1), Codebook.build([7], DICTIONARY, SPEC)
+    assert isinstance(decide(evidence, book, 1e-6), Reading)
+    information, white = evidence.information.copy(), np.flatnonzero(word(7).ravel())
+    for cell in white:
+        information[cell, 0, white[white != cell], 0] = -1e6
+    result = decide(dataclasses.replace(evidence, information=information), book, 1e-6)
+    assert result == UNFIT
+
+
+@NEEDS_LOOPS
+def test_what_is_no_number_is_no_lack_of_memory() -> None:
+    """Neighbours of evidence that is not finite have no likelihood, and that is told."""
+    evidence = evidence_of(60.0, 1)
+    evidence.score[3, 2] = math.nan
+    assert math.isnan(of_neighbours(evidence, word(7).ravel().astype(np.float32), 2, 3))
+
+
+@NEEDS_LOOPS
+def test_a_word_that_cannot_be_told_roughly_hides_none_after_it() -> None:
+    """The last place of the shortlist taken by one: panel 7's own word, which comes next, is on it all the same."""
+    evidence, own = evidence_of(60.0, 1), word(7).ravel().astype(np.float32)
+    assert own[0] == 1  # white: what the first cell says of the black wave does not concern it
+    evidence.information[0, 0, 0, 1] = evidence.information[0, 1, 0, 0] = 1e9
+    poor, untold = np.ones(16, np.float32), np.zeros(16, np.float32)
+    white = np.array([*[poor] * (SHORTLIST - 1), untold, own])
+    assert SHORTLIST in likeliest(evidence, white).words

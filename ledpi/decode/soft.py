@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ledpi.decode.cells import CellSamples, Singles
-from ledpi.decode.evidence import Doubles, Evidence, believed_bands, is_deep, is_deep_anywhere
+from ledpi.decode.evidence import UNFIT, Doubles, Evidence, believed_bands, is_deep, is_deep_anywhere
 from ledpi.decode.single_frame import single_evidence
 from ledpi.decode.words import Fit, likeliest, of_neighbours, word_log_likelihoods
 from ledpi.markers import Dictionary
@@ -74,9 +74,14 @@ class Codebook:
 
     @classmethod
     def build(cls, ids: list[int], dictionary: Dictionary, spec: PanelSpec) -> Codebook:
-        """The words of those `ids` of a dictionary whose panels have this `spec`, but for those that cannot be told."""
+        """The words of those `ids` of a dictionary whose panels have this `spec`, but for those that cannot be told.
+
+        Raises ValueError where there are none.
+        """
         readable = set(dictionary.readable_ids(spec.phase))
         ids = [marker_id for marker_id in ids if marker_id in readable]
+        if not ids:
+            raise ValueError(dictionary.none_readable(spec.phase))
         words = dictionary.turned_words()[ids].reshape(len(ids) * 4, -1)
         return cls(
             ids=np.repeat(np.asarray(ids, np.int64), 4),
@@ -130,7 +135,7 @@ def read_word(
         return evidence
     fit = likeliest(evidence, codebook.white)
     first = _judged(fit, evidence, codebook, false_id_rate)
-    if first == NO_BANDS or not (isinstance(first, Rejected) or is_deep(evidence.prior)):
+    if first in (NO_BANDS, UNFIT) or not (isinstance(first, Rejected) or is_deep(evidence.prior)):
         return first
     if isinstance(first, Rejected) and (
         _is_contradicted(fit, evidence, codebook, false_id_rate) or _is_hopeless(fit, evidence, codebook, false_id_rate)
@@ -191,18 +196,20 @@ def _judged(fit: Fit, evidence: Evidence, codebook: Codebook, false_id_rate: flo
     best, none, silent = fit.words[0], fit.likelihood[0], evidence.silent
     if none < needed:
         return NO_BANDS
+    if not fit.is_finite:
+        return UNFIT
     amplitude = [math.hypot(*wave) for wave in fit.bands.reshape(-1, 2).tolist()]
     if not _plausible(amplitude, [max(wave) for wave in fit.deviation.reshape(-1, 2).tolist()], evidence):
         return IMPLAUSIBLE
-    outside = min(
+    outside = _least(
         _odds_against_other_patterns(fit.gain, silent, codebook, best),
         _odds_against_negative(fit.negative, codebook, none),
     )
     if outside >= needed:
-        outside = min(outside, _odds_against_neighbours(evidence, silent, codebook, best, none))
+        outside = _least(outside, _odds_against_neighbours(evidence, silent, codebook, best, none))
     deep = is_deep_anywhere(evidence.prior)
     if outside >= needed and deep:
-        outside = min(outside, none - _of_one_class(evidence) + _prior_odds_of_word(codebook))
+        outside = _least(outside, none - _of_one_class(evidence) + _prior_odds_of_word(codebook))
     if outside < needed:
         return NO_WORD
     ids = codebook.ids
@@ -220,6 +227,11 @@ def _judged(fit: Fit, evidence: Evidence, codebook: Codebook, false_id_rate: flo
         amplitude=(amplitude[0], amplitude[-1]),
         cell_bands=fit.shown,
     )
+
+
+def _least(*odds: float) -> float:
+    """The least of them; −∞ where one is not a number: `min` may pass over a rival that cannot be weighed."""
+    return -math.inf if any(map(math.isnan, odds)) else min(odds)
 
 
 def surest(readings: Sequence[Reading | Rejected], false_id_rate: float) -> Reading | Rejected:

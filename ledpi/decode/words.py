@@ -5,6 +5,7 @@ In C (kernels/words.c, neighbours.c) and, where there is no compiler, in numpy, 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,6 +33,12 @@ class Fit:
     gain: Doubles  # (cells,) of each cell in the other class to the one that the word says
     negative: float  # of the word with all classes swapped to "no bands", its bands fitted anew
     of_cells: float  # of bands of its own in every cell to "no bands"
+
+    @property
+    def is_finite(self) -> bool:
+        """Whether all of it are numbers; evidence that rounding has left indefinite may have no likelihood."""
+        of_best = self.negative + self.of_cells + float(self.gain.sum()) + float(self.deviation.sum())
+        return math.isfinite(of_best + sum(self.likelihood))
 
 
 def likeliest(evidence: Evidence, white: Singles, *, compiled: bool = COMPILED) -> Fit:

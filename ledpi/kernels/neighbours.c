@@ -18,7 +18,7 @@ typedef struct {
 
 /* One pattern of these: which cells are changed, a bit for each, and the rest as above. */
 typedef struct {
-    int64_t changed;
+    uint64_t changed; /* unsigned, as the last of 64 cells has the sign's bit */
     double matrix[MOST][MOST], right[MOST];
 } Pattern;
 
@@ -46,8 +46,8 @@ static LEDPI_INLINE void change_cell(const Evidence *evidence, const Around *aro
     double sums[MOST][MOST];
     for (ptrdiff_t i = 0; i < parameters; i++)
         for (ptrdiff_t j = 0; j < parameters; j++) sums[i][j] = around->crossed[(at + i) * parameters + j];
-    for (int64_t left = pattern->changed; left; left &= left - 1) {
-        const ptrdiff_t other = __builtin_ctzll((uint64_t)left) * parameters;
+    for (uint64_t left = pattern->changed; left; left &= left - 1) {
+        const ptrdiff_t other = __builtin_ctzll(left) * parameters;
         for (ptrdiff_t i = 0; i < parameters; i++)
             for (ptrdiff_t j = 0; j < parameters; j++)
                 sums[i][j] += change[i] * evidence->information[(at + i) * size + other + j] * around->change[other + j];
@@ -57,7 +57,7 @@ static LEDPI_INLINE void change_cell(const Evidence *evidence, const Around *aro
         for (ptrdiff_t j = 0; j < parameters; j++)
             pattern->matrix[i][j] += sums[i][j] + sums[j][i] + change[i] * evidence->information[(at + i) * size + at + j] * change[j];
     }
-    pattern->changed |= INT64_C(1) << cell;
+    pattern->changed |= UINT64_C(1) << cell;
 }
 
 /* A pattern's log-likelihood ratio to "no bands", depth and phase integrated out, but for what the prior's determinant
@@ -84,8 +84,8 @@ static LEDPI_INLINE double likelihood_of(const Pattern *pattern, const ptrdiff_t
 /* Which patterns were met with, by their bits; more than are tried, and a power of 2. */
 enum { MET = 4096 };
 
-static inline bool is_new(int64_t *met, int64_t changed) {
-    for (uint64_t at = (uint64_t)changed * UINT64_C(0x9e3779b97f4a7c15) >> 52;; at = (at + 1) % MET) {
+static inline bool is_new(uint64_t *met, uint64_t changed) {
+    for (uint64_t at = changed * UINT64_C(0x9e3779b97f4a7c15) >> 52;; at = (at + 1) % MET) {
         if (met[at] == changed) return false;
         if (met[at]) continue;
         met[at] = changed;
@@ -93,7 +93,7 @@ static inline bool is_new(int64_t *met, int64_t changed) {
     }
 }
 
-static LEDPI_INLINE double of_neighbours(const Evidence *evidence, const Around *around, const uint8_t *silent, int64_t *met,
+static LEDPI_INLINE double of_neighbours(const Evidence *evidence, const Around *around, const uint8_t *silent, uint64_t *met,
                                    ptrdiff_t nearest, ptrdiff_t furthest, const ptrdiff_t parameters) {
     int64_t next[BEAM] = {0};
     Pattern here[BEAM] = {{.changed = 0}};
@@ -102,15 +102,15 @@ static LEDPI_INLINE double of_neighbours(const Evidence *evidence, const Around 
     memcpy(here[0].right, around->right, sizeof around->right);
     for (ptrdiff_t differ = 1, known = 1; differ <= furthest; differ++) {
         ptrdiff_t found = 0;
-        memset(met, 0, sizeof(int64_t) * MET);
+        memset(met, 0, sizeof(uint64_t) * MET);
         for (ptrdiff_t n = 0; n < known; n++)
             for (ptrdiff_t c = 0; c < evidence->cells; c++) {
-                const int64_t changed = here[n].changed | INT64_C(1) << c;
+                const uint64_t changed = here[n].changed | UINT64_C(1) << c;
                 if (changed == here[n].changed || silent[c] || !is_new(met, changed)) continue;
                 Pattern pattern = here[n];
                 change_cell(evidence, around, c, &pattern, parameters);
                 const double own = likelihood_of(&pattern, parameters);
-                found = ledpi_put(changed, own, found, BEAM, next, of);
+                found = ledpi_put((int64_t)changed, own, found, BEAM, next, of);
                 if (differ < nearest || own < most - 50.0) continue; /* e⁻⁵⁰ of what is there is lost in rounding */
                 if (own > most) sum = sum * exp(most - own) + 1.0, most = own;
                 else sum += exp(own - most);
@@ -119,8 +119,8 @@ static LEDPI_INLINE double of_neighbours(const Evidence *evidence, const Around 
             memset(&here[n], 0, sizeof here[n]);
             memcpy(here[n].matrix, around->matrix, sizeof around->matrix);
             memcpy(here[n].right, around->right, sizeof around->right);
-            for (int64_t left = next[n]; left; left &= left - 1)
-                change_cell(evidence, around, __builtin_ctzll((uint64_t)left), &here[n], parameters);
+            for (uint64_t left = (uint64_t)next[n]; left; left &= left - 1)
+                change_cell(evidence, around, __builtin_ctzll(left), &here[n], parameters);
         }
         known = found;
     }
@@ -129,21 +129,22 @@ static LEDPI_INLINE double of_neighbours(const Evidence *evidence, const Around 
     return most + log(sum) - of_prior;
 }
 
-/* Log of the sum of the likelihoods of patterns that differ from a word (cells,) in `nearest` to `furthest` cells, none
- * of them `silent` (cells,), each with the bands that fit it best: from the word outward, those near the BEAM likeliest
- * of the patterns one cell nearer. At most 64 cells. NaN where there is no memory. */
-LEDPI_WIDE double ledpi_of_neighbours(ptrdiff_t cells, ptrdiff_t parameters, const double *score,
-                                      const double *information, const double *prior, const float *word,
-                                      const uint8_t *silent, ptrdiff_t nearest, ptrdiff_t furthest) {
+/* Puts the log of the sum of the likelihoods of patterns that differ from a word (cells,) in `nearest` to `furthest`
+ * cells, none of them `silent` (cells,), each with the bands that fit it best: from the word outward, those near the BEAM
+ * likeliest of the patterns one cell nearer. At most 64 cells. Not a number where a pattern's likelihood is none. False
+ * where there is no memory. */
+LEDPI_WIDE bool ledpi_of_neighbours(ptrdiff_t cells, ptrdiff_t parameters, const double *score,
+                                    const double *information, const double *prior, const float *word,
+                                    const uint8_t *silent, ptrdiff_t nearest, ptrdiff_t furthest, double *log_sum) {
     const Evidence evidence = {cells, parameters, score, information, prior};
     const ptrdiff_t size = cells * parameters;
-    double *shares = malloc(sizeof(double) * (size_t)(size * (2 + parameters)) + sizeof(int64_t) * MET);
-    if (!shares) return NAN;
+    double *shares = malloc(sizeof(double) * (size_t)(size * (2 + parameters)) + sizeof(uint64_t) * MET);
+    if (!shares) return false;
     Around around = {.change = shares + size, .crossed = shares + 2 * size};
     look_around(&evidence, word, shares, &around);
-    int64_t *met = (int64_t *)(shares + size * (2 + parameters));
-    const double found = parameters == 4 ? of_neighbours(&evidence, &around, silent, met, nearest, furthest, 4)
-                                         : of_neighbours(&evidence, &around, silent, met, nearest, furthest, 2);
+    uint64_t *met = (uint64_t *)(shares + size * (2 + parameters));
+    *log_sum = parameters == 4 ? of_neighbours(&evidence, &around, silent, met, nearest, furthest, 4)
+                               : of_neighbours(&evidence, &around, silent, met, nearest, furthest, 2);
     free(shares);
-    return found;
+    return true;
 }

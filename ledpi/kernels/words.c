@@ -26,7 +26,8 @@ static void put_numbers(const Evidence *evidence, double *numbers) {
     }
 }
 
-/* A word's log-likelihood ratio to "no bands" as far as each cell tells by itself. `white` (cells,). */
+/* A word's log-likelihood ratio to "no bands" as far as each cell tells by itself; infinite where that is no number, so
+ * that it is among those that are looked at exactly. `white` (cells,). */
 static LEDPI_INLINE double roughly_of(const Evidence *evidence, const double *numbers, const float *white, const ptrdiff_t waves) {
     const ptrdiff_t each = waves * NUMBERS;
     const double *total = numbers + evidence->cells * each;
@@ -45,7 +46,8 @@ static LEDPI_INLINE double roughly_of(const Evidence *evidence, const double *nu
         squares += (d * x * x - 2.0 * b * x * y + a * y * y) / of_wave;
         det *= of_wave;
     }
-    return 0.5 * (squares - log(det));
+    const double likelihood = 0.5 * (squares - log(det));
+    return isnan(likelihood) ? INFINITY : likelihood;
 }
 
 /* What follows is told for either number of parameters, as loops of a known length are unrolled. */

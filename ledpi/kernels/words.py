@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import math
+import ctypes
 from itertools import accumulate, pairwise
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ledpi.kernels.library import DOUBLE, INTEGER, POINTER, address, function
+from ledpi.kernels.library import INTEGER, POINTER, address, function
 
 Singles = NDArray[np.float32]
 Doubles = NDArray[np.float64]
@@ -19,7 +19,7 @@ _likeliest = function(
     "ledpi_likeliest", INTEGER, INTEGER, *(POINTER,) * 4, INTEGER, INTEGER, *(POINTER,) * 8, result=INTEGER
 )
 _of_neighbours = function(
-    "ledpi_of_neighbours", INTEGER, INTEGER, *(POINTER,) * 5, INTEGER, INTEGER, result=DOUBLE
+    "ledpi_of_neighbours", INTEGER, INTEGER, *(POINTER,) * 5, INTEGER, INTEGER, POINTER, result=ctypes.c_bool
 )
 
 
@@ -73,13 +73,10 @@ def of_neighbours(
     cells, parameters = score.shape
     assert parameters in (2, 4)
     assert cells <= 64
-    word, silent = np.ascontiguousarray(word), np.ascontiguousarray(silent)
-    found = float(
-        _of_neighbours(
-            *(cells, parameters, address(score), address(information), address(prior)),
-            *(address(word), address(silent), nearest, furthest),
-        )
-    )
-    if math.isnan(found):
+    word, silent, log_sum = np.ascontiguousarray(word), np.ascontiguousarray(silent), np.empty(1)
+    if not _of_neighbours(
+        *(cells, parameters, address(score), address(information), address(prior)),
+        *(address(word), address(silent), nearest, furthest, address(log_sum)),
+    ):
         raise MemoryError
-    return found
+    return float(log_sum[0])
