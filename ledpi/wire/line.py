@@ -57,16 +57,23 @@ class SerialLine:
         self._serial = open_port(port, baud)
         self._byte_ns = BITS_PER_BYTE * 1_000_000_000 / baud
         self._free_ns = 0  # when, at the baud rate, the last byte that was written has left
+        self._known_free = False  # since the last write the kernel has said that nothing queues and there is room
         self._cut = True  # the line may hold the beginning of a frame: ours, or what was there before
 
     def busy_ns(self, now_ns: int) -> int:
-        """0 where a frame may be written now; else how long to wait before asking again."""
-        queued = self._queued_bytes()
-        if queued:
-            return max(round(queued * self._byte_ns), QUEUED_RETRY_NS)
-        if not self._has_room():
-            return JAMMED_RETRY_NS
-        return max(0, self._free_ns - now_ns - round(FIFO_BYTES * self._byte_ns))
+        """0 where a frame may be written now; else how long to wait before asking again.
+
+        The kernel is asked only until it has said yes: what is asked again when a pose is there makes that wait.
+        """
+        if not self._known_free:
+            queued = self._queued_bytes()
+            if queued:
+                return max(round(queued * self._byte_ns), QUEUED_RETRY_NS)
+            if not self._has_room():
+                return JAMMED_RETRY_NS
+        free_in_ns = max(0, self._free_ns - now_ns - round(FIFO_BYTES * self._byte_ns))
+        self._known_free = free_in_ns == 0
+        return free_in_ns
 
     def first_byte_ns(self, now_ns: int) -> int:
         """When the first byte of a frame written now leaves: after all that was written before it."""
@@ -80,6 +87,7 @@ class SerialLine:
         """Writes a whole frame; False where the port took only a part of it in WRITE_TIMEOUT_S."""
         data = DELIMITER + frame if self._cut else frame
         self._free_ns = self.first_byte_ns(now_ns) + round(len(data) * self._byte_ns)
+        self._known_free = False
         try:
             self._serial.write(data)
         except serial.SerialTimeoutException:

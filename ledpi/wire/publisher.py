@@ -145,12 +145,12 @@ class Publisher:
             self._opened += 1
         self._note(connected=True, error=None)
         while not self._stopping:
+            busy_ns = line.busy_ns(time.monotonic_ns())
             with self._wake:
                 idle_ns = self._outbox.idle_ns(time.monotonic_ns())
                 if idle_ns and not self._stopping:
-                    self._wake.wait(idle_ns / 1e9)
+                    self._wake.wait((min(idle_ns, busy_ns) or idle_ns) / 1e9)
                     continue
-            busy_ns = line.busy_ns(time.monotonic_ns())
             if busy_ns:
                 self._pause(busy_ns / 1e9)
             else:
