@@ -37,7 +37,7 @@ CORNER_SIGMA_PX = 0.01  # of true corners
 DECODERS = ("ledpi", "true corners", "and bands")
 
 
-def told_bands(evidence: Evidence, book: soft.Codebook, true: int) -> bool:
+def told_bands(evidence: Evidence, book: soft.Codebook, true: int, rate: float) -> bool:
     """Whether the true word stands against every other pattern of the cells, given the bands that fit it best."""
     cells = book.white.shape[1]
     patterns = (np.arange(2**cells)[:, None] >> np.arange(cells) & 1).astype(np.float64)
@@ -48,7 +48,7 @@ def told_bands(evidence: Evidence, book: soft.Codebook, true: int) -> bool:
     differ = np.abs(patterns - book.white[true]).sum(axis=1)
     own = likelihood[differ == 0][0]
     other = np.logaddexp.reduce(likelihood[differ > book.correctable])
-    return bool(own - other + soft._prior_odds_of_word(book) >= soft.odds_needed(soft.FALSE_ID_RATE))
+    return bool(own - other + soft._prior_odds_of_word(book) >= soft.odds_needed(rate))
 
 
 def read(condition: Condition, panels: PanelSettings, number: int, *, stream: bool) -> Iterator[dict[str, bool]]:
@@ -57,6 +57,7 @@ def read(condition: Condition, panels: PanelSettings, number: int, *, stream: bo
     sensor = take.scene.sensor
     dictionary = load_dictionary(panels.dictionary)
     book = soft.Codebook.build(dictionary.readable_ids(panels.phase), dictionary, panels.spec())
+    rate = soft.FALSE_ID_RATE if stream else soft.FALSE_ID_RATE_ALONE
     reader = PanelReader("stream" if stream else "soft", sensor_info(sensor, 1.0), panels)
     memory = PanelMemory(book.spec)
     for frame in photographed(take, take.scene, FRAMES_A_TAKE if stream else 1):
@@ -70,13 +71,13 @@ def read(condition: Condition, panels: PanelSettings, number: int, *, stream: bo
         memory.add(samples, frame)
         evidence = memory.evidence()
         if memory.frames == 1:
-            word = soft.read_word(samples, frame, book)
+            word = soft.read_word(samples, frame, book, rate)
         else:
-            word = soft.decide(evidence, book, soft.FALSE_ID_RATE) if isinstance(evidence, Evidence) else evidence
+            word = soft.decide(evidence, book, rate) if isinstance(evidence, Evidence) else evidence
         found["true corners"] = not isinstance(word, Rejected) and word.id == truth.id
         if isinstance(evidence, Evidence):  # true corners begin at the word's own
             (own,) = np.flatnonzero((book.ids == truth.id) & (book.quarter_turns == 0))
-            found["and bands"] = told_bands(evidence, book, int(own))
+            found["and bands"] = told_bands(evidence, book, int(own), rate)
         yield found
 
 

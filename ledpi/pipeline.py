@@ -85,7 +85,7 @@ class Pipeline:
         self._cells = load_dictionary(panels.dictionary).cells_per_side
         dictionary, groups = load_dictionary(panels.dictionary), _same_frequencies(panels)
         codebooks = [soft.Codebook.build(ids, dictionary, spec) for spec, ids in groups]
-        self._reader = Reader(codebooks, soft.FALSE_ID_RATE)
+        self._reader = Reader(codebooks, soft.FALSE_ID_RATE if stream else soft.FALSE_ID_RATE_ALONE)
         self._readers = [BandsReader(dictionary, ids, spec) for spec, ids in groups] if method == "bands" else []
         self._specs = tuple(spec for spec, _ in groups)
         smallest_px = self._cells * MIN_CELL_PX

@@ -126,7 +126,8 @@ def test_faint_bands_that_tell_nothing_are_not_looked_at_twice(monkeypatch: pyte
     frame = canvas.frame(1)
     samples = sample_cells(frame, quad(corners), 4)
     assert isinstance(samples, CellSamples)
-    result = soft.read_word(samples, frame, Codebook.build(list(range(50)), DICTIONARY, SPEC))
+    book = Codebook.build(list(range(50)), DICTIONARY, SPEC)
+    result = soft.read_word(samples, frame, book, soft.FALSE_ID_RATE)
     assert result == soft.NO_WORD
 
 

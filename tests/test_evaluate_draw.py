@@ -213,3 +213,28 @@ def test_a_near_word_at_a_short_exposure_is_no_word() -> None:
     decoded = Pipeline(sensor_info(take.scene.sensor, 1.0), PANELS, intrinsics=None, stream=False).decode(frame)
     assert decoded.markers == ()
     assert [why.stage for why in decoded.rejected].count("soft") >= 3, "they are found, and weighed"
+
+
+@pytest.mark.parametrize(("number", "seq"), [(207, 4), (622, 8), (691, 7)])
+def test_one_light_at_another_frequency_is_no_word(number: int, seq: int) -> None:
+    """A lamp at 838, 4520 or 2061 Hz was read alone: a second look had explained what it believed."""
+    (lights,) = (
+        c
+        for c in suite_conditions("decoys", exposures_us=(10_000.0,), transfers=("srgb",), any_roll=True)
+        if c.case == "pwm_lights"
+    )
+    take = take_of(lights, number=number, seed=1)
+    sensor = take.scene.sensor
+    pixels = np.empty((sensor.intrinsics.height, sensor.intrinsics.width), np.uint8)
+    Renderer(take.scene, seed=take.seed).render(seq, pixels)
+    frame = Frame(
+        pixels=pixels,
+        seq=seq,
+        row0_readout_ns=sensor.row0_readout_ns(seq),
+        exposure_us=sensor.exposure_us,
+        row_time_us=sensor.row_time_us,
+        transfer=sensor.transfer,
+    )
+    decoded = Pipeline(sensor_info(sensor, 1.0), PANELS, intrinsics=sensor.intrinsics, stream=False).decode(frame)
+    assert decoded.markers == ()
+    assert any(why.stage == "soft" for why in decoded.rejected), "it is found, and weighed"
