@@ -296,6 +296,27 @@ def test_what_the_kernel_still_queues_is_waited_for(far_end: FarEnd) -> None:
     line.close()
 
 
+def test_the_kernel_is_asked_once_after_each_packet(far_end: FarEnd) -> None:
+    """Not again when a pose is there; but after every write, as that may queue."""
+
+    class Counting(SerialLine):
+        asked = 0
+
+        def _queued_bytes(self) -> int:
+            self.asked += 1
+            return 0
+
+    line = Counting(far_end.path, 115200)
+    assert [line.busy_ns(0), line.busy_ns(0)] == [0, 0]
+    assert line.asked == 1
+    line.write(bytes(40), 0)
+    assert line.busy_ns(0) > 0
+    assert line.busy_ns(10_000_000) == 0
+    assert line.busy_ns(20_000_000) == 0
+    assert line.asked == 3  # the bytes were still leaving at the first
+    line.close()
+
+
 def test_stop_sends_a_last_status(far_end: FarEnd, start: Start) -> None:
     """The last message of all, after which the thread is gone."""
     publisher = start(far_end.path)
