@@ -238,3 +238,17 @@ def test_one_light_at_another_frequency_is_no_word(number: int, seq: int) -> Non
     decoded = Pipeline(sensor_info(sensor, 1.0), PANELS, intrinsics=sensor.intrinsics, stream=False).decode(frame)
     assert decoded.markers == ()
     assert any(why.stage == "soft" for why in decoded.rejected), "it is found, and weighed"
+
+
+def test_frequencies_that_explain_less_than_the_announced_ones_are_none() -> None:
+    """A mirrored panel, surely no word, was read at frequencies a percent off that explained a fifth as much."""
+    (mirrored,) = (
+        c
+        for c in suite_conditions("decoys", exposures_us=(10_000.0,), transfers=("srgb",), any_roll=True)
+        if c.case == "mirrored"
+    )
+    take = take_of(mirrored, number=954, seed=1)
+    sensor = take.scene.sensor
+    pipeline = Pipeline(sensor_info(sensor, 1.0), PANELS, intrinsics=sensor.intrinsics, stream=True)
+    read = [pipeline.decode(frame).markers for frame in photographed(take, take.scene, 4)]
+    assert read == [(), (), (), ()]

@@ -6,6 +6,7 @@ before? What word do all its frames together show? And if none, do they at other
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -19,7 +20,8 @@ from ledpi.decode.memory import PanelMemory
 from ledpi.decode.soft import Codebook, Reading
 from ledpi.decode.track import Shown, Track, denies
 from ledpi.decode.tuning import CHOICES, Seen, propose_frequencies
-from ledpi.records import Frame, Pixels, Rejected
+from ledpi.decode.words import likeliest
+from ledpi.records import Frame, PanelSpec, Pixels, Rejected
 
 # Frames that surely show what was read last are not read anew, but for one of eight: by then a panel may look a little
 # otherwise, and the margin has grown.
@@ -148,16 +150,35 @@ class Reader:
         """Whether a track's frames add up to a word at other frequencies; then its memory has them."""
         for group, book in enumerate(self._codebooks):
             for proposal in propose_frequencies(track.seen, book.spec, book):
-                memory, added = PanelMemory(proposal.spec), None
-                for seen in track.seen:
-                    added = memory.add(seen.samples, seen.frame)
+                memory, added = _remembered(track, proposal.spec)
                 reading = self._word(memory, group, tuned=True)
                 # What the frames before have shown may be there no more.
-                if isinstance(reading, Reading) and not denies(added, reading.cell_bands):
+                if (
+                    isinstance(reading, Reading)
+                    and not denies(added, reading.cell_bands)
+                    and reading.likelihood > _explained(track, book)
+                ):
                     track.memories = (*track.memories[:group], memory, *track.memories[group + 1 :])
                     track.tuned, track.tuned_by = proposal, len(track.seen)
                     return True
         return False
+
+
+def _remembered(track: Track, spec: PanelSpec) -> tuple[PanelMemory, Evidence | None]:
+    """The frames that a track keeps as a memory at these frequencies, and what the last of them has added."""
+    memory, added = PanelMemory(spec), None
+    for seen in track.seen:
+        added = memory.add(seen.samples, seen.frame)
+    return memory, added
+
+
+def _explained(track: Track, book: Codebook) -> float:
+    """Log-likelihood ratio to "no bands" of the best word at the announced frequencies, whether it can be told or not.
+
+    Where these explain more than others do, a panel shows no word, and chance has found frequencies that make it one.
+    """
+    evidence = _remembered(track, book.spec)[0].evidence()
+    return likeliest(evidence, book.white).likelihood[0] if isinstance(evidence, Evidence) else -math.inf
 
 
 def _expectation(track: Track, shown: Shown) -> Expectation:
