@@ -215,9 +215,9 @@ def test_a_near_word_at_a_short_exposure_is_no_word() -> None:
     assert [why.stage for why in decoded.rejected].count("soft") >= 3, "they are found, and weighed"
 
 
-@pytest.mark.parametrize(("number", "seq"), [(207, 4), (622, 8), (691, 7)])
+@pytest.mark.parametrize(("number", "seq"), [(207, 4), (622, 8), (691, 7), (833, 0)])
 def test_one_light_at_another_frequency_is_no_word(number: int, seq: int) -> None:
-    """A lamp at 838, 4520 or 2061 Hz was read alone: a second look had explained what it believed."""
+    """A lamp at 838, 4520, 2061 or 2216 Hz was read alone: a second look had explained what it believed."""
     (lights,) = (
         c
         for c in suite_conditions("decoys", exposures_us=(10_000.0,), transfers=("srgb",), any_roll=True)
