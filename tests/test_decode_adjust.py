@@ -127,14 +127,14 @@ def test_a_dead_cells_lines_do_not_count() -> None:
     assert rms(found(frame, true).corners_px - true) < 0.06
 
 
-def test_a_far_panels_corners_are_its_sides() -> None:
+def test_a_far_panels_corners_are_its_sides(monkeypatch: pytest.MonkeyPatch) -> None:
     """With cells of 5 px the blurs of lines run together."""
     true = square(310.3, 240.6, 20, 7)
     canvas = Canvas()
     canvas.panel(true, word(7))
-    np.testing.assert_allclose(
-        found(canvas.frame(), true).corners_px, by_its_sides(canvas.frame(), true).corners_px, atol=1e-4
-    )
+    sides = by_its_sides(canvas.frame(), true)
+    monkeypatch.setattr(library, "COMPILED", False)  # as these were found
+    np.testing.assert_allclose(found(canvas.frame(), true).corners_px, sides.corners_px, atol=1e-4)
 
 
 def test_another_lattice_is_left_as_it_is() -> None:
