@@ -60,7 +60,8 @@ DEVIATIONS = 3.0  # allowed to either, for noise
 # more than this share, the cells do not lie where the bands change, or are no cells of one panel.
 #
 # A second look has believed the word, and so explains more of what is none: one light that blinks alike everywhere, at
-# another frequency, leaves 0.14 and more. Panels leave 0.0 to 0.06, only with a row time that is off by 6 % 0.17.
+# another frequency, leaves 0.14 and more. Nine panels in ten leave less than 0.05; beside print, where corners are told
+# badly, and with a row time that is off by 6 %, some leave more, and wait for another frame.
 MAX_MISFIT, MAX_MISFIT_AGAIN = 1.0 / 3.0, 1.0 / 10.0
 # Bands of nearly full depth outshine all noise, and explain all but a few percent of what there is to see (1.5 % on
 # photographs of real lamps), unless the corners are wrong. What a word leaves open then is as much as there is wrong
