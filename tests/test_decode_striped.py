@@ -21,9 +21,9 @@ from decode_material import (
 )
 
 from ledpi.decode import soft
-from ledpi.decode.band_light import unlike_a_square
 from ledpi.decode.cells import CellSamples, sample_cells
 from ledpi.decode.find_striped import StripedFinder, smallest_square_around
+from ledpi.decode.lattice import unlike_a_square
 from ledpi.decode.sides import as_points
 from ledpi.decode.striped import striped_near, striped_squares
 from ledpi.dictionaries import load_dictionary

@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 from decode_material import LENS, SHORT_US, SPEC, Canvas, seen_through, square, word
 
-from ledpi.decode.band_light import BandLight, Bands, Window, fine_lattice, rough_lattice
+from ledpi.decode.band_light import BandLight, Bands
+from ledpi.decode.lattice import fine_lattice, rough_lattice
+from ledpi.decode.light_window import Window
 from ledpi.decode.panel_fit import Fit, fitted
 from ledpi.decode.sides import as_points
 from ledpi.kernels import library

@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ledpi import shutter
-from ledpi.decode.band_light import min_contrast
 from ledpi.decode.find import AT_BORDER, NOT_FOUR_SIDED, TOO_SMALL, Candidate
+from ledpi.decode.light_window import min_contrast
 from ledpi.decode.sides import Points, Singles, areas, as_corners, as_points, cross
 from ledpi.kernels import smallest as kernel
 from ledpi.kernels.library import compiled

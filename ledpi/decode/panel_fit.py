@@ -21,7 +21,8 @@ from functools import cache, lru_cache
 import numpy as np
 
 from ledpi.decode import numpy_panel_fit
-from ledpi.decode.band_light import Bands, Window
+from ledpi.decode.band_light import Bands
+from ledpi.decode.light_window import Window
 from ledpi.decode.sides import Points
 from ledpi.kernels import panel_fit as kernel
 from ledpi.kernels.library import compiled

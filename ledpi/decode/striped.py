@@ -13,9 +13,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ledpi.decode.band_light import BandLight, Bands, Window, fine_lattice, have_contrast, rough_lattice
+from ledpi.decode.band_light import BandLight, Bands
 from ledpi.decode.edges import checked
 from ledpi.decode.find import Candidate
+from ledpi.decode.lattice import fine_lattice, rough_lattice
+from ledpi.decode.light_window import Window, have_contrast
 from ledpi.decode.panel_fit import Fit, fitted
 from ledpi.decode.sides import OPPOSITE, Points, Sides, areas, as_points, bends
 from ledpi.records import Floats, Frame, Intrinsics, PanelSpec, Quad, Rejected

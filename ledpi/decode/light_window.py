@@ -1,0 +1,112 @@
+"""The light of a part of the picture, and what cells of either class would show in its rows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ledpi import shutter
+from ledpi.decode.lattice import lattice_places, rough_lattice
+from ledpi.decode.sides import Points, Singles, areas
+from ledpi.records import Floats, Frame, PanelSpec
+from ledpi.tone import linear_light
+
+FEWEST_PX = 70  # the side of a square that is looked at is averaged down to, as long as it has two times as many
+WAVE_STEPS = 512  # of a period, in which its light is known
+DARK, BRIGHT = 0.05, 0.9  # shares of the points that are darker than what is taken for dark, and for bright
+MIN_CONTRAST = 3.0  # of bright to dark; a wall beside a panel's dark frame has less than a panel
+SPARSE = 4  # pixels: so far apart those are that tell how dark it is around a panel
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Window:
+    """Linear light of a part of the picture, averaged down by whole pixels."""
+
+    light: Singles  # (rows, columns)
+    first: complex  # pixel of the picture in which the first of these has its centre
+    shrink: int
+    frame: Frame
+    dark: float  # level of the darkest of it
+
+    @classmethod
+    def around(cls, frame: Frame, corners: Points, reach_px: float) -> Window:
+        """What is up to `reach_px` around quads (S, 4)."""
+        height, width = frame.pixels.shape
+        shrink = max(1, int(np.sqrt(np.abs(areas(corners)).min()) // FEWEST_PX))
+        x0, y0 = max(0, int(corners.real.min() - reach_px)), max(0, int(corners.imag.min() - reach_px))
+        x1, y1 = min(width, int(corners.real.max() + reach_px) + 2), min(height, int(corners.imag.max() + reach_px) + 2)
+        columns, rows = max(1, (x1 - x0) // shrink), max(1, (y1 - y0) // shrink)
+        patch = frame.pixels[y0 : y0 + rows * shrink, x0 : x0 + columns * shrink]
+        light = cv2.LUT(patch, linear_light(frame.transfer, mark_saturated=False))
+        if shrink > 1:
+            light = cv2.resize(light, (columns, rows), interpolation=cv2.INTER_AREA)
+        some = light[::SPARSE, ::SPARSE].reshape(-1)
+        dark = float(np.partition(some, at := int(DARK * len(some)))[at])
+        return cls(light, complex(x0, y0) + (shrink - 1) / 2 * (1 + 1j), shrink, frame, dark)
+
+    def within(self, points: Points) -> Points:
+        """Pixels of the picture as pixels of this."""
+        return np.asarray((points - self.first) / self.shrink)
+
+    def in_picture(self, points: Points) -> Points:
+        """The other way."""
+        return np.asarray(points * self.shrink + self.first)
+
+    def waves_of(self, spec: PanelSpec) -> ClassWaves:
+        """What cells of a panel show in its rows."""
+        return class_waves(spec, self.frame.exposure_us, self.frame.row_time_us, self.shrink)
+
+    def shown(self, waves: ClassWaves, phases: Floats) -> Singles:
+        """(2, …, rows) share of its light that either class shows in each row, by its phases (2, …) in row 0."""
+        rows = self.first.imag + self.shrink * np.arange(len(self.light))
+        cycles = phases[..., None] + rows * waves.cycles_a_row.reshape(2, *[1] * phases.ndim)
+        steps = (cycles * WAVE_STEPS).astype(np.int64) % WAVE_STEPS
+        return np.stack([table[step] for table, step in zip(waves.tables, steps, strict=True)])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ClassWaves:
+    """What cells of either class show, over a period."""
+
+    tables: Singles  # (2, WAVE_STEPS) light of a row, over that of an exposure in which the lamp is on
+    cycles_a_row: Floats  # (2,) of the picture
+    share: float  # of the squares of a panel's light, that its bands bring: 0.38 where they are full
+
+
+@lru_cache(maxsize=64)
+def class_waves(spec: PanelSpec, exposure_us: float, row_time_us: float, shrink: int) -> ClassWaves:
+    """Of the means of `shrink` rows."""
+    both_hz = np.array([spec.black_hz, spec.white_hz])
+    cycles = (np.arange(WAVE_STEPS) + 0.5) / WAVE_STEPS
+    tables = []
+    for hz in both_hz.tolist():
+        around = (np.arange(shrink) - (shrink - 1) / 2) * hz * row_time_us * 1e-6
+        each = [shutter.exposure_weight(cycles + row, hz * exposure_us * 1e-6, spec.duty) for row in around]
+        mean = np.mean(each, axis=0)
+        tables.append(mean / mean.max())
+    share = float(np.mean([table.var() / np.square(table).mean() for table in tables]))
+    return ClassWaves(np.array(tables, np.float32), both_hz * (row_time_us * 1e-6), share)
+
+
+@lru_cache(maxsize=32)
+def min_contrast(specs: tuple[PanelSpec, ...], exposure_us: float) -> float:
+    """Of bright to dark light in a panel, at least: MIN_CONTRAST, or a third of what the deepest bands have."""
+    depths = [0.5 * shutter.contrast(hz, exposure_us, s.duty) for s in specs for hz in (s.black_hz, s.white_hz)]
+    deepest = min(max(depths), 0.999)
+    return min(MIN_CONTRAST, max(1.0, (1 + deepest) / (1 - deepest) / 3))
+
+
+def have_contrast(frame: Frame, corners: Points, cells: int, specs: Sequence[PanelSpec]) -> NDArray[np.bool_]:
+    """(N,) which quads (N, 4) in the picture show both bright and dark."""
+    x, y, _ = lattice_places(corners, rough_lattice(cells))
+    height, width = frame.pixels.shape
+    codes = frame.pixels[y.astype(np.int64).clip(0, height - 1), x.astype(np.int64).clip(0, width - 1)]
+    light = linear_light(frame.transfer, mark_saturated=False)[codes.reshape(len(corners), -1)]
+    dark, bright = np.quantile(light, (DARK, BRIGHT), axis=1)
+    contrasty: NDArray[np.bool_] = bright > min_contrast(tuple(specs), frame.exposure_us) * dark
+    return contrasty
