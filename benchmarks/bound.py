@@ -18,9 +18,10 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 
 from ledpi.config import PanelSettings, load_config
-from ledpi.decode import soft
+from ledpi.decode import rivals, soft
 from ledpi.decode.cells import sample_cells
 from ledpi.decode.classes import band_shares
+from ledpi.decode.codebook import Codebook
 from ledpi.decode.evidence import Evidence
 from ledpi.decode.memory import PanelMemory
 from ledpi.decode.words import word_log_likelihoods
@@ -37,7 +38,7 @@ CORNER_SIGMA_PX = 0.01  # of true corners
 DECODERS = ("ledpi", "true corners", "and bands")
 
 
-def told_bands(evidence: Evidence, book: soft.Codebook, true: int, rate: float) -> bool:
+def told_bands(evidence: Evidence, book: Codebook, true: int, rate: float) -> bool:
     """Whether the true word stands against every other pattern of the cells, given the bands that fit it best."""
     cells = book.white.shape[1]
     patterns = (np.arange(2**cells)[:, None] >> np.arange(cells) & 1).astype(np.float64)
@@ -48,7 +49,7 @@ def told_bands(evidence: Evidence, book: soft.Codebook, true: int, rate: float) 
     differ = np.abs(patterns - book.white[true]).sum(axis=1)
     own = likelihood[differ == 0][0]
     other = np.logaddexp.reduce(likelihood[differ > book.correctable])
-    return bool(own - other + soft._prior_odds_of_word(book) >= soft.odds_needed(rate))
+    return bool(own - other + rivals.prior_odds_of_word(book) >= soft.odds_needed(rate))
 
 
 def read(condition: Condition, panels: PanelSettings, number: int, *, stream: bool) -> Iterator[dict[str, bool]]:
@@ -56,7 +57,7 @@ def read(condition: Condition, panels: PanelSettings, number: int, *, stream: bo
     take = draw_take(condition, panels, 1, number)
     sensor = take.scene.sensor
     dictionary = load_dictionary(panels.dictionary)
-    book = soft.Codebook.build(dictionary.readable_ids(panels.phase), dictionary, panels.spec())
+    book = Codebook.build(dictionary.readable_ids(panels.phase), dictionary, panels.spec())
     rate = soft.FALSE_ID_RATE if stream else soft.FALSE_ID_RATE_ALONE
     reader = PanelReader("stream" if stream else "soft", sensor_info(sensor, 1.0), panels)
     memory = PanelMemory(book.spec)

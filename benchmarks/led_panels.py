@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from ledpi.config import PanelSettings, load_config
 from ledpi.decode import soft
 from ledpi.decode.cells import sample_cells
+from ledpi.decode.codebook import Codebook
 from ledpi.dictionaries import load_dictionary
 from ledpi.pipeline import Pipeline
 from ledpi.records import CameraInfo, Frame, Quad, Rejected
@@ -90,7 +91,7 @@ def with_true_corners(frame: Frame, corners: Floats, panels: PanelSettings) -> i
     samples = sample_cells(frame, Quad(corners_px=corners, corner_sigma_px=0.1), dictionary.cells_per_side)
     if isinstance(samples, Rejected):
         return None
-    book = soft.Codebook.build(list(range(len(dictionary.words))), dictionary, panels.spec())
+    book = Codebook.build(list(range(len(dictionary.words))), dictionary, panels.spec())
     reading = soft.read_word(samples, frame, book)
     return None if isinstance(reading, Rejected) else reading.id
 

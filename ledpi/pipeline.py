@@ -14,6 +14,7 @@ from ledpi.decode import soft
 from ledpi.decode.approach import approach_quads
 from ledpi.decode.bands import NO_SQUARE, BandsReader
 from ledpi.decode.cells import MIN_CELL_PX, CellSamples, sample_cells
+from ledpi.decode.codebook import Codebook
 from ledpi.decode.edges import prepare, refine_quads
 from ledpi.decode.find import Candidate, Finder
 from ledpi.decode.find_striped import MIN_STRIPED_CELL_PX, StripedFinder
@@ -84,7 +85,7 @@ class Pipeline:
         self._stream = stream
         self._cells = load_dictionary(panels.dictionary).cells_per_side
         dictionary, groups = load_dictionary(panels.dictionary), _same_frequencies(panels)
-        codebooks = [soft.Codebook.build(ids, dictionary, spec) for spec, ids in groups]
+        codebooks = [Codebook.build(ids, dictionary, spec) for spec, ids in groups]
         self._reader = Reader(codebooks, soft.FALSE_ID_RATE if stream else soft.FALSE_ID_RATE_ALONE)
         self._readers = [BandsReader(dictionary, ids, spec) for spec, ids in groups] if method == "bands" else []
         self._specs = tuple(spec for spec, _ in groups)

@@ -26,8 +26,9 @@ from decode_material import (
 
 from ledpi.decode.cells import CellSamples, sample_cells
 from ledpi.decode.classes import band_shares, in_other_class
+from ledpi.decode.codebook import Codebook
 from ledpi.decode.evidence import Evidence
-from ledpi.decode.soft import Codebook, Reading, decide, read_word
+from ledpi.decode.soft import Reading, decide, read_word
 from ledpi.decode.tuning import Seen, propose_frequencies
 from ledpi.dictionaries import load_dictionary
 from ledpi.pipeline import Pipeline

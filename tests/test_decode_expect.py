@@ -10,6 +10,7 @@ from decode_material import FRAME_ROWS, ROW_TIME_US, SPEC, Canvas, diffuser, qua
 
 from ledpi.decode import soft
 from ledpi.decode.cells import CellSamples, sample_cells
+from ledpi.decode.codebook import Codebook
 from ledpi.decode.evidence import Evidence
 from ledpi.decode.expect import Expectation
 from ledpi.decode.memory import PanelMemory
@@ -19,7 +20,7 @@ from ledpi.records import Floats, Frame, PanelSpec, Rejected
 
 PERIOD_US = FRAME_ROWS * ROW_TIME_US
 PLACE = square(310.3, 240.6, 100, 4)
-BOOK = soft.Codebook.build(list(range(50)), load_dictionary("DICT_4X4_50"), SPEC)
+BOOK = Codebook.build(list(range(50)), load_dictionary("DICT_4X4_50"), SPEC)
 READ_FRAMES = 5
 
 

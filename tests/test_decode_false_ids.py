@@ -12,9 +12,10 @@ from decode_material import SPEC, TRUE_10_MS_US, Canvas, quad, square, word
 
 from ledpi.decode import soft
 from ledpi.decode.cells import CellSamples, sample_cells
+from ledpi.decode.codebook import Codebook
 from ledpi.decode.evidence import UNFIT, Doubles, Evidence
 from ledpi.decode.single_frame import single_evidence
-from ledpi.decode.soft import Codebook, Reading, decide, odds_needed
+from ledpi.decode.soft import Reading, decide, odds_needed
 from ledpi.decode.words import SHORTLIST, likeliest, of_neighbours, word_log_likelihoods
 from ledpi.dictionaries import load_dictionary
 from ledpi.kernels.library import COMPILED

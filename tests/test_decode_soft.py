@@ -24,7 +24,8 @@ from decode_material import (
 )
 
 from ledpi.decode.cells import CellSamples, sample_cells
-from ledpi.decode.soft import Codebook, Reading, read_word
+from ledpi.decode.codebook import Codebook
+from ledpi.decode.soft import Reading, read_word
 from ledpi.dictionaries import load_dictionary
 from ledpi.records import Floats, Frame, PanelSpec, Rejected, Transfer
 

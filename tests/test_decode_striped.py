@@ -22,6 +22,7 @@ from decode_material import (
 
 from ledpi.decode import soft
 from ledpi.decode.cells import CellSamples, sample_cells
+from ledpi.decode.codebook import Codebook
 from ledpi.decode.find_striped import StripedFinder, smallest_square_around
 from ledpi.decode.lattice import unlike_a_square
 from ledpi.decode.sides import as_points
@@ -149,7 +150,7 @@ def test_a_panel_of_one_class_is_no_word(side: float, turn_deg: float, white: bo
     true = square(310.3, 240.6, side, turn_deg)
     canvas = Canvas(exposure_us=SHORT_US)
     canvas.panel(true, np.full((4, 4), white), phases=(phase, phase))
-    frame, book = canvas.frame(), soft.Codebook.build(list(range(50)), load_dictionary("DICT_4X4_50"), SPEC)
+    frame, book = canvas.frame(), Codebook.build(list(range(50)), load_dictionary("DICT_4X4_50"), SPEC)
     samples = sample_cells(frame, Quad(corners_px=true, corner_sigma_px=0.05), 4)
     assert isinstance(samples, CellSamples)
     assert isinstance(soft.read_word(samples, frame, book), Rejected)

@@ -8,7 +8,7 @@ import pytest
 from decode_material import SPEC, Canvas, quad, square, word
 
 from ledpi.decode.cells import CellSamples, sample_cells
-from ledpi.decode.soft import Codebook
+from ledpi.decode.codebook import Codebook
 from ledpi.decode.tuning import Proposal, Seen, propose_frequencies
 from ledpi.dictionaries import load_dictionary
 

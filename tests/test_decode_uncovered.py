@@ -9,7 +9,8 @@ import pytest
 from decode_material import SPEC, Canvas, quad, square, word
 
 from ledpi.decode.cells import CellSamples, sample_cells
-from ledpi.decode.soft import Codebook, Reading, read_word
+from ledpi.decode.codebook import Codebook
+from ledpi.decode.soft import Reading, read_word
 from ledpi.decode.uncovered import without_covered
 from ledpi.dictionaries import load_dictionary
 from ledpi.kernels.library import COMPILED

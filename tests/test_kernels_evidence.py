@@ -10,10 +10,10 @@ from decode_material import SPEC, TRUE_10_MS_US, Canvas, diffuser, quad, square,
 
 from ledpi.decode import words
 from ledpi.decode.cells import CellSamples, sample_cells
+from ledpi.decode.codebook import Codebook
 from ledpi.decode.comparison import Mean, compared_evidence
 from ledpi.decode.evidence import UNFIT, Believed, Evidence, believed_bands, class_waves, square_waves
 from ledpi.decode.single_frame import single_evidence
-from ledpi.decode.soft import Codebook
 from ledpi.dictionaries import load_dictionary
 from ledpi.kernels.library import COMPILED
 from ledpi.records import Frame, PanelSpec

@@ -14,6 +14,7 @@ from ledpi.cli import app, main, panel_design
 from ledpi.config import load_config
 from ledpi.decode import soft
 from ledpi.decode.cells import CellSamples, sample_cells
+from ledpi.decode.codebook import Codebook
 from ledpi.decode.evidence import Evidence
 from ledpi.decode.single_frame import single_evidence
 from ledpi.decode.words import word_log_likelihoods
@@ -197,7 +198,7 @@ def test_information_foretells_likelihood_ratios(near: View) -> None:
 def test_enough_information_is_enough() -> None:
     """With so many nats in each cell the decoder's own decision is right in 98 of 100 draws; with a tenth it is not."""
     depth, spec = 0.05, task().spec(1250.0, 2450.0)
-    codebook = soft.Codebook.build(list(range(50)), DICTIONARY, spec)
+    codebook = Codebook.build(list(range(50)), DICTIONARY, spec)
     for share, expected in ((1.0, (0.98, 1.0)), (0.1, (0.0, 0.1))):
         known = even_evidence(share * ENOUGH_NATS / depth**2, depth)
         chance = chance_of_reading(known, codebook, (depth, depth), soft.FALSE_ID_RATE, draws=200)
@@ -316,7 +317,7 @@ def test_too_far_to_sample_is_refused_with_the_farthest() -> None:
 def test_what_is_certain_is_not_drawn() -> None:
     """Three times enough is read in every draw, a twentieth in none: as draws would say."""
     spec = task().spec(1250.0, 2450.0)
-    codebook = soft.Codebook.build(list(range(50)), DICTIONARY, spec)
+    codebook = Codebook.build(list(range(50)), DICTIONARY, spec)
     for nats, chance in ((3 * ENOUGH_NATS, 1.0), (ENOUGH_NATS / 20, 0.0)):
         known = even_evidence(nats / 0.05**2, 0.05)
         assert chance_of_reading(known, codebook, (0.05, 0.05), soft.FALSE_ID_RATE_ALONE, draws=100) == chance

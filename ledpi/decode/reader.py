@@ -14,10 +14,11 @@ import numpy as np
 
 from ledpi.decode import soft
 from ledpi.decode.cells import CellSamples
+from ledpi.decode.codebook import Codebook
 from ledpi.decode.evidence import Evidence, band_prior, is_deep
 from ledpi.decode.expect import Expectation
 from ledpi.decode.memory import PanelMemory
-from ledpi.decode.soft import Codebook, Reading
+from ledpi.decode.soft import Reading
 from ledpi.decode.track import Shown, Track, denies
 from ledpi.decode.tuning import CHOICES, Seen, propose_frequencies
 from ledpi.decode.words import likeliest

@@ -18,16 +18,14 @@ from functools import cache
 from statistics import NormalDist
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ledpi.decode import rivals
 from ledpi.decode.cells import CellSamples, Singles
+from ledpi.decode.codebook import Codebook, Mask
 from ledpi.decode.evidence import UNFIT, Doubles, Evidence, believed_bands, is_deep, is_deep_anywhere
 from ledpi.decode.single_frame import single_evidence
-from ledpi.decode.words import Fit, likeliest, of_neighbours, word_log_likelihoods
-from ledpi.markers import Dictionary
-from ledpi.records import Frame, PanelSpec, Rejected
-
-Mask = NDArray[np.bool_]
+from ledpi.decode.words import Fit, likeliest
+from ledpi.records import Frame, Rejected
 
 NO_BANDS = Rejected(stage="soft", reason="no_bands")
 NO_WORD = Rejected(stage="soft", reason="not_in_dictionary")
@@ -42,11 +40,6 @@ IMPLAUSIBLE = Rejected(stage="soft", reason="implausible_depth")
 # A frame that stands alone is what the source paper counts, and all there is to go by; a stream, which a robot drives
 # by, has time to look again, and so asks for more.
 FALSE_ID_RATE, FALSE_ID_RATE_ALONE = 1e-6, 1e-5
-# Patterns that are no word count as rivals as if they showed up as often as words: all of them alike, or those that
-# differ from a word in 2, 3 or 4 cells, evenly, which is more where panels have many cells.
-NEAR_DISTANCES, NEAREST = 3, 2
-# Patterns are tried that differ in up to so many cells: what differs in more is less likely than these.
-NEIGHBOURS = 3
 # Of bands less deep than this a second look has added 10 nats at most, of 750 panels at 2 to 3 m, and 1 or 2 mostly.
 FAINT_DEPTH, SECOND_LOOK_ADDS = 0.1, 10.0
 # No square wave leaves deeper bands than `shutter.harmonic_amplitude` of duty 0.5 by more than π/2 (a duty near 0), and
@@ -67,49 +60,6 @@ MAX_MISFIT, MAX_MISFIT_AGAIN = 1.0 / 3.0, 1.0 / 10.0
 # photographs of real lamps), unless the corners are wrong. What a word leaves open then is as much as there is wrong
 # with what it is told by; so its lead over its rivals must be more than that.
 MIN_EXPLAINED = 50.0
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Codebook:
-    """The words that a panel may show, turned all four ways, for one pair of frequencies."""
-
-    ids: NDArray[np.int64]  # (W,)
-    quarter_turns: NDArray[np.int64]  # (W,) clockwise
-    white: Singles  # (W, cells) 1 where the class is white, 0 where black
-    correctable: int  # cells that may be of the other class while it is still this word: one, if it can be corrected
-    spec: PanelSpec
-
-    @classmethod
-    def build(cls, ids: list[int], dictionary: Dictionary, spec: PanelSpec) -> Codebook:
-        """The words of those `ids` of a dictionary whose panels have this `spec`, but for those that cannot be told.
-
-        Raises ValueError where there are none.
-        """
-        readable = set(dictionary.readable_ids(spec.phase))
-        ids = [marker_id for marker_id in ids if marker_id in readable]
-        if not ids:
-            raise ValueError(dictionary.none_readable(spec.phase))
-        words = dictionary.turned_words()[ids].reshape(len(ids) * 4, -1)
-        return cls(
-            ids=np.repeat(np.asarray(ids, np.int64), 4),
-            quarter_turns=np.tile(np.arange(4), len(ids)),
-            white=words.astype(np.float32),
-            correctable=min(NEAREST - 1, dictionary.correctable_cells(spec.phase)),
-            spec=spec,
-        )
-
-    def correctable_beside(self, silent: Mask, word: int) -> int:
-        """`correctable` where the `silent` (cells,) say nothing: ⌊(d − 1)/2⌋ of the other cells, if that is less.
-
-        d: by how many of them this word differs from the one that is most like it there.
-        """
-        if not silent.any():
-            return self.correctable
-        told = self.white[:, ~silent]
-        apart = (told != told[word]).sum(axis=1)
-        if self.spec.phase == "antiphase":
-            apart = np.minimum(apart, told.shape[1] - apart)
-        return max(0, min(self.correctable, int(np.delete(apart, word).min(initial=told.shape[1]) - 1) // 2))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -171,14 +121,14 @@ def _is_contradicted(fit: Fit, evidence: Evidence, codebook: Codebook, false_id_
     if not is_deep_anywhere(evidence.prior):
         return False
     misfit = fit.of_cells - fit.likelihood[0]  # by which either may be wrong
-    return fit.likelihood[0] - _of_one_class(evidence) < needed + misfit
+    return fit.likelihood[0] - rivals.of_one_class(evidence) < needed + misfit
 
 
 def _is_hopeless(fit: Fit, evidence: Evidence, codebook: Codebook, false_id_rate: float) -> bool:
     """Whether a second look at faint bands, which adds little, cannot add what is missing."""
     if math.sqrt(2.0 * float(evidence.prior.max())) > FAINT_DEPTH:
         return False
-    odds = _odds_against_other_patterns(fit.gain, evidence.silent, codebook, fit.words[0])
+    odds = rivals.odds_against_other_patterns(fit.gain, evidence.silent, codebook, fit.words[0])
     return odds < odds_needed(false_id_rate) - SECOND_LOOK_ADDS
 
 
@@ -211,19 +161,19 @@ def _judged(
     if not _plausible(amplitude, [max(wave) for wave in fit.deviation.reshape(-1, 2).tolist()], evidence):
         return IMPLAUSIBLE
     outside = _least(
-        _odds_against_other_patterns(fit.gain, silent, codebook, best),
-        _odds_against_negative(fit.negative, codebook, none),
+        rivals.odds_against_other_patterns(fit.gain, silent, codebook, best),
+        rivals.odds_against_negative(fit.negative, codebook, none),
     )
     if outside >= needed:
-        outside = _least(outside, _odds_against_neighbours(evidence, silent, codebook, best, none))
+        outside = _least(outside, rivals.odds_against_neighbours(evidence, silent, codebook, best, none))
     deep = is_deep_anywhere(evidence.prior)
     if outside >= needed and deep:
-        outside = _least(outside, none - _of_one_class(evidence) + _prior_odds_of_word(codebook))
+        outside = _least(outside, none - rivals.of_one_class(evidence) + rivals.prior_odds_of_word(codebook))
     if outside < needed:
         return NO_WORD
     ids = codebook.ids
-    rivals = (of for word, of in zip(fit.words, fit.likelihood, strict=True) if ids[word] != ids[best])
-    other = none - next(rivals, 0.0)  # the likeliest of them comes first
+    others = (of for word, of in zip(fit.words, fit.likelihood, strict=True) if ids[word] != ids[best])
+    other = none - next(others, 0.0)  # the likeliest of them comes first
     if other < needed:
         return AMBIGUOUS
     if not _consistent(evidence, silent, fit.of_cells, none, min(other, outside) - needed, max_misfit):
@@ -274,68 +224,3 @@ def _consistent(
     if is_deep_anywhere(evidence.prior):
         return misfit < lead and of_word > MIN_EXPLAINED * evidence.left
     return misfit < 0.5 * (freedom + DEVIATIONS * math.sqrt(2.0 * freedom)) + max_misfit * of_word
-
-
-def _odds_against_other_patterns(gain: Doubles, silent: Mask, codebook: Codebook, word: int) -> float:
-    """Log odds of a word against all patterns that are too far from it to be it; `gain` is that of its `Fit`.
-
-    Without this rival a panel that shows no word of the dictionary would pass as its neighbour. As with any code, a
-    pattern counts as the word itself while no more cells differ than the dictionary can correct; those that are
-    `silent` (cells,) are erasures: they may be either, and leave less to be corrected. Given the bands, cells are
-    independent, so the patterns that differ in d cells sum up to the d-th elementary symmetric polynomial of the cells'
-    likelihood ratios.
-    """
-    told, correctable = gain[~silent].tolist(), codebook.correctable_beside(silent, word)
-    by_distance = [1.0] + [0.0] * correctable  # few cells differ: 0, 1, …
-    further = 0.0  # more
-    for of_cell in told:
-        ratio = math.exp(min(of_cell, 40.0))
-        further += (further + by_distance[-1]) * ratio
-        for d in range(correctable, 0, -1):
-            by_distance[d] += by_distance[d - 1] * ratio
-    others = math.log(max(further, 1e-300))
-    if others < -600:  # the nearest of them outshines the rest, and may be too small for a number
-        others = sum(sorted(told)[-correctable - 1 :])
-    return _prior_odds_of_word(codebook) - others - int(np.count_nonzero(silent)) * math.log(2)
-
-
-def _odds_against_neighbours(
-    evidence: Evidence, silent: Mask, codebook: Codebook, best: int, of_word: float
-) -> float:
-    """Log odds of a word against patterns a few cells off, each with the bands that fit it best.
-
-    With the word's bands a pattern that is really shown may look unlikely: these are meant for other cells.
-    """
-    correctable = codebook.correctable_beside(silent, best)
-    others = of_neighbours(evidence, codebook.white[best], correctable + 1, max(NEIGHBOURS, correctable + 1))
-    return of_word - others + _prior_odds_of_word(codebook) - int(np.count_nonzero(silent)) * math.log(2)
-
-
-def _odds_against_negative(of_negative: float, codebook: Codebook, of_word: float) -> float:
-    """Log odds of a word against the pattern with all classes swapped, bands fitted anew.
-
-    The one pattern that may look like the word although all its cells differ: where a cell is as high as a band is
-    long, the same wave is in every cell, and all that the shared profile leaves of it is where it is *not*. (In
-    antiphase it is the word itself.)
-    """
-    if codebook.spec.phase == "antiphase":
-        return math.inf
-    return of_word - of_negative + _prior_odds_of_word(codebook)
-
-
-def _of_one_class(evidence: Evidence) -> float:
-    """Log-likelihood ratio of all cells being of one class, its bands fitted anew, to "no bands".
-
-    So is a lamp that is switched, or a panel whose driver has failed. Where cells are as high as bright bands, whole
-    rows of them are dark, and a word that says so where they are outshines patterns that are like it.
-    """
-    both = np.stack([np.zeros(len(evidence.score)), np.ones(len(evidence.score))]).astype(np.float32)
-    return float(word_log_likelihoods(evidence, both)[0].max())
-
-
-def _prior_odds_of_word(codebook: Codebook) -> float:
-    """Log odds, beforehand, of one word against one pattern that is none, where words and others are as frequent."""
-    cells = int(codebook.white.shape[1])
-    alike = 2 if codebook.spec.phase == "antiphase" else 1  # a pattern and its negative are one
-    all_even = cells * math.log(2) - math.log(alike * len(codebook.ids))
-    return min(all_even, math.log(NEAR_DISTANCES * math.comb(cells, NEAREST)))

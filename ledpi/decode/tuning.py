@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from ledpi.decode.cells import CellSamples
 from ledpi.decode.classes import wave_shares
+from ledpi.decode.codebook import Codebook
 from ledpi.decode.evidence import picture_slopes
-from ledpi.decode.soft import Codebook
 from ledpi.records import Frame, PanelSpec
 
 Complexes = NDArray[np.complex128]

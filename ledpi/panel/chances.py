@@ -14,13 +14,14 @@ import numpy as np
 
 from ledpi.decode import soft
 from ledpi.decode.classes import wave_shares
+from ledpi.decode.codebook import Codebook
 from ledpi.decode.evidence import Doubles, Evidence
 from ledpi.records import Rejected
 
 
 def chance_of_reading(
     evidence: Evidence,
-    codebook: soft.Codebook,
+    codebook: Codebook,
     depths: tuple[float, float],
     false_id_rate: float,
     *,

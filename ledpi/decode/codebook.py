@@ -1,0 +1,60 @@
+"""The words that a panel may show, as reading compares them with what is seen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ledpi.decode.cells import Singles
+from ledpi.markers import Dictionary
+from ledpi.records import PanelSpec
+
+Mask = NDArray[np.bool_]
+
+# Patterns that are no word differ in so many cells at least from each: what differs in fewer is meant for it.
+NEAREST_PATTERN = 2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Codebook:
+    """The words that a panel may show, turned all four ways, for one pair of frequencies."""
+
+    ids: NDArray[np.int64]  # (W,)
+    quarter_turns: NDArray[np.int64]  # (W,) clockwise
+    white: Singles  # (W, cells) 1 where the class is white, 0 where black
+    correctable: int  # cells that may be of the other class while it is still this word: one, if it can be corrected
+    spec: PanelSpec
+
+    @classmethod
+    def build(cls, ids: list[int], dictionary: Dictionary, spec: PanelSpec) -> Codebook:
+        """The words of those `ids` of a dictionary whose panels have this `spec`, but for those that cannot be told.
+
+        Raises ValueError where there are none.
+        """
+        readable = set(dictionary.readable_ids(spec.phase))
+        ids = [marker_id for marker_id in ids if marker_id in readable]
+        if not ids:
+            raise ValueError(dictionary.none_readable(spec.phase))
+        words = dictionary.turned_words()[ids].reshape(len(ids) * 4, -1)
+        return cls(
+            ids=np.repeat(np.asarray(ids, np.int64), 4),
+            quarter_turns=np.tile(np.arange(4), len(ids)),
+            white=words.astype(np.float32),
+            correctable=min(NEAREST_PATTERN - 1, dictionary.correctable_cells(spec.phase)),
+            spec=spec,
+        )
+
+    def correctable_beside(self, silent: Mask, word: int) -> int:
+        """`correctable` where the `silent` (cells,) say nothing: ⌊(d − 1)/2⌋ of the other cells, if that is less.
+
+        d: by how many of them this word differs from the one that is most like it there.
+        """
+        if not silent.any():
+            return self.correctable
+        told = self.white[:, ~silent]
+        apart = (told != told[word]).sum(axis=1)
+        if self.spec.phase == "antiphase":
+            apart = np.minimum(apart, told.shape[1] - apart)
+        return max(0, min(self.correctable, int(np.delete(apart, word).min(initial=told.shape[1]) - 1) // 2))
