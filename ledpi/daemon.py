@@ -1,4 +1,4 @@
-"""`ledpi run`, without its command line: capture thread → ring → decode worker → publisher thread."""
+"""`ledpi run`, without its command line: capture thread → ring → decode worker → publisher."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from ledpi.health import Health, HealthSnapshot, StageTimes
 from ledpi.pipeline import Pipeline
 from ledpi.pose.fix import NOT_IN_MAP
 from ledpi.processor import read_processor
-from ledpi.records import Decoded, Floats, Intrinsics, Rejected
+from ledpi.records import Floats, Intrinsics, Rejected
 from ledpi.reporting import Totals, in_service, minute_line, second_line
 from ledpi.ring import FrameRing
 from ledpi.robot import load_robot, strangers_note
@@ -34,9 +34,6 @@ TICK_S = 0.1  # between two looks at the state of things
 NO_FRAMES_AFTER_S = 0.2  # six frame periods of the slowest camera in scope (33 ms)
 LOOK_EVERY_S = 1.0  # at times and temperature
 MINUTE_S = 60.0
-# So long the decode worker stands back for the publisher: what is left to do in this frame can wait, poses cannot. They
-# leave in 0.15 ms where interpreter and processor are free, and in 1 to 2 ms while the picture is searched.
-HAND_ON_S = 0.0002
 JOIN_S = 0.4  # for each worker; the whole daemon ends within 1 s
 
 _log = logging.getLogger("ledpi")
@@ -160,7 +157,7 @@ class Daemon:
         while True:
             frame = self._ring.take(TICK_S)
             if frame is not None:
-                decoded = self._pipeline.decode(frame, at_once=self._hand_on)
+                decoded = self._pipeline.decode(frame, at_once=self._publisher.publish)
                 self._gain.see(frame, decoded)
                 self._ring.release()
                 self._health.add(decoded)
@@ -170,10 +167,6 @@ class Daemon:
             elif self._ring.closed:
                 break
         self._stop.set()
-
-    def _hand_on(self, news: Decoded) -> None:
-        self._publisher.publish(news)
-        time.sleep(HAND_ON_S)
 
     def _watch(self, at_each_tick: Callable[[], None]) -> None:
         """Keeps status and health up to date until it is time to stop."""

@@ -280,6 +280,39 @@ def test_a_receiver_that_does_not_read_costs_packets_but_no_time(far_end: FarEnd
     assert sum(bad.values()) <= publisher.counters.cut  # a packet that was cut short is all that can be bad
 
 
+def test_a_pose_is_on_a_free_line_when_publish_returns(far_end: FarEnd, start: Start) -> None:
+    """The decode worker writes it itself; what is left follows by the publisher's thread."""
+    publisher = start(far_end.path)
+    wait_until(lambda: publisher._lent is not None)
+    publisher.publish(decoded_now(3, 7, fix=True))
+    assert publisher.counters.fixes == 1
+    far_end.read_until(lambda: far_end.marker_ids() == [3, 7])
+
+
+def test_a_port_lost_while_a_pose_is_written_is_the_publishers_to_open(far_end: FarEnd, start: Start) -> None:
+    """Decoding goes on as if nothing had happened."""
+    publisher = start(far_end.path)
+    wait_until(lambda: publisher._lent is not None)
+    far_end.unplug()
+    publisher.publish(decoded_now(3))
+    wait_until(lambda: not publisher.counters.connected)
+    assert publisher.counters.markers == 0
+    assert publisher.failure is None
+
+
+def test_a_write_never_waits(far_end: FarEnd) -> None:
+    """Where a port has no room after all, the packet is cut; the next one begins with a delimiter."""
+    line = SerialLine(far_end.path, 115200)
+    packet = encode(StatusMessage(state=State.RUNNING, no_fix=NoFix.NO_PANEL), 1)
+    whole = len(list(itertools.takewhile(lambda written: written, (line.write(packet, 0) for _ in itertools.count()))))
+    assert whole > 1
+    far_end.read_until(lambda: len(far_end.messages) == whole)
+    assert line.write(packet, 0)
+    far_end.read_until(lambda: len(far_end.messages) == whole + 1)
+    assert sum(far_end.receiver.counters.bad.values()) <= 1
+    line.close()
+
+
 def test_what_the_kernel_still_queues_is_waited_for(far_end: FarEnd) -> None:
     """One packet at most waits there. (A pty's queue is always empty, so its length is given here.)"""
 

@@ -21,6 +21,9 @@ _ROUND_GAP_NS = 600_000_000
 # Not as soon as the last one is handed over: decoding has just begun, and a sensor would leave it the interpreter and
 # the caches (the hand-over to the decoder took 1.4 ms then, and takes 0.1 ms).
 _READ_AHEAD = 2.0  # times the longest reading of late
+# A sensor's last row comes when it comes; a thread that slept until then comes 0.1 to 0.2 ms later. So the end of the
+# wait is spent awake.
+_AWAKE_NS = 200_000
 _FORGET = 0.9  # of the longest reading so far, from one picture to the next
 
 _log = logging.getLogger(__name__)
@@ -107,7 +110,7 @@ class RecordingCamera:
     def _wait_until(self, host_ns: int) -> None:
         """Returns at that time, or at `close`."""
         while (left_ns := host_ns - time.monotonic_ns()) > 0:
-            if self._closed.wait(left_ns * 1e-9):
+            if left_ns > _AWAKE_NS and self._closed.wait((left_ns - _AWAKE_NS) * 1e-9):
                 break
 
 

@@ -18,7 +18,6 @@ BITS_PER_BYTE = 10  # 8N1: start bit, eight of data, stop bit
 # The transmit FIFO of the Pi's PL011 (16 bytes on BCM2835 to BCM2837), which TIOCOUTQ does not see. The next
 # frame may follow while the FIFO is emptied, so that the line never idles; its bytes count in the age.
 FIFO_BYTES = 16
-WRITE_TIMEOUT_S = 0.02  # a frame is written only where there is room, so only a jammed port takes longer
 JAMMED_RETRY_NS = 20_000_000
 QUEUED_RETRY_NS = 1_000_000
 
@@ -33,9 +32,7 @@ _REMEDIES = {
 def open_port(port: str, baud: int, *, read_timeout_s: float = 0.0) -> serial.Serial:
     """An open, exclusively locked serial port, 8N1 without flow control. Raises WireError with the reason."""
     try:
-        return serial.Serial(
-            port, baud, timeout=read_timeout_s, write_timeout=WRITE_TIMEOUT_S, exclusive=True
-        )
+        return serial.Serial(port, baud, timeout=read_timeout_s, exclusive=True)
     except (OSError, ValueError, termios.error) as error:
         raise WireError(f"{port}: cannot be opened: {reason(error)}") from None
 
@@ -84,19 +81,21 @@ class SerialLine:
         return self._queued_bytes() == 0 and self._free_ns <= now_ns
 
     def write(self, frame: bytes, now_ns: int) -> bool:
-        """Writes a whole frame; False where the port took only a part of it in WRITE_TIMEOUT_S."""
+        """Writes a whole frame; False where the port took only a part of it. Never waits.
+
+        Not by pyserial's `write`: where a port that was said to have room has none, that waits, or spins.
+        """
         data = DELIMITER + frame if self._cut else frame
         self._free_ns = self.first_byte_ns(now_ns) + round(len(data) * self._byte_ns)
         self._known_free = False
         try:
-            self._serial.write(data)
-        except serial.SerialTimeoutException:
-            self._cut = True
-            return False
+            written = os.write(self._serial.fileno(), data)
+        except BlockingIOError:
+            written = 0
         except OSError as error:
             raise self._lost(error) from None
-        self._cut = False
-        return True
+        self._cut = written < len(data)
+        return not self._cut
 
     def close(self) -> None:
         """Closes the port at once. What still queues is thrown away: the kernel would wait 30 s for it."""

@@ -74,16 +74,35 @@ class Publisher:
         self._error: str | None = None
         self._sequence = 0
         self._making_ns = deque([0], maxlen=RECENT)  # from the clock's reading, which is in the packet, to its writing
+        self._lent: SerialLine | None = None  # while the thread waits and the line is free: to whoever publishes
+        self._borrowed = False
+        self._lost: WireError | None = None  # what the borrower met
         self._thread = threading.Thread(target=self._run, name="publisher", daemon=True)
 
     def start(self) -> None:
         self._thread.start()
 
     def publish(self, decoded: Decoded) -> None:
-        """Hands over a frame's poses. Takes microseconds; newer poses replace those that still wait."""
+        """Hands over a frame's poses; newer ones replace those that still wait. Never waits for the port.
+
+        Where the line is free the first packet is written here and now: waking the thread for it would take longer
+        than making it. The thread sends the rest, once the line is free again.
+        """
         with self._wake:
             self._outbox.put(decoded)
-            self._wake.notify()
+            line, self._lent = self._lent, None
+            self._borrowed = line is not None
+            if line is None:
+                self._wake.notify()
+                return
+        try:
+            self._send_next(line)
+        except WireError as error:
+            self._lost = error
+        finally:
+            with self._wake:
+                self._borrowed = False
+                self._wake.notify()
 
     def set_status(self, status: StatusMessage) -> None:
         """What the heartbeat says from now on; `packets_dropped` is filled in here."""
@@ -149,13 +168,23 @@ class Publisher:
             with self._wake:
                 idle_ns = self._outbox.idle_ns(time.monotonic_ns())
                 if idle_ns and not self._stopping:
-                    self._wake.wait((min(idle_ns, busy_ns) or idle_ns) / 1e9)
+                    self._rest((min(idle_ns, busy_ns) or idle_ns) / 1e9, None if busy_ns else line)
                     continue
             if busy_ns:
                 self._pause(busy_ns / 1e9)
             else:
                 self._send_next(line)
         self._say_goodbye(line)
+
+    def _rest(self, seconds: float, free: SerialLine | None) -> None:
+        """Waits, `_wake` being held, and lends the line meanwhile if it is `free`. Raises WireError if it was lost."""
+        self._lent = free
+        self._wake.wait(seconds)
+        self._wake.wait_for(lambda: not self._borrowed)
+        self._lent = None
+        lost, self._lost = self._lost, None
+        if lost is not None:
+            raise lost
 
     def _send_next(self, line: SerialLine) -> None:
         with self._wake:
