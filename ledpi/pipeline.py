@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import TypeAlias
 
 import numpy as np
@@ -34,6 +34,7 @@ from ledpi.records import (
     Intrinsics,
     PanelSpec,
     PanelValues,
+    Pixels,
     Quad,
     Rejected,
     Sighting,
@@ -50,7 +51,7 @@ STAGES: dict[Method, tuple[str, ...]] = {
     "bands": ("bands", "pose"),
 }
 
-
+_NO_PICTURE: Pixels = np.empty((0, 0), np.uint8)
 _Looked: TypeAlias = tuple[Quad, Track, CellSamples]
 
 
@@ -148,15 +149,16 @@ class Pipeline:
             self._tracker = Tracker(self._specs)
         self._tracker.begin(frame.row0_readout_ns)
         looked = self._sample(frame, self._where_expected(frame, work), work)
+        times = replace(frame, pixels=_NO_PICTURE)  # to be kept: the picture's room will hold another
         searching = self._is_to_be_searched()
         others = [look for look in looked if look[1].shown is None]
-        yield self._read(frame, [look for look in looked if look[1].shown is not None], work)
+        yield self._read(times, [look for look in looked if look[1].shown is not None], work)
         if searching:
             found = self._sample(frame, self._search(frame, work), work)
             looked, others = looked + found, others + found
-        yield self._read(frame, others, work)
+        yield self._read(times, others, work)
         if self._stream:
-            self._keep_up(frame, looked, work)
+            self._keep_up(times, looked, work)
 
     def _is_to_be_searched(self) -> bool:
         """Whether it is time again, or a panel is not where it was expected."""

@@ -46,6 +46,7 @@ class PanelMemory:
         self.frames = 0
         self.lattice: Lattice | None = None
         self._origin_ns = 0
+        self._first: tuple[CellSamples, Frame] | None = None  # of the mean picture, until that is made
         self._score: Doubles | None = None
         self._information: Doubles | None = None
         self._left = 0.0
@@ -54,28 +55,21 @@ class PanelMemory:
         """Takes a frame in. Returns what it adds by comparison with those before, if anything."""
         if self.frames == 0:
             self._origin_ns = frame.row0_readout_ns
-        since_s = (frame.row0_readout_ns - self._origin_ns) * 1e-9
-        waves = class_waves(samples, frame, self.spec, since_s)
-        valid = np.ones(samples.light.shape, np.float32) if samples.valid is None else samples.valid.astype(np.float32)
-        self._samples, self._frame = samples, frame
         compared = None
         if self.frames == 0 or self.lattice is not samples.lattice:
             # A new lattice: what was learnt of the bands stays, the picture does not.
             self.lattice = samples.lattice
-            self._count, self._picture, self._mean_waves = valid, samples.light / samples.light.mean(), waves
+            self._first = samples, frame
         else:
-            compared = self._compare(samples, frame, waves, valid)
+            self._begin()
+            compared = self._compare(samples, frame)
+        self._samples, self._frame = samples, frame
         self.frames += 1
         return compared
 
     def known(self) -> Known:
         """What there is to compare a further frame with."""
         return Known(lattice=self._samples.lattice, origin_ns=self._origin_ns, mean=self._mean())
-
-    @property
-    def mean_waves(self) -> Singles:
-        """(P, cells, points): cosine and sine of each wave as the mean picture has them; of one frame, its own."""
-        return self._mean_waves
 
     @property
     def newest(self) -> tuple[CellSamples, Frame]:
@@ -107,7 +101,21 @@ class PanelMemory:
             return known
         return replace(known, score=known.score + total.score, information=known.information + total.information)
 
+    def _begin(self) -> None:
+        """Makes a mean picture of the first frame, once it is asked for: most squares are seen once."""
+        if self._first is None:
+            return
+        samples, frame = self._first
+        self._count, self._picture = _shown(samples), samples.light / samples.light.mean()
+        self._mean_waves = self._waves(samples, frame)
+        self._first = None
+
+    def _waves(self, samples: CellSamples, frame: Frame) -> Singles:
+        """(P, cells, points): cosine and sine of each wave in this frame."""
+        return class_waves(samples, frame, self.spec, (frame.row0_readout_ns - self._origin_ns) * 1e-9)
+
     def _of_mean_picture(self) -> Evidence | Rejected:
+        self._begin()
         seen = self._count > 0
         # A whole wave's cosine and sine have a power of 1 together.
         waves = len(self._mean_waves) // 2
@@ -131,17 +139,19 @@ class PanelMemory:
         )
         return single_evidence(mean, self._frame, self.spec, self._mean_waves)
 
-    def _compare(self, samples: CellSamples, frame: Frame, waves: Singles, valid: Singles) -> Evidence | None:
+    def _compare(self, samples: CellSamples, frame: Frame) -> Evidence | None:
+        waves = self._waves(samples, frame)
         scale, added = compared_evidence(samples, frame, self.spec, waves, self._mean())
         if isinstance(added, Evidence):
             before = 0.0 if self._score is None else FORGETTING * self._score
             known = 0.0 if self._information is None else FORGETTING * self._information
             self._score, self._information = before + added.score, known + added.information
             self._left = FORGETTING * self._left + added.left
-        self._remember(samples.light / np.float32(max(scale, LEAST_SCALE)), waves, valid)
+        self._remember(samples.light / np.float32(max(scale, LEAST_SCALE)), waves, _shown(samples))
         return added if isinstance(added, Evidence) else None
 
     def _mean(self) -> Mean:
+        self._begin()
         return Mean(picture=np.maximum(self._picture, DARKEST), count=self._count, waves=self._mean_waves)
 
     def _remember(self, light: Singles, waves: Singles, valid: Singles) -> None:
@@ -150,3 +160,8 @@ class PanelMemory:
         self._picture = self._picture + (light - self._picture) * share
         self._mean_waves = self._mean_waves + (waves - self._mean_waves) * share
         self._count = np.minimum(total, np.float32(MEAN_FRAMES))
+
+
+def _shown(samples: CellSamples) -> Singles:
+    """(cells, points) 1, and 0 where a sample is not valid."""
+    return np.ones(samples.light.shape, np.float32) if samples.valid is None else samples.valid.astype(np.float32)

@@ -10,8 +10,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from ledpi.decode import soft
 from ledpi.decode.cells import CellSamples
 from ledpi.decode.codebook import Codebook
@@ -22,7 +20,7 @@ from ledpi.decode.soft import Reading
 from ledpi.decode.track import Shown, Track, denies
 from ledpi.decode.tuning import CHOICES, Seen, propose_frequencies
 from ledpi.decode.words import likeliest
-from ledpi.records import Frame, PanelSpec, Pixels, Rejected
+from ledpi.records import Frame, PanelSpec, Rejected
 
 # Frames that surely show what was read last are not read anew, but for one of eight: by then a panel may look a little
 # otherwise, and the margin has grown.
@@ -35,8 +33,6 @@ ADDS_UP_FRAMES = 4
 # What no further frame can mend: this is no panel, or not where it was thought to be.
 SOMETHING_ELSE = (soft.INCONSISTENT, soft.IMPLAUSIBLE)
 
-_NO_PICTURE: Pixels = np.empty((0, 0), np.uint8)
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
@@ -48,7 +44,10 @@ class Outcome:
 
 
 class Reader:
-    """Reads the panels of some pairs of frequencies. Keeps nothing; what is known of a panel is in its track."""
+    """Reads the panels of some pairs of frequencies. Keeps nothing; what is known of a panel is in its track.
+
+    Of a `frame` its times count. Tracks keep it: let it come without its picture.
+    """
 
     def __init__(self, codebooks: Sequence[Codebook], false_id_rate: float) -> None:
         self._codebooks = tuple(codebooks)
@@ -81,7 +80,7 @@ class Reader:
 
     def _read_anew(self, track: Track, samples: CellSamples, frame: Frame) -> Outcome:
         added = [memory.add(samples, frame) for memory in track.memories]
-        track.seen.append(Seen(samples=samples, frame=replace(frame, pixels=_NO_PICTURE)))
+        track.seen.append(Seen(samples=samples, frame=frame))
         track.looks += 1
         shown, denied = track.shown, False
         if shown is not None:
@@ -139,7 +138,7 @@ class Reader:
         """
         samples, frame = memory.newest
         if memory.frames == 1:
-            return soft.read_word(samples, frame, book, rate, memory.mean_waves)
+            return soft.read_word(samples, frame, book, rate)
         if not is_deep(band_prior(frame, book.spec)):
             return None
         reading = soft.read_word(samples, frame, book, rate)

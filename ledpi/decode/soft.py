@@ -20,7 +20,7 @@ from statistics import NormalDist
 import numpy as np
 
 from ledpi.decode import rivals
-from ledpi.decode.cells import CellSamples, Singles
+from ledpi.decode.cells import CellSamples
 from ledpi.decode.codebook import Codebook, Mask
 from ledpi.decode.evidence import UNFIT, Doubles, Evidence, believed_bands, is_deep, is_deep_anywhere
 from ledpi.decode.single_frame import single_evidence
@@ -79,15 +79,14 @@ def read_word(
     frame: Frame,
     codebook: Codebook,
     false_id_rate: float = FALSE_ID_RATE_ALONE,
-    waves: Singles | None = None,
 ) -> Reading | Rejected:
-    """The word that these samples show by themselves, or why none can be told. `waves`: their `class_waves`, if known.
+    """The word that these samples show by themselves, or why none can be told.
 
     Bands are looked at twice where that may change the answer: as sinusoids; and, once it is known where in their
     period they are, as what the exposure leaves of a square wave, with the static picture that is then left.
     """
     spec = codebook.spec
-    evidence = single_evidence(samples, frame, spec, waves)
+    evidence = single_evidence(samples, frame, spec)
     if isinstance(evidence, Rejected):
         return evidence
     fit = likeliest(evidence, codebook.white)
