@@ -142,6 +142,11 @@ def test_records_import_numpy_only() -> None:
     assert foreign == {"numpy"}
 
 
+def test_the_loops_know_nothing_of_what_calls_them() -> None:
+    """Constants and tables are handed to them by the decoder, which stands above."""
+    assert breaches(members("ledpi.kernels."), {"ledpi.decode", "ledpi.pose"}) == []
+
+
 @pytest.mark.parametrize("module", RUN)
 def test_run_reaches_no_workshop_tool(module: str) -> None:
     """`run` leads to no calibration, panel design or evaluation. (Other commands stand behind ledpi.cli.)"""

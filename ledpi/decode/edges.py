@@ -12,11 +12,11 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from ledpi.decode import adjust, approach, looks, whole
+from ledpi.decode import adjust, approach, looks, rim, whole
 from ledpi.decode.adjust import adjust_quads
 from ledpi.decode.approach import LOST, NOT_STRAIGHT, SHARES, step_templates
 from ledpi.decode.looks import MAX_MOVE, Found, find_sides, profile_shares
-from ledpi.decode.rim import make_filters
+from ledpi.decode.rim import filters_of_pitch, make_filters
 from ledpi.decode.sides import Points, areas, as_corners, as_points, bends
 from ledpi.decode.whole import BEND_ALONG, BLUR_STEPS, explanations, hidden_shares, uncovered, usual_blur_steps
 from ledpi.kernels import edges as kernel
@@ -83,7 +83,7 @@ def refine_quads(
 def prepare(cells: int, smallest_px: float, largest_px: float) -> None:
     """Makes what squares with such sides need, else made in the frames that first ask for it."""
     if compiled():
-        kernel.filter_table().make_all()
+        _filter_table().make_all()
     else:
         make_filters()
     for blur_step in usual_blur_steps(cells, smallest_px, largest_px):
@@ -91,6 +91,20 @@ def prepare(cells: int, smallest_px: float, largest_px: float) -> None:
             _tables(cells).explain(blur_step)
         else:
             explanations(cells, blur_step)
+
+
+@cache
+def _filter_table() -> kernel.FilterTable:
+    """For the compiled loops."""
+    bounds = (
+        *(rim.PITCH_STEP, rim.BLUR_STEP, rim.MIN_PITCH_PX, rim.MAX_PITCH_PX),
+        *(rim.MIN_BLUR_PX, rim.MAX_BLUR_PX, rim.USUAL_BLUR_PX),
+    )
+
+    def made(pitch_step: int) -> Floats:
+        return np.array([each.packed for each in filters_of_pitch(pitch_step)])
+
+    return kernel.FilterTable(rim.PITCH_STEPS, rim.BLUR_STEPS, bounds, made)
 
 
 @cache
@@ -104,7 +118,8 @@ def _tables(cells: int) -> kernel.Tables:
     profiles = profile_shares(cells)
     coarse = (SHARES.share, step_templates())
     sides = (profiles.share, profiles.bend)
-    return kernel.Tables(cells, approach.CONSTANTS, CONSTANTS, sides, coarse, BEND_ALONG, BLUR_STEPS, explain)
+    constants = (approach.CONSTANTS, CONSTANTS)
+    return kernel.Tables(cells, _filter_table(), *constants, sides, coarse, BEND_ALONG, BLUR_STEPS, explain)
 
 
 @np.errstate(divide="ignore", invalid="ignore")  # parallel sides cross nowhere: not finite, and refused

@@ -14,6 +14,7 @@ from typing import TypeAlias
 import cv2
 import numpy as np
 
+from ledpi.decode import four_sides, lit, outlines, spots
 from ledpi.decode.four_sides import distinct, square_of
 from ledpi.decode.lit import contrasts, lit_by
 from ledpi.decode.outlines import outlines_in
@@ -38,6 +39,16 @@ AGAIN = ((166, 192), (), ())  # 0.65 and 0.75
 # Shortest outline by level, in its pixels: of the smallest panel in scope, foreshortened by 60°; then of what the level
 # before sees better.
 SHORTEST = (10, 24, 24)
+# As `Limits` of kernels/find.h has them.
+LIMITS = (
+    *(lit.MIN_CONTRAST, outlines.NARROWEST, outlines.SPOT_LENGTHS[0], outlines.SPOT_LENGTHS[-1]),
+    *(outlines.MIN_AREA, outlines.MIN_LIT),
+    *(four_sides.MIN_SOLIDITY, four_sides.SIGNIFICANT, four_sides.ALIKE, four_sides.MIN_SIDE),
+    *(four_sides.MAX_CUT_OFF, four_sides.MAX_MISFIT, four_sides.PIXEL_MISFIT, four_sides.SLENDER),
+    *(four_sides.TOLERANCE, four_sides.BLUR_MISFIT, four_sides.NEAR, four_sides.LIKE, four_sides.SAME_CORNERS),
+    *(spots.LINK, spots.LIKE),
+)
+assert (kernel.REACH, kernel.MOST_SPOTS) == (lit.WINDOW // 2, spots.MAX_SPOTS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +83,7 @@ class Finder:
         # Finding compares neighbours only; a square root gives dark linear pictures the contrast they need.
         self._brighten = np.round(255 * np.sqrt(np.arange(256) / 255)).astype(np.uint8)
         self._searcher = (
-            kernel.Searcher(self._levels, SHORTEST, smallest_px, self._group_sizes) if compiled else None
+            kernel.Searcher(self._levels, SHORTEST, smallest_px, self._group_sizes, LIMITS) if compiled else None
         )
 
     def find(self, frame: Frame) -> tuple[list[Candidate], list[Rejected]]:
@@ -106,11 +117,11 @@ class Finder:
             seen = contrasts(picture)
             for share in shares:
                 # Opened where the closing makes thin bridges to the surroundings.
-                outlines, spots, at_border = outlines_in(lit_by(share, *seen, opened=level > 0), shortest)
-                found = [square_of(outline, scale) for outline in outlines]
+                found_outlines, found_spots, at_border = outlines_in(lit_by(share, *seen, opened=level > 0), shortest)
+                found = [square_of(outline, scale) for outline in found_outlines]
                 large = [square for square in found if square is not None and square[8] >= self._smallest_px]
                 squares += large
-                spotted += [(scale, group) for group in groups(spots, self._group_sizes)]
+                spotted += [(scale, group) for group in groups(found_spots, self._group_sizes)]
                 all_at_border += at_border
                 not_four_sided += found.count(None)
                 too_small += len(found) - found.count(None) - len(large)

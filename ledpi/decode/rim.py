@@ -81,6 +81,12 @@ class RimFilter:
         """Of one side's e."""
         return self.both_variance + self.apart_variance
 
+    @property
+    def packed(self) -> Floats:
+        """As `Filter` of kernels/rim.h has it."""
+        single, both = (self.single.ravel(), [self.single_offset]), (self.both.ravel(), self.both_offset)
+        return np.concatenate([[1.0], *single, *both, self.apart, [self.both_variance, self.apart_variance]])
+
 
 def filter_key(pitch_px: float, blur_px: float) -> tuple[int, int]:
     """Which filter serves this pitch and blur."""

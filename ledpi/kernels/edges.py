@@ -3,26 +3,11 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable
-from functools import cache
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ledpi.decode.rim import (
-    BLUR_STEP,
-    BLUR_STEPS,
-    MAX_BLUR_PX,
-    MAX_PITCH_PX,
-    MIN_BLUR_PX,
-    MIN_PITCH_PX,
-    PITCH_STEP,
-    PITCH_STEPS,
-    USUAL_BLUR_PX,
-    RimFilter,
-    filters_of_pitch,
-    rim_filter,
-)
 from ledpi.kernels.library import INTEGER, POINTER, address, doubles, function
 from ledpi.kernels.light import PICTURE, picture
 from ledpi.kernels.pose import lens_of
@@ -31,6 +16,7 @@ from ledpi.records import Floats, Frame, Intrinsics
 MOST_PROFILES, MOST_CELLS = 64, 8  # as in kernels.h, lattice.h
 # As in refine.c and approach.c.
 WHOLE, PARTLY_HIDDEN, NO_EDGE, NOT_STRAIGHT, NOT_WHOLE, NOT_CONVEX, TOO_SMALL, AT_BORDER = range(8)
+FILTER = 56  # numbers of a `Filter` of rim.h
 REFINED = 18  # numbers: the corners' x and y, those of what is seen, sigma_px, bend_px
 
 _refine = function("ledpi_refine", *PICTURE, POINTER, POINTER, INTEGER, *(POINTER,) * 4, result=ctypes.c_bool)
@@ -48,42 +34,35 @@ class _Filters(ctypes.Structure):
     ]
 
 
-def _packed(made: RimFilter) -> Floats:
-    """`Filter` of rim.h."""
-    single, both = (made.single.ravel(), [made.single_offset]), (made.both.ravel(), made.both_offset)
-    return np.concatenate([[1.0], *single, *both, made.apart, [made.both_variance, made.apart_variance]])
-
-
 class FilterTable:
-    """Every filter there may be, by pitch and blur; those of a pitch are made together, and kept for good."""
+    """Every filter of a rim there may be, by pitch and blur; those of a pitch are made together, and kept for good."""
 
-    def __init__(self) -> None:
-        size = len(_packed(rim_filter(PITCH_STEPS[0], BLUR_STEPS[0])))
-        self._rows = np.zeros((len(PITCH_STEPS), len(BLUR_STEPS), size))
-        self.structure = _Filters(
-            address(self._rows), len(PITCH_STEPS), len(BLUR_STEPS), PITCH_STEPS[0], BLUR_STEPS[0], PITCH_STEP,
-            BLUR_STEP, MIN_PITCH_PX, MAX_PITCH_PX, MIN_BLUR_PX, MAX_BLUR_PX, USUAL_BLUR_PX,
-        )  # fmt: skip
+    def __init__(
+        self, pitch_steps: range, blur_steps: range, bounds: Sequence[float], made: Callable[[int], Floats]
+    ) -> None:
+        """`bounds`: as the last seven of `Filters` of rim.h. `made`: for a pitch step (B, N), a `Filter` of rim.h each.
+
+        Their first number is 1.
+        """
+        self._pitch_steps, self._blurs, self._of_pitch = pitch_steps, len(blur_steps), made
+        self._rows = np.zeros((len(pitch_steps), len(blur_steps), FILTER))
+        counts = (len(pitch_steps), len(blur_steps), pitch_steps[0], blur_steps[0])
+        self.structure = _Filters(address(self._rows), *counts, *bounds)
         self.at = ctypes.addressof(self.structure)
 
     def make_all(self) -> None:
         """In a fifth of a second."""
-        for number in range(0, self._rows[..., 0].size, len(BLUR_STEPS)):
+        for number in range(0, self._rows[..., 0].size, self._blurs):
             self.make(number)
 
     def make(self, number: int) -> None:
         """This one, and the others of its pitch."""
-        rows = self._rows[number // len(BLUR_STEPS)]
+        rows = self._rows[number // self._blurs]
         if rows[0, 0]:
             return
-        packed = np.array([_packed(each) for each in filters_of_pitch(PITCH_STEPS[number // len(BLUR_STEPS)])])
+        packed = self._of_pitch(self._pitch_steps[number // self._blurs])
         rows[:, 1:] = packed[:, 1:]
-        rows[:, 0] = 1.0  # last, as another thread may look
-
-
-@cache
-def filter_table() -> FilterTable:
-    return FilterTable()
+        rows[:, 0] = packed[:, 0]  # last, as another thread may look
 
 
 class _Shares(ctypes.Structure):
@@ -115,6 +94,7 @@ class Tables:
     def __init__(
         self,
         cells: int,
+        filters: FilterTable,
         approaching: Floats,
         refining: Floats,
         profiles: tuple[Floats, Floats],
@@ -129,7 +109,7 @@ class Tables:
         `explain` makes the explanations for one of `blur_steps`: `bases` (columns, places) and where each begins.
         """
         assert len(profiles[0]) <= MOST_PROFILES
-        self._filters, self._blur_steps, self._explain = filter_table(), blur_steps, explain
+        self._filters, self._blur_steps, self._explain = filters, blur_steps, explain
         self._explanations = (_Explanations * len(blur_steps))()
         self._kept = [doubles(array) for array in (approaching, refining, *profiles, coarse[0], cubics)], coarse[1]
         *constants, share, bend, coarse_share, at_cubics = (address(array) for array in self._kept[0])

@@ -10,26 +10,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ledpi.decode import four_sides, lit, outlines, spots
 from ledpi.kernels.library import INTEGER, POINTER, address, function
 from ledpi.records import Floats, Pixels
 
-# As in find.h, where they are sizes: pixels to either side of a window, rows that are looked at together.
-REACH, STRIP = lit.WINDOW // 2, 44
-assert (REACH, spots.MAX_SPOTS) == (6, 200)
+# As in find.h, where they are sizes: pixels to either side of a window, rows looked at together, spots in a group.
+REACH, STRIP, MOST_SPOTS = 6, 44, 200
+LIMITS = 21  # numbers in `Limits` of find.h
 SQUARE = 11  # numbers: four corners' x and y, side_px, misfit, tolerance_px
 MOST_THRESHOLDS = 2  # of a level
 MOST_SQUARES = 4096  # in a frame: more is texture, and would take a second to look at
 _OUTLINE_BYTES, _THING_NUMBERS = 32, 7
-
-_LIMITS = (
-    *(lit.MIN_CONTRAST, outlines.NARROWEST, outlines.SPOT_LENGTHS[0], outlines.SPOT_LENGTHS[-1]),
-    *(outlines.MIN_AREA, outlines.MIN_LIT),
-    *(four_sides.MIN_SOLIDITY, four_sides.SIGNIFICANT, four_sides.ALIKE, four_sides.MIN_SIDE),
-    *(four_sides.MAX_CUT_OFF, four_sides.MAX_MISFIT, four_sides.PIXEL_MISFIT, four_sides.SLENDER),
-    *(four_sides.TOLERANCE, four_sides.BLUR_MISFIT, four_sides.NEAR, four_sides.LIKE, four_sides.SAME_CORNERS),
-    *(spots.LINK, spots.LIKE),
-)  # in the order of `Limits` of find.h
 
 _find = function("ledpi_find", POINTER, INTEGER, POINTER, POINTER, POINTER)
 
@@ -52,7 +42,7 @@ class _Wanted(ctypes.Structure):
         ("smallest_px", ctypes.c_double),
         ("least_spots", ctypes.c_ssize_t),
         ("most_spots", ctypes.c_ssize_t),
-        ("limits", ctypes.c_double * len(_LIMITS)),
+        ("limits", ctypes.c_double * LIMITS),
     ]
 
 
@@ -83,13 +73,21 @@ class Searcher:
     """Searches the same pictures again and again, in room that it keeps."""
 
     def __init__(
-        self, pictures: Sequence[Pixels], shortest: Sequence[int], smallest_px: float, group_sizes: range
+        self,
+        pictures: Sequence[Pixels],
+        shortest: Sequence[int],
+        smallest_px: float,
+        group_sizes: range,
+        limits: Sequence[float],
     ) -> None:
-        """`pictures`, read anew each time, the largest first, and the `shortest` way around things in each."""
+        """`pictures`, read anew each time, the largest first, and the `shortest` way around things in each.
+
+        `limits`: as `Limits` of find.h has them.
+        """
         height, width = pictures[0].shape
         self._pictures, self._shortest = tuple(pictures), tuple(shortest)
         most = (height + 1) * (width + 1) // 4 + 1  # as many pixels as can stand apart
-        members = spots.MAX_SPOTS * MOST_THRESHOLDS * len(pictures)
+        members = MOST_SPOTS * MOST_THRESHOLDS * len(pictures)
         self._room, self._arrays = _room(height, width, most)
         self._squares = np.empty((MOST_SQUARES, SQUARE))
         self._distinct = np.empty(MOST_SQUARES, np.intp)
@@ -97,8 +95,8 @@ class Searcher:
         results = (self._squares, self._distinct, self._members, self._groups, self._scales)
         self._found = _Found(*(address(array) for array in results), MOST_SQUARES)
         self._levels: dict[tuple[tuple[int, ...], ...], Any] = {}  # by thresholds
-        limits = (ctypes.c_double * len(_LIMITS))(*_LIMITS)
-        self._wanted = _Wanted(smallest_px, group_sizes.start, group_sizes.stop, limits)
+        bounds = (ctypes.c_double * LIMITS)(*limits)
+        self._wanted = _Wanted(smallest_px, group_sizes.start, group_sizes.stop, bounds)
         self._arguments = [ctypes.addressof(made) for made in (self._wanted, self._room, self._found)]
 
     def search(
