@@ -13,10 +13,11 @@ from ledpi.decode.cells import CellSamples, sample_cells
 from ledpi.decode.codebook import Codebook
 from ledpi.decode.comparison import Mean, compared_evidence
 from ledpi.decode.evidence import UNFIT, Believed, Evidence, believed_bands, class_waves, square_waves
+from ledpi.decode.first_look import first_look
 from ledpi.decode.single_frame import single_evidence
 from ledpi.dictionaries import load_dictionary
 from ledpi.kernels.library import COMPILED
-from ledpi.records import Frame, PanelSpec
+from ledpi.records import Frame, PanelSpec, Rejected
 
 pytestmark = pytest.mark.skipif(not COMPILED, reason="needs the compiled loops (a C compiler when ledpi was installed)")
 
@@ -166,6 +167,66 @@ def test_the_likeliest_words(spec: PanelSpec) -> None:
     np.testing.assert_allclose(ours.shown, theirs.shown, rtol=1e-6)
     np.testing.assert_allclose(ours.gain, theirs.gain, rtol=1e-6)
     assert (ours.negative, ours.of_cells) == pytest.approx((theirs.negative, theirs.of_cells), rel=1e-6)
+    assert ours.beyond == pytest.approx(theirs.beyond, rel=1e-6)
+    assert ours.silent is theirs.silent is None
+
+
+@pytest.mark.parametrize("told", [10.0, 0.01], ids=["surely", "hardly"])
+def test_words_beside_silent_cells(told: float) -> None:
+    """Which cells are silent, and the patterns of the others: of likelihoods too small for a number, too."""
+    samples, frame = seen(200.0)
+    whole = single_evidence(samples, frame, SPEC)
+    assert isinstance(whole, Evidence)
+    score, information = told * whole.score, told * whole.information
+    for cell in (3, 9):
+        score[cell] = information[cell] = information[:, :, cell] = 0.0
+    evidence = dataclasses.replace(whole, score=score, information=information)
+    book = Codebook.build(list(range(50)), load_dictionary("DICT_4X4_50"), SPEC)
+    ours, theirs = (words.likeliest(evidence, book.white, compiled=compiled) for compiled in (True, False))
+    assert (ours.beyond[1] < words.SMALLEST_LOG) == (told > 1)
+    assert ours.beyond == pytest.approx(theirs.beyond, rel=1e-6)
+    for fit in (ours, theirs):
+        assert fit.silent is not None
+        assert np.flatnonzero(fit.silent).tolist() == [3, 9]
+
+
+def darkened(samples: CellSamples, part: slice) -> CellSamples:
+    """As if something stood before a part of the sixth cell."""
+    light = samples.light.copy()
+    light[5, part] *= 0.1
+    return dataclasses.replace(samples, light=light)
+
+
+@pytest.mark.parametrize("what", ["plain", "deep", "one wave", "with holes", "covered", "unlit"])
+def test_a_first_look_at_once(what: str) -> None:
+    """Is what its steps are; what it leaves to them, too."""
+    samples, frame = seen(60.0, EXPOSURE_US["deep" if what == "deep" else "shallow"])
+    spec = ANTIPHASE if what == "one wave" else SPEC
+    given = {
+        "with holes": with_holes(samples),
+        "covered": darkened(samples, slice(60)),
+        "unlit": darkened(samples, slice(None)),
+    }.get(what, samples)
+    book = Codebook.build(list(range(50)), load_dictionary("DICT_4X4_50"), spec)
+    ours, theirs = (first_look(given, frame, spec, book.white, compiled=compiled) for compiled in (True, False))
+    assert not isinstance(ours, Rejected)
+    assert not isinstance(theirs, Rejected)
+    (evidence, fit), (true_evidence, true_fit) = ours, theirs
+    reference = true_evidence.information
+    np.testing.assert_allclose(evidence.information, reference, atol=1e-2 * float(np.abs(reference).max()))
+    assert evidence.left == true_evidence.left
+    assert fit.words[0] == true_fit.words[0]
+    assert fit.likelihood[0] == pytest.approx(true_fit.likelihood[0], rel=1e-2)
+    assert (fit.silent is None) == (true_fit.silent is None) == (what != "unlit")
+
+
+def test_light_that_is_no_number_is_looked_at_in_vain() -> None:
+    """As step by step."""
+    samples, frame = seen(40.0)
+    light = samples.light.copy()
+    light[3, 4] = np.nan
+    white = Codebook.build([7], load_dictionary("DICT_4X4_50"), SPEC).white
+    assert first_look(dataclasses.replace(samples, light=light), frame, SPEC, white) == UNFIT
 
 
 def test_a_short_list_of_words() -> None:

@@ -8,13 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ledpi.decode.cells import Singles
+from ledpi.decode.words import MOST_CORRECTED
 from ledpi.markers import Dictionary
 from ledpi.records import PanelSpec
 
 Mask = NDArray[np.bool_]
 
 # Patterns that are no word differ in so many cells at least from each: what differs in fewer is meant for it.
-NEAREST_PATTERN = 2
+NEAREST_PATTERN = MOST_CORRECTED + 1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,16 +43,16 @@ class Codebook:
             ids=np.repeat(np.asarray(ids, np.int64), 4),
             quarter_turns=np.tile(np.arange(4), len(ids)),
             white=words.astype(np.float32),
-            correctable=min(NEAREST_PATTERN - 1, dictionary.correctable_cells(spec.phase)),
+            correctable=min(MOST_CORRECTED, dictionary.correctable_cells(spec.phase)),
             spec=spec,
         )
 
-    def correctable_beside(self, silent: Mask, word: int) -> int:
+    def correctable_beside(self, silent: Mask | None, word: int) -> int:
         """`correctable` where the `silent` (cells,) say nothing: ⌊(d − 1)/2⌋ of the other cells, if that is less.
 
         d: by how many of them this word differs from the one that is most like it there.
         """
-        if not silent.any():
+        if silent is None:
             return self.correctable
         told = self.white[:, ~silent]
         apart = (told != told[word]).sum(axis=1)

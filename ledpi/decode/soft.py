@@ -21,8 +21,9 @@ import numpy as np
 
 from ledpi.decode import rivals
 from ledpi.decode.cells import CellSamples
-from ledpi.decode.codebook import Codebook, Mask
+from ledpi.decode.codebook import Codebook
 from ledpi.decode.evidence import UNFIT, Doubles, Evidence, believed_bands, is_deep, is_deep_anywhere
+from ledpi.decode.first_look import first_look
 from ledpi.decode.single_frame import single_evidence
 from ledpi.decode.words import Fit, likeliest
 from ledpi.records import Frame, Rejected
@@ -86,10 +87,10 @@ def read_word(
     period they are, as what the exposure leaves of a square wave, with the static picture that is then left.
     """
     spec = codebook.spec
-    evidence = single_evidence(samples, frame, spec)
-    if isinstance(evidence, Rejected):
-        return evidence
-    fit = likeliest(evidence, codebook.white)
+    looked = first_look(samples, frame, spec, codebook.white)
+    if isinstance(looked, Rejected):
+        return looked
+    evidence, fit = looked
     first = _judged(fit, evidence, codebook, false_id_rate)
     if first in (NO_BANDS, UNFIT) or not (isinstance(first, Rejected) or is_deep(evidence.prior)):
         return first
@@ -115,7 +116,7 @@ def _is_contradicted(fit: Fit, evidence: Evidence, codebook: Codebook, false_id_
     what was decided against the word.
     """
     needed = odds_needed(false_id_rate)
-    if int((fit.gain > needed).sum()) > codebook.correctable:
+    if sum(gain > needed for gain in fit.gain) > codebook.correctable:
         return True
     if not is_deep_anywhere(evidence.prior):
         return False
@@ -127,8 +128,7 @@ def _is_hopeless(fit: Fit, evidence: Evidence, codebook: Codebook, false_id_rate
     """Whether a second look at faint bands, which adds little, cannot add what is missing."""
     if math.sqrt(2.0 * float(evidence.prior.max())) > FAINT_DEPTH:
         return False
-    odds = rivals.odds_against_other_patterns(fit.gain, evidence.silent, codebook, fit.words[0])
-    return odds < odds_needed(false_id_rate) - SECOND_LOOK_ADDS
+    return rivals.odds_against_other_patterns(fit, codebook) < odds_needed(false_id_rate) - SECOND_LOOK_ADDS
 
 
 def decide(evidence: Evidence, codebook: Codebook, false_id_rate: float) -> Reading | Rejected:
@@ -151,20 +151,21 @@ def _judged(
 ) -> Reading | Rejected:
     """The best word, if it stands against all its rivals."""
     needed = odds_needed(false_id_rate)
-    best, none, silent = fit.words[0], fit.likelihood[0], evidence.silent
+    best, none = fit.words[0], fit.likelihood[0]
     if none < needed:
         return NO_BANDS
     if not fit.is_finite:
         return UNFIT
     amplitude = [math.hypot(*wave) for wave in fit.bands.reshape(-1, 2).tolist()]
-    if not _plausible(amplitude, [max(wave) for wave in fit.deviation.reshape(-1, 2).tolist()], evidence):
+    deviation = [max(wave) for wave in zip(fit.deviation[::2], fit.deviation[1::2], strict=True)]
+    if not _plausible(amplitude, deviation, evidence):
         return IMPLAUSIBLE
     outside = _least(
-        rivals.odds_against_other_patterns(fit.gain, silent, codebook, best),
+        rivals.odds_against_other_patterns(fit, codebook),
         rivals.odds_against_negative(fit.negative, codebook, none),
     )
     if outside >= needed:
-        outside = _least(outside, rivals.odds_against_neighbours(evidence, silent, codebook, best, none))
+        outside = _least(outside, rivals.odds_against_neighbours(evidence, fit, codebook))
     deep = is_deep_anywhere(evidence.prior)
     if outside >= needed and deep:
         outside = _least(outside, none - rivals.of_one_class(evidence) + rivals.prior_odds_of_word(codebook))
@@ -175,7 +176,7 @@ def _judged(
     other = none - next(others, 0.0)  # the likeliest of them comes first
     if other < needed:
         return AMBIGUOUS
-    if not _consistent(evidence, silent, fit.of_cells, none, min(other, outside) - needed, max_misfit):
+    if not _consistent(evidence, fit, min(other, outside) - needed, max_misfit):
         return INCONSISTENT
     return Reading(
         id=int(codebook.ids[best]),
@@ -214,12 +215,12 @@ def _plausible(amplitude: list[float], deviation: list[float], evidence: Evidenc
     return least[0] <= MAX_DEPTH_RATIO * most[-1] and least[-1] <= MAX_DEPTH_RATIO * most[0]
 
 
-def _consistent(
-    evidence: Evidence, silent: Mask, of_cells: float, of_word: float, lead: float, max_misfit: float
-) -> bool:
+def _consistent(evidence: Evidence, fit: Fit, lead: float, max_misfit: float) -> bool:
     """Whether all cells share the bands of one word, as far as its log-likelihood ratio and its lead can tell."""
-    freedom = (len(silent) - int(np.count_nonzero(silent)) - 1) * len(evidence.prior)
-    misfit = of_cells - of_word
+    silent = 0 if fit.silent is None else int(np.count_nonzero(fit.silent))
+    freedom = (len(fit.gain) - silent - 1) * len(evidence.prior)
+    of_word = fit.likelihood[0]
+    misfit = fit.of_cells - of_word
     if is_deep_anywhere(evidence.prior):
         return misfit < lead and of_word > MIN_EXPLAINED * evidence.left
     return misfit < 0.5 * (freedom + DEVIATIONS * math.sqrt(2.0 * freedom)) + max_misfit * of_word

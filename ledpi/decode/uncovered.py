@@ -31,7 +31,7 @@ MIN_LEFT = 0.25  # of a cell's samples: with less of one its gain is not known, 
 def without_covered(samples: CellSamples, *, compiled: bool = COMPILED) -> CellSamples:
     """The samples, those that are covered or next to it marked as not valid. For bands that are not deep."""
     n, k = samples.lattice.cells, samples.lattice.k
-    tested = _inner(n, k, border_points(samples))
+    tested = inner_points(n, k, border_points(samples))
     none_covered = kernel.all_uncovered if compiled else _all_uncovered
     if none_covered(samples.light, samples.valid, tested, COVERED):
         return samples
@@ -77,7 +77,7 @@ def _quantile(values: Singles, valid: Mask | None, share: float) -> Singles:
 
 
 @cache
-def _inner(n: int, k: int, border: tuple[int, int]) -> Mask:
+def inner_points(n: int, k: int, border: tuple[int, int]) -> Mask:
     """(cells, points) but for those near the panel's rim, which are darker for being there."""
     inner = np.zeros((n * k, n * k), bool)
     across, down = border

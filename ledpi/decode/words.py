@@ -17,6 +17,8 @@ from ledpi.decode.evidence import Doubles, Evidence
 from ledpi.kernels import words as kernel
 from ledpi.kernels.library import COMPILED
 
+MOST_CORRECTED = 1  # cells that may be of the other class while a pattern still is a word: `Codebook.correctable`
+MOST_GAIN, SMALLEST_LOG = 40.0, -600.0  # what e can be taken to the power of, and summed up; more is as sure as this
 SHORTLIST = 16  # words that are compared exactly
 BEAM = 16  # patterns from which others are tried that differ in one more cell: with 8, the likeliest was missed
 
@@ -28,16 +30,18 @@ class Fit:
     words: list[int]  # indices of the codebook
     likelihood: list[float]  # log-likelihood ratio of each to "no bands"
     bands: Doubles  # (P,) of the best word
-    deviation: Doubles  # (P,)
+    deviation: list[float]  # (P,)
     shown: Doubles  # (cells, P) the bands that each cell of it shows
-    gain: Doubles  # (cells,) of each cell in the other class to the one that the word says
+    gain: list[float]  # (cells,) of each cell in the other class to the one that the word says
     negative: float  # of the word with all classes swapped to "no bands", its bands fitted anew
     of_cells: float  # of bands of its own in every cell to "no bands"
+    beyond: list[float]  # (MOST_CORRECTED + 1,) of all patterns that differ from it in more cells than 0, 1, to itself
+    silent: NDArray[np.bool_] | None  # (cells,) of which the evidence holds nothing; None where it does of all
 
     @property
     def is_finite(self) -> bool:
         """Whether all of it are numbers; evidence that rounding has left indefinite may have no likelihood."""
-        of_best = self.negative + self.of_cells + float(self.gain.sum()) + float(self.deviation.sum())
+        of_best = self.negative + self.of_cells + sum(self.gain) + sum(self.deviation)
         return math.isfinite(of_best + sum(self.likelihood))
 
 
@@ -51,15 +55,18 @@ def likeliest(evidence: Evidence, white: Singles, *, compiled: bool = COMPILED) 
     first = order[0]
     best = white[words[first]]
     shown = band_shares(best.astype(np.float64), len(evidence.prior)) * bands[first]
+    gain, silent = _gain_by_other_class(evidence, shown), evidence.silent
     return Fit(
         words=words[order].tolist(),
         likelihood=likelihood[order].tolist(),
         bands=bands[first],
-        deviation=np.sqrt(np.diagonal(covariances[first])),
+        deviation=np.sqrt(np.diagonal(covariances[first])).tolist(),
         shown=shown,
-        gain=_gain_by_other_class(evidence, shown),
+        gain=gain.tolist(),
         negative=float(word_log_likelihoods(evidence, 1.0 - best[None])[0][0]),
         of_cells=_explained_by_cells(evidence),
+        beyond=_of_patterns_beyond(gain[~silent].tolist()),
+        silent=silent if silent.any() else None,
     )
 
 
@@ -71,6 +78,28 @@ def _gain_by_other_class(evidence: Evidence, shown: Doubles) -> Doubles:
     own = np.einsum("cicj->cij", evidence.information)
     gain: Doubles = (change * left).sum(axis=1) - 0.5 * (np.matmul(own, change[..., None])[..., 0] * change).sum(axis=1)
     return gain
+
+
+def _of_patterns_beyond(gain: list[float]) -> list[float]:
+    """`beyond` of a `Fit`, from the `gain` of the cells that are not silent.
+
+    Given the bands, cells are independent, so the patterns that differ in d cells sum up to the d-th elementary
+    symmetric polynomial of the cells' likelihood ratios.
+    """
+    beyond = []
+    for corrected in range(MOST_CORRECTED + 1):
+        by_distance = [1.0] + [0.0] * corrected  # few cells differ: 0, 1, …
+        further = 0.0  # more
+        for of_cell in gain:
+            ratio = math.exp(min(of_cell, MOST_GAIN))
+            further += (further + by_distance[-1]) * ratio
+            for d in range(corrected, 0, -1):
+                by_distance[d] += by_distance[d - 1] * ratio
+        others = math.log(max(further, 1e-300))
+        if others < SMALLEST_LOG:  # the nearest of them outshines the rest, and may be too small for a number
+            others = sum(sorted(gain)[-corrected - 1 :])
+        beyond.append(others)
+    return beyond
 
 
 def _explained_by_cells(evidence: Evidence) -> float:

@@ -2,6 +2,7 @@
 #include <math.h>
 #include <stddef.h>
 
+#include "look.h"
 #include "waves.h"
 #include "wide.h"
 

@@ -4,11 +4,13 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "look.h"
 #include "normal.h"
 #include "wide.h"
 #include "words.h"
 
 enum { NUMBERS = 5 }; /* what a cell says of one wave by itself: x, y; xx, xy, yy */
+static const double MOST_GAIN = 40.0, SMALLEST_LOG = -600.0; /* as in decode/words.py */
 
 /* Per cell, and in the last line of all together, NUMBERS for each wave. */
 static void put_numbers(const Evidence *evidence, double *numbers) {
@@ -165,23 +167,62 @@ LEDPI_WIDE static void speak_against(const Evidence *evidence, const float *whit
     *of_cells = 0.5 * ledpi_explained(matrix, size, 1e-6);
 }
 
-/* The likeliest of `words` (count, cells), best first: `chosen` (most,) and their log-likelihood ratios to "no bands". Of
- * the best its bands (parameters,), their deviations, the bands in each cell (cells, parameters), and what speaks against
- * it: `gain` (cells,), `negative`, `of_cells`. Returns how many are chosen, 0 where there is no memory. */
+/* Which cells the evidence holds nothing of. Returns how many. */
+static ptrdiff_t put_silent(const Evidence *evidence, uint8_t *silent) {
+    const ptrdiff_t parameters = evidence->parameters, size = evidence->cells * parameters;
+    ptrdiff_t count = 0;
+    for (ptrdiff_t c = 0; c < evidence->cells; c++) {
+        silent[c] = true;
+        for (ptrdiff_t i = c * parameters; i < (c + 1) * parameters; i++)
+            if (evidence->information[i * (size + 1)] != 0.0) silent[c] = false;
+        count += silent[c];
+    }
+    return count;
+}
+
+/* The log of so many likelihoods' sum; of those that are too small for a number that of the largest, which outshines the
+ * others. */
+static double log_of_sum(double sum, double largest) {
+    const double log_sum = log(fmax(sum, 1e-300));
+    return log_sum < SMALLEST_LOG ? largest : log_sum;
+}
+
+/* `_of_patterns_beyond` of decode/words.py, from what each cell would gain by the other class. */
+static void put_beyond(ptrdiff_t cells, const double *gain, const uint8_t *silent, double *beyond) {
+    double any = 0.0, one = 0.0, several = 0.0, best = -INFINITY, second = -INFINITY;
+    for (ptrdiff_t c = 0; c < cells; c++) {
+        if (silent[c]) continue;
+        const double ratio = exp(fmin(gain[c], MOST_GAIN));
+        several += (several + one) * ratio;
+        any += (any + 1.0) * ratio;
+        one += ratio;
+        second = fmax(second, fmin(best, gain[c]));
+        best = fmax(best, gain[c]);
+    }
+    beyond[0] = log_of_sum(any, best);
+    beyond[1] = log_of_sum(several, best + second);
+}
+
+/* The likeliest of `words` (count, cells), best first: `chosen` (most,); which cells are `silent` (cells,); and `numbers`:
+ * log-likelihood ratios to "no bands" (most,); of the best its bands (parameters,), their deviations (parameters,), the
+ * bands in each cell (cells, parameters), and what speaks against it: what each cell would gain by the other class
+ * (cells,), `negative`, `of_cells`, `beyond` (2,). Last, how many cells are silent. Returns how many are chosen, 0 where
+ * there is no memory. */
 ptrdiff_t ledpi_likeliest(ptrdiff_t cells, ptrdiff_t parameters, const double *score, const double *information,
                           const double *prior, const float *words, ptrdiff_t count, ptrdiff_t most, int64_t *chosen,
-                          double *likelihood, double *bands, double *deviation, double *shown, double *gain,
-                          double *negative, double *of_cells) {
+                          uint8_t *silent, double *numbers) {
     const Evidence evidence = {cells, parameters, score, information, prior};
     const ptrdiff_t size = cells * parameters, of_numbers = (cells + 1) * (parameters / 2 * NUMBERS);
+    double *likelihood = numbers, *bands = likelihood + most, *deviation = bands + parameters, *shown = deviation + parameters;
+    double *gain = shown + size, *negative = gain + cells, *of_cells = negative + 1, *beyond = of_cells + 1;
     double *matrix = malloc(sizeof(double) * (size_t)(size * (size + 1) + of_numbers + most) + sizeof(int64_t) * (size_t)most);
     if (!matrix) return 0;
-    double *numbers = matrix + size * (size + 1), *rough = numbers + of_numbers;
+    double *of_cell = matrix + size * (size + 1), *rough = of_cell + of_numbers;
     int64_t *shortlist = (int64_t *)(rough + most);
-    put_numbers(&evidence, numbers);
+    put_numbers(&evidence, of_cell);
     ptrdiff_t found = 0, kept = 0;
     for (ptrdiff_t word = 0; word < count; word++)
-        found = ledpi_put(word, roughly(&evidence, numbers, words + word * cells), found, most, shortlist, rough);
+        found = ledpi_put(word, roughly(&evidence, of_cell, words + word * cells), found, most, shortlist, rough);
     for (ptrdiff_t n = 0; n < found; n++) {
         double own_bands[MOST], own_deviation[MOST];
         const double own = exactly(&evidence, words + shortlist[n] * cells, false, shown, own_bands, own_deviation);
@@ -191,6 +232,8 @@ ptrdiff_t ledpi_likeliest(ptrdiff_t cells, ptrdiff_t parameters, const double *s
         memcpy(deviation, own_deviation, sizeof(double) * (size_t)parameters);
     }
     if (found) speak_against(&evidence, words + chosen[0] * cells, bands, shown, gain, negative, of_cells, matrix);
+    beyond[2] = (double)put_silent(&evidence, silent);
+    if (found) put_beyond(cells, gain, silent, beyond);
     free(matrix);
     return found;
 }

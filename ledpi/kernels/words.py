@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-from itertools import accumulate, pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -13,10 +12,11 @@ from ledpi.kernels.library import INTEGER, POINTER, address, function
 
 Singles = NDArray[np.float32]
 Doubles = NDArray[np.float64]
+Integers = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 _likeliest = function(
-    "ledpi_likeliest", INTEGER, INTEGER, *(POINTER,) * 4, INTEGER, INTEGER, *(POINTER,) * 8, result=INTEGER
+    "ledpi_likeliest", INTEGER, INTEGER, *(POINTER,) * 4, INTEGER, INTEGER, *(POINTER,) * 3, result=INTEGER
 )
 _of_neighbours = function(
     "ledpi_of_neighbours", INTEGER, INTEGER, *(POINTER,) * 5, INTEGER, INTEGER, POINTER, result=ctypes.c_bool
@@ -29,11 +29,39 @@ class Likeliest(NamedTuple):
     words: list[int]
     likelihood: list[float]
     bands: Doubles
-    deviation: Doubles
+    deviation: list[float]
     shown: Doubles
-    gain: Doubles
+    gain: list[float]
     negative: float
     of_cells: float
+    beyond: list[float]
+    silent: Mask | None
+
+    @classmethod
+    def of(cls, chosen: Integers, silent: Mask, numbers: Doubles, parameters: int) -> Likeliest:
+        """From what the C function has put into `chosen`, `silent` (cells,) and `numbers` (`numbers_of`)."""
+        most, size = len(chosen), len(silent) * parameters
+        bands, shown = most, most + 2 * parameters
+        gain = shown + size
+        after = gain + len(silent)
+        as_list = numbers.tolist()
+        return cls(
+            words=chosen.tolist(),
+            likelihood=as_list[:most],
+            bands=numbers[bands : bands + parameters],
+            deviation=as_list[bands + parameters : shown],
+            shown=numbers[shown:gain].reshape(-1, parameters),
+            gain=as_list[gain:after],
+            negative=as_list[after],
+            of_cells=as_list[after + 1],
+            beyond=as_list[after + 2 : after + 4],
+            silent=silent if as_list[after + 4] else None,
+        )
+
+
+def numbers_of(cells: int, parameters: int, most: int) -> int:
+    """How many `ledpi_likeliest` puts beside the words."""
+    return most + 2 * parameters + cells * parameters + cells + 5
 
 
 def likeliest(score: Doubles, information: Doubles, prior: Doubles, words: Singles, most: int) -> Likeliest:
@@ -43,27 +71,15 @@ def likeliest(score: Doubles, information: Doubles, prior: Doubles, words: Singl
     """
     cells, parameters = score.shape
     assert parameters in (2, 4)
-    chosen, numbers = np.empty(most, np.int64), np.empty(most + 2 * parameters + score.size + cells + 2)
-    ends = list(accumulate((0, most, parameters, parameters, score.size, cells, 1)))
-    at = address(numbers)
-    count = _likeliest(
+    most = min(most, len(words))
+    chosen, silent = np.empty(most, np.int64), np.empty(cells, np.bool_)
+    numbers = np.empty(numbers_of(cells, parameters, most))
+    if not _likeliest(
         *(cells, parameters, address(score), address(information), address(prior), address(words), len(words), most),
-        *(address(chosen), *(at + numbers.itemsize * end for end in ends)),
-    )
-    if not count:
+        *(address(chosen), address(silent), address(numbers)),
+    ):
         raise MemoryError
-    likelihood, bands, deviation, shown, gain = (numbers[a:b] for a, b in pairwise(ends[:6]))
-    negative, of_cells = numbers[ends[5] :].tolist()
-    return Likeliest(
-        words=chosen[:count].tolist(),
-        likelihood=likelihood[:count].tolist(),
-        bands=bands,
-        deviation=deviation,
-        shown=shown.reshape(cells, parameters),
-        gain=gain,
-        negative=negative,
-        of_cells=of_cells,
-    )
+    return Likeliest.of(chosen, silent, numbers, parameters)
 
 
 def of_neighbours(

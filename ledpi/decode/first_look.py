@@ -1,0 +1,64 @@
+"""The first look at a panel's samples: the evidence in them, and the words that explain it best.
+
+Step by step (`single_frame`, `words`), or all at once in C (kernels/look.c) where the panel is a plain one: nothing
+saturated, covered or unlit. Most of what a search meets is, and half of its time would be spent between the steps.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+from ledpi.decode.cells import CellSamples, Singles, lattice
+from ledpi.decode.evidence import UNFIT, Evidence, band_prior, is_deep
+from ledpi.decode.shared_light import border_points, meeting_cells, sources_of
+from ledpi.decode.single_frame import single_evidence
+from ledpi.decode.uncovered import COVERED, inner_points
+from ledpi.decode.unlit import UNLIT
+from ledpi.decode.words import SHORTLIST, Fit, likeliest
+from ledpi.kernels import look as kernel
+from ledpi.kernels.library import COMPILED
+from ledpi.records import Frame, PanelSpec, Rejected
+
+
+def first_look(
+    samples: CellSamples, frame: Frame, spec: PanelSpec, white: Singles, *, compiled: bool = COMPILED
+) -> tuple[Evidence, Fit] | Rejected:
+    """The evidence of one picture, and the likeliest of the words (W, cells), 1 where the class is white."""
+    looked = _at_once(samples, frame, spec, white) if compiled and samples.valid is None else None
+    if looked is not None:
+        return looked
+    evidence = single_evidence(samples, frame, spec, compiled=compiled)
+    return evidence if isinstance(evidence, Rejected) else (evidence, likeliest(evidence, white, compiled=compiled))
+
+
+def _at_once(
+    samples: CellSamples, frame: Frame, spec: PanelSpec, white: Singles
+) -> tuple[Evidence, Fit] | Rejected | None:
+    """The same in C; None where the panel is not plain."""
+    prior = band_prior(frame, spec)
+    deep = is_deep(prior)  # a deep band is as dark as what is covered
+    looked = kernel.look(
+        _grid(samples.lattice.cells, samples.lattice.k, border_points(samples)),
+        light=samples.light,
+        rows=samples.rows,
+        independence=samples.independence,
+        cycles_a_row=tuple(hz * frame.row_time_us * 1e-6 for hz in spec.waves_hz),
+        prior=prior,
+        words=white,
+        most=SHORTLIST,
+        covered=0.0 if deep else COVERED,
+        unlit=0.0 if deep else UNLIT,
+    )
+    if isinstance(looked, int):
+        return UNFIT if looked == kernel.UNFIT else None
+    left = 0.5 * samples.independence * looked.free
+    return Evidence(score=looked.score, information=looked.information, prior=prior, left=left), Fit(*looked.likeliest)
+
+
+@cache
+def _grid(cells: int, k: int, border: tuple[int, int]) -> kernel.Grid:
+    sources = sources_of(k, border)
+    return kernel.Grid(
+        *(cells, k, lattice(cells, k).along, sources.column, sources.first),
+        *(meeting_cells(cells), inner_points(cells, k, border)),
+    )

@@ -1,0 +1,59 @@
+/* A first look at a panel's samples, all of its steps in one call: `first_look` of decode/first_look.py. */
+#include "look.h"
+
+#include <math.h>
+#include <stdlib.h>
+
+/* What all panels of side × side cells, with k × k points in each, have in common: as in evidence.c; and which samples are
+ * `tested` (cells, points) for what covers them. */
+typedef struct {
+    ptrdiff_t side, k, source_count;
+    const float *along;
+    const int64_t *column, *first, *met;
+    const uint8_t *tested;
+} Grid;
+
+/* What came of it; as in kernels/look.py. */
+enum { LOOKED, NOT_PLAIN, UNFIT, NO_MEMORY };
+
+/* Whether the light of one of the cells is less than this share of their mean. */
+static bool any_unlit(ptrdiff_t cells, ptrdiff_t points, const float *light, double share) {
+    double total = 0.0, least = INFINITY;
+    for (ptrdiff_t c = 0; c < cells; c++) {
+        double own = 0.0;
+        for (ptrdiff_t p = 0; p < points; p++) own += *light++;
+        total += own;
+        least = fmin(least, own);
+    }
+    return least < share / (double)cells * total;
+}
+
+/* `light` and picture `rows` (cells, points) of a panel whose bands have so many `waves`, of `a_row` cycles a row each, and
+ * the variance `prior` (2·waves,); which of `words` (count, cells) are the `most` likeliest. `numbers`: score, information
+ * and free samples as `ledpi_single_evidence` has them, then what `ledpi_likeliest` has. Where a sample shows less than
+ * the share `covered` of what others do, or a cell is `unlit`, it is not for this function to tell; 0: not asked. */
+int ledpi_look(const Grid *grid, const float *light, const float *rows, double independence, ptrdiff_t waves,
+               double first_a_row, double second_a_row, const double *prior, const float *words, ptrdiff_t count,
+               ptrdiff_t most, double covered, double unlit, int64_t *chosen, uint8_t *silent, double *numbers) {
+    const ptrdiff_t cells = grid->side * grid->side, points = grid->k * grid->k, samples = cells * points;
+    const ptrdiff_t size = 2 * waves * cells;
+    double *score = numbers, *information = score + size, *free_samples = information + size * size;
+    if (unlit > 0.0 && any_unlit(cells, points, light, unlit)) return NOT_PLAIN;
+    float *cosines = malloc(sizeof(float) * (size_t)(2 * waves * samples + points + cells));
+    if (!cosines) return NO_MEMORY;
+    int outcome = LOOKED;
+    if (covered > 0.0 && !ledpi_all_uncovered(cells, points, light, NULL, grid->tested, (float)covered, cosines + 2 * waves * samples))
+        outcome = NOT_PLAIN;
+    for (ptrdiff_t i = 0; i < waves && outcome == LOOKED; i++) {
+        float *to = cosines + 2 * i * samples;
+        ledpi_waves(rows, samples, (float)(i ? second_a_row : first_a_row), 0.0f, to, to + samples);
+    }
+    if (outcome == LOOKED && !ledpi_single_evidence(grid->side, grid->k, 2 * waves, light, NULL, cosines, grid->along,
+                                                    grid->source_count, grid->column, grid->first, grid->met, NULL, NULL,
+                                                    NULL, independence, score, information, free_samples))
+        outcome = UNFIT;
+    free(cosines);
+    if (outcome != LOOKED) return outcome;
+    return ledpi_likeliest(cells, 2 * waves, score, information, prior, words, count, most, chosen, silent,
+                           free_samples + 1) ? LOOKED : NO_MEMORY;
+}

@@ -1,0 +1,99 @@
+"""A first look at a panel's samples, all of its steps in one call (look.c)."""
+
+from __future__ import annotations
+
+import ctypes
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ledpi.kernels.library import DOUBLE, INTEGER, POINTER, address, function
+from ledpi.kernels.words import Likeliest, numbers_of
+
+Singles = NDArray[np.float32]
+Doubles = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+LOOKED, NOT_PLAIN, UNFIT, NO_MEMORY = range(4)  # as in look.c
+
+_look = function(
+    "ledpi_look", *(POINTER,) * 3, DOUBLE, INTEGER, *(DOUBLE,) * 2, *(POINTER,) * 2, *(INTEGER,) * 2, *(DOUBLE,) * 2,
+    *(POINTER,) * 3, result=ctypes.c_int,
+)  # fmt: skip
+
+
+class _Grid(ctypes.Structure):
+    """`Grid` of look.c."""
+
+    _fields_ = [
+        *((name, ctypes.c_ssize_t) for name in ("side", "k", "source_count")),
+        *((name, ctypes.c_void_p) for name in ("along", "column", "first", "met", "tested")),
+    ]
+
+
+class Grid:
+    """What all panels of so many cells, with so many points in each, have in common."""
+
+    def __init__(
+        self, side: int, k: int, along: Singles, column: Integers, first: Integers, met: Integers, tested: Mask
+    ) -> None:
+        """`along` is the lattice's; `column`, `first` and `met` say what lights up each point.
+
+        `tested` (cells, points): which samples are tested for what covers them.
+        """
+        self._kept = [np.ascontiguousarray(array) for array in (along, column, first, met, tested)]
+        self._structure = _Grid(side, k, len(column), *(address(array) for array in self._kept))
+        self.side, self.at = side, ctypes.addressof(self._structure)
+
+
+class Look(NamedTuple):
+    """What came of it."""
+
+    score: Doubles  # (cells, P)
+    information: Doubles  # (cells, P, cells, P)
+    free: float  # samples
+    likeliest: Likeliest
+
+
+def look(
+    grid: Grid,
+    *,
+    light: Singles,
+    rows: Singles,
+    independence: float,
+    cycles_a_row: tuple[float, ...],
+    prior: Doubles,
+    words: Singles,
+    most: int,
+    covered: float,
+    unlit: float,
+) -> Look | int:
+    """What the samples say, and the `most` likeliest `words`; or NOT_PLAIN or UNFIT.
+
+    `light`, `rows` (cells, points), of each wave its `cycles_a_row`, `prior` (P,), `words` (W, cells). `covered`: it is
+    not plain where a sample shows less than this share of what others do; `unlit`: where a cell's light is less than
+    that of their mean; 0 where that is not asked. Raises MemoryError.
+    """
+    cells, parameters = grid.side**2, len(prior)
+    assert parameters in (2, 4)
+    size, most = cells * parameters, min(most, len(words))
+    chosen, silent = np.empty(most, np.int64), np.empty(cells, np.bool_)
+    numbers = np.empty(size * (size + 1) + 1 + numbers_of(cells, parameters, most))
+    outcome: int = _look(
+        *(grid.at, address(light), address(rows), independence, len(cycles_a_row)),
+        *(cycles_a_row[0], cycles_a_row[-1], address(prior), address(words), len(words), most, covered, unlit),
+        *(address(chosen), address(silent), address(numbers)),
+    )
+    if outcome == NO_MEMORY:
+        raise MemoryError
+    if outcome != LOOKED:
+        return outcome
+    score, information = numbers[:size], numbers[size : size * (size + 1)]
+    return Look(
+        score=score.reshape(cells, parameters),
+        information=information.reshape(cells, parameters, cells, parameters),
+        free=float(numbers[size * (size + 1)]),
+        likeliest=Likeliest.of(chosen, silent, numbers[size * (size + 1) + 1 :], parameters),
+    )
