@@ -215,15 +215,30 @@ def test_a_near_word_at_a_short_exposure_is_no_word() -> None:
     assert [why.stage for why in decoded.rejected].count("soft") >= 3, "they are found, and weighed"
 
 
-@pytest.mark.parametrize(("number", "seq"), [(207, 4), (622, 8), (691, 7), (833, 0)])
-def test_one_light_at_another_frequency_is_no_word(number: int, seq: int) -> None:
-    """A lamp at 838, 4520, 2061 or 2216 Hz was read alone: a second look had explained what it believed."""
-    (lights,) = (
+@pytest.mark.parametrize(
+    ("case", "number", "seed", "seq"),
+    [
+        # A second look had explained what it believed, of a lamp at 838, 4520, 2061, 2216 Hz.
+        ("pwm_lights", 207, 1, 4),
+        ("pwm_lights", 622, 1, 8),
+        ("pwm_lights", 691, 1, 7),
+        ("pwm_lights", 833, 1, 0),
+        # Of what the word explained a third was left, or an eighth: two short flashes; a frame across a bright sheet.
+        ("pwm_lights", 522, 2, 6),
+        ("single_class", 273, 2, 7),
+        # One class explained more than the word did.
+        ("single_class", 52, 2, 7),
+        ("single_class", 138, 2, 6),
+    ],
+)
+def test_what_is_no_panel_of_words_is_no_word(case: str, number: int, seed: int, seq: int) -> None:
+    """Each of these was read once, in a frame alone."""
+    (decoys,) = (
         c
         for c in suite_conditions("decoys", exposures_us=(10_000.0,), transfers=("srgb",), any_roll=True)
-        if c.case == "pwm_lights"
+        if c.case == case
     )
-    take = take_of(lights, number=number, seed=1)
+    take = take_of(decoys, number=number, seed=seed)
     sensor = take.scene.sensor
     pixels = np.empty((sensor.intrinsics.height, sensor.intrinsics.width), np.uint8)
     Renderer(take.scene, seed=take.seed).render(seq, pixels)

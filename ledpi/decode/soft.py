@@ -50,13 +50,11 @@ MIN_DEPTH, MAX_DEPTH = 0.25, math.pi / 2
 MAX_DEPTH_RATIO = 2.5
 DEVIATIONS = 3.0  # allowed to either, for noise
 # Bands of its own in every cell fit better than one word's for all, by noise alone with mean and variance of half as
-# many degrees of freedom; of what a word explains, harmonics, tone and a corner that is off may cost some. Where it is
-# more than this share, the cells do not lie where the bands change, or are no cells of one panel.
-#
-# A second look has believed the word, and so explains more of what is none: one light that blinks alike everywhere, at
-# another frequency, leaves 0.14 and more. Nine panels in ten leave less than 0.05; beside print, where corners are told
-# badly, and with a row time that is off by 6 %, some leave more, and wait for another frame.
-MAX_MISFIT, MAX_MISFIT_AGAIN = 1.0 / 3.0, 1.0 / 10.0
+# many degrees of freedom. Beyond that, of what a word explains a panel leaves a sixteenth at most, harmonics, tone and
+# all (measured; but for a few within thick walls, beside print or with a row time that is off by 6 %, which wait for
+# another frame). What is more, is no cells of one panel: a light that blinks alike everywhere, at another frequency or
+# in short flashes, or something dark across a bright thing, leaves an eighth to a third.
+MAX_MISFIT = 1.0 / 10.0
 # Bands of nearly full depth outshine all noise, and explain all but a few percent of what there is to see (1.5 % on
 # photographs of real lamps), unless the corners are wrong. What a word leaves open then is as much as there is wrong
 # with what it is told by; so its lead over its rivals must be more than that.
@@ -102,7 +100,7 @@ def read_word(
     again = single_evidence(samples, frame, spec, believed=believed)
     if isinstance(again, Rejected):
         return again
-    second = _judged(likeliest(again, codebook.white), again, codebook, false_id_rate, MAX_MISFIT_AGAIN)
+    second = _judged(likeliest(again, codebook.white), again, codebook, false_id_rate)
     if isinstance(second, Rejected):
         return second
     return replace(second, cell_bands=believed.turned_back(second.cell_bands))
@@ -146,9 +144,7 @@ def odds_needed(false_id_rate: float) -> float:
     return 0.5 * NormalDist().inv_cdf(false_id_rate) ** 2
 
 
-def _judged(
-    fit: Fit, evidence: Evidence, codebook: Codebook, false_id_rate: float, max_misfit: float = MAX_MISFIT
-) -> Reading | Rejected:
+def _judged(fit: Fit, evidence: Evidence, codebook: Codebook, false_id_rate: float) -> Reading | Rejected:
     """The best word, if it stands against all its rivals."""
     needed = odds_needed(false_id_rate)
     best, none = fit.words[0], fit.likelihood[0]
@@ -166,8 +162,7 @@ def _judged(
     )
     if outside >= needed:
         outside = _least(outside, rivals.odds_against_neighbours(evidence, fit, codebook))
-    deep = is_deep_anywhere(evidence.prior)
-    if outside >= needed and deep:
+    if outside >= needed:
         outside = _least(outside, none - rivals.of_one_class(evidence) + rivals.prior_odds_of_word(codebook))
     if outside < needed:
         return NO_WORD
@@ -176,7 +171,7 @@ def _judged(
     other = none - next(others, 0.0)  # the likeliest of them comes first
     if other < needed:
         return AMBIGUOUS
-    if not _consistent(evidence, fit, min(other, outside) - needed, max_misfit):
+    if not _consistent(evidence, fit, min(other, outside) - needed):
         return INCONSISTENT
     return Reading(
         id=int(codebook.ids[best]),
@@ -215,7 +210,7 @@ def _plausible(amplitude: list[float], deviation: list[float], evidence: Evidenc
     return least[0] <= MAX_DEPTH_RATIO * most[-1] and least[-1] <= MAX_DEPTH_RATIO * most[0]
 
 
-def _consistent(evidence: Evidence, fit: Fit, lead: float, max_misfit: float) -> bool:
+def _consistent(evidence: Evidence, fit: Fit, lead: float) -> bool:
     """Whether all cells share the bands of one word, as far as its log-likelihood ratio and its lead can tell."""
     silent = 0 if fit.silent is None else int(np.count_nonzero(fit.silent))
     freedom = (len(fit.gain) - silent - 1) * len(evidence.prior)
@@ -223,4 +218,4 @@ def _consistent(evidence: Evidence, fit: Fit, lead: float, max_misfit: float) ->
     misfit = fit.of_cells - of_word
     if is_deep_anywhere(evidence.prior):
         return misfit < lead and of_word > MIN_EXPLAINED * evidence.left
-    return misfit < 0.5 * (freedom + DEVIATIONS * math.sqrt(2.0 * freedom)) + max_misfit * of_word
+    return misfit < 0.5 * (freedom + DEVIATIONS * math.sqrt(2.0 * freedom)) + MAX_MISFIT * of_word
