@@ -24,6 +24,7 @@ SHARED = {
     "band_light.c": (("band_light", "light_window"), 7),
     "panel_fit.c": (("numpy_panel_fit",), 6),
     "neighbours.c": (("words",), 1),
+    "words.c": (("words",), 2),
     "lattice.h": (("inner_lines",), 1),
 }
 

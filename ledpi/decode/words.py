@@ -144,7 +144,7 @@ def of_neighbours(
     """
     if compiled:
         known = evidence.score, evidence.information, evidence.prior
-        return kernel.of_neighbours(*known, word, evidence.silent, nearest, furthest)
+        return kernel.of_neighbours(*known, word, nearest, furthest)
     here, total = word[None], -np.inf
     each = np.eye(len(word), dtype=word.dtype)[~evidence.silent]
     for differ in range(1, furthest + 1):

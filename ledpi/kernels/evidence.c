@@ -177,21 +177,25 @@ static inline void put_row(const Panel *panel, const float *basis, const float *
     *(Eight *)(row + cells) = slopes;
 }
 
-/* Takes what the cells share at each point out of the matrix. `rows` (sources, padded size) is room to work in. */
+/* Takes what the cells share at each point out of the matrix. `rows` (LEDPI_AT_ONCE, padded size) is room to work in. */
 LEDPI_WIDE static void take_shared(const Panel *panel, const Sources *sources, const float **bases, const float *columns,
                                    float *rows, float *sums, double *matrix) {
     const ptrdiff_t points = panel->points, waves = panel->waves, width = width_of(panel);
     const ptrdiff_t size = unknowns(panel, panel->cells), wide = padded(size);
+    ptrdiff_t count = 0;
     for (ptrdiff_t p = 0, s = 0; p < points; p++)
         for (; s < (p + 1 < points ? sources->first[p + 1] : sources->count); s++) {
-            float *row = rows + s * wide;
+            float *row = rows + count * wide;
             if (waves == 4) /* told twice, as loops of a known length are unrolled */
                 put_row(panel, bases[s], columns + p * width, 4, row);
             else
                 put_row(panel, bases[s], columns + p * width, waves, row);
             for (ptrdiff_t i = size; i < wide; i++) row[i] = 0.0f;
+            if (++count < LEDPI_AT_ONCE) continue;
+            ledpi_add_products(rows, count, wide, sums);
+            count = 0;
         }
-    ledpi_add_products(rows, sources->count, wide, sums);
+    ledpi_add_products(rows, count, wide, sums);
     for (ptrdiff_t i = 0; i < size; i++)
         for (ptrdiff_t j = i; j < size; j++) matrix[i * (size + 1) + j] -= sums[i * wide + j];
 }
@@ -209,7 +213,7 @@ static bool make_room(const Panel *panel, const Sources *sources, Room *room) {
     const ptrdiff_t vectors = (MEETING + sources->count) * padded(panel->cells); /* of cells; two serve `split` */
     const ptrdiff_t matrix = size * (size + 1), levels = panel->cells + panel->points;
     const ptrdiff_t slopes = samples + 3 * panel->side * panel->k;
-    const ptrdiff_t floats = wide * wide + vectors + samples * (6 + width_of(panel)) + slopes + sources->count * wide;
+    const ptrdiff_t floats = wide * wide + vectors + samples * (6 + width_of(panel)) + slopes + LEDPI_AT_ONCE * wide;
     char *all = malloc(sizeof(double) * (size_t)(matrix + levels) + sizeof(float) * (size_t)floats +
                        sizeof(float *) * (size_t)sources->count);
     if (!all) return false;

@@ -4,7 +4,6 @@
 #include "normal.h"
 #include "wide.h"
 
-enum { AT_ONCE = 64 }; /* rows whose 100 columns or so stay in the cache */
 
 /* 4 × 8 of the sums, at i and j. */
 static LEDPI_INLINE void add_narrow(const float *rows, const float *to, ptrdiff_t width, ptrdiff_t i, ptrdiff_t j,
@@ -36,8 +35,9 @@ static LEDPI_INLINE void add_broad(const float *rows, const float *to, ptrdiff_t
 }
 
 static LEDPI_INLINE void add_products(const float *rows, ptrdiff_t count, ptrdiff_t width, float *sums, const bool broad) {
-    for (ptrdiff_t from = 0; from < count; from += AT_ONCE) {
-        const float *first = rows + width * from, *to = rows + width * (from + AT_ONCE < count ? from + AT_ONCE : count);
+    for (ptrdiff_t from = 0; from < count; from += LEDPI_AT_ONCE) {
+        const ptrdiff_t end = from + LEDPI_AT_ONCE < count ? from + LEDPI_AT_ONCE : count;
+        const float *first = rows + width * from, *to = rows + width * end;
         for (ptrdiff_t i = 0; i < width; i += 4) {
             ptrdiff_t j = i / LEDPI_WIDTH * LEDPI_WIDTH;
             for (; broad && j + 2 * LEDPI_WIDTH <= width; j += 2 * LEDPI_WIDTH) add_broad(first, to, width, i, j, sums);
@@ -87,10 +87,20 @@ LEDPI_WIDE static double eliminate(double *matrix, ptrdiff_t size, ptrdiff_t fro
             inverse[j] = first + j <= last ? 1.0 / rows[j][first + j] : 0.0; /* a last one counts once */
         }
         const double *restrict a = rows[0], *restrict b = rows[1], *restrict c = rows[2], *restrict d = rows[3];
-        for (ptrdiff_t i = end; i < size; i++) {
+        for (ptrdiff_t i = end; i < size; i += 2) { /* two at a time, so that what they lose is read once */
+            const ptrdiff_t n = i + 1 < size ? i + 1 : i; /* a last one is done by itself, below */
             const double of_a = a[i] * inverse[0], of_b = b[i] * inverse[1], of_c = c[i] * inverse[2], of_d = d[i] * inverse[3];
-            double *restrict other = matrix + i * stride;
-            for (ptrdiff_t m = i; m <= size; m++) other[m] -= (of_a * a[m] + of_b * b[m]) + (of_c * c[m] + of_d * d[m]);
+            const double next_a = a[n] * inverse[0], next_b = b[n] * inverse[1], next_c = c[n] * inverse[2], next_d = d[n] * inverse[3];
+            double *restrict other = matrix + i * stride, *restrict next = matrix + n * stride;
+            other[i] -= (of_a * a[i] + of_b * b[i]) + (of_c * c[i] + of_d * d[i]);
+            if (n == i) {
+                other[size] -= (of_a * a[size] + of_b * b[size]) + (of_c * c[size] + of_d * d[size]);
+                continue;
+            }
+            for (ptrdiff_t m = n; m <= size; m++) {
+                other[m] -= (of_a * a[m] + of_b * b[m]) + (of_c * c[m] + of_d * d[m]);
+                next[m] -= (next_a * a[m] + next_b * b[m]) + (next_c * c[m] + next_d * d[m]);
+            }
         }
     }
     return explained;

@@ -8,6 +8,7 @@
 typedef float Eight __attribute__((vector_size(32), aligned(4))); /* one register or two, on any machine that is meant */
 
 #define LEDPI_WIDTH 8    /* what rows are padded to a multiple of */
+#define LEDPI_AT_ONCE 64 /* rows whose 100 columns or so stay in the cache */
 #define LEDPI_RIDGE 1e-5 /* of the mean diagonal: what may be singular but for rounding is made solvable */
 
 /* `sums` (width, width) += the products of the columns of `rows` (count, width), on and above the diagonal at least. */

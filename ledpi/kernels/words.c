@@ -10,7 +10,9 @@
 #include "words.h"
 
 enum { NUMBERS = 5 }; /* what a cell says of one wave by itself: x, y; xx, xy, yy */
-static const double MOST_GAIN = 40.0, SMALLEST_LOG = -600.0; /* as in decode/words.py */
+
+#define MOST_GAIN 40.0 /* as in decode/words.py */
+#define SMALLEST_LOG (-600.0)
 
 /* Per cell, and in the last line of all together, NUMBERS for each wave. */
 static void put_numbers(const Evidence *evidence, double *numbers) {
@@ -28,9 +30,15 @@ static void put_numbers(const Evidence *evidence, double *numbers) {
     }
 }
 
-/* A word's log-likelihood ratio to "no bands" as far as each cell tells by itself; infinite where that is no number, so
- * that it is among those that are looked at exactly. `white` (cells,). */
-static LEDPI_INLINE double roughly_of(const Evidence *evidence, const double *numbers, const float *white, const ptrdiff_t waves) {
+/* What the prior alone makes of a determinant, and its logarithm. */
+typedef struct {
+    double of_prior, log_of_prior;
+} Determinant;
+
+/* A word's log-likelihood ratio to "no bands" as far as each cell tells by itself, or −∞ where it is not more than `least`;
+ * infinite where it is no number, so that it is among those that are looked at exactly. `white` (cells,). */
+static LEDPI_INLINE double roughly_of(const Evidence *evidence, const double *numbers, const float *white, double least,
+                                      const Determinant *known, const ptrdiff_t waves) {
     const ptrdiff_t each = waves * NUMBERS;
     const double *total = numbers + evidence->cells * each;
     double sum[MOST / 2 * NUMBERS] = {0}, squares = 0.0, det = 1.0;
@@ -48,13 +56,16 @@ static LEDPI_INLINE double roughly_of(const Evidence *evidence, const double *nu
         squares += (d * x * x - 2.0 * b * x * y + a * y * y) / of_wave;
         det *= of_wave;
     }
+    if (det >= known->of_prior && 0.5 * (squares - known->log_of_prior) <= least) return -INFINITY; /* no logarithm asked */
     const double likelihood = 0.5 * (squares - log(det));
     return isnan(likelihood) ? INFINITY : likelihood;
 }
 
 /* What follows is told for either number of parameters, as loops of a known length are unrolled. */
-LEDPI_WIDE static double roughly(const Evidence *evidence, const double *numbers, const float *white) {
-    return evidence->parameters == 4 ? roughly_of(evidence, numbers, white, 2) : roughly_of(evidence, numbers, white, 1);
+LEDPI_WIDE static double roughly(const Evidence *evidence, const double *numbers, const float *white, double least,
+                                 const Determinant *known) {
+    return evidence->parameters == 4 ? roughly_of(evidence, numbers, white, least, known, 2)
+                                     : roughly_of(evidence, numbers, white, least, known, 1);
 }
 
 static LEDPI_INLINE void gather_of(const Evidence *evidence, const double *shares, double matrix[MOST][MOST], double *right,
@@ -167,8 +178,7 @@ LEDPI_WIDE static void speak_against(const Evidence *evidence, const float *whit
     *of_cells = 0.5 * ledpi_explained(matrix, size, 1e-6);
 }
 
-/* Which cells the evidence holds nothing of. Returns how many. */
-static ptrdiff_t put_silent(const Evidence *evidence, uint8_t *silent) {
+ptrdiff_t ledpi_put_silent(const Evidence *evidence, uint8_t *silent) {
     const ptrdiff_t parameters = evidence->parameters, size = evidence->cells * parameters;
     ptrdiff_t count = 0;
     for (ptrdiff_t c = 0; c < evidence->cells; c++) {
@@ -221,8 +231,13 @@ ptrdiff_t ledpi_likeliest(ptrdiff_t cells, ptrdiff_t parameters, const double *s
     int64_t *shortlist = (int64_t *)(rough + most);
     put_numbers(&evidence, of_cell);
     ptrdiff_t found = 0, kept = 0;
-    for (ptrdiff_t word = 0; word < count; word++)
-        found = ledpi_put(word, roughly(&evidence, of_cell, words + word * cells), found, most, shortlist, rough);
+    Determinant known = {1.0, 0.0};
+    for (ptrdiff_t i = 0; i < parameters; i++) known.of_prior /= prior[i], known.log_of_prior -= log(prior[i]);
+    for (ptrdiff_t word = 0; word < count; word++) {
+        const double least = found < most ? -INFINITY : rough[most - 1];
+        const double own = roughly(&evidence, of_cell, words + word * cells, least, &known);
+        found = ledpi_put(word, own, found, most, shortlist, rough);
+    }
     for (ptrdiff_t n = 0; n < found; n++) {
         double own_bands[MOST], own_deviation[MOST];
         const double own = exactly(&evidence, words + shortlist[n] * cells, false, shown, own_bands, own_deviation);
@@ -232,7 +247,7 @@ ptrdiff_t ledpi_likeliest(ptrdiff_t cells, ptrdiff_t parameters, const double *s
         memcpy(deviation, own_deviation, sizeof(double) * (size_t)parameters);
     }
     if (found) speak_against(&evidence, words + chosen[0] * cells, bands, shown, gain, negative, of_cells, matrix);
-    beyond[2] = (double)put_silent(&evidence, silent);
+    beyond[2] = (double)ledpi_put_silent(&evidence, silent);
     if (found) put_beyond(cells, gain, silent, beyond);
     free(matrix);
     return found;

@@ -23,6 +23,9 @@ static inline double share_of(const Evidence *evidence, double white, ptrdiff_t 
  * (cells, parameters) are `share_of` each cell and wave. */
 void ledpi_gather(const Evidence *evidence, const double *shares, double matrix[MOST][MOST], double *right);
 
+/* Which cells (cells,) the evidence holds nothing of. Returns how many. */
+ptrdiff_t ledpi_put_silent(const Evidence *evidence, uint8_t *silent);
+
 /* Puts a word among the `most` likeliest so far, best first. Returns how many there are. */
 ptrdiff_t ledpi_put(int64_t word, double likelihood, ptrdiff_t count, ptrdiff_t most, int64_t *words, double *of);
 

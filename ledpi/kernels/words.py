@@ -2,24 +2,25 @@
 
 from __future__ import annotations
 
-import ctypes
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ledpi.kernels.library import INTEGER, POINTER, address, function
+from ledpi.kernels.library import DOUBLE, INTEGER, POINTER, address, function
 
 Singles = NDArray[np.float32]
 Doubles = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
+MOST_CELLS = 64  # as in neighbours.c
+
 _likeliest = function(
     "ledpi_likeliest", INTEGER, INTEGER, *(POINTER,) * 4, INTEGER, INTEGER, *(POINTER,) * 3, result=INTEGER
 )
 _of_neighbours = function(
-    "ledpi_of_neighbours", INTEGER, INTEGER, *(POINTER,) * 5, INTEGER, INTEGER, POINTER, result=ctypes.c_bool
+    "ledpi_of_neighbours", INTEGER, INTEGER, *(POINTER,) * 4, INTEGER, INTEGER, result=DOUBLE
 )
 
 
@@ -83,16 +84,13 @@ def likeliest(score: Doubles, information: Doubles, prior: Doubles, words: Singl
 
 
 def of_neighbours(
-    score: Doubles, information: Doubles, prior: Doubles, word: Singles, silent: Mask, nearest: int, furthest: int
+    score: Doubles, information: Doubles, prior: Doubles, word: Singles, nearest: int, furthest: int
 ) -> float:
-    """`of_neighbours` of decode/words.py; `word` and `silent` (cells,). Raises MemoryError."""
+    """`of_neighbours` of decode/words.py; `word` (cells,)."""
     cells, parameters = score.shape
     assert parameters in (2, 4)
-    assert cells <= 64
-    word, silent, log_sum = np.ascontiguousarray(word), np.ascontiguousarray(silent), np.empty(1)
-    if not _of_neighbours(
-        *(cells, parameters, address(score), address(information), address(prior)),
-        *(address(word), address(silent), nearest, furthest, address(log_sum)),
-    ):
-        raise MemoryError
-    return float(log_sum[0])
+    assert cells <= MOST_CELLS
+    word = np.ascontiguousarray(word)
+    at = address(score), address(information), address(prior), address(word)
+    log_sum: float = _of_neighbours(cells, parameters, *at, nearest, furthest)
+    return log_sum
