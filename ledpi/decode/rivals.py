@@ -13,7 +13,7 @@ import numpy as np
 
 from ledpi.decode.codebook import NEAREST_PATTERN, Codebook, Mask
 from ledpi.decode.evidence import Evidence
-from ledpi.decode.words import Fit, of_neighbours, word_log_likelihoods
+from ledpi.decode.words import Fit, of_neighbours
 
 # Patterns that are no word count as rivals as if they showed up as often as words: all of them alike, or those that
 # differ from a word in 2, 3 or 4 cells, evenly, which is more where panels have many cells.
@@ -61,14 +61,13 @@ def odds_against_negative(of_negative: float, codebook: Codebook, of_word: float
     return of_word - of_negative + prior_odds_of_word(codebook)
 
 
-def of_one_class(evidence: Evidence) -> float:
-    """Log-likelihood ratio of all cells being of one class, its bands fitted anew, to "no bands".
+def odds_against_one_class(fit: Fit, codebook: Codebook) -> float:
+    """Log odds of the best word against all cells being of one class, its bands fitted anew.
 
     So is a lamp that is switched, or a panel whose driver has failed. Where cells are as high as bright bands, whole
     rows of them are dark, and a word that says so where they are outshines patterns that are like it.
     """
-    both = np.stack([np.zeros(len(evidence.score)), np.ones(len(evidence.score))]).astype(np.float32)
-    return float(word_log_likelihoods(evidence, both)[0].max())
+    return fit.likelihood[0] - fit.one_class + prior_odds_of_word(codebook)
 
 
 def prior_odds_of_word(codebook: Codebook) -> float:

@@ -119,7 +119,7 @@ def _is_contradicted(fit: Fit, evidence: Evidence, codebook: Codebook, false_id_
     if not is_deep_anywhere(evidence.prior):
         return False
     misfit = fit.of_cells - fit.likelihood[0]  # by which either may be wrong
-    return fit.likelihood[0] - rivals.of_one_class(evidence) < needed + misfit
+    return fit.likelihood[0] - fit.one_class < needed + misfit
 
 
 def _is_hopeless(fit: Fit, evidence: Evidence, codebook: Codebook, false_id_rate: float) -> bool:
@@ -161,9 +161,11 @@ def _judged(fit: Fit, evidence: Evidence, codebook: Codebook, false_id_rate: flo
         rivals.odds_against_negative(fit.negative, codebook, none),
     )
     if outside >= needed:
-        outside = _least(outside, rivals.odds_against_neighbours(evidence, fit, codebook))
-    if outside >= needed:
-        outside = _least(outside, none - rivals.of_one_class(evidence) + rivals.prior_odds_of_word(codebook))
+        outside = _least(
+            outside,
+            rivals.odds_against_neighbours(evidence, fit, codebook),
+            rivals.odds_against_one_class(fit, codebook),
+        )
     if outside < needed:
         return NO_WORD
     ids = codebook.ids

@@ -35,6 +35,7 @@ class Fit:
     gain: list[float]  # (cells,) of each cell in the other class to the one that the word says
     negative: float  # of the word with all classes swapped to "no bands", its bands fitted anew
     of_cells: float  # of bands of its own in every cell to "no bands"
+    one_class: float  # of one class in all cells, the likelier one, its bands fitted anew, to "no bands"
     beyond: list[float]  # (MOST_CORRECTED + 1,) of all patterns that differ from it in more cells than 0, 1, to itself
     silent: NDArray[np.bool_] | None  # (cells,) of which the evidence holds nothing; None where it does of all
 
@@ -65,6 +66,7 @@ def likeliest(evidence: Evidence, white: Singles, *, compiled: bool = COMPILED) 
         gain=gain.tolist(),
         negative=float(word_log_likelihoods(evidence, 1.0 - best[None])[0][0]),
         of_cells=_explained_by_cells(evidence),
+        one_class=float(word_log_likelihoods(evidence, np.stack([0 * best, 0 * best + 1]))[0].max()),
         beyond=_of_patterns_beyond(gain[~silent].tolist()),
         silent=silent if silent.any() else None,
     )

@@ -101,15 +101,17 @@ LEDPI_WIDE void ledpi_gather(const Evidence *evidence, const double *shares, dou
         gather_of(evidence, shares, matrix, right, 2);
 }
 
-/* Log-likelihood ratio of a word to "no bands", depth and phase integrated out; the bands and their deviations.
- * `negated`: of the word with all classes swapped. `shares` (cells, parameters) is room to work in. */
+/* Log-likelihood ratio of a word to "no bands", depth and phase integrated out; the bands and their deviations. Without a
+ * word that of all cells in one class, black. `negated`: with all classes swapped. `shares` (cells, parameters) is room to work in. */
 static double exactly(const Evidence *evidence, const float *white, bool negated, double *shares, double *bands,
                       double *deviation) {
     const ptrdiff_t parameters = evidence->parameters;
     double matrix[MOST][MOST], right[MOST], likelihood = 0.0;
     for (ptrdiff_t c = 0; c < evidence->cells; c++)
-        for (ptrdiff_t i = 0; i < parameters; i++)
-            shares[c * parameters + i] = share_of(evidence, negated ? 1.0 - white[c] : white[c], i);
+        for (ptrdiff_t i = 0; i < parameters; i++) {
+            const double is_white = white ? white[c] : 0.0;
+            shares[c * parameters + i] = share_of(evidence, negated ? 1.0 - is_white : is_white, i);
+        }
     ledpi_gather(evidence, shares, matrix, right);
     for (ptrdiff_t i = 0; i < parameters; i++) matrix[i][i] += 1.0 / evidence->prior[i];
     for (ptrdiff_t k = 0; k < parameters; k++) { /* Gauss and Jordan: the matrix becomes its inverse */
@@ -146,13 +148,16 @@ ptrdiff_t ledpi_put(int64_t word, double likelihood, ptrdiff_t count, ptrdiff_t 
 }
 
 /* What speaks against a word (cells,) with these bands (parameters,): what each cell would gain by the other class,
- * `gain` (cells,); how likely its negative is; and what bands of their own in every cell explain. `shown` (cells,
+ * `gain` (cells,); how likely its negative is, and one class for all cells; and what bands of their own in every cell explain. `shown` (cells,
  * parameters) are the bands in each cell, `matrix` (size, size + 1) is room to work in. */
 LEDPI_WIDE static void speak_against(const Evidence *evidence, const float *white, const double *bands, double *shown,
-                                     double *gain, double *negative, double *of_cells, double *matrix) {
+                                     double *gain, double *negative, double *one_class, double *of_cells, double *matrix) {
     const ptrdiff_t cells = evidence->cells, parameters = evidence->parameters, size = cells * parameters;
     double other[MOST], deviation[MOST];
     *negative = exactly(evidence, white, true, shown, other, deviation);
+    const double all_black = exactly(evidence, NULL, false, shown, other, deviation);
+    const double all_white = exactly(evidence, NULL, true, shown, other, deviation);
+    *one_class = all_black > all_white ? all_black : isnan(all_black) ? all_black : all_white;
     for (ptrdiff_t i = 0; i < size; i++)
         shown[i] = share_of(evidence, white[i / parameters], i % parameters) * bands[i % parameters];
     for (ptrdiff_t c = 0; c < cells; c++) {
@@ -216,7 +221,7 @@ static void put_beyond(ptrdiff_t cells, const double *gain, const uint8_t *silen
 /* The likeliest of `words` (count, cells), best first: `chosen` (most,); which cells are `silent` (cells,); and `numbers`:
  * log-likelihood ratios to "no bands" (most,); of the best its bands (parameters,), their deviations (parameters,), the
  * bands in each cell (cells, parameters), and what speaks against it: what each cell would gain by the other class
- * (cells,), `negative`, `of_cells`, `beyond` (2,). Last, how many cells are silent. Returns how many are chosen, 0 where
+ * (cells,), `negative`, `of_cells`, `one_class`, `beyond` (2,). Last, how many cells are silent. Returns how many are chosen, 0 where
  * there is no memory. */
 ptrdiff_t ledpi_likeliest(ptrdiff_t cells, ptrdiff_t parameters, const double *score, const double *information,
                           const double *prior, const float *words, ptrdiff_t count, ptrdiff_t most, int64_t *chosen,
@@ -224,7 +229,8 @@ ptrdiff_t ledpi_likeliest(ptrdiff_t cells, ptrdiff_t parameters, const double *s
     const Evidence evidence = {cells, parameters, score, information, prior};
     const ptrdiff_t size = cells * parameters, of_numbers = (cells + 1) * (parameters / 2 * NUMBERS);
     double *likelihood = numbers, *bands = likelihood + most, *deviation = bands + parameters, *shown = deviation + parameters;
-    double *gain = shown + size, *negative = gain + cells, *of_cells = negative + 1, *beyond = of_cells + 1;
+    double *gain = shown + size, *negative = gain + cells, *of_cells = negative + 1, *one_class = of_cells + 1;
+    double *beyond = one_class + 1;
     double *matrix = malloc(sizeof(double) * (size_t)(size * (size + 1) + of_numbers + most) + sizeof(int64_t) * (size_t)most);
     if (!matrix) return 0;
     double *of_cell = matrix + size * (size + 1), *rough = of_cell + of_numbers;
@@ -246,7 +252,8 @@ ptrdiff_t ledpi_likeliest(ptrdiff_t cells, ptrdiff_t parameters, const double *s
         memcpy(bands, own_bands, sizeof(double) * (size_t)parameters);
         memcpy(deviation, own_deviation, sizeof(double) * (size_t)parameters);
     }
-    if (found) speak_against(&evidence, words + chosen[0] * cells, bands, shown, gain, negative, of_cells, matrix);
+    if (found)
+        speak_against(&evidence, words + chosen[0] * cells, bands, shown, gain, negative, one_class, of_cells, matrix);
     beyond[2] = (double)ledpi_put_silent(&evidence, silent);
     if (found) put_beyond(cells, gain, silent, beyond);
     free(matrix);

@@ -35,6 +35,7 @@ class Likeliest(NamedTuple):
     gain: list[float]
     negative: float
     of_cells: float
+    one_class: float
     beyond: list[float]
     silent: Mask | None
 
@@ -55,14 +56,15 @@ class Likeliest(NamedTuple):
             gain=as_list[gain:after],
             negative=as_list[after],
             of_cells=as_list[after + 1],
-            beyond=as_list[after + 2 : after + 4],
-            silent=silent if as_list[after + 4] else None,
+            one_class=as_list[after + 2],
+            beyond=as_list[after + 3 : after + 5],
+            silent=silent if as_list[after + 5] else None,
         )
 
 
 def numbers_of(cells: int, parameters: int, most: int) -> int:
     """How many `ledpi_likeliest` puts beside the words."""
-    return most + 2 * parameters + cells * parameters + cells + 5
+    return most + 2 * parameters + cells * parameters + cells + 6
 
 
 def likeliest(score: Doubles, information: Doubles, prior: Doubles, words: Singles, most: int) -> Likeliest:
