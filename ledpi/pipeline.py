@@ -19,7 +19,7 @@ from ledpi.decode.edges import prepare, refine_quads
 from ledpi.decode.find import Candidate, Finder
 from ledpi.decode.find_striped import MIN_STRIPED_CELL_PX, StripedFinder
 from ledpi.decode.reader import Reader
-from ledpi.decode.spots import is_part_of, settle
+from ledpi.decode.settle import is_part_of, settle
 from ledpi.decode.striped import striped_near, striped_squares
 from ledpi.decode.track import NOT_SHOWN, Track, Tracker
 from ledpi.dictionaries import load_dictionary
@@ -177,7 +177,7 @@ class Pipeline:
         near = [track.sought_px(frame.row0_readout_ns) for track in tracks]
         refined = iter(self._refine(frame, [at for at, track in zip(near, tracks, strict=True) if not track.of_spots]))
         quads: list[Quad | Rejected] = [
-            settle(frame, at, self._cells) if track.of_spots else next(refined)
+            settle(frame, at, self._cells, self._intrinsics) if track.of_spots else next(refined)
             for at, track in zip(near, tracks, strict=True)
         ]
         followed = [
@@ -237,7 +237,7 @@ class Pipeline:
         quads = [at if isinstance(at, Rejected) else next(refined) for at in near]
         results = [(candidate.corners, quad) for candidate, quad in zip(squares, quads, strict=True)]
         for grid in (candidate.corners for candidate in candidates if candidate.spots):
-            of_spots = settle(frame, grid, self._cells)
+            of_spots = settle(frame, grid, self._cells, self._intrinsics)
             if isinstance(of_spots, Quad):  # in place of what runs around its spots, or inside it
                 results = [(at, q) for at, q in results if isinstance(q, Rejected) or not is_part_of(q, of_spots)]
             results.append((grid, of_spots))

@@ -18,7 +18,7 @@ from ledpi.decode import four_sides, lit, outlines, spots
 from ledpi.decode.four_sides import distinct, square_of
 from ledpi.decode.lit import contrasts, lit_by
 from ledpi.decode.outlines import outlines_in
-from ledpi.decode.spots import group_sizes, groups, lattice
+from ledpi.decode.spots import group_sizes, groups, lattice, spots_in
 from ledpi.kernels import find as kernel
 from ledpi.kernels.library import COMPILED
 from ledpi.records import Floats, Frame, Pixels, Rejected
@@ -41,14 +41,14 @@ AGAIN = ((166, 192), (), ())  # 0.65 and 0.75
 SHORTEST = (10, 24, 24)
 # As `Limits` of kernels/find.h has them.
 LIMITS = (
-    *(lit.MIN_CONTRAST, outlines.NARROWEST, outlines.SPOT_LENGTHS[0], outlines.SPOT_LENGTHS[-1]),
+    *(lit.MIN_CONTRAST, outlines.NARROWEST),
     *(outlines.MIN_AREA, outlines.MIN_LIT),
     *(four_sides.MIN_SOLIDITY, four_sides.SIGNIFICANT, four_sides.ALIKE, four_sides.MIN_SIDE),
     *(four_sides.MAX_CUT_OFF, four_sides.MAX_MISFIT, four_sides.PIXEL_MISFIT, four_sides.SLENDER),
     *(four_sides.TOLERANCE, four_sides.BLUR_MISFIT, four_sides.NEAR, four_sides.LIKE, four_sides.SAME_CORNERS),
-    *(spots.LINK, spots.LIKE),
+    *(spots.MAX_AROUND, spots.LINK, spots.LIKE),
 )
-assert (kernel.REACH, kernel.MOST_SPOTS) == (lit.WINDOW // 2, spots.MAX_SPOTS)
+assert (kernel.REACH, kernel.MOST_SPOTS, kernel.AROUND) == (lit.WINDOW // 2, spots.MAX_SPOTS, spots.AROUND_PX)
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,13 +115,14 @@ class Finder:
         for level, (picture, shares, shortest) in enumerate(zip(self._levels, thresholds, SHORTEST, strict=True)):
             scale = 2 << level
             seen = contrasts(picture)
+            if shares:
+                spotted += [(scale, own) for own in groups(spots_in(picture, *seen, shares[0]), self._group_sizes)]
             for share in shares:
                 # Opened where the closing makes thin bridges to the surroundings.
-                found_outlines, found_spots, at_border = outlines_in(lit_by(share, *seen, opened=level > 0), shortest)
+                found_outlines, at_border = outlines_in(lit_by(share, *seen, opened=level > 0), shortest)
                 found = [square_of(outline, scale) for outline in found_outlines]
                 large = [square for square in found if square is not None and square[8] >= self._smallest_px]
                 squares += large
-                spotted += [(scale, group) for group in groups(found_spots, self._group_sizes)]
                 all_at_border += at_border
                 not_four_sided += found.count(None)
                 too_small += len(found) - found.count(None) - len(large)

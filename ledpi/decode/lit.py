@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from ledpi.records import Pixels
 
@@ -21,13 +22,18 @@ def contrasts(picture: Pixels) -> tuple[Pixels, Pixels]:
     return picture - darkest, cv2.dilate(picture, _WINDOW) - darkest
 
 
+def threshold_of(share: int, contrast: Pixels) -> NDArray[np.uint16]:
+    """How far above the darkest a pixel must be to be lit."""
+    threshold: NDArray[np.uint16] = np.maximum(contrast.astype(np.uint16) * share >> 8, MIN_CONTRAST)
+    return threshold
+
+
 def lit_by(share: int, above: Pixels, contrast: Pixels, *, opened: bool) -> Pixels:
     """255 where light is more than `share` 256ths of the way from the darkest to the brightest, else 0.
 
     Closed, so that cells melt together; `opened` after that, which cuts thin bridges to the surroundings.
     """
-    threshold = np.maximum(contrast.astype(np.uint16) * share >> 8, MIN_CONTRAST)
-    lit: Pixels = 255 * (above > threshold).astype(np.uint8)
+    lit: Pixels = 255 * (above > threshold_of(share, contrast)).astype(np.uint8)
     cv2.morphologyEx(lit, cv2.MORPH_CLOSE, _MELT, dst=lit)
     if opened:
         cv2.morphologyEx(lit, cv2.MORPH_OPEN, _MELT, dst=lit)

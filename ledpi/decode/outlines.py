@@ -11,10 +11,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ledpi.records import Floats, Pixels
+from ledpi.records import Pixels
 
 NARROWEST = 3  # pixels, across and down: less is a speck
-SPOT_LENGTHS = range(6, 64)  # around the box of a bare LED: less is a speck, what is longer is shorter a level on
 MIN_AREA = 0.25  # over that of the box around; a square's is at least 1/2
 # Of the pixels within an outline. The walls between cells leave some dark; of a ring, which is what lies beside a dark
 # bezel, more than a third are.
@@ -29,25 +28,25 @@ class Outline:
     area: float
 
 
-def outlines_in(lit: Pixels, shortest: int) -> tuple[list[Outline], Floats, int]:
+def outlines_in(lit: Pixels, shortest: int) -> tuple[list[Outline], int]:
     """Those in `lit` (0 or 255) of things whose boxes are `shortest` around, at least.
 
-    And of each spot (M, 3) the middle's x and y, and the outline's length; and how many touch the picture's border.
+    And how many touch the picture's border.
     """
     _, things, boxes, _ = cv2.connectedComponentsWithStats(lit, connectivity=8)
-    outlines, spots, at_border = [], [], 0
+    outlines, at_border = [], 0
     for number, (x, y, width, height, pixels) in enumerate(boxes[1:].tolist(), 1):
         around, right, bottom = 2 * (width + height) - 4, x + width - 1, y + height - 1
-        wanted, small = around >= shortest and min(width, height) >= NARROWEST, around in SPOT_LENGTHS
+        wanted = around >= shortest and min(width, height) >= NARROWEST
         if x <= 0 or y <= 0 or right + 1 >= lit.shape[1] or bottom + 1 >= lit.shape[0]:
             at_border += wanted
             continue
+        if not wanted:
+            continue
         own = (things[y : bottom + 1, x : right + 1] == number).astype(np.uint8)
         ((points, *_), _) = cv2.findContours(own, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE, offset=(x, y))
-        if small:
-            spots.append((0.5 * (x + right), 0.5 * (y + bottom), len(points)))
         area = cv2.contourArea(points)
         within = area + 0.5 * len(points) + 1  # pixels, by Pick's theorem
-        if wanted and area >= MIN_AREA * width * height and pixels >= MIN_LIT * within:
+        if area >= MIN_AREA * width * height and pixels >= MIN_LIT * within:
             outlines.append(Outline(points[:, 0], area))
-    return outlines, np.array(spots, np.float64).reshape(-1, 3), at_border
+    return outlines, at_border

@@ -1,33 +1,31 @@
 """Panels without a diffuser: as many bright spots as cells, in a lattice, with little light between.
 
-No square is lit there for `find` to see. The spots' centres are the cells', so the homography through all of them says
-where the corners of the grid are: half a pitch beyond the outermost.
+No square is lit there for `find` to see, or one that ends where the outermost spots do. The spots' centres are the
+cells', so the homography through all of them says where the corners of the grid are: half a pitch beyond the outermost.
 """
 
 from __future__ import annotations
 
 import math
+from functools import cache
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ledpi.records import Floats, Frame, Quad, Rejected
-from ledpi.tone import linear_light
+from ledpi.decode.lit import threshold_of
+from ledpi.records import Floats, Pixels
 
-NO_SPOTS = Rejected(stage="edges", reason="no_spots")
-NOT_IN_LINE = Rejected(stage="edges", reason="spots_not_in_line")
-AT_BORDER = Rejected(stage="edges", reason="at_picture_border")
-
+# Of a spot's brightness in the picture, what is two pixels around it has on average: half of its light, as sRGB has it.
+# At one of the pyramid's levels, where the pitch is 4 to 8.5 pixels, that is half-way to the next spot or beyond: there
+# LEDs of a sixth of the pitch (a deviation) leave 0.6 to 0.74, blur included; cells behind a diffuser, 0.81 and more.
+MAX_AROUND = 0.75
+AROUND_PX = 2
 LINK = 1.6  # times the distance to the nearest: neighbours along a lattice's other axis, seen up to 50° from the side
-LIKE = 2.0  # as many times as long an outline may be
+LIKE = 2.0  # as many times as far above the darkest around a spot may be
 MOST_MORE = 1.3  # times as many may be linked to each other as there are cells
 MAX_SPOTS = 200  # that are looked at: more is texture
 OFF_LATTICE = 0.25  # of a pitch: spots further off are none of a lattice
-ROUNDS = 2
-REACH = 0.45  # of the pitch: as far around a centre as its spot's light is weighed
-LEAST_SIGMA_PX = 0.05  # of a corner: lamps are not quite alike
-MAX_RMS = 0.08  # of the pitch, of the spots about their lattice: LEDs sit where the grid has them
 
 
 def group_sizes(cells: int) -> range:
@@ -35,17 +33,42 @@ def group_sizes(cells: int) -> range:
     return range(cells * cells, math.ceil(MOST_MORE * cells * cells))
 
 
+def spots_in(picture: Pixels, above: Pixels, contrast: Pixels, share: int) -> Floats:
+    """(M, 3) x and y of pixels that are lit by `share`, as bright as any beside them, and brighter than what is around.
+
+    Third, how far they are above the darkest. Of pixels side by side that are alike the first. The reference of
+    kernels/spots.c.
+    """
+    height, width = picture.shape
+    reach, sides = AROUND_PX, range(-AROUND_PX, AROUND_PX + 1)
+    if height <= 2 * reach or width <= 2 * reach:
+        return np.empty((0, 3))
+    values = picture.astype(np.int32)
+    at = {
+        (y, x): values[reach + y : height - reach + y, reach + x : width - reach + x] for y in sides for x in sides
+    }
+    own, inside = at[0, 0], (slice(reach, height - reach), slice(reach, width - reach))
+    beside = [place for place in at if place != (0, 0) and max(map(abs, place)) == 1]
+    around = [place for place in at if max(map(abs, place)) == reach]
+    top = above[inside] > threshold_of(share, contrast[inside])
+    for place in beside:
+        top &= own > at[place] if place < (0, 0) else own >= at[place]
+    top &= sum(at[place] for place in around) < MAX_AROUND * len(around) * own
+    y, x = np.nonzero(top)
+    return np.column_stack([x + reach, y + reach, above[inside][y, x]]).astype(np.float64)
+
+
 def groups(spots: Floats, sizes: range) -> list[Floats]:
-    """Of spots (M, 3; x, y, size) those that are alike and neighbours, as many together as `sizes` has.
+    """Of spots (M, 3) as `spots_in` has them those that are alike and neighbours, as many together as `sizes` has.
 
     The reference of kernels/spots.c.
     """
     if not sizes.start <= len(spots) <= MAX_SPOTS:
         return []
-    points, size = spots[:, :2], spots[:, 2]
+    points, height = spots[:, :2], spots[:, 2]
     apart = np.hypot(*(points[:, None] - points).transpose(2, 0, 1))
     np.fill_diagonal(apart, np.inf)
-    alike = np.maximum(size[:, None], size) < LIKE * np.minimum(size[:, None], size)
+    alike = np.maximum(height[:, None], height) < LIKE * np.minimum(height[:, None], height)
     nearest = np.where(alike, apart, np.inf).min(axis=1)
     linked = alike & (apart < LINK * np.minimum(nearest[:, None], nearest))
     return [spots[sorted(group)] for group in _linked(linked) if len(group) in sizes]
@@ -100,62 +123,15 @@ def _outer(grid: Floats, points: Floats, cells: int) -> Floats | None:
     homography, _ = cv2.findHomography(grid.astype(np.float64), points.astype(np.float64))
     if homography is None:
         return None
-    corners = cv2.perspectiveTransform(_rim(cells)[:, None], homography)[:, 0]
+    corners = cv2.perspectiveTransform(rim_of(cells)[:, None], homography)[:, 0]
     a, b = corners[2] - corners[0], corners[3] - corners[1]
     if a[0] * b[1] - a[1] * b[0] < 0:
         corners = corners[::-1]
     return np.asarray(np.roll(corners, -int(corners.sum(axis=1).argmin()), axis=0), np.float64)
 
 
-def settle(frame: Frame, corners: Floats, cells: int) -> Quad | Rejected:
-    """The grid whose corners are near `corners` (4, 2), by the centres of its spots' light."""
-    table = linear_light(frame.transfer, mark_saturated=False)
-    grid = np.stack(np.meshgrid(np.arange(cells), np.arange(cells)), axis=-1).reshape(-1, 2).astype(np.float64)
-    pitch = min(math.dist(corners[k], corners[k - 1]) for k in range(4)) / cells
-    rms = math.inf
-    for _ in range(ROUNDS):
-        to_picture = cv2.getPerspectiveTransform(_rim(cells).astype(np.float32), corners.astype(np.float32))
-        expected = cv2.perspectiveTransform(grid[:, None], to_picture)[:, 0]
-        seen = np.array([_centre(frame, table, x, y, REACH * pitch) for x, y in expected.tolist()])
-        homography = cv2.findHomography(grid, seen)[0] if np.isfinite(seen).all() else None
-        if homography is None:
-            return NO_SPOTS
-        rms = float(np.sqrt(np.square(seen - cv2.perspectiveTransform(grid[:, None], homography)[:, 0]).mean()))
-        corners = cv2.perspectiveTransform(_rim(cells)[:, None], homography)[:, 0]
-    if not rms < MAX_RMS * pitch:
-        return NOT_IN_LINE
-    height, width = frame.pixels.shape
-    if corners.min() < 0 or corners[:, 0].max() > width - 1 or corners[:, 1].max() > height - 1:
-        return AT_BORDER
-    # The corners lie beyond the outermost spots: what the fit leaves of one is about the corner's error.
-    return Quad(corners_px=np.ascontiguousarray(corners), corner_sigma_px=max(rms, LEAST_SIGMA_PX), of_spots=True)
-
-
-def is_part_of(quad: Quad, grid: Quad) -> bool:
-    """Whether a quad runs around the spots of a grid, or somewhere inside it."""
-    side_px = math.dist(grid.corners_px[0], grid.corners_px[2]) / math.sqrt(2)
-    apart = np.abs(quad.corners_px.mean(axis=0) - grid.corners_px.mean(axis=0)).max()
-    return bool(apart < 0.5 * side_px)
-
-
-def _rim(cells: int) -> Floats:
+@cache
+def rim_of(cells: int) -> Floats:
     """(4, 2) corners of the grid, in pitches from the middle of its first cell."""
     low, high = -0.5, cells - 0.5
     return np.array([[low, low], [high, low], [high, high], [low, high]])
-
-
-def _centre(frame: Frame, table: NDArray[np.float32], x: float, y: float, reach_px: float) -> tuple[float, float]:
-    """Of the light around (x, y) over what is darkest there."""
-    height, width = frame.pixels.shape
-    x0, x1, y0, y1 = round(x - reach_px), round(x + reach_px) + 1, round(y - reach_px), round(y + reach_px) + 1
-    if x0 < 0 or y0 < 0 or x1 > width or y1 > height or x1 - x0 < 3 or y1 - y0 < 3:
-        return math.nan, math.nan
-    light = cv2.LUT(frame.pixels[y0:y1, x0:x1], table)
-    across, down = np.arange(x0, x1) - x, np.arange(y0, y1) - y
-    # A window that fades out: what is cut off at its border by whole pixels must not pull.
-    window = np.maximum(0.0, 1.0 - (np.square(across) + np.square(down)[:, None]) / reach_px**2)
-    weight = np.maximum(light - 0.5 * (light.min() + light.max()), 0.0) * window
-    total = float(weight.sum())
-    if total <= 0:
-        return math.nan, math.nan
-    return x + float((weight.sum(axis=0) * across).sum()) / total, y + float((weight.sum(axis=1) * down).sum()) / total

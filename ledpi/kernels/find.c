@@ -17,8 +17,8 @@ typedef struct {
     Run *runs;
     Thing *things;
     Outline *outlines;
-    Spot *spots;
-    ptrdiff_t most; /* things, outlines, spots */
+    Spot *spots;    /* MAX_SPOTS + 1 */
+    ptrdiff_t most; /* things, outlines */
     int32_t (*points)[2];
     ptrdiff_t points_room;
     int32_t (*ends)[2];
@@ -45,9 +45,7 @@ static void find_in(const Level *level, const uint8_t *lit, const Wanted *wanted
                     ptrdiff_t *squares, Found *found) {
     const Limits *const limits = &wanted->limits;
     const Outlined outlined = ledpi_outlines(lit, level->height, level->width, level->shortest, limits, room->runs,
-                                             room->things, room->points, room->points_room, room->outlines, room->spots,
-                                             room->most);
-    const ptrdiff_t first = found->member_count;
+                                             room->things, room->points, room->points_room, room->outlines, room->most);
     found->at_border += outlined.at_border;
     for (ptrdiff_t i = 0; i < outlined.outlines && *squares < found->most_squares; i++) {
         const Outline *const own = room->outlines + i;
@@ -59,12 +57,19 @@ static void find_in(const Level *level, const uint8_t *lit, const Wanted *wanted
         else
             ++*squares;
     }
-    found->member_count += ledpi_groups(room->spots, outlined.spots, wanted->least_spots, wanted->most_spots, limits,
+}
+
+static void find_spots_in(const Level *level, const Wanted *wanted, const Room *room, Found *found) {
+    const Limits *const limits = &wanted->limits;
+    const ptrdiff_t spots = ledpi_spots(level->picture, room->above, room->contrast, level->height, level->width,
+                                        level->shares[0], limits, room->lit, room->spots);
+    const ptrdiff_t first = found->member_count;
+    found->member_count += ledpi_groups(room->spots, spots, wanted->least_spots, wanted->most_spots, limits,
                                         found->members + first, found->groups + first);
     for (ptrdiff_t i = first; i < found->member_count; i++) found->scales[i] = (double)level->scale;
 }
 
-/* In `levels` (count) what is `wanted`, for which there is room (MAX_SPOTS for each threshold). */
+/* In `levels` (count) what is `wanted`, for which there is room (MAX_SPOTS for each level). */
 void ledpi_find(const Level *levels, ptrdiff_t count, const Wanted *wanted, const Room *room, Found *found) {
     ptrdiff_t squares = 0;
     found->member_count = found->at_border = found->not_four_sided = found->too_small = 0;
@@ -72,6 +77,7 @@ void ledpi_find(const Level *levels, ptrdiff_t count, const Wanted *wanted, cons
         const ptrdiff_t height = level->height, width = level->width;
         if (!level->thresholds) continue;
         ledpi_contrast(level->picture, height, width, room->window, room->above, room->contrast);
+        find_spots_in(level, wanted, room, found);
         for (ptrdiff_t k = 0; k < level->thresholds; k++) {
             /* Opened where the closing makes thin bridges to the surroundings. */
             ledpi_lit(room->above, room->contrast, height, width, level->shares[k], &wanted->limits, level->scale > 2,

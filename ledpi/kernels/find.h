@@ -10,10 +10,10 @@
 /* Constants of decode/lit.py, outlines.py, four_sides.py and spots.py, where they are explained. */
 typedef struct {
     double min_contrast;
-    double narrowest, shortest_spot, longest_spot, min_area, min_lit;
+    double narrowest, min_area, min_lit;
     double min_solidity, significant, alike, min_side, max_cut_off, max_misfit, pixel_misfit, slender, tolerance;
     double blur_misfit, near, like, same_corners;
-    double link, like_spots;
+    double max_around, link, like_spots;
 } Limits;
 
 /* ---- What is lit */
@@ -47,21 +47,17 @@ typedef struct {
     double area;
 } Outline;
 
-typedef struct {
-    double x, y, length; /* the middle of its box, and its outline's length */
-} Spot;
-
 /* How many there are; `at_border`: of outlines that are but for touching the picture's border. */
 typedef struct {
-    ptrdiff_t outlines, spots, at_border;
+    ptrdiff_t outlines, at_border;
 } Outlined;
 
 /* The outlines of what is lit in a picture of 0 and 255 (height, width), of things the way around whose box is not less than
- * `shortest`; and small things, which may be spots. `runs` (2, width), `things`, `outlines`, `spots` (most) are room, `most`
- * as many as there can be; `points` beyond `room` are left out, and the outlines that they belong to. */
+ * `shortest`. `runs` (2, width), `things`, `outlines` (most) are room, `most` as many as there can be; `points` beyond
+ * `room` are left out, and the outlines that they belong to. */
 Outlined ledpi_outlines(const uint8_t *lit, ptrdiff_t height, ptrdiff_t width, int32_t shortest, const Limits *limits,
                         Run *runs, Thing *things, int32_t (*points)[2], ptrdiff_t room, Outline *outlines,
-                        Spot *spots, ptrdiff_t most);
+                        ptrdiff_t most);
 
 /* ---- The squares among them */
 
@@ -81,7 +77,17 @@ ptrdiff_t ledpi_distinct(const Square *squares, ptrdiff_t count, const Limits *l
 
 /* ---- Spots side by side */
 
-enum { MAX_SPOTS = 200 }; /* that are looked at: more is texture */
+enum { MAX_SPOTS = 200, AROUND = 2 }; /* that are looked at: more is texture; pixels from a spot to what is around it */
+
+/* A pixel as bright as any beside it, and how far it is above the darkest around. */
+typedef struct {
+    double x, y, height;
+} Spot;
+
+/* The spots in a picture (height, width), of which it is known how far pixels are `above` the darkest, and their `contrast`.
+ * `row` (width) is room. Returns how many there are; more than MAX_SPOTS are counted no further. */
+ptrdiff_t ledpi_spots(const uint8_t *picture, const uint8_t *above, const uint8_t *contrast, ptrdiff_t height,
+                      ptrdiff_t width, int share, const Limits *limits, uint8_t *row, Spot *spots);
 
 /* The spots of each group of `least` to `most` − 1 that are alike and neighbours, one group after the other in `members`
  * (count), each with its number in `groups` (count), from 0. Returns how many spots these are. */

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from ledpi.kernels.library import INTEGER, POINTER, address, function
 from ledpi.records import Floats, Pixels
 
-# As in find.h, where they are sizes: pixels to either side of a window, rows looked at together, spots in a group.
-REACH, STRIP, MOST_SPOTS = 6, 44, 200
-LIMITS = 21  # numbers in `Limits` of find.h
+# As in find.h, where they are sizes: pixels to either side of a window, rows taken together, spots, pixels around one.
+REACH, STRIP, MOST_SPOTS, AROUND = 6, 44, 200, 2
+LIMITS = 20  # numbers in `Limits` of find.h
 SQUARE = 11  # numbers: four corners' x and y, side_px, misfit, tolerance_px
 MOST_THRESHOLDS = 2  # of a level
 MOST_SQUARES = 4096  # in a frame: more is texture, and would take a second to look at
@@ -87,7 +87,7 @@ class Searcher:
         height, width = pictures[0].shape
         self._pictures, self._shortest = tuple(pictures), tuple(shortest)
         most = (height + 1) * (width + 1) // 4 + 1  # as many pixels as can stand apart
-        members = MOST_SPOTS * MOST_THRESHOLDS * len(pictures)
+        members = MOST_SPOTS * len(pictures)
         self._room, self._arrays = _room(height, width, most)
         self._squares = np.empty((MOST_SQUARES, SQUARE))
         self._distinct = np.empty(MOST_SQUARES, np.intp)
@@ -139,7 +139,7 @@ def _room(height: int, width: int, most: int) -> tuple[_Room, list[NDArray[np.ge
         np.empty((2, width, 3), np.int32),
         np.empty((most, _THING_NUMBERS), np.int32),
         np.empty((most, _OUTLINE_BYTES), np.uint8),
-        np.empty((most, 3)),
+        np.empty((MOST_SPOTS + 1, 3)),
         np.empty((height * width, 2), np.int32),
         np.empty((height, 2), np.int32),
         np.empty((2 * height + 2, 2)),

@@ -108,9 +108,9 @@ static int32_t follow(const uint8_t *lit, ptrdiff_t width, const Thing *thing, i
 
 Outlined ledpi_outlines(const uint8_t *lit, ptrdiff_t height, ptrdiff_t width, int32_t shortest, const Limits *limits,
                         Run *runs, Thing *things, int32_t (*points)[2], ptrdiff_t room, Outline *outlines,
-                        Spot *spots, ptrdiff_t most) {
+                        ptrdiff_t most) {
     const int32_t count = tell_apart(lit, (int32_t)height, (int32_t)width, runs, things, (int32_t)most);
-    Outlined found = {0, 0, 0};
+    Outlined found = {0, 0};
     ptrdiff_t first = 0;
     for (int32_t i = 0; i < count; i++) {
         const Thing *own = things + i;
@@ -118,16 +118,14 @@ Outlined ledpi_outlines(const uint8_t *lit, ptrdiff_t height, ptrdiff_t width, i
         const int32_t across = own->right - own->left + 1, down = own->bottom - own->top + 1;
         const int32_t around = 2 * (across + down) - 4;
         const bool wanted = around >= shortest && across >= limits->narrowest && down >= limits->narrowest;
-        const bool small = around >= limits->shortest_spot && around <= limits->longest_spot;
         if (own->left <= 0 || own->top <= 0 || own->right + 1 >= width || own->bottom + 1 >= height) {
             found.at_border += wanted;
             continue;
         }
-        if (!wanted && !small) continue;
+        if (!wanted) continue;
         double area;
         const int32_t length = follow(lit, width, own, points + first, room - first, &area);
-        if (small) spots[found.spots++] = (Spot){0.5 * (own->left + own->right), 0.5 * (own->top + own->bottom), length};
-        if (!wanted || first + length > room || area < limits->min_area * across * down) continue;
+        if (first + length > room || area < limits->min_area * across * down) continue;
         /* Pick's theorem: so many pixels are on the outline or within. */
         if (own->lit < limits->min_lit * (area + 0.5 * length + 1.0)) continue;
         outlines[found.outlines++] = (Outline){(int32_t)first, length, own->top, own->bottom, own->left, own->right, area};

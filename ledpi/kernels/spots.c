@@ -1,11 +1,50 @@
-/* Spots that are alike and neighbours: `groups` of decode/spots.py. */
+/* Spots, and those that are alike and neighbours: `spots_in` and `groups` of decode/spots.py. */
 #include <math.h>
+#include <string.h>
 
 #include "find.h"
+#include "wide.h"
 
+/* Which of a row's pixels, AROUND from either end, are lit and as bright as any beside them. */
+static inline void tops_in(const uint8_t *here, const uint8_t *above, const uint8_t *contrast, ptrdiff_t width, int share,
+                           uint8_t least, uint8_t *restrict tops) {
+    const uint8_t *const over = here - width, *const under = here + width;
+    for (ptrdiff_t x = AROUND; x < width - AROUND; x++) {
+        const uint8_t own = here[x], threshold = (uint8_t)((uint16_t)(contrast[x] * share) >> 8);
+        tops[x] = (above[x] > threshold) & (above[x] > least) & (own > over[x - 1]) & (own > over[x]) &
+                  (own > over[x + 1]) & (own > here[x - 1]) & (own >= here[x + 1]) & (own >= under[x - 1]) &
+                  (own >= under[x]) & (own >= under[x + 1]);
+    }
+}
+
+/* Whether what is AROUND a pixel is that much darker. */
+static bool stands_out(const uint8_t *pixel, ptrdiff_t width, double max_around) {
+    int sum = 0;
+    for (ptrdiff_t k = -AROUND; k < AROUND; k++) /* four sides, each without its last corner */
+        sum += pixel[-AROUND * width + k] + pixel[k * width + AROUND] + pixel[AROUND * width - k] + pixel[-k * width - AROUND];
+    return sum < max_around * (8 * AROUND) * *pixel;
+}
+
+LEDPI_WIDE_BYTES ptrdiff_t ledpi_spots(const uint8_t *picture, const uint8_t *above, const uint8_t *contrast,
+                                       ptrdiff_t height, ptrdiff_t width, int share, const Limits *limits, uint8_t *row,
+                                       Spot *spots) {
+    ptrdiff_t count = 0;
+    memset(row, 0, (size_t)width);
+    for (ptrdiff_t y = AROUND; y < height - AROUND; y++) {
+        const ptrdiff_t at = y * width;
+        tops_in(picture + at, above + at, contrast + at, width, share, (uint8_t)limits->min_contrast, row);
+        for (const uint8_t *top = row; (top = memchr(top, 1, (size_t)(row + width - top))) != NULL; top++) {
+            const ptrdiff_t x = top - row;
+            if (!stands_out(picture + at + x, width, limits->max_around)) continue;
+            spots[count++] = (Spot){(double)x, (double)y, above[at + x]};
+            if (count > MAX_SPOTS) return count;
+        }
+    }
+    return count;
+}
 
 static bool alike(const Spot *a, const Spot *b, const Limits *limits) {
-    return fmax(a->length, b->length) < limits->like_spots * fmin(a->length, b->length);
+    return fmax(a->height, b->height) < limits->like_spots * fmin(a->height, b->height);
 }
 
 /* The square of the distance. */
