@@ -153,8 +153,13 @@ int ledpi_sample_cells(const uint8_t *pixels, ptrdiff_t height, ptrdiff_t width,
     bool numbers = true;
     *least = INFINITY;
     for (ptrdiff_t cell = 0; cell < cells * cells; cell++) {
-        double sum = 0.0;
-        for (ptrdiff_t p = 0; p < k * k; p++) sum += *light++;
+        double lanes[4] = {0};
+        ptrdiff_t p = 0;
+        for (; p + 4 <= k * k; p += 4)
+            for (int lane = 0; lane < 4; lane++) lanes[lane] += light[p + lane];
+        for (; p < k * k; p++) lanes[0] += light[p];
+        const double sum = (lanes[0] + lanes[1]) + (lanes[2] + lanes[3]);
+        light += k * k;
         numbers = numbers && !isnan(sum);
         *least = fmin(*least, sum);
     }

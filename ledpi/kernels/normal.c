@@ -63,6 +63,25 @@ void ledpi_add_products(const float *rows, ptrdiff_t count, ptrdiff_t width, flo
 }
 #endif
 
+typedef double Four __attribute__((vector_size(32), aligned(8)));
+
+/* Takes four rows by their `factors` off one row and the next, which there may be none of, from column `from` to the end. */
+static LEDPI_INLINE void take_off(const double *const rows[4], double factors[2][4], ptrdiff_t from, ptrdiff_t end,
+                                  double *one, double *next) {
+    for (; (end - from) % 4; from++) {
+        double of_one = 0.0, of_next = 0.0;
+        for (int j = 0; j < 4; j++) of_one += factors[0][j] * rows[j][from], of_next += factors[1][j] * rows[j][from];
+        one[from] -= of_one;
+        if (next) next[from] -= of_next;
+    }
+    for (ptrdiff_t m = from; m < end; m += 4) {
+        const Four a = *(const Four *)(rows[0] + m), b = *(const Four *)(rows[1] + m);
+        const Four c = *(const Four *)(rows[2] + m), d = *(const Four *)(rows[3] + m);
+        *(Four *)(one + m) -= (factors[0][0] * a + factors[0][1] * b) + (factors[0][2] * c + factors[0][3] * d);
+        if (next) *(Four *)(next + m) -= (factors[1][0] * a + factors[1][1] * b) + (factors[1][2] * c + factors[1][3] * d);
+    }
+}
+
 /* Gauss's elimination of the unknowns from … to − 1 of a symmetric matrix (size, size + 1), the last column being the
  * right side; only what is on and above the diagonal is used. Returns what these unknowns explain of the squares. Four
  * unknowns are taken off all further rows at a time, so that each of these is read and written a quarter as often. */
@@ -86,21 +105,15 @@ LEDPI_WIDE static double eliminate(double *matrix, ptrdiff_t size, ptrdiff_t fro
             rows[j] = matrix + (first + j <= last ? first + j : last) * stride;
             inverse[j] = first + j <= last ? 1.0 / rows[j][first + j] : 0.0; /* a last one counts once */
         }
-        const double *restrict a = rows[0], *restrict b = rows[1], *restrict c = rows[2], *restrict d = rows[3];
-        for (ptrdiff_t i = end; i < size; i += 2) { /* two at a time, so that what they lose is read once */
-            const ptrdiff_t n = i + 1 < size ? i + 1 : i; /* a last one is done by itself, below */
-            const double of_a = a[i] * inverse[0], of_b = b[i] * inverse[1], of_c = c[i] * inverse[2], of_d = d[i] * inverse[3];
-            const double next_a = a[n] * inverse[0], next_b = b[n] * inverse[1], next_c = c[n] * inverse[2], next_d = d[n] * inverse[3];
-            double *restrict other = matrix + i * stride, *restrict next = matrix + n * stride;
-            other[i] -= (of_a * a[i] + of_b * b[i]) + (of_c * c[i] + of_d * d[i]);
-            if (n == i) {
-                other[size] -= (of_a * a[size] + of_b * b[size]) + (of_c * c[size] + of_d * d[size]);
-                continue;
+        for (ptrdiff_t i = end; i < size; i += 2) {
+            double factors[2][4];
+            for (int j = 0; j < 4; j++) {
+                factors[0][j] = rows[j][i] * inverse[j];
+                factors[1][j] = i + 1 < size ? rows[j][i + 1] * inverse[j] : 0.0;
             }
-            for (ptrdiff_t m = n; m <= size; m++) {
-                other[m] -= (of_a * a[m] + of_b * b[m]) + (of_c * c[m] + of_d * d[m]);
-                next[m] -= (next_a * a[m] + next_b * b[m]) + (next_c * c[m] + next_d * d[m]);
-            }
+            double *own = matrix + i * stride;
+            own[i] -= (factors[0][0] * rows[0][i] + factors[0][1] * rows[1][i]) + (factors[0][2] * rows[2][i] + factors[0][3] * rows[3][i]);
+            take_off(rows, factors, i + 1, size + 1, own, i + 1 < size ? own + stride : NULL);
         }
     }
     return explained;

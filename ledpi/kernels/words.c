@@ -9,41 +9,58 @@
 #include "wide.h"
 #include "words.h"
 
-enum { NUMBERS = 5 }; /* what a cell says of one wave by itself: x, y; xx, xy, yy */
+enum {
+    NUMBERS = 5, /* what a cell says of one wave by itself: x, y; xx, xy, yy */
+    LANES = 4, /* of them that are added up at once */
+    TOGETHER = 4, /* words, so that the numbers are read once for all of them */
+};
+
+typedef double Lanes __attribute__((vector_size(LANES * sizeof(double)), aligned(sizeof(double))));
 
 #define MOST_GAIN 40.0 /* as in decode/words.py */
 #define SMALLEST_LOG (-600.0)
 
+/* How many numbers a cell has, of all waves, with what pads them. */
+static inline ptrdiff_t numbers_of(ptrdiff_t waves) { return (waves * NUMBERS + LANES - 1) / LANES * LANES; }
+
 /* Per cell, and in the last line of all together, NUMBERS for each wave. */
 static void put_numbers(const Evidence *evidence, double *numbers) {
-    const ptrdiff_t parameters = evidence->parameters, size = evidence->cells * parameters;
-    const ptrdiff_t each = parameters / 2 * NUMBERS;
+    const ptrdiff_t waves = evidence->parameters / 2, size = evidence->cells * evidence->parameters, each = numbers_of(waves);
     double *total = numbers + evidence->cells * each;
-    memset(total, 0, sizeof(double) * (size_t)each);
-    for (ptrdiff_t i = 0; i < size; i += 2, numbers += NUMBERS) {
-        const double *here = evidence->information + i * size + i;
-        const double own[NUMBERS] = {evidence->score[i], evidence->score[i + 1], here[0], here[1], here[size + 1]};
-        for (int n = 0; n < NUMBERS; n++) {
-            numbers[n] = own[n];
-            total[i % parameters / 2 * NUMBERS + n] += own[n];
+    memset(numbers, 0, sizeof(double) * (size_t)((evidence->cells + 1) * each));
+    for (ptrdiff_t c = 0; c < evidence->cells; c++)
+        for (ptrdiff_t k = 0; k < waves; k++) {
+            const ptrdiff_t i = c * evidence->parameters + 2 * k;
+            const double *here = evidence->information + i * size + i;
+            const double own[NUMBERS] = {evidence->score[i], evidence->score[i + 1], here[0], here[1], here[size + 1]};
+            for (int n = 0; n < NUMBERS; n++) {
+                numbers[c * each + k * NUMBERS + n] = own[n];
+                total[k * NUMBERS + n] += own[n];
+            }
         }
-    }
 }
 
-/* What the prior alone makes of a determinant, and its logarithm. */
+/* What the prior says by itself: the inverse of it, and what it makes of a determinant. */
 typedef struct {
-    double of_prior, log_of_prior;
-} Determinant;
+    double inverse[MOST], determinant, log_determinant;
+} Prior;
+
+static Prior prior_of(const Evidence *evidence) {
+    Prior prior = {.determinant = 1.0};
+    for (ptrdiff_t i = 0; i < evidence->parameters; i++) {
+        prior.inverse[i] = 1.0 / evidence->prior[i];
+        prior.determinant *= prior.inverse[i];
+        prior.log_determinant -= log(evidence->prior[i]);
+    }
+    return prior;
+}
 
 /* A word's log-likelihood ratio to "no bands" as far as each cell tells by itself, or −∞ where it is not more than `least`;
- * infinite where it is no number, so that it is among those that are looked at exactly. `white` (cells,). */
-static LEDPI_INLINE double roughly_of(const Evidence *evidence, const double *numbers, const float *white, double least,
-                                      const Determinant *known, const ptrdiff_t waves) {
-    const ptrdiff_t each = waves * NUMBERS;
-    const double *total = numbers + evidence->cells * each;
-    double sum[MOST / 2 * NUMBERS] = {0}, squares = 0.0, det = 1.0;
-    for (ptrdiff_t c = 0; c < evidence->cells; c++)
-        for (ptrdiff_t n = 0; n < each; n++) sum[n] += white[c] * numbers[c * each + n];
+ * infinite where it is no number, so that it is among those that are looked at exactly. From the numbers of all cells, and
+ * their sums over those that are white. */
+static LEDPI_INLINE double roughly_of(const double *total, const double *sum, const Prior *prior, double least,
+                                      const ptrdiff_t waves) {
+    double squares = 0.0, det = 1.0;
     for (ptrdiff_t k = 0; k < waves; k++) {
         double own[NUMBERS];
         for (int n = 0; n < NUMBERS; n++) {
@@ -51,21 +68,46 @@ static LEDPI_INLINE double roughly_of(const Evidence *evidence, const double *nu
             own[n] = waves == 2 ? (k == 0 ? all - in_white : in_white) : (n < 2 ? all - 2.0 * in_white : all);
         }
         const double x = own[0], y = own[1], b = own[3];
-        const double a = own[2] + 1.0 / evidence->prior[2 * k], d = own[4] + 1.0 / evidence->prior[2 * k + 1];
+        const double a = own[2] + prior->inverse[2 * k], d = own[4] + prior->inverse[2 * k + 1];
         const double of_wave = a * d - b * b;
         squares += (d * x * x - 2.0 * b * x * y + a * y * y) / of_wave;
         det *= of_wave;
     }
-    if (det >= known->of_prior && 0.5 * (squares - known->log_of_prior) <= least) return -INFINITY; /* no logarithm asked */
+    if (det >= prior->determinant && 0.5 * (squares - prior->log_determinant) <= least) return -INFINITY; /* no logarithm */
     const double likelihood = 0.5 * (squares - log(det));
     return isnan(likelihood) ? INFINITY : likelihood;
 }
 
+/* The `most` of `words` (count, cells) that are likeliest roughly, into `shortlist`, and how likely: `rough`. Returns how
+ * many there are. */
+static LEDPI_INLINE ptrdiff_t put_roughly(const Evidence *evidence, const double *numbers, const float *words, ptrdiff_t count,
+                                          ptrdiff_t most, int64_t *shortlist, double *rough, const ptrdiff_t waves) {
+    const ptrdiff_t cells = evidence->cells, each = numbers_of(waves), lanes = each / LANES;
+    const Prior prior = prior_of(evidence);
+    ptrdiff_t found = 0;
+    for (ptrdiff_t first = 0; first < count; first += TOGETHER) {
+        Lanes sums[TOGETHER][(MOST / 2 * NUMBERS + LANES - 1) / LANES] = {0};
+        const float *white[TOGETHER];
+        for (ptrdiff_t w = 0; w < TOGETHER; w++) white[w] = words + (first + w < count ? first + w : first) * cells;
+        for (ptrdiff_t c = 0; c < cells; c++)
+            for (ptrdiff_t n = 0; n < lanes; n++) {
+                const Lanes own = *(const Lanes *)(numbers + c * each + n * LANES);
+                for (ptrdiff_t w = 0; w < TOGETHER; w++) sums[w][n] += (double)white[w][c] * own;
+            }
+        for (ptrdiff_t w = 0; w < TOGETHER && first + w < count; w++) {
+            const double least = found < most ? -INFINITY : rough[most - 1];
+            const double own = roughly_of(numbers + cells * each, (const double *)sums[w], &prior, least, waves);
+            found = ledpi_put(first + w, own, found, most, shortlist, rough);
+        }
+    }
+    return found;
+}
+
 /* What follows is told for either number of parameters, as loops of a known length are unrolled. */
-LEDPI_WIDE static double roughly(const Evidence *evidence, const double *numbers, const float *white, double least,
-                                 const Determinant *known) {
-    return evidence->parameters == 4 ? roughly_of(evidence, numbers, white, least, known, 2)
-                                     : roughly_of(evidence, numbers, white, least, known, 1);
+LEDPI_WIDE static ptrdiff_t roughly(const Evidence *evidence, const double *numbers, const float *words, ptrdiff_t count,
+                                    ptrdiff_t most, int64_t *shortlist, double *rough) {
+    return evidence->parameters == 4 ? put_roughly(evidence, numbers, words, count, most, shortlist, rough, 2)
+                                     : put_roughly(evidence, numbers, words, count, most, shortlist, rough, 1);
 }
 
 static LEDPI_INLINE void gather_of(const Evidence *evidence, const double *shares, double matrix[MOST][MOST], double *right,
@@ -227,7 +269,7 @@ ptrdiff_t ledpi_likeliest(ptrdiff_t cells, ptrdiff_t parameters, const double *s
                           const double *prior, const float *words, ptrdiff_t count, ptrdiff_t most, int64_t *chosen,
                           uint8_t *silent, double *numbers) {
     const Evidence evidence = {cells, parameters, score, information, prior};
-    const ptrdiff_t size = cells * parameters, of_numbers = (cells + 1) * (parameters / 2 * NUMBERS);
+    const ptrdiff_t size = cells * parameters, of_numbers = (cells + 1) * numbers_of(parameters / 2);
     double *likelihood = numbers, *bands = likelihood + most, *deviation = bands + parameters, *shown = deviation + parameters;
     double *gain = shown + size, *negative = gain + cells, *of_cells = negative + 1, *one_class = of_cells + 1;
     double *beyond = one_class + 1;
@@ -236,14 +278,8 @@ ptrdiff_t ledpi_likeliest(ptrdiff_t cells, ptrdiff_t parameters, const double *s
     double *of_cell = matrix + size * (size + 1), *rough = of_cell + of_numbers;
     int64_t *shortlist = (int64_t *)(rough + most);
     put_numbers(&evidence, of_cell);
-    ptrdiff_t found = 0, kept = 0;
-    Determinant known = {1.0, 0.0};
-    for (ptrdiff_t i = 0; i < parameters; i++) known.of_prior /= prior[i], known.log_of_prior -= log(prior[i]);
-    for (ptrdiff_t word = 0; word < count; word++) {
-        const double least = found < most ? -INFINITY : rough[most - 1];
-        const double own = roughly(&evidence, of_cell, words + word * cells, least, &known);
-        found = ledpi_put(word, own, found, most, shortlist, rough);
-    }
+    const ptrdiff_t found = roughly(&evidence, of_cell, words, count, most, shortlist, rough);
+    ptrdiff_t kept = 0;
     for (ptrdiff_t n = 0; n < found; n++) {
         double own_bands[MOST], own_deviation[MOST];
         const double own = exactly(&evidence, words + shortlist[n] * cells, false, shown, own_bands, own_deviation);
