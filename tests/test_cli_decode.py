@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
+import signal
 import subprocess
 import sys
 from collections.abc import Callable
@@ -201,7 +202,7 @@ def test_progress_is_shown_on_a_terminal_only(kept: Path) -> None:
             [*COMMAND, str(kept / "one")], cwd=ROOT, stdout=subprocess.PIPE, stderr=slave, text=True, timeout=60
         )
         os.set_blocking(master, False)
-        shown = os.read(master, 100_000).decode()
+        shown = os.read(master, 100_000).decode(errors="ignore")  # a long one is cut somewhere
     finally:
         os.close(slave)
         os.close(master)
@@ -424,3 +425,29 @@ def test_a_recording_and_an_override_that_contradict_each_other_are_told(ledpi: 
     overrides = ("--set", "panels.black_hz=1300", "--set", "panels.overrides={7: {white_hz: 1250}}")
     line = complaint(ledpi(*overrides, kept / "one"))
     assert "black_hz and white_hz must differ" in line
+
+
+def test_a_name_that_is_too_long_is_one_line(ledpi: Run) -> None:
+    """The operating system refuses even to look for it."""
+    assert complaint(ledpi("n" * 300)) == f"ledpi: {'n' * 300}: File name too long"
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+def test_a_full_disk_behind_the_output_is_one_line(kept: Path) -> None:
+    """`ledpi decode take > file` where nothing more fits, as /dev/full plays it."""
+    with open("/dev/full", "w", encoding="utf-8") as full:
+        done = subprocess.run([*COMMAND, str(kept / "one")], cwd=ROOT, stdout=full, stderr=subprocess.PIPE, text=True)
+    assert (done.returncode, done.stderr) == (2, "ledpi: standard output: No space left on device\n")
+
+
+def test_a_name_with_a_line_break_is_one_line(ledpi: Run) -> None:
+    """The break is shown as it would be typed."""
+    assert complaint(ledpi("a\nb")) == "ledpi: a\\nb: no such file or folder"
+
+
+def test_ctrl_c_before_a_command_has_begun_is_no_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Loading what the commands need takes longest of all that happens before."""
+    monkeypatch.setattr("ledpi.cli._add_commands", lambda: signal.raise_signal(signal.SIGINT))
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 130

@@ -25,7 +25,25 @@ app = typer.Typer(
 
 
 def main() -> None:
-    """Entry point. A LedpiError is one line on standard error and exit status 2, or 1 where trying again may help."""
+    """Entry point. What a user can put right is one line on standard error and exit status 2, or 1 where trying again
+    may help. So is what the operating system refuses and no command has foreseen. After Ctrl-C the status is 130.
+    """
+    try:
+        _add_commands()
+        try:
+            app()
+        finally:
+            if sys.stdout is not None:
+                sys.stdout.flush()  # here, as Python itself could only print a traceback at the end
+    except LedpiError as error:
+        _end(str(error), 1 if isinstance(error, CameraLostError) else 2)
+    except OSError as error:  # a name that is too long, or a full disk behind `> file`
+        _end(f"{error.filename or 'standard output'}: {error.strerror or error}", 2)
+    except KeyboardInterrupt:  # before a command has begun; typer sees to the later ones
+        sys.exit(130)
+
+
+def _add_commands() -> None:
     from ledpi.cli import (  # noqa: F401, each adds its command to `app`
         calibrate,
         calibrate_board,
@@ -48,8 +66,13 @@ def main() -> None:
         snapshot,
     )
 
+
+def _end(message: str, status: int) -> None:
+    """Ends with one line, also where a file's name or a key holds a line break."""
+    print("ledpi: " + "".join(c if c.isprintable() else repr(c)[1:-1] for c in message), file=sys.stderr)
     try:
-        app()
-    except LedpiError as error:
-        print(f"ledpi: {error}", file=sys.stderr)
-        sys.exit(1 if isinstance(error, CameraLostError) else 2)
+        if sys.stdout is not None:
+            sys.stdout.flush()
+    except OSError:  # what could not be written is given up, or Python would try once more
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    sys.exit(status)
