@@ -65,7 +65,7 @@ def load_layout(path: Path) -> PanelMap:
     """Reads a field layout. Raises ConfigError with file and key."""
     try:
         raw = json.loads(read_text(path, ConfigError))
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise ConfigError(f"{path}: not valid JSON: {error}") from None
     if not isinstance(raw, dict):
         raise ConfigError(f"{path}: must be a field layout, an object with `tags`")

@@ -66,7 +66,8 @@ class _Panel(_Part):
     def _turned_once(self) -> _Panel:
         angles = (self.yaw_deg, self.pitch_deg, self.roll_deg)
         if (self.quaternion_wxyz is None) == all(angle is None for angle in angles):
-            raise ValueError("must have either quaternion_wxyz, or yaw_deg (with pitch_deg and roll_deg where not 0)")
+            wanted = "either quaternion_wxyz, or where it faces: yaw_deg, pitch_deg, roll_deg, one of them at least"
+            raise ValueError(f"must have {wanted}")
         return self
 
     def map_from_marker(self) -> Floats:

@@ -87,7 +87,7 @@ MISTAKES = [
     (f"panels: {{7: {{{PLACE}, yaw_rad: 0}}}}", "panels.7.yaw_rad: unknown key; did you mean yaw_deg?"),
     (f"panels: {{7: {{{PLACE}, yaw_deg: 0, side_m: 0}}}}", "panels.7.side_m: must be greater than 0"),
     (f"panels: {{7: {{{PLACE}, yaw_deg: 0, side_m: 160}}}}", "panels.7.side_m: must be less than or equal to 10"),
-    (f"panels: {{7: {{{PLACE}}}}}", "panels.7: must have either quaternion_wxyz, or yaw_deg"),
+    (f"panels: {{7: {{{PLACE}}}}}", "panels.7: must have either quaternion_wxyz, or where it faces: yaw_deg"),
     (f"panels: {{7: {{{PLACE}, yaw_deg: 0, quaternion_wxyz: [1, 0, 0, 0]}}}}", "panels.7: must have either"),
     (f"panels: {{-7: {{{PLACE}, yaw_deg: 0}}}}", "panels.-7: must be greater than or equal to 0"),
     (f"panels: {{7: {{{PLACE}, yaw_deg: yes}}}}", "panels.7.yaw_deg: takes no true or false"),
@@ -229,3 +229,30 @@ def test_map_import_and_export_keep_the_older_file(tmp_path: Path) -> None:
     assert failed.returncode == 2
     assert "Traceback" not in failed.stderr
     assert (tmp_path / "markers.yaml").read_text() == before
+
+
+def test_a_device_is_never_put_aside_for_a_map(tmp_path: Path) -> None:
+    """An older *file* is renamed. A pipe or /dev/null in its place is not: others need it."""
+    layout, pipe = tmp_path / "layout.json", tmp_path / "pipe"
+    layout.write_text(json.dumps(LAYOUT))
+    os.mkfifo(pipe)
+    failed = ledpi("map", "import", layout, pipe, cwd=tmp_path)
+    assert failed.returncode == 2
+    assert "pipe: is no file but a device" in failed.stderr
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["layout.json", "pipe"]
+
+
+def test_a_layout_nested_without_end_is_refused(tmp_path: Path) -> None:
+    """What the JSON reader gives up on is named like any other mistake."""
+    file = tmp_path / "layout.json"
+    file.write_text("[" * 100_000)
+    with pytest.raises(ConfigError, match=r"layout\.json: not valid JSON"):
+        load_layout(file)
+
+
+@pytest.mark.parametrize("field", [("nan", "3"), ("0", "3")])
+def test_a_field_has_a_size(tmp_path: Path, field: tuple[str, str]) -> None:
+    """JSON has no NaN, and a field of no length no place for a panel."""
+    failed = ledpi("map", "export", "markers.yaml", "--field", *field, cwd=tmp_path)
+    assert failed.returncode == 2
+    assert f"--field {field[0]} 3: must be two lengths above 0" in failed.stderr

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from pathlib import Path
 
 from ledpi.errors import CalibrationError
@@ -17,15 +18,17 @@ def write_keeping_old(path: Path, text: str) -> Path | None:
     try:
         fresh.write_text(text, encoding="utf-8")
     except OSError as error:
+        _forget(fresh)
         raise CalibrationError(f"{path}: cannot be written: {error.strerror}") from None
     return keep_old(path, fresh)
 
 
 def keep_old(path: Path, fresh: Path) -> Path | None:
     """Puts the file `fresh` in the place of `path`, as `write_keeping_old` does."""
-    if path.is_dir():
+    if path.exists() and not path.is_file():
         fresh.unlink()
-        raise CalibrationError(f"{path}: is a folder; must be the file to write")
+        what = "a folder" if path.is_dir() else "no file but a device, or the like, which must not be renamed"
+        raise CalibrationError(f"{path}: is {what}; must be the file to write")
     kept = _next_backup(path) if path.exists() else None
     try:
         if kept is not None:
@@ -34,6 +37,11 @@ def keep_old(path: Path, fresh: Path) -> Path | None:
     except OSError as error:
         raise CalibrationError(f"{path}: cannot be written: {error.strerror}") from None
     return kept
+
+
+def _forget(half_written: Path) -> None:
+    with contextlib.suppress(OSError):
+        half_written.unlink(missing_ok=True)
 
 
 def _next_backup(path: Path) -> Path:

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import typer
 
 from ledpi.cli import app
+from ledpi.errors import ConfigError
 
 map_app = typer.Typer(
     name="map",
-    help="Maps of panels: markers.yaml from and to WPILib's AprilTag field layout.",
+    help="Maps of panels, from and to WPILib's AprilTag field layout.\n\n"
+    "Example: ledpi map import 2024-crescendo.json markers.yaml",
     no_args_is_help=True,
     rich_markup_mode=None,
 )
@@ -39,9 +42,13 @@ def import_(
 def export(
     markers: Path = typer.Argument(help="markers.yaml."),
     out: Path = typer.Argument(Path("layout.json"), help="File to write; an older one is kept as NAME.bak-1."),
-    field: tuple[float, float] = typer.Option((16.54, 8.21), help="Length and width of the field, in metres."),
+    field: tuple[float, float] = typer.Option(
+        (16.54, 8.21), metavar="LENGTH WIDTH", help="Of the field, in metres."
+    ),
 ) -> None:
-    """markers.yaml → WPILib's AprilTag field layout, which PhotonVision and robot code read. Sizes are not in it.
+    """markers.yaml → WPILib's AprilTag field layout.
+
+    PhotonVision and robot code read it. Sizes are not in it.
 
     Example: ledpi map export markers.yaml layout.json --field 12 8
     """
@@ -49,6 +56,8 @@ def export(
     from ledpi.map_wpilib import layout_text
     from ledpi.map_yaml import load_map
 
+    if not all(math.isfinite(metres) and metres > 0 for metres in field):
+        raise ConfigError(f"--field {field[0]:g} {field[1]:g}: must be two lengths above 0, in metres")
     panels = load_map(markers)
     kept = write_keeping_old(out, layout_text(panels, field))
     typer.echo(f"{out} written, {len(panels)} panels" + (f"; the older one is kept as {kept}" if kept else ""))
