@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from typer.main import get_command
@@ -44,6 +46,35 @@ def test_when_a_lost_camera_is_given_up(document: str) -> None:
     text = (ROOT / document).read_text(encoding="utf-8")
     said = re.findall(r"[Aa]fter (\d+) s\s(?:without a frame|it ends|ends)", text)
     assert said == [f"{DEADLINE_S:g}"]
+
+
+def commands(group: Any, path: str = "ledpi") -> Iterator[tuple[str, Any]]:
+    """Every command and group, with what is typed to call it."""
+    for name, command in group.commands.items():
+        yield f"{path} {name}", command
+        if hasattr(command, "commands"):
+            yield from commands(command, f"{path} {name}")
+
+
+def test_the_help_of_every_command_has_an_example(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One that calls this very command."""
+    monkeypatch.setattr("sys.argv", ["ledpi", "--help"])
+    with pytest.raises(SystemExit):
+        main()  # loads the commands
+    without = [path for path, command in commands(get_command(app)) if f"Example: {path}" not in command.help]
+    assert without == []
+
+
+@pytest.mark.parametrize("group", [[], ["calibrate"], ["panel"], ["map"]])
+def test_a_list_of_commands_is_not_cut_short(
+    group: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """What a command does fits into the 80 columns of its group's help."""
+    monkeypatch.setattr("sys.argv", ["ledpi", *group, "--help"])
+    with pytest.raises(SystemExit):
+        main()
+    listed = capsys.readouterr().out.partition("Commands:")[2].splitlines()
+    assert [line for line in listed if line.endswith("...")] == []
 
 
 def test_the_readme_lists_every_command(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -34,7 +34,9 @@ def camera(
     config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
     set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
 ) -> None:
-    """Views of a chessboard or ChArUco board → camera.yaml (ROS camera_info form), and a picture of them beside it.
+    """Views of a chessboard or ChArUco board → camera.yaml.
+
+    That is in ROS camera_info form; a picture of the views is written beside it.
 
     Live, it says how to hold the board next, sets exposure and gain by it, and takes each view by itself once the
     board is at rest; Ctrl-C ends early. A recording is looked at in the same way. Pictures in a folder must be of

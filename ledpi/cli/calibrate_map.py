@@ -29,10 +29,11 @@ def map_(
     config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
     set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
 ) -> None:
-    """A drive past the panels → markers.yaml, with deviations, and the map from above as a picture beside it.
+    """A drive past the panels → markers.yaml.
 
-    Drive slowly, so that each panel is seen together with its neighbours, from several places. Without --position
-    and --yaw-deg the origin panel is at 0 0 0 and the map's x comes out of it; what matters is that it hangs upright.
+    With deviations, and the map from above as a picture beside it. Drive slowly, so that each panel is seen
+    together with its neighbours, from several places. Without --position and --yaw-deg the origin panel is at 0 0 0
+    and the map's x comes out of it; what matters is that it hangs upright.
 
     Example: ledpi calibrate map drive --origin 7 --position 4 1.2 1.5 --yaw-deg 180
     """

@@ -30,11 +30,12 @@ def panel(
     config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
     set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
 ) -> None:
-    """What the panels in view really blink at → panels.overrides in config.yaml; an older file is kept.
+    """What the panels in view really blink at → config.yaml.
 
-    Camera and panel at rest, the panel at a metre or so. Frequencies are sought within 15 % of what the
-    configuration (or the recording) announces; of a panel that is as announced only the day is noted. Says too
-    where an exposure or a frame period suits these frequencies badly, and which would be better.
+    It is written to panels.overrides, and an older file is kept. Camera and panel at rest, the panel at a metre or
+    so. Frequencies are sought within 15 % of what the configuration (or the recording) announces; of a panel that
+    is as announced only the day is noted. Says too where an exposure or a frame period suits these frequencies
+    badly, and which would be better.
 
     Of photographs, each of one blinking lamp, the frequency is told to a tenth of a percent, and nothing is
     written: a first look at an LED and its driver.

@@ -26,11 +26,11 @@ def shutter(
     config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
     set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
 ) -> None:
-    """Row time and real exposure, from a panel whose frequencies are known, as a crystal's are.
+    """Row time and real exposure, measured with a panel.
 
-    Camera and panel at rest, the panel at a metre or so. Where the driver misreports the row time, the measured
-    one is written to camera.row_time_us in config.yaml; what was measured is noted in camera.yaml too, if there is
-    one. Older files are kept.
+    Its frequencies must be known, as a crystal's are. Camera and panel at rest, the panel at a metre or so. Where
+    the driver misreports the row time, the measured one is written to camera.row_time_us in config.yaml; what was
+    measured is noted in camera.yaml too, if there is one. Older files are kept.
 
     Example: ledpi calibrate shutter --set panels.black_hz=1250 --set panels.white_hz=2450
     """

@@ -35,11 +35,11 @@ def decode(
         None, "--steps", metavar="DIR", help="Also draw the method's steps: a picture a frame, DIR/NNNNNN.png."
     ),
 ) -> None:
-    """Recordings or pictures → one JSON object a frame, on standard output.
+    """Recordings or pictures → one JSON object a frame.
 
-    A recording brings its own camera and panel values; for pictures they come from the configuration. A
-    picture that cannot be read is named on standard error, the others are still decoded, and the exit status
-    is 2. Where there are several recordings, --steps gives each a folder of its name.
+    They go to standard output, a line each. A recording brings its own camera and panel values; for pictures they
+    come from the configuration. A picture that cannot be read is named on standard error, the others are still
+    decoded, and the exit status is 2. Where there are several recordings, --steps gives each a folder of its name.
 
     Example: ledpi decode --single-frame recordings/static | jq .markers
     """

@@ -26,10 +26,10 @@ def doctor(
     set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
     as_json: bool = typer.Option(False, "--json", help="One JSON object, with a list of findings."),
 ) -> None:
-    """One page of ✓ and ✗, each ✗ with what to do; · could not be looked at here.
+    """One page of ✓ and ✗, each ✗ with what to do.
 
-    Exit status 0 where `ledpi run` would run with this configuration, else 1. The camera must be free: stop the
-    daemon first (sudo systemctl stop ledpi).
+    What has a · could not be looked at here. Exit status 0 where `ledpi run` would run with this configuration,
+    else 1. The camera must be free: stop the daemon first (sudo systemctl stop ledpi).
 
     Example: ledpi doctor --config /etc/ledpi/config.yaml
     """

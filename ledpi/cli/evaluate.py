@@ -62,7 +62,7 @@ def evaluate(
     config: Path | None = typer.Option(None, "--config", help="Its panels, in place of the paper's of 16 cm."),
     set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
 ) -> None:
-    """How often panels are read, how exactly, and what is mistaken for one.
+    """How often and how exactly panels are read; false IDs on decoys.
 
     Frames are rendered, with a seed; or they are those of a recording, whose panel's distance and angle are
     given. Results go to DIR: results.csv, evaluation.md, plots. A run that is broken off goes on where it was.

@@ -34,10 +34,10 @@ def monitor(
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object a message.")] = False,
     seconds: Annotated[float | None, typer.Option(min=0, help="Stop after this time.")] = None,
 ) -> None:
-    """Print the serial stream; at the end, say how many packets were lost or bad.
+    """Print the serial stream.
 
-    Ends with Ctrl-C, after --seconds, or when the other end hangs up. Exit status 2 if the port cannot be
-    opened, or carries MAVLink, which autopilots' own tools show.
+    At the end it says how many packets were lost or bad. Ends with Ctrl-C, after --seconds, or when the other end
+    hangs up. Exit status 2 if the port cannot be opened, or carries MAVLink, which autopilots' own tools show.
 
     Example: ledpi monitor /dev/ttyUSB0 --json
     """

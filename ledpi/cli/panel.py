@@ -6,7 +6,11 @@ import typer
 
 from ledpi.cli import app
 
-panel = typer.Typer(help="Designs and builds the panels.", no_args_is_help=True, rich_markup_mode=None)
+panel = typer.Typer(
+    help="Designs and builds the panels.\n\nExample: ledpi panel sheet 7 --out sheet",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+)
 app.add_typer(panel, name="panel")
 
 

@@ -39,10 +39,11 @@ def design(
     config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
     set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
 ) -> None:
-    """Ranks pairs of frequencies, each with a frame period, by what they let the decoder know.
+    """Ranks pairs of frequencies by what they tell the decoder.
 
-    Shows the best five beside the configuration's own, how far each is read, and the lines for config.yaml.
-    With --check judges one pair instead: exit status 1, and the reasons, where it cannot be used.
+    Each has a frame period with it. Shows the best five beside the configuration's own, how far each is read, and
+    the lines for config.yaml. With --check judges one pair instead: exit status 1, and the reasons, where it cannot
+    be used.
 
     Example: ledpi panel design --side 0.3 --distance 2 --distance 10 --out design
 

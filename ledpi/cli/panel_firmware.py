@@ -39,10 +39,11 @@ def firmware(
     config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
     set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
 ) -> None:
-    """The driver's firmware for an ATmega328P (Arduino Uno, Nano): sources, and where avr-gcc is here, the .hex.
+    """A panel driver's program, for an Arduino Uno or Nano.
 
-    Dictionary and exposure are the configuration's. A frequency that the timer cannot make to 100 ppm is refused, and
-    so is one whose bands the exposure would average away.
+    Sources for its ATmega328P, and the .hex where avr-gcc is installed. Dictionary and exposure are the
+    configuration's. A frequency that the timer cannot make to 100 ppm is refused, and so is one whose bands the
+    exposure would average away.
 
     Example: ledpi panel firmware --id 7 --black 1250 --white 2450 --out panel7
 

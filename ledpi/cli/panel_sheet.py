@@ -29,9 +29,10 @@ def sheet(
     config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
     set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
 ) -> None:
-    """Wiring and build sheets: classes from both sides, circuit, parts, and the panel at 1 : 1.
+    """Wiring and build sheets, true to scale.
 
-    Dictionary, size and frequencies are the configuration's.
+    Classes from both sides, circuit, parts, and the panel at 1 : 1. Dictionary, size and frequencies are the
+    configuration's.
 
     Example: ledpi panel sheet 7 23 --out sheets --supply 12 --led-ma 15
     """

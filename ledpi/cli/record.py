@@ -31,10 +31,11 @@ def record(
     config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
     set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
 ) -> None:
-    """Record the camera at its full rate, with all that `ledpi decode` needs, and decode live meanwhile.
+    """Record the camera at its full rate, and decode live meanwhile.
 
-    What was decoded live is in OUT/live.jsonl; `ledpi decode --as-live OUT` gives the same again. Ctrl-C ends it early;
-    what was recorded until then is whole, also where the disk was full. A frame takes some 170 kB.
+    The recording holds all that `ledpi decode` needs. What was decoded live is in OUT/live.jsonl; `ledpi decode
+    --as-live OUT` gives the same again. Ctrl-C ends it early; what was recorded until then is whole, also where the
+    disk was full. A frame takes some 170 kB.
 
     Example: ledpi record takes/kitchen --seconds 30
     """

@@ -19,8 +19,9 @@ def run(
     unpaced: bool = typer.Option(False, "--unpaced", help="Replays and the simulator: as fast as they decode."),
     frames: int | None = typer.Option(None, "--frames", min=1, help="Replays and the simulator: end after so many."),
 ) -> None:
-    """Decode the camera's frames and stream poses to the serial port, until Ctrl-C or SIGTERM.
+    """The daemon: camera to serial line, until Ctrl-C or SIGTERM.
 
+    It decodes the camera's frames and streams IDs and poses to the serial port, which need not be there yet.
     Each second one line on standard error says how it goes; as a service, each minute. SIGHUP reads the
     configuration again; where it is bad, the old one stays.
 

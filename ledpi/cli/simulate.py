@@ -46,7 +46,7 @@ def simulate(
     config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
     set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
 ) -> None:
-    """Render panels through the rolling-shutter simulator: a recording with truth.jsonl.
+    """Simulated panels → a recording, with truth.jsonl.
 
     Camera and panels are the configuration's; without one, panels of 16 cm.
 

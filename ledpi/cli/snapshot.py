@@ -43,8 +43,9 @@ def snapshot(
     method: str | None = typer.Option(None, "--method", help="Overrides decode.method: soft or bands."),
     steps: bool = typer.Option(False, "--steps", help="Draw the method's steps, one by one, instead."),
 ) -> None:
-    """One frame as an annotated picture: bands amplified, cells, poses, and what was dropped, and why.
+    """One frame as an annotated picture.
 
+    It shows the bands, amplified, the cells, the poses, and what was dropped and why.
     The frame is decoded alone, without memory of those before. One line on standard output says what was read.
 
     Example: ledpi snapshot recordings/drive --frame 42 --out frame42.png
