@@ -35,6 +35,9 @@ from ledpi.records import PanelSpec, Phase, Transfer
 SEARCH_PATH = (Path("config.yaml"), Path("/etc/ledpi/config.yaml"))
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+# What lies outside these was given in another unit: kilohertz, seconds, nanoseconds.
+Hertz = Annotated[float, Field(ge=10, le=1_000_000, allow_inf_nan=False)]
+Microseconds = Annotated[float, Field(ge=1, le=10_000_000, allow_inf_nan=False)]
 SideM = Annotated[float, Field(gt=0, le=10, allow_inf_nan=False)]  # a larger one was given in millimetres
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Duty = Annotated[float, Field(gt=0, lt=1)]
@@ -42,7 +45,7 @@ Gain = Annotated[float, Field(ge=1, le=64)]
 _Auto = Annotated[Literal["auto"], Tag("auto")]
 # Only the branch that was meant is tried, so that a wrong number gives one message and not one a branch.
 _number_or_auto = Discriminator(lambda value: "auto" if value == "auto" else "number")
-PositiveOrAuto = Annotated[Annotated[Positive, Tag("number")] | _Auto, _number_or_auto]
+MicrosecondsOrAuto = Annotated[Annotated[Microseconds, Tag("number")] | _Auto, _number_or_auto]
 GainOrAuto = Annotated[Annotated[Gain, Tag("number")] | _Auto, _number_or_auto]
 
 
@@ -71,7 +74,7 @@ def _known_dictionary(name: str) -> str:
 
 
 class NoBooleans(BaseModel):
-    """What a person has written, where true is not taken for 1."""
+    """What a person has written, where true is not taken for 1, and no name holds a character that no file's can."""
 
     @field_validator("*", mode="before")
     @classmethod
@@ -79,6 +82,13 @@ class NoBooleans(BaseModel):
         """YAML reads yes, no, on, off as booleans, and pydantic a boolean as the number 1 or 0."""
         if isinstance(value, bool) and cls.model_fields[str(info.field_name)].annotation is not bool:
             raise ValueError("takes no true or false (which YAML also reads from yes, no, on and off)")
+        return value
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _has_no_null(cls, value: object) -> object:
+        if isinstance(value, str) and "\0" in value:
+            raise ValueError("must hold no null character")
         return value
 
 
@@ -99,18 +109,18 @@ class CameraSettings(_Section):
     source: Annotated[str, BeforeValidator(_known_source)] = "picamera2"
     width: Annotated[int, Field(ge=32, le=8192)] = 640
     height: Annotated[int, Field(ge=32, le=8192)] = 480
-    exposure_us: Positive = 10000.0
-    frame_duration_us: PositiveOrAuto = "auto"
+    exposure_us: Microseconds = 10000.0
+    frame_duration_us: MicrosecondsOrAuto = "auto"
     analogue_gain: GainOrAuto = "auto"
-    row_time_us: PositiveOrAuto = "auto"
+    row_time_us: MicrosecondsOrAuto = "auto"
     transfer: Literal["auto", Transfer] = "auto"
     intrinsics: Path | None = None
 
 
 class PanelOverride(_Section):
     side_m: SideM | None = None
-    black_hz: Positive | None = None
-    white_hz: Positive | None = None
+    black_hz: Hertz | None = None
+    white_hz: Hertz | None = None
     duty: Duty | None = None
     phase: Phase | None = None
     measured: date | None = None  # by `ledpi calibrate panel`
@@ -119,8 +129,8 @@ class PanelOverride(_Section):
 class PanelSettings(_Section):
     dictionary: Annotated[str, AfterValidator(_known_dictionary)] = "DICT_4X4_50"
     side_m: SideM
-    black_hz: Positive = 1250.0
-    white_hz: Positive = 2450.0
+    black_hz: Hertz = 1250.0
+    white_hz: Hertz = 2450.0
     duty: Duty = 0.5
     phase: Phase = "free"
     upright: StrictBool = False  # all hang with their y axis up, on walls
@@ -195,6 +205,8 @@ def load_config(path: Path | None, overrides: tuple[str, ...] = ()) -> Config:
     Without a file the overrides alone must hold what has no default (`panels.side_m`).
     Raises ConfigError.
     """
+    if path is None and not overrides:
+        raise ConfigError("no configuration: --config FILE, ./config.yaml or /etc/ledpi/config.yaml")
     where = str(path) if path is not None else "configuration"
     raw = _sections(path) if path is not None else {}
     raw.setdefault("panels", {})  # so that the message names the key that must be given

@@ -52,6 +52,8 @@ def read_dictionary(path: Path) -> Dictionary:
     `nmarkers` (count), `markersize` (cells a side) and `marker_0`, `marker_1`, …: the cells of each word from the top
     left, row by row, 1 for white. Raises ValueError naming file, key, what is wrong and what would be right.
     """
+    if not path.is_file():  # of which OpenCV would print a line of its own
+        raise ValueError(f"{path}: no such file; must be a dictionary, as OpenCV's writeDictionary writes it")
     try:
         storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
     except (cv2.error, SystemError):  # OpenCV's way to say that it is neither YAML nor JSON

@@ -31,7 +31,7 @@ class _UniqueKeys(yaml.SafeLoader):
 def read_text(path: Path, error: type[LedpiError]) -> str:
     """The file's text. Raises `error` where it cannot be read, or is not UTF-8."""
     try:
-        return path.read_text(encoding="utf-8")
+        return path.read_text(encoding="utf-8-sig")  # some editors begin a file with a mark
     except OSError as caught:
         raise error(f"{path}: cannot be read: {caught.strerror}") from None
     except UnicodeDecodeError as caught:

@@ -24,6 +24,10 @@ Real = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Positive = Annotated[float, Field(strict=True, gt=0, allow_inf_nan=False)]
 Natural = Annotated[int, Field(strict=True, ge=0, lt=2**63)]
 Size = Annotated[int, Field(strict=True, ge=1, le=16384)]
+Rows = Annotated[int, Field(strict=True, ge=1, le=10_000_000)]  # of a frame: a second of the shortest rows, and more
+# What lies outside these was given in another unit, as in the configuration.
+Hertz = Annotated[float, Field(strict=True, ge=10, le=1_000_000, allow_inf_nan=False)]
+RowTime = Annotated[float, Field(strict=True, ge=1, le=10_000_000, allow_inf_nan=False)]
 Point = tuple[Real, Real]
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -45,10 +49,10 @@ def _inside_the_folder(name: str) -> str:
 class CameraSection(BaseModel):
     width: Size
     height: Size
-    row_time_us: Positive
+    row_time_us: RowTime
     exposure_us: Positive
     transfer: Transfer
-    frame_length_rows: Size | None = None  # a V4L2 camera cannot tell
+    frame_length_rows: Rows | None = None  # a V4L2 camera cannot tell
     fx: Positive | None = None  # fx to distortion: all, or none where the camera was not calibrated
     fy: Positive | None = None
     cx: Real | None = None
@@ -59,8 +63,8 @@ class CameraSection(BaseModel):
 class PanelSection(BaseModel):
     dictionary: Annotated[str, AfterValidator(_known_dictionary)]
     side_m: Positive
-    black_hz: Positive
-    white_hz: Positive
+    black_hz: Hertz
+    white_hz: Hertz
     duty: Annotated[float, Field(strict=True, gt=0, lt=1)]
     phase: Phase = "free"
 
@@ -149,7 +153,7 @@ def _checked(model: type[Model], raw: dict[str, Any], where: str) -> Model:
         key = ".".join(str(part) for part in first["loc"])
         if first["type"] == "missing":
             raise RecordingError(f"{where}: {key}: is missing; must be given") from None
-        message = first["msg"].removeprefix("Value error, ")
+        message = first["msg"].removeprefix("Value error, ").replace("Input should be", "must be")
         raise RecordingError(f"{where}: {key}: {message}, not {_shortened(first['input'])}") from None
 
 

@@ -96,8 +96,11 @@ MISTAKES = [
     ("camera.source=recording:", "camera.source: must be picamera2, simulated, recording:PATH or v4l2:"),
     ("camera.source=3", "camera.source: must be picamera2, simulated, recording:PATH or v4l2:"),
     ("camera.frame_duration_us=abc", "camera.frame_duration_us: must be a number or auto, not 'abc'"),
-    ("camera.row_time_us=0", "camera.row_time_us: must be greater than 0 or auto, not 0"),
+    ("camera.row_time_us=0", "camera.row_time_us: must be greater than or equal to 1 or auto, not 0"),
     ("camera.analogue_gain=0.5", "camera.analogue_gain: must be greater than or equal to 1 or auto, not 0.5"),
+    ("camera.row_time_us=3.367e-5", "camera.row_time_us: must be greater than or equal to 1 or auto, not 3.367e-05"),
+    ("camera.exposure_us=0.01", "camera.exposure_us: must be greater than or equal to 1, not 0.01"),
+    ("panels.black_hz=1.25", "panels.black_hz: must be greater than or equal to 10, not 1.25"),
     ("camera.exposure_us=long", "camera.exposure_us: must be a number, not 'long'"),
     ("camera.exposure_us=.inf", "camera.exposure_us: must be a finite number, not inf"),
     ("camera.width=640.5", "camera.width: must be a whole number, not 640.5"),
@@ -148,6 +151,26 @@ def test_missing_size_names_the_key(tmp_path: Path) -> None:
     """Without panels.side_m that very key is named, whether or not there is a panels section."""
     for text in ("{}", "panels: {}", "panels:"):
         assert message(write(tmp_path, text)).endswith("panels.side_m: must be given (it has no default)")
+
+
+def test_without_any_configuration_it_is_told_where_one_is_sought() -> None:
+    """Rather than which key is missing from none."""
+    assert message(None) == "no configuration: --config FILE, ./config.yaml or /etc/ledpi/config.yaml"
+
+
+@pytest.mark.parametrize(
+    ("key", "text"),
+    [
+        ("map", 'map: "a\\0b"'),
+        ("camera.intrinsics", 'camera: {intrinsics: "a\\0b"}'),
+        ("camera.source", 'camera: {source: "recording:a\\0b"}'),
+        ("serial.port", 'serial: {port: "a\\0b"}'),
+    ],
+)
+def test_a_name_that_no_file_can_have_is_refused(tmp_path: Path, key: str, text: str) -> None:
+    """The operating system would refuse it only later, and without the key."""
+    said = message(write(tmp_path, f"panels: {{side_m: 0.16}}\n{text}\n"))
+    assert f"config.yaml: {key}: must hold no null character" in said
 
 
 @pytest.mark.parametrize(

@@ -34,6 +34,13 @@ def test_what_is_no_yaml_is_one_line(tmp_path: Path, text: str) -> None:
         read_yaml(file, ConfigError)
 
 
+def test_a_byte_order_mark_is_no_part_of_the_text(tmp_path: Path) -> None:
+    """Some editors begin every file with one."""
+    file = tmp_path / "frames.jsonl"
+    file.write_bytes(b"\xef\xbb\xbf{}\n")
+    assert read_text(file, ConfigError) == "{}\n"
+
+
 def test_each_kind_of_file_has_its_own_error(tmp_path: Path) -> None:
     """The one that is asked for: missing, a folder, or no UTF-8."""
     (tmp_path / "latin.txt").write_bytes(b"caf\xe9")

@@ -308,10 +308,11 @@ def test_a_panel_that_does_not_fit_into_the_picture_is_refused() -> None:
         views_of(task(0.1))
 
 
-def test_too_far_to_sample_is_refused_with_the_farthest() -> None:
-    """A cell needs two pixels."""
-    with pytest.raises(ConfigError, match=r"--distance 20: .*too_small.*at most 12\.6"):
-        views_of(task(1.0, 20.0))
+@pytest.mark.parametrize("distance_m", [20.0, 1e6])
+def test_too_far_to_sample_is_refused_with_the_farthest(distance_m: float) -> None:
+    """A cell needs two pixels; of a panel a thousand kilometres away not even the corners differ."""
+    with pytest.raises(ConfigError, match=r"--distance (20|1e\+06): .*too_small.*at most 12\.6"):
+        views_of(task(1.0, distance_m))
 
 
 def test_what_is_certain_is_not_drawn() -> None:

@@ -214,3 +214,10 @@ def test_the_same_panel_gives_the_same_sheet(tmp_path: Path) -> None:
     for path in (one, two):
         write_pdf([pages()["front"]], path)
     assert one.read_bytes() == two.read_bytes()
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+def test_a_full_disk_is_one_error(tmp_path: Path) -> None:
+    """And not what matplotlib makes of it, which was an error of zlib's."""
+    with pytest.raises(OSError, match="No space left on device"):
+        write_pdf(list(pages().values()), Path("/dev/full"))

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from ledpi.cli import app
-from ledpi.errors import ConfigError, LedpiError
+from ledpi.errors import LedpiError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -53,8 +53,6 @@ def _findings(config: Path | None, set_: list[str]) -> Iterator[Finding]:
 
     file = find_config(config)
     try:
-        if file is None and not set_:
-            raise ConfigError("no configuration: --config FILE, ./config.yaml or /etc/ledpi/config.yaml")
         settings = load_config(file, tuple(set_))
     except LedpiError as error:
         yield bad("configuration", str(error), "put it right, and try again", stops_daemon=True)

@@ -44,8 +44,6 @@ def record(
     from ledpi.recorder import Recorded
 
     file = find_config(config)
-    if file is None and not set_:
-        raise ConfigError("no configuration: --config FILE, ./config.yaml or /etc/ledpi/config.yaml")
     settings = load_config(file, tuple(set_))
     camera = open_camera(settings, recover=True)
     try:

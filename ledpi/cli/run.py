@@ -9,7 +9,6 @@ from pathlib import Path
 import typer
 
 from ledpi.cli import app
-from ledpi.errors import ConfigError
 
 
 @app.command()
@@ -37,8 +36,6 @@ def run(
 
     log_to_standard_error()
     file = find_config(config)
-    if file is None and not set_:
-        raise ConfigError("no configuration: --config FILE, ./config.yaml or /etc/ledpi/config.yaml")
     service = Service(
         lambda: load_config(file, tuple(set_)),
         lambda settings: open_camera(settings, paced=not unpaced, frames=frames, recover=True),

@@ -50,8 +50,10 @@ def view_panel(
     """Pictures a steady panel, or says why its cells cannot be sampled from there."""
     scene = _steady_scene(sensor, cells, side_m, distance_m)
     renderer, lens = Renderer(scene, seed=0), scene.sensor.intrinsics
-    corners = scene_truth(scene, 0)[0].corners_px
-    quad = Quad(corners_px=corners, corner_sigma_px=_CORNER_SIGMA_PX)
+    seen = scene_truth(scene, 0)
+    if not seen:
+        return Rejected(stage="cells", reason="too_small")
+    quad = Quad(corners_px=seen[0].corners_px, corner_sigma_px=_CORNER_SIGMA_PX)
     shots = []
     for seq in range(frames):
         pixels = np.empty((lens.height, lens.width), np.uint8)

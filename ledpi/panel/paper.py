@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -68,10 +69,12 @@ class Page:
 
 def write_pdf(pages: Sequence[Page], path: Path) -> None:
     """All pages in one file."""
-    with matplotlib.rc_context(_STYLE), PdfPages(path, metadata={"CreationDate": None}) as pdf:
+    drawn = BytesIO()  # first in memory, as matplotlib itself stumbles over a disk that is full
+    with matplotlib.rc_context(_STYLE), PdfPages(drawn, metadata={"CreationDate": None}) as pdf:
         for page in pages:
             FigureCanvasPdf(page.figure)
             pdf.savefig(page.figure)
+    path.write_bytes(drawn.getvalue())
 
 
 def write_svg(page: Page, path: Path) -> None:
