@@ -30,6 +30,10 @@ from ledpi.records import Floats, PanelSpec
 PHASES = 32  # that are tried, of each class
 EVEN = 0.85  # of the light of the brightest tenth: what a bright point of a cell has on average
 MOST = 1.2  # of the bright level: what is brighter counts no more
+LOOKS = 2  # at the phases: by cells that are even, and by the profile that they then have
+# How sure it is beforehand that a cell is as bright as the others: as if so many of its points had said so. What points
+# differ by, once their profile is known, is about as much as gains differ, a seventh.
+SURE_POINTS = 1.0
 # What a lattice loses, per pixel of its area, for the square of the share by which its perspective is not a square's:
 # so little that only what dark rows leave open is decided by it.
 AS_A_SQUARE = 0.5
@@ -52,14 +56,14 @@ class Bands:
         """Of the square at `corners` (4,) in the window; None where nothing there is bright."""
         specs = tuple(specs)
         contrast = min_contrast(specs, window.frame.exposure_us)
-        if not (compiled() and min(window.light.shape) >= 2):
-            return cls._in_numpy(window, corners, cells, specs, contrast)
-        lattice = fine_lattice(cells)
         tables, a_row, antiphase = _waves_of(specs, window.frame.exposure_us, window.frame.row_time_us, window.shrink)
+        most = MOST / float(tables.max(axis=2).min())  # what is brightest here may be of the class that shows less
+        if not (compiled() and min(window.light.shape) >= 2):
+            return cls._in_numpy(window, corners, cells, specs, contrast, most)
+        lattice = fine_lattice(cells)
         found = kernel.bands_at(
             window.light,
-            window.dark,
-            contrast,
+            (window.dark, contrast, most),
             (lattice.across, lattice.down, lattice.of_cells),
             tables,
             (a_row * window.shrink, a_row * window.first.imag),
@@ -68,12 +72,12 @@ class Bands:
         )
         if found is None:
             return None
-        (dark, bright, spec, of_black, of_white, explained), white = found[0].tolist(), found[1]
-        return cls(dark, bright, np.array([of_black, of_white]) / PHASES, white, specs[int(spec)], explained)
+        (dark, bright, spec, of_black, of_white, explained, level), white = found[0].tolist(), found[1]
+        return cls(dark, dark + (bright - dark) * level / EVEN, np.array([of_black, of_white]) / PHASES, white, specs[int(spec)], explained)
 
     @classmethod
     def _in_numpy(
-        cls, window: Window, corners: Points, cells: int, specs: Sequence[PanelSpec], contrast: float
+        cls, window: Window, corners: Points, cells: int, specs: Sequence[PanelSpec], contrast: float, most: float
     ) -> Bands | None:
         lattice = fine_lattice(cells)
         x, y, _ = lattice_places(corners[None], lattice)
@@ -84,7 +88,7 @@ class Bands:
         if not bright > contrast * dark:
             return None
         dark = min(dark, window.dark)
-        relative = np.clip((light - dark) / (bright - dark), 0.0, MOST)
+        relative = np.clip((light - dark) / (bright - dark), 0.0, most)
         energy = max(float((lattice.of_cells * relative * relative).sum()), 1e-9)
         every = np.tile(np.arange(PHASES) / PHASES, (2, 1))
         fits = [
@@ -93,6 +97,7 @@ class Bands:
         ]
         best = max(range(len(specs)), key=lambda i: fits[i].explained)
         fit = fits[best]
+        bright = dark + (bright - dark) * fit.level / EVEN
         return cls(dark, bright, np.array(fit.phases) / PHASES, fit.white, specs[best], fit.explained / energy)
 
 
@@ -155,17 +160,35 @@ class _Phases:
     explained: float  # as a share of its area
     phases: tuple[int, int]  # of PHASES
     white: NDArray[np.bool_]  # (cells²,)
+    level: float  # relative light of a cell that is on all the time, on average
 
 
 def _fitted_phases(
     relative: Singles, share: Singles, rows: NDArray[np.int64], waves: Singles, spec: PanelSpec
 ) -> _Phases:
-    """Of relative light (cells², P) at a lattice's points, each of which has a share of the panel, in these rows."""
+    """Of relative light (cells², P) at a lattice's points, each of which has a share of the panel, in these rows.
+
+    First as if cells were even, of the usual brightness; then with the profile that they then have in common.
+    """
+    profile = np.full(relative.shape[1], EVEN)
+    for look in range(LOOKS):
+        found, shown = _phases_by(profile, relative, share, rows, waves, spec)
+        if look < LOOKS - 1:
+            of_light, of_shown = (share * relative * shown).sum(axis=0), (share * shown * shown).sum(axis=0)
+            profile = (of_light + EVEN * SURE_POINTS / share.size) / (of_shown + SURE_POINTS / share.size)
+    return found
+
+
+def _phases_by(
+    profile: Floats, relative: Singles, share: Singles, rows: NDArray[np.int64], waves: Singles, spec: PanelSpec
+) -> tuple[_Phases, Singles]:
+    """With a profile (P,) of cells, each of which has a gain of its own; and (cells², P) what their classes show."""
     cells, height = len(relative), waves.shape[2]
     index = (np.arange(cells)[:, None] * height + rows).reshape(-1)
-    light = np.bincount(index, (share * relative).reshape(-1), cells * height).reshape(cells, height)
-    count = np.bincount(index, share.reshape(-1), cells * height).reshape(cells, height)
-    black, white = (EVEN * (2 * light @ wave.T - EVEN * count @ np.square(wave).T) for wave in waves)
+    light = np.bincount(index, (share * relative * profile).reshape(-1), cells * height).reshape(cells, height)
+    lit = np.bincount(index, (share * profile * profile).reshape(-1), cells * height).reshape(cells, height)
+    sure = SURE_POINTS / share.size
+    black, white = (np.square(light @ wave.T + sure) / (lit @ np.square(wave).T + sure) - sure for wave in waves)
     either = np.maximum(black[:, :, None], white[:, None, :]).sum(axis=0)
     if spec.phase == "antiphase":  # white half a cycle after black
         opposite = np.arange(PHASES)
@@ -173,7 +196,9 @@ def _fitted_phases(
         tied[opposite, opposite - PHASES // 2] = either[opposite, opposite - PHASES // 2]
         either = tied
     of_black, of_white = divmod(int(either.argmax()), PHASES)
-    return _Phases(float(either.max()), (of_black, of_white), white[:, of_white] > black[:, of_black])
+    is_white = white[:, of_white] > black[:, of_black]
+    shown = np.where(is_white[:, None], waves[1, of_white][rows], waves[0, of_black][rows])
+    return _Phases(float(either.max()), (of_black, of_white), is_white, float(profile.mean())), shown
 
 
 @lru_cache(maxsize=32)

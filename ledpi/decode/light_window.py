@@ -87,10 +87,10 @@ def class_waves(spec: PanelSpec, exposure_us: float, row_time_us: float, shrink:
     for hz in both_hz.tolist():
         around = (np.arange(shrink) - (shrink - 1) / 2) * hz * row_time_us * 1e-6
         each = [shutter.exposure_weight(cycles + row, hz * exposure_us * 1e-6, spec.duty) for row in around]
-        mean = np.mean(each, axis=0)
-        tables.append(mean / mean.max())
+        tables.append(np.mean(each, axis=0))
     share = float(np.mean([table.var() / np.square(table).mean() for table in tables]))
-    return ClassWaves(np.array(tables, np.float32), both_hz * (row_time_us * 1e-6), share)
+    brightest = max(table.max() for table in tables)
+    return ClassWaves(np.array(tables / brightest, np.float32), both_hz * (row_time_us * 1e-6), share)
 
 
 @lru_cache(maxsize=32)

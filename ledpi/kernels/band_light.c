@@ -9,8 +9,8 @@
 #define EVEN 0.85f
 #define DARK 0.05
 #define BRIGHT 0.9
-#define MOST 1.2f
-enum { PHASES = 32, STEPS = 512, EACH = STEPS / PHASES, MOST_CELLS = 64 };
+#define SURE_POINTS 1.0f
+enum { PHASES = 32, STEPS = 512, EACH = STEPS / PHASES, LOOKS = 2, MOST_CELLS = 64, MOST_POINTS = 64 };
 
 /* Relative light (rows, columns) of a part of the picture, and what either class shows there (2, rows). */
 typedef struct {
@@ -115,24 +115,54 @@ static double quantile(double *numbers, ptrdiff_t count, double share) {
 static void spread(const float *table, float *rows) {
     for (int rest = 0; rest < EACH; rest++)
         for (int phase = 0; phase < 2 * PHASES; phase++)
-            rows[rest * 2 * PHASES + phase] = EVEN * table[phase % PHASES * EACH + rest];
+            rows[rest * 2 * PHASES + phase] = table[phase % PHASES * EACH + rest];
 }
 
-/* Into `gain` (cells, PHASES): what each cell explains as one of this class, in each phase. */
-static void gains_of(const Lattice *lattice, const float *table, const double *rows, const float *light, double a_row,
-                     double before, float *gain) {
+static inline int step_of(double row, double a_row, double before) {
+    const double cycles = before + row * a_row;
+    return (int)((cycles - floor(cycles)) * STEPS) % STEPS;
+}
+
+/* Into `gain` (cells, PHASES): what each cell explains as one of this class, in each phase, with a `profile` (points,) and
+ * a gain of its own. */
+static void gains_of(const Lattice *lattice, const float *profile, const float *table, const double *rows,
+                     const float *light, double a_row, double before, float *gain) {
+    const float sure = SURE_POINTS / (float)(lattice->cells * lattice->points);
     float shown[EACH * 2 * PHASES];
     spread(table, shown);
-    memset(gain, 0, sizeof(float) * (size_t)(lattice->cells * PHASES));
-    for (ptrdiff_t cell = 0, i = 0; cell < lattice->cells; cell++, gain += PHASES)
-        for (ptrdiff_t end = i + lattice->points; i < end; i++) {
-            double cycles = before + rows[i] * a_row;
-            int step = (int)((cycles - floor(cycles)) * STEPS) % STEPS;
+    for (ptrdiff_t cell = 0, i = 0; cell < lattice->cells; cell++, gain += PHASES) {
+        float seen[PHASES] = {0.0f}, lit[PHASES] = {0.0f};
+        for (ptrdiff_t point = 0; point < lattice->points; point++, i++) {
+            const int step = step_of(rows[i], a_row, before);
             const float *of_phase = shown + step % EACH * 2 * PHASES + step / EACH;
-            float share = lattice->of_cells[i], twice = 2.0f * light[i];
-            for (int phase = 0; phase < PHASES; phase++)
-                gain[phase] += share * of_phase[phase] * (twice - of_phase[phase]);
+            const float share = lattice->of_cells[i] * profile[point], of_light = share * light[i];
+            const float of_lit = share * profile[point];
+            for (int phase = 0; phase < PHASES; phase++) {
+                seen[phase] += of_light * of_phase[phase];
+                lit[phase] += of_lit * of_phase[phase] * of_phase[phase];
+            }
         }
+        for (int phase = 0; phase < PHASES; phase++)
+            gain[phase] = (seen[phase] + sure) * (seen[phase] + sure) / (lit[phase] + sure) - sure;
+    }
+}
+
+/* Into `profile` (points,): the relative light that cells have in common, which show these `phases` of `tables`. */
+static void put_profile(const Lattice *lattice, const float *tables, const double *rows, const float *light,
+                        const double *a_row, const double *before, const int *phases, const uint8_t *is_white,
+                        float *profile) {
+    const float sure = SURE_POINTS / (float)(lattice->cells * lattice->points);
+    for (ptrdiff_t point = 0; point < lattice->points; point++) {
+        float seen = EVEN * sure, lit = sure;
+        for (ptrdiff_t cell = 0; cell < lattice->cells; cell++) {
+            const ptrdiff_t i = cell * lattice->points + point, own = is_white[cell] != 0;
+            const int step = (step_of(rows[i], a_row[own], before[own]) + phases[own] * EACH) % STEPS;
+            const float of_class = tables[own * STEPS + step];
+            seen += lattice->of_cells[i] * light[i] * of_class;
+            lit += lattice->of_cells[i] * of_class * of_class;
+        }
+        profile[point] = seen / lit;
+    }
 }
 
 /* The pair of phases in which all cells together explain most, each as that class in which it does. */
@@ -152,17 +182,19 @@ static float best_phases(ptrdiff_t cells, const float *black, const float *white
 }
 
 /* The bands that explain best what a square with these corners (4) shows, of those of several panels: `tables` (specs, 2,
- * STEPS), `cycles_a_row` (specs, 2) of the window, and in its row 0 (specs, 2); `antiphase` (specs,). `room`: 3 numbers a
- * point. Into `found` (6,): dark and bright level, which spec, both phases, the share of the light's squares that is
- * explained; into `is_white` (cells,) which are of the white class. False where nothing is bright enough. */
-int ledpi_bands_at(const float *light, ptrdiff_t rows, ptrdiff_t columns, double darkest, double contrast, ptrdiff_t cells,
-                   ptrdiff_t points, const float *across, const float *down, const float *of_cells, ptrdiff_t specs,
+ * STEPS), `cycles_a_row` (specs, 2) of the window, and in its row 0 (specs, 2); `antiphase` (specs,). What is brighter than
+ * `most` times the bright level counts no more. `room`: 3 numbers a point. Into `found` (7,): dark and bright level, which
+ * spec, both phases, the share of the light's squares that is explained, and the brightness of cells over the bright level;
+ * into `is_white` (cells,) which are of the white class. False where nothing is bright enough. */
+int ledpi_bands_at(const float *light, ptrdiff_t rows, ptrdiff_t columns, double darkest, double contrast, double most,
+                   ptrdiff_t cells, ptrdiff_t points, const float *across, const float *down, const float *of_cells, ptrdiff_t specs,
                    const float *tables, const double *cycles_a_row, const double *cycles_before, const uint8_t *antiphase,
                    const Point *corners, double *room, double *found, uint8_t *is_white) {
     const Lattice lattice = {cells, points, across, down, of_cells, NULL};
     const ptrdiff_t count = cells * points;
     double h[9], *at_row = room, *sorted = room + count, energy = 0.0;
-    float *relative = (float *)(room + 2 * count), gain[2][MOST_CELLS * PHASES];
+    float *relative = (float *)(room + 2 * count), gain[2][MOST_CELLS * PHASES], profile[MOST_POINTS];
+    uint8_t white[MOST_CELLS];
     ledpi_unit_square_to(corners, h);
     for (ptrdiff_t i = 0; i < count; i++) {
         double u = across[i], v = down[i], w = h[6] * u + h[7] * v + h[8];
@@ -173,23 +205,31 @@ int ledpi_bands_at(const float *light, ptrdiff_t rows, ptrdiff_t columns, double
         sorted[i] = relative[i] = light[row * columns + column];
     }
     found[0] = quantile(sorted, count, DARK), found[1] = quantile(sorted, count, BRIGHT);
-    if (!(found[1] > contrast * found[0]) || cells > MOST_CELLS) return 0;
+    if (!(found[1] > contrast * found[0]) || cells > MOST_CELLS || points > MOST_POINTS) return 0;
     found[0] = fmin(darkest, found[0]);
     for (ptrdiff_t i = 0; i < count; i++) {
         float n = (relative[i] - (float)found[0]) * (float)(1.0 / (found[1] - found[0]));
-        relative[i] = n > MOST ? MOST : n > 0.0f ? n : 0.0f;
+        relative[i] = n > (float)most ? (float)most : n > 0.0f ? n : 0.0f;
         energy += of_cells[i] * relative[i] * relative[i];
     }
     found[5] = -INFINITY;
     for (ptrdiff_t spec = 0; spec < specs; spec++, tables += 2 * STEPS, cycles_a_row += 2, cycles_before += 2) {
         int best[2] = {0, 0};
-        for (int k = 0; k < 2; k++)
-            gains_of(&lattice, tables + k * STEPS, at_row, relative, cycles_a_row[k], cycles_before[k], gain[k]);
-        float most = best_phases(cells, gain[0], gain[1], antiphase[spec], best);
-        if (!(most / fmax(energy, 1e-9) > found[5])) continue;
-        found[2] = (double)spec, found[3] = best[0], found[4] = best[1], found[5] = most / fmax(energy, 1e-9);
-        for (ptrdiff_t cell = 0; cell < cells; cell++)
-            is_white[cell] = gain[1][cell * PHASES + best[1]] > gain[0][cell * PHASES + best[0]];
+        float explained = 0.0f, level = 0.0f;
+        for (ptrdiff_t point = 0; point < points; point++) profile[point] = EVEN;
+        for (int look = 0; look < LOOKS; look++) {
+            if (look) put_profile(&lattice, tables, at_row, relative, cycles_a_row, cycles_before, best, white, profile);
+            for (int k = 0; k < 2; k++)
+                gains_of(&lattice, profile, tables + k * STEPS, at_row, relative, cycles_a_row[k], cycles_before[k], gain[k]);
+            explained = best_phases(cells, gain[0], gain[1], antiphase[spec], best);
+            for (ptrdiff_t cell = 0; cell < cells; cell++)
+                white[cell] = gain[1][cell * PHASES + best[1]] > gain[0][cell * PHASES + best[0]];
+        }
+        if (!(explained / fmax(energy, 1e-9) > found[5])) continue;
+        for (ptrdiff_t point = 0; point < points; point++) level += profile[point] / (float)points;
+        found[2] = (double)spec, found[3] = best[0], found[4] = best[1], found[5] = explained / fmax(energy, 1e-9);
+        found[6] = level;
+        memcpy(is_white, white, (size_t)cells);
     }
     return 1;
 }

@@ -16,31 +16,31 @@ _explain = function(
     "ledpi_lattices_explain", *(POINTER,) * 2, *(INTEGER,) * 4, *(POINTER,) * 4, DOUBLE, INTEGER, *(POINTER,) * 2
 )
 _bands_at = function(
-    "ledpi_bands_at", POINTER, *(INTEGER,) * 2, *(DOUBLE,) * 2, *(INTEGER,) * 2, *(POINTER,) * 3, INTEGER,
+    "ledpi_bands_at", POINTER, *(INTEGER,) * 2, *(DOUBLE,) * 3, *(INTEGER,) * 2, *(POINTER,) * 3, INTEGER,
     *(POINTER,) * 8, result=ctypes.c_int,
 )  # fmt: skip
 
 
 def bands_at(
     light: Singles,
-    darkest: float,
-    contrast: float,
+    levels: tuple[float, float, float],
     lattice: tuple[Singles, ...],
     tables: Singles,
     cycles: tuple[Floats, Floats],
     antiphase: NDArray[np.bool_],
     corners: NDArray[np.complex128],
 ) -> tuple[Floats, NDArray[np.bool_]] | None:
-    """Dark and bright level, spec, phases (of 32), share explained; and (cells,) which are white. None: not bright.
+    """Dark and bright level, spec, phases (of 32), share explained, brightness of cells over the bright level; and
+    (cells,) which are white. None: not bright.
 
-    Of light (rows, columns) in a square with `corners` (4,), whose dark level is no more than `darkest` and is exceeded
-    `contrast` times. `lattice`: places across and down, shares of cells, (cells, points) each. `tables` (specs, 2,
+    Of light (rows, columns) in a square with `corners` (4,). `levels`: the dark level is no more than this, is exceeded
+    so many times, and what is brighter than so many times the bright level counts no more. `lattice`: places across and down, shares of cells, (cells, points) each. `tables` (specs, 2,
     steps), `cycles` that pass (specs, 2) in a row and before the first one.
     """
     cells, points = lattice[0].shape
-    found, white, room, corners = np.empty(6), np.empty(cells, np.bool_), np.empty(3 * cells * points), corners.copy()
+    found, white, room, corners = np.empty(7), np.empty(cells, np.bool_), np.empty(3 * cells * points), corners.copy()
     bright = _bands_at(
-        address(light), *light.shape, darkest, contrast, cells, points, *map(address, lattice), len(tables),
+        address(light), *light.shape, *levels, cells, points, *map(address, lattice), len(tables),
         address(tables), *map(address, cycles), address(antiphase), address(corners), address(room), address(found),
         address(white),
     )  # fmt: skip
