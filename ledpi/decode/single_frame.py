@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from functools import cache
 
@@ -19,7 +20,7 @@ from ledpi.decode.evidence import (
     band_prior,
     class_waves,
     evidence_from,
-    is_deep,
+    is_deep_anywhere,
     picture_slopes,
 )
 from ledpi.decode.shared_light import (
@@ -31,7 +32,7 @@ from ledpi.decode.shared_light import (
     shared_light,
     sources_of,
 )
-from ledpi.decode.uncovered import without_covered
+from ledpi.decode.uncovered import darkens, without_covered
 from ledpi.decode.unlit import without_unlit
 from ledpi.kernels import evidence as kernel
 from ledpi.kernels.library import COMPILED
@@ -52,8 +53,8 @@ def single_evidence(
     Where bands are deep, what cells have in common only shows once the bands are known: so with what is `believed`
     the static picture is what is left when that is divided out, and evidence is on how far the bands differ from it.
     """
-    deep = is_deep(band_prior(frame, spec))
-    if believed is None and not deep:  # a deep band is as dark as what is covered
+    prior = band_prior(frame, spec)
+    if believed is None and not darkens(math.sqrt(2.0 * float(prior.max()))):
         samples = without_covered(samples)
     sources = sources_of(samples.lattice.k, border_points(samples))
     if believed is not None:
@@ -67,7 +68,7 @@ def single_evidence(
     if believed is not None:  # what says how far the bands differ from what is believed, as what says how they are
         believed_score = np.einsum("cidj,dj->ci", evidence.information, believed.bands)
         evidence = replace(evidence, score=evidence.score + believed_score)
-    return evidence if deep else without_unlit(evidence, samples)
+    return evidence if is_deep_anywhere(prior) else without_unlit(evidence, samples)
 
 
 def _numpy_evidence(

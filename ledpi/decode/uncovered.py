@@ -6,6 +6,7 @@ there than the others are, it is covered.
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from functools import cache
 
@@ -28,8 +29,16 @@ FULLY_LIT = 0.75  # quantile of a cell's samples that is taken for its gain: hal
 MIN_LEFT = 0.25  # of a cell's samples: with less of one its gain is not known, and all is left as it is
 
 
+def darkens(depth: float) -> bool:
+    """Whether bands of this depth are as dark, where they are darkest, as what is covered.
+
+    A cell's gain is then 1 + depth·sin π(FULLY_LIT − ½), a quantile of a sinusoid.
+    """
+    return 1.0 - depth < COVERED * (1.0 + depth * math.sin(math.pi * (FULLY_LIT - 0.5)))
+
+
 def without_covered(samples: CellSamples, *, compiled: bool = COMPILED) -> CellSamples:
-    """The samples, those that are covered or next to it marked as not valid. For bands that are not deep."""
+    """The samples, those that are covered or next to it marked as not valid. For bands that do not darken as much."""
     n, k = samples.lattice.cells, samples.lattice.k
     tested = inner_points(n, k, border_points(samples))
     none_covered = kernel.all_uncovered if compiled else _all_uncovered
