@@ -221,7 +221,7 @@ class Pipeline:
             return self._finder.find(frame)
         found, dropped = self._striped_finder.find(frame)
         if not self._striped_finder.is_cut(frame):  # then it may also be seen whole
-            whole, dropped_too = self._finder.find(frame)
+            whole, dropped_too = self._finder.find(self._striped_finder.bridged(frame))
             found, dropped = found + whole, dropped + dropped_too
         return found, dropped
 

@@ -21,10 +21,12 @@ from decode_material import (
 )
 
 from ledpi.decode import soft
+from ledpi.decode.band_light import Bands
 from ledpi.decode.cells import CellSamples, sample_cells
 from ledpi.decode.codebook import Codebook
 from ledpi.decode.find_striped import StripedFinder, smallest_square_around
 from ledpi.decode.lattice import unlike_a_square
+from ledpi.decode.light_window import Window
 from ledpi.decode.sides import as_points
 from ledpi.decode.striped import striped_near, striped_squares
 from ledpi.dictionaries import load_dictionary
@@ -130,7 +132,29 @@ def test_perspective_of_a_turned_square() -> None:
     assert unlike_a_square(as_points(drawn[None]), 600.0)[0] > 0.3
 
 
-@pytest.mark.parametrize("exposure_us", [130.0, 161.6, 500.0, 1000.0, 2000.0, 5000.0])
+@pytest.mark.parametrize("exposure_us", [150.0, 270.0, 370.0, 500.0])
+@pytest.mark.parametrize("side", [70, 150])
+def test_classes_of_cells_where_one_shows_half_as_much_as_the_other(exposure_us: float, side: float) -> None:
+    """At 370 µs the black class's bands are full, the white class's a tenth deep and at half the light."""
+    true = square(310, 240, side, 30)
+    frame = striped(true, 7, (0.3, 0.9), exposure_us)
+    window = Window.around(frame, as_points(true[None]), 0.1 * side)
+    bands = Bands.at(window, window.within(as_points(true)), 4, [SPEC])
+    assert bands is not None
+    np.testing.assert_array_equal(bands.white, word(7).ravel())
+    assert bands.explained > 0.97
+
+
+def test_a_panel_of_mostly_steady_cells_is_whole_once_dark_bands_are_bridged() -> None:
+    """At 400 µs white cells are nearly steady; the bands that cut the black ones are 11.88 rows of 33.67 µs high."""
+    frame = striped(square(310, 240, 150, 3), 7, (0.3, 0.9), 400.0)
+    finder = StripedFinder(640, 480, [SPEC], SMALLEST_PX)
+    through_black = np.s_[190:255, 366]  # two cells of the last column
+    assert frame.pixels[through_black].min() < 60
+    assert finder.bridged(frame).pixels[through_black].min() > 120
+
+
+@pytest.mark.parametrize("exposure_us", [130.0, 161.6, 270.0, 370.0, 400.0, 500.0, 1000.0, 2000.0, 5000.0])
 @pytest.mark.parametrize("turn_deg", [3, 40])
 def test_one_frame_is_read_at_any_exposure(exposure_us: float, turn_deg: float) -> None:
     """Panels 7 and 42, 70 px wide, from full bands to those that are a tenth deep."""

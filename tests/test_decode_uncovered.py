@@ -11,7 +11,7 @@ from decode_material import SPEC, Canvas, quad, square, word
 from ledpi.decode.cells import CellSamples, sample_cells
 from ledpi.decode.codebook import Codebook
 from ledpi.decode.soft import Reading, read_word
-from ledpi.decode.uncovered import without_covered
+from ledpi.decode.uncovered import darkens, without_covered
 from ledpi.dictionaries import load_dictionary
 from ledpi.kernels.library import COMPILED
 from ledpi.records import Floats, Frame
@@ -84,3 +84,9 @@ def test_a_whole_panel_keeps_all_samples() -> None:
     canvas.panel(TRUE, word(7), gains=gains)
     samples = samples_of(canvas.frame())
     assert without_covered(samples) is samples
+
+
+def test_bands_that_darken_as_much_as_a_cover() -> None:
+    """Of a depth d the darkest is 1 − d, the upper quartile 1 + d/√2: a share of 0.75 at d = 0.163."""
+    assert not darkens(0.16)
+    assert darkens(0.17)

@@ -5,10 +5,14 @@ some rows, dark in others. So a pixel of relative light n is likelier as a lit p
 
     gain_k = e·(2n − e),    e = EVEN·w_k(y)        (n² − (n − e)², of a normal distribution with one variance)
 
-which is positive where it is bright in rows in which the class is, negative where it is dark there, and nothing in rows
-in which the class is dark: those tell nothing of where the panel is. A lattice in some place explains the sum over its
-cells of what either class gains in each; the walls between cells shine with whatever share λ of that explains them
-best: λe·(2n − λe). No border between cells, no rim needs to be seen for that, and all that are seen add to it.
+which is positive where it is bright in rows in which the class is, and negative where it is dark there. Around a panel
+it is not dark, though: n and e are counted from the usual light there, so that what is not brighter than that gains
+nothing. A lattice in some place explains the sum over its cells of what either class gains in each; the walls between
+cells shine with whatever share λ of that explains them best: λe·(2n − λe). No border between cells, no rim needs to be
+seen for that, and all that are seen add to it.
+
+Which class a cell is of is told by the shape of its bands, not by their level: its gain is its own, and the profile of
+cells is what all of them show.
 """
 
 from __future__ import annotations
@@ -73,7 +77,8 @@ class Bands:
         if found is None:
             return None
         (dark, bright, spec, of_black, of_white, explained, level), white = found[0].tolist(), found[1]
-        return cls(dark, dark + (bright - dark) * level / EVEN, np.array([of_black, of_white]) / PHASES, white, specs[int(spec)], explained)
+        bright = dark + (bright - dark) * level / EVEN
+        return cls(dark, bright, np.array([of_black, of_white]) / PHASES, white, specs[int(spec)], explained)
 
     @classmethod
     def _in_numpy(
@@ -107,8 +112,8 @@ class BandLight:
 
     cells: int
     focal_px: float  # of the camera, in the window's pixels
-    light: Singles  # (rows, columns) relative: 0 dark, 1 bright
-    shown: Singles  # (2, rows) e of either class
+    light: Singles  # (rows, columns) relative: 0 as beside the panel, 1 brighter by what is bright over the dark
+    shown: Singles  # (2, rows) e of either class, less what is beside the panel
 
     @classmethod
     def of(cls, window: Window, bands: Bands, cells: int, focal_px: float) -> BandLight:
@@ -116,7 +121,9 @@ class BandLight:
         shown = window.shown(window.waves_of(bands.spec), bands.phases)
         above_dark = window.light - np.float32(bands.dark)
         relative = np.clip(above_dark * np.float32(1 / (bands.bright - bands.dark)), 0, MOST)
-        return cls(cells, focal_px / window.shrink, relative, np.float32(EVEN) * shown)
+        rim = np.concatenate([relative[0], relative[-1], relative[:, 0], relative[:, -1]])
+        beside = np.partition(rim, at := len(rim) // 2)[at]
+        return cls(cells, focal_px / window.shrink, relative - beside, np.float32(EVEN) * shown - beside)
 
     def explains(self, corners: Points, lattice: Lattice) -> Floats:
         """(N,) how much a lattice with each of corners (N, 4) explains, in pixels of full light."""

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cache
 from itertools import combinations
 
@@ -56,6 +57,7 @@ class StripedFinder:
         self._half = np.empty((max(1, height // SCALE), max(1, width // SCALE)), np.uint8)
         empty = (np.empty_like(self._half) for _ in range(5))
         self._octaves, self._brightest, self._most, self._least, self._lit = empty
+        self._bridged = np.empty((height, width), np.uint8)
         self._brighten = np.round(255 * np.sqrt(np.arange(256) / 255)).astype(np.uint8)
 
     def find(self, frame: Frame) -> tuple[list[Candidate], list[Rejected]]:
@@ -97,6 +99,12 @@ class StripedFinder:
             for spec in self._specs
             for hz in (spec.black_hz, spec.white_hz)
         )
+
+    def bridged(self, frame: Frame) -> Frame:
+        """The frame, its dark bands as bright as the rows around them: a panel with steady cells is whole there."""
+        rows = math.ceil(self.stripe_rows(frame)) | 1
+        cv2.morphologyEx(frame.pixels, cv2.MORPH_CLOSE, np.ones((rows, 1), np.uint8), dst=self._bridged)
+        return replace(frame, pixels=self._bridged.view())
 
     def _blinking(self, frame: Frame, bridge: int) -> list[Pixels]:
         """Outlines of what is bright and dark within every `bridge` rows of each column."""

@@ -30,6 +30,13 @@ MIN_EXPLAINED = 0.6  # share of the light that a lattice's cells must explain
 OUTWARD = np.linspace(0, 1, 5)  # places of a side that are tried, in dark bands
 MOST_STARTS, APART = 4, 0.08  # of the side: what is nearer than that leads to the same
 MOST_LOOKS = 40  # among the best of those that are tried
+CLIMBS, CLIMBS_OF_A_KIND = (0.15, 0.07, 0.03), 3  # steps, as shares of the side, and how many of each
+# Of a climb, (20, 4) each: sides further out or in, or turned by twice that over their length; two opposite ones alike.
+_OUT_AND_IN = np.concatenate([np.eye(4), -np.eye(4)])
+_ALONG = np.array([[1.0, 0.0, -1.0, 0.0], [0.0, 1.0, 0.0, -1.0]])
+MIDDLES = np.concatenate([_OUT_AND_IN, np.zeros((8, 4)), _ALONG, -_ALONG])
+SLOPES = np.concatenate([np.zeros((8, 4)), 2 * _OUT_AND_IN, np.zeros((4, 4))])
+MOST_FITS = 3  # of these, the best are fitted
 LOOK_ROUNDS, ROUNDS = 3, 6  # of a first fit, by few points, and of the last
 # Of the light's squares, that a panel's picture explains: 0.94 and more of panels from 0.4 to 4 m, and of those made of
 # photographs. And deviation of the corners, as a share of the side: by a lattice they are known to 0.1 % nearby,
@@ -174,18 +181,48 @@ def _fit(
 
 
 def _likely(light: BandLight, near: Points, stripe: float) -> Points:
-    """(K, 4) `near` (S, 4), and of the same with some of their sides further outside those that explain most."""
+    """(K, 4) of `near` (S, 4), and of the same with some of their sides further outside, what explains most near by.
+
+    The best first; none of them as good as the same.
+    """
     tried = np.concatenate([_other_sides(corners, first, stripe) for corners in near for first in (0, 1)])
     tried = tried[np.isfinite(tried).all(axis=1)]
     worth = light.explains(tried, rough_lattice(light.cells))
-    tried = np.concatenate([near, tried[np.argsort(-worth)[:MOST_LOOKS]]])  # the first of `near` has been looked at
-    apart = np.abs(tried[:, None] - tried).max(axis=2) > APART * np.sqrt(np.abs(areas(tried)))[:, None]
-    likely = [0]
-    for k in range(1, len(tried)):
-        if len(likely) < MOST_STARTS and apart[k, likely].all():
-            likely.append(k)
-    chosen: Points = tried[likely[1:]]
-    return chosen
+    starts = _apart(np.concatenate([near, tried[np.argsort(-worth)[:MOST_LOOKS]]]), len(near) + MOST_STARTS)
+    climbed = _climbed(light, starts)
+    worth = light.explains(climbed, fine_lattice(light.cells))
+    return _apart(climbed[np.argsort(-worth)], MOST_FITS)
+
+
+def _apart(squares: Points, most: int) -> Points:
+    """(K, 4) the first of squares (N, 4), and each later one that is not like one before."""
+    unlike = np.abs(squares[:, None] - squares).max(axis=2) > APART * np.sqrt(np.abs(areas(squares)))[:, None]
+    chosen: list[int] = []
+    for k in range(len(squares)):
+        if len(chosen) < most and unlike[k, chosen].all():
+            chosen.append(k)
+    apart: Points = squares[chosen]
+    return apart
+
+
+def _climbed(light: BandLight, starts: Points) -> Points:
+    """(K, 4) whither steps lead from `starts` (K, 4) that move or turn a side, or move all, and explain more."""
+    at, lattice = starts, rough_lattice(light.cells)
+    own, ways = np.arange(len(starts)), len(MIDDLES)
+    worth = light.explains(at, lattice)
+    for step in CLIMBS:
+        for _ in range(CLIMBS_OF_A_KIND):
+            step_px = np.repeat(step * np.sqrt(np.abs(areas(at))), ways)[:, None]
+            sides = Sides.of(np.repeat(at, ways, axis=0))
+            further = sides.moved(step_px * np.tile(MIDDLES, (len(at), 1)), step_px * np.tile(SLOPES, (len(at), 1)))
+            explained = light.explains(further, lattice).reshape(-1, ways)
+            best = explained.argmax(axis=1)
+            better = explained[own, best] > worth
+            if not better.any():
+                break
+            at = np.where(better[:, None], further.reshape(-1, ways, 4)[own, best], at)
+            worth = np.where(better, explained[own, best], worth)
+    return at
 
 
 def _other_sides(corners: Points, first: int, stripe: float) -> Points:

@@ -34,8 +34,9 @@ def bands_at(
     (cells,) which are white. None: not bright.
 
     Of light (rows, columns) in a square with `corners` (4,). `levels`: the dark level is no more than this, is exceeded
-    so many times, and what is brighter than so many times the bright level counts no more. `lattice`: places across and down, shares of cells, (cells, points) each. `tables` (specs, 2,
-    steps), `cycles` that pass (specs, 2) in a row and before the first one.
+    so many times, and what is brighter than so many times the bright level counts no more. `lattice`: places across and
+    down, shares of cells, (cells, points) each. `tables` (specs, 2, steps), `cycles` that pass (specs, 2) in a row and
+    before the first one.
     """
     cells, points = lattice[0].shape
     found, white, room, corners = np.empty(7), np.empty(cells, np.bool_), np.empty(3 * cells * points), corners.copy()
