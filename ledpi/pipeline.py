@@ -11,16 +11,11 @@ import numpy as np
 
 from ledpi.config import Method, PanelSettings
 from ledpi.decode import soft
-from ledpi.decode.approach import approach_quads
 from ledpi.decode.bands import NO_SQUARE, BandsReader
-from ledpi.decode.cells import MIN_CELL_PX, CellSamples, sample_cells
+from ledpi.decode.cells import CellSamples, sample_cells
 from ledpi.decode.codebook import Codebook
-from ledpi.decode.edges import prepare, refine_quads
-from ledpi.decode.find import Candidate, Finder
-from ledpi.decode.find_striped import MIN_STRIPED_CELL_PX, StripedFinder
+from ledpi.decode.find import Candidate
 from ledpi.decode.reader import Reader
-from ledpi.decode.settle import is_part_of, settle
-from ledpi.decode.striped import striped_near, striped_squares
 from ledpi.decode.track import NOT_SHOWN, Track, Tracker
 from ledpi.dictionaries import load_dictionary
 from ledpi.markers import corners_of_turned
@@ -29,7 +24,6 @@ from ledpi.pose.place import Placer
 from ledpi.records import (
     CameraInfo,
     Decoded,
-    Floats,
     Frame,
     Intrinsics,
     PanelSpec,
@@ -42,6 +36,7 @@ from ledpi.records import (
 )
 from ledpi.results import Results
 from ledpi.row_clock import MIN_DEVIATION, RowClock
+from ledpi.squares import Squares
 from ledpi.trace import Look, Trace
 
 # A stream searches the whole picture for newcomers in every third frame, and in each that does not show all its tracks.
@@ -53,6 +48,7 @@ STAGES: dict[Method, tuple[str, ...]] = {
 
 _NO_PICTURE: Pixels = np.empty((0, 0), np.uint8)
 _Looked: TypeAlias = tuple[Quad, Track, CellSamples]
+_Find: TypeAlias = Callable[[Frame], tuple[list[Candidate], list[Rejected]]]
 
 
 class Pipeline:
@@ -90,18 +86,14 @@ class Pipeline:
         self._reader = Reader(codebooks, soft.FALSE_ID_RATE if stream else soft.FALSE_ID_RATE_ALONE)
         self._readers = [BandsReader(dictionary, ids, spec) for spec, ids in groups] if method == "bands" else []
         self._specs = tuple(spec for spec, _ in groups)
-        smallest_px = self._cells * MIN_CELL_PX
-        self._finder = Finder(camera.width, camera.height, smallest_px, self._cells)
-        self._striped_finder = StripedFinder(
-            camera.width, camera.height, self._specs, self._cells * MIN_STRIPED_CELL_PX
-        )
+        self._squares = Squares(camera, self._cells, self._specs, intrinsics)
         sides_m = {marker_id: panels.spec(marker_id).side_m for marker_id in range(len(dictionary.words))}
         self._placer = Placer(intrinsics, sides_m, stream=stream, robot=robot)
         self._tracker = Tracker(self._specs)
         self._since_search = 0
         self._row_clock = RowClock(camera)
         if method == "soft":
-            prepare(self._cells, self._cells * MIN_CELL_PX, camera.height)
+            self._squares.prepare()
         self.off_frequency: dict[int, PanelSpec] = {}  # by ID: panels that blink at others than announced, and at which
 
     @property
@@ -174,12 +166,9 @@ class Pipeline:
         tracks = self._tracker.expected()
         if not tracks:
             return []
-        near = [track.sought_px(frame.row0_readout_ns) for track in tracks]
-        refined = iter(self._refine(frame, [at for at, track in zip(near, tracks, strict=True) if not track.of_spots]))
-        quads: list[Quad | Rejected] = [
-            settle(frame, at, self._cells, self._intrinsics) if track.of_spots else next(refined)
-            for at, track in zip(near, tracks, strict=True)
-        ]
+        quads = self._squares.near(
+            frame, [(track.sought_px(frame.row0_readout_ns), track.of_spots) for track in tracks]
+        )
         followed = [
             (there, track)
             for track, quad in zip(tracks, quads, strict=True)
@@ -190,58 +179,26 @@ class Pipeline:
 
     def _search(self, frame: Frame, work: Results) -> list[tuple[Quad, Track]]:
         """The squares in the whole picture, but for those that this frame has shown already."""
-        stripe_rows = self._striped_finder.stripe_rows(frame)
-        quads = self._look(frame, stripe_rows, work, again=False)
-        if not (quads or stripe_rows):
-            quads = self._look(frame, stripe_rows, work, again=True)
+        quads = self._look(frame, self._squares.candidates, work) or self._look(
+            frame, self._squares.candidates_again, work
+        )
         return self._tracker.follow(quads)
 
-    def _look(self, frame: Frame, stripe_rows: float, work: Results, *, again: bool) -> list[Quad]:
-        """The squares that candidates lead to; of those that only come to light when a frame is looked at `again`."""
+    def _look(self, frame: Frame, find: _Find, work: Results) -> list[Quad]:
+        """The squares that the candidates lead to which are found so."""
         start = self._clock()
-        found, dropped = self._finder.find_again() if again else self._find(frame, stripe_rows)
+        found, dropped = find(frame)
         candidates = [c for c in found if not self._tracker.is_followed(c.centre_px, c.side_px)]
         work.rejected.extend(dropped)
         if work.trace is not None:
             work.trace.candidates.extend(candidates)
         since = self._timed(work, "find", start)
-        if stripe_rows:
-            results = striped_squares(frame, candidates, self._cells, self._specs, stripe_rows, self._intrinsics)
-        else:
-            results = self._squares(frame, candidates)
+        results = self._squares.of(frame, candidates)
         self._timed(work, "edges", since)
         for sought, quad in results:
             if isinstance(quad, Rejected):
                 work.reject(sought, quad)
         return [quad for _, quad in results if isinstance(quad, Quad)]
-
-    def _find(self, frame: Frame, stripe_rows: float) -> tuple[list[Candidate], list[Rejected]]:
-        """What may be a panel, and what was dropped; where bands cut panels into pieces, what blinks."""
-        if not stripe_rows:
-            return self._finder.find(frame)
-        found, dropped = self._striped_finder.find(frame)
-        if not self._striped_finder.is_cut(frame):  # then it may also be seen whole
-            whole, dropped_too = self._finder.find(self._striped_finder.bridged(frame))
-            found, dropped = found + whole, dropped + dropped_too
-        return found, dropped
-
-    def _squares(self, frame: Frame, candidates: list[Candidate]) -> list[tuple[Floats, Quad | Rejected]]:
-        """The lit square of each candidate, or why there is none, beside where it was sought."""
-        squares = [candidate for candidate in candidates if not candidate.spots]
-        near = approach_quads(
-            frame,
-            np.array([candidate.corners for candidate in squares]),
-            np.array([candidate.tolerance_px for candidate in squares]),
-        )
-        refined = iter(self._refine(frame, [at for at in near if not isinstance(at, Rejected)]))
-        quads = [at if isinstance(at, Rejected) else next(refined) for at in near]
-        results = [(candidate.corners, quad) for candidate, quad in zip(squares, quads, strict=True)]
-        for grid in (candidate.corners for candidate in candidates if candidate.spots):
-            of_spots = settle(frame, grid, self._cells, self._intrinsics)
-            if isinstance(of_spots, Quad):  # in place of what runs around its spots, or inside it
-                results = [(at, q) for at, q in results if isinstance(q, Rejected) or not is_part_of(q, of_spots)]
-            results.append((grid, of_spots))
-        return results
 
     def _by_bands(self, frame: Frame, work: Results) -> Iterator[list[Sighting]]:
         """The source paper's method, once for each pair of frequencies."""
@@ -265,12 +222,6 @@ class Pipeline:
         now = self._clock()
         work.seconds[stage] += now - since
         return now
-
-    def _refine(self, frame: Frame, near: list[Floats]) -> list[Quad | Rejected]:
-        """The lit squares at these places, or why there are none."""
-        if self._striped_finder.stripe_rows(frame):
-            return striped_near(frame, near, self._cells, self._specs, self._intrinsics)
-        return refine_quads(frame, np.array(near), self._cells, self._intrinsics)
 
     def _sample(self, frame: Frame, squares: list[tuple[Quad, Track]], work: Results) -> list[_Looked]:
         """The light in their cells, of those where it can be told."""

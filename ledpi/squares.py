@@ -1,0 +1,82 @@
+"""The lit squares of a picture: near where they are expected, or anywhere in it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ledpi.decode.approach import approach_quads
+from ledpi.decode.cells import MIN_CELL_PX
+from ledpi.decode.edges import prepare, refine_quads
+from ledpi.decode.find import Candidate, Finder
+from ledpi.decode.find_striped import MIN_STRIPED_CELL_PX, StripedFinder
+from ledpi.decode.settle import is_part_of, settle
+from ledpi.decode.striped import striped_near, striped_squares
+from ledpi.records import CameraInfo, Floats, Frame, Intrinsics, PanelSpec, Quad, Rejected
+
+
+class Squares:
+    """Of panels of `cells` × `cells` in the frames of one camera. Keeps the pictures that it works on.
+
+    What is expected to be a lattice of spots, not an even square, is told so: bare LEDs.
+    """
+
+    def __init__(
+        self, camera: CameraInfo, cells: int, specs: tuple[PanelSpec, ...], intrinsics: Intrinsics | None
+    ) -> None:
+        self._cells, self._specs, self._intrinsics, self._rows = cells, specs, intrinsics, camera.height
+        self._finder = Finder(camera.width, camera.height, cells * MIN_CELL_PX, cells)
+        self._striped_finder = StripedFinder(camera.width, camera.height, specs, cells * MIN_STRIPED_CELL_PX)
+
+    def prepare(self) -> None:
+        """Makes what the first frames would else wait for."""
+        prepare(self._cells, self._cells * MIN_CELL_PX, self._rows)
+
+    def near(self, frame: Frame, expected: Sequence[tuple[Floats, bool]]) -> list[Quad | Rejected]:
+        """The square near each of these corners (4, 2), or why there is none; with whether it is one of spots."""
+        refined = iter(self._refined(frame, [at for at, of_spots in expected if not of_spots]))
+        return [
+            settle(frame, at, self._cells, self._intrinsics) if of_spots else next(refined)
+            for at, of_spots in expected
+        ]
+
+    def candidates(self, frame: Frame) -> tuple[list[Candidate], list[Rejected]]:
+        """What may be a panel, and what was dropped; where bands cut panels into pieces, what blinks."""
+        if not self._striped_finder.stripe_rows(frame):
+            return self._finder.find(frame)
+        found, dropped = self._striped_finder.find(frame)
+        if not self._striped_finder.is_cut(frame):  # then it may also be seen whole
+            whole, dropped_too = self._finder.find(self._striped_finder.bridged(frame))
+            found, dropped = found + whole, dropped + dropped_too
+        return found, dropped
+
+    def candidates_again(self, frame: Frame) -> tuple[list[Candidate], list[Rejected]]:
+        """Of the same frame, where `candidates` have led to nothing: what only comes to light by other thresholds."""
+        return ([], []) if self._striped_finder.stripe_rows(frame) else self._finder.find_again()
+
+    def of(self, frame: Frame, candidates: list[Candidate]) -> list[tuple[Floats, Quad | Rejected]]:
+        """The lit square of each candidate, or why there is none, beside the corners (4, 2) where it was sought."""
+        stripe_rows = self._striped_finder.stripe_rows(frame)
+        if stripe_rows:
+            return striped_squares(frame, candidates, self._cells, self._specs, stripe_rows, self._intrinsics)
+        squares = [candidate for candidate in candidates if not candidate.spots]
+        near = approach_quads(
+            frame,
+            np.array([candidate.corners for candidate in squares]),
+            np.array([candidate.tolerance_px for candidate in squares]),
+        )
+        refined = iter(self._refined(frame, [at for at in near if not isinstance(at, Rejected)]))
+        quads = [at if isinstance(at, Rejected) else next(refined) for at in near]
+        results = [(candidate.corners, quad) for candidate, quad in zip(squares, quads, strict=True)]
+        for grid in (candidate.corners for candidate in candidates if candidate.spots):
+            of_spots = settle(frame, grid, self._cells, self._intrinsics)
+            if isinstance(of_spots, Quad):  # in place of what runs around its spots, or inside it
+                results = [(at, q) for at, q in results if isinstance(q, Rejected) or not is_part_of(q, of_spots)]
+            results.append((grid, of_spots))
+        return results
+
+    def _refined(self, frame: Frame, near: list[Floats]) -> list[Quad | Rejected]:
+        if self._striped_finder.stripe_rows(frame):
+            return striped_near(frame, near, self._cells, self._specs, self._intrinsics)
+        return refine_quads(frame, np.array(near), self._cells, self._intrinsics)
