@@ -25,7 +25,10 @@ from decode_material import (
 
 from ledpi.decode.cells import CellSamples, sample_cells
 from ledpi.decode.codebook import Codebook
+from ledpi.decode.evidence import Evidence
+from ledpi.decode.single_frame import single_evidence
 from ledpi.decode.soft import Reading, read_word
+from ledpi.decode.words import likeliest
 from ledpi.dictionaries import load_dictionary
 from ledpi.records import Floats, Frame, PanelSpec, Rejected, Transfer
 
@@ -72,6 +75,21 @@ def reading_of(result: Reading | Rejected) -> tuple[int, int] | str:
 def test_every_word_is_read_whichever_way_up(marker_id: int, quarter_turns: int) -> None:
     """The ID, and by how many quarter turns clockwise the panel is turned."""
     assert reading_of(panel_shown(word(marker_id, quarter_turns))) == (marker_id, quarter_turns)
+
+
+@pytest.mark.parametrize("side", [110, 130, 170, 250])
+def test_a_near_panel_leaves_little_open(side: float) -> None:
+    """Averaged so far that walls are thinner than a pixel, cells would differ by a tenth to a fifth of their bands."""
+    canvas, corners = Canvas(), square(310.3, 240.6, side)
+    canvas.panel(corners, word(7))
+    frame = canvas.frame()
+    samples = sample_cells(frame, quad(corners), 4)
+    assert isinstance(samples, CellSamples)
+    evidence = single_evidence(samples, frame, SPEC)
+    assert isinstance(evidence, Evidence)
+    fit = likeliest(evidence, ALL.white)
+    by_noise = 0.5 * 15 * 4  # in 15 cells that need not be as the first
+    assert fit.of_cells - fit.likelihood[0] < by_noise + 0.05 * fit.likelihood[0]
 
 
 @pytest.mark.parametrize("transfer", ["linear", "srgb"])
