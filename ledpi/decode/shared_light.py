@@ -38,14 +38,18 @@ class Sources:
 
 
 def border_points(samples: CellSamples) -> tuple[int, int]:
-    """How many points at either end of a cell a neighbour may light up: across, down."""
+    """How many points at either end of a cell a neighbour may light up: across, down.
+
+    One at least: where the outermost point of a large cell is out of a neighbour's reach, a wall may still shade it,
+    and none stands at the panel's rim.
+    """
     k, (width, height) = samples.lattice.k, samples.cell_px
     return _border_points(k, width), _border_points(k, height)
 
 
 def _border_points(k: int, cell_px: float) -> int:
     step = cell_px * (1 - 2 * INSET) / k
-    return min(max(math.ceil((BORDER_PX - INSET * cell_px) / step - 0.5), 0), k // 2)
+    return min(max(math.ceil((BORDER_PX - INSET * cell_px) / step - 0.5), 1), k // 2)
 
 
 # What lights up a point near one or two of its cell's sides, each given as (down, across): the cell itself, the
