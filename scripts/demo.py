@@ -45,6 +45,10 @@ START_S = 20.0  # that it may take to start, on a slow machine
 # The sender reckons with a line of 115200 baud, so that on a pty a packet may come up to a FIFO's time before its first
 # byte is due. It may come late by a frame's period less this, and is still known to be of its picture.
 EARLY_NS = 2_000_000
+TOO_SLOW = (
+    "no pose arrived: this computer is busy, or too slow to draw the simulated camera's pictures; each pose was "
+    "older than serial.max_age_ms when it was ready, and not sent; the daemon's log counts them as `stale`"
+)
 HEADING = f"{'time':>7}  {'ID':>4}     {'decoded x, y, z':24}     {'true x, y, z':24}   {'off by':>8}  {'age':>8}"
 
 
@@ -248,6 +252,8 @@ def main() -> int:
     ended = run.returncode == 0 and monitor.returncode == 0
     if not ended:
         print(f"ledpi run or ledpi monitor failed: see {run_log} and {monitor_log}", file=sys.stderr)
+    elif not tally.right.total() + tally.wrong:
+        print(f"{TOO_SLOW} ({run_log})", file=sys.stderr)
     return 0 if ended and drawn and tally.right and not tally.wrong else 1
 
 

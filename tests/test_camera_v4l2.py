@@ -74,8 +74,8 @@ def test_a_device_that_does_not_exist_is_named() -> None:
 
 
 def test_a_file_that_is_no_camera_cannot_be_opened() -> None:
-    """For real: OpenCV refuses what is no video device."""
-    with pytest.raises(CameraError, match=r"^camera.source: /dev/null cannot be opened"):
+    """For real. And nobody is told to end the processes that hold it, as for a camera that is busy."""
+    with pytest.raises(CameraError, match=r"^camera.source: /dev/null is no video device; see v4l2-ctl"):
         open_v4l2(CameraSettings(row_time_us=30.0), "/dev/null")
 
 

@@ -8,9 +8,9 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import cv2
@@ -132,6 +132,21 @@ def test_the_demo_runs_by_itself(tmp_path: Path) -> None:
     assert float(summary[4]) < 2.0
     assert cv2.imread(str(tmp_path / "snapshot.png")) is not None
     assert processes_with(str(tmp_path)) == []
+
+
+def test_a_computer_that_is_too_slow_is_told(
+    demo: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """All went well, but every pose was too old to be sent: the reason is said, and the status is 1."""
+    ended = SimpleNamespace(returncode=0, wait=lambda _: 0)
+    (tmp_path / "monitor.log").touch()
+    monkeypatch.setattr(demo, "running", lambda *_: nullcontext(ended))
+    monkeypatch.setattr(demo, "watch", lambda *_: demo.Tally(frames=8))
+    monkeypatch.setattr(demo, "draw_picture", lambda _: True)
+    monkeypatch.setattr(sys, "argv", ["demo.py", "--out", str(tmp_path)])
+    monkeypatch.setattr(demo.signal, "signal", lambda *_: None)  # pytest's own handlers stay
+    assert demo.main() == 1
+    assert "no pose arrived: this computer is busy, or too slow" in capsys.readouterr().err
 
 
 def test_a_daemon_that_fails_is_told(

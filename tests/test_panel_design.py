@@ -337,6 +337,20 @@ def test_range_is_read_off_between_distances() -> None:
     assert reach.range_m((1.0, 0.95, 0.9)) == 8.0
 
 
+def test_a_folder_that_cannot_be_made_is_told_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """And not after the minutes that a design takes."""
+    (tmp_path / "file").touch()
+    monkeypatch.setattr(panel_design, "_design", lambda *_: pytest.fail("went to work"))
+    with pytest.raises(ConfigError, match=r"--out file: cannot be written: File exists"):
+        run("--out", "file")
+
+
+def test_a_check_has_nothing_to_write() -> None:
+    """A folder would stay empty, so it is refused."""
+    with pytest.raises(ConfigError, match=r"--out design: is for a design; --check writes nothing"):
+        run("--check", "1250", "2450", "--out", "design")
+
+
 def test_check_says_why_and_exits_with_1() -> None:
     """As a script would use it."""
     status, output = run("--check", "1000", "2000")

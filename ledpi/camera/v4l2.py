@@ -8,6 +8,7 @@ the device buffers before that is not in the poses' age, so this is no camera fo
 from __future__ import annotations
 
 import logging
+import os
 import threading
 import time
 from pathlib import Path
@@ -21,6 +22,7 @@ from ledpi.errors import CameraError, CameraLostError
 from ledpi.records import CameraInfo, Frame, Pixels, Rejected
 
 _MANUAL_EXPOSURE = 1  # V4L2_EXPOSURE_MANUAL
+_VIDEO_MAJOR = 81  # of Linux's device numbers: video4linux
 _EXPOSURE_UNIT_US = 100  # V4L2_CID_EXPOSURE_ABSOLUTE counts in 100 µs
 
 _log = logging.getLogger(__name__)
@@ -104,6 +106,8 @@ def open_v4l2(settings: CameraSettings, device: str) -> V4l2Camera:
         raise CameraLostError(f"camera.source: {device} does not exist; see v4l2-ctl --list-devices")
     capture = cv2.VideoCapture(device, cv2.CAP_V4L2)
     if not capture.isOpened():
+        if os.major(os.stat(device).st_rdev) != _VIDEO_MAJOR:
+            raise CameraError(f"camera.source: {device} is no video device; see v4l2-ctl --list-devices")
         holder = who_holds(device) or f"`sudo fuser -v {device}` tells if another process holds it"
         raise CameraLostError(f"camera.source: {device} cannot be opened; {holder}")
     try:

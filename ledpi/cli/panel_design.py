@@ -51,6 +51,8 @@ def design(
     """
     from ledpi.config import find_config, load_config
 
+    if out is not None and check is not None:
+        raise ConfigError(f"--out {out}: is for a design; --check writes nothing")
     file = find_config(config)
     overrides = [] if file is not None else ["panels.side_m=0.16"]
     overrides += set_
@@ -63,6 +65,8 @@ def design(
     if check is not None:
         _check(task, settings, check)
     else:
+        if out is not None:
+            _make_folder(out)
         _design(task, settings, out)
 
 
@@ -183,16 +187,23 @@ def _with_reach(
         return [(name, p, reach_of(task, p, dictionary, views, advance)) for name, p in proposals]
 
 
-def _write(out: Path, task: Task, rows: list[tuple[str, Proposal, Reach]], lines: dict[str, str]) -> None:
+def _make_folder(out: Path) -> None:
+    """Before the minutes that a design takes."""
     from ledpi.panel.matplotlib_extra import require_matplotlib
 
+    require_matplotlib(f"--out {out}: the plots")
     try:
         out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigError(f"--out {out}: cannot be written: {error.strerror}") from None
+
+
+def _write(out: Path, task: Task, rows: list[tuple[str, Proposal, Reach]], lines: dict[str, str]) -> None:
+    try:
         for name, text in lines.items():
             (out / name).write_text(text, encoding="utf-8")
     except OSError as error:
         raise ConfigError(f"--out {out}: cannot be written: {error.strerror}") from None
-    require_matplotlib(f"--out {out}: the plots")
     from ledpi.panel.design_plots import draw_contrast, draw_reach
 
     draw_contrast(task, rows[0][1], out / "contrast.png")

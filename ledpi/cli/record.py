@@ -25,7 +25,7 @@ TICK_S = 0.1
 @app.command()
 def record(
     out: Path = typer.Argument(metavar="OUT", help="Folder for the recording: new, or empty."),
-    seconds: float = typer.Option(10.0, "--seconds", min=0.1, help="Ends after so long."),
+    seconds: float = typer.Option(10.0, "--seconds", min=0.1, max=86400, help="Ends after so long."),
     frames: int | None = typer.Option(None, "--frames", min=1, help="Ends after so many frames, if that is sooner."),
     max_mb: float = typer.Option(2000.0, "--max-mb", min=1.0, help="Ends before the pictures take more than this."),
     config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
