@@ -77,6 +77,16 @@ def test_an_older_file_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     assert out.read_bytes().startswith(b"%PDF")
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+def test_a_full_disk_is_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """And not what matplotlib makes of it, which was an error of zlib's."""
+    (tmp_path / "board.pdf.new").symlink_to("/dev/full")
+    assert made(monkeypatch, str(tmp_path / "board.pdf")) == 2
+    assert capsys.readouterr().err == f"ledpi: {tmp_path}/board.pdf.new: cannot be written: No space left on device\n"
+
+
 def test_rectangles_cover_what_is_black() -> None:
     """Each black texel once, and no white one."""
     black = np.array([[1, 1, 0, 1], [1, 1, 0, 0], [0, 1, 1, 1]], bool)

@@ -217,3 +217,11 @@ def test_the_command_writes_a_map_and_a_picture(recording: Path, tmp_path: Path)
     assert "these are: 7, 12, 23" in failed.stderr
     assert "Traceback" not in failed.stderr
     assert (tmp_path / "markers.yaml").read_bytes() == before
+
+
+@pytest.mark.parametrize("place", [("--position", "nan", "0", "0"), ("--yaw-deg", "inf")])
+def test_an_origin_is_somewhere(place: tuple[str, ...], tmp_path: Path) -> None:
+    """Before the recording is looked at."""
+    failed = ledpi("calibrate", "map", "nowhere", *place, cwd=tmp_path)
+    assert failed.returncode == 2
+    assert failed.stderr == "ledpi: --position, --yaw-deg: must be finite numbers\n"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -54,9 +55,13 @@ def write_sheet(path: Path, board: Board, square_mm: float, paper: str, caption:
     for x in np.linspace(MARGIN_MM, MARGIN_MM + RULER_MM, 11):
         axes.plot([x, x], [y - 1.5, y + 1.5], color="black", linewidth=0.5, solid_capstyle="butt")
     axes.text(MARGIN_MM + RULER_MM + 4, y, caption, fontsize=8, verticalalignment="center")
+    drawn = BytesIO()  # first in memory, as matplotlib itself stumbles over a disk that is full
+    figure.savefig(drawn, format="pdf")
     try:
-        figure.savefig(path, format="pdf")
+        path.write_bytes(drawn.getvalue())
     except OSError as error:
+        if path.is_file():  # half of it
+            path.unlink()
         raise CalibrationError(f"{path}: cannot be written: {error.strerror}") from None
 
 

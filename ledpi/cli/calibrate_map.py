@@ -46,6 +46,8 @@ def map_(
         raise CalibrationError(f"{error.name} is missing: pip install 'ledpi[calibrate]'") from None
     from ledpi.geometry import FACING_FROM_MARKER, matrix_from_rpy_deg, transform
 
+    if not all(math.isfinite(value) for value in (*position, yaw_deg)):
+        raise CalibrationError("--position, --yaw-deg: must be finite numbers")
     settings, _ = settings_for(config, set_, recording)
     views, sides_m, lens = _drive(recording, settings)
     map_from_origin = transform(matrix_from_rpy_deg(0, 0, yaw_deg) @ FACING_FROM_MARKER, np.array(position))
