@@ -25,6 +25,7 @@ SHARED = {
     "panel_fit.c": (("numpy_panel_fit",), 6),
     "neighbours.c": (("words",), 1),
     "words.c": (("words",), 2),
+    "cells.c": (("cells",), 1),
     "lattice.h": (("inner_lines",), 1),
 }
 

@@ -118,6 +118,8 @@ def _area(corners: Floats) -> float:
 
 def _bent(quad: Quad, cells: int, intrinsics: Intrinsics | None) -> Intrinsics | None:
     """The lens, where it bends the square: it stays a square only before the lens does."""
+    if intrinsics is None or quad.bend_px == 0.0:
+        return None
     side_px = math.sqrt(abs(_area(quad.corners_px)))
     return intrinsics if quad.bend_px > MAX_BEND * side_px / cells else None
 
@@ -148,11 +150,11 @@ def sample_cells(
         k = like.k
     points = lattice(cells, k)
     shrink = AVERAGED if min(cell_px) * INSET >= AVERAGED else 1
-    window = _window(frame, quad, shrink)
-    if window is None:
-        return OUTSIDE
     sample = _sample_compiled if can_read(frame) else _sample
-    light, rows, saturated, least = sample(frame, quad, points, _bent(quad, cells, intrinsics), window, shrink)
+    sampled = sample(frame, quad, points, _bent(quad, cells, intrinsics), shrink)
+    if sampled is None:
+        return OUTSIDE
+    light, rows, saturated, least = sampled
     valid = _valid(light) if math.isnan(least) else DARK if least <= 0 else None
     if isinstance(valid, Rejected):
         return valid
@@ -195,16 +197,23 @@ def _window(frame: Frame, quad: Quad, shrink: int) -> tuple[int, int, int, int] 
 
 
 def _sample_compiled(
-    frame: Frame, quad: Quad, points: Lattice, lens: Intrinsics | None, window: tuple[int, int, int, int], shrink: int
-) -> tuple[Singles, Singles, bool, float]:
+    frame: Frame, quad: Quad, points: Lattice, lens: Intrinsics | None, shrink: int
+) -> tuple[Singles, Singles, bool, float] | None:
     """`_sample`, in C."""
-    return kernel.sample_cells(frame, quad.corners_px, lens, points.cells, points.k, points.along, window, shrink)
+    size = points.cells, points.k, points.along, shrink
+    return kernel.sample_cells(frame, quad.corners_px, quad.bend_px, lens, *size)
 
 
 def _sample(
-    frame: Frame, quad: Quad, points: Lattice, lens: Intrinsics | None, window: tuple[int, int, int, int], shrink: int
-) -> tuple[Singles, Singles, bool, float]:
-    """Light and rows of the lattice's points, whether a pixel is saturated, and the least light of a cell; or NaN."""
+    frame: Frame, quad: Quad, points: Lattice, lens: Intrinsics | None, shrink: int
+) -> tuple[Singles, Singles, bool, float] | None:
+    """Light and rows of the lattice's points, whether a pixel is saturated, and the least light of a cell, or NaN.
+
+    None where a part is outside the picture.
+    """
+    window = _window(frame, quad, shrink)
+    if window is None:
+        return None
     x0, y0, columns, rows = window
     at = _lattice_pixels(quad, points, lens)
     patch = frame.pixels[y0 : y0 + rows * shrink, x0 : x0 + columns * shrink]

@@ -192,6 +192,8 @@ def _least(*odds: float) -> float:
 
 def surest(readings: Sequence[Reading | Rejected], false_id_rate: float) -> Reading | Rejected:
     """The reading to believe, of those under each pair of frequencies that panels may have; at least one is given."""
+    if len(readings) == 1:
+        return readings[0]
     read = sorted((r for r in readings if isinstance(r, Reading)), key=lambda r: -r.likelihood)
     if not read:
         return next(r for r in readings if isinstance(r, Rejected))

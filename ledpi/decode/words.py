@@ -6,7 +6,7 @@ In C (kernels/words.c, neighbours.c) and, where there is no compiler, in numpy, 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,8 +23,7 @@ SHORTLIST = 16  # words that are compared exactly
 BEAM = 16  # patterns from which others are tried that differ in one more cell: with 8, the likeliest was missed
 
 
-@dataclass(frozen=True, slots=True)
-class Fit:
+class Fit(NamedTuple):
     """The likeliest words under some evidence, best first, and what speaks against the best of them."""
 
     words: list[int]  # indices of the codebook

@@ -1,18 +1,48 @@
 /* The light of a panel's cells, on a lattice of points in each: `sample_cells` of decode/cells.py. */
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "kernels.h"
 #include "pose.h"
 #include "wide.h"
 
-enum { TAPS = 8 }; /* of Lanczos' kernel, the fourth at the pixel before */
+enum {
+    TAPS = 8, /* of Lanczos' kernel, the fourth at the pixel before */
+    MARGIN = 4, /* pixels that it takes in on either side, as in decode/cells.py */
+};
+
+enum { NONE_SATURATED, SOME_SATURATED, OUTSIDE, NO_MEMORY }; /* what came of it, as in kernels/cells.py */
 
 /* The part of a picture that is sampled, in linear light; each of its pixels is the mean of shrink × shrink. */
 typedef struct {
     float *light; /* (rows, columns) */
     ptrdiff_t first_column, first_row, columns, rows, shrink;
 } Patch;
+
+/* The part around `corners` (4, 2), with as much on each side as the interpolation takes in; false where they, or sides
+ * that bend outward by so much, leave the picture. `_window` of decode/cells.py. */
+static bool put_window(const Picture *picture, const double *corners, double bend_px, Patch *patch) {
+    ptrdiff_t first[2], count[2];
+    for (int axis = 0; axis < 2; axis++) {
+        const ptrdiff_t size = axis ? picture->height : picture->width;
+        double low = INFINITY, high = -INFINITY;
+        for (int i = 0; i < 4; i++) {
+            const double at = corners[2 * i + axis];
+            if (!(at - bend_px >= 0.0 && at + bend_px <= (double)(size - 1))) return false;
+            low = fmin(low, at - bend_px);
+            high = fmax(high, at + bend_px);
+        }
+        first[axis] = (ptrdiff_t)low + 1 - MARGIN * patch->shrink;
+        if (first[axis] < 0) first[axis] = 0;
+        count[axis] = ((ptrdiff_t)high + 1 - first[axis] + patch->shrink - 1) / patch->shrink + MARGIN;
+        const ptrdiff_t there = (size - first[axis]) / patch->shrink; /* at the picture's end a last part may be missing */
+        if (count[axis] > there) count[axis] = there;
+    }
+    patch->first_column = first[0], patch->columns = count[0];
+    patch->first_row = first[1], patch->rows = count[1];
+    return true;
+}
 
 /* Whether one of `count` pixels is saturated. */
 static bool any_saturated(const uint8_t *pixels, ptrdiff_t count) {
@@ -126,17 +156,37 @@ LEDPI_WIDE static void put_places(const Patch *patch, const double h[9], const L
     }
 }
 
-/* Samples cells × cells cells inside `corners` (4, 2), k × k points in each, at the places `along` (cells·k,) across the
- * panel and down it, bent by the `lens` unless that is none. Light (cells², k²) and the picture row of each sample; the
- * patch (rows·columns floats of room in `room`) must lie within the picture. Lanczos' kernel, or straight lines where a
- * pixel is saturated. Returns 1 if one is; `least` is the least sum over a cell's samples, not a number where one is none. */
+/* The sum over the samples of the cell with the least, not a number where one is none. */
+static double least_light(ptrdiff_t cells, ptrdiff_t points, const float *light) {
+    bool numbers = true;
+    double least = INFINITY;
+    for (ptrdiff_t cell = 0; cell < cells; cell++, light += points) {
+        double lanes[4] = {0};
+        ptrdiff_t p = 0;
+        for (; p + 4 <= points; p += 4)
+            for (int lane = 0; lane < 4; lane++) lanes[lane] += light[p + lane];
+        for (; p < points; p++) lanes[0] += light[p];
+        const double sum = (lanes[0] + lanes[1]) + (lanes[2] + lanes[3]);
+        numbers = numbers && !isnan(sum);
+        least = fmin(least, sum);
+    }
+    return numbers ? least : NAN;
+}
+
+/* Samples cells × cells cells inside `corners` (4, 2), whose sides a lens bends by so much, k × k points in each, at the
+ * places `along` (cells·k,) across the panel and down it; bent by the `lens` unless that is none. Light (cells², k²) and the
+ * picture row of each sample; `shrink` × `shrink` pixels are averaged. Lanczos' kernel, or straight lines where a pixel is
+ * saturated; `least` is the least sum over a cell's samples. */
 int ledpi_sample_cells(const uint8_t *pixels, ptrdiff_t height, ptrdiff_t width, ptrdiff_t stride, const float *table,
-                       const double *corners, const Lens *lens, ptrdiff_t cells, ptrdiff_t k, const float *along,
-                       ptrdiff_t first_column, ptrdiff_t first_row, ptrdiff_t columns, ptrdiff_t rows, ptrdiff_t shrink,
-                       const float *kernel, ptrdiff_t steps, float *room, float *light, float *picture_rows, double *least) {
+                       const double *corners, double bend_px, const Lens *lens, ptrdiff_t cells, ptrdiff_t k,
+                       const float *along, ptrdiff_t shrink, const float *kernel, ptrdiff_t steps, float *light,
+                       float *picture_rows, double *least) {
     const Picture picture = {pixels, height, width, stride, table};
-    Patch patch = {room, first_column, first_row, columns, rows, shrink};
-    bool saturated = linearise(&picture, &patch);
+    Patch patch = {.shrink = shrink};
+    if (!put_window(&picture, corners, bend_px, &patch)) return OUTSIDE;
+    patch.light = malloc(sizeof(float) * (size_t)(patch.columns * patch.rows));
+    if (!patch.light) return NO_MEMORY;
+    const bool saturated = linearise(&picture, &patch);
     Point seen[4];
     double h[9];
     for (int i = 0; i < 4; i++) {
@@ -150,19 +200,7 @@ int ledpi_sample_cells(const uint8_t *pixels, ptrdiff_t height, ptrdiff_t width,
     ledpi_unit_square_to(seen, h);
     put_places(&patch, h, lens, cells, k, along, light, picture_rows);
     interpolate(&patch, kernel, steps, saturated, picture_rows, cells * cells * k * k, light);
-    bool numbers = true;
-    *least = INFINITY;
-    for (ptrdiff_t cell = 0; cell < cells * cells; cell++) {
-        double lanes[4] = {0};
-        ptrdiff_t p = 0;
-        for (; p + 4 <= k * k; p += 4)
-            for (int lane = 0; lane < 4; lane++) lanes[lane] += light[p + lane];
-        for (; p < k * k; p++) lanes[0] += light[p];
-        const double sum = (lanes[0] + lanes[1]) + (lanes[2] + lanes[3]);
-        light += k * k;
-        numbers = numbers && !isnan(sum);
-        *least = fmin(*least, sum);
-    }
-    if (!numbers) *least = NAN;
-    return saturated;
+    free(patch.light);
+    *least = least_light(cells * cells, k * k, light);
+    return saturated ? SOME_SATURATED : NONE_SATURATED;
 }

@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from ledpi.kernels.library import INTEGER, POINTER, address, doubles, function
+from ledpi.kernels.library import DOUBLE, INTEGER, POINTER, address, doubles, function
 from ledpi.kernels.light import PICTURE, picture
 from ledpi.kernels.pose import lens_of
 from ledpi.records import Floats, Frame, Intrinsics
@@ -16,10 +16,11 @@ from ledpi.records import Floats, Frame, Intrinsics
 Singles = NDArray[np.float32]
 
 STEPS = 512  # between two pixels, for which there are weights
+NONE_SATURATED, SOME_SATURATED, OUTSIDE, NO_MEMORY = range(4)  # as in cells.c
 
 _sample_cells = function(
-    "ledpi_sample_cells", *PICTURE, *(POINTER,) * 2, *(INTEGER,) * 2, POINTER, *(INTEGER,) * 5, POINTER, INTEGER,
-    *(POINTER,) * 4, result=ctypes.c_int,
+    "ledpi_sample_cells", *PICTURE, POINTER, DOUBLE, POINTER, *(INTEGER,) * 2, POINTER, INTEGER, POINTER, INTEGER,
+    *(POINTER,) * 3, result=ctypes.c_int,
 )  # fmt: skip
 
 
@@ -31,26 +32,34 @@ def _lanczos() -> Singles:
     return np.ascontiguousarray(weights / weights.sum(axis=1, keepdims=True), np.float32)
 
 
+@cache
+def _lanczos_at() -> int:
+    return address(_lanczos())  # which is kept for good
+
+
 def sample_cells(
     frame: Frame,
     corners_px: Floats,
+    bend_px: float,
     lens: Intrinsics | None,
     cells: int,
     k: int,
     along: Singles,
-    window: tuple[int, int, int, int],
     shrink: int,
-) -> tuple[Singles, Singles, bool, float]:
+) -> tuple[Singles, Singles, bool, float] | None:
     """Light and picture rows (cells², k²) on a lattice inside `corners_px` (4, 2), bent by the `lens` if it is given.
 
-    And whether a pixel of the window is saturated, and the least sum of light over a cell, not a number where that
-    spoils a sample. `window`: first column and row, columns and rows, each of `shrink` pixels, all within the picture.
+    And whether a pixel of those that this takes in is saturated, and the least sum of light over a cell, not a number
+    where that spoils a sample. None where corners, or sides that are bent by `bend_px`, leave the picture. `shrink`:
+    rows and columns of pixels that are averaged. Raises MemoryError.
     """
-    light, rows = np.empty((2, cells * cells, k * k), np.float32)
-    room, least, corners = np.empty(window[2] * window[3], np.float32), np.empty(1), doubles(corners_px)
-    saturated = _sample_cells(
-        *picture(frame, mark_saturated=True), address(corners), None if lens is None else address(lens_of(lens)),
-        cells, k, address(along), *window, shrink, address(_lanczos()), STEPS, address(room), address(light),
-        address(rows), address(least),
+    light, rows = np.empty((cells * cells, k * k), np.float32), np.empty((cells * cells, k * k), np.float32)
+    least, corners = np.empty(1), doubles(corners_px)
+    outcome = _sample_cells(
+        *picture(frame, mark_saturated=True), address(corners), bend_px,
+        None if lens is None else address(lens_of(lens)), cells, k, address(along), shrink, _lanczos_at(), STEPS,
+        address(light), address(rows), address(least),
     )  # fmt: skip
-    return light, rows, bool(saturated), float(least[0])
+    if outcome == NO_MEMORY:
+        raise MemoryError
+    return None if outcome == OUTSIDE else (light, rows, outcome == SOME_SATURATED, float(least[0]))
