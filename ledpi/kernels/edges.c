@@ -3,6 +3,7 @@
 #include <math.h>
 
 #include "quads.h"
+#include "wide.h"
 
 enum { T = RIM_T, AT_SIDE = 2 };
 
@@ -61,7 +62,7 @@ static void filters_for(Look *look, const Side sides[4], const double blur_px[2]
     }
 }
 
-static void take_profiles(const Look *look, const Side sides[4], const Filter *filters[2], Profiles *into) {
+LEDPI_WIDE static void take_profiles(const Look *look, const Side sides[4], const Filter *filters[2], Profiles *into) {
     for (int k = 0; k < 4; k++) {
         const Side *side = &sides[k];
         const Filter *filter = filters[k & 1];

@@ -2,6 +2,7 @@
 #include <math.h>
 
 #include "lattice.h"
+#include "wide.h"
 
 enum { STEPS = 8, REACH = STEPS + 2, T = 2 * REACH + 1, PLACES = 6 };
 #define REACH_PX 4.0
@@ -81,7 +82,7 @@ typedef struct {
     bool shown[MOST_INNER / 2];
 } Across;
 
-static void take_apart(const Picture *picture, const Homography *homography, double reach, const Point *moves,
+LEDPI_WIDE static void take_apart(const Picture *picture, const Homography *homography, double reach, const Point *moves,
                        ptrdiff_t cells, ptrdiff_t first, Across *all) {
     ptrdiff_t count = cells * (cells - 1);
     double level[MOST_INNER / 2], ordered[MOST_INNER / 2], uneven[MOST_INNER / 2];

@@ -56,12 +56,11 @@ double ledpi_kth(double *numbers, ptrdiff_t count, ptrdiff_t k) {
         double pivot = numbers[low + (high - low) / 2];
         numbers[low + (high - low) / 2] = numbers[high];
         ptrdiff_t less = low;
-        for (ptrdiff_t i = low; i < high; i++) {
+        for (ptrdiff_t i = low; i < high; i++) { /* without a branch, which would be guessed wrong every other time */
             double here = numbers[i];
-            if (here < pivot) {
-                numbers[i] = numbers[less];
-                numbers[less++] = here;
-            }
+            numbers[i] = numbers[less];
+            numbers[less] = here;
+            less += here < pivot;
         }
         numbers[high] = numbers[less];
         numbers[less] = pivot;
