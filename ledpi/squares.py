@@ -12,7 +12,7 @@ from ledpi.decode.edges import prepare, refine_quads
 from ledpi.decode.find import Candidate, Finder
 from ledpi.decode.find_striped import MIN_STRIPED_CELL_PX, StripedFinder
 from ledpi.decode.settle import is_part_of, settle
-from ledpi.decode.striped import striped_near, striped_squares
+from ledpi.decode.striped import NO_BANDS, fitted_squares, striped_near, striped_squares
 from ledpi.records import CameraInfo, Floats, Frame, Intrinsics, PanelSpec, Quad, Rejected
 
 
@@ -35,7 +35,8 @@ class Squares:
 
     def near(self, frame: Frame, expected: Sequence[tuple[Floats, bool]]) -> list[Quad | Rejected]:
         """The square near each of these corners (4, 2), or why there is none; with whether it is one of spots."""
-        refined = iter(self._refined(frame, [at for at, of_spots in expected if not of_spots]))
+        squares = [at for at, of_spots in expected if not of_spots]
+        refined = iter([quad for _, quad in self._unbent(frame, squares, self._refined(frame, squares))])
         return [
             settle(frame, at, self._cells, self._intrinsics) if of_spots else next(refined)
             for at, of_spots in expected
@@ -49,6 +50,9 @@ class Squares:
         if not self._striped_finder.is_cut(frame):  # then it may also be seen whole
             whole, dropped_too = self._finder.find(self._striped_finder.bridged(frame))
             found, dropped = found + whole, dropped + dropped_too
+            blinks = self._striped_finder.blinks(frame, found, self._cells)
+            dropped += [NO_BANDS] * blinks.count(False)
+            found = [candidate for candidate, one in zip(found, blinks, strict=True) if one]
         return found, dropped
 
     def candidates_again(self, frame: Frame) -> tuple[list[Candidate], list[Rejected]]:
@@ -68,7 +72,7 @@ class Squares:
         )
         refined = iter(self._refined(frame, [at for at in near if not isinstance(at, Rejected)]))
         quads = [at if isinstance(at, Rejected) else next(refined) for at in near]
-        results = [(candidate.corners, quad) for candidate, quad in zip(squares, quads, strict=True)]
+        results = self._unbent(frame, [candidate.corners for candidate in squares], quads)
         for grid in (candidate.corners for candidate in candidates if candidate.spots):
             of_spots = settle(frame, grid, self._cells, self._intrinsics)
             if isinstance(of_spots, Quad):  # in place of what runs around its spots, or inside it
@@ -80,3 +84,13 @@ class Squares:
         if self._striped_finder.stripe_rows(frame):
             return striped_near(frame, near, self._cells, self._specs, self._intrinsics)
         return refine_quads(frame, np.array(near), self._cells, self._intrinsics)
+
+    def _unbent(
+        self, frame: Frame, sought: list[Floats], squares: list[Quad | Rejected]
+    ) -> list[tuple[Floats, Quad | Rejected]]:
+        """Squares beside where they were sought; where bands bend edges, as the panel's whole picture has them."""
+        results = list(zip(sought, squares, strict=True))
+        bent_rows = self._striped_finder.bent_rows(frame)
+        if not bent_rows:
+            return results
+        return fitted_squares(frame, results, self._cells, self._specs, bent_rows, self._intrinsics)

@@ -21,14 +21,16 @@ from decode_material import (
 )
 
 from ledpi.decode import soft
+from ledpi.decode.approach import NOT_STRAIGHT
 from ledpi.decode.band_light import Bands
 from ledpi.decode.cells import CellSamples, sample_cells
 from ledpi.decode.codebook import Codebook
+from ledpi.decode.find import Candidate
 from ledpi.decode.find_striped import StripedFinder, smallest_square_around
 from ledpi.decode.lattice import unlike_a_square
 from ledpi.decode.light_window import Window
 from ledpi.decode.sides import as_points
-from ledpi.decode.striped import striped_near, striped_squares
+from ledpi.decode.striped import fitted_squares, striped_near, striped_squares
 from ledpi.dictionaries import load_dictionary
 from ledpi.pipeline import Pipeline
 from ledpi.records import Floats, Frame, Intrinsics, Quad, Rejected
@@ -112,6 +114,38 @@ def test_how_high_dark_bands_are() -> None:
     assert finder.stripe_rows(Canvas().frame()) == 0
 
 
+def test_bands_that_bend_edges_without_cutting_panels() -> None:
+    """At 640 µs both classes' contrast is a half; at 1.2 ms 1250 Hz has 2/3, 2450 Hz next to none; at 5 ms both."""
+    finder = StripedFinder(640, 480, [SPEC], SMALLEST_PX)
+    rows = [finder.bent_rows(Canvas(exposure_us=exposure_us).frame()) for exposure_us in (150.0, 640.0, 1200.0, 5000.0)]
+    assert rows == pytest.approx([0.0, 11.88 + 6.06, 11.88, 0.0], abs=0.01)
+
+
+def test_squares_whose_edges_are_bent_by_bands_are_fitted_anew() -> None:
+    """At 640 µs: one that is half a pixel off, and one that was refused as not straight; a hidden one stays."""
+    true = square(310.3, 240.6, 80, 12)
+    frame = striped(true, 7, (0.3, 0.9), 640.0)
+    off = Quad(corners_px=true + 0.5 * np.array([[1, 0], [0, 1], [-1, 0], [0, -1]]), corner_sigma_px=0.05)
+    hidden = dataclasses.replace(off, seen_px=true)
+    found = fitted_squares(frame, [(true + 3, off), (true + 3, NOT_STRAIGHT), (true, hidden)], 4, [SPEC], 17.9)
+    for _, fit in found[:2]:
+        assert isinstance(fit, Quad)
+        assert worst_corner(fit.corners_px, true) < 0.1
+    assert found[2][1] is hidden
+
+
+def test_what_does_not_blink_is_not_searched_for_bands() -> None:
+    """At 500 µs, of a panel and a square that is twice as bright as the wall."""
+    panel, lamp = square(180, 240, 90, 12), square(450, 240, 90, 12)
+    canvas = Canvas(exposure_us=500.0)
+    canvas.panel(panel, word(7), phases=(0.3, 0.9))
+    canvas.lamp(lamp, 0.06)
+    finder = StripedFinder(640, 480, [SPEC], SMALLEST_PX)
+    finder.find(frame := canvas.frame())
+    candidates = [Candidate(corners=at, side_px=90.0, misfit=0.0, tolerance_px=3.0) for at in (panel, lamp)]
+    assert finder.blinks(frame, candidates, 4) == [True, False]
+
+
 def test_the_smallest_square_around_one_with_its_corner_cut_off() -> None:
     """It is the square again, whichever way around its outline is given."""
     outline = np.array([[0.0, 0], [10, 0], [10, 7], [7, 10], [0, 10]])
@@ -145,6 +179,12 @@ def test_classes_of_cells_where_one_shows_half_as_much_as_the_other(exposure_us:
     assert bands.explained > 0.97
 
 
+def test_a_square_that_has_gone_astray_is_no_larger_than_the_picture() -> None:
+    """Its window is averaged down by 640 // 70 pixels at most: what bands show is averaged over as many rows."""
+    window = Window.around(Canvas(exposure_us=370.0).frame(), as_points(square(310, 240, 1e7, 30)[None]), 3.0)
+    assert window.shrink == 9
+
+
 def test_a_panel_of_mostly_steady_cells_is_whole_once_dark_bands_are_bridged() -> None:
     """At 400 µs white cells are nearly steady; the bands that cut the black ones are 11.88 rows of 33.67 µs high."""
     frame = striped(square(310, 240, 150, 3), 7, (0.3, 0.9), 400.0)
@@ -154,7 +194,7 @@ def test_a_panel_of_mostly_steady_cells_is_whole_once_dark_bands_are_bridged() -
     assert finder.bridged(frame).pixels[through_black].min() > 120
 
 
-@pytest.mark.parametrize("exposure_us", [130.0, 161.6, 270.0, 370.0, 400.0, 500.0, 1000.0, 2000.0, 5000.0])
+@pytest.mark.parametrize("exposure_us", [130.0, 161.6, 270.0, 370.0, 400.0, 500.0, 640.0, 1000.0, 2000.0, 5000.0])
 @pytest.mark.parametrize("turn_deg", [3, 40])
 def test_one_frame_is_read_at_any_exposure(exposure_us: float, turn_deg: float) -> None:
     """Panels 7 and 42, 70 px wide, from full bands to those that are a tenth deep."""

@@ -11,7 +11,7 @@ corners off, so a rough square is the smallest four-sided figure around what is 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import cache
 from itertools import combinations
@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from ledpi import shutter
 from ledpi.decode.find import AT_BORDER, NOT_FOUR_SIDED, TOO_SMALL, Candidate
+from ledpi.decode.lattice import lattice_places, rough_lattice
 from ledpi.decode.light_window import min_contrast
 from ledpi.decode.sides import Points, Singles, areas, as_corners, as_points, cross
 from ledpi.kernels import smallest as kernel
@@ -30,6 +31,8 @@ from ledpi.records import Floats, Frame, PanelSpec, Pixels, Rejected, Transfer
 from ledpi.tone import linear_light
 
 STRIPED_CONTRAST = 0.8  # bands deeper than this cut a panel into pieces: of others the darkest rows, too, show its rim
+# Deeper than this they still bend what is seen of a rim: from 640 µs to 1.2 ms edges refused one panel in ten.
+BENDING_CONTRAST = 1.0 / 3.0
 SCALE = 2  # pixels of the picture in one of the half-sized
 # Of bright to dark, that is blinking: that, or this share of what the shallowest bands have; or what the walls between
 # cells bring with them where a class's bands are gone.
@@ -66,7 +69,7 @@ class StripedFinder:
         if frame.transfer == "linear":
             cv2.LUT(self._half, self._brighten, dst=self._half)
         self._light = _brightened(frame.transfer)
-        self._contrast = min_contrast(self._specs, frame.exposure_us)
+        self._contrast = min_contrast(self._specs, frame.exposure_us, anywhere=True)
         bridge = (math.ceil(self.stripe_rows(frame) / SCALE) + 2) | 1
         found: list[Candidate] = []
         dropped: list[Rejected] = []
@@ -83,11 +86,18 @@ class StripedFinder:
 
         Where a black cell stands on a white one, a dark band of either may meet one of the other.
         """
+        return self._dark_rows(frame, STRIPED_CONTRAST)
+
+    def bent_rows(self, frame: Frame) -> float:
+        """The same of those that do not cut panels, but are so deep that edges are not where light changes."""
+        return 0.0 if self.stripe_rows(frame) else self._dark_rows(frame, BENDING_CONTRAST)
+
+    def _dark_rows(self, frame: Frame, contrast: float) -> float:
         return max(
             sum(
                 (1.0 - spec.duty) / (hz * frame.row_time_us * 1e-6)
                 for hz in (spec.black_hz, spec.white_hz)
-                if shutter.contrast(hz, frame.exposure_us, spec.duty) > STRIPED_CONTRAST
+                if shutter.contrast(hz, frame.exposure_us, spec.duty) > contrast
             )
             for spec in self._specs
         )
@@ -106,9 +116,23 @@ class StripedFinder:
         cv2.morphologyEx(frame.pixels, cv2.MORPH_CLOSE, np.ones((rows, 1), np.uint8), dst=self._bridged)
         return replace(frame, pixels=self._bridged.view())
 
+    def blinks(self, frame: Frame, candidates: Sequence[Candidate], cells: int) -> list[bool]:
+        """Which of these, in the frame searched last, are as bright and dark as deep bands in as much as a cell.
+
+        Squares that stand out of the wall by less than that are none of these.
+        """
+        if not candidates:
+            return []
+        x, y, _ = lattice_places(as_points(np.array([c.corners for c in candidates])), rough_lattice(cells))
+        height, width = self._least.shape
+        row, column = ((at / SCALE).astype(np.int64).clip(0, most - 1) for at, most in ((y, height), (x, width)))
+        ratio = min(BLINKING, LEAST_OF_BANDS * self._bright_to_dark(frame, max))
+        bands = self._least[row, column] > OCTAVE * math.log2(ratio)
+        return [bool(share >= 1 / cells**2) for share in bands.mean(axis=(1, 2))]
+
     def _blinking(self, frame: Frame, bridge: int) -> list[Pixels]:
         """Outlines of what is bright and dark within every `bridge` rows of each column."""
-        ratio = min(BLINKING, max(WALLS, LEAST_OF_BANDS * self._shallowest(frame)))
+        ratio = min(BLINKING, max(WALLS, LEAST_OF_BANDS * self._bright_to_dark(frame, min)))
         cv2.LUT(self._half, _octaves(frame.transfer), dst=self._octaves)
         column, lit = np.ones((bridge, 1), np.uint8), self._lit
         cv2.dilate(self._octaves, column, dst=self._most)
@@ -124,9 +148,9 @@ class StripedFinder:
         cv2.erode(lit, column, dst=lit)  # whence any of them is seen
         return self._outlines()
 
-    def _shallowest(self, frame: Frame) -> float:
-        """Light of the brightest row over that of the darkest, in the shallowest bands."""
-        depth = min(
+    def _bright_to_dark(self, frame: Frame, chosen: Callable[[Iterable[float]], float]) -> float:
+        """Light of the brightest row over that of the darkest, in the deepest (`max`) or shallowest bands (`min`)."""
+        depth = chosen(
             0.5 * shutter.contrast(hz, frame.exposure_us, spec.duty)
             for spec in self._specs
             for hz in (spec.black_hz, spec.white_hz)

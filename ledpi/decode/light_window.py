@@ -37,7 +37,8 @@ class Window:
     def around(cls, frame: Frame, corners: Points, reach_px: float) -> Window:
         """What is up to `reach_px` around quads (S, 4)."""
         height, width = frame.pixels.shape
-        shrink = max(1, int(np.sqrt(np.abs(areas(corners)).min()) // FEWEST_PX))
+        side_px = min(float(np.sqrt(np.abs(areas(corners)).min())), max(width, height))  # a fit may have gone astray
+        shrink = max(1, int(side_px // FEWEST_PX))
         x0, y0 = max(0, int(corners.real.min() - reach_px)), max(0, int(corners.imag.min() - reach_px))
         x1, y1 = min(width, int(corners.real.max() + reach_px) + 2), min(height, int(corners.imag.max() + reach_px) + 2)
         columns, rows = max(1, (x1 - x0) // shrink), max(1, (y1 - y0) // shrink)
@@ -94,11 +95,22 @@ def class_waves(spec: PanelSpec, exposure_us: float, row_time_us: float, shrink:
 
 
 @lru_cache(maxsize=32)
-def min_contrast(specs: tuple[PanelSpec, ...], exposure_us: float) -> float:
-    """Of bright to dark light in a panel, at least: MIN_CONTRAST, or a third of what the deepest bands have."""
-    depths = [0.5 * shutter.contrast(hz, exposure_us, s.duty) for s in specs for hz in (s.black_hz, s.white_hz)]
-    deepest = min(max(depths), 0.999)
-    return min(MIN_CONTRAST, max(1.0, (1 + deepest) / (1 - deepest) / 3))
+def min_contrast(specs: tuple[PanelSpec, ...], exposure_us: float, *, anywhere: bool = False) -> float:
+    """Of bright to dark light in a panel, at least: MIN_CONTRAST, or a third of what bands have.
+
+    Those of the class whose bands are shallower: nearly all of its cells may be of that one; with what is `anywhere`
+    near, those of the other.
+    """
+    chosen = max if anywhere else min
+    return min(_contrast(chosen(_depths(spec, exposure_us))) for spec in specs)
+
+
+def _depths(spec: PanelSpec, exposure_us: float) -> list[float]:
+    return [min(0.5 * shutter.contrast(hz, exposure_us, spec.duty), 0.999) for hz in (spec.black_hz, spec.white_hz)]
+
+
+def _contrast(depth: float) -> float:
+    return min(MIN_CONTRAST, max(1.0, (1 + depth) / (1 - depth) / 3))
 
 
 def have_contrast(frame: Frame, corners: Points, cells: int, specs: Sequence[PanelSpec]) -> NDArray[np.bool_]:
@@ -108,5 +120,5 @@ def have_contrast(frame: Frame, corners: Points, cells: int, specs: Sequence[Pan
     codes = frame.pixels[y.astype(np.int64).clip(0, height - 1), x.astype(np.int64).clip(0, width - 1)]
     light = linear_light(frame.transfer, mark_saturated=False)[codes.reshape(len(corners), -1)]
     dark, bright = np.quantile(light, (DARK, BRIGHT), axis=1)
-    contrasty: NDArray[np.bool_] = bright > min_contrast(tuple(specs), frame.exposure_us) * dark
+    contrasty: NDArray[np.bool_] = bright > min_contrast(tuple(specs), frame.exposure_us, anywhere=True) * dark
     return contrasty

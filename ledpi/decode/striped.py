@@ -13,8 +13,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ledpi.decode.approach import NOT_STRAIGHT
 from ledpi.decode.band_light import BandLight, Bands
-from ledpi.decode.edges import checked
+from ledpi.decode.edges import NOT_WHOLE, checked
 from ledpi.decode.find import Candidate
 from ledpi.decode.lattice import fine_lattice, rough_lattice
 from ledpi.decode.light_window import Window, have_contrast
@@ -23,6 +24,7 @@ from ledpi.decode.sides import OPPOSITE, Points, Sides, areas, as_points, bends
 from ledpi.records import Floats, Frame, Intrinsics, PanelSpec, Quad, Rejected
 
 NO_BANDS = Rejected(stage="edges", reason="no_bands")
+BENT = (NOT_STRAIGHT, NOT_WHOLE)  # what edges may say of a panel whose bands are deep
 
 SAME_CENTRE = 0.25  # of the side: what is nearer is the same thing
 REACH = 0.45  # of the side, around it
@@ -95,6 +97,29 @@ def striped_near(
 ) -> list[Quad | Rejected]:
     """The square near each of these corners (4, 2), off by a few percent of the side; or why there is none."""
     return [_square_near(frame, as_points(corners), cells, specs, intrinsics) for corners in near]
+
+
+def fitted_squares(
+    frame: Frame,
+    squares: Sequence[tuple[Floats, Quad | Rejected]],
+    cells: int,
+    specs: Sequence[PanelSpec],
+    bent_rows: float,
+    intrinsics: Intrinsics | None = None,
+) -> list[tuple[Floats, Quad | Rejected]]:
+    """The same squares, beside where they were sought (4, 2), by the panel's whole picture where that fits.
+
+    Bands that are `bent_rows` high have led edges astray, or had them refused.
+    """
+    results = []
+    for sought, square in squares:
+        fit: Quad | Rejected = square
+        if isinstance(square, Quad) and square.seen_px is None:
+            fit = _square_near(frame, as_points(square.corners_px), cells, specs, intrinsics)
+        elif square in BENT:
+            fit = striped_square(frame, sought[None], cells, specs, bent_rows, intrinsics)
+        results.append((sought, fit if isinstance(fit, Quad) else square))
+    return results
 
 
 @np.errstate(divide="ignore", invalid="ignore", over="ignore")  # parallel sides cross nowhere: worth nothing
