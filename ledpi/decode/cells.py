@@ -72,6 +72,7 @@ class CellSamples:
     averaged: int  # picture rows, and columns, in each pixel that was sampled
     cell_px: tuple[float, float]  # width and height of a cell, in (averaged) pixels
     independence: float  # what a sample counts for: less than 1 where its neighbours share its noise
+    linear: bool = False  # interpolated by straight lines
 
 
 @cache
@@ -167,6 +168,7 @@ def sample_cells(
         averaged=shrink,
         cell_px=(across, down),
         independence=min(1.0, variance * across * down * ((1 - 2 * INSET) / k) ** 2),
+        linear=saturated,
     )
 
 

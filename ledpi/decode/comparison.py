@@ -10,7 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ledpi.decode.cells import CellSamples, Singles
-from ledpi.decode.evidence import UNFIT, Evidence, Normal, band_prior, evidence_from, picture_slopes
+from ledpi.decode.evidence import Evidence, evidence_of, picture_slopes
+from ledpi.decode.noise import lags_of
+from ledpi.decode.normal import Normal, weighed, with_differences
 from ledpi.decode.unlit import without_unlit
 from ledpi.kernels import evidence as kernel
 from ledpi.kernels.library import COMPILED
@@ -36,15 +38,14 @@ def compared_evidence(
     `waves` (P, cells, points) are the samples' own.
     """
     how = _compiled if compiled else _numpy
-    scale, evidence = how(samples, frame, spec, waves, mean)
+    scale, found = how(samples, waves, mean)
+    evidence = evidence_of(found, samples, frame, spec, len(waves))
     return scale, evidence if isinstance(evidence, Rejected) else without_unlit(evidence, samples)
 
 
-def _compiled(
-    samples: CellSamples, frame: Frame, spec: PanelSpec, waves: Singles, mean: Mean
-) -> tuple[float, Evidence | Rejected]:
+def _compiled(samples: CellSamples, waves: Singles, mean: Mean) -> tuple[float, kernel.Weighed | None]:
     """`_numpy`, in C."""
-    scale, found = kernel.compared_evidence(
+    return kernel.compared_evidence(
         light=samples.light,
         valid=samples.valid,
         waves=waves,
@@ -53,17 +54,11 @@ def _compiled(
         mean_waves=mean.waves,
         along=samples.lattice.along,
         independence=samples.independence,
+        lags=lags_of(samples),
     )
-    if found is None:
-        return scale, UNFIT
-    score, information, free = found
-    prior, left = band_prior(frame, spec), 0.5 * samples.independence * free
-    return scale, Evidence(score=score, information=information, prior=prior, left=left)
 
 
-def _numpy(
-    samples: CellSamples, frame: Frame, spec: PanelSpec, waves: Singles, mean: Mean
-) -> tuple[float, Evidence | Rejected]:
+def _numpy(samples: CellSamples, waves: Singles, mean: Mean) -> tuple[float, kernel.Weighed | None]:
     picture, seen = mean.picture, mean.count > 0
     both = np.asarray(seen if samples.valid is None else seen & samples.valid, np.float32)
     shown = picture * both
@@ -90,4 +85,10 @@ def _numpy(
         squares=float((residual * residual).sum()),
         freedom=int((weight > 0).sum()) - len(nuisances) - cells * parameters,
     )
-    return scale, evidence_from(normal, samples, frame, spec)
+    fit = weighed(normal, samples.independence)
+    if fit is None:
+        return scale, None
+    found, factors, bands = fit
+    left = residual - np.einsum("ci,cip->cp", bands.reshape(cells, -1), shapes)
+    left -= (factors @ nuisances).reshape(cells, points)
+    return scale, with_differences(found, left, samples)

@@ -22,7 +22,7 @@ there). What is left is correlated with a cosine and a sine of each wave, in eac
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -31,6 +31,7 @@ from numpy.typing import NDArray
 from ledpi import shutter
 from ledpi.decode.cells import CellSamples, Lattice, Singles
 from ledpi.decode.classes import band_shares, wave_shares
+from ledpi.decode.noise import WHITE, Correlation, correlation_of
 from ledpi.kernels import evidence as kernel
 from ledpi.kernels.library import COMPILED
 from ledpi.records import Frame, PanelSpec, Rejected
@@ -56,6 +57,7 @@ class Evidence:
     information: Doubles  # (cells, P, cells, P)
     prior: Doubles  # (P,) expected variance of x
     left: float  # log-likelihood of what no bands explain; noise if the model is right
+    noise: Correlation = WHITE  # of the noise that it was weighed by
 
     @property
     def silent(self) -> NDArray[np.bool_]:
@@ -63,18 +65,14 @@ class Evidence:
         own = self.information.reshape(self.score.size, -1).diagonal().reshape(self.score.shape)
         return np.asarray(~own.any(axis=1))
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Normal:
-    """Normal equations of nuisances and bands, for a residual that is whitened up to a factor."""
-
-    of_nuisances: Doubles  # (n, n)
-    of_both: Doubles  # (n, cells·P)
-    of_bands: Doubles  # (cells·P, cells·P)
-    nuisances: Doubles  # (n,) residual against the nuisances
-    bands: Doubles  # (cells·P,) against the bands
-    squares: float  # of the residual
-    freedom: int  # samples, less what nuisances and bands take
+    def by(self, noise: Correlation) -> Evidence:
+        """As it is where noise is as alike as that: of what it claims as much as `volume` leaves."""
+        volume = noise.volume
+        if volume == 1.0:
+            return self
+        return replace(
+            self, score=self.score / volume, information=self.information / volume, left=self.left / volume, noise=WHITE
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -167,34 +165,20 @@ def is_deep_anywhere(prior: Doubles) -> bool:
     return math.sqrt(2.0 * max(prior.tolist())) > FULL_DEPTH
 
 
-def evidence_from(normal: Normal, samples: CellSamples, frame: Frame, spec: PanelSpec) -> Evidence | Rejected:
-    """Takes the nuisances off, and weighs the rest by the noise that is left when every cell has bands of its own."""
-    if normal.freedom <= 0:
+def evidence_of(
+    found: kernel.Weighed | None, samples: CellSamples, frame: Frame, spec: PanelSpec, fitted: int
+) -> Evidence | Rejected:
+    """Evidence for which `fitted` functions were fitted to each cell."""
+    if found is None:
         return UNFIT
-    cells = len(samples.light)
-    right = np.column_stack([normal.of_both, normal.nuisances])
-    taken = np.linalg.solve(_ridged(normal.of_nuisances), right)
-    score = normal.bands - normal.of_both.T @ taken[:, -1]
-    information = normal.of_bands - normal.of_both.T @ taken[:, :-1]
-    squares = normal.squares - float(normal.nuisances @ taken[:, -1])
-    variance = (squares - float(score @ np.linalg.solve(_ridged(information), score))) / normal.freedom
-    if not variance > 0:
-        return UNFIT
-    scale = samples.independence / variance
+    cells, parameters = len(samples.light), 2 * len(spec.waves_hz)
     return Evidence(
-        score=(score * scale).reshape(cells, -1),
-        information=(information * scale).reshape(cells, len(score) // cells, cells, -1),
+        score=found.score.reshape(cells, parameters),
+        information=found.information.reshape(cells, parameters, cells, parameters),
         prior=band_prior(frame, spec),
-        left=0.5 * samples.independence * normal.freedom,
+        left=0.5 * samples.independence * found.free,
+        noise=correlation_of(samples, found.near, found.far, found.free, fitted),
     )
-
-
-def _ridged(matrix: Doubles) -> Doubles:
-    """What may be singular but for rounding, made solvable."""
-    ridged = matrix.copy()
-    diagonal = np.einsum("ii->i", ridged)  # a view
-    diagonal += 1e-5 * diagonal.mean() + 1e-12
-    return ridged
 
 
 def band_prior(frame: Frame, spec: PanelSpec) -> Doubles:

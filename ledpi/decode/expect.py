@@ -39,6 +39,7 @@ class Expectation:
     hz: Doubles  # (cells,)
     depth: Singles  # (cells, 1)
     phase: Doubles  # (cells,)
+    noise_volume: float  # by how much less than their number its samples tell (`Correlation.volume`)
 
     @classmethod
     def of(cls, memory: PanelMemory, bands: Doubles, *, compiled: bool = COMPILED) -> Expectation:
@@ -58,6 +59,7 @@ class Expectation:
             hz=np.array(memory.spec.waves_hz)[wave],
             depth=np.hypot(cosine, sine).astype(np.float32)[:, None],
             phase=np.arctan2(sine, cosine),
+            noise_volume=memory.noise.volume,
         )
 
     def is_met(self, samples: CellSamples, frame: Frame) -> bool:
@@ -89,7 +91,7 @@ class Expectation:
             light=samples.light,
             valid=samples.valid,
             rows=samples.rows,
-            independence=samples.independence,
+            independence=samples.independence / self.noise_volume,
             ridge=RIDGE,
         )
 
@@ -117,7 +119,7 @@ class Expectation:
         own = ((added - 0.5 * expected) * expected).sum(axis=1).astype(np.float64)
         off = (flat[0] - flat[1]).astype(np.float64)
         variance = float(off @ off) / max(1, int(np.count_nonzero(off)) - len(basis))
-        own *= samples.independence / max(variance, 1e-12)
+        own *= samples.independence / self.noise_volume / max(variance, 1e-12)
         return float(own.sum()), -float(np.minimum(own, 0.0).sum())
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from ledpi.decode.cells import CellSamples, Lattice, Singles
 from ledpi.decode.comparison import LEAST_SCALE, Mean, compared_evidence
 from ledpi.decode.evidence import Doubles, Evidence, band_prior, class_waves
+from ledpi.decode.noise import WHITE, Correlation
 from ledpi.decode.single_frame import single_evidence
 from ledpi.records import Frame, PanelSpec, Rejected
 
@@ -50,6 +51,7 @@ class PanelMemory:
         self._score: Doubles | None = None
         self._information: Doubles | None = None
         self._left = 0.0
+        self._noise, self._compared = WHITE, 0.0  # of the comparisons, and of how many
 
     def add(self, samples: CellSamples, frame: Frame) -> Evidence | None:
         """Takes a frame in. Returns what it adds by comparison with those before, if anything."""
@@ -70,6 +72,11 @@ class PanelMemory:
     def known(self) -> Known:
         """What there is to compare a further frame with."""
         return Known(lattice=self._samples.lattice, origin_ns=self._origin_ns, mean=self._mean())
+
+    @property
+    def noise(self) -> Correlation:
+        """How far the comparisons so far found it alike in neighbouring samples."""
+        return self._noise
 
     @property
     def newest(self) -> tuple[CellSamples, Frame]:
@@ -96,7 +103,7 @@ class PanelMemory:
             information=self._information,
             prior=band_prior(self._frame, self.spec),
             left=self._left,
-        )
+        ).by(self._noise)
         if isinstance(total, Rejected):
             return known
         return replace(known, score=known.score + total.score, information=known.information + total.information)
@@ -128,15 +135,7 @@ class PanelMemory:
                 prior=band_prior(self._frame, self.spec),
                 left=0.0,
             )
-        mean = CellSamples(
-            lattice=self._samples.lattice,
-            light=self._picture,
-            valid=None if seen.all() else seen,
-            rows=self._samples.rows,
-            averaged=self._samples.averaged,
-            cell_px=self._samples.cell_px,
-            independence=self._samples.independence,
-        )
+        mean = replace(self._samples, light=self._picture, valid=None if seen.all() else seen)
         return single_evidence(mean, self._frame, self.spec, self._mean_waves)
 
     def _compare(self, samples: CellSamples, frame: Frame) -> Evidence | None:
@@ -147,8 +146,10 @@ class PanelMemory:
             known = 0.0 if self._information is None else FORGETTING * self._information
             self._score, self._information = before + added.score, known + added.information
             self._left = FORGETTING * self._left + added.left
+            self._noise = added.noise.after(self._noise, self._compared)
+            self._compared = 1.0 + FORGETTING * self._compared
         self._remember(samples.light / np.float32(max(scale, LEAST_SCALE)), waves, _shown(samples))
-        return added if isinstance(added, Evidence) else None
+        return added.by(self._noise) if isinstance(added, Evidence) else None
 
     def _mean(self) -> Mean:
         self._begin()

@@ -13,16 +13,16 @@ import numpy as np
 
 from ledpi.decode.cells import CellSamples, Singles
 from ledpi.decode.evidence import (
-    UNFIT,
     Believed,
     Evidence,
-    Normal,
     band_prior,
     class_waves,
-    evidence_from,
+    evidence_of,
     is_deep_anywhere,
     picture_slopes,
 )
+from ledpi.decode.noise import lags_of
+from ledpi.decode.normal import Normal, weighed, with_differences
 from ledpi.decode.shared_light import (
     Integers,
     Sources,
@@ -62,9 +62,10 @@ def single_evidence(
     elif waves is None:
         waves = class_waves(samples, frame, spec, compiled=compiled)
     how = _compiled_evidence if compiled else _numpy_evidence
-    evidence = how(samples, frame, spec, waves, believed, sources)
+    evidence = evidence_of(how(samples, waves, believed, sources), samples, frame, spec, 1 + len(waves))
     if isinstance(evidence, Rejected):
         return evidence
+    evidence = evidence.by(evidence.noise)
     if believed is not None:  # what says how far the bands differ from what is believed, as what says how they are
         believed_score = np.einsum("cidj,dj->ci", evidence.information, believed.bands)
         evidence = replace(evidence, score=evidence.score + believed_score)
@@ -72,13 +73,8 @@ def single_evidence(
 
 
 def _numpy_evidence(
-    samples: CellSamples,
-    frame: Frame,
-    spec: PanelSpec,
-    waves: Singles,
-    believed: Believed | None,
-    sources: Sources,
-) -> Evidence | Rejected:
+    samples: CellSamples, waves: Singles, believed: Believed | None, sources: Sources
+) -> kernel.Weighed | None:
     shown = None if believed is None else believed.own_light()
     gain, profile, light = _levels(samples, shown)
     # Shot noise has the variance of the light: over this root it is alike everywhere.
@@ -105,20 +101,21 @@ def _numpy_evidence(
         residual *= samples.valid
         slopes *= samples.valid
         shapes *= samples.valid[:, None]
-    normal = _without_shared_light(residual, shapes, slopes, basis, sources)
-    return evidence_from(normal, samples, frame, spec)
+    fit = weighed(_without_shared_light(residual, shapes, slopes, basis, sources), samples.independence)
+    if fit is None:
+        return None
+    found, nuisances, bands = fit
+    of_cells = np.concatenate([nuisances[:cells, None], bands.reshape(cells, -1)], axis=1)
+    left = residual - np.einsum("ci,cip->cp", of_cells, shapes) - np.einsum("f,fcp->cp", nuisances[cells:], slopes)
+    left -= np.add.reduceat(basis * (basis * left.take(sources.point, axis=1)).sum(axis=0), sources.first, axis=1)
+    return with_differences(found, left, samples)
 
 
 def _compiled_evidence(
-    samples: CellSamples,
-    frame: Frame,
-    spec: PanelSpec,
-    waves: Singles,
-    believed: Believed | None,
-    sources: Sources,
-) -> Evidence | Rejected:
+    samples: CellSamples, waves: Singles, believed: Believed | None, sources: Sources
+) -> kernel.Weighed | None:
     """`_numpy_evidence`, in C."""
-    found = kernel.single_evidence(
+    return kernel.single_evidence(
         light=samples.light,
         valid=samples.valid,
         waves=waves,
@@ -130,12 +127,8 @@ def _compiled_evidence(
         of_class=None if believed is None else believed.light,
         white=None if believed is None else believed.white,
         independence=samples.independence,
+        lags=lags_of(samples),
     )
-    if found is None:
-        return UNFIT
-    score, information, free = found
-    prior, left = band_prior(frame, spec), 0.5 * samples.independence * free
-    return Evidence(score=score, information=information, prior=prior, left=left)
 
 
 def _levels(samples: CellSamples, shown: Singles | None) -> tuple[Singles, Singles, Singles]:

@@ -99,3 +99,44 @@ LEDPI_WIDE double ledpi_add_cells(const Panel *panel, ptrdiff_t gains, const Ter
     }
     return squares;
 }
+
+LEDPI_WIDE void ledpi_leave(const Panel *panel, ptrdiff_t gains, const float *columns, const double *unknowns, float *left) {
+    const ptrdiff_t width = width_of(panel), last = of_residual(panel);
+    float taken[MOST_COLUMNS] = {0};
+    for (ptrdiff_t i = 0; i < SLOPES; i++) taken[first_slope(panel) + i] = -(float)unknowns[gains + i];
+    taken[last] = 1.0f;
+    for (ptrdiff_t cell = 0; cell < panel->cells; cell++) {
+        taken[0] = -(float)unknowns[gains > 1 ? cell : 0];
+        for (ptrdiff_t i = 0; i < panel->waves; i++)
+            taken[1 + i] = -(float)unknowns[gains + SLOPES + cell * panel->waves + i];
+        for (ptrdiff_t p = 0; p < panel->points; p++, columns += width) {
+            Eight sums = {0};
+            for (ptrdiff_t i = 0; i < width; i += LEDPI_WIDTH) sums += *(const Eight *)(taken + i) * *(const Eight *)(columns + i);
+            *left++ = ((sums[0] + sums[4]) + (sums[1] + sums[5])) + ((sums[2] + sums[6]) + (sums[3] + sums[7]));
+        }
+    }
+}
+
+/* Squares of the differences of a cell's samples so many `aside` and `below`, without the `rim`'s: their sum. */
+static LEDPI_INLINE double differences(const Panel *panel, const float *left, ptrdiff_t aside, ptrdiff_t below, ptrdiff_t rim) {
+    const ptrdiff_t k = panel->k, ahead = below * k + aside, rows = k - 2 * rim - below, columns = k - 2 * rim - aside;
+    double sum = 0.0;
+    for (ptrdiff_t cell = rim * k + rim; cell < panel->samples; cell += panel->points) {
+        float own = 0.0f;
+        for (ptrdiff_t y = cell; y < cell + rows * k; y += k)
+            for (ptrdiff_t i = y; i < y + columns; i++) {
+                const float apart = left[i + ahead] - left[i];
+                own += panel->valid && !(panel->valid[i] && panel->valid[i + ahead]) ? 0.0f : apart * apart;
+            }
+        sum += own;
+    }
+    return sum;
+}
+
+LEDPI_WIDE void ledpi_put_differences(const Panel *panel, const float *left, const Lags *lags, double *of) {
+    for (ptrdiff_t times = 1; times <= 2; times++) {
+        of[times - 1] = 0.0;
+        if (lags->aside) of[times - 1] += differences(panel, left, times * lags->aside, 0, lags->rim);
+        if (lags->below) of[times - 1] += differences(panel, left, 0, times * lags->below, lags->rim);
+    }
+}

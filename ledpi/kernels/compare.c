@@ -50,22 +50,25 @@ LEDPI_WIDE static ptrdiff_t put_differences(const Panel *panel, const Mean *mean
     return seen;
 }
 
-/* `score` (cells, waves), `information` (cells, waves, cells, waves), and two `numbers`: the light's scale, and how many
- * samples are free. False where the evidence cannot be had. */
+/* `score` (cells, waves), `information` (cells, waves, cells, waves), and four `numbers`: the light's scale, how many
+ * samples are free, and two sums of what is left of the light (`ledpi_put_differences`). False where the evidence cannot
+ * be had. */
 bool ledpi_compared_evidence(ptrdiff_t side, ptrdiff_t k, ptrdiff_t count, const float *light, const uint8_t *valid,
                              const float *new_waves, const float *picture, const float *counts, const float *mean_waves,
-                             const float *along, double independence, double *score, double *information,
-                             double *numbers) {
+                             const float *along, double independence, ptrdiff_t aside, ptrdiff_t below, ptrdiff_t rim,
+                             double *score, double *information, double *numbers) {
     const Panel panel = {side, k, count, side * side, k * k, side * side * k * k, valid, along};
+    const Lags lags = {aside, below, rim};
     const Mean mean = {picture, counts, mean_waves};
     const ptrdiff_t size = unknowns(&panel, 1), matrix_size = size * (size + 1), samples = panel.samples;
     const ptrdiff_t floats = samples * (5 + count + width_of(&panel)) + 3 * side * k;
-    double *matrix = malloc(sizeof(double) * (size_t)matrix_size + sizeof(float) * (size_t)floats);
+    double *matrix = malloc(sizeof(double) * (size_t)(matrix_size + size) + sizeof(float) * (size_t)floats);
     numbers[0] = scale_of(&panel, &mean, light);
     numbers[1] = 0.0;
     if (!matrix) return false;
     memset(matrix, 0, sizeof(double) * (size_t)matrix_size);
-    float *root = (float *)(matrix + matrix_size), *residual = root + samples, *across = residual + samples;
+    double *unknown = matrix + matrix_size;
+    float *root = (float *)(unknown + size), *residual = root + samples, *across = residual + samples;
     float *down = across + samples, *room = down + samples, *waves = room + samples + 3 * side * k;
     const float per_unit = (float)(1.0 / fmax(numbers[0], LEAST));
     const ptrdiff_t seen = put_differences(&panel, &mean, light, per_unit, new_waves, root, residual, waves);
@@ -74,6 +77,11 @@ bool ledpi_compared_evidence(ptrdiff_t side, ptrdiff_t k, ptrdiff_t count, const
     const double squares = ledpi_add_cells(&panel, 1, &terms, waves + count * samples, matrix);
     numbers[1] = (double)(seen - size);
     const bool fits = ledpi_weigh(matrix, size, 1 + SLOPES, squares, numbers[1], independence, score, information);
+    if (fits) {
+        ledpi_solve(matrix, size, unknown);
+        ledpi_leave(&panel, 1, waves + count * samples, unknown, residual);
+        ledpi_put_differences(&panel, residual, &lags, numbers + 2);
+    }
     free(matrix);
     return fits;
 }

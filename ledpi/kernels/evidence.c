@@ -165,6 +165,21 @@ LEDPI_WIDE static void split(const Panel *panel, const Sources *sources, const f
     }
 }
 
+/* Takes what the cells share at each point off what is left of the light (samples). `seen` (padded cells) is room. */
+LEDPI_WIDE static void take_off(const Panel *panel, const Sources *sources, const float **bases, float *seen, float *left) {
+    const ptrdiff_t cells = panel->cells, points = panel->points, wide = padded(cells);
+    for (ptrdiff_t p = 0, s = 0; p < points; p++) {
+        for (ptrdiff_t c = 0; c < cells; c++) seen[c] = left[c * points + p];
+        for (; s < (p + 1 < points ? sources->first[p + 1] : sources->count); s++) {
+            const float along = product(bases[s], seen, wide);
+            for (ptrdiff_t c = 0; c < wide; c++) seen[c] -= along * bases[s][c];
+        }
+        for (ptrdiff_t c = 0; c < cells; c++) left[c * points + p] = seen[c];
+    }
+    for (ptrdiff_t i = 0; panel->valid && i < panel->samples; i++)
+        if (!panel->valid[i]) left[i] = 0.0f;
+}
+
 /* What a source takes from the matrix is the square of this row of its unknowns. */
 static inline void put_row(const Panel *panel, const float *basis, const float *columns, ptrdiff_t waves, float *row) {
     const ptrdiff_t cells = panel->cells, apart = panel->points * width_of(panel);
@@ -202,7 +217,7 @@ LEDPI_WIDE static void take_shared(const Panel *panel, const Sources *sources, c
 
 /* Room to work in. */
 typedef struct {
-    double *gain, *profile, *matrix;
+    double *gain, *profile, *matrix, *unknowns;
     float *light, *root, *still, *residual, *across, *down, *columns, *basis, *rows, *sums, *slopes;
     const float **bases;
 } Room;
@@ -211,7 +226,7 @@ typedef struct {
 static bool make_room(const Panel *panel, const Sources *sources, Room *room) {
     const ptrdiff_t samples = panel->samples, size = unknowns(panel, panel->cells), wide = padded(size);
     const ptrdiff_t vectors = (MEETING + sources->count) * padded(panel->cells); /* of cells; two serve `split` */
-    const ptrdiff_t matrix = size * (size + 1), levels = panel->cells + panel->points;
+    const ptrdiff_t matrix = size * (size + 1), levels = panel->cells + panel->points + size;
     const ptrdiff_t slopes = samples + 3 * panel->side * panel->k;
     const ptrdiff_t floats = wide * wide + vectors + samples * (6 + width_of(panel)) + slopes + LEDPI_AT_ONCE * wide;
     char *all = malloc(sizeof(double) * (size_t)(matrix + levels) + sizeof(float) * (size_t)floats +
@@ -220,7 +235,8 @@ static bool make_room(const Panel *panel, const Sources *sources, Room *room) {
     room->matrix = (double *)all;
     room->gain = room->matrix + matrix;
     room->profile = room->gain + panel->cells;
-    room->bases = (const float **)(room->profile + panel->points);
+    room->unknowns = room->profile + panel->points;
+    room->bases = (const float **)(room->unknowns + size);
     room->sums = (float *)(room->bases + sources->count);
     room->basis = room->sums + wide * wide;
     room->columns = room->basis + vectors;
@@ -265,14 +281,15 @@ LEDPI_WIDE static ptrdiff_t whiten(const Panel *panel, const Believed *believed,
     return used;
 }
 
-/* `score` (cells, waves), `information` (cells, waves, cells, waves) and how many samples are `free`; false where that
- * cannot be had. */
+/* `score` (cells, waves), `information` (cells, waves, cells, waves), and three `numbers`: how many samples are free, and
+ * two sums of what is left of the light (`ledpi_put_differences`). False where that cannot be had. */
 bool ledpi_single_evidence(ptrdiff_t side, ptrdiff_t k, ptrdiff_t count, const float *light, const uint8_t *valid,
                            const float *waves, const float *along, ptrdiff_t source_count, const int64_t *column,
                            const int64_t *first, const int64_t *met, const float *shown, const float *of_class,
-                           const uint8_t *white, double independence, double *score, double *information,
-                           double *free_samples) {
+                           const uint8_t *white, double independence, ptrdiff_t aside, ptrdiff_t below, ptrdiff_t rim,
+                           double *score, double *information, double *numbers) {
     const Panel panel = {side, k, count, side * side, k * k, side * side * k * k, valid, along};
+    const Lags lags = {aside, below, rim};
     const Sources sources = {source_count, column, first, met};
     const Believed believed = {shown, of_class, white};
     const ptrdiff_t size = unknowns(&panel, panel.cells);
@@ -288,9 +305,15 @@ bool ledpi_single_evidence(ptrdiff_t side, ptrdiff_t k, ptrdiff_t count, const f
     const Terms terms = {room.still, room.root, waves, room.across, room.down, room.residual};
     const double squares = ledpi_add_cells(&panel, panel.cells, &terms, room.columns, room.matrix);
     take_shared(&panel, &sources, room.bases, room.columns, room.rows, room.sums, room.matrix);
-    *free_samples = (double)(used - source_count + 1 - size);
-    const bool fits = ledpi_weigh(room.matrix, size, panel.cells + SLOPES, squares, *free_samples, independence, score,
+    numbers[0] = (double)(used - source_count + 1 - size);
+    const bool fits = ledpi_weigh(room.matrix, size, panel.cells + SLOPES, squares, numbers[0], independence, score,
                                   information);
+    if (fits) {
+        ledpi_solve(room.matrix, size, room.unknowns);
+        ledpi_leave(&panel, panel.cells, room.columns, room.unknowns, room.residual);
+        take_off(&panel, &sources, room.bases, vectors, room.residual);
+        ledpi_put_differences(&panel, room.residual, &lags, numbers + 1);
+    }
     free(room.matrix);
     return fits;
 }

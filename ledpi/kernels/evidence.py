@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,12 +25,25 @@ _square_waves = function(
 _single_evidence = function(
     "ledpi_single_evidence",
     *(INTEGER, INTEGER, INTEGER, POINTER, POINTER, POINTER, POINTER),
-    *(INTEGER, POINTER, POINTER, POINTER, POINTER, POINTER, POINTER, DOUBLE, POINTER, POINTER, POINTER),
+    *(INTEGER, POINTER, POINTER, POINTER, POINTER, POINTER, POINTER, DOUBLE, INTEGER, INTEGER, INTEGER),
+    *(POINTER, POINTER, POINTER),
     result=ctypes.c_bool,
 )
 _compared_evidence = function(
-    "ledpi_compared_evidence", *(INTEGER,) * 3, *(POINTER,) * 7, DOUBLE, *(POINTER,) * 3, result=ctypes.c_bool
+    "ledpi_compared_evidence",
+    *((INTEGER,) * 3 + (POINTER,) * 7 + (DOUBLE, INTEGER, INTEGER, INTEGER) + (POINTER,) * 3),
+    result=ctypes.c_bool,
 )
+
+
+class Weighed(NamedTuple):
+    """Evidence of one fit, and what that has left of the light."""
+
+    score: Doubles  # (cells, P)
+    information: Doubles  # (cells, P, cells, P)
+    free: float  # samples, less what is fitted
+    near: float  # sum of the squared differences of samples of a cell a lag apart
+    far: float  # and of those two lags apart
 
 
 def waves(rows: Singles, waves_hz: Sequence[float], row_time_us: float, since_s: float) -> Singles:
@@ -80,24 +94,26 @@ def single_evidence(
     of_class: Singles | None,
     white: Mask | None,
     independence: float,
-) -> tuple[Doubles, Doubles, float] | None:
-    """Score (cells, P), information (cells, P, cells, P), and how many samples are free; None where nothing fits.
+    lags: tuple[int, int, int],
+) -> Weighed | None:
+    """What there is of evidence; None where nothing fits.
 
     `light`, `valid`, `shown` (cells, points), `waves` (P, cells, points), `of_class` (2, cells, points), `white`
-    (cells,); `along` is the lattice's; `column`, `first` and `met` say what lights up each point.
+    (cells,); `along` is the lattice's; `column`, `first` and `met` say what lights up each point. `lags`: how many
+    samples aside, and below, for `near` (0: not that way), and how many at a cell's rim are left out.
     """
     cells, points = light.shape
     parameters = len(waves)
     light, waves = np.ascontiguousarray(light), np.ascontiguousarray(waves)
-    score, free = np.empty((cells, parameters)), np.empty(1)
+    score, numbers = np.empty((cells, parameters)), np.empty(3)
     information = np.empty((cells, parameters, cells, parameters))
     fits = _single_evidence(
         *(math.isqrt(cells), math.isqrt(points), parameters, address(light), _or_none(valid), address(waves)),
         *(address(along), len(column), address(column), address(first), address(met)),
-        *(_or_none(shown), _or_none(of_class), _or_none(white), independence),
-        *(address(score), address(information), address(free)),
+        *(_or_none(shown), _or_none(of_class), _or_none(white), independence, *lags),
+        *(address(score), address(information), address(numbers)),
     )
-    return (score, information, float(free[0])) if fits else None
+    return Weighed(score, information, *numbers.tolist()) if fits else None
 
 
 def compared_evidence(
@@ -110,23 +126,24 @@ def compared_evidence(
     mean_waves: Singles,
     along: Singles,
     independence: float,
-) -> tuple[float, tuple[Doubles, Doubles, float] | None]:
-    """The light's scale; and, as of `single_evidence`, score, information and free samples, None where nothing fits.
+    lags: tuple[int, int, int],
+) -> tuple[float, Weighed | None]:
+    """The light's scale; and, as of `single_evidence`, what there is of evidence, None where nothing fits.
 
     `light`, `valid`, `picture`, `count` (cells, points), `waves`, `mean_waves` (P, cells, points); `along` is the
     lattice's.
     """
     (cells, points), parameters = light.shape, len(waves)
-    score, numbers = np.empty((cells, parameters)), np.empty(2)
+    score, numbers = np.empty((cells, parameters)), np.empty(4)
     information = np.empty((cells, parameters, cells, parameters))
     given = [np.ascontiguousarray(array) for array in (waves, picture, count, mean_waves)]
     fits = _compared_evidence(
         *(math.isqrt(cells), math.isqrt(points), parameters, address(light), _or_none(valid)),
-        *(*(address(array) for array in given), address(along), independence),
+        *(*(address(array) for array in given), address(along), independence, *lags),
         *(address(score), address(information), address(numbers)),
     )
-    scale, free = numbers.tolist()
-    return scale, (score, information, free) if fits else None
+    scale, *rest = numbers.tolist()
+    return scale, Weighed(score, information, *rest) if fits else None
 
 
 def _or_none(array: Singles | Mask | None) -> int | None:

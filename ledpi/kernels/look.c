@@ -30,14 +30,16 @@ static bool any_unlit(ptrdiff_t cells, ptrdiff_t points, const float *light, dou
 
 /* `light` and picture `rows` (cells, points) of a panel whose bands have so many `waves`, of `a_row` cycles a row each, and
  * the variance `prior` (2·waves,); which of `words` (count, cells) are the `most` likeliest. `numbers`: score, information
- * and free samples as `ledpi_single_evidence` has them, then what `ledpi_likeliest` has. Where a sample shows less than
- * the share `covered` of what others do, or a cell is `unlit`, it is not for this function to tell; 0: not asked. */
+ * and three more as `ledpi_single_evidence` has them, by samples so many `aside` and `below` without the `rim`; then what
+ * `ledpi_likeliest` has. Where a sample shows less than the share `covered` of what others do, or a cell is `unlit`, it is
+ * not for this function to tell; 0: not asked. */
 int ledpi_look(const Grid *grid, const float *light, const float *rows, double independence, ptrdiff_t waves,
                double first_a_row, double second_a_row, const double *prior, const float *words, ptrdiff_t count,
-               ptrdiff_t most, double covered, double unlit, int64_t *chosen, uint8_t *silent, double *numbers) {
+               ptrdiff_t most, double covered, double unlit, ptrdiff_t aside, ptrdiff_t below, ptrdiff_t rim,
+               int64_t *chosen, uint8_t *silent, double *numbers) {
     const ptrdiff_t cells = grid->side * grid->side, points = grid->k * grid->k, samples = cells * points;
     const ptrdiff_t size = 2 * waves * cells;
-    double *score = numbers, *information = score + size, *free_samples = information + size * size;
+    double *score = numbers, *information = score + size, *of_fit = information + size * size;
     if (unlit > 0.0 && any_unlit(cells, points, light, unlit)) return NOT_PLAIN;
     float *cosines = malloc(sizeof(float) * (size_t)(2 * waves * samples + points + cells));
     if (!cosines) return NO_MEMORY;
@@ -50,10 +52,11 @@ int ledpi_look(const Grid *grid, const float *light, const float *rows, double i
     }
     if (outcome == LOOKED && !ledpi_single_evidence(grid->side, grid->k, 2 * waves, light, NULL, cosines, grid->along,
                                                     grid->source_count, grid->column, grid->first, grid->met, NULL, NULL,
-                                                    NULL, independence, score, information, free_samples))
+                                                    NULL, independence, aside, below, rim, score, information,
+                                                    of_fit))
         outcome = UNFIT;
     free(cosines);
     if (outcome != LOOKED) return outcome;
     return ledpi_likeliest(cells, 2 * waves, score, information, prior, words, count, most, chosen, silent,
-                           free_samples + 1) ? LOOKED : NO_MEMORY;
+                           of_fit + 3) ? LOOKED : NO_MEMORY;
 }

@@ -14,8 +14,8 @@ bool ledpi_all_uncovered(ptrdiff_t cells, ptrdiff_t points, const float *light, 
 bool ledpi_single_evidence(ptrdiff_t side, ptrdiff_t k, ptrdiff_t count, const float *light, const uint8_t *valid,
                            const float *waves, const float *along, ptrdiff_t source_count, const int64_t *column,
                            const int64_t *first, const int64_t *met, const float *shown, const float *of_class,
-                           const uint8_t *white, double independence, double *score, double *information,
-                           double *free_samples);
+                           const uint8_t *white, double independence, ptrdiff_t aside, ptrdiff_t below, ptrdiff_t rim,
+                           double *score, double *information, double *numbers);
 
 ptrdiff_t ledpi_likeliest(ptrdiff_t cells, ptrdiff_t parameters, const double *score, const double *information,
                           const double *prior, const float *words, ptrdiff_t count, ptrdiff_t most, int64_t *chosen,

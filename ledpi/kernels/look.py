@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ledpi.kernels.evidence import Weighed
 from ledpi.kernels.library import DOUBLE, INTEGER, POINTER, address, function
 from ledpi.kernels.words import Likeliest, numbers_of
 
@@ -17,10 +18,11 @@ Integers = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 LOOKED, NOT_PLAIN, UNFIT, NO_MEMORY = range(4)  # as in look.c
+OF_FIT = 3  # numbers of the fit, beside score and information
 
 _look = function(
     "ledpi_look", *(POINTER,) * 3, DOUBLE, INTEGER, *(DOUBLE,) * 2, *(POINTER,) * 2, *(INTEGER,) * 2, *(DOUBLE,) * 2,
-    *(POINTER,) * 3, result=ctypes.c_int,
+    *(INTEGER,) * 3, *(POINTER,) * 3, result=ctypes.c_int,
 )  # fmt: skip
 
 
@@ -51,9 +53,7 @@ class Grid:
 class Look(NamedTuple):
     """What came of it."""
 
-    score: Doubles  # (cells, P)
-    information: Doubles  # (cells, P, cells, P)
-    free: float  # samples
+    weighed: Weighed
     likeliest: Likeliest
 
 
@@ -69,22 +69,23 @@ def look(
     most: int,
     covered: float,
     unlit: float,
+    lags: tuple[int, int, int],
 ) -> Look | int:
     """What the samples say, and the `most` likeliest `words`; or NOT_PLAIN or UNFIT.
 
     `light`, `rows` (cells, points), of each wave its `cycles_a_row`, `prior` (P,), `words` (W, cells). `covered`: it is
     not plain where a sample shows less than this share of what others do; `unlit`: where a cell's light is less than
-    that of their mean; 0 where that is not asked. Raises MemoryError.
+    that of their mean; 0 where that is not asked. `lags` as of `evidence.single_evidence`. Raises MemoryError.
     """
     cells, parameters = grid.side**2, len(prior)
     assert parameters in (2, 4)
     size, most = cells * parameters, min(most, len(words))
     chosen, silent = np.empty(most, np.int64), np.empty(cells, np.bool_)
-    numbers = np.empty(size * (size + 1) + 1 + numbers_of(cells, parameters, most))
+    numbers = np.empty(size * (size + 1) + OF_FIT + numbers_of(cells, parameters, most))
     outcome: int = _look(
         *(grid.at, address(light), address(rows), independence, len(cycles_a_row)),
         *(cycles_a_row[0], cycles_a_row[-1], address(prior), address(words), len(words), most, covered, unlit),
-        *(address(chosen), address(silent), address(numbers)),
+        *(*lags, address(chosen), address(silent), address(numbers)),
     )
     if outcome == NO_MEMORY:
         raise MemoryError
@@ -92,8 +93,10 @@ def look(
         return outcome
     score, information = numbers[:size], numbers[size : size * (size + 1)]
     return Look(
-        score=score.reshape(cells, parameters),
-        information=information.reshape(cells, parameters, cells, parameters),
-        free=float(numbers[size * (size + 1)]),
-        likeliest=Likeliest.of(chosen, silent, numbers[size * (size + 1) + 1 :], parameters),
+        Weighed(
+            score.reshape(cells, parameters),
+            information.reshape(cells, parameters, cells, parameters),
+            *numbers[size * (size + 1) :][:OF_FIT].tolist(),
+        ),
+        Likeliest.of(chosen, silent, numbers[size * (size + 1) + OF_FIT :], parameters),
     )

@@ -149,6 +149,15 @@ bool ledpi_weigh(double *matrix, ptrdiff_t size, ptrdiff_t nuisances, double squ
     return true;
 }
 
+void ledpi_solve(const double *matrix, ptrdiff_t size, double *unknowns) {
+    for (ptrdiff_t j = size - 1; j >= 0; j--) {
+        const double *row = matrix + j * (size + 1);
+        double left = row[size];
+        for (ptrdiff_t i = j + 1; i < size; i++) left -= row[i] * unknowns[i];
+        unknowns[j] = left / row[j];
+    }
+}
+
 double ledpi_explained(double *matrix, ptrdiff_t size, double ridge_share) {
     ridge(matrix, size, 0, size, ridge_share);
     return eliminate(matrix, size, 0, size);

@@ -19,6 +19,9 @@ void ledpi_add_products(const float *rows, ptrdiff_t count, ptrdiff_t width, flo
 bool ledpi_weigh(double *matrix, ptrdiff_t size, ptrdiff_t nuisances, double squares, double freedom,
                  double independence, double *score, double *information);
 
+/* The unknowns (size,) of a matrix that `ledpi_weigh` has eliminated them from. */
+void ledpi_solve(const double *matrix, ptrdiff_t size, double *unknowns);
+
 /* bᵀA⁻¹b of a symmetric matrix A with the right side b, (size, size + 1); used up. `ridge`: of the mean diagonal. */
 double ledpi_explained(double *matrix, ptrdiff_t size, double ridge);
 
