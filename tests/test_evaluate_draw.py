@@ -229,6 +229,8 @@ def test_a_near_word_at_a_short_exposure_is_no_word() -> None:
         # One class explained more than the word did.
         ("single_class", 52, 2, 7),
         ("single_class", 138, 2, 6),
+        # A pattern twelve cells off explained more than the word did, by other phases.
+        ("mirrored", 359, 2, 0),
     ],
 )
 def test_what_is_no_panel_of_words_is_no_word(case: str, number: int, seed: int, seq: int) -> None:
@@ -253,6 +255,19 @@ def test_what_is_no_panel_of_words_is_no_word(case: str, number: int, seed: int,
     decoded = Pipeline(sensor_info(sensor, 1.0), PANELS, intrinsics=sensor.intrinsics, stream=False).decode(frame)
     assert decoded.markers == ()
     assert any(why.stage == "soft" for why in decoded.rejected), "it is found, and weighed"
+
+
+def test_a_pattern_further_off_is_weighed_in_streams() -> None:
+    """A mirrored panel was read in its second frame, as a word five cells off that explained as much."""
+    (mirrored,) = (
+        c
+        for c in suite_conditions("decoys", exposures_us=(10_000.0,), transfers=("srgb",), any_roll=True)
+        if c.case == "mirrored"
+    )
+    take = take_of(mirrored, number=812, seed=2)
+    sensor = take.scene.sensor
+    pipeline = Pipeline(sensor_info(sensor, 1.0), PANELS, intrinsics=sensor.intrinsics, stream=True)
+    assert [pipeline.decode(frame).markers for frame in photographed(take, take.scene, 2)] == [(), ()]
 
 
 def test_frequencies_that_explain_less_than_the_announced_ones_are_none() -> None:

@@ -11,15 +11,18 @@ from functools import cache
 
 import numpy as np
 
+from ledpi.decode.cells import Singles
 from ledpi.decode.codebook import NEAREST_PATTERN, Codebook, Mask
 from ledpi.decode.evidence import Evidence
-from ledpi.decode.words import Fit, of_neighbours
+from ledpi.decode.words import Fit, of_neighbours, word_log_likelihoods
 
 # Patterns that are no word count as rivals as if they showed up as often as words: all of them alike, or those that
 # differ from a word in 2, 3 or 4 cells, evenly, which is more where panels have many cells.
 NEAR_DISTANCES = 3
 # Patterns are tried that differ in up to so many cells: what differs in more is less likely than these.
 NEIGHBOURS = 3
+# To find the likeliest pattern: phases of each wave that are begun with, patterns that are followed, and how far.
+PHASES, CLIMBERS, CLIMBS = 8, 4, 5
 
 
 def odds_against_other_patterns(fit: Fit, codebook: Codebook) -> float:
@@ -42,6 +45,43 @@ def odds_against_neighbours(evidence: Evidence, fit: Fit, codebook: Codebook) ->
     correctable = codebook.correctable_beside(silent, best)
     others = of_neighbours(evidence, codebook.white[best], correctable + 1, max(NEIGHBOURS, correctable + 1))
     return of_word - others + prior_odds_of_word(codebook) - _log_patterns(silent)
+
+
+def odds_against_any_pattern(evidence: Evidence, fit: Fit, codebook: Codebook) -> float:
+    """Log odds of the best word against the likeliest pattern that is too far from it to be it, bands fitted anew.
+
+    Where a cell is about as high as a band is long, bands of other phases may explain nearly the same light in many
+    other cells. So it is sought from many phases: each cell as they fit it best, then one cell after the other.
+    """
+    word, correctable = codebook.white[fit.words[0]], codebook.correctable_beside(fit.silent, fit.words[0])
+    patterns, likeliest = _as_phases_have_it(evidence), -math.inf
+    for _ in range(CLIMBS):
+        likelihood = word_log_likelihoods(evidence, patterns)[0]
+        differ = np.abs(patterns - word).sum(axis=1)
+        if codebook.spec.phase == "antiphase":
+            differ = np.minimum(differ, len(word) - differ)
+        likeliest = max(likeliest, float(likelihood[differ > correctable].max(initial=-math.inf)))
+        best = patterns[np.argsort(-likelihood)[:CLIMBERS]]
+        patterns = np.unique(np.abs(best[:, None] - np.eye(len(word), dtype=word.dtype)).reshape(-1, len(word)), axis=0)
+        patterns = np.concatenate([best, patterns])
+    return fit.likelihood[0] - likeliest + prior_odds_of_word(codebook) - _log_patterns(fit.silent)
+
+
+def _as_phases_have_it(evidence: Evidence) -> Singles:
+    """(N, cells) distinct patterns: which class fits each cell better, for PHASES of each wave, as deep as expected."""
+    turns = 2 * np.pi * np.arange(PHASES) / PHASES
+    depth = np.sqrt(2.0 * evidence.prior[::2])
+    waves = [np.stack([d * np.cos(turns), d * np.sin(turns)], axis=1) for d in depth]  # (PHASES, 2) each
+    own = np.einsum("cicj->cij", evidence.information)
+    if len(waves) == 1:  # antiphase: a class is the other's negative
+        white = (evidence.score @ waves[0].T).T < 0
+    else:
+        black, light = (
+            evidence.score[:, at] @ wave.T - 0.5 * np.einsum("pi,cij,pj->cp", wave, own[:, at, at], wave)
+            for at, wave in zip((slice(0, 2), slice(2, 4)), waves, strict=True)
+        )
+        white = (light[:, None] > black[:, :, None]).reshape(len(own), -1).T
+    return np.unique(white.astype(np.float32), axis=0)
 
 
 def _log_patterns(silent: Mask | None) -> float:
