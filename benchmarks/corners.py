@@ -62,18 +62,8 @@ def nearest_square(frame: Frame, true: Floats, lens: Intrinsics, spec: PanelSpec
 def errors_of(condition: Condition, panels: PanelSettings, number: int) -> list[tuple[float, ...]]:
     """Of each panel of a take: size in percent, corners in px rms, stated and true variance, position in mm, angle."""
     take = draw_take(condition, panels, 1, number)
-    sensor, renderer = take.scene.sensor, Renderer(take.scene, seed=take.seed)
-    lens = sensor.intrinsics
-    pixels = np.empty((lens.height, lens.width), np.uint8)
-    renderer.render(SEQ, pixels)
-    frame = Frame(
-        pixels=pixels,
-        seq=SEQ,
-        row0_readout_ns=sensor.row0_readout_ns(SEQ),
-        exposure_us=sensor.exposure_us,
-        row_time_us=sensor.row_time_us,
-        transfer=sensor.transfer,
-    )
+    renderer, lens = Renderer(take.scene, seed=take.seed), take.scene.sensor.intrinsics
+    frame = renderer.frame(SEQ)
     errors: list[tuple[float, ...]] = []
     for marker in renderer.truth(SEQ):
         spec = panels.spec(marker.id)

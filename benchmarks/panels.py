@@ -51,21 +51,8 @@ def scene_of(count: int) -> Scene:
 
 
 def frames_of(scene: Scene, count: int) -> list[Frame]:
-    sensor, renderer, frames = scene.sensor, Renderer(scene, seed=1), []
-    for seq in range(count):
-        pixels = np.empty((480, 640), np.uint8)
-        renderer.render(seq, pixels)
-        frames.append(
-            Frame(
-                pixels=pixels,
-                seq=seq,
-                row0_readout_ns=sensor.row0_readout_ns(seq),
-                exposure_us=sensor.exposure_us,
-                row_time_us=sensor.row_time_us,
-                transfer=sensor.transfer,
-            )
-        )
-    return frames
+    renderer = Renderer(scene, seed=1)
+    return [renderer.frame(seq) for seq in range(count)]
 
 
 def pipeline_of(scene: Scene, *, stream: bool) -> Pipeline:

@@ -242,16 +242,7 @@ def test_what_is_no_panel_of_words_is_no_word(case: str, number: int, seed: int,
     )
     take = take_of(decoys, number=number, seed=seed)
     sensor = take.scene.sensor
-    pixels = np.empty((sensor.intrinsics.height, sensor.intrinsics.width), np.uint8)
-    Renderer(take.scene, seed=take.seed).render(seq, pixels)
-    frame = Frame(
-        pixels=pixels,
-        seq=seq,
-        row0_readout_ns=sensor.row0_readout_ns(seq),
-        exposure_us=sensor.exposure_us,
-        row_time_us=sensor.row_time_us,
-        transfer=sensor.transfer,
-    )
+    frame = Renderer(take.scene, seed=take.seed).frame(seq)
     decoded = Pipeline(sensor_info(sensor, 1.0), PANELS, intrinsics=sensor.intrinsics, stream=False).decode(frame)
     assert decoded.markers == ()
     assert any(why.stage == "soft" for why in decoded.rejected), "it is found, and weighed"

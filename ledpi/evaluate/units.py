@@ -135,19 +135,9 @@ def _read_prints(take: Take, number: int, unit: Unit, family: Family, tally: Tal
 
 def photographed(take: Take, scene: Scene, frames: int) -> Iterator[Frame]:
     """The first frames of a take, with what the driver says of them."""
-    sensor, renderer = scene.sensor, Renderer(scene, seed=take.seed)
+    renderer = Renderer(scene, seed=take.seed)
     for seq in range(frames):
-        pixels = np.empty((sensor.intrinsics.height, sensor.intrinsics.width), np.uint8)
-        renderer.render(seq, pixels)
-        yield Frame(
-            pixels=pixels,
-            seq=seq,
-            row0_readout_ns=sensor.row0_readout_ns(seq),
-            exposure_us=sensor.exposure_us * take.reported_row_time,
-            row_time_us=sensor.row_time_us * take.reported_row_time,
-            transfer=sensor.transfer,
-            analogue_gain=sensor.gain,
-        )
+        yield renderer.frame(seq, reported_row_time=take.reported_row_time)
 
 
 def sensor_info(sensor: SimulatedSensor, reported_row_time: float) -> CameraInfo:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from ledpi.recording import TruthMarker
-from ledpi.records import Pixels
+from ledpi.records import Frame, Pixels
 from ledpi.simulate.exposure import Exposed, add_to, expose_moving, expose_still
 from ledpi.simulate.optics import PoseAt
 from ledpi.simulate.scene import Ripple, Scene
@@ -101,6 +101,21 @@ class Renderer:
         """Fills `into` (H, W) with frame `seq`."""
         sequence = np.random.SeedSequence(self._seed, spawn_key=(_NOISE, seq))
         self._readout.read(self.light(seq), np.random.Generator(np.random.SFC64(sequence)), into)
+
+    def frame(self, seq: int, *, reported_row_time: float = 1.0) -> Frame:
+        """Frame `seq`, in pixels of its own, with what the driver says of it: row time and exposure times a factor."""
+        sensor = self.scene.sensor
+        pixels = np.empty((sensor.intrinsics.height, sensor.intrinsics.width), np.uint8)
+        self.render(seq, pixels)
+        return Frame(
+            pixels=pixels,
+            seq=seq,
+            row0_readout_ns=sensor.row0_readout_ns(seq),
+            exposure_us=sensor.exposure_us * reported_row_time,
+            row_time_us=sensor.row_time_us * reported_row_time,
+            transfer=sensor.transfer,
+            analogue_gain=sensor.gain,
+        )
 
     def truth(self, seq: int) -> tuple[TruthMarker, ...]:
         """The markers that are in view in frame `seq`. Changes nothing: may be asked from another thread."""
