@@ -1,4 +1,4 @@
-"""A robot that runs Linux: reads ledpi's stream, drives while its fix is young, and stands still else.
+"""A robot that runs Linux: reads ledpi's stream, drives while its fix is young, and otherwise stands still.
 
     python examples/linux_robot.py /dev/ttyUSB0
 """
@@ -33,6 +33,8 @@ class Guard:
 
 
 def main() -> None:
+    if len(sys.argv) != 2:
+        sys.exit("usage: python examples/linux_robot.py PORT")
     receiver, guard = Receiver(), Guard()
     with serial.Serial(sys.argv[1], 115200, timeout=0.02) as line:
         line.reset_input_buffer()  # what piled up before we listened is old

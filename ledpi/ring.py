@@ -81,7 +81,10 @@ class FrameRing:
             return frame
 
     def wait_until_taken(self, timeout_s: float) -> bool:
-        """For a writer that has no pace of its own: whether no frame waits to be read, after at most `timeout_s`."""
+        """Waits until no frame is left to be read, `timeout_s` at most; returns whether that is so.
+
+        For a writer that has no pace of its own, as a replay.
+        """
         with self._changed:
             return self._changed.wait_for(lambda: self._newest is None or self._closed, timeout_s)
 

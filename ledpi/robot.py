@@ -37,9 +37,9 @@ def load_robot(config: Config) -> Robot:
 
 
 def strangers_note(config: Config, panels: PanelMap | None) -> str:
-    """Which of the map's panels will never be seen, as the dictionary has no such words; empty where there are none.
+    """Names the map's panels that can never be seen, as the dictionary has no words for them; "" if there are none.
 
-    No error: a field's layout may hold tags that are read by others.
+    That is no error: a field's layout may hold tags that others read.
     """
     words = len(load_dictionary(config.panels.dictionary).words)
     strangers = sorted(marker_id for marker_id in panels or {} if marker_id >= words)

@@ -64,8 +64,10 @@ def harmonic_amplitude(harmonic: int, frequency_hz: float, exposure_us: float, d
 
 
 def fundamental_amplitude(frequency_hz: float, exposure_us: float, duty: float = 0.5) -> float:
-    """That of the first harmonic of w(y), over w's mean; negative where its bright bands are of exposures whose middle
-    meets the middle of the time that the wave is off."""
+    """Signed amplitude of the first harmonic of w(y), over w's mean: 2·sinc(d)·sinc(f·T), sinc x = sin πx / πx.
+
+    Negative where a row is brightest whose exposure is centred on the middle of the wave's *off* time.
+    """
     return 2.0 * float(np.sinc(duty)) * float(np.sinc(frequency_hz * exposure_us * 1e-6))
 
 

@@ -17,6 +17,7 @@ from ledpi.wire.codec import encode
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples"))
 from linux_robot import Guard
+from linux_robot import main as linux_main
 from ros2_node import UNKNOWN_VARIANCE, pose_fields
 from ros2_node import main as ros2_main
 
@@ -32,6 +33,13 @@ def test_a_robot_drives_on_a_young_fix_only() -> None:
     assert not guard.may_drive(10.0)
     guard.take(FIX, 10.0)
     assert [guard.may_drive(t) for t in (10.0, 10.27, 10.29)] == [True, True, False]
+
+
+def test_a_robot_without_a_port_says_how_it_is_called(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As whoever tries it first sees it."""
+    monkeypatch.setattr(sys, "argv", ["linux_robot.py"])
+    with pytest.raises(SystemExit, match=r"usage: python examples/linux_robot\.py PORT"):
+        linux_main()
 
 
 @pytest.mark.parametrize(("no_fix", "drives"), [(NoFix.NONE, True), (NoFix.NO_PANEL, False), (NoFix.UNKNOWN, False)])
