@@ -77,6 +77,7 @@ class ClassWaves:
     tables: Singles  # (2, WAVE_STEPS) light of a row, over that of an exposure in which the lamp is on
     cycles_a_row: Floats  # (2,) of the picture
     share: float  # of the squares of a panel's light, that its bands bring: 0.38 where they are full
+    least: float  # of the light of its brightest rows, that the class with the shallower bands always shows
 
 
 @lru_cache(maxsize=64)
@@ -91,7 +92,8 @@ def class_waves(spec: PanelSpec, exposure_us: float, row_time_us: float, shrink:
         tables.append(np.mean(each, axis=0))
     share = float(np.mean([table.var() / np.square(table).mean() for table in tables]))
     brightest = max(table.max() for table in tables)
-    return ClassWaves(np.array(tables / brightest, np.float32), both_hz * (row_time_us * 1e-6), share)
+    least = max(float(table.min() / table.max()) for table in tables)
+    return ClassWaves(np.array(tables / brightest, np.float32), both_hz * (row_time_us * 1e-6), share, least)
 
 
 @lru_cache(maxsize=32)

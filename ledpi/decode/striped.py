@@ -38,7 +38,8 @@ _OUT_AND_IN = np.concatenate([np.eye(4), -np.eye(4)])
 _ALONG = np.array([[1.0, 0.0, -1.0, 0.0], [0.0, 1.0, 0.0, -1.0]])
 MIDDLES = np.concatenate([_OUT_AND_IN, np.zeros((8, 4)), _ALONG, -_ALONG])
 SLOPES = np.concatenate([np.zeros((8, 4)), 2 * _OUT_AND_IN, np.zeros((4, 4))])
-MOST_FITS = 3  # of these, the best are fitted
+STEADY = 0.5  # of its brightest rows' light: a class whose darkest rows show more is lit all the time
+MOST_FITS = 3  # of where climbs lead, the best
 LOOK_ROUNDS, ROUNDS = 3, 6  # of a first fit, by few points, and of the last
 # Of the light's squares, that a panel's picture explains: 0.94 and more of panels from 0.4 to 4 m, and of those made of
 # photographs. And deviation of the corners, as a share of the side: by a lattice they are known to 0.1 % nearby,
@@ -146,7 +147,8 @@ def striped_square(
     if isinstance(first, Fit) and _is_clear(first, window.waves_of(bands.spec).share):
         return _square_near(frame, first.corners, cells, specs, intrinsics)
     light = BandLight.of(window, bands, cells, focal_px)
-    likely = window.in_picture(_likely(light, window.within(near), stripe_rows / window.shrink))
+    steady = window.waves_of(bands.spec).least > STEADY
+    likely = window.in_picture(_likely(light, window.within(near), stripe_rows / window.shrink, climbing=steady))
     fits = [first, *(_look(window, at, cells, specs, intrinsics) for at in likely)]
     found = np.array([fit.corners for fit in fits if isinstance(fit, Fit)])
     if not len(found):
@@ -205,16 +207,19 @@ def _fit(
     return fit or NO_BANDS
 
 
-def _likely(light: BandLight, near: Points, stripe: float) -> Points:
+def _likely(light: BandLight, near: Points, stripe: float, *, climbing: bool) -> Points:
     """(K, 4) of `near` (S, 4), and of the same with some of their sides further outside, what explains most near by.
 
-    The best first; none of them as good as the same.
+    None of them as good as the same. What was found of a panel all of whose cells are dark in turn ends
+    at dark bands; where some are steady it may end anywhere, and `climbing` leads on.
     """
     tried = np.concatenate([_other_sides(corners, first, stripe) for corners in near for first in (0, 1)])
     tried = tried[np.isfinite(tried).all(axis=1)]
     worth = light.explains(tried, rough_lattice(light.cells))
-    starts = _apart(np.concatenate([near, tried[np.argsort(-worth)[:MOST_LOOKS]]]), len(near) + MOST_STARTS)
-    climbed = _climbed(light, starts)
+    starts = np.concatenate([near, tried[np.argsort(-worth)[:MOST_LOOKS]]])
+    if not climbing:
+        return _apart(starts, MOST_STARTS)[1:]  # the first of `near` has been looked at
+    climbed = _climbed(light, _apart(starts, len(near) + MOST_STARTS))
     worth = light.explains(climbed, fine_lattice(light.cells))
     return _apart(climbed[np.argsort(-worth)], MOST_FITS)
 
