@@ -14,7 +14,7 @@ import numpy as np
 from ledpi.decode.cells import Singles
 from ledpi.decode.codebook import NEAREST_PATTERN, Codebook, Mask
 from ledpi.decode.evidence import Evidence
-from ledpi.decode.words import Fit, of_neighbours, word_log_likelihoods
+from ledpi.decode.words import Fit, how_likely, of_neighbours
 
 # Patterns that are no word count as rivals as if they showed up as often as words: all of them alike, or those that
 # differ from a word in 2, 3 or 4 cells, evenly, which is more where panels have many cells.
@@ -56,14 +56,14 @@ def odds_against_any_pattern(evidence: Evidence, fit: Fit, codebook: Codebook) -
     word, correctable = codebook.white[fit.words[0]], codebook.correctable_beside(fit.silent, fit.words[0])
     patterns, likeliest = _as_phases_have_it(evidence), -math.inf
     for _ in range(CLIMBS):
-        likelihood = word_log_likelihoods(evidence, patterns)[0]
+        likelihood = how_likely(evidence, patterns)
         differ = np.abs(patterns - word).sum(axis=1)
         if codebook.spec.phase == "antiphase":
             differ = np.minimum(differ, len(word) - differ)
         likeliest = max(likeliest, float(likelihood[differ > correctable].max(initial=-math.inf)))
         best = patterns[np.argsort(-likelihood)[:CLIMBERS]]
-        patterns = np.unique(np.abs(best[:, None] - np.eye(len(word), dtype=word.dtype)).reshape(-1, len(word)), axis=0)
-        patterns = np.concatenate([best, patterns])
+        others = np.abs(best[:, None] - np.eye(len(word), dtype=word.dtype)).reshape(-1, len(word))
+        patterns = np.concatenate([best, _distinct(others)])
     return fit.likelihood[0] - likeliest + prior_odds_of_word(codebook) - _log_patterns(fit.silent)
 
 
@@ -81,7 +81,15 @@ def _as_phases_have_it(evidence: Evidence) -> Singles:
             for at, wave in zip((slice(0, 2), slice(2, 4)), waves, strict=True)
         )
         white = (light[:, None] > black[:, :, None]).reshape(len(own), -1).T
-    return np.unique(white.astype(np.float32), axis=0)
+    return _distinct(white.astype(np.float32))
+
+
+def _distinct(patterns: Singles) -> Singles:
+    """Those of (N, cells) that differ, at most 64 cells: by a bit for each, in a tenth of the time."""
+    bits = np.zeros((len(patterns), 8), np.uint8)
+    packed = np.packbits(patterns > 0, axis=1)
+    bits[:, : packed.shape[1]] = packed
+    return patterns[np.unique(bits.view(np.uint64)[:, 0], return_index=True)[1]]
 
 
 def _log_patterns(silent: Mask | None) -> float:
