@@ -25,7 +25,7 @@ from ledpi.reporting import Totals, in_service, minute_line, second_line
 from ledpi.ring import FrameRing
 from ledpi.robot import load_robot, strangers_note
 from ledpi.service_notify import notify, watchdog_period_s
-from ledpi.threads import switch_promptly
+from ledpi.threads import keep_memory, switch_promptly
 from ledpi.wire.mavlink import Mavlink
 from ledpi.wire.message import NoFix, State, StatusMessage
 from ledpi.wire.publisher import Publisher
@@ -98,6 +98,7 @@ class Daemon:
         `at_each_tick` is called ten times a second, in the calling thread.
         """
         switch_promptly()
+        keep_memory()
         gc.freeze()  # what start-up has made, and stays: looking through it for garbage took 15 ms, now and then
         if self._calibrated is None:
             _log.warning("camera.intrinsics is not set: IDs are sent flagged uncalibrated, without poses")

@@ -1,7 +1,8 @@
-"""How soon a thread that wants to run gets the interpreter from one that computes."""
+"""What holds for the whole process of a daemon: how soon threads get the interpreter, and that memory is kept."""
 
 from __future__ import annotations
 
+import ctypes
 import sys
 
 # A thread that wants to run waits at most so long for one that computes in Python. The default is 5 ms: so long would
@@ -13,3 +14,18 @@ SWITCH_INTERVAL_S = 0.00002
 def switch_promptly() -> None:
     """For the whole process, as only that can be set."""
     sys.setswitchinterval(SWITCH_INTERVAL_S)
+
+
+# glibc's mallopt(3). What a frame needs is given back, and asked for again by the next; so it is neither mapped anew
+# (from 128 KiB on, until glibc has learnt otherwise) nor returned to the system, which it was now and then, 2 MiB at a
+# time: a long run's memory went up and down by as much.
+_TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
+_KEPT_BYTES, _MAPPED_BYTES = 1 << 26, 1 << 24
+
+
+def keep_memory() -> None:
+    """For the whole process, before its threads begin; where the C library is another, nothing."""
+    mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
+    if mallopt is not None:
+        mallopt(_MMAP_THRESHOLD, _MAPPED_BYTES)
+        mallopt(_TRIM_THRESHOLD, _KEPT_BYTES)
