@@ -7,14 +7,17 @@ Beforehand a panel shows a word as often as a pattern that is none. The best oth
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 
-from ledpi.decode.cells import Singles
+from ledpi.decode.cells import CellSamples, Singles
 from ledpi.decode.codebook import NEAREST_PATTERN, Codebook, Mask
-from ledpi.decode.evidence import Evidence
+from ledpi.decode.evidence import Evidence, band_prior
+from ledpi.decode.single_frame import single_evidence
 from ledpi.decode.words import Fit, how_likely, of_neighbours
+from ledpi.records import Frame
 
 # Patterns that are no word count as rivals as if they showed up as often as words: all of them alike, or those that
 # differ from a word in 2, 3 or 4 cells, evenly, which is more where panels have many cells.
@@ -23,6 +26,9 @@ NEAR_DISTANCES = 3
 NEIGHBOURS = 3
 # To find the likeliest pattern: phases of each wave that are begun with, patterns that are followed, and how far.
 PHASES, CLIMBERS, CLIMBS = 8, 4, 5
+# Of the lower announced frequency, and of the higher: from here to there lights are tried. Slower ones hardly change
+# over a panel, and quicker ones hardly show at an exposure that makes bands invisible.
+LIGHTS = (0.25, 2.0)
 
 
 def odds_against_other_patterns(fit: Fit, codebook: Codebook) -> float:
@@ -116,6 +122,27 @@ def odds_against_one_class(fit: Fit, codebook: Codebook) -> float:
     rows of them are dark, and a word that says so where they are outshines patterns that are like it.
     """
     return fit.likelihood[0] - fit.one_class + prior_odds_of_word(codebook)
+
+
+def odds_against_one_light(fit: Fit, samples: CellSamples, frame: Frame, codebook: Codebook) -> float:
+    """Log odds of the best word against one light that blinks alike everywhere, at any frequency, in a first look.
+
+    Frequencies are so close that one of them is within a quarter of a cycle over the panel's rows.
+    """
+    spec, rows = codebook.spec, samples.rows
+    step_hz = 0.5e6 / (float(rows.max() - rows.min()) * frame.row_time_us)
+    lowest, highest = LIGHTS[0] * min(spec.waves_hz), LIGHTS[1] * max(spec.waves_hz)
+    tried = np.arange(lowest, highest + 2 * step_hz, step_hz).tolist()
+    as_deep = np.full(4, band_prior(frame, spec).max())
+    all_alike = np.repeat(np.array([[0.0], [1.0]], np.float32), len(samples.light), axis=1)
+    likeliest = -math.inf
+    for one_hz, other_hz in zip(tried[::2], tried[1::2], strict=False):
+        lights = replace(spec, black_hz=one_hz, white_hz=other_hz, phase="free")
+        evidence = single_evidence(samples, frame, lights)
+        if isinstance(evidence, Evidence):
+            likelihood = how_likely(replace(evidence, prior=as_deep), all_alike)
+            likeliest = max(likeliest, float(likelihood.max()))
+    return fit.likelihood[0] - likeliest + prior_odds_of_word(codebook)
 
 
 def prior_odds_of_word(codebook: Codebook) -> float:

@@ -106,6 +106,11 @@ def read_word(
     second = _judged(likeliest(again, codebook.white), again, codebook, false_id_rate)
     if isinstance(second, Rejected):
         return second
+    # Whatever is believed explains more: what a lamp shows, as a word with its own bands, more than the lamp does.
+    if isinstance(first, Rejected) and not is_deep_anywhere(evidence.prior):
+        odds = rivals.odds_against_one_light(fit, samples, frame, codebook)
+        if odds < odds_needed(false_id_rate):
+            return NO_WORD
     return replace(second, cell_bands=believed.turned_back(second.cell_bands))
 
 
