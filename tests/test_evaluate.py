@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import csv
 import json
+import multiprocessing
 import os
+import signal
+import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -275,3 +278,16 @@ def test_a_picture_that_cannot_be_read_is_named() -> None:
     Path("take/frames/000001.png").write_bytes(b"no picture")
     with pytest.raises(RecordingError, match=r"000001\.png"):
         run("evaluate", "--recording", "take", "--id", "7", "--distance", "1")
+
+
+def test_who_breaks_off_does_not_wait_for_what_is_half_done(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As with Ctrl-C: a worker that is in the midst of a unit is ended, since nobody will ask for its result."""
+    monkeypatch.setattr(workers_module, "run_unit", time.sleep)
+    others = multiprocessing.active_children()
+    results = workers_module.run_on_processes([0.0, 5.0], 2)  # type: ignore[list-item]
+    next(results)
+    workers = [process for process in multiprocessing.active_children() if process not in others]
+    results.close()
+    for process in workers:
+        process.join()
+    assert -signal.SIGTERM in [process.exitcode for process in workers]

@@ -25,6 +25,7 @@ def run_on_processes(units: Sequence[Unit], workers: int) -> Generator[dict[str,
     os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
     # Not by fork: OpenCV's threads do not survive it.
     context = multiprocessing.get_context("spawn")
+    others = multiprocessing.active_children()
     with ProcessPoolExecutor(min(workers, len(units)), mp_context=context, initializer=_leave_ctrl_c) as pool:
         futures = [pool.submit(run_unit, unit) for unit in units]
         try:
@@ -32,6 +33,11 @@ def run_on_processes(units: Sequence[Unit], workers: int) -> Generator[dict[str,
                 yield future.result()
         except BrokenProcessPool:
             raise ConfigError("a worker process has died; the same command goes on where it was") from None
+        except BaseException:  # Ctrl-C: what is half done will not be asked for, and may take long
+            for worker in multiprocessing.active_children():
+                if worker not in others:
+                    worker.terminate()
+            raise
         finally:
             pool.shutdown(wait=False, cancel_futures=True)
 
