@@ -225,6 +225,10 @@ def test_a_near_word_at_a_short_exposure_is_no_word() -> None:
         ("pwm_lights", 833, 1, 0),
         # The same at 1146 Hz, where one light explained more in a first look than the word did.
         ("pwm_lights", 304, 3, 5),
+        # A second look added a half to four fifths of what the first had explained.
+        ("pwm_lights", 390, 3, 2),
+        ("pwm_lights", 782, 3, 2),
+        ("pwm_lights", 782, 3, 3),
         # Of what the word explained a third was left, or an eighth: two short flashes; a frame across a bright sheet.
         ("pwm_lights", 522, 2, 6),
         ("single_class", 273, 2, 7),
