@@ -58,7 +58,7 @@ def read(condition: Condition, panels: PanelSettings, number: int, *, stream: bo
     sensor = take.scene.sensor
     dictionary = load_dictionary(panels.dictionary)
     book = Codebook.build(dictionary.readable_ids(panels.phase), dictionary, panels.spec())
-    rate = soft.FALSE_ID_RATE if stream else soft.FALSE_ID_RATE_ALONE
+    rate = soft.FALSE_ID_RATE
     reader = PanelReader("stream" if stream else "soft", sensor_info(sensor, 1.0), panels)
     memory = PanelMemory(book.spec)
     for frame in photographed(take, take.scene, FRAMES_A_TAKE if stream else 1):

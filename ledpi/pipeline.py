@@ -83,7 +83,7 @@ class Pipeline:
         self._cells = load_dictionary(panels.dictionary).cells_per_side
         dictionary, groups = load_dictionary(panels.dictionary), _same_frequencies(panels)
         codebooks = [Codebook.build(ids, dictionary, spec) for spec, ids in groups]
-        self._reader = Reader(codebooks, soft.FALSE_ID_RATE if stream else soft.FALSE_ID_RATE_ALONE)
+        self._reader = Reader(codebooks, soft.FALSE_ID_RATE)
         self._readers = [BandsReader(dictionary, ids, spec) for spec, ids in groups] if method == "bands" else []
         self._specs = tuple(spec for spec, _ in groups)
         self._squares = Squares(camera, self._cells, self._specs, intrinsics)

@@ -23,8 +23,8 @@ from ledpi.recording_writer import RecordingWriter
 from ledpi.records import CameraInfo, Frame, PanelSpec, Pixels
 
 FRAMES = 4
-FAR_S = 3600.0  # a frame that does not come while the test runs
-WAIT_S = 10.0  # generous: a thread that needs it hangs
+FAR_S = 10.0  # the longest that may be asked for: it does not come while a test waits
+WAIT_S = 5.0  # generous: a thread that needs it hangs
 Opener = Callable[[Path, float | None], Camera]
 
 

@@ -235,6 +235,8 @@ def test_a_near_word_at_a_short_exposure_is_no_word() -> None:
         # One class explained more than the word did.
         ("single_class", 52, 2, 7),
         ("single_class", 138, 2, 6),
+        # Two cells off, at a rate of 1e-5, that one in 100,000 frames is read by.
+        ("near_words", 334, 3, 1),
         # A pattern twelve cells off explained more than the word did, by other phases.
         ("mirrored", 359, 2, 0),
     ],

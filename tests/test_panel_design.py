@@ -321,7 +321,7 @@ def test_what_is_certain_is_not_drawn() -> None:
     codebook = Codebook.build(list(range(50)), DICTIONARY, spec)
     for nats, chance in ((3 * ENOUGH_NATS, 1.0), (ENOUGH_NATS / 20, 0.0)):
         known = even_evidence(nats / 0.05**2, 0.05)
-        assert chance_of_reading(known, codebook, (0.05, 0.05), soft.FALSE_ID_RATE_ALONE, draws=100) == chance
+        assert chance_of_reading(known, codebook, (0.05, 0.05), soft.FALSE_ID_RATE, draws=100) == chance
 
 
 def test_periods_in_a_cell() -> None:

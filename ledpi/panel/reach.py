@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ledpi.decode.codebook import Codebook
-from ledpi.decode.soft import FALSE_ID_RATE, FALSE_ID_RATE_ALONE
+from ledpi.decode.soft import FALSE_ID_RATE
 from ledpi.markers import Dictionary
 from ledpi.panel.chances import chance_of_reading
 from ledpi.panel.design import ENOUGH_NATS, Proposal, Task, farthest_m
@@ -61,13 +61,13 @@ def reach_of(
     most = task.coherent_frames(max(proposal.black_hz, proposal.white_hz), proposal.frame_length_rows)
     chances: dict[int, list[float]] = {1: [], STREAM_FRAMES: []}
     for view in views:
-        for frames, rate in ((1, FALSE_ID_RATE_ALONE), (STREAM_FRAMES, FALSE_ID_RATE)):
+        for frames in (1, STREAM_FRAMES):
             known = evidence_of(
                 view, spec, frames=min(frames, most), frame_length_rows=proposal.frame_length_rows
             )
             nats = separation_nats(known, depths)
             if _HOPELESS_NATS < nats < _CERTAIN_NATS:
-                chances[frames].append(chance_of_reading(known, codebook, depths, rate, draws=_DRAWS))
+                chances[frames].append(chance_of_reading(known, codebook, depths, FALSE_ID_RATE, draws=_DRAWS))
             else:
                 chances[frames].append(float(nats >= _CERTAIN_NATS))
         advance(1)
