@@ -57,24 +57,27 @@ def odds_against_any_pattern(evidence: Evidence, fit: Fit, codebook: Codebook) -
     """Log odds of the best word against the likeliest pattern that is too far from it to be it, bands fitted anew.
 
     Where a cell is about as high as a band is long, bands of other phases may explain nearly the same light in many
-    other cells. So it is sought from many phases: each cell as they fit it best, then one cell after the other.
+    other cells. So it is sought from many phases: each cell as they fit it best, then one cell after the other. Cells
+    that are silent are left as they are.
     """
     word, correctable = codebook.white[fit.words[0]], codebook.correctable_beside(fit.silent, fit.words[0])
-    patterns, likeliest = _as_phases_have_it(evidence), -math.inf
+    told = np.ones(len(word), np.bool_) if fit.silent is None else ~fit.silent
+    each = np.eye(len(word), dtype=word.dtype)[told]
+    patterns, likeliest = _distinct(np.where(told, _as_phases_have_it(evidence), word)), -math.inf
     for _ in range(CLIMBS):
         likelihood = how_likely(evidence, patterns)
         differ = np.abs(patterns - word).sum(axis=1)
         if codebook.spec.phase == "antiphase":
-            differ = np.minimum(differ, len(word) - differ)
+            differ = np.minimum(differ, len(each) - differ)
         likeliest = max(likeliest, float(likelihood[differ > correctable].max(initial=-math.inf)))
         best = patterns[np.argsort(-likelihood)[:CLIMBERS]]
-        others = np.abs(best[:, None] - np.eye(len(word), dtype=word.dtype)).reshape(-1, len(word))
+        others = np.abs(best[:, None] - each).reshape(-1, len(word))
         patterns = np.concatenate([best, _distinct(others)])
     return fit.likelihood[0] - likeliest + prior_odds_of_word(codebook) - _log_patterns(fit.silent)
 
 
 def _as_phases_have_it(evidence: Evidence) -> Singles:
-    """(N, cells) distinct patterns: which class fits each cell better, for PHASES of each wave, as deep as expected."""
+    """(N, cells) patterns: which class fits each cell better, for PHASES of each wave, as deep as expected."""
     turns = 2 * np.pi * np.arange(PHASES) / PHASES
     depth = np.sqrt(2.0 * evidence.prior[::2])
     waves = [np.stack([d * np.cos(turns), d * np.sin(turns)], axis=1) for d in depth]  # (PHASES, 2) each
@@ -87,7 +90,7 @@ def _as_phases_have_it(evidence: Evidence) -> Singles:
             for at, wave in zip((slice(0, 2), slice(2, 4)), waves, strict=True)
         )
         white = (light[:, None] > black[:, :, None]).reshape(len(own), -1).T
-    return _distinct(white.astype(np.float32))
+    return np.asarray(white, np.float32)
 
 
 def _distinct(patterns: Singles) -> Singles:
