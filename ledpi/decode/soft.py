@@ -44,8 +44,9 @@ FURTHER_ODDS = 4.0
 # To the odds of bands less deep than this a second look has added 10 nats at most, of 750 panels at 2 to 3 m, mostly 1
 # or 2.
 FAINT_DEPTH, SECOND_LOOK_ADDS = 0.1, 10.0
-# Of what a word explains a second look adds 4 to 14 % where a panel shows it (of 24 read so, one 17 and one 40 %), and
-# 26 to 80 % where a lamp does that blinks alike everywhere.
+# Whatever is believed explains more: what a lamp shows, as a word with its own bands, more than the lamp does. Of what
+# a word explains a second look adds 4 to 14 % where a panel shows it (of 24 read so, one 17 and one 40 %), and 26 to
+# 80 % where a lamp does that blinks alike everywhere.
 MOST_ADDED = 0.2
 # No square wave leaves deeper bands than `shutter.harmonic_amplitude` of duty 0.5 by more than π/2 (a duty near 0), and
 # the classes of one panel are thinned alike by whatever light does not blink; where that is three times the panel's
@@ -108,11 +109,9 @@ def read_word(
     if isinstance(second, Rejected):
         return second
     if isinstance(first, Rejected) and not is_deep_anywhere(evidence.prior):
-        # Whatever is believed explains more: what a lamp shows, as a word with its own bands, more than the lamp does.
         if second.likelihood > (1.0 + MOST_ADDED) * fit.likelihood[0]:
             return INCONSISTENT
-        odds = rivals.odds_against_one_light(fit, samples, frame, codebook)
-        if odds < odds_needed(false_id_rate):
+        if rivals.odds_against_one_light(fit, samples, frame, codebook) < odds_needed(false_id_rate):
             return NO_WORD
     return replace(second, cell_bands=believed.turned_back(second.cell_bands))
 
