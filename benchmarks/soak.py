@@ -31,7 +31,7 @@ from ledpi.simulate.scenes import DRIVE_IDS
 from ledpi.wire import MarkerMessage, Receiver, State, StatusMessage
 
 ROOT = Path(__file__).resolve().parents[1]
-SAMPLE_S = 0.05  # a short run of 300 frames takes two seconds
+SAMPLE_S = 0.02  # a short run of 300 frames takes two seconds, less than one of them after its warm-up
 WARM_UP_SHARE, WARM_UP_FRAMES = 0.1, 100
 ROUND_FRAMES = 600  # of the recording at most: the robot is back where it began
 ROUNDS = 3  # at least: what the first one has seen, and made, is what the others need
