@@ -14,9 +14,10 @@ from ledpi.decode import soft
 from ledpi.decode.cells import CellSamples, sample_cells
 from ledpi.decode.codebook import Codebook
 from ledpi.decode.evidence import UNFIT, Doubles, Evidence
+from ledpi.decode.patterns import likeliest_beyond, of_neighbours
 from ledpi.decode.single_frame import single_evidence
 from ledpi.decode.soft import Reading, decide, odds_needed
-from ledpi.decode.words import SHORTLIST, likeliest, of_neighbours, word_log_likelihoods
+from ledpi.decode.words import SHORTLIST, likeliest, word_log_likelihoods
 from ledpi.dictionaries import load_dictionary
 from ledpi.kernels.library import COMPILED
 from ledpi.records import Frame
@@ -24,6 +25,7 @@ from ledpi.records import Frame
 DICTIONARY = load_dictionary("DICT_4X4_50")
 FLAT = np.arange(16)
 NEEDS_LOOPS = pytest.mark.skipif(not COMPILED, reason="needs the compiled loops, a C compiler at installation")
+EITHER = [pytest.param(True, marks=NEEDS_LOOPS), False]
 HARD_PX = 30.0  # a panel's side where patterns are mistaken most: 16 cm at 3.1 m
 
 
@@ -90,7 +92,7 @@ def test_what_is_asked_for_is_the_chance_where_two_patterns_are_mistaken_most() 
     assert (ratios < -needed).mean(axis=1).max() == pytest.approx(1e-2, rel=0.1)
 
 
-@pytest.mark.parametrize("compiled", [pytest.param(True, marks=pytest.mark.skipif(not COMPILED, reason="")), False])
+@pytest.mark.parametrize("compiled", EITHER)
 def test_neighbours_are_summed_up_with_bands_of_their_own(compiled: bool) -> None:
     """All 680 patterns that differ in two or three cells."""
     evidence, own = evidence_of(40.0, 1), word(7).ravel()
@@ -100,17 +102,34 @@ def test_neighbours_are_summed_up_with_bands_of_their_own(compiled: bool) -> Non
     assert found == pytest.approx(exact, abs=0.01)
 
 
+def without(evidence: Evidence, *cells: int) -> Evidence:
+    """As if these gave no light."""
+    score, information = evidence.score.copy(), evidence.information.copy()
+    for cell in cells:
+        score[cell] = information[cell] = information[:, :, cell] = 0.0
+    return dataclasses.replace(evidence, score=score, information=information)
+
+
 @NEEDS_LOOPS
 def test_neighbours_beside_a_silent_cell() -> None:
     """A cell that gives no light is left as it is."""
-    evidence = evidence_of(40.0, 2)
-    score, information = evidence.score.copy(), evidence.information.copy()
-    score[5] = information[5] = information[:, :, 5] = 0.0
-    evidence = dataclasses.replace(evidence, score=score, information=information)
+    evidence = without(evidence_of(40.0, 2), 5)
     assert evidence.silent.tolist() == [cell == 5 for cell in range(16)]
     own = word(7).ravel().astype(np.float32)
     ours, theirs = (of_neighbours(evidence, own, 1, 3, compiled=compiled) for compiled in (True, False))
     assert ours == pytest.approx(theirs)
+
+
+@pytest.mark.parametrize("compiled", EITHER)
+@pytest.mark.parametrize("seed", range(3))
+def test_the_likeliest_pattern_is_found(seed: int, compiled: bool) -> None:
+    """Of all 4096 that twelve cells may show, more than one cell from the word."""
+    evidence, own = without(evidence_of(40.0, seed), 0, 5, 6, 15), word(7).ravel().astype(np.float32)
+    patterns = np.tile(own, (4096, 1))
+    patterns[:, ~evidence.silent] = (np.arange(4096)[:, None] >> np.arange(12)) & 1
+    beyond = patterns[np.abs(patterns - own).sum(axis=1) > 1]
+    most = float(word_log_likelihoods(evidence, beyond)[0].max())
+    assert likeliest_beyond(evidence, own, 1, compiled=compiled) == pytest.approx(most)
 
 
 def test_a_pattern_two_cells_off_a_word_of_a_larger_grid_is_none() -> None:
@@ -150,6 +169,9 @@ def test_neighbours_on_the_largest_grid() -> None:
     )
     ours, theirs = (of_neighbours(evidence, own, 1, 2, compiled=compiled) for compiled in (True, False))
     assert ours == pytest.approx(theirs)
+    ours, theirs = (likeliest_beyond(evidence, own, 0, compiled=compiled) for compiled in (True, False))
+    assert ours == pytest.approx(theirs)
+    assert ours == pytest.approx(float(word_log_likelihoods(evidence, other[None])[0][0]))
 
 
 @NEEDS_LOOPS
@@ -169,7 +191,9 @@ def test_what_is_no_number_is_no_lack_of_memory() -> None:
     """Neighbours of evidence that is not finite have no likelihood, and that is told."""
     evidence = evidence_of(60.0, 1)
     evidence.score[3, 2] = math.nan
-    assert math.isnan(of_neighbours(evidence, word(7).ravel().astype(np.float32), 2, 3))
+    own = word(7).ravel().astype(np.float32)
+    assert math.isnan(of_neighbours(evidence, own, 2, 3))
+    assert math.isnan(likeliest_beyond(evidence, own, 1))
 
 
 @NEEDS_LOOPS

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from decode_material import SPEC, TRUE_10_MS_US, Canvas, diffuser, quad, square, word
 
-from ledpi.decode import words
+from ledpi.decode import patterns, words
 from ledpi.decode.cells import CellSamples, sample_cells
 from ledpi.decode.codebook import Codebook
 from ledpi.decode.comparison import Mean, compared_evidence
@@ -173,6 +173,9 @@ def test_the_likeliest_words(spec: PanelSpec) -> None:
     assert ours.one_class == pytest.approx(theirs.one_class, rel=1e-6)
     assert ours.beyond == pytest.approx(theirs.beyond, rel=1e-6)
     assert ours.silent is theirs.silent is None
+    best = book.white[ours.words[0]]
+    beyond = [patterns.likeliest_beyond(evidence, best, 1, compiled=compiled) for compiled in (True, False)]
+    assert beyond[0] == pytest.approx(beyond[1], rel=1e-6)
 
 
 @pytest.mark.parametrize("told", [10.0, 0.01], ids=["surely", "hardly"])

@@ -12,11 +12,12 @@ from functools import cache
 
 import numpy as np
 
-from ledpi.decode.cells import CellSamples, Singles
+from ledpi.decode.cells import CellSamples
 from ledpi.decode.codebook import NEAREST_PATTERN, Codebook, Mask
 from ledpi.decode.evidence import Evidence, band_prior
+from ledpi.decode.patterns import likeliest_beyond, of_neighbours
 from ledpi.decode.single_frame import single_evidence
-from ledpi.decode.words import Fit, how_likely, of_neighbours
+from ledpi.decode.words import Fit, how_likely
 from ledpi.records import Frame
 
 # Patterns that are no word count as rivals as if they showed up as often as words: all of them alike, or those that
@@ -24,8 +25,6 @@ from ledpi.records import Frame
 NEAR_DISTANCES = 3
 # Patterns are tried that differ in up to so many cells: what differs in more is less likely than these.
 NEIGHBOURS = 3
-# To find the likeliest pattern: phases of each wave that are begun with, patterns that are followed, and how far.
-PHASES, CLIMBERS, CLIMBS = 8, 4, 5
 # Of the lower announced frequency, and of the higher: from here to there lights are tried. Slower ones hardly change
 # over a panel, and quicker ones hardly show at an exposure that makes bands invisible.
 LIGHTS = (0.25, 2.0)
@@ -57,48 +56,12 @@ def odds_against_any_pattern(evidence: Evidence, fit: Fit, codebook: Codebook) -
     """Log odds of the best word against the likeliest pattern that is too far from it to be it, bands fitted anew.
 
     Where a cell is about as high as a band is long, bands of other phases may explain nearly the same light in many
-    other cells. So it is sought from many phases: each cell as they fit it best, then one cell after the other. Cells
-    that are silent are left as they are.
+    other cells.
     """
-    word, correctable = codebook.white[fit.words[0]], codebook.correctable_beside(fit.silent, fit.words[0])
-    told = np.ones(len(word), np.bool_) if fit.silent is None else ~fit.silent
-    each = np.eye(len(word), dtype=word.dtype)[told]
-    patterns, likeliest = _distinct(np.where(told, _as_phases_have_it(evidence), word)), -math.inf
-    for _ in range(CLIMBS):
-        likelihood = how_likely(evidence, patterns)
-        differ = np.abs(patterns - word).sum(axis=1)
-        if codebook.spec.phase == "antiphase":
-            differ = np.minimum(differ, len(each) - differ)
-        likeliest = max(likeliest, float(likelihood[differ > correctable].max(initial=-math.inf)))
-        best = patterns[np.argsort(-likelihood)[:CLIMBERS]]
-        others = np.abs(best[:, None] - each).reshape(-1, len(word))
-        patterns = np.concatenate([best, _distinct(others)])
+    best = fit.words[0]
+    correctable = codebook.correctable_beside(fit.silent, best)
+    likeliest = likeliest_beyond(evidence, codebook.white[best], correctable)
     return fit.likelihood[0] - likeliest + prior_odds_of_word(codebook) - _log_patterns(fit.silent)
-
-
-def _as_phases_have_it(evidence: Evidence) -> Singles:
-    """(N, cells) patterns: which class fits each cell better, for PHASES of each wave, as deep as expected."""
-    turns = 2 * np.pi * np.arange(PHASES) / PHASES
-    depth = np.sqrt(2.0 * evidence.prior[::2])
-    waves = [np.stack([d * np.cos(turns), d * np.sin(turns)], axis=1) for d in depth]  # (PHASES, 2) each
-    own = np.einsum("cicj->cij", evidence.information)
-    if len(waves) == 1:  # antiphase: a class is the other's negative
-        white = (evidence.score @ waves[0].T).T < 0
-    else:
-        black, light = (
-            evidence.score[:, at] @ wave.T - 0.5 * np.einsum("pi,cij,pj->cp", wave, own[:, at, at], wave)
-            for at, wave in zip((slice(0, 2), slice(2, 4)), waves, strict=True)
-        )
-        white = (light[:, None] > black[:, :, None]).reshape(len(own), -1).T
-    return np.asarray(white, np.float32)
-
-
-def _distinct(patterns: Singles) -> Singles:
-    """Those of (N, cells) that differ, at most 64 cells: by a bit for each, in a tenth of the time."""
-    bits = np.zeros((len(patterns), 8), np.uint8)
-    packed = np.packbits(patterns > 0, axis=1)
-    bits[:, : packed.shape[1]] = packed
-    return patterns[np.unique(bits.view(np.uint64)[:, 0], return_index=True)[1]]
 
 
 def _log_patterns(silent: Mask | None) -> float:

@@ -1,6 +1,6 @@
 """How well words explain the evidence of all of a panel's cells together.
 
-In C (kernels/words.c, neighbours.c) and, where there is no compiler, in numpy, which is the reference.
+In C (kernels/words.c) and, where there is no compiler, in numpy, which is the reference.
 """
 
 from __future__ import annotations
@@ -20,7 +20,6 @@ from ledpi.kernels.library import COMPILED
 MOST_CORRECTED = 1  # cells that may be of the other class while a pattern still is a word: `Codebook.correctable`
 MOST_GAIN, SMALLEST_LOG = 40.0, -600.0  # what e can be taken to the power of, and summed up; more is as sure as this
 SHORTLIST = 16  # words that are compared exactly
-BEAM = 16  # patterns from which others are tried that differ in one more cell: with 8, the likeliest was missed
 
 
 class Fit(NamedTuple):
@@ -133,29 +132,6 @@ def shortlist(evidence: Evidence, white: Singles) -> NDArray[np.int64]:
         likelihood += 0.5 * ((d * x * x - 2 * b * x * y + a * y * y) / det - np.log(det))
     chosen: NDArray[np.int64] = np.argpartition(likelihood, -SHORTLIST)[-SHORTLIST:]
     return chosen
-
-
-def of_neighbours(
-    evidence: Evidence, word: Singles, nearest: int, furthest: int, *, compiled: bool = COMPILED
-) -> float:
-    """Log of the summed likelihoods of patterns that differ from a word (cells,) in `nearest` to `furthest` cells.
-
-    Each has the bands that fit it best. Of all these patterns those are tried that are near the likeliest, found from
-    the word outward; cells that are silent are left as they are.
-    """
-    if compiled:
-        known = evidence.score, evidence.information, evidence.prior
-        return kernel.of_neighbours(*known, word, nearest, furthest)
-    here, total = word[None], -np.inf
-    each = np.eye(len(word), dtype=word.dtype)[~evidence.silent]
-    for differ in range(1, furthest + 1):
-        tried = np.abs(here[:, None] - each).reshape(-1, len(word))
-        tried = np.unique(tried[np.abs(tried - word).sum(axis=1) == differ], axis=0)
-        likelihood = word_log_likelihoods(evidence, tried)[0]
-        if differ >= nearest:
-            total = np.logaddexp(total, np.logaddexp.reduce(likelihood))
-        here = tried[np.argsort(-likelihood)[:BEAM]]
-    return float(total)
 
 
 def how_likely(evidence: Evidence, white: Singles, *, compiled: bool = COMPILED) -> Doubles:

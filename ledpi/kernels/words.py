@@ -1,4 +1,4 @@
-"""How well words explain the evidence of a panel's cells (words.c, neighbours.c)."""
+"""How well words, and other patterns, explain the evidence of a panel's cells (words.c, neighbours.c, climb.c)."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Doubles = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
-MOST_CELLS = 64  # as in neighbours.c
+MOST_CELLS = 64  # as in patterns.h
 
 _likeliest = function(
     "ledpi_likeliest", INTEGER, INTEGER, *(POINTER,) * 4, INTEGER, INTEGER, *(POINTER,) * 3, result=INTEGER
@@ -23,6 +23,7 @@ _word_likelihoods = function("ledpi_word_likelihoods", INTEGER, INTEGER, *(POINT
 _of_neighbours = function(
     "ledpi_of_neighbours", INTEGER, INTEGER, *(POINTER,) * 4, INTEGER, INTEGER, result=DOUBLE
 )
+_likeliest_beyond = function("ledpi_likeliest_beyond", INTEGER, INTEGER, *(POINTER,) * 4, INTEGER, result=DOUBLE)
 
 
 class Likeliest(NamedTuple):
@@ -89,7 +90,7 @@ def likeliest(score: Doubles, information: Doubles, prior: Doubles, words: Singl
 def of_neighbours(
     score: Doubles, information: Doubles, prior: Doubles, word: Singles, nearest: int, furthest: int
 ) -> float:
-    """`of_neighbours` of decode/words.py; `word` (cells,)."""
+    """`of_neighbours` of decode/patterns.py; `word` (cells,)."""
     cells, parameters = score.shape
     assert parameters in (2, 4)
     assert cells <= MOST_CELLS
@@ -97,6 +98,17 @@ def of_neighbours(
     at = address(score), address(information), address(prior), address(word)
     log_sum: float = _of_neighbours(cells, parameters, *at, nearest, furthest)
     return log_sum
+
+
+def likeliest_beyond(score: Doubles, information: Doubles, prior: Doubles, word: Singles, correctable: int) -> float:
+    """`likeliest_beyond` of decode/patterns.py; `word` (cells,)."""
+    cells, parameters = score.shape
+    assert parameters in (2, 4)
+    assert cells <= MOST_CELLS
+    word = np.ascontiguousarray(word)
+    at = address(score), address(information), address(prior), address(word)
+    likelihood: float = _likeliest_beyond(cells, parameters, *at, correctable)
+    return likelihood
 
 
 def word_likelihoods(score: Doubles, information: Doubles, prior: Doubles, words: Singles) -> Doubles:

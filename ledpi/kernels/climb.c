@@ -1,0 +1,113 @@
+/* How likely the likeliest pattern is that is no word: `likeliest_beyond` of decode/patterns.py, which says why. */
+#include "patterns.h"
+
+enum { PHASES = 8, CLIMBERS = 4, CLIMBS = 5 }; /* as in decode/patterns.py */
+enum { MET = 2048 }; /* more than PHASES² + CLIMBERS·(CLIMBS − 1)·MOST_CELLS, and a power of 2 */
+
+/* What was tried so far, and what waits to be weighed. */
+typedef struct {
+    uint64_t met[MET];
+    Pattern waiting[LANES];
+    double log_of_prior, likeliest; /* of what the prior makes of a determinant; of the patterns beyond */
+    ptrdiff_t wait, told, correctable, found;
+    int64_t best[CLIMBERS]; /* (found,) the likeliest, and how likely these are */
+    double of[CLIMBERS];
+} Climb;
+
+/* Weighs those that wait. */
+static LEDPI_INLINE void weigh_waiting(Climb *climb, const ptrdiff_t parameters) {
+    Lanes squares, determinant;
+    weigh(climb->waiting, &squares, &determinant, parameters);
+    for (ptrdiff_t n = 0; n < climb->wait; n++) {
+        const double own = 0.5 * (squares[n] - log(determinant[n]) + climb->log_of_prior);
+        const uint64_t changed = climb->waiting[n].changed;
+        ptrdiff_t apart = __builtin_popcountll(changed);
+        if (parameters == 2 && climb->told - apart < apart) apart = climb->told - apart; /* of the word or its negative */
+        climb->found = ledpi_put((int64_t)changed, own, climb->found, CLIMBERS, climb->best, climb->of);
+        if (apart > climb->correctable && (own > climb->likeliest || isnan(own))) climb->likeliest = own;
+    }
+    climb->wait = 0;
+}
+
+static LEDPI_INLINE void try_pattern(const Pattern *pattern, Climb *climb, const ptrdiff_t parameters) {
+    climb->waiting[climb->wait++] = *pattern;
+    if (climb->wait == LANES) weigh_waiting(climb, parameters);
+}
+
+/* How well each of PHASES of a wave, as deep as expected, explains a cell. */
+static LEDPI_INLINE void put_phases(const Evidence *evidence, ptrdiff_t cell, ptrdiff_t wave, double *explained,
+                                    const ptrdiff_t parameters) {
+    const ptrdiff_t size = evidence->cells * parameters, at = cell * parameters + 2 * wave;
+    const double *score = evidence->score + at, *own = evidence->information + at * size + at;
+    const double depth = sqrt(2.0 * evidence->prior[2 * wave]);
+    for (int n = 0; n < PHASES; n++) {
+        const double turn = 2.0 * 3.14159265358979323846 * n / PHASES, x = depth * cos(turn), y = depth * sin(turn);
+        explained[n] = score[0] * x + score[1] * y;
+        if (parameters == 4) explained[n] -= 0.5 * (x * x * own[0] + x * y * (own[1] + own[size]) + y * y * own[size + 1]);
+    }
+}
+
+/* Tries the patterns of the cells that are told, each as phases of the waves fit it best. */
+static LEDPI_INLINE void begin(const Evidence *evidence, const float *word, const uint8_t *silent, const Around *around,
+                               Climb *climb, const ptrdiff_t parameters) {
+    const Pattern start = unchanged(around);
+    const int of_black = parameters == 4 ? PHASES : 1;
+    uint64_t changed[PHASES * PHASES] = {0};
+    for (ptrdiff_t c = 0; c < evidence->cells; c++) {
+        double black[PHASES] = {0}, white[PHASES] = {0};
+        if (silent[c]) continue;
+        if (parameters == 4) put_phases(evidence, c, 1, white, parameters);
+        put_phases(evidence, c, 0, black, parameters);
+        for (int n = 0; n < of_black * PHASES; n++) /* in antiphase a class is the other's negative */
+            if ((parameters == 4 ? white[n % PHASES] > black[n / PHASES] : black[n] < 0.0) != (word[c] > 0.0f))
+                changed[n] |= UINT64_C(1) << c;
+    }
+    try_pattern(&start, climb, parameters);
+    for (int n = 0; n < of_black * PHASES; n++) {
+        if (!changed[n] || !is_new(climb->met, MET, changed[n])) continue;
+        Pattern pattern = start;
+        for (uint64_t left = changed[n]; left; left &= left - 1)
+            change_cell(evidence, around, __builtin_ctzll(left), &pattern, parameters);
+        try_pattern(&pattern, climb, parameters);
+    }
+    weigh_waiting(climb, parameters);
+}
+
+static LEDPI_INLINE double climb_from(const Evidence *evidence, const float *word, ptrdiff_t correctable,
+                                      const ptrdiff_t parameters) {
+    uint8_t silent[MOST_CELLS];
+    Around around;
+    Climb climb = {.likeliest = -INFINITY, .correctable = correctable};
+    climb.told = evidence->cells - ledpi_put_silent(evidence, silent);
+    for (ptrdiff_t i = 0; i < parameters; i++) climb.log_of_prior -= log(evidence->prior[i]);
+    look_around(evidence, word, &around, parameters);
+    begin(evidence, word, silent, &around, &climb, parameters);
+    for (int round = 1; round < CLIMBS; round++) {
+        int64_t here[CLIMBERS];
+        const ptrdiff_t count = climb.found;
+        memcpy(here, climb.best, sizeof here);
+        for (ptrdiff_t n = 0; n < count; n++) {
+            Pattern from = unchanged(&around);
+            for (uint64_t left = (uint64_t)here[n]; left; left &= left - 1)
+                change_cell(evidence, &around, __builtin_ctzll(left), &from, parameters);
+            for (ptrdiff_t c = 0; c < evidence->cells; c++) {
+                const uint64_t changed = from.changed ^ UINT64_C(1) << c;
+                if (silent[c] || !changed || !is_new(climb.met, MET, changed)) continue;
+                Pattern pattern = from;
+                change_cell(evidence, &around, c, &pattern, parameters);
+                try_pattern(&pattern, &climb, parameters);
+            }
+        }
+        weigh_waiting(&climb, parameters);
+    }
+    return climb.likeliest;
+}
+
+/* The log-likelihood ratio to "no bands" of the likeliest pattern that differs from a word (cells,) in more cells than are
+ * `correctable`, none of them silent, with the bands that fit it best. At most 64 cells. Not a number where one's is none. */
+LEDPI_WIDE double ledpi_likeliest_beyond(ptrdiff_t cells, ptrdiff_t parameters, const double *score,
+                                         const double *information, const double *prior, const float *word,
+                                         ptrdiff_t correctable) {
+    const Evidence evidence = {cells, parameters, score, information, prior};
+    return parameters == 4 ? climb_from(&evidence, word, correctable, 4) : climb_from(&evidence, word, correctable, 2);
+}
