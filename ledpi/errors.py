@@ -4,9 +4,16 @@
 The command line prints it and exits with status 2: a person has to act. Status 1 is what trying again may put right.
 """
 
+from __future__ import annotations
+
+from ledpi.wording import one_line
+
 
 class LedpiError(Exception):
     """Anything that a user can put right."""
+
+    def __str__(self) -> str:
+        return one_line(super().__str__())
 
 
 class ConfigError(LedpiError):

@@ -54,7 +54,7 @@ def event(name: str, **values: object) -> str:
 def _quoted(value: object) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
-    text = f"{value:.4g}" if isinstance(value, float) else str(value)
+    text = f"{value:.6g}" if isinstance(value, float) else str(value)
     return text if text and not set(text) & set(' "=\n') else json.dumps(text, ensure_ascii=False)
 
 

@@ -212,7 +212,7 @@ def test_a_camera_that_was_lost_meanwhile_is_told(tmp_path: Path) -> None:
     one = recorder(tmp_path / "take", Steps(0, 1, LOST, LOST, LOST, 2, 3))
     one.run()
     assert (one.done.written, one.done.missed, one.done.unfit, one.done.lost) == (4, 0, 0, 1)
-    assert summary(one.done).endswith("none lost; the camera was lost and opened again 1 times")
+    assert summary(one.done).endswith("none lost; the camera was lost and opened again 1 time")
 
 
 def test_a_replay_decodes_as_live(tmp_path: Path) -> None:

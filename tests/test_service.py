@@ -151,8 +151,8 @@ def test_a_reload_does_not_starve_the_watchdog(
 def test_an_event_is_one_line_of_keys_and_values() -> None:
     """Text with blanks is quoted; what is not known is left out."""
     error = 'no "such" device\n'
-    line = event("start", port="/dev/ttyACM0", error=error, calibrated=False, map=None, exposure_us=9966.32)
-    assert line == 'start port=/dev/ttyACM0 error="no \\"such\\" device\\n" calibrated=no exposure_us=9966'
+    line = event("start", port="/dev/ttyACM0", error=error, calibrated=False, map=None, exposure_us=10000.0)
+    assert line == 'start port=/dev/ttyACM0 error="no \\"such\\" device\\n" calibrated=no exposure_us=10000'
 
 
 def test_the_minutes_line_has_every_counter() -> None:

@@ -13,6 +13,7 @@ from ledpi.config import Config
 from ledpi.errors import CalibrationError, ConfigError
 from ledpi.map_yaml import load_map
 from ledpi.robot import strangers_note
+from ledpi.wording import counted
 
 OLD_DAYS = 365  # a lens that was never touched does not change; one that was knocked does
 
@@ -97,7 +98,7 @@ def _map(config: Config, today: date) -> Part:
         panels = load_map(config.map)
     except ConfigError as error:
         return Part(name="map", text=str(error), done=False, command=command)
-    text = f"{config.map}: {len(panels)} panels, {_age(_changed(config.map), today)}"
+    text = f"{config.map}: {counted(len(panels), 'panel')}, {_age(_changed(config.map), today)}"
     strangers = strangers_note(config, panels)
     return Part(name="map", text="; ".join(filter(None, (text, strangers))), done=not strangers, command=command)
 
@@ -119,4 +120,4 @@ def _age(day: Any, today: date) -> str:
     if not isinstance(day, date):
         return "of unknown age"
     days = (today - day).days
-    return "of today" if days <= 0 else f"{days} day{'s' if days > 1 else ''} old"
+    return "of today" if days <= 0 else f"{counted(days, 'day')} old"

@@ -13,6 +13,7 @@ os.environ.setdefault("OPENCV_FOR_THREADS_NUM", "1")
 import typer
 
 from ledpi.errors import CameraLostError, LedpiError
+from ledpi.wording import one_line
 
 app = typer.Typer(
     name="ledpi",
@@ -68,8 +69,8 @@ def _add_commands() -> None:
 
 
 def _end(message: str, status: int) -> None:
-    """Ends with one line, also where a file's name or a key holds a line break."""
-    print("ledpi: " + "".join(c if c.isprintable() else repr(c)[1:-1] for c in message), file=sys.stderr)
+    """Says in one line why it ends."""
+    print(f"ledpi: {one_line(message)}", file=sys.stderr)
     try:
         if sys.stdout is not None:
             sys.stdout.flush()

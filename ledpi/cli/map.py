@@ -9,6 +9,7 @@ import typer
 
 from ledpi.cli import app
 from ledpi.errors import ConfigError
+from ledpi.wording import counted
 
 map_app = typer.Typer(
     name="map",
@@ -35,7 +36,7 @@ def import_(
 
     panels = load_layout(layout)
     kept = write_keeping_old(out, map_text(panels, f"From {layout.name}, a field layout of WPILib's."))
-    typer.echo(f"{out} written, {len(panels)} panels" + (f"; the older one is kept as {kept}" if kept else ""))
+    typer.echo(_written(out, len(panels), kept))
 
 
 @map_app.command()
@@ -60,4 +61,8 @@ def export(
         raise ConfigError(f"--field {field[0]:g} {field[1]:g}: must be two lengths above 0, in metres")
     panels = load_map(markers)
     kept = write_keeping_old(out, layout_text(panels, field))
-    typer.echo(f"{out} written, {len(panels)} panels" + (f"; the older one is kept as {kept}" if kept else ""))
+    typer.echo(_written(out, len(panels), kept))
+
+
+def _written(out: Path, panels: int, kept: Path | None) -> str:
+    return f"{out} written, {counted(panels, 'panel')}" + (f"; the older one is kept as {kept}" if kept else "")

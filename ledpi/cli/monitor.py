@@ -14,6 +14,7 @@ import typer
 
 from ledpi.cli import app
 from ledpi.errors import WireError
+from ledpi.wording import counted
 
 if TYPE_CHECKING:
     import serial
@@ -163,4 +164,4 @@ def summary(counters: ReceiverCounters) -> str:
     text = f"{counters.good} packets, {counters.lost} lost, {by_reason('bad', counters.bad)}"
     if counters.skipped:
         text += f", {by_reason('skipped', counters.skipped)}"
-    return text + (f", sender restarted {counters.restarts} times" if counters.restarts else "")
+    return text + (f", sender restarted {counted(counters.restarts, 'time')}" if counters.restarts else "")

@@ -13,6 +13,7 @@ import typer
 from ledpi.cli import app
 from ledpi.cli.progress import progress
 from ledpi.errors import ConfigError
+from ledpi.wording import counted
 
 if TYPE_CHECKING:
     from ledpi.camera.base import Camera
@@ -118,5 +119,5 @@ def summary(done: Recorded) -> str:
     }
     said = ", ".join(f"{count} {why}" for why, count in lost.items() if count) or "none lost"
     if done.lost:
-        said += f"; the camera was lost and opened again {done.lost} times"
-    return f"{done.written} frames, {done.picture_bytes / 1e6:.0f} MB; {done.decoded} decoded live; {said}"
+        said += f"; the camera was lost and opened again {counted(done.lost, 'time')}"
+    return f"{counted(done.written, 'frame')}, {done.picture_bytes / 1e6:.0f} MB; {done.decoded} decoded live; {said}"

@@ -9,6 +9,7 @@ from ledpi.doctor import camera, machine
 from ledpi.doctor.finding import Finding, bad, ok, unknown
 from ledpi.errors import LedpiError, WireError
 from ledpi.robot import load_robot, strangers_note
+from ledpi.wording import counted
 
 
 def examine(config: Config) -> Iterator[Finding]:
@@ -47,7 +48,7 @@ def _map(config: Config) -> Finding:
     strangers = strangers_note(config, panels)
     if strangers:
         return bad("map", strangers, "correct their IDs, or panels.dictionary")
-    return ok("map", f"{config.map}: {len(panels)} panels")
+    return ok("map", f"{config.map}: {counted(len(panels), 'panel')}")
 
 
 def _serial_port(config: Config) -> Finding:

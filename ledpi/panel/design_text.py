@@ -14,6 +14,7 @@ from ledpi.panel.frequencies import off_mains_hz
 from ledpi.panel.information import STREAM_FRAMES
 from ledpi.panel.reach import SURE, Reach
 from ledpi.shutter import contrast, phase_advance_cycles
+from ledpi.wording import counted
 
 
 def task_text(task: Task) -> str:
@@ -83,8 +84,9 @@ def antiphase_text(proposal: Proposal, reach: Reach, best: Reach, dictionary: Di
     sentences = (
         f"antiphase: both classes at {proposal.black_hz:.2f} Hz, half a cycle apart, are read alone to {own[0]}, of "
         f"{STREAM_FRAMES} to {own[1]} (best pair: {pair[0]}, {pair[1]}). A word and its negative are one there, so of "
-        f"{dictionary.name} {ids} can be used, and of a panel {dictionary.correctable_cells('antiphase')} cells may be "
-        f"wrong or dead instead of {dictionary.correctable_cells()}."
+        f"{dictionary.name} {ids} can be used, and of a panel "
+        f"{counted(dictionary.correctable_cells('antiphase'), 'cell')} may be wrong or dead instead of "
+        f"{dictionary.correctable_cells()}."
     )
     return "\n".join(textwrap.wrap(sentences, 118))
 
