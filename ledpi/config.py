@@ -38,6 +38,7 @@ Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 # What lies outside these was given in another unit: kilohertz, seconds, nanoseconds.
 Hertz = Annotated[float, Field(ge=10, le=1_000_000, allow_inf_nan=False)]
 Microseconds = Annotated[float, Field(ge=1, le=10_000_000, allow_inf_nan=False)]
+RowTime = Annotated[float, Field(ge=1, le=1_000, allow_inf_nan=False)]  # µs; sensors' rows take 5 to 100
 SideM = Annotated[float, Field(gt=0, le=10, allow_inf_nan=False)]  # a larger one was given in millimetres
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Duty = Annotated[float, Field(gt=0, lt=1)]
@@ -45,6 +46,7 @@ Gain = Annotated[float, Field(ge=1, le=64)]
 _Auto = Annotated[Literal["auto"], Tag("auto")]
 # Only the branch that was meant is tried, so that a wrong number gives one message and not one a branch.
 _number_or_auto = Discriminator(lambda value: "auto" if value == "auto" else "number")
+RowTimeOrAuto = Annotated[Annotated[RowTime, Tag("number")] | _Auto, _number_or_auto]
 MicrosecondsOrAuto = Annotated[Annotated[Microseconds, Tag("number")] | _Auto, _number_or_auto]
 GainOrAuto = Annotated[Annotated[Gain, Tag("number")] | _Auto, _number_or_auto]
 
@@ -112,7 +114,7 @@ class CameraSettings(_Section):
     exposure_us: Microseconds = 10000.0
     frame_duration_us: MicrosecondsOrAuto = "auto"
     analogue_gain: GainOrAuto = "auto"
-    row_time_us: MicrosecondsOrAuto = "auto"
+    row_time_us: RowTimeOrAuto = "auto"
     transfer: Literal["auto", Transfer] = "auto"
     intrinsics: Path | None = None
 

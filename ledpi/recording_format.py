@@ -12,6 +12,7 @@ from typing import Annotated, Any, TypeVar
 
 from pydantic import AfterValidator, BaseModel, Field, ValidationError
 
+from ledpi import config
 from ledpi.dictionaries import is_file, load_dictionary
 from ledpi.errors import RecordingError
 from ledpi.files import read_text, read_yaml
@@ -20,14 +21,16 @@ from ledpi.records import Phase, Transfer
 FORMAT = 1
 HEADER_FILE, FRAMES_FILE, TRUTH_FILE = "recording.yaml", "frames.jsonl", "truth.jsonl"
 
+_STRICT = Field(strict=True)  # no number is read from text
 Real = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Positive = Annotated[float, Field(strict=True, gt=0, allow_inf_nan=False)]
 Natural = Annotated[int, Field(strict=True, ge=0, lt=2**63)]
 Size = Annotated[int, Field(strict=True, ge=1, le=16384)]
 Rows = Annotated[int, Field(strict=True, ge=1, le=10_000_000)]  # of a frame: a second of the shortest rows, and more
-# What lies outside these was given in another unit, as in the configuration.
-Hertz = Annotated[float, Field(strict=True, ge=10, le=1_000_000, allow_inf_nan=False)]
-RowTime = Annotated[float, Field(strict=True, ge=1, le=10_000_000, allow_inf_nan=False)]
+Hertz = Annotated[config.Hertz, _STRICT]
+Microseconds = Annotated[config.Microseconds, _STRICT]
+RowTime = Annotated[config.RowTime, _STRICT]
+SideM = Annotated[config.SideM, _STRICT]
 Point = tuple[Real, Real]
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -50,7 +53,7 @@ class CameraSection(BaseModel):
     width: Size
     height: Size
     row_time_us: RowTime
-    exposure_us: Positive
+    exposure_us: Microseconds
     transfer: Transfer
     frame_length_rows: Rows | None = None  # a V4L2 camera cannot tell
     fx: Positive | None = None  # fx to distortion: all, or none where the camera was not calibrated
@@ -62,7 +65,7 @@ class CameraSection(BaseModel):
 
 class PanelSection(BaseModel):
     dictionary: Annotated[str, AfterValidator(_known_dictionary)]
-    side_m: Positive
+    side_m: SideM
     black_hz: Hertz
     white_hz: Hertz
     duty: Annotated[float, Field(strict=True, gt=0, lt=1)]
@@ -78,7 +81,7 @@ class FrameLine(BaseModel):
     seq: Natural
     file: Annotated[str, AfterValidator(_inside_the_folder)]
     sensor_timestamp_ns: Natural
-    exposure_us: Positive
+    exposure_us: Microseconds
     analogue_gain: Positive | None = None
     decoded: Annotated[bool | None, Field(strict=True)] = None  # while it was recorded; None: nothing was
 
