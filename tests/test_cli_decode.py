@@ -335,6 +335,13 @@ def test_what_is_no_input_is_named(ledpi: Run, tmp_path: Path, name: str, messag
     assert message in complaint(ledpi(tmp_path / name))
 
 
+def test_recordings_of_one_name_are_told_apart_by_their_paths(ledpi: Run, kept: Path, take: Path) -> None:
+    """One whose name no other has keeps it."""
+    own = take.rename(take.with_name("one"))
+    _, output, _ = ledpi(kept / "one", own, kept / "deep" / "two")
+    assert {line["recording"] for line in lines(output)} == {str(kept / "one"), str(own), "two"}
+
+
 def test_recordings_of_one_name_are_not_drawn_over_each_other(ledpi: Run, kept: Path, take: Path) -> None:
     """Each has a folder of its name below --steps; two of one name would share it in silence."""
     take = take.rename(take.with_name("one"))

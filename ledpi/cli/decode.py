@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,6 +18,7 @@ from ledpi.cli.progress import progress
 from ledpi.errors import ConfigError, RecordingError
 from ledpi.output import decoded_as_json
 from ledpi.records import Decoded, Frame, Intrinsics, Rejected
+from ledpi.wording import one_line
 
 if TYPE_CHECKING:
     from ledpi.config import Config
@@ -38,8 +40,10 @@ def decode(
     """Recordings or pictures → one JSON object a frame.
 
     They go to standard output, a line each. A recording brings its own camera and panel values; for pictures they
-    come from the configuration. A picture that cannot be read is named on standard error, the others are still
-    decoded, and the exit status is 2. Where there are several recordings, --steps gives each a folder of its name.
+    come from the configuration. A line's "recording" is the folder's name, or its path below the folder that was
+    given; recordings that share a name are told apart by their whole paths. A picture that cannot be read is named
+    on standard error, the others are still decoded, and the exit status is 2. Where there are several recordings,
+    --steps gives each a folder of its name.
 
     Example: ledpi decode --single-frame recordings/static | jq .markers
     """
@@ -56,6 +60,7 @@ def decode(
         raise ConfigError("pictures need a configuration: --config FILE, or at least --set panels.side_m=METRES")
     if steps is not None:
         _check_names_differ([name for name, _ in recordings])
+    recordings = _told_apart(recordings)
     bad = 0
     with progress("decoding", _frame_count(recordings) + len(pictures)) as advance:
         for name, folder in recordings:
@@ -79,7 +84,10 @@ def _sort_out(paths: list[Path]) -> tuple[list[tuple[str, Path]], list[Path]]:
         if path.is_dir():
             found = find_recordings(path)
             if not found:
-                raise RecordingError(f"{path}: holds no recording (no recording.yaml in it or below)")
+                raise RecordingError(
+                    f"{path}: holds no recording (no recording.yaml in it or below); pictures are given one by one, as "
+                    "in DIR/*.png"
+                )
             recordings += [(str(f.relative_to(path)) if f != path else path.resolve().name, f) for f in found]
         elif path.suffix.lower() in SUFFIXES and path.is_file():
             pictures.append(path)
@@ -95,6 +103,12 @@ def _check_names_differ(names: list[str]) -> None:
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
         raise RecordingError(f"--steps: two recordings are called {twice}, and would be drawn over each other")
+
+
+def _told_apart(recordings: list[tuple[str, Path]]) -> list[tuple[str, Path]]:
+    """Recordings that share a name are called by their paths instead, as these were given."""
+    sharing = Counter(name for name, _ in set(recordings))
+    return [(name if sharing[name] == 1 else str(folder), folder) for name, folder in recordings]
 
 
 def _frame_count(recordings: list[tuple[str, Path]]) -> int:
@@ -150,7 +164,7 @@ def _decode_recording(
         if fault is None:
             _decode(recording.frame(entry, picture), name, pipeline, lens, steps)
         else:
-            print(f"ledpi: {fault.message}", file=sys.stderr)
+            print(f"ledpi: {one_line(fault.message)}", file=sys.stderr)
             _print(_nothing(entry.seq, entry.row0_readout_ns, fault.rejected), name)
             bad += 1
         advance(1)
