@@ -84,7 +84,7 @@ def test_a_full_disk_is_one_line(
     """And not what matplotlib makes of it, which was an error of zlib's."""
     (tmp_path / "board.pdf.new").symlink_to("/dev/full")
     assert made(monkeypatch, str(tmp_path / "board.pdf")) == 2
-    assert capsys.readouterr().err == f"ledpi: {tmp_path}/board.pdf.new: cannot be written: No space left on device\n"
+    assert capsys.readouterr().err == f"ledpi: {tmp_path}/board.pdf: cannot be written: No space left on device\n"
 
 
 def test_rectangles_cover_what_is_black() -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from io import BytesIO
-from pathlib import Path
 
 import numpy as np
 
@@ -31,8 +30,8 @@ def check_fit(board: Board, square_mm: float, paper: str) -> None:
         )
 
 
-def write_sheet(path: Path, board: Board, square_mm: float, paper: str, caption: str) -> None:
-    """Draws the board in vectors. Raises CalibrationError where it does not fit, or `path` cannot be written."""
+def sheet_pdf(board: Board, square_mm: float, paper: str, caption: str) -> bytes:
+    """The board as a PDF, in vectors. Raises CalibrationError where it does not fit, or matplotlib is missing."""
     try:
         from matplotlib.collections import PatchCollection
         from matplotlib.figure import Figure
@@ -55,14 +54,9 @@ def write_sheet(path: Path, board: Board, square_mm: float, paper: str, caption:
     for x in np.linspace(MARGIN_MM, MARGIN_MM + RULER_MM, 11):
         axes.plot([x, x], [y - 1.5, y + 1.5], color="black", linewidth=0.5, solid_capstyle="butt")
     axes.text(MARGIN_MM + RULER_MM + 4, y, caption, fontsize=8, verticalalignment="center")
-    drawn = BytesIO()  # first in memory, as matplotlib itself stumbles over a disk that is full
+    drawn = BytesIO()
     figure.savefig(drawn, format="pdf")
-    try:
-        path.write_bytes(drawn.getvalue())
-    except OSError as error:
-        if path.is_file():  # half of it
-            path.unlink()
-        raise CalibrationError(f"{path}: cannot be written: {error.strerror}") from None
+    return drawn.getvalue()
 
 
 def rectangles(black: Bits) -> list[Rectangle]:

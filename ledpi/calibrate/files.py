@@ -8,23 +8,22 @@ from pathlib import Path
 from ledpi.errors import CalibrationError
 
 
-def write_keeping_old(path: Path, text: str) -> Path | None:
-    """Writes `text`. A file that is already there is kept beside it as NAME.bak-1, -2, …
+def write_keeping_old(path: Path, content: str | bytes) -> Path | None:
+    """Writes `content`, text as UTF-8. A file that is already there is kept beside it as NAME.bak-1, -2, …
 
     Returns the kept file, if there was one. Raises CalibrationError where `path` cannot be written; the older
     file is then untouched.
     """
     fresh = path.with_name(path.name + ".new")
     try:
-        fresh.write_text(text, encoding="utf-8")
+        fresh.write_bytes(content.encode() if isinstance(content, str) else content)
     except OSError as error:
         _forget(fresh)
         raise CalibrationError(f"{path}: cannot be written: {error.strerror}") from None
-    return keep_old(path, fresh)
+    return _put_in_place(fresh, path)
 
 
-def keep_old(path: Path, fresh: Path) -> Path | None:
-    """Puts the file `fresh` in the place of `path`, as `write_keeping_old` does."""
+def _put_in_place(fresh: Path, path: Path) -> Path | None:
     if path.exists() and not path.is_file():
         fresh.unlink()
         what = "a folder" if path.is_dir() else "no file but a device, or the like, which must not be renamed"

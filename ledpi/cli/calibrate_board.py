@@ -8,6 +8,7 @@ from pathlib import Path
 import typer
 
 from ledpi.cli.calibrate import calibrate
+from ledpi.errors import CalibrationError
 
 
 class KindName(StrEnum):
@@ -35,14 +36,15 @@ def board(
 
     Example: ledpi calibrate board board.pdf --kind charuco --paper letter
     """
-    from ledpi.calibrate.board_sheet import write_sheet
+    from ledpi.calibrate.board_sheet import sheet_pdf
     from ledpi.calibrate.boards import Board
-    from ledpi.calibrate.files import keep_old
+    from ledpi.calibrate.files import write_keeping_old
 
+    if out.suffix.lower() != ".pdf":
+        raise CalibrationError(f"{out}: must end in .pdf")
     command = f"ledpi calibrate camera --board {kind.value} --cols {cols} --rows {rows}"
     caption = f"100 mm. Squares of {square_mm:g} mm. {command}"
-    fresh = out.with_name(out.name + ".new")
-    write_sheet(fresh, Board(columns=cols, rows=rows, kind=kind.value), square_mm, paper.value, caption)
-    kept = keep_old(out, fresh)
+    drawn = sheet_pdf(Board(columns=cols, rows=rows, kind=kind.value), square_mm, paper.value, caption)
+    kept = write_keeping_old(out, drawn)
     typer.echo(f"{out} written" + (f"; the older one is kept as {kept}" if kept else ""))
     typer.echo(f"print it at 100 %, check the ruler, then: {command}")

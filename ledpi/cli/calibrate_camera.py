@@ -155,7 +155,7 @@ def _write(out: Path, result: CameraCalibration) -> list[str]:
     import cv2
 
     from ledpi.calibrate.coverage import draw_coverage
-    from ledpi.calibrate.files import keep_old, write_keeping_old
+    from ledpi.calibrate.files import write_keeping_old
     from ledpi.camera_yaml import camera_yaml_text, own_section
 
     quality: dict[str, Any] = {
@@ -170,11 +170,8 @@ def _write(out: Path, result: CameraCalibration) -> list[str]:
     kept = write_keeping_old(out, camera_yaml_text(result.intrinsics, quality))
     lines = [f"{out} written" + (f"; the older one is kept as {kept}" if kept else "")]
     picture = out.with_suffix(".png")
-    fresh = picture.with_name("new." + picture.name)
-    if cv2.imwrite(str(fresh), draw_coverage(result)):
-        kept = keep_old(picture, fresh)
-        lines.append(f"{picture}: where the corners were" + (f"; the older one is kept as {kept}" if kept else ""))
-    return lines
+    kept = write_keeping_old(picture, cv2.imencode(".png", draw_coverage(result))[1].tobytes())
+    return [*lines, f"{picture}: where the corners were" + (f"; the older one is kept as {kept}" if kept else "")]
 
 
 def _name_in_config(config: Path | None, out: Path, size: tuple[int, int]) -> list[str]:

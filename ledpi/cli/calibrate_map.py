@@ -108,7 +108,7 @@ def _report(result: MapCalibration, frames: int) -> None:
 
 
 def _write(result: MapCalibration, out: Path, recording: Path) -> None:
-    from ledpi.calibrate.files import keep_old, write_keeping_old
+    from ledpi.calibrate.files import write_keeping_old
     from ledpi.calibrate.map_picture import map_picture
     from ledpi.map_yaml import map_text
 
@@ -117,12 +117,7 @@ def _write(result: MapCalibration, out: Path, recording: Path) -> None:
         f"Deviations are relative to it."
     )
     picture = out.with_suffix(".png")
-    fresh = picture.with_name(picture.name + ".new")
     drawn = map_picture(result)
     kept = write_keeping_old(out, map_text(result.panels, comment))
-    try:
-        fresh.write_bytes(drawn)
-    except OSError as error:
-        raise CalibrationError(f"{picture}: cannot be written: {error.strerror}") from None
-    keep_old(picture, fresh)
+    write_keeping_old(picture, drawn)
     typer.echo(f"{out} and {picture} written" + (f"; the older ones are kept ({kept})" if kept else ""))
