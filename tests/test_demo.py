@@ -22,7 +22,7 @@ from ledpi.config import Config, load_config
 from ledpi.recording import TruthMarker
 
 ROOT = Path(__file__).resolve().parents[1]
-DEADLINE_S = 60.0
+HUNG_S = 600.0  # by then it does not end at all: how fast it is, is no matter here
 AGE_US = 31_000
 PERIOD_US = 504 * 1852 / 55  # of the simulated sensor's frames
 
@@ -110,7 +110,7 @@ def run(out: Path, mark: str, *options: str) -> subprocess.CompletedProcess[str]
     command = [sys.executable, "scripts/demo.py", "--out", str(out), *options]
     environment = os.environ | {"PYTHONPATH": str(ROOT), "LEDPI_TEST_MARK": mark}
     return subprocess.run(
-        command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=DEADLINE_S, check=False
+        command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=HUNG_S, check=False
     )
 
 
