@@ -22,6 +22,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 from ledpi.decode.cells import INSET, CellSamples
 from ledpi.decode.white_noise import ROUNDED_PX, Lags, Step, likeness, of_lattice, pairs
@@ -66,12 +67,15 @@ WHITE = Correlation(0.0, 0.0, 0.0)
 
 def lags_of(samples: CellSamples) -> Lags:
     """More than one where a panel is seen at an angle; 0 where samples are further apart than noise is alike."""
-    k = samples.lattice.k
+    return _lags(samples.lattice.k, samples.cell_px, samples.averaged)
+
+
+@lru_cache(maxsize=64)  # asked for twice in a look
+def _lags(k: int, cell_px: tuple[float, float], averaged: int) -> Lags:
     rim = 1 if k >= LEAST_WITH_RIM else 0
     most = (k - 2 * rim - 1) // 2
-    steps_px = (px * (1 - 2 * INSET) / k for px in samples.cell_px)  # averaged pixels
-    furthest_px = FURTHEST_PX / samples.averaged
-    aside, below = (0 if px > furthest_px else min(most, max(1, round(1 / px))) for px in steps_px)
+    steps_px = (px * (1 - 2 * INSET) / k for px in cell_px)  # averaged pixels
+    aside, below = (0 if px > FURTHEST_PX / averaged else min(most, max(1, round(1 / px))) for px in steps_px)
     return Lags(aside, below, rim)
 
 
@@ -97,13 +101,16 @@ def correlation_of(samples: CellSamples, near: float, far: float, free_samples: 
 
 
 def _steps_of(samples: CellSamples) -> tuple[Step, Step]:
-    """From one sample to the next, across and down the lattice, in (averaged) pixels."""
+    """From one sample to the next, across and down the lattice, in (averaged) pixels; mirrored, which is alike, so
+    that all but one of these are not negative."""
     n, k = samples.lattice.cells, samples.lattice.k
     rows, along = samples.rows, samples.lattice.along
     a_cell = (1 - 2 * INSET) / k
-    per_side = a_cell / n / float(along[-1] - along[0]) / samples.averaged
-    first = float(rows[0, 0])
-    falls = (float(rows[n - 1, k - 1]) - first) * per_side, (float(rows[n * (n - 1), k * (k - 1)]) - first) * per_side
+    per_side = a_cell / n / (along.item(-1) - along.item(0)) / samples.averaged
+    first = rows.item(0)
+    aside = abs(rows.item(n - 1, k - 1) - first) * per_side
+    below = abs(rows.item(n * (n - 1), k * (k - 1)) - first) * per_side
     lengths = samples.cell_px[0] * a_cell, samples.cell_px[1] * a_cell
+    falls = aside, below
     across, down = (math.sqrt(max(0.0, of * of - fall * fall)) for of, fall in zip(lengths, falls, strict=True))
-    return (across, falls[0]), (-math.copysign(down, falls[0] * falls[1]), falls[1])
+    return (across, aside), (-down, below)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Doubles = NDArray[np.float64]
+Integers = NDArray[np.intp]
 Step = tuple[float, float]  # across and down the picture, in pixels
 
 REACH, FINE = 4, 64  # of Lanczos's kernel on either side, in pixels, and points to a pixel in tables of it
@@ -38,19 +39,26 @@ def pairs(k: int, lags: Lags, times: int) -> int:
 
 def likeness(across: Step, down: Step, lags: Lags, linear: bool) -> float:
     """r of white noise, by interpolation alone."""
-    table = _interpolated(0.0, linear)
-    apart = []
-    for times in (1, 2):
-        each = [(times * lag * x, times * lag * y) for lag, (x, y) in zip(lags[:2], (across, down), strict=True) if lag]
-        apart.append(1.0 - sum(_at(table, x) * _at(table, y) for x, y in each) / (len(each) * float(table[0]) ** 2))
-    return 1.0 - apart[0] / apart[1]
+    table = _table(linear)
+    steps = [(lag, x, y) for lag, (x, y) in ((lags.aside, across), (lags.below, down)) if lag]
+    once, twice = (
+        sum(_at(table, times * lag * x) * _at(table, times * lag * y) for lag, x, y in steps) for times in (1, 2)
+    )
+    alike = len(steps) * table[0] ** 2
+    return 1.0 - (alike - once) / (alike - twice)
 
 
-def _at(table: Doubles, apart_px: float) -> float:
+@cache
+def _table(linear: bool) -> list[float]:
+    """`_interpolated` without blur, for one number at a time."""
+    table: list[float] = _interpolated(0.0, linear).tolist()
+    return table
+
+
+def _at(table: list[float], apart_px: float) -> float:
     at = min(abs(apart_px) * FINE, len(table) - 2.0)
     i = int(at)
-    here, after = table[i : i + 2].tolist()
-    return float(here + (at - i) * (after - here))
+    return table[i] + (at - i) * (table[i + 1] - table[i])
 
 
 @cache
@@ -70,7 +78,7 @@ def _interpolated(blur_px: float, linear: bool) -> Doubles:
     return np.asarray(both[len(both) // 2 :])
 
 
-@lru_cache(maxsize=256)
+@lru_cache(maxsize=1024)
 def of_lattice(
     k: int, lags: Lags, across: Step, down: Step, fitted: int, linear: bool
 ) -> tuple[float, float, float] | None:
@@ -78,11 +86,7 @@ def of_lattice(
 
     None where it leaves none.
     """
-    j, i = np.mgrid[:k, :k]
-    row = i * across[1] + j * down[1]
-    row = (row - row.mean()) / max(float(np.ptp(row)), 1e-6)
-    functions, sizes, _ = np.linalg.svd(np.vander(row.reshape(-1), fitted, increasing=True), full_matrices=False)
-    basis = functions[:, sizes**2 > RIDGE * np.square(sizes).mean()]
+    basis = _fitted(k, across[1], down[1], fitted)
     free = 1.0 - basis.shape[1] / (k * k)
     if free <= 0 or not any(lags[:2]):
         return None
@@ -94,45 +98,59 @@ def of_lattice(
     return white - likeness(across, down, lags, linear), growth, free
 
 
+def _fitted(k: int, aside_px: float, below_px: float, count: int) -> Doubles:
+    """(k·k, at most `count`) orthonormal: polynomials of the picture's row, which changes by so much from sample to
+    sample, as far as a cell tells them apart."""
+    samples = np.arange(k) - 0.5 * (k - 1)
+    row = np.add.outer(samples * below_px, samples * aside_px).reshape(-1)
+    powers = np.vander(row / max(2.0 * float(row.max()), 1e-6), count, increasing=True)
+    sizes, directions = np.linalg.eigh(powers.T @ powers)
+    told = sizes > RIDGE * sizes.mean()
+    return np.asarray(powers @ (directions[:, told] / np.sqrt(sizes[told])))
+
+
 def _covariance(k: int, across: Step, down: Step, blur_px: float, linear: bool) -> Doubles:
-    """(2k − 1, 2k − 1): of samples so many apart down the lattice, and across it; k − 1 is none."""
-    j, i = np.mgrid[1 - k : k, 1 - k : k]
-    table = _interpolated(blur_px, linear)
+    """(k·k, k·k) of a cell's samples."""
+    table, apart = _interpolated(blur_px, linear), np.arange(1 - k, k)
     places = np.arange(len(table)) / FINE
-    x, y = np.abs(i * across[0] + j * down[0]), np.abs(i * across[1] + j * down[1])
-    return np.asarray(np.interp(x, places, table) * np.interp(y, places, table))
+    x, y = (np.abs(np.add.outer(apart * below, apart * aside)) for below, aside in zip(down, across, strict=True))
+    return np.asarray((np.interp(x, places, table) * np.interp(y, places, table)).take(_differences(k)))
 
 
 def _left_of(covariance: Doubles, basis: Doubles, lags: Lags) -> tuple[float, float]:
-    """Of noise with this covariance, what is left in a cell without an orthonormal basis (points, functions).
+    """Of noise with this covariance R, what is left in a cell without an orthonormal basis F: r, and the mean square.
 
-    r, and the mean square.
+    What is left is M R M, M = 1 − F·Fᵀ. Two samples differ by the square of what they differ by themselves, less twice
+    F·(R·F)ᵀ, and F·(Fᵀ·R·F)·Fᵀ.
     """
-    k = (len(covariance) + 1) // 2
-    here = k - 1
-    of_basis = covariance.reshape(-1)[_differences(k)] @ basis
-    taken = of_basis - 0.5 * basis @ (basis.T @ of_basis)  # M R M = R − basis·takenᵀ − taken·basisᵀ
-    b, t = basis.reshape(k, k, -1), taken.reshape(k, k, -1)
-    square = covariance[here, here] - 2.0 * (b * t).sum(axis=2)
-    inner, rest = slice(lags.rim, k - lags.rim), k - 2 * lags.rim
-    seen = b[inner, inner], t[inner, inner], square[inner, inner]
+    k = math.isqrt(len(covariance))
+    of_basis = covariance @ basis
+    shared = basis.T @ of_basis
     apart = []
     for times in (1, 2):
-        total = 0.0
-        for axis, lag, together in ((1, lags.aside, covariance[here]), (0, lags.below, covariance[:, here])):
-            if not lag:
-                continue
-            one, other = slice(None, rest - times * lag), slice(times * lag, None)
-            bb, tt, ss = (np.moveaxis(of, axis, 0) for of in seen)
-            product = rest * (rest - times * lag) * together[here + times * lag]
-            product -= (bb[one] * tt[other] + tt[one] * bb[other]).sum()
-            total += float(ss[one].sum() + ss[other].sum() - 2.0 * product)
-        apart.append(total / pairs(k, lags, times))
-    return 1.0 - apart[0] / apart[1], float(square.mean())
+        one, other = _apart(k, lags, times)
+        step, of_step = basis[one] - basis[other], of_basis[one] - of_basis[other]
+        themselves = 2.0 * (len(one) * covariance[0, 0] - covariance[one, other].sum())
+        apart.append((themselves - 2.0 * (step * of_step).sum() + ((step @ shared) * step).sum()) / len(one))
+    return float(1.0 - apart[0] / apart[1]), float((covariance.trace() - shared.trace()) / (k * k))
 
 
 @cache
-def _differences(k: int) -> NDArray[np.intp]:
-    """(k·k, k·k): where in `_covariance` that of each two of a cell's points is."""
+def _apart(k: int, lags: Lags, times: int) -> tuple[Integers, Integers]:
+    """Which two samples of a cell are compared: `pairs` of them."""
+    at = np.arange(k * k).reshape(k, k)[lags.rim : k - lags.rim, lags.rim : k - lags.rim]
+    inner, across, down = len(at), times * lags.aside, times * lags.below
+    both = []
+    if across:
+        both.append((at[:, : inner - across], at[:, across:]))
+    if down:
+        both.append((at[: inner - down], at[down:]))
+    one, other = (np.concatenate([each.reshape(-1) for each in of]) for of in zip(*both, strict=True))
+    return one, other
+
+
+@cache
+def _differences(k: int) -> Integers:
+    """(k·k, k·k): where that of each two of a cell's points is, of how many they are apart: (2k − 1, 2k − 1)."""
     j, i = (of.reshape(-1) for of in np.mgrid[:k, :k])
     return np.asarray((j - j[:, None] + k - 1) * (2 * k - 1) + (i - i[:, None] + k - 1))
