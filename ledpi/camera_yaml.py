@@ -10,11 +10,10 @@ import yaml
 from pydantic import AfterValidator, BaseModel, Field, ValidationError
 
 from ledpi.config_mistakes import explain
+from ledpi.config_values import Finite
 from ledpi.errors import CalibrationError
 from ledpi.files import read_yaml
 from ledpi.records import Intrinsics
-
-Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 
 def _numbers(*counts: int) -> Callable[[list[float]], list[float]]:

@@ -6,58 +6,33 @@ A wrong key or value is a `ConfigError` of one line: file, key, what is wrong, w
 from __future__ import annotations
 
 import os
+from dataclasses import asdict
 from datetime import date
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import yaml
-from pydantic import (
-    AfterValidator,
-    BaseModel,
-    BeforeValidator,
-    ConfigDict,
-    Discriminator,
-    Field,
-    StrictBool,
-    Tag,
-    ValidationError,
-    ValidationInfo,
-    field_validator,
-    model_validator,
-)
+from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, StrictBool, ValidationError, model_validator
 
 from ledpi.config_mistakes import explain
+from ledpi.config_values import (
+    Duty,
+    GainOrAuto,
+    Hertz,
+    Microseconds,
+    MicrosecondsOrAuto,
+    NoBooleans,
+    Positive,
+    RowTimeOrAuto,
+    SideM,
+    Vector3,
+)
 from ledpi.dictionaries import FILE_ENDINGS, dictionary_names, is_file, load_dictionary
 from ledpi.errors import ConfigError
 from ledpi.files import read_yaml
-from ledpi.records import PanelSpec, Phase, Transfer
+from ledpi.records import PanelSpec, PanelValues, Phase, Transfer
 
 SEARCH_PATH = (Path("config.yaml"), Path("/etc/ledpi/config.yaml"))
-
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-# What lies outside these was given in another unit: kilohertz, seconds, nanoseconds.
-Hertz = Annotated[float, Field(ge=10, le=1_000_000, allow_inf_nan=False)]
-Microseconds = Annotated[float, Field(ge=1, le=10_000_000, allow_inf_nan=False)]
-RowTime = Annotated[float, Field(ge=1, le=1_000, allow_inf_nan=False)]  # µs; sensors' rows take 5 to 100
-SideM = Annotated[float, Field(gt=0, le=10, allow_inf_nan=False)]  # a larger one was given in millimetres
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-Duty = Annotated[float, Field(gt=0, lt=1)]
-Gain = Annotated[float, Field(ge=1, le=64)]
-_Auto = Annotated[Literal["auto"], Tag("auto")]
-# Only the branch that was meant is tried, so that a wrong number gives one message and not one a branch.
-_number_or_auto = Discriminator(lambda value: "auto" if value == "auto" else "number")
-RowTimeOrAuto = Annotated[Annotated[RowTime, Tag("number")] | _Auto, _number_or_auto]
-MicrosecondsOrAuto = Annotated[Annotated[Microseconds, Tag("number")] | _Auto, _number_or_auto]
-GainOrAuto = Annotated[Annotated[Gain, Tag("number")] | _Auto, _number_or_auto]
-
-
-def _three_numbers(value: object) -> object:
-    if isinstance(value, (list, tuple)) and len(value) == 3:
-        return value
-    raise ValueError("must be three numbers, as in [0, 0, 0]")
-
-
-Vector3 = Annotated[tuple[Finite, Finite, Finite], BeforeValidator(_three_numbers)]
 
 
 def _known_source(source: object) -> object:
@@ -73,25 +48,6 @@ def _known_dictionary(name: str) -> str:
         return name
     endings = ", ".join(FILE_ENDINGS)
     raise ValueError(f"must be one of {', '.join(dictionary_names())}, or a file that ends in {endings}")
-
-
-class NoBooleans(BaseModel):
-    """What a person has written, where true is not taken for 1, and no name holds a character that no file's can."""
-
-    @field_validator("*", mode="before")
-    @classmethod
-    def _is_no_boolean(cls, value: object, info: ValidationInfo) -> object:
-        """YAML reads yes, no, on, off as booleans, and pydantic a boolean as the number 1 or 0."""
-        if isinstance(value, bool) and cls.model_fields[str(info.field_name)].annotation is not bool:
-            raise ValueError("takes no true or false (which YAML also reads from yes, no, on and off)")
-        return value
-
-    @field_validator("*", mode="before")
-    @classmethod
-    def _has_no_null(cls, value: object) -> object:
-        if isinstance(value, str) and "\0" in value:
-            raise ValueError("must hold no null character")
-        return value
 
 
 class _Section(NoBooleans):
@@ -136,7 +92,7 @@ class PanelSettings(_Section):
     duty: Duty = 0.5
     phase: Phase = "free"
     upright: StrictBool = False  # all hang with their y axis up, on walls
-    overrides: dict[Annotated[int, Field(ge=0)], PanelOverride] = {}
+    overrides: dict[Annotated[int, Field(ge=0)], PanelOverride] = Field(default_factory=dict)
 
     def spec(self, marker_id: int | None = None) -> PanelSpec:
         """The panel of one ID, or, without an ID, the common one. Raises ValueError where they contradict."""
@@ -148,6 +104,19 @@ class PanelSettings(_Section):
     def frequencies_hz(self) -> tuple[float, ...]:
         """Every frequency that a panel blinks at, sorted. Raises ValueError where the panels' values contradict."""
         return tuple(sorted({hz for spec in self._specs() for hz in spec.waves_hz}))
+
+    def shown_by(self, values: PanelValues) -> PanelSettings:
+        """With a recording's own values in place of the common ones.
+
+        Raises ConfigError where the overrides contradict them.
+        """
+        panels = self.model_copy(update=asdict(values))
+        try:
+            panels.frequencies_hz()
+        except ValueError as error:
+            own = panels.spec().blinking()
+            raise ConfigError(f"panels.overrides: contradict the recording's own panel, of {own}: {error}") from None
+        return panels
 
     def has_antiphase(self) -> bool:
         """Whether the classes of any panel blink in antiphase."""

@@ -15,7 +15,6 @@ from ledpi.camera.recovering import LOST
 from ledpi.camera_yaml import load_intrinsics
 from ledpi.config import Config
 from ledpi.decode.tuning import off_frequency_note
-from ledpi.errors import ConfigError
 from ledpi.health import Health, HealthSnapshot, StageTimes
 from ledpi.pipeline import Pipeline
 from ledpi.pose.fix import NOT_IN_MAP
@@ -51,17 +50,14 @@ class Daemon:
         self._has_map = config.map is not None
         self._ring = FrameRing(info.height, info.width)
         robot = load_robot(config)
-        try:
-            self._pipeline = Pipeline(
-                info,
-                config.panels,
-                intrinsics=self._calibrated,
-                shown=camera.panel,
-                robot=robot,
-                method=config.decode.method,
-            )
-        except ValueError as error:
-            raise ConfigError(f"panels.overrides: contradict the panel of {config.camera.source}: {error}") from None
+        self._pipeline = Pipeline(
+            info,
+            config.panels,
+            intrinsics=self._calibrated,
+            shown=camera.panel,
+            robot=robot,
+            method=config.decode.method,
+        )
         self._gain = GainFollower(camera)
         if note := strangers_note(config, robot.panels):
             _log.warning("map: %s", note)

@@ -14,8 +14,8 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field, ValidationError
 
-from ledpi.config import Finite, NoBooleans, Positive
 from ledpi.config_mistakes import explain
+from ledpi.config_values import Finite, NoBooleans, Positive
 from ledpi.errors import ConfigError
 from ledpi.files import read_text
 from ledpi.geometry import FACING_FROM_MARKER, matrix_from_quaternion, quaternion_from_matrix, transform

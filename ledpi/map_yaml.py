@@ -13,8 +13,8 @@ import numpy as np
 import yaml
 from pydantic import AfterValidator, ConfigDict, Field, ValidationError, model_validator
 
-from ledpi.config import Finite, NoBooleans, SideM, Vector3
 from ledpi.config_mistakes import explain
+from ledpi.config_values import Finite, NoBooleans, SideM, Vector3
 from ledpi.errors import ConfigError
 from ledpi.files import read_yaml
 from ledpi.geometry import (

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import TypeAlias
 
 import numpy as np
@@ -55,8 +55,9 @@ class Pipeline:
     """Decodes the frames of one camera. Not shared between threads.
 
     `stream`: frames follow each other in time, and tracks add to what a frame shows; else each frame is alone, as it
-    always is for the method `bands`. `robot`: how the camera sits on it, and its map; without, no fix is solved.
-    Raises ValueError where the panels' values contradict each other.
+    always is for the method `bands`. `shown`: what a recording says of its own panels, which overrides `panels`.
+    `robot`: how the camera sits on it, and its map; without, no fix is solved. Raises ConfigError where `panels`
+    contradict what is shown.
     """
 
     def __init__(
@@ -71,11 +72,7 @@ class Pipeline:
         stream: bool = True,
         clock: Callable[[], float] = time.perf_counter,
     ) -> None:
-        if shown is not None:  # a recording's own panel values override the configuration's
-            panels = panels.model_copy(
-                update={f.name: getattr(shown, f.name) for f in fields(shown)}
-            )
-        self._panels = panels
+        self._panels = panels = panels if shown is None else panels.shown_by(shown)
         self._intrinsics = intrinsics
         self._clock = clock
         self._method: Method = method

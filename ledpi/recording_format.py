@@ -12,7 +12,7 @@ from typing import Annotated, Any, TypeVar
 
 from pydantic import AfterValidator, BaseModel, Field, ValidationError
 
-from ledpi import config
+from ledpi import config_values as values
 from ledpi.dictionaries import is_file, load_dictionary
 from ledpi.errors import RecordingError
 from ledpi.files import read_text, read_yaml
@@ -27,10 +27,10 @@ Positive = Annotated[float, Field(strict=True, gt=0, allow_inf_nan=False)]
 Natural = Annotated[int, Field(strict=True, ge=0, lt=2**63)]
 Size = Annotated[int, Field(strict=True, ge=1, le=16384)]
 Rows = Annotated[int, Field(strict=True, ge=1, le=10_000_000)]  # of a frame: a second of the shortest rows, and more
-Hertz = Annotated[config.Hertz, _STRICT]
-Microseconds = Annotated[config.Microseconds, _STRICT]
-RowTime = Annotated[config.RowTime, _STRICT]
-SideM = Annotated[config.SideM, _STRICT]
+Hertz = Annotated[values.Hertz, _STRICT]
+Microseconds = Annotated[values.Microseconds, _STRICT]
+RowTime = Annotated[values.RowTime, _STRICT]
+SideM = Annotated[values.SideM, _STRICT]
 Point = tuple[Real, Real]
 Model = TypeVar("Model", bound=BaseModel)
 

@@ -28,6 +28,7 @@ from decode_material import (
 
 from ledpi.camera.simulated import SimulatedCamera
 from ledpi.dictionaries import load_dictionary
+from ledpi.errors import ConfigError
 from ledpi.geometry import matrix_from_quaternion, transform
 from ledpi.pipeline import Pipeline
 from ledpi.pose.fix import Robot
@@ -251,7 +252,7 @@ def test_values_that_contradict_each_other_are_refused() -> None:
     """A recording's 1450 Hz for black cells, with an override that gives panel 7's white ones the same."""
     shown = PanelValues(dictionary="DICT_4X4_50", side_m=0.16, black_hz=1450.0, white_hz=2050.0, duty=0.5)
     settings = panel_settings("panels.overrides={7: {white_hz: 1450}}")
-    with pytest.raises(ValueError, match="black_hz and white_hz must differ"):
+    with pytest.raises(ConfigError, match="own panel, of 1450 and 2050 Hz: black_hz and white_hz must differ"):
         Pipeline(camera_info(), settings, intrinsics=None, shown=shown)
 
 

@@ -17,7 +17,6 @@ Kind = Literal["chessboard", "charuco"]
 
 # A ChArUco board's markers are not of the panels' usual dictionary, so that neither is taken for the other.
 CHARUCO_DICTIONARY = cv2.aruco.DICT_5X5_250
-MARKER_MODULES = 7  # along a marker of 5 × 5 cells and its border
 MARKER_SHARE = 0.75  # of a square's side
 TEXELS = 56  # of a drawn square: its marker is 42 of them, 6 a module, with 7 on either side
 FEWEST_CHARUCO_CORNERS = 8

@@ -143,18 +143,15 @@ def _decode_recording(
     if recording.row_time_ratio != 1.0:
         print(f"ledpi: {folder}: {row_time_note(camera.row_time_us, recording.row_time_ratio)}", file=sys.stderr)
     lens = camera.intrinsics or _intrinsics(settings, camera.width, camera.height)
-    try:
-        pipeline = Pipeline(
-            camera,
-            settings.panels,
-            intrinsics=lens,
-            shown=recording.panel_values,
-            robot=load_robot(settings),
-            method=settings.decode.method,
-            stream=stream,
-        )
-    except ValueError as error:
-        raise ConfigError(f"panels.overrides: contradict the panel of {folder}: {error}") from None
+    pipeline = Pipeline(
+        camera,
+        settings.panels,
+        intrinsics=lens,
+        shown=recording.panel_values,
+        robot=load_robot(settings),
+        method=settings.decode.method,
+        stream=stream,
+    )
     bad = 0
     for entry in recording.frames:
         if as_live and not entry.decoded:

@@ -12,7 +12,6 @@ import typer
 
 from ledpi.cli import app
 from ledpi.cli.progress import progress
-from ledpi.errors import ConfigError
 from ledpi.wording import counted
 
 if TYPE_CHECKING:
@@ -68,17 +67,14 @@ def _recorder(out: Path, settings: Config, camera: Camera) -> Recorder:
     from ledpi.robot import load_robot
 
     lens = calibration(settings, camera)
-    try:
-        pipeline = Pipeline(
-            camera.info,
-            settings.panels,
-            intrinsics=lens,
-            shown=camera.panel,
-            method=settings.decode.method,
-            robot=load_robot(settings),
-        )
-    except ValueError as error:
-        raise ConfigError(f"panels.overrides: contradict the panel of {settings.camera.source}: {error}") from None
+    pipeline = Pipeline(
+        camera.info,
+        settings.panels,
+        intrinsics=lens,
+        shown=camera.panel,
+        method=settings.decode.method,
+        robot=load_robot(settings),
+    )
     writer = RecordingWriter(
         out,
         camera=replace(camera.info, intrinsics=lens),

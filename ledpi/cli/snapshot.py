@@ -67,17 +67,14 @@ def snapshot(
         overrides.append(f"decode.method={method}")
     settings = load_config(file, tuple(overrides))
     source = _open(path, settings, frame)
-    try:
-        pipeline = Pipeline(
-            source.camera,
-            settings.panels,
-            intrinsics=source.intrinsics,
-            shown=source.panel,
-            method=settings.decode.method,
-            stream=False,
-        )
-    except ValueError as error:
-        raise ConfigError(f"panels.overrides: contradict the panel of {source.title}: {error}") from None
+    pipeline = Pipeline(
+        source.camera,
+        settings.panels,
+        intrinsics=source.intrinsics,
+        shown=source.panel,
+        method=settings.decode.method,
+        stream=False,
+    )
     taken = take(source.title, source.frame, pipeline, source.intrinsics)
     write_drawn(out, draw_steps(taken) if steps else draw(taken), "--out")
     typer.echo(f"{out}: {source.title}: {summary(taken.decoded)}")

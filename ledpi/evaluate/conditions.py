@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, get_args
+from typing import Literal
 
 from ledpi.records import Transfer
 
 Suite = Literal["paper", "beyond", "robustness", "decoys"]
-SUITES: tuple[Suite, ...] = get_args(Suite)
 
 PAPER_DISTANCES_M = tuple(round(0.2 * step, 1) for step in range(2, 11))
 PAPER_ANGLES_DEG = (-70.0, -45.0, -20.0, 0.0, 20.0, 45.0, 70.0)
