@@ -163,6 +163,14 @@ class Rejected:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class BandShape:
+    """What deep bands look like: a tone curve makes them steeper or flatter, and a scaled picture smooths them."""
+
+    exposure_us: float  # that makes bands as steep
+    smoothing_rows2: float  # variance of what they are smoothed by
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Quad:
     """A lit, four-sided thing in the picture that may be a panel."""
 
@@ -171,6 +179,7 @@ class Quad:
     bend_px: float = 0.0  # how far the lens bends its sides off the straight line, at most
     of_spots: bool = False  # by the middles of its cells, bare LEDs, instead of by its sides
     seen_px: Floats | None = None  # (4, 2) corners of what is seen of it, where a side is hidden
+    bands: BandShape | None = None  # where they are so deep that the panel's whole picture was fitted by them
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

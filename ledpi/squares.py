@@ -56,8 +56,11 @@ class Squares:
         return found, dropped
 
     def candidates_again(self, frame: Frame) -> tuple[list[Candidate], list[Rejected]]:
-        """Of the same frame, where `candidates` have led to nothing: what only comes to light by other thresholds."""
-        return ([], []) if self._striped_finder.stripe_rows(frame) else self._finder.find_again()
+        """Of the same frame, where `candidates` have led to nothing: what only comes to light by other thresholds,
+        or other sides."""
+        if self._striped_finder.stripe_rows(frame):
+            return self._striped_finder.find_again(), []
+        return self._finder.find_again()
 
     def of(self, frame: Frame, candidates: list[Candidate]) -> list[tuple[Floats, Quad | Rejected]]:
         """The lit square of each candidate, or why there is none, beside the corners (4, 2) where it was sought."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
+import cv2
 import numpy as np
 import pytest
 from decode_material import (
@@ -22,18 +23,21 @@ from decode_material import (
 
 from ledpi.decode import soft
 from ledpi.decode.approach import NOT_STRAIGHT
+from ledpi.decode.around import rectangles_around, smallest_square_around
 from ledpi.decode.band_light import Bands
 from ledpi.decode.cells import CellSamples, sample_cells
 from ledpi.decode.codebook import Codebook
 from ledpi.decode.find import Candidate
-from ledpi.decode.find_striped import StripedFinder, smallest_square_around
+from ledpi.decode.find_striped import StripedFinder
 from ledpi.decode.lattice import unlike_a_square
 from ledpi.decode.light_window import Window
 from ledpi.decode.sides import as_points
 from ledpi.decode.striped import fitted_squares, striped_near, striped_squares
 from ledpi.dictionaries import load_dictionary
 from ledpi.pipeline import Pipeline
-from ledpi.records import Floats, Frame, Intrinsics, Quad, Rejected
+from ledpi.records import BandShape, Floats, Frame, Intrinsics, Quad, Rejected
+from ledpi.tone import linear_light
+from ledpi.trace import Trace
 
 SMALLEST_PX = 8.0
 
@@ -154,6 +158,54 @@ def test_the_smallest_square_around_one_with_its_corner_cut_off() -> None:
         found = smallest_square_around(given)
         assert found is not None
         np.testing.assert_allclose(found, whole, atol=1e-9)
+
+
+def test_rectangles_around_a_square_with_two_corners_cut_off() -> None:
+    """Of one that is turned by 30°: it is around what is left of it, along the sides; another lies along the cuts."""
+    c, s = 3**0.5 / 2, 0.5
+    turned = np.array([[c, s], [-s, c]])
+    left = np.array([[0, 0], [60, 0], [100, 40], [100, 100], [40, 100], [0, 60.0]]) @ turned + 300
+    whole = np.array([[0, 0], [100, 0], [100, 100], [0, 100.0]]) @ turned + 300
+    along, across = rectangles_around(left)
+    assert worst_corner(along, whole) < 1e-6
+    assert worst_corner(across, whole) > 10
+
+
+@pytest.mark.parametrize(("steeper", "smoothing_rows2"), [(1.0, 0.0), (1.6, 0.0), (1.0, 0.6), (1.6, 0.6)])
+def test_the_shape_of_bands_is_told(steeper: float, smoothing_rows2: float) -> None:
+    """Rows that were exposed as long as was said, or for less; smoothed, as by a scaler, or not. Either way it is read.
+
+    A band's edge is as wide as the exposure and what smooths it; which of both is which is hardly seen.
+    """
+    true = square(310.3, 240.6, 70, 25)
+    frame = striped(true, 7, (0.3, 0.9), 160.0 / steeper)
+    smoothed = blurred_down(frame, smoothing_rows2)
+    pipeline = Pipeline(
+        dataclasses.replace(camera_info(), exposure_us=160.0), panel_settings(), intrinsics=PINHOLE, stream=False
+    )
+    trace = Trace()
+    decoded = pipeline.decode(dataclasses.replace(smoothed, exposure_us=160.0), trace)
+    assert [marker.sighting.id for marker in decoded.markers] == [7]
+    (look,) = trace.looks
+    assert look.quad.bands is not None
+    assert edge_rows2(look.quad.bands) == pytest.approx(
+        edge_rows2(BandShape(exposure_us=160.0 / steeper, smoothing_rows2=smoothing_rows2)), rel=0.12
+    )
+
+
+def edge_rows2(bands: BandShape) -> float:
+    """Variance of what an edge is smoothed by: of a box that is as long as the exposure, and the rest."""
+    return (bands.exposure_us / ROW_TIME_US) ** 2 / 12 + bands.smoothing_rows2
+
+
+def blurred_down(frame: Frame, rows2: float) -> Frame:
+    """Its light smoothed along columns, by a normal curve of this variance."""
+    if rows2 == 0.0:
+        return frame
+    light = cv2.LUT(frame.pixels, linear_light(frame.transfer, mark_saturated=False))
+    light = cv2.GaussianBlur(light, (1, 9), sigmaX=1e-6, sigmaY=rows2**0.5)
+    table = linear_light(frame.transfer, mark_saturated=False)
+    return dataclasses.replace(frame, pixels=np.searchsorted((table[1:] + table[:-1]) / 2, light).astype(np.uint8))
 
 
 def test_perspective_of_a_turned_square() -> None:

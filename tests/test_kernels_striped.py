@@ -15,7 +15,7 @@ from ledpi.decode.panel_fit import Fit, fitted
 from ledpi.decode.sides import as_points
 from ledpi.kernels import library
 from ledpi.kernels.library import COMPILED
-from ledpi.records import Intrinsics, PanelSpec
+from ledpi.records import BandShape, Intrinsics, PanelSpec
 
 pytestmark = pytest.mark.skipif(not COMPILED, reason="needs the compiled loops (a C compiler when ledpi was installed)")
 
@@ -68,6 +68,23 @@ def test_panels_fit_as_well(
     assert ours.sigma_px == pytest.approx(theirs.sigma_px, rel=1e-3)
     assert ours.explained == pytest.approx(theirs.explained, abs=1e-5)
     assert np.abs(ours.corners - near).max() > 0.005 * side_px  # it did move
+
+
+def test_panels_fit_as_well_in_bands_of_another_shape(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same corners, and the same shape."""
+    window, corners, bands = panel(80, None, SPEC)
+    shape = BandShape(exposure_us=110.0, smoothing_rows2=0.5)
+    fit = partial(fitted, window, corners, bands, 4, None, rounds=4, shape=shape)
+    ours = fit()
+    monkeypatch.setattr(library, "COMPILED", False)
+    theirs = fit()
+    assert isinstance(ours, Fit)
+    assert isinstance(theirs, Fit)
+    assert np.abs(ours.corners - theirs.corners).max() < 1e-3
+    assert ours.bands is not None
+    assert theirs.bands is not None
+    assert ours.bands.exposure_us == pytest.approx(theirs.bands.exposure_us, rel=1e-3)
+    assert ours.bands.smoothing_rows2 == pytest.approx(theirs.bands.smoothing_rows2, abs=0.01)
 
 
 @pytest.mark.parametrize("spec", [SPEC, ANTIPHASE], ids=["free", "antiphase"])

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ledpi.geometry import distort, undistort
 from ledpi.kernels import cells as kernel
 from ledpi.kernels.light import can_read
-from ledpi.records import Floats, Frame, Intrinsics, Quad, Rejected
+from ledpi.records import BandShape, Floats, Frame, Intrinsics, Quad, Rejected
 from ledpi.tone import SATURATED as SATURATED_VALUE
 from ledpi.tone import linear_light
 
@@ -73,6 +73,7 @@ class CellSamples:
     cell_px: tuple[float, float]  # width and height of a cell, in (averaged) pixels
     independence: float  # what a sample counts for: less than 1 where its neighbours share its noise
     linear: bool = False  # interpolated by straight lines
+    bands: BandShape | None = None  # as of the `Quad`
 
 
 @cache
@@ -169,6 +170,7 @@ def sample_cells(
         cell_px=(across, down),
         independence=min(1.0, variance * across * down * ((1 - 2 * INSET) / k) ** 2),
         linear=saturated,
+        bands=quad.bands,
     )
 
 

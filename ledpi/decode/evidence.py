@@ -138,20 +138,25 @@ def square_waves(
     compiled: bool = COMPILED,
 ) -> Singles:
     """(2, cells, points): `shutter.square_wave_bands` in each sample, which is the mean of some rows."""
-    a_row = hz * frame.row_time_us * 1e-6
+    a_row, exposure_us = hz * frame.row_time_us * 1e-6, frame.exposure_us
+    averaged, apart = samples.averaged, 1.0
+    if samples.bands is not None:
+        exposure_us = samples.bands.exposure_us
+        averaged, apart = shutter.mean_of_rows(averaged, samples.bands.smoothing_rows2)
     if compiled:
         return kernel.square_waves(
             samples.rows,
             cycles_a_row=a_row,
             start_cycles=start_cycles,
-            averaged=samples.averaged,
-            exposure_cycles=hz * frame.exposure_us * 1e-6,
+            averaged=averaged,
+            apart=apart,
+            exposure_cycles=hz * exposure_us * 1e-6,
             duty=spec.duty,
-            fundamental=shutter.fundamental_amplitude(hz, frame.exposure_us, spec.duty),
+            fundamental=shutter.fundamental_amplitude(hz, exposure_us, spec.duty),
         )
     cycles = samples.rows.astype(np.float64) * a_row + start_cycles
-    averaged = (np.arange(samples.averaged) - (samples.averaged - 1) / 2) * a_row
-    each = [shutter.square_wave_bands(cycles + row, hz, frame.exposure_us, spec.duty) for row in averaged]
+    around = (np.arange(averaged) - (averaged - 1) / 2) * apart * a_row
+    each = [shutter.square_wave_bands(cycles + row, hz, exposure_us, spec.duty) for row in around]
     return np.asarray(np.mean(each, axis=0), np.float32)
 
 

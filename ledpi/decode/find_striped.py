@@ -5,7 +5,7 @@ of rows around it, as high as the longest dark band, holds both. Edges of other 
 windows only. What holds both is as bright as what is brightest near by, too.
 
 Bands are as high on a near panel as on a far one, so one picture of half the size serves for all. Bands also cut
-corners off, so a rough square is the smallest four-sided figure around what is lit.
+corners off, so a rough square is a figure around what is lit (`around`).
 """
 
 from __future__ import annotations
@@ -14,19 +14,16 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import cache
-from itertools import combinations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from ledpi import shutter
+from ledpi.decode.around import few_corners, rectangles_around, smallest_square_around
 from ledpi.decode.find import AT_BORDER, NOT_FOUR_SIDED, TOO_SMALL, Candidate
 from ledpi.decode.lattice import lattice_places, rough_lattice
 from ledpi.decode.light_window import min_contrast
-from ledpi.decode.sides import Points, Singles, areas, as_corners, as_points, cross
-from ledpi.kernels import smallest as kernel
-from ledpi.kernels.library import compiled
+from ledpi.decode.sides import Singles, areas, as_points
 from ledpi.records import Floats, Frame, PanelSpec, Pixels, Rejected, Transfer
 from ledpi.tone import linear_light
 
@@ -45,9 +42,6 @@ LEAST_NECK, NECK = 3, 9
 MIN_STRIPED_CELL_PX = 3.0  # as roughly found: of smaller cells no lattice is seen through lens and pixel
 MIN_PX = 4  # of the half-sized picture: less is a speck
 MIN_SOLIDITY = 0.6  # area over that of the convex hull; a corner may be dark
-MAX_OUTLINE = 12  # corners of an outline, of which four sides are chosen
-OUTLINE_PX = 1.0  # by which an outline with few corners may be off, at first
-LEAST_TURN = 0.05  # sine of the angle between neighbouring sides
 
 
 class StripedFinder:
@@ -61,6 +55,7 @@ class StripedFinder:
         empty = (np.empty_like(self._half) for _ in range(5))
         self._octaves, self._brightest, self._most, self._least, self._lit = empty
         self._bridged = np.empty((height, width), np.uint8)
+        self._hulls: list[Pixels] = []
         self._brighten = np.round(255 * np.sqrt(np.arange(256) / 255)).astype(np.uint8)
 
     def find(self, frame: Frame) -> tuple[list[Candidate], list[Rejected]]:
@@ -73,6 +68,7 @@ class StripedFinder:
         bridge = (math.ceil(self.stripe_rows(frame) / SCALE) + 2) | 1
         found: list[Candidate] = []
         dropped: list[Rejected] = []
+        self._hulls = []
         for outline in self._blinking(frame, bridge):
             result = self._candidate(outline)
             if isinstance(result, Candidate):
@@ -80,6 +76,14 @@ class StripedFinder:
             elif result is not None:
                 dropped.append(result)
         return found, dropped
+
+    def find_again(self) -> list[Candidate]:
+        """Of the same frame: rectangles around the same things, along the sides that they show.
+
+        Where bands have cut two of its corners off, the smallest figure around a square leans on the cuts.
+        """
+        every = [corners for hull in self._hulls for corners in rectangles_around(few_corners(hull))]
+        return [candidate for corners in every if (candidate := self._grown(corners)).side_px >= self._smallest_px]
 
     def stripe_rows(self, frame: Frame) -> float:
         """Height of the longest dark band that cuts panels into pieces; 0 where the exposure smooths the bands.
@@ -191,71 +195,27 @@ class StripedFinder:
             return AT_BORDER
         hull = cv2.convexHull(outline)
         area, of_hull = cv2.contourArea(outline), cv2.contourArea(hull)
+        self._hulls.append(hull)
         if not area > MIN_SOLIDITY * of_hull:
             return NOT_FOUR_SIDED
-        corners = smallest_square_around(_few_corners(hull))
+        corners = smallest_square_around(few_corners(hull))
         if corners is None:
             return NOT_FOUR_SIDED
+        candidate = self._grown(corners)
+        return candidate if candidate.side_px >= self._smallest_px else TOO_SMALL
+
+    def _grown(self, corners: Floats) -> Candidate:
+        """The figure with these corners (4, 2), on an outline, in the picture."""
         side = math.sqrt(float(areas(as_points(corners))))
-        if (side + 1.0) * SCALE < self._smallest_px:
-            return TOO_SMALL
         # An outline runs through the centres of the outermost lit pixels: half a pixel inside the edge.
         middle = corners.mean(axis=0)
-        corners = middle + (corners - middle) * (1.0 + 1.0 / max(side, 2.0))
+        grown = middle + (corners - middle) * (1.0 + 1.0 / max(side, 2.0))
         return Candidate(
-            corners=(corners + 0.5) * SCALE - 0.5,
+            corners=(grown + 0.5) * SCALE - 0.5,
             side_px=(side + 1.0) * SCALE,
-            misfit=abs(math.log(side * side / of_hull)),
+            misfit=0.0,
             tolerance_px=1.5 * SCALE,
         )
-
-
-def _few_corners(hull: Pixels) -> Floats:
-    """(K, 2) the hull's corners, or fewer that are close to it."""
-    tolerance = OUTLINE_PX
-    few = cv2.approxPolyDP(hull, tolerance, True)
-    while len(few) > MAX_OUTLINE:
-        tolerance *= 1.5
-        few = cv2.approxPolyDP(hull, tolerance, True)
-    corners: Floats = few[:, 0].astype(np.float64)
-    return corners
-
-
-def smallest_square_around(outline: Floats) -> Floats | None:
-    """(4, 2) corners of the smallest quadrilateral on four sides of a convex outline (K, 2), first nearest the origin.
-
-    Clockwise in the picture, as the outline. A square with a corner cut off is that square again: no other side can be
-    left out at the cost of so little.
-    """
-    if len(outline) < 4:
-        return None
-    start = np.ascontiguousarray(outline).view(np.complex128)[:, 0]
-    if float((start[:-1].conj() * start[1:]).imag.sum() + (start[-1].conj() * start[0]).imag) < 0:
-        start = start[::-1]
-    best = kernel.smallest_square(start) if compiled() else _smallest(start)
-    return None if best is None else as_corners(np.roll(best, -int((best.real + best.imag).argmin())))
-
-
-def _smallest(start: Points) -> Points | None:
-    """`kernel.smallest_square`, in numpy: of all ways of choosing four sides."""
-    along = np.roll(start, -1) - start
-    chosen = _fours(len(start))
-    on, way = start[chosen], along[chosen]
-    onward, next_way = np.roll(on, -1, axis=1), np.roll(way, -1, axis=1)
-    turn = cross(way, next_way)
-    convex = (turn > LEAST_TURN * np.abs(way) * np.abs(next_way)).all(axis=1)
-    if not convex.any():
-        return None
-    corners = on[convex] + way[convex] * (cross(onward - on, next_way)[convex] / turn[convex])
-    areas = 0.5 * cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
-    smallest: Points = corners[np.where(areas > 0, areas, np.inf).argmin()]
-    return smallest
-
-
-@cache
-def _fours(count: int) -> NDArray[np.int64]:
-    """(…, 4) all ways of choosing four of `count`, in order."""
-    return np.array(list(combinations(range(count), 4)))
 
 
 @cache

@@ -13,13 +13,15 @@ from numpy.typing import NDArray
 from ledpi import shutter
 from ledpi.decode.lattice import lattice_places, rough_lattice
 from ledpi.decode.sides import Points, Singles, areas
-from ledpi.records import Floats, Frame, PanelSpec
+from ledpi.records import BandShape, Floats, Frame, PanelSpec
 from ledpi.tone import linear_light
 
 FEWEST_PX = 70  # the side of a square that is looked at is averaged down to, as long as it has two times as many
 WAVE_STEPS = 512  # of a period, in which its light is known
 DARK, BRIGHT = 0.05, 0.9  # shares of the points that are darker than what is taken for dark, and for bright
 MIN_CONTRAST = 3.0  # of bright to dark; a wall beside a panel's dark frame has less than a panel
+INTERPOLATION = 1.0 / 6.0  # smooths by as much, of a row squared: the mean variance of a point between two pixels
+LONGER = 0.1  # of the exposure, by which it is tried how bands change with it
 SPARSE = 4  # pixels: so far apart those are that tell how dark it is around a panel
 
 
@@ -58,9 +60,9 @@ class Window:
         """The other way."""
         return np.asarray(points * self.shrink + self.first)
 
-    def waves_of(self, spec: PanelSpec) -> ClassWaves:
+    def waves_of(self, spec: PanelSpec, shape: BandShape | None = None) -> ClassWaves:
         """What cells of a panel show in its rows."""
-        return class_waves(spec, self.frame.exposure_us, self.frame.row_time_us, self.shrink)
+        return class_waves(spec, self.frame.exposure_us, self.frame.row_time_us, self.shrink, shape)
 
     def shown(self, waves: ClassWaves, phases: Floats) -> Singles:
         """(2, …, rows) share of its light that either class shows in each row, by its phases (2, …) in row 0."""
@@ -78,22 +80,38 @@ class ClassWaves:
     cycles_a_row: Floats  # (2,) of the picture
     share: float  # of the squares of a panel's light, that its bands bring: 0.38 where they are full
     least: float  # of the light of its brightest rows, that the class with the shallower bands always shows
+    shapes: Singles  # (3, 2, WAVE_STEPS) `tables`, and their changes with the exposure's logarithm, and with smoothing
 
 
 @lru_cache(maxsize=64)
-def class_waves(spec: PanelSpec, exposure_us: float, row_time_us: float, shrink: int) -> ClassWaves:
-    """Of the means of `shrink` rows."""
+def class_waves(
+    spec: PanelSpec, exposure_us: float, row_time_us: float, shrink: int, shape: BandShape | None = None
+) -> ClassWaves:
+    """Of the means of `shrink` rows. Bands of another `shape` begin where those of the exposure do, in the middle."""
     both_hz = np.array([spec.black_hz, spec.white_hz])
-    cycles = (np.arange(WAVE_STEPS) + 0.5) / WAVE_STEPS
-    tables = []
-    for hz in both_hz.tolist():
-        around = (np.arange(shrink) - (shrink - 1) / 2) * hz * row_time_us * 1e-6
-        each = [shutter.exposure_weight(cycles + row, hz * exposure_us * 1e-6, spec.duty) for row in around]
-        tables.append(np.mean(each, axis=0))
+    seen_us, smoothing = exposure_us, 0.0
+    if shape is not None:
+        seen_us, smoothing = shape.exposure_us, shape.smoothing_rows2 + INTERPOLATION * shrink**2
+
+    def mean_waves(longer: float, smoothing_rows2: float) -> Floats:
+        """(2, WAVE_STEPS)"""
+        count, apart = shutter.mean_of_rows(shrink, smoothing_rows2)
+        waves = np.empty((2, WAVE_STEPS))
+        for wave, hz in zip(waves, (both_hz * 1e-6).tolist(), strict=True):
+            exposed = seen_us * longer
+            start = (np.arange(WAVE_STEPS) + 0.5) / WAVE_STEPS + 0.5 * hz * (exposure_us - exposed)
+            around = (np.arange(count) - (count - 1) / 2) * apart * hz * row_time_us
+            wave[:] = np.mean([shutter.exposure_weight(start + row, hz * exposed, spec.duty) for row in around], axis=0)
+        return waves
+
+    tables = mean_waves(1.0, smoothing)
+    by_exposure = (mean_waves(1.0 + LONGER, smoothing) - mean_waves(1.0 - LONGER, smoothing)) / (2.0 * LONGER)
+    by_smoothing = mean_waves(1.0, smoothing + 1.0) - tables
     share = float(np.mean([table.var() / np.square(table).mean() for table in tables]))
     brightest = max(table.max() for table in tables)
     least = max(float(table.min() / table.max()) for table in tables)
-    return ClassWaves(np.array(tables / brightest, np.float32), both_hz * (row_time_us * 1e-6), share, least)
+    shapes = np.array(np.stack([tables, by_exposure, by_smoothing]) / brightest, np.float32)
+    return ClassWaves(shapes[0], both_hz * (row_time_us * 1e-6), share, least, shapes)
 
 
 @lru_cache(maxsize=32)

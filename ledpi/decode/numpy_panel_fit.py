@@ -13,7 +13,7 @@ from ledpi.decode.sides import Points, Singles, as_corners, as_points
 from ledpi.geometry import distort, undistort
 from ledpi.records import Floats, Intrinsics
 
-WAYS, BLUR, GAP, PHASE, SPOT, BESIDE, GAIN = 8, 8, 9, 10, 12, 14, 18
+WAYS, BLUR, GAP, LONGER, PHASE, SPOT, BESIDE, GAIN = 8, 8, 9, 10, 12, 14, 16, 20
 SPOT_SIGMA = np.array([0.16, 0.32])  # of the pitch: of which a cell's light is made up
 FLOOR = 0.1  # of full light: what weighs as much as the noise of what is dark
 OUTSIDE = 1.0  # and what texture outside weighs
@@ -21,6 +21,7 @@ MOST_STEP = 0.1  # of half the side, that a homography changes at once
 SETTLED = 1e-3  # less than that, and it is done
 LEAST_GAIN = 0.02  # of the mean
 LEAST_BLUR_PX, MOST_BLUR_PX, MOST_GAP = 0.4, 3.0, 0.3
+MOST_LONGER, MOST_SMOOTHER = 0.5, 2.0
 ENDS = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 _erf = np.vectorize(math.erf, otypes=[np.float64])
 
@@ -57,7 +58,7 @@ def fit_panel(
         used = inside & (seen < saturated)
         courses = [_course(along, cells, math.exp(unknown[BLUR]) / pitch, unknown[GAP]) for pitch in pitch_px.tolist()]
         phases = unknown[PHASE : PHASE + 2, None] + pixels[:, 1] * cycles_a_row[:, None]
-        model, slopes, outside = _model(unknown, courses, white, *_waves_at(waves, phases), u, v)
+        model, slopes, outside = _model(unknown, courses, white, *_shown(waves, phases, unknown), u, v)
         weight = used / np.sqrt(np.maximum(model, 0.0) + FLOOR + OUTSIDE * outside)
         left = weight * ((seen - dark) / (bright - dark) - model)
         above_dark = weight * ((seen - dark) / (bright - dark) - unknown[-1])
@@ -79,6 +80,8 @@ def fit_panel(
         unknown[GAIN:-1] = np.maximum(unknown[GAIN:-1], LEAST_GAIN * unknown[GAIN:-1].mean())
         unknown[BLUR] = np.clip(unknown[BLUR], math.log(LEAST_BLUR_PX), math.log(MOST_BLUR_PX))
         unknown[GAP] = np.clip(unknown[GAP], 0.0, MOST_GAP)
+        most_shaped = np.array([MOST_LONGER, MOST_SMOOTHER])
+        unknown[LONGER:PHASE] = np.clip(unknown[LONGER:PHASE], -most_shaped, most_shaped)
         if (round_number > 0 and most < SETTLED) or round_number == rounds - 1:  # the first is with usual gains
             break
     sigma = _corner_sigma(matrix, homography)
@@ -97,6 +100,17 @@ def _light_at(light: Singles, at: Floats) -> tuple[Floats, NDArray[np.bool_]]:
     right, down = x - column, y - row
     upper, lower = ((1 - right) * light[r, column] + right * light[r, column + 1] for r in (row, row + 1))
     return np.asarray((1 - down) * upper + down * lower, np.float64), inside
+
+
+def _shown(waves: Singles, cycles: Floats, unknown: Floats) -> tuple[Floats, Floats, Floats]:
+    """(2, P), (2, P), (2, 2, P): what either class shows, and how that changes by a cycle, and by its shapes."""
+    tables = waves.reshape(-1, 2, waves.shape[-1])
+    shown, later = _waves_at(tables[0], cycles)
+    shapes = np.zeros((2, *shown.shape))
+    for s, table in enumerate(tables[1:]):
+        shapes[s], of_slope = _waves_at(table, cycles)
+        shown, later = shown + unknown[LONGER + s] * shapes[s], later + unknown[LONGER + s] * of_slope
+    return shown, later, shapes
 
 
 def _waves_at(tables: Singles, cycles: Floats) -> tuple[Floats, Floats]:
@@ -153,6 +167,7 @@ def _model(
     white: NDArray[np.bool_],
     shown: Floats,
     later: Floats,
+    shapes: Floats,
     u: Floats,
     v: Floats,
 ) -> tuple[Floats, Floats, Floats]:
@@ -184,6 +199,7 @@ def _model(
             of_part = both(getattr(across, part)[column], down.light[row])
             slopes[k] += lit * shape * (of_part + both(across.light[column], getattr(down, part)[row]))
         slopes[PHASE + own] += (light >= 1e-4) * unknown[GAIN + cell] * light * shape * later[own]
+        slopes[LONGER:PHASE] += (light >= 1e-4) * unknown[GAIN + cell] * light * shape * shapes[:, own]
         for s, spot in enumerate(spots):
             slopes[SPOT + s] += lit * light * spot
         slopes[GAIN + cell] = (light >= 1e-4) * light * shape * shown[own]

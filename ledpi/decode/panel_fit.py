@@ -6,10 +6,11 @@ cells' classes are known all is known but a few numbers. At a place (u, v) of it
     light = d + Σ_c g_c · w_k(c)(y) · a_c(u) · a_c(v) · (1 + Σ_s b_s·exp(−((u − u_c)² + (v − v_c)²)/2s²))
 
 with the darkness d; each cell's gain g; what its class shows in that row of the picture, known but for one phase for
-each class (`shutter`); its open part a between walls, as the lens blurs it; and the light that all cells have in
-common, brighter at their middles u_c, v_c. Cells are even about these, so that the lattice, its walls, rim and spots,
-all tell where the corners are, in whichever rows they shine. Light is sampled on a grid that goes with the corners, so
-that a step of Gauss and Newton's, in all unknowns together, needs no slopes of the picture.
+each class (`shutter`), and for how steep and how smooth it is, as a tone curve or a scaler makes it; its open part a
+between walls, as the lens blurs it; and the light that all cells have in common, brighter at their middles u_c, v_c.
+Cells are even about these, so that the lattice, its walls, rim and spots, all tell where the corners are, in whichever
+rows they shine. Light is sampled on a grid that goes with the corners, so that a step of Gauss and Newton's, in all
+unknowns together, needs no slopes of the picture.
 """
 
 from __future__ import annotations
@@ -26,9 +27,10 @@ from ledpi.decode.light_window import Window
 from ledpi.decode.sides import Points
 from ledpi.kernels import panel_fit as kernel
 from ledpi.kernels.library import compiled
-from ledpi.records import Floats, Intrinsics
+from ledpi.records import BandShape, Floats, Intrinsics
 
-BLUR, GAP, PHASE, SPOT, BESIDE, GAIN = 8, 9, 10, 12, 14, 18  # where in the unknowns; last is the darkness
+# Where in the unknowns; last is the darkness.
+BLUR, GAP, LONGER, SMOOTHER, PHASE, SPOT, BESIDE, GAIN = 8, 9, 10, 11, 12, 14, 16, 20
 MARGIN_PX = 1.5  # of the grid around the panel: further out is what may be beyond its frame
 NEAR_BORDER_PX = np.arange(-2.0, 3.0)  # of the grid, about the borders of cells
 INSIDE = 4  # points along a cell, between these
@@ -38,7 +40,13 @@ ROUGHLY = 6  # points along a cell, for a first look
 # share of the cell, spots, light beside the panel, gains over what is bright, darkness.
 BLUR_PX, BLUR_DEVIATION = 0.8, 0.4
 GAP_USUAL, GAP_DEVIATION = 0.05, 0.04
+# Logarithm of the exposure that makes bands as steep as they are seen, over the exposure (on photographs of a lamp half
+# of it does); and by how many rows, squared, they are smoothed beside that.
+LONGER_DEVIATION, SMOOTHER_DEVIATION = 0.3, 1.0
 SPOT_DEVIATION, BESIDE_DEVIATION, GAIN_DEVIATION, DARK_DEVIATION = 1.0, 0.2, 0.5, 0.1
+# How often bands are given another shape; if so much of the light's squares is explained, and it differs by more than
+# that: in the exposure's logarithm, and in rows squared.
+SHAPES, LEAST_SHAPED, ALIKE_LONGER, ALIKE_SMOOTHER = 3, 0.9, 0.1, 0.3
 SATURATED = 0.999  # of full scale: such pixels say nothing
 
 
@@ -49,6 +57,7 @@ class Fit:
     corners: Points  # (4,) in the picture
     sigma_px: float  # deviation of their coordinates, by what is left unexplained
     explained: float  # share of the light's squares
+    bands: BandShape | None = None
 
 
 def fitted(
@@ -60,15 +69,17 @@ def fitted(
     *,
     rounds: int,
     roughly: bool = False,
+    shape: BandShape | None = None,
 ) -> Fit | None:
     """From corners (4,) in the picture that are off by a few percent of the side; None where it comes to nothing.
 
-    `bands`: of about the panel's phases and classes.
+    `bands`: of about the panel's phases and classes. `shape`: what they look like, to begin with;
+    without, it is what the exposure makes of them.
     """
     lens = intrinsics if intrinsics is not None and any(intrinsics.distortion) else None
     at = corners.copy()
     pitch_px = pitches(corners, cells) / window.shrink
-    waves = window.waves_of(bands.spec)
+    waves = window.waves_of(bands.spec, shape)
     unknown, prior = _beforehand(cells)
     unknown = unknown.copy()
     unknown[PHASE : PHASE + 2] = bands.phases
@@ -79,7 +90,7 @@ def fitted(
         lens,
         cells,
         bands.white,
-        waves.tables,
+        waves.tables if shape is None else waves.shapes,
         waves.cycles_a_row,
         (bands.dark, bands.bright, SATURATED),
         _grid(cells, round(float(pitch_px.min()), 1), roughly),
@@ -92,7 +103,31 @@ def fitted(
     if fit is None or not np.isfinite(at).all():
         return None
     explained, sigma_px = fit
-    return Fit(at, sigma_px, explained)
+    return Fit(at, sigma_px, explained, None if shape is None else _reshaped(shape, *unknown[LONGER:PHASE].tolist()))
+
+
+def fitted_in_shape(
+    window: Window, corners: Points, bands: Bands, cells: int, intrinsics: Intrinsics | None, *, rounds: int
+) -> Fit | None:
+    """The same, with the shape that bands have: another than the exposure's is begun with anew, as it is not linear."""
+    shape = BandShape(exposure_us=window.frame.exposure_us, smoothing_rows2=0.0)
+    for _ in range(SHAPES):
+        fit = fitted(window, corners, bands, cells, intrinsics, rounds=rounds, shape=shape)
+        if fit is None or fit.bands is None or fit.explained < LEAST_SHAPED or _are_alike(shape, fit.bands):
+            break
+        corners, shape = fit.corners, fit.bands
+    return fit
+
+
+def _are_alike(a: BandShape, b: BandShape) -> bool:
+    longer = math.log(a.exposure_us / b.exposure_us)
+    return abs(longer) < ALIKE_LONGER and abs(a.smoothing_rows2 - b.smoothing_rows2) < ALIKE_SMOOTHER
+
+
+def _reshaped(shape: BandShape, longer: float, smoother: float) -> BandShape:
+    return BandShape(
+        exposure_us=shape.exposure_us * math.exp(longer), smoothing_rows2=max(0.0, shape.smoothing_rows2 + smoother)
+    )
 
 
 def pitches(corners: Points, cells: int) -> Floats:
@@ -123,6 +158,7 @@ def _beforehand(cells: int) -> tuple[Floats, Floats]:
     deviation[:] = math.inf
     mean[BLUR], deviation[BLUR] = math.log(BLUR_PX), BLUR_DEVIATION
     mean[GAP], deviation[GAP] = GAP_USUAL, GAP_DEVIATION
+    deviation[LONGER], deviation[SMOOTHER] = LONGER_DEVIATION, SMOOTHER_DEVIATION
     deviation[SPOT:BESIDE], deviation[BESIDE:GAIN] = SPOT_DEVIATION, BESIDE_DEVIATION
     mean[GAIN:-1], deviation[GAIN:-1] = 1.0, GAIN_DEVIATION
     deviation[-1] = DARK_DEVIATION

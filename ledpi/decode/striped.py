@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from ledpi.decode.edges import NOT_WHOLE, checked
 from ledpi.decode.find import Candidate
 from ledpi.decode.lattice import fine_lattice, rough_lattice
 from ledpi.decode.light_window import Window, have_contrast
-from ledpi.decode.panel_fit import Fit, fitted
+from ledpi.decode.panel_fit import Fit, fitted, fitted_in_shape
 from ledpi.decode.sides import OPPOSITE, Points, Sides, areas, as_points, bends
 from ledpi.records import Floats, Frame, Intrinsics, PanelSpec, Quad, Rejected
 
@@ -161,11 +162,13 @@ def _look(
     window: Window, near: Points, cells: int, specs: Sequence[PanelSpec], intrinsics: Intrinsics | None
 ) -> Fit | Rejected:
     """A first fit, by few points; from corners (4,) that may be a tenth of the side off."""
-    fit = _fit(window, near, cells, specs, intrinsics, LOOK_ROUNDS, roughly=True)
-    if isinstance(fit, Rejected):
-        return fit
-    is_one = fit.explained > MIN_ROUGHLY and fit.sigma_px < MAX_ROUGH_SIGMA * _side(fit.corners)
-    return fit if is_one else NO_BANDS
+    bands = _bands_at(window, near, cells, specs)
+    if isinstance(bands, Rejected):
+        return bands
+    fit = fitted(window, near, bands, cells, intrinsics, rounds=LOOK_ROUNDS, roughly=True)
+    if fit is None or fit.explained <= MIN_ROUGHLY or not fit.sigma_px < MAX_ROUGH_SIGMA * _side(fit.corners):
+        return NO_BANDS
+    return fit
 
 
 def _is_clear(fit: Fit, share: float) -> bool:
@@ -182,29 +185,23 @@ def _square_near(
 ) -> Quad | Rejected:
     side = _side(near)
     window = Window.around(frame, near[None], MARGIN * side + MARGIN_PX)
-    fit = _fit(window, near, cells, specs, intrinsics, ROUNDS)
-    if isinstance(fit, Rejected) or fit.explained < MIN_FITTED or not fit.sigma_px < MAX_SIGMA * side:
+    bands = _bands_at(window, near, cells, specs)
+    if isinstance(bands, Rejected):
+        return bands
+    # Of steady cells a longer exposure changes all the light: what bands look like is not told by them.
+    fit_of = fitted if window.waves_of(bands.spec).least > STEADY else fitted_in_shape
+    fit = fit_of(window, near, bands, cells, intrinsics, rounds=ROUNDS)
+    if fit is None or fit.explained < MIN_FITTED or not fit.sigma_px < MAX_SIGMA * side:
         return NO_BANDS
     bend = bends(fit.corners[None], intrinsics)
-    return checked(frame, fit.corners, fit.sigma_px, float(np.abs(bend.imag).max()))
+    quad = checked(frame, fit.corners, fit.sigma_px, float(np.abs(bend.imag).max()))
+    return replace(quad, bands=fit.bands) if isinstance(quad, Quad) else quad
 
 
-def _fit(
-    window: Window,
-    near: Points,
-    cells: int,
-    specs: Sequence[PanelSpec],
-    intrinsics: Intrinsics | None,
-    rounds: int,
-    *,
-    roughly: bool = False,
-) -> Fit | Rejected:
-    """The panel near corners (4,) in the picture, in the phases and classes that explain most there."""
+def _bands_at(window: Window, near: Points, cells: int, specs: Sequence[PanelSpec]) -> Bands | Rejected:
+    """The phases and classes that explain most of a panel with corners (4,) in the picture, if they explain enough."""
     bands = Bands.at(window, window.within(near), cells, specs)
-    if bands is None or bands.explained < MIN_EXPLAINED:
-        return NO_BANDS
-    fit = fitted(window, near, bands, cells, intrinsics, rounds=rounds, roughly=roughly)
-    return fit or NO_BANDS
+    return NO_BANDS if bands is None or bands.explained < MIN_EXPLAINED else bands
 
 
 def _likely(light: BandLight, near: Points, stripe: float, *, climbing: bool) -> Points:

@@ -20,7 +20,7 @@ Mask = NDArray[np.bool_]
 _FLOAT = ctypes.c_float
 _waves = function("ledpi_waves", POINTER, INTEGER, _FLOAT, _FLOAT, POINTER, POINTER)
 _square_waves = function(
-    "ledpi_square_waves", POINTER, INTEGER, DOUBLE, DOUBLE, INTEGER, DOUBLE, DOUBLE, DOUBLE, POINTER, POINTER
+    "ledpi_square_waves", POINTER, INTEGER, DOUBLE, DOUBLE, INTEGER, DOUBLE, DOUBLE, DOUBLE, DOUBLE, POINTER, POINTER
 )
 _single_evidence = function(
     "ledpi_single_evidence",
@@ -63,11 +63,12 @@ def square_waves(
     cycles_a_row: float,
     start_cycles: float,
     averaged: int,
+    apart: float,
     exposure_cycles: float,
     duty: float,
     fundamental: float,
 ) -> Singles:
-    """(2, …): `shutter.square_wave_bands` in these rows (…), meaned over `averaged` rows around each.
+    """(2, …): `shutter.square_wave_bands` in these rows (…), meaned over `averaged` rows around each, so far `apart`.
 
     `start_cycles` is the fundamental's phase in row 0, `fundamental` its amplitude, with its sign.
     """
@@ -75,7 +76,7 @@ def square_waves(
     out = np.empty((2, *rows.shape), np.float32)
     at = address(out)
     _square_waves(
-        *(address(rows), rows.size, cycles_a_row, start_cycles, averaged, exposure_cycles, duty, fundamental),
+        *(address(rows), rows.size, cycles_a_row, start_cycles, averaged, apart, exposure_cycles, duty, fundamental),
         *(at, at + rows.nbytes),
     )
     return out

@@ -11,7 +11,7 @@ enum {
     SPOTS = 2,  /* widths of which a cell's light is made up */
     MOST_CELLS = 8, /* along a side */
     MOST_ALONG = 160, /* places along the grid */
-    BLUR = WAYS, GAP, PHASE, SPOT = PHASE + 2, BESIDE = SPOT + SPOTS, GAIN = BESIDE + 4, /* unknowns; after the gains, what is there anyway */
+    BLUR = WAYS, GAP, LONGER, SMOOTHER, PHASE, SPOT = PHASE + 2, BESIDE = SPOT + SPOTS, GAIN = BESIDE + 4, /* unknowns; after the gains, what is there anyway */
     MOST_UNKNOWN = GAIN + MOST_CELLS * MOST_CELLS + 1,
     DENSE = 24, /* columns of a sample: by the unknowns before the gains, what is there anyway, and what is left */
     DARK_COLUMN = GAIN, LEFT_COLUMN = GAIN + 1,
@@ -26,6 +26,7 @@ static const double SPOT_SIGMA[SPOTS] = {0.16, 0.32}; /* of the pitch; as in dec
 #define SETTLED 1e-3
 #define LEAST_GAIN 0.02
 static const double LEAST_BLUR_PX = 0.4, MOST_BLUR_PX = 3.0, MOST_GAP = 0.3;
+static const double MOST_LONGER = 0.5, MOST_SMOOTHER = 2.0;
 
 /* Light (rows, columns) of a part of the picture, each of `shrink` pixels a side, the first one's centre at `first`. */
 typedef struct {
@@ -102,7 +103,8 @@ static double wave_at(const float *table, double cycles, double *slope) {
 typedef struct {
     ptrdiff_t cells;
     const uint8_t *white;
-    const float *waves; /* (2, STEPS) */
+    const float *waves; /* (2, STEPS), and where there are `shapes` two times the same: how they change with either */
+    bool shapes;
     double cycles_a_row[2], scale, dark; /* light is (what is seen − dark)·scale */
 } Panel;
 
@@ -123,11 +125,19 @@ static bool sample(const Panel *panel, const View *view, const double *h, const 
     if (!(x >= 0.0 && y >= 0.0 && x <= (double)(view->columns - 1) && y <= (double)(view->rows - 1))) return false;
     double seen = light_at(view, x, y);
     if (!(seen < view->saturated)) return false;
-    double shown[2], later[2], slope[2] = {0.0, 0.0}, total = unknown[last], weight, by[GAIN] = {0.0};
+    double shown[2], later[2], shape_by[2][2] = {{0.0}}, slope[2] = {0.0, 0.0}, total = unknown[last], weight, by[GAIN] = {0.0};
     double own[MOST_MET];
     gains->count = 0;
-    for (int k = 0; k < 2; k++)
-        shown[k] = wave_at(panel->waves + k * STEPS, unknown[PHASE + k] + at[1] * panel->cycles_a_row[k], &later[k]);
+    for (int k = 0; k < 2; k++) {
+        const double cycles = unknown[PHASE + k] + at[1] * panel->cycles_a_row[k];
+        shown[k] = wave_at(panel->waves + k * STEPS, cycles, &later[k]);
+        for (int s = 0; panel->shapes && s < 2; s++) {
+            double of_slope;
+            shape_by[k][s] = wave_at(panel->waves + (2 + 2 * s + k) * STEPS, cycles, &of_slope);
+            shown[k] += unknown[LONGER + s] * shape_by[k][s];
+            later[k] += unknown[LONGER + s] * of_slope;
+        }
+    }
     for (int j = 0; j < 2; j++)
         for (int i = 0; i < 2; i++) {
             if (across->cell[i] < 0 || down->cell[j] < 0) continue;
@@ -149,6 +159,8 @@ static bool sample(const Panel *panel, const View *view, const double *h, const 
             by[BLUR] += lit * shape * (across->blurred[i] * down->light[j] + across->light[i] * down->blurred[j]);
             by[GAP] += lit * shape * (across->gapped[i] * down->light[j] + across->light[i] * down->gapped[j]);
             by[PHASE + class] += unknown[GAIN + cell] * both * shape * later[class];
+            by[LONGER] += unknown[GAIN + cell] * both * shape * shape_by[class][0];
+            by[SMOOTHER] += unknown[GAIN + cell] * both * shape * shape_by[class][1];
             own[gains->count] = both * shape * shown[class];
             gains->cell[gains->count++] = cell;
             total += lit * both * shape;
@@ -274,12 +286,12 @@ static double corner_sigma(const double *factor, ptrdiff_t size, const double h[
  * samples, variance of what is left, deviation of the corners' coordinates. Returns false where it comes to nothing. */
 int ledpi_fit_panel(const float *light, ptrdiff_t rows, ptrdiff_t columns, double first_x, double first_y, double shrink,
                     double saturated, const Lens *lens, ptrdiff_t cells, const uint8_t *white, const float *waves,
-                    const double *cycles_a_row, double dark, double scale, ptrdiff_t places, const double *along,
+                    ptrdiff_t shapes, const double *cycles_a_row, double dark, double scale, ptrdiff_t places, const double *along,
                     const double *pitch_px, ptrdiff_t rounds, const double *prior, Point *corners, double *unknown,
                     double *result) {
     const ptrdiff_t size = GAIN + cells * cells + 1;
     const View view = {light, rows, columns, first_x, first_y, shrink, saturated, lens};
-    const Panel panel = {cells, white, waves, {cycles_a_row[0], cycles_a_row[1]}, scale, dark};
+    const Panel panel = {cells, white, waves, shapes != 0, {cycles_a_row[0], cycles_a_row[1]}, scale, dark};
     Place grid[2][MOST_ALONG]; /* 170 kB of the stack, with what follows */
     float line[MOST_ALONG * DENSE];
     Products products;
@@ -333,6 +345,8 @@ int ledpi_fit_panel(const float *light, ptrdiff_t rows, ptrdiff_t columns, doubl
             unknown[GAIN + i] = fmax(unknown[GAIN + i], LEAST_GAIN * usual);
         unknown[BLUR] = fmin(fmax(unknown[BLUR], log(LEAST_BLUR_PX)), log(MOST_BLUR_PX));
         unknown[GAP] = fmin(fmax(unknown[GAP], 0.0), MOST_GAP);
+        unknown[LONGER] = fmin(fmax(unknown[LONGER], -MOST_LONGER), MOST_LONGER);
+        unknown[SMOOTHER] = fmin(fmax(unknown[SMOOTHER], -MOST_SMOOTHER), MOST_SMOOTHER);
         if ((round > 0 && most < SETTLED) || round == rounds - 1) { /* the first is with gains as they usually are */
             result[3] = corner_sigma(matrix, size, h) * (lens ? lens->fx : 1.0);
             break;

@@ -14,8 +14,8 @@ from ledpi.records import Floats, Intrinsics
 MOST_CELLS, MOST_ALONG = 8, 160  # along a side; places along the grid
 
 _fit = function(
-    "ledpi_fit_panel", POINTER, *(INTEGER,) * 2, *(DOUBLE,) * 4, POINTER, INTEGER, *(POINTER,) * 3, *(DOUBLE,) * 2,
-    INTEGER, *(POINTER,) * 2, INTEGER, *(POINTER,) * 4, result=ctypes.c_int,
+    "ledpi_fit_panel", POINTER, *(INTEGER,) * 2, *(DOUBLE,) * 4, POINTER, INTEGER, *(POINTER,) * 2, INTEGER, POINTER,
+    *(DOUBLE,) * 2, INTEGER, *(POINTER,) * 2, INTEGER, *(POINTER,) * 4, result=ctypes.c_int,
 )  # fmt: skip
 
 
@@ -44,8 +44,8 @@ def fit_panel(
     result = np.empty(4)
     fits = _fit(
         address(light), *light.shape, first.real, first.imag, shrink, saturated,
-        None if lens is None else address(lens_of(lens)), cells, address(white), address(waves), address(cycles_a_row),
-        dark, 1 / (bright - dark), len(along), address(along), address(pitch_px), rounds, address(prior),
-        address(corners), address(unknown), address(result),
+        None if lens is None else address(lens_of(lens)), cells, address(white), address(waves), waves.ndim == 3,
+        address(cycles_a_row), dark, 1 / (bright - dark), len(along), address(along), address(pitch_px), rounds,
+        address(prior), address(corners), address(unknown), address(result),
     )  # fmt: skip
     return (float(result[0]), float(result[3])) if fits else None

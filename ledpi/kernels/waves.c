@@ -24,17 +24,17 @@ static inline double on_until(double cycles, double duty, double *part) {
 }
 
 /* `bands` and `later` (count), as `square_wave_bands` in shutter.py has them, in `rows` (count), meaned over `averaged`
- * rows around each; `start` is the fundamental's phase in row 0, in cycles, `exposed` the exposure, `fundamental` its
+ * rows around each, so far `apart`; `start` is the fundamental's phase in row 0, in cycles, `exposed` the exposure, `fundamental` its
  * amplitude, negative where it is on when the light is off. */
 void ledpi_square_waves(const float *rows, ptrdiff_t count, double a_row, double start, ptrdiff_t averaged,
-                        double exposed, double duty, double fundamental, float *bands, float *later) {
+                        double apart, double exposed, double duty, double fundamental, float *bands, float *later) {
     const double size = fabs(fundamental), turn = 2.0 * 3.14159265358979323846;
-    start += 0.5 * duty - 0.5 * exposed + (fundamental < 0.0 ? 0.5 : 0.0) - 0.5 * (double)(averaged - 1) * a_row;
+    start += 0.5 * duty - 0.5 * exposed + (fundamental < 0.0 ? 0.5 : 0.0) - 0.5 * (double)(averaged - 1) * apart * a_row;
     for (ptrdiff_t i = 0; i < count; i++) {
         double on = 0.0, rise = 0.0;
         for (ptrdiff_t row = 0; row < averaged; row++) {
             double before, after;
-            const double from = rows[i] * a_row + start + (double)row * a_row;
+            const double from = rows[i] * a_row + start + (double)row * apart * a_row;
             on += on_until(from + exposed, duty, &after) - on_until(from, duty, &before);
             rise += (after < duty) - (before < duty);
         }
