@@ -24,6 +24,7 @@ SHARED = {
     "band_light.c": (("band_light", "light_window"), 7),
     "panel_fit.c": (("numpy_panel_fit",), 6),
     "climb.c": (("patterns",), 3),
+    "look.c": (("noise",), 1),
     "neighbours.c": (("patterns",), 1),
     "words.c": (("words",), 2),
     "cells.c": (("cells",), 1),

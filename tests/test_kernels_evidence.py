@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
+import cv2
 import numpy as np
 import pytest
 from decode_material import SPEC, TRUE_10_MS_US, Canvas, diffuser, quad, square, word
@@ -25,12 +26,14 @@ ANTIPHASE = dataclasses.replace(SPEC, white_hz=SPEC.black_hz, phase="antiphase")
 EXPOSURE_US = {"shallow": TRUE_10_MS_US, "deep": 151.5}
 
 
-def seen(side: float, exposure_us: float = TRUE_10_MS_US) -> tuple[CellSamples, Frame]:
-    """A painted panel whose side is so many pixels."""
+def seen(side: float, exposure_us: float = TRUE_10_MS_US, blur_px: float = 0.0) -> tuple[CellSamples, Frame]:
+    """A painted panel whose side is so many pixels; with noise blurred by so much."""
     corners = square(310.3, 240.6, side, 9)
     canvas = Canvas(exposure_us=exposure_us)
     canvas.panel(corners, word(7), profile=diffuser)
     frame = canvas.frame(seed=1)
+    if blur_px:
+        frame = dataclasses.replace(frame, pixels=cv2.GaussianBlur(frame.pixels, (0, 0), blur_px))
     samples = sample_cells(frame, quad(corners), 4)
     assert isinstance(samples, CellSamples)
     return samples, frame
@@ -204,10 +207,10 @@ def darkened(samples: CellSamples, part: slice) -> CellSamples:
     return dataclasses.replace(samples, light=light)
 
 
-@pytest.mark.parametrize("what", ["plain", "deep", "one wave", "with holes", "covered", "unlit"])
+@pytest.mark.parametrize("what", ["plain", "blurred", "deep", "one wave", "with holes", "covered", "unlit"])
 def test_a_first_look_at_once(what: str) -> None:
     """Is what its steps are; what it leaves to them, too."""
-    samples, frame = seen(60.0, EXPOSURE_US["deep" if what == "deep" else "shallow"])
+    samples, frame = seen(60.0, EXPOSURE_US["deep" if what == "deep" else "shallow"], 0.8 if what == "blurred" else 0.0)
     spec = ANTIPHASE if what == "one wave" else SPEC
     given = {
         "with holes": with_holes(samples),

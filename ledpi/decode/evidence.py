@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from ledpi import shutter
 from ledpi.decode.cells import CellSamples, Lattice, Singles
 from ledpi.decode.classes import band_shares, wave_shares
-from ledpi.decode.noise import WHITE, Correlation, correlation_of
+from ledpi.decode.noise import WHITE, Correlation, expected_of
 from ledpi.kernels import evidence as kernel
 from ledpi.kernels.library import COMPILED
 from ledpi.records import Frame, PanelSpec, Rejected
@@ -182,7 +182,7 @@ def evidence_of(
         information=found.information.reshape(cells, parameters, cells, parameters),
         prior=band_prior(frame, spec),
         left=0.5 * samples.independence * found.free,
-        noise=correlation_of(samples, found.near, found.far, found.free, fitted),
+        noise=expected_of(samples, fitted).correlation(found.near, found.far, found.free),
     )
 
 

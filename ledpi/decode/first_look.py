@@ -9,8 +9,8 @@ from __future__ import annotations
 from functools import cache
 
 from ledpi.decode.cells import CellSamples, Singles, lattice
-from ledpi.decode.evidence import UNFIT, Evidence, band_prior, evidence_of, is_deep
-from ledpi.decode.noise import lags_of
+from ledpi.decode.evidence import UNFIT, Evidence, band_prior, is_deep
+from ledpi.decode.noise import expected_of, lags_of
 from ledpi.decode.shared_light import border_points, meeting_cells, sources_of
 from ledpi.decode.single_frame import single_evidence
 from ledpi.decode.uncovered import COVERED, inner_points
@@ -44,6 +44,7 @@ def _at_once(
         rows=samples.rows,
         independence=samples.independence,
         lags=lags_of(samples),
+        noise=expected_of(samples, 1 + len(prior)),
         cycles_a_row=tuple(hz * frame.row_time_us * 1e-6 for hz in spec.waves_hz),
         prior=prior,
         words=white,
@@ -53,13 +54,8 @@ def _at_once(
     )
     if isinstance(looked, int):
         return UNFIT if looked == kernel.UNFIT else None
-    evidence = evidence_of(looked.weighed, samples, frame, spec, 1 + len(prior))
-    if isinstance(evidence, Rejected):
-        return evidence
-    if evidence.noise.volume == 1.0:
-        return evidence, Fit(*looked.likeliest)
-    evidence = evidence.by(evidence.noise)
-    return evidence, likeliest(evidence, white)
+    left = 0.5 * samples.independence * looked.free / looked.volume
+    return Evidence(score=looked.score, information=looked.information, prior=prior, left=left), Fit(*looked.likeliest)
 
 
 @cache

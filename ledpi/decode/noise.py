@@ -23,6 +23,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 from ledpi.decode.cells import INSET, CellSamples
 from ledpi.decode.white_noise import ROUNDED_PX, Lags, Step, likeness, of_lattice, pairs
@@ -79,25 +80,48 @@ def _lags(k: int, cell_px: tuple[float, float], averaged: int) -> Lags:
     return Lags(aside, below, rim)
 
 
-def correlation_of(samples: CellSamples, near: float, far: float, free_samples: float, fitted: int) -> Correlation:
-    """Of the noise in these samples, where `fitted` functions were fitted to each cell, so that some are free.
+class Expected(NamedTuple):
+    """What there would be of white noise; and what tells how sure that is."""
 
-    `near`, `far`: the sums of squared differences of what is left, at `lags_of` samples and at twice that.
-    """
+    white: float  # r₀
+    growth: float  # g
+    chance: float  # deviation of r, in white noise, times the root of how many samples are free
+    once: float  # differences of samples a lag apart
+    twice: float  # and of those two lags apart
+    least_free: float  # samples: where fewer are, r₀ is another one
+
+    def correlation(self, near: float, far: float, free_samples: float) -> Correlation:
+        """Of the noise in a fit that has left these sums of squared differences, a lag and two lags apart.
+
+        (kernels/look.c has its volume.)
+        """
+        if not far > 0 or not free_samples >= self.least_free:
+            return WHITE
+        alike = 1.0 - (near / self.once) / (far / self.twice)
+        return Correlation(alike - self.white, self.chance / math.sqrt(free_samples), self.growth)
+
+
+NOTHING = Expected(0.0, 0.0, 0.0, 1.0, 1.0, math.inf)
+
+
+def expected_of(samples: CellSamples, fitted: int) -> Expected:
+    """Of these samples, where `fitted` functions are fitted to each cell; differences are those at `lags_of`."""
     steps, lags, k = _steps_of(samples), lags_of(samples), samples.lattice.k
     across, down = ((round(x / ROUNDED_PX) * ROUNDED_PX, round(y / ROUNDED_PX) * ROUNDED_PX) for x, y in steps)
     of_white = of_lattice(k, lags, across, down, fitted, samples.linear)
-    if of_white is None or not far > 0:
-        return WHITE
+    if of_white is None:
+        return NOTHING
     by_fit, growth, free = of_white
     usual = free * samples.light.size * (1.0 if samples.valid is None else float(samples.valid.mean()))
-    if free_samples < LEAST_FREE * usual:
-        return WHITE
-    white = by_fit + likeness(*steps, lags, samples.linear)
     once, twice = (len(samples.light) * pairs(k, lags, times) for times in (1, 2))
-    alike = 1.0 - (near / once) / (far / twice)
-    by_chance = free * math.sqrt((1.0 / once + 1.0 / twice) * free * samples.light.size / free_samples)
-    return Correlation(alike - white, by_chance, growth)
+    return Expected(
+        white=by_fit + likeness(*steps, lags, samples.linear),
+        growth=growth,
+        chance=free * math.sqrt((1.0 / once + 1.0 / twice) * free * samples.light.size),
+        once=once,
+        twice=twice,
+        least_free=LEAST_FREE * usual,
+    )
 
 
 def _steps_of(samples: CellSamples) -> tuple[Step, Step]:

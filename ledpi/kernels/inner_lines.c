@@ -30,8 +30,8 @@ void ledpi_line_place(ptrdiff_t i, ptrdiff_t cells, double *u, double *v) {
 }
 
 /* Mean light over a cell's length, on both sides of line i. */
-static void light_across(const Picture *picture, const Homography *homography, double reach, Point moved, ptrdiff_t i,
-                         ptrdiff_t cells, double light[T]) {
+static LEDPI_INLINE void light_across(const Picture *picture, const Homography *homography, double reach, Point moved,
+                                      ptrdiff_t i, ptrdiff_t cells, double light[T]) {
     ptrdiff_t half = cells * (cells - 1);
     const double *h = homography->h;
     double u, v;

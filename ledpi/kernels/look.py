@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ledpi.kernels.evidence import Weighed
 from ledpi.kernels.library import DOUBLE, INTEGER, POINTER, address, function
 from ledpi.kernels.words import Likeliest, numbers_of
 
@@ -18,11 +17,11 @@ Integers = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 LOOKED, NOT_PLAIN, UNFIT, NO_MEMORY = range(4)  # as in look.c
-OF_FIT = 3  # numbers of the fit, beside score and information
+OF_FIT = 4  # numbers of the fit, beside score and information
 
 _look = function(
     "ledpi_look", *(POINTER,) * 3, DOUBLE, INTEGER, *(DOUBLE,) * 2, *(POINTER,) * 2, *(INTEGER,) * 2, *(DOUBLE,) * 2,
-    *(INTEGER,) * 3, *(POINTER,) * 3, result=ctypes.c_int,
+    *(INTEGER,) * 3, *(DOUBLE,) * 6, *(POINTER,) * 3, result=ctypes.c_int,
 )  # fmt: skip
 
 
@@ -51,9 +50,12 @@ class Grid:
 
 
 class Look(NamedTuple):
-    """What came of it."""
+    """What came of it: evidence, with noise as alike as it is counted once; and words."""
 
-    weighed: Weighed
+    score: Doubles  # (cells, P)
+    information: Doubles  # (cells, P, cells, P)
+    free: float  # samples, less what is fitted
+    volume: float  # by which the evidence was divided
     likeliest: Likeliest
 
 
@@ -70,12 +72,14 @@ def look(
     covered: float,
     unlit: float,
     lags: tuple[int, int, int],
+    noise: tuple[float, float, float, float, float, float],
 ) -> Look | int:
     """What the samples say, and the `most` likeliest `words`; or NOT_PLAIN or UNFIT.
 
     `light`, `rows` (cells, points), of each wave its `cycles_a_row`, `prior` (P,), `words` (W, cells). `covered`: it is
     not plain where a sample shows less than this share of what others do; `unlit`: where a cell's light is less than
-    that of their mean; 0 where that is not asked. `lags` as of `evidence.single_evidence`. Raises MemoryError.
+    that of their mean; 0 where that is not asked. `lags` as of `evidence.single_evidence`, `noise` is what
+    is `Expected` by decode/noise.py. Raises MemoryError.
     """
     cells, parameters = grid.side**2, len(prior)
     assert parameters in (2, 4)
@@ -85,18 +89,18 @@ def look(
     outcome: int = _look(
         *(grid.at, address(light), address(rows), independence, len(cycles_a_row)),
         *(cycles_a_row[0], cycles_a_row[-1], address(prior), address(words), len(words), most, covered, unlit),
-        *(*lags, address(chosen), address(silent), address(numbers)),
+        *(*lags, *noise, address(chosen), address(silent), address(numbers)),
     )
     if outcome == NO_MEMORY:
         raise MemoryError
     if outcome != LOOKED:
         return outcome
-    score, information = numbers[:size], numbers[size : size * (size + 1)]
+    of_fit = size * (size + 1)
+    free, _, _, volume = numbers[of_fit : of_fit + OF_FIT].tolist()
     return Look(
-        Weighed(
-            score.reshape(cells, parameters),
-            information.reshape(cells, parameters, cells, parameters),
-            *numbers[size * (size + 1) :][:OF_FIT].tolist(),
-        ),
-        Likeliest.of(chosen, silent, numbers[size * (size + 1) + OF_FIT :], parameters),
+        score=numbers[:size].reshape(cells, parameters),
+        information=numbers[size:of_fit].reshape(cells, parameters, cells, parameters),
+        free=free,
+        volume=volume,
+        likeliest=Likeliest.of(chosen, silent, numbers[of_fit + OF_FIT :], parameters),
     )

@@ -149,12 +149,15 @@ bool ledpi_weigh(double *matrix, ptrdiff_t size, ptrdiff_t nuisances, double squ
     return true;
 }
 
-void ledpi_solve(const double *matrix, ptrdiff_t size, double *unknowns) {
+LEDPI_WIDE void ledpi_solve(const double *matrix, ptrdiff_t size, double *unknowns) {
     for (ptrdiff_t j = size - 1; j >= 0; j--) {
         const double *row = matrix + j * (size + 1);
         double left = row[size];
-        for (ptrdiff_t i = j + 1; i < size; i++) left -= row[i] * unknowns[i];
-        unknowns[j] = left / row[j];
+        Four known = {0};
+        ptrdiff_t i = j + 1;
+        for (; i + 4 <= size; i += 4) known += *(const Four *)(row + i) * *(const Four *)(unknowns + i);
+        for (; i < size; i++) left -= row[i] * unknowns[i];
+        unknowns[j] = (left - ((known[0] + known[1]) + (known[2] + known[3]))) / row[j];
     }
 }
 
