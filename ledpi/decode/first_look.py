@@ -6,10 +6,11 @@ saturated, covered or unlit. Most of what a search meets is, and half of its tim
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 from ledpi.decode.cells import CellSamples, Singles, lattice
-from ledpi.decode.evidence import UNFIT, Evidence, band_prior, is_deep
+from ledpi.decode.evidence import UNFIT, Doubles, Evidence, band_prior, is_deep
 from ledpi.decode.noise import expected_of, lags_of
 from ledpi.decode.shared_light import border_points, meeting_cells, sources_of
 from ledpi.decode.single_frame import single_evidence
@@ -22,22 +23,36 @@ from ledpi.records import Frame, PanelSpec, Rejected
 
 
 def first_look(
-    samples: CellSamples, frame: Frame, spec: PanelSpec, white: Singles, *, compiled: bool = COMPILED
+    samples: CellSamples,
+    frame: Frame,
+    spec: PanelSpec,
+    white: Singles,
+    prior: Doubles | None = None,
+    *,
+    compiled: bool = COMPILED,
 ) -> tuple[Evidence, Fit] | Rejected:
-    """The evidence of one picture, and the likeliest of the words (W, cells), 1 where the class is white."""
-    looked = _at_once(samples, frame, spec, white) if compiled and samples.valid is None else None
-    if looked is not None:
-        return looked
+    """The evidence of one picture, and the likeliest of the words (W, cells), 1 where the class is white.
+
+    `prior` (P,): how bands vary, where that is not as the exposure leaves them (`band_prior`).
+    """
+    usual = band_prior(frame, spec)
+    prior = usual if prior is None else prior
+    if compiled and samples.valid is None:
+        # a deep band is as dark as what is covered
+        looked = _at_once(samples, frame, spec, white, prior, may_be_dark=is_deep(usual))
+        if looked is not None:
+            return looked
     evidence = single_evidence(samples, frame, spec, compiled=compiled)
-    return evidence if isinstance(evidence, Rejected) else (evidence, likeliest(evidence, white, compiled=compiled))
+    if isinstance(evidence, Rejected):
+        return evidence
+    evidence = replace(evidence, prior=prior)
+    return evidence, likeliest(evidence, white, compiled=compiled)
 
 
 def _at_once(
-    samples: CellSamples, frame: Frame, spec: PanelSpec, white: Singles
+    samples: CellSamples, frame: Frame, spec: PanelSpec, white: Singles, prior: Doubles, *, may_be_dark: bool
 ) -> tuple[Evidence, Fit] | Rejected | None:
     """The same in C; None where the panel is not plain."""
-    prior = band_prior(frame, spec)
-    deep = is_deep(prior)  # a deep band is as dark as what is covered
     looked = kernel.look(
         _grid(samples.lattice.cells, samples.lattice.k, border_points(samples)),
         light=samples.light,
@@ -49,8 +64,8 @@ def _at_once(
         prior=prior,
         words=white,
         most=SHORTLIST,
-        covered=0.0 if deep else COVERED,
-        unlit=0.0 if deep else UNLIT,
+        covered=0.0 if may_be_dark else COVERED,
+        unlit=0.0 if may_be_dark else UNLIT,
     )
     if isinstance(looked, int):
         return UNFIT if looked == kernel.UNFIT else None

@@ -15,10 +15,10 @@ import numpy as np
 from ledpi.decode.cells import CellSamples
 from ledpi.decode.codebook import NEAREST_PATTERN, Codebook, Mask
 from ledpi.decode.evidence import Evidence, band_prior
+from ledpi.decode.first_look import first_look
 from ledpi.decode.patterns import likeliest_beyond, of_neighbours
-from ledpi.decode.single_frame import single_evidence
-from ledpi.decode.words import Fit, how_likely
-from ledpi.records import Frame
+from ledpi.decode.words import Fit
+from ledpi.records import Frame, Rejected
 
 # Patterns that are no word count as rivals as if they showed up as often as words: all of them alike, or those that
 # differ from a word in 2, 3 or 4 cells, evenly, which is more where panels have many cells.
@@ -101,14 +101,13 @@ def odds_against_one_light(fit: Fit, samples: CellSamples, frame: Frame, codeboo
     tried = np.arange(lowest, highest + 2 * step_hz, step_hz).tolist()
     as_deep = np.full(4, band_prior(frame, spec).max())
     all_alike = np.repeat(np.array([[0.0], [1.0]], np.float32), len(samples.light), axis=1)
-    likeliest = -math.inf
+    likelihood = [-math.inf]
     for one_hz, other_hz in zip(tried[::2], tried[1::2], strict=False):
         lights = replace(spec, black_hz=one_hz, white_hz=other_hz, phase="free")
-        evidence = single_evidence(samples, frame, lights)
-        if isinstance(evidence, Evidence):
-            likelihood = how_likely(replace(evidence, prior=as_deep), all_alike)
-            likeliest = max(likeliest, float(likelihood.max()))
-    return fit.likelihood[0] - likeliest + prior_odds_of_word(codebook)
+        looked = first_look(samples, frame, lights, all_alike, as_deep)
+        if not isinstance(looked, Rejected):
+            likelihood.append(looked[1].likelihood[0])
+    return fit.likelihood[0] - float(np.max(likelihood)) + prior_odds_of_word(codebook)
 
 
 def prior_odds_of_word(codebook: Codebook) -> float:

@@ -101,7 +101,7 @@ def read_word(
     if isinstance(first, Rejected) and not is_deep_anywhere(evidence.prior):
         if second.likelihood > (1.0 + MOST_ADDED) * fit.likelihood[0]:
             return INCONSISTENT
-        if rivals.odds_against_one_light(fit, samples, frame, codebook) < odds_needed(false_id_rate):
+        if not rivals.odds_against_one_light(fit, samples, frame, codebook) >= odds_needed(false_id_rate):
             return NO_WORD
     return replace(second, cell_bands=believed.turned_back(second.cell_bands))
 

@@ -134,15 +134,6 @@ def shortlist(evidence: Evidence, white: Singles) -> NDArray[np.int64]:
     return chosen
 
 
-def how_likely(evidence: Evidence, white: Singles, *, compiled: bool = COMPILED) -> Doubles:
-    """(W,) log-likelihood ratio of each word (W, cells) to "no bands"."""
-    if compiled:
-        likelihood = kernel.word_likelihoods(evidence.score, evidence.information, evidence.prior, white)
-        if not np.isnan(likelihood).any():  # of evidence that rounding has left indefinite numpy makes something
-            return likelihood
-    return word_log_likelihoods(evidence, white)[0]
-
-
 def word_log_likelihoods(evidence: Evidence, white: Singles) -> tuple[Doubles, Doubles, Doubles]:
     """Log-likelihood ratio of each word (W, cells) to "no bands", depth and phase integrated out.
 

@@ -295,13 +295,3 @@ ptrdiff_t ledpi_likeliest(ptrdiff_t cells, ptrdiff_t parameters, const double *s
     free(matrix);
     return found;
 }
-
-/* Log-likelihood ratio of each of `words` (count, cells) to "no bands", depth and phase integrated out: `likelihood` (count,).
- * `shares` (cells, parameters) is room to work in. */
-void ledpi_word_likelihoods(ptrdiff_t cells, ptrdiff_t parameters, const double *score, const double *information,
-                            const double *prior, const float *words, ptrdiff_t count, double *shares, double *likelihood) {
-    const Evidence evidence = {cells, parameters, score, information, prior};
-    double bands[MOST], deviation[MOST];
-    for (ptrdiff_t word = 0; word < count; word++)
-        likelihood[word] = exactly(&evidence, words + word * cells, false, shares, bands, deviation);
-}

@@ -19,7 +19,6 @@ MOST_CELLS = 64  # as in patterns.h
 _likeliest = function(
     "ledpi_likeliest", INTEGER, INTEGER, *(POINTER,) * 4, INTEGER, INTEGER, *(POINTER,) * 3, result=INTEGER
 )
-_word_likelihoods = function("ledpi_word_likelihoods", INTEGER, INTEGER, *(POINTER,) * 4, INTEGER, *(POINTER,) * 2)
 _of_neighbours = function(
     "ledpi_of_neighbours", INTEGER, INTEGER, *(POINTER,) * 4, INTEGER, INTEGER, result=DOUBLE
 )
@@ -108,14 +107,4 @@ def likeliest_beyond(score: Doubles, information: Doubles, prior: Doubles, word:
     word = np.ascontiguousarray(word)
     at = address(score), address(information), address(prior), address(word)
     likelihood: float = _likeliest_beyond(cells, parameters, *at, correctable)
-    return likelihood
-
-
-def word_likelihoods(score: Doubles, information: Doubles, prior: Doubles, words: Singles) -> Doubles:
-    """(W,) log-likelihood ratio of each of `words` (W, cells) to "no bands"."""
-    cells, parameters = score.shape
-    assert parameters in (2, 4)
-    words, likelihood, shares = np.ascontiguousarray(words), np.empty(len(words)), np.empty(score.shape)
-    at = address(score), address(information), address(prior), address(words)
-    _word_likelihoods(cells, parameters, *at, len(words), address(shares), address(likelihood))
     return likelihood
