@@ -17,12 +17,13 @@ from ledpi.cli.drawn import write_drawn
 from ledpi.cli.progress import progress
 from ledpi.errors import ConfigError, RecordingError
 from ledpi.output import decoded_as_json
-from ledpi.records import Decoded, Frame, Intrinsics, Rejected
+from ledpi.records import CameraInfo, Decoded, Frame, Intrinsics, PanelValues, Rejected
 from ledpi.wording import one_line
 
 if TYPE_CHECKING:
     from ledpi.config import Config
     from ledpi.pipeline import Pipeline
+    from ledpi.recording import Recording
 
 
 @app.command()
@@ -48,6 +49,7 @@ def decode(
     Example: ledpi decode --single-frame recordings/static | jq .markers
     """
     from ledpi.config import find_config, load_config
+    from ledpi.recording import load_recording
 
     file = find_config(config)
     overrides = list(set_) + ([f"decode.method={method}"] if method is not None else [])
@@ -60,13 +62,14 @@ def decode(
         raise ConfigError("pictures need a configuration: --config FILE, or at least --set panels.side_m=METRES")
     if steps is not None:
         _check_names_differ([name for name, _ in recordings])
-    recordings = _told_apart(recordings)
+    # All of them before a line is printed: half an experiment must not pass for the whole.
+    loaded = [(name, load_recording(folder)) for name, folder in _told_apart(recordings)]
     bad = 0
-    with progress("decoding", _frame_count(recordings) + len(pictures)) as advance:
-        for name, folder in recordings:
-            drawn = steps / name if steps is not None and len(recordings) + bool(pictures) > 1 else steps
+    with progress("decoding", sum(len(recording.frames) for _, recording in loaded) + len(pictures)) as advance:
+        for name, recording in loaded:
+            drawn = steps / name if steps is not None and len(loaded) + bool(pictures) > 1 else steps
             bad += _decode_recording(
-                name, folder, settings, drawn, stream=not single_frame, as_live=as_live, advance=advance
+                name, recording, settings, drawn, stream=not single_frame, as_live=as_live, advance=advance
             )
         bad += _decode_pictures(pictures, settings, steps, advance=advance)
     if bad:
@@ -111,16 +114,9 @@ def _told_apart(recordings: list[tuple[str, Path]]) -> list[tuple[str, Path]]:
     return [(name if sharing[name] == 1 else str(folder), folder) for name, folder in recordings]
 
 
-def _frame_count(recordings: list[tuple[str, Path]]) -> int:
-    """Frames in all; also finds a broken recording before the first line is printed."""
-    from ledpi.recording import load_recording
-
-    return sum(len(load_recording(folder).frames) for _, folder in recordings)
-
-
 def _decode_recording(
     name: str,
-    folder: Path,
+    recording: Recording,
     settings: Config,
     steps: Path | None,
     *,
@@ -131,27 +127,15 @@ def _decode_recording(
     """Prints every frame; returns how many pictures could not be read."""
     from ledpi.decode.tuning import off_frequency_note
     from ledpi.picture import read_picture
-    from ledpi.pipeline import Pipeline
-    from ledpi.recording import load_recording
-    from ledpi.robot import load_robot
     from ledpi.row_clock import row_time_note
 
-    recording = load_recording(folder)
-    if as_live and all(entry.decoded is None for entry in recording.frames):
-        raise RecordingError(f"{folder}: --as-live: does not say which frames were decoded live")
     camera = recording.camera
+    if as_live and all(entry.decoded is None for entry in recording.frames):
+        raise RecordingError(f"{recording.folder}: --as-live: does not say which frames were decoded live")
     if recording.row_time_ratio != 1.0:
-        print(f"ledpi: {folder}: {row_time_note(camera.row_time_us, recording.row_time_ratio)}", file=sys.stderr)
+        _note(f"{recording.folder}: {row_time_note(camera.row_time_us, recording.row_time_ratio)}")
     lens = camera.intrinsics or _intrinsics(settings, camera.width, camera.height)
-    pipeline = Pipeline(
-        camera,
-        settings.panels,
-        intrinsics=lens,
-        shown=recording.panel_values,
-        robot=load_robot(settings),
-        method=settings.decode.method,
-        stream=stream,
-    )
+    pipeline = _pipeline(settings, camera, lens, stream=stream, shown=recording.panel_values)
     bad = 0
     for entry in recording.frames:
         if as_live and not entry.decoded:
@@ -161,12 +145,12 @@ def _decode_recording(
         if fault is None:
             _decode(recording.frame(entry, picture), name, pipeline, lens, steps)
         else:
-            print(f"ledpi: {one_line(fault.message)}", file=sys.stderr)
+            _note(fault.message)
             _print(_nothing(entry.seq, entry.row0_readout_ns, fault.rejected), name)
             bad += 1
         advance(1)
     for marker_id, found in pipeline.off_frequency.items():
-        print(f"ledpi: {folder}: {off_frequency_note(marker_id, found)}", file=sys.stderr)
+        _note(f"{recording.folder}: {off_frequency_note(marker_id, found)}")
     return bad
 
 
@@ -174,28 +158,37 @@ def _decode_pictures(
     pictures: list[Path], settings: Config, steps: Path | None, *, advance: Callable[[int], None]
 ) -> int:
     """Prints every picture, each on its own: nothing is known of the time between them."""
-    from ledpi.pipeline import Pipeline
-    from ledpi.robot import load_robot
     from ledpi.still import read_still, still_camera
 
     if not pictures:
         return 0
     info = still_camera(settings.camera)
-    lens, method = _intrinsics(settings, info.width, info.height), settings.decode.method
-    robot = load_robot(settings)
-    pipeline = Pipeline(info, settings.panels, intrinsics=lens, robot=robot, method=method, stream=False)
+    lens = _intrinsics(settings, info.width, info.height)
+    pipeline = _pipeline(settings, info, lens, stream=False)
     bad = 0
     for seq, path in enumerate(pictures):
         try:
             frame = read_still(path, info, seq)
         except RecordingError as error:
-            print(f"ledpi: {error}", file=sys.stderr)
+            _note(str(error))
             _print(_nothing(seq, 0, Rejected(stage="capture", reason="unreadable")), str(path))
             bad += 1
         else:
             _decode(frame, str(path), pipeline, lens, steps)
         advance(1)
     return bad
+
+
+def _pipeline(
+    settings: Config, camera: CameraInfo, lens: Intrinsics | None, *, stream: bool, shown: PanelValues | None = None
+) -> Pipeline:
+    from ledpi.pipeline import Pipeline
+    from ledpi.robot import load_robot
+
+    robot, method = load_robot(settings), settings.decode.method
+    return Pipeline(
+        camera, settings.panels, intrinsics=lens, shown=shown, robot=robot, method=method, stream=stream
+    )
 
 
 def _decode(frame: Frame, name: str, pipeline: Pipeline, lens: Intrinsics | None, steps: Path | None) -> None:
@@ -236,3 +229,7 @@ def _nothing(seq: int, row0_readout_ns: int, why: Rejected) -> Decoded:
 
 def _print(decoded: Decoded, recording: str) -> None:
     print(json.dumps(decoded_as_json(decoded, recording)), flush=True)
+
+
+def _note(text: str) -> None:
+    print(f"ledpi: {one_line(text)}", file=sys.stderr)

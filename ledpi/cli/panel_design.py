@@ -14,11 +14,12 @@ from ledpi.errors import ConfigError
 from ledpi.panel.frequencies import Flicker
 
 if TYPE_CHECKING:
-    from ledpi.config import Config
+    from ledpi.config import CameraSettings, Config
     from ledpi.markers import Dictionary
     from ledpi.panel.design import Proposal, Task
     from ledpi.panel.information import View
     from ledpi.panel.reach import Reach
+    from ledpi.simulate.scene import SimulatedSensor
 
 _SHOWN = 5
 # Of the farthest distance at which cells can be sampled; for a panel of 16 cm 0.6, 1, 1.4, 2, 3, 5, 8 and 12 m.
@@ -71,14 +72,31 @@ def design(
 
 
 def _task(settings: Config, distances_m: list[float], tolerance_ppm: float, flicker: Flicker) -> Task:
-    from ledpi.camera.simulated import shortest_frame_rows
-    from ledpi.camera_yaml import load_intrinsics
     from ledpi.dictionaries import load_dictionary
     from ledpi.panel.design import Task, farthest_m
+
+    panels, sensor = settings.panels, _sensor(settings.camera)
+    cells = load_dictionary(panels.dictionary).cells_per_side
+    farthest = farthest_m(sensor, panels.side_m, cells)
+    return Task(
+        sensor=sensor,
+        period_given=settings.camera.frame_duration_us != "auto",
+        side_m=panels.side_m,
+        cells=cells,
+        duty=panels.duty,
+        distances_m=tuple(sorted(distances_m or (float(f"{share * farthest:.2g}") for share in _DISTANCE_SHARES))),
+        tolerance=tolerance_ppm * 1e-6,
+        flicker=flicker,
+    )
+
+
+def _sensor(camera: CameraSettings) -> SimulatedSensor:
+    """The configured camera; what it leaves open is an OV5647's. Raises ConfigError."""
+    from ledpi.camera.simulated import shortest_frame_rows
+    from ledpi.camera_yaml import load_intrinsics
     from ledpi.simulate.scene import OV5647_ROW_TIME_US, SimulatedSensor
     from ledpi.simulate.scenes import ov5647_lens, whole_rows_us
 
-    camera, panels = settings.camera, settings.panels
     row_time_us = OV5647_ROW_TIME_US if camera.row_time_us == "auto" else camera.row_time_us
     exposure_us = whole_rows_us(camera.exposure_us, row_time_us)
     rows = shortest_frame_rows(camera.height, exposure_us, row_time_us)
@@ -94,12 +112,10 @@ def _task(settings: Config, distances_m: list[float], tolerance_ppm: float, flic
                 f"{rows}, at most {1e6 / (rows * row_time_us):.2f} fps"
             )
         rows = max(rows, given)
-    lens = ov5647_lens(camera.width, camera.height)
-    if camera.intrinsics is not None:
-        lens = load_intrinsics(camera.intrinsics)
+    lens = camera.intrinsics
     try:
-        sensor = SimulatedSensor(
-            intrinsics=lens,
+        return SimulatedSensor(
+            intrinsics=ov5647_lens(camera.width, camera.height) if lens is None else load_intrinsics(lens),
             exposure_us=exposure_us,
             row_time_us=row_time_us,
             frame_length_rows=rows,
@@ -107,18 +123,6 @@ def _task(settings: Config, distances_m: list[float], tolerance_ppm: float, flic
         )
     except ValueError as error:
         raise ConfigError(f"camera: {error}") from None
-    cells = load_dictionary(panels.dictionary).cells_per_side
-    farthest = farthest_m(sensor, panels.side_m, cells)
-    return Task(
-        sensor=sensor,
-        period_given=camera.frame_duration_us != "auto",
-        side_m=panels.side_m,
-        cells=cells,
-        duty=panels.duty,
-        distances_m=tuple(sorted(distances_m or (float(f"{share * farthest:.2g}") for share in _DISTANCE_SHARES))),
-        tolerance=tolerance_ppm * 1e-6,
-        flicker=flicker,
-    )
 
 
 def _check(task: Task, settings: Config, pair: tuple[float, float]) -> None:
