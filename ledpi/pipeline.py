@@ -146,6 +146,10 @@ class Pipeline:
             found = self._sample(frame, self._search(frame, work), work)
             looked, others = looked + found, others + found
         yield self._read(times, others, work)
+        if searching and not work.sightings:
+            found = self._sample(frame, self._search_within(frame, [quad for quad, _, _ in looked], work), work)
+            looked = looked + found
+            yield self._read(times, found, work)
         if self._stream:
             self._keep_up(times, looked, work)
 
@@ -164,7 +168,7 @@ class Pipeline:
         if not tracks:
             return []
         quads = self._squares.near(
-            frame, [(track.sought_px(frame.row0_readout_ns), track.of_spots) for track in tracks]
+            frame, [(track.sought_px(frame.row0_readout_ns), track.told_by) for track in tracks]
         )
         followed = [
             (there, track)
@@ -179,6 +183,13 @@ class Pipeline:
         quads = self._look(frame, self._squares.candidates, work) or self._look(
             frame, self._squares.candidates_again, work
         )
+        return self._tracker.follow(quads)
+
+    def _search_within(self, frame: Frame, known: list[Quad], work: Results) -> list[tuple[Quad, Track]]:
+        """The squares in the whole picture, but for those `known`, by what is within panels alone."""
+        start = self._clock()
+        quads = self._squares.by_lines(frame, known)
+        self._timed(work, "edges", start)
         return self._tracker.follow(quads)
 
     def _look(self, frame: Frame, find: _Find, work: Results) -> list[Quad]:

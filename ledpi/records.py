@@ -162,6 +162,10 @@ class Rejected:
         return f"{self.stage}.{self.reason}"
 
 
+# What told where a square is: its sides; the middles of its cells, bare LEDs; the lines where its cells meet.
+ToldBy = Literal["sides", "spots", "lines"]
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BandShape:
     """What deep bands look like: a tone curve makes them steeper or flatter, and a scaled picture smooths them."""
@@ -177,7 +181,7 @@ class Quad:
     corners_px: Floats  # (4, 2), clockwise as seen in the picture, first the one nearest the top left
     corner_sigma_px: float  # standard deviation of a corner coordinate, from the edge fits
     bend_px: float = 0.0  # how far the lens bends its sides off the straight line, at most
-    of_spots: bool = False  # by the middles of its cells, bare LEDs, instead of by its sides
+    told_by: ToldBy = "sides"
     seen_px: Floats | None = None  # (4, 2) corners of what is seen of it, where a side is hidden
     bands: BandShape | None = None  # where they are so deep that the panel's whole picture was fitted by them
 

@@ -11,15 +11,16 @@ from ledpi.decode.cells import MIN_CELL_PX
 from ledpi.decode.edges import prepare, refine_quads
 from ledpi.decode.find import Candidate, Finder
 from ledpi.decode.find_striped import MIN_STRIPED_CELL_PX, StripedFinder
+from ledpi.decode.inner_square import by_inner_lines, is_same
 from ledpi.decode.settle import is_part_of, settle
 from ledpi.decode.striped import NO_BANDS, fitted_squares, striped_near, striped_squares
-from ledpi.records import CameraInfo, Floats, Frame, Intrinsics, PanelSpec, Quad, Rejected
+from ledpi.records import CameraInfo, Floats, Frame, Intrinsics, PanelSpec, Quad, Rejected, ToldBy
 
 
 class Squares:
     """Of panels of `cells` × `cells` in the frames of one camera. Keeps the pictures that it works on.
 
-    What is expected to be a lattice of spots, not an even square, is told so: bare LEDs.
+    What is expected to be told by something else than its sides is said.
     """
 
     def __init__(
@@ -33,14 +34,41 @@ class Squares:
         """Makes what the first frames would else wait for."""
         prepare(self._cells, self._cells * MIN_CELL_PX, self._rows)
 
-    def near(self, frame: Frame, expected: Sequence[tuple[Floats, bool]]) -> list[Quad | Rejected]:
-        """The square near each of these corners (4, 2), or why there is none; with whether it is one of spots."""
-        squares = [at for at, of_spots in expected if not of_spots]
+    def near(self, frame: Frame, expected: Sequence[tuple[Floats, ToldBy]]) -> list[Quad | Rejected]:
+        """The square near each of these corners (4, 2), or why there is none; with what told it before."""
+        squares = [at for at, told_by in expected if told_by == "sides"]
         refined = iter([quad for _, quad in self._unbent(frame, squares, self._refined(frame, squares))])
         return [
-            settle(frame, at, self._cells, self._intrinsics) if of_spots else next(refined)
-            for at, of_spots in expected
+            settle(frame, at, self._cells, self._intrinsics)
+            if told_by == "spots"
+            else self._by_lines(frame, at, next(refined) if told_by == "sides" else None)
+            for at, told_by in expected
         ]
+
+    def _by_lines(self, frame: Frame, at: Floats, by_sides: Quad | Rejected | None) -> Quad | Rejected:
+        """By its inner lines where its sides do not tell it; None if they have not been asked."""
+        if isinstance(by_sides, Quad) or self._is_striped(frame):
+            return by_sides or refine_quads(frame, at[None], self._cells, self._intrinsics)[0]
+        within = by_inner_lines(frame, at, self._cells, self._intrinsics)
+        return by_sides if by_sides is not None and isinstance(within, Rejected) else within
+
+    def _is_striped(self, frame: Frame) -> bool:
+        """Whether bands are deep enough to look like lines."""
+        return bool(self._striped_finder.stripe_rows(frame) or self._striped_finder.bent_rows(frame))
+
+    def by_lines(self, frame: Frame, known: Sequence[Quad]) -> list[Quad]:
+        """Panels whose sides may not show, by the lines within them; of the last frame that was searched.
+
+        But for those that are `known`.
+        """
+        found: list[Quad] = []
+        if self._is_striped(frame):
+            return found
+        for at in self._finder.find_crossings():
+            quad = by_inner_lines(frame, at, self._cells, self._intrinsics)
+            if isinstance(quad, Quad) and not any(is_same(quad, other, self._cells) for other in (*known, *found)):
+                found.append(quad)
+        return found
 
     def candidates(self, frame: Frame) -> tuple[list[Candidate], list[Rejected]]:
         """What may be a panel, and what was dropped; where bands cut panels into pieces, what blinks."""

@@ -29,6 +29,7 @@ SHARED = {
     "words.c": (("words",), 2),
     "cells.c": (("cells",), 1),
     "lattice.h": (("inner_lines",), 1),
+    "crossings.c": (("crossings",), 13),
 }
 
 

@@ -195,6 +195,23 @@ def test_one_id_in_two_places_is_in_neither() -> None:
     assert keys(decoded).count("identify.same_id_twice") == 2
 
 
+def touched_frame(corners: Floats, seq: int = 0) -> Frame:
+    """A panel between a sheet as bright as the rim of its cells and a window, both along the whole of a side."""
+    canvas = Canvas()
+    across = corners[[1, 2]].mean(axis=0) - corners[[0, 3]].mean(axis=0)
+    canvas.lamp(corners - across, 0.3)
+    canvas.lamp(corners + across, 0.6)
+    canvas.panel(corners, word(7), start_us=seq * PERIOD_US)
+    return canvas.frame(seq, seq=seq)
+
+
+def test_what_touches_a_panel_does_not_hide_it() -> None:
+    """Its outline melts into that; its cells are where they are."""
+    (marker,) = pipeline().decode(touched_frame(NEAR)).markers
+    assert marker.sighting.id == 7
+    np.testing.assert_allclose(marker.sighting.corners_px, NEAR, atol=0.3)
+
+
 # ---- What the panels are
 
 
@@ -642,3 +659,13 @@ def test_where_frames_do_not_add_up_a_stream_is_no_worse_than_frames_alone(black
         frames.append(dataclasses.replace(canvas.frame(n, seq=n), row0_readout_ns=round(1e9 + 1e3 * n * PERIOD_US)))
     assert ids_of(pipeline(stream=False), frames) == [[7]] * 6
     assert ids_of(pipeline(stream=True), frames) == [[7]] * 6
+
+
+def test_a_panel_that_is_touched_is_followed() -> None:
+    """In each frame from the second on, and as exactly as in a search."""
+    path = pipeline(stream=True)
+    for seq in range(6):
+        decoded = path.decode(touched_frame(FAR, seq))
+    (marker,) = decoded.markers
+    assert marker.sighting.frames_used == 6
+    np.testing.assert_allclose(marker.sighting.corners_px, FAR, atol=0.3)

@@ -31,6 +31,7 @@ MOST_PX = 1.0  # what would move a corner further than the sides can be off is n
 # Where lines are nearer to each other than that, their blurs run together, and the sides are better known.
 MIN_PITCH_PX = 6.0
 LEAST_CELLS = 3  # a side: of fewer, nothing is left over to tell how well the sides' cells agree
+MOVES = 8  # small changes of a homography
 REACH_PX = 4.0  # around the corners: as far as profiles reach
 PAIRS_ALIKE = 0.9  # correlation of what opposite sides share with what the other two do
 _OPPOSITE = np.array([[1, 0, 1, 0], [0, 1, 0, 1], [1, 0, 1, 0], [0, 1, 0, 1]])
@@ -39,7 +40,7 @@ LEAST_HEIGHT = 0.3  # of the step at a side, of the median: less is a dead cell'
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Design:
+class Design:
     """How measurements depend on 8 parameters of a homography, in the unit square, and on 4 sides' own shifts."""
 
     u: Floats  # (M,) where they are: the inner lines', then the four sides' cells
@@ -51,7 +52,7 @@ class _Design:
 
 
 @cache
-def _design(cells: int) -> _Design:
+def design(cells: int) -> Design:
     u, v = line_places(cells)
     by_u = np.arange(len(u)) < len(u) // 2
     middle = (np.arange(cells) + 0.5) / cells
@@ -64,7 +65,7 @@ def _design(cells: int) -> _Design:
     inward = np.repeat([1.0, -1.0, -1.0, 1.0], cells)  # along u or v
     shifts[np.arange(len(u) - 4 * cells, len(u)), np.repeat(np.arange(4), cells)] = inward
     corners = np.stack(_moves(np.array([0, 1, 1, 0.0]), np.array([0, 0, 1, 1.0])), axis=1)
-    return _Design(u, v, by_u, np.where(by_u[:, None], along_u, along_v), shifts, corners)
+    return Design(u, v, by_u, np.where(by_u[:, None], along_u, along_v), shifts, corners)
 
 
 def _moves(u: Floats, v: Floats) -> tuple[Floats, Floats]:
@@ -108,23 +109,24 @@ def _adjusted(
     """
     patches = Patches(frame, found, REACH_PX)
     corners = found - patches.first
-    design, homographies = _design(cells), Homographies.of(corners)
-    _, by_u, by_v = homographies.at(design.u, design.v)
+    measured, homographies = design(cells), Homographies.of(corners)
+    _, by_u, by_v = homographies.at(measured.u, measured.v)
     # A line runs along v, and is crossed by u, or the other way round: pixels across it, by a unit of u or v.
-    scale = np.abs((by_u.conj() * by_v).imag) / np.where(design.by_u, np.abs(by_v), np.abs(by_u))
+    scale = np.abs((by_u.conj() * by_v).imag) / np.where(measured.by_u, np.abs(by_v), np.abs(by_u))
     inner = 2 * cells * (cells - 1)
     pitch_px = scale[:, :inner].reshape(-1, 2, inner // 2).mean(axis=2) / cells
     moved_px = lens_moves(found, cells, intrinsics)
     lines, variance = inner_lines(patches, homographies, pitch_px, moved_px, cells)
     rim, rim_variance, shift_covariance = _rims(patches, corners, bend, pitch_px, cells)
-    seen = np.concatenate([lines, rim * design.shifts[inner:].sum(axis=1)], axis=1)
+    seen = np.concatenate([lines, rim * measured.shifts[inner:].sum(axis=1)], axis=1)
     variance = np.concatenate([variance + BUILT_PX**2, rim_variance], axis=1)
     slopes = np.concatenate(
-        [design.moves * scale[..., None], np.broadcast_to(design.shifts, (len(seen), *design.shifts.shape))], axis=2
+        [measured.moves * scale[..., None], np.broadcast_to(measured.shifts, (len(seen), *measured.shifts.shape))],
+        axis=2,
     )
     moves, covariance = _least_squares(slopes, seen, variance, shift_covariance, inner)
     _, by_u, by_v = homographies.at(np.array([0, 1, 1, 0.0]), np.array([0, 0, 1, 1.0]))
-    by_move = by_u[..., None] * design.corners[:, 0] + by_v[..., None] * design.corners[:, 1]  # (N, 4, 8)
+    by_move = by_u[..., None] * measured.corners[:, 0] + by_v[..., None] * measured.corners[:, 1]  # (N, 4, 8)
     step = (by_move @ moves[:, :8, None])[..., 0]
     both = np.concatenate([by_move.real, by_move.imag], axis=1)
     sigma_px = np.sqrt(((both @ covariance[:, :8, :8]) * both).sum(axis=2).mean(axis=1))

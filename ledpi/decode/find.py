@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 
 from ledpi.decode import four_sides, lit, outlines, spots
+from ledpi.decode.crossings import grids_in
 from ledpi.decode.four_sides import distinct, square_of
 from ledpi.decode.lit import contrasts, lit_by
 from ledpi.decode.outlines import outlines_in
@@ -94,6 +95,14 @@ class Finder:
     def find_again(self) -> tuple[list[Candidate], list[Rejected]]:
         """The same, of the last frame once more, by a higher threshold."""
         return self._find(AGAIN)
+
+    def find_crossings(self) -> list[Floats]:
+        """Corners (4, 2) of grids by the places where four cells meet, in the last frame; to a fifth of a cell."""
+        return [
+            (corners + 0.5) * (2 << level) - 0.5
+            for level, picture in enumerate(self._levels)
+            for corners in grids_in(picture, self._cells)
+        ]
 
     def _find(self, thresholds: Thresholds) -> tuple[list[Candidate], list[Rejected]]:
         search = self._search if self._searcher is None else self._searcher.search

@@ -52,7 +52,7 @@ def settle(frame: Frame, corners: Floats, cells: int, intrinsics: Intrinsics | N
         return AT_BORDER
     # The corners lie beyond the outermost spots: what the fit leaves of one is about the corner's error.
     sigma_px = max(rms, LEAST_SIGMA_PX)
-    return Quad(corners_px=np.ascontiguousarray(corners), corner_sigma_px=sigma_px, bend_px=bend_px, of_spots=True)
+    return Quad(corners_px=np.ascontiguousarray(corners), corner_sigma_px=sigma_px, bend_px=bend_px, told_by="spots")
 
 
 def _bent(corners: Floats, intrinsics: Intrinsics | None) -> tuple[Intrinsics | None, float]:

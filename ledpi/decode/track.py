@@ -15,7 +15,7 @@ from ledpi.decode.memory import PanelMemory
 from ledpi.decode.sides import as_points
 from ledpi.decode.soft import Reading
 from ledpi.decode.tuning import Proposal, Seen
-from ledpi.records import MAX_GAP_NS, Floats, PanelSpec, Quad, Rejected
+from ledpi.records import MAX_GAP_NS, Floats, PanelSpec, Quad, Rejected, ToldBy
 
 NOT_SHOWN = Rejected(stage="track", reason="not_shown")
 
@@ -62,7 +62,7 @@ class Track:
     looks: int = 0  # since the last try to find its frequencies
     tuned: Proposal | None = None  # its frequencies, where they are others than announced
     tuned_by: int = 0  # frames
-    of_spots: bool = False  # as its last quad was
+    told_by: ToldBy = "sides"  # as its last quad was
     hidden_px: Floats | float = 0.0  # (4, 2) from its corners to those of what was seen of it
 
     @classmethod
@@ -111,7 +111,7 @@ class Track:
         return quad
 
     def _take(self, quad: Quad, now_ns: int) -> None:
-        self.corners_px, self.seen_ns, self.of_spots = quad.corners_px, now_ns, quad.of_spots
+        self.corners_px, self.seen_ns, self.told_by = quad.corners_px, now_ns, quad.told_by
         self.hidden_px = 0.0 if quad.seen_px is None else quad.seen_px - quad.corners_px
 
 

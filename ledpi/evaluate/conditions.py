@@ -62,6 +62,7 @@ class Variation:
     lamps: int = 0  # other lights in view
     room_ripple: tuple[float, float] | None = None  # frequency in Hz and depth of the light in the room
     on_a_page: bool = False  # without a bezel, on paper with black spots
+    touching: int = 0  # sides that something bright touches; then there is no bezel
 
 
 VARIATIONS: dict[str, Variation] = {
@@ -90,6 +91,8 @@ VARIATIONS: dict[str, Variation] = {
     "other lamps": Variation(lamps=4),
     # What touches the lit cells is black here and white there, in spots of half a cell: letters, tiles, a cable.
     "on a printed page": Variation(on_a_page=True),
+    # Windows, sheets, lamps: from far darker than the cells to as bright, along all of a side or a part.
+    "touched by something bright": Variation(touching=2),
     # Twice the mains' frequency, as deep as poor LED lamps do it. 100 Hz vanish at 10 ms; 120 Hz keep 16 %.
     "mains flicker, 50 Hz": Variation(room_ripple=(100.0, 0.6), lamps=2),
     "mains flicker, 60 Hz": Variation(room_ripple=(120.0, 0.6), lamps=2),

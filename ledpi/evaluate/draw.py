@@ -18,16 +18,14 @@ from ledpi.camera.simulated import simulated_sensor
 from ledpi.config import CameraSettings, PanelSettings
 from ledpi.dictionaries import load_dictionary
 from ledpi.evaluate.conditions import Condition, Variation
-from ledpi.evaluate.decoys import decoys, lamp
-from ledpi.evaluate.placing import Placer, in_sight
-from ledpi.geometry import transform
+from ledpi.evaluate.decoys import decoys
+from ledpi.evaluate.placing import in_sight
+from ledpi.evaluate.surroundings import in_the_way, lamps_beside, pages, touching
 from ledpi.records import Floats, PanelSpec
 from ledpi.simulate.scene import (
     OV5647_ROW_TIME_US,
-    Light,
     Panel,
     PanelLook,
-    Print,
     Ripple,
     Room,
     Scene,
@@ -39,8 +37,6 @@ FRAMES_A_TAKE = 12
 OFFSET_PX = (80.0, 60.0)  # how far from the picture's middle a panel is put, at most
 HUNG_BY_HAND_DEG = 3.0
 APART_SIDES = (1.6, 2.4)  # of two panels' centres; turned by 45°, with their bezels, they need 1.53
-# A page behind a panel: spots across it, its width in the panel's sides, the share of ink, levels of paper and ink.
-PAGE_SPOTS, PAGE_SIDES, PAGE_INK, PAGE_WHITE, PAGE_BLACK = 20, 2.6, 0.35, (0.1, 0.25), (0.01, 0.05)
 _PLACE, _EXTRA, _RENDERER = 0, 1, 2  # independent streams of random numbers
 
 
@@ -78,8 +74,12 @@ def draw_take(
             sensor=sensor,
             room=room,
             panels=shown,
-            prints=_pages(variation, shown, extra),
-            lights=_in_the_way(variation, shown, extra) + _lamps_beside(variation, shown, sensor, extra),
+            prints=pages(variation, shown, extra),
+            lights=(
+                *in_the_way(variation, shown, extra),
+                *touching(variation, shown, extra),
+                *lamps_beside(variation, shown, sensor, _ripple(variation), extra),
+            ),
             camera_motion=_camera_motion(variation, sensor, extra),
         )
     return Take(
@@ -157,27 +157,7 @@ def _panels(
 
 def _look(variation: Variation) -> PanelLook:
     look = PanelLook(gap=variation.gap, hot_spot=variation.hot_spot, hot_spot_sigma=variation.hot_spot_sigma)
-    return replace(look, bezel=0.0) if variation.on_a_page else look
-
-
-def _pages(variation: Variation, shown: tuple[Panel, ...], extra: np.random.Generator) -> tuple[Print, ...]:
-    """Behind each panel a page with spots anywhere, of paper that is grey beside the panel's rim."""
-    if not variation.on_a_page:
-        return ()
-    pages = []
-    for panel in shown:
-        pose = panel.motion.scene_from_body(0.0).copy()
-        pose[:3, 3] *= 1.002  # along the same lines of sight, and surely behind
-        pages.append(
-            Print(
-                modules=extra.random((PAGE_SPOTS, PAGE_SPOTS)) > PAGE_INK,
-                width_m=PAGE_SIDES * panel.spec.side_m,
-                motion=Still(pose),
-                white=float(extra.uniform(*PAGE_WHITE)),
-                black=float(extra.uniform(*PAGE_BLACK)),
-            )
-        )
-    return tuple(pages)
+    return replace(look, bezel=0.0) if variation.on_a_page or variation.touching else look
 
 
 def _with_dead_cells(gains: Floats, dead: int, extra: np.random.Generator) -> Floats:
@@ -209,44 +189,6 @@ def _camera_motion(variation: Variation, sensor: SimulatedSensor, extra: np.rand
         angular_velocity_rad_s=np.array([0.0, turn, 0.0]),
         start_s=middle_s,
     )
-
-
-def _in_the_way(variation: Variation, shown: tuple[Panel, ...], extra: np.random.Generator) -> tuple[Light, ...]:
-    """Something dark before a corner or an edge of each panel, square to its sides."""
-    if not variation.hidden:
-        return ()
-    hidden = []
-    for panel in shown:
-        side, share = panel.spec.side_m, float(variation.hidden_share * extra.random())
-        turn = int(extra.integers(4)) * math.pi / 2.0
-        along = (0.5, 0.5) if variation.hidden == "corner" else (0.0, 0.5)
-        size = (2.0 * share, 2.0 * share) if variation.hidden == "corner" else (1.4, 2.0 * share)
-        c, s = math.cos(turn), math.sin(turn)
-        centre = np.array([c * along[0] - s * along[1], s * along[0] + c * along[1], 0.0]) * side
-        in_panel = transform(np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]), centre)
-        pose: Floats = panel.motion.scene_from_body(0.0) @ in_panel
-        nearer = 0.8  # along the same lines of sight, so that it hides the same but surely stands before the panel
-        pose[:3, 3] *= nearer
-        hidden.append(
-            Light(
-                shape="rectangle",
-                width_m=size[0] * side * nearer,
-                height_m=size[1] * side * nearer,
-                motion=Still(pose),
-                level=0.0,
-            )
-        )
-    return tuple(hidden)
-
-
-def _lamps_beside(
-    variation: Variation, shown: tuple[Panel, ...], sensor: SimulatedSensor, extra: np.random.Generator
-) -> tuple[Light, ...]:
-    placer, ripple = Placer(sensor, extra), _ripple(variation)
-    for panel in shown:
-        placer.keep_free(panel.motion.scene_from_body(0.0)[:3, 3], panel.spec.side_m)
-    lamps = [light for _ in range(variation.lamps) if (light := lamp(placer, extra)) is not None]
-    return tuple(lamps if ripple is None else [replace(light, wave=ripple) for light in lamps])
 
 
 def _ripple(variation: Variation) -> Ripple | None:

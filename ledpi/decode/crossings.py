@@ -1,0 +1,176 @@
+"""Panels whose outline melts into something bright beside them: by the places where four of their cells meet.
+
+Walls cross there, and without any the cells' corners are darkest: light has a minimum at each of (cells − 1)² places,
+all within the panel, whatever touches it. The homography through them says where the grid's corners are.
+"""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ledpi.kernels import crossings as kernel
+from ledpi.kernels.library import COMPILED
+from ledpi.records import Floats, Pixels
+
+# Places (M, 2); of those in the middle of a lattice's nine which they are (S,), and the steps (S, 2, 2) along its axes.
+Crosses: TypeAlias = tuple[Floats, NDArray[np.intp], Floats]
+
+LEAST_CELLS = 4  # a side: of fewer there are not enough places to be sure of a lattice
+# Share by which codes are lower there than two pixels around. On the pyramid's level where a pitch is 4 to 9 pixels,
+# walls of 6 % of it leave 0.1 to 0.17, at 3 m 0.06; noise 0.02.
+DEPTH = 0.05
+AROUND_PX = 2
+LEAST_AROUND = 16.0  # codes
+MARGIN_PX = 3  # to a picture's border, within which nothing is known around
+MOST_PLACES = 800  # in a picture; more is texture, and left out from the bottom
+NEAREST = 8  # places that may be neighbours of one
+NEAREST_PX, FARTHEST_PX = 2.5, 14.0  # a pitch, on the level that sees it best
+OPPOSITE = 0.25  # of the shorter of two ways from a place: how far off straight on they may be
+ACROSS = 0.4  # sine of the least angle between a lattice's axes
+OFF_LATTICE = 0.2  # of a pitch
+LIKE = 3.0  # as many times as deep may neighbours be
+MISSING = 1  # places of a grid
+MOST_GRIDS = 24  # in a picture; more is a pattern, of which any part looks like a panel
+_STEPS = np.array([-1, 0, 1])
+
+
+def grids_in(picture: Pixels, cells: int) -> list[Floats]:
+    """Corners (4, 2), clockwise in the picture, of grids of `cells` × `cells` whose cells seem to meet in a picture."""
+    if cells < LEAST_CELLS:
+        return []
+    points, middles, steps = (kernel.crosses if COMPILED else crosses_in)(picture)
+    found: dict[tuple[int, ...], Floats] = {}
+    for middle, own_steps in zip(middles.tolist(), steps, strict=True):
+        grown = _grown(points, points[middle], own_steps, cells)
+        for members, corners in [] if grown is None else _windows(points, *grown, cells):
+            found.setdefault(members, corners)
+        if len(found) >= MOST_GRIDS:
+            break
+    return list(found.values())
+
+
+def crosses_in(picture: Pixels) -> Crosses:
+    """The places in a picture that are darker than what is around, and those with all but MISSING of nine around.
+
+    The reference of kernels/crossings.c.
+    """
+    places = _places_in(picture)
+    points, depth = places[:, :2], places[:, 2]
+    middles, steps = [], []
+    for middle in range(len(points)):
+        own = _axes(points - points[middle], depth / depth[middle])
+        if own is None:
+            continue
+        at = (points - points[middle]) @ np.linalg.inv(own)
+        nine = (np.abs(at - np.round(at)).max(axis=1) < OFF_LATTICE) & (np.abs(np.round(at)).max(axis=1) <= 1)
+        if nine.sum() >= 9 - MISSING:
+            middles.append(middle)
+            steps.append(own)
+    return points, np.array(middles, np.intp), np.array(steps).reshape(-1, 2, 2)
+
+
+def _places_in(picture: Pixels) -> Floats:
+    """(M, 3) x, y of the places that are darker than what is around them, and by which share; row by row."""
+    if min(picture.shape) <= 2 * MARGIN_PX:
+        return np.empty((0, 3))
+    light = cv2.boxFilter(picture.astype(np.float32), -1, (3, 3), normalize=False)  # whole numbers
+    size = 2 * AROUND_PX + 1
+    within, all_of_it = (cv2.boxFilter(light, -1, (s, s), normalize=False) for s in (size - 2, size))
+    around = (all_of_it - within).astype(np.float64) / (4 * (size - 1))
+    dark = (light <= cv2.erode(light, np.ones((3, 3), np.uint8))) & (light < (1 - DEPTH) * around)
+    dark &= around > 9 * LEAST_AROUND
+    inside = np.zeros_like(dark)
+    inside[MARGIN_PX:-MARGIN_PX, MARGIN_PX:-MARGIN_PX] = True
+    y, x = (each[:MOST_PLACES] for each in np.nonzero(dark & inside))
+    nine = light[y[:, None, None] + _STEPS[:, None], x[:, None, None] + _STEPS].astype(np.float64)
+    return np.column_stack([np.column_stack([x, y]) + _lowest(nine), 1 - light[y, x] / around[y, x]])
+
+
+def _lowest(nine: Floats) -> Floats:
+    """(M, 2) x, y from the middle of 3 × 3 pixels (M, 3, 3) to the lowest place of the quadratic through them."""
+    by_x, by_y = (nine @ _STEPS).mean(axis=1) / 2, (_STEPS @ nine).mean(axis=1) / 2
+    bend = np.array([1.0, -2.0, 1.0])
+    xx, yy = (nine @ bend).mean(axis=1), (bend @ nine).mean(axis=1)
+    xy = _STEPS @ nine @ _STEPS / 4
+    turn = np.maximum(xx * yy - xy * xy, 1e-3)
+    away = np.column_stack([xy * by_y - yy * by_x, xy * by_x - xx * by_y]) / turn[:, None]
+    return np.asarray(away.clip(-1, 1), np.float64)
+
+
+def _axes(ways: Floats, depth: Floats) -> Floats | None:
+    """(2, 2) the steps along either of two lines on which a place has neighbours straight on both ways.
+
+    The shortest. `ways` (M, 2) lead from it to others, which are so many times as deep, `depth` (M,).
+    """
+    far = np.square(ways).sum(axis=1)
+    beside = (far >= NEAREST_PX**2) & (far <= FARTHEST_PX**2) & (np.maximum(depth, 1 / depth) < LIKE)
+    near = np.flatnonzero(beside)
+    near = near[np.argsort(far[near], kind="stable")][:NEAREST]
+    steps = [
+        0.5 * (ways[i] - ways[k])
+        for first, i in enumerate(near)
+        for k in near[first + 1 :]
+        if np.square(ways[i] + ways[k]).sum() < OPPOSITE**2 * min(far[i], far[k])
+    ]
+    steps.sort(key=lambda step: float(step @ step))
+    for other in steps[1:]:
+        one = steps[0]
+        if (one[0] * other[1] - one[1] * other[0]) ** 2 > ACROSS**2 * (one @ one) * (other @ other):
+            return np.array([one, other])
+    return None
+
+
+def _grown(points: Floats, middle: Floats, steps: Floats, cells: int) -> tuple[NDArray[np.intp], Floats] | None:
+    """The lattice around a place, as far as a grid may reach: which `points` are of it, and where in it (K, 2)."""
+    to_picture = np.vstack([np.column_stack([steps.T, middle]), [0.0, 0.0, 1.0]])
+    for reach in range(1, cells - 2):
+        seen = cv2.perspectiveTransform(points[:, None], np.linalg.inv(to_picture))[:, 0]
+        whole = np.round(seen)
+        off = np.abs(seen - whole).max(axis=1)
+        members = np.flatnonzero((off < OFF_LATTICE) & (np.abs(whole).max(axis=1) <= reach))
+        members = members[np.argsort(off[members], kind="stable")]
+        members = members[np.unique(whole[members], axis=0, return_index=True)[1]]  # the nearest to each
+        if len(members) < 9 - MISSING:
+            return None
+        fitted, _ = cv2.findHomography(whole[members], points[members])
+        if fitted is None or abs(np.linalg.det(fitted)) < 1e-9:
+            return None
+        to_picture = fitted
+    return members, whole[members]
+
+
+def _windows(
+    points: Floats, members: NDArray[np.intp], at: Floats, cells: int
+) -> list[tuple[tuple[int, ...], Floats]]:
+    """Of a lattice's `members` (K,) of points at the places `at` (K, 2) those that a grid may have, and its corners."""
+    side, found = cells - 1, []
+    low, high = at.min(axis=0).astype(int).tolist(), at.max(axis=0).astype(int).tolist()
+    for x in range(low[0], high[0] - side + 2):
+        for y in range(low[1], high[1] - side + 2):
+            own = np.flatnonzero(((at >= (x, y)) & (at < (x + side, y + side))).all(axis=1))
+            if len(own) >= side * side - MISSING:
+                corners = _corners(points[members[own]], at[own] - (x, y), cells)
+                if corners is not None:
+                    found.append((tuple(sorted(members[own].tolist())), corners))
+    return found
+
+
+def _corners(points: Floats, at: Floats, cells: int) -> Floats | None:
+    """(4, 2) of the grid whose cells meet in `points` (K, 2), clockwise from the one nearest the picture's top left.
+
+    `at` (K, 2) counts them from the first.
+    """
+    homography, _ = cv2.findHomography(at, points)
+    if homography is None:
+        return None
+    low, high = -1.0, cells - 1.0
+    rim = np.array([[[low, low]], [[high, low]], [[high, high]], [[low, high]]])
+    corners = cv2.perspectiveTransform(rim, homography)[:, 0]
+    a, b = corners[2] - corners[0], corners[3] - corners[1]
+    if a[0] * b[1] - a[1] * b[0] < 0:
+        corners = corners[::-1]
+    return np.asarray(np.roll(corners, -int(corners.sum(axis=1).argmin()), axis=0), np.float64)

@@ -1,0 +1,27 @@
+"""Places that are darker than what is around them, and those with others in a square around (crossings.c)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ledpi.kernels.library import INTEGER, POINTER, address, function
+from ledpi.records import Floats, Pixels
+
+MOST_PLACES = 800  # as in crossings.c
+
+_crosses = function("ledpi_crosses", POINTER, INTEGER, INTEGER, *(POINTER,) * 6, result=INTEGER)
+
+
+def crosses(picture: Pixels) -> tuple[Floats, NDArray[np.intp], Floats]:
+    """As `crosses_in` of decode/crossings.py."""
+    picture = np.ascontiguousarray(picture)
+    height, width = picture.shape
+    sums, row = np.empty(picture.size, np.uint16), np.empty(width, np.uint8)
+    places, count = np.empty((MOST_PLACES, 3)), np.zeros(1, np.intp)
+    middles, steps = np.empty(MOST_PLACES, np.intp), np.empty((MOST_PLACES, 2, 2))
+    found = _crosses(
+        *(address(picture), height, width, address(sums), address(row), address(places), address(count)),
+        *(address(middles), address(steps)),
+    )
+    return np.ascontiguousarray(places[: int(count[0]), :2]), middles[:found], steps[:found]

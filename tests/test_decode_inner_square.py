@@ -1,0 +1,96 @@
+"""A panel's corners by its inner lines alone, whatever is around it."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from decode_material import LENS, Canvas, diffuser, quad, reason, seen_through, square, word
+
+from ledpi.decode.inner_square import by_inner_lines, is_same
+from ledpi.records import Floats, Frame, Quad
+
+
+def touched(true: Floats, light: float, *, lamp: bool = False) -> Frame:
+    """A panel, or a lamp that looks like none, in the middle of a sheet."""
+    canvas = Canvas()
+    canvas.lamp(true + 0.4 * (true - true.mean(axis=0)), light)
+    if lamp:
+        canvas.lamp(true, 0.4)
+    else:
+        canvas.panel(true, word(7))
+    return canvas.frame()
+
+
+def nudged(true: Floats, share: float, seed: int = 1) -> Floats:
+    away = np.random.default_rng(seed).uniform(-1, 1, (4, 2))
+    return np.asarray(true + share * float(np.linalg.norm(true[1] - true[0])) / 4 * away)
+
+
+@pytest.mark.parametrize(("side", "within_px"), [(50.0, 0.3), (100.0, 0.2), (200.0, 0.2)])
+@pytest.mark.parametrize("light", [0.15, 0.3, 0.9])
+@pytest.mark.parametrize("seed", range(3))
+def test_what_is_around_moves_no_corner(seed: int, light: float, side: float, within_px: float) -> None:
+    """From a tenth of a cell off, beside something as bright as the rim of a cell, and three times as bright."""
+    true = square(310.4, 240.2, side, 13)
+    found = by_inner_lines(touched(true, light), nudged(true, 0.1, seed), 4)
+    assert isinstance(found, Quad), reason(found)
+    assert found.told_by == "lines"
+    off = np.linalg.norm(found.corners_px - true, axis=1).max()
+    assert off < within_px
+    assert off < 6 * found.corner_sigma_px
+
+
+def test_the_lens_bends_the_lines() -> None:
+    """Near the picture's corner, where straight lines are bent by half a pixel."""
+    straight = square(530.0, 390.0, 150.0, 5)
+    canvas = Canvas()
+    canvas.panel(straight, word(7), lens=LENS)
+    true = seen_through(LENS, straight)
+    found = by_inner_lines(canvas.frame(), nudged(true, 0.1), 4, LENS)
+    assert isinstance(found, Quad), reason(found)
+    assert np.linalg.norm(found.corners_px - true, axis=1).max() < 0.3
+
+
+def test_an_even_lamp_has_no_lines() -> None:
+    """Noise is no lattice."""
+    true = square(310.4, 240.2, 100.0, 13)
+    assert reason(by_inner_lines(touched(true, 0.15, lamp=True), true, 4)) == "edges.no_inner_lines"
+
+
+def test_half_a_cell_off_is_too_far() -> None:
+    """There the next line is as near."""
+    true = square(310.4, 240.2, 100.0, 13)
+    found = by_inner_lines(touched(true, 0.15), true + np.array([12.5, 0.0]), 4)
+    assert not isinstance(found, Quad) or math.dist(found.corners_px[0], true[0]) < 1
+
+
+NOWHERE = [np.zeros((4, 2)), np.full((4, 2), 3.0), square(0.0, 0.0, 40.0), square(-900.0, 9.0, 80.0)]
+
+
+@pytest.mark.parametrize("near", NOWHERE)
+def test_nowhere_is_refused(near: Floats) -> None:
+    """A point, and squares that are partly or wholly outside the picture."""
+    assert not isinstance(by_inner_lines(Canvas().frame(), near, 4), Quad)
+
+
+def test_the_same_square_may_begin_at_another_corner() -> None:
+    """A fiftieth of a cell apart is the same; a twentieth is not."""
+    one = quad(square(300.0, 200.0, 100.0, 40))
+    assert is_same(quad(np.roll(one.corners_px, 1, axis=0) + 0.3), one, 4)
+    assert not is_same(quad(one.corners_px + 1.2), one, 4)
+
+
+def test_walls_alone_are_lines_enough() -> None:
+    """Cells lit evenly to dark walls between them."""
+
+    def walls(u: Floats, v: Floats) -> Floats:
+        return np.where(diffuser(u, v) > 0, 1.0, 0.0)
+
+    true = square(310.4, 240.2, 100.0, 13)
+    canvas = Canvas(background=0.35)
+    canvas.panel(true, word(7), profile=walls)
+    found = by_inner_lines(canvas.frame(), nudged(true, 0.1), 4)
+    assert isinstance(found, Quad), reason(found)
+    assert np.linalg.norm(found.corners_px - true, axis=1).max() < 0.2
