@@ -9,13 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 Pixels = NDArray[np.uint8]
+Mask = NDArray[np.bool_]
+Number = TypeVar("Number", bound=np.generic)
 Transfer = Literal["linear", "srgb"]
 Phase = Literal["free", "antiphase"]  # between a panel's classes
 
@@ -23,7 +25,7 @@ Phase = Literal["free", "antiphase"]  # between a panel's classes
 MAX_GAP_NS = 500_000_000
 
 
-def read_only(array: Floats) -> Floats:
+def read_only(array: NDArray[Number]) -> NDArray[Number]:
     """A read-only view of `array` (the caller's own reference stays as it is)."""
     view = array.view()
     view.flags.writeable = False
@@ -174,6 +176,15 @@ class BandShape:
     smoothing_rows2: float  # variance of what they are smoothed by
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SeenBands:
+    """What the whole picture of a panel tells of its bands, whatever it spells."""
+
+    spec: PanelSpec  # whose frequencies they have
+    white: Mask  # (cells²,) of which class each cell is by itself, row by row from the first corner
+    shape: BandShape | None  # where all cells are dark in turn
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Quad:
     """A lit, four-sided thing in the picture that may be a panel."""
@@ -183,7 +194,7 @@ class Quad:
     bend_px: float = 0.0  # how far the lens bends its sides off the straight line, at most
     told_by: ToldBy = "sides"
     seen_px: Floats | None = None  # (4, 2) corners of what is seen of it, where a side is hidden
-    bands: BandShape | None = None  # where they are so deep that the panel's whole picture was fitted by them
+    bands: SeenBands | None = None  # where they are so deep that they were sought
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -188,7 +188,8 @@ def test_the_shape_of_bands_is_told(steeper: float, smoothing_rows2: float) -> N
     assert [marker.sighting.id for marker in decoded.markers] == [7]
     (look,) = trace.looks
     assert look.quad.bands is not None
-    assert edge_rows2(look.quad.bands) == pytest.approx(
+    assert look.quad.bands.shape is not None
+    assert edge_rows2(look.quad.bands.shape) == pytest.approx(
         edge_rows2(BandShape(exposure_us=160.0 / steeper, smoothing_rows2=smoothing_rows2)), rel=0.12
     )
 

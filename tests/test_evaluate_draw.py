@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 from ledpi.config import PanelSettings
+from ledpi.decode.codebook import Codebook
+from ledpi.decode.soft import read_word
 from ledpi.dictionaries import load_dictionary
 from ledpi.evaluate.conditions import (
     DECOYS,
@@ -25,9 +27,10 @@ from ledpi.evaluate.prints import printed_id, printed_scene
 from ledpi.evaluate.reading import aruco_reader
 from ledpi.evaluate.units import photographed, sensor_info
 from ledpi.pipeline import Pipeline
-from ledpi.records import Frame
+from ledpi.records import Frame, Rejected
 from ledpi.simulate.render import Renderer
 from ledpi.simulate.truth import scene_truth
+from ledpi.trace import Trace
 
 PANELS = PanelSettings(side_m=0.16)
 WORDS = load_dictionary("DICT_4X4_50").turned_words()
@@ -213,6 +216,25 @@ def test_a_near_word_at_a_short_exposure_is_no_word() -> None:
     decoded = Pipeline(sensor_info(take.scene.sensor, 1.0), PANELS, intrinsics=None, stream=False).decode(frame)
     assert decoded.markers == ()
     assert [why.stage for why in decoded.rejected].count("soft") >= 3, "they are found, and weighed"
+
+
+def test_two_cells_that_a_second_look_found_to_be_as_it_believed() -> None:
+    """Panel 22 was read, by 707 nats, from a dictionary whose word 22 differs in two cells.
+
+    A look at deep bands finds a cell to be of the class that it is believed to be of. By itself each of them is of the
+    other, so that this word is contradicted.
+    """
+    trace, take = Trace(), take_of(replace(condition(distance_m=2.0), exposure_us=150.0), 61)
+    frame, lens = first_frame(take), take.scene.sensor.intrinsics
+    pipeline = Pipeline(sensor_info(take.scene.sensor, 1.0), PANELS, intrinsics=lens, stream=False)
+    assert [marker.sighting.id for marker in pipeline.decode(frame, trace).markers] == [22]
+    dictionary = load_dictionary("DICT_4X4_50")
+    book = Codebook.build(list(range(50)), dictionary, PANELS.spec())
+    other = dictionary.word(22).copy()
+    other.reshape(-1)[[7, 10]] ^= True  # row by row
+    book.white[book.ids == 22] = [np.rot90(other, -turns).reshape(-1) for turns in range(4)]
+    (look,) = trace.looks
+    assert isinstance(read_word(look.samples, frame, book), Rejected)
 
 
 @pytest.mark.parametrize(

@@ -81,10 +81,10 @@ def test_panels_fit_as_well_in_bands_of_another_shape(monkeypatch: pytest.Monkey
     assert isinstance(ours, Fit)
     assert isinstance(theirs, Fit)
     assert np.abs(ours.corners - theirs.corners).max() < 1e-3
-    assert ours.bands is not None
-    assert theirs.bands is not None
-    assert ours.bands.exposure_us == pytest.approx(theirs.bands.exposure_us, rel=1e-3)
-    assert ours.bands.smoothing_rows2 == pytest.approx(theirs.bands.smoothing_rows2, abs=0.01)
+    assert ours.shape is not None
+    assert theirs.shape is not None
+    assert ours.shape.exposure_us == pytest.approx(theirs.shape.exposure_us, rel=1e-3)
+    assert ours.shape.smoothing_rows2 == pytest.approx(theirs.shape.smoothing_rows2, abs=0.01)
 
 
 @pytest.mark.parametrize("spec", [SPEC, ANTIPHASE], ids=["free", "antiphase"])

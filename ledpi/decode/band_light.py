@@ -29,7 +29,7 @@ from ledpi.decode.light_window import BRIGHT, DARK, Window, class_waves, min_con
 from ledpi.decode.sides import Points, Singles, areas
 from ledpi.kernels import band_light as kernel
 from ledpi.kernels.library import compiled
-from ledpi.records import Floats, PanelSpec
+from ledpi.records import BandShape, Floats, PanelSpec
 
 PHASES = 32  # that are tried, of each class
 EVEN = 0.85  # of the light of the brightest tenth: what a bright point of a cell has on average
@@ -56,14 +56,25 @@ class Bands:
     explained: float  # share of the square's light, squared, that its cells explain
 
     @classmethod
-    def at(cls, window: Window, corners: Points, cells: int, specs: Sequence[PanelSpec]) -> Bands | None:
-        """Of the square at `corners` (4,) in the window; None where nothing there is bright."""
+    def at(
+        cls,
+        window: Window,
+        corners: Points,
+        cells: int,
+        specs: Sequence[PanelSpec],
+        shape: BandShape | None = None,
+    ) -> Bands | None:
+        """Of the square at `corners` (4,) in the window; None where nothing there is bright.
+
+        `shape`: what they look like, where that is not what the exposure makes of them.
+        """
         specs = tuple(specs)
         contrast = min_contrast(specs, window.frame.exposure_us)
-        tables, a_row, antiphase = _waves_of(specs, window.frame.exposure_us, window.frame.row_time_us, window.shrink)
+        frame = window.frame
+        tables, a_row, antiphase = _waves_of(specs, frame.exposure_us, frame.row_time_us, window.shrink, shape)
         most = MOST / float(tables.max(axis=2).min())  # what is brightest here may be of the class that shows less
         if not (compiled() and min(window.light.shape) >= 2):
-            return cls._in_numpy(window, corners, cells, specs, contrast, most)
+            return cls._in_numpy(window, corners, cells, specs, shape, contrast, most)
         lattice = fine_lattice(cells)
         found = kernel.bands_at(
             window.light,
@@ -82,7 +93,14 @@ class Bands:
 
     @classmethod
     def _in_numpy(
-        cls, window: Window, corners: Points, cells: int, specs: Sequence[PanelSpec], contrast: float, most: float
+        cls,
+        window: Window,
+        corners: Points,
+        cells: int,
+        specs: Sequence[PanelSpec],
+        shape: BandShape | None,
+        contrast: float,
+        most: float,
     ) -> Bands | None:
         lattice = fine_lattice(cells)
         x, y, _ = lattice_places(corners[None], lattice)
@@ -97,7 +115,7 @@ class Bands:
         energy = max(float((lattice.of_cells * relative * relative).sum()), 1e-9)
         every = np.tile(np.arange(PHASES) / PHASES, (2, 1))
         fits = [
-            _fitted_phases(relative, lattice.of_cells, rows, window.shown(window.waves_of(spec), every), spec)
+            _fitted_phases(relative, lattice.of_cells, rows, window.shown(window.waves_of(spec, shape), every), spec)
             for spec in specs
         ]
         best = max(range(len(specs)), key=lambda i: fits[i].explained)
@@ -210,9 +228,9 @@ def _phases_by(
 
 @lru_cache(maxsize=32)
 def _waves_of(
-    specs: tuple[PanelSpec, ...], exposure_us: float, row_time_us: float, shrink: int
+    specs: tuple[PanelSpec, ...], exposure_us: float, row_time_us: float, shrink: int, shape: BandShape | None
 ) -> tuple[Singles, Floats, NDArray[np.bool_]]:
     """(specs, 2, WAVE_STEPS) tables, (specs, 2) cycles in a row of the picture, (specs,) which are in antiphase."""
-    waves = [class_waves(spec, exposure_us, row_time_us, shrink) for spec in specs]
+    waves = [class_waves(spec, exposure_us, row_time_us, shrink, shape) for spec in specs]
     antiphase = np.array([spec.phase == "antiphase" for spec in specs])
     return np.array([w.tables for w in waves]), np.array([w.cycles_a_row for w in waves]), antiphase

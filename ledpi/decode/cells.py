@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ledpi.geometry import distort, undistort
 from ledpi.kernels import cells as kernel
 from ledpi.kernels.light import can_read
-from ledpi.records import BandShape, Floats, Frame, Intrinsics, Quad, Rejected
+from ledpi.records import Floats, Frame, Intrinsics, Quad, Rejected, SeenBands
 from ledpi.tone import SATURATED as SATURATED_VALUE
 from ledpi.tone import linear_light
 
@@ -73,7 +73,7 @@ class CellSamples:
     cell_px: tuple[float, float]  # width and height of a cell, in (averaged) pixels
     independence: float  # what a sample counts for: less than 1 where its neighbours share its noise
     linear: bool = False  # interpolated by straight lines
-    bands: BandShape | None = None  # as of the `Quad`
+    bands: SeenBands | None = None  # as of the `Quad`
 
 
 @cache

@@ -140,9 +140,9 @@ def square_waves(
     """(2, cells, points): `shutter.square_wave_bands` in each sample, which is the mean of some rows."""
     a_row, exposure_us = hz * frame.row_time_us * 1e-6, frame.exposure_us
     averaged, apart = samples.averaged, 1.0
-    if samples.bands is not None:
-        exposure_us = samples.bands.exposure_us
-        averaged, apart = shutter.mean_of_rows(averaged, samples.bands.smoothing_rows2)
+    if samples.bands is not None and (shape := samples.bands.shape) is not None:
+        exposure_us = shape.exposure_us
+        averaged, apart = shutter.mean_of_rows(averaged, shape.smoothing_rows2)
     if compiled:
         return kernel.square_waves(
             samples.rows,

@@ -57,7 +57,7 @@ class Fit:
     corners: Points  # (4,) in the picture
     sigma_px: float  # deviation of their coordinates, by what is left unexplained
     explained: float  # share of the light's squares
-    bands: BandShape | None = None
+    shape: BandShape | None = None  # of its bands
 
 
 def fitted(
@@ -113,9 +113,9 @@ def fitted_in_shape(
     shape = BandShape(exposure_us=window.frame.exposure_us, smoothing_rows2=0.0)
     for _ in range(SHAPES):
         fit = fitted(window, corners, bands, cells, intrinsics, rounds=rounds, shape=shape)
-        if fit is None or fit.bands is None or fit.explained < LEAST_SHAPED or _are_alike(shape, fit.bands):
+        if fit is None or fit.shape is None or fit.explained < LEAST_SHAPED or _are_alike(shape, fit.shape):
             break
-        corners, shape = fit.corners, fit.bands
+        corners, shape = fit.corners, fit.shape
     return fit
 
 

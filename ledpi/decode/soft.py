@@ -51,6 +51,7 @@ FAINT_DEPTH, SECOND_LOOK_ADDS = 0.1, 10.0
 MOST_ADDED = 0.2
 # Looks at deep bands after the first. Of 600 panels 586 were read by the first of these, 13 by a later one.
 SETTLING = 4
+SAME_HZ = 0.05  # by which frequencies may differ that the same cells show
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -85,12 +86,13 @@ def read_word(
     first = _judged(fit, evidence, codebook, false_id_rate)
     if first in (NO_BANDS, UNFIT) or not (isinstance(first, Rejected) or is_deep(evidence.prior)):
         return first
+    seen = _seen_classes(samples, codebook)
+    if is_deep(evidence.prior) and seen is not None:
+        return _settled(fit, seen, samples, frame, codebook, false_id_rate)
     if isinstance(first, Rejected) and (
         _is_contradicted(fit, evidence, codebook, false_id_rate) or _is_hopeless(fit, evidence, codebook, false_id_rate)
     ):
         return first
-    if is_deep(evidence.prior):
-        return _settled(fit, samples, frame, codebook, false_id_rate)
     believed = believed_bands(samples, frame, spec, codebook.white[fit.words[0]] > 0, fit.bands)
     again = single_evidence(samples, frame, spec, believed=believed)
     if isinstance(again, Rejected):
@@ -107,21 +109,24 @@ def read_word(
 
 
 def _settled(
-    fit: Fit, samples: CellSamples, frame: Frame, codebook: Codebook, false_id_rate: float
+    fit: Fit, seen: Mask, samples: CellSamples, frame: Frame, codebook: Codebook, false_id_rate: float
 ) -> Reading | Rejected:
     """What further looks at deep bands tell, from those of a first `fit` on, each by the bands that the last has seen.
 
-    To take square waves for sinusoids leaves more open than there is noise: where in their period they are, and now and
-    then a cell's class. So each look brings them nearer; and it believes of each cell what was seen of it, not what the
-    word says, so that it cannot find a word because it was told one.
+    A look finds what it believes: of a cell that it takes for one of the other class it says that it is, whatever it
+    shows. So the first believes what cells were `seen` (cells,) to be by themselves, and no word is believed that these
+    contradict.
     """
-    bands, result = fit.bands, NO_WORD
+    bands, white, result = fit.bands, seen, NO_WORD
     for _ in range(SETTLING):
-        believed = believed_bands(samples, frame, codebook.spec, _as_seen(fit, codebook), bands)
+        believed = believed_bands(samples, frame, codebook.spec, white, bands)
         evidence = single_evidence(samples, frame, codebook.spec, believed=believed)
         if isinstance(evidence, Rejected):
             return evidence
         fit = likeliest(evidence, codebook.white)
+        white = codebook.white[fit.words[0]] > 0
+        if np.count_nonzero(white != seen) > codebook.correctable:
+            return NO_WORD
         reading = _judged(fit, evidence, codebook, false_id_rate)
         if isinstance(reading, Reading):
             return replace(reading, cell_bands=believed.turned_back(reading.cell_bands))
@@ -129,9 +134,12 @@ def _settled(
     return result
 
 
-def _as_seen(fit: Fit, codebook: Codebook) -> Mask:
-    """(cells,) which are rather white by themselves, with the bands of the best word."""
-    return np.asarray((codebook.white[fit.words[0]] > 0) ^ (np.array(fit.gain) > 0))
+def _seen_classes(samples: CellSamples, codebook: Codebook) -> Mask | None:
+    """(cells,) which were seen to be white, where bands were seen that may be of these panels."""
+    if samples.bands is None:
+        return None
+    alike = zip(samples.bands.spec.waves_hz, codebook.spec.waves_hz, strict=False)
+    return samples.bands.white if all(abs(seen / hz - 1.0) < SAME_HZ for seen, hz in alike) else None
 
 
 def _is_contradicted(fit: Fit, evidence: Evidence, codebook: Codebook, false_id_rate: float) -> bool:
@@ -142,7 +150,7 @@ def _is_contradicted(fit: Fit, evidence: Evidence, codebook: Codebook, false_id_
     what was decided against the word.
     """
     needed = odds_needed(false_id_rate)
-    if not is_deep(evidence.prior) and sum(gain > needed for gain in fit.gain) > codebook.correctable:
+    if sum(gain > needed for gain in fit.gain) > codebook.correctable:
         return True
     if not is_deep_anywhere(evidence.prior):
         return False

@@ -22,7 +22,7 @@ from ledpi.decode.lattice import fine_lattice, rough_lattice
 from ledpi.decode.light_window import Window, have_contrast
 from ledpi.decode.panel_fit import Fit, fitted, fitted_in_shape
 from ledpi.decode.sides import OPPOSITE, Points, Sides, areas, as_points, bends
-from ledpi.records import Floats, Frame, Intrinsics, PanelSpec, Quad, Rejected
+from ledpi.records import BandShape, Floats, Frame, Intrinsics, PanelSpec, Quad, Rejected, SeenBands, read_only
 
 NO_BANDS = Rejected(stage="edges", reason="no_bands")
 BENT = (NOT_STRAIGHT, NOT_WHOLE)  # what edges may say of a panel whose bands are deep
@@ -41,6 +41,7 @@ MIDDLES = np.concatenate([_OUT_AND_IN, np.zeros((8, 4)), _ALONG, -_ALONG])
 SLOPES = np.concatenate([np.zeros((8, 4)), 2 * _OUT_AND_IN, np.zeros((4, 4))])
 STEADY = 0.5  # of its brightest rows' light: a class whose darkest rows show more is lit all the time
 MOST_FITS = 3  # of where climbs lead, the best
+CLASSES = 3  # fits, each in the classes of cells that the last has shown, until they stay
 LOOK_ROUNDS, ROUNDS = 3, 6  # of a first fit, by few points, and of the last
 # Of the light's squares, that a panel's picture explains: 0.94 and more of panels from 0.4 to 4 m, and of those made of
 # photographs. And deviation of the corners, as a share of the side: by a lattice they are known to 0.1 % nearby,
@@ -183,24 +184,41 @@ def _side(corners: Points) -> float:
 def _square_near(
     frame: Frame, near: Points, cells: int, specs: Sequence[PanelSpec], intrinsics: Intrinsics | None
 ) -> Quad | Rejected:
-    side = _side(near)
-    window = Window.around(frame, near[None], MARGIN * side + MARGIN_PX)
+    window = Window.around(frame, near[None], MARGIN * _side(near) + MARGIN_PX)
     bands = _bands_at(window, near, cells, specs)
-    if isinstance(bands, Rejected):
-        return bands
+    for _ in range(CLASSES):
+        if isinstance(bands, Rejected):
+            return bands
+        fit, before = _whole_fit(window, near, bands, cells, intrinsics), bands
+        if isinstance(fit, Rejected):
+            return fit
+        near = fit.corners
+        bands = _bands_at(window, near, cells, (before.spec,), fit.shape)
+        if isinstance(bands, Bands) and (bands.white == before.white).all():
+            seen = SeenBands(spec=bands.spec, white=read_only(bands.white), shape=fit.shape)
+            bend = bends(near[None], intrinsics)
+            quad = checked(frame, near, fit.sigma_px, float(np.abs(bend.imag).max()))
+            return replace(quad, bands=seen) if isinstance(quad, Quad) else quad
+    return NO_BANDS
+
+
+def _whole_fit(
+    window: Window, near: Points, bands: Bands, cells: int, intrinsics: Intrinsics | None
+) -> Fit | Rejected:
+    """The panel near corners (4,) in the picture, in these phases and classes."""
     # Of steady cells a longer exposure changes all the light: what bands look like is not told by them.
     fit_of = fitted if window.waves_of(bands.spec).least > STEADY else fitted_in_shape
     fit = fit_of(window, near, bands, cells, intrinsics, rounds=ROUNDS)
-    if fit is None or fit.explained < MIN_FITTED or not fit.sigma_px < MAX_SIGMA * side:
+    if fit is None or fit.explained < MIN_FITTED or not fit.sigma_px < MAX_SIGMA * _side(near):
         return NO_BANDS
-    bend = bends(fit.corners[None], intrinsics)
-    quad = checked(frame, fit.corners, fit.sigma_px, float(np.abs(bend.imag).max()))
-    return replace(quad, bands=fit.bands) if isinstance(quad, Quad) else quad
+    return fit
 
 
-def _bands_at(window: Window, near: Points, cells: int, specs: Sequence[PanelSpec]) -> Bands | Rejected:
+def _bands_at(
+    window: Window, near: Points, cells: int, specs: Sequence[PanelSpec], shape: BandShape | None = None
+) -> Bands | Rejected:
     """The phases and classes that explain most of a panel with corners (4,) in the picture, if they explain enough."""
-    bands = Bands.at(window, window.within(near), cells, specs)
+    bands = Bands.at(window, window.within(near), cells, specs, shape)
     return NO_BANDS if bands is None or bands.explained < MIN_EXPLAINED else bands
 
 
