@@ -47,7 +47,18 @@ def test_a_hidden_side_is_where_the_cells_tell(share: float, side: float) -> Non
     found = seen(canvas.frame(), left)
     assert farthest(found, true) < 0.02 * side
     assert isinstance(found, Quad)
-    assert found.corner_sigma_px > 0.002 * side
+    assert farthest(found, true) < 5 * found.corner_sigma_px
+
+
+@pytest.mark.parametrize("side", [60.0, 120.0])
+def test_inner_lines_tell_a_hidden_side_exactly(side: float) -> None:
+    """To a fifth of a pixel, where the share of the panel that is hidden is told to half of one."""
+    true = square(310.4, 240.2, side, 8)
+    canvas = Canvas()
+    canvas.panel(true, word(7))
+    shade, left = covered(true, 0.09)
+    canvas.lamp(shade, 0.0)
+    assert farthest(seen(canvas.frame(), left), true) < 0.2
 
 
 def test_a_stream_follows_what_is_seen_of_a_panel() -> None:

@@ -27,7 +27,9 @@ LEAST_VARIANCE = 0.2  # of what is expected to begin with: how much better a few
 LOOSE = 0.01  # weight of the sides while it is found how well the inner lines agree
 HUBER = 2.0  # deviations beyond which a measurement counts by its distance, not that one's square
 FARTHEST = 4.0  # deviations: beyond, it says nothing of how exact the others are
-MOST_PX = 1.0  # what would move a corner further than the sides can be off is no lattice of a panel's
+# What would move a corner further is no lattice of a panel. A side that leans on a frame, or on what touches it, is off
+# by a pixel; the inner lines tell, within half a wall and its blur.
+MOST_PX = 2.0
 # Where lines are nearer to each other than that, their blurs run together, and the sides are better known.
 MIN_PITCH_PX = 6.0
 LEAST_CELLS = 3  # a side: of fewer, nothing is left over to tell how well the sides' cells agree

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ledpi.decode import adjust, approach, looks, rim, whole
 from ledpi.decode.adjust import adjust_quads
 from ledpi.decode.approach import LOST, NOT_STRAIGHT, SHARES, step_templates
+from ledpi.decode.inner_square import by_inner_lines
 from ledpi.decode.looks import MAX_MOVE, Found, find_sides, profile_shares
 from ledpi.decode.rim import filters_of_pitch, make_filters
 from ledpi.decode.sides import Points, areas, as_corners, as_points, bends
@@ -35,6 +36,8 @@ MIN_SIDE_PX = 7.0
 MAX_SPREAD_PX = 0.35
 MIN_USED = 0.6  # share of the profiles that have an edge near their side: with two dead cells on each it is a half
 BORDER_PX = 1.0
+MORE_EXACT = 0.5  # times the deviation: corners by inner lines that are, are preferred where a side is hidden
+SAME_SIGMAS = 8.0  # deviations between both, at most
 HIDDEN_SIGMA = 0.003  # of the side: how exactly the cells tell where a side is that nothing shows
 # As `Refining` of quads.h has them.
 CONSTANTS = np.array(
@@ -66,6 +69,26 @@ def refine_quads(
     """
     if not len(near):
         return []
+    found = _refined(frame, near, cells, intrinsics)
+    return [
+        quad if isinstance(quad, Rejected) or quad.seen_px is None else _exactly(frame, quad, cells, intrinsics)
+        for quad in found
+    ]
+
+
+def _exactly(frame: Frame, quad: Quad, cells: int, intrinsics: Intrinsics | None) -> Quad:
+    """A quad that is partly hidden, by its inner lines if they tell more than how much of it lacks, and the same."""
+    lines = by_inner_lines(frame, quad.corners_px, cells, intrinsics)
+    if isinstance(lines, Rejected) or lines.corner_sigma_px > MORE_EXACT * quad.corner_sigma_px:
+        return quad
+    away = np.hypot(*(lines.corners_px - quad.corners_px).T).max()
+    if away > SAME_SIGMAS * quad.corner_sigma_px:
+        return quad
+    return replace(quad, corners_px=lines.corners_px, corner_sigma_px=lines.corner_sigma_px)
+
+
+def _refined(frame: Frame, near: Floats, cells: int, intrinsics: Intrinsics | None) -> list[Quad | Rejected]:
+    """By the sides, and the inner lines beside them."""
     if not (can_read(frame) and cells <= kernel.MOST_CELLS):
         return _refine_quads(frame, near, cells, intrinsics)
     refined, outcomes = kernel.refine(frame, near, _tables(cells), intrinsics)

@@ -12,7 +12,7 @@ enum { PLACES = 6, MOST_RIMS = 4 * MOST_CELLS, MOST_MEASURED = MOST_INNER + MOST
 #define LOOSE 0.01
 #define HUBER 2.0
 #define FARTHEST 4.0
-#define MOST_PX 1.0
+#define MOST_PX 2.0
 #define PAIRS_ALIKE 0.9
 #define LEAST_HEIGHT 0.3
 
