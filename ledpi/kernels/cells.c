@@ -102,12 +102,8 @@ static float bilinear(const Patch *patch, double x, double y) {
  * know this. They may lie anywhere. */
 typedef float Eight __attribute__((vector_size(32), aligned(4)));
 
-/* `kernel` (steps + 1, TAPS): Lanczos' weights for every share of the way. */
-static inline float lanczos(const Patch *patch, const float *kernel, ptrdiff_t steps, double x, double y) {
-    double right, down;
-    ptrdiff_t column = before(x, patch->columns, &right) - 3, row = before(y, patch->rows, &down) - 3;
-    const float *across = kernel + (ptrdiff_t)(right * (double)steps + 0.5) * TAPS;
-    const float *downward = kernel + (ptrdiff_t)(down * (double)steps + 0.5) * TAPS;
+/* `TAPS` × `TAPS` pixels from this one, which may be outside, by Lanczos' weights across and downward. */
+static inline float lanczos(const Patch *patch, ptrdiff_t column, ptrdiff_t row, const float *across, const float *downward) {
     Eight sums = {0}; /* of the columns, down them */
     if (column >= 0 && row >= 0 && column + TAPS <= patch->columns && row + TAPS <= patch->rows) {
         const float *light = patch->light + row * patch->columns + column;
@@ -122,13 +118,37 @@ static inline float lanczos(const Patch *patch, const float *kernel, ptrdiff_t s
     return ((sums[0] + sums[4]) + (sums[1] + sums[5])) + ((sums[2] + sums[6]) + (sums[3] + sums[7]));
 }
 
-/* Replaces columns of the patch (count) by the light there, in these rows of the picture. */
+enum { AT_ONCE = 64 }; /* places for which taps are told */
+
+/* The first pixel that is taken in at each place, and where in the kernel its weights begin. */
+static LEDPI_INLINE void put_taps(const double *at, ptrdiff_t count, ptrdiff_t size, ptrdiff_t steps, int32_t *pixel,
+                                  int32_t *weights) {
+    for (ptrdiff_t i = 0; i < count; i++) {
+        double share, place = at[i] > -1.0 ? at[i] : -1.0; /* as `before` has it */
+        place = place < (double)size ? place : (double)size;
+        pixel[i] = (int32_t)(place + 1.0) - 1;
+        share = place - (double)pixel[i];
+        weights[i] = (int32_t)(share * (double)steps + 0.5) * TAPS;
+        pixel[i] -= 3;
+    }
+}
+
+/* Replaces columns of the patch (count) by the light there, in these rows of the picture. `kernel` (steps + 1, TAPS):
+ * Lanczos' weights for every share of the way. */
 LEDPI_WIDE static void interpolate(const Patch *patch, const float *kernel, ptrdiff_t steps, bool saturated,
                                    const float *rows, ptrdiff_t count, float *columns) {
     const double scale = 1.0 / (double)patch->shrink, first = (double)patch->first_row + 0.5 * (double)(patch->shrink - 1);
-    for (ptrdiff_t i = 0; i < count; i++) {
-        const double x = columns[i], y = (rows[i] - first) * scale;
-        columns[i] = saturated ? bilinear(patch, x, y) : lanczos(patch, kernel, steps, x, y);
+    for (ptrdiff_t from = 0; from < count; from += AT_ONCE, columns += AT_ONCE, rows += AT_ONCE) {
+        const ptrdiff_t here = count - from < AT_ONCE ? count - from : AT_ONCE;
+        double x[AT_ONCE], y[AT_ONCE];
+        int32_t column[AT_ONCE], row[AT_ONCE], across[AT_ONCE], downward[AT_ONCE];
+        for (ptrdiff_t i = 0; i < here; i++) x[i] = columns[i], y[i] = (rows[i] - first) * scale;
+        for (ptrdiff_t i = 0; saturated && i < here; i++) columns[i] = bilinear(patch, x[i], y[i]);
+        if (saturated) continue;
+        put_taps(x, here, patch->columns, steps, column, across);
+        put_taps(y, here, patch->rows, steps, row, downward);
+        for (ptrdiff_t i = 0; i < here; i++)
+            columns[i] = lanczos(patch, column[i], row[i], kernel + across[i], kernel + downward[i]);
     }
 }
 
