@@ -133,7 +133,7 @@ def test_bare_it_says_what_comes_next(command: Command) -> None:
     status, out, _ = command("calibrate")
     assert status == 0
     assert "camera   no camera.intrinsics: IDs, but no poses" in out
-    assert out.splitlines()[-1].startswith("next: ledpi calibrate camera (a board to print: ledpi calibrate board)")
+    assert out.splitlines()[-1].startswith("next: ledpi calibrate camera --board charuco (a board to print: ")
     Path("camera.yaml").write_text(camera_yaml_text(lens, own))
     Path("config.yaml").write_text(CONFIG.replace("# the driver's", "\n    intrinsics: camera.yaml"), encoding="utf-8")
     out = command("calibrate")[1]

@@ -22,6 +22,7 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
+    context_settings={"max_content_width": 120},  # a wide terminal shows examples in one line, to be copied
 )
 
 
@@ -66,6 +67,8 @@ def _add_commands() -> None:
         simulate,
         snapshot,
     )
+
+    app.registered_commands.sort(key=lambda command: command.callback.__name__ if command.callback else "")
 
 
 def _end(message: str, status: int) -> None:

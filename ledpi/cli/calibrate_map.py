@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @calibrate.command("map")
 def map_(
-    recording: Path = typer.Argument(help="A drive past the panels, recorded."),
+    recording: Path = typer.Argument(metavar="RECORDING", help="A drive past the panels, recorded."),
     out: Path = typer.Option(Path("markers.yaml"), help="File to write; an older one is kept as NAME.bak-1."),
     origin: int | None = typer.Option(None, help="ID of the panel that the map is laid from. Default: the lowest."),
     position: tuple[float, float, float] = typer.Option((0, 0, 0), help="Where that one is: x y z in metres."),

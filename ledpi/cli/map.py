@@ -11,6 +11,8 @@ from ledpi.cli import app
 from ledpi.errors import ConfigError
 from ledpi.wording import counted
 
+_OUT = "File to write; an older one is kept as NAME.bak-1."
+
 map_app = typer.Typer(
     name="map",
     help="Maps of panels, from and to WPILib's AprilTag field layout.\n\n"
@@ -23,8 +25,8 @@ app.add_typer(map_app)
 
 @map_app.command("import")
 def import_(
-    layout: Path = typer.Argument(help="Field layout, JSON."),
-    out: Path = typer.Argument(Path("markers.yaml"), help="File to write; an older one is kept as NAME.bak-1."),
+    layout: Path = typer.Argument(metavar="LAYOUT", help="Field layout, JSON."),
+    out: Path = typer.Argument(Path("markers.yaml"), metavar="OUT", help=_OUT),
 ) -> None:
     """WPILib's AprilTag field layout → markers.yaml.
 
@@ -41,8 +43,8 @@ def import_(
 
 @map_app.command()
 def export(
-    markers: Path = typer.Argument(help="markers.yaml."),
-    out: Path = typer.Argument(Path("layout.json"), help="File to write; an older one is kept as NAME.bak-1."),
+    markers: Path = typer.Argument(metavar="MAP", help="The map, as in markers.yaml."),
+    out: Path = typer.Argument(Path("layout.json"), metavar="OUT", help=_OUT),
     field: tuple[float, float] = typer.Option(
         (16.54, 8.21), metavar="LENGTH WIDTH", help="Of the field, in metres."
     ),

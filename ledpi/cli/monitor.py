@@ -30,7 +30,7 @@ _POSE_KEYS = ("position_m", "quaternion_wxyz", "deviation_m", "deviation_rad")
 
 @app.command()
 def monitor(
-    port: Annotated[str, typer.Argument(help="Serial port or pty that carries the stream.")],
+    port: Annotated[str, typer.Argument(metavar="PORT", help="Serial port or pty that carries the stream.")],
     baud: Annotated[int, typer.Option(min=1200, help="As serial.baud of the sender.")] = 115200,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object a message.")] = False,
     seconds: Annotated[float | None, typer.Option(min=0, help="Stop after this time.")] = None,

@@ -33,7 +33,9 @@ class _Source(NamedTuple):
 
 @app.command()
 def snapshot(
-    path: Path | None = typer.Argument(None, help="A recording or a picture. Default: the configured camera."),
+    path: Path | None = typer.Argument(
+        None, metavar="PATH", help="A recording or a picture. Default: the configured camera."
+    ),
     config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
     set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
     frame: int | None = typer.Option(
