@@ -125,13 +125,11 @@ def test_close_ends_a_waiting_read() -> None:
     frame_of(camera, into)
     results: list[object] = []
     reader = threading.Thread(target=lambda: results.append(camera.read(into)))
-    start = time.monotonic()
     reader.start()
-    time.sleep(0.1)
+    time.sleep(0.1)  # so that it waits, most likely
     camera.close()
-    reader.join(timeout=10)
-    assert results == [None]
-    assert time.monotonic() - start < 1.9
+    reader.join()
+    assert results == [None]  # and not the frame, which it would be two seconds later
     camera.close()
     assert camera.read(into) is None
 
