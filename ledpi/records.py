@@ -182,6 +182,7 @@ class SeenBands:
 
     spec: PanelSpec  # whose frequencies they have
     white: Mask  # (cells²,) of which class each cell is by itself, row by row from the first corner
+    phases: tuple[float, float]  # cycles of black's and white's wave where the exposure of the picture's row 0 begins
     shape: BandShape | None  # where all cells are dark in turn
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,6 +46,12 @@ class Codebook:
             correctable=min(MOST_CORRECTED, dictionary.correctable_cells(spec.phase)),
             spec=spec,
         )
+
+    def nearest(self, white: Mask, most: int) -> Codebook:
+        """Of those words that are most like a pattern (cells,), the nearest first."""
+        differ = np.count_nonzero((self.white > 0) != white, axis=1)
+        rows = np.argsort(differ, kind="stable")[:most]
+        return replace(self, ids=self.ids[rows], quarter_turns=self.quarter_turns[rows], white=self.white[rows])
 
     def correctable_beside(self, silent: Mask | None, word: int) -> int:
         """`correctable` where the `silent` (cells,) say nothing: ⌊(d − 1)/2⌋ of the other cells, if that is less.

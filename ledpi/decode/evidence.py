@@ -34,7 +34,7 @@ from ledpi.decode.classes import band_shares, wave_shares
 from ledpi.decode.noise import WHITE, Correlation, expected_of
 from ledpi.kernels import evidence as kernel
 from ledpi.kernels.library import COMPILED
-from ledpi.records import Frame, PanelSpec, Rejected
+from ledpi.records import Frame, PanelSpec, Rejected, SeenBands
 
 Doubles = NDArray[np.float64]
 
@@ -126,6 +126,17 @@ def believed_bands(
         white=white,
         light=np.maximum(light, np.float32(DARKEST)),
     )
+
+
+def bands_of(seen: SeenBands, frame: Frame, spec: PanelSpec) -> Doubles:
+    """(P,) cosine and sine of the fundamentals of square waves that are full and in these phases."""
+    bands = []
+    for hz, cycles in zip(spec.waves_hz, seen.phases, strict=False):
+        fundamental = shutter.fundamental_amplitude(hz, frame.exposure_us, spec.duty)
+        # Where a row is brightest: the middle of its exposure in the middle of the time that the wave is on.
+        turn = 2 * math.pi * (cycles + 0.5 * hz * frame.exposure_us * 1e-6 - 0.5 * spec.duty)
+        bands += [fundamental * math.cos(turn), -fundamental * math.sin(turn)]
+    return np.array(bands)
 
 
 def square_waves(

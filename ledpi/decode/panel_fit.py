@@ -57,6 +57,7 @@ class Fit:
     corners: Points  # (4,) in the picture
     sigma_px: float  # deviation of their coordinates, by what is left unexplained
     explained: float  # share of the light's squares
+    phases: tuple[float, float]  # of either class's wave in the picture's row 0, in cycles
     shape: BandShape | None = None  # of its bands
 
 
@@ -103,7 +104,9 @@ def fitted(
     if fit is None or not np.isfinite(at).all():
         return None
     explained, sigma_px = fit
-    return Fit(at, sigma_px, explained, None if shape is None else _reshaped(shape, *unknown[LONGER:PHASE].tolist()))
+    longer, smoother, of_black, of_white = unknown[LONGER:SPOT].tolist()
+    seen = None if shape is None else _reshaped(shape, longer, smoother)
+    return Fit(at, sigma_px, explained, (of_black, of_white), seen)
 
 
 def fitted_in_shape(

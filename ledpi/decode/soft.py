@@ -21,13 +21,22 @@ import numpy as np
 
 from ledpi.decode import rivals
 from ledpi.decode.cells import CellSamples
-from ledpi.decode.codebook import Codebook, Mask
-from ledpi.decode.evidence import UNFIT, Doubles, Evidence, believed_bands, is_deep, is_deep_anywhere
+from ledpi.decode.codebook import Codebook
+from ledpi.decode.evidence import (
+    UNFIT,
+    Doubles,
+    Evidence,
+    band_prior,
+    bands_of,
+    believed_bands,
+    is_deep,
+    is_deep_anywhere,
+)
 from ledpi.decode.first_look import first_look
 from ledpi.decode.plausible import is_consistent, is_plausible
 from ledpi.decode.single_frame import single_evidence
-from ledpi.decode.words import Fit, likeliest
-from ledpi.records import Frame, Rejected
+from ledpi.decode.words import SHORTLIST, Fit, likeliest
+from ledpi.records import Frame, Rejected, SeenBands
 
 NO_BANDS = Rejected(stage="soft", reason="no_bands")
 NO_WORD = Rejected(stage="soft", reason="not_in_dictionary")
@@ -49,7 +58,7 @@ FAINT_DEPTH, SECOND_LOOK_ADDS = 0.1, 10.0
 # a word explains a second look adds 4 to 14 % where a panel shows it (of 24 read so, one 17 and one 40 %), and 26 to
 # 80 % where a lamp does that blinks alike everywhere.
 MOST_ADDED = 0.2
-# Looks at deep bands after the first. Of 600 panels 586 were read by the first of these, 13 by a later one.
+# Looks at deep bands, at most; nearly all panels are read by the first.
 SETTLING = 4
 SAME_HZ = 0.05  # by which frequencies may differ that the same cells show
 
@@ -75,10 +84,12 @@ def read_word(
     """The word that these samples show by themselves, or why none can be told.
 
     Bands are looked at twice where that may change the answer: as sinusoids; and, once it is known where in their
-    period they are, as what the exposure leaves of a square wave, with the static picture that is then left. Deep ones,
-    which tell that exactly, more often where it takes more.
+    period they are, as what the exposure leaves of a square wave, with the static picture that is then left. Of deep
+    ones, which the panel's whole picture was fitted by, that is known.
     """
-    spec = codebook.spec
+    spec, seen = codebook.spec, _seen_bands(samples, frame, codebook)
+    if seen is not None:
+        return _settled(seen, samples, frame, codebook, false_id_rate)
     looked = first_look(samples, frame, spec, codebook.white)
     if isinstance(looked, Rejected):
         return looked
@@ -86,9 +97,6 @@ def read_word(
     first = _judged(fit, evidence, codebook, false_id_rate)
     if first in (NO_BANDS, UNFIT) or not (isinstance(first, Rejected) or is_deep(evidence.prior)):
         return first
-    seen = _seen_classes(samples, codebook)
-    if is_deep(evidence.prior) and seen is not None:
-        return _settled(fit, seen, samples, frame, codebook, false_id_rate)
     if isinstance(first, Rejected) and (
         _is_contradicted(fit, evidence, codebook, false_id_rate) or _is_hopeless(fit, evidence, codebook, false_id_rate)
     ):
@@ -109,37 +117,36 @@ def read_word(
 
 
 def _settled(
-    fit: Fit, seen: Mask, samples: CellSamples, frame: Frame, codebook: Codebook, false_id_rate: float
+    seen: SeenBands, samples: CellSamples, frame: Frame, codebook: Codebook, false_id_rate: float
 ) -> Reading | Rejected:
-    """What further looks at deep bands tell, from those of a first `fit` on, each by the bands that the last has seen.
+    """What looks at deep bands tell, from those that were `seen` on, each by the bands that the last has shown.
 
     A look finds what it believes: of a cell that it takes for one of the other class it says that it is, whatever it
-    shows. So the first believes what cells were `seen` (cells,) to be by themselves, and no word is believed that these
-    contradict.
+    shows. So no word is believed that cells contradict as they were seen, by themselves.
     """
-    bands, white, result = fit.bands, seen, NO_WORD
+    words, bands = codebook.nearest(seen.white, SHORTLIST), bands_of(seen, frame, codebook.spec)
+    word, result = words.white[0] > 0, NO_WORD
+    if np.count_nonzero(word != seen.white) > codebook.correctable:
+        return NO_WORD
     for _ in range(SETTLING):
-        believed = believed_bands(samples, frame, codebook.spec, white, bands)
+        believed = believed_bands(samples, frame, codebook.spec, word, bands)
         evidence = single_evidence(samples, frame, codebook.spec, believed=believed)
         if isinstance(evidence, Rejected):
             return evidence
-        fit = likeliest(evidence, codebook.white)
-        white = codebook.white[fit.words[0]] > 0
-        if np.count_nonzero(white != seen) > codebook.correctable:
-            return NO_WORD
-        reading = _judged(fit, evidence, codebook, false_id_rate)
+        fit = likeliest(evidence, words.white)
+        reading = _judged(fit, evidence, words, false_id_rate)
         if isinstance(reading, Reading):
             return replace(reading, cell_bands=believed.turned_back(reading.cell_bands))
         bands, result = believed.turned_back(fit.bands[None])[0], reading
     return result
 
 
-def _seen_classes(samples: CellSamples, codebook: Codebook) -> Mask | None:
-    """(cells,) which were seen to be white, where bands were seen that may be of these panels."""
-    if samples.bands is None:
+def _seen_bands(samples: CellSamples, frame: Frame, codebook: Codebook) -> SeenBands | None:
+    """Those of the panel's whole picture, where they are deep and may be of these panels."""
+    if samples.bands is None or not is_deep(band_prior(frame, codebook.spec)):
         return None
     alike = zip(samples.bands.spec.waves_hz, codebook.spec.waves_hz, strict=False)
-    return samples.bands.white if all(abs(seen / hz - 1.0) < SAME_HZ for seen, hz in alike) else None
+    return samples.bands if all(abs(seen / hz - 1.0) < SAME_HZ for seen, hz in alike) else None
 
 
 def _is_contradicted(fit: Fit, evidence: Evidence, codebook: Codebook, false_id_rate: float) -> bool:

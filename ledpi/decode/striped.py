@@ -195,7 +195,7 @@ def _square_near(
         near = fit.corners
         bands = _bands_at(window, near, cells, (before.spec,), fit.shape)
         if isinstance(bands, Bands) and (bands.white == before.white).all():
-            seen = SeenBands(spec=bands.spec, white=read_only(bands.white), shape=fit.shape)
+            seen = SeenBands(spec=bands.spec, white=read_only(bands.white), phases=fit.phases, shape=fit.shape)
             bend = bends(near[None], intrinsics)
             quad = checked(frame, near, fit.sigma_px, float(np.abs(bend.imag).max()))
             return replace(quad, bands=seen) if isinstance(quad, Quad) else quad
