@@ -142,14 +142,19 @@ class Pipeline:
         searching = self._is_to_be_searched()
         others = [look for look in looked if look[1].shown is None]
         yield self._read(times, [look for look in looked if look[1].shown is not None], work)
+        found: list[_Looked] = []
         if searching:
-            found = self._sample(frame, self._search(frame, work), work)
-            looked, others = looked + found, others + found
-        yield self._read(times, others, work)
-        if searching and not work.sightings:
-            found = self._sample(frame, self._search_within(frame, [quad for quad, _, _ in looked], work), work)
-            looked = looked + found
+            found = self._search(frame, self._squares.candidates, work)
+        yield self._read(times, others + found, work)
+        looked += found
+        if searching and not (found and work.sightings):
+            found = self._search(frame, self._squares.candidates_again, work)
             yield self._read(times, found, work)
+            looked += found
+        if searching and not work.sightings:
+            found = self._search_within(frame, [quad for quad, _, _ in looked], work)
+            yield self._read(times, found, work)
+            looked += found
         if self._stream:
             self._keep_up(times, looked, work)
 
@@ -178,25 +183,11 @@ class Pipeline:
         self._timed(work, "edges", start)
         return followed
 
-    def _search(self, frame: Frame, work: Results) -> list[tuple[Quad, Track]]:
-        """The squares in the whole picture, but for those that this frame has shown already."""
-        quads = self._look(frame, self._squares.candidates, work) or self._look(
-            frame, self._squares.candidates_again, work
-        )
-        return self._tracker.follow(quads)
-
-    def _search_within(self, frame: Frame, known: list[Quad], work: Results) -> list[tuple[Quad, Track]]:
-        """The squares in the whole picture, but for those `known`, by what is within panels alone."""
+    def _search(self, frame: Frame, find: _Find, work: Results) -> list[_Looked]:
+        """The squares in the whole picture, but for those that this frame has shown already, and the light in them."""
         start = self._clock()
-        quads = self._squares.by_lines(frame, known)
-        self._timed(work, "edges", start)
-        return self._tracker.follow(quads)
-
-    def _look(self, frame: Frame, find: _Find, work: Results) -> list[Quad]:
-        """The squares that the candidates lead to which are found so."""
-        start = self._clock()
-        found, dropped = find(frame)
-        candidates = [c for c in found if not self._tracker.is_followed(c.centre_px, c.side_px)]
+        candidates, dropped = find(frame)
+        candidates = [c for c in candidates if not self._tracker.is_followed(c.centre_px, c.side_px)]
         work.rejected.extend(dropped)
         if work.trace is not None:
             work.trace.candidates.extend(candidates)
@@ -206,7 +197,14 @@ class Pipeline:
         for sought, quad in results:
             if isinstance(quad, Rejected):
                 work.reject(sought, quad)
-        return [quad for _, quad in results if isinstance(quad, Quad)]
+        return self._sample(frame, self._tracker.follow([q for _, q in results if isinstance(q, Quad)]), work)
+
+    def _search_within(self, frame: Frame, known: list[Quad], work: Results) -> list[_Looked]:
+        """The same, but for those `known`, by what is within panels alone."""
+        start = self._clock()
+        quads = self._squares.by_lines(frame, known)
+        self._timed(work, "edges", start)
+        return self._sample(frame, self._tracker.follow(quads), work)
 
     def _by_bands(self, frame: Frame, work: Results) -> Iterator[list[Sighting]]:
         """The source paper's method, once for each pair of frequencies."""

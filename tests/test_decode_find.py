@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 from decode_material import Canvas, flat, square, word
 
+from ledpi.decode.approach import approach_quads
+from ledpi.decode.edges import refine_quads
 from ledpi.decode.find import Candidate, Finder
-from ledpi.records import Floats, Frame, Rejected, Transfer
+from ledpi.records import Floats, Frame, Quad, Rejected, Transfer
 
 SMALLEST_PX = 10.0
 
@@ -148,16 +150,49 @@ def test_a_finder_keeps_nothing_of_the_last_picture() -> None:
     np.testing.assert_array_equal(first[0].corners, again[0].corners)
 
 
-def test_a_panel_beside_something_darker_than_the_wall_is_found_when_looked_at_again() -> None:
-    """Half-way from black to its light is darker than the wall around, which so melts into it."""
+def test_a_panel_beside_something_darker_than_the_wall_is_found() -> None:
+    """Half-way from black to its light is darker than the wall around; some grey level tells it from both."""
     true = square(310.4, 240.2, 30, 40)
     canvas = Canvas(background=0.14)
     canvas.panel(true, word(7), light=0.45)
     before = square(310.4, 240.2, 42, 40)
     canvas.lamp(np.array([before[0], before[1], 0.5 * (true[1] + before[1]), 0.5 * (true[0] + before[0])]), 0.0)
+    found, _ = find(canvas.frame())
+    assert len(matches(found, true)) == 1
+
+
+def test_a_panel_before_something_brighter_is_found_when_looked_at_again() -> None:
+    """With a narrow dark rim between: no grey level tells them apart, but the contrast near by does."""
+    true = square(310.4, 240.2, 100, 10)
+    canvas = Canvas(background=0.02)
+    canvas.lamp(square(310.4, 240.2, 180, 10), 0.3)
+    canvas.lamp(square(310.4, 240.2, 112, 10), 0.01)
+    canvas.panel(true, word(7), light=0.2)
     finder = Finder(640, 480, 10.0)
     assert not matches(finder.find(canvas.frame())[0], true)
     assert matches(finder.find_again()[0], true)
+
+
+@pytest.mark.parametrize("background", [0.02, 0.06, 0.1])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_panel_without_a_bezel_on_a_bright_mottled_wall_is_found(background: float, seed: int) -> None:
+    """The wall's blots are as bright as half of the panel's light, and run up to it."""
+    rng, true = np.random.default_rng(seed), square(310.4, 240.2, 70, 25)
+    canvas = Canvas(background=0.0)
+    blots = cv2.GaussianBlur(rng.standard_normal((480, 640)), (0, 0), 8.0)
+    canvas.light += background * np.clip(1.0 + 0.5 * blots / blots.std(), 0.1, 2.0)
+    canvas.panel(true, word(7), light=0.45)
+    found, _ = find(canvas.frame(seed))
+    assert len(matches(found, true)) == 1
+
+
+def test_a_panels_cells_are_no_panels() -> None:
+    """Walls stand between them, and each is a square of its own: what they make up is looked at, they are not."""
+    true = square(310.4, 240.2, 200, 10)
+    canvas = Canvas()
+    canvas.panel(true, word(7))
+    found, _ = find(canvas.frame())
+    assert [round(candidate.side_px / 200, 1) for candidate in found] == [1.0]
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -180,7 +215,7 @@ def test_a_picture_too_small_for_any_panel_holds_none(size: tuple[int, int]) -> 
 
 
 @pytest.mark.parametrize("turn_deg", [10, 30, 50, 75])
-def test_a_slender_panels_corners_are_where_its_sides_cross(turn_deg: float) -> None:
+def test_a_slender_panel_is_found_well_enough_for_its_sides_to_be(turn_deg: float) -> None:
     """Turned away by 80° and rolled: its acute corners are blunt in the picture, and its sides are not."""
     turn, roll = np.radians(80), np.radians(turn_deg)
     flat_square = 0.08 * np.array([[-1.0, -1], [1, -1], [1, 1], [-1, 1]])
@@ -189,7 +224,10 @@ def test_a_slender_panels_corners_are_where_its_sides_cross(turn_deg: float) -> 
     corners = np.stack([320 + 640 * rolled[:, 0] * np.cos(turn) / depth, 240 + 640 * rolled[:, 1] / depth], axis=1)
     canvas = Canvas()
     canvas.panel(corners, word(7))
-    found, _ = find(canvas.frame())
-    (candidate, *_) = found
-    off = min(np.abs(np.roll(corners, k, axis=0) - candidate.corners).max() for k in range(4))
-    assert off < 5.0
+    frame = canvas.frame()
+    (candidate, *_), _ = find(frame)
+    (near,) = approach_quads(frame, candidate.corners[None], np.array([candidate.tolerance_px]))
+    assert not isinstance(near, Rejected)
+    (quad,) = refine_quads(frame, near[None], 4)
+    assert isinstance(quad, Quad)
+    assert min(np.abs(np.roll(corners, k, axis=0) - quad.corners_px).max() for k in range(4)) < 0.5

@@ -9,18 +9,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import cv2
 import numpy as np
 
 from ledpi.decode import four_sides, lit, outlines, spots
 from ledpi.decode.crossings import grids_in
-from ledpi.decode.four_sides import distinct, square_of
-from ledpi.decode.lit import contrasts, lit_by
+from ledpi.decode.four_sides import distinct, square_of, without_cells
+from ledpi.decode.lit import brighter, closed, contrasts, lit_by
 from ledpi.decode.outlines import outlines_in
 from ledpi.decode.spots import group_sizes, groups, lattice, spots_in
 from ledpi.kernels import find as kernel
+from ledpi.kernels.find import Thresholds
 from ledpi.kernels.library import COMPILED
 from ledpi.records import Floats, Frame, Pixels, Rejected
 
@@ -28,15 +28,15 @@ TOO_SMALL = Rejected(stage="find", reason="too_small")
 NOT_FOUR_SIDED = Rejected(stage="find", reason="not_four_sided")
 AT_BORDER = Rejected(stage="find", reason="at_picture_border")
 
-Thresholds: TypeAlias = tuple[tuple[int, ...], ...]
-
 LEVELS = 3  # halvings; the cells of a panel that fills the picture's height melt together at an eighth
-# By level: share of the way from the darkest to the brightest, in 256ths: 0.5 everywhere, 0.7 and 0.6.
-THRESHOLDS = ((128,), (128, 179), (154,))
-# The same where that has found nothing: beside something darker than the wall (what hides a part of it, ink), half-way
-# is darker than the wall, and a panel melts into it; more so in a bright room. A panel of few pixels would be cut by
-# these alone.
-AGAIN = ((166, 192), (), ())  # 0.65 and 0.75
+# By level of the pyramid: grey levels, of which one lies between a panel and the wall behind it, in a bright room and
+# in a dark one; and half of the contrast, by which spots are lit. Of 520 panels in rooms of up to a third of their
+# light these find 495; twice as many levels find as many, shares of the contrast (0.5, 0.7 and 0.6) 447.
+_FINE, _COARSE = (24, *range(48, 256, 32)), tuple(range(32, 256, 32))
+THRESHOLDS: Thresholds = ((_FINE, (), 128), (_COARSE, (), 128), (_COARSE, (), 128))
+# Where that leads to nothing: shares of the contrast in the neighbourhood, as of a panel before something brighter than
+# it is itself.
+AGAIN: Thresholds = (((), (166,), 0), ((), (154,), 0), ((), (), 0))
 # Shortest outline by level, in its pixels: of the smallest panel in scope, foreshortened by 60°; then of what the level
 # before sees better.
 SHORTEST = (10, 24, 24)
@@ -47,9 +47,11 @@ LIMITS = (
     *(four_sides.MIN_SOLIDITY, four_sides.SIGNIFICANT, four_sides.ALIKE, four_sides.MIN_SIDE),
     *(four_sides.MAX_CUT_OFF, four_sides.MAX_MISFIT, four_sides.PIXEL_MISFIT, four_sides.SLENDER),
     *(four_sides.TOLERANCE, four_sides.BLUR_MISFIT, four_sides.NEAR, four_sides.LIKE, four_sides.SAME_CORNERS),
+    *four_sides.CELL,
     *(spots.MAX_AROUND, spots.LINK, spots.LIKE),
 )
 assert (kernel.REACH, kernel.MOST_SPOTS, kernel.AROUND) == (lit.WINDOW // 2, spots.MAX_SPOTS, spots.AROUND_PX)
+assert kernel.MOST_COMPARED == four_sides.MOST_COMPARED
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +86,7 @@ class Finder:
         # Finding compares neighbours only; a square root gives dark linear pictures the contrast they need.
         self._brighten = np.round(255 * np.sqrt(np.arange(256) / 255)).astype(np.uint8)
         self._searcher = (
-            kernel.Searcher(self._levels, SHORTEST, smallest_px, self._group_sizes, LIMITS) if compiled else None
+            kernel.Searcher(self._levels, SHORTEST, smallest_px, cells, self._group_sizes, LIMITS) if compiled else None
         )
 
     def find(self, frame: Frame) -> tuple[list[Candidate], list[Rejected]]:
@@ -121,21 +123,27 @@ class Finder:
         """
         squares, spotted = [], []
         all_at_border = not_four_sided = too_small = 0
-        for level, (picture, shares, shortest) in enumerate(zip(self._levels, thresholds, SHORTEST, strict=True)):
+        for level, (picture, shortest, (brighter_than, shares, spots_by)) in enumerate(
+            zip(self._levels, SHORTEST, thresholds, strict=True)
+        ):
             scale = 2 << level
             seen = contrasts(picture)
-            if shares:
-                spotted += [(scale, own) for own in groups(spots_in(picture, *seen, shares[0]), self._group_sizes)]
-            for share in shares:
-                # Opened where the closing makes thin bridges to the surroundings.
-                found_outlines, at_border = outlines_in(lit_by(share, *seen, opened=level > 0), shortest)
+            if spots_by:
+                spotted += [(scale, own) for own in groups(spots_in(picture, *seen, spots_by), self._group_sizes)]
+            melted = closed(picture)
+            # Opened where the closing makes thin bridges to the surroundings.
+            for lit_there in [brighter(each, melted) for each in brighter_than] + [
+                lit_by(share, *seen, opened=level > 0) for share in shares
+            ]:
+                found_outlines, at_border = outlines_in(lit_there, shortest)
                 found = [square_of(outline, scale) for outline in found_outlines]
                 large = [square for square in found if square is not None and square[8] >= self._smallest_px]
                 squares += large
                 all_at_border += at_border
                 not_four_sided += found.count(None)
                 too_small += len(found) - found.count(None) - len(large)
-        return distinct(np.array(squares).reshape(-1, 11)), spotted, (all_at_border, not_four_sided, too_small)
+        things = distinct(np.array(squares).reshape(-1, 11))
+        return without_cells(things, self._cells), spotted, (all_at_border, not_four_sided, too_small)
 
     def _shrink(self, frame: Frame) -> None:
         """Fills the pyramid."""

@@ -29,6 +29,8 @@ SLENDER = 0.85  # area over that of the square of the same outline, below which 
 TOLERANCE = 1.5  # pixels of the picture that the outline is in: how far off the sides may be
 BLUR_MISFIT = 0.002  # by how much a coarser outline, a pixel less certain, must fit better to be preferred
 NEAR, LIKE, SAME_CORNERS = 0.25, 0.7, 0.25  # of the side: of squares in one place, what is no further off is the same
+CELL = (0.2, 1.2)  # of a panel's pitch: sides of what is seen of its cells, from their bright middles to all of them
+MOST_COMPARED = 512  # squares with each other: more are texture, and would take milliseconds
 
 Corners = list[list[float]]  # x, y; numbers by numbers, as arrays this small only cost
 
@@ -70,6 +72,22 @@ def distinct(squares: Floats) -> Floats:
         if not any(_same(square, other) for other in kept):
             kept.append(square)
     return np.array(kept).reshape(-1, squares.shape[1])
+
+
+def without_cells(squares: Floats, cells: int) -> Floats:
+    """Of squares (K, 11) those that are no cells of another one of `cells` × `cells`, of which a row's are seen."""
+    kept = np.ones(len(squares), np.bool_)
+    if len(squares) > MOST_COMPARED:
+        return squares
+    middles, sides = squares[:, :8].reshape(-1, 4, 2).mean(axis=1), squares[:, 8]
+    for square in squares:
+        corners, pitch = square[:8].reshape(4, 2), square[8] / cells
+        along, to = np.roll(corners, -1, axis=0) - corners, middles[:, None] - corners
+        inside = (along[:, 0] * to[..., 1] - along[:, 1] * to[..., 0] > 0).all(axis=1)
+        within = inside & (sides > CELL[0] * pitch) & (sides < CELL[1] * pitch)
+        if within.sum() >= cells:
+            kept &= ~within
+    return squares[kept]
 
 
 def _same(square: Floats, other: Floats) -> bool:

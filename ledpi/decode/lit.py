@@ -1,6 +1,7 @@
-"""What is lit in a picture: nearer to the brightest than to the darkest within a small window around (Bernsen).
+"""What is lit in a picture: brighter than a grey level, or than a share of the contrast in a window around (Bernsen).
 
-Every bright thing so gets a dark moat, however bright the room is further away. The reference of kernels/lit.c.
+By the latter every bright thing gets a dark moat, however bright the room is further away. The reference of
+kernels/lit.c.
 """
 
 from __future__ import annotations
@@ -26,6 +27,18 @@ def threshold_of(share: int, contrast: Pixels) -> NDArray[np.uint16]:
     """How far above the darkest a pixel must be to be lit."""
     threshold: NDArray[np.uint16] = np.maximum(contrast.astype(np.uint16) * share >> 8, MIN_CONTRAST)
     return threshold
+
+
+def closed(picture: Pixels) -> Pixels:
+    """The picture with what is darker than what lies to either side of it as bright as that: so cells melt together."""
+    melted: Pixels = cv2.morphologyEx(picture, cv2.MORPH_CLOSE, _MELT)
+    return melted
+
+
+def brighter(level: int, closed_picture: Pixels) -> Pixels:
+    """255 where light is above a grey level, else 0."""
+    lit: Pixels = 255 * (closed_picture > level).astype(np.uint8)
+    return lit
 
 
 def lit_by(share: int, above: Pixels, contrast: Pixels, *, opened: bool) -> Pixels:

@@ -1,8 +1,7 @@
-/* One square of each thing: `distinct` of decode/four_sides.py. */
+/* One square of each thing, without a panel's cells: `distinct` and `without_cells` of decode/four_sides.py. */
 #include <math.h>
 
 #include "find.h"
-
 
 static double cost(const Square *square, const Limits *limits) {
     return square->misfit + limits->blur_misfit * square->tolerance_px;
@@ -41,4 +40,37 @@ ptrdiff_t ledpi_distinct(const Square *squares, ptrdiff_t count, const Limits *l
         if (!seen) kept[distinct++] = kept[i];
     }
     return distinct;
+}
+
+/* Whether a square's middle lies within another, whose corners run clockwise in the picture. */
+static bool is_within(const Square *square, const Square *other) {
+    double middle[2] = {0.0, 0.0};
+    for (int k = 0; k < 8; k++) middle[k % 2] += 0.25 * square->corners[k / 2][k % 2];
+    for (int k = 0; k < 4; k++) {
+        const double *const a = other->corners[k], *const b = other->corners[(k + 1) % 4];
+        if (!((b[0] - a[0]) * (middle[1] - a[1]) - (b[1] - a[1]) * (middle[0] - a[0]) > 0.0)) return false;
+    }
+    return true;
+}
+
+static bool is_cell(const Square *square, const Square *panel, ptrdiff_t cells, const Limits *limits) {
+    const double pitches = square->side_px * (double)cells / panel->side_px;
+    return pitches > limits->least_cell && pitches < limits->most_cell && is_within(square, panel);
+}
+
+ptrdiff_t ledpi_without_cells(const Square *squares, ptrdiff_t count, ptrdiff_t cells, const Limits *limits,
+                              ptrdiff_t *kept) {
+    bool dropped[MOST_COMPARED] = {false};
+    ptrdiff_t left = 0;
+    if (count > MOST_COMPARED) return count;
+    for (ptrdiff_t i = 0; i < count; i++) {
+        const Square *const panel = squares + kept[i];
+        ptrdiff_t within = 0;
+        for (ptrdiff_t k = 0; k < count; k++) within += is_cell(squares + kept[k], panel, cells, limits);
+        if (within < cells) continue;
+        for (ptrdiff_t k = 0; k < count; k++) dropped[k] |= is_cell(squares + kept[k], panel, cells, limits);
+    }
+    for (ptrdiff_t i = 0; i < count; i++)
+        if (!dropped[i]) kept[left++] = kept[i];
+    return left;
 }

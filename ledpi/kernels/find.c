@@ -1,14 +1,14 @@
 /* Squares and groups of spots in the pictures of a pyramid: `_search` of decode/find.py, level by level. */
 #include "find.h"
 
-enum { MOST_THRESHOLDS = 2 };
+enum { MOST_LEVELS = 10, MOST_SHARES = 2 };
 
-/* A picture, a pixel of which is `scale` of the frame's; by which shares of the contrast something is lit there, in 256ths,
- * and the shortest way around what is looked at. */
+/* A picture, a pixel of which is `scale` of the frame's; which grey levels something that is lit there is brighter than, or
+ * by which shares of the contrast it is, in 256ths; whether spots are looked for; and the shortest way around what is. */
 typedef struct {
     const uint8_t *picture;
-    ptrdiff_t height, width, scale, thresholds;
-    int32_t shares[MOST_THRESHOLDS], shortest;
+    ptrdiff_t height, width, scale, levels, shares;
+    int32_t brighter_than[MOST_LEVELS], lit_by[MOST_SHARES], spots_by, shortest;
 } Level;
 
 /* Enough for the largest level. */
@@ -34,10 +34,11 @@ typedef struct {
     ptrdiff_t most_squares, distinct_count, member_count, at_border, not_four_sided, too_small;
 } Found;
 
-/* What is looked for: squares of at least `smallest_px`, and groups of `least_spots` to `most_spots` − 1. */
+/* What is looked for: squares of at least `smallest_px`, of `cells` along a side; groups of `least_spots` to
+ * `most_spots` − 1. */
 typedef struct {
     double smallest_px;
-    ptrdiff_t least_spots, most_spots;
+    ptrdiff_t cells, least_spots, most_spots;
     Limits limits;
 } Wanted;
 
@@ -61,12 +62,32 @@ static void find_in(const Level *level, const uint8_t *lit, const Wanted *wanted
 
 static void find_spots_in(const Level *level, const Wanted *wanted, const Room *room, Found *found) {
     const Limits *const limits = &wanted->limits;
-    const ptrdiff_t spots = ledpi_spots(level->picture, room->above, room->contrast, level->height, level->width,
-                                        level->shares[0], limits, room->lit, room->spots);
+    const ptrdiff_t spots = ledpi_spots(level->picture, level->height, level->width, level->spots_by, limits, room->lit,
+                                        room->spots);
     const ptrdiff_t first = found->member_count;
     found->member_count += ledpi_groups(room->spots, spots, wanted->least_spots, wanted->most_spots, limits,
                                         found->members + first, found->groups + first);
     for (ptrdiff_t i = first; i < found->member_count; i++) found->scales[i] = (double)level->scale;
+}
+
+static void find_brighter(const Level *level, const Wanted *wanted, const Room *room, ptrdiff_t *squares, Found *found) {
+    if (!level->levels) return;
+    ledpi_close(level->picture, level->height, level->width, room->melt, room->above);
+    for (ptrdiff_t k = 0; k < level->levels; k++) {
+        ledpi_brighter(room->above, level->height * level->width, level->brighter_than[k], room->lit);
+        find_in(level, room->lit, wanted, room, squares, found);
+    }
+}
+
+static void find_lit(const Level *level, const Wanted *wanted, const Room *room, ptrdiff_t *squares, Found *found) {
+    if (!level->shares) return;
+    ledpi_contrast(level->picture, level->height, level->width, room->window, room->above, room->contrast);
+    for (ptrdiff_t k = 0; k < level->shares; k++) {
+        /* Opened where the closing makes thin bridges to the surroundings. */
+        ledpi_lit(room->above, room->contrast, level->height, level->width, level->lit_by[k], &wanted->limits,
+                  level->scale > 2, room->melt, room->lit);
+        find_in(level, room->lit, wanted, room, squares, found);
+    }
 }
 
 /* In `levels` (count) what is `wanted`, for which there is room (MAX_SPOTS for each level). */
@@ -74,16 +95,11 @@ void ledpi_find(const Level *levels, ptrdiff_t count, const Wanted *wanted, cons
     ptrdiff_t squares = 0;
     found->member_count = found->at_border = found->not_four_sided = found->too_small = 0;
     for (const Level *level = levels; level < levels + count; level++) {
-        const ptrdiff_t height = level->height, width = level->width;
-        if (!level->thresholds) continue;
-        ledpi_contrast(level->picture, height, width, room->window, room->above, room->contrast);
-        find_spots_in(level, wanted, room, found);
-        for (ptrdiff_t k = 0; k < level->thresholds; k++) {
-            /* Opened where the closing makes thin bridges to the surroundings. */
-            ledpi_lit(room->above, room->contrast, height, width, level->shares[k], &wanted->limits, level->scale > 2,
-                      room->melt, room->lit);
-            find_in(level, room->lit, wanted, room, &squares, found);
-        }
+        find_brighter(level, wanted, room, &squares, found);
+        find_lit(level, wanted, room, &squares, found);
+        if (level->spots_by) find_spots_in(level, wanted, room, found);
     }
     found->distinct_count = ledpi_distinct(found->squares, squares, &wanted->limits, found->distinct);
+    found->distinct_count = ledpi_without_cells(found->squares, found->distinct_count, wanted->cells, &wanted->limits,
+                                                found->distinct);
 }

@@ -12,7 +12,7 @@ typedef struct {
     double min_contrast;
     double narrowest, min_area, min_lit;
     double min_solidity, significant, alike, min_side, max_cut_off, max_misfit, pixel_misfit, slender, tolerance;
-    double blur_misfit, near, like, same_corners;
+    double blur_misfit, near, like, same_corners, least_cell, most_cell;
     double max_around, link, like_spots;
 } Limits;
 
@@ -24,6 +24,13 @@ enum { REACH = 6, SPAN = 2 * REACH + 1, ROWS = 32, STRIP = ROWS + 2 * REACH };
  * `contrast`, the brightest less the darkest. `room` (3, STRIP, width + 2 REACH). */
 void ledpi_contrast(const uint8_t *picture, ptrdiff_t height, ptrdiff_t width, uint8_t *room, uint8_t *above,
                     uint8_t *contrast);
+
+/* A picture (height, width) closed: what is darker than what lies to either side of it by a pixel is as bright as that.
+ * `room` (height, width) and (width + 2). */
+void ledpi_close(const uint8_t *picture, ptrdiff_t height, ptrdiff_t width, uint8_t *room, uint8_t *closed);
+
+/* What is `lit`, 0 or 255, of `count` pixels that are closed: brighter than `level`. */
+void ledpi_brighter(const uint8_t *closed, ptrdiff_t count, int level, uint8_t *lit);
 
 /* What is `lit` (height, width), 0 or 255: more than `share` (in 256ths) of the contrast above the darkest; closed, and
  * `opened` after that. `room` (height, width) and (width + 2). */
@@ -75,6 +82,12 @@ bool ledpi_square_of(const int32_t (*points)[2], const Outline *outline, double 
  * many. */
 ptrdiff_t ledpi_distinct(const Square *squares, ptrdiff_t count, const Limits *limits, ptrdiff_t *kept);
 
+enum { MOST_COMPARED = 512 }; /* that are looked at for cells of each other */
+
+/* Of the `kept` (count) those that are no cells of another one of them, of `cells` × `cells`. Returns how many. */
+ptrdiff_t ledpi_without_cells(const Square *squares, ptrdiff_t count, ptrdiff_t cells, const Limits *limits,
+                              ptrdiff_t *kept);
+
 /* ---- Spots side by side */
 
 enum { MAX_SPOTS = 200, AROUND = 2 }; /* that are looked at: more is texture; pixels from a spot to what is around it */
@@ -84,10 +97,10 @@ typedef struct {
     double x, y, height;
 } Spot;
 
-/* The spots in a picture (height, width), of which it is known how far pixels are `above` the darkest, and their `contrast`.
- * `row` (width) is room. Returns how many there are; more than MAX_SPOTS are counted no further. */
-ptrdiff_t ledpi_spots(const uint8_t *picture, const uint8_t *above, const uint8_t *contrast, ptrdiff_t height,
-                      ptrdiff_t width, int share, const Limits *limits, uint8_t *row, Spot *spots);
+/* The spots in a picture (height, width), lit by `share` of the contrast around. `row` (width) is room. Returns how many
+ * there are; more than MAX_SPOTS are counted no further. */
+ptrdiff_t ledpi_spots(const uint8_t *picture, ptrdiff_t height, ptrdiff_t width, int share, const Limits *limits,
+                      uint8_t *row, Spot *spots);
 
 /* The spots of each group of `least` to `most` − 1 that are alike and neighbours, one group after the other in `members`
  * (count), each with its number in `groups` (count), from 0. Returns how many spots these are. */

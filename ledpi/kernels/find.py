@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,13 +15,18 @@ from ledpi.records import Floats, Pixels
 
 # As in find.h, where they are sizes: pixels to either side of a window, rows taken together, spots, pixels around one.
 REACH, STRIP, MOST_SPOTS, AROUND = 6, 44, 200, 2
-LIMITS = 20  # numbers in `Limits` of find.h
+LIMITS = 22  # numbers in `Limits` of find.h
 SQUARE = 11  # numbers: four corners' x and y, side_px, misfit, tolerance_px
-MOST_THRESHOLDS = 2  # of a level
+MOST_LEVELS, MOST_SHARES = 10, 2  # of a picture
+MOST_COMPARED = 512  # squares, each with each other
 MOST_SQUARES = 4096  # in a frame: more is texture, and would take a second to look at
 _OUTLINE_BYTES, _THING_NUMBERS = 32, 7
 
 _find = function("ledpi_find", POINTER, INTEGER, POINTER, POINTER, POINTER)
+
+# Of each picture: grey levels that what is lit is brighter than, shares of the contrast by which it is, in 256ths, and
+# the share by which spots are, 0 where none are looked for.
+Thresholds: TypeAlias = tuple[tuple[tuple[int, ...], tuple[int, ...], int], ...]
 
 
 class _Level(ctypes.Structure):
@@ -29,8 +34,10 @@ class _Level(ctypes.Structure):
 
     _fields_ = [
         ("picture", ctypes.c_void_p),
-        *((name, ctypes.c_ssize_t) for name in ("height", "width", "scale", "thresholds")),
-        ("shares", ctypes.c_int32 * MOST_THRESHOLDS),
+        *((name, ctypes.c_ssize_t) for name in ("height", "width", "scale", "levels", "shares")),
+        ("brighter_than", ctypes.c_int32 * MOST_LEVELS),
+        ("lit_by", ctypes.c_int32 * MOST_SHARES),
+        ("spots_by", ctypes.c_int32),
         ("shortest", ctypes.c_int32),
     ]
 
@@ -40,6 +47,7 @@ class _Wanted(ctypes.Structure):
 
     _fields_ = [
         ("smallest_px", ctypes.c_double),
+        ("cells", ctypes.c_ssize_t),
         ("least_spots", ctypes.c_ssize_t),
         ("most_spots", ctypes.c_ssize_t),
         ("limits", ctypes.c_double * LIMITS),
@@ -77,6 +85,7 @@ class Searcher:
         pictures: Sequence[Pixels],
         shortest: Sequence[int],
         smallest_px: float,
+        cells: int,
         group_sizes: range,
         limits: Sequence[float],
     ) -> None:
@@ -94,13 +103,13 @@ class Searcher:
         self._members, self._groups, self._scales = np.empty((members, 3)), np.empty(members), np.empty(members)
         results = (self._squares, self._distinct, self._members, self._groups, self._scales)
         self._found = _Found(*(address(array) for array in results), MOST_SQUARES)
-        self._levels: dict[tuple[tuple[int, ...], ...], Any] = {}  # by thresholds
+        self._levels: dict[Thresholds, Any] = {}
         bounds = (ctypes.c_double * LIMITS)(*limits)
-        self._wanted = _Wanted(smallest_px, group_sizes.start, group_sizes.stop, bounds)
+        self._wanted = _Wanted(smallest_px, cells, group_sizes.start, group_sizes.stop, bounds)
         self._arguments = [ctypes.addressof(made) for made in (self._wanted, self._room, self._found)]
 
     def search(
-        self, thresholds: tuple[tuple[int, ...], ...]
+        self, thresholds: Thresholds
     ) -> tuple[Floats, list[tuple[int, Floats]], tuple[int, int, int]]:
         """As `_search` of decode/find.py."""
         levels = self._levels.get(thresholds)
@@ -112,13 +121,15 @@ class Searcher:
         squares = self._squares[self._distinct[: found.distinct_count]]
         return squares, groups, (found.at_border, found.not_four_sided, found.too_small)
 
-    def _levels_for(self, thresholds: tuple[tuple[int, ...], ...]) -> Any:
+    def _levels_for(self, thresholds: Thresholds) -> Any:
         levels = (_Level * len(self._pictures))()
-        for number, (picture, shares, shortest) in enumerate(
-            zip(self._pictures, thresholds, self._shortest, strict=True)
+        for number, (picture, shortest, (brighter_than, lit_by, spots_by)) in enumerate(
+            zip(self._pictures, self._shortest, thresholds, strict=True)
         ):
-            padded = (*shares, *[0] * MOST_THRESHOLDS)[:MOST_THRESHOLDS]
-            levels[number] = _Level(address(picture), *picture.shape, 2 << number, len(shares), padded, shortest)
+            levels[number] = _Level(
+                *(address(picture), *picture.shape, 2 << number, len(brighter_than), len(lit_by)),
+                *(_padded(brighter_than, MOST_LEVELS), _padded(lit_by, MOST_SHARES), spots_by, shortest),
+            )
         return levels
 
     def _grouped(self, count: int) -> list[tuple[int, Floats]]:
@@ -126,6 +137,10 @@ class Searcher:
         begins = np.flatnonzero(np.diff(self._groups[:count]) + 1e3 * np.diff(self._scales[:count])) + 1
         ends = [0, *begins.tolist(), count]
         return [(int(self._scales[a]), self._members[a:b]) for a, b in pairwise(ends)]
+
+
+def _padded(numbers: tuple[int, ...], count: int) -> Any:
+    return (ctypes.c_int32 * count)(*numbers)
 
 
 def _room(height: int, width: int, most: int) -> tuple[_Room, list[NDArray[np.generic]]]:

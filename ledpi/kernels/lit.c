@@ -63,23 +63,35 @@ LEDPI_WIDE_BYTES void ledpi_contrast(const uint8_t *picture, ptrdiff_t height, p
     }
 }
 
-/* Where any (or all) of a pixel and its eight neighbours are lit; there are none beyond the picture. `row` (width + 2). */
-static inline void neighbours(const uint8_t *lit, ptrdiff_t height, ptrdiff_t width, bool any, uint8_t *row,
+/* Of each pixel and its eight neighbours the brightest (or darkest); there are none beyond the picture. `row` (width + 2). */
+static inline void neighbours(const uint8_t *picture, ptrdiff_t height, ptrdiff_t width, bool most, uint8_t *row,
                               uint8_t *into) {
     for (ptrdiff_t y = 0; y < height; y++) {
-        const uint8_t *here = lit + y * width;
+        const uint8_t *here = picture + y * width;
         const uint8_t *above = y ? here - width : here, *below = y + 1 < height ? here + width : here;
         uint8_t *const out = into + y * width;
-        if (any)
-            for (ptrdiff_t x = 0; x < width; x++) row[x + 1] = above[x] | here[x] | below[x];
+        if (most)
+            for (ptrdiff_t x = 0; x < width; x++) row[x + 1] = larger(larger(above[x], here[x]), below[x]);
         else
-            for (ptrdiff_t x = 0; x < width; x++) row[x + 1] = above[x] & here[x] & below[x];
+            for (ptrdiff_t x = 0; x < width; x++) row[x + 1] = smaller(smaller(above[x], here[x]), below[x]);
         row[0] = row[1], row[width + 1] = row[width];
-        if (any)
-            for (ptrdiff_t x = 0; x < width; x++) out[x] = row[x] | row[x + 1] | row[x + 2];
+        if (most)
+            for (ptrdiff_t x = 0; x < width; x++) out[x] = larger(larger(row[x], row[x + 1]), row[x + 2]);
         else
-            for (ptrdiff_t x = 0; x < width; x++) out[x] = row[x] & row[x + 1] & row[x + 2];
+            for (ptrdiff_t x = 0; x < width; x++) out[x] = smaller(smaller(row[x], row[x + 1]), row[x + 2]);
     }
+}
+
+LEDPI_WIDE_BYTES void ledpi_close(const uint8_t *picture, ptrdiff_t height, ptrdiff_t width, uint8_t *room,
+                                  uint8_t *closed) {
+    uint8_t *const row = room + height * width;
+    neighbours(picture, height, width, true, row, room);
+    neighbours(room, height, width, false, row, closed);
+}
+
+LEDPI_WIDE_BYTES void ledpi_brighter(const uint8_t *closed, ptrdiff_t count, int level, uint8_t *lit) {
+    const uint8_t most = (uint8_t)level;
+    for (ptrdiff_t i = 0; i < count; i++) lit[i] = closed[i] > most ? 255 : 0;
 }
 
 LEDPI_WIDE_BYTES void ledpi_lit(const uint8_t *above, const uint8_t *contrast, ptrdiff_t height, ptrdiff_t width, int share,
