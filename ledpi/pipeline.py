@@ -41,6 +41,9 @@ from ledpi.trace import Look, Trace
 
 # A stream searches the whole picture for newcomers in every third frame, and in each that does not show all its tracks.
 SEARCH_EVERY = 3
+# What is within panels is looked at where sides tell nothing, which takes longer than all else: in every sixth of a
+# stream's frames without a panel, as most that are seen at all are read by then.
+LOOK_WITHIN_EVERY = 6
 STAGES: dict[Method, tuple[str, ...]] = {
     "soft": ("find", "edges", "cells", "soft", "pose"),
     "bands": ("bands", "pose"),
@@ -87,7 +90,7 @@ class Pipeline:
         sides_m = {marker_id: panels.spec(marker_id).side_m for marker_id in range(len(dictionary.words))}
         self._placer = Placer(intrinsics, sides_m, stream=stream, robot=robot)
         self._tracker = Tracker(self._specs)
-        self._since_search = 0
+        self._since_search = self._since_read = 0  # frames
         self._row_clock = RowClock(camera)
         if method == "soft":
             self._squares.prepare()
@@ -151,7 +154,8 @@ class Pipeline:
             found = self._search(frame, self._squares.candidates_again, work)
             yield self._read(times, found, work)
             looked += found
-        if searching and not work.sightings:
+        self._since_read = 0 if work.sightings else self._since_read + 1
+        if self._since_read and (not self._stream or self._since_read % LOOK_WITHIN_EVERY == 0):
             found = self._search_within(frame, [quad for quad, _, _ in looked], work)
             yield self._read(times, found, work)
             looked += found
