@@ -11,7 +11,7 @@ from ledpi.decode.cells import MIN_CELL_PX
 from ledpi.decode.edges import prepare, refine_quads
 from ledpi.decode.find import Candidate, Finder
 from ledpi.decode.find_striped import MIN_STRIPED_CELL_PX, StripedFinder
-from ledpi.decode.inner_square import by_inner_lines, is_same
+from ledpi.decode.inner_square import by_inner_lines, is_near, is_same
 from ledpi.decode.settle import is_part_of, settle
 from ledpi.decode.striped import NO_BANDS, fitted_squares, striped_near, striped_squares
 from ledpi.records import CameraInfo, Floats, Frame, Intrinsics, PanelSpec, Quad, Rejected, ToldBy
@@ -36,21 +36,25 @@ class Squares:
 
     def near(self, frame: Frame, expected: Sequence[tuple[Floats, ToldBy]]) -> list[Quad | Rejected]:
         """The square near each of these corners (4, 2), or why there is none; with what told it before."""
-        squares = [at for at, told_by in expected if told_by == "sides"]
+        squares = [at for at, told_by in expected if told_by != "spots"]
         refined = iter([quad for _, quad in self._unbent(frame, squares, self._refined(frame, squares))])
         return [
             settle(frame, at, self._cells, self._intrinsics)
             if told_by == "spots"
-            else self._by_lines(frame, at, next(refined) if told_by == "sides" else None)
+            else self._by_sides_or_lines(frame, at, next(refined), told_by)
             for at, told_by in expected
         ]
 
-    def _by_lines(self, frame: Frame, at: Floats, by_sides: Quad | Rejected | None) -> Quad | Rejected:
-        """By its inner lines where its sides do not tell it; None if they have not been asked."""
-        if isinstance(by_sides, Quad) or self._is_striped(frame):
-            return by_sides or refine_quads(frame, at[None], self._cells, self._intrinsics)[0]
+    def _by_sides_or_lines(
+        self, frame: Frame, at: Floats, by_sides: Quad | Rejected, told_by: ToldBy
+    ) -> Quad | Rejected:
+        """By its sides where they are to be believed, else by its inner lines, which takes longer."""
+        if isinstance(by_sides, Quad) and (told_by == "sides" or is_near(by_sides, at, self._cells)):
+            return by_sides
+        if self._is_striped(frame):
+            return by_sides
         within = by_inner_lines(frame, at, self._cells, self._intrinsics)
-        return by_sides if by_sides is not None and isinstance(within, Rejected) else within
+        return by_sides if isinstance(within, Rejected) else within
 
     def _is_striped(self, frame: Frame) -> bool:
         """Whether bands are deep enough to look like lines."""

@@ -29,6 +29,8 @@ LEAST_SHOWN = 0.75  # of the places where cells meet must show a line, and be da
 MAX_AWAY = 0.06  # of a pitch: root mean square of the lines about their lattice
 MAX_SIGMA = 0.15  # of a pitch: of the corners, beyond which too little is known of them
 SAME = 0.02  # of a pitch: corners no further apart
+# Of a pitch, and pixels for what moves: what its sides tell of a panel is no further from where it is expected.
+NEAR, NEAR_BY_PX = 0.05, 0.5
 _CORNERS = np.array([0, 1, 1, 0.0]), np.array([0, 0, 1, 1.0])
 
 
@@ -64,9 +66,24 @@ def by_inner_lines(frame: Frame, near: Floats, cells: int, intrinsics: Intrinsic
 
 def is_same(quad: Quad, other: Quad, cells: int) -> bool:
     """Whether two are of one thing, and so exactly that looking at both tells no more than at one."""
-    pitch_px = math.dist(other.corners_px[0], other.corners_px[2]) / (cells * math.sqrt(2))
-    apart = np.hypot(*(quad.corners_px[:, None] - other.corners_px).transpose(2, 0, 1))
-    return bool(apart.min(axis=1).max() < SAME * pitch_px)
+    return _apart_px(quad, other.corners_px) < SAME * _pitch_px(other.corners_px, cells)
+
+
+def is_near(quad: Quad, expected: Floats, cells: int) -> bool:
+    """Whether a panel that is expected to have these corners (4, 2) may be where its sides seem to be.
+
+    What touches it draws a side by more.
+    """
+    return _apart_px(quad, expected) < NEAR * _pitch_px(expected, cells) + NEAR_BY_PX
+
+
+def _apart_px(quad: Quad, corners: Floats) -> float:
+    """From a corner to the nearest of `corners` (4, 2), at most."""
+    return float(np.hypot(*(quad.corners_px[:, None] - corners).transpose(2, 0, 1)).min(axis=1).max())
+
+
+def _pitch_px(corners: Floats, cells: int) -> float:
+    return math.dist(corners[0], corners[2]) / (cells * math.sqrt(2))
 
 
 class _Lines:
