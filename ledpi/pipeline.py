@@ -41,6 +41,8 @@ from ledpi.trace import Look, Trace
 
 # A stream searches the whole picture for newcomers in every third frame, and in each that does not show all its tracks.
 SEARCH_EVERY = 3
+# Beside panels that are read, what a search does not see at first is looked for in every fourth search.
+AGAIN_EVERY = 4
 # What is within panels is looked at where sides tell nothing, which takes longer than all else: in every sixth of a
 # stream's frames without a panel, as most that are seen at all are read by then.
 LOOK_WITHIN_EVERY = 6
@@ -90,7 +92,7 @@ class Pipeline:
         sides_m = {marker_id: panels.spec(marker_id).side_m for marker_id in range(len(dictionary.words))}
         self._placer = Placer(intrinsics, sides_m, stream=stream, robot=robot)
         self._tracker = Tracker(self._specs)
-        self._since_search = self._since_read = 0  # frames
+        self._since_search = self._since_read = self._searches = 0  # frames, and how often
         self._row_clock = RowClock(camera)
         if method == "soft":
             self._squares.prepare()
@@ -150,7 +152,7 @@ class Pipeline:
             found = self._search(frame, self._squares.candidates, work)
         yield self._read(times, others + found, work)
         looked += found
-        if searching and not (found and work.sightings):
+        if searching and (not work.sightings or self._searches % AGAIN_EVERY == 0):
             found = self._search(frame, self._squares.candidates_again, work)
             yield self._read(times, found, work)
             looked += found
@@ -168,6 +170,7 @@ class Pipeline:
         if self._since_search < SEARCH_EVERY and self._tracker.all_seen():
             return False
         self._since_search = 0
+        self._searches += 1
         return True
 
     def _where_expected(self, frame: Frame, work: Results) -> list[tuple[Quad, Track]]:
