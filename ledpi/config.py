@@ -64,6 +64,8 @@ class _Section(NoBooleans):
 
 
 class CameraSettings(_Section):
+    """The section `camera`."""
+
     source: Annotated[str, BeforeValidator(_known_source)] = "picamera2"
     width: Annotated[int, Field(ge=32, le=8192)] = 640
     height: Annotated[int, Field(ge=32, le=8192)] = 480
@@ -76,6 +78,8 @@ class CameraSettings(_Section):
 
 
 class PanelOverride(_Section):
+    """An entry of `panels.overrides`: what is other than of the common panel."""
+
     side_m: SideM | None = None
     black_hz: Hertz | None = None
     white_hz: Hertz | None = None
@@ -85,6 +89,8 @@ class PanelOverride(_Section):
 
 
 class PanelSettings(_Section):
+    """The section `panels`."""
+
     dictionary: Annotated[str, AfterValidator(_known_dictionary)] = "DICT_4X4_50"
     side_m: SideM
     black_hz: Hertz = 1250.0
@@ -130,6 +136,8 @@ Method = Literal["soft", "bands"]  # of decoding: ours, and the source paper's o
 
 
 class DecodeSettings(_Section):
+    """The section `decode`."""
+
     method: Method = "soft"
 
 
@@ -141,10 +149,14 @@ class CameraMount(_Section):
 
 
 class RobotSettings(_Section):
+    """The section `robot`."""
+
     camera_mount: CameraMount = CameraMount()
 
 
 class SerialSettings(_Section):
+    """The section `serial`."""
+
     port: str = "/dev/ledpi-controller"
     baud: Annotated[int, Field(ge=1200, le=4_000_000)] = 115200
     protocol: Literal["ledpi", "mavlink"] = "ledpi"

@@ -24,6 +24,7 @@ class Dictionary:
 
     @property
     def cells_per_side(self) -> int:
+        """n of the n × n cells."""
         return int(self.words.shape[1])
 
     def word(self, marker_id: int) -> Bits:

@@ -50,6 +50,8 @@ def _inside_the_folder(name: str) -> str:
 
 
 class CameraSection(BaseModel):
+    """`camera` in recording.yaml."""
+
     width: Size
     height: Size
     row_time_us: RowTime
@@ -64,6 +66,8 @@ class CameraSection(BaseModel):
 
 
 class PanelSection(BaseModel):
+    """`panel` in recording.yaml: of every panel that the recording shows."""
+
     dictionary: Annotated[str, AfterValidator(_known_dictionary)]
     side_m: SideM
     black_hz: Hertz
@@ -73,11 +77,15 @@ class PanelSection(BaseModel):
 
 
 class Header(BaseModel):
+    """recording.yaml, but for its format and what is not read."""
+
     camera: CameraSection
     panel: PanelSection
 
 
 class FrameLine(BaseModel):
+    """A line of frames.jsonl."""
+
     seq: Natural
     file: Annotated[str, AfterValidator(_inside_the_folder)]
     sensor_timestamp_ns: Natural
@@ -87,6 +95,8 @@ class FrameLine(BaseModel):
 
 
 class TruthLineMarker(BaseModel):
+    """A panel in a line of truth.jsonl."""
+
     id: Natural
     corners_px: tuple[Point, Point, Point, Point]
     position_m: tuple[Real, Real, Real]
@@ -95,6 +105,8 @@ class TruthLineMarker(BaseModel):
 
 
 class TruthLine(BaseModel):
+    """A line of truth.jsonl."""
+
     seq: Natural
     markers: tuple[TruthLineMarker, ...]
 

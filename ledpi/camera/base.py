@@ -16,7 +16,9 @@ class Camera(Protocol):
         ...
 
     @property
-    def panel(self) -> PanelValues | None: ...
+    def panel(self) -> PanelValues | None:
+        """What a recording says of its own panels, and the simulator of those that it draws; else None."""
+        ...
 
     def read(self, into: Pixels) -> Frame | Rejected | None:
         """Waits for the next frame and puts its luma into `into` (height, width), uint8, C-contiguous.

@@ -12,11 +12,15 @@ from ledpi.errors import CalibrationError
 
 
 class KindName(StrEnum):
+    """What --kind may be."""
+
     CHESSBOARD = "chessboard"
     CHARUCO = "charuco"
 
 
 class PaperName(StrEnum):
+    """What --paper may be."""
+
     A4 = "a4"
     LETTER = "letter"
 

@@ -27,6 +27,8 @@ _SIDE = "panels.side_m=0.16"
 
 
 class SuiteName(StrEnum):
+    """What --suite may be."""
+
     PAPER = "paper"
     BEYOND = "beyond"
     ROBUSTNESS = "robustness"
@@ -34,6 +36,8 @@ class SuiteName(StrEnum):
 
 
 class MethodName(StrEnum):
+    """What --method may be."""
+
     BANDS = "bands"
     SOFT = "soft"
     STREAM = "stream"

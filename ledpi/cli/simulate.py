@@ -21,11 +21,15 @@ _STILL_IDS, _STILL_DISTANCE_M, _STILL_ANGLE_DEG = [7], 1.0, 0.0
 
 
 class SceneName(StrEnum):
+    """What --scene may be."""
+
     DRIVE = "drive"
     BOARD = "board"
 
 
 class TransferName(StrEnum):
+    """What --transfer may be."""
+
     LINEAR = "linear"
     SRGB = "srgb"
 

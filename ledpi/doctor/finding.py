@@ -20,12 +20,15 @@ class Finding:
 
 
 def ok(name: str, said: str) -> Finding:
+    """It is as it should be."""
     return Finding(name=name, state="ok", said=said)
 
 
 def unknown(name: str, said: str) -> Finding:
+    """It could not be looked at here, or does not apply."""
     return Finding(name=name, state="unknown", said=said)
 
 
 def bad(name: str, said: str, remedy: str, *, stops_daemon: bool = False) -> Finding:
+    """It is not; `remedy` is what to do."""
     return Finding(name=name, state="bad", said=said, remedy=remedy, stops_daemon=stops_daemon)

@@ -49,7 +49,9 @@ class Read:
 class Reader(Protocol):
     """Reads frames of one camera, one after the other."""
 
-    def read(self, frame: Frame) -> Read: ...
+    def read(self, frame: Frame) -> Read:
+        """What is found in the next frame, and how long that took."""
+        ...
 
 
 class PanelReader:
@@ -72,6 +74,7 @@ class PanelReader:
         )
 
     def read(self, frame: Frame) -> Read:
+        """As `Reader.read`."""
         trace = Trace()
         decoded = self._pipeline.decode(frame, trace)
         found = tuple(
@@ -96,6 +99,7 @@ class PrintReader:
         self._intrinsics = intrinsics
 
     def read(self, frame: Frame) -> Read:
+        """As `Reader.read`."""
         start = time.perf_counter()
         found = [
             Found(id=marker_id, corners_px=corners, pose=self._pose(corners))

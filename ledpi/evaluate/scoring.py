@@ -32,6 +32,7 @@ class Expected:
 
     @classmethod
     def of(cls, truth: TruthMarker) -> Self:
+        """What a recording's truth, or the simulator's, says of one panel."""
         return cls(
             id=truth.id, corners_px=truth.corners_px, pose=truth.camera_from_marker, optional=truth.optional
         )
@@ -94,14 +95,17 @@ class Tally:
             )
 
     def as_json(self) -> dict[str, Any]:
+        """All of it, in what JSON can hold; `from_json` takes it back."""
         return {f.name: getattr(self, f.name) for f in fields(self)} | {"missed": dict(sorted(self.missed.items()))}
 
     @classmethod
     def from_json(cls, values: dict[str, Any]) -> Self:
+        """A tally from what `as_json` gave."""
         return cls(**values | {"missed": Counter(values["missed"])})
 
     @classmethod
     def sum_of(cls, tallies: Iterable[Tally]) -> Self:
+        """One tally of all their frames, errors in the order given."""
         total = cls()
         for tally in tallies:
             for name in ("frames", "trials", "expected", "recognised", "false_ids"):

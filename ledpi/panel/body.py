@@ -46,6 +46,7 @@ class Body:
 
     @property
     def pitch_mm(self) -> float:
+        """From the centre of one cell to the next."""
         return self.side_mm / self.cells
 
     @property
@@ -55,6 +56,7 @@ class Body:
 
     @property
     def frame_mm(self) -> float:
+        """Width of the frame around the lit square."""
         return _FRAME_MM
 
     @property

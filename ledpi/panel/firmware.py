@@ -20,11 +20,13 @@ SINGLE_CELLS = 16  # that the board has pins for, the serial line left free
 
 
 class Build(StrEnum):
+    """How the driver is wired: an output for each class, or one for each cell."""
     TWO_OUTPUTS = "two-outputs"
     SIXTEEN_CELLS = "sixteen-cells"
 
     @property
     def source(self) -> str:
+        """Name of its C file."""
         return self.value.replace("-", "_") + ".c"
 
 

@@ -33,6 +33,7 @@ class Sheet:
 
     @property
     def title(self) -> str:
+        """As in `Panel ID 7 of DICT_4X4_50`."""
         return f"Panel ID {self.marker_id} of {Path(self.dictionary.name).stem}"
 
 

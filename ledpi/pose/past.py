@@ -33,6 +33,7 @@ class Past:
         self._at_ns = 0
 
     def remember(self, fix: Candidate, now_ns: int) -> None:
+        """The fix at `now_ns` of the camera's clock is the last one."""
         self._last, self._at_ns = fix, now_ns
 
     def choose(self, candidates: list[Candidate], now_ns: int) -> Candidate | None:

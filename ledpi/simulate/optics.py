@@ -39,17 +39,21 @@ class Region:
 
     @property
     def width(self) -> int:
+        """In pixels."""
         return self.x1 - self.x0
 
     @property
     def height(self) -> int:
+        """In pixels."""
         return self.y1 - self.y0
 
     @property
     def slices(self) -> tuple[slice, slice]:
+        """Of a picture's rows and columns."""
         return slice(self.y0, self.y1), slice(self.x0, self.x1)
 
     def grown(self, by: int) -> Region:
+        """With `by` pixels more on each side."""
         return Region(self.x0 - by, self.y0 - by, self.x1 + by, self.y1 + by)
 
     def within(self, other: Region) -> Region | None:

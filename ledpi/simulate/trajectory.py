@@ -53,9 +53,11 @@ class Still:
 
     @property
     def moves(self) -> bool:
+        """As `Trajectory.moves`."""
         return False
 
     def scene_from_body(self, t_s: float) -> Floats:
+        """As `Trajectory.scene_from_body`."""
         return self.pose
 
 
@@ -70,9 +72,11 @@ class Gliding:
 
     @property
     def moves(self) -> bool:
+        """As `Trajectory.moves`."""
         return True
 
     def scene_from_body(self, t_s: float) -> Floats:
+        """As `Trajectory.scene_from_body`."""
         elapsed = t_s - self.start_s
         turn = rotation(self.angular_velocity_rad_s * elapsed)
         return transform(turn @ self.start[:3, :3], self.start[:3, 3] + self.velocity_m_s * elapsed)
@@ -92,9 +96,11 @@ class Shown:
 
     @property
     def moves(self) -> bool:
+        """As `Trajectory.moves`."""
         return True
 
     def scene_from_body(self, t_s: float) -> Floats:
+        """As `Trajectory.scene_from_body`."""
         turn, since_s = divmod(t_s - self.start_s, self.each_s)
         now, after = (self.places[int(turn + k) % len(self.places)] for k in (0, 1))
         share = max(0.0, since_s - self.rest_s) / (self.each_s - self.rest_s)
@@ -117,9 +123,11 @@ class Patrol:
 
     @property
     def moves(self) -> bool:
+        """As `Trajectory.moves`."""
         return True
 
     def scene_from_body(self, t_s: float) -> Floats:
+        """As `Trajectory.scene_from_body`."""
         turn = 2.0 * math.pi * math.fmod(t_s, self.period_s) / self.period_s
         shift = np.array([self.swing_m[0] * math.sin(2.0 * turn), 0.0, -self.swing_m[1] * math.cos(turn)])
         position = self.centre_m + shift

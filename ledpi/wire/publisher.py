@@ -80,6 +80,7 @@ class Publisher:
         self._thread = threading.Thread(target=self._run, name="publisher", daemon=True)
 
     def start(self) -> None:
+        """Starts the thread, which opens the port and opens it again until `stop`."""
         self._thread.start()
 
     def publish(self, decoded: Decoded) -> None:
@@ -120,6 +121,7 @@ class Publisher:
 
     @property
     def counters(self) -> PublisherCounters:
+        """All of them, as they are at one moment."""
         with self._wake:
             return PublisherCounters(
                 fixes=self._written[FixMessage],

@@ -38,6 +38,7 @@ class Receiver:
 
     @property
     def counters(self) -> ReceiverCounters:
+        """Frames since the start: good, lost, bad and skipped by reason, and the sender's restarts."""
         return ReceiverCounters(
             good=self._good,
             lost=self._lost,
