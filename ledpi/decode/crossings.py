@@ -133,14 +133,34 @@ def _grown(points: Floats, middle: Floats, steps: Floats, cells: int) -> tuple[N
         off = np.abs(seen - whole).max(axis=1)
         members = np.flatnonzero((off < OFF_LATTICE) & (np.abs(whole).max(axis=1) <= reach))
         members = members[np.argsort(off[members], kind="stable")]
-        members = members[np.unique(whole[members], axis=0, return_index=True)[1]]  # the nearest to each
+        numbers = whole[members] @ (2 * reach + 1, 1)
+        members = members[np.unique(numbers, return_index=True)[1]]  # the nearest to each
         if len(members) < 9 - MISSING:
             return None
-        fitted, _ = cv2.findHomography(whole[members], points[members])
+        fitted = _fitted(whole[members], points[members])
         if fitted is None or abs(np.linalg.det(fitted)) < 1e-9:
             return None
         to_picture = fitted
     return members, whole[members]
+
+
+def _fitted(at: Floats, points: Floats) -> Floats | None:
+    """(3, 3) homography from places `at` (K, 2) to `points` (K, 2), or None where there is none.
+
+    By linear least squares, in a tenth of OpenCV's time: how far off points are counts by how far away they are, which
+    is alike within a panel.
+    """
+    (u, v), (x, y) = at.T, (points - points[0]).T
+    both = np.zeros((2, len(at), 8))
+    both[0, :, 0], both[0, :, 1], both[0, :, 2], both[0, :, 6], both[0, :, 7] = u, v, 1.0, -x * u, -x * v
+    both[1, :, 3], both[1, :, 4], both[1, :, 5], both[1, :, 6], both[1, :, 7] = u, v, 1.0, -y * u, -y * v
+    flat = both.reshape(-1, 8)
+    try:
+        fitted = np.append(np.linalg.solve(flat.T @ flat, flat.T @ np.concatenate([x, y])), 1.0).reshape(3, 3)
+    except np.linalg.LinAlgError:
+        return None
+    fitted[:2] += points[0][:, None] * fitted[2]
+    return np.asarray(fitted, np.float64)
 
 
 def _windows(
@@ -164,7 +184,7 @@ def _corners(points: Floats, at: Floats, cells: int) -> Floats | None:
 
     `at` (K, 2) counts them from the first.
     """
-    homography, _ = cv2.findHomography(at, points)
+    homography = _fitted(at, points)
     if homography is None:
         return None
     low, high = -1.0, cells - 1.0
