@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 from decode_material import LENS, Canvas, diffuser, quad, reason, seen_through, square, word
 
-from ledpi.decode.inner_square import by_inner_lines, is_same
-from ledpi.records import Floats, Frame, Quad
+from ledpi.decode.inner_square import _told, by_inner_lines, is_same
+from ledpi.kernels import inner_square as kernel
+from ledpi.kernels.library import COMPILED
+from ledpi.records import Floats, Frame, Intrinsics, Quad
 
 
 def touched(true: Floats, light: float, *, lamp: bool = False) -> Frame:
@@ -94,3 +96,25 @@ def test_walls_alone_are_lines_enough() -> None:
     found = by_inner_lines(canvas.frame(), nudged(true, 0.1), 4)
     assert isinstance(found, Quad), reason(found)
     assert np.linalg.norm(found.corners_px - true, axis=1).max() < 0.2
+
+
+@pytest.mark.skipif(not COMPILED, reason="needs the compiled loops (a C compiler when ledpi was installed)")
+@pytest.mark.parametrize("side", [36.0, 90.0, 180.0])
+@pytest.mark.parametrize("lens", [None, LENS])
+def test_compiled_loops_tell_the_same(lens: Intrinsics | None, side: float) -> None:
+    """With a dead cell; where they find nothing, both find nothing."""
+    gains = np.ones((4, 4))
+    gains[1, 2] = 0.0
+    straight = square(330.4, 250.2, side, 21)
+    canvas = Canvas()
+    canvas.panel(straight, word(7), gains=gains, lens=lens)
+    frame, true = canvas.frame(), straight if lens is None else seen_through(lens, straight)
+    found = 0
+    for share in (0.05, 0.15, 0.25, 0.6):
+        near = nudged(true, share)
+        (ours, sigma_px), (theirs, their_sigma_px) = kernel.told(frame, near, 4, lens), _told(frame, near, 4, lens)
+        np.testing.assert_allclose(sigma_px, their_sigma_px, rtol=1e-3)
+        if math.isfinite(sigma_px):
+            np.testing.assert_allclose(ours, theirs, atol=1e-3)
+            found += 1
+    assert found >= 1

@@ -14,6 +14,9 @@ import numpy as np
 from ledpi.decode.adjust import BUILT_PX, FARTHEST, HUBER, LEAST_CELLS, LEAST_VARIANCE, MOVES, REACH_PX, design
 from ledpi.decode.inner_lines import NOT_SEEN_PX2, PLACES, Homographies, inner_lines, lens_moves
 from ledpi.decode.sides import Mask, Patches, Points, areas, as_corners, as_points, bends
+from ledpi.kernels import inner_square as kernel
+from ledpi.kernels.edges import MOST_CELLS
+from ledpi.kernels.light import can_read
 from ledpi.records import Floats, Frame, Intrinsics, Quad, Rejected
 
 NO_LINES = Rejected(stage="edges", reason="no_inner_lines")
@@ -21,11 +24,13 @@ AT_BORDER = Rejected(stage="edges", reason="at_picture_border")
 
 # Of a pitch, to either side of a line, where it is sought at first: `inner_lines` sees no further than a wall and its
 # blur, and beside that light is even too.
-SHIFTS = np.arange(-5, 6) * 0.05
+SHIFT_STEP = 0.05
+DIP = 0.97  # of the darker of both ends, at least so dark is a line: it is not where either cell is dead
+_SHIFTS = SHIFT_STEP * np.arange(-5, 6)
 ROUGH_ROUNDS, ROUNDS = 2, 5
 NEAR_PX = 0.05  # a round that moves the corners no further is the last
 MOST_SHARE = 0.1  # of the side: a round that moves them further has lost its way
-LEAST_SHOWN = 0.75  # of the places where cells meet must show a line, and be darkest there to a step of SHIFTS
+LEAST_SHOWN = 0.75  # of the places where cells meet must show a line, and be darkest there to a step
 MAX_AWAY = 0.06  # of a pitch: root mean square of the lines about their lattice
 MAX_SIGMA = 0.15  # of a pitch: of the corners, beyond which too little is known of them
 SAME = 0.02  # of a pitch: corners no further apart
@@ -36,32 +41,41 @@ _CORNERS = np.array([0, 1, 1, 0.0]), np.array([0, 0, 1, 1.0])
 
 def by_inner_lines(frame: Frame, near: Floats, cells: int, intrinsics: Intrinsics | None = None) -> Quad | Rejected:
     """The grid of `cells` × `cells` whose corners are about `near` (4, 2), to a tenth of a cell."""
-    corners = as_points(np.asarray(near, np.float64)[None])
     if cells < LEAST_CELLS:
         return NO_LINES
+    told = kernel.told if can_read(frame) and cells <= MOST_CELLS else _told
+    at, sigma_px = told(frame, near, cells, intrinsics)
+    if not math.isfinite(sigma_px):
+        return NO_LINES
+    height, width = frame.pixels.shape
+    if at.min() < 1 or at[:, 0].max() > width - 2 or at[:, 1].max() > height - 2:
+        return AT_BORDER
+    bend_px = float(np.abs(bends(as_points(at[None]), intrinsics).imag).max())
+    return Quad(corners_px=at, corner_sigma_px=sigma_px, bend_px=bend_px, told_by="lines")
+
+
+def _told(frame: Frame, near: Floats, cells: int, intrinsics: Intrinsics | None) -> tuple[Floats, float]:
+    """Its corners, and their deviation; not a number where there is none. The reference of kernels/inner_square.c."""
+    corners, nowhere = as_points(np.asarray(near, np.float64)[None]), (near, math.nan)
     for number in range(ROUGH_ROUNDS + ROUNDS):
         side_px = math.sqrt(max(float(areas(corners)[0]), 0.0))
         if not side_px > 2 * cells:
-            return NO_LINES
+            return nowhere
         lines = _Lines(frame, corners, cells)
         step, sigma_px, away_px = lines.rough() if number < ROUGH_ROUNDS else lines.exact(intrinsics)
         moved = float(np.abs(step).max())
         if not moved < MOST_SHARE * side_px:
-            return NO_LINES
+            return nowhere
         corners = corners + step
         if moved < NEAR_PX and number >= ROUGH_ROUNDS:
             break
     pitch_px = side_px / cells
     if not (moved < max(2 * sigma_px, NEAR_PX) and sigma_px < MAX_SIGMA * pitch_px and away_px < MAX_AWAY * pitch_px):
-        return NO_LINES
-    if (np.abs(_Lines(frame, corners, cells).darkest()) < 1.5 * (SHIFTS[1] - SHIFTS[0])).mean() < LEAST_SHOWN:
-        return NO_LINES
-    at = as_corners(corners)[0]
-    height, width = frame.pixels.shape
-    if at.min() < 1 or at[:, 0].max() > width - 2 or at[:, 1].max() > height - 2:
-        return AT_BORDER
-    bend_px = float(np.abs(bends(corners, intrinsics).imag).max())
-    return Quad(corners_px=np.ascontiguousarray(at), corner_sigma_px=sigma_px, bend_px=bend_px, told_by="lines")
+        return nowhere
+    darkest, is_dip = _Lines(frame, corners, cells).darkest()
+    if (is_dip & (np.abs(darkest) < 1.5 * SHIFT_STEP)).mean() < LEAST_SHOWN:
+        return nowhere
+    return as_corners(corners)[0], sigma_px
 
 
 def is_same(quad: Quad, other: Quad, cells: int) -> bool:
@@ -101,20 +115,20 @@ class _Lines:
         self._scale = np.abs((by_u.conj() * by_v).imag[0]) / np.abs(np.where(self._along_u, by_v, by_u)[0])
         self._slopes = self._at.moves[: self._inner] * self._scale[:, None]
 
-    def darkest(self) -> Floats:
-        """(K,) how far from each place light is darkest, in pitches along u or v."""
+    def darkest(self) -> tuple[Floats, Mask]:
+        """(K,) how far from each place light is darkest, in pitches along u or v, and whether it is a dip."""
         u, v, along_u = self._u[:, None, None], self._v[:, None, None], self._along_u[:, None, None]
-        across, along = SHIFTS[:, None] / self._cells, (PLACES - 0.5) / self._cells
+        across, along = _SHIFTS[:, None] / self._cells, (PLACES - 0.5) / self._cells
         places = u + np.where(along_u, across, along), v + np.where(along_u, along, across)
         points = self._homographies.at(places[0].ravel(), places[1].ravel())[0]
         light = self._patches.light_at(points.astype(np.complex64)).reshape(*places[0].shape).mean(axis=2)
-        return np.asarray(SHIFTS[light.argmin(axis=1)], np.float64)
+        is_dip = light.min(axis=1) < DIP * np.minimum(light[:, 0], light[:, -1])
+        return np.asarray(_SHIFTS[light.argmin(axis=1)], np.float64), np.asarray(is_dip)
 
     def rough(self) -> tuple[Points, float, float]:
         """How far off the corners are by that, (1, 4); their deviation, and that of the lines, in pixels."""
-        pitch_px = self._scale / self._cells
-        variance = np.square((SHIFTS[1] - SHIFTS[0]) * pitch_px)
-        return self._moved(self.darkest() * pitch_px, variance, np.full(len(variance), True))
+        pitch_px, (darkest, is_dip) = self._scale / self._cells, self.darkest()
+        return self._moved(darkest * pitch_px, np.square(SHIFT_STEP * pitch_px), is_dip)
 
     def exact(self, intrinsics: Intrinsics | None) -> tuple[Points, float, float]:
         """The same, by what is even and odd in the light across the lines."""

@@ -4,7 +4,7 @@
 #include "lattice.h"
 #include "quads.h"
 
-enum { PLACES = 6, MOST_RIMS = 4 * MOST_CELLS, MOST_MEASURED = MOST_INNER + MOST_RIMS, MOVES = 8, ALL = MOVES + 4 };
+enum { PLACES = 6, MOST_RIMS = 4 * MOST_CELLS, MOST_MEASURED = MOST_INNER + MOST_RIMS, ALL = MOVES + 4 };
 #define FIRST_PLACE 0.2
 #define LAST_PLACE 0.8
 #define BUILT_PX 0.05
@@ -22,14 +22,12 @@ typedef struct {
     ptrdiff_t inner, count; /* the first `inner` are of inner lines */
 } Problem;
 
-/* How the eight small changes of a homography move a place along u, and along v. */
-static void moves_at(double u, double v, double by_u[MOVES], double by_v[MOVES]) {
+void ledpi_moves_at(double u, double v, double by_u[MOVES], double by_v[MOVES]) {
     const double along_u[MOVES] = {1, u, v, 0, 0, 0, u * u, u * v}, along_v[MOVES] = {0, 0, 0, 1, u, v, u * v, v * v};
     for (int m = 0; m < MOVES; m++) by_u[m] = along_u[m], by_v[m] = along_v[m];
 }
 
-/* Cholesky's L of a symmetric matrix (size, size), in its lower part. */
-static void factor(double *matrix, int size) {
+void ledpi_factor(double *matrix, int size) {
     for (int i = 0; i < size; i++)
         for (int j = 0; j <= i; j++) {
             double sum = matrix[i * size + j];
@@ -38,15 +36,14 @@ static void factor(double *matrix, int size) {
         }
 }
 
-/* L⁻¹ of a vector, in place. */
-static void forward(const double *lower, int size, double *vector) {
+void ledpi_forward(const double *lower, int size, double *vector) {
     for (int i = 0; i < size; i++) {
         for (int k = 0; k < i; k++) vector[i] -= lower[i * size + k] * vector[k];
         vector[i] /= lower[i * size + i];
     }
 }
 
-static void backward(const double *lower, int size, double *vector) {
+void ledpi_backward(const double *lower, int size, double *vector) {
     for (int i = size - 1; i >= 0; i--) {
         for (int k = i + 1; k < size; k++) vector[i] -= lower[k * size + i] * vector[k];
         vector[i] /= lower[i * size + i];
@@ -60,15 +57,13 @@ static double side_place(int side, double share, double *u, double *v) {
     return side == 0 || side == 3 ? 1.0 : -1.0;
 }
 
-/* A measurement's slopes, but for the sides' shifts; returns pixels across its line, by a unit of u or v. */
-static double measure_at(const Homography *homography, double u, double v, bool along_u, double slopes[ALL]) {
+double ledpi_measure_at(const Homography *homography, double u, double v, bool along_u, double slopes[MOVES]) {
     double by_u[MOVES], by_v[MOVES];
     Point at, x, y;
     ledpi_seen(homography, u, v, &at, &x, &y);
     double scale = fabs(x.x * y.y - x.y * y.x) / (along_u ? hypot(y.x, y.y) : hypot(x.x, x.y));
-    moves_at(u, v, by_u, by_v);
+    ledpi_moves_at(u, v, by_u, by_v);
     for (int m = 0; m < MOVES; m++) slopes[m] = scale * (along_u ? by_u[m] : by_v[m]);
-    for (int k = 0; k < 4; k++) slopes[MOVES + k] = 0.0;
     return scale;
 }
 
@@ -80,8 +75,7 @@ static Point bent(const Lens *lens, Point at) {
     return (Point){pixel[0], pixel[1]};
 }
 
-/* `lens_moves` of decode/inner_lines.py; none without a lens. */
-static void lens_moves(const Lens *lens, const Homography *homography, const Point corners[4], ptrdiff_t cells,
+void ledpi_lens_moves(const Lens *lens, const Homography *homography, const Point corners[4], ptrdiff_t cells,
                        Point *moves) {
     Point there[4], at, by_u, by_v;
     Homography bent_homography;
@@ -150,11 +144,11 @@ static void take_rims(const Picture *picture, const Point corners[4], const doub
             if (pair) covariance[i][j] += filters[i]->apart_variance * (i == j ? 1.0 : -1.0);
             if (i == j) covariance[i][j] += spread / (double)cells;
         }
-    factor(&covariance[0][0], 4);
+    ledpi_factor(&covariance[0][0], 4);
     for (int i = 0; i < 4; i++) {
         double column[4] = {i == 0, i == 1, i == 2, i == 3};
-        forward(&covariance[0][0], 4, column);
-        backward(&covariance[0][0], 4, column);
+        ledpi_forward(&covariance[0][0], 4, column);
+        ledpi_backward(&covariance[0][0], 4, column);
         for (int j = 0; j < 4; j++) problem->prior[i][j] = column[j];
     }
 }
@@ -174,9 +168,9 @@ static void solve(Problem *problem, double prior) {
             for (int j = 0; j <= i; j++) problem->information[i][j] += weighted * row[j];
         }
     }
-    factor(&problem->information[0][0], ALL);
-    forward(&problem->information[0][0], ALL, pull);
-    backward(&problem->information[0][0], ALL, pull);
+    ledpi_factor(&problem->information[0][0], ALL);
+    ledpi_forward(&problem->information[0][0], ALL, pull);
+    ledpi_backward(&problem->information[0][0], ALL, pull);
     for (int i = 0; i < ALL; i++) problem->moves[i] = pull[i];
     for (ptrdiff_t m = 0; m < problem->count; m++) {
         problem->left[m] = problem->seen[m];
@@ -219,7 +213,7 @@ static double move_corners(const Homography *homography, const Problem *problem,
         double u = c == 1 || c == 2, v = c >= 2, along_u[MOVES], along_v[MOVES];
         Point at, by_u, by_v;
         ledpi_seen(homography, u, v, &at, &by_u, &by_v);
-        moves_at(u, v, along_u, along_v);
+        ledpi_moves_at(u, v, along_u, along_v);
         double by_move[2][ALL] = {{0.0}}, step[2] = {0.0, 0.0};
         for (int m = 0; m < MOVES; m++) {
             by_move[0][m] = by_u.x * along_u[m] + by_v.x * along_v[m];
@@ -227,7 +221,7 @@ static double move_corners(const Homography *homography, const Problem *problem,
             for (int i = 0; i < 2; i++) step[i] += by_move[i][m] * problem->moves[m];
         }
         for (int i = 0; i < 2; i++) {
-            forward(&problem->information[0][0], ALL, by_move[i]);
+            ledpi_forward(&problem->information[0][0], ALL, by_move[i]);
             for (int m = 0; m < ALL; m++) variance += by_move[i][m] * by_move[i][m] / 8;
         }
         moved[c] = (Point){corners[c].x + step[0], corners[c].y + step[1]};
@@ -248,19 +242,21 @@ double ledpi_adjust(const Picture *picture, const Tables *tables, const Point co
     double pitch[2] = {0.0, 0.0}, u, v;
     for (ptrdiff_t i = 0; i < inner; i++) {
         ledpi_line_place(i, cells, &u, &v);
-        double scale = measure_at(&homography, u, v, i < inner / 2, problem.slopes[i]);
+        double scale = ledpi_measure_at(&homography, u, v, i < inner / 2, problem.slopes[i]);
+        for (int k = 0; k < 4; k++) problem.slopes[i][MOVES + k] = 0.0;
         pitch[i >= inner / 2] += scale / (double)(inner / 2 * cells);
     }
     for (ptrdiff_t i = 0; i < 4 * cells; i++) {
         int side = (int)(i / cells);
         double inward = side_place(side, ((double)(i % cells) + 0.5) / (double)cells, &u, &v);
-        measure_at(&homography, u, v, side & 1, problem.slopes[inner + i]);
+        ledpi_measure_at(&homography, u, v, side & 1, problem.slopes[inner + i]);
+        for (int k = 0; k < 4; k++) problem.slopes[inner + i][MOVES + k] = 0.0;
         problem.slopes[inner + i][MOVES + side] = problem.seen[inner + i] = inward;
     }
     for (int k = 0; k < 4; k++) /* going inward from sides 0 and 2 is along v */
         filters[k] = ledpi_filter_for(&tables->filters, pitch[!(k & 1)], tables->filters.usual_blur_px, &missing->filter);
     if (missing->filter) return NAN;
-    lens_moves(lens, &homography, corners, cells, moves);
+    ledpi_lens_moves(lens, &homography, corners, cells, moves);
     ledpi_inner_lines(picture, &homography, pitch, moves, cells, problem.seen, problem.variance);
     for (ptrdiff_t i = 0; i < inner; i++) problem.variance[i] += BUILT_PX * BUILT_PX;
     take_rims(picture, corners, bends, filters, cells, &problem);
