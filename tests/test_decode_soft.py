@@ -332,6 +332,18 @@ def test_dictionaries_that_hold_only_some_ids_know_no_others() -> None:
     assert isinstance(read_at(canvas.frame(), corners, book), Rejected)
 
 
+def test_the_words_that_are_most_like_a_pattern() -> None:
+    """Of the four words of panel 7, turned: itself first, though one cell differs; each keeps its ID and turn."""
+    seen = word(7).ravel().copy()
+    seen[5] ^= True
+    nearest = ALL.nearest(seen, 3)
+    assert (int(nearest.ids[0]), int(nearest.quarter_turns[0])) == (7, 0)
+    differ = [int(np.count_nonzero((white > 0) != seen)) for white in nearest.white]
+    assert differ[0] == 1
+    assert differ == sorted(differ)
+    assert len(differ) == 3
+
+
 def test_too_little_to_see_is_a_reason_and_no_guess() -> None:
     """As the panel shrinks to nothing, a reading is right or there is none."""
     for side in (12, 16, 20, 26, 32, 40, 50):

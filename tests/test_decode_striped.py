@@ -27,12 +27,15 @@ from ledpi.decode.around import rectangles_around, smallest_square_around
 from ledpi.decode.band_light import Bands
 from ledpi.decode.cells import CellSamples, sample_cells
 from ledpi.decode.codebook import Codebook
+from ledpi.decode.evidence import Evidence, bands_of, believed_bands
 from ledpi.decode.find import Candidate
 from ledpi.decode.find_striped import StripedFinder
 from ledpi.decode.lattice import unlike_a_square
 from ledpi.decode.light_window import Window
 from ledpi.decode.sides import as_points
+from ledpi.decode.single_frame import single_evidence
 from ledpi.decode.striped import fitted_squares, striped_near, striped_squares
+from ledpi.decode.words import word_log_likelihoods
 from ledpi.dictionaries import load_dictionary
 from ledpi.pipeline import Pipeline
 from ledpi.records import BandShape, Floats, Frame, Intrinsics, Quad, Rejected
@@ -192,6 +195,24 @@ def test_the_shape_of_bands_is_told(steeper: float, smoothing_rows2: float) -> N
     assert edge_rows2(look.quad.bands.shape) == pytest.approx(
         edge_rows2(BandShape(exposure_us=160.0 / steeper, smoothing_rows2=smoothing_rows2)), rel=0.12
     )
+
+
+@pytest.mark.parametrize("exposure_us", [130.0, 161.6, 270.0, 500.0])
+def test_what_is_seen_of_bands_is_where_a_look_finds_them(exposure_us: float) -> None:
+    """Classes of all cells, and phases to 3°: a look by square waves in these phases finds none that is later."""
+    true = square(310.3, 240.6, 70, 25)
+    frame = striped(true, 7, (0.3, 0.9), exposure_us)
+    (quad,) = striped_near(frame, [true], 4, [SPEC])
+    assert isinstance(quad, Quad)
+    assert quad.bands is not None
+    np.testing.assert_array_equal(quad.bands.white, word(7).ravel())
+    samples, bands = sample_cells(frame, quad, 4), bands_of(quad.bands, frame, SPEC)
+    assert isinstance(samples, CellSamples)
+    believed = believed_bands(samples, frame, SPEC, quad.bands.white, bands)
+    evidence = single_evidence(samples, frame, SPEC, believed=believed)
+    assert isinstance(evidence, Evidence)
+    found = word_log_likelihoods(evidence, quad.bands.white[None].astype(np.float32))[1][0]
+    assert np.degrees(np.abs(np.arctan2(found[1::2], found[::2]))).max() < 3
 
 
 def edge_rows2(bands: BandShape) -> float:

@@ -89,7 +89,9 @@ def read_word(
     """
     spec, seen = codebook.spec, _seen_bands(samples, frame, codebook)
     if seen is not None:
-        return _settled(seen, samples, frame, codebook, false_id_rate)
+        settled = _settled(seen, samples, frame, codebook, false_id_rate)
+        if isinstance(settled, Reading) or is_deep(band_prior(frame, spec)):
+            return settled
     looked = first_look(samples, frame, spec, codebook.white)
     if isinstance(looked, Rejected):
         return looked
@@ -122,7 +124,8 @@ def _settled(
     """What looks at deep bands tell, from those that were `seen` on, each by the bands that the last has shown.
 
     A look finds what it believes: of a cell that it takes for one of the other class it says that it is, whatever it
-    shows. So no word is believed that cells contradict as they were seen, by themselves.
+    shows. So no word is believed that cells contradict as they were seen, by themselves. (Where one class is nearly
+    steady they may have been seen wrongly; then all else is as without them.)
     """
     words, bands = codebook.nearest(seen.white, SHORTLIST), bands_of(seen, frame, codebook.spec)
     word, result = words.white[0] > 0, NO_WORD
@@ -142,8 +145,8 @@ def _settled(
 
 
 def _seen_bands(samples: CellSamples, frame: Frame, codebook: Codebook) -> SeenBands | None:
-    """Those of the panel's whole picture, where they are deep and may be of these panels."""
-    if samples.bands is None or not is_deep(band_prior(frame, codebook.spec)):
+    """Those of the panel's whole picture, where any are deep and they may be of these panels."""
+    if samples.bands is None or not is_deep_anywhere(band_prior(frame, codebook.spec)):
         return None
     alike = zip(samples.bands.spec.waves_hz, codebook.spec.waves_hz, strict=False)
     return samples.bands if all(abs(seen / hz - 1.0) < SAME_HZ for seen, hz in alike) else None
