@@ -110,7 +110,11 @@ class Squares:
         results = self._unbent(frame, [candidate.corners for candidate in squares], quads)
         for grid in (candidate.corners for candidate in candidates if candidate.spots):
             of_spots = settle(frame, grid, self._cells, self._intrinsics)
-            if isinstance(of_spots, Quad):  # in place of what runs around its spots, or inside it
+            if isinstance(of_spots, Quad):
+                by_sides = [quad for _, quad in results if isinstance(quad, Quad)]
+                if any(is_near(quad, of_spots.corners_px, self._cells) for quad in by_sides):
+                    continue  # lit up to its sides, which tell more exactly where it is
+                # In place of what runs around its spots, or inside it.
                 results = [(at, q) for at, q in results if isinstance(q, Rejected) or not is_part_of(q, of_spots)]
             results.append((grid, of_spots))
         return results

@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
-from decode_material import Canvas, camera_info, panel_settings, quad, reason, square, word
+from decode_material import SPEC, Canvas, camera_info, diffuser, panel_settings, quad, reason, square, word
 
 from ledpi.decode.find import Finder
 from ledpi.decode.lit import contrasts
@@ -16,6 +16,7 @@ from ledpi.kernels import centres as kernel
 from ledpi.kernels.library import COMPILED
 from ledpi.pipeline import Pipeline
 from ledpi.records import Floats, Frame, Intrinsics, Pixels, Quad
+from ledpi.squares import Squares
 
 
 def bare(u: Floats, v: Floats) -> Floats:
@@ -165,3 +166,23 @@ def test_a_stream_follows_and_reads_bare_leds() -> None:
         markers = pipeline.decode(canvas.frame(seq, seq=seq)).markers
     assert [marker.sighting.id for marker in markers] == [7]
     assert np.abs(markers[0].sighting.corners_px - true).max() < 0.3
+
+
+def hot_behind_a_thin_diffuser(u: Floats, v: Floats) -> Floats:
+    """The LED shines through, and between the spots there is light enough to see where the panel ends."""
+    x, y = 4 * u % 1.0 - 0.5, 4 * v % 1.0 - 0.5
+    return np.asarray(diffuser(u, v) * (0.3 + 0.7 * np.exp(-(x * x + y * y) / (2 * 0.2**2))))
+
+
+def test_a_panel_of_spots_that_is_lit_up_to_its_sides_is_told_by_these() -> None:
+    """To a tenth of a pixel, where its spots, which are not quite alike, tell it to one."""
+    rng, true = np.random.default_rng(5), square(310.4, 240.2, 100.0, 3)
+    canvas = Canvas(transfer="linear")
+    canvas.panel(true, word(7), profile=hot_behind_a_thin_diffuser, gains=1 + 0.1 * rng.standard_normal((4, 4)))
+    frame = canvas.frame()
+    squares = Squares(camera_info(transfer="linear"), 4, (SPEC,), None)
+    candidates, _ = squares.candidates(frame)
+    assert any(candidate.spots for candidate in candidates)
+    (found,) = (each for _, each in squares.of(frame, candidates) if isinstance(each, Quad))
+    assert found.told_by == "sides"
+    assert np.abs(found.corners_px - true).max() < 0.15
