@@ -52,10 +52,9 @@ def decode(
     from ledpi.recording import load_recording
 
     file = find_config(config)
-    overrides = list(set_) + ([f"decode.method={method}"] if method is not None else [])
-    if file is None and not any(item.startswith("panels.side_m=") for item in overrides):
-        # Recordings bring their panel's size; pictures without a configuration are refused below.
-        overrides.append("panels.side_m=1")
+    overrides = [*set_, *([f"decode.method={method}"] if method is not None else [])]
+    if file is None:  # recordings bring their panel's size; pictures without a configuration are refused below
+        overrides.insert(0, "panels.side_m=1")
     settings = load_config(file, tuple(overrides))
     recordings, pictures = _sort_out(paths)
     if pictures and file is None and not any(item.startswith("panels.side_m=") for item in set_):

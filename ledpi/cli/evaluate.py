@@ -194,9 +194,9 @@ def _read_recording(
             panels=settings.panels,
             advance=advance,
         )
-    words = ["ledpi", "evaluate", "--out", "DIR", "--recording", str(recording), "--id", str(marker_id)]
-    words += ["--distance", f"{distance_m:g}", "--angle", f"{angle_deg:g}"]
-    words += [word for m in methods for word in ("--method", m)] + panel_options
+    place = ["--id", str(marker_id), "--distance", f"{distance_m:g}", "--angle", f"{angle_deg:g}"]
+    chosen = [word for m in methods for word in ("--method", m)] + panel_options
+    words = ["ledpi", "evaluate", "--out", "DIR", "--recording", str(recording), *place, *chosen]
     folder.add(record | {"command": shlex.join(words)})
     records = folder.finished.values()
 
