@@ -26,6 +26,20 @@ def test_links_lead_to_files(document: str) -> None:
     assert [target for target in targets if not (path.parent / target).exists()] == []
 
 
+def anchors(page: Path) -> set[str]:
+    """What a link may name after `#`: the headings, in lower case, blanks as hyphens, without punctuation."""
+    headings = re.findall(r"^#+ (.*)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+@pytest.mark.parametrize("document", DOCUMENTS)
+def test_links_lead_to_headings(document: str) -> None:
+    """Of this page or another, where a link names one."""
+    path = ROOT / document
+    targets = re.findall(r"\]\(([^):]*)#([^)]+)\)", path.read_text(encoding="utf-8"))
+    assert [(page, a) for page, a in targets if a not in anchors(path.parent / page if page else path)] == []
+
+
 def test_every_page_can_be_reached_from_the_readme() -> None:
     """By links, a folder standing for its README.md."""
     reached: set[Path] = set()

@@ -52,7 +52,7 @@ def draw_rates(rows: Sequence[TableRow], path: Path) -> None:
     _quote(by_distance, _PAPER_DISTANCE, "the paper:\n“over 43 %”")
     by_distance.set_xscale("log")
     shown = sorted({r.distance_m for r in plain if r.angle_deg == 0 and r.distance_m is not None})
-    by_distance.set_xticks(shown, [f"{d:g}" for d in shown], fontsize=8)
+    by_distance.set_xticks(shown, [f"{d:g}" for d in shown], fontsize=8, rotation=45)
     by_distance.set_xticks([], minor=True)
     by_distance.set_xlabel("distance, m")
     _plot(by_angle, [r for r in plain if r.distance_m == PAPER_ANGLES_AT_M], "angle_deg")
