@@ -43,9 +43,9 @@ from ledpi.trace import Look, Trace
 SEARCH_EVERY = 3
 # Beside panels that are read, what a search does not see at first is looked for in every fourth search.
 AGAIN_EVERY = 4
-# What is within panels is looked at where sides tell nothing, which takes longer than all else: in every sixth of a
-# stream's frames without a panel, as most that are seen at all are read by then.
-LOOK_WITHIN_EVERY = 6
+# What is within panels is looked at where sides tell nothing. Where there are many lattices that takes longer than all
+# else: in every third of a stream's frames without a panel, so that what is touched is a newcomer for no longer either.
+LOOK_WITHIN_EVERY = 3
 STAGES: dict[Method, tuple[str, ...]] = {
     "soft": ("find", "edges", "cells", "soft", "pose"),
     "bands": ("bands", "pose"),
