@@ -91,7 +91,7 @@ class Squares:
         """Of the same frame, where `candidates` have led to nothing: what only comes to light by other thresholds,
         or other sides."""
         if self._striped_finder.stripe_rows(frame):
-            return self._striped_finder.find_again(), []
+            return self._striped_finder.find_again(frame), []
         return self._finder.find_again()
 
     def of(self, frame: Frame, candidates: list[Candidate]) -> list[tuple[Floats, Quad | Rejected]]:

@@ -40,6 +40,7 @@ LEAST_LIGHT = 0.01  # of full scale: less is as good as dark
 # Pixels of the half-sized picture, and share of a thing: what hangs on to it by less is another.
 LEAST_NECK, NECK = 3, 9
 MIN_STRIPED_CELL_PX = 3.0  # as roughly found: of smaller cells no lattice is seen through lens and pixel
+MUCH_LARGER = 2.0  # than a dark band
 MIN_PX = 4  # of the half-sized picture: less is a speck
 MIN_SOLIDITY = 0.6  # area over that of the convex hull; a corner may be dark
 
@@ -77,13 +78,15 @@ class StripedFinder:
                 dropped.append(result)
         return found, dropped
 
-    def find_again(self) -> list[Candidate]:
+    def find_again(self, frame: Frame) -> list[Candidate]:
         """Of the same frame: rectangles around the same things, along the sides that they show.
 
-        Where bands have cut two of its corners off, the smallest figure around a square leans on the cuts.
+        Where bands cut two of its corners off, the smallest figure around a square leans on the cuts. Of what is not
+        much larger than a dark band more than corners are missing, and in many a picture much is like that.
         """
+        least_px = max(self._smallest_px, MUCH_LARGER * self.stripe_rows(frame))
         every = [corners for hull in self._hulls for corners in rectangles_around(few_corners(hull))]
-        return [candidate for corners in every if (candidate := self._grown(corners)).side_px >= self._smallest_px]
+        return [candidate for corners in every if (candidate := self._grown(corners)).side_px >= least_px]
 
     def stripe_rows(self, frame: Frame) -> float:
         """Height of the longest dark band that cuts panels into pieces; 0 where the exposure smooths the bands.

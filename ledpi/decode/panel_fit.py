@@ -16,6 +16,7 @@ unknowns together, needs no slopes of the picture.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, lru_cache
 
@@ -44,9 +45,9 @@ GAP_USUAL, GAP_DEVIATION = 0.05, 0.04
 # of it does); and by how many rows, squared, they are smoothed beside that.
 LONGER_DEVIATION, SMOOTHER_DEVIATION = 0.3, 1.0
 SPOT_DEVIATION, BESIDE_DEVIATION, GAIN_DEVIATION, DARK_DEVIATION = 1.0, 0.2, 0.5, 0.1
-# How often bands are given another shape; if so much of the light's squares is explained, and it differs by more than
-# that: in the exposure's logarithm, and in rows squared.
-SHAPES, LEAST_SHAPED, ALIKE_LONGER, ALIKE_SMOOTHER = 3, 0.9, 0.1, 0.3
+# How often bands are given another shape, as long as it differs by more than that: in the exposure's logarithm, and in
+# rows squared.
+SHAPES, ALIKE_LONGER, ALIKE_SMOOTHER = 3, 0.1, 0.3
 SATURATED = 0.999  # of full scale: such pixels say nothing
 
 
@@ -110,13 +111,23 @@ def fitted(
 
 
 def fitted_in_shape(
-    window: Window, corners: Points, bands: Bands, cells: int, intrinsics: Intrinsics | None, *, rounds: int
+    window: Window,
+    corners: Points,
+    bands: Bands,
+    cells: int,
+    intrinsics: Intrinsics | None,
+    *,
+    rounds: int,
+    is_one: Callable[[Fit], bool],
 ) -> Fit | None:
-    """The same, with the shape that bands have: another than the exposure's is begun with anew, as it is not linear."""
+    """The same, with the shape that bands have: one that is not the exposure's is begun with anew, as it is not linear.
+
+    `is_one`: whether it is worth that.
+    """
     shape = BandShape(exposure_us=window.frame.exposure_us, smoothing_rows2=0.0)
     for _ in range(SHAPES):
         fit = fitted(window, corners, bands, cells, intrinsics, rounds=rounds, shape=shape)
-        if fit is None or fit.shape is None or fit.explained < LEAST_SHAPED or _are_alike(shape, fit.shape):
+        if fit is None or fit.shape is None or not is_one(fit) or _are_alike(shape, fit.shape):
             break
         corners, shape = fit.corners, fit.shape
     return fit

@@ -141,17 +141,18 @@ def striped_square(
     near = as_points(starts)
     focal_px = float(frame.pixels.shape[1] if intrinsics is None else intrinsics.fx)
     window = Window.around(frame, near, REACH * math.sqrt(np.abs(areas(near)).max()) + stripe_rows / 2)
-    seen = [bands for at in window.within(near) if (bands := Bands.at(window, at, cells, specs)) is not None]
-    bands = max(seen, key=lambda one: one.explained, default=None)
-    if bands is None or bands.explained < MIN_EXPLAINED:
+    seen = [_bands_at(window, at, cells, specs) for at in near]
+    bands = max((one for one in seen if isinstance(one, Bands)), key=lambda one: one.explained, default=None)
+    if bands is None:
         return NO_BANDS
-    first = _look(window, near[0], cells, specs, intrinsics)
+    first = _look(window, near[0], seen[0], cells, intrinsics)
     if isinstance(first, Fit) and _is_clear(first, window.waves_of(bands.spec).share):
         return _square_near(frame, first.corners, cells, specs, intrinsics)
     light = BandLight.of(window, bands, cells, focal_px)
     steady = window.waves_of(bands.spec).least > STEADY
     likely = window.in_picture(_likely(light, window.within(near), stripe_rows / window.shrink, climbing=steady))
-    fits = [first, *(_look(window, at, cells, specs, intrinsics) for at in likely)]
+    looks = (_look(window, at, _bands_at(window, at, cells, specs), cells, intrinsics) for at in likely)
+    fits = [first, *looks]
     found = np.array([fit.corners for fit in fits if isinstance(fit, Fit)])
     if not len(found):
         return NO_BANDS
@@ -160,10 +161,9 @@ def striped_square(
 
 
 def _look(
-    window: Window, near: Points, cells: int, specs: Sequence[PanelSpec], intrinsics: Intrinsics | None
+    window: Window, near: Points, bands: Bands | Rejected, cells: int, intrinsics: Intrinsics | None
 ) -> Fit | Rejected:
     """A first fit, by few points; from corners (4,) that may be a tenth of the side off."""
-    bands = _bands_at(window, near, cells, specs)
     if isinstance(bands, Rejected):
         return bands
     fit = fitted(window, near, bands, cells, intrinsics, rounds=LOOK_ROUNDS, roughly=True)
@@ -206,12 +206,16 @@ def _whole_fit(
     window: Window, near: Points, bands: Bands, cells: int, intrinsics: Intrinsics | None
 ) -> Fit | Rejected:
     """The panel near corners (4,) in the picture, in these phases and classes."""
+
+    def is_one(fit: Fit) -> bool:
+        return fit.explained >= MIN_FITTED and fit.sigma_px < MAX_SIGMA * _side(near)
+
     # Of steady cells a longer exposure changes all the light: what bands look like is not told by them.
-    fit_of = fitted if window.waves_of(bands.spec).least > STEADY else fitted_in_shape
-    fit = fit_of(window, near, bands, cells, intrinsics, rounds=ROUNDS)
-    if fit is None or fit.explained < MIN_FITTED or not fit.sigma_px < MAX_SIGMA * _side(near):
-        return NO_BANDS
-    return fit
+    if window.waves_of(bands.spec).least > STEADY:
+        fit = fitted(window, near, bands, cells, intrinsics, rounds=ROUNDS)
+    else:
+        fit = fitted_in_shape(window, near, bands, cells, intrinsics, rounds=ROUNDS, is_one=is_one)
+    return fit if fit is not None and is_one(fit) else NO_BANDS
 
 
 def _bands_at(
