@@ -14,6 +14,7 @@ enum { AROUND_PX = 2, MARGIN_PX = 3, MOST_PLACES = 800, NEAREST = 8, MISSING = 1
 #define ACROSS 0.4
 #define OFF_LATTICE 0.2
 #define LIKE 3.0
+#define ROWS_OFF 2.0 /* places are within a pixel of the lowest one, row by row */
 
 typedef struct {
     double x, y, depth;
@@ -135,6 +136,16 @@ static bool has_nine(const Place *middle, const Place *first, const Place *last,
     return found >= 9 - MISSING;
 }
 
+/* A part of the list, in which the rows are that `reach` from one place: they are in order but for ROWS_OFF. */
+typedef struct {
+    const Place *first, *last;
+} Part;
+
+static void slide(Part *part, const Place *middle, const Place *end, double reach) {
+    while (part->first->y < middle->y - reach - ROWS_OFF) part->first++;
+    while (part->last < end && part->last->y <= middle->y + reach + ROWS_OFF) part->last++;
+}
+
 /* Into `places` (MOST_PLACES) what is there, `count` of them; returns how many of those are `middles` of a square of nine,
  * with the steps along its axes. `sums` (height, width) and `row` (width) are room. */
 ptrdiff_t ledpi_crosses(const uint8_t *picture, ptrdiff_t height, ptrdiff_t width, uint16_t *sums, uint8_t *row,
@@ -143,15 +154,16 @@ ptrdiff_t ledpi_crosses(const uint8_t *picture, ptrdiff_t height, ptrdiff_t widt
     if (height <= 2 * MARGIN_PX || width <= 2 * MARGIN_PX) return 0;
     sums_of_nine(picture, height, width, sums);
     *count = places_in(sums, height, width, row, places);
-    ptrdiff_t found = 0, first = 0, last = 0;
-    const double reach = 2 * (1 + OFF_LATTICE) * FARTHEST_PX + 2; /* rows: two such steps lead no further, and rows are a bit off */
+    ptrdiff_t found = 0;
+    Part beside = {places, places}, around = {places, places}; /* within a step, and within two */
     for (ptrdiff_t middle = 0; middle < *count; middle++) {
         Point ways[NEAREST], axes[2];
         double squares[NEAREST];
-        while (places[first].y < places[middle].y - reach) first++;
-        while (last < *count && places[last].y <= places[middle].y + reach) last++;
-        const int near = ways_from(places + middle, places + first, places + last, ways, squares);
-        if (!axes_of(ways, squares, near, axes) || !has_nine(places + middle, places + first, places + last, axes)) continue;
+        const Place *here = places + middle;
+        slide(&beside, here, places + *count, FARTHEST_PX);
+        slide(&around, here, places + *count, 2 * (1 + OFF_LATTICE) * FARTHEST_PX);
+        const int near = ways_from(here, beside.first, beside.last, ways, squares);
+        if (!axes_of(ways, squares, near, axes) || !has_nine(here, around.first, around.last, axes)) continue;
         middles[found] = middle;
         steps[found][0] = axes[0], steps[found][1] = axes[1];
         found++;
