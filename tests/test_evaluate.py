@@ -7,6 +7,8 @@ import json
 import multiprocessing
 import os
 import signal
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from dataclasses import replace
@@ -291,3 +293,24 @@ def test_who_breaks_off_does_not_wait_for_what_is_half_done(monkeypatch: pytest.
     for process in workers:
         process.join()
     assert -signal.SIGTERM in [process.exitcode for process in workers]
+
+
+def test_workers_end_with_the_process_that_hands_out_the_work() -> None:
+    """However that was ended: nobody is left to take what they do."""
+    script = """
+import multiprocessing, time
+from ledpi.evaluate import workers
+workers.run_unit = time.sleep
+results = workers.run_on_processes([0.0, 1e6, 1e6], 2)
+next(results)
+print(*(process.pid for process in multiprocessing.active_children()), flush=True)
+next(results)
+"""
+    root = Path(__file__).parents[1]
+    with subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True, cwd=root) as parent:
+        assert parent.stdout is not None
+        workers = [int(pid) for pid in parent.stdout.readline().split()]
+        assert len(workers) == 2
+        parent.kill()
+    while any(Path(f"/proc/{pid}").exists() for pid in workers):
+        time.sleep(0.05)

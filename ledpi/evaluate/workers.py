@@ -6,6 +6,7 @@ import multiprocessing
 import os
 import re
 import signal
+import threading
 from collections.abc import Generator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
@@ -26,7 +27,7 @@ def run_on_processes(units: Sequence[Unit], workers: int) -> Generator[dict[str,
     # Not by fork: OpenCV's threads do not survive it.
     context = multiprocessing.get_context("spawn")
     others = multiprocessing.active_children()
-    with ProcessPoolExecutor(min(workers, len(units)), mp_context=context, initializer=_leave_ctrl_c) as pool:
+    with ProcessPoolExecutor(min(workers, len(units)), mp_context=context, initializer=_end_with_parent) as pool:
         futures = [pool.submit(run_unit, unit) for unit in units]
         try:
             for future in as_completed(futures):
@@ -42,9 +43,20 @@ def run_on_processes(units: Sequence[Unit], workers: int) -> Generator[dict[str,
             pool.shutdown(wait=False, cancel_futures=True)
 
 
-def _leave_ctrl_c() -> None:
-    """The terminal sends it to every process; the one that hands out the work ends the others."""
+def _end_with_parent() -> None:
+    """Of a worker: the process that hands out the work ends it, and it ends where that one is no more.
+
+    The terminal sends Ctrl-C to every process, so that is not for workers to heed.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+
+    def watch() -> None:
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
 
 
 def run_on_cluster(units: Sequence[Unit], address: str) -> Generator[dict[str, Any], None, None]:
