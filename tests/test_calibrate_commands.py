@@ -112,43 +112,77 @@ def test_a_panel_with_an_entry_is_sought_around_it(command: Command) -> None:
 
 
 def test_a_row_time_that_the_driver_misreports_is_written(command: Command) -> None:
-    """31.75 µs, reported as 33.67: in camera.row_time_us to 0.2 %; a dry run writes nothing."""
+    """31.75 µs, reported as 33.67: in camera.row_time_us to 0.2 %."""
     take = simulated(command, "camera.row_time_us=31.75", told={"camera": {"row_time_us": 33.67}})
-    status, out, _ = command("calibrate", "shutter", take, "--dry-run")
+    status, out, _ = command("calibrate", "shutter", take)
     assert status == 0
     assert "the driver misreports its row time by +6.0%" in out
-    assert Path("config.yaml").read_text(encoding="utf-8") == CONFIG
-    assert command("calibrate", "shutter", take)[0] == 0
     assert load_config(Path("config.yaml")).camera.row_time_us == pytest.approx(31.75, rel=2e-3)
 
 
-def test_bare_it_says_what_comes_next(command: Command) -> None:
-    """From nothing to a lens, a shutter and a panel: each is named with its age and quality once it is there.
+def test_a_dry_run_writes_nothing(command: Command) -> None:
+    """Although there would be something to write."""
+    take = simulated(command, "camera.row_time_us=31.75", told={"camera": {"row_time_us": 33.67}})
+    assert command("calibrate", "shutter", take, "--dry-run")[0] == 0
+    assert Path("config.yaml").read_text(encoding="utf-8") == CONFIG
 
-    A right driver changes nothing in config.yaml; of a right panel only the day is noted, which costs no decoding time.
-    """
-    lens = Intrinsics(width=640, height=480, fx=643.0, fy=643.0, cx=320.0, cy=240.0)
-    own = {"calibrated": date.today() - timedelta(days=3), "rms_px": 0.114, "views": 18, "deviations": {"fx": 2.6}}
-    Path("config.yaml").write_text(CONFIG.replace("# the driver's", "\n    intrinsics: null"), encoding="utf-8")
-    status, out, _ = command("calibrate")
-    assert status == 0
-    assert "camera   no camera.intrinsics: IDs, but no poses" in out
-    assert out.splitlines()[-1].startswith("next: ledpi calibrate camera --board charuco (a board to print: ")
-    Path("camera.yaml").write_text(camera_yaml_text(lens, own))
-    Path("config.yaml").write_text(CONFIG.replace("# the driver's", "\n    intrinsics: camera.yaml"), encoding="utf-8")
-    out = command("calibrate")[1]
-    assert "640 × 480, rms 0.114 px of 18 views, fx 643.0 ± 2.6 px, 3 days old" in out
-    assert "next: ledpi calibrate shutter" in out
+
+def test_a_driver_that_is_right_changes_nothing(command: Command) -> None:
+    """The row time stays the driver's."""
     take = simulated(command, told={})
     assert "row time is right: nothing to write" in command("calibrate", "shutter", take)[1]
-    assert load_config(Path("config.yaml")).camera.row_time_us == "auto"
-    out = command("calibrate")[1]
-    assert "measured 33.67" in out
-    assert "next: ledpi calibrate panel" in out
+    assert Path("config.yaml").read_text(encoding="utf-8") == CONFIG
+
+
+def test_of_a_panel_that_is_as_announced_the_day_is_noted(command: Command) -> None:
+    """And no frequencies, which would cost decoding time."""
+    take = simulated(command, told={})
     assert "panel 7 is as announced" in command("calibrate", "panel", take)[1]
     panels = load_config(Path("config.yaml")).panels
     assert panels.overrides[7].measured == date.today()
     assert panels.spec(7) == panels.spec()
+
+
+def calibrated_lens(**shutter: float | date) -> None:
+    """A camera.yaml that is three days old and that config.yaml names, with what `calibrate shutter` notes in it."""
+    lens = Intrinsics(width=640, height=480, fx=643.0, fy=643.0, cx=320.0, cy=240.0)
+    made = date.today() - timedelta(days=3)
+    own = {"calibrated": made, "rms_px": 0.114, "views": 18, "deviations": {"fx": 2.6}}
+    Path("camera.yaml").write_text(camera_yaml_text(lens, own | ({"shutter": shutter} if shutter else {})))
+    Path("config.yaml").write_text(CONFIG.replace("# the driver's", "\n    intrinsics: camera.yaml"), encoding="utf-8")
+
+
+def test_without_a_lens_that_comes_next(command: Command) -> None:
+    """With the command that prints a board for it."""
+    status, out, _ = command("calibrate")
+    assert status == 0
+    assert "camera   no camera.intrinsics: IDs, but no poses" in out
+    assert out.splitlines()[-1].startswith("next: ledpi calibrate camera --board charuco (a board to print: ")
+
+
+def test_after_the_lens_the_shutter_comes_next(command: Command) -> None:
+    """The lens is named with its quality and age."""
+    calibrated_lens()
+    out = command("calibrate")[1]
+    assert "640 × 480, rms 0.114 px of 18 views, fx 643.0 ± 2.6 px, 3 days old" in out
+    assert "next: ledpi calibrate shutter" in out
+
+
+def test_after_the_shutter_a_panel_comes_next(command: Command) -> None:
+    """What `calibrate shutter` has noted in camera.yaml is named, too."""
+    calibrated_lens()
+    assert command("calibrate", "shutter", simulated(command, told={}))[0] == 0
+    out = command("calibrate")[1]
+    assert "measured 33.67" in out
+    assert "next: ledpi calibrate panel" in out
+
+
+def test_after_a_panel_the_map_comes_next(command: Command) -> None:
+    """The panel that was measured today is named by its ID."""
+    calibrated_lens(row_time_us=33.67, row_time_sigma_us=0.002, measured=date.today())
+    text = Path("config.yaml").read_text(encoding="utf-8")
+    today = f"overrides: {{7: {{measured: {date.today()}}}, "
+    Path("config.yaml").write_text(text.replace("overrides: {", today), encoding="utf-8")
     out = command("calibrate")[1]
     assert "7: as announced, of today; others not measured" in out
     assert "next: ledpi calibrate map" in out
