@@ -45,5 +45,14 @@ def read_yaml(path: Path, error: type[LedpiError]) -> Any:
         return yaml.load(text, _UniqueKeys)
     except _RepeatedKeyError as caught:
         raise error(f"{path}: {caught}") from None
+    except yaml.MarkedYAMLError as caught:
+        raise error(f"{path}: not valid YAML: {_located(caught)}") from None
     except Exception as caught:  # for a broken value (`!!timestamp x`) PyYAML lets through whatever came up
         raise error(f"{path}: not valid YAML: {' '.join(str(caught).split())}") from None
+
+
+def _located(error: yaml.MarkedYAMLError) -> str:
+    """As in `line 3: mapping values are not allowed here`; PyYAML's own words take four lines."""
+    line = "" if error.problem_mark is None else f"line {error.problem_mark.line + 1}: "
+    context = f" ({error.context})" if error.context else ""
+    return f"{line}{error.problem}{context}"

@@ -34,6 +34,14 @@ def test_what_is_no_yaml_is_one_line(tmp_path: Path, text: str) -> None:
         read_yaml(file, ConfigError)
 
 
+def test_where_the_yaml_breaks_is_told_by_its_line(tmp_path: Path) -> None:
+    """A tab, which looks as right as blanks do."""
+    file = tmp_path / "x.yaml"
+    file.write_text("a: 1\nb:\n\tc: 2\n")
+    with pytest.raises(ConfigError, match=r"x\.yaml: not valid YAML: line 3: found character '\\t' that cannot start"):
+        read_yaml(file, ConfigError)
+
+
 def test_a_byte_order_mark_is_no_part_of_the_text(tmp_path: Path) -> None:
     """Some editors begin every file with one."""
     file = tmp_path / "frames.jsonl"
