@@ -6,6 +6,7 @@ all within the panel, whatever touches it. The homography through them says wher
 
 from __future__ import annotations
 
+from functools import cache
 from typing import TypeAlias
 
 import cv2
@@ -107,21 +108,27 @@ def _axes(ways: Floats, depth: Floats) -> Floats | None:
     The shortest. `ways` (M, 2) lead from it to others, which are so many times as deep, `depth` (M,).
     """
     far = np.square(ways).sum(axis=1)
-    beside = (far >= NEAREST_PX**2) & (far <= FARTHEST_PX**2) & (np.maximum(depth, 1 / depth) < LIKE)
-    near = np.flatnonzero(beside)
+    near = np.flatnonzero((far >= NEAREST_PX**2) & (far <= FARTHEST_PX**2))
+    near = near[np.maximum(depth[near], 1 / depth[near]) < LIKE]
     near = near[np.argsort(far[near], kind="stable")][:NEAREST]
-    steps = [
-        0.5 * (ways[i] - ways[k])
-        for first, i in enumerate(near)
-        for k in near[first + 1 :]
-        if np.square(ways[i] + ways[k]).sum() < OPPOSITE**2 * min(far[i], far[k])
-    ]
-    steps.sort(key=lambda step: float(step @ step))
-    for other in steps[1:]:
-        one = steps[0]
-        if (one[0] * other[1] - one[1] * other[0]) ** 2 > ACROSS**2 * (one @ one) * (other @ other):
-            return np.array([one, other])
-    return None
+    ways, far = ways[near], far[near]
+    i, k = _pairs(len(near))
+    straight = np.square(ways[i] + ways[k]).sum(axis=1) < OPPOSITE**2 * np.minimum(far[i], far[k])
+    if straight.sum() < 2:
+        return None
+    steps = 0.5 * (ways[i] - ways[k])[straight]
+    length = np.square(steps).sum(axis=1)
+    one = steps[length.argmin()]
+    across = np.square(one[0] * steps[:, 1] - one[1] * steps[:, 0]) > ACROSS**2 * (one @ one) * length
+    if not across.any():
+        return None
+    return np.stack([one, steps[across][length[across].argmin()]])
+
+
+@cache
+def _pairs(count: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Each two of so many, the nearer first."""
+    return np.triu_indices(count, 1)
 
 
 def _grown(points: Floats, middle: Floats, steps: Floats, cells: int) -> tuple[NDArray[np.intp], Floats] | None:
