@@ -157,7 +157,7 @@ class Pipeline:
             yield self._read(times, found, work)
             looked += found
         self._since_read = 0 if work.sightings else self._since_read + 1
-        if self._since_read and (not self._stream or self._since_read % LOOK_WITHIN_EVERY == 0):
+        if searching and self._since_read and (not self._stream or self._since_read % LOOK_WITHIN_EVERY == 0):
             found = self._search_within(frame, [quad for quad, _, _ in looked], work)
             yield self._read(times, found, work)
             looked += found
@@ -209,7 +209,7 @@ class Pipeline:
     def _search_within(self, frame: Frame, known: list[Quad], work: Results) -> list[_Looked]:
         """The same, but for those `known`, by what is within panels alone."""
         start = self._clock()
-        quads = self._squares.by_lines(frame, known)
+        quads = self._squares.by_lines(frame, known, far=self._stream)  # of few pixels, a frame alone is not read
         self._timed(work, "edges", start)
         return self._sample(frame, self._tracker.follow(quads), work)
 

@@ -60,15 +60,15 @@ class Squares:
         """Whether bands are deep enough to look like lines."""
         return bool(self._striped_finder.stripe_rows(frame) or self._striped_finder.bent_rows(frame))
 
-    def by_lines(self, frame: Frame, known: Sequence[Quad]) -> list[Quad]:
-        """Panels whose sides may not show, by the lines within them; of the last frame that was searched.
+    def by_lines(self, frame: Frame, known: Sequence[Quad], *, far: bool) -> list[Quad]:
+        """Panels whose sides may not show, by the lines within them; of the frame that was searched last.
 
-        But for those that are `known`.
+        But for those that are `known`. `far`: also those of few pixels.
         """
         found: list[Quad] = []
         if self._is_striped(frame):
             return found
-        for at in self._finder.find_crossings():
+        for at in self._finder.find_crossings(frame, far=far):
             quad = by_inner_lines(frame, at, self._cells, self._intrinsics)
             if isinstance(quad, Quad) and not any(is_same(quad, other, self._cells) for other in (*known, *found)):
                 found.append(quad)

@@ -28,10 +28,10 @@ def frame_of(true: Floats, profile: Profile = diffuser, cells: Bits | None = Non
     return canvas.frame()
 
 
-def found_in(frame: Frame, cells: int = 4) -> list[Floats]:
+def found_in(frame: Frame, cells: int = 4, *, far: bool = False) -> list[Floats]:
     finder = Finder(640, 480, 12.0, cells)
     finder.find(frame)
-    return finder.find_crossings()
+    return finder.find_crossings(frame, far=far)
 
 
 def nearest(found: list[Floats], true: Floats) -> float:
@@ -46,6 +46,13 @@ def test_a_grid_is_found_whatever_touches_it(side: float, turn_deg: float) -> No
     """To a fifth of a cell; at 2 m (50 pixels) as at 0.4 m."""
     true = square(320.4, 240.3, side, turn_deg)
     assert nearest(found_in(frame_of(true)), true) < 0.2 * side / 4
+
+
+@pytest.mark.parametrize("turn_deg", [0, 17, 40])
+def test_far_away_it_is_found_in_the_picture_itself(turn_deg: float) -> None:
+    """At 3 m a cell is 8.5 pixels, and 4 in the half picture."""
+    true = square(320.4, 240.3, 34.0, turn_deg)
+    assert nearest(found_in(frame_of(true), far=True), true) < 0.2 * 34 / 4
 
 
 def test_other_grids_are_found_too() -> None:

@@ -98,11 +98,15 @@ class Finder:
         """The same, of the last frame once more, by a higher threshold."""
         return self._find(AGAIN)
 
-    def find_crossings(self) -> list[Floats]:
-        """Corners (4, 2) of grids by the places where four cells meet, in the last frame; to a fifth of a cell."""
+    def find_crossings(self, frame: Frame, *, far: bool) -> list[Floats]:
+        """Corners (4, 2) of grids by the places where four cells meet, in the last frame; to a fifth of a cell.
+
+        `far`: those of less than 9 pixels a cell too, at twice the cost.
+        """
         return [
-            (corners + 0.5) * (2 << level) - 0.5
-            for level, picture in enumerate(self._levels)
+            (corners + 0.5) * 2**halvings - 0.5
+            for halvings, picture in enumerate((frame.pixels, *self._levels))
+            if far or halvings
             for corners in grids_in(picture, self._cells)
         ]
 
