@@ -196,6 +196,21 @@ def test_a_place_that_cannot_be_written_is_named(tmp_path: Path) -> None:
         write_keeping_old(tmp_path / "no" / "camera.yaml", "text")
 
 
+@pytest.mark.parametrize(
+    ("out", "message"),
+    [
+        ("no/camera.yaml", "no/camera.yaml: cannot be written: No such file or directory"),
+        ("camera.png", "camera.png: must not end in .png: a picture of that name is written beside it"),
+    ],
+)
+def test_what_cannot_be_written_is_told_before_anything_is_measured(
+    command: Command, pictures: Path, out: str, message: str
+) -> None:
+    """Who has held a board for minutes should not lose that."""
+    assert command(pictures, "--out", out) == (2, "", f"ledpi: {message}\n")
+    assert not Path("camera.png.new").exists()
+
+
 def test_a_bad_view_is_named_and_left_out() -> None:
     """A board that was bent in one picture: it is left out by name, and the camera is as without it."""
     views = good_views()

@@ -7,6 +7,30 @@ from pathlib import Path
 
 from ledpi.errors import CalibrationError
 
+PICTURE_SUFFIX = ".png"
+
+
+def check_writable(path: Path) -> None:
+    """Raises CalibrationError where `path`, or the picture beside it, cannot be written.
+
+    For what takes long to measure: that would be lost at its end.
+    """
+    if path.suffix == PICTURE_SUFFIX:
+        raise CalibrationError(f"{path}: must not end in {PICTURE_SUFFIX}: a picture of that name is written beside it")
+    for file in (path, picture_beside(path)):
+        _check_is_file(file)
+        fresh = _fresh(file)
+        try:
+            fresh.touch()
+        except OSError as error:
+            raise _refused(file, error) from None
+        _forget(fresh)
+
+
+def picture_beside(path: Path) -> Path:
+    """camera.png beside camera.yaml."""
+    return path.with_suffix(PICTURE_SUFFIX)
+
 
 def write_keeping_old(path: Path, content: str | bytes) -> Path | None:
     """Writes `content`, text as UTF-8. A file that is already there is kept beside it as NAME.bak-1, -2, …
@@ -14,28 +38,33 @@ def write_keeping_old(path: Path, content: str | bytes) -> Path | None:
     Returns the kept file, if there was one. Raises CalibrationError where `path` cannot be written; the older
     file is then untouched.
     """
-    fresh = path.with_name(path.name + ".new")
+    _check_is_file(path)
+    fresh = _fresh(path)
     try:
         fresh.write_bytes(content.encode() if isinstance(content, str) else content)
-    except OSError as error:
-        _forget(fresh)
-        raise CalibrationError(f"{path}: cannot be written: {error.strerror}") from None
-    return _put_in_place(fresh, path)
-
-
-def _put_in_place(fresh: Path, path: Path) -> Path | None:
-    if path.exists() and not path.is_file():
-        fresh.unlink()
-        what = "a folder" if path.is_dir() else "no file but a device, or the like, which must not be renamed"
-        raise CalibrationError(f"{path}: is {what}; must be the file to write")
-    kept = _next_backup(path) if path.exists() else None
-    try:
+        kept = _next_backup(path) if path.exists() else None
         if kept is not None:
             path.rename(kept)
         fresh.replace(path)
     except OSError as error:
-        raise CalibrationError(f"{path}: cannot be written: {error.strerror}") from None
+        _forget(fresh)
+        raise _refused(path, error) from None
     return kept
+
+
+def _fresh(path: Path) -> Path:
+    """Where it is written first, so that it is whole once it has its name."""
+    return path.with_name(path.name + ".new")
+
+
+def _check_is_file(path: Path) -> None:
+    if path.exists() and not path.is_file():
+        what = "a folder" if path.is_dir() else "no file but a device, or the like, which must not be renamed"
+        raise CalibrationError(f"{path}: is {what}; must be the file to write")
+
+
+def _refused(path: Path, error: OSError) -> CalibrationError:
+    return CalibrationError(f"{path}: cannot be written: {error.strerror}")
 
 
 def _forget(half_written: Path) -> None:

@@ -48,8 +48,10 @@ def camera(
     """
     from ledpi.calibrate.boards import Board
     from ledpi.calibrate.camera import calibrate_camera
+    from ledpi.calibrate.files import check_writable
     from ledpi.recording_format import HEADER_FILE
 
+    check_writable(out)
     board = Board(columns=cols, rows=rows, kind=kind.value)
     if folder is None or (folder / HEADER_FILE).is_file():
         found = _live_views(config, set_, board, folder)
@@ -155,7 +157,7 @@ def _write(out: Path, result: CameraCalibration) -> list[str]:
     import cv2
 
     from ledpi.calibrate.coverage import draw_coverage
-    from ledpi.calibrate.files import write_keeping_old
+    from ledpi.calibrate.files import picture_beside, write_keeping_old
     from ledpi.camera_yaml import camera_yaml_text, own_section
 
     quality: dict[str, Any] = {
@@ -169,7 +171,7 @@ def _write(out: Path, result: CameraCalibration) -> list[str]:
         quality["shutter"] = before["shutter"]
     kept = write_keeping_old(out, camera_yaml_text(result.intrinsics, quality))
     lines = [f"{out} written" + (f"; the older one is kept as {kept}" if kept else "")]
-    picture = out.with_suffix(".png")
+    picture = picture_beside(out)
     kept = write_keeping_old(picture, cv2.imencode(".png", draw_coverage(result))[1].tobytes())
     return [*lines, f"{picture}: where the corners were" + (f"; the older one is kept as {kept}" if kept else "")]
 

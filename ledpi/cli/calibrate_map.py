@@ -44,10 +44,12 @@ def map_(
         from ledpi.calibrate.map_picture import map_picture  # noqa: F401, missing is told before the long work
     except ImportError as error:
         raise CalibrationError(f"{error.name} is missing: pip install 'ledpi[calibrate]'") from None
+    from ledpi.calibrate.files import check_writable
     from ledpi.geometry import FACING_FROM_MARKER, matrix_from_rpy_deg, transform
 
     if not all(math.isfinite(value) for value in (*position, yaw_deg)):
         raise CalibrationError("--position, --yaw-deg: must be finite numbers")
+    check_writable(out)
     settings, _ = settings_for(config, set_, recording)
     views, sides_m, lens = _drive(recording, settings)
     map_from_origin = transform(matrix_from_rpy_deg(0, 0, yaw_deg) @ FACING_FROM_MARKER, np.array(position))
@@ -108,7 +110,7 @@ def _report(result: MapCalibration, frames: int) -> None:
 
 
 def _write(result: MapCalibration, out: Path, recording: Path) -> None:
-    from ledpi.calibrate.files import write_keeping_old
+    from ledpi.calibrate.files import picture_beside, write_keeping_old
     from ledpi.calibrate.map_picture import map_picture
     from ledpi.map_yaml import map_text
 
@@ -116,7 +118,7 @@ def _write(result: MapCalibration, out: Path, recording: Path) -> None:
         f"Panels as `ledpi calibrate map` placed them from {recording.name}; panel {result.origin} is the origin.\n"
         f"Deviations are relative to it."
     )
-    picture = out.with_suffix(".png")
+    picture = picture_beside(out)
     drawn = map_picture(result)
     kept = write_keeping_old(out, map_text(result.panels, comment))
     write_keeping_old(picture, drawn)
