@@ -11,9 +11,10 @@ from ledpi.decode.cells import MIN_CELL_PX
 from ledpi.decode.edges import prepare, refine_quads
 from ledpi.decode.find import Candidate, Finder
 from ledpi.decode.find_striped import MIN_STRIPED_CELL_PX, StripedFinder
+from ledpi.decode.fitted_square import NO_BANDS
 from ledpi.decode.inner_square import by_inner_lines, is_near, is_same
 from ledpi.decode.settle import is_part_of, settle
-from ledpi.decode.striped import NO_BANDS, fitted_squares, striped_near, striped_squares
+from ledpi.decode.striped import fitted_squares, striped_near, striped_squares
 from ledpi.records import CameraInfo, Floats, Frame, Intrinsics, PanelSpec, Quad, Rejected, ToldBy
 
 

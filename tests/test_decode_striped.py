@@ -34,6 +34,7 @@ from ledpi.decode.lattice import unlike_a_square
 from ledpi.decode.light_window import Window
 from ledpi.decode.sides import as_points
 from ledpi.decode.single_frame import single_evidence
+from ledpi.decode.steady import is_steady
 from ledpi.decode.striped import fitted_squares, striped_near, striped_squares
 from ledpi.decode.words import word_log_likelihoods
 from ledpi.dictionaries import load_dictionary
@@ -228,6 +229,22 @@ def blurred_down(frame: Frame, rows2: float) -> Frame:
     light = cv2.GaussianBlur(light, (1, 9), sigmaX=1e-6, sigmaY=rows2**0.5)
     table = linear_light(frame.transfer, mark_saturated=False)
     return dataclasses.replace(frame, pixels=np.searchsorted((table[1:] + table[:-1]) / 2, light).astype(np.uint8))
+
+
+@pytest.mark.parametrize("blinking", [True, False])
+@pytest.mark.parametrize("side", [25, 60])
+def test_patches_of_other_brightness_are_told_from_cells_that_blink(blinking: bool, side: float) -> None:
+    """A panel, and the same with each cell of another gain and so quick that every exposure sees whole cycles."""
+    true = square(310.3, 240.6, side, 10)
+    quick = dataclasses.replace(SPEC, black_hz=1e6 / SHORT_US, white_hz=2e6 / SHORT_US)
+    canvas = Canvas(exposure_us=SHORT_US)
+    gains = np.random.default_rng(3).uniform(0.1, 1, (4, 4))
+    canvas.panel(true, word(7), spec=SPEC if blinking else quick, gains=gains)
+    window = Window.around(canvas.frame(), as_points(true[None]), 8.0)
+    corners = window.within(as_points(true))
+    bands = Bands.at(window, corners, 4, [SPEC])
+    assert bands is not None
+    assert is_steady(window, corners, 4, bands) is not blinking
 
 
 def test_perspective_of_a_turned_square() -> None:

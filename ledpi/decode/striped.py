@@ -10,26 +10,27 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from ledpi.decode.approach import NOT_STRAIGHT
 from ledpi.decode.band_light import BandLight, Bands
-from ledpi.decode.edges import NOT_WHOLE, checked
+from ledpi.decode.edges import NOT_WHOLE
 from ledpi.decode.find import Candidate
+from ledpi.decode.fitted_square import NO_BANDS, STEADY, bands_at, side_of, square_near
 from ledpi.decode.lattice import fine_lattice, rough_lattice
 from ledpi.decode.light_window import Window, have_contrast
-from ledpi.decode.panel_fit import Fit, fitted, fitted_in_shape
-from ledpi.decode.sides import OPPOSITE, Points, Sides, areas, as_points, bends
-from ledpi.records import BandShape, Floats, Frame, Intrinsics, PanelSpec, Quad, Rejected, SeenBands, read_only
+from ledpi.decode.panel_fit import Fit, fitted
+from ledpi.decode.sides import OPPOSITE, Points, Sides, areas, as_points
+from ledpi.decode.steady import is_steady
+from ledpi.records import Floats, Frame, Intrinsics, PanelSpec, Quad, Rejected
 
-NO_BANDS = Rejected(stage="edges", reason="no_bands")
 BENT = (NOT_STRAIGHT, NOT_WHOLE)  # what edges may say of a panel whose bands are deep
 
 SAME_CENTRE = 0.25  # of the side: what is nearer is the same thing
 REACH = 0.45  # of the side, around it
-MIN_EXPLAINED = 0.6  # share of the light that a lattice's cells must explain
+BLINKS = 0.95  # where they explain so much, it need not be asked whether steady cells explain more
 OUTWARD = np.linspace(0, 1, 5)  # places of a side that are tried, in dark bands
 MOST_STARTS, APART = 4, 0.08  # of the side: what is nearer than that leads to the same
 MOST_LOOKS = 40  # among the best of those that are tried
@@ -39,16 +40,12 @@ _OUT_AND_IN = np.concatenate([np.eye(4), -np.eye(4)])
 _ALONG = np.array([[1.0, 0.0, -1.0, 0.0], [0.0, 1.0, 0.0, -1.0]])
 MIDDLES = np.concatenate([_OUT_AND_IN, np.zeros((8, 4)), _ALONG, -_ALONG])
 SLOPES = np.concatenate([np.zeros((8, 4)), 2 * _OUT_AND_IN, np.zeros((4, 4))])
-STEADY = 0.5  # of its brightest rows' light: a class whose darkest rows show more is lit all the time
 MOST_FITS = 3  # of where climbs lead, the best
-CLASSES = 3  # fits, each in the classes of cells that the last has shown, until they stay
-LOOK_ROUNDS, ROUNDS = 3, 6  # of a first fit, by few points, and of the last
-# Of the light's squares, that a panel's picture explains: 0.94 and more of panels from 0.4 to 4 m, and of those made of
-# photographs. And deviation of the corners, as a share of the side: by a lattice they are known to 0.1 % nearby,
-# to 0.5 % at 4 m. After a first look, by few points, less; and what is clear then need not be sought elsewhere.
-MIN_FITTED, MIN_ROUGHLY, CLEAR = 0.9, 0.7, 0.12  # the last: of what the bands bring, that is not explained
-MAX_SIGMA, MAX_ROUGH_SIGMA, CLEAR_SIGMA = 0.007, 0.03, 0.005
-MARGIN, MARGIN_PX = 0.05, 3.0  # of the side, and pixels, around it: by how much it may be off, and be blurred
+LOOK_ROUNDS = 3  # of a first fit, by few points
+# After it: of the light's squares, that a panel's picture explains, and the corners' deviation, as a share of the side.
+# What is clear then need not be sought elsewhere; CLEAR: of what the bands bring, that is not explained.
+MIN_ROUGHLY, CLEAR = 0.7, 0.12
+MAX_ROUGH_SIGMA, CLEAR_SIGMA = 0.03, 0.005
 
 
 def striped_squares(
@@ -99,7 +96,7 @@ def striped_near(
     frame: Frame, near: Sequence[Floats], cells: int, specs: Sequence[PanelSpec], intrinsics: Intrinsics | None = None
 ) -> list[Quad | Rejected]:
     """The square near each of these corners (4, 2), off by a few percent of the side; or why there is none."""
-    return [_square_near(frame, as_points(corners), cells, specs, intrinsics) for corners in near]
+    return [square_near(frame, as_points(corners), cells, specs, intrinsics) for corners in near]
 
 
 def fitted_squares(
@@ -118,7 +115,7 @@ def fitted_squares(
     for sought, square in squares:
         fit: Quad | Rejected = square
         if isinstance(square, Quad) and square.seen_px is None:
-            fit = _square_near(frame, as_points(square.corners_px), cells, specs, intrinsics)
+            fit = square_near(frame, as_points(square.corners_px), cells, specs, intrinsics)
         elif square in BENT:
             fit = striped_square(frame, sought[None], cells, specs, bent_rows, intrinsics)
         results.append((sought, fit if isinstance(fit, Quad) else square))
@@ -141,23 +138,29 @@ def striped_square(
     near = as_points(starts)
     focal_px = float(frame.pixels.shape[1] if intrinsics is None else intrinsics.fx)
     window = Window.around(frame, near, REACH * math.sqrt(np.abs(areas(near)).max()) + stripe_rows / 2)
-    seen = [_bands_at(window, at, cells, specs) for at in near]
+    seen = [bands_at(window, at, cells, specs) for at in near]
     bands = max((one for one in seen if isinstance(one, Bands)), key=lambda one: one.explained, default=None)
     if bands is None:
         return NO_BANDS
+    steady = window.waves_of(bands.spec).least > STEADY
+    if not steady and bands.explained < BLINKS and all(map(partial(_is_steady, window, cells), near, seen)):
+        return NO_BANDS
     first = _look(window, near[0], seen[0], cells, intrinsics)
     if isinstance(first, Fit) and _is_clear(first, window.waves_of(bands.spec).share):
-        return _square_near(frame, first.corners, cells, specs, intrinsics)
+        return square_near(frame, first.corners, cells, specs, intrinsics)
     light = BandLight.of(window, bands, cells, focal_px)
-    steady = window.waves_of(bands.spec).least > STEADY
     likely = window.in_picture(_likely(light, window.within(near), stripe_rows / window.shrink, climbing=steady))
-    looks = (_look(window, at, _bands_at(window, at, cells, specs), cells, intrinsics) for at in likely)
+    looks = (_look(window, at, bands_at(window, at, cells, specs), cells, intrinsics) for at in likely)
     fits = [first, *looks]
     found = np.array([fit.corners for fit in fits if isinstance(fit, Fit)])
     if not len(found):
         return NO_BANDS
     best = 0 if len(found) == 1 else int(light.explains(window.within(found), fine_lattice(cells)).argmax())
-    return _square_near(frame, found[best], cells, specs, intrinsics)
+    return square_near(frame, found[best], cells, specs, intrinsics)
+
+
+def _is_steady(window: Window, cells: int, near: Points, bands: Bands | Rejected) -> bool:
+    return isinstance(bands, Rejected) or is_steady(window, window.within(near), cells, bands)
 
 
 def _look(
@@ -167,63 +170,14 @@ def _look(
     if isinstance(bands, Rejected):
         return bands
     fit = fitted(window, near, bands, cells, intrinsics, rounds=LOOK_ROUNDS, roughly=True)
-    if fit is None or fit.explained <= MIN_ROUGHLY or not fit.sigma_px < MAX_ROUGH_SIGMA * _side(fit.corners):
+    if fit is None or fit.explained <= MIN_ROUGHLY or not fit.sigma_px < MAX_ROUGH_SIGMA * side_of(fit.corners):
         return NO_BANDS
     return fit
 
 
 def _is_clear(fit: Fit, share: float) -> bool:
     """Whether no other fit can be better. `share`: of all light's squares, that bands bring."""
-    return fit.explained > 1 - CLEAR * share and fit.sigma_px < CLEAR_SIGMA * _side(fit.corners)
-
-
-def _side(corners: Points) -> float:
-    return math.sqrt(abs(areas(corners)))
-
-
-def _square_near(
-    frame: Frame, near: Points, cells: int, specs: Sequence[PanelSpec], intrinsics: Intrinsics | None
-) -> Quad | Rejected:
-    window = Window.around(frame, near[None], MARGIN * _side(near) + MARGIN_PX)
-    bands = _bands_at(window, near, cells, specs)
-    for _ in range(CLASSES):
-        if isinstance(bands, Rejected):
-            return bands
-        fit, before = _whole_fit(window, near, bands, cells, intrinsics), bands
-        if isinstance(fit, Rejected):
-            return fit
-        near = fit.corners
-        bands = _bands_at(window, near, cells, (before.spec,), fit.shape)
-        if isinstance(bands, Bands) and (bands.white == before.white).all():
-            seen = SeenBands(spec=bands.spec, white=read_only(bands.white), phases=fit.phases, shape=fit.shape)
-            bend = bends(near[None], intrinsics)
-            quad = checked(frame, near, fit.sigma_px, float(np.abs(bend.imag).max()))
-            return replace(quad, bands=seen) if isinstance(quad, Quad) else quad
-    return NO_BANDS
-
-
-def _whole_fit(
-    window: Window, near: Points, bands: Bands, cells: int, intrinsics: Intrinsics | None
-) -> Fit | Rejected:
-    """The panel near corners (4,) in the picture, in these phases and classes."""
-
-    def is_one(fit: Fit) -> bool:
-        return fit.explained >= MIN_FITTED and fit.sigma_px < MAX_SIGMA * _side(near)
-
-    # Of steady cells a longer exposure changes all the light: what bands look like is not told by them.
-    if window.waves_of(bands.spec).least > STEADY:
-        fit = fitted(window, near, bands, cells, intrinsics, rounds=ROUNDS)
-    else:
-        fit = fitted_in_shape(window, near, bands, cells, intrinsics, rounds=ROUNDS, is_one=is_one)
-    return fit if fit is not None and is_one(fit) else NO_BANDS
-
-
-def _bands_at(
-    window: Window, near: Points, cells: int, specs: Sequence[PanelSpec], shape: BandShape | None = None
-) -> Bands | Rejected:
-    """The phases and classes that explain most of a panel with corners (4,) in the picture, if they explain enough."""
-    bands = Bands.at(window, window.within(near), cells, specs, shape)
-    return NO_BANDS if bands is None or bands.explained < MIN_EXPLAINED else bands
+    return fit.explained > 1 - CLEAR * share and fit.sigma_px < CLEAR_SIGMA * side_of(fit.corners)
 
 
 def _likely(light: BandLight, near: Points, stripe: float, *, climbing: bool) -> Points:
