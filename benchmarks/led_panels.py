@@ -25,6 +25,7 @@ from ledpi.config import PanelSettings, load_config
 from ledpi.decode import soft
 from ledpi.decode.cells import sample_cells
 from ledpi.decode.codebook import Codebook
+from ledpi.decode.striped import striped_near
 from ledpi.dictionaries import load_dictionary
 from ledpi.pipeline import Pipeline
 from ledpi.records import CameraInfo, Frame, Quad, Rejected
@@ -88,7 +89,10 @@ def encoded(light: Floats) -> NDArray[np.uint8]:
 def with_true_corners(frame: Frame, corners: Floats, panels: PanelSettings) -> int | None:
     """The ID that a decoder reads who need not look for the panel."""
     dictionary = load_dictionary(panels.dictionary)
-    samples = sample_cells(frame, Quad(corners_px=corners, corner_sigma_px=0.1), dictionary.cells_per_side)
+    cells = dictionary.cells_per_side
+    (near,) = striped_near(frame, [corners], cells, [panels.spec()])
+    bands = near.bands if isinstance(near, Quad) else None
+    samples = sample_cells(frame, Quad(corners_px=corners, corner_sigma_px=0.1, bands=bands), cells)
     if isinstance(samples, Rejected):
         return None
     book = Codebook.build(list(range(len(dictionary.words))), dictionary, panels.spec())

@@ -41,7 +41,7 @@ ROUGHLY = 6  # points along a cell, for a first look
 # share of the cell, spots, light beside the panel, gains over what is bright, darkness.
 BLUR_PX, BLUR_DEVIATION = 0.8, 0.4
 GAP_USUAL, GAP_DEVIATION = 0.05, 0.04
-# Logarithm of the exposure that makes bands as steep as they are seen, over the exposure (on photographs of a lamp half
+# Logarithm of the exposure that makes bands as steep as they are seen, over the exposure (on photographs of a lamp 0.6
 # of it does); and by how many rows, squared, they are smoothed beside that.
 LONGER_DEVIATION, SMOOTHER_DEVIATION = 0.3, 1.0
 SPOT_DEVIATION, BESIDE_DEVIATION, GAIN_DEVIATION, DARK_DEVIATION = 1.0, 0.2, 0.5, 0.1
