@@ -86,6 +86,16 @@ def test_the_grid_reaches_a_pitch_beyond_its_crossings() -> None:
     np.testing.assert_allclose(grid, [[14, 14], [38, 14], [38, 38], [14, 38]], atol=1e-6)
 
 
+def test_a_diagonal_may_be_the_shortest_way() -> None:
+    """Seen from the side at an eighth of a turn: steps of (6, 3) and (6, −3) pixels, and (0, 6) between neighbours."""
+    picture = np.full((60, 80), 120, np.uint8)
+    for i in range(3):
+        for k in range(3):
+            picture[30 + 3 * i - 3 * k, 20 + 6 * i + 6 * k] = 60
+    (grid,) = grids_in(picture, 4)
+    np.testing.assert_allclose(grid, [[8, 30], [32, 18], [56, 30], [32, 42]], atol=1e-6)
+
+
 def test_all_but_one_crossing_must_be_there() -> None:
     """A dead cell blots out none that the others do not tell, but of two too much is guessed."""
     assert MISSING == 1

@@ -37,6 +37,7 @@ LIKE = 3.0  # as many times as deep may neighbours be
 MISSING = 1  # places of a grid
 MOST_GRIDS = 24  # in a picture; more is a pattern, of which any part looks like a panel
 _STEPS = np.array([-1, 0, 1])
+_UNIMODULAR = [[[1, 0], [0, 1]], [[1, 0], [1, 1]], [[1, 0], [-1, 1]], [[0, 1], [1, 1]], [[0, 1], [-1, 1]]]
 
 
 def grids_in(picture: Pixels, cells: int) -> list[Floats]:
@@ -63,15 +64,26 @@ def crosses_in(picture: Pixels) -> Crosses:
     points, depth = places[:, :2], places[:, 2]
     middles, steps = [], []
     for middle in range(len(points)):
-        own = _axes(points - points[middle], depth / depth[middle])
-        if own is None:
+        ways = points - points[middle]
+        shortest = _axes(ways, depth / depth[middle])
+        if shortest is None:
             continue
-        at = (points - points[middle]) @ np.linalg.inv(own)
-        nine = (np.abs(at - np.round(at)).max(axis=1) < OFF_LATTICE) & (np.abs(np.round(at)).max(axis=1) <= 1)
-        if nine.sum() >= 9 - MISSING:
+        # A lattice that is seen from the side has a diagonal that is shorter than a step.
+        all_axes = [np.array(axes) @ shortest for axes in _UNIMODULAR]
+        nine = [_nine_of(ways, axes) for axes in all_axes]
+        if max(nine) >= 9 - MISSING:
             middles.append(middle)
-            steps.append(own)
+            steps.append(all_axes[nine.index(max(nine))])
     return points, np.array(middles, np.intp), np.array(steps).reshape(-1, 2, 2)
+
+
+def _nine_of(ways: Floats, axes: Floats) -> int:
+    """How many of nine places `ways` (M, 2) lead to, in steps of `axes` (2, 2); none where these are too long."""
+    if axes[1] @ axes[1] > FARTHEST_PX**2:
+        return 0
+    at = ways @ np.linalg.inv(axes)
+    whole = np.round(at)
+    return int(((np.abs(at - whole).max(axis=1) < OFF_LATTICE) & (np.abs(whole).max(axis=1) <= 1)).sum())
 
 
 def _places_in(picture: Pixels) -> Floats:

@@ -123,8 +123,8 @@ static bool axes_of(const Point *ways, const double *squares, int count, Point a
     return shortest < HUGE_VAL;
 }
 
-/* Whether all but MISSING of the nine around `middle` are there; all are close to it in the list. */
-static bool has_nine(const Place *middle, const Place *first, const Place *last, const Point axes[2]) {
+/* How many of the nine around `middle` are there. */
+static int nine_of(const Place *middle, const Place *first, const Place *last, const Point axes[2]) {
     const double turn = axes[0].x * axes[1].y - axes[0].y * axes[1].x;
     int found = 0;
     for (const Place *other = first; other < last; other++) {
@@ -133,7 +133,21 @@ static bool has_nine(const Place *middle, const Place *first, const Place *last,
         if (fabs(rint(a)) > 1 || fabs(rint(b)) > 1) continue;
         found += fabs(a - rint(a)) < OFF_LATTICE && fabs(b - rint(b)) < OFF_LATTICE;
     }
-    return found >= 9 - MISSING;
+    return found;
+}
+
+/* A lattice that is seen from the side has a diagonal that is shorter than a step: of the axes that the two shortest ways make,
+ * those with the most of nine. False where more than MISSING of these are not there. */
+static bool best_axes(const Place *middle, const Place *first, const Place *last, Point axes[2]) {
+    const Point u = axes[0], v = axes[1], sum = {u.x + v.x, u.y + v.y}, difference = {v.x - u.x, v.y - u.y};
+    const Point all[5][2] = {{u, v}, {u, sum}, {u, difference}, {v, sum}, {v, difference}};
+    int most = 0;
+    for (int k = 0; k < 5; k++) {
+        if (square(all[k][1]) > FARTHEST_PX * FARTHEST_PX) continue;
+        const int found = nine_of(middle, first, last, all[k]);
+        if (found > most) most = found, axes[0] = all[k][0], axes[1] = all[k][1];
+    }
+    return most >= 9 - MISSING;
 }
 
 /* A part of the list, in which the rows are that `reach` from one place: they are in order but for ROWS_OFF. */
@@ -163,7 +177,7 @@ ptrdiff_t ledpi_crosses(const uint8_t *picture, ptrdiff_t height, ptrdiff_t widt
         slide(&beside, here, places + *count, FARTHEST_PX);
         slide(&around, here, places + *count, 2 * (1 + OFF_LATTICE) * FARTHEST_PX);
         const int near = ways_from(here, beside.first, beside.last, ways, squares);
-        if (!axes_of(ways, squares, near, axes) || !has_nine(here, around.first, around.last, axes)) continue;
+        if (!axes_of(ways, squares, near, axes) || !best_axes(here, around.first, around.last, axes)) continue;
         middles[found] = middle;
         steps[found][0] = axes[0], steps[found][1] = axes[1];
         found++;
