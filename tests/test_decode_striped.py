@@ -297,6 +297,19 @@ def test_one_frame_is_read_at_any_exposure(exposure_us: float, turn_deg: float) 
         assert [marker.sighting.id for marker in pipeline.decode(frame).markers] == [marker_id]
 
 
+@pytest.mark.parametrize("phase", [0.1, 0.6])
+def test_antiphase_panels_are_read_whichever_class_was_taken_for_black(phase: float) -> None:
+    """A panel is its negative half a cycle later, and so it may be seen."""
+    same = ("panels.phase=antiphase", "panels.black_hz=1250", "panels.white_hz=1250")
+    info, settings = dataclasses.replace(camera_info(), exposure_us=SHORT_US), panel_settings(*same)
+    pipeline = Pipeline(info, settings, intrinsics=PINHOLE, stream=False)
+    dictionary = load_dictionary("DICT_4X4_50")
+    for marker_id in dictionary.readable_ids("antiphase")[:6]:
+        canvas, phases = Canvas(exposure_us=SHORT_US), (phase, phase + 0.5)
+        canvas.panel(square(310, 240, 80, 20), dictionary.word(marker_id), spec=settings.spec(), phases=phases)
+        assert [marker.sighting.id for marker in pipeline.decode(canvas.frame()).markers] == [marker_id]
+
+
 @pytest.mark.parametrize(
     ("side", "turn_deg", "white", "phase"), [(24, 3, True, 0.2), (28, 3, True, 0.3), (27, 0, False, 0.4)]
 )

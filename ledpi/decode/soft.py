@@ -128,9 +128,14 @@ def _settled(
     steady they may have been seen wrongly; then all else is as without them.)
     """
     words, bands = codebook.nearest(seen.white, SHORTLIST), bands_of(seen, frame, codebook.spec)
-    word, result = words.white[0] > 0, NO_WORD
-    if np.count_nonzero(word != seen.white) > codebook.correctable:
+    differ = np.count_nonzero((words.white[0] > 0) != seen.white)
+    if codebook.spec.phase == "antiphase":  # the same, half a cycle later
+        of_negative = codebook.nearest(~seen.white, SHORTLIST)
+        if (other := np.count_nonzero((of_negative.white[0] > 0) == seen.white)) < differ:
+            words, bands, differ = of_negative, -bands, other
+    if differ > codebook.correctable:
         return NO_WORD
+    word, result = words.white[0] > 0, NO_WORD
     for _ in range(SETTLING):
         believed = believed_bands(samples, frame, codebook.spec, word, bands)
         evidence = single_evidence(samples, frame, codebook.spec, believed=believed)
