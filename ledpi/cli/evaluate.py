@@ -18,6 +18,7 @@ from ledpi.errors import ConfigError
 
 if TYPE_CHECKING:
     from ledpi.config import Config
+    from ledpi.evaluate.folder import ResultsFolder
     from ledpi.evaluate.page import Commands
     from ledpi.evaluate.plan import Plan
     from ledpi.evaluate.reading import Method
@@ -172,7 +173,7 @@ def _read_recording(
     from ledpi.camera_yaml import load_intrinsics
     from ledpi.evaluate.folder import ResultsFolder
     from ledpi.evaluate.reading import PANEL_METHODS
-    from ledpi.evaluate.recorded import evaluate_recording, rows_of_recordings
+    from ledpi.evaluate.recorded import evaluate_recording
     from ledpi.evaluate.units import code_version
     from ledpi.recording import load_recording
 
@@ -198,6 +199,14 @@ def _read_recording(
     chosen = [word for m in methods for word in ("--method", m)] + panel_options
     words = ["ledpi", "evaluate", "--out", "DIR", "--recording", str(recording), *place, *chosen]
     folder.add(record | {"command": shlex.join(words)})
+    _show_recordings(out, folder)
+
+
+def _show_recordings(out: Path, folder: ResultsFolder) -> None:
+    """The table of all places that the folder holds."""
+    from ledpi.evaluate.recorded import rows_of_recordings
+    from ledpi.evaluate.units import code_version
+
     records = folder.finished.values()
 
     def commands(row: TableRow) -> list[str]:
