@@ -213,3 +213,17 @@ def test_a_word_that_cannot_be_told_roughly_hides_none_after_it() -> None:
     poor, untold = np.ones(16, np.float32), np.zeros(16, np.float32)
     white = np.array([*[poor] * (SHORTLIST - 1), untold, own])
     assert SHORTLIST in likeliest(evidence, white).words
+
+
+@pytest.mark.parametrize("wall", [0.02, 0.1, 0.12, 0.2, 0.4])
+def test_a_lattice_a_column_beside_its_panel_shows_no_word(wall: float) -> None:
+    """Though the other twelve cells are those of word 7: a dark wall says nothing, and a lit one does not blink."""
+    true = square(310.4, 240.2, 120.0, 15.0)
+    for seed in range(4):
+        canvas = Canvas(background=wall, exposure_us=TRUE_10_MS_US)
+        canvas.panel(true, np.roll(word(7), -1, axis=1), light=0.4)
+        frame = canvas.frame(seed)
+        samples = sample_cells(frame, quad(true - (true[1] - true[0]) / 4), 4)
+        assert isinstance(samples, CellSamples)
+        book = Codebook.build(list(range(50)), DICTIONARY, SPEC)
+        assert not isinstance(soft.read_word(samples, frame, book), Reading)

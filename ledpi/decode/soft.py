@@ -33,7 +33,7 @@ from ledpi.decode.evidence import (
     is_deep_anywhere,
 )
 from ledpi.decode.first_look import first_look
-from ledpi.decode.plausible import is_consistent, is_plausible
+from ledpi.decode.plausible import all_rows_blink, is_consistent, is_plausible
 from ledpi.decode.single_frame import single_evidence
 from ledpi.decode.words import SHORTLIST, Fit, likeliest
 from ledpi.records import Frame, Rejected, SeenBands
@@ -229,6 +229,8 @@ def _judged(fit: Fit, evidence: Evidence, codebook: Codebook, false_id_rate: flo
     if other < needed:
         return AMBIGUOUS
     if not is_consistent(evidence, fit, min(other, outside) - needed):
+        return INCONSISTENT
+    if not all_rows_blink(evidence, fit):
         return INCONSISTENT
     return Reading(
         id=int(codebook.ids[best]),
