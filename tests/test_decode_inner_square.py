@@ -118,3 +118,13 @@ def test_compiled_loops_tell_the_same(lens: Intrinsics | None, side: float) -> N
             np.testing.assert_allclose(ours, theirs, atol=1e-3)
             found += 1
     assert found >= 1
+
+
+@pytest.mark.parametrize("side", [60.0, 100.0, 140.0])
+def test_a_grid_a_cell_aside_is_refused(side: float) -> None:
+    """Its last column is the dark beside the panel, and only five of six lines are there."""
+    true = square(310.4, 240.2, side, 13)
+    canvas = Canvas()
+    canvas.panel(true, word(7))
+    aside = true + (true[1] - true[0]) / 4
+    assert not isinstance(by_inner_lines(canvas.frame(), aside, 4), Quad)

@@ -32,7 +32,9 @@ NEAR_PX = 0.05  # a round that moves the corners no further is the last
 MOST_SHARE = 0.1  # of the side: a round that moves them further has lost its way
 LEAST_SHOWN = 0.75  # of the places where cells meet must show a line, and be darkest there to a step
 MAX_AWAY = 0.06  # of a pitch: root mean square of the lines about their lattice
-MAX_SIGMA = 0.15  # of a pitch: of the corners, beyond which too little is known of them
+# Of the corners. Panels leave 0.04 at 1 m, 0.1 at 3 m; lattices that lie a cell aside, with the dark beside a panel for
+# their last column, 0.3 to 0.6.
+MAX_SIGMA_PX = 0.25
 SAME = 0.02  # of a pitch: corners no further apart
 # Of a pitch, and pixels for what moves: what its sides tell of a panel is no further from where it is expected.
 NEAR, NEAR_BY_PX = 0.05, 0.5
@@ -70,7 +72,7 @@ def _told(frame: Frame, near: Floats, cells: int, intrinsics: Intrinsics | None)
         if moved < NEAR_PX and number >= ROUGH_ROUNDS:
             break
     pitch_px = side_px / cells
-    if not (moved < max(2 * sigma_px, NEAR_PX) and sigma_px < MAX_SIGMA * pitch_px and away_px < MAX_AWAY * pitch_px):
+    if not (moved < max(2 * sigma_px, NEAR_PX) and sigma_px < MAX_SIGMA_PX and away_px < MAX_AWAY * pitch_px):
         return nowhere
     darkest, is_dip = _Lines(frame, corners, cells).darkest()
     if (is_dip & (np.abs(darkest) < 1.5 * SHIFT_STEP)).mean() < LEAST_SHOWN:

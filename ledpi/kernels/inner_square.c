@@ -13,7 +13,7 @@ enum { SHIFTS = 11, PLACES = 6, ROUGH_ROUNDS = 2, ROUNDS = 5 };
 #define MOST_SHARE 0.1
 #define LEAST_SHOWN 0.75
 #define MAX_AWAY 0.06
-#define MAX_SIGMA 0.15
+#define MAX_SIGMA_PX 0.25
 #define BUILT_PX 0.05 /* these as in adjust.c */
 #define FARTHEST 4.0
 #define HUBER 2.0
@@ -178,7 +178,7 @@ double ledpi_inner_square(const uint8_t *pixels, ptrdiff_t height, ptrdiff_t wid
         for (int c = 0; c < 4; c++) corners[c].x += step[c].x, corners[c].y += step[c].y;
         if (!rough && moved < NEAR_PX) break;
     }
-    if (!(moved < fmax(2 * lines.sigma_px, NEAR_PX) && lines.sigma_px < MAX_SIGMA * pitch_px)) return NAN;
+    if (!(moved < fmax(2 * lines.sigma_px, NEAR_PX) && lines.sigma_px < MAX_SIGMA_PX)) return NAN;
     if (!(lines.away_px < MAX_AWAY * pitch_px)) return NAN;
     begin(&lines, corners, cells);
     return are_darkest(&picture, &lines) ? lines.sigma_px : NAN;
