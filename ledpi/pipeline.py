@@ -37,6 +37,7 @@ from ledpi.records import (
 from ledpi.results import Results
 from ledpi.row_clock import MIN_DEVIATION, RowClock
 from ledpi.squares import Squares
+from ledpi.tone import linear_light
 from ledpi.trace import Look, Trace
 
 # A stream searches the whole picture for newcomers in every third frame, and in each that does not show all its tracks.
@@ -46,6 +47,9 @@ AGAIN_EVERY = 4
 # What is within panels is looked at where sides tell nothing. Where there are many lattices that takes longer than all
 # else: in every third of a stream's frames without a panel, so that what is touched is a newcomer for no longer either.
 LOOK_WITHIN_EVERY = 3
+# Of a frame alone that is spared where it has shown a panel, most likely, that is only too far away to be told by it: a
+# square of small cells, nearly as bright as anything in the picture.
+FAR_CELL_PX, FAR_LIGHT = 8.0, 0.5
 STAGES: dict[Method, tuple[str, ...]] = {
     "soft": ("find", "edges", "cells", "soft", "pose"),
     "bands": ("bands", "pose"),
@@ -157,7 +161,7 @@ class Pipeline:
             yield self._read(times, found, work)
             looked += found
         self._since_read = 0 if work.sightings else self._since_read + 1
-        if searching and self._since_read and (not self._stream or self._since_read % LOOK_WITHIN_EVERY == 0):
+        if searching and self._is_to_be_looked_within(frame, looked):
             found = self._search_within(frame, [quad for quad, _, _ in looked], work)
             yield self._read(times, found, work)
             looked += found
@@ -172,6 +176,18 @@ class Pipeline:
         self._since_search = 0
         self._searches += 1
         return True
+
+    def _is_to_be_looked_within(self, frame: Frame, looked: list[_Looked]) -> bool:
+        """Whether what shows no sides may be a panel, where this frame has shown none that can be read."""
+        if self._stream:
+            return self._since_read > 0 and self._since_read % LOOK_WITHIN_EVERY == 0
+        if self._since_read == 0:
+            return False
+        brightest = linear_light(frame.transfer, mark_saturated=False)[frame.pixels.max()]
+        return not any(
+            min(samples.cell_px) * samples.averaged < FAR_CELL_PX and samples.light.mean() > FAR_LIGHT * brightest
+            for _, _, samples in looked
+        )
 
     def _where_expected(self, frame: Frame, work: Results) -> list[tuple[Quad, Track]]:
         """The squares that are where their tracks lead; what is not there is left to a search."""

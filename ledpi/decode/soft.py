@@ -21,7 +21,7 @@ import numpy as np
 
 from ledpi.decode import rivals
 from ledpi.decode.cells import CellSamples
-from ledpi.decode.codebook import Codebook, Mask
+from ledpi.decode.codebook import Codebook
 from ledpi.decode.evidence import (
     UNFIT,
     Doubles,
@@ -203,8 +203,6 @@ def _judged(fit: Fit, evidence: Evidence, codebook: Codebook, false_id_rate: flo
         return NO_BANDS
     if not fit.is_finite:
         return UNFIT
-    if _ends_in_the_dark(fit.silent):
-        return NO_WORD
     amplitude = [math.hypot(*wave) for wave in fit.bands.reshape(-1, 2).tolist()]
     deviation = [max(wave) for wave in zip(fit.deviation[::2], fit.deviation[1::2], strict=True)]
     if not is_plausible(amplitude, deviation, evidence):
@@ -240,16 +238,6 @@ def _judged(fit: Fit, evidence: Evidence, codebook: Codebook, false_id_rate: flo
         amplitude=(amplitude[0], amplitude[-1]),
         cell_bands=fit.shown,
     )
-
-
-def _ends_in_the_dark(silent: Mask | None) -> bool:
-    """Whether a whole row or column at the rim is silent (cells,): then it may be none of the panel's, and the others
-    a cell away from where they seem to be; what is told of the rest may look like another word.
-    """
-    if silent is None:
-        return False
-    grid = silent.reshape(math.isqrt(len(silent)), -1)
-    return any(end.all() for end in (grid[0], grid[-1], grid[:, 0], grid[:, -1]))
 
 
 def _least(*odds: float) -> float:
