@@ -36,20 +36,10 @@ from ledpi.records import (
 )
 from ledpi.results import Results
 from ledpi.row_clock import MIN_DEVIATION, RowClock
+from ledpi.search_plan import SearchPlan
 from ledpi.squares import Squares
-from ledpi.tone import linear_light
 from ledpi.trace import Look, Trace
 
-# A stream searches the whole picture for newcomers in every third frame, and in each that does not show all its tracks.
-SEARCH_EVERY = 3
-# Beside panels that are read, what a search does not see at first is looked for in every fourth search.
-AGAIN_EVERY = 4
-# What is within panels is looked at where sides tell nothing. Where there are many lattices that takes longer than all
-# else: in every third of a stream's frames without a panel, so that what is touched is a newcomer for no longer either.
-LOOK_WITHIN_EVERY = 3
-# Of a frame alone that is spared where it has shown a panel, most likely, that is only too far away to be told by it: a
-# square of small cells, nearly as bright as anything in the picture.
-FAR_CELL_PX, FAR_LIGHT = 8.0, 0.5
 STAGES: dict[Method, tuple[str, ...]] = {
     "soft": ("find", "edges", "cells", "soft", "pose"),
     "bands": ("bands", "pose"),
@@ -96,7 +86,7 @@ class Pipeline:
         sides_m = {marker_id: panels.spec(marker_id).side_m for marker_id in range(len(dictionary.words))}
         self._placer = Placer(intrinsics, sides_m, stream=stream, robot=robot)
         self._tracker = Tracker(self._specs)
-        self._since_search = self._since_read = self._searches = 0  # frames, and how often
+        self._plan = SearchPlan(stream=stream)
         self._row_clock = RowClock(camera)
         if method == "soft":
             self._squares.prepare()
@@ -148,46 +138,23 @@ class Pipeline:
         self._tracker.begin(frame.row0_readout_ns)
         looked = self._sample(frame, self._where_expected(frame, work), work)
         times = replace(frame, pixels=_NO_PICTURE)  # to be kept: the picture's room will hold another
-        searching = self._is_to_be_searched()
+        searching = self._plan.begins(all_seen=self._tracker.all_seen())
         others = [look for look in looked if look[1].shown is None]
         yield self._read(times, [look for look in looked if look[1].shown is not None], work)
-        found: list[_Looked] = []
-        if searching:
-            found = self._search(frame, self._squares.candidates, work)
+        found = self._search(frame, self._squares.candidates, work) if searching else []
         yield self._read(times, others + found, work)
         looked += found
-        if searching and (not work.sightings or self._searches % AGAIN_EVERY == 0):
+        if self._plan.goes_on(read=bool(work.sightings)):
             found = self._search(frame, self._squares.candidates_again, work)
             yield self._read(times, found, work)
             looked += found
-        self._since_read = 0 if work.sightings else self._since_read + 1
-        if searching and self._is_to_be_looked_within(frame, looked):
+        seen = (samples for _, _, samples in looked)
+        if self._plan.looks_within(frame, seen, read=bool(work.sightings)):
             found = self._search_within(frame, [quad for quad, _, _ in looked], work)
             yield self._read(times, found, work)
             looked += found
         if self._stream:
             self._keep_up(times, looked, work)
-
-    def _is_to_be_searched(self) -> bool:
-        """Whether it is time again, or a panel is not where it was expected."""
-        self._since_search += 1
-        if self._since_search < SEARCH_EVERY and self._tracker.all_seen():
-            return False
-        self._since_search = 0
-        self._searches += 1
-        return True
-
-    def _is_to_be_looked_within(self, frame: Frame, looked: list[_Looked]) -> bool:
-        """Whether what shows no sides may be a panel, where this frame has shown none that can be read."""
-        if self._stream:
-            return self._since_read > 0 and self._since_read % LOOK_WITHIN_EVERY == 0
-        if self._since_read == 0:
-            return False
-        brightest = linear_light(frame.transfer, mark_saturated=False)[frame.pixels.max()]
-        return not any(
-            min(samples.cell_px) * samples.averaged < FAR_CELL_PX and samples.light.mean() > FAR_LIGHT * brightest
-            for _, _, samples in looked
-        )
 
     def _where_expected(self, frame: Frame, work: Results) -> list[tuple[Quad, Track]]:
         """The squares that are where their tracks lead; what is not there is left to a search."""
