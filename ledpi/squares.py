@@ -12,7 +12,7 @@ from ledpi.decode.edges import prepare, refine_quads
 from ledpi.decode.find import Candidate, Finder
 from ledpi.decode.find_striped import MIN_STRIPED_CELL_PX, StripedFinder
 from ledpi.decode.fitted_square import NO_BANDS
-from ledpi.decode.inner_square import by_inner_lines, is_near, is_same
+from ledpi.decode.inner_square import by_inner_lines, is_aside, is_near, is_same
 from ledpi.decode.settle import is_part_of, settle
 from ledpi.decode.striped import fitted_squares, striped_near, striped_squares
 from ledpi.records import CameraInfo, Floats, Frame, Intrinsics, PanelSpec, Quad, Rejected, ToldBy
@@ -64,14 +64,16 @@ class Squares:
     def by_lines(self, frame: Frame, known: Sequence[Quad], *, far: bool) -> list[Quad]:
         """Panels whose sides may not show, by the lines within them; of the frame that was searched last.
 
-        But for those that are `known`. `far`: also those of few pixels.
+        But for those that are `known`, and what overlaps these. `far`: also those of few pixels.
         """
         found: list[Quad] = []
         if self._is_striped(frame):
             return found
         for at in self._finder.find_crossings(frame, far=far):
             quad = by_inner_lines(frame, at, self._cells, self._intrinsics)
-            if isinstance(quad, Quad) and not any(is_same(quad, other, self._cells) for other in (*known, *found)):
+            if isinstance(quad, Rejected) or any(is_aside(quad, other, self._cells) for other in known):
+                continue
+            if not any(is_same(quad, other, self._cells) for other in (*known, *found)):
                 found.append(quad)
         return found
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from decode_material import LENS, Canvas, diffuser, quad, reason, seen_through, square, word
 
-from ledpi.decode.inner_square import _told, by_inner_lines, is_same
+from ledpi.decode.inner_square import _told, by_inner_lines, is_aside, is_same
 from ledpi.kernels import inner_square as kernel
 from ledpi.kernels.library import COMPILED
 from ledpi.records import Floats, Frame, Intrinsics, Quad
@@ -128,3 +128,13 @@ def test_a_grid_a_cell_aside_is_refused(side: float) -> None:
     canvas.panel(true, word(7))
     aside = true + (true[1] - true[0]) / 4
     assert not isinstance(by_inner_lines(canvas.frame(), aside, 4), Quad)
+
+
+def test_a_grid_a_row_aside_overlaps_what_it_is_aside_of() -> None:
+    """By a column, by a row and a column, and not by a hundredth; and a grid of other cells is another thing."""
+    one = quad(square(320.0, 240.0, 80.0))
+    for aside in ([20.0, 0.0], [-20.0, 20.0], [60.0, 0.0]):
+        assert is_aside(quad(one.corners_px + aside), one, 4)
+    assert not is_aside(quad(one.corners_px + 0.2), one, 4)
+    assert not is_aside(quad(one.corners_px + [100.0, 0.0]), one, 4)
+    assert not is_aside(quad(square(340.0, 240.0, 160.0)), one, 4)

@@ -38,6 +38,7 @@ MAX_SIGMA_PX = 0.25
 SAME = 0.02  # of a pitch: corners no further apart
 # Of a pitch, and pixels for what moves: what its sides tell of a panel is no further from where it is expected.
 NEAR, NEAR_BY_PX = 0.05, 0.5
+ALIKE, ASIDE = 1.25, 0.4  # of two squares: times the other's pitch, and pitches apart, from which on they are two
 _CORNERS = np.array([0, 1, 1, 0.0]), np.array([0, 0, 1, 1.0])
 
 
@@ -91,6 +92,16 @@ def is_near(quad: Quad, expected: Floats, cells: int) -> bool:
     What touches it draws a side by more.
     """
     return _apart_px(quad, expected) < NEAR * _pitch_px(expected, cells) + NEAR_BY_PX
+
+
+def is_aside(quad: Quad, other: Quad, cells: int) -> bool:
+    """Whether two overlap that are alike in size: one of them is a part of the other's cells, and of what is beside.
+
+    Where sides tell where a panel is, its lines tell it a row or a column aside as well.
+    """
+    pitch_px, other_px = _pitch_px(quad.corners_px, cells), _pitch_px(other.corners_px, cells)
+    away_px = math.dist(quad.corners_px.mean(axis=0), other.corners_px.mean(axis=0))
+    return 1 / ALIKE < pitch_px / other_px < ALIKE and ASIDE * other_px < away_px < cells * other_px
 
 
 def _apart_px(quad: Quad, corners: Floats) -> float:

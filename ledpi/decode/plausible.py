@@ -52,15 +52,16 @@ def is_consistent(evidence: Evidence, fit: Fit, lead: float) -> bool:
 
 
 def all_rows_blink(evidence: Evidence, fit: Fit) -> bool:
-    """Whether no row or column of cells is silent, or would rather have no bands than those that the word gives it.
+    """Whether no row or column of cells would rather have no bands than those that the word gives it, or is dark.
 
-    A lattice that lies a row or a column off takes what is beside the panel for cells. These do not blink, or are dark,
-    and the others may be the better part of another word.
+    A lattice that lies a row or a column off takes what is beside the panel for cells. These do not blink, or are dark
+    but for one that reaches into the panel; and the others may be the better part of another word. So at the rim fewer
+    than half of a row may be silent.
     """
     side = math.isqrt(len(fit.gain))
     if fit.silent is not None:
         silent = fit.silent.reshape(side, side)
-        if silent.all(axis=0).any() or silent.all(axis=1).any():
+        if any(2 * np.count_nonzero(end) >= side for end in (silent[0], silent[-1], silent[:, 0], silent[:, -1])):
             return False
     shown = fit.shown
     left = evidence.score - np.tensordot(evidence.information, shown, axes=((2, 3), (0, 1)))
