@@ -64,18 +64,23 @@ class Squares:
     def by_lines(self, frame: Frame, known: Sequence[Quad], *, far: bool) -> list[Quad]:
         """Panels whose sides may not show, by the lines within them; of the frame that was searched last.
 
-        But for those that are `known`, and what overlaps these. `far`: also those of few pixels.
+        But for those that are `known`, and parts of these. `far`: also those of few pixels.
         """
         found: list[Quad] = []
         if self._is_striped(frame):
             return found
         for at in self._finder.find_crossings(frame, far=far):
             quad = by_inner_lines(frame, at, self._cells, self._intrinsics)
-            if isinstance(quad, Rejected) or any(is_aside(quad, other, self._cells) for other in known):
+            if isinstance(quad, Rejected) or any(is_same(quad, other, self._cells) for other in (*known, *found)):
                 continue
-            if not any(is_same(quad, other, self._cells) for other in (*known, *found)):
+            if not any(self._is_whole(frame, other) for other in known if is_aside(quad, other, self._cells)):
                 found.append(quad)
         return found
+
+    def _is_whole(self, frame: Frame, known: Quad) -> bool:
+        """Whether the cells of a square meet where it says: then it is a panel's, and none that lies aside."""
+        told = by_inner_lines(frame, known.corners_px, self._cells, self._intrinsics)
+        return isinstance(told, Quad) and is_near(told, known.corners_px, self._cells)
 
     def candidates(self, frame: Frame) -> tuple[list[Candidate], list[Rejected]]:
         """What may be a panel, and what was dropped; where bands cut panels into pieces, what blinks."""

@@ -134,7 +134,7 @@ def test_a_grid_a_row_aside_overlaps_what_it_is_aside_of() -> None:
     """By a column, by a row and a column, and not by a hundredth; and a grid of other cells is another thing."""
     one = quad(square(320.0, 240.0, 80.0))
     for aside in ([20.0, 0.0], [-20.0, 20.0], [60.0, 0.0]):
-        assert is_aside(quad(one.corners_px + aside), one, 4)
+        assert is_aside(quad(one.corners_px + np.array(aside)), one, 4)
     assert not is_aside(quad(one.corners_px + 0.2), one, 4)
-    assert not is_aside(quad(one.corners_px + [100.0, 0.0]), one, 4)
+    assert not is_aside(quad(one.corners_px + np.array([100.0, 0.0])), one, 4)
     assert not is_aside(quad(square(340.0, 240.0, 160.0)), one, 4)
