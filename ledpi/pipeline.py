@@ -45,6 +45,7 @@ STAGES: dict[Method, tuple[str, ...]] = {
     "bands": ("bands", "pose"),
 }
 
+NOT_READ_BEFORE = Rejected(stage="track", reason="not_read_before")
 _NO_PICTURE: Pixels = np.empty((0, 0), np.uint8)
 _Looked: TypeAlias = tuple[Quad, Track, CellSamples]
 _Find: TypeAlias = Callable[[Frame], tuple[list[Candidate], list[Rejected]]]
@@ -86,7 +87,8 @@ class Pipeline:
         sides_m = {marker_id: panels.spec(marker_id).side_m for marker_id in range(len(dictionary.words))}
         self._placer = Placer(intrinsics, sides_m, stream=stream, robot=robot)
         self._tracker = Tracker(self._specs)
-        self._plan = SearchPlan(stream=stream)
+        self._plan = SearchPlan()
+        self._read_before: set[int] = set()  # IDs of panels that more than their inner lines have told
         self._row_clock = RowClock(camera)
         if method == "soft":
             self._squares.prepare()
@@ -148,8 +150,7 @@ class Pipeline:
             found = self._search(frame, self._squares.candidates_again, work)
             yield self._read(times, found, work)
             looked += found
-        seen = (samples for _, _, samples in looked)
-        if self._plan.looks_within(frame, seen, read=bool(work.sightings)):
+        if self._plan.looks_within(read=bool(work.sightings), read_before=bool(self._read_before)):
             found = self._search_within(frame, [quad for quad, _, _ in looked], work)
             yield self._read(times, found, work)
             looked += found
@@ -245,10 +246,24 @@ class Pipeline:
                 work.trace.looks.append(Look(quad=quad, samples=samples, evidence=evidence, reading=outcome.reading))
             if isinstance(outcome.reading, Rejected):
                 work.reject(quad.corners_px, outcome.reading)
+            elif not self._is_believed(quad, outcome.reading):
+                work.reject(quad.corners_px, NOT_READ_BEFORE)
+                track.shown = None
             else:
                 sightings.append(self._sighting(quad, outcome.reading, track))
         self._timed(work, "soft", since)
         return sightings
+
+    def _is_believed(self, quad: Quad, reading: soft.Reading) -> bool:
+        """Whether a square is where a panel is: lines alone may tell one a row aside, which may look like another word.
+
+        (Of 12,000 frames of mirrored panels eight were read so, by lattices that took the wall for cells.)
+        """
+        if quad.told_by == "lines":
+            return reading.id in self._read_before
+        if self._stream:
+            self._read_before.add(reading.id)
+        return True
 
     def _sighting(self, quad: Quad, reading: soft.Reading, track: Track) -> Sighting:
         if track.tuned is not None and track.tuned.measured:

@@ -263,6 +263,7 @@ def test_two_cells_that_a_second_look_found_to_be_as_it_believed() -> None:
         ("mirrored", 359, 2, 0),
         # A lattice a row beside the panel.
         ("mirrored", 476, 7, 6),
+        ("mirrored", 338, 8, 4),
     ],
 )
 def test_what_is_no_panel_of_words_is_no_word(case: str, number: int, seed: int, seq: int) -> None:
@@ -288,6 +289,7 @@ def test_what_is_no_panel_of_words_is_no_word(case: str, number: int, seed: int,
         ("near_words", 200, 6, 6),  # by a lattice a row beside it: the wall does not blink
         ("mirrored", 248, 7, 3),  # the same, where the wall was dark but for one cell
         ("mirrored", 348, 7, 10),
+        ("mirrored", 480, 8, 8),
     ],
 )
 def test_panels_of_no_word_are_not_read_in_streams(case: str, number: int, seed: int, frames: int) -> None:

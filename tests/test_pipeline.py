@@ -205,11 +205,10 @@ def touched_frame(corners: Floats, seq: int = 0) -> Frame:
     return canvas.frame(seq, seq=seq)
 
 
-def test_what_touches_a_panel_does_not_hide_it() -> None:
-    """Its outline melts into that; its cells are where they are."""
-    (marker,) = pipeline().decode(touched_frame(NEAR)).markers
-    assert marker.sighting.id == 7
-    np.testing.assert_allclose(marker.sighting.corners_px, NEAR, atol=0.3)
+def test_a_panel_that_only_its_lines_tell_is_not_believed() -> None:
+    """Lines may tell one a row aside, which may look like another word: of decoys some were read so."""
+    path = pipeline(stream=True)
+    assert [path.decode(touched_frame(NEAR, seq)).markers for seq in range(4)] == [()] * 4
 
 
 # ---- What the panels are
@@ -661,11 +660,11 @@ def test_where_frames_do_not_add_up_a_stream_is_no_worse_than_frames_alone(black
     assert ids_of(pipeline(stream=True), frames) == [[7]] * 6
 
 
-def test_a_panel_that_is_touched_is_followed() -> None:
-    """In each frame from the third on, in which what is within panels is looked at, and as exactly as in a search."""
+def test_what_touches_a_panel_that_was_read_does_not_hide_it() -> None:
+    """Its outline melts into that; its cells are where they are."""
     path = pipeline(stream=True)
-    for seq in range(6):
-        decoded = path.decode(touched_frame(FAR, seq))
-    (marker,) = decoded.markers
-    assert marker.sighting.frames_used == 4
-    np.testing.assert_allclose(marker.sighting.corners_px, FAR, atol=0.3)
+    assert ids_of(path, [frame_of((NEAR, word(7)), seq=seq) for seq in range(2)]) == [[7]] * 2
+    for seq in range(2, 8):
+        (marker,) = path.decode(touched_frame(NEAR, seq)).markers
+        assert marker.sighting.id == 7
+        np.testing.assert_allclose(marker.sighting.corners_px, NEAR, atol=0.3)
