@@ -9,6 +9,7 @@ from typing import TypeAlias
 
 import numpy as np
 
+from ledpi.belief import Belief
 from ledpi.config import Method, PanelSettings
 from ledpi.decode import soft
 from ledpi.decode.bands import NO_SQUARE, BandsReader
@@ -45,7 +46,7 @@ STAGES: dict[Method, tuple[str, ...]] = {
     "bands": ("bands", "pose"),
 }
 
-NOT_READ_BEFORE = Rejected(stage="track", reason="not_read_before")
+NO_END = Rejected(stage="soft", reason="no_end_seen")
 _NO_PICTURE: Pixels = np.empty((0, 0), np.uint8)
 _Looked: TypeAlias = tuple[Quad, Track, CellSamples]
 _Find: TypeAlias = Callable[[Frame], tuple[list[Candidate], list[Rejected]]]
@@ -84,11 +85,11 @@ class Pipeline:
         self._readers = [BandsReader(dictionary, ids, spec) for spec, ids in groups] if method == "bands" else []
         self._specs = tuple(spec for spec, _ in groups)
         self._squares = Squares(camera, self._cells, self._specs, intrinsics)
+        self._belief = Belief(self._reader, self._specs, intrinsics, stream=stream)
         sides_m = {marker_id: panels.spec(marker_id).side_m for marker_id in range(len(dictionary.words))}
         self._placer = Placer(intrinsics, sides_m, stream=stream, robot=robot)
         self._tracker = Tracker(self._specs)
-        self._plan = SearchPlan()
-        self._read_before: set[int] = set()  # IDs of panels that more than their inner lines have told
+        self._plan = SearchPlan(stream=stream)
         self._row_clock = RowClock(camera)
         if method == "soft":
             self._squares.prepare()
@@ -139,23 +140,22 @@ class Pipeline:
             self._tracker = Tracker(self._specs)
         self._tracker.begin(frame.row0_readout_ns)
         looked = self._sample(frame, self._where_expected(frame, work), work)
-        times = replace(frame, pixels=_NO_PICTURE)  # to be kept: the picture's room will hold another
         searching = self._plan.begins(all_seen=self._tracker.all_seen())
         others = [look for look in looked if look[1].shown is None]
-        yield self._read(times, [look for look in looked if look[1].shown is not None], work)
+        yield self._read(frame, [look for look in looked if look[1].shown is not None], work)
         found = self._search(frame, self._squares.candidates, work) if searching else []
-        yield self._read(times, others + found, work)
+        yield self._read(frame, others + found, work)
         looked += found
         if self._plan.goes_on(read=bool(work.sightings)):
             found = self._search(frame, self._squares.candidates_again, work)
-            yield self._read(times, found, work)
+            yield self._read(frame, found, work)
             looked += found
-        if self._plan.looks_within(read=bool(work.sightings), read_before=bool(self._read_before)):
+        if self._plan.looks_within(frame, [samples for _, _, samples in looked], read=bool(work.sightings)):
             found = self._search_within(frame, [quad for quad, _, _ in looked], work)
-            yield self._read(times, found, work)
+            yield self._read(frame, found, work)
             looked += found
         if self._stream:
-            self._keep_up(times, looked, work)
+            self._keep_up(frame, looked, work)
 
     def _where_expected(self, frame: Frame, work: Results) -> list[tuple[Quad, Track]]:
         """The squares that are where their tracks lead; what is not there is left to a search."""
@@ -163,9 +163,7 @@ class Pipeline:
         tracks = self._tracker.expected()
         if not tracks:
             return []
-        quads = self._squares.near(
-            frame, [(track.sought_px(frame.row0_readout_ns), track.told_by) for track in tracks]
-        )
+        quads = self._squares.near(frame, [(track.sought_px(frame.row0_readout_ns), track.told_by) for track in tracks])
         followed = [
             (there, track)
             for track, quad in zip(tracks, quads, strict=True)
@@ -193,7 +191,8 @@ class Pipeline:
     def _search_within(self, frame: Frame, known: list[Quad], work: Results) -> list[_Looked]:
         """The same, but for those `known`, by what is within panels alone."""
         start = self._clock()
-        quads = self._squares.by_lines(frame, known, far=self._stream)  # of few pixels, a frame alone is not read
+        # Of few pixels, what lines tell is not believed of a panel that was not read before.
+        quads = self._squares.by_lines(frame, known, far=self._belief.has_read)
         self._timed(work, "edges", start)
         return self._sample(frame, self._tracker.follow(quads), work)
 
@@ -236,9 +235,9 @@ class Pipeline:
     def _read(self, frame: Frame, looked: list[_Looked], work: Results) -> list[Sighting]:
         """The panels that these lit squares are; where none can be told, why is in `work`."""
         since = self._clock()
-        sightings = []
+        sightings, times = [], _without_picture(frame)
         for quad, track, samples in looked:
-            outcome = self._reader.read(track, samples, frame)
+            outcome = self._reader.read(track, samples, times)
             if outcome.denied:
                 work.reject(quad.corners_px, NOT_SHOWN)
             if work.trace is not None:
@@ -246,24 +245,13 @@ class Pipeline:
                 work.trace.looks.append(Look(quad=quad, samples=samples, evidence=evidence, reading=outcome.reading))
             if isinstance(outcome.reading, Rejected):
                 work.reject(quad.corners_px, outcome.reading)
-            elif not self._is_believed(quad, outcome.reading):
-                work.reject(quad.corners_px, NOT_READ_BEFORE)
+            elif not self._belief.in_panel(frame, quad, samples, outcome.reading, outcome.group):
+                work.reject(quad.corners_px, NO_END)
                 track.shown = None
             else:
                 sightings.append(self._sighting(quad, outcome.reading, track))
         self._timed(work, "soft", since)
         return sightings
-
-    def _is_believed(self, quad: Quad, reading: soft.Reading) -> bool:
-        """Whether a square is where a panel is: lines alone may tell one a row aside, which may look like another word.
-
-        (Of 12,000 frames of mirrored panels eight were read so, by lattices that took the wall for cells.)
-        """
-        if quad.told_by == "lines":
-            return reading.id in self._read_before
-        if self._stream:
-            self._read_before.add(reading.id)
-        return True
 
     def _sighting(self, quad: Quad, reading: soft.Reading, track: Track) -> Sighting:
         if track.tuned is not None and track.tuned.measured:
@@ -280,10 +268,15 @@ class Pipeline:
 
     def _keep_up(self, frame: Frame, looked: list[_Looked], work: Results) -> None:
         """What prepares for the frames to come."""
-        since = self._clock()
+        since, times = self._clock(), _without_picture(frame)
         for _, track, samples in looked:
-            self._reader.keep_up(track, samples, frame)
+            self._reader.keep_up(track, samples, times)
         self._timed(work, "soft", since)
+
+
+def _without_picture(frame: Frame) -> Frame:
+    """What may be kept of it: the picture's room will hold another."""
+    return replace(frame, pixels=_NO_PICTURE)
 
 
 def _same_frequencies(panels: PanelSettings) -> list[tuple[PanelSpec, list[int]]]:

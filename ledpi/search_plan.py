@@ -2,19 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
+from ledpi.decode.cells import CellSamples
+from ledpi.records import Frame
+from ledpi.tone import linear_light
+
 # A stream searches the whole picture for newcomers in every third frame, and in each that does not show all its tracks.
 SEARCH_EVERY = 3
 # Beside panels that are read, what a search does not see at first is looked for in every fourth search.
 AGAIN_EVERY = 4
-# What is within panels is looked at where sides tell nothing, for panels that were read before. Where there are many
-# lattices that takes longer than all else: in every third of a stream's frames without a panel.
+# What is within panels is looked at where sides tell nothing. Where there are many lattices that takes longer than all
+# else: in every third of a stream's frames without a panel, so that what is touched is a newcomer for no longer either.
 LOOK_WITHIN_EVERY = 3
+# Of a frame alone that is spared where it has shown a panel, most likely, that is only too far away to be told by it: a
+# square of small cells, nearly as bright as anything in the picture.
+FAR_CELL_PX, FAR_LIGHT = 8.0, 0.5
 
 
 class SearchPlan:
-    """Of one stream, or of frames that stand alone. To be asked in this order, each once a frame."""
+    """Of one stream, or of frames that stand alone. To be asked in this order, once a frame."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, stream: bool) -> None:
+        self._stream = stream
         self._since_search = self._since_read = self._searches = 0
         self._searching = False
 
@@ -31,7 +41,15 @@ class SearchPlan:
         """Whether it is searched once more, for what is only bright for its surroundings."""
         return self._searching and (not read or self._searches % AGAIN_EVERY == 0)
 
-    def looks_within(self, *, read: bool, read_before: bool) -> bool:
-        """Whether a panel that was read before may be there without its sides."""
+    def looks_within(self, frame: Frame, looked: Iterable[CellSamples], *, read: bool) -> bool:
+        """Whether what shows no sides may be a panel. `looked`: the squares that this frame has shown."""
         self._since_read = 0 if read else self._since_read + 1
-        return self._searching and read_before and not read and self._since_read % LOOK_WITHIN_EVERY == 0
+        if read or not self._searching:
+            return False
+        if self._stream:
+            return self._since_read % LOOK_WITHIN_EVERY == 0
+        brightest = linear_light(frame.transfer, mark_saturated=False)[frame.pixels.max()]
+        return not any(
+            min(samples.cell_px) * samples.averaged < FAR_CELL_PX and samples.light.mean() > FAR_LIGHT * brightest
+            for samples in looked
+        )

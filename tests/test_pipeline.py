@@ -205,10 +205,17 @@ def touched_frame(corners: Floats, seq: int = 0) -> Frame:
     return canvas.frame(seq, seq=seq)
 
 
-def test_a_panel_that_only_its_lines_tell_is_not_believed() -> None:
-    """Lines may tell one a row aside, which may look like another word: of decoys some were read so."""
+def test_what_touches_a_panel_does_not_hide_it() -> None:
+    """Its outline melts into that; its cells are where they are."""
+    (marker,) = pipeline().decode(touched_frame(NEAR)).markers
+    assert marker.sighting.id == 7
+    np.testing.assert_allclose(marker.sighting.corners_px, NEAR, atol=0.3)
+
+
+def test_a_panel_that_is_touched_is_found_within_three_frames() -> None:
+    """By then what is within panels has been looked at."""
     path = pipeline(stream=True)
-    assert [path.decode(touched_frame(NEAR, seq)).markers for seq in range(4)] == [()] * 4
+    assert [7] in ids_of(path, [touched_frame(NEAR, seq) for seq in range(3)])
 
 
 # ---- What the panels are

@@ -1,0 +1,104 @@
+"""A panel ends where lines say if no row or column beside it blinks as those within it do."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from decode_material import LENS, Canvas, quad, seen_through, square, word
+
+from ledpi.config import PanelSettings
+from ledpi.decode.beside import ends_where_told
+from ledpi.decode.cells import CellSamples, sample_cells
+from ledpi.decode.codebook import Codebook
+from ledpi.decode.evidence import Doubles
+from ledpi.decode.soft import Reading, read_word
+from ledpi.dictionaries import load_dictionary
+from ledpi.records import Floats, Frame, Intrinsics
+
+SPEC = PanelSettings(side_m=0.16).spec()
+BOOK = Codebook.build(list(range(50)), load_dictionary("DICT_4X4_50"), SPEC)
+TRUE = square(310.4, 240.2, 100.0, 13)  # 1 m
+
+
+def touched(true: Floats = TRUE, light: float = 0.4, lens: Intrinsics | None = None) -> Frame:
+    """A panel, and a window and a sheet along two of its sides."""
+    canvas = Canvas()
+    across = true[[1, 2]].mean(axis=0) - true[[0, 3]].mean(axis=0)
+    canvas.lamp(true - across, light)
+    canvas.lamp(true + across, 0.6)
+    canvas.panel(true, word(7), lens=lens)
+    return canvas.frame()
+
+
+def shown_in(frame: Frame, true: Floats) -> Doubles:
+    """The bands (16, P) that the panel's cells show."""
+    samples = sample_cells(frame, quad(true), 4)
+    assert isinstance(samples, CellSamples)
+    reading = read_word(samples, frame, BOOK)
+    assert isinstance(reading, Reading)
+    return reading.cell_bands
+
+
+def ends(frame: Frame, at: Floats, shown: Doubles, lens: Intrinsics | None = None) -> bool:
+    samples = sample_cells(frame, quad(at), 4, lens)
+    assert isinstance(samples, CellSamples)
+    return ends_where_told(frame, quad(at), samples, shown, SPEC, lens)
+
+
+@pytest.mark.parametrize("light", [0.0, 0.3, 0.9, 4.0])
+@pytest.mark.parametrize("first", range(4))
+def test_a_panel_ends_where_it_does(light: float, first: int) -> None:
+    """Beside something dark, as bright, brighter, or saturated; whichever of its corners comes first."""
+    frame, at = touched(light=light), np.roll(TRUE, -first, axis=0)
+    assert ends(frame, at, shown_in(frame, at))
+
+
+def test_it_does_so_behind_a_lens() -> None:
+    """In the picture's corner its rows are bent, and so are those beside it."""
+    straight = square(130.4, 120.2, 100.0, 13)
+    canvas = Canvas()
+    canvas.panel(straight, word(7), lens=LENS)
+    frame, at = canvas.frame(), seen_through(LENS, straight)
+    assert ends(frame, at, shown_in(frame, at), LENS)
+
+
+@pytest.mark.parametrize("row", range(4))
+@pytest.mark.parametrize("up", [True, False])
+def test_a_lattice_a_row_aside_does_not(row: int, up: bool) -> None:
+    """On any of the four sides; whether what it has for its last row is taken for cells of the first class or is not
+    told at all."""
+    frame = touched()
+    at, shown = np.roll(TRUE, -row, axis=0), shown_in(frame, np.roll(TRUE, -row, axis=0)).reshape(4, 4, -1)
+    down = (at[3] - at[0]) / 4
+    of_aside = np.concatenate([shown[:1], shown[:-1]]) if up else np.concatenate([0 * shown[:1], shown[:-1]])
+    assert not ends(frame, at - down, of_aside.reshape(16, -1))
+
+
+@pytest.mark.parametrize("corner", [(0, 0), (2, 1), (0, 2), (1, 1)])
+def test_a_lattice_of_half_the_rows_does_not(corner: tuple[int, int]) -> None:
+    """Two by two cells of a near panel, each taken for four: all within it blinks, and so does what is beside."""
+    true = square(310.4, 240.2, 220.0, 13)
+    frame = touched(true)
+    shown = shown_in(frame, true).reshape(4, 4, -1)
+    x, y = corner
+    across, down = (true[1] - true[0]) / 4, (true[3] - true[0]) / 4
+    at = true[0] + x * across + y * down + np.array([0 * across, 2 * across, 2 * across + 2 * down, 2 * down])
+    of_half = shown[y : y + 2, x : x + 2].repeat(2, axis=0).repeat(2, axis=1)
+    assert not ends(frame, at, of_half.reshape(16, -1))
+
+
+def test_at_the_pictures_border_no_end_is_seen() -> None:
+    """A row may be beyond it."""
+    true = square(54.0, 240.2, 100.0)
+    frame = touched(true)
+    assert not ends(frame, true, shown_in(frame, true))
+
+
+def test_far_away_one_frame_does_not_tell() -> None:
+    """At 3 m the rows' log odds are too small."""
+    true = square(310.4, 240.2, 34.0, 13)
+    canvas = Canvas()
+    canvas.panel(true, word(7), light=0.7)
+    frame = canvas.frame()
+    near = touched()
+    assert not ends(frame, true, shown_in(near, TRUE))
