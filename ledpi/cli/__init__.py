@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Callable
 
 # Matrices and pictures here are small: a second thread costs more to wake than it saves (a busy core made the edges of
 # one panel take 9 ms, not 1), and the daemon's threads have the other cores. Before numpy and OpenCV are loaded.
@@ -26,12 +27,15 @@ app = typer.Typer(
 )
 
 
-def main() -> None:
-    """Entry point. What a user can put right is one line on standard error and exit status 2, or 1 where trying again
-    may help. So is what the operating system refuses and no command has foreseen. After Ctrl-C the status is 130.
+def main(loaded: Callable[[], None] = lambda: None) -> None:
+    """Runs a command. What a user can put right is one line on standard error and exit status 2, or 1 where trying
+    again may help. So is what the operating system refuses and no command has foreseen. After Ctrl-C it is 130.
+
+    `loaded` is called once every command is there, before one begins.
     """
     try:
         _add_commands()
+        loaded()
         try:
             app()
         finally:

@@ -1,0 +1,68 @@
+"""The command's entry point: Ctrl-C ends it quietly, also before there is a command."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from ledpi.__main__ import main
+
+ROOT = Path(__file__).resolve().parents[1]
+CTRL_C = "import signal\nsignal.raise_signal(signal.SIGINT)\n"
+# Exceptions in an import may be caught there: by importlib itself, or where a module has a substitute.
+CTRL_C_CAUGHT = "try:\n    import signal; signal.raise_signal(signal.SIGINT)\nexcept BaseException:\n    pass\n"
+WENT_ON = "raise SystemExit(7)\n"
+
+
+def console_script() -> str:
+    """What the command `ledpi` is once it is installed."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    module, _, function = project["scripts"]["ledpi"].partition(":")
+    return f"import sys; from {module} import {function}; sys.exit({function}())"
+
+
+def ended(arguments: list[str], folder: Path, typer: str, *, ignoring: bool = False) -> tuple[int, str]:
+    """Exit status and standard error, where this is the `typer` that the command line loads first of all."""
+    (folder / "typer.py").write_text(typer, encoding="utf-8")
+    done = subprocess.run(
+        ["env", "--ignore-signal=INT", sys.executable, *arguments] if ignoring else [sys.executable, *arguments],
+        env=os.environ | {"PYTHONPATH": f"{folder}:{ROOT}"},
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    return done.returncode, done.stderr
+
+
+@pytest.mark.parametrize("typer", [CTRL_C, CTRL_C_CAUGHT + WENT_ON])
+@pytest.mark.parametrize("arguments", [["-m", "ledpi"], ["-c", console_script()]], ids=["module", "command"])
+def test_ctrl_c_while_modules_are_loaded_ends_quietly(tmp_path: Path, arguments: list[str], typer: str) -> None:
+    """With the status of every Ctrl-C, also where the import that it falls into would go on."""
+    assert ended(arguments, tmp_path, typer) == (130, "")
+
+
+def test_where_ctrl_c_is_ignored_it_stays_so(tmp_path: Path) -> None:
+    """As a shell does for what it runs in the background."""
+    assert ended(["-m", "ledpi"], tmp_path, CTRL_C + WENT_ON, ignoring=True) == (7, "")
+
+
+def test_a_command_sees_ctrl_c_as_an_exception(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Once everything is loaded: cameras and files are open then, and are to be closed."""
+
+    def command_line(loaded: Callable[[], None]) -> None:
+        assert signal.getsignal(signal.SIGINT) is not signal.default_int_handler
+        loaded()
+        signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr("ledpi.cli.main", command_line)
+    with pytest.raises(KeyboardInterrupt):
+        main()
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
