@@ -57,6 +57,20 @@ def test_the_board_is_true_to_scale(
     assert int(np.argmin(line[first:])) == pytest.approx(100 * PX_PER_MM, abs=2)
 
 
+def test_the_printed_board_is_the_one_that_is_looked_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Where neither command is told more: a picture of the print is a view of the board."""
+    monkeypatch.chdir(tmp_path)
+    assert made(monkeypatch) == 0
+    (tmp_path / "pictures").mkdir()
+    cv2.imwrite("pictures/print.png", cv2.resize(printed(tmp_path / "board.pdf"), (1188, 840)))
+    monkeypatch.setattr("sys.argv", ["ledpi", "calibrate", "camera", "pictures"])
+    with pytest.raises(SystemExit):
+        main()
+    assert "the board was found in only 1 pictures" in capsys.readouterr().err
+
+
 def test_a_board_that_does_not_fit_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -157,7 +157,7 @@ def test_a_rendered_camera_is_asked_back(pictures: Path, command: Command) -> No
     """
     Path("camera.yaml").write_text("precious")
     Path("config.yaml").write_text("panels: {side_m: 0.16}  # lamp\n")
-    status, out, err = command(pictures)
+    status, out, err = command(pictures, "--board", "chessboard")
     lens = load_intrinsics(Path("camera.yaml"))
     assert (status, err) == (0, "")
     assert [lens.fx, lens.fy] == pytest.approx([600, 604], rel=0.003)
@@ -272,7 +272,7 @@ def test_a_refusal_is_one_line_and_writes_nothing(command: Command) -> None:
     Path("camera.yaml").write_text("precious")
     Path("pictures").mkdir()
     cv2.imwrite("pictures/empty.png", np.full((480, 640), 90, np.uint8))
-    status, out, err = command("pictures", "--cols", 9, "--rows", 7)
+    status, out, err = command("pictures", "--board", "chessboard", "--cols", 9, "--rows", 7)
     assert (status, out) == (2, "")
     assert "no chessboard with 9 × 7 inner corners in any of 1 pictures" in err
     assert err.count("\n") == 1
@@ -317,7 +317,7 @@ def test_real_pictures(
     for path in shared("real/chessboard").glob(f"{side}*.jpg"):
         (folder / path.name).symlink_to(path)
     Path("config.yaml").write_text("{camera: {width: 1296, height: 972}, panels: {side_m: 0.16}}")
-    status, out, _ = command(folder)
+    status, out, _ = command(folder, "--board", "chessboard")
     assert "config.yaml asks for 1296 × 972 pixels, these have 640 × 480: not named there" in out
     written = yaml.safe_load(Path("camera.yaml").read_text())
     assert status == 0

@@ -157,7 +157,7 @@ def test_without_a_lens_that_comes_next(command: Command) -> None:
     status, out, _ = command("calibrate")
     assert status == 0
     assert "camera   no camera.intrinsics: IDs, but no poses" in out
-    assert out.splitlines()[-1].startswith("next: ledpi calibrate camera --board charuco (a board to print: ")
+    assert out.splitlines()[-1].startswith("next: ledpi calibrate camera (a board to print: ")
 
 
 def test_after_the_lens_the_shutter_comes_next(command: Command) -> None:

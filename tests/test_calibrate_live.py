@@ -177,7 +177,7 @@ def test_a_simulated_board_gives_the_simulated_lens(
 
     # Three frames at each of ten places, two of them at rest.
     command("simulate", "take", "--scene", "board", "--frames", "30", "--set", "camera.frame_duration_us=166667")
-    command("calibrate", "camera", "take", "--board", "charuco")
+    command("calibrate", "camera", "take")
     captured = capsys.readouterr()
     assert "0 views; tilt the board: its left side away" in captured.err
     assert "30 pictures, 10 with the board" in captured.out

@@ -43,7 +43,7 @@ def next_command(found: list[Part]) -> str | None:
 
 def _lens(config: Config, today: date) -> Part:
     path = config.camera.intrinsics
-    command = "ledpi calibrate camera --board charuco (a board to print: ledpi calibrate board)"
+    command = "ledpi calibrate camera (a board to print: ledpi calibrate board)"
     if path is None:
         return Part(name="camera", text="no camera.intrinsics: IDs, but no poses", done=False, command=command)
     try:

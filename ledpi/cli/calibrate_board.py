@@ -18,6 +18,10 @@ class KindName(StrEnum):
     CHARUCO = "charuco"
 
 
+# As `ledpi calibrate camera` looks for it, too: who takes both as they come has one board.
+DEFAULT_KIND, DEFAULT_COLS, DEFAULT_ROWS = KindName.CHARUCO, 6, 5
+
+
 class PaperName(StrEnum):
     """What --paper may be."""
 
@@ -28,17 +32,17 @@ class PaperName(StrEnum):
 @calibrate.command()
 def board(
     out: Path = typer.Argument(Path("board.pdf"), metavar="OUT", help="PDF to write; an older one is kept."),
-    kind: KindName = typer.Option(KindName.CHARUCO, help="charuco may be seen in part, also at the picture's rim."),
-    cols: int = typer.Option(6, min=3, max=20, help="Inner corners along the long side."),
-    rows: int = typer.Option(5, min=3, max=20, help="Inner corners along the other."),
+    kind: KindName = typer.Option(DEFAULT_KIND, help="charuco may be seen in part, also at the picture's rim."),
+    cols: int = typer.Option(DEFAULT_COLS, min=3, max=20, help="Inner corners along the long side."),
+    rows: int = typer.Option(DEFAULT_ROWS, min=3, max=20, help="Inner corners along the other."),
     square_mm: float = typer.Option(30.0, min=1, help="Side of a square."),
     paper: PaperName = typer.Option(PaperName.A4, help="Landscape."),
 ) -> None:
-    """A chessboard or ChArUco board as a PDF, true to scale. Print at 100 %, and glue onto something flat and stiff.
+    """A ChArUco board or chessboard as a PDF, true to scale. Print at 100 %, and glue onto something flat and stiff.
 
     The ruler below the board is 100 mm long: if it is not on the print, the printer has scaled it.
 
-    Example: ledpi calibrate board board.pdf --kind charuco --paper letter
+    Example: ledpi calibrate board board.pdf --kind chessboard --paper letter
     """
     from ledpi.calibrate.board_sheet import sheet_pdf
     from ledpi.calibrate.boards import Board

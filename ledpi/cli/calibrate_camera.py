@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from ledpi.cli.calibrate import calibrate, read_grey, settings_for
-from ledpi.cli.calibrate_board import KindName
+from ledpi.cli.calibrate_board import DEFAULT_COLS, DEFAULT_KIND, DEFAULT_ROWS, KindName
 from ledpi.cli.progress import progress
 from ledpi.errors import CalibrationError
 
@@ -27,14 +27,14 @@ def camera(
     folder: Path | None = typer.Argument(
         None, metavar="FOLDER", help="With pictures, or a recording. Default: the camera, live."
     ),
-    kind: KindName = typer.Option(KindName.CHESSBOARD, "--board", help="As `ledpi calibrate board` prints them."),
-    cols: int = typer.Option(6, min=3, max=20, help="Inner corners along the board's one side."),
-    rows: int = typer.Option(5, min=3, max=20, help="Inner corners along the other."),
+    kind: KindName = typer.Option(DEFAULT_KIND, "--board", help="As `ledpi calibrate board` prints them."),
+    cols: int = typer.Option(DEFAULT_COLS, min=3, max=20, help="Inner corners along the board's one side."),
+    rows: int = typer.Option(DEFAULT_ROWS, min=3, max=20, help="Inner corners along the other."),
     out: Path = typer.Option(Path("camera.yaml"), help="File to write; an older one is kept as NAME.bak-1."),
     config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
     set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
 ) -> None:
-    """Views of a chessboard or ChArUco board → camera.yaml.
+    """Views of a ChArUco board or chessboard → camera.yaml.
 
     That is in ROS camera_info form; a picture of the views is written beside it.
 
@@ -44,7 +44,7 @@ def camera(
     tilted by 20° to 40° to different sides. Views that contradict the others are named and left out. The squares'
     size does not matter.
 
-    Example: ledpi calibrate camera pictures --cols 9 --rows 6
+    Example: ledpi calibrate camera pictures --board chessboard --cols 9 --rows 6
     """
     from ledpi.calibrate.boards import Board
     from ledpi.calibrate.camera import calibrate_camera
