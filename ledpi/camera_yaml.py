@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -10,23 +9,14 @@ import yaml
 from pydantic import AfterValidator, BaseModel, Field, ValidationError
 
 from ledpi.config_mistakes import explain
-from ledpi.config_values import Finite
+from ledpi.config_values import Finite, check_lens, numbers
 from ledpi.errors import CalibrationError
 from ledpi.files import read_yaml
 from ledpi.records import Intrinsics
 
 
-def _numbers(*counts: int) -> Callable[[list[float]], list[float]]:
-    def check(values: list[float]) -> list[float]:
-        if len(values) in counts:
-            return values
-        raise ValueError(f"must be {' or '.join(map(str, counts))} numbers")
-
-    return check
-
-
 def _camera_matrix(data: list[float]) -> list[float]:
-    fx, skew, _, zero, fy, _, *last_row = _numbers(9)(data)
+    fx, skew, _, zero, fy, _, *last_row = numbers(9)(data)
     if fx > 0 and fy > 0 and skew == 0 and zero == 0 and last_row == [0, 0, 1]:
         return data
     raise ValueError("must be [fx, 0, cx, 0, fy, cy, 0, 0, 1] with positive fx and fy")
@@ -37,7 +27,7 @@ class _CameraMatrix(BaseModel):
 
 
 class _Coefficients(BaseModel):
-    data: Annotated[list[Finite], AfterValidator(_numbers(4, 5))]
+    data: Annotated[list[Finite], AfterValidator(numbers(4, 5))]
 
 
 class _CameraInfo(BaseModel):
@@ -71,6 +61,10 @@ def load_intrinsics(path: Path, for_size: tuple[int, int] | None = None) -> Intr
             f"{for_size[0]} × {for_size[1]}: calibrate at that size"
         )
     fx, _, cx, _, fy, cy, *_ = info.camera_matrix.data
+    try:
+        check_lens(*size, fx=fx, fy=fy, cx=cx, cy=cy)
+    except ValueError as error:
+        raise CalibrationError(f"{path}: camera_matrix.data: {error}") from None
     k1, k2, p1, p2, k3 = [*info.distortion_coefficients.data, 0.0][:5]
     return Intrinsics(
         width=info.image_width,

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from collections.abc import Callable, Sized
+from typing import Annotated, Literal, TypeVar
 
 from pydantic import BaseModel, BeforeValidator, Discriminator, Field, Tag, ValidationInfo, field_validator
 
@@ -21,6 +22,35 @@ _number_or_auto = Discriminator(lambda value: "auto" if value == "auto" else "nu
 RowTimeOrAuto = Annotated[Annotated[RowTime, Tag("number")] | _Auto, _number_or_auto]
 MicrosecondsOrAuto = Annotated[Annotated[Microseconds, Tag("number")] | _Auto, _number_or_auto]
 GainOrAuto = Annotated[Annotated[Gain, Tag("number")] | _Auto, _number_or_auto]
+
+# Of a picture's width or height. A field of view of 0.6° to 157°: what lies outside was given in millimetres.
+FOCAL_LENGTHS = (0.1, 100.0)
+CENTRES = (-1.0, 2.0)  # a picture may be a part of the sensor's, and its lens's axis beside it, but not far
+_Numbers = TypeVar("_Numbers", bound=Sized)
+
+
+def numbers(*counts: int) -> Callable[[_Numbers], _Numbers]:
+    """A validator of how many there are."""
+
+    def check(values: _Numbers) -> _Numbers:
+        if len(values) in counts:
+            return values
+        raise ValueError(f"must be {' or '.join(map(str, counts))} numbers")
+
+    return check
+
+
+def check_lens(width: int, height: int, *, fx: float, fy: float, cx: float, cy: float) -> None:
+    """Raises ValueError, which begins with the value's name, where no lens makes pictures of this size so."""
+    for name, value, size, (low, high) in (
+        ("fx", fx, width, FOCAL_LENGTHS),
+        ("fy", fy, height, FOCAL_LENGTHS),
+        ("cx", cx, width, CENTRES),
+        ("cy", cy, height, CENTRES),
+    ):
+        if not low * size <= value <= high * size:
+            wanted = f"must be {low * size:g} to {high * size:g} pixels for pictures of {width} × {height}"
+            raise ValueError(f"{name}: {wanted}, not {value:g}")
 
 
 def _three_numbers(value: object) -> object:

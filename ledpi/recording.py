@@ -15,6 +15,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from ledpi.config_values import check_lens
 from ledpi.errors import RecordingError
 from ledpi.recording_format import (
     FRAMES_FILE,
@@ -137,6 +138,10 @@ def _camera_info(section: CameraSection, path: Path) -> CameraInfo:
     lens = {key: values.pop(key) for key in _LENS_KEYS}
     missing = [key for key, value in lens.items() if value is None]
     if not missing:
+        try:
+            check_lens(section.width, section.height, **{key: lens[key] for key in ("fx", "fy", "cx", "cy")})
+        except ValueError as error:
+            raise RecordingError(f"{path}: camera.{error}") from None
         intrinsics = Intrinsics(width=section.width, height=section.height, **lens)
         return CameraInfo(**values, intrinsics=intrinsics)
     if len(missing) < len(lens):

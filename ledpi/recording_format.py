@@ -62,7 +62,7 @@ class CameraSection(BaseModel):
     fy: Positive | None = None
     cx: Real | None = None
     cy: Real | None = None
-    distortion: tuple[Real, Real, Real, Real, Real] | None = None
+    distortion: Annotated[tuple[Real, ...], AfterValidator(values.numbers(5))] | None = None  # k1 k2 p1 p2 k3
 
 
 class PanelSection(BaseModel):

@@ -67,7 +67,7 @@ def test_four_coefficients_are_enough(tmp_path: Path) -> None:
 def test_what_is_written_comes_back(tmp_path: Path) -> None:
     """Values survive to the last bit, also those that are awkward in YAML."""
     lens = Intrinsics(
-        width=640, height=480, fx=1 / 3, fy=1e-7, cx=0, cy=-0.1, distortion=(1e22, 1e-300, -1e-5, 0.1, 3)
+        width=640, height=480, fx=1000 / 3, fy=500, cx=1e-7, cy=-0.1, distortion=(1e22, 1e-300, -1e-5, 0.1, 3)
     )
     assert load_intrinsics(written(tmp_path, camera_yaml_text(lens, {"rms_px": 0.1}))) == lens
 
@@ -104,6 +104,8 @@ def test_a_file_for_another_size_is_refused(tmp_path: Path) -> None:
         ("238.75, 0, 0, 1]", "238.75]", "camera_matrix.data: must be 9 numbers"),
         ("[605.5, 0,", "[605.5, 2,", "camera_matrix.data: must be [fx, 0, cx, 0, fy, cy, 0, 0, 1]"),
         ("[605.5, 0,", "[0, 0,", "camera_matrix.data: must be [fx, 0, cx, 0, fy, cy, 0, 0, 1]"),
+        ("[605.5, 0,", "[3.6, 0,", "camera_matrix.data: fx: must be 64 to 64000 pixels for pictures of 640 × 480"),
+        ("322.25", "-2000", "camera_matrix.data: cx: must be -640 to 1280 pixels for pictures of 640 × 480, not -2000"),
         ("camera_matrix:\n", "camera_matrix: 3\nother:\n", "camera_matrix: must be a section, not 3"),
         ("  cols: 5", "  cols: [5", "not valid YAML"),
     ],

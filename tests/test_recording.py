@@ -21,7 +21,7 @@ format: 1
 note: written by hand
 camera: {width: 8, height: 6, row_time_us: 33.67, frame_length_rows: 504,
          exposure_us: 10000.0, transfer: srgb,
-         fx: 643.0, fy: 644.0, cx: 322.0, cy: 238.0, distortion: [0.08, -0.18, 0.0008, -0.0006, 0.05]}
+         fx: 643.0, fy: 544.0, cx: 3.2, cy: 2.8, distortion: [0.08, -0.18, 0.0008, -0.0006, 0.05]}
 panel: {dictionary: DICT_4X4_50, side_m: 0.16, black_hz: 1250.0, white_hz: 2450.0, duty: 0.5}
 """
 FRAMES = """\
@@ -72,7 +72,7 @@ def test_all_values_are_read(folder: Path) -> None:
     assert (camera.width, camera.height, camera.row_time_us, camera.frame_length_rows) == (8, 6, 33.67, 504)
     assert (camera.exposure_us, camera.transfer) == (10000.0, "srgb")
     assert lens is not None
-    assert (lens.width, lens.height, lens.fx, lens.fy, lens.cx, lens.cy) == (8, 6, 643.0, 644.0, 322.0, 238.0)
+    assert (lens.width, lens.height, lens.fx, lens.fy, lens.cx, lens.cy) == (8, 6, 643.0, 544.0, 3.2, 2.8)
     assert lens.distortion == (0.08, -0.18, 0.0008, -0.0006, 0.05)
     assert recording.dictionary == "DICT_4X4_50"
     assert (recording.panel.side_m, recording.panel.black_hz) == (0.16, 1250.0)
@@ -130,8 +130,15 @@ def test_truth_is_optional(folder: Path) -> None:
         ("recording.yaml", "33.67", ".nan", "camera.row_time_us: must be a finite number, not nan"),
         ("recording.yaml", "width: 8", "width: 8.5", "camera.width: must be a valid integer"),
         ("recording.yaml", "srgb", "g", "camera.transfer: must be 'linear' or 'srgb', not 'g'"),
-        ("recording.yaml", "fy: 644.0, ", "", "camera.fy: is missing; give all of fx, fy, cx, cy, dist"),
-        ("recording.yaml", "[0.08, -0.18, ", "[", "camera.distortion.3: is missing"),
+        ("recording.yaml", "fy: 544.0, ", "", "camera.fy: is missing; give all of fx, fy, cx, cy, dist"),
+        ("recording.yaml", "[0.08, -0.18, ", "[", "camera.distortion: must be 5 numbers, not [0.0008, -0.0006, 0.05]"),
+        ("recording.yaml", "0.05]", "0.05, 0]", "camera.distortion: must be 5 numbers, not [0.08, "),
+        ("recording.yaml", "0.05]", ".inf]", "camera.distortion.4: must be a finite number, not inf"),
+        ("recording.yaml", "643.0", "-643.0", "camera.fx: must be greater than 0, not -643.0"),
+        ("recording.yaml", "643.0", "0.5", "camera.fx: must be 0.8 to 800 pixels for pictures of 8 × 6, not 0.5"),
+        ("recording.yaml", "544.0", "544000", "camera.fy: must be 0.6 to 600 pixels for pictures of 8 × 6, not 544000"),
+        ("recording.yaml", "3.2", "17", "camera.cx: must be -8 to 16 pixels for pictures of 8 × 6, not 17"),
+        ("recording.yaml", "2.8", "-6.1", "camera.cy: must be -6 to 12 pixels for pictures of 8 × 6, not -6.1"),
         ("recording.yaml", "2450.0", "1250.0", "recording.yaml: panel: black_hz and white_hz must differ"),
         ("frames.jsonl", FRAMES, "", "take/frames.jsonl: is empty; must hold a line for each frame"),
         ("frames.jsonl", '"seq": 1', '"sq": 1', "take/frames.jsonl: line 2: seq: is missing; must be given"),
