@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from decode_material import Bits, Canvas, Profile, diffuser, flat, square, word
 
-from ledpi.decode.crossings import MISSING, MOST_GRIDS, crosses_in, grids_in
+from ledpi.decode.crossings import MISSING, MOST_GRIDS, crosses_in, grids_in, lattice_grids
 from ledpi.decode.find import Finder
 from ledpi.kernels import crossings as kernel
 from ledpi.kernels.library import COMPILED
@@ -137,3 +137,6 @@ def test_compiled_loops_find_the_same(blur_px: float) -> None:
         np.testing.assert_allclose(ours[0], theirs[0], atol=1e-9)
         assert ours[1].tolist() == theirs[1].tolist()
         np.testing.assert_allclose(ours[2], theirs[2], atol=1e-9)
+        for cells in (4, 5, 8):
+            grids, expected = kernel.grids(*ours, cells), lattice_grids(*ours, cells)
+            np.testing.assert_allclose(grids, np.array(expected).reshape(-1, 4, 2), atol=1e-6)

@@ -30,6 +30,7 @@ SHARED = {
     "cells.c": (("cells",), 1),
     "lattice.h": (("inner_lines",), 1),
     "crossings.c": (("crossings",), 13),
+    "grids.c": (("crossings",), 3),
     "inner_square.c": (("inner_square", "adjust"), 10),
 }
 

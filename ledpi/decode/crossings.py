@@ -44,7 +44,14 @@ def grids_in(picture: Pixels, cells: int) -> list[Floats]:
     """Corners (4, 2), clockwise in the picture, of grids of `cells` × `cells` whose cells seem to meet in a picture."""
     if cells < LEAST_CELLS:
         return []
-    points, middles, steps = (kernel.crosses if COMPILED else crosses_in)(picture)
+    if not COMPILED:
+        return lattice_grids(*crosses_in(picture), cells)
+    crosses = kernel.crosses(picture)
+    return list(kernel.grids(*crosses, cells)) if cells <= kernel.MOST_SIDE else lattice_grids(*crosses, cells)
+
+
+def lattice_grids(points: Floats, middles: NDArray[np.intp], steps: Floats, cells: int) -> list[Floats]:
+    """The grids that some places may be of (`Crosses`). The reference of kernels/grids.c."""
     found: dict[tuple[int, ...], Floats] = {}
     for middle, own_steps in zip(middles.tolist(), steps, strict=True):
         grown = _grown(points, points[middle], own_steps, cells)
@@ -52,7 +59,7 @@ def grids_in(picture: Pixels, cells: int) -> list[Floats]:
             found.setdefault(members, corners)
         if len(found) >= MOST_GRIDS:
             break
-    return list(found.values())
+    return list(found.values())[:MOST_GRIDS]
 
 
 def crosses_in(picture: Pixels) -> Crosses:
