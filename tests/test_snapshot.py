@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import sys
 from pathlib import Path
 
@@ -226,6 +227,8 @@ ROW_TIME = ("--set", "panels.side_m=0.16", "--set", "camera.row_time_us=33.67")
         (("no.png", *ROW_TIME), "no.png: cannot be read as a picture; must be 640 × 480"),
         (("empty.png", *ROW_TIME), "empty.png: cannot be read as a picture; must be 640 × 480"),
         (("small.png", *ROW_TIME), "small.png: is 20 × 10; must be 640 × 480"),
+        (("take", "--out", "take/frames/000000.png"), "--out take/frames: holds the pictures that are read"),
+        ((*PICTURE, "--out", "take/../take/frames/000000.png"), "--out take/../take/frames/000000.png: is the picture"),
         ((*PICTURE, "--frame", "3"), "--frame 3: take/frames/000000.png is a picture"),
         (
             ("--set", "panels.side_m=0.16", "--set", "camera.source=recording:take", "--frame", "9"),
@@ -241,8 +244,9 @@ def test_what_cannot_be_used_is_one_line_and_status_2(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    """It names what is wrong, and writes no picture."""
+    """It names what is wrong, and writes no picture; none is lost."""
     spoil(take_folder)
+    sound = {path: path.read_bytes() for path in (take_folder / "frames").iterdir()}
     capsys.readouterr()
     assert ledpi(monkeypatch, "snapshot", *arguments) == 2
     printed = capsys.readouterr()
@@ -250,3 +254,24 @@ def test_what_cannot_be_used_is_one_line_and_status_2(
     assert printed.err.startswith(f"ledpi: {error}")
     assert printed.err.count("\n") == 1
     assert list(take_folder.parent.glob("*out*")) + list(take_folder.parent.glob("snapshot.*")) == []
+    assert {path: path.read_bytes() for path in (take_folder / "frames").iterdir()} == sound
+
+
+@pytest.mark.usefixtures("take_folder")
+def test_a_full_disk_leaves_the_older_picture(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Half of the new one is not left either."""
+    (tmp_path / "out.png").write_bytes(b"older")
+
+    def full(path: Path, data: bytes) -> int:
+        with path.open("wb") as file:
+            file.write(data[:1000])
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    capsys.readouterr()
+    assert ledpi(monkeypatch, "snapshot", "take", "--out", "out.png") == 2
+    assert capsys.readouterr().err == "ledpi: --out out.png: cannot be written: No space left on device\n"
+    assert (tmp_path / "out.png").read_bytes() == b"older"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["out.png", "take"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -351,3 +352,17 @@ def test_steps_that_cannot_be_written_are_one_line(ledpi: Run, shelf: Path, tmp_
     status, _, errors = ledpi("decode", shelf / "one", "--steps", tmp_path / "file" / "steps")
     assert status == 2
     assert errors.splitlines()[-1].startswith(f"ledpi: --steps {tmp_path / 'file' / 'steps'}: cannot be made: ")
+
+
+def test_steps_are_not_drawn_over_what_they_are_drawn_from(ledpi: Run, shelf: Path, tmp_path: Path) -> None:
+    """A recording's frames have the very names of the steps; a picture among others may have."""
+    take, message = tmp_path / "take", "holds the pictures that are read; must be another folder"
+    shutil.copytree(shelf / "one", take)
+    (tmp_path / "link").symlink_to(take / "frames")
+    sound = {path: path.read_bytes() for path in (take / "frames").iterdir()}
+    settings = ("--set", "panels.side_m=0.16", "--set", "camera.row_time_us=33.67")
+    for what in (take,), (take / "frames" / "000005.png", *settings):
+        for steps in (take / "frames", tmp_path / "link"):
+            status, output, errors = ledpi("decode", *what, "--steps", steps)
+            assert (status, output, errors) == (2, "", f"ledpi: --steps {steps}: {message}\n")
+    assert {path: path.read_bytes() for path in (take / "frames").iterdir()} == sound

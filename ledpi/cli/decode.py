@@ -13,7 +13,7 @@ import numpy as np
 import typer
 
 from ledpi.cli import app
-from ledpi.cli.drawn import write_drawn
+from ledpi.cli.drawn import check_apart, write_drawn
 from ledpi.cli.progress import progress
 from ledpi.errors import ConfigError, RecordingError
 from ledpi.output import decoded_as_json
@@ -63,12 +63,12 @@ def decode(
         _check_names_differ([name for name, _ in recordings])
     # All of them before a line is printed: half an experiment must not pass for the whole.
     loaded = [(name, load_recording(folder)) for name, folder in _told_apart(recordings)]
+    drawn = _steps_folders(steps, loaded, pictures)
     bad = 0
     with progress("decoding", sum(len(recording.frames) for _, recording in loaded) + len(pictures)) as advance:
-        for name, recording in loaded:
-            drawn = steps / name if steps is not None and len(loaded) + bool(pictures) > 1 else steps
+        for (name, recording), folder in zip(loaded, drawn, strict=True):
             bad += _decode_recording(
-                name, recording, settings, drawn, stream=not single_frame, as_live=as_live, advance=advance
+                name, recording, settings, folder, stream=not single_frame, as_live=as_live, advance=advance
             )
         bad += _decode_pictures(pictures, settings, steps, advance=advance)
     if bad:
@@ -105,6 +105,17 @@ def _check_names_differ(names: list[str]) -> None:
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
         raise RecordingError(f"--steps: two recordings are called {twice}, and would be drawn over each other")
+
+
+def _steps_folders(steps: Path | None, loaded: list[tuple[str, Recording]], pictures: list[Path]) -> list[Path | None]:
+    """Where each recording's steps are drawn: not over its own pictures, nor over another one's."""
+    if steps is None:
+        return [None] * len(loaded)
+    folders = [steps / name if len(loaded) + bool(pictures) > 1 else steps for name, _ in loaded]
+    kept = [*pictures, *(entry.picture for _, recording in loaded for entry in recording.frames)]
+    for folder in (steps, *folders):
+        check_apart(folder, kept, "--steps")
+    return [*folders]
 
 
 def _told_apart(recordings: list[tuple[str, Path]]) -> list[tuple[str, Path]]:

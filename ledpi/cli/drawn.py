@@ -1,22 +1,36 @@
-"""Drawn pictures to files."""
+"""Drawn pictures to files: whole or not at all, and never over what they were drawn from."""
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ledpi.errors import RecordingError
+from ledpi.errors import ConfigError, RecordingError
 
 if TYPE_CHECKING:
     from ledpi.records import Pixels
 
 
+def check_apart(folder: Path, pictures: Iterable[Path], option: str) -> None:
+    """Raises ConfigError where drawings in `folder` would lie among the `pictures`, whose names they may have."""
+    if folder.resolve() in {parent.resolve() for parent in {path.parent for path in pictures}}:
+        raise ConfigError(f"{option} {folder}: holds the pictures that are read; must be another folder")
+
+
 def write_drawn(path: Path, drawn: Pixels, option: str) -> None:
-    """Encodes as the file's suffix says. Raises RecordingError, which names the `option` that gave the path."""
+    """Encodes as the file's suffix says. Raises RecordingError, which names the `option` that gave the path; an older
+    picture is then untouched.
+    """
     import cv2
 
     data = cv2.imencode(path.suffix.lower(), drawn)[1]
+    fresh = path.with_name(path.name + ".new")
     try:
-        path.write_bytes(data.tobytes())
+        fresh.write_bytes(data.tobytes())
+        fresh.replace(path)
     except OSError as error:
+        with contextlib.suppress(OSError):
+            fresh.unlink(missing_ok=True)
         raise RecordingError(f"{option} {path}: cannot be written: {error.strerror}") from None

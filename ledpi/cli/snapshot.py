@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import typer
 
 from ledpi.cli import app
-from ledpi.cli.drawn import write_drawn
+from ledpi.cli.drawn import check_apart, write_drawn
 from ledpi.errors import CameraError, ConfigError, RecordingError
 
 if TYPE_CHECKING:
@@ -29,6 +29,7 @@ class _Source(NamedTuple):
     camera: CameraInfo
     panel: PanelValues | None
     intrinsics: Intrinsics | None
+    pictures: tuple[Path, ...] = ()  # of a recording
 
 
 @app.command()
@@ -62,6 +63,8 @@ def snapshot(
         raise ConfigError(f"--out {out}: must end in {' or '.join(FORMATS)}")
     if path is not None and not path.exists():
         raise RecordingError(f"{path}: no such file or folder")
+    if path is not None and out.exists() and out.samefile(path):
+        raise ConfigError(f"--out {out}: is the picture that is read; must be another file")
     file, overrides = find_config(config), list(set_)
     if file is None and path is not None and path.is_dir():
         overrides.insert(0, "panels.side_m=1")  # a recording brings its panel's size
@@ -69,6 +72,7 @@ def snapshot(
         overrides.append(f"decode.method={method}")
     settings = load_config(file, tuple(overrides))
     source = _open(path, settings, frame)
+    check_apart(out.parent, source.pictures, "--out")
     pipeline = Pipeline(
         source.camera,
         settings.panels,
@@ -160,7 +164,8 @@ def _from_recording(folder: Path, settings: Config, seq: int | None) -> _Source:
         raise RecordingError(fault.message)
     camera = RecordingCamera(recording, paced=False)
     title = f"{folder.resolve().name}, frame {entry.seq}"
-    return _Source(title, recording.frame(entry, picture), camera.info, camera.panel, calibration(settings, camera))
+    lens, pictures = calibration(settings, camera), tuple(entry.picture for entry in frames)
+    return _Source(title, recording.frame(entry, picture), camera.info, camera.panel, lens, pictures)
 
 
 def _from_picture(path: Path, settings: Config) -> _Source:
