@@ -203,12 +203,17 @@ def load_config(path: Path | None, overrides: tuple[str, ...] = ()) -> Config:
         raise ConfigError(f"{where}: {explain(error, Config)}") from None
     config = _with_absolute_paths(config, base, from_command_line)
     _check_panels(config.panels, where)
-    if config.decode.method == "bands" and config.panels.has_antiphase():
-        raise ConfigError(
-            f"{where}: decode.method: bands tells classes by how high their bands are, and in antiphase "
-            "(panels.phase) they are alike; must be soft"
-        )
+    check_method(config.decode.method, config.panels, f"{where}: decode.method")
     return config
+
+
+def check_method(method: Method, panels: PanelSettings, where: str) -> None:
+    """Raises ConfigError where the method cannot read such panels. `where`: the key or option that names the method."""
+    if method == "bands" and panels.has_antiphase():
+        raise ConfigError(
+            f"{where}: bands tells classes by how high their bands are, and with phase: antiphase they are alike; "
+            "must be soft"
+        )
 
 
 def _check_panels(panels: PanelSettings, where: str) -> None:

@@ -434,6 +434,15 @@ def test_a_recording_and_an_override_that_contradict_each_other_are_told(ledpi: 
     assert "black_hz and white_hz must differ" in line
 
 
+def test_antiphase_is_nothing_for_the_papers_method(ledpi: Run, kept: Path, take: Path) -> None:
+    """A recording of such panels is named before anything of another is printed."""
+    header = (take / "recording.yaml").read_text()
+    (take / "recording.yaml").write_text(header.replace("black_hz: 1250.0", "phase: antiphase\n  black_hz: 2450.0"))
+    line = complaint(ledpi("--method", "bands", kept / "one", take))
+    assert line.startswith(f"ledpi: {take}: decode.method: bands tells classes by how high their bands are")
+    assert line.endswith("they are alike; must be soft")
+
+
 def test_a_name_that_is_too_long_is_one_line(ledpi: Run) -> None:
     """The operating system refuses even to look for it."""
     assert complaint(ledpi("n" * 300)) == f"ledpi: {'n' * 300}: File name too long"

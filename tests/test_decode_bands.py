@@ -403,6 +403,14 @@ def test_bands_is_a_method_of_the_configuration() -> None:
         load_config(None, ("panels.side_m=0.16", "decode.method=stripes"))
 
 
+def test_antiphase_panels_are_refused() -> None:
+    """Whoever says that they are so, a configuration or a recording: both classes have bands of one height."""
+    blinking = {"black_hz": 1250.0, "white_hz": 1250.0, "duty": 0.5, "phase": "antiphase"}
+    shown = PanelValues(dictionary="DICT_4X4_50", side_m=0.16, **blinking)  # type: ignore[arg-type]
+    with pytest.raises(ConfigError, match=r"bands tells .* at 1250 Hz in antiphase they are alike; must be soft"):
+        Pipeline(camera_info(), panel_settings(), intrinsics=None, shown=shown, method="bands")
+
+
 def test_the_panels_place_is_solved() -> None:
     """150 px of 16 cm at a focal length of 640 px are 0.683 m away; corners are off by up to a band, so by tenths."""
     (marker,) = path(exposure_us=SHORT_US).decode(photograph(word(7))).markers

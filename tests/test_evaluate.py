@@ -224,6 +224,23 @@ def test_frames_of_a_real_panel_fill_the_same_table() -> None:
     assert "ledpi evaluate --out DIR --recording take --id 7 --distance 0.6 --angle 20\n" in page
 
 
+ANTIPHASE = ("--set", "panels.phase=antiphase", "--set", "panels.white_hz=1250")
+
+
+def test_antiphase_is_left_to_those_that_can_read_it() -> None:
+    """The paper's method cannot: it has no row, rendered or recorded, and is refused where it is asked for."""
+    run("evaluate", "--out", "out", *SMALL, *ANTIPHASE)
+    run("simulate", "take", "--distance", "0.6", "--frames", "12", *ANTIPHASE)
+    options = ("--recording", "take", "--id", "7", "--distance", "0.6")
+    run("evaluate", "--out", "real", *options)
+    assert {line["method"] for line in table("out")} >= {"soft", "stream_12", "aruco"}
+    assert [{line["method"] for line in table(name)} & {"bands", "soft"} for name in ("out", "real")] == [{"soft"}] * 2
+    for arguments in ((*SMALL, *ANTIPHASE), options):
+        with pytest.raises(ConfigError, match=r"--method: bands tells classes .* they are alike; must be soft"):
+            run("evaluate", "--out", "none", *arguments, "--method", "bands")
+    assert not Path("none/units.jsonl").exists()
+
+
 def test_a_take_becomes_a_recording_to_look_at() -> None:
     """With its truth, and as the driver describes it, which its frames' times correct."""
     where = ("--suite", "robustness", "--case", "row time misreported by 6 %", "--distance", "1")

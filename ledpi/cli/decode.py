@@ -48,7 +48,7 @@ def decode(
 
     Example: ledpi decode --single-frame recordings/static | jq .markers
     """
-    from ledpi.config import find_config, load_config
+    from ledpi.config import check_method, find_config, load_config
     from ledpi.recording import load_recording
 
     file = find_config(config)
@@ -63,6 +63,9 @@ def decode(
         _check_names_differ([name for name, _ in recordings])
     # All of them before a line is printed: half an experiment must not pass for the whole.
     loaded = [(name, load_recording(folder)) for name, folder in _told_apart(recordings)]
+    for _, recording in loaded:
+        shown = settings.panels.shown_by(recording.panel_values)
+        check_method(settings.decode.method, shown, f"{recording.folder}: decode.method")
     drawn = _steps_folders(steps, loaded, pictures)
     bad = 0
     with progress("decoding", sum(len(recording.frames) for _, recording in loaded) + len(pictures)) as advance:

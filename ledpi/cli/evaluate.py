@@ -17,11 +17,11 @@ from ledpi.cli.simulate import TransferName
 from ledpi.errors import ConfigError
 
 if TYPE_CHECKING:
-    from ledpi.config import Config
+    from ledpi.config import Config, PanelSettings
     from ledpi.evaluate.folder import ResultsFolder
     from ledpi.evaluate.page import Commands
     from ledpi.evaluate.plan import Plan
-    from ledpi.evaluate.reading import Method
+    from ledpi.evaluate.reading import Method, PanelMethod
     from ledpi.evaluate.table import TableRow
 
 _SIDE = "panels.side_m=0.16"
@@ -184,13 +184,14 @@ def _read_recording(
         raise ConfigError(f"--method {unable[0]}: a recording is of a panel; must be one of {', '.join(PANEL_METHODS)}")
     folder = ResultsFolder(out, {"recordings": True, "code": code_version()})
     lens = settings.camera.intrinsics
-    with progress("evaluating", len(load_recording(recording).frames)) as advance:
+    loaded = load_recording(recording)
+    with progress("evaluating", len(loaded.frames)) as advance:
         record = evaluate_recording(
             recording,
             marker_id=marker_id,
             distance_m=distance_m,
             angle_deg=angle_deg,
-            methods=[m for m in PANEL_METHODS if m in (methods or PANEL_METHODS)],
+            methods=_panel_methods(methods, settings.panels.shown_by(loaded.panel_values)),
             intrinsics=load_intrinsics(lens) if lens is not None else None,
             panels=settings.panels,
             advance=advance,
@@ -200,6 +201,17 @@ def _read_recording(
     words = ["ledpi", "evaluate", "--out", "DIR", "--recording", str(recording), *place, *chosen]
     folder.add(record | {"command": shlex.join(words)})
     _show_recordings(out, folder)
+
+
+def _panel_methods(asked: list[Method], shown: PanelSettings) -> list[PanelMethod]:
+    """Those asked for, else all that can read such panels. Raises ConfigError where one that is asked for cannot."""
+    from ledpi.config import check_method
+    from ledpi.evaluate.reading import PANEL_METHODS
+
+    if "bands" in asked:
+        check_method("bands", shown, "--method")
+    able = [m for m in PANEL_METHODS if m != "bands" or not shown.has_antiphase()]
+    return [m for m in able if m in (asked or able)]
 
 
 def _show_recordings(out: Path, folder: ResultsFolder) -> None:

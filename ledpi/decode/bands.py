@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ledpi.decode.cells import unit_square_to
+from ledpi.errors import ConfigError
 from ledpi.markers import Bits, Dictionary, corners_of_turned
 from ledpi.records import Floats, Frame, PanelSpec, Pixels, Rejected, Sighting, read_only
 from ledpi.shutter import band_width_rows
@@ -81,7 +82,12 @@ class BandsReader:
     """Reads the panels of one pair of frequencies."""
 
     def __init__(self, dictionary: Dictionary, ids: list[int], spec: PanelSpec) -> None:
-        """`ids`: those of the dictionary whose panels have this `spec`."""
+        """`ids`: those of the dictionary whose panels have this `spec`. Raises ConfigError where bands are alike."""
+        if spec.phase == "antiphase":
+            raise ConfigError(
+                "decode.method: bands tells classes by how high their bands are, and "
+                f"at {spec.blinking()} they are alike; must be soft"
+            )
         self._cells = dictionary.cells_per_side
         self._ids = ids
         self._spec = spec

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
 from typing import Any
 
-from ledpi.config import PanelSettings
+from ledpi.config import PanelSettings, check_method
 from ledpi.errors import ConfigError
 from ledpi.evaluate.conditions import Condition, Suite, suite_conditions
 from ledpi.evaluate.draw import FRAMES_A_TAKE
@@ -73,7 +73,10 @@ class Plan:
                 raise ConfigError(f"--method {method}: prints are for the suites paper and beyond, not for {suite}")
             if method == "apriltag" and not self.apriltag:
                 raise ConfigError("--method apriltag: is not installed: pip install 'ledpi[evaluate]'")
-        return tuple(m for m in self.methods or own if m != "apriltag" or self.apriltag)
+            if method == "bands":
+                check_method(method, self.panels, "--method")
+        unable = {"apriltag": not self.apriltag, "bands": self.panels.has_antiphase()}
+        return tuple(m for m in self.methods or own if not unable.get(m, False))
 
     def units(self) -> list[Unit]:
         """All the work."""
