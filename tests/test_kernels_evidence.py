@@ -170,6 +170,7 @@ def test_the_likeliest_words(spec: PanelSpec) -> None:
     np.testing.assert_allclose(ours.deviation, theirs.deviation, rtol=1e-6)
     np.testing.assert_allclose(ours.shown, theirs.shown, rtol=1e-6)
     np.testing.assert_allclose(ours.gain, theirs.gain, rtol=1e-6)
+    assert ours.weakest_row == pytest.approx(theirs.weakest_row, rel=1e-6)
     assert (ours.negative, ours.of_cells) == pytest.approx((theirs.negative, theirs.of_cells), rel=1e-6)
     assert ours.one_class == pytest.approx(theirs.one_class, rel=1e-6)
     assert ours.beyond == pytest.approx(theirs.beyond, rel=1e-6)

@@ -13,8 +13,8 @@ import numpy as np
 
 from ledpi.decode.cells import CellSamples, sample_cells, unit_square_to
 from ledpi.decode.evidence import Doubles, Evidence
-from ledpi.decode.plausible import weakest_row
 from ledpi.decode.single_frame import single_evidence
+from ledpi.decode.words import weakest_row
 from ledpi.geometry import distort, undistort
 from ledpi.records import Frame, Intrinsics, Mask, PanelSpec, Quad, Rejected
 from ledpi.tone import SATURATED

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from ledpi.decode.evidence import Doubles, Evidence, is_deep_anywhere
+from ledpi.decode.evidence import Evidence, is_deep_anywhere
 from ledpi.decode.words import Fit
 
 # No square wave leaves deeper bands than `shutter.harmonic_amplitude` of duty 0.5 by more than π/2 (a duty near 0), and
@@ -51,7 +51,7 @@ def is_consistent(evidence: Evidence, fit: Fit, lead: float) -> bool:
     return misfit < 0.5 * (freedom + DEVIATIONS * math.sqrt(2.0 * freedom)) + MAX_MISFIT * of_word
 
 
-def all_rows_blink(evidence: Evidence, fit: Fit) -> bool:
+def all_rows_blink(fit: Fit) -> bool:
     """Whether no row or column of cells would rather have no bands than those that the word gives it, or is dark.
 
     A lattice that lies a row or a column off takes what is beside the panel for cells. These do not blink, or are dark
@@ -63,13 +63,4 @@ def all_rows_blink(evidence: Evidence, fit: Fit) -> bool:
         silent = fit.silent.reshape(side, side)
         if any(2 * np.count_nonzero(end) >= side for end in (silent[0], silent[-1], silent[:, 0], silent[:, -1])):
             return False
-    return weakest_row(evidence, fit.shown) > -MOST_AGAINST
-
-
-def weakest_row(evidence: Evidence, shown: Doubles) -> float:
-    """Least log odds of a row or column of cells with the bands `shown` (cells, P) to one with none."""
-    side = math.isqrt(len(shown))
-    left = evidence.score - np.tensordot(evidence.information, shown, axes=((2, 3), (0, 1)))
-    own = np.einsum("cicj->cij", evidence.information)
-    with_bands = (shown * (left + 0.5 * np.matmul(own, shown[..., None])[..., 0])).sum(axis=1).reshape(side, side)
-    return float(min(with_bands.sum(axis=0).min(), with_bands.sum(axis=1).min()))
+    return fit.weakest_row > -MOST_AGAINST

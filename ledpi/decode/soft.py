@@ -228,7 +228,7 @@ def _judged(fit: Fit, evidence: Evidence, codebook: Codebook, false_id_rate: flo
         return AMBIGUOUS
     if not is_consistent(evidence, fit, min(other, outside) - needed):
         return INCONSISTENT
-    if not all_rows_blink(evidence, fit):
+    if not all_rows_blink(fit):
         return INCONSISTENT
     return Reading(
         id=int(codebook.ids[best]),

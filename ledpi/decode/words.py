@@ -31,6 +31,7 @@ class Fit(NamedTuple):
     deviation: list[float]  # (P,)
     shown: Doubles  # (cells, P) the bands that each cell of it shows
     gain: list[float]  # (cells,) of each cell in the other class to the one that the word says
+    weakest_row: float  # of the word's bands to none, in the row or column of cells where that is the least
     negative: float  # of the word with all classes swapped to "no bands", its bands fitted anew
     of_cells: float  # of bands of its own in every cell to "no bands"
     one_class: float  # of one class in all cells, the likelier one, its bands fitted anew, to "no bands"
@@ -62,6 +63,7 @@ def likeliest(evidence: Evidence, white: Singles, *, compiled: bool = COMPILED) 
         deviation=np.sqrt(np.diagonal(covariances[first])).tolist(),
         shown=shown,
         gain=gain.tolist(),
+        weakest_row=weakest_row(evidence, shown),
         negative=float(word_log_likelihoods(evidence, 1.0 - best[None])[0][0]),
         of_cells=_explained_by_cells(evidence),
         one_class=float(word_log_likelihoods(evidence, np.stack([0 * best, 0 * best + 1]))[0].max()),
@@ -78,6 +80,15 @@ def _gain_by_other_class(evidence: Evidence, shown: Doubles) -> Doubles:
     own = np.einsum("cicj->cij", evidence.information)
     gain: Doubles = (change * left).sum(axis=1) - 0.5 * (np.matmul(own, change[..., None])[..., 0] * change).sum(axis=1)
     return gain
+
+
+def weakest_row(evidence: Evidence, shown: Doubles) -> float:
+    """Least log odds of a row or column of cells with the bands `shown` (cells, P) to one with none."""
+    side = math.isqrt(len(shown))
+    left = evidence.score - np.tensordot(evidence.information, shown, axes=((2, 3), (0, 1)))
+    own = np.einsum("cicj->cij", evidence.information)
+    with_bands = (shown * (left + 0.5 * np.matmul(own, shown[..., None])[..., 0])).sum(axis=1).reshape(side, side)
+    return float(min(with_bands.sum(axis=0).min(), with_bands.sum(axis=1).min()))
 
 
 def _of_patterns_beyond(gain: list[float]) -> list[float]:

@@ -189,11 +189,28 @@ ptrdiff_t ledpi_put(int64_t word, double likelihood, ptrdiff_t count, ptrdiff_t 
     return count < most ? count + 1 : most;
 }
 
+/* The least sum of a row or column of numbers (cells,). */
+static double least_of_rows(ptrdiff_t cells, const double *numbers) {
+    ptrdiff_t side = 1;
+    while (side * side < cells) side++;
+    double least = INFINITY;
+    for (ptrdiff_t i = 0; i < side; i++) {
+        double across = 0.0, down = 0.0;
+        for (ptrdiff_t j = 0; j < side; j++) across += numbers[i * side + j], down += numbers[j * side + i];
+        if (across < least || isnan(across)) least = across;
+        if (down < least || isnan(down)) least = down;
+    }
+    return least;
+}
+
 /* What speaks against a word (cells,) with these bands (parameters,): what each cell would gain by the other class,
- * `gain` (cells,); how likely its negative is, and one class for all cells; and what bands of their own in every cell explain. `shown` (cells,
- * parameters) are the bands in each cell, `matrix` (size, size + 1) is room to work in. */
+ * `gain` (cells,); how much likelier cells are with their bands than with none, in the row or column where it is the
+ * least; how likely its negative is, and one class for all cells; and what bands of their own in every cell explain.
+ * `shown` (cells, parameters) are the bands in each cell, `matrix` (size, size + 1) is room to work in. */
 LEDPI_WIDE static void speak_against(const Evidence *evidence, const float *white, const double *bands, double *shown,
-                                     double *gain, double *negative, double *one_class, double *of_cells, double *matrix) {
+                                     double *gain, double *weakest_row, double *negative, double *one_class,
+                                     double *of_cells, double *matrix) {
+    double *blinks = matrix; /* not needed for anything else yet */
     const ptrdiff_t cells = evidence->cells, parameters = evidence->parameters, size = cells * parameters;
     double other[MOST], deviation[MOST];
     *negative = exactly(evidence, white, true, shown, other, deviation);
@@ -206,7 +223,7 @@ LEDPI_WIDE static void speak_against(const Evidence *evidence, const float *whit
         double change[MOST];
         for (ptrdiff_t i = 0; i < parameters; i++)
             change[i] = share_of(evidence, 1.0 - white[c], i) * bands[i] - shown[c * parameters + i];
-        gain[c] = 0.0;
+        gain[c] = blinks[c] = 0.0;
         for (ptrdiff_t i = 0; i < parameters; i++) {
             const double *row = evidence->information + (c * parameters + i) * size;
             double left = evidence->score[c * parameters + i], sums[4] = {0};
@@ -214,10 +231,16 @@ LEDPI_WIDE static void speak_against(const Evidence *evidence, const float *whit
                 for (int lane = 0; lane < 4; lane++) sums[lane] += row[j + lane] * shown[j + lane];
             for (ptrdiff_t j = size / 4 * 4; j < size; j++) left -= row[j] * shown[j];
             left -= (sums[0] + sums[1]) + (sums[2] + sums[3]);
-            for (ptrdiff_t j = 0; j < parameters; j++) left -= 0.5 * row[c * parameters + j] * change[j];
-            gain[c] += change[i] * left;
+            double own = 0.0, changed = 0.0;
+            for (ptrdiff_t j = 0; j < parameters; j++) {
+                own += row[c * parameters + j] * shown[c * parameters + j];
+                changed += row[c * parameters + j] * change[j];
+            }
+            blinks[c] += shown[c * parameters + i] * (left + 0.5 * own);
+            gain[c] += change[i] * (left - 0.5 * changed);
         }
     }
+    *weakest_row = least_of_rows(cells, blinks);
     for (ptrdiff_t i = 0; i < size; i++) {
         memcpy(matrix + i * (size + 1), evidence->information + i * size, sizeof(double) * (size_t)size);
         matrix[i * (size + 1) + size] = evidence->score[i];
@@ -263,7 +286,7 @@ static void put_beyond(ptrdiff_t cells, const double *gain, const uint8_t *silen
 /* The likeliest of `words` (count, cells), best first: `chosen` (most,); which cells are `silent` (cells,); and `numbers`:
  * log-likelihood ratios to "no bands" (most,); of the best its bands (parameters,), their deviations (parameters,), the
  * bands in each cell (cells, parameters), and what speaks against it: what each cell would gain by the other class
- * (cells,), `negative`, `of_cells`, `one_class`, `beyond` (2,). Last, how many cells are silent. Returns how many are chosen, 0 where
+ * (cells,), `weakest_row`, `negative`, `of_cells`, `one_class`, `beyond` (2,). Last, how many cells are silent. Returns how many are chosen, 0 where
  * there is no memory. */
 ptrdiff_t ledpi_likeliest(ptrdiff_t cells, ptrdiff_t parameters, const double *score, const double *information,
                           const double *prior, const float *words, ptrdiff_t count, ptrdiff_t most, int64_t *chosen,
@@ -271,7 +294,7 @@ ptrdiff_t ledpi_likeliest(ptrdiff_t cells, ptrdiff_t parameters, const double *s
     const Evidence evidence = {cells, parameters, score, information, prior};
     const ptrdiff_t size = cells * parameters, of_numbers = (cells + 1) * numbers_of(parameters / 2);
     double *likelihood = numbers, *bands = likelihood + most, *deviation = bands + parameters, *shown = deviation + parameters;
-    double *gain = shown + size, *negative = gain + cells, *of_cells = negative + 1, *one_class = of_cells + 1;
+    double *gain = shown + size, *weakest_row = gain + cells, *negative = weakest_row + 1, *of_cells = negative + 1, *one_class = of_cells + 1;
     double *beyond = one_class + 1;
     double *matrix = malloc(sizeof(double) * (size_t)(size * (size + 1) + of_numbers + most) + sizeof(int64_t) * (size_t)most);
     if (!matrix) return 0;
@@ -289,7 +312,8 @@ ptrdiff_t ledpi_likeliest(ptrdiff_t cells, ptrdiff_t parameters, const double *s
         memcpy(deviation, own_deviation, sizeof(double) * (size_t)parameters);
     }
     if (found)
-        speak_against(&evidence, words + chosen[0] * cells, bands, shown, gain, negative, one_class, of_cells, matrix);
+        speak_against(&evidence, words + chosen[0] * cells, bands, shown, gain, weakest_row, negative, one_class, of_cells,
+                      matrix);
     beyond[2] = (double)ledpi_put_silent(&evidence, silent);
     if (found) put_beyond(cells, gain, silent, beyond);
     free(matrix);

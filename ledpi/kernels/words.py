@@ -34,6 +34,7 @@ class Likeliest(NamedTuple):
     deviation: list[float]
     shown: Doubles
     gain: list[float]
+    weakest_row: float
     negative: float
     of_cells: float
     one_class: float
@@ -55,17 +56,18 @@ class Likeliest(NamedTuple):
             deviation=as_list[bands + parameters : shown],
             shown=numbers[shown:gain].reshape(-1, parameters),
             gain=as_list[gain:after],
-            negative=as_list[after],
-            of_cells=as_list[after + 1],
-            one_class=as_list[after + 2],
-            beyond=as_list[after + 3 : after + 5],
-            silent=silent if as_list[after + 5] else None,
+            weakest_row=as_list[after],
+            negative=as_list[after + 1],
+            of_cells=as_list[after + 2],
+            one_class=as_list[after + 3],
+            beyond=as_list[after + 4 : after + 6],
+            silent=silent if as_list[after + 6] else None,
         )
 
 
 def numbers_of(cells: int, parameters: int, most: int) -> int:
     """How many `ledpi_likeliest` puts beside the words."""
-    return most + 2 * parameters + cells * parameters + cells + 6
+    return most + 2 * parameters + cells * parameters + cells + 7
 
 
 def likeliest(score: Doubles, information: Doubles, prior: Doubles, words: Singles, most: int) -> Likeliest:
