@@ -107,13 +107,12 @@ NOTHING = Expected(0.0, 0.0, 0.0, 1.0, 1.0, math.inf)
 def expected_of(samples: CellSamples, fitted: int) -> Expected:
     """Of these samples, where `fitted` functions are fitted to each cell; differences are those at `lags_of`."""
     steps, lags, k = _steps_of(samples), lags_of(samples), samples.lattice.k
-    across, down = ((round(x / ROUNDED_PX) * ROUNDED_PX, round(y / ROUNDED_PX) * ROUNDED_PX) for x, y in steps)
-    of_white = of_lattice(k, lags, across, down, fitted, samples.linear)
+    of_white = of_lattice(k, lags, _rounded(steps[0]), _rounded(steps[1]), fitted, samples.linear)
     if of_white is None:
         return NOTHING
     by_fit, growth, free = of_white
     usual = free * samples.light.size * (1.0 if samples.valid is None else float(samples.valid.mean()))
-    once, twice = (len(samples.light) * pairs(k, lags, times) for times in (1, 2))
+    once, twice = len(samples.light) * pairs(k, lags, 1), len(samples.light) * pairs(k, lags, 2)
     return Expected(
         white=by_fit + likeness(*steps, lags, samples.linear),
         growth=growth,
@@ -122,6 +121,10 @@ def expected_of(samples: CellSamples, fitted: int) -> Expected:
         twice=twice,
         least_free=LEAST_FREE * usual,
     )
+
+
+def _rounded(step: Step) -> Step:
+    return round(step[0] / ROUNDED_PX) * ROUNDED_PX, round(step[1] / ROUNDED_PX) * ROUNDED_PX
 
 
 def _steps_of(samples: CellSamples) -> tuple[Step, Step]:
@@ -134,7 +137,6 @@ def _steps_of(samples: CellSamples) -> tuple[Step, Step]:
     first = rows.item(0)
     aside = abs(rows.item(n - 1, k - 1) - first) * per_side
     below = abs(rows.item(n * (n - 1), k * (k - 1)) - first) * per_side
-    lengths = samples.cell_px[0] * a_cell, samples.cell_px[1] * a_cell
-    falls = aside, below
-    across, down = (math.sqrt(max(0.0, of * of - fall * fall)) for of, fall in zip(lengths, falls, strict=True))
+    across = math.sqrt(max(0.0, (samples.cell_px[0] * a_cell) ** 2 - aside * aside))
+    down = math.sqrt(max(0.0, (samples.cell_px[1] * a_cell) ** 2 - below * below))
     return (across, aside), (-down, below)

@@ -31,6 +31,7 @@ class Lags(NamedTuple):
     rim: int  # rows and columns at each side of the cell that are left out
 
 
+@cache
 def pairs(k: int, lags: Lags, times: int) -> int:
     """Of a cell's samples that are so many lags apart, aside or below."""
     inner = k - 2 * lags.rim
@@ -40,12 +41,12 @@ def pairs(k: int, lags: Lags, times: int) -> int:
 def likeness(across: Step, down: Step, lags: Lags, linear: bool) -> float:
     """r of white noise, by interpolation alone."""
     table = _table(linear)
-    steps = [(lag, x, y) for lag, (x, y) in ((lags.aside, across), (lags.below, down)) if lag]
-    once, twice = (
-        sum(_at(table, times * lag * x) * _at(table, times * lag * y) for lag, x, y in steps) for times in (1, 2)
-    )
-    alike = len(steps) * table[0] ** 2
-    return 1.0 - (alike - once) / (alike - twice)
+    once = twice = 0.0  # mean squares of differences, a lag and two lags apart
+    for lag, (x, y) in ((lags.aside, across), (lags.below, down)):
+        if lag:
+            once += table[0] ** 2 - _at(table, lag * x) * _at(table, lag * y)
+            twice += table[0] ** 2 - _at(table, 2 * lag * x) * _at(table, 2 * lag * y)
+    return 1.0 - once / twice
 
 
 @cache
