@@ -83,19 +83,10 @@ class Reader:
         return met
 
     def _read_anew(self, track: Track, samples: CellSamples, frame: Frame) -> Outcome:
-        added = [memory.add(samples, frame) for memory in track.memories]
-        track.seen.append(Seen(samples=samples, frame=frame))
-        track.looks += 1
-        shown, denied = track.shown, False
-        if shown is not None:
-            denied = denies(added[shown.group], shown.reading.cell_bands)
-            if denied:
-                if track.frames > ADDS_UP_FRAMES and not track.settling:
-                    track.forget_seen()  # they did add up: what is there now is something else, at any frequencies
-                track.begin_anew(self._only(track, samples, frame))
+        denied = self._add(track, samples, frame)
         group, reading = self._decide(track.memories, tuned=track.tuned is not None)
         young = 1 < track.frames <= TUNE_EVERY
-        if isinstance(reading, Rejected) and (shown is not None or young) and not denied:
+        if isinstance(reading, Rejected) and (track.shown is not None or young) and not denied:
             # Together they tell nothing any more; where phases run other than expected, each frame still may by itself.
             only = self._only(track, samples, frame)
             group, alone = self._decide(only, tuned=track.tuned is not None)
@@ -111,6 +102,19 @@ class Reader:
         if isinstance(reading, Reading):
             track.shown = Shown(group=group, reading=reading, expectation=None, frames=0)
         return Outcome(reading=reading, group=group, denied=denied)
+
+    def _add(self, track: Track, samples: CellSamples, frame: Frame) -> bool:
+        """Adds a frame to a track. True where it denies what that has shown; then all before it is forgotten."""
+        added = [memory.add(samples, frame) for memory in track.memories]
+        track.seen.append(Seen(samples=samples, frame=frame))
+        track.looks += 1
+        shown = track.shown
+        if shown is None or not denies(added[shown.group], shown.reading.cell_bands):
+            return False
+        if track.frames > ADDS_UP_FRAMES and not track.settling:
+            track.forget_seen()  # they did add up: what is there now is something else, at any frequencies
+        track.begin_anew(self._only(track, samples, frame))
+        return True
 
     def _only(self, track: Track, samples: CellSamples, frame: Frame) -> tuple[PanelMemory, ...]:
         """Memories of this one frame."""

@@ -48,9 +48,6 @@ IMPLAUSIBLE = Rejected(stage="soft", reason="implausible_depth")
 # single frames, at the distance where that is most frequent (`docs/evaluation.md`, How sure an ID is). What it costs at
 # 2 m and beyond is measured there, too. (Of 100,000 frames of decoys a rate ten times as high let one be read.)
 FALSE_ID_RATE = 1e-6
-# A word that leads the patterns near it by so many times what is needed is not held against patterns further off, which
-# takes longer than all the rest: those that came nearer (two in 12,600 mirrored panels) it led by 1.1 and 1.7 times.
-FURTHER_ODDS = 4.0
 # To the odds of bands less deep than this a second look has added 10 nats at most, of 750 panels at 2 to 3 m, mostly 1
 # or 2.
 FAINT_DEPTH, SECOND_LOOK_ADDS = 0.1, 10.0
@@ -97,11 +94,7 @@ def read_word(
         return looked
     evidence, fit = looked
     first = _judged(fit, evidence, codebook, false_id_rate)
-    if first in (NO_BANDS, UNFIT) or not (isinstance(first, Rejected) or is_deep(evidence.prior)):
-        return first
-    if isinstance(first, Rejected) and (
-        _is_contradicted(fit, evidence, codebook, false_id_rate) or _is_hopeless(fit, evidence, codebook, false_id_rate)
-    ):
+    if not _is_open(first, fit, evidence, codebook, false_id_rate):
         return first
     believed = believed_bands(samples, frame, spec, codebook.white[fit.words[0]] > 0, fit.bands)
     again = single_evidence(samples, frame, spec, believed=believed)
@@ -157,6 +150,19 @@ def _seen_bands(samples: CellSamples, frame: Frame, codebook: Codebook) -> SeenB
     return samples.bands if all(abs(seen / hz - 1.0) < SAME_HZ for seen, hz in alike) else None
 
 
+def _is_open(
+    first: Reading | Rejected, fit: Fit, evidence: Evidence, codebook: Codebook, false_id_rate: float
+) -> bool:
+    """Whether a second look may change what the first has told."""
+    if first in (NO_BANDS, UNFIT):
+        return False
+    if isinstance(first, Reading):
+        return is_deep(evidence.prior)
+    return not (
+        _is_contradicted(fit, evidence, codebook, false_id_rate) or _is_hopeless(fit, evidence, codebook, false_id_rate)
+    )
+
+
 def _is_contradicted(fit: Fit, evidence: Evidence, codebook: Codebook, false_id_rate: float) -> bool:
     """Whether more cells than the dictionary can correct are surely of the other class than the best word says, or all
     of them may be of one class.
@@ -207,18 +213,7 @@ def _judged(fit: Fit, evidence: Evidence, codebook: Codebook, false_id_rate: flo
     deviation = [max(wave) for wave in zip(fit.deviation[::2], fit.deviation[1::2], strict=True)]
     if not is_plausible(amplitude, deviation, evidence):
         return IMPLAUSIBLE
-    outside = _least(
-        rivals.odds_against_other_patterns(fit, codebook),
-        rivals.odds_against_negative(fit.negative, codebook, none),
-    )
-    if outside >= needed:
-        outside = _least(
-            outside,
-            rivals.odds_against_neighbours(evidence, fit, codebook),
-            rivals.odds_against_one_class(fit, codebook),
-        )
-    if needed <= outside < FURTHER_ODDS * needed:
-        outside = _least(outside, rivals.odds_against_any_pattern(evidence, fit, codebook))
+    outside = rivals.odds_against_no_word(evidence, fit, codebook, needed)
     if outside < needed:
         return NO_WORD
     ids = codebook.ids
@@ -238,11 +233,6 @@ def _judged(fit: Fit, evidence: Evidence, codebook: Codebook, false_id_rate: flo
         amplitude=(amplitude[0], amplitude[-1]),
         cell_bands=fit.shown,
     )
-
-
-def _least(*odds: float) -> float:
-    """The least of them; −∞ where one is not a number: `min` may pass over a rival that cannot be weighed."""
-    return -math.inf if any(map(math.isnan, odds)) else min(odds)
 
 
 def surest(readings: Sequence[Reading | Rejected], false_id_rate: float) -> Reading | Rejected:
