@@ -60,16 +60,11 @@ def fit_panel(
         phases = unknown[PHASE : PHASE + 2, None] + pixels[:, 1] * cycles_a_row[:, None]
         model, slopes, outside = _model(unknown, courses, white, *_shown(waves, phases, unknown), u, v)
         weight = used / np.sqrt(np.maximum(model, 0.0) + FLOOR + OUTSIDE * outside)
-        left = weight * ((seen - dark) / (bright - dark) - model)
-        above_dark = weight * ((seen - dark) / (bright - dark) - unknown[-1])
-        squares, samples = float(left @ left), int(used.sum())
-        explained = 1 - squares / max(float(above_dark @ above_dark), 1e-9)
-        variance = max(squares / max(samples, 1), 1e-9)
-        slopes = slopes * weight
-        matrix, right = slopes @ slopes.T / variance, slopes @ left / variance
-        matrix[np.diag_indices(len(matrix))] *= 1 + 1e-6
-        matrix[np.diag_indices(len(matrix))] += 1e-6 + prior[1]
-        right += prior[1] * np.where(np.arange(len(right)) < WAYS, 0.0, prior[0] - unknown)
+        shares = (seen - dark) / (bright - dark)
+        left, above_dark = weight * (shares - model), weight * (shares - unknown[-1])
+        explained = 1 - float(left @ left) / max(float(above_dark @ above_dark), 1e-9)
+        samples = int(used.sum())
+        matrix, right = _normal_equations(slopes * weight, left, samples, prior, unknown)
         if samples <= len(matrix) or not np.isfinite(matrix).all():
             return None
         step = np.asarray(np.linalg.solve(matrix, right), np.float64)
@@ -77,11 +72,7 @@ def fit_panel(
         step *= min(1.0, MOST_STEP / max(most, 1e-12))
         corners[:] = _moved(homography, step[:WAYS])
         unknown[WAYS:] += step[WAYS:]
-        unknown[GAIN:-1] = np.maximum(unknown[GAIN:-1], LEAST_GAIN * unknown[GAIN:-1].mean())
-        unknown[BLUR] = np.clip(unknown[BLUR], math.log(LEAST_BLUR_PX), math.log(MOST_BLUR_PX))
-        unknown[GAP] = np.clip(unknown[GAP], 0.0, MOST_GAP)
-        most_shaped = np.array([MOST_LONGER, MOST_SMOOTHER])
-        unknown[LONGER:PHASE] = np.clip(unknown[LONGER:PHASE], -most_shaped, most_shaped)
+        _limit(unknown)
         if (round_number > 0 and most < SETTLED) or round_number == rounds - 1:  # the first is with usual gains
             break
     sigma = _corner_sigma(matrix, homography)
@@ -89,6 +80,27 @@ def fit_panel(
         return explained, sigma
     corners[:] = as_points(distort(as_corners(corners), lens))
     return explained, sigma * lens.fx
+
+
+def _normal_equations(
+    slopes: Floats, left: Floats, samples: int, prior: Floats, unknown: Floats
+) -> tuple[Floats, Floats]:
+    """The matrix and the right side, of slopes (U, P) and what is `left` (P,), with what is known beforehand."""
+    variance = max(float(left @ left) / max(samples, 1), 1e-9)
+    matrix, right = slopes @ slopes.T / variance, slopes @ left / variance
+    matrix[np.diag_indices(len(matrix))] *= 1 + 1e-6
+    matrix[np.diag_indices(len(matrix))] += 1e-6 + prior[1]
+    right += prior[1] * np.where(np.arange(len(right)) < WAYS, 0.0, prior[0] - unknown)
+    return matrix, right
+
+
+def _limit(unknown: Floats) -> None:
+    """Keeps within what panels and bands may be."""
+    unknown[GAIN:-1] = np.maximum(unknown[GAIN:-1], LEAST_GAIN * unknown[GAIN:-1].mean())
+    unknown[BLUR] = np.clip(unknown[BLUR], math.log(LEAST_BLUR_PX), math.log(MOST_BLUR_PX))
+    unknown[GAP] = np.clip(unknown[GAP], 0.0, MOST_GAP)
+    most_shaped = np.array([MOST_LONGER, MOST_SMOOTHER])
+    unknown[LONGER:PHASE] = np.clip(unknown[LONGER:PHASE], -most_shaped, most_shaped)
 
 
 def _light_at(light: Singles, at: Floats) -> tuple[Floats, NDArray[np.bool_]]:
@@ -173,12 +185,7 @@ def _model(
 ) -> tuple[Floats, Floats, Floats]:
     """(P,) the light of the panel's picture, (unknowns, P) how it changes with each of them, (P,) what lies outside."""
     across, down = courses
-    cells = len(across.light)
-
-    def both(of_column: Floats, of_row: Floats) -> Floats:
-        product: Floats = (of_row[:, None] * of_column).reshape(-1)
-        return product
-
+    cells, both = len(across.light), _at_crossings
     slopes = np.zeros((len(unknown), len(u)))
     by_place = np.zeros((2, len(u)))
     model = np.full(len(u), unknown[-1])
@@ -204,14 +211,7 @@ def _model(
             slopes[SPOT + s] += lit * light * spot
         slopes[GAIN + cell] = (light >= 1e-4) * light * shape * shown[own]
     slopes[-1] = 1.0
-    within, narrower = 1 - across.beside.sum(axis=0), -across.falls.sum(axis=0)
-    everywhere = np.ones_like(within)
-    for k in range(2):  # left, right, top, bottom; at a corner of either's only
-        for side, of_column, of_row in ((k, across.beside[k], everywhere), (2 + k, within, down.beside[k])):
-            slopes[BESIDE + side] = both(of_column, of_row)
-        by_place[0] += unknown[BESIDE + k] * both(across.falls[k], everywhere)
-        by_place[0] += unknown[BESIDE + 2 + k] * both(narrower, down.beside[k])
-        by_place[1] += unknown[BESIDE + 2 + k] * both(within, down.falls[k])
+    _add_beside(unknown, across, down, slopes, by_place)
     beside = slopes[BESIDE:GAIN]
     model += unknown[BESIDE:GAIN] @ beside
     p, q = 2 * u - 1, 2 * v - 1
@@ -219,6 +219,24 @@ def _model(
     turned = p * along_u + q * along_v
     slopes[:WAYS] = [along_u, p * along_u, q * along_u, along_v, p * along_v, q * along_v, p * turned, q * turned]
     return model, slopes, beside.sum(axis=0)
+
+
+def _at_crossings(of_column: Floats, of_row: Floats) -> Floats:
+    """(P,) what is of a column's places times what is of a row's, on the whole grid."""
+    product: Floats = (of_row[:, None] * of_column).reshape(-1)
+    return product
+
+
+def _add_beside(unknown: Floats, across: _Course, down: _Course, slopes: Floats, by_place: Floats) -> None:
+    """What lies beside the panel, left, right, above and below: of a corner either at the left or at the right only."""
+    within, narrower = 1 - across.beside.sum(axis=0), -across.falls.sum(axis=0)
+    everywhere = np.ones_like(within)
+    for k in range(2):
+        slopes[BESIDE + k] = _at_crossings(across.beside[k], everywhere)
+        slopes[BESIDE + 2 + k] = _at_crossings(within, down.beside[k])
+        by_place[0] += unknown[BESIDE + k] * _at_crossings(across.falls[k], everywhere)
+        by_place[0] += unknown[BESIDE + 2 + k] * _at_crossings(narrower, down.beside[k])
+        by_place[1] += unknown[BESIDE + 2 + k] * _at_crossings(within, down.falls[k])
 
 
 def _moved(homography: Floats, ways: Floats) -> Points:
