@@ -85,6 +85,20 @@ def test_a_whole_panel_is_left_as_it_is(side: float) -> None:
     assert farthest(seen(canvas.frame(), true), true) < 0.25
 
 
+@pytest.mark.parametrize("side", [60.0, 120.0, 170.0])
+@pytest.mark.parametrize("wall", [0.05, 0.07, 0.1])
+def test_cells_of_one_size_without_a_wall_at_the_rim_are_a_whole_panel(wall: float, side: float) -> None:
+    """Three walls between four cells: these lie as if there were half a wall more at either end, which is dark."""
+
+    def apart(u: Floats, v: Floats) -> Floats:
+        return np.where(np.maximum(*((4 - wall) * at % 1 for at in (u, v))) < 1 - wall, 1.0, 0.03)
+
+    true = square(310.4, 240.2, side, 8)
+    canvas = Canvas()
+    canvas.panel(true, word(7), profile=apart)
+    assert farthest(seen(canvas.frame(), true), true) < 0.15
+
+
 @pytest.mark.parametrize("side", [60.0, 120.0])
 def test_a_panel_with_a_dead_row_is_refused(side: float) -> None:
     """Three rows of four cells are lit: a rectangle, but no panel's place."""

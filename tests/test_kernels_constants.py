@@ -17,7 +17,7 @@ COUNTED = re.compile(r"(\w+) = (\d+)(?=[,}\s])(?! \*)")
 
 # By C source: the modules whose numpy code it repeats, and how many constants they share.
 SHARED = {
-    "adjust.c": (("adjust",), 8),
+    "adjust.c": (("adjust",), 9),
     "inner_lines.c": (("inner_lines",), 7),
     "sides.c": (("sides",), 2),
     "whole.c": (("whole",), 2),

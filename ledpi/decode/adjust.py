@@ -30,6 +30,9 @@ FARTHEST = 4.0  # deviations: beyond, it says nothing of how exact the others ar
 # What would move a corner further is no lattice of a panel. A side that leans on a frame, or on what touches it, is off
 # by a pixel; the inner lines tell, within half a wall and its blur.
 MOST_PX = 2.0
+# What would move every side outward is none that ends where its light does: cells of one size with walls between them
+# have no half wall at the rim. The sides are where they are seen. (Those of other panels move by up to 0.1 px.)
+NO_RIM_WALL_PX = 0.2
 # Where lines are nearer to each other than that, their blurs run together, and the sides are better known.
 MIN_PITCH_PX = 6.0
 LEAST_CELLS = 3  # a side: of fewer, nothing is left over to tell how well the sides' cells agree
@@ -132,7 +135,9 @@ def _adjusted(
     step = (by_move @ moves[:, :8, None])[..., 0]
     both = np.concatenate([by_move.real, by_move.imag], axis=1)
     sigma_px = np.sqrt(((both @ covariance[:, :8, :8]) * both).sum(axis=2).mean(axis=1))
-    fits = np.abs(step).max(axis=1) < MOST_PX
+    middles = 0.5 * (step + np.roll(step, -1, axis=1))
+    outward = -(middles * Sides.of(corners).inward.conj()).real
+    fits = (np.abs(step).max(axis=1) < MOST_PX) & (outward.min(axis=1) < NO_RIM_WALL_PX)
     return found + step, np.where(fits, sigma_px, np.nan)
 
 

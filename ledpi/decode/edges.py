@@ -44,7 +44,8 @@ CONSTANTS = np.array(
     [
         *(looks.LEAST_HEIGHT, looks.NEAR_PX, looks.SETTLED_PX, looks.SETTLED_BLUR, looks.FIRST_LOOK_PX),
         *(looks.MORE_LOOKS, looks.CONVERGED_PX, looks.STEEPEST, looks.MAX_MOVE, looks.MAX_BLUR_CHANGE),
-        *(whole.NEAR_EDGE, whole.SHARE_STEP, whole.SHARES[0], whole.MOST, whole.GAP, whole.BLUR_PX, whole.BLUR_STEP),
+        *(whole.NEAR_EDGE, whole.SHARE_STEP, whole.SHARES[0], whole.MOST, whole.NO_RIM_WALL),
+        *(whole.GAP, whole.BLUR_PX, whole.BLUR_STEP),
         *(whole.BETTER, whole.LITTLE_LEFT, whole.CLEARLY_BETTER, whole.NOTHING_LEFT),
         *(MAX_SPREAD_PX, MIN_USED, MIN_SIDE_PX, BORDER_PX, HIDDEN_SIGMA, adjust.MIN_PITCH_PX, adjust.LEAST_CELLS),
     ],

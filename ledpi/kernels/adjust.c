@@ -13,6 +13,7 @@ enum { PLACES = 6, MOST_RIMS = 4 * MOST_CELLS, MOST_MEASURED = MOST_INNER + MOST
 #define HUBER 2.0
 #define FARTHEST 4.0
 #define MOST_PX 2.0
+#define NO_RIM_WALL_PX 0.2
 #define PAIRS_ALIKE 0.9
 #define LEAST_HEIGHT 0.3
 
@@ -206,6 +207,20 @@ static void least_squares(Problem *problem) {
     solve(problem, 1.0);
 }
 
+/* By how much each side moves outward, in its middle: that of the side with the least. */
+static double least_outward(const Point corners[4], const Point moved[4]) {
+    Side sides[4];
+    double least = HUGE_VAL;
+    ledpi_sides_of(corners, sides);
+    for (int k = 0; k < 4; k++) {
+        const int next = (k + 1) % 4;
+        const double x = moved[k].x - corners[k].x + moved[next].x - corners[next].x;
+        const double y = moved[k].y - corners[k].y + moved[next].y - corners[next].y;
+        least = fmin(least, -0.5 * (x * sides[k].inward.x + y * sides[k].inward.y));
+    }
+    return least;
+}
+
 /* The corners after the moves, and the deviation of their coordinates; not a number where they would go too far. */
 static double move_corners(const Homography *homography, const Problem *problem, const Point corners[4], Point moved[4]) {
     double variance = 0.0, farthest = 0.0;
@@ -228,7 +243,7 @@ static double move_corners(const Homography *homography, const Problem *problem,
         double away = hypot(step[0], step[1]);
         if (!(away <= farthest)) farthest = away;
     }
-    return farthest < MOST_PX ? sqrt(variance) : NAN;
+    return farthest < MOST_PX && least_outward(corners, moved) < NO_RIM_WALL_PX ? sqrt(variance) : NAN;
 }
 
 double ledpi_adjust(const Picture *picture, const Tables *tables, const Point corners[4], const double *bends,
