@@ -173,6 +173,18 @@ def test_a_panel_before_something_brighter_is_found_when_looked_at_again() -> No
     assert matches(finder.find_again()[0], true)
 
 
+@pytest.mark.parametrize("wide", [0.06, 0.1, 0.15])
+@pytest.mark.parametrize("side", [70, 170])
+def test_a_panel_in_a_bright_frame_is_found_when_looked_at_again(side: float, wide: float) -> None:
+    """The frame, half as bright and `wide` sides wide, has the clearer outline: that is looked at first, alone."""
+    true = square(310.4, 240.2, side, 20)
+    canvas = Canvas(background=0.02)
+    canvas.lamp(square(310.4, 240.2, side * (1 + 2 * wide), 20), 0.2)
+    canvas.panel(true, word(7), light=0.4)
+    finder = Finder(640, 480, 10.0)
+    assert matches(finder.find(canvas.frame())[0] + finder.find_again()[0], true)
+
+
 @pytest.mark.parametrize("background", [0.02, 0.06, 0.1])
 @pytest.mark.parametrize("seed", range(3))
 def test_a_panel_without_a_bezel_on_a_bright_mottled_wall_is_found(background: float, seed: int) -> None:

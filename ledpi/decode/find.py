@@ -15,7 +15,7 @@ import numpy as np
 
 from ledpi.decode import four_sides, lit, outlines, spots
 from ledpi.decode.crossings import grids_in
-from ledpi.decode.four_sides import distinct, square_of, without_cells
+from ledpi.decode.four_sides import distinct, set_aside, square_of, without_cells
 from ledpi.decode.lit import brighter, closed, contrasts, lit_by
 from ledpi.decode.outlines import outlines_in
 from ledpi.decode.spots import group_sizes, groups, lattice, spots_in
@@ -53,6 +53,9 @@ LIMITS = (
 assert (kernel.REACH, kernel.MOST_SPOTS, kernel.AROUND) == (lit.WINDOW // 2, spots.MAX_SPOTS, spots.AROUND_PX)
 assert kernel.MOST_COMPARED == four_sides.MOST_COMPARED
 
+Spotted = list[tuple[int, Floats]]  # groups of spots, with a pixel's scale
+Counts = tuple[int, int, int]  # of outlines at the picture's border, not four-sided, too small
+
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
@@ -83,6 +86,7 @@ class Finder:
             np.empty((max(1, height >> halvings), max(1, width >> halvings)), np.uint8)
             for halvings in range(1, LEVELS + 1)
         ]
+        self._things = self._squares = np.empty((0, 11))  # of the last frame: distinct ones, and all that was found
         # Finding compares neighbours only; a square root gives dark linear pictures the contrast they need.
         self._brighten = np.round(255 * np.sqrt(np.arange(256) / 255)).astype(np.uint8)
         self._searcher = (
@@ -92,11 +96,14 @@ class Finder:
     def find(self, frame: Frame) -> tuple[list[Candidate], list[Rejected]]:
         """Candidates, best outline first, no two of the same thing, lattices of spots last; and what was dropped."""
         self._shrink(frame)
-        return self._find(THRESHOLDS)
+        self._things, self._squares, spotted, counts = self._by(THRESHOLDS)
+        return self._candidates(self._things, spotted), _dropped(counts)
 
     def find_again(self) -> tuple[list[Candidate], list[Rejected]]:
-        """The same, of the last frame once more, by a higher threshold."""
-        return self._find(AGAIN)
+        """The same, of the last frame once more, by a higher threshold; and what was set aside."""
+        things, _, spotted, counts = self._by(AGAIN)
+        aside = set_aside(self._squares, np.concatenate([self._things, things]))
+        return self._candidates(np.concatenate([things, aside]), spotted), _dropped(counts)
 
     def find_crossings(self, frame: Frame, *, far: bool) -> list[Floats]:
         """Corners (4, 2) of grids by the places where four cells meet, in the last frame; to a fifth of a cell.
@@ -110,20 +117,19 @@ class Finder:
             for corners in grids_in(picture, self._cells)
         ]
 
-    def _find(self, thresholds: Thresholds) -> tuple[list[Candidate], list[Rejected]]:
-        search = self._search if self._searcher is None else self._searcher.search
-        squares, spotted, counts = search(thresholds)
+    def _candidates(self, things: Floats, spotted: Spotted) -> list[Candidate]:
+        """Squares, then lattices of spots."""
         grids = [_grid(at, scale) for scale, group in spotted if (at := lattice(group, self._cells)) is not None]
-        candidates = _candidates(squares)
-        if grids:
-            candidates += _candidates(distinct(np.array(grids)), spots=True)
-        dropped = zip((AT_BORDER, NOT_FOUR_SIDED, TOO_SMALL), counts, strict=True)
-        return candidates, [why for why, count in dropped for _ in range(count)]
+        return _candidates(things) + (_candidates(distinct(np.array(grids)), spots=True) if grids else [])
 
-    def _search(self, thresholds: Thresholds) -> tuple[Floats, list[tuple[int, Floats]], tuple[int, int, int]]:
-        """Distinct squares (K, 11) as `square_of` has them, groups of spots with a pixel's scale, and refused outlines.
+    def _by(self, thresholds: Thresholds) -> tuple[Floats, Floats, Spotted, Counts]:
+        return (self._search if self._searcher is None else self._searcher.search)(thresholds)
 
-        How many touch the picture's border, show no square, or show one too small. The reference of kernels/find.c.
+    def _search(self, thresholds: Thresholds) -> tuple[Floats, Floats, Spotted, Counts]:
+        """Distinct squares (K, 11) as `square_of` has them, all squares, groups of spots, and what was refused.
+
+        How many outlines touch the picture's border, show no square, or show one too small. The reference of
+        kernels/find.c.
         """
         squares, spotted = [], []
         all_at_border = not_four_sided = too_small = 0
@@ -146,8 +152,9 @@ class Finder:
                 all_at_border += at_border
                 not_four_sided += found.count(None)
                 too_small += len(found) - found.count(None) - len(large)
-        things = distinct(np.array(squares).reshape(-1, 11))
-        return without_cells(things, self._cells), spotted, (all_at_border, not_four_sided, too_small)
+        found_squares = np.array(squares).reshape(-1, 11)
+        things = without_cells(distinct(found_squares), self._cells)
+        return things, found_squares, spotted, (all_at_border, not_four_sided, too_small)
 
     def _shrink(self, frame: Frame) -> None:
         """Fills the pyramid."""
@@ -157,6 +164,11 @@ class Finder:
             if above is frame.pixels and frame.transfer == "linear":
                 cv2.LUT(picture, self._brighten, dst=picture)
             above = picture
+
+
+def _dropped(counts: Counts) -> list[Rejected]:
+    dropped = zip((AT_BORDER, NOT_FOUR_SIDED, TOO_SMALL), counts, strict=True)
+    return [why for why, count in dropped for _ in range(count)]
 
 
 def _candidates(squares: Floats, *, spots: bool = False) -> list[Candidate]:

@@ -32,6 +32,7 @@ NEAR, LIKE, SAME_CORNERS = 0.25, 0.7, 0.25  # of the side: of squares in one pla
 CELL = (0.2, 1.2)  # of a panel's pitch: sides of what is seen of its cells, from their bright middles to all of them
 MOST_COMPARED = 512  # squares with each other: more are texture, and would take milliseconds
 
+Mask = NDArray[np.bool_]
 Corners = list[list[float]]  # x, y; numbers by numbers, as arrays this small only cost
 
 
@@ -74,6 +75,26 @@ def distinct(squares: Floats) -> Floats:
     return np.array(kept).reshape(-1, squares.shape[1])
 
 
+def set_aside(squares: Floats, kept: Floats) -> Floats:
+    """Of squares (K, 11), `distinct` of which are `kept` (M, 11), those that may be of another thing all the same.
+
+    As a panel within a bright frame: in the place of one that is kept, but with corners further off than either's
+    tolerance. The best first.
+    """
+    if not 0 < len(squares) <= MOST_COMPARED:
+        return squares[:0]
+    like, apart = _alike(squares, kept)
+    left = squares[(like & apart).any(axis=1) & (apart | ~like).all(axis=1)]
+    left = left[np.argsort(left[:, 9] + BLUR_MISFIT * left[:, 10], kind="stable")]
+    like, apart = _alike(left, left)
+    again = like & ~apart
+    chosen: list[int] = []
+    for k in range(len(left)):
+        if not again[k, chosen].any():
+            chosen.append(k)
+    return left[chosen]
+
+
 def without_cells(squares: Floats, cells: int) -> Floats:
     """Of squares (K, 11) those that are no cells of another one of `cells` × `cells`, of which a row's are seen."""
     kept = np.ones(len(squares), np.bool_)
@@ -97,6 +118,16 @@ def _same(square: Floats, other: Floats) -> bool:
     corners = np.hypot(*(a[:, None] - b).transpose(2, 0, 1)).min(axis=1).max()
     middles = np.hypot(*(a.mean(axis=0) - b.mean(axis=0)))
     return bool(smaller > LIKE * larger and middles < NEAR * larger and corners < SAME_CORNERS * larger)
+
+
+def _alike(squares: Floats, others: Floats) -> tuple[Mask, Mask]:
+    """(K, M) which squares (K, 11) are the same as which others (M, 11), as `_same` has it; and with corners apart."""
+    a, b = squares[:, None, :8].reshape(-1, 1, 4, 1, 2), others[None, :, :8].reshape(1, -1, 1, 4, 2)
+    corners = np.hypot(*np.moveaxis(a - b, -1, 0)).min(axis=3).max(axis=2)
+    middles = np.hypot(*np.moveaxis((a.mean(axis=2) - b.mean(axis=3))[:, :, 0], -1, 0))
+    larger, smaller = np.maximum(squares[:, None, 8], others[:, 8]), np.minimum(squares[:, None, 8], others[:, 8])
+    like = (smaller > LIKE * larger) & (middles < NEAR * larger) & (corners < SAME_CORNERS * larger)
+    return like, corners > np.maximum(squares[:, None, 10], others[:, 10])
 
 
 def _four_sides(hull: Corners, size: float) -> Corners | None:

@@ -31,7 +31,7 @@ typedef struct {
     ptrdiff_t *distinct; /* (most_squares,) which of them are of different things, the best first */
     Spot *members;       /* of groups of spots, one after the other */
     double *groups, *scales; /* the group that each is of, counted anew for each picture, and this one's scale */
-    ptrdiff_t most_squares, distinct_count, member_count, at_border, not_four_sided, too_small;
+    ptrdiff_t most_squares, square_count, distinct_count, member_count, at_border, not_four_sided, too_small;
 } Found;
 
 /* What is looked for: squares of at least `smallest_px`, of `cells` along a side; groups of `least_spots` to
@@ -99,6 +99,7 @@ void ledpi_find(const Level *levels, ptrdiff_t count, const Wanted *wanted, cons
         find_lit(level, wanted, room, &squares, found);
         if (level->spots_by) find_spots_in(level, wanted, room, found);
     }
+    found->square_count = squares;
     found->distinct_count = ledpi_distinct(found->squares, squares, &wanted->limits, found->distinct);
     found->distinct_count = ledpi_without_cells(found->squares, found->distinct_count, wanted->cells, &wanted->limits,
                                                 found->distinct);

@@ -72,7 +72,7 @@ class _Found(ctypes.Structure):
 
     _fields_ = [
         *((name, ctypes.c_void_p) for name in ("squares", "distinct", "members", "groups", "scales")),
-        *((name, ctypes.c_ssize_t) for name in ("most_squares", "distinct_count", "member_count")),
+        *((name, ctypes.c_ssize_t) for name in ("most_squares", "square_count", "distinct_count", "member_count")),
         *((name, ctypes.c_ssize_t) for name in ("at_border", "not_four_sided", "too_small")),
     ]
 
@@ -108,9 +108,7 @@ class Searcher:
         self._wanted = _Wanted(smallest_px, cells, group_sizes.start, group_sizes.stop, bounds)
         self._arguments = [ctypes.addressof(made) for made in (self._wanted, self._room, self._found)]
 
-    def search(
-        self, thresholds: Thresholds
-    ) -> tuple[Floats, list[tuple[int, Floats]], tuple[int, int, int]]:
+    def search(self, thresholds: Thresholds) -> tuple[Floats, Floats, list[tuple[int, Floats]], tuple[int, int, int]]:
         """As `_search` of decode/find.py."""
         levels = self._levels.get(thresholds)
         if levels is None:
@@ -118,8 +116,9 @@ class Searcher:
         _find(ctypes.addressof(levels), len(levels), *self._arguments)
         found = self._found
         groups = self._grouped(found.member_count) if found.member_count else []
-        squares = self._squares[self._distinct[: found.distinct_count]]
-        return squares, groups, (found.at_border, found.not_four_sided, found.too_small)
+        squares = self._squares[: found.square_count].copy()
+        things = squares[self._distinct[: found.distinct_count]]
+        return things, squares, groups, (found.at_border, found.not_four_sided, found.too_small)
 
     def _levels_for(self, thresholds: Thresholds) -> Any:
         levels = (_Level * len(self._pictures))()
