@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 
+from ledpi import __version__
 from ledpi.camera.base import Camera
 from ledpi.config import Config
 from ledpi.daemon import Daemon
@@ -85,6 +86,7 @@ class Service:
         _log.info(
             event(
                 "start",
+                version=__version__,
                 source=config.camera.source,
                 size=f"{info.width}x{info.height}",
                 exposure_us=info.exposure_us,

@@ -12,11 +12,12 @@ from pathlib import Path
 
 import pytest
 
+from ledpi import __version__
 from ledpi.camera.factory import open_camera
 from ledpi.cli.doctor import line
 from ledpi.config import load_config
-from ledpi.doctor import camera, machine
-from ledpi.doctor.checks import examine
+from ledpi.doctor import camera, checks, machine
+from ledpi.doctor.checks import configuration, examine
 from ledpi.doctor.finding import bad
 from ledpi.records import CameraInfo
 from ledpi.simulate.scenes import ov5647_lens
@@ -60,6 +61,7 @@ def test_where_all_is_well_the_daemon_would_run() -> None:
     assert done.returncode == 0, done.stdout
     page = json.loads(done.stdout)
     assert page["would_run"] is True
+    assert page["findings"][1]["said"].startswith(f"ledpi {__version__}, Python 3.")
     states = {finding["name"]: finding["state"] for finding in page["findings"]}
     well = {"configuration", "packages", "camera", "exposure", "row time", "panel frequencies", "intrinsics"}
     assert {name for name, state in states.items() if state == "ok"} >= well | {"serial port"}
@@ -101,6 +103,21 @@ def test_a_broken_configuration_is_the_first_finding(tmp_path: Path) -> None:
     assert done.returncode == 1
     assert "exposure" in done.stdout.splitlines()[0]
     assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("asked_for", "installed", "state"), [(False, True, "unknown"), (True, True, "ok"), (False, False, "ok")]
+)
+def test_a_configuration_that_hides_the_services_is_told(
+    asked_for: bool, installed: bool, state: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whoever has edited the service's would see no change; nothing is said where it was asked for."""
+    here, service = tmp_path / "config.yaml", tmp_path / "etc.yaml"
+    for file in (here, service) if installed else (here,):
+        file.write_text("panels: {side_m: 0.16}\n")
+    monkeypatch.setattr(checks, "SEARCH_PATH", (here, service))
+    found = configuration(here, asked_for=asked_for)
+    assert (found.state, str(service) in found.said) == (state, state == "unknown")
 
 
 def test_a_missing_controller_does_not_stop_the_daemon(tmp_path: Path) -> None:

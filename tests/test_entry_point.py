@@ -1,4 +1,4 @@
-"""The command's entry point: Ctrl-C ends it quietly, also before there is a command."""
+"""The command's entry point: what it says of itself, and that Ctrl-C ends it quietly before there is a command, too."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from ledpi import __version__
 from ledpi.__main__ import main
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -66,3 +67,11 @@ def test_a_command_sees_ctrl_c_as_an_exception(monkeypatch: pytest.MonkeyPatch) 
     with pytest.raises(KeyboardInterrupt):
         main()
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_it_says_its_version() -> None:
+    """As a report of a fault needs it."""
+    done = subprocess.run(
+        [sys.executable, "-m", "ledpi", "--version"], cwd=ROOT, capture_output=True, text=True, check=True, timeout=60
+    )
+    assert done.stdout == f"ledpi {__version__}\n"

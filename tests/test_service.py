@@ -12,6 +12,7 @@ import pytest
 from daemon_material import Controller, controller, daemon, end, write_recording
 from wire_material import decoded
 
+from ledpi import __version__
 from ledpi.camera import recovering
 from ledpi.health import Health
 from ledpi.processor import Processor, read_processor
@@ -52,7 +53,7 @@ def test_in_a_service_it_says_ready_feeds_the_watchdog_and_says_stopping(
     assert all(re.match(r"<[3-6]>\w", entry) for entry in ended.log)
     assert not any("frames/s" in entry for entry in ended.log)
     start = next(entry for entry in ended.log if entry.startswith("<6>start "))
-    assert " source=simulated size=640x480 " in start
+    assert f" version={__version__} source=simulated size=640x480 " in start
     assert f" port={line.port} baud=115200 protocol=ledpi" in start
     assert f"<6>serial_open port={line.port}" in ended.log
 

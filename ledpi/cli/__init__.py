@@ -13,6 +13,7 @@ os.environ.setdefault("OPENCV_FOR_THREADS_NUM", "1")
 
 import typer
 
+from ledpi import __version__
 from ledpi.errors import CameraLostError, LedpiError
 from ledpi.wording import one_line
 
@@ -25,6 +26,19 @@ app = typer.Typer(
     rich_markup_mode=None,
     context_settings={"max_content_width": 120},  # a wide terminal shows examples in one line, to be copied
 )
+
+
+def _show_version(asked: bool) -> None:
+    if asked:
+        typer.echo(f"ledpi {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _ledpi(
+    version: bool = typer.Option(False, "--version", is_eager=True, callback=_show_version, help="Show it and exit."),
+) -> None:
+    """What can be asked without a command."""
 
 
 def main(loaded: Callable[[], None] = lambda: None) -> None:

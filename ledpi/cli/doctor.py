@@ -48,8 +48,8 @@ def doctor(
 
 def _findings(config: Path | None, set_: list[str]) -> Iterator[Finding]:
     from ledpi.config import find_config, load_config
-    from ledpi.doctor.checks import examine
-    from ledpi.doctor.finding import bad, ok
+    from ledpi.doctor.checks import configuration, examine
+    from ledpi.doctor.finding import bad
 
     file = find_config(config)
     try:
@@ -57,7 +57,7 @@ def _findings(config: Path | None, set_: list[str]) -> Iterator[Finding]:
     except LedpiError as error:
         yield bad("configuration", str(error), "put it right, and try again", stops_daemon=True)
         return
-    yield ok("configuration", str(file or "from --set alone"))
+    yield configuration(file, asked_for=config is not None)
     yield from examine(settings)
 
 

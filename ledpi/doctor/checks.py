@@ -3,13 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 
-from ledpi.config import Config
+from ledpi.config import SEARCH_PATH, Config
 from ledpi.doctor import camera, machine
 from ledpi.doctor.finding import Finding, bad, ok, unknown
 from ledpi.errors import LedpiError, WireError
 from ledpi.robot import load_robot, strangers_note
 from ledpi.wording import counted
+
+
+def configuration(file: Path | None, *, asked_for: bool) -> Finding:
+    """Which one is read. In a clone of the repository that is the clone's, whatever was written to the service's."""
+    service = SEARCH_PATH[-1]
+    if file is None:
+        return ok("configuration", "from --set alone")
+    if asked_for or not service.is_file() or file.samefile(service):
+        return ok("configuration", str(file))
+    said = f"{file} of this folder; the service reads {service}"
+    remedy = f"if that is the one you mean: go elsewhere, or --config {service}"
+    return Finding(name="configuration", state="unknown", said=said, remedy=remedy)
 
 
 def examine(config: Config) -> Iterator[Finding]:

@@ -15,6 +15,7 @@ import sys
 import time
 from pathlib import Path
 
+from ledpi import __version__
 from ledpi.doctor.finding import Finding, bad, ok, unknown
 from ledpi.kernels.library import COMPILED
 
@@ -31,7 +32,7 @@ def packages() -> Finding:
     """Imported in a process of its own, as a package that was built for another numpy may end it."""
     done = _python("import numpy, cv2; print(f'numpy {numpy.__version__}, OpenCV {cv2.__version__}')")
     if done.returncode == 0:
-        return ok("packages", f"Python {platform.python_version()}, {done.stdout.strip()}")
+        return ok("packages", f"ledpi {__version__}, Python {platform.python_version()}, {done.stdout.strip()}")
     return bad("packages", _last_line(done), "install again: sudo scripts/install", stops_daemon=True)
 
 
