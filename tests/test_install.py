@@ -28,3 +28,49 @@ def test_an_argument_that_is_not_known_changes_nothing() -> None:
 def test_every_system_that_is_named_has_constraints() -> None:
     """The script takes the file of the system's name."""
     assert {path.stem for path in (ROOT / "constraints").glob("*.txt")} == {"bookworm", "trixie"}
+
+
+# Everything but its last part, which acts; pip and the environment it is in are made up.
+FUNCTIONS = (
+    INSTALL.read_text(encoding="utf-8").rpartition("[[ $EUID == 0 ]]")[0].replace('$(dirname "$0")/..', str(ROOT))
+)
+PIP = """#!/bin/sh
+for last; do :; done
+cd "${last%\\[calibrate]}" && find -L "$PWD" -name '*.py' -o -name '*.c' -o -name pyproject.toml >"$SEEN"
+"""
+
+
+def run(script: str, **variables: str) -> str:
+    """What it says, in an environment with these variables."""
+    done = subprocess.run(
+        ["bash", "-c", FUNCTIONS + script], env=os.environ | variables, capture_output=True, text=True, check=True
+    )
+    return done.stdout
+
+
+def test_the_clone_is_left_as_it_is(tmp_path: Path) -> None:
+    """It is built elsewhere, from all that it needs; that is gone afterwards."""
+    pip = tmp_path / "home/bin/pip"
+    pip.parent.mkdir(parents=True)
+    pip.write_text(PIP, encoding="utf-8")
+    pip.chmod(0o755)
+    (tmp_path / "temporary").mkdir()
+    made_up = f"home={tmp_path}/home; command={tmp_path}/ledpi; python3() {{ :; }}; constraints() {{ echo none; }}; "
+    run(made_up + "install_program", SEEN=f"{tmp_path}/seen", TMPDIR=f"{tmp_path}/temporary")
+    seen = (tmp_path / "seen").read_text(encoding="utf-8").splitlines()
+    assert not any(path.startswith(str(ROOT)) for path in seen)
+    for part in ("pyproject.toml", "setup.py", "ledpi/pipeline.py", "ledpi/kernels/find.c"):
+        assert any(path.endswith(f"/{part}") for path in seen)
+    assert any(path.endswith("/ledpi/panel/sources/two_outputs.c") for path in seen)
+    assert list((tmp_path / "temporary").iterdir()) == []
+
+
+@pytest.mark.parametrize("changed", [False, True])
+def test_uninstalling_keeps_a_rule_that_was_changed(tmp_path: Path, changed: bool) -> None:
+    """Like the configuration; it is named."""
+    rules = tmp_path / "60-ledpi.rules"
+    rules.write_text((ROOT / "systemd/60-ledpi.rules").read_text(encoding="utf-8") + "# mine\n" * changed)
+    (tmp_path / "home").mkdir()
+    made_up = f"home={tmp_path}/home; command={tmp_path}/ledpi; unit={tmp_path}/unit; rules={rules}; "
+    said = run(made_up + "uninstall")
+    assert (rules.exists(), str(rules) in said, (tmp_path / "home").exists()) == (changed, changed, False)
