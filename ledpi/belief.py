@@ -2,41 +2,38 @@
 
 from __future__ import annotations
 
-from ledpi.decode.beside import ends_where_told
+from ledpi.decode.beside import Ends
 from ledpi.decode.cells import CellSamples
-from ledpi.decode.reader import Reader
 from ledpi.decode.soft import Reading
-from ledpi.records import Frame, Intrinsics, PanelSpec, Quad, Rejected
+from ledpi.decode.track import Track
+from ledpi.records import Frame, Intrinsics, Quad
 
 
 class Belief:
-    """Of the panels of one camera. In a stream, those that were read before are believed as their sides are.
+    """Of the panels of one camera. Where a square's sides or spots are seen, it is believed.
 
     Lines alone may tell a lattice a row aside, which may look like another word. (Of 12,000 frames of mirrored panels
-    eight were read so, by lattices that took the wall for cells.)
+    eight were read so, by lattices that took the wall for cells.) So they are believed of panels that were read before,
+    or where frames show that the panel ends where they say.
     """
 
-    def __init__(
-        self, reader: Reader, specs: tuple[PanelSpec, ...], intrinsics: Intrinsics | None, *, stream: bool
-    ) -> None:
-        self._reader, self._specs, self._intrinsics, self._stream = reader, specs, intrinsics, stream
+    def __init__(self, intrinsics: Intrinsics | None, *, stream: bool) -> None:
+        self._intrinsics, self._stream = intrinsics, stream
         self._read_before: set[int] = set()  # IDs
 
-    @property
-    def has_read(self) -> bool:
-        """Whether any panel was read before."""
-        return bool(self._read_before)
+    def is_there(
+        self, frame: Frame, quad: Quad, samples: CellSamples, track: Track, reading: Reading, group: int
+    ) -> bool:
+        """Whether the panel that `track` was read as is where `frame` shows `quad`, whose cells have these `samples`.
 
-    def in_panel(self, frame: Frame, quad: Quad, samples: CellSamples, reading: Reading, group: int) -> bool:
-        """Whether `frame` shows the panel where `quad` is, whose cells have shown `samples` and the word of `group`.
-
-        Where lines alone tell, and it was not read before, this frame by itself must show the word and where it ends.
+        `group`: which memory of the track it was read from.
         """
         if quad.told_by == "lines" and reading.id not in self._read_before:
-            alone = self._reader.alone(samples, frame, group)
-            if isinstance(alone, Rejected) or alone.id != reading.id:
-                return False
-            if not ends_where_told(frame, quad, samples, alone.cell_bands, self._specs[group], self._intrinsics):
+            memory = track.memories[group]
+            if track.ends is None:
+                track.ends = Ends(memory.spec)
+            track.ends.add(frame, quad, samples, self._intrinsics)
+            if not track.ends.are_where_told(reading.cell_bands, memory.origin_ns):
                 return False
         if self._stream:
             self._read_before.add(reading.id)

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from typing import TypeAlias
-
-import numpy as np
 
 from ledpi.belief import Belief
 from ledpi.config import Method, PanelSettings
@@ -29,7 +26,6 @@ from ledpi.records import (
     Intrinsics,
     PanelSpec,
     PanelValues,
-    Pixels,
     Quad,
     Rejected,
     Sighting,
@@ -47,7 +43,6 @@ STAGES: dict[Method, tuple[str, ...]] = {
 }
 
 NO_END = Rejected(stage="soft", reason="no_end_seen")
-_NO_PICTURE: Pixels = np.empty((0, 0), np.uint8)
 _Looked: TypeAlias = tuple[Quad, Track, CellSamples]
 _Find: TypeAlias = Callable[[Frame], tuple[list[Candidate], list[Rejected]]]
 
@@ -85,7 +80,7 @@ class Pipeline:
         self._readers = [BandsReader(dictionary, ids, spec) for spec, ids in groups] if method == "bands" else []
         self._specs = tuple(spec for spec, _ in groups)
         self._squares = Squares(camera, self._cells, self._specs, intrinsics)
-        self._belief = Belief(self._reader, self._specs, intrinsics, stream=stream)
+        self._belief = Belief(intrinsics, stream=stream)
         sides_m = {marker_id: panels.spec(marker_id).side_m for marker_id in range(len(dictionary.words))}
         self._placer = Placer(intrinsics, sides_m, stream=stream, robot=robot)
         self._tracker = Tracker(self._specs)
@@ -191,8 +186,7 @@ class Pipeline:
     def _search_within(self, frame: Frame, known: list[Quad], work: Results) -> list[_Looked]:
         """The same, but for those `known`, by what is within panels alone."""
         start = self._clock()
-        # Of few pixels, what lines tell is not believed of a panel that was not read before.
-        quads = self._squares.by_lines(frame, known, far=self._belief.has_read)
+        quads = self._squares.by_lines(frame, known, far=self._stream)  # of few pixels, a frame alone is not read
         self._timed(work, "edges", start)
         return self._sample(frame, self._tracker.follow(quads), work)
 
@@ -235,7 +229,7 @@ class Pipeline:
     def _read(self, frame: Frame, looked: list[_Looked], work: Results) -> list[Sighting]:
         """The panels that these lit squares are; where none can be told, why is in `work`."""
         since = self._clock()
-        sightings, times = [], _without_picture(frame)
+        sightings, times = [], frame.without_picture()
         for quad, track, samples in looked:
             outcome = self._reader.read(track, samples, times)
             if outcome.denied:
@@ -245,7 +239,7 @@ class Pipeline:
                 work.trace.looks.append(Look(quad=quad, samples=samples, evidence=evidence, reading=outcome.reading))
             if isinstance(outcome.reading, Rejected):
                 work.reject(quad.corners_px, outcome.reading)
-            elif not self._belief.in_panel(frame, quad, samples, outcome.reading, outcome.group):
+            elif not self._belief.is_there(frame, quad, samples, track, outcome.reading, outcome.group):
                 work.reject(quad.corners_px, NO_END)
                 track.shown = None
             else:
@@ -268,15 +262,10 @@ class Pipeline:
 
     def _keep_up(self, frame: Frame, looked: list[_Looked], work: Results) -> None:
         """What prepares for the frames to come."""
-        since, times = self._clock(), _without_picture(frame)
+        since, times = self._clock(), frame.without_picture()
         for _, track, samples in looked:
             self._reader.keep_up(track, samples, times)
         self._timed(work, "soft", since)
-
-
-def _without_picture(frame: Frame) -> Frame:
-    """What may be kept of it: the picture's room will hold another."""
-    return replace(frame, pixels=_NO_PICTURE)
 
 
 def _same_frequencies(panels: PanelSettings) -> list[tuple[PanelSpec, list[int]]]:

@@ -25,6 +25,9 @@ Phase = Literal["free", "antiphase"]  # between a panel's classes
 MAX_GAP_NS = 500_000_000
 
 
+_NO_PICTURE: Pixels = np.empty((0, 0), np.uint8)
+
+
 def read_only(array: NDArray[Number]) -> NDArray[Number]:
     """A read-only view of `array` (the caller's own reference stays as it is)."""
     view = array.view()
@@ -134,7 +137,7 @@ class PanelValues:
 class Frame:
     """One picture with everything that is known of how it was exposed."""
 
-    pixels: Pixels  # (H, W), read-only
+    pixels: Pixels  # (H, W), read-only; (0, 0) where only the times are kept
     seq: int
     row0_readout_ns: int  # start of row 0's read-out; row 0's exposure began exposure_us earlier
     exposure_us: float
@@ -149,6 +152,10 @@ class Frame:
         if not (self.exposure_us > 0 and self.row_time_us > 0):
             raise ValueError("exposure_us and row_time_us must be positive")
         self.pixels.flags.writeable = False
+
+    def without_picture(self) -> Frame:
+        """What may be kept of it: the picture's room will hold another."""
+        return replace(self, pixels=_NO_PICTURE)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from decode_material import LENS, Canvas, quad, seen_through, square, word
+from decode_material import FRAME_ROWS, LENS, ROW_TIME_US, Canvas, quad, seen_through, square, word
 
 from ledpi.config import PanelSettings
-from ledpi.decode.beside import ends_where_told
+from ledpi.decode.beside import Ends
 from ledpi.decode.cells import CellSamples, sample_cells
 from ledpi.decode.codebook import Codebook
 from ledpi.decode.evidence import Doubles
@@ -17,6 +19,7 @@ from ledpi.records import Floats, Frame, Intrinsics
 
 SPEC = PanelSettings(side_m=0.16).spec()
 BOOK = Codebook.build(list(range(50)), load_dictionary("DICT_4X4_50"), SPEC)
+PERIOD_US = FRAME_ROWS * ROW_TIME_US
 TRUE = square(310.4, 240.2, 100.0, 13)  # 1 m
 
 
@@ -42,7 +45,9 @@ def shown_in(frame: Frame, true: Floats) -> Doubles:
 def ends(frame: Frame, at: Floats, shown: Doubles, lens: Intrinsics | None = None) -> bool:
     samples = sample_cells(frame, quad(at), 4, lens)
     assert isinstance(samples, CellSamples)
-    return ends_where_told(frame, quad(at), samples, shown, SPEC, lens)
+    seen = Ends(SPEC)
+    seen.add(frame, quad(at), samples, lens)
+    return seen.are_where_told(shown, frame.row0_readout_ns)
 
 
 @pytest.mark.parametrize("light", [0.0, 0.3, 0.9, 4.0])
@@ -94,11 +99,50 @@ def test_at_the_pictures_border_no_end_is_seen() -> None:
     assert not ends(frame, true, shown_in(frame, true))
 
 
-def test_far_away_one_frame_does_not_tell() -> None:
-    """At 3 m the rows' log odds are too small."""
+def far_frames(true: Floats) -> list[Frame]:
+    """At 3 m, 16.97 ms apart: the first and eleven more."""
+    frames = []
+    for n in range(12):
+        canvas = Canvas()
+        canvas.panel(true, word(7), start_us=n * PERIOD_US)
+        frames.append(replace(canvas.frame(n, seq=n), row0_readout_ns=round(1e9 + 1e3 * n * PERIOD_US)))
+    return frames
+
+
+def ends_after(frames: list[Frame], at: Floats, shown: Doubles) -> list[bool]:
+    seen, told = Ends(SPEC), []
+    for frame in frames:
+        samples = sample_cells(frame, quad(at), 4)
+        assert isinstance(samples, CellSamples)
+        seen.add(frame, quad(at), samples, None)
+        told.append(seen.are_where_told(shown, frames[0].row0_readout_ns))
+    return told
+
+
+def test_far_away_it_takes_several_frames_to_tell() -> None:
+    """In one frame the rows' log odds are too small; they add up."""
     true = square(310.4, 240.2, 34.0, 13)
-    canvas = Canvas()
-    canvas.panel(true, word(7), light=0.7)
-    frame = canvas.frame()
-    near = touched()
-    assert not ends(frame, true, shown_in(near, TRUE))
+    told = ends_after(far_frames(true), true, shown_in(touched(), TRUE))
+    assert not told[0]
+    assert told[-1]
+
+
+def test_however_many_frames_a_lattice_a_row_aside_does_not_end() -> None:
+    """What it takes for its last row never blinks, and that beside its first does."""
+    true = square(310.4, 240.2, 34.0, 13)
+    down = (true[3] - true[0]) / 4
+    shown = np.roll(shown_in(touched(), TRUE).reshape(4, 4, -1), -1, axis=0).reshape(16, -1)
+    assert not any(ends_after(far_frames(true), true + down, shown))
+
+
+def test_a_frame_in_which_a_row_is_out_of_sight_begins_anew() -> None:
+    """Else what is within would have been seen in more frames than what is beside."""
+    true = square(310.4, 240.2, 34.0, 13)
+    frames, shown = far_frames(true), shown_in(touched(), TRUE)
+    seen = Ends(SPEC)
+    for at, few in ((true, frames[:11]), (square(20.0, 240.2, 34.0), frames[11:])):
+        for frame in few:
+            samples = sample_cells(frame, quad(at), 4)
+            assert isinstance(samples, CellSamples)
+            seen.add(frame, quad(at), samples, None)
+    assert not seen.are_where_told(shown, frames[0].row0_readout_ns)

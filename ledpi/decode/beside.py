@@ -13,14 +13,15 @@ import numpy as np
 
 from ledpi.decode.cells import CellSamples, sample_cells, unit_square_to
 from ledpi.decode.evidence import Doubles, Evidence
-from ledpi.decode.single_frame import single_evidence
+from ledpi.decode.memory import PanelMemory, turned
 from ledpi.decode.words import weakest_row
 from ledpi.geometry import distort, undistort
 from ledpi.records import Frame, Intrinsics, Mask, PanelSpec, Quad, Rejected
 from ledpi.tone import SATURATED
 
-# Log odds by which each row and column has its word's bands rather than none. At 1 m the weakest of a panel has 90 to
-# 250. Of a row with log odds of m, noise has the variance 2m: one that does not blink reaches this never.
+SIDES = 4
+# Log odds by which each row and column has its word's bands rather than none. The weakest of a panel has 90 to 250 in
+# one frame at 1 m. Of a row with log odds of m, noise has the variance 2m: one that does not blink reaches this never.
 LEAST_WITHIN = 45.0
 # Of the weakest row within, what a row beside it may have. A row of the panel has all of it, and by noise less than a
 # half in 1 of 100 at most: of a lattice aside, of which a row within must blink by noise alone already.
@@ -30,40 +31,56 @@ MOST_BESIDE = 0.5
 MOST_UNLIKE = 2.0
 
 
-def ends_where_told(
-    frame: Frame, quad: Quad, samples: CellSamples, shown: Doubles, spec: PanelSpec, intrinsics: Intrinsics | None
-) -> bool:
-    """Whether `quad`, with these `samples`, is where a panel is whose cells have shown these bands (cells, P)."""
-    evidence = single_evidence(samples, frame, spec)
-    if isinstance(evidence, Rejected):
-        return False
-    weakest = weakest_row(evidence, shown)
-    if not weakest > LEAST_WITHIN:
-        return False
-    # Here what is black or saturated tells that it does not blink.
-    frame = replace(frame, pixels=np.clip(frame.pixels, 1, SATURATED - 1))
-    return all(
-        _blinks_beside(frame, quad, turns, shown, spec, intrinsics) < MOST_BESIDE * weakest for turns in range(4)
-    )
+class Ends:
+    """What a lattice and the four rows beside it show, in the frames of a stream that were added, or in one.
 
-
-def _blinks_beside(
-    frame: Frame, quad: Quad, turns: int, shown: Doubles, spec: PanelSpec, intrinsics: Intrinsics | None
-) -> float:
-    """Log odds of the row beyond the side after so many: that its cells have bands of either class to none.
-
-    ∞ where that cannot be seen, as beyond the picture's border.
+    All in the same frames, so that they can be compared.
     """
+
+    def __init__(self, spec: PanelSpec) -> None:
+        self._spec = spec
+        self._begin_anew()
+
+    def _begin_anew(self) -> None:
+        self._within, *self._aside = (PanelMemory(self._spec) for _ in range(1 + SIDES))
+
+    def add(self, frame: Frame, quad: Quad, samples: CellSamples, intrinsics: Intrinsics | None) -> None:
+        """Takes a frame in, in which `quad` has `samples`. Where a row beside is out of sight, it begins anew."""
+        # What is black or saturated tells here that it does not blink.
+        visible = replace(frame, pixels=np.clip(frame.pixels, 1, SATURATED - 1))
+        cells, times = samples.lattice.cells, frame.without_picture()
+        rows_up = (_a_row_up(quad, turns, cells, intrinsics) for turns in range(SIDES))
+        beside = [sample_cells(visible, up, cells, intrinsics, like=samples.lattice) for up in rows_up]
+        self._within.add(samples, times)
+        for memory, light in zip(self._aside, beside, strict=True):
+            if isinstance(light, Rejected):
+                self._begin_anew()
+                return
+            memory.add(light, times)
+
+    def are_where_told(self, shown: Doubles, origin_ns: int) -> bool:
+        """Whether the panel ends there whose cells have shown these bands (cells, P), counted from row 0 then."""
+        if self._within.frames == 0:
+            return False
+        evidence = self._within.evidence()
+        if isinstance(evidence, Rejected):
+            return False
+        shown = turned(shown, self._spec.waves_hz, 1e-9 * (origin_ns - self._within.origin_ns))
+        weakest = weakest_row(evidence, shown)
+        if not weakest > LEAST_WITHIN:
+            return False
+        return all(_blinks(memory, turns, shown) < MOST_BESIDE * weakest for turns, memory in enumerate(self._aside))
+
+
+def _blinks(aside: PanelMemory, turns: int, shown: Doubles) -> float:
+    """Log odds of the row beyond the side after so many: that its cells have bands of either class to none."""
     cells = round(len(shown) ** 0.5)
-    turned = np.rot90(shown.reshape(cells, cells, -1), turns)
-    of_row = np.concatenate([np.zeros_like(turned[:1]), turned[:-1]]).reshape(shown.shape)
-    samples = sample_cells(frame, _a_row_up(quad, turns, cells, intrinsics), cells, intrinsics)
-    if isinstance(samples, Rejected):
-        return np.inf
-    alike = _are_alike(samples)
+    turned_round = np.rot90(shown.reshape(cells, cells, -1), turns)
+    of_row = np.concatenate([np.zeros_like(turned_round[:1]), turned_round[:-1]]).reshape(shown.shape)
+    alike = _are_alike(aside.newest[0])
     if not alike.any():
         return -np.inf
-    evidence = single_evidence(samples, frame, spec)
+    evidence = aside.evidence()
     if isinstance(evidence, Rejected):
         return np.inf
     return float(_best_of_classes(evidence, of_row, np.unique(shown, axis=0))[:cells][alike].sum())

@@ -46,7 +46,7 @@ class PanelMemory:
         self.spec = spec
         self.frames = 0
         self.lattice: Lattice | None = None
-        self._origin_ns = 0
+        self.origin_ns = 0  # row 0's read-out of the first frame, from which bands are counted
         self._first: tuple[CellSamples, Frame] | None = None  # of the mean picture, until that is made
         self._score: Doubles | None = None
         self._information: Doubles | None = None
@@ -56,7 +56,7 @@ class PanelMemory:
     def add(self, samples: CellSamples, frame: Frame) -> Evidence | None:
         """Takes a frame in. Returns what it adds by comparison with those before, if anything."""
         if self.frames == 0:
-            self._origin_ns = frame.row0_readout_ns
+            self.origin_ns = frame.row0_readout_ns
         compared = None
         if self.frames == 0 or self.lattice is not samples.lattice:
             # A new lattice: what was learnt of the bands stays, the picture does not.
@@ -71,7 +71,7 @@ class PanelMemory:
 
     def known(self) -> Known:
         """What there is to compare a further frame with."""
-        return Known(lattice=self._samples.lattice, origin_ns=self._origin_ns, mean=self._mean())
+        return Known(lattice=self._samples.lattice, origin_ns=self.origin_ns, mean=self._mean())
 
     @property
     def noise(self) -> Correlation:
@@ -85,13 +85,7 @@ class PanelMemory:
 
     def in_its_time(self, bands: Doubles) -> Doubles:
         """Bands (cells, P) of the newest frame alone as all frames count them: from row 0 of the first."""
-        out = np.empty_like(bands)
-        since_s = (self._frame.row0_readout_ns - self._origin_ns) * 1e-9
-        for k, hz in enumerate(self.spec.waves_hz):
-            angle = 2 * math.pi * ((hz * since_s) % 1.0)
-            c, s = math.cos(angle), math.sin(angle)
-            out[:, 2 * k : 2 * k + 2] = bands[:, 2 * k : 2 * k + 2] @ np.array([[c, s], [-s, c]])
-        return out
+        return turned(bands, self.spec.waves_hz, (self._frame.row0_readout_ns - self.origin_ns) * 1e-9)
 
     def evidence(self) -> Evidence | Rejected:
         """All that is known: the comparisons so far, and the mean picture read as one frame."""
@@ -119,7 +113,7 @@ class PanelMemory:
 
     def _waves(self, samples: CellSamples, frame: Frame) -> Singles:
         """(P, cells, points): cosine and sine of each wave in this frame."""
-        return class_waves(samples, frame, self.spec, (frame.row0_readout_ns - self._origin_ns) * 1e-9)
+        return class_waves(samples, frame, self.spec, (frame.row0_readout_ns - self.origin_ns) * 1e-9)
 
     def _of_mean_picture(self) -> Evidence | Rejected:
         self._begin()
@@ -161,6 +155,16 @@ class PanelMemory:
         self._picture = self._picture + (light - self._picture) * share
         self._mean_waves = self._mean_waves + (waves - self._mean_waves) * share
         self._count = np.minimum(total, np.float32(MEAN_FRAMES))
+
+
+def turned(bands: Doubles, waves_hz: tuple[float, ...], earlier_s: float) -> Doubles:
+    """Bands (cells, P) as counted from a moment that is so much earlier."""
+    out = np.empty_like(bands)
+    for k, hz in enumerate(waves_hz):
+        angle = 2 * math.pi * ((hz * earlier_s) % 1.0)
+        c, s = math.cos(angle), math.sin(angle)
+        out[:, 2 * k : 2 * k + 2] = bands[:, 2 * k : 2 * k + 2] @ np.array([[c, s], [-s, c]])
+    return out
 
 
 def _shown(samples: CellSamples) -> Singles:

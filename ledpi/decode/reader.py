@@ -60,10 +60,6 @@ class Reader:
             return Outcome(reading=shown.reading, group=shown.group, denied=False)
         return self._read_anew(track, samples, frame)
 
-    def alone(self, samples: CellSamples, frame: Frame, group: int) -> Reading | Rejected:
-        """The word that this frame shows by itself."""
-        return soft.read_word(samples, frame, self._codebooks[group], self._false_id_rate)
-
     def keep_up(self, track: Track, samples: CellSamples, frame: Frame) -> None:
         """What is for the good of the frames to come, once this one, which has shown `samples`, has given its results.
 

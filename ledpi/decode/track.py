@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from ledpi.decode.beside import Ends
 from ledpi.decode.classes import in_other_class
 from ledpi.decode.evidence import Doubles, Evidence
 from ledpi.decode.expect import Expectation
@@ -63,6 +64,7 @@ class Track:
     tuned: Proposal | None = None  # its frequencies, where they are others than announced
     tuned_by: int = 0  # frames
     told_by: ToldBy = "sides"  # as its last quad was
+    ends: Ends | None = None  # once it is asked for
     hidden_px: Floats | float = 0.0  # (4, 2) from its corners to those of what was seen of it
 
     @classmethod
@@ -88,7 +90,7 @@ class Track:
 
     def begin_anew(self, memories: tuple[PanelMemory, ...]) -> None:
         """What was seen here was something else, or does not add up."""
-        self.memories, self.shown, self.confirmed = memories, None, 0
+        self.memories, self.shown, self.confirmed, self.ends = memories, None, 0, None
 
     def expected_px(self, now_ns: int) -> Floats:
         """(4, 2) where the corners should be now."""
