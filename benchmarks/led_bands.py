@@ -197,6 +197,8 @@ def frequency_errors(folder: Path, every: int = 1) -> tuple[dict[float, list[flo
 
 
 def main(folder: Path) -> None:
+    if not (folder / "index.csv").is_file():
+        sys.exit(f"{folder}: holds no photographs with an index.csv; they are not part of the project")
     found, others = photographs(folder)
     print(f"{len(found)} photographs; {len(others)} left out: no lamp in view, or under {FEWEST_PERIODS} periods of it")
     tone = measured_tone([p for p in found if p.frequency_hz == 500])

@@ -144,8 +144,8 @@ def main() -> None:
     parser.add_argument("folder", nargs="?", type=Path, default=default)
     parser.add_argument("--takes", type=int, default=60)
     args = parser.parse_args()
-    if not args.folder.is_dir():
-        sys.exit(f"{args.folder}: no such folder")
+    if not (args.folder / "index.csv").is_file():
+        sys.exit(f"{args.folder}: holds no photographs with an index.csv; they are not part of the project")
     lamps, _ = photographs(args.folder)
     for distance_m, side in SIDES_PX.items():
         done, right, wrong, bound = recognised(lamps, side, args.takes, seed=1)

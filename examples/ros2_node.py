@@ -44,6 +44,8 @@ def pose_fields(fix: FixMessage, now_ns: int) -> PoseFields:
 
 
 def main() -> None:
+    if len(sys.argv) < 2:  # ROS adds arguments of its own
+        sys.exit("usage: python examples/ros2_node.py PORT")
     import rclpy
     from geometry_msgs.msg import PoseWithCovarianceStamped
     from rclpy.time import Time

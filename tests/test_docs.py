@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -98,3 +99,34 @@ def test_the_readme_lists_every_command(monkeypatch: pytest.MonkeyPatch) -> None
         main()  # loads the commands
     listed = re.findall(r"^\| `ledpi (\w+)", (ROOT / "README.md").read_text(encoding="utf-8"), re.MULTILINE)
     assert sorted(set(listed)) == sorted(get_command(app).commands)
+
+
+def typed_commands(text: str) -> list[list[str]]:
+    """The calls of ledpi in a page's code blocks, in words; continued lines are joined, comments dropped."""
+    blocks = re.findall(r"^```(?:sh|bash)?\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
+    blocks += re.findall(r"(?:^    .*\n)+", text, re.MULTILINE)
+    lines = "\n".join(blocks).replace("\\\n", " ").splitlines()
+    calls = [re.search(r"^(?:.*?(?:&&|;) |)\s*(?:sudo |)ledpi (.*)", line) for line in lines]
+    return [shlex.split(call[1], comments=True) for call in calls if call is not None]
+
+
+@pytest.mark.parametrize("document", DOCUMENTS)
+def test_commands_have_the_options_that_a_page_gives_them(document: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """And arguments of the right kinds; they are parsed, not run."""
+    monkeypatch.setattr("sys.argv", ["ledpi", "--help"])
+    with pytest.raises(SystemExit):
+        main()  # loads the commands
+    for words in typed_commands((ROOT / document).read_text(encoding="utf-8")):
+        command = get_command(app)
+        while hasattr(command, "commands") and words and words[0] in command.commands:
+            command, words = command.commands[words[0]], words[1:]
+        assert not (hasattr(command, "commands") and words), f"no command {words[0]}"
+        command.make_context("ledpi", list(words))
+
+
+@pytest.mark.parametrize("document", DOCUMENTS)
+def test_a_page_does_not_write_twice_into_a_new_folder(document: str) -> None:
+    """`panel firmware` wants a folder of its own; whoever follows the page has the first one already."""
+    calls = typed_commands((ROOT / document).read_text(encoding="utf-8"))
+    folders = [words[words.index("--out") + 1] for words in calls if words[:2] == ["panel", "firmware"]]
+    assert len(set(folders)) == len(folders)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 import tty
+from collections.abc import Callable
 from dataclasses import astuple, dataclass, field, replace
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
@@ -35,11 +36,14 @@ def test_a_robot_drives_on_a_young_fix_only() -> None:
     assert [guard.may_drive(t) for t in (10.0, 10.27, 10.29)] == [True, True, False]
 
 
-def test_a_robot_without_a_port_says_how_it_is_called(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("name", "start"), [("linux_robot.py", linux_main), ("ros2_node.py", ros2_main)])
+def test_an_example_without_a_port_says_how_it_is_called(
+    name: str, start: Callable[[], None], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """As whoever tries it first sees it."""
-    monkeypatch.setattr(sys, "argv", ["linux_robot.py"])
-    with pytest.raises(SystemExit, match=r"usage: python examples/linux_robot\.py PORT"):
-        linux_main()
+    monkeypatch.setattr(sys, "argv", [name])
+    with pytest.raises(SystemExit, match=f"usage: python examples/{name} PORT"):
+        start()
 
 
 @pytest.mark.parametrize(("no_fix", "drives"), [(NoFix.NONE, True), (NoFix.NO_PANEL, False), (NoFix.UNKNOWN, False)])

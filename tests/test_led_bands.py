@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
 import led_bands as bench
@@ -55,6 +56,12 @@ def test_saturated_pixels_are_left_out() -> None:
 def test_a_lamp_of_too_few_periods_is_left_out() -> None:
     """Less than one and a half periods of bands are no evidence."""
     assert bench.middle_of_lamp(photographed_lamp(100.0, depth=0.5), 297.0) is None
+
+
+def test_without_the_photographs_it_says_what_is_missing(tmp_path: Path) -> None:
+    """They are not part of the project, so most who try it have none."""
+    with pytest.raises(SystemExit, match="holds no photographs"):
+        bench.main(tmp_path)
 
 
 def test_real_lamps_show_the_predicted_bands(shared: Callable[[str], Path]) -> None:

@@ -351,6 +351,12 @@ def test_a_check_has_nothing_to_write() -> None:
         run("--check", "1250", "2450", "--out", "design")
 
 
+@pytest.mark.parametrize("distance_m", ["inf", "nan"])
+def test_a_distance_that_is_none_is_refused(distance_m: str) -> None:
+    """Before anything is computed with it."""
+    assert run("--distance", distance_m)[0] == 2
+
+
 def test_check_says_why_and_exits_with_1() -> None:
     """As a script would use it."""
     status, output = run("--check", "1000", "2000")

@@ -33,7 +33,9 @@ def design(
     row_time_us: float | None = typer.Option(None, min=1, help="Default: camera.row_time_us; auto: an OV5647's 33.67."),
     fps: float | None = typer.Option(None, min=1, help="Of the camera. Default: by camera.frame_duration_us."),
     side: float | None = typer.Option(None, min=0.01, max=10, metavar="M", help="Default: panels.side_m."),
-    distance: list[float] = typer.Option([], min=0.05, metavar="M", help="May be repeated. Default: near to farthest."),
+    distance: list[float] = typer.Option(
+        [], min=0.05, max=1000, metavar="M", help="May be repeated. Default: near to farthest."
+    ),
     tolerance_ppm: float = typer.Option(100, min=0, max=200_000, help="Of the oscillators: a crystal's is 100."),
     flicker: Flicker = typer.Option(Flicker.LOW_RISK, help="IEEE 1789's class: from 1250 Hz, or from 3000 Hz."),
     out: Path | None = typer.Option(None, metavar="FOLDER", help="Writes panel.yaml, antiphase.yaml and plots there."),
