@@ -7,18 +7,18 @@ import json
 import logging
 import random
 import shutil
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
+from command_material import complaint as one_complaint
+from command_material import in_process
 from daemon_material import ROOT, write_recording
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from ledpi.cli import main
 from ledpi.config import load_config
 from ledpi.errors import LedpiError
 from ledpi.map_yaml import load_map
@@ -198,14 +198,8 @@ def complaint(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str
     """The one line on standard error of a command that ends with status 2."""
 
     def of(command: list[str]) -> str:
-        monkeypatch.setattr(sys, "argv", ["ledpi", *command])
         monkeypatch.setattr(logging, "basicConfig", lambda **_: None)  # pytest's own handlers stay
-        with pytest.raises(SystemExit) as caught:
-            main()
-        output, errors = capsys.readouterr()
-        (line,) = errors.splitlines()
-        assert (caught.value.code, output) == (2, "")
-        return str(line)
+        return one_complaint(in_process(monkeypatch, capsys)(*command))
 
     return of
 

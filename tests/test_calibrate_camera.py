@@ -12,12 +12,13 @@ import cv2
 import numpy as np
 import pytest
 import yaml
+from command_material import Run as Command
+from command_material import in_process
 
 from ledpi.calibrate.boards import TEXELS, Board, BoardView, find_board
 from ledpi.calibrate.camera import calibrate_camera
 from ledpi.calibrate.files import write_keeping_old
 from ledpi.camera_yaml import load_intrinsics
-from ledpi.cli import main
 from ledpi.config import load_config
 from ledpi.errors import CalibrationError
 from ledpi.geometry import undistort
@@ -30,7 +31,6 @@ LENS = Intrinsics(
 GREY = cv2.IMREAD_GRAYSCALE
 
 Pose = tuple[tuple[int, int, int], tuple[float, float], float]
-Command = Callable[..., tuple[int, str, str]]
 
 # Tilt of the board about the picture's x and y axis and within its plane (degrees); its centre (picture
 # widths from the middle, across and down); its distance (squares).
@@ -127,15 +127,7 @@ def command(
 ) -> Command:
     """Runs `ledpi calibrate camera …` in an empty folder → exit status, standard output, standard error."""
     monkeypatch.chdir(tmp_path)
-
-    def run(*arguments: object) -> tuple[int, str, str]:
-        monkeypatch.setattr("sys.argv", ["ledpi", "calibrate", "camera", *map(str, arguments)])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        captured = capsys.readouterr()
-        return int(ended.value.code or 0), captured.out, captured.err
-
-    return run
+    return in_process(monkeypatch, capsys, "calibrate", "camera")
 
 
 def test_corners_of_a_rendered_board_are_found(pictures: Path) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from datetime import date, timedelta
 from pathlib import Path
@@ -10,18 +9,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from command_material import Run as Command
+from command_material import in_process
 
 from ledpi.calibrate.config_file import change_config, changed_yaml
 from ledpi.calibrate.taking import settle_gain
 from ledpi.camera.simulated import SimulatedCamera, simulated_sensor
 from ledpi.camera_yaml import camera_yaml_text
-from ledpi.cli import main
 from ledpi.config import load_config
 from ledpi.errors import CalibrationError
 from ledpi.records import Frame, Intrinsics, Pixels
 from ledpi.simulate.scenes import still_scene
 
-Command = Callable[..., tuple[int, str, str]]
 CONFIG = """\
 # my robot
 camera:
@@ -38,15 +37,7 @@ def command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Capt
     """Runs `ledpi …` in an empty folder with CONFIG → exit status, standard output, standard error."""
     monkeypatch.chdir(tmp_path)
     Path("config.yaml").write_text(CONFIG, encoding="utf-8")
-
-    def run(*arguments: object) -> tuple[int, str, str]:
-        monkeypatch.setattr("sys.argv", ["ledpi", *map(str, arguments)])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        captured = capsys.readouterr()
-        return int(ended.value.code or 0), captured.out, captured.err
-
-    return run
+    return in_process(monkeypatch, capsys)
 
 
 def simulated(command: Command, *settings: str, told: dict[str, dict[str, float]]) -> Path:

@@ -8,7 +8,6 @@ import shutil
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from command_material import Run, complaint, in_process
 
 from ledpi.camera.simulated import SimulatedCamera
 from ledpi.cli import main
@@ -70,31 +70,11 @@ def process(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60)
 
 
-Run = Callable[..., tuple[int, str, str]]
-
-
 @pytest.fixture
 def ledpi(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tmp_path: Path) -> Run:
     """The command within this process, which is quicker: exit status, standard output, standard error."""
-
-    def run(*arguments: str | Path) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["ledpi", "decode", *map(str, arguments)])
-        monkeypatch.chdir(tmp_path)  # no config.yaml is there
-        with pytest.raises(SystemExit) as end:
-            main()
-        output, errors = capfd.readouterr()
-        return int(end.value.code or 0), output, errors
-
-    return run
-
-
-def complaint(run: tuple[int, str, str]) -> str:
-    """The one line on standard error of a run that printed nothing else and ended with status 2."""
-    status, output, errors = run
-    assert (status, output) == (2, "")
-    (line,) = errors.splitlines()
-    assert line.startswith("ledpi: ")
-    return line
+    monkeypatch.chdir(tmp_path)  # no config.yaml is there
+    return in_process(monkeypatch, capfd, "decode")
 
 
 # ---- What is printed

@@ -6,14 +6,12 @@ import cv2
 import numpy as np
 import pytest
 from decode_material import Bits, Canvas, Profile, diffuser, flat, square, word
+from kernels_material import compiled
 
 from ledpi.decode.crossings import MISSING, MOST_GRIDS, crosses_in, grids_in, lattice_grids
 from ledpi.decode.find import Finder
 from ledpi.kernels import crossings as kernel
-from ledpi.kernels.library import COMPILED
 from ledpi.records import Floats, Frame, Pixels
-
-compiled = pytest.mark.skipif(not COMPILED, reason="needs the compiled loops (a C compiler when ledpi was installed)")
 
 
 def frame_of(true: Floats, profile: Profile = diffuser, cells: Bits | None = None) -> Frame:

@@ -6,15 +6,15 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import TypeVar
 
 import cv2
 import numpy as np
 import pytest
 from decode_material import LENS, PINHOLE, Canvas, seen_through, square, word
+from kernels_material import both_ways, compiled
 
 from ledpi.decode.approach import _approach_quads, approach_quads
 from ledpi.decode.cells import CellSamples, sample_cells
@@ -22,7 +22,6 @@ from ledpi.decode.edges import NOT_WHOLE, refine_quads
 from ledpi.decode.sides import Patches, as_points, bends
 from ledpi.doctor.machine import loops
 from ledpi.geometry import matrix_from_rotation_vector
-from ledpi.kernels import library
 from ledpi.kernels.library import COMPILED, load
 from ledpi.pose.corners import whiteners
 from ledpi.pose.planar import solve_squares, square_corners
@@ -31,21 +30,9 @@ from ledpi.records import Floats, Frame, Intrinsics, Quad, Rejected, Transfer
 
 ROOT = Path(__file__).resolve().parents[1]
 FOLDER = ROOT / "ledpi/kernels"
-Result = TypeVar("Result")
-
-compiled = pytest.mark.skipif(not COMPILED, reason="needs the compiled loops (a C compiler when ledpi was installed)")
-
 
 # Older OpenCVs round places between pixels to this, which the loops do not.
 ROUNDED_PX = 0.0 if cv2.__version__.startswith("5") else 1 / 64
-
-
-def both_ways(call: Callable[[], Result]) -> tuple[Result, Result]:
-    """What the loops in C give, and what the numpy code does."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(library, "COMPILED", False)
-        reference = call()
-    return call(), reference
 
 
 # ---- The build

@@ -6,14 +6,12 @@ import cv2
 import numpy as np
 import pytest
 from decode_material import Canvas, square, word
+from kernels_material import compiled
 
 from ledpi.decode.find import AGAIN, THRESHOLDS, Finder
 from ledpi.decode.lit import contrasts, lit_by
 from ledpi.decode.outlines import outlines_in
-from ledpi.kernels.library import COMPILED
 from ledpi.records import Floats, Frame, Pixels
-
-compiled = pytest.mark.skipif(not COMPILED, reason="needs the compiled loops (a C compiler when ledpi was installed)")
 
 
 def frame_of(pixels: Pixels) -> Frame:

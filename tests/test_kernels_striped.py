@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 
 import numpy as np
 import pytest
 from decode_material import LENS, SHORT_US, SPEC, Canvas, seen_through, square, word
+from kernels_material import both_ways, compiled
 
 from ledpi.decode.band_light import BandLight, Bands
 from ledpi.decode.lattice import fine_lattice, rough_lattice
 from ledpi.decode.light_window import Window
 from ledpi.decode.panel_fit import Fit, fitted
 from ledpi.decode.sides import as_points
-from ledpi.kernels import library
-from ledpi.kernels.library import COMPILED
 from ledpi.records import BandShape, Intrinsics, PanelSpec
 
-pytestmark = pytest.mark.skipif(not COMPILED, reason="needs the compiled loops (a C compiler when ledpi was installed)")
+pytestmark = compiled
 
 ANTIPHASE = PanelSpec(side_m=0.16, black_hz=1250.0, white_hz=1250.0, phase="antiphase")
 
@@ -33,18 +33,26 @@ def panel(side_px: float, lens: Intrinsics | None, spec: PanelSpec = SPEC) -> tu
     return window, corners, bands
 
 
+def fitted_both_ways(fit: Callable[[], Fit | None]) -> tuple[Fit, Fit]:
+    """Both fits; of the same corners."""
+    ours, theirs = both_ways(fit)
+    assert ours is not None
+    assert theirs is not None
+    assert np.abs(ours.corners - theirs.corners).max() < 1e-3
+    return ours, theirs
+
+
 @pytest.mark.parametrize("lattice", [rough_lattice(4), fine_lattice(4)], ids=["rough", "fine"])
-def test_lattices_explain_as_much(lattice: object, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_lattices_explain_as_much(lattice: object) -> None:
     """In any place: on the panel, beside it, beyond what is looked at, turned over, and nowhere."""
     window, corners, bands = panel(80, None)
     light = BandLight.of(window, bands, 4, 600.0)
     rng = np.random.default_rng(3)
     near = window.within(corners) + 8 * (rng.standard_normal((50, 4)) + 1j * rng.standard_normal((50, 4)))
     tried = np.concatenate([near, near[:2] + 70, near[:1, ::-1], np.full((1, 4), np.nan + 0j)])
-    ours = light.explains(tried, lattice)
-    monkeypatch.setattr(library, "COMPILED", False)
     with np.errstate(all="ignore"):
-        np.testing.assert_allclose(ours, light.explains(tried, lattice), rtol=1e-4, atol=0.05)
+        ours, theirs = both_ways(lambda: light.explains(tried, lattice))
+    np.testing.assert_allclose(ours, theirs, rtol=1e-4, atol=0.05)
     assert ours[:50].max() > 0.5 * 80**2 * 0.3
     assert ours[-1] == -np.inf
 
@@ -52,35 +60,23 @@ def test_lattices_explain_as_much(lattice: object, monkeypatch: pytest.MonkeyPat
 @pytest.mark.parametrize("lens", [None, LENS], ids=["no lens", "lens"])
 @pytest.mark.parametrize("side_px", [30, 80, 200])
 @pytest.mark.parametrize("roughly", [True, False])
-def test_panels_fit_as_well(
-    side_px: float, lens: Intrinsics | None, roughly: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_panels_fit_as_well(side_px: float, lens: Intrinsics | None, roughly: bool) -> None:
     """Corners, their deviation, and the share that is explained; after three steps from 1 % of the side away."""
     window, corners, bands = panel(side_px, lens)
     near = corners + 0.01 * side_px * np.array([1, -1j, 1j, -1 + 1j])
     fit = partial(fitted, window, near, bands, 4, lens, rounds=3, roughly=roughly)
-    ours = fit()
-    monkeypatch.setattr(library, "COMPILED", False)
-    theirs = fit()
-    assert isinstance(ours, Fit)
-    assert isinstance(theirs, Fit)
-    assert np.abs(ours.corners - theirs.corners).max() < 1e-3
+    ours, theirs = fitted_both_ways(fit)
     assert ours.sigma_px == pytest.approx(theirs.sigma_px, rel=1e-3)
     assert ours.explained == pytest.approx(theirs.explained, abs=1e-5)
     assert np.abs(ours.corners - near).max() > 0.005 * side_px  # it did move
 
 
-def test_panels_fit_as_well_in_bands_of_another_shape(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_panels_fit_as_well_in_bands_of_another_shape() -> None:
     """The same corners, and the same shape."""
     window, corners, bands = panel(80, None, SPEC)
     shape = BandShape(exposure_us=110.0, smoothing_rows2=0.5)
     fit = partial(fitted, window, corners, bands, 4, None, rounds=4, shape=shape)
-    ours = fit()
-    monkeypatch.setattr(library, "COMPILED", False)
-    theirs = fit()
-    assert isinstance(ours, Fit)
-    assert isinstance(theirs, Fit)
-    assert np.abs(ours.corners - theirs.corners).max() < 1e-3
+    ours, theirs = fitted_both_ways(fit)
     assert ours.shape is not None
     assert theirs.shape is not None
     assert ours.shape.exposure_us == pytest.approx(theirs.shape.exposure_us, rel=1e-3)
@@ -89,17 +85,14 @@ def test_panels_fit_as_well_in_bands_of_another_shape(monkeypatch: pytest.Monkey
 
 @pytest.mark.parametrize("spec", [SPEC, ANTIPHASE], ids=["free", "antiphase"])
 @pytest.mark.parametrize("side_px", [30, 80, 200])
-def test_bands_are_the_same(side_px: float, spec: PanelSpec, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_bands_are_the_same(side_px: float, spec: PanelSpec) -> None:
     """Levels, phases and classes of the panel, or near by; with two specs to choose from."""
     window, corners, _ = panel(side_px, None, spec)
     other = PanelSpec(side_m=0.16, black_hz=1500.0, white_hz=2700.0)
     rng = np.random.default_rng(4)
     off = 0.1 * side_px * (rng.standard_normal((20, 4)) + 1j * rng.standard_normal((20, 4)))
     for at in (window.within(corners), *window.within(corners + off)):
-        ours = Bands.at(window, at, 4, [other, spec])
-        with monkeypatch.context() as patch:
-            patch.setattr(library, "COMPILED", False)
-            theirs = Bands.at(window, at, 4, [other, spec])
+        ours, theirs = both_ways(partial(Bands.at, window, at, 4, [other, spec]))
         assert ours is not None
         assert theirs is not None
         assert (ours.spec, *ours.phases, *ours.white) == (theirs.spec, *theirs.phases, *theirs.white)

@@ -18,6 +18,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from command_material import complaint as one_complaint
+from command_material import in_process
 from daemon_material import (
     DEADLINE_S,
     ROOT,
@@ -32,7 +34,6 @@ from daemon_material import (
 )
 
 from ledpi.camera.simulated import SimulatedCamera, open_simulated
-from ledpi.cli import main
 from ledpi.config import Config, load_config
 from ledpi.daemon import Daemon
 from ledpi.errors import CameraError
@@ -249,16 +250,9 @@ def complaint(
     arguments: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], folder: Path
 ) -> str:
     """The one line on standard error of a run that ended with status 2."""
-    monkeypatch.setattr(sys, "argv", ["ledpi", "run", *arguments])
     monkeypatch.chdir(folder)
     monkeypatch.setattr(logging, "basicConfig", lambda **_: None)  # pytest's own handlers stay
-    with pytest.raises(SystemExit) as caught:
-        main()
-    output, errors = capsys.readouterr()
-    (line,) = errors.splitlines()
-    assert (caught.value.code, output) == (2, "")
-    assert line.startswith("ledpi: ")
-    return line
+    return one_complaint(in_process(monkeypatch, capsys, "run")(*arguments))
 
 
 @pytest.mark.parametrize(

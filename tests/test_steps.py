@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import json
 import shutil
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from command_material import Run, in_process
 from decode_material import PINHOLE, ROW_TIME_US, SHORT_US, SPEC, Canvas, camera_info, panel_settings, square, word
 
-from ledpi.cli import main
 from ledpi.config import Method
 from ledpi.decode.evidence import Evidence
 from ledpi.decode.soft import Reading
@@ -289,22 +288,11 @@ def shelf(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-Run = Callable[..., tuple[int, str, str]]
-
-
 @pytest.fixture
 def ledpi(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tmp_path: Path) -> Run:
     """The command within this process: exit status, standard output, standard error."""
-
-    def run(*arguments: str | Path) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["ledpi", *map(str, arguments)])
-        monkeypatch.chdir(tmp_path)  # no config.yaml is there
-        with pytest.raises(SystemExit) as end:
-            main()
-        output, errors = capfd.readouterr()
-        return int(end.value.code or 0), output, errors
-
-    return run
+    monkeypatch.chdir(tmp_path)  # no config.yaml is there
+    return in_process(monkeypatch, capfd)
 
 
 @pytest.mark.parametrize("method", ["soft", "bands"])
