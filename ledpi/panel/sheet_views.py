@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -31,15 +31,12 @@ def draw_front(axes: Axes, body: Body, marker_id: int) -> None:
     """As the camera sees it: the frame with its opening, the cells and their classes."""
     _frame(axes, body)
     size = _text_size(axes, body)
-    for row in range(body.cells):
-        for column in range(body.cells):
-            x, y = body.cell_centre_mm(row, column)
-            white = bool(body.word[row, column])
-            _cell(axes, body, x, y, white)
-            axes.text(x, y, CLASS_LETTER[white], ha="center", va="center", fontsize=2.2 * size,
-                      color=CLASS_COLOUR[white], weight="bold")
-            axes.text(x, y - 0.32 * body.pitch_mm, OUTPUTS[white], ha="center", va="center", fontsize=size,
-                      color=CLASS_COLOUR[white])
+    for x, y, white in _centres(body):
+        _cell(axes, body, x, y, white)
+        axes.text(x, y, CLASS_LETTER[white], ha="center", va="center", fontsize=2.2 * size,
+                  color=CLASS_COLOUR[white], weight="bold")
+        axes.text(x, y - 0.32 * body.pitch_mm, OUTPUTS[white], ha="center", va="center", fontsize=size,
+                  color=CLASS_COLOUR[white])
     _marks(axes, body, f"TOP, front of ID {marker_id}", mirrored=False)
 
 
@@ -47,16 +44,20 @@ def draw_back(axes: Axes, body: Body, marker_id: int) -> None:
     """As it is soldered: left and right swapped. LEDs, resistors, one rail for plus and one for each class."""
     _frame(axes, body)
     size = _text_size(axes, body)
-    for row in range(body.cells):
-        for column in range(body.cells):
-            x, y = body.cell_centre_mm(row, column)
-            white = bool(body.word[row, column])
-            _cell(axes, body, -x, y, white)
-            axes.text(-x - 0.42 * body.pitch_mm, y, CLASS_LETTER[white], ha="center", va="center", fontsize=1.5 * size,
-                      color=CLASS_COLOUR[white], weight="bold")
-            _string(axes, body, -x, y, white)
+    for x, y, white in _centres(body):
+        _cell(axes, body, -x, y, white)
+        axes.text(-x - 0.42 * body.pitch_mm, y, CLASS_LETTER[white], ha="center", va="center", fontsize=1.5 * size,
+                  color=CLASS_COLOUR[white], weight="bold")
+        _string(axes, body, -x, y, white)
     _rails(axes, body, size)
     _marks(axes, body, f"TOP, back of ID {marker_id}", mirrored=True)
+
+
+def _centres(body: Body) -> Iterator[tuple[float, float, bool]]:
+    """The middle of each cell in mm, as seen from the front, and whether it is of the white class."""
+    for row in range(body.cells):
+        for column in range(body.cells):
+            yield *body.cell_centre_mm(row, column), bool(body.word[row, column])
 
 
 def _frame(axes: Axes, body: Body) -> None:
