@@ -378,6 +378,15 @@ def test_a_picture_that_cannot_be_used_is_named_and_the_others_are_decoded(
     assert decoded["markers"][0]["id"] == 7
 
 
+def test_what_opencv_says_of_a_picture_is_not_shown(take: Path, tmp_path: Path) -> None:
+    """It has lines of its own for half a bitmap."""
+    whole = cv2.imencode(".bmp", cv2.imread(str(take / "frames/000000.png"), cv2.IMREAD_GRAYSCALE))[1].tobytes()
+    (tmp_path / "cut.bmp").write_bytes(whole[: len(whole) // 2])
+    done = process("--set", "panels.side_m=0.16", "--set", "camera.row_time_us=33.67", tmp_path / "cut.bmp")
+    assert done.returncode == 2
+    assert done.stderr == f"ledpi: {tmp_path}/cut.bmp: cannot be read as a picture; must be 640 × 480\n"
+
+
 @pytest.mark.parametrize(
     ("width", "text", "message"),
     [

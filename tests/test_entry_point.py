@@ -69,6 +69,19 @@ def test_a_command_sees_ctrl_c_as_an_exception(monkeypatch: pytest.MonkeyPatch) 
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
+def test_a_terminal_that_is_not_utf_8_gets_escapes() -> None:
+    """It has no ✓, and no …; a traceback would be of no use there."""
+    done = subprocess.run(
+        [sys.executable, "-m", "ledpi", "doctor", "--config", "none"],
+        env=os.environ | {"PYTHONIOENCODING": "latin-1"},
+        cwd=ROOT,
+        capture_output=True,
+        timeout=60,
+    )
+    assert (done.returncode, done.stderr) == (1, b"")
+    assert done.stdout.startswith(b"\\u2717 configuration")
+
+
 def test_it_says_its_version() -> None:
     """As a report of a fault needs it."""
     done = subprocess.run(

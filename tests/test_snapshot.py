@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import errno
+import os
+import subprocess
 import sys
 from pathlib import Path
 
@@ -23,6 +25,7 @@ from ledpi.snapshot.enlarged import GAP, TILE, TITLE, bands_of, blocks_of
 from ledpi.snapshot.page import BLOCKS_GAP, COLUMN, LEFT, PICTURES_TOP, RIGHT, WIDTH, draw
 from ledpi.snapshot.record import Snapshot, take
 
+ROOT = Path(__file__).resolve().parents[1]
 PANELS = PanelSettings(side_m=SPEC.side_m)
 PLACE = standing(x_m=-0.05, y_m=0.02, z_m=0.7, yaw_deg=8.0, roll_deg=90.0)  # the marker's top is on the right
 LAMP = standing(x_m=0.15, y_m=0.0, z_m=0.8)
@@ -255,6 +258,16 @@ def test_what_cannot_be_used_is_one_line_and_status_2(
     assert printed.err.count("\n") == 1
     assert list(take_folder.parent.glob("*out*")) + list(take_folder.parent.glob("snapshot.*")) == []
     assert {path: path.read_bytes() for path in (take_folder / "frames").iterdir()} == sound
+
+
+def test_a_folder_whose_name_is_no_utf_8_is_drawn(take_folder: Path) -> None:
+    """In a process of its own: OpenCV 5 would end it."""
+    odd = Path(os.fsdecode(b"take\xff"))
+    take_folder.rename(odd)
+    command = [sys.executable, "-c", "from ledpi.cli import main; main()", "snapshot", odd, "--out", "out.png"]
+    done = subprocess.run(command, env=os.environ | {"PYTHONPATH": str(ROOT)}, capture_output=True, timeout=60)
+    assert done.returncode == 0
+    assert cv2.imread("out.png") is not None
 
 
 @pytest.mark.usefixtures("take_folder")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import sys
 from collections.abc import Callable
@@ -10,6 +11,8 @@ from collections.abc import Callable
 # one panel take 9 ms, not 1), and the daemon's threads have the other cores. Before numpy and OpenCV are loaded.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("OPENCV_FOR_THREADS_NUM", "1")
+# What is wrong with a picture is said by ledpi, in one line.
+os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
 
 import typer
 
@@ -47,6 +50,8 @@ def main(loaded: Callable[[], None] = lambda: None) -> None:
 
     `loaded` is called once every command is there, before one begins.
     """
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")  # a terminal that is not UTF-8 has no ✓
     try:
         _add_commands()
         loaded()

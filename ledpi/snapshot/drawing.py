@@ -34,8 +34,13 @@ def _fixed(points: Floats) -> Pixels:
 
 def text_size(words: str, *, size: float = SIZE, bold: bool = False) -> tuple[int, int]:
     """Width and height above the baseline."""
-    (width, height), _ = cv2.getTextSize(words, _font(bold), size, 1)
+    (width, height), _ = cv2.getTextSize(_drawable(words), _font(bold), size, 1)
     return int(width), int(height)
+
+
+def _drawable(words: str) -> str:
+    """A file's name may hold bytes that are no UTF-8; those would end OpenCV 5, and Python with it."""
+    return words.encode("utf-8", "replace").decode("utf-8")
 
 
 def _font(bold: bool) -> int:
@@ -52,7 +57,7 @@ def text(
     bold: bool = False,
 ) -> None:
     """Words whose baseline begins at a pixel (x, y). ASCII: older OpenCV has no other letters."""
-    cv2.putText(canvas, words, at, _font(bold), size, colour, 1, cv2.LINE_AA)
+    cv2.putText(canvas, _drawable(words), at, _font(bold), size, colour, 1, cv2.LINE_AA)
 
 
 def outline(canvas: Canvas, corners: Floats, colour: Colour, thickness: int) -> None:
