@@ -130,6 +130,25 @@ def test_driving_moves_the_panel_and_keeps_it_in_view() -> None:
     assert max(moved) > 50
 
 
+def test_a_bright_frame_is_around_the_lit_cells() -> None:
+    """A fiftieth of the side beyond each of the panel's sides is a fifth to three fifths of its light."""
+    for number in range(4):
+        scene = take_of(condition("robustness", "in a bright frame", 0.5), number).scene
+        corners = scene_truth(scene, 0)[0].corners_px
+        light = Renderer(scene, seed=1).light(0)
+        middles, centre = 0.5 * (corners + np.roll(corners, -1, axis=0)), corners.mean(axis=0)
+        for x, y in np.round(centre + 1.04 * (middles - centre)).astype(int).tolist():
+            assert 0.19 < light[y, x] / scene.panels[0].brightness < 0.61
+
+
+def test_a_processor_sharpens_and_bends_the_tone() -> None:
+    """Of the plain take's light: brighter lights and darker shades, and edges that overshoot."""
+    cases = ("plain", "sharpened, with a contrast curve")
+    plain, processed = (first_frame(take_of(condition("robustness", case), 5)).pixels for case in cases)
+    assert processed.max() > plain.max() + 10
+    assert np.median(processed) < np.median(plain) - 5
+
+
 @pytest.mark.parametrize("case", ["a corner hidden", "an edge hidden"])
 def test_what_is_in_the_way_hides_up_to_12_percent(case: str) -> None:
     """Behind it the panel's picture is dark; that takes at most a corner or a strip of 12 % of the side."""

@@ -208,6 +208,17 @@ def test_cells_have_walls_hot_spots_and_gains() -> None:
     assert light[144, 194] > 0.1  # the lit grid begins at column 192, without a wall
 
 
+@pytest.mark.parametrize("equal", [False, True])
+def test_cells_of_one_size_or_on_a_lattice(equal: bool) -> None:
+    """Walls of a tenth, on a lattice from column 252.8 to 259.2, between equal cells from 251.1 to 257.6."""
+    look = PanelLook(gap=0.1, bezel=0.1, falloff=0.0, hot_spot=0.0, albedo=0.0, equal_cells=equal)
+    camera = sensor(PINHOLE, psf_sigma_px=0.0)
+    row = Renderer(dark_scene(panel(standing(z_m=0.4), look=look), camera=camera), seed=5).light(0)[144]
+    assert (row[252] < 0.1, row[258] > 0.1) == (equal, equal)
+    assert (row[320], row[190], row[450]) == (0.0, 0.0, 0.0)
+    assert min(row[194], row[446], row[240], row[280]) > 0.1
+
+
 def test_a_dark_panel_hides_the_wall() -> None:
     """A panel's face is opaque: it returns its albedo of the room, whatever is behind."""
     look = PanelLook(albedo=0.25)

@@ -37,6 +37,24 @@ def test_srgb_pixels_follow_the_standard_curve(level: float, code: int) -> None:
     assert np.all(read(level, transfer="srgb", **NOISELESS) == code)
 
 
+@pytest.mark.parametrize(
+    ("contrast", "level", "code"),
+    [(1.0, 0.25, 40), (1.0, 0.501, 128), (1.0, 0.75, 215), (0.5, 0.25, 52), (0.5, 1.0, 255)],
+)
+def test_a_contrast_curve_has_a_toe_and_a_shoulder(contrast: float, level: float, code: int) -> None:
+    """3v² − 2v³ of the transfer's value v, or half-way there; black, middle and white stay."""
+    assert np.all(read(level, transfer="linear", tone_contrast=contrast, **NOISELESS) == code)
+
+
+def test_sharpening_overshoots_at_an_edge_and_nowhere_else() -> None:
+    """Beside a step of 64 codes a blur by one pixel takes 0.3005 of it, which is added."""
+    light = np.full((480, 640), 0.25)
+    light[:, 320:] = 0.501
+    row = read(light, transfer="linear", sharpening=1.0, **NOISELESS)[240]
+    assert (row[319], row[320]) == (45, 147)
+    assert (row[300], row[340]) == (64, 128)
+
+
 @pytest.mark.parametrize("gain", [1.0, 4.0])
 @pytest.mark.parametrize("level", [0.02, 0.1, 0.5])
 def test_noise_is_that_of_counted_electrons(level: float, gain: float) -> None:

@@ -63,6 +63,10 @@ class Variation:
     room_ripple: tuple[float, float] | None = None  # frequency in Hz and depth of the light in the room
     on_a_page: bool = False  # without a bezel, on paper with black spots
     touching: int = 0  # sides that something bright touches; then there is no bezel
+    bezel: Literal["black", "none", "bright"] = "black"
+    equal_cells: bool = False  # no lattice of walls: cells at the rim are no larger than the others
+    tone_contrast: float = 0.0  # of the camera's processor, beyond sRGB
+    sharpening: float = 0.0
 
 
 VARIATIONS: dict[str, Variation] = {
@@ -88,6 +92,12 @@ VARIATIONS: dict[str, Variation] = {
     "an edge hidden": Variation(hidden="edge"),
     # The wall's brightest spots at 0.3 to 0.5, panels not much above.
     "bright room": Variation(room_level=(0.2, 0.3), peak_level=(0.5, 0.85)),
+    # The same wall up to the lit cells.
+    "bright room, no bezel": Variation(room_level=(0.2, 0.3), peak_level=(0.5, 0.85), bezel="none"),
+    "in a bright frame": Variation(bezel="bright"),
+    # As four boxes side by side, with boards between them.
+    "cells of one size": Variation(equal_cells=True, gap=0.1),
+    "sharpened, with a contrast curve": Variation(tone_contrast=0.7, sharpening=1.0),
     "other lamps": Variation(lamps=4),
     # What touches the lit cells is black here and white there, in spots of half a cell: letters, tiles, a cable.
     "on a printed page": Variation(on_a_page=True),

@@ -20,7 +20,7 @@ from ledpi.dictionaries import load_dictionary
 from ledpi.evaluate.conditions import Condition, Variation
 from ledpi.evaluate.decoys import decoys
 from ledpi.evaluate.placing import in_sight
-from ledpi.evaluate.surroundings import in_the_way, lamps_beside, pages, touching
+from ledpi.evaluate.surroundings import frames, in_the_way, lamps_beside, pages, touching
 from ledpi.records import Floats, PanelSpec
 from ledpi.simulate.scene import (
     OV5647_ROW_TIME_US,
@@ -78,6 +78,7 @@ def draw_take(
             lights=(
                 *in_the_way(variation, shown, extra),
                 *touching(variation, shown, extra),
+                *frames(variation, shown, extra),
                 *lamps_beside(variation, shown, sensor, _ripple(variation), extra),
             ),
             camera_motion=_camera_motion(variation, sensor, extra),
@@ -108,7 +109,11 @@ def _sensor(condition: Condition, panels: PanelSettings, frame_duration_us: floa
     )
     chosen = simulated_sensor(settings, panels)  # the sensor keeps to these rows, whatever time each takes
     return replace(
-        chosen, row_time_us=true_us, exposure_us=chosen.exposure_us / variation.reported_row_time
+        chosen,
+        row_time_us=true_us,
+        exposure_us=chosen.exposure_us / variation.reported_row_time,
+        tone_contrast=variation.tone_contrast,
+        sharpening=variation.sharpening,
     )
 
 
@@ -156,8 +161,14 @@ def _panels(
 
 
 def _look(variation: Variation) -> PanelLook:
-    look = PanelLook(gap=variation.gap, hot_spot=variation.hot_spot, hot_spot_sigma=variation.hot_spot_sigma)
-    return replace(look, bezel=0.0) if variation.on_a_page or variation.touching else look
+    look = PanelLook(
+        gap=variation.gap,
+        equal_cells=variation.equal_cells,
+        hot_spot=variation.hot_spot,
+        hot_spot_sigma=variation.hot_spot_sigma,
+    )
+    without = variation.on_a_page or variation.touching or variation.bezel != "black"
+    return replace(look, bezel=0.0) if without else look
 
 
 def _with_dead_cells(gains: Floats, dead: int, extra: np.random.Generator) -> Floats:

@@ -20,6 +20,7 @@ from ledpi.simulate.trajectory import Still
 
 # A page behind a panel: spots across it, its width in the panel's sides, the share of ink, levels of paper and ink.
 PAGE_SPOTS, PAGE_SIDES, PAGE_INK, PAGE_WHITE, PAGE_BLACK = 20, 2.6, 0.35, (0.1, 0.25), (0.01, 0.05)
+FRAME_LEVEL, FRAME_SIDES = (0.2, 0.6), (0.04, 0.2)  # of a bright frame: share of the panel's light, and of its side
 TOUCHING_LEVEL = (0.1, 0.6)  # of what touches a panel, whose cells are at 0.35 to 0.7 in their middle
 
 
@@ -70,6 +71,18 @@ def touching(variation: Variation, shown: tuple[Panel, ...], extra: np.random.Ge
             away = 0.5 * (side + height)
             size_m = (float(width), float(height))
             lights.append(_rectangle(panel, turn * math.pi / 2.0, (along, away), size_m, depth=1.002, level=level))
+    return tuple(lights)
+
+
+def frames(variation: Variation, shown: tuple[Panel, ...], extra: np.random.Generator) -> tuple[Light, ...]:
+    """A bright bezel around each panel: one that is white, or that the panel itself lights up."""
+    if variation.bezel != "bright":
+        return ()
+    lights = []
+    for panel in shown:
+        level = float(panel.brightness * extra.uniform(*FRAME_LEVEL))
+        size_m = float(panel.spec.side_m * (1.0 + 2.0 * extra.uniform(*FRAME_SIDES)))
+        lights.append(_rectangle(panel, 0.0, (0.0, 0.0), (size_m, size_m), depth=1.002, level=level))
     return tuple(lights)
 
 

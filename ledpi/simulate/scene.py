@@ -27,6 +27,7 @@ class PanelLook:
     """How the light is spread over a panel's face. Lengths are shares of a cell's pitch."""
 
     gap: float = 0.06  # dark wall between neighbouring cells; the lit grid's outer edge has none
+    equal_cells: bool = False  # all of one size; else they meet on a lattice, and those at the rim are larger
     bezel: float = 0.15  # unlit frame around the lit grid
     falloff: float = 0.2  # how much darker a cell's corner is than its middle, smoothly
     hot_spot: float = 0.2  # share of the peak that comes from the LED shining through the diffuser
@@ -176,12 +177,16 @@ class SimulatedSensor:
     full_well_e: float = 8000.0
     read_noise_e: float = 8.0
     gain: float = 1.0  # full scale is full_well_e / gain electrons
+    tone_contrast: float = 0.0  # 0…1: how much of a curve with a toe and a shoulder follows on the transfer
+    sharpening: float = 0.0  # how much of what a blur by a pixel takes off the picture is added to it
 
     def __post_init__(self) -> None:
         if not (self.exposure_us > 0 and self.row_time_us > 0 and self.gain > 0 and self.full_well_e > 0):
             raise ValueError("exposure_us, row_time_us, gain and full_well_e must be positive")
-        if not (self.psf_sigma_px >= 0 and self.read_noise_e >= 0):
-            raise ValueError("psf_sigma_px and read_noise_e must not be negative")
+        if not (self.psf_sigma_px >= 0 and self.read_noise_e >= 0 and self.sharpening >= 0):
+            raise ValueError("psf_sigma_px, read_noise_e and sharpening must not be negative")
+        if not 0 <= self.tone_contrast <= 1:
+            raise ValueError(f"tone_contrast must be between 0 and 1, is {self.tone_contrast}")
         if self.frame_length_rows < self.intrinsics.height:
             rows = self.intrinsics.height
             raise ValueError(f"frame_length_rows must be at least {rows}, is {self.frame_length_rows}")

@@ -1,4 +1,4 @@
-"""From linear light to 8-bit pixels: photons, read noise, full scale, tone curve, quantisation."""
+"""From linear light to 8-bit pixels: photons, read noise, full scale, tone curve, sharpening, quantisation."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from ledpi.simulate.scene import SimulatedSensor
 from ledpi.simulate.surface import Image
 
 _STEPS = 65536
+SHARPENED_PX = 1.0  # deviation of the blur whose loss is made good
 
 
 def srgb_oetf(level: Floats) -> Floats:
@@ -23,10 +24,12 @@ def srgb_oetf(level: Floats) -> Floats:
 
 
 @cache
-def _codes(transfer: Transfer) -> Pixels:
-    """8-bit code of each of 65536 equal steps of linear light, at most 1/19 of a code wide."""
+def _values(transfer: Transfer, tone_contrast: float) -> Image:
+    """0..255 of each of 65536 equal steps of linear light, at most 1/19 of a code wide; not rounded."""
     level = (np.arange(_STEPS) + 0.5) / _STEPS
-    return np.round(255.0 * (srgb_oetf(level) if transfer == "srgb" else level)).astype(np.uint8)
+    value = srgb_oetf(level) if transfer == "srgb" else level
+    bent = value * value * (3.0 - 2.0 * value)
+    return np.asarray(255.0 * (value + tone_contrast * (bent - value)), np.float32)
 
 
 @cache
@@ -49,7 +52,8 @@ class SensorReadout:
         full_scale_e = sensor.full_well_e / sensor.gain
         self._shot = 1.0 / full_scale_e
         self._read = (sensor.read_noise_e / full_scale_e) ** 2
-        self._codes = _codes(sensor.transfer)
+        self._values, self._sharpening = _values(sensor.transfer, sensor.tone_contrast), sensor.sharpening
+        self._codes = np.round(self._values).astype(np.uint8)
         self._deviation: Image = np.empty(shape, np.float32)
         self._noise: Image = np.empty(shape, np.float32)
         self._step: NDArray[np.uint16] = np.empty(shape, np.uint16)
@@ -66,4 +70,13 @@ class SensorReadout:
         np.multiply(self._noise, np.float32(_STEPS), out=self._noise)
         np.clip(self._noise, 0, _STEPS - 1, out=self._noise)
         np.copyto(self._step, self._noise, casting="unsafe")
-        np.take(self._codes, self._step, out=into, mode="clip")
+        if self._sharpening:
+            self._sharpen(into)
+        else:
+            np.take(self._codes, self._step, out=into, mode="clip")
+
+    def _sharpen(self, into: Pixels) -> None:
+        """By an unsharp mask, as a processor does it: after the tone curve, noise and all."""
+        value = np.take(self._values, self._step)
+        sharper = value + np.float32(self._sharpening) * (value - cv2.GaussianBlur(value, (0, 0), SHARPENED_PX))
+        np.copyto(into, np.round(np.clip(sharper, 0.0, 255.0)), casting="unsafe")

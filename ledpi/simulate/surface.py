@@ -95,6 +95,8 @@ def _groups(panel: Panel) -> tuple[list[Bits], tuple[Wave, ...]]:
 def _cell_lights(cells: int, texels: int, look: PanelLook) -> Floats:
     """(n·texels, n·texels) light of cells of peak 1: diffuser, LED shining through it, walls between."""
     position = (np.arange(cells * texels) + 0.5) / texels  # in cells
+    if look.equal_cells:  # of a lattice with half a wall more at either end
+        position = look.gap / 2.0 + position * (cells - look.gap) / cells
     offset = position - np.floor(position) - 0.5  # from the middle of its cell
     radius2 = offset[:, None] ** 2 + offset[None, :] ** 2
     diffuse = 1.0 - look.falloff * radius2 / 0.5
