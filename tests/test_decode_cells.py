@@ -53,6 +53,16 @@ SHAPES = {
 }
 
 
+@pytest.mark.parametrize("shape", ["small", "upright", "turned", "large"])
+def test_cells_whose_lattice_ends_beyond_the_sides(shape: str) -> None:
+    """As those of a quad that is larger by a fiftieth of its side all around."""
+    corners = SHAPES[shape]
+    frame, centre = picture(corners), corners.mean(axis=0)
+    beyond = sampled(frame, dataclasses.replace(quad(corners), rim_wall=0.02))
+    larger = sampled(frame, quad(centre + 1.04 * (corners - centre)))
+    np.testing.assert_allclose(beyond.rows, larger.rows, atol=1e-3)
+
+
 @pytest.mark.parametrize("transfer", ["linear", "srgb"])
 @pytest.mark.parametrize("shape", SHAPES)
 def test_each_cell_gives_its_own_light(shape: str, transfer: Transfer) -> None:

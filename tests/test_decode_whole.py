@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from decode_material import Canvas, camera_info, flat, panel_settings, reason, square, word
+from decode_material import Canvas, Profile, camera_info, flat, panel_settings, reason, square, word
 
 from ledpi.decode.approach import approach_quads
 from ledpi.decode.edges import refine_quads
@@ -33,6 +33,15 @@ def covered(true: Floats, share: float) -> tuple[Floats, Floats]:
     out = 0.3 * (a - b)
     up = 0.2 * (a - d)
     return np.array([a + out + up, left[0] + up, left[3] - up, d + out - up]), left
+
+
+def apart(wall: float) -> Profile:
+    """Four even cells of one size, with three walls between them."""
+
+    def light(u: Floats, v: Floats) -> Floats:
+        return np.where(np.maximum((4 - wall) * u % 1, (4 - wall) * v % 1) < 1 - wall, 1.0, 0.03)
+
+    return light
 
 
 @pytest.mark.parametrize("side", SIDES_PX)
@@ -90,13 +99,20 @@ def test_a_whole_panel_is_left_as_it_is(side: float) -> None:
 def test_cells_of_one_size_without_a_wall_at_the_rim_are_a_whole_panel(wall: float, side: float) -> None:
     """Three walls between four cells: these lie as if there were half a wall more at either end, which is dark."""
 
-    def apart(u: Floats, v: Floats) -> Floats:
-        return np.where(np.maximum(*((4 - wall) * at % 1 for at in (u, v))) < 1 - wall, 1.0, 0.03)
-
     true = square(310.4, 240.2, side, 8)
     canvas = Canvas()
-    canvas.panel(true, word(7), profile=apart)
+    canvas.panel(true, word(7), profile=apart(wall))
     assert farthest(seen(canvas.frame(), true), true) < 0.15
+
+
+@pytest.mark.parametrize(("wall", "side"), [(0.1, 60.0), (0.07, 120.0), (0.1, 120.0), (0.05, 170.0)])
+def test_lines_tell_where_cells_of_one_size_are(wall: float, side: float) -> None:
+    """Half a wall beyond each side ends their lattice, of 4 less one wall in all."""
+    canvas = Canvas()
+    canvas.panel(square(310.4, 240.2, side, 8), word(7), profile=apart(wall))
+    found = seen(canvas.frame(), square(310.4, 240.2, side, 8))
+    assert isinstance(found, Quad)
+    assert found.rim_wall == pytest.approx(0.5 * wall / (4 - wall), abs=0.0015)
 
 
 @pytest.mark.parametrize("side", [60.0, 120.0])

@@ -153,6 +153,7 @@ def assert_same(ours: Sequence[Quad | Rejected], theirs: Sequence[Quad | Rejecte
             assert (a.seen_px is None) == (b.seen_px is None)
             np.testing.assert_allclose(a.corner_sigma_px, b.corner_sigma_px, rtol=0.02, atol=within_px / 10)
             np.testing.assert_allclose(a.bend_px, b.bend_px, atol=1e-6)
+            np.testing.assert_allclose(a.rim_wall, b.rim_wall, atol=1e-4)
 
 
 @compiled
@@ -165,6 +166,22 @@ def test_edges_are_those_of_the_numpy_code(off_px: float, transfer: Transfer, le
     ours, theirs = both_ways(lambda: refine_quads(frame, near, 4, lens))
     assert sum(isinstance(quad, Quad) for quad in ours) >= 3
     assert_same(ours, theirs, within_px=1e-4 + 2 * ROUNDED_PX)
+
+
+@compiled
+def test_a_rim_without_walls_is_as_by_the_numpy_code() -> None:
+    """A tenth of a cell between cells of one size, and nothing around them."""
+
+    def apart(u: Floats, v: Floats) -> Floats:
+        return np.where(np.maximum(3.9 * u % 1, 3.9 * v % 1) < 0.9, 1.0, 0.0)
+
+    true, canvas = square(310.4, 240.2, 90, 8), Canvas()
+    canvas.panel(true, word(7), profile=apart)
+    frame = canvas.frame()
+    ours, theirs = both_ways(lambda: refine_quads(frame, true[None], 4))
+    assert_same(ours, theirs, within_px=1e-3)
+    assert isinstance(ours[0], Quad)
+    assert ours[0].rim_wall > 0
 
 
 @compiled

@@ -17,6 +17,7 @@ import numpy as np
 from ledpi.decode.inner_lines import NOT_SEEN_PX2, Homographies, inner_lines, lens_moves, line_places
 from ledpi.decode.rim import ACROSS, USUAL_BLUR_PX, RimFilter, filter_key, rim_filter
 from ledpi.decode.sides import Mask, Patches, Points, Shares, Sides, areas, as_corners, as_points, points_across
+from ledpi.decode.whole import NO_RIM_WALL
 from ledpi.records import Floats, Frame, Intrinsics, Quad, Rejected
 
 PLACES = np.linspace(0.2, 0.8, 6)  # along each cell at a side
@@ -97,20 +98,22 @@ def adjust_quads(
     if not of:
         return found
     corners = np.array([all_corners[i] for i in of])
-    better, sigma_px = _adjusted(frame, corners, bend[of], cells, intrinsics)
+    better, sigma_px, rim_wall = _adjusted(frame, corners, bend[of], cells, intrinsics)
     adjusted = list(found)
-    for i, at, sigma in zip(of, as_corners(better), sigma_px.tolist(), strict=True):
+    for i, at, sigma, wall in zip(of, as_corners(better), sigma_px.tolist(), rim_wall.tolist(), strict=True):
         if math.isfinite(sigma):
             adjusted[i] = replace(panels[i], corners_px=at, corner_sigma_px=sigma)
+        elif wall:
+            adjusted[i] = replace(panels[i], rim_wall=wall)
     return adjusted
 
 
 def _adjusted(
     frame: Frame, found: Points, bend: Points, cells: int, intrinsics: Intrinsics | None
-) -> tuple[Points, Floats]:
-    """Better corners (N, 4), and the deviation (N,) of their coordinates.
+) -> tuple[Points, Floats, Floats]:
+    """Better corners (N, 4), the deviation (N,) of their coordinates, and how much a rim without walls lacks (N,).
 
-    Not a number where the lines are no panel's.
+    The deviation is not a number where the lines are no panel's that ends with the lattice.
     """
     patches = Patches(frame, found, REACH_PX)
     corners = found - patches.first
@@ -137,8 +140,11 @@ def _adjusted(
     sigma_px = np.sqrt(((both @ covariance[:, :8, :8]) * both).sum(axis=2).mean(axis=1))
     middles = 0.5 * (step + np.roll(step, -1, axis=1))
     outward = -(middles * Sides.of(corners).inward.conj()).real
-    fits = (np.abs(step).max(axis=1) < MOST_PX) & (outward.min(axis=1) < NO_RIM_WALL_PX)
-    return found + step, np.where(fits, sigma_px, np.nan)
+    further = outward.min(axis=1) >= NO_RIM_WALL_PX
+    fits = (np.abs(step).max(axis=1) < MOST_PX) & ~further
+    share = outward.mean(axis=1) / np.sqrt(np.abs(areas(corners)))
+    rim_wall = np.where(further & (share < NO_RIM_WALL), share, 0.0)
+    return found + step, np.where(fits, sigma_px, np.nan), rim_wall
 
 
 def _rims(

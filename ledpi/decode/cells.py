@@ -7,7 +7,7 @@ in a cell, it does at the same place of every cell.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import cv2
@@ -144,6 +144,8 @@ def sample_cells(
 
     On the lattice `like`, where the panel's size still suits it: pictures on one lattice can be compared.
     """
+    if quad.rim_wall:
+        quad = replace(quad, corners_px=_further_out(quad.corners_px, quad.rim_wall))
     width_px, height_px = cell_px = _cell_px(quad.corners_px, cells)
     if not min(cell_px) >= MIN_CELL_PX:
         return TOO_SMALL
@@ -172,6 +174,13 @@ def sample_cells(
         linear=saturated,
         bands=quad.bands,
     )
+
+
+def _further_out(corners: Floats, share: float) -> Floats:
+    """The corners of a square that ends by a share of the side further out all around."""
+    low, high = -share, 1.0 + share
+    x, y, w = unit_square_to(corners) @ np.array([[low, high, high, low], [low, low, high, high], [1.0] * 4])
+    return np.stack([x / w, y / w], axis=1)
 
 
 def _cell_px(corners: Floats, cells: int) -> tuple[float, float]:

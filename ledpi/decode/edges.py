@@ -93,14 +93,18 @@ def _refined(frame: Frame, near: Floats, cells: int, intrinsics: Intrinsics | No
     if not (can_read(frame) and cells <= kernel.MOST_CELLS):
         return _refine_quads(frame, near, cells, intrinsics)
     refined, outcomes = kernel.refine(frame, near, _tables(cells), intrinsics)
-    corners = refined[:, :16].reshape(-1, 2, 4, 2)
+    corners, numbers = refined[:, :16].reshape(-1, 2, 4, 2), refined[:, 16:].tolist()
     return [
         REFUSED[outcome]
         if outcome in REFUSED
         else Quad(
-            corners_px=at, corner_sigma_px=sigma_px, bend_px=bend_px, seen_px=None if outcome == kernel.WHOLE else seen
+            corners_px=at,
+            corner_sigma_px=sigma_px,
+            bend_px=bend_px,
+            seen_px=None if outcome == kernel.WHOLE else seen,
+            rim_wall=rim_wall,
         )
-        for (at, seen), (sigma_px, bend_px), outcome in zip(corners, refined[:, 16:].tolist(), outcomes, strict=True)
+        for (at, seen), (sigma_px, bend_px, rim_wall), outcome in zip(corners, numbers, outcomes, strict=True)
     ]
 
 

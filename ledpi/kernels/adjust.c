@@ -207,22 +207,27 @@ static void least_squares(Problem *problem) {
     solve(problem, 1.0);
 }
 
-/* By how much each side moves outward, in its middle: that of the side with the least. */
-static double least_outward(const Point corners[4], const Point moved[4]) {
+/* By how much each side moves outward, in its middle: the `mean`, and that of the side with the least. */
+static double outward(const Point corners[4], const Point moved[4], double *mean) {
     Side sides[4];
     double least = HUGE_VAL;
+    *mean = 0.0;
     ledpi_sides_of(corners, sides);
     for (int k = 0; k < 4; k++) {
         const int next = (k + 1) % 4;
         const double x = moved[k].x - corners[k].x + moved[next].x - corners[next].x;
         const double y = moved[k].y - corners[k].y + moved[next].y - corners[next].y;
-        least = fmin(least, -0.5 * (x * sides[k].inward.x + y * sides[k].inward.y));
+        const double out = -0.5 * (x * sides[k].inward.x + y * sides[k].inward.y);
+        least = fmin(least, out);
+        *mean += 0.25 * out;
     }
     return least;
 }
 
-/* The corners after the moves, and the deviation of their coordinates; not a number where they would go too far. */
-static double move_corners(const Homography *homography, const Problem *problem, const Point corners[4], Point moved[4]) {
+/* The corners after the moves, and the deviation of their coordinates; not a number where they would go too far. Where that
+ * is because all sides move outward, by which share of the side: less than the `most_rim_wall`, else 0. */
+static double move_corners(const Homography *homography, const Problem *problem, const Point corners[4],
+                           double most_rim_wall, Point moved[4], double *rim_wall) {
     double variance = 0.0, farthest = 0.0;
     for (int c = 0; c < 4; c++) {
         double u = c == 1 || c == 2, v = c >= 2, along_u[MOVES], along_v[MOVES];
@@ -243,11 +248,15 @@ static double move_corners(const Homography *homography, const Problem *problem,
         double away = hypot(step[0], step[1]);
         if (!(away <= farthest)) farthest = away;
     }
-    return farthest < MOST_PX && least_outward(corners, moved) < NO_RIM_WALL_PX ? sqrt(variance) : NAN;
+    double mean;
+    const bool further = outward(corners, moved, &mean) >= NO_RIM_WALL_PX;
+    const double share = mean / sqrt(fabs(ledpi_area(corners)));
+    *rim_wall = further && share < most_rim_wall ? share : 0.0;
+    return farthest < MOST_PX && !further ? sqrt(variance) : NAN;
 }
 
 double ledpi_adjust(const Picture *picture, const Tables *tables, const Point corners[4], const double *bends,
-                    const Lens *lens, Point moved[4], Missing *missing) {
+                    const Lens *lens, Point moved[4], double *rim_wall, Missing *missing) {
     const ptrdiff_t cells = tables->cells, inner = 2 * cells * (cells - 1);
     Point moves[MOST_INNER];
     Problem problem = {.inner = inner, .count = inner + 4 * cells};
@@ -270,11 +279,12 @@ double ledpi_adjust(const Picture *picture, const Tables *tables, const Point co
     }
     for (int k = 0; k < 4; k++) /* going inward from sides 0 and 2 is along v */
         filters[k] = ledpi_filter_for(&tables->filters, pitch[!(k & 1)], tables->filters.usual_blur_px, &missing->filter);
+    *rim_wall = 0.0;
     if (missing->filter) return NAN;
     ledpi_lens_moves(lens, &homography, corners, cells, moves);
     ledpi_inner_lines(picture, &homography, pitch, moves, cells, problem.seen, problem.variance);
     for (ptrdiff_t i = 0; i < inner; i++) problem.variance[i] += BUILT_PX * BUILT_PX;
     take_rims(picture, corners, bends, filters, cells, &problem);
     least_squares(&problem);
-    return move_corners(&homography, &problem, corners, moved);
+    return move_corners(&homography, &problem, corners, tables->refining->no_rim_wall, moved, rim_wall);
 }

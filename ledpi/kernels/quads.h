@@ -59,6 +59,6 @@ void ledpi_hidden(const Picture *picture, const Tables *tables, const Point corn
 
 /* Better corners of a whole panel, and the deviation of their coordinates; not a number where its lines are none. */
 double ledpi_adjust(const Picture *picture, const Tables *tables, const Point corners[4], const double *bends,
-                    const Lens *lens, Point moved[4], Missing *missing);
+                    const Lens *lens, Point moved[4], double *rim_wall, Missing *missing);
 
 #endif

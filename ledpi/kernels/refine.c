@@ -7,10 +7,11 @@
 /* In this order in kernels/edges.py. */
 typedef enum { WHOLE, PARTLY_HIDDEN, NO_EDGE, NOT_STRAIGHT, NOT_WHOLE, NOT_CONVEX, TOO_SMALL, AT_BORDER } Outcome;
 
-/* A row there: the square's corners, those of what is seen of it, the corners' deviation, how far the lens bends it. */
+/* A row there: the square's corners, those of what is seen of it, the corners' deviation, how far the lens bends it, and
+ * how far beyond it the lattice of its cells ends. */
 typedef struct {
     Point corners[4], seen[4];
-    double sigma_px, bend_px;
+    double sigma_px, bend_px, rim_wall;
 } Refined;
 
 /* The corners of a quad that lacks `hidden` of its panel, of the whole panel. */
@@ -55,7 +56,7 @@ static Outcome refine(const Picture *picture, const Tables *tables, const Lens *
     ledpi_hidden(picture, tables, found.corners, bends, hidden, missing);
     if (missing->explanations) return NO_EDGE;
     into->sigma_px = found.sigma_px;
-    into->bend_px = 0.0;
+    into->bend_px = into->rim_wall = 0.0;
     for (int k = 0; k < 8; k++) into->bend_px = fmax(into->bend_px, fabs(bends[2 * k + 1]));
     for (int k = 0; k < 4; k++) into->corners[k] = into->seen[k] = found.corners[k];
     if (hidden[0][0] != 0.0 || hidden[0][1] != 0.0 || hidden[1][0] != 0.0 || hidden[1][1] != 0.0) {
@@ -69,7 +70,7 @@ static Outcome refine(const Picture *picture, const Tables *tables, const Lens *
     if (outcome != WHOLE || cells < by->least_cells || tables->cells > MOST_CELLS) return outcome;
     if (!(ledpi_area(found.corners) > least_px * least_px)) return outcome;
     Point moved[4];
-    const double sigma_px = ledpi_adjust(picture, tables, found.corners, bends, lens, moved, missing);
+    const double sigma_px = ledpi_adjust(picture, tables, found.corners, bends, lens, moved, &into->rim_wall, missing);
     if (!isfinite(sigma_px)) return outcome;
     for (int k = 0; k < 4; k++) into->corners[k] = moved[k];
     into->sigma_px = sigma_px;
