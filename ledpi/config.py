@@ -252,8 +252,8 @@ def _apply_override(raw: dict[str, Any], item: str) -> str:
         raise ConfigError(f"--set {item}: must be KEY=VALUE, as in --set camera.source=simulated")
     try:
         value = yaml.safe_load(text)
-    except (yaml.YAMLError, ValueError, AttributeError):
-        raise ConfigError(f"--set {item}: {text!r} is not a YAML value") from None
+    except (yaml.YAMLError, ValueError, AttributeError, RecursionError):
+        raise ConfigError(f"--set {item}: {text!r:.60} is not a YAML value") from None
     if isinstance(value, dict) and not text.lstrip().startswith("{"):
         value = text  # `recording:` is a word with a colon here, although YAML reads a mapping
     # A key of digits is a panel's ID, and YAML reads that as a number.

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sized
+import math
+from collections.abc import Callable, Sequence, Sized
 from typing import Annotated, Literal, TypeVar
 
 from pydantic import BaseModel, BeforeValidator, Discriminator, Field, Tag, ValidationInfo, field_validator
@@ -27,6 +28,7 @@ GainOrAuto = Annotated[Annotated[Gain, Tag("number")] | _Auto, _number_or_auto]
 FOCAL_LENGTHS = (0.1, 100.0)
 CENTRES = (-1.0, 2.0)  # a picture may be a part of the sensor's, and its lens's axis beside it, but not far
 _Numbers = TypeVar("_Numbers", bound=Sized)
+_Quaternion = TypeVar("_Quaternion", bound=Sequence[float])
 
 
 def numbers(*counts: int) -> Callable[[_Numbers], _Numbers]:
@@ -38,6 +40,18 @@ def numbers(*counts: int) -> Callable[[_Numbers], _Numbers]:
         raise ValueError(f"must be {' or '.join(map(str, counts))} numbers")
 
     return check
+
+
+def unit_quaternion(values: _Quaternion) -> _Quaternion:
+    """A validator of rotations; a hand has rounded them."""
+    if len(values) != 4:
+        raise ValueError("must be four numbers w, x, y, z, as in [1, 0, 0, 0]")
+    length = math.hypot(*values)
+    if length == 0:
+        raise ValueError("is no rotation: a quaternion's length must be 1, and its is 0")
+    if abs(length - 1) > 0.01:
+        raise ValueError(f"must have length 1, and its is {length:.4g}")
+    return values
 
 
 def check_lens(width: int, height: int, *, fx: float, fy: float, cx: float, cy: float) -> None:

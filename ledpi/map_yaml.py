@@ -14,7 +14,7 @@ import yaml
 from pydantic import AfterValidator, ConfigDict, Field, ValidationError, model_validator
 
 from ledpi.config_mistakes import explain
-from ledpi.config_values import Finite, NoBooleans, SideM, Vector3
+from ledpi.config_values import Finite, NoBooleans, SideM, Vector3, unit_quaternion
 from ledpi.errors import ConfigError
 from ledpi.files import read_yaml
 from ledpi.geometry import (
@@ -33,17 +33,6 @@ BY_TAPE_M, BY_EYE_DEG = 0.01, 1.0
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
 
-def _rotation(values: list[float]) -> list[float]:
-    if len(values) != 4:
-        raise ValueError("must be four numbers w, x, y, z, as in [1, 0, 0, 0]")
-    length = math.hypot(*values)
-    if length == 0:
-        raise ValueError("is no rotation: a quaternion's length must be 1, and its is 0")
-    if abs(length - 1) > 0.01:
-        raise ValueError(f"must have length 1, and its is {length:.4g}")
-    return values
-
-
 class _Part(NoBooleans):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -55,7 +44,7 @@ class _Deviations(_Part):
 
 class _Panel(_Part):
     position_m: Vector3
-    quaternion_wxyz: Annotated[list[Finite], AfterValidator(_rotation)] | None = None
+    quaternion_wxyz: Annotated[list[Finite], AfterValidator(unit_quaternion)] | None = None
     yaw_deg: Finite | None = None
     pitch_deg: Finite | None = None
     roll_deg: Finite | None = None

@@ -100,7 +100,7 @@ class TruthLineMarker(BaseModel):
     id: Natural
     corners_px: tuple[Point, Point, Point, Point]
     position_m: tuple[Real, Real, Real]
-    quaternion_wxyz: tuple[Real, Real, Real, Real]
+    quaternion_wxyz: Annotated[tuple[Real, Real, Real, Real], AfterValidator(values.unit_quaternion)]
     optional: Annotated[bool, Field(strict=True)] = False
 
 

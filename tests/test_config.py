@@ -270,6 +270,12 @@ def test_a_date_that_is_none_is_told_in_one_line(tmp_path: Path, value: str) -> 
         load_config(None, (f"panels.side_m={value}",))
 
 
+def test_an_override_of_a_thousand_brackets_is_told_in_one_line() -> None:
+    """PyYAML goes as deep as Python lets it, and no further."""
+    with pytest.raises(ConfigError, match="is not a YAML value"):
+        load_config(None, (f"panels.side_m={'[' * 5000}",))
+
+
 def test_antiphase_is_one_frequency_for_both_classes(tmp_path: Path) -> None:
     """The panel has one wave then."""
     text = "panels: {side_m: 0.2, phase: antiphase, black_hz: 1253.33, white_hz: 1253.33}"

@@ -158,6 +158,8 @@ def test_truth_is_optional(folder: Path) -> None:
         ("frames.jsonl", FRAMES, "[1]\n", "take/frames.jsonl: line 1: must be a JSON object, not list"),
         ("truth.jsonl", '"seq": 40', '"seq": 41', "truth.jsonl: line 2: seq: is 41; must be that of a frame"),
         ("truth.jsonl", '"seq": 40', '"seq": 1', "take/truth.jsonl: line 2: seq: 1 has a line already"),
+        ("truth.jsonl", "[0, 1, 0, 0]", "[0, 0, 0, 0]", "line 1: markers.0.quaternion_wxyz: is no rotation"),
+        ("truth.jsonl", "[0, 1, 0, 0]", "[0, 2, 0, 0]", "line 1: markers.0.quaternion_wxyz: must have length 1"),
         ("truth.jsonl", "[3, 2], ", "", "truth.jsonl: line 1: markers.0.corners_px.3: is missing"),
     ],
 )
