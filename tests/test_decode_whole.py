@@ -106,13 +106,22 @@ def test_cells_of_one_size_without_a_wall_at_the_rim_are_a_whole_panel(wall: flo
 
 
 @pytest.mark.parametrize(("wall", "side"), [(0.1, 60.0), (0.07, 120.0), (0.1, 120.0), (0.05, 170.0)])
-def test_lines_tell_where_cells_of_one_size_are(wall: float, side: float) -> None:
+def test_lines_tell_exactly_where_cells_of_one_size_are(wall: float, side: float) -> None:
     """Half a wall beyond each side ends their lattice, of 4 less one wall in all."""
     canvas = Canvas()
     canvas.panel(square(310.4, 240.2, side, 8), word(7), profile=apart(wall))
     found = seen(canvas.frame(), square(310.4, 240.2, side, 8))
     assert isinstance(found, Quad)
     assert found.rim_wall == pytest.approx(0.5 * wall / (4 - wall), abs=0.0015)
+
+
+def test_where_lines_are_too_far_off_their_place_is_told_roughly() -> None:
+    """Of a large panel: half of the 0.0128 by which its lattice is larger puts each cell's light in its own sample."""
+    canvas = Canvas()
+    canvas.panel(square(310.4, 240.2, 200, 8), word(7), profile=apart(0.1))
+    found = seen(canvas.frame(), square(310.4, 240.2, 200, 8))
+    assert isinstance(found, Quad)
+    assert 0.0064 < found.rim_wall < 0.0192
 
 
 @pytest.mark.parametrize("side", [60.0, 120.0])

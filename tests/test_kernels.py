@@ -169,13 +169,14 @@ def test_edges_are_those_of_the_numpy_code(off_px: float, transfer: Transfer, le
 
 
 @compiled
-def test_a_rim_without_walls_is_as_by_the_numpy_code() -> None:
+@pytest.mark.parametrize("side", [90, 200])
+def test_a_rim_without_walls_is_as_by_the_numpy_code(side: float) -> None:
     """A tenth of a cell between cells of one size, and nothing around them."""
 
     def apart(u: Floats, v: Floats) -> Floats:
         return np.where(np.maximum(3.9 * u % 1, 3.9 * v % 1) < 0.9, 1.0, 0.0)
 
-    true, canvas = square(310.4, 240.2, 90, 8), Canvas()
+    true, canvas = square(310.4, 240.2, side, 8), Canvas()
     canvas.panel(true, word(7), profile=apart)
     frame = canvas.frame()
     ours, theirs = both_ways(lambda: refine_quads(frame, true[None], 4))

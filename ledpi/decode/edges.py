@@ -19,7 +19,15 @@ from ledpi.decode.inner_square import by_inner_lines
 from ledpi.decode.looks import MAX_MOVE, Found, find_sides, profile_shares
 from ledpi.decode.rim import filters_of_pitch, make_filters
 from ledpi.decode.sides import Points, areas, as_corners, as_points, bends
-from ledpi.decode.whole import BEND_ALONG, BLUR_STEPS, explanations, hidden_shares, uncovered, usual_blur_steps
+from ledpi.decode.whole import (
+    BEND_ALONG,
+    BLUR_STEPS,
+    explanations,
+    hidden_shares,
+    uncovered,
+    usual_blur_steps,
+    without_rim_walls,
+)
 from ledpi.kernels import edges as kernel
 from ledpi.kernels.library import compiled
 from ledpi.kernels.light import can_read
@@ -44,7 +52,7 @@ CONSTANTS = np.array(
     [
         *(looks.LEAST_HEIGHT, looks.NEAR_PX, looks.SETTLED_PX, looks.SETTLED_BLUR, looks.FIRST_LOOK_PX),
         *(looks.MORE_LOOKS, looks.CONVERGED_PX, looks.STEEPEST, looks.MAX_MOVE, looks.MAX_BLUR_CHANGE),
-        *(whole.NEAR_EDGE, whole.SHARE_STEP, whole.SHARES[0], whole.MOST, whole.NO_RIM_WALL),
+        *(whole.NEAR_EDGE, whole.SHARE_STEP, whole.SHARES[0], whole.MOST, whole.NO_RIM_WALL, whole.RIM_WALL),
         *(whole.GAP, whole.BLUR_PX, whole.BLUR_STEP),
         *(whole.BETTER, whole.LITTLE_LEFT, whole.CLEARLY_BETTER, whole.NOTHING_LEFT),
         *(MAX_SPREAD_PX, MIN_USED, MIN_SIDE_PX, BORDER_PX, HIDDEN_SIGMA, adjust.MIN_PITCH_PX, adjust.LEAST_CELLS),
@@ -156,8 +164,11 @@ def _refine_quads(frame: Frame, near: Floats, cells: int, intrinsics: Intrinsics
     start = as_points(near)
     bend = bends(start, intrinsics)
     found = find_sides(frame, start, bend, cells)
-    hidden = hidden_shares(frame, found.corners, bend, cells)
-    quads = _results(frame, start, found, bend, hidden)
+    hidden, rim_walls = without_rim_walls(hidden_shares(frame, found.corners, bend, cells))
+    quads = [
+        replace(quad, rim_wall=wall) if isinstance(quad, Quad) and quad.seen_px is None else quad
+        for quad, wall in zip(_results(frame, start, found, bend, hidden), rim_walls.tolist(), strict=True)
+    ]
     return adjust_quads(frame, quads, np.asarray(~hidden.any(axis=(1, 2))), bend, cells, intrinsics)
 
 

@@ -30,10 +30,10 @@ SHARE_STEP = 0.02
 SHARES = SHARE_STEP * np.arange(-5, 15)
 WHOLE, MOST = 5, 0.15
 ENDS = ((1.0, 0.0), (0.0, 1.0), (1.0, 1.0))  # where it is: the last as bare LEDs have it, dark all around
-BOTH = 2  # of ENDS
 # Of the side: cells of one size with walls between them, but none at the rim, lie as if the rim had half a wall and hid
 # it. Its sides are where light ends all the same. (Where cells are 10 % of a pitch apart, 0.0128, and told as 0.02.)
 NO_RIM_WALL = 0.025
+RIM_WALL = 0.6  # of what is told then
 GAP, BLUR_PX = 0.03, 0.9  # half a gap, of the pitch; and what blurs it, as deviations
 BLUR_STEP = 0.15  # logarithm, between the explanations that are made
 BLUR_STEPS = range(-40, 1)  # from a picture 360 px high of 8 cells a side, all in focus, to a blur as wide as the quad
@@ -61,11 +61,16 @@ def hidden_shares(frame: Frame, corners: Points, bend_px: Points, cells: int) ->
         for axis in axes:
             best = int(left[axis].argmin())
             if left[axis, best] < BETTER * left[axis, WHOLE]:
-                end, at = divmod(best, len(SHARES))
-                share = _share(left[axis, end * len(SHARES) :][: len(SHARES)], at)
-                if not (end == BOTH and 0 < share < NO_RIM_WALL):
-                    into[axis] = share * np.array(ENDS[end])
+                end, share = divmod(best, len(SHARES))
+                into[axis] = _share(left[axis, end * len(SHARES) :][: len(SHARES)], share) * np.array(ENDS[end])
     return hidden
+
+
+def without_rim_walls(hidden: Floats) -> tuple[Floats, Floats]:
+    """Shares (N, 2, 2) less what is only the half wall that a rim lacks, and about how wide that is (N,) at most."""
+    lacks = (hidden[..., 0] == hidden[..., 1]) & (hidden[..., 0] > 0) & (hidden[..., 0] < NO_RIM_WALL)
+    walls: Floats = RIM_WALL * np.where(lacks, hidden[..., 0], 0.0).max(axis=1)
+    return np.where(lacks[..., None], 0.0, hidden), walls
 
 
 def _light_along(frame: Frame, corners: Points, bend_px: Points, cells: int) -> Floats:

@@ -18,7 +18,7 @@ typedef struct {
 typedef struct {
     double least_height, near_px, settled_px, settled_blur, first_look_px, more_looks, converged_px, steepest, max_move,
         max_blur_change;
-    double near_edge, share_step, first_share, most, no_rim_wall, gap, blur_px, blur_step, better, little_left, clearly_better,
+    double near_edge, share_step, first_share, most, no_rim_wall, rim_wall, gap, blur_px, blur_step, better, little_left, clearly_better,
         nothing_left;
     double max_spread_px, min_used, min_side_px, border_px, hidden_sigma, min_pitch_px, least_cells;
 } Refining;

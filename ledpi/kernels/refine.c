@@ -57,6 +57,12 @@ static Outcome refine(const Picture *picture, const Tables *tables, const Lens *
     if (missing->explanations) return NO_EDGE;
     into->sigma_px = found.sigma_px;
     into->bend_px = into->rim_wall = 0.0;
+    double lacks = 0.0; /* half a wall at the rim, about */
+    for (int axis = 0; axis < 2; axis++)
+        if (hidden[axis][0] == hidden[axis][1] && hidden[axis][0] > 0.0 && hidden[axis][0] < by->no_rim_wall) {
+            lacks = fmax(lacks, by->rim_wall * hidden[axis][0]);
+            hidden[axis][0] = hidden[axis][1] = 0.0;
+        }
     for (int k = 0; k < 8; k++) into->bend_px = fmax(into->bend_px, fabs(bends[2 * k + 1]));
     for (int k = 0; k < 4; k++) into->corners[k] = into->seen[k] = found.corners[k];
     if (hidden[0][0] != 0.0 || hidden[0][1] != 0.0 || hidden[1][0] != 0.0 || hidden[1][1] != 0.0) {
@@ -66,11 +72,13 @@ static Outcome refine(const Picture *picture, const Tables *tables, const Lens *
         return checked(picture, by, into->corners, PARTLY_HIDDEN);
     }
     const Outcome outcome = checked(picture, by, into->corners, WHOLE);
+    into->rim_wall = lacks;
     const double least_px = cells * by->min_pitch_px; /* nearer, lines blur into each other, and sides are better known */
     if (outcome != WHOLE || cells < by->least_cells || tables->cells > MOST_CELLS) return outcome;
     if (!(ledpi_area(found.corners) > least_px * least_px)) return outcome;
     Point moved[4];
-    const double sigma_px = ledpi_adjust(picture, tables, found.corners, bends, lens, moved, &into->rim_wall, missing);
+    const double sigma_px = ledpi_adjust(picture, tables, found.corners, bends, lens, moved, &lacks, missing);
+    if (lacks > 0.0) into->rim_wall = lacks;
     if (!isfinite(sigma_px)) return outcome;
     for (int k = 0; k < 4; k++) into->corners[k] = moved[k];
     into->sigma_px = sigma_px;

@@ -4,7 +4,7 @@
 #include "quads.h"
 #include "wide.h"
 
-enum { ALONG = 40, SHARES = 20, WHOLE = 5, EXPLAINED = 3 * SHARES, BOTH = 2 };
+enum { ALONG = 40, SHARES = 20, WHOLE = 5, EXPLAINED = 3 * SHARES };
 #define ACROSS_FIRST 0.3 /* of a cell: where the light along the quad is taken, and averaged */
 #define ACROSS_SECOND 0.7
 
@@ -99,7 +99,6 @@ void ledpi_hidden(const Picture *picture, const Tables *tables, const Point corn
         const ptrdiff_t end = best / SHARES;
         if (!(left[best] < by->better * left[WHOLE])) continue;
         const double share = share_of(by, left + end * SHARES, best % SHARES, left[WHOLE]);
-        if (end == BOTH && share > 0.0 && share < by->no_rim_wall) continue;
         hidden[axis][0] = share * ends[end][0], hidden[axis][1] = share * ends[end][1];
     }
 }
