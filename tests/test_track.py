@@ -130,3 +130,30 @@ def test_as_many_tracks_come_back_as_squares_went_in(tracker: Tracker) -> None:
     places = [square(100 + 80 * n, 200, 40) for n in range(5)]
     assert len({id(track) for track in follow(tracker, 1, *places)}) == 5
     assert follow(tracker, 2) == []
+
+
+def test_a_square_is_not_followed_twice(tracker: Tracker) -> None:
+    """A frame is searched after its tracks were sought; what the search finds may be one of their squares again."""
+    (first,) = follow(tracker, 1, PLACE)
+    tracker.begin(2 * FRAME_NS)
+    assert tracker.go_on(first, quad(PLACE)) is not None
+    ((_, beside),) = tracker.follow([quad(PLACE + 0.1), quad(square(400, 200, 60))])
+    assert beside is not first
+    tracker.begin(3 * FRAME_NS)
+    assert tracker.expected() == [first, beside]
+
+
+def test_two_candidates_for_one_square_make_one_track(tracker: Tracker) -> None:
+    """A bezel and the panel within it lead to the same square, to a hundredth of a pixel; what is larger is another."""
+    tracker.begin(FRAME_NS)
+    assert len(tracker.follow([quad(PLACE), quad(PLACE + 0.01), quad(square(300, 200, 66))])) == 2
+
+
+def test_tracks_that_meet_become_one(tracker: Tracker) -> None:
+    """Of a bezel and the panel within it, say, one of which had been told wrongly before."""
+    first, second = follow(tracker, 1, PLACE, square(302, 200, 66))
+    tracker.begin(2 * FRAME_NS)
+    assert tracker.go_on(first, quad(PLACE)) is not None
+    assert tracker.go_on(second, quad(PLACE + 0.01)) is None
+    tracker.begin(3 * FRAME_NS)
+    assert tracker.expected() == [first]

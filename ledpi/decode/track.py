@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass, field, replace
+from typing import TypeAlias
 
 import numpy as np
 
@@ -18,11 +19,14 @@ from ledpi.decode.soft import Reading
 from ledpi.decode.tuning import Proposal, Seen
 from ledpi.records import MAX_GAP_NS, Floats, PanelSpec, Quad, Rejected, ToldBy
 
+Place: TypeAlias = tuple[tuple[float, float], float]  # centre and side of a square, in pixels
+
 NOT_SHOWN = Rejected(stage="track", reason="not_shown")
 
 # Between two frames a square's centre may miss its prediction by this share of its side, and its side may change by the
 # other.
 MAX_SHIFT, MAX_GROWTH = 0.35, 1.25
+SAME = 0.01  # of the side: squares no further apart, and in size, are one
 # How much of a corner's velocity the last step alone decides: the noise of two corners weighs on it, but a robot that
 # brakes changes it by a tenth from frame to frame.
 NEW_VELOCITY = 0.7
@@ -49,7 +53,7 @@ class Shown:
     frames: int  # that have been compared with it
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, eq=False)
 class Track:
     """One lit square over time. Changed by `Tracker` and by the path, frame by frame."""
 
@@ -135,8 +139,15 @@ class Tracker:
         return [t for t in self._tracks if t.seen_ns == self._before_ns and (t.shown or t.frames < OLD_FRAMES)]
 
     def go_on(self, track: Track, quad: Quad | Rejected) -> Quad | None:
-        """The square that was sought where `track` is expected, if it can be the track's; in the track's order."""
+        """The square that was sought where `track` is expected, if it can be the track's; in the track's order.
+
+        Where it is another track's in this frame they have met, and this one ends.
+        """
         if isinstance(quad, Rejected) or _distance(quad, track, self._now_ns) is None:
+            return None
+        seen = [_place(t.corners_px) for t in self._tracks if t.seen_ns == self._now_ns]
+        if _is_one_of(_place(quad.corners_px), seen):
+            self._tracks.remove(track)
             return None
         return track.go_on(quad, self._now_ns)
 
@@ -155,11 +166,24 @@ class Tracker:
                     return True
         return False
 
+    def _not_seen(self, quads: list[Quad]) -> list[Quad]:
+        """Those that this frame has not shown before, each once."""
+        found: list[Quad] = []
+        places: list[Place] = []
+        for quad in quads:
+            place = _place(quad.corners_px)
+            if not self.is_followed(*place) and not _is_one_of(place, places):
+                found.append(quad)
+                places.append(place)
+        return found
+
     def follow(self, quads: list[Quad]) -> list[tuple[Quad, Track]]:
         """Each quad with the track that it continues, or begins; its corners in the track's order.
 
-        The nearest pair first, and none twice, so that neighbours do not swap.
+        The nearest pair first, and none twice, so that neighbours do not swap. A square that this frame has shown
+        already, or to which two candidates have led, is not followed twice.
         """
+        quads = self._not_seen(quads)
         unseen = [t for t in self._tracks if t.seen_ns != self._now_ns]
         pairs = [
             (distance, i, j)
@@ -204,6 +228,16 @@ def _other_cells(added: Evidence, left: Doubles, shown: Doubles) -> float:
     own = added.information[each, :, each, :]
     gain = (change * left).sum(axis=1) - 0.5 * np.einsum("ci,cij,cj->c", change, own, change)
     return float(np.maximum(gain, 0.0).sum())
+
+
+def _place(corners_px: Floats) -> Place:
+    corners = corners_px.tolist()
+    return _middle(corners), _side(corners)
+
+
+def _is_one_of(place: Place, places: list[Place]) -> bool:
+    centre, side = place
+    return any(math.dist(centre, at) < SAME * side and abs(side - of) < SAME * side for at, of in places)
 
 
 def _side(corners: list[list[float]]) -> float:
