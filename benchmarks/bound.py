@@ -18,13 +18,13 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 
 from ledpi.config import PanelSettings, load_config
-from ledpi.decode import rivals, soft
 from ledpi.decode.cells import sample_cells
-from ledpi.decode.classes import band_shares
-from ledpi.decode.codebook import Codebook
-from ledpi.decode.evidence import Evidence
-from ledpi.decode.memory import PanelMemory
-from ledpi.decode.words import word_log_likelihoods
+from ledpi.decode.evidence.classes import band_shares
+from ledpi.decode.evidence.evidence import Evidence
+from ledpi.decode.evidence.memory import PanelMemory
+from ledpi.decode.identify import rivals, soft
+from ledpi.decode.identify.codebook import Codebook
+from ledpi.decode.identify.words import word_log_likelihoods
 from ledpi.dictionaries import load_dictionary
 from ledpi.evaluate.conditions import PLAIN, Condition
 from ledpi.evaluate.draw import FRAMES_A_TAKE, draw_take

@@ -16,11 +16,11 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 
 from ledpi.config import PanelSettings, load_config
-from ledpi.decode.approach import approach_quads
-from ledpi.decode.edges import refine_quads
-from ledpi.decode.find import Finder
-from ledpi.decode.find_striped import StripedFinder
-from ledpi.decode.striped import striped_squares
+from ledpi.decode.corners.approach import approach_quads
+from ledpi.decode.corners.edges import refine_quads
+from ledpi.decode.finding.find import Finder
+from ledpi.decode.striped.find_striped import StripedFinder
+from ledpi.decode.striped.striped import striped_squares
 from ledpi.evaluate.conditions import PLAIN, VARIATIONS, Condition
 from ledpi.evaluate.draw import FRAMES_A_TAKE, draw_take
 from ledpi.geometry import rotation_angle_deg

@@ -24,8 +24,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 
 from ledpi.config import PanelSettings, load_config
-from ledpi.decode.codebook import Codebook
-from ledpi.decode.soft import Reading, read_word
+from ledpi.decode.identify.codebook import Codebook
+from ledpi.decode.identify.soft import Reading, read_word
 from ledpi.dictionaries import load_dictionary
 from ledpi.evaluate.conditions import PLAIN, Condition
 from ledpi.evaluate.draw import Take, draw_take

@@ -22,10 +22,10 @@ from led_bands import EXPOSURE_US, ROW_TIME_US, Photograph, photographs, row_pro
 from numpy.typing import NDArray
 
 from ledpi.config import PanelSettings, load_config
-from ledpi.decode import soft
 from ledpi.decode.cells import sample_cells
-from ledpi.decode.codebook import Codebook
-from ledpi.decode.striped import striped_near
+from ledpi.decode.identify import soft
+from ledpi.decode.identify.codebook import Codebook
+from ledpi.decode.striped.striped import striped_near
 from ledpi.dictionaries import load_dictionary
 from ledpi.pipeline import Pipeline
 from ledpi.records import CameraInfo, Frame, Quad, Rejected

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from ledpi.decode.beside import Ends
 from ledpi.decode.cells import CellSamples
-from ledpi.decode.soft import Reading
+from ledpi.decode.identify.beside import Ends
+from ledpi.decode.identify.soft import Reading
 from ledpi.decode.track import Track
 from ledpi.records import Frame, Intrinsics, Quad
 

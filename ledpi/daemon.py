@@ -14,7 +14,7 @@ from ledpi.camera.gain_follower import GainFollower
 from ledpi.camera.recovering import LOST
 from ledpi.camera_yaml import load_intrinsics
 from ledpi.config import Config
-from ledpi.decode.tuning import off_frequency_note
+from ledpi.decode.identify.tuning import off_frequency_note
 from ledpi.health import Health, HealthSnapshot, StageTimes
 from ledpi.pipeline import Pipeline
 from ledpi.pose.fix import NOT_IN_MAP

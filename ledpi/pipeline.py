@@ -8,11 +8,11 @@ from typing import TypeAlias
 
 from ledpi.belief import Belief
 from ledpi.config import Method, PanelSettings
-from ledpi.decode import soft
 from ledpi.decode.bands import NO_SQUARE, BandsReader
 from ledpi.decode.cells import CellSamples, sample_cells
-from ledpi.decode.codebook import Codebook
-from ledpi.decode.find import Candidate
+from ledpi.decode.finding.find import Candidate
+from ledpi.decode.identify import soft
+from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.reader import Reader
 from ledpi.decode.track import NOT_SHOWN, Track, Tracker
 from ledpi.dictionaries import load_dictionary

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from ledpi.decode.sightings import one_of_each
+from ledpi.decode.identify.sightings import one_of_each
 from ledpi.pose.place import Placer
 from ledpi.records import Decoded, Floats, Frame, MarkerPose, Rejected, RobotFix, Sighting
 from ledpi.trace import Dropped, Trace

@@ -6,15 +6,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ledpi.decode.approach import approach_quads
 from ledpi.decode.cells import MIN_CELL_PX
-from ledpi.decode.edges import prepare, refine_quads
-from ledpi.decode.find import Candidate, Finder
-from ledpi.decode.find_striped import MIN_STRIPED_CELL_PX, StripedFinder
-from ledpi.decode.fitted_square import NO_BANDS
-from ledpi.decode.inner_square import by_inner_lines, is_aside, is_near, is_same
-from ledpi.decode.settle import is_part_of, settle
-from ledpi.decode.striped import fitted_squares, striped_near, striped_squares
+from ledpi.decode.corners.approach import approach_quads
+from ledpi.decode.corners.edges import prepare, refine_quads
+from ledpi.decode.corners.inner_square import by_inner_lines, is_aside, is_near, is_same
+from ledpi.decode.corners.settle import is_part_of, settle
+from ledpi.decode.finding.find import Candidate, Finder
+from ledpi.decode.striped.find_striped import MIN_STRIPED_CELL_PX, StripedFinder
+from ledpi.decode.striped.fitted_square import NO_BANDS
+from ledpi.decode.striped.striped import fitted_squares, striped_near, striped_squares
 from ledpi.records import CameraInfo, Floats, Frame, Intrinsics, PanelSpec, Quad, Rejected, ToldBy
 
 

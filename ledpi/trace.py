@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 
 from ledpi.decode.bands import Steps
 from ledpi.decode.cells import CellSamples
-from ledpi.decode.evidence import Evidence
-from ledpi.decode.find import Candidate
-from ledpi.decode.soft import Reading
+from ledpi.decode.evidence.evidence import Evidence
+from ledpi.decode.finding.find import Candidate
+from ledpi.decode.identify.soft import Reading
 from ledpi.records import Floats, Quad, Rejected
 
 

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from decode_material import HEIGHT, LENS, WIDTH, Canvas, flat, reason, seen_through, square, word
 
-from ledpi.decode import edges
-from ledpi.decode.adjust import adjust_quads
-from ledpi.decode.inner_lines import NOT_SEEN_PX2, Homographies, inner_lines, lens_moves, line_places
-from ledpi.decode.sides import Patches, as_corners, as_points
+from ledpi.decode.corners import edges
+from ledpi.decode.corners.adjust import adjust_quads
+from ledpi.decode.corners.inner_lines import NOT_SEEN_PX2, Homographies, inner_lines, lens_moves, line_places
+from ledpi.decode.corners.sides import Patches, as_corners, as_points
 from ledpi.kernels import library
 from ledpi.records import Floats, Frame, Intrinsics, Quad
 

@@ -25,11 +25,11 @@ from decode_material import (
 )
 
 from ledpi.decode.cells import CellSamples, sample_cells
-from ledpi.decode.classes import band_shares, in_other_class
-from ledpi.decode.codebook import Codebook
-from ledpi.decode.evidence import Evidence
-from ledpi.decode.soft import Reading, decide, read_word
-from ledpi.decode.tuning import Seen, propose_frequencies
+from ledpi.decode.evidence.classes import band_shares, in_other_class
+from ledpi.decode.evidence.evidence import Evidence
+from ledpi.decode.identify.codebook import Codebook
+from ledpi.decode.identify.soft import Reading, decide, read_word
+from ledpi.decode.identify.tuning import Seen, propose_frequencies
 from ledpi.dictionaries import load_dictionary
 from ledpi.pipeline import Pipeline
 from ledpi.records import Frame, PanelSpec, Rejected

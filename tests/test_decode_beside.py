@@ -9,11 +9,11 @@ import pytest
 from decode_material import FRAME_ROWS, LENS, ROW_TIME_US, Canvas, quad, seen_through, square, word
 
 from ledpi.config import PanelSettings
-from ledpi.decode.beside import Ends
 from ledpi.decode.cells import CellSamples, sample_cells
-from ledpi.decode.codebook import Codebook
-from ledpi.decode.evidence import Doubles
-from ledpi.decode.soft import Reading, read_word
+from ledpi.decode.evidence.evidence import Doubles
+from ledpi.decode.identify.beside import Ends
+from ledpi.decode.identify.codebook import Codebook
+from ledpi.decode.identify.soft import Reading, read_word
 from ledpi.dictionaries import load_dictionary
 from ledpi.records import Floats, Frame, Intrinsics
 

@@ -8,8 +8,8 @@ import pytest
 from decode_material import Bits, Canvas, Profile, diffuser, flat, square, word
 from kernels_material import compiled
 
-from ledpi.decode.crossings import MISSING, MOST_GRIDS, crosses_in, grids_in, lattice_grids
-from ledpi.decode.find import Finder
+from ledpi.decode.finding.crossings import MISSING, MOST_GRIDS, crosses_in, grids_in, lattice_grids
+from ledpi.decode.finding.find import Finder
 from ledpi.kernels import crossings as kernel
 from ledpi.records import Floats, Frame, Pixels
 

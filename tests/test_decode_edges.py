@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from decode_material import LENS, Canvas, diffuser, drawn, flat, reason, seen_through, square, word
 
-from ledpi.decode.approach import approach_quads
-from ledpi.decode.edges import refine_quads
+from ledpi.decode.corners.approach import approach_quads
+from ledpi.decode.corners.edges import refine_quads
 from ledpi.records import Floats, Frame, Intrinsics, Quad, Rejected, Transfer
 
 TOLERANCE_PX = 4.0  # how far off a finder's corners are allowed to be

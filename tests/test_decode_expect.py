@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from decode_material import FRAME_ROWS, ROW_TIME_US, SPEC, Canvas, diffuser, quad, square, word
 
-from ledpi.decode import soft
 from ledpi.decode.cells import CellSamples, sample_cells
-from ledpi.decode.codebook import Codebook
-from ledpi.decode.evidence import Evidence
-from ledpi.decode.expect import Expectation
-from ledpi.decode.memory import PanelMemory
+from ledpi.decode.evidence.evidence import Evidence
+from ledpi.decode.evidence.expect import Expectation
+from ledpi.decode.evidence.memory import PanelMemory
+from ledpi.decode.identify import soft
+from ledpi.decode.identify.codebook import Codebook
 from ledpi.dictionaries import load_dictionary
 from ledpi.kernels.library import COMPILED
 from ledpi.records import Floats, Frame, PanelSpec, Rejected

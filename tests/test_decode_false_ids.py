@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 from decode_material import SPEC, TRUE_10_MS_US, Canvas, quad, square, word
 
-from ledpi.decode import soft
 from ledpi.decode.cells import CellSamples, sample_cells
-from ledpi.decode.codebook import Codebook
-from ledpi.decode.evidence import UNFIT, Doubles, Evidence
-from ledpi.decode.patterns import likeliest_beyond, of_neighbours
-from ledpi.decode.single_frame import single_evidence
-from ledpi.decode.soft import Reading, decide, odds_needed
-from ledpi.decode.words import SHORTLIST, likeliest, word_log_likelihoods
+from ledpi.decode.evidence.evidence import UNFIT, Doubles, Evidence
+from ledpi.decode.evidence.single_frame import single_evidence
+from ledpi.decode.identify import soft
+from ledpi.decode.identify.codebook import Codebook
+from ledpi.decode.identify.patterns import likeliest_beyond, of_neighbours
+from ledpi.decode.identify.soft import Reading, decide, odds_needed
+from ledpi.decode.identify.words import SHORTLIST, likeliest, word_log_likelihoods
 from ledpi.dictionaries import load_dictionary
 from ledpi.kernels.library import COMPILED
 from ledpi.records import Frame

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from decode_material import Canvas, flat, square, word
 
-from ledpi.decode.approach import approach_quads
-from ledpi.decode.edges import refine_quads
-from ledpi.decode.find import Candidate, Finder
+from ledpi.decode.corners.approach import approach_quads
+from ledpi.decode.corners.edges import refine_quads
+from ledpi.decode.finding.find import Candidate, Finder
 from ledpi.records import Floats, Frame, Quad, Rejected, Transfer
 
 SMALLEST_PX = 10.0

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from decode_material import LENS, Canvas, diffuser, quad, reason, seen_through, square, word
 
-from ledpi.decode.inner_square import _told, by_inner_lines, is_aside, is_same
+from ledpi.decode.corners.inner_square import _told, by_inner_lines, is_aside, is_same
 from ledpi.kernels import inner_square as kernel
 from ledpi.kernels.library import COMPILED
 from ledpi.records import Floats, Frame, Intrinsics, Quad

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from ledpi.decode.rim import ACROSS, RimFilter, filter_key, light_across, rim_filter
+from ledpi.decode.corners.rim import ACROSS, RimFilter, filter_key, light_across, rim_filter
 from ledpi.records import Floats
 
 PITCHES_PX = [3.2, 6.4, 12.8, 40.0]

@@ -24,11 +24,11 @@ from decode_material import (
 )
 
 from ledpi.decode.cells import CellSamples, sample_cells
-from ledpi.decode.codebook import Codebook
-from ledpi.decode.evidence import Evidence
-from ledpi.decode.single_frame import single_evidence
-from ledpi.decode.soft import Reading, read_word
-from ledpi.decode.words import likeliest
+from ledpi.decode.evidence.evidence import Evidence
+from ledpi.decode.evidence.single_frame import single_evidence
+from ledpi.decode.identify.codebook import Codebook
+from ledpi.decode.identify.soft import Reading, read_word
+from ledpi.decode.identify.words import likeliest
 from ledpi.dictionaries import load_dictionary
 from ledpi.records import Floats, Frame, PanelSpec, Rejected, Transfer
 

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from decode_material import SPEC, Canvas, camera_info, diffuser, panel_settings, quad, reason, square, word
 
-from ledpi.decode.find import Finder
-from ledpi.decode.lit import contrasts
-from ledpi.decode.settle import _centres, is_part_of, settle
-from ledpi.decode.spots import group_sizes, groups, lattice, spots_in
+from ledpi.decode.corners.settle import _centres, is_part_of, settle
+from ledpi.decode.finding.find import Finder
+from ledpi.decode.finding.lit import contrasts
+from ledpi.decode.finding.spots import group_sizes, groups, lattice, spots_in
 from ledpi.geometry import distort
 from ledpi.kernels import centres as kernel
 from ledpi.kernels.library import COMPILED

@@ -21,22 +21,22 @@ from decode_material import (
     word,
 )
 
-from ledpi.decode import soft
-from ledpi.decode.approach import NOT_STRAIGHT
-from ledpi.decode.around import rectangles_around, smallest_square_around
-from ledpi.decode.band_light import Bands
 from ledpi.decode.cells import CellSamples, sample_cells
-from ledpi.decode.codebook import Codebook
-from ledpi.decode.evidence import Evidence, bands_of, believed_bands
-from ledpi.decode.find import Candidate
-from ledpi.decode.find_striped import StripedFinder
-from ledpi.decode.lattice import unlike_a_square
-from ledpi.decode.light_window import Window
-from ledpi.decode.sides import as_points
-from ledpi.decode.single_frame import single_evidence
-from ledpi.decode.steady import is_steady
-from ledpi.decode.striped import fitted_squares, striped_near, striped_squares
-from ledpi.decode.words import word_log_likelihoods
+from ledpi.decode.corners.approach import NOT_STRAIGHT
+from ledpi.decode.corners.sides import as_points
+from ledpi.decode.evidence.evidence import Evidence, bands_of, believed_bands
+from ledpi.decode.evidence.single_frame import single_evidence
+from ledpi.decode.finding.find import Candidate
+from ledpi.decode.identify import soft
+from ledpi.decode.identify.codebook import Codebook
+from ledpi.decode.identify.words import word_log_likelihoods
+from ledpi.decode.striped.around import rectangles_around, smallest_square_around
+from ledpi.decode.striped.band_light import Bands
+from ledpi.decode.striped.find_striped import StripedFinder
+from ledpi.decode.striped.lattice import unlike_a_square
+from ledpi.decode.striped.light_window import Window
+from ledpi.decode.striped.steady import is_steady
+from ledpi.decode.striped.striped import fitted_squares, striped_near, striped_squares
 from ledpi.dictionaries import load_dictionary
 from ledpi.pipeline import Pipeline
 from ledpi.records import BandShape, Floats, Frame, Intrinsics, Quad, Rejected

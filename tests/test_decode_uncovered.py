@@ -9,9 +9,9 @@ import pytest
 from decode_material import SPEC, Canvas, quad, square, word
 
 from ledpi.decode.cells import CellSamples, sample_cells
-from ledpi.decode.codebook import Codebook
-from ledpi.decode.soft import Reading, read_word
-from ledpi.decode.uncovered import darkens, without_covered
+from ledpi.decode.evidence.uncovered import darkens, without_covered
+from ledpi.decode.identify.codebook import Codebook
+from ledpi.decode.identify.soft import Reading, read_word
 from ledpi.dictionaries import load_dictionary
 from ledpi.kernels.library import COMPILED
 from ledpi.records import Floats, Frame

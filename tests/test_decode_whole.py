@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from decode_material import Canvas, Profile, camera_info, flat, panel_settings, reason, square, word
 
-from ledpi.decode.approach import approach_quads
-from ledpi.decode.edges import refine_quads
-from ledpi.decode.find import Finder
+from ledpi.decode.corners.approach import approach_quads
+from ledpi.decode.corners.edges import refine_quads
+from ledpi.decode.finding.find import Finder
 from ledpi.pipeline import Pipeline
 from ledpi.records import Floats, Frame, Quad, Rejected
 from ledpi.trace import Trace

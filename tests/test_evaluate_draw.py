@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from ledpi.config import PanelSettings
-from ledpi.decode.codebook import Codebook
-from ledpi.decode.soft import read_word
+from ledpi.decode.identify.codebook import Codebook
+from ledpi.decode.identify.soft import read_word
 from ledpi.dictionaries import load_dictionary
 from ledpi.evaluate.conditions import (
     DECOYS,

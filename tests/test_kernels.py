@@ -16,10 +16,10 @@ import pytest
 from decode_material import LENS, PINHOLE, Canvas, seen_through, square, word
 from kernels_material import both_ways, compiled
 
-from ledpi.decode.approach import _approach_quads, approach_quads
 from ledpi.decode.cells import CellSamples, sample_cells
-from ledpi.decode.edges import NOT_WHOLE, refine_quads
-from ledpi.decode.sides import Patches, as_points, bends
+from ledpi.decode.corners.approach import _approach_quads, approach_quads
+from ledpi.decode.corners.edges import NOT_WHOLE, refine_quads
+from ledpi.decode.corners.sides import Patches, as_points, bends
 from ledpi.doctor.machine import loops
 from ledpi.geometry import matrix_from_rotation_vector
 from ledpi.kernels.library import COMPILED, load

@@ -17,21 +17,21 @@ COUNTED = re.compile(r"(\w+) = (\d+)(?=[,}\s])(?! \*)")
 
 # By C source: the modules whose numpy code it repeats, and how many constants they share.
 SHARED = {
-    "adjust.c": (("adjust",), 9),
-    "inner_lines.c": (("inner_lines",), 7),
-    "sides.c": (("sides",), 2),
-    "whole.c": (("whole",), 2),
-    "band_light.c": (("band_light", "light_window"), 7),
-    "panel_fit.c": (("numpy_panel_fit",), 6),
-    "climb.c": (("patterns",), 3),
-    "look.c": (("noise",), 1),
-    "neighbours.c": (("patterns",), 1),
-    "words.c": (("words",), 2),
+    "adjust.c": (("corners.adjust",), 9),
+    "inner_lines.c": (("corners.inner_lines",), 7),
+    "sides.c": (("corners.sides",), 2),
+    "whole.c": (("corners.whole",), 2),
+    "band_light.c": (("striped.band_light", "striped.light_window"), 7),
+    "panel_fit.c": (("striped.numpy_panel_fit",), 6),
+    "climb.c": (("identify.patterns",), 3),
+    "look.c": (("evidence.noise",), 1),
+    "neighbours.c": (("identify.patterns",), 1),
+    "words.c": (("identify.words",), 2),
     "cells.c": (("cells",), 1),
-    "lattice.h": (("inner_lines",), 1),
-    "crossings.c": (("crossings",), 13),
-    "grids.c": (("crossings",), 3),
-    "inner_square.c": (("inner_square", "adjust"), 10),
+    "lattice.h": (("corners.inner_lines",), 1),
+    "crossings.c": (("finding.crossings",), 13),
+    "grids.c": (("finding.crossings",), 3),
+    "inner_square.c": (("corners.inner_square", "corners.adjust"), 10),
 }
 
 

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from decode_material import SPEC, TRUE_10_MS_US, Canvas, diffuser, quad, square, word
 
-from ledpi.decode import patterns, words
 from ledpi.decode.cells import CellSamples, sample_cells
-from ledpi.decode.codebook import Codebook
-from ledpi.decode.comparison import Mean, compared_evidence
-from ledpi.decode.evidence import UNFIT, Believed, Evidence, believed_bands, class_waves, square_waves
-from ledpi.decode.first_look import first_look
-from ledpi.decode.single_frame import single_evidence
+from ledpi.decode.evidence.comparison import Mean, compared_evidence
+from ledpi.decode.evidence.evidence import UNFIT, Believed, Evidence, believed_bands, class_waves, square_waves
+from ledpi.decode.evidence.single_frame import single_evidence
+from ledpi.decode.identify import patterns, words
+from ledpi.decode.identify.codebook import Codebook
+from ledpi.decode.identify.first_look import first_look
 from ledpi.dictionaries import load_dictionary
 from ledpi.kernels.library import COMPILED
 from ledpi.records import Frame, PanelSpec, Rejected

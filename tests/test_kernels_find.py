@@ -8,9 +8,9 @@ import pytest
 from decode_material import Canvas, square, word
 from kernels_material import compiled
 
-from ledpi.decode.find import AGAIN, THRESHOLDS, Finder
-from ledpi.decode.lit import contrasts, lit_by
-from ledpi.decode.outlines import outlines_in
+from ledpi.decode.finding.find import AGAIN, THRESHOLDS, Finder
+from ledpi.decode.finding.lit import contrasts, lit_by
+from ledpi.decode.finding.outlines import outlines_in
 from ledpi.records import Floats, Frame, Pixels
 
 

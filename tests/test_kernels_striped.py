@@ -10,11 +10,11 @@ import pytest
 from decode_material import LENS, SHORT_US, SPEC, Canvas, seen_through, square, word
 from kernels_material import both_ways, compiled
 
-from ledpi.decode.band_light import BandLight, Bands
-from ledpi.decode.lattice import fine_lattice, rough_lattice
-from ledpi.decode.light_window import Window
-from ledpi.decode.panel_fit import Fit, fitted
-from ledpi.decode.sides import as_points
+from ledpi.decode.corners.sides import as_points
+from ledpi.decode.striped.band_light import BandLight, Bands
+from ledpi.decode.striped.lattice import fine_lattice, rough_lattice
+from ledpi.decode.striped.light_window import Window
+from ledpi.decode.striped.panel_fit import Fit, fitted
 from ledpi.records import BandShape, Intrinsics, PanelSpec
 
 pytestmark = compiled

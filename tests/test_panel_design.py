@@ -12,12 +12,12 @@ from typer.testing import CliRunner
 
 from ledpi.cli import app, main, panel_design
 from ledpi.config import load_config
-from ledpi.decode import soft
 from ledpi.decode.cells import CellSamples, sample_cells
-from ledpi.decode.codebook import Codebook
-from ledpi.decode.evidence import Evidence
-from ledpi.decode.single_frame import single_evidence
-from ledpi.decode.words import word_log_likelihoods
+from ledpi.decode.evidence.evidence import Evidence
+from ledpi.decode.evidence.single_frame import single_evidence
+from ledpi.decode.identify import soft
+from ledpi.decode.identify.codebook import Codebook
+from ledpi.decode.identify.words import word_log_likelihoods
 from ledpi.dictionaries import load_dictionary
 from ledpi.errors import ConfigError
 from ledpi.panel.chances import chance_of_reading

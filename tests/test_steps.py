@@ -14,8 +14,8 @@ from command_material import Run, in_process
 from decode_material import PINHOLE, ROW_TIME_US, SHORT_US, SPEC, Canvas, camera_info, panel_settings, square, word
 
 from ledpi.config import Method
-from ledpi.decode.evidence import Evidence
-from ledpi.decode.soft import Reading
+from ledpi.decode.evidence.evidence import Evidence
+from ledpi.decode.identify.soft import Reading
 from ledpi.pipeline import Pipeline
 from ledpi.recording_writer import RecordingWriter
 from ledpi.records import CameraInfo, Floats, Frame, Pixels, Rejected

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ledpi.decode.classes import wave_shares
+from ledpi.decode.evidence.classes import wave_shares
 from ledpi.markers import Bits
 from ledpi.records import Floats
 

@@ -138,7 +138,7 @@ def _decode_recording(
     advance: Callable[[int], None],
 ) -> int:
     """Prints every frame; returns how many pictures could not be read."""
-    from ledpi.decode.tuning import off_frequency_note
+    from ledpi.decode.identify.tuning import off_frequency_note
     from ledpi.picture import read_picture
     from ledpi.row_clock import row_time_note
 

@@ -10,16 +10,16 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from ledpi.decode import soft
 from ledpi.decode.cells import CellSamples
-from ledpi.decode.codebook import Codebook
-from ledpi.decode.evidence import Evidence, band_prior, is_deep
-from ledpi.decode.expect import Expectation
-from ledpi.decode.memory import PanelMemory
-from ledpi.decode.soft import Reading
+from ledpi.decode.evidence.evidence import Evidence, band_prior, is_deep
+from ledpi.decode.evidence.expect import Expectation
+from ledpi.decode.evidence.memory import PanelMemory
+from ledpi.decode.identify import soft
+from ledpi.decode.identify.codebook import Codebook
+from ledpi.decode.identify.soft import Reading
+from ledpi.decode.identify.tuning import CHOICES, Seen, propose_frequencies
+from ledpi.decode.identify.words import likeliest
 from ledpi.decode.track import Shown, Track, denies
-from ledpi.decode.tuning import CHOICES, Seen, propose_frequencies
-from ledpi.decode.words import likeliest
 from ledpi.records import Frame, PanelSpec, Rejected
 
 # Frames that surely show what was read last are not read anew, but for one of eight: by then a panel may look a little

@@ -9,14 +9,14 @@ from typing import TypeAlias
 
 import numpy as np
 
-from ledpi.decode.beside import Ends
-from ledpi.decode.classes import in_other_class
-from ledpi.decode.evidence import Doubles, Evidence
-from ledpi.decode.expect import Expectation
-from ledpi.decode.memory import PanelMemory
-from ledpi.decode.sides import as_points
-from ledpi.decode.soft import Reading
-from ledpi.decode.tuning import Proposal, Seen
+from ledpi.decode.corners.sides import as_points
+from ledpi.decode.evidence.classes import in_other_class
+from ledpi.decode.evidence.evidence import Doubles, Evidence
+from ledpi.decode.evidence.expect import Expectation
+from ledpi.decode.evidence.memory import PanelMemory
+from ledpi.decode.identify.beside import Ends
+from ledpi.decode.identify.soft import Reading
+from ledpi.decode.identify.tuning import Proposal, Seen
 from ledpi.records import MAX_GAP_NS, Floats, PanelSpec, Quad, Rejected, ToldBy
 
 Place: TypeAlias = tuple[tuple[float, float], float]  # centre and side of a square, in pixels

@@ -1,4 +1,4 @@
-/* A panel's corners by all the lines of its lattice, as decode/adjust.py explains and does it. */
+/* A panel's corners by all the lines of its lattice, as decode/corners/adjust.py explains and does it. */
 #include <math.h>
 
 #include "lattice.h"

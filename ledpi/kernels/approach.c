@@ -1,4 +1,4 @@
-/* From rough corners to the sides, up to several pixels away: decode/approach.py. */
+/* From rough corners to the sides, up to several pixels away: decode/corners/approach.py. */
 #include <math.h>
 
 #include "kernels.h"

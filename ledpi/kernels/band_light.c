@@ -1,10 +1,10 @@
-/* What the light around a square says of blinking cells there: `explains` and `Bands.at` of decode/band_light.py. */
+/* What the light around a square says of blinking cells there: `explains` and `Bands.at` of decode/striped/band_light.py. */
 #include <math.h>
 #include <string.h>
 
 #include "kernels.h"
 
-#define AS_A_SQUARE 0.5 /* as in decode/band_light.py, and the next */
+#define AS_A_SQUARE 0.5 /* as in decode/striped/band_light.py, and the next */
 #define UNKNOWN (-0.3f)
 #define EVEN 0.85f
 #define DARK 0.05

@@ -1,4 +1,4 @@
-/* Where the light around places has its middle, and how much of what is around is lit: `_centres` of decode/settle.py. */
+/* Where the light around places has its middle, and how much of what is around is lit: `_centres` of decode/corners/settle.py. */
 #include <math.h>
 
 #include "kernels.h"

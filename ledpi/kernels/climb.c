@@ -1,7 +1,7 @@
-/* How likely the likeliest pattern is that is no word: `likeliest_beyond` of decode/patterns.py, which says why. */
+/* How likely the likeliest pattern is that is no word: `likeliest_beyond` of decode/identify/patterns.py, which says why. */
 #include "patterns.h"
 
-enum { PHASES = 8, CLIMBERS = 4, CLIMBS = 5 }; /* as in decode/patterns.py */
+enum { PHASES = 8, CLIMBERS = 4, CLIMBS = 5 }; /* as in decode/identify/patterns.py */
 enum { MET = 2048 }; /* more than PHASES² + CLIMBERS·(CLIMBS − 1)·MOST_CELLS, and a power of 2 */
 
 /* What was tried so far, and what waits to be weighed. */

@@ -1,5 +1,5 @@
 /* What a picture says of the bands in a panel's cells by comparison with the mean of those before: `compared_evidence` of
- * decode/comparison.py, which says why. */
+ * decode/evidence/comparison.py, which says why. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>

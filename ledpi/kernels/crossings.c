@@ -1,4 +1,4 @@
-/* Places where four cells may meet, and those with others in a square around: `crosses_in` of decode/crossings.py. */
+/* Places where four cells may meet, and those with others in a square around: `crosses_in` of decode/finding/crossings.py. */
 #include <math.h>
 #include <string.h>
 

@@ -18,7 +18,7 @@ _grids = function("ledpi_grids", POINTER, INTEGER, POINTER, POINTER, INTEGER, IN
 
 
 def crosses(picture: Pixels) -> tuple[Floats, NDArray[np.intp], Floats]:
-    """As `crosses_in` of decode/crossings.py."""
+    """As `crosses_in` of decode/finding/crossings.py."""
     picture = np.ascontiguousarray(picture)
     height, width = picture.shape
     sums, row = np.empty(picture.size, np.uint16), np.empty(width, np.uint8)
@@ -32,7 +32,7 @@ def crosses(picture: Pixels) -> tuple[Floats, NDArray[np.intp], Floats]:
 
 
 def grids(points: Floats, middles: NDArray[np.intp], steps: Floats, cells: int) -> Floats:
-    """(K, 4, 2) as `lattice_grids` of decode/crossings.py, of at most MOST_SIDE cells a side."""
+    """(K, 4, 2) as `lattice_grids` of decode/finding/crossings.py, of at most MOST_SIDE cells a side."""
     corners = np.empty((MOST_GRIDS, 4, 2))
     found = _grids(
         *(address(points), len(points), address(middles), address(steps), len(middles)), cells, address(corners)

@@ -1,4 +1,4 @@
-/* Sub-pixel corners of lit squares, as decode/edges.py explains and decode/looks.py does it: one quad at a time, from a
+/* Sub-pixel corners of lit squares, as decode/corners/edges.py explains and decode/corners/looks.py does it: one quad at a time, from a
  * first look to the last, without any array but on the stack. */
 #include <math.h>
 

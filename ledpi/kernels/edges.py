@@ -159,7 +159,7 @@ def approach(
     share: Floats,
     templates: NDArray[np.float32],
 ) -> tuple[Floats, list[int]]:
-    """As `approach_quads` of decode/approach.py: corners (N, 4, 2), and 0, or 1 for no edge, 2 for not straight."""
+    """As `approach_quads` of decode/corners/approach.py: corners (N, 4, 2); and 0, 1: no edge, 2: not straight."""
     rough, tolerance_px, count = doubles(rough), doubles(tolerance_px), len(rough)
     corners, outcomes = np.empty((count, 4, 2)), np.empty(count, np.int32)
     _approach(

@@ -1,4 +1,4 @@
-/* What one picture says of the bands in a panel's cells: `single_evidence` in decode/single_frame.py, which says why. */
+/* What one picture says of the bands in a panel's cells: `single_evidence` in decode/evidence/single_frame.py, which says why. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -8,7 +8,7 @@
 #include "wide.h"
 
 enum { MEETING = 40, MET = 5 }; /* ways in which cells meet at a point, MET of them together */
-static const float ALIKE = 1e-3f; /* as in decode/shared_light.py */
+static const float ALIKE = 1e-3f; /* as in decode/evidence/shared_light.py */
 
 /* Sum of a[i]·b[i], i < wide, which is a multiple of 8. */
 static inline float product(const float *a, const float *b, ptrdiff_t wide) {
@@ -17,7 +17,7 @@ static inline float product(const float *a, const float *b, ptrdiff_t wide) {
     return ((sums[0] + sums[4]) + (sums[1] + sums[5])) + ((sums[2] + sums[6]) + (sums[3] + sums[7]));
 }
 
-/* What lights up each point, as `Sources` in decode/shared_light.py has it; and which cells meet. */
+/* What lights up each point, as `Sources` in decode/evidence/shared_light.py has it; and which cells meet. */
 typedef struct {
     ptrdiff_t count;
     const int64_t *column, *first; /* (count,) of MEETING; (points,) */

@@ -1,4 +1,4 @@
-/* Whether a frame shows what is expected of it: `is_met` of decode/expect.py, which says why. */
+/* Whether a frame shows what is expected of it: `is_met` of decode/evidence/expect.py, which says why. */
 #include <math.h>
 #include <stddef.h>
 #include <stdint.h>

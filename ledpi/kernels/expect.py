@@ -60,7 +60,8 @@ def weigh(
     """Log-likelihood ratio of a frame with the expected bands to one without: of all cells, and of those against them.
 
     The latter with the other sign. `picture`, `root`, `left_bands`, `light`, `valid`, `rows` (cells, points), `basis`
-    (ways, cells·points), `depth` (cells, 1), `hz` and `phase` (cells,), as `Expectation` of decode/expect.py has them.
+    (ways, cells·points), `depth` (cells, 1), `hz` and `phase` (cells,), as `Expectation` of decode/evidence/expect.py
+    has them.
     """
     (cells, points), ways = picture.shape, len(basis)
     assert ways <= WAYS

@@ -1,4 +1,4 @@
-/* Squares and groups of spots in the pictures of a pyramid: `_search` of decode/find.py, level by level. */
+/* Squares and groups of spots in the pictures of a pyramid: `_search` of decode/finding/find.py, level by level. */
 #include "find.h"
 
 enum { MOST_LEVELS = 10, MOST_SHARES = 2 };

@@ -7,7 +7,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-/* Constants of decode/lit.py, outlines.py, four_sides.py and spots.py, where they are explained. */
+/* Constants of decode/finding/lit.py, outlines.py, four_sides.py and spots.py, where they are explained. */
 typedef struct {
     double min_contrast;
     double narrowest, min_area, min_lit;
@@ -68,7 +68,7 @@ Outlined ledpi_outlines(const uint8_t *lit, ptrdiff_t height, ptrdiff_t width, i
 
 /* ---- The squares among them */
 
-/* As a row of the squares of decode/four_sides.py. */
+/* As a row of the squares of decode/finding/four_sides.py. */
 typedef struct {
     double corners[4][2], side_px, misfit, tolerance_px;
 } Square;

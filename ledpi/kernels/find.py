@@ -109,7 +109,7 @@ class Searcher:
         self._arguments = [ctypes.addressof(made) for made in (self._wanted, self._room, self._found)]
 
     def search(self, thresholds: Thresholds) -> tuple[Floats, Floats, list[tuple[int, Floats]], tuple[int, int, int]]:
-        """As `_search` of decode/find.py."""
+        """As `_search` of decode/finding/find.py."""
         levels = self._levels.get(thresholds)
         if levels is None:
             levels = self._levels[thresholds] = self._levels_for(thresholds)

@@ -1,4 +1,4 @@
-/* The four sides of things by their outlines, as decode/four_sides.py explains and does it. */
+/* The four sides of things by their outlines, as decode/finding/four_sides.py explains and does it. */
 #include <math.h>
 #include <string.h>
 

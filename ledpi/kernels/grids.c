@@ -1,4 +1,4 @@
-/* Grids by the places where their cells meet: `lattice_grids` of decode/crossings.py. */
+/* Grids by the places where their cells meet: `lattice_grids` of decode/finding/crossings.py. */
 #include <math.h>
 #include <string.h>
 

@@ -1,4 +1,4 @@
-/* Where the cells of a panel meet, as decode/inner_lines.py explains and does it. */
+/* Where the cells of a panel meet, as decode/corners/inner_lines.py explains and does it. */
 #include <math.h>
 
 #include "lattice.h"

@@ -1,4 +1,4 @@
-/* A panel's corners by its inner lines alone: `told` of decode/inner_square.py. */
+/* A panel's corners by its inner lines alone: `told` of decode/corners/inner_square.py. */
 #include <math.h>
 
 #include "lattice.h"

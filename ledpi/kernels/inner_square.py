@@ -15,7 +15,7 @@ _inner_square = function("ledpi_inner_square", *PICTURE, POINTER, INTEGER, POINT
 
 
 def told(frame: Frame, near: Floats, cells: int, intrinsics: Intrinsics | None) -> tuple[Floats, float]:
-    """As `_told` of decode/inner_square.py."""
+    """As `_told` of decode/corners/inner_square.py."""
     corners = np.array(near, np.float64)
     lens = lens_of(intrinsics) if intrinsics is not None and any(intrinsics.distortion) else None
     sigma_px: float = _inner_square(*picture(frame), None if lens is None else address(lens), cells, address(corners))

@@ -41,7 +41,7 @@ static inline float ledpi_light_between(const Picture *picture, float x, float y
     return upper + down * (lower - upper);
 }
 
-/* ---- The four sides of quads, as in decode/sides.py (sides.c). */
+/* ---- The four sides of quads, as in decode/corners/sides.py (sides.c). */
 
 enum { MOST_PROFILES = 64 }; /* across a side */
 
@@ -88,12 +88,12 @@ void ledpi_unit_square_to(const Point corners[4], double homography[9]);
 
 double ledpi_farthest(const Point a[4], const Point b[4]); /* NaN where a corner is none */
 
-/* Constants of decode/approach.py, where they are explained. */
+/* Constants of decode/corners/approach.py, where they are explained. */
 typedef struct {
     double finest_step_px, max_tilt_steps, cut_off, obtuse, straighter, max_spread_px, max_spread_steps, almost, max_move;
 } Approaching;
 
-/* ---- Where light steps up the most across the sides of a quad, as `nearest_sides` in decode/approach.py (approach.c).
+/* ---- Where light steps up the most across the sides of a quad, as `nearest_sides` in decode/corners/approach.py (approach.c).
  * Returns whether it has such steps all round; `spread_px` is that of the steps about the sides. */
 bool ledpi_nearest(const Picture *picture, const Approaching *by, const Shares *shares, const float *templates,
                    const Point corners[4], double step_px, Point found[4], double *spread_px);

@@ -16,7 +16,7 @@ typedef struct {
 
 void ledpi_seen(const Homography *homography, double u, double v, Point *at, Point *by_u, Point *by_v);
 
-/* Place i of the `line_places` of decode/inner_lines.py. */
+/* Place i of the `line_places` of decode/corners/inner_lines.py. */
 void ledpi_line_place(ptrdiff_t i, ptrdiff_t cells, double *u, double *v);
 
 /* How far each of these is off, and its variance; `moves` are what the lens does to them, all in pixels. */
@@ -36,7 +36,7 @@ void ledpi_moves_at(double u, double v, double by_u[MOVES], double by_v[MOVES]);
 /* The same across a line that is crossed by u, or by v, in pixels; returns pixels across it, by a unit of u or v. */
 double ledpi_measure_at(const Homography *homography, double u, double v, bool along_u, double slopes[MOVES]);
 
-/* `lens_moves` of decode/inner_lines.py; none without a lens. */
+/* `lens_moves` of decode/corners/inner_lines.py; none without a lens. */
 void ledpi_lens_moves(const Lens *lens, const Homography *homography, const Point corners[4], ptrdiff_t cells,
                       Point *moves);
 

@@ -1,4 +1,4 @@
-/* A first look at a panel's samples, all of its steps in one call: `first_look` of decode/first_look.py. */
+/* A first look at a panel's samples, all of its steps in one call: `first_look` of decode/identify/first_look.py. */
 #include "look.h"
 
 #include <math.h>
@@ -28,9 +28,9 @@ static bool any_unlit(ptrdiff_t cells, ptrdiff_t points, const float *light, dou
     return least < share / (double)cells * total;
 }
 
-#define MOST_UNSURE 0.7 /* as in decode/noise.py */
+#define MOST_UNSURE 0.7 /* as in decode/evidence/noise.py */
 
-/* By how much evidence claims too much: `volume` of decode/noise.py, of what is `Expected` there; `of_fit`: how many
+/* By how much evidence claims too much: `volume` of decode/evidence/noise.py, of what is `Expected` there; `of_fit`: how many
  * samples are free, and the sums of their squared differences. */
 static double volume_of(double white, double growth, double chance, double once, double twice, double least_free,
                         const double *of_fit) {
@@ -43,7 +43,7 @@ static double volume_of(double white, double growth, double chance, double once,
 /* `light` and picture `rows` (cells, points) of a panel whose bands have so many `waves`, of `a_row` cycles a row each, and
  * the variance `prior` (2·waves,); which of `words` (count, cells) are the `most` likeliest. `numbers`: score, information
  * and three more as `ledpi_single_evidence` has them, by samples so many `aside` and `below` without the `rim`; the volume,
- * by which the evidence is divided, as decode/noise.py tells it from `white` … `least_free`; then what `ledpi_likeliest`
+ * by which the evidence is divided, as decode/evidence/noise.py tells it from `white` … `least_free`; then what `ledpi_likeliest`
  * has. Where a sample shows less than the share `covered` of what others do, or a cell is `unlit`, it is
  * not for this function to tell; 0: not asked. */
 int ledpi_look(const Grid *grid, const float *light, const float *rows, double independence, ptrdiff_t waves,

@@ -79,7 +79,7 @@ def look(
     `light`, `rows` (cells, points), of each wave its `cycles_a_row`, `prior` (P,), `words` (W, cells). `covered`: it is
     not plain where a sample shows less than this share of what others do; `unlit`: where a cell's light is less than
     that of their mean; 0 where that is not asked. `lags` as of `evidence.single_evidence`, `noise` is what
-    is `Expected` by decode/noise.py. Raises MemoryError.
+    is `Expected` by decode/evidence/noise.py. Raises MemoryError.
     """
     cells, parameters = grid.side**2, len(prior)
     assert parameters in (2, 4)

@@ -1,4 +1,4 @@
-/* The picture of a panel fitted to light: `fitted` of decode/panel_fit.py, which has the equations. */
+/* The picture of a panel fitted to light: `fitted` of decode/striped/panel_fit.py, which has the equations. */
 #include <math.h>
 #include <string.h>
 
@@ -18,7 +18,7 @@ enum {
     MOST_MET = 4, /* cells whose light meets at a place */
     STEPS = 512, /* of a period */
 };
-static const double SPOT_SIGMA[SPOTS] = {0.16, 0.32}; /* of the pitch; as in decode/panel_fit.py, and what follows */
+static const double SPOT_SIGMA[SPOTS] = {0.16, 0.32}; /* of the pitch; as in decode/striped/panel_fit.py, and what follows */
 #define ROOT_HALF 0.7071067811865476
 #define FLOOR 0.1 /* of full light: what weighs as much as the noise of what is dark; and what texture outside does */
 #define OUTSIDE 1.0

@@ -38,7 +38,7 @@ def fit_panel(
 ) -> tuple[float, float] | None:
     """Changes `corners` (4,) and `unknown` (U,) to what fits best. The share explained, and the corners' deviation.
 
-    Arguments as in decode/panel_fit.py; `levels`: dark, bright and saturated. None where it comes to nothing.
+    Arguments as in decode/striped/panel_fit.py; `levels`: dark, bright and saturated. None where it comes to nothing.
     """
     dark, bright, saturated = levels
     result = np.empty(4)

@@ -7,14 +7,14 @@
 #include "pose.h"
 #include "rim.h"
 
-/* How light along a quad is explained by cells of which so much is hidden, as decode/whole.py makes it: orthonormal `bases`
+/* How light along a quad is explained by cells of which so much is hidden, as decode/corners/whole.py makes it: orthonormal `bases`
  * (columns, places), those of explanation e from column first[e] to first[e + 1]. NULL until they are made. */
 typedef struct {
     const double *bases;
     const ptrdiff_t *first;
 } Explanations;
 
-/* Constants of decode/looks.py, whole.py, edges.py and adjust.py, where they are explained. */
+/* Constants of decode/corners/looks.py, whole.py, edges.py and adjust.py, where they are explained. */
 typedef struct {
     double least_height, near_px, settled_px, settled_blur, first_look_px, more_looks, converged_px, steepest, max_move,
         max_blur_change;
@@ -48,7 +48,7 @@ typedef struct {
     double used, spread_px, sigma_px;     /* share of the profiles that are; of their edges; of the corners */
 } Found;
 
-/* Below, `bends` (4, 2, 2) are what the lens does to a quad's sides: `bends` of decode/sides.py. */
+/* Below, `bends` (4, 2, 2) are what the lens does to a quad's sides: `bends` of decode/corners/sides.py. */
 
 void ledpi_find_sides(const Picture *picture, const Tables *tables, const Point near[4], const double *bends, Found *found,
                       Missing *missing);

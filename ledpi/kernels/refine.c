@@ -1,4 +1,4 @@
-/* From corners nearby to a lit square's own, or why there is none: decode/edges.py, one quad after the other. */
+/* From corners nearby to a lit square's own, or why there is none: decode/corners/edges.py, one quad after the other. */
 #include <math.h>
 
 #include "lattice.h"

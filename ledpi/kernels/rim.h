@@ -1,4 +1,4 @@
-/* A rim's filters, as decode/rim.py makes them, and kernels/edges.py packs them. */
+/* A rim's filters, as decode/corners/rim.py makes them, and kernels/edges.py packs them. */
 #ifndef LEDPI_RIM_H
 #define LEDPI_RIM_H
 

@@ -1,4 +1,4 @@
-/* The four sides of quads: straight lines through what was found across them, corners. As decode/sides.py does it. */
+/* The four sides of quads: straight lines through what was found across them, corners. As decode/corners/sides.py does it. */
 #include <math.h>
 
 #include "kernels.h"

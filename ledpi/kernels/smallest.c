@@ -1,4 +1,4 @@
-/* The smallest quadrilateral on four sides of a convex outline: `smallest_square_around` of decode/around.py. */
+/* The smallest quadrilateral on four sides of a convex outline: `smallest_square_around` of decode/striped/around.py. */
 #include <math.h>
 
 #include "kernels.h"

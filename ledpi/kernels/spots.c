@@ -1,4 +1,4 @@
-/* Spots, and those that are alike and neighbours: `spots_in` and `groups` of decode/spots.py. */
+/* Spots, and those that are alike and neighbours: `spots_in` and `groups` of decode/finding/spots.py. */
 #include <math.h>
 #include <string.h>
 

@@ -1,4 +1,4 @@
-/* Whether something stands before a panel's cells: the first question of decode/uncovered.py. */
+/* Whether something stands before a panel's cells: the first question of decode/evidence/uncovered.py. */
 #include "look.h"
 #include "wide.h"
 

@@ -18,7 +18,7 @@ _all_uncovered = function(
 
 
 def all_uncovered(light: Singles, valid: Mask | None, tested: Mask, share: float) -> bool:
-    """As `_all_uncovered` of decode/uncovered.py: `light`, `valid` and `tested` (cells, points)."""
+    """As `_all_uncovered` of decode/evidence/uncovered.py: `light`, `valid` and `tested` (cells, points)."""
     room = np.empty(sum(light.shape), np.float32)
     mask = None if valid is None else address(valid)
     found: bool = _all_uncovered(*light.shape, address(light), mask, address(tested), share, address(room))

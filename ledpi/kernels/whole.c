@@ -1,4 +1,4 @@
-/* Light along quads, what is left of it once it is explained by cells, and what is hidden by that: decode/whole.py. */
+/* Light along quads, what is left of it once it is explained by cells, and what is hidden by that: decode/corners/whole.py. */
 #include <math.h>
 
 #include "quads.h"

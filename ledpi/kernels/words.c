@@ -1,4 +1,4 @@
-/* How well words explain the evidence of a panel's cells, as in decode/words.py and soft.py, which say why. */
+/* How well words explain the evidence of a panel's cells, as in decode/identify/words.py and soft.py, which say why. */
 #include <math.h>
 #include <stdint.h>
 #include <stdlib.h>
@@ -17,7 +17,7 @@ enum {
 
 typedef double Lanes __attribute__((vector_size(LANES * sizeof(double)), aligned(sizeof(double))));
 
-#define MOST_GAIN 40.0 /* as in decode/words.py */
+#define MOST_GAIN 40.0 /* as in decode/identify/words.py */
 #define SMALLEST_LOG (-600.0)
 
 /* How many numbers a cell has, of all waves, with what pads them. */
@@ -267,7 +267,7 @@ static double log_of_sum(double sum, double largest) {
     return log_sum < SMALLEST_LOG ? largest : log_sum;
 }
 
-/* `_of_patterns_beyond` of decode/words.py, from what each cell would gain by the other class. */
+/* `_of_patterns_beyond` of decode/identify/words.py, from what each cell would gain by the other class. */
 static void put_beyond(ptrdiff_t cells, const double *gain, const uint8_t *silent, double *beyond) {
     double any = 0.0, one = 0.0, several = 0.0, best = -INFINITY, second = -INFINITY;
     for (ptrdiff_t c = 0; c < cells; c++) {

@@ -26,7 +26,7 @@ _likeliest_beyond = function("ledpi_likeliest_beyond", INTEGER, INTEGER, *(POINT
 
 
 class Likeliest(NamedTuple):
-    """As `Fit` of decode/words.py has them."""
+    """As `Fit` of decode/identify/words.py has them."""
 
     words: list[int]
     likelihood: list[float]
@@ -91,7 +91,7 @@ def likeliest(score: Doubles, information: Doubles, prior: Doubles, words: Singl
 def of_neighbours(
     score: Doubles, information: Doubles, prior: Doubles, word: Singles, nearest: int, furthest: int
 ) -> float:
-    """`of_neighbours` of decode/patterns.py; `word` (cells,)."""
+    """`of_neighbours` of decode/identify/patterns.py; `word` (cells,)."""
     cells, parameters = score.shape
     assert parameters in (2, 4)
     assert cells <= MOST_CELLS
@@ -102,7 +102,7 @@ def of_neighbours(
 
 
 def likeliest_beyond(score: Doubles, information: Doubles, prior: Doubles, word: Singles, correctable: int) -> float:
-    """`likeliest_beyond` of decode/patterns.py; `word` (cells,)."""
+    """`likeliest_beyond` of decode/identify/patterns.py; `word` (cells,)."""
     cells, parameters = score.shape
     assert parameters in (2, 4)
     assert cells <= MOST_CELLS

@@ -12,10 +12,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from ledpi.decode import soft
-from ledpi.decode.classes import wave_shares
-from ledpi.decode.codebook import Codebook
-from ledpi.decode.evidence import Doubles, Evidence
+from ledpi.decode.evidence.classes import wave_shares
+from ledpi.decode.evidence.evidence import Doubles, Evidence
+from ledpi.decode.identify import soft
+from ledpi.decode.identify.codebook import Codebook
 from ledpi.records import Rejected
 
 

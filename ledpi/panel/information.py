@@ -18,8 +18,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ledpi.decode.cells import CellSamples, sample_cells
-from ledpi.decode.evidence import Doubles, Evidence
-from ledpi.decode.memory import PanelMemory
+from ledpi.decode.evidence.evidence import Doubles, Evidence
+from ledpi.decode.evidence.memory import PanelMemory
 from ledpi.records import Frame, Intrinsics, PanelSpec, Quad, Rejected
 from ledpi.simulate.render import Renderer
 from ledpi.simulate.scene import Panel, Room, Scene, SimulatedSensor, uneven_gains

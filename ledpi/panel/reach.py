@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ledpi.decode.codebook import Codebook
-from ledpi.decode.soft import FALSE_ID_RATE
+from ledpi.decode.identify.codebook import Codebook
+from ledpi.decode.identify.soft import FALSE_ID_RATE
 from ledpi.markers import Dictionary
 from ledpi.panel.chances import chance_of_reading
 from ledpi.panel.design import ENOUGH_NATS, Proposal, Task, farthest_m

@@ -11,7 +11,8 @@ from ledpi.records import Floats
 FLOOR_PX = 0.03
 
 # The edges expect a lens's blur, 0.8 px. With motion's, a box of 4 px, it is 1.4 px: two of their deviations away
-# (`decode/rim.py`). A square that motion blurs further may be taken for wider by a quarter of the blur on either side.
+# (`decode/corners/rim.py`). A square that motion blurs further may be taken for wider by a quarter of the blur on
+# either side.
 KNOWN_BLUR_PX, BLUR_ERROR = 4.0, 0.25
 ERRORS = np.array([FLOOR_PX, KNOWN_BLUR_PX, BLUR_ERROR])  # for the compiled loops
 

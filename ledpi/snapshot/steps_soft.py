@@ -5,9 +5,9 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from ledpi.decode.classes import in_other_class
-from ledpi.decode.evidence import Evidence
-from ledpi.decode.soft import Reading
+from ledpi.decode.evidence.classes import in_other_class
+from ledpi.decode.evidence.evidence import Evidence
+from ledpi.decode.identify.soft import Reading
 from ledpi.markers import Bits
 from ledpi.records import Floats
 from ledpi.snapshot.drawing import (

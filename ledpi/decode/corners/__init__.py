@@ -1,0 +1,1 @@
+"""From rough squares to corners, a fraction of a pixel exact."""

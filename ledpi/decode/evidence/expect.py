@@ -1,0 +1,141 @@
+"""Whether a frame shows what a track that was read lets expect of it, at a fraction of what reading costs.
+
+The mean picture of the frames before and the bands of the word say what each sample should be; gain and corners may be
+a little off, as ever (`memory`). What is left tells the noise, and so the log-likelihood ratio of "these bands" to
+"none": of the whole panel, and of each cell, so that another panel in the place does not pass for most of its cells.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ledpi.decode.cells import CellSamples, Lattice, Singles
+from ledpi.decode.evidence.evidence import Doubles, picture_slopes
+from ledpi.decode.evidence.memory import Known, PanelMemory
+from ledpi.kernels import expect as kernel
+from ledpi.kernels.library import COMPILED
+from ledpi.records import Frame
+
+# A frame that is e^SURE times likelier with the bands than without shows them. Cells that speak against them weigh less
+# than that together: by noise alone each does by 0.2 on average, whatever it can tell (mean of max(0, N(−E, 2E))).
+SURE = 6.0
+MIN_VALID = 0.75  # of each cell's samples: of a cell that is mostly saturated nothing is sure
+RIDGE = 1e-6  # of a basis vector's square: one may be all but gone with what is saturated
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Expectation:
+    """What a panel's next frames should look like."""
+
+    lattice: Lattice
+    origin_ns: int  # when the bands' phases count from
+    picture: Singles  # (cells, points) without what is left of bands in it
+    root: Singles  # (cells, points) of the weights
+    basis: Singles  # (9, cells·points) orthonormal: what a wrong gain and wrong corners would add, weighted
+    left_bands: Singles  # (cells, points) of the bands' mean that is still in the picture
+    hz: Doubles  # (cells,)
+    depth: Singles  # (cells, 1)
+    phase: Doubles  # (cells,)
+    noise_volume: float  # by how much less than their number its samples tell (`Correlation.volume`)
+
+    @classmethod
+    def of(cls, memory: PanelMemory, bands: Doubles, *, compiled: bool = COMPILED) -> Expectation:
+        """Of the frames in `memory`, which show `bands` (cells, P): cosine and sine of each wave."""
+        known = memory.known()
+        root, basis, left_bands = (_made_compiled if compiled else _made)(known, bands)
+        by_wave = bands.reshape(len(bands), -1, 2)
+        wave = by_wave.any(axis=2).argmax(axis=1)  # that a cell shows
+        cosine, sine = by_wave[np.arange(len(bands)), wave].T
+        return cls(
+            lattice=known.lattice,
+            origin_ns=known.origin_ns,
+            picture=known.mean.picture,
+            root=root,
+            basis=basis,
+            left_bands=left_bands,
+            hz=np.array(memory.spec.waves_hz)[wave],
+            depth=np.hypot(cosine, sine).astype(np.float32)[:, None],
+            phase=np.arctan2(sine, cosine),
+            noise_volume=memory.noise.volume,
+        )
+
+    def is_met(self, samples: CellSamples, frame: Frame) -> bool:
+        """Whether a frame surely shows it. Where the panel's size in the picture has changed, nothing is sure."""
+        valid = samples.valid
+        if samples.lattice is not self.lattice or (valid is not None and valid.mean(axis=1).min() < MIN_VALID):
+            return False
+        of_all, of_those_against = self.weigh(samples, frame)
+        return of_all > SURE and of_those_against < SURE
+
+    def weigh(self, samples: CellSamples, frame: Frame, *, compiled: bool = COMPILED) -> tuple[float, float]:
+        """Log-likelihood ratio of a frame with these bands to one without; of all cells, and of those against them.
+
+        The latter with the other sign.
+        """
+        since_s = (frame.row0_readout_ns - self.origin_ns) * 1e-9
+        if not compiled:
+            return self._weigh(samples, since_s, frame.row_time_us * 1e-6)
+        return kernel.weigh(
+            picture=self.picture,
+            root=self.root,
+            basis=self.basis,
+            left_bands=self.left_bands,
+            depth=self.depth,
+            hz=self.hz,
+            phase=self.phase,
+            since_s=since_s,
+            row_time_s=frame.row_time_us * 1e-6,
+            light=samples.light,
+            valid=samples.valid,
+            rows=samples.rows,
+            independence=samples.independence / self.noise_volume,
+            ridge=RIDGE,
+        )
+
+    def _weigh(self, samples: CellSamples, since_s: float, row_time_s: float) -> tuple[float, float]:
+        """The same, in numpy."""
+        valid, basis = samples.valid, self.basis
+        start = 2 * math.pi * ((self.hz * since_s) % 1.0) - self.phase
+        angle = samples.rows * (2 * math.pi * row_time_s * self.hz).astype(np.float32)[:, None]
+        angle += start.astype(np.float32)[:, None]
+        cells, points = self.picture.shape
+        both = np.empty((2, cells, points), np.float32)  # what the frame adds to the picture, and what it should
+        seen = self.picture.sum() if valid is None else (self.picture * valid).sum()
+        both[0] = samples.light * (seen / samples.light.sum()) / self.picture - 1.0
+        both[1] = np.cos(angle) * self.depth - self.left_bands
+        both *= self.root
+        flat = both.reshape(2, -1)
+        if valid is None:
+            flat -= (flat @ basis.T) @ basis
+        else:  # what is saturated says nothing; without it the basis is not orthonormal any more
+            both *= valid
+            basis = np.asarray(basis * valid.reshape(-1), np.float32)
+            gram = basis @ basis.T + np.float32(RIDGE) * np.eye(len(basis), dtype=np.float32)
+            flat -= np.linalg.solve(gram, basis @ flat.T).T @ basis
+        added, expected = both
+        own = ((added - 0.5 * expected) * expected).sum(axis=1).astype(np.float64)
+        off = (flat[0] - flat[1]).astype(np.float64)
+        variance = float(off @ off) / max(1, int(np.count_nonzero(off)) - len(basis))
+        own *= samples.independence / self.noise_volume / max(variance, 1e-12)
+        return float(own.sum()), -float(np.minimum(own, 0.0).sum())
+
+
+def _made_compiled(known: Known, bands: Doubles) -> tuple[Singles, Singles, Singles]:
+    """`_made`, in C."""
+    mean = known.mean
+    return kernel.expectation(
+        picture=mean.picture, count=mean.count, mean_waves=mean.waves, along=known.lattice.along, bands=bands
+    )
+
+
+def _made(known: Known, bands: Doubles) -> tuple[Singles, Singles, Singles]:
+    """`root`, `basis` and `left_bands` of an `Expectation`."""
+    mean = known.mean
+    weight = mean.picture * (mean.count / (mean.count + 1))
+    root = np.sqrt(weight / weight.mean())
+    fields = np.concatenate([root[None], picture_slopes(mean.picture, known.lattice) * root])
+    basis = np.ascontiguousarray(np.linalg.qr(fields.reshape(len(fields), -1).T)[0].T)
+    return root, basis, np.einsum("cj,jcs->cs", bands.astype(np.float32), mean.waves)

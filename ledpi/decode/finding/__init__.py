@@ -1,0 +1,1 @@
+"""From a picture to rough squares: what may be a panel, and where."""

@@ -1,0 +1,112 @@
+"""Whether a panel that its inner lines alone tell ends where they say: what is beside it does not blink as it does.
+
+Lines tell a lattice a row aside as well, or one of half the rows, and its pattern may be another word. Such a lattice
+has something among its cells that does not blink, or cells of the panel beside it that do. So each of its rows and
+columns must blink for itself, and none of the four beside them as much.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ledpi.decode.cells import CellSamples, sample_cells, unit_square_to
+from ledpi.decode.evidence.evidence import Doubles, Evidence
+from ledpi.decode.evidence.memory import PanelMemory, turned
+from ledpi.decode.identify.words import weakest_row
+from ledpi.geometry import distort, undistort
+from ledpi.records import Frame, Intrinsics, Mask, PanelSpec, Quad, Rejected
+from ledpi.tone import SATURATED
+
+SIDES = 4
+# Log odds by which each row and column has its word's bands rather than none. The weakest of a panel has 90 to 250 in
+# one frame at 1 m. Of a row with log odds of m, noise has the variance 2m: one that does not blink reaches this never.
+LEAST_WITHIN = 45.0
+# Of the weakest row within, what a row beside it may have. A row of the panel has all of it, and by noise less than a
+# half in 1 of 100 at most: of a lattice aside, of which a row within must blink by noise alone already.
+MOST_BESIDE = 0.5
+# Times the deviation of the panel's cells from what they have in common, bands and all: what deviates more is no cell
+# of it. (What is even, a sheet or window, seems to blink where it is taken for such a cell.)
+MOST_UNLIKE = 2.0
+
+
+class Ends:
+    """What a lattice and the four rows beside it show, in the frames of a stream that were added, or in one.
+
+    All in the same frames, so that they can be compared.
+    """
+
+    def __init__(self, spec: PanelSpec) -> None:
+        self._spec = spec
+        self._begin_anew()
+
+    def _begin_anew(self) -> None:
+        self._within, *self._aside = (PanelMemory(self._spec) for _ in range(1 + SIDES))
+
+    def add(self, frame: Frame, quad: Quad, samples: CellSamples, intrinsics: Intrinsics | None) -> None:
+        """Takes a frame in, in which `quad` has `samples`. Where a row beside is out of sight, it begins anew."""
+        # What is black or saturated tells here that it does not blink.
+        visible = replace(frame, pixels=np.clip(frame.pixels, 1, SATURATED - 1))
+        cells, times = samples.lattice.cells, frame.without_picture()
+        rows_up = (_a_row_up(quad, turns, cells, intrinsics) for turns in range(SIDES))
+        beside = [sample_cells(visible, up, cells, intrinsics, like=samples.lattice) for up in rows_up]
+        self._within.add(samples, times)
+        for memory, light in zip(self._aside, beside, strict=True):
+            if isinstance(light, Rejected):
+                self._begin_anew()
+                return
+            memory.add(light, times)
+
+    def are_where_told(self, shown: Doubles, origin_ns: int) -> bool:
+        """Whether the panel ends there whose cells have shown these bands (cells, P), counted from row 0 then."""
+        if self._within.frames == 0:
+            return False
+        evidence = self._within.evidence()
+        if isinstance(evidence, Rejected):
+            return False
+        shown = turned(shown, self._spec.waves_hz, 1e-9 * (origin_ns - self._within.origin_ns))
+        weakest = weakest_row(evidence, shown)
+        if not weakest > LEAST_WITHIN:
+            return False
+        return all(_blinks(memory, turns, shown) < MOST_BESIDE * weakest for turns, memory in enumerate(self._aside))
+
+
+def _blinks(aside: PanelMemory, turns: int, shown: Doubles) -> float:
+    """Log odds of the row beyond the side after so many: that its cells have bands of either class to none."""
+    cells = round(len(shown) ** 0.5)
+    turned_round = np.rot90(shown.reshape(cells, cells, -1), turns)
+    of_row = np.concatenate([np.zeros_like(turned_round[:1]), turned_round[:-1]]).reshape(shown.shape)
+    alike = _are_alike(aside.newest[0])
+    if not alike.any():
+        return -np.inf
+    evidence = aside.evidence()
+    if isinstance(evidence, Rejected):
+        return np.inf
+    return float(_best_of_classes(evidence, of_row, np.unique(shown, axis=0))[:cells][alike].sum())
+
+
+def _are_alike(samples: CellSamples) -> Mask:
+    """(n,) which cells of the first row may be of one panel with all others."""
+    cells = samples.lattice.cells
+    own = samples.light / samples.light.mean(axis=1)[:, None]
+    deviation = np.std(own - np.median(own[cells:], axis=0), axis=1)
+    return np.asarray(deviation[:cells] < MOST_UNLIKE * deviation[cells:].max())
+
+
+def _a_row_up(quad: Quad, turns: int, cells: int, intrinsics: Intrinsics | None) -> Quad:
+    """The lattice one row up, once the panel is turned by so many quarters against the clock."""
+    corners = np.roll(quad.corners_px if intrinsics is None else undistort(quad.corners_px, intrinsics), -turns, axis=0)
+    up = -1.0 / cells
+    at = np.array([[0.0, up, 1.0], [1.0, up, 1.0], [1.0, 1.0 + up, 1.0], [0.0, 1.0 + up, 1.0]])
+    moved = at @ unit_square_to(corners).T
+    moved = moved[:, :2] / moved[:, 2:]
+    return replace(quad, corners_px=moved if intrinsics is None else distort(moved, intrinsics))
+
+
+def _best_of_classes(evidence: Evidence, shown: Doubles, of_class: Doubles) -> Doubles:
+    """(cells,) log odds of each cell's likelier bands of those `of_class` (classes, P) to those `shown` (cells, P)."""
+    left = evidence.score - np.tensordot(evidence.information, shown, axes=((2, 3), (0, 1)))
+    own = np.einsum("cicj->cij", evidence.information)
+    odds = [left @ bands - 0.5 * (own @ bands @ bands) for bands in of_class]
+    return np.asarray(np.max(odds, axis=0), np.float64)

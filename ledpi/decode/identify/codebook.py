@@ -1,0 +1,67 @@
+"""The words that a panel may show, as reading compares them with what is seen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ledpi.decode.cells import Singles
+from ledpi.decode.identify.words import MOST_CORRECTED
+from ledpi.markers import Dictionary
+from ledpi.records import PanelSpec
+
+Mask = NDArray[np.bool_]
+
+# Patterns that are no word differ in so many cells at least from each: what differs in fewer is meant for it.
+NEAREST_PATTERN = MOST_CORRECTED + 1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Codebook:
+    """The words that a panel may show, turned all four ways, for one pair of frequencies."""
+
+    ids: NDArray[np.int64]  # (W,)
+    quarter_turns: NDArray[np.int64]  # (W,) clockwise
+    white: Singles  # (W, cells) 1 where the class is white, 0 where black
+    correctable: int  # cells that may be of the other class while it is still this word: one, if it can be corrected
+    spec: PanelSpec
+
+    @classmethod
+    def build(cls, ids: list[int], dictionary: Dictionary, spec: PanelSpec) -> Codebook:
+        """The words of those `ids` of a dictionary whose panels have this `spec`, but for those that cannot be told.
+
+        Raises ValueError where there are none.
+        """
+        readable = set(dictionary.readable_ids(spec.phase))
+        ids = [marker_id for marker_id in ids if marker_id in readable]
+        if not ids:
+            raise ValueError(dictionary.none_readable(spec.phase))
+        words = dictionary.turned_words()[ids].reshape(len(ids) * 4, -1)
+        return cls(
+            ids=np.repeat(np.asarray(ids, np.int64), 4),
+            quarter_turns=np.tile(np.arange(4), len(ids)),
+            white=words.astype(np.float32),
+            correctable=min(MOST_CORRECTED, dictionary.correctable_cells(spec.phase)),
+            spec=spec,
+        )
+
+    def nearest(self, white: Mask, most: int) -> Codebook:
+        """Of those words that are most like a pattern (cells,), the nearest first."""
+        differ = np.count_nonzero((self.white > 0) != white, axis=1)
+        rows = np.argsort(differ, kind="stable")[:most]
+        return replace(self, ids=self.ids[rows], quarter_turns=self.quarter_turns[rows], white=self.white[rows])
+
+    def correctable_beside(self, silent: Mask | None, word: int) -> int:
+        """`correctable` where the `silent` (cells,) say nothing: ⌊(d − 1)/2⌋ of the other cells, if that is less.
+
+        d: by how many of them this word differs from the one that is most like it there.
+        """
+        if silent is None:
+            return self.correctable
+        told = self.white[:, ~silent]
+        apart = (told != told[word]).sum(axis=1)
+        if self.spec.phase == "antiphase":
+            apart = np.minimum(apart, told.shape[1] - apart)
+        return max(0, min(self.correctable, int(np.delete(apart, word).min(initial=told.shape[1]) - 1) // 2))

@@ -1,0 +1,82 @@
+"""The first look at a panel's samples: the evidence in them, and the words that explain it best.
+
+Step by step (`single_frame`, `words`), or all at once in C (kernels/look.c) where the panel is a plain one: nothing
+saturated, covered or unlit. Most of what a search meets is, and half of its time would be spent between the steps.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+from ledpi.decode.cells import CellSamples, Singles, lattice
+from ledpi.decode.evidence.evidence import UNFIT, Doubles, Evidence, band_prior, is_deep
+from ledpi.decode.evidence.noise import expected_of, lags_of
+from ledpi.decode.evidence.shared_light import border_points, meeting_cells, sources_of
+from ledpi.decode.evidence.single_frame import single_evidence
+from ledpi.decode.evidence.uncovered import COVERED, inner_points
+from ledpi.decode.evidence.unlit import UNLIT
+from ledpi.decode.identify.words import SHORTLIST, Fit, likeliest
+from ledpi.kernels import look as kernel
+from ledpi.kernels.library import COMPILED
+from ledpi.records import Frame, PanelSpec, Rejected
+
+
+def first_look(
+    samples: CellSamples,
+    frame: Frame,
+    spec: PanelSpec,
+    white: Singles,
+    prior: Doubles | None = None,
+    *,
+    compiled: bool = COMPILED,
+) -> tuple[Evidence, Fit] | Rejected:
+    """The evidence of one picture, and the likeliest of the words (W, cells), 1 where the class is white.
+
+    `prior` (P,): how bands vary, where that is not as the exposure leaves them (`band_prior`).
+    """
+    usual = band_prior(frame, spec)
+    prior = usual if prior is None else prior
+    if compiled and samples.valid is None:
+        # a deep band is as dark as what is covered
+        looked = _at_once(samples, frame, spec, white, prior, may_be_dark=is_deep(usual))
+        if looked is not None:
+            return looked
+    evidence = single_evidence(samples, frame, spec, compiled=compiled)
+    if isinstance(evidence, Rejected):
+        return evidence
+    evidence = replace(evidence, prior=prior)
+    return evidence, likeliest(evidence, white, compiled=compiled)
+
+
+def _at_once(
+    samples: CellSamples, frame: Frame, spec: PanelSpec, white: Singles, prior: Doubles, *, may_be_dark: bool
+) -> tuple[Evidence, Fit] | Rejected | None:
+    """The same in C; None where the panel is not plain."""
+    looked = kernel.look(
+        _grid(samples.lattice.cells, samples.lattice.k, border_points(samples)),
+        light=samples.light,
+        rows=samples.rows,
+        independence=samples.independence,
+        lags=lags_of(samples),
+        noise=expected_of(samples, 1 + len(prior)),
+        cycles_a_row=tuple(hz * frame.row_time_us * 1e-6 for hz in spec.waves_hz),
+        prior=prior,
+        words=white,
+        most=SHORTLIST,
+        covered=0.0 if may_be_dark else COVERED,
+        unlit=0.0 if may_be_dark else UNLIT,
+    )
+    if isinstance(looked, int):
+        return UNFIT if looked == kernel.UNFIT else None
+    left = 0.5 * samples.independence * looked.free / looked.volume
+    return Evidence(score=looked.score, information=looked.information, prior=prior, left=left), Fit(*looked.likeliest)
+
+
+@cache
+def _grid(cells: int, k: int, border: tuple[int, int]) -> kernel.Grid:
+    sources = sources_of(k, border)
+    return kernel.Grid(
+        *(cells, k, lattice(cells, k).along, sources.column, sources.first),
+        *(meeting_cells(cells), inner_points(cells, k, border)),
+    )

@@ -1,0 +1,66 @@
+"""Whether what a word says hangs together: its bands as one panel's, its cells as one word's."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ledpi.decode.evidence.evidence import Evidence, is_deep_anywhere
+from ledpi.decode.identify.words import Fit
+
+# No square wave leaves deeper bands than `shutter.harmonic_amplitude` of duty 0.5 by more than π/2 (a duty near 0), and
+# the classes of one panel are thinned alike by whatever light does not blink; where that is three times the panel's
+# own, the panel is no longer seen to be lit. Texture knows of none of this.
+MIN_DEPTH, MAX_DEPTH = 0.25, math.pi / 2
+MAX_DEPTH_RATIO = 2.5
+DEVIATIONS = 3.0  # allowed to either, for noise
+# Bands of its own in every cell fit better than one word's for all, by noise alone with mean and variance of half as
+# many degrees of freedom. Beyond that, of what a word explains a panel leaves a sixteenth at most, harmonics, tone and
+# all (measured; but for a few within thick walls, beside print or with a row time that is off by 6 %, which wait for
+# another frame). What is more, is no cells of one panel: a light that blinks alike everywhere, at another frequency or
+# in short flashes, or something dark across a bright thing, leaves an eighth to a third.
+MAX_MISFIT = 1.0 / 10.0
+# Bands of nearly full depth outshine all noise, and explain all but a few percent of what there is to see (1.5 % on
+# photographs of real lamps), unless the corners are wrong. What a word leaves open then is as much as there is wrong
+# with what it is told by; so its lead over its rivals must be more than that.
+MIN_EXPLAINED = 50.0
+# Log odds by which a row of cells may be rather without bands than with its word's: where the exposure has left none of
+# its class it was by 1.2 at most, of 577 readings; rows of all other panels were with them by 8 and more.
+MOST_AGAINST = 2.0
+
+
+def is_plausible(amplitude: list[float], deviation: list[float], evidence: Evidence) -> bool:
+    """Whether square waves, seen through this exposure, can look like these waves of one panel."""
+    expected = [math.sqrt(2.0 * variance) for variance in evidence.prior[::2].tolist()]
+    most = [(a + DEVIATIONS * d) / e for a, d, e in zip(amplitude, deviation, expected, strict=True)]
+    least = [(a - DEVIATIONS * d) / e for a, d, e in zip(amplitude, deviation, expected, strict=True)]
+    if max(least) > MAX_DEPTH or min(most) < MIN_DEPTH:
+        return False
+    return least[0] <= MAX_DEPTH_RATIO * most[-1] and least[-1] <= MAX_DEPTH_RATIO * most[0]
+
+
+def is_consistent(evidence: Evidence, fit: Fit, lead: float) -> bool:
+    """Whether all cells share the bands of one word, as far as its log-likelihood ratio and its lead can tell."""
+    silent = 0 if fit.silent is None else int(np.count_nonzero(fit.silent))
+    freedom = (len(fit.gain) - silent - 1) * len(evidence.prior)
+    of_word = fit.likelihood[0]
+    misfit = fit.of_cells - of_word
+    if is_deep_anywhere(evidence.prior):
+        return misfit < lead and of_word > MIN_EXPLAINED * evidence.left
+    return misfit < 0.5 * (freedom + DEVIATIONS * math.sqrt(2.0 * freedom)) + MAX_MISFIT * of_word
+
+
+def all_rows_blink(fit: Fit) -> bool:
+    """Whether no row or column of cells would rather have no bands than those that the word gives it, or is dark.
+
+    A lattice that lies a row or a column off takes what is beside the panel for cells. These do not blink, or are dark
+    but for one that reaches into the panel; and the others may be the better part of another word. So at the rim fewer
+    than half of a row may be silent.
+    """
+    side = math.isqrt(len(fit.gain))
+    if fit.silent is not None:
+        silent = fit.silent.reshape(side, side)
+        if any(2 * np.count_nonzero(end) >= side for end in (silent[0], silent[-1], silent[:, 0], silent[:, -1])):
+            return False
+    return fit.weakest_row > -MOST_AGAINST

@@ -1,0 +1,146 @@
+"""What else than its best word a panel may show: log odds of that word against patterns that are none.
+
+Beforehand a panel shows a word as often as a pattern that is none. The best other word, and "no bands", are weighed in
+`soft`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+
+from ledpi.decode.cells import CellSamples
+from ledpi.decode.evidence.evidence import Evidence, band_prior
+from ledpi.decode.identify.codebook import NEAREST_PATTERN, Codebook, Mask
+from ledpi.decode.identify.first_look import first_look
+from ledpi.decode.identify.patterns import likeliest_beyond, of_neighbours
+from ledpi.decode.identify.words import Fit
+from ledpi.records import Frame, Rejected
+
+# Patterns that are no word count as rivals as if they showed up as often as words: all of them alike, or those that
+# differ from a word in 2, 3 or 4 cells, evenly, which is more where panels have many cells.
+NEAR_DISTANCES = 3
+# Patterns are tried that differ in up to so many cells: what differs in more is less likely than these.
+NEIGHBOURS = 3
+# A word that leads the patterns near it by so many times what is needed is not held against patterns further off, which
+# takes longer than all the rest: those that came nearer (two in 12,600 mirrored panels) it led by 1.1 and 1.7 times.
+FURTHER_ODDS = 4.0
+# Of the lower announced frequency, and of the higher: from here to there lights are tried. Slower ones hardly change
+# over a panel, and quicker ones hardly show at an exposure that makes bands invisible.
+LIGHTS = (0.25, 2.0)
+
+
+def odds_against_no_word(evidence: Evidence, fit: Fit, codebook: Codebook, needed: float) -> float:
+    """Log odds of the best word against patterns that are none: the least against those that were asked for.
+
+    What takes longer is asked only while the word has the odds that are `needed`.
+    """
+    odds = _least(
+        odds_against_other_patterns(fit, codebook),
+        odds_against_negative(fit.negative, codebook, fit.likelihood[0]),
+    )
+    if odds >= needed:
+        odds = _least(odds, odds_against_neighbours(evidence, fit, codebook), odds_against_one_class(fit, codebook))
+    if needed <= odds < FURTHER_ODDS * needed:
+        odds = _least(odds, odds_against_any_pattern(evidence, fit, codebook))
+    return odds
+
+
+def _least(*odds: float) -> float:
+    """The least of them; −∞ where one is not a number: `min` may pass over a rival that cannot be weighed."""
+    return -math.inf if any(map(math.isnan, odds)) else min(odds)
+
+
+def odds_against_other_patterns(fit: Fit, codebook: Codebook) -> float:
+    """Log odds of the best word against all patterns that are too far from it to be it.
+
+    Without this rival a panel that shows no word of the dictionary would pass as its neighbour. As with any code, a
+    pattern counts as the word itself while no more cells differ than the dictionary can correct; those that are
+    silent are erasures: they may be either, and leave less to be corrected.
+    """
+    others = fit.beyond[codebook.correctable_beside(fit.silent, fit.words[0])]
+    return prior_odds_of_word(codebook) - others - _log_patterns(fit.silent)
+
+
+def odds_against_neighbours(evidence: Evidence, fit: Fit, codebook: Codebook) -> float:
+    """Log odds of the best word against patterns a few cells off, each with the bands that fit it best.
+
+    With the word's bands a pattern that is really shown may look unlikely: these are meant for other cells.
+    """
+    best, of_word, silent = fit.words[0], fit.likelihood[0], fit.silent
+    correctable = codebook.correctable_beside(silent, best)
+    others = of_neighbours(evidence, codebook.white[best], correctable + 1, max(NEIGHBOURS, correctable + 1))
+    return of_word - others + prior_odds_of_word(codebook) - _log_patterns(silent)
+
+
+def odds_against_any_pattern(evidence: Evidence, fit: Fit, codebook: Codebook) -> float:
+    """Log odds of the best word against the likeliest pattern that is too far from it to be it, bands fitted anew.
+
+    Where a cell is about as high as a band is long, bands of other phases may explain nearly the same light in many
+    other cells.
+    """
+    best = fit.words[0]
+    correctable = codebook.correctable_beside(fit.silent, best)
+    likeliest = likeliest_beyond(evidence, codebook.white[best], correctable)
+    return fit.likelihood[0] - likeliest + prior_odds_of_word(codebook) - _log_patterns(fit.silent)
+
+
+def _log_patterns(silent: Mask | None) -> float:
+    """Log of how many patterns `silent` (cells,) may be."""
+    return 0.0 if silent is None else int(np.count_nonzero(silent)) * math.log(2)
+
+
+def odds_against_negative(of_negative: float, codebook: Codebook, of_word: float) -> float:
+    """Log odds of a word against the pattern with all classes swapped, bands fitted anew.
+
+    The one pattern that may look like the word although all its cells differ: where a cell is as high as a band is
+    long, the same wave is in every cell, and all that the shared profile leaves of it is where it is *not*. (In
+    antiphase it is the word itself.)
+    """
+    if codebook.spec.phase == "antiphase":
+        return math.inf
+    return of_word - of_negative + prior_odds_of_word(codebook)
+
+
+def odds_against_one_class(fit: Fit, codebook: Codebook) -> float:
+    """Log odds of the best word against all cells being of one class, its bands fitted anew.
+
+    So is a lamp that is switched, or a panel whose driver has failed. Where cells are as high as bright bands, whole
+    rows of them are dark, and a word that says so where they are outshines patterns that are like it.
+    """
+    return fit.likelihood[0] - fit.one_class + prior_odds_of_word(codebook)
+
+
+def odds_against_one_light(fit: Fit, samples: CellSamples, frame: Frame, codebook: Codebook) -> float:
+    """Log odds of the best word against one light that blinks alike everywhere, at any frequency, in a first look.
+
+    Frequencies are so close that one of them is within a quarter of a cycle over the panel's rows.
+    """
+    spec, rows = codebook.spec, samples.rows
+    step_hz = 0.5e6 / (float(rows.max() - rows.min()) * frame.row_time_us)
+    lowest, highest = LIGHTS[0] * min(spec.waves_hz), LIGHTS[1] * max(spec.waves_hz)
+    tried = np.arange(lowest, highest + 2 * step_hz, step_hz).tolist()
+    as_deep = np.full(4, band_prior(frame, spec).max())
+    all_alike = np.repeat(np.array([[0.0], [1.0]], np.float32), len(samples.light), axis=1)
+    likelihood = [-math.inf]
+    for one_hz, other_hz in zip(tried[::2], tried[1::2], strict=False):
+        lights = replace(spec, black_hz=one_hz, white_hz=other_hz, phase="free")
+        looked = first_look(samples, frame, lights, all_alike, as_deep)
+        if not isinstance(looked, Rejected):
+            likelihood.append(looked[1].likelihood[0])
+    return fit.likelihood[0] - float(np.max(likelihood)) + prior_odds_of_word(codebook)
+
+
+def prior_odds_of_word(codebook: Codebook) -> float:
+    """Log odds, beforehand, of one word against one pattern that is none, where words and others are as frequent."""
+    alike = 2 if codebook.spec.phase == "antiphase" else 1  # a pattern and its negative are one
+    return _prior_odds(*codebook.white.shape, alike)
+
+
+@cache
+def _prior_odds(words: int, cells: int, alike: int) -> float:
+    all_even = cells * math.log(2) - math.log(alike * words)
+    return min(all_even, math.log(NEAR_DISTANCES * math.comb(cells, NEAREST_PATTERN)))

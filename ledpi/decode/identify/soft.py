@@ -1,0 +1,249 @@
+"""Reads a panel's ID from the evidence of all its cells together.
+
+A word of the dictionary says which cells carry which class, so its likelihood is that of *one* fit to the whole
+panel: no cell is ever decided alone. Depth and phase are not known beforehand; they are integrated out under a
+Gaussian whose width is the depth that the exposure leaves of a square wave (`shutter.harmonic_amplitude`). Three
+rivals are weighed against the best word: no bands at all, the best other ID, and all patterns that are no word.
+
+On an antiphase panel a word and its negative are one pattern, half a cycle apart; only words that can be told from all
+others' negatives are in its `Codebook`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from statistics import NormalDist
+
+import numpy as np
+
+from ledpi.decode.cells import CellSamples
+from ledpi.decode.evidence.evidence import (
+    UNFIT,
+    Doubles,
+    Evidence,
+    band_prior,
+    bands_of,
+    believed_bands,
+    is_deep,
+    is_deep_anywhere,
+)
+from ledpi.decode.evidence.single_frame import single_evidence
+from ledpi.decode.identify import rivals
+from ledpi.decode.identify.codebook import Codebook
+from ledpi.decode.identify.first_look import first_look
+from ledpi.decode.identify.plausible import all_rows_blink, is_consistent, is_plausible
+from ledpi.decode.identify.words import SHORTLIST, Fit, likeliest
+from ledpi.records import Frame, Rejected, SeenBands
+
+NO_BANDS = Rejected(stage="soft", reason="no_bands")
+NO_WORD = Rejected(stage="soft", reason="not_in_dictionary")
+AMBIGUOUS = Rejected(stage="soft", reason="ambiguous")
+INCONSISTENT = Rejected(stage="soft", reason="inconsistent_cells")
+IMPLAUSIBLE = Rejected(stage="soft", reason="implausible_depth")
+
+# The share of panels showing no word, but a pattern two or more cells away from every word, that are taken for one: in
+# single frames, at the distance where that is most frequent (`docs/evaluation.md`, How sure an ID is). What it costs at
+# 2 m and beyond is measured there, too. (Of 100,000 frames of decoys a rate ten times as high let one be read.)
+FALSE_ID_RATE = 1e-6
+# To the odds of bands less deep than this a second look has added 10 nats at most, of 750 panels at 2 to 3 m, mostly 1
+# or 2.
+FAINT_DEPTH, SECOND_LOOK_ADDS = 0.1, 10.0
+# Whatever is believed explains more: what a lamp shows, as a word with its own bands, more than the lamp does. Of what
+# a word explains a second look adds 4 to 14 % where a panel shows it (of 24 read so, one 17 and one 40 %), and 26 to
+# 80 % where a lamp does that blinks alike everywhere.
+MOST_ADDED = 0.2
+# Looks at deep bands, at most; nearly all panels are read by the first.
+SETTLING = 4
+SAME_HZ = 0.05  # by which frequencies may differ that the same cells show
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reading:
+    """The best word, and how sure it is."""
+
+    id: int
+    quarter_turns: int  # clockwise, of the word as seen in the picture
+    margin: float  # natural-log likelihood ratio to the best rival
+    likelihood: float  # natural-log likelihood ratio to "no bands at all"
+    amplitude: tuple[float, float]  # of black's and white's bands over the mean light
+    cell_bands: Doubles  # (cells, P) cosine and sine of each wave, as each cell shows them
+
+
+def read_word(
+    samples: CellSamples,
+    frame: Frame,
+    codebook: Codebook,
+    false_id_rate: float = FALSE_ID_RATE,
+) -> Reading | Rejected:
+    """The word that these samples show by themselves, or why none can be told.
+
+    Bands are looked at twice where that may change the answer: as sinusoids; and, once it is known where in their
+    period they are, as what the exposure leaves of a square wave, with the static picture that is then left. Of deep
+    ones, which the panel's whole picture was fitted by, that is known.
+    """
+    spec, seen = codebook.spec, _seen_bands(samples, frame, codebook)
+    if seen is not None:
+        settled = _settled(seen, samples, frame, codebook, false_id_rate)
+        if isinstance(settled, Reading) or is_deep(band_prior(frame, spec)):
+            return settled
+    looked = first_look(samples, frame, spec, codebook.white)
+    if isinstance(looked, Rejected):
+        return looked
+    evidence, fit = looked
+    first = _judged(fit, evidence, codebook, false_id_rate)
+    if not _is_open(first, fit, evidence, codebook, false_id_rate):
+        return first
+    believed = believed_bands(samples, frame, spec, codebook.white[fit.words[0]] > 0, fit.bands)
+    again = single_evidence(samples, frame, spec, believed=believed)
+    if isinstance(again, Rejected):
+        return again
+    second = _judged(likeliest(again, codebook.white), again, codebook, false_id_rate)
+    if isinstance(second, Rejected):
+        return second
+    if isinstance(first, Rejected) and not is_deep_anywhere(evidence.prior):
+        if second.likelihood > (1.0 + MOST_ADDED) * fit.likelihood[0]:
+            return INCONSISTENT
+        if not rivals.odds_against_one_light(fit, samples, frame, codebook) >= odds_needed(false_id_rate):
+            return NO_WORD
+    return replace(second, cell_bands=believed.turned_back(second.cell_bands))
+
+
+def _settled(
+    seen: SeenBands, samples: CellSamples, frame: Frame, codebook: Codebook, false_id_rate: float
+) -> Reading | Rejected:
+    """What looks at deep bands tell, from those that were `seen` on, each by the bands that the last has shown.
+
+    A look finds what it believes: of a cell that it takes for one of the other class it says that it is, whatever it
+    shows. So no word is believed that cells contradict as they were seen, by themselves. (Where one class is nearly
+    steady they may have been seen wrongly; then all else is as without them.)
+    """
+    words, bands = codebook.nearest(seen.white, SHORTLIST), bands_of(seen, frame, codebook.spec)
+    differ = np.count_nonzero((words.white[0] > 0) != seen.white)
+    if codebook.spec.phase == "antiphase":  # the same, half a cycle later
+        of_negative = codebook.nearest(~seen.white, SHORTLIST)
+        if (other := np.count_nonzero((of_negative.white[0] > 0) == seen.white)) < differ:
+            words, bands, differ = of_negative, -bands, other
+    if differ > codebook.correctable:
+        return NO_WORD
+    word, result = words.white[0] > 0, NO_WORD
+    for _ in range(SETTLING):
+        believed = believed_bands(samples, frame, codebook.spec, word, bands)
+        evidence = single_evidence(samples, frame, codebook.spec, believed=believed)
+        if isinstance(evidence, Rejected):
+            return evidence
+        fit = likeliest(evidence, words.white)
+        reading = _judged(fit, evidence, words, false_id_rate)
+        if isinstance(reading, Reading):
+            return replace(reading, cell_bands=believed.turned_back(reading.cell_bands))
+        bands, result = believed.turned_back(fit.bands[None])[0], reading
+    return result
+
+
+def _seen_bands(samples: CellSamples, frame: Frame, codebook: Codebook) -> SeenBands | None:
+    """Those of the panel's whole picture, where any are deep and they may be of these panels."""
+    if samples.bands is None or not is_deep_anywhere(band_prior(frame, codebook.spec)):
+        return None
+    alike = zip(samples.bands.spec.waves_hz, codebook.spec.waves_hz, strict=False)
+    return samples.bands if all(abs(seen / hz - 1.0) < SAME_HZ for seen, hz in alike) else None
+
+
+def _is_open(
+    first: Reading | Rejected, fit: Fit, evidence: Evidence, codebook: Codebook, false_id_rate: float
+) -> bool:
+    """Whether a second look may change what the first has told."""
+    if first in (NO_BANDS, UNFIT):
+        return False
+    if isinstance(first, Reading):
+        return is_deep(evidence.prior)
+    return not (
+        _is_contradicted(fit, evidence, codebook, false_id_rate) or _is_hopeless(fit, evidence, codebook, false_id_rate)
+    )
+
+
+def _is_contradicted(fit: Fit, evidence: Evidence, codebook: Codebook, false_id_rate: float) -> bool:
+    """Whether more cells than the dictionary can correct are surely of the other class than the best word says, or all
+    of them may be of one class.
+
+    A second look believes the word's cells, and so finds more of what it believes: it may settle what was open, but not
+    what was decided against the word.
+    """
+    needed = odds_needed(false_id_rate)
+    if sum(gain > needed for gain in fit.gain) > codebook.correctable:
+        return True
+    if not is_deep_anywhere(evidence.prior):
+        return False
+    misfit = fit.of_cells - fit.likelihood[0]  # by which either may be wrong
+    return fit.likelihood[0] - fit.one_class < needed + misfit
+
+
+def _is_hopeless(fit: Fit, evidence: Evidence, codebook: Codebook, false_id_rate: float) -> bool:
+    """Whether a second look at faint bands, which adds little, cannot add what is missing."""
+    if math.sqrt(2.0 * float(evidence.prior.max())) > FAINT_DEPTH:
+        return False
+    return rivals.odds_against_other_patterns(fit, codebook) < odds_needed(false_id_rate) - SECOND_LOOK_ADDS
+
+
+def decide(evidence: Evidence, codebook: Codebook, false_id_rate: float) -> Reading | Rejected:
+    """The word that the evidence is for, or why none can be told."""
+    return _judged(likeliest(evidence, codebook.white), evidence, codebook, false_id_rate)
+
+
+@cache
+def odds_needed(false_id_rate: float) -> float:
+    """The log odds at which so many are false, of two patterns where these cannot be told apart well or badly: ½z².
+
+    The log-likelihood ratio of what is shown to what is not is normal, with mean D and variance 2D. It is below −m, as
+    log odds of m for the other one ask for, by a chance that is greatest for D = m: Φ(−√(2m)).
+    """
+    return 0.5 * NormalDist().inv_cdf(false_id_rate) ** 2
+
+
+def _judged(fit: Fit, evidence: Evidence, codebook: Codebook, false_id_rate: float) -> Reading | Rejected:
+    """The best word, if it stands against all its rivals."""
+    needed = odds_needed(false_id_rate)
+    best, none = fit.words[0], fit.likelihood[0]
+    if none < needed:
+        return NO_BANDS
+    if not fit.is_finite:
+        return UNFIT
+    amplitude = [math.hypot(*wave) for wave in fit.bands.reshape(-1, 2).tolist()]
+    deviation = [max(wave) for wave in zip(fit.deviation[::2], fit.deviation[1::2], strict=True)]
+    if not is_plausible(amplitude, deviation, evidence):
+        return IMPLAUSIBLE
+    outside = rivals.odds_against_no_word(evidence, fit, codebook, needed)
+    if outside < needed:
+        return NO_WORD
+    ids = codebook.ids
+    others = (of for word, of in zip(fit.words, fit.likelihood, strict=True) if ids[word] != ids[best])
+    other = none - next(others, 0.0)  # the likeliest of them comes first
+    if other < needed:
+        return AMBIGUOUS
+    if not is_consistent(evidence, fit, min(other, outside) - needed):
+        return INCONSISTENT
+    if not all_rows_blink(fit):
+        return INCONSISTENT
+    return Reading(
+        id=int(codebook.ids[best]),
+        quarter_turns=int(codebook.quarter_turns[best]),
+        margin=min(none, other, outside),
+        likelihood=none,
+        amplitude=(amplitude[0], amplitude[-1]),
+        cell_bands=fit.shown,
+    )
+
+
+def surest(readings: Sequence[Reading | Rejected], false_id_rate: float) -> Reading | Rejected:
+    """The reading to believe, of those under each pair of frequencies that panels may have; at least one is given."""
+    if len(readings) == 1:
+        return readings[0]
+    read = sorted((r for r in readings if isinstance(r, Reading)), key=lambda r: -r.likelihood)
+    if not read:
+        return next(r for r in readings if isinstance(r, Rejected))
+    best = read[0]
+    ahead = min((best.likelihood - r.likelihood for r in read[1:] if r.id != best.id), default=math.inf)
+    if ahead < odds_needed(false_id_rate):
+        return AMBIGUOUS
+    return best if best.margin <= ahead else replace(best, margin=ahead)

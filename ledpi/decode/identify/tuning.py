@@ -1,0 +1,161 @@
+"""At which frequencies a panel really blinks, told from the frames of one track.
+
+An RC oscillator is off by a percent. Within one frame that hardly shows, but from frame to frame the bands then advance
+by a tenth of a cycle and more besides what was expected, so that frames do not add up. So, for each class and each
+frequency around the announced one, the frames are added up at that frequency's phases; the word and the two
+frequencies that together leave the most power are proposed. What they are worth is for `soft` to decide, on the same
+frames, seen again at these frequencies.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ledpi.decode.cells import CellSamples
+from ledpi.decode.evidence.classes import wave_shares
+from ledpi.decode.evidence.evidence import picture_slopes
+from ledpi.decode.identify.codebook import Codebook
+from ledpi.records import Frame, PanelSpec
+
+Complexes = NDArray[np.complex128]
+
+MAX_OFF = 0.012  # relative: of an RC oscillator that was trimmed by hand
+MIN_FRAMES = 4
+# The phases of the first and the last frame tell frequencies apart that differ by 1/time; a quarter of that is fine
+# enough for a parabola through three of them.
+STEPS_PER_CYCLE = 4.0
+# Of a wave whose phase hardly moves the mean takes almost all; what is left then is mostly noise.
+MIN_LEFT = 0.2
+# Over the mean of noise: one of e^10 looks so by chance, and there are some 10 independent frequencies and 100 words.
+SIGNIFICANT = 10.0
+# Word, black and white frequency are chosen among so many that are independent (12 frames of 17 ms): what is found
+# must be surer by as much: 2·1.2 %·1250 Hz·0.2 s = 6, times 12; each of them may also stand still.
+CHOICES = 300.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Seen:
+    """What one frame showed of a panel."""
+
+    samples: CellSamples
+    frame: Frame  # its times count; of its picture nothing is used any more
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Proposal:
+    """A panel at frequencies that may be its own."""
+
+    spec: PanelSpec
+    measured: bool  # both; else one is only such that its phase stands still
+
+
+def propose_frequencies(seen: Sequence[Seen], spec: PanelSpec, codebook: Codebook) -> list[Proposal]:
+    """The panel with the frequencies that make most of what was seen, likeliest first; none where nothing stands out.
+
+    Frames on another lattice than the last one's are left out. Of a class that stands out in no frequency the phase may
+    stand still from frame to frame, so that differences show nothing of it.
+    """
+    last = seen[-1].samples.lattice
+    seen = [s for s in seen if s.samples.lattice is last and s.samples.valid is None]
+    if len(seen) < MIN_FRAMES:
+        return []
+    times_s = np.array([(s.frame.row0_readout_ns - seen[0].frame.row0_readout_ns) * 1e-9 for s in seen])
+    residual, weight = _residuals(seen)
+    shares = wave_shares(codebook.white.astype(np.float64), len(spec.waves_hz))
+    searched = [
+        _powers(_sums(seen, residual, weight, hz), times_s, hz, shares[..., k]) for k, hz in enumerate(spec.waves_hz)
+    ]
+    word = int(np.argmax(np.sum([power.max(axis=0) for _, power in searched], axis=0)))
+    period_s = times_s[-1] / (len(seen) - 1)
+    noise = _noise(seen, residual, weight)
+    peaks = tuple(_peak(frequencies, power[:, word], noise) for frequencies, power in searched)
+    if not any(peaks):
+        return []
+    frozen = [_frozen(hz, period_s) for hz in spec.waves_hz]
+    ways = itertools.product(*((peak, still) if peak else (still,) for peak, still in zip(peaks, frozen, strict=True)))
+    return [
+        Proposal(spec=spec.at(hz), measured=hz == peaks)
+        for hz in ways
+        if min(hz) > 0.0 and len(set(hz)) == len(hz)  # as those of a panel are; what stands still may be neither
+    ]
+
+
+def off_frequency_note(marker_id: int, found: PanelSpec) -> str:
+    """What to tell the user of a panel that blinks at other frequencies than announced."""
+    seen = " and ".join(f"{hz:.0f}" for hz in found.waves_hz)
+    return (
+        f"panel {marker_id} blinks at about {seen} Hz, not as configured; "
+        "`ledpi calibrate panel` measures it"
+    )
+
+
+def _residuals(seen: Sequence[Seen]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """What each frame's light is over the mean picture's (frames, cells·points), corners' errors taken off; weights."""
+    light = np.stack([s.samples.light / s.samples.light.mean() for s in seen]).astype(np.float64)
+    picture = np.maximum(light.mean(axis=0), 0.02)
+    weight = picture / picture.mean()
+    slopes = picture_slopes(picture.astype(np.float32), seen[-1].samples.lattice).reshape(-1, picture.size)
+    changes = np.concatenate([np.ones((1, picture.size)), slopes])  # of exposure, of corners
+    root = np.sqrt(weight).reshape(-1)
+    basis = np.linalg.qr((changes * root).T)[0]
+    residual = ((light / picture - 1.0).reshape(len(seen), -1)) * root
+    residual -= (residual @ basis) @ basis.T
+    return residual / root, weight.reshape(-1)
+
+
+def _sums(seen: Sequence[Seen], residual: NDArray[np.float64], weight: NDArray[np.float64], hz: float) -> Complexes:
+    """(frames, cells): the wave that each cell shows, with the phase that it had when row 0 was read out."""
+    rows = np.stack([s.samples.rows for s in seen]).astype(np.float64)
+    turns = np.array([hz * s.frame.row_time_us * 1e-6 for s in seen])[:, None, None]
+    waves = np.exp(-2j * math.pi * turns * rows)
+    return np.asarray((waves * (residual * weight).reshape(rows.shape)).sum(axis=2))
+
+
+def _powers(
+    sums: Complexes, times_s: NDArray[np.float64], hz: float, shares: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Frequencies (F,), and the power (F, words) of a wave in all cells of a word together, over what noise leaves.
+
+    `shares` (words, cells): how much of it each shows.
+    """
+    step = 1.0 / (STEPS_PER_CYCLE * max(times_s[-1], 1e-3))
+    count = math.ceil(MAX_OFF * hz / step)
+    frequencies = hz + step * np.arange(-count, count + 1)
+    turning = np.exp(2j * math.pi * frequencies[:, None] * times_s)
+    turning -= turning.mean(axis=1, keepdims=True)  # as the residuals are without their mean
+    left = np.maximum(np.square(np.abs(turning)).mean(axis=1), MIN_LEFT)
+    total = turning.conj() @ sums  # (F, cells)
+    power = np.square(np.abs(total @ shares.T)) / np.maximum(np.square(shares).sum(axis=1), 1.0)
+    return frequencies, power / left[:, None]
+
+
+def _frozen(hz: float, period_s: float) -> float:
+    """The frequency nearest to `hz` whose bands stand still from frame to frame, so that differences do not show it."""
+    return float(round(hz * period_s) / period_s)
+
+
+def _noise(seen: Sequence[Seen], residual: NDArray[np.float64], weight: NDArray[np.float64]) -> float:
+    """What `_powers` makes of noise alone, on average: as if all that is left of the light were noise.
+
+    A residual has the variance σ²/weight, so a sum over samples that it was weighted in has σ²·Σ weight.
+    """
+    frames, cells = len(seen), len(seen[-1].samples.light)
+    variance = float((np.square(residual) * weight).mean()) * frames / (frames - 1)
+    return frames * variance * float(weight.sum()) / cells / seen[-1].samples.independence
+
+
+def _peak(frequencies: NDArray[np.float64], power: NDArray[np.float64], noise: float) -> float | None:
+    """Where a parabola through the highest and its neighbours has its top; None where nothing stands out of `noise`."""
+    if power.max() < SIGNIFICANT * noise:
+        return None
+    top = int(np.clip(np.argmax(power), 1, len(power) - 2))
+    before, here, after = power[top - 1 : top + 2].tolist()
+    bend = before - 2 * here + after
+    shift = 0.5 * (before - after) / bend if bend < 0 else 0.0
+    return float(frequencies[top] + min(1.0, max(-1.0, shift)) * (frequencies[1] - frequencies[0]))
