@@ -78,13 +78,17 @@ def distinct(squares: Floats) -> Floats:
 def set_aside(squares: Floats, kept: Floats) -> Floats:
     """Of squares (K, 11), `distinct` of which are `kept` (M, 11), those that may be of another thing all the same.
 
-    As a panel within a bright frame: in the place of one that is kept, but with corners further off than either's
+    As a panel within a bright frame: in the place of one that is kept, but with all corners further off than either's
     tolerance. The best first.
     """
-    if not 0 < len(squares) <= MOST_COMPARED:
+    known = {square.tobytes() for square in kept}
+    left = squares[[square.tobytes() not in known for square in squares]]
+    if not 0 < len(left) <= MOST_COMPARED:
         return squares[:0]
-    like, apart = _alike(squares, kept)
-    left = squares[(like & apart).any(axis=1) & (apart | ~like).all(axis=1)]
+    like, apart = _alike(left, kept)
+    left = left[(like & apart).any(axis=1) & (apart | ~like).all(axis=1)]
+    if len(left) < 2:
+        return left
     left = left[np.argsort(left[:, 9] + BLUR_MISFIT * left[:, 10], kind="stable")]
     like, apart = _alike(left, left)
     again = like & ~apart
@@ -121,13 +125,13 @@ def _same(square: Floats, other: Floats) -> bool:
 
 
 def _alike(squares: Floats, others: Floats) -> tuple[Mask, Mask]:
-    """(K, M) which squares (K, 11) are the same as which others (M, 11), as `_same` has it; and with corners apart."""
-    a, b = squares[:, None, :8].reshape(-1, 1, 4, 1, 2), others[None, :, :8].reshape(1, -1, 1, 4, 2)
-    corners = np.hypot(*np.moveaxis(a - b, -1, 0)).min(axis=3).max(axis=2)
-    middles = np.hypot(*np.moveaxis((a.mean(axis=2) - b.mean(axis=3))[:, :, 0], -1, 0))
+    """(K, M) which squares (K, 11) are the same as which others (M, 11), as by `_same`, and apart at all corners."""
+    a, b = squares[:, None, :8:2] + 1j * squares[:, None, 1:8:2], others[:, :8:2] + 1j * others[:, 1:8:2]
+    corners = np.abs(a[..., None] - b[:, None]).min(axis=3)  # from each of a's to the nearest of b's
+    middles = np.abs(a.mean(axis=2) - b.mean(axis=1))
     larger, smaller = np.maximum(squares[:, None, 8], others[:, 8]), np.minimum(squares[:, None, 8], others[:, 8])
-    like = (smaller > LIKE * larger) & (middles < NEAR * larger) & (corners < SAME_CORNERS * larger)
-    return like, corners > np.maximum(squares[:, None, 10], others[:, 10])
+    like = (smaller > LIKE * larger) & (middles < NEAR * larger) & (corners.max(axis=2) < SAME_CORNERS * larger)
+    return like, corners.min(axis=2) > np.maximum(squares[:, None, 10], others[:, 10])
 
 
 def _four_sides(hull: Corners, size: float) -> Corners | None:
