@@ -6,6 +6,7 @@ turned, from where each profile has its edge. The lines within the panel have th
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from functools import cache
 
@@ -14,7 +15,8 @@ from numpy.typing import NDArray
 
 from ledpi.decode.corners import adjust, approach, looks, rim, whole
 from ledpi.decode.corners.adjust import adjust_quads
-from ledpi.decode.corners.approach import LOST, NOT_STRAIGHT, SHARES, step_templates
+from ledpi.decode.corners.approach import LOST, NOT_STRAIGHT, SHARES, approach_quads, step_templates
+from ledpi.decode.corners.beside_rim import ends_lack_alike, is_around, unsure
 from ledpi.decode.corners.inner_square import by_inner_lines
 from ledpi.decode.corners.looks import MAX_MOVE, Found, find_sides, profile_shares
 from ledpi.decode.corners.rim import filters_of_pitch, make_filters
@@ -22,6 +24,7 @@ from ledpi.decode.corners.sides import Points, areas, as_corners, as_points, ben
 from ledpi.decode.corners.whole import (
     BEND_ALONG,
     BLUR_STEPS,
+    NO_RIM_WALL,
     explanations,
     hidden_shares,
     uncovered,
@@ -79,13 +82,32 @@ def refine_quads(
     if not len(near):
         return []
     found = _refined(frame, near, cells, intrinsics)
-    return [
-        quad if isinstance(quad, Rejected) or quad.seen_px is None else _exactly(frame, quad, cells, intrinsics)
-        for quad in found
-    ]
+    return [quad if isinstance(quad, Rejected) else _exactly(frame, quad, cells, intrinsics) for quad in found]
 
 
 def _exactly(frame: Frame, quad: Quad, cells: int, intrinsics: Intrinsics | None) -> Quad:
+    """A quad whose sides are not all there is to tell where its panel ends, as exactly as that can be told."""
+    if quad.seen_px is None:
+        return unsure(frame, quad, cells, intrinsics) if quad.rim_wall else quad
+    if is_around(quad):
+        own = _within(frame, quad, cells, intrinsics)
+        if own is not None:
+            return own
+    told = _by_lines(frame, quad, cells, intrinsics)
+    return unsure(frame, told, cells, intrinsics) if ends_lack_alike(quad) else told
+
+
+def _within(frame: Frame, quad: Quad, cells: int, intrinsics: Intrinsics | None) -> Quad | None:
+    """The panel's own sides, where what was seen is the outline of what runs around it."""
+    reach_px = NO_RIM_WALL * math.sqrt(abs(float(areas(as_points(quad.corners_px)))))
+    (near,) = approach_quads(frame, quad.corners_px[None], np.array([reach_px]))
+    if isinstance(near, Rejected):
+        return None
+    (own,) = _refined(frame, near[None], cells, intrinsics)
+    return _exactly(frame, own, cells, intrinsics) if isinstance(own, Quad) and own.seen_px is None else None
+
+
+def _by_lines(frame: Frame, quad: Quad, cells: int, intrinsics: Intrinsics | None) -> Quad:
     """A quad that is partly hidden, by its inner lines if they tell more than how much of it lacks, and the same."""
     lines = by_inner_lines(frame, quad.corners_px, cells, intrinsics)
     if isinstance(lines, Rejected) or lines.corner_sigma_px > MORE_EXACT * quad.corner_sigma_px:
