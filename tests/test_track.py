@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from decode_material import SPEC, quad, square
 
-from ledpi.decode.track import Track, Tracker
+from ledpi.decode.identify.soft import Reading
+from ledpi.decode.track import Shown, Track, Tracker
 from ledpi.records import Floats
 
 FRAME_NS = 16_970_000  # 504 rows of 33.67 µs
@@ -157,3 +158,14 @@ def test_tracks_that_meet_become_one(tracker: Tracker) -> None:
     assert tracker.go_on(second, quad(PLACE + 0.01)) is None
     tracker.begin(3 * FRAME_NS)
     assert tracker.expected() == [first]
+
+
+def test_where_tracks_meet_the_panel_that_was_read_goes_on(tracker: Tracker) -> None:
+    """However much older the other one is."""
+    first, second = follow(tracker, 1, PLACE, square(302, 200, 66))
+    reading = Reading(
+        id=7, quarter_turns=0, margin=20.0, likelihood=20.0, amplitude=(0.1, 0.1), cell_bands=np.zeros((16, 4))
+    )
+    second.shown = Shown(group=0, reading=reading, expectation=None, frames=0)
+    tracker.begin(2 * FRAME_NS)
+    assert tracker.expected() == [second, first]

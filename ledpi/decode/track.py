@@ -135,8 +135,12 @@ class Tracker:
         self._before_ns, self._now_ns = self._now_ns, now_ns
 
     def expected(self) -> list[Track]:
-        """The tracks that this frame should show near by: those the last one showed, but for old ones of no panel."""
-        return [t for t in self._tracks if t.seen_ns == self._before_ns and (t.shown or t.frames < OLD_FRAMES)]
+        """The tracks that this frame should show near by: those the last one showed, but for old ones of no panel.
+
+        Panels that were read come first: where two tracks meet, they go on.
+        """
+        seen = [t for t in self._tracks if t.seen_ns == self._before_ns]
+        return [t for t in seen if t.shown] + [t for t in seen if not t.shown and t.frames < OLD_FRAMES]
 
     def go_on(self, track: Track, quad: Quad | Rejected) -> Quad | None:
         """The square that was sought where `track` is expected, if it can be the track's; in the track's order.
