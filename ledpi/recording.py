@@ -115,7 +115,8 @@ def load_recording(folder: Path) -> Recording:
         panel = PanelSpec(**header.panel.model_dump(exclude={"dictionary"}))
     except ValueError as error:
         raise RecordingError(f"{path}: panel: {error}") from None
-    camera, frames = _camera_info(header.camera, path), _load_frames(folder)
+    camera = _camera_info(header.camera, path)
+    frames, cut_off = _load_frames(folder)
     clock = RowClock(camera)
     for entry in frames:
         clock.add(entry.seq, entry.row0_readout_ns)
@@ -128,7 +129,7 @@ def load_recording(folder: Path) -> Recording:
         dictionary=header.panel.dictionary,
         panel=panel,
         frames=frames,
-        truth=_load_truth(folder / TRUTH_FILE, {entry.seq for entry in frames}),
+        truth=_load_truth(folder / TRUTH_FILE, [entry.seq for entry in frames], cut_off),
         row_time_ratio=clock.ratio,
     )
 
@@ -150,17 +151,19 @@ def _camera_info(section: CameraSection, path: Path) -> CameraInfo:
     return CameraInfo(**values)
 
 
-def _load_frames(folder: Path) -> tuple[FrameEntry, ...]:
+def _load_frames(folder: Path) -> tuple[tuple[FrameEntry, ...], bool]:
+    """The frames, and whether the file's end is missing."""
     path = folder / FRAMES_FILE
     entries: list[FrameEntry] = []
-    for number, line in read_lines(path, FrameLine):
+    lines, cut_off = read_lines(path, FrameLine)
+    for number, line in lines:
         entry = frame_entry(folder, line)
         if entries:
             check_order(entries[-1], entry, f"{path}: line {number}")
         entries.append(entry)
     if not entries:
         raise RecordingError(f"{path}: is empty; must hold a line for each frame")
-    return tuple(entries)
+    return tuple(entries), cut_off
 
 
 def frame_entry(folder: Path, line: FrameLine) -> FrameEntry:
@@ -186,14 +189,18 @@ def check_order(last: FrameEntry, new: FrameEntry, where: str) -> None:
         )
 
 
-def _load_truth(path: Path, known: set[int]) -> Mapping[int, tuple[TruthMarker, ...]] | None:
+def _load_truth(path: Path, known: list[int], cut_off: bool) -> Mapping[int, tuple[TruthMarker, ...]] | None:
+    """By seq; `known` are those of the frames. Where the list of frames is cut off, truth may go on after it."""
     if not path.exists():
         return None
     truth: dict[int, tuple[TruthMarker, ...]] = {}
-    for number, line in read_lines(path, TruthLine):
+    frames, last = set(known), known[-1]
+    for number, line in read_lines(path, TruthLine)[0]:
+        if cut_off and line.seq > last:
+            continue
         if line.seq in truth:
             raise RecordingError(f"{path}: line {number}: seq: {line.seq} has a line already; one a frame")
-        if line.seq not in known:
+        if line.seq not in frames:
             wanted = f"must be that of a frame in {FRAMES_FILE}"
             raise RecordingError(f"{path}: line {number}: seq: is {line.seq}; {wanted}")
         truth[line.seq] = tuple(_truth_marker(marker) for marker in line.markers)

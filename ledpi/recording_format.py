@@ -6,7 +6,7 @@ Keys that are not known here are passed over, so that a recording may hold more 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+import logging
 from pathlib import Path, PurePosixPath
 from typing import Annotated, Any, TypeVar
 
@@ -33,6 +33,8 @@ RowTime = Annotated[values.RowTime, _STRICT]
 SideM = Annotated[values.SideM, _STRICT]
 Point = tuple[Real, Real]
 Model = TypeVar("Model", bound=BaseModel)
+
+_log = logging.getLogger(__name__)
 
 
 def _known_dictionary(name: str) -> str:
@@ -138,20 +140,30 @@ def _with_dictionary_file(header: Header, path: Path) -> Header:
     return header.model_copy(update={"panel": header.panel.model_copy(update={"dictionary": dictionary})})
 
 
-def read_lines(path: Path, model: type[Model]) -> Iterator[tuple[int, Model]]:
-    """The lines of a .jsonl file, numbered from 1; empty ones are passed over. Raises RecordingError."""
+def read_lines(path: Path, model: type[Model]) -> tuple[list[tuple[int, Model]], bool]:
+    """The lines of a .jsonl file, numbered from 1, without empty ones; and whether its end is missing.
+
+    Its end is missing where the power failed: of the last line there is a part then, and no line break. That part is
+    left out with a warning, if a whole line comes before it. Raises RecordingError for any other broken line.
+    """
     _require(path)
-    for number, text in enumerate(read_text(path, RecordingError).split("\n"), start=1):
+    lines: list[tuple[int, Model]] = []
+    *ended, last = read_text(path, RecordingError).split("\n")
+    for number, text in enumerate([*ended, last], start=1):
         if not text.strip():
             continue
         where = f"{path}: line {number}"
         try:
             raw = json.loads(text)
         except (ValueError, RecursionError) as error:
+            if lines and number > len(ended):
+                _log.warning("%s: is cut off; it is left out, what stands before it is read", where)
+                return lines, True
             raise RecordingError(f"{where}: not valid JSON ({error}); must be one object a line") from None
         if not isinstance(raw, dict):
             raise RecordingError(f"{where}: must be a JSON object, not {type(raw).__name__}")
-        yield number, _checked(model, raw, where)
+        lines.append((number, _checked(model, raw, where)))
+    return lines, False
 
 
 def _require(path: Path) -> None:

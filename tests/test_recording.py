@@ -171,6 +171,51 @@ def test_a_broken_description_names_file_key_and_remedy(
     assert message in complaint(folder)
 
 
+def test_frames_whose_last_line_is_cut_off_are_read_up_to_it(
+    folder: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """As after a power cut; wherever it is cut, and where zeros follow. Truth may go on for the frame that is lost."""
+    two, last = FRAMES[: FRAMES.index('{"seq": 40')], FRAMES[FRAMES.index('{"seq": 40') :]
+    for rest in [*(last[:length] for length in range(1, len(last) - 1)), last[:50] + "\0" * 9, "\0" * 9]:
+        caplog.clear()
+        (folder / "frames.jsonl").write_text(two + rest)
+        recording = load_recording(folder)
+        assert [entry.seq for entry in recording.frames] == [0, 1]
+        assert recording.truth is not None
+        assert list(recording.truth) == [1]
+        (said,) = caplog.messages
+        assert said == f"{folder}/frames.jsonl: line 3: is cut off; it is left out, what stands before it is read"
+
+
+def test_a_last_line_without_its_line_break_is_whole(folder: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """Only a part of a line is left out."""
+    (folder / "frames.jsonl").write_text(FRAMES.rstrip("\n"))
+    assert [entry.seq for entry in load_recording(folder).frames] == [0, 1, 40]
+    assert caplog.messages == []
+
+
+def test_truth_whose_last_line_is_cut_off_is_read_up_to_it(folder: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """The frames are all there, the last one's truth is not known."""
+    (folder / "truth.jsonl").write_text(TRUTH[:-5])
+    recording = load_recording(folder)
+    assert len(recording.frames) == 3
+    assert recording.truth is not None
+    assert list(recording.truth) == [1]
+    (said,) = caplog.messages
+    assert said.startswith(f"{folder}/truth.jsonl: line 2: is cut off; ")
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [(FRAMES[:50], 1), (FRAMES.rstrip("}\n") + "\n", 3), (FRAMES.replace(' "exposure_us": 9967', ""), 2)],
+    ids=["no whole line", "a line break after it", "in the middle"],
+)
+def test_any_other_broken_line_is_refused(folder: Path, text: str, line: int) -> None:
+    """It was not cut off, or nothing is left: nobody can tell what else is wrong."""
+    (folder / "frames.jsonl").write_text(text)
+    assert complaint(folder).startswith(f"take/frames.jsonl: line {line}: not valid JSON")
+
+
 @pytest.mark.parametrize("name", ["recording.yaml", "frames.jsonl"])
 def test_a_missing_file_is_named(folder: Path, name: str) -> None:
     """Both files that make a recording must be there."""

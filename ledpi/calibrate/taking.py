@@ -11,6 +11,7 @@ import numpy as np
 from ledpi.camera.base import AdjustableGain, Camera
 from ledpi.camera.factory import open_camera
 from ledpi.camera.gain import GainControl, brightest_level
+from ledpi.camera.recording import RecordingCamera
 from ledpi.config import Config, PanelSettings
 from ledpi.daemon import calibration
 from ledpi.decode.cells import SATURATED
@@ -42,8 +43,13 @@ def take_frames(config: Config, count: int, advance: Callable[[int], None]) -> T
     """
     source = config.camera.source
     kind, _, place = source.partition(":")
-    ratio = load_recording(Path(place)).row_time_ratio if kind == "recording" else 1.0
-    camera = open_camera(config, paced=kind not in ("simulated", "recording"))
+    camera: Camera
+    ratio = 1.0
+    if kind == "recording":
+        recording = load_recording(Path(place))
+        camera, ratio = RecordingCamera(recording, paced=False), recording.row_time_ratio
+    else:
+        camera = open_camera(config, paced=kind != "simulated")
     try:
         settle_gain(camera, config.panels)
         frames = []

@@ -67,22 +67,22 @@ def _drive(recording: Path, settings: Config) -> tuple[list[View], dict[int, flo
     import numpy as np
 
     from ledpi.calibrate.map_views import view_of
-    from ledpi.camera.factory import open_camera
+    from ledpi.camera.recording import RecordingCamera
     from ledpi.daemon import calibration
     from ledpi.dictionaries import load_dictionary
     from ledpi.pipeline import Pipeline
     from ledpi.recording import load_recording
     from ledpi.records import Frame
 
-    frames = len(load_recording(recording).frames)
-    camera = open_camera(settings, paced=False)
+    loaded = load_recording(recording)
+    camera = RecordingCamera(loaded, paced=False)
     views: list[View] = []
     try:
         lens = calibration(settings, camera)
         if lens is None:
             raise CalibrationError(f"{recording}: has no lens, and camera.intrinsics is not set: no poses, no map")
         pipeline = Pipeline(camera.info, settings.panels, intrinsics=lens, shown=camera.panel)
-        with progress("decoding", frames) as advance:
+        with progress("decoding", len(loaded.frames)) as advance:
             while (frame := camera.read(np.empty((camera.info.height, camera.info.width), np.uint8))) is not None:
                 if isinstance(frame, Frame):
                     views.append(view_of(frame, pipeline.decode(frame).markers))

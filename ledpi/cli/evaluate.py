@@ -187,7 +187,7 @@ def _read_recording(
     loaded = load_recording(recording)
     with progress("evaluating", len(loaded.frames)) as advance:
         record = evaluate_recording(
-            recording,
+            loaded,
             marker_id=marker_id,
             distance_m=distance_m,
             angle_deg=angle_deg,

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,14 +19,14 @@ from ledpi.evaluate.scoring import Expected, Tally
 from ledpi.evaluate.table import TableRow, table_row
 from ledpi.evaluate.units import STREAM_ROWS
 from ledpi.picture import read_picture
-from ledpi.recording import Recording, load_recording
+from ledpi.recording import Recording
 from ledpi.records import CameraInfo, Frame, Intrinsics, PanelValues
 
 _PLACE = ("distance_m", "angle_deg", "exposure_us", "transfer")
 
 
 def evaluate_recording(
-    folder: Path,
+    recording: Recording,
     *,
     marker_id: int,
     distance_m: float,
@@ -43,20 +42,19 @@ def evaluate_recording(
     where the recording has truth. Raises RecordingError for a picture that cannot be read, ConfigError for an ID that
     the dictionary does not have, or that is not in the truth.
     """
-    recording = load_recording(folder)
     words = len(load_dictionary(recording.dictionary).words)
     if not 0 <= marker_id < words:
         raise ConfigError(f"--id {marker_id}: {recording.dictionary} has the IDs 0 to {words - 1}")
     in_view = {truth.id for frame in (recording.truth or {}).values() for truth in frame}
     if recording.truth is not None and marker_id not in in_view:
         there = ", ".join(map(str, sorted(in_view))) or "no panel"
-        raise ConfigError(f"--id {marker_id}: by its truth.jsonl, {folder} shows {there}")
+        raise ConfigError(f"--id {marker_id}: by its truth.jsonl, {recording.folder} shows {there}")
     camera = recording.camera
     info = replace(camera, intrinsics=camera.intrinsics or intrinsics)
     shown = recording.panel_values
     readers = partial(_readers, methods, info, shown, panels)
     return {
-        "unit": f"{folder.absolute()} {marker_id} {distance_m:g} {angle_deg:g}",
+        "unit": f"{recording.folder.absolute()} {marker_id} {distance_m:g} {angle_deg:g}",
         "distance_m": distance_m,
         "angle_deg": angle_deg,
         "exposure_us": camera.exposure_us,
