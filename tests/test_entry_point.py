@@ -11,6 +11,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from command_material import in_process
+from daemon_material import write_recording
 
 from ledpi import __version__
 from ledpi.__main__ import main
@@ -88,3 +90,55 @@ def test_it_says_its_version() -> None:
         [sys.executable, "-m", "ledpi", "--version"], cwd=ROOT, capture_output=True, text=True, check=True, timeout=60
     )
     assert done.stdout == f"ledpi {__version__}\n"
+
+
+@pytest.mark.parametrize(
+    ("command", "said"),
+    [
+        ("nonsense", "ledpi: no such command 'nonsense'"),
+        ("decode", "ledpi decode: missing argument 'PATH…'"),
+        ("panel design --nonsense", "ledpi panel design: no such option: --nonsense"),
+        ("evaluate --suite nonsense", "ledpi evaluate: invalid value for '--suite': 'nonsense' is not one of "),
+        ("simulate out --frames many", "ledpi simulate: invalid value for '--frames': "),
+        ("monitor a b", "ledpi monitor: got unexpected extra argument"),
+        ("run --set", "ledpi: option '--set' requires an argument"),
+    ],
+)
+def test_a_word_that_cannot_be_is_told_in_one_line(
+    command: str, said: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """With the command's name, and status 2."""
+    status, output, errors = in_process(monkeypatch, capsys)(*command.split())
+    (line,) = errors.splitlines()
+    assert (status, output) == (2, "")
+    assert line.startswith(said)
+    name = said.partition(":")[0]
+    assert line.endswith(f"; try '{name} --help'") or line == said
+
+
+@pytest.mark.parametrize("command", [[], ["panel"]])
+def test_a_name_alone_gives_its_help(
+    command: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of a command that has others below it."""
+    _, output, errors = in_process(monkeypatch, capsys)(*command)
+    assert (output + errors).startswith(" ".join(["Usage: ledpi", *command, "[OPTIONS] COMMAND"]))
+
+
+def test_a_warning_looks_as_an_error_does(tmp_path: Path) -> None:
+    """Here of a recording that was cut off; its frames are decoded."""
+    take = tmp_path / "take\nold"
+    write_recording(take, 2)
+    lines = (take / "frames.jsonl").read_text(encoding="utf-8")
+    (take / "frames.jsonl").write_text(lines[:-9], encoding="utf-8")
+    done = subprocess.run(
+        [sys.executable, "-m", "ledpi", "decode", take],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=60,
+    )
+    assert len(done.stdout.splitlines()) == 1
+    assert done.stderr.startswith(f"ledpi: {tmp_path}/take\\nold/frames.jsonl: line 2: is cut off; ")
+    assert done.stderr.count("\n") == 1

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import io
+import logging
 import os
 import sys
 from collections.abc import Callable
+from typing import Any, NoReturn
 
 # Matrices and pictures here are small: a second thread costs more to wake than it saves (a busy core made the edges of
 # one panel take 9 ms, not 1), and the daemon's threads have the other cores. Before numpy and OpenCV are loaded.
@@ -19,6 +21,9 @@ import typer
 from ledpi import __version__
 from ledpi.errors import CameraLostError, LedpiError
 from ledpi.wording import one_line
+
+# What the option parser raises; typer has it from click, or from a copy of click's that it brings along.
+_CommandLineError: type[Exception] = typer.BadParameter.__mro__[1]
 
 app = typer.Typer(
     name="ledpi",
@@ -50,13 +55,15 @@ def main(loaded: Callable[[], None] = lambda: None) -> None:
 
     `loaded` is called once every command is there, before one begins.
     """
+    if logging.lastResort is not None:  # where a command keeps no log of its own, warnings look as errors do
+        logging.lastResort.setFormatter(_OneLine("ledpi: %(message)s"))
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # a terminal that is not UTF-8 has no ✓
     try:
         _add_commands()
         loaded()
         try:
-            app()
+            status = app(prog_name="ledpi", standalone_mode=False)  # by itself it says in four lines what is wrong
         finally:
             if sys.stdout is not None:
                 sys.stdout.flush()  # here, as Python itself could only print a traceback at the end
@@ -64,8 +71,18 @@ def main(loaded: Callable[[], None] = lambda: None) -> None:
         _end(str(error), 1 if isinstance(error, CameraLostError) else 2)
     except OSError as error:  # a name that is too long, or a full disk behind `> file`
         _end(f"{error.filename or 'standard output'}: {error.strerror or error}", 2)
+    except _CommandLineError as error:
+        _end_usage(error)
     except KeyboardInterrupt:  # before a command has begun; typer sees to the later ones
         sys.exit(130)
+    sys.exit(status)
+
+
+class _OneLine(logging.Formatter):
+    """Of a warning that names a file, say, whose name has a line break."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        return one_line(super().format(record))
 
 
 def _add_commands() -> None:
@@ -94,9 +111,23 @@ def _add_commands() -> None:
     app.registered_commands.sort(key=lambda command: command.callback.__name__ if command.callback else "")
 
 
-def _end(message: str, status: int) -> None:
+def _end_usage(error: Any) -> NoReturn:
+    """Says in one line which word of the command cannot be. A bare `ledpi`, or `ledpi panel`, gives its help."""
+    if type(error).__name__ == "NoArgsIsHelpError":
+        error.show()
+        sys.exit(2)
+    said = " ".join(error.format_message().split()).removesuffix(".")
+    said = said.replace("Value error, ", "").replace("Input should", "must")
+    said = said[:1].lower() + said[1:]
+    if error.ctx is None:
+        _end(said, 2)
+    command = error.ctx.command_path
+    _end(f"{said}; try '{command} --help'", 2, command)
+
+
+def _end(message: str, status: int, command: str = "ledpi") -> NoReturn:
     """Says in one line why it ends."""
-    print(f"ledpi: {one_line(message)}", file=sys.stderr)
+    print(f"{command}: {one_line(message)}", file=sys.stderr)
     try:
         if sys.stdout is not None:
             sys.stdout.flush()
