@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from ledpi.wire import FixMessage, NoFix, State, StatusMessage, WirePose
+from ledpi.wire import FixMessage, MarkerMessage, Message, NoFix, State, StatusMessage, WirePose
 from ledpi.wire.codec import encode
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples"))
@@ -57,7 +57,7 @@ def test_a_status_without_a_fix_stops_it(no_fix: NoFix, drives: bool) -> None:
 
 def test_a_fix_becomes_a_ros_pose() -> None:
     """Stamped when the picture was taken, w last, deviations squared on the diagonal, unknown ones without weight."""
-    fields = pose_fields(FIX, 5_000_000_000)
+    fields = pose_fields(POSE, 20_000, 5_000_000_000)
     assert fields.stamp_ns == 4_980_000_000
     assert fields.position_m == (1.0, 2.0, 0.0)
     assert fields.orientation_xyzw == (0.0, 0.0, 0.6, 0.8)
@@ -67,8 +67,7 @@ def test_a_fix_becomes_a_ros_pose() -> None:
 
 def test_unknown_deviations_of_the_place_have_no_weight() -> None:
     """As those of the rotation."""
-    unknown = replace(FIX, pose=replace(POSE, deviation_m=None))
-    assert pose_fields(unknown, 0).covariance[::7] == [UNKNOWN_VARIANCE] * 6
+    assert pose_fields(replace(POSE, deviation_m=None), 0, 0).covariance[::7] == [UNKNOWN_VARIANCE] * 6
 
 
 @dataclass(slots=True)
@@ -105,35 +104,99 @@ class PoseWithCovarianceStamped:
     pose: PoseWithCovariance = field(default_factory=PoseWithCovariance)
 
 
-def ros(published: list[PoseWithCovarianceStamped]) -> dict[str, ModuleType]:
-    """As much of rclpy as the example uses; it is ok until something was published."""
-    topic = SimpleNamespace(publish=published.append)
-    now = SimpleNamespace(nanoseconds=5_000_000_000)
+@dataclass(slots=True)
+class Transform:
+    translation: Xyzw = field(default_factory=Xyzw)
+    rotation: Xyzw = field(default_factory=Xyzw)
+
+
+@dataclass(slots=True)
+class TransformStamped:
+    header: Header = field(default_factory=Header)
+    child_frame_id: str = ""
+    transform: Transform = field(default_factory=Transform)
+
+
+Published = list[tuple[str, Any]]  # topic, message
+
+
+def ros(published: Published, ends_after: int) -> dict[str, ModuleType]:
+    """As much of ROS as the example uses; rclpy is ok until so many messages were published."""
+
+    def publisher(kind: type, name: str, depth: int) -> SimpleNamespace:
+        assert (kind, depth) == (PoseWithCovarianceStamped, 10)
+        return SimpleNamespace(publish=lambda message: published.append((name, message)))
+
     node = SimpleNamespace(
-        create_publisher=lambda kind, name, depth: {(PoseWithCovarianceStamped, "ledpi/pose"): topic}[kind, name],
-        get_clock=lambda: SimpleNamespace(now=lambda: now),
+        create_publisher=publisher,
+        get_clock=lambda: SimpleNamespace(now=lambda: SimpleNamespace(nanoseconds=5_000_000_000)),
+        declare_parameter=lambda name, default: {"camera_frame": SimpleNamespace(value=default)}[name],
     )
-    rclpy, time, msg = ModuleType("rclpy"), ModuleType("rclpy.time"), ModuleType("geometry_msgs.msg")
-    vars(rclpy).update(init=lambda: None, create_node=lambda name: node, ok=lambda: not published, time=time)
-    vars(time).update(Time=lambda *, nanoseconds: SimpleNamespace(to_msg=lambda: nanoseconds))
-    vars(msg).update(PoseWithCovarianceStamped=PoseWithCovarianceStamped)
-    return {"rclpy": rclpy, "rclpy.time": time, "geometry_msgs": ModuleType("geometry_msgs"), "geometry_msgs.msg": msg}
+    names = ("rclpy", "rclpy.time", "geometry_msgs", "geometry_msgs.msg", "tf2_ros")
+    modules = {name: ModuleType(name) for name in names}
+    vars(modules["rclpy"]).update(
+        init=lambda: None, create_node=lambda name: node, ok=lambda: len(published) < ends_after
+    )
+    vars(modules["rclpy.time"]).update(Time=lambda *, nanoseconds: SimpleNamespace(to_msg=lambda: nanoseconds))
+    vars(modules["geometry_msgs.msg"]).update(
+        PoseWithCovarianceStamped=PoseWithCovarianceStamped, TransformStamped=TransformStamped
+    )
+    broadcast = SimpleNamespace(sendTransform=lambda message: published.append(("/tf", message)))
+    vars(modules["tf2_ros"]).update(TransformBroadcaster=lambda node: broadcast)
+    return modules
 
 
-def test_the_ros_node_publishes_what_comes_over_the_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A fix on a pty, with stand-ins for rclpy: their fields are those of ROS's own message definitions."""
-    published: list[PoseWithCovarianceStamped] = []
-    for name, module in ros(published).items():
-        monkeypatch.setitem(sys.modules, name, module)
-    master, slave = os.openpty()
-    tty.setraw(slave)
-    monkeypatch.setattr(sys, "argv", ["ros2_node.py", os.ttyname(slave)])
-    monkeypatch.setattr("serial.Serial.reset_input_buffer", lambda line: os.write(master, b"\0" + encode(FIX, 0)))
-    ros2_main()
-    os.close(master)
-    os.close(slave)
-    (message,) = published
+@pytest.fixture
+def publishes(monkeypatch: pytest.MonkeyPatch) -> Callable[..., Published]:
+    """What the node publishes of these messages, which come over a pty, until it has published so many."""
+
+    def of(*messages: Message, count: int) -> Published:
+        published: Published = []
+        for name, module in ros(published, count).items():
+            monkeypatch.setitem(sys.modules, name, module)
+        master, slave = os.openpty()
+        tty.setraw(slave)
+        stream = b"\0" + b"".join(encode(message, number) for number, message in enumerate(messages))
+        monkeypatch.setattr(sys, "argv", ["ros2_node.py", os.ttyname(slave)])
+        monkeypatch.setattr("serial.Serial.reset_input_buffer", lambda line: os.write(master, stream))
+        ros2_main()
+        os.close(master)
+        os.close(slave)
+        return published
+
+    return of
+
+
+def test_the_ros_node_publishes_a_fix(publishes: Callable[..., Published]) -> None:
+    """In the map; with stand-ins for ROS, whose fields are those of its own message definitions."""
+    ((topic, message),) = publishes(FIX, count=1)
+    assert topic == "ledpi/pose"
     assert (message.header.frame_id, message.header.stamp) == ("map", 4_980_000_000)
     assert message.pose.pose.position == Xyzw(1.0, 2.0, 0.0)
     assert astuple(message.pose.pose.orientation) == pytest.approx((0.0, 0.0, 0.6, 0.8), abs=1 / 32767)
     assert len(message.pose.covariance) == 36
+
+
+PANEL = MarkerMessage(id=7, age_us=20_000, pose=POSE)
+
+
+def test_the_ros_node_publishes_a_panel_and_its_frame(publishes: Callable[..., Published]) -> None:
+    """In the camera's optical frame: where the wire has it, too."""
+    (topic, pose), (tf, frame) = publishes(PANEL, count=2)
+    assert (topic, tf) == ("ledpi/panel_7", "/tf")
+    for message in (pose, frame):
+        assert (message.header.frame_id, message.header.stamp) == ("camera_optical_frame", 4_980_000_000)
+    assert frame.child_frame_id == "panel_7"
+    for at, turned in (astuple(pose.pose.pose), astuple(frame.transform)):
+        assert at[:3] == (1.0, 2.0, 0.0)
+        assert turned == pytest.approx((0.0, 0.0, 0.6, 0.8), abs=1 / 32767)
+    assert pose.pose.covariance[0] == pytest.approx(0.01, rel=0.1)
+
+
+def test_the_ros_node_publishes_no_uncertain_panel(publishes: Callable[..., Published]) -> None:
+    """Neither of two mirror poses, and none without a pose; what comes after them is."""
+    mirrored = [replace(PANEL, ambiguous=True), replace(PANEL, ambiguous=True, alternate=True)]
+    without = replace(PANEL, pose=None, uncalibrated=True)
+    status = StatusMessage(state=State.RUNNING, no_fix=NoFix.NO_MAP)
+    ((topic, _),) = publishes(*mirrored, without, status, FIX, count=1)
+    assert topic == "ledpi/pose"
