@@ -228,6 +228,8 @@ class Pipeline:
 
     def _read(self, frame: Frame, looked: list[_Looked], work: Results) -> list[Sighting]:
         """The panels that these lit squares are; where none can be told, why is in `work`."""
+        if not looked:
+            return []
         since = self._clock()
         sightings, times = [], frame.without_picture()
         for quad, track, samples in looked:

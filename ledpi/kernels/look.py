@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ledpi.kernels.library import DOUBLE, INTEGER, POINTER, address, function
-from ledpi.kernels.words import Likeliest, numbers_of
+from ledpi.kernels.words import Fit, numbers_of
 
 Singles = NDArray[np.float32]
 Doubles = NDArray[np.float64]
@@ -56,7 +56,7 @@ class Look(NamedTuple):
     information: Doubles  # (cells, P, cells, P)
     free: float  # samples, less what is fitted
     volume: float  # by which the evidence was divided
-    likeliest: Likeliest
+    fit: Fit
 
 
 def look(
@@ -102,5 +102,5 @@ def look(
         information=numbers[size:of_fit].reshape(cells, parameters, cells, parameters),
         free=free,
         volume=volume,
-        likeliest=Likeliest.of(chosen, silent, numbers[of_fit + OF_FIT :], parameters),
+        fit=Fit.of(chosen, silent, numbers[of_fit + OF_FIT :], parameters),
     )

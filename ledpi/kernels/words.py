@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -25,24 +26,30 @@ _of_neighbours = function(
 _likeliest_beyond = function("ledpi_likeliest_beyond", INTEGER, INTEGER, *(POINTER,) * 4, INTEGER, result=DOUBLE)
 
 
-class Likeliest(NamedTuple):
-    """As `Fit` of decode/identify/words.py has them."""
+class Fit(NamedTuple):
+    """The likeliest words under some evidence, best first, and what speaks against the best of them."""
 
-    words: list[int]
-    likelihood: list[float]
-    bands: Doubles
-    deviation: list[float]
-    shown: Doubles
-    gain: list[float]
-    weakest_row: float
-    negative: float
-    of_cells: float
-    one_class: float
-    beyond: list[float]
-    silent: Mask | None
+    words: list[int]  # indices of the codebook
+    likelihood: list[float]  # log-likelihood ratio of each to "no bands"
+    bands: Doubles  # (P,) of the best word
+    deviation: list[float]  # (P,)
+    shown: Doubles  # (cells, P) the bands that each cell of it shows
+    gain: list[float]  # (cells,) of each cell in the other class to the one that the word says
+    weakest_row: float  # of the word's bands to none, in the row or column of cells where that is the least
+    negative: float  # of the word with all classes swapped to "no bands", its bands fitted anew
+    of_cells: float  # of bands of its own in every cell to "no bands"
+    one_class: float  # of one class in all cells, the likelier one, its bands fitted anew, to "no bands"
+    beyond: list[float]  # of all patterns that differ from it in more cells than 0, 1, to itself
+    silent: Mask | None  # (cells,) of which the evidence holds nothing; None where it does of all
+
+    @property
+    def is_finite(self) -> bool:
+        """Whether all of it are numbers; evidence that rounding has left indefinite may have no likelihood."""
+        of_best = self.negative + self.of_cells + sum(self.gain) + sum(self.deviation)
+        return math.isfinite(of_best + sum(self.likelihood))
 
     @classmethod
-    def of(cls, chosen: Integers, silent: Mask, numbers: Doubles, parameters: int) -> Likeliest:
+    def of(cls, chosen: Integers, silent: Mask, numbers: Doubles, parameters: int) -> Fit:
         """From what the C function has put into `chosen`, `silent` (cells,) and `numbers` (`numbers_of`)."""
         most, size = len(chosen), len(silent) * parameters
         bands, shown = most, most + 2 * parameters
@@ -70,7 +77,7 @@ def numbers_of(cells: int, parameters: int, most: int) -> int:
     return most + 2 * parameters + cells * parameters + cells + 7
 
 
-def likeliest(score: Doubles, information: Doubles, prior: Doubles, words: Singles, most: int) -> Likeliest:
+def likeliest(score: Doubles, information: Doubles, prior: Doubles, words: Singles, most: int) -> Fit:
     """The `most` likeliest of `words` (W, cells) under the evidence, and what speaks against the best.
 
     `score` (cells, P), `information` (cells, P, cells, P), `prior` (P,). Raises MemoryError.
@@ -85,7 +92,7 @@ def likeliest(score: Doubles, information: Doubles, prior: Doubles, words: Singl
         *(address(chosen), address(silent), address(numbers)),
     ):
         raise MemoryError
-    return Likeliest.of(chosen, silent, numbers, parameters)
+    return Fit.of(chosen, silent, numbers, parameters)
 
 
 def of_neighbours(

@@ -167,8 +167,8 @@ class Finder:
 
 
 def _dropped(counts: Counts) -> list[Rejected]:
-    dropped = zip((AT_BORDER, NOT_FOUR_SIDED, TOO_SMALL), counts, strict=True)
-    return [why for why, count in dropped for _ in range(count)]
+    at_border, not_four_sided, too_small = counts
+    return [AT_BORDER] * at_border + [NOT_FOUR_SIDED] * not_four_sided + [TOO_SMALL] * too_small
 
 
 def _candidates(squares: Floats, *, spots: bool = False) -> list[Candidate]:

@@ -16,9 +16,10 @@ from ledpi.decode.evidence.shared_light import border_points, meeting_cells, sou
 from ledpi.decode.evidence.single_frame import single_evidence
 from ledpi.decode.evidence.uncovered import COVERED, inner_points
 from ledpi.decode.evidence.unlit import UNLIT
-from ledpi.decode.identify.words import SHORTLIST, Fit, likeliest
+from ledpi.decode.identify.words import SHORTLIST, likeliest
 from ledpi.kernels import look as kernel
 from ledpi.kernels.library import COMPILED
+from ledpi.kernels.words import Fit
 from ledpi.records import Frame, PanelSpec, Rejected
 
 
@@ -70,7 +71,7 @@ def _at_once(
     if isinstance(looked, int):
         return UNFIT if looked == kernel.UNFIT else None
     left = 0.5 * samples.independence * looked.free / looked.volume
-    return Evidence(score=looked.score, information=looked.information, prior=prior, left=left), Fit(*looked.likeliest)
+    return Evidence(score=looked.score, information=looked.information, prior=prior, left=left), looked.fit
 
 
 @cache

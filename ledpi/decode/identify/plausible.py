@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from ledpi.decode.evidence.evidence import Evidence, is_deep_anywhere
-from ledpi.decode.identify.words import Fit
+from ledpi.kernels.words import Fit
 
 # No square wave leaves deeper bands than `shutter.harmonic_amplitude` of duty 0.5 by more than π/2 (a duty near 0), and
 # the classes of one panel are thinned alike by whatever light does not blink; where that is three times the panel's

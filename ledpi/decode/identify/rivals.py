@@ -17,7 +17,7 @@ from ledpi.decode.evidence.evidence import Evidence, band_prior
 from ledpi.decode.identify.codebook import NEAREST_PATTERN, Codebook, Mask
 from ledpi.decode.identify.first_look import first_look
 from ledpi.decode.identify.patterns import likeliest_beyond, of_neighbours
-from ledpi.decode.identify.words import Fit
+from ledpi.kernels.words import Fit
 from ledpi.records import Frame, Rejected
 
 # Patterns that are no word count as rivals as if they showed up as often as words: all of them alike, or those that

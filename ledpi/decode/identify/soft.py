@@ -35,7 +35,8 @@ from ledpi.decode.identify import rivals
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.first_look import first_look
 from ledpi.decode.identify.plausible import all_rows_blink, is_consistent, is_plausible
-from ledpi.decode.identify.words import SHORTLIST, Fit, likeliest
+from ledpi.decode.identify.words import SHORTLIST, likeliest
+from ledpi.kernels.words import Fit
 from ledpi.records import Frame, Rejected, SeenBands
 
 NO_BANDS = Rejected(stage="soft", reason="no_bands")

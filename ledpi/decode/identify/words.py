@@ -6,7 +6,6 @@ In C (kernels/words.c) and, where there is no compiler, in numpy, which is the r
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,39 +15,17 @@ from ledpi.decode.evidence.classes import band_shares, in_other_class, wave_shar
 from ledpi.decode.evidence.evidence import Doubles, Evidence
 from ledpi.kernels import words as kernel
 from ledpi.kernels.library import COMPILED
+from ledpi.kernels.words import Fit
 
 MOST_CORRECTED = 1  # cells that may be of the other class while a pattern still is a word: `Codebook.correctable`
 MOST_GAIN, SMALLEST_LOG = 40.0, -600.0  # what e can be taken to the power of, and summed up; more is as sure as this
 SHORTLIST = 16  # words that are compared exactly
 
 
-class Fit(NamedTuple):
-    """The likeliest words under some evidence, best first, and what speaks against the best of them."""
-
-    words: list[int]  # indices of the codebook
-    likelihood: list[float]  # log-likelihood ratio of each to "no bands"
-    bands: Doubles  # (P,) of the best word
-    deviation: list[float]  # (P,)
-    shown: Doubles  # (cells, P) the bands that each cell of it shows
-    gain: list[float]  # (cells,) of each cell in the other class to the one that the word says
-    weakest_row: float  # of the word's bands to none, in the row or column of cells where that is the least
-    negative: float  # of the word with all classes swapped to "no bands", its bands fitted anew
-    of_cells: float  # of bands of its own in every cell to "no bands"
-    one_class: float  # of one class in all cells, the likelier one, its bands fitted anew, to "no bands"
-    beyond: list[float]  # (MOST_CORRECTED + 1,) of all patterns that differ from it in more cells than 0, 1, to itself
-    silent: NDArray[np.bool_] | None  # (cells,) of which the evidence holds nothing; None where it does of all
-
-    @property
-    def is_finite(self) -> bool:
-        """Whether all of it are numbers; evidence that rounding has left indefinite may have no likelihood."""
-        of_best = self.negative + self.of_cells + sum(self.gain) + sum(self.deviation)
-        return math.isfinite(of_best + sum(self.likelihood))
-
-
 def likeliest(evidence: Evidence, white: Singles, *, compiled: bool = COMPILED) -> Fit:
     """The SHORTLIST likeliest of the words (W, cells), 1 where the class is white."""
     if compiled:
-        return Fit(*kernel.likeliest(evidence.score, evidence.information, evidence.prior, white, SHORTLIST))
+        return kernel.likeliest(evidence.score, evidence.information, evidence.prior, white, SHORTLIST)
     words = shortlist(evidence, white)
     likelihood, bands, covariances = word_log_likelihoods(evidence, white[words])
     order = np.argsort(-likelihood)

@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
-from functools import cache
+from functools import cache, lru_cache, partial
 
 import cv2
 import numpy as np
@@ -51,6 +51,7 @@ class StripedFinder:
     def __init__(self, width: int, height: int, specs: Sequence[PanelSpec], smallest_px: float) -> None:
         """`specs`: the kinds of blinking that panels may have; `smallest_px`: side of the smallest that can be read."""
         self._specs = tuple(specs)
+        self._dark_rows = lru_cache(maxsize=8)(partial(_dark_rows, self._specs))  # asked for at each step
         self._smallest_px = smallest_px
         self._half = np.empty((max(1, height // SCALE), max(1, width // SCALE)), np.uint8)
         empty = (np.empty_like(self._half) for _ in range(5))
@@ -93,21 +94,13 @@ class StripedFinder:
 
         Where a black cell stands on a white one, a dark band of either may meet one of the other.
         """
-        return self._dark_rows(frame, STRIPED_CONTRAST)
+        return self._dark_rows(frame.exposure_us, frame.row_time_us, STRIPED_CONTRAST)
 
     def bent_rows(self, frame: Frame) -> float:
         """The same of those that do not cut panels, but are so deep that edges are not where light changes."""
-        return 0.0 if self.stripe_rows(frame) else self._dark_rows(frame, BENDING_CONTRAST)
-
-    def _dark_rows(self, frame: Frame, contrast: float) -> float:
-        return max(
-            sum(
-                (1.0 - spec.duty) / (hz * frame.row_time_us * 1e-6)
-                for hz in (spec.black_hz, spec.white_hz)
-                if shutter.contrast(hz, frame.exposure_us, spec.duty) > contrast
-            )
-            for spec in self._specs
-        )
+        if self.stripe_rows(frame):
+            return 0.0
+        return self._dark_rows(frame.exposure_us, frame.row_time_us, BENDING_CONTRAST)
 
     def is_cut(self, frame: Frame) -> bool:
         """Whether the bands of both classes are so deep that they cut panels."""
@@ -219,6 +212,18 @@ class StripedFinder:
             misfit=0.0,
             tolerance_px=1.5 * SCALE,
         )
+
+
+def _dark_rows(specs: Sequence[PanelSpec], exposure_us: float, row_time_us: float, contrast: float) -> float:
+    """Height of the longest dark band of more than this contrast; 0 where there is none."""
+    return max(
+        sum(
+            (1.0 - spec.duty) / (hz * row_time_us * 1e-6)
+            for hz in (spec.black_hz, spec.white_hz)
+            if shutter.contrast(hz, exposure_us, spec.duty) > contrast
+        )
+        for spec in specs
+    )
 
 
 @cache
