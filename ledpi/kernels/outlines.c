@@ -4,20 +4,10 @@
 
 #include "find.h"
 
-/* The first pixel from x on that is lit otherwise than `lit`; `width` where there is none. */
-static inline int32_t next_change(const uint8_t *row, int32_t x, int32_t width, bool lit) {
-    uint64_t eight;
-    for (const uint64_t all = lit ? ~(uint64_t)0 : 0; x + 8 <= width; x += 8) {
-        memcpy(&eight, row + x, 8);
-        if (eight == all) continue;
-#if defined(__GNUC__) && __BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__
-        return x + (__builtin_ctzll(eight ^ all) >> 3);
-#else
-        break;
-#endif
-    }
-    while (x < width && (row[x] != 0) == lit) x++;
-    return x;
+/* The first pixel from x on that is `lit` or not; `width` where there is none. */
+static inline int32_t next_that_is(bool lit, const uint8_t *row, int32_t x, int32_t width) {
+    const uint8_t *const found = memchr(row + x, lit ? 255 : 0, (size_t)(width - x));
+    return found ? (int32_t)(found - row) : width;
 }
 
 static int32_t whole_of(Thing *things, int32_t thing) {
@@ -52,9 +42,9 @@ static int32_t tell_apart(const uint8_t *lit, int32_t height, int32_t width, Run
     int32_t count = 0, count_above = 0;
     for (int32_t y = 0; y < height; y++, lit += width) {
         int32_t count_here = 0, k = 0;
-        for (int32_t x = next_change(lit, 0, width, false); x < width; x = next_change(lit, x, width, false)) {
+        for (int32_t x = next_that_is(true, lit, 0, width); x < width; x = next_that_is(true, lit, x, width)) {
             Run *const run = here + count_here++;
-            *run = (Run){x, next_change(lit, x, width, true), -1};
+            *run = (Run){x, next_that_is(false, lit, x, width), -1};
             x = run->to;
             while (k < count_above && above[k].to < run->from) k++; /* one that ends there touches at a corner */
             for (int32_t j = k; j < count_above && above[j].from <= run->to; j++)
