@@ -81,12 +81,10 @@ def set_aside(squares: Floats, kept: Floats) -> Floats:
     As a panel within a bright frame: in the place of one that is kept, but with all corners further off than either's
     tolerance. The best first.
     """
-    known = {square.tobytes() for square in kept}
-    left = squares[[square.tobytes() not in known for square in squares]]
-    if not 0 < len(left) <= MOST_COMPARED:
+    if not 0 < len(squares) <= MOST_COMPARED:
         return squares[:0]
-    like, apart = _alike(left, kept)
-    left = left[(like & apart).any(axis=1) & (apart | ~like).all(axis=1)]
+    like, apart = _alike(squares, kept)
+    left = squares[like.any(axis=1) & ~(like & ~apart).any(axis=1)]
     if len(left) < 2:
         return left
     left = left[np.argsort(left[:, 9] + BLUR_MISFIT * left[:, 10], kind="stable")]
@@ -126,12 +124,12 @@ def _same(square: Floats, other: Floats) -> bool:
 
 def _alike(squares: Floats, others: Floats) -> tuple[Mask, Mask]:
     """(K, M) which squares (K, 11) are the same as which others (M, 11), as by `_same`, and apart at all corners."""
-    a, b = squares[:, None, :8:2] + 1j * squares[:, None, 1:8:2], others[:, :8:2] + 1j * others[:, 1:8:2]
-    corners = np.abs(a[..., None] - b[:, None]).min(axis=3)  # from each of a's to the nearest of b's
-    middles = np.abs(a.mean(axis=2) - b.mean(axis=1))
+    a, b = (np.ascontiguousarray(of[:, :8]).view(np.complex128).T for of in (squares, others))
+    corners = np.abs(a[:, :, None] - b[:, None, None]).min(axis=0)  # (4, K, M) from each of a's to the nearest of b's
+    middles = 0.25 * np.abs(a.sum(axis=0)[:, None] - b.sum(axis=0))
     larger, smaller = np.maximum(squares[:, None, 8], others[:, 8]), np.minimum(squares[:, None, 8], others[:, 8])
-    like = (smaller > LIKE * larger) & (middles < NEAR * larger) & (corners.max(axis=2) < SAME_CORNERS * larger)
-    return like, corners.min(axis=2) > np.maximum(squares[:, None, 10], others[:, 10])
+    like = (smaller > LIKE * larger) & (middles < NEAR * larger) & (corners.max(axis=0) < SAME_CORNERS * larger)
+    return like, corners.min(axis=0) > np.maximum(squares[:, None, 10], others[:, 10])
 
 
 def _four_sides(hull: Corners, size: float) -> Corners | None:
