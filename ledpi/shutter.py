@@ -65,6 +65,7 @@ def harmonic_amplitude(harmonic: int, frequency_hz: float, exposure_us: float, d
     return float(2.0 * abs(np.sinc(harmonic * duty)) * abs(np.sinc(harmonic * cycles)))
 
 
+@lru_cache(maxsize=256)
 def fundamental_amplitude(frequency_hz: float, exposure_us: float, duty: float = 0.5) -> float:
     """Signed amplitude of the first harmonic of w(y), over w's mean: 2·sinc(d)·sinc(f·T), sinc x = sin πx / πx.
 

@@ -36,11 +36,9 @@ def first_look(
 
     `prior` (P,): how bands vary, where that is not as the exposure leaves them (`band_prior`).
     """
-    usual = band_prior(frame, spec)
-    prior = usual if prior is None else prior
+    prior = band_prior(frame, spec) if prior is None else prior
     if compiled and samples.valid is None:
-        # a deep band is as dark as what is covered
-        looked = _at_once(samples, frame, spec, white, prior, may_be_dark=is_deep(usual))
+        looked = _at_once(samples, frame, spec, white, prior)
         if looked is not None:
             return looked
     evidence = single_evidence(samples, frame, spec, compiled=compiled)
@@ -51,9 +49,10 @@ def first_look(
 
 
 def _at_once(
-    samples: CellSamples, frame: Frame, spec: PanelSpec, white: Singles, prior: Doubles, *, may_be_dark: bool
+    samples: CellSamples, frame: Frame, spec: PanelSpec, white: Singles, prior: Doubles
 ) -> tuple[Evidence, Fit] | Rejected | None:
     """The same in C; None where the panel is not plain."""
+    may_be_dark = is_deep(prior)  # a deep band is as dark as what is covered
     looked = kernel.look(
         _grid(samples.lattice.cells, samples.lattice.k, border_points(samples)),
         light=samples.light,
