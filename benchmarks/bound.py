@@ -29,8 +29,9 @@ from ledpi.dictionaries import load_dictionary
 from ledpi.evaluate.conditions import PLAIN, Condition
 from ledpi.evaluate.draw import FRAMES_A_TAKE, draw_take
 from ledpi.evaluate.reading import PanelReader
-from ledpi.evaluate.units import photographed, sensor_info
+from ledpi.evaluate.units import photographed
 from ledpi.records import Quad, Rejected
+from ledpi.simulate.sensor import sensor_info
 from ledpi.simulate.truth import scene_truth
 
 SHOWN = (4, 12)  # of a stream's frames

@@ -29,10 +29,11 @@ from ledpi.decode.identify.soft import Reading, read_word
 from ledpi.dictionaries import load_dictionary
 from ledpi.evaluate.conditions import PLAIN, Condition
 from ledpi.evaluate.draw import Take, draw_take
-from ledpi.evaluate.units import photographed, sensor_info
+from ledpi.evaluate.units import photographed
 from ledpi.markers import Bits
 from ledpi.pipeline import Pipeline
 from ledpi.records import Frame
+from ledpi.simulate.sensor import sensor_info
 from ledpi.simulate.truth import scene_truth
 from ledpi.trace import Look, Trace
 

@@ -1,8 +1,9 @@
-"""Rotations, and the camera as a map between rays and pixels. Pure arithmetic."""
+"""Rotations, quads, and the camera as a map between rays and pixels. Pure arithmetic."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -110,6 +111,23 @@ def rotation_vector(matrix: Floats) -> Floats:
     length = math.hypot(*axis)
     scale = 2.0 * math.atan2(length, w) / length if length > 1e-12 else 2.0
     return scale * np.array(axis)
+
+
+def quad_area(corners: Sequence[Sequence[float]]) -> float:
+    """Of four corners (x, y), numbers by numbers; positive where they run clockwise in the picture."""
+    (x0, y0), (x1, y1), (x2, y2), (x3, y3) = corners
+    return 0.5 * ((x2 - x0) * (y3 - y1) - (x3 - x1) * (y2 - y0))
+
+
+def quad_side(corners: Sequence[Sequence[float]]) -> float:
+    """The side of a square of the same area."""
+    return math.sqrt(abs(quad_area(corners)))
+
+
+def quad_middle(corners: Sequence[Sequence[float]]) -> tuple[float, float]:
+    """Mean of the corners."""
+    (x0, y0), (x1, y1), (x2, y2), (x3, y3) = corners
+    return 0.25 * (x0 + x1 + x2 + x3), 0.25 * (y0 + y1 + y2 + y3)
 
 
 def transform(rotation: Floats, position_m: Floats) -> Floats:

@@ -25,10 +25,11 @@ from ledpi.evaluate.conditions import (
 from ledpi.evaluate.draw import FRAMES_A_TAKE, Take, draw_take
 from ledpi.evaluate.prints import printed_id, printed_scene
 from ledpi.evaluate.reading import aruco_reader
-from ledpi.evaluate.units import photographed, sensor_info
+from ledpi.evaluate.units import photographed
 from ledpi.pipeline import Pipeline
 from ledpi.records import Frame, Rejected
 from ledpi.simulate.render import Renderer
+from ledpi.simulate.sensor import sensor_info
 from ledpi.simulate.truth import scene_truth
 from ledpi.trace import Trace
 

@@ -16,6 +16,7 @@ from ledpi.records import CameraInfo, Frame, PanelSpec, PanelValues, Pixels
 from ledpi.simulate.render import Renderer
 from ledpi.simulate.scene import OV5647_FRAME_LENGTH_ROWS, OV5647_ROW_TIME_US, Scene, SimulatedSensor
 from ledpi.simulate.scenes import DRIVE_IDS, drive_scene, ov5647_lens, whole_rows_us
+from ledpi.simulate.sensor import sensor_info
 
 _SPARE_ROWS = 4  # that the OV5647's driver keeps between the exposure and the frame's length
 _BLANKING_ROWS = OV5647_FRAME_LENGTH_ROWS - 480
@@ -55,16 +56,7 @@ class SimulatedCamera:
     @property
     def info(self) -> CameraInfo:
         """As `Camera.info`."""
-        sensor = self._sensor
-        return CameraInfo(
-            width=sensor.intrinsics.width,
-            height=sensor.intrinsics.height,
-            exposure_us=sensor.exposure_us,
-            row_time_us=sensor.row_time_us,
-            transfer=sensor.transfer,
-            frame_length_rows=sensor.frame_length_rows,
-            intrinsics=sensor.intrinsics,
-        )
+        return sensor_info(self._sensor)
 
     @property
     def panel(self) -> PanelValues | None:

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ledpi.geometry import distort, undistort
+from ledpi.geometry import distort, quad_side, undistort
 from ledpi.kernels import cells as kernel
 from ledpi.kernels.light import can_read
 from ledpi.records import Floats, Frame, Intrinsics, Quad, Rejected, SeenBands
@@ -113,17 +113,11 @@ def unit_square_to(corners: Floats) -> Floats:
     )
 
 
-def _area(corners: Floats) -> float:
-    (x0, y0), (x1, y1), (x2, y2), (x3, y3) = corners.tolist()
-    return 0.5 * float((x2 - x0) * (y3 - y1) - (x3 - x1) * (y2 - y0))
-
-
 def _bent(quad: Quad, cells: int, intrinsics: Intrinsics | None) -> Intrinsics | None:
     """The lens, where it bends the square: it stays a square only before the lens does."""
     if intrinsics is None or quad.bend_px == 0.0:
         return None
-    side_px = math.sqrt(abs(_area(quad.corners_px)))
-    return intrinsics if quad.bend_px > MAX_BEND * side_px / cells else None
+    return intrinsics if quad.bend_px > MAX_BEND * quad_side(quad.corners_px.tolist()) / cells else None
 
 
 def _lattice_pixels(quad: Quad, points: Lattice, lens: Intrinsics | None) -> Singles:

@@ -17,6 +17,7 @@ from ledpi.decode.evidence.memory import PanelMemory
 from ledpi.decode.identify.beside import Ends
 from ledpi.decode.identify.soft import Reading
 from ledpi.decode.identify.tuning import Proposal, Seen
+from ledpi.geometry import quad_middle, quad_side
 from ledpi.records import MAX_GAP_NS, Floats, PanelSpec, Quad, Rejected, ToldBy
 
 Place: TypeAlias = tuple[tuple[float, float], float]  # centre and side of a square, in pixels
@@ -165,7 +166,7 @@ class Tracker:
         for track in self._tracks:
             if track.seen_ns == self._now_ns:
                 corners = track.corners_px.tolist()
-                side, away = _side(corners), math.dist(centre_px, _middle(corners))
+                side, away = quad_side(corners), math.dist(centre_px, quad_middle(corners))
                 if away < MAX_SHIFT * side and 1 / MAX_GROWTH < side_px / side < MAX_GROWTH:
                     return True
         return False
@@ -236,7 +237,7 @@ def _other_cells(added: Evidence, left: Doubles, shown: Doubles) -> float:
 
 def _place(corners_px: Floats) -> Place:
     corners = corners_px.tolist()
-    return _middle(corners), _side(corners)
+    return quad_middle(corners), quad_side(corners)
 
 
 def _is_one_of(place: Place, places: list[Place]) -> bool:
@@ -244,22 +245,12 @@ def _is_one_of(place: Place, places: list[Place]) -> bool:
     return any(math.dist(centre, at) < SAME * side and abs(side - of) < SAME * side for at, of in places)
 
 
-def _side(corners: list[list[float]]) -> float:
-    (x0, y0), (x1, y1), (x2, y2), (x3, y3) = corners
-    return math.sqrt(max(1e-9, 0.5 * abs((x2 - x0) * (y3 - y1) - (x3 - x1) * (y2 - y0))))
-
-
-def _middle(corners: list[list[float]]) -> tuple[float, float]:
-    (x0, y0), (x1, y1), (x2, y2), (x3, y3) = corners
-    return 0.25 * (x0 + x1 + x2 + x3), 0.25 * (y0 + y1 + y2 + y3)
-
-
 def _distance(quad: Quad, track: Track, now_ns: int) -> float | None:
     """How far a quad is from where a track is expected, in sides; None where it cannot be the same."""
     corners = quad.corners_px.tolist()
-    side = _side(corners)
-    distance = math.dist(_middle(corners), _middle(track.expected_px(now_ns).tolist())) / side
-    growth = side / _side(track.corners_px.tolist())
+    side = quad_side(corners)
+    distance = math.dist(quad_middle(corners), quad_middle(track.expected_px(now_ns).tolist())) / side
+    growth = side / quad_side(track.corners_px.tolist())
     return distance if distance < MAX_SHIFT and 1 / MAX_GROWTH < growth < MAX_GROWTH else None
 
 

@@ -7,8 +7,9 @@ from pathlib import Path
 from ledpi.config import PanelSettings
 from ledpi.evaluate.conditions import Condition
 from ledpi.evaluate.draw import FRAMES_A_TAKE, draw_take
-from ledpi.evaluate.units import photographed, sensor_info
+from ledpi.evaluate.units import photographed
 from ledpi.recording_writer import RecordingWriter
+from ledpi.simulate.sensor import sensor_info
 from ledpi.simulate.truth import scene_truth
 
 

@@ -11,7 +11,7 @@ from typing import Any, Self
 import numpy as np
 
 from ledpi.evaluate.reading import Found, Read
-from ledpi.geometry import rotation_angle_deg
+from ledpi.geometry import quad_side, rotation_angle_deg
 from ledpi.recording import TruthMarker
 from ledpi.records import Floats, Pose
 
@@ -42,7 +42,7 @@ class Expected:
         if found.id != self.id or self.corners_px is None:
             return found.id == self.id
         off = np.hypot(*(found.corners_px - self.corners_px).T)
-        return bool(off.max() <= PLACE_SHARE * _size_px(self.corners_px))
+        return bool(off.max() <= PLACE_SHARE * quad_side(self.corners_px.tolist()))
 
 
 @dataclass(slots=True, kw_only=True)
@@ -125,23 +125,17 @@ def _why(marker: Expected, read: Read) -> str:
         for drop in read.dropped
     ]
     away, why = min(near, default=(math.inf, ""))
-    return why if away <= PLACE_SHARE * _size_px(marker.corners_px) else NOTHING_THERE
-
-
-def _size_px(corners: Floats) -> float:
-    """The side of a square of the same area."""
-    (x0, y0), (x1, y1), (x2, y2), (x3, y3) = corners.tolist()
-    return math.sqrt(0.5 * abs((x2 - x0) * (y3 - y1) - (x3 - x1) * (y2 - y0)))
+    return why if away <= PLACE_SHARE * quad_side(marker.corners_px.tolist()) else NOTHING_THERE
 
 
 def _described(found: Found, expected: Sequence[Expected]) -> str:
     """A false ID: which, where, and what is there."""
-    middle = found.corners_px.mean(axis=0)
-    text = f"ID {found.id} at ({middle[0]:.0f}, {middle[1]:.0f}) px, {_size_px(found.corners_px):.0f} px large"
+    middle, size_px = found.corners_px.mean(axis=0), quad_side(found.corners_px.tolist())
+    text = f"ID {found.id} at ({middle[0]:.0f}, {middle[1]:.0f}) px, {size_px:.0f} px large"
     for marker in expected:
         if marker.corners_px is not None:
             away = float(np.hypot(*(middle - marker.corners_px.mean(axis=0))))
-            if away <= _size_px(marker.corners_px):
+            if away <= quad_side(marker.corners_px.tolist()):
                 off = float(np.hypot(*(found.corners_px - marker.corners_px).T).max())
                 return f"{text}, where {marker.id} is, a corner off by {off:.0f} px"
     return text

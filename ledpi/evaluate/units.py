@@ -24,10 +24,11 @@ from ledpi.evaluate.prints import Family, printed_id, printed_scene
 from ledpi.evaluate.reading import PANEL_METHODS, Method, PanelReader, apriltag_reader, aruco_reader
 from ledpi.evaluate.scoring import Expected, Tally
 from ledpi.kernels.library import COMPILED
-from ledpi.records import CameraInfo, Frame
+from ledpi.records import Frame
 from ledpi.row_clock import RowClock
 from ledpi.simulate.render import Renderer
-from ledpi.simulate.scene import Scene, SimulatedSensor
+from ledpi.simulate.scene import Scene
+from ledpi.simulate.sensor import sensor_info
 from ledpi.simulate.truth import scene_truth
 
 TAKES_A_UNIT = 25  # a few seconds of work
@@ -138,16 +139,3 @@ def photographed(take: Take, scene: Scene, frames: int) -> Iterator[Frame]:
     renderer = Renderer(scene, seed=take.seed)
     for seq in range(frames):
         yield renderer.frame(seq, reported_row_time=take.reported_row_time)
-
-
-def sensor_info(sensor: SimulatedSensor, reported_row_time: float) -> CameraInfo:
-    """What the driver says of the camera."""
-    return CameraInfo(
-        width=sensor.intrinsics.width,
-        height=sensor.intrinsics.height,
-        exposure_us=sensor.exposure_us * reported_row_time,
-        row_time_us=sensor.row_time_us * reported_row_time,
-        transfer=sensor.transfer,
-        frame_length_rows=sensor.frame_length_rows,
-        intrinsics=sensor.intrinsics,
-    )

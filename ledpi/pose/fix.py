@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ledpi.geometry import inverse, matrix_from_quaternion, quaternion_from_matrix, transform
+from ledpi.geometry import inverse, matrix_from_quaternion, quad_side, quaternion_from_matrix, transform
 from ledpi.pose.branches import EXCLUDED_BY
 from ledpi.pose.corners import centre_px, motion_px, seen_at_row, whiteners
 from ledpi.pose.panel_map import PanelMap
@@ -78,7 +78,7 @@ class FixSolver:
         known = [m for m in markers if m.sighting.id in self._panels and m.solution is not None]
         if not known:
             return NOT_IN_MAP
-        known.sort(key=lambda m: -_size_px2(m.sighting.corners_px))
+        known.sort(key=lambda m: -quad_side(m.sighting.corners_px.tolist()))
         row = float(np.mean([centre_px(m.sighting.corners_px)[1] for m in known]))
         now_ns = row_mid_exposure_ns(frame, row)
         candidates = self._candidates(self._look(known, row, frame))
@@ -196,11 +196,6 @@ class FixSolver:
 def _matrix(solution: PlanarSolution) -> Floats:
     pose = solution.camera_from_marker
     return transform(matrix_from_quaternion(pose.quaternion_wxyz), pose.position_m)
-
-
-def _size_px2(corners_px: Floats) -> float:
-    (x0, y0), (x1, y1), (x2, y2), (x3, y3) = corners_px.tolist()
-    return abs(float((x2 - x0) * (y3 - y1) - (x3 - x1) * (y2 - y0))) / 2
 
 
 def _agrees(fits: Fits, panels: int) -> bool:

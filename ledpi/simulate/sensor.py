@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ledpi.records import Floats, Pixels, Transfer
+from ledpi.records import CameraInfo, Floats, Pixels, Transfer
 from ledpi.simulate.scene import SimulatedSensor
 from ledpi.simulate.surface import Image
 
@@ -21,6 +21,19 @@ def srgb_oetf(level: Floats) -> Floats:
     """Linear light 0..1 → sRGB's encoded value 0..1 (IEC 61966-2-1)."""
     curve = 1.055 * np.power(np.maximum(level, 0.0031308), 1.0 / 2.4) - 0.055
     return np.asarray(np.where(level <= 0.0031308, 12.92 * level, curve))
+
+
+def sensor_info(sensor: SimulatedSensor, reported_row_time: float = 1.0) -> CameraInfo:
+    """What the driver says of the camera; of the row time, as many times the true one."""
+    return CameraInfo(
+        width=sensor.intrinsics.width,
+        height=sensor.intrinsics.height,
+        exposure_us=sensor.exposure_us * reported_row_time,
+        row_time_us=sensor.row_time_us * reported_row_time,
+        transfer=sensor.transfer,
+        frame_length_rows=sensor.frame_length_rows,
+        intrinsics=sensor.intrinsics,
+    )
 
 
 @cache

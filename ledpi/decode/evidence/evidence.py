@@ -22,6 +22,7 @@ there). What is left is correlated with a cosine and a sine of each wave, in eac
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -91,11 +92,16 @@ class Believed:
 
     def turned_back(self, bands: Doubles) -> Doubles:
         """Bands (cells, P) by these waves, as cosine and sine."""
-        out = np.empty_like(bands)
-        for k, phase in enumerate(self.phases):
-            c, s = math.cos(phase), math.sin(phase)
-            out[:, 2 * k : 2 * k + 2] = bands[:, 2 * k : 2 * k + 2] @ np.array([[c, s], [-s, c]])
-        return out
+        return rotated(bands, self.phases)
+
+
+def rotated(bands: Doubles, angles: Sequence[float]) -> Doubles:
+    """Bands (cells, P), cosine and sine of each wave, once that is shifted by its angle."""
+    out = np.empty_like(bands)
+    for k, angle in enumerate(angles):
+        c, s = math.cos(angle), math.sin(angle)
+        out[:, 2 * k : 2 * k + 2] = bands[:, 2 * k : 2 * k + 2] @ np.array([[c, s], [-s, c]])
+    return out
 
 
 def believed_bands(

@@ -16,7 +16,7 @@ import numpy as np
 
 from ledpi.decode.cells import CellSamples, Lattice, Singles
 from ledpi.decode.evidence.comparison import LEAST_SCALE, Mean, compared_evidence
-from ledpi.decode.evidence.evidence import Doubles, Evidence, band_prior, class_waves
+from ledpi.decode.evidence.evidence import Doubles, Evidence, band_prior, class_waves, rotated
 from ledpi.decode.evidence.noise import WHITE, Correlation
 from ledpi.decode.evidence.single_frame import single_evidence
 from ledpi.records import Frame, PanelSpec, Rejected
@@ -159,12 +159,7 @@ class PanelMemory:
 
 def turned(bands: Doubles, waves_hz: tuple[float, ...], earlier_s: float) -> Doubles:
     """Bands (cells, P) as counted from a moment that is so much earlier."""
-    out = np.empty_like(bands)
-    for k, hz in enumerate(waves_hz):
-        angle = 2 * math.pi * ((hz * earlier_s) % 1.0)
-        c, s = math.cos(angle), math.sin(angle)
-        out[:, 2 * k : 2 * k + 2] = bands[:, 2 * k : 2 * k + 2] @ np.array([[c, s], [-s, c]])
-    return out
+    return rotated(bands, [2 * math.pi * ((hz * earlier_s) % 1.0) for hz in waves_hz])
 
 
 def _shown(samples: CellSamples) -> Singles:

@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ledpi.decode.finding.four_sides import in_order
 from ledpi.kernels import crossings as kernel
 from ledpi.kernels.library import COMPILED
 from ledpi.records import Floats, Pixels
@@ -216,7 +217,4 @@ def _corners(points: Floats, at: Floats, cells: int) -> Floats | None:
     low, high = -1.0, cells - 1.0
     rim = np.array([[[low, low]], [[high, low]], [[high, high]], [[low, high]]])
     corners = cv2.perspectiveTransform(rim, homography)[:, 0]
-    a, b = corners[2] - corners[0], corners[3] - corners[1]
-    if a[0] * b[1] - a[1] * b[0] < 0:
-        corners = corners[::-1]
-    return np.asarray(np.roll(corners, -int(corners.sum(axis=1).argmin()), axis=0), np.float64)
+    return np.array(in_order(corners.tolist()))

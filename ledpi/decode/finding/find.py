@@ -7,7 +7,6 @@ pyramid.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import cv2
@@ -19,6 +18,7 @@ from ledpi.decode.finding.four_sides import distinct, set_aside, square_of, with
 from ledpi.decode.finding.lit import brighter, closed, contrasts, lit_by
 from ledpi.decode.finding.outlines import outlines_in
 from ledpi.decode.finding.spots import group_sizes, groups, lattice, spots_in
+from ledpi.geometry import quad_middle, quad_side
 from ledpi.kernels import find as kernel
 from ledpi.kernels.find import Thresholds
 from ledpi.kernels.library import COMPILED
@@ -70,8 +70,7 @@ class Candidate:
     @property
     def centre_px(self) -> tuple[float, float]:
         """Mean of the corners."""
-        (x0, y0), (x1, y1), (x2, y2), (x3, y3) = self.corners.tolist()
-        return 0.25 * (x0 + x1 + x2 + x3), 0.25 * (y0 + y1 + y2 + y3)
+        return quad_middle(self.corners.tolist())
 
 
 class Finder:
@@ -183,6 +182,4 @@ def _candidates(squares: Floats, *, spots: bool = False) -> list[Candidate]:
 def _grid(corners: Floats, scale: int) -> list[float]:
     """As `square_of` has it, of a lattice of spots in pixels that are `scale` of the picture's."""
     in_picture = (corners + 0.5) * scale - 0.5
-    (x0, y0), (x1, y1), (x2, y2), (x3, y3) = in_picture.tolist()
-    side_px = math.sqrt(0.5 * abs((x2 - x0) * (y3 - y1) - (x3 - x1) * (y2 - y0)))
-    return [*in_picture.reshape(-1).tolist(), side_px, 0.0, 0.5 * scale]
+    return [*in_picture.reshape(-1).tolist(), quad_side(in_picture.tolist()), 0.0, 0.5 * scale]

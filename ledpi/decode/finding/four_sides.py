@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ledpi.decode.finding.outlines import Outline
+from ledpi.geometry import quad_area
 from ledpi.records import Floats
 
 SIGNIFICANT = 0.1  # of the root of the area: corners less far from the polygon without them are none
@@ -51,18 +52,18 @@ def square_of(outline: Outline, scale: float) -> list[float] | None:
     corners = _four_sides(np.roll(hull, -first, axis=0).tolist(), size)
     if corners is None:
         return None
-    of_quad = 0.5 * abs(_twice_area(corners))
+    of_quad = abs(quad_area(corners))
     misfit = abs(math.log(max(of_quad, 1e-3) / area))
     if misfit > MAX_MISFIT + PIXEL_MISFIT / size:
         return None
     if area < SLENDER * (0.25 * sum(math.dist(corners[k], corners[k - 1]) for k in range(4))) ** 2:
         corners = _through_sides(corners, outline.points)
-        of_quad = 0.5 * abs(_twice_area(corners))
+        of_quad = abs(quad_area(corners))
     # An outline runs through the centres of the outermost lit pixels: half a pixel inside the edge.
     growth = 1.0 + 1.0 / max(2.0, math.sqrt(of_quad))
     middle = [0.25 * sum(corner[axis] for corner in corners) for axis in (0, 1)]
     grown = [[m + (p - m) * growth for p, m in zip(corner, middle, strict=True)] for corner in corners]
-    in_picture = [(p + 0.5) * scale - 0.5 for corner in _in_order(grown) for p in corner]
+    in_picture = [(p + 0.5) * scale - 0.5 for corner in in_order(grown) for p in corner]
     return [*in_picture, (math.sqrt(of_quad) + 1.0) * scale, misfit, TOLERANCE * scale]
 
 
@@ -223,14 +224,8 @@ def _through_sides(corners: Corners, outline: NDArray[np.int32]) -> Corners:
     return crossings
 
 
-def _twice_area(corners: Corners) -> float:
-    """Positive where the corners run clockwise in the picture."""
-    (x0, y0), (x1, y1), (x2, y2), (x3, y3) = corners
-    return (x2 - x0) * (y3 - y1) - (x3 - x1) * (y2 - y0)
-
-
-def _in_order(corners: Corners) -> Corners:
+def in_order(corners: Corners) -> Corners:
     """Clockwise as seen in the picture, first the corner nearest the top left."""
-    order = corners if _twice_area(corners) > 0 else corners[::-1]
+    order = corners if quad_area(corners) > 0 else corners[::-1]
     nearest = min(range(4), key=lambda k: sum(order[k]))
     return order[nearest:] + order[:nearest]

@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ledpi.decode.finding.four_sides import in_order
 from ledpi.decode.finding.lit import threshold_of
 from ledpi.records import Floats, Pixels
 
@@ -124,10 +125,7 @@ def _outer(grid: Floats, points: Floats, cells: int) -> Floats | None:
     if homography is None:
         return None
     corners = cv2.perspectiveTransform(rim_of(cells)[:, None], homography)[:, 0]
-    a, b = corners[2] - corners[0], corners[3] - corners[1]
-    if a[0] * b[1] - a[1] * b[0] < 0:
-        corners = corners[::-1]
-    return np.asarray(np.roll(corners, -int(corners.sum(axis=1).argmin()), axis=0), np.float64)
+    return np.array(in_order(corners.tolist()))
 
 
 @cache

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 
+from ledpi.geometry import quad_middle
 from ledpi.records import Rejected, Sighting
 
 SAME_PLACE = Rejected(stage="identify", reason="same_panel_twice")
@@ -18,7 +18,7 @@ def one_of_each(sightings: Iterable[Sighting]) -> tuple[list[Sighting], list[tup
     dropped: list[tuple[Sighting, Rejected]] = []
     for sighting in sorted(sightings, key=lambda s: -s.margin):
         corners = sighting.corners_px.tolist()
-        x, y = (math.fsum(at) / 4 for at in zip(*corners, strict=True))
+        x, y = quad_middle(corners)
         if any(_inside(x, y, other) for other in places):
             dropped.append((sighting, SAME_PLACE))
         else:
