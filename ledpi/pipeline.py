@@ -80,7 +80,7 @@ class Pipeline:
         self._readers = [BandsReader(dictionary, ids, spec) for spec, ids in groups] if method == "bands" else []
         self._specs = tuple(spec for spec, _ in groups)
         self._squares = Squares(camera, self._cells, self._specs, intrinsics)
-        self._belief = Belief(intrinsics, stream=stream)
+        self._belief = Belief(self._cells, intrinsics, stream=stream)
         sides_m = {marker_id: panels.spec(marker_id).side_m for marker_id in range(len(dictionary.words))}
         self._placer = Placer(intrinsics, sides_m, stream=stream, robot=robot)
         self._tracker = Tracker(self._specs)
@@ -241,11 +241,11 @@ class Pipeline:
                 work.trace.looks.append(Look(quad=quad, samples=samples, evidence=evidence, reading=outcome.reading))
             if isinstance(outcome.reading, Rejected):
                 work.reject(quad.corners_px, outcome.reading)
-            elif not self._belief.is_there(frame, quad, samples, track, outcome.reading, outcome.group):
+            elif (own := self._belief.where(frame, quad, samples, track, outcome.reading, outcome.group)) is None:
                 work.reject(quad.corners_px, NO_END)
                 track.shown = None
             else:
-                sightings.append(self._sighting(quad, outcome.reading, track))
+                sightings.append(self._sighting(own, outcome.reading, track))
         self._timed(work, "soft", since)
         return sightings
 

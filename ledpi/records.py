@@ -203,6 +203,7 @@ class Quad:
     told_by: ToldBy = "sides"
     seen_px: Floats | None = None  # (4, 2) corners of what is seen of it, where a side is hidden
     bands: SeenBands | None = None  # where they are so deep that they were sought
+    cells_show: bool = True  # in its light, and that they are those of the whole square
     rim_wall: float = 0.0  # of the side: how far beyond each of them the lattice of its cells ends, half a wall away
 
 

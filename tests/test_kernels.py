@@ -154,6 +154,7 @@ def assert_same(ours: Sequence[Quad | Rejected], theirs: Sequence[Quad | Rejecte
             np.testing.assert_allclose(a.corner_sigma_px, b.corner_sigma_px, rtol=0.02, atol=within_px / 10)
             np.testing.assert_allclose(a.bend_px, b.bend_px, atol=1e-6)
             np.testing.assert_allclose(a.rim_wall, b.rim_wall, atol=1e-4)
+            assert a.cells_show == b.cells_show
 
 
 @compiled

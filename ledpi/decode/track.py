@@ -15,6 +15,7 @@ from ledpi.decode.evidence.evidence import Doubles, Evidence
 from ledpi.decode.evidence.expect import Expectation
 from ledpi.decode.evidence.memory import PanelMemory
 from ledpi.decode.identify.beside import Ends
+from ledpi.decode.identify.blinking_rim import Rim
 from ledpi.decode.identify.soft import Reading
 from ledpi.decode.identify.tuning import Proposal, Seen
 from ledpi.geometry import quad_middle, quad_side
@@ -70,6 +71,7 @@ class Track:
     tuned_by: int = 0  # frames
     told_by: ToldBy = "sides"  # as its last quad was
     ends: Ends | None = None  # once it is asked for
+    rim: Rim | None = None  # once it is asked for
     hidden_px: Floats | float = 0.0  # (4, 2) from its corners to those of what was seen of it
 
     @classmethod
@@ -95,7 +97,12 @@ class Track:
 
     def begin_anew(self, memories: tuple[PanelMemory, ...]) -> None:
         """What was seen here was something else, or does not add up."""
-        self.memories, self.shown, self.confirmed, self.ends = memories, None, 0, None
+        self.memories, self.shown, self.confirmed, self.ends, self.rim = memories, None, 0, None, None
+
+    def lead_to(self, own: Quad) -> None:
+        """What was seen so far is around the panel, not the panel. This is; of it nothing was seen yet."""
+        self.begin_anew(tuple(PanelMemory(memory.spec) for memory in self.memories))
+        self._take(own, self.seen_ns)
 
     def expected_px(self, now_ns: int) -> Floats:
         """(4, 2) where the corners should be now."""

@@ -47,6 +47,7 @@ class Variation:
     gain_deviation: float = 0.05  # standard deviation of the cells' gains
     hot_spot: float = 0.2  # share of the LED that shines through the diffuser
     hot_spot_sigma: float = 0.2  # its width, in cells
+    falloff: float = 0.2  # how much darker a cell's corner is than its middle
     gap: float = 0.06  # dark wall between cells, share of a cell
     oscillator_error: float = 0.0  # relative; either class off by so much, up or down
     row_time_us: float | None = None  # the sensor's; None: 33.67 µs
@@ -63,7 +64,7 @@ class Variation:
     room_ripple: tuple[float, float] | None = None  # frequency in Hz and depth of the light in the room
     on_a_page: bool = False  # without a bezel, on paper with black spots
     touching: int = 0  # sides that something bright touches; then there is no bezel
-    bezel: Literal["black", "none", "bright"] = "black"
+    bezel: Literal["black", "none", "bright", "white"] = "black"  # white: as bright as the cells
     equal_cells: bool = False  # no lattice of walls: cells at the rim are no larger than the others
     tone_contrast: float = 0.0  # of the camera's processor, beyond sRGB
     sharpening: float = 0.0
@@ -95,6 +96,8 @@ VARIATIONS: dict[str, Variation] = {
     # The same wall up to the lit cells.
     "bright room, no bezel": Variation(room_level=(0.2, 0.3), peak_level=(0.5, 0.85), bezel="none"),
     "in a bright frame": Variation(bezel="bright"),
+    # Neither walls nor anything else shows where cells end, nor where the panel does.
+    "even cells in a white frame": Variation(bezel="white", gap=0.0, hot_spot=0.0, falloff=0.0),
     # As four boxes side by side, with boards between them.
     "cells of one size": Variation(equal_cells=True, gap=0.1),
     "sharpened, with a contrast curve": Variation(tone_contrast=0.7, sharpening=1.0),

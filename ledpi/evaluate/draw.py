@@ -166,6 +166,7 @@ def _look(variation: Variation) -> PanelLook:
         equal_cells=variation.equal_cells,
         hot_spot=variation.hot_spot,
         hot_spot_sigma=variation.hot_spot_sigma,
+        falloff=variation.falloff,
     )
     without = variation.on_a_page or variation.touching or variation.bezel != "black"
     return replace(look, bezel=0.0) if without else look

@@ -20,7 +20,8 @@ from ledpi.simulate.trajectory import Still
 
 # A page behind a panel: spots across it, its width in the panel's sides, the share of ink, levels of paper and ink.
 PAGE_SPOTS, PAGE_SIDES, PAGE_INK, PAGE_WHITE, PAGE_BLACK = 20, 2.6, 0.35, (0.1, 0.25), (0.01, 0.05)
-FRAME_LEVEL, FRAME_SIDES = (0.2, 0.6), (0.04, 0.2)  # of a bright frame: share of the panel's light, and of its side
+# Of a frame: share of the panel's light, and its width as a share of the panel's side.
+FRAMES = {"bright": ((0.2, 0.6), (0.04, 0.2)), "white": ((0.8, 1.2), (0.01, 0.08))}
 TOUCHING_LEVEL = (0.1, 0.6)  # of what touches a panel, whose cells are at 0.35 to 0.7 in their middle
 
 
@@ -76,12 +77,13 @@ def touching(variation: Variation, shown: tuple[Panel, ...], extra: np.random.Ge
 
 def frames(variation: Variation, shown: tuple[Panel, ...], extra: np.random.Generator) -> tuple[Light, ...]:
     """A bright bezel around each panel: one that is white, or that the panel itself lights up."""
-    if variation.bezel != "bright":
+    if variation.bezel not in FRAMES:
         return ()
+    share_of_light, share_of_side = FRAMES[variation.bezel]
     lights = []
     for panel in shown:
-        level = float(panel.brightness * extra.uniform(*FRAME_LEVEL))
-        size_m = float(panel.spec.side_m * (1.0 + 2.0 * extra.uniform(*FRAME_SIDES)))
+        level = float(panel.brightness * extra.uniform(*share_of_light))
+        size_m = float(panel.spec.side_m * (1.0 + 2.0 * extra.uniform(*share_of_side)))
         lights.append(_rectangle(panel, 0.0, (0.0, 0.0), (size_m, size_m), depth=1.002, level=level))
     return tuple(lights)
 

@@ -19,7 +19,7 @@ typedef struct {
     double least_height, near_px, settled_px, settled_blur, first_look_px, more_looks, converged_px, steepest, max_move,
         max_blur_change;
     double near_edge, share_step, first_share, most, no_rim_wall, rim_wall, gap, blur_px, blur_step, better, little_left, clearly_better,
-        nothing_left;
+        nothing_left, cells_show, least_shown;
     double max_spread_px, min_used, min_side_px, border_px, hidden_sigma, min_pitch_px, least_cells;
 } Refining;
 
@@ -53,8 +53,9 @@ typedef struct {
 void ledpi_find_sides(const Picture *picture, const Tables *tables, const Point near[4], const double *bends, Found *found,
                       Missing *missing);
 
-/* The share of the panel's side that a quad lacks: at the left and right, then at the top and bottom; as `hidden_shares`. */
-void ledpi_hidden(const Picture *picture, const Tables *tables, const Point corners[4], const double *bends,
+/* The share of the panel's side that a quad lacks: at the left and right, then at the top and bottom; as `hidden_shares`.
+ * Whether its cells show. */
+bool ledpi_hidden(const Picture *picture, const Tables *tables, const Point corners[4], const double *bends,
                   double hidden[2][2], Missing *missing);
 
 /* Better corners of a whole panel, and the deviation of their coordinates; not a number where its lines are none. */

@@ -8,10 +8,10 @@
 typedef enum { WHOLE, PARTLY_HIDDEN, NO_EDGE, NOT_STRAIGHT, NOT_WHOLE, NOT_CONVEX, TOO_SMALL, AT_BORDER } Outcome;
 
 /* A row there: the square's corners, those of what is seen of it, the corners' deviation, how far the lens bends it, and
- * how far beyond it the lattice of its cells ends. */
+ * how far beyond it the lattice of its cells ends; whether its cells show, 1 or 0. */
 typedef struct {
     Point corners[4], seen[4];
-    double sigma_px, bend_px, rim_wall;
+    double sigma_px, bend_px, rim_wall, cells_show;
 } Refined;
 
 /* The corners of a quad that lacks `hidden` of its panel, of the whole panel. */
@@ -53,7 +53,7 @@ static Outcome refine(const Picture *picture, const Tables *tables, const Lens *
     if (missing->filter) return NO_EDGE;
     if (!found.seen || !(ledpi_farthest(found.corners, near) < by->max_move * side_px)) return NO_EDGE;
     if (!(found.spread_px <= by->max_spread_px && found.used >= by->min_used)) return NOT_STRAIGHT;
-    ledpi_hidden(picture, tables, found.corners, bends, hidden, missing);
+    into->cells_show = ledpi_hidden(picture, tables, found.corners, bends, hidden, missing);
     if (missing->explanations) return NO_EDGE;
     into->sigma_px = found.sigma_px;
     into->bend_px = into->rim_wall = 0.0;

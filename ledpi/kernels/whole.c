@@ -4,7 +4,7 @@
 #include "quads.h"
 #include "wide.h"
 
-enum { ALONG = 40, SHARES = 20, WHOLE = 5, EXPLAINED = 3 * SHARES };
+enum { ALONG = 40, SHARES = 20, WHOLE = 5, SMALLER = 2 * SHARES + 2, EXPLAINED = 3 * SHARES };
 #define ACROSS_FIRST 0.3 /* of a cell: where the light along the quad is taken, and averaged */
 #define ACROSS_SECOND 0.7
 
@@ -72,7 +72,7 @@ static double share_of(const Refining *by, const double *left, ptrdiff_t best, d
     return fabs(share) < by->most && least < enough ? share : NAN;
 }
 
-void ledpi_hidden(const Picture *picture, const Tables *tables, const Point corners[4], const double *bends,
+bool ledpi_hidden(const Picture *picture, const Tables *tables, const Point corners[4], const double *bends,
                   double hidden[2][2], Missing *missing) {
     const Refining *const by = tables->refining;
     static const double ends[3][2] = {{1.0, 0.0}, {0.0, 1.0}, {1.0, 1.0}};
@@ -83,17 +83,21 @@ void ledpi_hidden(const Picture *picture, const Tables *tables, const Point corn
         most_bent = fmax(most_bent, fmax(fabs(bends[4 * k + 1]), fabs(bends[4 * k + 3])));
     }
     const double blur = (by->blur_px + most_bent + by->gap * side_px / cells) / fmax(side_px, 1.0);
-    if (!(blur > 0.0)) return; /* the quad is nowhere */
+    if (!(blur > 0.0)) return false; /* the quad is nowhere */
     const double last = (double)(tables->blurs - 1);
     const double step = fmin(fmax(rint(log(blur) / by->blur_step) - (double)tables->first_blur, 0.0), last);
     const Explanations *const explanations = tables->explanations + (ptrdiff_t)step;
     if (!explanations->bases) {
         missing->explanations = 1 + (ptrdiff_t)step;
-        return;
+        return false;
     }
     light_along(picture, corners, bends, tables->cubics, tables->cells, &light[0][0]);
+    bool cells_show = true;
     for (int axis = 0; axis < 2; axis++) {
         unexplained(light[axis], explanations, by->near_edge, WHOLE, WHOLE + 1, left);
+        unexplained(light[axis], explanations, by->near_edge, SMALLER, SMALLER + 1, left);
+        const double shown = fmax(by->cells_show * by->cells_show * left[WHOLE], by->least_shown * by->least_shown);
+        cells_show = cells_show && left[SMALLER] > shown;
         if (!(left[WHOLE] > by->nothing_left * by->nothing_left)) continue;
         const ptrdiff_t best = unexplained(light[axis], explanations, by->near_edge, 0, EXPLAINED, left);
         const ptrdiff_t end = best / SHARES;
@@ -101,4 +105,5 @@ void ledpi_hidden(const Picture *picture, const Tables *tables, const Point corn
         const double share = share_of(by, left + end * SHARES, best % SHARES, left[WHOLE]);
         hidden[axis][0] = share * ends[end][0], hidden[axis][1] = share * ends[end][1];
     }
+    return cells_show;
 }

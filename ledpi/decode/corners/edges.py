@@ -58,6 +58,7 @@ CONSTANTS = np.array(
         *(whole.NEAR_EDGE, whole.SHARE_STEP, whole.SHARES[0], whole.MOST, whole.NO_RIM_WALL, whole.RIM_WALL),
         *(whole.GAP, whole.BLUR_PX, whole.BLUR_STEP),
         *(whole.BETTER, whole.LITTLE_LEFT, whole.CLEARLY_BETTER, whole.NOTHING_LEFT),
+        *(whole.CELLS_SHOW, whole.LEAST_SHOWN),
         *(MAX_SPREAD_PX, MIN_USED, MIN_SIDE_PX, BORDER_PX, HIDDEN_SIGMA, adjust.MIN_PITCH_PX, adjust.LEAST_CELLS),
     ],
     np.float64,
@@ -133,8 +134,9 @@ def _refined(frame: Frame, near: Floats, cells: int, intrinsics: Intrinsics | No
             bend_px=bend_px,
             seen_px=None if outcome == kernel.WHOLE else seen,
             rim_wall=rim_wall,
+            cells_show=shown > 0,
         )
-        for (at, seen), (sigma_px, bend_px, rim_wall), outcome in zip(corners, numbers, outcomes, strict=True)
+        for (at, seen), (sigma_px, bend_px, rim_wall, shown), outcome in zip(corners, numbers, outcomes, strict=True)
     ]
 
 
@@ -186,10 +188,14 @@ def _refine_quads(frame: Frame, near: Floats, cells: int, intrinsics: Intrinsics
     start = as_points(near)
     bend = bends(start, intrinsics)
     found = find_sides(frame, start, bend, cells)
-    hidden, rim_walls = without_rim_walls(hidden_shares(frame, found.corners, bend, cells))
+    hidden, cells_show = hidden_shares(frame, found.corners, bend, cells)
+    hidden, rim_walls = without_rim_walls(hidden)
+    results = _results(frame, start, found, bend, hidden)
     quads = [
-        replace(quad, rim_wall=wall) if isinstance(quad, Quad) and quad.seen_px is None else quad
-        for quad, wall in zip(_results(frame, start, found, bend, hidden), rim_walls.tolist(), strict=True)
+        replace(quad, rim_wall=0.0 if quad.seen_px is not None else wall, cells_show=shown)
+        if isinstance(quad, Quad)
+        else quad
+        for quad, wall, shown in zip(results, rim_walls.tolist(), cells_show.tolist(), strict=True)
     ]
     return adjust_quads(frame, quads, np.asarray(~hidden.any(axis=(1, 2))), bend, cells, intrinsics)
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ledpi.decode.cells import unit_square_to
 from ledpi.decode.corners.sides import REACH_PX, Coordinates, Patches, Points, Shares, areas, as_corners
-from ledpi.records import Floats, Frame
+from ledpi.records import Floats, Frame, Mask
 
 ALONG = 40  # places along the quad
 ALONG_AT = (np.arange(ALONG) + 0.5) / ALONG
@@ -29,6 +29,7 @@ NEAR_EDGE = 0.06  # of the quad: so near to its ends the blurred edge is seen
 SHARE_STEP = 0.02
 SHARES = SHARE_STEP * np.arange(-5, 15)
 WHOLE, MOST = 5, 0.15
+SMALLER = 2 * len(SHARES) + 2  # of the explanations: a panel that ends by 6 % of the side further in, all around
 ENDS = ((1.0, 0.0), (0.0, 1.0), (1.0, 1.0))  # where it is: the last as bare LEDs have it, dark all around
 # Of the side: cells of one size with walls between them, but none at the rim, lie as if the rim had half a wall and hid
 # it. Its sides are where light ends all the same. (Where cells are 10 % of a pitch apart, 0.0128, and told as 0.02.)
@@ -41,29 +42,34 @@ BETTER = 0.6  # what is left unexplained, of that of whole cells: less is a bett
 # Of the mean light, and of what whole cells leave: more than either, and nothing that is tried explains it.
 LITTLE_LEFT, CLEARLY_BETTER = 0.06, 0.15
 NOTHING_LEFT = 0.02  # of the mean light: whole cells explain this well whatever noise and bands there are
+# Cells show where the panel ends if a smaller one would leave so many times as much unexplained, and more than noise
+# and bands do. (Of panels with walls, or cells brighter in their middle, it leaves 0.03 to 0.14; of flat ones nothing.)
+CELLS_SHOW, LEAST_SHOWN = 2.0, 0.015
 
 
-def hidden_shares(frame: Frame, corners: Points, bend_px: Points, cells: int) -> Floats:
+def hidden_shares(frame: Frame, corners: Points, bend_px: Points, cells: int) -> tuple[Floats, Mask]:
     """(N, 2, 2) share of the panel's side that quads (N, 4) lack: at the left and right, then at the top and bottom.
 
     Negative where the quad is too large; 0 where it is whole, and where nothing tells, as of a lamp that is even all
-    over; not a number where no such share explains what is seen. `bend_px` (N, 4, 2) is the sides' `bends`: the lens
-    moves the rows of gaps with them.
+    over; not a number where no such share explains what is seen. And (N,) whether anything tells. `bend_px` (N, 4, 2)
+    is the sides' `bends`: the lens moves the rows of gaps with them.
     """
     side_px, most_bent = np.sqrt(np.abs(areas(corners))), np.abs(bend_px.imag).max(axis=(1, 2))
     blurs = (BLUR_PX + most_bent + GAP * side_px / cells) / np.maximum(side_px, 1.0)
     light = _light_along(frame, corners, bend_px, cells)
-    hidden = np.zeros((len(corners), 2, 2))
-    for into, along, blur in zip(hidden, light, blurs.tolist(), strict=True):
+    hidden, cells_show = np.zeros((len(corners), 2, 2)), np.zeros(len(corners), bool)
+    for i, (into, along, blur) in enumerate(zip(hidden, light, blurs.tolist(), strict=True)):
         if not blur > 0:  # the quad is nowhere
             continue
         axes, left = explanations(cells, _step(blur)).left(along)
+        shown = np.maximum(CELLS_SHOW**2 * left[:, WHOLE], LEAST_SHOWN**2)
+        cells_show[i] = bool((left[:, SMALLER] > shown).all())
         for axis in axes:
             best = int(left[axis].argmin())
             if left[axis, best] < BETTER * left[axis, WHOLE]:
                 end, share = divmod(best, len(SHARES))
                 into[axis] = _share(left[axis, end * len(SHARES) :][: len(SHARES)], share) * np.array(ENDS[end])
-    return hidden
+    return hidden, cells_show
 
 
 def without_rim_walls(hidden: Floats) -> tuple[Floats, Floats]:

@@ -89,18 +89,23 @@ class PanelMemory:
 
     def evidence(self) -> Evidence | Rejected:
         """All that is known: the comparisons so far, and the mean picture read as one frame."""
-        total = self._of_mean_picture()
-        if self._score is None or self._information is None:
+        total, known = self._of_mean_picture(), self.of_comparisons()
+        if known is None:
             return total
-        known = Evidence(
+        if isinstance(total, Rejected):
+            return known
+        return replace(known, score=known.score + total.score, information=known.information + total.information)
+
+    def of_comparisons(self) -> Evidence | None:
+        """What the frames after the first have said, whatever the panel looks like."""
+        if self._score is None or self._information is None:
+            return None
+        return Evidence(
             score=self._score,
             information=self._information,
             prior=band_prior(self._frame, self.spec),
             left=self._left,
         ).by(self._noise)
-        if isinstance(total, Rejected):
-            return known
-        return replace(known, score=known.score + total.score, information=known.information + total.information)
 
     def _begin(self) -> None:
         """Makes a mean picture of the first frame, once it is asked for: most squares are seen once."""

@@ -1,0 +1,157 @@
+"""How far within the sides of a square its panel ends, told by what blinks.
+
+The light of a panel whose cells are flat, without walls, shows no lattice. A bezel as bright, or a bright thing that
+touches it, then looks like a part of it. But neither blinks. So a strip along each side is asked how much it does,
+beside the strips further in, by how the frames differ: where a part of it is no panel, so much of its bands is missing.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ledpi.decode.cells import INSET, MIN_CELL_PX, sample_cells, unit_square_to
+from ledpi.decode.evidence.evidence import Doubles, Evidence
+from ledpi.decode.evidence.memory import PanelMemory, turned
+from ledpi.geometry import distort, undistort
+from ledpi.records import Floats, Frame, Intrinsics, PanelSpec, Quad, Rejected
+
+SIDES = 4
+FIRST, ONE_OF = 4, 8  # frames that are looked at, and then one of so many
+STRIPS = (4, 2, 1)  # in a cell: as many as are not too thin
+NOTHING = 1e-9  # of all information: what adds less tells nothing
+# Deviations by which a strip lacks bands where a panel ends further in. Of 2,000 strips of whole panels, flat or
+# nearly, in bright rooms, sharpened, driven past, none had more than 3.5.
+SURELY = 5.0
+# A share of the side: the deviation of what nothing tells. Perhaps one flat panel in ten stands in something as bright,
+# with which its word is still read where that is no wider than 0.09: √(0.1·0.09²/3).
+UNTOLD = 0.016
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Inward:
+    """By which shares of a square's side its panel ends further in. Where nothing is told, by none, perhaps."""
+
+    shares: tuple[float, ...] = (0.0,) * SIDES  # at the sides between corners 0 and 1, 1 and 2, …
+    sigma: float = UNTOLD  # of these
+
+    def of(self, quad: Quad, intrinsics: Intrinsics | None) -> Quad:
+        """The panel within the square."""
+        if not any(self.shares):
+            return quad
+        top, right, bottom, left = self.shares
+        places = [(left, top), (1 - right, top), (1 - right, 1 - bottom), (left, 1 - bottom)]
+        return replace(quad, corners_px=_placed(_straight(quad, intrinsics), places, intrinsics))
+
+
+class Rim:
+    """What the strips along a square's sides show, in the frames of a stream that were added."""
+
+    def __init__(self, spec: PanelSpec, cells: int) -> None:
+        self._spec, self._cells = spec, cells
+        self._frames = 0  # in which the panel was read
+        self._begin_anew(STRIPS[0])
+
+    def _begin_anew(self, strips: int) -> None:
+        self._strips = strips  # in a cell
+        self._sides = [PanelMemory(self._spec) for _ in range(SIDES)]
+        self._told = Inward()
+
+    def inward(
+        self, frame: Frame, quad: Quad, shown: Doubles, origin_ns: int, intrinsics: Intrinsics | None
+    ) -> Inward:
+        """How far in the panel ends that a further frame shows in `quad`.
+
+        `shown`: the bands (cells, P) of its cells, counted from row 0 then. Where strips get too thin, it begins anew.
+        """
+        self._frames += 1
+        if self._frames <= FIRST or self._frames % ONE_OF == 0:
+            self._add(frame, quad, intrinsics)
+            self._told = self._tell(shown, origin_ns)
+        return self._told
+
+    def _add(self, frame: Frame, quad: Quad, intrinsics: Intrinsics | None) -> None:
+        shortest_px = np.hypot(*(np.roll(quad.corners_px, -1, axis=0) - quad.corners_px).T).min()
+        not_thin = [strips for strips in STRIPS if shortest_px > MIN_CELL_PX * self._cells * strips]
+        if self._strips not in not_thin:
+            self._begin_anew(not_thin[0] if not_thin else STRIPS[-1])
+        depth = 1.0 / self._strips  # of as many strips as a panel has rows: they are looked at as if they were a panel
+        straight = _straight(quad, intrinsics)
+        for turns, memory in enumerate(self._sides):
+            places = [(0.0, 0.0), (1.0, 0.0), (1.0, depth), (0.0, depth)]
+            corners = _placed(np.roll(straight, -turns, axis=0), places, intrinsics)
+            along = Quad(corners_px=corners, corner_sigma_px=quad.corner_sigma_px, bend_px=quad.bend_px)
+            light = sample_cells(frame, along, self._cells, intrinsics, like=memory.lattice)
+            if not isinstance(light, Rejected):
+                memory.add(light, frame.without_picture())
+
+    def _tell(self, shown: Doubles, origin_ns: int) -> Inward:
+        told = np.array([self._lacks(memory, turns, shown, origin_ns) for turns, memory in enumerate(self._sides)])
+        lacks, sigma = told[..., 0], told[..., 1]  # (sides, outer strips)
+        strips = np.logical_and.accumulate(lacks > SURELY * sigma, axis=1).sum(axis=1)  # that lack bands, of each side
+        depth, of_mean = 1.0 / (self._strips * self._cells), _sigma_of_mean(sigma[:, 0])
+        if (lacks[:, 0] > 0).all() and lacks[:, 0].mean() > SURELY * of_mean:  # all together, if none alone
+            strips = np.maximum(strips, 1)
+        lacking = strips > 0
+        if not lacking.any():
+            return Inward(sigma=min(depth * of_mean, UNTOLD))
+        # The outermost share of a strip, where light is blurred, is not looked at, and neither is the innermost.
+        until = np.arange(lacks.shape[1]) <= strips[:, None]
+        ends = INSET * (2 * strips - 1) + (1 - 2 * INSET) * np.where(until, lacks, 0.0).sum(axis=1)
+        each = float(np.sqrt(np.mean(np.square(sigma[lacking, 0]))))
+        if lacking.all() and np.ptp(ends) < SURELY * each:  # a frame is as wide on all sides
+            ends, each = np.full(SIDES, ends.mean()), each / math.sqrt(SIDES)
+        shares = np.where(lacking, depth * ends, 0.0)
+        return Inward(shares=tuple(shares.tolist()), sigma=min(depth * math.hypot(INSET, each), UNTOLD))
+
+    def _lacks(self, memory: PanelMemory, turns: int, shown: Doubles, origin_ns: int) -> list[tuple[float, float]]:
+        """How much of its bands each outer strip lacks, of what inner ones have of theirs; and the deviation."""
+        outer = self._cells // 2
+        evidence = memory.of_comparisons()
+        if evidence is None:
+            return [(0.0, np.inf)] * outer
+        shown = turned(shown, self._spec.waves_hz, 1e-9 * (origin_ns - memory.origin_ns))
+        rows = np.rot90(shown.reshape(self._cells, self._cells, -1), turns)
+        has, variance = _bands_of_rows(evidence, rows[np.arange(self._cells) // self._strips])
+        inner = float(np.average(has[outer:], weights=1.0 / variance[outer:]))
+        if not inner > 0:
+            return [(0.0, np.inf)] * outer
+        lit = memory.newest[0].light.reshape(self._cells, -1).mean(axis=1)
+        # Light that falls on a panel dilutes its bands.
+        diluted = np.maximum(lit[:outer] / lit[outer], 1.0) if self._strips > 1 else np.ones(outer)
+        lacks, sigma = 1.0 - diluted * has[:outer] / inner, np.sqrt(variance[:outer]) / inner
+        return list(zip(lacks.tolist(), sigma.tolist(), strict=True))
+
+
+def _straight(quad: Quad, intrinsics: Intrinsics | None) -> Floats:
+    """(4, 2) its corners before the lens."""
+    return quad.corners_px if intrinsics is None else undistort(quad.corners_px, intrinsics)
+
+
+def _placed(straight: Floats, places: list[tuple[float, float]], intrinsics: Intrinsics | None) -> Floats:
+    """(N, 2) pixels of places in the square of these corners (4, 2) before the lens."""
+    x, y, w = unit_square_to(straight) @ np.column_stack([places, np.ones(len(places))]).T
+    placed = np.stack([x / w, y / w], axis=1)
+    return placed if intrinsics is None else distort(placed, intrinsics)
+
+
+def _bands_of_rows(evidence: Evidence, shown: Doubles) -> tuple[Doubles, Doubles]:
+    """(rows,) how much each has of the bands `shown` (rows, columns, P), and the variance; by least squares."""
+    n = len(shown)
+    each = np.zeros((n, n, *shown.shape[1:]))
+    each[np.arange(n), np.arange(n)] = shown
+    each = each.reshape(n, n * n, -1)
+    explained = np.tensordot(each, evidence.information, axes=((1, 2), (0, 1)))
+    information = np.tensordot(explained, each, axes=((1, 2), (1, 2)))
+    least = max(NOTHING * float(np.trace(information)), NOTHING)
+    covariance = np.linalg.inv(information + least * np.eye(n))
+    has = covariance @ np.tensordot(each, evidence.score, axes=((1, 2), (0, 1)))
+    return np.asarray(has), np.diag(covariance)
+
+
+def _sigma_of_mean(sigma: Floats) -> float:
+    """The deviation of a mean by weights, of values with these deviations; infinite where all are."""
+    weight = float(np.sum(1.0 / np.square(sigma)))
+    return weight**-0.5 if weight > 0 else np.inf
