@@ -6,6 +6,7 @@ before? What word do all its frames together show? And if none, do they at other
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -79,10 +80,10 @@ class Reader:
         return met
 
     def _read_anew(self, track: Track, samples: CellSamples, frame: Frame) -> Outcome:
+        known, last = tuple(copy.copy(memory) for memory in track.memories), track.shown or track.before
         denied = self._add(track, samples, frame)
         group, reading = self._decide(track.memories, tuned=track.tuned is not None)
-        young = 1 < track.frames <= TUNE_EVERY
-        if isinstance(reading, Rejected) and (track.shown is not None or young) and not denied:
+        if isinstance(reading, Rejected) and not denied and (last is not None or _may_speak_alone(track)):
             # Together they tell nothing any more; where phases run other than expected, each frame still may by itself.
             only = self._only(track, samples, frame)
             group, alone = self._decide(only, tuned=track.tuned is not None)
@@ -97,14 +98,30 @@ class Reader:
         track.shown = None
         if isinstance(reading, Reading):
             track.shown = Shown(group=group, reading=reading, expectation=None, frames=0)
+            track.before, track.untold = None, 0
+        elif last is not None and not denied:
+            self._leave_out(track, known, last, samples, frame)
         return Outcome(reading=reading, group=group, denied=denied)
+
+    def _leave_out(
+        self, track: Track, known: tuple[PanelMemory, ...], last: Shown, samples: CellSamples, frame: Frame
+    ) -> None:
+        """A frame that tells nothing, and with which those before tell nothing any more, is not remembered with them.
+
+        Its square was taken elsewhere, say, or something stood before it. Where that goes on, they are out of date.
+        """
+        track.before, track.untold = last, track.untold + 1
+        if track.untold <= ADDS_UP_FRAMES:
+            track.memories = known
+        else:
+            track.begin_anew(self._only(track, samples, frame))
 
     def _add(self, track: Track, samples: CellSamples, frame: Frame) -> bool:
         """Adds a frame to a track. True where it denies what that has shown; then all before it is forgotten."""
         added = [memory.add(samples, frame) for memory in track.memories]
         track.seen.append(Seen(samples=samples, frame=frame))
         track.looks += 1
-        shown = track.shown
+        shown = track.shown or track.before
         if shown is None or not denies(added[shown.group], shown.reading.cell_bands):
             return False
         if track.frames > ADDS_UP_FRAMES and not track.settling:
@@ -166,6 +183,11 @@ class Reader:
                     track.tuned, track.tuned_by = proposal, len(track.seen)
                     return True
         return False
+
+
+def _may_speak_alone(track: Track) -> bool:
+    """Whether the newest frame is asked by itself: while there are few, and now and then, as old ones may be wrong."""
+    return track.frames > 1 and (track.frames <= TUNE_EVERY or track.frames % READ_EVERY == 0)
 
 
 def _remembered(track: Track, spec: PanelSpec) -> tuple[PanelMemory, Evidence | None]:

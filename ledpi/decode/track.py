@@ -64,6 +64,8 @@ class Track:
     seen_ns: int  # row 0's read-out of the frame
     memories: tuple[PanelMemory, ...]  # one for each pair of frequencies
     shown: Shown | None = None
+    before: Shown | None = None  # what it was read as, where `untold` frames since then have told nothing
+    untold: int = 0
     confirmed: int = 0  # frames that were as expected, and did not enter the memories
     seen: deque[Seen] = field(default_factory=lambda: deque(maxlen=SEEN_FRAMES))
     looks: int = 0  # since the last try to find its frequencies
@@ -98,6 +100,7 @@ class Track:
     def begin_anew(self, memories: tuple[PanelMemory, ...]) -> None:
         """What was seen here was something else, or does not add up."""
         self.memories, self.shown, self.confirmed, self.ends, self.rim = memories, None, 0, None, None
+        self.before, self.untold = None, 0
 
     def lead_to(self, own: Quad) -> None:
         """What was seen so far is around the panel, not the panel. This is; of it nothing was seen yet."""
@@ -148,7 +151,8 @@ class Tracker:
         Panels that were read come first: where two tracks meet, they go on.
         """
         seen = [t for t in self._tracks if t.seen_ns == self._before_ns]
-        return [t for t in seen if t.shown] + [t for t in seen if not t.shown and t.frames < OLD_FRAMES]
+        young = [t for t in seen if not t.shown and (t.before or t.frames < OLD_FRAMES)]
+        return [t for t in seen if t.shown] + young
 
     def go_on(self, track: Track, quad: Quad | Rejected) -> Quad | None:
         """The square that was sought where `track` is expected, if it can be the track's; in the track's order.
