@@ -14,13 +14,6 @@ enum { STEPS = 8, REACH = STEPS + 2, T = 2 * REACH + 1, PLACES = 6 };
 #define LEAST_LIGHT 0.3
 #define LEAST_CONTRAST 1e-4
 
-void ledpi_seen(const Homography *homography, double u, double v, Point *at, Point *by_u, Point *by_v) {
-    const double *h = homography->h, across = 1.0 / (h[6] * u + h[7] * v + 1.0);
-    *at = (Point){(h[0] * u + h[1] * v + h[2]) * across, (h[3] * u + h[4] * v + h[5]) * across};
-    *by_u = (Point){(h[0] - h[6] * at->x) * across, (h[3] - h[6] * at->y) * across};
-    *by_v = (Point){(h[1] - h[7] * at->x) * across, (h[4] - h[7] * at->y) * across};
-}
-
 void ledpi_line_place(ptrdiff_t i, ptrdiff_t cells, double *u, double *v) {
     ptrdiff_t half = cells * (cells - 1), of_axis = i % half;
     double line = (double)(of_axis / cells + 1) / (double)cells;

@@ -118,12 +118,13 @@ static bool explain(Lines *lines, ptrdiff_t shown, Point step[4]) {
 }
 
 static bool roughly(const Picture *picture, Lines *lines, Point step[4]) {
-    ptrdiff_t shown = 0;
+    ptrdiff_t shown = lines->inner;
     for (ptrdiff_t i = 0; i < lines->inner; i++) {
         const double step_px = SHIFT_STEP * lines->scale[i] / (double)lines->cells;
         bool is_shown;
         lines->seen[i] = darkest(picture, lines, i, &is_shown) * step_px;
-        shown += is_shown;
+        shown -= !is_shown;
+        if ((double)shown < LEAST_SHOWN * (double)lines->inner) return false; /* as most are where there is no panel */
         lines->weights[i] = is_shown ? 1.0 / (step_px * step_px) : 0.0;
     }
     return explain(lines, shown, step);
@@ -147,11 +148,11 @@ static bool exactly(const Picture *picture, const Lens *lens, const Point corner
 
 /* Whether enough lines are darkest where they should be, to a step. */
 static bool are_darkest(const Picture *picture, const Lines *lines) {
-    ptrdiff_t there = 0;
-    for (ptrdiff_t i = 0; i < lines->inner; i++) {
+    ptrdiff_t there = lines->inner;
+    for (ptrdiff_t i = 0; i < lines->inner && (double)there >= LEAST_SHOWN * (double)lines->inner; i++) {
         bool is_dip;
         const int away = darkest(picture, lines, i, &is_dip);
-        there += is_dip && away >= -1 && away <= 1;
+        there -= !(is_dip && away >= -1 && away <= 1);
     }
     return (double)there >= LEAST_SHOWN * (double)lines->inner;
 }

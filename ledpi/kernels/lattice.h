@@ -14,7 +14,12 @@ typedef struct {
     double h[9];
 } Homography;
 
-void ledpi_seen(const Homography *homography, double u, double v, Point *at, Point *by_u, Point *by_v);
+static inline void ledpi_seen(const Homography *homography, double u, double v, Point *at, Point *by_u, Point *by_v) {
+    const double *h = homography->h, across = 1.0 / (h[6] * u + h[7] * v + 1.0);
+    *at = (Point){(h[0] * u + h[1] * v + h[2]) * across, (h[3] * u + h[4] * v + h[5]) * across};
+    *by_u = (Point){(h[0] - h[6] * at->x) * across, (h[3] - h[6] * at->y) * across};
+    *by_v = (Point){(h[1] - h[7] * at->x) * across, (h[4] - h[7] * at->y) * across};
+}
 
 /* Place i of the `line_places` of decode/corners/inner_lines.py. */
 void ledpi_line_place(ptrdiff_t i, ptrdiff_t cells, double *u, double *v);
