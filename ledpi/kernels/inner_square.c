@@ -41,20 +41,20 @@ static void begin(Lines *lines, const Point corners[4], ptrdiff_t cells) {
 /* Where light is darkest across a line's place, in steps from it; whether it is brighter on both sides: beside a dead cell it
  * is not. */
 static int darkest(const Picture *picture, const Lines *lines, ptrdiff_t i, bool *is_dip) {
-    double u, v, least = HUGE_VAL, ends[2] = {0.0, 0.0};
+    double u, v, along[PLACES], least = HUGE_VAL, ends[2] = {0.0, 0.0};
+    const bool along_u = i < lines->inner / 2;
     int at = 0;
     ledpi_line_place(i, lines->cells, &u, &v);
+    for (int p = 0; p < PLACES; p++)
+        along[p] = (FIRST_PLACE + (LAST_PLACE - FIRST_PLACE) * p / (PLACES - 1) - 0.5) / (double)lines->cells;
     for (int s = 0; s < SHIFTS; s++) {
         const double across = (FIRST_SHIFT + SHIFT_STEP * s) / (double)lines->cells;
         double light = 0.0;
-        for (int p = 0; p < PLACES; p++) {
-            const double share = FIRST_PLACE + (LAST_PLACE - FIRST_PLACE) * p / (PLACES - 1) - 0.5;
-            const double along = share / (double)lines->cells;
-            const bool along_u = i < lines->inner / 2;
-            Point seen, by_u, by_v;
-            ledpi_seen(&lines->homography, u + (along_u ? across : along), v + (along_u ? along : across), &seen, &by_u, &by_v);
-            light += ledpi_light_between(picture, (float)seen.x, (float)seen.y);
-        }
+        Point seen[PLACES], by_u, by_v;
+        for (int p = 0; p < PLACES; p++)
+            ledpi_seen(&lines->homography, u + (along_u ? across : along[p]), v + (along_u ? along[p] : across), seen + p,
+                       &by_u, &by_v);
+        for (int p = 0; p < PLACES; p++) light += ledpi_light_between(picture, (float)seen[p].x, (float)seen[p].y);
         if (light < least) least = light, at = s;
         if (s % (SHIFTS - 1) == 0) ends[s > 0] = light;
     }
