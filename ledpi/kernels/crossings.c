@@ -126,9 +126,12 @@ static bool axes_of(const Point *ways, const double *squares, int count, Point a
 /* How many of the nine around `middle` are there. */
 static int nine_of(const Place *middle, const Place *first, const Place *last, const Point axes[2]) {
     const double turn = axes[0].x * axes[1].y - axes[0].y * axes[1].x;
+    const double right = (1 + OFF_LATTICE) * (fabs(axes[0].x) + fabs(axes[1].x)); /* none is further off */
+    const double down = (1 + OFF_LATTICE) * (fabs(axes[0].y) + fabs(axes[1].y));
     int found = 0;
     for (const Place *other = first; other < last; other++) {
         const double x = other->x - middle->x, y = other->y - middle->y;
+        if (fabs(x) > right || fabs(y) > down) continue;
         const double a = (x * axes[1].y - y * axes[1].x) / turn, b = (y * axes[0].x - x * axes[0].y) / turn;
         if (fabs(rint(a)) > 1 || fabs(rint(b)) > 1) continue;
         found += fabs(a - rint(a)) < OFF_LATTICE && fabs(b - rint(b)) < OFF_LATTICE;
