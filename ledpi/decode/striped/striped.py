@@ -109,13 +109,16 @@ def fitted_squares(
 ) -> list[tuple[Floats, Quad | Rejected]]:
     """The same squares, beside where they were sought (4, 2), by the panel's whole picture where that fits.
 
-    Bands that are `bent_rows` high have led edges astray, or had them refused.
+    Bands that are `bent_rows` high have led edges astray, or had them refused. Of a square that seems hidden in
+    part the more exact corners are believed: where something does hide it, its picture fits badly.
     """
     results = []
     for sought, square in squares:
         fit: Quad | Rejected = square
-        if isinstance(square, Quad) and square.seen_px is None:
+        if isinstance(square, Quad):
             fit = square_near(frame, as_points(square.corners_px), cells, specs, intrinsics)
+            if square.seen_px is not None and isinstance(fit, Quad) and fit.corner_sigma_px > square.corner_sigma_px:
+                fit = square
         elif square in BENT:
             fit = striped_square(frame, sought[None], cells, specs, bent_rows, intrinsics)
         results.append((sought, fit if isinstance(fit, Quad) else square))
