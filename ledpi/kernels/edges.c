@@ -189,12 +189,13 @@ static void first_look(Look *look, const Point corners[4], Profiles *profiles, S
                    fabs(blur[0]) < look->by->settled_blur && fabs(blur[1]) < look->by->settled_blur;
 }
 
-/* As many looks more as it takes, each with the blur that the last has seen, at the same profiles. */
+/* As many looks more as it takes, each with the blur that the last has seen, at the same profiles; none at what does not
+ * show edges on all sides, which is refused wherever it is. */
 static void more_looks(Look *look, Profiles *profiles, SquareFit *fit) {
     const Filter *filters[2];
     double mean[4][T], place[4], blur[2];
     Point moved[4];
-    for (int round = 0; round < look->by->more_looks && !fit->settled; round++) {
+    for (int round = 0; round < look->by->more_looks && fit->seen && !fit->settled; round++) {
         filters_for(look, fit->sides, fit->blur_px, filters);
         take_profiles(look, fit->sides, filters, profiles);
         mean_profiles(look, profiles, fit, mean);

@@ -157,9 +157,9 @@ class _Look:
         )
 
     def more(self, fit: _Fit, which: Mask) -> _Fit:
-        """As many looks more at `which` (N,) as it takes."""
+        """As many looks more at `which` (N,) as it takes; what does not show edges on all sides is refused anyway."""
         for _ in range(MORE_LOOKS):
-            which = which & ~fit.settled
+            which = which & fit.seen & ~fit.settled
             if not which.any():
                 break
             fit = self.again(fit).where(which, fit)
