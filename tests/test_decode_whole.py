@@ -217,3 +217,22 @@ def test_where_nothing_tells_a_quad_is_taken_as_it_is() -> None:
     canvas = Canvas()
     canvas.lamp(true, 0.4, profile=flat)
     assert farthest(seen(canvas.frame(), true), true) < 0.25
+
+
+@pytest.mark.parametrize(
+    ("side", "turn_deg", "off_px", "towards_deg"),
+    [(50.0, 0.0, 3.0, 0.0), (81.0, 8.0, 3.0, 200.0), (81.0, 8.0, 4.0, 120.0), (110.0, 30.0, 3.0, 310.0)],
+)
+def test_a_panel_that_is_sought_pixels_off_hides_no_side(
+    side: float, turn_deg: float, off_px: float, towards_deg: float
+) -> None:
+    """As after a jerk: a side that does not show there is looked for where the cells tell that it is."""
+    true = square(310.3, 240.6, side, turn_deg)
+    canvas = Canvas(background=0.15)
+    canvas.panel(true, word(7))
+    towards = np.deg2rad(towards_deg)
+    (found,) = refine_quads(canvas.frame(1), true[None] + off_px * np.array([np.cos(towards), np.sin(towards)]), 4)
+    assert farthest(found, true) < 0.15
+    assert isinstance(found, Quad)
+    assert found.seen_px is None
+    assert found.corner_sigma_px < 0.1

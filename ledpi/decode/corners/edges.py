@@ -49,6 +49,7 @@ MIN_USED = 0.6  # share of the profiles that have an edge near their side: with 
 BORDER_PX = 1.0
 MORE_EXACT = 0.5  # times the deviation: corners by inner lines that are, are preferred where a side is hidden
 SAME_SIGMAS = 8.0  # deviations between both, at most
+LOOKS_WHERE_TOLD = 2  # for a side that nothing shows where it was sought
 HIDDEN_SIGMA = 0.003  # of the side: how exactly the cells tell where a side is that nothing shows
 # As `Refining` of quads.h has them.
 CONSTANTS = np.array(
@@ -94,6 +95,9 @@ def _exactly(frame: Frame, quad: Quad, cells: int, intrinsics: Intrinsics | None
         own = _within(frame, quad, cells, intrinsics)
         if own is not None:
             return own
+    there = _where_told(frame, quad, cells, intrinsics)
+    if there is not None:
+        return there
     told = _by_lines(frame, quad, cells, intrinsics)
     return unsure(frame, told, cells, intrinsics) if ends_lack_alike(quad) else told
 
@@ -106,6 +110,23 @@ def _within(frame: Frame, quad: Quad, cells: int, intrinsics: Intrinsics | None)
         return None
     (own,) = _refined(frame, near[None], cells, intrinsics)
     return _exactly(frame, own, cells, intrinsics) if isinstance(own, Quad) and own.seen_px is None else None
+
+
+def _where_told(frame: Frame, quad: Quad, cells: int, intrinsics: Intrinsics | None) -> Quad | None:
+    """The whole panel, where its sides show after all once they are looked for where its cells tell that they are.
+
+    A side that was sought a few pixels off, as after a jerk, may have been taken for one that something hides.
+    """
+    for _ in range(LOOKS_WHERE_TOLD):
+        assert quad.seen_px is not None
+        (there,) = _refined(frame, quad.corners_px[None], cells, intrinsics)
+        if isinstance(there, Rejected):
+            return None
+        if there.seen_px is None:
+            told, seen = (np.abs(there.corners_px - at).max() for at in (quad.corners_px, quad.seen_px))
+            return _exactly(frame, there, cells, intrinsics) if told < seen else None
+        quad = there
+    return None
 
 
 def _by_lines(frame: Frame, quad: Quad, cells: int, intrinsics: Intrinsics | None) -> Quad:
