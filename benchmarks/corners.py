@@ -33,8 +33,10 @@ SMALLEST_PX = 8.0
 WRONG = 0.25  # of the side: what is further off is something else
 
 
-def nearest_square(frame: Frame, true: Floats, lens: Intrinsics, spec: PanelSpec) -> tuple[Floats, float] | None:
-    """Corners in the order of the true ones, and their stated deviation; None where no square is near."""
+def nearest_square(
+    frame: Frame, true: Floats, lens: Intrinsics, spec: PanelSpec
+) -> tuple[Floats, float, float] | None:
+    """Corners in the order of the true ones, their deviation and the sides' share; None where no square is near."""
     finder, striped_finder = (
         Finder(lens.width, lens.height, SMALLEST_PX),
         StripedFinder(lens.width, lens.height, [spec], SMALLEST_PX),
@@ -49,7 +51,7 @@ def nearest_square(frame: Frame, true: Floats, lens: Intrinsics, spec: PanelSpec
         near = approach_quads(frame, corners, np.array([candidate.tolerance_px for candidate in candidates]))
         quads = refine_quads(frame, np.array([at for at in near if not isinstance(at, Rejected)]), 4, lens)
     found = [
-        (np.roll(quad.corners_px, turn, axis=0), quad.corner_sigma_px)
+        (np.roll(quad.corners_px, turn, axis=0), quad.corner_sigma_px, quad.size_sigma_px)
         for quad in quads
         if isinstance(quad, Quad)
         for turn in range(4)
@@ -70,8 +72,9 @@ def errors_of(condition: Condition, panels: PanelSettings, number: int) -> list[
         square = nearest_square(frame, marker.corners_px, lens, spec)
         if square is None:
             continue
-        corners, sigma_px = square
-        solved = solve_squares(corners[None], np.array([sigma_px]), [spec.side_m], lens)[0]
+        corners, sigma_px, size_sigma_px = square
+        sigmas = np.array([sigma_px]), np.array([size_sigma_px])
+        solved = solve_squares(corners[None], *sigmas, [spec.side_m], lens)[0]
         if isinstance(solved, Rejected):
             continue
         pose, true, off = solved[0].camera_from_marker, marker.camera_from_marker, corners - marker.corners_px

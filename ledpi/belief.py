@@ -61,11 +61,11 @@ class Belief:
             own = self._own_sides(frame, quad)
             if own is not None:
                 track.lead_to(own)
-                return own if own.cells_show else _less_sure(own, inward.sigma)
+                return own if own.cells_show else _less_sure(own, inward)
             track.rim = Rim(memory.spec, self._cells)
         if self._stream:
             inward = track.rim.inward(frame, quad, reading.cell_bands, memory.origin_ns, self._intrinsics)
-        return _less_sure(inward.of(quad, self._intrinsics), inward.sigma)
+        return _less_sure(inward.of(quad, self._intrinsics), inward)
 
     def _own_sides(self, frame: Frame, around: Quad) -> Quad | None:
         """Those of a panel within a square, where light steps up once more."""
@@ -83,6 +83,9 @@ class Belief:
         return own
 
 
-def _less_sure(quad: Quad, share: float) -> Quad:
-    """The same, its corners less sure by this share of its side."""
-    return replace(quad, corner_sigma_px=math.hypot(quad.corner_sigma_px, share * quad_side(quad.corners_px.tolist())))
+def _less_sure(quad: Quad, inward: Inward) -> Quad:
+    """The same, less sure of where it ends: alike on all sides, unless each is told by itself."""
+    sigma_px = inward.sigma * quad_side(quad.corners_px.tolist())
+    if min(inward.shares) == max(inward.shares):
+        return quad.less_sure_of_size(sigma_px)
+    return replace(quad, corner_sigma_px=math.hypot(quad.corner_sigma_px, sigma_px))

@@ -257,6 +257,7 @@ class Pipeline:
             id=reading.id,
             corners_px=read_only(corners_of_turned(quad.corners_px, reading.quarter_turns)),
             corner_sigma_px=quad.corner_sigma_px,
+            size_sigma_px=quad.size_sigma_px,
             margin=reading.margin,
             frames_used=track.frames,
             velocity_px_s=None if velocity is None else read_only(corners_of_turned(velocity, reading.quarter_turns)),

@@ -7,6 +7,7 @@ x right, y up, z out of the panel.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, TypeVar
@@ -199,12 +200,26 @@ class Quad:
 
     corners_px: Floats  # (4, 2), clockwise as seen in the picture, first the one nearest the top left
     corner_sigma_px: float  # standard deviation of a corner coordinate, from the edge fits
+    size_sigma_px: float = 0.0  # of that, what all sides share: how far they may be off outward alike, or inward
     bend_px: float = 0.0  # how far the lens bends its sides off the straight line, at most
     told_by: ToldBy = "sides"
     seen_px: Floats | None = None  # (4, 2) corners of what is seen of it, where a side is hidden
     bands: SeenBands | None = None  # where they are so deep that they were sought
     cells_show: bool = True  # in its light, and that they are those of the whole square
     rim_wall: float = 0.0  # of the side: how far beyond each of them the lattice of its cells ends, half a wall away
+
+    @property
+    def own_sigma_px(self) -> float:
+        """Of `corner_sigma_px`, what its sides do not share."""
+        return math.sqrt(max(self.corner_sigma_px**2 - self.size_sigma_px**2, 0.0))
+
+    def less_sure_of_size(self, sigma_px: float) -> Quad:
+        """The same, all of its sides perhaps off alike by a further deviation."""
+        return replace(
+            self,
+            corner_sigma_px=math.hypot(self.corner_sigma_px, sigma_px),
+            size_sigma_px=math.hypot(self.size_sigma_px, sigma_px),
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -216,6 +231,7 @@ class Sighting:
     corner_sigma_px: float
     margin: float  # natural-log likelihood ratio to the best explanation that is not this ID
     frames_used: int
+    size_sigma_px: float = 0.0  # of corner_sigma_px, what all sides share
     velocity_px_s: Floats | None = None  # (4, 2) of the corners, where they were followed
 
 

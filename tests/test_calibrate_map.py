@@ -6,6 +6,7 @@ import math
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -15,7 +16,7 @@ from decode_material import LENS
 from map_material import SIDE_M, frame, optical, panel, pose, seen_corners, sighting, with_errors
 
 from ledpi.calibrate.map import MapCalibration, calibrate_map
-from ledpi.calibrate.map_views import PanelView, View, view_of
+from ledpi.calibrate.map_views import View, view_of
 from ledpi.camera.simulated import SimulatedCamera
 from ledpi.dictionaries import load_dictionary
 from ledpi.errors import CalibrationError
@@ -100,7 +101,7 @@ def test_panels_that_are_known_to_hang_upright_keep_the_map_level() -> None:
     """Lower right corners seen 0.3 px too low bend the chain; with that knowledge it bends little more than half."""
     places, views = drive(1)
     low = np.array([[0, 0], [0, 0], [0, 0.3], [0, 0]])
-    bent = [tuple(PanelView(p.id, p.corners_px + low, p.corner_sigma_px, p.poses) for p in view) for view in views]
+    bent = [tuple(replace(p, corners_px=p.corners_px + low) for p in view) for view in views]
     off = []
     for upright in (False, True):
         result = calibrate_map(bent, places[0], SIDES_M, LENS, upright=upright)
@@ -127,7 +128,7 @@ def test_a_view_that_something_stood_before_does_not_bend_the_map() -> None:
             count += 1
             if count % 12 == 0:
                 off = seen.corners_px + np.vstack([np.zeros((2, 2)), rng.uniform(3, 8, (2, 2))])
-                panels[k] = PanelView(seen.id, off, seen.corner_sigma_px, seen.poses)
+                panels[k] = replace(seen, corners_px=off)
         spoilt.append(tuple(panels))
     result = calibrate_map(spoilt, places[0], SIDES_M, LENS)
     assert 0.04 < result.adjusted.outliers < 0.12

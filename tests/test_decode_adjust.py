@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
-from decode_material import HEIGHT, LENS, WIDTH, Canvas, flat, reason, seen_through, square, word
+from decode_material import HEIGHT, LENS, WIDTH, Canvas, flat, one_size, reason, seen_through, square, word
 
 from ledpi.decode.corners import edges
 from ledpi.decode.corners.adjust import adjust_quads
@@ -147,6 +147,19 @@ def test_another_lattice_is_left_as_it_is() -> None:
     (quad,) = adjust_quads(frame, [given], np.array([True]), np.zeros((1, 4, 2), complex), CELLS, None)
     assert isinstance(quad, Quad)
     assert rms(quad.corners_px - true) < 1.0
+
+
+@pytest.mark.parametrize("side", [28, 50, 90])
+def test_lines_that_have_a_panel_larger_leave_its_size_open(side: float) -> None:
+    """Of cells of one size they end half a wall further out than the light: by no more than is stated of all sides."""
+    true = square(310.4, 240.2, side, 8)
+    canvas = Canvas()
+    canvas.panel(true, word(7), light=0.5, profile=one_size)
+    quad = found(canvas.frame(), true)
+    assert rms(quad.corners_px - true) / np.sqrt(2) < 2.5 * quad.corner_sigma_px
+    canvas = Canvas()
+    canvas.panel(true, word(7), light=0.5)
+    assert quad.size_sigma_px > 1.5 * found(canvas.frame(), true).size_sigma_px
 
 
 @pytest.mark.parametrize("side", [30, 60])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from decode_material import Canvas, Profile, diffuser, reason, square, word
+from decode_material import Canvas, Profile, diffuser, one_size, reason, square, word
 
 from ledpi.decode.corners.approach import approach_quads
 from ledpi.decode.corners.edges import refine_quads
@@ -33,11 +33,6 @@ def dim_rim(u: Floats, v: Floats) -> Floats:
     return np.asarray(diffuser(u, v) * (1 - 0.5 * np.exp(-inward / 0.04)))
 
 
-def one_size(u: Floats, v: Floats) -> Floats:
-    """Even cells of one size, with walls of 7 % between them and none at the rim."""
-    return np.where(np.maximum((4 - 0.07) * u % 1, (4 - 0.07) * v % 1) < 1 - 0.07, 1.0, 0.03)
-
-
 def on_bezel(true: Floats, profile: Profile, wide: float = 1.25, bezel: float = BEZEL) -> Frame:
     """A bezel around it, so many times as large, with that share of its light."""
     canvas = Canvas()
@@ -53,7 +48,7 @@ def test_a_rim_that_a_bright_bezel_hides_is_in_the_deviation(side: float) -> Non
     true = square(310.4, 240.2, side, 8)
     found = refined(on_bezel(true, dim_rim), true)
     assert error_px(found, true) > 0.5
-    assert error_px(found, true) < 3 * found.corner_sigma_px
+    assert error_px(found, true) < 3 * found.size_sigma_px  # of all sides alike
 
 
 @pytest.mark.parametrize("profile", [dim_rim, one_size])

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from decode_material import LENS, Canvas, diffuser, quad, reason, seen_through, square, word
+from decode_material import LENS, Canvas, diffuser, one_size, quad, reason, seen_through, square, word
 
 from ledpi.decode.corners.inner_square import _told, by_inner_lines, is_aside, is_same
 from ledpi.kernels import inner_square as kernel
@@ -41,7 +41,19 @@ def test_what_is_around_moves_no_corner(seed: int, light: float, side: float, wi
     assert found.told_by == "lines"
     off = np.linalg.norm(found.corners_px - true, axis=1).max()
     assert off < within_px
-    assert off < 6 * found.corner_sigma_px
+    assert off < 6 * found.own_sigma_px
+
+
+def test_lines_alone_leave_half_a_wall_open() -> None:
+    """Cells of one size end within their lattice: each side by 1 % of 130 px, nearly all of which all of them share."""
+    true = square(310.4, 240.2, 130.0, 8)
+    canvas = Canvas()
+    canvas.panel(true, word(7), profile=one_size)
+    found = by_inner_lines(canvas.frame(), true, 4)
+    assert isinstance(found, Quad), reason(found)
+    off = float(np.sqrt(np.square(found.corners_px - true).mean()))
+    assert 1.0 < off < 1.5 * found.size_sigma_px
+    assert found.own_sigma_px < 0.1
 
 
 def test_the_lens_bends_the_lines() -> None:

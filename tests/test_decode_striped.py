@@ -15,6 +15,7 @@ from decode_material import (
     SPEC,
     Canvas,
     camera_info,
+    one_size,
     panel_settings,
     seen_through,
     square,
@@ -52,6 +53,16 @@ def squares(frame: Frame) -> list[Floats]:
     candidates, _ = finder.find(frame)
     found = striped_squares(frame, candidates, 4, [SPEC], finder.stripe_rows(frame))
     return [result.corners_px for _, result in found if isinstance(result, Quad)]
+
+
+@pytest.mark.parametrize("side", [40.0, 80.0, 160.0])
+def test_cells_of_one_size_end_where_their_light_does(side: float) -> None:
+    """Not half a wall further out, which is 0.9 % of the side: 1.4 px of 160."""
+    true = square(310.4, 240.2, side, 8)
+    canvas = Canvas(exposure_us=SHORT_US)
+    canvas.panel(true, word(7), phases=(0.3, 0.7), profile=one_size)
+    (found,) = squares(canvas.frame())
+    assert np.sqrt(np.square(found - true).mean()) < 0.12
 
 
 def striped(corners: Floats, marker_id: int, phases: tuple[float, float], exposure_us: float = SHORT_US) -> Frame:

@@ -152,6 +152,7 @@ def assert_same(ours: Sequence[Quad | Rejected], theirs: Sequence[Quad | Rejecte
             np.testing.assert_allclose(a.corners_px, b.corners_px, atol=within_px)
             assert (a.seen_px is None) == (b.seen_px is None)
             np.testing.assert_allclose(a.corner_sigma_px, b.corner_sigma_px, rtol=0.02, atol=within_px / 10)
+            np.testing.assert_allclose(a.size_sigma_px, b.size_sigma_px, rtol=0.02, atol=within_px / 10)
             np.testing.assert_allclose(a.bend_px, b.bend_px, atol=1e-6)
             np.testing.assert_allclose(a.rim_wall, b.rim_wall, atol=1e-4)
             assert a.cells_show == b.cells_show
@@ -271,7 +272,7 @@ def test_poses_of_squares_are_those_of_the_numpy_code(lens: Intrinsics) -> None:
         corners = seen_through(lens, (at[:2] / at[2]).T * (lens.fx, lens.fy) + (lens.cx, lens.cy))
         corners += rng.normal(0, 0.1, corners.shape)
         motions = rng.normal(0, 4, (1, 4, 2)) if number % 2 else None
-        solve = partial(solve_squares, corners[None], np.array([0.1]), [0.16], lens, motions)
+        solve = partial(solve_squares, corners[None], np.array([0.1]), np.array([0.08]), [0.16], lens, motions)
         (ours,), (theirs,) = both_ways(solve)
         assert isinstance(ours, tuple)
         assert isinstance(theirs, tuple)
@@ -294,7 +295,7 @@ def test_poses_of_a_body_are_those_of_the_numpy_code(starts: int) -> None:
     at = turn @ points.T + np.array([[0.1], [-0.1], [2.0]])
     seen = seen_through(LENS, (at[:2] / at[2]).T * (LENS.fx, LENS.fy) + (LENS.cx, LENS.cy))
     seen += rng.normal(0, 0.1, seen.shape)
-    weights = whiteners(seen.reshape(3, 4, 2), np.full(3, 0.1))
+    weights = whiteners(seen.reshape(3, 4, 2), np.full(3, 0.1), np.array([0.0, 0.05, 0.09]))
     rotations = np.array([matrix_from_rotation_vector(rng.normal(0, 0.1, 3)) @ turn for _ in range(starts)])
     positions = np.array([0.1, -0.1, 2.0]) + rng.normal(0, 0.05, (starts, 3))
     ours, theirs = both_ways(lambda: fit_body(rotations, positions, points, seen, weights, LENS, at_most=2))
@@ -311,7 +312,7 @@ def test_corners_without_a_pose_have_none() -> None:
     """All in one place, in a line, nowhere; between others that have one."""
     corners = np.stack([square(300, 200, 50), np.full((4, 2), 9.0), np.full((4, 2), np.nan), square(100, 200, 50)])
     corners[1, :, 0] = [0, 1, 2, 3]
-    found = solve_squares(corners, np.full(4, 0.1), [0.16] * 4, PINHOLE)
+    found = solve_squares(corners, np.full(4, 0.1), np.zeros(4), [0.16] * 4, PINHOLE)
     assert [isinstance(solutions, Rejected) for solutions in found] == [False, True, True, False]
 
 

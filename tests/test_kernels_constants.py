@@ -17,12 +17,13 @@ COUNTED = re.compile(r"(\w+) = (\d+)(?=[,}\s])(?! \*)")
 
 # By C source: the modules whose numpy code it repeats, and how many constants they share.
 SHARED = {
-    "adjust.c": (("corners.adjust",), 9),
+    "adjust.c": (("corners.adjust",), 8),
     "inner_lines.c": (("corners.inner_lines",), 7),
     "sides.c": (("corners.sides",), 2),
     "whole.c": (("corners.whole",), 2),
     "band_light.c": (("striped.band_light", "striped.light_window"), 7),
-    "panel_fit.c": (("striped.numpy_panel_fit",), 6),
+    "panel_fit.c": (("striped.numpy_panel_fit",), 7),
+    "rim.h": (("corners.rim",), 1),
     "climb.c": (("identify.patterns",), 3),
     "look.c": (("evidence.noise",), 1),
     "neighbours.c": (("identify.patterns",), 1),

@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from decode_material import LENS, SHORT_US, SPEC, Canvas, seen_through, square, word
+from decode_material import LENS, SHORT_US, SPEC, Canvas, Profile, diffuser, one_size, seen_through, square, word
 from kernels_material import both_ways, compiled
 
 from ledpi.decode.corners.sides import as_points
@@ -22,10 +22,12 @@ pytestmark = compiled
 ANTIPHASE = PanelSpec(side_m=0.16, black_hz=1250.0, white_hz=1250.0, phase="antiphase")
 
 
-def panel(side_px: float, lens: Intrinsics | None, spec: PanelSpec = SPEC) -> tuple[Window, np.ndarray, Bands]:
+def panel(
+    side_px: float, lens: Intrinsics | None, spec: PanelSpec = SPEC, profile: Profile = diffuser
+) -> tuple[Window, np.ndarray, Bands]:
     """Light around a panel, its corners, and its bands."""
     canvas, true = Canvas(exposure_us=SHORT_US), square(250, 200, side_px, 20)
-    canvas.panel(true, word(7), phases=(0.3, 0.9 if spec is SPEC else 0.8), lens=lens, spec=spec)
+    canvas.panel(true, word(7), phases=(0.3, 0.9 if spec is SPEC else 0.8), lens=lens, spec=spec, profile=profile)
     corners = as_points(true if lens is None else seen_through(lens, true))
     window = Window.around(canvas.frame(), corners[None], 12)
     bands = Bands.at(window, window.within(corners), 4, [spec])
@@ -67,8 +69,21 @@ def test_panels_fit_as_well(side_px: float, lens: Intrinsics | None, roughly: bo
     fit = partial(fitted, window, near, bands, 4, lens, rounds=3, roughly=roughly)
     ours, theirs = fitted_both_ways(fit)
     assert ours.sigma_px == pytest.approx(theirs.sigma_px, rel=1e-3)
+    assert ours.size_sigma_px == pytest.approx(theirs.size_sigma_px, rel=1e-3)
+    assert ours.rim_wall == pytest.approx(theirs.rim_wall, abs=1e-6)
     assert ours.explained == pytest.approx(theirs.explained, abs=1e-5)
     assert np.abs(ours.corners - near).max() > 0.005 * side_px  # it did move
+
+
+@pytest.mark.parametrize("lens", [None, LENS], ids=["no lens", "lens"])
+@pytest.mark.parametrize("side_px", [40, 130])
+def test_panels_of_cells_of_one_size_fit_as_well(side_px: float, lens: Intrinsics | None) -> None:
+    """Their rim lies within the lattice's end, and half a wall, 0.9 % of the side, is found."""
+    window, corners, bands = panel(side_px, lens, profile=one_size)
+    ours, theirs = fitted_both_ways(partial(fitted, window, corners, bands, 4, lens, rounds=6))
+    assert ours.rim_wall == pytest.approx(theirs.rim_wall, abs=1e-5)
+    assert ours.rim_wall == pytest.approx(0.035 / 3.93, abs=0.002)
+    assert ours.size_sigma_px == pytest.approx(theirs.size_sigma_px, rel=1e-3)
 
 
 def test_panels_fit_as_well_in_bands_of_another_shape() -> None:

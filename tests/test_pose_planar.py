@@ -218,11 +218,37 @@ def test_errors_are_as_large_as_the_covariance_says(
     np.testing.assert_allclose(np.sqrt(np.mean(errors**2, axis=0) / reported), 1.0, atol=0.07)
 
 
+def test_an_error_of_the_size_is_one_of_the_distance() -> None:
+    """Square on at 1 m, all sides outward alike by 0.2 px or so: of the side's half as much as of the distance."""
+    corners = pixels(marker_corners(), FACING, np.array([0.0, 0.0, 1.0]), PINHOLE)
+    poses = []
+    for size_sigma_px in (0.0, 0.2):
+        sigmas = np.array([math.hypot(SIGMA_PX, size_sigma_px)]), np.array([size_sigma_px])
+        (solutions,) = solve_squares(corners[None], *sigmas, [SIDE_M], PINHOLE)
+        assert isinstance(solutions, tuple)
+        poses.append(solutions[0].camera_from_marker.covariance)
+    half_px = PINHOLE.fx * SIDE_M / 2
+    assert math.sqrt(poses[1][2, 2] - poses[0][2, 2]) == pytest.approx(0.2 / half_px, rel=0.01)
+    np.testing.assert_allclose(np.diag(poses[1])[:2], np.diag(poses[0])[:2], rtol=0.01)
+
+
+def test_corners_that_no_pose_explains_make_it_less_sure() -> None:
+    """Seen by a moving camera, of which a frame alone knows nothing: sheared by 3 px, and the distance is off."""
+    corners = pixels(marker_corners(), FACING, np.array([0.0, 0.0, 0.6]), PINHOLE)
+    corners[:, 0] += 3.0 * (corners[:, 1] - corners[:, 1].mean()) / np.ptp(corners[:, 1])
+    pose = solve(corners, sigma_px=0.05)[0].camera_from_marker
+    assert pose.covariance is not None
+    turned = cv2.Rodrigues(matrix_of(pose.quaternion_wxyz) @ FACING.T)[0][:, 0]
+    off = np.concatenate([pose.position_m - (0, 0, 0.6), turned])
+    assert np.abs(off).max() > 1e-3
+    assert (np.abs(off) < 3 * np.sqrt(np.diag(pose.covariance))).all()
+
+
 def test_many_squares_are_solved_as_each_alone() -> None:
     """Together only because it is quicker; and one that cannot be solved does not spoil the others."""
     seen = [pixels(marker_corners(), rotation, np.array(position), LENS) for rotation, position in POSES]
     seen.insert(2, np.array([[300.0, 200], [340, 200], [340, 200], [300, 200]]))
-    together = solve_squares(np.array(seen), np.full(7, SIGMA_PX), [SIDE_M] * 7, LENS)
+    together = solve_squares(np.array(seen), np.full(7, SIGMA_PX), np.zeros(7), [SIDE_M] * 7, LENS)
     assert isinstance(together[2], Rejected)
     for corners, solutions in zip(seen, together, strict=True):
         alone = solve_square(corners, SIGMA_PX, SIDE_M, LENS)

@@ -134,29 +134,33 @@ def _problem(
     seen = [(v, panel) for v, view in enumerate(views) for panel in view]
     corners = np.array([panel.corners_px for _, panel in seen])
     sigma_px = np.array([panel.corner_sigma_px for _, panel in seen])
+    size_sigma_px = np.array([panel.size_sigma_px for _, panel in seen])
     return _Problem(
         view=np.array([v for v, _ in seen]),
         panel=np.array([ids.index(panel.id) for _, panel in seen]),
         squares=np.array([square_corners(sides_m[panel.id]) for _, panel in seen]),
         seen_px=corners,
-        whiteners=whiteners(corners, sigma_px),
-        alike=_alike(views, seen, sigma_px),
+        whiteners=whiteners(corners, sigma_px, size_sigma_px),
+        alike=_alike(views, seen, sigma_px, size_sigma_px),
         lens=lens,
         fixed=ids.index(origin),
         upright=upright,
     )
 
 
-def _alike(views: Sequence[View], seen: Sequence[tuple[int, PanelView]], sigma_px: Floats) -> float:
+def _alike(
+    views: Sequence[View], seen: Sequence[tuple[int, PanelView]], sigma_px: Floats, size_sigma_px: Floats
+) -> float:
     """By how much variances of places are understated if all observations are taken for independent.
 
-    What the edges do not show of an error is alike in the n frames that show the same panels: their mean has the
-    variance σ²/n + floor², where independent ones would have (σ² + floor²)/n.
+    What the edges do not show of an error, and that of the size, is alike in the n frames that show the same panels:
+    their mean has the variance σ²/n + floor², where independent ones would have (σ² + floor²)/n.
     """
     groups = [frozenset(panel.id for panel in view) for view in views]
     sizes = Counter(groups)
     n = np.array([sizes[groups[v]] for v, _ in seen])
-    noise, hidden = np.square(sigma_px) / 4, FLOOR_PX**2
+    size2 = np.square(size_sigma_px)
+    noise, hidden = np.maximum(np.square(sigma_px) - size2, 0.0) / 4, FLOOR_PX**2 + size2
     return float(np.mean((noise + n * hidden) / (noise + hidden)))
 
 

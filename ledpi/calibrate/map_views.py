@@ -29,6 +29,7 @@ class PanelView:
     id: int
     corners_px: Floats  # (4, 2) at one moment for all panels of the frame
     corner_sigma_px: float
+    size_sigma_px: float  # of that, what all sides share
     poses: tuple[Floats, ...]  # camera_from_marker (4, 4), the likelier first: one, or two where the other may be true
 
 
@@ -49,7 +50,7 @@ def view_of(frame: Frame, markers: Sequence[MarkerPose]) -> View:
                 pose = solution.camera_from_marker
                 poses.append(transform(matrix_from_quaternion(pose.quaternion_wxyz), pose.position_m))
         corners = seen_at_row(seen.corners_px, seen.velocity_px_s, row, frame.row_time_us)
-        views.append(PanelView(seen.id, corners, seen.corner_sigma_px, tuple(poses)))
+        views.append(PanelView(seen.id, corners, seen.corner_sigma_px, seen.size_sigma_px, tuple(poses)))
     return tuple(views)
 
 
@@ -121,7 +122,11 @@ def camera_poses(
             guesses[:, :3, 3],
             np.concatenate(squares)[None],
             corners.reshape(1, -1, 2),
-            whiteners(corners, np.array([panel.corner_sigma_px for panel in view]))[None],
+            whiteners(
+                corners,
+                np.array([panel.corner_sigma_px for panel in view]),
+                np.array([panel.size_sigma_px for panel in view]),
+            )[None],
             lens,
         )
         best = int(np.argmin(fits.chi2))

@@ -14,7 +14,6 @@ enum { PLACES = 6, MOST_RIMS = 4 * MOST_CELLS, MOST_MEASURED = MOST_INNER + MOST
 #define FARTHEST 4.0
 #define MOST_PX 2.0
 #define NO_RIM_WALL_PX 0.2
-#define PAIRS_ALIKE 0.9
 #define LEAST_HEIGHT 0.3
 
 typedef struct {
@@ -207,56 +206,66 @@ static void least_squares(Problem *problem) {
     solve(problem, 1.0);
 }
 
-/* By how much each side moves outward, in its middle: the `mean`, and that of the side with the least. */
-static double outward(const Point corners[4], const Point moved[4], double *mean) {
-    Side sides[4];
+/* By how much each side moves outward, in its middle, where corners take a `step`: the `mean`, and that of the side with the
+ * least. */
+static double outward(const Side sides[4], double step[4][2], double *mean) {
     double least = HUGE_VAL;
     *mean = 0.0;
-    ledpi_sides_of(corners, sides);
     for (int k = 0; k < 4; k++) {
-        const int next = (k + 1) % 4;
-        const double x = moved[k].x - corners[k].x + moved[next].x - corners[next].x;
-        const double y = moved[k].y - corners[k].y + moved[next].y - corners[next].y;
-        const double out = -0.5 * (x * sides[k].inward.x + y * sides[k].inward.y);
+        const double *here = step[k], *next = step[(k + 1) % 4];
+        const double out = -0.5 * ((here[0] + next[0]) * sides[k].inward.x + (here[1] + next[1]) * sides[k].inward.y);
         least = fmin(least, out);
         *mean += 0.25 * out;
     }
     return least;
 }
 
-/* The corners after the moves, and the deviation of their coordinates; not a number where they would go too far. Where that
- * is because all sides move outward, by which share of the side: less than the `most_rim_wall`, else 0. */
-static double move_corners(const Homography *homography, const Problem *problem, const Point corners[4],
-                           double most_rim_wall, Point moved[4], double *rim_wall) {
-    double variance = 0.0, farthest = 0.0;
+/* Of what depends so on the homography's moves. */
+static double variance_of(const Problem *problem, double by_move[ALL]) {
+    double variance = 0.0;
+    ledpi_forward(&problem->information[0][0], ALL, by_move);
+    for (int m = 0; m < ALL; m++) variance += by_move[m] * by_move[m];
+    return variance;
+}
+
+/* The corners after the moves, and their deviations; no numbers where they would go too far. Where that is because all sides
+ * move outward, by which share of the side: less than the `most_rim_wall`, else 0. */
+static void move_corners(const Homography *homography, const Problem *problem, const Point corners[4], double most_rim_wall,
+                         Adjusted *better) {
+    double variance = 0.0, farthest = 0.0, steps[4][2], by_outward[ALL] = {0.0}, mean;
+    Side sides[4];
+    ledpi_sides_of(corners, sides);
     for (int c = 0; c < 4; c++) {
         double u = c == 1 || c == 2, v = c >= 2, along_u[MOVES], along_v[MOVES];
         Point at, by_u, by_v;
         ledpi_seen(homography, u, v, &at, &by_u, &by_v);
         ledpi_moves_at(u, v, along_u, along_v);
-        double by_move[2][ALL] = {{0.0}}, step[2] = {0.0, 0.0};
+        double by_move[2][ALL] = {{0.0}}, *step = steps[c];
+        const double out[2] = {-(sides[c].inward.x + sides[(c + 3) & 3].inward.x) / 8,
+                               -(sides[c].inward.y + sides[(c + 3) & 3].inward.y) / 8};
+        step[0] = step[1] = 0.0;
         for (int m = 0; m < MOVES; m++) {
             by_move[0][m] = by_u.x * along_u[m] + by_v.x * along_v[m];
             by_move[1][m] = by_u.y * along_u[m] + by_v.y * along_v[m];
-            for (int i = 0; i < 2; i++) step[i] += by_move[i][m] * problem->moves[m];
+            for (int i = 0; i < 2; i++) {
+                step[i] += by_move[i][m] * problem->moves[m];
+                by_outward[m] += out[i] * by_move[i][m];
+            }
         }
-        for (int i = 0; i < 2; i++) {
-            ledpi_forward(&problem->information[0][0], ALL, by_move[i]);
-            for (int m = 0; m < ALL; m++) variance += by_move[i][m] * by_move[i][m] / 8;
-        }
-        moved[c] = (Point){corners[c].x + step[0], corners[c].y + step[1]};
+        for (int i = 0; i < 2; i++) variance += variance_of(problem, by_move[i]) / 8;
+        better->corners[c] = (Point){corners[c].x + step[0], corners[c].y + step[1]};
         double away = hypot(step[0], step[1]);
         if (!(away <= farthest)) farthest = away;
     }
-    double mean;
-    const bool further = outward(corners, moved, &mean) >= NO_RIM_WALL_PX;
+    const bool further = outward(sides, steps, &mean) >= NO_RIM_WALL_PX, fits = farthest < MOST_PX && !further;
     const double share = mean / sqrt(fabs(ledpi_area(corners)));
-    *rim_wall = further && share < most_rim_wall ? share : 0.0;
-    return farthest < MOST_PX && !further ? sqrt(variance) : NAN;
+    better->rim_wall = further && share < most_rim_wall ? share : 0.0;
+    better->sigma_px = fits ? sqrt(variance + mean * mean / 3) : NAN;
+    better->size_sigma_px = fits ? sqrt(variance_of(problem, by_outward) + mean * mean / 3) : NAN;
 }
 
-double ledpi_adjust(const Picture *picture, const Tables *tables, const Point corners[4], const double *bends,
-                    const Lens *lens, Point moved[4], double *rim_wall, Missing *missing) {
+void ledpi_adjust(const Picture *picture, const Tables *tables, const Point corners[4], const double *bends,
+                  const Lens *lens, Adjusted *better, Missing *missing) {
     const ptrdiff_t cells = tables->cells, inner = 2 * cells * (cells - 1);
     Point moves[MOST_INNER];
     Problem problem = {.inner = inner, .count = inner + 4 * cells};
@@ -279,12 +288,12 @@ double ledpi_adjust(const Picture *picture, const Tables *tables, const Point co
     }
     for (int k = 0; k < 4; k++) /* going inward from sides 0 and 2 is along v */
         filters[k] = ledpi_filter_for(&tables->filters, pitch[!(k & 1)], tables->filters.usual_blur_px, &missing->filter);
-    *rim_wall = 0.0;
-    if (missing->filter) return NAN;
+    better->rim_wall = 0.0, better->sigma_px = better->size_sigma_px = NAN;
+    if (missing->filter) return;
     ledpi_lens_moves(lens, &homography, corners, cells, moves);
     ledpi_inner_lines(picture, &homography, pitch, moves, cells, problem.seen, problem.variance);
     for (ptrdiff_t i = 0; i < inner; i++) problem.variance[i] += BUILT_PX * BUILT_PX;
     take_rims(picture, corners, bends, filters, cells, &problem);
     least_squares(&problem);
-    return move_corners(&homography, &problem, corners, tables->refining->no_rim_wall, moved, rim_wall);
+    move_corners(&homography, &problem, corners, tables->refining->no_rim_wall, better);
 }

@@ -22,7 +22,7 @@ typedef struct {
 typedef struct {
     Point corners[4];
     Side sides[4];
-    double blur_px[2], weights[4][MOST_PROFILES], spread[4], variance[4];
+    double blur_px[2], weights[4][MOST_PROFILES], spread[4], variance[4], size_variance;
     bool seen, settled;
 } SquareFit;
 
@@ -185,6 +185,7 @@ static void first_look(Look *look, const Point corners[4], Profiles *profiles, S
     ledpi_sides_of(fit->corners, fit->sides);
     change_blur(look->by, blur, fit->blur_px);
     for (int k = 0; k < 4; k++) fit->variance[k] = filters[k & 1]->both_variance + filters[k & 1]->apart_variance;
+    fit->size_variance = PAIRS_ALIKE * sqrt(filters[0]->both_variance * filters[1]->both_variance);
     fit->settled = fit->seen && steep(look->by, mean) && ledpi_farthest(moved, corners) < look->by->settled_px &&
                    fabs(blur[0]) < look->by->settled_blur && fabs(blur[1]) < look->by->settled_blur;
 }
@@ -255,5 +256,6 @@ void ledpi_find_sides(const Picture *picture, const Tables *tables, const Point 
     found->seen = fit.seen;
     found->used = used / (4.0 * (double)count);
     found->spread_px = sqrt(squares / 4);
-    found->sigma_px = sqrt(variance / 4);
+    found->sigma_px = sqrt(variance / 4 + fit.size_variance);
+    found->size_sigma_px = sqrt(fit.size_variance);
 }

@@ -17,7 +17,8 @@ MOST_PROFILES, MOST_CELLS = 64, 8  # as in kernels.h, lattice.h
 # As in refine.c and approach.c.
 WHOLE, PARTLY_HIDDEN, NO_EDGE, NOT_STRAIGHT, NOT_WHOLE, NOT_CONVEX, TOO_SMALL, AT_BORDER = range(8)
 FILTER = 56  # numbers of a `Filter` of rim.h
-REFINED = 20  # numbers: the corners' x and y, those of what is seen, sigma_px, bend_px, rim_wall, cells_show
+# Numbers: the corners' x and y, those of what is seen, sigma_px, size_sigma_px, bend_px, rim_wall, cells_show.
+REFINED = 21
 
 _refine = function("ledpi_refine", *PICTURE, POINTER, POINTER, INTEGER, *(POINTER,) * 4, result=ctypes.c_bool)
 _approach = function("ledpi_approach", *PICTURE, *(POINTER,) * 2, INTEGER, POINTER, INTEGER, *(POINTER,) * 4)

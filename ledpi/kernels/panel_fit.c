@@ -11,7 +11,7 @@ enum {
     SPOTS = 2,  /* widths of which a cell's light is made up */
     MOST_CELLS = 8, /* along a side */
     MOST_ALONG = 160, /* places along the grid */
-    BLUR = WAYS, GAP, LONGER, SMOOTHER, PHASE, SPOT = PHASE + 2, BESIDE = SPOT + SPOTS, GAIN = BESIDE + 4, /* unknowns; after the gains, what is there anyway */
+    BLUR = WAYS, GAP, LONGER, SMOOTHER, PHASE, SPOT = PHASE + 2, BESIDE = SPOT + SPOTS, RIM = BESIDE + 4, GAIN, /* unknowns; after the gains, what is there anyway */
     MOST_UNKNOWN = GAIN + MOST_CELLS * MOST_CELLS + 1,
     DENSE = 24, /* columns of a sample: by the unknowns before the gains, what is there anyway, and what is left */
     DARK_COLUMN = GAIN, LEFT_COLUMN = GAIN + 1,
@@ -25,6 +25,7 @@ static const double SPOT_SIGMA[SPOTS] = {0.16, 0.32}; /* of the pitch; as in dec
 #define MOST_STEP 0.1
 #define SETTLED 1e-3
 #define LEAST_GAIN 0.02
+#define NO_RIM_WALL_PX 0.2 /* as in adjust.c */
 static const double LEAST_BLUR_PX = 0.4, MOST_BLUR_PX = 3.0, MOST_GAP = 0.3;
 static const double MOST_LONGER = 0.5, MOST_SMOOTHER = 2.0;
 
@@ -37,21 +38,22 @@ typedef struct {
 } View;
 
 /* Of one place along the grid: the nearest cell and the next nearest. What its light is there, and how that changes with
- * the place, with the blur's logarithm, and with the gap; its spots, and how these change. */
+ * the place, with the blur's logarithm, with the gap, and with how far further in the rim is; its spots, and how these
+ * change. */
 typedef struct {
     ptrdiff_t cell[2];
-    double light[2], slope[2], blurred[2], gapped[2], spot[2][SPOTS], steep[2][SPOTS];
+    double light[2], slope[2], blurred[2], gapped[2], rimmed[2], spot[2][SPOTS], steep[2][SPOTS];
     double beside[2], falls[2]; /* share of what is before the first cell and after the last, and its slope */
 } Place;
 
 static double density(double z) { return 0.3989422804014327 * exp(-0.5 * z * z); }
 
-static Place place_at(double at, ptrdiff_t cells, double sigma, double gap) {
-    Place place = {{0}, {0}, {0}, {0}, {0}, {{0}}, {{0}}, {0}, {0}};
+static Place place_at(double at, ptrdiff_t cells, double sigma, double gap, double rim) {
+    Place place = {{0}, {0}, {0}, {0}, {0}, {0}, {{0}}, {{0}}, {0}, {0}};
     double within = fmin(fmax(floor(at), 0.0), (double)(cells - 1));
     place.cell[0] = (ptrdiff_t)within;
     for (int k = 0; k < 2; k++) {
-        double beyond = (k ? at - (double)cells : -at) / sigma;
+        double beyond = ((k ? at - (double)cells : -at) + rim) / sigma;
         place.beside[k] = 0.5 * (1.0 + erf(beyond * ROOT_HALF));
         place.falls[k] = (k ? 1.0 : -1.0) * density(beyond) / sigma;
     }
@@ -63,13 +65,14 @@ static Place place_at(double at, ptrdiff_t cells, double sigma, double gap) {
             continue;
         }
         double wall_before = cell > 0 ? 0.5 : 0.0, wall_after = cell < cells - 1 ? 0.5 : 0.0;
-        double before = (at - (double)cell - gap * wall_before) / sigma;
-        double after = (at - (double)(cell + 1) + gap * wall_after) / sigma;
+        double before = (at - (double)cell - gap * wall_before - (cell > 0 ? 0.0 : rim)) / sigma;
+        double after = (at - (double)(cell + 1) + gap * wall_after + (cell < cells - 1 ? 0.0 : rim)) / sigma;
         double up = density(before), down = density(after), off = at - (double)cell - 0.5;
         place.light[k] = 0.5 * (erf(before * ROOT_HALF) - erf(after * ROOT_HALF));
         place.slope[k] = (up - down) / sigma;
         place.blurred[k] = after * down - before * up;
         place.gapped[k] = -(up * wall_before + down * wall_after) / sigma;
+        place.rimmed[k] = -(up * (cell == 0) + down * (cell == cells - 1)) / sigma;
         double inside = fmin(fmax(off, -0.5), 0.5);
         for (int s = 0; s < SPOTS; s++) {
             double z = inside / SPOT_SIGMA[s];
@@ -158,6 +161,7 @@ static bool sample(const Panel *panel, const View *view, const double *h, const 
             slope[1] += lit * (across->light[i] * down->slope[j] * shape + both * tilt[1]);
             by[BLUR] += lit * shape * (across->blurred[i] * down->light[j] + across->light[i] * down->blurred[j]);
             by[GAP] += lit * shape * (across->gapped[i] * down->light[j] + across->light[i] * down->gapped[j]);
+            by[RIM] += lit * shape * (across->rimmed[i] * down->light[j] + across->light[i] * down->rimmed[j]);
             by[PHASE + class] += unknown[GAIN + cell] * both * shape * later[class];
             by[LONGER] += unknown[GAIN + cell] * both * shape * shape_by[class][0];
             by[SMOOTHER] += unknown[GAIN + cell] * both * shape * shape_by[class][1];
@@ -173,6 +177,10 @@ static bool sample(const Panel *panel, const View *view, const double *h, const 
             total += unknown[BESIDE + 2 * axis + k] * here[axis];
             outside += here[axis];
         }
+        const double nearer[2] = {k ? across->falls[1] : -across->falls[0], k ? down->falls[1] : -down->falls[0]};
+        by[RIM] += unknown[BESIDE + k] * nearer[0];
+        by[RIM] += unknown[BESIDE + 2 + k] * nearer[1] * (1.0 - across->beside[0] - across->beside[1]);
+        by[RIM] -= unknown[BESIDE + 2 + k] * down->beside[k] * (across->falls[1] - across->falls[0]);
         slope[0] += unknown[BESIDE + k] * across->falls[k];
         slope[0] -= unknown[BESIDE + 2 + k] * down->beside[k] * (across->falls[0] + across->falls[1]);
         slope[1] += unknown[BESIDE + 2 + k] * down->falls[k] * (1.0 - across->beside[0] - across->beside[1]);
@@ -239,11 +247,11 @@ static bool solve(double *matrix, ptrdiff_t size, double *right) {
     return true;
 }
 
-/* The corners after the homography has been wrong by these WAYS. */
-static void move(Point corners[4], const double h[9], const double *ways) {
+/* The corners after the homography has been wrong by these WAYS; those of a rim that is so many times as large. */
+static void move(Point corners[4], const double h[9], const double *ways, double rim_share) {
     static const double ends[4][2] = {{-1.0, -1.0}, {1.0, -1.0}, {1.0, 1.0}, {-1.0, 1.0}};
     for (int i = 0; i < 4; i++) {
-        double p = ends[i][0], q = ends[i][1], both = ways[6] * p + ways[7] * q;
+        double p = ends[i][0] * rim_share, q = ends[i][1] * rim_share, both = ways[6] * p + ways[7] * q;
         double u = 0.5 * (p - ways[0] - ways[1] * p - ways[2] * q - p * both + 1.0);
         double v = 0.5 * (q - ways[3] - ways[4] * p - ways[5] * q - q * both + 1.0);
         double w = h[6] * u + h[7] * v + h[8];
@@ -251,39 +259,86 @@ static void move(Point corners[4], const double h[9], const double *ways) {
     }
 }
 
-/* Deviation of the corners' coordinates, by the Cholesky factor of what is known of the unknowns. */
-static double corner_sigma(const double *factor, ptrdiff_t size, const double h[9]) {
+/* How the corners of a rim that is so many times as large move with each of the WAYS, and with the rim at last. */
+static void slopes_of(const double h[9], double rim_share, ptrdiff_t cells, double by_way[8][WAYS + 1]) {
     const double little = 1e-4;
-    double of_way[WAYS][MOST_UNKNOWN], sum = 0.0, by_way[8][WAYS];
-    for (int way = 0; way < WAYS; way++) {
-        double ways[WAYS] = {0.0};
+    for (int way = 0; way <= WAYS; way++) {
+        double ways[WAYS + 1] = {0.0};
         Point moved[4], here[4];
-        move(here, h, ways);
+        move(here, h, ways, rim_share);
         ways[way] = little;
-        move(moved, h, ways);
+        move(moved, h, ways, rim_share - 2.0 * ways[WAYS] / (double)cells);
         for (int i = 0; i < 4; i++) {
             by_way[2 * i][way] = (moved[i].x - here[i].x) / little;
             by_way[2 * i + 1][way] = (moved[i].y - here[i].y) / little;
         }
+    }
+}
+
+/* By the Cholesky factor of what is known of the unknowns, `sigmas` (2,): the deviation of the coordinates of corners whose
+ * rim is where it is taken to be; and that of the square's size, by which all sides move outward alike. Where `undone` is not
+ * 0, the rim was that far within the lattice's end, and has been taken there. */
+static void deviations(const double *factor, ptrdiff_t size, ptrdiff_t cells, const double h[9], double rim_share,
+                       double undone, double sigmas[2]) {
+    double of_way[WAYS + 1][MOST_UNKNOWN], by_way[8][WAYS + 1], outward[MOST_UNKNOWN] = {0.0}, of_rim = 0.0, shared = 0.0;
+    Point corners[4];
+    Side sides[4];
+    for (int way = 0; way <= WAYS; way++)
         for (ptrdiff_t i = 0; i < size; i++) {
-            double left = i == way;
+            double left = i == (way < WAYS ? way : RIM);
             for (ptrdiff_t k = 0; k < i; k++) left -= factor[i * size + k] * of_way[way][k];
             of_way[way][i] = left / factor[i * size + i];
         }
-    }
-    for (int coordinate = 0; coordinate < 8; coordinate++)
+    slopes_of(h, rim_share, cells, by_way);
+    move(corners, h, (double[WAYS]){0.0}, rim_share);
+    ledpi_sides_of(corners, sides);
+    for (ptrdiff_t i = 0; i < size; i++) of_rim += of_way[WAYS][i] * of_way[WAYS][i];
+    sigmas[0] = sigmas[1] = 0.0;
+    for (int coordinate = 0; coordinate < 8; coordinate++) {
+        const Point one = sides[coordinate / 2].inward, other = sides[(coordinate / 2 + 3) & 3].inward;
+        const double out = -(coordinate & 1 ? one.y + other.y : one.x + other.x) / 8.0;
+        double with_rim = 0.0;
         for (ptrdiff_t i = 0; i < size; i++) {
             double part = 0.0;
             for (int way = 0; way < WAYS; way++) part += by_way[coordinate][way] * of_way[way][i];
-            sum += part * part / 8.0;
+            sigmas[0] += part * part / 8.0;
+            with_rim += part * of_way[WAYS][i];
+            outward[i] += out * (part + by_way[coordinate][WAYS] * of_way[WAYS][i]);
         }
-    return sqrt(sum);
+        sigmas[0] -= with_rim * with_rim / of_rim / 8.0;
+    }
+    for (ptrdiff_t i = 0; i < size; i++) {
+        sigmas[1] += outward[i] * outward[i];
+        shared += outward[i] * of_way[WAYS][i];
+    }
+    if (undone != 0.0) sigmas[1] += shared * shared / of_rim * (undone * undone / of_rim / 3.0 - 1.0);
+    sigmas[0] = sqrt(sigmas[0]), sigmas[1] = sqrt(sigmas[1]);
+}
+
+/* Takes the rim to where the lattice ends, and all else to where it is likeliest then; by the factor of what is known. */
+static void close_rim(const double *factor, ptrdiff_t size, Point corners[4], double *unknown) {
+    double column[MOST_UNKNOWN] = {0.0}, h[9], ways[WAYS];
+    column[RIM] = 1.0 / factor[RIM * size + RIM];
+    for (ptrdiff_t i = RIM + 1; i < size; i++) {
+        for (ptrdiff_t k = RIM; k < i; k++) column[i] -= factor[i * size + k] * column[k];
+        column[i] /= factor[i * size + i];
+    }
+    for (ptrdiff_t i = size - 1; i >= 0; i--) {
+        for (ptrdiff_t k = i + 1; k < size; k++) column[i] -= factor[k * size + i] * column[k];
+        column[i] /= factor[i * size + i];
+    }
+    const double much = -unknown[RIM] / column[RIM];
+    for (int i = 0; i < WAYS; i++) ways[i] = much * column[i];
+    for (ptrdiff_t i = WAYS; i < size; i++) unknown[i] += much * column[i];
+    unknown[RIM] = 0.0;
+    ledpi_unit_square_to(corners, h);
+    move(corners, h, ways, 1.0);
 }
 
 /* Fits it, in `rounds` at most, from `corners` (4) and the values of the unknowns (GAIN + cells² + 1), of which the first
  * WAYS are not used; both become what fits best. `prior` (2, unknowns): what they should be, and how surely. `pitch_px`
- * (2,) of the view, across and down. `result` (4,): the share of the light's squares that is explained before the last step,
- * samples, variance of what is left, deviation of the corners' coordinates. Returns false where it comes to nothing. */
+ * (2,) of the view, across and down. `result` (5,): the share of the light's squares that is explained before the last step,
+ * samples, variance of what is left, and `deviations`. Returns false where it comes to nothing. */
 int ledpi_fit_panel(const float *light, ptrdiff_t rows, ptrdiff_t columns, double first_x, double first_y, double shrink,
                     double saturated, const Lens *lens, ptrdiff_t cells, const uint8_t *white, const float *waves,
                     ptrdiff_t shapes, const double *cycles_a_row, double dark, double scale, ptrdiff_t places, const double *along,
@@ -309,7 +364,7 @@ int ledpi_fit_panel(const float *light, ptrdiff_t rows, ptrdiff_t columns, doubl
         ledpi_unit_square_to(corners, h);
         for (int axis = 0; axis < 2; axis++)
             for (ptrdiff_t i = 0; i < places; i++)
-                grid[axis][i] = place_at(along[i], cells, exp(unknown[BLUR]) / pitch_px[axis], unknown[GAP]);
+                grid[axis][i] = place_at(along[i], cells, exp(unknown[BLUR]) / pitch_px[axis], unknown[GAP], unknown[RIM]);
         memset(&products, 0, sizeof products);
         for (ptrdiff_t j = 0; j < places; j++) {
             ptrdiff_t count = 0;
@@ -338,20 +393,28 @@ int ledpi_fit_panel(const float *light, ptrdiff_t rows, ptrdiff_t columns, doubl
         for (int i = 0; i < WAYS; i++) most = fmax(most, fabs(step[i]));
         double share = most > MOST_STEP ? MOST_STEP / most : 1.0;
         for (ptrdiff_t i = 0; i < size; i++) step[i] *= share;
-        move(corners, h, step);
+        move(corners, h, step, 1.0);
         for (ptrdiff_t i = WAYS; i < size; i++) unknown[i] += step[i];
         for (ptrdiff_t i = 0; i < cells * cells; i++) usual += unknown[GAIN + i] / (double)(cells * cells);
         for (ptrdiff_t i = 0; i < cells * cells; i++)
             unknown[GAIN + i] = fmax(unknown[GAIN + i], LEAST_GAIN * usual);
         unknown[BLUR] = fmin(fmax(unknown[BLUR], log(LEAST_BLUR_PX)), log(MOST_BLUR_PX));
         unknown[GAP] = fmin(fmax(unknown[GAP], 0.0), MOST_GAP);
+        unknown[RIM] = fmin(fmax(unknown[RIM], -0.5 * MOST_GAP), 0.5 * MOST_GAP);
         unknown[LONGER] = fmin(fmax(unknown[LONGER], -MOST_LONGER), MOST_LONGER);
         unknown[SMOOTHER] = fmin(fmax(unknown[SMOOTHER], -MOST_SMOOTHER), MOST_SMOOTHER);
         if ((round > 0 && most < SETTLED) || round == rounds - 1) { /* the first is with gains as they usually are */
-            result[3] = corner_sigma(matrix, size, h) * (lens ? lens->fx : 1.0);
+            const double rim = unknown[RIM];
+            const bool is_rim = rim * fmin(pitch_px[0], pitch_px[1]) * shrink >= NO_RIM_WALL_PX;
+            if (!is_rim) close_rim(matrix, size, corners, unknown);
+            deviations(matrix, size, cells, h, 1.0 - 2.0 * unknown[RIM] / (double)cells, is_rim ? 0.0 : rim, result + 3);
+            for (int i = 3; lens && i < 5; i++) result[i] *= lens->fx;
             break;
         }
     }
+    double lattice[9];
+    ledpi_unit_square_to(corners, lattice);
+    move(corners, lattice, (double[WAYS]){0.0}, 1.0 - 2.0 * unknown[RIM] / (double)cells);
     for (int i = 0; lens && i < 4; i++) {
         double seen[2];
         ledpi_distort(lens, corners[i].x, corners[i].y, seen);

@@ -35,17 +35,17 @@ def fit_panel(
     prior: Floats,
     corners: NDArray[np.complex128],
     unknown: Floats,
-) -> tuple[float, float] | None:
-    """Changes `corners` (4,) and `unknown` (U,) to what fits best. The share explained, and the corners' deviation.
+) -> tuple[float, float, float] | None:
+    """Changes `corners` (4,) and `unknown` (U,) to what fits best. The share explained, and `_deviations`.
 
     Arguments as in decode/striped/panel_fit.py; `levels`: dark, bright and saturated. None where it comes to nothing.
     """
     dark, bright, saturated = levels
-    result = np.empty(4)
+    result = np.empty(5)
     fits = _fit(
         address(light), *light.shape, first.real, first.imag, shrink, saturated,
         None if lens is None else address(lens_of(lens)), cells, address(white), address(waves), waves.ndim == 3,
         address(cycles_a_row), dark, 1 / (bright - dark), len(along), address(along), address(pitch_px), rounds,
         address(prior), address(corners), address(unknown), address(result),
     )  # fmt: skip
-    return (float(result[0]), float(result[3])) if fits else None
+    return (float(result[0]), float(result[3]), float(result[4])) if fits else None

@@ -15,7 +15,7 @@ _fit_body = function(
     "ledpi_fit_body", POINTER, INTEGER, *(POINTER,) * 3, INTEGER, *(POINTER,) * 2, INTEGER, *(POINTER,) * 4,
     result=INTEGER,
 )  # fmt: skip
-_solve_squares = function("ledpi_solve_squares", *(POINTER,) * 3, INTEGER, *(POINTER,) * 6)
+_solve_squares = function("ledpi_solve_squares", *(POINTER,) * 3, INTEGER, *(POINTER,) * 7)
 
 FIT = 49  # numbers: rotation, position, chi2, covariance
 # Where a solution's numbers are: its position, quaternion, reprojection_px, chi2, covariance.
@@ -38,6 +38,7 @@ def bends(corners: NDArray[np.complex128], lens: Intrinsics) -> NDArray[np.compl
 def solve_squares(
     corners_px: Floats,
     sigma_px: Floats,
+    size_sigma_px: Floats,
     sides_m: Floats,
     intrinsics: Intrinsics,
     motions_px: Floats,
@@ -50,7 +51,8 @@ def solve_squares(
     pose/corners.py.
     """
     count = len(corners_px)
-    given = [lens_of(intrinsics), *(doubles(array) for array in (corners_px, sigma_px, sides_m, motions_px))]
+    squares_of = corners_px, sigma_px, size_sigma_px, sides_m, motions_px
+    given = [lens_of(intrinsics), *(doubles(array) for array in squares_of)]
     solutions, solved = np.empty((count, 2, COVARIANCE.stop)), np.empty(count, np.bool_)
     lens, *squares = (address(array) for array in given)
     _solve_squares(lens, address(stop), address(errors), count, *squares, address(solutions), address(solved))

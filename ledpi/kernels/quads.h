@@ -46,6 +46,7 @@ typedef struct {
     Point corners[4];
     bool seen;                            /* all sides show edges */
     double used, spread_px, sigma_px;     /* share of the profiles that are; of their edges; of the corners */
+    double size_sigma_px;                 /* of that, what all sides share */
 } Found;
 
 /* Below, `bends` (4, 2, 2) are what the lens does to a quad's sides: `bends` of decode/corners/sides.py. */
@@ -58,8 +59,15 @@ void ledpi_find_sides(const Picture *picture, const Tables *tables, const Point 
 bool ledpi_hidden(const Picture *picture, const Tables *tables, const Point corners[4], const double *bends,
                   double hidden[2][2], Missing *missing);
 
-/* Better corners of a whole panel, and the deviation of their coordinates; not a number where its lines are none. */
-double ledpi_adjust(const Picture *picture, const Tables *tables, const Point corners[4], const double *bends,
-                    const Lens *lens, Point moved[4], double *rim_wall, Missing *missing);
+/* A whole panel's corners by all lines of its lattice, the deviation of their coordinates, and what all sides share of it; how
+ * far beyond the sides that were seen the lattice ends. */
+typedef struct {
+    Point corners[4];
+    double sigma_px, size_sigma_px, rim_wall;
+} Adjusted;
+
+/* The deviations are not a number where the lines are no panel's that ends with its lattice. */
+void ledpi_adjust(const Picture *picture, const Tables *tables, const Point corners[4], const double *bends,
+                  const Lens *lens, Adjusted *better, Missing *missing);
 
 #endif

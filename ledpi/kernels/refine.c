@@ -7,11 +7,11 @@
 /* In this order in kernels/edges.py. */
 typedef enum { WHOLE, PARTLY_HIDDEN, NO_EDGE, NOT_STRAIGHT, NOT_WHOLE, NOT_CONVEX, TOO_SMALL, AT_BORDER } Outcome;
 
-/* A row there: the square's corners, those of what is seen of it, the corners' deviation, how far the lens bends it, and
- * how far beyond it the lattice of its cells ends; whether its cells show, 1 or 0. */
+/* A row there: the square's corners, those of what is seen of it, the corners' deviation and what all sides share of that,
+ * how far the lens bends it, and how far beyond it the lattice of its cells ends; whether its cells show, 1 or 0. */
 typedef struct {
     Point corners[4], seen[4];
-    double sigma_px, bend_px, rim_wall, cells_show;
+    double sigma_px, size_sigma_px, bend_px, rim_wall, cells_show;
 } Refined;
 
 /* The corners of a quad that lacks `hidden` of its panel, of the whole panel. */
@@ -55,7 +55,7 @@ static Outcome refine(const Picture *picture, const Tables *tables, const Lens *
     if (!(found.spread_px <= by->max_spread_px && found.used >= by->min_used)) return NOT_STRAIGHT;
     into->cells_show = ledpi_hidden(picture, tables, found.corners, bends, hidden, missing);
     if (missing->explanations) return NO_EDGE;
-    into->sigma_px = found.sigma_px;
+    into->sigma_px = found.sigma_px, into->size_sigma_px = found.size_sigma_px;
     into->bend_px = into->rim_wall = 0.0;
     double lacks = 0.0; /* half a wall at the rim, about */
     for (int axis = 0; axis < 2; axis++)
@@ -76,12 +76,12 @@ static Outcome refine(const Picture *picture, const Tables *tables, const Lens *
     const double least_px = cells * by->min_pitch_px; /* nearer, lines blur into each other, and sides are better known */
     if (outcome != WHOLE || cells < by->least_cells || tables->cells > MOST_CELLS) return outcome;
     if (!(ledpi_area(found.corners) > least_px * least_px)) return outcome;
-    Point moved[4];
-    const double sigma_px = ledpi_adjust(picture, tables, found.corners, bends, lens, moved, &lacks, missing);
-    if (lacks > 0.0) into->rim_wall = lacks;
-    if (!isfinite(sigma_px)) return outcome;
-    for (int k = 0; k < 4; k++) into->corners[k] = moved[k];
-    into->sigma_px = sigma_px;
+    Adjusted better;
+    ledpi_adjust(picture, tables, found.corners, bends, lens, &better, missing);
+    if (better.rim_wall > 0.0) into->rim_wall = better.rim_wall;
+    if (!isfinite(better.sigma_px)) return outcome;
+    for (int k = 0; k < 4; k++) into->corners[k] = better.corners[k];
+    into->sigma_px = better.sigma_px, into->size_sigma_px = better.size_sigma_px;
     return outcome;
 }
 

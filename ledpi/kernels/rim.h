@@ -6,6 +6,7 @@
 
 enum { RIM_T = 10 }; /* light values across a side */
 #define RIM_FIRST_ACROSS (-3.0)
+#define PAIRS_ALIKE 0.9
 
 typedef struct {
     double made; /* 0 until it is */

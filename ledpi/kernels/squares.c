@@ -48,15 +48,43 @@ static bool ippe(double c[4][2], double side_m, Fit starts[2]) {
     return true;
 }
 
+/* How far each side moves where the square grows about its centre; 1 in the mean. */
+static void grow(const double corners[8], double normals[4][2], double out[4]) {
+    double centre[2] = {0.0, 0.0}, mean = 1e-12;
+    for (int i = 0; i < 8; i++) centre[i & 1] += 0.25 * corners[i];
+    for (int k = 0; k < 4; k++) {
+        const double *here = corners + 2 * k, *there = corners + 2 * ((k + 1) & 3);
+        out[k] = 0.0;
+        for (int j = 0; j < 2; j++) out[k] -= (here[j] + there[j] - 2 * centre[j]) * normals[k][j];
+        mean += 0.25 * fabs(out[k]);
+    }
+    for (int k = 0; k < 4; k++) out[k] /= mean;
+}
+
+/* Takes what the sides share, by `q` of its deviations each, off the rows of their shifts: (I + q·qᵀ)^(−½). */
+static void share(const double q[4], double rows[32]) {
+    double more = 0.0;
+    for (int k = 0; k < 4; k++) more += q[k] * q[k];
+    for (int i = 0; i < 8; i++) {
+        double sum = 0.0;
+        for (int k = 0; k < 4; k++) sum += q[k] * rows[8 * k + i];
+        sum /= 1.0 + more + sqrt(1.0 + more);
+        for (int k = 0; k < 4; k++) rows[8 * k + i] -= q[k] * sum;
+    }
+}
+
 /* `whiteners` of pose/corners.py, of one square. */
-static void whiten(const Errors *errors, const double corners[8], double sigma_px, const double motions[8],
-                   double rows[64]) {
+static void whiten(const Errors *errors, const double corners[8], double sigma_px, double size_sigma_px,
+                   const double motions[8], double rows[64]) {
+    double normals[4][2], q[4], deviations[4];
     for (int i = 0; i < 64; i++) rows[i] = 0.0;
     for (int k = 0; k < 4; k++) {
         int next = (k + 1) & 3;
         double x = corners[2 * next] - corners[2 * k], y = corners[2 * next + 1] - corners[2 * k + 1];
         double length = sqrt(x * x + y * y) + 1e-12;
-        double normal[2] = {-y / length, x / length}, middle = 0.25 * sigma_px * sigma_px, ends = 3 * middle;
+        double *normal = normals[k], own = fmax(sigma_px * sigma_px - size_sigma_px * size_sigma_px, 0.0);
+        double middle = 0.25 * own, ends = 0.75 * own;
+        normal[0] = -y / length, normal[1] = x / length;
         double blur = 0.0;
         for (int j = 0; j < 2; j++) blur += 0.5 * (motions[2 * k + j] + motions[2 * next + j]) * normal[j];
         middle += errors->floor_px * errors->floor_px, ends += errors->floor_px * errors->floor_px;
@@ -67,7 +95,11 @@ static void whiten(const Errors *errors, const double corners[8], double sigma_p
             rows[8 * (4 + k) + 2 * k + j] = -turn;
             rows[8 * (4 + k) + 2 * next + j] = turn;
         }
+        deviations[k] = sqrt(middle);
     }
+    grow(corners, normals, q);
+    for (int k = 0; k < 4; k++) q[k] *= size_sigma_px / deviations[k];
+    share(q, rows);
 }
 
 /* Unit quaternion (w, x, y, z), w ≥ 0, by Shepperd's method: the largest part first. */
@@ -85,11 +117,12 @@ static void quaternion_of(const double r[9], double q[4]) {
     for (int i = 0; i < 4; i++) q[i] = row[i] / length;
 }
 
-/* Of `count` squares with `sides_m` (count,), seen at `corners_px` (count, 4, 2) to `sigma_px` (count,), which move by
- * `motions_px` (count, 4, 2) during the exposure: two `solutions` each (count, 2), and whether there are any (count,). */
+/* Of `count` squares with `sides_m` (count,), seen at `corners_px` (count, 4, 2) to `sigma_px` (count,), of which the sides
+ * share `size_sigma_px`, which move by `motions_px` (count, 4, 2) during the exposure: two `solutions` each (count, 2), and
+ * whether there are any (count,). */
 void ledpi_solve_squares(const Lens *lens, const Stop *stop, const Errors *errors, ptrdiff_t count,
-                         const double *corners_px, const double *sigma_px, const double *sides_m,
-                         const double *motions_px, Solution *solutions, bool *solved) {
+                         const double *corners_px, const double *sigma_px, const double *size_sigma_px,
+                         const double *sides_m, const double *motions_px, Solution *solutions, bool *solved) {
     for (ptrdiff_t i = 0; i < count; i++, corners_px += 8, motions_px += 8, solutions += 2) {
         double rays[4][2], whitener[64], off_px[16], trial_px[8], half = 0.5 * sides_m[i];
         const double place[12] = {-half, half, 0, half, half, 0, half, -half, 0, -half, -half, 0};
@@ -98,7 +131,7 @@ void ledpi_solve_squares(const Lens *lens, const Stop *stop, const Errors *error
         for (int k = 0; k < 4; k++) ledpi_ray_of(lens, corners_px + 2 * k, rays[k]);
         solved[i] = ippe(rays, sides_m[i], fits);
         if (!solved[i]) continue;
-        whiten(errors, corners_px, sigma_px[i], motions_px, whitener);
+        whiten(errors, corners_px, sigma_px[i], size_sigma_px[i], motions_px, whitener);
         ledpi_fit(&body, lens, 2, stop, fits, off_px, trial_px);
         for (int k = 0; k < 2; k++) {
             double squares = 0.0;

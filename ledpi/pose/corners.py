@@ -47,20 +47,26 @@ def motion_px(velocity_px_s: Floats | None, exposure_us: float) -> Floats:
     return np.zeros((4, 2)) if velocity_px_s is None else velocity_px_s * (exposure_us * 1e-6)
 
 
-def whiteners(corners_px: Floats, sigma_px: Floats, motions_px: Floats | None = None) -> Floats:
+def whiteners(
+    corners_px: Floats, sigma_px: Floats, size_sigma_px: Floats, motions_px: Floats | None = None
+) -> Floats:
     """(N, 8, 8) that turn errors of corners (N, 4, 2) into independent ones of deviation 1: WᵀW = covariance⁻¹.
 
     A corner is where two sides cross, so its error is theirs. Of a straight line through n edges of spread s, the
     middle has the deviation s/√n and the ends, about the middle, √3 times that: with σ = 2s/√n for a corner
-    coordinate (`sigma_px` (N,)) these are σ/2 and √3·σ/2. Both ends of a side err together: taking corners for
-    independent would overstate the error of the distance, and understate that of the tilt. To each the floor is added;
-    and to the shift, where the square moves by `motions_px` (N, 4, 2) during the exposure, what a blur beyond the known
-    one may hide.
+    coordinate these are σ/2 and √3·σ/2. Both ends of a side err together: taking corners for independent would
+    overstate the error of the distance, and understate that of the tilt. To each the floor is added; and to the shift,
+    where the square moves by `motions_px` (N, 4, 2) during the exposure, what a blur beyond the known one may hide.
+
+    Of the deviation of coordinates `sigma_px` (N,) all sides share `size_sigma_px` (N,), and σ is the rest: the square
+    may be larger or smaller about its centre, and its sides then move by that, in the mean. Of the covariance of their
+    shifts that is a part of rank one, and so is what it takes off the whitener of the rest.
     """
     along = corners_px[:, _NEXT] - corners_px
     normal = np.stack([-along[..., 1], along[..., 0]], axis=-1)
     normal /= np.sqrt((along * along).sum(axis=2, keepdims=True)) + 1e-12
-    middle = 0.25 * np.square(sigma_px)[:, None, None]
+    size2 = np.square(size_sigma_px)[:, None, None]
+    middle = 0.25 * np.maximum(np.square(sigma_px)[:, None, None] - size2, 0.0)
     ends, middle = 3 * middle + FLOOR_PX**2, middle + FLOOR_PX**2
     if motions_px is not None and motions_px.any():
         blur = np.abs(((motions_px + motions_px[:, _NEXT]) * normal).sum(axis=2, keepdims=True)) / 2
@@ -68,5 +74,11 @@ def whiteners(corners_px: Floats, sigma_px: Floats, motions_px: Floats | None = 
     shift, turn = normal * (0.5 / np.sqrt(middle)), normal * (0.5 / np.sqrt(ends))
     rows = np.zeros((len(corners_px), 8, 4, 2))
     rows[:, _SIDE, _SIDE], rows[:, _SIDE, _NEXT] = shift, shift
+    # How the sides move where the square grows, in the deviations of each: (I + q·qᵀ)^(−½) makes what they share 1.
+    out = -((corners_px + corners_px[:, _NEXT] - 2 * corners_px.mean(axis=1, keepdims=True)) * normal).sum(axis=2)
+    q = np.sqrt(size2 / middle) * (out / (np.abs(out).mean(axis=1, keepdims=True) + 1e-12))[..., None]
+    more = (q * q).sum(axis=1, keepdims=True)
+    less = q * (q.transpose(0, 2, 1) @ rows[:, :4].reshape(-1, 4, 8))
+    rows[:, :4] -= (less / (1 + more + np.sqrt(1 + more))).reshape(-1, 4, 4, 2)
     rows[:, 4 + _SIDE, _SIDE], rows[:, 4 + _SIDE, _NEXT] = -turn, turn
     return rows.reshape(-1, 8, 8)

@@ -108,7 +108,8 @@ class FixSolver:
         sightings = [m.sighting for m in known]
         corners = np.array([seen_at_row(s.corners_px, s.velocity_px_s, row, frame.row_time_us) for s in sightings])
         motions = np.array([motion_px(s.velocity_px_s, frame.exposure_us) for s in sightings])
-        whiten = whiteners(corners, np.array([s.corner_sigma_px for s in sightings]), motions)
+        sigma_px = np.array([s.corner_sigma_px for s in sightings])
+        whiten = whiteners(corners, sigma_px, np.array([s.size_sigma_px for s in sightings]), motions)
         starts, believed = [], []
         for marker in known:
             marker_from_middle = self._marker_from_map[marker.sighting.id] @ map_from_middle

@@ -61,6 +61,7 @@ class Placer:
         solved = solve_squares(
             seen_at_row(corners, velocities, np.array(rows)[:, None, None], frame.row_time_us),
             np.array([s.corner_sigma_px for s in sightings]),
+            np.array([s.size_sigma_px for s in sightings]),
             [self._sides_m[s.id] for s in sightings],
             self._intrinsics,
             motion_px(velocities, frame.exposure_us),

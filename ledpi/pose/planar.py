@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -23,6 +24,8 @@ NOT_SQUARE = Rejected(stage="pose", reason="not_square")
 MAX_REPROJECTION, MAX_REPROJECTION_PX = 0.04, 1.0
 # Where the refinement led both to one pose (a panel seen square on has but one): closer than this.
 SAME_DEG = 0.1
+# Eight coordinates less the six numbers of a pose; and the χ² that these exceed by chance once in a hundred times.
+FREEDOM, SURPRISING = 2, 9.2
 
 Vector = tuple[float, float, float]
 Rows = tuple[Vector, Vector, Vector]
@@ -38,22 +41,24 @@ def square_corners(side_m: float) -> Floats:
 def solve_squares(
     corners_px: Floats,
     sigma_px: Floats,
+    size_sigma_px: Floats,
     sides_m: Sequence[float],
     intrinsics: Intrinsics,
     motions_px: Floats | None = None,
 ) -> list[Solutions | Rejected]:
     """camera_from_marker of each of N squares: one or two solutions, the better first, or why there is none.
 
-    `corners_px` (N, 4, 2) in the marker's order, `sigma_px` (N,) the deviation of their coordinates, `motions_px`
-    (N, 4, 2) how far they move during the exposure. `ippe` gives both solutions of a square; least squares, weighted as
-    the corners' errors hang together, makes the best of each, and the covariance is (JᵀWJ)⁻¹ there.
+    `corners_px` (N, 4, 2) in the marker's order, `sigma_px` (N,) the deviation of their coordinates, of which all sides
+    share `size_sigma_px` (N,), `motions_px` (N, 4, 2) how far they move during the exposure. `ippe` gives both
+    solutions of a square; least squares, weighted as the corners' errors hang together, makes the best of each, and the
+    covariance is (JᵀWJ)⁻¹ there; larger where corners that no pose explains show that they err by more than they say.
     """
     if not compiled():
-        both = _solved(corners_px, sigma_px, sides_m, intrinsics, motions_px)
+        both = _solved(corners_px, sigma_px, size_sigma_px, sides_m, intrinsics, motions_px)
     else:
         motions_px = np.zeros_like(corners_px) if motions_px is None else motions_px
-        sides = np.array(sides_m)
-        found, solved = kernel.solve_squares(corners_px, sigma_px, sides, intrinsics, motions_px, STOP, ERRORS)
+        squares = corners_px, sigma_px, size_sigma_px, np.array(sides_m)
+        found, solved = kernel.solve_squares(*squares, intrinsics, motions_px, STOP, ERRORS)
         both = [
             (_solution(one), _solution(other)) if there else None
             for (one, other), there in zip(found, solved.tolist(), strict=True)
@@ -78,7 +83,12 @@ def _solution(numbers: Floats) -> PlanarSolution:
 
 
 def _solved(
-    corners_px: Floats, sigma_px: Floats, sides_m: Sequence[float], intrinsics: Intrinsics, motions_px: Floats | None
+    corners_px: Floats,
+    sigma_px: Floats,
+    size_sigma_px: Floats,
+    sides_m: Sequence[float],
+    intrinsics: Intrinsics,
+    motions_px: Floats | None,
 ) -> list[tuple[PlanarSolution, PlanarSolution] | None]:
     """Both solutions of each square, or None."""
     rays = cv2.undistortPoints(corners_px.reshape(-1, 1, 2), intrinsics.matrix(), np.array(intrinsics.distortion))
@@ -94,7 +104,7 @@ def _solved(
         np.array([position for *_, position in found for _ in range(2)]),
         square_corners(1.0) * np.array(sides_m)[of][:, None, None],
         corners_px[of],
-        whiteners(corners_px, sigma_px, motions_px)[of, None],
+        whiteners(corners_px, sigma_px, size_sigma_px, motions_px)[of, None],
         intrinsics,
         rivals=2,
     )
@@ -107,8 +117,8 @@ def _solved(
 def solve_square(
     corners_px: Floats, corner_sigma_px: float, side_m: float, intrinsics: Intrinsics
 ) -> Solutions | Rejected:
-    """`solve_squares` of one, `corners_px` (4, 2)."""
-    return solve_squares(corners_px[None], np.array([corner_sigma_px]), [side_m], intrinsics)[0]
+    """`solve_squares` of one, `corners_px` (4, 2), whose sides err independently."""
+    return solve_squares(corners_px[None], np.array([corner_sigma_px]), np.zeros(1), [side_m], intrinsics)[0]
 
 
 def ippe(corners_xy: Sequence[Sequence[float]], side_m: float) -> tuple[Rows, Rows, Vector] | None:
@@ -189,7 +199,20 @@ def _checked(one: PlanarSolution, other: PlanarSolution, corners_px: Floats) -> 
         side_px = math.fsum(math.dist(a, b) for a, b in zip(corners, corners[1:] + corners[:1], strict=True)) / 4
         if best.reprojection_px > MAX_REPROJECTION * side_px:
             return NOT_SQUARE
+    if best.chi2 > SURPRISING:
+        ratio = 1.0 + (best.chi2 - SURPRISING) / FREEDOM
+        best, second = _less_sure(best, ratio), _less_sure(second, ratio)
     poses = best.camera_from_marker, second.camera_from_marker
     apart = rotation_angle_deg(poses[0].quaternion_wxyz, poses[1].quaternion_wxyz)
     ahead = poses[1].position_m[2] > 0
     return (best, second) if ahead and apart > SAME_DEG else (best,)
+
+
+def _less_sure(solution: PlanarSolution, ratio: float) -> PlanarSolution:
+    """Its variances so many times as large: as corners err that no pose explains.
+
+    The camera moves, of which a single frame knows nothing, or something hides one of them.
+    """
+    pose = solution.camera_from_marker
+    assert pose.covariance is not None
+    return replace(solution, camera_from_marker=replace(pose, covariance=read_only(ratio * pose.covariance)))

@@ -15,7 +15,7 @@ from functools import cache
 import numpy as np
 
 from ledpi.decode.corners.inner_lines import NOT_SEEN_PX2, Homographies, inner_lines, lens_moves, line_places
-from ledpi.decode.corners.rim import ACROSS, USUAL_BLUR_PX, RimFilter, filter_key, rim_filter
+from ledpi.decode.corners.rim import ACROSS, PAIRS_ALIKE, USUAL_BLUR_PX, RimFilter, filter_key, rim_filter
 from ledpi.decode.corners.sides import Mask, Patches, Points, Shares, Sides, areas, as_corners, as_points, points_across
 from ledpi.decode.corners.whole import NO_RIM_WALL
 from ledpi.records import Floats, Frame, Intrinsics, Quad, Rejected
@@ -39,7 +39,6 @@ MIN_PITCH_PX = 6.0
 LEAST_CELLS = 3  # a side: of fewer, nothing is left over to tell how well the sides' cells agree
 MOVES = 8  # small changes of a homography
 REACH_PX = 4.0  # around the corners: as far as profiles reach
-PAIRS_ALIKE = 0.9  # correlation of what opposite sides share with what the other two do
 _OPPOSITE = np.array([[1, 0, 1, 0], [0, 1, 0, 1], [1, 0, 1, 0], [0, 1, 0, 1]])
 _ALIKE, _APART = np.where(_OPPOSITE, 1.0, PAIRS_ALIKE), 2.0 * np.eye(4) - _OPPOSITE
 LEAST_HEIGHT = 0.3  # of the step at a side, of the median: less is a dead cell's
@@ -98,11 +97,11 @@ def adjust_quads(
     if not of:
         return found
     corners = np.array([all_corners[i] for i in of])
-    better, sigma_px, rim_wall = _adjusted(frame, corners, bend[of], cells, intrinsics)
+    better, sigmas_px, rim_wall = _adjusted(frame, corners, bend[of], cells, intrinsics)
     adjusted = list(found)
-    for i, at, sigma, wall in zip(of, as_corners(better), sigma_px.tolist(), rim_wall.tolist(), strict=True):
+    for i, at, (sigma, size), wall in zip(of, as_corners(better), sigmas_px.tolist(), rim_wall.tolist(), strict=True):
         if math.isfinite(sigma):
-            adjusted[i] = replace(panels[i], corners_px=at, corner_sigma_px=sigma)
+            adjusted[i] = replace(panels[i], corners_px=at, corner_sigma_px=sigma, size_sigma_px=size)
         elif wall:
             adjusted[i] = replace(panels[i], rim_wall=wall)
     return adjusted
@@ -111,9 +110,10 @@ def adjust_quads(
 def _adjusted(
     frame: Frame, found: Points, bend: Points, cells: int, intrinsics: Intrinsics | None
 ) -> tuple[Points, Floats, Floats]:
-    """Better corners (N, 4), the deviation (N,) of their coordinates, and how much a rim without walls lacks (N,).
+    """Better corners (N, 4), the deviation of their coordinates and what all sides share of it, (N, 2).
 
-    The deviation is not a number where the lines are no panel's that ends with the lattice.
+    And how much a rim without walls lacks (N,). The deviations are no numbers where the lines are no panel's that ends
+    with the lattice.
     """
     patches = Patches(frame, found, REACH_PX)
     corners = found - patches.first
@@ -137,14 +137,26 @@ def _adjusted(
     by_move = by_u[..., None] * measured.corners[:, 0] + by_v[..., None] * measured.corners[:, 1]  # (N, 4, 8)
     step = (by_move @ moves[:, :8, None])[..., 0]
     both = np.concatenate([by_move.real, by_move.imag], axis=1)
-    sigma_px = np.sqrt(((both @ covariance[:, :8, :8]) * both).sum(axis=2).mean(axis=1))
-    middles = 0.5 * (step + np.roll(step, -1, axis=1))
-    outward = -(middles * Sides.of(corners).inward.conj()).real
+    variance_px2 = ((both @ covariance[:, :8, :8]) * both).sum(axis=2).mean(axis=1)
+    inward = Sides.of(corners).inward
+    outward = _outward(step, inward)
+    by_outward = _outward(by_move.swapaxes(1, 2), inward[:, None]).mean(axis=2)[:, None]  # (N, 1, 8), of all sides
+    size_px2 = (by_outward @ covariance[:, :8, :8] @ by_outward.swapaxes(1, 2))[:, 0, 0]
+    # What the lattice moves all sides by is a wall that the rim has half of, or not: anywhere between.
+    between_px2 = np.square(outward.mean(axis=1)) / 3
+    sigmas_px = np.sqrt(np.stack([variance_px2, size_px2], axis=1) + between_px2[:, None])
     further = outward.min(axis=1) >= NO_RIM_WALL_PX
     fits = (np.abs(step).max(axis=1) < MOST_PX) & ~further
     share = outward.mean(axis=1) / np.sqrt(np.abs(areas(corners)))
     rim_wall = np.where(further & (share < NO_RIM_WALL), share, 0.0)
-    return found + step, np.where(fits, sigma_px, np.nan), rim_wall
+    return found + step, np.where(fits[:, None], sigmas_px, np.nan), rim_wall
+
+
+def _outward(step: Points, inward: Points) -> Floats:
+    """(…, 4) by how much each side moves outward, in its middle, where corners (…, 4) take a step."""
+    middles = 0.5 * (step + np.roll(step, -1, axis=-1))
+    outward: Floats = -(middles * inward.conj()).real
+    return outward
 
 
 def _rims(
@@ -179,7 +191,7 @@ def _rims(
 def _shift_covariance(filters: list[list[RimFilter]]) -> Floats:
     """(N, 4, 4) of how far further in four sides are than the filters (N, 4) say.
 
-    Opposite sides err alike in what they share, and that is nearly the same for both pairs: one blur, one kind of cell.
+    Opposite sides err alike in what they share, and that is nearly the same for both pairs.
     """
     both = np.sqrt([[f.both_variance for f in four] for four in filters])
     apart = np.sqrt([[f.apart_variance for f in four] for four in filters])

@@ -3,13 +3,13 @@
 A diffuser may be darker towards the panel's rim. What is beside it and as bright, a white bezel or a wall, hides such a
 rim: light then steps up further inside, as sharply as at a side, and only the lattice of the cells ends further out.
 But so it does where cells of one size have no half wall at the rim, and there the sides are right. What is seen tells
-neither from the other. So the sides stay where they are, and the deviation says how far away the rim may be.
+neither from the other. So the sides stay where they are, and the deviation says how far away the rim may be:
+of all sides alike.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
@@ -32,9 +32,11 @@ def unsure(frame: Frame, quad: Quad, cells: int, intrinsics: Intrinsics | None) 
     """
     sides = quad.corners_px if quad.seen_px is None else quad.seen_px
     beyond_px = quad.rim_wall * math.sqrt(_area(sides)) + float(np.abs(quad.corners_px - sides).max())
-    hidden = min(_light_beside(frame, sides, cells, intrinsics) / DIMMEST, 1.0) ** 2
-    # Anywhere between the sides and the lattice's end.
-    return replace(quad, corner_sigma_px=math.hypot(quad.corner_sigma_px, hidden * beyond_px / math.sqrt(3)))
+    # Corners that are taken to where the lattice ends may lie beyond the panel's own, whatever is beside these.
+    open_px = beyond_px
+    if quad.seen_px is None:
+        open_px *= min(_light_beside(frame, sides, cells, intrinsics) / DIMMEST, 1.0) ** 2
+    return quad.less_sure_of_size(open_px / math.sqrt(3))  # anywhere between the sides and the lattice's end
 
 
 def ends_lack_alike(quad: Quad) -> bool:

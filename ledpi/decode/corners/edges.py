@@ -31,6 +31,7 @@ from ledpi.decode.corners.whole import (
     usual_blur_steps,
     without_rim_walls,
 )
+from ledpi.geometry import quad_side
 from ledpi.kernels import edges as kernel
 from ledpi.kernels.library import compiled
 from ledpi.kernels.light import can_read
@@ -104,7 +105,7 @@ def _exactly(frame: Frame, quad: Quad, cells: int, intrinsics: Intrinsics | None
 
 def _within(frame: Frame, quad: Quad, cells: int, intrinsics: Intrinsics | None) -> Quad | None:
     """The panel's own sides, where what was seen is the outline of what runs around it."""
-    reach_px = NO_RIM_WALL * math.sqrt(abs(float(areas(as_points(quad.corners_px)))))
+    reach_px = NO_RIM_WALL * quad_side(quad.corners_px.tolist())
     (near,) = approach_quads(frame, quad.corners_px[None], np.array([reach_px]))
     if isinstance(near, Rejected):
         return None
@@ -132,12 +133,15 @@ def _where_told(frame: Frame, quad: Quad, cells: int, intrinsics: Intrinsics | N
 def _by_lines(frame: Frame, quad: Quad, cells: int, intrinsics: Intrinsics | None) -> Quad:
     """A quad that is partly hidden, by its inner lines if they tell more than how much of it lacks, and the same."""
     lines = by_inner_lines(frame, quad.corners_px, cells, intrinsics)
-    if isinstance(lines, Rejected) or lines.corner_sigma_px > MORE_EXACT * quad.corner_sigma_px:
+    if isinstance(lines, Rejected) or lines.own_sigma_px > MORE_EXACT * quad.corner_sigma_px:
         return quad
     away = np.hypot(*(lines.corners_px - quad.corners_px).T).max()
     if away > SAME_SIGMAS * quad.corner_sigma_px:
         return quad
-    return replace(quad, corners_px=lines.corners_px, corner_sigma_px=lines.corner_sigma_px)
+    # Where the lines have it larger than the sides, the rim has half a wall, or not: anywhere between.
+    outward_px = (quad_side(lines.corners_px.tolist()) - quad_side(quad.corners_px.tolist())) / 2
+    told = replace(quad, corners_px=lines.corners_px, corner_sigma_px=lines.own_sigma_px, size_sigma_px=0.0)
+    return told.less_sure_of_size(outward_px / math.sqrt(3))
 
 
 def _refined(frame: Frame, near: Floats, cells: int, intrinsics: Intrinsics | None) -> list[Quad | Rejected]:
@@ -152,12 +156,15 @@ def _refined(frame: Frame, near: Floats, cells: int, intrinsics: Intrinsics | No
         else Quad(
             corners_px=at,
             corner_sigma_px=sigma_px,
+            size_sigma_px=size_px,
             bend_px=bend_px,
             seen_px=None if outcome == kernel.WHOLE else seen,
             rim_wall=rim_wall,
             cells_show=shown > 0,
         )
-        for (at, seen), (sigma_px, bend_px, rim_wall, shown), outcome in zip(corners, numbers, outcomes, strict=True)
+        for (at, seen), (sigma_px, size_px, bend_px, rim_wall, shown), outcome in zip(
+            corners, numbers, outcomes, strict=True
+        )
     ]
 
 
@@ -223,10 +230,11 @@ def _refine_quads(frame: Frame, near: Floats, cells: int, intrinsics: Intrinsics
 
 def _results(frame: Frame, start: Points, found: Found, bend: Points, hidden: Floats) -> list[Quad | Rejected]:
     """Each quad, or why there is none."""
-    side_px, corners, sigma_px = np.sqrt(np.abs(areas(start))), found.corners, found.sigma_px
+    side_px, corners = np.sqrt(np.abs(areas(start))), found.corners
     there = found.seen & (np.abs(corners - start).max(axis=1) < MAX_MOVE * side_px)
     straight = (found.spread_px <= MAX_SPREAD_PX) & (found.used >= MIN_USED)
     most_bent = np.abs(bend.imag).max(axis=(1, 2))
+    sigma_px, size_px = found.sigma_px.tolist(), found.size_sigma_px.tolist()
     results: list[Quad | Rejected] = []
     for i in range(len(corners)):
         if not there[i]:
@@ -234,17 +242,19 @@ def _results(frame: Frame, start: Points, found: Found, bend: Points, hidden: Fl
         elif not straight[i]:
             results.append(NOT_STRAIGHT)
         elif not hidden[i].any():
-            results.append(checked(frame, corners[i], float(sigma_px[i]), float(most_bent[i])))
+            results.append(checked(frame, corners[i], sigma_px[i], size_px[i], float(most_bent[i])))
         elif np.isfinite(hidden[i]).all():
-            whole, sigma = uncovered(corners[i], hidden[i]), float(sigma_px[i] + HIDDEN_SIGMA * side_px[i])
-            quad = checked(frame, whole, sigma, float(most_bent[i]))
+            whole, sigma = uncovered(corners[i], hidden[i]), sigma_px[i] + float(HIDDEN_SIGMA * side_px[i])
+            quad = checked(frame, whole, sigma, size_px[i], float(most_bent[i]))
             results.append(replace(quad, seen_px=as_corners(corners[i])) if isinstance(quad, Quad) else quad)
         else:
             results.append(NOT_WHOLE)
     return results
 
 
-def checked(frame: Frame, corners: Points, sigma_px: float, bend_px: float) -> Quad | Rejected:
+def checked(
+    frame: Frame, corners: Points, sigma_px: float, size_sigma_px: float, bend_px: float
+) -> Quad | Rejected:
     """A record of what has the shape of a square and is wholly in the picture."""
     a, b, c, d = corners.tolist()
     sides = (b - a, c - b, d - c, a - d)
@@ -257,4 +267,6 @@ def checked(frame: Frame, corners: Points, sigma_px: float, bend_px: float) -> Q
     xs, ys = (a.real, b.real, c.real, d.real), (a.imag, b.imag, c.imag, d.imag)
     if min(*xs, *ys) < BORDER_PX or max(xs) > width - 1 - BORDER_PX or max(ys) > height - 1 - BORDER_PX:
         return AT_BORDER
-    return Quad(corners_px=as_corners(corners), corner_sigma_px=sigma_px, bend_px=bend_px)
+    return Quad(
+        corners_px=as_corners(corners), corner_sigma_px=sigma_px, size_sigma_px=size_sigma_px, bend_px=bend_px
+    )

@@ -14,6 +14,8 @@ import numpy as np
 from ledpi.decode.corners.adjust import BUILT_PX, FARTHEST, HUBER, LEAST_CELLS, LEAST_VARIANCE, MOVES, REACH_PX, design
 from ledpi.decode.corners.inner_lines import NOT_SEEN_PX2, PLACES, Homographies, inner_lines, lens_moves
 from ledpi.decode.corners.sides import Mask, Patches, Points, areas, as_corners, as_points, bends
+from ledpi.decode.corners.whole import NO_RIM_WALL, RIM_WALL
+from ledpi.geometry import quad_side
 from ledpi.kernels import inner_square as kernel
 from ledpi.kernels.edges import MOST_CELLS
 from ledpi.kernels.light import can_read
@@ -35,6 +37,9 @@ MAX_AWAY = 0.06  # of a pitch: root mean square of the lines about their lattice
 # Of the corners. Panels leave 0.04 at 1 m, 0.1 at 3 m; lattices that lie a cell aside, with the dark beside a panel for
 # their last column, 0.3 to 0.6.
 MAX_SIGMA_PX = 0.25
+# Of the side: lines do not tell whether the rim has half a wall, as a lattice of walls has it, or ends without one, as
+# cells of one size do. Anywhere between.
+HALF_WALL_SIGMA = RIM_WALL * NO_RIM_WALL / math.sqrt(3)
 SAME = 0.02  # of a pitch: corners no further apart
 # Of a pitch, and pixels for what moves: what its sides tell of a panel is no further from where it is expected.
 NEAR, NEAR_BY_PX = 0.05, 0.5
@@ -54,7 +59,8 @@ def by_inner_lines(frame: Frame, near: Floats, cells: int, intrinsics: Intrinsic
     if at.min() < 1 or at[:, 0].max() > width - 2 or at[:, 1].max() > height - 2:
         return AT_BORDER
     bend_px = float(np.abs(bends(as_points(at[None]), intrinsics).imag).max())
-    return Quad(corners_px=at, corner_sigma_px=sigma_px, bend_px=bend_px, told_by="lines")
+    quad = Quad(corners_px=at, corner_sigma_px=sigma_px, bend_px=bend_px, told_by="lines")
+    return quad.less_sure_of_size(HALF_WALL_SIGMA * quad_side(at.tolist()))
 
 
 def _told(frame: Frame, near: Floats, cells: int, intrinsics: Intrinsics | None) -> tuple[Floats, float]:

@@ -5,6 +5,7 @@ The reference of kernels/edges.c, and what is used where there is no compiler; `
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, fields, replace
 from functools import cache, lru_cache
 from typing import Any
@@ -18,7 +19,7 @@ from ledpi.decode.corners.approach import (
     root_mean_square,
     seen_on_all_sides,
 )
-from ledpi.decode.corners.rim import ACROSS, USUAL_BLUR_PX, filter_key, rim_filter
+from ledpi.decode.corners.rim import ACROSS, PAIRS_ALIKE, USUAL_BLUR_PX, filter_key, rim_filter
 from ledpi.decode.corners.sides import (
     OPPOSITE,
     REACH_PX,
@@ -60,6 +61,7 @@ class Found:
     used: Floats  # (N,) share of the profiles that have an edge near their side
     spread_px: Floats  # (N,) of these edges about the sides
     sigma_px: Floats  # (N,) of the corners
+    size_sigma_px: Floats  # (N,) of that, what all sides share
 
 
 def find_sides(frame: Frame, start: Points, bend: Points, cells: int) -> Found:
@@ -75,14 +77,16 @@ def find_sides(frame: Frame, start: Points, bend: Points, cells: int) -> Found:
         anew = look.first(np.where(there[:, None], nearest, within))
         fit = look.more(anew, ~fit.settled).where(~fit.settled, fit)
     # Profiles nearer to each other than a pixel are not independent. At its ends a line through n points is off by 2 of
-    # their deviations over √n.
+    # their deviations over √n. What all sides share comes on top: as much as the filters leave open of one, cells and
+    # bands beside each other may turn it.
     profiles = np.maximum(np.minimum(fit.weights.sum(axis=-1), fit.sides.length), 1.0)
     return Found(
         corners=fit.sides.start + patches.first,
         seen=fit.seen,
         used=(fit.weights > 0).mean(axis=(1, 2)),
         spread_px=root_mean_square(fit.spread),
-        sigma_px=np.sqrt((fit.variance + 4 * np.square(fit.spread) / profiles).mean(axis=1)),
+        sigma_px=np.sqrt((fit.variance + 4 * np.square(fit.spread) / profiles).mean(axis=1) + fit.size_variance),
+        size_sigma_px=np.sqrt(fit.size_variance),
     )
 
 
@@ -95,6 +99,7 @@ class _Fit:
     weights: Floats  # (N, 4, P) of the profiles: 0 for those that do not show the side
     spread: Floats  # (N, 4) of the profiles' edges about each side, in pixels
     variance: Floats  # (N, 4) of a side's place, by what the filter leaves open
+    size_variance: Floats  # (N,) of that, what all sides share
     seen: Mask  # (N,) whether all sides show edges
     settled: Mask  # (N,) whether they are where they were sought, so that there is no need to look again
 
@@ -149,6 +154,7 @@ class _Look:
             weights=weights,
             spread=spread,
             variance=np.array([f.variance for f in filters]),
+            size_variance=np.array([f.size_variance for f in filters]),
             seen=seen,
             settled=seen
             & _steep(mean)
@@ -254,6 +260,7 @@ class _SquareFilter:
     place: Floats  # (6, 4·T) of the sides' mean profiles: each side's place, and the blurs' logarithms
     place_offset: Floats  # (6,)
     variance: Floats  # (4,) of the places
+    size_variance: float  # of that, what all sides share
 
 
 @lru_cache(maxsize=128)  # 4 kB each; more bring no more hits, where panels are driven past
@@ -272,4 +279,5 @@ def _square_filter(pitch_a: int, blur_a: int, pitch_b: int, blur_b: int) -> _Squ
         place=(0.5 * place).reshape(6, -1),
         place_offset=offset,
         variance=np.array([pairs[k % 2].variance for k in range(4)]),
+        size_variance=PAIRS_ALIKE * math.sqrt(pairs[0].both_variance * pairs[1].both_variance),
     )

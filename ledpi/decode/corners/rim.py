@@ -42,9 +42,9 @@ GAP, GAP_DEVIATION = 0.05, 0.04  # of the pitch
 SLOPE_DEVIATION, BEND_DEVIATION = 0.012, 0.002
 FRAME_PX, FRAME_DEVIATION = (1.0, 2.5), 0.05  # how wide a frame around the grid, and how much darker or brighter
 MISFIT = 0.016  # deviation of a mean profile's pixels from all this: what no nuisance describes
-# These keep the filters from trusting what a panel need not be. What a side is then off by is told with panels as they
-# are: over simulated and independently rendered ones, their corners' deviations are within a factor of two of that.
-AS_THEY_ARE, MISFIT_AS_IS = 0.75, 0.003
+# That keeps the filters from trusting what a panel need not be; so much is left of panels as they are.
+MISFIT_AS_IS = 0.003
+PAIRS_ALIKE = 0.9  # correlation of what opposite sides share with what the other two do: one blur, one kind of cell
 
 # A single profile is noisy: it gets a shorter filter with no other nuisance than the slope; what these leave out is the
 # same for all profiles of a side, and so does not turn it.
@@ -175,8 +175,8 @@ def _filters(
 
 
 def _variance(weights: Floats, bounded: Floats, bounds: Floats) -> Floats:
-    """(B,) of e as `weights` (B, T) tell it, with panels as they are."""
-    off = AS_THEY_ARE * bounds * (weights[:, None] @ bounded)[:, 0]
+    """(B,) of e as `weights` (B, T) tell it."""
+    off = bounds * (weights[:, None] @ bounded)[:, 0]
     variance: Floats = np.square(off).sum(axis=1) + MISFIT_AS_IS**2 / 2 * np.square(weights).sum(axis=1)
     return variance
 

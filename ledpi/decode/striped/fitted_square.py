@@ -44,8 +44,9 @@ def square_near(
         if isinstance(bands, Bands) and (bands.white == before.white).all():
             seen = SeenBands(spec=bands.spec, white=read_only(bands.white), phases=fit.phases, shape=fit.shape)
             bend = bends(near[None], intrinsics)
-            quad = checked(frame, near, fit.sigma_px, float(np.abs(bend.imag).max()))
-            return replace(quad, bands=seen) if isinstance(quad, Quad) else quad
+            sigma_px = math.hypot(fit.sigma_px, fit.size_sigma_px)
+            quad = checked(frame, near, sigma_px, fit.size_sigma_px, float(np.abs(bend.imag).max()))
+            return replace(quad, bands=seen, rim_wall=fit.rim_wall) if isinstance(quad, Quad) else quad
     return NO_BANDS
 
 

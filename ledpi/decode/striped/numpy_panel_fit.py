@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ledpi.decode.cells import unit_square_to
-from ledpi.decode.corners.sides import Points, Singles, as_corners, as_points
+from ledpi.decode.corners.adjust import NO_RIM_WALL_PX
+from ledpi.decode.corners.sides import Points, Sides, Singles, as_corners, as_points
 from ledpi.geometry import distort, undistort
 from ledpi.records import Floats, Intrinsics
 
-WAYS, BLUR, GAP, LONGER, PHASE, SPOT, BESIDE, GAIN = 8, 8, 9, 10, 12, 14, 16, 20
+WAYS, BLUR, GAP, LONGER, PHASE, SPOT, BESIDE, RIM, GAIN = 8, 8, 9, 10, 12, 14, 16, 20, 21
 SPOT_SIGMA = np.array([0.16, 0.32])  # of the pitch: of which a cell's light is made up
 FLOOR = 0.1  # of full light: what weighs as much as the noise of what is dark
 OUTSIDE = 1.0  # and what texture outside weighs
@@ -42,7 +43,7 @@ def fit_panel(
     prior: Floats,
     corners: Points,
     unknown: Floats,
-) -> tuple[float, float] | None:
+) -> tuple[float, float, float] | None:
     """As `kernels.panel_fit.fit_panel`."""
     dark, bright, saturated = levels
     u, v = (w.reshape(-1) for w in np.meshgrid(along / cells, along / cells))
@@ -56,7 +57,8 @@ def fit_panel(
         pixels = seen_at if lens is None else distort(seen_at, lens)
         seen, inside = _light_at(light, (pixels - (first.real, first.imag)) / shrink)
         used = inside & (seen < saturated)
-        courses = [_course(along, cells, math.exp(unknown[BLUR]) / pitch, unknown[GAP]) for pitch in pitch_px.tolist()]
+        blurs = (math.exp(unknown[BLUR]) / pitch_px).tolist()
+        courses = [_course(along, cells, blur, unknown[GAP], unknown[RIM]) for blur in blurs]
         phases = unknown[PHASE : PHASE + 2, None] + pixels[:, 1] * cycles_a_row[:, None]
         model, slopes, outside = _model(unknown, courses, white, *_shown(waves, phases, unknown), u, v)
         weight = used / np.sqrt(np.maximum(model, 0.0) + FLOOR + OUTSIDE * outside)
@@ -70,16 +72,22 @@ def fit_panel(
         step = np.asarray(np.linalg.solve(matrix, right), np.float64)
         most = float(np.abs(step[:WAYS]).max())
         step *= min(1.0, MOST_STEP / max(most, 1e-12))
-        corners[:] = _moved(homography, step[:WAYS])
+        corners[:] = _moved(homography, step[:WAYS], 1.0)
         unknown[WAYS:] += step[WAYS:]
         _limit(unknown)
         if (round_number > 0 and most < SETTLED) or round_number == rounds - 1:  # the first is with usual gains
             break
-    sigma = _corner_sigma(matrix, homography)
+    rim, undone = float(unknown[RIM]), 0.0
+    if rim * float(pitch_px.min()) * shrink < NO_RIM_WALL_PX:
+        _close_rim(matrix, corners, unknown)
+        rim, undone = 0.0, rim
+    rim_share = 1 - 2 * rim / cells
+    corners[:] = _moved(unit_square_to(as_corners(corners)), np.zeros(WAYS), rim_share)
+    sigma, size_sigma = _deviations(matrix, homography, rim_share, cells, undone)
     if lens is None:
-        return explained, sigma
+        return explained, sigma, size_sigma
     corners[:] = as_points(distort(as_corners(corners), lens))
-    return explained, sigma * lens.fx
+    return explained, sigma * lens.fx, size_sigma * lens.fx
 
 
 def _normal_equations(
@@ -99,6 +107,7 @@ def _limit(unknown: Floats) -> None:
     unknown[GAIN:-1] = np.maximum(unknown[GAIN:-1], LEAST_GAIN * unknown[GAIN:-1].mean())
     unknown[BLUR] = np.clip(unknown[BLUR], math.log(LEAST_BLUR_PX), math.log(MOST_BLUR_PX))
     unknown[GAP] = np.clip(unknown[GAP], 0.0, MOST_GAP)
+    unknown[RIM] = np.clip(unknown[RIM], -0.5 * MOST_GAP, 0.5 * MOST_GAP)
     most_shaped = np.array([MOST_LONGER, MOST_SMOOTHER])
     unknown[LONGER:PHASE] = np.clip(unknown[LONGER:PHASE], -most_shaped, most_shaped)
 
@@ -143,22 +152,25 @@ class _Course:
     slope: Floats  # with the place
     blurred: Floats  # with the blur's logarithm
     gapped: Floats  # with the gap
+    rimmed: Floats  # with how far further in the rim is
     spot: Floats
     steep: Floats  # of spots, with the place
     beside: Floats  # (2, P) share of what is before the first cell, and after the last
     falls: Floats  # (2, P) its slope
 
 
-def _course(along: Floats, cells: int, sigma: float, gap: float) -> _Course:
+def _course(along: Floats, cells: int, sigma: float, gap: float, rim: float) -> _Course:
     cell = np.arange(cells)[:, None]
     before, after = 0.5 * (cell > 0), 0.5 * (cell < cells - 1)  # of the gap: none at the rim
-    from_first, from_last = (along - cell - gap * before) / sigma, (along - cell - 1 + gap * after) / sigma
+    first, last = cell == 0, cell == cells - 1
+    from_first = (along - cell - gap * before - rim * first) / sigma
+    from_last = (along - cell - 1 + gap * after + rim * last) / sigma
     up, down = (np.exp(-0.5 * z * z) / math.sqrt(2 * math.pi) for z in (from_first, from_last))
     near = np.clip(np.floor(along), 0, cells - 1)
     other = near + np.where(along - near > 0.5, 1, -1)
     of_these = (cell == near) | (cell == other)  # no light reaches further
     off = along - cell - 0.5
-    beyond = np.stack([-along, along - cells]) / sigma
+    beyond = (np.stack([-along, along - cells]) + rim) / sigma
     z = np.clip(off, -0.5, 0.5)[:, None] / SPOT_SIGMA[:, None]
     spot = np.exp(-0.5 * z * z)
     return _Course(
@@ -166,6 +178,7 @@ def _course(along: Floats, cells: int, sigma: float, gap: float) -> _Course:
         slope=of_these * (up - down) / sigma,
         blurred=of_these * (from_last * down - from_first * up),
         gapped=of_these * -(up * before + down * after) / sigma,
+        rimmed=of_these * -(up * first + down * last) / sigma,
         spot=spot,
         beside=0.5 * (1 + _erf(beyond / math.sqrt(2))),
         falls=np.array([[-1.0], [1.0]]) * np.exp(-0.5 * beyond * beyond) / math.sqrt(2 * math.pi) / sigma,
@@ -202,7 +215,7 @@ def _model(
         model += lit * light * shape
         by_place[0] += lit * (both(across.slope[column], down.light[row]) * shape + light * tilt[0])
         by_place[1] += lit * (both(across.light[column], down.slope[row]) * shape + light * tilt[1])
-        for k, part in ((BLUR, "blurred"), (GAP, "gapped")):
+        for k, part in ((BLUR, "blurred"), (GAP, "gapped"), (RIM, "rimmed")):
             of_part = both(getattr(across, part)[column], down.light[row])
             slopes[k] += lit * shape * (of_part + both(across.light[column], getattr(down, part)[row]))
         slopes[PHASE + own] += (light >= 1e-4) * unknown[GAIN + cell] * light * shape * later[own]
@@ -212,8 +225,8 @@ def _model(
         slopes[GAIN + cell] = (light >= 1e-4) * light * shape * shown[own]
     slopes[-1] = 1.0
     _add_beside(unknown, across, down, slopes, by_place)
-    beside = slopes[BESIDE:GAIN]
-    model += unknown[BESIDE:GAIN] @ beside
+    beside = slopes[BESIDE:RIM]
+    model += unknown[BESIDE:RIM] @ beside
     p, q = 2 * u - 1, 2 * v - 1
     along_u, along_v = by_place * (0.5 * cells)
     turned = p * along_u + q * along_v
@@ -230,6 +243,8 @@ def _at_crossings(of_column: Floats, of_row: Floats) -> Floats:
 def _add_beside(unknown: Floats, across: _Course, down: _Course, slopes: Floats, by_place: Floats) -> None:
     """What lies beside the panel, left, right, above and below: of a corner either at the left or at the right only."""
     within, narrower = 1 - across.beside.sum(axis=0), -across.falls.sum(axis=0)
+    nearer = np.array([[-1.0], [1.0]])  # with the rim, of what is beside
+    by_rim = -(nearer * across.falls).sum(axis=0)
     everywhere = np.ones_like(within)
     for k in range(2):
         slopes[BESIDE + k] = _at_crossings(across.beside[k], everywhere)
@@ -237,11 +252,17 @@ def _add_beside(unknown: Floats, across: _Course, down: _Course, slopes: Floats,
         by_place[0] += unknown[BESIDE + k] * _at_crossings(across.falls[k], everywhere)
         by_place[0] += unknown[BESIDE + 2 + k] * _at_crossings(narrower, down.beside[k])
         by_place[1] += unknown[BESIDE + 2 + k] * _at_crossings(within, down.falls[k])
+        slopes[RIM] += unknown[BESIDE + k] * _at_crossings(nearer[k] * across.falls[k], everywhere)
+        slopes[RIM] += unknown[BESIDE + 2 + k] * _at_crossings(within, nearer[k] * down.falls[k])
+        slopes[RIM] += unknown[BESIDE + 2 + k] * _at_crossings(by_rim, down.beside[k])
 
 
-def _moved(homography: Floats, ways: Floats) -> Points:
-    """The corners (4,) after the homography has been wrong by these ways (8,)."""
-    p, q = ENDS.T
+def _moved(homography: Floats, ways: Floats, rim_share: float) -> Points:
+    """The corners (4,) after the homography has been wrong by these ways (8,).
+
+    Those of a rim that is so many times as large as the lattice.
+    """
+    p, q = rim_share * ENDS.T
     both = ways[6] * p + ways[7] * q
     u = 0.5 * (p - ways[0] - ways[1] * p - ways[2] * q - p * both + 1)
     v = 0.5 * (q - ways[3] - ways[4] * p - ways[5] * q - q * both + 1)
@@ -249,10 +270,39 @@ def _moved(homography: Floats, ways: Floats) -> Points:
     return as_points(np.stack([x / w, y / w], axis=1))
 
 
-def _corner_sigma(matrix: Floats, homography: Floats) -> float:
-    """Deviation of the corners' coordinates, by what is known of all unknowns."""
-    little = 1e-4
-    moves = np.array([_moved(homography, way) for way in little * np.eye(WAYS)]) - _moved(homography, np.zeros(WAYS))
-    by_way = as_corners(moves).reshape(WAYS, -1) / little
-    covariance = np.linalg.inv(matrix)[:WAYS, :WAYS]
-    return math.sqrt(float(((covariance @ by_way) * by_way).sum()) / 8)
+def _close_rim(matrix: Floats, corners: Points, unknown: Floats) -> None:
+    """Takes the rim to where the lattice ends, and all else to where it is likeliest then.
+
+    By what is known of all unknowns (`matrix`).
+    """
+    column = np.linalg.inv(matrix)[RIM]
+    change = -unknown[RIM] / column[RIM] * column
+    unknown[WAYS:] += change[WAYS:]
+    unknown[RIM] = 0.0
+    corners[:] = _moved(unit_square_to(as_corners(corners)), change[:WAYS], 1.0)
+
+
+def _deviations(
+    matrix: Floats, homography: Floats, rim_share: float, cells: int, undone: float
+) -> tuple[float, float]:
+    """Of the corners' coordinates, if the rim is where it is taken to be; and of how far all sides move outward alike.
+
+    By what is known of all unknowns (`matrix`). Where `undone` is not 0, the rim was that far within the lattice's end,
+    and has been taken there: it is anywhere between.
+    """
+    little, here = 1e-4, _moved(homography, np.zeros(WAYS), rim_share)
+    moved = [_moved(homography, way, rim_share) for way in little * np.eye(WAYS)]
+    moved.append(_moved(homography, np.zeros(WAYS), rim_share - 2 * little / cells))
+    by_way = (np.array(moved) - here) / little  # (9, 4), the last by the rim
+    of = [*range(WAYS), RIM]
+    covariance = np.linalg.inv(matrix)[np.ix_(of, of)]
+    given = covariance - np.outer(covariance[-1], covariance[-1]) / covariance[-1, -1]
+    coordinates = as_corners(by_way).reshape(WAYS + 1, -1)
+    inward = Sides.of(here[None]).inward[0]
+    outward = -(by_way * (inward + np.roll(inward, 1)).conj()).real.sum(axis=1) / 8
+    variance = float(((given[:-1, :-1] @ coordinates[:-1]) * coordinates[:-1]).sum()) / 8
+    shared, of_rim = float(outward @ covariance[-1]), float(covariance[-1, -1])
+    size_variance = float(outward @ covariance @ outward)
+    if undone != 0.0:
+        size_variance += shared**2 / of_rim * (undone**2 / of_rim / 3 - 1)
+    return math.sqrt(variance), math.sqrt(size_variance)

@@ -9,8 +9,9 @@ with the darkness d; each cell's gain g; what its class shows in that row of the
 each class (`shutter`), and for how steep and how smooth it is, as a tone curve or a scaler makes it; its open part a
 between walls, as the lens blurs it; and the light that all cells have in common, brighter at their middles u_c, v_c.
 Cells are even about these, so that the lattice, its walls, rim and spots, all tell where the corners are, in whichever
-rows they shine. Light is sampled on a grid that goes with the corners, so that a step of Gauss and Newton's, in all
-unknowns together, needs no slopes of the picture.
+rows they shine. Of cells of one size the rim lies within the lattice's end, by half a wall; how far is another unknown,
+and where it is too little to be told, none is taken. Light is sampled on a grid that goes with the corners, so that a
+step of Gauss and Newton's, in all unknowns together, needs no slopes of the picture.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ from ledpi.kernels.library import compiled
 from ledpi.records import BandShape, Floats, Intrinsics
 
 # Where in the unknowns; last is the darkness.
-BLUR, GAP, LONGER, SMOOTHER, PHASE, SPOT, BESIDE, GAIN = 8, 9, 10, 11, 12, 14, 16, 20
+BLUR, GAP, LONGER, SMOOTHER, PHASE, SPOT, BESIDE, RIM, GAIN = 8, 9, 10, 11, 12, 14, 16, 20, 21
 MARGIN_PX = 1.5  # of the grid around the panel: further out is what may be beyond its frame
 NEAR_BORDER_PX = np.arange(-2.0, 3.0)  # of the grid, about the borders of cells
 INSIDE = 4  # points along a cell, between these
@@ -41,6 +42,8 @@ ROUGHLY = 6  # points along a cell, for a first look
 # share of the cell, spots, light beside the panel, gains over what is bright, darkness.
 BLUR_PX, BLUR_DEVIATION = 0.8, 0.4
 GAP_USUAL, GAP_DEVIATION = 0.05, 0.04
+# Of the cell: how far within the lattice's end the panel's rim is, which cells of one size have no half wall at.
+RIM_DEVIATION = 0.03
 # Logarithm of the exposure that makes bands as steep as they are seen, over the exposure (on photographs of a lamp 0.6
 # of it does); and by how many rows, squared, they are smoothed beside that.
 LONGER_DEVIATION, SMOOTHER_DEVIATION = 0.3, 1.0
@@ -56,7 +59,9 @@ class Fit:
     """A panel as it fits best."""
 
     corners: Points  # (4,) in the picture
-    sigma_px: float  # deviation of their coordinates, by what is left unexplained
+    sigma_px: float  # deviation of their coordinates, by what is left unexplained, if the rim is where it seems
+    size_sigma_px: float  # and of how far all sides may be off outward alike, or inward
+    rim_wall: float  # of the side: how far beyond it the lattice ends
     explained: float  # share of the light's squares
     phases: tuple[float, float]  # of either class's wave in the picture's row 0, in cycles
     shape: BandShape | None = None  # of its bands
@@ -104,10 +109,11 @@ def fitted(
     )
     if fit is None or not np.isfinite(at).all():
         return None
-    explained, sigma_px = fit
+    explained, sigma_px, size_sigma_px = fit
+    rim = float(unknown[RIM])
     longer, smoother, of_black, of_white = unknown[LONGER:SPOT].tolist()
     seen = None if shape is None else _reshaped(shape, longer, smoother)
-    return Fit(at, sigma_px, explained, (of_black, of_white), seen)
+    return Fit(at, sigma_px, size_sigma_px, rim / (cells - 2 * rim), explained, (of_black, of_white), seen)
 
 
 def fitted_in_shape(
@@ -173,7 +179,8 @@ def _beforehand(cells: int) -> tuple[Floats, Floats]:
     mean[BLUR], deviation[BLUR] = math.log(BLUR_PX), BLUR_DEVIATION
     mean[GAP], deviation[GAP] = GAP_USUAL, GAP_DEVIATION
     deviation[LONGER], deviation[SMOOTHER] = LONGER_DEVIATION, SMOOTHER_DEVIATION
-    deviation[SPOT:BESIDE], deviation[BESIDE:GAIN] = SPOT_DEVIATION, BESIDE_DEVIATION
+    deviation[SPOT:BESIDE], deviation[BESIDE:RIM] = SPOT_DEVIATION, BESIDE_DEVIATION
+    deviation[RIM] = RIM_DEVIATION
     mean[GAIN:-1], deviation[GAIN:-1] = 1.0, GAIN_DEVIATION
     deviation[-1] = DARK_DEVIATION
     return mean, np.stack([mean, deviation**-2])
