@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,12 @@ class _UniqueKeys(yaml.SafeLoader):
                     raise _RepeatedKeyError(f"line {key_node.start_mark.line + 1}: {key} is there twice; each key once")
                 seen.add(key)
         return super().construct_mapping(node, deep)
+
+
+# Numbers as YAML 1.2, JSON and most programs write them: 3e-05. PyYAML, which reads 1.1, would take them for text.
+_UniqueKeys.add_implicit_resolver(
+    "tag:yaml.org,2002:float", re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+$"), list("-+.0123456789")
+)
 
 
 def read_text(path: Path, error: type[LedpiError]) -> str:

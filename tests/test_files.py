@@ -18,6 +18,17 @@ def test_a_key_given_twice_is_named_at_any_depth(tmp_path: Path) -> None:
         read_yaml(file, ConfigError)
 
 
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [("3e-05", 3e-5), ("-1.5E3", -1500.0), ("2.e+2", 200.0), (".5e1", 5.0), ("7e", "7e"), ("e5", "e5")],
+)
+def test_powers_of_ten_are_numbers(tmp_path: Path, text: str, value: float | str) -> None:
+    """As JSON and Python's repr write a small coefficient of a lens; what is not quite one stays text."""
+    file = tmp_path / "x.yaml"
+    file.write_text(f"a: [0.1, {text}]\n")
+    assert read_yaml(file, ConfigError) == {"a": [0.1, value]}
+
+
 def test_what_is_merged_in_may_be_overruled(tmp_path: Path) -> None:
     """A key beside `<<` is not one given twice."""
     file = tmp_path / "x.yaml"
