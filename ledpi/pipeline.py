@@ -66,11 +66,9 @@ class Pipeline:
         robot: Robot | None = None,
         method: Method = "soft",
         stream: bool = True,
-        clock: Callable[[], float] = time.perf_counter,
     ) -> None:
         self._panels = panels = panels if shown is None else panels.shown_by(shown)
         self._intrinsics = intrinsics
-        self._clock = clock
         self._method: Method = method
         self._stream = stream
         self._cells = load_dictionary(panels.dictionary).cells_per_side
@@ -110,7 +108,7 @@ class Pipeline:
         groups = self._by_soft if self._method == "soft" else self._by_bands
         for sightings in groups(frame, work):
             if sightings:
-                start = self._clock()
+                start = time.perf_counter()
                 markers = work.add(frame, sightings, self._placer)
                 self._timed(work, "pose", start)
                 at_once(work.news(frame, markers))
@@ -154,7 +152,7 @@ class Pipeline:
 
     def _where_expected(self, frame: Frame, work: Results) -> list[tuple[Quad, Track]]:
         """The squares that are where their tracks lead; what is not there is left to a search."""
-        start = self._clock()
+        start = time.perf_counter()
         tracks = self._tracker.expected()
         if not tracks:
             return []
@@ -169,7 +167,7 @@ class Pipeline:
 
     def _search(self, frame: Frame, find: _Find, work: Results) -> list[_Looked]:
         """The squares in the whole picture, but for those that this frame has shown already, and the light in them."""
-        start = self._clock()
+        start = time.perf_counter()
         candidates, dropped = find(frame)
         candidates = [c for c in candidates if not self._tracker.is_followed(c.centre_px, c.side_px)]
         work.rejected.extend(dropped)
@@ -185,14 +183,14 @@ class Pipeline:
 
     def _search_within(self, frame: Frame, known: list[Quad], work: Results) -> list[_Looked]:
         """The same, but for those `known`, by what is within panels alone."""
-        start = self._clock()
+        start = time.perf_counter()
         quads = self._squares.by_lines(frame, known, far=self._stream)  # of few pixels, a frame alone is not read
         self._timed(work, "edges", start)
         return self._sample(frame, self._tracker.follow(quads), work)
 
     def _by_bands(self, frame: Frame, work: Results) -> Iterator[list[Sighting]]:
         """The source paper's method, once for each pair of frequencies."""
-        start = self._clock()
+        start = time.perf_counter()
         sightings = []
         for reader in self._readers:
             steps = reader.read(frame)
@@ -209,13 +207,13 @@ class Pipeline:
         yield sightings
 
     def _timed(self, work: Results, stage: str, since: float) -> float:
-        now = self._clock()
+        now = time.perf_counter()
         work.seconds[stage] += now - since
         return now
 
     def _sample(self, frame: Frame, squares: list[tuple[Quad, Track]], work: Results) -> list[_Looked]:
         """The light in their cells, of those where it can be told."""
-        since = self._clock()
+        since = time.perf_counter()
         looked = []
         for quad, track in squares:
             samples = sample_cells(frame, quad, self._cells, self._intrinsics, like=track.memories[0].lattice)
@@ -230,7 +228,7 @@ class Pipeline:
         """The panels that these lit squares are; where none can be told, why is in `work`."""
         if not looked:
             return []
-        since = self._clock()
+        since = time.perf_counter()
         sightings, times = [], frame.without_picture()
         for quad, track, samples in looked:
             outcome = self._reader.read(track, samples, times)
@@ -265,7 +263,7 @@ class Pipeline:
 
     def _keep_up(self, frame: Frame, looked: list[_Looked], work: Results) -> None:
         """What prepares for the frames to come."""
-        since, times = self._clock(), frame.without_picture()
+        since, times = time.perf_counter(), frame.without_picture()
         for _, track, samples in looked:
             self._reader.keep_up(track, samples, times)
         self._timed(work, "soft", since)

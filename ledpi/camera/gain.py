@@ -30,11 +30,11 @@ _SAME_GAIN = 1 / 8  # a sensor's steps are at most 1/16 apart, and the sweep's 2
 class GainControl:
     """One camera's gain. `update` is told of every decoded frame, in order."""
 
-    def __init__(self, limits: tuple[float, float], first: float = FIRST_GAIN) -> None:
-        """`limits`: of the sensor. `first`: the gain that it was started with."""
+    def __init__(self, limits: tuple[float, float]) -> None:
+        """`limits`: of the sensor, which was started with FIRST_GAIN."""
         self._least = limits[0]
         self._most = min(limits[1], SWEEP_TOP)
-        self._asked = first
+        self._asked = FIRST_GAIN
         self._seen_ns: int | None = None
         self._stepped_ns: int | None = None
         self.settled = False  # a panel is read, as bright as it should be, or as the sensor can make it

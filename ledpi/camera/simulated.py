@@ -124,9 +124,7 @@ class SimulatedCamera:
         return self._host_offset_ns
 
 
-def open_simulated(
-    config: Config, *, paced: bool, frames: int | None = None, seed: int = 0
-) -> SimulatedCamera:
+def open_simulated(config: Config, *, paced: bool, frames: int | None = None) -> SimulatedCamera:
     """The robot that drives past two panels, 7 and 23, with the configuration's camera and panels.
 
     Raises ConfigError where the configuration asks for what the simulated sensor cannot do.
@@ -135,7 +133,7 @@ def open_simulated(
     sensor = simulated_sensor(config.camera, panels)
     scene = simulated_drive(sensor, {i: panels.spec(i) for i in DRIVE_IDS}, panels.dictionary)
     values = PanelValues(dictionary=panels.dictionary, **asdict(panels.spec()))
-    return SimulatedCamera(scene, seed=seed, paced=paced, frames=frames, panel=values)
+    return SimulatedCamera(scene, seed=0, paced=paced, frames=frames, panel=values)
 
 
 def simulated_drive(sensor: SimulatedSensor, specs: Mapping[int, PanelSpec], dictionary: str) -> Scene:

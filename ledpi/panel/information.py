@@ -44,9 +44,7 @@ class View:
     shots: tuple[tuple[CellSamples, Frame], ...]  # noise is all that differs
 
 
-def view_panel(
-    sensor: SimulatedSensor, cells: int, side_m: float, distance_m: float, *, frames: int = STREAM_FRAMES
-) -> View | Rejected:
+def view_panel(sensor: SimulatedSensor, cells: int, side_m: float, distance_m: float) -> View | Rejected:
     """Pictures a steady panel, or says why its cells cannot be sampled from there."""
     scene = _steady_scene(sensor, cells, side_m, distance_m)
     renderer, lens = Renderer(scene, seed=0), scene.sensor.intrinsics
@@ -55,7 +53,7 @@ def view_panel(
         return Rejected(stage="cells", reason="too_small")
     quad = Quad(corners_px=seen[0].corners_px, corner_sigma_px=_CORNER_SIGMA_PX)
     shots = []
-    for seq in range(frames):
+    for seq in range(STREAM_FRAMES):
         pixels = np.empty((lens.height, lens.width), np.uint8)
         renderer.render(seq, pixels)
         frame = Frame(

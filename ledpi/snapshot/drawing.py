@@ -32,9 +32,9 @@ def _fixed(points: Floats) -> Pixels:
     return np.asarray(np.round(points * (1 << _SUBPIXEL_BITS)), np.int32)
 
 
-def text_size(words: str, *, size: float = SIZE, bold: bool = False) -> tuple[int, int]:
+def text_size(words: str, *, bold: bool = False) -> tuple[int, int]:
     """Width and height above the baseline."""
-    (width, height), _ = cv2.getTextSize(_drawable(words), _font(bold), size, 1)
+    (width, height), _ = cv2.getTextSize(_drawable(words), _font(bold), SIZE, 1)
     return int(width), int(height)
 
 

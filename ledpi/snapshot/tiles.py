@@ -13,6 +13,7 @@ from ledpi.snapshot.drawing import Canvas
 from ledpi.snapshot.page import BORDER, WIDTH
 
 GAP = 16
+MARGIN = 0.2  # of what is shown, around it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,7 +65,7 @@ class View(NamedTuple):
         return np.array([[self.scale, 0, shift[0]], [0, self.scale, shift[1]], [0, 0, 1.0]])
 
 
-def view_of(corners_px: list[Floats], shape: tuple[int, ...], width: int, margin: float = 0.2) -> View:
+def view_of(corners_px: list[Floats], shape: tuple[int, ...], width: int) -> View:
     """The part of a frame of `shape` that holds these quads and a margin of their size; all of it where there are none.
 
     It has the frame's proportions, and is `width` wide as a tile.
@@ -74,7 +75,7 @@ def view_of(corners_px: list[Floats], shape: tuple[int, ...], width: int, margin
     if corners_px:
         points = np.concatenate(corners_px)
         low, high = points.min(axis=0), points.max(axis=0)
-        size = (high - low) * (1 + 2 * margin)
+        size = (high - low) * (1 + 2 * MARGIN)
         wide = min(float(columns), max(32.0, float(size[0]), float(size[1]) * columns / rows))
         centre = (low + high) / 2
         left = min(max(0.0, float(centre[0]) - wide / 2), columns - wide)
