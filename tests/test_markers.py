@@ -125,3 +125,14 @@ def test_a_word_that_is_its_own_negative_turned_cannot_be_used_in_antiphase() ->
     """Half white, half black: turned by 180° it is its negative, so how it hangs could not be told."""
     half = Dictionary(name="half", words=np.array([[[1, 1], [0, 0]], [[1, 1], [1, 0]]], bool))
     assert half.readable_ids("antiphase") == (1,)
+
+
+def test_a_mirror_shows_another_pattern_but_of_few_words() -> None:
+    """Those that docs/first-panel.md warns of; no other word of the dictionary is the mirror image of one, either."""
+    words = load_dictionary("DICT_4X4_50").words
+    own = [(i, j) for i, mirrored in enumerate(words[:, :, ::-1]) for j in range(50) if _are_one(mirrored, words[j])]
+    assert own == [(8, 8), (9, 9), (17, 17), (47, 47)]
+
+
+def _are_one(one: Bits, other: Bits) -> bool:
+    return any(np.array_equal(np.rot90(one, k), other) for k in range(4))
