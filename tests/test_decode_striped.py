@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 
 import cv2
 import numpy as np
@@ -84,6 +85,18 @@ def test_a_panel_in_pieces_is_one_square(side: float, turn_deg: float, phase: fl
     true = square(310.3, 240.6, side, turn_deg)
     (found,) = squares(striped(true, 7, (phase, 3 * phase + 0.4)))
     assert worst_corner(found, true) < 0.005 * side
+
+
+@pytest.mark.parametrize("lying", [False, True])
+@pytest.mark.parametrize("phase", [0.0, 0.2, 0.4, 0.6, 0.8])
+def test_a_panel_that_is_turned_far_away_is_found(phase: float, lying: bool) -> None:
+    """By 70° about an axis that stands or lies, at 0.6 m: 60 px one way, 195 px the other, or a dark band a row high."""
+    half = 0.08 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    depth_m = 0.6 + half[:, :1] * math.sin(math.radians(70))
+    away = PINHOLE.fx * half * (math.cos(math.radians(70)), 1.0) / depth_m
+    true = (310.3, 240.6) + (away[:, ::-1] * (-1.0, 1.0) if lying else away)
+    (found,) = squares(striped(true, 7, (phase, 3 * phase + 0.4)))
+    assert worst_corner(found, true) < (1.5 if lying else 0.5)
 
 
 @pytest.mark.parametrize("side", [60, 120])
