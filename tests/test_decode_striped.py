@@ -90,7 +90,7 @@ def test_a_panel_in_pieces_is_one_square(side: float, turn_deg: float, phase: fl
 @pytest.mark.parametrize("lying", [False, True])
 @pytest.mark.parametrize("phase", [0.0, 0.2, 0.4, 0.6, 0.8])
 def test_a_panel_that_is_turned_far_away_is_found(phase: float, lying: bool) -> None:
-    """By 70° about an axis that stands or lies, at 0.6 m: 60 px one way, 195 px the other, or a dark band a row high."""
+    """By 70° about an axis that stands or lies, at 0.6 m: 60 px by 195 px; of the latter a band hides whole rows."""
     half = 0.08 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
     depth_m = 0.6 + half[:, :1] * math.sin(math.radians(70))
     away = PINHOLE.fx * half * (math.cos(math.radians(70)), 1.0) / depth_m

@@ -43,9 +43,9 @@ BETTER = 0.6  # what is left unexplained, of that of whole cells: less is a bett
 LITTLE_LEFT, CLEARLY_BETTER = 0.06, 0.15
 NOTHING_LEFT = 0.02  # of the mean light: whole cells explain this well whatever noise and bands there are
 # Cells show where the panel ends if a smaller one would leave so many times as much unexplained, and more than noise
-# and bands do. (Of panels with walls, or cells brighter in their middle, it leaves 0.02 to 0.14; of even ones up to
-# 0.018 from 0.6 to 5 m.)
-CELLS_SHOW, LEAST_SHOWN = 1.5, 0.02
+# and bands do. (Of panels with walls, or cells brighter in their middle, it leaves 0.02 to 0.14; of even ones about as
+# much as whole cells.)
+CELLS_SHOW, LEAST_SHOWN = 1.5, 0.015
 
 
 def hidden_shares(frame: Frame, corners: Points, bend_px: Points, cells: int) -> tuple[Floats, Mask]:

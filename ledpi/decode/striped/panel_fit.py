@@ -37,8 +37,8 @@ MARGIN_PX = 1.5  # of the grid around the panel: further out is what may be beyo
 NEAR_BORDER_PX = np.arange(-2.0, 3.0)  # of the grid, about the borders of cells
 INSIDE = 4  # points along a cell, between these
 LEAST_PITCH_PX = 9.0  # of cells that are so large
-# Points along a cell, for a first look. Further apart than in a cell of so many pixels, none may see where cells end: the
-# long side of a panel that is turned away by 70° was not found.
+# Points along a cell, for a first look. Further apart than in a cell of so many pixels, none may see where cells end:
+# the long side of a panel that is turned away by 70° was not found.
 ROUGHLY, MOST_ROUGH_PX = 6, 36.0
 # What the unknowns are, and their deviations: blur of lens and pixel (logarithm), half of the gap at either side as a
 # share of the cell, spots, light beside the panel, gains over what is bright, darkness.
