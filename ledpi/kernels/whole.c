@@ -92,18 +92,19 @@ bool ledpi_hidden(const Picture *picture, const Tables *tables, const Point corn
         return false;
     }
     light_along(picture, corners, bends, tables->cubics, tables->cells, &light[0][0]);
-    bool cells_show = true;
+    bool shows[2];
     for (int axis = 0; axis < 2; axis++) {
         unexplained(light[axis], explanations, by->near_edge, WHOLE, WHOLE + 1, left);
         unexplained(light[axis], explanations, by->near_edge, SMALLER, SMALLER + 1, left);
         const double shown = fmax(by->cells_show * by->cells_show * left[WHOLE], by->least_shown * by->least_shown);
-        cells_show = cells_show && left[SMALLER] > shown;
+        shows[axis] = left[SMALLER] > shown;
         if (!(left[WHOLE] > by->nothing_left * by->nothing_left)) continue;
         const ptrdiff_t best = unexplained(light[axis], explanations, by->near_edge, 0, EXPLAINED, left);
         const ptrdiff_t end = best / SHARES;
         if (!(left[best] < by->better * left[WHOLE])) continue;
         const double share = share_of(by, left + end * SHARES, best % SHARES, left[WHOLE]);
         hidden[axis][0] = share * ends[end][0], hidden[axis][1] = share * ends[end][1];
+        shows[axis] = true;
     }
-    return cells_show;
+    return shows[0] && shows[1];
 }

@@ -58,19 +58,19 @@ def hidden_shares(frame: Frame, corners: Points, bend_px: Points, cells: int) ->
     side_px, most_bent = np.sqrt(np.abs(areas(corners))), np.abs(bend_px.imag).max(axis=(1, 2))
     blurs = (BLUR_PX + most_bent + GAP * side_px / cells) / np.maximum(side_px, 1.0)
     light = _light_along(frame, corners, bend_px, cells)
-    hidden, cells_show = np.zeros((len(corners), 2, 2)), np.zeros(len(corners), bool)
-    for i, (into, along, blur) in enumerate(zip(hidden, light, blurs.tolist(), strict=True)):
+    hidden, shown = np.zeros((len(corners), 2, 2)), np.zeros((len(corners), 2), bool)
+    for into, show, along, blur in zip(hidden, shown, light, blurs.tolist(), strict=True):
         if not blur > 0:  # the quad is nowhere
             continue
         axes, left = explanations(cells, _step(blur)).left(along)
-        shown = np.maximum(CELLS_SHOW**2 * left[:, WHOLE], LEAST_SHOWN**2)
-        cells_show[i] = bool((left[:, SMALLER] > shown).all())
+        show[:] = left[:, SMALLER] > np.maximum(CELLS_SHOW**2 * left[:, WHOLE], LEAST_SHOWN**2)
         for axis in axes:
             best = int(left[axis].argmin())
             if left[axis, best] < BETTER * left[axis, WHOLE]:
                 end, share = divmod(best, len(SHARES))
                 into[axis] = _share(left[axis, end * len(SHARES) :][: len(SHARES)], share) * np.array(ENDS[end])
-    return hidden, cells_show
+                show[axis] = True
+    return hidden, np.asarray(shown.all(axis=1))
 
 
 def without_rim_walls(hidden: Floats) -> tuple[Floats, Floats]:
