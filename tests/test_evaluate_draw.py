@@ -281,6 +281,8 @@ def test_two_cells_that_a_second_look_found_to_be_as_it_believed() -> None:
         ("near_words", 334, 3, 1),
         # A pattern twelve cells off explained more than the word did, by other phases.
         ("mirrored", 359, 2, 0),
+        # A second look added nine nats to the odds against another ID, of which a first had found 2.6.
+        ("mirrored", 107, 4242, 2),
         # A lattice a row beside the panel.
         ("mirrored", 476, 7, 6),
         ("mirrored", 338, 8, 4),

@@ -49,9 +49,10 @@ IMPLAUSIBLE = Rejected(stage="soft", reason="implausible_depth")
 # single frames, at the distance where that is most frequent (`docs/evaluation.md`, How sure an ID is). What it costs at
 # 2 m and beyond is measured there, too. (Of 100,000 frames of decoys a rate ten times as high let one be read.)
 FALSE_ID_RATE = 1e-6
-# To the odds of bands less deep than this a second look has added 10 nats at most, of 750 panels at 2 to 3 m, mostly 1
-# or 2.
-FAINT_DEPTH, SECOND_LOOK_ADDS = 0.1, 10.0
+# To the odds of bands less deep than this a second look may add so much. Of 300 panels at 1.6 to 2 m nine were read by
+# it, eight of them by less; what adds more has found what it believed. (A mirrored panel, of which a first look thought
+# one word 2.6 nats likelier than another, had 11.8 for it after a second.)
+FAINT_DEPTH, SECOND_LOOK_ADDS = 0.1, 3.0
 # Whatever is believed explains more: what a lamp shows, as a word with its own bands, more than the lamp does. Of what
 # a word explains a second look adds 4 to 14 % where a panel shows it (of 24 read so, one 17 and one 40 %), and 26 to
 # 80 % where a lamp does that blinks alike everywhere.
@@ -184,7 +185,16 @@ def _is_hopeless(fit: Fit, evidence: Evidence, codebook: Codebook, false_id_rate
     """Whether a second look at faint bands, which adds little, cannot add what is missing."""
     if math.sqrt(2.0 * float(evidence.prior.max())) > FAINT_DEPTH:
         return False
-    return rivals.odds_against_other_patterns(fit, codebook) < odds_needed(false_id_rate) - SECOND_LOOK_ADDS
+    least = odds_needed(false_id_rate) - SECOND_LOOK_ADDS
+    if _odds_against_other_ids(fit, codebook) < least:
+        return True
+    return rivals.odds_against_no_word(evidence, fit, codebook, least) < least
+
+
+def _odds_against_other_ids(fit: Fit, codebook: Codebook) -> float:
+    ids, best = codebook.ids, fit.words[0]
+    others = (of for word, of in zip(fit.words, fit.likelihood, strict=True) if ids[word] != ids[best])
+    return float(fit.likelihood[0] - next(others, 0.0))  # the likeliest of them comes first
 
 
 def decide(evidence: Evidence, codebook: Codebook, false_id_rate: float) -> Reading | Rejected:
@@ -217,9 +227,7 @@ def _judged(fit: Fit, evidence: Evidence, codebook: Codebook, false_id_rate: flo
     outside = rivals.odds_against_no_word(evidence, fit, codebook, needed)
     if outside < needed:
         return NO_WORD
-    ids = codebook.ids
-    others = (of for word, of in zip(fit.words, fit.likelihood, strict=True) if ids[word] != ids[best])
-    other = none - next(others, 0.0)  # the likeliest of them comes first
+    other = _odds_against_other_ids(fit, codebook)
     if other < needed:
         return AMBIGUOUS
     if not is_consistent(evidence, fit, min(other, outside) - needed):
