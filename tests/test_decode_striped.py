@@ -123,6 +123,22 @@ def test_a_followed_panel_is_fitted_to_a_quarter_of_a_pixel(lens: Intrinsics) ->
     assert quad.corner_sigma_px < 0.1
 
 
+@pytest.mark.parametrize("side", [0, 1, 2, 3])
+@pytest.mark.parametrize("hidden", [0.02, 0.05, 0.1])
+def test_a_side_that_something_hides_is_where_the_lattice_ends(hidden: float, side: int) -> None:
+    """A dark strip before it, from corners off by a few pixels; without the light there the others show where it is."""
+    true = square(310, 240, 104, 12)
+    around = np.roll(true, -side, axis=0)
+    down = (around[3] - around[0]) * hidden
+    canvas = Canvas(exposure_us=SHORT_US)
+    canvas.panel(true, word(7), phases=(0.2, 0.7))
+    canvas.lamp(np.array([around[0] - 3 * down, around[1] - 3 * down, around[1] + down, around[0] + down]), 0.02)
+    off = 2.0 * np.array([[1, -1], [-1, 1], [1, 1], [0, -1.0]])
+    (quad,) = striped_near(canvas.frame(), [true + off], 4, [SPEC], PINHOLE)
+    assert isinstance(quad, Quad)
+    assert worst_corner(quad.corners_px, true) < 0.4
+
+
 def test_a_followed_panel_that_is_gone_is_not_found() -> None:
     """A wall, and a lamp in its place."""
     canvas = Canvas(exposure_us=SHORT_US)

@@ -6,14 +6,16 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
+import cv2
 import numpy as np
 
+from ledpi.decode.cells import unit_square_to
 from ledpi.decode.corners.edges import checked
-from ledpi.decode.corners.sides import Points, areas, bends
+from ledpi.decode.corners.sides import Points, areas, as_corners, bends
 from ledpi.decode.striped.band_light import Bands
 from ledpi.decode.striped.light_window import Window
 from ledpi.decode.striped.panel_fit import Fit, fitted, fitted_in_shape
-from ledpi.records import BandShape, Frame, Intrinsics, PanelSpec, Quad, Rejected, SeenBands, read_only
+from ledpi.records import BandShape, Floats, Frame, Intrinsics, PanelSpec, Quad, Rejected, SeenBands, read_only
 
 NO_BANDS = Rejected(stage="edges", reason="no_bands")
 MIN_EXPLAINED = 0.6  # share of the light that a lattice's cells must explain
@@ -24,6 +26,9 @@ ROUNDS = 6  # of a fit
 # photographs. And deviation of the corners, as a share of the side: by a lattice they are known to 0.1 % nearby,
 # to 0.5 % at 4 m.
 MIN_FITTED, MAX_SIGMA = 0.9, 0.007
+MOST_HIDDEN = 0.15  # of the side; and a fit of what is left is a third of that too far in
+HIDDEN = 1e6  # as light, that nothing is told by: so bright that what is interpolated with it is saturated, too
+SHIFT = 4  # bits of a polygon's coordinates, below a pixel
 MARGIN, MARGIN_PX = 0.05, 3.0  # of the side, and pixels, around it: by how much it may be off, and be blurred
 
 
@@ -39,6 +44,8 @@ def square_near(
         fit, before = _whole_fit(window, near, bands, cells, intrinsics), bands
         if isinstance(fit, Rejected):
             return fit
+        if fit.rim_wall:
+            fit = _with_a_side_hidden(window, fit, bands, cells, intrinsics) or fit
         near = fit.corners
         bands = bands_at(window, near, cells, (before.spec,), fit.shape)
         if isinstance(bands, Bands) and (bands.white == before.white).all():
@@ -64,6 +71,31 @@ def _whole_fit(
     else:
         fit = fitted_in_shape(window, near, bands, cells, intrinsics, rounds=ROUNDS, is_one=is_one)
     return fit if fit is not None and is_one(fit) else NO_BANDS
+
+
+def _with_a_side_hidden(
+    window: Window, fit: Fit, bands: Bands, cells: int, intrinsics: Intrinsics | None
+) -> Fit | None:
+    """The panel where one of its sides is hidden, if that is why its rim seems to lie within its lattice's end.
+
+    Without the light along that side, the others end where the lattice does. Those of cells of one size do not.
+    """
+    fits = []
+    for side in range(4):
+        light = window.light.copy()
+        strip = _strip(window.within(fit.corners), side)
+        cv2.fillConvexPoly(light, np.round(strip * 2**SHIFT).astype(np.int32), HIDDEN, shift=SHIFT)
+        seen = _whole_fit(replace(window, light=light), fit.corners, bands, cells, intrinsics)
+        if isinstance(seen, Fit) and not seen.rim_wall and seen.explained > fit.explained:
+            fits.append(seen)
+    return max(fits, key=lambda one: one.explained, default=None)
+
+
+def _strip(corners: Points, side: int) -> Floats:
+    """(4, 2) what may be hidden of a square along one side, and what is beside it, in pixels of its corners (4,)."""
+    places = np.array([[-0.2, -0.2, 1.0], [1.2, -0.2, 1.0], [1.2, MOST_HIDDEN, 1.0], [-0.2, MOST_HIDDEN, 1.0]])
+    x, y, w = unit_square_to(np.roll(as_corners(corners), -side, axis=0)) @ places.T
+    return np.stack([x / w, y / w], axis=1)
 
 
 def bands_at(
