@@ -61,16 +61,16 @@ def _whole_fit(
     window: Window, near: Points, bands: Bands, cells: int, intrinsics: Intrinsics | None
 ) -> Fit | Rejected:
     """The panel near corners (4,) in the picture, in these phases and classes."""
-
-    def is_one(fit: Fit) -> bool:
-        return fit.explained >= MIN_FITTED and fit.sigma_px < MAX_SIGMA * side_of(near)
-
     # Of steady cells a longer exposure changes all the light: what bands look like is not told by them.
     if window.waves_of(bands.spec).least > STEADY:
         fit = fitted(window, near, bands, cells, intrinsics, rounds=ROUNDS)
     else:
-        fit = fitted_in_shape(window, near, bands, cells, intrinsics, rounds=ROUNDS, is_one=is_one)
-    return fit if fit is not None and is_one(fit) else NO_BANDS
+        fit = fitted_in_shape(window, near, bands, cells, intrinsics, rounds=ROUNDS, is_one=_is_one)
+    return fit if fit is not None and _is_one(fit) else NO_BANDS
+
+
+def _is_one(fit: Fit) -> bool:
+    return fit.explained >= MIN_FITTED and fit.sigma_px < MAX_SIGMA * side_of(fit.corners)
 
 
 def _with_a_side_hidden(
@@ -80,15 +80,15 @@ def _with_a_side_hidden(
 
     Without the light along that side, the others end where the lattice does. Those of cells of one size do not.
     """
-    fits = []
     for side in range(4):
         light = window.light.copy()
         strip = _strip(window.within(fit.corners), side)
         cv2.fillConvexPoly(light, np.round(strip * 2**SHIFT).astype(np.int32), HIDDEN, shift=SHIFT)
-        seen = _whole_fit(replace(window, light=light), fit.corners, bands, cells, intrinsics)
-        if isinstance(seen, Fit) and not seen.rim_wall and seen.explained > fit.explained:
-            fits.append(seen)
-    return max(fits, key=lambda one: one.explained, default=None)
+        seen = replace(window, light=light)
+        other = fitted(seen, fit.corners, bands, cells, intrinsics, rounds=ROUNDS, shape=fit.shape)
+        if other is not None and _is_one(other) and not other.rim_wall and other.explained > fit.explained:
+            return other
+    return None
 
 
 def _strip(corners: Points, side: int) -> Floats:
