@@ -142,6 +142,27 @@ def test_light_that_falls_on_a_panels_rim_is_no_end() -> None:
     assert told([frame_of(n, on_side=0.15) for n in range(12)], TRUE).shares == (0.0,) * 4
 
 
+def test_of_a_panel_whose_strips_are_too_thin_nothing_is_told() -> None:
+    """At 10 m a strip was a row of cells, and one panel of a hundred seemed to end a row further in."""
+    at, rim = square(310.4, 240.2, 10.0, 13), Rim(SPEC, 4)
+    shown = bands_of(frame_of(0), TRUE)
+    for seq in range(12):
+        canvas = Canvas()
+        canvas.panel(at, word(7), profile=flat, start_us=seq * PERIOD_US)
+        frame = replace(canvas.frame(seq, seq=seq), row0_readout_ns=round(1e9 + 1e3 * seq * PERIOD_US))
+        assert rim.inward(frame, quad(at), shown, round(1e9), None) == Inward()
+
+
+def test_where_the_inner_strips_bands_are_not_told_nothing_is() -> None:
+    """They are what the outer ones are compared with: here what is looked at does not blink at all."""
+    shown, rim = bands_of(frame_of(0), TRUE), Rim(SPEC, 4)
+    for seq in range(8):
+        canvas = Canvas()
+        canvas.lamp(TRUE, 0.4)
+        frame = replace(canvas.frame(seq, seq=seq), row0_readout_ns=round(1e9 + 1e3 * seq * PERIOD_US))
+        assert rim.inward(frame, quad(TRUE), shown, round(1e9), None) == Inward()
+
+
 def pipeline(*, stream: bool = True) -> Pipeline:
     return Pipeline(camera_info(), panel_settings(), intrinsics=PINHOLE, stream=stream)
 

@@ -20,7 +20,7 @@ from ledpi.records import Floats, Frame, Intrinsics, PanelSpec, Quad, Rejected
 
 SIDES = 4
 FIRST, ONE_OF = 4, 8  # frames that are looked at, and then one of so many
-STRIPS = (4, 2, 1)  # in a cell: as many as are not too thin
+STRIPS = (4, 2)  # in a cell: as many as are not too thin; where fewer are, nothing is told
 NOTHING = 1e-9  # of all information: what adds less tells nothing
 # Deviations by which a strip lacks bands where a panel ends further in. Of 2,000 strips of whole panels, flat or
 # nearly, in bright rooms, sharpened, driven past, none had more than 3.5.
@@ -28,6 +28,7 @@ SURELY = 5.0
 # A share of the side: the deviation of what nothing tells. Perhaps one flat panel in ten stands in something as bright,
 # with which its word is still read where that is no wider than 0.09: √(0.1·0.09²/3).
 UNTOLD = 0.016
+WIDEST = 0.12  # of the side: with a wider frame the word is not read, so what seems so wide is something else
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -75,8 +76,10 @@ class Rim:
     def _add(self, frame: Frame, quad: Quad, intrinsics: Intrinsics | None) -> None:
         shortest_px = np.hypot(*(np.roll(quad.corners_px, -1, axis=0) - quad.corners_px).T).min()
         not_thin = [strips for strips in STRIPS if shortest_px > MIN_CELL_PX * self._cells * strips]
+        if not not_thin:
+            return
         if self._strips not in not_thin:
-            self._begin_anew(not_thin[0] if not_thin else STRIPS[-1])
+            self._begin_anew(not_thin[0])
         depth = 1.0 / self._strips  # of as many strips as a panel has rows: they are looked at as if they were a panel
         straight = _straight(quad, intrinsics)
         for turns, memory in enumerate(self._sides):
@@ -104,6 +107,8 @@ class Rim:
         if lacking.all() and np.ptp(ends) < SURELY * each:  # a frame is as wide on all sides
             ends, each = np.full(SIDES, ends.mean()), each / math.sqrt(SIDES)
         shares = np.where(lacking, depth * ends, 0.0)
+        if shares.max() > WIDEST:
+            return Inward()
         return Inward(shares=tuple(shares.tolist()), sigma=min(depth * math.hypot(INSET, each), UNTOLD))
 
     def _lacks(self, memory: PanelMemory, turns: int, shown: Doubles, origin_ns: int) -> list[tuple[float, float]]:
@@ -116,13 +121,14 @@ class Rim:
         rows = np.rot90(shown.reshape(self._cells, self._cells, -1), turns)
         has, variance = _bands_of_rows(evidence, rows[np.arange(self._cells) // self._strips])
         inner = float(np.average(has[outer:], weights=1.0 / variance[outer:]))
-        if not inner > 0:
+        of_inner = float(np.sum(1.0 / variance[outer:])) ** -0.5
+        if not inner > SURELY * of_inner:
             return [(0.0, np.inf)] * outer
         lit = memory.newest[0].light.reshape(self._cells, -1).mean(axis=1)
         # Light that falls on a panel dilutes its bands.
-        diluted = np.maximum(lit[:outer] / lit[outer], 1.0) if self._strips > 1 else np.ones(outer)
-        lacks, sigma = 1.0 - diluted * has[:outer] / inner, np.sqrt(variance[:outer]) / inner
-        return list(zip(lacks.tolist(), sigma.tolist(), strict=True))
+        left = np.maximum(lit[:outer] / lit[self._strips - 1], 1.0) * has[:outer] / inner
+        sigma = np.sqrt(variance[:outer] + np.square(left * of_inner)) / inner
+        return list(zip((1.0 - left).tolist(), sigma.tolist(), strict=True))
 
 
 def _straight(quad: Quad, intrinsics: Intrinsics | None) -> Floats:
