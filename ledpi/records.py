@@ -16,6 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
+Singles = NDArray[np.float32]
+Integers = NDArray[np.int64]
 Pixels = NDArray[np.uint8]
 Mask = NDArray[np.bool_]
 Number = TypeVar("Number", bound=np.generic)

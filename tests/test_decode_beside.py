@@ -10,7 +10,6 @@ from decode_material import FRAME_ROWS, LENS, ROW_TIME_US, Canvas, quad, seen_th
 
 from ledpi.config import PanelSettings
 from ledpi.decode.cells import CellSamples, sample_cells
-from ledpi.decode.evidence.evidence import Doubles
 from ledpi.decode.identify.beside import Ends
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.soft import Reading, read_word
@@ -33,7 +32,7 @@ def touched(true: Floats = TRUE, light: float = 0.4, lens: Intrinsics | None = N
     return canvas.frame()
 
 
-def shown_in(frame: Frame, true: Floats) -> Doubles:
+def shown_in(frame: Frame, true: Floats) -> Floats:
     """The bands (16, P) that the panel's cells show."""
     samples = sample_cells(frame, quad(true), 4)
     assert isinstance(samples, CellSamples)
@@ -42,7 +41,7 @@ def shown_in(frame: Frame, true: Floats) -> Doubles:
     return reading.cell_bands
 
 
-def ends(frame: Frame, at: Floats, shown: Doubles, lens: Intrinsics | None = None) -> bool:
+def ends(frame: Frame, at: Floats, shown: Floats, lens: Intrinsics | None = None) -> bool:
     samples = sample_cells(frame, quad(at), 4, lens)
     assert isinstance(samples, CellSamples)
     seen = Ends(SPEC)
@@ -109,7 +108,7 @@ def far_frames(true: Floats) -> list[Frame]:
     return frames
 
 
-def ends_after(frames: list[Frame], at: Floats, shown: Doubles) -> list[bool]:
+def ends_after(frames: list[Frame], at: Floats, shown: Floats) -> list[bool]:
     seen, told = Ends(SPEC), []
     for frame in frames:
         samples = sample_cells(frame, quad(at), 4)

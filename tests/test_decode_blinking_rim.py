@@ -24,7 +24,6 @@ from decode_material import (
 )
 
 from ledpi.decode.cells import CellSamples, sample_cells
-from ledpi.decode.evidence.evidence import Doubles
 from ledpi.decode.identify.blinking_rim import UNTOLD, Inward, Rim
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.soft import Reading, read_word
@@ -69,7 +68,7 @@ def frame_of(
     return replace(canvas.frame(seq, seq=seq), row0_readout_ns=round(1e9 + 1e3 * seq * period_us))
 
 
-def bands_of(frame: Frame, at: Floats) -> Doubles:
+def bands_of(frame: Frame, at: Floats) -> Floats:
     """(16, P) that a panel's cells show."""
     samples = sample_cells(frame, quad(at), 4)
     assert isinstance(samples, CellSamples)

@@ -11,7 +11,7 @@ import pytest
 from decode_material import SPEC, TRUE_10_MS_US, Canvas, quad, square, word
 
 from ledpi.decode.cells import CellSamples, sample_cells
-from ledpi.decode.evidence.evidence import UNFIT, Doubles, Evidence
+from ledpi.decode.evidence.evidence import UNFIT, Evidence
 from ledpi.decode.evidence.single_frame import single_evidence
 from ledpi.decode.identify import soft
 from ledpi.decode.identify.codebook import Codebook
@@ -20,7 +20,7 @@ from ledpi.decode.identify.soft import Reading, decide, odds_needed
 from ledpi.decode.identify.words import SHORTLIST, likeliest, word_log_likelihoods
 from ledpi.dictionaries import load_dictionary
 from ledpi.kernels.library import COMPILED
-from ledpi.records import Frame
+from ledpi.records import Floats, Frame
 
 DICTIONARY = load_dictionary("DICT_4X4_50")
 FLAT = np.arange(16)
@@ -52,7 +52,7 @@ def drawn_from(evidence: Evidence, rng: np.random.Generator) -> Evidence:
     matrix = evidence.information.reshape(64, 64)
     values, vectors = np.linalg.eigh(matrix)
     noise = vectors @ (np.sqrt(np.maximum(values, 0)) * rng.standard_normal(64))
-    score: Doubles = (matrix @ shown.ravel() + noise).reshape(16, 4)
+    score: Floats = (matrix @ shown.ravel() + noise).reshape(16, 4)
     return dataclasses.replace(evidence, score=score)
 
 

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from ledpi.decode.cells import unit_square_to
 from ledpi.errors import ConfigError
 from ledpi.markers import Bits, Dictionary, corners_of_turned
-from ledpi.records import Floats, Frame, PanelSpec, Pixels, Rejected, Sighting, read_only
+from ledpi.records import Floats, Frame, PanelSpec, Pixels, Rejected, Sighting, Singles, read_only
 from ledpi.shutter import band_width_rows
 
 NO_SQUARE = Rejected(stage="bands", reason="no_square")
@@ -155,7 +155,7 @@ def binarise(pixels: Pixels, widths: tuple[float, float]) -> Pixels:
     return np.asarray(cv2.compare(pixels.astype(np.float32), local_mean(pixels, widths), cv2.CMP_GT), np.uint8)
 
 
-def local_mean(pixels: Pixels, widths: tuple[float, float]) -> NDArray[np.float32]:
+def local_mean(pixels: Pixels, widths: tuple[float, float]) -> Singles:
     """(H, W) mean over the pixels above and below.
 
     The paper is silent on how far. One period of the wider bands, so that these leave the mean even; of one column, as

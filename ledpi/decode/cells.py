@@ -12,16 +12,13 @@ from functools import cache
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from ledpi.geometry import distort, quad_side, undistort
 from ledpi.kernels import cells as kernel
 from ledpi.kernels.light import can_read
-from ledpi.records import Floats, Frame, Intrinsics, Quad, Rejected, SeenBands
+from ledpi.records import Floats, Frame, Intrinsics, Mask, Quad, Rejected, SeenBands, Singles
 from ledpi.tone import SATURATED as SATURATED_VALUE
 from ledpi.tone import linear_light
-
-Singles = NDArray[np.float32]
 
 # The very rim of a cell is left out: partitions cast shadows there that no smooth interpolation follows. No more than
 # that: with its gain unknown, a short cell tells its class by how its light changes from its top to its bottom, so by
@@ -67,7 +64,7 @@ class CellSamples:
 
     lattice: Lattice
     light: Singles  # (n·n, k·k), 0 where not valid
-    valid: NDArray[np.bool_] | None  # (n·n, k·k), None where all are
+    valid: Mask | None  # (n·n, k·k), None where all are
     rows: Singles  # (n·n, k·k), picture row of each sample
     averaged: int  # picture rows, and columns, in each pixel that was sampled
     cell_px: tuple[float, float]  # width and height of a cell, in (averaged) pixels
@@ -235,9 +232,9 @@ def _sample(
     return light, at[..., 1], saturated, float(light.sum(axis=1).min())
 
 
-def _valid(light: Singles) -> NDArray[np.bool_] | Rejected:
+def _valid(light: Singles) -> Mask | Rejected:
     """Which samples are not saturated, or why they are not enough."""
-    valid: NDArray[np.bool_] = ~np.isnan(light)
+    valid: Mask = ~np.isnan(light)
     if valid.sum(axis=1).min() < light.shape[1] // 4:
         return SATURATED
     return DARK if np.nansum(light, axis=1).min() <= 0 else valid

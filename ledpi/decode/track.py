@@ -11,7 +11,7 @@ import numpy as np
 
 from ledpi.decode.corners.sides import as_points
 from ledpi.decode.evidence.classes import in_other_class
-from ledpi.decode.evidence.evidence import Doubles, Evidence
+from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.evidence.expect import Expectation
 from ledpi.decode.evidence.memory import PanelMemory
 from ledpi.decode.identify.beside import Ends
@@ -223,7 +223,7 @@ class Tracker:
         return followed
 
 
-def denies(added: Evidence | None, shown: Doubles) -> bool:
+def denies(added: Evidence | None, shown: Floats) -> bool:
     """Whether a frame denies bands (cells, P) that the frames before it have shown: none, or in other cells."""
     if added is None:
         return False
@@ -231,13 +231,13 @@ def denies(added: Evidence | None, shown: Doubles) -> bool:
     return likelihood < -DOUBT or _other_cells(added, left, shown) > OTHER_CELLS
 
 
-def _likelihood(added: Evidence, shown: Doubles) -> tuple[float, Doubles]:
+def _likelihood(added: Evidence, shown: Floats) -> tuple[float, Floats]:
     """Log-likelihood ratio of a frame with these bands to one without any; and the score (cells, P) they leave."""
     explained = np.tensordot(added.information, shown, axes=((2, 3), (0, 1)))
     return float((shown * (added.score - 0.5 * explained)).sum()), added.score - explained
 
 
-def _other_cells(added: Evidence, left: Doubles, shown: Doubles) -> float:
+def _other_cells(added: Evidence, left: Floats, shown: Floats) -> float:
     """By how much log-likelihood cells would rather be of the other class, all together."""
     change = in_other_class(shown) - shown
     each = np.arange(len(shown))

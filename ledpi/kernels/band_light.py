@@ -8,9 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ledpi.kernels.library import DOUBLE, INTEGER, POINTER, address, function
-from ledpi.records import Floats
-
-Singles = NDArray[np.float32]
+from ledpi.records import Floats, Mask, Singles
 
 _explain = function(
     "ledpi_lattices_explain", *(POINTER,) * 2, *(INTEGER,) * 4, *(POINTER,) * 4, DOUBLE, INTEGER, *(POINTER,) * 2
@@ -27,9 +25,9 @@ def bands_at(
     lattice: tuple[Singles, ...],
     tables: Singles,
     cycles: tuple[Floats, Floats],
-    antiphase: NDArray[np.bool_],
+    antiphase: Mask,
     corners: NDArray[np.complex128],
-) -> tuple[Floats, NDArray[np.bool_]] | None:
+) -> tuple[Floats, Mask] | None:
     """Dark and bright level, spec, phases (of 32), share explained, brightness of cells over the bright level; and
     (cells,) which are white. None: not bright.
 

@@ -6,14 +6,11 @@ import ctypes
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ledpi.kernels.library import DOUBLE, INTEGER, POINTER, address, doubles, function
 from ledpi.kernels.light import PICTURE, picture
 from ledpi.kernels.pose import lens_of
-from ledpi.records import Floats, Frame, Intrinsics
-
-Singles = NDArray[np.float32]
+from ledpi.records import Floats, Frame, Intrinsics, Singles
 
 STEPS = 512  # between two pixels, for which there are weights
 NONE_SATURATED, SOME_SATURATED, OUTSIDE, NO_MEMORY = range(4)  # as in cells.c

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ledpi.kernels.library import INTEGER, POINTER, address, doubles, function
 from ledpi.kernels.light import PICTURE, picture
 from ledpi.kernels.pose import lens_of
-from ledpi.records import Floats, Frame, Intrinsics
+from ledpi.records import Floats, Frame, Intrinsics, Singles
 
 MOST_PROFILES, MOST_CELLS = 64, 8  # as in kernels.h, lattice.h
 # As in refine.c and approach.c.
@@ -99,7 +99,7 @@ class Tables:
         approaching: Floats,
         refining: Floats,
         profiles: tuple[Floats, Floats],
-        coarse: tuple[Floats, NDArray[np.float32]],
+        coarse: tuple[Floats, Singles],
         cubics: Floats,
         blur_steps: range,
         explain: Callable[[int], tuple[Floats, NDArray[np.intp]]],
@@ -158,7 +158,7 @@ def approach(
     tolerance_px: Floats,
     constants: Floats,
     share: Floats,
-    templates: NDArray[np.float32],
+    templates: Singles,
 ) -> tuple[Floats, list[int]]:
     """As `approach_quads` of decode/corners/approach.py: corners (N, 4, 2); and 0, 1: no edge, 2: not straight."""
     rough, tolerance_px, count = doubles(rough), doubles(tolerance_px), len(rough)

@@ -8,14 +8,9 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ledpi.kernels.library import DOUBLE, INTEGER, POINTER, address, function
-
-Singles = NDArray[np.float32]
-Doubles = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Mask = NDArray[np.bool_]
+from ledpi.records import Floats, Integers, Mask, Singles
 
 _FLOAT = ctypes.c_float
 _waves = function("ledpi_waves", POINTER, INTEGER, _FLOAT, _FLOAT, POINTER, POINTER)
@@ -39,8 +34,8 @@ _compared_evidence = function(
 class Weighed(NamedTuple):
     """Evidence of one fit, and what that has left of the light."""
 
-    score: Doubles  # (cells, P)
-    information: Doubles  # (cells, P, cells, P)
+    score: Floats  # (cells, P)
+    information: Floats  # (cells, P, cells, P)
     free: float  # samples, less what is fitted
     near: float  # sum of the squared differences of samples of a cell a lag apart
     far: float  # and of those two lags apart

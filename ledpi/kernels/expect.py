@@ -5,13 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ledpi.kernels.library import DOUBLE, INTEGER, POINTER, address, doubles, function
-
-Singles = NDArray[np.float32]
-Doubles = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from ledpi.records import Floats, Mask, Singles
 
 WAYS = 9  # in which gain and corners may be wrong
 
@@ -22,7 +18,7 @@ _expectation = function("ledpi_expectation", *(INTEGER,) * 3, *(POINTER,) * 9)
 
 
 def expectation(
-    *, picture: Singles, count: Singles, mean_waves: Singles, along: Singles, bands: Doubles
+    *, picture: Singles, count: Singles, mean_waves: Singles, along: Singles, bands: Floats
 ) -> tuple[Singles, Singles, Singles]:
     """`root` (cells, points), `basis` (WAYS, cells·points) and `left_bands` (cells, points) of an `Expectation`.
 
@@ -47,8 +43,8 @@ def weigh(
     basis: Singles,
     left_bands: Singles,
     depth: Singles,
-    hz: Doubles,
-    phase: Doubles,
+    hz: Floats,
+    phase: Floats,
     since_s: float,
     row_time_s: float,
     light: Singles,

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ledpi.kernels.library import INTEGER, POINTER, address, compiled, function
-from ledpi.records import Frame, Transfer
+from ledpi.records import Frame, Singles, Transfer
 from ledpi.tone import linear_light
 
 PICTURE = (POINTER, INTEGER, INTEGER, INTEGER, POINTER)
@@ -34,7 +34,7 @@ def picture(frame: Frame, *, mark_saturated: bool = False) -> tuple[int, int, in
     return at, height, width, pixels.strides[0], _table_at(frame.transfer, mark_saturated)
 
 
-def light_at(frame: Frame, points: NDArray[np.complex64]) -> NDArray[np.float32]:
+def light_at(frame: Frame, points: NDArray[np.complex64]) -> Singles:
     """Bilinear, at points (…) x + iy; beyond the picture as at its border. Saturated light is 1."""
     points = np.ascontiguousarray(points)
     light: NDArray[Any] = np.empty(points.shape, np.float32)

@@ -6,15 +6,10 @@ import ctypes
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ledpi.kernels.library import DOUBLE, INTEGER, POINTER, address, function
 from ledpi.kernels.words import Fit, numbers_of
-
-Singles = NDArray[np.float32]
-Doubles = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Mask = NDArray[np.bool_]
+from ledpi.records import Floats, Integers, Mask, Singles
 
 LOOKED, NOT_PLAIN, UNFIT, NO_MEMORY = range(4)  # as in look.c
 OF_FIT = 4  # numbers of the fit, beside score and information
@@ -52,8 +47,8 @@ class Grid:
 class Look(NamedTuple):
     """What came of it: evidence, with noise as alike as it is counted once; and words."""
 
-    score: Doubles  # (cells, P)
-    information: Doubles  # (cells, P, cells, P)
+    score: Floats  # (cells, P)
+    information: Floats  # (cells, P, cells, P)
     free: float  # samples, less what is fitted
     volume: float  # by which the evidence was divided
     fit: Fit
@@ -66,7 +61,7 @@ def look(
     rows: Singles,
     independence: float,
     cycles_a_row: tuple[float, ...],
-    prior: Doubles,
+    prior: Floats,
     words: Singles,
     most: int,
     covered: float,

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ledpi.kernels.library import DOUBLE, INTEGER, POINTER, address, function
 from ledpi.kernels.pose import lens_of
-from ledpi.records import Floats, Intrinsics
+from ledpi.records import Floats, Intrinsics, Mask, Singles
 
 MOST_CELLS, MOST_ALONG = 8, 160  # along a side; places along the grid
 
@@ -20,13 +20,13 @@ _fit = function(
 
 
 def fit_panel(
-    light: NDArray[np.float32],
+    light: Singles,
     first: complex,
     shrink: int,
     lens: Intrinsics | None,
     cells: int,
-    white: NDArray[np.bool_],
-    waves: NDArray[np.float32],
+    white: Mask,
+    waves: Singles,
     cycles_a_row: Floats,
     levels: tuple[float, float, float],
     along: Floats,

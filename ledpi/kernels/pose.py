@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ledpi.kernels.library import INTEGER, POINTER, address, doubles, function
-from ledpi.records import Floats, Intrinsics
+from ledpi.records import Floats, Intrinsics, Mask
 
 _bends = function("ledpi_bends", POINTER, INTEGER, POINTER, POINTER)
 _fit_body = function(
@@ -44,7 +44,7 @@ def solve_squares(
     motions_px: Floats,
     stop: Floats,
     errors: Floats,
-) -> tuple[Floats, NDArray[np.bool_]]:
+) -> tuple[Floats, Mask]:
     """(N, 2, 45) read-only: both solutions of each square, and (N,) whether there are any.
 
     `stop`: rounds, CONVERGED and BEATEN_BY of pose/refine.py; `errors`: FLOOR_PX, KNOWN_BLUR_PX and BLUR_ERROR of

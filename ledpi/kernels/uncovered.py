@@ -5,12 +5,9 @@ from __future__ import annotations
 import ctypes
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ledpi.kernels.library import INTEGER, POINTER, address, function
-
-Singles = NDArray[np.float32]
-Mask = NDArray[np.bool_]
+from ledpi.records import Mask, Singles
 
 _all_uncovered = function(
     "ledpi_all_uncovered", INTEGER, INTEGER, *(POINTER,) * 3, ctypes.c_float, POINTER, result=ctypes.c_bool

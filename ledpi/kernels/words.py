@@ -6,14 +6,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ledpi.kernels.library import DOUBLE, INTEGER, POINTER, address, function
-
-Singles = NDArray[np.float32]
-Doubles = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Mask = NDArray[np.bool_]
+from ledpi.records import Floats, Integers, Mask, Singles
 
 MOST_CELLS = 64  # as in patterns.h
 
@@ -31,9 +26,9 @@ class Fit(NamedTuple):
 
     words: list[int]  # indices of the codebook
     likelihood: list[float]  # log-likelihood ratio of each to "no bands"
-    bands: Doubles  # (P,) of the best word
+    bands: Floats  # (P,) of the best word
     deviation: list[float]  # (P,)
-    shown: Doubles  # (cells, P) the bands that each cell of it shows
+    shown: Floats  # (cells, P) the bands that each cell of it shows
     gain: list[float]  # (cells,) of each cell in the other class to the one that the word says
     weakest_row: float  # of the word's bands to none, in the row or column of cells where that is the least
     negative: float  # of the word with all classes swapped to "no bands", its bands fitted anew
@@ -49,7 +44,7 @@ class Fit(NamedTuple):
         return math.isfinite(of_best + sum(self.likelihood))
 
     @classmethod
-    def of(cls, chosen: Integers, silent: Mask, numbers: Doubles, parameters: int) -> Fit:
+    def of(cls, chosen: Integers, silent: Mask, numbers: Floats, parameters: int) -> Fit:
         """From what the C function has put into `chosen`, `silent` (cells,) and `numbers` (`numbers_of`)."""
         most, size = len(chosen), len(silent) * parameters
         bands, shown = most, most + 2 * parameters
@@ -77,7 +72,7 @@ def numbers_of(cells: int, parameters: int, most: int) -> int:
     return most + 2 * parameters + cells * parameters + cells + 7
 
 
-def likeliest(score: Doubles, information: Doubles, prior: Doubles, words: Singles, most: int) -> Fit:
+def likeliest(score: Floats, information: Floats, prior: Floats, words: Singles, most: int) -> Fit:
     """The `most` likeliest of `words` (W, cells) under the evidence, and what speaks against the best.
 
     `score` (cells, P), `information` (cells, P, cells, P), `prior` (P,). Raises MemoryError.
@@ -96,7 +91,7 @@ def likeliest(score: Doubles, information: Doubles, prior: Doubles, words: Singl
 
 
 def of_neighbours(
-    score: Doubles, information: Doubles, prior: Doubles, word: Singles, nearest: int, furthest: int
+    score: Floats, information: Floats, prior: Floats, word: Singles, nearest: int, furthest: int
 ) -> float:
     """`of_neighbours` of decode/identify/patterns.py; `word` (cells,)."""
     cells, parameters = score.shape
@@ -108,7 +103,7 @@ def of_neighbours(
     return log_sum
 
 
-def likeliest_beyond(score: Doubles, information: Doubles, prior: Doubles, word: Singles, correctable: int) -> float:
+def likeliest_beyond(score: Floats, information: Floats, prior: Floats, word: Singles, correctable: int) -> float:
     """`likeliest_beyond` of decode/identify/patterns.py; `word` (cells,)."""
     cells, parameters = score.shape
     assert parameters in (2, 4)

@@ -13,10 +13,10 @@ from dataclasses import replace
 import numpy as np
 
 from ledpi.decode.evidence.classes import wave_shares
-from ledpi.decode.evidence.evidence import Doubles, Evidence
+from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.identify import soft
 from ledpi.decode.identify.codebook import Codebook
-from ledpi.records import Rejected
+from ledpi.records import Floats, Rejected
 
 
 def chance_of_reading(
@@ -45,7 +45,7 @@ def chance_of_reading(
     return right / draws
 
 
-def _bands(white: Doubles, depths: tuple[float, float], rng: np.random.Generator, waves: int) -> Doubles:
+def _bands(white: Floats, depths: tuple[float, float], rng: np.random.Generator, waves: int) -> Floats:
     """(cells, 2·waves) cosine and sine of what each cell shows, at random phases."""
     shares = wave_shares(white, waves)
     out = np.zeros((len(white), 2 * waves))

@@ -18,9 +18,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ledpi.decode.cells import CellSamples, sample_cells
-from ledpi.decode.evidence.evidence import Doubles, Evidence
+from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.evidence.memory import PanelMemory
-from ledpi.records import Frame, Intrinsics, PanelSpec, Quad, Rejected
+from ledpi.records import Floats, Frame, Intrinsics, PanelSpec, Quad, Rejected
 from ledpi.simulate.render import Renderer
 from ledpi.simulate.scene import Panel, Room, Scene, SimulatedSensor, uneven_gains
 from ledpi.simulate.trajectory import Still, facing_camera
@@ -123,7 +123,7 @@ def separation_nats(evidence: Evidence, depths: tuple[float, float]) -> float:
     return float(-4.0 * (np.logaddexp.reduce(-separations.ravel() / 4.0) - math.log(separations.size)))
 
 
-def _changes(depths: tuple[float, float], waves: int) -> Doubles:
+def _changes(depths: tuple[float, float], waves: int) -> Floats:
     """(phases, 2·waves) δ: what a cell of class black shows more or less when it is taken for white."""
     if waves == 1:
         turn = 2 * np.pi * np.arange(_PHASES) / _PHASES

@@ -16,9 +16,9 @@ import numpy as np
 
 from ledpi.decode.corners.inner_lines import NOT_SEEN_PX2, Homographies, inner_lines, lens_moves, line_places
 from ledpi.decode.corners.rim import ACROSS, PAIRS_ALIKE, USUAL_BLUR_PX, RimFilter, filter_key, rim_filter
-from ledpi.decode.corners.sides import Mask, Patches, Points, Shares, Sides, areas, as_corners, as_points, points_across
+from ledpi.decode.corners.sides import Patches, Points, Shares, Sides, areas, as_corners, as_points, points_across
 from ledpi.decode.corners.whole import NO_RIM_WALL
-from ledpi.records import Floats, Frame, Intrinsics, Quad, Rejected
+from ledpi.records import Floats, Frame, Intrinsics, Mask, Quad, Rejected
 
 PLACES = np.linspace(0.2, 0.8, 6)  # along each cell at a side
 # Deviation of what a line of the lattice shows over one cell's length, to begin with: as a panel is built, or a picture

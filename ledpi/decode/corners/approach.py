@@ -13,11 +13,9 @@ from ledpi.decode.corners.sides import (
     NEXT,
     OPPOSITE,
     Coordinates,
-    Mask,
     Points,
     Shares,
     Sides,
-    Singles,
     areas,
     as_corners,
     as_points,
@@ -29,7 +27,7 @@ from ledpi.decode.corners.sides import (
 )
 from ledpi.kernels import edges as kernel
 from ledpi.kernels.light import can_read
-from ledpi.records import Floats, Frame, Rejected
+from ledpi.records import Floats, Frame, Mask, Rejected, Singles
 
 LOST = Rejected(stage="edges", reason="no_edge")
 NOT_STRAIGHT = Rejected(stage="edges", reason="not_straight")

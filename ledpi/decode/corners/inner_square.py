@@ -13,13 +13,13 @@ import numpy as np
 
 from ledpi.decode.corners.adjust import BUILT_PX, FARTHEST, HUBER, LEAST_CELLS, LEAST_VARIANCE, MOVES, REACH_PX, design
 from ledpi.decode.corners.inner_lines import NOT_SEEN_PX2, PLACES, Homographies, inner_lines, lens_moves
-from ledpi.decode.corners.sides import Mask, Patches, Points, areas, as_corners, as_points, bends
+from ledpi.decode.corners.sides import Patches, Points, areas, as_corners, as_points, bends
 from ledpi.decode.corners.whole import NO_RIM_WALL, RIM_WALL
 from ledpi.geometry import quad_side
 from ledpi.kernels import inner_square as kernel
 from ledpi.kernels.edges import MOST_CELLS
 from ledpi.kernels.light import can_read
-from ledpi.records import Floats, Frame, Intrinsics, Quad, Rejected
+from ledpi.records import Floats, Frame, Intrinsics, Mask, Quad, Rejected
 
 NO_LINES = Rejected(stage="edges", reason="no_inner_lines")
 AT_BORDER = Rejected(stage="edges", reason="at_picture_border")

@@ -23,19 +23,17 @@ from ledpi.decode.corners.rim import ACROSS, PAIRS_ALIKE, USUAL_BLUR_PX, filter_
 from ledpi.decode.corners.sides import (
     OPPOSITE,
     REACH_PX,
-    Mask,
     Patches,
     Points,
     Shares,
     Sides,
-    Singles,
     areas,
     deviations,
     fit_lines,
     near_median,
     points_across,
 )
-from ledpi.records import Floats, Frame
+from ledpi.records import Floats, Frame, Mask, Singles
 
 PROFILES = 48  # a side
 CELL_INSET = 0.18  # of a cell's pitch at its ends, where no profile is: gaps and corners

@@ -21,11 +21,8 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ledpi.records import Floats
-
-Singles = NDArray[np.float32]
+from ledpi.records import Floats, Mask
 
 # Pixels across a side, negative outside. Outside: three times the usual blur, and no more of the wall than that needs.
 # Inside: more tells nothing of the edge.
@@ -131,7 +128,7 @@ def filters_of_pitch(pitch_step: int) -> list[RimFilter]:
 
 
 def _filters(
-    blur: Floats, course: Floats, side: Floats, shared: Floats, looked_at: NDArray[np.bool_]
+    blur: Floats, course: Floats, side: Floats, shared: Floats, looked_at: Mask
 ) -> list[RimFilter]:
     """From the usual course (B, T), and what is added to it: on each side (B, T, 7), on both alike (B, T, 5)."""
     t, loose = ACROSS, 1e-6
@@ -205,7 +202,7 @@ def light_across(t: Floats, pitch: Floats | float, blur: Floats | float) -> Floa
 
 
 def _regression(
-    columns: Floats, precision: Floats, rows: NDArray[np.bool_], noise_variance: float
+    columns: Floats, precision: Floats, rows: Mask, noise_variance: float
 ) -> tuple[Floats, Floats]:
     """(B, K, T) what gives the K coefficients of `columns` (B, T, K), from the rows that count, and their covariance.
 

@@ -16,13 +16,11 @@ from ledpi.geometry import distort
 from ledpi.kernels import light as kernel
 from ledpi.kernels import pose as lens
 from ledpi.kernels.library import compiled
-from ledpi.records import Floats, Frame, Intrinsics, Pixels
+from ledpi.records import Floats, Frame, Intrinsics, Mask, Pixels, Singles
 from ledpi.tone import linear_light
 
 Points = NDArray[np.complex128]
-Singles = NDArray[np.float32]
 Coordinates = NDArray[np.complex64]
-Mask = NDArray[np.bool_]
 
 NEXT = np.array([1, 2, 3, 0])
 BEFORE = np.array([3, 0, 1, 2])

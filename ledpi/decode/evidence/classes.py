@@ -12,8 +12,9 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from ledpi.records import Floats
+
 Real = TypeVar("Real", bound=np.floating[Any])
-Doubles = NDArray[np.float64]
 
 
 def wave_shares(white: NDArray[Real], waves: int) -> NDArray[Real]:
@@ -22,12 +23,12 @@ def wave_shares(white: NDArray[Real], waves: int) -> NDArray[Real]:
     return np.stack([one - white, white], axis=-1) if waves == 2 else (one - white - white)[..., None]
 
 
-def band_shares(white: Doubles, parameters: int) -> Doubles:
+def band_shares(white: Floats, parameters: int) -> Floats:
     """(…, parameters): the same for cosine and sine of each wave."""
     return wave_shares(white, parameters // 2).repeat(2, axis=-1)
 
 
-def in_other_class(cell_bands: Doubles) -> Doubles:
+def in_other_class(cell_bands: Floats) -> Floats:
     """(cells, parameters): what each cell would show if it were of the other class; `cell_bands` is what it shows.
 
     Of two waves one that no cell shows is not known, and taken for none.

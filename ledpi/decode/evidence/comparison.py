@@ -9,14 +9,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ledpi.decode.cells import CellSamples, Singles
+from ledpi.decode.cells import CellSamples
 from ledpi.decode.evidence.evidence import Evidence, evidence_of, picture_slopes
 from ledpi.decode.evidence.noise import lags_of
 from ledpi.decode.evidence.normal import Normal, weighed, with_differences
 from ledpi.decode.evidence.unlit import without_unlit
 from ledpi.kernels import evidence as kernel
 from ledpi.kernels.library import COMPILED
-from ledpi.records import Frame, PanelSpec, Rejected
+from ledpi.records import Frame, PanelSpec, Rejected, Singles
 
 LEAST_SCALE = 1e-9  # of light that is none
 

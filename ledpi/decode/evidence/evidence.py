@@ -27,17 +27,14 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ledpi import shutter
-from ledpi.decode.cells import CellSamples, Lattice, Singles
+from ledpi.decode.cells import CellSamples, Lattice
 from ledpi.decode.evidence.classes import band_shares, wave_shares
 from ledpi.decode.evidence.noise import WHITE, Correlation, expected_of
 from ledpi.kernels import evidence as kernel
 from ledpi.kernels.library import COMPILED
-from ledpi.records import Frame, PanelSpec, Rejected, SeenBands
-
-Doubles = NDArray[np.float64]
+from ledpi.records import Floats, Frame, Mask, PanelSpec, Rejected, SeenBands, Singles
 
 # Of full bands the darkest part: there is stray light, read noise, and a waveform that is not quite a square wave's, so
 # that the dark says less of a cell than its few photons would.
@@ -54,14 +51,14 @@ class Evidence:
     are P of them to a cell: 4 where the classes blink at two frequencies, 2 in antiphase.
     """
 
-    score: Doubles  # (cells, P)
-    information: Doubles  # (cells, P, cells, P)
-    prior: Doubles  # (P,) expected variance of x
+    score: Floats  # (cells, P)
+    information: Floats  # (cells, P, cells, P)
+    prior: Floats  # (P,) expected variance of x
     left: float  # log-likelihood of what no bands explain; noise if the model is right
     noise: Correlation = WHITE  # of the noise that it was weighed by
 
     @property
-    def silent(self) -> NDArray[np.bool_]:
+    def silent(self) -> Mask:
         """(cells,) of which it holds nothing."""
         own = self.information.reshape(self.score.size, -1).diagonal().reshape(self.score.shape)
         return np.asarray(~own.any(axis=1))
@@ -81,21 +78,21 @@ class Believed:
     """Bands that a first look has shown, from which a second one takes its bearings."""
 
     phases: tuple[float, ...]  # of each wave's fundamental; `waves` begin there
-    bands: Doubles  # (cells, P), by these waves
+    bands: Floats  # (cells, P), by these waves
     waves: Singles  # (P, cells, points): what to measure them by
-    white: NDArray[np.bool_]  # (cells,)
+    white: Mask  # (cells,)
     light: Singles  # (2, cells, points): what the bands of either class make of an even light
 
     def own_light(self) -> Singles:
         """(cells, points): what each cell's bands make of it."""
         return np.asarray(np.where(self.white[:, None], self.light[1], self.light[0]), np.float32)
 
-    def turned_back(self, bands: Doubles) -> Doubles:
+    def turned_back(self, bands: Floats) -> Floats:
         """Bands (cells, P) by these waves, as cosine and sine."""
         return rotated(bands, self.phases)
 
 
-def rotated(bands: Doubles, angles: Sequence[float]) -> Doubles:
+def rotated(bands: Floats, angles: Sequence[float]) -> Floats:
     """Bands (cells, P), cosine and sine of each wave, once that is shifted by its angle."""
     out = np.empty_like(bands)
     for k, angle in enumerate(angles):
@@ -105,7 +102,7 @@ def rotated(bands: Doubles, angles: Sequence[float]) -> Doubles:
 
 
 def believed_bands(
-    samples: CellSamples, frame: Frame, spec: PanelSpec, white: NDArray[np.bool_], bands: Doubles
+    samples: CellSamples, frame: Frame, spec: PanelSpec, white: Mask, bands: Floats
 ) -> Believed:
     """What `bands` (P,), sinusoids in cells of which these are `white` (cells,), are as square waves seen through the
     exposure.
@@ -134,7 +131,7 @@ def believed_bands(
     )
 
 
-def bands_of(seen: SeenBands, frame: Frame, spec: PanelSpec) -> Doubles:
+def bands_of(seen: SeenBands, frame: Frame, spec: PanelSpec) -> Floats:
     """(P,) cosine and sine of the fundamentals of square waves that are full and in these phases."""
     bands = []
     for hz, cycles in zip(spec.waves_hz, seen.phases, strict=False):
@@ -177,12 +174,12 @@ def square_waves(
     return np.asarray(np.mean(each, axis=0), np.float32)
 
 
-def is_deep(prior: Doubles) -> bool:
+def is_deep(prior: Floats) -> bool:
     """Whether bands of this variance (P,) are so deep that their harmonics show, and hide what is static."""
     return math.sqrt(2.0 * min(prior.tolist())) > FULL_DEPTH
 
 
-def is_deep_anywhere(prior: Doubles) -> bool:
+def is_deep_anywhere(prior: Floats) -> bool:
     """Whether one class's are: then what a model leaves open is not noise."""
     return math.sqrt(2.0 * max(prior.tolist())) > FULL_DEPTH
 
@@ -203,13 +200,13 @@ def evidence_of(
     )
 
 
-def band_prior(frame: Frame, spec: PanelSpec) -> Doubles:
+def band_prior(frame: Frame, spec: PanelSpec) -> Floats:
     """(P,) variance of each wave's cosine and sine: a depth whose mean square is the expected one, in any phase."""
     return _prior_of(frame.exposure_us, spec.waves_hz, spec.duty).copy()
 
 
 @lru_cache(maxsize=64)  # exposures, of an automatic one too, are whole rows
-def _prior_of(exposure_us: float, waves_hz: tuple[float, ...], duty: float) -> Doubles:
+def _prior_of(exposure_us: float, waves_hz: tuple[float, ...], duty: float) -> Floats:
     amplitude = [shutter.harmonic_amplitude(1, hz, exposure_us, duty) for hz in waves_hz]
     return np.repeat(np.maximum(np.square(amplitude), 1e-12), 2) / 2
 

@@ -12,12 +12,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ledpi.decode.cells import CellSamples, Lattice, Singles
-from ledpi.decode.evidence.evidence import Doubles, picture_slopes
+from ledpi.decode.cells import CellSamples, Lattice
+from ledpi.decode.evidence.evidence import picture_slopes
 from ledpi.decode.evidence.memory import Known, PanelMemory
 from ledpi.kernels import expect as kernel
 from ledpi.kernels.library import COMPILED
-from ledpi.records import Frame
+from ledpi.records import Floats, Frame, Singles
 
 # A frame that is e^SURE times likelier with the bands than without shows them. Cells that speak against them weigh less
 # than that together: by noise alone each does by 0.2 on average, whatever it can tell (mean of max(0, N(−E, 2E))).
@@ -36,13 +36,13 @@ class Expectation:
     root: Singles  # (cells, points) of the weights
     basis: Singles  # (9, cells·points) orthonormal: what a wrong gain and wrong corners would add, weighted
     left_bands: Singles  # (cells, points) of the bands' mean that is still in the picture
-    hz: Doubles  # (cells,)
+    hz: Floats  # (cells,)
     depth: Singles  # (cells, 1)
-    phase: Doubles  # (cells,)
+    phase: Floats  # (cells,)
     noise_volume: float  # by how much less than their number its samples tell (`Correlation.volume`)
 
     @classmethod
-    def of(cls, memory: PanelMemory, bands: Doubles, *, compiled: bool = COMPILED) -> Expectation:
+    def of(cls, memory: PanelMemory, bands: Floats, *, compiled: bool = COMPILED) -> Expectation:
         """Of the frames in `memory`, which show `bands` (cells, P): cosine and sine of each wave."""
         known = memory.known()
         root, basis, left_bands = (_made_compiled if compiled else _made)(known, bands)
@@ -123,7 +123,7 @@ class Expectation:
         return float(own.sum()), -float(np.minimum(own, 0.0).sum())
 
 
-def _made_compiled(known: Known, bands: Doubles) -> tuple[Singles, Singles, Singles]:
+def _made_compiled(known: Known, bands: Floats) -> tuple[Singles, Singles, Singles]:
     """`_made`, in C."""
     mean = known.mean
     return kernel.expectation(
@@ -131,7 +131,7 @@ def _made_compiled(known: Known, bands: Doubles) -> tuple[Singles, Singles, Sing
     )
 
 
-def _made(known: Known, bands: Doubles) -> tuple[Singles, Singles, Singles]:
+def _made(known: Known, bands: Floats) -> tuple[Singles, Singles, Singles]:
     """`root`, `basis` and `left_bands` of an `Expectation`."""
     mean = known.mean
     weight = mean.picture * (mean.count / (mean.count + 1))

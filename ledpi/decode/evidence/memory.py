@@ -14,12 +14,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ledpi.decode.cells import CellSamples, Lattice, Singles
+from ledpi.decode.cells import CellSamples, Lattice
 from ledpi.decode.evidence.comparison import LEAST_SCALE, Mean, compared_evidence
-from ledpi.decode.evidence.evidence import Doubles, Evidence, band_prior, class_waves, rotated
+from ledpi.decode.evidence.evidence import Evidence, band_prior, class_waves, rotated
 from ledpi.decode.evidence.noise import WHITE, Correlation
 from ledpi.decode.evidence.single_frame import single_evidence
-from ledpi.records import Frame, PanelSpec, Rejected
+from ledpi.records import Floats, Frame, PanelSpec, Rejected, Singles
 
 # Old evidence fades, as oscillators drift and a wrong turn must be mended: to a third in 30 frames, half a second.
 FORGETTING = 0.97
@@ -48,8 +48,8 @@ class PanelMemory:
         self.lattice: Lattice | None = None
         self.origin_ns = 0  # row 0's read-out of the first frame, from which bands are counted
         self._first: tuple[CellSamples, Frame] | None = None  # of the mean picture, until that is made
-        self._score: Doubles | None = None
-        self._information: Doubles | None = None
+        self._score: Floats | None = None
+        self._information: Floats | None = None
         self._left = 0.0
         self._noise, self._compared = WHITE, 0.0  # of the comparisons, and of how many
 
@@ -83,7 +83,7 @@ class PanelMemory:
         """The frame that was added last."""
         return self._samples, self._frame
 
-    def in_its_time(self, bands: Doubles) -> Doubles:
+    def in_its_time(self, bands: Floats) -> Floats:
         """Bands (cells, P) of the newest frame alone as all frames count them: from row 0 of the first."""
         return turned(bands, self.spec.waves_hz, (self._frame.row0_readout_ns - self.origin_ns) * 1e-9)
 
@@ -162,7 +162,7 @@ class PanelMemory:
         self._count = np.minimum(total, np.float32(MEAN_FRAMES))
 
 
-def turned(bands: Doubles, waves_hz: tuple[float, ...], earlier_s: float) -> Doubles:
+def turned(bands: Floats, waves_hz: tuple[float, ...], earlier_s: float) -> Floats:
     """Bands (cells, P) as counted from a moment that is so much earlier."""
     return rotated(bands, [2 * math.pi * ((hz * earlier_s) % 1.0) for hz in waves_hz])
 

@@ -6,29 +6,27 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ledpi.decode.cells import CellSamples, Singles
+from ledpi.decode.cells import CellSamples
 from ledpi.decode.evidence.noise import lags_of
 from ledpi.kernels.evidence import Weighed
-
-Doubles = NDArray[np.float64]
+from ledpi.records import Floats, Singles
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Normal:
     """Normal equations of nuisances and bands, for a residual that is whitened up to a factor."""
 
-    of_nuisances: Doubles  # (n, n)
-    of_both: Doubles  # (n, cells·P)
-    of_bands: Doubles  # (cells·P, cells·P)
-    nuisances: Doubles  # (n,) residual against the nuisances
-    bands: Doubles  # (cells·P,) against the bands
+    of_nuisances: Floats  # (n, n)
+    of_both: Floats  # (n, cells·P)
+    of_bands: Floats  # (cells·P, cells·P)
+    nuisances: Floats  # (n,) residual against the nuisances
+    bands: Floats  # (cells·P,) against the bands
     squares: float  # of the residual
     freedom: int  # samples, less what nuisances and bands take
 
 
-def weighed(normal: Normal, independence: float) -> tuple[Weighed, Doubles, Doubles] | None:
+def weighed(normal: Normal, independence: float) -> tuple[Weighed, Floats, Floats] | None:
     """Takes the nuisances off, and weighs the rest by the noise that is left when every cell has bands of its own.
 
     Also the nuisances (n,) and bands (cells·P,) that fit best, for `near` and `far`, which it leaves out.
@@ -62,7 +60,7 @@ def with_differences(found: Weighed, left: Singles, samples: CellSamples) -> Wei
     return found._replace(near=sums[0], far=sums[1])
 
 
-def _ridged(matrix: Doubles) -> Doubles:
+def _ridged(matrix: Floats) -> Floats:
     """What may be singular but for rounding, made solvable."""
     ridged = matrix.copy()
     diagonal = np.einsum("ii->i", ridged)  # a view

@@ -13,12 +13,9 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ledpi.decode.cells import INSET, CellSamples, Singles
-
-Integers = NDArray[np.int64]
-Mask = NDArray[np.bool_]
+from ledpi.decode.cells import INSET, CellSamples
+from ledpi.records import Integers, Mask, Singles
 
 # How far across a cell's border its light reaches: lens, pixel and interpolation together have a standard deviation of
 # 0.8 to 1.1 px in a focused picture.

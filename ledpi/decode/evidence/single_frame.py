@@ -11,7 +11,7 @@ from functools import cache
 
 import numpy as np
 
-from ledpi.decode.cells import CellSamples, Singles
+from ledpi.decode.cells import CellSamples
 from ledpi.decode.evidence.evidence import (
     Believed,
     Evidence,
@@ -24,7 +24,6 @@ from ledpi.decode.evidence.evidence import (
 from ledpi.decode.evidence.noise import lags_of
 from ledpi.decode.evidence.normal import Normal, weighed, with_differences
 from ledpi.decode.evidence.shared_light import (
-    Integers,
     Sources,
     border_points,
     meeting_cells,
@@ -36,7 +35,7 @@ from ledpi.decode.evidence.uncovered import darkens, without_covered
 from ledpi.decode.evidence.unlit import without_unlit
 from ledpi.kernels import evidence as kernel
 from ledpi.kernels.library import COMPILED
-from ledpi.records import Frame, PanelSpec, Rejected
+from ledpi.records import Frame, Integers, PanelSpec, Rejected, Singles
 
 
 def single_evidence(

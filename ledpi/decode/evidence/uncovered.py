@@ -12,15 +12,12 @@ from functools import cache
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from ledpi.decode.cells import INSET, CellSamples, Singles
+from ledpi.decode.cells import INSET, CellSamples
 from ledpi.decode.evidence.shared_light import BORDER_PX, border_points
 from ledpi.kernels import uncovered as kernel
 from ledpi.kernels.library import COMPILED
-from ledpi.records import Pixels
-
-Mask = NDArray[np.bool_]
+from ledpi.records import Mask, Pixels, Singles
 
 # Of the light that the others show at this place: less is not the cell's own. Diffusers differ by a few percent.
 COVERED = 0.75

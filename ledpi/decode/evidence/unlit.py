@@ -9,17 +9,17 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ledpi.decode.cells import CellSamples
 from ledpi.decode.evidence.evidence import Evidence
+from ledpi.records import Mask
 
 # Of the cells' mean light: less is no cell's own. LEDs that differ by 15 % (a deviation) keep to more than twice that;
 # across a gap comes 0.05 to 0.15 where cells are 7 px, and 0.3 where they are 3 px.
 UNLIT = 1.0 / 3.0
 
 
-def unlit_cells(samples: CellSamples) -> NDArray[np.bool_]:
+def unlit_cells(samples: CellSamples) -> Mask:
     """(cells,) which of them give no light of their own."""
     light, valid = samples.light.sum(axis=1), samples.valid
     level = light if valid is None else light / np.maximum(valid.sum(axis=1), 1)

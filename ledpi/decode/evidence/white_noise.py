@@ -13,8 +13,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-Doubles = NDArray[np.float64]
-Integers = NDArray[np.intp]
+from ledpi.records import Floats
+
+Indices = NDArray[np.intp]
 Step = tuple[float, float]  # across and down the picture, in pixels
 
 REACH, FINE = 4, 64  # of Lanczos's kernel on either side, in pixels, and points to a pixel in tables of it
@@ -63,7 +64,7 @@ def _at(table: list[float], apart_px: float) -> float:
 
 
 @cache
-def _interpolated(blur_px: float, linear: bool) -> Doubles:
+def _interpolated(blur_px: float, linear: bool) -> Floats:
     """Covariance of two samples so many FINEths of a pixel apart, along a row, of white noise that was blurred.
 
     The mean over all places between pixels: the autocorrelation of the interpolation's kernel and the blur's.
@@ -99,7 +100,7 @@ def of_lattice(
     return white - likeness(across, down, lags, linear), growth, free
 
 
-def _fitted(k: int, aside_px: float, below_px: float, count: int) -> Doubles:
+def _fitted(k: int, aside_px: float, below_px: float, count: int) -> Floats:
     """(k·k, at most `count`) orthonormal: polynomials of the picture's row, which changes by so much from sample to
     sample, as far as a cell tells them apart."""
     samples = np.arange(k) - 0.5 * (k - 1)
@@ -110,7 +111,7 @@ def _fitted(k: int, aside_px: float, below_px: float, count: int) -> Doubles:
     return np.asarray(powers @ (directions[:, told] / np.sqrt(sizes[told])))
 
 
-def _covariance(k: int, across: Step, down: Step, blur_px: float, linear: bool) -> Doubles:
+def _covariance(k: int, across: Step, down: Step, blur_px: float, linear: bool) -> Floats:
     """(k·k, k·k) of a cell's samples."""
     table, apart = _interpolated(blur_px, linear), np.arange(1 - k, k)
     places = np.arange(len(table)) / FINE
@@ -118,7 +119,7 @@ def _covariance(k: int, across: Step, down: Step, blur_px: float, linear: bool) 
     return np.asarray((np.interp(x, places, table) * np.interp(y, places, table)).take(_differences(k)))
 
 
-def _left_of(covariance: Doubles, basis: Doubles, lags: Lags) -> tuple[float, float]:
+def _left_of(covariance: Floats, basis: Floats, lags: Lags) -> tuple[float, float]:
     """Of noise with this covariance R, what is left in a cell without an orthonormal basis F: r, and the mean square.
 
     What is left is M R M, M = 1 − F·Fᵀ. Two samples differ by the square of what they differ by themselves, less twice
@@ -137,7 +138,7 @@ def _left_of(covariance: Doubles, basis: Doubles, lags: Lags) -> tuple[float, fl
 
 
 @cache
-def _apart(k: int, lags: Lags, times: int) -> tuple[Integers, Integers]:
+def _apart(k: int, lags: Lags, times: int) -> tuple[Indices, Indices]:
     """Which two samples of a cell are compared: `pairs` of them."""
     at = np.arange(k * k).reshape(k, k)[lags.rim : k - lags.rim, lags.rim : k - lags.rim]
     inner, across, down = len(at), times * lags.aside, times * lags.below
@@ -151,7 +152,7 @@ def _apart(k: int, lags: Lags, times: int) -> tuple[Integers, Integers]:
 
 
 @cache
-def _differences(k: int) -> Integers:
+def _differences(k: int) -> Indices:
     """(k·k, k·k): where that of each two of a cell's points is, of how many they are apart: (2k − 1, 2k − 1)."""
     j, i = (of.reshape(-1) for of in np.mgrid[:k, :k])
     return np.asarray((j - j[:, None] + k - 1) * (2 * k - 1) + (i - i[:, None] + k - 1))

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ledpi.decode.finding.outlines import Outline
 from ledpi.geometry import quad_area
-from ledpi.records import Floats
+from ledpi.records import Floats, Mask
 
 SIGNIFICANT = 0.1  # of the root of the area: corners less far from the polygon without them are none
 ALIKE = 2 / 3  # of how far the fifth is: where the sixth is as significant as that, there is no telling them apart
@@ -33,7 +33,6 @@ NEAR, LIKE, SAME_CORNERS = 0.25, 0.7, 0.25  # of the side: of squares in one pla
 CELL = (0.2, 1.2)  # of a panel's pitch: sides of what is seen of its cells, from their bright middles to all of them
 MOST_COMPARED = 512  # squares with each other: more are texture, and would take milliseconds
 
-Mask = NDArray[np.bool_]
 Corners = list[list[float]]  # x, y; numbers by numbers, as arrays this small only cost
 
 

@@ -11,11 +11,10 @@ from functools import cache
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from ledpi.decode.finding.four_sides import in_order
 from ledpi.decode.finding.lit import threshold_of
-from ledpi.records import Floats, Pixels
+from ledpi.records import Floats, Mask, Pixels
 
 # Of a spot's brightness in the picture, what is two pixels around it has on average: half of its light, as sRGB has it.
 # At one of the pyramid's levels, where the pitch is 4 to 8.5 pixels, that is half-way to the next spot or beyond: there
@@ -81,7 +80,7 @@ def lattice(group: Floats, cells: int) -> Floats | None:
     return _corners(group[np.argsort(odd, kind="stable")[: cells * cells], :2], cells)
 
 
-def _linked(linked: NDArray[np.bool_]) -> list[list[int]]:
+def _linked(linked: Mask) -> list[list[int]]:
     """Of what is linked to each other, in one way or another."""
     others = [np.flatnonzero(row).tolist() for row in linked]
     seen: set[int] = set()

@@ -12,11 +12,11 @@ from dataclasses import replace
 import numpy as np
 
 from ledpi.decode.cells import CellSamples, sample_cells, unit_square_to
-from ledpi.decode.evidence.evidence import Doubles, Evidence
+from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.evidence.memory import PanelMemory, turned
 from ledpi.decode.identify.words import weakest_row
 from ledpi.geometry import distort, undistort
-from ledpi.records import Frame, Intrinsics, Mask, PanelSpec, Quad, Rejected
+from ledpi.records import Floats, Frame, Intrinsics, Mask, PanelSpec, Quad, Rejected
 from ledpi.tone import SATURATED
 
 SIDES = 4
@@ -58,7 +58,7 @@ class Ends:
                 return
             memory.add(light, times)
 
-    def are_where_told(self, shown: Doubles, origin_ns: int) -> bool:
+    def are_where_told(self, shown: Floats, origin_ns: int) -> bool:
         """Whether the panel ends there whose cells have shown these bands (cells, P), counted from row 0 then."""
         if self._within.frames == 0:
             return False
@@ -72,7 +72,7 @@ class Ends:
         return all(_blinks(memory, turns, shown) < MOST_BESIDE * weakest for turns, memory in enumerate(self._aside))
 
 
-def _blinks(aside: PanelMemory, turns: int, shown: Doubles) -> float:
+def _blinks(aside: PanelMemory, turns: int, shown: Floats) -> float:
     """Log odds of the row beyond the side after so many: that its cells have bands of either class to none."""
     cells = round(len(shown) ** 0.5)
     turned_round = np.rot90(shown.reshape(cells, cells, -1), turns)
@@ -104,7 +104,7 @@ def _a_row_up(quad: Quad, turns: int, cells: int, intrinsics: Intrinsics | None)
     return replace(quad, corners_px=moved if intrinsics is None else distort(moved, intrinsics))
 
 
-def _best_of_classes(evidence: Evidence, shown: Doubles, of_class: Doubles) -> Doubles:
+def _best_of_classes(evidence: Evidence, shown: Floats, of_class: Floats) -> Floats:
     """(cells,) log odds of each cell's likelier bands of those `of_class` (classes, P) to those `shown` (cells, P)."""
     left = evidence.score - np.tensordot(evidence.information, shown, axes=((2, 3), (0, 1)))
     own = np.einsum("cicj->cij", evidence.information)

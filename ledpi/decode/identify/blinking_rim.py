@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ledpi.decode.cells import INSET, MIN_CELL_PX, sample_cells, unit_square_to
-from ledpi.decode.evidence.evidence import Doubles, Evidence
+from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.evidence.memory import PanelMemory, turned
 from ledpi.geometry import distort, undistort
 from ledpi.records import Floats, Frame, Intrinsics, PanelSpec, Quad, Rejected
@@ -61,7 +61,7 @@ class Rim:
         self._told = Inward()
 
     def inward(
-        self, frame: Frame, quad: Quad, shown: Doubles, origin_ns: int, intrinsics: Intrinsics | None
+        self, frame: Frame, quad: Quad, shown: Floats, origin_ns: int, intrinsics: Intrinsics | None
     ) -> Inward:
         """How far in the panel ends that a further frame shows in `quad`.
 
@@ -90,7 +90,7 @@ class Rim:
             if not isinstance(light, Rejected):
                 memory.add(light, frame.without_picture())
 
-    def _tell(self, shown: Doubles, origin_ns: int) -> Inward:
+    def _tell(self, shown: Floats, origin_ns: int) -> Inward:
         told = np.array([self._lacks(memory, turns, shown, origin_ns) for turns, memory in enumerate(self._sides)])
         lacks, sigma = told[..., 0], told[..., 1]  # (sides, outer strips)
         strips = np.logical_and.accumulate(lacks > SURELY * sigma, axis=1).sum(axis=1)  # that lack bands, of each side
@@ -111,7 +111,7 @@ class Rim:
             return Inward()
         return Inward(shares=tuple(shares.tolist()), sigma=min(depth * math.hypot(INSET, each), UNTOLD))
 
-    def _lacks(self, memory: PanelMemory, turns: int, shown: Doubles, origin_ns: int) -> list[tuple[float, float]]:
+    def _lacks(self, memory: PanelMemory, turns: int, shown: Floats, origin_ns: int) -> list[tuple[float, float]]:
         """How much of its bands each outer strip lacks, of what inner ones have of theirs; and the deviation."""
         outer = self._cells // 2
         evidence = memory.of_comparisons()
@@ -143,7 +143,7 @@ def _placed(straight: Floats, places: list[tuple[float, float]], intrinsics: Int
     return placed if intrinsics is None else distort(placed, intrinsics)
 
 
-def _bands_of_rows(evidence: Evidence, shown: Doubles) -> tuple[Doubles, Doubles]:
+def _bands_of_rows(evidence: Evidence, shown: Floats) -> tuple[Floats, Floats]:
     """(rows,) how much each has of the bands `shown` (rows, columns, P), and the variance; by least squares."""
     n = len(shown)
     each = np.zeros((n, n, *shown.shape[1:]))

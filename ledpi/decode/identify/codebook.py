@@ -5,14 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ledpi.decode.cells import Singles
 from ledpi.decode.identify.words import MOST_CORRECTED
 from ledpi.markers import Dictionary
-from ledpi.records import PanelSpec
-
-Mask = NDArray[np.bool_]
+from ledpi.records import Integers, Mask, PanelSpec, Singles
 
 # Patterns that are no word differ in so many cells at least from each: what differs in fewer is meant for it.
 NEAREST_PATTERN = MOST_CORRECTED + 1
@@ -22,8 +18,8 @@ NEAREST_PATTERN = MOST_CORRECTED + 1
 class Codebook:
     """The words that a panel may show, turned all four ways, for one pair of frequencies."""
 
-    ids: NDArray[np.int64]  # (W,)
-    quarter_turns: NDArray[np.int64]  # (W,) clockwise
+    ids: Integers  # (W,)
+    quarter_turns: Integers  # (W,) clockwise
     white: Singles  # (W, cells) 1 where the class is white, 0 where black
     correctable: int  # cells that may be of the other class while it is still this word: one, if it can be corrected
     spec: PanelSpec

@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import cache
 
-from ledpi.decode.cells import CellSamples, Singles, lattice
-from ledpi.decode.evidence.evidence import UNFIT, Doubles, Evidence, band_prior, is_deep
+from ledpi.decode.cells import CellSamples, lattice
+from ledpi.decode.evidence.evidence import UNFIT, Evidence, band_prior, is_deep
 from ledpi.decode.evidence.noise import expected_of, lags_of
 from ledpi.decode.evidence.shared_light import border_points, meeting_cells, sources_of
 from ledpi.decode.evidence.single_frame import single_evidence
@@ -20,7 +20,7 @@ from ledpi.decode.identify.words import SHORTLIST, likeliest
 from ledpi.kernels import look as kernel
 from ledpi.kernels.library import COMPILED
 from ledpi.kernels.words import Fit
-from ledpi.records import Frame, PanelSpec, Rejected
+from ledpi.records import Floats, Frame, PanelSpec, Rejected, Singles
 
 
 def first_look(
@@ -28,7 +28,7 @@ def first_look(
     frame: Frame,
     spec: PanelSpec,
     white: Singles,
-    prior: Doubles | None = None,
+    prior: Floats | None = None,
     *,
     compiled: bool = COMPILED,
 ) -> tuple[Evidence, Fit] | Rejected:
@@ -49,7 +49,7 @@ def first_look(
 
 
 def _at_once(
-    samples: CellSamples, frame: Frame, spec: PanelSpec, white: Singles, prior: Doubles
+    samples: CellSamples, frame: Frame, spec: PanelSpec, white: Singles, prior: Floats
 ) -> tuple[Evidence, Fit] | Rejected | None:
     """The same in C; None where the panel is not plain."""
     may_be_dark = is_deep(prior)  # a deep band is as dark as what is covered

@@ -9,11 +9,11 @@ import math
 
 import numpy as np
 
-from ledpi.decode.cells import Singles
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.identify.words import word_log_likelihoods
 from ledpi.kernels import words as kernel
 from ledpi.kernels.library import COMPILED
+from ledpi.records import Singles
 
 BEAM = 16  # patterns from which others are tried that differ in one more cell: with 8, the likeliest was missed
 # To find the likeliest pattern: phases of each wave that are begun with, patterns that are followed, and how far. (Of

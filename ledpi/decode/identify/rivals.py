@@ -14,11 +14,11 @@ import numpy as np
 
 from ledpi.decode.cells import CellSamples
 from ledpi.decode.evidence.evidence import Evidence, band_prior
-from ledpi.decode.identify.codebook import NEAREST_PATTERN, Codebook, Mask
+from ledpi.decode.identify.codebook import NEAREST_PATTERN, Codebook
 from ledpi.decode.identify.first_look import first_look
 from ledpi.decode.identify.patterns import likeliest_beyond, of_neighbours
 from ledpi.kernels.words import Fit
-from ledpi.records import Frame, Rejected
+from ledpi.records import Frame, Mask, Rejected
 
 # Patterns that are no word count as rivals as if they showed up as often as words: all of them alike, or those that
 # differ from a word in 2, 3 or 4 cells, evenly, which is more where panels have many cells.

@@ -22,7 +22,6 @@ import numpy as np
 from ledpi.decode.cells import CellSamples
 from ledpi.decode.evidence.evidence import (
     UNFIT,
-    Doubles,
     Evidence,
     band_prior,
     bands_of,
@@ -37,7 +36,7 @@ from ledpi.decode.identify.first_look import first_look
 from ledpi.decode.identify.plausible import all_rows_blink, is_consistent, is_plausible
 from ledpi.decode.identify.words import SHORTLIST, likeliest
 from ledpi.kernels.words import Fit
-from ledpi.records import Frame, Rejected, SeenBands
+from ledpi.records import Floats, Frame, Rejected, SeenBands
 
 NO_BANDS = Rejected(stage="soft", reason="no_bands")
 NO_WORD = Rejected(stage="soft", reason="not_in_dictionary")
@@ -71,7 +70,7 @@ class Reading:
     margin: float  # natural-log likelihood ratio to the best rival
     likelihood: float  # natural-log likelihood ratio to "no bands at all"
     amplitude: tuple[float, float]  # of black's and white's bands over the mean light
-    cell_bands: Doubles  # (cells, P) cosine and sine of each wave, as each cell shows them
+    cell_bands: Floats  # (cells, P) cosine and sine of each wave, as each cell shows them
 
 
 def read_word(

@@ -21,7 +21,7 @@ from ledpi.decode.cells import CellSamples
 from ledpi.decode.evidence.classes import wave_shares
 from ledpi.decode.evidence.evidence import picture_slopes
 from ledpi.decode.identify.codebook import Codebook
-from ledpi.records import Frame, PanelSpec
+from ledpi.records import Floats, Frame, PanelSpec
 
 Complexes = NDArray[np.complex128]
 
@@ -95,7 +95,7 @@ def off_frequency_note(marker_id: int, found: PanelSpec) -> str:
     )
 
 
-def _residuals(seen: Sequence[Seen]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _residuals(seen: Sequence[Seen]) -> tuple[Floats, Floats]:
     """What each frame's light is over the mean picture's (frames, cells·points), corners' errors taken off; weights."""
     light = np.stack([s.samples.light / s.samples.light.mean() for s in seen]).astype(np.float64)
     picture = np.maximum(light.mean(axis=0), 0.02)
@@ -109,7 +109,7 @@ def _residuals(seen: Sequence[Seen]) -> tuple[NDArray[np.float64], NDArray[np.fl
     return residual / root, weight.reshape(-1)
 
 
-def _sums(seen: Sequence[Seen], residual: NDArray[np.float64], weight: NDArray[np.float64], hz: float) -> Complexes:
+def _sums(seen: Sequence[Seen], residual: Floats, weight: Floats, hz: float) -> Complexes:
     """(frames, cells): the wave that each cell shows, with the phase that it had when row 0 was read out."""
     rows = np.stack([s.samples.rows for s in seen]).astype(np.float64)
     turns = np.array([hz * s.frame.row_time_us * 1e-6 for s in seen])[:, None, None]
@@ -117,9 +117,7 @@ def _sums(seen: Sequence[Seen], residual: NDArray[np.float64], weight: NDArray[n
     return np.asarray((waves * (residual * weight).reshape(rows.shape)).sum(axis=2))
 
 
-def _powers(
-    sums: Complexes, times_s: NDArray[np.float64], hz: float, shares: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _powers(sums: Complexes, times_s: Floats, hz: float, shares: Floats) -> tuple[Floats, Floats]:
     """Frequencies (F,), and the power (F, words) of a wave in all cells of a word together, over what noise leaves.
 
     `shares` (words, cells): how much of it each shows.
@@ -140,7 +138,7 @@ def _frozen(hz: float, period_s: float) -> float:
     return float(round(hz * period_s) / period_s)
 
 
-def _noise(seen: Sequence[Seen], residual: NDArray[np.float64], weight: NDArray[np.float64]) -> float:
+def _noise(seen: Sequence[Seen], residual: Floats, weight: Floats) -> float:
     """What `_powers` makes of noise alone, on average: as if all that is left of the light were noise.
 
     A residual has the variance σ²/weight, so a sum over samples that it was weighted in has σ²·Σ weight.
@@ -150,7 +148,7 @@ def _noise(seen: Sequence[Seen], residual: NDArray[np.float64], weight: NDArray[
     return frames * variance * float(weight.sum()) / cells / seen[-1].samples.independence
 
 
-def _peak(frequencies: NDArray[np.float64], power: NDArray[np.float64], noise: float) -> float | None:
+def _peak(frequencies: Floats, power: Floats, noise: float) -> float | None:
     """Where a parabola through the highest and its neighbours has its top; None where nothing stands out of `noise`."""
     if power.max() < SIGNIFICANT * noise:
         return None

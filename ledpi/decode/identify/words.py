@@ -8,14 +8,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ledpi.decode.cells import Singles
 from ledpi.decode.evidence.classes import band_shares, in_other_class, wave_shares
-from ledpi.decode.evidence.evidence import Doubles, Evidence
+from ledpi.decode.evidence.evidence import Evidence
 from ledpi.kernels import words as kernel
 from ledpi.kernels.library import COMPILED
 from ledpi.kernels.words import Fit
+from ledpi.records import Floats, Integers, Singles
 
 MOST_CORRECTED = 1  # cells that may be of the other class while a pattern still is a word: `Codebook.correctable`
 MOST_GAIN, SMALLEST_LOG = 40.0, -600.0  # what e can be taken to the power of, and summed up; more is as sure as this
@@ -49,17 +48,17 @@ def likeliest(evidence: Evidence, white: Singles, *, compiled: bool = COMPILED) 
     )
 
 
-def _gain_by_other_class(evidence: Evidence, shown: Doubles) -> Doubles:
+def _gain_by_other_class(evidence: Evidence, shown: Floats) -> Floats:
     """(cells,) log-likelihood ratio of each cell in the other class to the one whose bands are `shown` (cells, P)."""
     matrix = evidence.information.reshape(shown.size, shown.size)
     left = evidence.score - (matrix @ shown.reshape(-1)).reshape(shown.shape)
     change = in_other_class(shown) - shown
     own = np.einsum("cicj->cij", evidence.information)
-    gain: Doubles = (change * left).sum(axis=1) - 0.5 * (np.matmul(own, change[..., None])[..., 0] * change).sum(axis=1)
+    gain: Floats = (change * left).sum(axis=1) - 0.5 * (np.matmul(own, change[..., None])[..., 0] * change).sum(axis=1)
     return gain
 
 
-def weakest_row(evidence: Evidence, shown: Doubles) -> float:
+def weakest_row(evidence: Evidence, shown: Floats) -> float:
     """Least log odds of a row or column of cells with the bands `shown` (cells, P) to one with none."""
     side = math.isqrt(len(shown))
     left = evidence.score - np.tensordot(evidence.information, shown, axes=((2, 3), (0, 1)))
@@ -98,7 +97,7 @@ def _explained_by_cells(evidence: Evidence) -> float:
     return 0.5 * float(score @ np.linalg.solve(ridged, score))
 
 
-def shortlist(evidence: Evidence, white: Singles) -> NDArray[np.int64]:
+def shortlist(evidence: Evidence, white: Singles) -> Integers:
     """The SHORTLIST likeliest words of (W, cells), told by a likelihood that leaves out what ties cells together.
 
     Exact within each cell. What cells share (profile, corners) takes about the same from every word, so the likeliest
@@ -118,11 +117,11 @@ def shortlist(evidence: Evidence, white: Singles) -> NDArray[np.int64]:
         a, d = a + 1.0 / evidence.prior[cosine], d + 1.0 / evidence.prior[sine]
         det = a * d - b * b
         likelihood += 0.5 * ((d * x * x - 2 * b * x * y + a * y * y) / det - np.log(det))
-    chosen: NDArray[np.int64] = np.argpartition(likelihood, -SHORTLIST)[-SHORTLIST:]
+    chosen: Integers = np.argpartition(likelihood, -SHORTLIST)[-SHORTLIST:]
     return chosen
 
 
-def word_log_likelihoods(evidence: Evidence, white: Singles) -> tuple[Doubles, Doubles, Doubles]:
+def word_log_likelihoods(evidence: Evidence, white: Singles) -> tuple[Floats, Floats, Floats]:
     """Log-likelihood ratio of each word (W, cells) to "no bands", depth and phase integrated out.
 
     With score b and information A of the word's P parameters and prior variance Λ:
@@ -132,13 +131,13 @@ def word_log_likelihoods(evidence: Evidence, white: Singles) -> tuple[Doubles, D
     inverse_prior = 1.0 / evidence.prior
     normal[:, range(len(inverse_prior)), range(len(inverse_prior))] += inverse_prior
     covariance = np.asarray(np.linalg.inv(normal), np.float64)
-    bands: Doubles = np.matmul(covariance, score[..., None])[..., 0]
+    bands: Floats = np.matmul(covariance, score[..., None])[..., 0]
     log_det = np.linalg.slogdet(normal)[1] - np.log(inverse_prior).sum()
-    likelihood: Doubles = 0.5 * ((bands * score).sum(axis=1) - log_det)
+    likelihood: Floats = 0.5 * ((bands * score).sum(axis=1) - log_det)
     return likelihood, bands, covariance
 
 
-def _word_normal_equations(evidence: Evidence, white: Doubles) -> tuple[Doubles, Doubles]:
+def _word_normal_equations(evidence: Evidence, white: Floats) -> tuple[Floats, Floats]:
     """Information (W, P, P) and score (W, P) of the parameters that all cells share."""
     parameters = len(evidence.prior)
     shares = band_shares(white, parameters)

@@ -8,12 +8,11 @@ from itertools import combinations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from ledpi.decode.corners.sides import Points, as_corners, as_points, cross
 from ledpi.kernels import smallest as kernel
 from ledpi.kernels.library import compiled
-from ledpi.records import Floats, Pixels
+from ledpi.records import Floats, Integers, Pixels
 
 MAX_OUTLINE = 12  # corners of an outline, of which four sides are chosen
 OUTLINE_PX = 1.0  # by which an outline with few corners may be off, at first
@@ -64,7 +63,7 @@ def _smallest(start: Points) -> Points | None:
 
 
 @cache
-def _fours(count: int) -> NDArray[np.int64]:
+def _fours(count: int) -> Integers:
     """(…, 4) all ways of choosing four of `count`, in order."""
     return np.array(list(combinations(range(count), 4)))
 

@@ -22,14 +22,13 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ledpi.decode.corners.sides import Points, Singles, areas
+from ledpi.decode.corners.sides import Points, areas
 from ledpi.decode.striped.lattice import Lattice, fine_lattice, lattice_places, unlike_a_square
 from ledpi.decode.striped.light_window import BRIGHT, DARK, Window, class_waves, min_contrast
 from ledpi.kernels import band_light as kernel
 from ledpi.kernels.library import compiled
-from ledpi.records import BandShape, Floats, PanelSpec
+from ledpi.records import BandShape, Floats, Integers, Mask, PanelSpec, Singles
 
 PHASES = 32  # that are tried, of each class
 EVEN = 0.85  # of the light of the brightest tenth: what a bright point of a cell has on average
@@ -51,7 +50,7 @@ class Bands:
     dark: float  # levels of light
     bright: float
     phases: Floats  # (2,) of either wave in the picture's row 0, in cycles
-    white: NDArray[np.bool_]  # (cells²,) which cells are rather of the white class
+    white: Mask  # (cells²,) which cells are rather of the white class
     spec: PanelSpec
     explained: float  # share of the square's light, squared, that its cells explain
 
@@ -184,12 +183,12 @@ class _Phases:
 
     explained: float  # as a share of its area
     phases: tuple[int, int]  # of PHASES
-    white: NDArray[np.bool_]  # (cells²,)
+    white: Mask  # (cells²,)
     level: float  # relative light of a cell that is on all the time, on average
 
 
 def _fitted_phases(
-    relative: Singles, share: Singles, rows: NDArray[np.int64], waves: Singles, spec: PanelSpec
+    relative: Singles, share: Singles, rows: Integers, waves: Singles, spec: PanelSpec
 ) -> _Phases:
     """Of relative light (cells², P) at a lattice's points, each of which has a share of the panel, in these rows.
 
@@ -205,7 +204,7 @@ def _fitted_phases(
 
 
 def _phases_by(
-    profile: Floats, relative: Singles, share: Singles, rows: NDArray[np.int64], waves: Singles, spec: PanelSpec
+    profile: Floats, relative: Singles, share: Singles, rows: Integers, waves: Singles, spec: PanelSpec
 ) -> tuple[_Phases, Singles]:
     """With a profile (P,) of cells, each of which has a gain of its own; and (cells², P) what their classes show."""
     cells, height = len(relative), waves.shape[2]
@@ -229,7 +228,7 @@ def _phases_by(
 @lru_cache(maxsize=32)
 def _waves_of(
     specs: tuple[PanelSpec, ...], exposure_us: float, row_time_us: float, shrink: int, shape: BandShape | None
-) -> tuple[Singles, Floats, NDArray[np.bool_]]:
+) -> tuple[Singles, Floats, Mask]:
     """(specs, 2, WAVE_STEPS) tables, (specs, 2) cycles in a row of the picture, (specs,) which are in antiphase."""
     waves = [class_waves(spec, exposure_us, row_time_us, shrink, shape) for spec in specs]
     antiphase = np.array([spec.phase == "antiphase" for spec in specs])

@@ -19,12 +19,12 @@ import cv2
 import numpy as np
 
 from ledpi import shutter
-from ledpi.decode.corners.sides import Singles, areas, as_points
+from ledpi.decode.corners.sides import areas, as_points
 from ledpi.decode.finding.find import AT_BORDER, NOT_FOUR_SIDED, TOO_SMALL, Candidate
 from ledpi.decode.striped.around import few_corners, rectangles_around, smallest_square_around
 from ledpi.decode.striped.lattice import lattice_places, rough_lattice
 from ledpi.decode.striped.light_window import min_contrast
-from ledpi.records import Floats, Frame, PanelSpec, Pixels, Rejected, Transfer
+from ledpi.records import Floats, Frame, PanelSpec, Pixels, Rejected, Singles, Transfer
 from ledpi.tone import linear_light
 
 STRIPED_CONTRAST = 0.8  # bands deeper than this cut a panel into pieces: of others the darkest rows, too, show its rim

@@ -7,8 +7,8 @@ from functools import cache
 
 import numpy as np
 
-from ledpi.decode.corners.sides import Points, Singles
-from ledpi.records import Floats
+from ledpi.decode.corners.sides import Points
+from ledpi.records import Floats, Singles
 
 
 @dataclass(frozen=True, slots=True, eq=False)

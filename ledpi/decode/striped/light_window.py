@@ -8,12 +8,11 @@ from functools import lru_cache
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from ledpi import shutter
-from ledpi.decode.corners.sides import Points, Singles, areas
+from ledpi.decode.corners.sides import Points, areas
 from ledpi.decode.striped.lattice import lattice_places, rough_lattice
-from ledpi.records import BandShape, Floats, Frame, PanelSpec
+from ledpi.records import BandShape, Floats, Frame, Mask, PanelSpec, Singles
 from ledpi.tone import linear_light
 
 FEWEST_PX = 70  # the side of a square that is looked at is averaged down to, as long as it has two times as many
@@ -133,12 +132,12 @@ def _contrast(depth: float) -> float:
     return min(MIN_CONTRAST, max(1.0, (1 + depth) / (1 - depth) / 3))
 
 
-def have_contrast(frame: Frame, corners: Points, cells: int, specs: Sequence[PanelSpec]) -> NDArray[np.bool_]:
+def have_contrast(frame: Frame, corners: Points, cells: int, specs: Sequence[PanelSpec]) -> Mask:
     """(N,) which quads (N, 4) in the picture show both bright and dark."""
     x, y, _ = lattice_places(corners, rough_lattice(cells))
     height, width = frame.pixels.shape
     codes = frame.pixels[y.astype(np.int64).clip(0, height - 1), x.astype(np.int64).clip(0, width - 1)]
     light = linear_light(frame.transfer, mark_saturated=False)[codes.reshape(len(corners), -1)]
     dark, bright = np.quantile(light, (DARK, BRIGHT), axis=1)
-    contrasty: NDArray[np.bool_] = bright > min_contrast(tuple(specs), frame.exposure_us, anywhere=True) * dark
+    contrasty: Mask = bright > min_contrast(tuple(specs), frame.exposure_us, anywhere=True) * dark
     return contrasty

@@ -6,13 +6,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ledpi.decode.cells import unit_square_to
 from ledpi.decode.corners.adjust import NO_RIM_WALL_PX
-from ledpi.decode.corners.sides import Points, Sides, Singles, as_corners, as_points
+from ledpi.decode.corners.sides import Points, Sides, as_corners, as_points
 from ledpi.geometry import distort, undistort
-from ledpi.records import Floats, Intrinsics
+from ledpi.records import Floats, Intrinsics, Mask, Singles
 
 WAYS, BLUR, GAP, LONGER, PHASE, SPOT, BESIDE, RIM, GAIN = 8, 8, 9, 10, 12, 14, 16, 20, 21
 SPOT_SIGMA = np.array([0.16, 0.32])  # of the pitch: of which a cell's light is made up
@@ -33,7 +32,7 @@ def fit_panel(
     shrink: int,
     lens: Intrinsics | None,
     cells: int,
-    white: NDArray[np.bool_],
+    white: Mask,
     waves: Singles,
     cycles_a_row: Floats,
     levels: tuple[float, float, float],
@@ -112,7 +111,7 @@ def _limit(unknown: Floats) -> None:
     unknown[LONGER:PHASE] = np.clip(unknown[LONGER:PHASE], -most_shaped, most_shaped)
 
 
-def _light_at(light: Singles, at: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+def _light_at(light: Singles, at: Floats) -> tuple[Floats, Mask]:
     """Between the pixels of a window, at points (P, 2), and which are in it."""
     height, width = light.shape
     inside = np.asarray((at >= 0).all(axis=1) & (at <= (width - 1, height - 1)).all(axis=1))
@@ -189,7 +188,7 @@ def _course(along: Floats, cells: int, sigma: float, gap: float, rim: float) -> 
 def _model(
     unknown: Floats,
     courses: list[_Course],
-    white: NDArray[np.bool_],
+    white: Mask,
     shown: Floats,
     later: Floats,
     shapes: Floats,
