@@ -1,4 +1,4 @@
-"""Rotations, quads, and the camera as a map between rays and pixels. Pure arithmetic."""
+"""Rotations, quads and homographies, and the camera as a map between rays and pixels. Pure arithmetic."""
 
 from __future__ import annotations
 
@@ -128,6 +128,50 @@ def quad_middle(corners: Sequence[Sequence[float]]) -> tuple[float, float]:
     """Mean of the corners."""
     (x0, y0), (x1, y1), (x2, y2), (x3, y3) = corners
     return 0.25 * (x0 + x1 + x2 + x3), 0.25 * (y0 + y1 + y2 + y3)
+
+
+def unit_square_to(corners: Floats) -> Floats:
+    """(3, 3) homography that takes (0,0) (1,0) (1,1) (0,1) to the four `corners` (4, 2).
+
+    Heckbert's closed form (Fundamentals of Texture Mapping, 1989). Raises numpy's LinAlgError never: a quad whose
+    sides are parallel, or a degenerate one, divides by zero and gives non-finite numbers, which callers refuse.
+    """
+    (x0, y0), (x1, y1), (x2, y2), (x3, y3) = corners.tolist()
+    dx1, dx2, dx3 = x1 - x2, x3 - x2, x0 - x1 + x2 - x3
+    dy1, dy2, dy3 = y1 - y2, y3 - y2, y0 - y1 + y2 - y3
+    det = dx1 * dy2 - dx2 * dy1
+    if det == 0.0:
+        return np.full((3, 3), np.nan)
+    g = (dx3 * dy2 - dx2 * dy3) / det
+    h = (dx1 * dy3 - dx3 * dy1) / det
+    return np.array(
+        [
+            [x1 - x0 + g * x1, x3 - x0 + h * x3, x0],
+            [y1 - y0 + g * y1, y3 - y0 + h * y3, y0],
+            [g, h, 1.0],
+        ]
+    )
+
+
+def apply_homography(homography: Floats, points: Floats) -> Floats:
+    """Points (N, 2) through a (3, 3) homography: (N, 2)."""
+    x, y, w = homography @ np.column_stack([points, np.ones(len(points))]).T
+    return np.stack([x / w, y / w], axis=1)
+
+
+def in_square(corners: Floats, places: Floats) -> Floats:
+    """Where places (N, 2) of the unit square are seen whose corners are seen at `corners` (4, 2): (N, 2)."""
+    return apply_homography(unit_square_to(corners), places)
+
+
+def box(left: float, top: float, right: float, bottom: float) -> Floats:
+    """(4, 2) corners of a box along the axes, clockwise in the picture from the top left."""
+    return np.array([[left, top], [right, top], [right, bottom], [left, bottom]])
+
+
+def square_box(low: float, high: float) -> Floats:
+    """(4, 2) the same of a square from `low` to `high` on either axis."""
+    return box(low, low, high, high)
 
 
 def transform(rotation: Floats, position_m: Floats) -> Floats:

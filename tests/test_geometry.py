@@ -1,4 +1,4 @@
-"""Rotations and the lens, against OpenCV's own functions and rotations known by hand."""
+"""Rotations, squares in perspective and the lens, against OpenCV's own functions and what is known by hand."""
 
 from __future__ import annotations
 
@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 from ledpi.geometry import (
+    box,
     distort,
+    in_square,
     matrix_from_quaternion,
     quaternion_from_matrix,
     rotation_angle_deg,
@@ -144,3 +146,15 @@ def test_undistort_reaches_the_pictures_corners() -> None:
     lens = Intrinsics(width=640, height=480, fx=500, fy=500, cx=320, cy=240, distortion=(-0.2, 0, 0, 0, 0))
     pixels = grid_of_pixels()
     np.testing.assert_allclose(distort(undistort(pixels, lens), lens), pixels, rtol=0, atol=1e-6)
+
+
+def test_the_middle_of_a_square_is_where_its_diagonals_cross() -> None:
+    """Of a trapezium with sides of 4 and 2, 3 high, that is two thirds of the way from the longer to the shorter."""
+    corners = np.array([[1.0, 0.0], [3.0, 0.0], [4.0, 3.0], [0.0, 3.0]])
+    assert in_square(corners, np.array([[0.5, 0.5]])) == pytest.approx(np.array([[2.0, 1.0]]))
+
+
+def test_the_corners_of_a_square_are_where_they_are_seen() -> None:
+    """Clockwise from the top left, as a box's are."""
+    corners = np.array([[10.0, 20.0], [90.0, 35.0], [80.0, 95.0], [15.0, 70.0]])
+    assert in_square(corners, box(0, 0, 1, 1)) == pytest.approx(corners)

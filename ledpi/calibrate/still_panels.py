@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ledpi.calibrate.band_search import PanelLight
-from ledpi.decode.cells import unit_square_to
 from ledpi.errors import CalibrationError
-from ledpi.geometry import undistort
+from ledpi.geometry import undistort, unit_square_to
 from ledpi.pipeline import Pipeline
 from ledpi.records import Floats, Frame, Intrinsics
 from ledpi.tone import SATURATED, linear_light

@@ -23,8 +23,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ledpi.decode.cells import unit_square_to
 from ledpi.errors import ConfigError
+from ledpi.geometry import in_square, square_box
 from ledpi.markers import Bits, Dictionary, corners_of_turned
 from ledpi.records import Floats, Frame, PanelSpec, Pixels, Rejected, Sighting, Singles, read_only
 from ledpi.shutter import band_width_rows
@@ -237,14 +237,7 @@ def _same_place(a: Floats, b: Floats) -> bool:
 
 def add_frame(corners_px: Floats, cells: int) -> Floats:
     """(4, 2) corners of a square of `cells` × `cells`, with one cell more on every side, in perspective: step (f)."""
-    beyond = np.array([[-1, -1], [cells + 1, -1], [cells + 1, cells + 1], [-1, cells + 1]]) / cells
-    return projected(unit_square_to(corners_px), beyond)
-
-
-def projected(homography: Floats, points: Floats) -> Floats:
-    """Points (N, 2) through a (3, 3) homography."""
-    x, y, w = homography @ np.column_stack([points, np.ones(len(points))]).T
-    return np.stack([x / w, y / w], axis=1)
+    return in_square(corners_px, square_box(-1, cells + 1) / cells)
 
 
 def cell_shares(classes: Classes, corners_px: Floats, cells: int) -> tuple[Floats, Floats]:
@@ -252,7 +245,7 @@ def cell_shares(classes: Classes, corners_px: Floats, cells: int) -> tuple[Float
     inside = INSET + (np.arange(POINTS) + 0.5) / POINTS * (1 - 2 * INSET)
     along = ((np.arange(cells)[:, None] + inside) / cells).ravel()
     u, v = np.meshgrid(along, along)
-    at = projected(unit_square_to(corners_px), np.column_stack([u.ravel(), v.ravel()])).astype(np.float32)
+    at = in_square(corners_px, np.column_stack([u.ravel(), v.ravel()])).astype(np.float32)
     seen = cv2.remap(classes.view(np.uint8), at[None], None, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT)
     by_cell = seen.reshape(cells, POINTS, cells, POINTS)
     return (by_cell == BLACK_BAND).mean(axis=(1, 3)), (by_cell == WHITE_BAND).mean(axis=(1, 3))

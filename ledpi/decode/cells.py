@@ -13,7 +13,7 @@ from functools import cache
 import cv2
 import numpy as np
 
-from ledpi.geometry import distort, quad_side, undistort
+from ledpi.geometry import distort, in_square, quad_side, square_box, undistort, unit_square_to
 from ledpi.kernels import cells as kernel
 from ledpi.kernels.light import can_read
 from ledpi.records import Floats, Frame, Intrinsics, Mask, Quad, Rejected, SeenBands, Singles
@@ -87,29 +87,6 @@ def lattice(cells: int, k: int) -> Lattice:
     return Lattice(cells=cells, k=k, u=u, v=v, along=along.reshape(-1), shifts=np.array(across, np.float32))
 
 
-def unit_square_to(corners: Floats) -> Floats:
-    """(3, 3) homography that takes (0,0) (1,0) (1,1) (0,1) to the four `corners` (4, 2).
-
-    Heckbert's closed form (Fundamentals of Texture Mapping, 1989). Raises numpy's LinAlgError never: a quad whose
-    sides are parallel, or a degenerate one, divides by zero and gives non-finite numbers, which callers refuse.
-    """
-    (x0, y0), (x1, y1), (x2, y2), (x3, y3) = corners.tolist()
-    dx1, dx2, dx3 = x1 - x2, x3 - x2, x0 - x1 + x2 - x3
-    dy1, dy2, dy3 = y1 - y2, y3 - y2, y0 - y1 + y2 - y3
-    det = dx1 * dy2 - dx2 * dy1
-    if det == 0.0:
-        return np.full((3, 3), np.nan)
-    g = (dx3 * dy2 - dx2 * dy3) / det
-    h = (dx1 * dy3 - dx3 * dy1) / det
-    return np.array(
-        [
-            [x1 - x0 + g * x1, x3 - x0 + h * x3, x0],
-            [y1 - y0 + g * y1, y3 - y0 + h * y3, y0],
-            [g, h, 1.0],
-        ]
-    )
-
-
 def _bent(quad: Quad, cells: int, intrinsics: Intrinsics | None) -> Intrinsics | None:
     """The lens, where it bends the square: it stays a square only before the lens does."""
     if intrinsics is None or quad.bend_px == 0.0:
@@ -136,7 +113,8 @@ def sample_cells(
     On the lattice `like`, where the panel's size still suits it: pictures on one lattice can be compared.
     """
     if quad.rim_wall:
-        quad = replace(quad, corners_px=_further_out(quad.corners_px, quad.rim_wall))
+        lattice_ends = square_box(-quad.rim_wall, 1.0 + quad.rim_wall)
+        quad = replace(quad, corners_px=in_square(quad.corners_px, lattice_ends))
     width_px, height_px = cell_px = _cell_px(quad.corners_px, cells)
     if not min(cell_px) >= MIN_CELL_PX:
         return TOO_SMALL
@@ -165,13 +143,6 @@ def sample_cells(
         linear=saturated,
         bands=quad.bands,
     )
-
-
-def _further_out(corners: Floats, share: float) -> Floats:
-    """The corners of a square that ends by a share of the side further out all around."""
-    low, high = -share, 1.0 + share
-    x, y, w = unit_square_to(corners) @ np.array([[low, high, high, low], [low, low, high, high], [1.0] * 4])
-    return np.stack([x / w, y / w], axis=1)
 
 
 def _cell_px(corners: Floats, cells: int) -> tuple[float, float]:

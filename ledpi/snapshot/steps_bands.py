@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from ledpi.decode.bands import BLACK_BAND, CELL_PX, WHITE_BAND, Square, Steps, local_mean
-from ledpi.decode.cells import unit_square_to
+from ledpi.geometry import unit_square_to
 from ledpi.records import Pixels, Rejected, Sighting
 from ledpi.snapshot.drawing import BACKGROUND, BLACK_CLASS, DIM, DROPPED, TEXT, WHITE_CLASS, Canvas, outline, text
 from ledpi.snapshot.record import Snapshot

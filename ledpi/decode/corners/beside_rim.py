@@ -13,9 +13,9 @@ import math
 
 import numpy as np
 
-from ledpi.decode.cells import unit_square_to
 from ledpi.decode.corners.approach import SHARES
 from ledpi.decode.corners.sides import REACH_PX, Patches, Sides, areas, as_points, bends, points_across
+from ledpi.geometry import unit_square_to
 from ledpi.records import Floats, Frame, Intrinsics, Quad
 
 OUTSIDE_PX = np.array([-3.0, -2.5, -2.0])  # inward of a side: beyond its blur

@@ -20,9 +20,8 @@ from functools import cache
 
 import numpy as np
 
-from ledpi.decode.cells import unit_square_to
 from ledpi.decode.corners.sides import Coordinates, Patches, Points, as_corners, as_points
-from ledpi.geometry import distort
+from ledpi.geometry import distort, unit_square_to
 from ledpi.records import Floats, Intrinsics
 
 # How far light is looked at on either side: a wall and its blur. Bands 12 rows long are straight over 4, nearly; beyond

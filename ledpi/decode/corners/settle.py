@@ -10,7 +10,7 @@ import numpy as np
 
 from ledpi.decode.corners.sides import as_points, bends
 from ledpi.decode.finding.spots import rim_of
-from ledpi.geometry import distort, undistort
+from ledpi.geometry import apply_homography, distort, undistort
 from ledpi.kernels import centres as kernel
 from ledpi.kernels.light import can_read
 from ledpi.records import Floats, Frame, Intrinsics, Quad, Rejected
@@ -68,8 +68,8 @@ def _flat(points: Floats, lens: Intrinsics | None) -> Floats:
 
 def _in_picture(grid: Floats, homography: Floats, lens: Intrinsics | None) -> Floats:
     """(N, 2) where the points of a grid are seen."""
-    flat = cv2.perspectiveTransform(grid[:, None], homography)[:, 0]
-    return np.asarray(flat if lens is None else distort(flat, lens), np.float64)
+    flat = apply_homography(homography, grid)
+    return flat if lens is None else distort(flat, lens)
 
 
 def is_part_of(quad: Quad, grid: Quad) -> bool:

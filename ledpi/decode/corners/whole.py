@@ -15,8 +15,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from ledpi.decode.cells import unit_square_to
-from ledpi.decode.corners.sides import REACH_PX, Coordinates, Patches, Points, Shares, areas, as_corners
+from ledpi.decode.corners.sides import REACH_PX, Coordinates, Patches, Points, Shares, areas, as_corners, as_points
+from ledpi.geometry import box, in_square, unit_square_to
 from ledpi.records import Floats, Frame, Mask
 
 ALONG = 40  # places along the quad
@@ -91,11 +91,8 @@ def _light_along(frame: Frame, corners: Points, bend_px: Points, cells: int) -> 
 def uncovered(corners: Points, hidden: Floats) -> Points:
     """The corners (4,) of a quad that lacks `hidden` (2, 2) of its panel, of the whole panel."""
     seen = 1 - hidden.sum(axis=1)
-    (left, top), (right, bottom) = -hidden[:, 0] / seen, 1 + hidden[:, 1] / seen
-    unit = np.array([[left, top, 1], [right, top, 1], [right, bottom, 1], [left, bottom, 1]])
-    x, y, w = unit_square_to(as_corners(corners)) @ unit.T
-    whole: Points = (x + 1j * y) / w
-    return whole
+    whole = box(*(-hidden[:, 0] / seen), *(1 + hidden[:, 1] / seen))
+    return as_points(in_square(as_corners(corners), whole))
 
 
 def _share(left: Floats, best: int) -> float:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ledpi.decode.finding.four_sides import in_order
+from ledpi.geometry import apply_homography, square_box
 from ledpi.kernels import crossings as kernel
 from ledpi.kernels.library import COMPILED
 from ledpi.records import Floats, Pixels
@@ -155,7 +156,7 @@ def _grown(points: Floats, middle: Floats, steps: Floats, cells: int) -> tuple[N
     """The lattice around a place, as far as a grid may reach: which `points` are of it, and where in it (K, 2)."""
     to_picture = np.vstack([np.column_stack([steps.T, middle]), [0.0, 0.0, 1.0]])
     for reach in range(1, cells - 2):
-        seen = cv2.perspectiveTransform(points[:, None], np.linalg.inv(to_picture))[:, 0]
+        seen = apply_homography(np.linalg.inv(to_picture), points)
         whole = np.round(seen)
         off = np.abs(seen - whole).max(axis=1)
         members = np.flatnonzero((off < OFF_LATTICE) & (np.abs(whole).max(axis=1) <= reach))
@@ -214,7 +215,5 @@ def _corners(points: Floats, at: Floats, cells: int) -> Floats | None:
     homography = _fitted(at, points)
     if homography is None:
         return None
-    low, high = -1.0, cells - 1.0
-    rim = np.array([[[low, low]], [[high, low]], [[high, high]], [[low, high]]])
-    corners = cv2.perspectiveTransform(rim, homography)[:, 0]
+    corners = apply_homography(homography, square_box(-1.0, cells - 1.0))
     return np.array(in_order(corners.tolist()))

@@ -7,13 +7,13 @@ cells', so the homography through all of them says where the corners of the grid
 from __future__ import annotations
 
 import math
-from functools import cache
 
 import cv2
 import numpy as np
 
 from ledpi.decode.finding.four_sides import in_order
 from ledpi.decode.finding.lit import threshold_of
+from ledpi.geometry import apply_homography, square_box
 from ledpi.records import Floats, Mask, Pixels
 
 # Of a spot's brightness in the picture, what is two pixels around it has on average: half of its light, as sRGB has it.
@@ -107,9 +107,8 @@ def _corners(points: Floats, cells: int) -> Floats | None:
     if len(outer) != 4:
         return None
     last = cells - 1
-    grid = np.array([[0, 0], [last, 0], [last, last], [0, last]], np.float32)
-    to_grid = cv2.getPerspectiveTransform(outer.astype(np.float32), grid)
-    at = cv2.perspectiveTransform(points[:, None].astype(np.float64), to_grid)[:, 0]
+    to_grid = cv2.getPerspectiveTransform(outer.astype(np.float32), square_box(0, last).astype(np.float32))
+    at = apply_homography(to_grid, points)
     whole = np.round(at)
     if np.abs(at - whole).max() > OFF_LATTICE or len(np.unique(whole, axis=0)) != len(points):
         return None
@@ -123,12 +122,10 @@ def _outer(grid: Floats, points: Floats, cells: int) -> Floats | None:
     homography, _ = cv2.findHomography(grid.astype(np.float64), points.astype(np.float64))
     if homography is None:
         return None
-    corners = cv2.perspectiveTransform(rim_of(cells)[:, None], homography)[:, 0]
+    corners = apply_homography(homography, rim_of(cells))
     return np.array(in_order(corners.tolist()))
 
 
-@cache
 def rim_of(cells: int) -> Floats:
     """(4, 2) corners of the grid, in pitches from the middle of its first cell."""
-    low, high = -0.5, cells - 0.5
-    return np.array([[low, low], [high, low], [high, high], [low, high]])
+    return square_box(-0.5, cells - 0.5)

@@ -11,11 +11,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from ledpi.decode.cells import CellSamples, sample_cells, unit_square_to
+from ledpi.decode.cells import CellSamples, sample_cells
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.evidence.memory import PanelMemory, turned
 from ledpi.decode.identify.words import weakest_row
-from ledpi.geometry import distort, undistort
+from ledpi.geometry import box, distort, in_square, undistort
 from ledpi.records import Floats, Frame, Intrinsics, Mask, PanelSpec, Quad, Rejected
 from ledpi.tone import SATURATED
 
@@ -98,9 +98,7 @@ def _a_row_up(quad: Quad, turns: int, cells: int, intrinsics: Intrinsics | None)
     """The lattice one row up, once the panel is turned by so many quarters against the clock."""
     corners = np.roll(quad.corners_px if intrinsics is None else undistort(quad.corners_px, intrinsics), -turns, axis=0)
     up = -1.0 / cells
-    at = np.array([[0.0, up, 1.0], [1.0, up, 1.0], [1.0, 1.0 + up, 1.0], [0.0, 1.0 + up, 1.0]])
-    moved = at @ unit_square_to(corners).T
-    moved = moved[:, :2] / moved[:, 2:]
+    moved = in_square(corners, box(0.0, up, 1.0, 1.0 + up))
     return replace(quad, corners_px=moved if intrinsics is None else distort(moved, intrinsics))
 
 

@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ledpi.decode.cells import INSET, MIN_CELL_PX, sample_cells, unit_square_to
+from ledpi.decode.cells import INSET, MIN_CELL_PX, sample_cells
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.evidence.memory import PanelMemory, turned
-from ledpi.geometry import distort, undistort
+from ledpi.geometry import box, distort, in_square, undistort
 from ledpi.records import Floats, Frame, Intrinsics, PanelSpec, Quad, Rejected
 
 SIDES = 4
@@ -43,8 +43,8 @@ class Inward:
         if not any(self.shares):
             return quad
         top, right, bottom, left = self.shares
-        places = [(left, top), (1 - right, top), (1 - right, 1 - bottom), (left, 1 - bottom)]
-        return replace(quad, corners_px=_placed(_straight(quad, intrinsics), places, intrinsics))
+        within = box(left, top, 1 - right, 1 - bottom)
+        return replace(quad, corners_px=_placed(_straight(quad, intrinsics), within, intrinsics))
 
 
 class Rim:
@@ -83,8 +83,7 @@ class Rim:
         depth = 1.0 / self._strips  # of as many strips as a panel has rows: they are looked at as if they were a panel
         straight = _straight(quad, intrinsics)
         for turns, memory in enumerate(self._sides):
-            places = [(0.0, 0.0), (1.0, 0.0), (1.0, depth), (0.0, depth)]
-            corners = _placed(np.roll(straight, -turns, axis=0), places, intrinsics)
+            corners = _placed(np.roll(straight, -turns, axis=0), box(0.0, 0.0, 1.0, depth), intrinsics)
             along = Quad(corners_px=corners, corner_sigma_px=quad.corner_sigma_px, bend_px=quad.bend_px)
             light = sample_cells(frame, along, self._cells, intrinsics, like=memory.lattice)
             if not isinstance(light, Rejected):
@@ -136,10 +135,9 @@ def _straight(quad: Quad, intrinsics: Intrinsics | None) -> Floats:
     return quad.corners_px if intrinsics is None else undistort(quad.corners_px, intrinsics)
 
 
-def _placed(straight: Floats, places: list[tuple[float, float]], intrinsics: Intrinsics | None) -> Floats:
+def _placed(straight: Floats, places: Floats, intrinsics: Intrinsics | None) -> Floats:
     """(N, 2) pixels of places in the square of these corners (4, 2) before the lens."""
-    x, y, w = unit_square_to(straight) @ np.column_stack([places, np.ones(len(places))]).T
-    placed = np.stack([x / w, y / w], axis=1)
+    placed = in_square(straight, places)
     return placed if intrinsics is None else distort(placed, intrinsics)
 
 

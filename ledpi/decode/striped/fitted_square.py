@@ -9,12 +9,12 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from ledpi.decode.cells import unit_square_to
 from ledpi.decode.corners.edges import checked
 from ledpi.decode.corners.sides import Points, areas, as_corners, bends
 from ledpi.decode.striped.band_light import Bands
 from ledpi.decode.striped.light_window import Window
 from ledpi.decode.striped.panel_fit import Fit, fitted, fitted_in_shape
+from ledpi.geometry import box, in_square
 from ledpi.records import BandShape, Floats, Frame, Intrinsics, PanelSpec, Quad, Rejected, SeenBands, read_only
 
 NO_BANDS = Rejected(stage="edges", reason="no_bands")
@@ -93,9 +93,7 @@ def _with_a_side_hidden(
 
 def _strip(corners: Points, side: int) -> Floats:
     """(4, 2) what may be hidden of a square along one side, and what is beside it, in pixels of its corners (4,)."""
-    places = np.array([[-0.2, -0.2, 1.0], [1.2, -0.2, 1.0], [1.2, MOST_HIDDEN, 1.0], [-0.2, MOST_HIDDEN, 1.0]])
-    x, y, w = unit_square_to(np.roll(as_corners(corners), -side, axis=0)) @ places.T
-    return np.stack([x / w, y / w], axis=1)
+    return in_square(np.roll(as_corners(corners), -side, axis=0), box(-0.2, -0.2, 1.2, MOST_HIDDEN))
 
 
 def bands_at(

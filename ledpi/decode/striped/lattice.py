@@ -54,7 +54,7 @@ def fine_lattice(cells: int) -> Lattice:
 def lattice_places(corners: Points, lattice: Lattice) -> tuple[Singles, Singles, Singles]:
     """(N, cells², P) each: x, y, and relative depth of a lattice's points in quads (N, 4).
 
-    Of the homography from the unit square, as `cells.unit_square_to`, for many at once.
+    Of the homography from the unit square, as `geometry.unit_square_to`, for many at once.
     """
     c0, c1, _, c3 = corners.T
     g, h = _perspective(corners)

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ledpi.decode.cells import unit_square_to
 from ledpi.decode.corners.adjust import NO_RIM_WALL_PX
 from ledpi.decode.corners.sides import Points, Sides, as_corners, as_points
-from ledpi.geometry import distort, undistort
+from ledpi.geometry import apply_homography, distort, square_box, undistort, unit_square_to
 from ledpi.records import Floats, Intrinsics, Mask, Singles
 
 WAYS, BLUR, GAP, LONGER, PHASE, SPOT, BESIDE, RIM, GAIN = 8, 8, 9, 10, 12, 14, 16, 20, 21
@@ -22,7 +21,7 @@ SETTLED = 1e-3  # less than that, and it is done
 LEAST_GAIN = 0.02  # of the mean
 LEAST_BLUR_PX, MOST_BLUR_PX, MOST_GAP = 0.4, 3.0, 0.3
 MOST_LONGER, MOST_SMOOTHER = 0.5, 2.0
-ENDS = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+ENDS = square_box(-1.0, 1.0)
 _erf = np.vectorize(math.erf, otypes=[np.float64])
 
 
@@ -51,8 +50,7 @@ def fit_panel(
         corners[:] = as_points(undistort(as_corners(corners), lens))
     for round_number in range(rounds):
         homography = unit_square_to(as_corners(corners))
-        x, y, w = homography @ np.stack([u, v, np.ones_like(u)])
-        seen_at = np.stack([x, y], axis=1) / w[:, None]
+        seen_at = apply_homography(homography, np.stack([u, v], axis=1))
         pixels = seen_at if lens is None else distort(seen_at, lens)
         seen, inside = _light_at(light, (pixels - (first.real, first.imag)) / shrink)
         used = inside & (seen < saturated)
@@ -265,8 +263,7 @@ def _moved(homography: Floats, ways: Floats, rim_share: float) -> Points:
     both = ways[6] * p + ways[7] * q
     u = 0.5 * (p - ways[0] - ways[1] * p - ways[2] * q - p * both + 1)
     v = 0.5 * (q - ways[3] - ways[4] * p - ways[5] * q - q * both + 1)
-    x, y, w = homography @ np.stack([u, v, np.ones(4)])
-    return as_points(np.stack([x / w, y / w], axis=1))
+    return as_points(apply_homography(homography, np.stack([u, v], axis=1)))
 
 
 def _close_rim(matrix: Floats, corners: Points, unknown: Floats) -> None:
