@@ -80,7 +80,8 @@ class Reader:
         return met
 
     def _read_anew(self, track: Track, samples: CellSamples, frame: Frame) -> Outcome:
-        known, last = tuple(copy.copy(memory) for memory in track.memories), track.shown or track.before
+        last = track.shown or track.before
+        known = () if last is None else tuple(copy.copy(memory) for memory in track.memories)
         denied = self._add(track, samples, frame)
         group, reading = self._decide(track.memories, tuned=track.tuned is not None)
         if isinstance(reading, Rejected) and not denied and (last is not None or _may_speak_alone(track)):
