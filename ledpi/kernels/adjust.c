@@ -61,7 +61,7 @@ double ledpi_measure_at(const Homography *homography, double u, double v, bool a
     double by_u[MOVES], by_v[MOVES];
     Point at, x, y;
     ledpi_seen(homography, u, v, &at, &x, &y);
-    double scale = fabs(x.x * y.y - x.y * y.x) / (along_u ? hypot(y.x, y.y) : hypot(x.x, x.y));
+    double scale = fabs(x.x * y.y - x.y * y.x) / (along_u ? ledpi_length(y.x, y.y) : ledpi_length(x.x, x.y));
     ledpi_moves_at(u, v, by_u, by_v);
     for (int m = 0; m < MOVES; m++) slopes[m] = scale * (along_u ? by_u[m] : by_v[m]);
     return scale;
@@ -102,6 +102,7 @@ static void take_rims(const Picture *picture, const Point corners[4], const doub
     for (int k = 0; k < 4; k++)
         for (ptrdiff_t c = 0; c < cells; c++) {
             double edge = 0.0, high = 0.0;
+            float xs[PLACES][RIM_T], ys[PLACES][RIM_T], light[PLACES][RIM_T];
             for (int p = 0; p < PLACES; p++) {
                 double share = ((double)c + FIRST_PLACE + (LAST_PLACE - FIRST_PLACE) * p / (PLACES - 1)) / (double)cells;
                 double bend = 13.5 * share * (share - 1) *
@@ -109,12 +110,15 @@ static void take_rims(const Picture *picture, const Point corners[4], const doub
                 double x = sides[k].start.x + sides[k].along.x * share, y = sides[k].start.y + sides[k].along.y * share;
                 for (int t = 0; t < RIM_T; t++) {
                     double in = RIM_FIRST_ACROSS + t + bend;
-                    double light = ledpi_light_between(picture, (float)(x + sides[k].inward.x * in),
-                                                       (float)(y + sides[k].inward.y * in));
-                    edge += light * filters[k]->single[t][0];
-                    high += light * filters[k]->single[t][1];
+                    xs[p][t] = (float)(x + sides[k].inward.x * in), ys[p][t] = (float)(y + sides[k].inward.y * in);
                 }
             }
+            ledpi_light_at_all(picture, xs[0], ys[0], PLACES * RIM_T, light[0]);
+            for (int p = 0; p < PLACES; p++)
+                for (int t = 0; t < RIM_T; t++) {
+                    edge += light[p][t] * filters[k]->single[t][0];
+                    high += light[p][t] * filters[k]->single[t][1];
+                }
             begins[k][c] = edge / high;
             height[k * cells + c] = ordered[k * cells + c] = high / PLACES;
         }
@@ -254,7 +258,7 @@ static void move_corners(const Homography *homography, const Problem *problem, c
         }
         for (int i = 0; i < 2; i++) variance += variance_of(problem, by_move[i]) / 8;
         better->corners[c] = (Point){corners[c].x + step[0], corners[c].y + step[1]};
-        double away = hypot(step[0], step[1]);
+        double away = ledpi_length(step[0], step[1]);
         if (!(away <= farthest)) farthest = away;
     }
     const bool further = outward(sides, steps, &mean) >= NO_RIM_WALL_PX, fits = farthest < MOST_PX && !further;

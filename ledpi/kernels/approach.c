@@ -31,18 +31,22 @@ bool ledpi_nearest(const Picture *picture, const Approaching *by, const Shares *
     bool good[4 * MOST_PROFILES];
     ptrdiff_t count = shares->count;
     ledpi_sides_of(corners, sides);
-    for (int k = 0; k < 4; k++)
+    for (int k = 0; k < 4; k++) {
+        const Side *side = &sides[k];
+        float xs[MOST_PROFILES * SAMPLES], ys[MOST_PROFILES * SAMPLES], light[MOST_PROFILES * SAMPLES];
         for (ptrdiff_t p = 0; p < count; p++) {
-            const Side *side = &sides[k];
-            float light[SAMPLES], x = (float)(side->start.x + side->along.x * shares->share[p]),
-                                  y = (float)(side->start.y + side->along.y * shares->share[p]);
+            const float x = (float)(side->start.x + side->along.x * shares->share[p]);
+            const float y = (float)(side->start.y + side->along.y * shares->share[p]);
             for (int t = 0; t < SAMPLES; t++) {
-                double across = step_px * (FIRST_SAMPLE + t);
-                light[t] = ledpi_light_between(picture, x + (float)(side->inward.x * across),
-                                               y + (float)(side->inward.y * across));
+                const double across = step_px * (FIRST_SAMPLE + t);
+                xs[p * SAMPLES + t] = x + (float)(side->inward.x * across);
+                ys[p * SAMPLES + t] = y + (float)(side->inward.y * across);
             }
-            found[k * count + p] = step_px * step_up(light, templates, &height[k * count + p]);
         }
+        ledpi_light_at_all(picture, xs, ys, count * SAMPLES, light);
+        for (ptrdiff_t p = 0; p < count; p++)
+            found[k * count + p] = step_px * step_up(light + p * SAMPLES, templates, &height[k * count + p]);
+    }
     bool seen = ledpi_steps(count, height, good);
     double squares = 0.0;
     for (int k = 0; k < 4; k++) {
@@ -88,13 +92,13 @@ static bool with_fourth_corner(const Approaching *by, const Point c[4], Point sq
     for (int k = 0; k < 4; k++) {
         const Point *here = &c[k], *next = &c[(k + 1) & 3], *before = &c[(k + 3) & 3];
         const double x = next->x - here->x, y = next->y - here->y, u = before->x - here->x, v = before->y - here->y;
-        const double cosine = (x * u + y * v) / fmax(hypot(x, y) * hypot(u, v), 1e-9);
+        const double cosine = (x * u + y * v) / fmax(ledpi_length(x, y) * ledpi_length(u, v), 1e-9);
         if (cosine < least) least = cosine, most = k;
     }
     const Point *here = &c[most], *next = &c[(most + 1) & 3], *before = &c[(most + 3) & 3], *opposite = &c[(most + 2) & 3];
     for (int k = 0; k < 4; k++) squared[k] = c[k];
     squared[most] = (Point){next->x + before->x - opposite->x, next->y + before->y - opposite->y};
-    const double away = hypot(squared[most].x - here->x, squared[most].y - here->y);
+    const double away = ledpi_length(squared[most].x - here->x, squared[most].y - here->y);
     return least < by->obtuse && away > by->cut_off * sqrt(fabs(ledpi_area(c)));
 }
 

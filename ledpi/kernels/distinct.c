@@ -7,14 +7,16 @@ static double cost(const Square *square, const Limits *limits) {
     return square->misfit + limits->blur_misfit * square->tolerance_px;
 }
 
-/* From a corner of one square to the nearest of the other, at most. */
-static double farthest(const Square *a, const Square *b) {
+/* The square of the way from a corner of one square to the nearest of the other, at most. */
+static double farthest2(const Square *a, const Square *b) {
     double most = 0.0;
     for (int i = 0; i < 4; i++) {
         double least = HUGE_VAL;
-        for (int k = 0; k < 4; k++)
-            least = fmin(least, hypot(a->corners[i][0] - b->corners[k][0], a->corners[i][1] - b->corners[k][1]));
-        most = fmax(most, least);
+        for (int k = 0; k < 4; k++) {
+            const double x = a->corners[i][0] - b->corners[k][0], y = a->corners[i][1] - b->corners[k][1];
+            least = least < x * x + y * y ? least : x * x + y * y;
+        }
+        most = most > least ? most : least;
     }
     return most;
 }
@@ -24,7 +26,8 @@ static bool same(const Square *a, const Square *b, const Limits *limits) {
     double apart[2] = {0.0, 0.0};
     if (!(smaller > limits->like * larger)) return false;
     for (int k = 0; k < 8; k++) apart[k % 2] += 0.25 * (a->corners[k / 2][k % 2] - b->corners[k / 2][k % 2]);
-    return hypot(apart[0], apart[1]) < limits->near * larger && farthest(a, b) < limits->same_corners * larger;
+    const double near = limits->near * larger, same_corners = limits->same_corners * larger;
+    return apart[0] * apart[0] + apart[1] * apart[1] < near * near && farthest2(a, b) < same_corners * same_corners;
 }
 
 ptrdiff_t ledpi_distinct(const Square *squares, ptrdiff_t count, const Limits *limits, ptrdiff_t *kept) {

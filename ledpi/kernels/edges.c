@@ -66,7 +66,7 @@ LEDPI_WIDE static void take_profiles(const Look *look, const Side sides[4], cons
     for (int k = 0; k < 4; k++) {
         const Side *side = &sides[k];
         const Filter *filter = filters[k & 1];
-        float across_x[T], across_y[T];
+        float across_x[T], across_y[T], xs[MOST_PROFILES * T], ys[MOST_PROFILES * T];
         for (int t = 0; t < T; t++) {
             across_x[t] = (float)(side->inward.x * (RIM_FIRST_ACROSS + t));
             across_y[t] = (float)(side->inward.y * (RIM_FIRST_ACROSS + t));
@@ -75,10 +75,13 @@ LEDPI_WIDE static void take_profiles(const Look *look, const Side sides[4], cons
             double share = look->shares->share[p], bend = look->bend[k][p];
             float x = (float)(side->start.x + side->along.x * share + side->inward.x * bend);
             float y = (float)(side->start.y + side->along.y * share + side->inward.y * bend);
-            float *light = into->light[k][p];
+            for (int t = 0; t < T; t++) xs[p * T + t] = x + across_x[t], ys[p * T + t] = y + across_y[t];
+        }
+        ledpi_light_at_all(look->picture, xs, ys, look->shares->count * T, into->light[k][0]);
+        for (ptrdiff_t p = 0; p < look->shares->count; p++) {
+            const float *light = into->light[k][p];
             double edge = 0.0, height = 0.0;
             for (int t = 0; t < T; t++) {
-                light[t] = ledpi_light_between(look->picture, x + across_x[t], y + across_y[t]);
                 edge += light[t] * filter->single[t][0];
                 height += light[t] * filter->single[t][1];
             }
@@ -204,7 +207,7 @@ static void more_looks(Look *look, Profiles *profiles, SquareFit *fit) {
         bool finite = move(look, profiles, place, fit, moved);
         double farthest = 0.0;
         for (int k = 0; k < 4; k++)
-            farthest = fmax(farthest, hypot(fit->corners[k].x - fit->sides[k].start.x, fit->corners[k].y - fit->sides[k].start.y));
+            farthest = fmax(farthest, ledpi_length(fit->corners[k].x - fit->sides[k].start.x, fit->corners[k].y - fit->sides[k].start.y));
         ledpi_sides_of(fit->corners, fit->sides);
         change_blur(look->by, blur, fit->blur_px);
         fit->settled = finite && fit->seen && steep(look->by, mean) && farthest < look->by->converged_px;

@@ -31,19 +31,21 @@ static LEDPI_INLINE void light_across(const Picture *picture, const Homography *
     ledpi_line_place(i, cells, &u, &v);
     const int by = i < half ? 0 : 1; /* across the line is along u, or along v */
     double across[T];
+    float columns[PLACES][T], rows[PLACES][T], between[PLACES][T];
     for (int t = 0; t < T; t++) light[t] = 0.0, across[t] = reach * (t - REACH) / STEPS / (double)cells;
     for (int p = 0; p < PLACES; p++) {
         const double along = (FIRST_PLACE + (LAST_PLACE - FIRST_PLACE) * p / (PLACES - 1) - 0.5) / (double)cells;
         const double x = u + (by ? along : 0.0), y = v + (by ? 0.0 : along); /* on the line */
         const double top = h[0] * x + h[1] * y + h[2], side = h[3] * x + h[4] * y + h[5], below = h[6] * x + h[7] * y + 1.0;
-        float columns[T], rows[T];
         for (int t = 0; t < T; t++) {
             const double scale = 1.0 / (below + h[6 + by] * across[t]);
-            columns[t] = (float)((top + h[by] * across[t]) * scale + moved.x);
-            rows[t] = (float)((side + h[3 + by] * across[t]) * scale + moved.y);
+            columns[p][t] = (float)((top + h[by] * across[t]) * scale + moved.x);
+            rows[p][t] = (float)((side + h[3 + by] * across[t]) * scale + moved.y);
         }
-        for (int t = 0; t < T; t++) light[t] += ledpi_light_between(picture, columns[t], rows[t]);
     }
+    ledpi_light_at_all(picture, columns[0], rows[0], PLACES * T, between[0]);
+    for (int p = 0; p < PLACES; p++)
+        for (int t = 0; t < T; t++) light[t] += between[p][t];
     for (int t = 0; t < T; t++) light[t] /= PLACES;
 }
 

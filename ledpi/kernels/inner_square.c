@@ -172,7 +172,7 @@ double ledpi_inner_square(const uint8_t *pixels, ptrdiff_t height, ptrdiff_t wid
         if (!(rough ? roughly(&picture, &lines, step) : exactly(&picture, lens, corners, &lines, step))) return NAN;
         moved = 0.0, pitch_px = side_px / (double)cells;
         for (int c = 0; c < 4; c++) {
-            const double away = hypot(step[c].x, step[c].y);
+            const double away = ledpi_length(step[c].x, step[c].y);
             if (!(away < MOST_SHARE * side_px)) return NAN;
             moved = fmax(moved, away);
         }

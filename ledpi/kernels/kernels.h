@@ -3,6 +3,7 @@
 #ifndef LEDPI_KERNELS_H
 #define LEDPI_KERNELS_H
 
+#include <math.h>
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
@@ -41,6 +42,9 @@ static inline float ledpi_light_between(const Picture *picture, float x, float y
     return upper + down * (lower - upper);
 }
 
+/* The same at `count` places (light.c): of several of them at a time it is told which pixels are around. */
+void ledpi_light_at_all(const Picture *picture, const float *x, const float *y, ptrdiff_t count, float *light);
+
 /* ---- The four sides of quads, as in decode/corners/sides.py (sides.c). */
 
 enum { MOST_PROFILES = 64 }; /* across a side */
@@ -48,6 +52,9 @@ enum { MOST_PROFILES = 64 }; /* across a side */
 typedef struct {
     double x, y;
 } Point;
+
+/* (The library's hypot takes ten times as long, as it also adds what overflows.) */
+static inline double ledpi_length(double x, double y) { return sqrt(x * x + y * y); }
 
 typedef struct {
     Point start, along, inward; /* along: to the next corner; inward: the unit normal */

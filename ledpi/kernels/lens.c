@@ -46,7 +46,7 @@ void ledpi_bends(const Lens *lens, ptrdiff_t quads, const double *corners, doubl
         for (int k = 0; k < 4; k++) {
             int next = (k + 1) & 3;
             double along[2] = {seen[next][0] - seen[k][0], seen[next][1] - seen[k][1]};
-            double length = fmax(hypot(along[0], along[1]), 1e-9);
+            double length = fmax(sqrt(along[0] * along[0] + along[1] * along[1]), 1e-9);
             for (int third = 1; third <= 2; third++) {
                 double share = third / 3.0, at[2], *bend = bends + 4 * k + 2 * (third - 1);
                 double x = corners[2 * k] + share * (corners[2 * next] - corners[2 * k]);

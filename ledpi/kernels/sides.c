@@ -15,7 +15,7 @@ static Point minus(Point a, Point b) { return (Point){a.x - b.x, a.y - b.y}; }
 void ledpi_sides_of(const Point corners[4], Side sides[4]) {
     for (int k = 0; k < 4; k++) {
         Point along = minus(corners[(k + 1) & 3], corners[k]);
-        double length = hypot(along.x, along.y), scale = 1.0 / fmax(length, 1e-9);
+        double length = ledpi_length(along.x, along.y), scale = 1.0 / fmax(length, 1e-9);
         sides[k] = (Side){corners[k], along, {-along.y * scale, along.x * scale}, length};
     }
 }
@@ -120,7 +120,7 @@ double ledpi_area(const Point c[4]) { return 0.5 * cross(minus(c[2], c[0]), minu
 double ledpi_farthest(const Point a[4], const Point b[4]) {
     double farthest = 0.0;
     for (int k = 0; k < 4; k++) {
-        double away = hypot(a[k].x - b[k].x, a[k].y - b[k].y);
+        double away = ledpi_length(a[k].x - b[k].x, a[k].y - b[k].y);
         if (!(away <= farthest)) farthest = away; /* also where it is not a number, which stays */
         if (isnan(farthest)) break;
     }

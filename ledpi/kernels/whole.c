@@ -10,26 +10,29 @@ enum { ALONG = 40, SHARES = 20, WHOLE = 5, SMALLER = 2 * SHARES + 2, EXPLAINED =
 
 /* Light (2, ALONG) from left to right and from top to bottom of a quad, its mean 1. `bends` (4, 2, 2) of its sides, along
  * and inward; `cubics` (2, ALONG) how much of either moves each place. */
-static void light_along(const Picture *picture, const Point corners[4], const double *bends, const double *cubics,
-                        ptrdiff_t cells, double *light) {
+LEDPI_WIDE static void light_along(const Picture *picture, const Point corners[4], const double *bends,
+                                   const double *cubics, ptrdiff_t cells, double *light) {
     double h[9];
     ledpi_unit_square_to(corners, h);
     for (int axis = 0; axis < 2; axis++) {
         double *into = light + axis * ALONG, sum = 0.0;
-        double length = hypot(corners[axis + 1].x - corners[axis].x, corners[axis + 1].y - corners[axis].y);
+        double length = ledpi_length(corners[axis + 1].x - corners[axis].x, corners[axis + 1].y - corners[axis].y);
         const double *onward = bends + 4 * axis, *back = bends + 4 * (axis + 2); /* that side runs the other way */
         double first = 0.5 * (onward[0] - back[2]) / length, second = 0.5 * (onward[2] - back[0]) / length;
-        for (int i = 0; i < ALONG; i++) {
-            double along = (i + 0.5) / ALONG + first * cubics[i] + second * cubics[ALONG + i], total = 0.0;
-            for (ptrdiff_t line = 0; line < 2 * cells; line++) {
-                double across = ((double)(line / 2) + (line % 2 ? ACROSS_SECOND : ACROSS_FIRST)) / (double)cells;
+        for (int i = 0; i < ALONG; i++) into[i] = 0.0;
+        for (ptrdiff_t line = 0; line < 2 * cells; line++) {
+            const double across = ((double)(line / 2) + (line % 2 ? ACROSS_SECOND : ACROSS_FIRST)) / (double)cells;
+            float xs[ALONG], ys[ALONG], seen[ALONG];
+            for (int i = 0; i < ALONG; i++) {
+                double along = (i + 0.5) / ALONG + first * cubics[i] + second * cubics[ALONG + i];
                 double u = axis ? across : along, v = axis ? along : across, scale = 1.0 / (h[6] * u + h[7] * v + h[8]);
-                total += ledpi_light_between(picture, (float)((h[0] * u + h[1] * v + h[2]) * scale),
-                                             (float)((h[3] * u + h[4] * v + h[5]) * scale));
+                xs[i] = (float)((h[0] * u + h[1] * v + h[2]) * scale);
+                ys[i] = (float)((h[3] * u + h[4] * v + h[5]) * scale);
             }
-            into[i] = total / (2.0 * (double)cells);
-            sum += into[i];
+            ledpi_light_at_all(picture, xs, ys, ALONG, seen);
+            for (int i = 0; i < ALONG; i++) into[i] += seen[i] / (2.0 * (double)cells);
         }
+        for (int i = 0; i < ALONG; i++) sum += into[i];
         for (int i = 0; i < ALONG; i++) into[i] /= fmax(sum / ALONG, 1e-6);
     }
 }
