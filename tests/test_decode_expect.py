@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import partial
 
 import numpy as np
 import pytest
 from decode_material import FRAME_ROWS, ROW_TIME_US, SPEC, Canvas, diffuser, quad, square, word
+from kernels_material import both_ways, compiled
 
 from ledpi.decode.cells import CellSamples, sample_cells
 from ledpi.decode.evidence.evidence import Evidence
@@ -15,7 +17,6 @@ from ledpi.decode.evidence.memory import PanelMemory
 from ledpi.decode.identify import soft
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.dictionaries import load_dictionary
-from ledpi.kernels.library import COMPILED
 from ledpi.records import Floats, Frame, PanelSpec, Rejected
 
 PERIOD_US = FRAME_ROWS * ROW_TIME_US
@@ -113,7 +114,7 @@ def test_with_a_few_samples_saturated_the_rest_is_compared(expected: Expectation
     assert not expected.is_met(with_holes(samples_of(other), 0.1), other)
 
 
-@pytest.mark.skipif(not COMPILED, reason="needs the compiled loops")
+@compiled
 @pytest.mark.parametrize("holes", [0.0, 0.1])
 @pytest.mark.parametrize("shown", [7, 12])
 def test_compiled_loops_weigh_as_the_numpy_code_does(expected: Expectation, shown: int, holes: float) -> None:
@@ -121,18 +122,18 @@ def test_compiled_loops_weigh_as_the_numpy_code_does(expected: Expectation, show
     samples = samples_of(frame := frame_of(6, shown))
     if holes:
         samples = with_holes(samples, holes)
-    ours, theirs = (expected.weigh(samples, frame, compiled=compiled) for compiled in (True, False))
+    ours, theirs = both_ways(partial(expected.weigh, samples, frame))
     np.testing.assert_allclose(ours, theirs, rtol=2e-3, atol=1e-3)
 
 
-@pytest.mark.skipif(not COMPILED, reason="needs the compiled loops")
+@compiled
 def test_compiled_loops_expect_what_the_numpy_code_does() -> None:
     """The same weights and bands left; and a basis of the same space: what is in it is left out by either."""
     memory = PanelMemory(SPEC)
     for seq in range(READ_FRAMES):
         memory.add(samples_of(frame := frame_of(seq)), frame)
     bands = np.random.default_rng(4).normal(0, 0.04, (16, 4)) * np.repeat(word(7).reshape(-1, 1) == [0, 1], 2, axis=1)
-    ours, theirs = (Expectation.of(memory, bands, compiled=compiled) for compiled in (True, False))
+    ours, theirs = both_ways(partial(Expectation.of, memory, bands))
     np.testing.assert_allclose(ours.root, theirs.root, rtol=1e-5)
     np.testing.assert_allclose(ours.left_bands, theirs.left_bands, atol=1e-6)
     np.testing.assert_allclose(ours.basis @ ours.basis.T, np.eye(9), atol=1e-4)

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from functools import partial
 from itertools import combinations
 
 import numpy as np
 import pytest
 from decode_material import SPEC, TRUE_10_MS_US, Canvas, quad, square, word
+from kernels_material import both_ways, compiled
 
 from ledpi.decode.cells import CellSamples, sample_cells
 from ledpi.decode.evidence.evidence import UNFIT, Evidence
@@ -19,13 +21,10 @@ from ledpi.decode.identify.patterns import likeliest_beyond, of_neighbours
 from ledpi.decode.identify.soft import Reading, decide, odds_needed
 from ledpi.decode.identify.words import SHORTLIST, likeliest, word_log_likelihoods
 from ledpi.dictionaries import load_dictionary
-from ledpi.kernels.library import COMPILED
 from ledpi.records import Floats, Frame
 
 DICTIONARY = load_dictionary("DICT_4X4_50")
 FLAT = np.arange(16)
-NEEDS_LOOPS = pytest.mark.skipif(not COMPILED, reason="needs the compiled loops, a C compiler at installation")
-EITHER = [pytest.param(True, marks=NEEDS_LOOPS), False]
 HARD_PX = 30.0  # a panel's side where patterns are mistaken most: 16 cm at 3.1 m
 
 
@@ -92,14 +91,13 @@ def test_what_is_asked_for_is_the_chance_where_two_patterns_are_mistaken_most() 
     assert (ratios < -needed).mean(axis=1).max() == pytest.approx(1e-2, rel=0.1)
 
 
-@pytest.mark.parametrize("compiled", EITHER)
-def test_neighbours_are_summed_up_with_bands_of_their_own(compiled: bool) -> None:
+def test_neighbours_are_summed_up_with_bands_of_their_own() -> None:
     """All 680 patterns that differ in two or three cells."""
     evidence, own = evidence_of(40.0, 1), word(7).ravel()
     near = [own ^ np.isin(FLAT, each) for cells in (2, 3) for each in combinations(range(16), cells)]
     exact = float(np.logaddexp.reduce(word_log_likelihoods(evidence, np.array(near, np.float32))[0]))
-    found = of_neighbours(evidence, own.astype(np.float32), 2, 3, compiled=compiled)
-    assert found == pytest.approx(exact, abs=0.01)
+    for found in both_ways(partial(of_neighbours, evidence, own.astype(np.float32), 2, 3)):
+        assert found == pytest.approx(exact, abs=0.01)
 
 
 def without(evidence: Evidence, *cells: int) -> Evidence:
@@ -110,26 +108,25 @@ def without(evidence: Evidence, *cells: int) -> Evidence:
     return dataclasses.replace(evidence, score=score, information=information)
 
 
-@NEEDS_LOOPS
+@compiled
 def test_neighbours_beside_a_silent_cell() -> None:
     """A cell that gives no light is left as it is."""
     evidence = without(evidence_of(40.0, 2), 5)
     assert evidence.silent.tolist() == [cell == 5 for cell in range(16)]
     own = word(7).ravel().astype(np.float32)
-    ours, theirs = (of_neighbours(evidence, own, 1, 3, compiled=compiled) for compiled in (True, False))
+    ours, theirs = both_ways(partial(of_neighbours, evidence, own, 1, 3))
     assert ours == pytest.approx(theirs)
 
 
-@pytest.mark.parametrize("compiled", EITHER)
 @pytest.mark.parametrize("seed", range(3))
-def test_the_likeliest_pattern_is_found(seed: int, compiled: bool) -> None:
+def test_the_likeliest_pattern_is_found(seed: int) -> None:
     """Of all 4096 that twelve cells may show, more than one cell from the word."""
     evidence, own = without(evidence_of(40.0, seed), 0, 5, 6, 15), word(7).ravel().astype(np.float32)
     patterns = np.tile(own, (4096, 1))
     patterns[:, ~evidence.silent] = (np.arange(4096)[:, None] >> np.arange(12)) & 1
     beyond = patterns[np.abs(patterns - own).sum(axis=1) > 1]
     most = float(word_log_likelihoods(evidence, beyond)[0].max())
-    assert likeliest_beyond(evidence, own, 1, compiled=compiled) == pytest.approx(most)
+    assert both_ways(partial(likeliest_beyond, evidence, own, 1)) == pytest.approx((most, most))
 
 
 def test_a_pattern_two_cells_off_a_word_of_a_larger_grid_is_none() -> None:
@@ -151,7 +148,7 @@ def test_faint_bands_that_tell_nothing_are_not_looked_at_twice(monkeypatch: pyte
     assert result == soft.NO_WORD
 
 
-@NEEDS_LOOPS
+@compiled
 def test_neighbours_on_the_largest_grid() -> None:
     """8 × 8 cells, the last of which is bit 63 of a pattern; its change is what makes the likeliest one."""
     rng, size = np.random.default_rng(0), 64 * 4
@@ -167,9 +164,9 @@ def test_neighbours_on_the_largest_grid() -> None:
         prior=np.full(4, 0.1),
         left=1.0,
     )
-    ours, theirs = (of_neighbours(evidence, own, 1, 2, compiled=compiled) for compiled in (True, False))
+    ours, theirs = both_ways(partial(of_neighbours, evidence, own, 1, 2))
     assert ours == pytest.approx(theirs)
-    ours, theirs = (likeliest_beyond(evidence, own, 0, compiled=compiled) for compiled in (True, False))
+    ours, theirs = both_ways(partial(likeliest_beyond, evidence, own, 0))
     assert ours == pytest.approx(theirs)
     assert ours == pytest.approx(float(word_log_likelihoods(evidence, other[None])[0][0]))
 
@@ -182,7 +179,7 @@ def test_a_panel_that_seems_to_end_in_the_dark_is_not_read() -> None:
         assert decide(without(evidence, *rim), book, 1e-6) == soft.INCONSISTENT
 
 
-@NEEDS_LOOPS
+@compiled
 def test_a_rival_that_cannot_be_weighed_is_not_beaten() -> None:
     """Evidence that is indefinite where only the negative of panel 7 has bands: a likelihood that is no number."""
     evidence, book = evidence_of(60.0, 1), Codebook.build([7], DICTIONARY, SPEC)
@@ -194,7 +191,7 @@ def test_a_rival_that_cannot_be_weighed_is_not_beaten() -> None:
     assert result == UNFIT
 
 
-@NEEDS_LOOPS
+@compiled
 def test_what_is_no_number_is_no_lack_of_memory() -> None:
     """Neighbours of evidence that is not finite have no likelihood, and that is told."""
     evidence = evidence_of(60.0, 1)
@@ -204,7 +201,7 @@ def test_what_is_no_number_is_no_lack_of_memory() -> None:
     assert math.isnan(likeliest_beyond(evidence, own, 1))
 
 
-@NEEDS_LOOPS
+@compiled
 def test_a_word_that_cannot_be_told_roughly_hides_none_after_it() -> None:
     """The last place of the shortlist taken by one: panel 7's own word, which comes next, is on it all the same."""
     evidence, own = evidence_of(60.0, 1), word(7).ravel().astype(np.float32)

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 from decode_material import SPEC, Canvas, quad, square, word
+from kernels_material import both_ways, compiled
 
 from ledpi.decode.cells import CellSamples, sample_cells
 from ledpi.decode.evidence.uncovered import darkens, without_covered
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.soft import Reading, read_word
 from ledpi.dictionaries import load_dictionary
-from ledpi.kernels.library import COMPILED
 from ledpi.records import Floats, Frame
 
 TRUE = square(310.4, 240.2, 100.0, 12)
@@ -59,7 +60,7 @@ def test_what_is_covered_is_not_valid_and_the_rest_is() -> None:
     assert samples.valid[1:].all()
 
 
-@pytest.mark.skipif(not COMPILED, reason="needs the compiled loops")
+@compiled
 @pytest.mark.parametrize("darkness", [0.05, 0.01, 0.0], ids=["a corner", "hardly any", "none"])
 def test_compiled_loops_ask_the_same_question(darkness: float) -> None:
     """Whether anything is covered, of samples of which some are not valid beforehand."""
@@ -71,7 +72,7 @@ def test_compiled_loops_ask_the_same_question(darkness: float) -> None:
     valid = np.random.default_rng(3).random(samples.light.shape) > 0.1
     holes = replace(samples, valid=valid, light=np.where(valid, samples.light, np.float32(0)))
     for given in (samples, holes):
-        ours, theirs = (without_covered(given, compiled=compiled) for compiled in (True, False))
+        ours, theirs = both_ways(partial(without_covered, given))
         assert (ours is given) == (theirs is given)
         np.testing.assert_array_equal(ours.light, theirs.light)
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import partial
 
 import cv2
 import numpy as np
 import pytest
 from decode_material import SPEC, TRUE_10_MS_US, Canvas, diffuser, quad, square, word
+from kernels_material import both_ways, compiled
 
 from ledpi.decode.cells import CellSamples, sample_cells
 from ledpi.decode.evidence.comparison import Mean, compared_evidence
@@ -17,10 +19,9 @@ from ledpi.decode.identify import patterns, words
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.first_look import first_look
 from ledpi.dictionaries import load_dictionary
-from ledpi.kernels.library import COMPILED
 from ledpi.records import Frame, PanelSpec, Rejected
 
-pytestmark = pytest.mark.skipif(not COMPILED, reason="needs the compiled loops (a C compiler when ledpi was installed)")
+pytestmark = compiled
 
 ANTIPHASE = dataclasses.replace(SPEC, white_hz=SPEC.black_hz, phase="antiphase")
 EXPOSURE_US = {"shallow": TRUE_10_MS_US, "deep": 151.5}
@@ -59,9 +60,7 @@ def assert_alike(
     noise_within: float = 1e-2,
 ) -> None:
     """But for the noise, by which all is weighed: that is what is left of the light, the small rest of large sums."""
-    ours, theirs = (
-        single_evidence(samples, frame, spec, believed=believed, compiled=compiled) for compiled in (True, False)
-    )
+    ours, theirs = both_ways(partial(single_evidence, samples, frame, spec, believed=believed))
     assert isinstance(ours, Evidence)
     assert isinstance(theirs, Evidence)
     traces = [float(np.einsum("cici->", evidence.information)) for evidence in (ours, theirs)]
@@ -106,7 +105,7 @@ def test_light_that_is_no_number_is_no_evidence() -> None:
     samples, frame = seen(40.0)
     light = samples.light.copy()
     light[3, 4] = np.nan
-    assert single_evidence(dataclasses.replace(samples, light=light), frame, SPEC, compiled=True) == UNFIT
+    assert single_evidence(dataclasses.replace(samples, light=light), frame, SPEC) == UNFIT
 
 
 @pytest.mark.parametrize("spec", [SPEC, ANTIPHASE], ids=["two waves", "one wave"])
@@ -120,9 +119,7 @@ def test_the_evidence_of_a_comparison(spec: PanelSpec, *, holes: bool) -> None:
     mean = Mean(picture=picture, count=count, waves=class_waves(samples, frame, spec, 0.1))
     given = with_holes(samples) if holes else samples
     waves = class_waves(given, frame, spec)
-    (scale, ours), (true_scale, theirs) = (
-        compared_evidence(given, frame, spec, waves, mean, compiled=compiled) for compiled in (True, False)
-    )
+    (scale, ours), (true_scale, theirs) = both_ways(partial(compared_evidence, given, frame, spec, waves, mean))
     assert scale == pytest.approx(true_scale, rel=1e-5)
     assert isinstance(ours, Evidence)
     assert isinstance(theirs, Evidence)
@@ -139,10 +136,10 @@ def test_waves_are_cosine_and_sine() -> None:
     seconds = since_s + samples.rows.astype(np.float64) * frame.row_time_us * 1e-6
     turns = 2 * np.pi * np.array([SPEC.black_hz, SPEC.white_hz])[:, None, None] * seconds
     expected = np.stack([np.cos(turns[0]), np.sin(turns[0]), np.cos(turns[1]), np.sin(turns[1])])
-    waves = class_waves(samples, frame, SPEC, since_s, compiled=True)
+    waves = class_waves(samples, frame, SPEC, since_s)
     np.testing.assert_allclose(waves, expected, atol=5e-4)  # rows are in single precision
     holes = with_holes(samples)
-    assert not class_waves(holes, frame, SPEC, compiled=True)[:, ~holes.valid].any()
+    assert not class_waves(holes, frame, SPEC)[:, ~holes.valid].any()
 
 
 @pytest.mark.parametrize("depth", EXPOSURE_US)
@@ -151,7 +148,7 @@ def test_square_waves(depth: str, side: float) -> None:
     """What more depth adds, and what a later phase does; but for rows right at an edge of the wave."""
     samples, frame = seen(side, EXPOSURE_US[depth])
     for hz in SPEC.waves_hz:
-        ours, theirs = (square_waves(samples, frame, SPEC, hz, -0.3, compiled=compiled) for compiled in (True, False))
+        ours, theirs = both_ways(partial(square_waves, samples, frame, SPEC, hz, -0.3))
         np.testing.assert_allclose(ours[0], theirs[0], atol=1e-4)
         assert np.mean(np.abs(ours[1] - theirs[1]) > 1e-4) < 0.01
 
@@ -163,7 +160,7 @@ def test_the_likeliest_words(spec: PanelSpec) -> None:
     evidence = single_evidence(samples, frame, spec)
     assert isinstance(evidence, Evidence)
     book = Codebook.build(list(range(50)), load_dictionary("DICT_4X4_50"), spec)
-    ours, theirs = (words.likeliest(evidence, book.white, compiled=compiled) for compiled in (True, False))
+    ours, theirs = both_ways(partial(words.likeliest, evidence, book.white))
     np.testing.assert_array_equal(ours.words, theirs.words)
     for mine, reference in ((ours.likelihood, theirs.likelihood), (ours.bands, theirs.bands)):
         np.testing.assert_allclose(mine, reference, rtol=1e-6)
@@ -176,7 +173,7 @@ def test_the_likeliest_words(spec: PanelSpec) -> None:
     assert ours.beyond == pytest.approx(theirs.beyond, rel=1e-6)
     assert ours.silent is theirs.silent is None
     best = book.white[ours.words[0]]
-    beyond = [patterns.likeliest_beyond(evidence, best, 1, compiled=compiled) for compiled in (True, False)]
+    beyond = both_ways(partial(patterns.likeliest_beyond, evidence, best, 1))
     assert beyond[0] == pytest.approx(beyond[1], rel=1e-6)
 
 
@@ -191,7 +188,7 @@ def test_words_beside_silent_cells(told: float) -> None:
         score[cell] = information[cell] = information[:, :, cell] = 0.0
     evidence = dataclasses.replace(whole, score=score, information=information)
     book = Codebook.build(list(range(50)), load_dictionary("DICT_4X4_50"), SPEC)
-    ours, theirs = (words.likeliest(evidence, book.white, compiled=compiled) for compiled in (True, False))
+    ours, theirs = both_ways(partial(words.likeliest, evidence, book.white))
     assert (ours.beyond[1] < words.SMALLEST_LOG) == (told > 1)
     assert ours.beyond == pytest.approx(theirs.beyond, rel=1e-6)
     for fit in (ours, theirs):
@@ -217,7 +214,7 @@ def test_a_first_look_at_once(what: str) -> None:
         "unlit": darkened(samples, slice(None)),
     }.get(what, samples)
     book = Codebook.build(list(range(50)), load_dictionary("DICT_4X4_50"), spec)
-    ours, theirs = (first_look(given, frame, spec, book.white, compiled=compiled) for compiled in (True, False))
+    ours, theirs = both_ways(partial(first_look, given, frame, spec, book.white))
     assert not isinstance(ours, Rejected)
     assert not isinstance(theirs, Rejected)
     (evidence, fit), (true_evidence, true_fit) = ours, theirs
@@ -244,4 +241,4 @@ def test_a_short_list_of_words() -> None:
     evidence = single_evidence(samples, frame, SPEC)
     assert isinstance(evidence, Evidence)
     book = Codebook.build([7], load_dictionary("DICT_4X4_50"), SPEC)
-    assert sorted(words.likeliest(evidence, book.white, compiled=True).words) == [0, 1, 2, 3]
+    assert sorted(words.likeliest(evidence, book.white).words) == [0, 1, 2, 3]

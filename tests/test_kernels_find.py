@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import cv2
 import numpy as np
 import pytest
 from decode_material import Canvas, square, word
-from kernels_material import compiled
+from kernels_material import both_ways, compiled
 
 from ledpi.decode.finding.find import AGAIN, THRESHOLDS, Finder
 from ledpi.decode.finding.lit import contrasts, lit_by
@@ -30,7 +32,7 @@ def from_the_left(squares: Floats) -> Floats:
 def assert_same(pixels: Pixels) -> tuple[int, int]:
     """That both find the same; how many squares and groups of spots these are."""
     squares_and_groups = [0, 0]
-    finders = [Finder(pixels.shape[1], pixels.shape[0], 12.0, compiled=compiled) for compiled in (True, False)]
+    finders = both_ways(partial(Finder, pixels.shape[1], pixels.shape[0], 12.0))
     for finder in finders:
         finder.find(frame_of(pixels))
     for thresholds in (THRESHOLDS, AGAIN):

@@ -15,7 +15,7 @@ from ledpi.decode.evidence.noise import lags_of
 from ledpi.decode.evidence.normal import Normal, weighed, with_differences
 from ledpi.decode.evidence.unlit import without_unlit
 from ledpi.kernels import evidence as kernel
-from ledpi.kernels.library import COMPILED
+from ledpi.kernels.library import compiled
 from ledpi.records import Frame, PanelSpec, Rejected, Singles
 
 LEAST_SCALE = 1e-9  # of light that is none
@@ -31,19 +31,19 @@ class Mean:
 
 
 def compared_evidence(
-    samples: CellSamples, frame: Frame, spec: PanelSpec, waves: Singles, mean: Mean, *, compiled: bool = COMPILED
+    samples: CellSamples, frame: Frame, spec: PanelSpec, waves: Singles, mean: Mean
 ) -> tuple[float, Evidence | Rejected]:
     """What the samples' light is in the unit of the mean picture, and the evidence of how they differ from it.
 
     `waves` (P, cells, points) are the samples' own.
     """
-    how = _compiled if compiled else _numpy
+    how = _in_c if compiled() else _numpy
     scale, found = how(samples, waves, mean)
     evidence = evidence_of(found, samples, frame, spec, len(waves))
     return scale, evidence if isinstance(evidence, Rejected) else without_unlit(evidence, samples)
 
 
-def _compiled(samples: CellSamples, waves: Singles, mean: Mean) -> tuple[float, kernel.Weighed | None]:
+def _in_c(samples: CellSamples, waves: Singles, mean: Mean) -> tuple[float, kernel.Weighed | None]:
     """`_numpy`, in C."""
     return kernel.compared_evidence(
         light=samples.light,

@@ -33,7 +33,7 @@ from ledpi.decode.cells import CellSamples, Lattice
 from ledpi.decode.evidence.classes import band_shares, wave_shares
 from ledpi.decode.evidence.noise import WHITE, Correlation, expected_of
 from ledpi.kernels import evidence as kernel
-from ledpi.kernels.library import COMPILED
+from ledpi.kernels.library import compiled
 from ledpi.records import Floats, Frame, Mask, PanelSpec, Rejected, SeenBands, Singles
 
 # Of full bands the darkest part: there is stray light, read noise, and a waveform that is not quite a square wave's, so
@@ -142,22 +142,14 @@ def bands_of(seen: SeenBands, frame: Frame, spec: PanelSpec) -> Floats:
     return np.array(bands)
 
 
-def square_waves(
-    samples: CellSamples,
-    frame: Frame,
-    spec: PanelSpec,
-    hz: float,
-    start_cycles: float,
-    *,
-    compiled: bool = COMPILED,
-) -> Singles:
+def square_waves(samples: CellSamples, frame: Frame, spec: PanelSpec, hz: float, start_cycles: float) -> Singles:
     """(2, cells, points): `shutter.square_wave_bands` in each sample, which is the mean of some rows."""
     a_row, exposure_us = hz * frame.row_time_us * 1e-6, frame.exposure_us
     averaged, apart = samples.averaged, 1.0
     if samples.bands is not None and (shape := samples.bands.shape) is not None:
         exposure_us = shape.exposure_us
         averaged, apart = shutter.mean_of_rows(averaged, shape.smoothing_rows2)
-    if compiled:
+    if compiled():
         return kernel.square_waves(
             samples.rows,
             cycles_a_row=a_row,
@@ -211,11 +203,9 @@ def _prior_of(exposure_us: float, waves_hz: tuple[float, ...], duty: float) -> F
     return np.repeat(np.maximum(np.square(amplitude), 1e-12), 2) / 2
 
 
-def class_waves(
-    samples: CellSamples, frame: Frame, spec: PanelSpec, since_s: float = 0.0, *, compiled: bool = COMPILED
-) -> Singles:
+def class_waves(samples: CellSamples, frame: Frame, spec: PanelSpec, since_s: float = 0.0) -> Singles:
     """(P, cells, points): cosine and sine of each of the panel's waves; `since_s` from the origin to row 0."""
-    if compiled:
+    if compiled():
         out = kernel.waves(samples.rows, spec.waves_hz, frame.row_time_us, since_s)
         return out if samples.valid is None else np.asarray(out * samples.valid, np.float32)
     out = np.empty((2 * len(spec.waves_hz), *samples.rows.shape), np.float32)

@@ -16,7 +16,7 @@ from ledpi.decode.cells import CellSamples, Lattice
 from ledpi.decode.evidence.evidence import picture_slopes
 from ledpi.decode.evidence.memory import Known, PanelMemory
 from ledpi.kernels import expect as kernel
-from ledpi.kernels.library import COMPILED
+from ledpi.kernels.library import compiled
 from ledpi.records import Floats, Frame, Singles
 
 # A frame that is e^SURE times likelier with the bands than without shows them. Cells that speak against them weigh less
@@ -42,10 +42,10 @@ class Expectation:
     noise_volume: float  # by how much less than their number its samples tell (`Correlation.volume`)
 
     @classmethod
-    def of(cls, memory: PanelMemory, bands: Floats, *, compiled: bool = COMPILED) -> Expectation:
+    def of(cls, memory: PanelMemory, bands: Floats) -> Expectation:
         """Of the frames in `memory`, which show `bands` (cells, P): cosine and sine of each wave."""
         known = memory.known()
-        root, basis, left_bands = (_made_compiled if compiled else _made)(known, bands)
+        root, basis, left_bands = (_made_compiled if compiled() else _made)(known, bands)
         by_wave = bands.reshape(len(bands), -1, 2)
         wave = by_wave.any(axis=2).argmax(axis=1)  # that a cell shows
         cosine, sine = by_wave[np.arange(len(bands)), wave].T
@@ -70,13 +70,13 @@ class Expectation:
         of_all, of_those_against = self.weigh(samples, frame)
         return of_all > SURE and of_those_against < SURE
 
-    def weigh(self, samples: CellSamples, frame: Frame, *, compiled: bool = COMPILED) -> tuple[float, float]:
+    def weigh(self, samples: CellSamples, frame: Frame) -> tuple[float, float]:
         """Log-likelihood ratio of a frame with these bands to one without; of all cells, and of those against them.
 
         The latter with the other sign.
         """
         since_s = (frame.row0_readout_ns - self.origin_ns) * 1e-9
-        if not compiled:
+        if not compiled():
             return self._weigh(samples, since_s, frame.row_time_us * 1e-6)
         return kernel.weigh(
             picture=self.picture,

@@ -34,7 +34,7 @@ from ledpi.decode.evidence.shared_light import (
 from ledpi.decode.evidence.uncovered import darkens, without_covered
 from ledpi.decode.evidence.unlit import without_unlit
 from ledpi.kernels import evidence as kernel
-from ledpi.kernels.library import COMPILED
+from ledpi.kernels.library import compiled
 from ledpi.records import Frame, Integers, PanelSpec, Rejected, Singles
 
 
@@ -44,8 +44,6 @@ def single_evidence(
     spec: PanelSpec,
     waves: Singles | None = None,
     believed: Believed | None = None,
-    *,
-    compiled: bool = COMPILED,
 ) -> Evidence | Rejected:
     """The evidence of one picture; `waves` are its bands' shapes where it is no plain frame but a mean of several.
 
@@ -59,8 +57,8 @@ def single_evidence(
     if believed is not None:
         waves = believed.waves
     elif waves is None:
-        waves = class_waves(samples, frame, spec, compiled=compiled)
-    how = _compiled_evidence if compiled else _numpy_evidence
+        waves = class_waves(samples, frame, spec)
+    how = _compiled_evidence if compiled() else _numpy_evidence
     evidence = evidence_of(how(samples, waves, believed, sources), samples, frame, spec, 1 + len(waves))
     if isinstance(evidence, Rejected):
         return evidence

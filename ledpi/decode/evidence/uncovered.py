@@ -16,7 +16,7 @@ import numpy as np
 from ledpi.decode.cells import INSET, CellSamples
 from ledpi.decode.evidence.shared_light import BORDER_PX, border_points
 from ledpi.kernels import uncovered as kernel
-from ledpi.kernels.library import COMPILED
+from ledpi.kernels.library import compiled
 from ledpi.records import Mask, Pixels, Singles
 
 # Of the light that the others show at this place: less is not the cell's own. Diffusers differ by a few percent.
@@ -34,11 +34,11 @@ def darkens(depth: float) -> bool:
     return 1.0 - depth < COVERED * (1.0 + depth * math.sin(math.pi * (FULLY_LIT - 0.5)))
 
 
-def without_covered(samples: CellSamples, *, compiled: bool = COMPILED) -> CellSamples:
+def without_covered(samples: CellSamples) -> CellSamples:
     """The samples, those that are covered or next to it marked as not valid. For bands that do not darken as much."""
     n, k = samples.lattice.cells, samples.lattice.k
     tested = inner_points(n, k, border_points(samples))
-    none_covered = kernel.all_uncovered if compiled else _all_uncovered
+    none_covered = kernel.all_uncovered if compiled() else _all_uncovered
     if none_covered(samples.light, samples.valid, tested, COVERED):
         return samples
     if samples.valid is not None:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ledpi.decode.finding.four_sides import in_order
 from ledpi.geometry import apply_homography, square_box
 from ledpi.kernels import crossings as kernel
-from ledpi.kernels.library import COMPILED
+from ledpi.kernels.library import compiled
 from ledpi.records import Floats, Pixels
 
 # Places (M, 2); of those in the middle of a lattice's nine which they are (S,), and the steps (S, 2, 2) along its axes.
@@ -46,7 +46,7 @@ def grids_in(picture: Pixels, cells: int) -> list[Floats]:
     """Corners (4, 2), clockwise in the picture, of grids of `cells` × `cells` whose cells seem to meet in a picture."""
     if cells < LEAST_CELLS:
         return []
-    if not COMPILED:
+    if not compiled():
         return lattice_grids(*crosses_in(picture), cells)
     crosses = kernel.crosses(picture)
     return list(kernel.grids(*crosses, cells)) if cells <= kernel.MOST_SIDE else lattice_grids(*crosses, cells)

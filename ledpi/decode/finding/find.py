@@ -21,7 +21,7 @@ from ledpi.decode.finding.spots import group_sizes, groups, lattice, spots_in
 from ledpi.geometry import quad_middle, quad_side
 from ledpi.kernels import find as kernel
 from ledpi.kernels.find import Thresholds
-from ledpi.kernels.library import COMPILED
+from ledpi.kernels.library import compiled
 from ledpi.records import Floats, Frame, Pixels, Rejected
 
 TOO_SMALL = Rejected(stage="find", reason="too_small")
@@ -76,9 +76,7 @@ class Candidate:
 class Finder:
     """Keeps the pictures it works on, for frames of one size."""
 
-    def __init__(
-        self, width: int, height: int, smallest_px: float, cells: int = 4, *, compiled: bool = COMPILED
-    ) -> None:
+    def __init__(self, width: int, height: int, smallest_px: float, cells: int = 4) -> None:
         """`smallest_px`: side of the smallest panel that can be read. `cells`: along a side."""
         self._cells, self._smallest_px, self._group_sizes = cells, smallest_px, group_sizes(cells)
         self._levels = [
@@ -88,9 +86,8 @@ class Finder:
         self._things = self._squares = np.empty((0, 11))  # of the last frame: distinct ones, and all that was found
         # Finding compares neighbours only; a square root gives dark linear pictures the contrast they need.
         self._brighten = np.round(255 * np.sqrt(np.arange(256) / 255)).astype(np.uint8)
-        self._searcher = (
-            kernel.Searcher(self._levels, SHORTEST, smallest_px, cells, self._group_sizes, LIMITS) if compiled else None
-        )
+        arguments = self._levels, SHORTEST, smallest_px, cells, self._group_sizes, LIMITS
+        self._searcher = kernel.Searcher(*arguments) if compiled() else None
 
     def find(self, frame: Frame) -> tuple[list[Candidate], list[Rejected]]:
         """Candidates, best outline first, no two of the same thing, lattices of spots last; and what was dropped."""

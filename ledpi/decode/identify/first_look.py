@@ -18,7 +18,7 @@ from ledpi.decode.evidence.uncovered import COVERED, inner_points
 from ledpi.decode.evidence.unlit import UNLIT
 from ledpi.decode.identify.words import SHORTLIST, likeliest
 from ledpi.kernels import look as kernel
-from ledpi.kernels.library import COMPILED
+from ledpi.kernels.library import compiled
 from ledpi.kernels.words import Fit
 from ledpi.records import Floats, Frame, PanelSpec, Rejected, Singles
 
@@ -29,23 +29,21 @@ def first_look(
     spec: PanelSpec,
     white: Singles,
     prior: Floats | None = None,
-    *,
-    compiled: bool = COMPILED,
 ) -> tuple[Evidence, Fit] | Rejected:
     """The evidence of one picture, and the likeliest of the words (W, cells), 1 where the class is white.
 
     `prior` (P,): how bands vary, where that is not as the exposure leaves them (`band_prior`).
     """
     prior = band_prior(frame, spec) if prior is None else prior
-    if compiled and samples.valid is None:
+    if compiled() and samples.valid is None:
         looked = _at_once(samples, frame, spec, white, prior)
         if looked is not None:
             return looked
-    evidence = single_evidence(samples, frame, spec, compiled=compiled)
+    evidence = single_evidence(samples, frame, spec)
     if isinstance(evidence, Rejected):
         return evidence
     evidence = replace(evidence, prior=prior)
-    return evidence, likeliest(evidence, white, compiled=compiled)
+    return evidence, likeliest(evidence, white)
 
 
 def _at_once(

@@ -12,7 +12,7 @@ import numpy as np
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.identify.words import word_log_likelihoods
 from ledpi.kernels import words as kernel
-from ledpi.kernels.library import COMPILED
+from ledpi.kernels.library import compiled
 from ledpi.records import Singles
 
 BEAM = 16  # patterns from which others are tried that differ in one more cell: with 8, the likeliest was missed
@@ -21,15 +21,13 @@ BEAM = 16  # patterns from which others are tried that differ in one more cell: 
 PHASES, CLIMBERS, CLIMBS = 8, 4, 5
 
 
-def of_neighbours(
-    evidence: Evidence, word: Singles, nearest: int, furthest: int, *, compiled: bool = COMPILED
-) -> float:
+def of_neighbours(evidence: Evidence, word: Singles, nearest: int, furthest: int) -> float:
     """Log of the summed likelihoods of patterns that differ from a word (cells,) in `nearest` to `furthest` cells.
 
     Each has the bands that fit it best. Of all these patterns those are tried that are near the likeliest, found from
     the word outward; cells that are silent are left as they are.
     """
-    if compiled:
+    if compiled():
         known = evidence.score, evidence.information, evidence.prior
         return kernel.of_neighbours(*known, word, nearest, furthest)
     here, total = word[None], -np.inf
@@ -44,14 +42,14 @@ def of_neighbours(
     return float(total)
 
 
-def likeliest_beyond(evidence: Evidence, word: Singles, correctable: int, *, compiled: bool = COMPILED) -> float:
+def likeliest_beyond(evidence: Evidence, word: Singles, correctable: int) -> float:
     """Log-likelihood ratio to "no bands" of the likeliest pattern that is too far from a word (cells,) to be it.
 
     It differs in more cells than are `correctable`, and has the bands that fit it best. It is sought from the word and
     from many phases, each cell as they fit it best: then one cell after the other. Cells that are silent are left as
     they are; in antiphase a pattern's negative is the pattern.
     """
-    if compiled:
+    if compiled():
         return kernel.likeliest_beyond(evidence.score, evidence.information, evidence.prior, word, correctable)
     told = ~evidence.silent
     each = np.eye(len(word), dtype=word.dtype)[told]

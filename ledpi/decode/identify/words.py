@@ -12,7 +12,7 @@ import numpy as np
 from ledpi.decode.evidence.classes import band_shares, in_other_class, wave_shares
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.kernels import words as kernel
-from ledpi.kernels.library import COMPILED
+from ledpi.kernels.library import compiled
 from ledpi.kernels.words import Fit
 from ledpi.records import Floats, Integers, Singles
 
@@ -21,9 +21,9 @@ MOST_GAIN, SMALLEST_LOG = 40.0, -600.0  # what e can be taken to the power of, a
 SHORTLIST = 16  # words that are compared exactly
 
 
-def likeliest(evidence: Evidence, white: Singles, *, compiled: bool = COMPILED) -> Fit:
+def likeliest(evidence: Evidence, white: Singles) -> Fit:
     """The SHORTLIST likeliest of the words (W, cells), 1 where the class is white."""
-    if compiled:
+    if compiled():
         return kernel.likeliest(evidence.score, evidence.information, evidence.prior, white, SHORTLIST)
     words = shortlist(evidence, white)
     likelihood, bands, covariances = word_log_likelihoods(evidence, white[words])
