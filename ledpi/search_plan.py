@@ -50,6 +50,6 @@ class SearchPlan:
             return self._since_read % LOOK_WITHIN_EVERY == 0
         brightest = linear_light(frame.transfer, mark_saturated=False)[frame.pixels.max()]
         return not any(
-            min(samples.cell_px) * samples.averaged < FAR_CELL_PX and samples.light.mean() > FAR_LIGHT * brightest
+            min(samples.cell_px) < FAR_CELL_PX and samples.light.mean() > FAR_LIGHT * brightest
             for samples in looked
         )

@@ -79,7 +79,7 @@ def test_every_word_is_read_whichever_way_up(marker_id: int, quarter_turns: int)
 
 @pytest.mark.parametrize("side", [110, 130, 170, 250])
 def test_a_near_panel_leaves_little_open(side: float) -> None:
-    """Averaged so far that walls are thinner than a pixel, cells would differ by a tenth to a fifth of their bands."""
+    """Of what its word explains, a twentieth beside the noise: cells differ by no more than that of their bands."""
     canvas, corners = Canvas(), square(310.3, 240.6, side)
     canvas.panel(corners, word(7))
     frame = canvas.frame()
@@ -146,11 +146,8 @@ def test_other_frequencies_and_duty_are_read_where_they_are_known() -> None:
 
 
 def test_the_bands_depth_is_told() -> None:
-    """Amplitude over the mean of either class at 10 ms: the first harmonic of a square wave, box-filtered.
-
-    Of a panel that is not so near that pixels are averaged, which costs some of the depth.
-    """
-    shown = panel_shown(word(7), side=75)
+    """Amplitude over the mean of either class at 10 ms: the first harmonic of a square wave, box-filtered."""
+    shown = panel_shown(word(7), side=240)
     assert isinstance(shown, Reading)
     expected = [4 / np.pi * abs(np.sinc(hz * TRUE_10_MS_US * 1e-6)) for hz in (1250, 2450)]
     np.testing.assert_allclose(shown.amplitude, expected, rtol=0.2)

@@ -143,7 +143,7 @@ def test_waves_are_cosine_and_sine() -> None:
 
 
 @pytest.mark.parametrize("depth", EXPOSURE_US)
-@pytest.mark.parametrize("side", [60.0, 200.0], ids=["native", "averaged"])
+@pytest.mark.parametrize("side", [60.0, 200.0], ids=["far", "near"])
 def test_square_waves(depth: str, side: float) -> None:
     """What more depth adds, and what a later phase does; but for rows right at an edge of the wave."""
     samples, frame = seen(side, EXPOSURE_US[depth])

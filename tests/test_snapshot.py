@@ -131,7 +131,7 @@ def samples_of(light: Floats) -> CellSamples:
     points = lattice(2, 2)
     singles = light.astype(np.float32)
     return CellSamples(
-        lattice=points, light=singles, valid=None, rows=points.v, averaged=1, cell_px=(6.0, 6.0), independence=1.0
+        lattice=points, light=singles, valid=None, rows=points.v, cell_px=(6.0, 6.0), independence=1.0
     )
 
 

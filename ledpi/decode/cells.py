@@ -25,11 +25,8 @@ from ledpi.tone import linear_light
 # nearly the fourth power of its height.
 INSET = 0.06
 # Points along a cell. Up to the most, one a pixel: nothing is lost. A panel so close that this is not enough has light
-# to spare, and half the noise where AVERAGED pixels in either direction are made one. That is done where a wall, about
-# as wide as INSET, is as wide as these: around a thinner one, interpolation rings far into the cells, in each another
-# way. (It left up to a fifth of what bands explain, and with 3 and 4 pixels a sixth of the evidence.)
+# to spare.
 MIN_LATTICE, MAX_LATTICE = 3, 12
-AVERAGED = 2
 SAME_LATTICE = 0.15  # by how much a panel may grow or shrink and keep its lattice
 MIN_CELL_PX = 2.0
 # Samples are interpolated by Lanczos: at a wall a pixel wide, a straight line between two pixels is off by more than
@@ -66,8 +63,7 @@ class CellSamples:
     light: Singles  # (n·n, k·k), 0 where not valid
     valid: Mask | None  # (n·n, k·k), None where all are
     rows: Singles  # (n·n, k·k), picture row of each sample
-    averaged: int  # picture rows, and columns, in each pixel that was sampled
-    cell_px: tuple[float, float]  # width and height of a cell, in (averaged) pixels
+    cell_px: tuple[float, float]  # width and height of a cell, in pixels
     independence: float  # what a sample counts for: less than 1 where its neighbours share its noise
     linear: bool = False  # interpolated by straight lines
     bands: SeenBands | None = None  # as of the `Quad`
@@ -115,30 +111,28 @@ def sample_cells(
     if quad.rim_wall:
         lattice_ends = square_box(-quad.rim_wall, 1.0 + quad.rim_wall)
         quad = replace(quad, corners_px=in_square(quad.corners_px, lattice_ends))
-    width_px, height_px = cell_px = _cell_px(quad.corners_px, cells)
+    across, down = cell_px = _cell_px(quad.corners_px, cells)
     if not min(cell_px) >= MIN_CELL_PX:
         return TOO_SMALL
     k = min(max(MIN_LATTICE, round(max(cell_px) * (1 - 2 * INSET))), MAX_LATTICE)
     if like is not None and abs(k - like.k) <= max(1.0, SAME_LATTICE * like.k):
         k = like.k
     points = lattice(cells, k)
-    shrink = AVERAGED if min(cell_px) * INSET >= AVERAGED else 1
     sample = _sample_compiled if can_read(frame) else _sample
-    sampled = sample(frame, quad, points, _bent(quad, cells, intrinsics), shrink)
+    sampled = sample(frame, quad, points, _bent(quad, cells, intrinsics))
     if sampled is None:
         return OUTSIDE
     light, rows, saturated, least = sampled
     valid = _valid(light) if math.isnan(least) else DARK if least <= 0 else None
     if isinstance(valid, Rejected):
         return valid
-    across, down, variance = width_px / shrink, height_px / shrink, LINEAR_VARIANCE if saturated else LANCZOS_VARIANCE
+    variance = LINEAR_VARIANCE if saturated else LANCZOS_VARIANCE
     return CellSamples(
         lattice=points,
         light=light if valid is None else np.where(valid, light, np.float32(0)),
         valid=valid,
         rows=rows,
-        averaged=shrink,
-        cell_px=(across, down),
+        cell_px=cell_px,
         independence=min(1.0, variance * across * down * ((1 - 2 * INSET) / k) ** 2),
         linear=saturated,
         bands=quad.bands,
@@ -152,52 +146,42 @@ def _cell_px(corners: Floats, cells: int) -> tuple[float, float]:
     return width / (2 * cells), height / (2 * cells)
 
 
-def _window(frame: Frame, quad: Quad, shrink: int) -> tuple[int, int, int, int] | None:
-    """First column and row, columns and rows of `shrink` pixels each, around a quad; None where it leaves the picture.
+def _window(frame: Frame, quad: Quad) -> tuple[slice, slice] | None:
+    """Rows and columns around a quad, None where it leaves the picture.
 
     As many more on each side as the interpolation takes in, so that no sample lies beyond the last.
     """
-    height, width = frame.pixels.shape
-    xs, ys = quad.corners_px.T.tolist()
     window = []
-    for ends, size in ((xs, width), (ys, height)):
+    for ends, size in zip(quad.corners_px.T[::-1].tolist(), frame.pixels.shape, strict=True):
         low, high = min(ends) - quad.bend_px, max(ends) + quad.bend_px
         if not (low >= 0 and high <= size - 1):
             return None
-        first = max(0, int(low) + 1 - MARGIN * shrink)
-        wanted = math.ceil((int(high) + 1 - first) / shrink) + MARGIN
-        window.append((first, min(wanted, (size - first) // shrink)))  # at the picture's end a last part may be missing
-    (column, columns), (row, rows) = window
-    return column, row, columns, rows
+        window.append(slice(max(0, int(low) + 1 - MARGIN), min(size, int(high) + 1 + MARGIN)))
+    return window[0], window[1]
 
 
 def _sample_compiled(
-    frame: Frame, quad: Quad, points: Lattice, lens: Intrinsics | None, shrink: int
+    frame: Frame, quad: Quad, points: Lattice, lens: Intrinsics | None
 ) -> tuple[Singles, Singles, bool, float] | None:
     """`_sample`, in C."""
-    size = points.cells, points.k, points.along, shrink
-    return kernel.sample_cells(frame, quad.corners_px, quad.bend_px, lens, *size)
+    return kernel.sample_cells(frame, quad.corners_px, quad.bend_px, lens, points.cells, points.k, points.along)
 
 
 def _sample(
-    frame: Frame, quad: Quad, points: Lattice, lens: Intrinsics | None, shrink: int
+    frame: Frame, quad: Quad, points: Lattice, lens: Intrinsics | None
 ) -> tuple[Singles, Singles, bool, float] | None:
     """Light and rows of the lattice's points, whether a pixel is saturated, and the least light of a cell, or NaN.
 
     None where a part is outside the picture.
     """
-    window = _window(frame, quad, shrink)
+    window = _window(frame, quad)
     if window is None:
         return None
-    x0, y0, columns, rows = window
-    at = _lattice_pixels(quad, points, lens)
-    patch = frame.pixels[y0 : y0 + rows * shrink, x0 : x0 + columns * shrink]
+    at, (rows, columns) = _lattice_pixels(quad, points, lens), window
+    patch = frame.pixels[window]
     saturated = int(patch.max()) == SATURATED_VALUE
     linear = cv2.LUT(patch, linear_light(frame.transfer))
-    if shrink > 1:  # averages whole pixels: less noise, and the band's depth over 2 rows hardly suffers
-        linear = cv2.resize(linear, (columns, rows), interpolation=cv2.INTER_AREA)
-    shift = np.array([x0, y0], np.float32) + np.float32((shrink - 1) / 2)
-    places = (at - shift) / np.float32(shrink)
+    places = at - np.array([columns.start, rows.start], np.float32)
     kernel_of = cv2.INTER_LINEAR if saturated else cv2.INTER_LANCZOS4
     light = cv2.remap(linear, places, None, kernel_of, borderMode=cv2.BORDER_REPLICATE)
     return light, at[..., 1], saturated, float(light.sum(axis=1).min())

@@ -14,10 +14,10 @@ enum {
 
 enum { NONE_SATURATED, SOME_SATURATED, OUTSIDE, NO_MEMORY }; /* what came of it, as in kernels/cells.py */
 
-/* The part of a picture that is sampled, in linear light; each of its pixels is the mean of shrink × shrink. */
+/* The part of a picture that is sampled, in linear light. */
 typedef struct {
     float *light; /* (rows, columns) */
-    ptrdiff_t first_column, first_row, columns, rows, shrink;
+    ptrdiff_t first_column, first_row, columns, rows;
 } Patch;
 
 /* The part around `corners` (4, 2), with as much on each side as the interpolation takes in; false where they, or sides
@@ -33,11 +33,10 @@ static bool put_window(const Picture *picture, const double *corners, double ben
             low = fmin(low, at - bend_px);
             high = fmax(high, at + bend_px);
         }
-        first[axis] = (ptrdiff_t)low + 1 - MARGIN * patch->shrink;
+        first[axis] = (ptrdiff_t)low + 1 - MARGIN;
         if (first[axis] < 0) first[axis] = 0;
-        count[axis] = ((ptrdiff_t)high + 1 - first[axis] + patch->shrink - 1) / patch->shrink + MARGIN;
-        const ptrdiff_t there = (size - first[axis]) / patch->shrink; /* at the picture's end a last part may be missing */
-        if (count[axis] > there) count[axis] = there;
+        count[axis] = (ptrdiff_t)high + 1 + MARGIN - first[axis];
+        if (count[axis] > size - first[axis]) count[axis] = size - first[axis];
     }
     patch->first_column = first[0], patch->columns = count[0];
     patch->first_row = first[1], patch->rows = count[1];
@@ -51,26 +50,15 @@ static bool any_saturated(const uint8_t *pixels, ptrdiff_t count) {
     return most == 255;
 }
 
-/* Returns whether a pixel of it is saturated: then it is not a number, and so is each mean that it enters. */
+/* Returns whether a pixel of it is saturated: then it is not a number. */
 static bool linearise(const Picture *picture, Patch *patch) {
     const float *table = picture->light;
-    ptrdiff_t shrink = patch->shrink;
-    float share = 1.0f / (float)(shrink * shrink), *into = patch->light;
+    const uint8_t *pixel = picture->pixels + patch->first_row * picture->stride + patch->first_column;
+    float *into = patch->light;
     bool saturated = false;
-    for (ptrdiff_t row = 0; row < patch->rows; row++, into += patch->columns) {
-        const uint8_t *from = picture->pixels + (patch->first_row + row * shrink) * picture->stride + patch->first_column;
-        for (ptrdiff_t column = 0; column < patch->columns; column++) into[column] = 0.0f;
-        for (ptrdiff_t y = 0; y < shrink; y++, from += picture->stride) {
-            saturated = any_saturated(from, patch->columns * shrink) || saturated;
-            const uint8_t *pixel = from;
-            if (shrink == 1)
-                for (ptrdiff_t column = 0; column < patch->columns; column++) into[column] = table[pixel[column]];
-            else
-                for (ptrdiff_t column = 0; column < patch->columns; column++)
-                    for (ptrdiff_t x = 0; x < shrink; x++) into[column] += table[*pixel++];
-        }
-        if (shrink > 1)
-            for (ptrdiff_t column = 0; column < patch->columns; column++) into[column] *= share;
+    for (ptrdiff_t row = 0; row < patch->rows; row++, into += patch->columns, pixel += picture->stride) {
+        saturated = any_saturated(pixel, patch->columns) || saturated;
+        for (ptrdiff_t column = 0; column < patch->columns; column++) into[column] = table[pixel[column]];
     }
     return saturated;
 }
@@ -137,12 +125,12 @@ static LEDPI_INLINE void put_taps(const double *at, ptrdiff_t count, ptrdiff_t s
  * Lanczos' weights for every share of the way. */
 LEDPI_WIDE static void interpolate(const Patch *patch, const float *kernel, ptrdiff_t steps, bool saturated,
                                    const float *rows, ptrdiff_t count, float *columns) {
-    const double scale = 1.0 / (double)patch->shrink, first = (double)patch->first_row + 0.5 * (double)(patch->shrink - 1);
+    const double first = (double)patch->first_row;
     for (ptrdiff_t from = 0; from < count; from += AT_ONCE, columns += AT_ONCE, rows += AT_ONCE) {
         const ptrdiff_t here = count - from < AT_ONCE ? count - from : AT_ONCE;
         double x[AT_ONCE], y[AT_ONCE];
         int32_t column[AT_ONCE], row[AT_ONCE], across[AT_ONCE], downward[AT_ONCE];
-        for (ptrdiff_t i = 0; i < here; i++) x[i] = columns[i], y[i] = (rows[i] - first) * scale;
+        for (ptrdiff_t i = 0; i < here; i++) x[i] = columns[i], y[i] = rows[i] - first;
         for (ptrdiff_t i = 0; saturated && i < here; i++) columns[i] = bilinear(patch, x[i], y[i]);
         if (saturated) continue;
         put_taps(x, here, patch->columns, steps, column, across);
@@ -155,21 +143,21 @@ LEDPI_WIDE static void interpolate(const Patch *patch, const float *kernel, ptrd
 /* Where in the patch, `columns` (cells², k²), and in which `rows` of the picture the lattice's points are seen. */
 LEDPI_WIDE static void put_places(const Patch *patch, const double h[9], const Lens *lens, ptrdiff_t cells, ptrdiff_t k,
                                   const float *along, float *columns, float *rows) {
-    const double scale = 1.0 / (double)patch->shrink, first = (double)patch->first_column + 0.5 * (double)(patch->shrink - 1);
+    const double first = (double)patch->first_column;
     for (ptrdiff_t cell = 0; cell < cells * cells; cell++) {
         const float *us = along + cell % cells * k, *vs = along + cell / cells * k;
         for (ptrdiff_t j = 0; j < k; j++, columns += k, rows += k) {
             const double v = vs[j], x0 = h[1] * v + h[2], y0 = h[4] * v + h[5], w0 = h[7] * v + 1.0;
             for (ptrdiff_t i = 0; i < k; i++) {
                 const double u = us[i], w = 1.0 / (h[6] * u + w0);
-                columns[i] = (float)(((h[0] * u + x0) * w - first) * scale);
+                columns[i] = (float)((h[0] * u + x0) * w - first);
                 rows[i] = (float)((h[3] * u + y0) * w);
             }
             for (ptrdiff_t i = 0; lens && i < k; i++) {
                 const double u = us[i], w = 1.0 / (h[6] * u + w0);
                 double at[2];
                 ledpi_distort(lens, (h[0] * u + x0) * w, (h[3] * u + y0) * w, at);
-                columns[i] = (float)((at[0] - first) * scale);
+                columns[i] = (float)(at[0] - first);
                 rows[i] = (float)at[1];
             }
         }
@@ -195,14 +183,14 @@ static double least_light(ptrdiff_t cells, ptrdiff_t points, const float *light)
 
 /* Samples cells × cells cells inside `corners` (4, 2), whose sides a lens bends by so much, k × k points in each, at the
  * places `along` (cells·k,) across the panel and down it; bent by the `lens` unless that is none. Light (cells², k²) and the
- * picture row of each sample; `shrink` × `shrink` pixels are averaged. Lanczos' kernel, or straight lines where a pixel is
+ * picture row of each sample. Lanczos' kernel, or straight lines where a pixel is
  * saturated; `least` is the least sum over a cell's samples. */
 int ledpi_sample_cells(const uint8_t *pixels, ptrdiff_t height, ptrdiff_t width, ptrdiff_t stride, const float *table,
                        const double *corners, double bend_px, const Lens *lens, ptrdiff_t cells, ptrdiff_t k,
-                       const float *along, ptrdiff_t shrink, const float *kernel, ptrdiff_t steps, float *light,
+                       const float *along, const float *kernel, ptrdiff_t steps, float *light,
                        float *picture_rows, double *least) {
     const Picture picture = {pixels, height, width, stride, table};
-    Patch patch = {.shrink = shrink};
+    Patch patch;
     if (!put_window(&picture, corners, bend_px, &patch)) return OUTSIDE;
     patch.light = malloc(sizeof(float) * (size_t)(patch.columns * patch.rows));
     if (!patch.light) return NO_MEMORY;

@@ -16,7 +16,7 @@ STEPS = 512  # between two pixels, for which there are weights
 NONE_SATURATED, SOME_SATURATED, OUTSIDE, NO_MEMORY = range(4)  # as in cells.c
 
 _sample_cells = function(
-    "ledpi_sample_cells", *PICTURE, POINTER, DOUBLE, POINTER, *(INTEGER,) * 2, POINTER, INTEGER, POINTER, INTEGER,
+    "ledpi_sample_cells", *PICTURE, POINTER, DOUBLE, POINTER, *(INTEGER,) * 2, POINTER, POINTER, INTEGER,
     *(POINTER,) * 3, result=ctypes.c_int,
 )  # fmt: skip
 
@@ -42,19 +42,18 @@ def sample_cells(
     cells: int,
     k: int,
     along: Singles,
-    shrink: int,
 ) -> tuple[Singles, Singles, bool, float] | None:
     """Light and picture rows (cells², k²) on a lattice inside `corners_px` (4, 2), bent by the `lens` if it is given.
 
     And whether a pixel of those that this takes in is saturated, and the least sum of light over a cell, not a number
-    where that spoils a sample. None where corners, or sides that are bent by `bend_px`, leave the picture. `shrink`:
-    rows and columns of pixels that are averaged. Raises MemoryError.
+    where that spoils a sample. None where corners, or sides that are bent by `bend_px`, leave the picture.
+    Raises MemoryError.
     """
     light, rows = np.empty((cells * cells, k * k), np.float32), np.empty((cells * cells, k * k), np.float32)
     least, corners = np.empty(1), doubles(corners_px)
     outcome = _sample_cells(
         *picture(frame, mark_saturated=True), address(corners), bend_px,
-        None if lens is None else address(lens_of(lens)), cells, k, address(along), shrink, _lanczos_at(), STEPS,
+        None if lens is None else address(lens_of(lens)), cells, k, address(along), _lanczos_at(), STEPS,
         address(light), address(rows), address(least),
     )  # fmt: skip
     if outcome == NO_MEMORY:

@@ -143,25 +143,25 @@ def bands_of(seen: SeenBands, frame: Frame, spec: PanelSpec) -> Floats:
 
 
 def square_waves(samples: CellSamples, frame: Frame, spec: PanelSpec, hz: float, start_cycles: float) -> Singles:
-    """(2, cells, points): `shutter.square_wave_bands` in each sample, which is the mean of some rows."""
+    """(2, cells, points): `shutter.square_wave_bands` in each sample, smoothed as its bands are seen to be."""
     a_row, exposure_us = hz * frame.row_time_us * 1e-6, frame.exposure_us
-    averaged, apart = samples.averaged, 1.0
+    count, apart = 1, 1.0
     if samples.bands is not None and (shape := samples.bands.shape) is not None:
         exposure_us = shape.exposure_us
-        averaged, apart = shutter.mean_of_rows(averaged, shape.smoothing_rows2)
+        count, apart = shutter.mean_of_rows(1, shape.smoothing_rows2)
     if compiled():
         return kernel.square_waves(
             samples.rows,
             cycles_a_row=a_row,
             start_cycles=start_cycles,
-            averaged=averaged,
+            averaged=count,
             apart=apart,
             exposure_cycles=hz * exposure_us * 1e-6,
             duty=spec.duty,
             fundamental=shutter.fundamental_amplitude(hz, exposure_us, spec.duty),
         )
     cycles = samples.rows.astype(np.float64) * a_row + start_cycles
-    around = (np.arange(averaged) - (averaged - 1) / 2) * apart * a_row
+    around = (np.arange(count) - (count - 1) / 2) * apart * a_row
     each = [shutter.square_wave_bands(cycles + row, hz, exposure_us, spec.duty) for row in around]
     return np.asarray(np.mean(each, axis=0), np.float32)
 

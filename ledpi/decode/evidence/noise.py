@@ -68,15 +68,15 @@ WHITE = Correlation(0.0, 0.0, 0.0)
 
 def lags_of(samples: CellSamples) -> Lags:
     """More than one where a panel is seen at an angle; 0 where samples are further apart than noise is alike."""
-    return _lags(samples.lattice.k, samples.cell_px, samples.averaged)
+    return _lags(samples.lattice.k, samples.cell_px)
 
 
 @lru_cache(maxsize=64)  # asked for twice in a look
-def _lags(k: int, cell_px: tuple[float, float], averaged: int) -> Lags:
+def _lags(k: int, cell_px: tuple[float, float]) -> Lags:
     rim = 1 if k >= LEAST_WITH_RIM else 0
     most = (k - 2 * rim - 1) // 2
-    steps_px = (px * (1 - 2 * INSET) / k for px in cell_px)  # averaged pixels
-    aside, below = (0 if px > FURTHEST_PX / averaged else min(most, max(1, round(1 / px))) for px in steps_px)
+    steps_px = (px * (1 - 2 * INSET) / k for px in cell_px)
+    aside, below = (0 if px > FURTHEST_PX else min(most, max(1, round(1 / px))) for px in steps_px)
     return Lags(aside, below, rim)
 
 
@@ -128,12 +128,12 @@ def _rounded(step: Step) -> Step:
 
 
 def _steps_of(samples: CellSamples) -> tuple[Step, Step]:
-    """From one sample to the next, across and down the lattice, in (averaged) pixels; mirrored, which is alike, so
+    """From one sample to the next, across and down the lattice, in pixels; mirrored, which is alike, so
     that all but one of these are not negative."""
     n, k = samples.lattice.cells, samples.lattice.k
     rows, along = samples.rows, samples.lattice.along
     a_cell = (1 - 2 * INSET) / k
-    per_side = a_cell / n / (along.item(-1) - along.item(0)) / samples.averaged
+    per_side = a_cell / n / (along.item(-1) - along.item(0))
     first = rows.item(0)
     aside = abs(rows.item(n - 1, k - 1) - first) * per_side
     below = abs(rows.item(n * (n - 1), k * (k - 1)) - first) * per_side
