@@ -11,8 +11,8 @@ from ledpi.decode.cells import CellSamples
 from ledpi.decode.corners.approach import approach_quads
 from ledpi.decode.corners.edges import refine_quads
 from ledpi.decode.evidence.memory import PanelMemory
-from ledpi.decode.identify.beside import Ends
 from ledpi.decode.identify.blinking_rim import Inward, Rim
+from ledpi.decode.identify.ends import Ends
 from ledpi.decode.identify.soft import Reading
 from ledpi.decode.track import Track
 from ledpi.geometry import quad_side

@@ -10,7 +10,7 @@ from ledpi.decode.cells import MIN_CELL_PX
 from ledpi.decode.corners.approach import approach_quads
 from ledpi.decode.corners.edges import prepare, refine_quads
 from ledpi.decode.corners.inner_square import by_inner_lines, is_aside, is_near, is_same
-from ledpi.decode.corners.settle import is_part_of, settle
+from ledpi.decode.corners.spot_centres import by_spot_centres, is_part_of
 from ledpi.decode.finding.find import Candidate, Finder
 from ledpi.decode.striped.find_striped import MIN_STRIPED_CELL_PX, StripedFinder
 from ledpi.decode.striped.fitted_square import NO_BANDS
@@ -40,7 +40,7 @@ class Squares:
         squares = [at for at, told_by in expected if told_by != "spots"]
         refined = iter([quad for _, quad in self._unbent(frame, squares, self._refined(frame, squares))])
         return [
-            settle(frame, at, self._cells, self._intrinsics)
+            by_spot_centres(frame, at, self._cells, self._intrinsics)
             if told_by == "spots"
             else self._by_sides_or_lines(frame, at, next(refined), told_by)
             for at, told_by in expected
@@ -117,7 +117,7 @@ class Squares:
         quads = [at if isinstance(at, Rejected) else next(refined) for at in near]
         results = self._unbent(frame, [candidate.corners for candidate in squares], quads)
         for grid in (candidate.corners for candidate in candidates if candidate.spots):
-            of_spots = settle(frame, grid, self._cells, self._intrinsics)
+            of_spots = by_spot_centres(frame, grid, self._cells, self._intrinsics)
             if isinstance(of_spots, Quad):
                 by_sides = [quad for _, quad in results if isinstance(quad, Quad)]
                 if any(is_near(quad, of_spots.corners_px, self._cells) for quad in by_sides):

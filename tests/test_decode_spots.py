@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from decode_material import SPEC, Canvas, camera_info, diffuser, panel_settings, quad, reason, square, word
 
-from ledpi.decode.corners.settle import _centres, is_part_of, settle
+from ledpi.decode.corners.spot_centres import _centres, by_spot_centres, is_part_of
 from ledpi.decode.finding.find import Finder
 from ledpi.decode.finding.lit import contrasts
 from ledpi.decode.finding.spots import group_sizes, groups, lattice, spots_in
@@ -98,28 +98,28 @@ def test_a_panel_of_bare_leds_is_found_by_its_spots(turn_deg: float, side: float
     frame = canvas.frame()
     candidates, _ = Finder(640, 480, 10.0).find(frame)
     (grid,) = (candidate for candidate in candidates if candidate.spots)
-    found = settle(frame, grid.corners, 4)
+    found = by_spot_centres(frame, grid.corners, 4)
     assert isinstance(found, Quad), reason(found)
     assert np.abs(found.corners_px - true).max() < 0.3
 
 
-def test_without_spots_there_is_nothing_to_settle_on() -> None:
+def test_without_spots_there_is_nothing_to_measure() -> None:
     """An even lamp has no middles of cells."""
     true = square(310.4, 240.2, 100.0)
     canvas = Canvas()
     canvas.lamp(square(360.0, 200.0, 90.0, 30), 0.4)
-    assert reason(settle(canvas.frame(None), true, 4)).startswith("edges.")
+    assert reason(by_spot_centres(canvas.frame(None), true, 4)).startswith("edges.")
 
 
-def test_cells_that_are_lit_throughout_are_no_spots_to_settle_on() -> None:
+def test_cells_that_are_lit_throughout_are_no_spots() -> None:
     """However dark the walls between them: their sides tell more than their centres do."""
     true = square(310.4, 240.2, 100.0, 20)
     canvas = Canvas()
     canvas.panel(true, word(7), profile=behind_thick_walls)
-    assert reason(settle(canvas.frame(), true, 4)) == "edges.no_spots"
+    assert reason(by_spot_centres(canvas.frame(), true, 4)) == "edges.no_spots"
 
 
-def test_what_a_lens_bends_is_settled_on_as_bent() -> None:
+def test_what_a_lens_bends_is_seen_as_bent() -> None:
     """A barrel that moves the corners by 3 pixels, and not in line with the middles."""
     barrel = (-0.3, 0.0, 0.0, 0.0, 0.0)
     lens = Intrinsics(width=640, height=480, fx=600.0, fy=600.0, cx=310.0, cy=240.0, distortion=barrel)
@@ -130,7 +130,7 @@ def test_what_a_lens_bends_is_settled_on_as_bent() -> None:
         pixels += 200.0 * np.exp(-((columns - x) ** 2 + (rows - y) ** 2) / (2 * 8.0**2))
     true = distort((flat - (310.0, 240.0)) / 600.0, lens)
     frame = frame_of(np.round(pixels).astype(np.uint8))
-    found, straight = settle(frame, true, 4, lens), settle(frame, true, 4)
+    found, straight = by_spot_centres(frame, true, 4, lens), by_spot_centres(frame, true, 4)
     assert isinstance(found, Quad)
     assert isinstance(straight, Quad)
     assert np.abs(found.corners_px - true).max() < 0.05 < np.abs(straight.corners_px - true).max()

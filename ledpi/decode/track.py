@@ -14,8 +14,8 @@ from ledpi.decode.evidence.classes import in_other_class
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.evidence.expect import Expectation
 from ledpi.decode.evidence.memory import PanelMemory
-from ledpi.decode.identify.beside import Ends
 from ledpi.decode.identify.blinking_rim import Rim
+from ledpi.decode.identify.ends import Ends
 from ledpi.decode.identify.soft import Reading
 from ledpi.decode.identify.tuning import Proposal, Seen
 from ledpi.geometry import quad_middle, quad_side

@@ -1,4 +1,4 @@
-/* Where the light around places has its middle, and how much of what is around is lit: `_centres` of decode/corners/settle.py. */
+/* Where the light around places has its middle, and how much of what is around is lit: `_centres` of decode/corners/spot_centres.py. */
 #include <math.h>
 
 #include "kernels.h"

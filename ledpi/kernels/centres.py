@@ -12,7 +12,7 @@ _centres = function("ledpi_centres", *PICTURE, POINTER, INTEGER, DOUBLE, POINTER
 
 
 def centres(frame: Frame, at: Floats, reach_px: float) -> Floats:
-    """As `_centres` of decode/corners/settle.py."""
+    """As `_centres` of decode/corners/spot_centres.py."""
     at, found = doubles(at), np.empty((len(at), 3))
     _centres(*picture(frame), address(at), len(at), reach_px, address(found))
     return found

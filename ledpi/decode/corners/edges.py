@@ -25,9 +25,9 @@ from ledpi.decode.corners.whole import (
     BEND_ALONG,
     BLUR_STEPS,
     NO_RIM_WALL,
+    completed,
     explanations,
     hidden_shares,
-    uncovered,
     usual_blur_steps,
     without_rim_walls,
 )
@@ -244,7 +244,7 @@ def _results(frame: Frame, start: Points, found: Found, bend: Points, hidden: Fl
         elif not hidden[i].any():
             results.append(checked(frame, corners[i], sigma_px[i], size_px[i], float(most_bent[i])))
         elif np.isfinite(hidden[i]).all():
-            whole, sigma = uncovered(corners[i], hidden[i]), sigma_px[i] + float(HIDDEN_SIGMA * side_px[i])
+            whole, sigma = completed(corners[i], hidden[i]), sigma_px[i] + float(HIDDEN_SIGMA * side_px[i])
             quad = checked(frame, whole, sigma, size_px[i], float(most_bent[i]))
             results.append(replace(quad, seen_px=as_corners(corners[i])) if isinstance(quad, Quad) else quad)
         else:

@@ -88,7 +88,7 @@ def _light_along(frame: Frame, corners: Points, bend_px: Points, cells: int) -> 
     return np.asarray(light, np.float64)
 
 
-def uncovered(corners: Points, hidden: Floats) -> Points:
+def completed(corners: Points, hidden: Floats) -> Points:
     """The corners (4,) of a quad that lacks `hidden` (2, 2) of its panel, of the whole panel."""
     seen = 1 - hidden.sum(axis=1)
     whole = box(*(-hidden[:, 0] / seen), *(1 + hidden[:, 1] / seen))

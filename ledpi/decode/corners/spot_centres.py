@@ -29,7 +29,7 @@ MAX_LIT = 0.8
 MAX_RMS = 0.08  # of the pitch, of the spots about their lattice: LEDs sit where the grid has them
 
 
-def settle(frame: Frame, corners: Floats, cells: int, intrinsics: Intrinsics | None = None) -> Quad | Rejected:
+def by_spot_centres(frame: Frame, corners: Floats, cells: int, intrinsics: Intrinsics | None = None) -> Quad | Rejected:
     """The grid whose corners are near `corners` (4, 2), by the centres of its spots' light."""
     lens, bend_px = _bent(corners, intrinsics)
     middles, rim = _middles(cells), rim_of(cells)

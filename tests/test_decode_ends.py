@@ -10,8 +10,8 @@ from decode_material import FRAME_ROWS, LENS, ROW_TIME_US, Canvas, quad, seen_th
 
 from ledpi.config import PanelSettings
 from ledpi.decode.cells import CellSamples, sample_cells
-from ledpi.decode.identify.beside import Ends
 from ledpi.decode.identify.codebook import Codebook
+from ledpi.decode.identify.ends import Ends
 from ledpi.decode.identify.soft import Reading, read_word
 from ledpi.dictionaries import load_dictionary
 from ledpi.records import Floats, Frame, Intrinsics
