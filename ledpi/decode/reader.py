@@ -17,10 +17,11 @@ from ledpi.decode.evidence.expect import Expectation
 from ledpi.decode.evidence.memory import PanelMemory
 from ledpi.decode.identify import soft
 from ledpi.decode.identify.codebook import Codebook
+from ledpi.decode.identify.denial import denies
 from ledpi.decode.identify.soft import Reading
 from ledpi.decode.identify.tuning import CHOICES, Seen, propose_frequencies
 from ledpi.decode.identify.words import likeliest
-from ledpi.decode.track import Shown, Track, denies
+from ledpi.decode.track import Shown, Track
 from ledpi.records import Frame, PanelSpec, Rejected
 
 # Frames that surely show what was read last are not read anew, but for one of eight: by then a panel may look a little

@@ -10,8 +10,6 @@ from typing import TypeAlias
 import numpy as np
 
 from ledpi.decode.corners.sides import as_points
-from ledpi.decode.evidence.classes import in_other_class
-from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.evidence.expect import Expectation
 from ledpi.decode.evidence.memory import PanelMemory
 from ledpi.decode.identify.blinking_rim import Rim
@@ -35,14 +33,6 @@ NEW_VELOCITY = 0.7
 # A square that has not been read in so many frames is a lamp or a window: it is looked at when all is searched anyway.
 OLD_FRAMES = 16
 SEEN_FRAMES = 12  # that are kept to find a panel's frequencies from
-# A frame that is e^DOUBT times likelier without a panel's bands than with them does not show the panel. One that does
-# show it looks so in less than 1 of 1,000, however much or little a frame can tell: with E = bands·information·bands/2,
-# the log-likelihood ratio is normal with mean E and variance 2E, so (E + DOUBT)/√(2E) is at least √(2·DOUBT) = 3.2.
-DOUBT = 5.0
-# Where cells would rather be of the other class, by this much together, another panel has taken the place. Cells that
-# are what they were gain by noise alone: 0.2 each on average, whatever their evidence E (mean of max(0, N(−E, 2E))).
-# The rest is for bands that are not known exactly yet.
-OTHER_CELLS = 16.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -221,29 +211,6 @@ class Tracker:
                 self._tracks.append(track)
             followed.append((quad, track))
         return followed
-
-
-def denies(added: Evidence | None, shown: Floats) -> bool:
-    """Whether a frame denies bands (cells, P) that the frames before it have shown: none, or in other cells."""
-    if added is None:
-        return False
-    likelihood, left = _likelihood(added, shown)
-    return likelihood < -DOUBT or _other_cells(added, left, shown) > OTHER_CELLS
-
-
-def _likelihood(added: Evidence, shown: Floats) -> tuple[float, Floats]:
-    """Log-likelihood ratio of a frame with these bands to one without any; and the score (cells, P) they leave."""
-    explained = np.tensordot(added.information, shown, axes=((2, 3), (0, 1)))
-    return float((shown * (added.score - 0.5 * explained)).sum()), added.score - explained
-
-
-def _other_cells(added: Evidence, left: Floats, shown: Floats) -> float:
-    """By how much log-likelihood cells would rather be of the other class, all together."""
-    change = in_other_class(shown) - shown
-    each = np.arange(len(shown))
-    own = added.information[each, :, each, :]
-    gain = (change * left).sum(axis=1) - 0.5 * np.einsum("ci,cij,cj->c", change, own, change)
-    return float(np.maximum(gain, 0.0).sum())
 
 
 def _place(corners_px: Floats) -> Place:

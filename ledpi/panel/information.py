@@ -117,7 +117,7 @@ def separation_nats(evidence: Evidence, depths: tuple[float, float]) -> float:
     on average over all cells and phases, by Bhattacharyya's bound exp(−D/4). Two frequencies that nearly coincide have
     much information on average and little of it where their phases agree.
     """
-    own = np.einsum("cicj->cij", evidence.information)
+    own = evidence.of_own_bands
     changes = _changes(depths, len(evidence.prior) // 2)
     separations = 0.5 * np.einsum("pci,pi->pc", np.einsum("pj,cij->pci", changes, own), changes)
     return float(-4.0 * (np.logaddexp.reduce(-separations.ravel() / 4.0) - math.log(separations.size)))

@@ -5,9 +5,9 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from ledpi.decode.evidence.classes import in_other_class
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.identify.soft import Reading
+from ledpi.decode.identify.words import gain_by_other_class
 from ledpi.markers import Bits
 from ledpi.records import Floats
 from ledpi.snapshot.drawing import (
@@ -91,10 +91,7 @@ def given_others_for_white(evidence: Evidence, shown: Floats, word: Bits) -> Flo
 
     `shown` (cells, P) are its bands, `word` (cells,) which cells it shows as white.
     """
-    change = in_other_class(shown) - shown
-    left = evidence.score - np.einsum("cidj,dj->ci", evidence.information, shown)
-    own = np.einsum("cicj->cij", evidence.information)
-    gain = (change * left).sum(axis=1) - 0.5 * np.einsum("ci,cij,cj->c", change, own, change)
+    gain = gain_by_other_class(evidence, shown)
     return np.asarray(np.where(word, -gain, gain))
 
 
@@ -106,7 +103,7 @@ def alone_for_white(evidence: Evidence) -> Floats:
     nats = []
     for two in (slice(0, 2), slice(2, 4)):
         prior = np.diag(evidence.prior[two])
-        own = np.einsum("cicj->cij", evidence.information[:, two][..., two])
+        own = evidence.of_own_bands[:, two, two]
         b = evidence.score[:, two]
         fitted = np.linalg.solve(own + np.linalg.inv(prior), b[..., None])[..., 0]
         nats.append(0.5 * ((b * fitted).sum(axis=1) - np.linalg.slogdet(np.eye(2) + prior @ own)[1]))

@@ -63,6 +63,16 @@ class Evidence:
         own = self.information.reshape(self.score.size, -1).diagonal().reshape(self.score.shape)
         return np.asarray(~own.any(axis=1))
 
+    @property
+    def of_own_bands(self) -> Floats:
+        """(cells, P, P) of the information, each cell's about its own bands."""
+        return np.asarray(np.einsum("cicj->cij", self.information))
+
+    def unexplained(self, bands: Floats) -> Floats:
+        """(cells, P) the score that these bands (cells, P) leave: score − information·bands."""
+        left: Floats = self.score - (self.information.reshape(bands.size, -1) @ bands.reshape(-1)).reshape(bands.shape)
+        return left
+
     def by(self, noise: Correlation) -> Evidence:
         """As it is where noise is as alike as that: of what it claims as much as `volume` leaves."""
         volume = noise.volume

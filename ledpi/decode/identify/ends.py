@@ -104,7 +104,6 @@ def _a_row_up(quad: Quad, turns: int, cells: int, intrinsics: Intrinsics | None)
 
 def _best_of_classes(evidence: Evidence, shown: Floats, of_class: Floats) -> Floats:
     """(cells,) log odds of each cell's likelier bands of those `of_class` (classes, P) to those `shown` (cells, P)."""
-    left = evidence.score - np.tensordot(evidence.information, shown, axes=((2, 3), (0, 1)))
-    own = np.einsum("cicj->cij", evidence.information)
+    left, own = evidence.unexplained(shown), evidence.of_own_bands
     odds = [left @ bands - 0.5 * (own @ bands @ bands) for bands in of_class]
     return np.asarray(np.max(odds, axis=0), np.float64)

@@ -72,7 +72,7 @@ def _as_phases_have_it(evidence: Evidence) -> Singles:
     turns = 2 * np.pi * np.arange(PHASES) / PHASES
     depth = np.sqrt(2.0 * evidence.prior[::2])
     waves = [np.stack([d * np.cos(turns), d * np.sin(turns)], axis=1) for d in depth]  # (PHASES, 2) each
-    own = np.einsum("cicj->cij", evidence.information)
+    own = evidence.of_own_bands
     if len(waves) == 1:  # antiphase: a class is the other's negative
         white = (evidence.score @ waves[0].T).T < 0
     else:

@@ -31,7 +31,7 @@ def likeliest(evidence: Evidence, white: Singles) -> Fit:
     first = order[0]
     best = white[words[first]]
     shown = band_shares(best.astype(np.float64), len(evidence.prior)) * bands[first]
-    gain, silent = _gain_by_other_class(evidence, shown), evidence.silent
+    gain, silent = gain_by_other_class(evidence, shown), evidence.silent
     return Fit(
         words=words[order].tolist(),
         likelihood=likelihood[order].tolist(),
@@ -48,22 +48,19 @@ def likeliest(evidence: Evidence, white: Singles) -> Fit:
     )
 
 
-def _gain_by_other_class(evidence: Evidence, shown: Floats) -> Floats:
+def gain_by_other_class(evidence: Evidence, shown: Floats) -> Floats:
     """(cells,) log-likelihood ratio of each cell in the other class to the one whose bands are `shown` (cells, P)."""
-    matrix = evidence.information.reshape(shown.size, shown.size)
-    left = evidence.score - (matrix @ shown.reshape(-1)).reshape(shown.shape)
     change = in_other_class(shown) - shown
-    own = np.einsum("cicj->cij", evidence.information)
-    gain: Floats = (change * left).sum(axis=1) - 0.5 * (np.matmul(own, change[..., None])[..., 0] * change).sum(axis=1)
+    by_half = 0.5 * np.matmul(evidence.of_own_bands, change[..., None])[..., 0]
+    gain: Floats = (change * (evidence.unexplained(shown) - by_half)).sum(axis=1)
     return gain
 
 
 def weakest_row(evidence: Evidence, shown: Floats) -> float:
     """Least log odds of a row or column of cells with the bands `shown` (cells, P) to one with none."""
     side = math.isqrt(len(shown))
-    left = evidence.score - np.tensordot(evidence.information, shown, axes=((2, 3), (0, 1)))
-    own = np.einsum("cicj->cij", evidence.information)
-    with_bands = (shown * (left + 0.5 * np.matmul(own, shown[..., None])[..., 0])).sum(axis=1).reshape(side, side)
+    by_half = 0.5 * np.matmul(evidence.of_own_bands, shown[..., None])[..., 0]
+    with_bands = (shown * (evidence.unexplained(shown) + by_half)).sum(axis=1).reshape(side, side)
     return float(min(with_bands.sum(axis=0).min(), with_bands.sum(axis=1).min()))
 
 
@@ -107,7 +104,7 @@ def shortlist(evidence: Evidence, white: Singles) -> Integers:
         return np.arange(len(white))
     parameters = len(evidence.prior)
     shares = wave_shares(white, parameters // 2).transpose(2, 0, 1)  # (waves, W, cells)
-    own = np.einsum("cicj->cij", evidence.information).reshape(len(evidence.score), -1)
+    own = evidence.of_own_bands.reshape(len(evidence.score), -1)
     likelihood = np.zeros(len(white))
     for k, share in enumerate(shares):
         cosine, sine = 2 * k, 2 * k + 1
