@@ -11,10 +11,11 @@ from decode_material import SPEC, TRUE_10_MS_US, Canvas, diffuser, quad, square,
 
 from ledpi.decode.cells import CellSamples, sample_cells
 from ledpi.decode.evidence.comparison import Mean, compared_evidence
-from ledpi.decode.evidence.evidence import Evidence, class_waves
+from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.evidence.memory import PanelMemory
 from ledpi.decode.evidence.noise import WHITE, Correlation
 from ledpi.decode.evidence.single_frame import single_evidence
+from ledpi.decode.evidence.waves import class_waves
 from ledpi.records import Floats, Frame
 
 LEVEL, DEVIATION = 0.5, 0.02  # of light, and of a pixel's noise before anything is done to it

@@ -26,8 +26,10 @@ from decode_material import (
 from ledpi.decode.cells import CellSamples, sample_cells
 from ledpi.decode.corners.approach import NOT_STRAIGHT
 from ledpi.decode.corners.sides import as_points
-from ledpi.decode.evidence.evidence import Evidence, bands_of, believed_bands
+from ledpi.decode.evidence.believed import believed_bands
+from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.evidence.single_frame import single_evidence
+from ledpi.decode.evidence.waves import bands_of
 from ledpi.decode.finding.find import Candidate
 from ledpi.decode.identify import soft
 from ledpi.decode.identify.codebook import Codebook

@@ -9,8 +9,9 @@ import pytest
 from decode_material import SPEC, TRUE_10_MS_US, Bits, Canvas, quad, reason, square, word
 
 from ledpi.decode.cells import CellSamples, sample_cells
-from ledpi.decode.evidence.evidence import Evidence, band_prior
+from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.evidence.single_frame import single_evidence
+from ledpi.decode.evidence.waves import band_prior
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.soft import Reading, decide, read_word
 from ledpi.dictionaries import load_dictionary

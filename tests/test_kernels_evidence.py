@@ -12,9 +12,11 @@ from decode_material import SPEC, TRUE_10_MS_US, Canvas, diffuser, quad, square,
 from kernels_material import both_ways, compiled
 
 from ledpi.decode.cells import CellSamples, sample_cells
+from ledpi.decode.evidence.believed import Believed, believed_bands
 from ledpi.decode.evidence.comparison import Mean, compared_evidence
-from ledpi.decode.evidence.evidence import UNFIT, Believed, Evidence, believed_bands, class_waves, square_waves
+from ledpi.decode.evidence.evidence import UNFIT, Evidence
 from ledpi.decode.evidence.single_frame import single_evidence
+from ledpi.decode.evidence.waves import class_waves, square_waves
 from ledpi.decode.identify import patterns, words
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.first_look import first_look

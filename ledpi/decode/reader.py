@@ -12,9 +12,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from ledpi.decode.cells import CellSamples
-from ledpi.decode.evidence.evidence import Evidence, band_prior, is_deep
+from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.evidence.expect import Expectation
 from ledpi.decode.evidence.memory import PanelMemory
+from ledpi.decode.evidence.waves import band_prior, is_deep
 from ledpi.decode.identify import soft
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.denial import denies

@@ -21,25 +21,16 @@ there). What is left is correlated with a cosine and a sine of each wave, in eac
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 import numpy as np
 
-from ledpi import shutter
 from ledpi.decode.cells import CellSamples, Lattice
-from ledpi.decode.evidence.classes import band_shares, wave_shares
 from ledpi.decode.evidence.noise import WHITE, Correlation, expected_of
+from ledpi.decode.evidence.waves import band_prior
 from ledpi.kernels import evidence as kernel
-from ledpi.kernels.library import compiled
-from ledpi.records import Floats, Frame, Mask, PanelSpec, Rejected, SeenBands, Singles
+from ledpi.records import Floats, Frame, Mask, PanelSpec, Rejected, Singles
 
-# Of full bands the darkest part: there is stray light, read noise, and a waveform that is not quite a square wave's, so
-# that the dark says less of a cell than its few photons would.
-DARKEST = 0.1
-FULL_DEPTH = 0.5  # bands as deep as this outshine all noise
 UNFIT = Rejected(stage="soft", reason="unfit")
 
 
@@ -83,109 +74,6 @@ class Evidence:
         )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Believed:
-    """Bands that a first look has shown, from which a second one takes its bearings."""
-
-    phases: tuple[float, ...]  # of each wave's fundamental; `waves` begin there
-    bands: Floats  # (cells, P), by these waves
-    waves: Singles  # (P, cells, points): what to measure them by
-    white: Mask  # (cells,)
-    light: Singles  # (2, cells, points): what the bands of either class make of an even light
-
-    def own_light(self) -> Singles:
-        """(cells, points): what each cell's bands make of it."""
-        return np.asarray(np.where(self.white[:, None], self.light[1], self.light[0]), np.float32)
-
-    def turned_back(self, bands: Floats) -> Floats:
-        """Bands (cells, P) by these waves, as cosine and sine."""
-        return rotated(bands, self.phases)
-
-
-def rotated(bands: Floats, angles: Sequence[float]) -> Floats:
-    """Bands (cells, P), cosine and sine of each wave, once that is shifted by its angle."""
-    out = np.empty_like(bands)
-    for k, angle in enumerate(angles):
-        c, s = math.cos(angle), math.sin(angle)
-        out[:, 2 * k : 2 * k + 2] = bands[:, 2 * k : 2 * k + 2] @ np.array([[c, s], [-s, c]])
-    return out
-
-
-def believed_bands(
-    samples: CellSamples, frame: Frame, spec: PanelSpec, white: Mask, bands: Floats
-) -> Believed:
-    """What `bands` (P,), sinusoids in cells of which these are `white` (cells,), are as square waves seen through the
-    exposure.
-
-    Phase and depth of a square wave are those of its fundamental. Its own waves: what more depth adds, and what a
-    later phase does, so that a small change of either is measured by the exact waveform, harmonics and all.
-    """
-    waves = np.empty((len(bands), *samples.rows.shape), np.float32)
-    light = np.ones((2, *samples.rows.shape), np.float32)
-    turned = np.zeros(len(bands))
-    phases = [math.atan2(sine, cosine) for cosine, sine in bands.reshape(-1, 2).tolist()]
-    of_classes = wave_shares(np.array([0.0, 1.0]), len(phases)).astype(np.float32)  # (black and white, waves)
-    for k, (hz, phase) in enumerate(zip(spec.waves_hz, phases, strict=True)):
-        two = slice(2 * k, 2 * k + 2)
-        turned[2 * k] = math.hypot(*bands[two])
-        waves[two] = square_waves(samples, frame, spec, hz, -phase / (2 * math.pi))
-        light += of_classes[:, k, None, None] * np.float32(turned[2 * k]) * waves[2 * k]
-    if samples.valid is not None:
-        waves *= samples.valid
-    return Believed(
-        phases=tuple(phases),
-        bands=band_shares(white.astype(np.float64), len(bands)) * turned,
-        waves=waves,
-        white=white,
-        light=np.maximum(light, np.float32(DARKEST)),
-    )
-
-
-def bands_of(seen: SeenBands, frame: Frame, spec: PanelSpec) -> Floats:
-    """(P,) cosine and sine of the fundamentals of square waves that are full and in these phases."""
-    bands = []
-    for hz, cycles in zip(spec.waves_hz, seen.phases, strict=False):
-        fundamental = shutter.fundamental_amplitude(hz, frame.exposure_us, spec.duty)
-        # Where a row is brightest: the middle of its exposure in the middle of the time that the wave is on.
-        turn = 2 * math.pi * (cycles + 0.5 * hz * frame.exposure_us * 1e-6 - 0.5 * spec.duty)
-        bands += [fundamental * math.cos(turn), -fundamental * math.sin(turn)]
-    return np.array(bands)
-
-
-def square_waves(samples: CellSamples, frame: Frame, spec: PanelSpec, hz: float, start_cycles: float) -> Singles:
-    """(2, cells, points): `shutter.square_wave_bands` in each sample, smoothed as its bands are seen to be."""
-    a_row, exposure_us = hz * frame.row_time_us * 1e-6, frame.exposure_us
-    count, apart = 1, 1.0
-    if samples.bands is not None and (shape := samples.bands.shape) is not None:
-        exposure_us = shape.exposure_us
-        count, apart = shutter.mean_of_rows(1, shape.smoothing_rows2)
-    if compiled():
-        return kernel.square_waves(
-            samples.rows,
-            cycles_a_row=a_row,
-            start_cycles=start_cycles,
-            averaged=count,
-            apart=apart,
-            exposure_cycles=hz * exposure_us * 1e-6,
-            duty=spec.duty,
-            fundamental=shutter.fundamental_amplitude(hz, exposure_us, spec.duty),
-        )
-    cycles = samples.rows.astype(np.float64) * a_row + start_cycles
-    around = (np.arange(count) - (count - 1) / 2) * apart * a_row
-    each = [shutter.square_wave_bands(cycles + row, hz, exposure_us, spec.duty) for row in around]
-    return np.asarray(np.mean(each, axis=0), np.float32)
-
-
-def is_deep(prior: Floats) -> bool:
-    """Whether bands of this variance (P,) are so deep that their harmonics show, and hide what is static."""
-    return math.sqrt(2.0 * min(prior.tolist())) > FULL_DEPTH
-
-
-def is_deep_anywhere(prior: Floats) -> bool:
-    """Whether one class's are: then what a model leaves open is not noise."""
-    return math.sqrt(2.0 * max(prior.tolist())) > FULL_DEPTH
-
-
 def evidence_of(
     found: kernel.Weighed | None, samples: CellSamples, frame: Frame, spec: PanelSpec, fitted: int
 ) -> Evidence | Rejected:
@@ -200,33 +88,6 @@ def evidence_of(
         left=0.5 * samples.independence * found.free,
         noise=expected_of(samples, fitted).correlation(found.near, found.far, found.free),
     )
-
-
-def band_prior(frame: Frame, spec: PanelSpec) -> Floats:
-    """(P,) variance of each wave's cosine and sine: a depth whose mean square is the expected one, in any phase."""
-    return _prior_of(frame.exposure_us, spec.waves_hz, spec.duty).copy()
-
-
-@lru_cache(maxsize=64)  # exposures, of an automatic one too, are whole rows
-def _prior_of(exposure_us: float, waves_hz: tuple[float, ...], duty: float) -> Floats:
-    amplitude = [shutter.harmonic_amplitude(1, hz, exposure_us, duty) for hz in waves_hz]
-    return np.repeat(np.maximum(np.square(amplitude), 1e-12), 2) / 2
-
-
-def class_waves(samples: CellSamples, frame: Frame, spec: PanelSpec, since_s: float = 0.0) -> Singles:
-    """(P, cells, points): cosine and sine of each of the panel's waves; `since_s` from the origin to row 0."""
-    if compiled():
-        out = kernel.waves(samples.rows, spec.waves_hz, frame.row_time_us, since_s)
-        return out if samples.valid is None else np.asarray(out * samples.valid, np.float32)
-    out = np.empty((2 * len(spec.waves_hz), *samples.rows.shape), np.float32)
-    for k, hz in enumerate(spec.waves_hz):
-        start = 2 * math.pi * ((hz * since_s) % 1.0)
-        angle = samples.rows * np.float32(2 * math.pi * hz * frame.row_time_us * 1e-6) + np.float32(start)
-        np.cos(angle, out=out[2 * k])
-        np.sin(angle, out=out[2 * k + 1])
-    if samples.valid is not None:
-        out *= samples.valid
-    return out
 
 
 def picture_slopes(picture: Singles, lattice: Lattice) -> Singles:

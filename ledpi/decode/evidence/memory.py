@@ -9,16 +9,16 @@ then the mean picture, read as a single frame of less noise, still says what one
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ledpi.decode.cells import CellSamples, Lattice
 from ledpi.decode.evidence.comparison import LEAST_SCALE, Mean, compared_evidence
-from ledpi.decode.evidence.evidence import Evidence, band_prior, class_waves, rotated
+from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.evidence.noise import WHITE, Correlation
 from ledpi.decode.evidence.single_frame import single_evidence
+from ledpi.decode.evidence.waves import band_prior, class_waves, turned
 from ledpi.records import Floats, Frame, PanelSpec, Rejected, Singles
 
 # Old evidence fades, as oscillators drift and a wrong turn must be mended: to a third in 30 frames, half a second.
@@ -160,11 +160,6 @@ class PanelMemory:
         self._picture = self._picture + (light - self._picture) * share
         self._mean_waves = self._mean_waves + (waves - self._mean_waves) * share
         self._count = np.minimum(total, np.float32(MEAN_FRAMES))
-
-
-def turned(bands: Floats, waves_hz: tuple[float, ...], earlier_s: float) -> Floats:
-    """Bands (cells, P) as counted from a moment that is so much earlier."""
-    return rotated(bands, [2 * math.pi * ((hz * earlier_s) % 1.0) for hz in waves_hz])
 
 
 def _shown(samples: CellSamples) -> Singles:

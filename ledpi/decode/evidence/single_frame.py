@@ -12,15 +12,8 @@ from functools import cache
 import numpy as np
 
 from ledpi.decode.cells import CellSamples
-from ledpi.decode.evidence.evidence import (
-    Believed,
-    Evidence,
-    band_prior,
-    class_waves,
-    evidence_of,
-    is_deep_anywhere,
-    picture_slopes,
-)
+from ledpi.decode.evidence.believed import Believed
+from ledpi.decode.evidence.evidence import Evidence, evidence_of, picture_slopes
 from ledpi.decode.evidence.noise import lags_of
 from ledpi.decode.evidence.normal import Normal, weighed, with_differences
 from ledpi.decode.evidence.shared_light import (
@@ -33,6 +26,7 @@ from ledpi.decode.evidence.shared_light import (
 )
 from ledpi.decode.evidence.uncovered import darkens, without_covered
 from ledpi.decode.evidence.unlit import without_unlit
+from ledpi.decode.evidence.waves import band_prior, class_waves, is_deep_anywhere
 from ledpi.kernels import evidence as kernel
 from ledpi.kernels.library import compiled
 from ledpi.records import Frame, Integers, PanelSpec, Rejected, Singles

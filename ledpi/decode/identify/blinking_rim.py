@@ -14,7 +14,8 @@ import numpy as np
 
 from ledpi.decode.cells import INSET, MIN_CELL_PX, sample_cells
 from ledpi.decode.evidence.evidence import Evidence
-from ledpi.decode.evidence.memory import PanelMemory, turned
+from ledpi.decode.evidence.memory import PanelMemory
+from ledpi.decode.evidence.waves import turned
 from ledpi.geometry import box, distort, in_square, undistort
 from ledpi.records import Floats, Frame, Intrinsics, PanelSpec, Quad, Rejected
 

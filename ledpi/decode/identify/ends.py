@@ -13,7 +13,8 @@ import numpy as np
 
 from ledpi.decode.cells import CellSamples, sample_cells
 from ledpi.decode.evidence.evidence import Evidence
-from ledpi.decode.evidence.memory import PanelMemory, turned
+from ledpi.decode.evidence.memory import PanelMemory
+from ledpi.decode.evidence.waves import turned
 from ledpi.decode.identify.words import weakest_row
 from ledpi.geometry import box, distort, in_square, undistort
 from ledpi.records import Floats, Frame, Intrinsics, Mask, PanelSpec, Quad, Rejected

@@ -10,12 +10,13 @@ from dataclasses import replace
 from functools import cache
 
 from ledpi.decode.cells import CellSamples, lattice
-from ledpi.decode.evidence.evidence import UNFIT, Evidence, band_prior, is_deep
+from ledpi.decode.evidence.evidence import UNFIT, Evidence
 from ledpi.decode.evidence.noise import expected_of, lags_of
 from ledpi.decode.evidence.shared_light import border_points, meeting_cells, sources_of
 from ledpi.decode.evidence.single_frame import single_evidence
 from ledpi.decode.evidence.uncovered import COVERED, inner_points
 from ledpi.decode.evidence.unlit import UNLIT
+from ledpi.decode.evidence.waves import band_prior, is_deep
 from ledpi.decode.identify.words import SHORTLIST, likeliest
 from ledpi.kernels import look as kernel
 from ledpi.kernels.library import compiled

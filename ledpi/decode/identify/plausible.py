@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 
-from ledpi.decode.evidence.evidence import Evidence, is_deep_anywhere
+from ledpi.decode.evidence.evidence import Evidence
+from ledpi.decode.evidence.waves import is_deep_anywhere
 from ledpi.kernels.words import Fit
 
 # No square wave leaves deeper bands than `shutter.harmonic_amplitude` of duty 0.5 by more than π/2 (a duty near 0), and

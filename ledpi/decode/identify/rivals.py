@@ -13,7 +13,8 @@ from functools import cache
 import numpy as np
 
 from ledpi.decode.cells import CellSamples
-from ledpi.decode.evidence.evidence import Evidence, band_prior
+from ledpi.decode.evidence.evidence import Evidence
+from ledpi.decode.evidence.waves import band_prior
 from ledpi.decode.identify.codebook import NEAREST_PATTERN, Codebook
 from ledpi.decode.identify.first_look import first_look
 from ledpi.decode.identify.patterns import likeliest_beyond, of_neighbours

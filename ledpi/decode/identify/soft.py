@@ -20,16 +20,10 @@ from statistics import NormalDist
 import numpy as np
 
 from ledpi.decode.cells import CellSamples
-from ledpi.decode.evidence.evidence import (
-    UNFIT,
-    Evidence,
-    band_prior,
-    bands_of,
-    believed_bands,
-    is_deep,
-    is_deep_anywhere,
-)
+from ledpi.decode.evidence.believed import believed_bands
+from ledpi.decode.evidence.evidence import UNFIT, Evidence
 from ledpi.decode.evidence.single_frame import single_evidence
+from ledpi.decode.evidence.waves import band_prior, bands_of, is_deep, is_deep_anywhere
 from ledpi.decode.identify import rivals
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.first_look import first_look

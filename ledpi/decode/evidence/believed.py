@@ -1,0 +1,66 @@
+"""What a first look has shown of a panel's bands, as a second look by the exact waveform takes its bearings from it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ledpi.decode.cells import CellSamples
+from ledpi.decode.evidence.classes import band_shares, wave_shares
+from ledpi.decode.evidence.waves import rotated, square_waves
+from ledpi.records import Floats, Frame, Mask, PanelSpec, Singles
+
+# Of full bands the darkest part: there is stray light, read noise, and a waveform that is not quite a square wave's, so
+# that the dark says less of a cell than its few photons would.
+DARKEST = 0.1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Believed:
+    """Bands that a first look has shown, from which a second one takes its bearings."""
+
+    phases: tuple[float, ...]  # of each wave's fundamental; `waves` begin there
+    bands: Floats  # (cells, P), by these waves
+    waves: Singles  # (P, cells, points): what to measure them by
+    white: Mask  # (cells,)
+    light: Singles  # (2, cells, points): what the bands of either class make of an even light
+
+    def own_light(self) -> Singles:
+        """(cells, points): what each cell's bands make of it."""
+        return np.asarray(np.where(self.white[:, None], self.light[1], self.light[0]), np.float32)
+
+    def turned_back(self, bands: Floats) -> Floats:
+        """Bands (cells, P) by these waves, as cosine and sine."""
+        return rotated(bands, self.phases)
+
+
+def believed_bands(
+    samples: CellSamples, frame: Frame, spec: PanelSpec, white: Mask, bands: Floats
+) -> Believed:
+    """What `bands` (P,), sinusoids in cells of which these are `white` (cells,), are as square waves seen through the
+    exposure.
+
+    Phase and depth of a square wave are those of its fundamental. Its own waves: what more depth adds, and what a
+    later phase does, so that a small change of either is measured by the exact waveform, harmonics and all.
+    """
+    waves = np.empty((len(bands), *samples.rows.shape), np.float32)
+    light = np.ones((2, *samples.rows.shape), np.float32)
+    turned = np.zeros(len(bands))
+    phases = [math.atan2(sine, cosine) for cosine, sine in bands.reshape(-1, 2).tolist()]
+    of_classes = wave_shares(np.array([0.0, 1.0]), len(phases)).astype(np.float32)  # (black and white, waves)
+    for k, (hz, phase) in enumerate(zip(spec.waves_hz, phases, strict=True)):
+        two = slice(2 * k, 2 * k + 2)
+        turned[2 * k] = math.hypot(*bands[two])
+        waves[two] = square_waves(samples, frame, spec, hz, -phase / (2 * math.pi))
+        light += of_classes[:, k, None, None] * np.float32(turned[2 * k]) * waves[2 * k]
+    if samples.valid is not None:
+        waves *= samples.valid
+    return Believed(
+        phases=tuple(phases),
+        bands=band_shares(white.astype(np.float64), len(bands)) * turned,
+        waves=waves,
+        white=white,
+        light=np.maximum(light, np.float32(DARKEST)),
+    )

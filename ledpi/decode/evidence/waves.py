@@ -1,0 +1,107 @@
+"""The waves of a panel's classes as an exposure leaves them: how deep bands may be, and what each is in every sample.
+
+Bands are told by a cosine and a sine of each wave (`classes` says which cells show it): of sinusoids, or of the
+fundamentals of square waves.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from functools import lru_cache
+
+import numpy as np
+
+from ledpi import shutter
+from ledpi.decode.cells import CellSamples
+from ledpi.kernels import evidence as kernel
+from ledpi.kernels.library import compiled
+from ledpi.records import Floats, Frame, PanelSpec, SeenBands, Singles
+
+FULL_DEPTH = 0.5  # bands as deep as this outshine all noise
+
+
+def band_prior(frame: Frame, spec: PanelSpec) -> Floats:
+    """(P,) variance of each wave's cosine and sine: a depth whose mean square is the expected one, in any phase."""
+    return _prior_of(frame.exposure_us, spec.waves_hz, spec.duty).copy()
+
+
+@lru_cache(maxsize=64)  # exposures, of an automatic one too, are whole rows
+def _prior_of(exposure_us: float, waves_hz: tuple[float, ...], duty: float) -> Floats:
+    amplitude = [shutter.harmonic_amplitude(1, hz, exposure_us, duty) for hz in waves_hz]
+    return np.repeat(np.maximum(np.square(amplitude), 1e-12), 2) / 2
+
+
+def is_deep(prior: Floats) -> bool:
+    """Whether bands of this variance (P,) are so deep that their harmonics show, and hide what is static."""
+    return math.sqrt(2.0 * min(prior.tolist())) > FULL_DEPTH
+
+
+def is_deep_anywhere(prior: Floats) -> bool:
+    """Whether one class's are: then what a model leaves open is not noise."""
+    return math.sqrt(2.0 * max(prior.tolist())) > FULL_DEPTH
+
+
+def class_waves(samples: CellSamples, frame: Frame, spec: PanelSpec, since_s: float = 0.0) -> Singles:
+    """(P, cells, points): cosine and sine of each of the panel's waves; `since_s` from the origin to row 0."""
+    if compiled():
+        out = kernel.waves(samples.rows, spec.waves_hz, frame.row_time_us, since_s)
+        return out if samples.valid is None else np.asarray(out * samples.valid, np.float32)
+    out = np.empty((2 * len(spec.waves_hz), *samples.rows.shape), np.float32)
+    for k, hz in enumerate(spec.waves_hz):
+        start = 2 * math.pi * ((hz * since_s) % 1.0)
+        angle = samples.rows * np.float32(2 * math.pi * hz * frame.row_time_us * 1e-6) + np.float32(start)
+        np.cos(angle, out=out[2 * k])
+        np.sin(angle, out=out[2 * k + 1])
+    if samples.valid is not None:
+        out *= samples.valid
+    return out
+
+
+def square_waves(samples: CellSamples, frame: Frame, spec: PanelSpec, hz: float, start_cycles: float) -> Singles:
+    """(2, cells, points): `shutter.square_wave_bands` in each sample, smoothed as its bands are seen to be."""
+    a_row, exposure_us = hz * frame.row_time_us * 1e-6, frame.exposure_us
+    count, apart = 1, 1.0
+    if samples.bands is not None and (shape := samples.bands.shape) is not None:
+        exposure_us = shape.exposure_us
+        count, apart = shutter.mean_of_rows(1, shape.smoothing_rows2)
+    if compiled():
+        return kernel.square_waves(
+            samples.rows,
+            cycles_a_row=a_row,
+            start_cycles=start_cycles,
+            averaged=count,
+            apart=apart,
+            exposure_cycles=hz * exposure_us * 1e-6,
+            duty=spec.duty,
+            fundamental=shutter.fundamental_amplitude(hz, exposure_us, spec.duty),
+        )
+    cycles = samples.rows.astype(np.float64) * a_row + start_cycles
+    around = (np.arange(count) - (count - 1) / 2) * apart * a_row
+    each = [shutter.square_wave_bands(cycles + row, hz, exposure_us, spec.duty) for row in around]
+    return np.asarray(np.mean(each, axis=0), np.float32)
+
+
+def bands_of(seen: SeenBands, frame: Frame, spec: PanelSpec) -> Floats:
+    """(P,) cosine and sine of the fundamentals of square waves that are full and in these phases."""
+    bands = []
+    for hz, cycles in zip(spec.waves_hz, seen.phases, strict=False):
+        fundamental = shutter.fundamental_amplitude(hz, frame.exposure_us, spec.duty)
+        # Where a row is brightest: the middle of its exposure in the middle of the time that the wave is on.
+        turn = 2 * math.pi * (cycles + 0.5 * hz * frame.exposure_us * 1e-6 - 0.5 * spec.duty)
+        bands += [fundamental * math.cos(turn), -fundamental * math.sin(turn)]
+    return np.array(bands)
+
+
+def rotated(bands: Floats, angles: Sequence[float]) -> Floats:
+    """Bands (cells, P), cosine and sine of each wave, once that is shifted by its angle."""
+    out = np.empty_like(bands)
+    for k, angle in enumerate(angles):
+        c, s = math.cos(angle), math.sin(angle)
+        out[:, 2 * k : 2 * k + 2] = bands[:, 2 * k : 2 * k + 2] @ np.array([[c, s], [-s, c]])
+    return out
+
+
+def turned(bands: Floats, waves_hz: tuple[float, ...], earlier_s: float) -> Floats:
+    """Bands (cells, P) as counted from a moment that is so much earlier."""
+    return rotated(bands, [2 * math.pi * ((hz * earlier_s) % 1.0) for hz in waves_hz])
