@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 
 import cv2
@@ -16,6 +17,7 @@ from decode_material import (
     SPEC,
     Canvas,
     camera_info,
+    flat,
     one_size,
     panel_settings,
     seen_through,
@@ -372,3 +374,16 @@ def test_a_panel_of_one_class_is_no_word(side: float, turn_deg: float, white: bo
     samples = sample_cells(frame, Quad(corners_px=true, corner_sigma_px=0.05), 4)
     assert isinstance(samples, CellSamples)
     assert isinstance(soft.read_word(samples, frame, book), Rejected)
+
+
+@pytest.mark.parametrize("exposure_us", [SHORT_US, 202.0])
+def test_two_cells_of_a_panel_nearby_are_no_panel(exposure_us: float) -> None:
+    """One of each class, side by side, is a cell off word 37, which may be corrected but is no fault here."""
+    info = dataclasses.replace(camera_info(), exposure_us=exposure_us)
+    pipeline = Pipeline(info, panel_settings(), intrinsics=PINHOLE, stream=False)
+    halves = np.repeat([False, True], 8).reshape(4, 4)
+    for seed, side in itertools.product(range(6), (60, 100)):
+        canvas, phases = Canvas(exposure_us=exposure_us), np.random.default_rng(seed).random(2)
+        true = square(310, 240, side, 20 + 5 * seed)
+        canvas.panel(true, np.rot90(halves, seed), light=0.3, profile=flat, phases=(phases[0], phases[1]))
+        assert pipeline.decode(canvas.frame(seed)).markers == ()

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 
@@ -49,6 +51,20 @@ class Codebook:
         rows = np.argsort(differ, kind="stable")[:most]
         return replace(self, ids=self.ids[rows], quarter_turns=self.quarter_turns[rows], white=self.white[rows])
 
+    def is_coarse(self, white: Mask) -> bool:
+        """Whether (cells,) is a coarse pattern."""
+        return bool((coarse_patterns(math.isqrt(len(white))) == white).all(axis=1).any())
+
+    def coarse_beside(self, word: int) -> Singles:
+        """(N, cells) the coarse patterns that would be taken for this word, as no more cells differ than are corrected.
+
+        The word itself is none of them.
+        """
+        coarse = coarse_patterns(math.isqrt(self.white.shape[1]))
+        differ = np.count_nonzero(coarse != self.white[word], axis=1)
+        taken_for_it: Mask = (differ > 0) & (differ <= self.correctable)
+        return coarse[taken_for_it]
+
     def correctable_beside(self, silent: Mask | None, word: int) -> int:
         """`correctable` where the `silent` (cells,) say nothing: ⌊(d − 1)/2⌋ of the other cells, if that is less.
 
@@ -61,3 +77,15 @@ class Codebook:
         if self.spec.phase == "antiphase":
             apart = np.minimum(apart, told.shape[1] - apart)
         return max(0, min(self.correctable, int(np.delete(apart, word).min(initial=told.shape[1]) - 1) // 2))
+
+
+@cache
+def coarse_patterns(side: int) -> Singles:
+    """(N, cells) what up to four cells of a panel nearby look like where they are taken for a whole one.
+
+    Two strips of rows by two of columns, each of the four parts of one class. So do two lamps beside each other, too.
+    """
+    ends = np.arange(side) < np.arange(1, side)[:, None]  # (side − 1, side) the first so many rows
+    parts = np.stack(np.meshgrid(*[[0, 1]] * 4), axis=-1).reshape(-1, 2, 2)
+    patterns = [part[rows.astype(int)][:, columns.astype(int)] for part in parts for rows in ends for columns in ends]
+    return np.unique(np.reshape(patterns, (-1, side * side)), axis=0).astype(np.float32)

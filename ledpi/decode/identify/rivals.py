@@ -18,6 +18,7 @@ from ledpi.decode.evidence.waves import band_prior
 from ledpi.decode.identify.codebook import NEAREST_PATTERN, Codebook
 from ledpi.decode.identify.first_look import first_look
 from ledpi.decode.identify.patterns import likeliest_beyond, of_neighbours
+from ledpi.decode.identify.words import likeliest
 from ledpi.kernels.words import Fit
 from ledpi.records import Frame, Mask, Rejected
 
@@ -44,7 +45,12 @@ def odds_against_no_word(evidence: Evidence, fit: Fit, codebook: Codebook, neede
         odds_against_negative(fit.negative, codebook, fit.likelihood[0]),
     )
     if odds >= needed:
-        odds = _least(odds, odds_against_neighbours(evidence, fit, codebook), odds_against_one_class(fit, codebook))
+        odds = _least(
+            odds,
+            odds_against_neighbours(evidence, fit, codebook),
+            odds_against_one_class(fit, codebook),
+            odds_against_coarse(evidence, fit, codebook),
+        )
     if needed <= odds < FURTHER_ODDS * needed:
         odds = _least(odds, odds_against_any_pattern(evidence, fit, codebook))
     return odds
@@ -113,6 +119,18 @@ def odds_against_one_class(fit: Fit, codebook: Codebook) -> float:
     rows of them are dark, and a word that says so where they are outshines patterns that are like it.
     """
     return fit.likelihood[0] - fit.one_class + prior_odds_of_word(codebook)
+
+
+def odds_against_coarse(evidence: Evidence, fit: Fit, codebook: Codebook) -> float:
+    """Log odds of the best word against coarse patterns so few cells off that they would be taken for it.
+
+    What two or four cells of a panel nearby show is no faulty word. Who sees panels sees such cells, so these patterns
+    are taken to be as frequent as words.
+    """
+    patterns = codebook.coarse_beside(fit.words[0])
+    if not len(patterns):
+        return math.inf
+    return fit.likelihood[0] - likeliest(evidence, patterns).likelihood[0]
 
 
 def odds_against_one_light(fit: Fit, samples: CellSamples, frame: Frame, codebook: Codebook) -> float:

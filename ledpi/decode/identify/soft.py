@@ -121,7 +121,7 @@ def _settled(
         of_negative = codebook.nearest(~seen.white, SHORTLIST)
         if (other := np.count_nonzero((of_negative.white[0] > 0) == seen.white)) < differ:
             words, bands, differ = of_negative, -bands, other
-    if differ > codebook.correctable:
+    if differ > codebook.correctable or (differ and codebook.is_coarse(seen.white)):
         return NO_WORD
     word, result = words.white[0] > 0, NO_WORD
     for _ in range(SETTLING):
