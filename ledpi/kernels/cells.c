@@ -169,12 +169,7 @@ static double least_light(ptrdiff_t cells, ptrdiff_t points, const float *light)
     bool numbers = true;
     double least = INFINITY;
     for (ptrdiff_t cell = 0; cell < cells; cell++, light += points) {
-        double lanes[4] = {0};
-        ptrdiff_t p = 0;
-        for (; p + 4 <= points; p += 4)
-            for (int lane = 0; lane < 4; lane++) lanes[lane] += light[p + lane];
-        for (; p < points; p++) lanes[0] += light[p];
-        const double sum = (lanes[0] + lanes[1]) + (lanes[2] + lanes[3]);
+        const double sum = ledpi_sum(light, points);
         numbers = numbers && !isnan(sum);
         least = fmin(least, sum);
     }

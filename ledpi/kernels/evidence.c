@@ -58,18 +58,17 @@ static void alternate(const Panel *panel, const Believed *believed, const float 
 }
 
 /* Gains, of mean 1, profile, and `light` filled in where it is not valid, in the gains' unit. */
-static void levels(const Panel *panel, const Believed *believed, float *light, double *gain, double *profile) {
+LEDPI_WIDE static void levels(const Panel *panel, const Believed *believed, float *light, double *gain,
+                              double *profile) {
     const ptrdiff_t points = panel->points;
+    const bool plain = !panel->valid && !believed->shown;
     double mean = 0.0, most = 0.0;
     for (ptrdiff_t c = 0; c < panel->cells; c++) {
-        double sum = 0.0, weight = 0.0;
-        for (ptrdiff_t p = 0, i = c * points; p < points; p++, i++) {
-            sum += light[i];
-            weight += share_of(panel, believed, i);
-        }
-        gain[c] = sum / weight;
+        double weight = plain ? (double)points : 0.0;
+        for (ptrdiff_t p = 0; !plain && p < points; p++) weight += share_of(panel, believed, c * points + p);
+        gain[c] = ledpi_sum(light + c * points, points) / weight;
     }
-    if (!panel->valid && !believed->shown) {
+    if (plain) {
         memset(profile, 0, sizeof(double) * (size_t)points);
         for (ptrdiff_t c = 0; c < panel->cells; c++)
             for (ptrdiff_t p = 0; p < points; p++) profile[p] += light[c * points + p] * (1.0 / gain[c] / (double)panel->cells);

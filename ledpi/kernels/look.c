@@ -4,6 +4,8 @@
 #include <math.h>
 #include <stdlib.h>
 
+#include "wide.h"
+
 /* What all panels of side × side cells, with k × k points in each, have in common: as in evidence.c; and which samples are
  * `tested` (cells, points) for what covers them. */
 typedef struct {
@@ -20,8 +22,7 @@ enum { LOOKED, NOT_PLAIN, UNFIT, NO_MEMORY };
 static bool any_unlit(ptrdiff_t cells, ptrdiff_t points, const float *light, double share) {
     double total = 0.0, least = INFINITY;
     for (ptrdiff_t c = 0; c < cells; c++) {
-        double own = 0.0;
-        for (ptrdiff_t p = 0; p < points; p++) own += *light++;
+        const double own = ledpi_sum(light + c * points, points);
         total += own;
         least = fmin(least, own);
     }

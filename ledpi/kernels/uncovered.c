@@ -10,9 +10,7 @@ LEDPI_WIDE bool ledpi_all_uncovered(ptrdiff_t cells, ptrdiff_t points, const flo
     for (ptrdiff_t p = 0; p < points; p++) least[p] = 0.0f;
     for (ptrdiff_t c = 0; c < cells; c++) {
         const float *own = light + c * points;
-        double sum = 0.0;
-        for (ptrdiff_t p = 0; p < points; p++) sum += own[p];
-        gain[c] = (float)((double)points / sum);
+        gain[c] = (float)((double)points / ledpi_sum(own, points));
         for (ptrdiff_t p = 0; p < points; p++) least[p] += own[p] * gain[c];
     }
     for (ptrdiff_t p = 0; p < points; p++) least[p] *= share / (float)cells;
