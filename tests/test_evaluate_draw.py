@@ -281,7 +281,8 @@ def test_two_cells_that_a_second_look_found_to_be_as_it_believed() -> None:
         ("near_words", 334, 3, 1),
         # A pattern twelve cells off explained more than the word did, by other phases.
         ("mirrored", 359, 2, 0),
-        # A second look added nine nats to the odds against another ID, of which a first had found 2.6.
+        # A second look added nine nats to the odds against another ID, of which a first had found 2.6; one that
+        # believes the other ID is for that.
         ("mirrored", 107, 4242, 2),
         # A lattice a row beside the panel.
         ("mirrored", 476, 7, 6),
@@ -301,6 +302,17 @@ def test_what_is_no_panel_of_words_is_no_word(case: str, number: int, seed: int,
     decoded = Pipeline(sensor_info(sensor, 1.0), PANELS, intrinsics=sensor.intrinsics, stream=False).decode(frame)
     assert decoded.markers == ()
     assert any(why.stage == "soft" for why in decoded.rejected), "it is found, and weighed"
+
+
+@pytest.mark.parametrize(("distance_m", "number", "seed", "marker_id"), [(1.8, 125, 1, 17), (2.5, 146, 2, 34)])
+def test_what_a_first_look_leaves_open_a_second_one_reads(
+    distance_m: float, number: int, seed: int, marker_id: int
+) -> None:
+    """By sinusoids a pattern that is no word is as likely but for 0.4 and 5 nats; by square waves it is not."""
+    take = take_of(condition("beyond", distance_m=distance_m), number, seed)
+    sensor = take.scene.sensor
+    decoded = Pipeline(sensor_info(sensor, 1.0), PANELS, intrinsics=sensor.intrinsics, stream=False)
+    assert [marker.sighting.id for marker in decoded.decode(first_frame(take)).markers] == [marker_id]
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ typedef struct {
     uint64_t met[MET];
     Pattern waiting[LANES];
     double log_of_prior, likeliest; /* of what the prior makes of a determinant; of the patterns beyond */
+    uint64_t likeliest_changed;     /* that one's cells that are not the word's */
     ptrdiff_t wait, told, correctable, found;
     int64_t best[CLIMBERS]; /* (found,) the likeliest, and how likely these are */
     double of[CLIMBERS];
@@ -24,7 +25,10 @@ static LEDPI_INLINE void weigh_waiting(Climb *climb, const ptrdiff_t parameters)
         ptrdiff_t apart = __builtin_popcountll(changed);
         if (parameters == 2 && climb->told - apart < apart) apart = climb->told - apart; /* of the word or its negative */
         climb->found = ledpi_put((int64_t)changed, own, climb->found, CLIMBERS, climb->best, climb->of);
-        if (apart > climb->correctable && (own > climb->likeliest || isnan(own))) climb->likeliest = own;
+        if (apart > climb->correctable && (own > climb->likeliest || isnan(own))) {
+            climb->likeliest = own;
+            climb->likeliest_changed = changed;
+        }
     }
     climb->wait = 0;
 }
@@ -73,7 +77,7 @@ static LEDPI_INLINE void begin(const Evidence *evidence, const float *word, cons
     weigh_waiting(climb, parameters);
 }
 
-static LEDPI_INLINE double climb_from(const Evidence *evidence, const float *word, ptrdiff_t correctable,
+static LEDPI_INLINE double climb_from(const Evidence *evidence, const float *word, ptrdiff_t correctable, float *pattern,
                                       const ptrdiff_t parameters) {
     uint8_t silent[MOST_CELLS];
     Around around;
@@ -100,14 +104,17 @@ static LEDPI_INLINE double climb_from(const Evidence *evidence, const float *wor
         }
         weigh_waiting(&climb, parameters);
     }
+    for (ptrdiff_t c = 0; c < evidence->cells; c++) pattern[c] = climb.likeliest_changed >> c & 1 ? 1.0f - word[c] : word[c];
     return climb.likeliest;
 }
 
 /* The log-likelihood ratio to "no bands" of the likeliest pattern that differs from a word (cells,) in more cells than are
- * `correctable`, none of them silent, with the bands that fit it best. At most 64 cells. Not a number where one's is none. */
+ * `correctable`, none of them silent, with the bands that fit it best; and that `pattern` (cells,). At most 64 cells.
+ * Not a number where one's is none. */
 LEDPI_WIDE double ledpi_likeliest_beyond(ptrdiff_t cells, ptrdiff_t parameters, const double *score,
                                          const double *information, const double *prior, const float *word,
-                                         ptrdiff_t correctable) {
+                                         ptrdiff_t correctable, float *pattern) {
     const Evidence evidence = {cells, parameters, score, information, prior};
-    return parameters == 4 ? climb_from(&evidence, word, correctable, 4) : climb_from(&evidence, word, correctable, 2);
+    return parameters == 4 ? climb_from(&evidence, word, correctable, pattern, 4)
+                           : climb_from(&evidence, word, correctable, pattern, 2);
 }

@@ -18,7 +18,9 @@ _likeliest = function(
 _of_neighbours = function(
     "ledpi_of_neighbours", INTEGER, INTEGER, *(POINTER,) * 4, INTEGER, INTEGER, result=DOUBLE
 )
-_likeliest_beyond = function("ledpi_likeliest_beyond", INTEGER, INTEGER, *(POINTER,) * 4, INTEGER, result=DOUBLE)
+_likeliest_beyond = function(
+    "ledpi_likeliest_beyond", INTEGER, INTEGER, *(POINTER,) * 4, INTEGER, POINTER, result=DOUBLE
+)
 
 
 class Fit(NamedTuple):
@@ -103,12 +105,14 @@ def of_neighbours(
     return log_sum
 
 
-def likeliest_beyond(score: Floats, information: Floats, prior: Floats, word: Singles, correctable: int) -> float:
+def likeliest_beyond(
+    score: Floats, information: Floats, prior: Floats, word: Singles, correctable: int
+) -> tuple[float, Singles]:
     """`likeliest_beyond` of decode/identify/patterns.py; `word` (cells,)."""
     cells, parameters = score.shape
     assert parameters in (2, 4)
     assert cells <= MOST_CELLS
     word = np.ascontiguousarray(word)
     at = address(score), address(information), address(prior), address(word)
-    likelihood: float = _likeliest_beyond(cells, parameters, *at, correctable)
-    return likelihood
+    pattern = np.empty(cells, np.float32)
+    return _likeliest_beyond(cells, parameters, *at, correctable, address(pattern)), pattern

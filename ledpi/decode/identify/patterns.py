@@ -42,8 +42,8 @@ def of_neighbours(evidence: Evidence, word: Singles, nearest: int, furthest: int
     return float(total)
 
 
-def likeliest_beyond(evidence: Evidence, word: Singles, correctable: int) -> float:
-    """Log-likelihood ratio to "no bands" of the likeliest pattern that is too far from a word (cells,) to be it.
+def likeliest_beyond(evidence: Evidence, word: Singles, correctable: int) -> tuple[float, Singles]:
+    """The likeliest pattern that is too far from a word (cells,) to be it: how likely, over "no bands", and which.
 
     It differs in more cells than are `correctable`, and has the bands that fit it best. It is sought from the word and
     from many phases, each cell as they fit it best: then one cell after the other. Cells that are silent are left as
@@ -54,17 +54,19 @@ def likeliest_beyond(evidence: Evidence, word: Singles, correctable: int) -> flo
     told = ~evidence.silent
     each = np.eye(len(word), dtype=word.dtype)[told]
     patterns = np.concatenate([word[None], np.where(told, _as_phases_have_it(evidence), word)])
-    likeliest = -math.inf
+    likeliest, beyond = -math.inf, word
     for _ in range(CLIMBS):
         patterns = np.unique(patterns, axis=0)
         likelihood = word_log_likelihoods(evidence, patterns)[0]
         differ = np.abs(patterns - word).sum(axis=1)
         if len(evidence.prior) == 2:
             differ = np.minimum(differ, len(each) - differ)
-        likeliest = max(likeliest, float(likelihood[differ > correctable].max(initial=-math.inf)))
+        for at in np.flatnonzero(differ > correctable):
+            if likelihood[at] > likeliest or np.isnan(likelihood[at]):
+                likeliest, beyond = float(likelihood[at]), patterns[at]
         best = patterns[np.argsort(-likelihood)[:CLIMBERS]]
         patterns = np.concatenate([best, np.abs(best[:, None] - each).reshape(-1, len(word))])
-    return likeliest
+    return likeliest, beyond
 
 
 def _as_phases_have_it(evidence: Evidence) -> Singles:

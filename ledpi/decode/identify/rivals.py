@@ -13,14 +13,16 @@ from functools import cache
 import numpy as np
 
 from ledpi.decode.cells import CellSamples
+from ledpi.decode.evidence.believed import believed_bands
 from ledpi.decode.evidence.evidence import Evidence
+from ledpi.decode.evidence.single_frame import single_evidence
 from ledpi.decode.evidence.waves import band_prior
 from ledpi.decode.identify.codebook import NEAREST_PATTERN, Codebook
 from ledpi.decode.identify.first_look import first_look
 from ledpi.decode.identify.patterns import likeliest_beyond, of_neighbours
 from ledpi.decode.identify.words import likeliest
 from ledpi.kernels.words import Fit
-from ledpi.records import Frame, Mask, Rejected
+from ledpi.records import Frame, Mask, Rejected, Singles
 
 # Patterns that are no word count as rivals as if they showed up as often as words: all of them alike, or those that
 # differ from a word in 2, 3 or 4 cells, evenly, which is more where panels have many cells.
@@ -91,7 +93,7 @@ def odds_against_any_pattern(evidence: Evidence, fit: Fit, codebook: Codebook) -
     """
     best = fit.words[0]
     correctable = codebook.correctable_beside(fit.silent, best)
-    likeliest = likeliest_beyond(evidence, codebook.white[best], correctable)
+    likeliest, _ = likeliest_beyond(evidence, codebook.white[best], correctable)
     return fit.likelihood[0] - likeliest + prior_odds_of_word(codebook) - _log_patterns(fit.silent)
 
 
@@ -151,6 +153,44 @@ def odds_against_one_light(fit: Fit, samples: CellSamples, frame: Frame, codeboo
         if not isinstance(looked, Rejected):
             likelihood.append(looked[1].likelihood[0])
     return fit.likelihood[0] - float(np.max(likelihood)) + prior_odds_of_word(codebook)
+
+
+def odds_by_either_belief(
+    first: tuple[Evidence, Fit],
+    second: tuple[Evidence, Fit],
+    samples: CellSamples,
+    frame: Frame,
+    codebook: Codebook,
+    needed: float,
+) -> float:
+    """Log odds of a second look's best word against what is far from it: the mean of that look and the rival's own.
+
+    What a look believes is divided out of the light before cells are compared, so it is hard on what blinks in other
+    phases; one that believes the rival is as hard on the word. (Patterns a few cells off have the word's phases.)
+    Rivals are a first look's likeliest pattern and other ID, but for what that has told with the odds that are
+    `needed`: it believes nothing, so it is fair.
+    """
+    (evidence, fit), (own, refit) = first, second
+    word, ids, odds = codebook.white[refit.words[0]], codebook.ids, math.inf
+    likelihood, far = likeliest_beyond(evidence, word, NEIGHBOURS)
+    rivals = [(far, prior_odds_of_word(codebook) - _log_patterns(fit.silent))] if likelihood != -math.inf else []
+    rivals += [(codebook.white[other], 0.0) for other in fit.words if ids[other] != ids[refit.words[0]]][:1]
+    for rival, before in rivals:
+        if before + _lead(word, rival, evidence) >= needed:
+            continue
+        believed = believed_bands(samples, frame, codebook.spec, rival > 0, likeliest(evidence, rival[None]).bands)
+        theirs = single_evidence(samples, frame, codebook.spec, believed=believed)
+        if isinstance(theirs, Rejected):
+            return -math.inf
+        odds = _least(odds, before + 0.5 * (_lead(word, rival, own) + _lead(word, rival, theirs)))
+    return odds
+
+
+def _lead(word: Singles, rival: Singles, evidence: Evidence) -> float:
+    """Log-likelihood ratio of a word to a rival (cells,), each with the bands that fit it best."""
+    both = likeliest(evidence, np.stack([word, rival]))
+    lead = both.likelihood[0] - both.likelihood[1]
+    return lead if both.words[0] == 0 else -lead
 
 
 def prior_odds_of_word(codebook: Codebook) -> float:

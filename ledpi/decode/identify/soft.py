@@ -42,10 +42,9 @@ IMPLAUSIBLE = Rejected(stage="soft", reason="implausible_depth")
 # single frames, at the distance where that is most frequent (`docs/evaluation.md`, How sure an ID is). What it costs at
 # 2 m and beyond is measured there, too. (Of 100,000 frames of decoys a rate ten times as high let one be read.)
 FALSE_ID_RATE = 1e-6
-# To the odds of bands less deep than this a second look may add so much. Of 300 panels at 1.6 to 2 m nine were read by
-# it, all of them by less; where something else had rendered them, 17 of 19. What adds more has found what it believed.
-# (A mirrored panel, of which a first look thought one word 2.6 nats likelier than another, had 11.8 for it after that.)
-FAINT_DEPTH, SECOND_LOOK_ADDS = 0.1, 5.0
+# Bands less deep than this are looked at once where more than so much is missing of the odds against other patterns: of
+# 89 panels at 1.6 to 2.5 m that a second look has read it was 5.1 nats at most.
+FAINT_DEPTH, SECOND_LOOK_ADDS = 0.1, 6.0
 # Whatever is believed explains more: what a lamp shows, as a word with its own bands, more than the lamp does. Of what
 # a word explains a second look adds 4 to 14 % where a panel shows it (of 24 read so, one 17 and one 40 %), and 26 to
 # 80 % where a lamp does that blinks alike everywhere.
@@ -95,13 +94,18 @@ def read_word(
     again = single_evidence(samples, frame, spec, believed=believed)
     if isinstance(again, Rejected):
         return again
-    second = _judged(likeliest(again, codebook.white), again, codebook, false_id_rate)
+    refit = likeliest(again, codebook.white)
+    second = _judged(refit, again, codebook, false_id_rate)
     if isinstance(second, Rejected):
         return second
     if isinstance(first, Rejected) and not is_deep_anywhere(evidence.prior):
+        needed = odds_needed(false_id_rate)
         if second.likelihood > (1.0 + MOST_ADDED) * fit.likelihood[0]:
             return INCONSISTENT
-        if not rivals.odds_against_one_light(fit, samples, frame, codebook) >= odds_needed(false_id_rate):
+        looks = (evidence, fit), (again, refit)
+        if not rivals.odds_by_either_belief(*looks, samples, frame, codebook, needed) >= needed:
+            return AMBIGUOUS
+        if not rivals.odds_against_one_light(fit, samples, frame, codebook) >= needed:
             return NO_WORD
     return replace(second, cell_bands=believed.turned_back(second.cell_bands))
 
@@ -178,10 +182,7 @@ def _is_hopeless(fit: Fit, evidence: Evidence, codebook: Codebook, false_id_rate
     """Whether a second look at faint bands, which adds little, cannot add what is missing."""
     if math.sqrt(2.0 * float(evidence.prior.max())) > FAINT_DEPTH:
         return False
-    least = odds_needed(false_id_rate) - SECOND_LOOK_ADDS
-    if _odds_against_other_ids(fit, codebook) < least:
-        return True
-    return rivals.odds_against_no_word(evidence, fit, codebook, least) < least
+    return rivals.odds_against_other_patterns(fit, codebook) < odds_needed(false_id_rate) - SECOND_LOOK_ADDS
 
 
 def _odds_against_other_ids(fit: Fit, codebook: Codebook) -> float:
