@@ -42,24 +42,30 @@ static void begin(Lines *lines, const Point corners[4], ptrdiff_t cells) {
  * is not. */
 static int darkest(const Picture *picture, const Lines *lines, ptrdiff_t i, bool *is_dip) {
     double u, v, along[PLACES], least = HUGE_VAL, ends[2] = {0.0, 0.0};
+    float xs[SHIFTS][PLACES], ys[SHIFTS][PLACES], seen[SHIFTS][PLACES];
     const bool along_u = i < lines->inner / 2;
-    int at = 0;
+    int darkest_at = 0;
     ledpi_line_place(i, lines->cells, &u, &v);
     for (int p = 0; p < PLACES; p++)
         along[p] = (FIRST_PLACE + (LAST_PLACE - FIRST_PLACE) * p / (PLACES - 1) - 0.5) / (double)lines->cells;
     for (int s = 0; s < SHIFTS; s++) {
         const double across = (FIRST_SHIFT + SHIFT_STEP * s) / (double)lines->cells;
+        Point at, by_u, by_v;
+        for (int p = 0; p < PLACES; p++) {
+            ledpi_seen(&lines->homography, u + (along_u ? across : along[p]), v + (along_u ? along[p] : across), &at, &by_u,
+                       &by_v);
+            xs[s][p] = (float)at.x, ys[s][p] = (float)at.y;
+        }
+    }
+    ledpi_light_at_all(picture, xs[0], ys[0], SHIFTS * PLACES, seen[0]);
+    for (int s = 0; s < SHIFTS; s++) {
         double light = 0.0;
-        Point seen[PLACES], by_u, by_v;
-        for (int p = 0; p < PLACES; p++)
-            ledpi_seen(&lines->homography, u + (along_u ? across : along[p]), v + (along_u ? along[p] : across), seen + p,
-                       &by_u, &by_v);
-        for (int p = 0; p < PLACES; p++) light += ledpi_light_between(picture, (float)seen[p].x, (float)seen[p].y);
-        if (light < least) least = light, at = s;
+        for (int p = 0; p < PLACES; p++) light += seen[s][p];
+        if (light < least) least = light, darkest_at = s;
         if (s % (SHIFTS - 1) == 0) ends[s > 0] = light;
     }
     *is_dip = least < DIP * fmin(ends[0], ends[1]);
-    return at - SHIFTS / 2;
+    return darkest_at - SHIFTS / 2;
 }
 
 static void solve(Lines *lines) {

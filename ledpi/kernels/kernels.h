@@ -31,18 +31,8 @@ static inline ptrdiff_t ledpi_before(float at, ptrdiff_t size, float *share) {
     return pixel;
 }
 
-/* Linear light between pixels, bilinear; beyond the picture as at its border. Here, as most of the time goes into it. */
-static inline float ledpi_light_between(const Picture *picture, float x, float y) {
-    float right, down;
-    ptrdiff_t column = ledpi_before(x, picture->width, &right), row = ledpi_before(y, picture->height, &down);
-    const uint8_t *above = picture->pixels + row * picture->stride + column, *below = above + picture->stride;
-    const float *light = picture->light;
-    float upper = light[above[0]] + right * (light[above[1]] - light[above[0]]);
-    float lower = light[below[0]] + right * (light[below[1]] - light[below[0]]);
-    return upper + down * (lower - upper);
-}
-
-/* The same at `count` places (light.c): of several of them at a time it is told which pixels are around. */
+/* Linear light between pixels, bilinear, at `count` places; beyond the picture as at its border (light.c). Of several places
+ * at a time it is told which pixels are around. */
 void ledpi_light_at_all(const Picture *picture, const float *x, const float *y, ptrdiff_t count, float *light);
 
 /* ---- The four sides of quads, as in decode/corners/sides.py (sides.c). */

@@ -2,14 +2,6 @@
 #include "kernels.h"
 #include "wide.h"
 
-/* `light` (count) at `points` (count, 2: x, y). */
-void ledpi_light_at(const uint8_t *pixels, ptrdiff_t height, ptrdiff_t width, ptrdiff_t stride, const float *table,
-                    const float *points, ptrdiff_t count, float *light) {
-    const Picture picture = {pixels, height, width, stride, table};
-    for (ptrdiff_t i = 0; i < count; i++)
-        light[i] = ledpi_light_between(&picture, points[2 * i], points[2 * i + 1]);
-}
-
 enum { AT_ONCE = 64 };
 
 LEDPI_WIDE void ledpi_light_at_all(const Picture *picture, const float *x, const float *y, ptrdiff_t count, float *light) {
@@ -35,4 +27,11 @@ LEDPI_WIDE void ledpi_light_at_all(const Picture *picture, const float *x, const
             light[i] = upper + down[i] * (lower - upper);
         }
     }
+}
+
+/* The same, of a picture that Python has. */
+void ledpi_light_at(const uint8_t *pixels, ptrdiff_t height, ptrdiff_t width, ptrdiff_t stride, const float *table,
+                    const float *x, const float *y, ptrdiff_t count, float *light) {
+    const Picture picture = {pixels, height, width, stride, table};
+    ledpi_light_at_all(&picture, x, y, count, light);
 }

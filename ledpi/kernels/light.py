@@ -13,7 +13,7 @@ from ledpi.records import Frame, Singles, Transfer
 from ledpi.tone import linear_light
 
 PICTURE = (POINTER, INTEGER, INTEGER, INTEGER, POINTER)
-_light_at = function("ledpi_light_at", *PICTURE, POINTER, INTEGER, POINTER)
+_light_at = function("ledpi_light_at", *PICTURE, POINTER, POINTER, INTEGER, POINTER)
 
 
 @cache
@@ -36,7 +36,7 @@ def picture(frame: Frame, *, mark_saturated: bool = False) -> tuple[int, int, in
 
 def light_at(frame: Frame, points: NDArray[np.complex64]) -> Singles:
     """Bilinear, at points (…) x + iy; beyond the picture as at its border. Saturated light is 1."""
-    points = np.ascontiguousarray(points)
+    x, y = (np.ascontiguousarray(of, np.float32) for of in (points.real, points.imag))
     light: NDArray[Any] = np.empty(points.shape, np.float32)
-    _light_at(*picture(frame), address(points), points.size, address(light))
+    _light_at(*picture(frame), address(x), address(y), points.size, address(light))
     return light
