@@ -8,7 +8,7 @@
 #include "wide.h"
 
 #define TURN 6.283185307179586 /* rad */
-enum { MOST_WAYS = 1 + SLOPES }; /* in which gain and corners may be wrong */
+enum { MOST_WAYS = 1 + SLOPES, VECTORS = 3 }; /* in which gain and corners may be wrong; `compare` */
 
 /* What is expected, as `Expectation` there: picture, root, left_bands (cells, points), basis (ways, cells·points), and the
  * bands of each cell: frequency, phase (rad), depth (cells,); and when the frame's rows were read out. */
@@ -47,36 +47,38 @@ static inline double sum_of(const float *a, ptrdiff_t count) {
     return sum;
 }
 
-/* `added` and `awaited` (cells·points): what the frame adds to the picture, what it should, weighted. */
+/* Of VECTORS (cells·points) each, weighted: what the frame adds to the picture beyond what it should, the bands it should
+ * show, and how these have changed since the picture. */
 LEDPI_WIDE static void compare(const Expected *expected, const float *light, const uint8_t *valid, const float *rows,
-                               float *restrict added, float *restrict awaited) {
+                               float *restrict off, float *restrict bands, float *restrict change) {
     const ptrdiff_t cells = expected->cells, points = expected->points, size = cells * points;
-    for (ptrdiff_t i = 0; valid && i < size; i++) added[i] = valid[i] ? expected->picture[i] : 0.0f;
-    const float scale = (float)(sum_of(valid ? added : expected->picture, size) / sum_of(light, size));
+    for (ptrdiff_t i = 0; valid && i < size; i++) off[i] = valid[i] ? expected->picture[i] : 0.0f;
+    const float scale = (float)(sum_of(valid ? off : expected->picture, size) / sum_of(light, size));
     for (ptrdiff_t c = 0, from = 0; c < cells; c++, from += points) {
         const double cycles = expected->hz[c] * expected->since_s;
         const float start = (float)(cycles - floor(cycles) - expected->phase[c] / TURN), depth = expected->depth[c];
         const float a_row = (float)(expected->hz[c] * expected->row_time_s);
         for (ptrdiff_t i = from; i < from + points; i++) {
-            const float bands = depth * ledpi_cosine(ledpi_part(rows[i] * a_row + start)), root = expected->root[i];
-            added[i] = (light[i] * scale / expected->picture[i] - 1.0f) * root;
-            awaited[i] = (bands - expected->left_bands[i]) * root;
+            const float own = depth * ledpi_cosine(ledpi_part(rows[i] * a_row + start)), root = expected->root[i];
+            bands[i] = own * root;
+            change[i] = (own - expected->left_bands[i]) * root;
+            off[i] = (light[i] * scale / expected->picture[i] - 1.0f) * root - change[i];
         }
     }
     for (ptrdiff_t i = 0; valid && i < size; i++)
-        if (!valid[i]) added[i] = awaited[i] = 0.0f;
+        if (!valid[i]) off[i] = bands[i] = change[i] = 0.0f;
 }
 
-/* Solves a symmetric positive matrix (ways, ways) for two right sides (ways, 2), in place. Gauss. */
-static void solve(ptrdiff_t ways, double matrix[MOST_WAYS][MOST_WAYS], double right[MOST_WAYS][2]) {
+/* Solves a symmetric positive matrix (ways, ways) for right sides (ways, VECTORS), in place. Gauss. */
+static void solve(ptrdiff_t ways, double matrix[MOST_WAYS][MOST_WAYS], double right[MOST_WAYS][VECTORS]) {
     for (ptrdiff_t k = 0; k < ways; k++)
         for (ptrdiff_t i = k + 1; i < ways; i++) {
             const double factor = matrix[i][k] / matrix[k][k];
             for (ptrdiff_t j = k; j < ways; j++) matrix[i][j] -= factor * matrix[k][j];
-            for (int j = 0; j < 2; j++) right[i][j] -= factor * right[k][j];
+            for (int j = 0; j < VECTORS; j++) right[i][j] -= factor * right[k][j];
         }
     for (ptrdiff_t k = ways - 1; k >= 0; k--)
-        for (int j = 0; j < 2; j++) {
+        for (int j = 0; j < VECTORS; j++) {
             for (ptrdiff_t i = k + 1; i < ways; i++) right[k][j] -= matrix[k][i] * right[i][j];
             right[k][j] /= matrix[k][k];
         }
@@ -84,14 +86,12 @@ static void solve(ptrdiff_t ways, double matrix[MOST_WAYS][MOST_WAYS], double ri
 
 /* Takes off what a wrong gain and wrong corners would add. Where samples are not valid, what is left of the basis is not
  * orthonormal any more; `ridge` is of the square of a vector that may be all but gone. */
-LEDPI_WIDE static void project(const Expected *expected, const uint8_t *valid, double ridge, float *room, float *restrict added,
-                               float *restrict awaited) {
+LEDPI_WIDE static void project(const Expected *expected, const uint8_t *valid, double ridge, float *room,
+                               float *restrict vectors) {
     const ptrdiff_t size = expected->cells * expected->points, ways = expected->ways;
-    double right[MOST_WAYS][2], gram[MOST_WAYS][MOST_WAYS];
-    for (ptrdiff_t k = 0; k < ways; k++) {
-        right[k][0] = dot(expected->basis + k * size, added, size); /* which are 0 where not valid */
-        right[k][1] = dot(expected->basis + k * size, awaited, size);
-    }
+    double right[MOST_WAYS][VECTORS], gram[MOST_WAYS][MOST_WAYS];
+    for (ptrdiff_t k = 0; k < ways; k++)
+        for (int j = 0; j < VECTORS; j++) right[k][j] = dot(expected->basis + k * size, vectors + j * size, size); /* 0 where not valid */
     if (valid) {
         for (ptrdiff_t k = 0; k < ways; k++) {
             for (ptrdiff_t i = 0; i < size; i++) room[i] = valid[i] ? expected->basis[k * size + i] : 0.0f;
@@ -99,19 +99,18 @@ LEDPI_WIDE static void project(const Expected *expected, const uint8_t *valid, d
         }
         solve(ways, gram, right);
     }
-    for (ptrdiff_t k = 0; k < ways; k++) {
-        const float *own = expected->basis + k * size, first = (float)right[k][0], second = (float)right[k][1];
-        for (ptrdiff_t i = 0; i < size; i++) {
-            added[i] -= first * own[i];
-            awaited[i] -= second * own[i];
+    for (ptrdiff_t k = 0; k < ways; k++)
+        for (int j = 0; j < VECTORS; j++) {
+            const float *own = expected->basis + k * size, share = (float)right[k][j];
+            float *vector = vectors + j * size;
+            for (ptrdiff_t i = 0; i < size; i++) vector[i] -= share * own[i];
         }
-    }
     for (ptrdiff_t i = 0; valid && i < size; i++)
-        if (!valid[i]) added[i] = awaited[i] = 0.0f;
+        for (int j = 0; !valid[i] && j < VECTORS; j++) vectors[j * size + i] = 0.0f;
 }
 
 /* Log-likelihood ratio of the frame's light (cells, points), `valid` unless that is NULL, with the bands to without:
- * `of[0]` of all cells together, `of[1]` what cells that speak against them weigh. `room` is (3, cells·points). */
+ * `of[0]` of all cells together, `of[1]` what cells that speak against them weigh. `room` is (VECTORS + 1, cells·points). */
 LEDPI_WIDE void ledpi_expected(ptrdiff_t cells, ptrdiff_t points, ptrdiff_t ways, const float *picture, const float *root,
                                const float *basis, const float *left_bands, const float *depth, const double *hz,
                                const double *phase, double since_s, double row_time_s, const float *light,
@@ -119,20 +118,19 @@ LEDPI_WIDE void ledpi_expected(ptrdiff_t cells, ptrdiff_t points, ptrdiff_t ways
                                double *of) {
     const Expected expected = {cells, points, ways, picture, root, basis, left_bands, depth, hz, phase, since_s, row_time_s};
     const ptrdiff_t size = cells * points;
-    float *restrict added = room, *restrict awaited = room + size, *restrict off = room + 2 * size;
-    compare(&expected, light, valid, rows, added, awaited);
-    project(&expected, valid, ridge, off, added, awaited);
+    float *off = room, *bands = room + size, *change = room + 2 * size;
+    compare(&expected, light, valid, rows, off, bands, change);
+    project(&expected, valid, ridge, room + VECTORS * size, room);
     int32_t count = 0;
-    for (ptrdiff_t i = 0; i < size; i++) {
-        off[i] = added[i] - awaited[i];
-        count += off[i] != 0.0f;
-        added[i] -= 0.5f * awaited[i];
-    }
+    for (ptrdiff_t i = 0; i < size; i++) count += off[i] != 0.0f;
     const double variance = dot(off, off, size) / (count - ways > 1 ? (double)(count - ways) : 1.0);
     const double scale = independence / (variance < 1e-12 ? 1e-12 : variance);
     of[0] = of[1] = 0.0;
     for (ptrdiff_t c = 0; c < cells; c++) {
-        const double own = scale * dot(added + c * points, awaited + c * points, points);
+        const float *own_off = off + c * points, *own_bands = bands + c * points, *own_change = change + c * points;
+        const double dark = dot(own_off, own_bands, points) + 0.5 * dot(own_bands, own_bands, points);
+        const double still = dot(own_off, own_change, points) + 0.5 * dot(own_change, own_change, points);
+        const double own = scale * (dark < still ? dark : still);
         of[0] += own;
         of[1] -= own < 0.0 ? own : 0.0;
     }

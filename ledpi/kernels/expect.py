@@ -61,7 +61,7 @@ def weigh(
     """
     (cells, points), ways = picture.shape, len(basis)
     assert ways <= WAYS
-    room, of = np.empty(3 * picture.size, np.float32), np.empty(2)
+    room, of = np.empty(4 * picture.size, np.float32), np.empty(2)
     _expected(
         *(cells, points, ways, address(picture), address(root), address(basis), address(left_bands)),
         *(address(depth), address(hz), address(phase), since_s, row_time_s),

@@ -2,7 +2,9 @@
 
 The mean picture of the frames before and the bands of the word say what each sample should be; gain and corners may be
 a little off, as ever (`memory`). What is left tells the noise, and so the log-likelihood ratio of "these bands" to
-"none": of the whole panel, and of each cell, so that another panel in the place does not pass for most of its cells.
+"none", or to "those before" where that is likelier: of the whole panel, and of each cell, so that another panel in the
+place does not pass for most of its cells. In a picture of few frames their bands are left: a cell that blinks otherwise
+is as unlike that picture as unlike what is expected, and only "none" tells it.
 """
 
 from __future__ import annotations
@@ -71,7 +73,7 @@ class Expectation:
         return of_all > SURE and of_those_against < SURE
 
     def weigh(self, samples: CellSamples, frame: Frame) -> tuple[float, float]:
-        """Log-likelihood ratio of a frame with these bands to one without; of all cells, and of those against them.
+        """Log-likelihood ratio of a frame with these bands to none or those before; of all cells, and of those against.
 
         The latter with the other sign.
         """
@@ -102,23 +104,26 @@ class Expectation:
         angle = samples.rows * (2 * math.pi * row_time_s * self.hz).astype(np.float32)[:, None]
         angle += start.astype(np.float32)[:, None]
         cells, points = self.picture.shape
-        both = np.empty((2, cells, points), np.float32)  # what the frame adds to the picture, and what it should
+        three = np.empty((3, cells, points), np.float32)  # what is added beyond what should be, the bands, their change
         seen = self.picture.sum() if valid is None else (self.picture * valid).sum()
-        both[0] = samples.light * (seen / samples.light.sum()) / self.picture - 1.0
-        both[1] = np.cos(angle) * self.depth - self.left_bands
-        both *= self.root
-        flat = both.reshape(2, -1)
+        three[1] = np.cos(angle) * self.depth
+        three[2] = three[1] - self.left_bands
+        three[0] = samples.light * (seen / samples.light.sum()) / self.picture - 1.0 - three[2]
+        three *= self.root
+        flat = three.reshape(3, -1)
         if valid is None:
             flat -= (flat @ basis.T) @ basis
         else:  # what is saturated says nothing; without it the basis is not orthonormal any more
-            both *= valid
+            three *= valid
             basis = np.asarray(basis * valid.reshape(-1), np.float32)
             gram = basis @ basis.T + np.float32(RIDGE) * np.eye(len(basis), dtype=np.float32)
             flat -= np.linalg.solve(gram, basis @ flat.T).T @ basis
-        added, expected = both
-        own = ((added - 0.5 * expected) * expected).sum(axis=1).astype(np.float64)
-        off = (flat[0] - flat[1]).astype(np.float64)
-        variance = float(off @ off) / max(1, int(np.count_nonzero(off)) - len(basis))
+        off, bands, change = three
+        dark = ((off + 0.5 * bands) * bands).sum(axis=1)
+        still = ((off + 0.5 * change) * change).sum(axis=1)
+        own = np.minimum(dark, still).astype(np.float64)
+        left = flat[0].astype(np.float64)
+        variance = float(left @ left) / max(1, int(np.count_nonzero(left)) - len(basis))
         own *= samples.independence / self.noise_volume / max(variance, 1e-12)
         return float(own.sum()), -float(np.minimum(own, 0.0).sum())
 
