@@ -39,11 +39,13 @@ from ledpi.decode.identify.words import word_log_likelihoods
 from ledpi.decode.striped.around import rectangles_around, smallest_square_around
 from ledpi.decode.striped.band_light import Bands
 from ledpi.decode.striped.find_striped import StripedFinder
+from ledpi.decode.striped.fitted_square import square_near
 from ledpi.decode.striped.lattice import unlike_a_square
 from ledpi.decode.striped.light_window import Window
 from ledpi.decode.striped.steady import is_steady
 from ledpi.decode.striped.striped import fitted_squares, striped_near, striped_squares
 from ledpi.dictionaries import load_dictionary
+from ledpi.geometry import quad_side
 from ledpi.pipeline import Pipeline
 from ledpi.records import BandShape, Floats, Frame, Intrinsics, Quad, Rejected
 from ledpi.tone import linear_light
@@ -68,6 +70,31 @@ def test_cells_of_one_size_end_where_their_light_does(side: float) -> None:
     canvas.panel(true, word(7), phases=(0.3, 0.7), profile=one_size)
     (found,) = squares(canvas.frame())
     assert np.sqrt(np.square(found - true).mean()) < 0.12
+
+
+def four_leds(u: Floats, v: Floats) -> Floats:
+    """Cells with walls on a lattice, each lit by four LEDs that show through the diffuser."""
+    x, y = 4 * u % 1.0, 4 * v % 1.0
+    inner = np.minimum(np.abs(4 * u - np.clip(np.round(4 * u), 1, 3)), np.abs(4 * v - np.clip(np.round(4 * v), 1, 3)))
+    across, down = (np.exp(-(((w % 0.5 - 0.25) / 0.12) ** 2) / 2) for w in (x, y))
+    return np.asarray((0.2 + across * down) / 1.2 * (inner > 0.03))
+
+
+@pytest.mark.parametrize("side", [80.0, 170.0])
+def test_the_size_of_cells_that_are_dim_along_their_borders_is_less_sure(side: float) -> None:
+    """Whether the light ends there, or only gets less, is not told: the deviation reaches to where the lattice ends."""
+    true = square(310.4, 240.2, side, 8)
+    canvas = Canvas(exposure_us=SHORT_US)
+    canvas.panel(true, word(7), phases=(0.3, 0.7), profile=four_leds)
+    found = fitted(canvas.frame(), true)
+    off_px = (quad_side(found.corners_px.tolist()) - side) / 2
+    assert abs(off_px) < 2.5 * found.size_sigma_px
+
+
+def fitted(frame: Frame, near: Floats) -> Quad:
+    found = square_near(frame, as_points(near), 4, [SPEC], None)
+    assert isinstance(found, Quad)
+    return found
 
 
 def striped(corners: Floats, marker_id: int, phases: tuple[float, float], exposure_us: float = SHORT_US) -> Frame:

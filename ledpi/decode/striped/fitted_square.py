@@ -51,8 +51,10 @@ def square_near(
         if isinstance(bands, Bands) and (bands.white == before.white).all():
             seen = SeenBands(spec=bands.spec, white=read_only(bands.white), phases=fit.phases, shape=fit.shape)
             bend = bends(near[None], intrinsics)
-            sigma_px = math.hypot(fit.sigma_px, fit.size_sigma_px)
-            quad = checked(frame, near, sigma_px, fit.size_sigma_px, float(np.abs(bend.imag).max()))
+            # Cells that are dim along their borders, as rows of LEDs leave them, seem to end further in, too.
+            size_sigma_px = math.hypot(fit.size_sigma_px, fit.rim_wall * side_of(near) / math.sqrt(3))
+            sigma_px = math.hypot(fit.sigma_px, size_sigma_px)
+            quad = checked(frame, near, sigma_px, size_sigma_px, float(np.abs(bend.imag).max()))
             return replace(quad, bands=seen, rim_wall=fit.rim_wall) if isinstance(quad, Quad) else quad
     return NO_BANDS
 
