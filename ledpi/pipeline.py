@@ -6,14 +6,15 @@ import time
 from collections.abc import Callable, Iterator
 from typing import TypeAlias
 
-from ledpi.belief import Belief
 from ledpi.config import Method, PanelSettings
 from ledpi.decode.bands import NO_SQUARE, BandsReader
+from ledpi.decode.belief import Belief
 from ledpi.decode.cells import CellSamples, sample_cells
 from ledpi.decode.finding.find import Candidate
 from ledpi.decode.identify import soft
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.reader import Reader
+from ledpi.decode.squares import Squares
 from ledpi.decode.track import NOT_SHOWN, Track, Tracker
 from ledpi.dictionaries import load_dictionary
 from ledpi.markers import corners_of_turned
@@ -34,7 +35,6 @@ from ledpi.records import (
 from ledpi.results import Results
 from ledpi.row_clock import MIN_DEVIATION, RowClock
 from ledpi.search_plan import SearchPlan
-from ledpi.squares import Squares
 from ledpi.trace import Look, Trace
 
 STAGES: dict[Method, tuple[str, ...]] = {

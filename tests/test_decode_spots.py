@@ -11,12 +11,12 @@ from ledpi.decode.corners.spot_centres import _centres, by_spot_centres, is_part
 from ledpi.decode.finding.find import Finder
 from ledpi.decode.finding.lit import contrasts
 from ledpi.decode.finding.spots import group_sizes, groups, lattice, spots_in
+from ledpi.decode.squares import Squares
 from ledpi.geometry import distort
 from ledpi.kernels import centres as kernel
 from ledpi.kernels.library import COMPILED
 from ledpi.pipeline import Pipeline
 from ledpi.records import Floats, Frame, Intrinsics, Pixels, Quad
-from ledpi.squares import Squares
 
 
 def bare(u: Floats, v: Floats) -> Floats:
