@@ -9,11 +9,16 @@ from decode_material import Canvas, Profile, camera_info, flat, panel_settings, 
 from ledpi.decode.corners.approach import approach_quads
 from ledpi.decode.corners.edges import refine_quads
 from ledpi.decode.finding.find import Finder
+from ledpi.geometry import undistort
 from ledpi.pipeline import Pipeline
-from ledpi.records import Floats, Frame, Quad, Rejected
+from ledpi.records import Floats, Frame, Intrinsics, Quad, Rejected
 from ledpi.trace import Trace
 
 SIDES_PX = [24.0, 60.0, 120.0]
+
+WIDE = Intrinsics(
+    width=640, height=480, fx=500.0, fy=500.0, cx=319.5, cy=239.5, distortion=(-0.28, 0.09, 0.0, 0.0, 0.0)
+)
 
 
 def seen(frame: Frame, rough: Floats, tolerance_px: float = 3.0) -> Quad | Rejected:
@@ -236,3 +241,28 @@ def test_a_panel_that_is_sought_pixels_off_hides_no_side(
     assert isinstance(found, Quad)
     assert found.seen_px is None
     assert found.corner_sigma_px < 0.1
+
+
+@pytest.mark.parametrize(
+    "rough",
+    [
+        [(595.1, 283.8), (451.8, 435.7), (295.2, 308.1), (456.0, 132.4)],
+        [(94.9, 253.0), (214.9, 315.0), (149.8, 443.3), (23.1, 374.7)],
+    ],
+)
+def test_a_panel_with_thin_walls_that_a_wide_lens_bends_hides_no_side(rough: list[tuple[float, float]]) -> None:
+    """Whose walls may fall between the places that are looked at along it: its corners were 3 to 5 px off."""
+    near = np.array(rough)
+    straight = undistort(near, WIDE) * WIDE.fx + (WIDE.cx, WIDE.cy)
+    canvas = Canvas()
+    canvas.panel(straight, word(7), profile=thin_walls, lens=WIDE)
+    (found,) = refine_quads(canvas.frame(), near[None], 4, WIDE)
+    assert isinstance(found, Quad)
+    assert found.seen_px is None
+    assert farthest(found, near) < 1.0
+
+
+def thin_walls(u: Floats, v: Floats) -> Floats:
+    """Even cells on a lattice, with walls of 7 % of a cell between them."""
+    off = (np.abs(4 * w - np.clip(np.round(4 * w), 1, 3)) for w in (u, v))
+    return np.where(np.minimum(*off) > 0.035, 1.0, 0.15)

@@ -22,9 +22,10 @@ LEDPI_WIDE static void light_along(const Picture *picture, const Point corners[4
         for (int i = 0; i < ALONG; i++) into[i] = 0.0;
         for (ptrdiff_t line = 0; line < 2 * cells; line++) {
             const double across = ((double)(line / 2) + (line % 2 ? ACROSS_SECOND : ACROSS_FIRST)) / (double)cells;
+            const double within = ((double)line + 0.5) / (2.0 * (double)cells); /* of a place: else a thin gap falls between two */
             float xs[ALONG], ys[ALONG], seen[ALONG];
             for (int i = 0; i < ALONG; i++) {
-                double along = (i + 0.5) / ALONG + first * cubics[i] + second * cubics[ALONG + i];
+                double along = (i + within) / ALONG + first * cubics[i] + second * cubics[ALONG + i];
                 double u = axis ? across : along, v = axis ? along : across, scale = 1.0 / (h[6] * u + h[7] * v + h[8]);
                 xs[i] = (float)((h[0] * u + h[1] * v + h[2]) * scale);
                 ys[i] = (float)((h[3] * u + h[4] * v + h[5]) * scale);

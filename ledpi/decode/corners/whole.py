@@ -115,11 +115,13 @@ def _grid(corners: Points, stretch_px: Points, cells: int) -> Coordinates:
     length = np.abs(corners[:, 1:3] - corners[:, :2])
     shift = (0.5 * (onward + back) / length[..., None]) @ BEND_ALONG  # (N, 2, ALONG)
     across = ((np.arange(cells)[:, None] + ACROSS_CELL) / cells).reshape(-1, 1)
+    lines = len(across)  # each looks elsewhere within a place: else a thin gap falls between two
+    at = ALONG_AT + ((np.arange(lines)[:, None] + 0.5) / lines - 0.5) / ALONG
     homographies = np.array([unit_square_to(quad) for quad in as_corners(corners)])[..., None, None]
     by_u, by_v, start = (homographies[:, 0] + 1j * homographies[:, 1]).swapaxes(0, 1)
     g, h = homographies[:, 2, :2].swapaxes(0, 1)
-    grid = np.empty((len(corners), 2, len(across), ALONG), np.complex64)
-    for k, (u, v) in enumerate(((ALONG_AT + shift[:, :1], across), (across, ALONG_AT + shift[:, 1:]))):
+    grid = np.empty((len(corners), 2, lines, ALONG), np.complex64)
+    for k, (u, v) in enumerate(((at + shift[:, :1], across), (across, at + shift[:, 1:]))):
         grid[:, k] = (by_u * u + (by_v * v + start)) / (g * u + (h * v + 1))
     return grid
 
