@@ -27,7 +27,7 @@ static const double SPOT_SIGMA[SPOTS] = {0.16, 0.32}; /* of the pitch; as in dec
 #define LEAST_GAIN 0.02
 #define NO_RIM_WALL_PX 0.2 /* as in adjust.c */
 static const double LEAST_BLUR_PX = 0.4, MOST_BLUR_PX = 3.0, MOST_GAP = 0.3;
-static const double MOST_LONGER = 0.5, MOST_SMOOTHER = 2.0;
+static const double MOST_LONGER = 0.5, MOST_SMOOTHER = 2.0, MOST_SPOTS = 0.95;
 
 /* Light (rows, columns) of a part of the picture, each of `shrink` pixels a side, the first one's centre at `first`. */
 typedef struct {
@@ -75,9 +75,9 @@ static Place place_at(double at, ptrdiff_t cells, double sigma, double gap, doub
         place.rimmed[k] = -(up * (cell == 0) + down * (cell == cells - 1)) / sigma;
         double inside = fmin(fmax(off, -0.5), 0.5);
         for (int s = 0; s < SPOTS; s++) {
-            double z = inside / SPOT_SIGMA[s];
+            double spot_sigma = hypot(SPOT_SIGMA[s], sigma), z = inside / spot_sigma;
             place.spot[k][s] = exp(-0.5 * z * z);
-            place.steep[k][s] = inside == off ? -z / SPOT_SIGMA[s] * place.spot[k][s] : 0.0;
+            place.steep[k][s] = inside == off ? -z / spot_sigma * place.spot[k][s] : 0.0;
         }
     }
     return place;
@@ -152,10 +152,10 @@ static bool sample(const Panel *panel, const View *view, const double *h, const 
             const double lit = unknown[GAIN + cell] * shown[class];
             for (int s = 0; s < SPOTS; s++) {
                 const double spot = across->spot[i][s] * down->spot[j][s], much = unknown[SPOT + s];
-                shape += much * spot;
+                shape += much * (spot - 1.0);
                 tilt[0] += much * across->steep[i][s] * down->spot[j][s];
                 tilt[1] += much * across->spot[i][s] * down->steep[j][s];
-                by[SPOT + s] += lit * both * spot;
+                by[SPOT + s] += lit * both * (spot - 1.0);
             }
             slope[0] += lit * (across->slope[i] * down->light[j] * shape + both * tilt[0]);
             slope[1] += lit * (across->light[i] * down->slope[j] * shape + both * tilt[1]);
@@ -403,6 +403,8 @@ int ledpi_fit_panel(const float *light, ptrdiff_t rows, ptrdiff_t columns, doubl
         unknown[RIM] = fmin(fmax(unknown[RIM], -0.5 * MOST_GAP), 0.5 * MOST_GAP);
         unknown[LONGER] = fmin(fmax(unknown[LONGER], -MOST_LONGER), MOST_LONGER);
         unknown[SMOOTHER] = fmin(fmax(unknown[SMOOTHER], -MOST_SMOOTHER), MOST_SMOOTHER);
+        const double spots = fmax((unknown[SPOT] + unknown[SPOT + 1]) / MOST_SPOTS, 1.0);
+        for (int s = 0; s < SPOTS; s++) unknown[SPOT + s] /= spots;
         if ((round > 0 && most < SETTLED) || round == rounds - 1) { /* the first is with gains as they usually are */
             const double rim = unknown[RIM];
             const bool is_rim = rim * fmin(pitch_px[0], pitch_px[1]) * shrink >= NO_RIM_WALL_PX;

@@ -41,6 +41,9 @@ LEAST_LIGHT = 0.01  # of full scale: less is as good as dark
 LEAST_NECK, NECK = 3, 9
 MIN_STRIPED_CELL_PX = 3.0  # as roughly found: of smaller cells no lattice is seen through lens and pixel
 MUCH_LARGER = 2.0  # than a dark band
+# Pixels of the half-sized picture, between the lit middles of cells: three fifths of a bare LED's pitch, which is 13
+# of them at 1 m and 33 at 0.4 m.
+GAPS = (8, 16, 32)
 MIN_PX = 4  # of the half-sized picture: less is a speck
 MIN_SOLIDITY = 0.6  # area over that of the convex hull; a corner may be dark
 
@@ -80,14 +83,37 @@ class StripedFinder:
         return found, dropped
 
     def find_again(self, frame: Frame) -> list[Candidate]:
-        """Of the same frame: rectangles around the same things, along the sides that they show.
+        """Of the same frame: rectangles around the same things, along the sides that they show, and what joins several.
 
         Where bands cut two of its corners off, the smallest figure around a square leans on the cuts. Of what is not
         much larger than a dark band more than corners are missing, and in many a picture much is like that.
         """
         least_px = max(self._smallest_px, MUCH_LARGER * self.stripe_rows(frame))
-        every = [corners for hull in self._hulls for corners in rectangles_around(few_corners(hull))]
-        return [candidate for corners in every if (candidate := self._grown(corners)).side_px >= least_px]
+        around = [(corners, 1.0) for hull in self._hulls for corners in rectangles_around(few_corners(hull))]
+        for hull, by in self._joined():
+            square = smallest_square_around(few_corners(hull))
+            around += [] if square is None else [(square, by)]
+            around += [(cv2.boxPoints(cv2.minAreaRect(hull)).astype(np.float64), by)]
+        found = [self._grown(corners, by) for corners, by in around]
+        return [candidate for candidate in found if candidate.side_px >= least_px]
+
+    def _joined(self) -> list[tuple[Pixels, float]]:
+        """Hulls of several things with little between them, as cells are that shine in their middles only.
+
+        And how much larger than such a hull a panel is, whose cells end amid what is between them.
+        """
+        hulls, joined = self._hulls, []
+        for gap in GAPS:
+            cv2.morphologyEx(self._lit, cv2.MORPH_CLOSE, np.ones((gap, gap), np.uint8), dst=self._lit)
+            outlines, _ = cv2.findContours(self._lit, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+            parts = [hull.mean(axis=(0, 1)).tolist() for hull in hulls]
+            hulls = [cv2.convexHull(outline) for outline in outlines]
+            joined += [
+                (hull, 0.5 * gap)
+                for hull in hulls
+                if sum(cv2.pointPolygonTest(hull, part, measureDist=False) > 0 for part in parts) > 1
+            ]
+        return joined
 
     def stripe_rows(self, frame: Frame) -> float:
         """Height of the longest dark band that cuts panels into pieces; 0 where the exposure smooths the bands.
@@ -200,15 +226,17 @@ class StripedFinder:
         candidate = self._grown(corners)
         return candidate if candidate.side_px >= self._smallest_px else TOO_SMALL
 
-    def _grown(self, corners: Floats) -> Candidate:
-        """The figure with these corners (4, 2), on an outline, in the picture."""
+    def _grown(self, corners: Floats, by: float = 1.0) -> Candidate:
+        """The figure with these corners (4, 2), on an outline, in the picture; its sides longer `by` so many pixels.
+
+        An outline runs through the centres of the outermost lit pixels, half a pixel inside the edge.
+        """
         side = math.sqrt(float(areas(as_points(corners))))
-        # An outline runs through the centres of the outermost lit pixels: half a pixel inside the edge.
         middle = corners.mean(axis=0)
-        grown = middle + (corners - middle) * (1.0 + 1.0 / max(side, 2.0))
+        grown = middle + (corners - middle) * (1.0 + by / max(side, 2.0))
         return Candidate(
             corners=(grown + 0.5) * SCALE - 0.5,
-            side_px=(side + 1.0) * SCALE,
+            side_px=(side + by) * SCALE,
             misfit=0.0,
             tolerance_px=1.5 * SCALE,
         )

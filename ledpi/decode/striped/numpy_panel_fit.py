@@ -21,6 +21,7 @@ SETTLED = 1e-3  # less than that, and it is done
 LEAST_GAIN = 0.02  # of the mean
 LEAST_BLUR_PX, MOST_BLUR_PX, MOST_GAP = 0.4, 3.0, 0.3
 MOST_LONGER, MOST_SMOOTHER = 0.5, 2.0
+MOST_SPOTS = 0.95  # of a cell's light, that is in spots
 ENDS = square_box(-1.0, 1.0)
 _erf = np.vectorize(math.erf, otypes=[np.float64])
 
@@ -105,6 +106,7 @@ def _limit(unknown: Floats) -> None:
     unknown[BLUR] = np.clip(unknown[BLUR], math.log(LEAST_BLUR_PX), math.log(MOST_BLUR_PX))
     unknown[GAP] = np.clip(unknown[GAP], 0.0, MOST_GAP)
     unknown[RIM] = np.clip(unknown[RIM], -0.5 * MOST_GAP, 0.5 * MOST_GAP)
+    unknown[SPOT:BESIDE] /= max(float(unknown[SPOT:BESIDE].sum()) / MOST_SPOTS, 1.0)
     most_shaped = np.array([MOST_LONGER, MOST_SMOOTHER])
     unknown[LONGER:PHASE] = np.clip(unknown[LONGER:PHASE], -most_shaped, most_shaped)
 
@@ -168,7 +170,8 @@ def _course(along: Floats, cells: int, sigma: float, gap: float, rim: float) -> 
     of_these = (cell == near) | (cell == other)  # no light reaches further
     off = along - cell - 0.5
     beyond = (np.stack([-along, along - cells]) + rim) / sigma
-    z = np.clip(off, -0.5, 0.5)[:, None] / SPOT_SIGMA[:, None]
+    spot_sigma = np.hypot(SPOT_SIGMA, sigma)[:, None]  # as the lens blurs them
+    z = np.clip(off, -0.5, 0.5)[:, None] / spot_sigma
     spot = np.exp(-0.5 * z * z)
     return _Course(
         light=of_these * 0.5 * (_erf(from_first / math.sqrt(2)) - _erf(from_last / math.sqrt(2))),
@@ -179,7 +182,7 @@ def _course(along: Floats, cells: int, sigma: float, gap: float, rim: float) -> 
         spot=spot,
         beside=0.5 * (1 + _erf(beyond / math.sqrt(2))),
         falls=np.array([[-1.0], [1.0]]) * np.exp(-0.5 * beyond * beyond) / math.sqrt(2 * math.pi) / sigma,
-        steep=np.where(np.abs(off)[:, None] <= 0.5, -z / SPOT_SIGMA[:, None] * spot, 0.0),
+        steep=np.where(np.abs(off)[:, None] <= 0.5, -z / spot_sigma * spot, 0.0),
     )
 
 
@@ -204,7 +207,7 @@ def _model(
         light = both(across.light[column], down.light[row])
         lit = (light >= 1e-4) * unknown[GAIN + cell] * shown[own]
         spots = [both(across.spot[column, s], down.spot[row, s]) for s in range(len(SPOT_SIGMA))]
-        shape = 1 + sum(b * spot for b, spot in zip(unknown[SPOT:BESIDE], spots, strict=True))
+        shape = 1 + sum(b * (spot - 1) for b, spot in zip(unknown[SPOT:BESIDE], spots, strict=True))
         tilt = [
             sum(b * both(across.steep[column, s], down.spot[row, s]) for s, b in enumerate(unknown[SPOT:BESIDE])),
             sum(b * both(across.spot[column, s], down.steep[row, s]) for s, b in enumerate(unknown[SPOT:BESIDE])),
@@ -218,7 +221,7 @@ def _model(
         slopes[PHASE + own] += (light >= 1e-4) * unknown[GAIN + cell] * light * shape * later[own]
         slopes[LONGER:PHASE] += (light >= 1e-4) * unknown[GAIN + cell] * light * shape * shapes[:, own]
         for s, spot in enumerate(spots):
-            slopes[SPOT + s] += lit * light * spot
+            slopes[SPOT + s] += lit * light * (spot - 1)
         slopes[GAIN + cell] = (light >= 1e-4) * light * shape * shown[own]
     slopes[-1] = 1.0
     _add_beside(unknown, across, down, slopes, by_place)

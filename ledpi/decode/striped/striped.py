@@ -23,12 +23,13 @@ from ledpi.decode.striped.fitted_square import NO_BANDS, STEADY, bands_at, side_
 from ledpi.decode.striped.lattice import fine_lattice, rough_lattice
 from ledpi.decode.striped.light_window import Window, have_contrast
 from ledpi.decode.striped.panel_fit import Fit, fitted
+from ledpi.decode.striped.part_of_panel import PART, is_part
 from ledpi.decode.striped.steady import is_steady
 from ledpi.records import Floats, Frame, Intrinsics, PanelSpec, Quad, Rejected
 
 BENT = (NOT_STRAIGHT, NOT_WHOLE)  # what edges may say of a panel whose bands are deep
 
-SAME_CENTRE = 0.25  # of the side: what is nearer is the same thing
+SAME_CENTRE, SAME_SIZE = 0.25, 1.5  # of the side: what is nearer, and about as large, is the same thing
 REACH = 0.45  # of the side, around it
 BLINKS = 0.95  # where they explain so much, it need not be asked whether steady cells explain more
 OUTWARD = np.linspace(0, 1, 5)  # places of a side that are tried, in dark bands
@@ -78,8 +79,9 @@ def _of_one_thing(candidates: Sequence[Candidate]) -> list[Floats]:
     things: list[list[Candidate]] = []
     for candidate in candidates:
         for thing in things:
-            larger = max(candidate.side_px, thing[0].side_px)
-            if math.dist(candidate.centre_px, thing[0].centre_px) < SAME_CENTRE * larger:
+            smaller, larger = sorted((candidate.side_px, thing[0].side_px))
+            away = math.dist(candidate.centre_px, thing[0].centre_px)
+            if larger < SAME_SIZE * smaller and away < SAME_CENTRE * larger:
                 thing.append(candidate)
                 break
         else:
@@ -142,24 +144,41 @@ def striped_square(
     focal_px = float(frame.pixels.shape[1] if intrinsics is None else intrinsics.fx)
     window = Window.around(frame, near, REACH * math.sqrt(np.abs(areas(near)).max()) + stripe_rows / 2)
     seen = [bands_at(window, at, cells, specs) for at in near]
-    bands = max((one for one in seen if isinstance(one, Bands)), key=lambda one: one.explained, default=None)
-    if bands is None:
+    likely_first = sorted(range(len(near)), key=lambda k: -_explained(seen[k]))
+    near, seen = near[likely_first], [seen[k] for k in likely_first]
+    bands = seen[0]
+    if isinstance(bands, Rejected):
         return NO_BANDS
     steady = window.waves_of(bands.spec).least > STEADY
     if not steady and bands.explained < BLINKS and all(map(partial(_is_steady, window, cells), near, seen)):
         return NO_BANDS
-    first = _look(window, near[0], seen[0], cells, intrinsics)
+    first = _look(window, near[0], bands, cells, intrinsics)
     if isinstance(first, Fit) and _is_clear(first, window.waves_of(bands.spec).share):
-        return square_near(frame, first.corners, cells, specs, intrinsics)
+        square = _whole(window, first.corners, cells, specs, intrinsics)
+        if isinstance(square, Quad):
+            return square
     light = BandLight.of(window, bands, cells, focal_px)
     likely = window.in_picture(_likely(light, window.within(near), stripe_rows / window.shrink, climbing=steady))
     looks = (_look(window, at, bands_at(window, at, cells, specs), cells, intrinsics) for at in likely)
-    fits = [first, *looks]
-    found = np.array([fit.corners for fit in fits if isinstance(fit, Fit)])
-    if not len(found):
-        return NO_BANDS
-    best = 0 if len(found) == 1 else int(light.explains(window.within(found), fine_lattice(cells)).argmax())
-    return square_near(frame, found[best], cells, specs, intrinsics)
+    found = np.array([fit.corners for fit in (first, *looks) if isinstance(fit, Fit)])
+    result: Quad | Rejected = NO_BANDS
+    for best in np.argsort(-light.explains(window.within(found), fine_lattice(cells))) if len(found) else ():
+        result = _whole(window, found[best], cells, specs, intrinsics)
+        if isinstance(result, Quad):
+            break
+    return result
+
+
+def _whole(
+    window: Window, near: Points, cells: int, specs: Sequence[PanelSpec], intrinsics: Intrinsics | None
+) -> Quad | Rejected:
+    """The square near corners (4,), if it is not a part of a panel."""
+    square = square_near(window.frame, near, cells, specs, intrinsics)
+    return PART if isinstance(square, Quad) and is_part(window, square, cells) else square
+
+
+def _explained(bands: Bands | Rejected) -> float:
+    return bands.explained if isinstance(bands, Bands) else 0.0
 
 
 def _is_steady(window: Window, cells: int, near: Points, bands: Bands | Rejected) -> bool:
