@@ -9,12 +9,15 @@ import pytest
 from decode_material import FRAME_ROWS, LENS, ROW_TIME_US, Canvas, quad, seen_through, square, word
 
 from ledpi.config import PanelSettings
+from ledpi.decode.belief import Belief
 from ledpi.decode.cells import CellSamples, sample_cells
+from ledpi.decode.evidence.memory import PanelMemory
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.ends import Ends
 from ledpi.decode.identify.soft import Reading, read_word
+from ledpi.decode.track import Track
 from ledpi.dictionaries import load_dictionary
-from ledpi.records import Floats, Frame, Intrinsics
+from ledpi.records import Floats, Frame, Intrinsics, ToldBy
 
 SPEC = PanelSettings(side_m=0.16).spec()
 BOOK = Codebook.build(list(range(50)), load_dictionary("DICT_4X4_50"), SPEC)
@@ -145,3 +148,24 @@ def test_a_frame_in_which_a_row_is_out_of_sight_begins_anew() -> None:
             assert isinstance(samples, CellSamples)
             seen.add(frame, quad(at), samples, None)
     assert not seen.are_where_told(shown, frames[0].row0_readout_ns)
+
+
+def test_what_lines_told_first_is_asked_where_it_ends_whatever_tells_it_later() -> None:
+    """Dark walls in a larger lattice may look like sides in a later frame. (Of a new square, sides are believed.)"""
+    frame, down = touched(), (TRUE[3] - TRUE[0]) / 4
+    by_sides, lattice = quad(TRUE + down), sample_cells(frame, quad(TRUE + down), 4)
+    true = sample_cells(frame, quad(TRUE), 4)
+    assert isinstance(lattice, CellSamples)
+    assert isinstance(true, CellSamples)
+    reading = read_word(true, frame, BOOK)
+    assert isinstance(reading, Reading)
+    aside = replace(reading, cell_bands=np.roll(reading.cell_bands.reshape(4, 4, -1), -1, axis=0).reshape(16, -1))
+    told_first: tuple[ToldBy, ...] = ("lines", "sides")
+    for first in told_first:
+        track = Track.of(by_sides, frame.row0_readout_ns, (PanelMemory(SPEC),))
+        track.memories[0].add(lattice, frame)
+        belief = Belief(4, None, stream=True)
+        believed = belief.where(frame, replace(by_sides, told_by=first), lattice, track, aside, 0)
+        assert (believed is None) == (first == "lines")
+        if first == "lines":
+            assert belief.where(frame, by_sides, lattice, track, aside, 0) is None

@@ -28,8 +28,9 @@ class Belief:
 
     Lines alone may tell a lattice a row aside, which may look like another word. (Of 12,000 frames of mirrored panels
     eight were read so, by lattices that took the wall for cells.) So they are believed of panels that were read before,
-    or where frames show that the panel ends where they say. Sides in which no cells show may be those of a bright frame
-    around the panel: the word is the same, the place is not. There the panel is as far as it blinks.
+    or where frames show that the panel ends where they say, even if sides tell the square later on: walls within a
+    larger lattice may look like these. Sides in which no cells show may be those of a bright frame around the panel:
+    the word is the same, the place is not. There the panel is as far as it blinks.
     """
 
     def __init__(self, cells: int, intrinsics: Intrinsics | None, *, stream: bool) -> None:
@@ -44,7 +45,7 @@ class Belief:
         `group`: which memory of the track it was read from.
         """
         memory = track.memories[group]
-        if quad.told_by == "lines" and reading.id not in self._read_before:
+        if (quad.told_by == "lines" or track.ends is not None) and reading.id not in self._read_before:
             if track.ends is None:
                 track.ends = Ends(memory.spec)
             track.ends.add(frame, quad, samples, self._intrinsics)
