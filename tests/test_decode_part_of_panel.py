@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from decode_material import PINHOLE, SHORT_US, SPEC, Canvas, bare, camera_info, panel_settings, square, word
+from decode_material import PINHOLE, SHORT_US, SPEC, Canvas, bare, camera_info, drawn, panel_settings, square, word
 
+from ledpi.decode.identify.codebook import repeats
 from ledpi.decode.striped.find_striped import StripedFinder
 from ledpi.decode.striped.part_of_panel import PART
 from ledpi.decode.striped.striped import striped_square
@@ -40,6 +41,24 @@ def test_a_panel_beside_something_bright_is_whole() -> None:
     canvas.light[150:330, 200:420] = 0.5
     canvas.light[150:330:9, 200:420] = 0.02
     assert isinstance(found_at(frame_of(canvas), PANEL), Quad)
+
+
+def test_patterns_that_repeat_their_rows_or_columns() -> None:
+    """Word 17 does so as it hangs; of six columns those that are alike by threes do, too."""
+    assert repeats(word(17).ravel()) == (True, False)
+    assert repeats(word(17, 1).ravel()) == (False, True)
+    assert repeats(word(7).ravel()) == (False, False)
+    assert repeats(drawn("000111/000111/000111/111000/111000/111000").ravel()) == (True, True)
+    assert repeats(drawn("00110/00110/11001/11001/11001").ravel()) == (False, False)
+
+
+@pytest.mark.parametrize("turns", range(4))
+def test_word_17_is_still_read_from_the_front(turns: int) -> None:
+    """As its four corners are those of a square, it is no half of a panel."""
+    canvas = Canvas(exposure_us=SHORT_US)
+    canvas.panel(PANEL, word(17, turns), light=0.3, phases=(0.3, 0.7))
+    pipeline = Pipeline(camera_info(exposure_us=SHORT_US), panel_settings(), intrinsics=PINHOLE, stream=False)
+    assert [marker.sighting.id for marker in pipeline.decode(canvas.frame()).markers] == [17]
 
 
 @pytest.mark.parametrize("exposure_us", [SHORT_US, 300.0])

@@ -304,6 +304,21 @@ def test_what_is_no_panel_of_words_is_no_word(case: str, number: int, seed: int,
     assert any(why.stage == "soft" for why in decoded.rejected), "it is found, and weighed"
 
 
+@pytest.mark.parametrize(("number", "seed", "seq"), [(20, 6, 11), (122, 6, 8)])
+def test_half_a_panel_is_no_word_whose_rows_are_alike_by_twos(number: int, seed: int, seq: int) -> None:
+    """At 150 µs these were read as 22 and 37 of DICT_4X4_50, which are one cell off."""
+    (parts,) = (
+        c
+        for c in suite_conditions("decoys", exposures_us=(150.0,), transfers=("srgb",), any_roll=True)
+        if c.case == "parts"
+    )
+    take = take_of(parts, number=number, seed=seed)
+    sensor = take.scene.sensor
+    frame = Renderer(take.scene, seed=take.seed).frame(seq)
+    decoded = Pipeline(sensor_info(sensor, 1.0), PANELS, intrinsics=sensor.intrinsics, stream=False).decode(frame)
+    assert decoded.markers == ()
+
+
 @pytest.mark.parametrize(("distance_m", "number", "seed", "marker_id"), [(1.8, 125, 1, 17), (2.5, 146, 2, 34)])
 def test_what_a_first_look_leaves_open_a_second_one_reads(
     distance_m: float, number: int, seed: int, marker_id: int

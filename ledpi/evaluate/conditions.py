@@ -34,6 +34,7 @@ DECOYS = (
     "single_class",  # panels all of whose cells blink alike
     "near_words",  # panels with two or more cells that differ from every word
     "mirrored",  # panels that show a word's mirror image, unless that is a word too
+    "parts",  # panels of which two cells to half of them are lit
     "dead",  # panels that are dark, or lit without blinking
 )
 

@@ -45,7 +45,8 @@ def decoys(kind: str, sensor: SimulatedSensor, panels: PanelSettings, rng: np.ra
         )
     dictionary = load_dictionary(panels.dictionary)
     shown = [_panel(_PATTERNS[kind](dictionary, panels.phase, rng), placer, panels, rng) for _ in range(count)]
-    return Decoys(panels=tuple(p for p in shown if p is not None))
+    found = [panel for panel in shown if panel is not None]
+    return Decoys(panels=tuple(_part_of(panel, rng) for panel in found) if kind == "parts" else tuple(found))
 
 
 def lamp(placer: Placer, rng: np.random.Generator) -> Light | None:
@@ -163,6 +164,23 @@ def _mirrored(dictionary: Dictionary, phase: Phase, rng: np.random.Generator) ->
             return np.asarray(word)
 
 
+def _word(dictionary: Dictionary, _: Phase, rng: np.random.Generator) -> Bits:
+    return np.asarray(dictionary.words[rng.integers(len(dictionary.words))])
+
+
+def _part_of(panel: Panel, rng: np.random.Generator) -> Panel:
+    """The panel with all cells dark but for a block of two cells to half of them."""
+    n = len(panel.word)
+    while True:
+        rows, columns = rng.integers(1, n + 1, 2)
+        if 2 <= rows * columns <= n * n // 2:
+            break
+    row, column = rng.integers(n - rows + 1), rng.integers(n - columns + 1)
+    lit = np.zeros((n, n), bool)
+    lit[row : row + rows, column : column + columns] = True
+    return replace(panel, cell_gains=lit * (1.0 if panel.cell_gains is None else panel.cell_gains))
+
+
 def _distance(word: Bits, dictionary: Dictionary, phase: Phase) -> int:
     """Cells that differ from the nearest word, however that is turned; in antiphase, from the nearest negative, too."""
     differ = (dictionary.turned_words() != word).sum(axis=(2, 3))
@@ -173,4 +191,5 @@ _PATTERNS: dict[str, Callable[[Dictionary, Phase, np.random.Generator], Bits]] =
     "single_class": _single_class,
     "near_words": _near_word,
     "mirrored": _mirrored,
+    "parts": _word,
 }

@@ -52,8 +52,8 @@ class Codebook:
         return replace(self, ids=self.ids[rows], quarter_turns=self.quarter_turns[rows], white=self.white[rows])
 
     def is_coarse(self, white: Mask) -> bool:
-        """Whether (cells,) is a coarse pattern."""
-        return bool((coarse_patterns(math.isqrt(len(white))) == white).all(axis=1).any())
+        """Whether (cells,) is what a part of a panel looks like where it is taken for a whole one."""
+        return any(repeats(white)) or bool((coarse_patterns(math.isqrt(len(white))) == white).all(axis=1).any())
 
     def coarse_beside(self, word: int) -> Singles:
         """(N, cells) the coarse patterns that would be taken for this word, as no more cells differ than are corrected.
@@ -89,3 +89,18 @@ def coarse_patterns(side: int) -> Singles:
     parts = np.stack(np.meshgrid(*[[0, 1]] * 4), axis=-1).reshape(-1, 2, 2)
     patterns = [part[rows.astype(int)][:, columns.astype(int)] for part in parts for rows in ends for columns in ends]
     return np.unique(np.reshape(patterns, (-1, side * side)), axis=0).astype(np.float32)
+
+
+def repeats(white: Mask) -> tuple[bool, bool]:
+    """Whether the rows, and the columns, of a pattern (cells,) are alike two by two, or more of them.
+
+    So looks a part of a panel, of half as many rows or columns, that is taken for a whole one. Word 17 of DICT_4X4_50
+    is such a pattern, five others of it are one cell off.
+    """
+    side = math.isqrt(len(white))
+    pattern = white.reshape(side, side)
+    times = [n for n in range(2, side + 1) if side % n == 0]
+    rows, columns = (
+        any((whole == np.repeat(whole[::n], n, axis=0)).all() for n in times) for whole in (pattern, pattern.T)
+    )
+    return rows, columns

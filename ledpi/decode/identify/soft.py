@@ -25,12 +25,12 @@ from ledpi.decode.evidence.evidence import UNFIT, Evidence
 from ledpi.decode.evidence.single_frame import single_evidence
 from ledpi.decode.evidence.waves import band_prior, bands_of, is_deep, is_deep_anywhere
 from ledpi.decode.identify import rivals
-from ledpi.decode.identify.codebook import Codebook
+from ledpi.decode.identify.codebook import Codebook, repeats
 from ledpi.decode.identify.first_look import first_look
 from ledpi.decode.identify.plausible import all_rows_blink, is_consistent, is_plausible
 from ledpi.decode.identify.words import SHORTLIST, likeliest
 from ledpi.kernels.words import Fit
-from ledpi.records import Floats, Frame, Rejected, SeenBands
+from ledpi.records import Floats, Frame, Mask, Rejected, SeenBands
 
 NO_BANDS = Rejected(stage="soft", reason="no_bands")
 NO_WORD = Rejected(stage="soft", reason="not_in_dictionary")
@@ -51,6 +51,7 @@ FAINT_DEPTH, SECOND_LOOK_ADDS = 0.1, 6.0
 MOST_ADDED = 0.2
 # Looks at deep bands, at most; nearly all panels are read by the first.
 SETTLING = 4
+SHORTER = math.sqrt(0.5)  # between a panel that is seen from the front, and half a one
 SAME_HZ = 0.05  # by which frequencies may differ that the same cells show
 
 
@@ -127,6 +128,8 @@ def _settled(
             words, bands, differ = of_negative, -bands, other
     if differ > codebook.correctable or (differ and codebook.is_coarse(seen.white)):
         return NO_WORD
+    if _is_half(seen.white, samples):
+        return NO_WORD
     word, result = words.white[0] > 0, NO_WORD
     for _ in range(SETTLING):
         believed = believed_bands(samples, frame, codebook.spec, word, bands)
@@ -139,6 +142,13 @@ def _settled(
             return replace(reading, cell_bands=believed.turned_back(reading.cell_bands))
         bands, result = believed.turned_back(fit.bands[None])[0], reading
     return result
+
+
+def _is_half(white: Mask, samples: CellSamples) -> bool:
+    """Whether a pattern (cells,) that repeats its rows, or its columns, is as much shorter there as a half panel is."""
+    width, height = samples.cell_px
+    rows, columns = repeats(white)
+    return (rows and height < SHORTER * width) or (columns and width < SHORTER * height)
 
 
 def _seen_bands(samples: CellSamples, frame: Frame, codebook: Codebook) -> SeenBands | None:
