@@ -32,7 +32,12 @@ def test_two_columns_of_a_panel_are_none(columns: tuple[int, int]) -> None:
     left, right = (PANEL[0, 0] + 130 * column / 4 for column in columns)
     top, bottom = PANEL[0, 1], PANEL[2, 1]
     part = np.array([[left, top], [right, top], [right, bottom], [left, bottom]])
-    assert found_at(frame_of(Canvas(exposure_us=SHORT_US)), part) == PART
+    assert isinstance(found_at(frame_of(Canvas(exposure_us=SHORT_US)), part), Rejected)
+
+
+def test_what_shows_its_bands_beyond_its_sides_is_a_part() -> None:
+    """The square of two rows and columns in the middle, turned not at all."""
+    assert found_at(frame_of(Canvas(exposure_us=SHORT_US)), square(310.3, 240.6, 65)) == PART
 
 
 def test_a_panel_beside_something_bright_is_whole() -> None:

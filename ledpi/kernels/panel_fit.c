@@ -27,7 +27,7 @@ static const double SPOT_SIGMA[SPOTS] = {0.16, 0.32}; /* of the pitch; as in dec
 #define LEAST_GAIN 0.02
 #define NO_RIM_WALL_PX 0.2 /* as in adjust.c */
 static const double LEAST_BLUR_PX = 0.4, MOST_BLUR_PX = 3.0, MOST_GAP = 0.3;
-static const double MOST_LONGER = 0.5, MOST_SMOOTHER = 2.0, MOST_SPOTS = 0.95;
+static const double MOST_LONGER = 0.5, MOST_SMOOTHER = 2.0;
 
 /* Light (rows, columns) of a part of the picture, each of `shrink` pixels a side, the first one's centre at `first`. */
 typedef struct {
@@ -39,17 +39,17 @@ typedef struct {
 
 /* Of one place along the grid: the nearest cell and the next nearest. What its light is there, and how that changes with
  * the place, with the blur's logarithm, with the gap, and with how far further in the rim is; its spots, and how these
- * change. */
+ * change with the place, and with the blur. */
 typedef struct {
     ptrdiff_t cell[2];
-    double light[2], slope[2], blurred[2], gapped[2], rimmed[2], spot[2][SPOTS], steep[2][SPOTS];
+    double light[2], slope[2], blurred[2], gapped[2], rimmed[2], spot[2][SPOTS], steep[2][SPOTS], wider[2][SPOTS];
     double beside[2], falls[2]; /* share of what is before the first cell and after the last, and its slope */
 } Place;
 
 static double density(double z) { return 0.3989422804014327 * exp(-0.5 * z * z); }
 
 static Place place_at(double at, ptrdiff_t cells, double sigma, double gap, double rim) {
-    Place place = {{0}, {0}, {0}, {0}, {0}, {0}, {{0}}, {{0}}, {0}, {0}};
+    Place place = {{0}, {0}, {0}, {0}, {0}, {0}, {{0}}, {{0}}, {{0}}, {0}, {0}};
     double within = fmin(fmax(floor(at), 0.0), (double)(cells - 1));
     place.cell[0] = (ptrdiff_t)within;
     for (int k = 0; k < 2; k++) {
@@ -78,6 +78,7 @@ static Place place_at(double at, ptrdiff_t cells, double sigma, double gap, doub
             double spot_sigma = hypot(SPOT_SIGMA[s], sigma), z = inside / spot_sigma;
             place.spot[k][s] = exp(-0.5 * z * z);
             place.steep[k][s] = inside == off ? -z / spot_sigma * place.spot[k][s] : 0.0;
+            place.wider[k][s] = z * z * sigma * sigma / (spot_sigma * spot_sigma) * place.spot[k][s];
         }
     }
     return place;
@@ -152,10 +153,11 @@ static bool sample(const Panel *panel, const View *view, const double *h, const 
             const double lit = unknown[GAIN + cell] * shown[class];
             for (int s = 0; s < SPOTS; s++) {
                 const double spot = across->spot[i][s] * down->spot[j][s], much = unknown[SPOT + s];
-                shape += much * (spot - 1.0);
+                shape += much * spot;
                 tilt[0] += much * across->steep[i][s] * down->spot[j][s];
                 tilt[1] += much * across->spot[i][s] * down->steep[j][s];
-                by[SPOT + s] += lit * both * (spot - 1.0);
+                by[SPOT + s] += lit * both * spot;
+                by[BLUR] += lit * both * much * (across->wider[i][s] * down->spot[j][s] + across->spot[i][s] * down->wider[j][s]);
             }
             slope[0] += lit * (across->slope[i] * down->light[j] * shape + both * tilt[0]);
             slope[1] += lit * (across->light[i] * down->slope[j] * shape + both * tilt[1]);
@@ -403,8 +405,6 @@ int ledpi_fit_panel(const float *light, ptrdiff_t rows, ptrdiff_t columns, doubl
         unknown[RIM] = fmin(fmax(unknown[RIM], -0.5 * MOST_GAP), 0.5 * MOST_GAP);
         unknown[LONGER] = fmin(fmax(unknown[LONGER], -MOST_LONGER), MOST_LONGER);
         unknown[SMOOTHER] = fmin(fmax(unknown[SMOOTHER], -MOST_SMOOTHER), MOST_SMOOTHER);
-        const double spots = fmax((unknown[SPOT] + unknown[SPOT + 1]) / MOST_SPOTS, 1.0);
-        for (int s = 0; s < SPOTS; s++) unknown[SPOT + s] /= spots;
         if ((round > 0 && most < SETTLED) || round == rounds - 1) { /* the first is with gains as they usually are */
             const double rim = unknown[RIM];
             const bool is_rim = rim * fmin(pitch_px[0], pitch_px[1]) * shrink >= NO_RIM_WALL_PX;

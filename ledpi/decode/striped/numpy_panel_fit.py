@@ -21,7 +21,6 @@ SETTLED = 1e-3  # less than that, and it is done
 LEAST_GAIN = 0.02  # of the mean
 LEAST_BLUR_PX, MOST_BLUR_PX, MOST_GAP = 0.4, 3.0, 0.3
 MOST_LONGER, MOST_SMOOTHER = 0.5, 2.0
-MOST_SPOTS = 0.95  # of a cell's light, that is in spots
 ENDS = square_box(-1.0, 1.0)
 _erf = np.vectorize(math.erf, otypes=[np.float64])
 
@@ -106,7 +105,6 @@ def _limit(unknown: Floats) -> None:
     unknown[BLUR] = np.clip(unknown[BLUR], math.log(LEAST_BLUR_PX), math.log(MOST_BLUR_PX))
     unknown[GAP] = np.clip(unknown[GAP], 0.0, MOST_GAP)
     unknown[RIM] = np.clip(unknown[RIM], -0.5 * MOST_GAP, 0.5 * MOST_GAP)
-    unknown[SPOT:BESIDE] /= max(float(unknown[SPOT:BESIDE].sum()) / MOST_SPOTS, 1.0)
     most_shaped = np.array([MOST_LONGER, MOST_SMOOTHER])
     unknown[LONGER:PHASE] = np.clip(unknown[LONGER:PHASE], -most_shaped, most_shaped)
 
@@ -154,6 +152,7 @@ class _Course:
     rimmed: Floats  # with how far further in the rim is
     spot: Floats
     steep: Floats  # of spots, with the place
+    wider: Floats  # and with the blur's logarithm
     beside: Floats  # (2, P) share of what is before the first cell, and after the last
     falls: Floats  # (2, P) its slope
 
@@ -183,6 +182,7 @@ def _course(along: Floats, cells: int, sigma: float, gap: float, rim: float) -> 
         beside=0.5 * (1 + _erf(beyond / math.sqrt(2))),
         falls=np.array([[-1.0], [1.0]]) * np.exp(-0.5 * beyond * beyond) / math.sqrt(2 * math.pi) / sigma,
         steep=np.where(np.abs(off)[:, None] <= 0.5, -z / spot_sigma * spot, 0.0),
+        wider=np.square(z * sigma / spot_sigma) * spot,
     )
 
 
@@ -207,7 +207,7 @@ def _model(
         light = both(across.light[column], down.light[row])
         lit = (light >= 1e-4) * unknown[GAIN + cell] * shown[own]
         spots = [both(across.spot[column, s], down.spot[row, s]) for s in range(len(SPOT_SIGMA))]
-        shape = 1 + sum(b * (spot - 1) for b, spot in zip(unknown[SPOT:BESIDE], spots, strict=True))
+        shape = 1 + sum(b * spot for b, spot in zip(unknown[SPOT:BESIDE], spots, strict=True))
         tilt = [
             sum(b * both(across.steep[column, s], down.spot[row, s]) for s, b in enumerate(unknown[SPOT:BESIDE])),
             sum(b * both(across.spot[column, s], down.steep[row, s]) for s, b in enumerate(unknown[SPOT:BESIDE])),
@@ -221,7 +221,9 @@ def _model(
         slopes[PHASE + own] += (light >= 1e-4) * unknown[GAIN + cell] * light * shape * later[own]
         slopes[LONGER:PHASE] += (light >= 1e-4) * unknown[GAIN + cell] * light * shape * shapes[:, own]
         for s, spot in enumerate(spots):
-            slopes[SPOT + s] += lit * light * (spot - 1)
+            slopes[SPOT + s] += lit * light * spot
+            wider = both(across.wider[column, s], down.spot[row, s]) + both(across.spot[column, s], down.wider[row, s])
+            slopes[BLUR] += lit * light * unknown[SPOT + s] * wider
         slopes[GAIN + cell] = (light >= 1e-4) * light * shape * shown[own]
     slopes[-1] = 1.0
     _add_beside(unknown, across, down, slopes, by_place)

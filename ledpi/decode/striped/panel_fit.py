@@ -3,12 +3,12 @@
 Where bands are deep a rim may be dark all along a side, and no edge is where light changes most. But of a panel whose
 cells' classes are known all is known but a few numbers. At a place (u, v) of it, in cells from its first corner,
 
-    light = d + Σ_c g_c · w_k(c)(y) · a_c(u) · a_c(v) · (1 − Σ_s b_s·(1 − exp(−((u − u_c)² + (v − v_c)²)/2s²)))
+    light = d + Σ_c g_c · w_k(c)(y) · a_c(u) · a_c(v) · (1 + Σ_s b_s·exp(−((u − u_c)² + (v − v_c)²)/2s²))
 
 with the darkness d; each cell's gain g; what its class shows in that row of the picture, known but for one phase for
 each class (`shutter`), and for how steep and how smooth it is, as a tone curve or a scaler makes it; its open part a
 between walls, as the lens blurs it; and the light that all cells have in common, brighter at their middles u_c, v_c,
-by shares b_s that are in spots of width s (of bare LEDs, most of it).
+in spots of width s, which the lens blurs, too. (Those of bare LEDs are four times as bright.)
 Cells are even about these, so that the lattice, its walls, rim and spots, all tell where the corners are, in whichever
 rows they shine. Of cells of one size the rim lies within the lattice's end, by half a wall; how far is another unknown,
 and where it is too little to be told, none is taken. Light is sampled on a grid that goes with the corners, so that a

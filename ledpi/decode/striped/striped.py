@@ -42,6 +42,7 @@ _ALONG = np.array([[1.0, 0.0, -1.0, 0.0], [0.0, 1.0, 0.0, -1.0]])
 MIDDLES = np.concatenate([_OUT_AND_IN, np.zeros((8, 4)), _ALONG, -_ALONG])
 SLOPES = np.concatenate([np.zeros((8, 4)), 2 * _OUT_AND_IN, np.zeros((4, 4))])
 MOST_FITS = 3  # of where climbs lead, the best
+MOST_TRIED = 2  # of first fits, by all points: the best may be a part of a panel, or come to nothing
 LOOK_ROUNDS = 3  # of a first fit, by few points
 # After it: of the light's squares, that a panel's picture explains, and the corners' deviation, as a share of the side.
 # What is clear then need not be sought elsewhere; CLEAR: of what the bands bring, that is not explained.
@@ -162,7 +163,8 @@ def striped_square(
     looks = (_look(window, at, bands_at(window, at, cells, specs), cells, intrinsics) for at in likely)
     found = np.array([fit.corners for fit in (first, *looks) if isinstance(fit, Fit)])
     result: Quad | Rejected = NO_BANDS
-    for best in np.argsort(-light.explains(window.within(found), fine_lattice(cells))) if len(found) else ():
+    worth = light.explains(window.within(found), fine_lattice(cells)) if len(found) else np.empty(0)
+    for best in np.argsort(-worth)[:MOST_TRIED]:
         result = _whole(window, found[best], cells, specs, intrinsics)
         if isinstance(result, Quad):
             break
