@@ -13,7 +13,7 @@ from ledpi.decode.finding.lit import contrasts
 from ledpi.decode.finding.spots import group_sizes, groups, lattice, spots_in
 from ledpi.decode.squares import Squares
 from ledpi.geometry import distort
-from ledpi.kernels import centres as kernel
+from ledpi.kernels import spot_centres as kernel
 from ledpi.kernels.library import COMPILED
 from ledpi.pipeline import Pipeline
 from ledpi.records import Floats, Frame, Intrinsics, Pixels, Quad

@@ -25,7 +25,7 @@ SHARED = {
     "panel_fit.c": (("striped.numpy_panel_fit",), 7),
     "rim.h": (("corners.rim",), 1),
     "climb.c": (("identify.patterns",), 3),
-    "look.c": (("evidence.noise",), 1),
+    "first_look.c": (("evidence.noise",), 1),
     "neighbours.c": (("identify.patterns",), 1),
     "words.c": (("identify.words",), 2),
     "cells.c": (("cells",), 1),

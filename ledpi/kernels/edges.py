@@ -1,4 +1,4 @@
-"""Sides of lit squares: how they are approached, and what they are (approach.c, refine.c and what it calls)."""
+"""Sides of lit squares: how they are approached, and what they are (approach.c, edges.c and what it calls)."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ledpi.kernels.pose import lens_of
 from ledpi.records import Floats, Frame, Intrinsics, Singles
 
 MOST_PROFILES, MOST_CELLS = 64, 8  # as in kernels.h, lattice.h
-# As in refine.c and approach.c.
+# As in edges.c and approach.c.
 WHOLE, PARTLY_HIDDEN, NO_EDGE, NOT_STRAIGHT, NOT_WHOLE, NOT_CONVEX, TOO_SMALL, AT_BORDER = range(8)
 FILTER = 56  # numbers of a `Filter` of rim.h
 # Numbers: the corners' x and y, those of what is seen, sigma_px, size_sigma_px, bend_px, rim_wall, cells_show.

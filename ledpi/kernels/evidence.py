@@ -1,4 +1,4 @@
-"""What pictures say of the bands in a panel's cells (waves.c, evidence.c)."""
+"""What pictures say of the bands in a panel's cells (waves.c, single_frame.c, comparison.c)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The poses of squares, and what lenses do to their sides (squares.c, pose.c, lens.c)."""
+"""The poses of squares, and what lenses do to their sides (planar.c, refine.c, lens.c)."""
 
 from __future__ import annotations
 

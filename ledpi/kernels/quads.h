@@ -1,5 +1,5 @@
-/* What becomes of one quad after the other: its sides (edges.c), what is hidden of it (whole.c), its lattice (adjust.c); and
- * all of that (refine.c). */
+/* What becomes of one quad after the other: its sides (looks.c), what is hidden of it (whole.c), its lattice (adjust.c); and
+ * all of that (edges.c). */
 #ifndef LEDPI_QUADS_H
 #define LEDPI_QUADS_H
 

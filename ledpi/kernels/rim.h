@@ -24,7 +24,7 @@ typedef struct {
     double least_pitch_px, most_pitch_px, least_blur_px, most_blur_px, usual_blur_px;
 } Filters;
 
-/* The one for this pitch and blur; where it is not made, its number, counted from 1, goes into `missing` (edges.c). */
+/* The one for this pitch and blur; where it is not made, its number, counted from 1, goes into `missing` (looks.c). */
 const Filter *ledpi_filter_for(const Filters *all, double pitch_px, double blur_px, ptrdiff_t *missing);
 
 #endif

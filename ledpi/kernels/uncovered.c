@@ -1,5 +1,5 @@
 /* Whether something stands before a panel's cells: the first question of decode/evidence/uncovered.py. */
-#include "look.h"
+#include "first_look.h"
 #include "wide.h"
 
 /* Whether each `tested` sample of `light` (cells, points), over the mean of its cell, shows at least `share` of what the

@@ -4,7 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "look.h"
+#include "first_look.h"
 #include "normal.h"
 #include "wide.h"
 #include "words.h"

@@ -1,6 +1,6 @@
 """Sides of lit squares by ever closer looks at the profiles across them, all squares at once.
 
-The reference of kernels/edges.c, and what is used where there is no compiler; `edges` has the use of either.
+The reference of kernels/looks.c, and what is used where there is no compiler; `edges` has the use of either.
 """
 
 from __future__ import annotations

@@ -11,7 +11,7 @@ import numpy as np
 from ledpi.decode.corners.sides import as_points, bends
 from ledpi.decode.finding.spots import rim_of
 from ledpi.geometry import apply_homography, distort, undistort
-from ledpi.kernels import centres as kernel
+from ledpi.kernels import spot_centres as kernel
 from ledpi.kernels.light import can_read
 from ledpi.records import Floats, Frame, Intrinsics, Quad, Rejected
 from ledpi.tone import linear_light
@@ -94,7 +94,7 @@ def _look(frame: Frame, at: Floats, reach_px: float) -> Floats:
 def _centres(frame: Frame, at: Floats, reach_px: float) -> Floats:
     """(N, 3) of places (N, 2) the centre of the light around that is over half of the brightest; how much is so bright.
 
-    NaN where there is no light, or no picture. The reference of kernels/centres.c.
+    NaN where there is no light, or no picture. The reference of kernels/spot_centres.c.
     """
     return np.array([_centre(frame, x, y, reach_px) for x, y in at.tolist()])
 

@@ -1,6 +1,6 @@
 """What one picture says of the bands in a panel's cells, by comparison with the mean of those before.
 
-`compared_evidence` in C (kernels/compare.c) and, where there is no compiler, in numpy, which is the reference.
+`compared_evidence` in C (kernels/comparison.c) and, where there is no compiler, in numpy, which is the reference.
 """
 
 from __future__ import annotations

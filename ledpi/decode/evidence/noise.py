@@ -93,7 +93,7 @@ class Expected(NamedTuple):
     def correlation(self, near: float, far: float, free_samples: float) -> Correlation:
         """Of the noise in a fit that has left these sums of squared differences, a lag and two lags apart.
 
-        (kernels/look.c has its volume.)
+        (kernels/first_look.c has its volume.)
         """
         if not far > 0 or not free_samples >= self.least_free:
             return WHITE

@@ -1,6 +1,6 @@
 """What one picture says of the bands in a panel's cells, by comparison of the cells with each other.
 
-`single_evidence` in C (kernels/evidence.c) and, where there is no compiler, in numpy, which is the reference.
+`single_evidence` in C (kernels/single_frame.c) and, where there is no compiler, in numpy, which is the reference.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
 """The first look at a panel's samples: the evidence in them, and the words that explain it best.
 
-Step by step (`single_frame`, `words`), or all at once in C (kernels/look.c) where the panel is a plain one: nothing
-saturated, covered or unlit. Most of what a search meets is, and half of its time would be spent between the steps.
+Step by step (`single_frame`, `words`), or all at once in C (kernels/first_look.c) where the panel is a plain one:
+nothing saturated, covered or unlit. Most of what a search meets is, and half of its time would be spent between the
+steps.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from ledpi.decode.evidence.uncovered import COVERED, inner_points
 from ledpi.decode.evidence.unlit import UNLIT
 from ledpi.decode.evidence.waves import band_prior, is_deep
 from ledpi.decode.identify.words import SHORTLIST, likeliest
-from ledpi.kernels import look as kernel
+from ledpi.kernels import first_look as kernel
 from ledpi.kernels.library import compiled
 from ledpi.kernels.words import Fit
 from ledpi.records import Floats, Frame, PanelSpec, Rejected, Singles

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from ledpi.decode.corners.sides import Points, as_corners, as_points, cross
-from ledpi.kernels import smallest as kernel
+from ledpi.kernels import around as kernel
 from ledpi.kernels.library import compiled
 from ledpi.records import Floats, Integers, Pixels
 

@@ -1,4 +1,4 @@
-/* The steps of a look at a panel's samples, in their order: look.c takes them all at once. */
+/* The steps of a look at a panel's samples, in their order: first_look.c takes them all at once. */
 #ifndef LEDPI_LOOK_H
 #define LEDPI_LOOK_H
 

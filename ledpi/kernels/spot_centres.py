@@ -1,4 +1,4 @@
-"""The middles of light around places in a frame (centres.c)."""
+"""The middles of light around places in a frame (spot_centres.c)."""
 
 from __future__ import annotations
 

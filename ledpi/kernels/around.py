@@ -1,4 +1,4 @@
-"""The smallest quadrilateral around an outline (smallest.c)."""
+"""The smallest quadrilateral around an outline (around.c)."""
 
 from __future__ import annotations
 

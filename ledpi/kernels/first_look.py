@@ -1,4 +1,4 @@
-"""A first look at a panel's samples, all of its steps in one call (look.c)."""
+"""A first look at a panel's samples, all of its steps in one call (first_look.c)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ledpi.kernels.library import DOUBLE, INTEGER, POINTER, address, function
 from ledpi.kernels.words import Fit, numbers_of
 from ledpi.records import Floats, Integers, Mask, Singles
 
-LOOKED, NOT_PLAIN, UNFIT, NO_MEMORY = range(4)  # as in look.c
+LOOKED, NOT_PLAIN, UNFIT, NO_MEMORY = range(4)  # as in first_look.c
 OF_FIT = 4  # numbers of the fit, beside score and information
 
 _look = function(
@@ -21,7 +21,7 @@ _look = function(
 
 
 class _Grid(ctypes.Structure):
-    """`Grid` of look.c."""
+    """`Grid` of first_look.c."""
 
     _fields_ = [
         *((name, ctypes.c_ssize_t) for name in ("side", "k", "source_count")),

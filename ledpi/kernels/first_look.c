@@ -1,12 +1,12 @@
 /* A first look at a panel's samples, all of its steps in one call: `first_look` of decode/identify/first_look.py. */
-#include "look.h"
+#include "first_look.h"
 
 #include <math.h>
 #include <stdlib.h>
 
 #include "wide.h"
 
-/* What all panels of side × side cells, with k × k points in each, have in common: as in evidence.c; and which samples are
+/* What all panels of side × side cells, with k × k points in each, have in common: as in single_frame.c; and which samples are
  * `tested` (cells, points) for what covers them. */
 typedef struct {
     ptrdiff_t side, k, source_count;
@@ -15,7 +15,7 @@ typedef struct {
     const uint8_t *tested;
 } Grid;
 
-/* What came of it; as in kernels/look.py. */
+/* What came of it; as in kernels/first_look.py. */
 enum { LOOKED, NOT_PLAIN, UNFIT, NO_MEMORY };
 
 /* Whether the light of one of the cells is less than this share of their mean. */
