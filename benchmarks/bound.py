@@ -70,7 +70,7 @@ def read(condition: Condition, panels: PanelSettings, number: int, *, stream: bo
         if isinstance(samples, Rejected):
             yield found
             continue
-        memory.add(samples, frame)
+        memory, _ = memory.after(samples, frame)
         evidence = memory.evidence()
         if memory.frames == 1:
             word = soft.read_word(samples, frame, book, rate)

@@ -42,7 +42,6 @@ STAGES: dict[Method, tuple[str, ...]] = {
     "bands": ("bands", "pose"),
 }
 
-NO_END = Rejected(stage="soft", reason="no_end_seen")
 _Looked: TypeAlias = tuple[Quad, Track, CellSamples]
 _Find: TypeAlias = Callable[[Frame], tuple[list[Candidate], list[Rejected]]]
 
@@ -134,8 +133,8 @@ class Pipeline:
         self._tracker.begin(frame.row0_readout_ns)
         looked = self._sample(frame, self._where_expected(frame, work), work)
         searching = self._plan.begins(all_seen=self._tracker.all_seen())
-        others = [look for look in looked if look[1].shown is None]
-        yield self._read(frame, [look for look in looked if look[1].shown is not None], work)
+        others = [look for look in looked if look[1].history.shown is None]
+        yield self._read(frame, [look for look in looked if look[1].history.shown is not None], work)
         found = self._search(frame, self._squares.candidates, work) if searching else []
         yield self._read(frame, others + found, work)
         looked += found
@@ -156,7 +155,7 @@ class Pipeline:
         tracks = self._tracker.expected()
         if not tracks:
             return []
-        quads = self._squares.near(frame, [(track.sought_px(frame.row0_readout_ns), track.told_by) for track in tracks])
+        quads = self._squares.near(frame, [(t.where.sought_px(frame.row0_readout_ns), t.where.told_by) for t in tracks])
         followed = [
             (there, track)
             for track, quad in zip(tracks, quads, strict=True)
@@ -216,7 +215,7 @@ class Pipeline:
         since = time.perf_counter()
         looked = []
         for quad, track in squares:
-            samples = sample_cells(frame, quad, self._cells, self._intrinsics, like=track.memories[0].lattice)
+            samples = sample_cells(frame, quad, self._cells, self._intrinsics, like=track.history.memories[0].lattice)
             if isinstance(samples, Rejected):
                 work.reject(quad.corners_px, samples)
             else:
@@ -231,33 +230,37 @@ class Pipeline:
         since = time.perf_counter()
         sightings, times = [], frame.without_picture()
         for quad, track, samples in looked:
-            outcome = self._reader.read(track, samples, times)
+            outcome = self._reader.read(track.history, samples, times)
+            track.history = outcome.history
             if outcome.denied:
                 work.reject(quad.corners_px, NOT_SHOWN)
             if work.trace is not None:
-                evidence = track.memories[outcome.group].evidence()
-                work.trace.looks.append(Look(quad=quad, samples=samples, evidence=evidence, reading=outcome.reading))
-            if isinstance(outcome.reading, Rejected):
-                work.reject(quad.corners_px, outcome.reading)
-            elif (own := self._belief.where(frame, quad, samples, track, outcome.reading, outcome.group)) is None:
-                work.reject(quad.corners_px, NO_END)
-                track.shown = None
+                work.trace.looks.append(Look.of(quad, samples, outcome))
+            if isinstance(outcome.shown, Rejected):
+                work.reject(quad.corners_px, outcome.shown)
+                continue
+            believed = self._belief.where(frame, quad, samples, outcome.history, outcome.shown)
+            track.history = believed.history
+            if believed.own is not None:
+                track.where = track.where.rather(believed.own)
+            if isinstance(believed.place, Rejected):
+                work.reject(quad.corners_px, believed.place)
             else:
-                sightings.append(self._sighting(own, outcome.reading, track))
+                sightings.append(self._sighting(believed.place, outcome.shown.reading, track))
         self._timed(work, "soft", since)
         return sightings
 
     def _sighting(self, quad: Quad, reading: soft.Reading, track: Track) -> Sighting:
-        if track.tuned is not None and track.tuned.measured:
-            self.off_frequency[reading.id] = track.tuned.spec
-        velocity = track.velocity_px_s
+        tuned, velocity = track.history.tuning.found, track.where.velocity_px_s
+        if tuned is not None and tuned.measured:
+            self.off_frequency[reading.id] = tuned.spec
         return Sighting(
             id=reading.id,
             corners_px=read_only(corners_of_turned(quad.corners_px, reading.quarter_turns)),
             corner_sigma_px=quad.corner_sigma_px,
             size_sigma_px=quad.size_sigma_px,
             margin=reading.margin,
-            frames_used=track.frames,
+            frames_used=track.history.frames,
             velocity_px_s=None if velocity is None else read_only(corners_of_turned(velocity, reading.quarter_turns)),
         )
 
@@ -265,7 +268,7 @@ class Pipeline:
         """What prepares for the frames to come."""
         since, times = time.perf_counter(), frame.without_picture()
         for _, track, samples in looked:
-            self._reader.keep_up(track, samples, times)
+            track.history = self._reader.keep_up(track.history, samples, times)
         self._timed(work, "soft", since)
 
 

@@ -9,6 +9,7 @@ from ledpi.decode.cells import CellSamples
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.finding.find import Candidate
 from ledpi.decode.identify.soft import Reading
+from ledpi.decode.reader import Outcome
 from ledpi.records import Floats, Quad, Rejected
 
 
@@ -28,6 +29,14 @@ class Look:
     samples: CellSamples
     evidence: Evidence | Rejected  # of all frames that were used
     reading: Reading | Rejected
+
+    @classmethod
+    def of(cls, quad: Quad, samples: CellSamples, outcome: Outcome) -> Look:
+        """Of a square in which a frame has shown these `samples`."""
+        shown, memories = outcome.shown, outcome.history.memories
+        if isinstance(shown, Rejected):
+            return cls(quad=quad, samples=samples, evidence=memories[0].evidence(), reading=shown)
+        return cls(quad=quad, samples=samples, evidence=memories[shown.group].evidence(), reading=shown.reading)
 
 
 @dataclass(slots=True)

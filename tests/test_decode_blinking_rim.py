@@ -80,10 +80,10 @@ def bands_of(frame: Frame, at: Floats) -> Floats:
 def told(frames: list[Frame], at: Floats, lens: Intrinsics | None = None) -> Inward:
     """How far within a square the panel of these frames ends; its bands are known."""
     shown = bands_of(frame_of(0), TRUE)
-    rim = Rim(SPEC, 4)
+    rim = Rim.of(SPEC, 4)
     for frame in frames:
-        inward = rim.inward(frame, quad(at), shown, frames[0].row0_readout_ns, lens)
-    return inward
+        rim = rim.after(frame, quad(at), shown, frames[0].row0_readout_ns, lens)
+    return rim.inward
 
 
 def test_a_panel_that_blinks_up_to_its_sides_ends_there() -> None:
@@ -143,23 +143,25 @@ def test_light_that_falls_on_a_panels_rim_is_no_end() -> None:
 
 def test_of_a_panel_whose_strips_are_too_thin_nothing_is_told() -> None:
     """At 10 m a strip was a row of cells, and one panel of a hundred seemed to end a row further in."""
-    at, rim = square(310.4, 240.2, 10.0, 13), Rim(SPEC, 4)
+    at, rim = square(310.4, 240.2, 10.0, 13), Rim.of(SPEC, 4)
     shown = bands_of(frame_of(0), TRUE)
     for seq in range(12):
         canvas = Canvas()
         canvas.panel(at, word(7), profile=flat, start_us=seq * PERIOD_US)
         frame = replace(canvas.frame(seq, seq=seq), row0_readout_ns=round(1e9 + 1e3 * seq * PERIOD_US))
-        assert rim.inward(frame, quad(at), shown, round(1e9), None) == Inward()
+        rim = rim.after(frame, quad(at), shown, round(1e9), None)
+        assert rim.inward == Inward()
 
 
 def test_where_the_inner_strips_bands_are_not_told_nothing_is() -> None:
     """They are what the outer ones are compared with: here what is looked at does not blink at all."""
-    shown, rim = bands_of(frame_of(0), TRUE), Rim(SPEC, 4)
+    shown, rim = bands_of(frame_of(0), TRUE), Rim.of(SPEC, 4)
     for seq in range(8):
         canvas = Canvas()
         canvas.lamp(TRUE, 0.4)
         frame = replace(canvas.frame(seq, seq=seq), row0_readout_ns=round(1e9 + 1e3 * seq * PERIOD_US))
-        assert rim.inward(frame, quad(TRUE), shown, round(1e9), None) == Inward()
+        rim = rim.after(frame, quad(TRUE), shown, round(1e9), None)
+        assert rim.inward == Inward()
 
 
 def pipeline(*, stream: bool = True) -> Pipeline:

@@ -11,13 +11,12 @@ from decode_material import FRAME_ROWS, LENS, ROW_TIME_US, Canvas, quad, seen_th
 from ledpi.config import PanelSettings
 from ledpi.decode.belief import Belief
 from ledpi.decode.cells import CellSamples, sample_cells
-from ledpi.decode.evidence.memory import PanelMemory
+from ledpi.decode.history import History, Shown
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.ends import Ends
 from ledpi.decode.identify.soft import Reading, read_word
-from ledpi.decode.track import Track
 from ledpi.dictionaries import load_dictionary
-from ledpi.records import Floats, Frame, Intrinsics, ToldBy
+from ledpi.records import Floats, Frame, Intrinsics, Rejected, ToldBy
 
 SPEC = PanelSettings(side_m=0.16).spec()
 BOOK = Codebook.build(list(range(50)), load_dictionary("DICT_4X4_50"), SPEC)
@@ -47,8 +46,7 @@ def shown_in(frame: Frame, true: Floats) -> Floats:
 def ends(frame: Frame, at: Floats, shown: Floats, lens: Intrinsics | None = None) -> bool:
     samples = sample_cells(frame, quad(at), 4, lens)
     assert isinstance(samples, CellSamples)
-    seen = Ends(SPEC)
-    seen.add(frame, quad(at), samples, lens)
+    seen = Ends.of(SPEC).after(frame, quad(at), samples, lens)
     return seen.are_where_told(shown, frame.row0_readout_ns)
 
 
@@ -112,11 +110,11 @@ def far_frames(true: Floats) -> list[Frame]:
 
 
 def ends_after(frames: list[Frame], at: Floats, shown: Floats) -> list[bool]:
-    seen, told = Ends(SPEC), []
+    seen, told = Ends.of(SPEC), []
     for frame in frames:
         samples = sample_cells(frame, quad(at), 4)
         assert isinstance(samples, CellSamples)
-        seen.add(frame, quad(at), samples, None)
+        seen = seen.after(frame, quad(at), samples, None)
         told.append(seen.are_where_told(shown, frames[0].row0_readout_ns))
     return told
 
@@ -141,12 +139,12 @@ def test_a_frame_in_which_a_row_is_out_of_sight_begins_anew() -> None:
     """Else what is within would have been seen in more frames than what is beside."""
     true = square(310.4, 240.2, 34.0, 13)
     frames, shown = far_frames(true), shown_in(touched(), TRUE)
-    seen = Ends(SPEC)
+    seen = Ends.of(SPEC)
     for at, few in ((true, frames[:11]), (square(20.0, 240.2, 34.0), frames[11:])):
         for frame in few:
             samples = sample_cells(frame, quad(at), 4)
             assert isinstance(samples, CellSamples)
-            seen.add(frame, quad(at), samples, None)
+            seen = seen.after(frame, quad(at), samples, None)
     assert not seen.are_where_told(shown, frames[0].row0_readout_ns)
 
 
@@ -162,10 +160,9 @@ def test_what_lines_told_first_is_asked_where_it_ends_whatever_tells_it_later() 
     aside = replace(reading, cell_bands=np.roll(reading.cell_bands.reshape(4, 4, -1), -1, axis=0).reshape(16, -1))
     told_first: tuple[ToldBy, ...] = ("lines", "sides")
     for first in told_first:
-        track = Track.of(by_sides, frame.row0_readout_ns, (PanelMemory(SPEC),))
-        track.memories[0].add(lattice, frame)
+        history, shown = History.of((SPEC,)).after(lattice, frame)[0], Shown(group=0, reading=aside)
         belief = Belief(4, None, stream=True)
-        believed = belief.where(frame, replace(by_sides, told_by=first), lattice, track, aside, 0)
-        assert (believed is None) == (first == "lines")
+        believed = belief.where(frame, replace(by_sides, told_by=first), lattice, history, shown)
+        assert isinstance(believed.place, Rejected) == (first == "lines")
         if first == "lines":
-            assert belief.where(frame, by_sides, lattice, track, aside, 0) is None
+            assert isinstance(belief.where(frame, by_sides, lattice, believed.history, shown).place, Rejected)

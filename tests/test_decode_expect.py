@@ -55,7 +55,7 @@ def expected_after(frames: int) -> Expectation:
     memory = PanelMemory(SPEC)
     for seq in range(frames):
         frame = frame_of(seq)
-        memory.add(samples_of(frame), frame)
+        memory, _ = memory.after(samples_of(frame), frame)
     evidence = memory.evidence()
     if isinstance(evidence, Evidence):
         reading = soft.decide(evidence, BOOK, soft.FALSE_ID_RATE)
@@ -156,7 +156,7 @@ def test_compiled_loops_expect_what_the_numpy_code_does() -> None:
     """The same weights and bands left; and a basis of the same space: what is in it is left out by either."""
     memory = PanelMemory(SPEC)
     for seq in range(READ_FRAMES):
-        memory.add(samples_of(frame := frame_of(seq)), frame)
+        memory, _ = memory.after(samples_of(frame := frame_of(seq)), frame)
     bands = np.random.default_rng(4).normal(0, 0.04, (16, 4)) * np.repeat(word(7).reshape(-1, 1) == [0, 1], 2, axis=1)
     ours, theirs = both_ways(partial(Expectation.of, memory, bands))
     np.testing.assert_allclose(ours.root, theirs.root, rtol=1e-5)
@@ -193,7 +193,7 @@ def test_what_noise_alone_shows_is_not() -> None:
     memory = PanelMemory(SPEC)
     for seq in range(READ_FRAMES):
         frame = frame_of(seq)
-        memory.add(samples_of(frame), frame)
+        memory, _ = memory.after(samples_of(frame), frame)
     bands = np.zeros((16, 4))
     bands[:8, 0], bands[8:, 2] = 0.004, 0.004  # so shallow that one frame hardly tells
     expectation = Expectation.of(memory, bands)

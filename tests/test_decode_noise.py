@@ -124,7 +124,7 @@ def test_frames_together_tell_better_how_alike_noise_is() -> None:
     memory = PanelMemory(SPEC)
     for seed in range(9):
         frame = noisy(seed, 0.7)
-        memory.add(sampled(frame, corners), frame)
+        memory, _ = memory.after(sampled(frame, corners), frame)
     assert memory.noise.volume > 2.0
     assert memory.noise.deviation < 0.5 * compared(0, corners, 0.7).noise.deviation
 

@@ -6,11 +6,10 @@ import pytest
 from decode_material import FRAME_ROWS, ROW_TIME_US, SPEC, Canvas, quad, reason, square, word
 
 from ledpi.decode.cells import CellSamples, sample_cells
-from ledpi.decode.evidence.memory import PanelMemory
+from ledpi.decode.history import History, Shown
 from ledpi.decode.identify.codebook import Codebook
-from ledpi.decode.identify.soft import FALSE_ID_RATE, Reading
+from ledpi.decode.identify.soft import FALSE_ID_RATE
 from ledpi.decode.reader import Reader
-from ledpi.decode.track import Track
 from ledpi.dictionaries import load_dictionary
 from ledpi.records import Floats, Frame, Rejected
 
@@ -36,12 +35,15 @@ def reader() -> Reader:
     return Reader([Codebook.build(list(range(50)), dictionary, SPEC)], FALSE_ID_RATE)
 
 
-def track_of(corners: Floats) -> Track:
-    return Track.of(quad(corners), 0, (PanelMemory(SPEC),))
+def read_id(shown: Shown | Rejected) -> int | str:
+    return shown.reading.id if isinstance(shown, Shown) else reason(shown)
 
 
-def read_id(reading: Reading | Rejected) -> int | str:
-    return reading.id if isinstance(reading, Reading) else reason(reading)
+def further(reader: Reader, history: History, frame: Frame, where: Floats) -> tuple[History, Shown | Rejected]:
+    """What is known once a frame was looked at there, and what it was read as."""
+    samples = taken(frame, where)
+    outcome = reader.read(history, samples, frame)
+    return reader.keep_up(outcome.history, samples, frame), outcome.shown
 
 
 @pytest.mark.parametrize(("corners", "frames"), [(NEAR, 3), (FAR, 6)])
@@ -49,37 +51,46 @@ def test_a_square_that_was_taken_elsewhere_once_does_not_outlast_its_frame(
     reader: Reader, corners: Floats, frames: int
 ) -> None:
     """Half a cell aside, as where its bezel was followed; of the far panel no frame alone could tell it."""
-    track = track_of(corners)
+    history = History.of((SPEC,))
     for seq in range(frames):
-        frame = shown(seq, corners)
-        outcome = reader.read(track, taken(frame, corners), frame)
-    assert read_id(outcome.reading) == 7
-    frame = shown(frames, corners)
+        history, read = further(reader, history, shown(seq, corners), corners)
+    assert read_id(read) == 7
     aside = corners + (corners[1] - corners[0]) / 5
-    assert isinstance(reader.read(track, taken(frame, aside), frame).reading, Rejected)
-    frame = shown(frames + 1, corners)
-    assert read_id(reader.read(track, taken(frame, corners), frame).reading) == 7
+    history, read = further(reader, history, shown(frames, corners), aside)
+    assert isinstance(read, Rejected)
+    history, read = further(reader, history, shown(frames + 1, corners), corners)
+    assert read_id(read) == 7
 
 
 def test_while_nothing_adds_up_each_frame_still_speaks_for_itself(reader: Reader) -> None:
     """Half of what is looked at is the wall, for six frames; then it is the panel again, and its ID is told at once."""
-    track = track_of(NEAR)
+    history = History.of((SPEC,))
     for seq in range(10):
-        frame = shown(seq, NEAR)
         hidden = 3 <= seq < 9
         where = NEAR + (NEAR[1] - NEAR[0]) / 2 if hidden else NEAR
-        outcome = reader.read(track, taken(frame, where), frame)
-        assert isinstance(outcome.reading, Rejected) if hidden else read_id(outcome.reading) == 7
+        history, read = further(reader, history, shown(seq, NEAR), where)
+        assert isinstance(read, Rejected) if hidden else read_id(read) == 7
 
 
 def test_of_frames_that_told_nothing_from_the_first_the_next_good_one_tells_within_eight(reader: Reader) -> None:
     """What came out from behind something was not read before, and five frames of it were of something else."""
-    track = track_of(NEAR)
+    history = History.of((SPEC,))
     for seq in range(5):
-        frame = shown(seq, NEAR)
-        outcome = reader.read(track, taken(frame, NEAR + (NEAR[1] - NEAR[0]) / 2), frame)
-        assert isinstance(outcome.reading, Rejected)
+        history, read = further(reader, history, shown(seq, NEAR), NEAR + (NEAR[1] - NEAR[0]) / 2)
+        assert isinstance(read, Rejected)
     for seq in range(5, 13):
-        frame = shown(seq, NEAR)
-        outcome = reader.read(track, taken(frame, NEAR), frame)
-    assert read_id(outcome.reading) == 7
+        history, read = further(reader, history, shown(seq, NEAR), NEAR)
+    assert read_id(read) == 7
+
+
+def test_a_frame_that_tells_nothing_is_left_out_of_what_was_known(reader: Reader) -> None:
+    """Three frames have shown a panel; a fourth was taken a cell aside, in the fifth it is there again."""
+    history = History.of((SPEC,))
+    for seq in range(3):
+        history, _ = further(reader, history, shown(seq, NEAR), NEAR)
+    untold, _ = further(reader, history, shown(3, NEAR), NEAR + (NEAR[1] - NEAR[0]) / 4)
+    assert untold.memories is history.memories
+    assert (untold.untold, untold.last, untold.shown) == (1, history.last, None)
+    told, _ = further(reader, untold, shown(4, NEAR), NEAR)
+    assert told.untold == 0
+    assert told.shown is not None

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from decode_material import SPEC, quad, square
 
+from ledpi.decode.history import Shown
 from ledpi.decode.identify.soft import Reading
-from ledpi.decode.track import Shown, Track, Tracker
+from ledpi.decode.track import Track, Tracker
 from ledpi.records import Floats
 
 FRAME_NS = 16_970_000  # 504 rows of 33.67 µs
@@ -98,7 +99,7 @@ def test_a_square_with_a_hidden_side_is_sought_where_it_is_seen(tracker: Tracker
     assert same is track
     assert found.seen_px is not None
     assert np.allclose(found.seen_px, seen + 2)
-    assert np.allclose(track.sought_px(3 * FRAME_NS), seen + 4)
+    assert np.allclose(track.where.sought_px(3 * FRAME_NS), seen + 4)
 
 
 def test_two_squares_side_by_side_do_not_swap(tracker: Tracker) -> None:
@@ -166,6 +167,6 @@ def test_where_tracks_meet_the_panel_that_was_read_goes_on(tracker: Tracker) -> 
     reading = Reading(
         id=7, quarter_turns=0, margin=20.0, likelihood=20.0, amplitude=(0.1, 0.1), cell_bands=np.zeros((16, 4))
     )
-    second.shown = Shown(group=0, reading=reading, expectation=None, frames=0)
+    second.history = second.history.read_as(Shown(group=0, reading=reading))
     tracker.begin(2 * FRAME_NS)
     assert tracker.expected() == [second, first]

@@ -3,24 +3,34 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ledpi.decode.cells import CellSamples
 from ledpi.decode.corners.approach import approach_quads
 from ledpi.decode.corners.edges import refine_quads
-from ledpi.decode.evidence.memory import PanelMemory
+from ledpi.decode.history import History, Shown
 from ledpi.decode.identify.blinking_rim import Inward, Rim
 from ledpi.decode.identify.ends import Ends
-from ledpi.decode.identify.soft import Reading
-from ledpi.decode.track import Track
 from ledpi.geometry import quad_side
 from ledpi.records import Frame, Intrinsics, Quad, Rejected
 
 # Of the side: so far within a bright frame's sides a panel's own are sought, give or take as much but for what the
 # frame's own blur.
 FRAMED, CLEAR_PX = 0.05, 1.5
+
+
+NO_END = Rejected(stage="soft", reason="no_end_seen")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Believed:
+    """Where a panel is, if it is believed."""
+
+    history: History
+    place: Quad | Rejected
+    own: Quad | None = None  # the panel's own sides, where what was followed so far is around it
 
 
 class Belief:
@@ -37,36 +47,32 @@ class Belief:
         self._cells, self._intrinsics, self._stream = cells, intrinsics, stream
         self._read_before: set[int] = set()  # IDs
 
-    def where(
-        self, frame: Frame, quad: Quad, samples: CellSamples, track: Track, reading: Reading, group: int
-    ) -> Quad | None:
-        """The panel that `track` was read as where `frame` shows `quad`, whose cells have these `samples`; or None.
-
-        `group`: which memory of the track it was read from.
-        """
-        memory = track.memories[group]
-        if (quad.told_by == "lines" or track.ends is not None) and reading.id not in self._read_before:
-            if track.ends is None:
-                track.ends = Ends(memory.spec)
-            track.ends.add(frame, quad, samples, self._intrinsics)
-            if not track.ends.are_where_told(reading.cell_bands, memory.origin_ns):
-                return None
+    def where(self, frame: Frame, quad: Quad, samples: CellSamples, history: History, shown: Shown) -> Believed:
+        """The panel that was read as `shown` where `frame` shows `quad`, whose cells have these `samples`."""
+        memory, reading = history.memories[shown.group], shown.reading
+        if (quad.told_by == "lines" or history.ends is not None) and reading.id not in self._read_before:
+            ends = (history.ends or Ends.of(memory.spec)).after(frame, quad, samples, self._intrinsics)
+            history = history.with_ends(ends)
+            if not ends.are_where_told(reading.cell_bands, memory.origin_ns):
+                return Believed(history=history.not_read(), place=NO_END)
         if self._stream:
             self._read_before.add(reading.id)
-        return quad if quad.cells_show else self._within(frame, quad, track, reading, memory)
+        return Believed(history=history, place=quad) if quad.cells_show else self._within(frame, quad, history, shown)
 
-    def _within(self, frame: Frame, quad: Quad, track: Track, reading: Reading, memory: PanelMemory) -> Quad:
+    def _within(self, frame: Frame, quad: Quad, history: History, shown: Shown) -> Believed:
         """The panel within a square in which no cells show: by sides of its own, or as far as it blinks."""
-        inward = Inward()
-        if track.rim is None:
+        memory = history.memories[shown.group]
+        rim = history.rim
+        if rim is None:
             own = self._own_sides(frame, quad)
             if own is not None:
-                track.lead_to(own)
-                return own if own.cells_show else _less_sure(own, inward)
-            track.rim = Rim(memory.spec, self._cells)
+                place = own if own.cells_show else _less_sure(own, Inward())
+                return Believed(history=history.of_no_frame(), place=place, own=own)
+            rim = Rim.of(memory.spec, self._cells)
         if self._stream:
-            inward = track.rim.inward(frame, quad, reading.cell_bands, memory.origin_ns, self._intrinsics)
-        return _less_sure(inward.of(quad, self._intrinsics), inward)
+            rim = rim.after(frame, quad, shown.reading.cell_bands, memory.origin_ns, self._intrinsics)
+        place = _less_sure(rim.inward.of(quad, self._intrinsics), rim.inward)
+        return Believed(history=history.with_rim(rim), place=place)
 
     def _own_sides(self, frame: Frame, around: Quad) -> Quad | None:
         """Those of a panel within a square, where light steps up once more."""

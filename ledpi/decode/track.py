@@ -3,19 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections import deque
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
 
 from ledpi.decode.corners.sides import as_points
-from ledpi.decode.evidence.expect import Expectation
-from ledpi.decode.evidence.memory import PanelMemory
-from ledpi.decode.identify.blinking_rim import Rim
-from ledpi.decode.identify.ends import Ends
-from ledpi.decode.identify.soft import Reading
-from ledpi.decode.identify.tuning import Proposal, Seen
+from ledpi.decode.history import History
 from ledpi.geometry import quad_middle, quad_side
 from ledpi.records import MAX_GAP_NS, Floats, PanelSpec, Quad, Rejected, ToldBy
 
@@ -32,70 +26,33 @@ SAME = 0.01  # of the side: squares no further apart, and in size, are one
 NEW_VELOCITY = 0.7
 # A square that has not been read in so many frames is a lamp or a window: it is looked at when all is searched anyway.
 OLD_FRAMES = 16
-SEEN_FRAMES = 12  # that are kept to find a panel's frequencies from
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Shown:
-    """What a track was read as last."""
+@dataclass(frozen=True, slots=True)
+class Where:
+    """Where the frame that has shown a square last has shown it."""
 
-    group: int  # which pair of frequencies, of those that panels may have
-    reading: Reading
-    expectation: Expectation | None  # of the frames to come, once it was asked for
-    frames: int  # that have been compared with it
-
-
-@dataclass(slots=True, eq=False)
-class Track:
-    """One lit square over time. Changed by `Tracker` and by the path, frame by frame."""
-
-    corners_px: Floats  # (4, 2) as last seen, in the order of the first frame
+    corners_px: Floats  # (4, 2) in the order of the track's first frame
     velocity_px_s: Floats | None  # (4, 2), None where it was seen once
     seen_ns: int  # row 0's read-out of the frame
-    memories: tuple[PanelMemory, ...]  # one for each pair of frequencies
-    shown: Shown | None = None
-    before: Shown | None = None  # what it was read as, where `untold` frames since then have told nothing
-    untold: int = 0
-    confirmed: int = 0  # frames that were as expected, and did not enter the memories
-    seen: deque[Seen] = field(default_factory=lambda: deque(maxlen=SEEN_FRAMES))
-    looks: int = 0  # since the last try to find its frequencies
-    tuned: Proposal | None = None  # its frequencies, where they are others than announced
-    tuned_by: int = 0  # frames
-    told_by: ToldBy = "sides"  # as its last quad was
-    ends: Ends | None = None  # once it is asked for
-    rim: Rim | None = None  # once it is asked for
-    hidden_px: Floats | float = 0.0  # (4, 2) from its corners to those of what was seen of it
+    told_by: ToldBy
+    hidden_px: Floats | float  # (4, 2) from its corners to those of what was seen of it
 
     @classmethod
-    def of(cls, quad: Quad, now_ns: int, memories: tuple[PanelMemory, ...]) -> Track:
-        """A square that was not seen before."""
-        track = cls(quad.corners_px, None, now_ns, memories)
-        track._take(quad, now_ns)
-        return track
+    def of(cls, quad: Quad, now_ns: int, velocity_px_s: Floats | None = None) -> Where:
+        """Where a quad is, of a square that moves so."""
+        hidden_px = 0.0 if quad.seen_px is None else quad.seen_px - quad.corners_px
+        return cls(quad.corners_px, velocity_px_s, now_ns, quad.told_by, hidden_px)
 
-    @property
-    def frames(self) -> int:
-        """How many have shown it."""
-        return self.memories[0].frames + self.confirmed
+    def after(self, quad: Quad, now_ns: int) -> Where:
+        """Where the square is now: in `quad`, the corners of which are in the track's order."""
+        step = (quad.corners_px - self.corners_px) / ((now_ns - self.seen_ns) * 1e-9)
+        before = self.velocity_px_s
+        return Where.of(quad, now_ns, step if before is None else before + NEW_VELOCITY * (step - before))
 
-    @property
-    def settling(self) -> bool:
-        """Whether its frequencies were told from a few frames, which is not exact enough for many more."""
-        return self.tuned is not None and self.tuned_by < SEEN_FRAMES
-
-    def forget_seen(self) -> None:
-        """All but the last frame: the others say nothing of what blinks here now."""
-        self.seen, self.looks = deque([self.seen[-1]], SEEN_FRAMES), 1
-
-    def begin_anew(self, memories: tuple[PanelMemory, ...]) -> None:
-        """What was seen here was something else, or does not add up."""
-        self.memories, self.shown, self.confirmed, self.ends, self.rim = memories, None, 0, None, None
-        self.before, self.untold = None, 0
-
-    def lead_to(self, own: Quad) -> None:
-        """What was seen so far is around the panel, not the panel. This is; of it nothing was seen yet."""
-        self.begin_anew(tuple(PanelMemory(memory.spec) for memory in self.memories))
-        self._take(own, self.seen_ns)
+    def rather(self, own: Quad) -> Where:
+        """What was seen is around the panel; this is the panel, in the same frame, and moves alike."""
+        return Where.of(own, self.seen_ns, self.velocity_px_s)
 
     def expected_px(self, now_ns: int) -> Floats:
         """(4, 2) where the corners should be now."""
@@ -108,18 +65,13 @@ class Track:
         """(4, 2) where the corners of what is seen of it should be now: what hid a side still does."""
         return np.asarray(self.expected_px(now_ns) + self.hidden_px)
 
-    def go_on(self, quad: Quad, now_ns: int) -> Quad:
-        """Takes in where the square is now. Returns it with its corners in the track's order."""
-        quad = _in_order_of(quad, self)
-        step = (quad.corners_px - self.corners_px) / ((now_ns - self.seen_ns) * 1e-9)
-        before = self.velocity_px_s
-        self.velocity_px_s = step if before is None else before + NEW_VELOCITY * (step - before)
-        self._take(quad, now_ns)
-        return quad
 
-    def _take(self, quad: Quad, now_ns: int) -> None:
-        self.corners_px, self.seen_ns, self.told_by = quad.corners_px, now_ns, quad.told_by
-        self.hidden_px = 0.0 if quad.seen_px is None else quad.seen_px - quad.corners_px
+@dataclass(slots=True, eq=False)
+class Track:
+    """One lit square over time. Both are records, which each frame may replace by others."""
+
+    where: Where
+    history: History
 
 
 class Tracker:
@@ -132,7 +84,7 @@ class Tracker:
 
     def begin(self, now_ns: int) -> None:
         """A new frame. Tracks not seen for MAX_GAP_NS end, and all do where time does not advance."""
-        self._tracks = [t for t in self._tracks if 0 < now_ns - t.seen_ns <= MAX_GAP_NS]
+        self._tracks = [t for t in self._tracks if 0 < now_ns - t.where.seen_ns <= MAX_GAP_NS]
         self._before_ns, self._now_ns = self._now_ns, now_ns
 
     def expected(self) -> list[Track]:
@@ -140,9 +92,9 @@ class Tracker:
 
         Panels that were read come first: where two tracks meet, they go on.
         """
-        seen = [t for t in self._tracks if t.seen_ns == self._before_ns]
-        young = [t for t in seen if not t.shown and (t.before or t.frames < OLD_FRAMES)]
-        return [t for t in seen if t.shown] + young
+        seen = [t for t in self._tracks if t.where.seen_ns == self._before_ns]
+        panels, others = [t for t in seen if t.history.shown], [t for t in seen if not t.history.shown]
+        return panels + [t for t in others if t.history.last or t.history.frames < OLD_FRAMES]
 
     def go_on(self, track: Track, quad: Quad | Rejected) -> Quad | None:
         """The square that was sought where `track` is expected, if it can be the track's; in the track's order.
@@ -151,22 +103,22 @@ class Tracker:
         """
         if isinstance(quad, Rejected) or _distance(quad, track, self._now_ns) is None:
             return None
-        seen = [_place(t.corners_px) for t in self._tracks if t.seen_ns == self._now_ns]
+        seen = [_place(t.where.corners_px) for t in self._tracks if t.where.seen_ns == self._now_ns]
         if _is_one_of(_place(quad.corners_px), seen):
             self._tracks.remove(track)
             return None
-        return track.go_on(quad, self._now_ns)
+        return self._gone_on(track, quad)
 
     def all_seen(self) -> bool:
         """Whether this frame has shown the square of every panel that was read, and there are any."""
-        panels = [t for t in self._tracks if t.shown is not None]
-        return bool(panels) and all(t.seen_ns == self._now_ns for t in panels)
+        panels = [t for t in self._tracks if t.history.shown is not None]
+        return bool(panels) and all(t.where.seen_ns == self._now_ns for t in panels)
 
     def is_followed(self, centre_px: tuple[float, float], side_px: float) -> bool:
         """Whether a candidate is a square that this frame has already shown."""
         for track in self._tracks:
-            if track.seen_ns == self._now_ns:
-                corners = track.corners_px.tolist()
+            if track.where.seen_ns == self._now_ns:
+                corners = track.where.corners_px.tolist()
                 side, away = quad_side(corners), math.dist(centre_px, quad_middle(corners))
                 if away < MAX_SHIFT * side and 1 / MAX_GROWTH < side_px / side < MAX_GROWTH:
                     return True
@@ -190,7 +142,7 @@ class Tracker:
         already, or to which two candidates have led, is not followed twice.
         """
         quads = self._not_seen(quads)
-        unseen = [t for t in self._tracks if t.seen_ns != self._now_ns]
+        unseen = [t for t in self._tracks if t.where.seen_ns != self._now_ns]
         pairs = [
             (distance, i, j)
             for i, quad in enumerate(quads)
@@ -205,12 +157,18 @@ class Tracker:
         for i, quad in enumerate(quads):
             if i in partner:
                 track = unseen[partner[i]]
-                quad = track.go_on(quad, self._now_ns)
+                quad = self._gone_on(track, quad)
             else:
-                track = Track.of(quad, self._now_ns, tuple(PanelMemory(s) for s in self._specs))
+                track = Track(Where.of(quad, self._now_ns), History.of(self._specs))
                 self._tracks.append(track)
             followed.append((quad, track))
         return followed
+
+    def _gone_on(self, track: Track, quad: Quad) -> Quad:
+        """The quad in the track's order, now that the track is there."""
+        quad = _in_order_of(quad, track.where.corners_px)
+        track.where = track.where.after(quad, self._now_ns)
+        return quad
 
 
 def _place(corners_px: Floats) -> Place:
@@ -227,14 +185,14 @@ def _distance(quad: Quad, track: Track, now_ns: int) -> float | None:
     """How far a quad is from where a track is expected, in sides; None where it cannot be the same."""
     corners = quad.corners_px.tolist()
     side = quad_side(corners)
-    distance = math.dist(quad_middle(corners), quad_middle(track.expected_px(now_ns).tolist())) / side
-    growth = side / quad_side(track.corners_px.tolist())
+    distance = math.dist(quad_middle(corners), quad_middle(track.where.expected_px(now_ns).tolist())) / side
+    growth = side / quad_side(track.where.corners_px.tolist())
     return distance if distance < MAX_SHIFT and 1 / MAX_GROWTH < growth < MAX_GROWTH else None
 
 
-def _in_order_of(quad: Quad, track: Track) -> Quad:
-    """The quad with its corners turned so that each is the one of the track that it continues."""
-    corners, before = as_points(quad.corners_px).tolist(), as_points(track.corners_px).tolist()
+def _in_order_of(quad: Quad, before_px: Floats) -> Quad:
+    """The quad with its corners turned so that each continues the one of those before."""
+    corners, before = as_points(quad.corners_px).tolist(), as_points(before_px).tolist()
     middle = sum(before) / 4
     towards = [(at - middle).conjugate() for at in before]
     turned = [math.fsum((towards[i] * corners[i - 4 + k]).real for i in range(4)) for k in range(4)]

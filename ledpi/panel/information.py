@@ -102,7 +102,7 @@ def evidence_of(view: View, spec: PanelSpec, *, frames: int, frame_length_rows: 
     memory = PanelMemory(spec)
     for seq, (samples, frame) in enumerate(view.shots[:frames]):
         readout_ns = round(seq * frame_length_rows * frame.row_time_us * 1e3)
-        memory.add(samples, replace(frame, row0_readout_ns=readout_ns))
+        memory, _ = memory.after(samples, replace(frame, row0_readout_ns=readout_ns))
     known = memory.evidence()
     if isinstance(known, Evidence):
         return known

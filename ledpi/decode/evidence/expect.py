@@ -15,8 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ledpi.decode.cells import CellSamples, Lattice
+from ledpi.decode.evidence.comparison import Mean
 from ledpi.decode.evidence.evidence import picture_slopes
-from ledpi.decode.evidence.memory import Known, PanelMemory
+from ledpi.decode.evidence.memory import PanelMemory
 from ledpi.kernels import expect as kernel
 from ledpi.kernels.library import compiled
 from ledpi.records import Floats, Frame, Singles
@@ -46,15 +47,15 @@ class Expectation:
     @classmethod
     def of(cls, memory: PanelMemory, bands: Floats) -> Expectation:
         """Of the frames in `memory`, which show `bands` (cells, P): cosine and sine of each wave."""
-        known = memory.known()
-        root, basis, left_bands = (_made_compiled if compiled() else _made)(known, bands)
+        mean, lattice = memory.mean(), memory.newest[0].lattice
+        root, basis, left_bands = (_made_compiled if compiled() else _made)(mean, lattice, bands)
         by_wave = bands.reshape(len(bands), -1, 2)
         wave = by_wave.any(axis=2).argmax(axis=1)  # that a cell shows
         cosine, sine = by_wave[np.arange(len(bands)), wave].T
         return cls(
-            lattice=known.lattice,
-            origin_ns=known.origin_ns,
-            picture=known.mean.picture,
+            lattice=lattice,
+            origin_ns=memory.origin_ns,
+            picture=mean.picture,
             root=root,
             basis=basis,
             left_bands=left_bands,
@@ -128,19 +129,17 @@ class Expectation:
         return float(own.sum()), -float(np.minimum(own, 0.0).sum())
 
 
-def _made_compiled(known: Known, bands: Floats) -> tuple[Singles, Singles, Singles]:
+def _made_compiled(mean: Mean, lattice: Lattice, bands: Floats) -> tuple[Singles, Singles, Singles]:
     """`_made`, in C."""
-    mean = known.mean
     return kernel.expectation(
-        picture=mean.picture, count=mean.count, mean_waves=mean.waves, along=known.lattice.along, bands=bands
+        picture=mean.picture, count=mean.count, mean_waves=mean.waves, along=lattice.along, bands=bands
     )
 
 
-def _made(known: Known, bands: Floats) -> tuple[Singles, Singles, Singles]:
+def _made(mean: Mean, lattice: Lattice, bands: Floats) -> tuple[Singles, Singles, Singles]:
     """`root`, `basis` and `left_bands` of an `Expectation`."""
-    mean = known.mean
     weight = mean.picture * (mean.count / (mean.count + 1))
     root = np.sqrt(weight / weight.mean())
-    fields = np.concatenate([root[None], picture_slopes(mean.picture, known.lattice) * root])
+    fields = np.concatenate([root[None], picture_slopes(mean.picture, lattice) * root])
     basis = np.ascontiguousarray(np.linalg.qr(fields.reshape(len(fields), -1).T)[0].T)
     return root, basis, np.einsum("cj,jcs->cs", bands.astype(np.float32), mean.waves)

@@ -31,61 +31,80 @@ DARKEST = np.float32(0.02)  # of the mean picture's mean: what is darker is hard
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Known:
-    """The mean of some frames, and when they began."""
+class Compared:
+    """What frames have said by comparison with those before them; of old ones some has faded."""
 
-    lattice: Lattice
-    origin_ns: int  # row 0's read-out of the first frame, from which phases count
-    mean: Mean
+    score: Floats
+    information: Floats
+    left: float
+    noise: Correlation
+    count: float  # of the comparisons
+
+    @classmethod
+    def with_one_more(cls, before: Compared | None, added: Evidence) -> Compared:
+        """The same once a further frame has added this."""
+        if before is None:
+            noise = added.noise.after(WHITE, 0.0)
+            return cls(score=added.score, information=added.information, left=added.left, noise=noise, count=1.0)
+        return cls(
+            score=FORGETTING * before.score + added.score,
+            information=FORGETTING * before.information + added.information,
+            left=FORGETTING * before.left + added.left,
+            noise=added.noise.after(before.noise, before.count),
+            count=1.0 + FORGETTING * before.count,
+        )
 
 
+@dataclass(frozen=True, slots=True)
 class PanelMemory:
     """The frames of one panel so far, for one pair of frequencies. Frames come in order; corners keep their order."""
 
-    def __init__(self, spec: PanelSpec) -> None:
-        self.spec = spec
-        self.frames = 0
-        self.lattice: Lattice | None = None
-        self.origin_ns = 0  # row 0's read-out of the first frame, from which bands are counted
-        self._first: tuple[CellSamples, Frame] | None = None  # of the mean picture, until that is made
-        self._score: Floats | None = None
-        self._information: Floats | None = None
-        self._left = 0.0
-        self._noise, self._compared = WHITE, 0.0  # of the comparisons, and of how many
+    spec: PanelSpec
+    frames: int = 0
+    origin_ns: int = 0  # row 0's read-out of the first frame, from which bands are counted
+    last: tuple[CellSamples, Frame] | None = None
+    many: Mean | None = None  # picture of the frames on this lattice; None where the last one alone is
+    compared: Compared | None = None
 
-    def add(self, samples: CellSamples, frame: Frame) -> Evidence | None:
-        """Takes a frame in. Returns what it adds by comparison with those before, if anything."""
-        if self.frames == 0:
-            self.origin_ns = frame.row0_readout_ns
-        compared = None
-        if self.frames == 0 or self.lattice is not samples.lattice:
-            # A new lattice: what was learnt of the bands stays, the picture does not.
-            self.lattice = samples.lattice
-            self._first = samples, frame
-        else:
-            self._begin()
-            compared = self._compare(samples, frame)
-        self._samples, self._frame = samples, frame
-        self.frames += 1
-        return compared
+    def after(self, samples: CellSamples, frame: Frame) -> tuple[PanelMemory, Evidence | None]:
+        """The memory with a further frame, and what that adds by comparison with those before, if anything."""
+        origin_ns = self.origin_ns if self.frames else frame.row0_readout_ns
+        further = replace(self, frames=self.frames + 1, origin_ns=origin_ns, last=(samples, frame), many=None)
+        if self.lattice is not samples.lattice:
+            return further, None  # what was learnt of the bands stays, the picture does not
+        before, waves = self._mean(), self._waves(samples, frame)
+        scale, added = compared_evidence(samples, frame, self.spec, waves, _lit(before))
+        light = samples.light / np.float32(max(scale, LEAST_SCALE))
+        many = _with_one_more(before, light, waves, _shown(samples))
+        if isinstance(added, Rejected):
+            return replace(further, many=many), None
+        compared = Compared.with_one_more(self.compared, added)
+        return replace(further, many=many, compared=compared), added.by(compared.noise)
 
-    def known(self) -> Known:
-        """What there is to compare a further frame with."""
-        return Known(lattice=self._samples.lattice, origin_ns=self.origin_ns, mean=self._mean())
+    @property
+    def lattice(self) -> Lattice | None:
+        """That of the newest frame; None before there is one."""
+        return None if self.last is None else self.last[0].lattice
+
+    @property
+    def newest(self) -> tuple[CellSamples, Frame]:
+        """The frame that was added last. Here and below: there must be one."""
+        assert self.last is not None
+        return self.last
+
+    def mean(self) -> Mean:
+        """The frames that there are to compare a further one with."""
+        return _lit(self._mean())
 
     @property
     def noise(self) -> Correlation:
         """How far the comparisons so far found it alike in neighbouring samples."""
-        return self._noise
-
-    @property
-    def newest(self) -> tuple[CellSamples, Frame]:
-        """The frame that was added last."""
-        return self._samples, self._frame
+        return WHITE if self.compared is None else self.compared.noise
 
     def in_its_time(self, bands: Floats) -> Floats:
         """Bands (cells, P) of the newest frame alone as all frames count them: from row 0 of the first."""
-        return turned(bands, self.spec.waves_hz, (self._frame.row0_readout_ns - self.origin_ns) * 1e-9)
+        _, frame = self.newest
+        return turned(bands, self.spec.waves_hz, (frame.row0_readout_ns - self.origin_ns) * 1e-9)
 
     def evidence(self) -> Evidence | Rejected:
         """All that is known: the comparisons so far, and the mean picture read as one frame."""
@@ -98,68 +117,55 @@ class PanelMemory:
 
     def of_comparisons(self) -> Evidence | None:
         """What the frames after the first have said, whatever the panel looks like."""
-        if self._score is None or self._information is None:
+        if (known := self.compared) is None:
             return None
-        return Evidence(
-            score=self._score,
-            information=self._information,
-            prior=band_prior(self._frame, self.spec),
-            left=self._left,
-        ).by(self._noise)
-
-    def _begin(self) -> None:
-        """Makes a mean picture of the first frame, once it is asked for: most squares are seen once."""
-        if self._first is None:
-            return
-        samples, frame = self._first
-        self._count, self._picture = _shown(samples), samples.light / samples.light.mean()
-        self._mean_waves = self._waves(samples, frame)
-        self._first = None
+        prior = band_prior(self.newest[1], self.spec)
+        return Evidence(score=known.score, information=known.information, prior=prior, left=known.left).by(known.noise)
 
     def _waves(self, samples: CellSamples, frame: Frame) -> Singles:
         """(P, cells, points): cosine and sine of each wave in this frame."""
         return class_waves(samples, frame, self.spec, (frame.row0_readout_ns - self.origin_ns) * 1e-9)
 
+    def _mean(self) -> Mean:
+        """Of the frames on this lattice; made of a first one when it is asked for, as most squares are seen once."""
+        if self.many is not None:
+            return self.many
+        samples, frame = self.newest
+        picture = samples.light / samples.light.mean()
+        return Mean(picture=picture, count=_shown(samples), waves=self._waves(samples, frame))
+
     def _of_mean_picture(self) -> Evidence | Rejected:
-        self._begin()
-        seen = self._count > 0
+        mean, (samples, frame) = self._mean(), self.newest
+        seen = mean.count > 0
         # A whole wave's cosine and sine have a power of 1 together.
-        waves = len(self._mean_waves) // 2
-        power = float(np.square(self._mean_waves).sum() / max(1, waves * int(seen.sum())))
-        if self._score is not None and power < MEAN_WAVE_POWER:
-            nothing = np.zeros((len(self._picture), len(self._mean_waves)))
+        waves = len(mean.waves) // 2
+        power = float(np.square(mean.waves).sum() / max(1, waves * int(seen.sum())))
+        if self.compared is not None and power < MEAN_WAVE_POWER:
+            nothing = np.zeros((len(mean.picture), len(mean.waves)))
             return Evidence(
                 score=nothing,
                 information=np.zeros(nothing.shape * 2),
-                prior=band_prior(self._frame, self.spec),
+                prior=band_prior(frame, self.spec),
                 left=0.0,
             )
-        mean = replace(self._samples, light=self._picture, valid=None if seen.all() else seen)
-        return single_evidence(mean, self._frame, self.spec, self._mean_waves)
+        picture = replace(samples, light=mean.picture, valid=None if seen.all() else seen)
+        return single_evidence(picture, frame, self.spec, mean.waves)
 
-    def _compare(self, samples: CellSamples, frame: Frame) -> Evidence | None:
-        waves = self._waves(samples, frame)
-        scale, added = compared_evidence(samples, frame, self.spec, waves, self._mean())
-        if isinstance(added, Evidence):
-            before = 0.0 if self._score is None else FORGETTING * self._score
-            known = 0.0 if self._information is None else FORGETTING * self._information
-            self._score, self._information = before + added.score, known + added.information
-            self._left = FORGETTING * self._left + added.left
-            self._noise = added.noise.after(self._noise, self._compared)
-            self._compared = 1.0 + FORGETTING * self._compared
-        self._remember(samples.light / np.float32(max(scale, LEAST_SCALE)), waves, _shown(samples))
-        return added.by(self._noise) if isinstance(added, Evidence) else None
 
-    def _mean(self) -> Mean:
-        self._begin()
-        return Mean(picture=np.maximum(self._picture, DARKEST), count=self._count, waves=self._mean_waves)
+def _lit(mean: Mean) -> Mean:
+    """The same, its picture above 0."""
+    return replace(mean, picture=np.maximum(mean.picture, DARKEST))
 
-    def _remember(self, light: Singles, waves: Singles, valid: Singles) -> None:
-        total = self._count + valid
-        share = np.where(valid > 0, 1.0 / np.maximum(total, 1.0), 0.0).astype(np.float32)
-        self._picture = self._picture + (light - self._picture) * share
-        self._mean_waves = self._mean_waves + (waves - self._mean_waves) * share
-        self._count = np.minimum(total, np.float32(MEAN_FRAMES))
+
+def _with_one_more(before: Mean, light: Singles, waves: Singles, valid: Singles) -> Mean:
+    """The mean with a further frame, of `light` in its unit."""
+    total = before.count + valid
+    share = np.where(valid > 0, 1.0 / np.maximum(total, 1.0), 0.0).astype(np.float32)
+    return Mean(
+        picture=before.picture + (light - before.picture) * share,
+        count=np.minimum(total, np.float32(MEAN_FRAMES)),
+        waves=before.waves + (waves - before.waves) * share,
+    )
 
 
 def _shown(samples: CellSamples) -> Singles:

@@ -48,53 +48,55 @@ class Inward:
         return replace(quad, corners_px=_placed(_straight(quad, intrinsics), within, intrinsics))
 
 
+@dataclass(frozen=True, slots=True)
 class Rim:
-    """What the strips along a square's sides show, in the frames of a stream that were added."""
+    """What the strips along a square's sides show, in the frames of a stream."""
 
-    def __init__(self, spec: PanelSpec, cells: int) -> None:
-        self._spec, self._cells = spec, cells
-        self._frames = 0  # in which the panel was read
-        self._begin_anew(STRIPS[0])
+    cells: int
+    sides: tuple[PanelMemory, ...]  # of the strips between corners 0 and 1, 1 and 2, …
+    strips: int = STRIPS[0]  # in a cell
+    frames: int = 0  # in which the panel was read
+    inward: Inward = Inward()  # how far in it ends, as told by them
 
-    def _begin_anew(self, strips: int) -> None:
-        self._strips = strips  # in a cell
-        self._sides = [PanelMemory(self._spec) for _ in range(SIDES)]
-        self._told = Inward()
+    @classmethod
+    def of(cls, spec: PanelSpec, cells: int) -> Rim:
+        """Before there was a frame."""
+        return cls(cells, (PanelMemory(spec),) * SIDES)
 
-    def inward(
-        self, frame: Frame, quad: Quad, shown: Floats, origin_ns: int, intrinsics: Intrinsics | None
-    ) -> Inward:
-        """How far in the panel ends that a further frame shows in `quad`.
+    def after(self, frame: Frame, quad: Quad, shown: Floats, origin_ns: int, intrinsics: Intrinsics | None) -> Rim:
+        """With a further frame, which shows the panel in `quad`.
 
         `shown`: the bands (cells, P) of its cells, counted from row 0 then. Where strips get too thin, it begins anew.
         """
-        self._frames += 1
-        if self._frames <= FIRST or self._frames % ONE_OF == 0:
-            self._add(frame, quad, intrinsics)
-            self._told = self._tell(shown, origin_ns)
-        return self._told
+        further = replace(self, frames=self.frames + 1)
+        if further.frames > FIRST and further.frames % ONE_OF != 0:
+            return further
+        looked = further._with_strips(frame, quad, intrinsics)
+        return replace(looked, inward=looked._tell(shown, origin_ns))
 
-    def _add(self, frame: Frame, quad: Quad, intrinsics: Intrinsics | None) -> None:
+    def _with_strips(self, frame: Frame, quad: Quad, intrinsics: Intrinsics | None) -> Rim:
         shortest_px = np.hypot(*(np.roll(quad.corners_px, -1, axis=0) - quad.corners_px).T).min()
-        not_thin = [strips for strips in STRIPS if shortest_px > MIN_CELL_PX * self._cells * strips]
+        not_thin = [strips for strips in STRIPS if shortest_px > MIN_CELL_PX * self.cells * strips]
         if not not_thin:
-            return
-        if self._strips not in not_thin:
-            self._begin_anew(not_thin[0])
-        depth = 1.0 / self._strips  # of as many strips as a panel has rows: they are looked at as if they were a panel
+            return self
+        strips, before = self.strips, self.sides
+        if strips not in not_thin:
+            strips, before = not_thin[0], (PanelMemory(before[0].spec),) * SIDES
+        depth = 1.0 / strips  # of as many strips as a panel has rows: they are looked at as if they were a panel
         straight = _straight(quad, intrinsics)
-        for turns, memory in enumerate(self._sides):
+        sides = []
+        for turns, memory in enumerate(before):
             corners = _placed(np.roll(straight, -turns, axis=0), box(0.0, 0.0, 1.0, depth), intrinsics)
             along = Quad(corners_px=corners, corner_sigma_px=quad.corner_sigma_px, bend_px=quad.bend_px)
-            light = sample_cells(frame, along, self._cells, intrinsics, like=memory.lattice)
-            if not isinstance(light, Rejected):
-                memory.add(light, frame.without_picture())
+            light = sample_cells(frame, along, self.cells, intrinsics, like=memory.lattice)
+            sides.append(memory if isinstance(light, Rejected) else memory.after(light, frame.without_picture())[0])
+        return replace(self, strips=strips, sides=tuple(sides))
 
     def _tell(self, shown: Floats, origin_ns: int) -> Inward:
-        told = np.array([self._lacks(memory, turns, shown, origin_ns) for turns, memory in enumerate(self._sides)])
+        told = np.array([self._lacks(memory, turns, shown, origin_ns) for turns, memory in enumerate(self.sides)])
         lacks, sigma = told[..., 0], told[..., 1]  # (sides, outer strips)
         strips = np.logical_and.accumulate(lacks > SURELY * sigma, axis=1).sum(axis=1)  # that lack bands, of each side
-        depth, of_mean = 1.0 / (self._strips * self._cells), _sigma_of_mean(sigma[:, 0])
+        depth, of_mean = 1.0 / (self.strips * self.cells), _sigma_of_mean(sigma[:, 0])
         if (lacks[:, 0] > 0).all() and lacks[:, 0].mean() > SURELY * of_mean:  # all together, if none alone
             strips = np.maximum(strips, 1)
         lacking = strips > 0
@@ -113,20 +115,20 @@ class Rim:
 
     def _lacks(self, memory: PanelMemory, turns: int, shown: Floats, origin_ns: int) -> list[tuple[float, float]]:
         """How much of its bands each outer strip lacks, of what inner ones have of theirs; and the deviation."""
-        outer = self._cells // 2
+        outer = self.cells // 2
         evidence = memory.of_comparisons()
         if evidence is None:
             return [(0.0, np.inf)] * outer
-        shown = turned(shown, self._spec.waves_hz, 1e-9 * (origin_ns - memory.origin_ns))
-        rows = np.rot90(shown.reshape(self._cells, self._cells, -1), turns)
-        has, variance = _bands_of_rows(evidence, rows[np.arange(self._cells) // self._strips])
+        shown = turned(shown, memory.spec.waves_hz, 1e-9 * (origin_ns - memory.origin_ns))
+        rows = np.rot90(shown.reshape(self.cells, self.cells, -1), turns)
+        has, variance = _bands_of_rows(evidence, rows[np.arange(self.cells) // self.strips])
         inner = float(np.average(has[outer:], weights=1.0 / variance[outer:]))
         of_inner = float(np.sum(1.0 / variance[outer:])) ** -0.5
         if not inner > SURELY * of_inner:
             return [(0.0, np.inf)] * outer
-        lit = memory.newest[0].light.reshape(self._cells, -1).mean(axis=1)
+        lit = memory.newest[0].light.reshape(self.cells, -1).mean(axis=1)
         # Light that falls on a panel dilutes its bands.
-        left = np.maximum(lit[:outer] / lit[self._strips - 1], 1.0) * has[:outer] / inner
+        left = np.maximum(lit[:outer] / lit[self.strips - 1], 1.0) * has[:outer] / inner
         sigma = np.sqrt(variance[:outer] + np.square(left * of_inner)) / inner
         return list(zip((1.0 - left).tolist(), sigma.tolist(), strict=True))
 

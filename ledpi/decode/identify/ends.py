@@ -7,7 +7,7 @@ columns must blink for itself, and none of the four beside them as much.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -32,45 +32,47 @@ MOST_BESIDE = 0.5
 MOST_UNLIKE = 2.0
 
 
+@dataclass(frozen=True, slots=True)
 class Ends:
-    """What a lattice and the four rows beside it show, in the frames of a stream that were added, or in one.
+    """What a lattice and the four rows beside it show, in the frames of a stream, or in one.
 
     All in the same frames, so that they can be compared.
     """
 
-    def __init__(self, spec: PanelSpec) -> None:
-        self._spec = spec
-        self._begin_anew()
+    within: PanelMemory
+    aside: tuple[PanelMemory, ...]
 
-    def _begin_anew(self) -> None:
-        self._within, *self._aside = (PanelMemory(self._spec) for _ in range(1 + SIDES))
+    @classmethod
+    def of(cls, spec: PanelSpec) -> Ends:
+        """Before there was a frame."""
+        return cls(PanelMemory(spec), (PanelMemory(spec),) * SIDES)
 
-    def add(self, frame: Frame, quad: Quad, samples: CellSamples, intrinsics: Intrinsics | None) -> None:
-        """Takes a frame in, in which `quad` has `samples`. Where a row beside is out of sight, it begins anew."""
+    def after(self, frame: Frame, quad: Quad, samples: CellSamples, intrinsics: Intrinsics | None) -> Ends:
+        """With a further frame, in which `quad` has `samples`. Where a row beside is out of sight, it begins anew."""
         # What is black or saturated tells here that it does not blink.
         visible = replace(frame, pixels=np.clip(frame.pixels, 1, SATURATED - 1))
         cells, times = samples.lattice.cells, frame.without_picture()
         rows_up = (_a_row_up(quad, turns, cells, intrinsics) for turns in range(SIDES))
         beside = [sample_cells(visible, up, cells, intrinsics, like=samples.lattice) for up in rows_up]
-        self._within.add(samples, times)
-        for memory, light in zip(self._aside, beside, strict=True):
+        aside = []
+        for memory, light in zip(self.aside, beside, strict=True):
             if isinstance(light, Rejected):
-                self._begin_anew()
-                return
-            memory.add(light, times)
+                return Ends.of(self.within.spec)
+            aside.append(memory.after(light, times)[0])
+        return Ends(self.within.after(samples, times)[0], tuple(aside))
 
     def are_where_told(self, shown: Floats, origin_ns: int) -> bool:
         """Whether the panel ends there whose cells have shown these bands (cells, P), counted from row 0 then."""
-        if self._within.frames == 0:
+        if self.within.frames == 0:
             return False
-        evidence = self._within.evidence()
+        evidence = self.within.evidence()
         if isinstance(evidence, Rejected):
             return False
-        shown = turned(shown, self._spec.waves_hz, 1e-9 * (origin_ns - self._within.origin_ns))
+        shown = turned(shown, self.within.spec.waves_hz, 1e-9 * (origin_ns - self.within.origin_ns))
         weakest = weakest_row(evidence, shown)
         if not weakest > LEAST_WITHIN:
             return False
-        return all(_blinks(memory, turns, shown) < MOST_BESIDE * weakest for turns, memory in enumerate(self._aside))
+        return all(_blinks(memory, turns, shown) < MOST_BESIDE * weakest for turns, memory in enumerate(self.aside))
 
 
 def _blinks(aside: PanelMemory, turns: int, shown: Floats) -> float:
