@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, lru_cache
 
 import numpy as np
 
@@ -60,10 +60,7 @@ class Codebook:
 
         The word itself is none of them.
         """
-        coarse = coarse_patterns(math.isqrt(self.white.shape[1]))
-        differ = np.count_nonzero(coarse != self.white[word], axis=1)
-        taken_for_it: Mask = (differ > 0) & (differ <= self.correctable)
-        return coarse[taken_for_it]
+        return _coarse_beside(self.white[word].tobytes(), self.correctable)
 
     def correctable_beside(self, silent: Mask | None, word: int) -> int:
         """`correctable` where the `silent` (cells,) say nothing: ⌊(d − 1)/2⌋ of the other cells, if that is less.
@@ -89,6 +86,15 @@ def coarse_patterns(side: int) -> Singles:
     parts = np.stack(np.meshgrid(*[[0, 1]] * 4), axis=-1).reshape(-1, 2, 2)
     patterns = [part[rows.astype(int)][:, columns.astype(int)] for part in parts for rows in ends for columns in ends]
     return np.unique(np.reshape(patterns, (-1, side * side)), axis=0).astype(np.float32)
+
+
+@lru_cache(maxsize=1024)  # each panel that is read asks for its word's
+def _coarse_beside(word: bytes, correctable: int) -> Singles:
+    """`Codebook.coarse_beside` of a word (cells,), given as its numbers' bytes."""
+    pattern = np.frombuffer(word, np.float32)
+    coarse = coarse_patterns(math.isqrt(len(pattern)))
+    differ = np.count_nonzero(coarse != pattern, axis=1)
+    return np.asarray(coarse[(differ > 0) & (differ <= correctable)])
 
 
 def repeats(white: Mask) -> tuple[bool, bool]:
