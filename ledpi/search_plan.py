@@ -10,7 +10,7 @@ from ledpi.tone import linear_light
 
 # A stream searches the whole picture for newcomers in every third frame, and in each that does not show all its tracks.
 SEARCH_EVERY = 3
-# Beside panels that are read, what a search does not see at first is looked for in every fourth search.
+# Beside panels that are read, what a search does not see at first is looked for in every fourth search of a stream.
 AGAIN_EVERY = 4
 # What is within panels is looked at where sides tell nothing. Where there are many lattices that takes longer than all
 # else: in every third of a stream's frames without a panel, so that what is touched is a newcomer for no longer either.
@@ -39,7 +39,8 @@ class SearchPlan:
 
     def goes_on(self, *, read: bool) -> bool:
         """Whether it is searched once more, for what is only bright for its surroundings."""
-        return self._searching and (not read or self._searches % AGAIN_EVERY == 0)
+        in_turn = self._stream and self._searches % AGAIN_EVERY == 0
+        return self._searching and (not read or in_turn)
 
     def looks_within(self, frame: Frame, looked: Iterable[CellSamples], *, read: bool) -> bool:
         """Whether what shows no sides may be a panel. `looked`: the squares that this frame has shown."""

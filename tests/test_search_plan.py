@@ -41,6 +41,14 @@ def test_while_nothing_is_read_every_frame_is_searched_and_every_third_within() 
     assert [searched(plan, frame, all_seen=False, read=False) for _ in range(6)] == ["sa", "sa", "saw"] * 2
 
 
+@pytest.mark.parametrize(("read", "how"), [(True, "s"), (False, "saw")])
+def test_frames_that_stand_alone_are_all_searched_alike(read: bool, how: str) -> None:
+    """Whatever came before: how thoroughly is told by what the frame itself has shown."""
+    frame, _ = shown(60.0, 0.4)
+    plan = SearchPlan(stream=False)
+    assert [searched(plan, frame, all_seen=False, read=read) for _ in range(8)] == [how] * 8
+
+
 @pytest.mark.parametrize(("side", "light", "within"), [(20.0, 0.4, False), (20.0, 0.05, True), (60.0, 0.4, True)])
 def test_a_frame_alone_that_has_shown_a_panel_far_away_is_not_looked_within(
     side: float, light: float, within: bool
