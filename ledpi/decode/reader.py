@@ -27,6 +27,9 @@ from ledpi.records import Frame, PanelSpec, Rejected
 # Frames that surely show what was read last are not read anew, but for one of eight: by then a panel may look a little
 # otherwise, and the margin has grown.
 READ_EVERY = 8
+# What was read is still shown while it leads by what this rate asks for, 4.8 nats and not 11.3: else a word that has
+# only just passed comes and goes with the noise of further frames.
+KEPT_RATE = 1e-3
 # A track whose frames add up to nothing may blink at other frequencies. That is tried after every so many.
 TUNE_EVERY = 4
 # Frames that contradict each other make a track forget: one that remembers less than this does not add up.
@@ -76,38 +79,47 @@ class Reader:
 
     def _read_anew(self, before: History, samples: CellSamples, frame: Frame) -> Outcome:
         now, denied = _with_frame(before, samples, frame)
-        shown = self._decide(now)
+        shown = self._decide(now, self._false_id_rate)
         if isinstance(shown, Rejected) and not denied and (before.last is not None or _may_speak_alone(now)):
             # Together they tell nothing any more; where phases run other than expected, each frame still may by itself.
             only = now.of_newest_alone()
-            alone = self._decide(only)
+            alone = self._decide(only, self._false_id_rate)
             if isinstance(alone, Shown):
                 now, shown = only, alone
+            elif before.last is not None:
+                shown = self._still(now, before.last) or shown
         open_yet = isinstance(shown, Rejected) or now.frames < ADDS_UP_FRAMES or now.tuning.settling
         if open_yet and now.tuning.looks >= TUNE_EVERY:
             tuned = self._tune(now)
             if tuned is None:
                 now = now.tuned(now.tuning.tried())
             else:
-                now, shown = tuned, self._decide(tuned)
+                now, shown = tuned, self._decide(tuned, self._false_id_rate)
         if isinstance(shown, Shown):
             now = now.read_as(shown)
         else:
             now = now.not_read() if before.last is None or denied else _without_newest(before, now)
         return Outcome(history=now, shown=shown, denied=denied)
 
-    def _decide(self, history: History) -> Shown | Rejected:
-        tuned = history.tuning.found is not None
-        readings = [self._word(memory, group, tuned=tuned) for group, memory in enumerate(history.memories)]
-        reading = soft.surest(readings, self._false_id_rate)
+    def _still(self, now: History, last: Shown) -> Shown | None:
+        """What was read last, if all frames together still show that."""
+        kept = self._decide(now, KEPT_RATE)
+        if isinstance(kept, Rejected):
+            return None
+        as_before = kept.reading.id == last.reading.id and kept.reading.quarter_turns == last.reading.quarter_turns
+        return kept if as_before else None
+
+    def _decide(self, history: History, rate: float) -> Shown | Rejected:
+        if history.tuning.found is not None:
+            rate /= CHOICES  # as frequencies that were chosen to fit leave chance more ways to look like a word
+        readings = [self._word(memory, group, rate) for group, memory in enumerate(history.memories)]
+        reading = soft.surest(readings, rate)
         if isinstance(reading, Rejected):
             return reading
         ids = [r.id if isinstance(r, Reading) else None for r in readings]
         return Shown(group=ids.index(reading.id), reading=reading)
 
-    def _word(self, memory: PanelMemory, group: int, *, tuned: bool) -> Reading | Rejected:
-        # Frequencies that were chosen to fit leave chance more ways to look like a word.
-        rate = self._false_id_rate / CHOICES if tuned else self._false_id_rate
+    def _word(self, memory: PanelMemory, group: int, rate: float) -> Reading | Rejected:
         book = self._codebooks[group]
         alone = self._alone(memory, book if memory.spec is book.spec else replace(book, spec=memory.spec), rate)
         if alone is not None:
@@ -136,7 +148,7 @@ class Reader:
         for group, book in enumerate(self._codebooks):
             for proposal in propose_frequencies(seen, book.spec, book):
                 memory, added = _remembered(seen, proposal.spec)
-                reading = self._word(memory, group, tuned=True)
+                reading = self._word(memory, group, self._false_id_rate / CHOICES)
                 # What the frames before have shown may be there no more.
                 if (
                     isinstance(reading, Reading)
