@@ -46,10 +46,19 @@ def is_consistent(evidence: Evidence, fit: Fit, lead: float) -> bool:
     silent = 0 if fit.silent is None else int(np.count_nonzero(fit.silent))
     freedom = (len(fit.gain) - silent - 1) * len(evidence.prior)
     of_word = fit.likelihood[0]
-    misfit = fit.of_cells - of_word
     if is_deep_anywhere(evidence.prior):
-        return misfit < lead and of_word > MIN_EXPLAINED * evidence.left
+        return fit.of_cells - of_word < lead and of_word > MIN_EXPLAINED * evidence.left
+    misfit = fit.of_cells - (of_word + _of_open_bands(evidence, fit))
     return misfit < 0.5 * (freedom + DEVIATIONS * math.sqrt(2.0 * freedom)) + MAX_MISFIT * of_word
+
+
+def _of_open_bands(evidence: Evidence, fit: Fit) -> float:
+    """What a word's likelihood is less than that of its best bands, as these were open beforehand: ½ ln det(I + ΛA).
+
+    Some 10 nats; told by the deviation of each cosine and sine by itself, which makes it less, if anything.
+    """
+    both = zip(evidence.prior.tolist(), fit.deviation, strict=True)
+    return sum(math.log(math.sqrt(variance) / deviation) for variance, deviation in both)
 
 
 def all_rows_blink(fit: Fit) -> bool:
