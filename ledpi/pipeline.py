@@ -168,7 +168,7 @@ class Pipeline:
         """The squares in the whole picture, but for those that this frame has shown already, and the light in them."""
         start = time.perf_counter()
         candidates, dropped = find(frame)
-        candidates = [c for c in candidates if not self._tracker.is_followed(c.centre_px, c.side_px)]
+        candidates = [c for c in candidates if not self._tracker.is_followed(c.corners, c.tolerance_px)]
         work.rejected.extend(dropped)
         if work.trace is not None:
             work.trace.candidates.extend(candidates)

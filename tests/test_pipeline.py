@@ -212,6 +212,18 @@ def test_what_touches_a_panel_does_not_hide_it() -> None:
     np.testing.assert_allclose(marker.sighting.corners_px, NEAR, atol=0.3)
 
 
+@pytest.mark.parametrize(("wide", "light"), [(0.04, 0.6), (0.1, 0.2)])
+def test_what_is_found_first_around_a_panel_and_cannot_be_read_does_not_hide_it(wide: float, light: float) -> None:
+    """A bezel, in a bright room: brighter than the panel, which is told from it at the second search, or dimmer."""
+    panel = square(310.4, 240.2, 60, 13)
+    canvas = Canvas(background=0.12)
+    canvas.lamp(square(310.4, 240.2, (1 + 2 * wide) * 60, 13), light)
+    canvas.panel(panel, word(7))
+    decoded = pipeline().decode(canvas.frame())
+    assert ids(decoded) == [7]
+    np.testing.assert_allclose(decoded.markers[0].sighting.corners_px, panel, atol=0.5)
+
+
 def test_a_panel_that_is_touched_is_found_within_three_frames() -> None:
     """By then what is within panels has been looked at."""
     path = pipeline(stream=True)

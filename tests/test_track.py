@@ -15,6 +15,12 @@ from ledpi.records import Floats
 
 FRAME_NS = 16_970_000  # 504 rows of 33.67 µs
 PLACE = square(300, 200, 60)
+SHOWN = Shown(
+    group=0,
+    reading=Reading(
+        id=7, quarter_turns=0, margin=20.0, likelihood=20.0, amplitude=(0.1, 0.1), cell_bands=np.zeros((16, 4))
+    ),
+)
 
 
 def follow(tracker: Tracker, number: int, *corners: Floats) -> list[Track]:
@@ -151,6 +157,29 @@ def test_two_candidates_for_one_square_make_one_track(tracker: Tracker) -> None:
     assert len(tracker.follow([quad(PLACE), quad(PLACE + 0.01), quad(square(300, 200, 66))])) == 2
 
 
+# Four columns, of which three are PLACE; and a bezel around it.
+AROUND_PLACE = [np.array([[270.0, 170], [350, 170], [350, 230], [270, 230]]), square(300, 200, 66)]
+
+
+@pytest.mark.parametrize("around", AROUND_PLACE)
+def test_a_square_that_was_not_read_does_not_hide_one_around_it(tracker: Tracker, around: Floats) -> None:
+    """It may be a part of a panel; a candidate a pixel off leads to it again."""
+    (first,) = follow(tracker, 1, PLACE)
+    assert tracker.is_followed(PLACE + 1.0, tolerance_px=1.5)
+    assert not tracker.is_followed(around, tolerance_px=1.5)
+    ((_, other),) = tracker.follow([quad(around)])
+    assert other is not first
+
+
+@pytest.mark.parametrize("around", AROUND_PLACE)
+def test_a_panel_that_was_read_hides_what_is_around_it(tracker: Tracker, around: Floats) -> None:
+    """Its ID is known, and so is where it is."""
+    (first,) = follow(tracker, 1, PLACE)
+    first.history = first.history.read_as(SHOWN)
+    assert tracker.is_followed(around, tolerance_px=1.5)
+    assert tracker.follow([quad(around)]) == []
+
+
 def test_tracks_that_meet_become_one(tracker: Tracker) -> None:
     """Of a bezel and the panel within it, say, one of which had been told wrongly before."""
     first, second = follow(tracker, 1, PLACE, square(302, 200, 66))
@@ -164,9 +193,6 @@ def test_tracks_that_meet_become_one(tracker: Tracker) -> None:
 def test_where_tracks_meet_the_panel_that_was_read_goes_on(tracker: Tracker) -> None:
     """However much older the other one is."""
     first, second = follow(tracker, 1, PLACE, square(302, 200, 66))
-    reading = Reading(
-        id=7, quarter_turns=0, margin=20.0, likelihood=20.0, amplitude=(0.1, 0.1), cell_bands=np.zeros((16, 4))
-    )
-    second.history = second.history.read_as(Shown(group=0, reading=reading))
+    second.history = second.history.read_as(SHOWN)
     tracker.begin(2 * FRAME_NS)
     assert tracker.expected() == [second, first]

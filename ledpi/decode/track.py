@@ -8,6 +8,7 @@ from typing import TypeAlias
 
 import numpy as np
 
+from ledpi.decode.cells import INSET
 from ledpi.decode.corners.sides import as_points
 from ledpi.decode.history import History
 from ledpi.geometry import quad_middle, quad_side
@@ -21,6 +22,7 @@ NOT_SHOWN = Rejected(stage="track", reason="not_shown")
 # other.
 MAX_SHIFT, MAX_GROWTH = 0.35, 1.25
 SAME = 0.01  # of the side: squares no further apart, and in size, are one
+ALIKE = INSET / 4  # of the side, from corner to corner: squares no further apart show the same cells, of 4 × 4
 # How much of a corner's velocity the last step alone decides: the noise of two corners weighs on it, but a robot that
 # brakes changes it by a tenth from frame to frame.
 NEW_VELOCITY = 0.7
@@ -114,14 +116,23 @@ class Tracker:
         panels = [t for t in self._tracks if t.history.shown is not None]
         return bool(panels) and all(t.where.seen_ns == self._now_ns for t in panels)
 
-    def is_followed(self, centre_px: tuple[float, float], side_px: float) -> bool:
-        """Whether a candidate is a square that this frame has already shown."""
+    def is_followed(self, corners_px: Floats, tolerance_px: float = 0.0) -> bool:
+        """Whether a square near these corners (4, 2) is one that this frame has already shown.
+
+        Where a panel was read, there is no other. What was not read may be a part of one, or one and what is around
+        it: it rules out only what shows the same cells.
+        """
+        centre, side_px = _place(corners_px)
         for track in self._tracks:
-            if track.where.seen_ns == self._now_ns:
-                corners = track.where.corners_px.tolist()
-                side, away = quad_side(corners), math.dist(centre_px, quad_middle(corners))
-                if away < MAX_SHIFT * side and 1 / MAX_GROWTH < side_px / side < MAX_GROWTH:
-                    return True
+            at_px = track.where.corners_px
+            middle, side = _place(at_px)
+            if (
+                track.where.seen_ns == self._now_ns
+                and math.dist(centre, middle) < MAX_SHIFT * side
+                and 1 / MAX_GROWTH < side_px / side < MAX_GROWTH
+                and (track.history.last is not None or _apart(corners_px, at_px) < ALIKE * side + tolerance_px)
+            ):
+                return True
         return False
 
     def _not_seen(self, quads: list[Quad]) -> list[Quad]:
@@ -130,7 +141,7 @@ class Tracker:
         places: list[Place] = []
         for quad in quads:
             place = _place(quad.corners_px)
-            if not self.is_followed(*place) and not _is_one_of(place, places):
+            if not self.is_followed(quad.corners_px) and not _is_one_of(place, places):
                 found.append(quad)
                 places.append(place)
         return found
@@ -174,6 +185,12 @@ class Tracker:
 def _place(corners_px: Floats) -> Place:
     corners = corners_px.tolist()
     return quad_middle(corners), quad_side(corners)
+
+
+def _apart(corners_px: Floats, other_px: Floats) -> float:
+    """From a corner of one square to the nearest of the other, at most."""
+    other = other_px.tolist()
+    return max(min(math.dist(at, there) for there in other) for at in corners_px.tolist())
 
 
 def _is_one_of(place: Place, places: list[Place]) -> bool:
