@@ -22,7 +22,7 @@ SHARED = {
     "sides.c": (("corners.sides",), 2),
     "whole.c": (("corners.whole",), 2),
     "band_light.c": (("striped.band_light", "striped.light_window"), 7),
-    "panel_fit.c": (("striped.numpy_panel_fit",), 7),
+    "panel_fit.c": (("striped.numpy_panel_fit", "striped.numpy_panel_model"), 7),
     "rim.h": (("corners.rim",), 1),
     "climb.c": (("identify.patterns",), 3),
     "first_look.c": (("evidence.noise",), 1),
