@@ -18,13 +18,11 @@ from decode_material import (
     Canvas,
     camera_info,
     panel_settings,
-    quad,
-    reason,
     square,
     word,
 )
+from samples_material import samples_of
 
-from ledpi.decode.cells import CellSamples, sample_cells
 from ledpi.decode.evidence.classes import band_shares, in_other_class
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.identify.codebook import Codebook
@@ -32,7 +30,7 @@ from ledpi.decode.identify.soft import Reading, decide, read_word
 from ledpi.decode.identify.tuning import Seen, propose_frequencies
 from ledpi.dictionaries import load_dictionary
 from ledpi.pipeline import Pipeline
-from ledpi.records import Frame, PanelSpec, Rejected
+from ledpi.records import Frame, PanelSpec
 
 HZ = 1254.0  # of which 150 µs hold a fifth of a cycle, 10 ms twelve and a half
 ANTIPHASE = dataclasses.replace(SPEC, black_hz=HZ, white_hz=HZ, phase="antiphase")
@@ -61,8 +59,7 @@ def shown(
 
 def read(frame: Frame, side: float, seed: int, codebook: Codebook) -> tuple[int, int] | str:
     rng = np.random.default_rng(seed)
-    samples = sample_cells(frame, quad(square(310 + rng.uniform(), 240 + rng.uniform(), side, 4)), 4)
-    assert isinstance(samples, CellSamples), reason(samples)
+    samples = samples_of(frame, square(310 + rng.uniform(), 240 + rng.uniform(), side, 4))
     result = read_word(samples, frame, codebook)
     return (result.id, result.quarter_turns) if isinstance(result, Reading) else result.key
 
@@ -208,8 +205,7 @@ def test_the_one_frequency_is_proposed() -> None:
     off = dataclasses.replace(ANTIPHASE, black_hz=1.01 * HZ, white_hz=1.01 * HZ)
     seen = []
     for frame in frames_of(60, 12, spec=off):
-        samples = sample_cells(frame, quad(square(310.3, 240.6, 60, 4)), 4)
-        assert not isinstance(samples, Rejected)
+        samples = samples_of(frame, square(310.3, 240.6, 60, 4))
         seen.append(Seen(samples=samples, frame=frame))
     first = propose_frequencies(seen, ANTIPHASE, BOOK)[0]
     assert first.measured

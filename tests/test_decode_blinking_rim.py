@@ -22,11 +22,10 @@ from decode_material import (
     square,
     word,
 )
+from samples_material import bands_of
 
-from ledpi.decode.cells import CellSamples, sample_cells
 from ledpi.decode.identify.blinking_rim import UNTOLD, Inward, Rim
 from ledpi.decode.identify.codebook import Codebook
-from ledpi.decode.identify.soft import Reading, read_word
 from ledpi.dictionaries import load_dictionary
 from ledpi.pipeline import Pipeline
 from ledpi.records import Decoded, Floats, Frame, Intrinsics
@@ -68,18 +67,9 @@ def frame_of(
     return replace(canvas.frame(seq, seq=seq), row0_readout_ns=round(1e9 + 1e3 * seq * period_us))
 
 
-def bands_of(frame: Frame, at: Floats) -> Floats:
-    """(16, P) that a panel's cells show."""
-    samples = sample_cells(frame, quad(at), 4)
-    assert isinstance(samples, CellSamples)
-    reading = read_word(samples, frame, BOOK)
-    assert isinstance(reading, Reading)
-    return reading.cell_bands
-
-
 def told(frames: list[Frame], at: Floats, lens: Intrinsics | None = None) -> Inward:
     """How far within a square the panel of these frames ends; its bands are known."""
-    shown = bands_of(frame_of(0), TRUE)
+    shown = bands_of(frame_of(0), TRUE, BOOK)
     rim = Rim.of(SPEC, 4)
     for frame in frames:
         rim = rim.after(frame, quad(at), shown, frames[0].row0_readout_ns, lens)
@@ -144,7 +134,7 @@ def test_light_that_falls_on_a_panels_rim_is_no_end() -> None:
 def test_of_a_panel_whose_strips_are_too_thin_nothing_is_told() -> None:
     """At 10 m a strip was a row of cells, and one panel of a hundred seemed to end a row further in."""
     at, rim = square(310.4, 240.2, 10.0, 13), Rim.of(SPEC, 4)
-    shown = bands_of(frame_of(0), TRUE)
+    shown = bands_of(frame_of(0), TRUE, BOOK)
     for seq in range(12):
         canvas = Canvas()
         canvas.panel(at, word(7), profile=flat, start_us=seq * PERIOD_US)
@@ -155,7 +145,7 @@ def test_of_a_panel_whose_strips_are_too_thin_nothing_is_told() -> None:
 
 def test_where_the_inner_strips_bands_are_not_told_nothing_is() -> None:
     """They are what the outer ones are compared with: here what is looked at does not blink at all."""
-    shown, rim = bands_of(frame_of(0), TRUE), Rim.of(SPEC, 4)
+    shown, rim = bands_of(frame_of(0), TRUE, BOOK), Rim.of(SPEC, 4)
     for seq in range(8):
         canvas = Canvas()
         canvas.lamp(TRUE, 0.4)

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from decode_material import FRAME_ROWS, LENS, ROW_TIME_US, Canvas, quad, seen_through, square, word
+from samples_material import bands_of, samples_of
 
 from ledpi.config import PanelSettings
 from ledpi.decode.belief import Belief
-from ledpi.decode.cells import CellSamples, sample_cells
 from ledpi.decode.history import History, Shown
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.ends import Ends
@@ -34,18 +34,8 @@ def touched(true: Floats = TRUE, light: float = 0.4, lens: Intrinsics | None = N
     return canvas.frame()
 
 
-def shown_in(frame: Frame, true: Floats) -> Floats:
-    """The bands (16, P) that the panel's cells show."""
-    samples = sample_cells(frame, quad(true), 4)
-    assert isinstance(samples, CellSamples)
-    reading = read_word(samples, frame, BOOK)
-    assert isinstance(reading, Reading)
-    return reading.cell_bands
-
-
 def ends(frame: Frame, at: Floats, shown: Floats, lens: Intrinsics | None = None) -> bool:
-    samples = sample_cells(frame, quad(at), 4, lens)
-    assert isinstance(samples, CellSamples)
+    samples = samples_of(frame, at, lens)
     seen = Ends.of(SPEC).after(frame, quad(at), samples, lens)
     return seen.are_where_told(shown, frame.row0_readout_ns)
 
@@ -55,7 +45,7 @@ def ends(frame: Frame, at: Floats, shown: Floats, lens: Intrinsics | None = None
 def test_a_panel_ends_where_it_does(light: float, first: int) -> None:
     """Beside something dark, as bright, brighter, or saturated; whichever of its corners comes first."""
     frame, at = touched(light=light), np.roll(TRUE, -first, axis=0)
-    assert ends(frame, at, shown_in(frame, at))
+    assert ends(frame, at, bands_of(frame, at, BOOK))
 
 
 def test_it_does_so_behind_a_lens() -> None:
@@ -64,7 +54,7 @@ def test_it_does_so_behind_a_lens() -> None:
     canvas = Canvas()
     canvas.panel(straight, word(7), lens=LENS)
     frame, at = canvas.frame(), seen_through(LENS, straight)
-    assert ends(frame, at, shown_in(frame, at), LENS)
+    assert ends(frame, at, bands_of(frame, at, BOOK), LENS)
 
 
 @pytest.mark.parametrize("row", range(4))
@@ -73,7 +63,7 @@ def test_a_lattice_a_row_aside_does_not(row: int, up: bool) -> None:
     """On any of the four sides; whether what it has for its last row is taken for cells of the first class or is not
     told at all."""
     frame = touched()
-    at, shown = np.roll(TRUE, -row, axis=0), shown_in(frame, np.roll(TRUE, -row, axis=0)).reshape(4, 4, -1)
+    at, shown = np.roll(TRUE, -row, axis=0), bands_of(frame, np.roll(TRUE, -row, axis=0), BOOK).reshape(4, 4, -1)
     down = (at[3] - at[0]) / 4
     of_aside = np.concatenate([shown[:1], shown[:-1]]) if up else np.concatenate([0 * shown[:1], shown[:-1]])
     assert not ends(frame, at - down, of_aside.reshape(16, -1))
@@ -84,7 +74,7 @@ def test_a_lattice_of_half_the_rows_does_not(corner: tuple[int, int]) -> None:
     """Two by two cells of a near panel, each taken for four: all within it blinks, and so does what is beside."""
     true = square(310.4, 240.2, 220.0, 13)
     frame = touched(true)
-    shown = shown_in(frame, true).reshape(4, 4, -1)
+    shown = bands_of(frame, true, BOOK).reshape(4, 4, -1)
     x, y = corner
     across, down = (true[1] - true[0]) / 4, (true[3] - true[0]) / 4
     at = true[0] + x * across + y * down + np.array([0 * across, 2 * across, 2 * across + 2 * down, 2 * down])
@@ -96,7 +86,7 @@ def test_at_the_pictures_border_no_end_is_seen() -> None:
     """A row may be beyond it."""
     true = square(54.0, 240.2, 100.0)
     frame = touched(true)
-    assert not ends(frame, true, shown_in(frame, true))
+    assert not ends(frame, true, bands_of(frame, true, BOOK))
 
 
 def far_frames(true: Floats) -> list[Frame]:
@@ -112,8 +102,7 @@ def far_frames(true: Floats) -> list[Frame]:
 def ends_after(frames: list[Frame], at: Floats, shown: Floats) -> list[bool]:
     seen, told = Ends.of(SPEC), []
     for frame in frames:
-        samples = sample_cells(frame, quad(at), 4)
-        assert isinstance(samples, CellSamples)
+        samples = samples_of(frame, at)
         seen = seen.after(frame, quad(at), samples, None)
         told.append(seen.are_where_told(shown, frames[0].row0_readout_ns))
     return told
@@ -122,7 +111,7 @@ def ends_after(frames: list[Frame], at: Floats, shown: Floats) -> list[bool]:
 def test_far_away_it_takes_several_frames_to_tell() -> None:
     """In one frame the rows' log odds are too small; they add up."""
     true = square(310.4, 240.2, 34.0, 13)
-    told = ends_after(far_frames(true), true, shown_in(touched(), TRUE))
+    told = ends_after(far_frames(true), true, bands_of(touched(), TRUE, BOOK))
     assert not told[0]
     assert told[-1]
 
@@ -131,19 +120,18 @@ def test_however_many_frames_a_lattice_a_row_aside_does_not_end() -> None:
     """What it takes for its last row never blinks, and that beside its first does."""
     true = square(310.4, 240.2, 34.0, 13)
     down = (true[3] - true[0]) / 4
-    shown = np.roll(shown_in(touched(), TRUE).reshape(4, 4, -1), -1, axis=0).reshape(16, -1)
+    shown = np.roll(bands_of(touched(), TRUE, BOOK).reshape(4, 4, -1), -1, axis=0).reshape(16, -1)
     assert not any(ends_after(far_frames(true), true + down, shown))
 
 
 def test_a_frame_in_which_a_row_is_out_of_sight_begins_anew() -> None:
     """Else what is within would have been seen in more frames than what is beside."""
     true = square(310.4, 240.2, 34.0, 13)
-    frames, shown = far_frames(true), shown_in(touched(), TRUE)
+    frames, shown = far_frames(true), bands_of(touched(), TRUE, BOOK)
     seen = Ends.of(SPEC)
     for at, few in ((true, frames[:11]), (square(20.0, 240.2, 34.0), frames[11:])):
         for frame in few:
-            samples = sample_cells(frame, quad(at), 4)
-            assert isinstance(samples, CellSamples)
+            samples = samples_of(frame, at)
             seen = seen.after(frame, quad(at), samples, None)
     assert not seen.are_where_told(shown, frames[0].row0_readout_ns)
 
@@ -151,11 +139,8 @@ def test_a_frame_in_which_a_row_is_out_of_sight_begins_anew() -> None:
 def test_what_lines_told_first_is_asked_where_it_ends_whatever_tells_it_later() -> None:
     """Dark walls in a larger lattice may look like sides in a later frame. (Of a new square, sides are believed.)"""
     frame, down = touched(), (TRUE[3] - TRUE[0]) / 4
-    by_sides, lattice = quad(TRUE + down), sample_cells(frame, quad(TRUE + down), 4)
-    true = sample_cells(frame, quad(TRUE), 4)
-    assert isinstance(lattice, CellSamples)
-    assert isinstance(true, CellSamples)
-    reading = read_word(true, frame, BOOK)
+    by_sides, lattice = quad(TRUE + down), samples_of(frame, TRUE + down)
+    reading = read_word(samples_of(frame, TRUE), frame, BOOK)
     assert isinstance(reading, Reading)
     aside = replace(reading, cell_bands=np.roll(reading.cell_bands.reshape(4, 4, -1), -1, axis=0).reshape(16, -1))
     told_first: tuple[ToldBy, ...] = ("lines", "sides")

@@ -7,17 +7,18 @@ from functools import partial
 
 import numpy as np
 import pytest
-from decode_material import FRAME_ROWS, ROW_TIME_US, SPEC, Canvas, diffuser, quad, square, word
+from decode_material import FRAME_ROWS, ROW_TIME_US, SPEC, Canvas, diffuser, square, word
 from kernels_material import both_ways, compiled
+from samples_material import samples_of
 
-from ledpi.decode.cells import CellSamples, sample_cells
+from ledpi.decode.cells import CellSamples
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.evidence.expect import Expectation
 from ledpi.decode.evidence.memory import PanelMemory
 from ledpi.decode.identify import soft
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.dictionaries import load_dictionary
-from ledpi.records import Floats, Frame, PanelSpec, Rejected
+from ledpi.records import Floats, Frame, PanelSpec
 
 PERIOD_US = FRAME_ROWS * ROW_TIME_US
 PLACE = square(310.3, 240.6, 100, 4)
@@ -31,12 +32,6 @@ def frame_of(
     canvas = Canvas()
     canvas.panel(corners, word(marker_id), start_us=seq * PERIOD_US, spec=spec, gains=gains)
     return dataclasses.replace(canvas.frame(seq, seq=seq), row0_readout_ns=round(1e9 + 1e3 * seq * PERIOD_US))
-
-
-def samples_of(frame: Frame, corners: Floats = PLACE) -> CellSamples:
-    samples = sample_cells(frame, quad(corners), 4)
-    assert not isinstance(samples, Rejected)
-    return samples
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +50,7 @@ def expected_after(frames: int) -> Expectation:
     memory = PanelMemory(SPEC)
     for seq in range(frames):
         frame = frame_of(seq)
-        memory, _ = memory.after(samples_of(frame), frame)
+        memory, _ = memory.after(samples_of(frame, PLACE), frame)
     evidence = memory.evidence()
     if isinstance(evidence, Evidence):
         reading = soft.decide(evidence, BOOK, soft.FALSE_ID_RATE)
@@ -70,7 +65,7 @@ def expected_after(frames: int) -> Expectation:
 def test_the_same_panel_is_as_expected(expected: Expectation, seq: int) -> None:
     """Soon, and half a second later: the oscillators run on."""
     frame = frame_of(seq)
-    assert expected.is_met(samples_of(frame), frame)
+    assert expected.is_met(samples_of(frame, PLACE), frame)
 
 
 @pytest.mark.parametrize("off_px", [(0.3, -0.2), (-0.25, 0.3)])
@@ -86,7 +81,7 @@ def test_a_panel_that_only_shines_is_not(expected: Expectation, seq: int) -> Non
     canvas = Canvas()
     canvas.lamp(PLACE, profile=diffuser)
     frame = dataclasses.replace(canvas.frame(seq, seq=seq), row0_readout_ns=round(1e9 + 1e3 * seq * PERIOD_US))
-    assert not expected.is_met(samples_of(frame), frame)
+    assert not expected.is_met(samples_of(frame, PLACE), frame)
 
 
 @pytest.mark.parametrize("other", [0, 12, 17, 23, 42])
@@ -94,18 +89,18 @@ def test_another_panel_in_the_place_is_not(expected: Expectation, other: int) ->
     """With the same phases, which is the hardest: half of its cells are as expected."""
     for seq in (5, 6, 9):
         frame = frame_of(seq, other)
-        assert not expected.is_met(samples_of(frame), frame)
+        assert not expected.is_met(samples_of(frame, PLACE), frame)
 
 
 @pytest.mark.parametrize("other", [0, 12, 17, 23, 42])
 def test_another_panel_in_the_place_is_not_from_the_second_frame_on(expected_soon: Expectation, other: int) -> None:
     """Whose cells each have a brightness of their own, so that most of what has changed is not bands."""
     gains = 1 + 0.08 * np.random.default_rng(other).normal(size=(4, 4))
-    met = [expected_soon.is_met(samples_of(frame), frame) for frame in map(frame_of, range(1, 8))]
+    met = [expected_soon.is_met(samples_of(frame, PLACE), frame) for frame in map(frame_of, range(1, 8))]
     assert sum(met) >= 5  # where bands are where they were, nothing is sure
     for seq in range(1, 8):
         frame = frame_of(seq, other, gains=gains)
-        assert not expected_soon.is_met(samples_of(frame), frame)
+        assert not expected_soon.is_met(samples_of(frame, PLACE), frame)
 
 
 def test_a_panel_with_one_other_cell_is_not(expected: Expectation) -> None:
@@ -116,7 +111,7 @@ def test_a_panel_with_one_other_cell_is_not(expected: Expectation) -> None:
         canvas = Canvas()
         canvas.panel(PLACE, cells, start_us=seq * PERIOD_US)
         frame = dataclasses.replace(canvas.frame(seq, seq=seq), row0_readout_ns=round(1e9 + 1e3 * seq * PERIOD_US))
-        assert not expected.is_met(samples_of(frame), frame)
+        assert not expected.is_met(samples_of(frame, PLACE), frame)
 
 
 def with_holes(samples: CellSamples, share: float, cell: int | None = None) -> CellSamples:
@@ -130,13 +125,13 @@ def with_holes(samples: CellSamples, share: float, cell: int | None = None) -> C
 @pytest.mark.parametrize("seq", [5, 6, 9])
 def test_with_a_few_samples_saturated_the_rest_is_compared(expected: Expectation, seq: int) -> None:
     """The same panel is as expected; with one other cell it is not."""
-    assert expected.is_met(with_holes(samples_of(frame := frame_of(seq)), 0.1), frame)
+    assert expected.is_met(with_holes(samples_of(frame := frame_of(seq), PLACE), 0.1), frame)
     cells = word(7).copy()
     cells[1, 2] ^= True
     canvas = Canvas()
     canvas.panel(PLACE, cells, start_us=seq * PERIOD_US)
     other = dataclasses.replace(canvas.frame(seq, seq=seq), row0_readout_ns=round(1e9 + 1e3 * seq * PERIOD_US))
-    assert not expected.is_met(with_holes(samples_of(other), 0.1), other)
+    assert not expected.is_met(with_holes(samples_of(other, PLACE), 0.1), other)
 
 
 @compiled
@@ -144,7 +139,7 @@ def test_with_a_few_samples_saturated_the_rest_is_compared(expected: Expectation
 @pytest.mark.parametrize("shown", [7, 12])
 def test_compiled_loops_weigh_as_the_numpy_code_does(expected: Expectation, shown: int, holes: float) -> None:
     """The same panel and another one, wholly seen and with a few samples saturated."""
-    samples = samples_of(frame := frame_of(6, shown))
+    samples = samples_of(frame := frame_of(6, shown), PLACE)
     if holes:
         samples = with_holes(samples, holes)
     ours, theirs = both_ways(partial(expected.weigh, samples, frame))
@@ -156,7 +151,7 @@ def test_compiled_loops_expect_what_the_numpy_code_does() -> None:
     """The same weights and bands left; and a basis of the same space: what is in it is left out by either."""
     memory = PanelMemory(SPEC)
     for seq in range(READ_FRAMES):
-        memory, _ = memory.after(samples_of(frame := frame_of(seq)), frame)
+        memory, _ = memory.after(samples_of(frame := frame_of(seq), PLACE), frame)
     bands = np.random.default_rng(4).normal(0, 0.04, (16, 4)) * np.repeat(word(7).reshape(-1, 1) == [0, 1], 2, axis=1)
     ours, theirs = both_ways(partial(Expectation.of, memory, bands))
     np.testing.assert_allclose(ours.root, theirs.root, rtol=1e-5)
@@ -168,7 +163,7 @@ def test_compiled_loops_expect_what_the_numpy_code_does() -> None:
 def test_of_a_cell_that_is_mostly_saturated_nothing_is_sure(expected: Expectation) -> None:
     """It might be of the other class."""
     frame = frame_of(6)
-    assert not expected.is_met(with_holes(samples_of(frame), 0.5, cell=5), frame)
+    assert not expected.is_met(with_holes(samples_of(frame, PLACE), 0.5, cell=5), frame)
 
 
 def test_a_frozen_picture_is_not(expected: Expectation) -> None:
@@ -176,7 +171,7 @@ def test_a_frozen_picture_is_not(expected: Expectation) -> None:
     last = frame_of(READ_FRAMES - 1)
     for seq in (5, 6, 7):
         frame = dataclasses.replace(last, row0_readout_ns=round(1e9 + 1e3 * seq * PERIOD_US))
-        assert not expected.is_met(samples_of(frame), frame)
+        assert not expected.is_met(samples_of(frame, PLACE), frame)
 
 
 def test_of_another_size_nothing_is_sure(expected: Expectation) -> None:
@@ -193,7 +188,7 @@ def test_what_noise_alone_shows_is_not() -> None:
     memory = PanelMemory(SPEC)
     for seq in range(READ_FRAMES):
         frame = frame_of(seq)
-        memory, _ = memory.after(samples_of(frame), frame)
+        memory, _ = memory.after(samples_of(frame, PLACE), frame)
     bands = np.zeros((16, 4))
     bands[:8, 0], bands[8:, 2] = 0.004, 0.004  # so shallow that one frame hardly tells
     expectation = Expectation.of(memory, bands)
@@ -201,5 +196,5 @@ def test_what_noise_alone_shows_is_not() -> None:
     canvas.lamp(PLACE, profile=diffuser)
     met = 0
     for seed in range(200):
-        met += expectation.is_met(samples_of(frame := canvas.frame(seed)), frame)
+        met += expectation.is_met(samples_of(frame := canvas.frame(seed), PLACE), frame)
     assert met <= 1  # e^-6 of 200 is 0.5

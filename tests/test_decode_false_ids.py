@@ -9,10 +9,10 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from decode_material import SPEC, TRUE_10_MS_US, Canvas, quad, square, word
+from decode_material import SPEC, TRUE_10_MS_US, Canvas, square, word
 from kernels_material import both_ways, compiled
+from samples_material import samples_of
 
-from ledpi.decode.cells import CellSamples, sample_cells
 from ledpi.decode.evidence.evidence import UNFIT, Evidence
 from ledpi.decode.evidence.single_frame import single_evidence
 from ledpi.decode.identify import soft
@@ -36,8 +36,7 @@ def evidence_of(side: float, seed: int) -> Evidence:
     gains = 1 + 0.05 * rng.standard_normal((4, 4))
     canvas.panel(corners, word(7), gains=gains, phases=(rng.uniform(), rng.uniform()))
     frame: Frame = canvas.frame(seed)
-    samples = sample_cells(frame, quad(corners), 4)
-    assert isinstance(samples, CellSamples)
+    samples = samples_of(frame, corners)
     evidence = single_evidence(samples, frame, SPEC)
     assert isinstance(evidence, Evidence)
     return evidence
@@ -143,8 +142,7 @@ def test_faint_bands_that_tell_nothing_are_not_looked_at_twice(monkeypatch: pyte
     corners, canvas = square(310.3, 240.6, 24, 9), Canvas(exposure_us=TRUE_10_MS_US)
     canvas.panel(corners, word(7))
     frame = canvas.frame(1)
-    samples = sample_cells(frame, quad(corners), 4)
-    assert isinstance(samples, CellSamples)
+    samples = samples_of(frame, corners)
     book = Codebook.build(list(range(50)), DICTIONARY, SPEC)
     result = soft.read_word(samples, frame, book, soft.FALSE_ID_RATE)
     assert result == soft.NO_WORD
@@ -222,7 +220,6 @@ def test_a_lattice_a_column_beside_its_panel_shows_no_word(wall: float) -> None:
         canvas = Canvas(background=wall, exposure_us=TRUE_10_MS_US)
         canvas.panel(true, np.roll(word(7), -1, axis=1), light=0.4)
         frame = canvas.frame(seed)
-        samples = sample_cells(frame, quad(true - (true[1] - true[0]) / 4), 4)
-        assert isinstance(samples, CellSamples)
+        samples = samples_of(frame, true - (true[1] - true[0]) / 4)
         book = Codebook.build(list(range(50)), DICTIONARY, SPEC)
         assert not isinstance(soft.read_word(samples, frame, book), Reading)

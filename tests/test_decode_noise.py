@@ -7,9 +7,9 @@ import math
 import cv2
 import numpy as np
 import pytest
-from decode_material import SPEC, TRUE_10_MS_US, Canvas, diffuser, quad, square, word
+from decode_material import SPEC, TRUE_10_MS_US, Canvas, diffuser, square, word
+from samples_material import samples_of
 
-from ledpi.decode.cells import CellSamples, sample_cells
 from ledpi.decode.evidence.comparison import Mean, compared_evidence
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.evidence.memory import PanelMemory
@@ -37,13 +37,6 @@ def noisy(seed: int, blur_px: float = 0.0, sharpened: float = 0.0) -> Frame:
     )
 
 
-def sampled(frame: Frame, corners: Floats) -> CellSamples:
-    """As if a panel of 4 × 4 cells were there."""
-    samples = sample_cells(frame, quad(corners), 4)
-    assert isinstance(samples, CellSamples)
-    return samples
-
-
 def spread_of(evidence: Evidence) -> float:
     """Mean square of what the score is over what it may be by what the information claims: 1 where that is right."""
     values, vectors = np.linalg.eigh(evidence.information.reshape(64, 64))
@@ -54,7 +47,7 @@ def spread_of(evidence: Evidence) -> float:
 def compared(seed: int, corners: Floats, blur_px: float = 0.0, sharpened: float = 0.0) -> Evidence:
     """Of one noisy frame compared with another."""
     (first, before), (second, frame) = (
-        (sampled(frame, corners), frame)
+        (samples_of(frame, corners), frame)
         for frame in (noisy(seed, blur_px, sharpened), noisy(seed + 1, blur_px, sharpened))
     )
     mean = Mean(
@@ -95,7 +88,7 @@ def test_what_one_picture_says_is_as_sure_as_its_noise_leaves_it() -> None:
     spreads = []
     for seed in range(10):
         frame = noisy(seed, 0.7)
-        evidence = single_evidence(sampled(frame, corners), frame, SPEC)
+        evidence = single_evidence(samples_of(frame, corners), frame, SPEC)
         assert isinstance(evidence, Evidence)
         spreads.append(spread_of(evidence))
     assert 0.6 < np.mean(spreads) < 1.5
@@ -113,7 +106,7 @@ def test_walls_are_not_taken_for_noise() -> None:
     canvas = Canvas()
     canvas.panel(corners, word(7), profile=diffuser)
     frame = canvas.frame(seed=3)
-    evidence = single_evidence(sampled(frame, corners), frame, SPEC)
+    evidence = single_evidence(samples_of(frame, corners), frame, SPEC)
     assert isinstance(evidence, Evidence)
     assert math.log(evidence.noise.volume) == pytest.approx(0.0, abs=0.1)
 
@@ -124,7 +117,7 @@ def test_frames_together_tell_better_how_alike_noise_is() -> None:
     memory = PanelMemory(SPEC)
     for seed in range(9):
         frame = noisy(seed, 0.7)
-        memory, _ = memory.after(sampled(frame, corners), frame)
+        memory, _ = memory.after(samples_of(frame, corners), frame)
     assert memory.noise.volume > 2.0
     assert memory.noise.deviation < 0.5 * compared(0, corners, 0.7).noise.deviation
 

@@ -18,12 +18,12 @@ from decode_material import (
     drawn,
     flat,
     quad,
-    reason,
     square,
     word,
 )
+from samples_material import samples_of
 
-from ledpi.decode.cells import CellSamples, sample_cells
+from ledpi.decode.cells import sample_cells
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.evidence.single_frame import single_evidence
 from ledpi.decode.identify.codebook import Codebook
@@ -40,8 +40,7 @@ FURTHER_OFF = ("0000/0100/0101/1110", "0001/0100/0011/1110", "1001/0011/1100/001
 
 
 def read_at(frame: Frame, corners: Floats, codebook: Codebook = ALL) -> Reading | Rejected:
-    samples = sample_cells(frame, quad(corners), 4)
-    assert isinstance(samples, CellSamples), reason(samples)
+    samples = samples_of(frame, corners)
     return read_word(samples, frame, codebook)
 
 
@@ -83,8 +82,7 @@ def test_a_near_panel_leaves_little_open(side: float) -> None:
     canvas, corners = Canvas(), square(310.3, 240.6, side)
     canvas.panel(corners, word(7))
     frame = canvas.frame()
-    samples = sample_cells(frame, quad(corners), 4)
-    assert isinstance(samples, CellSamples)
+    samples = samples_of(frame, corners)
     evidence = single_evidence(samples, frame, SPEC)
     assert isinstance(evidence, Evidence)
     fit = likeliest(evidence, ALL.white)

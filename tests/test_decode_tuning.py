@@ -5,9 +5,9 @@ from __future__ import annotations
 import dataclasses
 
 import pytest
-from decode_material import SPEC, Canvas, quad, square, word
+from decode_material import SPEC, Canvas, square, word
+from samples_material import samples_of
 
-from ledpi.decode.cells import CellSamples, sample_cells
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.tuning import Proposal, Seen, propose_frequencies
 from ledpi.dictionaries import load_dictionary
@@ -23,8 +23,7 @@ def proposals(announced: tuple[float, float], true: tuple[float, float], frames:
         canvas = Canvas()
         canvas.panel(corners, word(7), light=0.4, spec=shown, start_us=n * PERIOD_US)
         frame = dataclasses.replace(canvas.frame(n, seq=n), row0_readout_ns=round(1e9 + 1e3 * n * PERIOD_US))
-        samples = sample_cells(frame, quad(corners), 4)
-        assert isinstance(samples, CellSamples)
+        samples = samples_of(frame, corners)
         seen.append(Seen(samples=samples, frame=frame))
     dictionary = load_dictionary("DICT_4X4_50")
     return propose_frequencies(seen, spec, Codebook.build(range(50), dictionary, spec))
@@ -52,8 +51,7 @@ def test_a_lamp_has_no_frequencies() -> None:
         canvas = Canvas()
         canvas.lamp(corners, 0.4)
         frame = dataclasses.replace(canvas.frame(n, seq=n), row0_readout_ns=round(1e9 + 1e3 * n * PERIOD_US))
-        samples = sample_cells(frame, quad(corners), 4)
-        assert isinstance(samples, CellSamples)
+        samples = samples_of(frame, corners)
         seen.append(Seen(samples=samples, frame=frame))
     assert propose_frequencies(seen, SPEC, Codebook.build(range(50), load_dictionary("DICT_4X4_50"), SPEC)) == []
 

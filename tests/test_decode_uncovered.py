@@ -7,23 +7,17 @@ from functools import partial
 
 import numpy as np
 import pytest
-from decode_material import SPEC, Canvas, quad, square, word
+from decode_material import SPEC, Canvas, square, word
 from kernels_material import both_ways, compiled
+from samples_material import samples_of
 
-from ledpi.decode.cells import CellSamples, sample_cells
 from ledpi.decode.evidence.uncovered import darkens, without_covered
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.soft import Reading, read_word
 from ledpi.dictionaries import load_dictionary
-from ledpi.records import Floats, Frame
+from ledpi.records import Floats
 
 TRUE = square(310.4, 240.2, 100.0, 12)
-
-
-def samples_of(frame: Frame) -> CellSamples:
-    samples = sample_cells(frame, quad(TRUE), 4)
-    assert isinstance(samples, CellSamples)
-    return samples
 
 
 def before_the_panel(u: tuple[float, float], v: tuple[float, float]) -> Floats:
@@ -41,7 +35,8 @@ def test_a_single_frame_is_read_although_a_corner_or_an_edge_is_covered(
     canvas.panel(TRUE, word(7))
     canvas.lamp(before_the_panel(*shade), 0.0)
     frame = canvas.frame()
-    reading = read_word(samples_of(frame), frame, Codebook.build(list(range(50)), load_dictionary("DICT_4X4_50"), SPEC))
+    book = Codebook.build(list(range(50)), load_dictionary("DICT_4X4_50"), SPEC)
+    reading = read_word(samples_of(frame, TRUE), frame, book)
     assert isinstance(reading, Reading), reading
     assert reading.id == 7
 
@@ -51,7 +46,7 @@ def test_what_is_covered_is_not_valid_and_the_rest_is() -> None:
     canvas = Canvas()
     canvas.panel(TRUE, word(7))
     canvas.lamp(before_the_panel((-0.1, 0.1), (-0.1, 0.1)), 0.0)
-    samples = without_covered(samples_of(canvas.frame()))
+    samples = without_covered(samples_of(canvas.frame(), TRUE))
     assert samples.valid is not None
     k = samples.lattice.k
     first = samples.valid[0].reshape(k, k)
@@ -68,7 +63,7 @@ def test_compiled_loops_ask_the_same_question(darkness: float) -> None:
     canvas.panel(TRUE, word(7))
     if darkness:
         canvas.lamp(before_the_panel((-0.1, darkness), (-0.1, darkness)), 0.0)
-    samples = samples_of(canvas.frame())
+    samples = samples_of(canvas.frame(), TRUE)
     valid = np.random.default_rng(3).random(samples.light.shape) > 0.1
     holes = replace(samples, valid=valid, light=np.where(valid, samples.light, np.float32(0)))
     for given in (samples, holes):
@@ -83,7 +78,7 @@ def test_a_whole_panel_keeps_all_samples() -> None:
     gains[2, 3] = 0.0
     canvas = Canvas()
     canvas.panel(TRUE, word(7), gains=gains)
-    samples = samples_of(canvas.frame())
+    samples = samples_of(canvas.frame(), TRUE)
     assert without_covered(samples) is samples
 
 

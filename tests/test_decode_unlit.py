@@ -6,9 +6,10 @@ import math
 
 import numpy as np
 import pytest
-from decode_material import SPEC, TRUE_10_MS_US, Bits, Canvas, quad, reason, square, word
+from decode_material import SPEC, TRUE_10_MS_US, Bits, Canvas, reason, square, word
+from samples_material import samples_of
 
-from ledpi.decode.cells import CellSamples, sample_cells
+from ledpi.decode.cells import CellSamples
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.evidence.single_frame import single_evidence
 from ledpi.decode.evidence.waves import band_prior
@@ -28,8 +29,7 @@ def shown(marker_id: int, gains: Floats, side: float, seed: int) -> tuple[CellSa
     canvas = Canvas(exposure_us=TRUE_10_MS_US)
     canvas.panel(corners, word(marker_id), light=0.5, gains=gains, phases=tuple(rng.uniform(size=2)))
     frame = canvas.frame(seed)
-    samples = sample_cells(frame, quad(corners), 4)
-    assert isinstance(samples, CellSamples), reason(samples)
+    samples = samples_of(frame, corners)
     return samples, frame
 
 

@@ -8,10 +8,11 @@ from functools import partial
 import cv2
 import numpy as np
 import pytest
-from decode_material import SPEC, TRUE_10_MS_US, Canvas, diffuser, quad, square, word
+from decode_material import SPEC, TRUE_10_MS_US, Canvas, diffuser, square, word
 from kernels_material import both_ways, compiled
+from samples_material import samples_of
 
-from ledpi.decode.cells import CellSamples, sample_cells
+from ledpi.decode.cells import CellSamples
 from ledpi.decode.evidence.believed import Believed, believed_bands
 from ledpi.decode.evidence.comparison import Mean, compared_evidence
 from ledpi.decode.evidence.evidence import UNFIT, Evidence
@@ -37,8 +38,7 @@ def seen(side: float, exposure_us: float = TRUE_10_MS_US, blur_px: float = 0.0) 
     frame = canvas.frame(seed=1)
     if blur_px:
         frame = dataclasses.replace(frame, pixels=cv2.GaussianBlur(frame.pixels, (0, 0), blur_px))
-    samples = sample_cells(frame, quad(corners), 4)
-    assert isinstance(samples, CellSamples)
+    samples = samples_of(frame, corners)
     return samples, frame
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from decode_material import FRAME_ROWS, ROW_TIME_US, SPEC, Canvas, quad, reason, square, word
+from decode_material import FRAME_ROWS, ROW_TIME_US, SPEC, Canvas, reason, square, word
+from samples_material import samples_of
 
-from ledpi.decode.cells import CellSamples, sample_cells
 from ledpi.decode.history import History, Shown
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.soft import FALSE_ID_RATE
@@ -23,12 +23,6 @@ def shown(seq: int, corners: Floats, marker_id: int = 7) -> Frame:
     canvas = Canvas()
     canvas.panel(corners, word(marker_id), start_us=seq * FRAME_ROWS * ROW_TIME_US)
     return canvas.frame(seed=seq, seq=seq)
-
-
-def taken(frame: Frame, corners: Floats) -> CellSamples:
-    samples = sample_cells(frame, quad(corners), 4)
-    assert isinstance(samples, CellSamples)
-    return samples
 
 
 def reader_at(false_id_rate: float) -> Reader:
@@ -47,7 +41,7 @@ def read_id(shown: Shown | Rejected) -> int | str:
 
 def further(reader: Reader, history: History, frame: Frame, where: Floats) -> tuple[History, Shown | Rejected]:
     """What is known once a frame was looked at there, and what it was read as."""
-    samples = taken(frame, where)
+    samples = samples_of(frame, where)
     outcome = reader.read(history, samples, frame)
     return reader.keep_up(outcome.history, samples, frame), outcome.shown
 
@@ -112,9 +106,9 @@ def test_what_was_read_stays_so_by_less_than_a_first_reading_asks_for(marker_id:
     history = History.of((SPEC,))
     for seq in range(2):
         frame = shown(seq, FARTHER)
-        history = reader.read(history, taken(frame, FARTHER), frame).history
+        history = reader.read(history, samples_of(frame, FARTHER), frame).history
     assert history.shown is not None
     last = replace(history.shown, reading=replace(history.shown.reading, id=marker_id))
     frame = shown(2, FARTHER)
-    assert read_id(strict.read(history.read_as(last), taken(frame, FARTHER), frame).shown) == still
-    assert read_id(strict.read(history.not_read(), taken(frame, FARTHER), frame).shown) == "soft.not_in_dictionary"
+    assert read_id(strict.read(history.read_as(last), samples_of(frame, FARTHER), frame).shown) == still
+    assert read_id(strict.read(history.not_read(), samples_of(frame, FARTHER), frame).shown) == "soft.not_in_dictionary"

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import pytest
-from decode_material import Canvas, quad, square, word
+from decode_material import Canvas, square, word
+from samples_material import samples_of
 
-from ledpi.decode.cells import CellSamples, sample_cells
+from ledpi.decode.cells import CellSamples
 from ledpi.records import Frame
 from ledpi.search_plan import SearchPlan
 
@@ -16,8 +17,7 @@ def shown(side: float, light: float) -> tuple[Frame, CellSamples]:
     canvas.lamp(square(120.0, 120.0, 60.0), 0.4)
     canvas.panel(square(400.3, 240.2, side), word(7), light=light)
     frame = canvas.frame()
-    samples = sample_cells(frame, quad(square(400.3, 240.2, side)), 4)
-    assert isinstance(samples, CellSamples)
+    samples = samples_of(frame, square(400.3, 240.2, side))
     return frame, samples
 
 
