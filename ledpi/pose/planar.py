@@ -129,21 +129,10 @@ def ippe(corners_xy: Sequence[Sequence[float]], side_m: float) -> tuple[Rows, Ro
     array is worth its overhead here; OpenCV's own hands rotations over as vectors and loses those of half a turn, which
     is just what an upright panel has that faces the camera.
     """
-    (x0, y0), (x1, y1), (x2, y2), (x3, y3) = corners_xy
-    # The homography of the unit square, u from the top left to the top right, v to the bottom left (Heckbert 1989).
-    d1x, d1y, d2x, d2y = x1 - x2, y1 - y2, x3 - x2, y3 - y2
-    sx, sy = x0 - x1 + x2 - x3, y0 - y1 + y2 - y3
-    area = d1x * d2y - d1y * d2x
-    if abs(area) < 1e-12:
+    seen = _centre_and_slope(corners_xy, side_m)
+    if seen is None:
         return None
-    g, h = (sx * d2y - sy * d2x) / area, (d1x * sy - d1y * sx) / area
-    ax, ay, bx, by = x1 - x0 + g * x1, y1 - y0 + g * y1, x3 - x0 + h * x3, y3 - y0 + h * y3
-    w = 1.0 + 0.5 * (g + h)
-    if not w > 0:
-        return None
-    qx, qy = (0.5 * (ax + bx) + x0) / w, (0.5 * (ay + by) + y0) / w  # the centre, and its slope by x and y in metres
-    per_m = 1.0 / (w * side_m)
-    j00, j10, j01, j11 = (ax - g * qx) * per_m, (ay - g * qy) * per_m, (h * qx - bx) * per_m, (h * qy - by) * per_m
+    (qx, qy), (j00, j10, j01, j11) = seen
     # Turn the view until the centre is straight ahead: V takes z there, and the slope becomes A = R₂₂/depth.
     n = math.sqrt(1.0 + qx * qx + qy * qy)
     a, b, c = qx / n, qy / n, 1.0 / n
@@ -171,6 +160,30 @@ def ippe(corners_xy: Sequence[Sequence[float]], side_m: float) -> tuple[Rows, Ro
             )
         )
     return turns[0], turns[1], (qx * depth, qy * depth, depth)
+
+
+def _centre_and_slope(
+    corners_xy: Sequence[Sequence[float]], side_m: float
+) -> tuple[tuple[float, float], tuple[float, float, float, float]] | None:
+    """Where (x/z, y/z) a square's centre is seen, and how both change with x there, and with y, in metres.
+
+    By the homography of the unit square, u from the top left to the top right, v to the bottom left (Heckbert 1989).
+    """
+    (x0, y0), (x1, y1), (x2, y2), (x3, y3) = corners_xy
+    d1x, d1y, d2x, d2y = x1 - x2, y1 - y2, x3 - x2, y3 - y2
+    sx, sy = x0 - x1 + x2 - x3, y0 - y1 + y2 - y3
+    area = d1x * d2y - d1y * d2x
+    if abs(area) < 1e-12:
+        return None
+    g, h = (sx * d2y - sy * d2x) / area, (d1x * sy - d1y * sx) / area
+    ax, ay, bx, by = x1 - x0 + g * x1, y1 - y0 + g * y1, x3 - x0 + h * x3, y3 - y0 + h * y3
+    w = 1.0 + 0.5 * (g + h)
+    if not w > 0:
+        return None
+    qx, qy = (0.5 * (ax + bx) + x0) / w, (0.5 * (ay + by) + y0) / w
+    per_m = 1.0 / (w * side_m)
+    slope = ((ax - g * qx) * per_m, (ay - g * qy) * per_m, (h * qx - bx) * per_m, (h * qy - by) * per_m)
+    return (qx, qy), slope
 
 
 def _solutions(fits: Fits) -> list[PlanarSolution]:
