@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
+from itertools import product
 
 import numpy as np
 
+from ledpi.decode.cells import INSET
 from ledpi.decode.identify.words import MOST_CORRECTED
 from ledpi.markers import Dictionary
-from ledpi.records import Integers, Mask, PanelSpec, Singles
+from ledpi.records import Floats, Integers, Mask, PanelSpec, Singles
 
 # Patterns that are no word differ in so many cells at least from each: what differs in fewer is meant for it.
 NEAREST_PATTERN = MOST_CORRECTED + 1
@@ -62,6 +64,13 @@ class Codebook:
         """
         return _coarse_beside(self.white[word].tobytes(), self.correctable)
 
+    def stretched_beside(self, word: int) -> Singles:
+        """(N, cells) by how much each cell is white where a part of a panel, of fewer rows or columns, shows this word.
+
+        Its cells are larger than those that it is taken for, so that some of these lie on two of them.
+        """
+        return _stretched_beside(self.white[word].tobytes())
+
     def correctable_beside(self, silent: Mask | None, word: int) -> int:
         """`correctable` where the `silent` (cells,) say nothing: ⌊(d − 1)/2⌋ of the other cells, if that is less.
 
@@ -95,6 +104,29 @@ def _coarse_beside(word: bytes, correctable: int) -> Singles:
     coarse = coarse_patterns(math.isqrt(len(pattern)))
     differ = np.count_nonzero(coarse != pattern, axis=1)
     return np.asarray(coarse[(differ > 0) & (differ <= correctable)])
+
+
+@lru_cache(maxsize=1024)
+def _stretched_beside(word: bytes) -> Singles:
+    """`Codebook.stretched_beside` of a word (cells,), given as its numbers' bytes."""
+    pattern = np.frombuffer(word, np.float32)
+    side = math.isqrt(len(pattern))
+    found = [np.empty((0, len(pattern)))]
+    for of_rows, of_columns in product([_shares_of(side, few) for few in range(1, side + 1)], repeat=2):
+        rows, columns = of_rows.argmax(axis=0), of_columns.argmax(axis=0)  # of which cells are most
+        part = pattern.reshape(side, side)[np.ix_(rows, columns)]
+        mixed = (of_rows @ part @ of_columns.T).reshape(1, -1)
+        if ((mixed > 0.5) == (pattern > 0.5)).all() and not (mixed == pattern).all():
+            found.append(mixed)
+    return np.concatenate(found).astype(np.float32)
+
+
+def _shares_of(cells: int, few: int) -> Floats:
+    """(cells, few) how much of each of so many cells in a row lies in each of a few, where its light is sampled."""
+    first, borders = (np.arange(cells)[:, None] + INSET) / cells, np.arange(few + 1) / few
+    width = (1.0 - 2.0 * INSET) / cells
+    within = np.clip((borders - first) / width, 0.0, 1.0)
+    return np.asarray(np.diff(within, axis=1))
 
 
 def repeats(white: Mask) -> tuple[bool, bool]:

@@ -52,6 +52,7 @@ def odds_against_no_word(evidence: Evidence, fit: Fit, codebook: Codebook, neede
             odds_against_neighbours(evidence, fit, codebook),
             odds_against_one_class(fit, codebook),
             odds_against_coarse(evidence, fit, codebook),
+            odds_against_stretched(evidence, fit, codebook),
         )
     if needed <= odds < FURTHER_ODDS * needed:
         odds = _least(odds, odds_against_any_pattern(evidence, fit, codebook))
@@ -130,6 +131,18 @@ def odds_against_coarse(evidence: Evidence, fit: Fit, codebook: Codebook) -> flo
     are taken to be as frequent as words.
     """
     patterns = codebook.coarse_beside(fit.words[0])
+    if not len(patterns):
+        return math.inf
+    return fit.likelihood[0] - likeliest(evidence, patterns).likelihood[0]
+
+
+def odds_against_stretched(evidence: Evidence, fit: Fit, codebook: Codebook) -> float:
+    """Log odds of the best word against a part of a panel, of fewer rows or columns, that looks like it.
+
+    All of its cells may be as the word says, by the greater part of each; some show both classes' bands. Taken to be
+    as frequent as words, too.
+    """
+    patterns = codebook.stretched_beside(fit.words[0])
     if not len(patterns):
         return math.inf
     return fit.likelihood[0] - likeliest(evidence, patterns).likelihood[0]
