@@ -123,11 +123,20 @@ def test_a_track_is_continued_once(tracker: Tracker) -> None:
     assert further is not first
 
 
+@pytest.mark.parametrize(("height", "goes_on"), [(1.0, True), (0.85, True), (0.7, False)])
+def test_a_square_that_is_a_third_lower_at_once_is_another(tracker: Tracker, height: float, goes_on: bool) -> None:
+    """As a part of what has jumped aside, which lies where the panel was; nothing turns so far from frame to frame."""
+    (first,) = follow(tracker, 1, PLACE)
+    middle = PLACE.mean(axis=0)
+    (second,) = follow(tracker, 2, middle + (PLACE - middle) * (1.0, height))
+    assert (second is first) is goes_on
+
+
 def test_corners_keep_the_tracks_order(tracker: Tracker) -> None:
     """A square that turns past 45° is found from another corner on, but its corners stay what they were."""
     tracker.begin(FRAME_NS)
-    tracker.follow([quad(square(300, 200, 60, 40))])
-    found = square(300, 200, 60, 50)
+    tracker.follow([quad(square(300, 200, 60, 42))])
+    found = square(300, 200, 60, 48)
     tracker.begin(2 * FRAME_NS)
     ((followed, _),) = tracker.follow([quad(np.roll(found, 1, axis=0))])
     np.testing.assert_allclose(followed.corners_px, found)

@@ -21,6 +21,9 @@ NOT_SHOWN = Rejected(stage="track", reason="not_shown")
 # Between two frames a square's centre may miss its prediction by this share of its side, and its side may change by the
 # other.
 MAX_SHIFT, MAX_GROWTH = 0.35, 1.25
+# And its corners about its centre go no further than this, in sides, size apart: who passes a panel at 1 m/s, 0.4 m off
+# it, sees it turn by 0.08 in 33 ms, and half of that in a corner's place.
+MAX_BENT = 0.1
 SAME = 0.01  # of the side: squares no further apart, and in size, are one
 ALIKE = INSET / 4  # of the side, from corner to corner: squares no further apart show the same cells, of 4 × 4
 # How much of a corner's velocity the last step alone decides: the noise of two corners weighs on it, but a robot that
@@ -200,11 +203,23 @@ def _is_one_of(place: Place, places: list[Place]) -> bool:
 
 def _distance(quad: Quad, track: Track, now_ns: int) -> float | None:
     """How far a quad is from where a track is expected, in sides; None where it cannot be the same."""
-    corners = quad.corners_px.tolist()
-    side = quad_side(corners)
+    corners, before = quad.corners_px.tolist(), track.where.corners_px.tolist()
+    side, was = quad_side(corners), quad_side(before)
     distance = math.dist(quad_middle(corners), quad_middle(track.where.expected_px(now_ns).tolist())) / side
-    growth = side / quad_side(track.where.corners_px.tolist())
-    return distance if distance < MAX_SHIFT and 1 / MAX_GROWTH < growth < MAX_GROWTH else None
+    if not (distance < MAX_SHIFT and 1 / MAX_GROWTH < side / was < MAX_GROWTH):
+        return None
+    return distance if _bent(_shape(corners, side), _shape(before, was)) < MAX_BENT else None
+
+
+def _shape(corners: list[list[float]], side: float) -> list[complex]:
+    """Corners about their centre, in sides."""
+    x, y = quad_middle(corners)
+    return [complex(a - x, b - y) / side for a, b in corners]
+
+
+def _bent(shape: list[complex], other: list[complex]) -> float:
+    """How far a corner of one is from the nearest of the other, at most."""
+    return max(min(abs(at - there) for there in other) for at in shape)
 
 
 def _in_order_of(quad: Quad, before_px: Floats) -> Quad:
