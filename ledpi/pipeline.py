@@ -142,7 +142,7 @@ class Pipeline:
             found = self._search(frame, self._squares.candidates_again, work)
             yield self._read(frame, found, work)
             looked += found
-        if self._plan.looks_within(frame, [samples for _, _, samples in looked], read=bool(work.sightings)):
+        if self._plan.looks_within(frame, [(quad, samples) for quad, _, samples in looked], read=bool(work.sightings)):
             found = self._search_within(frame, [quad for quad, _, _ in looked], work)
             yield self._read(frame, found, work)
             looked += found

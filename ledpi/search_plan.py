@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from ledpi.decode.cells import CellSamples
-from ledpi.records import Frame
+from ledpi.records import Frame, Quad
 from ledpi.tone import linear_light
 
 # A stream searches the whole picture for newcomers in every third frame, and in each that does not show all its tracks.
@@ -14,9 +14,11 @@ SEARCH_EVERY = 3
 AGAIN_EVERY = 4
 # What is within panels is looked at where sides tell nothing. Where there are many lattices that takes longer than all
 # else: in every third of a stream's frames without a panel, so that what is touched is a newcomer for no longer either.
+# The first frame of a stream is one of these.
 LOOK_WITHIN_EVERY = 3
 # Of a frame alone that is spared where it has shown a panel, most likely, that is only too far away to be told by it: a
-# square of small cells, nearly as bright as anything in the picture.
+# square of small cells that show, nearly as bright as anything in the picture. (None do in the bright middle of a cell
+# nearby, which has a square outline, too.)
 FAR_CELL_PX, FAR_LIGHT = 8.0, 0.5
 
 
@@ -25,7 +27,8 @@ class SearchPlan:
 
     def __init__(self, *, stream: bool) -> None:
         self._stream = stream
-        self._since_search = self._since_read = self._searches = 0
+        self._since_search = self._searches = 0
+        self._since_read = LOOK_WITHIN_EVERY - 1
         self._searching = False
 
     def begins(self, *, all_seen: bool) -> bool:
@@ -42,7 +45,7 @@ class SearchPlan:
         in_turn = self._stream and self._searches % AGAIN_EVERY == 0
         return self._searching and (not read or in_turn)
 
-    def looks_within(self, frame: Frame, looked: Iterable[CellSamples], *, read: bool) -> bool:
+    def looks_within(self, frame: Frame, looked: Iterable[tuple[Quad, CellSamples]], *, read: bool) -> bool:
         """Whether what shows no sides may be a panel. `looked`: the squares that this frame has shown."""
         self._since_read = 0 if read else self._since_read + 1
         if read or not self._searching:
@@ -51,6 +54,6 @@ class SearchPlan:
             return self._since_read % LOOK_WITHIN_EVERY == 0
         brightest = linear_light(frame.transfer, mark_saturated=False)[frame.pixels.max()]
         return not any(
-            min(samples.cell_px) < FAR_CELL_PX and samples.light.mean() > FAR_LIGHT * brightest
-            for samples in looked
+            quad.cells_show and min(samples.cell_px) < FAR_CELL_PX and samples.light.mean() > FAR_LIGHT * brightest
+            for quad, samples in looked
         )
