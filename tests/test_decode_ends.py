@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from decode_material import FRAME_ROWS, LENS, ROW_TIME_US, Canvas, quad, seen_through, square, word
+from decode_material import FRAME_ROWS, LENS, PINHOLE, ROW_TIME_US, Canvas, quad, seen_through, square, word
 from samples_material import bands_of, samples_of
 
 from ledpi.config import PanelSettings
@@ -24,13 +24,15 @@ PERIOD_US = FRAME_ROWS * ROW_TIME_US
 TRUE = square(310.4, 240.2, 100.0, 13)  # 1 m
 
 
-def touched(true: Floats = TRUE, light: float = 0.4, lens: Intrinsics | None = None) -> Frame:
+def touched(
+    true: Floats = TRUE, light: float = 0.4, lens: Intrinsics | None = None, panel_light: float = 0.4
+) -> Frame:
     """A panel, and a window and a sheet along two of its sides."""
     canvas = Canvas()
     across = true[[1, 2]].mean(axis=0) - true[[0, 3]].mean(axis=0)
     canvas.lamp(true - across, light)
     canvas.lamp(true + across, 0.6)
-    canvas.panel(true, word(7), lens=lens)
+    canvas.panel(true, word(7), lens=lens, light=panel_light)
     return canvas.frame()
 
 
@@ -89,6 +91,28 @@ def test_at_the_pictures_border_no_end_is_seen() -> None:
     assert not ends(frame, true, bands_of(frame, true, BOOK))
 
 
+@pytest.mark.parametrize("first", range(4))
+@pytest.mark.parametrize("lens", [None, PINHOLE])
+def test_what_is_in_the_picture_of_a_row_tells_for_the_row(first: int, lens: Intrinsics | None) -> None:
+    """Two whole cells of the row to the left; whichever corner comes first. Not if they are another panel's."""
+    true = square(74.0, 240.2, 100.0, 36)
+    frame, at = touched(true), np.roll(true, -first, axis=0)
+    assert ends(frame, at, bands_of(frame, at, BOOK), lens)
+    canvas = Canvas()
+    canvas.panel(true - true[1] + true[0], word(12))
+    canvas.panel(true, word(7))
+    beside = canvas.frame()
+    assert not ends(beside, at, bands_of(beside, at, BOOK), lens)
+
+
+@pytest.mark.parametrize(("x", "told"), [(72.0, False), (172.0, True)])
+def test_what_is_in_the_picture_of_a_row_must_hold_enough_by_itself(x: float, told: bool) -> None:
+    """Two cells, of a panel so dim that the weakest of its rows has log odds of 50 to 70."""
+    true = square(x, 240.2, 100.0, 36)
+    frame = touched(true, panel_light=0.18)
+    assert ends(frame, true, bands_of(frame, true, BOOK)) is told
+
+
 def far_frames(true: Floats) -> list[Frame]:
     """At 3 m, 16.97 ms apart: the first and eleven more."""
     frames = []
@@ -124,16 +148,15 @@ def test_however_many_frames_a_lattice_a_row_aside_does_not_end() -> None:
     assert not any(ends_after(far_frames(true), true + down, shown))
 
 
-def test_a_frame_in_which_a_row_is_out_of_sight_begins_anew() -> None:
-    """Else what is within would have been seen in more frames than what is beside."""
-    true = square(310.4, 240.2, 34.0, 13)
+@pytest.mark.parametrize("last", [True, False])
+def test_a_frame_in_which_a_row_is_out_of_sight_begins_anew(last: bool) -> None:
+    """Else what is within would have been seen in more frames than what is beside. Frames after that tell."""
+    true, border = square(310.4, 240.2, 34.0, 13), square(20.0, 240.2, 34.0)
     frames, shown = far_frames(true), bands_of(touched(), TRUE, BOOK)
     seen = Ends.of(SPEC)
-    for at, few in ((true, frames[:11]), (square(20.0, 240.2, 34.0), frames[11:])):
-        for frame in few:
-            samples = samples_of(frame, at)
-            seen = seen.after(frame, quad(at), samples, None)
-    assert not seen.are_where_told(shown, frames[0].row0_readout_ns)
+    for at, frame in zip([true] * 11 + [border] if last else [border] + [true] * 11, frames, strict=True):
+        seen = seen.after(frame, quad(at), samples_of(frame, at), None)
+    assert seen.are_where_told(shown, frames[0].row0_readout_ns) is not last
 
 
 def test_what_lines_told_first_is_asked_where_it_ends_whatever_tells_it_later() -> None:
