@@ -195,11 +195,11 @@ def test_one_id_in_two_places_is_in_neither() -> None:
     assert keys(decoded).count("identify.same_id_twice") == 2
 
 
-def touched_frame(corners: Floats, seq: int = 0) -> Frame:
+def touched_frame(corners: Floats, seq: int = 0, sheet: float = 0.3) -> Frame:
     """A panel between a sheet as bright as the rim of its cells and a window, both along the whole of a side."""
     canvas = Canvas()
     across = corners[[1, 2]].mean(axis=0) - corners[[0, 3]].mean(axis=0)
-    canvas.lamp(corners - across, 0.3)
+    canvas.lamp(corners - across, sheet)
     canvas.lamp(corners + across, 0.6)
     canvas.panel(corners, word(7), start_us=seq * PERIOD_US)
     return canvas.frame(seq, seq=seq)
@@ -222,6 +222,16 @@ def test_what_is_found_first_around_a_panel_and_cannot_be_read_does_not_hide_it(
     decoded = pipeline().decode(canvas.frame())
     assert ids(decoded) == [7]
     np.testing.assert_allclose(decoded.markers[0].sighting.corners_px, panel, atol=0.5)
+
+
+@pytest.mark.parametrize("sheet", [0.15, 0.25, 0.35])
+@pytest.mark.parametrize("turn_deg", [4.0, 20.0, 41.0])
+def test_nor_does_it_where_the_panel_fills_half_the_picture(turn_deg: float, sheet: float) -> None:
+    """At 0.45 m. The middles of its cells are bright squares by themselves, and cells beside it are out of sight."""
+    near = square(280.3, 200.6, 232, turn_deg)
+    (marker,) = pipeline().decode(touched_frame(near, sheet=sheet)).markers
+    assert marker.sighting.id == 7
+    np.testing.assert_allclose(marker.sighting.corners_px, near, atol=0.3)
 
 
 def test_a_panel_that_is_touched_is_found_within_three_frames() -> None:

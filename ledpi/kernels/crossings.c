@@ -9,7 +9,7 @@ enum { AROUND_PX = 2, MARGIN_PX = 3, MOST_PLACES = 800, NEAREST = 8, MISSING = 1
 #define DEPTH 0.05
 #define LEAST_AROUND 16.0
 #define NEAREST_PX 2.5
-#define FARTHEST_PX 14.0
+#define FARTHEST_PX 18.0
 #define OPPOSITE 0.25
 #define ACROSS 0.4
 #define OFF_LATTICE 0.2

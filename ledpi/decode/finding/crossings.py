@@ -31,7 +31,8 @@ LEAST_AROUND = 16.0  # codes
 MARGIN_PX = 3  # to a picture's border, within which nothing is known around
 MOST_PLACES = 800  # in a picture; more is texture, and left out from the bottom
 NEAREST = 8  # places that may be neighbours of one
-NEAREST_PX, FARTHEST_PX = 2.5, 14.0  # a pitch, on the level that sees it best
+# A pitch: twice what the next level sees well, where walls may be thinner than a pixel, and places a pixel off.
+NEAREST_PX, FARTHEST_PX = 2.5, 18.0
 OPPOSITE = 0.25  # of the shorter of two ways from a place: how far off straight on they may be
 ACROSS = 0.4  # sine of the least angle between a lattice's axes
 OFF_LATTICE = 0.2  # of a pitch
