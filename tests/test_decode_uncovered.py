@@ -55,6 +55,19 @@ def test_what_is_covered_is_not_valid_and_the_rest_is() -> None:
     assert samples.valid[1:].all()
 
 
+@pytest.mark.parametrize("reach", [0.04, 0.05])
+def test_the_tip_of_a_corner_is_covered_too(reach: float) -> None:
+    """By 4 or 5 px: one sample of the first cell, or little more, which is dark at the panel's rim in any case."""
+    canvas = Canvas()
+    canvas.panel(TRUE, word(7))
+    canvas.lamp(before_the_panel((-0.1, reach), (-0.1, reach)), 0.0)
+    samples = without_covered(samples_of(canvas.frame(), TRUE))
+    assert samples.valid is not None
+    assert not samples.valid[0, 0]
+    assert samples.valid[0].mean() > 0.8
+    assert samples.valid[1:].all()
+
+
 @compiled
 @pytest.mark.parametrize("darkness", [0.05, 0.01, 0.0], ids=["a corner", "hardly any", "none"])
 def test_compiled_loops_ask_the_same_question(darkness: float) -> None:

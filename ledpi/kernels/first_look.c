@@ -6,13 +6,13 @@
 
 #include "wide.h"
 
-/* What all panels of side × side cells, with k × k points in each, have in common: as in single_frame.c; and which samples are
- * `tested` (cells, points) for what covers them. */
+/* What all panels of side × side cells, with k × k points in each, have in common: as in single_frame.c; and what a sample has
+ * at `least` (cells, points), as in uncovered.c. */
 typedef struct {
     ptrdiff_t side, k, source_count;
     const float *along;
     const int64_t *column, *first, *met;
-    const uint8_t *tested;
+    const float *least;
 } Grid;
 
 /* What came of it; as in kernels/first_look.py. */
@@ -45,11 +45,11 @@ static double volume_of(double white, double growth, double chance, double once,
  * the variance `prior` (2·waves,); which of `words` (count, cells) are the `most` likeliest. `numbers`: score, information
  * and three more as `ledpi_single_evidence` has them, by samples so many `aside` and `below` without the `rim`; the volume,
  * by which the evidence is divided, as decode/evidence/noise.py tells it from `white` … `least_free`; then what `ledpi_likeliest`
- * has. Where a sample shows less than the share `covered` of what others do, or a cell is `unlit`, it is
- * not for this function to tell; 0: not asked. */
+ * has. Where a sample shows that it is covered, if it `may_be_covered`, or a cell is `unlit` (0: not asked), it is
+ * not for this function to tell. */
 int ledpi_look(const Grid *grid, const float *light, const float *rows, double independence, ptrdiff_t waves,
                double first_a_row, double second_a_row, const double *prior, const float *words, ptrdiff_t count,
-               ptrdiff_t most, double covered, double unlit, ptrdiff_t aside, ptrdiff_t below, ptrdiff_t rim,
+               ptrdiff_t most, bool may_be_covered, double unlit, ptrdiff_t aside, ptrdiff_t below, ptrdiff_t rim,
                double white, double growth, double chance, double once, double twice, double least_free,
                int64_t *chosen, uint8_t *silent, double *numbers) {
     const ptrdiff_t cells = grid->side * grid->side, points = grid->k * grid->k, samples = cells * points;
@@ -59,7 +59,7 @@ int ledpi_look(const Grid *grid, const float *light, const float *rows, double i
     float *cosines = malloc(sizeof(float) * (size_t)(2 * waves * samples + points + cells));
     if (!cosines) return NO_MEMORY;
     int outcome = LOOKED;
-    if (covered > 0.0 && !ledpi_all_uncovered(cells, points, light, NULL, grid->tested, (float)covered, cosines + 2 * waves * samples))
+    if (may_be_covered && !ledpi_all_uncovered(cells, points, light, NULL, grid->least, cosines + 2 * waves * samples))
         outcome = NOT_PLAIN;
     for (ptrdiff_t i = 0; i < waves && outcome == LOOKED; i++) {
         float *to = cosines + 2 * i * samples;

@@ -9,7 +9,7 @@
 void ledpi_waves(const float *rows, ptrdiff_t count, float a_row, float start, float *cosines, float *sines);
 
 bool ledpi_all_uncovered(ptrdiff_t cells, ptrdiff_t points, const float *light, const uint8_t *valid,
-                         const uint8_t *tested, float share, float *mean);
+                         const float *least, float *room);
 
 bool ledpi_single_evidence(ptrdiff_t side, ptrdiff_t k, ptrdiff_t count, const float *light, const uint8_t *valid,
                            const float *waves, const float *along, ptrdiff_t source_count, const int64_t *column,

@@ -10,13 +10,13 @@ from ledpi.kernels.library import INTEGER, POINTER, address, function
 from ledpi.records import Mask, Singles
 
 _all_uncovered = function(
-    "ledpi_all_uncovered", INTEGER, INTEGER, *(POINTER,) * 3, ctypes.c_float, POINTER, result=ctypes.c_bool
+    "ledpi_all_uncovered", INTEGER, INTEGER, *(POINTER,) * 4, result=ctypes.c_bool
 )
 
 
-def all_uncovered(light: Singles, valid: Mask | None, tested: Mask, share: float) -> bool:
-    """As `_all_uncovered` of decode/evidence/uncovered.py: `light`, `valid` and `tested` (cells, points)."""
+def all_uncovered(light: Singles, valid: Mask | None, least: Singles) -> bool:
+    """As `_all_uncovered` of decode/evidence/uncovered.py: `light`, `valid` and `least` (cells, points)."""
     room = np.empty(sum(light.shape), np.float32)
     mask = None if valid is None else address(valid)
-    found: bool = _all_uncovered(*light.shape, address(light), mask, address(tested), share, address(room))
+    found: bool = _all_uncovered(*light.shape, address(light), mask, address(least), address(room))
     return found

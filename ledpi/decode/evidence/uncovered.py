@@ -21,6 +21,10 @@ from ledpi.records import Mask, Pixels, Singles
 
 # Of the light that the others show at this place: less is not the cell's own. Diffusers differ by a few percent.
 COVERED = 0.75
+# Near the panel's rim a sample is darker for being there: beside a side by a half at most, whatever the blur, as it
+# lies within; in a corner by two. (Of a corner that is hidden by 4 px of a cell's 26 no other sample is covered.) Of
+# cells so small that it is not only the outermost, it is not asked.
+COVERED_AT_RIM = 0.5
 ALIGHT = 0.2  # of the usual gain: a cell of less is dead, and may look like anything
 FULLY_LIT = 0.75  # quantile of a cell's samples that is taken for its gain: half of the cell may be covered
 MIN_LEFT = 0.25  # of a cell's samples: with less of one its gain is not known, and all is left as it is
@@ -37,17 +41,17 @@ def darkens(depth: float) -> bool:
 def without_covered(samples: CellSamples) -> CellSamples:
     """The samples, those that are covered or next to it marked as not valid. For bands that do not darken as much."""
     n, k = samples.lattice.cells, samples.lattice.k
-    tested = inner_points(n, k, border_points(samples))
+    least = least_shares(n, k, border_points(samples))
     none_covered = kernel.all_uncovered if compiled() else _all_uncovered
-    if none_covered(samples.light, samples.valid, tested, COVERED):
+    if none_covered(samples.light, samples.valid, least):
         return samples
-    if samples.valid is not None:
-        tested = tested & samples.valid
     light = samples.light / samples.light.mean(axis=1, keepdims=True)
     usual = _quantile(light, samples.valid, 0.5)
     gain = _quantile((light / np.maximum(usual, 1e-6)).T, None if samples.valid is None else samples.valid.T, FULLY_LIT)
     alight = gain * samples.light.mean(axis=1) > ALIGHT * np.median(samples.light.mean(axis=1))
-    covered = (light < COVERED * gain[:, None] * usual) & tested & alight[:, None]
+    covered = (light < least * gain[:, None] * usual) & alight[:, None]
+    if samples.valid is not None:
+        covered &= samples.valid
     if not covered.any():
         return samples
     whole = covered.reshape(n, n, k, k).transpose(0, 2, 1, 3).reshape(n * k, n * k).astype(np.uint8)
@@ -58,10 +62,10 @@ def without_covered(samples: CellSamples) -> CellSamples:
     return replace(samples, valid=valid, light=np.where(valid, samples.light, np.float32(0)))
 
 
-def _all_uncovered(light: Singles, valid: Mask | None, tested: Mask, share: float) -> bool:
-    """Whether all `tested` samples (cells, points) show so much of what cells show there on average."""
+def _all_uncovered(light: Singles, valid: Mask | None, least: Singles) -> bool:
+    """Whether samples (cells, points) show the share `least` (cells, points) of what cells show there on average."""
     light = light / light.mean(axis=1, keepdims=True)
-    return bool((light >= share * light.mean(axis=0))[tested if valid is None else tested & valid].all())
+    return bool((light >= least * light.mean(axis=0))[... if valid is None else valid].all())
 
 
 def _reach(samples: CellSamples) -> Pixels:
@@ -83,9 +87,10 @@ def _quantile(values: Singles, valid: Mask | None, share: float) -> Singles:
 
 
 @cache
-def inner_points(n: int, k: int, border: tuple[int, int]) -> Mask:
-    """(cells, points) but for those near the panel's rim, which are darker for being there."""
-    inner = np.zeros((n * k, n * k), bool)
-    across, down = border
-    inner[down : n * k - down, across : n * k - across] = True
-    return inner.reshape(n, k, n, k).transpose(0, 2, 1, 3).reshape(n * n, k * k)
+def least_shares(n: int, k: int, border: tuple[int, int]) -> Singles:
+    """(cells, points) share of what the others show at its place, of which a sample that nothing covers has more."""
+    along, down = (np.ones(n * k, np.float32) for _ in border)
+    for share, width in zip((along, down), border, strict=True):
+        share[:width] = share[n * k - width :] = COVERED_AT_RIM if width == 1 else 0.0
+    least = np.minimum(np.outer(down, along), np.float32(COVERED))
+    return np.ascontiguousarray(least.reshape(n, k, n, k).transpose(0, 2, 1, 3).reshape(n * n, k * k))

@@ -15,7 +15,7 @@ from ledpi.decode.evidence.evidence import UNFIT, Evidence
 from ledpi.decode.evidence.noise import expected_of, lags_of
 from ledpi.decode.evidence.shared_light import border_points, meeting_cells, sources_of
 from ledpi.decode.evidence.single_frame import single_evidence
-from ledpi.decode.evidence.uncovered import COVERED, inner_points
+from ledpi.decode.evidence.uncovered import least_shares
 from ledpi.decode.evidence.unlit import UNLIT
 from ledpi.decode.evidence.waves import band_prior, is_deep
 from ledpi.decode.identify.words import SHORTLIST, likeliest
@@ -64,7 +64,7 @@ def _at_once(
         prior=prior,
         words=white,
         most=SHORTLIST,
-        covered=0.0 if may_be_dark else COVERED,
+        may_be_covered=not may_be_dark,
         unlit=0.0 if may_be_dark else UNLIT,
     )
     if isinstance(looked, int):
@@ -78,5 +78,5 @@ def _grid(cells: int, k: int, border: tuple[int, int]) -> kernel.Grid:
     sources = sources_of(k, border)
     return kernel.Grid(
         *(cells, k, lattice(cells, k).along, sources.column, sources.first),
-        *(meeting_cells(cells), inner_points(cells, k, border)),
+        *(meeting_cells(cells), least_shares(cells, k, border)),
     )
