@@ -15,7 +15,8 @@ PAPER_ANGLES_DEG = (-70.0, -45.0, -20.0, 0.0, 20.0, 45.0, 70.0)
 PAPER_ANGLES_AT_M = 0.6
 BEYOND_DISTANCES_M = (3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0)
 BEYOND_ANGLES_DEG = (-80.0, 80.0)
-ROBUSTNESS_DISTANCES_M = (1.0, 3.0)  # where a single frame has light to spare, and where it has not
+# Where a panel fills half the picture, where a single frame has light to spare, and where it has not.
+ROBUSTNESS_DISTANCES_M = (0.45, 1.0, 3.0)
 # Asked for; the sensor rounds down to whole rows. Robustness has other exposures among its cases.
 EXPOSURES_US: dict[Suite, tuple[float, ...]] = {
     "paper": (10_000.0, 150.0),
