@@ -74,12 +74,12 @@ def test_patterns_that_repeat_their_rows_or_columns() -> None:
 
 
 def test_words_that_a_part_of_a_panel_may_look_like() -> None:
-    """Of DICT_4X4_50 six. Word 17 is what two rows of three cells show, 000 and 010.
+    """Of DICT_4X4_50 one. Word 17 is what two rows of three cells show, 000 and 010.
 
     Its second column is sampled from 0.265 to 0.485 of the side; there the middle cell begins at 1/3.
     """
     book = Codebook.build(list(range(50)), load_dictionary("DICT_4X4_50"), SPEC)
-    assert {int(book.ids[w]) for w in range(200) if len(book.stretched_beside(w))} == {10, 16, 17, 27, 40, 45}
+    assert {int(book.ids[w]) for w in range(200) if len(book.stretched_beside(w))} == {17}
     middle = (0.485 - 1 / 3) / 0.22
     rows = [[0, middle, middle, 0]] * 2 + [[0.0] * 4] * 2
     assert any(np.allclose(part.reshape(4, 4), rows) for part in book.stretched_beside(17 * 4))

@@ -16,6 +16,7 @@ from ledpi.records import Floats, Integers, Mask, PanelSpec, Singles
 
 # Patterns that are no word differ in so many cells at least from each: what differs in fewer is meant for it.
 NEAREST_PATTERN = MOST_CORRECTED + 1
+MOST_OF_PART = 0.5  # of a panel's cells: what shows more of them is a panel with a hidden side, which its walls tell
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -65,7 +66,7 @@ class Codebook:
         return _coarse_beside(self.white[word].tobytes(), self.correctable)
 
     def stretched_beside(self, word: int) -> Singles:
-        """(N, cells) by how much each cell is white where a part of a panel, of fewer rows or columns, shows this word.
+        """(N, cells) by how much each cell is white where a part of a panel, half of it or less, shows this word.
 
         Its cells are larger than those that it is taken for, so that some of these lie on two of them.
         """
@@ -113,6 +114,8 @@ def _stretched_beside(word: bytes) -> Singles:
     side = math.isqrt(len(pattern))
     found = [np.empty((0, len(pattern)))]
     for of_rows, of_columns in product([_shares_of(side, few) for few in range(1, side + 1)], repeat=2):
+        if of_rows.shape[1] * of_columns.shape[1] > MOST_OF_PART * len(pattern):
+            continue
         rows, columns = of_rows.argmax(axis=0), of_columns.argmax(axis=0)  # of which cells are most
         part = pattern.reshape(side, side)[np.ix_(rows, columns)]
         mixed = (of_rows @ part @ of_columns.T).reshape(1, -1)

@@ -137,15 +137,15 @@ def odds_against_coarse(evidence: Evidence, fit: Fit, codebook: Codebook) -> flo
 
 
 def odds_against_stretched(evidence: Evidence, fit: Fit, codebook: Codebook) -> float:
-    """Log odds of the best word against a part of a panel, of fewer rows or columns, that looks like it.
+    """Log odds of the best word against half a panel, or less of it, that looks like it.
 
-    All of its cells may be as the word says, by the greater part of each; some show both classes' bands. Taken to be
-    as frequent as words, too.
+    All of its cells may be as the word says, by the greater part of each; some show both classes' bands. It is one
+    pattern among those that are no words: of a panel rows and columns must be dark for it.
     """
     patterns = codebook.stretched_beside(fit.words[0])
     if not len(patterns):
         return math.inf
-    return fit.likelihood[0] - likeliest(evidence, patterns).likelihood[0]
+    return fit.likelihood[0] - likeliest(evidence, patterns).likelihood[0] + prior_odds_of_word(codebook)
 
 
 def odds_against_one_light(fit: Fit, samples: CellSamples, frame: Frame, codebook: Codebook) -> float:
