@@ -29,8 +29,8 @@ from ledpi.records import PanelSpec, Phase, Rejected
 from ledpi.shutter import phase_advance_cycles
 from ledpi.simulate.scene import SimulatedSensor
 
-# From so much information a cell and frame on, the decoder's decision is right in 98 draws of 100 and more; what a pair
-# gives beyond counts no more. (A test draws.)
+# From so much information a cell and frame on, the decoder's decision is right in 97 draws of 100 and more; what a pair
+# gives beyond counts no more. (A test draws. But for word 17 of DICT_4X4_50, which half a panel may look like, in 98.)
 ENOUGH_NATS = 20.0
 # Two frames that are 1/20 of a cycle apart differ by 2·sin(π/20) = 0.31 of the bands' amplitude: a tenth of the power.
 FROZEN_CYCLES = 0.05
