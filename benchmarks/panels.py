@@ -1,7 +1,8 @@
 """How long a frame with 1 to 8 panels takes, searching and tracking, beside OpenCV's detectMarkers on the same frames.
 
-Each frame is decoded three ways in turn, in one process, OpenCV on one thread; figures are medians of processor time,
-those of stages (in brackets) of the clock's: to ask for the processor's at each costs as much as a stage.
+Each frame is decoded three ways in turn, in one process, OpenCV on one thread; frames with 1 to 8 panels take turns,
+so that what slows the machine down for a while slows all alike. Figures are medians of processor time, those of stages
+(in brackets) of the clock's: to ask for the processor's at each costs as much as a stage.
 "Searching": each frame alone. "Tracking": in a stream, once every panel was read. The last lines say what each further
 panel costs.
 
@@ -13,7 +14,7 @@ from __future__ import annotations
 import argparse
 import os
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
@@ -23,7 +24,7 @@ import numpy as np
 from ledpi.config import load_config
 from ledpi.dictionaries import load_dictionary
 from ledpi.pipeline import Pipeline
-from ledpi.records import CameraInfo, Frame
+from ledpi.records import CameraInfo, Decoded, Frame
 from ledpi.simulate.render import Renderer
 from ledpi.simulate.scene import Panel, Room, Scene, SimulatedSensor
 from ledpi.simulate.scenes import ov5647_lens
@@ -31,6 +32,7 @@ from ledpi.simulate.trajectory import Still, facing_camera
 
 DISTANCE_M = 1.4
 WARM_UP_FRAMES = 24  # squares that are no panels are looked at in each frame until then
+THEIRS, OURS = "detectMarkers", ("searching", "tracking")
 SETTINGS = load_config(None, ("panels.side_m=0.16",)).panels
 PLACES_M = [(x, y) for y in (-0.22, 0.22) for x in (-0.45, -0.15, 0.15, 0.45)]  # four across, two down
 
@@ -68,33 +70,45 @@ def pipeline_of(scene: Scene, *, stream: bool) -> Pipeline:
     return Pipeline(info, SETTINGS, intrinsics=sensor.intrinsics, stream=stream)
 
 
-def measure(count: int, frames: int) -> tuple[float, float, float]:
-    """Median milliseconds of detectMarkers, of searching, of tracking; prints where the time goes."""
-    scene = scene_of(count)
-    searching, tracking = pipeline_of(scene, stream=False), pipeline_of(scene, stream=True)
-    detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50))
-    taken: dict[str, list[float]] = {"detectMarkers": [], "searching": [], "tracking": []}
-    stages: dict[str, list[dict[str, float]]] = {"searching": [], "tracking": []}
-    read = {"searching": 0, "tracking": 0}
-    for number, frame in enumerate(frames_of(scene, WARM_UP_FRAMES + frames)):
+class Contest:
+    """The same number of panels in every frame, decoded three ways: what each took, and what was read."""
+
+    def __init__(self, count: int, frames: int) -> None:
+        self.scene = scene_of(count)
+        self.frames = frames_of(self.scene, WARM_UP_FRAMES + frames)
+        self.pipelines = {name: pipeline_of(self.scene, stream=name == "tracking") for name in OURS}
+        self.decoded: dict[str, list[Decoded]] = {name: [] for name in OURS}
+        self.taken_ms: dict[str, list[float]] = {name: [] for name in (THEIRS, *OURS)}
+
+    def decode(self, number: int, detector: cv2.aruco.ArucoDetector) -> None:
+        """One frame, by all three in turn; while caches and tracks warm up it does not count."""
+        frame, counts = self.frames[number], number >= WARM_UP_FRAMES
         start = time.thread_time()
         detector.detectMarkers(frame.pixels)
-        taken["detectMarkers"].append(1e3 * (time.thread_time() - start))
-        for name, pipeline in (("searching", searching), ("tracking", tracking)):
+        taken = {THEIRS: time.thread_time() - start}
+        for name, pipeline in self.pipelines.items():
             start = time.thread_time()
             decoded = pipeline.decode(frame)
-            taken[name].append(1e3 * (time.thread_time() - start))
-            stages[name].append(decoded.stage_ms)
-            read[name] += len(decoded.markers) if number >= WARM_UP_FRAMES else 0
-    medians = {name: float(np.median(ms[WARM_UP_FRAMES:])) for name, ms in taken.items()}
-    for name in ("searching", "tracking"):
-        parts = [(s, np.median([ms[s] for ms in stages[name][WARM_UP_FRAMES:]])) for s in stages[name][0]]
-        print(
-            f"{count} panels, {name:9} read {read[name]}/{count * frames}  {medians[name]:5.2f} ms, "
-            f"{medians[name] / medians['detectMarkers']:.2f} of detectMarkers' {medians['detectMarkers']:.2f} ms  "
-            f"({', '.join(f'{s} {ms:.2f}' for s, ms in parts)})"
-        )
-    return medians["detectMarkers"], medians["searching"], medians["tracking"]
+            taken[name] = time.thread_time() - start
+            if counts:
+                self.decoded[name].append(decoded)
+        for name, seconds in taken.items():
+            if counts:
+                self.taken_ms[name].append(1e3 * seconds)
+
+    def median_ms(self, name: str) -> float:
+        return float(np.median(self.taken_ms[name]))
+
+    def lines(self) -> Iterator[str]:
+        """How long it took, beside detectMarkers, and where the time goes."""
+        count, theirs = len(self.scene.panels), self.median_ms(THEIRS)
+        for name, decoded in self.decoded.items():
+            read = sum(len(each.markers) for each in decoded)
+            stages = [f"{s} {np.median([each.stage_ms[s] for each in decoded]):.2f}" for s in decoded[0].stage_ms]
+            yield (
+                f"{count} panels, {name:9} read {read}/{count * len(decoded)}  {self.median_ms(name):5.2f} ms, "
+                f"{self.median_ms(name) / theirs:.2f} of detectMarkers' {theirs:.2f} ms  ({', '.join(stages)})"
+            )
 
 
 def further_panel(counts: Sequence[int], ms: Sequence[float]) -> float:
@@ -108,11 +122,16 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=24)
     arguments = parser.parse_args()
     cv2.setNumThreads(1)
+    detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50))
     counts = range(1, arguments.panels + 1)
-    times = [measure(count, arguments.frames) for count in counts]
-    theirs = float(np.median([detect for detect, _, _ in times]))
-    for name, column in (("searching", 1), ("tracking", 2)):
-        slope = further_panel(counts, [row[column] for row in times])
+    contests = [Contest(count, arguments.frames) for count in counts]
+    for number in range(WARM_UP_FRAMES + arguments.frames):
+        for contest in contests:
+            contest.decode(number, detector)
+    print(*(line for contest in contests for line in contest.lines()), sep="\n")
+    theirs = float(np.median([contest.median_ms(THEIRS) for contest in contests]))
+    for name in OURS:
+        slope = further_panel(counts, [contest.median_ms(name) for contest in contests])
         print(f"each further panel, {name}: {slope:.2f} ms, {slope / theirs:.2f} of detectMarkers")
 
 
