@@ -429,6 +429,18 @@ def test_another_panel_in_a_panels_place_is_not_reported_as_that(corners: Floats
     assert found[25] == [23]
 
 
+@pytest.mark.parametrize(("old", "new"), [(7, 23), (23, 7)])
+@pytest.mark.parametrize(("side", "larger"), [(40, 1.23), (45, 1.18), (45, 1.23)])
+def test_nor_is_one_that_is_larger(side: int, larger: float, old: int, new: int) -> None:
+    """So much that its cells are sampled at other places, where no picture of the old one's is to compare them with."""
+    path, wide = pipeline(stream=True), square(310.3, 240.6, side * larger, 4)
+    before = ids_of(path, [frame_of((square(310.3, 240.6, side, 4), word(old)), seq=n) for n in range(12)])
+    after = ids_of(path, [frame_of((wide, word(new)), seq=n) for n in range(12, 20)])
+    assert before[11] == [old]
+    assert old not in {i for frame_ids in after for i in frame_ids}
+    assert after[7] == [new]
+
+
 def test_a_tracked_panel_is_sought_in_its_neighbourhood() -> None:
     """Two of three frames that show it where it was expected do not search the picture at all."""
     path = pipeline(stream=True)

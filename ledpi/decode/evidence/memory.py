@@ -18,7 +18,7 @@ from ledpi.decode.evidence.comparison import LEAST_SCALE, Mean, compared_evidenc
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.evidence.noise import WHITE, Correlation
 from ledpi.decode.evidence.single_frame import single_evidence
-from ledpi.decode.evidence.waves import band_prior, class_waves, turned
+from ledpi.decode.evidence.waves import band_prior, class_waves, is_deep, turned
 from ledpi.records import Floats, Frame, PanelSpec, Rejected, Singles
 
 # Old evidence fades, as oscillators drift and a wrong turn must be mended: to a third in 30 frames, half a second.
@@ -67,11 +67,18 @@ class PanelMemory:
     compared: Compared | None = None
 
     def after(self, samples: CellSamples, frame: Frame) -> tuple[PanelMemory, Evidence | None]:
-        """The memory with a further frame, and what that adds by comparison with those before, if anything."""
+        """The memory with a further frame, and what that adds by comparison with those before, if anything.
+
+        One on another lattice cannot be compared with them: of it, what it says by itself.
+        """
         origin_ns = self.origin_ns if self.frames else frame.row0_readout_ns
         further = replace(self, frames=self.frames + 1, origin_ns=origin_ns, last=(samples, frame), many=None)
-        if self.lattice is not samples.lattice:
-            return further, None  # what was learnt of the bands stays, the picture does not
+        if not self.frames:
+            return further, None
+        if self.lattice is not samples.lattice:  # what was learnt of the bands stays, the picture does not
+            alone = further._of_mean_picture()
+            # Deep bands are read in each frame by itself, by more than this one look.
+            return further, None if isinstance(alone, Rejected) or is_deep(alone.prior) else alone
         before, waves = self._mean(), self._waves(samples, frame)
         scale, added = compared_evidence(samples, frame, self.spec, waves, _lit(before))
         light = samples.light / np.float32(max(scale, LEAST_SCALE))
