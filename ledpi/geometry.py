@@ -130,11 +130,16 @@ def quad_middle(corners: Sequence[Sequence[float]]) -> tuple[float, float]:
     return 0.25 * (x0 + x1 + x2 + x3), 0.25 * (y0 + y1 + y2 + y3)
 
 
+def corners_apart(corners: Sequence[Sequence[float]], others: Sequence[Sequence[float]]) -> float:
+    """How far a corner of one square is from the nearest corner of the other, at most; in whichever order both are."""
+    return max(min(math.dist(at, there) for there in others) for at in corners)
+
+
 def unit_square_to(corners: Floats) -> Floats:
     """(3, 3) homography that takes (0,0) (1,0) (1,1) (0,1) to the four `corners` (4, 2).
 
-    Heckbert's closed form (Fundamentals of Texture Mapping, 1989). Raises numpy's LinAlgError never: a quad whose
-    sides are parallel, or a degenerate one, divides by zero and gives non-finite numbers, which callers refuse.
+    Heckbert's closed form (Fundamentals of Texture Mapping, 1989). Never raises: where both sides at the third corner
+    lie on one line it gives NaN, which callers refuse.
     """
     (x0, y0), (x1, y1), (x2, y2), (x3, y3) = corners.tolist()
     dx1, dx2, dx3 = x1 - x2, x3 - x2, x0 - x1 + x2 - x3

@@ -10,6 +10,7 @@ import pytest
 
 from ledpi.geometry import (
     box,
+    corners_apart,
     distort,
     in_square,
     matrix_from_quaternion,
@@ -158,3 +159,9 @@ def test_the_corners_of_a_square_are_where_they_are_seen() -> None:
     """Clockwise from the top left, as a box's are."""
     corners = np.array([[10.0, 20.0], [90.0, 35.0], [80.0, 95.0], [15.0, 70.0]])
     assert in_square(corners, box(0, 0, 1, 1)) == pytest.approx(corners)
+
+
+def test_corners_are_apart_by_the_one_that_is_furthest_from_all_others() -> None:
+    """One corner is off by (3, 4); the order in which either square has them does not matter."""
+    one, other = [[0, 0], [10, 0], [10, 10], [0, 10]], [[10, 10], [0, 10], [-3, -4], [10, 0]]
+    assert corners_apart(one, other) == corners_apart(other, one) == 5.0

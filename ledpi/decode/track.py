@@ -11,7 +11,7 @@ import numpy as np
 from ledpi.decode.cells import INSET
 from ledpi.decode.corners.sides import as_points
 from ledpi.decode.history import History
-from ledpi.geometry import quad_middle, quad_side
+from ledpi.geometry import corners_apart, quad_middle, quad_side
 from ledpi.records import MAX_GAP_NS, Floats, PanelSpec, Quad, Rejected, ToldBy
 
 Place: TypeAlias = tuple[tuple[float, float], float]  # centre and side of a square, in pixels
@@ -21,9 +21,9 @@ NOT_SHOWN = Rejected(stage="track", reason="not_shown")
 # Between two frames a square's centre may miss its prediction by this share of its side, and its side may change by the
 # other.
 MAX_SHIFT, MAX_GROWTH = 0.35, 1.25
-# And its corners about its centre go no further than this, in sides, size apart: who passes a panel at 1 m/s, 0.4 m off
-# it, sees it turn by 0.08 in 33 ms, and half of that in a corner's place.
-MAX_BENT = 0.1
+# And its corners about its centre, size apart, move by no more than this share: a camera that passes a panel at 1 m/s,
+# 0.4 m away, sees it turn by 0.08 rad in 33 ms, which moves a corner by half as many sides.
+MAX_RESHAPED = 0.1
 SAME = 0.01  # of the side: squares no further apart, and in size, are one
 ALIKE = INSET / 4  # of the side, from corner to corner: squares no further apart show the same cells, of 4 × 4
 # How much of a corner's velocity the last step alone decides: the noise of two corners weighs on it, but a robot that
@@ -133,9 +133,10 @@ class Tracker:
                 track.where.seen_ns == self._now_ns
                 and math.dist(centre, middle) < MAX_SHIFT * side
                 and 1 / MAX_GROWTH < side_px / side < MAX_GROWTH
-                and (track.history.last is not None or _apart(corners_px, at_px) < ALIKE * side + tolerance_px)
             ):
-                return True
+                alike_px = ALIKE * side + tolerance_px
+                if track.history.last is not None or corners_apart(corners_px.tolist(), at_px.tolist()) < alike_px:
+                    return True
         return False
 
     def _not_seen(self, quads: list[Quad]) -> list[Quad]:
@@ -190,12 +191,6 @@ def _place(corners_px: Floats) -> Place:
     return quad_middle(corners), quad_side(corners)
 
 
-def _apart(corners_px: Floats, other_px: Floats) -> float:
-    """From a corner of one square to the nearest of the other, at most."""
-    other = other_px.tolist()
-    return max(min(math.dist(at, there) for there in other) for at in corners_px.tolist())
-
-
 def _is_one_of(place: Place, places: list[Place]) -> bool:
     centre, side = place
     return any(math.dist(centre, at) < SAME * side and abs(side - of) < SAME * side for at, of in places)
@@ -208,18 +203,13 @@ def _distance(quad: Quad, track: Track, now_ns: int) -> float | None:
     distance = math.dist(quad_middle(corners), quad_middle(track.where.expected_px(now_ns).tolist())) / side
     if not (distance < MAX_SHIFT and 1 / MAX_GROWTH < side / was < MAX_GROWTH):
         return None
-    return distance if _bent(_shape(corners, side), _shape(before, was)) < MAX_BENT else None
+    return distance if corners_apart(_shape(corners, side), _shape(before, was)) < MAX_RESHAPED else None
 
 
-def _shape(corners: list[list[float]], side: float) -> list[complex]:
+def _shape(corners: list[list[float]], side: float) -> list[tuple[float, float]]:
     """Corners about their centre, in sides."""
     x, y = quad_middle(corners)
-    return [complex(a - x, b - y) / side for a, b in corners]
-
-
-def _bent(shape: list[complex], other: list[complex]) -> float:
-    """How far a corner of one is from the nearest of the other, at most."""
-    return max(min(abs(at - there) for there in other) for at in shape)
+    return [((a - x) / side, (b - y) / side) for a, b in corners]
 
 
 def _in_order_of(quad: Quad, before_px: Floats) -> Quad:

@@ -15,7 +15,7 @@ from ledpi.decode.corners.adjust import BUILT_PX, FARTHEST, HUBER, LEAST_CELLS, 
 from ledpi.decode.corners.inner_lines import NOT_SEEN_PX2, PLACES, Homographies, inner_lines, lens_moves
 from ledpi.decode.corners.sides import Patches, Points, areas, as_corners, as_points, bends
 from ledpi.decode.corners.whole import NO_RIM_WALL, RIM_WALL
-from ledpi.geometry import quad_side
+from ledpi.geometry import corners_apart, quad_side
 from ledpi.kernels import inner_square as kernel
 from ledpi.kernels.edges import MOST_CELLS
 from ledpi.kernels.light import can_read
@@ -89,7 +89,8 @@ def _told(frame: Frame, near: Floats, cells: int, intrinsics: Intrinsics | None)
 
 def is_same(quad: Quad, other: Quad, cells: int) -> bool:
     """Whether two are of one thing, and so exactly that looking at both tells no more than at one."""
-    return _apart_px(quad, other.corners_px) < SAME * _pitch_px(other.corners_px, cells)
+    apart_px = corners_apart(quad.corners_px.tolist(), other.corners_px.tolist())
+    return apart_px < SAME * _pitch_px(other.corners_px, cells)
 
 
 def is_near(quad: Quad, expected: Floats, cells: int) -> bool:
@@ -97,7 +98,8 @@ def is_near(quad: Quad, expected: Floats, cells: int) -> bool:
 
     What touches it draws a side by more.
     """
-    return _apart_px(quad, expected) < NEAR * _pitch_px(expected, cells) + NEAR_BY_PX
+    apart_px = corners_apart(quad.corners_px.tolist(), expected.tolist())
+    return apart_px < NEAR * _pitch_px(expected, cells) + NEAR_BY_PX
 
 
 def is_aside(quad: Quad, other: Quad, cells: int) -> bool:
@@ -108,11 +110,6 @@ def is_aside(quad: Quad, other: Quad, cells: int) -> bool:
     pitch_px, other_px = _pitch_px(quad.corners_px, cells), _pitch_px(other.corners_px, cells)
     away_px = math.dist(quad.corners_px.mean(axis=0), other.corners_px.mean(axis=0))
     return 1 / ALIKE < pitch_px / other_px < ALIKE and ASIDE * other_px < away_px < cells * other_px
-
-
-def _apart_px(quad: Quad, corners: Floats) -> float:
-    """From a corner to the nearest of `corners` (4, 2), at most."""
-    return float(np.hypot(*(quad.corners_px[:, None] - corners).transpose(2, 0, 1)).min(axis=1).max())
 
 
 def _pitch_px(corners: Floats, cells: int) -> float:
