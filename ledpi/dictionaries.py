@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
 
 import cv2
@@ -24,11 +24,28 @@ def is_file(name: str) -> bool:
     return name.endswith(FILE_ENDINGS)
 
 
-@cache
 def load_dictionary(name: str) -> Dictionary:
-    """A predefined dictionary by OpenCV's name, or the one of a file. Raises ValueError that says what is right."""
-    if is_file(name):
-        return read_dictionary(Path(name))
+    """A predefined dictionary by OpenCV's name, or the one of a file. Raises ValueError that says what is right.
+
+    A file is read again once it has changed: a daemon that reloads its configuration must not keep the old words.
+    """
+    if not is_file(name):
+        return _predefined(name)
+    path = Path(name)
+    try:
+        status = path.stat()
+    except OSError:
+        return read_dictionary(path)  # which says what is wrong
+    return _read_once(path, status.st_mtime_ns, status.st_size, status.st_ino)
+
+
+@lru_cache(maxsize=8)
+def _read_once(path: Path, *version: int) -> Dictionary:
+    return read_dictionary(path)
+
+
+@cache
+def _predefined(name: str) -> Dictionary:
     if name not in dictionary_names():
         raise ValueError(
             f"unknown dictionary {name!r}; known: {', '.join(dictionary_names())}, or a file that ends in "

@@ -42,6 +42,13 @@ def test_the_words_of_a_file_by_hand(file: Path) -> None:
     np.testing.assert_array_equal(dictionary.word(1), [[0, 1, 1], [1, 0, 1], [1, 0, 0]])
 
 
+def test_a_file_that_was_changed_is_read_again(file: Path) -> None:
+    """As a daemon does that reloads its configuration: panels of the old words would go on being read."""
+    assert load_dictionary(str(file)) is load_dictionary(str(file))
+    file.write_text(THREE.replace("110010001", "010101100") + "# by hand\n")
+    np.testing.assert_array_equal(load_dictionary(str(file)).word(0), [[0, 1, 0], [1, 0, 1], [1, 0, 0]])
+
+
 @pytest.mark.parametrize("ending", ["yml", "json"])
 def test_what_opencv_writes_is_read(tmp_path: Path, ending: str) -> None:
     """The first words of a predefined dictionary, written by OpenCV itself."""
