@@ -334,6 +334,14 @@ def test_as_live_needs_a_recording_that_was_decoded_live(ledpi: Run, take: Path)
     assert "--as-live: does not say which frames were decoded live" in complaint(ledpi("--as-live", take))
 
 
+def test_that_is_told_before_anything_is_printed(ledpi: Run, kept: Path, take: Path) -> None:
+    """Of a recording that comes after one which says so."""
+    frames = take / "frames.jsonl"
+    frames.write_text(frames.read_text().replace("}\n", ', "decoded": true}\n'))
+    assert len(lines(ledpi("--as-live", take)[1])) == FRAMES
+    assert "--as-live: does not say which frames were decoded live" in complaint(ledpi("--as-live", take, kept / "one"))
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

@@ -48,7 +48,7 @@ def decode(
 
     Example: ledpi decode --single-frame recordings/static | jq .markers
     """
-    from ledpi.config import check_method, find_config, load_config
+    from ledpi.config import find_config, load_config
     from ledpi.recording import load_recording
 
     file = find_config(config)
@@ -63,9 +63,7 @@ def decode(
         _check_names_differ([name for name, _ in recordings])
     # All of them before a line is printed: half an experiment must not pass for the whole.
     loaded = [(name, load_recording(folder)) for name, folder in _told_apart(recordings)]
-    for _, recording in loaded:
-        shown = settings.panels.shown_by(recording.panel_values)
-        check_method(settings.decode.method, shown, f"{recording.folder}: decode.method")
+    _check(loaded, pictures, settings, as_live=as_live)
     drawn = _steps_folders(steps, loaded, pictures)
     bad = 0
     with progress("decoding", sum(len(recording.frames) for _, recording in loaded) + len(pictures)) as advance:
@@ -127,6 +125,23 @@ def _told_apart(recordings: list[tuple[str, Path]]) -> list[tuple[str, Path]]:
     return [(name if sharing[name] == 1 else str(folder), folder) for name, folder in recordings]
 
 
+def _check(
+    loaded: list[tuple[str, Recording]], pictures: list[Path], settings: Config, *, as_live: bool
+) -> None:
+    """Raises LedpiError where what was asked for cannot be had of all of them."""
+    from ledpi.config import check_method
+    from ledpi.still import still_camera
+
+    for _, recording in loaded:
+        shown = settings.panels.shown_by(recording.panel_values)
+        check_method(settings.decode.method, shown, f"{recording.folder}: decode.method")
+        if as_live and all(entry.decoded is None for entry in recording.frames):
+            raise RecordingError(f"{recording.folder}: --as-live: does not say which frames were decoded live")
+        _lens(settings, recording.camera)
+    if pictures:
+        _lens(settings, still_camera(settings.camera))
+
+
 def _decode_recording(
     name: str,
     recording: Recording,
@@ -143,11 +158,9 @@ def _decode_recording(
     from ledpi.row_clock import row_time_note
 
     camera = recording.camera
-    if as_live and all(entry.decoded is None for entry in recording.frames):
-        raise RecordingError(f"{recording.folder}: --as-live: does not say which frames were decoded live")
     if recording.row_time_ratio != 1.0:
         _note(f"{recording.folder}: {row_time_note(camera.row_time_us, recording.row_time_ratio)}")
-    lens = camera.intrinsics or _intrinsics(settings, camera.width, camera.height)
+    lens = _lens(settings, camera)
     pipeline = _pipeline(settings, camera, lens, stream=stream, shown=recording.panel_values)
     bad = 0
     for entry in recording.frames:
@@ -176,7 +189,7 @@ def _decode_pictures(
     if not pictures:
         return 0
     info = still_camera(settings.camera)
-    lens = _intrinsics(settings, info.width, info.height)
+    lens = _lens(settings, info)
     pipeline = _pipeline(settings, info, lens, stream=False)
     bad = 0
     for seq, path in enumerate(pictures):
@@ -221,11 +234,14 @@ def _decode(frame: Frame, name: str, pipeline: Pipeline, lens: Intrinsics | None
     _print(taken.decoded, name)
 
 
-def _intrinsics(settings: Config, width: int, height: int) -> Intrinsics | None:
+def _lens(settings: Config, camera: CameraInfo) -> Intrinsics | None:
+    """The source's own, else the configuration's."""
     from ledpi.camera_yaml import load_intrinsics
 
     path = settings.camera.intrinsics
-    return load_intrinsics(path, (width, height)) if path is not None else None
+    if camera.intrinsics is not None or path is None:
+        return camera.intrinsics
+    return load_intrinsics(path, (camera.width, camera.height))
 
 
 def _nothing(seq: int, row0_readout_ns: int, why: Rejected) -> Decoded:
