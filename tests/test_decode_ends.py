@@ -165,7 +165,7 @@ def test_what_lines_told_first_is_asked_where_it_ends_whatever_tells_it_later() 
     by_sides, lattice = quad(TRUE + down), samples_of(frame, TRUE + down)
     reading = read_word(samples_of(frame, TRUE), frame, BOOK)
     assert isinstance(reading, Reading)
-    aside = replace(reading, cell_bands=np.roll(reading.cell_bands.reshape(4, 4, -1), -1, axis=0).reshape(16, -1))
+    aside = reading._replace(cell_bands=np.roll(reading.cell_bands.reshape(4, 4, -1), -1, axis=0).reshape(16, -1))
     told_first: tuple[ToldBy, ...] = ("lines", "sides")
     for first in told_first:
         history, shown = History.of((SPEC,)).after(lattice, frame)[0], Shown(group=0, reading=aside)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from functools import partial
 from itertools import combinations
@@ -51,7 +50,7 @@ def drawn_from(evidence: Evidence, rng: np.random.Generator) -> Evidence:
     values, vectors = np.linalg.eigh(matrix)
     noise = vectors @ (np.sqrt(np.maximum(values, 0)) * rng.standard_normal(64))
     score: Floats = (matrix @ shown.ravel() + noise).reshape(16, 4)
-    return dataclasses.replace(evidence, score=score)
+    return evidence._replace(score=score)
 
 
 def codebook_with(own: np.ndarray) -> Codebook:
@@ -104,7 +103,7 @@ def without(evidence: Evidence, *cells: int) -> Evidence:
     score, information = evidence.score.copy(), evidence.information.copy()
     for cell in cells:
         score[cell] = information[cell] = information[:, :, cell] = 0.0
-    return dataclasses.replace(evidence, score=score, information=information)
+    return evidence._replace(score=score, information=information)
 
 
 @compiled
@@ -187,7 +186,7 @@ def test_a_rival_that_cannot_be_weighed_is_not_beaten() -> None:
     information, white = evidence.information.copy(), np.flatnonzero(word(7).ravel())
     for cell in white:
         information[cell, 0, white[white != cell], 0] = -1e6
-    result = decide(dataclasses.replace(evidence, information=information), book, 1e-6)
+    result = decide(evidence._replace(information=information), book, 1e-6)
     assert result == UNFIT
 
 

@@ -189,7 +189,7 @@ def test_words_beside_silent_cells(told: float) -> None:
     score, information = told * whole.score, told * whole.information
     for cell in (3, 9):
         score[cell] = information[cell] = information[:, :, cell] = 0.0
-    evidence = dataclasses.replace(whole, score=score, information=information)
+    evidence = whole._replace(score=score, information=information)
     book = Codebook.build(list(range(50)), load_dictionary("DICT_4X4_50"), SPEC)
     ours, theirs = both_ways(partial(words.likeliest, evidence, book.white))
     assert (ours.beyond[1] < words.SMALLEST_LOG) == (told > 1)

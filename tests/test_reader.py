@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pytest
 from decode_material import FRAME_ROWS, ROW_TIME_US, SPEC, Canvas, reason, square, word
 from samples_material import samples_of
@@ -108,7 +106,7 @@ def test_what_was_read_stays_so_by_less_than_a_first_reading_asks_for(marker_id:
         frame = shown(seq, FARTHER)
         history = reader.read(history, samples_of(frame, FARTHER), frame).history
     assert history.shown is not None
-    last = replace(history.shown, reading=replace(history.shown.reading, id=marker_id))
+    last = history.shown._replace(reading=history.shown.reading._replace(id=marker_id))
     frame = shown(2, FARTHER)
     assert read_id(strict.read(history.read_as(last), samples_of(frame, FARTHER), frame).shown) == still
     assert read_id(strict.read(history.not_read(), samples_of(frame, FARTHER), frame).shown) == "soft.not_in_dictionary"

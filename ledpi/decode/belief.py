@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,8 +25,7 @@ FRAMED, CLEAR_PX = 0.05, 1.5
 NO_END = Rejected(stage="soft", reason="no_end_seen")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Believed:
+class Believed(NamedTuple):
     """Where a panel is, if it is believed."""
 
     history: History

@@ -6,7 +6,7 @@ since `last`). Where what was seen turns out to be something else, all begins an
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 from ledpi.decode.cells import CellSamples
 from ledpi.decode.evidence.evidence import Evidence
@@ -21,8 +21,7 @@ from ledpi.records import Frame, PanelSpec
 SEEN_FRAMES = 12  # that are kept to find a panel's frequencies from
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Shown:
+class Shown(NamedTuple):
     """What a panel was read as."""
 
     group: int  # which pair of frequencies, of those that panels may have
@@ -34,8 +33,7 @@ class Shown:
         return self.expectation is not None and self.expectation.is_met(samples, frame)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Tuning:
+class Tuning(NamedTuple):
     """The frames that a panel's frequencies are sought in, and those that were found, if not the announced ones."""
 
     seen: tuple[Seen, ...] = ()  # the last frames
@@ -51,23 +49,22 @@ class Tuning:
     def after(self, samples: CellSamples, frame: Frame) -> Tuning:
         """With a further frame."""
         seen = (*self.seen[1 - SEEN_FRAMES :], Seen(samples=samples, frame=frame))
-        return replace(self, seen=seen, looks=self.looks + 1)
+        return self._replace(seen=seen, looks=self.looks + 1)
 
     def of_newest_alone(self) -> Tuning:
         """The frames before say nothing of what blinks there now."""
-        return replace(self, seen=self.seen[-1:], looks=1)
+        return self._replace(seen=self.seen[-1:], looks=1)
 
     def tried(self) -> Tuning:
         """Frequencies were sought, and not found."""
-        return replace(self, looks=0)
+        return self._replace(looks=0)
 
     def found_as(self, proposal: Proposal) -> Tuning:
         """Frequencies were sought, and found."""
-        return replace(self, looks=0, found=proposal, found_by=len(self.seen))
+        return self._replace(looks=0, found=proposal, found_by=len(self.seen))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class History:
+class History(NamedTuple):
     """What the frames of a track have shown."""
 
     memories: tuple[PanelMemory, ...]  # one for each pair of frequencies
@@ -96,32 +93,32 @@ class History:
 
     def as_expected(self) -> History:
         """A further frame is as expected of what is shown: that is all that is asked of it."""
-        return replace(self, met=self.met + 1, confirmed=self.confirmed + 1)
+        return self._replace(met=self.met + 1, confirmed=self.confirmed + 1)
 
     def not_only_expected(self) -> History:
         """The newest frame, which was as expected, is to enter the memories after all."""
-        return replace(self, confirmed=self.confirmed - 1)
+        return self._replace(confirmed=self.confirmed - 1)
 
     def expecting(self, shown: Shown, expectation: Expectation) -> History:
         """What is `shown` lets this be expected."""
-        return replace(self, last=replace(shown, expectation=expectation))
+        return self._replace(last=shown._replace(expectation=expectation))
 
     def after(self, samples: CellSamples, frame: Frame) -> tuple[History, list[Evidence | None]]:
         """With a further frame in the memories, and what it adds to each. What it is read as is to be told."""
         further, added = zip(*(memory.after(samples, frame) for memory in self.memories), strict=True)
-        return replace(self, memories=further, tuning=self.tuning.after(samples, frame)), list(added)
+        return self._replace(memories=further, tuning=self.tuning.after(samples, frame)), list(added)
 
     def read_as(self, shown: Shown) -> History:
         """The memories show this."""
-        return replace(self, last=shown, untold=0, met=0)
+        return self._replace(last=shown, untold=0, met=0)
 
     def not_read(self) -> History:
         """They show nothing, or nothing that is believed."""
-        return replace(self, last=None, untold=0, met=0)
+        return self._replace(last=None, untold=0, met=0)
 
     def with_untold(self, tuning: Tuning) -> History:
         """A further frame tells nothing, and the memories did. So it is left out of them, but not of the `tuning`."""
-        return replace(self, untold=self.untold + 1, tuning=tuning)
+        return self._replace(untold=self.untold + 1, tuning=tuning)
 
     def of_newest_alone(self) -> History:
         """The frames before the newest were of something else, or do not add up."""
@@ -134,17 +131,17 @@ class History:
 
     def tuned(self, tuning: Tuning) -> History:
         """The same memories, with another `tuning`."""
-        return replace(self, tuning=tuning)
+        return self._replace(tuning=tuning)
 
     def tuned_to(self, proposal: Proposal, group: int, memory: PanelMemory) -> History:
         """The panel is one of this `group` at other frequencies, which `memory` has."""
         memories = (*self.memories[:group], memory, *self.memories[group + 1 :])
-        return replace(self, memories=memories, tuning=self.tuning.found_as(proposal))
+        return self._replace(memories=memories, tuning=self.tuning.found_as(proposal))
 
     def with_ends(self, ends: Ends) -> History:
         """A further frame has shown what is beside it."""
-        return replace(self, ends=ends)
+        return self._replace(ends=ends)
 
     def with_rim(self, rim: Rim) -> History:
         """A further frame has shown what is along its sides."""
-        return replace(self, rim=rim)
+        return self._replace(rim=rim)

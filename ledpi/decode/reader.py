@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 from ledpi.decode.cells import CellSamples
 from ledpi.decode.evidence.evidence import Evidence
@@ -39,8 +40,7 @@ ADDS_UP_FRAMES = 4
 SOMETHING_ELSE = (soft.INCONSISTENT, soft.IMPLAUSIBLE)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Outcome:
+class Outcome(NamedTuple):
     """What became of a frame."""
 
     history: History
@@ -139,7 +139,7 @@ class Reader:
             return None
         reading = soft.read_word(samples, frame, book, rate)
         if isinstance(reading, Reading):
-            return replace(reading, cell_bands=memory.in_its_time(reading.cell_bands))
+            return reading._replace(cell_bands=memory.in_its_time(reading.cell_bands))
         return reading if reading in SOMETHING_ELSE else None
 
     def _tune(self, history: History) -> History | None:

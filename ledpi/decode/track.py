@@ -83,7 +83,7 @@ class Tracker:
     """The tracks of one stream. `begin` each frame, then let tracks go on, then `follow` what else is seen."""
 
     def __init__(self, specs: tuple[PanelSpec, ...]) -> None:
-        self._specs = specs
+        self._no_frame = History.of(specs)
         self._tracks: list[Track] = []
         self._before_ns = self._now_ns = 0
 
@@ -174,7 +174,7 @@ class Tracker:
                 track = unseen[partner[i]]
                 quad = self._gone_on(track, quad)
             else:
-                track = Track(Where.of(quad, self._now_ns), History.of(self._specs))
+                track = Track(Where.of(quad, self._now_ns), self._no_frame)
                 self._tracks.append(track)
             followed.append((quad, track))
         return followed

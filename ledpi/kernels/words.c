@@ -284,8 +284,8 @@ static void put_beyond(ptrdiff_t cells, const double *gain, const uint8_t *silen
 }
 
 /* The likeliest of `words` (count, cells), best first: `chosen` (most,); which cells are `silent` (cells,); and `numbers`:
- * log-likelihood ratios to "no bands" (most,); of the best its bands (parameters,), their deviations (parameters,), the
- * bands in each cell (cells, parameters), and what speaks against it: what each cell would gain by the other class
+ * of the best its bands (parameters,), and those in each cell (cells, parameters); log-likelihood ratios to "no bands"
+ * (most,); of the best the bands' deviations (parameters,), and what speaks against it: what each cell would gain by the other class
  * (cells,), `weakest_row`, `negative`, `of_cells`, `one_class`, `beyond` (2,). Last, how many cells are silent. Returns how many are chosen, 0 where
  * there is no memory. */
 ptrdiff_t ledpi_likeliest(ptrdiff_t cells, ptrdiff_t parameters, const double *score, const double *information,
@@ -293,8 +293,8 @@ ptrdiff_t ledpi_likeliest(ptrdiff_t cells, ptrdiff_t parameters, const double *s
                           uint8_t *silent, double *numbers) {
     const Evidence evidence = {cells, parameters, score, information, prior};
     const ptrdiff_t size = cells * parameters, of_numbers = (cells + 1) * numbers_of(parameters / 2);
-    double *likelihood = numbers, *bands = likelihood + most, *deviation = bands + parameters, *shown = deviation + parameters;
-    double *gain = shown + size, *weakest_row = gain + cells, *negative = weakest_row + 1, *of_cells = negative + 1, *one_class = of_cells + 1;
+    double *bands = numbers, *shown = bands + parameters, *likelihood = shown + size, *deviation = likelihood + most;
+    double *gain = deviation + parameters, *weakest_row = gain + cells, *negative = weakest_row + 1, *of_cells = negative + 1, *one_class = of_cells + 1;
     double *beyond = one_class + 1;
     double *matrix = malloc(sizeof(double) * (size_t)(size * (size + 1) + of_numbers + most) + sizeof(int64_t) * (size_t)most);
     if (!matrix) return 0;

@@ -48,24 +48,22 @@ class Fit(NamedTuple):
     @classmethod
     def of(cls, chosen: Integers, silent: Mask, numbers: Floats, parameters: int) -> Fit:
         """From what the C function has put into `chosen`, `silent` (cells,) and `numbers` (`numbers_of`)."""
-        most, size = len(chosen), len(silent) * parameters
-        bands, shown = most, most + 2 * parameters
-        gain = shown + size
-        after = gain + len(silent)
-        as_list = numbers.tolist()
+        arrays, most = parameters * (1 + len(silent)), len(chosen)
+        rest = numbers[arrays:].tolist()
+        gain, after = most + parameters, most + parameters + len(silent)
         return cls(
             words=chosen.tolist(),
-            likelihood=as_list[:most],
-            bands=numbers[bands : bands + parameters],
-            deviation=as_list[bands + parameters : shown],
-            shown=numbers[shown:gain].reshape(-1, parameters),
-            gain=as_list[gain:after],
-            weakest_row=as_list[after],
-            negative=as_list[after + 1],
-            of_cells=as_list[after + 2],
-            one_class=as_list[after + 3],
-            beyond=as_list[after + 4 : after + 6],
-            silent=silent if as_list[after + 6] else None,
+            likelihood=rest[:most],
+            bands=numbers[:parameters],
+            deviation=rest[most:gain],
+            shown=numbers[parameters:arrays].reshape(-1, parameters),
+            gain=rest[gain:after],
+            weakest_row=rest[after],
+            negative=rest[after + 1],
+            of_cells=rest[after + 2],
+            one_class=rest[after + 3],
+            beyond=rest[after + 4 : after + 6],
+            silent=silent if rest[after + 6] else None,
         )
 
 

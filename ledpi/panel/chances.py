@@ -8,8 +8,6 @@ off by more than their first order, harmonics of the wave, what the optics mix b
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from ledpi.decode.evidence.classes import wave_shares
@@ -38,7 +36,7 @@ def chance_of_reading(
         shown = int(rng.integers(len(codebook.white)))
         bands = _bands(codebook.white[shown].astype(np.float64), depths, rng, len(evidence.prior) // 2)
         score = information @ bands.ravel() + root @ rng.standard_normal(size)
-        drawn = replace(evidence, score=score.reshape(evidence.score.shape))
+        drawn = evidence._replace(score=score.reshape(evidence.score.shape))
         read = soft.decide(drawn, codebook, false_id_rate)
         if not isinstance(read, Rejected):
             right += read.id == codebook.ids[shown] and read.quarter_turns == codebook.quarter_turns[shown]

@@ -21,12 +21,12 @@ there). What is left is correlated with a cosine and a sine of each wave, in eac
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from ledpi.decode.cells import CellSamples, Lattice
-from ledpi.decode.evidence.noise import WHITE, Correlation, expected_of
+from ledpi.decode.evidence.noise import WHITE, Correlation, expected_of, lags_of
 from ledpi.decode.evidence.waves import band_prior
 from ledpi.kernels import evidence as kernel
 from ledpi.records import Floats, Frame, Mask, PanelSpec, Rejected, Singles
@@ -34,8 +34,7 @@ from ledpi.records import Floats, Frame, Mask, PanelSpec, Rejected, Singles
 UNFIT = Rejected(stage="soft", reason="unfit")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Evidence:
+class Evidence(NamedTuple):
     """What the samples say of every cell and wave: quadratic in the bands, so that words and frames only add up.
 
     The log-likelihood of bands x, cosine and sine of each wave in each cell, is `score·x − xᵀ·information·x/2`. There
@@ -69,8 +68,8 @@ class Evidence:
         volume = noise.volume
         if volume == 1.0:
             return self
-        return replace(
-            self, score=self.score / volume, information=self.information / volume, left=self.left / volume, noise=WHITE
+        return self._replace(
+            score=self.score / volume, information=self.information / volume, left=self.left / volume, noise=WHITE
         )
 
 
@@ -86,7 +85,7 @@ def evidence_of(
         information=found.information.reshape(cells, parameters, cells, parameters),
         prior=band_prior(frame, spec),
         left=0.5 * samples.independence * found.free,
-        noise=expected_of(samples, fitted).correlation(found.near, found.far, found.free),
+        noise=expected_of(samples, lags_of(samples), fitted).correlation(found.near, found.far, found.free),
     )
 
 

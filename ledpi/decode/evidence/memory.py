@@ -10,6 +10,7 @@ then the mean picture, read as a single frame of less noise, still says what one
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -55,8 +56,7 @@ class Compared:
         )
 
 
-@dataclass(frozen=True, slots=True)
-class PanelMemory:
+class PanelMemory(NamedTuple):
     """The frames of one panel so far, for one pair of frequencies. Frames come in order; corners keep their order."""
 
     spec: PanelSpec
@@ -72,7 +72,7 @@ class PanelMemory:
         One on another lattice cannot be compared with them: of it, what it says by itself.
         """
         origin_ns = self.origin_ns if self.frames else frame.row0_readout_ns
-        further = replace(self, frames=self.frames + 1, origin_ns=origin_ns, last=(samples, frame), many=None)
+        further = self._replace(frames=self.frames + 1, origin_ns=origin_ns, last=(samples, frame), many=None)
         if not self.frames:
             return further, None
         if self.lattice is not samples.lattice:  # what was learnt of the bands stays, the picture does not
@@ -84,9 +84,9 @@ class PanelMemory:
         light = samples.light / np.float32(max(scale, LEAST_SCALE))
         many = _with_one_more(before, light, waves, _shown(samples))
         if isinstance(added, Rejected):
-            return replace(further, many=many), None
+            return further._replace(many=many), None
         compared = Compared.with_one_more(self.compared, added)
-        return replace(further, many=many, compared=compared), added.by(compared.noise)
+        return further._replace(many=many, compared=compared), added.by(compared.noise)
 
     @property
     def lattice(self) -> Lattice | None:
@@ -120,7 +120,7 @@ class PanelMemory:
             return total
         if isinstance(total, Rejected):
             return known
-        return replace(known, score=known.score + total.score, information=known.information + total.information)
+        return known._replace(score=known.score + total.score, information=known.information + total.information)
 
     def of_comparisons(self) -> Evidence | None:
         """What the frames after the first have said, whatever the panel looks like."""

@@ -22,7 +22,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import NamedTuple
 
 from ledpi.decode.cells import INSET, CellSamples
@@ -68,16 +67,14 @@ WHITE = Correlation(0.0, 0.0, 0.0)
 
 def lags_of(samples: CellSamples) -> Lags:
     """More than one where a panel is seen at an angle; 0 where samples are further apart than noise is alike."""
-    return _lags(samples.lattice.k, samples.cell_px)
-
-
-@lru_cache(maxsize=64)  # asked for twice in a look
-def _lags(k: int, cell_px: tuple[float, float]) -> Lags:
+    k, (width, height) = samples.lattice.k, samples.cell_px
     rim = 1 if k >= LEAST_WITH_RIM else 0
     most = (k - 2 * rim - 1) // 2
-    steps_px = (px * (1 - 2 * INSET) / k for px in cell_px)
-    aside, below = (0 if px > FURTHEST_PX else min(most, max(1, round(1 / px))) for px in steps_px)
-    return Lags(aside, below, rim)
+    return Lags(_lag(width * (1 - 2 * INSET) / k, most), _lag(height * (1 - 2 * INSET) / k, most), rim)
+
+
+def _lag(step_px: float, most: int) -> int:
+    return 0 if step_px > FURTHEST_PX else min(most, max(1, round(1 / step_px)))
 
 
 class Expected(NamedTuple):
@@ -104,9 +101,9 @@ class Expected(NamedTuple):
 NOTHING = Expected(0.0, 0.0, 0.0, 1.0, 1.0, math.inf)
 
 
-def expected_of(samples: CellSamples, fitted: int) -> Expected:
-    """Of these samples, where `fitted` functions are fitted to each cell; differences are those at `lags_of`."""
-    steps, lags, k = _steps_of(samples), lags_of(samples), samples.lattice.k
+def expected_of(samples: CellSamples, lags: Lags, fitted: int) -> Expected:
+    """Of these samples, where `fitted` functions are fitted to each cell; `lags` are those of the differences."""
+    steps, k = _steps_of(samples), samples.lattice.k
     of_white = of_lattice(k, lags, _rounded(steps[0]), _rounded(steps[1]), fitted, samples.linear)
     if of_white is None:
         return NOTHING

@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -59,7 +58,7 @@ def single_evidence(
     evidence = evidence.by(evidence.noise)
     if believed is not None:  # what says how far the bands differ from what is believed, as what says how they are
         believed_score = np.einsum("cidj,dj->ci", evidence.information, believed.bands)
-        evidence = replace(evidence, score=evidence.score + believed_score)
+        evidence = evidence._replace(score=evidence.score + believed_score)
     return evidence if is_deep_anywhere(prior) else without_unlit(evidence, samples)
 
 

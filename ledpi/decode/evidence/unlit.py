@@ -6,8 +6,6 @@ any kind, and says nothing of its class: in the terms of codes an erasure, not a
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from ledpi.decode.cells import CellSamples
@@ -39,6 +37,6 @@ def without_unlit(evidence: Evidence, samples: CellSamples) -> Evidence:
     left = information - information[:, cell] @ taken[:, :-1]
     left[cell], left[:, cell] = 0.0, 0.0
     rest = np.where(cell, 0.0, score - information[:, cell] @ taken[:, -1])
-    return replace(
-        evidence, score=rest.reshape(evidence.score.shape), information=left.reshape(evidence.information.shape)
+    return evidence._replace(
+        score=rest.reshape(evidence.score.shape), information=left.reshape(evidence.information.shape)
     )

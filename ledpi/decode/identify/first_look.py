@@ -7,7 +7,6 @@ steps.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import cache
 
 from ledpi.decode.cells import CellSamples, lattice
@@ -44,7 +43,7 @@ def first_look(
     evidence = single_evidence(samples, frame, spec)
     if isinstance(evidence, Rejected):
         return evidence
-    evidence = replace(evidence, prior=prior)
+    evidence = evidence._replace(prior=prior)
     return evidence, likeliest(evidence, white)
 
 
@@ -53,13 +52,14 @@ def _at_once(
 ) -> tuple[Evidence, Fit] | Rejected | None:
     """The same in C; None where the panel is not plain."""
     may_be_dark = is_deep(prior)  # a deep band is as dark as what is covered
+    lags = lags_of(samples)
     looked = kernel.look(
         _grid(samples.lattice.cells, samples.lattice.k, border_points(samples)),
         light=samples.light,
         rows=samples.rows,
         independence=samples.independence,
-        lags=lags_of(samples),
-        noise=expected_of(samples, 1 + len(prior)),
+        lags=lags,
+        noise=expected_of(samples, lags, 1 + len(prior)),
         cycles_a_row=tuple(hz * frame.row_time_us * 1e-6 for hz in spec.waves_hz),
         prior=prior,
         words=white,

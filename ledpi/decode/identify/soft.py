@@ -13,9 +13,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from functools import cache
 from statistics import NormalDist
+from typing import NamedTuple
 
 import numpy as np
 
@@ -55,8 +55,7 @@ SHORTER = math.sqrt(0.5)  # between a panel that is seen from the front, and hal
 SAME_HZ = 0.05  # by which frequencies may differ that the same cells show
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Reading:
+class Reading(NamedTuple):
     """The best word, and how sure it is."""
 
     id: int
@@ -108,7 +107,7 @@ def read_word(
             return AMBIGUOUS
         if not rivals.odds_against_one_light(fit, samples, frame, codebook) >= needed:
             return NO_WORD
-    return replace(second, cell_bands=believed.turned_back(second.cell_bands))
+    return second._replace(cell_bands=believed.turned_back(second.cell_bands))
 
 
 def _settled(
@@ -139,7 +138,7 @@ def _settled(
         fit = likeliest(evidence, words.white)
         reading = _judged(fit, evidence, words, false_id_rate)
         if isinstance(reading, Reading):
-            return replace(reading, cell_bands=believed.turned_back(reading.cell_bands))
+            return reading._replace(cell_bands=believed.turned_back(reading.cell_bands))
         bands, result = believed.turned_back(fit.bands[None])[0], reading
     return result
 
@@ -259,4 +258,4 @@ def surest(readings: Sequence[Reading | Rejected], false_id_rate: float) -> Read
     ahead = min((best.likelihood - r.likelihood for r in read[1:] if r.id != best.id), default=math.inf)
     if ahead < odds_needed(false_id_rate):
         return AMBIGUOUS
-    return best if best.margin <= ahead else replace(best, margin=ahead)
+    return best if best.margin <= ahead else best._replace(margin=ahead)
