@@ -229,7 +229,7 @@ def test_what_does_not_blink_is_not_searched_for_bands() -> None:
     canvas.lamp(lamp, 0.06)
     finder = StripedFinder(640, 480, [SPEC], SMALLEST_PX)
     finder.find(frame := canvas.frame())
-    candidates = [Candidate(corners=at, side_px=90.0, misfit=0.0, tolerance_px=3.0) for at in (panel, lamp)]
+    candidates = [Candidate(corners=at, side_px=90.0, tolerance_px=3.0) for at in (panel, lamp)]
     assert finder.blinks(frame, candidates, 4) == [True, False]
 
 

@@ -64,7 +64,6 @@ _PITCHES = np.array([[1.0], [1.0], [1.0], [1.0], [1.0], [1.02], [1 / 1.02]])
 class RimFilter:
     """For a pair of opposite sides with one pitch and one blur; light is on ACROSS (T)."""
 
-    course: Floats  # (T,) F
     single: Floats  # (T, 2): of one profile, A·(e + single_offset), and A
     single_offset: float
     both: Floats  # (2, T): of the half sum of two sides' mean profiles over A: e's half sum, and the blur's logarithm
@@ -158,7 +157,6 @@ def _filters(
     return [
         RimFilter(*each)
         for each in zip(
-            course,
             np.stack([single, levels], axis=2),
             (single * course).sum(axis=1).tolist(),
             both,

@@ -63,8 +63,7 @@ class Candidate:
 
     corners: Floats  # (4, 2), clockwise as seen in the picture, first the one nearest the top left
     side_px: float
-    misfit: float  # of the outline to the four sides, 0 is perfect
-    tolerance_px: float  # how far off the sides may be: 1.5 pixels of the picture that they were found in
+    tolerance_px: float  # how far off the sides may be, by the picture that they were found in: 1.5 of its pixels
     spots: bool = False  # a lattice of bright spots, the grid of whose cells this is
 
     @property
@@ -96,7 +95,7 @@ class Finder:
         return self._candidates(self._things, spotted), _dropped(counts)
 
     def find_again(self) -> tuple[list[Candidate], list[Rejected]]:
-        """The same, of the last frame once more, by a higher threshold; and what was set aside."""
+        """The same, of the last frame once more, by the contrast in each neighbourhood; and what was set aside."""
         things, _, spotted, counts = self._by(AGAIN)
         aside = set_aside(self._squares, np.concatenate([self._things, things]))
         return self._candidates(np.concatenate([things, aside]), spotted), _dropped(counts)
@@ -171,8 +170,8 @@ def _candidates(squares: Floats, *, spots: bool = False) -> list[Candidate]:
     """Of squares (K, 11) as `square_of` has them."""
     corners = squares[:, :8].reshape(-1, 4, 2)
     return [
-        Candidate(at, side_px, misfit, tolerance_px, spots)
-        for at, (side_px, misfit, tolerance_px) in zip(corners, squares[:, 8:].tolist(), strict=True)
+        Candidate(at, side_px, tolerance_px, spots)
+        for at, (side_px, _, tolerance_px) in zip(corners, squares[:, 8:].tolist(), strict=True)
     ]
 
 

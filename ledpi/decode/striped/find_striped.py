@@ -237,7 +237,6 @@ class StripedFinder:
         return Candidate(
             corners=(grown + 0.5) * SCALE - 0.5,
             side_px=(side + by) * SCALE,
-            misfit=0.0,
             tolerance_px=1.5 * SCALE,
         )
 
