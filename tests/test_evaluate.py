@@ -16,12 +16,14 @@ from pathlib import Path
 
 import pytest
 import typer
+import yaml
 from typer.testing import CliRunner
 
+from ledpi.camera_yaml import camera_yaml_text
 from ledpi.cli.evaluate import evaluate
 from ledpi.cli.simulate import simulate
 from ledpi.config import PanelSettings
-from ledpi.errors import ConfigError, LedpiError, RecordingError
+from ledpi.errors import CalibrationError, ConfigError, LedpiError, RecordingError
 from ledpi.evaluate import plan as plan_module
 from ledpi.evaluate import units as units_module
 from ledpi.evaluate import workers as workers_module
@@ -29,6 +31,7 @@ from ledpi.evaluate.conditions import Condition
 from ledpi.evaluate.draw import Take, draw_take
 from ledpi.evaluate.units import Unit, code_version, run_unit, source_digest
 from ledpi.recording import load_recording
+from ledpi.records import Intrinsics
 
 APP = typer.Typer()
 APP.command()(evaluate)
@@ -222,6 +225,23 @@ def test_frames_of_a_real_panel_fill_the_same_table() -> None:
     ]
     page = Path("none/evaluation.md").read_text(encoding="utf-8")
     assert "ledpi evaluate --out DIR --recording take --id 7 --distance 0.6 --angle 20\n" in page
+
+
+LENS_KEYS = ("fx", "fy", "cx", "cy", "distortion")
+
+
+def test_a_lens_that_was_calibrated_at_another_size_is_refused() -> None:
+    """For a recording that has none of its own: its poses would be wrong without a word."""
+    run("simulate", "take", "--distance", "0.6", "--frames", "1")
+    file = Path("take/recording.yaml")
+    said = yaml.safe_load(file.read_text(encoding="utf-8"))
+    said["camera"] = {key: value for key, value in said["camera"].items() if key not in LENS_KEYS}
+    file.write_text(yaml.safe_dump(said), encoding="utf-8")
+    lens = Intrinsics(width=1296, height=972, fx=1300.0, fy=1300.0, cx=647.5, cy=485.5)
+    Path("camera.yaml").write_text(camera_yaml_text(lens, {}), encoding="utf-8")
+    options = ("--recording", "take", "--id", "7", "--distance", "0.6", "--set", "camera.intrinsics=camera.yaml")
+    with pytest.raises(CalibrationError, match="was made for pictures of 1296 × 972 pixels"):
+        run("evaluate", "--out", "out", *options)
 
 
 ANTIPHASE = ("--set", "panels.phase=antiphase", "--set", "panels.white_hz=1250")

@@ -183,8 +183,9 @@ def _read_recording(
     if unable:
         raise ConfigError(f"--method {unable[0]}: a recording is of a panel; must be one of {', '.join(PANEL_METHODS)}")
     folder = ResultsFolder(out, {"recordings": True, "code": code_version()})
-    lens = settings.camera.intrinsics
     loaded = load_recording(recording)
+    camera = loaded.camera
+    lens = settings.camera.intrinsics if camera.intrinsics is None else None  # the recording's own comes first
     with progress("evaluating", len(loaded.frames)) as advance:
         record = evaluate_recording(
             loaded,
@@ -192,7 +193,7 @@ def _read_recording(
             distance_m=distance_m,
             angle_deg=angle_deg,
             methods=_panel_methods(methods, settings.panels.shown_by(loaded.panel_values)),
-            intrinsics=load_intrinsics(lens) if lens is not None else None,
+            intrinsics=load_intrinsics(lens, (camera.width, camera.height)) if lens is not None else None,
             panels=settings.panels,
             advance=advance,
         )
