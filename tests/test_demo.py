@@ -24,7 +24,7 @@ from ledpi.recording import TruthMarker
 ROOT = Path(__file__).resolve().parents[1]
 HUNG_S = 600.0  # by then it does not end at all: how fast it is, is no matter here
 AGE_US = 31_000
-PERIOD_US = 504 * 1852 / 55  # of the simulated sensor's frames
+PERIOD_US = 507 * 1852 / 55  # of the simulated sensor's frames
 
 
 @pytest.fixture(scope="module")

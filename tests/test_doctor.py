@@ -145,7 +145,7 @@ def test_a_frequency_near_a_null_is_named() -> None:
 
 
 def test_a_frame_period_that_freezes_the_bands_is_named() -> None:
-    """504 rows of 31.748 µs are 20.00 cycles of 1250 Hz; the 509 that `auto` picks are well."""
+    """504 rows of 31.748 µs are 20.00 cycles of 1250 Hz; over 509 both classes move."""
     config = load_config(None, ("panels.side_m=0.16",))
     assert camera.frequencies(config, INFO).state == "ok"
     found = camera.frequencies(config, replace(INFO, frame_length_rows=504))

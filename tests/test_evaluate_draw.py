@@ -219,7 +219,7 @@ def test_the_frame_period_may_be_given() -> None:
     """Else it is the daemon's choice; a case that is about the period keeps its own."""
     chosen = draw_take(condition(), PANELS, 1, 0).scene.sensor.frame_length_rows
     given = draw_take(condition(), PANELS, 1, 0, 17_788.0).scene.sensor.frame_length_rows
-    assert (chosen, given) == (504, 528)
+    assert (chosen, given) == (507, 528)
     own = draw_take(condition("robustness", "frames of 20 ms, both phases freeze"), PANELS, 1, 0, 17_788.0)
     assert own.scene.sensor.frame_length_rows == 594
 

@@ -16,6 +16,9 @@ MIN_PHASE_ADVANCE_CYCLES = 1 / 6
 # Far away, where a cell is a small part of a band, only the advance tells one class's bands from the other's, and not
 # whether it is up or down. 1/12 takes them half a cycle apart in six frames. It is worth a tenth of the frame rate.
 MIN_DIFFERENCE_CYCLES, WORTH_LONGER = 1 / 12, 1.1
+# An oscillator without a quartz is off by so much. At 1250 Hz that is 0.2 cycles a frame, at 2450 Hz 0.4: either class
+# may stand still for that, but a period can see to it that never both do. One that moves is enough to read by.
+OSCILLATOR_ERROR = 0.01
 
 
 def choose_frame_length_rows(
@@ -23,8 +26,9 @@ def choose_frame_length_rows(
 ) -> int:
     """The shortest frame, in rows, over which every phase advances by 1/6 cycle or more from an integer.
 
-    Or one that is up to a tenth longer, if in that one no two classes advance alike. Looks at whole rows from
-    `shortest_rows` to twice that. Raises ValueError where no length suits.
+    Or one that is up to a tenth longer, if in that one no two classes advance alike; best one in which oscillators that
+    are off by 1 % do not stop both either. Looks at whole rows from `shortest_rows` to twice that. Raises ValueError
+    where no length suits.
     """
     moving = [
         rows
@@ -32,8 +36,10 @@ def choose_frame_length_rows(
         if all(abs(phase_advance_cycles(f, rows * row_time_us)) >= MIN_PHASE_ADVANCE_CYCLES for f in frequencies_hz)
     ]
     if moving:
-        near = (rows for rows in moving if rows <= WORTH_LONGER * moving[0])
-        return next((rows for rows in near if _unlike(frequencies_hz, rows * row_time_us)), moving[0])
+        near = [rows for rows in moving if rows <= WORTH_LONGER * moving[0]]
+        unlike = [rows for rows in near if _unlike(frequencies_hz, rows * row_time_us)]
+        sure = [rows for rows in unlike if _surely_moving(frequencies_hz, rows * row_time_us)]
+        return (sure or unlike or moving)[0]
     named = ", ".join(f"{f:g}" for f in frequencies_hz)
     raise ValueError(
         f"no frame of {shortest_rows} to {2 * shortest_rows} rows of {row_time_us:g} µs keeps the phases of "
@@ -42,13 +48,30 @@ def choose_frame_length_rows(
 
 
 def _unlike(frequencies_hz: Sequence[float], period_us: float) -> bool:
-    """Whether no two frequencies advance alike; those less than a frame rate apart are one class's, of two panels."""
+    """Whether no two classes advance alike."""
     return all(
         abs(phase_advance_cycles(one + sign * other, period_us)) >= MIN_DIFFERENCE_CYCLES
-        for one, other in itertools.combinations(frequencies_hz, 2)
-        if abs(one - other) * period_us >= 1e6
+        for one, other in _two_classes(frequencies_hz, period_us)
         for sign in (1.0, -1.0)
     )
+
+
+def _surely_moving(frequencies_hz: Sequence[float], period_us: float) -> bool:
+    """Whether of any two classes one moves although its oscillator is off; of a single class, whether that does."""
+    moving = {hz for hz in frequencies_hz if _moves_though_off(hz, period_us)}
+    pairs = _two_classes(frequencies_hz, period_us)
+    return all(not moving.isdisjoint(pair) for pair in pairs) if pairs else moving.issuperset(frequencies_hz)
+
+
+def _moves_though_off(frequency_hz: float, period_us: float) -> bool:
+    off_cycles = OSCILLATOR_ERROR * frequency_hz * period_us * 1e-6
+    return abs(phase_advance_cycles(frequency_hz, period_us)) >= MIN_DIFFERENCE_CYCLES + off_cycles
+
+
+def _two_classes(frequencies_hz: Sequence[float], period_us: float) -> list[tuple[float, float]]:
+    """Pairs of different classes' frequencies; those less than a frame rate apart are one class's, of two panels."""
+    pairs = itertools.combinations(frequencies_hz, 2)
+    return [(one, other) for one, other in pairs if abs(one - other) * period_us >= 1e6]
 
 
 def frame_duration_us(rows: int, row_time_us: float) -> int:

@@ -78,7 +78,7 @@ def test_picamera2_chose_the_mode(behaviour: Behaviour) -> None:
     info = opened().info
     assert behaviour.opened[0].camera_configuration()["sensor"] == {"output_size": (640, 480), "bit_depth": 10}
     assert info.row_time_us == pytest.approx(ROW_US, rel=1e-4)
-    assert info.frame_length_rows == 509
+    assert info.frame_length_rows == 512
     assert (info.width, info.height, info.exposure_us, info.transfer) == (640, 480, 10000.0, "linear")
 
 
@@ -116,7 +116,7 @@ def test_luma_and_its_metadata_are_of_one_request(behaviour: Behaviour) -> None:
         assert (frame.exposure_us, frame.analogue_gain) == (int(314 * ROW_US), 4.0)
         assert 0 <= time.monotonic_ns() - frame.row0_readout_ns - frame.host_offset_ns < 1e9
     assert set(shades) >= {20 * n for n in range(2, 6)}
-    assert np.diff(times) == pytest.approx(509 * ROW_US * 1e3, abs=2)
+    assert np.diff(times) == pytest.approx(512 * ROW_US * 1e3, abs=2)
 
 
 def test_exactly_one_copy_of_a_frame(behaviour: Behaviour, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -154,7 +154,7 @@ def test_a_missed_frame_leaves_a_gap_in_seq(behaviour: Behaviour) -> None:
     time.sleep(0.6)
     reads = ASKED_AHEAD + 4  # more than can have waited
     after = [read(camera) for _ in range(reads)][-1]
-    period_ns = 509 * ROW_US * 1e3
+    period_ns = 512 * ROW_US * 1e3
     assert after.seq - before.seq == round((after.row0_readout_ns - before.row0_readout_ns) / period_ns)
     assert after.seq - before.seq > reads
 
@@ -274,7 +274,7 @@ def test_a_stall_is_noticed_after_five_periods(behaviour: Behaviour) -> None:
     started = time.monotonic()
     with pytest.raises(CameraLostError, match=r"^picamera2: the camera delivered nothing for 0\.081 s"):
         read_on(camera)
-    assert time.monotonic() - started >= STALL_PERIODS * 509 * ROW_US * 1e-6
+    assert time.monotonic() - started >= STALL_PERIODS * 512 * ROW_US * 1e-6
     camera.close()
     assert not behaviour.opened[0].is_open
 
