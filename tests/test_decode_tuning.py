@@ -15,14 +15,20 @@ from ledpi.dictionaries import load_dictionary
 PERIOD_US = 16_969.7  # in which 1250 and 1262 Hz both advance by nearly 21 cycles, and 20 Hz by a third of one
 
 
-def proposals(announced: tuple[float, float], true: tuple[float, float], frames: int = 12) -> list[Proposal]:
+def proposals(
+    announced: tuple[float, float],
+    true: tuple[float, float],
+    frames: int = 12,
+    period_us: float = PERIOD_US,
+    size_px: float = 60,
+) -> list[Proposal]:
     """Of so many frames of panel 7, (black, white) in Hz."""
     spec, shown = (dataclasses.replace(SPEC, black_hz=black, white_hz=white) for black, white in (announced, true))
-    corners, seen = square(310.3, 240.6, 60, 4), []
+    corners, seen = square(310.3, 240.6, size_px, 4), []
     for n in range(frames):
         canvas = Canvas()
-        canvas.panel(corners, word(7), light=0.4, spec=shown, start_us=n * PERIOD_US)
-        frame = dataclasses.replace(canvas.frame(n, seq=n), row0_readout_ns=round(1e9 + 1e3 * n * PERIOD_US))
+        canvas.panel(corners, word(7), light=0.4, spec=shown, start_us=n * period_us)
+        frame = dataclasses.replace(canvas.frame(n, seq=n), row0_readout_ns=round(1e9 + 1e3 * n * period_us))
         samples = samples_of(frame, corners)
         seen.append(Seen(samples=samples, frame=frame))
     dictionary = load_dictionary("DICT_4X4_50")
@@ -42,6 +48,23 @@ def test_four_frames_are_enough() -> None:
     first = proposals((1250.0, 2450.0), (1262.0, 2431.0), frames=4)[0]
     assert first.measured
     assert (first.spec.black_hz, first.spec.white_hz) == pytest.approx((1262.0, 2431.0), abs=3.0)
+
+
+@pytest.mark.parametrize("white_hz", [2425.5, 2474.5])
+def test_a_frequency_is_not_taken_for_one_a_frame_rate_away(white_hz: float) -> None:
+    """58.6 Hz from 2474.5, which is 1 % off, 2415.9 Hz advances as much from frame to frame, and is 1.4 % off."""
+    first = proposals((1250.0, 2450.0), (1262.5, white_hz), frames=4, period_us=17_070.7)[0]
+    assert first.spec.white_hz == pytest.approx(white_hz, abs=3.0)
+
+
+def test_a_wave_that_nearly_alternates_is_not_taken_for_its_mirror() -> None:
+    """1262.5 Hz advances by −0.448 cycles in 17.07 ms, its mirror by 0.448, a tenth of a cycle further.
+
+    Eight frames of cells that are 7 rows high, a third of a band, tell them apart, but not one by one: so the power of
+    one alone has its top 1.4 Hz off.
+    """
+    first = proposals((1250.0, 2450.0), (1262.5, 2474.5), frames=8, period_us=17_070.7, size_px=30)[0]
+    assert first.spec.black_hz == pytest.approx(1262.5, abs=0.7)
 
 
 def test_a_lamp_has_no_frequencies() -> None:

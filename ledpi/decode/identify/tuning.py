@@ -32,6 +32,8 @@ MIN_FRAMES = 4
 STEPS_PER_CYCLE = 4.0
 # Of a wave whose phase hardly moves the mean takes almost all; what is left then is mostly noise.
 MIN_LEFT = 0.2
+# Cosine and sine may be so much alike; what is left of two that are more so is mostly noise, too.
+MOST_ALIKE = 0.8
 # Over the mean of noise: one of e^10 looks so by chance, and there are some 10 independent frequencies and 100 words.
 SIGNIFICANT = 10.0
 # Word, black and white frequency are chosen among so many that are independent (12 frames of 17 ms): what is found
@@ -69,7 +71,8 @@ def propose_frequencies(seen: Sequence[Seen], spec: PanelSpec, codebook: Codeboo
     residual, weight = _residuals(seen)
     shares = wave_shares(codebook.white.astype(np.float64), len(spec.waves_hz))
     searched = [
-        _powers(_sums(seen, residual, weight, hz), times_s, hz, shares[..., k]) for k, hz in enumerate(spec.waves_hz)
+        _powers(_sums(seen, residual, weight, hz), _mirrored(seen, weight, hz), times_s, hz, shares[..., k])
+        for k, hz in enumerate(spec.waves_hz)
     ]
     word = int(np.argmax(np.sum([power.max(axis=0) for _, power in searched], axis=0)))
     period_s = times_s[-1] / (len(seen) - 1)
@@ -117,20 +120,37 @@ def _sums(seen: Sequence[Seen], residual: Floats, weight: Floats, hz: float) -> 
     return np.asarray((waves * (residual * weight).reshape(rows.shape)).sum(axis=2))
 
 
-def _powers(sums: Complexes, times_s: Floats, hz: float, shares: Floats) -> tuple[Floats, Floats]:
+def _mirrored(seen: Sequence[Seen], weight: Floats, hz: float) -> Complexes:
+    """(frames, cells): the mean square of the wave that `_sums` demodulates by; 0 where it goes round in each cell."""
+    cells = len(seen[-1].samples.light)
+    even = np.full((len(seen), weight.size), cells / (len(seen) * weight.sum()))
+    return _sums(seen, even, weight, 2.0 * hz)
+
+
+def _powers(
+    sums: Complexes, mirrored: Complexes, times_s: Floats, hz: float, shares: Floats
+) -> tuple[Floats, Floats]:
     """Frequencies (F,), and the power (F, words) of a wave in all cells of a word together, over what noise leaves.
 
-    `shares` (words, cells): how much of it each shows.
+    `shares` (words, cells): how much of it each shows. The power is what the least-squares cosine and sine explain. In
+    few frames, and cells that are lower than a band, these are not orthogonal: light that is real turns both ways, and
+    near half a cycle a frame the one way looks much like the other, which would pull the frequency.
     """
-    step = 1.0 / (STEPS_PER_CYCLE * max(times_s[-1], 1e-3))
-    count = math.ceil(MAX_OFF * hz / step)
-    frequencies = hz + step * np.arange(-count, count + 1)
-    turning = np.exp(2j * math.pi * frequencies[:, None] * times_s)
+    time_s = max(times_s[-1], 1e-3)
+    # Those a frame rate apart advance alike from frame to frame, so that only one of them may be among those tried.
+    reach = min(MAX_OFF * hz, 0.5 * (len(times_s) - 1) / time_s)
+    count = math.ceil(reach * STEPS_PER_CYCLE * time_s)
+    frequencies = hz + np.linspace(-reach, reach, 2 * count + 1)
+    turning = np.exp(-2j * math.pi * frequencies[:, None] * times_s)
     turning -= turning.mean(axis=1, keepdims=True)  # as the residuals are without their mean
     left = np.maximum(np.square(np.abs(turning)).mean(axis=1), MIN_LEFT)
-    total = turning.conj() @ sums  # (F, cells)
-    power = np.square(np.abs(total @ shares.T)) / np.maximum(np.square(shares).sum(axis=1), 1.0)
-    return frequencies, power / left[:, None]
+    squares = np.square(shares)
+    total = turning @ sums @ shares.T  # (F, words)
+    own = left[:, None] * np.maximum(squares.sum(axis=1), 1.0)
+    other = np.square(turning) @ mirrored @ squares.T
+    other *= np.minimum(1.0, MOST_ALIKE * own / np.maximum(np.abs(other), 1e-9))
+    power = own * np.square(np.abs(total)) - (other.conj() * np.square(total)).real
+    return frequencies, power / (np.square(own) - np.square(np.abs(other)))
 
 
 def _frozen(hz: float, period_s: float) -> float:
