@@ -164,6 +164,16 @@ def test_an_empty_picture_has_no_markers() -> None:
     assert decoded.markers == ()
 
 
+@pytest.mark.parametrize(("height", "width"), [(1, 1), (2, 3), (1, 640), (8, 8)])
+@pytest.mark.parametrize("exposure_us", [SHORT_US, TRUE_10_MS_US])
+def test_nor_has_one_that_is_too_small_for_any(height: int, width: int, exposure_us: float) -> None:
+    """As a recording's may be, down to one pixel."""
+    camera = dataclasses.replace(camera_info(exposure_us=exposure_us), width=width, height=height)
+    frame = dataclasses.replace(Canvas(exposure_us=exposure_us).frame(), pixels=np.full((height, width), 99, np.uint8))
+    for stream in (False, True):
+        assert Pipeline(camera, panel_settings(), intrinsics=None, stream=stream).decode(frame).markers == ()
+
+
 def test_what_was_dropped_is_counted_by_stage_and_reason() -> None:
     """A steady lamp is found, sampled, and shows no bands; a panel at the border is not even tried."""
     canvas = Canvas()

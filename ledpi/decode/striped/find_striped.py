@@ -56,7 +56,8 @@ class StripedFinder:
         self._specs = tuple(specs)
         self._dark_rows = lru_cache(maxsize=8)(partial(_dark_rows, self._specs))  # asked for at each step
         self._smallest_px = smallest_px
-        self._half = np.empty((max(1, height // SCALE), max(1, width // SCALE)), np.uint8)
+        # Two pixels at least: what has one OpenCV takes for a number.
+        self._half = np.empty((max(1, height // SCALE), max(2, width // SCALE)), np.uint8)
         empty = (np.empty_like(self._half) for _ in range(5))
         self._octaves, self._brightest, self._most, self._least, self._lit = empty
         self._bridged = np.empty((height, width), np.uint8)
