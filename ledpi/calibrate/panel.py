@@ -76,9 +76,10 @@ def measure_panel(
     measured = (found.black, found.white)
     if announced.phase == "antiphase":
         measured = _of_one_oscillator(measured)
-    for check in (_check_aliases, _check_row_time):
-        for bands in measured:
-            check(bands, light, row_time_s)
+    for bands in measured:
+        _check_aliases(bands, light, row_time_s)
+    for bands in measured:
+        _check_row_time(bands, row_time_s)
     duty, duty_sigma = _duty(measured, exposure_us)
     return PanelCalibration(
         id=found.word // 4,
@@ -189,7 +190,7 @@ def _check_aliases(bands: ClassBands, light: PanelLight, row_time_s: float) -> N
         )
 
 
-def _check_row_time(bands: ClassBands, light: PanelLight, row_time_s: float) -> None:
+def _check_row_time(bands: ClassBands, row_time_s: float) -> None:
     off = bands.cycles_per_row / (bands.frequency_hz * row_time_s) - 1
     sigma = bands.cycles_per_row_sigma / bands.cycles_per_row
     if abs(off) > max(ROW_TIME_DOUBT[0] * sigma, ROW_TIME_DOUBT[1]):

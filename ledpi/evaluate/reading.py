@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, Literal, Protocol, get_args
+from typing import Any, Literal, get_args
 
 import cv2
 import numpy as np
@@ -46,14 +46,6 @@ class Read:
     milliseconds: float
 
 
-class Reader(Protocol):
-    """Reads frames of one camera, one after the other."""
-
-    def read(self, frame: Frame) -> Read:
-        """What is found in the next frame, and how long that took."""
-        ...
-
-
 class PanelReader:
     """The path of the daemon, from the picture to the pose."""
 
@@ -74,7 +66,7 @@ class PanelReader:
         )
 
     def read(self, frame: Frame) -> Read:
-        """As `Reader.read`."""
+        """What is found in the next frame, and how long that took."""
         trace = Trace()
         decoded = self._pipeline.decode(frame, trace)
         found = tuple(
@@ -99,7 +91,7 @@ class PrintReader:
         self._intrinsics = intrinsics
 
     def read(self, frame: Frame) -> Read:
-        """As `Reader.read`."""
+        """What is found in the next frame, and how long that took."""
         start = time.perf_counter()
         found = [
             Found(id=marker_id, corners_px=corners, pose=self._pose(corners))
