@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -33,8 +33,7 @@ NEW_VELOCITY = 0.7
 OLD_FRAMES = 16
 
 
-@dataclass(frozen=True, slots=True)
-class Where:
+class Where(NamedTuple):
     """Where the frame that has shown a square last has shown it."""
 
     corners_px: Floats  # (4, 2) in the order of the track's first frame

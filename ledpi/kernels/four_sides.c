@@ -49,6 +49,9 @@ static ptrdiff_t hull_of(const int32_t (*points)[2], const Outline *outline, int
 }
 
 
+/* Round a hull. (A remainder would take longer than all else that is asked of a corner.) */
+static inline ptrdiff_t next_of(ptrdiff_t i, ptrdiff_t count) { return i + 1 < count ? i + 1 : 0; }
+
 /* The hull's corner that is farthest from the chord between two of them, of those after `from` and before `to`. */
 typedef struct {
     ptrdiff_t from, to, at;
@@ -57,7 +60,7 @@ typedef struct {
 
 static Chord chord_of(double (*hull)[2], ptrdiff_t count, ptrdiff_t from, ptrdiff_t to) {
     Chord chord = {from, to, from, 0.0};
-    for (ptrdiff_t i = (from + 1) % count; i != to; i = (i + 1) % count) {
+    for (ptrdiff_t i = next_of(from, count); i != to; i = next_of(i, count)) {
         const double away = fabs(cross(hull[from], hull[to], hull[i]));
         if (away > chord.away) chord.away = away, chord.at = i;
     }
@@ -68,7 +71,7 @@ static Chord chord_of(double (*hull)[2], ptrdiff_t count, ptrdiff_t from, ptrdif
 static ptrdiff_t farthest_from(double (*hull)[2], ptrdiff_t count, ptrdiff_t from) {
     ptrdiff_t farthest = from;
     double most = 0.0;
-    for (ptrdiff_t i = (from + 1) % count; i != from; i = (i + 1) % count) {
+    for (ptrdiff_t i = next_of(from, count); i != from; i = next_of(i, count)) {
         const double x = hull[i][0] - hull[from][0], y = hull[i][1] - hull[from][1], away = x * x + y * y;
         if (away > most) most = away, farthest = i;
     }

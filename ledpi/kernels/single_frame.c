@@ -159,7 +159,7 @@ LEDPI_WIDE static void split(const Panel *panel, const Sources *sources, const f
         }
         for (ptrdiff_t c = 0, i = p; c < cells; c++, i += points) {
             residual[i] = seen[c] - shared[c];
-            still[i] = fmaxf(shared[c], 0.02f);
+            still[i] = shared[c] > 0.02f ? shared[c] : 0.02f;
         }
     }
 }

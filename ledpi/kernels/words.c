@@ -11,21 +11,17 @@
 
 enum {
     NUMBERS = 5, /* what a cell says of one wave by itself: x, y; xx, xy, yy */
-    LANES = 4, /* of them that are added up at once */
-    TOGETHER = 4, /* words, so that the numbers are read once for all of them */
+    LANES = 4, /* words that are weighed at a time */
 };
 
-typedef double Lanes __attribute__((vector_size(LANES * sizeof(double)), aligned(sizeof(double))));
+typedef double Lanes __attribute__((vector_size(LANES * sizeof(double))));
 
 #define MOST_GAIN 40.0 /* as in decode/identify/words.py */
 #define SMALLEST_LOG (-600.0)
 
-/* How many numbers a cell has, of all waves, with what pads them. */
-static inline ptrdiff_t numbers_of(ptrdiff_t waves) { return (waves * NUMBERS + LANES - 1) / LANES * LANES; }
-
 /* Per cell, and in the last line of all together, NUMBERS for each wave. */
 static void put_numbers(const Evidence *evidence, double *numbers) {
-    const ptrdiff_t waves = evidence->parameters / 2, size = evidence->cells * evidence->parameters, each = numbers_of(waves);
+    const ptrdiff_t waves = evidence->parameters / 2, size = evidence->cells * evidence->parameters, each = waves * NUMBERS;
     double *total = numbers + evidence->cells * each;
     memset(numbers, 0, sizeof(double) * (size_t)((evidence->cells + 1) * each));
     for (ptrdiff_t c = 0; c < evidence->cells; c++)
@@ -55,49 +51,48 @@ static Prior prior_of(const Evidence *evidence) {
     return prior;
 }
 
-/* A word's log-likelihood ratio to "no bands" as far as each cell tells by itself, or −∞ where it is not more than `least`;
- * infinite where it is no number, so that it is among those that are looked at exactly. From the numbers of all cells, and
- * their sums over those that are white. */
-static LEDPI_INLINE double roughly_of(const double *total, const double *sum, const Prior *prior, double least,
-                                      const ptrdiff_t waves) {
-    double squares = 0.0, det = 1.0;
+/* What LANES words explain of the squares, and the determinants of their matrices, as far as each cell tells by itself: from
+ * the numbers of all cells, and their sums over those that are white. */
+static LEDPI_INLINE void weigh(const double *total, const Lanes *sums, const Prior *prior, Lanes *squares, Lanes *determinant,
+                               const ptrdiff_t waves) {
+    *squares = (Lanes){0};
+    *determinant = (Lanes){1.0, 1.0, 1.0, 1.0};
     for (ptrdiff_t k = 0; k < waves; k++) {
-        double own[NUMBERS];
+        Lanes own[NUMBERS];
         for (int n = 0; n < NUMBERS; n++) {
-            const double all = total[k * NUMBERS + n], in_white = sum[k * NUMBERS + n];
+            const Lanes in_white = sums[k * NUMBERS + n], all = (Lanes){0} + total[k * NUMBERS + n];
             own[n] = waves == 2 ? (k == 0 ? all - in_white : in_white) : (n < 2 ? all - 2.0 * in_white : all);
         }
-        const double x = own[0], y = own[1], b = own[3];
-        const double a = own[2] + prior->inverse[2 * k], d = own[4] + prior->inverse[2 * k + 1];
-        const double of_wave = a * d - b * b;
-        squares += (d * x * x - 2.0 * b * x * y + a * y * y) / of_wave;
-        det *= of_wave;
+        const Lanes x = own[0], y = own[1], b = own[3];
+        const Lanes a = own[2] + prior->inverse[2 * k], d = own[4] + prior->inverse[2 * k + 1];
+        const Lanes of_wave = a * d - b * b;
+        *squares += (d * x * x - 2.0 * b * x * y + a * y * y) / of_wave;
+        *determinant *= of_wave;
     }
-    if (det >= prior->determinant && 0.5 * (squares - prior->log_determinant) <= least) return -INFINITY; /* no logarithm */
-    const double likelihood = 0.5 * (squares - log(det));
-    return isnan(likelihood) ? INFINITY : likelihood;
 }
 
-/* The `most` of `words` (count, cells) that are likeliest roughly, into `shortlist`, and how likely: `rough`. Returns how
- * many there are. */
+/* The `most` of `words` (count, cells) that are likeliest roughly, as far as each cell tells by itself, into `shortlist`,
+ * and how likely, as a log-likelihood ratio to "no bands": `rough`. One that is no number is taken for infinite, so that
+ * it is looked at exactly. Returns how many there are. */
 static LEDPI_INLINE ptrdiff_t put_roughly(const Evidence *evidence, const double *numbers, const float *words, ptrdiff_t count,
                                           ptrdiff_t most, int64_t *shortlist, double *rough, const ptrdiff_t waves) {
-    const ptrdiff_t cells = evidence->cells, each = numbers_of(waves), lanes = each / LANES;
+    const ptrdiff_t cells = evidence->cells, each = waves * NUMBERS;
     const Prior prior = prior_of(evidence);
     ptrdiff_t found = 0;
-    for (ptrdiff_t first = 0; first < count; first += TOGETHER) {
-        Lanes sums[TOGETHER][(MOST / 2 * NUMBERS + LANES - 1) / LANES] = {0};
-        const float *white[TOGETHER];
-        for (ptrdiff_t w = 0; w < TOGETHER; w++) white[w] = words + (first + w < count ? first + w : first) * cells;
-        for (ptrdiff_t c = 0; c < cells; c++)
-            for (ptrdiff_t n = 0; n < lanes; n++) {
-                const Lanes own = *(const Lanes *)(numbers + c * each + n * LANES);
-                for (ptrdiff_t w = 0; w < TOGETHER; w++) sums[w][n] += (double)white[w][c] * own;
-            }
-        for (ptrdiff_t w = 0; w < TOGETHER && first + w < count; w++) {
-            const double least = found < most ? -INFINITY : rough[most - 1];
-            const double own = roughly_of(numbers + cells * each, (const double *)sums[w], &prior, least, waves);
-            found = ledpi_put(first + w, own, found, most, shortlist, rough);
+    for (ptrdiff_t first = 0; first < count; first += LANES) {
+        Lanes sums[MOST / 2 * NUMBERS] = {{0}}, squares, determinant;
+        const float *of[LANES];
+        for (ptrdiff_t w = 0; w < LANES; w++) of[w] = words + (first + w < count ? first + w : first) * cells;
+        for (ptrdiff_t c = 0; c < cells; c++) {
+            const Lanes white = {of[0][c], of[1][c], of[2][c], of[3][c]};
+            for (ptrdiff_t n = 0; n < each; n++) sums[n] += white * numbers[c * each + n];
+        }
+        weigh(numbers + cells * each, sums, &prior, &squares, &determinant, waves);
+        for (ptrdiff_t w = 0; w < LANES && first + w < count; w++) {
+            const double at_most = 0.5 * (squares[w] - prior.log_determinant); /* needs no logarithm */
+            if (found == most && determinant[w] >= prior.determinant && at_most <= rough[most - 1]) continue;
+            const double own = 0.5 * (squares[w] - log(determinant[w]));
+            found = ledpi_put(first + w, isnan(own) ? INFINITY : own, found, most, shortlist, rough);
         }
     }
     return found;
@@ -292,7 +287,7 @@ ptrdiff_t ledpi_likeliest(ptrdiff_t cells, ptrdiff_t parameters, const double *s
                           const double *prior, const float *words, ptrdiff_t count, ptrdiff_t most, int64_t *chosen,
                           uint8_t *silent, double *numbers) {
     const Evidence evidence = {cells, parameters, score, information, prior};
-    const ptrdiff_t size = cells * parameters, of_numbers = (cells + 1) * numbers_of(parameters / 2);
+    const ptrdiff_t size = cells * parameters, of_numbers = (cells + 1) * parameters / 2 * NUMBERS;
     double *bands = numbers, *shown = bands + parameters, *likelihood = shown + size, *deviation = likelihood + most;
     double *gain = deviation + parameters, *weakest_row = gain + cells, *negative = weakest_row + 1, *of_cells = negative + 1, *one_class = of_cells + 1;
     double *beyond = one_class + 1;

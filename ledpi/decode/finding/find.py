@@ -7,7 +7,7 @@ pyramid.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -57,8 +57,7 @@ Spotted = list[tuple[int, Floats]]  # groups of spots, with a pixel's scale
 Counts = tuple[int, int, int]  # of outlines at the picture's border, not four-sided, too small
 
 
-@dataclass(frozen=True, slots=True)
-class Candidate:
+class Candidate(NamedTuple):
     """Where a panel may be."""
 
     corners: Floats  # (4, 2), clockwise as seen in the picture, first the one nearest the top left
