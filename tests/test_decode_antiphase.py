@@ -207,10 +207,11 @@ def test_the_one_frequency_is_proposed() -> None:
     for frame in frames_of(60, 12, spec=off):
         samples = samples_of(frame, square(310.3, 240.6, 60, 4))
         seen.append(Seen(samples=samples, frame=frame))
-    first = propose_frequencies(seen, ANTIPHASE, BOOK)[0]
-    assert first.measured
-    assert first.spec.phase == "antiphase"
-    assert first.spec.waves_hz == pytest.approx((1.01 * HZ,), abs=0.5)
+    proposal = propose_frequencies(seen, ANTIPHASE, BOOK)
+    assert proposal is not None
+    assert proposal.measured
+    assert proposal.spec.phase == "antiphase"
+    assert proposal.spec.waves_hz == pytest.approx((1.01 * HZ,), abs=0.5)
 
 
 def test_what_cells_show_of_waves_by_hand() -> None:

@@ -146,16 +146,18 @@ class Reader:
         """The history at other frequencies, at which its frames add up to a word; None where there are none."""
         seen = history.tuning.seen
         for group, book in enumerate(self._codebooks):
-            for proposal in propose_frequencies(seen, book.spec, book):
-                memory, added = _remembered(seen, proposal.spec)
-                reading = self._word(memory, group, self._false_id_rate / CHOICES)
-                # What the frames before have shown may be there no more.
-                if (
-                    isinstance(reading, Reading)
-                    and not denies(added, reading.cell_bands)
-                    and reading.likelihood > _explained(seen, book)
-                ):
-                    return history.tuned_to(proposal, group, memory)
+            proposal = propose_frequencies(seen, book.spec, book)
+            if proposal is None:
+                continue
+            memory, added = _remembered(seen, proposal.spec)
+            reading = self._word(memory, group, self._false_id_rate / CHOICES)
+            # What the frames before have shown may be there no more.
+            if (
+                isinstance(reading, Reading)
+                and not denies(added, reading.cell_bands)
+                and reading.likelihood > _explained(seen, book)
+            ):
+                return history.tuned_to(proposal, group, memory)
         return None
 
 

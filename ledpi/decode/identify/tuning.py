@@ -9,7 +9,6 @@ frames, seen again at these frequencies.
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -57,16 +56,16 @@ class Proposal:
     measured: bool  # both; else one is only such that its phase stands still
 
 
-def propose_frequencies(seen: Sequence[Seen], spec: PanelSpec, codebook: Codebook) -> list[Proposal]:
-    """The panel with the frequencies that make most of what was seen, likeliest first; none where nothing stands out.
+def propose_frequencies(seen: Sequence[Seen], spec: PanelSpec, codebook: Codebook) -> Proposal | None:
+    """The panel with the frequencies that make most of what was seen; None where nothing stands out.
 
-    Frames on another lattice than the last one's are left out. Of a class that stands out in no frequency the phase may
-    stand still from frame to frame, so that differences show nothing of it.
+    Frames on another lattice than the last one's are left out. Of a class that stands out in no frequency the phase is
+    taken to stand still from frame to frame, so that differences show nothing of it.
     """
     last = seen[-1].samples.lattice
     seen = [s for s in seen if s.samples.lattice is last and s.samples.valid is None]
     if len(seen) < MIN_FRAMES:
-        return []
+        return None
     times_s = np.array([(s.frame.row0_readout_ns - seen[0].frame.row0_readout_ns) * 1e-9 for s in seen])
     residual, weight = _residuals(seen)
     shares = wave_shares(codebook.white.astype(np.float64), len(spec.waves_hz))
@@ -77,16 +76,13 @@ def propose_frequencies(seen: Sequence[Seen], spec: PanelSpec, codebook: Codeboo
     word = int(np.argmax(np.sum([power.max(axis=0) for _, power in searched], axis=0)))
     period_s = times_s[-1] / (len(seen) - 1)
     noise = _noise(seen, residual, weight)
-    peaks = tuple(_peak(frequencies, power[:, word], noise) for frequencies, power in searched)
+    peaks = [_peak(frequencies, power[:, word], noise) for frequencies, power in searched]
     if not any(peaks):
-        return []
-    frozen = [_frozen(hz, period_s) for hz in spec.waves_hz]
-    ways = itertools.product(*((peak, still) if peak else (still,) for peak, still in zip(peaks, frozen, strict=True)))
-    return [
-        Proposal(spec=spec.at(hz), measured=hz == peaks)
-        for hz in ways
-        if min(hz) > 0.0 and len(set(hz)) == len(hz)  # as those of a panel are; what stands still may be neither
-    ]
+        return None
+    hz = tuple(peak or _frozen(hz, period_s) for peak, hz in zip(peaks, spec.waves_hz, strict=True))
+    if min(hz) <= 0.0 or len(set(hz)) < len(hz):  # no panel's: what stands still may be either
+        return None
+    return Proposal(spec=spec.at(hz), measured=all(peaks))
 
 
 def off_frequency_note(marker_id: int, found: PanelSpec) -> str:
