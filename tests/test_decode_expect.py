@@ -58,7 +58,7 @@ def expected_after(frames: int) -> Expectation:
         reading = soft.read_word(*memory.newest, BOOK, soft.FALSE_ID_RATE)
     assert isinstance(reading, soft.Reading)
     assert reading.id == 7
-    return Expectation.of(memory, reading.cell_bands)
+    return Expectation.of(memory, reading.cell_bands, reading.likelihood)
 
 
 @pytest.mark.parametrize("seq", [5, 6, 7, 12, 30])
@@ -191,7 +191,7 @@ def test_what_noise_alone_shows_is_not() -> None:
         memory, _ = memory.after(samples_of(frame, PLACE), frame)
     bands = np.zeros((16, 4))
     bands[:8, 0], bands[8:, 2] = 0.004, 0.004  # so shallow that one frame hardly tells
-    expectation = Expectation.of(memory, bands)
+    expectation = Expectation.of(memory, bands, 0.0)
     canvas = Canvas()
     canvas.lamp(PLACE, profile=diffuser)
     met = 0

@@ -451,6 +451,30 @@ def test_nor_is_one_that_is_larger(side: int, larger: float, old: int, new: int)
     assert after[7] == [new]
 
 
+@pytest.mark.parametrize(
+    ("side", "larger", "turn_deg", "old", "new", "gap", "seed"),
+    [(111, 1.13, 90, 17, 12, 8, 63), (105, 1.13, 45, 0, 23, 12, 26), (100, 1.08, 0, 12, 42, 23, 55)],
+)
+def test_nor_is_one_that_looks_so_unlike_that_comparing_them_tells_nothing(
+    side: int, larger: float, turn_deg: float, old: int, new: int, gap: int, seed: int
+) -> None:
+    """Its cells are otherwise uneven, and it hangs a fifth of its side away, after a gap."""
+    gains = 1 + 0.08 * np.random.default_rng(seed).standard_normal((2, 4, 4))
+    path, found = pipeline(stream=True), []
+    for n in range(14):
+        is_new, seq = n >= 10, n + gap * (n >= 10)
+        canvas, start_us = Canvas(), seq * PERIOD_US
+        if is_new:
+            at = square(310.3 + 0.2 * side, 240.6 - 0.1 * side, larger * side, turn_deg)
+            canvas.panel(at, word(new, 1), start_us=start_us, gains=gains[1])
+        else:
+            canvas.panel(square(310.3, 240.6, side, turn_deg), word(old), start_us=start_us, gains=gains[0])
+        frame = dataclasses.replace(canvas.frame(seq, seq=seq), row0_readout_ns=round(1e9 + 1e3 * start_us))
+        found.append(ids(path.decode(frame)))
+    assert found[9] == [old]
+    assert old not in {i for frame_ids in found[10:] for i in frame_ids}
+
+
 def test_a_tracked_panel_is_sought_in_its_neighbourhood() -> None:
     """Two of three frames that show it where it was expected do not search the picture at all."""
     path = pipeline(stream=True)

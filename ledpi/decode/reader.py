@@ -19,7 +19,7 @@ from ledpi.decode.evidence.waves import band_prior, is_deep
 from ledpi.decode.history import History, Shown
 from ledpi.decode.identify import soft
 from ledpi.decode.identify.codebook import Codebook
-from ledpi.decode.identify.denial import denies
+from ledpi.decode.identify.denial import denies, tells_of
 from ledpi.decode.identify.soft import Reading
 from ledpi.decode.identify.tuning import CHOICES, Seen, propose_frequencies
 from ledpi.decode.identify.words import likeliest
@@ -36,8 +36,21 @@ TUNE_EVERY = 4
 # Frames that contradict each other make a track forget: one that remembers less than this does not add up.
 ADDS_UP_FRAMES = 4
 
+# A frame of which comparison with those before tells less than this share of what they have told, each, is asked by
+# itself: it looks so unlike them that what is left is no measure of noise. (It may also show their very phases.)
+UNLIKE = 0.25
+DOUBTED = Rejected(stage="track", reason="unlike_before")
+
 # What no further frame can mend: this is no panel, or not where it was thought to be.
 SOMETHING_ELSE = (soft.INCONSISTENT, soft.IMPLAUSIBLE)
+
+
+class Added(NamedTuple):
+    """A history with a further frame."""
+
+    history: History
+    denied: bool = False  # that frame shows something else: all before it is forgotten
+    doubted: bool = False  # it is unlike those before, and by itself not for what they have shown
 
 
 class Outcome(NamedTuple):
@@ -75,21 +88,23 @@ class Reader:
         shown = history.shown
         if shown is None or shown.expectation is not None:
             return history
-        return history.expecting(shown, Expectation.of(history.memories[shown.group], shown.reading.cell_bands))
+        memory = history.memories[shown.group]
+        expectation = Expectation.of(memory, shown.reading.cell_bands, _usual_nats(memory, shown))
+        return history.expecting(shown, expectation)
 
     def _read_anew(self, before: History, samples: CellSamples, frame: Frame) -> Outcome:
-        now, denied = _with_frame(before, samples, frame)
-        shown = self._decide(now, self._false_id_rate)
+        now, denied, doubted = _with_frame(before, samples, frame)
+        shown = DOUBTED if doubted else self._decide(now, self._false_id_rate)
         if isinstance(shown, Rejected) and not denied and (before.last is not None or _may_speak_alone(now)):
             # Together they tell nothing any more; where phases run other than expected, each frame still may by itself.
             only = now.of_newest_alone()
             alone = self._decide(only, self._false_id_rate)
             if isinstance(alone, Shown):
                 now, shown = only, alone
-            elif before.last is not None:
+            elif before.last is not None and not doubted:
                 shown = self._still(now, before.last) or shown
         open_yet = isinstance(shown, Rejected) or now.frames < ADDS_UP_FRAMES or now.tuning.settling
-        if open_yet and now.tuning.looks >= TUNE_EVERY:
+        if open_yet and not doubted and now.tuning.looks >= TUNE_EVERY:
             tuned = self._tune(now)
             if tuned is None:
                 now = now.tuned(now.tuning.tried())
@@ -161,16 +176,27 @@ class Reader:
         return None
 
 
-def _with_frame(before: History, samples: CellSamples, frame: Frame) -> tuple[History, bool]:
-    """With a further frame; and whether that denies what was shown: then all before it is forgotten."""
+def _with_frame(before: History, samples: CellSamples, frame: Frame) -> Added:
+    """With a further frame, and whether that speaks against what was shown."""
     now, added = before.after(samples, frame)
     last = before.last
-    if last is None or not denies(added[last.group], last.reading.cell_bands):
-        return now, False
-    if now.frames > ADDS_UP_FRAMES and not now.tuning.settling:
-        # They did add up: what is there now is something else, at any frequencies.
-        now = now.tuned(now.tuning.of_newest_alone())
-    return now.of_newest_alone(), True
+    if last is None:
+        return Added(now)
+    said, shown = added[last.group], last.reading.cell_bands
+    if denies(said, shown):
+        if now.frames > ADDS_UP_FRAMES and not now.tuning.settling:
+            # They did add up: what is there now is something else, at any frequencies.
+            now = now.tuned(now.tuning.of_newest_alone())
+        return Added(now.of_newest_alone(), denied=True)
+    usual_nats = _usual_nats(before.memories[last.group], last)
+    if said is None or tells_of(said, shown) < UNLIKE * usual_nats:
+        return Added(now, doubted=denies(now.memories[last.group].of_newest(), shown))
+    return Added(now)
+
+
+def _usual_nats(memory: PanelMemory, shown: Shown) -> float:
+    """What one of the frames has told, on average, of the word over no bands."""
+    return shown.reading.likelihood / memory.frames_worth
 
 
 def _without_newest(before: History, now: History) -> History:

@@ -25,6 +25,9 @@ from ledpi.records import Floats, Frame, Singles
 # A frame that is e^SURE times likelier with the bands than without shows them. Cells that speak against them weigh less
 # than that together: by noise alone each does by 0.2 on average, whatever it can tell (mean of max(0, N(−E, 2E))).
 SURE = 6.0
+# And more than this share of what a frame of the panel has told so far, as 98 of 100 do at 0.45 to 5 m. A frame of
+# another panel near its place, of which what is left is no noise, tells an eightieth at most.
+LEAST_SHARE = 1 / 32
 MIN_VALID = 0.75  # of each cell's samples: of a cell that is mostly saturated nothing is sure
 RIDGE = 1e-6  # of a basis vector's square: one may be all but gone with what is saturated
 
@@ -43,10 +46,14 @@ class Expectation:
     depth: Singles  # (cells, 1)
     phase: Floats  # (cells,)
     noise_volume: float  # by how much less than their number its samples tell (`Correlation.volume`)
+    least_nats: float  # that a frame tells which shows it
 
     @classmethod
-    def of(cls, memory: PanelMemory, bands: Floats) -> Expectation:
-        """Of the frames in `memory`, which show `bands` (cells, P): cosine and sine of each wave."""
+    def of(cls, memory: PanelMemory, bands: Floats, usual_nats: float) -> Expectation:
+        """Of the frames in `memory`, which show `bands` (cells, P): cosine and sine of each wave.
+
+        Each has told `usual_nats` of them.
+        """
         mean, lattice = memory.mean(), memory.newest[0].lattice
         root, basis, left_bands = (_made_compiled if compiled() else _made)(mean, lattice, bands)
         by_wave = bands.reshape(len(bands), -1, 2)
@@ -63,6 +70,7 @@ class Expectation:
             depth=np.hypot(cosine, sine).astype(np.float32)[:, None],
             phase=np.arctan2(sine, cosine),
             noise_volume=memory.noise.volume,
+            least_nats=max(SURE, LEAST_SHARE * usual_nats),
         )
 
     def is_met(self, samples: CellSamples, frame: Frame) -> bool:
@@ -71,7 +79,7 @@ class Expectation:
         if samples.lattice is not self.lattice or (valid is not None and valid.mean(axis=1).min() < MIN_VALID):
             return False
         of_all, of_those_against = self.weigh(samples, frame)
-        return of_all > SURE and of_those_against < SURE
+        return of_all > self.least_nats and of_those_against < SURE
 
     def weigh(self, samples: CellSamples, frame: Frame) -> tuple[float, float]:
         """Log-likelihood ratio of a frame with these bands to none or those before; of all cells, and of those against.

@@ -69,16 +69,14 @@ class PanelMemory(NamedTuple):
     def after(self, samples: CellSamples, frame: Frame) -> tuple[PanelMemory, Evidence | None]:
         """The memory with a further frame, and what that adds by comparison with those before, if anything.
 
-        One on another lattice cannot be compared with them: of it, what it says by itself.
+        One on another lattice cannot be compared with them.
         """
         origin_ns = self.origin_ns if self.frames else frame.row0_readout_ns
         further = self._replace(frames=self.frames + 1, origin_ns=origin_ns, last=(samples, frame), many=None)
         if not self.frames:
             return further, None
         if self.lattice is not samples.lattice:  # what was learnt of the bands stays, the picture does not
-            alone = further._of_mean_picture()
-            # Deep bands are read in each frame by itself, by more than this one look.
-            return further, None if isinstance(alone, Rejected) or is_deep(alone.prior) else alone
+            return further, None
         before, waves = self._mean(), self._waves(samples, frame)
         scale, added = compared_evidence(samples, frame, self.spec, waves, _lit(before))
         light = samples.light / np.float32(max(scale, LEAST_SCALE))
@@ -87,6 +85,11 @@ class PanelMemory(NamedTuple):
             return further._replace(many=many), None
         compared = Compared.with_one_more(self.compared, added)
         return further._replace(many=many, compared=compared), added.by(compared.noise)
+
+    @property
+    def frames_worth(self) -> float:
+        """Of how many frames the evidence is, as old ones have faded."""
+        return min(self.frames, 1.0 / (1.0 - FORGETTING))
 
     @property
     def lattice(self) -> Lattice | None:
@@ -98,6 +101,14 @@ class PanelMemory(NamedTuple):
         """The frame that was added last. Here and below: there must be one."""
         assert self.last is not None
         return self.last
+
+    def of_newest(self) -> Evidence | None:
+        """What the newest frame says by itself; None of deep bands, which more than this one look tells."""
+        samples, frame = self.newest
+        if is_deep(band_prior(frame, self.spec)):
+            return None
+        alone = single_evidence(samples, frame, self.spec, self._waves(samples, frame))
+        return None if isinstance(alone, Rejected) else alone
 
     def mean(self) -> Mean:
         """The frames that there are to compare a further one with."""

@@ -18,6 +18,11 @@ DOUBT = 5.0
 OTHER_CELLS = 16.0
 
 
+def tells_of(evidence: Evidence, shown: Floats) -> float:
+    """By how many nats, on average, evidence is for bands `shown` (cells, P) over none where these are shown."""
+    return 0.5 * float((shown * (evidence.score - evidence.unexplained(shown))).sum())
+
+
 def denies(added: Evidence | None, shown: Floats) -> bool:
     """Whether a frame has added evidence against bands `shown` (cells, P): for none, or for those of other cells."""
     if added is None:
