@@ -58,7 +58,7 @@ def expected_after(frames: int) -> Expectation:
         reading = soft.read_word(*memory.newest, BOOK, soft.FALSE_ID_RATE)
     assert isinstance(reading, soft.Reading)
     assert reading.id == 7
-    return Expectation.of(memory, reading.cell_bands, reading.likelihood)
+    return Expectation.of(memory, reading.cell_bands, reading.likelihood / memory.frames_worth)
 
 
 @pytest.mark.parametrize("seq", [5, 6, 7, 12, 30])
@@ -153,11 +153,19 @@ def test_compiled_loops_expect_what_the_numpy_code_does() -> None:
     for seq in range(READ_FRAMES):
         memory, _ = memory.after(samples_of(frame := frame_of(seq), PLACE), frame)
     bands = np.random.default_rng(4).normal(0, 0.04, (16, 4)) * np.repeat(word(7).reshape(-1, 1) == [0, 1], 2, axis=1)
-    ours, theirs = both_ways(partial(Expectation.of, memory, bands))
+    ours, theirs = both_ways(partial(Expectation.of, memory, bands, 0.0))
     np.testing.assert_allclose(ours.root, theirs.root, rtol=1e-5)
     np.testing.assert_allclose(ours.left_bands, theirs.left_bands, atol=1e-6)
     np.testing.assert_allclose(ours.basis @ ours.basis.T, np.eye(9), atol=1e-4)
     np.testing.assert_allclose(np.abs(np.linalg.det(ours.basis @ theirs.basis.T)), 1.0, atol=1e-3)
+
+
+def test_what_tells_far_less_than_frames_have_told_is_not_expected(expected: Expectation) -> None:
+    """Its noise is what is left of it, and what is unlike the picture leaves much."""
+    samples = samples_of(frame := frame_of(6), PLACE)
+    told_nats, _ = expected.weigh(samples, frame)
+    assert expected.is_met(samples, frame)
+    assert not dataclasses.replace(expected, least_nats=1.01 * told_nats).is_met(samples, frame)
 
 
 def test_of_a_cell_that_is_mostly_saturated_nothing_is_sure(expected: Expectation) -> None:
