@@ -8,6 +8,7 @@ import shutil
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -458,6 +459,15 @@ def test_a_name_with_a_line_break_is_one_line(ledpi: Run) -> None:
     assert complaint(ledpi("a\nb")) == "ledpi: a\\nb: no such file or folder"
 
 
+@pytest.fixture
+def ctrl_c_as_at_the_start() -> Iterator[None]:
+    """Python's own handler: commands that were run in this process before may have left theirs."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("ctrl_c_as_at_the_start")
 def test_ctrl_c_before_a_command_has_begun_is_no_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
     """Loading what the commands need takes longest of all that happens before."""
     monkeypatch.setattr("ledpi.cli._add_commands", lambda: signal.raise_signal(signal.SIGINT))
