@@ -131,7 +131,13 @@ def samples_of(light: Floats) -> CellSamples:
     points = lattice(2, 2)
     singles = light.astype(np.float32)
     return CellSamples(
-        lattice=points, light=singles, valid=None, rows=points.v, cell_px=(6.0, 6.0), independence=1.0
+        lattice=points,
+        light=singles,
+        valid=None,
+        rows=points.v,
+        cell_px=(6.0, 6.0),
+        sides_px=(12 + 0j, 12j),
+        independence=1.0,
     )
 
 

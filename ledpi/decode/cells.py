@@ -64,6 +64,7 @@ class CellSamples:
     valid: Mask | None  # (n·n, k·k), None where all are
     rows: Singles  # (n·n, k·k), picture row of each sample
     cell_px: tuple[float, float]  # width and height of a cell, in pixels
+    sides_px: tuple[complex, complex]  # across and down the panel, in the picture: the mean of opposite sides
     independence: float  # what a sample counts for: less than 1 where its neighbours share its noise
     linear: bool = False  # interpolated by straight lines
     bands: SeenBands | None = None  # as of the `Quad`
@@ -111,7 +112,7 @@ def sample_cells(
     if quad.rim_wall:
         lattice_ends = square_box(-quad.rim_wall, 1.0 + quad.rim_wall)
         quad = replace(quad, corners_px=in_square(quad.corners_px, lattice_ends))
-    across, down = cell_px = _cell_px(quad.corners_px, cells)
+    cell_px, sides_px = _sizes_px(quad.corners_px, cells)
     if not min(cell_px) >= MIN_CELL_PX:
         return TOO_SMALL
     k = min(max(MIN_LATTICE, round(max(cell_px) * (1 - 2 * INSET))), MAX_LATTICE)
@@ -133,17 +134,19 @@ def sample_cells(
         valid=valid,
         rows=rows,
         cell_px=cell_px,
-        independence=min(1.0, variance * across * down * ((1 - 2 * INSET) / k) ** 2),
+        sides_px=sides_px,
+        independence=min(1.0, variance * cell_px[0] * cell_px[1] * ((1 - 2 * INSET) / k) ** 2),
         linear=saturated,
         bands=quad.bands,
     )
 
 
-def _cell_px(corners: Floats, cells: int) -> tuple[float, float]:
-    """A cell's width and height, seen from wherever: of opposite sides."""
-    a, b, c, d = corners.tolist()
-    width, height = math.dist(a, b) + math.dist(c, d), math.dist(b, c) + math.dist(d, a)
-    return width / (2 * cells), height / (2 * cells)
+def _sizes_px(corners: Floats, cells: int) -> tuple[tuple[float, float], tuple[complex, complex]]:
+    """`cell_px`, a mean length of opposite sides, and `sides_px` of `CellSamples`."""
+    a, b, c, d = (complex(x, y) for x, y in corners.tolist())
+    top, right, bottom, left = b - a, c - b, c - d, d - a
+    cell_px = (abs(top) + abs(bottom)) / (2 * cells), (abs(right) + abs(left)) / (2 * cells)
+    return cell_px, ((top + bottom) / 2, (right + left) / 2)
 
 
 def _window(frame: Frame, quad: Quad) -> tuple[slice, slice] | None:

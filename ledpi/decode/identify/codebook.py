@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
-from itertools import product
+from itertools import combinations, product
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,6 +18,13 @@ from ledpi.records import Floats, Integers, Mask, PanelSpec, Singles
 # Patterns that are no word differ in so many cells at least from each: what differs in fewer is meant for it.
 NEAREST_PATTERN = MOST_CORRECTED + 1
 MOST_OF_PART = 0.5  # of a panel's cells: what shows more of them is a panel with a hidden side, which its walls tell
+
+
+class Stretched(NamedTuple):
+    """Parts of panels where each is taken for a whole one."""
+
+    white: Singles  # (N, cells) by how much each cell is white
+    cells: tuple[tuple[int, int], ...]  # N times: how many cells there are, across and down
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,7 +64,7 @@ class Codebook:
 
     def is_coarse(self, white: Mask) -> bool:
         """Whether (cells,) is what a part of a panel looks like where it is taken for a whole one."""
-        return any(repeats(white)) or bool((coarse_patterns(math.isqrt(len(white))) == white).all(axis=1).any())
+        return repeats(white) or bool((coarse_patterns(math.isqrt(len(white))) == white).all(axis=1).any())
 
     def coarse_beside(self, word: int) -> Singles:
         """(N, cells) the coarse patterns that would be taken for this word, as no more cells differ than are corrected.
@@ -65,12 +73,12 @@ class Codebook:
         """
         return _coarse_beside(self.white[word].tobytes(), self.correctable)
 
-    def stretched_beside(self, word: int) -> Singles:
-        """(N, cells) by how much each cell is white where a part of a panel, half of it or less, shows this word.
+    def stretched_beside(self, word: int) -> Stretched:
+        """Parts of a panel, half of it or less, that would be taken for this word; they may be exactly like it.
 
-        Its cells are larger than those that it is taken for, so that some of these lie on two of them.
+        Their cells are larger than those that they are taken for, so that some of these may lie on two of them.
         """
-        return _stretched_beside(self.white[word].tobytes())
+        return _stretched_beside(self.white[word].tobytes(), self.correctable)
 
     def correctable_beside(self, silent: Mask | None, word: int) -> int:
         """`correctable` where the `silent` (cells,) say nothing: ⌊(d − 1)/2⌋ of the other cells, if that is less.
@@ -108,20 +116,26 @@ def _coarse_beside(word: bytes, correctable: int) -> Singles:
 
 
 @lru_cache(maxsize=1024)
-def _stretched_beside(word: bytes) -> Singles:
+def _stretched_beside(word: bytes, correctable: int) -> Stretched:
     """`Codebook.stretched_beside` of a word (cells,), given as its numbers' bytes."""
     pattern = np.frombuffer(word, np.float32)
     side = math.isqrt(len(pattern))
-    found = [np.empty((0, len(pattern)))]
+    found: dict[bytes, tuple[int, int]] = {}
     for of_rows, of_columns in product([_shares_of(side, few) for few in range(1, side + 1)], repeat=2):
-        if of_rows.shape[1] * of_columns.shape[1] > MOST_OF_PART * len(pattern):
+        rows, columns = of_rows.shape[1], of_columns.shape[1]
+        if rows * columns > MOST_OF_PART * len(pattern):
             continue
-        rows, columns = of_rows.argmax(axis=0), of_columns.argmax(axis=0)  # of which cells are most
-        part = pattern.reshape(side, side)[np.ix_(rows, columns)]
-        mixed = (of_rows @ part @ of_columns.T).reshape(1, -1)
-        if ((mixed > 0.5) == (pattern > 0.5)).all() and not (mixed == pattern).all():
-            found.append(mixed)
-    return np.concatenate(found).astype(np.float32)
+        most = np.kron(np.eye(rows)[of_rows.argmax(axis=1)], np.eye(columns)[of_columns.argmax(axis=1)])
+        part = (most.T @ (pattern - 0.5) > 0).astype(float)
+        for flips in range(correctable + 1):
+            for flipped in combinations(range(rows * columns), flips):
+                other = part.copy()
+                other[list(flipped)] = 1.0 - other[list(flipped)]
+                mixed = np.kron(of_rows, of_columns) @ other
+                if np.count_nonzero((mixed > 0.5) != (pattern > 0.5)) <= correctable:
+                    found.setdefault(mixed.astype(np.float32).tobytes(), (columns, rows))
+    white = np.array([np.frombuffer(mixed, np.float32) for mixed in found]).reshape(-1, len(pattern))
+    return Stretched(white, tuple(found.values()))
 
 
 def _shares_of(cells: int, few: int) -> Floats:
@@ -132,8 +146,8 @@ def _shares_of(cells: int, few: int) -> Floats:
     return np.asarray(np.diff(within, axis=1))
 
 
-def repeats(white: Mask) -> tuple[bool, bool]:
-    """Whether the rows, and the columns, of a pattern (cells,) are alike two by two, or more of them.
+def repeats(white: Mask) -> bool:
+    """Whether the rows, or the columns, of a pattern (cells,) are alike two by two, or more of them.
 
     So looks a part of a panel, of half as many rows or columns, that is taken for a whole one. Word 17 of DICT_4X4_50
     is such a pattern, five others of it are one cell off.
@@ -141,7 +155,4 @@ def repeats(white: Mask) -> tuple[bool, bool]:
     side = math.isqrt(len(white))
     pattern = white.reshape(side, side)
     times = [n for n in range(2, side + 1) if side % n == 0]
-    rows, columns = (
-        any((whole == np.repeat(whole[::n], n, axis=0)).all() for n in times) for whole in (pattern, pattern.T)
-    )
-    return rows, columns
+    return any(bool((whole == np.repeat(whole[::n], n, axis=0)).all()) for n in times for whole in (pattern, pattern.T))
