@@ -1,4 +1,4 @@
-"""Whether a frame denies the bands that its track has shown: by hand, of cells whose evidence is their own alone."""
+"""Whether a frame denies or confirms the bands that its track has shown: by hand, of cells that are weighed alone."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ledpi.decode.evidence.evidence import Evidence
-from ledpi.decode.identify.denial import denies
+from ledpi.decode.identify.denial import confirms, denies
 from ledpi.records import Floats, Mask
 
 DEPTH = 0.5
@@ -47,3 +47,22 @@ def test_a_frame_with_bands_in_other_cells_denies_them_by_sixteen_nats(swapped: 
 def test_a_frame_that_adds_nothing_denies_nothing() -> None:
     """As the first of a track, which is compared with none."""
     assert not denies(None, bands(WHITE))
+
+
+@pytest.mark.parametrize(("information", "confirmed"), [(2.4, False), (2.6, True)])
+def test_a_frame_with_the_same_bands_confirms_them_by_five_nats(information: float, confirmed: bool) -> None:
+    """In 16 cells it is likelier with them by 16 · ½ · 0.5² · information."""
+    assert confirms(frame_with(bands(WHITE), information), bands(WHITE)) is confirmed
+
+
+@pytest.mark.parametrize("information", [10.0, 1000.0])
+@pytest.mark.parametrize("swapped", [4, 8])
+def test_a_frame_with_bands_in_other_cells_confirms_nothing(swapped: int, information: float) -> None:
+    """A word may share three quarters of its cells with another: it is likelier than no bands, and yet not shown."""
+    frame = frame_with(bands(WHITE ^ (np.arange(16) < swapped)), information)
+    assert not confirms(frame, bands(WHITE))
+
+
+def test_a_frame_that_says_nothing_by_itself_confirms_nothing() -> None:
+    """As one of deep bands, which more than one look tells."""
+    assert not confirms(None, bands(WHITE))

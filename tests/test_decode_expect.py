@@ -13,7 +13,7 @@ from samples_material import samples_of
 
 from ledpi.decode.cells import CellSamples
 from ledpi.decode.evidence.evidence import Evidence
-from ledpi.decode.evidence.expect import Expectation
+from ledpi.decode.evidence.expect import LEAST_SHARE, Expectation
 from ledpi.decode.evidence.memory import PanelMemory
 from ledpi.decode.identify import soft
 from ledpi.decode.identify.codebook import Codebook
@@ -165,7 +165,7 @@ def test_what_tells_far_less_than_frames_have_told_is_not_expected(expected: Exp
     samples = samples_of(frame := frame_of(6), PLACE)
     told_nats, _ = expected.weigh(samples, frame)
     assert expected.is_met(samples, frame)
-    assert not dataclasses.replace(expected, least_nats=1.01 * told_nats).is_met(samples, frame)
+    assert not dataclasses.replace(expected, usual_nats=1.01 * told_nats / LEAST_SHARE).is_met(samples, frame)
 
 
 def test_of_a_cell_that_is_mostly_saturated_nothing_is_sure(expected: Expectation) -> None:

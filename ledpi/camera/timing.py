@@ -26,9 +26,9 @@ def choose_frame_length_rows(
 ) -> int:
     """The shortest frame, in rows, over which every phase advances by 1/6 cycle or more from an integer.
 
-    Or one that is up to a tenth longer, if in that one no two classes advance alike; best one in which oscillators that
-    are off by 1 % do not stop both either. Looks at whole rows from `shortest_rows` to twice that. Raises ValueError
-    where no length suits.
+    A frame of up to a tenth more rows is preferred if no two classes advance alike in it; and of these the first in
+    which oscillators that are off by 1 % do not stop both classes. Looks at whole rows from `shortest_rows` to twice
+    that. Raises ValueError where no length suits.
     """
     moving = [
         rows

@@ -13,13 +13,13 @@ from typing import NamedTuple
 
 from ledpi.decode.cells import CellSamples
 from ledpi.decode.evidence.evidence import Evidence
-from ledpi.decode.evidence.expect import Expectation
+from ledpi.decode.evidence.expect import UNLIKE, Expectation
 from ledpi.decode.evidence.memory import PanelMemory
 from ledpi.decode.evidence.waves import band_prior, is_deep
 from ledpi.decode.history import History, Shown
 from ledpi.decode.identify import soft
 from ledpi.decode.identify.codebook import Codebook
-from ledpi.decode.identify.denial import denies, tells_of
+from ledpi.decode.identify.denial import confirms, denies, tells_of
 from ledpi.decode.identify.soft import Reading
 from ledpi.decode.identify.tuning import CHOICES, Seen, propose_frequencies
 from ledpi.decode.identify.words import likeliest
@@ -36,9 +36,9 @@ TUNE_EVERY = 4
 # Frames that contradict each other make a track forget: one that remembers less than this does not add up.
 ADDS_UP_FRAMES = 4
 
-# A frame of which comparison with those before tells less than this share of what they have told, each, is asked by
-# itself: it looks so unlike them that what is left is no measure of noise. (It may also show their very phases.)
-UNLIKE = 0.25
+# A frame that is not as expected is asked by itself, too, as that tells another panel's word at once. It must be for
+# what was shown where comparison with those before tells less than the share UNLIKE of what these have told, each: it
+# looks so unlike them that what is left is no measure of noise. (It may also show their very phases.)
 DOUBTED = Rejected(stage="track", reason="unlike_before")
 
 # What no further frame can mend: this is no panel, or not where it was thought to be.
@@ -50,7 +50,7 @@ class Added(NamedTuple):
 
     history: History
     denied: bool = False  # that frame shows something else: all before it is forgotten
-    doubted: bool = False  # it is unlike those before, and by itself not for what they have shown
+    doubted: bool = False  # it is unlike those before, and by itself not surely for what they have shown
 
 
 class Outcome(NamedTuple):
@@ -101,15 +101,20 @@ class Reader:
             alone = self._decide(only, self._false_id_rate)
             if isinstance(alone, Shown):
                 now, shown = only, alone
+                if before.last is not None and not _is_same(alone, before.last):
+                    now = now.tuned(now.tuning.of_newest_alone())
             elif before.last is not None and not doubted:
                 shown = self._still(now, before.last) or shown
         open_yet = isinstance(shown, Rejected) or now.frames < ADDS_UP_FRAMES or now.tuning.settling
-        if open_yet and not doubted and now.tuning.looks >= TUNE_EVERY:
-            tuned = self._tune(now)
-            if tuned is None:
+        if open_yet and now.tuning.looks >= TUNE_EVERY:
+            tuned = self._tune(now, doubted)
+            decided = shown if tuned is None else self._decide(tuned, self._false_id_rate)
+            # Frequencies are sought in frames that may be of what was there before: these do not overrule a word.
+            overruled = isinstance(shown, Shown) and isinstance(decided, Shown) and not _is_same(shown, decided)
+            if tuned is None or overruled:
                 now = now.tuned(now.tuning.tried())
             else:
-                now, shown = tuned, self._decide(tuned, self._false_id_rate)
+                now, shown = tuned, decided
         if isinstance(shown, Shown):
             now = now.read_as(shown)
         else:
@@ -121,8 +126,7 @@ class Reader:
         kept = self._decide(now, KEPT_RATE)
         if isinstance(kept, Rejected):
             return None
-        as_before = kept.reading.id == last.reading.id and kept.reading.quarter_turns == last.reading.quarter_turns
-        return kept if as_before else None
+        return kept if _is_same(kept, last) else None
 
     def _decide(self, history: History, rate: float) -> Shown | Rejected:
         if history.tuning.found is not None:
@@ -140,7 +144,9 @@ class Reader:
         if alone is not None:
             return alone
         evidence = memory.evidence()
-        return soft.decide(evidence, book, rate) if isinstance(evidence, Evidence) else evidence
+        if isinstance(evidence, Rejected):
+            return evidence
+        return soft.decide(evidence, book, rate, memory.newest[0].sides_px)
 
     def _alone(self, memory: PanelMemory, book: Codebook, rate: float) -> Reading | Rejected | None:
         """What the newest frame shows by itself; None where it is for all frames together to tell.
@@ -157,8 +163,11 @@ class Reader:
             return reading._replace(cell_bands=memory.in_its_time(reading.cell_bands))
         return reading if reading in SOMETHING_ELSE else None
 
-    def _tune(self, history: History) -> History | None:
-        """The history at other frequencies, at which its frames add up to a word; None where there are none."""
+    def _tune(self, history: History, doubted: bool) -> History | None:
+        """The history at other frequencies, at which its frames add up to a word; None where there are none.
+
+        What the frames before have shown may be there no more: a newest one that is doubted must be for it by itself.
+        """
         seen = history.tuning.seen
         for group, book in enumerate(self._codebooks):
             proposal = propose_frequencies(seen, book.spec, book)
@@ -166,14 +175,18 @@ class Reader:
                 continue
             memory, added = _remembered(seen, proposal.spec)
             reading = self._word(memory, group, self._false_id_rate / CHOICES)
-            # What the frames before have shown may be there no more.
-            if (
-                isinstance(reading, Reading)
-                and not denies(added, reading.cell_bands)
-                and reading.likelihood > _explained(seen, book)
-            ):
+            if isinstance(reading, Rejected) or denies(added, reading.cell_bands):
+                continue
+            if doubted and not confirms(memory.of_newest(), reading.cell_bands):
+                continue
+            if reading.likelihood > _explained(seen, book):
                 return history.tuned_to(proposal, group, memory)
         return None
+
+
+def _is_same(one: Shown, other: Shown) -> bool:
+    """Whether both are the same word, hung alike."""
+    return (one.reading.id, one.reading.quarter_turns) == (other.reading.id, other.reading.quarter_turns)
 
 
 def _with_frame(before: History, samples: CellSamples, frame: Frame) -> Added:
@@ -188,10 +201,9 @@ def _with_frame(before: History, samples: CellSamples, frame: Frame) -> Added:
             # They did add up: what is there now is something else, at any frequencies.
             now = now.tuned(now.tuning.of_newest_alone())
         return Added(now.of_newest_alone(), denied=True)
-    usual_nats = _usual_nats(before.memories[last.group], last)
-    if said is None or tells_of(said, shown) < UNLIKE * usual_nats:
-        return Added(now, doubted=denies(now.memories[last.group].of_newest(), shown))
-    return Added(now)
+    alone, usual_nats = now.memories[last.group].of_newest(), _usual_nats(before.memories[last.group], last)
+    unlike = said is None or tells_of(said, shown) < UNLIKE * usual_nats
+    return Added(now, doubted=denies(alone, shown) or (unlike and not confirms(alone, shown)))
 
 
 def _usual_nats(memory: PanelMemory, shown: Shown) -> float:

@@ -73,9 +73,7 @@ class PanelMemory(NamedTuple):
         """
         origin_ns = self.origin_ns if self.frames else frame.row0_readout_ns
         further = self._replace(frames=self.frames + 1, origin_ns=origin_ns, last=(samples, frame), many=None)
-        if not self.frames:
-            return further, None
-        if self.lattice is not samples.lattice:  # what was learnt of the bands stays, the picture does not
+        if self.lattice is not samples.lattice:  # or a first one; what was learnt of the bands stays, the picture not
             return further, None
         before, waves = self._mean(), self._waves(samples, frame)
         scale, added = compared_evidence(samples, frame, self.spec, waves, _lit(before))
