@@ -36,9 +36,11 @@ TUNE_EVERY = 4
 # Frames that contradict each other make a track forget: one that remembers less than this does not add up.
 ADDS_UP_FRAMES = 4
 
-# A frame that is not as expected is asked by itself, too, as that tells another panel's word at once. It must be for
-# what was shown where comparison with those before tells less than the share UNLIKE of what these have told, each: it
-# looks so unlike them that what is left is no measure of noise. (It may also show their very phases.)
+# A frame of which comparison with those before tells less than the share ALIKE of what these have told, each, is asked
+# by itself, too, as that tells another panel's word at once. (It is a worse witness where a part of a panel is hidden.)
+# Below the share UNLIKE it must be for what was shown: it looks so unlike those before that what is left is no measure
+# of noise. (It may also show their very phases.)
+ALIKE = 0.5
 DOUBTED = Rejected(stage="track", reason="unlike_before")
 
 # What no further frame can mend: this is no panel, or not where it was thought to be.
@@ -201,9 +203,11 @@ def _with_frame(before: History, samples: CellSamples, frame: Frame) -> Added:
             # They did add up: what is there now is something else, at any frequencies.
             now = now.tuned(now.tuning.of_newest_alone())
         return Added(now.of_newest_alone(), denied=True)
-    alone, usual_nats = now.memories[last.group].of_newest(), _usual_nats(before.memories[last.group], last)
-    unlike = said is None or tells_of(said, shown) < UNLIKE * usual_nats
-    return Added(now, doubted=denies(alone, shown) or (unlike and not confirms(alone, shown)))
+    like = 0.0 if said is None else tells_of(said, shown) / _usual_nats(before.memories[last.group], last)
+    if like > ALIKE:
+        return Added(now)
+    alone = now.memories[last.group].of_newest()
+    return Added(now, doubted=not confirms(alone, shown) if like < UNLIKE else denies(alone, shown))
 
 
 def _usual_nats(memory: PanelMemory, shown: Shown) -> float:
