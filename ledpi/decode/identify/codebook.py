@@ -125,13 +125,15 @@ def _stretched_beside(word: bytes, correctable: int) -> Stretched:
         rows, columns = of_rows.shape[1], of_columns.shape[1]
         if rows * columns > MOST_OF_PART * len(pattern):
             continue
+        # (cells, rows · columns) in which of the part's cells each of the panel's is, and in which it is most.
+        share = np.kron(of_rows, of_columns)
         most = np.kron(np.eye(rows)[of_rows.argmax(axis=1)], np.eye(columns)[of_columns.argmax(axis=1)])
         part = (most.T @ (pattern - 0.5) > 0).astype(float)
         for flips in range(correctable + 1):
             for flipped in combinations(range(rows * columns), flips):
                 other = part.copy()
                 other[list(flipped)] = 1.0 - other[list(flipped)]
-                mixed = np.kron(of_rows, of_columns) @ other
+                mixed = share @ other
                 if np.count_nonzero((mixed > 0.5) != (pattern > 0.5)) <= correctable:
                     found.setdefault(mixed.astype(np.float32).tobytes(), (columns, rows))
     white = np.array([np.frombuffer(mixed, np.float32) for mixed in found]).reshape(-1, len(pattern))
