@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
-# Radians. Who sees a square from so far beside its front cannot tell how far: it is narrower by 3 %, and the sides of a
-# far one are known no better.
-LEAST_TILT = 0.25
+# Radians. Who sees a square from so far beside its front cannot tell how far: it is narrower by half a percent, and the
+# sides of one at 5 m, of 20 pixels, are known no better.
+LEAST_TILT = 0.1
 
 
 def log_chance_of_tilt(sides_px: tuple[complex, complex], cells: tuple[int, int]) -> float:
