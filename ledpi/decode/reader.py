@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from ledpi.decode.cells import CellSamples
 from ledpi.decode.evidence.evidence import Evidence
-from ledpi.decode.evidence.expect import Expectation
+from ledpi.decode.evidence.expect import UNLIKE, Expectation
 from ledpi.decode.evidence.memory import PanelMemory
 from ledpi.decode.evidence.waves import band_prior, is_deep
 from ledpi.decode.history import History, Shown
@@ -40,7 +40,7 @@ ADDS_UP_FRAMES = 4
 # by itself, too, as that tells another panel's word at once. (It is a worse witness where a part of a panel is hidden.)
 # Below the share UNLIKE it must be for what was shown: it looks so unlike those before that what is left is no measure
 # of noise. (It may also show their very phases.)
-ALIKE, UNLIKE = 0.5, 0.25
+ALIKE = 0.5
 DOUBTED = Rejected(stage="track", reason="unlike_before")
 
 # What no further frame can mend: this is no panel, or not where it was thought to be.
