@@ -168,6 +168,17 @@ def test_what_tells_far_less_than_frames_have_told_is_not_expected(expected: Exp
     assert not dataclasses.replace(expected, usual_nats=1.01 * told_nats / LEAST_SHARE).is_met(samples, frame)
 
 
+@pytest.mark.parametrize("seq", range(5, 11))
+def test_a_frame_without_its_bands_misses_it(expected: Expectation, seq: int) -> None:
+    """One with them does not; nor a panel so much smaller that it is sampled at other places."""
+    canvas, own, smaller = Canvas(), frame_of(seq), square(310.3, 240.6, 40, 4)
+    canvas.lamp(PLACE, profile=diffuser)
+    lit = dataclasses.replace(canvas.frame(seq, seq=seq), row0_readout_ns=own.row0_readout_ns)
+    assert expected.is_missed(samples_of(lit, PLACE), lit)
+    assert not expected.is_missed(samples_of(own, PLACE), own)
+    assert not expected.is_missed(samples_of(lit, smaller), lit)
+
+
 def test_of_a_cell_that_is_mostly_saturated_nothing_is_sure(expected: Expectation) -> None:
     """It might be of the other class."""
     frame = frame_of(6)

@@ -98,6 +98,7 @@ def other(panel: Panel, swap: Swap) -> Panel:
         ("touched by something bright", 10_000.0, 2, 122),
         ("an edge hidden", 2_000.0, 2, 59),
         ("a corner hidden", 2_000.0, 2, 61),
+        ("an edge hidden", 2_000.0, 3, 133),
     ],
 )
 def test_the_old_id_is_shown_no_more(case: str, exposure_us: float, seed: int, take: int) -> None:

@@ -32,6 +32,10 @@ class Shown(NamedTuple):
         """Whether a frame surely shows the same."""
         return self.expectation is not None and self.expectation.is_met(samples, frame)
 
+    def is_missed(self, samples: CellSamples, frame: Frame) -> bool:
+        """Whether a frame rather shows something else."""
+        return self.expectation is not None and self.expectation.is_missed(samples, frame)
+
 
 class Tuning(NamedTuple):
     """The frames that a panel's frequencies are sought in, and those that were found, if not the announced ones."""

@@ -36,8 +36,9 @@ TUNE_EVERY = 4
 # Frames that contradict each other make a track forget: one that remembers less than this does not add up.
 ADDS_UP_FRAMES = 4
 
-# A frame of which comparison with those before tells less than the share ALIKE of what these have told, each, is asked
-# by itself, too, as that tells another panel's word at once. (It is a worse witness where a part of a panel is hidden.)
+# A frame of which comparison with those before tells less than the share ALIKE of what these have told, each, or which
+# is likelier without what they let expect, is asked by itself, too, as that tells another panel's word at once. (It
+# is a worse witness where a part of a panel is hidden.)
 # Below the share UNLIKE it must be for what was shown: it looks so unlike those before that what is left is no measure
 # of noise. (It may also show their very phases.)
 ALIKE = 0.5
@@ -204,7 +205,7 @@ def _with_frame(before: History, samples: CellSamples, frame: Frame) -> Added:
             now = now.tuned(now.tuning.of_newest_alone())
         return Added(now.of_newest_alone(), denied=True)
     like = 0.0 if said is None else tells_of(said, shown) / _usual_nats(before.memories[last.group], last)
-    if like > ALIKE:
+    if like > ALIKE and not last.is_missed(samples, frame):
         return Added(now)
     alone = now.memories[last.group].of_newest()
     return Added(now, doubted=not confirms(alone, shown) if like < UNLIKE else denies(alone, shown))

@@ -88,6 +88,10 @@ class Expectation:
             return False
         return of_all > UNLIKE * self.usual_nats or of_those_against < MOST_AGAINST * of_all
 
+    def is_missed(self, samples: CellSamples, frame: Frame) -> bool:
+        """Whether a frame is likelier without it."""
+        return samples.lattice is self.lattice and self.weigh(samples, frame)[0] < 0.0
+
     def weigh(self, samples: CellSamples, frame: Frame) -> tuple[float, float]:
         """Log-likelihood ratio of a frame with these bands to none or those before; of all cells, and of those against.
 
