@@ -96,6 +96,7 @@ def other(panel: Panel, swap: Swap) -> Panel:
         ("oscillators off by 1 %", 10_000.0, 2, 132),
         ("touched by something bright", 10_000.0, 2, 120),
         ("touched by something bright", 10_000.0, 2, 122),
+        ("an edge hidden", 2_000.0, 2, 1),
         ("an edge hidden", 2_000.0, 2, 59),
         ("a corner hidden", 2_000.0, 2, 61),
         ("an edge hidden", 2_000.0, 3, 133),

@@ -37,8 +37,8 @@ TUNE_EVERY = 4
 ADDS_UP_FRAMES = 4
 
 # A frame of which comparison with those before tells less than the share ALIKE of what these have told, each, or which
-# is likelier without what they let expect, is asked by itself, too, as that tells another panel's word at once. (It
-# is a worse witness where a part of a panel is hidden.)
+# misses what they let expect, is asked by itself, too, as that tells another panel's word at once. (It is a worse
+# witness where a part of a panel is hidden.)
 # Below the share UNLIKE it must be for what was shown: it looks so unlike those before that what is left is no measure
 # of noise. (It may also show their very phases.)
 ALIKE = 0.5

@@ -89,8 +89,11 @@ class Expectation:
         return of_all > UNLIKE * self.usual_nats or of_those_against < MOST_AGAINST * of_all
 
     def is_missed(self, samples: CellSamples, frame: Frame) -> bool:
-        """Whether a frame is likelier without it."""
-        return samples.lattice is self.lattice and self.weigh(samples, frame)[0] < 0.0
+        """Whether cells speak against it by more than all together are for it."""
+        if samples.lattice is not self.lattice:
+            return False
+        of_all, of_those_against = self.weigh(samples, frame)
+        return of_all < of_those_against
 
     def weigh(self, samples: CellSamples, frame: Frame) -> tuple[float, float]:
         """Log-likelihood ratio of a frame with these bands to none or those before; of all cells, and of those against.
