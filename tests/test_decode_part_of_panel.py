@@ -14,10 +14,13 @@ from decode_material import (
     SPEC,
     TRUE_10_MS_US,
     Canvas,
+    Profile,
     bare,
     camera_info,
+    diffuser,
     drawn,
     flat,
+    one_size,
     panel_settings,
     square,
     word,
@@ -32,12 +35,13 @@ from ledpi.decode.identify.tilt import LEAST_TILT
 from ledpi.decode.identify.words import likeliest
 from ledpi.decode.striped.find_striped import StripedFinder
 from ledpi.decode.striped.part_of_panel import PART
-from ledpi.decode.striped.striped import striped_square
+from ledpi.decode.striped.striped import fitted_squares, striped_square
 from ledpi.dictionaries import load_dictionary
 from ledpi.pipeline import Pipeline
 from ledpi.records import Floats, Frame, Quad, Rejected
 
 PANEL = square(310.3, 240.6, 130)
+STEADY_US = 640.0  # four fifths of 1250 Hz' period, and 1.6 of 2450 Hz'
 
 
 def found_at(frame: Frame, corners: Floats) -> Quad | Rejected:
@@ -118,16 +122,51 @@ def test_a_part_is_as_likely_as_it_is_tilted(sides: tuple[complex, complex], tan
     assert odds_against_stretched(evidence, fit, book, sides) == pytest.approx(odds)
 
 
-@pytest.mark.parametrize("exposure_us", [SHORT_US, 300.0])
-def test_half_a_panel_that_shows_the_very_same_is_told_by_its_shape(exposure_us: float) -> None:
-    """Two rows of four cells, 0110 and 0000, from the front: not word 17, in no frame."""
+def told_near(frame: Frame, corners: Floats) -> Quad | Rejected:
+    """Where sides have told a square."""
+    sides = Quad(corners_px=corners, corner_sigma_px=0.3, bend_px=0.0)
+    ((_, result),) = fitted_squares(frame, [(corners, sides)], 4, [SPEC], 8.0, PINHOLE)
+    return result
+
+
+@pytest.mark.parametrize("exposure_us", [SHORT_US, 300.0, 450.0, STEADY_US, 1000.0])
+@pytest.mark.parametrize("profile", [diffuser, bare, flat, one_size])
+@pytest.mark.parametrize("side", [40.0, 130.0])
+def test_a_whole_panel_is_darker_where_its_cells_meet(profile: Profile, side: float, exposure_us: float) -> None:
+    """Or nowhere, however deep bands are."""
+    canvas, corners = Canvas(exposure_us=exposure_us), square(310.3, 240.6, side, 33.0)
+    canvas.panel(corners, word(7), light=0.35, profile=profile, phases=(0.3, 0.7))
+    assert isinstance(told_near(canvas.frame(), corners), Quad)
+
+
+@pytest.mark.parametrize(("columns", "rows"), [(2, 4), (4, 2), (2, 3), (2, 2), (1, 2), (3, 1)])
+def test_cells_of_a_part_do_not_meet_where_those_of_a_whole_panel_would(columns: int, rows: int) -> None:
+    """At 640 µs, where what is beside them tells nothing. These shine, of a panel so wide that they are a square."""
+    canvas, lit = Canvas(exposure_us=STEADY_US), np.zeros((4, 4))
+    lit[:rows, :columns] = 1.0
+    panel = square(0, 0, 1) * (4 * 90 / columns, 4 * 90 / rows) + (310.3, 240.6)
+    part = panel[0] + (square(0, 0, 1) + 0.5) * 90
+    canvas.panel(panel, drawn("0110/1010/0000/0000"), gains=lit, light=0.35, phases=(0.6, 0.1))
+    assert told_near(canvas.frame(), part) == PART
+
+
+@pytest.mark.parametrize(
+    ("exposure_us", "profile"),
+    [
+        (SHORT_US, flat),
+        (300.0, flat),
+        *((exposure_us, diffuser) for exposure_us in (560.0, STEADY_US, 1000.0, 1200.0, 2000.0, TRUE_10_MS_US)),
+    ],
+)
+def test_half_a_panel_that_shows_the_very_same_is_no_panel(exposure_us: float, profile: Profile) -> None:
+    """Two rows of four cells, 0110 and 0000, from the front: not word 17, in no frame. By its shape, or its walls."""
     path = Pipeline(camera_info(exposure_us=exposure_us), panel_settings(), intrinsics=PINHOLE)
     lit = np.repeat([[1.0], [0.0]], [2, 2], axis=0) * np.ones(4)
     for seq in range(8):
         canvas = Canvas(exposure_us=exposure_us)
         start_us = seq * FRAME_ROWS * ROW_TIME_US
         cells = drawn("0110/0000/0000/0000")
-        canvas.panel(square(310.3, 240.6, 60, 4), cells, gains=lit, start_us=start_us, light=0.35, profile=flat)
+        canvas.panel(square(310.3, 240.6, 60, 4), cells, gains=lit, start_us=start_us, light=0.35, profile=profile)
         assert path.decode(canvas.frame(seq, seq=seq)).markers == ()
 
 

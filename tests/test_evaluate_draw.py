@@ -304,12 +304,25 @@ def test_what_is_no_panel_of_words_is_no_word(case: str, number: int, seed: int,
     assert any(why.stage == "soft" for why in decoded.rejected), "it is found, and weighed"
 
 
-@pytest.mark.parametrize(("number", "seed", "seq"), [(20, 6, 11), (122, 6, 8)])
-def test_half_a_panel_is_no_word_whose_rows_are_alike_by_twos(number: int, seed: int, seq: int) -> None:
-    """At 150 µs these were read as 22 and 37 of DICT_4X4_50, which are one cell off."""
+@pytest.mark.parametrize(
+    ("exposure_us", "number", "seed", "seq"),
+    [
+        (150.0, 20, 6, 11),  # half a panel, as 22 and 37 of DICT_4X4_50, which are one cell off what repeats by twos
+        (150.0, 122, 6, 8),
+        (150.0, 205, 51, 6),  # two columns of three, as 42
+        (640.0, 130, 51, 6),  # two cells, as 22
+        (640.0, 144, 51, 1),  # two by two, as 37
+        (640.0, 147, 51, 3),  # three in a row, as 10
+        (640.0, 242, 51, 0),  # two rows, as 37
+        (640.0, 277, 51, 9),  # two rows of three, as 17
+        (640.0, 319, 51, 7),  # two columns of three, as 37
+    ],
+)
+def test_a_part_of_a_panel_is_no_word(exposure_us: float, number: int, seed: int, seq: int) -> None:
+    """Each of these was read once, in a frame alone."""
     (parts,) = (
         c
-        for c in suite_conditions("decoys", exposures_us=(150.0,), transfers=("srgb",), any_roll=True)
+        for c in suite_conditions("decoys", exposures_us=(exposure_us,), transfers=("srgb",), any_roll=True)
         if c.case == "parts"
     )
     take = take_of(parts, number=number, seed=seed)
@@ -331,21 +344,25 @@ def test_what_a_first_look_leaves_open_a_second_one_reads(
 
 
 @pytest.mark.parametrize(
-    ("case", "number", "seed", "frames"),
+    ("case", "number", "seed", "frames", "exposure_us"),
     [
-        ("mirrored", 812, 2, 2),  # in the second frame as a word five cells off, which explained as much
-        ("mirrored", 954, 1, 4),  # at frequencies a percent off, which explained a fifth of what the announced ones do
-        ("near_words", 200, 6, 6),  # by a lattice a row beside it: the wall does not blink
-        ("mirrored", 248, 7, 3),  # the same, where the wall was dark but for one cell
-        ("mirrored", 348, 7, 10),
-        ("mirrored", 480, 8, 8),
+        ("parts", 17, 52, 7, 150.0),
+        ("parts", 29, 53, 12, 640.0),  # of five rows of pixels a cell, too few for the fit of a whole picture
+        ("mirrored", 812, 2, 2, 10_000.0),  # in the second frame as a word five cells off, which explained as much
+        ("mirrored", 954, 1, 4, 10_000.0),  # at frequencies a percent off, which explained a fifth
+        ("near_words", 200, 6, 6, 10_000.0),  # by a lattice a row beside it: the wall does not blink
+        ("mirrored", 248, 7, 3, 10_000.0),  # the same, where the wall was dark but for one cell
+        ("mirrored", 348, 7, 10, 10_000.0),
+        ("mirrored", 480, 8, 8, 10_000.0),
     ],
 )
-def test_panels_of_no_word_are_not_read_in_streams(case: str, number: int, seed: int, frames: int) -> None:
+def test_panels_of_no_word_are_not_read_in_streams(
+    case: str, number: int, seed: int, frames: int, exposure_us: float
+) -> None:
     """Each of these was read once."""
     (decoys,) = (
         c
-        for c in suite_conditions("decoys", exposures_us=(10_000.0,), transfers=("srgb",), any_roll=True)
+        for c in suite_conditions("decoys", exposures_us=(exposure_us,), transfers=("srgb",), any_roll=True)
         if c.case == case
     )
     take = take_of(decoys, number=number, seed=seed)

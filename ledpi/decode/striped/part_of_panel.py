@@ -1,4 +1,4 @@
-"""Whether a square is a part of a panel: then the bands go on beyond its sides.
+"""Whether a square is a part of a panel: its cells do not meet where it says, or its bands go on beyond its sides.
 
 Where a panel's cells shine in their middles only, or something hides some of them, others may be found by themselves.
 Four by four cells laid over two by four of a panel, turned away by 60°, explain their light about as well, and among
@@ -14,10 +14,11 @@ import numpy as np
 
 from ledpi.decode.corners.sides import as_points
 from ledpi.decode.striped.fitted_square import STEADY
+from ledpi.decode.striped.inner_walls import cells_meet
 from ledpi.decode.striped.light_window import Window
 from ledpi.decode.striped.panel_fit import pitches
 from ledpi.geometry import in_square
-from ledpi.records import Floats, Quad, Rejected, Singles
+from ledpi.records import Floats, Quad, Rejected, SeenBands, Singles
 
 PART = Rejected(stage="edges", reason="part_of_panel")
 
@@ -30,10 +31,14 @@ POINTS = 7, 14  # across that, and along a cell
 MOST_BEYOND = 0.135
 
 
-def is_part(window: Window, quad: Quad, cells: int) -> bool:
+def is_part(window: Window, quad: Quad, seen: SeenBands, cells: int) -> bool:
+    """Whether the light in the window says so of a square with these bands."""
+    return not cells_meet(window, quad.corners_px, seen, cells) or _goes_on(window, quad, seen, cells)
+
+
+def _goes_on(window: Window, quad: Quad, seen: SeenBands, cells: int) -> bool:
     """Whether what is beside a square in the window shows its bands. Few rows, or steady cells, do not tell."""
-    seen = quad.bands
-    if seen is None or (waves := window.waves_of(seen.spec, seen.shape)).least > STEADY:
+    if (waves := window.waves_of(seen.spec, seen.shape)).least > STEADY:
         return False
     across, down = pitches(as_points(quad.corners_px), cells)
     # What is seen in fewer rows than half a period of the slower class is like many a step in light.

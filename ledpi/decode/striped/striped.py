@@ -19,13 +19,14 @@ from ledpi.decode.corners.edges import NOT_WHOLE
 from ledpi.decode.corners.sides import OPPOSITE, Points, Sides, areas, as_points
 from ledpi.decode.finding.find import Candidate
 from ledpi.decode.striped.band_light import BandLight, Bands
-from ledpi.decode.striped.fitted_square import NO_BANDS, STEADY, bands_at, side_of, square_near
+from ledpi.decode.striped.fitted_square import MARGIN_PX, NO_BANDS, STEADY, bands_at, side_of, square_near
+from ledpi.decode.striped.inner_walls import cells_meet
 from ledpi.decode.striped.lattice import fine_lattice, rough_lattice
 from ledpi.decode.striped.light_window import Window, have_contrast
 from ledpi.decode.striped.panel_fit import Fit, fitted
 from ledpi.decode.striped.part_of_panel import PART, is_part
 from ledpi.decode.striped.steady import is_steady
-from ledpi.records import Floats, Frame, Intrinsics, PanelSpec, Quad, Rejected
+from ledpi.records import Floats, Frame, Intrinsics, PanelSpec, Quad, Rejected, SeenBands
 
 BENT = (NOT_STRAIGHT, NOT_WHOLE)  # what edges may say of a panel whose bands are deep
 
@@ -110,7 +111,7 @@ def fitted_squares(
     bent_rows: float,
     intrinsics: Intrinsics | None = None,
 ) -> list[tuple[Floats, Quad | Rejected]]:
-    """The same squares, beside where they were sought (4, 2), by the panel's whole picture where that fits.
+    """The same squares, beside where they were sought (4, 2), by the panel's whole picture where that fits; no parts.
 
     Bands that are `bent_rows` high have led edges astray, or had them refused. Of a square that seems hidden in
     part the more exact corners are believed: where something does hide it, its picture fits badly.
@@ -124,8 +125,22 @@ def fitted_squares(
                 fit = square
         elif square in BENT:
             fit = striped_square(frame, sought[None], cells, specs, bent_rows, intrinsics)
-        results.append((sought, fit if isinstance(fit, Quad) else square))
+        found = fit if isinstance(fit, Quad) else square
+        results.append((sought, _if_cells_meet(frame, found, cells, specs) if isinstance(found, Quad) else found))
     return results
+
+
+def _if_cells_meet(frame: Frame, square: Quad, cells: int, specs: Sequence[PanelSpec]) -> Quad | Rejected:
+    """The square, if its cells meet where it says: by the bands of its fit, or else those that explain most of it."""
+    at, seen = as_points(square.corners_px), square.bands
+    window = Window.around(frame, at[None], MARGIN_PX)
+    if seen is None:
+        bands = bands_at(window, at, cells, specs)
+        if isinstance(bands, Rejected):
+            return square
+        black, white = bands.phases.tolist()
+        seen = SeenBands(spec=bands.spec, white=bands.white, phases=(black, white), shape=None)
+    return square if cells_meet(window, square.corners_px, seen, cells) else PART
 
 
 @np.errstate(divide="ignore", invalid="ignore", over="ignore")  # parallel sides cross nowhere: worth nothing
@@ -176,7 +191,9 @@ def _whole(
 ) -> Quad | Rejected:
     """The square near corners (4,), if it is not a part of a panel."""
     square = square_near(window.frame, near, cells, specs, intrinsics)
-    return PART if isinstance(square, Quad) and is_part(window, square, cells) else square
+    if isinstance(square, Quad) and square.bands is not None and is_part(window, square, square.bands, cells):
+        return PART
+    return square
 
 
 def _explained(bands: Bands | Rejected) -> float:
