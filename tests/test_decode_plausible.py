@@ -10,21 +10,21 @@ from ledpi.decode.identify.plausible import is_consistent
 from ledpi.decode.identify.words import likeliest
 from ledpi.records import Floats
 
-DEPTH = 0.08
+FAINT, DEEPER = 0.08, 0.2
 WHITE = (np.arange(16) % 2 == 1).astype(np.float32)
 
 
-def panel_with(information: float, unlike: float) -> Evidence:
+def panel_with(information: float, unlike: float, depth: float = FAINT) -> Evidence:
     """Of a panel that shows the word, each cosine and sine known by this `information`; and of something `unlike` it.
 
     This much log-likelihood, alike in all cells, of the wave that the word does not say they have.
     """
     bands: Floats = np.zeros((16, 4))
-    bands[np.arange(16), np.where(WHITE > 0, 2, 0)] = DEPTH
+    bands[np.arange(16), np.where(WHITE > 0, 2, 0)] = depth
     other = np.abs(bands[:, [2, 3, 0, 1]]) > 0
     bands[other] = np.sqrt(2.0 * unlike / 16 / information) * (-1.0) ** (np.arange(16) // 2)
     everywhere = information * np.eye(64).reshape(16, 4, 16, 4)
-    return Evidence(score=information * bands, information=everywhere, prior=np.full(4, DEPTH**2 / 2), left=0.0)
+    return Evidence(score=information * bands, information=everywhere, prior=np.full(4, depth**2 / 2), left=0.0)
 
 
 @pytest.mark.parametrize(("unlike", "consistent"), [(55.0, True), (62.0, False)])
@@ -36,4 +36,17 @@ def test_a_word_leaves_no_more_than_noise_and_a_tenth_of_what_it_explains(unlike
     evidence = panel_with(3000.0, unlike)
     fit = likeliest(evidence, WHITE[None])
     assert fit.likelihood[0] == pytest.approx(143.0, abs=0.5)
-    assert is_consistent(evidence, fit, lead=100.0) is consistent
+    assert is_consistent(evidence, fit, lead=100.0, exact=True) is consistent
+
+
+@pytest.mark.parametrize(
+    ("exact", "lead", "consistent"), [(True, 20.0, True), (True, 10.0, False), (False, 10.0, True)]
+)
+def test_of_bands_that_are_not_faint_a_word_leaves_no_more_than_its_lead(
+    exact: bool, lead: float, consistent: bool
+) -> None:
+    """Beyond the 30 nats of noise, by the exact waveform: here 15 are left. Sinusoids leave more of any panel."""
+    evidence = panel_with(480.0, 45.0, DEEPER)
+    fit = likeliest(evidence, WHITE[None])
+    assert fit.likelihood[0] == pytest.approx(143.0, abs=2.0)
+    assert is_consistent(evidence, fit, lead=lead, exact=exact) is consistent

@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from decode_material import SPEC, Canvas, square, word
+from decode_material import PINHOLE, SPEC, Canvas, camera_info, panel_settings, square, word
 from kernels_material import both_ways, compiled
 from samples_material import samples_of
 
@@ -15,6 +15,7 @@ from ledpi.decode.evidence.uncovered import darkens, without_covered
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.soft import Reading, read_word
 from ledpi.dictionaries import load_dictionary
+from ledpi.pipeline import Pipeline
 from ledpi.records import Floats
 
 TRUE = square(310.4, 240.2, 100.0, 12)
@@ -39,6 +40,21 @@ def test_a_single_frame_is_read_although_a_corner_or_an_edge_is_covered(
     reading = read_word(samples_of(frame, TRUE), frame, book)
     assert isinstance(reading, Reading), reading
     assert reading.id == 7
+
+
+@pytest.mark.parametrize("exposure_us", [500.0, 560.0, 640.0, 1000.0])
+@pytest.mark.parametrize("shade", [((-0.1, 0.1), (-0.1, 0.12)), ((-0.2, 1.2), (-0.3, 0.12))], ids=["corner", "edge"])
+def test_what_is_covered_is_told_from_bands_that_are_as_dark(
+    shade: tuple[tuple[float, float], tuple[float, float]], exposure_us: float
+) -> None:
+    """By what the panel's whole picture shows of these. Corners are found, too."""
+    canvas = Canvas(exposure_us=exposure_us)
+    canvas.panel(TRUE, word(7), light=0.3, phases=(0.3, 0.7))
+    canvas.lamp(before_the_panel(*shade), 0.0)
+    path = Pipeline(camera_info(exposure_us=exposure_us), panel_settings(), intrinsics=PINHOLE, stream=False)
+    (marker,) = path.decode(canvas.frame()).markers
+    assert marker.sighting.id == 7
+    assert np.abs(marker.sighting.corners_px - TRUE).max() < 0.7
 
 
 def test_what_is_covered_is_not_valid_and_the_rest_is() -> None:

@@ -58,8 +58,8 @@ class Squares:
         return by_sides if isinstance(within, Rejected) else within
 
     def _is_striped(self, frame: Frame) -> bool:
-        """Whether bands are deep enough to look like lines."""
-        return bool(self._striped_finder.stripe_rows(frame) or self._striped_finder.bent_rows(frame))
+        """Whether bands are so deep that they look like lines, and cut those that there are."""
+        return bool(self._striped_finder.stripe_rows(frame))
 
     def by_lines(self, frame: Frame, known: Sequence[Quad], *, far: bool) -> list[Quad]:
         """Panels whose sides may not show, by the lines within them; of the frame that was searched last.

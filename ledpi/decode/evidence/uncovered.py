@@ -27,7 +27,7 @@ COVERED = 0.75
 COVERED_AT_RIM = 0.5
 ALIGHT = 0.2  # of the usual gain: a cell of less is dead, and may look like anything
 FULLY_LIT = 0.75  # quantile of a cell's samples that is taken for its gain: half of the cell may be covered
-MIN_LEFT = 0.25  # of a cell's samples: with less of one its gain is not known, and all is left as it is
+MIN_LEFT = 0.12  # of a cell's samples: with less of one its gain is not known, and all is left as it is
 
 
 def darkens(depth: float) -> bool:
@@ -38,18 +38,24 @@ def darkens(depth: float) -> bool:
     return 1.0 - depth < COVERED * (1.0 + depth * math.sin(math.pi * (FULLY_LIT - 0.5)))
 
 
-def without_covered(samples: CellSamples) -> CellSamples:
-    """The samples, those that are covered or next to it marked as not valid. For bands that do not darken as much."""
+def without_covered(samples: CellSamples, shown: Singles | None = None) -> CellSamples:
+    """The samples, those that are covered or next to it marked as not valid. For bands that do not darken as much.
+
+    Or such that are known: `shown` (cells, points) is what each cell's make of an even light.
+    """
+    seen = samples.light if shown is None else samples.light / shown
     n, k = samples.lattice.cells, samples.lattice.k
     least = least_shares(n, k, border_points(samples))
     none_covered = kernel.all_uncovered if compiled() else _all_uncovered
-    if none_covered(samples.light, samples.valid, least):
+    if none_covered(seen, samples.valid, least):
         return samples
-    light = samples.light / samples.light.mean(axis=1, keepdims=True)
+    light = seen / seen.mean(axis=1, keepdims=True)
     usual = _quantile(light, samples.valid, 0.5)
     gain = _quantile((light / np.maximum(usual, 1e-6)).T, None if samples.valid is None else samples.valid.T, FULLY_LIT)
-    alight = gain * samples.light.mean(axis=1) > ALIGHT * np.median(samples.light.mean(axis=1))
+    alight = gain * seen.mean(axis=1) > ALIGHT * np.median(seen.mean(axis=1))
     covered = (light < least * gain[:, None] * usual) & alight[:, None]
+    if shown is not None:  # in a dark band a little less is much of what is left
+        covered &= (gain[:, None] * usual - light) * shown > (1.0 - COVERED) * gain[:, None] * usual
     if samples.valid is not None:
         covered &= samples.valid
     if not covered.any():

@@ -19,6 +19,10 @@ from ledpi.kernels.library import compiled
 from ledpi.records import Floats, Frame, PanelSpec, SeenBands, Singles
 
 FULL_DEPTH = 0.5  # bands as deep as this outshine all noise
+# Bands that are deeper, or one of whose harmonics is more than this share of the fundamental, are no sinusoids. (The
+# third is a tenth of it at 10 ms, and a third where the fundamental nearly vanishes, as it does at 800 µs.)
+FAINT_DEPTH, MOST_HARMONIC = 0.1, 0.2
+SAME_HZ = 0.05  # by which frequencies may differ that the same cells show
 
 
 def band_prior(frame: Frame, spec: PanelSpec) -> Floats:
@@ -40,6 +44,21 @@ def is_deep(prior: Floats) -> bool:
 def is_deep_anywhere(prior: Floats) -> bool:
     """Whether one class's are: then what a model leaves open is not noise."""
     return math.sqrt(2.0 * max(prior.tolist())) > FULL_DEPTH
+
+
+def is_faint(prior: Floats) -> bool:
+    """Whether bands are nowhere so deep that what a model leaves open may be more than noise."""
+    return math.sqrt(2.0 * max(prior.tolist())) <= FAINT_DEPTH
+
+
+@lru_cache(maxsize=64)
+def are_sinusoids(exposure_us: float, spec: PanelSpec) -> bool:
+    """Whether the exposure leaves so little else that all that a model by sinusoids leaves open is noise."""
+    first, *further = (
+        max(shutter.harmonic_amplitude(order, hz, exposure_us, spec.duty) for hz in spec.waves_hz)
+        for order in (1, 2, 3)
+    )
+    return first <= FAINT_DEPTH and max(further) <= MOST_HARMONIC * first
 
 
 def class_waves(samples: CellSamples, frame: Frame, spec: PanelSpec, since_s: float = 0.0) -> Singles:
@@ -80,6 +99,14 @@ def square_waves(samples: CellSamples, frame: Frame, spec: PanelSpec, hz: float,
     around = (np.arange(count) - (count - 1) / 2) * apart * a_row
     each = [shutter.square_wave_bands(cycles + row, hz, exposure_us, spec.duty) for row in around]
     return np.asarray(np.mean(each, axis=0), np.float32)
+
+
+def seen_bands(samples: CellSamples, spec: PanelSpec) -> SeenBands | None:
+    """Those of the panel's whole picture, where they may be of panels of these frequencies."""
+    if samples.bands is None:
+        return None
+    alike = zip(samples.bands.spec.waves_hz, spec.waves_hz, strict=False)
+    return samples.bands if all(abs(seen / hz - 1.0) < SAME_HZ for seen, hz in alike) else None
 
 
 def bands_of(seen: SeenBands, frame: Frame, spec: PanelSpec) -> Floats:

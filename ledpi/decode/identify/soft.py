@@ -23,7 +23,15 @@ from ledpi.decode.cells import CellSamples
 from ledpi.decode.evidence.believed import believed_bands
 from ledpi.decode.evidence.evidence import UNFIT, Evidence
 from ledpi.decode.evidence.single_frame import single_evidence
-from ledpi.decode.evidence.waves import band_prior, bands_of, is_deep, is_deep_anywhere
+from ledpi.decode.evidence.waves import (
+    are_sinusoids,
+    band_prior,
+    bands_of,
+    is_deep,
+    is_deep_anywhere,
+    is_faint,
+    seen_bands,
+)
 from ledpi.decode.identify import rivals
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.first_look import first_look
@@ -42,9 +50,9 @@ IMPLAUSIBLE = Rejected(stage="soft", reason="implausible_depth")
 # single frames, at the distance where that is most frequent (`docs/evaluation.md`, How sure an ID is). What it costs at
 # 2 m and beyond is measured there, too. (Of 100,000 frames of decoys a rate ten times as high let one be read.)
 FALSE_ID_RATE = 1e-6
-# Bands less deep than this are looked at once where more than so much is missing of the odds against other patterns: of
+# Faint bands are looked at once where more than so much is missing of the odds against other patterns: of
 # 89 panels at 1.6 to 2.5 m that a second look has read it was 5.1 nats at most.
-FAINT_DEPTH, SECOND_LOOK_ADDS = 0.1, 6.0
+SECOND_LOOK_ADDS = 6.0
 # Whatever is believed explains more: what a lamp shows, as a word with its own bands, more than the lamp does. Of what
 # a word explains a second look adds 4 to 14 % where a panel shows it (of 24 read so, one 17 and one 40 %), and 26 to
 # 80 % where a lamp does that blinks alike everywhere.
@@ -52,7 +60,6 @@ MOST_ADDED = 0.2
 # Looks at deep bands, at most; nearly all panels are read by the first.
 SETTLING = 4
 FROM_THE_FRONT = (1 + 0j, 0 + 1j)  # sides of a panel that is seen so
-SAME_HZ = 0.05  # by which frequencies may differ that the same cells show
 
 
 class Reading(NamedTuple):
@@ -74,38 +81,54 @@ def read_word(
 ) -> Reading | Rejected:
     """The word that these samples show by themselves, or why none can be told.
 
-    Bands are looked at twice where that may change the answer: as sinusoids; and, once it is known where in their
-    period they are, as what the exposure leaves of a square wave, with the static picture that is then left. Of deep
-    ones, which the panel's whole picture was fitted by, that is known.
+    Bands are looked at twice where that may change the answer, or where the exposure leaves more than sinusoids: as
+    such; and, once it is known where in their period they are, as what the exposure leaves of a square wave, with the
+    static picture that is then left. Of deep ones, which the panel's whole picture was fitted by, that is known.
     """
-    spec, seen = codebook.spec, _seen_bands(samples, frame, codebook)
-    if seen is not None:
+    spec, prior = codebook.spec, band_prior(frame, codebook.spec)
+    seen = seen_bands(samples, spec)
+    if seen is not None and is_deep_anywhere(prior):
         settled = _settled(seen, samples, frame, codebook, false_id_rate)
-        if isinstance(settled, Reading) or is_deep(band_prior(frame, spec)):
+        if isinstance(settled, Reading) or is_deep(prior):
             return settled
     looked = first_look(samples, frame, spec, codebook.white)
     if isinstance(looked, Rejected):
         return looked
     evidence, fit = looked
     first = _judged(fit, evidence, codebook, false_id_rate, samples.sides_px)
-    if not _is_open(first, fit, evidence, codebook, false_id_rate, samples):
+    if isinstance(first, Reading):
+        if are_sinusoids(frame.exposure_us, spec):
+            return first
+    elif not _is_open(first, fit, evidence, codebook, false_id_rate, samples):
         return first
+    return _looked_again(first, looked, samples, frame, codebook, false_id_rate)
+
+
+def _looked_again(
+    first: Reading | Rejected,
+    looked: tuple[Evidence, Fit],
+    samples: CellSamples,
+    frame: Frame,
+    codebook: Codebook,
+    false_id_rate: float,
+) -> Reading | Rejected:
+    """The word that a first look has shown, or left open, by the exact waveform; or why it cannot be told."""
+    spec, (evidence, fit) = codebook.spec, looked
     believed = believed_bands(samples, frame, spec, codebook.white[fit.words[0]] > 0, fit.bands)
     again = single_evidence(samples, frame, spec, believed=believed)
     if isinstance(again, Rejected):
         return again
-    refit = likeliest(again, codebook.white)
+    refit, exact = likeliest(again, codebook.white), not are_sinusoids(frame.exposure_us, spec)
     if refit.words[0] != fit.words[0]:
         return INCONSISTENT
-    second = _judged(refit, again, codebook, false_id_rate, samples.sides_px)
+    second = _judged(refit, again, codebook, false_id_rate, samples.sides_px, exact=exact)
     if isinstance(second, Rejected):
         return second
     if isinstance(first, Rejected) and not is_deep_anywhere(evidence.prior):
         needed = odds_needed(false_id_rate)
         if second.likelihood > (1.0 + MOST_ADDED) * fit.likelihood[0]:
             return INCONSISTENT
-        looks = (evidence, fit), (again, refit)
-        if not rivals.odds_by_either_belief(*looks, samples, frame, codebook, needed) >= needed:
+        if not rivals.odds_by_either_belief(looked, (again, refit), samples, frame, codebook, needed) >= needed:
             return AMBIGUOUS
         if not rivals.odds_against_one_light(fit, samples, frame, codebook) >= needed:
             return NO_WORD
@@ -143,16 +166,8 @@ def _settled(
     return result
 
 
-def _seen_bands(samples: CellSamples, frame: Frame, codebook: Codebook) -> SeenBands | None:
-    """Those of the panel's whole picture, where any are deep and they may be of these panels."""
-    if samples.bands is None or not is_deep_anywhere(band_prior(frame, codebook.spec)):
-        return None
-    alike = zip(samples.bands.spec.waves_hz, codebook.spec.waves_hz, strict=False)
-    return samples.bands if all(abs(seen / hz - 1.0) < SAME_HZ for seen, hz in alike) else None
-
-
 def _is_open(
-    first: Reading | Rejected,
+    first: Rejected,
     fit: Fit,
     evidence: Evidence,
     codebook: Codebook,
@@ -162,8 +177,6 @@ def _is_open(
     """Whether a second look may change what the first has told."""
     if first in (NO_BANDS, UNFIT):
         return False
-    if isinstance(first, Reading):
-        return is_deep(evidence.prior)
     if _is_contradicted(fit, evidence, codebook, false_id_rate) or _is_hopeless(fit, evidence, codebook, false_id_rate):
         return False
     # Of a part of a panel that looks like the word all cells are as that says, but for some that show both classes'
@@ -189,7 +202,7 @@ def _is_contradicted(fit: Fit, evidence: Evidence, codebook: Codebook, false_id_
 
 def _is_hopeless(fit: Fit, evidence: Evidence, codebook: Codebook, false_id_rate: float) -> bool:
     """Whether a second look at faint bands, which adds little, cannot add what is missing."""
-    if math.sqrt(2.0 * float(evidence.prior.max())) > FAINT_DEPTH:
+    if not is_faint(evidence.prior):
         return False
     return rivals.odds_against_other_patterns(fit, codebook) < odds_needed(false_id_rate) - SECOND_LOOK_ADDS
 
@@ -218,9 +231,15 @@ def odds_needed(false_id_rate: float) -> float:
 
 
 def _judged(
-    fit: Fit, evidence: Evidence, codebook: Codebook, false_id_rate: float, sides_px: tuple[complex, complex]
+    fit: Fit,
+    evidence: Evidence,
+    codebook: Codebook,
+    false_id_rate: float,
+    sides_px: tuple[complex, complex],
+    *,
+    exact: bool = False,
 ) -> Reading | Rejected:
-    """The best word, if it stands against all its rivals."""
+    """The best word, if it stands against all its rivals. `exact`: as of `is_consistent`."""
     needed = odds_needed(false_id_rate)
     best, none = fit.words[0], fit.likelihood[0]
     if none < needed:
@@ -237,7 +256,7 @@ def _judged(
     other = _odds_against_other_ids(fit, codebook)
     if other < needed:
         return AMBIGUOUS
-    if not is_consistent(evidence, fit, min(other, outside) - needed):
+    if not is_consistent(evidence, fit, min(other, outside) - needed, exact=exact):
         return INCONSISTENT
     if not all_rows_blink(fit):
         return INCONSISTENT
