@@ -27,7 +27,9 @@ COVERED = 0.75
 COVERED_AT_RIM = 0.5
 ALIGHT = 0.2  # of the usual gain: a cell of less is dead, and may look like anything
 FULLY_LIT = 0.75  # quantile of a cell's samples that is taken for its gain: half of the cell may be covered
-MIN_LEFT = 0.12  # of a cell's samples: with less of one its gain is not known, and all is left as it is
+# Of a cell's samples: with less of one its gain is not known, and all is left as it is. (Of an edge that is hidden by
+# 12 % of the side 0.16 to 0.5 are left of its cells.)
+MIN_LEFT = 0.12
 
 
 def darkens(depth: float) -> bool:
@@ -39,9 +41,9 @@ def darkens(depth: float) -> bool:
 
 
 def without_covered(samples: CellSamples, shown: Singles | None = None) -> CellSamples:
-    """The samples, those that are covered or next to it marked as not valid. For bands that do not darken as much.
+    """The samples, those that are covered or next to it marked as not valid.
 
-    Or such that are known: `shown` (cells, points) is what each cell's make of an even light.
+    For bands that do not darken as much, or that are known: `shown` (cells, points) is what they make of an even light.
     """
     seen = samples.light if shown is None else samples.light / shown
     n, k = samples.lattice.cells, samples.lattice.k

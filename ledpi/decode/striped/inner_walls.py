@@ -37,12 +37,11 @@ def cells_meet(window: Window, corners_px: Floats, bands: SeenBands, cells: int)
     waves = window.waves_of(bands.spec, bands.shape)
     between, amid = _darker(window, corners_px, window.shown(waves, np.array(bands.phases)), bands.white, cells)
     most = max(float(np.abs(between).max(initial=0.0)), float(amid.max(initial=0.0)))
-    return most < max(LEAST_SEEN, LEAST_OF_BANDS * math.sqrt(waves.share)) or float(between.min()) > AS_DARK * most
+    seen = most > max(LEAST_SEEN, LEAST_OF_BANDS * math.sqrt(waves.share))
+    return not seen or float(between.min(initial=math.inf)) > AS_DARK * most
 
 
-def _darker(
-    window: Window, corners_px: Floats, shown: Singles, white: Mask, cells: int
-) -> tuple[Floats, Floats]:
+def _darker(window: Window, corners_px: Floats, shown: Singles, white: Mask, cells: int) -> tuple[Floats, Floats]:
     """(lines,) by what share of the light beside it each line between cells is darker, and each amid cells where those
     of a part of a panel may meet; but for lines that dark bands hide.
 
@@ -58,9 +57,8 @@ def _darker(
     level = (light * expected).sum(axis=(3, 4)) / np.maximum(tells, 1e-9)
     beside, on_line = level[..., 0] + level[..., 3], level[..., 1] + level[..., 2]
     darker, lit = 1.0 - on_line / np.maximum(beside, 1e-9), tells.min(axis=-1) > LEAST_LIT * tells.max()
-    own = slice(None), slice(cells - 1)
-    further = slice(None), slice(cells - 1, None)
-    return darker[own][lit[own]], darker[further][lit[further]]
+    between, amid = np.s_[:, : cells - 1], np.s_[:, cells - 1 :]
+    return darker[between][lit[between]], darker[amid][lit[amid]]
 
 
 class _Places(NamedTuple):
