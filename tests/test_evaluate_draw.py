@@ -27,7 +27,7 @@ from ledpi.evaluate.prints import printed_id, printed_scene
 from ledpi.evaluate.reading import aruco_reader
 from ledpi.evaluate.units import photographed
 from ledpi.pipeline import Pipeline
-from ledpi.records import Frame, Rejected
+from ledpi.records import Decoded, Frame, Rejected
 from ledpi.simulate.render import Renderer
 from ledpi.simulate.sensor import sensor_info
 from ledpi.simulate.truth import scene_truth
@@ -53,6 +53,22 @@ def condition(
 
 def take_of(what: Condition, number: int = 0, seed: int = 1) -> Take:
     return draw_take(what, PANELS, seed, number)
+
+
+def decoys_of(case: str, exposure_us: float) -> Condition:
+    (found,) = (
+        c
+        for c in suite_conditions("decoys", exposures_us=(exposure_us,), transfers=("srgb",), any_roll=True)
+        if c.case == case
+    )
+    return found
+
+
+def alone(take: Take, seq: int) -> Decoded:
+    """What a frame of a take shows by itself."""
+    sensor = take.scene.sensor
+    path = Pipeline(sensor_info(sensor, 1.0), PANELS, intrinsics=sensor.intrinsics, stream=False)
+    return path.decode(Renderer(take.scene, seed=take.seed).frame(seq))
 
 
 def first_frame(take: Take) -> Frame:
@@ -291,15 +307,8 @@ def test_two_cells_that_a_second_look_found_to_be_as_it_believed() -> None:
 )
 def test_what_is_no_panel_of_words_is_no_word(case: str, number: int, seed: int, seq: int) -> None:
     """Each of these was read once, in a frame alone."""
-    (decoys,) = (
-        c
-        for c in suite_conditions("decoys", exposures_us=(10_000.0,), transfers=("srgb",), any_roll=True)
-        if c.case == case
-    )
-    take = take_of(decoys, number=number, seed=seed)
-    sensor = take.scene.sensor
-    frame = Renderer(take.scene, seed=take.seed).frame(seq)
-    decoded = Pipeline(sensor_info(sensor, 1.0), PANELS, intrinsics=sensor.intrinsics, stream=False).decode(frame)
+    take = take_of(decoys_of(case, 10_000.0), number=number, seed=seed)
+    decoded = alone(take, seq)
     assert decoded.markers == ()
     assert any(why.stage == "soft" for why in decoded.rejected), "it is found, and weighed"
 
@@ -325,16 +334,7 @@ def test_what_is_no_whole_panel_of_words_is_no_word_at_short_exposures(
     case: str, exposure_us: float, number: int, seed: int, seq: int
 ) -> None:
     """Each of these was read once, in a frame alone."""
-    (decoys,) = (
-        c
-        for c in suite_conditions("decoys", exposures_us=(exposure_us,), transfers=("srgb",), any_roll=True)
-        if c.case == case
-    )
-    take = take_of(decoys, number=number, seed=seed)
-    sensor = take.scene.sensor
-    frame = Renderer(take.scene, seed=take.seed).frame(seq)
-    decoded = Pipeline(sensor_info(sensor, 1.0), PANELS, intrinsics=sensor.intrinsics, stream=False).decode(frame)
-    assert decoded.markers == ()
+    assert alone(take_of(decoys_of(case, exposure_us), number=number, seed=seed), seq).markers == ()
 
 
 @pytest.mark.parametrize(("distance_m", "number", "seed", "marker_id"), [(1.8, 125, 1, 17), (2.5, 146, 2, 34)])
@@ -365,12 +365,7 @@ def test_panels_of_no_word_are_not_read_in_streams(
     case: str, number: int, seed: int, frames: int, exposure_us: float
 ) -> None:
     """Each of these was read once."""
-    (decoys,) = (
-        c
-        for c in suite_conditions("decoys", exposures_us=(exposure_us,), transfers=("srgb",), any_roll=True)
-        if c.case == case
-    )
-    take = take_of(decoys, number=number, seed=seed)
+    take = take_of(decoys_of(case, exposure_us), number=number, seed=seed)
     sensor = take.scene.sensor
     pipeline = Pipeline(sensor_info(sensor, 1.0), PANELS, intrinsics=sensor.intrinsics, stream=True)
     assert [pipeline.decode(frame).markers for frame in photographed(take, take.scene, frames)] == [()] * frames
