@@ -186,6 +186,18 @@ class BandShape:
     smoothing_rows2: float  # variance of what they are smoothed by
 
 
+@dataclass(frozen=True, slots=True)
+class HiddenSide:
+    """What something dark may stand before, all along one side of a panel."""
+
+    side: int  # from corner 0 … 3 to the next
+    share: float  # of the panel's side, inward
+
+    def has(self, u: Singles, v: Singles) -> Mask:
+        """Which places are there: across the panel and down it, 0..1 from corner 0."""
+        return np.asarray((v, 1.0 - u, 1.0 - v, u)[self.side] < self.share)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SeenBands:
     """What the whole picture of a panel tells of its bands, whatever it spells."""
@@ -194,6 +206,7 @@ class SeenBands:
     white: Mask  # (cells²,) of which class each cell is by itself, row by row from the first corner
     phases: tuple[float, float]  # cycles of black's and white's wave where the exposure of the picture's row 0 begins
     shape: BandShape | None  # where all cells are dark in turn
+    hidden: HiddenSide | None = None  # where something stands before it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -47,7 +47,7 @@ from ledpi.decode.striped.striped import fitted_squares, striped_near, striped_s
 from ledpi.dictionaries import load_dictionary
 from ledpi.geometry import quad_side
 from ledpi.pipeline import Pipeline
-from ledpi.records import BandShape, Floats, Frame, Intrinsics, Quad, Rejected
+from ledpi.records import BandShape, Floats, Frame, HiddenSide, Intrinsics, Quad, Rejected
 from ledpi.tone import linear_light
 from ledpi.trace import Trace
 
@@ -168,6 +168,39 @@ def test_a_side_that_something_hides_is_where_the_lattice_ends(hidden: float, si
     (quad,) = striped_near(canvas.frame(), [true + off], 4, [SPEC], PINHOLE)
     assert isinstance(quad, Quad)
     assert worst_corner(quad.corners_px, true) < 0.4
+    assert quad.bands is not None
+    assert hidden < 0.05 or quad.bands.hidden == HiddenSide(side, 0.15)
+    assert quad.bands.white.tolist() == word(7).ravel().tolist()
+
+
+@pytest.mark.parametrize("side_px", [20.0, 35.0, 104.0])
+def test_no_side_of_a_whole_panel_is_hidden(side_px: float) -> None:
+    """However small: a fit of less than all of it may be a little better by chance."""
+    true = square(310.3, 240.1, side_px, 12)
+    (quad,) = striped_near(striped(true, 7, (0.2, 0.7), SHORT_US), [true + 0.3], 4, [SPEC], PINHOLE)
+    assert isinstance(quad, Quad)
+    assert quad.bands is not None
+    assert quad.bands.hidden is None
+
+
+@pytest.mark.parametrize(("cells", "share"), [(4, 0.15), (5, 0.15), (6, 0.125), (7, 0.75 / 7)])
+def test_of_a_hidden_side_a_quarter_of_each_cell_tells_its_class(cells: int, share: float) -> None:
+    """So of small cells less is left out than may be hidden."""
+    true = square(310, 240, 180, 12)
+    down = (true[3] - true[0]) * 0.09
+    canvas = Canvas(exposure_us=SHORT_US)
+    canvas.panel(true, np.indices((cells, cells)).sum(axis=0) % 3 == 0, phases=(0.2, 0.7), profile=flat)
+    canvas.lamp(np.array([true[0] - 3 * down, true[1] - 3 * down, true[1] + down, true[0] + down]), 0.02)
+    (quad,) = striped_near(canvas.frame(), [true + 1.0], cells, [SPEC], PINHOLE)
+    assert isinstance(quad, Quad)
+    assert quad.bands is not None
+    assert quad.bands.hidden == HiddenSide(0, pytest.approx(share))
+    samples = sample_cells(canvas.frame(), quad, cells)
+    assert isinstance(samples, CellSamples)
+    assert samples.valid is not None
+    told = samples.valid.mean(axis=1).reshape(cells, cells)
+    assert 0.2 < told[0].min() <= told[0].max() < 0.5
+    assert told[1:].min() == 1.0
 
 
 def test_a_followed_panel_that_is_gone_is_not_found() -> None:

@@ -57,6 +57,21 @@ def test_what_is_covered_is_told_from_bands_that_are_as_dark(
     assert np.abs(marker.sighting.corners_px - TRUE).max() < 0.7
 
 
+@pytest.mark.parametrize("exposure_us", [130.0, 200.0, 300.0, 450.0])
+@pytest.mark.parametrize("side", range(4))
+def test_a_panel_with_a_hidden_side_is_read_in_deep_bands(side: int, exposure_us: float) -> None:
+    """Something dark before 12 % of any of them: the fit of the whole picture says where, and it is left out."""
+    canvas = Canvas(exposure_us=exposure_us)
+    canvas.panel(TRUE, word(7), light=0.3, phases=(0.3, 0.7))
+    ends = [(-0.2, 1.2), (-0.2, 1.2)]
+    ends[1 - side % 2] = [(-0.12, 0.12), (0.88, 1.12), (0.88, 1.12), (-0.12, 0.12)][side]
+    canvas.lamp(before_the_panel(*ends), 0.0)
+    path = Pipeline(camera_info(exposure_us=exposure_us), panel_settings(), intrinsics=PINHOLE, stream=False)
+    (marker,) = path.decode(canvas.frame()).markers
+    assert marker.sighting.id == 7
+    assert np.abs(marker.sighting.corners_px - TRUE).max() < 0.8
+
+
 def test_what_is_covered_is_not_valid_and_the_rest_is() -> None:
     """The first cell's upper left quarter is covered: of all cells only that one loses samples."""
     canvas = Canvas()

@@ -15,7 +15,7 @@ from ledpi.decode.striped.band_light import BandLight, Bands
 from ledpi.decode.striped.lattice import fine_lattice, rough_lattice
 from ledpi.decode.striped.light_window import Window
 from ledpi.decode.striped.panel_fit import Fit, fitted
-from ledpi.records import BandShape, Intrinsics, PanelSpec
+from ledpi.records import BandShape, HiddenSide, Intrinsics, PanelSpec
 
 pytestmark = compiled
 
@@ -114,3 +114,15 @@ def test_bands_are_the_same(side_px: float, spec: PanelSpec) -> None:
         assert (ours.dark, ours.bright) == pytest.approx((theirs.dark, theirs.bright), rel=1e-5)
         assert ours.explained == pytest.approx(theirs.explained, abs=1e-4)
     assert Bands.at(window, window.within(corners) * 0, 4, [spec]) is None  # all of it in one dark pixel
+
+
+@pytest.mark.parametrize("side", [0, 1, 2, 3])
+def test_bands_of_what_is_not_hidden_are_the_same(side: int) -> None:
+    """And not what they are with it."""
+    window, corners, bands = panel(80, None)
+    ours, theirs = both_ways(partial(Bands.at, window, window.within(corners), 4, [SPEC], None, HiddenSide(side, 0.15)))
+    assert ours is not None
+    assert theirs is not None
+    assert (*ours.phases, *ours.white) == (*theirs.phases, *theirs.white)
+    assert ours.explained == pytest.approx(theirs.explained, abs=1e-4)
+    assert ours.explained != pytest.approx(bands.explained, abs=1e-4)

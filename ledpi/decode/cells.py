@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, lru_cache
 
 import cv2
 import numpy as np
@@ -16,7 +16,7 @@ import numpy as np
 from ledpi.geometry import distort, in_square, quad_side, square_box, undistort, unit_square_to
 from ledpi.kernels import cells as kernel
 from ledpi.kernels.light import can_read
-from ledpi.records import Floats, Frame, Intrinsics, Mask, Quad, Rejected, SeenBands, Singles
+from ledpi.records import Floats, Frame, HiddenSide, Intrinsics, Mask, Quad, Rejected, SeenBands, Singles, read_only
 from ledpi.tone import SATURATED as SATURATED_VALUE
 from ledpi.tone import linear_light
 
@@ -127,6 +127,9 @@ def sample_cells(
     valid = _valid(light) if math.isnan(least) else DARK if least <= 0 else None
     if isinstance(valid, Rejected):
         return valid
+    if quad.bands is not None and quad.bands.hidden is not None:
+        not_hidden = _not_hidden(cells, k, quad.bands.hidden)
+        valid = not_hidden if valid is None else valid & not_hidden
     variance = LINEAR_VARIANCE if saturated else LANCZOS_VARIANCE
     return CellSamples(
         lattice=points,
@@ -139,6 +142,13 @@ def sample_cells(
         linear=saturated,
         bands=quad.bands,
     )
+
+
+@lru_cache(maxsize=16)
+def _not_hidden(cells: int, k: int, hidden: HiddenSide) -> Mask:
+    """(n·n, k·k) of the points of the lattice."""
+    points = lattice(cells, k)
+    return read_only(~hidden.has(points.u, points.v))
 
 
 def _sizes_px(corners: Floats, cells: int) -> tuple[tuple[float, float], tuple[complex, complex]]:

@@ -24,11 +24,11 @@ from functools import lru_cache
 import numpy as np
 
 from ledpi.decode.corners.sides import Points, areas
-from ledpi.decode.striped.lattice import Lattice, fine_lattice, lattice_places, unlike_a_square
+from ledpi.decode.striped.lattice import Lattice, lattice_beside, lattice_places, unlike_a_square
 from ledpi.decode.striped.light_window import BRIGHT, DARK, Window, class_waves, min_contrast
 from ledpi.kernels import band_light as kernel
 from ledpi.kernels.library import compiled
-from ledpi.records import BandShape, Floats, Integers, Mask, PanelSpec, Singles
+from ledpi.records import BandShape, Floats, HiddenSide, Integers, Mask, PanelSpec, Singles
 
 PHASES = 32  # that are tried, of each class
 EVEN = 0.85  # of the light of the brightest tenth: what a bright point of a cell has on average
@@ -62,8 +62,9 @@ class Bands:
         cells: int,
         specs: Sequence[PanelSpec],
         shape: BandShape | None = None,
+        hidden: HiddenSide | None = None,
     ) -> Bands | None:
-        """Of the square at `corners` (4,) in the window; None where nothing there is bright.
+        """Of the square at `corners` (4,) in the window, but for what is `hidden`; None where nothing there is bright.
 
         `shape`: what they look like, where that is not what the exposure makes of them.
         """
@@ -73,8 +74,8 @@ class Bands:
         tables, a_row, antiphase = _waves_of(specs, frame.exposure_us, frame.row_time_us, window.shrink, shape)
         most = MOST / float(tables.max(axis=2).min())  # what is brightest here may be of the class that shows less
         if not (compiled() and min(window.light.shape) >= 2):
-            return cls._in_numpy(window, corners, cells, specs, shape, contrast, most)
-        lattice = fine_lattice(cells)
+            return cls._in_numpy(window, corners, cells, specs, shape, hidden, contrast, most)
+        lattice = lattice_beside(cells, hidden)
         found = kernel.bands_at(
             window.light,
             (window.dark, contrast, most),
@@ -98,10 +99,11 @@ class Bands:
         cells: int,
         specs: Sequence[PanelSpec],
         shape: BandShape | None,
+        hidden: HiddenSide | None,
         contrast: float,
         most: float,
     ) -> Bands | None:
-        lattice = fine_lattice(cells)
+        lattice = lattice_beside(cells, hidden)
         x, y, _ = lattice_places(corners[None], lattice)
         height, width = window.light.shape
         rows = (y[0] + 0.5).astype(np.int64).clip(0, height - 1)

@@ -15,7 +15,7 @@ from ledpi.decode.striped.band_light import Bands
 from ledpi.decode.striped.light_window import Window
 from ledpi.decode.striped.panel_fit import Fit, fitted, fitted_in_shape
 from ledpi.geometry import box, in_square
-from ledpi.records import BandShape, Floats, Frame, Intrinsics, PanelSpec, Quad, Rejected, SeenBands, read_only
+from ledpi.records import BandShape, Frame, HiddenSide, Intrinsics, PanelSpec, Quad, Rejected, SeenBands, read_only
 
 NO_BANDS = Rejected(stage="edges", reason="no_bands")
 MIN_EXPLAINED = 0.6  # share of the light that a lattice's cells must explain
@@ -26,7 +26,13 @@ ROUNDS = 6  # of a fit
 # photographs. And deviation of the corners, as a share of the side: by a lattice they are known to 0.1 % nearby,
 # to 0.5 % at 4 m.
 MIN_FITTED, MAX_SIGMA = 0.9, 0.007
+# Of the light's squares, of a panel that something stands before along a side.
+MIN_FITTED_PARTLY = 0.8
+# Of what a fit of all of it does not explain, a fit of what is seen leaves a tenth and less, where a few percent of the
+# side are hidden. Small panels fit a little better without any of their sides.
+MOST_LEFT = 1.0 / 3.0
 MOST_HIDDEN = 0.15  # of the side; and a fit of what is left is a third of that too far in
+MOST_OF_CELL = 0.75  # of the cells along it: the rest tells which class they are
 HIDDEN = 1e6  # as light, that nothing is told by: so bright that what is interpolated with it is saturated, too
 SHIFT = 4  # bits of a polygon's coordinates, below a pixel
 MARGIN, MARGIN_PX = 0.05, 3.0  # of the side, and pixels, around it: by how much it may be off, and be blurred
@@ -41,34 +47,39 @@ def square_near(
     for _ in range(CLASSES):
         if isinstance(bands, Rejected):
             return bands
-        fit, before = _whole_fit(window, near, bands, cells, intrinsics), bands
-        if isinstance(fit, Rejected):
-            return fit
-        if fit.rim_wall:
-            fit = _with_a_side_hidden(window, fit, bands, cells, intrinsics) or fit
+        before, hidden = bands, None
+        fit = _whole_fit(window, near, bands, cells, intrinsics)
+        if fit is not None and (fit.rim_wall or not _is_one(fit)):
+            fit, hidden = _with_a_side_hidden(window, fit, bands, cells, intrinsics)
+        if fit is None or not _is_one(fit):
+            return NO_BANDS
         near = fit.corners
-        bands = bands_at(window, near, cells, (before.spec,), fit.shape)
+        bands = bands_at(window, near, cells, (before.spec,), fit.shape, hidden)
         if isinstance(bands, Bands) and (bands.white == before.white).all():
-            seen = SeenBands(spec=bands.spec, white=read_only(bands.white), phases=fit.phases, shape=fit.shape)
+            white = read_only(bands.white)
+            told = SeenBands(spec=bands.spec, white=white, phases=fit.phases, shape=fit.shape, hidden=hidden)
             bend = bends(near[None], intrinsics)
             # Cells that are dim along their borders, as rows of LEDs leave them, seem to end further in, too.
             size_sigma_px = math.hypot(fit.size_sigma_px, fit.rim_wall * side_of(near) / math.sqrt(3))
             sigma_px = math.hypot(fit.sigma_px, size_sigma_px)
             quad = checked(frame, near, sigma_px, size_sigma_px, float(np.abs(bend.imag).max()))
-            return replace(quad, bands=seen, rim_wall=fit.rim_wall) if isinstance(quad, Quad) else quad
+            return replace(quad, bands=told, rim_wall=fit.rim_wall) if isinstance(quad, Quad) else quad
     return NO_BANDS
 
 
 def _whole_fit(
-    window: Window, near: Points, bands: Bands, cells: int, intrinsics: Intrinsics | None
-) -> Fit | Rejected:
-    """The panel near corners (4,) in the picture, in these phases and classes."""
+    window: Window,
+    near: Points,
+    bands: Bands,
+    cells: int,
+    intrinsics: Intrinsics | None,
+    shape: BandShape | None = None,
+) -> Fit | None:
+    """The panel near corners (4,) in the picture, in these phases and classes; `shape` as of `fitted_in_shape`."""
     # Of steady cells a longer exposure changes all the light: what bands look like is not told by them.
     if window.waves_of(bands.spec).least > STEADY:
-        fit = fitted(window, near, bands, cells, intrinsics, rounds=ROUNDS)
-    else:
-        fit = fitted_in_shape(window, near, bands, cells, intrinsics, rounds=ROUNDS, is_one=_is_one)
-    return fit if fit is not None and _is_one(fit) else NO_BANDS
+        return fitted(window, near, bands, cells, intrinsics, rounds=ROUNDS)
+    return fitted_in_shape(window, near, bands, cells, intrinsics, rounds=ROUNDS, is_one=_is_one, shape=shape)
 
 
 def _is_one(fit: Fit) -> bool:
@@ -77,32 +88,45 @@ def _is_one(fit: Fit) -> bool:
 
 def _with_a_side_hidden(
     window: Window, fit: Fit, bands: Bands, cells: int, intrinsics: Intrinsics | None
-) -> Fit | None:
-    """The panel where one of its sides is hidden, if that is why its rim seems to lie within its lattice's end.
+) -> tuple[Fit, HiddenSide | None]:
+    """The panel where one of its sides is hidden, and which, if that is why it fits badly; else as it is.
 
-    Without the light along that side, the others end where the lattice does. Those of cells of one size do not.
+    Its rim seems to lie within its lattice's end, too. Without the light along that side, the others end where the
+    lattice does. Those of cells of one size do not.
     """
+    if fit.explained < MIN_FITTED_PARTLY:
+        return fit, None
+    share = min(MOST_HIDDEN, MOST_OF_CELL / cells)
     for side in range(4):
-        light = window.light.copy()
-        strip = _strip(window.within(fit.corners), side)
-        cv2.fillConvexPoly(light, np.round(strip * 2**SHIFT).astype(np.int32), HIDDEN, shift=SHIFT)
-        seen = replace(window, light=light)
-        other = fitted(seen, fit.corners, bands, cells, intrinsics, rounds=ROUNDS, shape=fit.shape)
-        if other is not None and _is_one(other) and not other.rim_wall and other.explained > fit.explained:
-            return other
-    return None
+        hidden = HiddenSide(side, share)
+        other = _whole_fit(_without(window, fit.corners, hidden), fit.corners, bands, cells, intrinsics, fit.shape)
+        if other is None or not _is_one(other) or other.rim_wall or not other.explained > fit.explained:
+            continue
+        if 1.0 - other.explained < MOST_LEFT * (1.0 - fit.explained):
+            return other, hidden
+        if _is_one(fit):
+            return other, None
+    return fit, None
 
 
-def _strip(corners: Points, side: int) -> Floats:
-    """(4, 2) what may be hidden of a square along one side, and what is beside it, in pixels of its corners (4,)."""
-    return in_square(np.roll(as_corners(corners), -side, axis=0), box(-0.2, -0.2, 1.2, MOST_HIDDEN))
+def _without(window: Window, corners: Points, hidden: HiddenSide) -> Window:
+    """The window, of which what is hidden of a square with these corners (4,), and what is beside it, tells nothing."""
+    square = np.roll(as_corners(window.within(corners)), -hidden.side, axis=0)
+    strip, light = in_square(square, box(-0.2, -0.2, 1.2, hidden.share)), window.light.copy()
+    cv2.fillConvexPoly(light, np.round(strip * 2**SHIFT).astype(np.int32), HIDDEN, shift=SHIFT)
+    return replace(window, light=light)
 
 
 def bands_at(
-    window: Window, near: Points, cells: int, specs: Sequence[PanelSpec], shape: BandShape | None = None
+    window: Window,
+    near: Points,
+    cells: int,
+    specs: Sequence[PanelSpec],
+    shape: BandShape | None = None,
+    hidden: HiddenSide | None = None,
 ) -> Bands | Rejected:
     """The phases and classes that explain most of a panel with corners (4,) in the picture, if they explain enough."""
-    bands = Bands.at(window, window.within(near), cells, specs, shape)
+    bands = Bands.at(window, window.within(near), cells, specs, shape, hidden)
     return NO_BANDS if bands is None or bands.explained < MIN_EXPLAINED else bands
 
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cache
+from dataclasses import dataclass, replace
+from functools import cache, lru_cache
 
 import numpy as np
 
 from ledpi.decode.corners.sides import Points
-from ledpi.records import Floats, Singles
+from ledpi.records import Floats, HiddenSide, Singles
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,6 +49,17 @@ def rough_lattice(cells: int) -> Lattice:
 def fine_lattice(cells: int) -> Lattice:
     """Points enough to see walls: what is dark there is not the cell's."""
     return Lattice.of(cells, 55, 34, 0.04)
+
+
+@lru_cache(maxsize=16)
+def lattice_beside(cells: int, hidden: HiddenSide | None) -> Lattice:
+    """The fine one, of which points that are hidden stand for nothing."""
+    every = fine_lattice(cells)
+    if hidden is None:
+        return every
+    there = hidden.has(every.across, every.down)
+    of_cells, of_walls = (np.where(there, np.float32(0), part) for part in (every.of_cells, every.of_walls))
+    return replace(every, of_cells=of_cells, of_walls=of_walls)
 
 
 def lattice_places(corners: Points, lattice: Lattice) -> tuple[Singles, Singles, Singles]:

@@ -128,12 +128,13 @@ def fitted_in_shape(
     *,
     rounds: int,
     is_one: Callable[[Fit], bool],
+    shape: BandShape | None = None,
 ) -> Fit | None:
     """The same, with the shape that bands have: one that is not the exposure's is begun with anew, as it is not linear.
 
-    `is_one`: whether it is worth that.
+    `is_one`: whether it is worth that. `shape`: what they look like, if that is known.
     """
-    shape = BandShape(exposure_us=window.frame.exposure_us, smoothing_rows2=0.0)
+    shape = shape or BandShape(exposure_us=window.frame.exposure_us, smoothing_rows2=0.0)
     for _ in range(SHAPES):
         fit = fitted(window, corners, bands, cells, intrinsics, rounds=rounds, shape=shape)
         if fit is None or fit.shape is None or not is_one(fit) or _are_alike(shape, fit.shape):

@@ -55,6 +55,9 @@ def _goes_on(window: Window, quad: Quad, seen: SeenBands, cells: int) -> bool:
     explained = _explained(light, window.shown(waves, np.array(seen.phases))[:, row])
     beyond, within = explained.sum(axis=-1)
     tells = np.ptp(row[0], axis=-1).mean(axis=-1) + 1 >= half_period
+    if seen.hidden is not None:  # beyond what stands there it may be as bright as bands
+        tells[seen.hidden.side] = False
+        within = np.delete(within, seen.hidden.side)
     return bool((beyond * tells).max() > MOST_BEYOND * within.mean())
 
 
