@@ -26,7 +26,7 @@ ROUNDS = 6  # of a fit
 # photographs. And deviation of the corners, as a share of the side: by a lattice they are known to 0.1 % nearby,
 # to 0.5 % at 4 m.
 MIN_FITTED, MAX_SIGMA = 0.9, 0.007
-# Of the light's squares, of a panel that something stands before along a side.
+# Of the light's squares, of a panel that something stands before along a side: 0.85 and more where that is up to 12 %.
 MIN_FITTED_PARTLY = 0.8
 # Of what a fit of all of it does not explain, a fit of what is seen leaves a tenth and less, where a few percent of the
 # side are hidden. Small panels fit a little better without any of their sides.
@@ -82,8 +82,8 @@ def _whole_fit(
     return fitted_in_shape(window, near, bands, cells, intrinsics, rounds=ROUNDS, is_one=_is_one, shape=shape)
 
 
-def _is_one(fit: Fit) -> bool:
-    return fit.explained >= MIN_FITTED and fit.sigma_px < MAX_SIGMA * side_of(fit.corners)
+def _is_one(fit: Fit, least: float = MIN_FITTED) -> bool:
+    return fit.explained >= least and fit.sigma_px < MAX_SIGMA * side_of(fit.corners)
 
 
 def _with_a_side_hidden(
@@ -94,7 +94,7 @@ def _with_a_side_hidden(
     Its rim seems to lie within its lattice's end, too. Without the light along that side, the others end where the
     lattice does. Those of cells of one size do not.
     """
-    if fit.explained < MIN_FITTED_PARTLY:
+    if not _is_one(fit, MIN_FITTED_PARTLY):
         return fit, None
     share = min(MOST_HIDDEN, MOST_OF_CELL / cells)
     for side in range(4):
