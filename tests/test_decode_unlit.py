@@ -3,19 +3,33 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from decode_material import SPEC, TRUE_10_MS_US, Bits, Canvas, reason, square, word
+from decode_material import (
+    PINHOLE,
+    SPEC,
+    TRUE_10_MS_US,
+    Bits,
+    Canvas,
+    camera_info,
+    panel_settings,
+    reason,
+    square,
+    word,
+)
 from samples_material import samples_of
 
 from ledpi.decode.cells import CellSamples
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.evidence.single_frame import single_evidence
+from ledpi.decode.evidence.unlit import unlit_cells
 from ledpi.decode.evidence.waves import band_prior
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.soft import Reading, decide, read_word
 from ledpi.dictionaries import load_dictionary
+from ledpi.pipeline import Pipeline
 from ledpi.records import Floats, Frame, Rejected
 
 BOOK = Codebook.build(list(range(50)), load_dictionary("DICT_4X4_50"), SPEC)
@@ -73,6 +87,31 @@ def test_a_far_panel_with_a_dead_cell_is_read() -> None:
         assert isinstance(reading, Rejected) or reading.id == 7
         read += isinstance(reading, Reading)
     assert read >= 9
+
+
+def test_in_deep_bands_a_far_panel_with_a_dead_cell_is_read() -> None:
+    """At 35 px a side, whichever cell it is: seven were, while its neighbours' light was taken for its bands."""
+    path = Pipeline(camera_info(exposure_us=300.0), panel_settings(), intrinsics=PINHOLE, stream=False)
+    read = []
+    for dead in range(16):
+        gains = np.ones(16)
+        gains[dead] = 0.02
+        canvas = Canvas(exposure_us=300.0)
+        canvas.panel(square(310.4, 240.2, 35.0, 12), word(7), light=0.3, gains=gains.reshape(4, 4), phases=(0.1, 0.5))
+        read += [marker.sighting.id for marker in path.decode(canvas.frame(dead)).markers]
+    assert set(read) == {7}
+    assert len(read) >= 14
+
+
+def test_a_cell_that_is_dark_as_its_bands_are_is_lit() -> None:
+    """The first is dark but for a tenth of its samples; the second shows a fifth of what it would then."""
+    shown = np.ones((4, 100), np.float32)
+    shown[:2, :90] = 0.05
+    light = shown.copy()
+    light[1] *= 0.2
+    samples = replace(samples_of(Canvas().frame(), square(310, 240, 60.0)), light=light)
+    assert unlit_cells(samples, shown).tolist() == [False, True, False, False]
+    assert unlit_cells(samples).tolist() == [True, True, False, False]
 
 
 @pytest.mark.parametrize(("silent", "correctable"), [((), 1), ((6,), 1), ((6, 8), 0), ((0, 1), 1), ((6, 8, 10), 0)])

@@ -62,7 +62,9 @@ def single_evidence(
     if believed is not None:  # what says how far the bands differ from what is believed, as what says how they are
         believed_score = np.einsum("cidj,dj->ci", evidence.information, believed.bands)
         evidence = evidence._replace(score=evidence.score + believed_score)
-    return evidence if is_deep_anywhere(prior) else without_unlit(evidence, samples)
+    if not is_deep_anywhere(prior):
+        return without_unlit(evidence, samples)
+    return evidence if believed is None else without_unlit(evidence, samples, believed.own_light())
 
 
 def _numpy_evidence(

@@ -10,23 +10,34 @@ import numpy as np
 
 from ledpi.decode.cells import CellSamples
 from ledpi.decode.evidence.evidence import Evidence
-from ledpi.records import Mask
+from ledpi.records import Mask, Singles
 
 # Of the cells' mean light: less is no cell's own. LEDs that differ by 15 % (a deviation) keep to more than twice that;
 # across a gap comes 0.05 to 0.15 where cells are 7 px, and 0.3 where they are 3 px.
 UNLIT = 1.0 / 3.0
 
 
-def unlit_cells(samples: CellSamples) -> Mask:
-    """(cells,) which of them give no light of their own."""
-    light, valid = samples.light.sum(axis=1), samples.valid
-    level = light if valid is None else light / np.maximum(valid.sum(axis=1), 1)
+def unlit_cells(samples: CellSamples, shown: Singles | None = None) -> Mask:
+    """(cells,) which of them give no light of their own.
+
+    Where bands are deep a cell may be dark for being in them: `shown` (cells, points) is what they make of an even
+    light.
+    """
+    light, valid = samples.light, samples.valid
+    if shown is not None:  # by least squares: where a cell is to be dark, there is stray light
+        shown = shown if valid is None else shown * valid
+        level = (light * shown).sum(axis=1) / np.square(shown).sum(axis=1)
+    else:
+        level = light.sum(axis=1) if valid is None else light.sum(axis=1) / np.maximum(valid.sum(axis=1), 1)
     return np.asarray(level < UNLIT / len(level) * level.sum())
 
 
-def without_unlit(evidence: Evidence, samples: CellSamples) -> Evidence:
-    """The evidence, with whatever bands fit best in cells that are unlit: of these it holds nothing then."""
-    unlit = unlit_cells(samples)
+def without_unlit(evidence: Evidence, samples: CellSamples, shown: Singles | None = None) -> Evidence:
+    """The evidence, with whatever bands fit best in cells that are unlit: of these it holds nothing then.
+
+    `shown` as of `unlit_cells`.
+    """
+    unlit = unlit_cells(samples, shown)
     if True not in unlit.tolist():
         return evidence
     size, cell = evidence.score.size, np.repeat(unlit, evidence.score.shape[1])
