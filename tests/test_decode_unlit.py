@@ -103,6 +103,21 @@ def test_in_deep_bands_a_far_panel_with_a_dead_cell_is_read() -> None:
     assert len(read) >= 14
 
 
+def test_where_no_cell_can_be_corrected_a_dead_one_is_still_erased() -> None:
+    """Words of DICT_4X4_1000 differ in two cells; a dead one is seen as either class, and is no error."""
+    settings = panel_settings("panels.dictionary=DICT_4X4_1000")
+    path = Pipeline(camera_info(exposure_us=150.0), settings, intrinsics=PINHOLE, stream=False)
+    cells, read = load_dictionary("DICT_4X4_1000").words[700], []
+    for dead in range(16):
+        gains = np.ones(16)
+        gains[dead] = 0.02
+        canvas = Canvas(exposure_us=150.0)
+        canvas.panel(square(310.4, 240.2, 100.0, 12), cells, light=0.3, gains=gains.reshape(4, 4), phases=(0.3, 0.7))
+        read += [marker.sighting.id for marker in path.decode(canvas.frame(dead)).markers]
+    assert set(read) == {700}
+    assert len(read) >= 14
+
+
 def test_a_cell_that_is_dark_as_its_bands_are_is_lit() -> None:
     """The first is dark but for a tenth of its samples; the second shows a fifth of what it would then."""
     shown = np.ones((4, 100), np.float32)

@@ -56,9 +56,9 @@ class Codebook:
             spec=spec,
         )
 
-    def nearest(self, white: Mask, most: int) -> Codebook:
-        """Of those words that are most like a pattern (cells,), the nearest first."""
-        differ = np.count_nonzero((self.white > 0) != white, axis=1)
+    def nearest(self, white: Mask, most: int, told: Mask | None = None) -> Codebook:
+        """Of those words that are most like a pattern (cells,), in the cells that are `told`, the nearest first."""
+        differ = np.count_nonzero(((self.white > 0) != white) & (True if told is None else told), axis=1)
         rows = np.argsort(differ, kind="stable")[:most]
         return replace(self, ids=self.ids[rows], quarter_turns=self.quarter_turns[rows], white=self.white[rows])
 

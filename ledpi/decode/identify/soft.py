@@ -23,6 +23,7 @@ from ledpi.decode.cells import CellSamples
 from ledpi.decode.evidence.believed import believed_bands
 from ledpi.decode.evidence.evidence import UNFIT, Evidence
 from ledpi.decode.evidence.single_frame import single_evidence
+from ledpi.decode.evidence.unlit import unlit_cells
 from ledpi.decode.evidence.waves import (
     are_sinusoids,
     band_prior,
@@ -38,7 +39,7 @@ from ledpi.decode.identify.first_look import first_look
 from ledpi.decode.identify.plausible import all_rows_blink, is_consistent, is_plausible
 from ledpi.decode.identify.words import SHORTLIST, likeliest
 from ledpi.kernels.words import Fit
-from ledpi.records import Floats, Frame, Rejected, SeenBands
+from ledpi.records import Floats, Frame, Mask, Rejected, SeenBands
 
 NO_BANDS = Rejected(stage="soft", reason="no_bands")
 NO_WORD = Rejected(stage="soft", reason="not_in_dictionary")
@@ -144,14 +145,14 @@ def _settled(
     shows. So no word is believed that cells contradict as they were seen, by themselves. (Where one class is nearly
     steady they may have been seen wrongly; then all else is as without them.)
     """
-    words, bands = codebook.nearest(seen.white, SHORTLIST), bands_of(seen, frame, codebook.spec)
-    differ = np.count_nonzero((words.white[0] > 0) != seen.white)
-    if codebook.spec.phase == "antiphase":  # the same, half a cycle later
-        of_negative = codebook.nearest(~seen.white, SHORTLIST)
-        if (other := np.count_nonzero((of_negative.white[0] > 0) == seen.white)) < differ:
-            words, bands, differ = of_negative, -bands, other
+    bands = bands_of(seen, frame, codebook.spec)
+    words, differ, negative = _nearest(codebook, seen.white)
+    if differ:  # a cell that is unlit may have been seen as either
+        own_light = believed_bands(samples, frame, codebook.spec, seen.white, bands).own_light()
+        words, differ, negative = _nearest(codebook, seen.white, ~unlit_cells(samples, own_light))
     if differ > codebook.correctable or (differ and codebook.is_coarse(seen.white)):
         return NO_WORD
+    bands = -bands if negative else bands
     word, result = words.white[0] > 0, NO_WORD
     for _ in range(SETTLING):
         believed = believed_bands(samples, frame, codebook.spec, word, bands)
@@ -164,6 +165,20 @@ def _settled(
             return reading._replace(cell_bands=believed.turned_back(reading.cell_bands))
         bands, result = believed.turned_back(fit.bands[None])[0], reading
     return result
+
+
+def _nearest(codebook: Codebook, white: Mask, told: Mask | None = None) -> tuple[Codebook, int, bool]:
+    """The words that are most like cells seen as `white`; in how many that are `told` the first differs; and whether it
+    is like their negative.
+
+    In antiphase that is the same, half a cycle later.
+    """
+    found = []
+    for negative in (False, True)[: 2 if codebook.spec.phase == "antiphase" else 1]:
+        words = codebook.nearest(white != negative, SHORTLIST, told)
+        unlike = (words.white[0] > 0) != (white != negative)
+        found.append((words, int(np.count_nonzero(unlike if told is None else unlike & told)), negative))
+    return min(found, key=lambda each: each[1])
 
 
 def _is_open(
