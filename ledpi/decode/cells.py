@@ -130,6 +130,8 @@ def sample_cells(
     if quad.bands is not None and quad.bands.hidden is not None:
         not_hidden = _not_hidden(cells, k, quad.bands.hidden)
         valid = not_hidden if valid is None else valid & not_hidden
+        if not valid.any(axis=1).all():
+            return SATURATED
     variance = LINEAR_VARIANCE if saturated else LANCZOS_VARIANCE
     return CellSamples(
         lattice=points,
