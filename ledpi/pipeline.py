@@ -8,7 +8,6 @@ from typing import TypeAlias
 
 from ledpi.config import Method, PanelSettings
 from ledpi.decode.bands import NO_SQUARE, BandsReader
-from ledpi.decode.belief import Belief
 from ledpi.decode.cells import CellSamples, sample_cells
 from ledpi.decode.finding.find import Candidate
 from ledpi.decode.identify import soft
@@ -77,14 +76,11 @@ class Pipeline:
         self._readers = [BandsReader(dictionary, ids, spec) for spec, ids in groups] if method == "bands" else []
         self._specs = tuple(spec for spec, _ in groups)
         self._squares = Squares(camera, self._cells, self._specs, intrinsics)
-        self._belief = Belief(self._cells, intrinsics, stream=stream)
         sides_m = {marker_id: panels.spec(marker_id).side_m for marker_id in range(len(dictionary.words))}
         self._placer = Placer(intrinsics, sides_m, stream=stream, robot=robot)
         self._tracker = Tracker(self._specs)
         self._plan = SearchPlan(stream=stream)
         self._row_clock = RowClock(camera)
-        if method == "soft":
-            self._squares.prepare()
         self.off_frequency: dict[int, PanelSpec] = {}  # by ID: panels that blink at others than announced, and at which
 
     @property
@@ -138,14 +134,6 @@ class Pipeline:
         found = self._search(frame, self._squares.candidates, work) if searching else []
         yield self._read(frame, others + found, work)
         looked += found
-        if self._plan.goes_on(read=bool(work.sightings)):
-            found = self._search(frame, self._squares.candidates_again, work)
-            yield self._read(frame, found, work)
-            looked += found
-        if self._plan.looks_within(frame, [(quad, samples) for quad, _, samples in looked], read=bool(work.sightings)):
-            found = self._search_within(frame, [quad for quad, _, _ in looked], work)
-            yield self._read(frame, found, work)
-            looked += found
         if self._stream:
             self._keep_up(frame, looked, work)
 
@@ -155,7 +143,7 @@ class Pipeline:
         tracks = self._tracker.expected()
         if not tracks:
             return []
-        quads = self._squares.near(frame, [(t.where.sought_px(frame.row0_readout_ns), t.where.told_by) for t in tracks])
+        quads = self._squares.near(frame, [t.where.expected_px(frame.row0_readout_ns) for t in tracks])
         followed = [
             (there, track)
             for track, quad in zip(tracks, quads, strict=True)
@@ -179,13 +167,6 @@ class Pipeline:
             if isinstance(quad, Rejected):
                 work.reject(sought, quad)
         return self._sample(frame, self._tracker.follow([q for _, q in results if isinstance(q, Quad)]), work)
-
-    def _search_within(self, frame: Frame, known: list[Quad], work: Results) -> list[_Looked]:
-        """The same, but for those `known`, by what is within panels alone."""
-        start = time.perf_counter()
-        quads = self._squares.by_lines(frame, known, far=self._stream)  # of few pixels, a frame alone is not read
-        self._timed(work, "edges", start)
-        return self._sample(frame, self._tracker.follow(quads), work)
 
     def _by_bands(self, frame: Frame, work: Results) -> Iterator[list[Sighting]]:
         """The source paper's method, once for each pair of frequencies."""
@@ -239,14 +220,7 @@ class Pipeline:
             if isinstance(outcome.shown, Rejected):
                 work.reject(quad.corners_px, outcome.shown)
                 continue
-            believed = self._belief.where(frame, quad, samples, outcome.history, outcome.shown)
-            track.history = believed.history
-            if believed.own is not None:
-                track.where = track.where.rather(believed.own)
-            if isinstance(believed.place, Rejected):
-                work.reject(quad.corners_px, believed.place)
-            else:
-                sightings.append(self._sighting(believed.place, outcome.shown.reading, track))
+            sightings.append(self._sighting(quad, outcome.shown.reading, track))
         self._timed(work, "soft", since)
         return sightings
 

@@ -8,15 +8,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import cache, lru_cache
+from functools import cache
 
 import cv2
 import numpy as np
 
-from ledpi.geometry import distort, in_square, quad_side, square_box, undistort, unit_square_to
+from ledpi.geometry import distort, quad_side, undistort, unit_square_to
 from ledpi.kernels import cells as kernel
 from ledpi.kernels.light import can_read
-from ledpi.records import Floats, Frame, HiddenSide, Intrinsics, Mask, Quad, Rejected, SeenBands, Singles, read_only
+from ledpi.records import Floats, Frame, Intrinsics, Mask, Quad, Rejected, Singles
 from ledpi.tone import SATURATED as SATURATED_VALUE
 from ledpi.tone import linear_light
 
@@ -67,7 +67,6 @@ class CellSamples:
     sides_px: tuple[complex, complex]  # across and down the panel, in the picture: the mean of opposite sides
     independence: float  # what a sample counts for: less than 1 where its neighbours share its noise
     linear: bool = False  # interpolated by straight lines
-    bands: SeenBands | None = None  # as of the `Quad`
 
 
 @cache
@@ -109,9 +108,8 @@ def sample_cells(
 
     On the lattice `like`, where the panel's size still suits it: pictures on one lattice can be compared.
     """
-    if quad.rim_wall:
-        lattice_ends = square_box(-quad.rim_wall, 1.0 + quad.rim_wall)
-        quad = replace(quad, corners_px=in_square(quad.corners_px, lattice_ends))
+    if quad.lattice_px is not None:
+        quad = replace(quad, corners_px=quad.lattice_px)
     cell_px, sides_px = _sizes_px(quad.corners_px, cells)
     if not min(cell_px) >= MIN_CELL_PX:
         return TOO_SMALL
@@ -127,11 +125,6 @@ def sample_cells(
     valid = _valid(light) if math.isnan(least) else DARK if least <= 0 else None
     if isinstance(valid, Rejected):
         return valid
-    if quad.bands is not None and quad.bands.hidden is not None:
-        not_hidden = _not_hidden(cells, k, quad.bands.hidden)
-        valid = not_hidden if valid is None else valid & not_hidden
-        if not valid.any(axis=1).all():
-            return SATURATED
     variance = LINEAR_VARIANCE if saturated else LANCZOS_VARIANCE
     return CellSamples(
         lattice=points,
@@ -142,15 +135,7 @@ def sample_cells(
         sides_px=sides_px,
         independence=min(1.0, variance * cell_px[0] * cell_px[1] * ((1 - 2 * INSET) / k) ** 2),
         linear=saturated,
-        bands=quad.bands,
     )
-
-
-@lru_cache(maxsize=16)
-def _not_hidden(cells: int, k: int, hidden: HiddenSide) -> Mask:
-    """(n·n, k·k) of the points of the lattice."""
-    points = lattice(cells, k)
-    return read_only(~hidden.has(points.u, points.v))
 
 
 def _sizes_px(corners: Floats, cells: int) -> tuple[tuple[float, float], tuple[complex, complex]]:

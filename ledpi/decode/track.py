@@ -9,10 +9,9 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from ledpi.decode.cells import INSET
-from ledpi.decode.corners.sides import as_points
 from ledpi.decode.history import History
 from ledpi.geometry import corners_apart, quad_middle, quad_side
-from ledpi.records import MAX_GAP_NS, Floats, PanelSpec, Quad, Rejected, ToldBy
+from ledpi.records import MAX_GAP_NS, Floats, PanelSpec, Quad, Rejected
 
 Place: TypeAlias = tuple[tuple[float, float], float]  # centre and side of a square, in pixels
 
@@ -39,14 +38,11 @@ class Where(NamedTuple):
     corners_px: Floats  # (4, 2) in the order of the track's first frame
     velocity_px_s: Floats | None  # (4, 2), None where it was seen once
     seen_ns: int  # row 0's read-out of the frame
-    told_by: ToldBy
-    hidden_px: Floats | float  # (4, 2) from its corners to those of what was seen of it
 
     @classmethod
     def of(cls, quad: Quad, now_ns: int, velocity_px_s: Floats | None = None) -> Where:
         """Where a quad is, of a square that moves so."""
-        hidden_px = 0.0 if quad.seen_px is None else quad.seen_px - quad.corners_px
-        return cls(quad.corners_px, velocity_px_s, now_ns, quad.told_by, hidden_px)
+        return cls(quad.corners_px, velocity_px_s, now_ns)
 
     def after(self, quad: Quad, now_ns: int) -> Where:
         """Where the square is now: in `quad`, the corners of which are in the track's order."""
@@ -54,20 +50,12 @@ class Where(NamedTuple):
         before = self.velocity_px_s
         return Where.of(quad, now_ns, step if before is None else before + NEW_VELOCITY * (step - before))
 
-    def rather(self, own: Quad) -> Where:
-        """What was seen is around the panel; this is the panel, in the same frame, and moves alike."""
-        return Where.of(own, self.seen_ns, self.velocity_px_s)
-
     def expected_px(self, now_ns: int) -> Floats:
         """(4, 2) where the corners should be now."""
         if self.velocity_px_s is None:
             return self.corners_px
         expected: Floats = self.corners_px + self.velocity_px_s * ((now_ns - self.seen_ns) * 1e-9)
         return expected
-
-    def sought_px(self, now_ns: int) -> Floats:
-        """(4, 2) where the corners of what is seen of it should be now: what hid a side still does."""
-        return np.asarray(self.expected_px(now_ns) + self.hidden_px)
 
 
 @dataclass(slots=True, eq=False)
@@ -213,12 +201,12 @@ def _shape(corners: list[list[float]], side: float) -> list[tuple[float, float]]
 
 def _in_order_of(quad: Quad, before_px: Floats) -> Quad:
     """The quad with its corners turned so that each continues the one of those before."""
-    corners, before = as_points(quad.corners_px).tolist(), as_points(before_px).tolist()
+    corners, before = (np.ascontiguousarray(at).view(np.complex128)[:, 0].tolist() for at in (quad.corners_px, before_px))
     middle = sum(before) / 4
     towards = [(at - middle).conjugate() for at in before]
     turned = [math.fsum((towards[i] * corners[i - 4 + k]).real for i in range(4)) for k in range(4)]
     turns = turned.index(max(turned))
     if turns == 0:
         return quad
-    seen = None if quad.seen_px is None else np.roll(quad.seen_px, -turns, axis=0)
-    return replace(quad, corners_px=np.roll(quad.corners_px, -turns, axis=0), seen_px=seen)
+    lattice = None if quad.lattice_px is None else np.roll(quad.lattice_px, -turns, axis=0)
+    return replace(quad, corners_px=np.roll(quad.corners_px, -turns, axis=0), lattice_px=lattice)

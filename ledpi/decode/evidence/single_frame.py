@@ -11,7 +11,7 @@ from functools import cache
 import numpy as np
 
 from ledpi.decode.cells import CellSamples
-from ledpi.decode.evidence.believed import Believed, believed_bands
+from ledpi.decode.evidence.believed import Believed
 from ledpi.decode.evidence.evidence import Evidence, evidence_of, picture_slopes
 from ledpi.decode.evidence.noise import lags_of
 from ledpi.decode.evidence.normal import Normal, weighed, with_differences
@@ -25,7 +25,7 @@ from ledpi.decode.evidence.shared_light import (
 )
 from ledpi.decode.evidence.uncovered import darkens, without_covered
 from ledpi.decode.evidence.unlit import without_unlit
-from ledpi.decode.evidence.waves import band_prior, bands_of, class_waves, is_deep, is_deep_anywhere, seen_bands
+from ledpi.decode.evidence.waves import band_prior, class_waves, is_deep_anywhere
 from ledpi.kernels import evidence as kernel
 from ledpi.kernels.library import compiled
 from ledpi.records import Frame, Integers, PanelSpec, Rejected, Singles
@@ -44,10 +44,7 @@ def single_evidence(
     the static picture is what is left when that is divided out, and evidence is on how far the bands differ from it.
     """
     prior = band_prior(frame, spec)
-    if not is_deep(prior) and (seen := seen_bands(samples, spec)) is not None:
-        of_seen = believed_bands(samples, frame, spec, seen.white, bands_of(seen, frame, spec))
-        samples = without_covered(samples, of_seen.own_light())
-    elif believed is None and not darkens(math.sqrt(2.0 * float(prior.max()))):
+    if believed is None and not darkens(math.sqrt(2.0 * float(prior.max()))):
         samples = without_covered(samples)
     sources = sources_of(samples.lattice.k, border_points(samples))
     if believed is not None:

@@ -16,13 +16,12 @@ from ledpi import shutter
 from ledpi.decode.cells import CellSamples
 from ledpi.kernels import evidence as kernel
 from ledpi.kernels.library import compiled
-from ledpi.records import Floats, Frame, PanelSpec, SeenBands, Singles
+from ledpi.records import Floats, Frame, PanelSpec, Singles
 
 FULL_DEPTH = 0.5  # bands as deep as this outshine all noise
 # Bands that are deeper, or one of whose harmonics is more than this share of the fundamental, are no sinusoids. (The
 # third is a tenth of it at 10 ms, and a third where the fundamental nearly vanishes, as it does at 800 µs.)
 FAINT_DEPTH, MOST_HARMONIC = 0.1, 0.2
-SAME_HZ = 0.05  # by which frequencies may differ that the same cells show
 
 
 def band_prior(frame: Frame, spec: PanelSpec) -> Floats:
@@ -81,9 +80,6 @@ def square_waves(samples: CellSamples, frame: Frame, spec: PanelSpec, hz: float,
     """(2, cells, points): `shutter.square_wave_bands` in each sample, smoothed as its bands are seen to be."""
     a_row, exposure_us = hz * frame.row_time_us * 1e-6, frame.exposure_us
     count, apart = 1, 1.0
-    if samples.bands is not None and (shape := samples.bands.shape) is not None:
-        exposure_us = shape.exposure_us
-        count, apart = shutter.mean_of_rows(1, shape.smoothing_rows2)
     if compiled():
         return kernel.square_waves(
             samples.rows,
@@ -99,25 +95,6 @@ def square_waves(samples: CellSamples, frame: Frame, spec: PanelSpec, hz: float,
     around = (np.arange(count) - (count - 1) / 2) * apart * a_row
     each = [shutter.square_wave_bands(cycles + row, hz, exposure_us, spec.duty) for row in around]
     return np.asarray(np.mean(each, axis=0), np.float32)
-
-
-def seen_bands(samples: CellSamples, spec: PanelSpec) -> SeenBands | None:
-    """Those of the panel's whole picture, where they may be of panels of these frequencies."""
-    if samples.bands is None:
-        return None
-    alike = zip(samples.bands.spec.waves_hz, spec.waves_hz, strict=False)
-    return samples.bands if all(abs(seen / hz - 1.0) < SAME_HZ for seen, hz in alike) else None
-
-
-def bands_of(seen: SeenBands, frame: Frame, spec: PanelSpec) -> Floats:
-    """(P,) cosine and sine of the fundamentals of square waves that are full and in these phases."""
-    bands = []
-    for hz, cycles in zip(spec.waves_hz, seen.phases, strict=False):
-        fundamental = shutter.fundamental_amplitude(hz, frame.exposure_us, spec.duty)
-        # Where a row is brightest: the middle of its exposure in the middle of the time that the wave is on.
-        turn = 2 * math.pi * (cycles + 0.5 * hz * frame.exposure_us * 1e-6 - 0.5 * spec.duty)
-        bands += [fundamental * math.cos(turn), -fundamental * math.sin(turn)]
-    return np.array(bands)
 
 
 def rotated(bands: Floats, angles: Sequence[float]) -> Floats:

@@ -13,7 +13,6 @@ import cv2
 import numpy as np
 
 from ledpi.decode.finding import four_sides, lit, outlines, spots
-from ledpi.decode.finding.crossings import grids_in
 from ledpi.decode.finding.four_sides import distinct, set_aside, square_of, without_cells
 from ledpi.decode.finding.lit import brighter, closed, contrasts, lit_by
 from ledpi.decode.finding.outlines import outlines_in
@@ -99,17 +98,9 @@ class Finder:
         aside = set_aside(self._squares, np.concatenate([self._things, things]))
         return self._candidates(np.concatenate([things, aside]), spotted), _dropped(counts)
 
-    def find_crossings(self, frame: Frame, *, far: bool) -> list[Floats]:
-        """Corners (4, 2) of grids by the places where four cells meet, in the last frame; to a fifth of a cell.
-
-        `far`: those of less than 9 pixels a cell too, at twice the cost.
-        """
-        return [
-            (corners + 0.5) * 2**halvings - 0.5
-            for halvings, picture in enumerate((frame.pixels, *self._levels))
-            if far or halvings
-            for corners in grids_in(picture, self._cells)
-        ]
+    def pyramid(self, frame: Frame) -> list[Pixels]:
+        """The frame that was searched last, and the same in halves, quarters …"""
+        return [frame.pixels, *self._levels]
 
     def _candidates(self, things: Floats, spotted: Spotted) -> list[Candidate]:
         """Squares, then lattices of spots."""

@@ -1,0 +1,105 @@
+"""Where a panel is: its whole picture fitted to light, from corners that are about right.
+
+docs/algorithm.md has the equation and its unknowns, kernels/panel_light.c its terms, kernels/panel_fit.c the step.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ledpi.decode.model.light import Window, grid, waves
+from ledpi.decode.model.prior import COMMON, OWN, PHASE, prior
+from ledpi.geometry import quad_area
+from ledpi.kernels.library import address
+from ledpi.kernels.panel import MOST_LINES, PanelFit, Solver
+from ledpi.kernels.pose import lens_of
+from ledpi.records import Floats, Frame, Intrinsics, PanelSpec, read_only
+
+SATURATED = 0.999  # of full scale: such light says nothing
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Effort:
+    """How a fit is gone about."""
+
+    rounds: int  # of Gauss and Newton, at most
+    reweightings: int = 0  # how often what does not fit is given less weight
+    roughly: bool = False  # on a coarse grid
+    phasing: bool = True  # seeks the bands' phases first, on a grid
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Fitted:
+    """A panel's picture as it fits best. Pixels are the picture's."""
+
+    lattice_px: Floats  # (4, 2) corners of the lattice of cells
+    corners_px: Floats  # (4, 2) and of what is lit
+    covariance_px2: Floats  # (8, 8) of these: x and y of each
+    explained: float  # share of the light's squares about their mean
+    power: float  # of all of these that it explains: linear light squared, times pixels
+    unknown: Floats  # as `prior` has them
+    spec: PanelSpec
+
+    @property
+    def mix(self) -> Floats:
+        """(cells², 2) how much each cell shows of black's and of white's wave."""
+        return self.unknown[COMMON:].reshape(-1, OWN)[:, 1:]
+
+    @property
+    def phases(self) -> tuple[float, float]:
+        """Cycles of black's and white's wave where row 0's exposure begins."""
+        black, white = self.unknown[PHASE : PHASE + 2].tolist()
+        return black, white
+
+
+class Fitter:
+    """Fits panels of `cells` × `cells`, in room that it keeps."""
+
+    def __init__(self, cells: int, intrinsics: Intrinsics | None) -> None:
+        self._cells = cells
+        bent = intrinsics is not None and any(intrinsics.distortion)
+        self._lens = lens_of(intrinsics) if bent and intrinsics is not None else None
+        self._solver = Solver()
+
+    def fit(
+        self, frame: Frame, window: Window, corners_px: Floats, spec: PanelSpec, effort: Effort, known: Floats | None = None
+    ) -> Fitted | None:
+        """From corners (4, 2) of the lattice; None where it comes to nothing. `known`: unknowns to begin with."""
+        cells = self._cells
+        lines = grid(cells, round(_pitch_px(corners_px, cells) / window.shrink, 1), roughly=effort.roughly)
+        if len(lines) > MOST_LINES:
+            return None
+        given = prior(cells)
+        unknown = (given[0] if known is None else known).copy()
+        tables = waves(spec, frame.exposure_us, frame.row_time_us, window.shrink)
+        per_row = frame.row_time_us * 1e-6
+        fit = PanelFit(
+            address(window.light), *window.light.shape, *window.first, window.shrink, SATURATED,
+            None if self._lens is None else address(self._lens), cells, address(tables),
+            (spec.black_hz * per_row, spec.white_hz * per_row), 1.0 / (window.bright - window.dark), window.dark,
+            len(lines), address(lines), address(given), effort.rounds, effort.reweightings, effort.phasing,
+        )  # fmt: skip
+        fit.corners[:] = corners_px.reshape(-1).tolist()
+        fit.unknown = address(unknown)
+        if not self._solver.fit(fit):
+            return None
+        lattice, lit = np.array(fit.corners).reshape(4, 2), np.array(fit.lit).reshape(4, 2)
+        if not (np.isfinite(lattice).all() and np.isfinite(lit).all()):
+            return None
+        return Fitted(
+            lattice_px=read_only(lattice),
+            corners_px=read_only(lit),
+            covariance_px2=read_only(np.array(fit.covariance).reshape(8, 8)),
+            explained=fit.explained,
+            power=fit.explained * fit.contrast2 * (window.bright - window.dark) ** 2 * quad_area(lit.tolist()),
+            unknown=read_only(unknown),
+            spec=spec,
+        )
+
+
+def _pitch_px(corners_px: Floats, cells: int) -> float:
+    """The shorter of a cell's mean width and height."""
+    a, b, c, d = corners_px
+    return float(min(np.hypot(*(b + c - a - d)), np.hypot(*(c + d - a - b)))) / (2 * cells)
