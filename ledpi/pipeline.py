@@ -7,13 +7,14 @@ from collections.abc import Callable, Iterator
 from typing import TypeAlias
 
 from ledpi.config import Method, PanelSettings
+from ledpi.decode.agenda import Agenda
 from ledpi.decode.bands import NO_SQUARE, BandsReader
 from ledpi.decode.cells import CellSamples, sample_cells
-from ledpi.decode.finding.find import Candidate
 from ledpi.decode.identify import soft
 from ledpi.decode.identify.codebook import Codebook
+from ledpi.decode.locate import LOOKS, Locator
+from ledpi.decode.proposals import Candidate, Proposer
 from ledpi.decode.reader import Reader
-from ledpi.decode.squares import Squares
 from ledpi.decode.track import NOT_SHOWN, Track, Tracker
 from ledpi.dictionaries import load_dictionary
 from ledpi.markers import corners_of_turned
@@ -33,16 +34,17 @@ from ledpi.records import (
 )
 from ledpi.results import Results
 from ledpi.row_clock import MIN_DEVIATION, RowClock
-from ledpi.search_plan import SearchPlan
 from ledpi.trace import Look, Trace
 
 STAGES: dict[Method, tuple[str, ...]] = {
-    "soft": ("find", "edges", "cells", "soft", "pose"),
+    "soft": ("find", "fit", "cells", "soft", "pose"),
     "bands": ("bands", "pose"),
 }
 
+# What a frame spends on all but panels that are followed, in fits on a coarse grid; and what it costs to follow a square.
+SEARCH_BUDGET, FOLLOWING = 90, 2
+
 _Looked: TypeAlias = tuple[Quad, Track, CellSamples]
-_Find: TypeAlias = Callable[[Frame], tuple[list[Candidate], list[Rejected]]]
 
 
 class Pipeline:
@@ -75,11 +77,13 @@ class Pipeline:
         self._reader = Reader(codebooks, soft.FALSE_ID_RATE)
         self._readers = [BandsReader(dictionary, ids, spec) for spec, ids in groups] if method == "bands" else []
         self._specs = tuple(spec for spec, _ in groups)
-        self._squares = Squares(camera, self._cells, self._specs, intrinsics)
+        self._proposer = Proposer(camera, self._cells, self._specs)
+        self._locator = Locator(self._cells, self._specs, intrinsics)
         sides_m = {marker_id: panels.spec(marker_id).side_m for marker_id in range(len(dictionary.words))}
         self._placer = Placer(intrinsics, sides_m, stream=stream, robot=robot)
         self._tracker = Tracker(self._specs)
-        self._plan = SearchPlan(stream=stream)
+        self._agenda = Agenda()
+        self._budget = self._left = SEARCH_BUDGET
         self._row_clock = RowClock(camera)
         self.off_frequency: dict[int, PanelSpec] = {}  # by ID: panels that blink at others than announced, and at which
 
@@ -120,53 +124,62 @@ class Pipeline:
         return self._row_clock.corrected(frame)
 
     def _by_soft(self, frame: Frame, work: Results) -> Iterator[list[Sighting]]:
-        """find → edges → track → cells → soft, which is the likeliest word of all cells together.
+        """propose → fit → track → cells → soft, which is the likeliest word of all cells together.
 
-        First the panels that the frames before have shown, where they are expected; then all else.
+        First the panels that the frames before have shown, where they are expected. All else shares the budget.
         """
         if not self._stream:
-            self._tracker = Tracker(self._specs)
+            self._tracker, self._agenda = Tracker(self._specs), Agenda()
         self._tracker.begin(frame.row0_readout_ns)
-        looked = self._sample(frame, self._where_expected(frame, work), work)
-        searching = self._plan.begins(all_seen=self._tracker.all_seen())
-        others = [look for look in looked if look[1].history.shown is None]
-        yield self._read(frame, [look for look in looked if look[1].history.shown is not None], work)
-        found = self._search(frame, self._squares.candidates, work) if searching else []
-        yield self._read(frame, others + found, work)
-        looked += found
+        looked: list[_Looked] = []
+        panels, others = self._tracker.expected()
+        yield self._read(frame, self._follow(frame, panels, looked, work), work)
+        self._left = self._budget
+        while others and self._left > 0:
+            self._left -= FOLLOWING
+            yield self._read(frame, self._follow(frame, [others.pop(0)], looked, work), work)
+        if self._agenda.is_due(all_seen=self._tracker.all_seen()):
+            for candidate in self._agenda.in_turn(self._propose(frame, work)):
+                if self._left <= 0:
+                    break
+                yield self._read(frame, self._look_at(frame, candidate, looked, work), work)
         if self._stream:
             self._keep_up(frame, looked, work)
 
-    def _where_expected(self, frame: Frame, work: Results) -> list[tuple[Quad, Track]]:
+    def _follow(self, frame: Frame, tracks: list[Track], looked: list[_Looked], work: Results) -> list[_Looked]:
         """The squares that are where their tracks lead; what is not there is left to a search."""
         start = time.perf_counter()
-        tracks = self._tracker.expected()
-        if not tracks:
-            return []
-        quads = self._squares.near(frame, [t.where.expected_px(frame.row0_readout_ns) for t in tracks])
-        followed = [
-            (there, track)
-            for track, quad in zip(tracks, quads, strict=True)
-            if (there := self._tracker.go_on(track, quad)) is not None
-        ]
-        self._timed(work, "edges", start)
-        return followed
+        followed = []
+        for track in tracks:
+            quad = self._locator.near(frame, track.where.expected_px(frame.row0_readout_ns))
+            there = self._tracker.go_on(track, quad)
+            if there is not None:
+                followed.append((there, track))
+        self._timed(work, "fit", start)
+        return self._sample(frame, followed, looked, work)
 
-    def _search(self, frame: Frame, find: _Find, work: Results) -> list[_Looked]:
-        """The squares in the whole picture, but for those that this frame has shown already, and the light in them."""
+    def _propose(self, frame: Frame, work: Results) -> list[Candidate]:
         start = time.perf_counter()
-        candidates, dropped = find(frame)
-        candidates = [c for c in candidates if not self._tracker.is_followed(c.corners, c.tolerance_px)]
+        candidates, dropped = self._proposer.propose(frame)
         work.rejected.extend(dropped)
         if work.trace is not None:
             work.trace.candidates.extend(candidates)
-        since = self._timed(work, "find", start)
-        results = self._squares.of(frame, candidates)
-        self._timed(work, "edges", since)
-        for sought, quad in results:
-            if isinstance(quad, Rejected):
-                work.reject(sought, quad)
-        return self._sample(frame, self._tracker.follow([q for _, q in results if isinstance(q, Quad)]), work)
+        self._timed(work, "find", start)
+        return candidates
+
+    def _look_at(self, frame: Frame, candidate: Candidate, looked: list[_Looked], work: Results) -> list[_Looked]:
+        """What a candidate is, where this frame has not shown that already."""
+        if self._tracker.is_followed(candidate.corners_px):
+            return []
+        start = time.perf_counter()
+        self._agenda.tried(candidate)
+        self._left -= LOOKS
+        quad = self._locator.at(frame, candidate.corners_px)
+        self._timed(work, "fit", start)
+        if isinstance(quad, Rejected):
+            work.reject(candidate.corners_px, quad)
+            return []
+        return self._sample(frame, self._tracker.follow([quad]), looked, work)
 
     def _by_bands(self, frame: Frame, work: Results) -> Iterator[list[Sighting]]:
         """The source paper's method, once for each pair of frequencies."""
@@ -191,18 +204,21 @@ class Pipeline:
         work.seconds[stage] += now - since
         return now
 
-    def _sample(self, frame: Frame, squares: list[tuple[Quad, Track]], work: Results) -> list[_Looked]:
-        """The light in their cells, of those where it can be told."""
+    def _sample(
+        self, frame: Frame, squares: list[tuple[Quad, Track]], looked: list[_Looked], work: Results
+    ) -> list[_Looked]:
+        """The light in their cells, of those where it can be told; these are also added to what this frame has shown."""
         since = time.perf_counter()
-        looked = []
+        sampled = []
         for quad, track in squares:
             samples = sample_cells(frame, quad, self._cells, self._intrinsics, like=track.history.memories[0].lattice)
             if isinstance(samples, Rejected):
                 work.reject(quad.corners_px, samples)
             else:
-                looked.append((quad, track, samples))
+                sampled.append((quad, track, samples))
+        looked += sampled
         self._timed(work, "cells", since)
-        return looked
+        return sampled
 
     def _read(self, frame: Frame, looked: list[_Looked], work: Results) -> list[Sighting]:
         """The panels that these lit squares are; where none can be told, why is in `work`."""

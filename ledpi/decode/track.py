@@ -8,7 +8,6 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from ledpi.decode.cells import INSET
 from ledpi.decode.history import History
 from ledpi.geometry import corners_apart, quad_middle, quad_side
 from ledpi.records import MAX_GAP_NS, Floats, PanelSpec, Quad, Rejected
@@ -24,7 +23,7 @@ MAX_SHIFT, MAX_GROWTH = 0.35, 1.25
 # 0.4 m away, sees it turn by 0.08 rad in 33 ms, which moves a corner by half as many sides.
 MAX_RESHAPED = 0.1
 SAME = 0.01  # of the side: squares no further apart, and in size, are one
-ALIKE = INSET / 4  # of the side, from corner to corner: squares no further apart show the same cells, of 4 × 4
+SAME_CELLS = 0.06  # of the side, from corner to corner: squares no further apart show the same cells
 # How much of a corner's velocity the last step alone decides: the noise of two corners weighs on it, but a robot that
 # brakes changes it by a tenth from frame to frame.
 NEW_VELOCITY = 0.7
@@ -79,14 +78,15 @@ class Tracker:
         self._tracks = [t for t in self._tracks if 0 < now_ns - t.where.seen_ns <= MAX_GAP_NS]
         self._before_ns, self._now_ns = self._now_ns, now_ns
 
-    def expected(self) -> list[Track]:
-        """The tracks that this frame should show near by: those the last one showed, but for old ones of no panel.
+    def expected(self) -> tuple[list[Track], list[Track]]:
+        """The tracks that this frame should show near by: panels that were read, and others, longest unseen first.
 
-        Panels that were read come first: where two tracks meet, they go on.
+        Of panels those that the last frame showed. A square that many frames have shown, and none as a panel, is a lamp
+        or a window.
         """
-        seen = [t for t in self._tracks if t.where.seen_ns == self._before_ns]
-        panels, others = [t for t in seen if t.history.shown], [t for t in seen if not t.history.shown]
-        return panels + [t for t in others if t.history.last or t.history.frames < OLD_FRAMES]
+        panels = [t for t in self._tracks if t.history.shown and t.where.seen_ns == self._before_ns]
+        others = [t for t in self._tracks if not t.history.shown and (t.history.last or t.history.frames < OLD_FRAMES)]
+        return panels, sorted(others, key=lambda track: track.where.seen_ns)
 
     def go_on(self, track: Track, quad: Quad | Rejected) -> Quad | None:
         """The square that was sought where `track` is expected, if it can be the track's; in the track's order.
@@ -106,24 +106,25 @@ class Tracker:
         panels = [t for t in self._tracks if t.history.shown is not None]
         return bool(panels) and all(t.where.seen_ns == self._now_ns for t in panels)
 
-    def is_followed(self, corners_px: Floats, tolerance_px: float = 0.0) -> bool:
-        """Whether a square near these corners (4, 2) is one that this frame has already shown.
+    def is_followed(self, corners_px: Floats) -> bool:
+        """Whether a square with these corners (4, 2) is one that this frame has already shown.
 
-        Where a panel was read, there is no other. What was not read may be a part of one, or one and what is around
-        it: it rules out only what shows the same cells.
+        Where a panel was read there is no other. What was not read may be a part of one, or one and what is around it: it
+        rules out only what shows the same cells.
         """
-        centre, side_px = _place(corners_px)
+        corners = corners_px.tolist()
+        centre, side_px = quad_middle(corners), quad_side(corners)
         for track in self._tracks:
-            at_px = track.where.corners_px
-            middle, side = _place(at_px)
-            if (
-                track.where.seen_ns == self._now_ns
-                and math.dist(centre, middle) < MAX_SHIFT * side
-                and 1 / MAX_GROWTH < side_px / side < MAX_GROWTH
-            ):
-                alike_px = ALIKE * side + tolerance_px
-                if track.history.last is not None or corners_apart(corners_px.tolist(), at_px.tolist()) < alike_px:
-                    return True
+            if track.where.seen_ns != self._now_ns:
+                continue
+            at = track.where.corners_px.tolist()
+            middle, side = quad_middle(at), quad_side(at)
+            if math.dist(centre, middle) > side:
+                continue
+            if track.history.last is not None and math.dist(centre, middle) < MAX_SHIFT * side:
+                return True
+            if abs(side_px - side) < SAME_CELLS * side and corners_apart(corners, at) < SAME_CELLS * side:
+                return True
         return False
 
     def _not_seen(self, quads: list[Quad]) -> list[Quad]:
@@ -201,7 +202,9 @@ def _shape(corners: list[list[float]], side: float) -> list[tuple[float, float]]
 
 def _in_order_of(quad: Quad, before_px: Floats) -> Quad:
     """The quad with its corners turned so that each continues the one of those before."""
-    corners, before = (np.ascontiguousarray(at).view(np.complex128)[:, 0].tolist() for at in (quad.corners_px, before_px))
+    corners, before = (
+        np.ascontiguousarray(at).view(np.complex128)[:, 0].tolist() for at in (quad.corners_px, before_px)
+    )
     middle = sum(before) / 4
     towards = [(at - middle).conjugate() for at in before]
     turned = [math.fsum((towards[i] * corners[i - 4 + k]).real for i in range(4)) for k in range(4)]

@@ -48,13 +48,20 @@ typedef struct {
     double seen, predicted, weight, row; /* row of the picture */
 } Sample;
 
+/* What the profile is along a line down, for each of its cells: factors of the harmonics across, and their slopes down. */
+typedef struct {
+    double by[2][HARMONICS + 1], steep[2][HARMONICS + 1];
+} Profile;
+
+Profile ledpi_panel_profile(const double *unknown, const Line *down);
+
 /* The line at `at`, in cells from the panel's first side, where light is blurred by `sigma` cells (panel_light.c). */
 Line ledpi_panel_line(double at, ptrdiff_t cells, double sigma, double gap, const double rim[2]);
 
 /* The sample where two lines cross, by homography h and the unknowns; its row of columns (DENSE). False where it tells
  * nothing (panel_light.c). */
 bool ledpi_panel_sample(const Panel *panel, const View *view, const double *h, const double *unknown, const Line *across,
-                        const Line *down, double u, double v, float *columns, Sample *sample);
+                        const Line *down, const Profile *profile, double u, double v, float *columns, Sample *sample);
 
 /* A wave's value at `cycles`, and its slope per cycle (panel_light.c). */
 double ledpi_wave_at(const float *table, double cycles, double *slope);

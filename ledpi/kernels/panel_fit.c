@@ -12,7 +12,8 @@ enum {
 };
 /* Of half the side: as far as the slopes hold; and what no longer matters. */
 #define MOST_STEP 0.1
-#define SETTLED 1e-3
+/* Far below what noise leaves open. */
+#define SETTLED 2e-3
 /* Student's t: blocks of this freedom are weighed by (freedom + 1)/(freedom + their mean square over the usual one). */
 #define FREEDOM 4.0
 #define LEAST_GAIN 0.02
@@ -109,13 +110,14 @@ static void sum_up(const PanelFit *fit, const double h[9], bool phasing, Work *w
     if (phasing)
         for (int k = 0; k < 2; k++) memset(work->by_row[k], 0, (size_t)(cells * cells * rows) * sizeof(float));
     for (ptrdiff_t j = 0; j < fit->lines; j++) {
+        const Profile profile = ledpi_panel_profile(fit->unknown, &work->grid[1][j]);
         ptrdiff_t count = 0;
         for (ptrdiff_t i = 0; i < fit->lines; i++) {
             float *const columns = work->columns + count * DENSE;
             const double across = fit->along[i], down = fit->along[j];
             Sample s;
             if (!ledpi_panel_sample(&fit->panel, &fit->view, h, fit->unknown, &work->grid[0][i], &work->grid[1][j],
-                                    across / (double)cells, down / (double)cells, columns, &s))
+                                    &profile, across / (double)cells, down / (double)cells, columns, &s))
                 continue;
             const ptrdiff_t block = block_of(across, down, cells);
             const double left = columns[RESIDUAL], trust = work->weight[block], weight = trust * s.weight * s.weight;

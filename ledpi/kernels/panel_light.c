@@ -58,6 +58,20 @@ Line ledpi_panel_line(double at, ptrdiff_t cells, double sigma, double gap, cons
     return line;
 }
 
+Profile ledpi_panel_profile(const double *unknown, const Line *down) {
+    Profile profile;
+    for (int j = 0; j < 2; j++)
+        for (int x = 0; x <= HARMONICS; x++) {
+            profile.by[j][x] = x ? 0.0 : 1.0, profile.steep[j][x] = 0.0;
+            for (int y = x ? 0 : 1; y <= HARMONICS; y++) {
+                const double much = unknown[SHAPE - 1 + y * (HARMONICS + 1) + x];
+                profile.by[j][x] += much * down->harmonic[j][y];
+                profile.steep[j][x] += much * down->steep[j][y];
+            }
+        }
+    return profile;
+}
+
 static double light_at(const View *view, double x, double y) {
     float right, down;
     const ptrdiff_t column = ledpi_before((float)x, view->columns, &right), row = ledpi_before((float)y, view->rows, &down);
@@ -82,19 +96,19 @@ typedef struct {
 } Terms;
 
 /* Adds the light of the cell where the i-th of a line's cells across meets the j-th of one's down. */
-static void add_cell(const double *unknown, const double *own, ptrdiff_t cells, const Line *across, int i, const Line *down,
+static void add_cell(const Profile *profile, const double *own, ptrdiff_t cells, const Line *across, int i, const Line *down,
                      int j, Terms *t, float by_own[OWN]) {
     const double right = across->light[i], below = down->light[j], both = right * below;
-    double shape = 1.0, tilt[2] = {0.0, 0.0};
     const double lit = own[0] + own[1] * t->wave[0] + own[2] * t->wave[1];
-    for (int m = 0; m < SHAPES; m++) {
-        const int x = (m + 1) % (HARMONICS + 1), y = (m + 1) / (HARMONICS + 1);
-        const double here = across->harmonic[i][x] * down->harmonic[j][y], much = unknown[SHAPE + m];
-        shape += much * here;
-        tilt[0] += much * across->steep[i][x] * down->harmonic[j][y];
-        tilt[1] += much * across->harmonic[i][x] * down->steep[j][y];
-        t->by[SHAPE + m] += lit * both * here;
+    double shape = 0.0, tilt[2] = {0.0, 0.0};
+    for (int x = 0; x <= HARMONICS; x++) {
+        shape += profile->by[j][x] * across->harmonic[i][x];
+        tilt[0] += profile->by[j][x] * across->steep[i][x];
+        tilt[1] += profile->steep[j][x] * across->harmonic[i][x];
     }
+    for (int y = 0; y <= HARMONICS; y++)
+        for (int x = y ? 0 : 1; x <= HARMONICS; x++)
+            t->by[SHAPE - 1 + y * (HARMONICS + 1) + x] += lit * both * across->harmonic[i][x] * down->harmonic[j][y];
     const double lit_shape = lit * shape;
     t->predicted += lit_shape * both;
     t->slope[0] += lit * (across->slope[i] * below * shape + both * tilt[0]);
@@ -140,7 +154,7 @@ static void put_ways(double u, double v, ptrdiff_t cells, Terms *t) {
 }
 
 bool ledpi_panel_sample(const Panel *panel, const View *view, const double *h, const double *unknown, const Line *across,
-                        const Line *down, double u, double v, float *columns, Sample *s) {
+                        const Line *down, const Profile *profile, double u, double v, float *columns, Sample *s) {
     const double w = 1.0 / (h[6] * u + h[7] * v + h[8]);
     double at[2] = {(h[0] * u + h[1] * v + h[2]) * w, (h[3] * u + h[4] * v + h[5]) * w};
     if (view->lens) ledpi_distort(view->lens, at[0], at[1], at);
@@ -158,7 +172,7 @@ bool ledpi_panel_sample(const Panel *panel, const View *view, const double *h, c
         for (int i = 0; i < 2; i++) {
             if (across->cell[i] < 0 || down->cell[j] < 0 || across->light[i] * down->light[j] < NO_LIGHT) continue;
             const ptrdiff_t cell = down->cell[j] * panel->cells + across->cell[i];
-            add_cell(unknown, unknown + COMMON + OWN * cell, panel->cells, across, i, down, j, &t, s->by[s->met]);
+            add_cell(profile, unknown + COMMON + OWN * cell, panel->cells, across, i, down, j, &t, s->by[s->met]);
             s->cell[s->met++] = cell;
         }
     const double outside = add_beside(unknown, across, down, &t);

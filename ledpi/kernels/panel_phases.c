@@ -1,28 +1,45 @@
 /* The phases of a panel's two waves, where nothing is known of its cells' classes: on a grid. */
-#include <math.h>
+#include <string.h>
 
 #include "panel.h"
 
 enum { PHASES = 12 }; /* of half a cycle: a mix of either sign is a wave that is half a cycle later */
 
-/* Sums over a cell's rows: of its steady light with itself and with either wave, and of these with what is seen. */
+/* Sums over a cell's rows: of its steady light with itself, and with what is seen; of either wave with these, and with
+ * itself, the mean taken off. */
 typedef struct {
-    double one, a, b, aa, ab, bb, y, ya, yb;
+    float with_seen[2][PHASES], square[2][PHASES], mean[2][PHASES], one;
 } Sums;
+
+static Sums sums_of(ptrdiff_t rows, const float *own, const float *seen, float wave[2][PHASES][MOST_ROWS]) {
+    Sums s = {.one = 0.0f};
+    float y = 0.0f;
+    for (ptrdiff_t r = 0; r < rows; r++) s.one += own[r], y += seen[r];
+    if (!(s.one > 0.0f)) return s;
+    for (int k = 0; k < 2; k++)
+        for (int p = 0; p < PHASES; p++) {
+            float mean = 0.0f, square = 0.0f, with_seen = 0.0f;
+            for (ptrdiff_t r = 0; r < rows; r++) {
+                const float w = wave[k][p][r], by = own[r] * w;
+                mean += by, square += by * w, with_seen += seen[r] * w;
+            }
+            s.mean[k][p] = mean;
+            s.square[k][p] = square - mean * mean / s.one;
+            s.with_seen[k][p] = with_seen - mean * y / s.one;
+        }
+    return s;
+}
 
 /* What both waves explain beside a gain, in log-likelihood's unit times two. A wave that is all but even in a cell tells
  * nothing of it: `ridge`. */
-static double explained(const Sums *s) {
-    if (!(s->one > 0.0)) return 0.0;
-    const double ridge = 1e-3 * s->one, aa = s->aa - s->a * s->a / s->one + ridge, bb = s->bb - s->b * s->b / s->one + ridge;
-    const double ab = s->ab - s->a * s->b / s->one, ya = s->ya - s->a * s->y / s->one, yb = s->yb - s->b * s->y / s->one;
-    const double determinant = aa * bb - ab * ab;
-    return determinant > 0.0 ? (ya * ya * bb - 2.0 * ya * yb * ab + yb * yb * aa) / determinant : 0.0;
+static float explained(const Sums *s, int a, int b, float both) {
+    const float ridge = 1e-3f * s->one, aa = s->square[0][a] + ridge, bb = s->square[1][b] + ridge;
+    const float ab = both - s->mean[0][a] * s->mean[1][b] / s->one, ya = s->with_seen[0][a], yb = s->with_seen[1][b];
+    const float determinant = aa * bb - ab * ab;
+    return determinant > 0.0f ? (ya * ya * bb - 2.0f * ya * yb * ab + yb * yb * aa) / determinant : 0.0f;
 }
 
-void ledpi_panel_phases(const Panel *panel, const View *view, ptrdiff_t rows, const float *squares, const float *products,
-                        double phases[2]) {
-    float wave[2][PHASES][MOST_ROWS];
+static void put_waves(const Panel *panel, const View *view, ptrdiff_t rows, float wave[2][PHASES][MOST_ROWS]) {
     for (int k = 0; k < 2; k++)
         for (int p = 0; p < PHASES; p++)
             for (ptrdiff_t r = 0; r < rows; r++) {
@@ -31,21 +48,34 @@ void ledpi_panel_phases(const Panel *panel, const View *view, ptrdiff_t rows, co
                 wave[k][p][r] = (float)ledpi_wave_at(panel->waves + k * WAVE_STEPS,
                                                      0.5 * p / PHASES + row * panel->cycles_a_row[k], &slope);
             }
-    double most = -1.0;
-    for (int a = 0; a < PHASES; a++)
-        for (int b = 0; b < PHASES; b++) {
-            double all = 0.0;
-            for (ptrdiff_t c = 0; c < panel->cells * panel->cells; c++) {
-                const float *own = squares + c * rows, *with = products + c * rows;
-                Sums s = {0};
-                for (ptrdiff_t r = 0; r < rows; r++) {
-                    if (own[r] == 0.0f) continue;
-                    const double wa = wave[0][a][r], wb = wave[1][b][r], sa = own[r] * wa, sb = own[r] * wb;
-                    s.one += own[r], s.a += sa, s.b += sb, s.aa += sa * wa, s.ab += sa * wb, s.bb += sb * wb;
-                    s.y += with[r], s.ya += with[r] * wa, s.yb += with[r] * wb;
-                }
-                all += explained(&s);
+}
+
+void ledpi_panel_phases(const Panel *panel, const View *view, ptrdiff_t rows, const float *squares, const float *products,
+                        double phases[2]) {
+    float wave[2][PHASES][MOST_ROWS], all[PHASES][PHASES] = {{0.0f}};
+    put_waves(panel, view, rows, wave);
+    for (ptrdiff_t c = 0; c < panel->cells * panel->cells; c++) {
+        ptrdiff_t from = 0, to = rows; /* the rows that the cell is in */
+        while (from < to && squares[c * rows + from] == 0.0f) from++;
+        while (to > from && squares[c * rows + to - 1] == 0.0f) to--;
+        if (from == to) continue;
+        float shifted[2][PHASES][MOST_ROWS];
+        for (int k = 0; k < 2; k++)
+            for (int p = 0; p < PHASES; p++) memcpy(shifted[k][p], wave[k][p] + from, (size_t)(to - from) * sizeof(float));
+        const float *own = squares + c * rows + from;
+        const Sums s = sums_of(to - from, own, products + c * rows + from, shifted);
+        for (int a = 0; a < PHASES; a++) {
+            float weighed[MOST_ROWS];
+            for (ptrdiff_t r = 0; r < to - from; r++) weighed[r] = own[r] * shifted[0][a][r];
+            for (int b = 0; b < PHASES; b++) {
+                float both = 0.0f;
+                for (ptrdiff_t r = 0; r < to - from; r++) both += weighed[r] * shifted[1][b][r];
+                all[a][b] += explained(&s, a, b, both);
             }
-            if (all > most) most = all, phases[0] = 0.5 * a / PHASES, phases[1] = 0.5 * b / PHASES;
         }
+    }
+    float most = -1.0f;
+    for (int a = 0; a < PHASES; a++)
+        for (int b = 0; b < PHASES; b++)
+            if (all[a][b] > most) most = all[a][b], phases[0] = 0.5 * a / PHASES, phases[1] = 0.5 * b / PHASES;
 }

@@ -45,7 +45,7 @@ def _found(snapshot: Snapshot) -> Row:
     view = view_of([], snapshot.frame.pixels.shape, tile_width(2))
     seen, found = view.of(snapshot.frame.pixels), view.of(snapshot.frame.pixels)
     for candidate in snapshot.trace.candidates:
-        outline(found, view.place(candidate.corners), DROPPED, 1)
+        outline(found, view.place(candidate.corners_px), DROPPED, 1)
     for look in snapshot.trace.looks:
         outline(found, view.place(look.quad.corners_px), TEXT, 2)
     count = f"candidates: {len(snapshot.trace.candidates)}, squares: {len(snapshot.trace.looks)}"

@@ -7,8 +7,6 @@ pyramid.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import cv2
 import numpy as np
 
@@ -16,8 +14,7 @@ from ledpi.decode.finding import four_sides, lit, outlines, spots
 from ledpi.decode.finding.four_sides import distinct, set_aside, square_of, without_cells
 from ledpi.decode.finding.lit import brighter, closed, contrasts, lit_by
 from ledpi.decode.finding.outlines import outlines_in
-from ledpi.decode.finding.spots import group_sizes, groups, lattice, spots_in
-from ledpi.geometry import quad_middle, quad_side
+from ledpi.decode.finding.spots import group_sizes, groups, spots_in
 from ledpi.kernels import find as kernel
 from ledpi.kernels.find import Thresholds
 from ledpi.kernels.library import compiled
@@ -56,20 +53,6 @@ Spotted = list[tuple[int, Floats]]  # groups of spots, with a pixel's scale
 Counts = tuple[int, int, int]  # of outlines at the picture's border, not four-sided, too small
 
 
-class Candidate(NamedTuple):
-    """Where a panel may be."""
-
-    corners: Floats  # (4, 2), clockwise as seen in the picture, first the one nearest the top left
-    side_px: float
-    tolerance_px: float  # how far off the sides may be, by the picture that they were found in: 1.5 of its pixels
-    spots: bool = False  # a lattice of bright spots, the grid of whose cells this is
-
-    @property
-    def centre_px(self) -> tuple[float, float]:
-        """Mean of the corners."""
-        return quad_middle(self.corners.tolist())
-
-
 class Finder:
     """Keeps the pictures it works on, for frames of one size."""
 
@@ -86,26 +69,21 @@ class Finder:
         arguments = self._levels, SHORTEST, smallest_px, cells, self._group_sizes, LIMITS
         self._searcher = kernel.Searcher(*arguments) if compiled() else None
 
-    def find(self, frame: Frame) -> tuple[list[Candidate], list[Rejected]]:
-        """Candidates, best outline first, no two of the same thing, lattices of spots last; and what was dropped."""
+    def find(self, frame: Frame) -> tuple[list[Floats], list[Rejected]]:
+        """Corners (4, 2) of candidates, best outline first, no two of the same thing; and what was dropped."""
         self._shrink(frame)
         self._things, self._squares, spotted, counts = self._by(THRESHOLDS)
-        return self._candidates(self._things, spotted), _dropped(counts)
+        return _corners(self._things), _dropped(counts)
 
-    def find_again(self) -> tuple[list[Candidate], list[Rejected]]:
+    def find_again(self) -> tuple[list[Floats], list[Rejected]]:
         """The same, of the last frame once more, by the contrast in each neighbourhood; and what was set aside."""
         things, _, spotted, counts = self._by(AGAIN)
         aside = set_aside(self._squares, np.concatenate([self._things, things]))
-        return self._candidates(np.concatenate([things, aside]), spotted), _dropped(counts)
+        return _corners(np.concatenate([things, aside])), _dropped(counts)
 
     def pyramid(self, frame: Frame) -> list[Pixels]:
         """The frame that was searched last, and the same in halves, quarters …"""
         return [frame.pixels, *self._levels]
-
-    def _candidates(self, things: Floats, spotted: Spotted) -> list[Candidate]:
-        """Squares, then lattices of spots."""
-        grids = [_grid(at, scale) for scale, group in spotted if (at := lattice(group, self._cells)) is not None]
-        return _candidates(things) + (_candidates(distinct(np.array(grids)), spots=True) if grids else [])
 
     def _by(self, thresholds: Thresholds) -> tuple[Floats, Floats, Spotted, Counts]:
         return (self._search if self._searcher is None else self._searcher.search)(thresholds)
@@ -156,16 +134,6 @@ def _dropped(counts: Counts) -> list[Rejected]:
     return [AT_BORDER] * at_border + [NOT_FOUR_SIDED] * not_four_sided + [TOO_SMALL] * too_small
 
 
-def _candidates(squares: Floats, *, spots: bool = False) -> list[Candidate]:
-    """Of squares (K, 11) as `square_of` has them."""
-    corners = squares[:, :8].reshape(-1, 4, 2)
-    return [
-        Candidate(at, side_px, tolerance_px, spots)
-        for at, (side_px, _, tolerance_px) in zip(corners, squares[:, 8:].tolist(), strict=True)
-    ]
-
-
-def _grid(corners: Floats, scale: int) -> list[float]:
-    """As `square_of` has it, of a lattice of spots in pixels that are `scale` of the picture's."""
-    in_picture = (corners + 0.5) * scale - 0.5
-    return [*in_picture.reshape(-1).tolist(), quad_side(in_picture.tolist()), 0.0, 0.5 * scale]
+def _corners(squares: Floats) -> list[Floats]:
+    """Of squares (K, 11)."""
+    return list(squares[:, :8].reshape(-1, 4, 2))

@@ -44,9 +44,7 @@ def spots_in(picture: Pixels, above: Pixels, contrast: Pixels, share: int) -> Fl
     if height <= 2 * reach or width <= 2 * reach:
         return np.empty((0, 3))
     values = picture.astype(np.int32)
-    at = {
-        (y, x): values[reach + y : height - reach + y, reach + x : width - reach + x] for y in sides for x in sides
-    }
+    at = {(y, x): values[reach + y : height - reach + y, reach + x : width - reach + x] for y in sides for x in sides}
     own, inside = at[0, 0], (slice(reach, height - reach), slice(reach, width - reach))
     beside = [place for place in at if place != (0, 0) and max(map(abs, place)) == 1]
     around = [place for place in at if max(map(abs, place)) == reach]

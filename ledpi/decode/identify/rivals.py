@@ -126,9 +126,7 @@ def odds_against_one_class(fit: Fit, codebook: Codebook) -> float:
     return fit.likelihood[0] - fit.one_class + prior_odds_of_word(codebook)
 
 
-def odds_against_parts(
-    evidence: Evidence, fit: Fit, codebook: Codebook, sides_px: tuple[complex, complex]
-) -> float:
+def odds_against_parts(evidence: Evidence, fit: Fit, codebook: Codebook, sides_px: tuple[complex, complex]) -> float:
     """Log odds of the best word against parts of a panel that are taken for a whole one."""
     return _least(
         odds_against_coarse(evidence, fit, codebook), odds_against_stretched(evidence, fit, codebook, sides_px)

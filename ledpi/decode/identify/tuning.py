@@ -88,10 +88,7 @@ def propose_frequencies(seen: Sequence[Seen], spec: PanelSpec, codebook: Codeboo
 def off_frequency_note(marker_id: int, found: PanelSpec) -> str:
     """What to tell the user of a panel that blinks at other frequencies than announced."""
     seen = " and ".join(f"{hz:.0f}" for hz in found.waves_hz)
-    return (
-        f"panel {marker_id} blinks at about {seen} Hz, not as configured; "
-        "`ledpi calibrate panel` measures it"
-    )
+    return f"panel {marker_id} blinks at about {seen} Hz, not as configured; `ledpi calibrate panel` measures it"
 
 
 def _residuals(seen: Sequence[Seen]) -> tuple[Floats, Floats]:
@@ -123,9 +120,7 @@ def _mirrored(seen: Sequence[Seen], weight: Floats, hz: float) -> Complexes:
     return _sums(seen, even, weight, 2.0 * hz)
 
 
-def _powers(
-    sums: Complexes, mirrored: Complexes, times_s: Floats, hz: float, shares: Floats
-) -> tuple[Floats, Floats]:
+def _powers(sums: Complexes, mirrored: Complexes, times_s: Floats, hz: float, shares: Floats) -> tuple[Floats, Floats]:
     """Frequencies (F,), and the power (F, words) of a wave in all cells of a word together, over what noise leaves.
 
     `shares` (words, cells): how much of it each shows. The power is what the least-squares cosine and sine explain. In

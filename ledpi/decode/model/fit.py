@@ -64,7 +64,13 @@ class Fitter:
         self._solver = Solver()
 
     def fit(
-        self, frame: Frame, window: Window, corners_px: Floats, spec: PanelSpec, effort: Effort, known: Floats | None = None
+        self,
+        frame: Frame,
+        window: Window,
+        corners_px: Floats,
+        spec: PanelSpec,
+        effort: Effort,
+        known: Floats | None = None,
     ) -> Fitted | None:
         """From corners (4, 2) of the lattice; None where it comes to nothing. `known`: unknowns to begin with."""
         cells = self._cells

@@ -1,0 +1,92 @@
+"""Where a panel is, from corners that are about right: by a fit of its whole picture."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ledpi.decode.cells import MIN_CELL_PX
+from ledpi.decode.model.fit import Effort, Fitted, Fitter
+from ledpi.decode.model.light import Window
+from ledpi.decode.proposals import DEEP
+from ledpi.geometry import quad_side
+from ledpi.kernels import pose as kernel
+from ledpi.records import Floats, Frame, Intrinsics, PanelSpec, Quad, Rejected
+from ledpi.shutter import contrast
+
+TOO_SMALL = Rejected(stage="fit", reason="too_small")
+NO_LIGHT = Rejected(stage="fit", reason="no_light")
+DIVERGED = Rejected(stage="fit", reason="diverged")
+MISFIT = Rejected(stage="fit", reason="misfit")
+UNCERTAIN = Rejected(stage="fit", reason="uncertain")
+
+REACH = 0.1  # of the side: how far off a proposal may be
+MIN_EXPLAINED = 0.5  # of the light's squares: what explains less than it leaves is no model of it
+MAX_SIGMA = 1.0 / 8.0  # of a cell: further off, slopes no longer tell what a shift does to a cell's light
+LOOKS = 3  # what a candidate costs, in fits on a coarse grid: one of these, and one on a grid that is twice as fine
+
+
+class Locator:
+    """Locates panels of `cells` × `cells` in the frames of one camera."""
+
+    def __init__(self, cells: int, specs: tuple[PanelSpec, ...], intrinsics: Intrinsics | None) -> None:
+        self._cells, self._specs, self._intrinsics = cells, specs, intrinsics
+        self._fitter = Fitter(cells, intrinsics)
+
+    def at(self, frame: Frame, corners_px: Floats) -> Quad | Rejected:
+        """The panel that a proposal (4, 2) is of, or why it is none: on a coarse grid, then on a fine one."""
+        deep = self._is_deep(frame)
+        first = self._fitted(frame, corners_px, Effort(rounds=8, roughly=True, phasing=deep))
+        if isinstance(first, Rejected):
+            return first
+        return self.near(frame, first.lattice_px)
+
+    def near(self, frame: Frame, corners_px: Floats) -> Quad | Rejected:
+        """The panel whose lattice is within a tenth of a cell or so of these corners (4, 2), or why there is none."""
+        fit = self._fitted(frame, corners_px, Effort(rounds=10, reweightings=2))
+        return fit if isinstance(fit, Rejected) else self._quad(fit)
+
+    def _is_deep(self, frame: Frame) -> bool:
+        return any(contrast(hz, frame.exposure_us, s.duty) > 2.0 * DEEP for s in self._specs for hz in s.waves_hz)
+
+    def _fitted(self, frame: Frame, corners_px: Floats, effort: Effort) -> Fitted | Rejected:
+        """At the frequencies that explain most."""
+        smallest_px = self._cells * MIN_CELL_PX
+        if not quad_side(corners_px.tolist()) >= smallest_px:
+            return TOO_SMALL
+        window = Window.around(frame, corners_px, REACH)
+        if window is None:
+            return NO_LIGHT
+        fits = [self._fitter.fit(frame, window, corners_px, spec, effort) for spec in self._specs]
+        best = max((fit for fit in fits if fit is not None), key=lambda fit: fit.explained, default=None)
+        if best is None:
+            return DIVERGED
+        if best.explained < MIN_EXPLAINED:
+            return MISFIT
+        side_px = quad_side(best.corners_px.tolist())
+        if not side_px >= smallest_px:
+            return TOO_SMALL
+        sigma_px = math.sqrt(float(np.trace(best.covariance_px2)) / 8.0)
+        return best if sigma_px < MAX_SIGMA * side_px / self._cells else UNCERTAIN
+
+    def _quad(self, fit: Fitted) -> Quad:
+        """The fit's square, its corners in order from the one nearest the top left."""
+        first = int(np.argmin(fit.corners_px.sum(axis=1)))
+        turned = (np.arange(4) + first) % 4
+        covariance = fit.covariance_px2.reshape(4, 2, 4, 2)[turned][:, :, turned].reshape(8, 8)
+        corners = fit.corners_px[turned]
+        return Quad(
+            corners_px=corners,
+            lattice_px=fit.lattice_px[turned],
+            corner_sigma_px=math.sqrt(float(np.trace(covariance)) / 8.0),
+            bend_px=self._bend_px(corners),
+        )
+
+    def _bend_px(self, corners: Floats) -> float:
+        """How far the lens bends a square's sides off the straight line, at most."""
+        lens = self._intrinsics
+        if lens is None or not any(lens.distortion):
+            return 0.0
+        square = np.ascontiguousarray(corners).view(np.complex128).reshape(1, 4)
+        return float(np.abs(kernel.bends(square, lens).imag).max())
