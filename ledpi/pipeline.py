@@ -132,12 +132,13 @@ class Pipeline:
             self._tracker, self._agenda = Tracker(self._specs), Agenda()
         self._tracker.begin(frame.row0_readout_ns)
         looked: list[_Looked] = []
-        panels, others = self._tracker.expected()
-        yield self._read(frame, self._follow(frame, panels, looked, work), work)
+        yield self._read(frame, self._follow(frame, self._tracker.panels(), looked, work), work)
         self._left = self._budget
-        while others and self._left > 0:
+        for track in self._tracker.others():
+            if self._left <= 0:
+                break
             self._left -= FOLLOWING
-            yield self._read(frame, self._follow(frame, [others.pop(0)], looked, work), work)
+            yield self._read(frame, self._follow(frame, [track], looked, work), work)
         if self._agenda.is_due(all_seen=self._tracker.all_seen()):
             for candidate in self._agenda.in_turn(self._propose(frame, work)):
                 if self._left <= 0:

@@ -17,7 +17,6 @@ from ledpi.shutter import contrast
 
 TOO_SMALL = Rejected(stage="fit", reason="too_small")
 NO_LIGHT = Rejected(stage="fit", reason="no_light")
-DIVERGED = Rejected(stage="fit", reason="diverged")
 MISFIT = Rejected(stage="fit", reason="misfit")
 UNCERTAIN = Rejected(stage="fit", reason="uncertain")
 
@@ -36,21 +35,30 @@ class Locator:
 
     def at(self, frame: Frame, corners_px: Floats) -> Quad | Rejected:
         """The panel that a proposal (4, 2) is of, or why it is none: on a coarse grid, then on a fine one."""
-        deep = self._is_deep(frame)
-        first = self._fitted(frame, corners_px, Effort(rounds=8, roughly=True, phasing=deep))
-        if isinstance(first, Rejected):
-            return first
-        return self.near(frame, first.lattice_px)
+        effort = Effort(rounds=8, roughly=True, phasing=self._is_deep(frame))
+        first = self._fitted(frame, corners_px, effort, self._specs)
+        return first if isinstance(first, Rejected) else self.near(frame, first.lattice_px, first)
 
-    def near(self, frame: Frame, corners_px: Floats) -> Quad | Rejected:
-        """The panel whose lattice is within a tenth of a cell or so of these corners (4, 2), or why there is none."""
-        fit = self._fitted(frame, corners_px, Effort(rounds=10, reweightings=2))
+    def near(self, frame: Frame, corners_px: Floats, known: Fitted | None = None) -> Quad | Rejected:
+        """The panel whose lattice is within a tenth of a cell or so of these corners (4, 2), or why there is none.
+
+        `known`: what it looked like when it was fitted before, its corners in the same order.
+        """
+        effort = Effort(rounds=10, reweightings=2, must_blink=True)
+        fit = self._fitted(frame, corners_px, effort, self._specs if known is None else (known.spec,), known)
         return fit if isinstance(fit, Rejected) else self._quad(fit)
 
     def _is_deep(self, frame: Frame) -> bool:
         return any(contrast(hz, frame.exposure_us, s.duty) > 2.0 * DEEP for s in self._specs for hz in s.waves_hz)
 
-    def _fitted(self, frame: Frame, corners_px: Floats, effort: Effort) -> Fitted | Rejected:
+    def _fitted(
+        self,
+        frame: Frame,
+        corners_px: Floats,
+        effort: Effort,
+        specs: tuple[PanelSpec, ...],
+        known: Fitted | None = None,
+    ) -> Fitted | Rejected:
         """At the frequencies that explain most."""
         smallest_px = self._cells * MIN_CELL_PX
         if not quad_side(corners_px.tolist()) >= smallest_px:
@@ -58,10 +66,11 @@ class Locator:
         window = Window.around(frame, corners_px, REACH)
         if window is None:
             return NO_LIGHT
-        fits = [self._fitter.fit(frame, window, corners_px, spec, effort) for spec in self._specs]
-        best = max((fit for fit in fits if fit is not None), key=lambda fit: fit.explained, default=None)
-        if best is None:
-            return DIVERGED
+        unknown = None if known is None else known.unknown
+        fits = [self._fitter.fit(frame, window, corners_px, spec, effort, unknown) for spec in specs]
+        best = max(fits, key=lambda fit: fit.explained if isinstance(fit, Fitted) else -math.inf)
+        if isinstance(best, Rejected):
+            return best
         if best.explained < MIN_EXPLAINED:
             return MISFIT
         side_px = quad_side(best.corners_px.tolist())

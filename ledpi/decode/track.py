@@ -23,6 +23,7 @@ MAX_SHIFT, MAX_GROWTH = 0.35, 1.25
 # 0.4 m away, sees it turn by 0.08 rad in 33 ms, which moves a corner by half as many sides.
 MAX_RESHAPED = 0.1
 SAME = 0.01  # of the side: squares no further apart, and in size, are one
+OVERLAP = 0.5  # of the larger one's side: squares whose middles are no further apart are not both panels
 SAME_CELLS = 0.06  # of the side, from corner to corner: squares no further apart show the same cells
 # How much of a corner's velocity the last step alone decides: the noise of two corners weighs on it, but a robot that
 # brakes changes it by a tenth from frame to frame.
@@ -78,15 +79,20 @@ class Tracker:
         self._tracks = [t for t in self._tracks if 0 < now_ns - t.where.seen_ns <= MAX_GAP_NS]
         self._before_ns, self._now_ns = self._now_ns, now_ns
 
-    def expected(self) -> tuple[list[Track], list[Track]]:
-        """The tracks that this frame should show near by: panels that were read, and others, longest unseen first.
+    def panels(self) -> list[Track]:
+        """The tracks of panels that were read, and that the last frame showed: this frame should show them near by."""
+        return [t for t in self._tracks if t.history.shown and t.where.seen_ns == self._before_ns]
 
-        Of panels those that the last frame showed. A square that many frames have shown, and none as a panel, is a lamp
-        or a window.
+    def others(self) -> list[Track]:
+        """The tracks of other squares that the last frame showed, and that may become panels; the newest first.
+
+        One that overlaps a panel is a part of it, or what is around it. One that many frames have shown, and none as a
+        panel, is a lamp or a window.
         """
-        panels = [t for t in self._tracks if t.history.shown and t.where.seen_ns == self._before_ns]
-        others = [t for t in self._tracks if not t.history.shown and (t.history.last or t.history.frames < OLD_FRAMES)]
-        return panels, sorted(others, key=lambda track: track.where.seen_ns)
+        panels = [t for t in self._tracks if t.history.shown and t.where.seen_ns == self._now_ns]
+        self._tracks = [t for t in self._tracks if t in panels or not any(_overlap(t, panel) for panel in panels)]
+        others = [t for t in self._tracks if not t.history.shown and t.where.seen_ns == self._before_ns]
+        return [t for t in reversed(others) if t.history.last or t.history.frames < OLD_FRAMES]
 
     def go_on(self, track: Track, quad: Quad | Rejected) -> Quad | None:
         """The square that was sought where `track` is expected, if it can be the track's; in the track's order.
@@ -119,9 +125,7 @@ class Tracker:
                 continue
             at = track.where.corners_px.tolist()
             middle, side = quad_middle(at), quad_side(at)
-            if math.dist(centre, middle) > side:
-                continue
-            if track.history.last is not None and math.dist(centre, middle) < MAX_SHIFT * side:
+            if track.history.shown is not None and math.dist(centre, middle) < OVERLAP * max(side, side_px):
                 return True
             if abs(side_px - side) < SAME_CELLS * side and corners_apart(corners, at) < SAME_CELLS * side:
                 return True
@@ -172,6 +176,11 @@ class Tracker:
         quad = _in_order_of(quad, track.where.corners_px)
         track.where = track.where.after(quad, self._now_ns)
         return quad
+
+
+def _overlap(one: Track, other: Track) -> bool:
+    a, b = one.where.corners_px.tolist(), other.where.corners_px.tolist()
+    return math.dist(quad_middle(a), quad_middle(b)) < OVERLAP * max(quad_side(a), quad_side(b))
 
 
 def _place(corners_px: Floats) -> Place:

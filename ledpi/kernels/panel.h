@@ -66,9 +66,15 @@ bool ledpi_panel_sample(const Panel *panel, const View *view, const double *h, c
 /* A wave's value at `cycles`, and its slope per cycle (panel_light.c). */
 double ledpi_wave_at(const float *table, double cycles, double *slope);
 
+/* Squares of the light that bands explain, and that they should. */
+typedef struct {
+    double seen, expected;
+} Bands;
+
 /* The phases (2,) in row 0 that explain most where each cell may show any mix of both waves: `squares` and `products`
- * (cells², rows) of a steady cell's light, with itself and with what is seen, by row of the view (panel_phases.c). */
-void ledpi_panel_phases(const Panel *panel, const View *view, ptrdiff_t rows, const float *squares, const float *products,
-                        double phases[2]);
+ * (cells², rows) of a steady cell's light, with itself and with what is seen, by row of the view (panel_phases.c). What is
+ * expected is what either class's wave, whichever shows less, would explain in each cell. */
+Bands ledpi_panel_phases(const Panel *panel, const View *view, ptrdiff_t rows, const float *squares, const float *products,
+                         double phases[2]);
 
 #endif

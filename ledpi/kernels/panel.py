@@ -11,6 +11,7 @@ from ledpi.kernels.library import DOUBLE, INTEGER, POINTER, address, function
 from ledpi.records import Floats, Pixels
 
 MOST_LINES, MOST_CELLS = 160, 8  # of a grid; along a side
+DIVERGED, FITTED, WITHOUT_BANDS = 0, 1, 2  # outcomes of a fit
 LATTICE_SPAN = 17  # nodes along a lattice that is found, its seed in the middle
 MOST_RUNS, MOST_BLOBS, MOST_LATTICES = 40_000, 1_500, 12  # of a picture: what has more is texture
 
@@ -37,7 +38,7 @@ class PanelFit(ctypes.Structure):
         *((name, ctypes.c_double) for name in ("scale", "dark")),
         ("lines", ctypes.c_ssize_t),
         *((name, ctypes.c_void_p) for name in ("along", "prior")),
-        *((name, ctypes.c_ssize_t) for name in ("rounds", "reweightings", "phasing")),
+        *((name, ctypes.c_ssize_t) for name in ("rounds", "reweightings", "phasing", "must_blink")),
         ("corners", ctypes.c_double * 8),
         ("unknown", ctypes.c_void_p),
         ("lit", ctypes.c_double * 8),
@@ -52,9 +53,10 @@ class Solver:
     def __init__(self) -> None:
         self._work: NDArray[np.uint8] = np.empty(_work(), np.uint8)
 
-    def fit(self, fit: PanelFit) -> bool:
-        """Whether the fit, which is changed, came to something."""
-        return bool(_fit(ctypes.addressof(fit), address(self._work)))
+    def fit(self, fit: PanelFit) -> int:
+        """DIVERGED, FITTED or WITHOUT_BANDS: what came of the fit, which is changed."""
+        outcome: int = _fit(ctypes.addressof(fit), address(self._work))
+        return outcome
 
 
 class LatticeSearcher:

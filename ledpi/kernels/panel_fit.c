@@ -5,6 +5,7 @@
 
 #include "normal.h"
 #include "panel_fit.h"
+#include "wide.h"
 
 enum {
     BLOCKS = 3, /* that are weighed together, along a cell */
@@ -17,6 +18,8 @@ enum {
 /* Student's t: blocks of this freedom are weighed by (freedom + 1)/(freedom + their mean square over the usual one). */
 #define FREEDOM 4.0
 #define LEAST_GAIN 0.02
+#define SHALLOW 0.25 /* of the squares that bands should explain */
+#define NATS_NEEDED 11.3
 static const double LEAST_BLUR_PX = 0.4, MOST_BLUR_PX = 3.0, MOST_GAP = 0.6, MOST_RIM = 0.15, MOST_SIGMA = 1.0;
 
 /* Sums of products of the columns; of COMMON, of each cell's OWN with COMMON, and of these among each other. */
@@ -68,7 +71,7 @@ static ptrdiff_t block_of(double across, double down, ptrdiff_t cells) {
     return beside + 2 * cells + (down < 0.0 ? 0 : cells) + i;
 }
 
-static void add_own(Products *products, ptrdiff_t owns, const Sample *s, float root, const float *columns) {
+static LEDPI_INLINE void add_own(Products *products, ptrdiff_t owns, const Sample *s, float root, const float *columns) {
     float by[MOST_MET * OWN];
     for (ptrdiff_t i = 0; i < s->met * OWN; i++) by[i] = root * (float)s->weight * s->by[i / OWN][i % OWN];
     for (ptrdiff_t i = 0; i < s->met * OWN; i++) {
@@ -104,7 +107,7 @@ static void clear(const PanelFit *fit, Work *work) {
 }
 
 /* Sums over the grid; by rows where `phasing`. */
-static void sum_up(const PanelFit *fit, const double h[9], bool phasing, Work *work) {
+LEDPI_WIDE static void sum_up(const PanelFit *fit, const double h[9], bool phasing, Work *work) {
     const ptrdiff_t cells = fit->panel.cells, owns = OWN * cells * cells, rows = rows_of(fit);
     clear(fit, work);
     if (phasing)
@@ -306,10 +309,17 @@ static void seen_through(const Lens *lens, Point corners[4]) {
     }
 }
 
-int ledpi_fit_panel(PanelFit *fit, void *room) {
+/* Whether bands of the expected depth would be seen, and are not: of half of it, or less. What is seen then is unlikelier by
+ * ½(√expected − √seen)² nats, of variance 1, than what would be; at so many this is wrong in one of a million (½z²). */
+static bool is_without_bands(Bands bands, const Work *work) {
+    const double variance = fmax(work->left / fmax((double)work->samples, 1.0), 1e-9);
+    return bands.seen < SHALLOW * bands.expected && 0.5 * SHALLOW * bands.expected > NATS_NEEDED * variance;
+}
+
+Outcome ledpi_fit_panel(PanelFit *fit, void *room) {
     Work *const work = room;
     const ptrdiff_t cells = fit->panel.cells, blocks = cells * cells * BLOCKS * BLOCKS + 4 * cells;
-    if (fit->lines > MOST_LINES || cells > MOST_CELLS) return 0;
+    if (fit->lines > MOST_LINES || cells > MOST_CELLS) return DIVERGED;
     for (ptrdiff_t b = 0; b < blocks; b++) work->weight[b] = 1.0;
     for (int i = 0; fit->view.lens && i < 4; i++) { /* before the lens bends it a panel is a square */
         double ray[2];
@@ -323,13 +333,14 @@ int ledpi_fit_panel(PanelFit *fit, void *room) {
         put_lines(fit, h, work);
         if (phasing) {
             sum_up(fit, h, true, work);
-            ledpi_panel_phases(&fit->panel, &fit->view, rows_of(fit), work->by_row[0], work->by_row[1], fit->unknown + PHASE);
+            const Bands bands = ledpi_panel_phases(&fit->panel, &fit->view, rows_of(fit), work->by_row[0], work->by_row[1], fit->unknown + PHASE);
             phasing = false;
+            if (fit->must_blink && is_without_bands(bands, work)) return WITHOUT_BANDS;
         }
         sum_up(fit, h, false, work);
-        if (!solve_step(fit, work)) return 0;
+        if (!solve_step(fit, work)) return DIVERGED;
         const double moved = take_step(fit, h, work);
-        if (!(moved < 1e3)) return 0;
+        if (!(moved < 1e3)) return DIVERGED;
         const bool settled = moved < SETTLED;
         if (round + 1 >= fit->rounds || (settled && !fit->reweightings)) break;
         if (fit->reweightings && moved < MOST_STEP / 10.0) {
@@ -342,5 +353,5 @@ int ledpi_fit_panel(PanelFit *fit, void *room) {
     move_lit(h, (double[WAYS]){0.0}, fit->unknown + RIM, cells, fit->lit);
     seen_through(fit->view.lens, fit->corners);
     seen_through(fit->view.lens, fit->lit);
-    return 1;
+    return FITTED;
 }

@@ -11,7 +11,8 @@ typedef struct {
     ptrdiff_t lines;
     const double *along; /* (lines,) of the grid, in cells from the first corner, the same across and down */
     const double *prior; /* (2, COMMON + OWN·cells²): what unknowns are expected to be, and one over the variance */
-    ptrdiff_t rounds, reweightings, phasing; /* at most; how often blocks are weighed; whether phases are sought first */
+    ptrdiff_t rounds, reweightings, phasing; /* at most; how often blocks are weighed; whether phases are sought first, */
+    ptrdiff_t must_blink; /* and what is surely no panel of these frequencies is left at that */
     /* Where it begins, and what fits best. */
     Point corners[4]; /* of the lattice of cells */
     double *unknown;  /* as the prior; the first WAYS are not used */
@@ -23,8 +24,10 @@ typedef struct {
     double variance;       /* of residuals, in the unit of a sample of full light */
 } PanelFit;
 
-/* Fits it; `room` has `ledpi_panel_work()` bytes. False where it comes to nothing. */
-int ledpi_fit_panel(PanelFit *fit, void *room);
+typedef enum { DIVERGED, FITTED, WITHOUT_BANDS } Outcome;
+
+/* Fits it; `room` has `ledpi_panel_work()` bytes. */
+Outcome ledpi_fit_panel(PanelFit *fit, void *room);
 size_t ledpi_panel_work(void);
 
 #endif

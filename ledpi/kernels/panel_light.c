@@ -9,6 +9,7 @@
 #include <string.h>
 
 #include "panel.h"
+#include "wide.h"
 
 #define ROOT_HALF 0.7071067811865476
 #define TURN 6.283185307179586
@@ -72,7 +73,7 @@ Profile ledpi_panel_profile(const double *unknown, const Line *down) {
     return profile;
 }
 
-static double light_at(const View *view, double x, double y) {
+static LEDPI_INLINE double light_at(const View *view, double x, double y) {
     float right, down;
     const ptrdiff_t column = ledpi_before((float)x, view->columns, &right), row = ledpi_before((float)y, view->rows, &down);
     const float *above = view->light + row * view->columns + column, *below = above + view->columns;
@@ -96,7 +97,7 @@ typedef struct {
 } Terms;
 
 /* Adds the light of the cell where the i-th of a line's cells across meets the j-th of one's down. */
-static void add_cell(const Profile *profile, const double *own, ptrdiff_t cells, const Line *across, int i, const Line *down,
+static LEDPI_INLINE void add_cell(const Profile *profile, const double *own, ptrdiff_t cells, const Line *across, int i, const Line *down,
                      int j, Terms *t, float by_own[OWN]) {
     const double right = across->light[i], below = down->light[j], both = right * below;
     const double lit = own[0] + own[1] * t->wave[0] + own[2] * t->wave[1];
@@ -127,7 +128,7 @@ static void add_cell(const Profile *profile, const double *own, ptrdiff_t cells,
 
 /* Adds the light beside the panel: left, right, above, below; at a corner only what is left or right. Returns how much of
  * the place is there. */
-static double add_beside(const double *unknown, const Line *across, const Line *down, Terms *t) {
+static LEDPI_INLINE double add_beside(const double *unknown, const Line *across, const Line *down, Terms *t) {
     const double *level = unknown + BESIDE, open = 1.0 - across->beside[0] - across->beside[1];
     const double hidden = level[2] * down->beside[0] + level[3] * down->beside[1];
     double outside = 0.0;
@@ -146,14 +147,14 @@ static double add_beside(const double *unknown, const Line *across, const Line *
 }
 
 /* To first order a homography can differ by 1, p, q in either direction, and by (p², pq) and (pq, q²); p, q in −1..1. */
-static void put_ways(double u, double v, ptrdiff_t cells, Terms *t) {
+static LEDPI_INLINE void put_ways(double u, double v, ptrdiff_t cells, Terms *t) {
     const double p = 2.0 * u - 1.0, q = 2.0 * v - 1.0, half = 0.5 * (double)cells;
     const double across = half * t->slope[0], down = half * t->slope[1], both = p * across + q * down;
     const double ways[WAYS] = {across, p * across, q * across, down, p * down, q * down, p * both, q * both};
     memcpy(t->by, ways, sizeof ways);
 }
 
-bool ledpi_panel_sample(const Panel *panel, const View *view, const double *h, const double *unknown, const Line *across,
+LEDPI_WIDE bool ledpi_panel_sample(const Panel *panel, const View *view, const double *h, const double *unknown, const Line *across,
                         const Line *down, const Profile *profile, double u, double v, float *columns, Sample *s) {
     const double w = 1.0 / (h[6] * u + h[7] * v + h[8]);
     double at[2] = {(h[0] * u + h[1] * v + h[2]) * w, (h[3] * u + h[4] * v + h[5]) * w};

@@ -8,7 +8,7 @@ enum { PHASES = 12 }; /* of half a cycle: a mix of either sign is a wave that is
 /* Sums over a cell's rows: of its steady light with itself, and with what is seen; of either wave with these, and with
  * itself, the mean taken off. */
 typedef struct {
-    float with_seen[2][PHASES], square[2][PHASES], mean[2][PHASES], one;
+    float with_seen[2][PHASES], square[2][PHASES], mean[2][PHASES], one, gain;
 } Sums;
 
 static Sums sums_of(ptrdiff_t rows, const float *own, const float *seen, float wave[2][PHASES][MOST_ROWS]) {
@@ -16,6 +16,7 @@ static Sums sums_of(ptrdiff_t rows, const float *own, const float *seen, float w
     float y = 0.0f;
     for (ptrdiff_t r = 0; r < rows; r++) s.one += own[r], y += seen[r];
     if (!(s.one > 0.0f)) return s;
+    s.gain = y / s.one;
     for (int k = 0; k < 2; k++)
         for (int p = 0; p < PHASES; p++) {
             float mean = 0.0f, square = 0.0f, with_seen = 0.0f;
@@ -50,9 +51,9 @@ static void put_waves(const Panel *panel, const View *view, ptrdiff_t rows, floa
             }
 }
 
-void ledpi_panel_phases(const Panel *panel, const View *view, ptrdiff_t rows, const float *squares, const float *products,
-                        double phases[2]) {
-    float wave[2][PHASES][MOST_ROWS], all[PHASES][PHASES] = {{0.0f}};
+Bands ledpi_panel_phases(const Panel *panel, const View *view, ptrdiff_t rows, const float *squares, const float *products,
+                         double phases[2]) {
+    float wave[2][PHASES][MOST_ROWS], all[PHASES][PHASES] = {{0.0f}}, expected[PHASES][PHASES] = {{0.0f}};
     put_waves(panel, view, rows, wave);
     for (ptrdiff_t c = 0; c < panel->cells * panel->cells; c++) {
         ptrdiff_t from = 0, to = rows; /* the rows that the cell is in */
@@ -71,11 +72,16 @@ void ledpi_panel_phases(const Panel *panel, const View *view, ptrdiff_t rows, co
                 float both = 0.0f;
                 for (ptrdiff_t r = 0; r < to - from; r++) both += weighed[r] * shifted[1][b][r];
                 all[a][b] += explained(&s, a, b, both);
+                expected[a][b] += s.gain * s.gain * fminf(s.square[0][a], s.square[1][b]);
             }
         }
     }
-    float most = -1.0f;
+    Bands best = {-1.0, 0.0};
     for (int a = 0; a < PHASES; a++)
         for (int b = 0; b < PHASES; b++)
-            if (all[a][b] > most) most = all[a][b], phases[0] = 0.5 * a / PHASES, phases[1] = 0.5 * b / PHASES;
+            if (all[a][b] > best.seen) {
+                best = (Bands){all[a][b], expected[a][b]};
+                phases[0] = 0.5 * a / PHASES, phases[1] = 0.5 * b / PHASES;
+            }
+    return best;
 }

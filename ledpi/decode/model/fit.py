@@ -12,10 +12,14 @@ import numpy as np
 from ledpi.decode.model.light import Window, grid, waves
 from ledpi.decode.model.prior import COMMON, OWN, PHASE, prior
 from ledpi.geometry import quad_area
+from ledpi.kernels import panel as kernel
 from ledpi.kernels.library import address
 from ledpi.kernels.panel import MOST_LINES, PanelFit, Solver
 from ledpi.kernels.pose import lens_of
-from ledpi.records import Floats, Frame, Intrinsics, PanelSpec, read_only
+from ledpi.records import Floats, Frame, Intrinsics, PanelSpec, Rejected, read_only
+
+DIVERGED = Rejected(stage="fit", reason="diverged")
+NO_BANDS = Rejected(stage="fit", reason="no_bands")
 
 SATURATED = 0.999  # of full scale: such light says nothing
 
@@ -28,6 +32,7 @@ class Effort:
     reweightings: int = 0  # how often what does not fit is given less weight
     roughly: bool = False  # on a coarse grid
     phasing: bool = True  # seeks the bands' phases first, on a grid
+    must_blink: bool = False  # and gives up what surely shows none
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -71,12 +76,12 @@ class Fitter:
         spec: PanelSpec,
         effort: Effort,
         known: Floats | None = None,
-    ) -> Fitted | None:
-        """From corners (4, 2) of the lattice; None where it comes to nothing. `known`: unknowns to begin with."""
+    ) -> Fitted | Rejected:
+        """From corners (4, 2) of the lattice, or why it comes to nothing. `known`: unknowns to begin with."""
         cells = self._cells
         lines = grid(cells, round(_pitch_px(corners_px, cells) / window.shrink, 1), roughly=effort.roughly)
         if len(lines) > MOST_LINES:
-            return None
+            return DIVERGED
         given = prior(cells)
         unknown = (given[0] if known is None else known).copy()
         tables = waves(spec, frame.exposure_us, frame.row_time_us, window.shrink)
@@ -86,14 +91,18 @@ class Fitter:
             None if self._lens is None else address(self._lens), cells, address(tables),
             (spec.black_hz * per_row, spec.white_hz * per_row), 1.0 / (window.bright - window.dark), window.dark,
             len(lines), address(lines), address(given), effort.rounds, effort.reweightings, effort.phasing,
+            effort.must_blink,
         )  # fmt: skip
         fit.corners[:] = corners_px.reshape(-1).tolist()
         fit.unknown = address(unknown)
-        if not self._solver.fit(fit):
-            return None
+        outcome = self._solver.fit(fit)
+        if outcome == kernel.WITHOUT_BANDS:
+            return NO_BANDS
+        if outcome != kernel.FITTED:
+            return DIVERGED
         lattice, lit = np.array(fit.corners).reshape(4, 2), np.array(fit.lit).reshape(4, 2)
         if not (np.isfinite(lattice).all() and np.isfinite(lit).all()):
-            return None
+            return DIVERGED
         return Fitted(
             lattice_px=read_only(lattice),
             corners_px=read_only(lit),
