@@ -12,7 +12,7 @@ from ledpi.decode.bands import NO_SQUARE, BandsReader
 from ledpi.decode.cells import CellSamples, sample_cells
 from ledpi.decode.identify import soft
 from ledpi.decode.identify.codebook import Codebook
-from ledpi.decode.locate import LOOKS, Locator
+from ledpi.decode.locate import Locator
 from ledpi.decode.proposals import Candidate, Proposer
 from ledpi.decode.reader import Reader
 from ledpi.decode.track import NOT_SHOWN, Track, Tracker
@@ -41,8 +41,9 @@ STAGES: dict[Method, tuple[str, ...]] = {
     "bands": ("bands", "pose"),
 }
 
-# What a frame spends on all but panels that are followed, in fits on a coarse grid; and what it costs to follow a square.
-SEARCH_BUDGET, FOLLOWING = 90, 2
+# What a frame may spend on all but panels that are followed, in fits on a coarse grid (0.5 to 1 ms each on a PC): about a
+# frame period in a stream, which takes up in the next frame what is left; no more is to come where a frame is alone.
+STREAM_BUDGET, SINGLE_BUDGET = 30, 300
 
 _Looked: TypeAlias = tuple[Quad, Track, CellSamples]
 
@@ -83,7 +84,7 @@ class Pipeline:
         self._placer = Placer(intrinsics, sides_m, stream=stream, robot=robot)
         self._tracker = Tracker(self._specs)
         self._agenda = Agenda()
-        self._budget = self._left = SEARCH_BUDGET
+        self._budget = STREAM_BUDGET if stream else SINGLE_BUDGET
         self._row_clock = RowClock(camera)
         self.off_frequency: dict[int, PanelSpec] = {}  # by ID: panels that blink at others than announced, and at which
 
@@ -133,15 +134,14 @@ class Pipeline:
         self._tracker.begin(frame.row0_readout_ns)
         looked: list[_Looked] = []
         yield self._read(frame, self._follow(frame, self._tracker.panels(), looked, work), work)
-        self._left = self._budget
+        most = self._locator.spent + self._budget
         for track in self._tracker.others():
-            if self._left <= 0:
+            if self._locator.spent >= most:
                 break
-            self._left -= FOLLOWING
             yield self._read(frame, self._follow(frame, [track], looked, work), work)
         if self._agenda.is_due(all_seen=self._tracker.all_seen()):
             for candidate in self._agenda.in_turn(self._propose(frame, work)):
-                if self._left <= 0:
+                if self._locator.spent >= most:
                     break
                 yield self._read(frame, self._look_at(frame, candidate, looked, work), work)
         if self._stream:
@@ -161,7 +161,7 @@ class Pipeline:
 
     def _propose(self, frame: Frame, work: Results) -> list[Candidate]:
         start = time.perf_counter()
-        candidates, dropped = self._proposer.propose(frame)
+        candidates, dropped = self._proposer.propose(frame, thorough=not self._stream)
         work.rejected.extend(dropped)
         if work.trace is not None:
             work.trace.candidates.extend(candidates)
@@ -174,7 +174,6 @@ class Pipeline:
             return []
         start = time.perf_counter()
         self._agenda.tried(candidate)
-        self._left -= LOOKS
         quad = self._locator.at(frame, candidate.corners_px)
         self._timed(work, "fit", start)
         if isinstance(quad, Rejected):

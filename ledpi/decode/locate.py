@@ -23,7 +23,7 @@ UNCERTAIN = Rejected(stage="fit", reason="uncertain")
 REACH = 0.1  # of the side: how far off a proposal may be
 MIN_EXPLAINED = 0.5  # of the light's squares: what explains less than it leaves is no model of it
 MAX_SIGMA = 1.0 / 8.0  # of a cell: further off, slopes no longer tell what a shift does to a cell's light
-LOOKS = 3  # what a candidate costs, in fits on a coarse grid: one of these, and one on a grid that is twice as fine
+COARSE, FINE = 1, 2  # what a fit costs: by lines of the grid and rounds
 
 
 class Locator:
@@ -32,12 +32,16 @@ class Locator:
     def __init__(self, cells: int, specs: tuple[PanelSpec, ...], intrinsics: Intrinsics | None) -> None:
         self._cells, self._specs, self._intrinsics = cells, specs, intrinsics
         self._fitter = Fitter(cells, intrinsics)
+        self.spent = 0  # on all fits so far, in fits on a coarse grid
 
     def at(self, frame: Frame, corners_px: Floats) -> Quad | Rejected:
         """The panel that a proposal (4, 2) is of, or why it is none: on a coarse grid, then on a fine one."""
-        effort = Effort(rounds=8, roughly=True, phasing=self._is_deep(frame))
+        deep = self._is_deep(frame)
+        effort = Effort(rounds=8, roughly=True, phasing=deep, must_blink=deep)
         first = self._fitted(frame, corners_px, effort, self._specs)
-        return first if isinstance(first, Rejected) else self.near(frame, first.lattice_px, first)
+        if isinstance(first, Rejected):
+            return first
+        return self.near(frame, first.lattice_px, first)
 
     def near(self, frame: Frame, corners_px: Floats, known: Fitted | None = None) -> Quad | Rejected:
         """The panel whose lattice is within a tenth of a cell or so of these corners (4, 2), or why there is none.
@@ -66,6 +70,7 @@ class Locator:
         window = Window.around(frame, corners_px, REACH)
         if window is None:
             return NO_LIGHT
+        self.spent += len(specs) * (COARSE if effort.roughly else FINE)
         unknown = None if known is None else known.unknown
         fits = [self._fitter.fit(frame, window, corners_px, spec, effort, unknown) for spec in specs]
         best = max(fits, key=lambda fit: fit.explained if isinstance(fit, Fitted) else -math.inf)

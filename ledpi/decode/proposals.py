@@ -42,26 +42,35 @@ class Proposer:
         self._outlines = Finder(camera.width, camera.height, cells * MIN_CELL_PX, cells)
         self._lattices = LatticeFinder(cells)
 
-    def propose(self, frame: Frame) -> tuple[list[Candidate], list[Rejected]]:
+    def propose(self, frame: Frame, *, thorough: bool) -> tuple[list[Candidate], list[Rejected]]:
         """Distinct candidates, best first; and what was dropped.
 
-        Lattices of cells come first, as nothing but cells makes them. Then outlines by grey levels, and by contrast.
+        Lattices of cells come first, as nothing but cells makes them. Then outlines, the largest first: a texture's are
+        small. `thorough`: where a panel may end in a dark band, its ends are also sought further out or in; in a stream
+        the next frame's bands are elsewhere.
         """
-        bridged = self._bridged(frame)
-        outlines, dropped = self._outlines.find(bridged)
-        again, dropped_too = self._outlines.find_again()
-        lattices = self._lattices.find(self._outlines.pyramid(bridged))
-        every = [Candidate.of(at) for at in (*lattices, *outlines, *again)]
-        return self._distinct(every[:MOST]), dropped + dropped_too
+        band_rows = self._band_rows(frame)
+        lattices: list[Floats] = []
+        found: list[Floats] = []
+        dropped: list[Rejected] = []
+        for seen in [frame] if band_rows is None else _bridged(frame, band_rows):
+            outlines, refused = self._outlines.find(seen)
+            again, refused_too = self._outlines.find_again()
+            lattices += self._lattices.find(self._outlines.pyramid(seen))
+            found += [*outlines, *again]
+            dropped += refused + refused_too
+        ranked = lattices + sorted(found, key=lambda at: -quad_side(at.tolist()))
+        if thorough and band_rows is not None:
+            ranked += [at for corners in ranked for at in _ends_moved(corners, band_rows / 3.0)]
+        return self._distinct([Candidate.of(at) for at in ranked[:MOST]]), dropped
 
-    def _bridged(self, frame: Frame) -> Frame:
-        """The frame without its dark bands, where these are deep: each pixel as bright as any within half a band."""
+    def _band_rows(self, frame: Frame) -> int | None:
+        """Rows of the longest dark band, where bands are so deep that they cut a panel into pieces."""
         depths = [contrast(hz, frame.exposure_us, spec.duty) / 2.0 for spec in self._specs for hz in spec.waves_hz]
         if max(depths) < DEEP:
-            return frame
+            return None
         slowest = min(hz for spec in self._specs for hz in spec.waves_hz)
-        rows = 1 + math.ceil(0.5e6 / (slowest * frame.row_time_us))
-        return replace(frame, pixels=cv2.dilate(frame.pixels, np.ones((rows, 1), np.uint8)))
+        return 1 + math.ceil(0.5e6 / (slowest * frame.row_time_us))
 
     def _distinct(self, candidates: list[Candidate]) -> list[Candidate]:
         kept: list[Candidate] = []
@@ -75,3 +84,24 @@ class Proposer:
             ):
                 kept.append(one)
         return kept
+
+
+def _bridged(frame: Frame, band_rows: int) -> list[Frame]:
+    """How far each pixel's column goes from dark to bright within a band, which shows nothing that is steady; and how
+    bright it is at most there.
+
+    Both reach up to a band too far up and down, where a panel ends in a bright one: half of that is taken off.
+    """
+    column = np.ones((band_rows, 1), np.uint8)
+    brightest = cv2.dilate(frame.pixels, column)
+    change = cv2.subtract(brightest, cv2.erode(frame.pixels, column))
+    half = column[: band_rows // 2]
+    return [replace(frame, pixels=cv2.erode(each, half)) for each in (change, brightest)]
+
+
+def _ends_moved(corners: Floats, rows: float) -> list[Floats]:
+    """The square (4, 2) with its upper end, its lower one, or both, so many rows further up or down."""
+    y = corners[:, 1]
+    lower = (y - y.min()) / max(float(np.ptp(y)), 1e-9)
+    moves = ((1, 0), (0, 1), (-1, 0), (0, -1), (1, 1), (-1, -1))
+    return [np.column_stack([corners[:, 0], y + rows * (a * (1.0 - lower) + b * lower)]) for a, b in moves]

@@ -43,7 +43,7 @@ class PanelFit(ctypes.Structure):
         ("unknown", ctypes.c_void_p),
         ("lit", ctypes.c_double * 8),
         ("covariance", ctypes.c_double * 64),
-        *((name, ctypes.c_double) for name in ("explained", "contrast2", "variance")),
+        *((name, ctypes.c_double) for name in ("explained", "variance")),
     ]
 
 

@@ -13,8 +13,8 @@ enum {
 };
 /* Of half the side: as far as the slopes hold; and what no longer matters. */
 #define MOST_STEP 0.1
-/* Far below what noise leaves open. */
 #define SETTLED 2e-3
+#define SETTLED_SHARE 0.02 /* of the squared residuals */
 /* Student's t: blocks of this freedom are weighed by (freedom + 1)/(freedom + their mean square over the usual one). */
 #define FREEDOM 4.0
 #define LEAST_GAIN 0.02
@@ -36,6 +36,7 @@ typedef struct {
     float by_row[2][MOST_CELLS * MOST_CELLS * MOST_ROWS];
     double weight[MOST_BLOCKS], squares[MOST_BLOCKS], count[MOST_BLOCKS];
     double left, used, light, light2; /* sums, weighed: of squared residuals, of weights, of light and its square */
+    double decrease; /* of the squared residuals, that the step should bring: a share of them */
     ptrdiff_t samples;
 } Work;
 
@@ -197,7 +198,6 @@ static bool solve_step(PanelFit *fit, Work *work) {
     fit->variance = fmax(work->left / freedom, 1e-9);
     const double used = fmax(work->used, 1e-12), about_mean = work->light2 - work->light * work->light / used;
     fit->explained = 1.0 - work->left / fmax(about_mean, 1e-12);
-    fit->contrast2 = about_mean / used;
     for (ptrdiff_t i = 0; i < size; i++) {
         const ptrdiff_t at = unknown_at(i, owns);
         double *const row = work->matrix + i * size;
@@ -208,6 +208,9 @@ static bool solve_step(PanelFit *fit, Work *work) {
     }
     if (!factorise(work->matrix, size, cells)) return false;
     solve_forward(work->matrix, size, cells, work->step);
+    work->decrease = 0.0;
+    for (ptrdiff_t i = 0; i < size; i++) work->decrease += work->step[i] * work->step[i];
+    work->decrease /= freedom;
     solve_backward(work->matrix, size, cells, work->step);
     return true;
 }
@@ -341,9 +344,9 @@ Outcome ledpi_fit_panel(PanelFit *fit, void *room) {
         if (!solve_step(fit, work)) return DIVERGED;
         const double moved = take_step(fit, h, work);
         if (!(moved < 1e3)) return DIVERGED;
-        const bool settled = moved < SETTLED;
+        const bool settled = moved < SETTLED && work->decrease < SETTLED_SHARE;
         if (round + 1 >= fit->rounds || (settled && !fit->reweightings)) break;
-        if (fit->reweightings && moved < MOST_STEP / 10.0) {
+        if (fit->reweightings && moved < MOST_STEP / 10.0 && work->decrease < 10.0 * SETTLED_SHARE) {
             weigh_blocks(cells, work);
             fit->reweightings--;
         }

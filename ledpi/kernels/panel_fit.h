@@ -20,7 +20,6 @@ typedef struct {
     Point lit[4];          /* corners of what is lit */
     double covariance[64]; /* of its corners, x and y of each */
     double explained;      /* share of the light's squares about their mean, */
-    double contrast2;      /* and these squares' mean */
     double variance;       /* of residuals, in the unit of a sample of full light */
 } PanelFit;
 

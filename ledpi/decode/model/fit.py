@@ -11,7 +11,6 @@ import numpy as np
 
 from ledpi.decode.model.light import Window, grid, waves
 from ledpi.decode.model.prior import COMMON, OWN, PHASE, prior
-from ledpi.geometry import quad_area
 from ledpi.kernels import panel as kernel
 from ledpi.kernels.library import address
 from ledpi.kernels.panel import MOST_LINES, PanelFit, Solver
@@ -43,7 +42,6 @@ class Fitted:
     corners_px: Floats  # (4, 2) and of what is lit
     covariance_px2: Floats  # (8, 8) of these: x and y of each
     explained: float  # share of the light's squares about their mean
-    power: float  # of all of these that it explains: linear light squared, times pixels
     unknown: Floats  # as `prior` has them
     spec: PanelSpec
 
@@ -108,7 +106,6 @@ class Fitter:
             corners_px=read_only(lit),
             covariance_px2=read_only(np.array(fit.covariance).reshape(8, 8)),
             explained=fit.explained,
-            power=fit.explained * fit.contrast2 * (window.bright - window.dark) ** 2 * quad_area(lit.tolist()),
             unknown=read_only(unknown),
             spec=spec,
         )
