@@ -41,8 +41,8 @@ STAGES: dict[Method, tuple[str, ...]] = {
     "bands": ("bands", "pose"),
 }
 
-# What a frame may spend on all but panels that are followed, in fits on a coarse grid (0.5 to 1 ms each on a PC): about a
-# frame period in a stream, which takes up in the next frame what is left; no more is to come where a frame is alone.
+# What a frame may spend on all but panels that are followed, in fits on a coarse grid (0.5 to 1 ms each on a PC): about
+# a frame period in a stream, which takes up in the next frame what is left; no more is to come where a frame is alone.
 STREAM_BUDGET, SINGLE_BUDGET = 30, 300
 
 _Looked: TypeAlias = tuple[Quad, Track, CellSamples]
@@ -152,7 +152,9 @@ class Pipeline:
         start = time.perf_counter()
         followed = []
         for track in tracks:
-            quad = self._locator.near(frame, track.where.expected_px(frame.row0_readout_ns))
+            # How it moves is known from its second frame on.
+            locate = self._locator.at if track.where.velocity_px_s is None else self._locator.near
+            quad = locate(frame, track.where.expected_px(frame.row0_readout_ns))
             there = self._tracker.go_on(track, quad)
             if there is not None:
                 followed.append((there, track))
@@ -207,7 +209,7 @@ class Pipeline:
     def _sample(
         self, frame: Frame, squares: list[tuple[Quad, Track]], looked: list[_Looked], work: Results
     ) -> list[_Looked]:
-        """The light in their cells, of those where it can be told; these are also added to what this frame has shown."""
+        """The light in their cells, of those where it can be told; also added to `looked`, what this frame has shown."""
         since = time.perf_counter()
         sampled = []
         for quad, track in squares:

@@ -31,9 +31,9 @@ class Agenda:
         return due
 
     def in_turn(self, candidates: list[Candidate]) -> list[Candidate]:
-        """Those in new places first, then those that were tried longest ago; else as they came.
+        """The best, and those whose turn it is: new places, then what was tried longest ago; one of either at a time.
 
-        Where nothing was proposed again is forgotten.
+        `candidates` come best first. Where nothing was proposed again is forgotten.
         """
         if not candidates:
             self._middles, self._turns = self._middles[:0], self._turns[:0]
@@ -46,7 +46,9 @@ class Agenda:
             last = np.where(near, self._turns, 0).max(axis=1)
             kept = near.any(axis=0)
             self._middles, self._turns = self._middles[kept], self._turns[kept]
-        return [candidates[k] for k in np.argsort(last, kind="stable")]
+        by_turn = np.argsort(last, kind="stable").tolist()
+        both = [k for pair in zip(range(len(candidates)), by_turn, strict=True) for k in pair]
+        return [candidates[k] for k in dict.fromkeys(both)]
 
     def tried(self, candidate: Candidate) -> None:
         """It was looked at in this turn."""

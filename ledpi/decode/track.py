@@ -115,8 +115,8 @@ class Tracker:
     def is_followed(self, corners_px: Floats) -> bool:
         """Whether a square with these corners (4, 2) is one that this frame has already shown.
 
-        Where a panel was read there is no other. What was not read may be a part of one, or one and what is around it: it
-        rules out only what shows the same cells.
+        Where a panel was read there is no other. What was not read may be a part of one, or one and what is around it:
+        it rules out only what shows the same cells.
         """
         corners = corners_px.tolist()
         centre, side_px = quad_middle(corners), quad_side(corners)

@@ -1,4 +1,4 @@
-/* One square of each thing, without a panel's cells: `distinct` and `without_cells` of decode/finding/four_sides.py. */
+/* One square of each thing, without a panel's cells. */
 #include <math.h>
 
 #include "find.h"

@@ -1,14 +1,14 @@
-/* Squares and groups of spots in the pictures of a pyramid: `_search` of decode/finding/find.py, level by level. */
+/* Squares in the pictures of a pyramid, level by level. */
 #include "find.h"
 
 enum { MOST_LEVELS = 10, MOST_SHARES = 2 };
 
 /* A picture, a pixel of which is `scale` of the frame's; which grey levels something that is lit there is brighter than, or
- * by which shares of the contrast it is, in 256ths; whether spots are looked for; and the shortest way around what is. */
+ * by which shares of the contrast it is, in 256ths; and the shortest way around what is. */
 typedef struct {
     const uint8_t *picture;
     ptrdiff_t height, width, scale, levels, shares;
-    int32_t brighter_than[MOST_LEVELS], lit_by[MOST_SHARES], spots_by, shortest;
+    int32_t brighter_than[MOST_LEVELS], lit_by[MOST_SHARES], shortest;
 } Level;
 
 /* Enough for the largest level. */
@@ -17,7 +17,6 @@ typedef struct {
     Run *runs;
     Thing *things;
     Outline *outlines;
-    Spot *spots;    /* MAX_SPOTS + 1 */
     ptrdiff_t most; /* things, outlines */
     int32_t (*points)[2];
     ptrdiff_t points_room;
@@ -29,16 +28,13 @@ typedef struct {
 typedef struct {
     Square *squares;
     ptrdiff_t *distinct; /* (most_squares,) which of them are of different things, the best first */
-    Spot *members;       /* of groups of spots, one after the other */
-    double *groups, *scales; /* the group that each is of, counted anew for each picture, and this one's scale */
-    ptrdiff_t most_squares, square_count, distinct_count, member_count, at_border, not_four_sided, too_small;
+    ptrdiff_t most_squares, square_count, distinct_count, at_border, not_four_sided, too_small;
 } Found;
 
-/* What is looked for: squares of at least `smallest_px`, of `cells` along a side; groups of `least_spots` to
- * `most_spots` − 1. */
+/* What is looked for: squares of at least `smallest_px`, of `cells` along a side. */
 typedef struct {
     double smallest_px;
-    ptrdiff_t cells, least_spots, most_spots;
+    ptrdiff_t cells;
     Limits limits;
 } Wanted;
 
@@ -58,16 +54,6 @@ static void find_in(const Level *level, const uint8_t *lit, const Wanted *wanted
         else
             ++*squares;
     }
-}
-
-static void find_spots_in(const Level *level, const Wanted *wanted, const Room *room, Found *found) {
-    const Limits *const limits = &wanted->limits;
-    const ptrdiff_t spots = ledpi_spots(level->picture, level->height, level->width, level->spots_by, limits, room->lit,
-                                        room->spots);
-    const ptrdiff_t first = found->member_count;
-    found->member_count += ledpi_groups(room->spots, spots, wanted->least_spots, wanted->most_spots, limits,
-                                        found->members + first, found->groups + first);
-    for (ptrdiff_t i = first; i < found->member_count; i++) found->scales[i] = (double)level->scale;
 }
 
 static void find_brighter(const Level *level, const Wanted *wanted, const Room *room, ptrdiff_t *squares, Found *found) {
@@ -90,14 +76,13 @@ static void find_lit(const Level *level, const Wanted *wanted, const Room *room,
     }
 }
 
-/* In `levels` (count) what is `wanted`, for which there is room (MAX_SPOTS for each level). */
+/* In `levels` (count) what is `wanted`. */
 void ledpi_find(const Level *levels, ptrdiff_t count, const Wanted *wanted, const Room *room, Found *found) {
     ptrdiff_t squares = 0;
-    found->member_count = found->at_border = found->not_four_sided = found->too_small = 0;
+    found->at_border = found->not_four_sided = found->too_small = 0;
     for (const Level *level = levels; level < levels + count; level++) {
         find_brighter(level, wanted, room, &squares, found);
         find_lit(level, wanted, room, &squares, found);
-        if (level->spots_by) find_spots_in(level, wanted, room, found);
     }
     found->square_count = squares;
     found->distinct_count = ledpi_distinct(found->squares, squares, &wanted->limits, found->distinct);

@@ -9,9 +9,7 @@ import numpy as np
 from ledpi.kernels.library import INTEGER, POINTER, address, function
 from ledpi.records import Mask, Singles
 
-_all_uncovered = function(
-    "ledpi_all_uncovered", INTEGER, INTEGER, *(POINTER,) * 4, result=ctypes.c_bool
-)
+_all_uncovered = function("ledpi_all_uncovered", INTEGER, INTEGER, *(POINTER,) * 4, result=ctypes.c_bool)
 
 
 def all_uncovered(light: Singles, valid: Mask | None, least: Singles) -> bool:

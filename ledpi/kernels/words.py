@@ -15,9 +15,7 @@ MOST_CELLS = 64  # as in patterns.h
 _likeliest = function(
     "ledpi_likeliest", INTEGER, INTEGER, *(POINTER,) * 4, INTEGER, INTEGER, *(POINTER,) * 3, result=INTEGER
 )
-_of_neighbours = function(
-    "ledpi_of_neighbours", INTEGER, INTEGER, *(POINTER,) * 4, INTEGER, INTEGER, result=DOUBLE
-)
+_of_neighbours = function("ledpi_of_neighbours", INTEGER, INTEGER, *(POINTER,) * 4, INTEGER, INTEGER, result=DOUBLE)
 _likeliest_beyond = function(
     "ledpi_likeliest_beyond", INTEGER, INTEGER, *(POINTER,) * 4, INTEGER, POINTER, result=DOUBLE
 )

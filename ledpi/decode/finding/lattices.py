@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ledpi.kernels.panel import LATTICE_SPAN, LatticeSearcher
+from ledpi.kernels.panel import LatticeSearcher
 from ledpi.records import Floats, Pixels
 
 # By level of the pyramid, pixels along the neighbourhood that a blob is compared with: cells of a third to all of that.
@@ -36,7 +36,7 @@ class LatticeFinder:
         return found
 
     def _panels(self, lattice: NDArray[np.int32], middles: Floats) -> Iterator[Floats]:
-        """Corners (4, 2) of each panel that a lattice may be: of a larger one, and where some rows are not seen, several.
+        """Corners (4, 2) of each panel that a lattice may be: several of a larger one, and where rows are not seen.
 
         A lattice of many more cells than a panel has is none.
         """
@@ -60,16 +60,13 @@ class LatticeFinder:
                     yield corners
 
 
-assert LATTICE_SPAN % 2 == 1
-
-
 def _corners(places: Floats, at: Floats, cells: int) -> Floats | None:
     """(4, 2) of the square of `cells` × `cells` whose places (N, 2) are seen at `at` (N, 2)."""
     homography, _ = cv2.findHomography(places, at, 0)
     if homography is None:
         return None
     square = np.array([[[0, 0], [cells, 0], [cells, cells], [0, cells]]], np.float64)
-    corners = cv2.perspectiveTransform(square, homography)[0]
+    corners: Floats = cv2.perspectiveTransform(square, homography)[0]
     if not np.isfinite(corners).all():
         return None
     (ax, ay), (bx, by), (cx, cy), (dx, dy) = corners.tolist()

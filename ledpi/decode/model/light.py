@@ -90,8 +90,8 @@ def grid(cells: int, pitch_px: float, *, roughly: bool) -> Floats:
     """(lines,) of a grid over the panel, in cells from its first corner; `pitch_px` a cell's width in the window."""
     if roughly or pitch_px < FINE_PX:
         each = max(3, min(round(pitch_px), ROUGHLY if roughly else int(FINE_PX)))
-        margin = max(1, math.ceil(MARGIN_PX * each / max(pitch_px, 1.0)))
-        return read_only((np.arange(-margin, cells * each + margin) + 0.5) / each)
+        beyond = max(1, math.ceil(MARGIN_PX * each / max(pitch_px, 1.0)))
+        return read_only((np.arange(-beyond, cells * each + beyond) + 0.5) / each)
     borders = np.arange(cells + 1)[:, None] + NEAR_BORDER / pitch_px
     first = (NEAR_BORDER[-1] + 1.0) / pitch_px
     count = max(INSIDE[0], min(INSIDE[1], int(pitch_px / 4)))
