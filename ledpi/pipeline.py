@@ -152,9 +152,12 @@ class Pipeline:
         start = time.perf_counter()
         followed = []
         for track in tracks:
-            # How it moves is known from its second frame on.
-            locate = self._locator.at if track.where.velocity_px_s is None else self._locator.near
-            quad = locate(frame, track.where.expected_px(frame.row0_readout_ns))
+            at = track.where.expected_px(frame.row0_readout_ns)
+            known = track.where.unknown
+            if track.where.velocity_px_s is None or known is None:  # how it moves is known from its second frame on
+                quad = self._locator.at(frame, at)
+            else:
+                quad = self._locator.near(frame, at, known)
             there = self._tracker.go_on(track, quad)
             if there is not None:
                 followed.append((there, track))

@@ -177,11 +177,12 @@ class Rejected:
 class Quad:
     """A lit, four-sided thing in the picture that may be a panel."""
 
-    corners_px: Floats  # (4, 2), clockwise as seen in the picture, first the one nearest the top left
+    corners_px: Floats  # (4, 2), clockwise as seen in the picture
     corner_sigma_px: float  # standard deviation of a corner coordinate
     size_sigma_px: float = 0.0  # of that, what all sides share: how far they may be off outward alike, or inward
     bend_px: float = 0.0  # how far the lens bends its sides off the straight line, at most
     lattice_px: Floats | None = None  # (4, 2) corners of the lattice of its cells, where that ends elsewhere
+    unknown: Floats | None = None  # what its picture was fitted with, as `decode.model.prior` has it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -37,19 +37,21 @@ class Locator:
     def at(self, frame: Frame, corners_px: Floats) -> Quad | Rejected:
         """The panel that a proposal (4, 2) is of, or why it is none: on a coarse grid, then on a fine one."""
         deep = self._is_deep(frame)
-        effort = Effort(rounds=8, roughly=True, phasing=deep, must_blink=deep)
-        first = self._fitted(frame, corners_px, effort, self._specs)
+        coarse = Effort(rounds=8, tolerance=0.02, roughly=True, phasing=deep, must_blink=deep)
+        first = self._fitted(frame, corners_px, coarse, self._specs)
         if isinstance(first, Rejected):
             return first
-        return self.near(frame, first.lattice_px, first)
+        fine = Effort(rounds=10, tolerance=0.002, reweightings=2, must_blink=True)
+        fit = self._fitted(frame, first.lattice_px, fine, (first.spec,), first.unknown)
+        return fit if isinstance(fit, Rejected) else self._quad(fit)
 
-    def near(self, frame: Frame, corners_px: Floats, known: Fitted | None = None) -> Quad | Rejected:
+    def near(self, frame: Frame, corners_px: Floats, known: Floats) -> Quad | Rejected:
         """The panel whose lattice is within a tenth of a cell or so of these corners (4, 2), or why there is none.
 
-        `known`: what it looked like when it was fitted before, its corners in the same order.
+        `known`: the unknowns that it was fitted with before, its corners in the same order.
         """
-        effort = Effort(rounds=10, reweightings=2, must_blink=True)
-        fit = self._fitted(frame, corners_px, effort, self._specs if known is None else (known.spec,), known)
+        fine = Effort(rounds=6, tolerance=0.002, reweightings=1)
+        fit = self._fitted(frame, corners_px, fine, self._specs, known)
         return fit if isinstance(fit, Rejected) else self._quad(fit)
 
     def _is_deep(self, frame: Frame) -> bool:
@@ -61,7 +63,7 @@ class Locator:
         corners_px: Floats,
         effort: Effort,
         specs: tuple[PanelSpec, ...],
-        known: Fitted | None = None,
+        known: Floats | None = None,
     ) -> Fitted | Rejected:
         """At the frequencies that explain most."""
         smallest_px = self._cells * MIN_CELL_PX
@@ -71,8 +73,7 @@ class Locator:
         if window is None:
             return NO_LIGHT
         self.spent += len(specs) * (COARSE if effort.roughly else FINE)
-        unknown = None if known is None else known.unknown
-        fits = [self._fitter.fit(frame, window, corners_px, spec, effort, unknown) for spec in specs]
+        fits = [self._fitter.fit(frame, window, corners_px, spec, effort, known) for spec in specs]
         best = max(fits, key=lambda fit: fit.explained if isinstance(fit, Fitted) else -math.inf)
         if isinstance(best, Rejected):
             return best
@@ -85,16 +86,12 @@ class Locator:
         return best if sigma_px < MAX_SIGMA * side_px / self._cells else UNCERTAIN
 
     def _quad(self, fit: Fitted) -> Quad:
-        """The fit's square, its corners in order from the one nearest the top left."""
-        first = int(np.argmin(fit.corners_px.sum(axis=1)))
-        turned = (np.arange(4) + first) % 4
-        covariance = fit.covariance_px2.reshape(4, 2, 4, 2)[turned][:, :, turned].reshape(8, 8)
-        corners = fit.corners_px[turned]
         return Quad(
-            corners_px=corners,
-            lattice_px=fit.lattice_px[turned],
-            corner_sigma_px=math.sqrt(float(np.trace(covariance)) / 8.0),
-            bend_px=self._bend_px(corners),
+            corners_px=fit.corners_px,
+            lattice_px=fit.lattice_px,
+            corner_sigma_px=math.sqrt(float(np.trace(fit.covariance_px2)) / 8.0),
+            bend_px=self._bend_px(fit.corners_px),
+            unknown=fit.unknown,
         )
 
     def _bend_px(self, corners: Floats) -> float:

@@ -38,11 +38,12 @@ class Where(NamedTuple):
     corners_px: Floats  # (4, 2) in the order of the track's first frame
     velocity_px_s: Floats | None  # (4, 2), None where it was seen once
     seen_ns: int  # row 0's read-out of the frame
+    unknown: Floats | None  # what its picture was fitted with, if in this order of corners
 
     @classmethod
     def of(cls, quad: Quad, now_ns: int, velocity_px_s: Floats | None = None) -> Where:
         """Where a quad is, of a square that moves so."""
-        return cls(quad.corners_px, velocity_px_s, now_ns)
+        return cls(quad.corners_px, velocity_px_s, now_ns, quad.unknown)
 
     def after(self, quad: Quad, now_ns: int) -> Where:
         """Where the square is now: in `quad`, the corners of which are in the track's order."""
@@ -221,4 +222,4 @@ def _in_order_of(quad: Quad, before_px: Floats) -> Quad:
     if turns == 0:
         return quad
     lattice = None if quad.lattice_px is None else np.roll(quad.lattice_px, -turns, axis=0)
-    return replace(quad, corners_px=np.roll(quad.corners_px, -turns, axis=0), lattice_px=lattice)
+    return replace(quad, corners_px=np.roll(quad.corners_px, -turns, axis=0), lattice_px=lattice, unknown=None)

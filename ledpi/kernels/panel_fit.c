@@ -11,9 +11,7 @@ enum {
     BLOCKS = 3, /* that are weighed together, along a cell */
     MOST_BLOCKS = MOST_CELLS * MOST_CELLS * BLOCKS * BLOCKS + 4 * MOST_CELLS,
 };
-/* Of half the side: as far as the slopes hold; and what no longer matters. */
-#define MOST_STEP 0.1
-#define SETTLED 2e-3
+#define MOST_STEP 0.1 /* of half the side: as far as the slopes hold */
 #define SETTLED_SHARE 0.02 /* of the squared residuals */
 /* Student's t: blocks of this freedom are weighed by (freedom + 1)/(freedom + their mean square over the usual one). */
 #define FREEDOM 4.0
@@ -344,7 +342,7 @@ Outcome ledpi_fit_panel(PanelFit *fit, void *room) {
         if (!solve_step(fit, work)) return DIVERGED;
         const double moved = take_step(fit, h, work);
         if (!(moved < 1e3)) return DIVERGED;
-        const bool settled = moved < SETTLED && work->decrease < SETTLED_SHARE;
+        const bool settled = moved < fit->tolerance && work->decrease < SETTLED_SHARE;
         if (round + 1 >= fit->rounds || (settled && !fit->reweightings)) break;
         if (fit->reweightings && moved < MOST_STEP / 10.0 && work->decrease < 10.0 * SETTLED_SHARE) {
             weigh_blocks(cells, work);

@@ -12,6 +12,7 @@ typedef struct {
     const double *along; /* (lines,) of the grid, in cells from the first corner, the same across and down */
     const double *prior; /* (2, COMMON + OWN·cells²): what unknowns are expected to be, and one over the variance */
     ptrdiff_t rounds, reweightings, phasing; /* at most; how often blocks are weighed; whether phases are sought first, */
+    double tolerance; /* of half the side: a step that moves corners by less is the last */
     ptrdiff_t must_blink; /* and what is surely no panel of these frequencies is left at that */
     /* Where it begins, and what fits best. */
     Point corners[4]; /* of the lattice of cells */

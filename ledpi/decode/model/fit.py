@@ -28,6 +28,7 @@ class Effort:
     """How a fit is gone about."""
 
     rounds: int  # of Gauss and Newton, at most
+    tolerance: float  # of half the side: the last step moves corners by less
     reweightings: int = 0  # how often what does not fit is given less weight
     roughly: bool = False  # on a coarse grid
     phasing: bool = True  # seeks the bands' phases first, on a grid
@@ -89,7 +90,7 @@ class Fitter:
             None if self._lens is None else address(self._lens), cells, address(tables),
             (spec.black_hz * per_row, spec.white_hz * per_row), 1.0 / (window.bright - window.dark), window.dark,
             len(lines), address(lines), address(given), effort.rounds, effort.reweightings, effort.phasing,
-            effort.must_blink,
+            effort.tolerance, effort.must_blink,
         )  # fmt: skip
         fit.corners[:] = corners_px.reshape(-1).tolist()
         fit.unknown = address(unknown)
