@@ -20,9 +20,9 @@ from ledpi.decode.cells import CellSamples, sample_cells
 from ledpi.decode.corners.approach import _approach_quads, approach_quads
 from ledpi.decode.corners.edges import NOT_WHOLE, refine_quads
 from ledpi.decode.corners.sides import Patches, as_points, bends
-from ledpi.doctor.machine import loops
+from ledpi.errors import InstallationError
 from ledpi.geometry import matrix_from_rotation_vector
-from ledpi.kernels.library import COMPILED, load
+from ledpi.kernels.library import NONE, at, check, lib
 from ledpi.pose.corners import whiteners
 from ledpi.pose.planar import solve_squares, square_corners
 from ledpi.pose.refine import fit_body
@@ -38,41 +38,46 @@ ROUNDED_PX = 0.0 if cv2.__version__.startswith("5") else 1 / 64
 # ---- The build
 
 
-@pytest.mark.skipif(shutil.which("gcc") is None, reason="needs gcc")
-def test_where_there_is_a_compiler_they_are_compiled() -> None:
-    """Else all that follows would be skipped without a word: `pip install -e .`, or scripts/test, compiles them."""
-    assert COMPILED
-
-
-@compiled
-def test_they_are_used_with_their_own_sources_only(tmp_path: Path) -> None:
-    """After an update that was not installed anew, an old library would be given other arguments than it takes."""
+def test_the_core_is_of_its_own_sources(tmp_path: Path) -> None:
+    """After an update that was not installed anew an old core does what older sources say; the error has a remedy."""
     folder = tmp_path / "kernels"
     shutil.copytree(FOLDER, folder)
-    assert load(folder) is not None
+    check(folder)
     with (folder / "light.c").open("a") as source:
         source.write("/* updated */\n")
-    assert load(folder) is None
+    with pytest.raises(InstallationError, match=r"other sources than .*kernels; install ledpi again: .*gcc"):
+        check(folder)
 
 
-def test_without_a_compiler_the_installation_succeeds(tmp_path: Path) -> None:
-    """Then nothing is compiled, and nothing is broken."""
-    pytest.importorskip("setuptools")
-    shutil.copy(ROOT / "setup.py", tmp_path)
+def test_without_a_core_the_remedy_is_said() -> None:
+    """In one line, by whatever needs it first."""
+    code = "import sys; sys.modules['ledpi.kernels._core'] = None; import ledpi.decode.cells"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode != 0
+    assert "InstallationError: ledpi's compiled core is not there" in done.stderr.splitlines()[-1]
+
+
+def test_without_a_compiler_the_installation_fails(tmp_path: Path) -> None:
+    """Instead of one that cannot read a panel."""
+    pytest.importorskip("cffi")
+    for name in ("setup.py", "build_core.py"):
+        shutil.copy(ROOT / name, tmp_path)
     shutil.copytree(FOLDER, tmp_path / "ledpi/kernels", ignore=shutil.ignore_patterns("*.so", "__pycache__"))
     command = [sys.executable, "setup.py", "build_ext", "--inplace"]
     environment = {**os.environ, "CC": str(tmp_path / "no-such-compiler")}
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    assert not list(tmp_path.rglob("*.so"))
+    assert done.returncode != 0
+    assert "no-such-compiler" in done.stdout + done.stderr
 
 
-def test_the_doctor_says_whether_they_are() -> None:
-    """Where they are not, with a remedy, and the daemon runs all the same."""
-    found = loops()
-    assert (found.state == "ok") == COMPILED
-    assert bool(found.remedy) != COMPILED
-    assert not found.stops_daemon
+def test_arrays_are_handed_over_by_their_type() -> None:
+    """One of another type, or with gaps, is refused before C sees it."""
+    numbers = np.zeros(4)
+    with pytest.raises(TypeError, match="float"):
+        lib.ledpi_waves(at(numbers), 4, 0.1, 0.0, at(numbers), at(numbers))
+    with pytest.raises(ValueError, match="contiguous"):
+        at(numbers[::2])
+    assert at(None) == NONE
 
 
 # ---- Light

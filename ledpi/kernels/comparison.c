@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "cells.h"
+#include "core.h"
 #include "wide.h"
 
 #define LEAST 1e-9 /* of what is divided by */

@@ -4,11 +4,12 @@
 #include <stdint.h>
 
 #include "cells.h"
+#include "core.h"
 #include "waves.h"
 #include "wide.h"
 
 #define TURN 6.283185307179586 /* rad */
-enum { MOST_WAYS = 1 + SLOPES, VECTORS = 3 }; /* in which gain and corners may be wrong; `compare` */
+enum { MOST_WAYS = LEDPI_WAYS, VECTORS = 3 }; /* 1 + SLOPES; `compare` */
 
 /* What is expected, as `Expectation` there: picture, root, left_bands (cells, points), basis (ways, cells·points), and the
  * bands of each cell: frequency, phase (rad), depth (cells,); and when the frame's rows were read out. */

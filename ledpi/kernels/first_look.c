@@ -1,22 +1,10 @@
 /* A first look at a panel's samples, all of its steps in one call: `first_look` of decode/identify/first_look.py. */
-#include "first_look.h"
+#include "core.h"
 
 #include <math.h>
 #include <stdlib.h>
 
 #include "wide.h"
-
-/* What all panels of side × side cells, with k × k points in each, have in common: as in single_frame.c; and what a sample has
- * at `least` (cells, points), as in uncovered.c. */
-typedef struct {
-    ptrdiff_t side, k, source_count;
-    const float *along;
-    const int64_t *column, *first, *met;
-    const float *least;
-} Grid;
-
-/* What came of it; as in kernels/first_look.py. */
-enum { LOOKED, NOT_PLAIN, UNFIT, NO_MEMORY };
 
 /* Whether the light of one of the cells is less than this share of their mean. */
 static bool any_unlit(ptrdiff_t cells, ptrdiff_t points, const float *light, double share) {
@@ -55,26 +43,26 @@ int ledpi_look(const Grid *grid, const float *light, const float *rows, double i
     const ptrdiff_t cells = grid->side * grid->side, points = grid->k * grid->k, samples = cells * points;
     const ptrdiff_t size = 2 * waves * cells;
     double *score = numbers, *information = score + size, *of_fit = information + size * size;
-    if (unlit > 0.0 && any_unlit(cells, points, light, unlit)) return NOT_PLAIN;
+    if (unlit > 0.0 && any_unlit(cells, points, light, unlit)) return LEDPI_NOT_PLAIN;
     float *cosines = malloc(sizeof(float) * (size_t)(2 * waves * samples + points + cells));
-    if (!cosines) return NO_MEMORY;
-    int outcome = LOOKED;
+    if (!cosines) return LEDPI_NOT_LOOKED;
+    int outcome = LEDPI_LOOKED;
     if (may_be_covered && !ledpi_all_uncovered(cells, points, light, NULL, grid->least, cosines + 2 * waves * samples))
-        outcome = NOT_PLAIN;
-    for (ptrdiff_t i = 0; i < waves && outcome == LOOKED; i++) {
+        outcome = LEDPI_NOT_PLAIN;
+    for (ptrdiff_t i = 0; i < waves && outcome == LEDPI_LOOKED; i++) {
         float *to = cosines + 2 * i * samples;
         ledpi_waves(rows, samples, (float)(i ? second_a_row : first_a_row), 0.0f, to, to + samples);
     }
-    if (outcome == LOOKED && !ledpi_single_evidence(grid->side, grid->k, 2 * waves, light, NULL, cosines, grid->along,
+    if (outcome == LEDPI_LOOKED && !ledpi_single_evidence(grid->side, grid->k, 2 * waves, light, NULL, cosines, grid->along,
                                                     grid->source_count, grid->column, grid->first, grid->met, NULL, NULL,
                                                     NULL, independence, aside, below, rim, score, information,
                                                     of_fit))
-        outcome = UNFIT;
+        outcome = LEDPI_UNFIT;
     free(cosines);
-    if (outcome != LOOKED) return outcome;
+    if (outcome != LEDPI_LOOKED) return outcome;
     const double volume = of_fit[3] = volume_of(white, growth, chance, once, twice, least_free, of_fit);
     if (volume > 1.0)
         for (ptrdiff_t i = 0; i < size * (size + 1); i++) numbers[i] *= 1.0 / volume;
     return ledpi_likeliest(cells, 2 * waves, score, information, prior, words, count, most, chosen, silent,
-                           of_fit + 4) ? LOOKED : NO_MEMORY;
+                           of_fit + 4) ? LEDPI_LOOKED : LEDPI_NOT_LOOKED;
 }

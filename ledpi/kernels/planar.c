@@ -1,6 +1,7 @@
 /* The two poses that a square's corners allow, from pixels to the best of each: pose/planar.py, pose/corners.py. */
 #include <math.h>
 
+#include "core.h"
 #include "pose.h"
 
 /* What is known of corners' errors: constants of pose/corners.py. */
@@ -102,6 +103,14 @@ static void whiten(const Errors *errors, const double corners[8], double sigma_p
     share(q, rows);
 }
 
+/* `whiteners` (count, 8, 8) of squares at `corners_px` (count, 4, 2) that move by `motions_px` (count, 4, 2). */
+void ledpi_whiteners(const double *errors, ptrdiff_t count, const double *corners_px, const double *sigma_px,
+                     const double *size_sigma_px, const double *motions_px, double *whiteners) {
+    for (ptrdiff_t i = 0; i < count; i++)
+        whiten((const Errors *)errors, corners_px + 8 * i, sigma_px[i], size_sigma_px[i], motions_px + 8 * i,
+               whiteners + 64 * i);
+}
+
 /* Unit quaternion (w, x, y, z), w ≥ 0, by Shepperd's method: the largest part first. */
 static void quaternion_of(const double r[9], double q[4]) {
     const double squares[4] = {1 + r[0] + r[4] + r[8], 1 + r[0] - r[4] - r[8], 1 - r[0] + r[4] - r[8], 1 - r[0] - r[4] + r[8]};
@@ -120,9 +129,11 @@ static void quaternion_of(const double r[9], double q[4]) {
 /* Of `count` squares with `sides_m` (count,), seen at `corners_px` (count, 4, 2) to `sigma_px` (count,), of which the sides
  * share `size_sigma_px`, which move by `motions_px` (count, 4, 2) during the exposure: two `solutions` each (count, 2), and
  * whether there are any (count,). */
-void ledpi_solve_squares(const Lens *lens, const Stop *stop, const Errors *errors, ptrdiff_t count,
+void ledpi_solve_squares(const double *lens_numbers, const double *stop, const double *errors, ptrdiff_t count,
                          const double *corners_px, const double *sigma_px, const double *size_sigma_px,
-                         const double *sides_m, const double *motions_px, Solution *solutions, bool *solved) {
+                         const double *sides_m, const double *motions_px, double *numbers, uint8_t *solved) {
+    const Lens *lens = (const Lens *)lens_numbers;
+    Solution *solutions = (Solution *)numbers;
     for (ptrdiff_t i = 0; i < count; i++, corners_px += 8, motions_px += 8, solutions += 2) {
         double rays[4][2], whitener[64], off_px[16], trial_px[8], half = 0.5 * sides_m[i];
         const double place[12] = {-half, half, 0, half, half, 0, half, -half, 0, -half, -half, 0};
@@ -131,8 +142,8 @@ void ledpi_solve_squares(const Lens *lens, const Stop *stop, const Errors *error
         for (int k = 0; k < 4; k++) ledpi_ray_of(lens, corners_px + 2 * k, rays[k]);
         solved[i] = ippe(rays, sides_m[i], fits);
         if (!solved[i]) continue;
-        whiten(errors, corners_px, sigma_px[i], size_sigma_px[i], motions_px, whitener);
-        ledpi_fit(&body, lens, 2, stop, fits, off_px, trial_px);
+        whiten((const Errors *)errors, corners_px, sigma_px[i], size_sigma_px[i], motions_px, whitener);
+        ledpi_fit(&body, lens, 2, (const Stop *)stop, fits, off_px, trial_px);
         for (int k = 0; k < 2; k++) {
             double squares = 0.0;
             for (int j = 0; j < 8; j++) squares += off_px[8 * k + j] * off_px[8 * k + j];

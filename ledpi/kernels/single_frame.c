@@ -4,7 +4,7 @@
 #include <string.h>
 
 #include "cells.h"
-#include "first_look.h"
+#include "core.h"
 #include "wide.h"
 
 enum { MEETING = 40, MET = 5 }; /* ways in which cells meet at a point, MET of them together */

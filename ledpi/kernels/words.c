@@ -4,7 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "first_look.h"
+#include "core.h"
 #include "normal.h"
 #include "wide.h"
 #include "words.h"
