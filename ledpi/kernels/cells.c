@@ -186,7 +186,7 @@ int ledpi_sample_cells(const uint8_t *pixels, ptrdiff_t height, ptrdiff_t width,
     const Lens *lens = (const Lens *)lens_numbers;
     const Picture picture = {pixels, height, width, stride, table};
     Patch patch;
-    if (!put_window(&picture, corners, bend_px, &patch)) return LEDPI_OUTSIDE;
+    if (height < 2 || width < 2 || !put_window(&picture, corners, bend_px, &patch)) return LEDPI_OUTSIDE;
     patch.light = malloc(sizeof(float) * (size_t)(patch.columns * patch.rows));
     if (!patch.light) return LEDPI_NOT_SAMPLED;
     const bool saturated = linearise(&picture, &patch);

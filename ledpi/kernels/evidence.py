@@ -2,33 +2,14 @@
 
 from __future__ import annotations
 
-import ctypes
 import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from ledpi.kernels.library import DOUBLE, INTEGER, POINTER, address, function
+from ledpi.kernels.library import at, lib
 from ledpi.records import Floats, Integers, Mask, Singles
-
-_FLOAT = ctypes.c_float
-_waves = function("ledpi_waves", POINTER, INTEGER, _FLOAT, _FLOAT, POINTER, POINTER)
-_square_waves = function(
-    "ledpi_square_waves", POINTER, INTEGER, DOUBLE, DOUBLE, INTEGER, DOUBLE, DOUBLE, DOUBLE, DOUBLE, POINTER, POINTER
-)
-_single_evidence = function(
-    "ledpi_single_evidence",
-    *(INTEGER, INTEGER, INTEGER, POINTER, POINTER, POINTER, POINTER),
-    *(INTEGER, POINTER, POINTER, POINTER, POINTER, POINTER, POINTER, DOUBLE, INTEGER, INTEGER, INTEGER),
-    *(POINTER, POINTER, POINTER),
-    result=ctypes.c_bool,
-)
-_compared_evidence = function(
-    "ledpi_compared_evidence",
-    *((INTEGER,) * 3 + (POINTER,) * 7 + (DOUBLE, INTEGER, INTEGER, INTEGER) + (POINTER,) * 3),
-    result=ctypes.c_bool,
-)
 
 
 class Weighed(NamedTuple):
@@ -45,10 +26,11 @@ def waves(rows: Singles, waves_hz: Sequence[float], row_time_us: float, since_s:
     """(2·waves, …): cosine and sine of each wave in these picture rows (…), `since_s` from the origin to row 0."""
     rows = np.ascontiguousarray(rows)
     out = np.empty((2 * len(waves_hz), *rows.shape), np.float32)
-    at = address(out)
+    given, cosines = at(rows), at(out)
     for hz in waves_hz:
-        _waves(address(rows), rows.size, hz * row_time_us * 1e-6, math.fmod(hz * since_s, 1.0), at, at + rows.nbytes)
-        at += 2 * rows.nbytes
+        start = math.fmod(hz * since_s, 1.0)
+        lib.ledpi_waves(given, rows.size, hz * row_time_us * 1e-6, start, cosines, cosines + rows.size)
+        cosines += 2 * rows.size
     return out
 
 
@@ -69,10 +51,10 @@ def square_waves(
     """
     rows = np.ascontiguousarray(rows)
     out = np.empty((2, *rows.shape), np.float32)
-    at = address(out)
-    _square_waves(
-        *(address(rows), rows.size, cycles_a_row, start_cycles, averaged, apart, exposure_cycles, duty, fundamental),
-        *(at, at + rows.nbytes),
+    into = at(out)
+    lib.ledpi_square_waves(
+        *(at(rows), rows.size, cycles_a_row, start_cycles, averaged, apart, exposure_cycles, duty, fundamental),
+        *(into, into + rows.size),
     )
     return out
 
@@ -103,11 +85,11 @@ def single_evidence(
     light, waves = np.ascontiguousarray(light), np.ascontiguousarray(waves)
     score, numbers = np.empty((cells, parameters)), np.empty(3)
     information = np.empty((cells, parameters, cells, parameters))
-    fits = _single_evidence(
-        *(math.isqrt(cells), math.isqrt(points), parameters, address(light), _or_none(valid), address(waves)),
-        *(address(along), len(column), address(column), address(first), address(met)),
-        *(_or_none(shown), _or_none(of_class), _or_none(white), independence, *lags),
-        *(address(score), address(information), address(numbers)),
+    fits = lib.ledpi_single_evidence(
+        *(math.isqrt(cells), math.isqrt(points), parameters, at(light), at(valid), at(waves)),
+        *(at(along), len(column), at(column), at(first), at(met)),
+        *(at(shown), at(of_class), at(white), independence, *lags),
+        *(at(score), at(information), at(numbers)),
     )
     return Weighed(score, information, *numbers.tolist()) if fits else None
 
@@ -133,14 +115,10 @@ def compared_evidence(
     score, numbers = np.empty((cells, parameters)), np.empty(4)
     information = np.empty((cells, parameters, cells, parameters))
     given = [np.ascontiguousarray(array) for array in (waves, picture, count, mean_waves)]
-    fits = _compared_evidence(
-        *(math.isqrt(cells), math.isqrt(points), parameters, address(light), _or_none(valid)),
-        *(*(address(array) for array in given), address(along), independence, *lags),
-        *(address(score), address(information), address(numbers)),
+    fits = lib.ledpi_compared_evidence(
+        *(math.isqrt(cells), math.isqrt(points), parameters, at(light), at(valid)),
+        *(*(at(array) for array in given), at(along), independence, *lags),
+        *(at(score), at(information), at(numbers)),
     )
     scale, *rest = numbers.tolist()
     return scale, Weighed(score, information, *rest) if fits else None
-
-
-def _or_none(array: Singles | Mask | None) -> int | None:
-    return None if array is None else address(array)

@@ -6,15 +6,10 @@ import math
 
 import numpy as np
 
-from ledpi.kernels.library import DOUBLE, INTEGER, POINTER, address, doubles, function
+from ledpi.kernels.library import at, doubles, lib
 from ledpi.records import Floats, Mask, Singles
 
-WAYS = 9  # in which gain and corners may be wrong
-
-_expected = function(
-    "ledpi_expected", *(INTEGER,) * 3, *(POINTER,) * 7, *(DOUBLE,) * 2, *(POINTER,) * 3, *(DOUBLE,) * 2, *(POINTER,) * 2
-)
-_expectation = function("ledpi_expectation", *(INTEGER,) * 3, *(POINTER,) * 9)
+WAYS: int = lib.LEDPI_WAYS  # in which gain and corners may be wrong
 
 
 def expectation(
@@ -29,9 +24,9 @@ def expectation(
     bands = doubles(bands)
     root, left_bands = np.empty(picture.shape, np.float32), np.empty(picture.shape, np.float32)
     basis, room = np.empty((WAYS, picture.size), np.float32), np.empty(3 * picture.size + 3 * along.size, np.float32)
-    _expectation(
-        *(math.isqrt(cells), math.isqrt(points), parameters, *(address(array) for array in given), address(bands)),
-        *(address(root), address(basis), address(left_bands), address(room)),
+    lib.ledpi_expectation(
+        *(math.isqrt(cells), math.isqrt(points), parameters, *(at(array) for array in given), at(bands)),
+        *(at(root), at(basis), at(left_bands), at(room)),
     )
     return root, basis, left_bands
 
@@ -62,11 +57,11 @@ def weigh(
     (cells, points), ways = picture.shape, len(basis)
     assert ways <= WAYS
     room, of = np.empty(4 * picture.size, np.float32), np.empty(2)
-    _expected(
-        *(cells, points, ways, address(picture), address(root), address(basis), address(left_bands)),
-        *(address(depth), address(hz), address(phase), since_s, row_time_s),
-        *(address(light), None if valid is None else address(valid), address(rows), independence, ridge),
-        *(address(room), address(of)),
+    lib.ledpi_expected(
+        *(cells, points, ways, at(picture), at(root), at(basis), at(left_bands)),
+        *(at(depth), at(hz), at(phase), since_s, row_time_s),
+        *(at(light), at(valid), at(rows), independence, ridge),
+        *(at(room), at(of)),
     )
     of_all, of_those_against = of.tolist()
     return of_all, of_those_against

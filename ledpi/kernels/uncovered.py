@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-import ctypes
-
 import numpy as np
 
-from ledpi.kernels.library import INTEGER, POINTER, address, function
+from ledpi.kernels.library import at, lib
 from ledpi.records import Mask, Singles
-
-_all_uncovered = function(
-    "ledpi_all_uncovered", INTEGER, INTEGER, *(POINTER,) * 4, result=ctypes.c_bool
-)
 
 
 def all_uncovered(light: Singles, valid: Mask | None, least: Singles) -> bool:
-    """As `_all_uncovered` of decode/evidence/uncovered.py: `light`, `valid` and `least` (cells, points)."""
+    """Whether samples (cells, points) show the share `least` (cells, points) of what cells show there on average.
+
+    Each cell's light is over its own mean, and covered by nothing else; `valid` (cells, points) unless that is None.
+    """
     room = np.empty(sum(light.shape), np.float32)
-    mask = None if valid is None else address(valid)
-    found: bool = _all_uncovered(*light.shape, address(light), mask, address(least), address(room))
+    found: bool = lib.ledpi_all_uncovered(*light.shape, at(light), at(valid), at(least), at(room))
     return found

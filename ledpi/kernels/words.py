@@ -7,20 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ledpi.kernels.library import DOUBLE, INTEGER, POINTER, address, function
+from ledpi.kernels.library import at, lib
 from ledpi.records import Floats, Integers, Mask, Singles
 
-MOST_CELLS = 64  # as in patterns.h
-
-_likeliest = function(
-    "ledpi_likeliest", INTEGER, INTEGER, *(POINTER,) * 4, INTEGER, INTEGER, *(POINTER,) * 3, result=INTEGER
-)
-_of_neighbours = function(
-    "ledpi_of_neighbours", INTEGER, INTEGER, *(POINTER,) * 4, INTEGER, INTEGER, result=DOUBLE
-)
-_likeliest_beyond = function(
-    "ledpi_likeliest_beyond", INTEGER, INTEGER, *(POINTER,) * 4, INTEGER, POINTER, result=DOUBLE
-)
+MOST_CELLS: int = lib.LEDPI_MOST_CELLS
 
 
 class Fit(NamedTuple):
@@ -82,9 +72,9 @@ def likeliest(score: Floats, information: Floats, prior: Floats, words: Singles,
     most = min(most, len(words))
     chosen, silent = np.empty(most, np.int64), np.empty(cells, np.bool_)
     numbers = np.empty(numbers_of(cells, parameters, most))
-    if not _likeliest(
-        *(cells, parameters, address(score), address(information), address(prior), address(words), len(words), most),
-        *(address(chosen), address(silent), address(numbers)),
+    if not lib.ledpi_likeliest(
+        *(cells, parameters, at(score), at(information), at(prior), at(words), len(words), most),
+        *(at(chosen), at(silent), at(numbers)),
     ):
         raise MemoryError
     return Fit.of(chosen, silent, numbers, parameters)
@@ -98,8 +88,8 @@ def of_neighbours(
     assert parameters in (2, 4)
     assert cells <= MOST_CELLS
     word = np.ascontiguousarray(word)
-    at = address(score), address(information), address(prior), address(word)
-    log_sum: float = _of_neighbours(cells, parameters, *at, nearest, furthest)
+    known = at(score), at(information), at(prior), at(word)
+    log_sum: float = lib.ledpi_of_neighbours(cells, parameters, *known, nearest, furthest)
     return log_sum
 
 
@@ -111,6 +101,6 @@ def likeliest_beyond(
     assert parameters in (2, 4)
     assert cells <= MOST_CELLS
     word = np.ascontiguousarray(word)
-    at = address(score), address(information), address(prior), address(word)
+    known = at(score), at(information), at(prior), at(word)
     pattern = np.empty(cells, np.float32)
-    return _likeliest_beyond(cells, parameters, *at, correctable, address(pattern)), pattern
+    return lib.ledpi_likeliest_beyond(cells, parameters, *known, correctable, at(pattern)), pattern
