@@ -28,7 +28,6 @@ SHARED = {
     "first_look.c": (("evidence.noise",), 1),
     "neighbours.c": (("identify.patterns",), 1),
     "words.c": (("identify.words",), 2),
-    "cells.c": (("cells",), 1),
     "lattice.h": (("corners.inner_lines",), 1),
     "crossings.c": (("finding.crossings",), 13),
     "grids.c": (("finding.crossings",), 3),

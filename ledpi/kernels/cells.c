@@ -10,7 +10,7 @@
 
 enum {
     TAPS = 8, /* of Lanczos' kernel, the fourth at the pixel before */
-    MARGIN = 4, /* pixels that it takes in on either side, as in decode/cells.py */
+    MARGIN = 4, /* pixels that it takes in on either side */
 };
 
 /* The part of a picture that is sampled, in linear light. */
@@ -20,7 +20,7 @@ typedef struct {
 } Patch;
 
 /* The part around `corners` (4, 2), with as much on each side as the interpolation takes in; false where they, or sides
- * that bend outward by so much, leave the picture. `_window` of decode/cells.py. */
+ * that bend outward by so much, leave the picture. */
 static bool put_window(const Picture *picture, const double *corners, double bend_px, Patch *patch) {
     ptrdiff_t first[2], count[2];
     for (int axis = 0; axis < 2; axis++) {
