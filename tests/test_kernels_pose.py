@@ -10,7 +10,7 @@ from decode_material import LENS, PINHOLE, seen_through, square
 from ledpi.geometry import matrix_from_quaternion, matrix_from_rotation_vector
 from ledpi.pose.corners import whiteners
 from ledpi.pose.planar import FREEDOM, SURPRISING, solve_squares, square_corners
-from ledpi.pose.refine import fit_body
+from ledpi.pose.refine import BEATEN_BY, CONVERGED, fit_body
 from ledpi.records import Floats, Intrinsics, Rejected
 
 UPSIDE_DOWN = np.diag([1.0, -1, -1])  # a panel that faces the camera
@@ -40,7 +40,7 @@ def normal_equations(turn: Floats, at: Floats, *given: object) -> tuple[Floats, 
 @pytest.mark.parametrize("lens", [PINHOLE, LENS])
 def test_poses_of_squares_are_least_squares(lens: Intrinsics) -> None:
     """Near and far, face on and oblique, upside down, moving: no step would gain, and the covariance is (JᵀJ)⁻¹."""
-    rng, sigmas = np.random.default_rng(6), (np.array([0.1]), np.array([0.08]))
+    rng, sigmas, gains = np.random.default_rng(6), (np.array([0.1]), np.array([0.08])), []
     for number in range(40):
         turn = matrix_from_rotation_vector(rng.normal(size=3) * [0.6, 0.6, 2.0]) @ UPSIDE_DOWN
         at = turn @ square_corners(0.16).T + np.array([[0.1], [-0.1], [1.0]]) * rng.uniform(0.5, 6)
@@ -57,12 +57,13 @@ def test_poses_of_squares_are_least_squares(lens: Intrinsics) -> None:
             given = square_corners(0.16), corners, weights, lens
             assert solution.chi2 == pytest.approx(np.square(left_over(*place, *given)).sum(), rel=1e-6)
             information, pull = normal_equations(*place, *given)
-            step = np.linalg.solve(information, pull)
-            beaten = solution.chi2 > solutions[0].chi2 + 60
-            assert beaten or step @ pull < 2e-3 * (1 + solution.chi2)
-            covariance = sure * np.linalg.inv(information)
-            if not beaten:
-                np.testing.assert_allclose(pose.covariance, covariance, rtol=0.05, atol=0.02 * covariance.max())
+            if solution.chi2 > solutions[0].chi2 + BEATEN_BY:
+                continue
+            gains.append(float(np.linalg.solve(information, pull) @ pull) / (1 + solution.chi2))
+            if gains[-1] < CONVERGED:
+                covariance = sure * np.linalg.inv(information)
+                np.testing.assert_allclose(pose.covariance, covariance, rtol=0.02, atol=2e-3 * covariance.max())
+    assert np.quantile(gains, 0.9) < CONVERGED  # the others' rounds were up
 
 
 @pytest.mark.parametrize("starts", [1, 2, 5])
@@ -84,7 +85,7 @@ def test_poses_of_a_body_are_least_squares(starts: int) -> None:
         given = points, seen, weights, LENS
         assert chi2 == pytest.approx(np.square(left_over(*place, *given)).sum(), rel=1e-6)
         information, pull = normal_equations(*place, *given)
-        assert np.linalg.solve(information, pull) @ pull < 2e-3 * (1 + chi2)
+        assert np.linalg.solve(information, pull) @ pull < CONVERGED * (1 + chi2)
         expected = np.linalg.inv(information)
         np.testing.assert_allclose(covariance, expected, rtol=0.05, atol=0.02 * expected.max())
 
