@@ -59,6 +59,9 @@ ptrdiff_t ledpi_likeliest(ptrdiff_t cells, ptrdiff_t parameters, const double *s
                           const double *prior, const float *words, ptrdiff_t count, ptrdiff_t most, int64_t *chosen,
                           uint8_t *silent, double *numbers);
 
+double ledpi_gain_by_others(ptrdiff_t cells, ptrdiff_t parameters, const double *score, const double *information,
+                            const double *shown, const double *other, double *gain, double *room);
+
 double ledpi_of_neighbours(ptrdiff_t cells, ptrdiff_t parameters, const double *score, const double *information,
                            const double *prior, const float *word, ptrdiff_t nearest, ptrdiff_t furthest);
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ledpi.kernels.library import at, lib
+from ledpi.kernels.library import at, doubles, lib
 from ledpi.records import Floats, Integers, Mask, Singles
 
 MOST_CELLS: int = lib.LEDPI_MOST_CELLS
@@ -80,10 +80,23 @@ def likeliest(score: Floats, information: Floats, prior: Floats, words: Singles,
     return Fit.of(chosen, silent, numbers, parameters)
 
 
+def gain_by_others(score: Floats, information: Floats, shown: Floats, other: Floats) -> tuple[Floats, float]:
+    """(cells,) what each cell gains by bands `other` (cells, P) in place of those `shown`; and `weakest_row` of these."""
+    cells, parameters = shown.shape
+    gain, room = np.empty((2, cells))
+    given = (at(doubles(array)) for array in (score, information, shown, other))
+    weakest_row: float = lib.ledpi_gain_by_others(cells, parameters, *given, at(gain), at(room))
+    return gain, weakest_row
+
+
 def of_neighbours(
     score: Floats, information: Floats, prior: Floats, word: Singles, nearest: int, furthest: int
 ) -> float:
-    """`of_neighbours` of decode/identify/patterns.py; `word` (cells,)."""
+    """Log of the summed likelihoods of patterns that differ from a word (cells,) in `nearest` to `furthest` cells.
+
+    Each has the bands that fit it best. Of all these patterns those are tried that are near the likeliest, found from
+    the word outward; cells that are silent are left as they are.
+    """
     cells, parameters = score.shape
     assert parameters in (2, 4)
     assert cells <= MOST_CELLS
@@ -96,7 +109,11 @@ def of_neighbours(
 def likeliest_beyond(
     score: Floats, information: Floats, prior: Floats, word: Singles, correctable: int
 ) -> tuple[float, Singles]:
-    """`likeliest_beyond` of decode/identify/patterns.py; `word` (cells,)."""
+    """The likeliest pattern that is too far from a word (cells,) to be it: how likely, over "no bands", and which.
+
+    It differs in more cells than are `correctable`, and has the bands that fit it best. Cells that are silent are left
+    as they are.
+    """
     cells, parameters = score.shape
     assert parameters in (2, 4)
     assert cells <= MOST_CELLS
