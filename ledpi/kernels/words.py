@@ -81,7 +81,7 @@ def likeliest(score: Floats, information: Floats, prior: Floats, words: Singles,
 
 
 def gain_by_others(score: Floats, information: Floats, shown: Floats, other: Floats) -> tuple[Floats, float]:
-    """(cells,) what each cell gains by bands `other` (cells, P) in place of those `shown`; and `weakest_row` of these."""
+    """(cells,) what each cell gains by bands `other` (cells, P) in place of `shown`; and `weakest_row` of these."""
     cells, parameters = shown.shape
     gain, room = np.empty((2, cells))
     given = (at(doubles(array)) for array in (score, information, shown, other))
