@@ -24,7 +24,6 @@ SHARED = {
     "band_light.c": (("striped.band_light", "striped.light_window"), 7),
     "panel_fit.c": (("striped.numpy_panel_fit", "striped.numpy_panel_model"), 7),
     "rim.h": (("corners.rim",), 1),
-    "first_look.c": (("evidence.noise",), 1),
     "lattice.h": (("corners.inner_lines",), 1),
     "crossings.c": (("finding.crossings",), 13),
     "grids.c": (("finding.crossings",), 3),

@@ -47,7 +47,6 @@ class Lattice:
     u: Singles  # (n·n, k·k), across the panel, 0..1 from its left edge
     v: Singles  # (n·n, k·k), down the panel
     along: Singles  # (n·k,) the places of u, and of v, in order
-    shifts: Singles  # (8, 2, n·n, k·k) how each of the eight ways of being a wrong homography moves them along u, v
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -73,10 +72,7 @@ def lattice(cells: int, k: int) -> Lattice:
     shape = (cells, cells, k, k)  # row of cells, column of cells, row in the cell, column in it
     v = np.broadcast_to(along[:, None, :, None], shape).reshape(cells * cells, k * k).copy()
     u = np.broadcast_to(along[None, :, None, :], shape).reshape(cells * cells, k * k).copy()
-    # To first order a homography can differ by 1, x, y in either direction, and by (x², xy) and (xy, y²).
-    x, y, one, none = u * 2 - 1, v * 2 - 1, np.ones_like(u), np.zeros_like(u)
-    across = [(one, none), (x, none), (y, none), (none, one), (none, x), (none, y), (x * x, x * y), (x * y, y * y)]
-    return Lattice(cells=cells, k=k, u=u, v=v, along=along.reshape(-1), shifts=np.array(across, np.float32))
+    return Lattice(cells=cells, k=k, u=u, v=v, along=along.reshape(-1))
 
 
 def _bent(quad: Quad, cells: int, intrinsics: Intrinsics | None) -> Intrinsics | None:

@@ -19,7 +19,7 @@ int ledpi_sample_cells(const uint8_t *pixels, ptrdiff_t height, ptrdiff_t width,
                        const float *along, const float *kernel, ptrdiff_t steps, float *light, float *picture_rows,
                        double *least);
 
-/* ---- Evidence (waves.c, uncovered.c, columns.c, single_frame.c, comparison.c, expect.c) */
+/* ---- Evidence (waves.c, uncovered.c, single_frame.c, comparison.c, noise.c, expect.c) */
 
 void ledpi_waves(const float *rows, ptrdiff_t count, float a_row, float start, float *cosines, float *sines);
 
@@ -39,6 +39,15 @@ bool ledpi_compared_evidence(ptrdiff_t side, ptrdiff_t k, ptrdiff_t count, const
                              const float *new_waves, const float *picture, const float *counts, const float *mean_waves,
                              const float *along, double independence, ptrdiff_t aside, ptrdiff_t below, ptrdiff_t rim,
                              double *score, double *information, double *numbers);
+
+/* Of white noise: as `Expected` in decode/evidence/noise.py. */
+typedef struct {
+    double white, growth, chance, once, twice, least_free;
+} Expected;
+
+void ledpi_correlation(const Expected *expected, const double *of_fit, double *correlation);
+
+double ledpi_volume(double excess, double deviation, double growth);
 
 enum { LEDPI_WAYS = 9 }; /* in which a panel's gain and corners may be wrong */
 
@@ -84,8 +93,7 @@ enum { LEDPI_LOOKED, LEDPI_NOT_PLAIN, LEDPI_UNFIT, LEDPI_NOT_LOOKED };
 int ledpi_look(const Grid *grid, const float *light, const float *rows, double independence, ptrdiff_t waves,
                double first_a_row, double second_a_row, const double *prior, const float *words, ptrdiff_t count,
                ptrdiff_t most, bool may_be_covered, double unlit, ptrdiff_t aside, ptrdiff_t below, ptrdiff_t rim,
-               double white, double growth, double chance, double once, double twice, double least_free, int64_t *chosen,
-               uint8_t *silent, double *numbers);
+               const Expected *expected, int64_t *chosen, uint8_t *silent, double *numbers);
 
 /* ---- Poses (planar.c, refine.c) */
 

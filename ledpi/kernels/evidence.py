@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ledpi.kernels.library import at, lib
+from ledpi.kernels.library import at, ffi, lib
 from ledpi.records import Floats, Integers, Mask, Singles
 
 
@@ -57,6 +57,19 @@ def square_waves(
         *(into, into + rows.size),
     )
     return out
+
+
+def correlation(expected: Sequence[float], near: float, far: float, free: float) -> list[float]:
+    """Excess, deviation and growth of a `Correlation`; `expected` as `Expected`, both of decode/evidence/noise.py."""
+    of = np.empty(3)
+    lib.ledpi_correlation(ffi.new("Expected *", expected), [free, near, far], at(of))
+    return of.tolist()
+
+
+def volume(excess: float, deviation: float, growth: float) -> float:
+    """By how much evidence claims too much, where noise is as alike as that."""
+    times: float = lib.ledpi_volume(excess, deviation, growth)
+    return times
 
 
 def single_evidence(

@@ -31,6 +31,16 @@ def expectation(
     return root, basis, left_bands
 
 
+def ways(picture: Singles, along: Singles) -> Floats:
+    """(WAYS, cells·points) orthonormal: what a wrong gain and wrong corners add, weighted by the root of the light.
+
+    To a `picture` (cells, points) above 0.
+    """
+    of_waves, bands = np.empty((0, *picture.shape), np.float32), np.empty((len(picture), 0))
+    given = {"picture": picture, "count": np.ones_like(picture), "mean_waves": of_waves, "along": along}
+    return doubles(expectation(**given, bands=bands)[1])
+
+
 def weigh(
     *,
     picture: Singles,

@@ -69,7 +69,7 @@ def look(
     outcome: int = lib.ledpi_look(
         *(grid.structure, at(light), at(rows), independence, len(cycles_a_row)),
         *(cycles_a_row[0], cycles_a_row[-1], at(prior), at(words), len(words), most, may_be_covered, unlit),
-        *(*lags, *noise, at(chosen), at(silent), at(numbers)),
+        *(*lags, ffi.new("Expected *", noise), at(chosen), at(silent), at(numbers)),
     )
     if outcome == lib.LEDPI_NOT_LOOKED:
         raise MemoryError

@@ -16,7 +16,6 @@ import numpy as np
 from ledpi.decode.cells import INSET, CellSamples
 from ledpi.decode.evidence.shared_light import BORDER_PX, border_points
 from ledpi.kernels import uncovered as kernel
-from ledpi.kernels.library import compiled
 from ledpi.records import Mask, Pixels, Singles
 
 # Of the light that the others show at this place: less is not the cell's own. Diffusers differ by a few percent.
@@ -48,8 +47,7 @@ def without_covered(samples: CellSamples, shown: Singles | None = None) -> CellS
     seen = samples.light if shown is None else samples.light / shown
     n, k = samples.lattice.cells, samples.lattice.k
     least = least_shares(n, k, border_points(samples))
-    none_covered = kernel.all_uncovered if compiled() else _all_uncovered
-    if none_covered(seen, samples.valid, least):
+    if kernel.all_uncovered(seen, samples.valid, least):
         return samples
     light = seen / seen.mean(axis=1, keepdims=True)
     usual = _quantile(light, samples.valid, 0.5)
@@ -68,12 +66,6 @@ def without_covered(samples: CellSamples, shown: Singles | None = None) -> CellS
     if (valid.mean(axis=1) < MIN_LEFT).any():
         return samples
     return replace(samples, valid=valid, light=np.where(valid, samples.light, np.float32(0)))
-
-
-def _all_uncovered(light: Singles, valid: Mask | None, least: Singles) -> bool:
-    """Whether samples (cells, points) show the share `least` (cells, points) of what cells show there on average."""
-    light = light / light.mean(axis=1, keepdims=True)
-    return bool((light >= least * light.mean(axis=0))[... if valid is None else valid].all())
 
 
 def _reach(samples: CellSamples) -> Pixels:
