@@ -12,13 +12,12 @@ from samples_material import samples_of
 
 from ledpi.decode.cells import CellSamples, lattice
 from ledpi.decode.evidence.evidence import Evidence
-from ledpi.decode.evidence.expect import LEAST_SHARE, Expectation
+from ledpi.decode.evidence.expect import LEAST_SHARE, Expectation, ways
 from ledpi.decode.evidence.memory import PanelMemory
 from ledpi.decode.identify import soft
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.dictionaries import load_dictionary
 from ledpi.geometry import in_square
-from ledpi.kernels.expect import ways
 from ledpi.records import Floats, Frame, PanelSpec
 
 PERIOD_US = FRAME_ROWS * ROW_TIME_US
@@ -195,7 +194,7 @@ def test_corners_that_move_change_what_the_basis_holds(corner: int, axis: int) -
 
     here = light(0.0)
     change = np.log(light(0.01) / light(-0.01)) * np.sqrt(here / here.mean())
-    basis = ways(here.astype(np.float32), points.along)
+    basis = ways(here.astype(np.float32), points)
     left = change.ravel() - (change.ravel() @ basis.T) @ basis
     assert np.linalg.norm(left) < 0.03 * np.linalg.norm(change)  # at the rim slopes are those of one side
 

@@ -7,11 +7,10 @@ import pytest
 from decode_material import PINHOLE, SPEC, Canvas, camera_info, panel_settings, square, word
 from samples_material import samples_of
 
-from ledpi.decode.evidence.uncovered import darkens, without_covered
+from ledpi.decode.evidence.uncovered import all_uncovered, darkens, without_covered
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.soft import Reading, read_word
 from ledpi.dictionaries import load_dictionary
-from ledpi.kernels.uncovered import all_uncovered
 from ledpi.pipeline import Pipeline
 from ledpi.records import Floats
 

@@ -1,4 +1,4 @@
-"""The loops in C: that they are there, that they are these, and that they do as the numpy code they repeat."""
+"""The core: that it is there, that it is this one; and that what refines squares does as the numpy code it repeats."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What pictures say of the bands in a panel's cells (waves.c, single_frame.c, comparison.c)."""
+"""The waves of bands, and how alike noise is (waves.c, noise.c); the form of evidence."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ledpi.kernels.library import at, ffi, lib
-from ledpi.records import Floats, Integers, Mask, Singles
+from ledpi.records import Floats, Singles
 
 
 class Weighed(NamedTuple):
@@ -70,68 +70,3 @@ def volume(excess: float, deviation: float, growth: float) -> float:
     """By how much evidence claims too much, where noise is as alike as that."""
     times: float = lib.ledpi_volume(excess, deviation, growth)
     return times
-
-
-def single_evidence(
-    *,
-    light: Singles,
-    valid: Mask | None,
-    waves: Singles,
-    along: Singles,
-    column: Integers,
-    first: Integers,
-    met: Integers,
-    shown: Singles | None,
-    of_class: Singles | None,
-    white: Mask | None,
-    independence: float,
-    lags: tuple[int, int, int],
-) -> Weighed | None:
-    """What there is of evidence; None where nothing fits.
-
-    `light`, `valid`, `shown` (cells, points), `waves` (P, cells, points), `of_class` (2, cells, points), `white`
-    (cells,); `along` is the lattice's; `column`, `first` and `met` say what lights up each point. `lags`: how many
-    samples aside, and below, for `near` (0: not that way), and how many at a cell's rim are left out.
-    """
-    cells, points = light.shape
-    parameters = len(waves)
-    light, waves = np.ascontiguousarray(light), np.ascontiguousarray(waves)
-    score, numbers = np.empty((cells, parameters)), np.empty(3)
-    information = np.empty((cells, parameters, cells, parameters))
-    fits = lib.ledpi_single_evidence(
-        *(math.isqrt(cells), math.isqrt(points), parameters, at(light), at(valid), at(waves)),
-        *(at(along), len(column), at(column), at(first), at(met)),
-        *(at(shown), at(of_class), at(white), independence, *lags),
-        *(at(score), at(information), at(numbers)),
-    )
-    return Weighed(score, information, *numbers.tolist()) if fits else None
-
-
-def compared_evidence(
-    *,
-    light: Singles,
-    valid: Mask | None,
-    waves: Singles,
-    picture: Singles,
-    count: Singles,
-    mean_waves: Singles,
-    along: Singles,
-    independence: float,
-    lags: tuple[int, int, int],
-) -> tuple[float, Weighed | None]:
-    """The light's scale; and, as of `single_evidence`, what there is of evidence, None where nothing fits.
-
-    `light`, `valid`, `picture`, `count` (cells, points), `waves`, `mean_waves` (P, cells, points); `along` is the
-    lattice's.
-    """
-    (cells, points), parameters = light.shape, len(waves)
-    score, numbers = np.empty((cells, parameters)), np.empty(4)
-    information = np.empty((cells, parameters, cells, parameters))
-    given = [np.ascontiguousarray(array) for array in (waves, picture, count, mean_waves)]
-    fits = lib.ledpi_compared_evidence(
-        *(math.isqrt(cells), math.isqrt(points), parameters, at(light), at(valid)),
-        *(*(at(array) for array in given), at(along), independence, *lags),
-        *(at(score), at(information), at(numbers)),
-    )
-    scale, *rest = numbers.tolist()
-    return scale, Weighed(score, information, *rest) if fits else None

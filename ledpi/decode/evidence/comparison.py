@@ -9,11 +9,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from ledpi.decode.cells import CellSamples
 from ledpi.decode.evidence.evidence import Evidence, evidence_of
 from ledpi.decode.evidence.noise import lags_of
 from ledpi.decode.evidence.unlit import without_unlit
-from ledpi.kernels import evidence as kernel
+from ledpi.kernels.evidence import Weighed
+from ledpi.kernels.library import at, lib
 from ledpi.records import Frame, PanelSpec, Rejected, Singles
 
 
@@ -33,16 +36,15 @@ def compared_evidence(
 
     `waves` (P, cells, points) are the samples' own.
     """
-    scale, found = kernel.compared_evidence(
-        light=samples.light,
-        valid=samples.valid,
-        waves=waves,
-        picture=mean.picture,
-        count=mean.count,
-        mean_waves=mean.waves,
-        along=samples.lattice.along,
-        independence=samples.independence,
-        lags=lags_of(samples),
+    cells, parameters, lattice = len(samples.light), len(waves), samples.lattice
+    score, numbers = np.empty((cells, parameters)), np.empty(4)
+    information = np.empty((cells, parameters, cells, parameters))
+    given = [np.ascontiguousarray(array) for array in (waves, mean.picture, mean.count, mean.waves)]
+    fits = lib.ledpi_compared_evidence(
+        *(lattice.cells, lattice.k, parameters, at(samples.light), at(samples.valid), *map(at, given)),
+        *(at(lattice.along), samples.independence, *lags_of(samples), at(score), at(information), at(numbers)),
     )
+    scale, *rest = numbers.tolist()
+    found = Weighed(score, information, *rest) if fits else None
     evidence = evidence_of(found, samples, frame, spec, len(waves))
     return scale, evidence if isinstance(evidence, Rejected) else without_unlit(evidence, samples)

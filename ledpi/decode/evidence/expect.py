@@ -9,13 +9,15 @@ is as unlike that picture as unlike what is expected, and only "none" tells it.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from ledpi.decode.cells import CellSamples, Lattice
+from ledpi.decode.evidence.comparison import Mean
 from ledpi.decode.evidence.memory import PanelMemory
-from ledpi.kernels import expect as kernel
+from ledpi.kernels.library import at, doubles, lib
 from ledpi.records import Floats, Frame, Singles
 
 # A frame that is e^SURE times likelier with the bands than without shows them. Cells that speak against them weigh less
@@ -56,9 +58,7 @@ class Expectation:
         Each has told `usual_nats` of them.
         """
         mean, lattice = memory.mean(), memory.newest[0].lattice
-        root, basis, left_bands = kernel.expectation(
-            picture=mean.picture, count=mean.count, mean_waves=mean.waves, along=lattice.along, bands=bands
-        )
+        root, basis, left_bands = _made(mean, lattice.along, bands)
         by_wave = bands.reshape(len(bands), -1, 2)
         wave = by_wave.any(axis=2).argmax(axis=1)  # that a cell shows
         cosine, sine = by_wave[np.arange(len(bands)), wave].T
@@ -99,19 +99,36 @@ class Expectation:
         The latter with the other sign.
         """
         since_s = (frame.row0_readout_ns - self.origin_ns) * 1e-9
-        return kernel.weigh(
-            picture=self.picture,
-            root=self.root,
-            basis=self.basis,
-            left_bands=self.left_bands,
-            depth=self.depth,
-            hz=self.hz,
-            phase=self.phase,
-            since_s=since_s,
-            row_time_s=frame.row_time_us * 1e-6,
-            light=samples.light,
-            valid=samples.valid,
-            rows=samples.rows,
-            independence=samples.independence / self.noise_volume,
-            ridge=RIDGE,
+        cells, points = self.picture.shape
+        room, of = np.empty(4 * self.picture.size, np.float32), np.empty(2)
+        lib.ledpi_expected(
+            *(cells, points, len(self.basis), at(self.picture), at(self.root), at(self.basis), at(self.left_bands)),
+            *(at(self.depth), at(self.hz), at(self.phase), since_s, frame.row_time_us * 1e-6),
+            *(at(samples.light), at(samples.valid), at(samples.rows), samples.independence / self.noise_volume, RIDGE),
+            *(at(room), at(of)),
         )
+        of_all, of_those_against = of.tolist()
+        return of_all, of_those_against
+
+
+def _made(mean: Mean, along: Singles, bands: Floats) -> tuple[Singles, Singles, Singles]:
+    """`root`, `basis` and `left_bands` of an `Expectation`; `bands` (cells, P), `along` is the lattice's."""
+    (cells, points), samples = mean.picture.shape, mean.picture.size
+    root, left_bands = np.empty_like(mean.picture), np.empty_like(mean.picture)
+    basis, room = np.empty((lib.LEDPI_WAYS, samples), np.float32), np.empty(3 * (samples + len(along)), np.float32)
+    lib.ledpi_expectation(
+        *(math.isqrt(cells), math.isqrt(points), len(mean.waves)),
+        *(at(np.ascontiguousarray(array)) for array in (mean.picture, mean.count, mean.waves, along)),
+        *(at(doubles(bands)), at(root), at(basis), at(left_bands), at(room)),
+    )
+    return root, basis, left_bands
+
+
+def ways(picture: Singles, lattice: Lattice) -> Singles:
+    """(9, cells·points) orthonormal: what a wrong gain and wrong corners add, weighted by the root of the light.
+
+    To a `picture` (cells, points) above 0.
+    """
+    no_waves = np.empty((0, *picture.shape), np.float32)
+    mean = Mean(picture=picture, count=np.ones_like(picture), waves=no_waves)
+    return _made(mean, lattice.along, np.empty((len(picture), 0)))[1]

@@ -24,7 +24,8 @@ from ledpi.decode.evidence.shared_light import border_points, meeting_cells, sou
 from ledpi.decode.evidence.uncovered import darkens, without_covered
 from ledpi.decode.evidence.unlit import without_unlit
 from ledpi.decode.evidence.waves import band_prior, bands_of, class_waves, is_deep, is_deep_anywhere, seen_bands
-from ledpi.kernels import evidence as kernel
+from ledpi.kernels.evidence import Weighed
+from ledpi.kernels.library import at, lib
 from ledpi.records import Frame, PanelSpec, Rejected, Singles
 
 
@@ -62,20 +63,18 @@ def single_evidence(
     return evidence if believed is None else without_unlit(evidence, samples, believed.own_light())
 
 
-def weighed(samples: CellSamples, waves: Singles, believed: Believed | None) -> kernel.Weighed | None:
+def weighed(samples: CellSamples, waves: Singles, believed: Believed | None) -> Weighed | None:
     """Evidence on these waves (P, cells, points), whatever the noise is like; None where nothing fits."""
-    sources = sources_of(samples.lattice.k, border_points(samples))
-    return kernel.single_evidence(
-        light=samples.light,
-        valid=samples.valid,
-        waves=waves,
-        along=samples.lattice.along,
-        column=sources.column,
-        first=sources.first,
-        met=meeting_cells(samples.lattice.cells),
-        shown=None if believed is None else believed.own_light(),
-        of_class=None if believed is None else believed.light,
-        white=None if believed is None else believed.white,
-        independence=samples.independence,
-        lags=lags_of(samples),
+    cells, parameters, lattice = len(samples.light), len(waves), samples.lattice
+    sources = sources_of(lattice.k, border_points(samples))
+    shown = (None, None, None) if believed is None else (believed.own_light(), believed.light, believed.white)
+    score, numbers = np.empty((cells, parameters)), np.empty(3)
+    information = np.empty((cells, parameters, cells, parameters))
+    light, waves = np.ascontiguousarray(samples.light), np.ascontiguousarray(waves)
+    fits = lib.ledpi_single_evidence(
+        *(lattice.cells, lattice.k, parameters, at(light), at(samples.valid), at(waves)),
+        *(at(lattice.along), len(sources.column), at(sources.column), at(sources.first)),
+        *(at(meeting_cells(lattice.cells)), *map(at, shown), samples.independence, *lags_of(samples)),
+        *(at(score), at(information), at(numbers)),
     )
+    return Weighed(score, information, *numbers.tolist()) if fits else None

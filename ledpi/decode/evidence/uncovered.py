@@ -15,7 +15,7 @@ import numpy as np
 
 from ledpi.decode.cells import INSET, CellSamples
 from ledpi.decode.evidence.shared_light import BORDER_PX, border_points
-from ledpi.kernels import uncovered as kernel
+from ledpi.kernels.library import at, lib
 from ledpi.records import Mask, Pixels, Singles
 
 # Of the light that the others show at this place: less is not the cell's own. Diffusers differ by a few percent.
@@ -47,7 +47,7 @@ def without_covered(samples: CellSamples, shown: Singles | None = None) -> CellS
     seen = samples.light if shown is None else samples.light / shown
     n, k = samples.lattice.cells, samples.lattice.k
     least = least_shares(n, k, border_points(samples))
-    if kernel.all_uncovered(seen, samples.valid, least):
+    if all_uncovered(seen, samples.valid, least):
         return samples
     light = seen / seen.mean(axis=1, keepdims=True)
     usual = _quantile(light, samples.valid, 0.5)
@@ -66,6 +66,13 @@ def without_covered(samples: CellSamples, shown: Singles | None = None) -> CellS
     if (valid.mean(axis=1) < MIN_LEFT).any():
         return samples
     return replace(samples, valid=valid, light=np.where(valid, samples.light, np.float32(0)))
+
+
+def all_uncovered(light: Singles, valid: Mask | None, least: Singles) -> bool:
+    """Whether samples (cells, points), over their cell's mean, show the share `least` (cells, points) of what all do."""
+    room = np.empty(sum(light.shape), np.float32)
+    found: bool = lib.ledpi_all_uncovered(*light.shape, at(light), at(valid), at(least), at(room))
+    return found
 
 
 def _reach(samples: CellSamples) -> Pixels:

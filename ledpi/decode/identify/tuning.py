@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from ledpi.decode.cells import CellSamples
 from ledpi.decode.evidence.classes import wave_shares
+from ledpi.decode.evidence.expect import ways
 from ledpi.decode.identify.codebook import Codebook
-from ledpi.kernels.expect import ways
 from ledpi.records import Floats, Frame, PanelSpec
 
 Complexes = NDArray[np.complex128]
@@ -99,7 +99,7 @@ def _residuals(seen: Sequence[Seen]) -> tuple[Floats, Floats]:
     light = np.stack([s.samples.light / s.samples.light.mean() for s in seen]).astype(np.float64)
     picture = np.maximum(light.mean(axis=0), 0.02)
     weight = picture / picture.mean()
-    basis = ways(picture.astype(np.float32), seen[-1].samples.lattice.along)  # changes of exposure, of corners
+    basis = ways(picture.astype(np.float32), seen[-1].samples.lattice)  # changes of exposure, of corners
     root = np.sqrt(weight).reshape(-1)
     residual = ((light / picture - 1.0).reshape(len(seen), -1)) * root
     residual -= (residual @ basis.T) @ basis
