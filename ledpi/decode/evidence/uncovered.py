@@ -69,7 +69,7 @@ def without_covered(samples: CellSamples, shown: Singles | None = None) -> CellS
 
 
 def all_uncovered(light: Singles, valid: Mask | None, least: Singles) -> bool:
-    """Whether samples (cells, points), over their cell's mean, show the share `least` (cells, points) of what all do."""
+    """Whether samples (cells, points) show the share `least` of what all do, each over the mean of its cell."""
     room = np.empty(sum(light.shape), np.float32)
     found: bool = lib.ledpi_all_uncovered(*light.shape, at(light), at(valid), at(least), at(room))
     return found
