@@ -212,7 +212,7 @@ class Pipeline:
     def _sample(
         self, frame: Frame, squares: list[tuple[Quad, Track]], looked: list[_Looked], work: Results
     ) -> list[_Looked]:
-        """The light in their cells, of those where it can be told; also added to `looked`, what this frame has shown."""
+        """The light in their cells, of those where it can be told; also added to `looked`, all of this frame."""
         since = time.perf_counter()
         sampled = []
         for quad, track in squares:

@@ -1,4 +1,4 @@
-"""For tests that hold the loops in C to the numpy code that they repeat."""
+"""For tests that hold loops in C to the numpy code that they repeat: what finds and refines squares."""
 
 from __future__ import annotations
 

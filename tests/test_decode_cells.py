@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 
+import cv2
 import numpy as np
 import pytest
-from decode_material import LENS, SPEC, Canvas, quad, reason, seen_through, square
+from decode_material import LENS, SPEC, Canvas, quad, reason, seen_through, square, word
 
 from ledpi.decode.cells import CellSamples, sample_cells
 from ledpi.records import Floats, Frame, HiddenSide, Intrinsics, Quad, SeenBands, Transfer
@@ -205,3 +206,34 @@ def test_a_cell_of_which_the_rest_is_saturated_is_told() -> None:
     where = dataclasses.replace(quad(corners), bands=seen_bands(HiddenSide(0, 0.1875)))
     assert isinstance(sample_cells(canvas.frame(None), quad(corners), 4), CellSamples)
     assert reason(sample_cells(canvas.frame(None), where, 4)) == "cells.saturated"
+
+
+@pytest.mark.parametrize("light", [0.2, 0.88])
+@pytest.mark.parametrize(("x", "side"), [(82.3, 131), (320, 300), (600.4, 58.2)])
+def test_samples_are_what_opencv_interpolates(x: float, side: float, light: float) -> None:
+    """By Lanczos, or by straight lines where a pixel is saturated; at the border too. It rounds places to 1/32 px."""
+    corners = square(x, 240, side, 3)
+    canvas = Canvas(transfer="linear")
+    canvas.panel(corners, word(7), light=light, gains=np.linspace(0.3, 1.1, 16).reshape(4, 4))
+    frame = canvas.frame()
+    samples = sampled(frame, quad(corners))
+    ends = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float32)
+    places = np.stack([samples.lattice.u, samples.lattice.v], axis=-1)
+    at = cv2.perspectiveTransform(places, cv2.getPerspectiveTransform(ends, corners.astype(np.float32)))
+    np.testing.assert_allclose(samples.rows, at[..., 1], atol=1e-3)
+    how = cv2.INTER_LINEAR if samples.linear else cv2.INTER_LANCZOS4
+    theirs = cv2.remap(frame.pixels / np.float32(255), at, None, how, borderMode=cv2.BORDER_REPLICATE)
+    valid = np.ones(samples.light.shape, bool) if samples.valid is None else samples.valid
+    assert valid.mean() > 0.5
+    steepest = 0.35 * light  # per pixel, at the panel's rim and its dark walls; in both directions
+    assert np.abs(samples.light - theirs)[valid].max() < 2 * steepest / 64 + 1e-3
+
+
+def test_a_picture_that_is_no_picture_is_outside() -> None:
+    """One row, along which a folded square lies; and one whose pixels are not side by side is as any other."""
+    frame = Canvas().frame(None)
+    line = quad(np.array([[10.0, 0], [90, 0], [10, 0], [90, 0]]))
+    assert reason(sample_cells(dataclasses.replace(frame, pixels=frame.pixels[:1]), line, 4)) == "cells.outside_picture"
+    apart = dataclasses.replace(frame, pixels=np.repeat(frame.pixels, 2, axis=1)[:, ::2])
+    where = quad(SHAPES["upright"])
+    np.testing.assert_array_equal(sampled(apart, where).light, sampled(frame, where).light)

@@ -24,6 +24,7 @@ from decode_material import (
     square,
     word,
 )
+from evidence_reference import word_log_likelihoods
 
 from ledpi.decode.cells import CellSamples, sample_cells
 from ledpi.decode.corners.approach import NOT_STRAIGHT
@@ -35,7 +36,6 @@ from ledpi.decode.evidence.waves import bands_of
 from ledpi.decode.finding.find import Candidate
 from ledpi.decode.identify import soft
 from ledpi.decode.identify.codebook import Codebook
-from ledpi.decode.identify.words import word_log_likelihoods
 from ledpi.decode.striped.around import rectangles_around, smallest_square_around
 from ledpi.decode.striped.band_light import Bands
 from ledpi.decode.striped.find_striped import StripedFinder

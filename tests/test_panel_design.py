@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from evidence_reference import word_log_likelihoods
 from typer.testing import CliRunner
 
 from ledpi.cli import app, main, panel_design
@@ -17,7 +18,6 @@ from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.evidence.single_frame import single_evidence
 from ledpi.decode.identify import soft
 from ledpi.decode.identify.codebook import Codebook
-from ledpi.decode.identify.words import word_log_likelihoods
 from ledpi.dictionaries import load_dictionary
 from ledpi.errors import ConfigError
 from ledpi.panel.chances import chance_of_reading

@@ -10,15 +10,11 @@ import math
 from dataclasses import dataclass, replace
 from functools import cache
 
-import cv2
 import numpy as np
 
-from ledpi.geometry import distort, quad_side, undistort, unit_square_to
+from ledpi.geometry import quad_side
 from ledpi.kernels import cells as kernel
-from ledpi.kernels.light import can_read
 from ledpi.records import Floats, Frame, Intrinsics, Mask, Quad, Rejected, Singles
-from ledpi.tone import SATURATED as SATURATED_VALUE
-from ledpi.tone import linear_light
 
 # The very rim of a cell is left out: partitions cast shadows there that no smooth interpolation follows. No more than
 # that: with its gain unknown, a short cell tells its class by how its light changes from its top to its bottom, so by
@@ -33,7 +29,6 @@ MIN_CELL_PX = 2.0
 # bands are deep. (Saturated pixels would spoil too much of it.) The variance of a sample over a pixel's is the mean of
 # the squared weights: (2/3)² for lines in both directions; 0.84, measured, for OpenCV's Lanczos of 8 × 8.
 LANCZOS_VARIANCE, LINEAR_VARIANCE = 0.84, 4.0 / 9.0
-MARGIN = 4  # pixels that Lanczos takes in on either side
 # A lens that bends the square by less than this share of a cell is left out; what it moves is projected out anyway.
 MAX_BEND = 0.02
 
@@ -52,7 +47,6 @@ class Lattice:
     u: Singles  # (n·n, k·k), across the panel, 0..1 from its left edge
     v: Singles  # (n·n, k·k), down the panel
     along: Singles  # (n·k,) the places of u, and of v, in order
-    shifts: Singles  # (8, 2, n·n, k·k) how each of the eight ways of being a wrong homography moves them along u, v
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -77,10 +71,7 @@ def lattice(cells: int, k: int) -> Lattice:
     shape = (cells, cells, k, k)  # row of cells, column of cells, row in the cell, column in it
     v = np.broadcast_to(along[:, None, :, None], shape).reshape(cells * cells, k * k).copy()
     u = np.broadcast_to(along[None, :, None, :], shape).reshape(cells * cells, k * k).copy()
-    # To first order a homography can differ by 1, x, y in either direction, and by (x², xy) and (xy, y²).
-    x, y, one, none = u * 2 - 1, v * 2 - 1, np.ones_like(u), np.zeros_like(u)
-    across = [(one, none), (x, none), (y, none), (none, one), (none, x), (none, y), (x * x, x * y), (x * y, y * y)]
-    return Lattice(cells=cells, k=k, u=u, v=v, along=along.reshape(-1), shifts=np.array(across, np.float32))
+    return Lattice(cells=cells, k=k, u=u, v=v, along=along.reshape(-1))
 
 
 def _bent(quad: Quad, cells: int, intrinsics: Intrinsics | None) -> Intrinsics | None:
@@ -88,17 +79,6 @@ def _bent(quad: Quad, cells: int, intrinsics: Intrinsics | None) -> Intrinsics |
     if intrinsics is None or quad.bend_px == 0.0:
         return None
     return intrinsics if quad.bend_px > MAX_BEND * quad_side(quad.corners_px.tolist()) / cells else None
-
-
-def _lattice_pixels(quad: Quad, points: Lattice, lens: Intrinsics | None) -> Singles:
-    """(n·n, k·k, 2) pixel of each lattice point."""
-    corners = quad.corners_px if lens is None else undistort(quad.corners_px, lens)
-    h = unit_square_to(corners).astype(np.float32)
-    scale = 1.0 / (h[2, 0] * points.u + h[2, 1] * points.v + h[2, 2])
-    out = np.empty((*points.u.shape, 2), np.float32)
-    out[..., 0] = (h[0, 0] * points.u + h[0, 1] * points.v + h[0, 2]) * scale
-    out[..., 1] = (h[1, 0] * points.u + h[1, 1] * points.v + h[1, 2]) * scale
-    return out if lens is None else distort(out, lens).astype(np.float32, copy=False)
 
 
 def sample_cells(
@@ -117,8 +97,8 @@ def sample_cells(
     if like is not None and abs(k - like.k) <= max(1.0, SAME_LATTICE * like.k):
         k = like.k
     points = lattice(cells, k)
-    sample = _sample_compiled if can_read(frame) else _sample
-    sampled = sample(frame, quad, points, _bent(quad, cells, intrinsics))
+    lens = _bent(quad, cells, intrinsics)
+    sampled = kernel.sample_cells(frame, quad.corners_px, quad.bend_px, lens, cells, k, points.along)
     if sampled is None:
         return OUTSIDE
     light, rows, saturated, least = sampled
@@ -144,47 +124,6 @@ def _sizes_px(corners: Floats, cells: int) -> tuple[tuple[float, float], tuple[c
     top, right, bottom, left = b - a, c - b, c - d, d - a
     cell_px = (abs(top) + abs(bottom)) / (2 * cells), (abs(right) + abs(left)) / (2 * cells)
     return cell_px, ((top + bottom) / 2, (right + left) / 2)
-
-
-def _window(frame: Frame, quad: Quad) -> tuple[slice, slice] | None:
-    """Rows and columns around a quad, None where it leaves the picture.
-
-    As many more on each side as the interpolation takes in, so that no sample lies beyond the last.
-    """
-    window = []
-    for ends, size in zip(quad.corners_px.T[::-1].tolist(), frame.pixels.shape, strict=True):
-        low, high = min(ends) - quad.bend_px, max(ends) + quad.bend_px
-        if not (low >= 0 and high <= size - 1):
-            return None
-        window.append(slice(max(0, int(low) + 1 - MARGIN), min(size, int(high) + 1 + MARGIN)))
-    return window[0], window[1]
-
-
-def _sample_compiled(
-    frame: Frame, quad: Quad, points: Lattice, lens: Intrinsics | None
-) -> tuple[Singles, Singles, bool, float] | None:
-    """`_sample`, in C."""
-    return kernel.sample_cells(frame, quad.corners_px, quad.bend_px, lens, points.cells, points.k, points.along)
-
-
-def _sample(
-    frame: Frame, quad: Quad, points: Lattice, lens: Intrinsics | None
-) -> tuple[Singles, Singles, bool, float] | None:
-    """Light and rows of the lattice's points, whether a pixel is saturated, and the least light of a cell, or NaN.
-
-    None where a part is outside the picture.
-    """
-    window = _window(frame, quad)
-    if window is None:
-        return None
-    at, (rows, columns) = _lattice_pixels(quad, points, lens), window
-    patch = frame.pixels[window]
-    saturated = int(patch.max()) == SATURATED_VALUE
-    linear = cv2.LUT(patch, linear_light(frame.transfer))
-    places = at - np.array([columns.start, rows.start], np.float32)
-    kernel_of = cv2.INTER_LINEAR if saturated else cv2.INTER_LANCZOS4
-    light = cv2.remap(linear, places, None, kernel_of, borderMode=cv2.BORDER_REPLICATE)
-    return light, at[..., 1], saturated, float(light.sum(axis=1).min())
 
 
 def _valid(light: Singles) -> Mask | Rejected:

@@ -29,7 +29,6 @@ def examine(config: Config) -> Iterator[Finding]:
     """Each finding as soon as it is known; the camera takes a second or two."""
     kind, _, place = config.camera.source.partition(":")
     yield machine.packages()
-    yield machine.loops()
     if kind == "picamera2":
         yield machine.picamera2()
         yield machine.permissions(("/dev/media*", "/dev/dma_heap/*"))

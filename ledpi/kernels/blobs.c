@@ -1,4 +1,8 @@
-/* Bright blobs of a picture: runs of rows, joined where they touch. */
+/* Bright blobs of a picture: runs of rows, joined where they touch.
+ *
+ * Blobs (most, 6) of the pixels (height, width) that are brighter than `around`, their neighbourhood, by more than
+ * `contrast`; of 4-connected pixels, and no larger than `most_area`. `runs` (most_runs, 4) and `sums` (most_runs, 6) are
+ * room. What there is no room for is left out. */
 #include <math.h>
 #include <string.h>
 
@@ -18,7 +22,7 @@ static void join(BlobRun *runs, int32_t one, int32_t other) {
     if (b < a) runs[a].root = b;
 }
 
-static ptrdiff_t put_runs(const uint8_t *pixels, const uint8_t *around, ptrdiff_t height, ptrdiff_t width, int contrast,
+static ptrdiff_t put_runs(const uint8_t *pixels, const uint8_t *around, ptrdiff_t height, ptrdiff_t width, ptrdiff_t contrast,
                           ptrdiff_t most, BlobRun *runs) {
     ptrdiff_t count = 0, above = 0;
     for (ptrdiff_t y = 0; y < height; y++, pixels += width, around += width) {
@@ -45,8 +49,12 @@ static Blob blob_of(const double *sums) {
     return (Blob){n, x, y, sums[3] / n - x * x + pixel, sums[4] / n - x * y, sums[5] / n - y * y + pixel};
 }
 
-ptrdiff_t ledpi_blobs(const uint8_t *pixels, const uint8_t *around, ptrdiff_t height, ptrdiff_t width, int contrast,
-                      double most_area, ptrdiff_t most_runs, BlobRun *runs, double (*sums)[6], ptrdiff_t most, Blob *blobs) {
+ptrdiff_t ledpi_blobs(const uint8_t *pixels, const uint8_t *around, ptrdiff_t height, ptrdiff_t width, ptrdiff_t contrast,
+                      double most_area, ptrdiff_t most_runs, int32_t *run_room, double *sum_room, ptrdiff_t most,
+                      double *found_blobs) {
+    BlobRun *const runs = (BlobRun *)run_room;
+    double (*const sums)[LEDPI_BLOB] = (double (*)[LEDPI_BLOB])sum_room;
+    Blob *const blobs = (Blob *)found_blobs;
     const ptrdiff_t count = put_runs(pixels, around, height, width, contrast, most_runs, runs);
     ptrdiff_t found = 0;
     memset(sums, 0, sizeof *sums * (size_t)count);

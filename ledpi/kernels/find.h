@@ -3,9 +3,7 @@
 #ifndef LEDPI_FIND_H
 #define LEDPI_FIND_H
 
-#include <stdbool.h>
-#include <stddef.h>
-#include <stdint.h>
+#include "core.h"
 
 /* As `Limits` of decode/finding/find.py, which explains them. */
 typedef struct {
@@ -79,12 +77,12 @@ bool ledpi_square_of(const int32_t (*points)[2], const Outline *outline, double 
 
 /* Of squares (count) those, in `kept` (count), that are of no thing which another fits better; the best first. Returns how
  * many. */
-ptrdiff_t ledpi_distinct(const Square *squares, ptrdiff_t count, const Limits *limits, ptrdiff_t *kept);
+ptrdiff_t ledpi_distinct(const Square *squares, ptrdiff_t count, const Limits *limits, int64_t *kept);
 
 enum { MOST_COMPARED = 512 }; /* that are looked at for cells of each other */
 
 /* Of the `kept` (count) those that are no cells of another one of them, of `cells` × `cells`. Returns how many. */
 ptrdiff_t ledpi_without_cells(const Square *squares, ptrdiff_t count, ptrdiff_t cells, const Limits *limits,
-                              ptrdiff_t *kept);
+                              int64_t *kept);
 
 #endif

@@ -31,10 +31,6 @@ static inline ptrdiff_t ledpi_before(float at, ptrdiff_t size, float *share) {
     return pixel;
 }
 
-/* Linear light between pixels, bilinear, at `count` places; beyond the picture as at its border (light.c). Of several places
- * at a time it is told which pixels are around. */
-void ledpi_light_at_all(const Picture *picture, const float *x, const float *y, ptrdiff_t count, float *light);
-
 typedef struct {
     double x, y;
 } Point;

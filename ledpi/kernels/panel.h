@@ -2,6 +2,7 @@
 #ifndef LEDPI_PANEL_H
 #define LEDPI_PANEL_H
 
+#include "core.h"
 #include "kernels.h"
 #include "pose.h"
 
@@ -12,8 +13,7 @@ enum {
     /* Where in the unknowns: those of the panel, then each cell's OWN. As in decode/model/prior.py. */
     BLUR = WAYS, GAP, RIM, SHAPE = RIM + 4, PHASE = SHAPE + SHAPES, BESIDE = PHASE + 2, DARK = BESIDE + 4, COMMON,
     RESIDUAL = COMMON, DENSE = 32, /* columns of a sample: COMMON, its residual, and what pads them */
-    MOST_CELLS = 8, /* along a side */
-    MOST_LINES = 160, MOST_ROWS = 512,
+    MOST_CELLS = LEDPI_MOST_SIDE, MOST_ROWS = 512,
     MOST_OWN = OWN * MOST_CELLS * MOST_CELLS, MOST_UNKNOWN = COMMON + MOST_OWN,
     MOST_MET = 4, /* cells whose light meets at a place */
     WAVE_STEPS = 512, /* of a period */

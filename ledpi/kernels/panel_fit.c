@@ -4,7 +4,7 @@
 #include <string.h>
 
 #include "normal.h"
-#include "panel_fit.h"
+#include "panel.h"
 #include "wide.h"
 
 enum {
@@ -20,6 +20,17 @@ enum {
 #define NATS_NEEDED 11.3
 static const double LEAST_BLUR_PX = 0.4, MOST_BLUR_PX = 3.0, MOST_GAP = 0.6, MOST_RIM = 0.15, MOST_SIGMA = 1.0;
 
+/* A fit under way. */
+typedef struct {
+    View view;
+    Panel panel;
+    Point corners[4], lit[4];
+    const PanelFit *asked;
+    const double *along, *prior;
+    ptrdiff_t lines, reweightings;
+    double *unknown, *covariance, explained, variance;
+} Fitting;
+
 /* Sums of products of the columns; of COMMON, of each cell's OWN with COMMON, and of these among each other. */
 typedef struct {
     float common[DENSE * DENSE], mixed[MOST_OWN][DENSE];
@@ -27,8 +38,8 @@ typedef struct {
 } Products;
 
 typedef struct {
-    Line grid[2][MOST_LINES];
-    float columns[MOST_LINES * DENSE];
+    Line grid[2][LEDPI_MOST_LINES];
+    float columns[LEDPI_MOST_LINES * DENSE];
     Products products;
     double matrix[MOST_UNKNOWN * MOST_UNKNOWN], step[MOST_UNKNOWN];
     float by_row[2][MOST_CELLS * MOST_CELLS * MOST_ROWS];
@@ -38,11 +49,11 @@ typedef struct {
     ptrdiff_t samples;
 } Work;
 
-size_t ledpi_panel_work(void) { return sizeof(Work); }
+ptrdiff_t ledpi_panel_room(void) { return (ptrdiff_t)sizeof(Work); }
 
 /* Lines of the grid in both directions. The picture's blur is the same all over: in cells it is as broad as these are
  * narrow, across their own lines, half way along each. */
-static void put_lines(const PanelFit *fit, const double h[9], Work *work) {
+static void put_lines(const Fitting *fit, const double h[9], Work *work) {
     const double n = (double)fit->panel.cells, per_ray = fit->view.lens ? fit->view.lens->fx : 1.0;
     for (int axis = 0; axis < 2; axis++)
         for (ptrdiff_t i = 0; i < fit->lines; i++) {
@@ -83,7 +94,7 @@ static LEDPI_INLINE void add_own(Products *products, ptrdiff_t owns, const Sampl
 }
 
 /* What `ledpi_panel_phases` asks for: of one cell's light the part that its own unknowns explain. */
-static void add_row(const PanelFit *fit, const Sample *s, ptrdiff_t rows, Work *work) {
+static void add_row(const Fitting *fit, const Sample *s, ptrdiff_t rows, Work *work) {
     const ptrdiff_t row = (ptrdiff_t)((s->row - fit->view.first_y) / fit->view.shrink + 0.5);
     if (s->met != 1 || row < 0 || row >= rows) return;
     const double *own = fit->unknown + COMMON + OWN * s->cell[0], steady = s->weight * s->by[0][0];
@@ -93,9 +104,9 @@ static void add_row(const PanelFit *fit, const Sample *s, ptrdiff_t rows, Work *
     work->by_row[1][s->cell[0] * rows + row] += (float)(steady * seen);
 }
 
-static ptrdiff_t rows_of(const PanelFit *fit) { return fit->view.rows < MOST_ROWS ? fit->view.rows : MOST_ROWS; }
+static ptrdiff_t rows_of(const Fitting *fit) { return fit->view.rows < MOST_ROWS ? fit->view.rows : MOST_ROWS; }
 
-static void clear(const PanelFit *fit, Work *work) {
+static void clear(const Fitting *fit, Work *work) {
     const size_t owns = (size_t)(OWN * fit->panel.cells * fit->panel.cells);
     memset(work->products.common, 0, sizeof work->products.common);
     memset(work->products.mixed, 0, owns * sizeof *work->products.mixed);
@@ -106,7 +117,7 @@ static void clear(const PanelFit *fit, Work *work) {
 }
 
 /* Sums over the grid; by rows where `phasing`. */
-LEDPI_WIDE static void sum_up(const PanelFit *fit, const double h[9], bool phasing, Work *work) {
+LEDPI_WIDE static void sum_up(const Fitting *fit, const double h[9], bool phasing, Work *work) {
     const ptrdiff_t cells = fit->panel.cells, owns = OWN * cells * cells, rows = rows_of(fit);
     clear(fit, work);
     if (phasing)
@@ -188,7 +199,7 @@ static void solve_backward(const double *factor, ptrdiff_t size, ptrdiff_t cells
 }
 
 /* The step, in the fit's order of unknowns but for the matrix's in `step`; leaves the factor. */
-static bool solve_step(PanelFit *fit, Work *work) {
+static bool solve_step(Fitting *fit, Work *work) {
     const ptrdiff_t cells = fit->panel.cells, owns = OWN * cells * cells, size = owns + COMMON;
     const double *prior = fit->prior, *information = fit->prior + size;
     const double freedom = (double)(work->samples - size);
@@ -234,7 +245,7 @@ static void move_lit(const double h[9], const double *ways, const double *rim, p
 }
 
 /* Takes the step. Returns how far it moves the homography. */
-static double take_step(PanelFit *fit, const double h[9], Work *work) {
+static double take_step(Fitting *fit, const double h[9], Work *work) {
     const ptrdiff_t cells = fit->panel.cells, owns = OWN * cells * cells, size = owns + COMMON;
     double most = 0.0, usual = 0.0, *unknown = fit->unknown;
     for (int i = 0; i < WAYS; i++) most = fmax(most, fabs(work->step[owns + i]));
@@ -275,7 +286,7 @@ static void weigh_blocks(ptrdiff_t cells, Work *work) {
 }
 
 /* The corners' covariance by the factor of what is known of all unknowns. */
-static void put_covariance(PanelFit *fit, const double h[9], Work *work) {
+static void put_covariance(Fitting *fit, const double h[9], Work *work) {
     const ptrdiff_t cells = fit->panel.cells, owns = OWN * cells * cells, size = owns + COMMON;
     const double little = 1e-4, none[WAYS] = {0.0}, *rim = fit->unknown + RIM;
     double by[8][MOST_UNKNOWN];
@@ -317,42 +328,63 @@ static bool is_without_bands(Bands bands, const Work *work) {
     return bands.seen < SHALLOW * bands.expected && 0.5 * SHALLOW * bands.expected > NATS_NEEDED * variance;
 }
 
-Outcome ledpi_fit_panel(PanelFit *fit, void *room) {
-    Work *const work = room;
-    const ptrdiff_t cells = fit->panel.cells, blocks = cells * cells * BLOCKS * BLOCKS + 4 * cells;
-    if (fit->lines > MOST_LINES || cells > MOST_CELLS) return DIVERGED;
-    for (ptrdiff_t b = 0; b < blocks; b++) work->weight[b] = 1.0;
-    for (int i = 0; fit->view.lens && i < 4; i++) { /* before the lens bends it a panel is a square */
-        double ray[2];
-        ledpi_ray_of(fit->view.lens, (double[]){fit->corners[i].x, fit->corners[i].y}, ray);
-        fit->corners[i] = (Point){ray[0], ray[1]};
+static Fitting begun(const PanelFit *asked, PanelFit *into) {
+    Fitting fit = {
+        .view = {asked->light, asked->rows, asked->columns, asked->first_x, asked->first_y, asked->shrink, asked->saturated,
+                 (const Lens *)asked->lens},
+        .panel = {asked->cells, asked->waves, {asked->cycles_a_row[0], asked->cycles_a_row[1]}, asked->scale, asked->dark},
+        .asked = asked, .along = asked->along, .prior = asked->prior, .lines = asked->lines,
+        .reweightings = asked->reweightings, .unknown = asked->unknown, .covariance = into->covariance,
+    };
+    for (int i = 0; i < 4; i++) { /* before the lens bends it a panel is a square */
+        double ray[2] = {asked->corners[2 * i], asked->corners[2 * i + 1]};
+        if (fit.view.lens) ledpi_ray_of(fit.view.lens, asked->corners + 2 * i, ray);
+        fit.corners[i] = (Point){ray[0], ray[1]};
     }
-    bool phasing = fit->phasing;
-    double h[9];
+    return fit;
+}
+
+/* Rounds of Gauss and Newton, until nothing moves. Leaves the homography of the last. */
+static int iterate(Fitting *fit, double h[9], Work *work) {
+    const PanelFit *const asked = fit->asked;
     for (ptrdiff_t round = 0;; round++) {
         ledpi_unit_square_to(fit->corners, h);
         put_lines(fit, h, work);
-        if (phasing) {
+        if (asked->phasing && round == 0) {
             sum_up(fit, h, true, work);
-            const Bands bands = ledpi_panel_phases(&fit->panel, &fit->view, rows_of(fit), work->by_row[0], work->by_row[1], fit->unknown + PHASE);
-            phasing = false;
-            if (fit->must_blink && is_without_bands(bands, work)) return WITHOUT_BANDS;
+            const Bands bands = ledpi_panel_phases(&fit->panel, &fit->view, rows_of(fit), work->by_row[0], work->by_row[1],
+                                                   fit->unknown + PHASE);
+            if (asked->must_blink && is_without_bands(bands, work)) return LEDPI_WITHOUT_BANDS;
         }
         sum_up(fit, h, false, work);
-        if (!solve_step(fit, work)) return DIVERGED;
+        if (!solve_step(fit, work)) return LEDPI_DIVERGED;
         const double moved = take_step(fit, h, work);
-        if (!(moved < 1e3)) return DIVERGED;
-        const bool settled = moved < fit->tolerance && work->decrease < SETTLED_SHARE;
-        if (round + 1 >= fit->rounds || (settled && !fit->reweightings)) break;
+        if (!(moved < 1e3)) return LEDPI_DIVERGED;
+        const bool settled = moved < asked->tolerance && work->decrease < SETTLED_SHARE;
+        if (round + 1 >= asked->rounds || (settled && !fit->reweightings)) return LEDPI_FITTED;
         if (fit->reweightings && moved < MOST_STEP / 10.0 && work->decrease < 10.0 * SETTLED_SHARE) {
-            weigh_blocks(cells, work);
+            weigh_blocks(fit->panel.cells, work);
             fit->reweightings--;
         }
     }
-    ledpi_unit_square_to(fit->corners, h);
-    put_covariance(fit, h, work);
-    move_lit(h, (double[WAYS]){0.0}, fit->unknown + RIM, cells, fit->lit);
-    seen_through(fit->view.lens, fit->corners);
-    seen_through(fit->view.lens, fit->lit);
-    return FITTED;
+}
+
+int ledpi_fit_panel(PanelFit *asked, uint8_t *room) {
+    Work *const work = (Work *)room;
+    const ptrdiff_t cells = asked->cells, blocks = cells * cells * BLOCKS * BLOCKS + 4 * cells;
+    if (asked->lines > LEDPI_MOST_LINES || cells > MOST_CELLS) return LEDPI_DIVERGED;
+    double h[9];
+    Fitting fit = begun(asked, asked);
+    for (ptrdiff_t b = 0; b < blocks; b++) work->weight[b] = 1.0;
+    const int outcome = iterate(&fit, h, work);
+    if (outcome != LEDPI_FITTED) return outcome;
+    ledpi_unit_square_to(fit.corners, h);
+    put_covariance(&fit, h, work);
+    move_lit(h, (double[WAYS]){0.0}, fit.unknown + RIM, cells, fit.lit);
+    seen_through(fit.view.lens, fit.corners);
+    seen_through(fit.view.lens, fit.lit);
+    memcpy(asked->corners, fit.corners, sizeof asked->corners);
+    memcpy(asked->lit, fit.lit, sizeof asked->lit);
+    asked->explained = fit.explained, asked->variance = fit.variance;
+    return LEDPI_FITTED;
 }

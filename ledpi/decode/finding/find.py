@@ -12,8 +12,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from ledpi.kernels import find as kernel
-from ledpi.kernels.find import Thresholds
+from ledpi.kernels.find import SquareSearcher, Thresholds
 from ledpi.records import Floats, Frame, Pixels, Rejected
 
 TOO_SMALL = Rejected(stage="find", reason="too_small")
@@ -67,7 +66,7 @@ class Finder:
         ]
         # Finding compares neighbours only; a square root gives dark linear pictures the contrast they need.
         self._brighten = np.round(255 * np.sqrt(np.arange(256) / 255)).astype(np.uint8)
-        self._searcher = kernel.Searcher(self._levels, SHORTEST, smallest_px, cells, Limits())
+        self._searcher = SquareSearcher(self._levels, SHORTEST, smallest_px, cells, Limits())
 
     def find(self, frame: Frame) -> tuple[list[Floats], list[Rejected]]:
         """Corners (4, 2) of distinct things, the best outline first; and what was dropped."""

@@ -19,9 +19,8 @@ from ledpi.decode.evidence.single_frame import single_evidence
 from ledpi.decode.evidence.waves import band_prior, is_deep_anywhere
 from ledpi.decode.identify.codebook import NEAREST_PATTERN, Codebook
 from ledpi.decode.identify.first_look import first_look
-from ledpi.decode.identify.patterns import likeliest_beyond, of_neighbours
 from ledpi.decode.identify.tilt import log_chance_of_tilt
-from ledpi.decode.identify.words import likeliest
+from ledpi.decode.identify.words import likeliest, likeliest_beyond, of_neighbours
 from ledpi.kernels.words import Fit
 from ledpi.records import Frame, Mask, Rejected, Singles
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from ledpi.decode.cells import CellSamples
 from ledpi.decode.evidence.classes import wave_shares
-from ledpi.decode.evidence.evidence import picture_slopes
+from ledpi.decode.evidence.expect import ways
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.records import Floats, Frame, PanelSpec
 
@@ -96,12 +96,10 @@ def _residuals(seen: Sequence[Seen]) -> tuple[Floats, Floats]:
     light = np.stack([s.samples.light / s.samples.light.mean() for s in seen]).astype(np.float64)
     picture = np.maximum(light.mean(axis=0), 0.02)
     weight = picture / picture.mean()
-    slopes = picture_slopes(picture.astype(np.float32), seen[-1].samples.lattice).reshape(-1, picture.size)
-    changes = np.concatenate([np.ones((1, picture.size)), slopes])  # of exposure, of corners
+    basis = ways(picture.astype(np.float32), seen[-1].samples.lattice)  # changes of exposure, of corners
     root = np.sqrt(weight).reshape(-1)
-    basis = np.linalg.qr((changes * root).T)[0]
     residual = ((light / picture - 1.0).reshape(len(seen), -1)) * root
-    residual -= (residual @ basis) @ basis.T
+    residual -= (residual @ basis.T) @ basis
     return residual / root, weight.reshape(-1)
 
 

@@ -11,9 +11,8 @@ import numpy as np
 
 from ledpi.decode.model.light import Window, grid, waves
 from ledpi.decode.model.prior import COMMON, OWN, PHASE, prior
-from ledpi.kernels import panel as kernel
-from ledpi.kernels.library import address
-from ledpi.kernels.panel import MOST_LINES, PanelFit, Solver
+from ledpi.kernels.library import NONE, lib
+from ledpi.kernels.panel import MOST_LINES, Solver
 from ledpi.kernels.pose import lens_of
 from ledpi.records import Floats, Frame, Intrinsics, PanelSpec, Rejected, read_only
 
@@ -85,27 +84,40 @@ class Fitter:
         unknown = (given[0] if known is None else known).copy()
         tables = waves(spec, frame.exposure_us, frame.row_time_us, window.shrink)
         per_row = frame.row_time_us * 1e-6
-        fit = PanelFit(
-            address(window.light), *window.light.shape, *window.first, window.shrink, SATURATED,
-            None if self._lens is None else address(self._lens), cells, address(tables),
-            (spec.black_hz * per_row, spec.white_hz * per_row), 1.0 / (window.bright - window.dark), window.dark,
-            len(lines), address(lines), address(given), effort.rounds, effort.reweightings, effort.phasing,
-            effort.tolerance, effort.must_blink,
-        )  # fmt: skip
-        fit.corners[:] = corners_px.reshape(-1).tolist()
-        fit.unknown = address(unknown)
-        outcome = self._solver.fit(fit)
-        if outcome == kernel.WITHOUT_BANDS:
-            return NO_BANDS
-        if outcome != kernel.FITTED:
-            return DIVERGED
-        lattice, lit = np.array(fit.corners).reshape(4, 2), np.array(fit.lit).reshape(4, 2)
+        outcome, fit = self._solver.fit(
+            light=window.light,
+            rows=window.light.shape[0],
+            columns=window.light.shape[1],
+            first_x=window.first[0],
+            first_y=window.first[1],
+            shrink=window.shrink,
+            saturated=SATURATED,
+            lens=NONE if self._lens is None else self._lens,
+            cells=cells,
+            waves=tables,
+            cycles_a_row=(spec.black_hz * per_row, spec.white_hz * per_row),
+            scale=1.0 / (window.bright - window.dark),
+            dark=window.dark,
+            lines=len(lines),
+            along=lines,
+            prior=given,
+            rounds=effort.rounds,
+            reweightings=effort.reweightings,
+            phasing=effort.phasing,
+            must_blink=effort.must_blink,
+            tolerance=effort.tolerance,
+            corners=corners_px.reshape(-1).tolist(),
+            unknown=unknown,
+        )
+        if outcome != lib.LEDPI_FITTED:
+            return NO_BANDS if outcome == lib.LEDPI_WITHOUT_BANDS else DIVERGED
+        lattice, lit = np.array(list(fit.corners)).reshape(4, 2), np.array(list(fit.lit)).reshape(4, 2)
         if not (np.isfinite(lattice).all() and np.isfinite(lit).all()):
             return DIVERGED
         return Fitted(
             lattice_px=read_only(lattice),
             corners_px=read_only(lit),
-            covariance_px2=read_only(np.array(fit.covariance).reshape(8, 8)),
+            covariance_px2=read_only(np.array(list(fit.covariance)).reshape(8, 8)),
             explained=fit.explained,
             unknown=read_only(unknown),
             spec=spec,
