@@ -8,6 +8,7 @@ import math
 import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 
 from ledpi.camera.base import Camera
 from ledpi.camera.gain_follower import GainFollower
@@ -15,6 +16,7 @@ from ledpi.camera.recovering import LOST
 from ledpi.camera_yaml import load_intrinsics
 from ledpi.config import Config
 from ledpi.decode.identify.tuning import off_frequency_note
+from ledpi.errors import CameraError, TransientError
 from ledpi.health import Health, HealthSnapshot, StageTimes
 from ledpi.pipeline import Pipeline
 from ledpi.pose.fix import NOT_IN_MAP
@@ -114,7 +116,8 @@ class Daemon:
 
     def _close(self) -> None:
         self._stop.set()
-        self._camera.close()
+        with suppress(CameraError, OSError):  # the controller gets its last word all the same
+            self._camera.close()
         self._threads[0].join(JOIN_S)
         self._ring.close()
         self._threads[1].join(JOIN_S)
@@ -124,6 +127,9 @@ class Daemon:
     def _guard(self, loop: Callable[[], None]) -> None:
         try:
             loop()
+        except OSError as error:  # what the system refuses for now; another process may fare better
+            self._failure = self._failure or TransientError(f"{loop.__name__.strip('_')}: {error}")
+            self._stop.set()
         except BaseException as error:
             self._failure = self._failure or error
             self._stop.set()

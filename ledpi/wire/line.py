@@ -115,7 +115,10 @@ class SerialLine:
             raise self._lost(error) from None
 
     def _has_room(self) -> bool:
-        _, writable, _ = select.select([], [self._serial.fileno()], [], 0)
+        try:
+            _, writable, _ = select.select([], [self._serial.fileno()], [], 0)
+        except OSError as error:
+            raise self._lost(error) from None
         return bool(writable)
 
     def _lost(self, error: OSError) -> WireError:

@@ -76,7 +76,7 @@ class Publisher:
         self._making_ns = deque([0], maxlen=RECENT)  # from the clock's reading, which is in the packet, to its writing
         self._lent: SerialLine | None = None  # while the thread waits and the line is free: to whoever publishes
         self._borrowed = False
-        self._lost: WireError | None = None  # what the borrower met
+        self._lost: WireError | OSError | None = None  # what the borrower met
         self._thread = threading.Thread(target=self._run, name="publisher", daemon=True)
 
     def start(self) -> None:
@@ -98,7 +98,7 @@ class Publisher:
                 return
         try:
             self._send_next(line)
-        except WireError as error:
+        except (WireError, OSError) as error:
             self._lost = error
         finally:
             with self._wake:
@@ -153,7 +153,7 @@ class Publisher:
                     self._use(line)
                 finally:
                     line.close()
-            except WireError as error:
+            except (WireError, OSError) as error:  # whatever the system refuses, the port is opened anew
                 self._note(connected=False, error=str(error))
                 self._pause(backoff_s)
                 backoff_s = min(2 * backoff_s, BACKOFF_LAST_S)
