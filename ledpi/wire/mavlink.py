@@ -72,9 +72,11 @@ class Mavlink:
                 fields = self._heartbeat(message)
         if fields is None:
             return None
-        packet = bytes(fields.pack(self._packer))
+        return bytes(fields.pack(self._packer))
+
+    def count_sent(self) -> None:
+        """The packet that was encoded last has gone out: the next has the next number."""
         self._packer.seq = (self._packer.seq + 1) % 256
-        return packet
 
     def _heartbeat(self, status: StatusMessage) -> Any:
         d = self._dialect
