@@ -235,6 +235,12 @@ def test_the_heartbeat_is_that_of_an_onboard_controller(state: State, system_sta
     assert (heartbeat.get_srcSystem(), heartbeat.get_srcComponent()) == (1, common.MAV_COMP_ID_VISUAL_INERTIAL_ODOMETRY)
 
 
+def test_a_decoder_that_is_behind_is_critical() -> None:
+    """No pose comes that could be used, although the camera is there."""
+    heartbeat = parse(codec().encode(StatusMessage(state=State.RUNNING, no_fix=NoFix.BEHIND), 0))
+    assert heartbeat.system_status == common.MAV_STATE_CRITICAL
+
+
 def test_a_heartbeat_is_due_once_a_second() -> None:
     """Not five times, as our own protocol's."""
     outbox = Outbox(max_age_ms=100.0, status_period_ns=HEARTBEAT_PERIOD_NS)

@@ -15,7 +15,7 @@ import numpy as np
 from ledpi.errors import ConfigError, WireError
 from ledpi.geometry import matrix_from_quaternion, quaternion_from_matrix, rpy_deg_from_matrix
 from ledpi.records import Floats
-from ledpi.wire.message import FixMessage, MarkerMessage, Message, State, StatusMessage
+from ledpi.wire.message import FixMessage, MarkerMessage, Message, NoFix, State, StatusMessage
 
 Profile: TypeAlias = Literal["ardupilot", "px4"]
 
@@ -87,6 +87,8 @@ class Mavlink:
             State.STOPPING: d.MAV_STATE_POWEROFF,
         }
         state = states.get(status.state, d.MAV_STATE_UNINIT)
+        if status.no_fix is NoFix.BEHIND:  # to an autopilot that is the same: no pose comes
+            state = d.MAV_STATE_CRITICAL
         return d.MAVLink_heartbeat_message(d.MAV_TYPE_ONBOARD_CONTROLLER, d.MAV_AUTOPILOT_INVALID, 0, 0, state, 3)
 
     def _landing_target(self, marker: MarkerMessage, picture_us: int) -> Any:

@@ -47,6 +47,7 @@ class NoFix(IntEnum):
     NOT_IN_MAP = 6  # panels in view, none of them in the map
     REJECTED = 7  # a fix was solved and not believed
     STALE = 8  # the last fix is older than serial.max_age_ms
+    BEHIND = 9  # the camera delivers, and frames are decoded too late
     UNKNOWN = 255
 
     @classmethod
