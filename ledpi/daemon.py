@@ -24,6 +24,7 @@ from ledpi.pose.fix import NOT_IN_MAP
 from ledpi.processor import read_processor
 from ledpi.records import Floats, Intrinsics, Rejected
 from ledpi.reporting import Totals, in_service, minute_line, second_line
+from ledpi.resets import Resets
 from ledpi.ring import FrameRing
 from ledpi.robot import load_robot, strangers_note
 from ledpi.service_notify import notify, watchdog_period_s
@@ -43,8 +44,13 @@ _log = logging.getLogger("ledpi")
 class Daemon:
     """One run over one camera."""
 
-    def __init__(self, config: Config, camera: Camera, *, lossless: bool = False) -> None:
-        """`lossless`: capture waits for the decoder, for a camera that has no pace of its own."""
+    def __init__(
+        self, config: Config, camera: Camera, *, lossless: bool = False, resets: Resets | None = None
+    ) -> None:
+        """`lossless`: capture waits for the decoder, for a camera that has no pace of its own.
+
+        `resets`: where jumps and changes of the map are counted, with those of the daemons before.
+        """
         info = camera.info
         self._camera = camera
         self._lossless = lossless
@@ -63,7 +69,10 @@ class Daemon:
         self._gain = GainFollower(camera)
         if note := strangers_note(config, robot.panels):
             _log.warning("map: %s", note)
-        self._publisher = Publisher(config.serial, _mavlink(config, robot.base_link_from_camera))
+        resets = resets or Resets()
+        mavlink = _mavlink(config, robot.base_link_from_camera, resets)
+        resets.see_map(robot.panels)
+        self._publisher = Publisher(config.serial, mavlink, map_resets=resets.maps)
         self._health = Health()
         self._times = StageTimes()
         self._processor = read_processor()
@@ -254,8 +263,9 @@ def calibration(config: Config, camera: Camera) -> Intrinsics | None:
     return load_intrinsics(config.camera.intrinsics, (info.width, info.height))
 
 
-def _mavlink(config: Config, base_link_from_camera: Floats) -> Mavlink | None:
+def _mavlink(config: Config, base_link_from_camera: Floats, resets: Resets) -> Mavlink | None:
     """Raises ConfigError where it is asked for and pymavlink is missing."""
     if config.serial.protocol != "mavlink":
         return None
-    return Mavlink(base_link_from_camera=base_link_from_camera, profile=config.serial.mavlink_profile)
+    profile = config.serial.mavlink_profile
+    return Mavlink(base_link_from_camera=base_link_from_camera, profile=profile, resets=resets)

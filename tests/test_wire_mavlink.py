@@ -34,6 +34,7 @@ from ledpi.geometry import (
     transform,
 )
 from ledpi.records import Floats, Pose, RobotFix
+from ledpi.resets import Resets
 from ledpi.wire.mavlink import FRD_FROM_FLU, HEARTBEAT_PERIOD_NS, NED_FROM_ENU, Mavlink, Profile
 from ledpi.wire.message import MarkerMessage, NoFix, State, StatusMessage, fix_message, marker_message
 from ledpi.wire.outbox import Outbox
@@ -215,6 +216,15 @@ def test_the_reset_counter_goes_up_where_a_fix_jumps(second: RobotFix, jumps: in
     assert send_fix(mavlink, fix_at((0, 0, 0))).reset_counter == 0
     assert send_fix(mavlink, second, 110_000_000).reset_counter == jumps
     assert send_fix(mavlink, second, 210_000_000).reset_counter == jumps
+
+
+def test_the_reset_counter_outlives_a_reload() -> None:
+    """A new codec goes on counting, and another map counts, too."""
+    resets = Resets(jumps=254, maps=1)
+    mavlink = Mavlink(base_link_from_camera=np.eye(4), profile="ardupilot", resets=resets)
+    for x_m, counter in [(0.0, 255), (5.0, 0)]:
+        message = fix_message(fix_at((x_m, 0, 0)), age_us=2000, map_resets=resets.maps)
+        assert parse(mavlink.encode(message, 10_000_000)).reset_counter == counter
 
 
 @pytest.mark.parametrize(

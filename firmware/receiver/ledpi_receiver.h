@@ -62,7 +62,7 @@ typedef struct {
 typedef struct {
     uint32_t age_us;
     uint8_t panels_used;
-    uint8_t map_resets; /* after a change, forget older fixes */
+    uint8_t map_resets; /* other maps since the start: after a change, forget older fixes */
     ledpi_pose pose;    /* map_from_base_link */
 } ledpi_fix;
 

@@ -39,9 +39,12 @@ class Outbox:
     have their turn on a short line.
     """
 
-    def __init__(self, *, max_age_ms: float, status_period_ns: int = STATUS_PERIOD_NS) -> None:
+    def __init__(
+        self, *, max_age_ms: float, status_period_ns: int = STATUS_PERIOD_NS, map_resets: int = 0
+    ) -> None:
         self._max_age_ns = round(max_age_ms * 1e6)
         self._status_period_ns = status_period_ns
+        self._map_resets = map_resets
         self._fix: tuple[RobotFix, int] | None = None  # with its mid-exposure on the host's clock
         self._markers: dict[_Key, tuple[MarkerPose, int]] = {}
         self._sent_fix_ns: int | None = None  # mid-exposure of the newest fix that went out
@@ -149,7 +152,7 @@ class Outbox:
             return None
         (fix, mid_ns), self._fix = self._fix, None
         self._undo = partial(self._put_back_fix, (fix, mid_ns), self._sent_fix_ns)
-        message = self._aged(mid_ns, first_byte_ns, partial(fix_message, fix))
+        message = self._aged(mid_ns, first_byte_ns, partial(fix_message, fix, map_resets=self._map_resets))
         if message is not None:
             if not self._has_fix(first_byte_ns):
                 self._status_due_ns = None

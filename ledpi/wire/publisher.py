@@ -56,13 +56,14 @@ class PublisherCounters:
 class Publisher:
     """Writes poses and a status heartbeat to the motor controller. Only `stop` waits for the port."""
 
-    def __init__(self, settings: SerialSettings, mavlink: Mavlink | None = None) -> None:
-        """`mavlink`: speaks that in place of our own protocol."""
+    def __init__(self, settings: SerialSettings, mavlink: Mavlink | None = None, *, map_resets: int = 0) -> None:
+        """`mavlink`: speaks that in place of our own protocol. `map_resets`: changes of the map so far."""
         self._settings = settings
         self._mavlink = mavlink
         self._outbox = Outbox(
             max_age_ms=settings.max_age_ms,
             status_period_ns=STATUS_PERIOD_NS if mavlink is None else HEARTBEAT_PERIOD_NS,
+            map_resets=map_resets,
         )
         self._wake = threading.Condition()  # guards the outbox and all below; not held while the port is used
         self._stopping = False
