@@ -20,12 +20,16 @@ class ConfigError(LedpiError):
     """config.yaml, or a value given in its place, cannot be used."""
 
 
+class TransientError(LedpiError):
+    """What may come right by itself: exit status 1, after which a service manager tries again."""
+
+
 class CameraError(LedpiError):
     """A camera cannot be opened, or does not do what was asked of it."""
 
 
-class CameraLostError(CameraError):
-    """A camera that is not there, is in use, or delivers no more: it may come back by itself, so exit status 1."""
+class CameraLostError(CameraError, TransientError):
+    """A camera that is not there, is in use, fails as it starts, or delivers no more."""
 
 
 class RecordingError(CameraError):

@@ -116,4 +116,4 @@ def test_the_line_carries_the_fix(take: Path) -> None:
         assert fix.pose.deviation_m is not None
         assert 0 < max(fix.pose.deviation_m) < 0.05
     said = {message.no_fix for message in messages if isinstance(message, StatusMessage)}
-    assert said <= {NoFix.NONE, NoFix.NOT_RUNNING, NoFix.STALE, NoFix.NO_PANEL, NoFix.NO_FRAMES}
+    assert said <= {NoFix.NONE, NoFix.NOT_RUNNING, NoFix.STALE, NoFix.NO_PANEL, NoFix.NO_FRAMES, NoFix.BEHIND}

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from ledpi.camera.base import Camera
 from ledpi.config import Config
-from ledpi.errors import CameraError
+from ledpi.errors import CameraError, CameraLostError
 
 
 def open_camera(
@@ -41,10 +41,14 @@ def open_camera(
 
 
 def _open_device(config: Config, kind: str, place: str) -> Camera:
-    if kind == "picamera2":
-        from ledpi.camera.picamera import open_picamera
+    """Raises CameraLostError for what the system refuses, too: no descriptor left, say, or a node that vanishes."""
+    try:
+        if kind == "picamera2":
+            from ledpi.camera.picamera import open_picamera
 
-        return open_picamera(config.camera, config.panels.frequencies_hz())
-    from ledpi.camera.v4l2 import open_v4l2
+            return open_picamera(config.camera, config.panels.frequencies_hz())
+        from ledpi.camera.v4l2 import open_v4l2
 
-    return open_v4l2(config.camera, place)
+        return open_v4l2(config.camera, place)
+    except OSError as error:
+        raise CameraLostError(f"{config.camera.source}: {error.strerror or error}") from error

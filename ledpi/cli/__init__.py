@@ -19,7 +19,7 @@ os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
 import typer
 
 from ledpi import __version__
-from ledpi.errors import CameraLostError, LedpiError
+from ledpi.errors import LedpiError, TransientError
 from ledpi.wording import one_line
 
 # What the option parser raises; typer has it from click, or from a copy of click's that it brings along.
@@ -68,7 +68,7 @@ def main(loaded: Callable[[], None] = lambda: None) -> None:
             if sys.stdout is not None:
                 sys.stdout.flush()  # here, as Python itself could only print a traceback at the end
     except LedpiError as error:
-        _end(str(error), 1 if isinstance(error, CameraLostError) else 2)
+        _end(str(error), 1 if isinstance(error, TransientError) else 2)
     except OSError as error:  # a name that is too long, or a full disk behind `> file`
         _end(f"{error.filename or 'standard output'}: {error.strerror or error}", 2)
     except _CommandLineError as error:
