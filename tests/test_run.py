@@ -21,6 +21,7 @@ import pytest
 from command_material import complaint as one_complaint
 from command_material import in_process
 from daemon_material import (
+    COMMAND,
     DEADLINE_S,
     ROOT,
     SIMULATED,
@@ -184,7 +185,7 @@ def test_a_bad_frame_is_counted_and_skipped(tmp_path: Path) -> None:
     picture = tmp_path / "take/frames/000004.png"
     picture.write_bytes(picture.read_bytes()[:3000])
     with controller() as line:
-        settings = ("panels.side_m=1", f"camera.source=recording:{tmp_path / 'take'}", f"serial.port={line.port}")
+        settings = (f"camera.source=recording:{tmp_path / 'take'}", f"serial.port={line.port}")
         with daemon(*settings, options=("--unpaced",)) as process:
             ended = end(process)
     assert ended.status == 0
@@ -198,7 +199,7 @@ def test_a_recordings_own_values_are_sent(tmp_path: Path) -> None:
     """Paced, as the sensor delivered it: the ID, and a pose by the recording's own lens and panel size."""
     write_recording(tmp_path / "take", 30)
     with controller() as line:
-        settings = ("panels.side_m=5", f"camera.source=recording:{tmp_path / 'take'}", f"serial.port={line.port}")
+        settings = (f"camera.source=recording:{tmp_path / 'take'}", f"serial.port={line.port}")
         with daemon(*settings) as process:
             assert end(process).status == 0
         line.close()
@@ -212,7 +213,7 @@ def test_without_a_lens_ids_are_sent_flagged_uncalibrated(tmp_path: Path) -> Non
     """No poses; the heartbeat and a warning say why."""
     write_recording(tmp_path / "take", 30, calibrated=False)
     with controller() as line:
-        settings = ("panels.side_m=1", f"camera.source=recording:{tmp_path / 'take'}", f"serial.port={line.port}")
+        settings = (f"camera.source=recording:{tmp_path / 'take'}", f"serial.port={line.port}")
         with daemon(*settings) as process:
             ended = end(process)
         line.close()
@@ -243,6 +244,14 @@ def test_a_pose_leaves_once_it_is_decoded() -> None:
     assert latency.p25 <= slowness() * (latency.decode_p50 + 1.0)
 
 
+def test_the_helps_example_runs_without_a_configuration(tmp_path: Path) -> None:
+    """In any folder: the simulator's panels are its own, and the port may come later."""
+    given = ["--set", "camera.source=simulated", "--set", f"serial.port={tmp_path / 'robot'}", "--frames", "3"]
+    done = subprocess.run([*COMMAND, *given], cwd=tmp_path, capture_output=True, text=True, timeout=DEADLINE_S)
+    assert done.returncode == 0, done.stderr
+    assert "ended: 3 frames" in done.stderr
+
+
 # ---- What cannot run
 
 
@@ -260,7 +269,7 @@ def complaint(
     [
         ([], "no configuration: --config FILE, ./config.yaml or /etc/ledpi/config.yaml"),
         (["--config", "none.yaml"], "none.yaml: cannot be read"),
-        (["--set", "camera.source=simulated"], "panels.side_m: must be given"),
+        (["--set", "serial.baud=9600"], "panels.side_m: must be given"),
         (["--set", "panels.side_m=0"], "panels.side_m: must be greater than 0"),
         (["--set", "panels.side_m=1", "--set", "camera.source=film"], "camera.source: must be picamera2, simulated"),
         (["--set", "panels.side_m=1", "--set", "serial.baud=fast"], "serial.baud: must be a whole number"),
@@ -285,7 +294,7 @@ def test_what_cannot_run_is_told_in_one_line(
     ("settings", "message"),
     [
         (["camera.intrinsics=camera.yaml"], "camera.yaml: was made for pictures of 320 × 240 pixels"),
-        (["panels.black_hz=1300", "panels.overrides={7: {white_hz: 1250}}"], "black_hz and white_hz must differ"),
+        (["panels.overrides={7: {white_hz: 1250}}"], "black_hz and white_hz must differ"),
     ],
 )
 def test_what_contradicts_the_camera_is_told_in_one_line(
@@ -302,7 +311,8 @@ def test_what_contradicts_the_camera_is_told_in_one_line(
         f"image_width: 320\nimage_height: 240\ncamera_matrix: {{{numbers}}}\n"
         "distortion_coefficients: {data: [0, 0, 0, 0, 0]}\n"
     )
-    given = ["panels.side_m=1", "camera.source=recording:take", *settings]
+    (tmp_path / "config.yaml").write_text("panels: {side_m: 1, black_hz: 1300}\n")
+    given = ["camera.source=recording:take", *settings]
     arguments = [part for item in given for part in ("--set", item)]
     assert message in complaint(arguments, monkeypatch, capsys, tmp_path)
 

@@ -50,9 +50,8 @@ def settings_for(config: Path | None, set_: list[str], recording: Path | None) -
     overrides = list(set_)
     if recording is not None:
         overrides.append(f"camera.source=recording:{recording}")
-    if file is None and not any(item.startswith("panels.side_m=") for item in set_):
-        overrides.append("panels.side_m=1")  # a panel's size has no part in what is measured here
-    return load_config(file, tuple(overrides)), file
+    own_size = ("panels.side_m=1",)  # it has no part in what is measured here
+    return load_config(file, tuple(overrides), without_file=own_size), file
 
 
 def announced_specs(panels: PanelSettings) -> list[PanelSpec]:

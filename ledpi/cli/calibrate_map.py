@@ -71,10 +71,10 @@ def _drive(recording: Path, settings: Config) -> tuple[list[View], dict[int, flo
     from ledpi.daemon import calibration
     from ledpi.dictionaries import load_dictionary
     from ledpi.pipeline import Pipeline
-    from ledpi.recording import load_recording
+    from ledpi.recording_overrides import load_recording_with
     from ledpi.records import Frame
 
-    loaded = load_recording(recording)
+    loaded = load_recording_with(settings, recording)
     camera = RecordingCamera(loaded, paced=False)
     views: list[View] = []
     try:

@@ -66,11 +66,11 @@ def snapshot(
     if path is not None and out.exists() and out.samefile(path):
         raise ConfigError(f"--out {out}: is the picture that is read; must be another file")
     file, overrides = find_config(config), list(set_)
-    if file is None and path is not None and path.is_dir():
-        overrides.insert(0, "panels.side_m=1")  # a recording brings its panel's size
     if method is not None:
         overrides.append(f"decode.method={method}")
-    settings = load_config(file, tuple(overrides))
+    is_recording = path is not None and path.is_dir()
+    own_size = ("panels.side_m=1",) if is_recording else ()  # a recording brings its panel's size
+    settings = load_config(file, tuple(overrides), without_file=own_size)
     source = _open(path, settings, frame)
     check_apart(out.parent, source.pictures, "--out")
     pipeline = Pipeline(
@@ -151,9 +151,9 @@ def _from_recording(folder: Path, settings: Config, seq: int | None) -> _Source:
     from ledpi.camera.recording import RecordingCamera
     from ledpi.daemon import calibration
     from ledpi.picture import read_picture
-    from ledpi.recording import load_recording
+    from ledpi.recording_overrides import load_recording_with
 
-    recording = load_recording(folder)
+    recording = load_recording_with(settings, folder)
     frames = recording.frames
     entry = next((entry for entry in frames if seq is None or entry.seq == seq), None)
     if entry is None:
