@@ -36,7 +36,7 @@ from ledpi.config_values import (
     SideM,
     Vector3,
 )
-from ledpi.dictionaries import FILE_ENDINGS, dictionary_names, is_file, load_dictionary
+from ledpi.dictionaries import FILE_ENDINGS, dictionary_names, is_file, load_dictionary, meant_name
 from ledpi.errors import ConfigError
 from ledpi.files import read_yaml
 from ledpi.records import PanelSpec, PanelValues, Phase, Transfer
@@ -55,8 +55,8 @@ def _known_source(source: object) -> object:
 def _known_dictionary(name: str) -> str:
     if name in dictionary_names() or is_file(name):
         return name
-    endings = ", ".join(FILE_ENDINGS)
-    raise ValueError(f"must be one of {', '.join(dictionary_names())}, or a file that ends in {endings}")
+    known, endings = ", ".join(dictionary_names()), ", ".join(FILE_ENDINGS)
+    raise ValueError(f"{meant_name(name)}must be one of {known}, or a file that ends in {endings}")
 
 
 class _Section(NoBooleans):
@@ -277,8 +277,8 @@ def _apply_override(raw: dict[str, Any], item: str) -> set[str]:
         value = yaml.safe_load(text)
     except (yaml.YAMLError, ValueError, AttributeError, RecursionError):
         raise ConfigError(f"--set {item}: {text!r:.60} is not a YAML value") from None
-    if isinstance(value, dict) and not text.lstrip().startswith("{"):
-        value = text  # `recording:` is a word with a colon here, although YAML reads a mapping
+    if isinstance(value, (dict, list)) and not text.lstrip().startswith(("{", "[")):
+        value = text  # `recording:` and `-` are words here, although YAML reads a mapping and a list
     # A key of digits is a panel's ID, and YAML reads that as a number.
     *sections, last = (int(part) if part.isdecimal() else part for part in key.split("."))
     node: Any = raw

@@ -15,6 +15,7 @@ from ledpi.camera.recovering import LOST
 from ledpi.camera_yaml import load_intrinsics
 from ledpi.config import Config
 from ledpi.decode.identify.tuning import off_frequency_note
+from ledpi.exposure_notes import exposure_notes
 from ledpi.health import Health, HealthSnapshot, StageTimes
 from ledpi.pipeline import Pipeline
 from ledpi.pose.fix import NOT_IN_MAP
@@ -61,6 +62,8 @@ class Daemon:
         self._gain = GainFollower(camera)
         if note := strangers_note(config, robot.panels):
             _log.warning("map: %s", note)
+        for note in exposure_notes(config, self._pipeline.panels, info):
+            _log.warning("%s", note)
         self._publisher = Publisher(config.serial, _mavlink(config, robot.base_link_from_camera))
         self._health = Health()
         self._times = StageTimes()

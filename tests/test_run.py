@@ -317,6 +317,27 @@ def test_what_contradicts_the_camera_is_told_in_one_line(
     assert message in complaint(arguments, monkeypatch, capsys, tmp_path)
 
 
+@pytest.mark.parametrize(
+    ("source", "status"),
+    [("v4l2:/dev/video99", 1), ("v4l2:/dev/null", 2), ("v4l2:", 2), ("webcam", 2), ("recording:gone", 2)],
+)
+def test_a_camera_that_may_come_is_status_1_and_a_source_that_cannot_be_right_2(
+    source: str,
+    status: int,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+) -> None:
+    """A service manager tries again after 1; 2 is for a person. The help says so."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(logging, "basicConfig", lambda **_: None)
+    given = ("--set", "panels.side_m=1", "--set", "camera.row_time_us=30", "--set", f"camera.source={source}")
+    ended, output, errors = in_process(monkeypatch, capsys, "run")(*given)
+    assert (ended, output, len(errors.splitlines())) == (status, "", 1)
+    _, told, _ = in_process(monkeypatch, capsys, "run")("--help")
+    assert "1 where the camera is not there" in " ".join(told.split())
+
+
 # ---- The daemon without its command line
 
 
@@ -381,6 +402,28 @@ def test_a_failing_publisher_ends_the_daemon_with_its_error(monkeypatch: pytest.
         with pytest.raises(ZeroDivisionError, match="a bug"):
             running.run()
         rescue.cancel()
+
+
+def test_an_exposure_that_hides_the_bands_is_warned_of(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """20 ms hold 25 cycles of 1250 Hz and 49 of 2450: nothing is left. With 10 ms there is nothing to say."""
+    settings = load_config(None, (*SIMULATED, f"serial.port={tmp_path}/none", "camera.exposure_us=20000"))
+    Daemon(settings, open_simulated(settings, paced=False))
+    (warning,) = (record.getMessage() for record in caplog.records if record.levelno == logging.WARNING)
+    assert warning.startswith("camera.exposure_us: 19968 µs are near a null of 1250 and 2450 Hz: ")
+    caplog.clear()
+    settings = config(str(tmp_path / "none"))
+    Daemon(settings, open_simulated(settings, paced=False))
+    assert not caplog.records
+
+
+def test_an_exposure_that_the_camera_cannot_do_is_warned_of(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """10 µs are asked for; the sensor exposes for four rows at least."""
+    settings = load_config(None, (*SIMULATED, f"serial.port={tmp_path}/none", "camera.exposure_us=10"))
+    Daemon(settings, open_simulated(settings, paced=False))
+    said = "camera.exposure_us: the camera exposes for 135 µs, where 10 µs were asked for"
+    assert said in [record.getMessage() for record in caplog.records]
 
 
 def test_stop_ends_it_from_any_thread(tmp_path: Path) -> None:

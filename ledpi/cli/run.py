@@ -24,8 +24,8 @@ def run(
     Each second one line on standard error says how it goes; as a service, each minute. SIGHUP reads the
     configuration again; where it is bad, the old one stays.
 
-    Exit status 0 after a signal or at the end of a replay, 2 where the configuration, the camera or a file cannot
-    be used, 1 where the camera is lost and does not come back, so that a service manager tries again.
+    Exit status 0 after a signal or at the end of a replay, 2 where a person has to put the configuration or a file
+    right, 1 where the camera is not there, in use, or lost for good, so that a service manager tries again.
 
     Example: ledpi run --set camera.source=simulated --set serial.port=/tmp/robot
     """
