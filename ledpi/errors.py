@@ -24,6 +24,10 @@ class CameraError(LedpiError):
     """A camera cannot be opened, or does not do what was asked of it."""
 
 
+class RowTimeUnknownError(CameraError):
+    """A camera that cannot tell how long a row takes, and `camera.row_time_us` does not say."""
+
+
 class CameraLostError(CameraError):
     """A camera that is not there, is in use, or delivers no more: it may come back by itself, so exit status 1."""
 

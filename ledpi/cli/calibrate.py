@@ -54,6 +54,16 @@ def settings_for(config: Path | None, set_: list[str], recording: Path | None) -
     return load_config(file, tuple(overrides), without_file=own_size), file
 
 
+def name_in_config(file: Path, key: tuple[str, ...], written: Path) -> str:
+    """Puts the name of a file that was written into the configuration; what to say of that."""
+    from ledpi.calibrate.config_file import change_config
+
+    beside = written.resolve().parent == file.resolve().parent  # paths in the file are relative to it
+    place = written.name if beside else str(written.resolve())
+    kept = change_config(file, {key: place})
+    return f"{file}: {'.'.join(key)}: {place} written; the older one is kept as {kept}"
+
+
 def announced_specs(panels: PanelSettings) -> list[PanelSpec]:
     """Every pair of frequencies that a panel is announced with, the common one first."""
     specs = [panels.spec(), *(panels.spec(marker_id) for marker_id in panels.overrides)]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from ledpi.cli.calibrate import calibrate, read_grey, settings_for
+from ledpi.cli.calibrate import calibrate, name_in_config, read_grey, settings_for
 from ledpi.cli.calibrate_board import DEFAULT_COLS, DEFAULT_KIND, DEFAULT_ROWS, KindName
 from ledpi.cli.progress import progress
 from ledpi.errors import CalibrationError
@@ -178,15 +178,10 @@ def _write(out: Path, result: CameraCalibration) -> list[str]:
 
 def _name_in_config(config: Path | None, out: Path, size: tuple[int, int]) -> list[str]:
     """Puts the new file into a configuration that names none; returns what to say of that."""
-    from ledpi.calibrate.config_file import change_config
-
     settings, file = settings_for(config, [], None)
     if file is None or settings.camera.intrinsics is not None:
         return []
     wanted = (settings.camera.width, settings.camera.height)
     if size != wanted:
         return [f"{file} asks for {wanted[0]} × {wanted[1]} pixels, these have {size[0]} × {size[1]}: not named there"]
-    beside = out.resolve().parent == file.resolve().parent  # paths in the file are relative to it
-    place = out.name if beside else str(out.resolve())
-    kept = change_config(file, {("camera", "intrinsics"): place})
-    return [f"{file}: camera.intrinsics: {place} written; the older one is kept as {kept}"]
+    return [name_in_config(file, ("camera", "intrinsics"), out)]
