@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -20,7 +21,8 @@ from ledpi.pipeline import Pipeline
 from ledpi.records import CameraInfo, Floats, Frame, Pixels
 from ledpi.simulate.render import Renderer
 from ledpi.simulate.scene import Light, PanelLook, Scene
-from ledpi.snapshot.drawing import AXES
+from ledpi.snapshot import drawing
+from ledpi.snapshot.drawing import AXES, text
 from ledpi.snapshot.enlarged import GAP, TILE, TITLE, bands_of, blocks_of
 from ledpi.snapshot.page import BLOCKS_GAP, COLUMN, LEFT, PICTURES_TOP, RIGHT, WIDTH, draw
 from ledpi.snapshot.record import Snapshot, take
@@ -159,6 +161,23 @@ def test_panels_are_enlarged_before_what_was_dropped(snapshot: Snapshot) -> None
     titles = [block.title for block in blocks_of(snapshot)]
     assert titles[0].startswith("ID 7   x ")
     assert set(titles[1:]) == {"soft.no_bands"}
+
+
+@pytest.mark.parametrize(("letter", "of"), [("±", "+"), ("µ", "u")])
+def test_plus_minus_and_micro_are_drawn(letter: str, of: str) -> None:
+    """With every OpenCV, as what they are made of and a stroke below the baseline."""
+    drawn, plain = (np.zeros((40, 60, 3), np.uint8) for _ in range(2))
+    text(drawn, f"3{letter}s", (5, 20))
+    text(plain, f"3{of}s", (5, 20))
+    assert not plain[22:].any()
+    assert drawn[22:].any()
+    np.testing.assert_array_equal(drawn[:19], plain[:19])
+
+
+@pytest.mark.parametrize("module", sorted(Path(drawing.__file__).parent.glob("*.py")), ids=lambda path: path.stem)
+def test_no_picture_makes_do_with_ascii(module: Path) -> None:
+    """As +- and us."""
+    assert re.findall(r"\+-\{|\} us\b", module.read_text(encoding="utf-8")) == []
 
 
 # ---- the command
