@@ -129,6 +129,15 @@ def test_a_missing_controller_does_not_stop_the_daemon(tmp_path: Path) -> None:
     assert not findings["serial port"].stops_daemon
 
 
+def test_the_ports_that_are_plugged_in_are_offered(tmp_path: Path) -> None:
+    """By the names that stay; which of two is the controller only a person knows."""
+    assert machine.serial_remedy(tmp_path).startswith("plug the controller in; ")
+    for name in ("usb-Arduino_Uno-if00", "usb-FTDI_FT232R-if00"):
+        (tmp_path / name).touch()
+    offered = f"{tmp_path}/usb-Arduino_Uno-if00 or {tmp_path}/usb-FTDI_FT232R-if00"
+    assert machine.serial_remedy(tmp_path) == f"set serial.port to the controller's name: {offered}"
+
+
 def test_a_line_has_its_mark_its_name_and_its_remedy() -> None:
     """The remedy on a line of its own."""
     assert line(bad("disk", "full", "delete")) == "✗ disk               full\n                     → delete"
