@@ -10,8 +10,8 @@ _TEMPERATURE = "class/thermal/thermal_zone0/temp"  # m°C
 # The Raspberry Pi kernel's own; what `vcgencmd get_throttled` prints, in hexadecimal. Absent on other machines.
 # The folders are named by the SoC's bus: `soc` up to the Pi 4, `soc@107c000000` of a Pi 5.
 _THROTTLED = "devices/platform/soc*/soc*:firmware/get_throttled"
-# Of the firmware's hwmon device, which is there also where a Pi 5's kernel has no file for the rest. It says under-voltage,
-# now; without that nothing is known.
+# Of the firmware's hwmon device, which is there also where a Pi 5's kernel has no file for the rest. It says
+# under-voltage, now; without that nothing is known.
 _LOW_VOLTAGE = "devices/platform/soc*/soc*:firmware/raspberrypi-hwmon*/hwmon/hwmon*/in0_lcrit_alarm"
 UNDER_VOLTAGE = 1
 
