@@ -229,6 +229,33 @@ def test_one_picture_and_one_line(
     assert picture.shape[1] == WIDTH
 
 
+@pytest.mark.usefixtures("take_folder")
+@pytest.mark.parametrize("path", [("take",), ("--set", "camera.source=recording:take")])
+def test_a_side_that_was_measured_again_is_stronger_than_the_recordings(
+    path: tuple[str, ...], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A panel of 0.16 m at 0.8 m, said to be of 0.32, is at 1.6 m: as a recording, and as a camera."""
+    assert ledpi(monkeypatch, "snapshot", *path, "--set", "panels.side_m=0.32") == 0
+    depth_m = re.search(r"ID 7 at \S+ \S+ (\S+) m", capsys.readouterr().out)
+    assert depth_m is not None
+    assert float(depth_m[1]) == pytest.approx(1.6, rel=0.02)
+
+
+@pytest.mark.usefixtures("take_folder")
+def test_the_way_to_a_late_frame_is_shown(tmp_path: Path) -> None:
+    """Of a camera, on a terminal: it may take a while."""
+    master, slave = os.openpty()
+    given = ["--set", "camera.source=recording:take", "--frame", "1"]
+    command = [sys.executable, "-c", "from ledpi.cli import main; main()", "snapshot", *given]
+    done = subprocess.run(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=slave, timeout=60)
+    os.set_blocking(master, False)
+    shown = os.read(master, 100_000).decode(errors="ignore")
+    os.close(slave)
+    os.close(master)
+    assert done.returncode == 0
+    assert "waiting for the frame" in shown
+
+
 def spoil(take_folder: Path) -> None:
     """Cuts frame 1's picture off, and puts beside the recording what is no picture."""
     picture = take_folder / "frames" / "000001.png"
