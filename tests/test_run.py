@@ -275,6 +275,7 @@ def complaint(
         (["--set", "panels.side_m=1", "--set", "serial.baud=fast"], "serial.baud: must be a whole number"),
         (["--set", "panels.side_m=1", "--set", "serial.prot=x"], "serial.prot: unknown key; did you mean port?"),
         (["--set", "panels.side_m=1", "--set", "camera.source=recording:gone"], "gone/recording.yaml: is missing"),
+        (["--set", "camera.source=simulated", "--set", "camera.intrinsics=gone.yaml"], "gone.yaml: cannot be read"),
         (["--set", "panels.side_m=1", "--unpaced"], "camera.source: picamera2 has its own pace"),
         (["--set", "panels.side_m=1", "--set", "camera.source=v4l2:/dev/null"], "camera.row_time_us: must be a number"),
     ],
@@ -294,6 +295,7 @@ def test_what_cannot_run_is_told_in_one_line(
     ("settings", "message"),
     [
         (["camera.intrinsics=camera.yaml"], "camera.yaml: was made for pictures of 320 × 240 pixels"),
+        (["camera.source=simulated", "camera.intrinsics=camera.yaml"], "camera.yaml: was made for pictures of 320 × 240"),
         (["panels.overrides={7: {white_hz: 1250}}"], "black_hz and white_hz must differ"),
     ],
 )
@@ -304,7 +306,7 @@ def test_what_contradicts_the_camera_is_told_in_one_line(
     capsys: pytest.CaptureFixture[str],
     tmp_path: Path,
 ) -> None:
-    """A lens calibrated at another size; an override that gives panel 7 one frequency for both classes."""
+    """A lens calibrated at another size, for the simulator too; an override that gives panel 7 one frequency for both classes."""
     write_recording(tmp_path / "take", 1, calibrated=False)
     numbers = "data: [300, 0, 160, 0, 300, 120, 0, 0, 1]"
     (tmp_path / "camera.yaml").write_text(
