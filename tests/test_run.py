@@ -295,7 +295,7 @@ def test_what_cannot_run_is_told_in_one_line(
     ("settings", "message"),
     [
         (["camera.intrinsics=camera.yaml"], "camera.yaml: was made for pictures of 320 × 240 pixels"),
-        (["camera.source=simulated", "camera.intrinsics=camera.yaml"], "camera.yaml: was made for pictures of 320 × 240"),
+        (["camera.source=simulated", "camera.intrinsics=camera.yaml"], "was made for pictures of 320 × 240 pixels"),
         (["panels.overrides={7: {white_hz: 1250}}"], "black_hz and white_hz must differ"),
     ],
 )
@@ -306,7 +306,7 @@ def test_what_contradicts_the_camera_is_told_in_one_line(
     capsys: pytest.CaptureFixture[str],
     tmp_path: Path,
 ) -> None:
-    """A lens calibrated at another size, for the simulator too; an override that gives panel 7 one frequency for both classes."""
+    """A lens calibrated at another size, also for the simulator; an override with one frequency for both classes."""
     write_recording(tmp_path / "take", 1, calibrated=False)
     numbers = "data: [300, 0, 160, 0, 300, 120, 0, 0, 1]"
     (tmp_path / "camera.yaml").write_text(
