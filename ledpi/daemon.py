@@ -17,6 +17,7 @@ from ledpi.camera_yaml import load_intrinsics
 from ledpi.config import Config
 from ledpi.decode.identify.tuning import off_frequency_note
 from ledpi.errors import CameraError, TransientError
+from ledpi.exposure_notes import exposure_notes
 from ledpi.health import Health, HealthSnapshot, StageTimes
 from ledpi.liveness import Liveness
 from ledpi.pipeline import Pipeline
@@ -69,6 +70,8 @@ class Daemon:
         self._gain = GainFollower(camera)
         if note := strangers_note(config, robot.panels):
             _log.warning("map: %s", note)
+        for note in exposure_notes(config, self._pipeline.panels, info):
+            _log.warning("%s", note)
         resets = resets or Resets()
         mavlink = _mavlink(config, robot.base_link_from_camera, resets)
         resets.see_map(robot.panels)

@@ -28,6 +28,10 @@ class CameraError(LedpiError):
     """A camera cannot be opened, or does not do what was asked of it."""
 
 
+class RowTimeUnknownError(CameraError):
+    """A camera that cannot tell how long a row takes, and `camera.row_time_us` does not say."""
+
+
 class CameraLostError(CameraError, TransientError):
     """A camera that is not there, is in use, fails as it starts, or delivers no more."""
 

@@ -100,7 +100,7 @@ def test_the_line_carries_the_fix(take: Path) -> None:
 
     reader = threading.Thread(target=read, daemon=True)
     reader.start()
-    settings = ["camera.source=recording:rec", "panels.side_m=1", "map=markers.yaml"]
+    settings = ["camera.source=recording:rec", "map=markers.yaml"]
     settings += [f"serial.port={os.ttyname(slave)}", "serial.max_age_ms=5000"]  # a busy machine may be late
     done = ledpi("run", "--unpaced", *(part for item in settings for part in ("--set", item)), cwd=take)
     os.close(slave)

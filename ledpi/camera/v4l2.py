@@ -17,7 +17,7 @@ import numpy as np
 
 from ledpi.camera.holder import who_holds
 from ledpi.config import CameraSettings
-from ledpi.errors import CameraError, CameraLostError
+from ledpi.errors import CameraError, CameraLostError, RowTimeUnknownError
 from ledpi.records import CameraInfo, Frame, Pixels, Rejected
 
 _MANUAL_EXPOSURE = 1  # V4L2_EXPOSURE_MANUAL
@@ -102,7 +102,7 @@ def open_v4l2(settings: CameraSettings, device: str) -> V4l2Camera:
     the size asked for.
     """
     if settings.row_time_us == "auto":
-        raise CameraError(
+        raise RowTimeUnknownError(
             "camera.row_time_us: must be a number, as V4L2 cannot tell; `ledpi calibrate shutter` measures it"
         )
     _look_at(device)

@@ -29,10 +29,10 @@ app = typer.Typer(
     name="ledpi",
     help="The lighting is the marker: reads blinking LED panels with a rolling-shutter camera.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
-    context_settings={"max_content_width": 120},  # a wide terminal shows examples in one line, to be copied
+    # A wide terminal shows examples in one line, to be copied.
+    context_settings={"max_content_width": 120, "help_option_names": ["-h", "--help"]},
 )
 
 
