@@ -67,7 +67,7 @@ def measure(seconds: float, *, frames: int = FRAMES, warm_up: int = 200, centre_
             content = cv2.imread(str(picture), cv2.IMREAD_UNCHANGED)
             assert content is not None
             cv2.imwrite(str(picture), content, [cv2.IMWRITE_PNG_COMPRESSION, 0])
-        settings = ("panels.side_m=1", f"camera.source=recording:{take}", f"serial.port={line.port}")
+        settings = (f"camera.source=recording:{take}", f"serial.port={line.port}")
         with daemon(*settings, options=("--frames", "1000000")) as process:
             line.wait_for(lambda c: len(c.markers) > warm_up)
             first = len(line.markers)

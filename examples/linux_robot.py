@@ -13,6 +13,7 @@ import serial
 
 from ledpi.wire import FixMessage, Message, NoFix, Receiver, StatusMessage
 
+EVERY_S = 0.5
 TIMEOUT_S = 0.3  # the newest fix may be so old, counted from its picture
 
 
@@ -21,21 +22,44 @@ class Guard:
 
     def __init__(self) -> None:
         self._exposed_s = -math.inf
+        self._no_fix = NoFix.UNKNOWN
 
     def take(self, message: Message, now_s: float) -> None:
         if isinstance(message, FixMessage):
             self._exposed_s = now_s - message.age_us / 1e6
-        elif isinstance(message, StatusMessage) and message.no_fix is not NoFix.NONE:
-            self._exposed_s = -math.inf
+        elif isinstance(message, StatusMessage):
+            self._no_fix = message.no_fix
+            if message.no_fix is not NoFix.NONE:
+                self._exposed_s = -math.inf
 
     def may_drive(self, now_s: float) -> bool:
         return now_s - self._exposed_s < TIMEOUT_S
+
+    def why_not(self) -> str:
+        """As ledpi said last, in words: `no panel`."""
+        if self._no_fix in (NoFix.NONE, NoFix.UNKNOWN):
+            return f"no fix for {TIMEOUT_S:g} s"
+        return self._no_fix.name.lower().replace("_", " ")
+
+
+class Narrator:
+    """Says each change at once, and where the robot is twice a second."""
+
+    def __init__(self) -> None:
+        self._said, self._said_s = "", -math.inf
+
+    def line(self, state: str, where: str, now_s: float) -> str | None:
+        if state == self._said and (not where or now_s - self._said_s < EVERY_S):
+            return None
+        self._said, self._said_s = state, now_s
+        return f"{state} {where}".rstrip()
 
 
 def main() -> None:
     if len(sys.argv) != 2:
         sys.exit("usage: python examples/linux_robot.py PORT")
-    receiver, guard = Receiver(), Guard()
+    receiver, guard, narrator = Receiver(), Guard(), Narrator()
+    where = ""
     with serial.Serial(sys.argv[1], 115200, timeout=0.02) as line:
         line.reset_input_buffer()  # what piled up before we listened is old
         while True:
@@ -43,8 +67,13 @@ def main() -> None:
                 guard.take(message, time.monotonic())
                 if isinstance(message, FixMessage):
                     x, y, _ = message.pose.position_m
-                    print(f"at {x:.3f} {y:.3f} m")
-            print("drive" if guard.may_drive(time.monotonic()) else "stop")
+                    where = f"at {x:.3f} {y:.3f} m"
+            now_s = time.monotonic()
+            drives = guard.may_drive(now_s)
+            # Your motors belong here, at every turn; what is printed is for a person.
+            said = narrator.line("drive" if drives else f"stop: {guard.why_not()}", where if drives else "", now_s)
+            if said is not None:
+                print(said, flush=True)
 
 
 if __name__ == "__main__":

@@ -12,7 +12,16 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import yaml
-from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, StrictBool, ValidationError, model_validator
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    PrivateAttr,
+    StrictBool,
+    ValidationError,
+    model_validator,
+)
 
 from ledpi.config_mistakes import explain
 from ledpi.config_values import (
@@ -27,7 +36,7 @@ from ledpi.config_values import (
     SideM,
     Vector3,
 )
-from ledpi.dictionaries import FILE_ENDINGS, dictionary_names, is_file, load_dictionary
+from ledpi.dictionaries import FILE_ENDINGS, dictionary_names, is_file, load_dictionary, meant_name
 from ledpi.errors import ConfigError
 from ledpi.files import read_yaml
 from ledpi.records import PanelSpec, PanelValues, Phase, Transfer
@@ -46,8 +55,8 @@ def _known_source(source: object) -> object:
 def _known_dictionary(name: str) -> str:
     if name in dictionary_names() or is_file(name):
         return name
-    endings = ", ".join(FILE_ENDINGS)
-    raise ValueError(f"must be one of {', '.join(dictionary_names())}, or a file that ends in {endings}")
+    known, endings = ", ".join(dictionary_names()), ", ".join(FILE_ENDINGS)
+    raise ValueError(f"{meant_name(name)}must be one of {known}, or a file that ends in {endings}")
 
 
 class _Section(NoBooleans):
@@ -173,6 +182,12 @@ class Config(_Section):
     map: Path | None = None
     robot: RobotSettings = RobotSettings()
     serial: SerialSettings = SerialSettings()
+    _from_command_line: frozenset[str] = PrivateAttr(default=frozenset())
+
+    @property
+    def from_command_line(self) -> frozenset[str]:
+        """Keys that --set gave, as `panels.side_m`: stronger than what a recording says of itself."""
+        return self._from_command_line
 
 
 def find_config(explicit: Path | None) -> Path | None:
@@ -182,26 +197,33 @@ def find_config(explicit: Path | None) -> Path | None:
     return next((path for path in SEARCH_PATH if path.is_file()), None)
 
 
-def load_config(path: Path | None, overrides: tuple[str, ...] = ()) -> Config:
+def load_config(path: Path | None, overrides: tuple[str, ...] = (), *, without_file: tuple[str, ...] = ()) -> Config:
     """Reads a configuration and applies `--set key.key=value` overrides (values are YAML).
 
-    Without a file the overrides alone must hold what has no default (`panels.side_m`).
+    Without a file the overrides must hold what has no default (`panels.side_m`, but for the simulator and recordings),
+    or `without_file` must: overrides that a command brings itself for that case, weaker than the user's.
     Raises ConfigError.
     """
-    if path is None and not overrides:
+    if path is None and not (overrides or without_file):
         raise ConfigError("no configuration: --config FILE, ./config.yaml or /etc/ledpi/config.yaml")
     where = str(path) if path is not None else "configuration"
     raw = _sections(path) if path is not None else {}
     raw.setdefault("panels", {})  # so that the message names the key that must be given
     base = path.parent if path is not None else Path()
-    from_command_line = set()
+    if path is None:
+        for item in without_file:
+            _apply_override(raw, item)
+    from_command_line: set[str] = set()
     for item in overrides:
-        from_command_line.add(_apply_override(raw, item))
+        from_command_line |= _apply_override(raw, item)
+    if path is None:
+        _size_of_own_panels(raw)
     try:
         config = Config.model_validate(raw)
     except ValidationError as error:
         raise ConfigError(f"{where}: {explain(error, Config)}") from None
     config = _with_absolute_paths(config, base, from_command_line)
+    config._from_command_line = frozenset(from_command_line)
     _check_panels(config.panels, where)
     check_method(config.decode.method, config.panels, f"{where}: decode.method")
     return config
@@ -246,7 +268,8 @@ def _sections(path: Path) -> dict[str, Any]:
     return raw
 
 
-def _apply_override(raw: dict[str, Any], item: str) -> str:
+def _apply_override(raw: dict[str, Any], item: str) -> set[str]:
+    """Puts a value in its place. Returns the keys that it gives: more than one where it is a whole section."""
     key, equals, text = item.partition("=")
     if not equals or not key:
         raise ConfigError(f"--set {item}: must be KEY=VALUE, as in --set camera.source=simulated")
@@ -254,8 +277,8 @@ def _apply_override(raw: dict[str, Any], item: str) -> str:
         value = yaml.safe_load(text)
     except (yaml.YAMLError, ValueError, AttributeError, RecursionError):
         raise ConfigError(f"--set {item}: {text!r:.60} is not a YAML value") from None
-    if isinstance(value, dict) and not text.lstrip().startswith("{"):
-        value = text  # `recording:` is a word with a colon here, although YAML reads a mapping
+    if isinstance(value, (dict, list)) and not text.lstrip().startswith(("{", "[")):
+        value = text  # `recording:` and `-` are words here, although YAML reads a mapping and a list
     # A key of digits is a panel's ID, and YAML reads that as a number.
     *sections, last = (int(part) if part.isdecimal() else part for part in key.split("."))
     node: Any = raw
@@ -266,7 +289,21 @@ def _apply_override(raw: dict[str, Any], item: str) -> str:
         if not isinstance(node, dict):
             raise ConfigError(f"--set {item}: {name} is a value, not a section")
     node[last] = value
-    return key
+    return _keys_of(key, value)
+
+
+def _size_of_own_panels(raw: dict[str, Any]) -> None:
+    """What shows panels of its own needs no size of others: without a file, that of the example stands in."""
+    camera, panels = raw.get("camera"), raw["panels"]
+    source = str(camera.get("source")) if isinstance(camera, dict) else ""
+    if source.partition(":")[0] in ("simulated", "recording") and isinstance(panels, dict):
+        panels.setdefault("side_m", 0.16)
+
+
+def _keys_of(key: str, value: object) -> set[str]:
+    if not isinstance(value, dict):
+        return {key}
+    return {inner for name, part in value.items() for inner in _keys_of(f"{key}.{name}", part)}
 
 
 def _with_absolute_paths(config: Config, base: Path, from_command_line: set[str]) -> Config:

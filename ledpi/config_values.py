@@ -6,14 +6,34 @@ import math
 from collections.abc import Callable, Sequence, Sized
 from typing import Annotated, Literal, TypeVar
 
-from pydantic import BaseModel, BeforeValidator, Discriminator, Field, Tag, ValidationInfo, field_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    Discriminator,
+    Field,
+    Tag,
+    ValidationInfo,
+    field_validator,
+)
+
+LONGEST_SIDE_M = 10.0  # a longer one was given in millimetres
+
+
+def _in_metres(side_m: float) -> float:
+    if side_m <= LONGEST_SIDE_M:
+        return side_m
+    shorter = side_m / 1000
+    offer = f" ({side_m:g} mm are {shorter:g})" if shorter <= LONGEST_SIDE_M else ""
+    raise ValueError(f"must be in metres, {LONGEST_SIDE_M:g} at most{offer}")
+
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 # What lies outside these was given in another unit: kilohertz, seconds, nanoseconds.
 Hertz = Annotated[float, Field(ge=10, le=1_000_000, allow_inf_nan=False)]
 Microseconds = Annotated[float, Field(ge=1, le=10_000_000, allow_inf_nan=False)]
 RowTime = Annotated[float, Field(ge=1, le=1_000, allow_inf_nan=False)]  # µs; sensors' rows take 5 to 100
-SideM = Annotated[float, Field(gt=0, le=10, allow_inf_nan=False)]  # a larger one was given in millimetres
+SideM = Annotated[float, Field(gt=0, allow_inf_nan=False), AfterValidator(_in_metres)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Duty = Annotated[float, Field(gt=0, lt=1)]
 Gain = Annotated[float, Field(ge=1, le=64)]

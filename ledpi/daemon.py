@@ -8,6 +8,7 @@ import math
 import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 
 from ledpi.camera.base import Camera
 from ledpi.camera.gain_follower import GainFollower
@@ -15,12 +16,16 @@ from ledpi.camera.recovering import LOST
 from ledpi.camera_yaml import load_intrinsics
 from ledpi.config import Config
 from ledpi.decode.identify.tuning import off_frequency_note
+from ledpi.errors import CameraError, TransientError
+from ledpi.exposure_notes import exposure_notes
 from ledpi.health import Health, HealthSnapshot, StageTimes
+from ledpi.liveness import Liveness
 from ledpi.pipeline import Pipeline
 from ledpi.pose.fix import NOT_IN_MAP
 from ledpi.processor import read_processor
 from ledpi.records import Floats, Intrinsics, Rejected
 from ledpi.reporting import Totals, in_service, minute_line, second_line
+from ledpi.resets import Resets
 from ledpi.ring import FrameRing
 from ledpi.robot import load_robot, strangers_note
 from ledpi.service_notify import notify, watchdog_period_s
@@ -30,7 +35,6 @@ from ledpi.wire.message import NoFix, State, StatusMessage
 from ledpi.wire.publisher import Publisher
 
 TICK_S = 0.1  # between two looks at the state of things
-NO_FRAMES_AFTER_S = 0.2  # six frame periods of the slowest camera in scope (33 ms)
 LOOK_EVERY_S = 1.0  # at times and temperature
 MINUTE_S = 60.0
 JOIN_S = 0.4  # for each worker; the whole daemon ends within 1 s
@@ -41,8 +45,13 @@ _log = logging.getLogger("ledpi")
 class Daemon:
     """One run over one camera."""
 
-    def __init__(self, config: Config, camera: Camera, *, lossless: bool = False) -> None:
-        """`lossless`: capture waits for the decoder, for a camera that has no pace of its own."""
+    def __init__(
+        self, config: Config, camera: Camera, *, lossless: bool = False, resets: Resets | None = None
+    ) -> None:
+        """`lossless`: capture waits for the decoder, for a camera that has no pace of its own.
+
+        `resets`: where jumps and changes of the map are counted, with those of the daemons before.
+        """
         info = camera.info
         self._camera = camera
         self._lossless = lossless
@@ -61,12 +70,18 @@ class Daemon:
         self._gain = GainFollower(camera)
         if note := strangers_note(config, robot.panels):
             _log.warning("map: %s", note)
-        self._publisher = Publisher(config.serial, _mavlink(config, robot.base_link_from_camera))
+        for note in exposure_notes(config, self._pipeline.panels, info):
+            _log.warning("%s", note)
+        resets = resets or Resets()
+        mavlink = _mavlink(config, robot.base_link_from_camera, resets)
+        resets.see_map(robot.panels)
+        self._publisher = Publisher(config.serial, mavlink, map_resets=resets.maps)
         self._health = Health()
         self._times = StageTimes()
         self._processor = read_processor()
         self._told: set[int] = set()  # panels that blink at other frequencies than configured
-        self._camera_lost = False
+        self._liveness = Liveness()
+        self._telling = threading.Lock()
         self._asked_to_stop = False
         self._stop = threading.Event()
         self._failure: BaseException | None = None
@@ -114,16 +129,20 @@ class Daemon:
 
     def _close(self) -> None:
         self._stop.set()
-        self._camera.close()
+        with suppress(CameraError, OSError):  # the controller gets its last word all the same
+            self._camera.close()
         self._threads[0].join(JOIN_S)
         self._ring.close()
         self._threads[1].join(JOIN_S)
-        self._publisher.set_status(self._status(self._totals()))  # the last status counts every frame
+        self._tell()  # the last status counts every frame
         self._publisher.stop()
 
     def _guard(self, loop: Callable[[], None]) -> None:
         try:
             loop()
+        except OSError as error:  # what the system refuses for now; another process may fare better
+            self._failure = self._failure or TransientError(f"{loop.__name__.strip('_')}: {error}")
+            self._stop.set()
         except BaseException as error:
             self._failure = self._failure or error
             self._stop.set()
@@ -135,29 +154,31 @@ class Daemon:
                 break
             if isinstance(result, Rejected):
                 self._health.reject(result)
-                self._note_lost(result == LOST)
+                if result == LOST and self._liveness.loses():
+                    self._tell()  # at once, without waiting for the next tick
                 continue
-            self._note_lost(False)
+            if self._liveness.delivers():
+                self._tell()
             self._ring.publish(result)
             while self._lossless and not self._stop.is_set() and not self._ring.wait_until_taken(TICK_S):
-                pass
+                self._liveness.delivers()
         self._ring.close()
 
-    def _note_lost(self, lost: bool) -> None:
-        """Tells the controller at once when the camera is lost, without waiting for the next tick."""
-        if lost == self._camera_lost:
-            return
-        self._camera_lost = lost
-        self._publisher.set_status(self._status(self._totals()))
+    def _tell(self) -> None:
+        """Tells the controller how it is now. One thread at a time, so that what is said last is what was seen last."""
+        with self._telling:
+            self._publisher.set_status(self._status(self._totals()))
 
     def _decode(self) -> None:
         while True:
             frame = self._ring.take(TICK_S)
             if frame is not None:
+                self._liveness.begins(frame)
                 decoded = self._pipeline.decode(frame, at_once=self._publisher.publish)
                 self._gain.see(frame, decoded)
                 self._ring.release()
                 self._health.add(decoded)
+                self._liveness.ends()
                 for marker_id in self._pipeline.off_frequency.keys() - self._told:
                     self._told.add(marker_id)
                     _log.warning("%s", off_frequency_note(marker_id, self._pipeline.off_frequency[marker_id]))
@@ -173,8 +194,9 @@ class Daemon:
         while not self._stop.wait(TICK_S) and not self._asked_to_stop and self._publisher.failure is None:
             at_each_tick()
             now_s = time.monotonic()
+            self._liveness.tick()
+            self._tell()
             totals = self._totals()
-            self._publisher.set_status(self._status(totals))
             # Trying to open a lost camera again is progress too, until that gives up.
             steps = totals.health.decoded + totals.health.rejected.get(LOST.key, 0)
             if watchdog_s and now_s - fed_s >= watchdog_s and steps > fed_steps:
@@ -200,14 +222,13 @@ class Daemon:
 
     def _status(self, totals: Totals) -> StatusMessage:
         health, ring, packets = totals.health, totals.ring, totals.packets
-        newest_ns = health.newest_host_ns
-        starting = newest_ns is None and time.monotonic() - self._started_s < 2.0
+        starting = not health.decoded and time.monotonic() - self._started_s < 2.0
         p50_us, p99_us = totals.times.decode_us
-        lost = self._camera_lost or newest_ns is None or time.monotonic_ns() - newest_ns > NO_FRAMES_AFTER_S * 1e9
+        lost, behind = self._liveness.lost, self._liveness.behind
         return StatusMessage(
             state=State.STARTING if starting else State.CAMERA_LOST if lost else State.RUNNING,
-            no_fix=self._no_fix(health, starting=starting, lost=lost),
-            panels_in_view=0 if lost else health.in_view,
+            no_fix=self._no_fix(health, starting=starting, lost=lost, behind=behind),
+            panels_in_view=0 if lost else None if behind else health.in_view,
             uptime_s=int(time.monotonic() - self._started_s),
             frames=ring.published,
             frames_dropped=ring.dropped,
@@ -219,11 +240,13 @@ class Daemon:
             decode_p99_us=p99_us,
         )
 
-    def _no_fix(self, health: HealthSnapshot, *, starting: bool, lost: bool) -> NoFix:
+    def _no_fix(self, health: HealthSnapshot, *, starting: bool, lost: bool, behind: bool) -> NoFix:
         if starting:
             return NoFix.NOT_RUNNING
         if lost:
             return NoFix.NO_FRAMES
+        if behind:
+            return NoFix.BEHIND
         if self._calibrated is None:
             return NoFix.UNCALIBRATED
         if not self._has_map:
@@ -243,8 +266,9 @@ def calibration(config: Config, camera: Camera) -> Intrinsics | None:
     return load_intrinsics(config.camera.intrinsics, (info.width, info.height))
 
 
-def _mavlink(config: Config, base_link_from_camera: Floats) -> Mavlink | None:
+def _mavlink(config: Config, base_link_from_camera: Floats, resets: Resets) -> Mavlink | None:
     """Raises ConfigError where it is asked for and pymavlink is missing."""
     if config.serial.protocol != "mavlink":
         return None
-    return Mavlink(base_link_from_camera=base_link_from_camera, profile=config.serial.mavlink_profile)
+    profile = config.serial.mavlink_profile
+    return Mavlink(base_link_from_camera=base_link_from_camera, profile=profile, resets=resets)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 from functools import cache, lru_cache
 from pathlib import Path
 
@@ -17,6 +18,12 @@ MIN_SIDE, MAX_SIDE = 2, 8  # cells; OpenCV keeps a word in 64 bits
 def dictionary_names() -> tuple[str, ...]:
     """The predefined square-grid ArUco dictionaries that OpenCV knows, as `DICT_4X4_50`."""
     return tuple(sorted(n for n in dir(cv2.aruco) if n.startswith("DICT_") and n[5].isdigit()))
+
+
+def meant_name(name: str) -> str:
+    """`did you mean DICT_4X4_50? ` of DICT_4x4_50; "" where no predefined one has a name like it."""
+    close = difflib.get_close_matches(name.upper(), dictionary_names(), n=1, cutoff=0.8)
+    return f"did you mean {close[0]}? " if close else ""
 
 
 def is_file(name: str) -> bool:
@@ -48,8 +55,8 @@ def _read_once(path: Path, *version: int) -> Dictionary:
 def _predefined(name: str) -> Dictionary:
     if name not in dictionary_names():
         raise ValueError(
-            f"unknown dictionary {name!r}; known: {', '.join(dictionary_names())}, or a file that ends in "
-            f"{', '.join(FILE_ENDINGS)}"
+            f"unknown dictionary {name!r}; {meant_name(name)}known: {', '.join(dictionary_names())}, or a file that "
+            f"ends in {', '.join(FILE_ENDINGS)}"
         )
     raw = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
     side = raw.markerSize

@@ -20,12 +20,20 @@ class ConfigError(LedpiError):
     """config.yaml, or a value given in its place, cannot be used."""
 
 
+class TransientError(LedpiError):
+    """What may come right by itself: exit status 1, after which a service manager tries again."""
+
+
 class CameraError(LedpiError):
     """A camera cannot be opened, or does not do what was asked of it."""
 
 
-class CameraLostError(CameraError):
-    """A camera that is not there, is in use, or delivers no more: it may come back by itself, so exit status 1."""
+class RowTimeUnknownError(CameraError):
+    """A camera that cannot tell how long a row takes, and `camera.row_time_us` does not say."""
+
+
+class CameraLostError(CameraError, TransientError):
+    """A camera that is not there, is in use, fails as it starts, or delivers no more."""
 
 
 class RecordingError(CameraError):

@@ -21,7 +21,6 @@ class HealthSnapshot:
     fixed: bool  # whether that gave the robot's place in the map
     no_fix: str | None  # and why it did not, where that was tried
     rejected: dict[str, int]
-    newest_host_ns: int | None  # CLOCK_MONOTONIC at the newest decoded frame's row 0 read-out
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -48,7 +47,6 @@ class Health:
         self._rejected: Counter[str] = Counter()
         self._recent: deque[dict[str, float]] = deque(maxlen=RECENT)
         self._decoded = self._markers = self._in_view = 0
-        self._newest_host_ns: int | None = None
         self._fixed = False
         self._no_fix: str | None = None
 
@@ -67,7 +65,6 @@ class Health:
             self._no_fix = next((r.reason for r in decoded.rejected if r.stage == "fix"), None)
             self._rejected.update(rejected.key for rejected in decoded.rejected)
             self._recent.append(decoded.stage_ms)
-            self._newest_host_ns = decoded.row0_readout_ns + decoded.host_offset_ns
 
     def snapshot(self) -> HealthSnapshot:
         """A consistent picture of now."""
@@ -79,7 +76,6 @@ class Health:
                 fixed=self._fixed,
                 no_fix=self._no_fix,
                 rejected=dict(self._rejected),
-                newest_host_ns=self._newest_host_ns,
             )
 
     def times(self) -> StageTimes:

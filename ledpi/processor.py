@@ -8,7 +8,12 @@ from pathlib import Path
 SYS = Path("/sys")
 _TEMPERATURE = "class/thermal/thermal_zone0/temp"  # m°C
 # The Raspberry Pi kernel's own; what `vcgencmd get_throttled` prints, in hexadecimal. Absent on other machines.
-_THROTTLED = "devices/platform/soc/soc:firmware/get_throttled"
+# The folders are named by the SoC's bus: `soc` up to the Pi 4, `soc@107c000000` of a Pi 5.
+_THROTTLED = "devices/platform/soc*/soc*:firmware/get_throttled"
+# Of the firmware's hwmon device, which is there also where a Pi 5's kernel has no file for the rest. It says
+# under-voltage, now; without that nothing is known.
+_LOW_VOLTAGE = "devices/platform/soc*/soc*:firmware/raspberrypi-hwmon*/hwmon/hwmon*/in0_lcrit_alarm"
+UNDER_VOLTAGE = 1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -21,7 +26,10 @@ class Processor:
 
 def read_processor(sys: Path = SYS) -> Processor:
     """What the files say now; a file that is absent or says nonsense is None."""
-    temperature, throttled = _number(sys / _TEMPERATURE, 10), _number(sys / _THROTTLED, 16)
+    temperature = _number(sys / _TEMPERATURE, 10)
+    throttled = next((_number(file, 16) for file in sys.glob(_THROTTLED)), None)
+    if throttled is None and any(_number(file, 10) == 1 for file in sys.glob(_LOW_VOLTAGE)):
+        throttled = UNDER_VOLTAGE
     return Processor(
         temperature_c=None if temperature is None else round(temperature / 1000),
         throttling=None if throttled is None else throttled & 0xF | (throttled >> 16 & 0xF) << 8,

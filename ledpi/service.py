@@ -11,6 +11,7 @@ from ledpi.config import Config
 from ledpi.daemon import Daemon
 from ledpi.errors import LedpiError
 from ledpi.reporting import Totals, event
+from ledpi.resets import Resets
 from ledpi.service_notify import notify
 
 _log = logging.getLogger("ledpi")
@@ -26,6 +27,7 @@ class Service:
         self._load, self._open_camera, self._lossless = load, open_camera, lossless
         self._asked_to_stop = self._asked_to_reload = False
         self._next: Config | None = None
+        self._resets = Resets()
         self._config = load()
         self._daemon = self._start(self._config)
 
@@ -78,7 +80,7 @@ class Service:
     def _start(self, config: Config) -> Daemon:
         camera = self._open_camera(config)
         try:
-            daemon = Daemon(config, camera, lossless=self._lossless)
+            daemon = Daemon(config, camera, lossless=self._lossless, resets=self._resets)
         except LedpiError:
             camera.close()
             raise

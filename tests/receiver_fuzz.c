@@ -40,7 +40,7 @@ static void check(const ledpi_receiver *r, ledpi_kind kind)
     if (kind == LEDPI_STATUS) {
         const ledpi_status *const s = &r->message.status;
         hold(s->state <= LEDPI_STOPPING || s->state == LEDPI_STATE_UNKNOWN);
-        hold(s->no_fix <= LEDPI_STALE || s->no_fix == LEDPI_NO_FIX_UNKNOWN);
+        hold(s->no_fix <= LEDPI_BEHIND || s->no_fix == LEDPI_NO_FIX_UNKNOWN);
         return;
     }
     const bool is_marker = kind == LEDPI_MARKER;

@@ -15,7 +15,7 @@ import yaml
 from command_material import Run as Command
 from command_material import in_process
 
-from ledpi.calibrate.boards import TEXELS, Board, BoardView, find_board
+from ledpi.calibrate.boards import TEXELS, Board, BoardView, find_board, other_board
 from ledpi.calibrate.camera import calibrate_camera
 from ledpi.calibrate.files import write_keeping_old
 from ledpi.camera_yaml import load_intrinsics
@@ -270,6 +270,23 @@ def test_a_refusal_is_one_line_and_writes_nothing(command: Command) -> None:
     assert err.count("\n") == 1
     assert sorted(path.name for path in Path().iterdir()) == ["camera.yaml", "pictures"]
     assert Path("camera.yaml").read_text() == "precious"
+
+
+@pytest.mark.parametrize("size", [(8, 6), (9, 7)])
+def test_a_size_that_is_not_the_boards_is_told_at_once(pictures: Path, command: Command, size: tuple[int, int]) -> None:
+    """After three pictures that agree, by the options that would be right."""
+    status, _, err = command(pictures, "--board", "chessboard", "--cols", size[0], "--rows", size[1])
+    assert status == 2
+    right = "but 3 pictures with another board; must be --board chessboard --cols 6 --rows 5"
+    assert err == f"ledpi: {pictures}: no chessboard with {size[0]} × {size[1]} inner corners, {right}\n"
+
+
+def test_a_board_of_the_other_kind_is_told_too(pictures: Path) -> None:
+    """A chessboard where a ChArUco board is asked for, and the reverse."""
+    picture = np.asarray(cv2.imread(str(pictures / "00.png"), GREY), dtype=np.uint8)
+    assert other_board(picture, CHARUCO) == "--board chessboard --cols 6 --rows 5"
+    assert other_board(charuco_pictures()[0], BOARD) == "--board charuco"
+    assert other_board(picture, BOARD) is None
 
 
 def test_pictures_of_two_sizes_are_refused(command: Command) -> None:

@@ -75,9 +75,33 @@ def test_what_only_the_recording_knows_is_written_too(command: Command) -> None:
     take = simulated(command, "panels.black_hz=1262", "panels.white_hz=2431", told={})
     status, out, err = command("calibrate", "panel", take)
     assert (status, err) == (0, "")
-    assert "as announced" not in out
+    assert "as the configuration announces" not in out
     spec = load_config(Path("config.yaml")).panels.spec(7)
     assert (spec.black_hz, spec.white_hz) == pytest.approx((1262.0, 2431.0), rel=1e-3)
+
+
+def test_what_is_said_and_what_is_written_are_of_one_announcement(command: Command) -> None:
+    """The recording announces 1350 Hz, the configuration 1250, and that is right: so it is told to be."""
+    take = simulated(command, told={"panel": {"black_hz": 1350.0}})
+    status, out, _ = command("calibrate", "panel", take)
+    assert status == 0
+    assert "% of 1250)" in out
+    assert "1350" not in out
+    assert "panel 7 is as the configuration announces it" in out
+
+
+def test_a_duty_that_is_off_by_noise_is_not_written(command: Command) -> None:
+    """The panel is off in frequency; of its duty 0.502 would be measured, where 0.5 is announced."""
+    announced = {"panel": {"black_hz": 1250.0, "white_hz": 2450.0}}
+    given = ("panels.black_hz=1262", "panels.white_hz=2431", "panels.duty=0.502", "camera.exposure_us=1000")
+    take = simulated(command, *given, told=announced)
+    status, out, _ = command("calibrate", "panel", take)
+    assert status == 0
+    assert "duty   0.50" in out
+    override = load_config(Path("config.yaml")).panels.overrides[7]
+    assert override.black_hz == pytest.approx(1262.0, rel=1e-3)
+    assert override.duty is None
+    assert command("panel", "firmware", "--id", 7, "--black", 1250, "--white", 2450, "--out", "driver")[0] == 0
 
 
 def test_one_picture_over_and_over_is_refused(command: Command) -> None:
@@ -128,7 +152,7 @@ def test_a_driver_that_is_right_changes_nothing(command: Command) -> None:
 def test_of_a_panel_that_is_as_announced_the_day_is_noted(command: Command) -> None:
     """And no frequencies, which would cost decoding time."""
     take = simulated(command, told={})
-    assert "panel 7 is as announced" in command("calibrate", "panel", take)[1]
+    assert "panel 7 is as the configuration announces it" in command("calibrate", "panel", take)[1]
     panels = load_config(Path("config.yaml")).panels
     assert panels.overrides[7].measured == date.today()
     assert panels.spec(7) == panels.spec()

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from test_calibrate_camera import BOARD, CHARUCO, POSES, Pose, charuco_pictures, projected
+from test_calibrate_camera import BOARD, CHARUCO, POSES, Pose, charuco_pictures, projected, rendered
 
 from ledpi.calibrate.camera import calibrate_camera
 from ledpi.calibrate.collecting import ENOUGH_VIEWS, Collection, attitude_of, next_exposure
@@ -88,6 +88,15 @@ def test_the_exposure_is_set_by_the_board() -> None:
     assert [text for text in said if text.startswith("exposure ")] != []
     assert len(collection.views) >= 8  # the first pose's frames went into the exposure
     assert calibrate_camera(collection.views, CHARUCO, info.width, info.height).rms_px < 0.3
+
+
+def test_another_board_than_the_one_asked_for_is_told() -> None:
+    """Whoever shows a chessboard where a ChArUco board is expected hears which options are its own."""
+    chessboard = rendered(POSES[0], np.random.default_rng(0))
+    open_at, _ = opener(iter([chessboard] * 20), 40_000.0)
+    said: list[str] = []
+    collect_views(open_at, CHARUCO, said.append, metered=False)
+    assert "--board chessboard --cols 6 --rows 5 is seen" in said[-1]
 
 
 def test_a_board_that_moves_is_not_taken() -> None:

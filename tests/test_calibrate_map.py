@@ -18,6 +18,7 @@ from map_material import SIDE_M, frame, optical, panel, pose, seen_corners, sigh
 from ledpi.calibrate.map import MapCalibration, calibrate_map
 from ledpi.calibrate.map_views import View, view_of
 from ledpi.camera.simulated import SimulatedCamera
+from ledpi.config import load_config
 from ledpi.dictionaries import load_dictionary
 from ledpi.errors import CalibrationError
 from ledpi.map_yaml import load_map
@@ -218,6 +219,16 @@ def test_the_command_writes_a_map_and_a_picture(recording: Path, tmp_path: Path)
     assert "these are: 7, 12, 23" in failed.stderr
     assert "Traceback" not in failed.stderr
     assert (tmp_path / "markers.yaml").read_bytes() == before
+
+
+def test_a_configuration_without_a_map_gets_its_name(recording: Path, tmp_path: Path) -> None:
+    """So that the daemon reads it; one that names a map keeps that, and it is said which."""
+    (tmp_path / "config.yaml").write_text("panels: {side_m: 0.16}  # mine\nmap: null\n")
+    done = ledpi("calibrate", "map", recording, cwd=tmp_path)
+    assert "config.yaml: map: markers.yaml written" in done.stdout
+    assert load_config(tmp_path / "config.yaml").map == tmp_path / "markers.yaml"
+    other = ledpi("calibrate", "map", recording, "--out", "other.yaml", cwd=tmp_path)
+    assert f"names another map, {tmp_path / 'markers.yaml'}; to use this one: map: " in other.stdout
 
 
 @pytest.mark.parametrize("place", [("--position", "nan", "0", "0"), ("--yaw-deg", "inf")])

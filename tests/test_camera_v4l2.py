@@ -4,19 +4,36 @@ from __future__ import annotations
 
 import logging
 import time
+from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 import pytest
+from command_material import in_process
 
+from ledpi.camera.simulated import SimulatedCamera, simulated_sensor
 from ledpi.camera.v4l2 import V4l2Camera, open_v4l2
-from ledpi.config import CameraSettings
+from ledpi.config import CameraSettings, load_config
 from ledpi.errors import CameraError
 from ledpi.records import Frame, Rejected
+from ledpi.simulate.scenes import still_scene
 
 DEVICE = "/dev/null"  # exists; the stand-in does not look at it
 READOUT_NS = 480 * 30_000
+
+
+def test_the_shutter_of_a_device_that_cannot_tell_its_row_time_is_measured(
+    device: set[int], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """With nothing but `camera.source`: 33.67 µs are measured, and written where the daemon then reads them."""
+    monkeypatch.chdir(tmp_path)
+    Path("config.yaml").write_text(f"camera: {{source: 'v4l2:{DEVICE}'}}\npanels: {{side_m: 0.16}}\n")
+    monkeypatch.setattr(cv2, "VideoCapture", Watching)
+    status, out, _ = in_process(monkeypatch, capsys)("calibrate", "shutter", "--frames", "40")
+    assert status == 0
+    assert "the driver cannot tell" in out
+    assert load_config(Path("config.yaml")).camera.row_time_us == pytest.approx(33.67, rel=2e-3)
 
 
 class StandIn:
@@ -48,6 +65,24 @@ class StandIn:
 
     def release(self) -> None:
         self.released = True
+
+
+class Watching(StandIn):
+    """One that looks at panel 7 at 1 m, and delivers each frame as it begins to arrive."""
+
+    def __init__(self, device: str, backend: int) -> None:
+        super().__init__(device, backend)
+        config = load_config(None, ("camera.source=simulated",))
+        sensor = simulated_sensor(config.camera, config.panels)
+        scene = still_scene(sensor, {7: config.panels.spec()}, "DICT_4X4_50", distance_m=1.0, angle_deg=0.0)
+        self._camera = SimulatedCamera(scene, seed=0, paced=True)
+
+    def read(self, buffer: np.ndarray) -> tuple[bool, Any]:
+        grey = np.empty((480, 640), np.uint8)
+        frame = self._camera.read(grey)
+        assert isinstance(frame, Frame)
+        self.stamp_ns = frame.row0_readout_ns + frame.host_offset_ns
+        return True, grey
 
 
 STAND_IN_FIXED: set[int] = set()

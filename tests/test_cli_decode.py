@@ -120,10 +120,49 @@ def test_a_recording_without_calibration_gives_ids_only(ledpi: Run, kept: Path) 
     assert (marker["id"], marker["position_m"], marker["quaternion_wxyz"]) == (23, None, None)
 
 
-def test_a_recordings_own_values_win(ledpi: Run, kept: Path) -> None:
-    """Whatever the configuration says of the panel's size and frequencies."""
-    _, output, _ = ledpi("--set", "panels.side_m=5", "--set", "panels.black_hz=900", kept / "one")
+def test_a_recordings_own_values_win(ledpi: Run, kept: Path, tmp_path: Path) -> None:
+    """Whatever the configuration's file says of the panel's size and frequencies."""
+    config = tmp_path / "mine.yaml"
+    config.write_text("panels: {side_m: 5, black_hz: 900}\n")
+    _, output, _ = ledpi("--config", config, kept / "one")
     np.testing.assert_allclose(lines(output)[0]["markers"][0]["position_m"], [0, 0, 1], atol=0.01)
+
+
+@pytest.mark.parametrize("override", ["panels.side_m=0.32", "panels={side_m: 0.32}"])
+def test_what_the_command_line_gives_is_stronger_than_a_recording(ledpi: Run, kept: Path, override: str) -> None:
+    """A panel that was measured again and is twice as large is twice as far away."""
+    _, output, _ = ledpi("--set", override, kept / "one")
+    np.testing.assert_allclose(lines(output)[0]["markers"][0]["position_m"], [0, 0, 2], atol=0.02)
+
+
+def test_another_lens_on_the_command_line_is_used_for_a_recording(ledpi: Run, kept: Path, tmp_path: Path) -> None:
+    """Here of twice the focal length; and null takes the lens away."""
+    write_lens(tmp_path / "tele.yaml", 640, 480, focal=2.0)
+    _, output, _ = ledpi("--set", f"camera.intrinsics={tmp_path / 'tele.yaml'}", kept / "one")
+    assert lines(output)[0]["markers"][0]["position_m"][2] == pytest.approx(2.0, rel=0.05)
+    _, output, _ = ledpi("--set", "camera.intrinsics=null", kept / "one")
+    assert lines(output)[0]["markers"][0]["position_m"] is None
+
+
+def test_frequencies_on_the_command_line_are_those_that_are_sought(ledpi: Run, kept: Path) -> None:
+    """A panel of other frequencies than those given is none."""
+    _, output, _ = ledpi("--single-frame", "--set", "panels.black_hz=1650", kept / "one")
+    assert lines(output)[0]["markers"] == []
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        ("camera.width=320", "--set camera.width=320: "),
+        ("camera.frame_duration_us=20000", "--set camera.frame_duration_us=20000.0: "),
+        ("panels.phase=antiphase", "antiphase is for both classes at one frequency"),
+    ],
+)
+def test_what_a_recording_cannot_be_made_to_have_is_refused(
+    ledpi: Run, kept: Path, override: str, message: str
+) -> None:
+    """Its pictures' size and times; frequencies that contradict its own."""
+    assert message in complaint(ledpi("--set", override, kept / "one"))
 
 
 def test_pictures_are_decoded_with_the_configurations_values(ledpi: Run, kept: Path, tmp_path: Path) -> None:
@@ -214,9 +253,10 @@ def test_help_has_an_example(ledpi: Run) -> None:
 # ---- What is wrong
 
 
-def write_lens(path: Path, width: int, height: int) -> None:
+def write_lens(path: Path, width: int, height: int, *, focal: float = 1.0) -> None:
+    """`focal`: times that of the camera."""
     lens = ov5647_lens(width, height)
-    matrix = ", ".join(str(float(v)) for v in lens.matrix().ravel())
+    matrix = ", ".join(str(float(v)) for v in (lens.matrix() * [[focal, 1, 1], [1, focal, 1], [1, 1, 1]]).ravel())
     path.write_text(
         f"image_width: {width}\nimage_height: {height}\ncamera_matrix: {{data: [{matrix}]}}\n"
         f"distortion_coefficients: {{data: {list(lens.distortion)}}}\n"
@@ -425,10 +465,13 @@ def test_a_lens_of_another_size_is_refused_for_a_recording_too(ledpi: Run, kept:
     assert "was made for pictures of 320 × 240 pixels" in line
 
 
-def test_a_recording_and_an_override_that_contradict_each_other_are_told(ledpi: Run, kept: Path) -> None:
+def test_a_recording_and_an_override_that_contradict_each_other_are_told(
+    ledpi: Run, kept: Path, tmp_path: Path
+) -> None:
     """Each is right by itself: 1250 Hz for panel 7's white cells, where the recording has black ones at 1250."""
-    overrides = ("--set", "panels.black_hz=1300", "--set", "panels.overrides={7: {white_hz: 1250}}")
-    line = complaint(ledpi(*overrides, kept / "one"))
+    config = tmp_path / "mine.yaml"
+    config.write_text("panels: {side_m: 0.16, black_hz: 1300, overrides: {7: {white_hz: 1250}}}\n")
+    line = complaint(ledpi("--config", config, kept / "one"))
     assert "black_hz and white_hz must differ" in line
 
 

@@ -56,7 +56,7 @@ def test_shipped_file_has_every_key() -> None:
 
 def test_shipped_file_has_the_defaults() -> None:
     """The shipped config.yaml says what holds without it."""
-    assert load_config(SHIPPED) == load_config(None, ("panels.side_m=0.16",))
+    assert load_config(SHIPPED).model_dump() == load_config(None, ("panels.side_m=0.16",)).model_dump()
 
 
 def test_a_size_is_all_that_must_be_given(tmp_path: Path) -> None:
@@ -86,6 +86,11 @@ def test_config_is_frozen() -> None:
         config.camera.width = 320
 
 
+def test_a_dash_on_the_command_line_is_text() -> None:
+    """YAML would read a list of nothing."""
+    assert load_config(None, ("panels.side_m=0.16", "serial.port=-")).serial.port == "-"
+
+
 MISTAKES = [
     ("camera.sorce=x", "camera.sorce: unknown key; did you mean source? allowed here: analogue_gain,"),
     ("camra.source=x", "camra: unknown key; did you mean camera? allowed here: camera, decode, map, panels"),
@@ -108,11 +113,13 @@ MISTAKES = [
     ("camera.intrinsics=3", "camera.intrinsics: must be a path, not 3"),
     ("panels.side_m=", "panels.side_m: must be a number, not None"),
     ("panels.side_m=0", "panels.side_m: must be greater than 0, not 0"),
-    ("panels.side_m=160", "panels.side_m: must be less than or equal to 10, not 160"),
+    ("panels.side_m=160", "panels.side_m: must be in metres, 10 at most (160 mm are 0.16), not 160"),
+    ("panels.side_m=160000", "panels.side_m: must be in metres, 10 at most, not 160000"),
     ("panels.side_m=.nan", "panels.side_m: must be a finite number, not nan"),
     ("panels.side_m=yes", "panels.side_m: takes no true or false"),
     ("panels.upright=1", "panels.upright: must be true or false, not 1"),
     ("panels.duty=1", "panels.duty: must be less than 1, not 1"),
+    ("panels.dictionary=DICT_4x4_50", "panels.dictionary: did you mean DICT_4X4_50? must be one of DICT_4X4_100, "),
     ("panels.dictionary=DICT_9X9", "panels.dictionary: must be one of DICT_4X4_100, DICT_4X4_1000"),
     ("panels.white_hz=1250", "panels: black_hz and white_hz must differ, both are 1250"),
     ("panels.overrides=3", "panels.overrides: must be a mapping from IDs, as in {7: {side_m: 0.3}}, not 3"),
@@ -124,6 +131,7 @@ MISTAKES = [
     ("robot.camera_mount.rpy_deg=3", "robot.camera_mount.rpy_deg: must be three numbers, as in"),
     ("robot.camera_mount.rpy_deg=[1, 2, x]", "robot.camera_mount.rpy_deg.2: must be a number, not 'x'"),
     ("serial.port=3", "serial.port: must be text, not 3"),
+    ("serial.baud=-", "serial.baud: must be a whole number, not '-'"),
     ("serial.baud=3", "serial.baud: must be greater than or equal to 1200, not 3"),
     ("decode.method=magic", "decode.method: must be "),
 ]

@@ -14,11 +14,11 @@ import pytest
 
 from ledpi import __version__
 from ledpi.camera.factory import open_camera
-from ledpi.cli.doctor import line
+from ledpi.cli.doctor import line, verdict
 from ledpi.config import load_config
 from ledpi.doctor import camera, checks, machine
 from ledpi.doctor.checks import configuration, examine
-from ledpi.doctor.finding import bad
+from ledpi.doctor.finding import bad, ok
 from ledpi.records import CameraInfo
 from ledpi.simulate.scenes import ov5647_lens
 
@@ -44,7 +44,7 @@ def test_without_a_camera_the_page_says_what_to_do() -> None:
     done = doctor("panels.side_m=0.16", "camera.source=v4l2:/dev/video99", "camera.row_time_us=30")
     assert (done.returncode, done.stderr) == (1, "")
     lines = done.stdout.splitlines()
-    assert lines[-1] == "`ledpi run` would not run"
+    assert lines[-1].startswith("`ledpi run` would not run: camera")
     bad_lines = [number for number, text in enumerate(lines) if text.startswith("✗")]
     assert any("camera.source: /dev/video99 does not exist" in lines[number] for number in bad_lines)
     assert all("→" in lines[number + 1] for number in bad_lines)
@@ -67,11 +67,12 @@ def test_where_all_is_well_the_daemon_would_run() -> None:
     assert {name for name, state in states.items() if state == "ok"} >= well | {"serial port"}
 
 
-def test_a_lens_that_the_daemon_does_not_read_does_not_stop_it(tmp_path: Path) -> None:
-    """The simulator, as a recording, knows its own; what the configuration names is of no account then."""
-    given = ("panels.side_m=0.16", "camera.source=simulated", f"camera.intrinsics={tmp_path / 'gone.yaml'}")
-    found = next(finding for finding in examine(load_config(None, given)) if finding.name == "intrinsics")
-    assert (found.state, found.stops_daemon) == ("ok", False)
+def test_a_lens_that_is_missing_stops_the_simulator_too() -> None:
+    """As with a camera: who tries the configuration out on the simulator hears of it there."""
+    given = ("camera.source=simulated", "camera.intrinsics=gone.yaml")
+    found = {finding.name: finding for finding in examine(load_config(None, given))}
+    assert (found["camera"].state, found["camera"].stops_daemon) == ("bad", True)
+    assert "gone.yaml: cannot be read" in found["camera"].said
 
 
 @pytest.mark.parametrize(
@@ -128,12 +129,43 @@ def test_a_missing_controller_does_not_stop_the_daemon(tmp_path: Path) -> None:
     assert not findings["serial port"].stops_daemon
 
 
+def test_the_ports_that_are_plugged_in_are_offered(tmp_path: Path) -> None:
+    """By the names that stay; which of two is the controller only a person knows."""
+    assert machine.serial_remedy(tmp_path).startswith("plug the controller in; ")
+    for name in ("usb-Arduino_Uno-if00", "usb-FTDI_FT232R-if00"):
+        (tmp_path / name).touch()
+    offered = f"{tmp_path}/usb-Arduino_Uno-if00 or {tmp_path}/usb-FTDI_FT232R-if00"
+    assert machine.serial_remedy(tmp_path) == f"set serial.port to the controller's name: {offered}"
+
+
 def test_a_line_has_its_mark_its_name_and_its_remedy() -> None:
     """The remedy on a line of its own."""
     assert line(bad("disk", "full", "delete")) == "✗ disk               full\n                     → delete"
 
 
+def test_the_last_line_says_what_the_daemon_would_not_do_well() -> None:
+    """One ✗ that does not stop it is no reason to say that all is well."""
+    port, disk = bad("serial port", "no such file", "set it"), bad("disk", "full", "delete", stops_daemon=True)
+    assert verdict([ok("camera", "there")]) == "`ledpi run` would run"
+    assert verdict([ok("camera", "there"), port]) == "`ledpi run` would run, but see to its ✗: serial port"
+    assert verdict([port, disk]) == "`ledpi run` would not run: disk"
+
+
 # ---- The camera
+
+
+def test_an_exposure_that_the_camera_cannot_do_is_not_confirmed() -> None:
+    """10 µs are asked for, and a camera of this kind exposes for four rows at least."""
+    findings = examine(load_config(None, ("camera.source=simulated", "camera.exposure_us=10")))
+    found = next(finding for finding in findings if finding.name == "exposure")
+    assert (found.state, found.said) == ("bad", "the camera exposes for 135 µs, where 10 µs were asked for")
+
+
+def test_an_exposure_of_whole_rows_is_what_was_asked_for() -> None:
+    """Of 10 ms the sensor makes 296 rows."""
+    findings = examine(load_config(None, ("camera.source=simulated",)))
+    found = next(finding for finding in findings if finding.name == "exposure")
+    assert (found.state, found.said) == ("ok", "9967 µs of 10000 µs asked for")
 
 
 def test_a_frequency_near_a_null_is_named() -> None:

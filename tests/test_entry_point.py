@@ -142,3 +142,22 @@ def test_a_warning_looks_as_an_error_does(tmp_path: Path) -> None:
     assert len(done.stdout.splitlines()) == 1
     assert done.stderr.startswith(f"ledpi: {tmp_path}/take\\nold/frames.jsonl: line 2: is cut off; ")
     assert done.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize("command", [(), ("panel",), ("panel", "design"), ("run",)])
+def test_help_is_asked_for_in_short_too(
+    command: tuple[str, ...], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As of most programs."""
+    status, out, _ = in_process(monkeypatch, capsys)(*command, "-h")
+    assert (status, out.startswith("Usage: ")) == (0, True)
+
+
+@pytest.mark.parametrize(("typed", "completed"), [("ledpi ca", "calibrate"), ("ledpi panel f", "firmware")])
+def test_a_shell_can_complete_commands(typed: str, completed: str) -> None:
+    """As `ledpi --install-completion` sets it up for bash."""
+    asked = {"_LEDPI_COMPLETE": "complete_bash", "COMP_WORDS": typed, "COMP_CWORD": str(typed.count(" "))}
+    done = subprocess.run(
+        [sys.executable, "-c", console_script()], env=os.environ | asked, capture_output=True, text=True, timeout=60
+    )
+    assert done.stdout.split() == [completed]

@@ -17,7 +17,7 @@ from ledpi.wire import FixMessage, MarkerMessage, Message, NoFix, State, StatusM
 from ledpi.wire.codec import encode
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples"))
-from linux_robot import Guard
+from linux_robot import Guard, Narrator
 from linux_robot import main as linux_main
 from ros2_node import UNKNOWN_VARIANCE, pose_fields
 from ros2_node import main as ros2_main
@@ -53,6 +53,23 @@ def test_a_status_without_a_fix_stops_it(no_fix: NoFix, drives: bool) -> None:
     guard.take(FIX, 10.0)
     guard.take(StatusMessage(state=State.RUNNING, no_fix=no_fix), 10.01)
     assert guard.may_drive(10.02) is drives
+
+
+def test_the_robot_says_why_it_stands_and_no_more_than_a_person_can_read() -> None:
+    """A second without a panel is one line with the reason; of a second's drive, three."""
+    guard, narrator = Guard(), Narrator()
+    guard.take(StatusMessage(state=State.RUNNING, no_fix=NoFix.NO_PANEL), 0.0)
+    turns = [narrator.line(f"stop: {guard.why_not()}", "", turn / 100) for turn in range(100)]
+    assert [said for said in turns if said] == ["stop: no panel"]
+    turns = [narrator.line("drive", "at 1.000 2.000 m", 1.0 + turn / 100) for turn in range(101)]
+    assert [said for said in turns if said] == 3 * ["drive at 1.000 2.000 m"]
+
+
+def test_a_stream_that_stops_is_a_reason_too() -> None:
+    """The last status spoke of a fix, and nothing came since."""
+    guard = Guard()
+    guard.take(StatusMessage(state=State.RUNNING, no_fix=NoFix.NONE), 0.0)
+    assert guard.why_not() == "no fix for 0.3 s"
 
 
 def test_a_fix_becomes_a_ros_pose() -> None:

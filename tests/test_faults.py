@@ -112,7 +112,7 @@ def take(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def settings(take: Path, tmp_path: Path) -> tuple[str, ...]:
-    return ("panels.side_m=1", f"camera.source=recording:{take}", f"serial.port={tmp_path / 'controller'}")
+    return (f"camera.source=recording:{take}", f"serial.port={tmp_path / 'controller'}")
 
 
 FOR_EVER = ("--frames", "1000000")

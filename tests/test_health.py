@@ -37,7 +37,6 @@ def test_at_first_there_is_nothing() -> None:
     snapshot = Health().snapshot()
     assert (snapshot.decoded, snapshot.markers, snapshot.in_view, snapshot.rejected) == (0, 0, 0, {})
     assert Health().times() == StageTimes(decode_ms=None, stages_ms={})
-    assert snapshot.newest_host_ns is None
 
 
 def test_frames_and_markers_are_counted() -> None:
@@ -87,13 +86,6 @@ def test_times_are_of_the_recent_frames_only() -> None:
         health.add(frame(find_ms=2.0))
     assert health.times().decode_ms == (2.0, 2.0)
     assert health.snapshot().decoded == RECENT + 50
-
-
-def test_the_newest_frames_time_is_the_hosts() -> None:
-    """The camera's clock plus what relates it to CLOCK_MONOTONIC."""
-    health = Health()
-    health.add(frame(seq=5))
-    assert health.snapshot().newest_host_ns == 1055
 
 
 def test_a_snapshot_stays_as_it_was() -> None:

@@ -65,6 +65,27 @@ def test_the_clone_is_left_as_it_is(tmp_path: Path) -> None:
     assert list((tmp_path / "temporary").iterdir()) == []
 
 
+@pytest.mark.parametrize(
+    ("before", "cleared"), [((), False), (("3.13",), False), (("3.11",), True), (("3.11", "3.13"), True)]
+)
+def test_after_an_upgrade_of_python_the_old_packages_go(tmp_path: Path, before: tuple[str, ...], cleared: bool) -> None:
+    """The environment is begun anew where another Python has packages in it, and only there."""
+    for version in before:
+        (tmp_path / f"home/lib/python{version}/site-packages").mkdir(parents=True)
+    python = f"python3() {{ if [[ $1 == -c ]]; then echo 3.13; else echo \"$@\"; fi; }}; home={tmp_path}/home; "
+    said = run(python + "make_environment").split()
+    assert said[:3] == ["-m", "venv", "--system-site-packages"]
+    assert ("--clear" in said) is cleared
+
+
+def test_what_takes_long_is_announced(tmp_path: Path) -> None:
+    """Before apt and pip, which are silent themselves."""
+    made_up = "apt-get() { :; }; apt-cache() { :; }; "
+    assert "scripts/install: the system's packages" in run(made_up + "install_packages")
+    made_up = f"home={tmp_path}; make_environment() {{ exit; }}; constraints() {{ echo none; }}; "
+    assert "takes some minutes on a Pi" in run(made_up + "install_program")
+
+
 @pytest.mark.parametrize("changed", [False, True])
 def test_uninstalling_keeps_a_rule_that_was_changed(tmp_path: Path, changed: bool) -> None:
     """Like the configuration; it is named."""

@@ -86,7 +86,7 @@ MISTAKES = [
     (f"units: cm\npanels: {{7: {{{PLACE}, yaw_deg: 0}}}}", "units: unknown key"),
     (f"panels: {{7: {{{PLACE}, yaw_rad: 0}}}}", "panels.7.yaw_rad: unknown key; did you mean yaw_deg?"),
     (f"panels: {{7: {{{PLACE}, yaw_deg: 0, side_m: 0}}}}", "panels.7.side_m: must be greater than 0"),
-    (f"panels: {{7: {{{PLACE}, yaw_deg: 0, side_m: 160}}}}", "panels.7.side_m: must be less than or equal to 10"),
+    (f"panels: {{7: {{{PLACE}, yaw_deg: 0, side_m: 160}}}}", "panels.7.side_m: must be in metres, 10 at most"),
     (f"panels: {{7: {{{PLACE}}}}}", "panels.7: must have either quaternion_wxyz, or where it faces: yaw_deg"),
     (f"panels: {{7: {{{PLACE}, yaw_deg: 0, quaternion_wxyz: [1, 0, 0, 0]}}}}", "panels.7: must have either"),
     (f"panels: {{-7: {{{PLACE}, yaw_deg: 0}}}}", "panels.-7: must be greater than or equal to 0"),

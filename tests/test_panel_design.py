@@ -33,6 +33,7 @@ from ledpi.panel.design import (
     views_of,
     with_best_period,
 )
+from ledpi.panel.design_plots import contrast_figure, reach_figure
 from ledpi.panel.frequencies import NULL_SHARE, Flicker, null_share, worthwhile_frequencies
 from ledpi.panel.information import View, evidence_of, separation_nats, view_panel
 from ledpi.panel.reach import Reach, reach_of
@@ -416,12 +417,35 @@ def test_an_antiphase_panel_is_checked_as_one() -> None:
     assert (status, output.count("is frozen")) == (1, 1)
 
 
+def test_a_check_begins_with_its_verdict() -> None:
+    """Before the columns: whether the pair is any good."""
+    assert run("--check", "1000", "2000")[1].splitlines()[0] == "1000 and 2000 Hz cannot be used:"
+    good = run("--check", "1250", "2450", "--distance", "1", "--fps", "58.93")[1].splitlines()[0]
+    assert good.startswith("good are 1250.00 Hz (black cells) and 2450.00 Hz (white): a panel is read ")
+
+
+def test_no_legend_covers_a_curve() -> None:
+    """Both plots' stand below their axes."""
+    asked = task(1.0)
+    proposal = proposal_at(asked, 1250.0, 2450.0, 504, views_of(asked))
+    reach = Reach(distances_m=(1.0, 2.0), alone=(0.9, 0.2), stream=(1.0, 0.9))
+    for figure in (contrast_figure(asked, proposal), reach_figure([("present", proposal, reach)] * 7)):
+        figure.draw_without_rendering()
+        (legend,) = figure.legends
+        curves = [axes.get_tightbbox() for axes in figure.axes]
+        assert not any(legend.get_window_extent().overlaps(box) for box in curves if box is not None)
+
+
 def test_a_design_is_a_configuration(monkeypatch: pytest.MonkeyPatch) -> None:
     """Five pairs and antiphase beside the present one, two plots, and lines that are loaded and found good."""
     monkeypatch.setattr("ledpi.panel.reach._DRAWS", 5)
     monkeypatch.setattr("ledpi.panel.reach._DISTANCES", 3)
     status, output = run("--distance", "1", "--distance", "8", "--fps", "58.93", "--out", "design")
     assert status == 0
+    first = output.splitlines()[0]
+    read = r"(?:a panel is read )?(?:to \S+ m|nowhere) in a single picture, "
+    assert len(re.findall(r"\S+ Hz \(black cells\) and \S+ Hz \(white\): " + read, first)) == 2
+    assert first.startswith("best are ")
     assert re.findall(r"^(\d|antiphase|present) ", output, re.MULTILINE) == [*"12345", "antiphase", "present"]
     config = load_config(Path("design/panel.yaml"))
     assert config.panels.side_m == 0.16

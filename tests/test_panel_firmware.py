@@ -95,6 +95,14 @@ def test_frequencies_come_from_the_configuration() -> None:
     assert "from 1250 Hz" in Path("overridden/settings.h").read_text()
 
 
+def test_a_duty_that_was_measured_is_a_half_as_far_as_noise_goes() -> None:
+    """`ledpi calibrate panel` measures 0.502 of this very driver; what is another duty is named by its own key."""
+    Path("config.yaml").write_text("panels: {side_m: 0.3, overrides: {7: {duty: 0.502}, 8: {duty: 0.4}}}")
+    run("--id", "7", "--out", "measured")
+    with pytest.raises(LedpiError, match=r"^panels\.overrides\.8\.duty: .* must be 0\.5, not 0\.4"):
+        run("--id", "8", "--out", "other")
+
+
 def test_antiphase_is_one_frequency_half_a_period_late() -> None:
     """By an option and one frequency, or by the configuration: the same sources."""
     told = run("--id", "7", "--phase", "antiphase", "--black", "1253.33", "--out", "asked")

@@ -124,7 +124,7 @@ def test_truth_is_optional(folder: Path) -> None:
         ("recording.yaml", "33.67", "3.3e-5", "camera.row_time_us: must be greater than or equal to 1, not 3.3e-05"),
         ("recording.yaml", "1250.0", "1.25", "panel.black_hz: must be greater than or equal to 10, not 1.25"),
         ("recording.yaml", "33.67", "33670", "camera.row_time_us: must be less than or equal to 1000, not 33670"),
-        ("recording.yaml", "0.16", "160", "panel.side_m: must be less than or equal to 10, not 160"),
+        ("recording.yaml", "0.16", "160", "panel.side_m: must be in metres, 10 at most (160 mm are 0.16), not 160"),
         ("recording.yaml", "10000.0", "0.01", "camera.exposure_us: must be greater than or equal to 1, not 0.01"),
         ("recording.yaml", "33.67", "'33'", "camera.row_time_us: must be a valid number, not '33'"),
         ("recording.yaml", "33.67", ".nan", "camera.row_time_us: must be a finite number, not nan"),

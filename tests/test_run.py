@@ -21,6 +21,7 @@ import pytest
 from command_material import complaint as one_complaint
 from command_material import in_process
 from daemon_material import (
+    COMMAND,
     DEADLINE_S,
     ROOT,
     SIMULATED,
@@ -184,7 +185,7 @@ def test_a_bad_frame_is_counted_and_skipped(tmp_path: Path) -> None:
     picture = tmp_path / "take/frames/000004.png"
     picture.write_bytes(picture.read_bytes()[:3000])
     with controller() as line:
-        settings = ("panels.side_m=1", f"camera.source=recording:{tmp_path / 'take'}", f"serial.port={line.port}")
+        settings = (f"camera.source=recording:{tmp_path / 'take'}", f"serial.port={line.port}")
         with daemon(*settings, options=("--unpaced",)) as process:
             ended = end(process)
     assert ended.status == 0
@@ -198,7 +199,7 @@ def test_a_recordings_own_values_are_sent(tmp_path: Path) -> None:
     """Paced, as the sensor delivered it: the ID, and a pose by the recording's own lens and panel size."""
     write_recording(tmp_path / "take", 30)
     with controller() as line:
-        settings = ("panels.side_m=5", f"camera.source=recording:{tmp_path / 'take'}", f"serial.port={line.port}")
+        settings = (f"camera.source=recording:{tmp_path / 'take'}", f"serial.port={line.port}")
         with daemon(*settings) as process:
             assert end(process).status == 0
         line.close()
@@ -212,7 +213,7 @@ def test_without_a_lens_ids_are_sent_flagged_uncalibrated(tmp_path: Path) -> Non
     """No poses; the heartbeat and a warning say why."""
     write_recording(tmp_path / "take", 30, calibrated=False)
     with controller() as line:
-        settings = ("panels.side_m=1", f"camera.source=recording:{tmp_path / 'take'}", f"serial.port={line.port}")
+        settings = (f"camera.source=recording:{tmp_path / 'take'}", f"serial.port={line.port}")
         with daemon(*settings) as process:
             ended = end(process)
         line.close()
@@ -243,6 +244,14 @@ def test_a_pose_leaves_once_it_is_decoded() -> None:
     assert latency.p25 <= slowness() * (latency.decode_p50 + 1.0)
 
 
+def test_the_helps_example_runs_without_a_configuration(tmp_path: Path) -> None:
+    """In any folder: the simulator's panels are its own, and the port may come later."""
+    given = ["--set", "camera.source=simulated", "--set", f"serial.port={tmp_path / 'robot'}", "--frames", "3"]
+    done = subprocess.run([*COMMAND, *given], cwd=tmp_path, capture_output=True, text=True, timeout=DEADLINE_S)
+    assert done.returncode == 0, done.stderr
+    assert "ended: 3 frames" in done.stderr
+
+
 # ---- What cannot run
 
 
@@ -260,12 +269,13 @@ def complaint(
     [
         ([], "no configuration: --config FILE, ./config.yaml or /etc/ledpi/config.yaml"),
         (["--config", "none.yaml"], "none.yaml: cannot be read"),
-        (["--set", "camera.source=simulated"], "panels.side_m: must be given"),
+        (["--set", "serial.baud=9600"], "panels.side_m: must be given"),
         (["--set", "panels.side_m=0"], "panels.side_m: must be greater than 0"),
         (["--set", "panels.side_m=1", "--set", "camera.source=film"], "camera.source: must be picamera2, simulated"),
         (["--set", "panels.side_m=1", "--set", "serial.baud=fast"], "serial.baud: must be a whole number"),
         (["--set", "panels.side_m=1", "--set", "serial.prot=x"], "serial.prot: unknown key; did you mean port?"),
         (["--set", "panels.side_m=1", "--set", "camera.source=recording:gone"], "gone/recording.yaml: is missing"),
+        (["--set", "camera.source=simulated", "--set", "camera.intrinsics=gone.yaml"], "gone.yaml: cannot be read"),
         (["--set", "panels.side_m=1", "--unpaced"], "camera.source: picamera2 has its own pace"),
         (["--set", "panels.side_m=1", "--set", "camera.source=v4l2:/dev/null"], "camera.row_time_us: must be a number"),
     ],
@@ -285,7 +295,8 @@ def test_what_cannot_run_is_told_in_one_line(
     ("settings", "message"),
     [
         (["camera.intrinsics=camera.yaml"], "camera.yaml: was made for pictures of 320 × 240 pixels"),
-        (["panels.black_hz=1300", "panels.overrides={7: {white_hz: 1250}}"], "black_hz and white_hz must differ"),
+        (["camera.source=simulated", "camera.intrinsics=camera.yaml"], "was made for pictures of 320 × 240 pixels"),
+        (["panels.overrides={7: {white_hz: 1250}}"], "black_hz and white_hz must differ"),
     ],
 )
 def test_what_contradicts_the_camera_is_told_in_one_line(
@@ -295,16 +306,38 @@ def test_what_contradicts_the_camera_is_told_in_one_line(
     capsys: pytest.CaptureFixture[str],
     tmp_path: Path,
 ) -> None:
-    """A lens calibrated at another size; an override that gives panel 7 one frequency for both classes."""
+    """A lens calibrated at another size, also for the simulator; an override with one frequency for both classes."""
     write_recording(tmp_path / "take", 1, calibrated=False)
     numbers = "data: [300, 0, 160, 0, 300, 120, 0, 0, 1]"
     (tmp_path / "camera.yaml").write_text(
         f"image_width: 320\nimage_height: 240\ncamera_matrix: {{{numbers}}}\n"
         "distortion_coefficients: {data: [0, 0, 0, 0, 0]}\n"
     )
-    given = ["panels.side_m=1", "camera.source=recording:take", *settings]
+    (tmp_path / "config.yaml").write_text("panels: {side_m: 1, black_hz: 1300}\n")
+    given = ["camera.source=recording:take", *settings]
     arguments = [part for item in given for part in ("--set", item)]
     assert message in complaint(arguments, monkeypatch, capsys, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("source", "status"),
+    [("v4l2:/dev/video99", 1), ("v4l2:/dev/null", 2), ("v4l2:", 2), ("webcam", 2), ("recording:gone", 2)],
+)
+def test_a_camera_that_may_come_is_status_1_and_a_source_that_cannot_be_right_2(
+    source: str,
+    status: int,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+) -> None:
+    """A service manager tries again after 1; 2 is for a person. The help says so."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(logging, "basicConfig", lambda **_: None)
+    given = ("--set", "panels.side_m=1", "--set", "camera.row_time_us=30", "--set", f"camera.source={source}")
+    ended, output, errors = in_process(monkeypatch, capsys, "run")(*given)
+    assert (ended, output, len(errors.splitlines())) == (status, "", 1)
+    _, told, _ = in_process(monkeypatch, capsys, "run")("--help")
+    assert "1 where the camera is not there" in " ".join(told.split())
 
 
 # ---- The daemon without its command line
@@ -371,6 +404,28 @@ def test_a_failing_publisher_ends_the_daemon_with_its_error(monkeypatch: pytest.
         with pytest.raises(ZeroDivisionError, match="a bug"):
             running.run()
         rescue.cancel()
+
+
+def test_an_exposure_that_hides_the_bands_is_warned_of(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """20 ms hold 25 cycles of 1250 Hz and 49 of 2450: nothing is left. With 10 ms there is nothing to say."""
+    settings = load_config(None, (*SIMULATED, f"serial.port={tmp_path}/none", "camera.exposure_us=20000"))
+    Daemon(settings, open_simulated(settings, paced=False))
+    (warning,) = (record.getMessage() for record in caplog.records if record.levelno == logging.WARNING)
+    assert warning.startswith("camera.exposure_us: 19968 µs are near a null of 1250 and 2450 Hz: ")
+    caplog.clear()
+    settings = config(str(tmp_path / "none"))
+    Daemon(settings, open_simulated(settings, paced=False))
+    assert not caplog.records
+
+
+def test_an_exposure_that_the_camera_cannot_do_is_warned_of(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """10 µs are asked for; the sensor exposes for four rows at least."""
+    settings = load_config(None, (*SIMULATED, f"serial.port={tmp_path}/none", "camera.exposure_us=10"))
+    Daemon(settings, open_simulated(settings, paced=False))
+    said = "camera.exposure_us: the camera exposes for 135 µs, where 10 µs were asked for"
+    assert said in [record.getMessage() for record in caplog.records]
 
 
 def test_stop_ends_it_from_any_thread(tmp_path: Path) -> None:

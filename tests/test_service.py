@@ -199,3 +199,19 @@ def test_what_the_kernel_does_not_tell_is_unknown(tmp_path: Path, content: str |
         (tmp_path / "class/thermal/thermal_zone0").mkdir(parents=True)
         (tmp_path / "class/thermal/thermal_zone0/temp").write_text(content)
     assert read_processor(tmp_path) == Processor(temperature_c=None, throttling=None)
+
+
+@pytest.mark.parametrize(
+    ("file", "content", "throttling"),
+    [
+        ("get_throttled", "50005", 0x0505),
+        ("raspberrypi-hwmon.1.auto/hwmon/hwmon3/in0_lcrit_alarm", "1", 0x0001),
+        ("raspberrypi-hwmon.1.auto/hwmon/hwmon3/in0_lcrit_alarm", "0", None),
+    ],
+)
+def test_throttling_is_read_on_a_pi_5_too(tmp_path: Path, file: str, content: str, throttling: int | None) -> None:
+    """Its SoC's bus has an address in its name; where the kernel has no file of all bits, under-voltage is told."""
+    place = tmp_path / "devices/platform/soc@107c000000/soc@107c000000:firmware" / file
+    place.parent.mkdir(parents=True)
+    place.write_text(content + "\n")
+    assert read_processor(tmp_path).throttling == throttling

@@ -143,7 +143,7 @@ def test_the_daemon_sends_the_drive(shared: Shared) -> None:
     master, slave = os.openpty()
     tty.setraw(master)
     # Frames come as fast as they are decoded, so the line is as fast: at 115200 baud the newest would win.
-    settings = ("panels.side_m=1", f"camera.source=recording:{folder}", f"serial.port={os.ttyname(slave)}")
+    settings = (f"camera.source=recording:{folder}", f"serial.port={os.ttyname(slave)}")
     settings += ("serial.baud=4000000",)
     command = [sys.executable, "-c", "from ledpi.cli import main; main()", "run", "--unpaced"]
     command += [part for item in settings for part in ("--set", item)]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -20,7 +21,8 @@ from ledpi.pipeline import Pipeline
 from ledpi.records import CameraInfo, Floats, Frame, Pixels
 from ledpi.simulate.render import Renderer
 from ledpi.simulate.scene import Light, PanelLook, Scene
-from ledpi.snapshot.drawing import AXES
+from ledpi.snapshot import drawing
+from ledpi.snapshot.drawing import AXES, text
 from ledpi.snapshot.enlarged import GAP, TILE, TITLE, bands_of, blocks_of
 from ledpi.snapshot.page import BLOCKS_GAP, COLUMN, LEFT, PICTURES_TOP, RIGHT, WIDTH, draw
 from ledpi.snapshot.record import Snapshot, take
@@ -161,6 +163,23 @@ def test_panels_are_enlarged_before_what_was_dropped(snapshot: Snapshot) -> None
     assert set(titles[1:]) == {"soft.no_bands"}
 
 
+@pytest.mark.parametrize(("letter", "of"), [("±", "+"), ("µ", "u")])
+def test_plus_minus_and_micro_are_drawn(letter: str, of: str) -> None:
+    """With every OpenCV, as what they are made of and a stroke below the baseline."""
+    drawn, plain = (np.zeros((40, 60, 3), np.uint8) for _ in range(2))
+    text(drawn, f"3{letter}s", (5, 20))
+    text(plain, f"3{of}s", (5, 20))
+    assert not plain[22:].any()
+    assert drawn[22:].any()
+    np.testing.assert_array_equal(drawn[:19], plain[:19])
+
+
+@pytest.mark.parametrize("module", sorted(Path(drawing.__file__).parent.glob("*.py")), ids=lambda path: path.stem)
+def test_no_picture_makes_do_with_ascii(module: Path) -> None:
+    """As +- and us."""
+    assert re.findall(r"\+-\{|\} us\b", module.read_text(encoding="utf-8")) == []
+
+
 # ---- the command
 
 
@@ -190,10 +209,11 @@ PICTURE = ("take/frames/000000.png", "--set", "panels.side_m=0.16")
         (("take", "--frame", "1"), "take, frame 1: ID 7 at "),
         (("take",), "take, frame 0: ID 7 at "),
         (("--set", "panels.side_m=0.16", "--set", "camera.source=simulated", "--frame", "2"), "simulated, frame 2: "),
+        (("--set", "camera.source=simulated"), "simulated, frame 1: ID 7 at "),
         (("--set", "panels.side_m=0.16", "--set", "camera.source=recording:take"), "take, frame 0: ID 7 at "),
         ((*PICTURE, "--set", "camera.row_time_us=33.67"), "000000.png: ID 7 without a pose, margin "),
     ],
-    ids=["frame of a recording", "first of a recording", "simulator", "recording as camera", "picture"],
+    ids=["frame of a recording", "first of a recording", "simulator", "a panel", "recording as camera", "picture"],
 )
 def test_one_picture_and_one_line(
     arguments: tuple[str, ...], says: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
@@ -207,6 +227,33 @@ def test_one_picture_and_one_line(
     picture = cv2.imread("out.png")
     assert picture is not None
     assert picture.shape[1] == WIDTH
+
+
+@pytest.mark.usefixtures("take_folder")
+@pytest.mark.parametrize("path", [("take",), ("--set", "camera.source=recording:take")])
+def test_a_side_that_was_measured_again_is_stronger_than_the_recordings(
+    path: tuple[str, ...], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A panel of 0.16 m at 0.8 m, said to be of 0.32, is at 1.6 m: as a recording, and as a camera."""
+    assert ledpi(monkeypatch, "snapshot", *path, "--set", "panels.side_m=0.32") == 0
+    depth_m = re.search(r"ID 7 at \S+ \S+ (\S+) m", capsys.readouterr().out)
+    assert depth_m is not None
+    assert float(depth_m[1]) == pytest.approx(1.6, rel=0.02)
+
+
+@pytest.mark.usefixtures("take_folder")
+def test_the_way_to_a_late_frame_is_shown(tmp_path: Path) -> None:
+    """Of a camera, on a terminal: it may take a while."""
+    master, slave = os.openpty()
+    given = ["--set", "camera.source=recording:take", "--frame", "1"]
+    command = [sys.executable, "-c", "from ledpi.cli import main; main()", "snapshot", *given]
+    done = subprocess.run(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=slave, timeout=60)
+    os.set_blocking(master, False)
+    shown = os.read(master, 100_000).decode(errors="ignore")
+    os.close(slave)
+    os.close(master)
+    assert done.returncode == 0
+    assert "waiting for the frame" in shown
 
 
 def spoil(take_folder: Path) -> None:

@@ -147,12 +147,18 @@ def test_the_udev_rules_are_well_formed() -> None:
     rules = (UNIT.parent / "60-ledpi.rules").read_text(encoding="utf-8")
     keys = r"(SUBSYSTEMS?|KERNEL|SYMLINK|GROUP|MODE|GOTO|LABEL|ENV\{\w+\})"
     term = rf'{keys}(==|!=|\+=|=)"[^"]+"'
-    lines = [line for line in rules.splitlines() if line and not line.startswith("# ") and line != "#"]
+    lines = [line for line in rules.splitlines() if line and not line.startswith("# ")]
     examples = re.findall(r"^# ((?:ENV|KERNEL).*)$", rules, re.MULTILINE)
     assert len(examples) == 2
     for line in lines + examples:
         assert re.fullmatch(rf"{term}(, {term})*", line), line
     assert re.findall(r'GOTO="(\w+)"', rules) == re.findall(r'LABEL="(\w+)"', rules)
+
+
+def test_no_board_is_the_controller_unless_someone_says_so() -> None:
+    """A panel's own Arduino is a ttyACM too, and must not be sent poses: no rule in force gives the name."""
+    rules = (UNIT.parent / "60-ledpi.rules").read_text(encoding="utf-8")
+    assert [line for line in rules.splitlines() if "SYMLINK" in line and not line.startswith("#")] == []
 
 
 def test_the_rules_name_the_port_that_is_the_default() -> None:

@@ -34,6 +34,7 @@ from ledpi.geometry import (
     transform,
 )
 from ledpi.records import Floats, Pose, RobotFix
+from ledpi.resets import Resets
 from ledpi.wire.mavlink import FRD_FROM_FLU, HEARTBEAT_PERIOD_NS, NED_FROM_ENU, Mavlink, Profile
 from ledpi.wire.message import MarkerMessage, NoFix, State, StatusMessage, fix_message, marker_message
 from ledpi.wire.outbox import Outbox
@@ -217,6 +218,15 @@ def test_the_reset_counter_goes_up_where_a_fix_jumps(second: RobotFix, jumps: in
     assert send_fix(mavlink, second, 210_000_000).reset_counter == jumps
 
 
+def test_the_reset_counter_outlives_a_reload() -> None:
+    """A new codec goes on counting, and another map counts, too."""
+    resets = Resets(jumps=254, maps=1)
+    mavlink = Mavlink(base_link_from_camera=np.eye(4), profile="ardupilot", resets=resets)
+    for x_m, counter in [(0.0, 255), (5.0, 0)]:
+        message = fix_message(fix_at((x_m, 0, 0)), age_us=2000, map_resets=resets.maps)
+        assert parse(mavlink.encode(message, 10_000_000)).reset_counter == counter
+
+
 @pytest.mark.parametrize(
     ("state", "system_status"),
     [
@@ -235,6 +245,12 @@ def test_the_heartbeat_is_that_of_an_onboard_controller(state: State, system_sta
     assert (heartbeat.get_srcSystem(), heartbeat.get_srcComponent()) == (1, common.MAV_COMP_ID_VISUAL_INERTIAL_ODOMETRY)
 
 
+def test_a_decoder_that_is_behind_is_critical() -> None:
+    """No pose comes that could be used, although the camera is there."""
+    heartbeat = parse(codec().encode(StatusMessage(state=State.RUNNING, no_fix=NoFix.BEHIND), 0))
+    assert heartbeat.system_status == common.MAV_STATE_CRITICAL
+
+
 def test_a_heartbeat_is_due_once_a_second() -> None:
     """Not five times, as our own protocol's."""
     outbox = Outbox(max_age_ms=100.0, status_period_ns=HEARTBEAT_PERIOD_NS)
@@ -243,12 +259,14 @@ def test_a_heartbeat_is_due_once_a_second() -> None:
 
 
 def test_packets_are_numbered_without_a_gap() -> None:
-    """Also where a message was not for MAVLink; 255 is followed by 0."""
+    """Also where a message was not for MAVLink, or a packet was not sent; 255 is followed by 0."""
     mavlink = codec()
     numbers = []
     for n in range(300):
         assert mavlink.encode(MarkerMessage(id=n, age_us=0, pose=None, uncalibrated=True), 0) is None
+        mavlink.encode(marker_at(0, 0, 1), 10_000_000)  # held up, so that it is made again
         numbers.append(parse(mavlink.encode(marker_at(0, 0, 1), 10_000_000)).get_seq())
+        mavlink.count_sent()
     assert all((b - a) % 256 == 1 for a, b in itertools.pairwise(numbers))
 
 

@@ -101,6 +101,62 @@ def test_a_pose_that_has_become_too_old_is_not_sent() -> None:
     assert outbox.stale == 2
 
 
+def test_a_pose_that_is_put_back_is_the_next_with_its_new_age() -> None:
+    """A fix, and then a marker, ahead of those that have waited behind it."""
+    outbox = outbox_with_status_sent()
+    outbox.put(frame(3, 7, at_ns=0, fix=True))
+    assert label(outbox.take(1 * MS)) == "fix"
+    outbox.put_back()
+    again = outbox.take(5 * MS)
+    assert isinstance(again, FixMessage)
+    assert again.age_us == 5000
+    assert [label(outbox.take(6 * MS)) for _ in range(2)] == ["status", 3]
+    outbox.put_back()
+    assert [label(outbox.take(7 * MS)) for _ in range(3)] == [3, 7, None]
+    assert outbox.replaced == 0
+
+
+def test_a_pose_that_is_put_back_does_not_hide_a_newer_one() -> None:
+    """Nor does an alternate come back of which the newer frame knows nothing."""
+    outbox = outbox_with_status_sent()
+    outbox.put(frame(7, at_ns=0, fix=True, ambiguous=True))
+    assert [label(outbox.take(MS)) for _ in range(4)] == ["fix", "status", 7, 7]
+    outbox.put(frame(7, at_ns=FRAME_NS, fix=True))
+    outbox.put_back()
+    fix, marker = outbox.take(FRAME_NS + MS), outbox.take(FRAME_NS + MS)
+    assert isinstance(fix, FixMessage)
+    assert isinstance(marker, MarkerMessage)
+    assert (fix.age_us, marker.age_us, marker.alternate) == (1000, 1000, False)
+    assert outbox.take(FRAME_NS + MS) is None
+
+
+def test_a_fix_that_was_put_back_is_none_that_was_sent() -> None:
+    """The status claims what the receiver has, and nothing else."""
+    outbox = outbox_with_status_sent()
+    outbox.set_status(RUNNING)
+    outbox.put(frame(at_ns=0, fix=True))
+    assert label(outbox.take(MS)) == "fix"
+    outbox.put_back()
+    outbox.clear()
+    status = outbox.take(2 * MS)
+    assert isinstance(status, StatusMessage)
+    assert status.no_fix is NoFix.STALE
+
+
+def test_a_message_is_true_for_a_millisecond_and_until_it_is_too_old() -> None:
+    """A status has no age."""
+    outbox = outbox_with_status_sent()
+    outbox.put(frame(7, at_ns=0))
+    young = outbox.take(5 * MS)
+    outbox.put_back()
+    old = outbox.take(99 * MS + 500_000)
+    assert young is not None
+    assert old is not None
+    assert outbox.latest_ns(young, 5 * MS) == 6 * MS
+    assert outbox.latest_ns(old, 99 * MS + 500_000) == 100 * MS
+    assert outbox.latest_ns(RUNNING, 0) is None
+
+
 def test_the_age_is_measured_on_the_hosts_clock() -> None:
     """The camera's clock runs 7 s behind; mid-exposure is at 1 ms of it."""
     outbox = Outbox(max_age_ms=100.0)

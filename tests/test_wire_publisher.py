@@ -304,10 +304,10 @@ def test_a_write_never_waits(far_end: FarEnd) -> None:
     """Where a port has no room after all, the packet is cut; the next one begins with a delimiter."""
     line = SerialLine(far_end.path, 115200)
     packet = encode(StatusMessage(state=State.RUNNING, no_fix=NoFix.NO_PANEL), 1)
-    whole = len(list(itertools.takewhile(lambda written: written, (line.write(packet, 0) for _ in itertools.count()))))
+    whole = len(list(itertools.takewhile(lambda written: written, (line.write(packet) for _ in itertools.count()))))
     assert whole > 1
     far_end.read_until(lambda: len(far_end.messages) == whole)
-    assert line.write(packet, 0)
+    assert line.write(packet)
     far_end.read_until(lambda: len(far_end.messages) == whole + 1)
     assert sum(far_end.receiver.counters.bad.values()) <= 1
     line.close()
@@ -339,10 +339,10 @@ def test_the_kernel_is_asked_once_after_each_packet(far_end: FarEnd) -> None:
             self.asked += 1
             return 0
 
-    line = Counting(far_end.path, 115200)
+    line = Counting(far_end.path, 115200, clock=lambda: 0)
     assert [line.busy_ns(0), line.busy_ns(0)] == [0, 0]
     assert line.asked == 1
-    line.write(bytes(40), 0)
+    line.write(bytes(40))
     assert line.busy_ns(0) > 0
     assert line.busy_ns(10_000_000) == 0
     assert line.busy_ns(20_000_000) == 0

@@ -6,11 +6,11 @@ import json
 from typing import Any
 
 import pytest
-from wire_material import RejectedVector, Vector, message_of, rejected_vectors, vectors
+from wire_material import PAGE, RejectedVector, Vector, message_of, rejected_vectors, vectors
 
 from ledpi.cli.monitor import json_line
 from ledpi.wire import Message, Receiver
-from ledpi.wire.codec import FrameError, decode, encode
+from ledpi.wire.codec import FrameError, decode, deviation_code, deviation_value, encode
 
 VECTORS = vectors()
 REJECTED = rejected_vectors()
@@ -39,6 +39,14 @@ def test_the_page_has_vectors_of_every_kind() -> None:
     """An empty or renamed block would make all tests below pass."""
     assert {v.values["message"] for v in VECTORS} == {"marker", "fix", "status"}
     assert {v.reason for v in REJECTED} == {"length", "cobs", "crc", "value", "version", "type", "flags"}
+
+
+def test_the_page_and_the_header_say_what_the_largest_deviation_is() -> None:
+    """254 is no value like the others: what it stands for, or more."""
+    assert deviation_code(1e6) == deviation_code(49.152) == 254
+    assert deviation_value(254) == 49.152
+    for file in (PAGE, PAGE.parents[1] / "firmware/receiver/ledpi_receiver.h"):
+        assert "254 is 49.152 m or" in file.read_text(encoding="utf-8")
 
 
 @each_vector

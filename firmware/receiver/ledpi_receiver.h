@@ -37,6 +37,7 @@ typedef enum {
     LEDPI_NOT_IN_MAP,
     LEDPI_REJECTED,
     LEDPI_STALE,
+    LEDPI_BEHIND, /* the camera delivers, and frames are decoded too late */
     LEDPI_NO_FIX_UNKNOWN = 255
 } ledpi_no_fix;
 
@@ -61,7 +62,7 @@ typedef struct {
 typedef struct {
     uint32_t age_us;
     uint8_t panels_used;
-    uint8_t map_resets; /* after a change, forget older fixes */
+    uint8_t map_resets; /* other maps since the start: after a change, forget older fixes */
     ledpi_pose pose;    /* map_from_base_link */
 } ledpi_fix;
 
@@ -128,7 +129,7 @@ static inline int8_t ledpi_uncobs(uint8_t *bytes, uint8_t count)
     return to;
 }
 
-/* A logarithmic byte: high half e, low half m. */
+/* A logarithmic byte: high half e, low half m. 254 is 49.152 m or rad, or more; 255 is unknown. */
 static inline uint32_t ledpi_deviation(uint8_t code)
 {
     const uint8_t e = code >> 4, m = code & 15;
@@ -197,7 +198,7 @@ static inline ledpi_fault ledpi_read_fix(const uint8_t *b, ledpi_fix *fix)
 static inline void ledpi_read_status(const uint8_t *b, ledpi_status *status)
 {
     status->state = b[4] > LEDPI_STOPPING ? (uint8_t)LEDPI_STATE_UNKNOWN : b[4];
-    status->no_fix = b[5] > LEDPI_STALE ? (uint8_t)LEDPI_NO_FIX_UNKNOWN : b[5];
+    status->no_fix = b[5] > LEDPI_BEHIND ? (uint8_t)LEDPI_NO_FIX_UNKNOWN : b[5];
     status->panels_in_view = b[6];
     status->temperature_c = (int8_t)b[7];
     status->throttling = ledpi_u16(b + 8);

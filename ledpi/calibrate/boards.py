@@ -20,6 +20,7 @@ CHARUCO_DICTIONARY = cv2.aruco.DICT_5X5_250
 MARKER_SHARE = 0.75  # of a square's side
 TEXELS = 56  # of a drawn square: its marker is 42 of them, 6 a module, with 7 on either side
 FEWEST_CHARUCO_CORNERS = 8
+FEWEST_MARKERS = 4  # by which a ChArUco board is known as one
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,6 +69,21 @@ def find_board(name: str, picture: Pixels, board: Board) -> BoardView | None:
         return None
     places = np.asarray(corners, np.float64).reshape(-1, 2)
     return BoardView(name=name, corner_ids=np.arange(len(places)), corners_px=places)
+
+
+def other_board(picture: Pixels, board: Board) -> str | None:
+    """The options of another board that is seen instead, as `--board chessboard --cols 9 --rows 6`; None for none.
+
+    Of a chessboard that is seen in part it is the part's size: of several pictures believe what they agree in.
+    """
+    markers = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(CHARUCO_DICTIONARY)).detectMarkers(picture)[1]
+    if markers is not None and len(markers) >= FEWEST_MARKERS:
+        return "--board charuco" if board.kind != "charuco" else None
+    found, _, squares = cv2.findChessboardCornersSBWithMeta(picture, (3, 3), flags=cv2.CALIB_CB_LARGER)
+    size = sorted(squares.shape[:2], reverse=True) if found else []
+    if not size or (board.kind == "chessboard" and size == sorted((board.columns, board.rows), reverse=True)):
+        return None
+    return f"--board chessboard --cols {size[0]} --rows {size[1]}"
 
 
 def _find_charuco(name: str, picture: Pixels, board: Board) -> BoardView | None:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ledpi.calibrate.boards import Board, BoardView, find_board
+from ledpi.calibrate.boards import Board, BoardView, find_board, other_board
 from ledpi.calibrate.collecting import Collection, next_exposure
 from ledpi.camera.base import Camera
 from ledpi.records import CameraInfo, Frame, Rejected
@@ -28,13 +28,11 @@ def collect_views(
     """
     camera = open_at(None)
     collection = Collection(board=board, width=camera.info.width, height=camera.info.height)
-    said, blind, changes = "", 0, 0
+    said, blind, changes, other = "", 0, 0, ""
     try:
         while (wanted := collection.missing()) is not None:
-            text = f"{len(collection.views)} views; {NO_BOARD if blind > BLIND_FRAMES else wanted}"
-            if text != said:
-                say(text)
-                said = text
+            text = f"{len(collection.views)} views; {NO_BOARD + other if blind > BLIND_FRAMES else wanted}"
+            said = _say_news(text, said, say)
             frame = camera.read(np.empty((collection.height, collection.width), np.uint8))
             if frame is None:
                 break
@@ -43,11 +41,13 @@ def collect_views(
             collection.frames += 1
             view = find_board(f"frame {frame.seq}", frame.pixels, board)
             blind = 0 if view is not None else blind + 1
-            other = _other_exposure(frame, view, blind) if metered and changes < MOST_CHANGES else None
-            if other is not None:
-                say(f"exposure {other[0]:.0f} µs, gain {other[1]:.1f}")
+            if blind % BLIND_FRAMES == BLIND_FRAMES - 1:
+                other = _seen_instead(frame, board)
+            exposure = _other_exposure(frame, view, blind) if metered and changes < MOST_CHANGES else None
+            if exposure is not None:
+                say(f"exposure {exposure[0]:.0f} µs, gain {exposure[1]:.1f}")
                 camera.close()
-                camera = open_at(other)
+                camera = open_at(exposure)
                 changes += 1
             elif view is not None:
                 collection.add(view)
@@ -57,6 +57,19 @@ def collect_views(
         info = camera.info
         camera.close()
     return collection, info
+
+
+def _say_news(text: str, said: str, say: Callable[[str], None]) -> str:
+    """Says what was not said last; what was said last now."""
+    if text != said:
+        say(text)
+    return text
+
+
+def _seen_instead(frame: Frame, board: Board) -> str:
+    """What else is in view, for whoever has given another size than the board's."""
+    options = other_board(frame.pixels, board)
+    return "" if options is None else f"; {options} is seen, not {board.columns} × {board.rows} of a {board.kind}"
 
 
 def _other_exposure(frame: Frame, view: BoardView | None, blind: int) -> tuple[float, float] | None:

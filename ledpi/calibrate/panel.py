@@ -46,18 +46,23 @@ class PanelCalibration:
     duty_sigma: float
     blinking_share: tuple[float, float]  # of each class's light: the rest is steady, as a reflection is
 
-    def overrides(self) -> dict[str, float]:
-        """What belongs into `panels.overrides` of config.yaml."""
+    def overrides(self, announced: PanelSpec) -> dict[str, float]:
+        """What belongs into `panels.overrides` of config.yaml: no duty that is off the announced one by noise only."""
         values = {"black_hz": round(self.black.frequency_hz, 2), "white_hz": round(self.white.frequency_hz, 2)}
-        # In antiphase the duty is a half by its nature, and what is measured is off it by noise.
-        return values if self.duty is None or self.phase == "antiphase" else values | {"duty": round(self.duty, 3)}
+        if self.duty is not None and self._other_duty(announced):
+            values["duty"] = round(self.duty, 3)
+        return values
+
+    def _other_duty(self, announced: PanelSpec) -> bool:
+        # In antiphase it is a half by its nature.
+        return self.duty is not None and self.phase == "free" and abs(self.duty - announced.duty) > SAME_DUTY
 
     def differs_from(self, announced: PanelSpec) -> bool:
         """Whether the decoder should know of it."""
         pairs = ((self.black, announced.black_hz), (self.white, announced.white_hz))
         if any(abs(bands.frequency_hz / hz - 1) > SAME_FREQUENCY for bands, hz in pairs):
             return True
-        return self.duty is not None and abs(self.duty - announced.duty) > SAME_DUTY
+        return self._other_duty(announced)
 
 
 def measure_panel(

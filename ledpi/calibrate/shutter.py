@@ -27,7 +27,7 @@ EXPOSURE_FITS = 3.0  # deviations that the classes' depths may be off; where the
 class Reported:
     """What the driver says of the shutter."""
 
-    row_time_us: float
+    row_time_us: float | None  # None where it cannot tell
     exposure_us: float
     frame_length_rows: int | None
 
@@ -142,7 +142,9 @@ def _exposure_us(black: ClassBands, white: ClassBands, reported: Reported, row_t
     fits = np.nonzero(off <= EXPOSURE_FITS)[0]
     if not len(fits):
         return None
-    expected = (reported.exposure_us, round(reported.exposure_us / reported.row_time_us) * row_time_us)
+    expected = [reported.exposure_us]
+    if reported.row_time_us is not None:
+        expected.append(round(reported.exposure_us / reported.row_time_us) * row_time_us)
     away = np.min([np.abs(times[fits] - t) for t in expected], axis=0)
     nearest = int(away.argmin())
     spans = np.cumsum(np.diff(fits, prepend=fits[0]) > 1)

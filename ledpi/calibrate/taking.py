@@ -17,7 +17,7 @@ from ledpi.daemon import calibration
 from ledpi.decode.cells import SATURATED
 from ledpi.errors import CalibrationError
 from ledpi.pipeline import Pipeline
-from ledpi.recording import load_recording
+from ledpi.recording_overrides import load_recording_with
 from ledpi.records import MAX_GAP_NS, CameraInfo, Frame, Intrinsics, PanelValues, Rejected
 from ledpi.trace import Trace
 
@@ -46,7 +46,7 @@ def take_frames(config: Config, count: int, advance: Callable[[int], None]) -> T
     camera: Camera
     ratio = 1.0
     if kind == "recording":
-        recording = load_recording(Path(place))
+        recording = load_recording_with(config, Path(place))
         camera, ratio = RecordingCamera(recording, paced=False), recording.row_time_ratio
     else:
         camera = open_camera(config, paced=kind != "simulated")

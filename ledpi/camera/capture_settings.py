@@ -8,7 +8,7 @@ from typing import Any
 from ledpi.camera.sensors import BIT_DEPTH, MODE, SENSORS
 from ledpi.camera.timing import choose_frame_length_rows, exposure_honoured
 from ledpi.config import CameraSettings
-from ledpi.errors import CameraError
+from ledpi.errors import CameraError, RowTimeUnknownError
 
 # A sensor's gains are steps, and it takes the one below: the OV5647's are 1/16 apart, which is most at gain 1; the
 # IMX219's are less than 5 % apart.
@@ -39,7 +39,7 @@ def row_time(settings: CameraSettings, model: str, shortest_frame_us: float) -> 
     facts = SENSORS.get(model)
     if facts is None or facts.shortest_frame_rows is None:
         known = ", ".join(name for name, sensor in SENSORS.items() if sensor.shortest_frame_rows is not None)
-        raise CameraError(
+        raise RowTimeUnknownError(
             f"camera.row_time_us: auto is for {known}, and this camera is {model}; measure it once with "
             "`ledpi calibrate shutter` and set it"
         )

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from ledpi.camera.base import Camera
 from ledpi.config import Config
-from ledpi.errors import CameraError
+from ledpi.errors import CameraError, CameraLostError
 
 
 def open_camera(
@@ -18,7 +18,7 @@ def open_camera(
     `paced` and `frames` are for what has no pace and no end of its own: the simulator and recordings deliver
     frames as a sensor would, or as fast as they are read, and end after `frames` (a shorter recording is
     repeated). `recover`: a device that is lost is opened again. A recording's own values override the
-    configuration's. Raises LedpiError.
+    configuration's, but for what --set gave. Raises LedpiError.
     """
     kind, _, place = config.camera.source.partition(":")
     if kind == "simulated":
@@ -27,11 +27,10 @@ def open_camera(
         return open_simulated(config, paced=paced, frames=frames)
     if kind == "recording":
         from ledpi.camera.recording import RecordingCamera
-        from ledpi.recording import load_recording
+        from ledpi.recording_overrides import load_recording_with
 
-        return RecordingCamera(
-            load_recording(Path(place)), paced=paced, loop=frames is not None, frames=frames
-        )
+        recording = load_recording_with(config, Path(place))
+        return RecordingCamera(recording, paced=paced, loop=frames is not None, frames=frames)
     if frames is not None or not paced:
         raise CameraError(f"camera.source: {kind} has its own pace and no end; must be a replay")
     from ledpi.camera.recovering import RecoveringCamera
@@ -41,10 +40,14 @@ def open_camera(
 
 
 def _open_device(config: Config, kind: str, place: str) -> Camera:
-    if kind == "picamera2":
-        from ledpi.camera.picamera import open_picamera
+    """Raises CameraLostError for what the system refuses, too: no descriptor left, say, or a node that vanishes."""
+    try:
+        if kind == "picamera2":
+            from ledpi.camera.picamera import open_picamera
 
-        return open_picamera(config.camera, config.panels.frequencies_hz())
-    from ledpi.camera.v4l2 import open_v4l2
+            return open_picamera(config.camera, config.panels.frequencies_hz())
+        from ledpi.camera.v4l2 import open_v4l2
 
-    return open_v4l2(config.camera, place)
+        return open_v4l2(config.camera, place)
+    except OSError as error:
+        raise CameraLostError(f"{config.camera.source}: {error.strerror or error}") from error

@@ -25,7 +25,15 @@ def _locker(paths: list[str]) -> int | None:
         locks = Path("/proc/locks").read_text(encoding="ascii")
     except OSError:
         return None
-    return locker_in(locks, [os.stat(path) for path in paths])
+    return locker_in(locks, [file for path in paths if (file := _status(path)) is not None])
+
+
+def _status(path: str) -> os.stat_result | None:
+    """None for a device that has gone since it was listed."""
+    try:
+        return os.stat(path)
+    except OSError:
+        return None
 
 
 def locker_in(locks: str, files: list[os.stat_result]) -> int | None:
@@ -56,7 +64,7 @@ def _opener(paths: list[str]) -> int | None:
 
 def _name(pid: int) -> str:
     try:
-        return Path(f"/proc/{pid}/comm").read_text(encoding="utf-8").strip()
+        return Path(f"/proc/{pid}/comm").read_text(encoding="utf-8", errors="replace").strip()
     except OSError:
         return "another process"
 

@@ -38,6 +38,8 @@ _START_S = 2.0  # for the first frame: the sensor is powered up and its firmware
 # wants the newest frame only, those that waited cost a copy each, 35 µs.)
 ASKED_AHEAD = 8
 _BUFFERS = ASKED_AHEAD + 1 + 3
+# How picamera2 and libcamera say that something failed; an index: the camera of that number is gone again.
+_FAILURES = (RuntimeError, OSError, IndexError)
 _INSTALL = "sudo apt install python3-picamera2, and a virtual environment with --system-site-packages"
 
 
@@ -80,6 +82,12 @@ class PicameraCamera:
 
     def read(self, into: Pixels) -> Frame | Rejected | None:
         """As `Camera.read`. Picture and metadata are of one request, which is released at once."""
+        try:
+            return self._read(into)
+        except _FAILURES as error:
+            raise CameraLostError(f"picamera2: {error}") from None
+
+    def _read(self, into: Pixels) -> Frame | Rejected | None:
         with self._in_use:
             request = self._next_request(STALL_PERIODS * self._period_s)
             if self._last_ns is None:
@@ -146,8 +154,6 @@ class PicameraCamera:
             except TimeoutError:
                 if self._closed.is_set():  # between the two looks, so that the wait could not be ended
                     return None
-            except (RuntimeError, OSError) as error:
-                raise CameraLostError(f"picamera2: {error}") from None
         raise CameraLostError(f"picamera2: the camera delivered nothing for {timeout_s:.2g} s")
 
     def _frame(self, metadata: Mapping[str, Any], into: Pixels) -> Frame | Rejected:
@@ -176,7 +182,8 @@ class PicameraCamera:
 def open_picamera(settings: CameraSettings, frequencies_hz: Sequence[float]) -> PicameraCamera:
     """Opens, configures and starts the first camera. `frequencies_hz`: what the panels blink at.
 
-    Raises CameraLostError where there is no camera or it is in use, CameraError where it does not do what was asked.
+    Raises CameraLostError where there is no camera, it is in use or fails as it starts, CameraError where it does not
+    do what was asked.
     """
     if (settings.width, settings.height) != MODE:
         raise CameraError(
@@ -192,7 +199,7 @@ def open_picamera(settings: CameraSettings, frequencies_hz: Sequence[float]) -> 
         raise CameraError(f"picamera2: libcamera's tuning file {model}.json cannot be used: {error}") from None
     try:
         picam2 = picamera2.Picamera2(0, tuning=linear)
-    except (RuntimeError, OSError) as error:
+    except _FAILURES as error:
         holder = who_holds("/dev/media*") or "`sudo fuser -v /dev/media*` tells if another process holds it"
         why = error.__cause__ or error
         raise CameraLostError(f"picamera2: the camera cannot be opened ({why}); {holder}") from None
@@ -206,10 +213,10 @@ def open_picamera(settings: CameraSettings, frequencies_hz: Sequence[float]) -> 
         camera.settle(asked)
         return camera
     except BaseException as error:
-        with contextlib.suppress(RuntimeError):  # of one that is half started; the first error counts
+        with contextlib.suppress(*_FAILURES):  # of one that is half started; the first error counts
             opened.close()
-        if isinstance(error, (RuntimeError, OSError)):
-            raise CameraError(f"picamera2: {error}") from None
+        if isinstance(error, _FAILURES):  # no memory for its buffers as the machine boots, say
+            raise CameraLostError(f"picamera2: {error}") from None
         raise
 
 
@@ -218,13 +225,16 @@ def first_model(libcamera: ModuleType) -> str:
 
     libcamera reads its tuning files when its camera manager starts, so the manager that is asked here must be gone
     before `Picamera2(tuning=…)` is made, which starts another; it ends with the last reference to it. Asking anew also
-    finds what was plugged in since. Raises CameraLostError where there is none.
+    finds what was plugged in since. Raises CameraLostError where there is none, or they cannot be listed.
     """
-    found = [
-        (camera.id, next(value for key, value in camera.properties.items() if key.name == "Model"))
-        for camera in libcamera.CameraManager.singleton().cameras
-        if "/usb" not in camera.id
-    ]
+    try:
+        found = [
+            (camera.id, next(value for key, value in camera.properties.items() if key.name == "Model"))
+            for camera in libcamera.CameraManager.singleton().cameras
+            if "/usb" not in camera.id
+        ]
+    except _FAILURES as error:
+        raise CameraLostError(f"picamera2: the cameras cannot be listed ({error})") from None
     if not found:
         raise CameraLostError("picamera2: no camera found; check the cable, and see rpicam-hello --list-cameras")
     return str(max(found)[1])  # picamera2 sorts so

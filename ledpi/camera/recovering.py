@@ -70,7 +70,7 @@ class RecoveringCamera:
         self._gain = gain
         camera = self._camera
         if isinstance(camera, AdjustableGain):
-            with contextlib.suppress(RuntimeError):  # it is being closed
+            with contextlib.suppress(RuntimeError, OSError):  # it is being closed, or fails: `read` will say so
                 camera.set_gain(gain)
 
     def read(self, into: Pixels) -> Frame | Rejected | None:
@@ -80,7 +80,7 @@ class RecoveringCamera:
             return self._try_again()
         try:
             result = camera.read(into)
-        except CameraError as error:
+        except (CameraError, OSError) as error:
             return self._lose(camera, error)
         if not isinstance(result, Frame):
             return None if result is None else self._count_unfit(camera, result)
@@ -102,10 +102,10 @@ class RecoveringCamera:
         with self._changing:
             camera, self._camera = self._camera, None
         if camera is not None:
-            camera.close()
+            _close_quietly(camera)
         self._close_broken()
 
-    def _lose(self, camera: Camera, error: CameraError) -> Rejected | None:
+    def _lose(self, camera: Camera, error: CameraError | OSError) -> Rejected | None:
         with self._changing:
             if self._closed.is_set():
                 return None
@@ -121,8 +121,7 @@ class RecoveringCamera:
         with self._changing:
             camera, self._broken = self._broken, None
         if camera is not None:
-            with contextlib.suppress(CameraError, RuntimeError, OSError):
-                camera.close()
+            _close_quietly(camera)
 
     def _try_again(self) -> Rejected | None:
         self._close_broken()
@@ -131,20 +130,20 @@ class RecoveringCamera:
         self._backoff_s = min(2 * self._backoff_s, BACKOFF_LAST_S)
         try:
             camera = self._open()
-        except CameraError as error:
+        except (CameraError, OSError) as error:
             self._give_up_in_time(error)
             if str(error) != self._said:
                 _log.warning("camera still lost: %s", error)
                 self._said = str(error)
             return LOST
         if camera.info != self._info:
-            camera.close()
+            _close_quietly(camera)
             raise CameraLostError(f"camera: another one came back, {camera.info}; was {self._info}")
         self._take(camera)
         _log.warning("camera back after %.1f s", self._away_s())
         return LOST
 
-    def _give_up_in_time(self, error: CameraError) -> None:
+    def _give_up_in_time(self, error: CameraError | OSError) -> None:
         if self._away_s() > DEADLINE_S:
             raise CameraLostError(f"{error}; given up after {self._away_s():.0f} s") from None
 
@@ -154,10 +153,16 @@ class RecoveringCamera:
     def _take(self, camera: Camera) -> None:
         with self._changing:
             if self._closed.is_set():
-                camera.close()
+                _close_quietly(camera)
                 return
             self._camera = camera
         self._first_seq = self._seq + 1
         self._unfit = 0
-        if self._gain is not None and isinstance(camera, AdjustableGain):
-            camera.set_gain(self._gain)
+        if self._gain is not None:
+            self.set_gain(self._gain)
+
+
+def _close_quietly(camera: Camera) -> None:
+    """One that fails as it is closed is given back all the same: nobody could do more."""
+    with contextlib.suppress(CameraError, RuntimeError, OSError):
+        camera.close()

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from dataclasses import asdict
 
 from ledpi.camera.timing import choose_frame_length_rows
+from ledpi.camera_yaml import load_intrinsics
 from ledpi.config import CameraSettings, Config, PanelSettings
 from ledpi.errors import CameraError, ConfigError
 from ledpi.recording import TruthMarker
@@ -151,9 +152,10 @@ def shortest_frame_rows(height: int, exposure_us: float, row_time_us: float) -> 
 
 
 def simulated_sensor(camera: CameraSettings, panels: PanelSettings) -> SimulatedSensor:
-    """An OV5647 with the configuration's picture size, gain and transfer; exposure and period in whole rows.
+    """An OV5647 with the configuration's picture size, lens, gain and transfer; exposure and period in whole rows.
 
-    Raises ConfigError where it has no such exposure, or no frame period keeps the phases moving.
+    Raises ConfigError where it has no such exposure, or no frame period keeps the phases moving, and CalibrationError
+    for a lens that is named and cannot be used, as a real camera's daemon does.
     """
     row_time_us = OV5647_ROW_TIME_US if camera.row_time_us == "auto" else camera.row_time_us
     exposure_us = whole_rows_us(camera.exposure_us, row_time_us)
@@ -168,9 +170,10 @@ def simulated_sensor(camera: CameraSettings, panels: PanelSettings) -> Simulated
             raise ConfigError(str(error)) from None
     else:
         rows = max(shortest, round(camera.frame_duration_us / row_time_us))
+    size = (camera.width, camera.height)
     try:
         return SimulatedSensor(
-            intrinsics=ov5647_lens(camera.width, camera.height),
+            intrinsics=ov5647_lens(*size) if camera.intrinsics is None else load_intrinsics(camera.intrinsics, size),
             exposure_us=exposure_us,
             row_time_us=row_time_us,
             frame_length_rows=rows,

@@ -11,14 +11,13 @@ import logging
 import os
 import threading
 import time
-from pathlib import Path
 
 import cv2
 import numpy as np
 
 from ledpi.camera.holder import who_holds
 from ledpi.config import CameraSettings
-from ledpi.errors import CameraError, CameraLostError
+from ledpi.errors import CameraError, CameraLostError, RowTimeUnknownError
 from ledpi.records import CameraInfo, Frame, Pixels, Rejected
 
 _MANUAL_EXPOSURE = 1  # V4L2_EXPOSURE_MANUAL
@@ -57,8 +56,11 @@ class V4l2Camera:
         with self._in_use:
             if self._closed.is_set():
                 return None
-            done, self._picture = self._capture.read(self._picture)
-            stamp_ns = round(self._capture.get(cv2.CAP_PROP_POS_MSEC) * 1e6)
+            try:
+                done, self._picture = self._capture.read(self._picture)
+                stamp_ns = round(self._capture.get(cv2.CAP_PROP_POS_MSEC) * 1e6)
+            except cv2.error as error:
+                raise CameraLostError(f"{self._device}: {error}") from None
         if self._closed.is_set():
             return None
         if not done:
@@ -96,17 +98,17 @@ class V4l2Camera:
 def open_v4l2(settings: CameraSettings, device: str) -> V4l2Camera:
     """Opens a device, as /dev/video0, and fixes what it lets one fix; warns where it does not.
 
-    Raises CameraError where the device cannot be opened, or has not the size asked for.
+    Raises CameraLostError where the device is not there or cannot be opened, CameraError where it is none or has not
+    the size asked for.
     """
     if settings.row_time_us == "auto":
-        raise CameraError(
+        raise RowTimeUnknownError(
             "camera.row_time_us: must be a number, as V4L2 cannot tell; `ledpi calibrate shutter` measures it"
         )
-    if not Path(device).exists():
-        raise CameraLostError(f"camera.source: {device} does not exist; see v4l2-ctl --list-devices")
+    _look_at(device)
     capture = cv2.VideoCapture(device, cv2.CAP_V4L2)
     if not capture.isOpened():
-        if os.major(os.stat(device).st_rdev) != _VIDEO_MAJOR:
+        if os.major(_look_at(device).st_rdev) != _VIDEO_MAJOR:  # looked at anew, as it may have gone meanwhile
             raise CameraError(f"camera.source: {device} is no video device; see v4l2-ctl --list-devices")
         holder = who_holds(device) or f"`sudo fuser -v {device}` tells if another process holds it"
         raise CameraLostError(f"camera.source: {device} cannot be opened; {holder}")
@@ -124,6 +126,15 @@ def open_v4l2(settings: CameraSettings, device: str) -> V4l2Camera:
         transfer="srgb" if settings.transfer == "auto" else settings.transfer,
     )
     return V4l2Camera(device, capture, info)
+
+
+def _look_at(device: str) -> os.stat_result:
+    try:
+        return os.stat(device)
+    except FileNotFoundError:
+        raise CameraLostError(f"camera.source: {device} does not exist; see v4l2-ctl --list-devices") from None
+    except OSError as error:
+        raise CameraLostError(f"camera.source: {device}: {error.strerror or error}") from None
 
 
 def _set_size(capture: cv2.VideoCapture, settings: CameraSettings, device: str) -> None:

@@ -19,7 +19,7 @@ os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
 import typer
 
 from ledpi import __version__
-from ledpi.errors import CameraLostError, LedpiError
+from ledpi.errors import LedpiError, TransientError
 from ledpi.wording import one_line
 
 # What the option parser raises; typer has it from click, or from a copy of click's that it brings along.
@@ -29,10 +29,10 @@ app = typer.Typer(
     name="ledpi",
     help="The lighting is the marker: reads blinking LED panels with a rolling-shutter camera.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
-    context_settings={"max_content_width": 120},  # a wide terminal shows examples in one line, to be copied
+    # A wide terminal shows examples in one line, to be copied.
+    context_settings={"max_content_width": 120, "help_option_names": ["-h", "--help"]},
 )
 
 
@@ -68,7 +68,7 @@ def main(loaded: Callable[[], None] = lambda: None) -> None:
             if sys.stdout is not None:
                 sys.stdout.flush()  # here, as Python itself could only print a traceback at the end
     except LedpiError as error:
-        _end(str(error), 1 if isinstance(error, CameraLostError) else 2)
+        _end(str(error), 1 if isinstance(error, TransientError) else 2)
     except OSError as error:  # a name that is too long, or a full disk behind `> file`
         _end(f"{error.filename or 'standard output'}: {error.strerror or error}", 2)
     except _CommandLineError as error:

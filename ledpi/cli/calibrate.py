@@ -50,9 +50,18 @@ def settings_for(config: Path | None, set_: list[str], recording: Path | None) -
     overrides = list(set_)
     if recording is not None:
         overrides.append(f"camera.source=recording:{recording}")
-    if file is None and not any(item.startswith("panels.side_m=") for item in set_):
-        overrides.append("panels.side_m=1")  # a panel's size has no part in what is measured here
-    return load_config(file, tuple(overrides)), file
+    own_size = ("panels.side_m=1",)  # it has no part in what is measured here
+    return load_config(file, tuple(overrides), without_file=own_size), file
+
+
+def name_in_config(file: Path, key: tuple[str, ...], written: Path) -> str:
+    """Puts the name of a file that was written into the configuration; what to say of that."""
+    from ledpi.calibrate.config_file import change_config
+
+    beside = written.resolve().parent == file.resolve().parent  # paths in the file are relative to it
+    place = written.name if beside else str(written.resolve())
+    kept = change_config(file, {key: place})
+    return f"{file}: {'.'.join(key)}: {place} written; the older one is kept as {kept}"
 
 
 def announced_specs(panels: PanelSettings) -> list[PanelSpec]:

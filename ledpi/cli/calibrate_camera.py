@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
@@ -9,16 +10,18 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from ledpi.cli.calibrate import calibrate, read_grey, settings_for
+from ledpi.cli.calibrate import calibrate, name_in_config, read_grey, settings_for
 from ledpi.cli.calibrate_board import DEFAULT_COLS, DEFAULT_KIND, DEFAULT_ROWS, KindName
 from ledpi.cli.progress import progress
 from ledpi.errors import CalibrationError
+from ledpi.wording import counted
 
 if TYPE_CHECKING:
     from ledpi.calibrate.boards import Board, BoardView
     from ledpi.calibrate.camera import CameraCalibration
     from ledpi.camera.base import Camera
 
+SURE_PICTURES = 3  # that show the same other board, and none the right one: it is another
 PARAMETERS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 
 
@@ -93,9 +96,10 @@ def _live_views(config: Path | None, set_: list[str], board: Board, recording: P
 
 
 def _views_in(folder: Path, board: Board) -> _Found:
-    from ledpi.calibrate.boards import find_board
+    from ledpi.calibrate.boards import find_board, other_board
 
     views: list[BoardView] = []
+    others: Counter[str] = Counter()
     size = (0, 0)
     paths = _picture_files(folder)
     with progress("looking for the board", len(paths)) as advance:
@@ -112,13 +116,22 @@ def _views_in(folder: Path, board: Board) -> _Found:
             view = find_board(path.name, picture, board)
             if view is not None:
                 views.append(view)
+            elif (other := None if views else other_board(picture, board)) is not None:
+                others[other] += 1
+                if others[other] >= SURE_PICTURES:  # the search for what is not there takes long
+                    break
             advance(1)
     if not views:
-        raise CalibrationError(
-            f"{folder}: no {board.kind} with {board.columns} × {board.rows} inner corners in any of {len(paths)} "
-            "pictures; --board, --cols and --rows must be those of the board"
-        )
+        raise CalibrationError(f"{folder}: {_no_board(board, len(paths), others)}")
     return _Found(len(paths), views, size)
+
+
+def _no_board(board: Board, pictures: int, others: Counter[str]) -> str:
+    wanted = f"no {board.kind} with {board.columns} × {board.rows} inner corners"
+    if not others:
+        return f"{wanted} in any of {pictures} pictures; --board, --cols and --rows must be those of the board"
+    options, times = others.most_common(1)[0]
+    return f"{wanted}, but {counted(times, 'picture')} with another board; must be {options}"
 
 
 def _picture_files(folder: Path) -> list[Path]:
@@ -178,15 +191,10 @@ def _write(out: Path, result: CameraCalibration) -> list[str]:
 
 def _name_in_config(config: Path | None, out: Path, size: tuple[int, int]) -> list[str]:
     """Puts the new file into a configuration that names none; returns what to say of that."""
-    from ledpi.calibrate.config_file import change_config
-
     settings, file = settings_for(config, [], None)
     if file is None or settings.camera.intrinsics is not None:
         return []
     wanted = (settings.camera.width, settings.camera.height)
     if size != wanted:
         return [f"{file} asks for {wanted[0]} × {wanted[1]} pixels, these have {size[0]} × {size[1]}: not named there"]
-    beside = out.resolve().parent == file.resolve().parent  # paths in the file are relative to it
-    place = out.name if beside else str(out.resolve())
-    kept = change_config(file, {("camera", "intrinsics"): place})
-    return [f"{file}: camera.intrinsics: {place} written; the older one is kept as {kept}"]
+    return [name_in_config(file, ("camera", "intrinsics"), out)]

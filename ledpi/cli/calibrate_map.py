@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from ledpi.cli.calibrate import calibrate, settings_for
+from ledpi.cli.calibrate import calibrate, name_in_config, settings_for
 from ledpi.cli.progress import progress
 from ledpi.errors import CalibrationError
 
@@ -31,7 +31,8 @@ def map_(
 ) -> None:
     """A drive past the panels → markers.yaml.
 
-    With deviations, and the map from above as a picture beside it. Drive slowly, so that each panel is seen
+    With deviations, and the map from above as a picture beside it; a configuration that names no map gets its name.
+    Drive slowly, so that each panel is seen
     together with its neighbours, from several places. Without --position and --yaw-deg the origin panel is at 0 0 0
     and the map's x comes out of it; what matters is that it hangs upright.
 
@@ -50,7 +51,7 @@ def map_(
     if not all(math.isfinite(value) for value in (*position, yaw_deg)):
         raise CalibrationError("--position, --yaw-deg: must be finite numbers")
     check_writable(out)
-    settings, _ = settings_for(config, set_, recording)
+    settings, file = settings_for(config, set_, recording)
     views, sides_m, lens = _drive(recording, settings)
     map_from_origin = transform(matrix_from_rpy_deg(0, 0, yaw_deg) @ FACING_FROM_MARKER, np.array(position))
     try:
@@ -60,6 +61,7 @@ def map_(
         raise CalibrationError(f"{recording}: {error}") from None
     _report(result, len(views))
     _write(result, out, recording)
+    typer.echo(_named(settings, file, out))
 
 
 def _drive(recording: Path, settings: Config) -> tuple[list[View], dict[int, float], Intrinsics]:
@@ -71,10 +73,10 @@ def _drive(recording: Path, settings: Config) -> tuple[list[View], dict[int, flo
     from ledpi.daemon import calibration
     from ledpi.dictionaries import load_dictionary
     from ledpi.pipeline import Pipeline
-    from ledpi.recording import load_recording
+    from ledpi.recording_overrides import load_recording_with
     from ledpi.records import Frame
 
-    loaded = load_recording(recording)
+    loaded = load_recording_with(settings, recording)
     camera = RecordingCamera(loaded, paced=False)
     views: list[View] = []
     try:
@@ -123,3 +125,14 @@ def _write(result: MapCalibration, out: Path, recording: Path) -> None:
     kept = write_keeping_old(out, map_text(result.panels, comment))
     write_keeping_old(picture, drawn)
     typer.echo(f"{out} and {picture} written" + (f"; the older ones are kept ({kept})" if kept else ""))
+
+
+def _named(settings: Config, file: Path | None, out: Path) -> str:
+    """Puts the map into a configuration that names none; else says what the daemon will read."""
+    if file is None:
+        return f"no config.yaml names it: map: {out}"
+    if settings.map is None:
+        return name_in_config(file, ("map",), out)
+    if settings.map.resolve() == out.resolve():
+        return f"{file} names it; a daemon that runs reads it again after SIGHUP (sudo systemctl reload ledpi)"
+    return f"{file} names another map, {settings.map}; to use this one: map: {out.resolve()}"

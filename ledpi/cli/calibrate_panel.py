@@ -53,10 +53,10 @@ def panel(
     settings, file = settings_for(config, set_, paths[0] if paths else None)
     with progress("taking frames", frames) as advance:
         taken = take_frames(settings, frames, advance)
-    panels, measured = _measure(taken, settings.panels)
+    measured = _measure(taken, settings.panels)
+    # A recording may announce what the configuration does not, by which the daemon will read this panel.
     for result, corners in measured:
-        _report(result, corners, panels.spec(result.id), taken)
-    # The recording may announce what the configuration does not, by which the daemon will read this panel.
+        _report(result, corners, settings.panels.spec(result.id), taken)
     _write({r.id: r for r, _ in measured}, settings.panels, None if dry_run else file)
 
 
@@ -84,8 +84,8 @@ def _look_at_lamps(paths: list[Path], settings: Config) -> None:
         raise CalibrationError("no lamp with bands in any picture; camera.exposure_us must be that of the pictures")
 
 
-def _measure(taken: Taken, panels: PanelSettings) -> tuple[PanelSettings, list[tuple[PanelCalibration, Floats]]]:
-    """The panels as announced, and each one in view as measured and read again by the decoder, with its corners."""
+def _measure(taken: Taken, panels: PanelSettings) -> list[tuple[PanelCalibration, Floats]]:
+    """Each panel in view as measured and read again by the decoder, with its corners."""
     from ledpi.calibrate.still_panels import panel_light, still_squares
     from ledpi.dictionaries import load_dictionary
     from ledpi.pipeline import Pipeline
@@ -100,7 +100,7 @@ def _measure(taken: Taken, panels: PanelSettings) -> tuple[PanelSettings, list[t
         except CalibrationError as error:
             refusals.append(str(error))
     if measured:
-        return panels, measured
+        return measured
     announced = panels.spec()
     hints = _advice((announced.black_hz, announced.white_hz), taken)
     raise CalibrationError("; ".join([refusals[-1], *hints]))
@@ -134,7 +134,7 @@ def _check_that_it_reads(taken: Taken, panels: PanelSettings, result: PanelCalib
     from ledpi.config import PanelOverride
     from ledpi.pipeline import Pipeline
 
-    known = panels.overrides.get(result.id, PanelOverride()).model_copy(update=result.overrides())
+    known = panels.overrides.get(result.id, PanelOverride()).model_copy(update=result.overrides(panels.spec(result.id)))
     with_it = panels.model_copy(update={"overrides": {result.id: known}})
     pipeline = Pipeline(taken.camera, with_it, intrinsics=taken.intrinsics)
     if reads(taken.frames, pipeline, result.id, corners):
@@ -203,9 +203,9 @@ def _write(measured: dict[int, PanelCalibration], panels: PanelSettings, file: P
     for marker_id, result in measured.items():
         values: dict[str, Any] = {"measured": date.today()}
         if result.differs_from(panels.spec(marker_id)):
-            values = result.overrides() | values
+            values = result.overrides(panels.spec(marker_id)) | values
         else:
-            typer.echo(f"panel {marker_id} is as announced")
+            typer.echo(f"panel {marker_id} is as the configuration announces it: only the day is noted")
         changes |= {("panels", "overrides", marker_id, key): value for key, value in values.items()}
     if file is None:
         typer.echo("nothing written; for config.yaml:")

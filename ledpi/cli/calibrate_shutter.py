@@ -12,10 +12,15 @@ from ledpi.cli.progress import progress
 from ledpi.errors import CalibrationError
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from ledpi.calibrate.shutter import Reported, ShutterCalibration
     from ledpi.calibrate.taking import Taken
-    from ledpi.config import PanelSettings
+    from ledpi.config import Config, PanelSettings
     from ledpi.records import Floats
+
+
+FIRST_ROW_TIME_US = 30.0  # of a camera that does not tell; sensors' rows take 5 to 100
 
 
 @calibrate.command()
@@ -29,27 +34,39 @@ def shutter(
     """Row time and real exposure, measured with a panel.
 
     Its frequencies must be known, as a crystal's are. Camera and panel at rest, the panel at a metre or so. Where
-    the driver misreports the row time, the measured one is written to camera.row_time_us in config.yaml; what was
-    measured is noted in camera.yaml too, if there is one. Older files are kept.
+    the driver misreports the row time, or cannot tell it, as of a USB camera, the measured one is written to
+    camera.row_time_us in config.yaml; what was measured is noted in camera.yaml too, if there is one. Older files
+    are kept.
 
     Example: ledpi calibrate shutter --set panels.black_hz=1250 --set panels.white_hz=2450
     """
     from ledpi.calibrate.shutter import Reported
-    from ledpi.calibrate.taking import take_frames
 
     settings, file = settings_for(config, set_, recording)
     with progress("taking frames", frames) as advance:
-        taken = take_frames(settings, frames, advance)
+        taken, is_told = _take(settings, frames, advance)
     reported = Reported(
-        row_time_us=taken.camera.row_time_us / taken.row_time_ratio,
+        row_time_us=taken.camera.row_time_us / taken.row_time_ratio if is_told else None,
         exposure_us=taken.frames[0].exposure_us / taken.row_time_ratio,
-        frame_length_rows=taken.camera.frame_length_rows,
+        frame_length_rows=taken.camera.frame_length_rows if is_told else None,
     )
     result = _measure(taken, settings.panels, reported)
     _report(result, reported)
     _write(result, reported, None if dry_run else file)
     if not dry_run and settings.camera.intrinsics is not None:
         _note(settings.camera.intrinsics, result)
+
+
+def _take(settings: Config, frames: int, advance: Callable[[int], None]) -> tuple[Taken, bool]:
+    """Frames, and whether camera or configuration tell a row's time. Where none does, any will do to find a panel."""
+    from ledpi.calibrate.taking import take_frames
+    from ledpi.errors import RowTimeUnknownError
+
+    try:
+        return take_frames(settings, frames, advance), True
+    except RowTimeUnknownError:
+        begun = settings.camera.model_copy(update={"row_time_us": FIRST_ROW_TIME_US})
+        return take_frames(settings.model_copy(update={"camera": begun}), frames, advance), False
 
 
 def _measure(taken: Taken, panels: PanelSettings, reported: Reported) -> ShutterCalibration:
@@ -94,7 +111,8 @@ def _reads(taken: Taken, panels: PanelSettings, result: ShutterCalibration, corn
 def _report(result: ShutterCalibration, reported: Reported) -> None:
     row, bands, interval = result.row_time_us, result.by_bands_us, result.by_interval_us
     typer.echo(f"panel {result.id}")
-    typer.echo(f"  row time  {row.value:.3f} ± {row.sigma:.3f} µs; the driver says {reported.row_time_us:.3f} µs")
+    told = "cannot tell" if reported.row_time_us is None else f"says {reported.row_time_us:.3f} µs"
+    typer.echo(f"  row time  {row.value:.3f} ± {row.sigma:.3f} µs; the driver {told}")
     typer.echo(f"            by the bands {bands.value:.3f} ± {bands.sigma:.3f} µs")
     over = f"            by the frames' interval over {reported.frame_length_rows} rows"
     if interval is not None:
@@ -107,7 +125,7 @@ def _report(result: ShutterCalibration, reported: Reported) -> None:
         typer.echo(f"  exposure  cannot be told from these bands; {said}")
     else:
         typer.echo(f"  exposure  {exposure.value:.0f} ± {exposure.sigma:.0f} µs; {said}")
-    if not row.agrees_with(reported.row_time_us):
+    if reported.row_time_us is not None and not row.agrees_with(reported.row_time_us):
         typer.echo(f"  the driver misreports its row time by {reported.row_time_us / row.value - 1:+.1%}")
     if exposure is not None and abs(exposure.value - reported.exposure_us) > max(row.value, 4 * exposure.sigma):
         typer.echo(f"  the driver misreports its exposure by {reported.exposure_us / exposure.value - 1:+.1%}")
@@ -117,7 +135,7 @@ def _write(result: ShutterCalibration, reported: Reported, file: Path | None) ->
     from ledpi.calibrate.config_file import change_config
 
     row_time_us = round(result.row_time_us.value, 3)
-    if result.row_time_us.agrees_with(reported.row_time_us):
+    if reported.row_time_us is not None and result.row_time_us.agrees_with(reported.row_time_us):
         typer.echo("the driver's row time is right: nothing to write")
     elif file is None:
         typer.echo(f"nothing written; for config.yaml: camera.row_time_us: {row_time_us}")

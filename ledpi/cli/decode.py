@@ -40,8 +40,9 @@ def decode(
 ) -> None:
     """Recordings or pictures → one JSON object a frame.
 
-    They go to standard output, a line each. A recording brings its own camera and panel values; for pictures they
-    come from the configuration. A line's "recording" is the folder's name, or its path below the folder that was
+    They go to standard output, a line each. A recording brings its own camera and panel values, for which
+    only --set is stronger (as a side or a lens that was measured again); for pictures they come from the
+    configuration. A line's "recording" is the folder's name, or its path below the folder that was
     given; recordings that share a name are told apart by their whole paths. A picture that cannot be read is named
     on standard error, the others are still decoded, and the exit status is 2. Where there are several recordings,
     --steps gives each a folder of its name.
@@ -49,20 +50,19 @@ def decode(
     Example: ledpi decode --single-frame recordings/static | jq .markers
     """
     from ledpi.config import find_config, load_config
-    from ledpi.recording import load_recording
+    from ledpi.recording_overrides import load_recording_with
 
     file = find_config(config)
     overrides = [*set_, *([f"decode.method={method}"] if method is not None else [])]
-    if file is None:  # recordings bring their panel's size; pictures without a configuration are refused below
-        overrides.insert(0, "panels.side_m=1")
-    settings = load_config(file, tuple(overrides))
+    # Recordings bring their panel's size; pictures without a configuration are refused below.
+    settings = load_config(file, tuple(overrides), without_file=("panels.side_m=1",))
     recordings, pictures = _sort_out(paths)
-    if pictures and file is None and not any(item.startswith("panels.side_m=") for item in set_):
+    if pictures and file is None and "panels.side_m" not in settings.from_command_line:
         raise ConfigError("pictures need a configuration: --config FILE, or at least --set panels.side_m=METRES")
     if steps is not None:
         _check_names_differ([name for name, _ in recordings])
     # All of them before a line is printed: half an experiment must not pass for the whole.
-    loaded = [(name, load_recording(folder)) for name, folder in _told_apart(recordings)]
+    loaded = [(name, load_recording_with(settings, folder)) for name, folder in _told_apart(recordings)]
     _check(loaded, pictures, settings, as_live=as_live)
     drawn = _steps_folders(steps, loaded, pictures)
     bad = 0

@@ -42,7 +42,7 @@ def doctor(
     if as_json:
         typer.echo(json.dumps({"would_run": would_run, "findings": [asdict(finding) for finding in findings]}))
     else:
-        typer.echo("`ledpi run` would run" if would_run else "`ledpi run` would not run")
+        typer.echo(verdict(findings))
     raise typer.Exit(0 if would_run else 1)
 
 
@@ -59,6 +59,16 @@ def _findings(config: Path | None, set_: list[str]) -> Iterator[Finding]:
         return
     yield configuration(file, asked_for=config is not None)
     yield from examine(settings)
+
+
+def verdict(findings: list[Finding]) -> str:
+    """The page's last line: whether the daemon would run, and what it would not do well."""
+    wrong = [finding for finding in findings if finding.state == "bad"]
+    stoppers = [finding.name for finding in wrong if finding.stops_daemon]
+    others = [finding.name for finding in wrong if not finding.stops_daemon]
+    if stoppers:
+        return f"`ledpi run` would not run: {', '.join(stoppers)}"
+    return "`ledpi run` would run" + (f", but see to its ✗: {', '.join(others)}" if others else "")
 
 
 def line(finding: Finding) -> str:

@@ -78,7 +78,7 @@ def evaluate(
     """
     from ledpi.config import load_config
 
-    settings = load_config(config, tuple(([] if config is not None else [_SIDE]) + set_))
+    settings = load_config(config, tuple(set_), without_file=(_SIDE,))
     panel_options = [] if config is None else ["--config", str(config)]
     panel_options += [word for item in set_ for word in ("--set", item)]
     methods: list[Method] = [m.value for m in method]
@@ -175,7 +175,7 @@ def _read_recording(
     from ledpi.evaluate.reading import PANEL_METHODS
     from ledpi.evaluate.recorded import evaluate_recording
     from ledpi.evaluate.units import code_version
-    from ledpi.recording import load_recording
+    from ledpi.recording_overrides import load_recording_with
 
     if marker_id is None:
         raise ConfigError("--id: must be given with --recording: its panel's")
@@ -183,7 +183,7 @@ def _read_recording(
     if unable:
         raise ConfigError(f"--method {unable[0]}: a recording is of a panel; must be one of {', '.join(PANEL_METHODS)}")
     folder = ResultsFolder(out, {"recordings": True, "code": code_version()})
-    loaded = load_recording(recording)
+    loaded = load_recording_with(settings, recording)
     camera = loaded.camera
     lens = settings.camera.intrinsics if camera.intrinsics is None else None  # the recording's own comes first
     with progress("evaluating", len(loaded.frames)) as advance:

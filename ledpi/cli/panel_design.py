@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from ledpi.panel.design import Proposal, Task
     from ledpi.panel.information import View
     from ledpi.panel.reach import Reach
+    from ledpi.panel.verdict import Finding
     from ledpi.simulate.scene import SimulatedSensor
 
 _SHOWN = 5
@@ -131,7 +132,7 @@ def _check(task: Task, settings: Config, pair: tuple[float, float]) -> None:
     """Says what is wrong with a pair, or how far it carries. Exit status 1 where it cannot be used."""
     from ledpi.dictionaries import load_dictionary
     from ledpi.panel.design import auto_rows, proposal_at, views_of
-    from ledpi.panel.design_text import legend, table, task_text
+    from ledpi.panel.design_text import in_short, legend, table
     from ledpi.panel.reach import reach_views
     from ledpi.panel.verdict import findings
 
@@ -140,22 +141,31 @@ def _check(task: Task, settings: Config, pair: tuple[float, float]) -> None:
         raise ConfigError(f"--check {black_hz:g} {white_hz:g}: frequencies must be positive")
     rows = auto_rows(task, pair)
     found = findings(task, black_hz, white_hz, rows, settings.panels.phase)
-    typer.echo(task_text(task))
-    for finding in found:
-        typer.echo(f"{'unusable' if finding.unusable else 'note'}: {finding.text}")
     if any(finding.unusable for finding in found):
+        typer.echo(f"{black_hz:g} and {white_hz:g} Hz cannot be used:")
+        _say_findings(task, found)
         raise typer.Exit(1)
     proposal = proposal_at(task, black_hz, white_hz, rows, views_of(task))
     dictionary = load_dictionary(settings.panels.dictionary)
     (row,) = _with_reach(task, dictionary, reach_views(task), [("checked", proposal)])
+    typer.echo(in_short("good are", row[1:]))
+    _say_findings(task, found)
     typer.echo(table(task, [row]))
     typer.echo(legend())
+
+
+def _say_findings(task: Task, found: list[Finding]) -> None:
+    from ledpi.panel.design_text import task_text
+
+    typer.echo(task_text(task))
+    for finding in found:
+        typer.echo(f"{'unusable' if finding.unusable else 'note'}: {finding.text}")
 
 
 def _design(task: Task, settings: Config, out: Path | None) -> None:
     from ledpi.dictionaries import load_dictionary
     from ledpi.panel.design import auto_rows, best_antiphase, candidate_pairs, proposal_at, ranked, views_of
-    from ledpi.panel.design_text import antiphase_text, config_lines, legend, table, task_text
+    from ledpi.panel.design_text import antiphase_text, config_lines, in_short, legend, table, task_text
     from ledpi.panel.reach import reach_views
     from ledpi.panel.verdict import findings
 
@@ -169,6 +179,7 @@ def _design(task: Task, settings: Config, out: Path | None) -> None:
     named += [("antiphase", antiphase)] if antiphase is not None else []
     dictionary = load_dictionary(panels.dictionary)
     rows = _with_reach(task, dictionary, reach_views(task), [*named, ("present", present)])
+    typer.echo(in_short("best are", rows[0][1:], rows[-1][1:]))
     typer.echo(task_text(task))
     typer.echo(table(task, rows))
     typer.echo(legend())

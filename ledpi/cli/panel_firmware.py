@@ -96,6 +96,8 @@ def _plan(
         )
     except ValueError as error:
         raise ConfigError(f"--black, --white, --phase: {error}") from None
+    override = settings.panels.overrides.get(marker_id)
+    duty_key = f"panels.overrides.{marker_id}.duty" if override and override.duty is not None else "panels.duty"
     row_time_us = OV5647_ROW_TIME_US if camera.row_time_us == "auto" else camera.row_time_us
     return plan_firmware(
         build,
@@ -104,4 +106,5 @@ def _plan(
         spec,
         exposure_us=whole_rows_us(camera.exposure_us, row_time_us),
         scan_time_s=camera.height * row_time_us * 1e-6,
+        duty_key=duty_key,
     )

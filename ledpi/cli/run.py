@@ -24,13 +24,15 @@ def run(
     Each second one line on standard error says how it goes; as a service, each minute. SIGHUP reads the
     configuration again; where it is bad, the old one stays.
 
-    Exit status 0 after a signal or at the end of a replay, 2 where the configuration, the camera or a file cannot
-    be used, 1 where the camera is lost and does not come back, so that a service manager tries again.
+    Exit status 0 after a signal or at the end of a replay, 2 where it cannot start before a person puts the
+    configuration or a file right, 1 where the camera is not there, in use or lost for good, or anything else fails
+    later, so that a service manager tries again.
 
     Example: ledpi run --set camera.source=simulated --set serial.port=/tmp/robot
     """
     from ledpi.camera.factory import open_camera
     from ledpi.config import find_config, load_config
+    from ledpi.errors import LedpiError, TransientError
     from ledpi.reporting import log_to_standard_error
     from ledpi.service import Service
 
@@ -44,7 +46,11 @@ def run(
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: service.stop())
     signal.signal(signal.SIGHUP, lambda *_: service.reload())
-    totals = service.run()
+    try:
+        totals = service.run()
+    except (LedpiError, OSError) as error:
+        # All was well when it started: what has come between may pass. If not, the next start says what to put right.
+        raise TransientError(str(error)) from error
     health = totals.health
     logging.getLogger("ledpi").info(
         "ended: %d frames, %d dropped, %d decoded, %d markers, rejected: %s",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -9,15 +10,19 @@ import typer
 
 from ledpi.cli import app
 from ledpi.cli.drawn import check_apart, write_drawn
+from ledpi.cli.progress import progress
 from ledpi.errors import CameraError, ConfigError, RecordingError
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from ledpi.camera.base import Camera
     from ledpi.config import Config
     from ledpi.records import CameraInfo, Decoded, Frame, Intrinsics, MarkerPose, PanelValues, Pixels
 
 FORMATS = (".png", ".jpg")
 EXPOSE_S = 4.0  # twice what the gain's sweep takes
+LOOK_FRAMES = 30  # half a second of a camera
 UNUSABLE_FRAMES = 30  # in a row, half a second of a camera, after which it is given up
 
 
@@ -49,7 +54,8 @@ def snapshot(
     """One frame as an annotated picture.
 
     It shows the bands, amplified, the cells, the poses, and what was dropped and why.
-    The frame is decoded alone, without memory of those before. One line on standard output says what was read.
+    The frame is decoded alone, without memory of those before; without --frame, a camera's first that shows a panel,
+    if one of half a second does. One line on standard output says what was read.
 
     Example: ledpi snapshot recordings/drive --frame 42 --out frame42.png
     """
@@ -66,11 +72,11 @@ def snapshot(
     if path is not None and out.exists() and out.samefile(path):
         raise ConfigError(f"--out {out}: is the picture that is read; must be another file")
     file, overrides = find_config(config), list(set_)
-    if file is None and path is not None and path.is_dir():
-        overrides.insert(0, "panels.side_m=1")  # a recording brings its panel's size
     if method is not None:
         overrides.append(f"decode.method={method}")
-    settings = load_config(file, tuple(overrides))
+    is_recording = path is not None and path.is_dir()
+    own_size = ("panels.side_m=1",) if is_recording else ()  # a recording brings its panel's size
+    settings = load_config(file, tuple(overrides), without_file=own_size)
     source = _open(path, settings, frame)
     check_apart(out.parent, source.pictures, "--out")
     pipeline = Pipeline(
@@ -88,7 +94,7 @@ def snapshot(
 
 def _open(path: Path | None, settings: Config, seq: int | None) -> _Source:
     if path is None:
-        return _from_camera(settings, seq or 0)
+        return _from_camera(settings, seq)
     if path.is_dir():
         return _from_recording(path, settings, seq)
     if seq:
@@ -96,32 +102,68 @@ def _open(path: Path | None, settings: Config, seq: int | None) -> _Source:
     return _from_picture(path, settings)
 
 
-def _from_camera(settings: Config, seq: int) -> _Source:
-    """The first usable frame from `seq` on; replays and the simulator are not waited for."""
+def _from_camera(settings: Config, seq: int | None) -> _Source:
+    """The first usable frame from `seq` on, or, without one, the first that shows a panel, of half a second.
+
+    Replays and the simulator are not waited for.
+    """
     import numpy as np
 
     from ledpi.camera.factory import open_camera
     from ledpi.daemon import calibration
-    from ledpi.records import Rejected
 
     name = settings.camera.source
     camera = open_camera(settings, paced=name.partition(":")[0] not in ("simulated", "recording"))
     into = np.empty((camera.info.height, camera.info.width), np.uint8)
-    unusable = 0
     try:
         _expose(camera, settings, into)
-        while True:
-            frame = camera.read(into)
-            if frame is None:
-                raise CameraError(f"camera.source: {name} ended before frame {seq}")
-            unusable = unusable + 1 if isinstance(frame, Rejected) else 0
-            if isinstance(frame, Rejected) and unusable >= UNUSABLE_FRAMES:
-                raise CameraError(f"camera.source: {name} gave {unusable} unusable frames in a row: {frame.key}")
-            if not isinstance(frame, Rejected) and frame.seq >= seq:
-                lens = calibration(settings, camera)
-                return _Source(f"{Path(name).name}, frame {frame.seq}", frame, camera.info, camera.panel, lens)
+        frames = _usable(camera, name, into)
+        frame = _with_a_panel(frames, camera, settings) if seq is None else _numbered(frames, seq)
+        if frame is None:
+            raise CameraError(f"camera.source: {name} ended before frame {seq or 0}")
+        lens = calibration(settings, camera)
+        return _Source(f"{Path(name).name}, frame {frame.seq}", frame, camera.info, camera.panel, lens)
     finally:
         camera.close()
+
+
+def _usable(camera: Camera, name: str, into: Pixels) -> Iterator[Frame]:
+    """Frame by frame, each in the place of the one before, until the camera's end."""
+    from ledpi.records import Rejected
+
+    unusable = 0
+    while (frame := camera.read(into)) is not None:
+        if not isinstance(frame, Rejected):
+            unusable = 0
+            yield frame
+            continue
+        unusable += 1
+        if unusable >= UNUSABLE_FRAMES:
+            raise CameraError(f"camera.source: {name} gave {unusable} unusable frames in a row: {frame.key}")
+
+
+def _numbered(frames: Iterator[Frame], seq: int) -> Frame | None:
+    with progress("waiting for the frame", seq + 1) as advance:
+        for frame in frames:
+            advance(1)
+            if frame.seq >= seq:
+                return frame
+    return None
+
+
+def _with_a_panel(frames: Iterator[Frame], camera: Camera, settings: Config) -> Frame | None:
+    """The first that shows a panel by itself; where none of LOOK_FRAMES does, the last, to show why."""
+    from ledpi.pipeline import Pipeline
+
+    method = settings.decode.method
+    alone = Pipeline(
+        camera.info, settings.panels, intrinsics=None, shown=camera.panel, method=method, stream=False
+    )
+    frame = None
+    for frame in itertools.islice(frames, LOOK_FRAMES):
+        if alone.decode(frame).markers:
+            break
+    return frame
 
 
 def _expose(camera: Camera, settings: Config, into: Pixels) -> None:
@@ -151,9 +193,9 @@ def _from_recording(folder: Path, settings: Config, seq: int | None) -> _Source:
     from ledpi.camera.recording import RecordingCamera
     from ledpi.daemon import calibration
     from ledpi.picture import read_picture
-    from ledpi.recording import load_recording
+    from ledpi.recording_overrides import load_recording_with
 
-    recording = load_recording(folder)
+    recording = load_recording_with(settings, folder)
     frames = recording.frames
     entry = next((entry for entry in frames if seq is None or entry.seq == seq), None)
     if entry is None:

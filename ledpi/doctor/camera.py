@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,13 +14,11 @@ from ledpi.camera_yaml import load_intrinsics
 from ledpi.config import Config
 from ledpi.doctor.finding import Finding, bad, ok, unknown
 from ledpi.errors import CalibrationError, LedpiError
+from ledpi.exposure_notes import depths, other_exposure, vanishing
 from ledpi.records import CameraInfo, Frame, Intrinsics, Rejected
-from ledpi.shutter import contrast, phase_advance_cycles
+from ledpi.shutter import phase_advance_cycles
 
 FRAMES = 12
-# Of the depth that the best exposure of about this length would give; below it a class is near a null, where it can
-# hardly be seen.
-LEAST_SHARE_OF_CONTRAST = 0.2
 # From a telephoto lens to a wide-angle one, in picture widths; the Pi's cameras are at 1.0 and 1.2 in the 640×480 mode.
 FOCAL_WIDTHS = (0.3, 4.0)
 
@@ -39,7 +38,7 @@ def camera(config: Config) -> tuple[list[Finding], CameraInfo | None]:
         return [bad("camera", str(error), "check the cable, and try again", stops_daemon=True)], None
     finally:
         device.close()
-    return [_delivers(config, results), *_timing(info, results)], info
+    return [_delivers(config, results), *_timing(config, info, results)], info
 
 
 def _delivers(config: Config, results: list[Frame | Rejected]) -> Finding:
@@ -51,13 +50,23 @@ def _delivers(config: Config, results: list[Frame | Rejected]) -> Finding:
     return ok("camera", f"{config.camera.source}: {frames} of {len(results)} frames usable")
 
 
-def _timing(info: CameraInfo, results: list[Frame | Rejected]) -> list[Finding]:
+def exposure(config: Config, info: CameraInfo, frames: list[Frame]) -> Finding:
+    """What the frames were exposed for, beside what the configuration asks for."""
+    if not frames:
+        return unknown("exposure", "no frame to tell")
+    really = replace(info, exposure_us=frames[-1].exposure_us)
+    if (other := other_exposure(config, really)) is not None:
+        return bad("exposure", other, "set camera.exposure_us to what this camera can do, then look at the bands")
+    replayed = config.camera.source.startswith("recording:")
+    asked_us = info.exposure_us if replayed else config.camera.exposure_us
+    return ok("exposure", f"{really.exposure_us:.0f} µs of {asked_us:.0f} µs asked for")
+
+
+def _timing(config: Config, info: CameraInfo, results: list[Frame | Rejected]) -> list[Finding]:
     frames = [result for result in results if isinstance(result, Frame)]
     findings = [
         ok("sensor mode", f"{info.width} × {info.height}, {info.transfer} tone"),
-        ok("exposure", f"{frames[-1].exposure_us:.0f} µs of {info.exposure_us:.0f} µs asked for")
-        if frames
-        else unknown("exposure", "no frame to tell"),
+        exposure(config, info, frames),
     ]
     if info.frame_length_rows is None:
         return [*findings, unknown("row time", f"{info.row_time_us:.2f} µs, as configured; this camera cannot tell")]
@@ -75,25 +84,22 @@ def _timing(info: CameraInfo, results: list[Frame | Rejected]) -> list[Finding]:
 
 def frequencies(config: Config, info: CameraInfo) -> Finding:
     """Whether the bands of every class are deep enough at this exposure, and move from frame to frame."""
-    duties = {config.panels.duty, *(o.duty for o in config.panels.overrides.values() if o.duty is not None)}
-    said, weak, frozen = [], [], []
-    for hz in config.panels.frequencies_hz():
-        depth = min(contrast(hz, info.exposure_us, duty) for duty in duties)
+    weak = [f"{hz:g} Hz" for hz in vanishing(config.panels, info.exposure_us)]
+    said, frozen = [], []
+    for hz, depth in depths(config.panels, info.exposure_us).items():
         said.append(f"{hz:g} Hz {100 * depth:.1f} %")
-        if depth < LEAST_SHARE_OF_CONTRAST * min(2.0, 1e6 / (hz * info.exposure_us)):
-            weak.append(f"{hz:g} Hz")
         if info.frame_length_rows is not None:
             advance = phase_advance_cycles(hz, info.frame_length_rows * info.row_time_us)
             if abs(advance) < MIN_PHASE_ADVANCE_CYCLES:
                 frozen.append(f"{hz:g} Hz")
-    depths = f"depth of the bands at {info.exposure_us:.0f} µs: {', '.join(said)}"
+    page = f"depth of the bands at {info.exposure_us:.0f} µs: {', '.join(said)}"
     if weak:
         remedy = "choose exposure × frequency near a whole number and a half: `ledpi panel design`"
-        return bad("panel frequencies", f"{depths}; {', '.join(weak)} all but vanishes", remedy)
+        return bad("panel frequencies", f"{page}; {', '.join(weak)} all but vanishes", remedy)
     if frozen:
         remedy = "camera.frame_duration_us: auto"
-        return bad("panel frequencies", f"{depths}; {', '.join(frozen)} hardly moves from frame to frame", remedy)
-    return ok("panel frequencies", depths)
+        return bad("panel frequencies", f"{page}; {', '.join(frozen)} hardly moves from frame to frame", remedy)
+    return ok("panel frequencies", page)
 
 
 def intrinsics(config: Config, info: CameraInfo | None) -> Finding:

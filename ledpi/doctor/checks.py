@@ -71,7 +71,7 @@ def _serial_port(config: Config) -> Finding:
     try:
         open_port(settings.port, settings.baud).close()
     except WireError as error:
-        remedy = "set serial.port; `ls -l /dev/serial/by-id` shows what is plugged in"
+        remedy = machine.serial_remedy()
         if "in use" in str(error):
             remedy = "another process has it: `sudo systemctl stop ledpi`, if that is the daemon"
         return bad("serial port", str(error), remedy)

@@ -48,6 +48,14 @@ def picamera2() -> Finding:
     return bad("picamera2", said, remedy, stops_daemon=True)
 
 
+def serial_remedy(by_id: Path = Path("/dev/serial/by-id")) -> str:
+    """What to set serial.port to: the names of what is plugged in, which stay whatever else is."""
+    plugged_in = sorted(str(path) for path in by_id.glob("*"))
+    if not plugged_in:
+        return "plug the controller in; `ls /dev/serial/by-id` then shows what to set serial.port to"
+    return f"set serial.port to the controller's name: {' or '.join(plugged_in)}"
+
+
 def serial_console(port: str, cmdline: Path = Path("/proc/cmdline")) -> Finding:
     """Whether Linux writes its log to the controller's port."""
     consoles = [word.removeprefix("console=").split(",")[0] for word in _text(cmdline).split() if "console=" in word]

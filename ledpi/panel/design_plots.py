@@ -20,8 +20,18 @@ _MOST_NULLS = 40  # that are marked: more would be a grey area
 
 
 def draw_contrast(task: Task, chosen: Proposal, path: Path) -> None:
-    """Contrast against frequency, with the nulls, the flicker limit, and a pair."""
-    figure = Figure(figsize=(11, 4.2), layout="constrained")
+    """`contrast_figure` as a picture file."""
+    contrast_figure(task, chosen).savefig(path, dpi=110, metadata={"Software": None})
+
+
+def draw_reach(rows: Sequence[tuple[str, Proposal, Reach]], path: Path) -> None:
+    """`reach_figure` as a picture file."""
+    reach_figure(rows).savefig(path, dpi=110, metadata={"Software": None})
+
+
+def contrast_figure(task: Task, chosen: Proposal) -> Figure:
+    """Contrast against frequency, with the nulls, the flicker limit, and a pair. The legend covers no curve."""
+    figure = Figure(figsize=(11, 4.6), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots()
     exposure_us = task.sensor.exposure_us
@@ -40,13 +50,13 @@ def draw_contrast(task: Task, chosen: Proposal, path: Path) -> None:
     axes.set_ylabel("depth of the bands, % of the light")
     axes.set_title(f"What an exposure of {exposure_us:.0f} µs leaves", fontsize=11)
     axes.grid(alpha=0.3)
-    axes.legend(fontsize=9, loc="upper right")
-    figure.savefig(path, dpi=110, metadata={"Software": None})
+    figure.legend(fontsize=9, loc="outside lower center", ncols=4)
+    return figure
 
 
-def draw_reach(rows: Sequence[tuple[str, Proposal, Reach]], path: Path) -> None:
-    """The chance of being read against distance, of one frame and of a short stream."""
-    figure = Figure(figsize=(11, 4.2), layout="constrained")
+def reach_figure(rows: Sequence[tuple[str, Proposal, Reach]]) -> Figure:
+    """The chance of being read against distance, of one frame and of a short stream. The legend covers no curve."""
+    figure = Figure(figsize=(11, 5.2), layout="constrained")
     FigureCanvasAgg(figure)
     alone, stream = figure.subplots(1, 2, sharey=True)
     for name, proposal, reach in rows:
@@ -63,5 +73,5 @@ def draw_reach(rows: Sequence[tuple[str, Proposal, Reach]], path: Path) -> None:
         axes.set_title(title, fontsize=11)
         axes.grid(alpha=0.3)
     alone.set_ylabel("read, % (the decoder's error model)")
-    alone.legend(fontsize=8)
-    figure.savefig(path, dpi=110, metadata={"Software": None})
+    figure.legend(*alone.get_legend_handles_labels(), fontsize=8, loc="outside lower center", ncols=2)
+    return figure

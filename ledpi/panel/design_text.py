@@ -17,6 +17,23 @@ from ledpi.shutter import contrast, phase_advance_cycles
 from ledpi.wording import counted
 
 
+def in_short(verb: str, named: tuple[Proposal, Reach], present: tuple[Proposal, Reach] | None = None) -> str:
+    """What a person wants to know first, as in `best are 1253.33 and 2557.54 Hz: …`."""
+    text = f"{verb} {_hz(named[0])}: a panel is read {_read_to(named[1])}"
+    if present is not None:
+        text += f"; the present {_hz(present[0])}: {_read_to(present[1])}"
+    return text
+
+
+def _hz(proposal: Proposal) -> str:
+    return f"{proposal.black_hz:.2f} Hz (black cells) and {proposal.white_hz:.2f} Hz (white)"
+
+
+def _read_to(reach: Reach) -> str:
+    alone, stream = (_metres(reach.range_m(chances)) for chances in (reach.alone, reach.stream))
+    return f"to {alone} in a single picture, to {stream} within {STREAM_FRAMES}".replace("to nowhere", "nowhere")
+
+
 def task_text(task: Task) -> str:
     """What was asked, and what the exposure does to lamps on the mains."""
     sensor = task.sensor

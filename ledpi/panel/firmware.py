@@ -10,6 +10,7 @@ from enum import StrEnum
 from importlib.resources import files
 from pathlib import Path
 
+from ledpi.calibrate.panel import SAME_DUTY
 from ledpi.errors import ConfigError
 from ledpi.markers import Bits, Dictionary
 from ledpi.panel.frequencies import NULL_SHARE, Flicker, nearest_lobe_hz, null_share
@@ -48,10 +49,18 @@ class Firmware:
 
 
 def plan_firmware(
-    build: Build, dictionary: Dictionary, marker_id: int, spec: PanelSpec, *, exposure_us: float, scan_time_s: float
+    build: Build,
+    dictionary: Dictionary,
+    marker_id: int,
+    spec: PanelSpec,
+    *,
+    exposure_us: float,
+    scan_time_s: float,
+    duty_key: str = "panels.duty",
 ) -> Firmware:
     """Raises ConfigError where the board cannot drive such a panel, or the camera could not read it.
 
+    `duty_key` is where the configuration has the duty from; a duty that was measured is off a half by noise.
     `exposure_us` is what the sensor really does, whole rows; `scan_time_s` is the time in which it reads them all.
     """
     try:
@@ -64,8 +73,8 @@ def plan_firmware(
             f"--build {build}: drives 4 × 4 cells, {dictionary.name} has {word.size}; must be {Build.TWO_OUTPUTS}, "
             "which drives two groups of cells, however many they are"
         )
-    if spec.duty != 0.5:
-        raise ConfigError(f"panels.duty: the driver's outputs are on for half a period; must be 0.5, not {spec.duty}")
+    if abs(spec.duty - 0.5) > SAME_DUTY:
+        raise ConfigError(f"{duty_key}: the driver's outputs are on for half a period; must be 0.5, not {spec.duty}")
     if spec.phase == "free":
         _check_apart(spec, scan_time_s)
     return Firmware(

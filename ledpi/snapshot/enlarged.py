@@ -58,7 +58,7 @@ def draw_block(canvas: Canvas, block: Block, snapshot: Snapshot) -> None:
     bands, share = bands_tile(samples) if isinstance(samples, CellSamples) else (blank(TILE), 0.0)
     tiles = (
         (_seen_tile(block, snapshot.frame), "as seen"),
-        (bands, f"bands: +-{100 * share:.1f} %" if sampled else "cells cannot be sampled"),
+        (bands, f"bands: ±{100 * share:.1f} %" if sampled else "cells cannot be sampled"),
         (cells_tile(block.word), "cells") if block.word is not None else (blank(TILE), ""),
     )
     for index, (tile, caption) in enumerate(tiles):

@@ -61,7 +61,7 @@ def draw_heading(canvas: Canvas, snapshot: Snapshot) -> None:
     """Title, the frame's values and the classes' colours, above PICTURES_TOP."""
     frame, spec = snapshot.frame, snapshot.panels.spec()
     height, width = frame.pixels.shape
-    values = f"{width} x {height}, exposure {frame.exposure_us / 1e3:.4g} ms, row time {frame.row_time_us:.2f} us"
+    values = f"{width} x {height}, exposure {frame.exposure_us / 1e3:.4g} ms, row time {frame.row_time_us:.2f} µs"
     text(canvas, snapshot.title, (LEFT, 30), size=0.7, bold=True)
     text(canvas, values, (WIDTH - BORDER - text_size(values)[0], 30), colour=DIM)
     at = WIDTH - BORDER

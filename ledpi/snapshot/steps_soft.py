@@ -57,8 +57,8 @@ def _row(look: Look, snapshot: Snapshot) -> Row:
     n = look.samples.lattice.cells
     bands, share = bands_tile(look.samples, size)
     tiles = [
-        Tile(label=f"refined square, +-{look.quad.corner_sigma_px:.2f} px", picture=_refined(look, snapshot, size)),
-        Tile(label=f"its bands: +-{100 * share:.1f} %", picture=bands),
+        Tile(label=f"refined square, ±{look.quad.corner_sigma_px:.2f} px", picture=_refined(look, snapshot, size)),
+        Tile(label=f"its bands: ±{100 * share:.1f} %", picture=bands),
     ]
     if not isinstance(reading, Reading):
         if isinstance(look.evidence, Evidence) and len(look.evidence.prior) == 4:  # in antiphase none says it alone

@@ -20,7 +20,7 @@ MARGIN = 0.2  # of what is shown, around it
 class Tile:
     """A picture with the line below it."""
 
-    label: str  # ASCII
+    label: str  # as `drawing.text` can
     picture: Canvas
 
 
@@ -28,7 +28,7 @@ class Tile:
 class Row:
     """Tiles side by side, under a line."""
 
-    title: str  # ASCII
+    title: str  # as `drawing.text` can
     tiles: tuple[Tile, ...]
 
 

@@ -7,6 +7,8 @@ import os
 import re
 import select
 import termios
+import time
+from collections.abc import Callable
 from contextlib import suppress
 
 import serial
@@ -49,8 +51,9 @@ def reason(error: Exception) -> str:
 class SerialLine:
     """One open port. Every method that touches it raises WireError when the port is lost."""
 
-    def __init__(self, port: str, baud: int) -> None:
+    def __init__(self, port: str, baud: int, clock: Callable[[], int] = time.monotonic_ns) -> None:
         self._port = port
+        self._clock = clock  # ns
         self._serial = open_port(port, baud)
         self._byte_ns = BITS_PER_BYTE * 1_000_000_000 / baud
         self._free_ns = 0  # when, at the baud rate, the last byte that was written has left
@@ -80,20 +83,25 @@ class SerialLine:
         """Whether every byte that was written has left."""
         return self._queued_bytes() == 0 and self._free_ns <= now_ns
 
-    def write(self, frame: bytes, now_ns: int) -> bool:
+    def write(self, frame: bytes, latest_ns: int | None = None) -> bool | None:
         """Writes a whole frame; False where the port took only a part of it. Never waits.
 
-        Not by pyserial's `write`: where a port that was said to have room has none, that waits, or spins.
+        Where it is later than `latest_ns`, nothing is written, and None returned. Not by pyserial's `write`: where a
+        port that was said to have room has none, that waits, or spins.
         """
         data = DELIMITER + frame if self._cut else frame
-        self._free_ns = self.first_byte_ns(now_ns) + round(len(data) * self._byte_ns)
-        self._known_free = False
         try:
-            written = os.write(self._serial.fileno(), data)
+            port = self._serial.fileno()
+            # In one line, so that next to nothing comes between the look at the clock and the write.
+            written = os.write(port, data) if latest_ns is None or self._clock() <= latest_ns else None
         except BlockingIOError:
             written = 0
         except OSError as error:
             raise self._lost(error) from None
+        if written is None:
+            return None
+        self._free_ns = self.first_byte_ns(self._clock()) + round(len(data) * self._byte_ns)
+        self._known_free = False
         self._cut = written < len(data)
         return not self._cut
 
@@ -115,7 +123,10 @@ class SerialLine:
             raise self._lost(error) from None
 
     def _has_room(self) -> bool:
-        _, writable, _ = select.select([], [self._serial.fileno()], [], 0)
+        try:
+            _, writable, _ = select.select([], [self._serial.fileno()], [], 0)
+        except OSError as error:
+            raise self._lost(error) from None
         return bool(writable)
 
     def _lost(self, error: OSError) -> WireError:

@@ -15,7 +15,8 @@ import numpy as np
 from ledpi.errors import ConfigError, WireError
 from ledpi.geometry import matrix_from_quaternion, quaternion_from_matrix, rpy_deg_from_matrix
 from ledpi.records import Floats
-from ledpi.wire.message import FixMessage, MarkerMessage, Message, State, StatusMessage
+from ledpi.resets import Resets
+from ledpi.wire.message import FixMessage, MarkerMessage, Message, NoFix, State, StatusMessage
 
 Profile: TypeAlias = Literal["ardupilot", "px4"]
 
@@ -48,15 +49,15 @@ def load_dialect() -> Any:
 class Mavlink:
     """Encodes what an Outbox gives. Holds the packets' number, and the last fix to see where one has jumped."""
 
-    def __init__(self, *, base_link_from_camera: Floats, profile: Profile) -> None:
-        """Raises ConfigError where pymavlink is not installed."""
+    def __init__(self, *, base_link_from_camera: Floats, profile: Profile, resets: Resets | None = None) -> None:
+        """`resets`: where jumps are counted, also those of others before. Raises ConfigError without pymavlink."""
         self._dialect = load_dialect()
         component = self._dialect.MAV_COMP_ID_VISUAL_INERTIAL_ODOMETRY
         self._packer: Any = self._dialect.MAVLink(None, srcSystem=SYSTEM_ID, srcComponent=component)
         self._frd_from_camera = FRD_FROM_FLU @ base_link_from_camera[:3]
         self._profile = profile
         self._last_fix: tuple[int, Floats, Floats] | None = None  # when in µs, position, rotation
-        self._jumps = 0
+        self._resets = resets or Resets()
 
     def encode(self, message: Message, first_byte_ns: int) -> bytes | None:
         """A whole packet; None where MAVLink, or the autopilot, has no place for this.
@@ -72,9 +73,11 @@ class Mavlink:
                 fields = self._heartbeat(message)
         if fields is None:
             return None
-        packet = bytes(fields.pack(self._packer))
+        return bytes(fields.pack(self._packer))
+
+    def count_sent(self) -> None:
+        """The packet that was encoded last has gone out: the next has the next number."""
         self._packer.seq = (self._packer.seq + 1) % 256
-        return packet
 
     def _heartbeat(self, status: StatusMessage) -> Any:
         d = self._dialect
@@ -85,6 +88,8 @@ class Mavlink:
             State.STOPPING: d.MAV_STATE_POWEROFF,
         }
         state = states.get(status.state, d.MAV_STATE_UNINIT)
+        if status.no_fix is NoFix.BEHIND:  # to an autopilot that is the same: no pose comes
+            state = d.MAV_STATE_CRITICAL
         return d.MAVLink_heartbeat_message(d.MAV_TYPE_ONBOARD_CONTROLLER, d.MAV_AUTOPILOT_INVALID, 0, 0, state, 3)
 
     def _landing_target(self, marker: MarkerMessage, picture_us: int) -> Any:
@@ -133,7 +138,7 @@ class Mavlink:
             *position_m.tolist(),
             *(math.radians(angle) for angle in rpy_deg_from_matrix(rotation)),
             _upper_triangle(fix.pose.covariance, rotation),
-            (self._jumps + fix.map_resets) % 256,
+            (self._resets.jumps + fix.map_resets) % 256,
         )
 
     def _count_jump(self, picture_us: int, position_m: Floats, rotation: Floats) -> None:
@@ -143,7 +148,7 @@ class Mavlink:
             moved_m = float(np.linalg.norm(position_m - last_position_m))
             cosine = (float(np.trace(rotation @ last_rotation.T)) - 1.0) / 2.0
             turned_rad = math.acos(max(-1.0, min(1.0, cosine)))
-            self._jumps += moved_m > JUMP_M + JUMP_M_S * seconds or turned_rad > JUMP_RAD + JUMP_RAD_S * seconds
+            self._resets.jumps += moved_m > JUMP_M + JUMP_M_S * seconds or turned_rad > JUMP_RAD + JUMP_RAD_S * seconds
         self._last_fix = (picture_us, position_m, rotation)
 
 

@@ -47,6 +47,7 @@ class NoFix(IntEnum):
     NOT_IN_MAP = 6  # panels in view, none of them in the map
     REJECTED = 7  # a fix was solved and not believed
     STALE = 8  # the last fix is older than serial.max_age_ms
+    BEHIND = 9  # the camera delivers, and frames are decoded too late
     UNKNOWN = 255
 
     @classmethod
@@ -103,7 +104,7 @@ class FixMessage:
     age_us: int  # as a marker's
     pose: WirePose
     panels_used: int  # 255 on the wire: that many or more
-    map_resets: int = 0  # jumps of the map's frame since the daemon started, modulo 256
+    map_resets: int = 0  # changes of the map since the daemon started, modulo 256
 
     def __post_init__(self) -> None:
         _check("age_us", self.age_us)
@@ -157,10 +158,10 @@ def marker_message(marker: MarkerPose, *, age_us: int, alternate: bool = False) 
     )
 
 
-def fix_message(fix: RobotFix, *, age_us: int) -> FixMessage:
+def fix_message(fix: RobotFix, *, age_us: int, map_resets: int = 0) -> FixMessage:
     """The message of a robot's fix. Raises WireError for a pose that must not be sent."""
     pose = _wire_pose(fix.map_from_base_link)
-    return FixMessage(age_us=age_us, pose=pose, panels_used=len(fix.panels_used))
+    return FixMessage(age_us=age_us, pose=pose, panels_used=len(fix.panels_used), map_resets=map_resets % 256)
 
 
 def _wire_pose(pose: Pose) -> WirePose:

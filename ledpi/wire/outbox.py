@@ -25,6 +25,9 @@ STATUS_PERIOD_NS = 160_000_000  # at least 5 a second are promised; this leaves 
 # when the next frame's poses are ready; a camera of 25 fps or more has a pose for it to follow in this time.
 STATUS_FOLLOWS_NS = 40_000_000
 
+# By how much the age that a packet claims may be too small: more than the usual packet takes longer than reckoned with.
+AGE_SLACK_NS = 1_000_000
+
 _Key: TypeAlias = tuple[int, bool]  # ID, and whether this is the alternate
 _M = TypeVar("_M", FixMessage, MarkerMessage)
 
@@ -36,12 +39,16 @@ class Outbox:
     have their turn on a short line.
     """
 
-    def __init__(self, *, max_age_ms: float, status_period_ns: int = STATUS_PERIOD_NS) -> None:
+    def __init__(
+        self, *, max_age_ms: float, status_period_ns: int = STATUS_PERIOD_NS, map_resets: int = 0
+    ) -> None:
         self._max_age_ns = round(max_age_ms * 1e6)
         self._status_period_ns = status_period_ns
+        self._map_resets = map_resets
         self._fix: tuple[RobotFix, int] | None = None  # with its mid-exposure on the host's clock
         self._markers: dict[_Key, tuple[MarkerPose, int]] = {}
         self._sent_fix_ns: int | None = None  # mid-exposure of the newest fix that went out
+        self._undo: Callable[[], None] = lambda: None  # puts back the pose that was taken last
         self._status = StatusMessage(state=State.STARTING, no_fix=NoFix.NOT_RUNNING)
         self._status_due_ns: int | None = None  # None: now
         self._status_waits = False  # a fix has gone ahead of a status that was due
@@ -108,6 +115,30 @@ class Outbox:
             self._let_status_follow(first_byte_ns)
         return marker
 
+    def latest_ns(self, message: Message, first_byte_ns: int) -> int | None:
+        """By when a message's first byte must leave, so that its age is true and not too old; None: at any time."""
+        if isinstance(message, StatusMessage):
+            return None
+        return first_byte_ns + min(AGE_SLACK_NS, self._max_age_ns - 1000 * message.age_us)
+
+    def put_back(self) -> None:
+        """The pose that was taken last did not go out: it is the next, unless a newer one has come."""
+        self._undo()
+
+    def _put_back_fix(self, fix: tuple[RobotFix, int], sent_before_ns: int | None) -> None:
+        self._sent_fix_ns = sent_before_ns
+        if self._fix is None:
+            self._fix = fix
+        else:
+            self.replaced += 1
+
+    def _put_back_marker(self, key: _Key, marker: tuple[MarkerPose, int]) -> None:
+        waiting = (self._markers.get((key[0], alternate)) for alternate in (False, True))
+        if all(other is None or other[1] <= marker[1] for other in waiting):
+            self._markers = {key: marker} | self._markers
+        else:
+            self.replaced += 1
+
     def _let_status_follow(self, now_ns: int) -> None:
         if self._status_due_ns is not None and now_ns >= self._status_due_ns - STATUS_FOLLOWS_NS:
             self._status_due_ns = None
@@ -120,7 +151,8 @@ class Outbox:
         if self._fix is None:
             return None
         (fix, mid_ns), self._fix = self._fix, None
-        message = self._aged(mid_ns, first_byte_ns, partial(fix_message, fix))
+        self._undo = partial(self._put_back_fix, (fix, mid_ns), self._sent_fix_ns)
+        message = self._aged(mid_ns, first_byte_ns, partial(fix_message, fix, map_resets=self._map_resets))
         if message is not None:
             if not self._has_fix(first_byte_ns):
                 self._status_due_ns = None
@@ -135,6 +167,7 @@ class Outbox:
         while self._markers:
             key = next(iter(self._markers))
             marker, mid_ns = self._markers.pop(key)
+            self._undo = partial(self._put_back_marker, key, (marker, mid_ns))
             build = partial(marker_message, marker, alternate=key[1])
             message = self._aged(mid_ns, first_byte_ns, build)
             if message is not None:

@@ -56,13 +56,14 @@ class PublisherCounters:
 class Publisher:
     """Writes poses and a status heartbeat to the motor controller. Only `stop` waits for the port."""
 
-    def __init__(self, settings: SerialSettings, mavlink: Mavlink | None = None) -> None:
-        """`mavlink`: speaks that in place of our own protocol."""
+    def __init__(self, settings: SerialSettings, mavlink: Mavlink | None = None, *, map_resets: int = 0) -> None:
+        """`mavlink`: speaks that in place of our own protocol. `map_resets`: changes of the map so far."""
         self._settings = settings
         self._mavlink = mavlink
         self._outbox = Outbox(
             max_age_ms=settings.max_age_ms,
             status_period_ns=STATUS_PERIOD_NS if mavlink is None else HEARTBEAT_PERIOD_NS,
+            map_resets=map_resets,
         )
         self._wake = threading.Condition()  # guards the outbox and all below; not held while the port is used
         self._stopping = False
@@ -76,7 +77,7 @@ class Publisher:
         self._making_ns = deque([0], maxlen=RECENT)  # from the clock's reading, which is in the packet, to its writing
         self._lent: SerialLine | None = None  # while the thread waits and the line is free: to whoever publishes
         self._borrowed = False
-        self._lost: WireError | None = None  # what the borrower met
+        self._lost: WireError | OSError | None = None  # what the borrower met
         self._thread = threading.Thread(target=self._run, name="publisher", daemon=True)
 
     def start(self) -> None:
@@ -98,7 +99,7 @@ class Publisher:
                 return
         try:
             self._send_next(line)
-        except WireError as error:
+        except (WireError, OSError) as error:
             self._lost = error
         finally:
             with self._wake:
@@ -153,7 +154,7 @@ class Publisher:
                     self._use(line)
                 finally:
                     line.close()
-            except WireError as error:
+            except (WireError, OSError) as error:  # whatever the system refuses, the port is opened anew
                 self._note(connected=False, error=str(error))
                 self._pause(backoff_s)
                 backoff_s = min(2 * backoff_s, BACKOFF_LAST_S)
@@ -193,27 +194,35 @@ class Publisher:
             now_ns = time.monotonic_ns()
             first_byte_ns = line.first_byte_ns(now_ns + sorted(self._making_ns)[len(self._making_ns) // 2])
             message = self._outbox.take(first_byte_ns)
-        if message is not None and self._send(line, message, now_ns, first_byte_ns):
-            with self._wake:
-                self._written[type(message)] += 1
+        if message is not None:
+            self._send(line, message, now_ns, first_byte_ns)
 
-    def _send(self, line: SerialLine, message: Message, begun_ns: int, first_byte_ns: int) -> bool:
+    def _send(self, line: SerialLine, message: Message, begun_ns: int, first_byte_ns: int) -> None:
+        """A pose whose age a pause has made untrue goes back into the outbox, for its age to be taken anew."""
         frame = self._encode(message, first_byte_ns)
         if frame is None:
-            return False
-        now_ns = time.monotonic_ns()
-        self._making_ns.append(now_ns - begun_ns)
-        whole = line.write(frame, now_ns)
-        if not whole:
-            with self._wake:
+            return
+        self._making_ns.append(time.monotonic_ns() - begun_ns)
+        whole = line.write(frame, self._outbox.latest_ns(message, first_byte_ns))
+        with self._wake:
+            if whole is None:
+                self._outbox.put_back()
+                return
+            self._count_sent()
+            if whole:
+                self._written[type(message)] += 1
+            else:
                 self._cut += 1
-        return whole
+
+    def _count_sent(self) -> None:
+        if self._mavlink is None:
+            self._sequence = self._sequence % 0xFFFF + 1  # 0 only once, so that a receiver sees a restart
+        else:
+            self._mavlink.count_sent()
 
     def _encode(self, message: Message, first_byte_ns: int) -> bytes | None:
         if self._mavlink is None:
-            frame = encode(message, self._sequence)
-            self._sequence = self._sequence % 0xFFFF + 1  # 0 only once, so that a receiver sees a restart
-            return frame
+            return encode(message, self._sequence)
         try:
             return self._mavlink.encode(message, first_byte_ns)
         except WireError:
@@ -228,9 +237,8 @@ class Publisher:
         while (wait_ns := line.busy_ns(time.monotonic_ns())) and time.monotonic_ns() + wait_ns < deadline_ns:
             time.sleep(wait_ns / 1e9)
         now_ns = time.monotonic_ns()
-        if wait_ns == 0 and self._send(line, message, now_ns, line.first_byte_ns(now_ns)):
-            with self._wake:
-                self._written[StatusMessage] += 1
+        if wait_ns == 0:
+            self._send(line, message, now_ns, line.first_byte_ns(now_ns))
         while not line.is_drained(time.monotonic_ns()) and time.monotonic_ns() < deadline_ns:
             time.sleep(0.001)
 

@@ -358,7 +358,7 @@ def test_libcamera_judges_the_controls(behaviour: Behaviour) -> None:
     """
     command = [sys.executable, "-c", WRONG_TYPE, str(Path(__file__).parent), "10000"]
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
-    assert done.stdout.startswith("CameraError picamera2: "), done.stderr
+    assert done.stdout.startswith("CameraLostError picamera2: "), done.stderr
 
 
 def test_the_stand_in_is_a_picamera2(behaviour: Behaviour) -> None:
