@@ -107,6 +107,7 @@ class PanelSettings(_Section):
     duty: Duty = 0.5
     phase: Phase = "free"
     upright: StrictBool = False  # all hang with their y axis up, on walls
+    ids: tuple[Annotated[int, Field(ge=0)], ...] | None = None  # that exist; all but those a part of another can show
     overrides: dict[Annotated[int, Field(ge=0)], PanelOverride] = Field(default_factory=dict)
 
     def spec(self, marker_id: int | None = None) -> PanelSpec:
@@ -115,6 +116,16 @@ class PanelSettings(_Section):
         if marker_id is not None and marker_id in self.overrides:
             values |= self.overrides[marker_id].model_dump(exclude_none=True, exclude={"measured"})
         return PanelSpec(**values)
+
+    def existing_ids(self) -> frozenset[int]:
+        """The IDs that may be reported: `ids`, or else all but those that a part of another panel can show.
+
+        Raises ValueError for an unknown dictionary.
+        """
+        if self.ids is not None:
+            return frozenset(self.ids)
+        dictionary = load_dictionary(self.dictionary)
+        return frozenset(range(len(dictionary.words))) - frozenset(dictionary.part_like_ids())
 
     def frequencies_hz(self) -> tuple[float, ...]:
         """Every frequency that a panel blinks at, sorted. Raises ValueError where the panels' values contradict."""
@@ -244,9 +255,12 @@ def _check_panels(panels: PanelSettings, where: str) -> None:
         dictionary = load_dictionary(panels.dictionary)
     except ValueError as error:
         raise ConfigError(f"{where}: panels.dictionary: {error}") from None
+    known = len(dictionary.words)
+    beyond = [listed for listed in panels.ids or () if listed >= known]
+    if beyond:
+        raise ConfigError(f"{where}: panels.ids: {panels.dictionary} has only the IDs 0 to {known - 1}, not {beyond[0]}")
     for marker_id in (None, *panels.overrides):
         key = "panels" if marker_id is None else f"panels.overrides.{marker_id}"
-        known = len(dictionary.words)
         if marker_id is not None and marker_id >= known:
             raise ConfigError(f"{where}: {key}: {panels.dictionary} has only the IDs 0 to {known - 1}")
         try:

@@ -45,6 +45,8 @@ STAGES: dict[Method, tuple[str, ...]] = {
 # a frame period in a stream, which takes up in the next frame what is left; no more is to come where a frame is alone.
 STREAM_BUDGET, SINGLE_BUDGET = 30, 300
 
+NOT_EXISTING = Rejected(stage="soft", reason="id_not_in_panels_ids")  # or one that a part of another panel can show
+
 _Looked: TypeAlias = tuple[Quad, Track, CellSamples]
 
 
@@ -78,6 +80,7 @@ class Pipeline:
         self._reader = Reader(codebooks, soft.FALSE_ID_RATE)
         self._readers = [BandsReader(dictionary, ids, spec) for spec, ids in groups] if method == "bands" else []
         self._specs = tuple(spec for spec, _ in groups)
+        self._existing = panels.existing_ids()
         self._proposer = Proposer(camera, self._cells, self._specs)
         self._locator = Locator(self._cells, self._specs, intrinsics)
         sides_m = {marker_id: panels.spec(marker_id).side_m for marker_id in range(len(dictionary.words))}
@@ -106,13 +109,21 @@ class Pipeline:
         frame = self._with_true_row_time(frame)
         work = Results(dict.fromkeys(STAGES[self._method], 0.0), trace)
         groups = self._by_soft if self._method == "soft" else self._by_bands
-        for sightings in groups(frame, work):
+        for read in groups(frame, work):
+            sightings = [sighting for sighting in read if self._exists(sighting, work)]
             if sightings:
                 start = time.perf_counter()
                 markers = work.add(frame, sightings, self._placer)
                 self._timed(work, "pose", start)
                 at_once(work.news(frame, markers))
         return work.whole(frame)
+
+    def _exists(self, sighting: Sighting, work: Results) -> bool:
+        """Whether there is a panel of this ID."""
+        exists = sighting.id in self._existing
+        if not exists:
+            work.reject(sighting.corners_px, NOT_EXISTING)
+        return exists
 
     def _with_true_row_time(self, frame: Frame) -> Frame:
         """The frame, corrected where the stream's own times say that the driver misreports its row time."""

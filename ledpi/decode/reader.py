@@ -149,7 +149,7 @@ class Reader:
         evidence = memory.evidence()
         if isinstance(evidence, Rejected):
             return evidence
-        return soft.decide(evidence, book, rate, memory.newest[0].sides_px)
+        return soft.decide(evidence, book, rate)
 
     def _alone(self, memory: PanelMemory, book: Codebook, rate: float) -> Reading | Rejected | None:
         """What the newest frame shows by itself; None where it is for all frames together to tell.

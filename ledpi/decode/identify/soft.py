@@ -51,7 +51,6 @@ SECOND_LOOK_ADDS = 6.0
 # a word explains a second look adds 4 to 14 % where a panel shows it (of 24 read so, one 17 and one 40 %), and 26 to
 # 80 % where a lamp does that blinks alike everywhere.
 MOST_ADDED = 0.2
-FROM_THE_FRONT = (1 + 0j, 0 + 1j)  # sides of a panel that is seen so
 
 
 class Reading(NamedTuple):
@@ -82,11 +81,11 @@ def read_word(
     if isinstance(looked, Rejected):
         return looked
     evidence, fit = looked
-    first = _judged(fit, evidence, codebook, false_id_rate, samples.sides_px)
+    first = _judged(fit, evidence, codebook, false_id_rate)
     if isinstance(first, Reading):
         if are_sinusoids(frame.exposure_us, spec):
             return first
-    elif not _is_open(first, fit, evidence, codebook, false_id_rate, samples):
+    elif not _is_open(first, fit, evidence, codebook, false_id_rate):
         return first
     return _looked_again(first, looked, samples, frame, codebook, false_id_rate)
 
@@ -108,7 +107,7 @@ def _looked_again(
     refit, exact = likeliest(again, codebook.white), not are_sinusoids(frame.exposure_us, spec)
     if refit.words[0] != fit.words[0]:
         return INCONSISTENT
-    second = _judged(refit, again, codebook, false_id_rate, samples.sides_px, exact=exact)
+    second = _judged(refit, again, codebook, false_id_rate, exact=exact)
     if isinstance(second, Rejected):
         return second
     if isinstance(first, Rejected) and not is_deep_anywhere(evidence.prior):
@@ -128,16 +127,12 @@ def _is_open(
     evidence: Evidence,
     codebook: Codebook,
     false_id_rate: float,
-    samples: CellSamples,
 ) -> bool:
     """Whether a second look may change what the first has told."""
     if first in (NO_BANDS, UNFIT):
         return False
-    if _is_contradicted(fit, evidence, codebook, false_id_rate) or _is_hopeless(fit, evidence, codebook, false_id_rate):
-        return False
-    # Of a part of a panel that looks like the word all cells are as that says, but for some that show both classes'
-    # bands: who believes the word finds these, too. (Led by 24 nats, word 17 came to lead by 32.)
-    return rivals.odds_against_parts(evidence, fit, codebook, samples.sides_px) >= odds_needed(false_id_rate)
+    contradicted = _is_contradicted(fit, evidence, codebook, false_id_rate)
+    return not contradicted and not _is_hopeless(fit, evidence, codebook, false_id_rate)
 
 
 def _is_contradicted(fit: Fit, evidence: Evidence, codebook: Codebook, false_id_rate: float) -> bool:
@@ -169,11 +164,9 @@ def _odds_against_other_ids(fit: Fit, codebook: Codebook) -> float:
     return float(fit.likelihood[0] - next(others, 0.0))  # the likeliest of them comes first
 
 
-def decide(
-    evidence: Evidence, codebook: Codebook, false_id_rate: float, sides_px: tuple[complex, complex] = FROM_THE_FRONT
-) -> Reading | Rejected:
-    """The word that the evidence is for, or why none can be told; `sides_px` as of the newest samples."""
-    return _judged(likeliest(evidence, codebook.white), evidence, codebook, false_id_rate, sides_px)
+def decide(evidence: Evidence, codebook: Codebook, false_id_rate: float) -> Reading | Rejected:
+    """The word that the evidence is for, or why none can be told."""
+    return _judged(likeliest(evidence, codebook.white), evidence, codebook, false_id_rate)
 
 
 @cache
@@ -191,7 +184,6 @@ def _judged(
     evidence: Evidence,
     codebook: Codebook,
     false_id_rate: float,
-    sides_px: tuple[complex, complex],
     *,
     exact: bool = False,
 ) -> Reading | Rejected:
@@ -206,7 +198,7 @@ def _judged(
     deviation = [max(wave) for wave in zip(fit.deviation[::2], fit.deviation[1::2], strict=True)]
     if not is_plausible(amplitude, deviation, evidence):
         return IMPLAUSIBLE
-    outside = rivals.odds_against_no_word(evidence, fit, codebook, needed, sides_px)
+    outside = rivals.odds_against_no_word(evidence, fit, codebook, needed)
     if outside < needed:
         return NO_WORD
     other = _odds_against_other_ids(fit, codebook)

@@ -16,7 +16,6 @@ from ledpi.kernels import words as kernel
 from ledpi.kernels.words import Fit
 from ledpi.records import Floats, Singles
 
-MOST_CORRECTED = 1  # cells that may be of the other class while a pattern still is a word: `Codebook.correctable`
 SHORTLIST = 16  # words that are compared exactly
 
 
