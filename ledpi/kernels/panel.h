@@ -11,7 +11,7 @@ enum {
     HARMONICS = 2, SHAPES = (HARMONICS + 1) * (HARMONICS + 1) - 1, /* of a cell's profile, in either direction */
     OWN = 3, /* unknowns of a cell: its gain, and how much it shows of either class's wave */
     /* Where in the unknowns: those of the panel, then each cell's OWN. As in decode/model/prior.py. */
-    BLUR = WAYS, GAP, RIM, SHAPE = RIM + 4, PHASE = SHAPE + SHAPES, BESIDE = PHASE + 2, DARK = BESIDE + 4, COMMON,
+    BLUR = WAYS, GAP, RIM, SHAPE = RIM + 4, PHASE = SHAPE + SHAPES, BESIDE = PHASE + 2, DARK = BESIDE + 4, ASIDE, COMMON = ASIDE + 2,
     RESIDUAL = COMMON, DENSE = 32, /* columns of a sample: COMMON, its residual, and what pads them */
     MOST_CELLS = LEDPI_MOST_SIDE, MOST_ROWS = 512,
     MOST_OWN = OWN * MOST_CELLS * MOST_CELLS, MOST_UNKNOWN = COMMON + MOST_OWN,
@@ -37,7 +37,7 @@ typedef struct {
  * harmonics; and what is before the first cell and after the last. */
 typedef struct {
     ptrdiff_t cell[2];
-    double light[2], slope[2], blurred[2], gapped[2], rimmed[2], harmonic[2][HARMONICS + 1], steep[2][HARMONICS + 1];
+    double light[2], slope[2], blurred[2], gapped[2], rimmed[2], harmonic[2][HARMONICS + 1], steep[2][HARMONICS + 1], odd[2], odd_steep[2];
     double beside[2], falls[2], spread[2];
 } Line;
 

@@ -43,7 +43,7 @@ typedef struct {
     Products products;
     double matrix[MOST_UNKNOWN * MOST_UNKNOWN], step[MOST_UNKNOWN];
     float by_row[2][MOST_CELLS * MOST_CELLS * MOST_ROWS];
-    double weight[MOST_BLOCKS], squares[MOST_BLOCKS], count[MOST_BLOCKS];
+    double weight[MOST_BLOCKS], squares[MOST_BLOCKS], sum[MOST_BLOCKS], count[MOST_BLOCKS];
     double left, used, light, light2; /* sums, weighed: of squared residuals, of weights, of light and its square */
     double decrease; /* of the squared residuals, that the step should bring: a share of them */
     ptrdiff_t samples;
@@ -112,6 +112,7 @@ static void clear(const Fitting *fit, Work *work) {
     memset(work->products.mixed, 0, owns * sizeof *work->products.mixed);
     memset(work->products.own, 0, owns * owns * sizeof *work->products.own);
     memset(work->squares, 0, sizeof work->squares);
+    memset(work->sum, 0, sizeof work->sum);
     memset(work->count, 0, sizeof work->count);
     work->left = work->used = work->light = work->light2 = 0.0, work->samples = 0;
 }
@@ -134,7 +135,7 @@ LEDPI_WIDE static void sum_up(const Fitting *fit, const double h[9], bool phasin
                 continue;
             const ptrdiff_t block = block_of(across, down, cells);
             const double left = columns[RESIDUAL], trust = work->weight[block], weight = trust * s.weight * s.weight;
-            work->squares[block] += left * left, work->count[block] += 1.0;
+            work->squares[block] += left * left, work->sum[block] += left, work->count[block] += 1.0;
             work->left += trust * left * left, work->used += weight;
             work->light += weight * s.seen, work->light2 += weight * s.seen * s.seen;
             count++;
@@ -285,6 +286,20 @@ static void weigh_blocks(ptrdiff_t cells, Work *work) {
     }
 }
 
+/* By how much residuals of a block that are alike make its mean vary more than if they were independent; each unknown takes
+ * one block's mean up. */
+static double inflation_of(ptrdiff_t cells, const Work *work) {
+    const ptrdiff_t blocks = cells * cells * BLOCKS * BLOCKS + 4 * cells, size = OWN * cells * cells + COMMON;
+    double of_means = 0.0, of_samples = 0.0, used = 0.0;
+    for (ptrdiff_t b = 0; b < blocks; b++) {
+        if (!(work->count[b] > 0.0)) continue;
+        of_means += work->weight[b] * work->sum[b] * work->sum[b] / work->count[b];
+        of_samples += work->weight[b] * work->squares[b] / work->count[b];
+        used += 1.0;
+    }
+    return fmax(1.0, of_means / fmax(of_samples, 1e-12) * used / fmax(used - (double)size, 1.0));
+}
+
 /* The corners' covariance by the factor of what is known of all unknowns. */
 static void put_covariance(Fitting *fit, const double h[9], Work *work) {
     const ptrdiff_t cells = fit->panel.cells, owns = OWN * cells * cells, size = owns + COMMON;
@@ -303,7 +318,8 @@ static void put_covariance(Fitting *fit, const double h[9], Work *work) {
             by[2 * i + 1][at] = (moved[i].y - here[i].y) / little;
         }
     }
-    const double scale = fit->view.lens ? fit->view.lens->fx * fit->view.lens->fy : 1.0;
+    const double a_ray = fit->view.lens ? fit->view.lens->fx * fit->view.lens->fy : 1.0;
+    const double scale = a_ray * inflation_of(cells, work);
     for (int i = 0; i < 8; i++) solve_forward(work->matrix, size, cells, by[i]);
     for (int i = 0; i < 8; i++)
         for (int j = 0; j < 8; j++) {

@@ -2,8 +2,8 @@
  *
  *   light(U, V) = dark + Σ_c A_c(U)·A_c(V)·S(x, y)·(gain_c + a_c·w_A(row) + b_c·w_B(row)) + Σ_side level·O_side
  *
- * U, V in cells from the panel's first corner; A a cell's opening between walls, blurred; S = 1 + Σ s_m·cos·cos the profile
- * that all cells share, even about their middles x = y = 0; w_A, w_B what the exposure leaves of either class's wave;
+ * U, V in cells from the panel's first corner; A a cell's opening between walls, blurred; S = 1 + Σ s_m·cos·cos + Σ o·sin the
+ * profile that all cells share, about even about their middles x = y = 0; w_A, w_B what the exposure leaves of either class's wave;
  * O what is beyond a side. */
 #include <math.h>
 #include <string.h>
@@ -33,6 +33,8 @@ static void put_cell(Line *line, int k, double at, ptrdiff_t cells, double sigma
     if (first) line->rimmed[0] = -up / sigma;
     if (last) line->rimmed[1] = -down / sigma;
     const double inside = fmin(fmax(off, -0.5), 0.5);
+    line->odd[k] = sin(TURN * inside);
+    line->odd_steep[k] = inside == off ? TURN * cos(TURN * inside) : 0.0;
     line->harmonic[k][0] = 1.0;
     for (int n = 1; n <= HARMONICS; n++) {
         line->harmonic[k][n] = cos(TURN * n * inside);
@@ -97,7 +99,7 @@ typedef struct {
 } Terms;
 
 /* Adds the light of the cell where the i-th of a line's cells across meets the j-th of one's down. */
-static LEDPI_INLINE void add_cell(const Profile *profile, const double *own, ptrdiff_t cells, const Line *across, int i, const Line *down,
+static LEDPI_INLINE void add_cell(const double *unknown, const Profile *profile, const double *own, ptrdiff_t cells, const Line *across, int i, const Line *down,
                      int j, Terms *t, float by_own[OWN]) {
     const double right = across->light[i], below = down->light[j], both = right * below;
     const double lit = own[0] + own[1] * t->wave[0] + own[2] * t->wave[1];
@@ -110,6 +112,11 @@ static LEDPI_INLINE void add_cell(const Profile *profile, const double *own, ptr
     for (int y = 0; y <= HARMONICS; y++)
         for (int x = y ? 0 : 1; x <= HARMONICS; x++)
             t->by[SHAPE - 1 + y * (HARMONICS + 1) + x] += lit * both * across->harmonic[i][x] * down->harmonic[j][y];
+    shape += unknown[ASIDE] * across->odd[i] + unknown[ASIDE + 1] * down->odd[j];
+    tilt[0] += unknown[ASIDE] * across->odd_steep[i];
+    tilt[1] += unknown[ASIDE + 1] * down->odd_steep[j];
+    t->by[ASIDE] += lit * both * across->odd[i];
+    t->by[ASIDE + 1] += lit * both * down->odd[j];
     const double lit_shape = lit * shape;
     t->predicted += lit_shape * both;
     t->slope[0] += lit * (across->slope[i] * below * shape + both * tilt[0]);
@@ -173,7 +180,7 @@ LEDPI_WIDE bool ledpi_panel_sample(const Panel *panel, const View *view, const d
         for (int i = 0; i < 2; i++) {
             if (across->cell[i] < 0 || down->cell[j] < 0 || across->light[i] * down->light[j] < NO_LIGHT) continue;
             const ptrdiff_t cell = down->cell[j] * panel->cells + across->cell[i];
-            add_cell(profile, unknown + COMMON + OWN * cell, panel->cells, across, i, down, j, &t, s->by[s->met]);
+            add_cell(unknown, profile, unknown + COMMON + OWN * cell, panel->cells, across, i, down, j, &t, s->by[s->met]);
             s->cell[s->met++] = cell;
         }
     const double outside = add_beside(unknown, across, down, &t);
