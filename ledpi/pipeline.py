@@ -43,7 +43,7 @@ STAGES: dict[Method, tuple[str, ...]] = {
 
 # What a frame may spend on all but panels that are followed, in fits on a coarse grid (0.5 to 1 ms each on a PC): about
 # a frame period in a stream, which takes up in the next frame what is left; no more is to come where a frame is alone.
-STREAM_BUDGET, SINGLE_BUDGET = 30, 300
+STREAM_BUDGET, SINGLE_BUDGET = 45, 300
 
 NOT_EXISTING = Rejected(stage="soft", reason="id_not_in_panels_ids")  # or one that a part of another panel can show
 

@@ -83,7 +83,7 @@ class Locator:
         if not side_px >= smallest_px:
             return TOO_SMALL
         sigma_px = math.sqrt(float(np.trace(best.covariance_px2)) / 8.0)
-        return best if sigma_px < MAX_SIGMA * side_px / self._cells else UNCERTAIN
+        return best if effort.roughly or sigma_px < MAX_SIGMA * side_px / self._cells else UNCERTAIN
 
     def _quad(self, fit: Fitted) -> Quad:
         return Quad(

@@ -80,7 +80,7 @@ class Fitter:
         lines = grid(cells, round(_pitch_px(corners_px, cells) / window.shrink, 1), roughly=effort.roughly)
         if len(lines) > MOST_LINES:
             return DIVERGED
-        given = prior(cells)
+        given = prior(cells, even=effort.roughly)
         unknown = (given[0] if known is None else known).copy()
         tables = waves(spec, frame.exposure_us, frame.row_time_us, window.shrink)
         per_row = frame.row_time_us * 1e-6

@@ -22,19 +22,23 @@ SHAPE_SIGMA = 0.5  # a hot spot of half the light has a first harmonic of half t
 ASIDE_SIGMA = 0.05  # LEDs 3 % of a cell off its middle, of a spot of a quarter of the light
 BESIDE_SIGMA = 0.5  # what is beside a panel may be as bright as it is
 DARK_SIGMA = 0.3  # the room's light on the panel
+NEVER = 1e-4  # where nothing of the kind is to be
 GAIN_SIGMA = 0.5  # of cells, which may be dead
 MIX_SIGMA = 0.7  # of either class's wave in a cell: 0 or 1
 
 
 @cache
-def prior(cells: int) -> Floats:
-    """(2, unknowns): means, and one over the variances (0 where nothing is known), of `cells` × `cells`."""
+def prior(cells: int, *, even: bool) -> Floats:
+    """(2, unknowns): means, and one over the variances (0 where nothing is known), of `cells` × `cells`.
+
+    `even`: cells are even about their middles, so that nothing but the corners moves the lattice.
+    """
     mean, sigma = np.zeros((2, COMMON + OWN * cells * cells))
     sigma[:] = math.inf
     mean[BLUR], sigma[BLUR] = math.log(BLUR_PX), BLUR_SPREAD
     mean[GAP], sigma[GAP] = GAP_MEAN, GAP_SIGMA
     sigma[RIM:SHAPE], sigma[SHAPE:PHASE] = RIM_SIGMA, SHAPE_SIGMA
-    sigma[BESIDE:DARK], sigma[DARK], sigma[ASIDE:COMMON] = BESIDE_SIGMA, DARK_SIGMA, ASIDE_SIGMA
+    sigma[BESIDE:DARK], sigma[DARK], sigma[ASIDE:COMMON] = BESIDE_SIGMA, DARK_SIGMA, NEVER if even else ASIDE_SIGMA
     mean[COMMON::OWN], sigma[COMMON::OWN] = 1.0, GAIN_SIGMA
     sigma[COMMON + 1 :: OWN] = sigma[COMMON + 2 :: OWN] = MIX_SIGMA
     return read_only(np.stack([mean, sigma**-2.0]))
