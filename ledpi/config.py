@@ -108,6 +108,7 @@ class PanelSettings(_Section):
     phase: Phase = "free"
     upright: StrictBool = False  # all hang with their y axis up, on walls
     ids: tuple[Annotated[int, Field(ge=0)], ...] | None = None  # that exist; all but those a part of another can show
+    search_frequencies: StrictBool = False  # of oscillators that are off by a percent, as RC oscillators are
     overrides: dict[Annotated[int, Field(ge=0)], PanelOverride] = Field(default_factory=dict)
 
     def spec(self, marker_id: int | None = None) -> PanelSpec:

@@ -77,12 +77,12 @@ class Pipeline:
         self._cells = load_dictionary(panels.dictionary).cells_per_side
         dictionary, groups = load_dictionary(panels.dictionary), _same_frequencies(panels)
         codebooks = [Codebook.build(ids, dictionary, spec) for spec, ids in groups]
-        self._reader = Reader(codebooks, soft.FALSE_ID_RATE)
+        self._reader = Reader(codebooks, soft.FALSE_ID_RATE, search_frequencies=panels.search_frequencies)
         self._readers = [BandsReader(dictionary, ids, spec) for spec, ids in groups] if method == "bands" else []
         self._specs = tuple(spec for spec, _ in groups)
         self._existing = panels.existing_ids()
         self._proposer = Proposer(camera, self._cells, self._specs)
-        self._locator = Locator(self._cells, self._specs, intrinsics)
+        self._locator = Locator(self._cells, self._specs, intrinsics, must_blink=not panels.search_frequencies)
         sides_m = {marker_id: panels.spec(marker_id).side_m for marker_id in range(len(dictionary.words))}
         self._placer = Placer(intrinsics, sides_m, stream=stream, robot=robot)
         self._tracker = Tracker(self._specs)

@@ -29,7 +29,11 @@ COARSE, FINE = 1, 2  # what a fit costs: by lines of the grid and rounds
 class Locator:
     """Locates panels of `cells` × `cells` in the frames of one camera."""
 
-    def __init__(self, cells: int, specs: tuple[PanelSpec, ...], intrinsics: Intrinsics | None) -> None:
+    def __init__(
+        self, cells: int, specs: tuple[PanelSpec, ...], intrinsics: Intrinsics | None, *, must_blink: bool = True
+    ) -> None:
+        """`must_blink`: what surely does not at these frequencies is none."""
+        self._must_blink = must_blink
         self._cells, self._specs, self._intrinsics = cells, specs, intrinsics
         self._fitter = Fitter(cells, intrinsics)
         self.spent = 0  # on all fits so far, in fits on a coarse grid
@@ -37,11 +41,11 @@ class Locator:
     def at(self, frame: Frame, corners_px: Floats) -> Quad | Rejected:
         """The panel that a proposal (4, 2) is of, or why it is none: on a coarse grid, then on a fine one."""
         deep = self._is_deep(frame)
-        coarse = Effort(rounds=8, tolerance=0.02, roughly=True, phasing=deep, must_blink=deep)
+        coarse = Effort(rounds=8, tolerance=0.02, roughly=True, phasing=deep, must_blink=deep and self._must_blink)
         first = self._fitted(frame, corners_px, coarse, self._specs)
         if isinstance(first, Rejected):
             return first
-        fine = Effort(rounds=10, tolerance=0.002, reweightings=2, must_blink=True)
+        fine = Effort(rounds=10, tolerance=0.002, reweightings=2, must_blink=self._must_blink)
         fit = self._fitted(frame, first.lattice_px, fine, (first.spec,), first.unknown)
         return fit if isinstance(fit, Rejected) else self._quad(fit)
 
