@@ -259,7 +259,8 @@ def _check_panels(panels: PanelSettings, where: str) -> None:
     known = len(dictionary.words)
     beyond = [listed for listed in panels.ids or () if listed >= known]
     if beyond:
-        raise ConfigError(f"{where}: panels.ids: {panels.dictionary} has only the IDs 0 to {known - 1}, not {beyond[0]}")
+        has = f"{panels.dictionary} has only the IDs 0 to {known - 1}"
+        raise ConfigError(f"{where}: panels.ids: {has}, not {beyond[0]}")
     for marker_id in (None, *panels.overrides):
         key = "panels" if marker_id is None else f"panels.overrides.{marker_id}"
         if marker_id is not None and marker_id >= known:

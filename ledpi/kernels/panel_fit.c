@@ -86,8 +86,8 @@ static LEDPI_INLINE void add_own(Products *products, ptrdiff_t owns, const Sampl
     for (ptrdiff_t i = 0; i < s->met * OWN; i++) by[i] = root * (float)s->weight * s->by[i / OWN][i % OWN];
     for (ptrdiff_t i = 0; i < s->met * OWN; i++) {
         const ptrdiff_t row = s->cell[i / OWN] * OWN + i % OWN;
-        float *into = products->mixed[row];
-        for (int k = 0; k < DENSE; k++) into[k] += by[i] * columns[k];
+        for (int k = 0; k < DENSE; k += LEDPI_WIDTH)
+            *(Eight *)(products->mixed[row] + k) += by[i] * *(const Eight *)(columns + k);
         for (ptrdiff_t j = 0; j < s->met * OWN; j++)
             products->own[row * owns + s->cell[j / OWN] * OWN + j % OWN] += (double)(by[i] * by[j]);
     }
@@ -143,8 +143,8 @@ LEDPI_WIDE static void sum_up(const Fitting *fit, const double h[9], bool phasin
                 add_row(fit, &s, rows, work);
                 continue;
             }
-            const float root = (float)sqrt(trust);
-            for (int k = 0; k < DENSE; k++) columns[k] *= root;
+            const float root = trust < 1.0 ? (float)sqrt(trust) : 1.0f;
+            for (int k = 0; trust < 1.0 && k < DENSE; k++) columns[k] *= root;
             add_own(&work->products, owns, &s, root, columns);
         }
         if (!phasing) ledpi_add_products(work->columns, count, DENSE, work->products.common);

@@ -136,6 +136,7 @@ static LEDPI_INLINE void add_cell(const double *unknown, const Profile *profile,
 /* Adds the light beside the panel: left, right, above, below; at a corner only what is left or right. Returns how much of
  * the place is there. */
 static LEDPI_INLINE double add_beside(const double *unknown, const Line *across, const Line *down, Terms *t) {
+    if (across->beside[0] + across->beside[1] + down->beside[0] + down->beside[1] < NO_LIGHT) return 0.0;
     const double *level = unknown + BESIDE, open = 1.0 - across->beside[0] - across->beside[1];
     const double hidden = level[2] * down->beside[0] + level[3] * down->beside[1];
     double outside = 0.0;
