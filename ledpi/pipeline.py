@@ -87,9 +87,15 @@ class Pipeline:
         self._placer = Placer(intrinsics, sides_m, stream=stream, robot=robot)
         self._tracker = Tracker(self._specs)
         self._agenda = Agenda()
-        self._budget = STREAM_BUDGET if stream else SINGLE_BUDGET
+        # What a frame may spend on all but panels that are followed, in fits on a coarse grid.
+        self.search_budget = STREAM_BUDGET if stream else SINGLE_BUDGET
         self._row_clock = RowClock(camera)
         self.off_frequency: dict[int, PanelSpec] = {}  # by ID: panels that blink at others than announced, and at which
+
+    @property
+    def spent(self) -> int:
+        """Fits so far, those that followed panels too, in fits on a coarse grid."""
+        return self._locator.spent
 
     @property
     def panels(self) -> PanelSettings:
@@ -145,7 +151,7 @@ class Pipeline:
         self._tracker.begin(frame.row0_readout_ns)
         looked: list[_Looked] = []
         yield self._read(frame, self._follow(frame, self._tracker.panels(), looked, work), work)
-        most = self._locator.spent + self._budget
+        most = self._locator.spent + self.search_budget
         for track in self._tracker.others():
             if self._locator.spent >= most:
                 break
