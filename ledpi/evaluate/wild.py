@@ -119,9 +119,10 @@ def _gains(values: dict[str, float], n: int, rng: np.random.Generator) -> Floats
 
 def _look(values: dict[str, float]) -> PanelLook:
     leds = 1 if values["leds"] < 0.5 else 2 if values["leds"] < 0.75 else 3
+    equal = values["equal_cells"] >= 0.75
     return PanelLook(
-        gap=values["gap"],
-        equal_cells=values["equal_cells"] >= 0.5,
+        gap=values["gap"] / 2.0 if equal else values["gap"],
+        equal_cells=equal,
         bezel=values["bezel"],
         falloff=values["falloff"],
         hot_spot=values["hot_spot"],

@@ -69,15 +69,15 @@ TAKE_SPANS: dict[str, Span] = {
     "place_x": Span(-80.0, 80.0),  # pixels from the picture's middle, as far as the panel stays in view
     "place_y": Span(-60.0, 60.0),
     "id": Span(0.0, 1.0),
-    "peak_level": Span(0.15, 1.1, log=True),  # of a bright band at the brightest point of a cell of gain 1
+    "peak_level": Span(0.2, 1.1, log=True),  # of a bright band at the brightest point of a cell of gain 1
     "room_level": Span(0.005, 0.3, log=True),
     "room_contrast": Span(0.2, 0.95),
     "gap": Span(0.0, 0.2),
-    "equal_cells": Span(0.0, 1.0),  # below half: the cells meet on a lattice
+    "equal_cells": Span(0.0, 1.0),  # a quarter: boxes side by side, with half that gap; else they meet on a lattice
     "hot_spot": Span(0.0, 0.7),
-    "hot_spot_sigma": Span(0.12, 0.3),  # of the part of a cell that an LED lights
+    "hot_spot_sigma": Span(0.15, 0.3),  # of the part of a cell that an LED lights
     "leds": Span(0.0, 1.0),  # half of the panels have 1 in a cell, a quarter 4, a quarter 9
-    "depth": Span(-0.2, 0.2),  # below 0: none
+    "depth": Span(-0.12, 0.12),  # below 0: none
     "wall_glow": Span(0.2, 0.7),
     "falloff": Span(0.0, 0.5),
     "gain": Span(0.0, 0.15),  # most that a cell's gain is off
@@ -101,8 +101,8 @@ CAMERA_SPANS: dict[str, Span] = {
     "tone": Span(0.0, 1.0),  # below half: linear
     "psf_sigma_px": Span(0.45, 1.1),
     "defocus_px": Span(0.0, 1.5),
-    "full_well_e": Span(2000.0, 12_000.0, log=True),
-    "read_noise_e": Span(3.0, 15.0),
+    "full_well_e": Span(4000.0, 12_000.0, log=True),
+    "read_noise_e": Span(4.0, 14.0),
 }
 
 
