@@ -118,6 +118,7 @@ def evaluate(
         panel_options=tuple(panel_options),
         code=code_version(),
     )
+    plan.check()
     if keep is not None:
         _keep(keep, plan)
     elif take is not None:
@@ -163,6 +164,8 @@ def _write_take(out: Path, plan: Plan, number: int) -> None:
     from ledpi.evaluate.replay import write_take
 
     conditions = plan.conditions()
+    if plan.suites == ("wild",):
+        raise ConfigError("--take: --suite wild writes its takes with --keep DIR")
     if len(conditions) != 1:
         raise ConfigError(
             f"--take: is of one condition, asked for are {len(conditions)}; "

@@ -66,6 +66,13 @@ class Plan:
             raise ConfigError(f"--case {min(unknown)}: {', '.join(self.suites)} has only: {known}")
         return list(dict.fromkeys(c for c in every if not self.cases or c.case in self.cases))
 
+    def check(self) -> None:
+        """Raises ConfigError for what would be passed over in silence: wild draws what other suites are given."""
+        given = {"--distance": self.distances_m, "--angle": self.angles_deg, "--exposure-us": self.exposures_us}
+        named = next((name for name, values in given.items() if values), None)
+        if "wild" in self.suites and named is not None:
+            raise ConfigError(f"{named}: the suite wild draws its own")
+
     def methods_of(self, suite: Suite) -> tuple[Method, ...]:
         """What reads the conditions of a suite. Raises ConfigError where a method cannot."""
         own = _BY_SUITE[suite]

@@ -77,7 +77,7 @@ TAKE_SPANS: dict[str, Span] = {
     "hot_spot": Span(0.0, 0.7),
     "hot_spot_sigma": Span(0.15, 0.3),  # of the part of a cell that an LED lights
     "leds": Span(0.0, 1.0),  # half of the panels have 1 in a cell, a quarter 4, a quarter 9
-    "depth": Span(-0.12, 0.12),  # below 0: none
+    "depth": Span(-0.08, 0.08),  # below 0: none
     "wall_glow": Span(0.2, 0.7),
     "falloff": Span(0.0, 0.5),
     "gain": Span(0.0, 0.15),  # most that a cell's gain is off
