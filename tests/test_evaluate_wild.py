@@ -83,10 +83,7 @@ def test_few_takes_cover_every_range() -> None:
     points = [drawn(TAKE_SPANS, "near", 3, number) for number in TAKES]
     for name, span in TAKE_SPANS.items():
         at = [point[name] for point in points]
-        if span.log:
-            edges = np.geomspace(span.low, span.high, 9)
-        else:
-            edges = np.linspace(span.low, span.high, 9)
+        edges = np.geomspace(span.low, span.high, 9) if span.log else np.linspace(span.low, span.high, 9)
         assert np.histogram(at, edges)[0].tolist() == [8] * 8, name
 
 

@@ -48,7 +48,7 @@ def printed_scene(scene: Scene, family: Family, dictionary: str, paper_level: fl
                 black=INK * paper_level,
             )
         )
-    return replace(scene, panels=(), prints=tuple(prints))
+    return replace(scene, panels=(), prints=(*scene.prints, *prints))
 
 
 def printed_id(family: Family, dictionary: str, marker_id: int) -> int:

@@ -13,10 +13,11 @@ from ledpi.evaluate.placing import in_sight
 from ledpi.evaluate.surroundings import rectangle
 from ledpi.evaluate.wild_rows import CAMERA_SPANS, TAKE_SPANS, TAKES_A_CAMERA, WILD, drawn
 from ledpi.records import Floats, Intrinsics, PanelSpec
-from ledpi.simulate.scene import Floor, Light, Panel, PanelLook, Room, Scene, SimulatedSensor
+from ledpi.simulate.scene import Floor, Light, Panel, PanelLook, Print, Room, Scene, SimulatedSensor
 from ledpi.simulate.scenes import whole_rows_us
 from ledpi.simulate.trajectory import Still
 
+PAGE_SIDES, PAGE_INK = 2.5, 0.35  # its width in sides of the panel, the share of its spots that are dark
 CRYSTAL_PPM = 100.0  # that an oscillator may be off by
 FAULTY = 1 / 16  # of the panels have a dead cell; of as many, something hides a strip
 
@@ -37,6 +38,7 @@ def draw_wild(row: str, panels: PanelSettings, seed: int, number: int) -> Take:
             texture=int(rng.integers(2**31)),
         ),
         panels=(panel,),
+        prints=_page(values, panel, rng),
         lights=(*_frame(values, panel), *_hiding(values, panel, rng)),
         floor=_floor(values, pose, panel.spec.side_m),
     )
@@ -123,7 +125,7 @@ def _look(values: dict[str, float]) -> PanelLook:
     return PanelLook(
         gap=values["gap"] / 2.0 if equal else values["gap"],
         equal_cells=equal,
-        bezel=values["bezel"],
+        bezel=max(0.0, values["bezel"]),
         falloff=values["falloff"],
         hot_spot=values["hot_spot"],
         hot_spot_sigma=values["hot_spot_sigma"] / leds,
@@ -134,11 +136,29 @@ def _look(values: dict[str, float]) -> PanelLook:
     )
 
 
+def _page(values: dict[str, float], panel: Panel, rng: np.random.Generator) -> tuple[Print, ...]:
+    """Spots of any level about the room's, close behind the panel: letters, tiles, bricks, leaves."""
+    if values["page"] <= 0:
+        return ()
+    pose = panel.motion.scene_from_body(0.0).copy()
+    pose[:3, 3] *= 1.004  # behind a bright frame, too
+    spots = round(PAGE_SIDES * values["page_spots"])
+    return (
+        Print(
+            modules=rng.random((spots, spots)) > PAGE_INK,
+            width_m=PAGE_SIDES * panel.spec.side_m,
+            motion=Still(pose),
+            white=values["room_level"] * (1.0 + values["page"]),
+            black=values["room_level"] * (1.0 - values["page"]),
+        ),
+    )
+
+
 def _frame(values: dict[str, float], panel: Panel) -> tuple[Light, ...]:
     """A bright frame, that the panel lights or the room does, close behind it."""
     if values["frame_level"] <= 0:
         return ()
-    side_m = panel.spec.side_m * (1.0 + 2.0 * (values["frame_width"] + values["bezel"] / len(panel.word)))
+    side_m = panel.spec.side_m * (1.0 + 2.0 * (values["frame_width"] + max(0.0, values["bezel"]) / len(panel.word)))
     level = values["frame_level"] * panel.brightness
     return (rectangle(panel, 0.0, (0.0, 0.0), (side_m, side_m), depth=1.002, level=level),)
 

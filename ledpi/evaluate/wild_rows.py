@@ -70,8 +70,10 @@ TAKE_SPANS: dict[str, Span] = {
     "place_y": Span(-60.0, 60.0),
     "id": Span(0.0, 1.0),
     "peak_level": Span(0.2, 1.1, log=True),  # of a bright band at the brightest point of a cell of gain 1
-    "room_level": Span(0.005, 0.3, log=True),
+    "room_level": Span(0.005, 0.35, log=True),
     "room_contrast": Span(0.2, 0.95),
+    "page": Span(-1.0, 1.0),  # contrast of what is painted or printed close behind the panel; below 0: nothing
+    "page_spots": Span(2.0, 24.0, log=True),  # across the panel's side
     "gap": Span(0.0, 0.2),
     "equal_cells": Span(0.0, 1.0),  # a quarter: boxes side by side, with half that gap; else they meet on a lattice
     "hot_spot": Span(0.0, 0.7),
@@ -81,7 +83,7 @@ TAKE_SPANS: dict[str, Span] = {
     "wall_glow": Span(0.2, 0.7),
     "falloff": Span(0.0, 0.5),
     "gain": Span(0.0, 0.15),  # most that a cell's gain is off
-    "bezel": Span(0.0, 0.4),
+    "bezel": Span(-0.4, 0.4),  # below 0: none
     "albedo": Span(0.02, 0.9),
     "frame_level": Span(-2.0, 0.8),  # of a bright frame behind, over the panel's light; below 0: none
     "frame_width": Span(0.03, 0.2),  # of the side
@@ -99,8 +101,8 @@ CAMERA_SPANS: dict[str, Span] = {
     "row_time_us": Span(28.0, 36.0),
     "frame_length_rows": Span(505.0, 640.0),
     "tone": Span(0.0, 1.0),  # below half: linear
-    "psf_sigma_px": Span(0.45, 1.1),
-    "defocus_px": Span(0.0, 1.5),
+    "psf_sigma_px": Span(0.45, 1.2),
+    "defocus_px": Span(0.0, 1.6),
     "full_well_e": Span(4000.0, 12_000.0, log=True),
     "read_noise_e": Span(4.0, 14.0),
 }
