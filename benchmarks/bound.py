@@ -39,6 +39,7 @@ from ledpi.evaluate.bound import Bound, bound_of
 from ledpi.evaluate.conditions import PLAIN, Condition
 from ledpi.evaluate.draw import FRAMES_A_TAKE, draw_take
 from ledpi.evaluate.reading import PanelReader
+from ledpi.evaluate.told import CORNER_SIGMA_PX, read_told
 from ledpi.evaluate.units import photographed
 from ledpi.recording import find_recordings, load_recording
 from ledpi.records import Quad, Rejected
@@ -46,7 +47,6 @@ from ledpi.simulate.sensor import sensor_info
 from ledpi.simulate.truth import scene_truth
 
 SHOWN = (4, 12)  # of a stream's frames
-CORNER_SIGMA_PX = 0.01  # of true corners
 FROZEN = Path(__file__).with_name("bound_frozen.yaml")
 DECODERS = ("ledpi", "true corners", "and bands")
 
@@ -68,30 +68,24 @@ def told_bands(evidence: Evidence, book: Codebook, true: int, rate: float) -> bo
 def read(condition: Condition, panels: PanelSettings, number: int, *, stream: bool) -> Iterator[dict[str, bool]]:
     """Of each frame of a take, or of one: what each decoder reads."""
     take = draw_take(condition, panels, 1, number)
-    sensor = take.scene.sensor
+    sensor, spec = take.scene.sensor, panels.spec()
     dictionary = load_dictionary(panels.dictionary)
-    book = Codebook.build(dictionary.readable_ids(panels.phase), dictionary, panels.spec())
-    rate = soft.FALSE_ID_RATE
+    book = Codebook.build(dictionary.readable_ids(panels.phase), dictionary, spec)
     reader = PanelReader("stream" if stream else "soft", sensor_info(sensor, 1.0), panels)
+    frames = list(photographed(take, take.scene, FRAMES_A_TAKE if stream else 1))
+    views = [(frame, scene_truth(take.scene, frame.seq)[0].corners_px) for frame in frames]
+    true = take.scene.panels[0].marker_id
+    (own,) = np.flatnonzero((book.ids == true) & (book.quarter_turns == 0))  # true corners begin at the word's own
+    told = read_told(views, sensor.intrinsics, panels.dictionary, spec)
     memory = PanelMemory(book.spec)
-    for frame in photographed(take, take.scene, FRAMES_A_TAKE if stream else 1):
-        (truth,) = scene_truth(take.scene, frame.seq)
-        quad = Quad(corners_px=truth.corners_px, corner_sigma_px=CORNER_SIGMA_PX, bend_px=0.0)
-        found = {"ledpi": any(each.id == truth.id for each in reader.read(frame).found)}
+    for (frame, corners_px), marker_id in zip(views, told, strict=True):
+        found = {"ledpi": any(each.id == true for each in reader.read(frame).found), "true corners": marker_id == true}
+        quad = Quad(corners_px=corners_px, corner_sigma_px=CORNER_SIGMA_PX, bend_px=0.0)
         samples = sample_cells(frame, quad, 4, sensor.intrinsics, memory.lattice)
-        if isinstance(samples, Rejected):
-            yield found
-            continue
-        memory, _ = memory.after(samples, frame)
-        evidence = memory.evidence()
-        if memory.frames == 1:
-            word = soft.read_word(samples, frame, book, rate)
-        else:
-            word = soft.decide(evidence, book, rate) if isinstance(evidence, Evidence) else evidence
-        found["true corners"] = not isinstance(word, Rejected) and word.id == truth.id
-        if isinstance(evidence, Evidence):  # true corners begin at the word's own
-            (own,) = np.flatnonzero((book.ids == truth.id) & (book.quarter_turns == 0))
-            found["and bands"] = told_bands(evidence, book, int(own), rate)
+        if not isinstance(samples, Rejected):
+            memory, _ = memory.after(samples, frame)
+            if isinstance(evidence := memory.evidence(), Evidence):
+                found["and bands"] = told_bands(evidence, book, int(own), soft.FALSE_ID_RATE)
         yield found
 
 
