@@ -69,8 +69,8 @@ TAKE_SPANS: dict[str, Span] = {
     "place_x": Span(-80.0, 80.0),  # pixels from the picture's middle, as far as the panel stays in view
     "place_y": Span(-60.0, 60.0),
     "id": Span(0.0, 1.0),
-    "peak_level": Span(0.2, 1.1, log=True),  # of a bright band at the brightest point of a cell of gain 1
-    "room_level": Span(0.005, 0.35, log=True),
+    "peak_level": Span(0.22, 1.1, log=True),  # of a bright band at the brightest point of a cell of gain 1
+    "room_level": Span(0.005, 0.35),
     "room_contrast": Span(0.2, 0.95),
     "page": Span(-1.0, 1.0),  # contrast of what is painted or printed close behind the panel; below 0: nothing
     "page_spots": Span(2.0, 24.0, log=True),  # across the panel's side
@@ -83,8 +83,8 @@ TAKE_SPANS: dict[str, Span] = {
     "wall_glow": Span(0.2, 0.7),
     "falloff": Span(0.0, 0.5),
     "gain": Span(0.0, 0.15),  # most that a cell's gain is off
-    "bezel": Span(-0.4, 0.4),  # below 0: none
-    "albedo": Span(0.02, 0.9),
+    "bezel": Span(-0.6, 0.4),  # below 0: none
+    "albedo": Span(0.02, 0.6),
     "frame_level": Span(-2.0, 0.8),  # of a bright frame behind, over the panel's light; below 0: none
     "frame_width": Span(0.03, 0.2),  # of the side
     "floor": Span(-1.5, 0.5),  # reflectance; below 0: none
