@@ -52,7 +52,7 @@ class TruthMarker:
 
     id: int
     corners_px: Floats  # (4, 2), as seen: top left, top right, bottom right, bottom left of the marker
-    camera_from_marker: Pose  # at the mid-exposure of the panel's centre row
+    camera_from_marker: Pose | None  # at the mid-exposure of the panel's centre row, where it is known
     optional: bool = False  # only partly in view: may be reported or not
 
 
@@ -208,10 +208,13 @@ def _load_truth(path: Path, known: list[int], cut_off: bool) -> Mapping[int, tup
 
 
 def _truth_marker(line: TruthLineMarker) -> TruthMarker:
-    position, quaternion = read_only(np.array(line.position_m)), read_only(np.array(line.quaternion_wxyz))
+    pose = None
+    if line.position_m is not None and line.quaternion_wxyz is not None:
+        position, quaternion = read_only(np.array(line.position_m)), read_only(np.array(line.quaternion_wxyz))
+        pose = Pose(position_m=position, quaternion_wxyz=quaternion)
     return TruthMarker(
         id=line.id,
         corners_px=read_only(np.array(line.corners_px)),
-        camera_from_marker=Pose(position_m=position, quaternion_wxyz=quaternion),
+        camera_from_marker=pose,
         optional=line.optional,
     )

@@ -8,9 +8,9 @@ from __future__ import annotations
 import json
 import logging
 from pathlib import Path, PurePosixPath
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, Self, TypeVar
 
-from pydantic import AfterValidator, BaseModel, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, Field, ValidationError, model_validator
 
 from ledpi import config_values as values
 from ledpi.dictionaries import is_file, load_dictionary
@@ -97,13 +97,19 @@ class FrameLine(BaseModel):
 
 
 class TruthLineMarker(BaseModel):
-    """A panel in a line of truth.jsonl."""
+    """A panel in a line of truth.jsonl. Of pictures that were put together only the corners are known."""
 
     id: Natural
     corners_px: tuple[Point, Point, Point, Point]
-    position_m: tuple[Real, Real, Real]
-    quaternion_wxyz: Annotated[tuple[Real, Real, Real, Real], AfterValidator(values.unit_quaternion)]
+    position_m: tuple[Real, Real, Real] | None = None
+    quaternion_wxyz: Annotated[tuple[Real, Real, Real, Real], AfterValidator(values.unit_quaternion)] | None = None
     optional: Annotated[bool, Field(strict=True)] = False
+
+    @model_validator(mode="after")
+    def _has_both_or_neither(self) -> Self:
+        if (self.position_m is None) != (self.quaternion_wxyz is None):
+            raise ValueError("position_m and quaternion_wxyz come together")
+        return self
 
 
 class TruthLine(BaseModel):

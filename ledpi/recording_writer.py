@@ -176,10 +176,11 @@ def _camera_section(camera: CameraInfo) -> CameraSection:
 
 
 def _truth_line_marker(marker: TruthMarker) -> TruthLineMarker:
+    pose = marker.camera_from_marker
     return TruthLineMarker(
         id=marker.id,
         corners_px=marker.corners_px.tolist(),
-        position_m=marker.camera_from_marker.position_m.tolist(),
-        quaternion_wxyz=marker.camera_from_marker.quaternion_wxyz.tolist(),
+        position_m=pose.position_m.tolist() if pose is not None else None,
+        quaternion_wxyz=pose.quaternion_wxyz.tolist() if pose is not None else None,
         optional=marker.optional,
     )
