@@ -11,7 +11,6 @@ from datetime import date
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import yaml
 from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, StrictBool, ValidationError, model_validator
 
 from ledpi.config_mistakes import explain
@@ -29,8 +28,9 @@ from ledpi.config_values import (
 )
 from ledpi.dictionaries import FILE_ENDINGS, dictionary_names, is_file, load_dictionary
 from ledpi.errors import ConfigError
-from ledpi.files import read_yaml
+from ledpi.files import parse_yaml, read_yaml
 from ledpi.records import PanelSpec, PanelValues, Phase, Transfer
+from ledpi.wording import shortened, shortened_name
 
 SEARCH_PATH = (Path("config.yaml"), Path("/etc/ledpi/config.yaml"))
 
@@ -242,7 +242,7 @@ def _sections(path: Path) -> dict[str, Any]:
     if raw is None:
         return {}
     if not isinstance(raw, dict):
-        raise ConfigError(f"{path}: must be sections (camera:, panels:, …), not {str(raw)!r:.40}")
+        raise ConfigError(f"{path}: must be sections (camera:, panels:, …), not {shortened(raw)}")
     return raw
 
 
@@ -251,9 +251,9 @@ def _apply_override(raw: dict[str, Any], item: str) -> str:
     if not equals or not key:
         raise ConfigError(f"--set {item}: must be KEY=VALUE, as in --set camera.source=simulated")
     try:
-        value = yaml.safe_load(text)
-    except (yaml.YAMLError, ValueError, AttributeError, RecursionError):
-        raise ConfigError(f"--set {item}: {text!r:.60} is not a YAML value") from None
+        value = parse_yaml(text, "", ConfigError)
+    except ConfigError:
+        raise ConfigError(f"--set {shortened_name(item)}: {shortened(text)} is not a YAML value") from None
     if isinstance(value, dict) and not text.lstrip().startswith("{"):
         value = text  # `recording:` is a word with a colon here, although YAML reads a mapping
     # A key of digits is a panel's ID, and YAML reads that as a number.

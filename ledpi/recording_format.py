@@ -17,6 +17,7 @@ from ledpi.dictionaries import is_file, load_dictionary
 from ledpi.errors import RecordingError
 from ledpi.files import read_text, read_yaml
 from ledpi.records import Phase, Transfer
+from ledpi.wording import shortened, shortened_name
 
 FORMAT = 1
 HEADER_FILE, FRAMES_FILE, TRUTH_FILE = "recording.yaml", "frames.jsonl", "truth.jsonl"
@@ -123,7 +124,7 @@ def read_header(path: Path) -> Header:
     if "format" not in raw:
         raise RecordingError(f"{path}: format: is missing; must be {FORMAT}")
     if type(raw["format"]) is not int or raw["format"] != FORMAT:
-        found = _shortened(raw["format"])
+        found = shortened(raw["format"])
         raise RecordingError(f"{path}: format: is {found}; this version reads format {FORMAT}")
     return _with_dictionary_file(_checked(Header, raw, str(path)), path)
 
@@ -177,13 +178,8 @@ def _checked(model: type[Model], raw: dict[str, Any], where: str) -> Model:
         return model.model_validate(raw)
     except ValidationError as error:
         first = error.errors()[0]
-        key = ".".join(str(part) for part in first["loc"])
+        key = ".".join(shortened_name(part) for part in first["loc"])
         if first["type"] == "missing":
             raise RecordingError(f"{where}: {key}: is missing; must be given") from None
         message = first["msg"].removeprefix("Value error, ").replace("Input should be", "must be")
-        raise RecordingError(f"{where}: {key}: {message}, not {_shortened(first['input'])}") from None
-
-
-def _shortened(value: object) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else text[:57] + "..."
+        raise RecordingError(f"{where}: {key}: {message}, not {shortened(first['input'])}") from None
