@@ -1,6 +1,7 @@
-"""Reads files that may hold anything: what is wrong with one is one line with its name.
+"""Reads files that may hold anything, and writes new ones where others may write: in /var/lib/ledpi, say.
 
-Only regular files are read, and no more of them than is allowed: a pipe would be waited for, a device has no end.
+Only regular files are read, and no more of them than is allowed: a pipe would be waited for, a device has no end. What
+is wrong with one is one line with its name.
 """
 
 from __future__ import annotations
@@ -8,6 +9,7 @@ from __future__ import annotations
 import errno
 import os
 import re
+import secrets
 import stat
 from pathlib import Path
 from typing import Any
@@ -84,6 +86,24 @@ def _check_regular(status: os.stat_result) -> None:
         raise OSError(errno.EISDIR, os.strerror(errno.EISDIR))
     if not stat.S_ISREG(status.st_mode):
         raise OSError(errno.EINVAL, "is a pipe, a device or the like; must be a regular file")
+
+
+def write_beside(path: Path, content: bytes) -> Path:
+    """Writes a new file in `path`'s folder, to be given its name. Raises OSError, and leaves nothing then.
+
+    Its own name is one that nobody foresees, and it must be new: else another user of the folder could have put a link
+    there, and who calibrates as root would overwrite whatever it leads to.
+    """
+    fresh = path.with_name(f".{secrets.token_hex(8)}.new")
+    flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
+    with open(os.open(fresh, flags, 0o666), "wb") as file:
+        try:
+            file.write(content)
+            file.flush()
+        except BaseException:
+            fresh.unlink(missing_ok=True)
+            raise
+    return fresh
 
 
 def read_text(path: Path, error: type[LedpiError], at_most: int = MAX_TEXT_BYTES) -> str:
