@@ -15,16 +15,20 @@ from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, StrictB
 
 from ledpi.config_mistakes import explain
 from ledpi.config_values import (
+    Angles,
     Duty,
     GainOrAuto,
     Hertz,
+    MarkerId,
+    MaxAgeMs,
     Microseconds,
     MicrosecondsOrAuto,
+    MountPosition,
     NoBooleans,
-    Positive,
     RowTimeOrAuto,
     SideM,
-    Vector3,
+    SidePx,
+    check_cycles_fit,
 )
 from ledpi.dictionaries import FILE_ENDINGS, dictionary_names, is_file, load_dictionary
 from ledpi.errors import ConfigError
@@ -67,8 +71,8 @@ class CameraSettings(_Section):
     """The section `camera`."""
 
     source: Annotated[str, BeforeValidator(_known_source)] = "picamera2"
-    width: Annotated[int, Field(ge=32, le=8192)] = 640
-    height: Annotated[int, Field(ge=32, le=8192)] = 480
+    width: Annotated[SidePx, Field(ge=32)] = 640
+    height: Annotated[SidePx, Field(ge=32)] = 480
     exposure_us: Microseconds = 10000.0
     frame_duration_us: MicrosecondsOrAuto = "auto"
     analogue_gain: GainOrAuto = "auto"
@@ -98,7 +102,7 @@ class PanelSettings(_Section):
     duty: Duty = 0.5
     phase: Phase = "free"
     upright: StrictBool = False  # all hang with their y axis up, on walls
-    overrides: dict[Annotated[int, Field(ge=0)], PanelOverride] = Field(default_factory=dict)
+    overrides: dict[MarkerId, PanelOverride] = Field(default_factory=dict)
 
     def spec(self, marker_id: int | None = None) -> PanelSpec:
         """The panel of one ID, or, without an ID, the common one. Raises ValueError where they contradict."""
@@ -144,8 +148,8 @@ class DecodeSettings(_Section):
 class CameraMount(_Section):
     """base_link_from_camera_link: x ahead, y left, z up; zero looks ahead."""
 
-    position_m: Vector3 = (0.0, 0.0, 0.0)
-    rpy_deg: Vector3 = (0.0, 0.0, 0.0)
+    position_m: MountPosition = (0.0, 0.0, 0.0)
+    rpy_deg: Angles = (0.0, 0.0, 0.0)
 
 
 class RobotSettings(_Section):
@@ -161,7 +165,7 @@ class SerialSettings(_Section):
     baud: Annotated[int, Field(ge=1200, le=4_000_000)] = 115200
     protocol: Literal["ledpi", "mavlink"] = "ledpi"
     mavlink_profile: Literal["ardupilot", "px4"] = "ardupilot"
-    max_age_ms: Positive = 100.0
+    max_age_ms: MaxAgeMs = 100.0
 
 
 class Config(_Section):
@@ -203,6 +207,8 @@ def load_config(path: Path | None, overrides: tuple[str, ...] = ()) -> Config:
         raise ConfigError(f"{where}: {explain(error, Config)}") from None
     config = _with_absolute_paths(config, base, from_command_line)
     _check_panels(config.panels, where)
+    if config.camera.row_time_us != "auto":
+        check_bands_show(config.panels, config.camera.row_time_us, where)
     check_method(config.decode.method, config.panels, f"{where}: decode.method")
     return config
 
@@ -214,6 +220,14 @@ def check_method(method: Method, panels: PanelSettings, where: str) -> None:
             f"{where}: bands tells classes by how high their bands are, and with phase: antiphase they are alike; "
             "must be soft"
         )
+
+
+def check_bands_show(panels: PanelSettings, row_time_us: float, where: str) -> None:
+    """Raises ConfigError where no picture with such rows shows how panels blink."""
+    try:
+        check_cycles_fit(panels.frequencies_hz(), row_time_us)
+    except ValueError as error:
+        raise ConfigError(f"{where}: panels: {error}") from None
 
 
 def _check_panels(panels: PanelSettings, where: str) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 from ledpi import __version__
 from ledpi.camera.base import Camera
-from ledpi.config import Config
+from ledpi.config import Config, check_bands_show
 from ledpi.daemon import Daemon
 from ledpi.errors import LedpiError
 from ledpi.reload import Reading
@@ -89,6 +89,8 @@ class Service:
     def _start(self, config: Config) -> Daemon:
         camera = self._open_camera(config)
         try:
+            shown = config.panels if camera.panel is None else config.panels.shown_by(camera.panel)
+            check_bands_show(shown, camera.info.row_time_us, "configuration")
             daemon = Daemon(config, camera, lossless=self._lossless)
         except BaseException:
             camera.close()
