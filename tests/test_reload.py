@@ -15,10 +15,13 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from daemon_material import COMMAND, Controller, Ended, controller, daemon, end, slowness, write_recording
+from daemon_material import COMMAND, SIMULATED, Controller, Ended, controller, daemon, end, slowness, write_recording
 
+from ledpi.camera.base import Camera
+from ledpi.camera.simulated import open_simulated
 from ledpi.config import Config, load_config
 from ledpi.reload import Reading
+from ledpi.service import Service
 
 FILES = 40  # each a SIGHUP, and a tenth of a second
 # In it, a file of that name is as on a mount whose server is gone.
@@ -199,3 +202,31 @@ def test_whatever_a_file_brings_about_is_a_result() -> None:
     while (result := reading.result()) is None:
         time.sleep(0.001)
     assert isinstance(result, MemoryError)
+
+
+def test_an_error_of_the_camera_s_library_brings_the_old_configuration_back(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    """One that nobody has foreseen, and when the old daemon has ended already."""
+    config = load_config(None, (*SIMULATED, "serial.port=/nowhere/port"))
+    opened: list[Camera] = []
+
+    def open_second_never(_: Config) -> Camera:
+        if len(opened) == 1 and "reload_refused" not in caplog.text:
+            raise RuntimeError("library")
+        opened.append(open_simulated(config, paced=True))
+        return opened[-1]
+
+    caplog.set_level("INFO", "ledpi")
+    service = Service(lambda: config, open_second_never)
+    running = threading.Thread(target=service.run)
+    running.start()
+    service.reload()
+    deadline = time.monotonic() + 60
+    while len(opened) < 2:
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    service.stop()
+    running.join(60)
+    assert not running.is_alive()
+    assert 'reload_refused error="RuntimeError: library" stays="the old configuration"' in caplog.text
