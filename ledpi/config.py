@@ -11,7 +11,6 @@ from datetime import date
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import yaml
 from pydantic import (
     AfterValidator,
     BeforeValidator,
@@ -25,21 +24,26 @@ from pydantic import (
 
 from ledpi.config_mistakes import explain
 from ledpi.config_values import (
+    Angles,
     Duty,
     GainOrAuto,
     Hertz,
+    MarkerId,
+    MaxAgeMs,
     Microseconds,
     MicrosecondsOrAuto,
+    MountPosition,
     NoBooleans,
-    Positive,
     RowTimeOrAuto,
     SideM,
-    Vector3,
+    SidePx,
+    check_cycles_fit,
 )
 from ledpi.dictionaries import FILE_ENDINGS, dictionary_names, is_file, load_dictionary, meant_name
 from ledpi.errors import ConfigError
-from ledpi.files import read_yaml
+from ledpi.files import parse_yaml, read_yaml
 from ledpi.records import PanelSpec, PanelValues, Phase, Transfer
+from ledpi.wording import shortened, shortened_name
 
 SEARCH_PATH = (Path("config.yaml"), Path("/etc/ledpi/config.yaml"))
 
@@ -76,8 +80,8 @@ class CameraSettings(_Section):
     """The section `camera`."""
 
     source: Annotated[str, BeforeValidator(_known_source)] = "picamera2"
-    width: Annotated[int, Field(ge=32, le=8192)] = 640
-    height: Annotated[int, Field(ge=32, le=8192)] = 480
+    width: Annotated[SidePx, Field(ge=32)] = 640
+    height: Annotated[SidePx, Field(ge=32)] = 480
     exposure_us: Microseconds = 10000.0
     frame_duration_us: MicrosecondsOrAuto = "auto"
     analogue_gain: GainOrAuto = "auto"
@@ -107,7 +111,7 @@ class PanelSettings(_Section):
     duty: Duty = 0.5
     phase: Phase = "free"
     upright: StrictBool = False  # all hang with their y axis up, on walls
-    overrides: dict[Annotated[int, Field(ge=0)], PanelOverride] = Field(default_factory=dict)
+    overrides: dict[MarkerId, PanelOverride] = Field(default_factory=dict)
 
     def spec(self, marker_id: int | None = None) -> PanelSpec:
         """The panel of one ID, or, without an ID, the common one. Raises ValueError where they contradict."""
@@ -153,8 +157,8 @@ class DecodeSettings(_Section):
 class CameraMount(_Section):
     """base_link_from_camera_link: x ahead, y left, z up; zero looks ahead."""
 
-    position_m: Vector3 = (0.0, 0.0, 0.0)
-    rpy_deg: Vector3 = (0.0, 0.0, 0.0)
+    position_m: MountPosition = (0.0, 0.0, 0.0)
+    rpy_deg: Angles = (0.0, 0.0, 0.0)
 
 
 class RobotSettings(_Section):
@@ -170,7 +174,7 @@ class SerialSettings(_Section):
     baud: Annotated[int, Field(ge=1200, le=4_000_000)] = 115200
     protocol: Literal["ledpi", "mavlink"] = "ledpi"
     mavlink_profile: Literal["ardupilot", "px4"] = "ardupilot"
-    max_age_ms: Positive = 100.0
+    max_age_ms: MaxAgeMs = 100.0
 
 
 class Config(_Section):
@@ -225,6 +229,8 @@ def load_config(path: Path | None, overrides: tuple[str, ...] = (), *, without_f
     config = _with_absolute_paths(config, base, from_command_line)
     config._from_command_line = frozenset(from_command_line)
     _check_panels(config.panels, where)
+    if config.camera.row_time_us != "auto":
+        check_bands_show(config.panels, config.camera.row_time_us, where)
     check_method(config.decode.method, config.panels, f"{where}: decode.method")
     return config
 
@@ -236,6 +242,14 @@ def check_method(method: Method, panels: PanelSettings, where: str) -> None:
             f"{where}: bands tells classes by how high their bands are, and with phase: antiphase they are alike; "
             "must be soft"
         )
+
+
+def check_bands_show(panels: PanelSettings, row_time_us: float, where: str) -> None:
+    """Raises ConfigError where no picture with such rows shows how panels blink."""
+    try:
+        check_cycles_fit(panels.frequencies_hz(), row_time_us)
+    except ValueError as error:
+        raise ConfigError(f"{where}: panels: {error}") from None
 
 
 def _check_panels(panels: PanelSettings, where: str) -> None:
@@ -264,7 +278,7 @@ def _sections(path: Path) -> dict[str, Any]:
     if raw is None:
         return {}
     if not isinstance(raw, dict):
-        raise ConfigError(f"{path}: must be sections (camera:, panels:, …), not {str(raw)!r:.40}")
+        raise ConfigError(f"{path}: must be sections (camera:, panels:, …), not {shortened(raw)}")
     return raw
 
 
@@ -274,9 +288,9 @@ def _apply_override(raw: dict[str, Any], item: str) -> set[str]:
     if not equals or not key:
         raise ConfigError(f"--set {item}: must be KEY=VALUE, as in --set camera.source=simulated")
     try:
-        value = yaml.safe_load(text)
-    except (yaml.YAMLError, ValueError, AttributeError, RecursionError):
-        raise ConfigError(f"--set {item}: {text!r:.60} is not a YAML value") from None
+        value = parse_yaml(text, "", ConfigError)
+    except ConfigError:
+        raise ConfigError(f"--set {shortened_name(item)}: {shortened(text)} is not a YAML value") from None
     if isinstance(value, (dict, list)) and not text.lstrip().startswith(("{", "[")):
         value = text  # `recording:` and `-` are words here, although YAML reads a mapping and a list
     # A key of digits is a panel's ID, and YAML reads that as a number.

@@ -72,8 +72,9 @@ class RecordingWriter:
                 shutil.copyfile(self._dictionary_file, folder / self._dictionary_file.name)
         values = {"format": FORMAT, "note": self._note}
         values |= self._header.model_dump(mode="json", exclude_defaults=True)
-        with _writing(self._folder / HEADER_FILE) as path:
-            path.write_text(yaml.safe_dump(values, sort_keys=False, allow_unicode=True), encoding="utf-8")
+        # A new file, and through no link.
+        with _writing(self._folder / HEADER_FILE) as path, path.open("x", encoding="utf-8") as file:
+            file.write(yaml.safe_dump(values, sort_keys=False, allow_unicode=True))
         self._frames = self._create(FRAMES_FILE)
         return self
 

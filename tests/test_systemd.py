@@ -78,6 +78,12 @@ def test_frames_do_not_wait_for_other_work() -> None:
     assert 1 <= int(*values("CPUSchedulingPriority")) < 50
 
 
+def test_what_runs_amok_is_ended_before_the_machine_is() -> None:
+    """At less than the 512 MB of the smallest Raspberry Pi that is in scope."""
+    (limit,) = values("MemoryMax")
+    assert 200 <= int(limit.removesuffix("M")) < 512
+
+
 def test_a_mistake_of_the_owner_is_not_tried_again_but_a_failure_is() -> None:
     """Exit status 2 waits for a person; anything else is restarted, for ever."""
     assert (values("Restart"), values("RestartPreventExitStatus")) == (["on-failure"], ["2"])
