@@ -18,10 +18,9 @@ from ledpi.config import Config
 from ledpi.decode.identify.tuning import off_frequency_note
 from ledpi.errors import CameraError, TransientError
 from ledpi.exposure_notes import exposure_notes
-from ledpi.health import Health, HealthSnapshot, StageTimes
+from ledpi.health import Health, StageTimes
 from ledpi.liveness import Liveness
 from ledpi.pipeline import Pipeline
-from ledpi.pose.fix import NOT_IN_MAP
 from ledpi.processor import read_processor
 from ledpi.records import Floats, Intrinsics, Rejected
 from ledpi.reporting import Totals, in_service, minute_line, second_line
@@ -29,6 +28,7 @@ from ledpi.resets import Resets
 from ledpi.ring import FrameRing
 from ledpi.robot import load_robot, strangers_note
 from ledpi.service_notify import notify, watchdog_period_s
+from ledpi.status import status
 from ledpi.threads import keep_memory, switch_promptly
 from ledpi.wire.mavlink import Mavlink
 from ledpi.wire.message import NoFix, State, StatusMessage
@@ -167,7 +167,16 @@ class Daemon:
     def _tell(self) -> None:
         """Tells the controller how it is now. One thread at a time, so that what is said last is what was seen last."""
         with self._telling:
-            self._publisher.set_status(self._status(self._totals()))
+            self._publisher.set_status(
+                status(
+                    self._totals(),
+                    self._liveness,
+                    self._processor,
+                    uptime_s=time.monotonic() - self._started_s,
+                    calibrated=self.calibrated,
+                    has_map=self._has_map,
+                )
+            )
 
     def _decode(self) -> None:
         while True:
@@ -219,43 +228,6 @@ class Daemon:
             ring=self._ring.counters(),
             packets=self._publisher.counters,
         )
-
-    def _status(self, totals: Totals) -> StatusMessage:
-        health, ring, packets = totals.health, totals.ring, totals.packets
-        starting = not health.decoded and time.monotonic() - self._started_s < 2.0
-        p50_us, p99_us = totals.times.decode_us
-        lost, behind = self._liveness.lost, self._liveness.behind
-        return StatusMessage(
-            state=State.STARTING if starting else State.CAMERA_LOST if lost else State.RUNNING,
-            no_fix=self._no_fix(health, starting=starting, lost=lost, behind=behind),
-            panels_in_view=0 if lost else None if behind else health.in_view,
-            uptime_s=int(time.monotonic() - self._started_s),
-            frames=ring.published,
-            frames_dropped=ring.dropped,
-            markers=health.markers,
-            packets_dropped=packets.unsent,
-            temperature_c=self._processor.temperature_c,
-            throttling=self._processor.throttling,
-            decode_p50_us=p50_us,
-            decode_p99_us=p99_us,
-        )
-
-    def _no_fix(self, health: HealthSnapshot, *, starting: bool, lost: bool, behind: bool) -> NoFix:
-        if starting:
-            return NoFix.NOT_RUNNING
-        if lost:
-            return NoFix.NO_FRAMES
-        if behind:
-            return NoFix.BEHIND
-        if self._calibrated is None:
-            return NoFix.UNCALIBRATED
-        if not self._has_map:
-            return NoFix.NO_MAP
-        if health.fixed:
-            return NoFix.NONE
-        if not health.in_view:
-            return NoFix.NO_PANEL
-        return NoFix.NOT_IN_MAP if health.no_fix == NOT_IN_MAP.reason else NoFix.REJECTED
 
 
 def calibration(config: Config, camera: Camera) -> Intrinsics | None:
