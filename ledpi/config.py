@@ -23,6 +23,7 @@ from pydantic import (
 )
 
 from ledpi.config_mistakes import explain
+from ledpi.config_set import apply_override
 from ledpi.config_values import (
     Angles,
     Duty,
@@ -41,9 +42,9 @@ from ledpi.config_values import (
 )
 from ledpi.dictionaries import FILE_ENDINGS, dictionary_names, is_file, load_dictionary, meant_name
 from ledpi.errors import ConfigError
-from ledpi.files import parse_yaml, read_yaml
+from ledpi.files import read_yaml
 from ledpi.records import PanelSpec, PanelValues, Phase, Transfer
-from ledpi.wording import shortened, shortened_name
+from ledpi.wording import shortened
 
 SEARCH_PATH = (Path("config.yaml"), Path("/etc/ledpi/config.yaml"))
 
@@ -216,10 +217,10 @@ def load_config(path: Path | None, overrides: tuple[str, ...] = (), *, without_f
     base = path.parent if path is not None else Path()
     if path is None:
         for item in without_file:
-            _apply_override(raw, item)
+            apply_override(raw, item)
     from_command_line: set[str] = set()
     for item in overrides:
-        from_command_line |= _apply_override(raw, item)
+        from_command_line |= apply_override(raw, item)
     if path is None:
         _size_of_own_panels(raw)
     try:
@@ -282,42 +283,12 @@ def _sections(path: Path) -> dict[str, Any]:
     return raw
 
 
-def _apply_override(raw: dict[str, Any], item: str) -> set[str]:
-    """Puts a value in its place. Returns the keys that it gives: more than one where it is a whole section."""
-    key, equals, text = item.partition("=")
-    if not equals or not key:
-        raise ConfigError(f"--set {item}: must be KEY=VALUE, as in --set camera.source=simulated")
-    try:
-        value = parse_yaml(text, "", ConfigError)
-    except ConfigError:
-        raise ConfigError(f"--set {shortened_name(item)}: {shortened(text)} is not a YAML value") from None
-    if isinstance(value, (dict, list)) and not text.lstrip().startswith(("{", "[")):
-        value = text  # `recording:` and `-` are words here, although YAML reads a mapping and a list
-    # A key of digits is a panel's ID, and YAML reads that as a number.
-    *sections, last = (int(part) if part.isdecimal() else part for part in key.split("."))
-    node: Any = raw
-    for name in sections:
-        if node.get(name) is None:
-            node[name] = {}
-        node = node[name]
-        if not isinstance(node, dict):
-            raise ConfigError(f"--set {item}: {name} is a value, not a section")
-    node[last] = value
-    return _keys_of(key, value)
-
-
 def _size_of_own_panels(raw: dict[str, Any]) -> None:
     """What shows panels of its own needs no size of others: without a file, that of the example stands in."""
     camera, panels = raw.get("camera"), raw["panels"]
     source = str(camera.get("source")) if isinstance(camera, dict) else ""
     if source.partition(":")[0] in ("simulated", "recording") and isinstance(panels, dict):
         panels.setdefault("side_m", 0.16)
-
-
-def _keys_of(key: str, value: object) -> set[str]:
-    if not isinstance(value, dict):
-        return {key}
-    return {inner for name, part in value.items() for inner in _keys_of(f"{key}.{name}", part)}
 
 
 def _with_absolute_paths(config: Config, base: Path, from_command_line: set[str]) -> Config:
