@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gc
 import logging
-import math
 import threading
 import time
 from collections.abc import Callable
@@ -22,12 +21,12 @@ from ledpi.health import Health, StageTimes
 from ledpi.liveness import Liveness
 from ledpi.pipeline import Pipeline
 from ledpi.processor import read_processor
-from ledpi.records import Floats, Intrinsics, Rejected
+from ledpi.records import Decoded, Floats, Intrinsics, Rejected
 from ledpi.reporting import Totals, in_service, minute_line, second_line
 from ledpi.resets import Resets
 from ledpi.ring import FrameRing
 from ledpi.robot import load_robot, strangers_note
-from ledpi.service_notify import notify, watchdog_period_s
+from ledpi.service_notify import Watchdog, notify
 from ledpi.status import status
 from ledpi.threads import keep_memory, switch_promptly
 from ledpi.wire.mavlink import Mavlink
@@ -81,6 +80,7 @@ class Daemon:
         self._processor = read_processor()
         self._told: set[int] = set()  # panels that blink at other frequencies than configured
         self._liveness = Liveness()
+        self._pieces = 0  # of frames, as they were known
         self._telling = threading.Lock()
         self._asked_to_stop = False
         self._stop = threading.Event()
@@ -183,7 +183,7 @@ class Daemon:
             frame = self._ring.take(TICK_S)
             if frame is not None:
                 self._liveness.begins(frame)
-                decoded = self._pipeline.decode(frame, at_once=self._publisher.publish)
+                decoded = self._pipeline.decode(frame, at_once=self._hand_on)
                 self._gain.see(frame, decoded)
                 self._ring.release()
                 self._health.add(decoded)
@@ -195,22 +195,22 @@ class Daemon:
                 break
         self._stop.set()
 
+    def _hand_on(self, news: Decoded) -> None:
+        """A piece of what the frame in work shows."""
+        self._publisher.publish(news)
+        self._pieces += 1
+
     def _watch(self, at_each_tick: Callable[[], None]) -> None:
         """Keeps status and health up to date until it is time to stop."""
         last, looked_s, said_s = self._totals(), time.monotonic(), time.monotonic()
-        # The first frame counts at once: after a reload the watchdog was last fed before the camera was opened.
-        watchdog_s, fed_s, fed_steps = watchdog_period_s(), -math.inf, 0
+        watchdog = Watchdog()
         while not self._stop.wait(TICK_S) and not self._asked_to_stop and self._publisher.failure is None:
             at_each_tick()
             now_s = time.monotonic()
             self._liveness.tick()
             self._tell()
             totals = self._totals()
-            # Trying to open a lost camera again is progress too, until that gives up.
-            steps = totals.health.decoded + totals.health.rejected.get(LOST.key, 0)
-            if watchdog_s and now_s - fed_s >= watchdog_s and steps > fed_steps:
-                notify("WATCHDOG=1")
-                fed_s, fed_steps = now_s, steps
+            watchdog.see(self._steps(totals))
             if now_s - looked_s >= LOOK_EVERY_S:
                 self._times, self._processor = self._health.times(), read_processor()
                 totals = self._totals()
@@ -220,6 +220,10 @@ class Daemon:
                     _log.info(minute_line(totals, self._processor))
                     said_s = now_s
                 last, looked_s = totals, now_s
+
+    def _steps(self, totals: Totals) -> int:
+        """How often there was progress: in frames, within a frame, or in opening a lost camera until that gives up."""
+        return totals.health.decoded + self._pieces + totals.health.rejected.get(LOST.key, 0)
 
     def _totals(self) -> Totals:
         return Totals(

@@ -205,16 +205,20 @@ def test_whatever_a_file_brings_about_is_a_result() -> None:
     assert isinstance(result, MemoryError)
 
 
-def test_an_error_of_the_camera_s_library_brings_the_old_configuration_back(
-    caplog: pytest.LogCaptureFixture,
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [(RuntimeError("library"), "RuntimeError: library"), (OSError(24, "full"), "OSError: [Errno 24] full")],
+)
+def test_an_error_while_the_new_daemon_is_made_brings_the_old_configuration_back(
+    error: Exception, said: str, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """One that nobody has foreseen, and when the old daemon has ended already."""
+    """One that nobody has foreseen, or the system's, and when the old daemon has ended already."""
     config = load_config(None, (*SIMULATED, "serial.port=/nowhere/port"))
     opened: list[Camera] = []
 
     def open_second_never(_: Config) -> Camera:
         if len(opened) == 1 and "reload_refused" not in caplog.text:
-            raise RuntimeError("library")
+            raise error
         opened.append(open_simulated(config, paced=True))
         return opened[-1]
 
@@ -230,4 +234,4 @@ def test_an_error_of_the_camera_s_library_brings_the_old_configuration_back(
     service.stop()
     running.join(60)
     assert not running.is_alive()
-    assert 'reload_refused error="RuntimeError: library" stays="the old configuration"' in caplog.text
+    assert f'reload_refused error="{said}" stays="the old configuration"' in caplog.text
