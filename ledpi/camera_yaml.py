@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import yaml
-from pydantic import AfterValidator, BaseModel, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ValidationError
 
 from ledpi.config_mistakes import explain
-from ledpi.config_values import Finite, check_lens, numbers
+from ledpi.config_values import Coefficient, Finite, SidePx, check_lens, numbers
 from ledpi.errors import CalibrationError
 from ledpi.files import read_yaml
 from ledpi.records import Intrinsics
@@ -27,14 +27,14 @@ class _CameraMatrix(BaseModel):
 
 
 class _Coefficients(BaseModel):
-    data: Annotated[list[Finite], AfterValidator(numbers(4, 5))]
+    data: Annotated[list[Coefficient], AfterValidator(numbers(4, 5))]
 
 
 class _CameraInfo(BaseModel):
     """What is read of a file; anything else in it is passed over."""
 
-    image_width: Annotated[int, Field(gt=0)]
-    image_height: Annotated[int, Field(gt=0)]
+    image_width: SidePx
+    image_height: SidePx
     camera_matrix: _CameraMatrix
     distortion_model: Literal["plumb_bob"] = "plumb_bob"  # ROS takes it for granted too where it is missing
     distortion_coefficients: _Coefficients

@@ -11,7 +11,6 @@ from datetime import date
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import yaml
 from pydantic import (
     AfterValidator,
     BeforeValidator,
@@ -24,22 +23,28 @@ from pydantic import (
 )
 
 from ledpi.config_mistakes import explain
+from ledpi.config_set import apply_override
 from ledpi.config_values import (
+    Angles,
     Duty,
     GainOrAuto,
     Hertz,
+    MarkerId,
+    MaxAgeMs,
     Microseconds,
     MicrosecondsOrAuto,
+    MountPosition,
     NoBooleans,
-    Positive,
     RowTimeOrAuto,
     SideM,
-    Vector3,
+    SidePx,
+    check_cycles_fit,
 )
 from ledpi.dictionaries import FILE_ENDINGS, dictionary_names, is_file, load_dictionary, meant_name
 from ledpi.errors import ConfigError
 from ledpi.files import read_yaml
 from ledpi.records import PanelSpec, PanelValues, Phase, Transfer
+from ledpi.wording import shortened
 
 SEARCH_PATH = (Path("config.yaml"), Path("/etc/ledpi/config.yaml"))
 
@@ -76,8 +81,8 @@ class CameraSettings(_Section):
     """The section `camera`."""
 
     source: Annotated[str, BeforeValidator(_known_source)] = "picamera2"
-    width: Annotated[int, Field(ge=32, le=8192)] = 640
-    height: Annotated[int, Field(ge=32, le=8192)] = 480
+    width: Annotated[SidePx, Field(ge=32)] = 640
+    height: Annotated[SidePx, Field(ge=32)] = 480
     exposure_us: Microseconds = 10000.0
     frame_duration_us: MicrosecondsOrAuto = "auto"
     analogue_gain: GainOrAuto = "auto"
@@ -107,9 +112,9 @@ class PanelSettings(_Section):
     duty: Duty = 0.5
     phase: Phase = "free"
     upright: StrictBool = False  # all hang with their y axis up, on walls
-    ids: tuple[Annotated[int, Field(ge=0)], ...] | None = None  # that exist; all but those a part of another can show
+    ids: tuple[MarkerId, ...] | None = None  # that exist; all but those a part of another can show
     search_frequencies: StrictBool = False  # of oscillators that are off by a percent, as RC oscillators are
-    overrides: dict[Annotated[int, Field(ge=0)], PanelOverride] = Field(default_factory=dict)
+    overrides: dict[MarkerId, PanelOverride] = Field(default_factory=dict)
 
     def spec(self, marker_id: int | None = None) -> PanelSpec:
         """The panel of one ID, or, without an ID, the common one. Raises ValueError where they contradict."""
@@ -165,8 +170,8 @@ class DecodeSettings(_Section):
 class CameraMount(_Section):
     """base_link_from_camera_link: x ahead, y left, z up; zero looks ahead."""
 
-    position_m: Vector3 = (0.0, 0.0, 0.0)
-    rpy_deg: Vector3 = (0.0, 0.0, 0.0)
+    position_m: MountPosition = (0.0, 0.0, 0.0)
+    rpy_deg: Angles = (0.0, 0.0, 0.0)
 
 
 class RobotSettings(_Section):
@@ -182,7 +187,7 @@ class SerialSettings(_Section):
     baud: Annotated[int, Field(ge=1200, le=4_000_000)] = 115200
     protocol: Literal["ledpi", "mavlink"] = "ledpi"
     mavlink_profile: Literal["ardupilot", "px4"] = "ardupilot"
-    max_age_ms: Positive = 100.0
+    max_age_ms: MaxAgeMs = 100.0
 
 
 class Config(_Section):
@@ -224,10 +229,10 @@ def load_config(path: Path | None, overrides: tuple[str, ...] = (), *, without_f
     base = path.parent if path is not None else Path()
     if path is None:
         for item in without_file:
-            _apply_override(raw, item)
+            apply_override(raw, item)
     from_command_line: set[str] = set()
     for item in overrides:
-        from_command_line |= _apply_override(raw, item)
+        from_command_line |= apply_override(raw, item)
     if path is None:
         _size_of_own_panels(raw)
     try:
@@ -237,6 +242,8 @@ def load_config(path: Path | None, overrides: tuple[str, ...] = (), *, without_f
     config = _with_absolute_paths(config, base, from_command_line)
     config._from_command_line = frozenset(from_command_line)
     _check_panels(config.panels, where)
+    if config.camera.row_time_us != "auto":
+        check_bands_show(config.panels, config.camera.row_time_us, where)
     check_method(config.decode.method, config.panels, f"{where}: decode.method")
     return config
 
@@ -248,6 +255,14 @@ def check_method(method: Method, panels: PanelSettings, where: str) -> None:
             f"{where}: bands tells classes by how high their bands are, and with phase: antiphase they are alike; "
             "must be soft"
         )
+
+
+def check_bands_show(panels: PanelSettings, row_time_us: float, where: str) -> None:
+    """Raises ConfigError where no picture with such rows shows how panels blink."""
+    try:
+        check_cycles_fit(panels.frequencies_hz(), row_time_us)
+    except ValueError as error:
+        raise ConfigError(f"{where}: panels: {error}") from None
 
 
 def _check_panels(panels: PanelSettings, where: str) -> None:
@@ -280,32 +295,8 @@ def _sections(path: Path) -> dict[str, Any]:
     if raw is None:
         return {}
     if not isinstance(raw, dict):
-        raise ConfigError(f"{path}: must be sections (camera:, panels:, …), not {str(raw)!r:.40}")
+        raise ConfigError(f"{path}: must be sections (camera:, panels:, …), not {shortened(raw)}")
     return raw
-
-
-def _apply_override(raw: dict[str, Any], item: str) -> set[str]:
-    """Puts a value in its place. Returns the keys that it gives: more than one where it is a whole section."""
-    key, equals, text = item.partition("=")
-    if not equals or not key:
-        raise ConfigError(f"--set {item}: must be KEY=VALUE, as in --set camera.source=simulated")
-    try:
-        value = yaml.safe_load(text)
-    except (yaml.YAMLError, ValueError, AttributeError, RecursionError):
-        raise ConfigError(f"--set {item}: {text!r:.60} is not a YAML value") from None
-    if isinstance(value, (dict, list)) and not text.lstrip().startswith(("{", "[")):
-        value = text  # `recording:` and `-` are words here, although YAML reads a mapping and a list
-    # A key of digits is a panel's ID, and YAML reads that as a number.
-    *sections, last = (int(part) if part.isdecimal() else part for part in key.split("."))
-    node: Any = raw
-    for name in sections:
-        if node.get(name) is None:
-            node[name] = {}
-        node = node[name]
-        if not isinstance(node, dict):
-            raise ConfigError(f"--set {item}: {name} is a value, not a section")
-    node[last] = value
-    return _keys_of(key, value)
 
 
 def _size_of_own_panels(raw: dict[str, Any]) -> None:
@@ -314,12 +305,6 @@ def _size_of_own_panels(raw: dict[str, Any]) -> None:
     source = str(camera.get("source")) if isinstance(camera, dict) else ""
     if source.partition(":")[0] in ("simulated", "recording") and isinstance(panels, dict):
         panels.setdefault("side_m", 0.16)
-
-
-def _keys_of(key: str, value: object) -> set[str]:
-    if not isinstance(value, dict):
-        return {key}
-    return {inner for name, part in value.items() for inner in _keys_of(f"{key}.{name}", part)}
 
 
 def _with_absolute_paths(config: Config, base: Path, from_command_line: set[str]) -> Config:

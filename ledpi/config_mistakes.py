@@ -7,6 +7,8 @@ from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
 
+from ledpi.wording import shortened, shortened_name
+
 # Where pydantic's words say more about Python than about the key.
 _WORDING = {
     "float_type": "must be a number",
@@ -36,10 +38,10 @@ def explain(error: ValidationError, model: type[BaseModel]) -> str:
     location = first["loc"]
     unknown = first["type"] in _UNKNOWN
     branch = location[-1] if not unknown and location[-1] in _BRANCHES else None
-    key = ".".join(str(part) for part in (location if branch is None else location[:-1]))
+    key = ".".join(shortened_name(part) for part in (location if branch is None else location[:-1]))
     if unknown:
         allowed = sorted(_section_at(model, location[:-1]).model_fields)
-        close = difflib.get_close_matches(str(location[-1]), allowed, n=1)
+        close = difflib.get_close_matches(shortened_name(location[-1]), allowed, n=1)
         hint = f"did you mean {close[0]}? " if close else ""
         text = f"{key}: unknown key; {hint}allowed here: {', '.join(allowed)}"
     elif first["type"] == "missing":
@@ -47,7 +49,7 @@ def explain(error: ValidationError, model: type[BaseModel]) -> str:
     else:
         message = first["msg"].removeprefix("Value error, ").replace("Input should be", "must be")
         auto = " or auto" if branch == "number" else ""
-        text = f"{key}: {_WORDING.get(first['type'], message)}{auto}, not {first['input']!r:.60}"
+        text = f"{key}: {_WORDING.get(first['type'], message)}{auto}, not {shortened(first['input'])}"
     others = len(problems) - 1
     return text + (f" (and {others} more)" if others > 0 else "")
 

@@ -29,13 +29,24 @@ def _in_metres(side_m: float) -> float:
 
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-# What lies outside these was given in another unit: kilohertz, seconds, nanoseconds.
-Hertz = Annotated[float, Field(ge=10, le=1_000_000, allow_inf_nan=False)]
+# What lies outside these was given in another unit: kilohertz, seconds, nanoseconds, millimetres.
+Hertz = Annotated[float, Field(ge=10, le=100_000, allow_inf_nan=False)]  # a bright and a dark row of 5 µs each
 Microseconds = Annotated[float, Field(ge=1, le=10_000_000, allow_inf_nan=False)]
 RowTime = Annotated[float, Field(ge=1, le=1_000, allow_inf_nan=False)]  # µs; sensors' rows take 5 to 100
-SideM = Annotated[float, Field(gt=0, allow_inf_nan=False), AfterValidator(_in_metres)]
+SideM = Annotated[float, Field(ge=0.001, allow_inf_nan=False), AfterValidator(_in_metres)]
+MAX_SIDE_PX = 5000  # of a picture: the largest sensors that deliver video have 4656 columns
+SidePx = Annotated[int, Field(ge=1, le=MAX_SIDE_PX)]
+MarkerId = Annotated[int, Field(ge=0, le=65_535)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
-Duty = Annotated[float, Field(gt=0, lt=1)]
+MountM = Annotated[float, Field(ge=-10, le=10, allow_inf_nan=False)]  # on a robot
+PlaceM = Annotated[float, Field(ge=-1000, le=1000, allow_inf_nan=False)]  # in a map: packets carry 838 m
+Degrees = Annotated[float, Field(ge=-360, le=360, allow_inf_nan=False)]
+# How well a panel is placed. Less well, and it tells nothing: its deviations' squares would drown those of its corners.
+DeviationM = Annotated[float, Field(ge=0, le=10, allow_inf_nan=False)]
+DeviationDeg = Annotated[float, Field(ge=0, le=180, allow_inf_nan=False)]
+Coefficient = Annotated[float, Field(ge=-1000, le=1000, allow_inf_nan=False)]  # of a lens's distortion
+MaxAgeMs = Annotated[float, Field(gt=0, le=60_000, allow_inf_nan=False)]
+Duty = Annotated[float, Field(ge=0.01, le=0.99)]
 Gain = Annotated[float, Field(ge=1, le=64)]
 _Auto = Annotated[Literal["auto"], Tag("auto")]
 # Only the branch that was meant is tried, so that a wrong number gives one message and not one a branch.
@@ -87,13 +98,28 @@ def check_lens(width: int, height: int, *, fx: float, fy: float, cx: float, cy: 
             raise ValueError(f"{name}: {wanted}, not {value:g}")
 
 
+def check_cycles_fit(waves_hz: Sequence[float], row_time_us: float) -> None:
+    """Raises ValueError where no picture has as many rows as a cycle takes, from bright to bright again.
+
+    Nothing tells such a wave's frequency, and what is searched for dark bands grows with their height.
+    """
+    least_hz = 1e6 / (MAX_SIDE_PX * row_time_us)
+    if min(waves_hz) < least_hz:
+        raise ValueError(
+            f"{min(waves_hz):g} Hz is too slow: with a row every {row_time_us:g} µs must be at least "
+            f"{math.ceil(least_hz)} Hz, or a cycle is higher than any picture"
+        )
+
+
 def _three_numbers(value: object) -> object:
     if isinstance(value, (list, tuple)) and len(value) == 3:
         return value
     raise ValueError("must be three numbers, as in [0, 0, 0]")
 
 
-Vector3 = Annotated[tuple[Finite, Finite, Finite], BeforeValidator(_three_numbers)]
+MountPosition = Annotated[tuple[MountM, MountM, MountM], BeforeValidator(_three_numbers)]
+MapPosition = Annotated[tuple[PlaceM, PlaceM, PlaceM], BeforeValidator(_three_numbers)]
+Angles = Annotated[tuple[Degrees, Degrees, Degrees], BeforeValidator(_three_numbers)]
 
 
 class NoBooleans(BaseModel):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gc
 import logging
-import math
 import threading
 import time
 from collections.abc import Callable
@@ -18,18 +17,18 @@ from ledpi.config import Config
 from ledpi.decode.identify.tuning import off_frequency_note
 from ledpi.errors import CameraError, TransientError
 from ledpi.exposure_notes import exposure_notes
-from ledpi.health import Health, HealthSnapshot, StageTimes
+from ledpi.health import Health, StageTimes
 from ledpi.liveness import Liveness
 from ledpi.pacing import Pacing
 from ledpi.pipeline import Pipeline
-from ledpi.pose.fix import NOT_IN_MAP
 from ledpi.processor import read_processor
-from ledpi.records import CameraInfo, Floats, Intrinsics, Rejected
+from ledpi.records import CameraInfo, Decoded, Floats, Intrinsics, Rejected
 from ledpi.reporting import Totals, in_service, minute_line, second_line
 from ledpi.resets import Resets
 from ledpi.ring import FrameRing
 from ledpi.robot import load_robot, strangers_note
-from ledpi.service_notify import notify, watchdog_period_s
+from ledpi.service_notify import Watchdog, notify
+from ledpi.status import status
 from ledpi.threads import keep_memory, switch_promptly
 from ledpi.wire.mavlink import Mavlink
 from ledpi.wire.message import NoFix, State, StatusMessage
@@ -83,6 +82,7 @@ class Daemon:
         self._processor = read_processor()
         self._told: set[int] = set()  # panels that blink at other frequencies than configured
         self._liveness = Liveness()
+        self._pieces = 0  # of frames, as they were known
         self._telling = threading.Lock()
         self._asked_to_stop = False
         self._stop = threading.Event()
@@ -169,7 +169,16 @@ class Daemon:
     def _tell(self) -> None:
         """Tells the controller how it is now. One thread at a time, so that what is said last is what was seen last."""
         with self._telling:
-            self._publisher.set_status(self._status(self._totals()))
+            self._publisher.set_status(
+                status(
+                    self._totals(),
+                    self._liveness,
+                    self._processor,
+                    uptime_s=time.monotonic() - self._started_s,
+                    calibrated=self.calibrated,
+                    has_map=self._has_map,
+                )
+            )
 
     def _decode(self) -> None:
         while True:
@@ -177,7 +186,7 @@ class Daemon:
             if frame is not None:
                 self._liveness.begins(frame)
                 spent = self._pipeline.spent
-                decoded = self._pipeline.decode(frame, at_once=self._publisher.publish)
+                decoded = self._pipeline.decode(frame, at_once=self._hand_on)
                 if self._pacing is not None:
                     spent, took_ms = self._pipeline.spent - spent, sum(decoded.stage_ms.values())
                     self._pipeline.search_budget = self._pacing.budget_after(spent, took_ms)
@@ -192,22 +201,22 @@ class Daemon:
                 break
         self._stop.set()
 
+    def _hand_on(self, news: Decoded) -> None:
+        """A piece of what the frame in work shows."""
+        self._publisher.publish(news)
+        self._pieces += 1
+
     def _watch(self, at_each_tick: Callable[[], None]) -> None:
         """Keeps status and health up to date until it is time to stop."""
         last, looked_s, said_s = self._totals(), time.monotonic(), time.monotonic()
-        # The first frame counts at once: after a reload the watchdog was last fed before the camera was opened.
-        watchdog_s, fed_s, fed_steps = watchdog_period_s(), -math.inf, 0
+        watchdog = Watchdog()
         while not self._stop.wait(TICK_S) and not self._asked_to_stop and self._publisher.failure is None:
             at_each_tick()
             now_s = time.monotonic()
             self._liveness.tick()
             self._tell()
             totals = self._totals()
-            # Trying to open a lost camera again is progress too, until that gives up.
-            steps = totals.health.decoded + totals.health.rejected.get(LOST.key, 0)
-            if watchdog_s and now_s - fed_s >= watchdog_s and steps > fed_steps:
-                notify("WATCHDOG=1")
-                fed_s, fed_steps = now_s, steps
+            watchdog.see(self._steps(totals))
             if now_s - looked_s >= LOOK_EVERY_S:
                 self._times, self._processor = self._health.times(), read_processor()
                 totals = self._totals()
@@ -218,6 +227,10 @@ class Daemon:
                     said_s = now_s
                 last, looked_s = totals, now_s
 
+    def _steps(self, totals: Totals) -> int:
+        """How often there was progress: in frames, within a frame, or in opening a lost camera until that gives up."""
+        return totals.health.decoded + self._pieces + totals.health.rejected.get(LOST.key, 0)
+
     def _totals(self) -> Totals:
         return Totals(
             health=self._health.snapshot(),
@@ -225,43 +238,6 @@ class Daemon:
             ring=self._ring.counters(),
             packets=self._publisher.counters,
         )
-
-    def _status(self, totals: Totals) -> StatusMessage:
-        health, ring, packets = totals.health, totals.ring, totals.packets
-        starting = not health.decoded and time.monotonic() - self._started_s < 2.0
-        p50_us, p99_us = totals.times.decode_us
-        lost, behind = self._liveness.lost, self._liveness.behind
-        return StatusMessage(
-            state=State.STARTING if starting else State.CAMERA_LOST if lost else State.RUNNING,
-            no_fix=self._no_fix(health, starting=starting, lost=lost, behind=behind),
-            panels_in_view=0 if lost else None if behind else health.in_view,
-            uptime_s=int(time.monotonic() - self._started_s),
-            frames=ring.published,
-            frames_dropped=ring.dropped,
-            markers=health.markers,
-            packets_dropped=packets.unsent,
-            temperature_c=self._processor.temperature_c,
-            throttling=self._processor.throttling,
-            decode_p50_us=p50_us,
-            decode_p99_us=p99_us,
-        )
-
-    def _no_fix(self, health: HealthSnapshot, *, starting: bool, lost: bool, behind: bool) -> NoFix:
-        if starting:
-            return NoFix.NOT_RUNNING
-        if lost:
-            return NoFix.NO_FRAMES
-        if behind:
-            return NoFix.BEHIND
-        if self._calibrated is None:
-            return NoFix.UNCALIBRATED
-        if not self._has_map:
-            return NoFix.NO_MAP
-        if health.fixed:
-            return NoFix.NONE
-        if not health.in_view:
-            return NoFix.NO_PANEL
-        return NoFix.NOT_IN_MAP if health.no_fix == NOT_IN_MAP.reason else NoFix.REJECTED
 
 
 def _period_ms(info: CameraInfo) -> float:

@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 import difflib
+import json
 from functools import cache, lru_cache
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 
+from ledpi.errors import ConfigError
+from ledpi.files import parse_yaml, read_text
 from ledpi.markers import Dictionary
+from ledpi.wording import shortened
 
 FILE_ENDINGS = (".yml", ".yaml", ".json")
 MIN_SIDE, MAX_SIDE = 2, 8  # cells; OpenCV keeps a word in 64 bits
+_OPENCV_YAML = "%YAML:1.0"  # its first line, which other readers of YAML refuse
 
 
 def dictionary_names() -> tuple[str, ...]:
@@ -55,8 +61,8 @@ def _read_once(path: Path, *version: int) -> Dictionary:
 def _predefined(name: str) -> Dictionary:
     if name not in dictionary_names():
         raise ValueError(
-            f"unknown dictionary {name!r}; {meant_name(name)}known: {', '.join(dictionary_names())}, or a file that "
-            f"ends in {', '.join(FILE_ENDINGS)}"
+            f"unknown dictionary {shortened(name)}; {meant_name(name)}known: {', '.join(dictionary_names())}, "
+            f"or a file that ends in {', '.join(FILE_ENDINGS)}"
         )
     raw = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
     side = raw.markerSize
@@ -76,38 +82,44 @@ def read_dictionary(path: Path) -> Dictionary:
     `nmarkers` (count), `markersize` (cells a side) and `marker_0`, `marker_1`, …: the cells of each word from the top
     left, row by row, 1 for white. Raises ValueError naming file, key, what is wrong and what would be right.
     """
-    if not path.is_file():  # of which OpenCV would print a line of its own
-        raise ValueError(f"{path}: no such file; must be a dictionary, as OpenCV's writeDictionary writes it")
-    try:
-        storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
-    except (cv2.error, SystemError):  # OpenCV's way to say that it is neither YAML nor JSON
-        storage = None
-    if storage is None or not storage.isOpened():
-        raise ValueError(f"{path}: cannot be read as a dictionary; must be YAML (first line %YAML:1.0) or JSON")
-    try:
-        side = _whole(storage, "markersize", path, MIN_SIDE, MAX_SIDE)
-        count = _whole(storage, "nmarkers", path, 1, 100_000)
-        words = np.stack([_word(storage, f"marker_{i}", path, side) for i in range(count)])
-    finally:
-        storage.release()
+    values = _values(path)
+    side = _whole(values, "markersize", path, MIN_SIDE, MAX_SIDE)
+    count = _whole(values, "nmarkers", path, 1, 100_000)
+    words = np.stack([_word(values, f"marker_{i}", path, side) for i in range(count)])
     words.flags.writeable = False
     dictionary = Dictionary(name=str(path), words=words)
     _check_distinct(dictionary, path)
     return dictionary
 
 
-def _whole(storage: cv2.FileStorage, key: str, path: Path, least: int, most: int) -> int:
-    node = storage.getNode(key)
-    value = node.real() if node.isInt() else None
-    if value is None or not least <= value <= most:
+def _values(path: Path) -> dict[str, Any]:
+    """What the file says of each key. Not read by OpenCV: lists nested deeply enough end the process in there."""
+    if not path.exists():
+        raise ValueError(f"{path}: no such file; must be a dictionary, as OpenCV's writeDictionary writes it")
+    try:
+        text = read_text(path, ConfigError)
+    except ConfigError as error:
+        raise ValueError(str(error)) from None
+    try:
+        is_json = text.lstrip().startswith("{")
+        values = json.loads(text) if is_json else parse_yaml(text.removeprefix(_OPENCV_YAML), path, ConfigError)
+    except (ConfigError, ValueError, RecursionError):
+        values = None
+    if not isinstance(values, dict):
+        raise ValueError(f"{path}: cannot be read as a dictionary; must be YAML (first line %YAML:1.0) or JSON")
+    return values
+
+
+def _whole(values: dict[str, Any], key: str, path: Path, least: int, most: int) -> int:
+    value = values.get(key)
+    if type(value) is not int or not least <= value <= most:
         raise ValueError(f"{path}: {key}: must be a whole number from {least} to {most}")
-    return int(value)
+    return value
 
 
-def _word(storage: cv2.FileStorage, key: str, path: Path, side: int) -> np.ndarray:
-    node = storage.getNode(key)
-    text = node.string() if node.isString() else ""
-    if len(text) != side * side or set(text) - {"0", "1"}:
+def _word(values: dict[str, Any], key: str, path: Path, side: int) -> np.ndarray:
+    text = values.get(key)
+    if not isinstance(text, str) or len(text) != side * side or set(text) - {"0", "1"}:
         raise ValueError(f'{path}: {key}: must be {side * side} digits 0 and 1 in quotes, as "{"01" * side}…"')
     return np.array([digit == "1" for digit in text]).reshape(side, side)
 

@@ -15,7 +15,7 @@ import numpy as np
 from pydantic import Field, ValidationError
 
 from ledpi.config_mistakes import explain
-from ledpi.config_values import Finite, NoBooleans, Positive
+from ledpi.config_values import Finite, MarkerId, NoBooleans, PlaceM
 from ledpi.errors import ConfigError
 from ledpi.files import read_text
 from ledpi.geometry import FACING_FROM_MARKER, matrix_from_quaternion, quaternion_from_matrix, transform
@@ -25,9 +25,9 @@ from ledpi.records import read_only
 
 
 class _Translation(NoBooleans):
-    x: Finite
-    y: Finite
-    z: Finite
+    x: PlaceM
+    y: PlaceM
+    z: PlaceM
 
 
 class _Quaternion(NoBooleans):
@@ -47,13 +47,13 @@ class _Pose(NoBooleans):
 
 
 class _Tag(NoBooleans):
-    ID: Annotated[int, Field(ge=0)]
+    ID: MarkerId
     pose: _Pose
 
 
 class _Field(NoBooleans):
-    length: Positive
-    width: Positive
+    length: Annotated[PlaceM, Field(gt=0)]
+    width: Annotated[PlaceM, Field(gt=0)]
 
 
 class _Layout(NoBooleans):

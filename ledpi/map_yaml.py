@@ -11,10 +11,20 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 import yaml
-from pydantic import AfterValidator, ConfigDict, Field, ValidationError, model_validator
+from pydantic import AfterValidator, ConfigDict, ValidationError, model_validator
 
 from ledpi.config_mistakes import explain
-from ledpi.config_values import Finite, NoBooleans, SideM, Vector3, unit_quaternion
+from ledpi.config_values import (
+    Degrees,
+    DeviationDeg,
+    DeviationM,
+    Finite,
+    MapPosition,
+    MarkerId,
+    NoBooleans,
+    SideM,
+    unit_quaternion,
+)
 from ledpi.errors import ConfigError
 from ledpi.files import read_yaml
 from ledpi.geometry import (
@@ -30,24 +40,22 @@ from ledpi.records import Floats, read_only
 # Where a map does not say how well its panels are placed: a tape measure on a wall, a panel hung by eye.
 BY_TAPE_M, BY_EYE_DEG = 0.01, 1.0
 
-NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-
 
 class _Part(NoBooleans):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
 class _Deviations(_Part):
-    position_m: NotNegative = BY_TAPE_M
-    angle_deg: NotNegative = BY_EYE_DEG
+    position_m: DeviationM = BY_TAPE_M
+    angle_deg: DeviationDeg = BY_EYE_DEG
 
 
 class _Panel(_Part):
-    position_m: Vector3
+    position_m: MapPosition
     quaternion_wxyz: Annotated[list[Finite], AfterValidator(unit_quaternion)] | None = None
-    yaw_deg: Finite | None = None
-    pitch_deg: Finite | None = None
-    roll_deg: Finite | None = None
+    yaw_deg: Degrees | None = None
+    pitch_deg: Degrees | None = None
+    roll_deg: Degrees | None = None
     side_m: SideM | None = None
     deviations: _Deviations | None = None
 
@@ -77,7 +85,7 @@ def _at_least_one(panels: dict[int, _Panel]) -> dict[int, _Panel]:
 class _Map(_Part):
     format: Literal[1] = 1
     deviations: _Deviations = _Deviations()
-    panels: Annotated[dict[Annotated[int, Field(ge=0)], _Panel], AfterValidator(_at_least_one)]
+    panels: Annotated[dict[MarkerId, _Panel], AfterValidator(_at_least_one)]
 
 
 def load_map(path: Path) -> PanelMap:

@@ -14,8 +14,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from ledpi.config_values import MAX_SIDE_PX
+from ledpi.errors import RecordingError
+from ledpi.files import read_bytes
 from ledpi.records import Pixels, Rejected
 
+MAX_BYTES = 4 * MAX_SIDE_PX**2  # of a file: the largest picture, in colour and not compressed
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _GREY, _COLOUR_TYPES = 0, {0: "grey", 2: "colour", 3: "palette", 4: "grey with alpha", 6: "colour with alpha"}
 _IHDR_END = 8 + 4 + 4 + 13 + 4  # signature, then the first chunk's length, name, content and checksum
@@ -35,11 +39,11 @@ def read_picture(path: Path, into: Pixels) -> BadPicture | None:
     def bad(reason: str, what: str) -> BadPicture:
         return BadPicture(rejected=Rejected(stage="capture", reason=reason), message=f"{path}: {what}")
 
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        return bad("unreadable", f"cannot be read: {error.strerror}")
     height, width = into.shape
+    try:
+        data = read_bytes(path, RecordingError, MAX_BYTES)
+    except RecordingError as error:
+        return BadPicture(rejected=Rejected(stage="capture", reason="unreadable"), message=str(error))
     fault = _fault(data, width, height)
     if fault is not None:
         return bad(*fault)
@@ -61,7 +65,7 @@ def _fault(data: bytes, width: int, height: int) -> tuple[str, str] | None:
         if PNG_SIGNATURE.startswith(data):
             return "truncated", f"ends after {len(data)} bytes, inside the PNG signature"
         return "unreadable", "is not a PNG file; must be an 8-bit grey PNG"
-    if len(data) >= _IHDR_END and data[12:16] == b"IHDR":
+    if len(data) >= _IHDR_END:
         fault = _header_fault(data, width, height)
         if fault is not None:
             return fault
@@ -69,6 +73,8 @@ def _fault(data: bytes, width: int, height: int) -> tuple[str, str] | None:
 
 
 def _header_fault(data: bytes, width: int, height: int) -> tuple[str, str] | None:
+    if data[8:16] != b"\0\0\0\x0dIHDR":
+        return "unreadable", "does not begin with the chunk IHDR, which tells a PNG's size"
     size = int.from_bytes(data[16:20], "big"), int.from_bytes(data[20:24], "big")
     depth, colour = data[24], data[25]
     if zlib.crc32(data[12:29]) != int.from_bytes(data[29:33], "big"):

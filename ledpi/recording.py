@@ -10,12 +10,13 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
 
-from ledpi.config_values import check_lens
+from ledpi.config_values import check_cycles_fit, check_lens
 from ledpi.errors import RecordingError
 from ledpi.recording_format import (
     FRAMES_FILE,
@@ -52,7 +53,7 @@ class TruthMarker:
 
     id: int
     corners_px: Floats  # (4, 2), as seen: top left, top right, bottom right, bottom left of the marker
-    camera_from_marker: Pose  # at the mid-exposure of the panel's centre row
+    camera_from_marker: Pose | None  # at the mid-exposure of the panel's centre row, where it is known
     optional: bool = False  # only partly in view: may be reported or not
 
 
@@ -116,6 +117,10 @@ def load_recording(folder: Path) -> Recording:
     except ValueError as error:
         raise RecordingError(f"{path}: panel: {error}") from None
     camera = _camera_info(header.camera, path)
+    try:
+        check_cycles_fit(panel.waves_hz, camera.row_time_us)
+    except ValueError as error:
+        raise RecordingError(f"{path}: panel: {error}") from None
     frames, cut_off = _load_frames(folder)
     clock = RowClock(camera)
     for entry in frames:
@@ -155,9 +160,8 @@ def _load_frames(folder: Path) -> tuple[tuple[FrameEntry, ...], bool]:
     """The frames, and whether the file's end is missing."""
     path = folder / FRAMES_FILE
     entries: list[FrameEntry] = []
-    lines, cut_off = read_lines(path, FrameLine)
-    for number, line in lines:
-        entry = frame_entry(folder, line)
+    lines, cut_off = read_lines(path, FrameLine, partial(frame_entry, folder))
+    for number, entry in lines:
         if entries:
             check_order(entries[-1], entry, f"{path}: line {number}")
         entries.append(entry)
@@ -195,23 +199,30 @@ def _load_truth(path: Path, known: list[int], cut_off: bool) -> Mapping[int, tup
         return None
     truth: dict[int, tuple[TruthMarker, ...]] = {}
     frames, last = set(known), known[-1]
-    for number, line in read_lines(path, TruthLine)[0]:
-        if cut_off and line.seq > last:
+    for number, (seq, markers) in read_lines(path, TruthLine, _truth_line)[0]:
+        if cut_off and seq > last:
             continue
-        if line.seq in truth:
-            raise RecordingError(f"{path}: line {number}: seq: {line.seq} has a line already; one a frame")
-        if line.seq not in frames:
+        if seq in truth:
+            raise RecordingError(f"{path}: line {number}: seq: {seq} has a line already; one a frame")
+        if seq not in frames:
             wanted = f"must be that of a frame in {FRAMES_FILE}"
-            raise RecordingError(f"{path}: line {number}: seq: is {line.seq}; {wanted}")
-        truth[line.seq] = tuple(_truth_marker(marker) for marker in line.markers)
+            raise RecordingError(f"{path}: line {number}: seq: is {seq}; {wanted}")
+        truth[seq] = markers
     return MappingProxyType(truth)
 
 
+def _truth_line(line: TruthLine) -> tuple[int, tuple[TruthMarker, ...]]:
+    return line.seq, tuple(_truth_marker(marker) for marker in line.markers)
+
+
 def _truth_marker(line: TruthLineMarker) -> TruthMarker:
-    position, quaternion = read_only(np.array(line.position_m)), read_only(np.array(line.quaternion_wxyz))
+    pose = None
+    if line.position_m is not None and line.quaternion_wxyz is not None:
+        position, quaternion = read_only(np.array(line.position_m)), read_only(np.array(line.quaternion_wxyz))
+        pose = Pose(position_m=position, quaternion_wxyz=quaternion)
     return TruthMarker(
         id=line.id,
         corners_px=read_only(np.array(line.corners_px)),
-        camera_from_marker=Pose(position_m=position, quaternion_wxyz=quaternion),
+        camera_from_marker=pose,
         optional=line.optional,
     )

@@ -7,16 +7,18 @@ from __future__ import annotations
 
 import json
 import logging
+from collections.abc import Callable, Iterator
 from pathlib import Path, PurePosixPath
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, Self, TypeVar
 
-from pydantic import AfterValidator, BaseModel, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, Field, ValidationError, model_validator
 
 from ledpi import config_values as values
 from ledpi.dictionaries import is_file, load_dictionary
 from ledpi.errors import RecordingError
 from ledpi.files import read_text, read_yaml
 from ledpi.records import Phase, Transfer
+from ledpi.wording import shortened, shortened_name
 
 FORMAT = 1
 HEADER_FILE, FRAMES_FILE, TRUTH_FILE = "recording.yaml", "frames.jsonl", "truth.jsonl"
@@ -25,14 +27,21 @@ _STRICT = Field(strict=True)  # no number is read from text
 Real = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Positive = Annotated[float, Field(strict=True, gt=0, allow_inf_nan=False)]
 Natural = Annotated[int, Field(strict=True, ge=0, lt=2**63)]
-Size = Annotated[int, Field(strict=True, ge=1, le=16384)]
+Size = Annotated[values.SidePx, _STRICT]
 Rows = Annotated[int, Field(strict=True, ge=1, le=10_000_000)]  # of a frame: a second of the shortest rows, and more
 Hertz = Annotated[values.Hertz, _STRICT]
 Microseconds = Annotated[values.Microseconds, _STRICT]
 RowTime = Annotated[values.RowTime, _STRICT]
 SideM = Annotated[values.SideM, _STRICT]
+Duty = Annotated[values.Duty, _STRICT]
+Coefficient = Annotated[values.Coefficient, _STRICT]
+Gain = Annotated[float, Field(strict=True, gt=0, le=1000)]
 Point = tuple[Real, Real]
 Model = TypeVar("Model", bound=BaseModel)
+Made = TypeVar("Made")
+
+# Of a .jsonl file: an hour of frames; a hundred panels of truth in a line. Read, it takes up to ten times its size.
+MAX_LINES_BYTES, MAX_LINES, MAX_LINE = 24 * 1024 * 1024, 200_000, 64 * 1024
 
 _log = logging.getLogger(__name__)
 
@@ -64,7 +73,7 @@ class CameraSection(BaseModel):
     fy: Positive | None = None
     cx: Real | None = None
     cy: Real | None = None
-    distortion: Annotated[tuple[Real, ...], AfterValidator(values.numbers(5))] | None = None  # k1 k2 p1 p2 k3
+    distortion: Annotated[tuple[Coefficient, ...], AfterValidator(values.numbers(5))] | None = None  # k1 k2 p1 p2 k3
 
 
 class PanelSection(BaseModel):
@@ -74,7 +83,7 @@ class PanelSection(BaseModel):
     side_m: SideM
     black_hz: Hertz
     white_hz: Hertz
-    duty: Annotated[float, Field(strict=True, gt=0, lt=1)]
+    duty: Duty
     phase: Phase = "free"
 
 
@@ -92,18 +101,24 @@ class FrameLine(BaseModel):
     file: Annotated[str, AfterValidator(_inside_the_folder)]
     sensor_timestamp_ns: Natural
     exposure_us: Microseconds
-    analogue_gain: Positive | None = None
+    analogue_gain: Gain | None = None
     decoded: Annotated[bool | None, Field(strict=True)] = None  # while it was recorded; None: nothing was
 
 
 class TruthLineMarker(BaseModel):
-    """A panel in a line of truth.jsonl."""
+    """A panel in a line of truth.jsonl. Of pictures that were put together only the corners are known."""
 
     id: Natural
     corners_px: tuple[Point, Point, Point, Point]
-    position_m: tuple[Real, Real, Real]
-    quaternion_wxyz: Annotated[tuple[Real, Real, Real, Real], AfterValidator(values.unit_quaternion)]
+    position_m: tuple[Real, Real, Real] | None = None
+    quaternion_wxyz: Annotated[tuple[Real, Real, Real, Real], AfterValidator(values.unit_quaternion)] | None = None
     optional: Annotated[bool, Field(strict=True)] = False
+
+    @model_validator(mode="after")
+    def _has_both_or_neither(self) -> Self:
+        if (self.position_m is None) != (self.quaternion_wxyz is None):
+            raise ValueError("position_m and quaternion_wxyz come together")
+        return self
 
 
 class TruthLine(BaseModel):
@@ -123,7 +138,7 @@ def read_header(path: Path) -> Header:
     if "format" not in raw:
         raise RecordingError(f"{path}: format: is missing; must be {FORMAT}")
     if type(raw["format"]) is not int or raw["format"] != FORMAT:
-        found = _shortened(raw["format"])
+        found = shortened(raw["format"])
         raise RecordingError(f"{path}: format: is {found}; this version reads format {FORMAT}")
     return _with_dictionary_file(_checked(Header, raw, str(path)), path)
 
@@ -140,30 +155,44 @@ def _with_dictionary_file(header: Header, path: Path) -> Header:
     return header.model_copy(update={"panel": header.panel.model_copy(update={"dictionary": dictionary})})
 
 
-def read_lines(path: Path, model: type[Model]) -> tuple[list[tuple[int, Model]], bool]:
+def read_lines(path: Path, model: type[Model], made: Callable[[Model], Made]) -> tuple[list[tuple[int, Made]], bool]:
     """The lines of a .jsonl file, numbered from 1, without empty ones; and whether its end is missing.
+
+    What is kept of a line is what is `made` of it: that takes less memory.
 
     Its end is missing where the power failed: of the last line there is a part then, and no line break. That part is
     left out with a warning, if a whole line comes before it. Raises RecordingError for any other broken line.
     """
     _require(path)
-    lines: list[tuple[int, Model]] = []
-    *ended, last = read_text(path, RecordingError).split("\n")
-    for number, text in enumerate([*ended, last], start=1):
+    lines: list[tuple[int, Made]] = []
+    for number, text in enumerate(_split(read_text(path, RecordingError, MAX_LINES_BYTES)), start=1):
+        if number > MAX_LINES:
+            raise RecordingError(f"{path}: has too many lines; must be at most {MAX_LINES:,}")
         if not text.strip():
             continue
         where = f"{path}: line {number}"
+        if len(text) > MAX_LINE:
+            raise RecordingError(f"{where}: is too long; must be at most {MAX_LINE:,} characters")
         try:
             raw = json.loads(text)
         except (ValueError, RecursionError) as error:
-            if lines and number > len(ended):
+            if lines and not text.endswith("\n"):
                 _log.warning("%s: is cut off; it is left out, what stands before it is read", where)
                 return lines, True
             raise RecordingError(f"{where}: not valid JSON ({error}); must be one object a line") from None
         if not isinstance(raw, dict):
             raise RecordingError(f"{where}: must be a JSON object, not {type(raw).__name__}")
-        lines.append((number, _checked(model, raw, where)))
+        lines.append((number, made(_checked(model, raw, where))))
     return lines, False
+
+
+def _split(text: str) -> Iterator[str]:
+    """One by one, each with its line break: all together they may take fifty times the text's own memory."""
+    start = 0
+    while start < len(text):
+        end = text.find("\n", start) + 1 or len(text)
+        yield text[start:end]
+        start = end
 
 
 def _require(path: Path) -> None:
@@ -177,13 +206,8 @@ def _checked(model: type[Model], raw: dict[str, Any], where: str) -> Model:
         return model.model_validate(raw)
     except ValidationError as error:
         first = error.errors()[0]
-        key = ".".join(str(part) for part in first["loc"])
+        key = ".".join(shortened_name(part) for part in first["loc"])
         if first["type"] == "missing":
             raise RecordingError(f"{where}: {key}: is missing; must be given") from None
         message = first["msg"].removeprefix("Value error, ").replace("Input should be", "must be")
-        raise RecordingError(f"{where}: {key}: {message}, not {_shortened(first['input'])}") from None
-
-
-def _shortened(value: object) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else text[:57] + "..."
+        raise RecordingError(f"{where}: {key}: {message}, not {shortened(first['input'])}") from None

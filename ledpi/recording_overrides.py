@@ -6,7 +6,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 
 from ledpi.camera_yaml import load_intrinsics
-from ledpi.config import Config
+from ledpi.config import Config, check_bands_show
 from ledpi.errors import ConfigError
 from ledpi.recording import Recording, load_recording
 from ledpi.records import CameraInfo, PanelSpec
@@ -23,7 +23,7 @@ def load_recording_with(config: Config, folder: Path) -> Recording:
     """
     recording = load_recording(folder)
     _check_taken(config, recording)
-    return replace(
+    changed = replace(
         recording,
         dictionary=config.panels.dictionary if _given(config, "panels.dictionary") else recording.dictionary,
         panel=_panel(config, recording),
@@ -32,6 +32,9 @@ def load_recording_with(config: Config, folder: Path) -> Recording:
         if _given(config, "camera.exposure_us")
         else recording.frames,
     )
+    shown = config.panels.shown_by(changed.panel_values)
+    check_bands_show(shown, changed.camera.row_time_us, f"--set: with what {folder} says of its camera and panel")
+    return changed
 
 
 def _given(config: Config, key: str) -> bool:

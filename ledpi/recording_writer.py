@@ -72,8 +72,9 @@ class RecordingWriter:
                 shutil.copyfile(self._dictionary_file, folder / self._dictionary_file.name)
         values = {"format": FORMAT, "note": self._note}
         values |= self._header.model_dump(mode="json", exclude_defaults=True)
-        with _writing(self._folder / HEADER_FILE) as path:
-            path.write_text(yaml.safe_dump(values, sort_keys=False, allow_unicode=True), encoding="utf-8")
+        # A new file, and through no link.
+        with _writing(self._folder / HEADER_FILE) as path, path.open("x", encoding="utf-8") as file:
+            file.write(yaml.safe_dump(values, sort_keys=False, allow_unicode=True))
         self._frames = self._create(FRAMES_FILE)
         return self
 
@@ -176,10 +177,11 @@ def _camera_section(camera: CameraInfo) -> CameraSection:
 
 
 def _truth_line_marker(marker: TruthMarker) -> TruthLineMarker:
+    pose = marker.camera_from_marker
     return TruthLineMarker(
         id=marker.id,
         corners_px=marker.corners_px.tolist(),
-        position_m=marker.camera_from_marker.position_m.tolist(),
-        quaternion_wxyz=marker.camera_from_marker.quaternion_wxyz.tolist(),
+        position_m=pose.position_m.tolist() if pose is not None else None,
+        quaternion_wxyz=pose.quaternion_wxyz.tolist() if pose is not None else None,
         optional=marker.optional,
     )

@@ -153,6 +153,8 @@ class Frame:
             raise ValueError(f"pixels must be (H, W) uint8, not {self.pixels.shape} {self.pixels.dtype}")
         if not (self.exposure_us > 0 and self.row_time_us > 0):
             raise ValueError("exposure_us and row_time_us must be positive")
+        # Row after row without gaps, as C reads it; a part of another picture is copied.
+        object.__setattr__(self, "pixels", np.ascontiguousarray(self.pixels))
         self.pixels.flags.writeable = False
 
     def without_picture(self) -> Frame:

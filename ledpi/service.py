@@ -7,12 +7,16 @@ from collections.abc import Callable
 
 from ledpi import __version__
 from ledpi.camera.base import Camera
-from ledpi.config import Config
+from ledpi.config import Config, check_bands_show
 from ledpi.daemon import Daemon
 from ledpi.errors import LedpiError
+from ledpi.reload import Reading
 from ledpi.reporting import Totals, event
 from ledpi.resets import Resets
 from ledpi.service_notify import notify
+from ledpi.wording import one_line
+
+MAX_SAID = 200  # characters of an error that nobody has foreseen
 
 _log = logging.getLogger("ledpi")
 
@@ -26,6 +30,7 @@ class Service:
         """`lossless`: as Daemon's. Raises LedpiError where the first configuration or its camera cannot be used."""
         self._load, self._open_camera, self._lossless = load, open_camera, lossless
         self._asked_to_stop = self._asked_to_reload = False
+        self._reading: Reading | None = None
         self._next: Config | None = None
         self._resets = Resets()
         self._config = load()
@@ -56,14 +61,20 @@ class Service:
 
     def _look(self) -> None:
         """A configuration that can be read ends the daemon, for another one to begin; a bad one is named."""
-        if not self._asked_to_reload:
+        if self._asked_to_reload and self._reading is None:
+            self._asked_to_reload, self._reading = False, Reading(self._load)
+        if self._reading is None:
             return
-        self._asked_to_reload = False
-        try:
-            self._next = self._load()
-        except LedpiError as error:
-            self._refuse(error)
+        result = self._reading.result()
+        if result is None:
+            if self._reading.is_slow():
+                _log.warning(event("reload_waits", reason="its files are still being read; does a mount hang?"))
+            return
+        self._reading = None
+        if isinstance(result, Exception):
+            self._refuse(result)
         else:
+            self._next = result
             self._daemon.stop()
 
     def _change_to(self, config: Config) -> Daemon:
@@ -71,7 +82,7 @@ class Service:
         notify("WATCHDOG=1")  # the old daemon has ended as it should; a camera, or two, is about to be opened
         try:
             daemon = self._start(config)
-        except LedpiError as error:
+        except Exception as error:
             self._refuse(error)
             return self._start(self._config)
         self._config = config
@@ -80,8 +91,10 @@ class Service:
     def _start(self, config: Config) -> Daemon:
         camera = self._open_camera(config)
         try:
+            shown = config.panels if camera.panel is None else config.panels.shown_by(camera.panel)
+            check_bands_show(shown, camera.info.row_time_us, "configuration")
             daemon = Daemon(config, camera, lossless=self._lossless, resets=self._resets)
-        except LedpiError:
+        except BaseException:
             camera.close()
             raise
         info = camera.info
@@ -103,5 +116,6 @@ class Service:
         )
         return daemon
 
-    def _refuse(self, error: LedpiError) -> None:
-        _log.error(event("reload_refused", error=str(error), stays="the old configuration"))
+    def _refuse(self, error: Exception) -> None:
+        what = str(error) if isinstance(error, LedpiError) else f"{type(error).__name__}: {str(error)[:MAX_SAID]}"
+        _log.error(event("reload_refused", error=one_line(what), stays="the old configuration"))

@@ -9,7 +9,8 @@ import numpy as np
 
 from ledpi.config import CameraSettings
 from ledpi.errors import ConfigError, RecordingError
-from ledpi.picture import PNG_SIGNATURE, png_fault
+from ledpi.files import read_bytes
+from ledpi.picture import MAX_BYTES, PNG_SIGNATURE, png_fault
 from ledpi.records import CameraInfo, Frame
 
 SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".tif", ".tiff"}
@@ -33,10 +34,7 @@ def still_camera(settings: CameraSettings) -> CameraInfo:
 def read_still(path: Path, camera: CameraInfo, seq: int = 0) -> Frame:
     """The picture as a frame at time 0. Raises RecordingError where it cannot be read or has another size."""
     wanted = f"must be {camera.width} × {camera.height}"
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise RecordingError(f"{path}: cannot be read: {error.strerror}") from None
+    data = read_bytes(path, RecordingError, MAX_BYTES)
     fault = png_fault(data) if data.startswith(PNG_SIGNATURE) else None
     if fault is not None:
         raise RecordingError(f"{path}: {fault[1]}")

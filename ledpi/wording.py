@@ -1,6 +1,10 @@
-"""How text for people is put: in one line, and with nouns that suit their number."""
+"""How text for people is put: in one line, values not too long for it, and with nouns that suit their number."""
 
 from __future__ import annotations
+
+import reprlib
+
+VALUE_LENGTH = 60  # characters of a value in a message
 
 
 def one_line(text: str) -> str:
@@ -11,3 +15,30 @@ def one_line(text: str) -> str:
 def counted(count: int, noun: str) -> str:
     """As in `1 panel`, `0 panels`, `2 panels`, for nouns that take an s."""
     return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
+
+
+def shortened(value: object) -> str:
+    """`value` as Python writes it, cut to a length that fits a message before it is written: it may be of any size."""
+    return _cut(_SHORT.repr(value))
+
+
+def shortened_name(name: object) -> str:
+    """A key, an ID or other words as they are, without quotes; cut likewise."""
+    return _cut(name[: VALUE_LENGTH + 1] if isinstance(name, str) else _SHORT.repr(name))
+
+
+class _Short(reprlib.Repr):
+    def __init__(self) -> None:
+        super().__init__()
+        self.maxstring = self.maxother = self.maxlong = 2 * VALUE_LENGTH  # more than is left of it, to be cut once
+
+    def repr_int(self, x: int, level: int) -> str:
+        """Python refuses to write numbers of more than 4,300 digits."""
+        return super().repr_int(x, level) if abs(x) < 1 << 256 else f"a number of {x.bit_length()} bits"
+
+
+_SHORT = _Short()
+
+
+def _cut(text: str) -> str:
+    return text if len(text) <= VALUE_LENGTH else text[: VALUE_LENGTH - 3] + "..."

@@ -67,7 +67,7 @@ def test_four_coefficients_are_enough(tmp_path: Path) -> None:
 def test_what_is_written_comes_back(tmp_path: Path) -> None:
     """Values survive to the last bit, also those that are awkward in YAML."""
     lens = Intrinsics(
-        width=640, height=480, fx=1000 / 3, fy=500, cx=1e-7, cy=-0.1, distortion=(1e22, 1e-300, -1e-5, 0.1, 3)
+        width=640, height=480, fx=1000 / 3, fy=500, cx=1e-7, cy=-0.1, distortion=(1e-22, 1e-300, -1e-5, 0.1, 3)
     )
     assert load_intrinsics(written(tmp_path, camera_yaml_text(lens, {"rms_px": 0.1}))) == lens
 
@@ -97,7 +97,7 @@ def test_a_file_for_another_size_is_refused(tmp_path: Path) -> None:
     [
         ("image_width: 640", "image_width: wide", "image_width: must be a whole number, not 'wide'"),
         ("image_width: 640\n", "", "image_width: must be given"),
-        ("image_height: 480", "image_height: 0", "image_height: must be greater than 0, not 0"),
+        ("image_height: 480", "image_height: 0", "image_height: must be greater than or equal to 1, not 0"),
         ("plumb_bob", "equidistant", "distortion_model: must be 'plumb_bob', not 'equidistant'"),
         ("-0.0005, 0]", "]", "distortion_coefficients.data: must be 4 or 5 numbers"),
         ("data: [0.125", "data: [.nan", "distortion_coefficients.data.0: must be a finite number, not nan"),

@@ -268,7 +268,7 @@ def write_lens(path: Path, width: int, height: int, *, focal: float = 1.0) -> No
     [
         ("panels: {side_m: 0.16, balck_hz: 1250}", "panels.balck_hz: unknown key; did you mean black_hz?"),
         ("panels: {side_m: large}", "panels.side_m: must be a number, not 'large'"),
-        ("panels: {side_m: -1}", "panels.side_m: must be greater than 0, not -1"),
+        ("panels: {side_m: -1}", "panels.side_m: must be greater than or equal to 0.001, not -1"),
         ("panels: {}", "panels.side_m: must be given"),
         ("panels: {side_m: 0.16, dictionary: DICT_9X9}", "panels.dictionary: must be one of"),
         ("panels: {side_m: 0.16, white_hz: 1250}", "panels: black_hz and white_hz must differ"),

@@ -94,6 +94,14 @@ def test_a_wrong_file_names_key_and_remedy(file: Path, old: str, new: str, messa
     assert message in str(error.value)
 
 
+@pytest.mark.parametrize("text", ['{"a":' + "[" * 100_000, "%YAML:1.0\n---\na:\n  " + "- " * 100_000])
+def test_lists_nested_deeply_are_refused(file: Path, text: str) -> None:
+    """OpenCV's own reader ends the process there (segmentation fault)."""
+    file.write_text(text)
+    with pytest.raises(ValueError, match="cannot be read as a dictionary"):
+        load_dictionary(str(file))
+
+
 def test_a_missing_file_is_named(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     """With what a dictionary is, and nothing that OpenCV has to say."""
     config = tmp_path / "config.yaml"

@@ -2,12 +2,24 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from pathlib import Path
 
 import pytest
 
 from ledpi.errors import CalibrationError, ConfigError
-from ledpi.files import read_text, read_yaml
+from ledpi.files import read_bytes, read_text, read_yaml
+
+_opened: list[str] = []
+sys.addaudithook(lambda event, args: _opened.append(str(args[0])) if event == "open" else None)  # stays for good
+
+
+@pytest.fixture
+def opened() -> list[str]:
+    """The names of the files that are opened from now on."""
+    _opened.clear()
+    return _opened
 
 
 def test_a_key_given_twice_is_named_at_any_depth(tmp_path: Path) -> None:
@@ -29,11 +41,60 @@ def test_powers_of_ten_are_numbers(tmp_path: Path, text: str, value: float | str
     assert read_yaml(file, ConfigError) == {"a": [0.1, value]}
 
 
-def test_what_is_merged_in_may_be_overruled(tmp_path: Path) -> None:
-    """A key beside `<<` is not one given twice."""
+@pytest.mark.parametrize("text", ["a: &usual {b: 1}\nd:\n  <<: *usual\n", "a: &b [1]\nc: [*b, *b]\n", "a: &b [*b]\n"])
+def test_an_alias_is_refused_with_its_line(tmp_path: Path, text: str) -> None:
+    """Ten lines of aliases of aliases stand for gigabytes, and one may hold itself."""
     file = tmp_path / "x.yaml"
-    file.write_text("a: &usual {b: 1, c: 2}\nd:\n  <<: *usual\n  b: 3\n")
-    assert read_yaml(file, ConfigError)["d"] == {"b": 3, "c": 2}
+    file.write_text(text)
+    with pytest.raises(ConfigError, match=r"x\.yaml: not valid YAML: line [1-3]: \*aliases are not read"):
+        read_yaml(file, ConfigError)
+
+
+@pytest.mark.parametrize("text", ["a: " + "[" * 100_000, "- " * 100_000, "{a: " * 50_000])
+def test_what_is_nested_too_deeply_is_refused(tmp_path: Path, text: str) -> None:
+    """Long before it is too deep for Python."""
+    file = tmp_path / "x.yaml"
+    file.write_text(text)
+    with pytest.raises(ConfigError, match="line 1: is nested more than 32 deep"):
+        read_yaml(file, ConfigError)
+
+
+@pytest.mark.parametrize("text", [f"{'k' * 999}: 1\n{'k' * 999}: 2", f"a: !{'x' * 99_999} 1"])
+def test_a_long_value_does_not_make_a_long_message(tmp_path: Path, text: str) -> None:
+    """What stands in the file is shortened before it is repeated."""
+    file = tmp_path / "x.yaml"
+    file.write_text(text)
+    with pytest.raises(ConfigError) as refused:
+        read_yaml(file, ConfigError)
+    assert len(str(refused.value)) < len(str(file)) + 300
+
+
+def test_a_pipe_is_not_waited_for(tmp_path: Path) -> None:
+    """Nobody may ever write into it."""
+    os.mkfifo(tmp_path / "x.yaml")
+    with pytest.raises(ConfigError, match=r"x\.yaml: cannot be read: is a pipe, a device or the like; must be a"):
+        read_text(tmp_path / "x.yaml", ConfigError)
+
+
+def test_a_device_is_not_even_opened(tmp_path: Path, opened: list[str]) -> None:
+    """A link to /dev/zero, say, which has no end; to open a watchdog starts it."""
+    (tmp_path / "x.yaml").symlink_to("/dev/zero")
+    (tmp_path / "y.yaml").write_text("{}")
+    with pytest.raises(ConfigError, match="must be a regular file"):
+        read_yaml(tmp_path / "x.yaml", ConfigError)
+    read_yaml(tmp_path / "y.yaml", ConfigError)
+    assert str(tmp_path / "y.yaml") in opened
+    assert str(tmp_path / "x.yaml") not in opened
+
+
+def test_a_file_may_be_just_as_large_as_is_allowed(tmp_path: Path) -> None:
+    """One byte more is refused, and no more than that is read."""
+    file = tmp_path / "x.txt"
+    file.write_bytes(b"a" * 1000)
+    assert len(read_bytes(file, ConfigError, 1000)) == 1000
+    os.truncate(file, 2**40)  # without taking any room
+    with pytest.raises(ConfigError, match=r"x\.txt: is too large to be read; must be at most 1,000 bytes"):
+        read_bytes(file, ConfigError, 1000)
 
 
 @pytest.mark.parametrize("text", ["a: [", "a: !!timestamp x", "a: 2001-99-99", "!!python/object:os.system x"])

@@ -160,6 +160,7 @@ def test_truth_is_optional(folder: Path) -> None:
         ("truth.jsonl", '"seq": 40', '"seq": 1', "take/truth.jsonl: line 2: seq: 1 has a line already"),
         ("truth.jsonl", "[0, 1, 0, 0]", "[0, 0, 0, 0]", "line 1: markers.0.quaternion_wxyz: is no rotation"),
         ("truth.jsonl", "[0, 1, 0, 0]", "[0, 2, 0, 0]", "line 1: markers.0.quaternion_wxyz: must have length 1"),
+        ("truth.jsonl", '"position_m": [0.1, 0.2, 0.6], ', "", "position_m and quaternion_wxyz come together"),
         ("truth.jsonl", "[3, 2], ", "", "truth.jsonl: line 1: markers.0.corners_px.3: is missing"),
     ],
 )
@@ -192,6 +193,15 @@ def test_a_last_line_without_its_line_break_is_whole(folder: Path, caplog: pytes
     (folder / "frames.jsonl").write_text(FRAMES.rstrip("\n"))
     assert [entry.seq for entry in load_recording(folder).frames] == [0, 1, 40]
     assert caplog.messages == []
+
+
+def test_truth_may_know_corners_alone(folder: Path) -> None:
+    """A picture that was put together from photographs has no pose."""
+    replace(folder / "truth.jsonl", '"position_m": [0.1, 0.2, 0.6], "quaternion_wxyz": [0, 1, 0, 0], ', "")
+    truth = load_recording(folder).truth
+    assert truth is not None
+    assert truth[1][0].camera_from_marker is None
+    assert truth[1][0].corners_px.tolist() == [[1, 2], [3, 2], [3, 4], [1, 4]]
 
 
 def test_truth_whose_last_line_is_cut_off_is_read_up_to_it(folder: Path, caplog: pytest.LogCaptureFixture) -> None:

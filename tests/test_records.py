@@ -37,6 +37,15 @@ def test_a_frame_cannot_be_changed() -> None:
         one.pixels[0, 0] = 1
 
 
+def test_a_part_of_another_picture_is_copied() -> None:
+    """Loops in C go from row to row without gaps; a whole picture stays where it is."""
+    whole = np.arange(48, dtype=np.uint8).reshape(6, 8)
+    part = frame(pixels=whole[1:5, ::2])
+    assert part.pixels.flags.c_contiguous
+    np.testing.assert_array_equal(part.pixels, whole[1:5, ::2])
+    assert frame(pixels=whole.view()).pixels.ctypes.data == whole.ctypes.data
+
+
 @pytest.mark.parametrize(
     ("changes", "expected"),
     [

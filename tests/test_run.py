@@ -270,7 +270,7 @@ def complaint(
         ([], "no configuration: --config FILE, ./config.yaml or /etc/ledpi/config.yaml"),
         (["--config", "none.yaml"], "none.yaml: cannot be read"),
         (["--set", "serial.baud=9600"], "panels.side_m: must be given"),
-        (["--set", "panels.side_m=0"], "panels.side_m: must be greater than 0"),
+        (["--set", "panels.side_m=0"], "panels.side_m: must be greater than or equal to 0.001"),
         (["--set", "panels.side_m=1", "--set", "camera.source=film"], "camera.source: must be picamera2, simulated"),
         (["--set", "panels.side_m=1", "--set", "serial.baud=fast"], "serial.baud: must be a whole number"),
         (["--set", "panels.side_m=1", "--set", "serial.prot=x"], "serial.prot: unknown key; did you mean port?"),

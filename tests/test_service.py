@@ -5,18 +5,23 @@ from __future__ import annotations
 import re
 import signal
 import socket
+import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from daemon_material import Controller, controller, daemon, end, write_recording
+from daemon_material import SIMULATED, Controller, controller, daemon, end, write_recording
 from wire_material import decoded
 
 from ledpi import __version__
 from ledpi.camera import recovering
+from ledpi.camera.simulated import open_simulated
+from ledpi.config import load_config
+from ledpi.daemon import Daemon
 from ledpi.health import Health
+from ledpi.pipeline import Pipeline
 from ledpi.processor import Processor, read_processor
-from ledpi.records import Rejected
+from ledpi.records import Decoded, Frame, Rejected
 from ledpi.reporting import Totals, event, minute_line
 from ledpi.ring import RingCounters
 from ledpi.wire import StatusMessage
@@ -144,6 +149,33 @@ def test_a_reload_does_not_starve_the_watchdog(
             process.send_signal(signal.SIGHUP)
             assert [manager() for _ in range(3)] == ["WATCHDOG=1", "READY=1", "WATCHDOG=1"]
             assert end(process, signal.SIGTERM).status == 0
+
+
+def test_progress_within_a_frame_feeds_the_watchdog(
+    manager: Callable[[], str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Here the first frame ends only once the manager has heard of five pieces of it."""
+    fed = threading.Event()
+
+    def endless(pipeline: Pipeline, frame: Frame, at_once: Callable[[Decoded], None]) -> Decoded:
+        while not fed.wait(0.05):
+            at_once(decoded(seq=frame.seq))
+        return decoded(seq=frame.seq)
+
+    monkeypatch.setenv("WATCHDOG_USEC", "200000")
+    monkeypatch.delenv("WATCHDOG_PID", raising=False)
+    monkeypatch.setattr(Pipeline, "decode", endless)
+    config = load_config(None, (*SIMULATED, "serial.port=/nowhere/port"))
+    running = Daemon(config, open_simulated(config, paced=True))
+    thread = threading.Thread(target=running.run)
+    thread.start()
+    try:
+        assert [manager() for _ in range(6)] == ["READY=1", *["WATCHDOG=1"] * 5]
+        assert running._totals().health.decoded == 0
+    finally:
+        fed.set()
+        running.stop()
+        thread.join()
 
 
 # ---- What the journal gets

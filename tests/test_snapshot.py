@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import errno
 import os
 import re
+import resource
 import subprocess
 import sys
 from pathlib import Path
@@ -330,14 +330,13 @@ def test_a_full_disk_leaves_the_older_picture(
     """Half of the new one is not left either."""
     (tmp_path / "out.png").write_bytes(b"older")
 
-    def full(path: Path, data: bytes) -> int:
-        with path.open("wb") as file:
-            file.write(data[:1000])
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    monkeypatch.setattr(Path, "write_bytes", full)
     capsys.readouterr()
-    assert ledpi(monkeypatch, "snapshot", "take", "--out", "out.png") == 2
-    assert capsys.readouterr().err == "ledpi: --out out.png: cannot be written: No space left on device\n"
+    limit = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limit[1]))  # in the place of a full disk
+    try:
+        assert ledpi(monkeypatch, "snapshot", "take", "--out", "out.png") == 2
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limit)
+    assert capsys.readouterr().err == "ledpi: --out out.png: cannot be written: File too large\n"
     assert (tmp_path / "out.png").read_bytes() == b"older"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["out.png", "take"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from ledpi.errors import ConfigError
-from ledpi.wording import counted
+from ledpi.wording import VALUE_LENGTH, counted, shortened, shortened_name
 
 
 def test_an_error_is_one_line() -> None:
@@ -17,3 +17,19 @@ def test_an_error_is_one_line() -> None:
 def test_a_noun_suits_its_number(count: int, text: str) -> None:
     """One is singular; none is plural."""
     assert counted(count, "panel") == text
+
+
+def test_a_short_value_is_written_whole() -> None:
+    """As Python writes it; names as they are."""
+    assert shortened({"a": [1, None, 2.5, "x"]}) == "{'a': [1, None, 2.5, 'x']}"
+    assert (shortened_name("camera"), shortened_name(7)) == ("camera", "7")
+
+
+HUGE = ["x" * 10**6, [[1] * 10**6] * 9, {"k" * 999: 1}, 10**5000, -(16**9999), {10**5000: 0}]
+
+
+@pytest.mark.parametrize("value", HUGE, ids=range(len(HUGE)))
+def test_a_value_of_any_size_is_cut(value: object) -> None:
+    """Also a number of so many digits that Python does not write it."""
+    assert len(shortened(value)) <= VALUE_LENGTH
+    assert len(shortened_name(value)) <= VALUE_LENGTH

@@ -6,6 +6,7 @@ import contextlib
 from pathlib import Path
 
 from ledpi.errors import CalibrationError
+from ledpi.files import write_beside
 
 PICTURE_SUFFIX = ".png"
 
@@ -19,12 +20,10 @@ def check_writable(path: Path) -> None:
         raise CalibrationError(f"{path}: must not end in {PICTURE_SUFFIX}: a picture of that name is written beside it")
     for file in (path, picture_beside(path)):
         _check_is_file(file)
-        fresh = _fresh(file)
         try:
-            fresh.touch()
+            write_beside(file, b"").unlink()
         except OSError as error:
             raise _refused(file, error) from None
-        _forget(fresh)
 
 
 def picture_beside(path: Path) -> Path:
@@ -39,22 +38,18 @@ def write_keeping_old(path: Path, content: str | bytes) -> Path | None:
     file is then untouched.
     """
     _check_is_file(path)
-    fresh = _fresh(path)
+    fresh = None
     try:
-        fresh.write_bytes(content.encode() if isinstance(content, str) else content)
+        fresh = write_beside(path, content.encode() if isinstance(content, str) else content)
         kept = _next_backup(path) if path.exists() else None
         if kept is not None:
             path.rename(kept)
         fresh.replace(path)
     except OSError as error:
-        _forget(fresh)
+        if fresh is not None:
+            _forget(fresh)
         raise _refused(path, error) from None
     return kept
-
-
-def _fresh(path: Path) -> Path:
-    """Where it is written first, so that it is whole once it has its name."""
-    return path.with_name(path.name + ".new")
 
 
 def _check_is_file(path: Path) -> None:

@@ -15,6 +15,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("OPENCV_FOR_THREADS_NUM", "1")
 # What is wrong with a picture is said by ledpi, in one line.
 os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
+# It decodes no picture that is larger: of any format, and before it asks for the memory.
+os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", "25000000")  # the square of config_values.MAX_SIDE_PX
 
 import typer
 

@@ -75,13 +75,16 @@ def read_grey(path: Path) -> Pixels:
     import cv2
     import numpy as np
 
+    from ledpi.files import read_bytes
+    from ledpi.picture import MAX_BYTES
+
     # The file's own orientation mark is passed over: lens and shutter belong to the sensor's rows and columns.
     flags = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
+    data = np.frombuffer(read_bytes(path, CalibrationError, MAX_BYTES), np.uint8)
     try:
-        data = np.frombuffer(path.read_bytes(), np.uint8)
         picture = cv2.imdecode(data, flags) if data.size else None
-    except OSError as error:
-        raise CalibrationError(f"{path}: cannot be read: {error.strerror}") from None
+    except cv2.error:
+        picture = None
     if picture is None:
         raise CalibrationError(f"{path}: is not a picture that can be decoded; remove it from the folder")
     return np.asarray(picture, dtype=np.uint8)

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ledpi.errors import ConfigError, RecordingError
+from ledpi.files import write_beside
 
 if TYPE_CHECKING:
     from ledpi.records import Pixels
@@ -26,11 +27,12 @@ def write_drawn(path: Path, drawn: Pixels, option: str) -> None:
     import cv2
 
     data = cv2.imencode(path.suffix.lower(), drawn)[1]
-    fresh = path.with_name(path.name + ".new")
+    fresh = None
     try:
-        fresh.write_bytes(data.tobytes())
+        fresh = write_beside(path, data.tobytes())
         fresh.replace(path)
     except OSError as error:
-        with contextlib.suppress(OSError):
-            fresh.unlink(missing_ok=True)
+        if fresh is not None:
+            with contextlib.suppress(OSError):
+                fresh.unlink()
         raise RecordingError(f"{option} {path}: cannot be written: {error.strerror}") from None

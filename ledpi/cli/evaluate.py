@@ -18,6 +18,7 @@ from ledpi.errors import ConfigError
 
 if TYPE_CHECKING:
     from ledpi.config import Config, PanelSettings
+    from ledpi.evaluate.conditions import Suite
     from ledpi.evaluate.folder import ResultsFolder
     from ledpi.evaluate.page import Commands
     from ledpi.evaluate.plan import Plan
@@ -34,6 +35,7 @@ class SuiteName(StrEnum):
     BEYOND = "beyond"
     ROBUSTNESS = "robustness"
     DECOYS = "decoys"
+    WILD = "wild"
 
 
 class MethodName(StrEnum):
@@ -44,24 +46,29 @@ class MethodName(StrEnum):
     STREAM = "stream"
     ARUCO = "aruco"
     APRILTAG = "apriltag"
+    LEDPI = "ledpi"
+    TOLD = "told"
 
 
 @app.command()
 def evaluate(
     out: Path = typer.Option(Path("evaluation"), "--out", metavar="DIR", help="Folder of the results; goes on in it."),
     suite: list[SuiteName] = typer.Option([], help="May be repeated. Default: paper and beyond."),
-    frames: int = typer.Option(300, min=1, help="Of each condition: takes that are judged; of decoys, frames."),
+    frames: int | None = typer.Option(
+        None, min=1, help="Of each condition: takes that are judged; of decoys, frames. Default: 300; of wild, 400."
+    ),
     seed: int = typer.Option(1, min=0, help="Decides all that is random: the same seed, the same results."),
     exposure_us: list[float] = typer.Option([], min=1, help="May be repeated. Default: 10000, and 150 but for cases."),
     transfer: list[TransferName] = typer.Option([TransferName.SRGB], help="May be repeated."),
     distance: list[float] = typer.Option([], min=0.05, max=1000, help="In place of the suite's own, in metres."),
     angle: list[float] = typer.Option([], min=-88, max=88, help="In place of the suite's own, in degrees."),
-    case: list[str] = typer.Option([], help="Only this case of the suite robustness or decoys; may be repeated."),
+    case: list[str] = typer.Option([], help="Only this case of robustness, decoys or wild; may be repeated."),
     roll: bool = typer.Option(False, "--roll", help="Panels turned by any angle; default: within 3°."),
     method: list[MethodName] = typer.Option([], help="May be repeated. Default: all that the suite is for."),
     workers: int = typer.Option(0, min=0, help="Processes; default: one a core. Changes no result but the times."),
     scheduler: str | None = typer.Option(None, metavar="ADDRESS", help="A dask.distributed cluster does the work."),
     take: int | None = typer.Option(None, min=0, help="Write this take of one condition to DIR, as a recording."),
+    keep: Path | None = typer.Option(None, metavar="DIR", help="Write all takes of wild to DIR, as recordings."),
     recording: Path | None = typer.Option(None, metavar="DIR", help="Read these frames of a real panel instead."),
     id_: int | None = typer.Option(None, "--id", min=0, help="With --recording: the panel's ID."),
     config: Path | None = typer.Option(None, "--config", help="Its panels, in place of the paper's of 16 cm."),
@@ -91,10 +98,12 @@ def evaluate(
     from ledpi.evaluate.plan import Plan
     from ledpi.evaluate.prints import has_apriltag
     from ledpi.evaluate.units import code_version
+    from ledpi.evaluate.wild_rows import TAKES
 
+    suites: tuple[Suite, ...] = tuple(s.value for s in suite or (SuiteName.PAPER, SuiteName.BEYOND))
     plan = Plan(
-        suites=tuple(s.value for s in suite or (SuiteName.PAPER, SuiteName.BEYOND)),
-        frames=frames,
+        suites=suites,
+        frames=frames or (TAKES if suites == ("wild",) else 300),
         seed=seed,
         transfers=tuple(t.value for t in transfer),
         exposures_us=tuple(exposure_us),
@@ -109,7 +118,10 @@ def evaluate(
         panel_options=tuple(panel_options),
         code=code_version(),
     )
-    if take is not None:
+    plan.check()
+    if keep is not None:
+        _keep(keep, plan)
+    elif take is not None:
         _write_take(out, plan, take)
     else:
         _run(out, plan, workers, scheduler)
@@ -152,12 +164,25 @@ def _write_take(out: Path, plan: Plan, number: int) -> None:
     from ledpi.evaluate.replay import write_take
 
     conditions = plan.conditions()
+    if plan.suites == ("wild",):
+        raise ConfigError("--take: --suite wild writes its takes with --keep DIR")
     if len(conditions) != 1:
         raise ConfigError(
             f"--take: is of one condition, asked for are {len(conditions)}; "
             "narrow them with --suite, --case, --distance, --angle and --exposure-us"
         )
     write_take(out, conditions[0], plan.panels, plan.seed, number, plan.frame_duration_us)
+
+
+def _keep(out: Path, plan: Plan) -> None:
+    from ledpi.evaluate.keep import keep_wild
+
+    if plan.suites != ("wild",):
+        raise ConfigError("--keep: writes the takes of --suite wild, and of no other")
+    rows = [condition.case for condition in plan.conditions()]
+    with progress("writing", len(rows) * plan.frames) as advance:
+        for row in rows:
+            keep_wild(out, row, plan.panels, seed=plan.seed, takes=plan.frames, advance=advance)
 
 
 def _read_recording(

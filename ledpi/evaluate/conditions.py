@@ -6,9 +6,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
+from ledpi.evaluate.wild_rows import WILD
 from ledpi.records import Transfer
 
-Suite = Literal["paper", "beyond", "robustness", "decoys"]
+Suite = Literal["paper", "beyond", "robustness", "decoys", "wild"]
 
 PAPER_DISTANCES_M = tuple(round(0.2 * step, 1) for step in range(2, 11))
 PAPER_ANGLES_DEG = (-70.0, -45.0, -20.0, 0.0, 20.0, 45.0, 70.0)
@@ -18,7 +19,7 @@ BEYOND_ANGLES_DEG = (-80.0, 80.0)
 # Where a panel fills half the picture, where a single frame has light to spare, and where it has not.
 ROBUSTNESS_DISTANCES_M = (0.45, 1.0, 3.0)
 # Asked for; the sensor rounds down to whole rows. Robustness has other exposures among its cases.
-EXPOSURES_US: dict[Suite, tuple[float, ...]] = {
+EXPOSURES_US: dict[str, tuple[float, ...]] = {
     "paper": (10_000.0, 150.0),
     "beyond": (10_000.0, 150.0),
     "robustness": (10_000.0,),
@@ -119,14 +120,14 @@ VARIATIONS: dict[str, Variation] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Condition:
-    """One row of a table. Decoys have no distance and no angle: each stands somewhere."""
+    """One row of a table. Decoys and the suite wild have no distance and no angle: each stands somewhere."""
 
     suite: Suite
-    case: str  # a key of VARIATIONS, or one of DECOYS
+    case: str  # a key of VARIATIONS, one of DECOYS, or a key of WILD
     distance_m: float | None
     angle_deg: float | None  # between the panel's normal and the line of sight, about the vertical axis
     exposure_us: float
-    transfer: Transfer
+    transfer: Transfer | Literal["any"]  # any: drawn for each camera
     any_roll: bool  # False: within ±3°, as hung by hand
 
     @property
@@ -153,8 +154,11 @@ def suite_conditions(
 ) -> Iterator[Condition]:
     """The conditions of a suite, in the tables' order. Distances, angles, exposures replace its own, if given.
 
-    A case that has its own exposure comes once for each of the run's.
+    A case that has its own exposure comes once for each of the run's. The suite wild draws all of these itself.
     """
+    if suite == "wild":
+        yield from (_wild(case) for case in WILD)
+        return
     for transfer in transfers:
         for exposure_us in exposures_us or EXPOSURES_US[suite]:
             common = Condition(
@@ -175,6 +179,18 @@ def suite_conditions(
                     yield replace(
                         common, case=case, distance_m=distance_m, angle_deg=angle_deg, exposure_us=own_us
                     )
+
+
+def _wild(case: str) -> Condition:
+    return Condition(
+        suite="wild",
+        case=case,
+        distance_m=None,
+        angle_deg=None,
+        exposure_us=WILD[case].exposure_us,
+        transfer="any",
+        any_roll=True,
+    )
 
 
 def _places(

@@ -99,6 +99,7 @@ def _stream(condition: Condition, seed: int, number: int, purpose: int) -> np.ra
 def _sensor(condition: Condition, panels: PanelSettings, frame_duration_us: float | None) -> SimulatedSensor:
     """What the daemon would choose of exposure and frame period, by the row time that the driver reports."""
     variation = condition.variation
+    assert condition.transfer != "any"
     true_us = variation.row_time_us or OV5647_ROW_TIME_US
     settings = CameraSettings(
         source="simulated",

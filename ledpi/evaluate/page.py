@@ -18,6 +18,7 @@ _TITLES = {
     "beyond": "Beyond the paper",
     "robustness": "Robustness",
     "decoys": "Decoys: nothing may be reported",
+    "wild": "Wild: everything varied at once",
     "recording": "From recordings",
 }
 

@@ -11,7 +11,7 @@ from ledpi.config import PanelSettings, check_method
 from ledpi.errors import ConfigError
 from ledpi.evaluate.conditions import Condition, Suite, suite_conditions
 from ledpi.evaluate.draw import FRAMES_A_TAKE
-from ledpi.evaluate.reading import METHODS, PANEL_METHODS, PRINTED, Method
+from ledpi.evaluate.reading import METHODS, PANEL_METHODS, PRINTED, WILD_METHODS, Method
 from ledpi.evaluate.scoring import Tally
 from ledpi.evaluate.table import TableRow, table_row
 from ledpi.evaluate.units import TAKES_A_UNIT, Unit
@@ -22,6 +22,7 @@ _BY_SUITE: dict[Suite, tuple[Method, ...]] = {
     "beyond": METHODS,
     "robustness": ("soft", "stream"),
     "decoys": PANEL_METHODS,
+    "wild": WILD_METHODS,
 }
 
 
@@ -65,12 +66,22 @@ class Plan:
             raise ConfigError(f"--case {min(unknown)}: {', '.join(self.suites)} has only: {known}")
         return list(dict.fromkeys(c for c in every if not self.cases or c.case in self.cases))
 
+    def check(self) -> None:
+        """Raises ConfigError for what would be passed over in silence: wild draws what other suites are given."""
+        given = {"--distance": self.distances_m, "--angle": self.angles_deg, "--exposure-us": self.exposures_us}
+        named = next((name for name, values in given.items() if values), None)
+        if "wild" in self.suites and named is not None:
+            raise ConfigError(f"{named}: the suite wild draws its own")
+
     def methods_of(self, suite: Suite) -> tuple[Method, ...]:
         """What reads the conditions of a suite. Raises ConfigError where a method cannot."""
         own = _BY_SUITE[suite]
         for method in self.methods:
             if method in PRINTED and method not in own:
-                raise ConfigError(f"--method {method}: prints are for the suites paper and beyond, not for {suite}")
+                where = "the suites paper, beyond and wild"
+                raise ConfigError(f"--method {method}: prints are for {where}, not for {suite}")
+            if method not in own and (suite == "wild" or method in WILD_METHODS):
+                raise ConfigError(f"--method {method}: is not for the suite {suite}, which has {', '.join(own)}")
             if method == "apriltag" and not self.apriltag:
                 raise ConfigError("--method apriltag: is not installed: pip install 'ledpi[evaluate]'")
             if method == "bands":
@@ -121,8 +132,10 @@ class Plan:
     def commands(self, row: TableRow) -> list[str]:
         """The command line that gives the table again which a row is in."""
         words = ["ledpi", "evaluate", "--out", "DIR", "--suite", row.suite, "--frames", str(self.frames)]
-        words += ["--seed", str(self.seed), "--transfer", row.transfer, "--exposure-us", f"{row.exposure_us:g}"]
-        words += _options("--distance", self.distances_m) + _options("--angle", self.angles_deg)
+        words += ["--seed", str(self.seed)]
+        if row.suite != "wild":  # which draws all of these
+            words += ["--transfer", row.transfer, "--exposure-us", f"{row.exposure_us:g}"]
+            words += _options("--distance", self.distances_m) + _options("--angle", self.angles_deg)
         words += _options("--case", self.cases) + _options("--method", self.methods)
         return [shlex.join([*words, *(["--roll"] if self.any_roll else []), *self.panel_options])]
 

@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 LABELS = {
+    "ledpi": "ledpi",
+    "told": "told the true corners",
     "bands": "bands (the paper's method)",
     "soft": "soft, one frame",
     "stream_4": "soft, 4th frame of a stream",

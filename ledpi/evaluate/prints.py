@@ -20,6 +20,8 @@ APRILTAG = "tag36h11"
 _OPENCV_APRILTAG = "DICT_APRILTAG_36h11"
 # Ink returns about a fifteenth of what paper does.
 INK = 0.06
+# Of full scale, in the suite wild: a panel's hot spots may saturate, paper that does has lost its edges.
+WHITEST_PAPER = 0.8
 
 
 def has_apriltag() -> bool:
@@ -46,7 +48,7 @@ def printed_scene(scene: Scene, family: Family, dictionary: str, paper_level: fl
                 black=INK * paper_level,
             )
         )
-    return replace(scene, panels=(), prints=tuple(prints))
+    return replace(scene, panels=(), prints=(*scene.prints, *prints))
 
 
 def printed_id(family: Family, dictionary: str, marker_id: int) -> int:

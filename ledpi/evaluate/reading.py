@@ -19,8 +19,9 @@ from ledpi.pose.planar import solve_square
 from ledpi.records import CameraInfo, Floats, Frame, Intrinsics, PanelValues, Pose, Rejected
 from ledpi.trace import Dropped, Trace
 
-Method = Literal["bands", "soft", "stream", "aruco", "apriltag"]
-METHODS: tuple[Method, ...] = get_args(Method)
+Method = Literal["bands", "soft", "stream", "aruco", "apriltag", "ledpi", "told"]
+METHODS: tuple[Method, ...] = ("bands", "soft", "stream", "aruco", "apriltag")
+WILD_METHODS: tuple[Method, ...] = ("ledpi", "told", "aruco")  # soft or stream as the row asks; told the true corners
 PanelMethod = Literal["bands", "soft", "stream"]
 PANEL_METHODS: tuple[PanelMethod, ...] = get_args(PanelMethod)
 PRINTED: tuple[Method, ...] = ("aruco", "apriltag")

@@ -57,7 +57,7 @@ def in_the_way(variation: Variation, shown: tuple[Panel, ...], extra: np.random.
         size = (2.0 * share, 2.0 * share) if variation.hidden == "corner" else (1.4, 2.0 * share)
         nearer = 0.8  # so that it surely stands before the panel
         at_m, size_m = (along[0] * side, along[1] * side), (size[0] * side, size[1] * side)
-        hidden.append(_rectangle(panel, turn, at_m, size_m, depth=nearer))
+        hidden.append(rectangle(panel, turn, at_m, size_m, depth=nearer))
     return tuple(hidden)
 
 
@@ -71,7 +71,7 @@ def touching(variation: Variation, shown: tuple[Panel, ...], extra: np.random.Ge
             level = float(extra.uniform(*TOUCHING_LEVEL))
             away = 0.5 * (side + height)
             size_m = (float(width), float(height))
-            lights.append(_rectangle(panel, turn * math.pi / 2.0, (along, away), size_m, depth=1.002, level=level))
+            lights.append(rectangle(panel, turn * math.pi / 2.0, (along, away), size_m, depth=1.002, level=level))
     return tuple(lights)
 
 
@@ -84,11 +84,11 @@ def frames(variation: Variation, shown: tuple[Panel, ...], extra: np.random.Gene
     for panel in shown:
         level = float(panel.brightness * extra.uniform(*share_of_light))
         size_m = float(panel.spec.side_m * (1.0 + 2.0 * extra.uniform(*share_of_side)))
-        lights.append(_rectangle(panel, 0.0, (0.0, 0.0), (size_m, size_m), depth=1.002, level=level))
+        lights.append(rectangle(panel, 0.0, (0.0, 0.0), (size_m, size_m), depth=1.002, level=level))
     return tuple(lights)
 
 
-def _rectangle(
+def rectangle(
     panel: Panel,
     turn_rad: float,
     at_m: tuple[float, float],

@@ -20,9 +20,12 @@ from ledpi.config import PanelSettings
 from ledpi.errors import ConfigError
 from ledpi.evaluate.conditions import Condition
 from ledpi.evaluate.draw import FRAMES_A_TAKE, Take, draw_take
-from ledpi.evaluate.prints import Family, printed_id, printed_scene
-from ledpi.evaluate.reading import PANEL_METHODS, Method, PanelReader, apriltag_reader, aruco_reader
+from ledpi.evaluate.prints import WHITEST_PAPER, Family, printed_id, printed_scene
+from ledpi.evaluate.reading import PANEL_METHODS, Method, PanelReader, Read, apriltag_reader, aruco_reader
 from ledpi.evaluate.scoring import Expected, Tally
+from ledpi.evaluate.told import told_reads
+from ledpi.evaluate.wild import draw_wild
+from ledpi.evaluate.wild_rows import WILD
 from ledpi.records import Frame
 from ledpi.row_clock import RowClock
 from ledpi.simulate.render import Renderer
@@ -89,6 +92,9 @@ def run_unit(unit: Unit) -> dict[str, Any]:
     cv2.setNumThreads(1)  # units share the cores among them
     rows: dict[Row, Tally] = {row: Tally() for method in unit.methods for row in unit.rows_of(method)}
     for number in range(unit.first_take, unit.first_take + unit.takes):
+        if unit.condition.suite == "wild":
+            _read_wild(number, unit, rows)
+            continue
         take = draw_take(unit.condition, unit.panels, unit.seed, number, unit.frame_duration_us)
         for tally in rows.values():
             tally.trials += max(1, len(take.scene.panels) if unit.condition.suite != "decoys" else 1)
@@ -127,6 +133,30 @@ def _read_prints(take: Take, number: int, unit: Unit, family: Family, tally: Tal
         expected = [Expected.of(truth) for truth in scene_truth(take.scene, frame.seq)]
         expected = [replace(e, id=printed_id(family, dictionary, e.id)) for e in expected]
         tally.add(reader.read(frame), expected, f"take {number}, frame {frame.seq}")
+
+
+def _read_wild(number: int, unit: Unit, rows: dict[Row, Tally]) -> None:
+    """The frames of a take that its row judges: by ledpi, by who is told the true corners, and of a print."""
+    asked, take = WILD[unit.condition.case], draw_wild(unit.condition.case, unit.panels, unit.seed, number)
+    sensor, (panel,) = take.scene.sensor, take.scene.panels
+    frames = list(photographed(take, take.scene, asked.judged.stop))
+    truths = [scene_truth(take.scene, frame.seq) for frame in frames]
+    reads: dict[Row, list[Read]] = {}
+    if "ledpi" in unit.methods:
+        reader = PanelReader("soft" if asked.is_single else "stream", sensor_info(sensor), unit.panels)
+        reads["ledpi"] = [reader.read(frame) for frame in frames]
+    if "told" in unit.methods:
+        views = [(frame, truth.corners_px) for frame, (truth,) in zip(frames, truths, strict=True)]
+        spec = unit.panels.spec(panel.marker_id)
+        reads["told"] = told_reads(views, sensor.intrinsics, unit.panels.dictionary, spec)
+    if "aruco" in unit.methods:
+        scene = printed_scene(take.scene, "aruco", unit.panels.dictionary, min(take.peak_level, WHITEST_PAPER))
+        prints = aruco_reader(unit.panels.dictionary, unit.panels.side_m, sensor.intrinsics)
+        reads["aruco"] = [prints.read(frame) for frame in photographed(take, scene, asked.judged.stop)]
+    for row, tally in rows.items():
+        tally.trials += 1
+        for seq in asked.judged:
+            tally.add(reads[row][seq], [Expected.of(t) for t in truths[seq]], f"take {number}, frame {seq}")
 
 
 def photographed(take: Take, scene: Scene, frames: int) -> Iterator[Frame]:

@@ -17,10 +17,10 @@ from ledpi.records import Floats, Intrinsics
 from ledpi.shutter import row_weights
 from ledpi.simulate.optics import (
     SUPERSAMPLING,
+    Blur,
     PoseAt,
     Region,
     apply_homography,
-    blur_margin_px,
     irradiance,
     look_up,
     node_pixels,
@@ -54,13 +54,14 @@ class Exposed:
 
 def expose_still(surface: Surface, camera_from_surface: Floats, sensor: SimulatedSensor) -> Exposed | None:
     """A surface that stands still for good; None where none of it is in view."""
-    margin = blur_margin_px(sensor.psf_sigma_px)
+    blur = Blur.of(sensor)
+    margin = blur.margin_px
     covered = region_of(surface, camera_from_surface, sensor.intrinsics, margin)
     region = covered.within(whole_picture(sensor.intrinsics)) if covered is not None else None
     if region is None:
         return None
     around = region.grown(margin)
-    planes = irradiance(surface, camera_from_surface, around, sensor.intrinsics, sensor.psf_sigma_px)
+    planes = irradiance(surface, camera_from_surface, around, sensor.intrinsics, blur)
     step, first = SUPERSAMPLING, SUPERSAMPLING * margin + SUPERSAMPLING // 2  # at the first pixel's centre
     rows, columns = (slice(first, first + step * pixels, step) for pixels in (region.height, region.width))
     pixels = [np.ascontiguousarray(plane[rows, columns]) for plane in planes]
@@ -95,7 +96,8 @@ class _Drift:
 
 def expose_moving(surface: Surface, pose_at: PoseAt, sensor: SimulatedSensor, seq: int) -> Exposed | None:
     """A surface in motion: rendered once, as it is at t0, then shifted to where each row's parts see it."""
-    lens, margin = sensor.intrinsics, blur_margin_px(sensor.psf_sigma_px)
+    lens, blur = sensor.intrinsics, Blur.of(sensor)
+    margin = blur.margin_px
     drift = _drift(surface, pose_at, sensor, seq)
     if drift is None:
         return None
@@ -105,7 +107,7 @@ def expose_moving(surface: Surface, pose_at: PoseAt, sensor: SimulatedSensor, se
     around = covered.within(reach) if covered is not None else None
     if around is None:
         return None
-    planes = irradiance(surface, pose, around, lens, sensor.psf_sigma_px)
+    planes = irradiance(surface, pose, around, lens, blur)
     exposure_s = sensor.exposure_us * 1e-6
     parts = max(1, math.ceil(drift.speed_px_s() * exposure_s / _STEP_PX))
     mid_exposure_s = sensor.mid_exposure_s(seq, 0) + drift.pixels[:, 1] * sensor.row_time_us * 1e-6
@@ -147,7 +149,7 @@ def _drift(surface: Surface, pose_at: PoseAt, sensor: SimulatedSensor, seq: int)
 
 def _swept(surface: Surface, poses: tuple[Floats, ...], sensor: SimulatedSensor) -> Region | None:
     """Pixels of the picture that the surface covers at any of the poses."""
-    margin = blur_margin_px(sensor.psf_sigma_px)
+    margin = Blur.of(sensor).margin_px
     regions = [r for r in (region_of(surface, p, sensor.intrinsics, margin) for p in poses) if r is not None]
     if not regions:
         return None

@@ -166,6 +166,46 @@ def apply_homography(homography: Floats, points: Floats) -> Floats:
     return np.asarray(mapped[:, :2] / mapped[:, 2:])
 
 
+@dataclass(frozen=True, slots=True)
+class Blur:
+    """What the lens makes of a point: a disc, and that smoothed."""
+
+    psf_sigma_px: float
+    defocus_px: float = 0.0
+
+    @classmethod
+    def of(cls, sensor: SimulatedSensor) -> Blur:
+        """A sensor's lens."""
+        return cls(sensor.psf_sigma_px, sensor.defocus_px)
+
+    @property
+    def margin_px(self) -> int:
+        """How far beyond its outline a surface's light reaches."""
+        return math.ceil(4 * self.psf_sigma_px + self.defocus_px) + 2
+
+    @property
+    def rms_px(self) -> float:
+        """Along one axis; a disc's is half its radius."""
+        return math.hypot(self.psf_sigma_px, self.defocus_px / 2.0)
+
+    def apply(self, sharp: Image) -> Image:
+        """The supersampled picture, blurred, and averaged over each sample's pixel."""
+        kernel = _blur_kernel(self.psf_sigma_px)
+        blurred = cv2.sepFilter2D(sharp, cv2.CV_32F, kernel, kernel, borderType=cv2.BORDER_REPLICATE)
+        if self.defocus_px > 0:
+            blurred = cv2.filter2D(blurred, cv2.CV_32F, _disc(self.defocus_px), borderType=cv2.BORDER_REPLICATE)
+        return np.asarray(blurred, np.float32)
+
+
+@lru_cache(maxsize=16)
+def _disc(radius_px: float) -> Image:
+    """An even disc on supersampled pixels, its rim in shares, of sum 1."""
+    radius = radius_px * SUPERSAMPLING
+    at = np.arange(-math.ceil(radius), math.ceil(radius) + 1)
+    disc = np.clip(radius + 0.5 - np.hypot(at[:, None], at[None, :]), 0.0, 1.0)
+    return np.asarray(disc / disc.sum(), np.float32)
+
+
 @lru_cache(maxsize=16)
 def _blur_kernel(psf_sigma_px: float) -> Image:
     """The pixel's area and the lens's blur for the supersampled picture: a box and a Gaussian, convolved."""
@@ -178,17 +218,12 @@ def _blur_kernel(psf_sigma_px: float) -> Image:
     return kernel.astype(np.float32)
 
 
-def blur_margin_px(psf_sigma_px: float) -> int:
-    """How far beyond its outline a surface's light reaches."""
-    return math.ceil(4 * psf_sigma_px) + 2
-
-
 def irradiance(
-    surface: Surface, camera_from_surface: Floats, region: Region, intrinsics: Intrinsics, psf_sigma_px: float
+    surface: Surface, camera_from_surface: Floats, region: Region, intrinsics: Intrinsics, blur: Blur
 ) -> tuple[Image, ...]:
     """What a pixel centred at each sample would collect of each plane: (3·height, 3·width) each.
 
-    Sample i of a row is at pixel x0 + (i − 1)/3. Samples nearer than `blur_margin_px` to the region's
+    Sample i of a row is at pixel x0 + (i − 1)/3. Samples nearer than the blur's margin to the region's
     border are right only where the surface does not change beyond it.
     """
     corners = project(surface.outline_m(), camera_from_surface, intrinsics)
@@ -200,12 +235,7 @@ def irradiance(
     on_plane_m = apply_homography(to_plane, undistort(node_pixels(region, SUPERSAMPLING), intrinsics))
     texels = on_plane_m * per_metre + np.array([(columns - 1) / 2.0, (rows - 1) / 2.0])
     maps = spread(texels, region, SUPERSAMPLING)
-    kernel = _blur_kernel(psf_sigma_px)
-    blurred = []
-    for plane in planes:
-        sharp = look_up(plane, *maps)
-        blurred.append(cv2.sepFilter2D(sharp, cv2.CV_32F, kernel, kernel, borderType=cv2.BORDER_REPLICATE))
-    return tuple(np.asarray(plane, np.float32) for plane in blurred)
+    return tuple(blur.apply(look_up(plane, *maps)) for plane in planes)
 
 
 def look_up(plane: Image, map_x: Image, map_y: Image) -> Image:

@@ -10,11 +10,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from ledpi.geometry import inverse
 from ledpi.recording import TruthMarker
-from ledpi.records import Frame, Pixels
+from ledpi.records import Floats, Frame, Pixels
 from ledpi.simulate.exposure import Exposed, add_to, expose_moving, expose_still
-from ledpi.simulate.optics import PoseAt
-from ledpi.simulate.scene import Ripple, Scene
+from ledpi.simulate.floor import mirrored
+from ledpi.simulate.optics import PoseAt, shows_front
+from ledpi.simulate.scene import Panel, Ripple, Scene
 from ledpi.simulate.sensor import SensorReadout
 from ledpi.simulate.surface import Image, Surface, light_surface, panel_surface, print_surface
 from ledpi.simulate.truth import pose_seen, scene_truth
@@ -29,18 +31,31 @@ class Renderer:
     def __init__(self, scene: Scene, *, seed: int) -> None:
         self.scene = scene
         self._seed = seed
-        surfaces = [panel_surface(panel, scene.room) for panel in scene.panels]
+        surfaces = [panel_surface(panel, scene.room, self._seen_from(panel)) for panel in scene.panels]
         surfaces += [light_surface(light) for light in scene.lights]
         self._surfaces: list[Surface] = surfaces + [print_surface(printed, scene.room) for printed in scene.prints]
         rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_MAINS,)))
         self._room_phase = float(rng.random())  # of whatever hangs on the mains
         self._phases = [self._draw_phases(index, s) for index, s in enumerate(self._surfaces)]
+        if scene.floor is not None:
+            shown = [*range(len(scene.panels)), *range(len(self._surfaces) - len(scene.prints), len(self._surfaces))]
+            self._surfaces += [mirrored(self._surfaces[index], scene.floor) for index in shown]
+            self._phases += [self._phases[index] for index in shown]
         lens = scene.sensor.intrinsics
         self._level: Image = np.empty((lens.height, lens.width), np.float32)
         self._readout = SensorReadout(scene.sensor)
         self._wall = Wall(scene.room, scene.sensor)
         self._kept: dict[int, Exposed | None] = {}
         self._kept_wall: Image | None = None
+
+    def _seen_from(self, panel: Panel) -> Floats | None:
+        """(3,) the camera in the panel's frame, as the first frame is exposed: walls hide as seen from there.
+
+        None where the camera does not see the panel's front.
+        """
+        sensor = self.scene.sensor
+        pose = pose_seen(self.scene, panel.motion)(sensor.mid_exposure_s(0, (sensor.intrinsics.height - 1) / 2.0))
+        return inverse(pose)[:3, 3] if shows_front(pose) else None
 
     def _draw_phases(self, index: int, surface: Surface) -> tuple[float, ...]:
         rng = np.random.default_rng(np.random.SeedSequence(self._seed, spawn_key=(_OSCILLATORS, index)))

@@ -32,7 +32,14 @@ class PanelLook:
     falloff: float = 0.2  # how much darker a cell's corner is than its middle, smoothly
     hot_spot: float = 0.2  # share of the peak that comes from the LED shining through the diffuser
     hot_spot_sigma: float = 0.2
+    leds: int = 1  # a cell has so many along either side, each with its hot spot
+    depth: float = 0.0  # by which walls stand out before the diffuser, around the panel too
+    wall_glow: float = 0.5  # a wall's face, over the edge of the diffuser that it stands on
     albedo: float = 0.3  # what the unlit face returns of the room's uniform level
+
+    def __post_init__(self) -> None:
+        if self.leds < 1 or self.depth < 0:
+            raise ValueError(f"leds must be at least 1, depth not negative; are {self.leds} and {self.depth}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -161,6 +168,15 @@ class Room:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Floor:
+    """Something level and glossy below panels and prints: it shows them upside down, a little blurred."""
+
+    y_m: float  # in the scene, whose y points down; the camera must be above
+    reflectance: float
+    blur: float = 0.01  # deviation, as a share of what is mirrored
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class SimulatedSensor:
     """Lens and sensor. Full well and read noise are assumptions of the OV5647's order, not measurements.
 
@@ -174,6 +190,7 @@ class SimulatedSensor:
     frame_length_rows: int = OV5647_FRAME_LENGTH_ROWS
     transfer: Transfer = "srgb"
     psf_sigma_px: float = 0.7  # the lens's blur, Gaussian
+    defocus_px: float = 0.0  # radius of the disc that a point out of focus becomes
     full_well_e: float = 8000.0
     read_noise_e: float = 8.0
     gain: float = 1.0  # full scale is full_well_e / gain electrons
@@ -183,8 +200,8 @@ class SimulatedSensor:
     def __post_init__(self) -> None:
         if not (self.exposure_us > 0 and self.row_time_us > 0 and self.gain > 0 and self.full_well_e > 0):
             raise ValueError("exposure_us, row_time_us, gain and full_well_e must be positive")
-        if not (self.psf_sigma_px >= 0 and self.read_noise_e >= 0 and self.sharpening >= 0):
-            raise ValueError("psf_sigma_px, read_noise_e and sharpening must not be negative")
+        if not min(self.psf_sigma_px, self.defocus_px, self.read_noise_e, self.sharpening) >= 0:
+            raise ValueError("psf_sigma_px, defocus_px, read_noise_e and sharpening must not be negative")
         if not 0 <= self.tone_contrast <= 1:
             raise ValueError(f"tone_contrast must be between 0 and 1, is {self.tone_contrast}")
         if self.frame_length_rows < self.intrinsics.height:
@@ -219,6 +236,7 @@ class Scene:
     lights: tuple[Light, ...] = ()
     prints: tuple[Print, ...] = ()
     room: Room = field(default_factory=Room)
+    floor: Floor | None = None
     camera_motion: Trajectory = field(default_factory=Still)  # scene_from_camera
 
 

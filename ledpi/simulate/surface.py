@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from ledpi.markers import Bits
 from ledpi.records import Floats
-from ledpi.simulate.scene import Light, Panel, PanelLook, Print, Room, SquareWave, Wave
+from ledpi.simulate.cells import cell_lights
+from ledpi.simulate.scene import Light, Panel, Print, Room, SquareWave, Wave
 from ledpi.simulate.trajectory import Trajectory
 
 Image = NDArray[np.float32]
@@ -60,12 +61,17 @@ def _steps(ratio: float) -> int:
     return max(0, math.floor(2.0 * math.log2(max(ratio, 1.0))))
 
 
-def panel_surface(panel: Panel, room: Room) -> Surface:
-    """A panel: the light of each group of cells that blink alike, and its opaque face with the bezel."""
+def panel_surface(panel: Panel, room: Room, seen_from_m: Floats | None = None) -> Surface:
+    """A panel: the light of each group of cells that blink alike, and its opaque face with the bezel.
+
+    `seen_from_m` (3,): the camera's place in the panel's frame, for what walls that stand out hide; None: far ahead.
+    """
     cells = len(panel.word)
     texels = max(32, PANEL_TEXELS // cells)  # a cell
     bezel = round(panel.look.bezel * texels)
-    on = panel.brightness / panel.spec.duty * _cell_lights(cells, texels, panel.look)
+    pitch_m = panel.spec.side_m / cells
+    eye = None if seen_from_m is None else seen_from_m / pitch_m
+    on = panel.brightness / panel.spec.duty * cell_lights(cells, texels, panel.look, eye)
     if panel.cell_gains is not None:
         on = on * np.kron(panel.cell_gains, np.ones((texels, texels)))
     groups, waves = _groups(panel)
@@ -90,21 +96,6 @@ def _groups(panel: Panel) -> tuple[list[Bits], tuple[Wave, ...]]:
     waves = tuple({id(wave): wave for wave in panel.cell_waves}.values())
     own = [np.array([each is wave for each in panel.cell_waves]).reshape(panel.word.shape) for wave in waves]
     return own, waves
-
-
-def _cell_lights(cells: int, texels: int, look: PanelLook) -> Floats:
-    """(n·texels, n·texels) light of cells of peak 1: diffuser, LED shining through it, walls between."""
-    position = (np.arange(cells * texels) + 0.5) / texels  # in cells
-    if look.equal_cells:  # of a lattice with half a wall more at either end
-        position = look.gap / 2.0 + position * (cells - look.gap) / cells
-    offset = position - np.floor(position) - 0.5  # from the middle of its cell
-    radius2 = offset[:, None] ** 2 + offset[None, :] ** 2
-    diffuse = 1.0 - look.falloff * radius2 / 0.5
-    spot = np.exp(-radius2 / (2.0 * look.hot_spot_sigma**2))
-    inner_wall = np.clip(np.round(position), 1, cells - 1)
-    open_share = np.clip((np.abs(position - inner_wall) - look.gap / 2.0) * texels + 0.5, 0.0, 1.0)
-    light = (1.0 - look.hot_spot) * diffuse + look.hot_spot * spot
-    return np.asarray(light * np.outer(open_share, open_share))
 
 
 def light_surface(light: Light) -> Surface:
