@@ -31,11 +31,14 @@ class Window:
     bright: float
 
     @classmethod
-    def around(cls, frame: Frame, corners_px: Floats, reach: float) -> Window | None:
-        """What is up to `reach` of its side, and three pixels, around a square (4, 2); None where it shows no light."""
+    def around(cls, frame: Frame, corners_px: Floats, reach: float, fewest_px: float = FEWEST_PX) -> Window | None:
+        """What is up to `reach` of its side, and three pixels, around a square (4, 2); None where it shows no light.
+
+        `fewest_px`: of its side, how many are left where it is averaged down.
+        """
         height, width = frame.pixels.shape
         side_px = quad_side(corners_px.tolist())
-        shrink = max(1, int(min(side_px, max(height, width)) // FEWEST_PX))
+        shrink = max(1, int(min(side_px, max(height, width)) // fewest_px))
         reach_px = reach * side_px + 3.0
         (left, top), (right, bottom) = corners_px.min(axis=0) - reach_px, corners_px.max(axis=0) + reach_px
         x, y = max(0, int(left)), max(0, int(top))
