@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -16,85 +15,27 @@ from decode_material import (
     TRUE_10_MS_US,
     Canvas,
     Profile,
-    bare,
     camera_info,
     diffuser,
     drawn,
     flat,
-    one_size,
     panel_settings,
     square,
     word,
 )
 from samples_material import samples_of
 
-from ledpi.decode.corners.sides import as_points
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.evidence.single_frame import single_evidence
 from ledpi.decode.identify.codebook import Codebook, repeats
 from ledpi.decode.identify.rivals import odds_against_stretched, prior_odds_of_word
 from ledpi.decode.identify.tilt import LEAST_TILT
 from ledpi.decode.identify.words import likeliest
-from ledpi.decode.striped.find_striped import StripedFinder
-from ledpi.decode.striped.light_window import Window
-from ledpi.decode.striped.part_of_panel import PART, is_part
-from ledpi.decode.striped.striped import fitted_squares, striped_near, striped_square
 from ledpi.dictionaries import load_dictionary
 from ledpi.pipeline import Pipeline
-from ledpi.records import Floats, Frame, Quad, Rejected
 
 PANEL = square(310.3, 240.6, 130)
 STEADY_US = 640.0  # four fifths of 1250 Hz' period, and 1.6 of 2450 Hz'
-
-
-def found_at(frame: Frame, corners: Floats) -> Quad | Rejected:
-    rows = StripedFinder(640, 480, [SPEC], 8.0).stripe_rows(frame)
-    return striped_square(frame, corners[None], 4, [SPEC], rows, PINHOLE)
-
-
-def frame_of(canvas: Canvas) -> Frame:
-    canvas.panel(PANEL, word(7), light=0.3, phases=(0.3, 0.7))
-    return canvas.frame()
-
-
-@pytest.mark.parametrize("columns", [(0, 2), (1, 3)])
-def test_two_columns_of_a_panel_are_none(columns: tuple[int, int]) -> None:
-    """Their light is explained as well by four columns that are turned away by 60°. It may lead to the whole panel."""
-    left, right = (PANEL[0, 0] + 130 * column / 4 for column in columns)
-    top, bottom = PANEL[0, 1], PANEL[2, 1]
-    part = np.array([[left, top], [right, top], [right, bottom], [left, bottom]])
-    found = found_at(frame_of(Canvas(exposure_us=SHORT_US)), part)
-    assert isinstance(found, Rejected) or np.abs(found.corners_px - PANEL).max() < 0.5
-
-
-@pytest.mark.parametrize("away", [0.08, 0.12])
-def test_beyond_what_hides_a_side_a_bright_wall_is_no_part_of_the_panel(away: float) -> None:
-    """It ends as suddenly as bands do; where nothing were known to stand there, it would pass for some."""
-    true = square(310.4, 240.2, 60.0, 12)
-    down = true[3] - true[0]
-    canvas = Canvas(exposure_us=300.0, background=0.3)
-    canvas.panel(true, word(7), light=0.3, phases=(0.3, 0.7))
-    beyond, within = true[:2] - away * down, true[1::-1] + 0.1 * down
-    canvas.lamp(np.concatenate([beyond, within]), 0.0)
-    (quad,) = striped_near(canvas.frame(), [true + 0.5], 4, [SPEC], PINHOLE)
-    assert isinstance(quad, Quad)
-    assert quad.bands is not None
-    window = Window.around(canvas.frame(), as_points(quad.corners_px)[None], 30.0)
-    assert not is_part(window, quad, quad.bands, 4)
-    assert is_part(window, quad, replace(quad.bands, hidden=None), 4)
-
-
-def test_what_shows_its_bands_beyond_its_sides_is_a_part() -> None:
-    """The square of two rows and columns in the middle, turned not at all."""
-    assert found_at(frame_of(Canvas(exposure_us=SHORT_US)), square(310.3, 240.6, 65)) == PART
-
-
-def test_a_panel_beside_something_bright_is_whole() -> None:
-    """A white sheet with black lines, as bright as the panel, touches it on both sides: but it does not blink."""
-    canvas = Canvas(exposure_us=SHORT_US)
-    canvas.light[150:330, 200:420] = 0.5
-    canvas.light[150:330:9, 200:420] = 0.02
-    assert isinstance(found_at(frame_of(canvas), PANEL), Quad)
 
 
 def test_patterns_that_repeat_their_rows_or_columns() -> None:
@@ -141,34 +82,6 @@ def test_a_part_is_as_likely_as_it_is_tilted(sides: tuple[complex, complex], tan
     by_light = fit.likelihood[0] - likeliest(evidence, beside.white).likelihood[0]
     odds = by_light + 2.0 * math.log(tan_part / tan_whole) + prior_odds_of_word(book)
     assert odds_against_stretched(evidence, fit, book, sides) == pytest.approx(odds)
-
-
-def told_near(frame: Frame, corners: Floats) -> Quad | Rejected:
-    """Where sides have told a square."""
-    sides = Quad(corners_px=corners, corner_sigma_px=0.3, bend_px=0.0)
-    ((_, result),) = fitted_squares(frame, [(corners, sides)], 4, [SPEC], 8.0, PINHOLE)
-    return result
-
-
-@pytest.mark.parametrize("exposure_us", [SHORT_US, 300.0, 450.0, STEADY_US, 1000.0])
-@pytest.mark.parametrize("profile", [diffuser, bare, flat, one_size])
-@pytest.mark.parametrize("side", [40.0, 130.0])
-def test_a_whole_panel_is_darker_where_its_cells_meet(profile: Profile, side: float, exposure_us: float) -> None:
-    """Or nowhere, however deep bands are."""
-    canvas, corners = Canvas(exposure_us=exposure_us), square(310.3, 240.6, side, 33.0)
-    canvas.panel(corners, word(7), light=0.35, profile=profile, phases=(0.3, 0.7))
-    assert isinstance(told_near(canvas.frame(), corners), Quad)
-
-
-@pytest.mark.parametrize(("columns", "rows"), [(2, 4), (4, 2), (2, 3), (2, 2), (1, 2), (3, 1)])
-def test_cells_of_a_part_do_not_meet_where_those_of_a_whole_panel_would(columns: int, rows: int) -> None:
-    """At 640 µs, where what is beside them tells nothing. These shine, of a panel so wide that they are a square."""
-    canvas, lit = Canvas(exposure_us=STEADY_US), np.zeros((4, 4))
-    lit[:rows, :columns] = 1.0
-    panel = square(0, 0, 1) * (4 * 90 / columns, 4 * 90 / rows) + (310.3, 240.6)
-    part = panel[0] + (square(0, 0, 1) + 0.5) * 90
-    canvas.panel(panel, drawn("0110/1010/0000/0000"), gains=lit, light=0.35, phases=(0.6, 0.1))
-    assert told_near(canvas.frame(), part) == PART
 
 
 @pytest.mark.parametrize(
@@ -219,17 +132,3 @@ def test_word_17_is_still_read_from_the_front(turns: int, exposure_us: float) ->
     canvas.panel(PANEL, word(17, turns), light=0.3, phases=(0.3, 0.7))
     pipeline = Pipeline(camera_info(exposure_us=exposure_us), panel_settings(), intrinsics=PINHOLE, stream=False)
     assert [marker.sighting.id for marker in pipeline.decode(canvas.frame()).markers] == [17]
-
-
-@pytest.mark.parametrize("exposure_us", [SHORT_US, 300.0])
-@pytest.mark.parametrize("side", [90.0, 130.0, 220.0])
-@pytest.mark.parametrize("turn_deg", [4.0, 33.0])
-def test_bare_leds_are_read_as_one_panel(side: float, turn_deg: float, exposure_us: float) -> None:
-    """Bands cut each spot into pieces, and there is nearly no light between them: they are joined first."""
-    true = square(310.3, 240.6, side, turn_deg)
-    canvas = Canvas(exposure_us=exposure_us)
-    canvas.panel(true, word(7), light=0.35, profile=bare, phases=(0.3, 0.7))
-    pipeline = Pipeline(camera_info(exposure_us=exposure_us), panel_settings(), intrinsics=PINHOLE, stream=False)
-    (marker,) = pipeline.decode(canvas.frame()).markers
-    assert marker.sighting.id == 7
-    assert np.abs(marker.sighting.corners_px - true).max() < 0.005 * side
