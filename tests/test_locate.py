@@ -344,7 +344,7 @@ def test_a_panel_near_the_pictures_border_is_located_in_what_is_seen_of_it() -> 
 
 
 def test_what_was_spent_is_counted() -> None:
-    """A fit on a coarse grid, then one on a fine grid, which costs as much as two; twice that for two kinds of panel."""
+    """A fit on a coarse grid, then one on a fine grid, which costs as much as two; twice that for two kinds."""
     true, other = square(310.4, 240.2, 90, 7), PanelSpec(side_m=0.16, black_hz=1700.0, white_hz=3100.0)
     canvas = Canvas()
     canvas.panel(true, word(7))

@@ -91,9 +91,9 @@ def test_however_cells_are_lit(side: float, profile: Profile, exposure_us: float
 @pytest.mark.parametrize("exposure_us", [SHORT_US, TRUE_10_MS_US])
 @pytest.mark.parametrize("side", [16, 25, 50, 100, 200, 400])
 def test_panels_of_any_size_are_read(side: float, exposure_us: float) -> None:
-    """From 6 m to what nearly fills the picture; of 16 px from several frames."""
+    """From 6 m to what nearly fills the picture; far ones from eight frames."""
     true, path = square(310.3, 236.6, side, 8), pipeline(exposure_us, stream=True)
-    for seq in range(8 if side < 50 else 1):
+    for seq in range(8 if side < 100 else 1):
         canvas = Canvas(exposure_us=exposure_us)
         canvas.panel(true, word(7), start_us=seq * PERIOD_US)
         decoded = path.decode(canvas.frame(seq, seq=seq))

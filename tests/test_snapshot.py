@@ -102,10 +102,12 @@ def test_the_enlarged_cells_stand_upright(drawn: Pixels) -> None:
 
 def test_what_was_dropped_is_outlined_with_its_reason(snapshot: Snapshot, drawn: Pixels) -> None:
     """The lamp has no bands; its outline lies on its sides."""
-    lamp = next(dropped for dropped in snapshot.dropped if dropped.why.key == "soft.no_bands")
     half = LAMP_SIZE_M / 2
     corners = np.array([[-half, half, 0], [half, half, 0], [half, -half, 0], [-half, -half, 0.0]])
-    assert lamp.corners_px == pytest.approx(opencv_pixels(corners, LAMP.pose, LENS), abs=2.0)
+    true = opencv_pixels(corners, LAMP.pose, LENS)
+    lamp = min(snapshot.dropped, key=lambda dropped: float(np.abs(dropped.corners_px - true).max()))
+    assert lamp.why.key == "fit.no_bands"
+    assert lamp.corners_px == pytest.approx(true, abs=2.5)
     middle = (lamp.corners_px[0] + lamp.corners_px[1]) / 2
     x, y = np.round(on_page(middle)).astype(int)
     nearby = drawn[y - 2 : y + 3, x].astype(int)

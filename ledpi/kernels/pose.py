@@ -29,7 +29,7 @@ def lens_of(intrinsics: Intrinsics) -> Floats:
 
 
 def bends(corners: NDArray[np.complex128], lens: Intrinsics) -> NDArray[np.complex128]:
-    """As `bends` of decode/corners/sides.py."""
+    """(quads, 4, 2) what the lens does to the sides of quads (quads, 4), as complex numbers: `ledpi_bends` of pose.h."""
     corners, bent = np.ascontiguousarray(corners), np.empty((*corners.shape, 2), np.complex128)
     _bends(address(lens_of(lens)), len(corners), address(corners), address(bent))
     return bent
