@@ -26,8 +26,8 @@ REACH = 0.1  # of the side: how far off a proposal may be
 MIN_EXPLAINED = 0.5  # of the light's squares: what explains less than it leaves is no model of it
 MAX_SIGMA = 1.0 / 8.0  # of a cell: further off, slopes no longer tell what a shift does to a cell's light
 # Where bands are not deep, a fit on a coarse grid is of no more pixels than the grid has lines: between them it would
-# not see the edges of cells. Its blur is that of these pixels: the next fit begins with a little more than a lens has, as
-# what is blurred more is found from further off.
+# not see the edges of cells. Its blur is that of these pixels: the next fit begins with a little more than a lens has,
+# as what is blurred more is found from further off.
 START_BLUR_PX = 1.2
 COARSE, FINE = 1, 2  # what a fit costs: by lines of the grid and rounds
 

@@ -29,7 +29,7 @@ def lens_of(intrinsics: Intrinsics) -> Floats:
 
 
 def bends(corners: NDArray[np.complex128], lens: Intrinsics) -> NDArray[np.complex128]:
-    """(quads, 4, 2) what the lens does to the sides of quads (quads, 4), as complex numbers: `ledpi_bends` of pose.h."""
+    """(quads, 4, 2) what the lens does to the sides of quads (quads, 4), in complex numbers: `ledpi_bends`."""
     corners, bent = np.ascontiguousarray(corners), np.empty((*corners.shape, 2), np.complex128)
     _bends(address(lens_of(lens)), len(corners), address(corners), address(bent))
     return bent
