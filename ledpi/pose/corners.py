@@ -6,11 +6,11 @@ import numpy as np
 
 from ledpi.records import Floats
 
-# What the fit of a panel does not show of a side's error: the lens model, the panel's own build. At 2 m 0.1 mm is 0.03 px;
+# What the fit does not show of a side's error: the lens model, the panel's own build. At 2 m 0.1 mm is 0.03 px;
 # with more, poses of a panel near by would be given several times their deviations.
 FLOOR_PX = 0.03
 
-# The fit expects a lens's blur, 0.8 px. With motion's, a box of 4 px, it is 1.4 px: more than one of its deviations away
+# The fit expects a lens's blur, 0.8 px. With motion's, a box of 4 px, it is 1.4 px: more than a deviation away
 # (`decode/model/prior.py`). A square that motion blurs further may be taken for wider by a quarter of the blur on
 # either side.
 KNOWN_BLUR_PX, BLUR_ERROR = 4.0, 0.25
