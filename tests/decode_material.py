@@ -233,4 +233,6 @@ def panel_settings(*overrides: str) -> PanelSettings:
 
 
 def camera_info(*, exposure_us: float = TRUE_10_MS_US, transfer: Transfer = "srgb") -> CameraInfo:
-    return CameraInfo(width=WIDTH, height=HEIGHT, exposure_us=exposure_us, row_time_us=ROW_TIME_US, transfer=transfer)
+    return CameraInfo(
+        width=WIDTH, height=HEIGHT, exposure_us=exposure_us, row_time_us=ROW_TIME_US, transfer=transfer
+    )

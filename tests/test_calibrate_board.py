@@ -35,7 +35,9 @@ def printed(path: Path) -> Pixels:
 
 
 @pytest.mark.parametrize(("kind", "paper"), [("chessboard", "a4"), ("charuco", "letter")])
-def test_the_board_is_true_to_scale(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str, paper: str) -> None:
+def test_the_board_is_true_to_scale(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str, paper: str
+) -> None:
     """The page has the paper's size, inner corners are 28 mm apart, and the ruler measures 100 mm."""
     pdf = tmp_path / "board.pdf"
     assert made(monkeypatch, str(pdf), "--kind", kind, "--paper", paper, "--square-mm", "28") == 0

@@ -21,7 +21,9 @@ import led_bands as bench
 
 
 def measured(picture: np.ndarray) -> Estimate | None:
-    frame = Frame(pixels=picture, seq=0, row0_readout_ns=0, exposure_us=161.6, row_time_us=33.67, transfer="srgb")
+    frame = Frame(
+        pixels=picture, seq=0, row0_readout_ns=0, exposure_us=161.6, row_time_us=33.67, transfer="srgb"
+    )
     return lamp_frequency(lamp_rows(frame), exposure_us=161.6, row_time_us=33.67)
 
 

@@ -155,7 +155,9 @@ def test_it_asks_for_places_and_then_is_content() -> None:
         (255, 10_000.0, 8.0, (10_000.0, 1.0)),  # four times too bright at least
     ],
 )
-def test_exposure_and_gain(white: int, exposure_us: float, gain: float, expected: tuple[float, float] | None) -> None:
+def test_exposure_and_gain(
+    white: int, exposure_us: float, gain: float, expected: tuple[float, float] | None
+) -> None:
     """White is to be at half of full scale (within 0.25 to 0.8 it may stay): longer first, then amplified."""
     found = next_exposure(frame_of(np.full((480, 640), white, np.uint8), 0, exposure_us, gain), None)
     assert found == (pytest.approx(expected, rel=0.02) if expected is not None else None)

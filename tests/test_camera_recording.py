@@ -165,7 +165,8 @@ def test_a_loop_goes_on_in_seq_and_time(tmp_path: Path) -> None:
     assert [int(frame.pixels[0, 0]) for frame in frames] == [0, 1, 2] * 3
     assert [frame.seq for frame in frames] == [0, 10, 20, 21, 31, 41, 42, 52, 62]
     steps_ms = [
-        (later.row0_readout_ns - earlier.row0_readout_ns) / 1e6 for earlier, later in itertools.pairwise(frames)
+        (later.row0_readout_ns - earlier.row0_readout_ns) / 1e6
+        for earlier, later in itertools.pairwise(frames)
     ]
     assert steps_ms == [1, 2, 600, 1, 2, 600, 1, 2]
 

@@ -36,7 +36,9 @@ projection_matrix:
 """
 
 COEFFICIENTS = (0.125, -0.25, 1e-5, -0.0005, 0.0)
-LENS = Intrinsics(width=640, height=480, fx=605.5, fy=606.5, cx=322.25, cy=238.75, distortion=COEFFICIENTS)
+LENS = Intrinsics(
+    width=640, height=480, fx=605.5, fy=606.5, cx=322.25, cy=238.75, distortion=COEFFICIENTS
+)
 
 
 def written(folder: Path, text: str) -> Path:

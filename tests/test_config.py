@@ -237,7 +237,9 @@ def test_paths_in_the_file_are_relative_to_it(tmp_path: Path, monkeypatch: pytes
     assert config.map == tmp_path / "robot/m.yaml"
 
 
-def test_paths_on_the_command_line_are_relative_to_the_shell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_paths_on_the_command_line_are_relative_to_the_shell(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Paths given with --set are meant from the working directory; / and ~ are what they always are."""
     (tmp_path / "robot").mkdir()
     path = write(tmp_path / "robot", "panels: {side_m: 1}")

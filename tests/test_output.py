@@ -125,7 +125,9 @@ def test_a_covariance_is_36_numbers_row_by_row() -> None:
 
 def test_a_robots_fix_has_the_documented_keys() -> None:
     """map_from_base_link, and which panels it is from."""
-    fix = RobotFix(map_from_base_link=pose(np.eye(6)), mid_exposure_ns=0, panels_used=(7, 23), panels_rejected=(4,))
+    fix = RobotFix(
+        map_from_base_link=pose(np.eye(6)), mid_exposure_ns=0, panels_used=(7, 23), panels_rejected=(4,)
+    )
     robot = printed(robot=fix)["robot"]
     assert list(robot) == ROBOT_KEYS
     assert (robot["panels_used"], robot["panels_rejected"]) == ([7, 23], [4])

@@ -80,7 +80,9 @@ POSES = [
 
 def test_the_marker_frame_is_opencvs() -> None:
     """Centre, x right, y up, z out of the panel; corners in the order of OpenCV's ArUco, top left first."""
-    np.testing.assert_allclose(square_corners(0.2), [[-0.1, 0.1, 0], [0.1, 0.1, 0], [0.1, -0.1, 0], [-0.1, -0.1, 0]])
+    np.testing.assert_allclose(
+        square_corners(0.2), [[-0.1, 0.1, 0], [0.1, 0.1, 0], [0.1, -0.1, 0], [-0.1, -0.1, 0]]
+    )
 
 
 @pytest.mark.parametrize("lens", [PINHOLE, LENS], ids=["pinhole", "distorted"])

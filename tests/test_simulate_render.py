@@ -222,7 +222,9 @@ def test_cells_of_one_size_or_on_a_lattice(equal: bool) -> None:
 def test_a_dark_panel_hides_the_wall() -> None:
     """A panel's face is opaque: it returns its albedo of the room, whatever is behind."""
     look = PanelLook(albedo=0.25)
-    scene = Scene(sensor=sensor(PINHOLE), panels=(panel(standing(), brightness=0.0, look=look),), room=Room(level=0.2))
+    scene = Scene(
+        sensor=sensor(PINHOLE), panels=(panel(standing(), brightness=0.0, look=look),), room=Room(level=0.2)
+    )
     light = Renderer(scene, seed=0).light(0)
     assert light[240, 320] == pytest.approx(0.25 * 0.2)
     assert np.ptp(light[:100]) > 0.02  # the wall has a texture

@@ -61,7 +61,9 @@ def test_edges_out_of_order_are_refused() -> None:
     "motion",
     [
         standing(z_m=0.8),
-        Gliding(start=facing_camera(np.array([0.0, 0.0, 0.8])), velocity_m_s=np.array([1.0, 0.3, 0.0]), start_s=1.0),
+        Gliding(
+            start=facing_camera(np.array([0.0, 0.0, 0.8])), velocity_m_s=np.array([1.0, 0.3, 0.0]), start_s=1.0
+        ),
     ],
     ids=["still", "moving"],
 )

@@ -50,7 +50,9 @@ markers = st.booleans().flatmap(
         alternate=st.booleans() if ambiguous else st.just(False),
     )
 )
-fixes = st.builds(FixMessage, age_us=ages, pose=poses, panels_used=st.integers(0, 255), map_resets=st.integers(0, 255))
+fixes = st.builds(
+    FixMessage, age_us=ages, pose=poses, panels_used=st.integers(0, 255), map_resets=st.integers(0, 255)
+)
 totals = st.none() | st.integers(0, 0xFFFFFFFE)
 times_us = st.none() | st.integers(0, 0xFFFE)
 statuses = st.builds(
