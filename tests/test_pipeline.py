@@ -110,7 +110,7 @@ def test_the_frames_own_values_are_passed_on() -> None:
     frame = dataclasses.replace(frame_of((NEAR, word(7)), seq=5), host_offset_ns=123)
     decoded = pipeline().decode(frame)
     assert (decoded.seq, decoded.row0_readout_ns, decoded.host_offset_ns) == (5, frame.row0_readout_ns, 123)
-    assert list(decoded.stage_ms) == ["find", "edges", "cells", "soft", "pose"]
+    assert list(decoded.stage_ms) == ["find", "fit", "cells", "soft", "pose"]
     assert all(milliseconds > 0 for milliseconds in decoded.stage_ms.values())
     assert decoded.robot is None
 

@@ -8,7 +8,8 @@ import numpy as np
 
 from ledpi.decode.cells import MIN_CELL_PX
 from ledpi.decode.model.fit import Effort, Fitted, Fitter
-from ledpi.decode.model.light import Window
+from ledpi.decode.model.light import FEWEST_PX, ROUGHLY, Window
+from ledpi.decode.model.prior import BLUR
 from ledpi.decode.proposals import DEEP
 from ledpi.geometry import quad_side
 from ledpi.kernels import pose as kernel
@@ -23,6 +24,10 @@ UNCERTAIN = Rejected(stage="fit", reason="uncertain")
 REACH = 0.1  # of the side: how far off a proposal may be
 MIN_EXPLAINED = 0.5  # of the light's squares: what explains less than it leaves is no model of it
 MAX_SIGMA = 1.0 / 8.0  # of a cell: further off, slopes no longer tell what a shift does to a cell's light
+# Where bands are not deep, a fit on a coarse grid is of no more pixels than the grid has lines: between them it would
+# not see the edges of cells. Its blur is that of these pixels: the next fit begins with a little more than a lens has,
+# as what is blurred more is found from further off.
+START_BLUR_PX = 1.2
 COARSE, FINE = 1, 2  # what a fit costs: by lines of the grid and rounds
 
 
@@ -45,8 +50,12 @@ class Locator:
         first = self._fitted(frame, corners_px, coarse, self._specs)
         if isinstance(first, Rejected):
             return first
-        fine = Effort(rounds=10, tolerance=0.002, reweightings=2, must_blink=self._must_blink)
-        fit = self._fitted(frame, first.lattice_px, fine, (first.spec,), first.unknown)
+        unknown = first.unknown
+        if not deep:
+            unknown = unknown.copy()
+            unknown[BLUR] = math.log(START_BLUR_PX)
+        fine = Effort(rounds=10, reweightings=2, must_blink=self._must_blink)
+        fit = self._fitted(frame, first.lattice_px, fine, (first.spec,), unknown)
         return fit if isinstance(fit, Rejected) else self._quad(fit)
 
     def near(self, frame: Frame, corners_px: Floats, known: Floats) -> Quad | Rejected:
@@ -54,7 +63,7 @@ class Locator:
 
         `known`: the unknowns that it was fitted with before, its corners in the same order.
         """
-        fine = Effort(rounds=6, tolerance=0.002, reweightings=1)
+        fine = Effort(rounds=6, reweightings=1)
         fit = self._fitted(frame, corners_px, fine, self._specs, known)
         return fit if isinstance(fit, Rejected) else self._quad(fit)
 
@@ -73,7 +82,8 @@ class Locator:
         smallest_px = self._cells * MIN_CELL_PX
         if not quad_side(corners_px.tolist()) >= smallest_px:
             return TOO_SMALL
-        window = Window.around(frame, corners_px, REACH)
+        fewest_px = FEWEST_PX if effort.phasing or not effort.roughly else self._cells * ROUGHLY
+        window = Window.around(frame, corners_px, REACH, fewest_px)
         if window is None:
             return NO_LIGHT
         self.spent += len(specs) * (COARSE if effort.roughly else FINE)

@@ -7,12 +7,12 @@ import numpy as np
 from ledpi.kernels import pose as kernel
 from ledpi.records import Floats
 
-# What the fits of edges do not show of a side's error: the lens model, the panel's own build. At 2 m 0.1 mm is 0.03 px;
+# What the fit does not show of a side's error: the lens model, the panel's own build. At 2 m 0.1 mm is 0.03 px;
 # with more, poses of a panel near by would be given several times their deviations.
 FLOOR_PX = 0.03
 
-# The edges expect a lens's blur, 0.8 px. With motion's, a box of 4 px, it is 1.4 px: two of their deviations away
-# (`decode/corners/rim.py`). A square that motion blurs further may be taken for wider by a quarter of the blur on
+# The fit expects a lens's blur, 0.8 px. With motion's, a box of 4 px, it is 1.4 px: more than a deviation away
+# (`decode/model/prior.py`). A square that motion blurs further may be taken for wider by a quarter of the blur on
 # either side.
 KNOWN_BLUR_PX, BLUR_ERROR = 4.0, 0.25
 ERRORS = np.array([FLOOR_PX, KNOWN_BLUR_PX, BLUR_ERROR])  # as C takes them

@@ -27,7 +27,7 @@ class Effort:
     """How a fit is gone about."""
 
     rounds: int  # of Gauss and Newton, at most
-    tolerance: float  # of half the side: the last step moves corners by less
+    tolerance: float = 0.002  # of half the side: the last step moves corners by less
     reweightings: int = 0  # how often what does not fit is given less weight
     roughly: bool = False  # on a coarse grid
     phasing: bool = True  # seeks the bands' phases first, on a grid

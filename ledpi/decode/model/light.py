@@ -15,6 +15,7 @@ from ledpi.shutter import row_weights
 from ledpi.tone import linear_light
 
 FEWEST_PX = 70  # a square of twice as many pixels along its side is averaged down: its light abounds
+FARTHEST = 8  # sizes of the picture: corners further out are none
 WAVE_STEPS = 512  # of a period; as in kernels/panel.h
 # Quantiles: of the light around, what is taken for dark, and of that within the square, for a panel's own.
 DARK, BRIGHT = 0.05, 0.8
@@ -31,11 +32,16 @@ class Window:
     bright: float
 
     @classmethod
-    def around(cls, frame: Frame, corners_px: Floats, reach: float) -> Window | None:
-        """What is up to `reach` of its side, and three pixels, around a square (4, 2); None where it shows no light."""
+    def around(cls, frame: Frame, corners_px: Floats, reach: float, fewest_px: float = FEWEST_PX) -> Window | None:
+        """What is up to `reach` of its side, and three pixels, around a square (4, 2); None where it shows no light.
+
+        `fewest_px`: of its side, how many are left where it is averaged down.
+        """
         height, width = frame.pixels.shape
+        if not np.abs(corners_px).max() < FARTHEST * max(height, width):
+            return None
         side_px = quad_side(corners_px.tolist())
-        shrink = max(1, int(min(side_px, max(height, width)) // FEWEST_PX))
+        shrink = max(1, int(min(side_px, max(height, width)) // fewest_px))
         reach_px = reach * side_px + 3.0
         (left, top), (right, bottom) = corners_px.min(axis=0) - reach_px, corners_px.max(axis=0) + reach_px
         x, y = max(0, int(left)), max(0, int(top))
