@@ -18,7 +18,9 @@ enum {
 #define LEAST_GAIN 0.02
 #define SHALLOW 0.25 /* of the squares that bands should explain */
 #define NATS_NEEDED 11.3
-static const double LEAST_BLUR_PX = 0.4, MOST_BLUR_PX = 3.0, MOST_GAP = 0.6, MOST_RIM = 0.15, MOST_SIGMA = 1.0;
+static const double LEAST_BLUR_PX = 0.4, MOST_BLUR_PX = 3.0, MOST_GAP = 0.6, MOST_RIM = 0.5, MOST_SIGMA = 1.0;
+/* In cells: further within than another side's, light ends at what hides the rest; two deviations of RIM_SIGMA of prior.py. */
+static const double HIDDEN = 0.06;
 
 /* A fit under way. */
 typedef struct {
@@ -238,11 +240,26 @@ static void move(const double h[9], const double *ways, const double low[2], con
     }
 }
 
+static int ascending(const void *a, const void *b) {
+    const double one = *(const double *)a, other = *(const double *)b;
+    return (one > other) - (one < other);
+}
+
+/* How far within the lattice's end a panel ends (4), by where its light does: a side that something hides ends where the
+ * others do. All are built alike; no more than two are hidden. */
+static void put_ends(const double rim[4], double ends[4]) {
+    double sorted[4] = {rim[0], rim[1], rim[2], rim[3]};
+    qsort(sorted, 4, sizeof *sorted, ascending);
+    for (int k = 0; k < 4; k++) ends[k] = rim[k] > sorted[1] + HIDDEN ? sorted[1] : rim[k];
+}
+
 /* The same of what is lit, which ends within the lattice's end by the rim (4): left, right, above, below, in cells. */
 static void move_lit(const double h[9], const double *ways, const double *rim, ptrdiff_t cells, Point corners[4]) {
     const double share = 2.0 / (double)cells;
-    move(h, ways, (double[]){share * rim[0] - 1.0, share * rim[2] - 1.0},
-         (double[]){1.0 - share * rim[1], 1.0 - share * rim[3]}, corners);
+    double ends[4];
+    put_ends(rim, ends);
+    move(h, ways, (double[]){share * ends[0] - 1.0, share * ends[2] - 1.0},
+         (double[]){1.0 - share * ends[1], 1.0 - share * ends[3]}, corners);
 }
 
 /* Takes the step. Returns how far it moves the homography. */
@@ -263,11 +280,6 @@ static double take_step(Fitting *fit, const double h[9], Work *work) {
     unknown[GAP] = fmin(fmax(unknown[GAP], 0.0), MOST_GAP);
     for (int k = 0; k < 4; k++) unknown[RIM + k] = fmin(fmax(unknown[RIM + k], -MOST_RIM), MOST_RIM);
     return most;
-}
-
-static int ascending(const void *a, const void *b) {
-    const double one = *(const double *)a, other = *(const double *)b;
-    return (one > other) - (one < other);
 }
 
 /* Weighs each block by how large its residuals are beside the usual ones of the cells' blocks. */
