@@ -106,6 +106,7 @@ class Locator:
             corner_sigma_px=math.sqrt(float(np.trace(fit.covariance_px2)) / 8.0),
             bend_px=self._bend_px(fit.corners_px),
             unknown=fit.unknown,
+            hidden=fit.hidden if fit.hidden.any() else None,
         )
 
     def _bend_px(self, corners: Floats) -> float:

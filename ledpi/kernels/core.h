@@ -158,9 +158,10 @@ typedef struct {
     /* Where it begins, and what fits best: corners of the lattice of cells; unknowns as the prior, the first WAYS not used. */
     double corners[8];
     double *unknown;
-    /* What follows from it: corners of what is lit, and their covariance; the share of the light's squares about their mean
+    /* What follows from it: corners of what is lit, and their covariance; how many cells of each side (left, right, above, below)
+     * something hides; the share of the light's squares about their mean
      * that is explained; the variance of residuals, in the unit of a sample of full light. */
-    double lit[8], covariance[64], explained, variance;
+    double lit[8], hidden[4], covariance[64], explained, variance;
 } PanelFit;
 
 enum { LEDPI_DIVERGED, LEDPI_FITTED, LEDPI_WITHOUT_BANDS, LEDPI_MOST_SIDE = 8, LEDPI_MOST_LINES = 160 };

@@ -411,6 +411,9 @@ int ledpi_fit_panel(PanelFit *asked, uint8_t *room) {
     move_lit(h, (double[WAYS]){0.0}, fit.unknown + RIM, cells, fit.lit);
     seen_through(fit.view.lens, fit.corners);
     seen_through(fit.view.lens, fit.lit);
+    double ends[4];
+    put_ends(fit.unknown + RIM, ends);
+    for (int k = 0; k < 4; k++) asked->hidden[k] = fit.unknown[RIM + k] > ends[k] ? fit.unknown[RIM + k] : 0.0;
     memcpy(asked->corners, fit.corners, sizeof asked->corners);
     memcpy(asked->lit, fit.lit, sizeof asked->lit);
     asked->explained = fit.explained, asked->variance = fit.variance;

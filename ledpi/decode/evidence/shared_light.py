@@ -15,12 +15,8 @@ from itertools import product
 
 import numpy as np
 
-from ledpi.decode.cells import INSET, CellSamples
+from ledpi.decode.cells import BORDER_PX, INSET, CellSamples
 from ledpi.records import Integers
-
-# How far across a cell's border its light reaches: lens, pixel and interpolation together have a standard deviation of
-# 0.8 to 1.1 px in a focused picture.
-BORDER_PX = 2.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

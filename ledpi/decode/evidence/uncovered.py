@@ -13,8 +13,8 @@ from functools import cache
 import cv2
 import numpy as np
 
-from ledpi.decode.cells import INSET, CellSamples
-from ledpi.decode.evidence.shared_light import BORDER_PX, border_points
+from ledpi.decode.cells import BORDER_PX, INSET, MIN_LEFT, CellSamples
+from ledpi.decode.evidence.shared_light import border_points
 from ledpi.kernels.library import at, lib
 from ledpi.records import Mask, Pixels, Singles
 
@@ -26,9 +26,6 @@ COVERED = 0.75
 COVERED_AT_RIM = 0.5
 ALIGHT = 0.2  # of the usual gain: a cell of less is dead, and may look like anything
 FULLY_LIT = 0.75  # quantile of a cell's samples that is taken for its gain: half of the cell may be covered
-# Of a cell's samples: with less of one its gain is not known, and all is left as it is. (Of an edge that is hidden by
-# 12 % of the side 0.16 to 0.5 are left of its cells.)
-MIN_LEFT = 0.12
 
 
 def darkens(depth: float) -> bool:

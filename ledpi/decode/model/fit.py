@@ -40,7 +40,8 @@ class Fitted:
 
     lattice_px: Floats  # (4, 2) corners of the lattice of cells
     corners_px: Floats  # (4, 2) and of what is lit
-    covariance_px2: Floats  # (8, 8) of these: x and y of each
+    hidden: Floats  # (4,) how much of the left, right, upper and lower side something hides, in cells
+    covariance_px2: Floats  # (8, 8) of the corners: x and y of each
     explained: float  # share of the light's squares about their mean
     unknown: Floats  # as `prior` has them
     spec: PanelSpec
@@ -117,6 +118,7 @@ class Fitter:
         return Fitted(
             lattice_px=read_only(lattice),
             corners_px=read_only(lit),
+            hidden=read_only(np.array(list(fit.hidden))),
             covariance_px2=read_only(np.array(list(fit.covariance)).reshape(8, 8)),
             explained=fit.explained,
             unknown=read_only(unknown),
