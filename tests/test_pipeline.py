@@ -368,7 +368,7 @@ def test_oscillators_that_are_off_are_found_out(black_hz: float, white_hz: float
     """By 1 %: near by, each frame is read by itself; further off, frames add up at the frequencies that they tell."""
     corners = square(310.3, 240.6, side_px, 4)
     spec = dataclasses.replace(SPEC, black_hz=black_hz, white_hz=white_hz)
-    path = pipeline(stream=True)
+    path = pipeline("panels.search_frequencies=true", stream=True)
     found = []
     for n in range(24):
         canvas = Canvas()
@@ -383,7 +383,7 @@ def test_oscillators_that_are_off_are_found_out(black_hz: float, white_hz: float
 def test_of_an_oscillator_that_is_off_the_phase_may_stand_still() -> None:
     """1237.5 Hz advance by 21.0 cycles a frame: frames tell the white class's frequency, their mean shows the black."""
     spec = dataclasses.replace(SPEC, black_hz=1237.5, white_hz=2431.0)
-    path = pipeline(stream=True)
+    path = pipeline("panels.search_frequencies=true", stream=True)
     found = []
     for n in range(24):
         canvas = Canvas()
