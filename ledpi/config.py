@@ -6,6 +6,7 @@ A wrong key or value is a `ConfigError` of one line: file, key, what is wrong, w
 from __future__ import annotations
 
 import os
+from collections.abc import Iterable
 from dataclasses import asdict
 from datetime import date
 from pathlib import Path
@@ -43,6 +44,7 @@ from ledpi.config_values import (
 from ledpi.dictionaries import FILE_ENDINGS, dictionary_names, is_file, load_dictionary, meant_name
 from ledpi.errors import ConfigError
 from ledpi.files import read_yaml
+from ledpi.markers import as_ranges
 from ledpi.records import PanelSpec, PanelValues, Phase, Transfer
 from ledpi.wording import shortened
 
@@ -132,6 +134,19 @@ class PanelSettings(_Section):
             return frozenset(self.ids)
         dictionary = load_dictionary(self.dictionary)
         return frozenset(range(len(dictionary.words))) - frozenset(dictionary.part_like_ids())
+
+    def unreported_note(self, ids: Iterable[int]) -> str:
+        """Names those of `ids` that the dictionary has, and that are not reported; "" where all are."""
+        known = range(len(load_dictionary(self.dictionary).words))
+        missing = sorted(set(ids).intersection(known) - self.existing_ids())
+        if not missing:
+            return ""
+        one = len(missing) == 1
+        note = (
+            f"{'ID' if one else 'IDs'} {as_ranges(missing)} {'is' if one else 'are'} reported only if panels.ids lists "
+            f"{'it' if one else 'them'}"
+        )
+        return note if self.ids is not None else f"{note}: a part of another panel can look the same"
 
     def frequencies_hz(self) -> tuple[float, ...]:
         """Every frequency that a panel blinks at, sorted. Raises ValueError where the panels' values contradict."""

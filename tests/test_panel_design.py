@@ -424,6 +424,13 @@ def test_a_check_begins_with_its_verdict() -> None:
     assert good.startswith("good are 1250.00 Hz (black cells) and 2450.00 Hz (white): a panel is read ")
 
 
+def test_ids_that_are_reported_only_if_they_are_listed_are_named() -> None:
+    """As long as none are listed."""
+    given = ("--check", "1250", "2450", "--distance", "1", "--fps", "58.93")
+    assert "note: IDs 3, 17, 22, 30, 33, 37 are reported only if panels.ids lists them: a part of" in run(*given)[1]
+    assert "panels.ids" not in run(*given, "--set", "panels.ids=[7]")[1]
+
+
 def test_no_legend_covers_a_curve() -> None:
     """Both plots' stand below their axes."""
     asked = task(1.0)
