@@ -212,9 +212,22 @@ def test_evidence_is_positive_for_white_cells(soft: Snapshot) -> None:
     """And it is the same whichever way it is asked: given the other cells, or of the cell alone."""
     (look,) = (look for look in soft.trace.looks if isinstance(look.reading, Reading))
     assert isinstance(look.evidence, Evidence)
-    given_others = given_others_for_white(look.evidence, look.reading.cell_bands, word(7).ravel())
+    turned = word(7, look.reading.quarter_turns)
+    given_others = given_others_for_white(look.evidence, look.reading.cell_bands, turned.ravel())
     for nats in (given_others, alone_for_white(look.evidence)):
-        np.testing.assert_array_equal(nats.reshape(4, 4) > 0, word(7))
+        np.testing.assert_array_equal(nats.reshape(4, 4) > 0, turned)
+
+
+@pytest.mark.parametrize("turns", range(4))
+def test_all_is_upright_as_in_the_frame(turns: int) -> None:
+    """With whichever corner the quad begins."""
+    canvas = Canvas(exposure_us=9966.32)
+    canvas.panel(np.roll(PLACE, -turns, axis=0), word(7))
+    drawn = draw_steps(taken("soft", canvas.frame()))
+    expected = np.where(word(7, turns)[..., None], WHITE_CLASS, BLACK_CLASS)
+    for column in (2, 3):
+        seen = colours(row_of(drawn, 0, column), middles(tile_width(4))).astype(int)
+        np.testing.assert_allclose(seen, expected, atol=2)
 
 
 def test_a_lamp_has_no_bands(soft: Snapshot) -> None:
@@ -235,8 +248,9 @@ def test_in_antiphase_each_cell_of_a_panel_that_was_read_says_its_class() -> Non
     snapshot = take("a panel and a lamp", seen, pipeline, PINHOLE)
     (look,) = (look for look in snapshot.trace.looks if isinstance(look.reading, Reading))
     assert isinstance(look.evidence, Evidence)
-    nats = given_others_for_white(look.evidence, look.reading.cell_bands, word(7).ravel())
-    np.testing.assert_array_equal(nats.reshape(4, 4) > 0, word(7))
+    turned = word(7, look.reading.quarter_turns)
+    nats = given_others_for_white(look.evidence, look.reading.cell_bands, turned.ravel())
+    np.testing.assert_array_equal(nats.reshape(4, 4) > 0, turned)
     assert draw_steps(snapshot).ndim == 3
 
 
