@@ -50,7 +50,7 @@ def whiteners(
 ) -> Floats:
     """(N, 8, 8) that turn errors of corners (N, 4, 2) into independent ones of deviation 1: WᵀW = covariance⁻¹.
 
-    A corner is where two sides cross, so its error is theirs. Of a straight line through n edges of spread s, the
+    A corner is where two sides cross, so its error is theirs. Of a straight line through n places of spread s, the
     middle has the deviation s/√n and the ends, about the middle, √3 times that: with σ = 2s/√n for a corner
     coordinate these are σ/2 and √3·σ/2. Both ends of a side err together: taking corners for independent would
     overstate the error of the distance, and understate that of the tilt. To each the floor is added; and to the shift,
