@@ -1,4 +1,4 @@
-"""The path of one frame: find → edges → cells → identify → pose. The only module that knows all stages."""
+"""The path of one frame: find → fit → cells → identify → pose. The only module that knows all stages."""
 
 from __future__ import annotations
 
