@@ -41,9 +41,10 @@ STAGES: dict[Method, tuple[str, ...]] = {
     "bands": ("bands", "pose"),
 }
 
-# What a frame may spend on all but panels that are followed, in fits on a coarse grid (0.5 to 1 ms each on a PC): about
-# a frame period in a stream, which takes up in the next frame what is left; no more is to come where a frame is alone.
-STREAM_BUDGET, SINGLE_BUDGET = 45, 300
+# What a frame may spend on all but panels that are followed, in places at which the model is compared with the picture
+# (a quarter of a microsecond each on a PC, half a candidate to 5,000): about a frame period in a stream, which takes up
+# in the next frame what is left; no more is to come where a frame is alone.
+STREAM_BUDGET, SINGLE_BUDGET = 150_000, 1_000_000
 
 NOT_EXISTING = Rejected(stage="soft", reason="id_not_in_panels_ids")  # or one that a part of another panel can show
 
@@ -87,14 +88,13 @@ class Pipeline:
         self._placer = Placer(intrinsics, sides_m, stream=stream, robot=robot)
         self._tracker = Tracker(self._specs)
         self._agenda = Agenda()
-        # What a frame may spend on all but panels that are followed, in fits on a coarse grid.
         self.search_budget = STREAM_BUDGET if stream else SINGLE_BUDGET
         self._row_clock = RowClock(camera)
         self.off_frequency: dict[int, PanelSpec] = {}  # by ID: panels that blink at others than announced, and at which
 
     @property
     def spent(self) -> int:
-        """Fits so far, those that followed panels too, in fits on a coarse grid."""
+        """On all fits so far, those that followed panels too, as the budget counts it."""
         return self._locator.spent
 
     @property

@@ -28,7 +28,6 @@ MAX_SIGMA = 1.0 / 8.0  # of a cell: further off, slopes no longer tell what a sh
 # not see the edges of cells. Its blur is that of these pixels: the next fit begins with a little more than a lens has,
 # as what is blurred more is found from further off.
 START_BLUR_PX = 1.2
-COARSE, FINE = 1, 2  # what a fit costs: by lines of the grid and rounds
 
 
 class Locator:
@@ -41,7 +40,11 @@ class Locator:
         self._must_blink = must_blink
         self._cells, self._specs, self._intrinsics = cells, specs, intrinsics
         self._fitter = Fitter(cells, intrinsics)
-        self.spent = 0  # on all fits so far, in fits on a coarse grid
+
+    @property
+    def spent(self) -> int:
+        """On all fits so far: places of the picture at which the model was compared with it."""
+        return self._fitter.sampled
 
     def at(self, frame: Frame, corners_px: Floats) -> Quad | Rejected:
         """The panel that a proposal (4, 2) is of, or why it is none: on a coarse grid, then on a fine one."""
@@ -56,6 +59,8 @@ class Locator:
             unknown[BLUR] = math.log(START_BLUR_PX)
         fine = Effort(rounds=10, reweightings=2, must_blink=self._must_blink)
         fit = self._fitted(frame, first.lattice_px, fine, (first.spec,), unknown)
+        if isinstance(fit, Fitted) and not fit.settled:
+            fit = self._fitted(frame, fit.lattice_px, fine, (fit.spec,), fit.unknown)
         return fit if isinstance(fit, Rejected) else self._quad(fit)
 
     def near(self, frame: Frame, corners_px: Floats, known: Floats) -> Quad | Rejected:
@@ -86,7 +91,6 @@ class Locator:
         window = Window.around(frame, corners_px, REACH, fewest_px)
         if window is None:
             return NO_LIGHT
-        self.spent += len(specs) * (COARSE if effort.roughly else FINE)
         fits = [self._fitter.fit(frame, window, corners_px, spec, effort, known) for spec in specs]
         best = max(fits, key=lambda fit: fit.explained if isinstance(fit, Fitted) else -math.inf)
         if isinstance(best, Rejected):

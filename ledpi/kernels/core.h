@@ -162,6 +162,8 @@ typedef struct {
      * something hides; the share of the light's squares about their mean
      * that is explained; the variance of residuals, in the unit of a sample of full light. */
     double lit[8], hidden[4], covariance[64], explained, variance;
+    bool settled; /* the last step hardly moved anything */
+    ptrdiff_t sampled; /* places, in all rounds: what it cost */
 } PanelFit;
 
 enum { LEDPI_DIVERGED, LEDPI_FITTED, LEDPI_WITHOUT_BANDS, LEDPI_MOST_SIDE = 8, LEDPI_MOST_LINES = 160 };

@@ -72,9 +72,10 @@ typedef struct {
 } Bands;
 
 /* The phases (2,) in row 0 that explain most where each cell may show any mix of both waves: `squares` and `products`
- * (cells², rows) of a steady cell's light, with itself and with what is seen, by row of the view (panel_phases.c). What is
+ * (cells², rows) of a steady cell's light, with itself and with what is seen, by row of the view; `ridge`, a sample's variance
+ * over that of a cell's mix (panel_phases.c). What is
  * expected is what either class's wave, whichever shows less, would explain in each cell. */
 Bands ledpi_panel_phases(const Panel *panel, const View *view, ptrdiff_t rows, const float *squares, const float *products,
-                         double phases[2]);
+                         float ridge, double phases[2]);
 
 #endif

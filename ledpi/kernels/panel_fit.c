@@ -48,7 +48,7 @@ typedef struct {
     double weight[MOST_BLOCKS], squares[MOST_BLOCKS], sum[MOST_BLOCKS], count[MOST_BLOCKS];
     double left, used, light, light2; /* sums, weighed: of squared residuals, of weights, of light and its square */
     double decrease; /* of the squared residuals, that the step should bring: a share of them */
-    ptrdiff_t samples;
+    ptrdiff_t samples, sampled; /* of this round, of all */
 } Work;
 
 ptrdiff_t ledpi_panel_room(void) { return (ptrdiff_t)sizeof(Work); }
@@ -150,7 +150,7 @@ LEDPI_WIDE static void sum_up(const Fitting *fit, const double h[9], bool phasin
             add_own(&work->products, owns, &s, root, columns);
         }
         if (!phasing) ledpi_add_products(work->columns, count, DENSE, work->products.common);
-        work->samples += count;
+        work->samples += count, work->sampled += count;
     }
 }
 
@@ -349,11 +349,12 @@ static void seen_through(const Lens *lens, Point corners[4]) {
     }
 }
 
+static double variance_of(const Work *work) { return fmax(work->left / fmax((double)work->samples, 1.0), 1e-9); }
+
 /* Whether bands of the expected depth would be seen, and are not: of half of it, or less. What is seen then is unlikelier by
  * ½(√expected − √seen)² nats, of variance 1, than what would be; at so many this is wrong in one of a million (½z²). */
 static bool is_without_bands(Bands bands, const Work *work) {
-    const double variance = fmax(work->left / fmax((double)work->samples, 1.0), 1e-9);
-    return bands.seen < SHALLOW * bands.expected && 0.5 * SHALLOW * bands.expected > NATS_NEEDED * variance;
+    return bands.seen < SHALLOW * bands.expected && 0.5 * SHALLOW * bands.expected > NATS_NEEDED * variance_of(work);
 }
 
 static Fitting begun(const PanelFit *asked, PanelFit *into) {
@@ -372,8 +373,14 @@ static Fitting begun(const PanelFit *asked, PanelFit *into) {
     return fit;
 }
 
+/* A sample's variance over that of how much a cell shows of a wave. */
+static float ridge_of(const Fitting *fit, const Work *work) {
+    const ptrdiff_t unknowns = COMMON + OWN * fit->panel.cells * fit->panel.cells;
+    return (float)(variance_of(work) * fit->prior[unknowns + COMMON + 1]);
+}
+
 /* Rounds of Gauss and Newton, until nothing moves. Leaves the homography of the last. */
-static int iterate(Fitting *fit, double h[9], Work *work) {
+static int iterate(Fitting *fit, double h[9], bool *settled, Work *work) {
     const PanelFit *const asked = fit->asked;
     for (ptrdiff_t round = 0;; round++) {
         ledpi_unit_square_to(fit->corners, h);
@@ -381,15 +388,15 @@ static int iterate(Fitting *fit, double h[9], Work *work) {
         if (asked->phasing && round == 0) {
             sum_up(fit, h, true, work);
             const Bands bands = ledpi_panel_phases(&fit->panel, &fit->view, rows_of(fit), work->by_row[0], work->by_row[1],
-                                                   fit->unknown + PHASE);
+                                                   ridge_of(fit, work), fit->unknown + PHASE);
             if (asked->must_blink && is_without_bands(bands, work)) return LEDPI_WITHOUT_BANDS;
         }
         sum_up(fit, h, false, work);
         if (!solve_step(fit, work)) return LEDPI_DIVERGED;
         const double moved = take_step(fit, h, work);
         if (!(moved < 1e3)) return LEDPI_DIVERGED;
-        const bool settled = moved < asked->tolerance && work->decrease < SETTLED_SHARE;
-        if (round + 1 >= asked->rounds || (settled && !fit->reweightings)) return LEDPI_FITTED;
+        *settled = moved < asked->tolerance && work->decrease < SETTLED_SHARE && !fit->reweightings;
+        if (round + 1 >= asked->rounds || *settled) return LEDPI_FITTED;
         if (fit->reweightings && moved < MOST_STEP / 10.0 && work->decrease < 10.0 * SETTLED_SHARE) {
             weigh_blocks(fit->panel.cells, work);
             fit->reweightings--;
@@ -404,7 +411,9 @@ int ledpi_fit_panel(PanelFit *asked, uint8_t *room) {
     double h[9];
     Fitting fit = begun(asked, asked);
     for (ptrdiff_t b = 0; b < blocks; b++) work->weight[b] = 1.0;
-    const int outcome = iterate(&fit, h, work);
+    work->sampled = 0;
+    const int outcome = iterate(&fit, h, &asked->settled, work);
+    asked->sampled = work->sampled;
     if (outcome != LEDPI_FITTED) return outcome;
     ledpi_unit_square_to(fit.corners, h);
     put_covariance(&fit, h, work);

@@ -31,17 +31,10 @@ static Sums sums_of(ptrdiff_t rows, const float *own, const float *seen, float w
     return s;
 }
 
-/* The mean of a wave's squares over its period. */
-static float power_of(const float *wave) {
-    float sum = 0.0f;
-    for (int i = 0; i < WAVE_STEPS; i++) sum += wave[i] * wave[i];
-    return sum / WAVE_STEPS;
-}
-
-/* What both waves explain beside a gain, in log-likelihood's unit times two. A wave that is all but even in a cell, for one
- * of its `power`, tells nothing of it. */
-static float explained(const Sums *s, int a, int b, float both, const float power[2]) {
-    const float ridge = 2e-3f * s->one, aa = s->square[0][a] + ridge * power[0], bb = s->square[1][b] + ridge * power[1];
+/* What both waves explain beside a gain, in log-likelihood's unit times two. A wave that is all but even in a cell tells
+ * nothing of it: how much a cell shows of one has a prior, `ridge` of which is the noise over its variance. */
+static float explained(const Sums *s, int a, int b, float both, float ridge) {
+    const float aa = s->square[0][a] + ridge, bb = s->square[1][b] + ridge;
     const float ab = both - s->mean[0][a] * s->mean[1][b] / s->one, ya = s->with_seen[0][a], yb = s->with_seen[1][b];
     const float determinant = aa * bb - ab * ab;
     return determinant > 0.0f ? (ya * ya * bb - 2.0f * ya * yb * ab + yb * yb * aa) / determinant : 0.0f;
@@ -59,9 +52,8 @@ static void put_waves(const Panel *panel, const View *view, ptrdiff_t rows, floa
 }
 
 Bands ledpi_panel_phases(const Panel *panel, const View *view, ptrdiff_t rows, const float *squares, const float *products,
-                         double phases[2]) {
+                         float ridge, double phases[2]) {
     float wave[2][PHASES][MOST_ROWS], all[PHASES][PHASES] = {{0.0f}}, expected[PHASES][PHASES] = {{0.0f}};
-    const float power[2] = {power_of(panel->waves), power_of(panel->waves + WAVE_STEPS)};
     put_waves(panel, view, rows, wave);
     for (ptrdiff_t c = 0; c < panel->cells * panel->cells; c++) {
         ptrdiff_t from = 0, to = rows; /* the rows that the cell is in */
@@ -79,7 +71,7 @@ Bands ledpi_panel_phases(const Panel *panel, const View *view, ptrdiff_t rows, c
             for (int b = 0; b < PHASES; b++) {
                 float both = 0.0f;
                 for (ptrdiff_t r = 0; r < to - from; r++) both += weighed[r] * shifted[1][b][r];
-                all[a][b] += explained(&s, a, b, both, power);
+                all[a][b] += explained(&s, a, b, both, ridge);
                 expected[a][b] += s.gain * s.gain * fminf(s.square[0][a], s.square[1][b]);
             }
         }

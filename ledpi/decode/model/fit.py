@@ -42,6 +42,7 @@ class Fitted:
     corners_px: Floats  # (4, 2) and of what is lit
     hidden: Floats  # (4,) how much of the left, right, upper and lower side something hides, in cells
     covariance_px2: Floats  # (8, 8) of the corners: x and y of each
+    settled: bool  # the last step hardly moved anything
     explained: float  # share of the light's squares about their mean
     unknown: Floats  # as `prior` has them
     spec: PanelSpec
@@ -66,6 +67,7 @@ class Fitter:
         bent = intrinsics is not None and any(intrinsics.distortion)
         self._lens = lens_of(intrinsics) if bent and intrinsics is not None else None
         self._solver = Solver()
+        self.sampled = 0  # places, by all fits so far
 
     def fit(
         self,
@@ -110,6 +112,7 @@ class Fitter:
             corners=corners_px.reshape(-1).tolist(),
             unknown=unknown,
         )
+        self.sampled += fit.sampled
         if outcome != lib.LEDPI_FITTED:
             return NO_BANDS if outcome == lib.LEDPI_WITHOUT_BANDS else DIVERGED
         lattice, lit = np.array(list(fit.corners)).reshape(4, 2), np.array(list(fit.lit)).reshape(4, 2)
@@ -120,6 +123,7 @@ class Fitter:
             corners_px=read_only(lit),
             hidden=read_only(np.array(list(fit.hidden))),
             covariance_px2=read_only(np.array(list(fit.covariance)).reshape(8, 8)),
+            settled=fit.settled,
             explained=fit.explained,
             unknown=read_only(unknown),
             spec=spec,
