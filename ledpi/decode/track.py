@@ -221,5 +221,6 @@ def _in_order_of(quad: Quad, before_px: Floats) -> Quad:
     turns = turned.index(max(turned))
     if turns == 0:
         return quad
-    lattice = None if quad.lattice_px is None else np.roll(quad.lattice_px, -turns, axis=0)
-    return replace(quad, corners_px=np.roll(quad.corners_px, -turns, axis=0), lattice_px=lattice, unknown=None)
+    lattice, hidden = (None if part is None else np.roll(part, -turns, axis=0) for part in (quad.lattice_px, quad.hidden))
+    corners_px = np.roll(quad.corners_px, -turns, axis=0)
+    return replace(quad, corners_px=corners_px, lattice_px=lattice, hidden=hidden, unknown=None)

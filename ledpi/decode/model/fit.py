@@ -40,7 +40,7 @@ class Fitted:
 
     lattice_px: Floats  # (4, 2) corners of the lattice of cells
     corners_px: Floats  # (4, 2) and of what is lit
-    hidden: Floats  # (4,) how much of the left, right, upper and lower side something hides, in cells
+    hidden: Floats  # (4,) how much something hides along each side, from one corner to the next, in cells
     covariance_px2: Floats  # (8, 8) of the corners: x and y of each
     settled: bool  # the last step hardly moved anything
     explained: float  # share of the light's squares about their mean
@@ -121,7 +121,7 @@ class Fitter:
         return Fitted(
             lattice_px=read_only(lattice),
             corners_px=read_only(lit),
-            hidden=read_only(np.array(list(fit.hidden))),
+            hidden=read_only(np.array(list(fit.hidden))[[2, 1, 3, 0]]),
             covariance_px2=read_only(np.array(list(fit.covariance)).reshape(8, 8)),
             settled=fit.settled,
             explained=fit.explained,
