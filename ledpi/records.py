@@ -185,6 +185,7 @@ class Quad:
     bend_px: float = 0.0  # how far the lens bends its sides off the straight line, at most
     lattice_px: Floats | None = None  # (4, 2) corners of the lattice of its cells, where that ends elsewhere
     unknown: Floats | None = None  # what its picture was fitted with, as `decode.model.prior` has it
+    unexplained: float = 0.0  # share of its light's squares that the fit leaves
     hidden: Floats | None = None  # (4,) how many cells something hides along each side, from one corner to the next
 
 

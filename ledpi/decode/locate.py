@@ -22,12 +22,15 @@ MISFIT = Rejected(stage="fit", reason="misfit")
 UNCERTAIN = Rejected(stage="fit", reason="uncertain")
 
 REACH = 0.1  # of the side: how far off a proposal may be
-MIN_EXPLAINED = 0.5  # of the light's squares: what explains less than it leaves is no model of it
+# Of the light's squares: a first look, from corners that are off, must explain more than it leaves; of what a panel's
+# fit leaves in the end the deviation is less than a third of the light's own.
+MIN_EXPLAINED, MIN_EXPLAINED_FINELY = 0.5, 0.9
 MAX_SIGMA = 1.0 / 8.0  # of a cell: further off, slopes no longer tell what a shift does to a cell's light
 # Where bands are not deep, a fit on a coarse grid is of no more pixels than the grid has lines: between them it would
 # not see the edges of cells. Its blur is that of these pixels: the next fit begins with a little more than a lens has,
 # as what is blurred more is found from further off.
 START_BLUR_PX = 1.2
+MOST_MORE = 2  # times that a fit which has not settled goes on
 
 
 class Locator:
@@ -59,9 +62,11 @@ class Locator:
             unknown[BLUR] = math.log(START_BLUR_PX)
         fine = Effort(rounds=10, reweightings=2, must_blink=self._must_blink)
         fit = self._fitted(frame, first.lattice_px, fine, (first.spec,), unknown)
-        if isinstance(fit, Fitted) and not fit.settled:
+        for _ in range(MOST_MORE):
+            if isinstance(fit, Rejected) or fit.settled:
+                break
             fit = self._fitted(frame, fit.lattice_px, fine, (fit.spec,), fit.unknown)
-        return fit if isinstance(fit, Rejected) else self._quad(fit)
+        return self._quad(fit)
 
     def near(self, frame: Frame, corners_px: Floats, known: Floats) -> Quad | Rejected:
         """The panel whose lattice is within a tenth of a cell or so of these corners (4, 2), or why there is none.
@@ -70,7 +75,7 @@ class Locator:
         """
         fine = Effort(rounds=6, reweightings=1)
         fit = self._fitted(frame, corners_px, fine, self._specs, known)
-        return fit if isinstance(fit, Rejected) else self._quad(fit)
+        return self._quad(fit)
 
     def _is_deep(self, frame: Frame) -> bool:
         return any(contrast(hz, frame.exposure_us, s.duty) > 2.0 * DEEP for s in self._specs for hz in s.waves_hz)
@@ -103,13 +108,18 @@ class Locator:
         sigma_px = math.sqrt(float(np.trace(best.covariance_px2)) / 8.0)
         return best if effort.roughly or sigma_px < MAX_SIGMA * side_px / self._cells else UNCERTAIN
 
-    def _quad(self, fit: Fitted) -> Quad:
+    def _quad(self, fit: Fitted | Rejected) -> Quad | Rejected:
+        if isinstance(fit, Rejected):
+            return fit
+        if fit.explained < MIN_EXPLAINED_FINELY:
+            return MISFIT
         return Quad(
             corners_px=fit.corners_px,
             lattice_px=fit.lattice_px,
             corner_sigma_px=math.sqrt(float(np.trace(fit.covariance_px2)) / 8.0),
             bend_px=self._bend_px(fit.corners_px),
             unknown=fit.unknown,
+            unexplained=1.0 - fit.explained,
             hidden=fit.hidden if fit.hidden.any() else None,
         )
 

@@ -22,6 +22,9 @@ MAX_SHIFT, MAX_GROWTH = 0.35, 1.25
 # And its corners about its centre, size apart, move by no more than this share: a camera that passes a panel at 1 m/s,
 # 0.4 m away, sees it turn by 0.08 rad in 33 ms, which moves a corner by half as many sides.
 MAX_RESHAPED = 0.1
+# A fit that leaves so many times more of the light than the one before (where that left this share of it, or more) has
+# settled beside the panel: it is searched for.
+WORSE, LEAST_UNEXPLAINED = 4.0, 0.01
 SAME = 0.01  # of the side: squares no further apart, and in size, are one
 OVERLAP = 0.5  # of the larger one's side: squares whose middles are no further apart are not both panels
 SAME_CELLS = 0.06  # of the side, from corner to corner: squares no further apart show the same cells
@@ -39,11 +42,12 @@ class Where(NamedTuple):
     velocity_px_s: Floats | None  # (4, 2), None where it was seen once
     seen_ns: int  # row 0's read-out of the frame
     unknown: Floats | None  # what its picture was fitted with, if in this order of corners
+    unexplained: float  # share of its light's squares that the fit left
 
     @classmethod
     def of(cls, quad: Quad, now_ns: int, velocity_px_s: Floats | None = None) -> Where:
         """Where a quad is, of a square that moves so."""
-        return cls(quad.corners_px, velocity_px_s, now_ns, quad.unknown)
+        return cls(quad.corners_px, velocity_px_s, now_ns, quad.unknown, quad.unexplained)
 
     def after(self, quad: Quad, now_ns: int) -> Where:
         """Where the square is now: in `quad`, the corners of which are in the track's order."""
@@ -101,6 +105,8 @@ class Tracker:
         Where it is another track's in this frame they have met, and this one ends.
         """
         if isinstance(quad, Rejected) or _distance(quad, track, self._now_ns) is None:
+            return None
+        if quad.unexplained > WORSE * max(track.where.unexplained, LEAST_UNEXPLAINED):
             return None
         seen = [_place(t.where.corners_px) for t in self._tracks if t.where.seen_ns == self._now_ns]
         if _is_one_of(_place(quad.corners_px), seen):
