@@ -216,7 +216,7 @@ def touched_frame(corners: Floats, seq: int = 0, sheet: float = 0.3) -> Frame:
 
 
 def test_what_touches_a_panel_does_not_hide_it() -> None:
-    """Its outline melts into that; its cells are where they are. It may seem to reach a hundredth into what is brighter."""
+    """Its outline melts into that; its cells are where they are. It may seem to reach a hundredth further."""
     (marker,) = pipeline().decode(touched_frame(NEAR)).markers
     assert marker.sighting.id == 7
     np.testing.assert_allclose(marker.sighting.corners_px, NEAR, atol=1.0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
+from itertools import product
 
 import cv2
 import numpy as np
@@ -90,10 +91,10 @@ def test_however_cells_are_lit(side: float, profile: Profile, exposure_us: float
 
 @pytest.mark.parametrize(
     ("side", "exposure_us"),
-    [*((side, SHORT_US) for side in (50, 100, 200, 400)), *((side, TRUE_10_MS_US) for side in (16, 25, 50, 100, 200, 400))],
+    [*product((50, 100, 200, 400), (SHORT_US, TRUE_10_MS_US)), (16, TRUE_10_MS_US), (25, TRUE_10_MS_US)],
 )
 def test_panels_of_any_size_are_read(side: float, exposure_us: float) -> None:
-    """From 6 m (of which a short exposure sees too little) to what nearly fills the picture; far ones from eight frames."""
+    """From 6 m (where a short exposure shows too little) to half the picture; far ones from eight frames."""
     true, path = square(310.3, 236.6, side, 8), pipeline(exposure_us, stream=True)
     for seq in range(8 if side < 100 else 1):
         canvas = Canvas(exposure_us=exposure_us)
@@ -230,7 +231,8 @@ def test_bands_of_another_shape_are_read(steeper: float, smoothing_px: float) ->
 @pytest.mark.parametrize("phase", [0.1, 0.6])
 def test_antiphase_panels_are_read_whichever_class_was_taken_for_black(phase: float) -> None:
     """A panel is its negative half a cycle later, and so it may be seen."""
-    settings = panel_settings("panels.phase=antiphase", "panels.black_hz=1250", "panels.white_hz=1250", "panels.ids=[%s]" % ", ".join(map(str, range(50))))
+    antiphase = ("panels.phase=antiphase", "panels.black_hz=1250", "panels.white_hz=1250")
+    settings = panel_settings(*antiphase, f"panels.ids={list(range(50))}")
     path = Pipeline(camera_info(exposure_us=SHORT_US), settings, intrinsics=PINHOLE, stream=False)
     dictionary = load_dictionary("DICT_4X4_50")
     for marker_id in dictionary.readable_ids("antiphase")[:6]:

@@ -135,7 +135,7 @@ def _sizes_px(corners: Floats, cells: int) -> tuple[tuple[float, float], tuple[c
 
 
 def _uncovered(hidden: Floats, points: Lattice, cell_px: tuple[float, float], valid: Mask | None) -> Mask | None:
-    """Of the samples those that lie within what is seen of the panel, by more than light reaches; where some are left."""
+    """The samples that lie within what is seen of the panel by more than light reaches; where some of each cell do."""
     inside: Mask = np.ones(points.u.shape, np.bool_) if valid is None else valid.copy()
     for k, place in enumerate((points.v, 1 - points.u, 1 - points.v, points.u)):
         if hidden[k]:

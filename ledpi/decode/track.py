@@ -227,6 +227,7 @@ def _in_order_of(quad: Quad, before_px: Floats) -> Quad:
     turns = turned.index(max(turned))
     if turns == 0:
         return quad
-    lattice, hidden = (None if part is None else np.roll(part, -turns, axis=0) for part in (quad.lattice_px, quad.hidden))
+    parts = quad.lattice_px, quad.hidden
+    lattice, hidden = (None if part is None else np.roll(part, -turns, axis=0) for part in parts)
     corners_px = np.roll(quad.corners_px, -turns, axis=0)
     return replace(quad, corners_px=corners_px, lattice_px=lattice, hidden=hidden, unknown=None)
