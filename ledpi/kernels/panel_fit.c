@@ -12,6 +12,8 @@ enum {
     MOST_BLOCKS = MOST_CELLS * MOST_CELLS * BLOCKS * BLOCKS + 4 * MOST_CELLS,
 };
 #define MOST_STEP 0.1 /* of half the side: as far as the slopes hold */
+#define MOST_BLURRING 0.3 /* of the blur's logarithm */
+#define MOST_TURN 0.1 /* cycles of a phase: as far as its wave's slope holds */
 #define SETTLED_SHARE 0.02 /* of the squared residuals */
 /* Student's t: blocks of this freedom are weighed by (freedom + 1)/(freedom + their mean square over the usual one). */
 #define FREEDOM 4.0
@@ -267,10 +269,11 @@ static double take_step(Fitting *fit, const double h[9], Work *work) {
     const ptrdiff_t cells = fit->panel.cells, owns = OWN * cells * cells, size = owns + COMMON;
     double most = 0.0, usual = 0.0, *unknown = fit->unknown;
     for (int i = 0; i < WAYS; i++) most = fmax(most, fabs(work->step[owns + i]));
-    const double share = most > MOST_STEP ? MOST_STEP / most : 1.0;
+    const double share = fmin(1.0, fmin(MOST_STEP / most, MOST_BLURRING / fabs(work->step[owns + BLUR])));
     for (ptrdiff_t i = 0; i < size; i++) {
         const ptrdiff_t at = unknown_at(i, owns);
         work->step[i] *= share;
+        if (at == PHASE || at == PHASE + 1) work->step[i] = fmin(fmax(work->step[i], -MOST_TURN), MOST_TURN);
         if (at >= WAYS) unknown[at] += work->step[i];
     }
     move(h, work->step + owns, (double[]){-1.0, -1.0}, (double[]){1.0, 1.0}, fit->corners);
