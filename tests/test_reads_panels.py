@@ -231,11 +231,10 @@ def test_bands_of_another_shape_are_read(steeper: float, smoothing_px: float) ->
 @pytest.mark.parametrize("phase", [0.1, 0.6])
 def test_antiphase_panels_are_read_whichever_class_was_taken_for_black(phase: float) -> None:
     """A panel is its negative half a cycle later, and so it may be seen."""
-    antiphase = ("panels.phase=antiphase", "panels.black_hz=1250", "panels.white_hz=1250")
-    settings = panel_settings(*antiphase, f"panels.ids={list(range(50))}")
+    settings = panel_settings("panels.phase=antiphase", "panels.black_hz=1250", "panels.white_hz=1250")
     path = Pipeline(camera_info(exposure_us=SHORT_US), settings, intrinsics=PINHOLE, stream=False)
     dictionary = load_dictionary("DICT_4X4_50")
-    for marker_id in dictionary.readable_ids("antiphase")[:6]:
+    for marker_id in (0, 1, 2, 4, 5, 6):
         canvas, phases = Canvas(exposure_us=SHORT_US), (phase, phase + 0.5)
         canvas.panel(square(310, 240, 80, 20), dictionary.word(marker_id), spec=settings.spec(), phases=phases)
         assert ids(path.decode(canvas.frame())) == [marker_id]
