@@ -62,7 +62,7 @@ class Proposer:
         ranked = lattices + sorted(found, key=lambda at: -quad_side(at.tolist()))
         if thorough and band_rows is not None:
             ranked += [at for corners in ranked for at in _ends_moved(corners, band_rows / 3.0)]
-        return self._distinct([Candidate.of(at) for at in ranked[:MOST]]), dropped
+        return self._distinct(ranked[:MOST]), dropped
 
     def _band_rows(self, frame: Frame) -> int | None:
         """Rows of the longest dark band, where bands are so deep that they cut a panel into pieces."""
@@ -72,18 +72,22 @@ class Proposer:
         slowest = min(hz for spec in self._specs for hz in spec.waves_hz)
         return 1 + math.ceil(0.5e6 / (slowest * frame.row_time_us))
 
-    def _distinct(self, candidates: list[Candidate]) -> list[Candidate]:
-        kept: list[Candidate] = []
-        for one in candidates:
-            near_px = SAME * one.side_px / self._cells
-            corners = one.corners_px.tolist()
-            if one.side_px >= self._cells * MIN_CELL_PX and not any(
-                abs(one.side_px - other.side_px) < 2 * near_px
-                and corners_apart(corners, other.corners_px.tolist()) < near_px
-                for other in kept
-            ):
-                kept.append(one)
-        return kept
+    def _distinct(self, ranked: list[Floats]) -> list[Candidate]:
+        """The candidates that are large enough, of those that lead to one fit the first."""
+        candidates = [Candidate.of(at) for at in ranked]
+        candidates = [one for one in candidates if one.side_px >= self._cells * MIN_CELL_PX]
+        if not candidates:
+            return []
+        sides, corners = np.array([one.side_px for one in candidates]), np.stack([one.corners_px for one in candidates])
+        near_px = SAME * sides[:, None] / self._cells
+        middles = corners.mean(axis=1)
+        close = np.abs(sides[:, None] - sides) < 2 * near_px
+        close &= np.hypot(*(middles[:, None] - middles).transpose(2, 0, 1)) < near_px
+        kept = np.ones(len(candidates), np.bool_)
+        for one, other in np.argwhere(np.tril(close, -1)).tolist():
+            if kept[one] and kept[other]:
+                kept[one] = corners_apart(corners[one].tolist(), corners[other].tolist()) >= near_px[one, 0]
+        return [one for one, keep in zip(candidates, kept, strict=True) if keep]
 
 
 def _bridged(frame: Frame, band_rows: int) -> list[Frame]:
