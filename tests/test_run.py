@@ -118,10 +118,15 @@ def test_the_heartbeat_comes_five_times_a_second(drive: Run) -> None:
 
 
 def test_the_heartbeat_says_how_it_goes(drive: Run) -> None:
-    """Running; without a map there is no fix, and that is why; panels are in view, frames and markers are counted."""
+    """Running; without a map there is no fix, and that is why; panels are in view, frames and markers are counted.
+
+    On a busy machine the decoder may be behind at times, and says so.
+    """
     running = [status for _, status in drive.controller.statuses if status.state is State.RUNNING]
     assert running
-    assert {status.no_fix for status in running} == {NoFix.NO_MAP}
+    said = {status.no_fix for status in running}
+    assert NoFix.NO_MAP in said
+    assert said <= {NoFix.NO_MAP, NoFix.BEHIND}
     assert max(status.panels_in_view or 0 for status in running) == 2
     first, last = running[0], running[-1]
     assert (last.frames or 0) > (first.frames or 0) > 0
