@@ -142,7 +142,7 @@ def test_a_word_that_is_its_own_negative_turned_cannot_be_used_in_antiphase() ->
 
 
 def test_a_mirror_shows_another_pattern_but_of_few_words() -> None:
-    """Those that docs/first-panel.md warns of; no other word of the dictionary is the mirror image of one, either."""
+    """Those that docs/troubleshooting.md warns of; no other word is the mirror image of one, either."""
     words = load_dictionary("DICT_4X4_50").words
     own = [(i, j) for i, mirrored in enumerate(words[:, :, ::-1]) for j in range(50) if _are_one(mirrored, words[j])]
     assert own == [(8, 8), (9, 9), (17, 17), (47, 47)]
