@@ -32,7 +32,7 @@ from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.evidence.memory import PanelMemory
 from ledpi.decode.identify import rivals, soft
 from ledpi.decode.identify.codebook import Codebook
-from ledpi.decode.identify.words import word_log_likelihoods
+from ledpi.decode.identify.words import likeliest
 from ledpi.dictionaries import load_dictionary
 from ledpi.errors import LedpiError
 from ledpi.evaluate.bound import Bound, bound_of
@@ -55,7 +55,7 @@ def told_bands(evidence: Evidence, book: Codebook, true: int, rate: float) -> bo
     """Whether the true word stands against every other pattern of the cells, given the bands that fit it best."""
     cells = book.white.shape[1]
     patterns = (np.arange(2**cells)[:, None] >> np.arange(cells) & 1).astype(np.float64)
-    bands = word_log_likelihoods(evidence, book.white[true : true + 1])[1][0]
+    bands = likeliest(evidence, book.white[true : true + 1]).bands
     shown = (band_shares(patterns, len(bands)) * bands).reshape(len(patterns), -1)
     information = evidence.information.reshape(shown.shape[1], -1)
     likelihood = shown @ evidence.score.reshape(-1) - 0.5 * ((shown @ information) * shown).sum(axis=1)

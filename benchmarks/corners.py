@@ -16,20 +16,16 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 
 from ledpi.config import PanelSettings, load_config
-from ledpi.decode.corners.approach import approach_quads
-from ledpi.decode.corners.edges import refine_quads
-from ledpi.decode.finding.find import Finder
-from ledpi.decode.striped.find_striped import StripedFinder
-from ledpi.decode.striped.striped import striped_squares
+from ledpi.decode.locate import Locator
+from ledpi.decode.proposals import Proposer
 from ledpi.evaluate.conditions import PLAIN, VARIATIONS, Condition
 from ledpi.evaluate.draw import FRAMES_A_TAKE, draw_take
 from ledpi.geometry import rotation_angle_deg
 from ledpi.pose.planar import solve_squares
-from ledpi.records import Floats, Frame, Intrinsics, PanelSpec, Quad, Rejected
+from ledpi.records import CameraInfo, Floats, Frame, Intrinsics, PanelSpec, Quad, Rejected
 from ledpi.simulate.render import Renderer
 
 SEQ = FRAMES_A_TAKE // 2  # where a moving camera is in the middle of its take
-SMALLEST_PX = 8.0
 WRONG = 0.25  # of the side: what is further off is something else
 
 
@@ -37,19 +33,16 @@ def nearest_square(
     frame: Frame, true: Floats, lens: Intrinsics, spec: PanelSpec
 ) -> tuple[Floats, float, float] | None:
     """Corners in the order of the true ones, their deviation and the sides' share; None where no square is near."""
-    finder, striped_finder = (
-        Finder(lens.width, lens.height, SMALLEST_PX),
-        StripedFinder(lens.width, lens.height, [spec], SMALLEST_PX),
+    camera = CameraInfo(
+        width=lens.width,
+        height=lens.height,
+        exposure_us=frame.exposure_us,
+        row_time_us=frame.row_time_us,
+        transfer=frame.transfer,
     )
-    stripe_rows = striped_finder.stripe_rows(frame)
-    if stripe_rows:
-        candidates, _ = striped_finder.find(frame)
-        quads = [quad for _, quad in striped_squares(frame, candidates, 4, [spec], stripe_rows, lens)]
-    else:
-        candidates, _ = finder.find(frame)
-        corners = np.array([candidate.corners for candidate in candidates])
-        near = approach_quads(frame, corners, np.array([candidate.tolerance_px for candidate in candidates]))
-        quads = refine_quads(frame, np.array([at for at in near if not isinstance(at, Rejected)]), 4, lens)
+    candidates, _ = Proposer(camera, 4, [spec]).propose(frame, thorough=True)
+    locator = Locator(4, (spec,), lens)
+    quads = [locator.at(frame, candidate.corners_px) for candidate in candidates]
     found = [
         (np.roll(quad.corners_px, turn, axis=0), quad.corner_sigma_px, quad.size_sigma_px)
         for quad in quads

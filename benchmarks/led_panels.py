@@ -25,7 +25,6 @@ from ledpi.config import PanelSettings, load_config
 from ledpi.decode.cells import sample_cells
 from ledpi.decode.identify import soft
 from ledpi.decode.identify.codebook import Codebook
-from ledpi.decode.striped.striped import striped_near
 from ledpi.dictionaries import load_dictionary
 from ledpi.pipeline import Pipeline
 from ledpi.records import CameraInfo, Frame, Quad, Rejected
@@ -90,9 +89,7 @@ def with_true_corners(frame: Frame, corners: Floats, panels: PanelSettings) -> i
     """The ID that a decoder reads who need not look for the panel."""
     dictionary = load_dictionary(panels.dictionary)
     cells = dictionary.cells_per_side
-    (near,) = striped_near(frame, [corners], cells, [panels.spec()])
-    bands = near.bands if isinstance(near, Quad) else None
-    samples = sample_cells(frame, Quad(corners_px=corners, corner_sigma_px=0.1, bands=bands), cells)
+    samples = sample_cells(frame, Quad(corners_px=corners, corner_sigma_px=0.1), cells)
     if isinstance(samples, Rejected):
         return None
     book = Codebook.build(list(range(len(dictionary.words))), dictionary, panels.spec())

@@ -6,6 +6,7 @@ A wrong key or value is a `ConfigError` of one line: file, key, what is wrong, w
 from __future__ import annotations
 
 import os
+from collections.abc import Iterable
 from dataclasses import asdict
 from datetime import date
 from pathlib import Path
@@ -43,6 +44,7 @@ from ledpi.config_values import (
 from ledpi.dictionaries import FILE_ENDINGS, dictionary_names, is_file, load_dictionary, meant_name
 from ledpi.errors import ConfigError
 from ledpi.files import read_yaml
+from ledpi.markers import as_ranges
 from ledpi.records import PanelSpec, PanelValues, Phase, Transfer
 from ledpi.wording import shortened
 
@@ -112,6 +114,8 @@ class PanelSettings(_Section):
     duty: Duty = 0.5
     phase: Phase = "free"
     upright: StrictBool = False  # all hang with their y axis up, on walls
+    ids: tuple[MarkerId, ...] | None = None  # that exist; all but those a part of another can show
+    search_frequencies: StrictBool = False  # of oscillators that are off by a percent, as RC oscillators are
     overrides: dict[MarkerId, PanelOverride] = Field(default_factory=dict)
 
     def spec(self, marker_id: int | None = None) -> PanelSpec:
@@ -120,6 +124,29 @@ class PanelSettings(_Section):
         if marker_id is not None and marker_id in self.overrides:
             values |= self.overrides[marker_id].model_dump(exclude_none=True, exclude={"measured"})
         return PanelSpec(**values)
+
+    def existing_ids(self) -> frozenset[int]:
+        """The IDs that may be reported: `ids`, or else all but those that a part of another panel can show.
+
+        Raises ValueError for an unknown dictionary.
+        """
+        if self.ids is not None:
+            return frozenset(self.ids)
+        dictionary = load_dictionary(self.dictionary)
+        return frozenset(range(len(dictionary.words))) - frozenset(dictionary.part_like_ids())
+
+    def unreported_note(self, ids: Iterable[int]) -> str:
+        """Names those of `ids` that the dictionary has, and that are not reported; "" where all are."""
+        known = range(len(load_dictionary(self.dictionary).words))
+        missing = sorted(set(ids).intersection(known) - self.existing_ids())
+        if not missing:
+            return ""
+        one = len(missing) == 1
+        note = (
+            f"{'ID' if one else 'IDs'} {as_ranges(missing)} {'is' if one else 'are'} reported only if panels.ids lists "
+            f"{'it' if one else 'them'}"
+        )
+        return note if self.ids is not None else f"{note}: a part of another panel can look the same"
 
     def frequencies_hz(self) -> tuple[float, ...]:
         """Every frequency that a panel blinks at, sorted. Raises ValueError where the panels' values contradict."""
@@ -259,9 +286,13 @@ def _check_panels(panels: PanelSettings, where: str) -> None:
         dictionary = load_dictionary(panels.dictionary)
     except ValueError as error:
         raise ConfigError(f"{where}: panels.dictionary: {error}") from None
+    known = len(dictionary.words)
+    beyond = [listed for listed in panels.ids or () if listed >= known]
+    if beyond:
+        has = f"{panels.dictionary} has only the IDs 0 to {known - 1}"
+        raise ConfigError(f"{where}: panels.ids: {has}, not {beyond[0]}")
     for marker_id in (None, *panels.overrides):
         key = "panels" if marker_id is None else f"panels.overrides.{marker_id}"
-        known = len(dictionary.words)
         if marker_id is not None and marker_id >= known:
             raise ConfigError(f"{where}: {key}: {panels.dictionary} has only the IDs 0 to {known - 1}")
         try:

@@ -19,9 +19,10 @@ from ledpi.errors import CameraError, TransientError
 from ledpi.exposure_notes import exposure_notes
 from ledpi.health import Health, StageTimes
 from ledpi.liveness import Liveness
+from ledpi.pacing import Pacing
 from ledpi.pipeline import Pipeline
 from ledpi.processor import read_processor
-from ledpi.records import Decoded, Floats, Intrinsics, Rejected
+from ledpi.records import CameraInfo, Decoded, Floats, Intrinsics, Rejected
 from ledpi.reporting import Totals, in_service, minute_line, second_line
 from ledpi.resets import Resets
 from ledpi.ring import FrameRing
@@ -66,6 +67,7 @@ class Daemon:
             robot=robot,
             method=config.decode.method,
         )
+        self._pacing = None if self._lossless else Pacing(_period_ms(info))
         self._gain = GainFollower(camera)
         if note := strangers_note(config, robot.panels):
             _log.warning("map: %s", note)
@@ -183,7 +185,11 @@ class Daemon:
             frame = self._ring.take(TICK_S)
             if frame is not None:
                 self._liveness.begins(frame)
+                spent = self._pipeline.spent
                 decoded = self._pipeline.decode(frame, at_once=self._hand_on)
+                if self._pacing is not None:
+                    spent, took_ms = self._pipeline.spent - spent, sum(decoded.stage_ms.values())
+                    self._pipeline.search_budget = self._pacing.budget_after(spent, took_ms)
                 self._gain.see(frame, decoded)
                 self._ring.release()
                 self._health.add(decoded)
@@ -232,6 +238,11 @@ class Daemon:
             ring=self._ring.counters(),
             packets=self._publisher.counters,
         )
+
+
+def _period_ms(info: CameraInfo) -> float:
+    """Between two frames; without blanking where that is not known."""
+    return (info.frame_length_rows or info.height) * info.row_time_us * 1e-3
 
 
 def calibration(config: Config, camera: Camera) -> Intrinsics | None:

@@ -46,3 +46,7 @@ class WireError(LedpiError):
 
 class CalibrationError(LedpiError):
     """Calibration input is missing or cannot give a rational result, or a calibration file is broken."""
+
+
+class InstallationError(LedpiError):
+    """A part of ledpi is missing, or does not fit the rest: it has to be installed again."""

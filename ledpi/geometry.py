@@ -174,6 +174,11 @@ def box(left: float, top: float, right: float, bottom: float) -> Floats:
     return np.array([[left, top], [right, top], [right, bottom], [left, bottom]])
 
 
+def first_at_top_left(corners: Floats) -> int:
+    """Which of the corners (4, 2) of a quad is at the picture's top left."""
+    return int(np.argmin(corners.sum(axis=1)))
+
+
 def square_box(low: float, high: float) -> Floats:
     """(4, 2) the same of a square from `low` to `high` on either axis."""
     return box(low, low, high, high)

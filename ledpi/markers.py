@@ -12,6 +12,8 @@ from ledpi.records import Phase
 
 Bits = NDArray[np.bool_]
 
+MOST_CORRECTED = 1  # cells that may be of the other class while a pattern still is a word
+
 _TURNED = (np.arange(4)[:, None] + np.arange(4)) % 4  # which corner comes where, by quarter turns
 
 
@@ -69,6 +71,15 @@ class Dictionary:
                 f"antiphase they look alike; must be one of {as_ranges(readable)}"
             )
 
+    def part_like_ids(self) -> tuple[int, ...]:
+        """The IDs that a part of another panel can show where it is taken for a whole one.
+
+        Where half of a panel's rows, say, are taken for all, rows are alike two by two. So look words of which no more
+        cells differ from such a pattern than can be corrected.
+        """
+        side, most = self.cells_per_side, min(MOST_CORRECTED, self.correctable_cells())
+        return tuple(i for i, word in enumerate(self.words) if _cells_off_repeating(word, side) <= most)
+
     def none_readable(self, phase: Phase) -> str:
         """What to say where `readable_ids` has none."""
         return f"no ID of {self.name} can be told from the others in {phase}; panels.phase must be free"
@@ -78,6 +89,16 @@ class Dictionary:
         distance = self.distances(phase)
         readable = distance.min(axis=1) > 0
         return int(distance[readable].min(initial=distance.shape[1]) - 1) // 2
+
+
+def _cells_off_repeating(word: Bits, side: int) -> int:
+    """By how many cells a word (n, n) differs from a pattern whose rows, or columns, are alike by two or more."""
+    least = side * side
+    for times in (n for n in range(2, side + 1) if side % n == 0):
+        for lines in (word, word.T):
+            white = lines.reshape(side // times, times, side).sum(axis=1)
+            least = min(least, int(np.minimum(white, times - white).sum()))
+    return least
 
 
 def as_ranges(numbers: Sequence[int]) -> str:

@@ -1,4 +1,4 @@
-"""The path of one frame: find → edges → cells → identify → pose. The only module that knows all stages."""
+"""The path of one frame: find → fit → cells → identify → pose. The only module that knows all stages."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from collections.abc import Callable, Iterator
 from typing import TypeAlias
 
 from ledpi.config import Method, PanelSettings
+from ledpi.decode.agenda import Agenda
 from ledpi.decode.bands import NO_SQUARE, BandsReader
-from ledpi.decode.belief import Belief
 from ledpi.decode.cells import CellSamples, sample_cells
-from ledpi.decode.finding.find import Candidate
 from ledpi.decode.identify import soft
 from ledpi.decode.identify.codebook import Codebook
+from ledpi.decode.locate import Locator
+from ledpi.decode.proposals import Candidate, Proposer
 from ledpi.decode.reader import Reader
-from ledpi.decode.squares import Squares
 from ledpi.decode.track import NOT_SHOWN, Track, Tracker
 from ledpi.dictionaries import load_dictionary
 from ledpi.markers import corners_of_turned
@@ -34,16 +34,21 @@ from ledpi.records import (
 )
 from ledpi.results import Results
 from ledpi.row_clock import MIN_DEVIATION, RowClock
-from ledpi.search_plan import SearchPlan
 from ledpi.trace import Look, Trace
 
 STAGES: dict[Method, tuple[str, ...]] = {
-    "soft": ("find", "edges", "cells", "soft", "pose"),
+    "soft": ("find", "fit", "cells", "soft", "pose"),
     "bands": ("bands", "pose"),
 }
 
+# What a frame may spend on all but panels that are followed, in places at which the model is compared with the picture
+# (a quarter of a microsecond each on a PC, half a candidate to 5,000): about a frame period in a stream, which takes up
+# in the next frame what is left; no more is to come where a frame is alone.
+STREAM_BUDGET, SINGLE_BUDGET = 150_000, 1_000_000
+
+NOT_EXISTING = Rejected(stage="soft", reason="id_not_in_panels_ids")  # or one that a part of another panel can show
+
 _Looked: TypeAlias = tuple[Quad, Track, CellSamples]
-_Find: TypeAlias = Callable[[Frame], tuple[list[Candidate], list[Rejected]]]
 
 
 class Pipeline:
@@ -73,19 +78,24 @@ class Pipeline:
         self._cells = load_dictionary(panels.dictionary).cells_per_side
         dictionary, groups = load_dictionary(panels.dictionary), _same_frequencies(panels)
         codebooks = [Codebook.build(ids, dictionary, spec) for spec, ids in groups]
-        self._reader = Reader(codebooks, soft.FALSE_ID_RATE)
+        self._reader = Reader(codebooks, soft.FALSE_ID_RATE, search_frequencies=panels.search_frequencies)
         self._readers = [BandsReader(dictionary, ids, spec) for spec, ids in groups] if method == "bands" else []
         self._specs = tuple(spec for spec, _ in groups)
-        self._squares = Squares(camera, self._cells, self._specs, intrinsics)
-        self._belief = Belief(self._cells, intrinsics, stream=stream)
+        self._existing = panels.existing_ids()
+        self._proposer = Proposer(camera, self._cells, self._specs)
+        self._locator = Locator(self._cells, self._specs, intrinsics, must_blink=not panels.search_frequencies)
         sides_m = {marker_id: panels.spec(marker_id).side_m for marker_id in range(len(dictionary.words))}
         self._placer = Placer(intrinsics, sides_m, stream=stream, robot=robot)
         self._tracker = Tracker(self._specs)
-        self._plan = SearchPlan(stream=stream)
+        self._agenda = Agenda()
+        self.search_budget = STREAM_BUDGET if stream else SINGLE_BUDGET
         self._row_clock = RowClock(camera)
-        if method == "soft":
-            self._squares.prepare()
         self.off_frequency: dict[int, PanelSpec] = {}  # by ID: panels that blink at others than announced, and at which
+
+    @property
+    def spent(self) -> int:
+        """On all fits so far, those that followed panels too, as the budget counts it."""
+        return self._locator.spent
 
     @property
     def panels(self) -> PanelSettings:
@@ -105,13 +115,21 @@ class Pipeline:
         frame = self._with_true_row_time(frame)
         work = Results(dict.fromkeys(STAGES[self._method], 0.0), trace)
         groups = self._by_soft if self._method == "soft" else self._by_bands
-        for sightings in groups(frame, work):
+        for read in groups(frame, work):
+            sightings = [sighting for sighting in read if self._exists(sighting, work)]
             if sightings:
                 start = time.perf_counter()
                 markers = work.add(frame, sightings, self._placer)
                 self._timed(work, "pose", start)
                 at_once(work.news(frame, markers))
         return work.whole(frame)
+
+    def _exists(self, sighting: Sighting, work: Results) -> bool:
+        """Whether there is a panel of this ID."""
+        exists = sighting.id in self._existing
+        if not exists:
+            work.reject(sighting.corners_px, NOT_EXISTING)
+        return exists
 
     def _with_true_row_time(self, frame: Frame) -> Frame:
         """The frame, corrected where the stream's own times say that the driver misreports its row time."""
@@ -124,68 +142,66 @@ class Pipeline:
         return self._row_clock.corrected(frame)
 
     def _by_soft(self, frame: Frame, work: Results) -> Iterator[list[Sighting]]:
-        """find → edges → track → cells → soft, which is the likeliest word of all cells together.
+        """propose → fit → track → cells → soft, which is the likeliest word of all cells together.
 
-        First the panels that the frames before have shown, where they are expected; then all else.
+        First the panels that the frames before have shown, where they are expected. All else shares the budget.
         """
         if not self._stream:
-            self._tracker = Tracker(self._specs)
+            self._tracker, self._agenda = Tracker(self._specs), Agenda()
         self._tracker.begin(frame.row0_readout_ns)
-        looked = self._sample(frame, self._where_expected(frame, work), work)
-        searching = self._plan.begins(all_seen=self._tracker.all_seen())
-        others = [look for look in looked if look[1].history.shown is None]
-        yield self._read(frame, [look for look in looked if look[1].history.shown is not None], work)
-        found = self._search(frame, self._squares.candidates, work) if searching else []
-        yield self._read(frame, others + found, work)
-        looked += found
-        if self._plan.goes_on(read=bool(work.sightings)):
-            found = self._search(frame, self._squares.candidates_again, work)
-            yield self._read(frame, found, work)
-            looked += found
-        if self._plan.looks_within(frame, [(quad, samples) for quad, _, samples in looked], read=bool(work.sightings)):
-            found = self._search_within(frame, [quad for quad, _, _ in looked], work)
-            yield self._read(frame, found, work)
-            looked += found
+        looked: list[_Looked] = []
+        yield self._read(frame, self._follow(frame, self._tracker.panels(), looked, work), work)
+        most = self._locator.spent + self.search_budget
+        for track in self._tracker.others():
+            if self._locator.spent >= most:
+                break
+            yield self._read(frame, self._follow(frame, [track], looked, work), work)
+        if self._agenda.is_due(all_seen=self._tracker.all_seen()):
+            for candidate in self._agenda.in_turn(self._propose(frame, work)):
+                if self._locator.spent >= most:
+                    break
+                yield self._read(frame, self._look_at(frame, candidate, looked, work), work)
         if self._stream:
             self._keep_up(frame, looked, work)
 
-    def _where_expected(self, frame: Frame, work: Results) -> list[tuple[Quad, Track]]:
+    def _follow(self, frame: Frame, tracks: list[Track], looked: list[_Looked], work: Results) -> list[_Looked]:
         """The squares that are where their tracks lead; what is not there is left to a search."""
         start = time.perf_counter()
-        tracks = self._tracker.expected()
-        if not tracks:
-            return []
-        quads = self._squares.near(frame, [(t.where.sought_px(frame.row0_readout_ns), t.where.told_by) for t in tracks])
-        followed = [
-            (there, track)
-            for track, quad in zip(tracks, quads, strict=True)
-            if (there := self._tracker.go_on(track, quad)) is not None
-        ]
-        self._timed(work, "edges", start)
-        return followed
+        followed = []
+        for track in tracks:
+            at = track.where.expected_px(frame.row0_readout_ns)
+            known = track.where.unknown
+            if track.where.velocity_px_s is None or known is None:  # how it moves is known from its second frame on
+                quad = self._locator.at(frame, at)
+            else:
+                quad = self._locator.near(frame, at, known)
+            there = self._tracker.go_on(track, quad)
+            if there is not None:
+                followed.append((there, track))
+        self._timed(work, "fit", start)
+        return self._sample(frame, followed, looked, work)
 
-    def _search(self, frame: Frame, find: _Find, work: Results) -> list[_Looked]:
-        """The squares in the whole picture, but for those that this frame has shown already, and the light in them."""
+    def _propose(self, frame: Frame, work: Results) -> list[Candidate]:
         start = time.perf_counter()
-        candidates, dropped = find(frame)
-        candidates = [c for c in candidates if not self._tracker.is_followed(c.corners, c.tolerance_px)]
+        candidates, dropped = self._proposer.propose(frame, thorough=not self._stream)
         work.rejected.extend(dropped)
         if work.trace is not None:
             work.trace.candidates.extend(candidates)
-        since = self._timed(work, "find", start)
-        results = self._squares.of(frame, candidates)
-        self._timed(work, "edges", since)
-        for sought, quad in results:
-            if isinstance(quad, Rejected):
-                work.reject(sought, quad)
-        return self._sample(frame, self._tracker.follow([q for _, q in results if isinstance(q, Quad)]), work)
+        self._timed(work, "find", start)
+        return candidates
 
-    def _search_within(self, frame: Frame, known: list[Quad], work: Results) -> list[_Looked]:
-        """The same, but for those `known`, by what is within panels alone."""
+    def _look_at(self, frame: Frame, candidate: Candidate, looked: list[_Looked], work: Results) -> list[_Looked]:
+        """What a candidate is, where this frame has not shown that already."""
+        if self._tracker.is_followed(candidate.corners_px):
+            return []
         start = time.perf_counter()
-        quads = self._squares.by_lines(frame, known, far=self._stream)  # of few pixels, a frame alone is not read
-        self._timed(work, "edges", start)
-        return self._sample(frame, self._tracker.follow(quads), work)
+        self._agenda.tried(candidate)
+        quad = self._locator.at(frame, candidate.corners_px)
+        self._timed(work, "fit", start)
+        if isinstance(quad, Rejected):
+            work.reject(candidate.corners_px, quad)
+            return []
+        return self._sample(frame, self._tracker.follow([quad]), looked, work)
 
     def _by_bands(self, frame: Frame, work: Results) -> Iterator[list[Sighting]]:
         """The source paper's method, once for each pair of frequencies."""
@@ -210,18 +226,21 @@ class Pipeline:
         work.seconds[stage] += now - since
         return now
 
-    def _sample(self, frame: Frame, squares: list[tuple[Quad, Track]], work: Results) -> list[_Looked]:
-        """The light in their cells, of those where it can be told."""
+    def _sample(
+        self, frame: Frame, squares: list[tuple[Quad, Track]], looked: list[_Looked], work: Results
+    ) -> list[_Looked]:
+        """The light in their cells, of those where it can be told; also added to `looked`, all of this frame."""
         since = time.perf_counter()
-        looked = []
+        sampled = []
         for quad, track in squares:
             samples = sample_cells(frame, quad, self._cells, self._intrinsics, like=track.history.memories[0].lattice)
             if isinstance(samples, Rejected):
                 work.reject(quad.corners_px, samples)
             else:
-                looked.append((quad, track, samples))
+                sampled.append((quad, track, samples))
+        looked += sampled
         self._timed(work, "cells", since)
-        return looked
+        return sampled
 
     def _read(self, frame: Frame, looked: list[_Looked], work: Results) -> list[Sighting]:
         """The panels that these lit squares are; where none can be told, why is in `work`."""
@@ -239,14 +258,7 @@ class Pipeline:
             if isinstance(outcome.shown, Rejected):
                 work.reject(quad.corners_px, outcome.shown)
                 continue
-            believed = self._belief.where(frame, quad, samples, outcome.history, outcome.shown)
-            track.history = believed.history
-            if believed.own is not None:
-                track.where = track.where.rather(believed.own)
-            if isinstance(believed.place, Rejected):
-                work.reject(quad.corners_px, believed.place)
-            else:
-                sightings.append(self._sighting(believed.place, outcome.shown.reading, track))
+            sightings.append(self._sighting(quad, outcome.shown.reading, track))
         self._timed(work, "soft", since)
         return sightings
 

@@ -7,7 +7,6 @@ x right, y up, z out of the panel.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, TypeVar
@@ -176,67 +175,18 @@ class Rejected:
         return f"{self.stage}.{self.reason}"
 
 
-# What told where a square is: its sides; the middles of its cells, bare LEDs; the lines where its cells meet.
-ToldBy = Literal["sides", "spots", "lines"]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BandShape:
-    """What deep bands look like: a tone curve makes them steeper or flatter, and a scaled picture smooths them."""
-
-    exposure_us: float  # that makes bands as steep
-    smoothing_rows2: float  # variance of what they are smoothed by
-
-
-@dataclass(frozen=True, slots=True)
-class HiddenSide:
-    """What something dark may stand before, all along one side of a panel."""
-
-    side: int  # from corner 0 … 3 to the next
-    share: float  # of the panel's side, inward
-
-    def has(self, u: Singles, v: Singles) -> Mask:
-        """Which places are there: across the panel and down it, 0..1 from corner 0."""
-        return np.asarray((v, 1.0 - u, 1.0 - v, u)[self.side] < self.share)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class SeenBands:
-    """What the whole picture of a panel tells of its bands, whatever it spells."""
-
-    spec: PanelSpec  # whose frequencies they have
-    white: Mask  # (cells²,) of which class each cell is by itself, row by row from the first corner
-    phases: tuple[float, float]  # cycles of black's and white's wave where the exposure of the picture's row 0 begins
-    shape: BandShape | None  # where all cells are dark in turn
-    hidden: HiddenSide | None = None  # where something stands before it
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Quad:
     """A lit, four-sided thing in the picture that may be a panel."""
 
-    corners_px: Floats  # (4, 2), clockwise as seen in the picture, first the one nearest the top left
-    corner_sigma_px: float  # standard deviation of a corner coordinate, from the edge fits
+    corners_px: Floats  # (4, 2), clockwise as seen in the picture
+    corner_sigma_px: float  # standard deviation of a corner coordinate
     size_sigma_px: float = 0.0  # of that, what all sides share: how far they may be off outward alike, or inward
     bend_px: float = 0.0  # how far the lens bends its sides off the straight line, at most
-    told_by: ToldBy = "sides"
-    seen_px: Floats | None = None  # (4, 2) corners of what is seen of it, where a side is hidden
-    bands: SeenBands | None = None  # where they are so deep that they were sought
-    cells_show: bool = True  # in its light, and that they are those of the whole square
-    rim_wall: float = 0.0  # of the side: how far beyond each of them the lattice of its cells ends, half a wall away
-
-    @property
-    def own_sigma_px(self) -> float:
-        """Of `corner_sigma_px`, what its sides do not share."""
-        return math.sqrt(max(self.corner_sigma_px**2 - self.size_sigma_px**2, 0.0))
-
-    def less_sure_of_size(self, sigma_px: float) -> Quad:
-        """The same, all of its sides perhaps off alike by a further deviation."""
-        return replace(
-            self,
-            corner_sigma_px=math.hypot(self.corner_sigma_px, sigma_px),
-            size_sigma_px=math.hypot(self.size_sigma_px, sigma_px),
-        )
+    lattice_px: Floats | None = None  # (4, 2) corners of the lattice of its cells, where that ends elsewhere
+    unknown: Floats | None = None  # what its picture was fitted with, as `decode.model.prior` has it
+    unexplained: float = 0.0  # share of its light's squares that the fit leaves
+    hidden: Floats | None = None  # (4,) how many cells something hides along each side, from one corner to the next
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

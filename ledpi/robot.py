@@ -37,13 +37,16 @@ def load_robot(config: Config) -> Robot:
 
 
 def strangers_note(config: Config, panels: PanelMap | None) -> str:
-    """Names the map's panels that can never be seen, as the dictionary has no words for them; "" if there are none.
+    """Names the map's panels that are never reported: without a word, or no panels by `panels.ids`; "" if none are.
 
     That is no error: a field's layout may hold tags that others read.
     """
     words = len(load_dictionary(config.panels.dictionary).words)
     strangers = sorted(marker_id for marker_id in panels or {} if marker_id >= words)
-    if not strangers:
-        return ""
-    some = ", ".join(str(marker_id) for marker_id in strangers[:SOME]) + (", …" if len(strangers) > SOME else "")
-    return f"{some} in {config.map} cannot be read: {config.panels.dictionary} has IDs 0 to {words - 1}"
+    notes = []
+    if strangers:
+        some = ", ".join(str(marker_id) for marker_id in strangers[:SOME]) + (", …" if len(strangers) > SOME else "")
+        notes.append(f"{some} in {config.map} cannot be read: {config.panels.dictionary} has IDs 0 to {words - 1}")
+    if note := config.panels.unreported_note(panels or {}):
+        notes.append(f"{config.map}: {note}")
+    return "; ".join(notes)

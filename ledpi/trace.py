@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from ledpi.decode.bands import Steps
 from ledpi.decode.cells import CellSamples
 from ledpi.decode.evidence.evidence import Evidence
-from ledpi.decode.finding.find import Candidate
 from ledpi.decode.identify.soft import Reading
+from ledpi.decode.proposals import Candidate
 from ledpi.decode.reader import Outcome
 from ledpi.records import Floats, Quad, Rejected
 

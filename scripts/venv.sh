@@ -3,7 +3,21 @@
 #   make_venv DIRECTORY [PIP-ARGUMENT…]
 #
 # A virtual environment with ledpi and what its checks need. It is kept until its inputs change: the interpreter,
-# pyproject.toml, the C sources, the arguments. PYTHON=python3.12 chooses another interpreter. Needs no root.
+# pyproject.toml, the C sources, the arguments. PYTHON=python3.12 chooses another interpreter. Needs no root where a C
+# compiler is there.
+
+# What ledpi's C core is built with: a compiler, C's headers and Python's. Root gets them from Debian.
+bring_compiler() {
+    local include packages="gcc libc6-dev python3-dev"
+    include=$("$1" -c 'import sysconfig; print(sysconfig.get_path("include"))')
+    if command -v gcc >/dev/null && [[ -e /usr/include/stdio.h && -e $include/Python.h ]]; then return; fi
+    if [[ $EUID != 0 ]] || ! command -v apt-get >/dev/null; then
+        echo "$0: needs a C compiler, and C's and Python's headers (Debian: apt install $packages)" >&2
+        exit 2
+    fi
+    apt-get update -qq
+    DEBIAN_FRONTEND=noninteractive apt-get install -qq -y --no-install-recommends $packages >/dev/null
+}
 
 make_venv() {
     local venv=$1 python=${PYTHON:-python3} wanted
@@ -12,7 +26,8 @@ make_venv() {
         echo "$0: $python must be Python 3.11 or newer with venv (Debian: apt install python3-venv)" >&2
         exit 2
     fi
-    wanted=$("$python" -c 'import sys; print(sys.executable, sys.version)'; cat pyproject.toml constraints/* setup.py ledpi/kernels/*.[ch]; echo "$@")
+    bring_compiler "$python"
+    wanted=$("$python" -c 'import sys; print(sys.executable, sys.version)'; cat pyproject.toml constraints/* setup.py build_core.py ledpi/kernels/*.[ch]; echo "$@")
     if [[ ! -f $venv/inputs || $(<"$venv/inputs") != "$wanted" ]]; then
         echo "$0: installing into $venv (once; a minute or so)" >&2
         "$python" -m venv --clear "$venv"

@@ -121,7 +121,6 @@ class Driver:
         fix = self._placer.fix(frame(self.seq), markers)
         return markers, fix if fix is None or isinstance(fix, RobotFix) else fix.key
 
-
     def fix_with(self, marker: MarkerPose, solution: PlanarSolution) -> tuple[None, RobotFix | str | None]:
         """The fix of a single panel of the last frame, were this its pose."""
         fix = self._placer.fix(frame(self.seq), [replace(marker, solution=solution, alternate=None)])

@@ -239,6 +239,18 @@ def test_panels_without_override_are_common(tmp_path: Path) -> None:
     assert (panels.spec(7).side_m, panels.spec(8).side_m) == (0.3, 0.2)
 
 
+def test_ids_that_a_part_of_another_panel_can_show_must_be_listed() -> None:
+    """The others exist unless panels.ids says which ones do."""
+    given = ("panels.side_m=0.16",)
+    unsaid, said = (load_config(None, (*given, *ids)).panels for ids in ((), ("panels.ids=[3, 7]",)))
+    assert set(range(50)) - unsaid.existing_ids() == {3, 17, 22, 30, 33, 37}
+    assert said.existing_ids() == {3, 7}
+    note = "ID 3 is reported only if panels.ids lists it: a part of another panel can look the same"
+    assert unsaid.unreported_note([3, 7, 50]) == note
+    assert said.unreported_note([3, 7, 8]) == "ID 8 is reported only if panels.ids lists it"
+    assert said.unreported_note([3, 7]) == ""
+
+
 def test_paths_in_the_file_are_relative_to_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Paths in a file are meant from where the file is, wherever the command is started."""
     (tmp_path / "robot").mkdir()

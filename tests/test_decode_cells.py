@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 
+import cv2
 import numpy as np
 import pytest
-from decode_material import LENS, SPEC, Canvas, quad, reason, seen_through, square
+from decode_material import LENS, Canvas, quad, reason, seen_through, square, word
 
 from ledpi.decode.cells import CellSamples, sample_cells
-from ledpi.records import Floats, Frame, HiddenSide, Intrinsics, Quad, SeenBands, Transfer
+from ledpi.records import Floats, Frame, Intrinsics, Quad, Transfer
 
 # Each cell has a level of its own, so that what is sampled tells where it came from.
 LEVELS = 0.1 + 0.05 * np.random.default_rng(5).permutation(16).reshape(4, 4)
@@ -55,10 +56,10 @@ SHAPES = {
 
 @pytest.mark.parametrize("shape", ["small", "upright", "turned", "large"])
 def test_cells_whose_lattice_ends_beyond_the_sides(shape: str) -> None:
-    """As those of a quad that is larger by a fiftieth of its side all around."""
+    """As those of a quad that is as large as the lattice."""
     corners = SHAPES[shape]
     frame, centre = picture(corners), corners.mean(axis=0)
-    beyond = sampled(frame, dataclasses.replace(quad(corners), rim_wall=0.02))
+    beyond = sampled(frame, dataclasses.replace(quad(corners), lattice_px=centre + 1.04 * (corners - centre)))
     larger = sampled(frame, quad(centre + 1.04 * (corners - centre)))
     np.testing.assert_allclose(beyond.rows, larger.rows, atol=1e-3)
 
@@ -178,30 +179,32 @@ def test_other_grids_than_four_by_four() -> None:
     np.testing.assert_allclose(np.median(samples.light, axis=1).reshape(6, 6), levels, rtol=0.03)
 
 
-def seen_bands(hidden: HiddenSide | None) -> SeenBands:
-    return SeenBands(spec=SPEC, white=np.zeros(16, np.bool_), phases=(0.0, 0.0), shape=None, hidden=hidden)
+@pytest.mark.parametrize("light", [0.2, 0.88])
+@pytest.mark.parametrize(("x", "side"), [(82.3, 131), (320, 300), (600.4, 58.2)])
+def test_samples_are_what_opencv_interpolates(x: float, side: float, light: float) -> None:
+    """By Lanczos, or by straight lines where a pixel is saturated; at the border too. It rounds places to 1/32 px."""
+    corners = square(x, 240, side, 3)
+    canvas = Canvas(transfer="linear")
+    canvas.panel(corners, word(7), light=light, gains=np.linspace(0.3, 1.1, 16).reshape(4, 4))
+    frame = canvas.frame()
+    samples = sampled(frame, quad(corners))
+    ends = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float32)
+    places = np.stack([samples.lattice.u, samples.lattice.v], axis=-1)
+    at = cv2.perspectiveTransform(places, cv2.getPerspectiveTransform(ends, corners.astype(np.float32)))
+    np.testing.assert_allclose(samples.rows, at[..., 1], atol=1e-3)
+    how = cv2.INTER_LINEAR if samples.linear else cv2.INTER_LANCZOS4
+    theirs = cv2.remap(frame.pixels / np.float32(255), at, None, how, borderMode=cv2.BORDER_REPLICATE)
+    valid = np.ones(samples.light.shape, bool) if samples.valid is None else samples.valid
+    assert valid.mean() > 0.5
+    steepest = 0.35 * light  # per pixel, at the panel's rim and its dark walls; in both directions
+    assert np.abs(samples.light - theirs)[valid].max() < 2 * steepest / 64 + 1e-3
 
 
-@pytest.mark.parametrize("side", range(4))
-def test_what_is_hidden_is_not_valid(side: int) -> None:
-    """Of the side from one corner to the next, as deep as it is said to be; all else is."""
-    where = dataclasses.replace(quad(SHAPES["turned"]), bands=seen_bands(HiddenSide(side, 0.15)))
-    samples = sampled(picture(SHAPES["turned"]), where)
-    assert samples.valid is not None
-    u, v = samples.lattice.u, samples.lattice.v
-    inward = [v, 1 - u, 1 - v, u][side]
-    assert (samples.valid == (inward >= 0.15)).all()
-    assert (samples.light[~samples.valid] == 0).all()
-
-
-def test_a_cell_of_which_the_rest_is_saturated_is_told() -> None:
-    """Three quarters of the first row are hidden, and what is left of one of its cells is too bright."""
-    corners = SHAPES["upright"]
-    canvas = Canvas()
-    canvas.lamp(corners, 0.4)
-    across, down = corners[1] - corners[0], corners[3] - corners[0]
-    rest = [corners[0] + u * across + v * down for u, v in ((-0.1, 0.17), (0.3, 0.17), (0.3, 0.3), (-0.1, 0.3))]
-    canvas.lamp(np.array(rest), 1.5)
-    where = dataclasses.replace(quad(corners), bands=seen_bands(HiddenSide(0, 0.1875)))
-    assert isinstance(sample_cells(canvas.frame(None), quad(corners), 4), CellSamples)
-    assert reason(sample_cells(canvas.frame(None), where, 4)) == "cells.saturated"
+def test_a_picture_that_is_no_picture_is_outside() -> None:
+    """One row, along which a folded square lies; and one whose pixels are not side by side is as any other."""
+    frame = Canvas().frame(None)
+    line = quad(np.array([[10.0, 0], [90, 0], [10, 0], [90, 0]]))
+    assert reason(sample_cells(dataclasses.replace(frame, pixels=frame.pixels[:1]), line, 4)) == "cells.outside_picture"
+    apart = dataclasses.replace(frame, pixels=np.repeat(frame.pixels, 2, axis=1)[:, ::2])
+    where = quad(SHAPES["upright"])
+    np.testing.assert_array_equal(sampled(apart, where).light, sampled(frame, where).light)

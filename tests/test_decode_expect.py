@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import dataclasses
-from functools import partial
 
 import numpy as np
 import pytest
 from decode_material import FRAME_ROWS, ROW_TIME_US, SPEC, Canvas, diffuser, square, word
-from kernels_material import both_ways, compiled
+from evidence_reference import slopes_of
 from samples_material import samples_of
 
-from ledpi.decode.cells import CellSamples
+from ledpi.decode.cells import CellSamples, lattice
 from ledpi.decode.evidence.evidence import Evidence
-from ledpi.decode.evidence.expect import LEAST_SHARE, Expectation
+from ledpi.decode.evidence.expect import LEAST_SHARE, Expectation, ways
 from ledpi.decode.evidence.memory import PanelMemory
 from ledpi.decode.identify import soft
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.dictionaries import load_dictionary
+from ledpi.geometry import in_square
 from ledpi.records import Floats, Frame, PanelSpec
 
 PERIOD_US = FRAME_ROWS * ROW_TIME_US
@@ -134,30 +134,69 @@ def test_with_a_few_samples_saturated_the_rest_is_compared(expected: Expectation
     assert not expected.is_met(with_holes(samples_of(other, PLACE), 0.1), other)
 
 
-@compiled
+def log_likelihood_ratios(expected: Expectation, samples: CellSamples, frame: Frame) -> tuple[float, float]:
+    """What `weigh` tells, by least squares: of off = light/picture − 1 − change, without what the basis explains."""
+    valid = np.ones(samples.light.shape) if samples.valid is None else samples.valid.astype(np.float64)
+    seconds = (frame.row0_readout_ns - expected.origin_ns) * 1e-9 + samples.rows * frame.row_time_us * 1e-6
+    bands = expected.depth * np.cos(2 * np.pi * expected.hz[:, None] * seconds - expected.phase[:, None])
+    change = bands - expected.left_bands
+    light = samples.light * ((expected.picture * valid).sum() / samples.light.sum())
+    root, basis = expected.root * valid, (expected.basis * valid.ravel()).T
+    off, bands, change = (
+        (flat - basis @ np.linalg.lstsq(basis, flat, rcond=None)[0]).reshape(valid.shape) * valid
+        for flat in (((each * root).ravel()) for each in (light / expected.picture - 1 - change, bands, change))
+    )
+    of_cells = np.minimum(*(((off + 0.5 * other) * other).sum(axis=1) for other in (bands, change)))
+    variance = np.square(off).sum() / (valid.sum() - basis.shape[1])
+    of_cells = of_cells * samples.independence / expected.noise_volume / variance
+    return float(of_cells.sum()), -float(np.minimum(of_cells, 0.0).sum())
+
+
 @pytest.mark.parametrize("holes", [0.0, 0.1])
 @pytest.mark.parametrize("shown", [7, 12])
-def test_compiled_loops_weigh_as_the_numpy_code_does(expected: Expectation, shown: int, holes: float) -> None:
+def test_a_frame_is_weighed_by_what_is_left_of_its_light(expected: Expectation, shown: int, holes: float) -> None:
     """The same panel and another one, wholly seen and with a few samples saturated."""
     samples = samples_of(frame := frame_of(6, shown), PLACE)
     if holes:
         samples = with_holes(samples, holes)
-    ours, theirs = both_ways(partial(expected.weigh, samples, frame))
-    np.testing.assert_allclose(ours, theirs, rtol=2e-3, atol=1e-3)
+    np.testing.assert_allclose(
+        expected.weigh(samples, frame), log_likelihood_ratios(expected, samples, frame), rtol=2e-3, atol=1e-3
+    )
 
 
-@compiled
-def test_compiled_loops_expect_what_the_numpy_code_does() -> None:
-    """The same weights and bands left; and a basis of the same space: what is in it is left out by either."""
+def test_what_is_expected_of_a_mean_picture() -> None:
+    """Its weights, the bands left in it; and an orthonormal basis of what wrong gain and wrong corners change."""
     memory = PanelMemory(SPEC)
     for seq in range(READ_FRAMES):
         memory, _ = memory.after(samples_of(frame := frame_of(seq), PLACE), frame)
     bands = np.random.default_rng(4).normal(0, 0.04, (16, 4)) * np.repeat(word(7).reshape(-1, 1) == [0, 1], 2, axis=1)
-    ours, theirs = both_ways(partial(Expectation.of, memory, bands, 0.0))
-    np.testing.assert_allclose(ours.root, theirs.root, rtol=1e-5)
-    np.testing.assert_allclose(ours.left_bands, theirs.left_bands, atol=1e-6)
+    ours, mean = Expectation.of(memory, bands, 0.0), memory.mean()
+    weight = mean.picture * (mean.count / (mean.count + 1))
+    np.testing.assert_allclose(ours.root, np.sqrt(weight / weight.mean()), rtol=1e-5)
+    np.testing.assert_allclose(ours.left_bands, np.einsum("cj,jcs->cs", bands, mean.waves), atol=1e-6)
     np.testing.assert_allclose(ours.basis @ ours.basis.T, np.eye(9), atol=1e-4)
-    np.testing.assert_allclose(np.abs(np.linalg.det(ours.basis @ theirs.basis.T)), 1.0, atol=1e-3)
+    changes = np.concatenate([ours.root[None], slopes_of(mean.picture, ours.lattice) * ours.root]).reshape(9, -1)
+    left = changes - (changes @ ours.basis.T) @ ours.basis
+    np.testing.assert_allclose(left, 0.0, atol=1e-3 * float(np.abs(changes).max()))
+
+
+@pytest.mark.parametrize(("corner", "axis"), [(0, 0), (1, 1), (2, 0), (3, 1)])
+def test_corners_that_move_change_what_the_basis_holds(corner: int, axis: int) -> None:
+    """By finite differences of a smooth light, taken where the lattice is once a corner has moved by 0.01 px."""
+    points = lattice(4, 12)
+    places = np.stack([points.u.ravel(), points.v.ravel()], axis=1)
+
+    def light(by: float) -> Floats:
+        corners = PLACE.copy()
+        corners[corner, axis] += by
+        x, y = in_square(corners, places).T
+        return np.asarray(0.5 + 0.2 * np.sin(x / 17 + y / 40) * np.cos(y / 23)).reshape(points.u.shape)
+
+    here = light(0.0)
+    change = np.log(light(0.01) / light(-0.01)) * np.sqrt(here / here.mean())
+    basis = ways(here.astype(np.float32), points)
+    left = change.ravel() - (change.ravel() @ basis.T) @ basis
+    assert np.linalg.norm(left) < 0.03 * np.linalg.norm(change)  # at the rim slopes are those of one side
 
 
 def test_what_tells_far_less_than_frames_have_told_is_not_expected(expected: Expectation) -> None:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from functools import partial
 from itertools import combinations
 
 import numpy as np
 import pytest
 from decode_material import SPEC, TRUE_10_MS_US, Canvas, square, word
-from kernels_material import both_ways, compiled
+from evidence_reference import word_log_likelihoods
 from samples_material import samples_of
 
 from ledpi.decode.evidence.evidence import UNFIT, Evidence
@@ -17,9 +16,8 @@ from ledpi.decode.evidence.single_frame import single_evidence
 from ledpi.decode.evidence.waves import are_sinusoids
 from ledpi.decode.identify import soft
 from ledpi.decode.identify.codebook import Codebook
-from ledpi.decode.identify.patterns import likeliest_beyond, of_neighbours
 from ledpi.decode.identify.soft import Reading, decide, odds_needed, read_word
-from ledpi.decode.identify.words import SHORTLIST, likeliest, word_log_likelihoods
+from ledpi.decode.identify.words import SHORTLIST, likeliest, likeliest_beyond, of_neighbours
 from ledpi.dictionaries import load_dictionary
 from ledpi.records import Floats, Frame
 
@@ -127,8 +125,7 @@ def test_neighbours_are_summed_up_with_bands_of_their_own() -> None:
     evidence, own = evidence_of(40.0, 1), word(7).ravel()
     near = [own ^ np.isin(FLAT, each) for cells in (2, 3) for each in combinations(range(16), cells)]
     exact = float(np.logaddexp.reduce(word_log_likelihoods(evidence, np.array(near, np.float32))[0]))
-    for found in both_ways(partial(of_neighbours, evidence, own.astype(np.float32), 2, 3)):
-        assert found == pytest.approx(exact, abs=0.01)
+    assert of_neighbours(evidence, own.astype(np.float32), 2, 3) == pytest.approx(exact, abs=0.01)
 
 
 def without(evidence: Evidence, *cells: int) -> Evidence:
@@ -139,14 +136,14 @@ def without(evidence: Evidence, *cells: int) -> Evidence:
     return evidence._replace(score=score, information=information)
 
 
-@compiled
 def test_neighbours_beside_a_silent_cell() -> None:
     """A cell that gives no light is left as it is."""
     evidence = without(evidence_of(40.0, 2), 5)
     assert evidence.silent.tolist() == [cell == 5 for cell in range(16)]
-    own = word(7).ravel().astype(np.float32)
-    ours, theirs = both_ways(partial(of_neighbours, evidence, own, 1, 3))
-    assert ours == pytest.approx(theirs)
+    own, others = word(7).ravel(), np.flatnonzero(FLAT != 5)
+    near = [own ^ np.isin(FLAT, each) for cells in (1, 2, 3) for each in combinations(others, cells)]
+    exact = float(np.logaddexp.reduce(word_log_likelihoods(evidence, np.array(near, np.float32))[0]))
+    assert of_neighbours(evidence, own.astype(np.float32), 1, 3) == pytest.approx(exact, abs=0.01)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -157,8 +154,8 @@ def test_the_likeliest_pattern_is_found(seed: int) -> None:
     patterns[:, ~evidence.silent] = (np.arange(4096)[:, None] >> np.arange(12)) & 1
     beyond = patterns[np.abs(patterns - own).sum(axis=1) > 1]
     most = float(word_log_likelihoods(evidence, beyond)[0].max())
-    (ours, mine), (theirs, _) = both_ways(partial(likeliest_beyond, evidence, own, 1))
-    assert (ours, theirs) == pytest.approx((most, most))
+    likelihood, mine = likeliest_beyond(evidence, own, 1)
+    assert likelihood == pytest.approx(most)
     assert float(word_log_likelihoods(evidence, mine[None])[0][0]) == pytest.approx(most)
 
 
@@ -180,7 +177,6 @@ def test_faint_bands_that_tell_nothing_are_not_looked_at_twice(monkeypatch: pyte
     assert result == soft.NO_WORD
 
 
-@compiled
 def test_neighbours_on_the_largest_grid() -> None:
     """8 × 8 cells, the last of which is bit 63 of a pattern; its change is what makes the likeliest one."""
     rng, size = np.random.default_rng(0), 64 * 4
@@ -196,11 +192,13 @@ def test_neighbours_on_the_largest_grid() -> None:
         prior=np.full(4, 0.1),
         left=1.0,
     )
-    ours, theirs = both_ways(partial(of_neighbours, evidence, own, 1, 2))
-    assert ours == pytest.approx(theirs)
-    (ours, _), (theirs, _) = both_ways(partial(likeliest_beyond, evidence, own, 0))
-    assert ours == pytest.approx(theirs)
-    assert ours == pytest.approx(float(word_log_likelihoods(evidence, other[None])[0][0]))
+    changed = np.eye(64)[list(range(64))]
+    near = [np.abs(own - changed[a] - (changed[b] if a != b else 0)) for a in range(64) for b in range(a + 1)]
+    exact = float(np.logaddexp.reduce(word_log_likelihoods(evidence, np.array(near, np.float32))[0]))
+    assert of_neighbours(evidence, own, 1, 2) == pytest.approx(exact, abs=0.01)
+    likelihood, likeliest_one = likeliest_beyond(evidence, own, 0)
+    np.testing.assert_array_equal(likeliest_one, other)
+    assert likelihood == pytest.approx(float(word_log_likelihoods(evidence, other[None])[0][0]))
 
 
 def test_a_panel_that_seems_to_end_in_the_dark_is_not_read() -> None:
@@ -211,7 +209,6 @@ def test_a_panel_that_seems_to_end_in_the_dark_is_not_read() -> None:
         assert decide(without(evidence, *rim), book, 1e-6) == soft.INCONSISTENT
 
 
-@compiled
 def test_a_rival_that_cannot_be_weighed_is_not_beaten() -> None:
     """Evidence that is indefinite where only the negative of panel 7 has bands: a likelihood that is no number."""
     evidence, book = evidence_of(60.0, 1), Codebook.build([7], DICTIONARY, SPEC)
@@ -223,7 +220,6 @@ def test_a_rival_that_cannot_be_weighed_is_not_beaten() -> None:
     assert result == UNFIT
 
 
-@compiled
 def test_what_is_no_number_is_no_lack_of_memory() -> None:
     """Neighbours of evidence that is not finite have no likelihood, and that is told."""
     evidence = evidence_of(60.0, 1)
@@ -233,7 +229,6 @@ def test_what_is_no_number_is_no_lack_of_memory() -> None:
     assert math.isnan(likeliest_beyond(evidence, own, 1)[0])
 
 
-@compiled
 def test_a_word_that_cannot_be_told_roughly_hides_none_after_it() -> None:
     """The last place of the shortlist taken by one: panel 7's own word, which comes next, is on it all the same."""
     evidence, own = evidence_of(60.0, 1), word(7).ravel().astype(np.float32)

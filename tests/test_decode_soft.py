@@ -223,17 +223,6 @@ def test_a_lamp_that_blinks_all_over_is_rejected(side: float, bits: Bits) -> Non
         assert isinstance(panel_shown(bits, side=side, seed=seed), Rejected)
 
 
-@pytest.mark.parametrize("turns", range(4))
-@pytest.mark.parametrize("side", [60, 100, 160])
-def test_two_cells_of_a_panel_nearby_are_no_word(side: float, turns: int) -> None:
-    """One of each class, with a speck of dirt where word 37 has its only cell that is not as they are."""
-    speck = np.ones((4, 4))
-    speck[1, 1] = 0.0
-    halves, gains = np.rot90(drawn("0000/0000/1111/1111"), turns), np.rot90(speck, turns)
-    assert isinstance(panel_shown(halves, side=side, gains=gains, seed=turns), Rejected)
-    assert reading_of(panel_shown(drawn("0000/0100/1111/1111"), side=side, seed=1)) == (37, 0)
-
-
 @pytest.mark.parametrize("side", [60, 100, 200])
 def test_light_without_bands_is_rejected_as_such(side: float) -> None:
     """A steady, even lamp: noise only."""
@@ -336,26 +325,6 @@ def test_dictionaries_that_hold_only_some_ids_know_no_others() -> None:
     canvas, corners = Canvas(), square(310.3, 240.6, 100, 4)
     canvas.panel(corners, word(12))
     assert isinstance(read_at(canvas.frame(), corners, book), Rejected)
-
-
-def test_the_words_that_are_most_like_a_pattern() -> None:
-    """Of the four words of panel 7, turned: itself first, though one cell differs; each keeps its ID and turn."""
-    seen = word(7).ravel().copy()
-    seen[5] ^= True
-    nearest = ALL.nearest(seen, 3)
-    assert (int(nearest.ids[0]), int(nearest.quarter_turns[0])) == (7, 0)
-    differ = [int(np.count_nonzero((white > 0) != seen)) for white in nearest.white]
-    assert differ[0] == 1
-    assert differ == sorted(differ)
-    assert len(differ) == 3
-
-
-def test_words_that_cells_of_a_panel_nearby_may_look_like() -> None:
-    """Of DICT_4X4_50 one alone is a cell off two halves, or four quarters, however it is turned."""
-    assert [int(marker_id) for k, marker_id in enumerate(ALL.ids) if len(ALL.coarse_beside(k))] == [37] * 4
-    assert ALL.coarse_beside(4 * 37).tolist() == [drawn("0000/0000/1111/1111").ravel().tolist()]
-    assert ALL.is_coarse(drawn("0001/1110/1110/1110").ravel())
-    assert not ALL.is_coarse(drawn("0100/0000/1111/1111").ravel())
 
 
 def test_too_little_to_see_is_a_reason_and_no_guess() -> None:

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from functools import partial
-
 import numpy as np
 import pytest
 from decode_material import PINHOLE, SPEC, Canvas, camera_info, panel_settings, square, word
-from kernels_material import both_ways, compiled
 from samples_material import samples_of
 
-from ledpi.decode.evidence.uncovered import darkens, without_covered
+from ledpi.decode.evidence.uncovered import all_uncovered, darkens, without_covered
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.soft import Reading, read_word
 from ledpi.dictionaries import load_dictionary
@@ -19,6 +15,7 @@ from ledpi.pipeline import Pipeline
 from ledpi.records import Floats
 
 TRUE = square(310.4, 240.2, 100.0, 12)
+CORNER, EDGE = ((-0.1, 0.1), (-0.1, 0.12)), ((-0.2, 1.2), (-0.3, 0.12))  # what is hidden, across and down
 
 
 def before_the_panel(u: tuple[float, float], v: tuple[float, float]) -> Floats:
@@ -27,7 +24,7 @@ def before_the_panel(u: tuple[float, float], v: tuple[float, float]) -> Floats:
     return TRUE[0] + unit @ np.array([TRUE[1] - TRUE[0], TRUE[3] - TRUE[0]])
 
 
-@pytest.mark.parametrize("shade", [((-0.1, 0.1), (-0.1, 0.12)), ((-0.2, 1.2), (-0.3, 0.12))], ids=["corner", "edge"])
+@pytest.mark.parametrize("shade", [CORNER, EDGE], ids=["corner", "edge"])
 def test_a_single_frame_is_read_although_a_corner_or_an_edge_is_covered(
     shade: tuple[tuple[float, float], tuple[float, float]],
 ) -> None:
@@ -42,8 +39,10 @@ def test_a_single_frame_is_read_although_a_corner_or_an_edge_is_covered(
     assert reading.id == 7
 
 
-@pytest.mark.parametrize("exposure_us", [500.0, 560.0, 640.0, 1000.0])
-@pytest.mark.parametrize("shade", [((-0.1, 0.1), (-0.1, 0.12)), ((-0.2, 1.2), (-0.3, 0.12))], ids=["corner", "edge"])
+@pytest.mark.parametrize(
+    ("shade", "exposure_us"),
+    [(CORNER, 560.0), (CORNER, 640.0), (CORNER, 1000.0), (EDGE, 500.0), (EDGE, 640.0), (EDGE, 1000.0)],
+)
 def test_what_is_covered_is_told_from_bands_that_are_as_dark(
     shade: tuple[tuple[float, float], tuple[float, float]], exposure_us: float
 ) -> None:
@@ -99,21 +98,20 @@ def test_the_tip_of_a_corner_is_covered_too(reach: float) -> None:
     assert samples.valid[1:].all()
 
 
-@compiled
 @pytest.mark.parametrize("darkness", [0.05, 0.01, 0.0], ids=["a corner", "hardly any", "none"])
-def test_compiled_loops_ask_the_same_question(darkness: float) -> None:
-    """Whether anything is covered, of samples of which some are not valid beforehand."""
+def test_nothing_is_covered_where_each_sample_has_its_share(darkness: float) -> None:
+    """Of what cells show at its place on average, over their own means; of samples that are valid."""
     canvas = Canvas()
     canvas.panel(TRUE, word(7))
     if darkness:
         canvas.lamp(before_the_panel((-0.1, darkness), (-0.1, darkness)), 0.0)
-    samples = samples_of(canvas.frame(), TRUE)
-    valid = np.random.default_rng(3).random(samples.light.shape) > 0.1
-    holes = replace(samples, valid=valid, light=np.where(valid, samples.light, np.float32(0)))
-    for given in (samples, holes):
-        ours, theirs = both_ways(partial(without_covered, given))
-        assert (ours is given) == (theirs is given)
-        np.testing.assert_array_equal(ours.light, theirs.light)
+    light = samples_of(canvas.frame(), TRUE).light
+    least = np.full(light.shape, 0.75, np.float32)
+    over_mean = light / light.mean(axis=1, keepdims=True)
+    enough = over_mean >= least * over_mean.mean(axis=0)
+    assert all_uncovered(light, None, least) == enough.all()
+    assert all_uncovered(light, enough, least)
+    assert all_uncovered(light, None, np.zeros_like(least))
 
 
 def test_a_whole_panel_keeps_all_samples() -> None:

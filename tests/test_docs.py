@@ -63,6 +63,15 @@ def test_when_a_lost_camera_is_given_up(document: str) -> None:
     assert said == [f"{DEADLINE_S:g}"]
 
 
+def test_every_reason_is_on_the_page() -> None:
+    """Whatever a stage may reject something with, and nothing else."""
+    sources = [path.read_text(encoding="utf-8") for path in (ROOT / "ledpi").rglob("*.py")]
+    given = {f"{a}.{b}" for text in sources for a, b in re.findall(r'Rejected\(stage="(\w+)", reason="(\w+)"', text)}
+    page = (ROOT / "docs/architecture.md").read_text(encoding="utf-8")
+    told = set(re.findall(r"`((?:find|fit|track|cells|soft|identify|pose|fix|bands)\.(?!py)\w+)`", page))
+    assert {reason for reason in given if not reason.startswith(("camera.", "capture."))} == told
+
+
 def commands(group: Any, path: str = "ledpi") -> Iterator[tuple[str, Any]]:
     """Every command and group, with what is typed to call it."""
     for name, command in group.commands.items():

@@ -97,6 +97,36 @@ def test_a_panel_in_the_map_that_no_camera_can_read_is_named(tmp_path: Path) -> 
     assert found.said.endswith("DICT_4X4_50 has IDs 0 to 49")
 
 
+def test_a_panel_in_the_map_that_is_not_reported_is_named(tmp_path: Path) -> None:
+    """A part of another panel can look like 3, until panels.ids says that there is one."""
+    (tmp_path / "markers.yaml").write_text("format: 1\npanels: {3: {position_m: [4, 1, 1.5], yaw_deg: 180}}\n")
+    given = ("panels.side_m=0.16", "camera.source=simulated", f"map={tmp_path / 'markers.yaml'}")
+    alone, listed = (
+        next(finding for finding in examine(load_config(None, (*given, *ids))) if finding.name == "map")
+        for ids in ((), ("panels.ids=[3]",))
+    )
+    assert (alone.state, alone.stops_daemon, listed.state) == ("bad", False, "ok")
+    assert "ID 3 is reported only if panels.ids lists it: a part of another panel can look the same" in alone.said
+
+
+@pytest.mark.parametrize(
+    ("settings", "state", "said"),
+    [
+        ((), "ok", "IDs 3, 17, 22, 30, 33, 37 are reported only if panels.ids lists them: a part of another panel can"),
+        (("panels.ids=[23, 3]",), "ok", "panels.ids: 3, 23"),
+        (("panels.dictionary=DICT_5X5_50",), "ok", "all of DICT_5X5_50"),
+        (("panels.overrides={17: {duty: 0.4}}",), "bad", "panels.overrides: ID 17 is reported only if panels.ids"),
+        (("panels.ids=[3]", "panels.overrides={7: {duty: 0.4}}"), "bad", "panels.overrides: ID 7 is reported only if"),
+    ],
+)
+def test_which_ids_are_reported_is_said(settings: tuple[str, ...], state: str, said: str) -> None:
+    """One that has an override should be."""
+    config = load_config(None, ("panels.side_m=0.16", "camera.source=simulated", *settings))
+    found = next(finding for finding in examine(config) if finding.name == "panel IDs")
+    assert found.state == state
+    assert found.said.startswith(said)
+
+
 def test_a_broken_configuration_is_the_first_finding(tmp_path: Path) -> None:
     """Nothing else can be looked at."""
     (tmp_path / "config.yaml").write_text("camera: {exposure: 10000}\n")

@@ -110,8 +110,9 @@ def test_the_line_carries_the_fix(take: Path) -> None:
     messages = Receiver().feed(bytes(received))
     fixes = [message for message in messages if isinstance(message, FixMessage)]
     assert fixes, (messages, done.stderr)
+    assert {fix.panels_used for fix in fixes} <= {1, 2}  # a search says what it has found, one panel after the other
+    assert [fix.panels_used for fix in fixes].count(2) >= len(fixes) - 1
     for fix in fixes:
-        assert fix.panels_used == 2
         assert np.linalg.norm(fix.pose.position_m) < 0.02
         assert fix.pose.deviation_m is not None
         assert 0 < max(fix.pose.deviation_m) < 0.05

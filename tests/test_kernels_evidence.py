@@ -1,30 +1,30 @@
-"""What the compiled loops make of a panel's cells is what the numpy code makes of them."""
+"""What the core makes of a panel's cells: held to the equations, written once in numpy, and to the waves themselves."""
 
 from __future__ import annotations
 
 import dataclasses
-from functools import partial
 
 import cv2
+import evidence_reference as reference
 import numpy as np
 import pytest
 from decode_material import SPEC, TRUE_10_MS_US, Canvas, diffuser, square, word
-from kernels_material import both_ways, compiled
+from evidence_reference import word_log_likelihoods
 from samples_material import samples_of
 
 from ledpi.decode.cells import CellSamples
 from ledpi.decode.evidence.believed import Believed, believed_bands
+from ledpi.decode.evidence.classes import band_shares
 from ledpi.decode.evidence.comparison import Mean, compared_evidence
 from ledpi.decode.evidence.evidence import UNFIT, Evidence
-from ledpi.decode.evidence.single_frame import single_evidence
+from ledpi.decode.evidence.single_frame import single_evidence, weighed
 from ledpi.decode.evidence.waves import class_waves, square_waves
-from ledpi.decode.identify import patterns, words
+from ledpi.decode.identify import words
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.first_look import first_look
 from ledpi.dictionaries import load_dictionary
 from ledpi.records import Frame, PanelSpec, Rejected
-
-pytestmark = compiled
+from ledpi.shutter import square_wave_bands
 
 ANTIPHASE = dataclasses.replace(SPEC, white_hz=SPEC.black_hz, phase="antiphase")
 EXPOSURE_US = {"shallow": TRUE_10_MS_US, "deep": 151.5}
@@ -62,16 +62,14 @@ def assert_alike(
     noise_within: float = 1e-2,
 ) -> None:
     """But for the noise, by which all is weighed: that is what is left of the light, the small rest of large sums."""
-    ours, theirs = both_ways(partial(single_evidence, samples, frame, spec, believed=believed))
-    assert isinstance(ours, Evidence)
-    assert isinstance(theirs, Evidence)
-    traces = [float(np.einsum("cici->", evidence.information)) for evidence in (ours, theirs)]
-    weight = traces[0] / traces[1]
+    waves = class_waves(samples, frame, spec) if believed is None else believed.waves
+    evidence = weighed(samples, waves, believed)
+    assert evidence is not None
+    score, information = reference.single_frame_evidence(samples, waves, believed)
+    weight = float(np.einsum("cici->", evidence.information)) / float(np.trace(information))
     assert weight == pytest.approx(1.0, abs=noise_within)
-    for mine, reference in ((ours.score, theirs.score), (ours.information, theirs.information)):
-        np.testing.assert_allclose(mine, weight * reference, atol=2e-3 * float(np.abs(reference).max()))
-    np.testing.assert_array_equal(ours.prior, theirs.prior)
-    assert ours.left == pytest.approx(theirs.left, rel=1e-3)
+    for mine, theirs in ((evidence.score, score), (evidence.information, information)):
+        np.testing.assert_allclose(mine.ravel(), weight * theirs.ravel(), atol=2e-3 * float(np.abs(theirs).max()))
 
 
 @pytest.mark.parametrize("side", [14.0, 40.0, 90.0, 200.0], ids=lambda side: f"{side:.0f} px")
@@ -121,14 +119,12 @@ def test_the_evidence_of_a_comparison(spec: PanelSpec, *, holes: bool) -> None:
     mean = Mean(picture=picture, count=count, waves=class_waves(samples, frame, spec, 0.1))
     given = with_holes(samples) if holes else samples
     waves = class_waves(given, frame, spec)
-    (scale, ours), (true_scale, theirs) = both_ways(partial(compared_evidence, given, frame, spec, waves, mean))
+    scale, evidence = compared_evidence(given, frame, spec, waves, mean)
+    true_scale, score, information = reference.compared_evidence(given, waves, mean)
     assert scale == pytest.approx(true_scale, rel=1e-5)
-    assert isinstance(ours, Evidence)
-    assert isinstance(theirs, Evidence)
-    assert ours.left == pytest.approx(theirs.left)
-    assert ours.noise.excess == pytest.approx(theirs.noise.excess, abs=1e-3)
-    for mine, reference in ((ours.score, theirs.score), (ours.information, theirs.information)):
-        np.testing.assert_allclose(mine, reference, atol=2e-3 * float(np.abs(reference).max()))
+    assert isinstance(evidence, Evidence)
+    for mine, theirs in ((evidence.score, score), (evidence.information, information)):
+        np.testing.assert_allclose(mine.ravel(), theirs.ravel(), atol=2e-3 * float(np.abs(theirs).max()))
 
 
 def test_waves_are_cosine_and_sine() -> None:
@@ -150,34 +146,60 @@ def test_square_waves(depth: str, side: float) -> None:
     """What more depth adds, and what a later phase does; but for rows right at an edge of the wave."""
     samples, frame = seen(side, EXPOSURE_US[depth])
     for hz in SPEC.waves_hz:
-        ours, theirs = both_ways(partial(square_waves, samples, frame, SPEC, hz, -0.3))
+        ours = square_waves(samples, frame, SPEC, hz, -0.3)
+        cycles = samples.rows.astype(np.float64) * hz * frame.row_time_us * 1e-6 - 0.3
+        theirs = square_wave_bands(cycles, hz, frame.exposure_us, SPEC.duty)
         np.testing.assert_allclose(ours[0], theirs[0], atol=1e-4)
         assert np.mean(np.abs(ours[1] - theirs[1]) > 1e-4) < 0.01
 
 
 @pytest.mark.parametrize("spec", [SPEC, ANTIPHASE], ids=["two waves", "one wave"])
 def test_the_likeliest_words(spec: PanelSpec) -> None:
-    """The same ones in the same order, as likely; the best one's bands, and what speaks against it."""
+    """Which they are, in their order, how likely; the best one's bands, and what speaks against it."""
     samples, frame = seen(60.0)
     evidence = single_evidence(samples, frame, spec)
     assert isinstance(evidence, Evidence)
-    book = Codebook.build(list(range(50)), load_dictionary("DICT_4X4_50"), spec)
-    ours, theirs = both_ways(partial(words.likeliest, evidence, book.white))
-    np.testing.assert_array_equal(ours.words, theirs.words)
-    for mine, reference in ((ours.likelihood, theirs.likelihood), (ours.bands, theirs.bands)):
-        np.testing.assert_allclose(mine, reference, rtol=1e-6)
-    np.testing.assert_allclose(ours.deviation, theirs.deviation, rtol=1e-6)
-    np.testing.assert_allclose(ours.shown, theirs.shown, rtol=1e-6)
-    np.testing.assert_allclose(ours.gain, theirs.gain, rtol=1e-6)
-    assert ours.weakest_row == pytest.approx(theirs.weakest_row, rel=1e-6)
-    assert (ours.negative, ours.of_cells) == pytest.approx((theirs.negative, theirs.of_cells), rel=1e-6)
-    assert ours.one_class == pytest.approx(theirs.one_class, rel=1e-6)
-    assert ours.beyond == pytest.approx(theirs.beyond, rel=1e-6)
-    assert ours.silent is theirs.silent is None
-    best = book.white[ours.words[0]]
-    ours, theirs = both_ways(partial(patterns.likeliest_beyond, evidence, best, 1))
-    assert ours[0] == pytest.approx(theirs[0], rel=1e-6)
-    np.testing.assert_array_equal(ours[1], theirs[1])
+    white = Codebook.build(list(range(50)), load_dictionary("DICT_4X4_50"), spec).white
+    likelihood, bands, covariance = word_log_likelihoods(evidence, white)
+    order = np.argsort(-likelihood)
+    fit, best = words.likeliest(evidence, white), order[0]
+    assert fit.words[:4] == order[:4].tolist()  # they are put on the list by what each cell tells by itself
+    assert len(fit.words) == words.SHORTLIST
+    np.testing.assert_allclose(fit.likelihood, likelihood[fit.words], rtol=1e-6)
+    assert fit.likelihood == sorted(fit.likelihood, reverse=True)
+    np.testing.assert_allclose(fit.bands, bands[best], rtol=1e-6)
+    np.testing.assert_allclose(fit.deviation, np.sqrt(np.diagonal(covariance[best])), rtol=1e-6)
+    np.testing.assert_allclose(fit.shown, band_shares(white[best].astype(np.float64), bands.shape[1]) * bands[best])
+    others = np.stack([1 - white[best], np.zeros(16), np.ones(16)])
+    negative, *of_one = word_log_likelihoods(evidence, others)[0]
+    assert (fit.negative, fit.one_class) == pytest.approx((negative, max(of_one)), rel=1e-6)
+    size = evidence.score.size
+    information, score = evidence.information.reshape(size, size), evidence.score.reshape(size)
+    assert fit.of_cells == pytest.approx(0.5 * score @ np.linalg.solve(information, score), rel=1e-2)
+    assert fit.silent is None
+
+
+def test_what_a_cell_gains_by_the_other_class() -> None:
+    """The difference of the quadratic's two values; and of the weakest row, of its cells with their bands and none."""
+    samples, frame = seen(60.0)
+    evidence = single_evidence(samples, frame, SPEC)
+    assert isinstance(evidence, Evidence)
+    fit = words.likeliest(evidence, Codebook.build([7], load_dictionary("DICT_4X4_50"), SPEC).white)
+
+    def log_likelihood(shown: np.ndarray) -> float:
+        return float((evidence.score * shown).sum() - 0.5 * np.einsum("ci,cidj,dj", shown, evidence.information, shown))
+
+    def changed(cell: int, bands: np.ndarray) -> np.ndarray:
+        return np.where(np.arange(16)[:, None] == cell, bands, fit.shown)
+
+    own = log_likelihood(fit.shown)
+    others = [changed(cell, fit.bands - fit.shown[cell]) for cell in range(16)]
+    gain = [log_likelihood(shown) - own for shown in others]
+    np.testing.assert_allclose(fit.gain, gain, rtol=1e-6)
+    np.testing.assert_allclose(words.gain_by_other_class(evidence, fit.shown), gain, rtol=1e-6)
+    blinks = np.array([own - log_likelihood(changed(cell, np.zeros(4))) for cell in range(16)]).reshape(4, 4)
+    weakest = min(blinks.sum(axis=0).min(), blinks.sum(axis=1).min())
+    assert (fit.weakest_row, words.weakest_row(evidence, fit.shown)) == pytest.approx((weakest, weakest), rel=1e-6)
 
 
 @pytest.mark.parametrize("told", [10.0, 0.01], ids=["surely", "hardly"])
@@ -190,13 +212,18 @@ def test_words_beside_silent_cells(told: float) -> None:
     for cell in (3, 9):
         score[cell] = information[cell] = information[:, :, cell] = 0.0
     evidence = whole._replace(score=score, information=information)
-    book = Codebook.build(list(range(50)), load_dictionary("DICT_4X4_50"), SPEC)
-    ours, theirs = both_ways(partial(words.likeliest, evidence, book.white))
-    assert (ours.beyond[1] < words.SMALLEST_LOG) == (told > 1)
-    assert ours.beyond == pytest.approx(theirs.beyond, rel=1e-6)
-    for fit in (ours, theirs):
-        assert fit.silent is not None
-        assert np.flatnonzero(fit.silent).tolist() == [3, 9]
+    fit = words.likeliest(evidence, Codebook.build(list(range(50)), load_dictionary("DICT_4X4_50"), SPEC).white)
+    assert fit.silent is not None
+    assert np.flatnonzero(fit.silent).tolist() == [3, 9]
+    gain = [own for cell, own in enumerate(fit.gain) if cell not in (3, 9)]
+    # One cell or more, and two or more, of independent ones: the product of 1 + ratio, less the first terms.
+    if told < 1:
+        ratios = np.exp(gain)
+        all_of = np.prod(1 + ratios)
+        assert fit.beyond == pytest.approx(np.log([all_of - 1, all_of - 1 - ratios.sum()]), rel=1e-6)
+    else:
+        assert fit.beyond[1] == pytest.approx(sum(sorted(gain)[-2:]))
+        assert fit.beyond[1] < -600
 
 
 def darkened(samples: CellSamples, part: slice) -> CellSamples:
@@ -217,15 +244,15 @@ def test_a_first_look_at_once(what: str) -> None:
         "unlit": darkened(samples, slice(None)),
     }.get(what, samples)
     book = Codebook.build(list(range(50)), load_dictionary("DICT_4X4_50"), spec)
-    ours, theirs = both_ways(partial(first_look, given, frame, spec, book.white))
-    assert not isinstance(ours, Rejected)
-    assert not isinstance(theirs, Rejected)
-    (evidence, fit), (true_evidence, true_fit) = ours, theirs
-    reference = true_evidence.information
-    np.testing.assert_allclose(evidence.information, reference, atol=1e-2 * float(np.abs(reference).max()))
-    assert evidence.left == pytest.approx(true_evidence.left, rel=1e-3)
+    looked, steps = first_look(given, frame, spec, book.white), single_evidence(given, frame, spec)
+    assert not isinstance(looked, Rejected)
+    assert isinstance(steps, Evidence)
+    (evidence, fit), true_fit = looked, words.likeliest(steps, book.white)
+    atol = 1e-5 * float(np.abs(steps.information).max())
+    np.testing.assert_allclose(evidence.information, steps.information, atol=atol)
+    assert evidence.left == pytest.approx(steps.left, rel=1e-5)
     assert fit.words[0] == true_fit.words[0]
-    assert fit.likelihood[0] == pytest.approx(true_fit.likelihood[0], rel=1e-2)
+    assert fit.likelihood[0] == pytest.approx(true_fit.likelihood[0], rel=1e-4)
     assert (fit.silent is None) == (true_fit.silent is None) == (what != "unlit")
 
 

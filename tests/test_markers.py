@@ -35,6 +35,20 @@ def test_id_7_turned() -> None:
         np.testing.assert_array_equal(turned[quarter_turns], drawn(text), err_msg=f"turns: {quarter_turns}")
 
 
+def test_a_word_of_halves_is_what_half_a_panel_shows() -> None:
+    """Rows, or columns, alike two by two but for a cell: of five and of seven cells none can be."""
+    halves = drawn("1001 / 1001 / 0110 / 0110")
+    one_off, two_off = halves.copy(), halves.copy()
+    one_off[3, 0] = True
+    two_off[3, :2] = (True, False)
+    far = drawn("1010 / 0101 / 1010 / 0100")
+    words = Dictionary(name="words", words=np.stack([halves.T, one_off, two_off, far]))
+    assert words.correctable_cells() == 0
+    assert words.part_like_ids() == (0,)
+    assert load_dictionary("DICT_4X4_50").part_like_ids() == (3, 17, 22, 30, 33, 37)
+    assert load_dictionary("DICT_5X5_50").part_like_ids() == load_dictionary("DICT_7X7_50").part_like_ids() == ()
+
+
 def test_corners_of_a_turned_panel_by_hand() -> None:
     """After one quarter turn clockwise the marker's top left corner is at the picture's top right."""
     quad = np.array([[10.0, 20], [30, 20], [30, 40], [10, 40]])  # clockwise from the top left

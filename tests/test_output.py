@@ -56,7 +56,7 @@ def printed(
         markers=markers,
         robot=robot,
         rejected=rejected,
-        stage_ms={"find": 1.25, "edges": 0.5},
+        stage_ms={"find": 1.25, "fit": 0.5},
     )
     line = json.dumps(decoded_as_json(decoded, name), allow_nan=False)
     read: dict[str, Any] = json.loads(line)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from evidence_reference import word_log_likelihoods
 from typer.testing import CliRunner
 
 from ledpi.cli import app, main, panel_design
@@ -17,7 +18,6 @@ from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.evidence.single_frame import single_evidence
 from ledpi.decode.identify import soft
 from ledpi.decode.identify.codebook import Codebook
-from ledpi.decode.identify.words import word_log_likelihoods
 from ledpi.dictionaries import load_dictionary
 from ledpi.errors import ConfigError
 from ledpi.panel.chances import chance_of_reading
@@ -422,6 +422,13 @@ def test_a_check_begins_with_its_verdict() -> None:
     assert run("--check", "1000", "2000")[1].splitlines()[0] == "1000 and 2000 Hz cannot be used:"
     good = run("--check", "1250", "2450", "--distance", "1", "--fps", "58.93")[1].splitlines()[0]
     assert good.startswith("good are 1250.00 Hz (black cells) and 2450.00 Hz (white): a panel is read ")
+
+
+def test_ids_that_are_reported_only_if_they_are_listed_are_named() -> None:
+    """As long as none are listed."""
+    given = ("--check", "1250", "2450", "--distance", "1", "--fps", "58.93")
+    assert "note: IDs 3, 17, 22, 30, 33, 37 are reported only if panels.ids lists them: a part of" in run(*given)[1]
+    assert "panels.ids" not in run(*given, "--set", "panels.ids=[7]")[1]
 
 
 def test_no_legend_covers_a_curve() -> None:

@@ -103,6 +103,13 @@ def test_a_duty_that_was_measured_is_a_half_as_far_as_noise_goes() -> None:
         run("--id", "8", "--out", "other")
 
 
+def test_an_id_that_is_reported_only_if_it_is_listed_is_named() -> None:
+    """A part of another panel can look like 3."""
+    note = "ID 3 is reported only if panels.ids lists it: a part of another panel can look the same"
+    assert run("--id", "3", "--out", "unlisted").splitlines()[-1] == note
+    assert "panels.ids" not in run("--id", "3", "--out", "listed", "--set", "panels.ids=[3]")
+
+
 def test_antiphase_is_one_frequency_half_a_period_late() -> None:
     """By an option and one frequency, or by the configuration: the same sources."""
     told = run("--id", "7", "--phase", "antiphase", "--black", "1253.33", "--out", "asked")

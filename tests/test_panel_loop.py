@@ -21,7 +21,7 @@ from ledpi.recording import load_recording
 
 pytestmark = needs_simavr
 
-WIRED_IDS = [0, 3, 7, 12, 17, 20, 26, 33, 41, 48]  # by the wiring of the two-output build
+WIRED_IDS = [0, 4, 7, 12, 19, 20, 26, 34, 41, 48]  # by the wiring of the two-output build
 TOLD_IDS = [1, 5, 9, 14, 23, 29, 36, 38, 44, 49]  # over the serial line of the sixteen-cell build
 TRACED_S = 0.16
 FRAMES = 2

@@ -45,7 +45,7 @@ def place() -> Iterator[Path]:
 def shared(place: Path) -> Iterator[Path]:
     """`shared`, with another user of the group at work in it."""
     command = ["/bin/sh", "-c", ATTACK, "attack", place / "shared", place / "secret", place / "stop"]
-    with subprocess.Popen(command, user=SOMEBODY, group=SOMEBODY, extra_groups=[VIDEO]) as attack:
+    with subprocess.Popen(command, user=SOMEBODY, group=SOMEBODY, extra_groups=[VIDEO]):
         deadline = time.monotonic() + 60
         while not (place / "shared/ready").exists():
             assert time.monotonic() < deadline

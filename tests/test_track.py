@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from decode_material import SPEC, quad, square
@@ -95,19 +93,6 @@ def test_a_moving_square_is_not_sought_where_it_was(tracker: Tracker) -> None:
     assert other is not moving
 
 
-def test_a_square_with_a_hidden_side_is_sought_where_it_is_seen(tracker: Tracker) -> None:
-    """However its corners are turned; and it moves with what hides it."""
-    seen = PLACE + np.array([[9.0, 0], [0, 0], [0, 0], [9, 0]])
-    (track,) = follow(tracker, 1, PLACE)
-    tracker.begin(2 * FRAME_NS)
-    turned = replace(quad(np.roll(PLACE + 2, 1, axis=0)), seen_px=np.roll(seen + 2, 1, axis=0))
-    ((found, same),) = tracker.follow([turned])
-    assert same is track
-    assert found.seen_px is not None
-    assert np.allclose(found.seen_px, seen + 2)
-    assert np.allclose(track.where.sought_px(3 * FRAME_NS), seen + 4)
-
-
 def test_two_squares_side_by_side_do_not_swap(tracker: Tracker) -> None:
     """Both move on by a third of a side, in whichever order they are found."""
     left, right = follow(tracker, 1, square(200, 200, 40), square(245, 200, 40))
@@ -157,7 +142,7 @@ def test_a_square_is_not_followed_twice(tracker: Tracker) -> None:
     ((_, beside),) = tracker.follow([quad(PLACE + 0.1), quad(square(400, 200, 60))])
     assert beside is not first
     tracker.begin(3 * FRAME_NS)
-    assert tracker.expected() == [first, beside]
+    assert tracker.others() == [beside, first]
 
 
 def test_two_candidates_for_one_square_make_one_track(tracker: Tracker) -> None:
@@ -174,8 +159,8 @@ AROUND_PLACE = [np.array([[270.0, 170], [350, 170], [350, 230], [270, 230]]), sq
 def test_a_square_that_was_not_read_does_not_hide_one_around_it(tracker: Tracker, around: Floats) -> None:
     """It may be a part of a panel; a candidate a pixel off leads to it again."""
     (first,) = follow(tracker, 1, PLACE)
-    assert tracker.is_followed(PLACE + 1.0, tolerance_px=1.5)
-    assert not tracker.is_followed(around, tolerance_px=1.5)
+    assert tracker.is_followed(PLACE + 1.0)
+    assert not tracker.is_followed(around)
     ((_, other),) = tracker.follow([quad(around)])
     assert other is not first
 
@@ -185,7 +170,7 @@ def test_a_panel_that_was_read_hides_what_is_around_it(tracker: Tracker, around:
     """Its ID is known, and so is where it is."""
     (first,) = follow(tracker, 1, PLACE)
     first.history = first.history.read_as(SHOWN)
-    assert tracker.is_followed(around, tolerance_px=1.5)
+    assert tracker.is_followed(around)
     assert tracker.follow([quad(around)]) == []
 
 
@@ -196,12 +181,37 @@ def test_tracks_that_meet_become_one(tracker: Tracker) -> None:
     assert tracker.go_on(first, quad(PLACE)) is not None
     assert tracker.go_on(second, quad(PLACE + 0.01)) is None
     tracker.begin(3 * FRAME_NS)
-    assert tracker.expected() == [first]
+    assert tracker.others() == [first]
 
 
-def test_where_tracks_meet_the_panel_that_was_read_goes_on(tracker: Tracker) -> None:
-    """However much older the other one is."""
-    first, second = follow(tracker, 1, PLACE, square(302, 200, 66))
+def test_what_overlaps_a_panel_is_followed_no_longer(tracker: Tracker) -> None:
+    """However much older it is: a part of the panel, or what is around it."""
+    _, second = follow(tracker, 1, PLACE, square(302, 200, 66))
     second.history = second.history.read_as(SHOWN)
     tracker.begin(2 * FRAME_NS)
-    assert tracker.expected() == [second, first]
+    assert tracker.panels() == [second]
+    assert tracker.go_on(second, quad(square(302, 200, 66))) is not None
+    assert tracker.others() == []
+
+
+def test_panels_are_those_that_the_last_frame_showed(tracker: Tracker) -> None:
+    """What was out of view for a frame is left to a search, and so are squares that were not read."""
+    first, second = follow(tracker, 1, PLACE, square(450, 200, 60))
+    first.history = first.history.read_as(SHOWN)
+    tracker.begin(2 * FRAME_NS)
+    assert (tracker.panels(), tracker.others()) == ([first], [second])
+    tracker.begin(3 * FRAME_NS)
+    assert (tracker.panels(), tracker.others()) == ([], [])
+
+
+def test_whether_all_panels_are_seen(tracker: Tracker) -> None:
+    """Of those that were read; without any there are none to see."""
+    tracker.begin(FRAME_NS)
+    assert not tracker.all_seen()
+    first, _ = follow(tracker, 1, PLACE, square(450, 200, 60))
+    first.history = first.history.read_as(SHOWN)
+    assert tracker.all_seen()
+    tracker.begin(2 * FRAME_NS)
+    assert not tracker.all_seen()
+    assert tracker.go_on(first, quad(PLACE)) is not None
+    assert tracker.all_seen()

@@ -15,7 +15,7 @@ import numpy as np
 from ledpi.geometry import inverse, matrix_from_quaternion, transform
 from ledpi.pose.corners import centre_px, seen_at_row, whiteners
 from ledpi.pose.planar import square_corners
-from ledpi.pose.refine import refine
+from ledpi.pose.refine import fit_body
 from ledpi.records import Floats, Frame, Intrinsics, MarkerPose
 
 VIEWS_OF_A_GROUP = 40  # frames that show the same panels, evenly over the drive: more of one place add nothing
@@ -117,17 +117,18 @@ def camera_poses(
         guesses = np.array([pose @ inverse(places[panel.id]) for panel in view for pose in panel.poses])
         corners = np.array([panel.corners_px for panel in view])
         squares = [square_corners(sides_m[p.id]) @ places[p.id][:3, :3].T + places[p.id][:3, 3] for p in view]
-        fits = refine(
+        fits = fit_body(
             guesses[:, :3, :3],
             guesses[:, :3, 3],
-            np.concatenate(squares)[None],
-            corners.reshape(1, -1, 2),
+            np.concatenate(squares),
+            corners.reshape(-1, 2),
             whiteners(
                 corners,
                 np.array([panel.corner_sigma_px for panel in view]),
                 np.array([panel.size_sigma_px for panel in view]),
-            )[None],
+            ),
             lens,
+            at_most=len(guesses),
         )
         best = int(np.argmin(fits.chi2))
         poses.append(transform(fits.rotations[best], fits.positions[best]))

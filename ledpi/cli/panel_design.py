@@ -14,7 +14,7 @@ from ledpi.errors import ConfigError
 from ledpi.panel.frequencies import Flicker
 
 if TYPE_CHECKING:
-    from ledpi.config import CameraSettings, Config
+    from ledpi.config import CameraSettings, Config, PanelSettings
     from ledpi.markers import Dictionary
     from ledpi.panel.design import Proposal, Task
     from ledpi.panel.information import View
@@ -150,6 +150,7 @@ def _check(task: Task, settings: Config, pair: tuple[float, float]) -> None:
     (row,) = _with_reach(task, dictionary, reach_views(task), [("checked", proposal)])
     typer.echo(in_short("good are", row[1:]))
     _say_findings(task, found)
+    _say_unreported(settings.panels)
     typer.echo(table(task, [row]))
     typer.echo(legend())
 
@@ -160,6 +161,15 @@ def _say_findings(task: Task, found: list[Finding]) -> None:
     typer.echo(task_text(task))
     for finding in found:
         typer.echo(f"{'unusable' if finding.unusable else 'note'}: {finding.text}")
+
+
+def _say_unreported(panels: PanelSettings) -> None:
+    """Which IDs to do without, as long as none were chosen."""
+    from ledpi.dictionaries import load_dictionary
+
+    note = panels.unreported_note(range(len(load_dictionary(panels.dictionary).words))) if panels.ids is None else ""
+    if note:
+        typer.echo(f"note: {note}")
 
 
 def _design(task: Task, settings: Config, out: Path | None) -> None:
@@ -185,6 +195,7 @@ def _design(task: Task, settings: Config, out: Path | None) -> None:
     typer.echo(legend())
     for finding in findings(task, *pair, present.frame_length_rows, panels.phase):
         typer.echo(f"present: {'unusable' if finding.unusable else 'note'}: {finding.text}")
+    _say_unreported(panels)
     lines = {"panel.yaml": config_lines(task, rows[0][1], panels.dictionary, settings.camera.exposure_us)}
     typer.echo(f"\nFor config.yaml:\n\n{lines['panel.yaml']}", nl=False)
     if antiphase is not None:

@@ -14,6 +14,7 @@ from ledpi.errors import ConfigError
 from ledpi.panel.firmware import Build
 
 if TYPE_CHECKING:
+    from ledpi.config import Config
     from ledpi.panel.firmware import Firmware
 
 
@@ -52,7 +53,8 @@ def firmware(
     from ledpi.panel.firmware import build_firmware, missing_tools, write_firmware
     from ledpi.panel.firmware_readme import readme_text
 
-    planned = _plan(id_, black, white, phase, build, config, set_)
+    settings = _settings(config, set_)
+    planned = _plan(settings, id_, black, white, phase, build)
     write_firmware(planned, readme_text(planned), out)
     for name, half in (("black", planned.black), ("white", planned.white)):
         typer.echo(f"{name}  {half.cycles} cycles  {half.frequency_hz:.4f} Hz  {half.error_ppm:+.1f} ppm")
@@ -64,26 +66,31 @@ def firmware(
         )
     else:
         typer.echo(f"{build_firmware(out)}; what to wire and how to flash it: {out / 'README.md'}")
+    if note := settings.panels.unreported_note([id_]):
+        typer.echo(note)
+
+
+def _settings(file: Path | None, overrides: list[str]) -> Config:
+    from ledpi.config import find_config, load_config
+
+    found = find_config(file)
+    size = [] if found is not None else ["panels.side_m=0.16"]  # of no account here
+    return load_config(found, tuple(size + overrides))
 
 
 def _plan(
+    settings: Config,
     marker_id: int,
     black: float | None,
     white: float | None,
     phase: PhaseName | None,
     build: Build,
-    file: Path | None,
-    overrides: list[str],
 ) -> Firmware:
-    from ledpi.config import find_config, load_config
     from ledpi.dictionaries import load_dictionary
     from ledpi.panel.firmware import plan_firmware
     from ledpi.simulate.scene import OV5647_ROW_TIME_US
     from ledpi.simulate.scenes import whole_rows_us
 
-    found = find_config(file)
-    size = [] if found is not None else ["panels.side_m=0.16"]  # of no account here
-    settings = load_config(found, tuple(size + overrides))
     spec, camera = settings.panels.spec(marker_id), settings.camera
     if (phase or spec.phase) == PhaseName.ANTIPHASE:  # one frequency is enough
         black, white = (black if white is None else white), (white if black is None else black)

@@ -53,6 +53,8 @@ def sheet(
         for planned in sheets:
             typer.echo(str(write_sheet(planned, out)))
             advance(1)
+    if note := panels.unreported_note(ids):
+        typer.echo(note)
 
 
 def _planned(panels: PanelSettings, marker_id: int, lamps: Lamps) -> Sheet:

@@ -8,17 +8,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import cache, lru_cache
+from functools import cache
 
-import cv2
 import numpy as np
 
-from ledpi.geometry import distort, in_square, quad_side, square_box, undistort, unit_square_to
+from ledpi.geometry import quad_side
 from ledpi.kernels import cells as kernel
-from ledpi.kernels.light import can_read
-from ledpi.records import Floats, Frame, HiddenSide, Intrinsics, Mask, Quad, Rejected, SeenBands, Singles, read_only
-from ledpi.tone import SATURATED as SATURATED_VALUE
-from ledpi.tone import linear_light
+from ledpi.records import Floats, Frame, Intrinsics, Mask, Quad, Rejected, Singles
 
 # The very rim of a cell is left out: partitions cast shadows there that no smooth interpolation follows. No more than
 # that: with its gain unknown, a short cell tells its class by how its light changes from its top to its bottom, so by
@@ -27,13 +23,18 @@ INSET = 0.06
 # Points along a cell. Up to the most, one a pixel: nothing is lost. A panel so close that this is not enough has light
 # to spare.
 MIN_LATTICE, MAX_LATTICE = 3, 12
+# How far across a cell's border its light reaches: lens, pixel and interpolation together have a standard deviation of
+# 0.8 to 1.1 px in a focused picture.
+BORDER_PX = 2.5
+# Of a cell's samples: with less of one its gain is not known, and all is left as it is. (Of an edge that is hidden by
+# 12 % of the side 0.16 to 0.5 are left of its cells.)
+MIN_LEFT = 0.12
 SAME_LATTICE = 0.15  # by how much a panel may grow or shrink and keep its lattice
 MIN_CELL_PX = 2.0
 # Samples are interpolated by Lanczos: at a wall a pixel wide, a straight line between two pixels is off by more than
 # bands are deep. (Saturated pixels would spoil too much of it.) The variance of a sample over a pixel's is the mean of
 # the squared weights: (2/3)² for lines in both directions; 0.84, measured, for OpenCV's Lanczos of 8 × 8.
 LANCZOS_VARIANCE, LINEAR_VARIANCE = 0.84, 4.0 / 9.0
-MARGIN = 4  # pixels that Lanczos takes in on either side
 # A lens that bends the square by less than this share of a cell is left out; what it moves is projected out anyway.
 MAX_BEND = 0.02
 
@@ -52,7 +53,6 @@ class Lattice:
     u: Singles  # (n·n, k·k), across the panel, 0..1 from its left edge
     v: Singles  # (n·n, k·k), down the panel
     along: Singles  # (n·k,) the places of u, and of v, in order
-    shifts: Singles  # (8, 2, n·n, k·k) how each of the eight ways of being a wrong homography moves them along u, v
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,7 +67,6 @@ class CellSamples:
     sides_px: tuple[complex, complex]  # across and down the panel, in the picture: the mean of opposite sides
     independence: float  # what a sample counts for: less than 1 where its neighbours share its noise
     linear: bool = False  # interpolated by straight lines
-    bands: SeenBands | None = None  # as of the `Quad`
 
 
 @cache
@@ -78,10 +77,7 @@ def lattice(cells: int, k: int) -> Lattice:
     shape = (cells, cells, k, k)  # row of cells, column of cells, row in the cell, column in it
     v = np.broadcast_to(along[:, None, :, None], shape).reshape(cells * cells, k * k).copy()
     u = np.broadcast_to(along[None, :, None, :], shape).reshape(cells * cells, k * k).copy()
-    # To first order a homography can differ by 1, x, y in either direction, and by (x², xy) and (xy, y²).
-    x, y, one, none = u * 2 - 1, v * 2 - 1, np.ones_like(u), np.zeros_like(u)
-    across = [(one, none), (x, none), (y, none), (none, one), (none, x), (none, y), (x * x, x * y), (x * y, y * y)]
-    return Lattice(cells=cells, k=k, u=u, v=v, along=along.reshape(-1), shifts=np.array(across, np.float32))
+    return Lattice(cells=cells, k=k, u=u, v=v, along=along.reshape(-1))
 
 
 def _bent(quad: Quad, cells: int, intrinsics: Intrinsics | None) -> Intrinsics | None:
@@ -91,17 +87,6 @@ def _bent(quad: Quad, cells: int, intrinsics: Intrinsics | None) -> Intrinsics |
     return intrinsics if quad.bend_px > MAX_BEND * quad_side(quad.corners_px.tolist()) / cells else None
 
 
-def _lattice_pixels(quad: Quad, points: Lattice, lens: Intrinsics | None) -> Singles:
-    """(n·n, k·k, 2) pixel of each lattice point."""
-    corners = quad.corners_px if lens is None else undistort(quad.corners_px, lens)
-    h = unit_square_to(corners).astype(np.float32)
-    scale = 1.0 / (h[2, 0] * points.u + h[2, 1] * points.v + h[2, 2])
-    out = np.empty((*points.u.shape, 2), np.float32)
-    out[..., 0] = (h[0, 0] * points.u + h[0, 1] * points.v + h[0, 2]) * scale
-    out[..., 1] = (h[1, 0] * points.u + h[1, 1] * points.v + h[1, 2]) * scale
-    return out if lens is None else distort(out, lens).astype(np.float32, copy=False)
-
-
 def sample_cells(
     frame: Frame, quad: Quad, cells: int, intrinsics: Intrinsics | None = None, like: Lattice | None = None
 ) -> CellSamples | Rejected:
@@ -109,9 +94,8 @@ def sample_cells(
 
     On the lattice `like`, where the panel's size still suits it: pictures on one lattice can be compared.
     """
-    if quad.rim_wall:
-        lattice_ends = square_box(-quad.rim_wall, 1.0 + quad.rim_wall)
-        quad = replace(quad, corners_px=in_square(quad.corners_px, lattice_ends))
+    if quad.lattice_px is not None:
+        quad = replace(quad, corners_px=quad.lattice_px)
     cell_px, sides_px = _sizes_px(quad.corners_px, cells)
     if not min(cell_px) >= MIN_CELL_PX:
         return TOO_SMALL
@@ -119,19 +103,16 @@ def sample_cells(
     if like is not None and abs(k - like.k) <= max(1.0, SAME_LATTICE * like.k):
         k = like.k
     points = lattice(cells, k)
-    sample = _sample_compiled if can_read(frame) else _sample
-    sampled = sample(frame, quad, points, _bent(quad, cells, intrinsics))
+    lens = _bent(quad, cells, intrinsics)
+    sampled = kernel.sample_cells(frame, quad.corners_px, quad.bend_px, lens, cells, k, points.along)
     if sampled is None:
         return OUTSIDE
     light, rows, saturated, least = sampled
     valid = _valid(light) if math.isnan(least) else DARK if least <= 0 else None
     if isinstance(valid, Rejected):
         return valid
-    if quad.bands is not None and quad.bands.hidden is not None:
-        not_hidden = _not_hidden(cells, k, quad.bands.hidden)
-        valid = not_hidden if valid is None else valid & not_hidden
-        if not valid.any(axis=1).all():
-            return SATURATED
+    if quad.hidden is not None:
+        valid = _uncovered(quad.hidden, points, cell_px, valid)
     variance = LINEAR_VARIANCE if saturated else LANCZOS_VARIANCE
     return CellSamples(
         lattice=points,
@@ -142,15 +123,7 @@ def sample_cells(
         sides_px=sides_px,
         independence=min(1.0, variance * cell_px[0] * cell_px[1] * ((1 - 2 * INSET) / k) ** 2),
         linear=saturated,
-        bands=quad.bands,
     )
-
-
-@lru_cache(maxsize=16)
-def _not_hidden(cells: int, k: int, hidden: HiddenSide) -> Mask:
-    """(n·n, k·k) of the points of the lattice."""
-    points = lattice(cells, k)
-    return read_only(~hidden.has(points.u, points.v))
 
 
 def _sizes_px(corners: Floats, cells: int) -> tuple[tuple[float, float], tuple[complex, complex]]:
@@ -161,45 +134,13 @@ def _sizes_px(corners: Floats, cells: int) -> tuple[tuple[float, float], tuple[c
     return cell_px, ((top + bottom) / 2, (right + left) / 2)
 
 
-def _window(frame: Frame, quad: Quad) -> tuple[slice, slice] | None:
-    """Rows and columns around a quad, None where it leaves the picture.
-
-    As many more on each side as the interpolation takes in, so that no sample lies beyond the last.
-    """
-    window = []
-    for ends, size in zip(quad.corners_px.T[::-1].tolist(), frame.pixels.shape, strict=True):
-        low, high = min(ends) - quad.bend_px, max(ends) + quad.bend_px
-        if not (low >= 0 and high <= size - 1):
-            return None
-        window.append(slice(max(0, int(low) + 1 - MARGIN), min(size, int(high) + 1 + MARGIN)))
-    return window[0], window[1]
-
-
-def _sample_compiled(
-    frame: Frame, quad: Quad, points: Lattice, lens: Intrinsics | None
-) -> tuple[Singles, Singles, bool, float] | None:
-    """`_sample`, in C."""
-    return kernel.sample_cells(frame, quad.corners_px, quad.bend_px, lens, points.cells, points.k, points.along)
-
-
-def _sample(
-    frame: Frame, quad: Quad, points: Lattice, lens: Intrinsics | None
-) -> tuple[Singles, Singles, bool, float] | None:
-    """Light and rows of the lattice's points, whether a pixel is saturated, and the least light of a cell, or NaN.
-
-    None where a part is outside the picture.
-    """
-    window = _window(frame, quad)
-    if window is None:
-        return None
-    at, (rows, columns) = _lattice_pixels(quad, points, lens), window
-    patch = frame.pixels[window]
-    saturated = int(patch.max()) == SATURATED_VALUE
-    linear = cv2.LUT(patch, linear_light(frame.transfer))
-    places = at - np.array([columns.start, rows.start], np.float32)
-    kernel_of = cv2.INTER_LINEAR if saturated else cv2.INTER_LANCZOS4
-    light = cv2.remap(linear, places, None, kernel_of, borderMode=cv2.BORDER_REPLICATE)
-    return light, at[..., 1], saturated, float(light.sum(axis=1).min())
+def _uncovered(hidden: Floats, points: Lattice, cell_px: tuple[float, float], valid: Mask | None) -> Mask | None:
+    """The samples that lie within what is seen of the panel by more than light reaches; where some of each cell do."""
+    inside: Mask = np.ones(points.u.shape, np.bool_) if valid is None else valid.copy()
+    for k, place in enumerate((points.v, 1 - points.u, 1 - points.v, points.u)):
+        if hidden[k]:
+            inside &= points.cells * place > hidden[k] + BORDER_PX / cell_px[1 - k % 2]
+    return inside if inside.mean(axis=1).min() >= MIN_LEFT else valid
 
 
 def _valid(light: Singles) -> Mask | Rejected:

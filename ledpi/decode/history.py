@@ -12,8 +12,6 @@ from ledpi.decode.cells import CellSamples
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.evidence.expect import Expectation
 from ledpi.decode.evidence.memory import PanelMemory
-from ledpi.decode.identify.blinking_rim import Rim
-from ledpi.decode.identify.ends import Ends
 from ledpi.decode.identify.soft import Reading
 from ledpi.decode.identify.tuning import Proposal, Seen
 from ledpi.records import Frame, PanelSpec
@@ -76,8 +74,6 @@ class History(NamedTuple):
     untold: int = 0  # frames since then that told nothing, and are not in the memories
     met: int = 0  # frames since then that were as expected
     confirmed: int = 0  # all frames that were as expected, and are not in the memories
-    ends: Ends | None = None  # once it is asked for, as the next
-    rim: Rim | None = None
     tuning: Tuning = Tuning()
 
     @classmethod
@@ -129,10 +125,6 @@ class History(NamedTuple):
         memories = tuple(PanelMemory(memory.spec).after(*memory.newest)[0] for memory in self.memories)
         return History(memories=memories, tuning=self.tuning)
 
-    def of_no_frame(self) -> History:
-        """All frames were of something else."""
-        return History.of(tuple(memory.spec for memory in self.memories), self.tuning)
-
     def tuned(self, tuning: Tuning) -> History:
         """The same memories, with another `tuning`."""
         return self._replace(tuning=tuning)
@@ -141,11 +133,3 @@ class History(NamedTuple):
         """The panel is one of this `group` at other frequencies, which `memory` has."""
         memories = (*self.memories[:group], memory, *self.memories[group + 1 :])
         return self._replace(memories=memories, tuning=self.tuning.found_as(proposal))
-
-    def with_ends(self, ends: Ends) -> History:
-        """A further frame has shown what is beside it."""
-        return self._replace(ends=ends)
-
-    def with_rim(self, rim: Rim) -> History:
-        """A further frame has shown what is along its sides."""
-        return self._replace(rim=rim)

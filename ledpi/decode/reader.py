@@ -70,9 +70,12 @@ class Reader:
     Of a `frame` its times count. Histories keep it: let it come without its picture.
     """
 
-    def __init__(self, codebooks: Sequence[Codebook], false_id_rate: float) -> None:
+    def __init__(
+        self, codebooks: Sequence[Codebook], false_id_rate: float, *, search_frequencies: bool = False
+    ) -> None:
         self._codebooks = tuple(codebooks)
         self._false_id_rate = false_id_rate
+        self._search_frequencies = search_frequencies
 
     def read(self, history: History, samples: CellSamples, frame: Frame) -> Outcome:
         """The word that is shown with this frame, or why none can be told."""
@@ -109,7 +112,7 @@ class Reader:
             elif before.last is not None and not doubted:
                 shown = self._still(now, before.last) or shown
         open_yet = isinstance(shown, Rejected) or now.frames < ADDS_UP_FRAMES or now.tuning.settling
-        if open_yet and now.tuning.looks >= TUNE_EVERY:
+        if self._search_frequencies and open_yet and now.tuning.looks >= TUNE_EVERY:
             tuned = self._tune(now, doubted)
             decided = shown if tuned is None else self._decide(tuned, self._false_id_rate)
             # Frequencies are sought in frames that may be of what was there before: these do not overrule a word.
@@ -149,7 +152,7 @@ class Reader:
         evidence = memory.evidence()
         if isinstance(evidence, Rejected):
             return evidence
-        return soft.decide(evidence, book, rate, memory.newest[0].sides_px)
+        return soft.decide(evidence, book, rate)
 
     def _alone(self, memory: PanelMemory, book: Codebook, rate: float) -> Reading | Rejected | None:
         """What the newest frame shows by itself; None where it is for all frames together to tell.

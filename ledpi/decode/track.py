@@ -8,11 +8,9 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from ledpi.decode.cells import INSET
-from ledpi.decode.corners.sides import as_points
 from ledpi.decode.history import History
 from ledpi.geometry import corners_apart, quad_middle, quad_side
-from ledpi.records import MAX_GAP_NS, Floats, PanelSpec, Quad, Rejected, ToldBy
+from ledpi.records import MAX_GAP_NS, Floats, PanelSpec, Quad, Rejected
 
 Place: TypeAlias = tuple[tuple[float, float], float]  # centre and side of a square, in pixels
 
@@ -24,8 +22,12 @@ MAX_SHIFT, MAX_GROWTH = 0.35, 1.25
 # And its corners about its centre, size apart, move by no more than this share: a camera that passes a panel at 1 m/s,
 # 0.4 m away, sees it turn by 0.08 rad in 33 ms, which moves a corner by half as many sides.
 MAX_RESHAPED = 0.1
+# A fit that leaves so many times more of the light than the one before (where that left this share of it, or more) has
+# settled beside the panel: it is searched for.
+WORSE, LEAST_UNEXPLAINED = 4.0, 0.01
 SAME = 0.01  # of the side: squares no further apart, and in size, are one
-ALIKE = INSET / 4  # of the side, from corner to corner: squares no further apart show the same cells, of 4 × 4
+OVERLAP = 0.5  # of the larger one's side: squares whose middles are no further apart are not both panels
+SAME_CELLS = 0.06  # of the side, from corner to corner: squares no further apart show the same cells
 # How much of a corner's velocity the last step alone decides: the noise of two corners weighs on it, but a robot that
 # brakes changes it by a tenth from frame to frame.
 NEW_VELOCITY = 0.7
@@ -39,14 +41,13 @@ class Where(NamedTuple):
     corners_px: Floats  # (4, 2) in the order of the track's first frame
     velocity_px_s: Floats | None  # (4, 2), None where it was seen once
     seen_ns: int  # row 0's read-out of the frame
-    told_by: ToldBy
-    hidden_px: Floats | float  # (4, 2) from its corners to those of what was seen of it
+    unknown: Floats | None  # what its picture was fitted with, if in this order of corners
+    unexplained: float  # share of its light's squares that the fit left
 
     @classmethod
     def of(cls, quad: Quad, now_ns: int, velocity_px_s: Floats | None = None) -> Where:
         """Where a quad is, of a square that moves so."""
-        hidden_px = 0.0 if quad.seen_px is None else quad.seen_px - quad.corners_px
-        return cls(quad.corners_px, velocity_px_s, now_ns, quad.told_by, hidden_px)
+        return cls(quad.corners_px, velocity_px_s, now_ns, quad.unknown, quad.unexplained)
 
     def after(self, quad: Quad, now_ns: int) -> Where:
         """Where the square is now: in `quad`, the corners of which are in the track's order."""
@@ -54,20 +55,12 @@ class Where(NamedTuple):
         before = self.velocity_px_s
         return Where.of(quad, now_ns, step if before is None else before + NEW_VELOCITY * (step - before))
 
-    def rather(self, own: Quad) -> Where:
-        """What was seen is around the panel; this is the panel, in the same frame, and moves alike."""
-        return Where.of(own, self.seen_ns, self.velocity_px_s)
-
     def expected_px(self, now_ns: int) -> Floats:
         """(4, 2) where the corners should be now."""
         if self.velocity_px_s is None:
             return self.corners_px
         expected: Floats = self.corners_px + self.velocity_px_s * ((now_ns - self.seen_ns) * 1e-9)
         return expected
-
-    def sought_px(self, now_ns: int) -> Floats:
-        """(4, 2) where the corners of what is seen of it should be now: what hid a side still does."""
-        return np.asarray(self.expected_px(now_ns) + self.hidden_px)
 
 
 @dataclass(slots=True, eq=False)
@@ -91,14 +84,20 @@ class Tracker:
         self._tracks = [t for t in self._tracks if 0 < now_ns - t.where.seen_ns <= MAX_GAP_NS]
         self._before_ns, self._now_ns = self._now_ns, now_ns
 
-    def expected(self) -> list[Track]:
-        """The tracks that this frame should show near by: those the last one showed, but for old ones of no panel.
+    def panels(self) -> list[Track]:
+        """The tracks of panels that were read, and that the last frame showed: this frame should show them near by."""
+        return [t for t in self._tracks if t.history.shown and t.where.seen_ns == self._before_ns]
 
-        Panels that were read come first: where two tracks meet, they go on.
+    def others(self) -> list[Track]:
+        """The tracks of other squares that the last frame showed, and that may become panels; the newest first.
+
+        One that overlaps a panel is a part of it, or what is around it. One that many frames have shown, and none as a
+        panel, is a lamp or a window.
         """
-        seen = [t for t in self._tracks if t.where.seen_ns == self._before_ns]
-        panels, others = [t for t in seen if t.history.shown], [t for t in seen if not t.history.shown]
-        return panels + [t for t in others if t.history.last or t.history.frames < OLD_FRAMES]
+        panels = [t for t in self._tracks if t.history.shown and t.where.seen_ns == self._now_ns]
+        self._tracks = [t for t in self._tracks if t in panels or not any(_overlap(t, panel) for panel in panels)]
+        others = [t for t in self._tracks if not t.history.shown and t.where.seen_ns == self._before_ns]
+        return [t for t in reversed(others) if t.history.last or t.history.frames < OLD_FRAMES]
 
     def go_on(self, track: Track, quad: Quad | Rejected) -> Quad | None:
         """The square that was sought where `track` is expected, if it can be the track's; in the track's order.
@@ -106,6 +105,8 @@ class Tracker:
         Where it is another track's in this frame they have met, and this one ends.
         """
         if isinstance(quad, Rejected) or _distance(quad, track, self._now_ns) is None:
+            return None
+        if quad.unexplained > WORSE * max(track.where.unexplained, LEAST_UNEXPLAINED):
             return None
         seen = [_place(t.where.corners_px) for t in self._tracks if t.where.seen_ns == self._now_ns]
         if _is_one_of(_place(quad.corners_px), seen):
@@ -118,24 +119,23 @@ class Tracker:
         panels = [t for t in self._tracks if t.history.shown is not None]
         return bool(panels) and all(t.where.seen_ns == self._now_ns for t in panels)
 
-    def is_followed(self, corners_px: Floats, tolerance_px: float = 0.0) -> bool:
-        """Whether a square near these corners (4, 2) is one that this frame has already shown.
+    def is_followed(self, corners_px: Floats) -> bool:
+        """Whether a square with these corners (4, 2) is one that this frame has already shown.
 
-        Where a panel was read, there is no other. What was not read may be a part of one, or one and what is around
-        it: it rules out only what shows the same cells.
+        Where a panel was read there is no other. What was not read may be a part of one, or one and what is around it:
+        it rules out only what shows the same cells.
         """
-        centre, side_px = _place(corners_px)
+        corners = corners_px.tolist()
+        centre, side_px = quad_middle(corners), quad_side(corners)
         for track in self._tracks:
-            at_px = track.where.corners_px
-            middle, side = _place(at_px)
-            if (
-                track.where.seen_ns == self._now_ns
-                and math.dist(centre, middle) < MAX_SHIFT * side
-                and 1 / MAX_GROWTH < side_px / side < MAX_GROWTH
-            ):
-                alike_px = ALIKE * side + tolerance_px
-                if track.history.last is not None or corners_apart(corners_px.tolist(), at_px.tolist()) < alike_px:
-                    return True
+            if track.where.seen_ns != self._now_ns:
+                continue
+            at = track.where.corners_px.tolist()
+            middle, side = quad_middle(at), quad_side(at)
+            if track.history.shown is not None and math.dist(centre, middle) < OVERLAP * max(side, side_px):
+                return True
+            if abs(side_px - side) < SAME_CELLS * side and corners_apart(corners, at) < SAME_CELLS * side:
+                return True
         return False
 
     def _not_seen(self, quads: list[Quad]) -> list[Quad]:
@@ -185,6 +185,11 @@ class Tracker:
         return quad
 
 
+def _overlap(one: Track, other: Track) -> bool:
+    a, b = one.where.corners_px.tolist(), other.where.corners_px.tolist()
+    return math.dist(quad_middle(a), quad_middle(b)) < OVERLAP * max(quad_side(a), quad_side(b))
+
+
 def _place(corners_px: Floats) -> Place:
     corners = corners_px.tolist()
     return quad_middle(corners), quad_side(corners)
@@ -213,12 +218,16 @@ def _shape(corners: list[list[float]], side: float) -> list[tuple[float, float]]
 
 def _in_order_of(quad: Quad, before_px: Floats) -> Quad:
     """The quad with its corners turned so that each continues the one of those before."""
-    corners, before = as_points(quad.corners_px).tolist(), as_points(before_px).tolist()
+    corners, before = (
+        np.ascontiguousarray(at).view(np.complex128)[:, 0].tolist() for at in (quad.corners_px, before_px)
+    )
     middle = sum(before) / 4
     towards = [(at - middle).conjugate() for at in before]
     turned = [math.fsum((towards[i] * corners[i - 4 + k]).real for i in range(4)) for k in range(4)]
     turns = turned.index(max(turned))
     if turns == 0:
         return quad
-    seen = None if quad.seen_px is None else np.roll(quad.seen_px, -turns, axis=0)
-    return replace(quad, corners_px=np.roll(quad.corners_px, -turns, axis=0), seen_px=seen)
+    parts = quad.lattice_px, quad.hidden
+    lattice, hidden = (None if part is None else np.roll(part, -turns, axis=0) for part in parts)
+    corners_px = np.roll(quad.corners_px, -turns, axis=0)
+    return replace(quad, corners_px=corners_px, lattice_px=lattice, hidden=hidden, unknown=None)

@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from ledpi.config import SEARCH_PATH, Config
+from ledpi.config import SEARCH_PATH, Config, PanelSettings
+from ledpi.dictionaries import load_dictionary
 from ledpi.doctor import camera, machine
 from ledpi.doctor.finding import Finding, bad, ok, unknown
 from ledpi.errors import LedpiError, WireError
+from ledpi.markers import as_ranges
 from ledpi.robot import load_robot, strangers_note
 from ledpi.wording import counted
 
@@ -29,7 +31,6 @@ def examine(config: Config) -> Iterator[Finding]:
     """Each finding as soon as it is known; the camera takes a second or two."""
     kind, _, place = config.camera.source.partition(":")
     yield machine.packages()
-    yield machine.loops()
     if kind == "picamera2":
         yield machine.picamera2()
         yield machine.permissions(("/dev/media*", "/dev/dma_heap/*"))
@@ -40,6 +41,7 @@ def examine(config: Config) -> Iterator[Finding]:
     if info is not None:
         yield camera.frequencies(config, info)
     yield camera.intrinsics(config, info)
+    yield _panel_ids(config.panels)
     yield _map(config)
     yield _serial_port(config)
     if config.serial.protocol == "mavlink":
@@ -48,6 +50,16 @@ def examine(config: Config) -> Iterator[Finding]:
     yield machine.disk()
     yield machine.clock()
     yield machine.throttling()
+
+
+def _panel_ids(panels: PanelSettings) -> Finding:
+    """Which are reported; those that have an override should be."""
+    if note := panels.unreported_note(panels.overrides):
+        return bad("panel IDs", f"panels.overrides: {note}", "list every panel that there is in panels.ids")
+    if panels.ids is not None:
+        return ok("panel IDs", f"panels.ids: {as_ranges(sorted(panels.ids))}")
+    words = len(load_dictionary(panels.dictionary).words)
+    return ok("panel IDs", panels.unreported_note(range(words)) or f"all of {panels.dictionary}")
 
 
 def _map(config: Config) -> Finding:
@@ -60,7 +72,7 @@ def _map(config: Config) -> Finding:
         return unknown("map", "map is not set: panels' poses are sent, but not the robot's place")
     strangers = strangers_note(config, panels)
     if strangers:
-        return bad("map", strangers, "correct their IDs, or panels.dictionary")
+        return bad("map", strangers, "correct their IDs, panels.dictionary or panels.ids")
     return ok("map", f"{config.map}: {counted(len(panels), 'panel')}")
 
 

@@ -17,7 +17,6 @@ from pathlib import Path
 
 from ledpi import __version__
 from ledpi.doctor.finding import Finding, bad, ok, unknown
-from ledpi.kernels.library import COMPILED
 
 CALIBRATION_FOLDER = Path("/var/lib/ledpi")  # as scripts/install makes it
 FREE_BYTES = 1_000_000_000  # a recording of a minute and a half
@@ -34,15 +33,6 @@ def packages() -> Finding:
     if done.returncode == 0:
         return ok("packages", f"ledpi {__version__}, Python {platform.python_version()}, {done.stdout.strip()}")
     return bad("packages", _last_line(done), "install again: sudo scripts/install", stops_daemon=True)
-
-
-def loops() -> Finding:
-    """Whether the hot loops were compiled; the numpy code that is used instead gives the same, later."""
-    if COMPILED:
-        return ok("compiled loops", "there")
-    remedy = "sudo apt install gcc libc6-dev, then install again: sudo scripts/install"
-    said = "not there: each frame takes longer"
-    return Finding(name="compiled loops", state="unknown", said=said, remedy=remedy)
 
 
 def picamera2() -> Finding:

@@ -26,7 +26,6 @@ from ledpi.evaluate.scoring import Expected, Tally
 from ledpi.evaluate.told import told_reads
 from ledpi.evaluate.wild import draw_wild
 from ledpi.evaluate.wild_rows import WILD
-from ledpi.kernels.library import COMPILED
 from ledpi.records import Frame
 from ledpi.row_clock import RowClock
 from ledpi.simulate.render import Renderer
@@ -73,13 +72,9 @@ class Unit:
 
 @cache
 def code_version() -> str:
-    """What the results depend on, besides the values of a unit: this package's source, numpy, OpenCV.
-
-    And whether its loops are compiled: what they give differs from numpy's in the last digits.
-    """
-    loops = "compiled" if COMPILED else "in numpy"
+    """What the results depend on, besides the values of a unit: this package's source, numpy, OpenCV."""
     digest = source_digest(Path(ledpi.__file__).parent)
-    return f"{digest[:12]} {loops}, numpy {np.__version__} OpenCV {cv2.__version__}"
+    return f"{digest[:12]}, numpy {np.__version__} OpenCV {cv2.__version__}"
 
 
 def source_digest(package: Path) -> str:

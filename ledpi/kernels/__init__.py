@@ -1,1 +1,1 @@
-"""The hot loops in C, each beside the numpy code that it repeats and that is used where it is not compiled."""
+"""The hot loops in C, and how they are called: core.h declares them, `library` loads them."""

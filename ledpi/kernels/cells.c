@@ -3,16 +3,15 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "core.h"
 #include "kernels.h"
 #include "pose.h"
 #include "wide.h"
 
 enum {
     TAPS = 8, /* of Lanczos' kernel, the fourth at the pixel before */
-    MARGIN = 4, /* pixels that it takes in on either side, as in decode/cells.py */
+    MARGIN = 4, /* pixels that it takes in on either side */
 };
-
-enum { NONE_SATURATED, SOME_SATURATED, OUTSIDE, NO_MEMORY }; /* what came of it, as in kernels/cells.py */
 
 /* The part of a picture that is sampled, in linear light. */
 typedef struct {
@@ -21,7 +20,7 @@ typedef struct {
 } Patch;
 
 /* The part around `corners` (4, 2), with as much on each side as the interpolation takes in; false where they, or sides
- * that bend outward by so much, leave the picture. `_window` of decode/cells.py. */
+ * that bend outward by so much, leave the picture. */
 static bool put_window(const Picture *picture, const double *corners, double bend_px, Patch *patch) {
     ptrdiff_t first[2], count[2];
     for (int axis = 0; axis < 2; axis++) {
@@ -181,14 +180,15 @@ static double least_light(ptrdiff_t cells, ptrdiff_t points, const float *light)
  * picture row of each sample. Lanczos' kernel, or straight lines where a pixel is
  * saturated; `least` is the least sum over a cell's samples. */
 int ledpi_sample_cells(const uint8_t *pixels, ptrdiff_t height, ptrdiff_t width, ptrdiff_t stride, const float *table,
-                       const double *corners, double bend_px, const Lens *lens, ptrdiff_t cells, ptrdiff_t k,
-                       const float *along, const float *kernel, ptrdiff_t steps, float *light,
-                       float *picture_rows, double *least) {
+                       const double *corners, double bend_px, const double *lens_numbers, ptrdiff_t cells, ptrdiff_t k,
+                       const float *along, const float *kernel, ptrdiff_t steps, float *light, float *picture_rows,
+                       double *least) {
+    const Lens *lens = (const Lens *)lens_numbers;
     const Picture picture = {pixels, height, width, stride, table};
     Patch patch;
-    if (!put_window(&picture, corners, bend_px, &patch)) return OUTSIDE;
+    if (height < 2 || width < 2 || !put_window(&picture, corners, bend_px, &patch)) return LEDPI_OUTSIDE;
     patch.light = malloc(sizeof(float) * (size_t)(patch.columns * patch.rows));
-    if (!patch.light) return NO_MEMORY;
+    if (!patch.light) return LEDPI_NOT_SAMPLED;
     const bool saturated = linearise(&picture, &patch);
     Point seen[4];
     double h[9];
@@ -205,5 +205,5 @@ int ledpi_sample_cells(const uint8_t *pixels, ptrdiff_t height, ptrdiff_t width,
     interpolate(&patch, kernel, steps, saturated, picture_rows, cells * cells * k * k, light);
     free(patch.light);
     *least = least_light(cells * cells, k * k, light);
-    return saturated ? SOME_SATURATED : NONE_SATURATED;
+    return saturated ? LEDPI_SOME_SATURATED : LEDPI_NONE_SATURATED;
 }

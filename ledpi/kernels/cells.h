@@ -40,8 +40,8 @@ typedef struct {
 } Terms;
 
 /* Puts each sample's columns (samples, width), and adds what those of each cell are among themselves to the matrix (size,
- * size + 1), the last column of which is the right side. Corners can be off in SLOPES ways (`Lattice.shifts` in
- * decode/cells.py). Returns the square of what is left to explain. */
+ * size + 1), the last column of which is the right side. To first order a homography can differ in SLOPES ways: by
+ * 1, x, y in either direction, and by (x², xy) and (xy, y²). Returns the square of what is left to explain. */
 double ledpi_add_cells(const Panel *panel, ptrdiff_t gains, const Terms *terms, float *columns, double *matrix);
 
 /* What these columns leave of the residual once the unknowns (in the matrix's order) are known: `left` (samples). */

@@ -2,23 +2,16 @@
 
 from __future__ import annotations
 
-import ctypes
 from functools import cache
 
 import numpy as np
 
-from ledpi.kernels.library import DOUBLE, INTEGER, POINTER, address, doubles, function
-from ledpi.kernels.light import PICTURE, picture
+from ledpi.kernels.library import NONE, at, doubles, ffi, lib
 from ledpi.kernels.pose import lens_of
 from ledpi.records import Floats, Frame, Intrinsics, Singles
+from ledpi.tone import linear_light
 
 STEPS = 512  # between two pixels, for which there are weights
-NONE_SATURATED, SOME_SATURATED, OUTSIDE, NO_MEMORY = range(4)  # as in cells.c
-
-_sample_cells = function(
-    "ledpi_sample_cells", *PICTURE, POINTER, DOUBLE, POINTER, *(INTEGER,) * 2, POINTER, POINTER, INTEGER,
-    *(POINTER,) * 3, result=ctypes.c_int,
-)  # fmt: skip
 
 
 @cache
@@ -27,11 +20,6 @@ def _lanczos() -> Singles:
     away = np.arange(-3, 5) - np.arange(STEPS + 1)[:, None] / STEPS
     weights = np.sinc(away) * np.sinc(away / 4)
     return np.ascontiguousarray(weights / weights.sum(axis=1, keepdims=True), np.float32)
-
-
-@cache
-def _lanczos_at() -> int:
-    return address(_lanczos())  # which is kept for good
 
 
 def sample_cells(
@@ -51,11 +39,15 @@ def sample_cells(
     """
     light, rows = np.empty((cells * cells, k * k), np.float32), np.empty((cells * cells, k * k), np.float32)
     least, corners = np.empty(1), doubles(corners_px)
-    outcome = _sample_cells(
-        *picture(frame, mark_saturated=True), address(corners), bend_px,
-        None if lens is None else address(lens_of(lens)), cells, k, address(along), _lanczos_at(), STEPS,
-        address(light), address(rows), address(least),
-    )  # fmt: skip
-    if outcome == NO_MEMORY:
+    pixels = frame.pixels if frame.pixels.strides[1] == 1 else np.ascontiguousarray(frame.pixels)
+    first = ffi.cast("uint8_t *", pixels.__array_interface__["data"][0])  # rows may be apart
+    outcome = lib.ledpi_sample_cells(
+        *(first, *pixels.shape, pixels.strides[0], at(linear_light(frame.transfer, mark_saturated=True))),
+        *(at(corners), bend_px, NONE if lens is None else at(lens_of(lens)), cells, k, at(along)),
+        *(at(_lanczos()), STEPS, at(light), at(rows), at(least)),
+    )
+    if outcome == lib.LEDPI_NOT_SAMPLED:
         raise MemoryError
-    return None if outcome == OUTSIDE else (light, rows, outcome == SOME_SATURATED, float(least[0]))
+    if outcome == lib.LEDPI_OUTSIDE:
+        return None
+    return light, rows, outcome == lib.LEDPI_SOME_SATURATED, float(least[0])

@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "cells.h"
+#include "core.h"
 #include "wide.h"
 
 #define LEAST 1e-9 /* of what is divided by */
@@ -26,7 +27,7 @@ static double scale_of(const Panel *panel, const Mean *mean, const float *light)
         product += light[i] * picture;
         square += picture * picture;
     }
-    return product / fmax(square, LEAST);
+    return fmax(product / fmax(square, LEAST), LEAST);
 }
 
 /* `root` of each sample's weight, `residual` and `waves` (panel->waves): how the new picture differs. Returns how many
@@ -70,7 +71,7 @@ bool ledpi_compared_evidence(ptrdiff_t side, ptrdiff_t k, ptrdiff_t count, const
     double *unknown = matrix + matrix_size;
     float *root = (float *)(unknown + size), *residual = root + samples, *across = residual + samples;
     float *down = across + samples, *room = down + samples, *waves = room + samples + 3 * side * k;
-    const float per_unit = (float)(1.0 / fmax(numbers[0], LEAST));
+    const float per_unit = (float)(1.0 / numbers[0]);
     const ptrdiff_t seen = put_differences(&panel, &mean, light, per_unit, new_waves, root, residual, waves);
     ledpi_slopes(&panel, picture, room, across, down);
     const Terms terms = {root, root, waves, across, down, residual};

@@ -1,4 +1,4 @@
-/* One square of each thing, without a panel's cells: `distinct` and `without_cells` of decode/finding/four_sides.py. */
+/* One square of each thing, without a panel's cells. */
 #include <math.h>
 
 #include "find.h"
@@ -30,7 +30,7 @@ static bool same(const Square *a, const Square *b, const Limits *limits) {
     return apart[0] * apart[0] + apart[1] * apart[1] < near * near && farthest2(a, b) < same_corners * same_corners;
 }
 
-ptrdiff_t ledpi_distinct(const Square *squares, ptrdiff_t count, const Limits *limits, ptrdiff_t *kept) {
+ptrdiff_t ledpi_distinct(const Square *squares, ptrdiff_t count, const Limits *limits, int64_t *kept) {
     ptrdiff_t distinct = 0;
     for (ptrdiff_t i = 0; i < count; i++) { /* in order, those that are alike as they came */
         ptrdiff_t at = i;
@@ -62,7 +62,7 @@ static bool is_cell(const Square *square, const Square *panel, ptrdiff_t cells, 
 }
 
 ptrdiff_t ledpi_without_cells(const Square *squares, ptrdiff_t count, ptrdiff_t cells, const Limits *limits,
-                              ptrdiff_t *kept) {
+                              int64_t *kept) {
     bool dropped[MOST_COMPARED] = {false};
     ptrdiff_t left = 0;
     if (count > MOST_COMPARED) return count;

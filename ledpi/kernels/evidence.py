@@ -1,34 +1,15 @@
-"""What pictures say of the bands in a panel's cells (waves.c, single_frame.c, comparison.c)."""
+"""The waves of bands, and how alike noise is (waves.c, noise.c); the form of evidence."""
 
 from __future__ import annotations
 
-import ctypes
 import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from ledpi.kernels.library import DOUBLE, INTEGER, POINTER, address, function
-from ledpi.records import Floats, Integers, Mask, Singles
-
-_FLOAT = ctypes.c_float
-_waves = function("ledpi_waves", POINTER, INTEGER, _FLOAT, _FLOAT, POINTER, POINTER)
-_square_waves = function(
-    "ledpi_square_waves", POINTER, INTEGER, DOUBLE, DOUBLE, INTEGER, DOUBLE, DOUBLE, DOUBLE, DOUBLE, POINTER, POINTER
-)
-_single_evidence = function(
-    "ledpi_single_evidence",
-    *(INTEGER, INTEGER, INTEGER, POINTER, POINTER, POINTER, POINTER),
-    *(INTEGER, POINTER, POINTER, POINTER, POINTER, POINTER, POINTER, DOUBLE, INTEGER, INTEGER, INTEGER),
-    *(POINTER, POINTER, POINTER),
-    result=ctypes.c_bool,
-)
-_compared_evidence = function(
-    "ledpi_compared_evidence",
-    *((INTEGER,) * 3 + (POINTER,) * 7 + (DOUBLE, INTEGER, INTEGER, INTEGER) + (POINTER,) * 3),
-    result=ctypes.c_bool,
-)
+from ledpi.kernels.library import at, ffi, lib
+from ledpi.records import Floats, Singles
 
 
 class Weighed(NamedTuple):
@@ -45,10 +26,11 @@ def waves(rows: Singles, waves_hz: Sequence[float], row_time_us: float, since_s:
     """(2·waves, …): cosine and sine of each wave in these picture rows (…), `since_s` from the origin to row 0."""
     rows = np.ascontiguousarray(rows)
     out = np.empty((2 * len(waves_hz), *rows.shape), np.float32)
-    at = address(out)
+    given, cosines = at(rows), at(out)
     for hz in waves_hz:
-        _waves(address(rows), rows.size, hz * row_time_us * 1e-6, math.fmod(hz * since_s, 1.0), at, at + rows.nbytes)
-        at += 2 * rows.nbytes
+        start = math.fmod(hz * since_s, 1.0)
+        lib.ledpi_waves(given, rows.size, hz * row_time_us * 1e-6, start, cosines, cosines + rows.size)
+        cosines += 2 * rows.size
     return out
 
 
@@ -69,78 +51,22 @@ def square_waves(
     """
     rows = np.ascontiguousarray(rows)
     out = np.empty((2, *rows.shape), np.float32)
-    at = address(out)
-    _square_waves(
-        *(address(rows), rows.size, cycles_a_row, start_cycles, averaged, apart, exposure_cycles, duty, fundamental),
-        *(at, at + rows.nbytes),
+    into = at(out)
+    lib.ledpi_square_waves(
+        *(at(rows), rows.size, cycles_a_row, start_cycles, averaged, apart, exposure_cycles, duty, fundamental),
+        *(into, into + rows.size),
     )
     return out
 
 
-def single_evidence(
-    *,
-    light: Singles,
-    valid: Mask | None,
-    waves: Singles,
-    along: Singles,
-    column: Integers,
-    first: Integers,
-    met: Integers,
-    shown: Singles | None,
-    of_class: Singles | None,
-    white: Mask | None,
-    independence: float,
-    lags: tuple[int, int, int],
-) -> Weighed | None:
-    """What there is of evidence; None where nothing fits.
-
-    `light`, `valid`, `shown` (cells, points), `waves` (P, cells, points), `of_class` (2, cells, points), `white`
-    (cells,); `along` is the lattice's; `column`, `first` and `met` say what lights up each point. `lags`: how many
-    samples aside, and below, for `near` (0: not that way), and how many at a cell's rim are left out.
-    """
-    cells, points = light.shape
-    parameters = len(waves)
-    light, waves = np.ascontiguousarray(light), np.ascontiguousarray(waves)
-    score, numbers = np.empty((cells, parameters)), np.empty(3)
-    information = np.empty((cells, parameters, cells, parameters))
-    fits = _single_evidence(
-        *(math.isqrt(cells), math.isqrt(points), parameters, address(light), _or_none(valid), address(waves)),
-        *(address(along), len(column), address(column), address(first), address(met)),
-        *(_or_none(shown), _or_none(of_class), _or_none(white), independence, *lags),
-        *(address(score), address(information), address(numbers)),
-    )
-    return Weighed(score, information, *numbers.tolist()) if fits else None
+def correlation(expected: Sequence[float], near: float, far: float, free: float) -> list[float]:
+    """Excess, deviation and growth of a `Correlation`; `expected` as `Expected`, both of decode/evidence/noise.py."""
+    of = np.empty(3)
+    lib.ledpi_correlation(ffi.new("Expected *", expected), [free, near, far], at(of))
+    return of.tolist()
 
 
-def compared_evidence(
-    *,
-    light: Singles,
-    valid: Mask | None,
-    waves: Singles,
-    picture: Singles,
-    count: Singles,
-    mean_waves: Singles,
-    along: Singles,
-    independence: float,
-    lags: tuple[int, int, int],
-) -> tuple[float, Weighed | None]:
-    """The light's scale; and, as of `single_evidence`, what there is of evidence, None where nothing fits.
-
-    `light`, `valid`, `picture`, `count` (cells, points), `waves`, `mean_waves` (P, cells, points); `along` is the
-    lattice's.
-    """
-    (cells, points), parameters = light.shape, len(waves)
-    score, numbers = np.empty((cells, parameters)), np.empty(4)
-    information = np.empty((cells, parameters, cells, parameters))
-    given = [np.ascontiguousarray(array) for array in (waves, picture, count, mean_waves)]
-    fits = _compared_evidence(
-        *(math.isqrt(cells), math.isqrt(points), parameters, address(light), _or_none(valid)),
-        *(*(address(array) for array in given), address(along), independence, *lags),
-        *(address(score), address(information), address(numbers)),
-    )
-    scale, *rest = numbers.tolist()
-    return scale, Weighed(score, information, *rest) if fits else None
-
-
-def _or_none(array: Singles | Mask | None) -> int | None:
-    return None if array is None else address(array)
+def volume(excess: float, deviation: float, growth: float) -> float:
+    """By how much evidence claims too much, where noise is as alike as that."""
+    times: float = lib.ledpi_volume(excess, deviation, growth)
+    return times

@@ -1,23 +1,24 @@
-/* Whether a frame shows what is expected of it: `is_met` of decode/evidence/expect.py, which says why. */
+/* Whether a frame shows what is expected of it: decode/evidence/expect.py says why. */
 #include <math.h>
 #include <stddef.h>
 #include <stdint.h>
 
 #include "cells.h"
+#include "core.h"
 #include "waves.h"
 #include "wide.h"
 
 #define TURN 6.283185307179586 /* rad */
-enum { MOST_WAYS = 1 + SLOPES, VECTORS = 3 }; /* in which gain and corners may be wrong; `compare` */
+enum { MOST_WAYS = LEDPI_WAYS, VECTORS = 3 }; /* 1 + SLOPES; `compare` */
 
-/* What is expected, as `Expectation` there: picture, root, left_bands (cells, points), basis (ways, cells·points), and the
+/* What is expected, as in decode/evidence/expect.py: picture, root, left_bands (cells, points), basis (ways, cells·points), and the
  * bands of each cell: frequency, phase (rad), depth (cells,); and when the frame's rows were read out. */
 typedef struct {
     ptrdiff_t cells, points, ways;
     const float *picture, *root, *basis, *left_bands, *depth;
     const double *hz, *phase;
     double since_s, row_time_s;
-} Expected;
+} Expectation;
 
 typedef float Four __attribute__((vector_size(16), aligned(4)));
 
@@ -49,7 +50,7 @@ static inline double sum_of(const float *a, ptrdiff_t count) {
 
 /* Of VECTORS (cells·points) each, weighted: what the frame adds to the picture beyond what it should, the bands it should
  * show, and how these have changed since the picture. */
-LEDPI_WIDE static void compare(const Expected *expected, const float *light, const uint8_t *valid, const float *rows,
+LEDPI_WIDE static void compare(const Expectation *expected, const float *light, const uint8_t *valid, const float *rows,
                                float *restrict off, float *restrict bands, float *restrict change) {
     const ptrdiff_t cells = expected->cells, points = expected->points, size = cells * points;
     for (ptrdiff_t i = 0; valid && i < size; i++) off[i] = valid[i] ? expected->picture[i] : 0.0f;
@@ -86,7 +87,7 @@ static void solve(ptrdiff_t ways, double matrix[MOST_WAYS][MOST_WAYS], double ri
 
 /* Takes off what a wrong gain and wrong corners would add. Where samples are not valid, what is left of the basis is not
  * orthonormal any more; `ridge` is of the square of a vector that may be all but gone. */
-LEDPI_WIDE static void project(const Expected *expected, const uint8_t *valid, double ridge, float *room,
+LEDPI_WIDE static void project(const Expectation *expected, const uint8_t *valid, double ridge, float *room,
                                float *restrict vectors) {
     const ptrdiff_t size = expected->cells * expected->points, ways = expected->ways;
     double right[MOST_WAYS][VECTORS], gram[MOST_WAYS][MOST_WAYS];
@@ -116,7 +117,7 @@ LEDPI_WIDE void ledpi_expected(ptrdiff_t cells, ptrdiff_t points, ptrdiff_t ways
                                const double *phase, double since_s, double row_time_s, const float *light,
                                const uint8_t *valid, const float *rows, double independence, double ridge, float *room,
                                double *of) {
-    const Expected expected = {cells, points, ways, picture, root, basis, left_bands, depth, hz, phase, since_s, row_time_s};
+    const Expectation expected = {cells, points, ways, picture, root, basis, left_bands, depth, hz, phase, since_s, row_time_s};
     const ptrdiff_t size = cells * points;
     float *off = room, *bands = room + size, *change = room + 2 * size;
     compare(&expected, light, valid, rows, off, bands, change);

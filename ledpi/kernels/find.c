@@ -1,56 +1,58 @@
-/* Squares and groups of spots in the pictures of a pyramid: `_search` of decode/finding/find.py, level by level. */
+/* Squares in the pictures of a pyramid, level by level. */
 #include "find.h"
 
-enum { MOST_LEVELS = 10, MOST_SHARES = 2 };
-
-/* A picture, a pixel of which is `scale` of the frame's; which grey levels something that is lit there is brighter than, or
- * by which shares of the contrast it is, in 256ths; whether spots are looked for; and the shortest way around what is. */
-typedef struct {
-    const uint8_t *picture;
-    ptrdiff_t height, width, scale, levels, shares;
-    int32_t brighter_than[MOST_LEVELS], lit_by[MOST_SHARES], spots_by, shortest;
-} Level;
-
-/* Enough for the largest level. */
+/* Enough for the largest level; all of it is the caller's. */
 typedef struct {
     uint8_t *window, *above, *contrast, *melt, *lit;
     Run *runs;
     Thing *things;
     Outline *outlines;
-    Spot *spots;    /* MAX_SPOTS + 1 */
-    ptrdiff_t most; /* things, outlines */
+    ptrdiff_t most; /* things, outlines: as many pixels as can stand apart */
     int32_t (*points)[2];
     ptrdiff_t points_room;
     int32_t (*ends)[2];
     double (*hull)[2];
 } Room;
 
-/* What is found; how often something was dropped, and for what. */
-typedef struct {
-    Square *squares;
-    ptrdiff_t *distinct; /* (most_squares,) which of them are of different things, the best first */
-    Spot *members;       /* of groups of spots, one after the other */
-    double *groups, *scales; /* the group that each is of, counted anew for each picture, and this one's scale */
-    ptrdiff_t most_squares, square_count, distinct_count, member_count, at_border, not_four_sided, too_small;
-} Found;
+/* The next bytes of what there is, counted in `used`; NULL where they are only counted. */
+static void *take(uint8_t *room, ptrdiff_t *used, ptrdiff_t bytes) {
+    uint8_t *const here = room ? room + *used : NULL;
+    *used += (bytes + 15) / 16 * 16;
+    return here;
+}
 
-/* What is looked for: squares of at least `smallest_px`, of `cells` along a side; groups of `least_spots` to
- * `most_spots` − 1. */
-typedef struct {
-    double smallest_px;
-    ptrdiff_t cells, least_spots, most_spots;
-    Limits limits;
-} Wanted;
+static ptrdiff_t put_room(uint8_t *room, ptrdiff_t height, ptrdiff_t width, Room *into) {
+    const ptrdiff_t pixels = height * width, most = (height + 1) * (width + 1) / 4 + 1;
+    ptrdiff_t used = 0;
+    into->window = take(room, &used, 3 * STRIP * (width + 2 * REACH));
+    into->above = take(room, &used, pixels);
+    into->contrast = take(room, &used, pixels);
+    into->melt = take(room, &used, (height + 1) * (width + 2));
+    into->lit = take(room, &used, pixels);
+    into->runs = take(room, &used, 2 * width * (ptrdiff_t)sizeof(Run));
+    into->things = take(room, &used, most * (ptrdiff_t)sizeof(Thing));
+    into->outlines = take(room, &used, most * (ptrdiff_t)sizeof(Outline));
+    into->points = take(room, &used, pixels * (ptrdiff_t)sizeof(int32_t[2]));
+    into->ends = take(room, &used, height * (ptrdiff_t)sizeof(int32_t[2]));
+    into->hull = take(room, &used, (2 * height + 2) * (ptrdiff_t)sizeof(double[2]));
+    into->most = most, into->points_room = pixels;
+    return used;
+}
 
-static void find_in(const Level *level, const uint8_t *lit, const Wanted *wanted, const Room *room,
-                    ptrdiff_t *squares, Found *found) {
-    const Limits *const limits = &wanted->limits;
+ptrdiff_t ledpi_find_room(ptrdiff_t height, ptrdiff_t width) {
+    Room room;
+    return put_room(NULL, height, width, &room);
+}
+
+static void find_in(const FindLevel *level, const uint8_t *lit, const FindWanted *wanted, const Room *room,
+                    ptrdiff_t *squares, FindResult *found) {
+    const Limits *const limits = (const Limits *)wanted->limits;
     const Outlined outlined = ledpi_outlines(lit, level->height, level->width, level->shortest, limits, room->runs,
                                              room->things, room->points, room->points_room, room->outlines, room->most);
     found->at_border += outlined.at_border;
-    for (ptrdiff_t i = 0; i < outlined.outlines && *squares < found->most_squares; i++) {
+    for (ptrdiff_t i = 0; i < outlined.outlines && *squares < found->most; i++) {
         const Outline *const own = room->outlines + i;
-        Square *const square = found->squares + *squares;
+        Square *const square = (Square *)found->squares + *squares;
         if (!ledpi_square_of(room->points + own->first, own, (double)level->scale, limits, room->ends, room->hull, square))
             found->not_four_sided++;
         else if (square->side_px < wanted->smallest_px)
@@ -60,17 +62,7 @@ static void find_in(const Level *level, const uint8_t *lit, const Wanted *wanted
     }
 }
 
-static void find_spots_in(const Level *level, const Wanted *wanted, const Room *room, Found *found) {
-    const Limits *const limits = &wanted->limits;
-    const ptrdiff_t spots = ledpi_spots(level->picture, level->height, level->width, level->spots_by, limits, room->lit,
-                                        room->spots);
-    const ptrdiff_t first = found->member_count;
-    found->member_count += ledpi_groups(room->spots, spots, wanted->least_spots, wanted->most_spots, limits,
-                                        found->members + first, found->groups + first);
-    for (ptrdiff_t i = first; i < found->member_count; i++) found->scales[i] = (double)level->scale;
-}
-
-static void find_brighter(const Level *level, const Wanted *wanted, const Room *room, ptrdiff_t *squares, Found *found) {
+static void find_brighter(const FindLevel *level, const FindWanted *wanted, const Room *room, ptrdiff_t *squares, FindResult *found) {
     if (!level->levels) return;
     ledpi_close(level->picture, level->height, level->width, room->melt, room->above);
     for (ptrdiff_t k = 0; k < level->levels; k++) {
@@ -79,28 +71,30 @@ static void find_brighter(const Level *level, const Wanted *wanted, const Room *
     }
 }
 
-static void find_lit(const Level *level, const Wanted *wanted, const Room *room, ptrdiff_t *squares, Found *found) {
+static void find_lit(const FindLevel *level, const FindWanted *wanted, const Room *room, ptrdiff_t *squares, FindResult *found) {
     if (!level->shares) return;
     ledpi_contrast(level->picture, level->height, level->width, room->window, room->above, room->contrast);
     for (ptrdiff_t k = 0; k < level->shares; k++) {
         /* Opened where the closing makes thin bridges to the surroundings. */
-        ledpi_lit(room->above, room->contrast, level->height, level->width, level->lit_by[k], &wanted->limits,
+        ledpi_lit(room->above, room->contrast, level->height, level->width, level->lit_by[k], (const Limits *)wanted->limits,
                   level->scale > 2, room->melt, room->lit);
         find_in(level, room->lit, wanted, room, squares, found);
     }
 }
 
-/* In `levels` (count) what is `wanted`, for which there is room (MAX_SPOTS for each level). */
-void ledpi_find(const Level *levels, ptrdiff_t count, const Wanted *wanted, const Room *room, Found *found) {
+/* In `levels` (count) what is `wanted`. */
+void ledpi_find(const FindLevel *levels, ptrdiff_t count, const FindWanted *wanted, uint8_t *all_room, FindResult *found) {
     ptrdiff_t squares = 0;
-    found->member_count = found->at_border = found->not_four_sided = found->too_small = 0;
-    for (const Level *level = levels; level < levels + count; level++) {
+    Room own;
+    const Room *const room = &own;
+    put_room(all_room, levels->height, levels->width, &own);
+    found->at_border = found->not_four_sided = found->too_small = 0;
+    for (const FindLevel *level = levels; level < levels + count; level++) {
         find_brighter(level, wanted, room, &squares, found);
         find_lit(level, wanted, room, &squares, found);
-        if (level->spots_by) find_spots_in(level, wanted, room, found);
     }
-    found->square_count = squares;
-    found->distinct_count = ledpi_distinct(found->squares, squares, &wanted->limits, found->distinct);
-    found->distinct_count = ledpi_without_cells(found->squares, found->distinct_count, wanted->cells, &wanted->limits,
+    found->count = squares;
+    found->distinct_count = ledpi_distinct((const Square *)found->squares, squares, (const Limits *)wanted->limits, found->distinct);
+    found->distinct_count = ledpi_without_cells((const Square *)found->squares, found->distinct_count, wanted->cells, (const Limits *)wanted->limits,
                                                 found->distinct);
 }

@@ -1,19 +1,16 @@
 /* What finding consists of: what is lit (lit.c), its outlines (outlines.c), the squares among them (four_sides.c), one of each
- * thing (distinct.c), and spots side by side (spots.c). And all of that, level by level (find.c). */
+ * thing (distinct.c). And all of that, level by level (find.c). */
 #ifndef LEDPI_FIND_H
 #define LEDPI_FIND_H
 
-#include <stdbool.h>
-#include <stddef.h>
-#include <stdint.h>
+#include "core.h"
 
-/* Constants of decode/finding/lit.py, outlines.py, four_sides.py and spots.py, where they are explained. */
+/* As `Limits` of decode/finding/find.py, which explains them. */
 typedef struct {
     double min_contrast;
     double narrowest, min_area, min_lit;
     double min_solidity, significant, alike, min_side, max_cut_off, max_misfit, pixel_misfit, slender, tolerance;
     double blur_misfit, near, like, same_corners, least_cell, most_cell;
-    double max_around, link, like_spots;
 } Limits;
 
 /* ---- What is lit */
@@ -68,7 +65,7 @@ Outlined ledpi_outlines(const uint8_t *lit, ptrdiff_t height, ptrdiff_t width, i
 
 /* ---- The squares among them */
 
-/* As a row of the squares of decode/finding/four_sides.py. */
+/* Corners clockwise in the picture, first the one nearest the top left. */
 typedef struct {
     double corners[4][2], side_px, misfit, tolerance_px;
 } Square;
@@ -80,31 +77,12 @@ bool ledpi_square_of(const int32_t (*points)[2], const Outline *outline, double 
 
 /* Of squares (count) those, in `kept` (count), that are of no thing which another fits better; the best first. Returns how
  * many. */
-ptrdiff_t ledpi_distinct(const Square *squares, ptrdiff_t count, const Limits *limits, ptrdiff_t *kept);
+ptrdiff_t ledpi_distinct(const Square *squares, ptrdiff_t count, const Limits *limits, int64_t *kept);
 
 enum { MOST_COMPARED = 512 }; /* that are looked at for cells of each other */
 
 /* Of the `kept` (count) those that are no cells of another one of them, of `cells` × `cells`. Returns how many. */
 ptrdiff_t ledpi_without_cells(const Square *squares, ptrdiff_t count, ptrdiff_t cells, const Limits *limits,
-                              ptrdiff_t *kept);
-
-/* ---- Spots side by side */
-
-enum { MAX_SPOTS = 200, AROUND = 2 }; /* that are looked at: more is texture; pixels from a spot to what is around it */
-
-/* A pixel as bright as any beside it, and how far it is above the darkest around. */
-typedef struct {
-    double x, y, height;
-} Spot;
-
-/* The spots in a picture (height, width), lit by `share` of the contrast around. `row` (width) is room. Returns how many
- * there are; more than MAX_SPOTS are counted no further. */
-ptrdiff_t ledpi_spots(const uint8_t *picture, ptrdiff_t height, ptrdiff_t width, int share, const Limits *limits,
-                      uint8_t *row, Spot *spots);
-
-/* The spots of each group of `least` to `most` − 1 that are alike and neighbours, one group after the other in `members`
- * (count), each with its number in `groups` (count), from 0. Returns how many spots these are. */
-ptrdiff_t ledpi_groups(const Spot *spots, ptrdiff_t count, ptrdiff_t least, ptrdiff_t most, const Limits *limits,
-                       Spot *members, double *groups);
+                              int64_t *kept);
 
 #endif

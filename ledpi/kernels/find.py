@@ -1,83 +1,24 @@
-"""Squares and groups of spots in the pictures of a pyramid (find.c and what it calls)."""
+"""Squares in the pictures of a pyramid (find.c), and lattices of blobs (blobs.c, lattices.c)."""
 
 from __future__ import annotations
 
-import ctypes
 from collections.abc import Sequence
-from itertools import pairwise
 from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ledpi.kernels.library import INTEGER, POINTER, address, function
+from ledpi.kernels.library import at, ffi, lib
 from ledpi.records import Floats, Pixels
 
-# As in find.h, where they are sizes: pixels to either side of a window, rows taken together, spots, pixels around one.
-REACH, STRIP, MOST_SPOTS, AROUND = 6, 44, 200, 2
-LIMITS = 22  # numbers in `Limits` of find.h
-SQUARE = 11  # numbers: four corners' x and y, side_px, misfit, tolerance_px
-MOST_LEVELS, MOST_SHARES = 10, 2  # of a picture
-MOST_COMPARED = 512  # squares, each with each other
 MOST_SQUARES = 4096  # in a frame: more is texture, and would take a second to look at
-_OUTLINE_BYTES, _THING_NUMBERS = 32, 7
+MOST_RUNS, MOST_BLOBS, MOST_LATTICES = 40_000, 1_500, 12  # of a picture: what has more is texture
 
-_find = function("ledpi_find", POINTER, INTEGER, POINTER, POINTER, POINTER)
-
-# Of each picture: grey levels that what is lit is brighter than, shares of the contrast by which it is, in 256ths, and
-# the share by which spots are, 0 where none are looked for.
-Thresholds: TypeAlias = tuple[tuple[tuple[int, ...], tuple[int, ...], int], ...]
+# Of each picture: grey levels that what is lit is brighter than, and shares of the contrast by which it is, in 256ths.
+Thresholds: TypeAlias = tuple[tuple[tuple[int, ...], tuple[int, ...]], ...]
 
 
-class _Level(ctypes.Structure):
-    """`Level` of find.c."""
-
-    _fields_ = [
-        ("picture", ctypes.c_void_p),
-        *((name, ctypes.c_ssize_t) for name in ("height", "width", "scale", "levels", "shares")),
-        ("brighter_than", ctypes.c_int32 * MOST_LEVELS),
-        ("lit_by", ctypes.c_int32 * MOST_SHARES),
-        ("spots_by", ctypes.c_int32),
-        ("shortest", ctypes.c_int32),
-    ]
-
-
-class _Wanted(ctypes.Structure):
-    """`Wanted` of find.c."""
-
-    _fields_ = [
-        ("smallest_px", ctypes.c_double),
-        ("cells", ctypes.c_ssize_t),
-        ("least_spots", ctypes.c_ssize_t),
-        ("most_spots", ctypes.c_ssize_t),
-        ("limits", ctypes.c_double * LIMITS),
-    ]
-
-
-class _Room(ctypes.Structure):
-    """`Room` of find.c."""
-
-    _fields_ = [
-        *((name, ctypes.c_void_p) for name in ("window", "above", "contrast", "melt", "lit")),
-        *((name, ctypes.c_void_p) for name in ("runs", "things", "outlines", "spots")),
-        ("most", ctypes.c_ssize_t),
-        ("points", ctypes.c_void_p),
-        ("points_room", ctypes.c_ssize_t),
-        *((name, ctypes.c_void_p) for name in ("ends", "hull")),
-    ]
-
-
-class _Found(ctypes.Structure):
-    """`Found` of find.c."""
-
-    _fields_ = [
-        *((name, ctypes.c_void_p) for name in ("squares", "distinct", "members", "groups", "scales")),
-        *((name, ctypes.c_ssize_t) for name in ("most_squares", "square_count", "distinct_count", "member_count")),
-        *((name, ctypes.c_ssize_t) for name in ("at_border", "not_four_sided", "too_small")),
-    ]
-
-
-class Searcher:
+class SquareSearcher:
     """Searches the same pictures again and again, in room that it keeps."""
 
     def __init__(
@@ -86,77 +27,61 @@ class Searcher:
         shortest: Sequence[int],
         smallest_px: float,
         cells: int,
-        group_sizes: range,
         limits: Sequence[float],
     ) -> None:
         """`pictures`, read anew each time, the largest first, and the `shortest` way around things in each.
 
-        `limits`: as `Limits` of find.h has them.
+        `limits`: as `Limits` of decode/finding/find.py.
         """
-        height, width = pictures[0].shape
         self._pictures, self._shortest = tuple(pictures), tuple(shortest)
-        most = (height + 1) * (width + 1) // 4 + 1  # as many pixels as can stand apart
-        members = MOST_SPOTS * len(pictures)
-        self._room, self._arrays = _room(height, width, most)
-        self._squares = np.empty((MOST_SQUARES, SQUARE))
-        self._distinct = np.empty(MOST_SQUARES, np.intp)
-        self._members, self._groups, self._scales = np.empty((members, 3)), np.empty(members), np.empty(members)
-        results = (self._squares, self._distinct, self._members, self._groups, self._scales)
-        self._found = _Found(*(address(array) for array in results), MOST_SQUARES)
+        self._room = np.empty(lib.ledpi_find_room(*pictures[0].shape), np.uint8)
+        self._squares = np.empty((MOST_SQUARES, lib.LEDPI_SQUARE))
+        self._distinct = np.empty(MOST_SQUARES, np.int64)
+        self._result = ffi.new("FindResult *", (at(self._squares), at(self._distinct), MOST_SQUARES))
+        self._wanted = ffi.new("FindWanted *", (smallest_px, cells, tuple(limits)))
         self._levels: dict[Thresholds, Any] = {}
-        bounds = (ctypes.c_double * LIMITS)(*limits)
-        self._wanted = _Wanted(smallest_px, cells, group_sizes.start, group_sizes.stop, bounds)
-        self._arguments = [ctypes.addressof(made) for made in (self._wanted, self._room, self._found)]
 
-    def search(self, thresholds: Thresholds) -> tuple[Floats, Floats, list[tuple[int, Floats]], tuple[int, int, int]]:
-        """As `_search` of decode/finding/find.py."""
+    def search(self, thresholds: Thresholds) -> tuple[Floats, tuple[int, int, int]]:
+        """Distinct squares (K, LEDPI_SQUARE), the best first; and how many outlines touch the picture's border, show
+        no square, or show one that is too small.
+        """
         levels = self._levels.get(thresholds)
         if levels is None:
             levels = self._levels[thresholds] = self._levels_for(thresholds)
-        _find(ctypes.addressof(levels), len(levels), *self._arguments)
-        found = self._found
-        groups = self._grouped(found.member_count) if found.member_count else []
-        squares = self._squares[: found.square_count].copy()
-        things = squares[self._distinct[: found.distinct_count]]
-        return things, squares, groups, (found.at_border, found.not_four_sided, found.too_small)
+        found = self._result
+        lib.ledpi_find(levels, len(levels), self._wanted, at(self._room), found)
+        squares = self._squares[self._distinct[: found.distinct_count]]
+        return squares, (found.at_border, found.not_four_sided, found.too_small)
 
     def _levels_for(self, thresholds: Thresholds) -> Any:
-        levels = (_Level * len(self._pictures))()
-        for number, (picture, shortest, (brighter_than, lit_by, spots_by)) in enumerate(
-            zip(self._pictures, self._shortest, thresholds, strict=True)
-        ):
-            levels[number] = _Level(
-                *(address(picture), *picture.shape, 2 << number, len(brighter_than), len(lit_by)),
-                *(_padded(brighter_than, MOST_LEVELS), _padded(lit_by, MOST_SHARES), spots_by, shortest),
-            )
+        levels = ffi.new("FindLevel[]", len(self._pictures))
+        every = zip(self._pictures, self._shortest, thresholds, strict=True)
+        for number, (picture, shortest, (brighter_than, lit_by)) in enumerate(every):
+            sizes = (*picture.shape, 2 << number, len(brighter_than), len(lit_by))
+            levels[number] = (at(picture), *sizes, brighter_than, lit_by, shortest)
         return levels
 
-    def _grouped(self, count: int) -> list[tuple[int, Floats]]:
-        """Each group's scale, and its spots (M, 3)."""
-        begins = np.flatnonzero(np.diff(self._groups[:count]) + 1e3 * np.diff(self._scales[:count])) + 1
-        ends = [0, *begins.tolist(), count]
-        return [(int(self._scales[a]), self._members[a:b]) for a, b in pairwise(ends)]
 
+class LatticeSearcher:
+    """Finds lattices of bright blobs, in room that it keeps."""
 
-def _padded(numbers: tuple[int, ...], count: int) -> Any:
-    return (ctypes.c_int32 * count)(*numbers)
+    def __init__(self) -> None:
+        span = lib.LEDPI_LATTICE_SPAN
+        self._runs = np.empty((MOST_RUNS, lib.LEDPI_BLOB_RUN), np.int32)
+        self._sums = np.empty((MOST_RUNS, lib.LEDPI_BLOB))
+        self._blobs, self._used = np.empty((MOST_BLOBS, lib.LEDPI_BLOB)), np.empty(MOST_BLOBS, np.uint8)
+        self._lattices = np.empty((MOST_LATTICES, span, span), np.int32)
 
+    def search(
+        self, pixels: Pixels, around: Pixels, contrast: int, most_area: float, least: int
+    ) -> tuple[Floats, NDArray[np.int32]]:
+        """Blobs (B, 6), x and y second and third; and lattices (L, span, span) of at least `least`, by number or −1.
 
-def _room(height: int, width: int, most: int) -> tuple[_Room, list[NDArray[np.generic]]]:
-    """For pictures of this size, and the arrays that it consists of."""
-    pixels = [np.empty((height, width), np.uint8) for _ in range(3)]
-    arrays: list[NDArray[np.generic]] = [
-        np.empty(3 * STRIP * (width + 2 * REACH), np.uint8),
-        *pixels[:2],
-        np.empty((height + 1) * (width + 2), np.uint8),
-        pixels[2],
-        np.empty((2, width, 3), np.int32),
-        np.empty((most, _THING_NUMBERS), np.int32),
-        np.empty((most, _OUTLINE_BYTES), np.uint8),
-        np.empty((MOST_SPOTS + 1, 3)),
-        np.empty((height * width, 2), np.int32),
-        np.empty((height, 2), np.int32),
-        np.empty((2 * height + 2, 2)),
-    ]
-    at = [address(array) for array in arrays]
-    return _Room(*at[:9], most, at[9], height * width, *at[10:]), arrays
+        A blob's pixels (H, W) are brighter than `around` (H, W) by more than `contrast`. Both are the searcher's own.
+        """
+        count = lib.ledpi_blobs(
+            *(at(pixels), at(around), *pixels.shape, contrast, most_area),
+            *(MOST_RUNS, at(self._runs), at(self._sums), MOST_BLOBS, at(self._blobs)),
+        )
+        found = lib.ledpi_lattices(*(at(self._blobs), count, least, at(self._used), MOST_LATTICES, at(self._lattices)))
+        return self._blobs[:count], self._lattices[:found]

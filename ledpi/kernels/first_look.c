@@ -1,22 +1,10 @@
 /* A first look at a panel's samples, all of its steps in one call: `first_look` of decode/identify/first_look.py. */
-#include "first_look.h"
+#include "core.h"
 
 #include <math.h>
 #include <stdlib.h>
 
 #include "wide.h"
-
-/* What all panels of side × side cells, with k × k points in each, have in common: as in single_frame.c; and what a sample has
- * at `least` (cells, points), as in uncovered.c. */
-typedef struct {
-    ptrdiff_t side, k, source_count;
-    const float *along;
-    const int64_t *column, *first, *met;
-    const float *least;
-} Grid;
-
-/* What came of it; as in kernels/first_look.py. */
-enum { LOOKED, NOT_PLAIN, UNFIT, NO_MEMORY };
 
 /* Whether the light of one of the cells is less than this share of their mean. */
 static bool any_unlit(ptrdiff_t cells, ptrdiff_t points, const float *light, double share) {
@@ -29,52 +17,41 @@ static bool any_unlit(ptrdiff_t cells, ptrdiff_t points, const float *light, dou
     return least < share / (double)cells * total;
 }
 
-#define MOST_UNSURE 0.7 /* as in decode/evidence/noise.py */
-
-/* By how much evidence claims too much: `volume` of decode/evidence/noise.py, of what is `Expected` there; `of_fit`: how many
- * samples are free, and the sums of their squared differences. */
-static double volume_of(double white, double growth, double chance, double once, double twice, double least_free,
-                        const double *of_fit) {
-    const double unsure = chance / sqrt(of_fit[0]);
-    if (!(of_fit[2] > 0.0) || !(of_fit[0] >= least_free) || !(unsure * growth < MOST_UNSURE)) return 1.0;
-    const double excess = 1.0 - (of_fit[1] / once) / (of_fit[2] / twice) - white;
-    return exp(fmax(0.0, growth * (excess - unsure)));
-}
-
 /* `light` and picture `rows` (cells, points) of a panel whose bands have so many `waves`, of `a_row` cycles a row each, and
  * the variance `prior` (2·waves,); which of `words` (count, cells) are the `most` likeliest. `numbers`: score, information
  * and three more as `ledpi_single_evidence` has them, by samples so many `aside` and `below` without the `rim`; the volume,
- * by which the evidence is divided, as decode/evidence/noise.py tells it from `white` … `least_free`; then what `ledpi_likeliest`
+ * by which the evidence is divided, from what is `expected` of white noise; then what `ledpi_likeliest`
  * has. Where a sample shows that it is covered, if it `may_be_covered`, or a cell is `unlit` (0: not asked), it is
  * not for this function to tell. */
 int ledpi_look(const Grid *grid, const float *light, const float *rows, double independence, ptrdiff_t waves,
                double first_a_row, double second_a_row, const double *prior, const float *words, ptrdiff_t count,
                ptrdiff_t most, bool may_be_covered, double unlit, ptrdiff_t aside, ptrdiff_t below, ptrdiff_t rim,
-               double white, double growth, double chance, double once, double twice, double least_free,
-               int64_t *chosen, uint8_t *silent, double *numbers) {
+               const Expected *expected, int64_t *chosen, uint8_t *silent, double *numbers) {
     const ptrdiff_t cells = grid->side * grid->side, points = grid->k * grid->k, samples = cells * points;
     const ptrdiff_t size = 2 * waves * cells;
     double *score = numbers, *information = score + size, *of_fit = information + size * size;
-    if (unlit > 0.0 && any_unlit(cells, points, light, unlit)) return NOT_PLAIN;
+    if (unlit > 0.0 && any_unlit(cells, points, light, unlit)) return LEDPI_NOT_PLAIN;
     float *cosines = malloc(sizeof(float) * (size_t)(2 * waves * samples + points + cells));
-    if (!cosines) return NO_MEMORY;
-    int outcome = LOOKED;
+    if (!cosines) return LEDPI_NOT_LOOKED;
+    int outcome = LEDPI_LOOKED;
     if (may_be_covered && !ledpi_all_uncovered(cells, points, light, NULL, grid->least, cosines + 2 * waves * samples))
-        outcome = NOT_PLAIN;
-    for (ptrdiff_t i = 0; i < waves && outcome == LOOKED; i++) {
+        outcome = LEDPI_NOT_PLAIN;
+    for (ptrdiff_t i = 0; i < waves && outcome == LEDPI_LOOKED; i++) {
         float *to = cosines + 2 * i * samples;
         ledpi_waves(rows, samples, (float)(i ? second_a_row : first_a_row), 0.0f, to, to + samples);
     }
-    if (outcome == LOOKED && !ledpi_single_evidence(grid->side, grid->k, 2 * waves, light, NULL, cosines, grid->along,
+    if (outcome == LEDPI_LOOKED && !ledpi_single_evidence(grid->side, grid->k, 2 * waves, light, NULL, cosines, grid->along,
                                                     grid->source_count, grid->column, grid->first, grid->met, NULL, NULL,
                                                     NULL, independence, aside, below, rim, score, information,
                                                     of_fit))
-        outcome = UNFIT;
+        outcome = LEDPI_UNFIT;
     free(cosines);
-    if (outcome != LOOKED) return outcome;
-    const double volume = of_fit[3] = volume_of(white, growth, chance, once, twice, least_free, of_fit);
+    if (outcome != LEDPI_LOOKED) return outcome;
+    double correlation[3];
+    ledpi_correlation(expected, of_fit, correlation);
+    const double volume = of_fit[3] = ledpi_volume(correlation[0], correlation[1], correlation[2]);
     if (volume > 1.0)
         for (ptrdiff_t i = 0; i < size * (size + 1); i++) numbers[i] *= 1.0 / volume;
     return ledpi_likeliest(cells, 2 * waves, score, information, prior, words, count, most, chosen, silent,
-                           of_fit + 4) ? LOOKED : NO_MEMORY;
+                           of_fit + 4) ? LEDPI_LOOKED : LEDPI_NOT_LOOKED;
 }

@@ -2,31 +2,17 @@
 
 from __future__ import annotations
 
-import ctypes
 from typing import NamedTuple
 
 import numpy as np
 
-from ledpi.kernels.library import DOUBLE, INTEGER, POINTER, address, function
+from ledpi.kernels.library import at, ffi, lib
 from ledpi.kernels.words import Fit, numbers_of
 from ledpi.records import Floats, Integers, Singles
 
-LOOKED, NOT_PLAIN, UNFIT, NO_MEMORY = range(4)  # as in first_look.c
+NOT_PLAIN: int = lib.LEDPI_NOT_PLAIN
+UNFIT: int = lib.LEDPI_UNFIT
 OF_FIT = 4  # numbers of the fit, beside score and information
-
-_look = function(
-    "ledpi_look", *(POINTER,) * 3, DOUBLE, INTEGER, *(DOUBLE,) * 2, *(POINTER,) * 2, *(INTEGER,) * 2, ctypes.c_bool,
-    DOUBLE, *(INTEGER,) * 3, *(DOUBLE,) * 6, *(POINTER,) * 3, result=ctypes.c_int,
-)  # fmt: skip
-
-
-class _Grid(ctypes.Structure):
-    """`Grid` of first_look.c."""
-
-    _fields_ = [
-        *((name, ctypes.c_ssize_t) for name in ("side", "k", "source_count")),
-        *((name, ctypes.c_void_p) for name in ("along", "column", "first", "met", "least")),
-    ]
 
 
 class Grid:
@@ -39,9 +25,8 @@ class Grid:
 
         `least` (cells, points): the share of what others show that a sample has where nothing covers it.
         """
-        self._kept = [np.ascontiguousarray(array) for array in (along, column, first, met, least)]
-        self._structure = _Grid(side, k, len(column), *(address(array) for array in self._kept))
-        self.side, self.at = side, ctypes.addressof(self._structure)
+        self._kept = [at(np.ascontiguousarray(array)) for array in (along, column, first, met, least)]
+        self.side, self.structure = side, ffi.new("Grid *", [side, k, len(column), *self._kept])
 
 
 class Look(NamedTuple):
@@ -81,14 +66,14 @@ def look(
     size, most = cells * parameters, min(most, len(words))
     chosen, silent = np.empty(most, np.int64), np.empty(cells, np.bool_)
     numbers = np.empty(size * (size + 1) + OF_FIT + numbers_of(cells, parameters, most))
-    outcome: int = _look(
-        *(grid.at, address(light), address(rows), independence, len(cycles_a_row)),
-        *(cycles_a_row[0], cycles_a_row[-1], address(prior), address(words), len(words), most, may_be_covered, unlit),
-        *(*lags, *noise, address(chosen), address(silent), address(numbers)),
+    outcome: int = lib.ledpi_look(
+        *(grid.structure, at(light), at(rows), independence, len(cycles_a_row)),
+        *(cycles_a_row[0], cycles_a_row[-1], at(prior), at(words), len(words), most, may_be_covered, unlit),
+        *(*lags, ffi.new("Expected *", noise), at(chosen), at(silent), at(numbers)),
     )
-    if outcome == NO_MEMORY:
+    if outcome == lib.LEDPI_NOT_LOOKED:
         raise MemoryError
-    if outcome != LOOKED:
+    if outcome != lib.LEDPI_LOOKED:
         return outcome
     of_fit = size * (size + 1)
     free, _, _, volume = numbers[of_fit : of_fit + OF_FIT].tolist()

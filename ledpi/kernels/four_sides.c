@@ -1,4 +1,6 @@
-/* The four sides of things by their outlines, as decode/finding/four_sides.py explains and does it. */
+/* The four sides of things by their outlines. An outline's hull is boiled down to its most
+ * significant corners (Douglas and Peucker): four make a square seen from anywhere; of five one side may cut a corner off
+ * that is dead or hidden. */
 #include <math.h>
 #include <string.h>
 

@@ -1,6 +1,7 @@
 /* Between rays and pixels: OpenCV's model of a lens, radial k1 k2 k3 and tangential p1 p2. */
 #include <math.h>
 
+#include "core.h"
 #include "pose.h"
 
 #define ROUNDS 4
@@ -37,8 +38,10 @@ void ledpi_ray_of(const Lens *lens, const double pixel[2], double ray[2]) {
     ray[0] = at[0], ray[1] = at[1];
 }
 
-/* Where the lens moves the points at a third and two thirds of each side, off the line between its ends: along, inward. */
-void ledpi_bends(const Lens *lens, ptrdiff_t quads, const double *corners, double *bends) {
+/* What the lens does to the sides of quads (quads, 4, 2): where it moves the points at a third and two thirds of each, off
+ * the line between its ends: along, inward; (quads, 4, 2, 2). */
+void ledpi_bends(const double *of_lens, ptrdiff_t quads, const double *corners, double *bends) {
+    const Lens *const lens = (const Lens *)of_lens;
     for (ptrdiff_t i = 0; i < quads; i++, corners += 8, bends += 16) {
         double seen[4][2];
         for (int k = 0; k < 4; k++)

@@ -1,15 +1,13 @@
-"""The compiled loops, where a compiler was at hand when ledpi was installed; and how arrays are handed to them.
+"""The compiled core (`_core`, made from core.h and the C files here), and how arrays are handed to it.
 
-Loading them is as pure as importing numpy: a shared library and its sources from beside this file, once. While one of
-its functions runs, Python's other threads do too.
+Loading it is as pure as importing numpy: a shared library, once. While one of its functions runs, Python's other
+threads do too. Every function takes arrays by `at`, of the type that it declares: another is a TypeError.
 """
 
 from __future__ import annotations
 
-import ctypes
 from collections.abc import Callable
 from hashlib import sha256
-from importlib.machinery import EXTENSION_SUFFIXES
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 from typing import Any
@@ -17,72 +15,54 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-POINTER, INTEGER, DOUBLE = ctypes.c_void_p, ctypes.c_ssize_t, ctypes.c_double
-_BYTE_OF: Callable[[Any], ctypes.c_char] = ctypes.c_char.from_buffer
+from ledpi.errors import InstallationError
+
+REMEDY = "install ledpi again: sudo scripts/install, or pip install -e . (needs gcc, libc6-dev, python3-dev)"
+
+try:
+    import ledpi.kernels._core as _core
+except ImportError as error:
+    raise InstallationError(f"ledpi's compiled core is not there ({error}); {REMEDY}") from error
+
+lib: Any = _core.lib
+ffi: Any = _core.ffi
+
+NONE: Any = ffi.NULL
+_FROM_BUFFER: Callable[[Any, Any], Any] = ffi.from_buffer
+# By numpy's types: masks are bytes, a complex number is two numbers.
+_TYPES = {
+    np.dtype(numpy): ffi.typeof(f"{c}[]")
+    for numpy, c in (
+        *((np.float64, "double"), (np.complex128, "double"), (np.float32, "float"), (np.complex64, "float")),
+        *((np.bool_, "uint8_t"), (np.uint8, "uint8_t"), (np.int32, "int32_t"), (np.int64, "int64_t")),
+    )
+}
 
 
-def load(folder: Traversable) -> ctypes.CDLL | None:
-    """The library in this folder, if it can be used: made for this machine, and of the sources that lie beside it.
+def at(array: NDArray[Any] | None) -> Any:
+    """A C-contiguous array's numbers, as C takes them; None is NULL. Raises ValueError where it is not contiguous.
 
-    One that is older than they are (sources that were updated and not installed anew) takes other arguments.
+    By the buffer protocol: 0.2 µs, where numpy takes a microsecond to tell an address. A frame asks often.
     """
-    made = [folder / f"compiled{suffix}" for suffix in EXTENSION_SUFFIXES]
-    try:
-        library = ctypes.CDLL(str(next(file for file in made if file.is_file())))
-    except (StopIteration, OSError):
-        return None
-    return library if sources_of(library) == digest(folder) else None
-
-
-def sources_of(library: ctypes.CDLL) -> str:
-    """`digest` of the sources that were compiled."""
-    library.ledpi_sources.restype = ctypes.c_char_p
-    said: bytes = library.ledpi_sources()
-    return said.decode("ascii")
-
-
-def digest(folder: Traversable) -> str:
-    """SHA-256 of the C files there, then of the headers, in hexadecimal; as setup.py has it."""
-    by_name = {file.name: file for file in folder.iterdir()}
-    names = [name for ending in (".c", ".h") for name in sorted(by_name) if name.endswith(ending)]
-    return sha256(b"".join(by_name[name].read_bytes() for name in names)).hexdigest()
-
-
-_LIBRARY = load(files("ledpi.kernels"))
-COMPILED = _LIBRARY is not None
-
-
-def compiled() -> bool:
-    """Whether to call the loops. Asked at each call, so that tests can have the numpy code called instead."""
-    return COMPILED
-
-
-def function(name: str, *arguments: Any, result: Any = None) -> Callable[..., Any]:
-    """The C function `name`, its arguments' and its result's types given. Only to be called where `compiled`."""
-    if _LIBRARY is None:
-        return _not_compiled
-    found = getattr(_LIBRARY, name)
-    found.argtypes, found.restype = arguments, result
-    return found  # type: ignore[no-any-return]
-
-
-def _not_compiled(*_: Any) -> Any:
-    raise RuntimeError("ledpi's loops are not compiled: ask ledpi.kernels.library.compiled first")
-
-
-def address(array: NDArray[Any]) -> int:
-    """Where a C-contiguous array's numbers are, for a POINTER. The array must outlive the call.
-
-    By way of the buffer protocol, in a fifth of the time that numpy takes to describe an array: a frame asks often.
-    """
-    try:
-        return ctypes.addressof(_BYTE_OF(array))
-    except (TypeError, ValueError):  # not to be written to, or empty
-        assert array.flags.c_contiguous
-        at: int = array.__array_interface__["data"][0]
-        return at
+    return NONE if array is None else _FROM_BUFFER(_TYPES[array.dtype], array)
 
 
 def doubles(array: NDArray[Any]) -> NDArray[np.float64]:
     """As C wants them: contiguous, 64 bits."""
     return np.ascontiguousarray(array, np.float64)
+
+
+def digest(folder: Traversable) -> str:
+    """SHA-256 of the C files there, then of the headers, in hexadecimal; as build_core.py has it."""
+    by_name = {file.name: file for file in folder.iterdir()}
+    names = [name for ending in (".c", ".h") for name in sorted(by_name) if name.endswith(ending)]
+    return sha256(b"".join(by_name[name].read_bytes() for name in names)).hexdigest()
+
+
+def check(folder: Traversable) -> None:
+    """Raises InstallationError where the sources there are newer than the core: it would do what older ones say."""
+    if ffi.string(lib.ledpi_sources()).decode("ascii") != digest(folder):
+        raise InstallationError(f"ledpi's compiled core is of other sources than those in {folder}; {REMEDY}")
+
+
+check(files("ledpi.kernels"))

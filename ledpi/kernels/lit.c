@@ -1,4 +1,4 @@
-/* What is lit in a picture, as decode/finding/lit.py explains and does it. Rows are walked byte beside byte, with nothing that
+/* What is lit in a picture. Rows are walked byte beside byte, with nothing that
  * depends on the one before, so that a compiler can take many at once. */
 #include <string.h>
 

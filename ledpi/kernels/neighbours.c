@@ -1,7 +1,7 @@
-/* How likely patterns near a word are: `of_neighbours` of decode/identify/patterns.py, which says why. */
+/* How likely patterns near a word are, each with the bands that fit it best. */
 #include "patterns.h"
 
-enum { BEAM = 16 }; /* as in decode/identify/patterns.py */
+enum { BEAM = 16 }; /* patterns from which others are tried that differ in one more cell: with 8, the likeliest was missed */
 enum { MET = 4 * BEAM * MOST_CELLS }; /* more than are tried, and a power of 2 */
 
 /* What is known of the patterns that differ in so many cells, and of all before. */

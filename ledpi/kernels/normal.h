@@ -15,7 +15,8 @@ typedef float Eight __attribute__((vector_size(32), aligned(4))); /* one registe
 void ledpi_add_products(const float *rows, ptrdiff_t count, ptrdiff_t width, float *sums);
 
 /* What is left of a symmetric matrix (size, size + 1; right side last; used up) once the first `nuisances` unknowns are
- * eliminated, over the variance of what then is left: `weighed` of decode/evidence/normal.py. False where it cannot be. */
+ * eliminated, over the variance of what then is left and every
+ * cell has bands of its own. False where it cannot be. */
 bool ledpi_weigh(double *matrix, ptrdiff_t size, ptrdiff_t nuisances, double squares, double freedom,
                  double independence, double *score, double *information);
 

@@ -1,5 +1,5 @@
 /* Outlines of what is lit: things are told apart by the runs of their rows, and only around those that may be panels is it
- * followed who is a neighbour of whom. As decode/finding/outlines.py has it from OpenCV. */
+ * followed who is a neighbour of whom. */
 #include <string.h>
 
 #include "find.h"

@@ -6,10 +6,11 @@
 #include <stdbool.h>
 #include <string.h>
 
+#include "core.h"
 #include "wide.h"
 #include "words.h"
 
-enum { MOST_CELLS = 64 }; /* a bit for each */
+enum { MOST_CELLS = LEDPI_MOST_CELLS };
 
 /* A word, and how one cell's change changes what all cells that share its bands say of these. */
 typedef struct {

@@ -1,6 +1,7 @@
 /* The two poses that a square's corners allow, from pixels to the best of each: pose/planar.py, pose/corners.py. */
 #include <math.h>
 
+#include "core.h"
 #include "pose.h"
 
 /* What is known of corners' errors: constants of pose/corners.py. */
@@ -13,7 +14,9 @@ typedef struct {
     double position[3], quaternion[4], reprojection_px, chi2, covariance[36];
 } Solution;
 
-/* `ippe` of pose/planar.py: both rotations and the position; false where the corners have no area. */
+/* Both rotations and the position that a square's corners leave open, (x/z, y/z) in the marker's order; false where these
+ * have no area. Infinitesimal plane-based pose estimation (Collins & Bartoli, IJCV 2014): the homography's value and slope at
+ * the square's centre (Heckbert 1989) give the pose but for a sign. OpenCV's own loses rotations of half a turn. */
 static bool ippe(double c[4][2], double side_m, Fit starts[2]) {
     double x0 = c[0][0], y0 = c[0][1], x1 = c[1][0], y1 = c[1][1], x2 = c[2][0], y2 = c[2][1], x3 = c[3][0], y3 = c[3][1];
     double d1x = x1 - x2, d1y = y1 - y2, d2x = x3 - x2, d2y = y3 - y2, sx = x0 - x1 + x2 - x3, sy = y0 - y1 + y2 - y3;
@@ -25,12 +28,13 @@ static bool ippe(double c[4][2], double side_m, Fit starts[2]) {
     if (!(w > 0)) return false;
     double qx = (0.5 * (ax + bx) + x0) / w, qy = (0.5 * (ay + by) + y0) / w, per_m = 1.0 / (w * side_m);
     double j00 = (ax - g * qx) * per_m, j10 = (ay - g * qy) * per_m, j01 = (h * qx - bx) * per_m, j11 = (h * qy - by) * per_m;
-    /* The view turned until the centre is straight ahead. */
+    /* The view is turned until the centre is straight ahead: V takes z there, and the slope becomes A = R₂₂/depth. */
     double n = sqrt(1.0 + qx * qx + qy * qy), a = qx / n, b = qy / n, z = 1.0 / n, k = 1.0 / (1.0 + z);
     double v00 = 1.0 - a * a * k, v01 = -a * b * k, v11 = 1.0 - b * b * k;
     double b00 = v00 + qx * a, b01 = v01 + qx * b, b10 = v01 + qy * a, b11 = v11 + qy * b, det = b00 * b11 - b01 * b10;
     double a00 = (b11 * j00 - b01 * j10) / det, a01 = (b11 * j01 - b01 * j11) / det;
     double a10 = (b00 * j10 - b10 * j00) / det, a11 = (b00 * j11 - b10 * j01) / det;
+    /* The larger singular value of A is 1/depth; R's columns have length 1 and are square to each other. */
     double squares = a00 * a00 + a01 * a01 + a10 * a10 + a11 * a11, product = a00 * a11 - a01 * a10;
     double depth = 1.0 / sqrt(0.5 * (squares + sqrt(fmax(0.0, squares * squares - 4.0 * product * product))));
     double r00 = a00 * depth, r01 = a01 * depth, r10 = a10 * depth, r11 = a11 * depth;
@@ -73,7 +77,7 @@ static void share(const double q[4], double rows[32]) {
     }
 }
 
-/* `whiteners` of pose/corners.py, of one square. */
+/* `whiteners` of one square, which pose/corners.py explains. */
 static void whiten(const Errors *errors, const double corners[8], double sigma_px, double size_sigma_px,
                    const double motions[8], double rows[64]) {
     double normals[4][2], q[4], deviations[4];
@@ -102,6 +106,14 @@ static void whiten(const Errors *errors, const double corners[8], double sigma_p
     share(q, rows);
 }
 
+/* `whiteners` (count, 8, 8) of squares at `corners_px` (count, 4, 2) that move by `motions_px` (count, 4, 2). */
+void ledpi_whiteners(const double *errors, ptrdiff_t count, const double *corners_px, const double *sigma_px,
+                     const double *size_sigma_px, const double *motions_px, double *whiteners) {
+    for (ptrdiff_t i = 0; i < count; i++)
+        whiten((const Errors *)errors, corners_px + 8 * i, sigma_px[i], size_sigma_px[i], motions_px + 8 * i,
+               whiteners + 64 * i);
+}
+
 /* Unit quaternion (w, x, y, z), w ≥ 0, by Shepperd's method: the largest part first. */
 static void quaternion_of(const double r[9], double q[4]) {
     const double squares[4] = {1 + r[0] + r[4] + r[8], 1 + r[0] - r[4] - r[8], 1 - r[0] + r[4] - r[8], 1 - r[0] - r[4] + r[8]};
@@ -120,9 +132,11 @@ static void quaternion_of(const double r[9], double q[4]) {
 /* Of `count` squares with `sides_m` (count,), seen at `corners_px` (count, 4, 2) to `sigma_px` (count,), of which the sides
  * share `size_sigma_px`, which move by `motions_px` (count, 4, 2) during the exposure: two `solutions` each (count, 2), and
  * whether there are any (count,). */
-void ledpi_solve_squares(const Lens *lens, const Stop *stop, const Errors *errors, ptrdiff_t count,
+void ledpi_solve_squares(const double *lens_numbers, const double *stop, const double *errors, ptrdiff_t count,
                          const double *corners_px, const double *sigma_px, const double *size_sigma_px,
-                         const double *sides_m, const double *motions_px, Solution *solutions, bool *solved) {
+                         const double *sides_m, const double *motions_px, double *numbers, uint8_t *solved) {
+    const Lens *lens = (const Lens *)lens_numbers;
+    Solution *solutions = (Solution *)numbers;
     for (ptrdiff_t i = 0; i < count; i++, corners_px += 8, motions_px += 8, solutions += 2) {
         double rays[4][2], whitener[64], off_px[16], trial_px[8], half = 0.5 * sides_m[i];
         const double place[12] = {-half, half, 0, half, half, 0, half, -half, 0, -half, -half, 0};
@@ -131,8 +145,8 @@ void ledpi_solve_squares(const Lens *lens, const Stop *stop, const Errors *error
         for (int k = 0; k < 4; k++) ledpi_ray_of(lens, corners_px + 2 * k, rays[k]);
         solved[i] = ippe(rays, sides_m[i], fits);
         if (!solved[i]) continue;
-        whiten(errors, corners_px, sigma_px[i], size_sigma_px[i], motions_px, whitener);
-        ledpi_fit(&body, lens, 2, stop, fits, off_px, trial_px);
+        whiten((const Errors *)errors, corners_px, sigma_px[i], size_sigma_px[i], motions_px, whitener);
+        ledpi_fit(&body, lens, 2, (const Stop *)stop, fits, off_px, trial_px);
         for (int k = 0; k < 2; k++) {
             double squares = 0.0;
             for (int j = 0; j < 8; j++) squares += off_px[8 * k + j] * off_px[8 * k + j];

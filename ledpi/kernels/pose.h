@@ -29,9 +29,6 @@ void ledpi_project(const Lens *lens, const double at[3], double pixel[2], double
 void ledpi_distort(const Lens *lens, double x, double y, double pixel[2]);
 void ledpi_ray_of(const Lens *lens, const double pixel[2], double ray[2]);
 
-/* What the lens does to the sides of quads (quads, 4, 2): `bends` of decode/corners/sides.py, (quads, 4, 2, 2) (lens.c). */
-void ledpi_bends(const Lens *lens, ptrdiff_t quads, const double *corners, double *bends);
-
 /* When to stop: after so many rounds, where a step would change nothing, and what is beaten by so much of χ². Constants of
  * pose/refine.py. */
 typedef struct {

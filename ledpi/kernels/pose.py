@@ -7,15 +7,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from ledpi.kernels.library import INTEGER, POINTER, address, doubles, function
+from ledpi.kernels.library import at, doubles, lib
 from ledpi.records import Floats, Intrinsics, Mask
-
-_bends = function("ledpi_bends", POINTER, INTEGER, POINTER, POINTER)
-_fit_body = function(
-    "ledpi_fit_body", POINTER, INTEGER, *(POINTER,) * 3, INTEGER, *(POINTER,) * 2, INTEGER, *(POINTER,) * 4,
-    result=INTEGER,
-)  # fmt: skip
-_solve_squares = function("ledpi_solve_squares", *(POINTER,) * 3, INTEGER, *(POINTER,) * 7)
 
 FIT = 49  # numbers: rotation, position, chi2, covariance
 # Where a solution's numbers are: its position, quaternion, reprojection_px, chi2, covariance.
@@ -29,9 +22,12 @@ def lens_of(intrinsics: Intrinsics) -> Floats:
 
 
 def bends(corners: NDArray[np.complex128], lens: Intrinsics) -> NDArray[np.complex128]:
-    """As `bends` of decode/corners/sides.py."""
+    """(N, 4, 2) how far the points at a third and two thirds of each side of quads (N, 4) are moved by the lens.
+
+    Off the line between its ends: along (real) and inward (imaginary), in pixels.
+    """
     corners, bent = np.ascontiguousarray(corners), np.empty((*corners.shape, 2), np.complex128)
-    _bends(address(lens_of(lens)), len(corners), address(corners), address(bent))
+    lib.ledpi_bends(at(lens_of(lens)), len(corners), at(corners), at(bent))
     return bent
 
 
@@ -51,13 +47,23 @@ def solve_squares(
     pose/corners.py.
     """
     count = len(corners_px)
-    squares_of = corners_px, sigma_px, size_sigma_px, sides_m, motions_px
-    given = [lens_of(intrinsics), *(doubles(array) for array in squares_of)]
+    squares = corners_px, sigma_px, size_sigma_px, sides_m, motions_px
     solutions, solved = np.empty((count, 2, COVARIANCE.stop)), np.empty(count, np.bool_)
-    lens, *squares = (address(array) for array in given)
-    _solve_squares(lens, address(stop), address(errors), count, *squares, address(solutions), address(solved))
+    lib.ledpi_solve_squares(
+        *(at(lens_of(intrinsics)), at(stop), at(errors), count, *(at(doubles(array)) for array in squares)),
+        *(at(solutions), at(solved)),
+    )
     solutions.flags.writeable = False
     return solutions, solved
+
+
+def whiteners(
+    errors: Floats, corners_px: Floats, sigma_px: Floats, size_sigma_px: Floats, motions_px: Floats
+) -> Floats:
+    """As `whiteners` of pose/corners.py."""
+    squares, rows = (corners_px, sigma_px, size_sigma_px, motions_px), np.empty((len(corners_px), 8, 8))
+    lib.ledpi_whiteners(at(errors), len(corners_px), *(at(doubles(array)) for array in squares), at(rows))
+    return rows
 
 
 def fit_body(
@@ -73,11 +79,11 @@ def fit_body(
     """As `fit_body` of pose/refine.py: rotations, positions, chi2, residuals and covariances of the `at_most` best."""
     count = len(points)
     fits, off_px, room = np.empty((at_most, FIT)), np.empty((at_most, count, 2)), np.empty((2, count, 2))
-    given = [doubles(array) for array in (points, seen_px, whiteners, rotations, positions)]
-    place, seen, whiten, turns, shifts = (address(array) for array in given)
-    followed = _fit_body(
-        *(address(lens_of(intrinsics)), count, place, seen, whiten, len(rotations), turns, shifts, at_most),
-        *(address(stop), address(fits), address(off_px), address(room)),
+    body = (at(doubles(array)) for array in (points, seen_px, whiteners))
+    starts = (at(doubles(array)) for array in (rotations, positions))
+    followed = lib.ledpi_fit_body(
+        *(at(lens_of(intrinsics)), count, *body, len(rotations), *starts, at_most),
+        *(at(stop), at(fits), at(off_px), at(room)),
     )
     fits = fits[:followed]
     turned, shifted, chi2, covariances = fits[:, :9], fits[:, 9:12], fits[:, 12], fits[:, 13:]

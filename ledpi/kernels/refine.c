@@ -1,6 +1,7 @@
 /* Poses by least squares: Levenberg and Marquardt's method, as pose/refine.py explains it. */
 #include <math.h>
 
+#include "core.h"
 #include "pose.h"
 
 typedef struct {
@@ -153,10 +154,13 @@ void ledpi_fit(const Body *body, const Lens *lens, int rivals, const Stop *stop,
  * (starts, 9) and positions (starts, 3), `fits` (at_most) with their residuals `off_px` (at_most, points, 2): in the order
  * of the starts, or the likeliest start's first where there are more than `at_most`. `room` is (2, points, 2). Returns how
  * many there are. */
-ptrdiff_t ledpi_fit_body(const Lens *lens, ptrdiff_t points, const double *place, const double *seen_px,
+ptrdiff_t ledpi_fit_body(const double *lens_numbers, ptrdiff_t points, const double *place, const double *seen_px,
                          const double *whiteners, ptrdiff_t starts, const double *rotations, const double *positions,
-                         ptrdiff_t at_most, const Stop *stop, Fit *fits, double *off_px, double *room) {
+                         ptrdiff_t at_most, const double *stop_numbers, double *numbers, double *off_px, double *room) {
     const Body body = {points, place, seen_px, whiteners};
+    const Lens *lens = (const Lens *)lens_numbers;
+    const Stop *stop = (const Stop *)stop_numbers;
+    Fit *fits = (Fit *)numbers;
     const Stop at_once = {0.0, stop->converged, stop->beaten_by};
     ptrdiff_t count = 0;
     for (ptrdiff_t i = 0; i < starts; i++) {

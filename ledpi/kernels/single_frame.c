@@ -4,11 +4,13 @@
 #include <string.h>
 
 #include "cells.h"
-#include "first_look.h"
+#include "core.h"
 #include "wide.h"
 
 enum { MEETING = 40, MET = 5 }; /* ways in which cells meet at a point, MET of them together */
-static const float ALIKE = 1e-3f; /* as in decode/evidence/shared_light.py */
+/* Neighbours of the same gain light up a border as the cell itself would. Where they add less than this share to what it
+ * shows, that is far below the noise. */
+static const float ALIKE = 1e-3f;
 
 /* Sum of a[i]·b[i], i < wide, which is a multiple of 8. */
 static inline float product(const float *a, const float *b, ptrdiff_t wide) {

@@ -1,5 +1,5 @@
 /* Whether something stands before a panel's cells: the first question of decode/evidence/uncovered.py. */
-#include "first_look.h"
+#include "core.h"
 #include "wide.h"
 
 /* Whether each sample of `light` (cells, points), over the mean of its cell, shows the share `least` (cells, points) of what

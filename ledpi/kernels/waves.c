@@ -2,7 +2,7 @@
 #include <math.h>
 #include <stddef.h>
 
-#include "first_look.h"
+#include "core.h"
 #include "waves.h"
 #include "wide.h"
 

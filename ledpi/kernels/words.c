@@ -1,10 +1,10 @@
-/* How well words explain the evidence of a panel's cells, as in decode/identify/words.py and soft.py, which say why. */
+/* How well words explain the evidence of a panel's cells: decode/identify/words.py has the equations. */
 #include <math.h>
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "first_look.h"
+#include "core.h"
 #include "normal.h"
 #include "wide.h"
 #include "words.h"
@@ -16,8 +16,8 @@ enum {
 
 typedef double Lanes __attribute__((vector_size(LANES * sizeof(double))));
 
-#define MOST_GAIN 40.0 /* as in decode/identify/words.py */
-#define SMALLEST_LOG (-600.0)
+#define MOST_GAIN 40.0 /* what e is taken to the power of; more is as sure */
+#define SMALLEST_LOG (-600.0) /* of a sum that is a number */
 
 /* Per cell, and in the last line of all together, NUMBERS for each wave. */
 static void put_numbers(const Evidence *evidence, double *numbers) {
@@ -71,7 +71,8 @@ static LEDPI_INLINE void weigh(const double *total, const Lanes *sums, const Pri
     }
 }
 
-/* The `most` of `words` (count, cells) that are likeliest roughly, as far as each cell tells by itself, into `shortlist`,
+/* The `most` of `words` (count, cells) that are likeliest roughly, as far as each cell tells by itself: what cells share
+ * (profile, corners) takes about the same from every word, so the likeliest and its rivals are among these; into `shortlist`,
  * and how likely, as a log-likelihood ratio to "no bands": `rough`. One that is no number is taken for infinite, so that
  * it is looked at exactly. Returns how many there are. */
 static LEDPI_INLINE ptrdiff_t put_roughly(const Evidence *evidence, const double *numbers, const float *words, ptrdiff_t count,
@@ -198,30 +199,20 @@ static double least_of_rows(ptrdiff_t cells, const double *numbers) {
     return least;
 }
 
-/* What speaks against a word (cells,) with these bands (parameters,): what each cell would gain by the other class,
- * `gain` (cells,); how much likelier cells are with their bands than with none, in the row or column where it is the
- * least; how likely its negative is, and one class for all cells; and what bands of their own in every cell explain.
- * `shown` (cells, parameters) are the bands in each cell, `matrix` (size, size + 1) is room to work in. */
-LEDPI_WIDE static void speak_against(const Evidence *evidence, const float *white, const double *bands, double *shown,
-                                     double *gain, double *weakest_row, double *negative, double *one_class,
-                                     double *of_cells, double *matrix) {
-    double *blinks = matrix; /* not needed for anything else yet */
-    const ptrdiff_t cells = evidence->cells, parameters = evidence->parameters, size = cells * parameters;
-    double other[MOST], deviation[MOST];
-    *negative = exactly(evidence, white, true, shown, other, deviation);
-    const double all_black = exactly(evidence, NULL, false, shown, other, deviation);
-    const double all_white = exactly(evidence, NULL, true, shown, other, deviation);
-    *one_class = all_black > all_white ? all_black : isnan(all_black) ? all_black : all_white;
-    for (ptrdiff_t i = 0; i < size; i++)
-        shown[i] = share_of(evidence, white[i / parameters], i % parameters) * bands[i % parameters];
+/* What each cell would gain by showing `other` bands (cells, parameters) in place of those `shown`: `gain` (cells,), given
+ * those of the other cells. Returns how much likelier cells are with their bands than with none, in the row or column where
+ * that is the least. */
+LEDPI_WIDE double ledpi_gain_by_others(ptrdiff_t cells, ptrdiff_t parameters, const double *score, const double *information,
+                                       const double *shown, const double *other, double *gain, double *room) {
+    const ptrdiff_t size = cells * parameters;
+    double *blinks = room;
     for (ptrdiff_t c = 0; c < cells; c++) {
         double change[MOST];
-        for (ptrdiff_t i = 0; i < parameters; i++)
-            change[i] = share_of(evidence, 1.0 - white[c], i) * bands[i] - shown[c * parameters + i];
+        for (ptrdiff_t i = 0; i < parameters; i++) change[i] = other[c * parameters + i] - shown[c * parameters + i];
         gain[c] = blinks[c] = 0.0;
         for (ptrdiff_t i = 0; i < parameters; i++) {
-            const double *row = evidence->information + (c * parameters + i) * size;
-            double left = evidence->score[c * parameters + i], sums[4] = {0};
+            const double *row = information + (c * parameters + i) * size;
+            double left = score[c * parameters + i], sums[4] = {0};
             for (ptrdiff_t j = 0; j + 4 <= size; j += 4)
                 for (int lane = 0; lane < 4; lane++) sums[lane] += row[j + lane] * shown[j + lane];
             for (ptrdiff_t j = size / 4 * 4; j < size; j++) left -= row[j] * shown[j];
@@ -235,7 +226,26 @@ LEDPI_WIDE static void speak_against(const Evidence *evidence, const float *whit
             gain[c] += change[i] * (left - 0.5 * changed);
         }
     }
-    *weakest_row = least_of_rows(cells, blinks);
+    return least_of_rows(cells, blinks);
+}
+
+/* What speaks against a word (cells,) with these bands (parameters,): what each cell would gain by the other class and the
+ * weakest row (above); how likely its negative is, and one class for all cells; and what bands of their own in every cell
+ * explain. `shown` (cells, parameters) are the bands in each cell, `matrix` (size, size + 1) is room to work in. */
+static void speak_against(const Evidence *evidence, const float *white, const double *bands, double *shown, double *gain,
+                          double *weakest_row, double *negative, double *one_class, double *of_cells, double *matrix) {
+    const ptrdiff_t cells = evidence->cells, parameters = evidence->parameters, size = cells * parameters;
+    double own[MOST], deviation[MOST], *other = matrix; /* not needed for anything else yet */
+    *negative = exactly(evidence, white, true, shown, own, deviation);
+    const double all_black = exactly(evidence, NULL, false, shown, own, deviation);
+    const double all_white = exactly(evidence, NULL, true, shown, own, deviation);
+    *one_class = all_black > all_white ? all_black : isnan(all_black) ? all_black : all_white;
+    for (ptrdiff_t i = 0; i < size; i++) {
+        shown[i] = share_of(evidence, white[i / parameters], i % parameters) * bands[i % parameters];
+        other[i] = share_of(evidence, 1.0 - white[i / parameters], i % parameters) * bands[i % parameters];
+    }
+    *weakest_row = ledpi_gain_by_others(cells, parameters, evidence->score, evidence->information, shown, other, gain,
+                                        other + size);
     for (ptrdiff_t i = 0; i < size; i++) {
         memcpy(matrix + i * (size + 1), evidence->information + i * size, sizeof(double) * (size_t)size);
         matrix[i * (size + 1) + size] = evidence->score[i];
@@ -262,7 +272,9 @@ static double log_of_sum(double sum, double largest) {
     return log_sum < SMALLEST_LOG ? largest : log_sum;
 }
 
-/* `_of_patterns_beyond` of decode/identify/words.py, from what each cell would gain by the other class. */
+/* `beyond` (2,), from what each cell that is not silent would gain by the other class. Given the bands, cells are
+ * independent, so the patterns that differ in d cells sum up to the d-th elementary symmetric polynomial of the cells'
+ * likelihood ratios. */
 static void put_beyond(ptrdiff_t cells, const double *gain, const uint8_t *silent, double *beyond) {
     double any = 0.0, one = 0.0, several = 0.0, best = -INFINITY, second = -INFINITY;
     for (ptrdiff_t c = 0; c < cells; c++) {

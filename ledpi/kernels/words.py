@@ -7,20 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ledpi.kernels.library import DOUBLE, INTEGER, POINTER, address, function
+from ledpi.kernels.library import at, doubles, lib
 from ledpi.records import Floats, Integers, Mask, Singles
 
-MOST_CELLS = 64  # as in patterns.h
-
-_likeliest = function(
-    "ledpi_likeliest", INTEGER, INTEGER, *(POINTER,) * 4, INTEGER, INTEGER, *(POINTER,) * 3, result=INTEGER
-)
-_of_neighbours = function(
-    "ledpi_of_neighbours", INTEGER, INTEGER, *(POINTER,) * 4, INTEGER, INTEGER, result=DOUBLE
-)
-_likeliest_beyond = function(
-    "ledpi_likeliest_beyond", INTEGER, INTEGER, *(POINTER,) * 4, INTEGER, POINTER, result=DOUBLE
-)
+MOST_CELLS: int = lib.LEDPI_MOST_CELLS
 
 
 class Fit(NamedTuple):
@@ -82,35 +72,52 @@ def likeliest(score: Floats, information: Floats, prior: Floats, words: Singles,
     most = min(most, len(words))
     chosen, silent = np.empty(most, np.int64), np.empty(cells, np.bool_)
     numbers = np.empty(numbers_of(cells, parameters, most))
-    if not _likeliest(
-        *(cells, parameters, address(score), address(information), address(prior), address(words), len(words), most),
-        *(address(chosen), address(silent), address(numbers)),
+    if not lib.ledpi_likeliest(
+        *(cells, parameters, at(score), at(information), at(prior), at(words), len(words), most),
+        *(at(chosen), at(silent), at(numbers)),
     ):
         raise MemoryError
     return Fit.of(chosen, silent, numbers, parameters)
 
 
+def gain_by_others(score: Floats, information: Floats, shown: Floats, other: Floats) -> tuple[Floats, float]:
+    """(cells,) what each cell gains by bands `other` (cells, P) in place of `shown`; and `weakest_row` of these."""
+    cells, parameters = shown.shape
+    gain, room = np.empty((2, cells))
+    given = (at(doubles(array)) for array in (score, information, shown, other))
+    weakest_row: float = lib.ledpi_gain_by_others(cells, parameters, *given, at(gain), at(room))
+    return gain, weakest_row
+
+
 def of_neighbours(
     score: Floats, information: Floats, prior: Floats, word: Singles, nearest: int, furthest: int
 ) -> float:
-    """`of_neighbours` of decode/identify/patterns.py; `word` (cells,)."""
+    """Log of the summed likelihoods of patterns that differ from a word (cells,) in `nearest` to `furthest` cells.
+
+    Each has the bands that fit it best. Of all these patterns those are tried that are near the likeliest, found from
+    the word outward; cells that are silent are left as they are.
+    """
     cells, parameters = score.shape
     assert parameters in (2, 4)
     assert cells <= MOST_CELLS
     word = np.ascontiguousarray(word)
-    at = address(score), address(information), address(prior), address(word)
-    log_sum: float = _of_neighbours(cells, parameters, *at, nearest, furthest)
+    known = at(score), at(information), at(prior), at(word)
+    log_sum: float = lib.ledpi_of_neighbours(cells, parameters, *known, nearest, furthest)
     return log_sum
 
 
 def likeliest_beyond(
     score: Floats, information: Floats, prior: Floats, word: Singles, correctable: int
 ) -> tuple[float, Singles]:
-    """`likeliest_beyond` of decode/identify/patterns.py; `word` (cells,)."""
+    """The likeliest pattern that is too far from a word (cells,) to be it: how likely, over "no bands", and which.
+
+    It differs in more cells than are `correctable`, and has the bands that fit it best. Cells that are silent are left
+    as they are.
+    """
     cells, parameters = score.shape
     assert parameters in (2, 4)
     assert cells <= MOST_CELLS
     word = np.ascontiguousarray(word)
-    at = address(score), address(information), address(prior), address(word)
+    known = at(score), at(information), at(prior), at(word)
     pattern = np.empty(cells, np.float32)
-    return _likeliest_beyond(cells, parameters, *at, correctable, address(pattern)), pattern
+    return lib.ledpi_likeliest_beyond(cells, parameters, *known, correctable, at(pattern)), pattern

@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 
+from ledpi.kernels import pose as kernel
 from ledpi.records import Floats
 
-# What the fits of edges do not show of a side's error: the lens model, the panel's own build. At 2 m 0.1 mm is 0.03 px;
+# What the fit does not show of a side's error: the lens model, the panel's own build. At 2 m 0.1 mm is 0.03 px;
 # with more, poses of a panel near by would be given several times their deviations.
 FLOOR_PX = 0.03
 
-# The edges expect a lens's blur, 0.8 px. With motion's, a box of 4 px, it is 1.4 px: two of their deviations away
-# (`decode/corners/rim.py`). A square that motion blurs further may be taken for wider by a quarter of the blur on
+# The fit expects a lens's blur, 0.8 px. With motion's, a box of 4 px, it is 1.4 px: more than a deviation away
+# (`decode/model/prior.py`). A square that motion blurs further may be taken for wider by a quarter of the blur on
 # either side.
 KNOWN_BLUR_PX, BLUR_ERROR = 4.0, 0.25
-ERRORS = np.array([FLOOR_PX, KNOWN_BLUR_PX, BLUR_ERROR])  # for the compiled loops
-
-_NEXT = np.array([1, 2, 3, 0])
-_SIDE = np.arange(4)
+ERRORS = np.array([FLOOR_PX, KNOWN_BLUR_PX, BLUR_ERROR])  # as C takes them
 
 
 def centre_px(corners_px: Floats) -> tuple[float, float]:
@@ -52,7 +50,7 @@ def whiteners(
 ) -> Floats:
     """(N, 8, 8) that turn errors of corners (N, 4, 2) into independent ones of deviation 1: WᵀW = covariance⁻¹.
 
-    A corner is where two sides cross, so its error is theirs. Of a straight line through n edges of spread s, the
+    A corner is where two sides cross, so its error is theirs. Of a straight line through n places of spread s, the
     middle has the deviation s/√n and the ends, about the middle, √3 times that: with σ = 2s/√n for a corner
     coordinate these are σ/2 and √3·σ/2. Both ends of a side err together: taking corners for independent would
     overstate the error of the distance, and understate that of the tilt. To each the floor is added; and to the shift,
@@ -60,25 +58,7 @@ def whiteners(
 
     Of the deviation of coordinates `sigma_px` (N,) all sides share `size_sigma_px` (N,), and σ is the rest: the square
     may be larger or smaller about its centre, and its sides then move by that, in the mean. Of the covariance of their
-    shifts that is a part of rank one, and so is what it takes off the whitener of the rest.
+    shifts that is a part of rank one, q·qᵀ in the deviations of each, and (I + q·qᵀ)^(−½) makes what they share 1.
     """
-    along = corners_px[:, _NEXT] - corners_px
-    normal = np.stack([-along[..., 1], along[..., 0]], axis=-1)
-    normal /= np.sqrt((along * along).sum(axis=2, keepdims=True)) + 1e-12
-    size2 = np.square(size_sigma_px)[:, None, None]
-    middle = 0.25 * np.maximum(np.square(sigma_px)[:, None, None] - size2, 0.0)
-    ends, middle = 3 * middle + FLOOR_PX**2, middle + FLOOR_PX**2
-    if motions_px is not None and motions_px.any():
-        blur = np.abs(((motions_px + motions_px[:, _NEXT]) * normal).sum(axis=2, keepdims=True)) / 2
-        middle = middle + np.where(blur > KNOWN_BLUR_PX, np.square(BLUR_ERROR * blur), 0.0)
-    shift, turn = normal * (0.5 / np.sqrt(middle)), normal * (0.5 / np.sqrt(ends))
-    rows = np.zeros((len(corners_px), 8, 4, 2))
-    rows[:, _SIDE, _SIDE], rows[:, _SIDE, _NEXT] = shift, shift
-    # How the sides move where the square grows, in the deviations of each: (I + q·qᵀ)^(−½) makes what they share 1.
-    out = -((corners_px + corners_px[:, _NEXT] - 2 * corners_px.mean(axis=1, keepdims=True)) * normal).sum(axis=2)
-    q = np.sqrt(size2 / middle) * (out / (np.abs(out).mean(axis=1, keepdims=True) + 1e-12))[..., None]
-    more = (q * q).sum(axis=1, keepdims=True)
-    less = q * (q.transpose(0, 2, 1) @ rows[:, :4].reshape(-1, 4, 8))
-    rows[:, :4] -= (less / (1 + more + np.sqrt(1 + more))).reshape(-1, 4, 4, 2)
-    rows[:, 4 + _SIDE, _SIDE], rows[:, 4 + _SIDE, _NEXT] = -turn, turn
-    return rows.reshape(-1, 8, 8)
+    motions_px = np.zeros_like(corners_px) if motions_px is None else motions_px
+    return kernel.whiteners(ERRORS, corners_px, sigma_px, size_sigma_px, motions_px)

@@ -1,6 +1,6 @@
 """Where the robot is: one pose from all corners of all panels that the map knows.
 
-Everything is brought to one moment, and weighed by how well it is known: corners by their edges, panels by what the map
+Everything is brought to one moment, and weighed by how well it is known: corners by their fit, panels by what the map
 says of its own deviations. The panels' own poses are only where the joint solution starts from.
 """
 

@@ -1,30 +1,24 @@
-"""Poses of squares by least squares: many at once, because one more in the same call costs next to nothing."""
+"""Poses of bodies by least squares (kernels/refine.c), and what their derivatives need elsewhere."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from ledpi.kernels import pose as kernel
-from ledpi.kernels.library import compiled
 from ledpi.records import Floats, Intrinsics
 
 ROUNDS = 6
 CONVERGED = 1e-3  # of χ² that a step would still gain, in a good fit: nothing that could be measured
 BEATEN_BY = 60.0  # of χ²: e³⁰ times less likely than a rival, and so never believed, wherever it would end
-STOP = np.array([ROUNDS, CONVERGED, BEATEN_BY])  # for the compiled loops
-# A rotation that is known to no better than a radian is not known. Without this, a distant square seen face on,
-# whose tilt changes nothing in the picture to first order, would have steps and deviations without bounds.
-UNKNOWN_TURN = np.diag([0.0, 0, 0, 1, 1, 1])
+STOP = np.array([ROUNDS, CONVERGED, BEATEN_BY])  # as C takes them
 
 # skew(v) = v @ _SKEW: the matrix of the cross product v × …
 _SKEW = np.zeros((3, 9))
 _SKEW[0, [5, 7]], _SKEW[1, [2, 6]], _SKEW[2, [1, 3]] = (-1, 1), (1, -1), (-1, 1)
-_STILL, _DIAGONAL = np.zeros(3), np.eye(6)
+_STILL = np.zeros(3)
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,44 +57,6 @@ def turned(rotations: Floats, turns: Floats) -> Floats:
     return result
 
 
-def refine(
-    rotations: Floats,
-    positions: Floats,
-    points: Floats,
-    seen_px: Floats,
-    whiteners: Floats,
-    intrinsics: Intrinsics,
-    at_most: int | None = None,
-    rivals: int = 1,
-) -> Fits:
-    """The nearest best poses of K bodies of P points each: `points` (K, P, 3) in the body, `seen_px` (K, P, 2).
-
-    Levenberg and Marquardt's method on the residuals that `whiteners` (K, P/4, 8, 8) make independent, four points at a
-    time; what is the same for all bodies may have 1 for K. `at_most`: of more starts only the likeliest are followed.
-    `rivals`: so many in a row are starts of one body; those that are beaten by far are not followed to their ends.
-    Every pose returned is at least as good as the one that it began with.
-    """
-    damping = np.zeros(len(rotations))  # Marquardt's: 1 halves a step
-    best = _Look.at(rotations, positions, points, seen_px, whiteners, intrinsics)
-    if at_most is not None and len(rotations) > at_most:
-        likeliest = np.argsort(best.chi2)[:at_most]
-        best, damping = _Look(*(array[likeliest] for array in best)), damping[:at_most]
-    for _ in range(ROUNDS):
-        information = best.slopes.transpose(0, 2, 1) @ best.slopes + UNKNOWN_TURN
-        pull = best.slopes.transpose(0, 2, 1) @ best.left
-        damped = information + damping[:, None, None] * (information * _DIAGONAL)
-        step = np.asarray(np.linalg.solve(damped, pull)[..., 0], np.float64)
-        if _at_end(best.chi2, (step * pull[..., 0]).sum(axis=1), rivals):
-            break
-        moved = turned(best.rotations, step[:, 3:]), best.positions + step[:, :3]
-        look = _Look.at(*moved, points, seen_px, whiteners, intrinsics)
-        better = look.chi2 < best.chi2
-        damping = np.where(better, 0.25 * damping, 1.0 + 4.0 * damping)
-        best = look if better.all() else look.where(better, best)
-    covariances = np.asarray(np.linalg.inv(information), np.float64)
-    return Fits(best.rotations, best.positions, best.chi2, best.off_px, covariances)
-
-
 def fit_body(
     rotations: Floats,
     positions: Floats,
@@ -110,42 +66,13 @@ def fit_body(
     intrinsics: Intrinsics,
     at_most: int,
 ) -> Fits:
-    """`refine` from K starts of one body: `points` (P, 3), `seen_px` (P, 2), `whiteners` (P/4, 8, 8)."""
+    """The nearest best poses of a body from K starts: `points` (P, 3) in it, `seen_px` (P, 2), `whiteners` (P/4, 8, 8).
+
+    Levenberg and Marquardt's method on the residuals that the whiteners make independent, four points at a time: with r
+    these and J their slopes by position and turn, steps (JᵀJ + λ·diag JᵀJ)⁻¹Jᵀr, and the covariance (JᵀJ)⁻¹. A turn
+    that is known to no better than a radian is not known: to JᵀJ that is added, or a distant square seen face on would
+    have steps and deviations without bounds. `at_most`: of more starts only the likeliest are followed. Every pose
+    returned is at least as good as the one that it began with.
+    """
     starts, most = (rotations, positions), min(at_most, len(rotations))
-    if compiled():
-        return Fits(*kernel.fit_body(*starts, points, seen_px, whiteners, intrinsics, most, STOP))
-    return refine(*starts, points[None], seen_px[None], whiteners[None], intrinsics, at_most=most)
-
-
-def _at_end(chi2: Floats, gain: Floats, rivals: int) -> bool:
-    """Whether a step that gains so much (K,) would change nothing: too little, or of what is beaten with it too."""
-    least = chi2.reshape(-1, rivals).min(axis=1).repeat(rivals)
-    return bool(((gain < CONVERGED * (1.0 + chi2)) | (chi2 - gain > least + BEATEN_BY)).all())
-
-
-class _Look(NamedTuple):
-    """What there is to see from K poses."""
-
-    rotations: Floats
-    positions: Floats
-    chi2: Floats
-    off_px: Floats
-    slopes: Floats  # (K, 2P, 6) of what is left, whitened, by position and turn, with the other sign
-    left: Floats  # (K, 2P, 1) of the residuals, whitened
-
-    @classmethod
-    def at(
-        cls, rotations: Floats, positions: Floats, points: Floats, seen_px: Floats, whiteners: Floats, lens: Intrinsics
-    ) -> _Look:
-        count = len(rotations)
-        arms = points @ rotations.transpose(0, 2, 1)
-        pixels, by_point = projected(arms + positions[:, None], lens)
-        off_px = seen_px - pixels
-        slopes = np.concatenate([by_point, -by_point @ skew(arms)], axis=-1)
-        left = (whiteners @ off_px.reshape(count, -1, 8, 1)).reshape(count, -1, 1)
-        slopes = (whiteners @ slopes.reshape(count, -1, 8, 6)).reshape(count, -1, 6)
-        return cls(rotations, positions, (left * left).sum(axis=(1, 2)), off_px, slopes, left)
-
-    def where(self, chosen: NDArray[np.bool_], other: _Look) -> _Look:
-        pairs = zip(self, other, strict=True)
-        return _Look(*(np.where(chosen.reshape(-1, *[1] * (a.ndim - 1)), a, b) for a, b in pairs))
+    return Fits(*kernel.fit_body(*starts, points, seen_px, whiteners, intrinsics, most, STOP))

@@ -9,6 +9,7 @@ import numpy as np
 
 from ledpi.decode.cells import CellSamples, sample_cells
 from ledpi.dictionaries import load_dictionary
+from ledpi.geometry import first_at_top_left
 from ledpi.markers import Bits
 from ledpi.records import Floats, Frame, MarkerPose, Pixels, Quad, Rejected
 from ledpi.snapshot.drawing import BACKGROUND, CELL_SHARE, DIM, DROPPED, TEXT, Canvas, draw_cells, text, text_size
@@ -39,7 +40,8 @@ def blocks_of(snapshot: Snapshot) -> list[Block]:
         blocks.append(Block(corners_px=sighting.corners_px, title=title, word=snapshot.word(sighting.id)))
     near = [d for d in snapshot.dropped if d.why.stage in ("soft", "bands")]
     for dropped in sorted(near, key=lambda d: -cv2.contourArea(d.corners_px.astype(np.float32))):
-        blocks.append(Block(corners_px=dropped.corners_px, title=dropped.why.key, word=None))
+        corners = np.roll(dropped.corners_px, -first_at_top_left(dropped.corners_px), axis=0)
+        blocks.append(Block(corners_px=corners, title=dropped.why.key, word=None))
     return blocks
 
 

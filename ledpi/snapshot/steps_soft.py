@@ -8,6 +8,7 @@ import numpy as np
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.identify.soft import Reading
 from ledpi.decode.identify.words import gain_by_other_class
+from ledpi.geometry import first_at_top_left
 from ledpi.markers import Bits
 from ledpi.records import Floats
 from ledpi.snapshot.drawing import (
@@ -45,7 +46,7 @@ def _found(snapshot: Snapshot) -> Row:
     view = view_of([], snapshot.frame.pixels.shape, tile_width(2))
     seen, found = view.of(snapshot.frame.pixels), view.of(snapshot.frame.pixels)
     for candidate in snapshot.trace.candidates:
-        outline(found, view.place(candidate.corners), DROPPED, 1)
+        outline(found, view.place(candidate.corners_px), DROPPED, 1)
     for look in snapshot.trace.looks:
         outline(found, view.place(look.quad.corners_px), TEXT, 2)
     count = f"candidates: {len(snapshot.trace.candidates)}, squares: {len(snapshot.trace.looks)}"
@@ -53,23 +54,25 @@ def _found(snapshot: Snapshot) -> Row:
 
 
 def _row(look: Look, snapshot: Snapshot) -> Row:
-    size, reading = tile_width(4), look.reading
+    """All tiles upright as in the frame, with whichever corner the quad begins."""
+    size, reading, turns = tile_width(4), look.reading, first_at_top_left(look.quad.corners_px)
     n = look.samples.lattice.cells
     bands, share = bands_tile(look.samples, size)
     tiles = [
         Tile(label=f"refined square, ±{look.quad.corner_sigma_px:.2f} px", picture=_refined(look, snapshot, size)),
-        Tile(label=f"its bands: ±{100 * share:.1f} %", picture=bands),
+        Tile(label=f"its bands: ±{100 * share:.1f} %", picture=np.ascontiguousarray(np.rot90(bands, turns))),
     ]
     if not isinstance(reading, Reading):
         if isinstance(look.evidence, Evidence) and len(look.evidence.prior) == 4:  # in antiphase none says it alone
-            nats = alone_for_white(look.evidence).reshape(n, n)
+            nats = np.rot90(alone_for_white(look.evidence).reshape(n, n), turns)
             tiles.append(Tile(label="evidence in nats, each cell alone", picture=_evidence(nats, size)))
         return Row(title=reading.key, tiles=tuple(tiles))
     word: Bits = np.rot90(snapshot.word(reading.id), -reading.quarter_turns)
     if isinstance(look.evidence, Evidence):
         nats = given_others_for_white(look.evidence, reading.cell_bands, word.ravel()).reshape(n, n)
-        tiles.append(Tile(label="evidence in nats, given the other cells", picture=_evidence(nats, size)))
-    tiles.append(Tile(label=f"word of ID {reading.id}, as seen", picture=cells_tile(word, size)))
+        picture = _evidence(np.rot90(nats, turns), size)
+        tiles.append(Tile(label="evidence in nats, given the other cells", picture=picture))
+    tiles.append(Tile(label=f"word of ID {reading.id}, as seen", picture=cells_tile(np.rot90(word, turns), size)))
     depth = " and ".join(f"{100 * a:.1f} %" for a in reading.amplitude)
     return Row(title=f"ID {reading.id}   margin {reading.margin:.0f}   bands of {depth}", tiles=tuple(tiles))
 

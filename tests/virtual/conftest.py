@@ -26,8 +26,6 @@ if importlib.util.find_spec("libcamera") is None:
     collect_ignore_glob = ["test_[!h]*.py"]
 
 
-
-
 def pytest_configure(config: pytest.Config) -> None:
     config.addinivalue_line("filterwarnings", "ignore:setDaemon:DeprecationWarning")  # picamera2's event loop
 

@@ -36,9 +36,7 @@ class Believed:
         return rotated(bands, self.phases)
 
 
-def believed_bands(
-    samples: CellSamples, frame: Frame, spec: PanelSpec, white: Mask, bands: Floats
-) -> Believed:
+def believed_bands(samples: CellSamples, frame: Frame, spec: PanelSpec, white: Mask, bands: Floats) -> Believed:
     """What `bands` (P,), sinusoids in cells of which these are `white` (cells,), are as square waves seen through the
     exposure.
 

@@ -1,6 +1,8 @@
 """What one picture says of the bands in a panel's cells, by comparison with the mean of those before.
 
-`compared_evidence` in C (kernels/comparison.c) and, where there is no compiler, in numpy, which is the reference.
+In C (kernels/comparison.c): the picture's light over the mean's, less 1, is fitted by one gain, eight ways in which
+corners can be off, and bands of its own in each cell, by the difference of the waves now and then. A mean of n frames
+has a noise of its own: weights are n/(n + 1) of the light. The rest is as of one picture (`single_frame`).
 """
 
 from __future__ import annotations
@@ -10,15 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from ledpi.decode.cells import CellSamples
-from ledpi.decode.evidence.evidence import Evidence, evidence_of, picture_slopes
+from ledpi.decode.evidence.evidence import Evidence, evidence_of
 from ledpi.decode.evidence.noise import lags_of
-from ledpi.decode.evidence.normal import Normal, weighed, with_differences
 from ledpi.decode.evidence.unlit import without_unlit
-from ledpi.kernels import evidence as kernel
-from ledpi.kernels.library import compiled
+from ledpi.kernels.evidence import Weighed
+from ledpi.kernels.library import at, lib
 from ledpi.records import Frame, PanelSpec, Rejected, Singles
-
-LEAST_SCALE = 1e-9  # of light that is none
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,58 +36,15 @@ def compared_evidence(
 
     `waves` (P, cells, points) are the samples' own.
     """
-    how = _in_c if compiled() else _numpy
-    scale, found = how(samples, waves, mean)
+    cells, parameters, lattice = len(samples.light), len(waves), samples.lattice
+    score, numbers = np.empty((cells, parameters)), np.empty(4)
+    information = np.empty((cells, parameters, cells, parameters))
+    given = [np.ascontiguousarray(array) for array in (waves, mean.picture, mean.count, mean.waves)]
+    fits = lib.ledpi_compared_evidence(
+        *(lattice.cells, lattice.k, parameters, at(samples.light), at(samples.valid), *map(at, given)),
+        *(at(lattice.along), samples.independence, *lags_of(samples), at(score), at(information), at(numbers)),
+    )
+    scale, *rest = numbers.tolist()
+    found = Weighed(score, information, *rest) if fits else None
     evidence = evidence_of(found, samples, frame, spec, len(waves))
     return scale, evidence if isinstance(evidence, Rejected) else without_unlit(evidence, samples)
-
-
-def _in_c(samples: CellSamples, waves: Singles, mean: Mean) -> tuple[float, kernel.Weighed | None]:
-    """`_numpy`, in C."""
-    return kernel.compared_evidence(
-        light=samples.light,
-        valid=samples.valid,
-        waves=waves,
-        picture=mean.picture,
-        count=mean.count,
-        mean_waves=mean.waves,
-        along=samples.lattice.along,
-        independence=samples.independence,
-        lags=lags_of(samples),
-    )
-
-
-def _numpy(samples: CellSamples, waves: Singles, mean: Mean) -> tuple[float, kernel.Weighed | None]:
-    picture, seen = mean.picture, mean.count > 0
-    both = np.asarray(seen if samples.valid is None else seen & samples.valid, np.float32)
-    shown = picture * both
-    scale = float((samples.light * shown).sum() / max(LEAST_SCALE, float((shown * shown).sum())))
-    # The mean of n frames has a noise of its own: the difference has the variance 1 + 1/n.
-    weight = shown * (mean.count / (mean.count + 1))
-    root = np.sqrt(weight / max(float(weight.mean()), LEAST_SCALE))
-    residual = (samples.light / np.float32(max(scale, LEAST_SCALE)) / picture - np.float32(1)) * root
-    cells, points = residual.shape
-    parameters = len(waves)
-    shapes = ((waves - mean.waves) * root).transpose(1, 0, 2)  # (cells, P, points)
-    gain_and_slopes = np.concatenate([root[None], picture_slopes(picture, samples.lattice) * root])
-    nuisances = gain_and_slopes.reshape(-1, cells * points)
-    information = np.zeros((cells, parameters, cells, parameters))
-    each = np.arange(cells)
-    information[each, :, each, :] = np.matmul(shapes, shapes.transpose(0, 2, 1))
-    with_bands = np.matmul(shapes, gain_and_slopes.transpose(1, 2, 0)).reshape(cells * parameters, -1)
-    normal = Normal(
-        of_nuisances=(nuisances @ nuisances.T).astype(np.float64),
-        of_both=with_bands.T.astype(np.float64),
-        of_bands=information.reshape(cells * parameters, -1),
-        nuisances=(nuisances @ residual.reshape(-1)).astype(np.float64),
-        bands=np.matmul(shapes, residual[..., None]).reshape(-1).astype(np.float64),
-        squares=float((residual * residual).sum()),
-        freedom=int((weight > 0).sum()) - len(nuisances) - cells * parameters,
-    )
-    fit = weighed(normal, samples.independence)
-    if fit is None:
-        return scale, None
-    found, factors, bands = fit
-    left = residual - np.einsum("ci,cip->cp", bands.reshape(cells, -1), shapes)
-    left -= (factors @ nuisances).reshape(cells, points)
-    return scale, with_differences(found, left, samples)

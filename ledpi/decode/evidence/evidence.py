@@ -25,11 +25,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ledpi.decode.cells import CellSamples, Lattice
+from ledpi.decode.cells import CellSamples
 from ledpi.decode.evidence.noise import WHITE, Correlation, expected_of, lags_of
 from ledpi.decode.evidence.waves import band_prior
 from ledpi.kernels import evidence as kernel
-from ledpi.records import Floats, Frame, Mask, PanelSpec, Rejected, Singles
+from ledpi.records import Floats, Frame, Mask, PanelSpec, Rejected
 
 UNFIT = Rejected(stage="soft", reason="unfit")
 
@@ -87,20 +87,3 @@ def evidence_of(
         left=0.5 * samples.independence * found.free,
         noise=expected_of(samples, lags_of(samples), fitted).correlation(found.near, found.far, found.free),
     )
-
-
-def picture_slopes(picture: Singles, lattice: Lattice) -> Singles:
-    """(8, cells, points): relative change of this picture for each way in which its corners can be off."""
-    n, k = lattice.cells, lattice.k
-    whole = np.log(picture).reshape(n, n, k, k).transpose(0, 2, 1, 3).reshape(n * k, n * k)
-    apart = np.diff(lattice.along)  # further across a border between cells
-    before = apart[1:] / (apart[1:] + apart[:-1])
-    slopes = np.empty((2, n * k, n * k), np.float32)
-    for across, slope in ((whole.T, slopes[0].T), (whole, slopes[1])):
-        step = (across[1:] - across[:-1]) / apart[:, None]
-        slope[0], slope[-1] = step[0], step[-1]
-        slope[1:-1] = step[1:] + (step[:-1] - step[1:]) * before[:, None]  # of a parabola through three
-    flat = slopes.reshape(2, n, k, n, k).transpose(0, 1, 3, 2, 4).reshape(2, 1, n * n, k * k)
-    out: Singles = lattice.shifts[:, 0] * flat[0]
-    out += lattice.shifts[:, 1] * flat[1]
-    return out

@@ -16,10 +16,8 @@ import numpy as np
 
 from ledpi.decode.cells import CellSamples, Lattice
 from ledpi.decode.evidence.comparison import Mean
-from ledpi.decode.evidence.evidence import picture_slopes
 from ledpi.decode.evidence.memory import PanelMemory
-from ledpi.kernels import expect as kernel
-from ledpi.kernels.library import compiled
+from ledpi.kernels.library import at, doubles, lib
 from ledpi.records import Floats, Frame, Singles
 
 # A frame that is e^SURE times likelier with the bands than without shows them. Cells that speak against them weigh less
@@ -60,7 +58,7 @@ class Expectation:
         Each has told `usual_nats` of them.
         """
         mean, lattice = memory.mean(), memory.newest[0].lattice
-        root, basis, left_bands = (_made_compiled if compiled() else _made)(mean, lattice, bands)
+        root, basis, left_bands = _made(mean, lattice.along, bands)
         by_wave = bands.reshape(len(bands), -1, 2)
         wave = by_wave.any(axis=2).argmax(axis=1)  # that a cell shows
         cosine, sine = by_wave[np.arange(len(bands)), wave].T
@@ -101,67 +99,36 @@ class Expectation:
         The latter with the other sign.
         """
         since_s = (frame.row0_readout_ns - self.origin_ns) * 1e-9
-        if not compiled():
-            return self._weigh(samples, since_s, frame.row_time_us * 1e-6)
-        return kernel.weigh(
-            picture=self.picture,
-            root=self.root,
-            basis=self.basis,
-            left_bands=self.left_bands,
-            depth=self.depth,
-            hz=self.hz,
-            phase=self.phase,
-            since_s=since_s,
-            row_time_s=frame.row_time_us * 1e-6,
-            light=samples.light,
-            valid=samples.valid,
-            rows=samples.rows,
-            independence=samples.independence / self.noise_volume,
-            ridge=RIDGE,
-        )
-
-    def _weigh(self, samples: CellSamples, since_s: float, row_time_s: float) -> tuple[float, float]:
-        """The same, in numpy."""
-        valid, basis = samples.valid, self.basis
-        start = 2 * math.pi * ((self.hz * since_s) % 1.0) - self.phase
-        angle = samples.rows * (2 * math.pi * row_time_s * self.hz).astype(np.float32)[:, None]
-        angle += start.astype(np.float32)[:, None]
         cells, points = self.picture.shape
-        three = np.empty((3, cells, points), np.float32)  # what is added beyond what should be, the bands, their change
-        seen = self.picture.sum() if valid is None else (self.picture * valid).sum()
-        three[1] = np.cos(angle) * self.depth
-        three[2] = three[1] - self.left_bands
-        three[0] = samples.light * (seen / samples.light.sum()) / self.picture - 1.0 - three[2]
-        three *= self.root
-        flat = three.reshape(3, -1)
-        if valid is None:
-            flat -= (flat @ basis.T) @ basis
-        else:  # what is saturated says nothing; without it the basis is not orthonormal any more
-            three *= valid
-            basis = np.asarray(basis * valid.reshape(-1), np.float32)
-            gram = basis @ basis.T + np.float32(RIDGE) * np.eye(len(basis), dtype=np.float32)
-            flat -= np.linalg.solve(gram, basis @ flat.T).T @ basis
-        off, bands, change = three
-        dark = ((off + 0.5 * bands) * bands).sum(axis=1)
-        still = ((off + 0.5 * change) * change).sum(axis=1)
-        own = np.minimum(dark, still).astype(np.float64)
-        left = flat[0].astype(np.float64)
-        variance = float(left @ left) / max(1, int(np.count_nonzero(left)) - len(basis))
-        own *= samples.independence / self.noise_volume / max(variance, 1e-12)
-        return float(own.sum()), -float(np.minimum(own, 0.0).sum())
+        room, of = np.empty(4 * self.picture.size, np.float32), np.empty(2)
+        lib.ledpi_expected(
+            *(cells, points, len(self.basis), at(self.picture), at(self.root), at(self.basis), at(self.left_bands)),
+            *(at(self.depth), at(self.hz), at(self.phase), since_s, frame.row_time_us * 1e-6),
+            *(at(samples.light), at(samples.valid), at(samples.rows), samples.independence / self.noise_volume, RIDGE),
+            *(at(room), at(of)),
+        )
+        of_all, of_those_against = of.tolist()
+        return of_all, of_those_against
 
 
-def _made_compiled(mean: Mean, lattice: Lattice, bands: Floats) -> tuple[Singles, Singles, Singles]:
-    """`_made`, in C."""
-    return kernel.expectation(
-        picture=mean.picture, count=mean.count, mean_waves=mean.waves, along=lattice.along, bands=bands
+def _made(mean: Mean, along: Singles, bands: Floats) -> tuple[Singles, Singles, Singles]:
+    """`root`, `basis` and `left_bands` of an `Expectation`; `bands` (cells, P), `along` is the lattice's."""
+    (cells, points), samples = mean.picture.shape, mean.picture.size
+    root, left_bands = np.empty_like(mean.picture), np.empty_like(mean.picture)
+    basis, room = np.empty((lib.LEDPI_WAYS, samples), np.float32), np.empty(3 * (samples + len(along)), np.float32)
+    lib.ledpi_expectation(
+        *(math.isqrt(cells), math.isqrt(points), len(mean.waves)),
+        *(at(np.ascontiguousarray(array)) for array in (mean.picture, mean.count, mean.waves, along)),
+        *(at(doubles(bands)), at(root), at(basis), at(left_bands), at(room)),
     )
+    return root, basis, left_bands
 
 
-def _made(mean: Mean, lattice: Lattice, bands: Floats) -> tuple[Singles, Singles, Singles]:
-    """`root`, `basis` and `left_bands` of an `Expectation`."""
-    weight = mean.picture * (mean.count / (mean.count + 1))
-    root = np.sqrt(weight / weight.mean())
-    fields = np.concatenate([root[None], picture_slopes(mean.picture, lattice) * root])
-    basis = np.ascontiguousarray(np.linalg.qr(fields.reshape(len(fields), -1).T)[0].T)
-    return root, basis, np.einsum("cj,jcs->cs", bands.astype(np.float32), mean.waves)
+def ways(picture: Singles, lattice: Lattice) -> Singles:
+    """(9, cells·points) orthonormal: what a wrong gain and wrong corners add, weighted by the root of the light.
+
+    To a `picture` (cells, points) above 0.
+    """
+    no_waves = np.empty((0, *picture.shape), np.float32)
+    mean = Mean(picture=picture, count=np.ones_like(picture), waves=no_waves)
+    return _made(mean, lattice.along, np.empty((len(picture), 0)))[1]

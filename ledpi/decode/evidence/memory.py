@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ledpi.decode.cells import CellSamples, Lattice
-from ledpi.decode.evidence.comparison import LEAST_SCALE, Mean, compared_evidence
+from ledpi.decode.evidence.comparison import Mean, compared_evidence
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.evidence.noise import WHITE, Correlation
 from ledpi.decode.evidence.single_frame import single_evidence
@@ -77,7 +77,7 @@ class PanelMemory(NamedTuple):
             return further, None
         before, waves = self._mean(), self._waves(samples, frame)
         scale, added = compared_evidence(samples, frame, self.spec, waves, _lit(before))
-        light = samples.light / np.float32(max(scale, LEAST_SCALE))
+        light = samples.light / np.float32(scale)
         many = _with_one_more(before, light, waves, _shown(samples))
         if isinstance(added, Rejected):
             return further._replace(many=many), None

@@ -15,7 +15,7 @@ samples with the covariance R the fit leaves M R M, M = 1 − F(FᵀF)⁻¹Fᵀ,
 polynomials of the picture's row as there are bands and gains.
 
 Where noise was blurred, r is more, and bands meet more of it than the squares of what is left tell, by exp(g·(r − r₀));
-g is what a blur of half a pixel makes it, and about the same for others.
+g is what a blur of half a pixel makes it, and about the same for others. (kernels/noise.c has r and the volume.)
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from typing import NamedTuple
 
 from ledpi.decode.cells import INSET, CellSamples
 from ledpi.decode.evidence.white_noise import ROUNDED_PX, Lags, Step, likeness, of_lattice, pairs
+from ledpi.kernels import evidence as kernel
 
 # At a cell's rim walls stand, of which no model tells all: what is left there is light as much as noise. Of small cells
 # that is all there is; but only frames' differences tell of them, in which walls are not.
@@ -33,8 +34,6 @@ LEAST_WITH_RIM = 6
 FURTHEST_PX = 2.0  # noise that far apart is not alike in any picture: what is so there is light that was not explained
 # Where what cells share takes more than this of what the fit of each leaves, r₀ is another one.
 LEAST_FREE = 0.5
-# With a deviation of ln(volume) that is more than this, what is left tells nothing: cells of 3 × 3 samples, all fitted.
-MOST_UNSURE = 0.7
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,9 +47,7 @@ class Correlation:
     @property
     def volume(self) -> float:
         """By how much evidence claims too much: 1 or more; as far as the excess is more than a deviation."""
-        if not self.deviation * self.growth < MOST_UNSURE:
-            return 1.0
-        return math.exp(max(0.0, self.growth * (self.excess - self.deviation)))
+        return kernel.volume(self.excess, self.deviation, self.growth)
 
     def after(self, before: Correlation, frames: float) -> Correlation:
         """The mean of this and what `frames` before it have shown."""
@@ -88,14 +85,8 @@ class Expected(NamedTuple):
     least_free: float  # samples: where fewer are, r₀ is another one
 
     def correlation(self, near: float, far: float, free_samples: float) -> Correlation:
-        """Of the noise in a fit that has left these sums of squared differences, a lag and two lags apart.
-
-        (kernels/first_look.c has its volume.)
-        """
-        if not far > 0 or not free_samples >= self.least_free:
-            return WHITE
-        alike = 1.0 - (near / self.once) / (far / self.twice)
-        return Correlation(alike - self.white, self.chance / math.sqrt(free_samples), self.growth)
+        """Of the noise in a fit that has left these sums of squared differences, a lag and two lags apart."""
+        return Correlation(*kernel.correlation(self, near, far, free_samples))
 
 
 NOTHING = Expected(0.0, 0.0, 0.0, 1.0, 1.0, math.inf)

@@ -11,25 +11,18 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cache
+from itertools import product
 
 import numpy as np
 
-from ledpi.decode.cells import INSET, CellSamples
-from ledpi.records import Integers, Mask, Singles
-
-# How far across a cell's border its light reaches: lens, pixel and interpolation together have a standard deviation of
-# 0.8 to 1.1 px in a focused picture.
-BORDER_PX = 2.5
-# Neighbours of the same gain light up a border as the cell itself would. Where they add less than this share to what it
-# shows, that is far below the noise.
-ALIKE = 1e-3
+from ledpi.decode.cells import BORDER_PX, INSET, CellSamples
+from ledpi.records import Integers
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sources:
-    """What may light up each lattice point: P columns of `shared_light`, those of one point after each other."""
+    """What may light up each lattice point: P columns of `_MEETINGS`, those of one point after each other."""
 
-    point: Integers  # (P,)
     column: Integers  # (P,)
     first: Integers  # (points,) where each point's begin
 
@@ -61,22 +54,15 @@ _MET = 5  # columns of each meeting, the last two of those of one side being emp
 def sources_of(k: int, border: tuple[int, int]) -> Sources:
     """For k × k points a cell, of which the outer `border` (across, down) are near a border."""
     across, down = (np.where(np.arange(k) < b, -1, np.where(np.arange(k) >= k - b, 1, 0)).tolist() for b in border)
-    point: list[int] = []
     column: list[int] = []
     first: list[int] = []
-    for at, (y, x) in enumerate((y, x) for y in down for x in across):
+    for y, x in product(down, across):
         sides = tuple(side for side in ((y, 0), (0, x)) if any(side))
         count = 1 + 2 * len(sides)
         begin = _MET * _MEETINGS.index(sides) if sides else 0
-        first.append(len(point))
-        point += [at] * count
+        first.append(len(column))
         column += range(begin, begin + count)
-    return Sources(point=np.array(point), column=np.array(column), first=np.array(first))
-
-
-def _meeting(values: Singles, cells: int) -> Singles:
-    """(cells, 40): the values (cells,) of the cells that meet, in each of `_MEETINGS`; 0 where there is none."""
-    return np.append(values, np.float32(0)).take(meeting_cells(cells))
+    return Sources(column=np.array(column), first=np.array(first))
 
 
 @cache
@@ -92,39 +78,3 @@ def meeting_cells(cells: int) -> Integers:
         empty = [np.full_like(own, none)] * (_MET - 1 - 2 * len(sides))
         columns += [each.reshape(-1) for each in (own, *beyond, *at_rim, *empty)]
     return np.stack(columns, axis=1)
-
-
-def shared_light(gain: Singles, cells: int) -> Singles:
-    """(cells, 40): for each of `_MEETINGS`, an orthonormal basis of what the cells may show at one point, whitened."""
-    shown = np.asarray(_meeting(gain, cells) / np.sqrt(gain)[:, None], np.float32)
-    return _orthonormal(shown, np.arange(0, shown.shape[1], _MET).repeat(_MET))
-
-
-def shared_blinking_light(
-    gain: Singles, white: Mask, lights: Singles, cells: int, sources: Sources, root: Singles
-) -> Singles:
-    """(cells, P): the same at each point, where each cell blinks as its class is believed to.
-
-    `white` (cells,) which are of the white class, `lights` (2, cells, points) what either class makes of an even light.
-    """
-    blinks_white = _meeting(white.astype(np.float32), cells)[:, sources.column] > 0
-    light = np.where(blinks_white, lights[1][:, sources.point], lights[0][:, sources.point])
-    columns = _meeting(gain, cells)[:, sources.column] * light / root[:, sources.point]
-    return _orthonormal(columns, sources.first[sources.point])
-
-
-def _orthonormal(columns: Singles, first: Integers) -> Singles:
-    """(cells, P) made orthonormal among those that have the same `first` (P,) of them: Gram and Schmidt, one after the
-    other. 0 where one is all but the same as those before it."""
-    rank = np.arange(len(first)) - first
-    done = columns.copy()
-    for order in range(int(rank.max()) + 1):
-        at = np.flatnonzero(rank == order)
-        own = columns[:, at]
-        for before in range(order):
-            other = done[:, first[at] + before]
-            own = own - other * (own * other).sum(axis=0)
-        left, whole = ((each * each).sum(axis=0) for each in (own, columns[:, at]))
-        unit = np.sqrt(np.maximum(left, np.float32(1e-18)))
-        done[:, at] = np.where(left > ALIKE**2 * whole, own / unit, np.float32(0))
-    return done

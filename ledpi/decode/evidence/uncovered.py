@@ -13,10 +13,9 @@ from functools import cache
 import cv2
 import numpy as np
 
-from ledpi.decode.cells import INSET, CellSamples
-from ledpi.decode.evidence.shared_light import BORDER_PX, border_points
-from ledpi.kernels import uncovered as kernel
-from ledpi.kernels.library import compiled
+from ledpi.decode.cells import BORDER_PX, INSET, MIN_LEFT, CellSamples
+from ledpi.decode.evidence.shared_light import border_points
+from ledpi.kernels.library import at, lib
 from ledpi.records import Mask, Pixels, Singles
 
 # Of the light that the others show at this place: less is not the cell's own. Diffusers differ by a few percent.
@@ -27,9 +26,6 @@ COVERED = 0.75
 COVERED_AT_RIM = 0.5
 ALIGHT = 0.2  # of the usual gain: a cell of less is dead, and may look like anything
 FULLY_LIT = 0.75  # quantile of a cell's samples that is taken for its gain: half of the cell may be covered
-# Of a cell's samples: with less of one its gain is not known, and all is left as it is. (Of an edge that is hidden by
-# 12 % of the side 0.16 to 0.5 are left of its cells.)
-MIN_LEFT = 0.12
 
 
 def darkens(depth: float) -> bool:
@@ -48,8 +44,7 @@ def without_covered(samples: CellSamples, shown: Singles | None = None) -> CellS
     seen = samples.light if shown is None else samples.light / shown
     n, k = samples.lattice.cells, samples.lattice.k
     least = least_shares(n, k, border_points(samples))
-    none_covered = kernel.all_uncovered if compiled() else _all_uncovered
-    if none_covered(seen, samples.valid, least):
+    if all_uncovered(seen, samples.valid, least):
         return samples
     light = seen / seen.mean(axis=1, keepdims=True)
     usual = _quantile(light, samples.valid, 0.5)
@@ -70,10 +65,11 @@ def without_covered(samples: CellSamples, shown: Singles | None = None) -> CellS
     return replace(samples, valid=valid, light=np.where(valid, samples.light, np.float32(0)))
 
 
-def _all_uncovered(light: Singles, valid: Mask | None, least: Singles) -> bool:
-    """Whether samples (cells, points) show the share `least` (cells, points) of what cells show there on average."""
-    light = light / light.mean(axis=1, keepdims=True)
-    return bool((light >= least * light.mean(axis=0))[... if valid is None else valid].all())
+def all_uncovered(light: Singles, valid: Mask | None, least: Singles) -> bool:
+    """Whether samples (cells, points) show the share `least` of what all do, each over the mean of its cell."""
+    room = np.empty(sum(light.shape), np.float32)
+    found: bool = lib.ledpi_all_uncovered(*light.shape, at(light), at(valid), at(least), at(room))
+    return found
 
 
 def _reach(samples: CellSamples) -> Pixels:

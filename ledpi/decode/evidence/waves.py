@@ -15,14 +15,12 @@ import numpy as np
 from ledpi import shutter
 from ledpi.decode.cells import CellSamples
 from ledpi.kernels import evidence as kernel
-from ledpi.kernels.library import compiled
-from ledpi.records import Floats, Frame, PanelSpec, SeenBands, Singles
+from ledpi.records import Floats, Frame, PanelSpec, Singles
 
 FULL_DEPTH = 0.5  # bands as deep as this outshine all noise
 # Bands that are deeper, or one of whose harmonics is more than this share of the fundamental, are no sinusoids. (The
 # third is a tenth of it at 10 ms, and a third where the fundamental nearly vanishes, as it does at 800 µs.)
 FAINT_DEPTH, MOST_HARMONIC = 0.1, 0.2
-SAME_HZ = 0.05  # by which frequencies may differ that the same cells show
 
 
 def band_prior(frame: Frame, spec: PanelSpec) -> Floats:
@@ -63,61 +61,24 @@ def are_sinusoids(exposure_us: float, spec: PanelSpec) -> bool:
 
 def class_waves(samples: CellSamples, frame: Frame, spec: PanelSpec, since_s: float = 0.0) -> Singles:
     """(P, cells, points): cosine and sine of each of the panel's waves; `since_s` from the origin to row 0."""
-    if compiled():
-        out = kernel.waves(samples.rows, spec.waves_hz, frame.row_time_us, since_s)
-        return out if samples.valid is None else np.asarray(out * samples.valid, np.float32)
-    out = np.empty((2 * len(spec.waves_hz), *samples.rows.shape), np.float32)
-    for k, hz in enumerate(spec.waves_hz):
-        start = 2 * math.pi * ((hz * since_s) % 1.0)
-        angle = samples.rows * np.float32(2 * math.pi * hz * frame.row_time_us * 1e-6) + np.float32(start)
-        np.cos(angle, out=out[2 * k])
-        np.sin(angle, out=out[2 * k + 1])
-    if samples.valid is not None:
-        out *= samples.valid
-    return out
+    out = kernel.waves(samples.rows, spec.waves_hz, frame.row_time_us, since_s)
+    return out if samples.valid is None else np.asarray(out * samples.valid, np.float32)
 
 
 def square_waves(samples: CellSamples, frame: Frame, spec: PanelSpec, hz: float, start_cycles: float) -> Singles:
     """(2, cells, points): `shutter.square_wave_bands` in each sample, smoothed as its bands are seen to be."""
     a_row, exposure_us = hz * frame.row_time_us * 1e-6, frame.exposure_us
     count, apart = 1, 1.0
-    if samples.bands is not None and (shape := samples.bands.shape) is not None:
-        exposure_us = shape.exposure_us
-        count, apart = shutter.mean_of_rows(1, shape.smoothing_rows2)
-    if compiled():
-        return kernel.square_waves(
-            samples.rows,
-            cycles_a_row=a_row,
-            start_cycles=start_cycles,
-            averaged=count,
-            apart=apart,
-            exposure_cycles=hz * exposure_us * 1e-6,
-            duty=spec.duty,
-            fundamental=shutter.fundamental_amplitude(hz, exposure_us, spec.duty),
-        )
-    cycles = samples.rows.astype(np.float64) * a_row + start_cycles
-    around = (np.arange(count) - (count - 1) / 2) * apart * a_row
-    each = [shutter.square_wave_bands(cycles + row, hz, exposure_us, spec.duty) for row in around]
-    return np.asarray(np.mean(each, axis=0), np.float32)
-
-
-def seen_bands(samples: CellSamples, spec: PanelSpec) -> SeenBands | None:
-    """Those of the panel's whole picture, where they may be of panels of these frequencies."""
-    if samples.bands is None:
-        return None
-    alike = zip(samples.bands.spec.waves_hz, spec.waves_hz, strict=False)
-    return samples.bands if all(abs(seen / hz - 1.0) < SAME_HZ for seen, hz in alike) else None
-
-
-def bands_of(seen: SeenBands, frame: Frame, spec: PanelSpec) -> Floats:
-    """(P,) cosine and sine of the fundamentals of square waves that are full and in these phases."""
-    bands = []
-    for hz, cycles in zip(spec.waves_hz, seen.phases, strict=False):
-        fundamental = shutter.fundamental_amplitude(hz, frame.exposure_us, spec.duty)
-        # Where a row is brightest: the middle of its exposure in the middle of the time that the wave is on.
-        turn = 2 * math.pi * (cycles + 0.5 * hz * frame.exposure_us * 1e-6 - 0.5 * spec.duty)
-        bands += [fundamental * math.cos(turn), -fundamental * math.sin(turn)]
-    return np.array(bands)
+    return kernel.square_waves(
+        samples.rows,
+        cycles_a_row=a_row,
+        start_cycles=start_cycles,
+        averaged=count,
+        apart=apart,
+        exposure_cycles=hz * exposure_us * 1e-6,
+        duty=spec.duty,
+        fundamental=shutter.fundamental_amplitude(hz, exposure_us, spec.duty),
+    )
 
 
 def rotated(bands: Floats, angles: Sequence[float]) -> Floats:

@@ -1,8 +1,8 @@
-"""Finds lit, four-sided things in a picture: everything that may be a panel, roughly placed.
+"""Outlines of lit, four-sided things: a panel is brighter than what is next to it, and has four sides.
 
-A panel is brighter than what is next to it (`lit`), what is lit has an outline (`outlines`), and some of these have
-four sides (`four_sides`). On a picture shrunk far enough the cells of a panel melt into one, so this is done on a
-pyramid.
+On a picture shrunk far enough the cells of a panel melt into one, so this is done on a pyramid: what is brighter than
+each of some grey levels, or than its neighbourhood (kernels/lit.c), has outlines (outlines.c), some of these four sides
+(four_sides.c), and what is found twice is one thing (distinct.c).
 """
 
 from __future__ import annotations
@@ -12,16 +12,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from ledpi.decode.finding import four_sides, lit, outlines, spots
-from ledpi.decode.finding.crossings import grids_in
-from ledpi.decode.finding.four_sides import distinct, set_aside, square_of, without_cells
-from ledpi.decode.finding.lit import brighter, closed, contrasts, lit_by
-from ledpi.decode.finding.outlines import outlines_in
-from ledpi.decode.finding.spots import group_sizes, groups, lattice, spots_in
-from ledpi.geometry import quad_middle, quad_side
-from ledpi.kernels import find as kernel
-from ledpi.kernels.find import Thresholds
-from ledpi.kernels.library import compiled
+from ledpi.kernels.find import SquareSearcher, Thresholds
 from ledpi.records import Floats, Frame, Pixels, Rejected
 
 TOO_SMALL = Rejected(stage="find", reason="too_small")
@@ -30,45 +21,38 @@ AT_BORDER = Rejected(stage="find", reason="at_picture_border")
 
 LEVELS = 3  # halvings; the cells of a panel that fills the picture's height melt together at an eighth
 # By level of the pyramid: grey levels, of which one lies between a panel and the wall behind it, in a bright room and
-# in a dark one; and half of the contrast, by which spots are lit. Of 520 panels in rooms of up to a third of their
-# light these find 495; twice as many levels find as many, shares of the contrast (0.5, 0.7 and 0.6) 447.
+# in a dark one.
 _FINE, _COARSE = (24, *range(48, 256, 32)), tuple(range(32, 256, 32))
-THRESHOLDS: Thresholds = ((_FINE, (), 128), (_COARSE, (), 128), (_COARSE, (), 128))
-# Where that leads to nothing: shares of the contrast in the neighbourhood, as of a panel before something brighter than
-# it is itself.
-AGAIN: Thresholds = (((), (166,), 0), ((), (154,), 0), ((), (), 0))
+THRESHOLDS: Thresholds = ((_FINE, ()), (_COARSE, ()), (_COARSE, ()))
+# And shares of the contrast in the neighbourhood, in 256ths, as of a panel before something brighter than it is itself.
+AGAIN: Thresholds = (((), (166,)), ((), (154,)), ((), ()))
 # Shortest outline by level, in its pixels: of the smallest panel in scope, foreshortened by 60°; then of what the level
 # before sees better.
 SHORTEST = (10, 24, 24)
-# As `Limits` of kernels/find.h has them.
-LIMITS = (
-    *(lit.MIN_CONTRAST, outlines.NARROWEST),
-    *(outlines.MIN_AREA, outlines.MIN_LIT),
-    *(four_sides.MIN_SOLIDITY, four_sides.SIGNIFICANT, four_sides.ALIKE, four_sides.MIN_SIDE),
-    *(four_sides.MAX_CUT_OFF, four_sides.MAX_MISFIT, four_sides.PIXEL_MISFIT, four_sides.SLENDER),
-    *(four_sides.TOLERANCE, four_sides.BLUR_MISFIT, four_sides.NEAR, four_sides.LIKE, four_sides.SAME_CORNERS),
-    *four_sides.CELL,
-    *(spots.MAX_AROUND, spots.LINK, spots.LIKE),
-)
-assert (kernel.REACH, kernel.MOST_SPOTS, kernel.AROUND) == (lit.WINDOW // 2, spots.MAX_SPOTS, spots.AROUND_PX)
-assert kernel.MOST_COMPARED == four_sides.MOST_COMPARED
-
-Spotted = list[tuple[int, Floats]]  # groups of spots, with a pixel's scale
-Counts = tuple[int, int, int]  # of outlines at the picture's border, not four-sided, too small
 
 
-class Candidate(NamedTuple):
-    """Where a panel may be."""
+class Limits(NamedTuple):
+    """What an outline must be like; as `Limits` of kernels/find.h has them."""
 
-    corners: Floats  # (4, 2), clockwise as seen in the picture, first the one nearest the top left
-    side_px: float
-    tolerance_px: float  # how far off the sides may be, by the picture that they were found in: 1.5 of its pixels
-    spots: bool = False  # a lattice of bright spots, the grid of whose cells this is
-
-    @property
-    def centre_px(self) -> tuple[float, float]:
-        """Mean of the corners."""
-        return quad_middle(self.corners.tolist())
+    min_contrast: float = 16  # grey levels from the darkest around: less is noise and texture
+    narrowest: float = 3  # pixels, across and down: less is a speck
+    min_area: float = 0.25  # over that of the box around; a square's is at least 1/2
+    min_lit: float = 0.64  # of the pixels within an outline
+    min_solidity: float = 0.8  # area over that of the convex hull
+    significant: float = 0.1  # of the root of the area: corners less far from the polygon without them are none
+    alike: float = 2 / 3  # of how far the fifth corner is: where the sixth is as significant there is no telling them
+    min_side: float = 0.3  # shortest side over the root of the area; that of a panel turned by 80° is 0.4
+    max_cut_off: float = 0.05  # of the area: what a dead cell at a corner takes of the outline's hull is half of 1/16
+    max_misfit: float = 0.15  # logarithm of the four sides' area over the outline's,
+    pixel_misfit: float = 0.6  # and over the side in pixels: steps of whole pixels make small outlines ragged
+    slender: float = 0.85  # area over that of the square of the same outline: below, corners are where sides cross
+    tolerance: float = 1.5  # pixels of the picture that the outline is in: how far off the sides may be
+    blur_misfit: float = 0.002  # by how much a coarser outline, a pixel less certain, must fit better to be preferred
+    near: float = 0.25  # of the side: of squares in one place, what is no further off, larger, or otherwise is the same
+    like: float = 0.7
+    same_corners: float = 0.25
+    least_cell: float = 0.2  # of a panel's pitch: sides of what is seen of its cells, from their middles to all of them
+    most_cell: float = 1.2
 
 
 class Finder:
@@ -76,79 +60,31 @@ class Finder:
 
     def __init__(self, width: int, height: int, smallest_px: float, cells: int = 4) -> None:
         """`smallest_px`: side of the smallest panel that can be read. `cells`: along a side."""
-        self._cells, self._smallest_px, self._group_sizes = cells, smallest_px, group_sizes(cells)
         self._levels = [
             np.empty((max(1, height >> halvings), max(1, width >> halvings)), np.uint8)
             for halvings in range(1, LEVELS + 1)
         ]
-        self._things = self._squares = np.empty((0, 11))  # of the last frame: distinct ones, and all that was found
         # Finding compares neighbours only; a square root gives dark linear pictures the contrast they need.
         self._brighten = np.round(255 * np.sqrt(np.arange(256) / 255)).astype(np.uint8)
-        arguments = self._levels, SHORTEST, smallest_px, cells, self._group_sizes, LIMITS
-        self._searcher = kernel.Searcher(*arguments) if compiled() else None
+        self._searcher = SquareSearcher(self._levels, SHORTEST, smallest_px, cells, Limits())
 
-    def find(self, frame: Frame) -> tuple[list[Candidate], list[Rejected]]:
-        """Candidates, best outline first, no two of the same thing, lattices of spots last; and what was dropped."""
+    def find(self, frame: Frame) -> tuple[list[Floats], list[Rejected]]:
+        """Corners (4, 2) of distinct things, the best outline first; and what was dropped."""
         self._shrink(frame)
-        self._things, self._squares, spotted, counts = self._by(THRESHOLDS)
-        return self._candidates(self._things, spotted), _dropped(counts)
+        return self._by(THRESHOLDS)
 
-    def find_again(self) -> tuple[list[Candidate], list[Rejected]]:
-        """The same, of the last frame once more, by the contrast in each neighbourhood; and what was set aside."""
-        things, _, spotted, counts = self._by(AGAIN)
-        aside = set_aside(self._squares, np.concatenate([self._things, things]))
-        return self._candidates(np.concatenate([things, aside]), spotted), _dropped(counts)
+    def find_again(self) -> tuple[list[Floats], list[Rejected]]:
+        """The same, of the last frame once more, by the contrast in each neighbourhood."""
+        return self._by(AGAIN)
 
-    def find_crossings(self, frame: Frame, *, far: bool) -> list[Floats]:
-        """Corners (4, 2) of grids by the places where four cells meet, in the last frame; to a fifth of a cell.
+    def pyramid(self, frame: Frame) -> list[Pixels]:
+        """The frame that was searched last, and the same in halves, quarters …"""
+        return [frame.pixels, *self._levels]
 
-        `far`: those of less than 9 pixels a cell too, at twice the cost.
-        """
-        return [
-            (corners + 0.5) * 2**halvings - 0.5
-            for halvings, picture in enumerate((frame.pixels, *self._levels))
-            if far or halvings
-            for corners in grids_in(picture, self._cells)
-        ]
-
-    def _candidates(self, things: Floats, spotted: Spotted) -> list[Candidate]:
-        """Squares, then lattices of spots."""
-        grids = [_grid(at, scale) for scale, group in spotted if (at := lattice(group, self._cells)) is not None]
-        return _candidates(things) + (_candidates(distinct(np.array(grids)), spots=True) if grids else [])
-
-    def _by(self, thresholds: Thresholds) -> tuple[Floats, Floats, Spotted, Counts]:
-        return (self._search if self._searcher is None else self._searcher.search)(thresholds)
-
-    def _search(self, thresholds: Thresholds) -> tuple[Floats, Floats, Spotted, Counts]:
-        """Distinct squares (K, 11) as `square_of` has them, all squares, groups of spots, and what was refused.
-
-        How many outlines touch the picture's border, show no square, or show one too small. The reference of
-        kernels/find.c.
-        """
-        squares, spotted = [], []
-        all_at_border = not_four_sided = too_small = 0
-        for level, (picture, shortest, (brighter_than, shares, spots_by)) in enumerate(
-            zip(self._levels, SHORTEST, thresholds, strict=True)
-        ):
-            scale = 2 << level
-            seen = contrasts(picture)
-            if spots_by:
-                spotted += [(scale, own) for own in groups(spots_in(picture, *seen, spots_by), self._group_sizes)]
-            melted = closed(picture)
-            # Opened where the closing makes thin bridges to the surroundings.
-            for lit_there in [brighter(each, melted) for each in brighter_than] + [
-                lit_by(share, *seen, opened=level > 0) for share in shares
-            ]:
-                found_outlines, at_border = outlines_in(lit_there, shortest)
-                found = [square_of(outline, scale) for outline in found_outlines]
-                large = [square for square in found if square is not None and square[8] >= self._smallest_px]
-                squares += large
-                all_at_border += at_border
-                not_four_sided += found.count(None)
-                too_small += len(found) - found.count(None) - len(large)
-        found_squares = np.array(squares).reshape(-1, 11)
-        things = without_cells(distinct(found_squares), self._cells)
-        return things, found_squares, spotted, (all_at_border, not_four_sided, too_small)
+    def _by(self, thresholds: Thresholds) -> tuple[list[Floats], list[Rejected]]:
+        squares, (at_border, not_four_sided, too_small) = self._searcher.search(thresholds)
+        dropped = [AT_BORDER] * at_border + [NOT_FOUR_SIDED] * not_four_sided + [TOO_SMALL] * too_small
+        return list(squares[:, :8].reshape(-1, 4, 2)), dropped
 
     def _shrink(self, frame: Frame) -> None:
         """Fills the pyramid."""
@@ -158,23 +94,3 @@ class Finder:
             if above is frame.pixels and frame.transfer == "linear":
                 cv2.LUT(picture, self._brighten, dst=picture)
             above = picture
-
-
-def _dropped(counts: Counts) -> list[Rejected]:
-    at_border, not_four_sided, too_small = counts
-    return [AT_BORDER] * at_border + [NOT_FOUR_SIDED] * not_four_sided + [TOO_SMALL] * too_small
-
-
-def _candidates(squares: Floats, *, spots: bool = False) -> list[Candidate]:
-    """Of squares (K, 11) as `square_of` has them."""
-    corners = squares[:, :8].reshape(-1, 4, 2)
-    return [
-        Candidate(at, side_px, tolerance_px, spots)
-        for at, (side_px, _, tolerance_px) in zip(corners, squares[:, 8:].tolist(), strict=True)
-    ]
-
-
-def _grid(corners: Floats, scale: int) -> list[float]:
-    """As `square_of` has it, of a lattice of spots in pixels that are `scale` of the picture's."""
-    in_picture = (corners + 0.5) * scale - 0.5
-    return [*in_picture.reshape(-1).tolist(), quad_side(in_picture.tolist()), 0.0, 0.5 * scale]

@@ -19,7 +19,6 @@ from ledpi.decode.evidence.unlit import UNLIT
 from ledpi.decode.evidence.waves import band_prior, is_deep
 from ledpi.decode.identify.words import SHORTLIST, likeliest
 from ledpi.kernels import first_look as kernel
-from ledpi.kernels.library import compiled
 from ledpi.kernels.words import Fit
 from ledpi.records import Floats, Frame, PanelSpec, Rejected, Singles
 
@@ -36,7 +35,7 @@ def first_look(
     `prior` (P,): how bands vary, where that is not as the exposure leaves them (`band_prior`).
     """
     prior = band_prior(frame, spec) if prior is None else prior
-    if compiled() and samples.valid is None:
+    if samples.valid is None:
         looked = _at_once(samples, frame, spec, white, prior)
         if looked is not None:
             return looked

@@ -16,12 +16,10 @@ from ledpi.decode.cells import CellSamples
 from ledpi.decode.evidence.believed import believed_bands
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.evidence.single_frame import single_evidence
-from ledpi.decode.evidence.waves import band_prior, is_deep_anywhere
+from ledpi.decode.evidence.waves import band_prior
 from ledpi.decode.identify.codebook import NEAREST_PATTERN, Codebook
 from ledpi.decode.identify.first_look import first_look
-from ledpi.decode.identify.patterns import likeliest_beyond, of_neighbours
-from ledpi.decode.identify.tilt import log_chance_of_tilt
-from ledpi.decode.identify.words import likeliest
+from ledpi.decode.identify.words import likeliest, likeliest_beyond, of_neighbours
 from ledpi.kernels.words import Fit
 from ledpi.records import Frame, Mask, Rejected, Singles
 
@@ -38,12 +36,10 @@ FURTHER_ODDS = 4.0
 LIGHTS = (0.25, 2.0)
 
 
-def odds_against_no_word(
-    evidence: Evidence, fit: Fit, codebook: Codebook, needed: float, sides_px: tuple[complex, complex]
-) -> float:
+def odds_against_no_word(evidence: Evidence, fit: Fit, codebook: Codebook, needed: float) -> float:
     """Log odds of the best word against patterns that are none: the least against those that were asked for.
 
-    What takes longer is asked only while the word has the odds that are `needed`. `sides_px` is the samples'.
+    What takes longer is asked only while the word has the odds that are `needed`.
     """
     odds = _least(
         odds_against_other_patterns(fit, codebook),
@@ -54,7 +50,6 @@ def odds_against_no_word(
             odds,
             odds_against_neighbours(evidence, fit, codebook),
             odds_against_one_class(fit, codebook),
-            odds_against_parts(evidence, fit, codebook, sides_px),
         )
     if needed <= odds < FURTHER_ODDS * needed:
         odds = _least(odds, odds_against_any_pattern(evidence, fit, codebook))
@@ -124,52 +119,6 @@ def odds_against_one_class(fit: Fit, codebook: Codebook) -> float:
     rows of them are dark, and a word that says so where they are outshines patterns that are like it.
     """
     return fit.likelihood[0] - fit.one_class + prior_odds_of_word(codebook)
-
-
-def odds_against_parts(
-    evidence: Evidence, fit: Fit, codebook: Codebook, sides_px: tuple[complex, complex]
-) -> float:
-    """Log odds of the best word against parts of a panel that are taken for a whole one."""
-    return _least(
-        odds_against_coarse(evidence, fit, codebook), odds_against_stretched(evidence, fit, codebook, sides_px)
-    )
-
-
-def odds_against_coarse(evidence: Evidence, fit: Fit, codebook: Codebook) -> float:
-    """Log odds of the best word against coarse patterns so few cells off that they would be taken for it.
-
-    What two or four cells of a panel nearby show is no faulty word. Who sees panels sees such cells, so these patterns
-    are taken to be as frequent as words.
-    """
-    patterns = codebook.coarse_beside(fit.words[0])
-    if not len(patterns):
-        return math.inf
-    return fit.likelihood[0] - likeliest(evidence, patterns).likelihood[0]
-
-
-def odds_against_stretched(
-    evidence: Evidence, fit: Fit, codebook: Codebook, sides_px: tuple[complex, complex]
-) -> float:
-    """Log odds of the best word against half a panel, or less of it, that looks like it.
-
-    All of its cells, or all but as many as can be corrected, may be as the word says, by the greater part of each; some
-    show both classes' bands. It is one pattern among those that are no words: of a panel rows and columns must be dark
-    for it. And where a whole panel faces the camera, a part that is no square must be turned away from it as far as
-    makes it one. Of what shows exactly the word that is all there is to tell. It is asked where bands are so deep that
-    they hide the rest of a panel whose cells all shine.
-    """
-    white, cells = codebook.stretched_beside(fit.words[0])
-    if not cells:
-        return math.inf
-    parts, whole = likeliest(evidence, white), log_chance_of_tilt(sides_px, (1, 1))
-    odds = []
-    for part, of_part in zip(parts.words, parts.likelihood, strict=True):
-        by_shape = whole - log_chance_of_tilt(sides_px, cells[part])
-        if not (white[part] == codebook.white[fit.words[0]]).all():
-            odds.append(fit.likelihood[0] - of_part + by_shape + prior_odds_of_word(codebook))
-        elif by_shape < 0.0 and is_deep_anywhere(evidence.prior):
-            return -math.inf
-    return _least(*odds) if odds else math.inf
 
 
 def odds_against_one_light(fit: Fit, samples: CellSamples, frame: Frame, codebook: Codebook) -> float:

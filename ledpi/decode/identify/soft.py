@@ -17,29 +17,22 @@ from functools import cache
 from statistics import NormalDist
 from typing import NamedTuple
 
-import numpy as np
-
 from ledpi.decode.cells import CellSamples
 from ledpi.decode.evidence.believed import believed_bands
 from ledpi.decode.evidence.evidence import UNFIT, Evidence
 from ledpi.decode.evidence.single_frame import single_evidence
-from ledpi.decode.evidence.unlit import unlit_cells
 from ledpi.decode.evidence.waves import (
     are_sinusoids,
-    band_prior,
-    bands_of,
-    is_deep,
     is_deep_anywhere,
     is_faint,
-    seen_bands,
 )
 from ledpi.decode.identify import rivals
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.first_look import first_look
 from ledpi.decode.identify.plausible import all_rows_blink, is_consistent, is_plausible
-from ledpi.decode.identify.words import SHORTLIST, likeliest
+from ledpi.decode.identify.words import likeliest
 from ledpi.kernels.words import Fit
-from ledpi.records import Floats, Frame, Mask, Rejected, SeenBands
+from ledpi.records import Floats, Frame, Rejected
 
 NO_BANDS = Rejected(stage="soft", reason="no_bands")
 NO_WORD = Rejected(stage="soft", reason="not_in_dictionary")
@@ -58,9 +51,6 @@ SECOND_LOOK_ADDS = 6.0
 # a word explains a second look adds 4 to 14 % where a panel shows it (of 24 read so, one 17 and one 40 %), and 26 to
 # 80 % where a lamp does that blinks alike everywhere.
 MOST_ADDED = 0.2
-# Looks at deep bands, at most; nearly all panels are read by the first.
-SETTLING = 4
-FROM_THE_FRONT = (1 + 0j, 0 + 1j)  # sides of a panel that is seen so
 
 
 class Reading(NamedTuple):
@@ -84,23 +74,18 @@ def read_word(
 
     Bands are looked at twice where that may change the answer, or where the exposure leaves more than sinusoids: as
     such; and, once it is known where in their period they are, as what the exposure leaves of a square wave, with the
-    static picture that is then left. Of deep ones, which the panel's whole picture was fitted by, that is known.
+    static picture that is then left.
     """
-    spec, prior = codebook.spec, band_prior(frame, codebook.spec)
-    seen = seen_bands(samples, spec)
-    if seen is not None and is_deep_anywhere(prior):
-        settled = _settled(seen, samples, frame, codebook, false_id_rate)
-        if isinstance(settled, Reading) or is_deep(prior):
-            return settled
+    spec = codebook.spec
     looked = first_look(samples, frame, spec, codebook.white)
     if isinstance(looked, Rejected):
         return looked
     evidence, fit = looked
-    first = _judged(fit, evidence, codebook, false_id_rate, samples.sides_px)
+    first = _judged(fit, evidence, codebook, false_id_rate)
     if isinstance(first, Reading):
         if are_sinusoids(frame.exposure_us, spec):
             return first
-    elif not _is_open(first, fit, evidence, codebook, false_id_rate, samples):
+    elif not _is_open(first, fit, evidence, codebook, false_id_rate):
         return first
     return _looked_again(first, looked, samples, frame, codebook, false_id_rate)
 
@@ -122,7 +107,7 @@ def _looked_again(
     refit, exact = likeliest(again, codebook.white), not are_sinusoids(frame.exposure_us, spec)
     if refit.words[0] != fit.words[0]:
         return INCONSISTENT
-    second = _judged(refit, again, codebook, false_id_rate, samples.sides_px, exact=exact)
+    second = _judged(refit, again, codebook, false_id_rate, exact=exact)
     if isinstance(second, Rejected):
         return second
     if isinstance(first, Rejected) and not is_deep_anywhere(evidence.prior):
@@ -136,67 +121,18 @@ def _looked_again(
     return second._replace(cell_bands=believed.turned_back(second.cell_bands))
 
 
-def _settled(
-    seen: SeenBands, samples: CellSamples, frame: Frame, codebook: Codebook, false_id_rate: float
-) -> Reading | Rejected:
-    """What looks at deep bands tell, from those that were `seen` on, each by the bands that the last has shown.
-
-    A look finds what it believes: of a cell that it takes for one of the other class it says that it is, whatever it
-    shows. So no word is believed that cells contradict as they were seen, by themselves. (Where one class is nearly
-    steady they may have been seen wrongly; then all else is as without them.)
-    """
-    bands = bands_of(seen, frame, codebook.spec)
-    words, differ, negative = _nearest(codebook, seen.white)
-    if differ:  # a cell that is unlit may have been seen as either
-        own_light = believed_bands(samples, frame, codebook.spec, seen.white, bands).own_light()
-        words, differ, negative = _nearest(codebook, seen.white, ~unlit_cells(samples, own_light))
-    if differ > codebook.correctable or (differ and codebook.is_coarse(seen.white)):
-        return NO_WORD
-    bands = -bands if negative else bands
-    word, result = words.white[0] > 0, NO_WORD
-    for _ in range(SETTLING):
-        believed = believed_bands(samples, frame, codebook.spec, word, bands)
-        evidence = single_evidence(samples, frame, codebook.spec, believed=believed)
-        if isinstance(evidence, Rejected):
-            return evidence
-        fit = likeliest(evidence, words.white)
-        reading = _judged(fit, evidence, words, false_id_rate, samples.sides_px)
-        if isinstance(reading, Reading):
-            return reading._replace(cell_bands=believed.turned_back(reading.cell_bands))
-        bands, result = believed.turned_back(fit.bands[None])[0], reading
-    return result
-
-
-def _nearest(codebook: Codebook, white: Mask, told: Mask | None = None) -> tuple[Codebook, int, bool]:
-    """The words that are most like cells seen as `white`; in how many that are `told` the first differs; and whether it
-    is like their negative.
-
-    In antiphase that is the same, half a cycle later.
-    """
-    found = []
-    for negative in (False, True)[: 2 if codebook.spec.phase == "antiphase" else 1]:
-        words = codebook.nearest(white != negative, SHORTLIST, told)
-        unlike = (words.white[0] > 0) != (white != negative)
-        found.append((words, int(np.count_nonzero(unlike if told is None else unlike & told)), negative))
-    return min(found, key=lambda each: each[1])
-
-
 def _is_open(
     first: Rejected,
     fit: Fit,
     evidence: Evidence,
     codebook: Codebook,
     false_id_rate: float,
-    samples: CellSamples,
 ) -> bool:
     """Whether a second look may change what the first has told."""
     if first in (NO_BANDS, UNFIT):
         return False
-    if _is_contradicted(fit, evidence, codebook, false_id_rate) or _is_hopeless(fit, evidence, codebook, false_id_rate):
-        return False
-    # Of a part of a panel that looks like the word all cells are as that says, but for some that show both classes'
-    # bands: who believes the word finds these, too. (Led by 24 nats, word 17 came to lead by 32.)
-    return rivals.odds_against_parts(evidence, fit, codebook, samples.sides_px) >= odds_needed(false_id_rate)
+    contradicted = _is_contradicted(fit, evidence, codebook, false_id_rate)
+    return not contradicted and not _is_hopeless(fit, evidence, codebook, false_id_rate)
 
 
 def _is_contradicted(fit: Fit, evidence: Evidence, codebook: Codebook, false_id_rate: float) -> bool:
@@ -228,11 +164,9 @@ def _odds_against_other_ids(fit: Fit, codebook: Codebook) -> float:
     return float(fit.likelihood[0] - next(others, 0.0))  # the likeliest of them comes first
 
 
-def decide(
-    evidence: Evidence, codebook: Codebook, false_id_rate: float, sides_px: tuple[complex, complex] = FROM_THE_FRONT
-) -> Reading | Rejected:
-    """The word that the evidence is for, or why none can be told; `sides_px` as of the newest samples."""
-    return _judged(likeliest(evidence, codebook.white), evidence, codebook, false_id_rate, sides_px)
+def decide(evidence: Evidence, codebook: Codebook, false_id_rate: float) -> Reading | Rejected:
+    """The word that the evidence is for, or why none can be told."""
+    return _judged(likeliest(evidence, codebook.white), evidence, codebook, false_id_rate)
 
 
 @cache
@@ -250,7 +184,6 @@ def _judged(
     evidence: Evidence,
     codebook: Codebook,
     false_id_rate: float,
-    sides_px: tuple[complex, complex],
     *,
     exact: bool = False,
 ) -> Reading | Rejected:
@@ -265,7 +198,7 @@ def _judged(
     deviation = [max(wave) for wave in zip(fit.deviation[::2], fit.deviation[1::2], strict=True)]
     if not is_plausible(amplitude, deviation, evidence):
         return IMPLAUSIBLE
-    outside = rivals.odds_against_no_word(evidence, fit, codebook, needed, sides_px)
+    outside = rivals.odds_against_no_word(evidence, fit, codebook, needed)
     if outside < needed:
         return NO_WORD
     other = _odds_against_other_ids(fit, codebook)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from ledpi.decode.cells import CellSamples
 from ledpi.decode.evidence.classes import wave_shares
-from ledpi.decode.evidence.evidence import picture_slopes
+from ledpi.decode.evidence.expect import ways
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.records import Floats, Frame, PanelSpec
 
@@ -88,10 +88,7 @@ def propose_frequencies(seen: Sequence[Seen], spec: PanelSpec, codebook: Codeboo
 def off_frequency_note(marker_id: int, found: PanelSpec) -> str:
     """What to tell the user of a panel that blinks at other frequencies than announced."""
     seen = " and ".join(f"{hz:.0f}" for hz in found.waves_hz)
-    return (
-        f"panel {marker_id} blinks at about {seen} Hz, not as configured; "
-        "`ledpi calibrate panel` measures it"
-    )
+    return f"panel {marker_id} blinks at about {seen} Hz, not as configured; `ledpi calibrate panel` measures it"
 
 
 def _residuals(seen: Sequence[Seen]) -> tuple[Floats, Floats]:
@@ -99,12 +96,10 @@ def _residuals(seen: Sequence[Seen]) -> tuple[Floats, Floats]:
     light = np.stack([s.samples.light / s.samples.light.mean() for s in seen]).astype(np.float64)
     picture = np.maximum(light.mean(axis=0), 0.02)
     weight = picture / picture.mean()
-    slopes = picture_slopes(picture.astype(np.float32), seen[-1].samples.lattice).reshape(-1, picture.size)
-    changes = np.concatenate([np.ones((1, picture.size)), slopes])  # of exposure, of corners
+    basis = ways(picture.astype(np.float32), seen[-1].samples.lattice)  # changes of exposure, of corners
     root = np.sqrt(weight).reshape(-1)
-    basis = np.linalg.qr((changes * root).T)[0]
     residual = ((light / picture - 1.0).reshape(len(seen), -1)) * root
-    residual -= (residual @ basis) @ basis.T
+    residual -= (residual @ basis.T) @ basis
     return residual / root, weight.reshape(-1)
 
 
@@ -123,9 +118,7 @@ def _mirrored(seen: Sequence[Seen], weight: Floats, hz: float) -> Complexes:
     return _sums(seen, even, weight, 2.0 * hz)
 
 
-def _powers(
-    sums: Complexes, mirrored: Complexes, times_s: Floats, hz: float, shares: Floats
-) -> tuple[Floats, Floats]:
+def _powers(sums: Complexes, mirrored: Complexes, times_s: Floats, hz: float, shares: Floats) -> tuple[Floats, Floats]:
     """Frequencies (F,), and the power (F, words) of a wave in all cells of a word together, over what noise leaves.
 
     `shares` (words, cells): how much of it each shows. The power is what the least-squares cosine and sine explain. In

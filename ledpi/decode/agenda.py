@@ -1,0 +1,56 @@
+"""What of a stream's candidates is looked at in which frame: a frame has a budget, and each place its turn."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ledpi.decode.proposals import Candidate
+from ledpi.records import Floats
+
+# A stream searches the whole picture for newcomers in every third frame, and in each that does not show all its panels.
+SEARCH_EVERY = 3
+SAME = 0.25  # of the side: candidates whose middles are no further apart, from frame to frame, are in one place
+
+
+class Agenda:
+    """Of one stream. `is_due` once a frame, then `in_turn`, then `tried` for each that was looked at."""
+
+    def __init__(self) -> None:
+        self._since_search = SEARCH_EVERY
+        self._turn = 0
+        self._middles: Floats = np.empty((0, 2))  # of what was tried
+        self._turns = np.empty(0, np.int64)  # when
+
+    def is_due(self, *, all_seen: bool) -> bool:
+        """Whether the picture is searched: it is time again, or a panel is not where it was expected."""
+        self._since_search += 1
+        due = self._since_search >= SEARCH_EVERY or not all_seen
+        if due:
+            self._since_search = 0
+            self._turn += 1
+        return due
+
+    def in_turn(self, candidates: list[Candidate]) -> list[Candidate]:
+        """The best, and those whose turn it is: new places, then what was tried longest ago; one of either at a time.
+
+        `candidates` come best first. Where nothing was proposed again is forgotten.
+        """
+        if not candidates:
+            self._middles, self._turns = self._middles[:0], self._turns[:0]
+            return []
+        middles = np.array([one.corners_px.mean(axis=0) for one in candidates])
+        sides = np.array([one.side_px for one in candidates])
+        last = np.zeros(len(candidates), np.int64)
+        if len(self._turns):
+            near = np.hypot(*(middles[:, None] - self._middles).transpose(2, 0, 1)) < SAME * sides[:, None]
+            last = np.where(near, self._turns, 0).max(axis=1)
+            kept = near.any(axis=0)
+            self._middles, self._turns = self._middles[kept], self._turns[kept]
+        by_turn = np.argsort(last, kind="stable").tolist()
+        both = [k for pair in zip(range(len(candidates)), by_turn, strict=True) for k in pair]
+        return [candidates[k] for k in dict.fromkeys(both)]
+
+    def tried(self, candidate: Candidate) -> None:
+        """It was looked at in this turn."""
+        self._middles = np.concatenate([self._middles, candidate.corners_px.mean(axis=0)[None]])
+        self._turns = np.append(self._turns, self._turn)

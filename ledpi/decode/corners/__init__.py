@@ -1,1 +1,0 @@
-"""From rough squares to corners, a fraction of a pixel exact."""

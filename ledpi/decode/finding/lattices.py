@@ -1,0 +1,74 @@
+"""Panels whose cells are seen one by one: lattices of blobs that are brighter than what is around them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ledpi.kernels.find import LatticeSearcher
+from ledpi.records import Floats, Pixels
+
+# By level of the pyramid, pixels along the neighbourhood that a blob is compared with: cells of a third to all of that.
+# Levels are an octave apart.
+AROUND = 17
+CONTRAST = 4  # grey levels: twice what read-out noise leaves of a mean over a few pixels
+SEEN = 0.6  # of the cells: others may be dead, hidden, or one with their neighbours
+
+
+class LatticeFinder:
+    """Of panels of `cells` × `cells`."""
+
+    def __init__(self, cells: int) -> None:
+        self._cells, self._searcher = cells, LatticeSearcher()
+
+    def find(self, pyramid: Sequence[Pixels]) -> list[Floats]:
+        """Corners (4, 2) in the picture, which is the pyramid's first level; each level is half of the one before."""
+        found = []
+        for halvings, picture in enumerate(pyramid):
+            around = cv2.blur(picture, (AROUND, AROUND))
+            least = int(SEEN * self._cells * self._cells)
+            blobs, lattices = self._searcher.search(picture, around, CONTRAST, 2.0 * AROUND * AROUND, least)
+            for lattice in lattices:
+                found += [(corners + 0.5) * 2**halvings - 0.5 for corners in self._panels(lattice, blobs[:, 1:3])]
+        return found
+
+    def _panels(self, lattice: NDArray[np.int32], middles: Floats) -> Iterator[Floats]:
+        """Corners (4, 2) of each panel that a lattice may be: several of a larger one, and where rows are not seen.
+
+        A lattice of many more cells than a panel has is none.
+        """
+        cells = self._cells
+        down, across = np.nonzero(lattice >= 0)
+        at = middles[lattice[down, across]]
+        ranges = []
+        for nodes in (across, down):
+            low, high = int(nodes.min()), int(nodes.max())
+            if high - low > cells + 1:
+                return
+            ranges.append(range(min(low, high - cells + 1), max(low, high - cells + 1) + 1))
+        for left in ranges[0]:
+            for top in ranges[1]:
+                own = (across >= left) & (across < left + cells) & (down >= top) & (down < top + cells)
+                if own.sum() < SEEN * cells * cells:
+                    continue
+                places = np.stack([across[own] - left + 0.5, down[own] - top + 0.5], axis=1)
+                corners = _corners(places, at[own], cells)
+                if corners is not None:
+                    yield corners
+
+
+def _corners(places: Floats, at: Floats, cells: int) -> Floats | None:
+    """(4, 2) of the square of `cells` × `cells` whose places (N, 2) are seen at `at` (N, 2)."""
+    homography, _ = cv2.findHomography(places, at, 0)
+    if homography is None:
+        return None
+    square = np.array([[[0, 0], [cells, 0], [cells, cells], [0, cells]]], np.float64)
+    corners: Floats = cv2.perspectiveTransform(square, homography)[0]
+    if not np.isfinite(corners).all():
+        return None
+    (ax, ay), (bx, by), (cx, cy), (dx, dy) = corners.tolist()
+    clockwise = (cx - ax) * (dy - by) - (dx - bx) * (cy - ay) > 0
+    return corners if clockwise else corners[::-1].copy()

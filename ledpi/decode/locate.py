@@ -1,0 +1,132 @@
+"""Where a panel is, from corners that are about right: by a fit of its whole picture."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ledpi.decode.cells import MIN_CELL_PX
+from ledpi.decode.model.fit import Effort, Fitted, Fitter
+from ledpi.decode.model.light import FEWEST_PX, ROUGHLY, Window
+from ledpi.decode.model.prior import BLUR
+from ledpi.decode.proposals import DEEP
+from ledpi.geometry import quad_side
+from ledpi.kernels import pose as kernel
+from ledpi.records import Floats, Frame, Intrinsics, PanelSpec, Quad, Rejected
+from ledpi.shutter import contrast
+
+TOO_SMALL = Rejected(stage="fit", reason="too_small")
+NO_LIGHT = Rejected(stage="fit", reason="no_light")
+MISFIT = Rejected(stage="fit", reason="misfit")
+UNCERTAIN = Rejected(stage="fit", reason="uncertain")
+
+REACH = 0.1  # of the side: how far off a proposal may be
+# Of the light's squares: a first look, from corners that are off, must explain more than it leaves; of what a panel's
+# fit leaves in the end the deviation is less than a third of the light's own.
+MIN_EXPLAINED, MIN_EXPLAINED_FINELY = 0.5, 0.9
+MAX_SIGMA = 1.0 / 8.0  # of a cell: further off, slopes no longer tell what a shift does to a cell's light
+# Where bands are not deep, a fit on a coarse grid is of no more pixels than the grid has lines: between them it would
+# not see the edges of cells. Its blur is that of these pixels: the next fit begins with a little more than a lens has,
+# as what is blurred more is found from further off.
+START_BLUR_PX = 1.2
+MOST_MORE = 2  # times that a fit which has not settled goes on
+
+
+class Locator:
+    """Locates panels of `cells` × `cells` in the frames of one camera."""
+
+    def __init__(
+        self, cells: int, specs: tuple[PanelSpec, ...], intrinsics: Intrinsics | None, *, must_blink: bool = True
+    ) -> None:
+        """`must_blink`: what surely does not at these frequencies is none."""
+        self._must_blink = must_blink
+        self._cells, self._specs, self._intrinsics = cells, specs, intrinsics
+        self._fitter = Fitter(cells, intrinsics)
+
+    @property
+    def spent(self) -> int:
+        """On all fits so far: places of the picture at which the model was compared with it."""
+        return self._fitter.sampled
+
+    def at(self, frame: Frame, corners_px: Floats) -> Quad | Rejected:
+        """The panel that a proposal (4, 2) is of, or why it is none: on a coarse grid, then on a fine one."""
+        deep = self._is_deep(frame)
+        coarse = Effort(rounds=8, tolerance=0.02, roughly=True, phasing=deep, must_blink=deep and self._must_blink)
+        first = self._fitted(frame, corners_px, coarse, self._specs)
+        if isinstance(first, Rejected):
+            return first
+        unknown = first.unknown
+        if not deep:
+            unknown = unknown.copy()
+            unknown[BLUR] = math.log(START_BLUR_PX)
+        fine = Effort(rounds=10, reweightings=2, must_blink=self._must_blink)
+        fit = self._fitted(frame, first.lattice_px, fine, (first.spec,), unknown)
+        for _ in range(MOST_MORE):
+            if isinstance(fit, Rejected) or fit.settled:
+                break
+            fit = self._fitted(frame, fit.lattice_px, fine, (fit.spec,), fit.unknown)
+        return self._quad(fit)
+
+    def near(self, frame: Frame, corners_px: Floats, known: Floats) -> Quad | Rejected:
+        """The panel whose lattice is within a tenth of a cell or so of these corners (4, 2), or why there is none.
+
+        `known`: the unknowns that it was fitted with before, its corners in the same order.
+        """
+        fine = Effort(rounds=6, reweightings=1)
+        fit = self._fitted(frame, corners_px, fine, self._specs, known)
+        return self._quad(fit)
+
+    def _is_deep(self, frame: Frame) -> bool:
+        return any(contrast(hz, frame.exposure_us, s.duty) > 2.0 * DEEP for s in self._specs for hz in s.waves_hz)
+
+    def _fitted(
+        self,
+        frame: Frame,
+        corners_px: Floats,
+        effort: Effort,
+        specs: tuple[PanelSpec, ...],
+        known: Floats | None = None,
+    ) -> Fitted | Rejected:
+        """At the frequencies that explain most."""
+        smallest_px = self._cells * MIN_CELL_PX
+        if not quad_side(corners_px.tolist()) >= smallest_px:
+            return TOO_SMALL
+        fewest_px = FEWEST_PX if effort.phasing or not effort.roughly else self._cells * ROUGHLY
+        window = Window.around(frame, corners_px, REACH, fewest_px)
+        if window is None:
+            return NO_LIGHT
+        fits = [self._fitter.fit(frame, window, corners_px, spec, effort, known) for spec in specs]
+        best = max(fits, key=lambda fit: fit.explained if isinstance(fit, Fitted) else -math.inf)
+        if isinstance(best, Rejected):
+            return best
+        if best.explained < MIN_EXPLAINED:
+            return MISFIT
+        side_px = quad_side(best.corners_px.tolist())
+        if not side_px >= smallest_px:
+            return TOO_SMALL
+        sigma_px = math.sqrt(float(np.trace(best.covariance_px2)) / 8.0)
+        return best if effort.roughly or sigma_px < MAX_SIGMA * side_px / self._cells else UNCERTAIN
+
+    def _quad(self, fit: Fitted | Rejected) -> Quad | Rejected:
+        if isinstance(fit, Rejected):
+            return fit
+        if fit.explained < MIN_EXPLAINED_FINELY:
+            return MISFIT
+        return Quad(
+            corners_px=fit.corners_px,
+            lattice_px=fit.lattice_px,
+            corner_sigma_px=math.sqrt(float(np.trace(fit.covariance_px2)) / 8.0),
+            bend_px=self._bend_px(fit.corners_px),
+            unknown=fit.unknown,
+            unexplained=1.0 - fit.explained,
+            hidden=fit.hidden if fit.hidden.any() else None,
+        )
+
+    def _bend_px(self, corners: Floats) -> float:
+        """How far the lens bends a square's sides off the straight line, at most."""
+        lens = self._intrinsics
+        if lens is None or not any(lens.distortion):
+            return 0.0
+        square = np.ascontiguousarray(corners).view(np.complex128).reshape(1, 4)
+        return float(np.abs(kernel.bends(square, lens).imag).max())

@@ -1,0 +1,1 @@
+"""A panel's picture as one equation, and its fit to light."""

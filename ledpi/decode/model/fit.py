@@ -1,0 +1,136 @@
+"""Where a panel is: its whole picture fitted to light, from corners that are about right.
+
+docs/algorithm.md has the equation and its unknowns, kernels/panel_light.c its terms, kernels/panel_fit.c the step.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ledpi.decode.model.light import Window, grid, waves
+from ledpi.decode.model.prior import COMMON, OWN, PHASE, prior
+from ledpi.kernels.library import NONE, lib
+from ledpi.kernels.panel import MOST_LINES, Solver
+from ledpi.kernels.pose import lens_of
+from ledpi.records import Floats, Frame, Intrinsics, PanelSpec, Rejected, read_only
+
+DIVERGED = Rejected(stage="fit", reason="diverged")
+NO_BANDS = Rejected(stage="fit", reason="no_bands")
+
+SATURATED = 0.999  # of full scale: such light says nothing
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Effort:
+    """How a fit is gone about."""
+
+    rounds: int  # of Gauss and Newton, at most
+    tolerance: float = 0.002  # of half the side: the last step moves corners by less
+    reweightings: int = 0  # how often what does not fit is given less weight
+    roughly: bool = False  # on a coarse grid
+    phasing: bool = True  # seeks the bands' phases first, on a grid
+    must_blink: bool = False  # and gives up what surely shows none
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Fitted:
+    """A panel's picture as it fits best. Pixels are the picture's."""
+
+    lattice_px: Floats  # (4, 2) corners of the lattice of cells
+    corners_px: Floats  # (4, 2) and of what is lit
+    hidden: Floats  # (4,) how much something hides along each side, from one corner to the next, in cells
+    covariance_px2: Floats  # (8, 8) of the corners: x and y of each
+    settled: bool  # the last step hardly moved anything
+    explained: float  # share of the light's squares about their mean
+    unknown: Floats  # as `prior` has them
+    spec: PanelSpec
+
+    @property
+    def mix(self) -> Floats:
+        """(cells², 2) how much each cell shows of black's and of white's wave."""
+        return self.unknown[COMMON:].reshape(-1, OWN)[:, 1:]
+
+    @property
+    def phases(self) -> tuple[float, float]:
+        """Cycles of black's and white's wave where row 0's exposure begins."""
+        black, white = self.unknown[PHASE : PHASE + 2].tolist()
+        return black, white
+
+
+class Fitter:
+    """Fits panels of `cells` × `cells`, in room that it keeps."""
+
+    def __init__(self, cells: int, intrinsics: Intrinsics | None) -> None:
+        self._cells = cells
+        bent = intrinsics is not None and any(intrinsics.distortion)
+        self._lens = lens_of(intrinsics) if bent and intrinsics is not None else None
+        self._solver = Solver()
+        self.sampled = 0  # places, by all fits so far
+
+    def fit(
+        self,
+        frame: Frame,
+        window: Window,
+        corners_px: Floats,
+        spec: PanelSpec,
+        effort: Effort,
+        known: Floats | None = None,
+    ) -> Fitted | Rejected:
+        """From corners (4, 2) of the lattice, or why it comes to nothing. `known`: unknowns to begin with."""
+        cells = self._cells
+        lines = grid(cells, round(_pitch_px(corners_px, cells) / window.shrink, 1), roughly=effort.roughly)
+        if len(lines) > MOST_LINES:
+            return DIVERGED
+        given = prior(cells, even=effort.roughly)
+        unknown = (given[0] if known is None else known).copy()
+        tables = waves(spec, frame.exposure_us, frame.row_time_us, window.shrink)
+        per_row = frame.row_time_us * 1e-6
+        outcome, fit = self._solver.fit(
+            light=window.light,
+            rows=window.light.shape[0],
+            columns=window.light.shape[1],
+            first_x=window.first[0],
+            first_y=window.first[1],
+            shrink=window.shrink,
+            saturated=SATURATED,
+            lens=NONE if self._lens is None else self._lens,
+            cells=cells,
+            waves=tables,
+            cycles_a_row=(spec.black_hz * per_row, spec.white_hz * per_row),
+            scale=1.0 / (window.bright - window.dark),
+            dark=window.dark,
+            lines=len(lines),
+            along=lines,
+            prior=given,
+            rounds=effort.rounds,
+            reweightings=effort.reweightings,
+            phasing=effort.phasing,
+            must_blink=effort.must_blink,
+            tolerance=effort.tolerance,
+            corners=corners_px.reshape(-1).tolist(),
+            unknown=unknown,
+        )
+        self.sampled += fit.sampled
+        if outcome != lib.LEDPI_FITTED:
+            return NO_BANDS if outcome == lib.LEDPI_WITHOUT_BANDS else DIVERGED
+        lattice, lit = np.array(list(fit.corners)).reshape(4, 2), np.array(list(fit.lit)).reshape(4, 2)
+        if not (np.isfinite(lattice).all() and np.isfinite(lit).all()):
+            return DIVERGED
+        return Fitted(
+            lattice_px=read_only(lattice),
+            corners_px=read_only(lit),
+            hidden=read_only(np.array(list(fit.hidden))[[2, 1, 3, 0]]),
+            covariance_px2=read_only(np.array(list(fit.covariance)).reshape(8, 8)),
+            settled=fit.settled,
+            explained=fit.explained,
+            unknown=read_only(unknown),
+            spec=spec,
+        )
+
+
+def _pitch_px(corners_px: Floats, cells: int) -> float:
+    """The shorter of a cell's mean width and height."""
+    a, b, c, d = corners_px
+    return float(min(np.hypot(*(b + c - a - d)), np.hypot(*(c + d - a - b)))) / (2 * cells)

@@ -1,0 +1,107 @@
+"""What a fit is of: the light of a part of the picture, and what the exposure leaves there of either class's wave."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import cv2
+import numpy as np
+
+from ledpi.geometry import quad_side
+from ledpi.records import Floats, Frame, PanelSpec, Singles, read_only
+from ledpi.shutter import row_weights
+from ledpi.tone import linear_light
+
+FEWEST_PX = 70  # a square of twice as many pixels along its side is averaged down: its light abounds
+FARTHEST = 8  # sizes of the picture: corners further out are none
+WAVE_STEPS = 512  # of a period; as in kernels/panel.h
+# Quantiles: of the light around, what is taken for dark, and of that within the square, for a panel's own.
+DARK, BRIGHT = 0.05, 0.8
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Window:
+    """Linear light of a part of the picture, averaged down by whole pixels."""
+
+    light: Singles  # (rows, columns), 0..1
+    first: tuple[float, float]  # x, y of the first one's centre in the picture
+    shrink: int  # pixels of the picture, along a side
+    dark: float  # levels of what is dark there, and of the square's own light
+    bright: float
+
+    @classmethod
+    def around(cls, frame: Frame, corners_px: Floats, reach: float, fewest_px: float = FEWEST_PX) -> Window | None:
+        """What is up to `reach` of its side, and three pixels, around a square (4, 2); None where it shows no light.
+
+        `fewest_px`: of its side, how many are left where it is averaged down.
+        """
+        height, width = frame.pixels.shape
+        if not np.abs(corners_px).max() < FARTHEST * max(height, width):
+            return None
+        side_px = quad_side(corners_px.tolist())
+        shrink = max(1, int(min(side_px, max(height, width)) // fewest_px))
+        reach_px = reach * side_px + 3.0
+        (left, top), (right, bottom) = corners_px.min(axis=0) - reach_px, corners_px.max(axis=0) + reach_px
+        x, y = max(0, int(left)), max(0, int(top))
+        columns = (min(width, int(right) + 2) - x) // shrink
+        rows = (min(height, int(bottom) + 2) - y) // shrink
+        if min(columns, rows) < 2:
+            return None
+        patch = frame.pixels[y : y + rows * shrink, x : x + columns * shrink]
+        light = cv2.LUT(patch, linear_light(frame.transfer, mark_saturated=False))
+        if shrink > 1:
+            light = cv2.resize(light, (columns, rows), interpolation=cv2.INTER_AREA)
+        first = (x + (shrink - 1) / 2, y + (shrink - 1) / 2)
+        inside = np.zeros(light.shape, np.uint8)
+        cv2.fillConvexPoly(inside, np.round((corners_px - first) / shrink).astype(np.int32), 1)
+        own = light[inside > 0]
+        if not len(own):
+            return None
+        dark, bright = _quantile(light[::2, ::2].reshape(-1), DARK), _quantile(own, BRIGHT)
+        return cls(light, first, shrink, dark, bright) if bright > dark else None
+
+
+def _quantile(light: Singles, share: float) -> float:
+    return float(np.partition(light, at := int(share * len(light)))[at])
+
+
+@lru_cache(maxsize=64)
+def waves(spec: PanelSpec, exposure_us: float, row_time_us: float, shrink: int) -> Singles:
+    """(2, WAVE_STEPS) what a row shows of black's and white's wave over a period, less its mean, over its mean.
+
+    Means of `shrink` rows; the phase is that of the wave where the row's exposure begins.
+    """
+    out = np.empty((2, WAVE_STEPS), np.float32)
+    steps = (np.arange(WAVE_STEPS) + 0.5) / WAVE_STEPS
+    for wave, hz in zip(out, (spec.black_hz, spec.white_hz), strict=True):
+        rows = np.arange(shrink) - (shrink - 1) / 2 + steps[:, None] / (hz * row_time_us * 1e-6)
+        shown = row_weights(
+            rows, frequency_hz=hz, phase_cycles=0.0, duty=spec.duty, exposure_us=exposure_us, row_time_us=row_time_us
+        ).mean(axis=1)
+        wave[:] = shown / shown.mean() - 1.0
+    return read_only(out)
+
+
+NEAR_BORDER = np.arange(-2.0, 3.0)  # pixels, of the lines about the borders of cells, where light changes most
+FINE_PX = 9.0  # width of a cell from which on lines are not evenly spread, one a pixel
+ROUGHLY = 5  # lines along a cell, for a first look
+INSIDE = (4, 7)  # along the rest of a cell, between borders: fewest, most
+MARGIN_PX = 1.5  # further out is what may be beyond a panel's frame
+
+
+@lru_cache(maxsize=256)
+def grid(cells: int, pitch_px: float, *, roughly: bool) -> Floats:
+    """(lines,) of a grid over the panel, in cells from its first corner; `pitch_px` a cell's width in the window."""
+    if roughly or pitch_px < FINE_PX:
+        each = max(3, min(round(pitch_px), ROUGHLY if roughly else int(FINE_PX)))
+        beyond = max(1, math.ceil(MARGIN_PX * each / max(pitch_px, 1.0)))
+        return read_only((np.arange(-beyond, cells * each + beyond) + 0.5) / each)
+    borders = np.arange(cells + 1)[:, None] + NEAR_BORDER / pitch_px
+    first = (NEAR_BORDER[-1] + 1.0) / pitch_px
+    count = max(INSIDE[0], min(INSIDE[1], int(pitch_px / 4)))
+    inside = np.arange(cells)[:, None] + np.linspace(first, 1.0 - first, count)
+    lines = np.sort(np.concatenate([borders, inside], axis=None))
+    margin = MARGIN_PX / pitch_px
+    return read_only(lines[(lines > -margin) & (lines < cells + margin)])

@@ -1,0 +1,44 @@
+"""What is known of a panel's picture before it is seen: means and deviations of the fit's unknowns.
+
+Light is in units of the panel's own, lengths along the panel in cells.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+
+import numpy as np
+
+from ledpi.records import Floats, read_only
+
+# Where in the unknowns; as kernels/panel.h has them. The first eight are the homography's.
+BLUR, GAP, RIM, SHAPE, PHASE, BESIDE, DARK, ASIDE, COMMON, OWN = 8, 9, 10, 14, 22, 24, 28, 29, 31, 3
+
+BLUR_PX, BLUR_SPREAD = 0.8, 0.4  # of lens, pixel and interpolation; its logarithm's deviation
+GAP_MEAN, GAP_SIGMA = 0.08, 0.08  # between cells: walls and rims of LEDs, 0 to a fifth of a cell
+RIM_SIGMA = 0.03  # within the lattice's end, on each side: half a wall, or how exactly panels are cut
+SHAPE_SIGMA = 0.5  # a hot spot of half the light has a first harmonic of half the mean
+ASIDE_SIGMA = 0.05  # LEDs 3 % of a cell off its middle, of a spot of a quarter of the light
+BESIDE_SIGMA = 1.0  # what is beside a panel may be brighter than it is
+DARK_SIGMA = 0.3  # the room's light on the panel
+NEVER = 1e-4  # where nothing of the kind is to be
+GAIN_SIGMA = 0.5  # of cells, which may be dead
+MIX_SIGMA = 0.7  # of either class's wave in a cell: 0 or 1
+
+
+@cache
+def prior(cells: int, *, even: bool) -> Floats:
+    """(2, unknowns): means, and one over the variances (0 where nothing is known), of `cells` × `cells`.
+
+    `even`: cells are even about their middles, so that nothing but the corners moves the lattice.
+    """
+    mean, sigma = np.zeros((2, COMMON + OWN * cells * cells))
+    sigma[:] = math.inf
+    mean[BLUR], sigma[BLUR] = math.log(BLUR_PX), BLUR_SPREAD
+    mean[GAP], sigma[GAP] = GAP_MEAN, GAP_SIGMA
+    sigma[RIM:SHAPE], sigma[SHAPE:PHASE] = RIM_SIGMA, SHAPE_SIGMA
+    sigma[BESIDE:DARK], sigma[DARK], sigma[ASIDE:COMMON] = BESIDE_SIGMA, DARK_SIGMA, NEVER if even else ASIDE_SIGMA
+    mean[COMMON::OWN], sigma[COMMON::OWN] = 1.0, GAIN_SIGMA
+    sigma[COMMON + 1 :: OWN] = sigma[COMMON + 2 :: OWN] = MIX_SIGMA
+    return read_only(np.stack([mean, sigma**-2.0]))

@@ -1,0 +1,107 @@
+"""Where panels may be: rough squares, wrong often, missing rarely. What is one is for the fit to say."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from ledpi.decode.cells import MIN_CELL_PX
+from ledpi.decode.finding.find import Finder
+from ledpi.decode.finding.lattices import LatticeFinder
+from ledpi.geometry import corners_apart, quad_side
+from ledpi.records import CameraInfo, Floats, Frame, PanelSpec, Rejected
+from ledpi.shutter import contrast
+
+DEEP = 0.5  # depth of bands that cut a panel into pieces
+SAME = 0.25  # of a cell: proposals no further apart lead to the same fit
+MOST = 256  # proposals of a frame: what has more is texture
+
+
+class Candidate(NamedTuple):
+    """A rough square."""
+
+    corners_px: Floats  # (4, 2), clockwise as seen in the picture
+    side_px: float
+
+    @classmethod
+    def of(cls, corners_px: Floats) -> Candidate:
+        """The candidate with these corners (4, 2)."""
+        return cls(corners_px, quad_side(corners_px.tolist()))
+
+
+class Proposer:
+    """Proposes panels of `cells` × `cells` in the frames of one camera. Keeps the pictures that it works on."""
+
+    def __init__(self, camera: CameraInfo, cells: int, specs: Sequence[PanelSpec]) -> None:
+        self._cells, self._specs = cells, tuple(specs)
+        self._outlines = Finder(camera.width, camera.height, cells * MIN_CELL_PX, cells)
+        self._lattices = LatticeFinder(cells)
+
+    def propose(self, frame: Frame, *, thorough: bool) -> tuple[list[Candidate], list[Rejected]]:
+        """Distinct candidates, best first; and what was dropped.
+
+        Lattices of cells come first, as nothing but cells makes them. Then outlines, the largest first: a texture's are
+        small. `thorough`: where a panel may end in a dark band, its ends are also sought further out or in; in a stream
+        the next frame's bands are elsewhere.
+        """
+        band_rows = self._band_rows(frame)
+        lattices: list[Floats] = []
+        found: list[Floats] = []
+        dropped: list[Rejected] = []
+        for seen in [frame] if band_rows is None else _bridged(frame, band_rows):
+            outlines, refused = self._outlines.find(seen)
+            again, refused_too = self._outlines.find_again()
+            lattices += self._lattices.find(self._outlines.pyramid(seen))
+            found += [*outlines, *again]
+            dropped += refused + refused_too
+        ranked = lattices + sorted(found, key=lambda at: -quad_side(at.tolist()))
+        if thorough and band_rows is not None:
+            ranked += [at for corners in ranked for at in _ends_moved(corners, band_rows / 3.0)]
+        return self._distinct([Candidate.of(at) for at in ranked[:MOST]]), dropped
+
+    def _band_rows(self, frame: Frame) -> int | None:
+        """Rows of the longest dark band, where bands are so deep that they cut a panel into pieces."""
+        depths = [contrast(hz, frame.exposure_us, spec.duty) / 2.0 for spec in self._specs for hz in spec.waves_hz]
+        if max(depths) < DEEP:
+            return None
+        slowest = min(hz for spec in self._specs for hz in spec.waves_hz)
+        return 1 + math.ceil(0.5e6 / (slowest * frame.row_time_us))
+
+    def _distinct(self, candidates: list[Candidate]) -> list[Candidate]:
+        kept: list[Candidate] = []
+        for one in candidates:
+            near_px = SAME * one.side_px / self._cells
+            corners = one.corners_px.tolist()
+            if one.side_px >= self._cells * MIN_CELL_PX and not any(
+                abs(one.side_px - other.side_px) < 2 * near_px
+                and corners_apart(corners, other.corners_px.tolist()) < near_px
+                for other in kept
+            ):
+                kept.append(one)
+        return kept
+
+
+def _bridged(frame: Frame, band_rows: int) -> list[Frame]:
+    """How far each pixel's column goes from dark to bright within a band, which shows nothing that is steady; and how
+    bright it is at most there.
+
+    Both reach up to a band too far up and down, where a panel ends in a bright one: half of that is taken off.
+    """
+    column = np.ones((band_rows, 1), np.uint8)
+    brightest = cv2.dilate(frame.pixels, column)
+    change = cv2.subtract(brightest, cv2.erode(frame.pixels, column))
+    half = column[: band_rows // 2]
+    return [replace(frame, pixels=cv2.erode(each, half)) for each in (change, brightest)]
+
+
+def _ends_moved(corners: Floats, rows: float) -> list[Floats]:
+    """The square (4, 2) with its upper end, its lower one, or both, so many rows further up or down."""
+    y = corners[:, 1]
+    lower = (y - y.min()) / max(float(np.ptp(y)), 1e-9)
+    moves = ((1, 0), (0, 1), (-1, 0), (0, -1), (1, 1), (-1, -1))
+    return [np.column_stack([corners[:, 0], y + rows * (a * (1.0 - lower) + b * lower)]) for a, b in moves]

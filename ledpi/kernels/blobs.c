@@ -1,0 +1,74 @@
+/* Bright blobs of a picture: runs of rows, joined where they touch.
+ *
+ * Blobs (most, 6) of the pixels (height, width) that are brighter than `around`, their neighbourhood, by more than
+ * `contrast`; of 4-connected pixels, and no larger than `most_area`. `runs` (most_runs, 4) and `sums` (most_runs, 6) are
+ * room. What there is no room for is left out. */
+#include <math.h>
+#include <string.h>
+
+#include "blobs.h"
+
+#define LEAST_AREA 5.0 /* pixels that have second moments worth the name */
+#define LEAST_FULL 0.7 /* of the area of a parallelogram with its moments: what is bent or branched fills less */
+
+static int32_t root_of(BlobRun *runs, int32_t i) {
+    while (runs[i].root != i) i = runs[i].root = runs[runs[i].root].root;
+    return i;
+}
+
+static void join(BlobRun *runs, int32_t one, int32_t other) {
+    const int32_t a = root_of(runs, one), b = root_of(runs, other);
+    if (a < b) runs[b].root = a;
+    if (b < a) runs[a].root = b;
+}
+
+static ptrdiff_t put_runs(const uint8_t *pixels, const uint8_t *around, ptrdiff_t height, ptrdiff_t width, ptrdiff_t contrast,
+                          ptrdiff_t most, BlobRun *runs) {
+    ptrdiff_t count = 0, above = 0;
+    for (ptrdiff_t y = 0; y < height; y++, pixels += width, around += width) {
+        const ptrdiff_t first = count;
+        ptrdiff_t k = above;
+        for (ptrdiff_t x = 0; x < width; x++) {
+            if (pixels[x] <= around[x] + contrast) continue;
+            const ptrdiff_t from = x;
+            while (x < width && pixels[x] > around[x] + contrast) x++;
+            if (count == most) return count;
+            runs[count] = (BlobRun){(int32_t)y, (int32_t)from, (int32_t)x, (int32_t)count};
+            while (k < first && runs[k].to <= from) k++;
+            for (ptrdiff_t j = k; j < first && runs[j].from < x; j++) join(runs, (int32_t)j, (int32_t)count);
+            count++;
+        }
+        above = first;
+    }
+    return count;
+}
+
+/* The moments of `sums` (6): of 1, x, y, x², xy, y². */
+static Blob blob_of(const double *sums) {
+    const double n = sums[0], x = sums[1] / n, y = sums[2] / n, pixel = 1.0 / 12.0;
+    return (Blob){n, x, y, sums[3] / n - x * x + pixel, sums[4] / n - x * y, sums[5] / n - y * y + pixel};
+}
+
+ptrdiff_t ledpi_blobs(const uint8_t *pixels, const uint8_t *around, ptrdiff_t height, ptrdiff_t width, ptrdiff_t contrast,
+                      double most_area, ptrdiff_t most_runs, int32_t *run_room, double *sum_room, ptrdiff_t most,
+                      double *found_blobs) {
+    BlobRun *const runs = (BlobRun *)run_room;
+    double (*const sums)[LEDPI_BLOB] = (double (*)[LEDPI_BLOB])sum_room;
+    Blob *const blobs = (Blob *)found_blobs;
+    const ptrdiff_t count = put_runs(pixels, around, height, width, contrast, most_runs, runs);
+    ptrdiff_t found = 0;
+    memset(sums, 0, sizeof *sums * (size_t)count);
+    for (ptrdiff_t i = 0; i < count; i++) {
+        double *s = sums[root_of(runs, (int32_t)i)];
+        const double y = runs[i].row, n = runs[i].to - runs[i].from, x = 0.5 * (runs[i].from + runs[i].to - 1);
+        s[0] += n, s[1] += n * x, s[2] += n * y;
+        s[3] += n * x * x + n * (n * n - 1.0) / 12.0, s[4] += n * x * y, s[5] += n * y * y;
+    }
+    for (ptrdiff_t i = 0; i < count && found < most; i++) {
+        if (runs[i].root != i || sums[i][0] < LEAST_AREA || sums[i][0] > most_area) continue;
+        const Blob blob = blob_of(sums[i]);
+        const double full = 12.0 * sqrt(fmax(blob.xx * blob.yy - blob.xy * blob.xy, 0.0));
+        if (blob.area >= LEAST_FULL * full) blobs[found++] = blob;
+    }
+    return found;
+}

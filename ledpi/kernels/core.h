@@ -1,0 +1,189 @@
+/* Every function of the compiled core that Python calls. cffi makes the bindings from this file (build_core.py, in the project's root), so it holds
+ * plain declarations, and no directives but those that guard and include.
+ *
+ * Arrays are as numpy lays them out (C order). The functions keep none of them, and touch no element beyond the sizes that
+ * they are told. Numbers that are not finite are legal everywhere. What each does is said where it is defined. */
+#ifndef LEDPI_CORE_H
+#define LEDPI_CORE_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+/* ---- The light of a panel's cells (cells.c) */
+
+enum { LEDPI_NONE_SATURATED, LEDPI_SOME_SATURATED, LEDPI_OUTSIDE, LEDPI_NOT_SAMPLED };
+
+int ledpi_sample_cells(const uint8_t *pixels, ptrdiff_t height, ptrdiff_t width, ptrdiff_t stride, const float *table,
+                       const double *corners, double bend_px, const double *lens, ptrdiff_t cells, ptrdiff_t k,
+                       const float *along, const float *kernel, ptrdiff_t steps, float *light, float *picture_rows,
+                       double *least);
+
+/* ---- Evidence (waves.c, uncovered.c, single_frame.c, comparison.c, noise.c, expect.c) */
+
+void ledpi_waves(const float *rows, ptrdiff_t count, float a_row, float start, float *cosines, float *sines);
+
+void ledpi_square_waves(const float *rows, ptrdiff_t count, double a_row, double start, ptrdiff_t averaged, double apart,
+                        double exposed, double duty, double fundamental, float *bands, float *later);
+
+bool ledpi_all_uncovered(ptrdiff_t cells, ptrdiff_t points, const float *light, const uint8_t *valid, const float *least,
+                         float *room);
+
+bool ledpi_single_evidence(ptrdiff_t side, ptrdiff_t k, ptrdiff_t count, const float *light, const uint8_t *valid,
+                           const float *waves, const float *along, ptrdiff_t source_count, const int64_t *column,
+                           const int64_t *first, const int64_t *met, const float *shown, const float *of_class,
+                           const uint8_t *white, double independence, ptrdiff_t aside, ptrdiff_t below, ptrdiff_t rim,
+                           double *score, double *information, double *numbers);
+
+bool ledpi_compared_evidence(ptrdiff_t side, ptrdiff_t k, ptrdiff_t count, const float *light, const uint8_t *valid,
+                             const float *new_waves, const float *picture, const float *counts, const float *mean_waves,
+                             const float *along, double independence, ptrdiff_t aside, ptrdiff_t below, ptrdiff_t rim,
+                             double *score, double *information, double *numbers);
+
+/* Of white noise: as `Expected` in decode/evidence/noise.py. */
+typedef struct {
+    double white, growth, chance, once, twice, least_free;
+} Expected;
+
+void ledpi_correlation(const Expected *expected, const double *of_fit, double *correlation);
+
+double ledpi_volume(double excess, double deviation, double growth);
+
+enum { LEDPI_WAYS = 9 }; /* in which a panel's gain and corners may be wrong */
+
+void ledpi_expectation(ptrdiff_t side, ptrdiff_t k, ptrdiff_t waves, const float *picture, const float *count,
+                       const float *mean_waves, const float *along, const double *bands, float *root, float *basis,
+                       float *left_bands, float *room);
+
+void ledpi_expected(ptrdiff_t cells, ptrdiff_t points, ptrdiff_t ways, const float *picture, const float *root,
+                    const float *basis, const float *left_bands, const float *depth, const double *hz, const double *phase,
+                    double since_s, double row_time_s, const float *light, const uint8_t *valid, const float *rows,
+                    double independence, double ridge, float *room, double *of);
+
+/* ---- Words and other patterns (words.c, neighbours.c, climb.c) */
+
+enum { LEDPI_MOST_CELLS = 64 }; /* of a pattern: a bit for each */
+
+ptrdiff_t ledpi_likeliest(ptrdiff_t cells, ptrdiff_t parameters, const double *score, const double *information,
+                          const double *prior, const float *words, ptrdiff_t count, ptrdiff_t most, int64_t *chosen,
+                          uint8_t *silent, double *numbers);
+
+double ledpi_gain_by_others(ptrdiff_t cells, ptrdiff_t parameters, const double *score, const double *information,
+                            const double *shown, const double *other, double *gain, double *room);
+
+double ledpi_of_neighbours(ptrdiff_t cells, ptrdiff_t parameters, const double *score, const double *information,
+                           const double *prior, const float *word, ptrdiff_t nearest, ptrdiff_t furthest);
+
+double ledpi_likeliest_beyond(ptrdiff_t cells, ptrdiff_t parameters, const double *score, const double *information,
+                              const double *prior, const float *word, ptrdiff_t correctable, float *pattern);
+
+/* ---- A first look at a panel: evidence and words at once (first_look.c) */
+
+/* What all panels of side × side cells, with k × k points in each, have in common: as `ledpi_single_evidence` and
+ * `ledpi_all_uncovered` take it. */
+typedef struct {
+    ptrdiff_t side, k, source_count;
+    const float *along;
+    const int64_t *column, *first, *met;
+    const float *least;
+} Grid;
+
+enum { LEDPI_LOOKED, LEDPI_NOT_PLAIN, LEDPI_UNFIT, LEDPI_NOT_LOOKED };
+
+int ledpi_look(const Grid *grid, const float *light, const float *rows, double independence, ptrdiff_t waves,
+               double first_a_row, double second_a_row, const double *prior, const float *words, ptrdiff_t count,
+               ptrdiff_t most, bool may_be_covered, double unlit, ptrdiff_t aside, ptrdiff_t below, ptrdiff_t rim,
+               const Expected *expected, int64_t *chosen, uint8_t *silent, double *numbers);
+
+/* ---- Proposals: outlines of four-sided things (find.c), lattices of bright blobs (blobs.c, lattices.c) */
+
+enum { LEDPI_MOST_LEVELS = 10, LEDPI_MOST_SHARES = 2, LEDPI_LIMITS = 19, LEDPI_SQUARE = 11 };
+
+/* A picture, a pixel of which is `scale` of the frame's; which grey levels something that is lit there is brighter than, or
+ * by which shares of the contrast it is, in 256ths; and the shortest way around what is. */
+typedef struct {
+    const uint8_t *picture;
+    ptrdiff_t height, width, scale, levels, shares;
+    int32_t brighter_than[10], lit_by[2], shortest;
+} FindLevel;
+
+/* What is looked for: squares of at least `smallest_px`, of `cells` along a side. */
+typedef struct {
+    double smallest_px;
+    ptrdiff_t cells;
+    double limits[19]; /* as `Limits` of decode/finding/find.py, which explains them */
+} FindWanted;
+
+/* Squares (most, LEDPI_SQUARE): four corners' x and y, side_px, misfit, tolerance_px; which of them are of different
+ * things, the best first; and how often something was dropped, and for what. */
+typedef struct {
+    double *squares;
+    int64_t *distinct;
+    ptrdiff_t most, count, distinct_count, at_border, not_four_sided, too_small;
+} FindResult;
+
+ptrdiff_t ledpi_find_room(ptrdiff_t height, ptrdiff_t width);
+void ledpi_find(const FindLevel *levels, ptrdiff_t count, const FindWanted *wanted, uint8_t *room, FindResult *result);
+
+enum { LEDPI_BLOB_RUN = 4, LEDPI_BLOB = 6, LEDPI_LATTICE_SPAN = 17 };
+
+ptrdiff_t ledpi_blobs(const uint8_t *pixels, const uint8_t *around, ptrdiff_t height, ptrdiff_t width, ptrdiff_t contrast,
+                      double most_area, ptrdiff_t most_runs, int32_t *runs, double *sums, ptrdiff_t most, double *blobs);
+
+ptrdiff_t ledpi_lattices(const double *blobs, ptrdiff_t count, ptrdiff_t least, uint8_t *used, ptrdiff_t most,
+                         int32_t *lattices);
+
+/* ---- A panel's picture, fitted to light (panel_fit.c) */
+
+typedef struct {
+    /* Light (rows, columns) of a part of the picture, each of `shrink` pixels a side, the first one's centre at `first`. */
+    const float *light;
+    ptrdiff_t rows, columns;
+    double first_x, first_y, shrink, saturated;
+    const double *lens; /* NULL: there is none */
+    /* The panel: either class's wave (2, 512) as the exposure leaves it, less its mean, over its mean. The fit's light is
+     * (what is seen − dark)·scale. */
+    ptrdiff_t cells;
+    const float *waves;
+    double cycles_a_row[2], scale, dark;
+    /* Of the grid, in cells from the first corner, the same across and down. And what unknowns are expected to be, and one
+     * over the variance: (2, unknowns). */
+    ptrdiff_t lines;
+    const double *along, *prior;
+    /* At most; how often blocks are weighed; whether phases are sought first, and what is surely no panel of these
+     * frequencies is left at that; of half the side: a step that moves corners by less is the last. */
+    ptrdiff_t rounds, reweightings;
+    bool phasing, must_blink;
+    double tolerance;
+    /* Where it begins, and what fits best: corners of the lattice of cells; unknowns as the prior, the first WAYS not used. */
+    double corners[8];
+    double *unknown;
+    /* What follows from it: corners of what is lit, and their covariance; how many cells of each side (left, right, above, below)
+     * something hides; the share of the light's squares about their mean
+     * that is explained; the variance of residuals, in the unit of a sample of full light. */
+    double lit[8], hidden[4], covariance[64], explained, variance;
+    bool settled; /* the last step hardly moved anything */
+    ptrdiff_t sampled; /* places, in all rounds: what it cost */
+} PanelFit;
+
+enum { LEDPI_DIVERGED, LEDPI_FITTED, LEDPI_WITHOUT_BANDS, LEDPI_MOST_SIDE = 8, LEDPI_MOST_LINES = 160 };
+
+int ledpi_fit_panel(PanelFit *fit, uint8_t *room);
+ptrdiff_t ledpi_panel_room(void);
+
+/* ---- Poses (planar.c, refine.c, lens.c) */
+
+void ledpi_bends(const double *lens, ptrdiff_t quads, const double *corners, double *bends);
+
+void ledpi_whiteners(const double *errors, ptrdiff_t count, const double *corners_px, const double *sigma_px,
+                     const double *size_sigma_px, const double *motions_px, double *whiteners);
+
+void ledpi_solve_squares(const double *lens, const double *stop, const double *errors, ptrdiff_t count,
+                         const double *corners_px, const double *sigma_px, const double *size_sigma_px,
+                         const double *sides_m, const double *motions_px, double *solutions, uint8_t *solved);
+
+ptrdiff_t ledpi_fit_body(const double *lens, ptrdiff_t points, const double *place, const double *seen_px,
+                         const double *whiteners, ptrdiff_t starts, const double *rotations, const double *positions,
+                         ptrdiff_t at_most, const double *stop, double *fits, double *off_px, double *room);
+
+#endif

@@ -1,0 +1,81 @@
+/* The picture of a panel: what the files panel_*.c share. docs/algorithm.md has the equation. */
+#ifndef LEDPI_PANEL_H
+#define LEDPI_PANEL_H
+
+#include "core.h"
+#include "kernels.h"
+#include "pose.h"
+
+enum {
+    WAYS = 8, /* in which a homography can be wrong */
+    HARMONICS = 2, SHAPES = (HARMONICS + 1) * (HARMONICS + 1) - 1, /* of a cell's profile, in either direction */
+    OWN = 3, /* unknowns of a cell: its gain, and how much it shows of either class's wave */
+    /* Where in the unknowns: those of the panel, then each cell's OWN. As in decode/model/prior.py. */
+    BLUR = WAYS, GAP, RIM, SHAPE = RIM + 4, PHASE = SHAPE + SHAPES, BESIDE = PHASE + 2, DARK = BESIDE + 4, ASIDE, COMMON = ASIDE + 2,
+    RESIDUAL = COMMON, DENSE = 32, /* columns of a sample: COMMON, its residual, and what pads them */
+    MOST_CELLS = LEDPI_MOST_SIDE, MOST_ROWS = 512,
+    MOST_OWN = OWN * MOST_CELLS * MOST_CELLS, MOST_UNKNOWN = COMMON + MOST_OWN,
+    MOST_MET = 4, /* cells whose light meets at a place */
+    WAVE_STEPS = 512, /* of a period */
+};
+
+/* Light (rows, columns) of a part of the picture, each of `shrink` pixels a side, the first one's centre at `first`. */
+typedef struct {
+    const float *light;
+    ptrdiff_t rows, columns;
+    double first_x, first_y, shrink, saturated;
+    const Lens *lens; /* NULL: there is none */
+} View;
+
+typedef struct {
+    ptrdiff_t cells;
+    const float *waves; /* (2, WAVE_STEPS): either class's wave as the exposure leaves it, less its mean, over its mean */
+    double cycles_a_row[2], scale, dark; /* the fit's light is (what is seen − dark)·scale */
+} Panel;
+
+/* A line of the grid: the two nearest cells, their light there and its slopes by place, blur, gap and rim, the profile's
+ * harmonics; and what is before the first cell and after the last. */
+typedef struct {
+    ptrdiff_t cell[2];
+    double light[2], slope[2], blurred[2], gapped[2], rimmed[2], harmonic[2][HARMONICS + 1], steep[2][HARMONICS + 1], odd[2], odd_steep[2];
+    double beside[2], falls[2], spread[2];
+} Line;
+
+/* What a sample is explained by: its residual's slopes by COMMON in its row of the columns, and by a few cells' OWN. */
+typedef struct {
+    ptrdiff_t met, cell[MOST_MET];
+    float by[MOST_MET][OWN];
+    double seen, predicted, weight, row; /* row of the picture */
+} Sample;
+
+/* What the profile is along a line down, for each of its cells: factors of the harmonics across, and their slopes down. */
+typedef struct {
+    double by[2][HARMONICS + 1], steep[2][HARMONICS + 1];
+} Profile;
+
+Profile ledpi_panel_profile(const double *unknown, const Line *down);
+
+/* The line at `at`, in cells from the panel's first side, where light is blurred by `sigma` cells (panel_light.c). */
+Line ledpi_panel_line(double at, ptrdiff_t cells, double sigma, double gap, const double rim[2]);
+
+/* The sample where two lines cross, by homography h and the unknowns; its row of columns (DENSE). False where it tells
+ * nothing (panel_light.c). */
+bool ledpi_panel_sample(const Panel *panel, const View *view, const double *h, const double *unknown, const Line *across,
+                        const Line *down, const Profile *profile, double u, double v, float *columns, Sample *sample);
+
+/* A wave's value at `cycles`, and its slope per cycle (panel_light.c). */
+double ledpi_wave_at(const float *table, double cycles, double *slope);
+
+/* Squares of the light that bands explain, and that they should. */
+typedef struct {
+    double seen, expected;
+} Bands;
+
+/* The phases (2,) in row 0 that explain most where each cell may show any mix of both waves: `squares` and `products`
+ * (cells², rows) of a steady cell's light, with itself and with what is seen, by row of the view; `ridge`, a sample's variance
+ * over that of a cell's mix (panel_phases.c). What is
+ * expected is what either class's wave, whichever shows less, would explain in each cell. */
+Bands ledpi_panel_phases(const Panel *panel, const View *view, ptrdiff_t rows, const float *squares, const float *products,
+                         float ridge, double phases[2]);
+
+#endif
