@@ -22,12 +22,12 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from sanitized import FLAGS, ROOT, build, check_it_sees, environment
+from sanitized import FLAGS, ROOT, build, check_it_is_used, check_it_sees, environment
 
 HERE = Path(__file__).resolve().parent
 PICTURES, RECORDINGS = "hostile_frames.py", "hostile_recordings.py"
 GRACE_S = 300  # for what was begun when the time was over
-SHORT_S, SHORT_SCENES, SHORT_RECORDINGS = 90, 120, 1000
+SHORT_S, SHORT_SCENES, SHORT_RECORDINGS = 120, 66, 300
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ def built_receiver(folder: Path) -> str:
 def attacks(seed: int, seconds: float, receiver: str, *, short: bool) -> list[Attack]:
     """Pictures on all processors but one, which the recordings have; the receiver beside them needs little time.
 
-    `short`: with an end to each, so that what is attacked does not depend on the machine.
+    `short`: with an end to each before the time is over, so that what is attacked does not depend on the machine.
     """
     processes = 1 if short else max((os.cpu_count() or 2) - 1, 1)
     scenes, recordings = (("--most", SHORT_SCENES), ("--most", SHORT_RECORDINGS)) if short else ((), ())
@@ -121,7 +121,9 @@ def main() -> None:
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        run_in = environment(build(folder))
+        built = build(folder)
+        run_in = environment(built)
+        check_it_is_used(built, run_in)
         check_it_sees(folder, run_in)
         seconds = SHORT_S if given.short else 60 * given.minutes
         if given.scene is not None or given.recording is not None:

@@ -1,9 +1,10 @@
 """Pictures that were made to bring a decoder down, given to `Pipeline.decode`: does it fail, or say what is no number?
 
-Each scene has a few of: noise, flat light, packed grids, windows of panes, LED matrices, text, squares of a few pixels
-(some without area), panels at any slant. Their parts are steady, or blink as panels do, and they move from frame to
-frame. Camera, lens, dictionary and method are drawn, too. `attack.py` runs this on a core that sanitizers watch. A
-scene depends on seed and number alone; its number is printed before it is decoded.
+Each scene has a few of the KINDS of hostile_pictures.py, one of them by turns: packed grids, panes, keyboards, 128
+squares, LED matrices, text, noise and so on. Their parts are steady, or blink as panels do, and they move from frame to
+frame. Half of the scenes are easy otherwise, with a panel that can be read: so what follows panels is attacked, too.
+Camera, lens, dictionary and method are drawn. `attack.py` runs this on a core that sanitizers watch. A scene depends on
+seed and number alone; its number is printed before it is decoded.
 
     python benchmarks/hostile_frames.py [--seconds 60] [--most 100] [--seed 0] [--scene 12345]
 """
@@ -22,17 +23,20 @@ from typing import get_args
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
-from hostile_pictures import KINDS, Drawing, Rng, panel
+from hostile_pictures import KINDS, Drawing, Rng, panel, readable
 
 from ledpi.config import Method, PanelSettings
 from ledpi.pipeline import Pipeline
 from ledpi.records import CameraInfo, Decoded, Floats, Frame, Intrinsics, PanelSpec, Transfer
 from ledpi.shutter import row_weights
 
-SIZES, SIZE_SHARES = ((640, 480), (320, 240), (1296, 972), (64, 48), (33, 35)), (0.4, 0.3, 0.1, 0.1, 0.1)
+USUAL_SIZE = (640, 480)
+SIZES = (USUAL_SIZE, (320, 240), (1296, 972), (64, 48), (33, 35), (1, 1), (640, 1), (1, 480), (4000, 9), (2592, 1944))
+SIZE_SHARES = (0.35, 0.25, 0.1, 0.1, 0.05, 0.03, 0.03, 0.03, 0.03, 0.03)
 EXPOSURES_US, EXPOSURE_SHARES = (10_000.0, 600.0, 150.0, 1.0, 100_000.0), (0.3, 0.3, 0.3, 0.05, 0.05)
-ROW_TIMES_US, ROW_TIME_SHARES = (33.67, 18.0, 10.0, 3.0), (0.7, 0.1, 0.1, 0.1)
-DICTIONARIES, DICTIONARY_SHARES = ("DICT_4X4_50", "DICT_4X4_1000", "DICT_7X7_250"), (0.7, 0.2, 0.1)
+USUAL_EXPOSURES_US, USUAL_ROW_TIME_US = EXPOSURES_US[:3], 33.67
+ROW_TIMES_US, ROW_TIME_SHARES = (USUAL_ROW_TIME_US, 18.0, 10.0, 3.0), (0.7, 0.1, 0.1, 0.1)
+DICTIONARIES, DICTIONARY_SHARES = ("DICT_4X4_50", "DICT_4X4_1000", "DICT_6X6_250", "DICT_7X7_250"), (0.5, 0.2, 0.2, 0.1)
 USUAL_GAP_NS = 16_900_000  # from a frame to the next
 GAPS_NS = (1, 1_000_000, USUAL_GAP_NS, 33_000_000, 10**10)
 FOCAL_WIDTHS = (1.0, 1.0, 1.0, 0.2, 9.0)
@@ -40,8 +44,19 @@ DISTORTIONS, DISTORTION_SHARES = (0.0, 0.1, 1000.0), (0.5, 0.4, 0.1)  # coeffici
 MOST_FRAMES = 8  # of a scene
 
 
-def draw_camera(rng: Rng) -> CameraInfo:
-    """Any size, exposure, rows and lens."""
+def draw_camera(rng: Rng, *, easy: bool) -> CameraInfo:
+    """Any size, exposure, rows and lens; or a usual one."""
+    if easy:
+        width, height = USUAL_SIZE
+        lens = Intrinsics(width=width, height=height, fx=width, fy=width, cx=width / 2, cy=height / 2)
+        return CameraInfo(
+            width=width,
+            height=height,
+            exposure_us=float(rng.choice(USUAL_EXPOSURES_US)),
+            row_time_us=USUAL_ROW_TIME_US,
+            transfer="linear",
+            intrinsics=lens,
+        )
     width, height = SIZES[rng.choice(len(SIZES), p=SIZE_SHARES)]
     lens = None
     if rng.random() < 0.8:
@@ -67,17 +82,27 @@ def draw_panels(rng: Rng) -> PanelSettings:
     return PanelSettings(side_m=0.16, dictionary=dictionary)
 
 
-def frames(camera: CameraInfo, panels: PanelSettings, rng: Rng) -> Iterator[Frame]:
-    """A scene, a few times, as it moves and blinks; at the frequencies that are looked for, or beside them."""
-    drawing = Drawing(camera.width, camera.height, panels.dictionary)
-    if rng.random() < 0.7:
+def draw_picture(camera: CameraInfo, dictionary: str, rng: Rng, kind: int, *, easy: bool) -> Drawing:
+    """One of the KINDS, or more."""
+    drawing = Drawing(camera.width, camera.height, dictionary)
+    if not easy and rng.random() < 0.5:
         panel(drawing, rng)
+    KINDS[kind](drawing, rng)
     for _ in range(rng.integers(0, 3)):
         KINDS[rng.integers(len(KINDS))](drawing, rng)
-    blink = Blink(panels.spec(), camera, off=rng.choice((1.0, 1.0, 1.001, 1.03)), phases=rng.random(2))
-    dark, sigma = rng.choice((0.0, 0.02, 0.3)), rng.choice((0.0, 0.005, 0.05))
-    # Half of the scenes are as quiet as a stream is, so that panels are read and followed; the others jump about.
-    quiet, at_ns = rng.random() < 0.5, 0
+    if easy:
+        readable(drawing, rng)
+    return drawing
+
+
+def frames(camera: CameraInfo, panels: PanelSettings, rng: Rng, kind: int, *, easy: bool) -> Iterator[Frame]:
+    """A scene, a few times, as it moves and blinks; at the frequencies that are looked for, or beside them."""
+    drawing = draw_picture(camera, panels.dictionary, rng, kind, easy=easy)
+    off = 1.0 if easy else rng.choice((1.0, 1.001, 1.03))
+    blink = Blink(panels.spec(), camera, off=off, phases=rng.random(2))
+    dark, sigma = (0.02, 0.005) if easy else (rng.choice((0.0, 0.02, 0.3)), rng.choice((0.0, 0.005, 0.05)))
+    # Most easy scenes are as quiet as a stream is, so that panels are followed; the others jump about.
+    quiet, at_ns = rng.random() < (0.8 if easy else 0.4), 0
     shift = rng.integers(-1, 2, 2) if quiet else rng.integers(-60, 61, 2)
     for seq in range(rng.integers(1, MOST_FRAMES + 1)):
         steady, *waves = (np.roll(layer, seq * shift, (0, 1)) for layer in drawing.light)
@@ -149,12 +174,13 @@ def attack(seed: int, number: int, tally: Tally) -> None:
     """Decodes one scene."""
     print(f"scene {number}", flush=True)
     rng = np.random.default_rng((seed, number))
-    camera, panels = draw_camera(rng), draw_panels(rng)
+    easy = bool(rng.random() < 0.5)
+    camera, panels = draw_camera(rng, easy=easy), draw_panels(rng)
     method: Method = "bands" if panels.phase == "free" and rng.random() < 0.1 else "soft"
     stream = bool(rng.random() < 0.8)
     pipeline = Pipeline(camera, panels, intrinsics=camera.intrinsics, method=method, stream=stream)
     tally.scenes += 1
-    for frame in frames(camera, panels, rng):
+    for frame in frames(camera, panels, rng, number % len(KINDS), easy=easy):
         began_s = time.monotonic()
         decoded = pipeline.decode(frame)
         took_s = time.monotonic() - began_s

@@ -116,7 +116,59 @@ def text(drawing: Drawing, rng: Rng) -> None:
         drawing.draw(put, rng.integers(3))
 
 
-KINDS: tuple[Callable[[Drawing, Rng], None], ...] = (noise, flat, packed, window, matrix, panel, tiny, text)
+def squares(drawing: Drawing, rng: Rng) -> None:
+    """128 bright ones, apart from each other: each looks like a panel at first."""
+    _, height, width = drawing.light.shape
+    layer, share = rng.integers(3), rng.uniform(0.4, 0.8)
+    for row, column in np.ndindex(8, 16):
+        x, y = (int(np.ceil((at + 0.5 - share / 2) * step)) for at, step in ((column, width / 16), (row, height / 8)))
+        drawing.light[layer, y : y + int(share * height / 8), x : x + int(share * width / 16)] = 1.0
+
+
+def keyboard(drawing: Drawing, rng: Rng) -> None:
+    """Rows of bright keys, with dark gaps between them; each row begins further right, the first one has long keys."""
+    height = drawing.light.shape[1]
+    key, first = rng.uniform(0.03, 0.15) * height, rng.uniform(-0.2, 0.5) * height
+    for row in range(int(rng.integers(3, 7))):
+        long = 40 if row == 0 else 8
+        unit = np.zeros((8, 8 * int(rng.integers(6, 16))), np.float32)
+        for start in range(0, unit.shape[1], long):
+            unit[1:7, start + 1 : start + long - 1] = 1.0
+        left, top = key * (0.4 * row + rng.uniform(-1, 1)), first + key * row
+        right, bottom = left + key * unit.shape[1] / 8, top + key
+        place = np.array([[left, top], [right, top], [right, bottom], [left, bottom]], np.float32)
+        _put(drawing, unit, place, 0, rng.uniform(0.3, 1.2))
+
+
+def stripes(drawing: Drawing, rng: Rng) -> None:
+    """Lit rows, or columns, of one pixel or a few: like the bands of a panel, but not."""
+    light = drawing.light[rng.integers(3)]
+    step, wide = int(rng.integers(2, 24)), int(rng.integers(1, 3))
+    for offset in range(wide):
+        if rng.random() < 0.7:
+            light[offset::step] = 1.0
+        else:
+            light[:, offset::step] = 1.0
+
+
+def readable(drawing: Drawing, rng: Rng) -> None:
+    """A panel that can be read, before whatever is there; near the middle."""
+    word = drawing.words[rng.integers(len(drawing.words))]
+    size = rng.uniform(0.2, 0.5) * min(drawing.light.shape[1:])
+    corners = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]]) * size
+    corners += np.array(drawing.light.shape[:0:-1]) / 2 + rng.uniform(-0.04, 0.04, (4, 2)) * size
+    place = corners.astype(np.float32)
+    around = np.rint((corners - corners.mean(axis=0)) * 1.15 + corners.mean(axis=0)).astype(np.int32)
+    for light in drawing.light:
+        cv2.fillPoly(light, [around], 0.0)
+    for layer, shows in ((1, ~word), (2, word)):
+        unit = np.kron(shows, np.pad(np.ones((7, 7)), (0, 1))).astype(np.float32)
+        _put(drawing, unit, place, layer, 0.4)
+
+
+KINDS: tuple[Callable[[Drawing, Rng], None], ...] = (
+    *(noise, flat, packed, window, matrix, panel, tiny, text, squares, keyboard, stripes),
+)
 
 
 def _slanted(size: Singles, drawing: Drawing, rng: Rng) -> Singles:

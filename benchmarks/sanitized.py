@@ -20,10 +20,11 @@ CALL_CANARY = (
     "import ctypes, sys, numpy as np; values = np.zeros(1000, np.int32); "
     "ctypes.CDLL(sys.argv[1]).beside(ctypes.c_void_p(values.ctypes.data), 1000)"
 )
+WHICH_CORE = "from ledpi.kernels import library; print(library._core.__file__)"
 
 
 def build(folder: Path) -> Path:
-    """Installs ledpi in `folder`, from a copy of this clone. Raises RuntimeError where its core is not watched."""
+    """Installs a copy of this clone in `folder`; returns where. Raises RuntimeError where its core is not watched."""
     source, built = folder / "source", folder / "built"
     shutil.copytree(ROOT, source, ignore=LEFT_OUT)
     install = ["pip", "install", "--quiet", "--disable-pip-version-check", "--no-deps", "--target", str(built)]
@@ -48,6 +49,14 @@ def environment(built: Path) -> dict[str, str]:
         "PYTHONPATH": str(built),
         "OPENBLAS_NUM_THREADS": "1",
     }
+
+
+def check_it_is_used(built: Path, run_in: dict[str, str]) -> None:
+    """Raises RuntimeError where Python does not take the core from `built`, but what this clone has installed."""
+    command = [sys.executable, "-P", "-c", WHICH_CORE]
+    core = subprocess.run(command, env=run_in, capture_output=True, text=True, check=True).stdout.strip()
+    if not Path(core).is_relative_to(built):
+        raise RuntimeError(f"Python takes {core}, not what was built in {built}")
 
 
 def check_it_sees(folder: Path, run_in: dict[str, str]) -> None:

@@ -50,8 +50,9 @@ def test_each_kind_of_picture_shows_something(kind: Callable[[Drawing, Rng], Non
 def scene(seed: int) -> list[tuple[int, bytes]]:
     """When its frames were read out, and their pixels."""
     rng = np.random.default_rng(seed)
-    camera, panels = draw_camera(rng), draw_panels(rng)
-    return [(frame.row0_readout_ns, frame.pixels.tobytes()) for frame in frames(camera, panels, rng)]
+    camera, panels = draw_camera(rng, easy=False), draw_panels(rng)
+    drawn = frames(camera, panels, rng, seed, easy=False)
+    return [(frame.row0_readout_ns, frame.pixels.tobytes()) for frame in drawn]
 
 
 def test_a_scene_is_the_same_again() -> None:
