@@ -16,22 +16,34 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
 import attack as bench
 import hostile_recordings
 import sanitized
+from decode_material import (
+    FRAME_ROWS,
+    PINHOLE,
+    ROW_TIME_US,
+    SHORT_US,
+    TRUE_10_MS_US,
+    Canvas,
+    camera_info,
+    panel_settings,
+    square,
+    word,
+)
 from hostile_frames import check_numbers, draw_camera, draw_panels, frames
 from hostile_pictures import KINDS, Drawing, Rng
 from hostile_recordings import damage, decode, write_sound
 from wire_material import decoded, marker_pose
 
 from ledpi.errors import LedpiError
+from ledpi.pipeline import Pipeline
 
 needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="not installed: gcc")
 
 
 @needs_gcc
-def test_a_read_beside_an_array_is_seen(tmp_path: Path) -> None:
-    """With numpy's memory watched; without, the attack does not begin."""
-    sanitized.check_it_sees(tmp_path, sanitized.environment(tmp_path))
+def test_an_attack_does_not_begin_where_nothing_is_seen(tmp_path: Path) -> None:
+    """Python takes the core that is installed here, which is not watched."""
     with pytest.raises(RuntimeError, match="do not see"):
-        sanitized.check_it_sees(tmp_path, dict(os.environ))
+        sanitized.check_it_sees(sanitized.environment(tmp_path))
 
 
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__name__)
@@ -84,6 +96,20 @@ def test_damaged_recordings_are_refused_or_decoded(tmp_path: Path) -> None:
             refused += 1
     assert 3 <= refused <= 17
     assert tally.markers > 0
+
+
+@pytest.mark.parametrize("exposure_us", [TRUE_10_MS_US, 600.0, SHORT_US])
+def test_a_panel_is_followed_out_of_the_picture(exposure_us: float) -> None:
+    """Until nothing is left of it: OpenCV once threw at a window without pixels, and numpy warned of no numbers."""
+    path = Pipeline(camera_info(exposure_us=exposure_us), panel_settings(), intrinsics=PINHOLE)
+    read = []
+    for seq in range(8):
+        canvas = Canvas(exposure_us=exposure_us)
+        canvas.panel(square(560.3 + 18 * seq, 240.6, 90, 4), word(7), start_us=seq * FRAME_ROWS * ROW_TIME_US)
+        told = path.decode(canvas.frame(seq, seq=seq))
+        check_numbers(told)
+        read.append(len(told.markers))
+    assert (read[0], read[-1]) == (1, 0)
 
 
 def fails(tmp_path: Path, program: str) -> bool:
