@@ -28,7 +28,6 @@ def _in_metres(side_m: float) -> float:
     raise ValueError(f"must be in metres, {LONGEST_SIDE_M:g} at most{offer}")
 
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 # What lies outside these was given in another unit: kilohertz, seconds, nanoseconds, millimetres.
 Hertz = Annotated[float, Field(ge=10, le=100_000, allow_inf_nan=False)]  # a bright and a dark row of 5 µs each
 Microseconds = Annotated[float, Field(ge=1, le=10_000_000, allow_inf_nan=False)]

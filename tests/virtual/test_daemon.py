@@ -30,6 +30,7 @@ from ledpi.wire import NoFix, State
 
 QUIET_S = 0.2  # promised until "no fix" is on the wire
 RETURN_S = 2.0  # and until a camera that is there again is in use
+AS_SET = tuple(part for item in SETTINGS for part in ("--set", item))
 
 
 def settings(port: str = "/dev/null") -> Config:
@@ -155,7 +156,7 @@ def test_lost_fifty_times_nothing_is_left(behaviour: Behaviour) -> None:
 
 def command(arguments: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> str:
     """What a command of ledpi prints; here, as only this process has the virtual OV5647."""
-    monkeypatch.setattr("sys.argv", ["ledpi", *arguments, *(part for item in SETTINGS for part in ("--set", item))])
+    monkeypatch.setattr("sys.argv", ["ledpi", *arguments])
     with pytest.raises(SystemExit) as ended:
         main()
     assert ended.value.code in (0, None)
@@ -171,7 +172,7 @@ def test_a_snapshot_is_taken(
 ) -> None:
     """One frame, read and drawn, once the gain has found the panels."""
     show(tmp_path / "panels", pictures)
-    said = command(["snapshot", "--out", str(tmp_path / "look.png")], monkeypatch, capsys)
+    said = command(["snapshot", "--out", str(tmp_path / "look.png"), *AS_SET], monkeypatch, capsys)
     assert {f"ID {marker_id} without a pose" for marker_id in IDS} <= set(re.findall(r"ID \d+ without a pose", said))
     assert (tmp_path / "look.png").stat().st_size > 10_000
 
@@ -186,7 +187,7 @@ def test_a_recording_repeats_what_was_live(
     """Two seconds at full rate: frames on disk with time, exposure and gain; the replay decodes as live."""
     show(tmp_path / "panels", pictures)
     take = tmp_path / "take"
-    said = command(["record", str(take), "--seconds", "2"], monkeypatch, capsys)
+    said = command(["record", str(take), "--seconds", "2", *AS_SET], monkeypatch, capsys)
     live = [json.loads(text) for text in (take / "live.jsonl").read_text().splitlines()]
     lines = [json.loads(text) for text in (take / "frames.jsonl").read_text().splitlines()]
     assert f"{len(lines)} frames" in said
