@@ -38,15 +38,15 @@ PLACES_M = [(x, y) for y in (-0.22, 0.22) for x in (-0.45, -0.15, 0.15, 0.45)]  
 
 
 def scene_of(count: int) -> Scene:
-    words = load_dictionary(SETTINGS.dictionary).words
+    dictionary, ids = load_dictionary(SETTINGS.dictionary), sorted(SETTINGS.existing_ids())[:count]
     panels = [
         Panel(
-            word=words[k],
-            spec=SETTINGS.spec(k),
+            word=dictionary.word(marker_id),
+            spec=SETTINGS.spec(marker_id),
             motion=Still(facing_camera(np.array([*PLACES_M[k], DISTANCE_M]), roll_deg=5.0 * k)),
-            marker_id=k,
+            marker_id=marker_id,
         )
-        for k in range(count)
+        for k, marker_id in enumerate(ids)
     ]
     sensor = SimulatedSensor(intrinsics=ov5647_lens(), exposure_us=9966.0)
     return Scene(sensor=sensor, panels=tuple(panels), room=Room(distance_m=3.0))

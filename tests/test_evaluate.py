@@ -22,13 +22,15 @@ from typer.testing import CliRunner
 from ledpi.camera_yaml import camera_yaml_text
 from ledpi.cli.evaluate import evaluate
 from ledpi.cli.simulate import simulate
-from ledpi.config import PanelSettings
+from ledpi.config import PanelSettings, load_config
+from ledpi.dictionaries import load_dictionary
 from ledpi.errors import CalibrationError, ConfigError, LedpiError, RecordingError
 from ledpi.evaluate import plan as plan_module
 from ledpi.evaluate import units as units_module
 from ledpi.evaluate import workers as workers_module
-from ledpi.evaluate.conditions import Condition
+from ledpi.evaluate.conditions import Condition, Suite
 from ledpi.evaluate.draw import Take, draw_take
+from ledpi.evaluate.plan import Plan
 from ledpi.evaluate.units import Unit, code_version, run_unit, source_digest
 from ledpi.recording import load_recording
 from ledpi.records import Intrinsics
@@ -164,6 +166,40 @@ def test_a_decoy_that_is_read_is_counted(monkeypatch: pytest.MonkeyPatch) -> Non
         "stream_all": (12, 12),
     }
     assert rows["soft"]["false"][3].startswith("take 0, frame 3: ID ")
+
+
+def a_plan(suite: Suite, case: str, *set_: str) -> Plan:
+    return Plan(
+        suites=(suite,),
+        frames=12,
+        seed=1,
+        cases=(case,),
+        methods=("soft", "stream"),
+        apriltag=False,
+        panels=load_config(None, ("panels.side_m=0.16", *set_)).panels,
+        code=code_version(),
+    )
+
+
+def test_a_decoy_that_is_read_as_an_id_that_a_part_can_show_counts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of decoys every ID exists, whatever is configured: nobody is to miss that one is read as 17, say."""
+    drawn = draw_take(PLAIN, UNIT.panels, 1, 0)
+    (panel,) = drawn.scene.panels
+    shows_17 = replace(panel, word=load_dictionary("DICT_4X4_50").word(17), marker_id=None)
+    take = replace(drawn, scene=replace(drawn.scene, panels=(shows_17,)))
+    monkeypatch.setattr(units_module, "draw_take", lambda *of: take)
+    for unit in a_plan("decoys", "mirrored", "panels.ids=[7]").units():
+        tally = run_unit(replace(unit, methods=("soft",)))["rows"]["soft"]
+        assert (tally["frames"], tally["false_ids"]) == (12, 12)
+        assert tally["false"][0].startswith("take 0, frame 0: ID 17")
+
+
+@pytest.mark.parametrize(("case", "searched"), [("oscillators off by 1 %", True), ("plain", False)])
+def test_where_oscillators_are_off_frequencies_are_sought(case: str, searched: bool) -> None:
+    """As who has such panels would configure it; elsewhere as it is configured."""
+    assert {unit.panels.search_frequencies for unit in a_plan("robustness", case).units()} == {searched}
+    (unit, *_) = a_plan("robustness", case, "panels.search_frequencies=true").units()
+    assert unit.panels.search_frequencies
 
 
 @pytest.mark.parametrize("changed", ["reading.py", "kernels/loop.c", "kernels/loop.h"])

@@ -13,6 +13,7 @@ from ledpi.config import PanelSettings
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.soft import Reading, read_word
 from ledpi.dictionaries import load_dictionary
+from ledpi.errors import ConfigError
 from ledpi.evaluate.conditions import (
     DECOYS,
     PAPER_ANGLES_DEG,
@@ -193,13 +194,57 @@ def test_decoys_are_no_markers(kind: str) -> None:
         assert len(scene.panels) + len(scene.lights) >= 1
 
 
-@pytest.mark.parametrize(("kind", "least"), [("near_words", 2), ("mirrored", 1), ("single_class", 2)])
+@pytest.mark.parametrize(
+    ("kind", "least"), [("near_words", 2), ("mirrored", 1), ("single_class", 2), ("hidden_strip", 2), ("dead_cell", 3)]
+)
 def test_patterns_of_decoys_are_no_words(kind: str, least: int) -> None:
     """So many cells at least differ from every word, however it is turned."""
     what = replace(condition("decoys", kind), distance_m=None, angle_deg=None)
     words = [panel.word for number in range(20) for panel in take_of(what, number).scene.panels]
     assert len(words) > 20
     assert all((word != WORDS).sum(axis=(2, 3)).min() >= least for word in words)
+
+
+def test_without_its_dead_cell_a_decoy_still_is_two_cells_off() -> None:
+    """Of the cells that are lit: else it would show what a word with a dead cell does."""
+    what = replace(condition("decoys", "dead_cell"), distance_m=None, angle_deg=None)
+    shown = [panel for number in range(20) for panel in take_of(what, number).scene.panels]
+    lit = [np.asarray(panel.cell_gains) > 0 for panel in shown]
+    assert len(shown) > 20
+    assert {int((~cells).sum()) for cells in lit} == {1}
+    assert all(((p.word != WORDS) & cells).sum(axis=(2, 3)).min() >= 2 for p, cells in zip(shown, lit, strict=True))
+
+
+def test_a_hidden_strip_takes_up_to_12_percent_of_each_decoy() -> None:
+    """One for each panel, nearer than that, and nothing else differs from the panels as they are drawn."""
+    what = replace(condition("decoys", "hidden_strip"), distance_m=None, angle_deg=None)
+    for number in range(4):
+        scene = take_of(what, number).scene
+        depths = [[each.motion.scene_from_body(0.0)[2, 3] for each in own] for own in (scene.lights, scene.panels)]
+        assert all(strip < 0.95 * panel for strip, panel in zip(*depths, strict=True))
+        assert all(0 < light.height_m <= 2.0 * 0.12 * 0.8 * 0.16 for light in scene.lights)
+        assert {light.level for light in scene.lights} == {0.0}
+
+
+@pytest.mark.parametrize("ids", [None, (7, 17, 23)])
+def test_only_ids_that_exist_are_drawn(ids: tuple[int, ...] | None) -> None:
+    """A panel that is never reported would be missed by design; which exist changes nothing else of a take."""
+    panels = PanelSettings(side_m=0.16, ids=ids)
+    what = condition("robustness", "two panels")
+    takes = [draw_take(what, panels, 1, number).scene.panels for number in range(80)]
+    drawn = {panel.marker_id for shown in takes for panel in shown}
+    assert drawn <= panels.existing_ids()
+    assert ids is None or drawn == set(ids)
+    for number, shown in enumerate(takes[:8]):
+        all_drawn = draw_take(what, ALL_EXIST, 1, number).scene.panels
+        poses = [[p.motion.scene_from_body(0.0).tolist() for p in own] for own in (shown, all_drawn)]
+        assert poses[0] == poses[1]
+
+
+def test_of_no_id_that_exists_nothing_can_be_drawn() -> None:
+    """It is said, rather than an empty scene judged."""
+    with pytest.raises(ConfigError, match=r"panels\.ids: has none that can be read"):
+        draw_take(condition(), PanelSettings(side_m=0.16, ids=()), 1, 0)
 
 
 @pytest.mark.parametrize(("angle_deg", "most_px"), [(0.0, 0.3), (45.0, 0.4)])
@@ -261,7 +306,7 @@ def test_two_cells_that_a_second_look_found_to_be_as_it_believed() -> None:
     A look at deep bands finds a cell to be of the class that it is believed to be of. By itself each of them is of the
     other, so that this word is contradicted.
     """
-    trace, take = Trace(), take_of(replace(condition(distance_m=2.0), exposure_us=150.0), 61)
+    trace, take = Trace(), draw_take(replace(condition(distance_m=2.0), exposure_us=150.0), ALL_EXIST, 1, 61)
     frame, lens = first_frame(take), take.scene.sensor.intrinsics
     pipeline = Pipeline(sensor_info(take.scene.sensor, 1.0), ALL_EXIST, intrinsics=lens, stream=False)
     assert [marker.sighting.id for marker in pipeline.decode(frame, trace).markers] == [22]
@@ -343,7 +388,7 @@ def test_what_a_first_look_leaves_open_a_second_one_reads(
     distance_m: float, number: int, seed: int, marker_id: int
 ) -> None:
     """By sinusoids a pattern that is no word is as likely but for 0.4 and 5 nats; by square waves it is not."""
-    take = take_of(condition("beyond", distance_m=distance_m), number, seed)
+    take = draw_take(condition("beyond", distance_m=distance_m), ALL_EXIST, seed, number)
     sensor = take.scene.sensor
     decoded = Pipeline(sensor_info(sensor, 1.0), ALL_EXIST, intrinsics=sensor.intrinsics, stream=False)
     assert [marker.sighting.id for marker in decoded.decode(first_frame(take)).markers] == [marker_id]

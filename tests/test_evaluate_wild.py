@@ -78,6 +78,14 @@ def test_a_panel_stands_where_its_row_says(row: str, takes: dict[str, list[Take]
     assert sides == {-1.0, 1.0}
 
 
+def test_only_ids_that_exist_are_drawn(takes: dict[str, list[Take]]) -> None:
+    """Without panels.ids none that a part of another panel can show; with it these alone."""
+    shown = {take.scene.panels[0].marker_id for own in takes.values() for take in own}
+    assert shown == PANELS.existing_ids()
+    two = PanelSettings(side_m=0.16, ids=(3, 7))
+    assert {draw_wild("near", two, 3, number).scene.panels[0].marker_id for number in range(8)} == {3, 7}
+
+
 def test_few_takes_cover_every_range() -> None:
     """Of 64 takes, each eighth of each range has its eight: dice would leave one of them empty now and then."""
     points = [drawn(TAKE_SPANS, "near", 3, number) for number in TAKES]

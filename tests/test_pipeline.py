@@ -395,10 +395,10 @@ def test_of_an_oscillator_that_is_off_the_phase_may_stand_still() -> None:
 
 
 def test_a_panel_that_blinks_as_announced_is_not_tuned() -> None:
-    """However far it is."""
-    path = pipeline(stream=True)
-    for n in range(24):
-        path.decode(frame_of((square(310.3, 240.6, 38, 4), word(7)), seq=n, light=0.1))
+    """However far it is, where other frequencies are sought."""
+    path = pipeline("panels.search_frequencies=true", stream=True)
+    found = ids_of(path, [frame_of((square(310.3, 240.6, 38, 4), word(7)), seq=n, light=0.1) for n in range(24)])
+    assert found[12:] == [[7]] * 12
     assert path.off_frequency == {}
 
 

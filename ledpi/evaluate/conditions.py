@@ -6,6 +6,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
+from ledpi.config import PanelSettings
+from ledpi.dictionaries import load_dictionary
 from ledpi.evaluate.wild_rows import WILD
 from ledpi.records import Transfer
 
@@ -38,6 +40,8 @@ DECOYS = (
     "mirrored",  # panels that show a word's mirror image, unless that is a word too
     "parts",  # panels of which two cells to half of them are lit
     "dead",  # panels that are dark, or lit without blinking
+    "hidden_strip",  # near-words, with a strip along one side hidden
+    "dead_cell",  # panels with a dark cell, of whose others two or more differ from every word
 )
 
 
@@ -53,6 +57,7 @@ class Variation:
     falloff: float = 0.2  # how much darker a cell's corner is than its middle
     gap: float = 0.06  # dark wall between cells, share of a cell
     oscillator_error: float = 0.0  # relative; either class off by so much, up or down
+    search_frequencies: bool = False  # who reads it is told to
     row_time_us: float | None = None  # the sensor's; None: 33.67 µs
     frame_period_us: float | None = None  # None: as the daemon would choose it
     reported_row_time: float = 1.0  # what the driver says of row time and exposure, over the truth
@@ -81,7 +86,7 @@ VARIATIONS: dict[str, Variation] = {
     "bare LEDs, hot spots": Variation(hot_spot=0.75, hot_spot_sigma=0.16),
     "no walls between cells": Variation(gap=0.0),
     "thick walls, 12 % of a cell": Variation(gap=0.12),
-    "oscillators off by 1 %": Variation(oscillator_error=0.01),
+    "oscillators off by 1 %": Variation(oscillator_error=0.01, search_frequencies=True),
     # At 58.333 MHz: rows of 31.75 µs, frames of 16.0 ms, in which 1250 Hz advances by 20.00 cycles, 2450 Hz by 39.2.
     "frames of 16 ms, one phase freezes": Variation(row_time_us=1852 / 58.333333, frame_period_us=16_000.0),
     # 25.00 cycles of 1250 Hz, 49.00 of 2450 Hz: every frame shows the same.
@@ -117,6 +122,12 @@ VARIATIONS: dict[str, Variation] = {
     "exposure 5 ms": Variation(exposure_us=5_000.0),
 }
 
+# Of decoys: what is hidden or dark, in a plain room.
+DECOY_VARIATIONS: dict[str, Variation] = {
+    "hidden_strip": Variation(hidden="edge"),
+    "dead_cell": Variation(dead_cells=1),
+}
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Condition:
@@ -140,7 +151,13 @@ class Condition:
     @property
     def variation(self) -> Variation:
         """Decoys stand in a plain room."""
-        return VARIATIONS.get(self.case, VARIATIONS[PLAIN])
+        return (DECOY_VARIATIONS if self.suite == "decoys" else VARIATIONS).get(self.case, VARIATIONS[PLAIN])
+
+    def panels_of(self, panels: PanelSettings) -> PanelSettings:
+        """What whoever reads this is told of the panels. Of decoys every ID exists, so that each false one counts."""
+        if self.suite == "decoys":
+            return panels.model_copy(update={"ids": tuple(range(len(load_dictionary(panels.dictionary).words)))})
+        return panels.model_copy(update={"search_frequencies": True}) if self.variation.search_frequencies else panels
 
 
 def suite_conditions(

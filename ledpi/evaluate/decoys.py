@@ -20,6 +20,7 @@ from ledpi.simulate.trajectory import Still
 THINGS = (3, 6)  # in a scene, from to
 SIZE_PX = (14.0, 220.0)  # of lamps and panels in the picture
 NEAR_CELLS = (2, 4)  # that differ from a word, from to: the patterns that are easiest to mistake
+OFF = 2  # cells by which these differ from every word
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -147,14 +148,19 @@ def _single_class(dictionary: Dictionary, _: Phase, rng: np.random.Generator) ->
     return np.full((n, n), rng.random() < 0.5)
 
 
-def _near_word(dictionary: Dictionary, phase: Phase, rng: np.random.Generator) -> Bits:
-    """A word with a few cells changed so that two or more differ from any word."""
+def _near_word(dictionary: Dictionary, phase: Phase, rng: np.random.Generator, off: int = OFF) -> Bits:
+    """A word with a few cells changed so that `off` or more differ from any word."""
     while True:
         word = dictionary.words[rng.integers(len(dictionary.words))].copy()
         changed = rng.permutation(word.size)[: int(rng.integers(NEAR_CELLS[0], NEAR_CELLS[1] + 1))]
         word.ravel()[changed] ^= True
-        if _distance(word, dictionary, phase) >= 2:
+        if _distance(word, dictionary, phase) >= off:
             return np.asarray(word)
+
+
+def _one_to_spare(dictionary: Dictionary, phase: Phase, rng: np.random.Generator) -> Bits:
+    """A near-word that still is none when one of its cells cannot be seen."""
+    return _near_word(dictionary, phase, rng, OFF + 1)
 
 
 def _mirrored(dictionary: Dictionary, phase: Phase, rng: np.random.Generator) -> Bits:
@@ -192,4 +198,6 @@ _PATTERNS: dict[str, Callable[[Dictionary, Phase, np.random.Generator], Bits]] =
     "near_words": _near_word,
     "mirrored": _mirrored,
     "parts": _word,
+    "hidden_strip": _near_word,
+    "dead_cell": _one_to_spare,
 }

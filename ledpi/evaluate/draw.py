@@ -12,11 +12,13 @@ import zlib
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ledpi import shutter
 from ledpi.camera.simulated import simulated_sensor
 from ledpi.config import CameraSettings, PanelSettings
 from ledpi.dictionaries import load_dictionary
+from ledpi.errors import ConfigError
 from ledpi.evaluate.conditions import Condition, Variation
 from ledpi.evaluate.decoys import decoys
 from ledpi.evaluate.placing import in_sight
@@ -67,7 +69,9 @@ def draw_take(
     peak = float(place.uniform(*variation.peak_level))
     if condition.suite == "decoys":
         found = decoys(condition.case, sensor, panels, place)
-        scene = Scene(sensor=sensor, room=room, panels=found.panels, lights=found.lights)
+        shown = tuple(_with_faults(panel, variation, extra) for panel in found.panels)
+        lights = (*found.lights, *in_the_way(variation, shown, extra))
+        scene = Scene(sensor=sensor, room=room, panels=shown, lights=lights)
     else:
         shown = _panels(condition, panels, sensor, peak, place, extra)
         scene = Scene(
@@ -130,8 +134,7 @@ def _panels(
     variation, dictionary = condition.variation, load_dictionary(panels.dictionary)
     assert condition.distance_m is not None
     assert condition.angle_deg is not None
-    readable = dictionary.readable_ids(panels.phase)
-    ids = np.array(readable)[place.permutation(len(readable))[: max(2, variation.panels)]]
+    ids = _shuffled_ids(panels, place)[: max(2, variation.panels)]
     n = dictionary.cells_per_side
     gains = 1.0 + variation.gain_deviation * place.standard_normal((len(ids), n, n))
     span_deg = 180.0 if condition.any_roll else HUNG_BY_HAND_DEG
@@ -161,6 +164,21 @@ def _panels(
     )
 
 
+def drawable_ids(panels: PanelSettings) -> list[int]:
+    """The IDs that exist and can be read, rising. Raises ConfigError where there is none."""
+    existing = panels.existing_ids()
+    ids = [i for i in load_dictionary(panels.dictionary).readable_ids(panels.phase) if i in existing]
+    if not ids:
+        raise ConfigError("panels.ids: has none that can be read; at least one must be drawn")
+    return ids
+
+
+def _shuffled_ids(panels: PanelSettings, place: np.random.Generator) -> NDArray[np.int64]:
+    """Those that can be drawn. Shuffled with all others, so that which exist changes nothing else of a take."""
+    order = place.permutation(load_dictionary(panels.dictionary).readable_ids(panels.phase))
+    return order[np.isin(order, drawable_ids(panels))]
+
+
 def _look(variation: Variation) -> PanelLook:
     look = PanelLook(
         gap=variation.gap,
@@ -176,6 +194,11 @@ def _look(variation: Variation) -> PanelLook:
 def _with_dead_cells(gains: Floats, dead: int, extra: np.random.Generator) -> Floats:
     gains.ravel()[extra.permutation(gains.size)[:dead]] = 0.0
     return gains
+
+
+def _with_faults(decoy: Panel, variation: Variation, extra: np.random.Generator) -> Panel:
+    gains = np.ones(decoy.word.shape) if decoy.cell_gains is None else decoy.cell_gains.copy()
+    return replace(decoy, cell_gains=_with_dead_cells(gains, variation.dead_cells, extra))
 
 
 def brightness_of(peak_level: float, spec: PanelSpec, sensor: SimulatedSensor) -> float:

@@ -103,7 +103,7 @@ class Plan:
                         first_take=first,
                         takes=min(TAKES_A_UNIT, takes - first),
                         methods=self.methods_of(condition.suite),
-                        panels=self.panels,
+                        panels=condition.panels_of(self.panels),
                         frame_duration_us=self.frame_duration_us,
                         code=self.code,
                     )

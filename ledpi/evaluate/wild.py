@@ -8,7 +8,7 @@ import numpy as np
 
 from ledpi.config import PanelSettings
 from ledpi.dictionaries import load_dictionary
-from ledpi.evaluate.draw import Take, brightness_of
+from ledpi.evaluate.draw import Take, brightness_of, drawable_ids
 from ledpi.evaluate.placing import in_sight
 from ledpi.evaluate.surroundings import rectangle
 from ledpi.evaluate.wild_rows import CAMERA_SPANS, TAKE_SPANS, TAKES_A_CAMERA, WILD, drawn
@@ -76,8 +76,8 @@ def _panel(
     values: dict[str, float], row: str, panels: PanelSettings, sensor: SimulatedSensor, rng: np.random.Generator
 ) -> Panel:
     dictionary = load_dictionary(panels.dictionary)
-    readable = dictionary.readable_ids(panels.phase)
-    marker_id = int(readable[int(values["id"] * len(readable))])
+    drawable = drawable_ids(panels)
+    marker_id = drawable[int(values["id"] * len(drawable))]
     spec = panels.spec(marker_id)
     (pose,) = in_sight(
         [(0.0, spec.side_m, values["roll_deg"])],
