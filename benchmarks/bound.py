@@ -25,7 +25,9 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 import yaml
 
-from ledpi.config import PanelSettings, load_config
+from ledpi.config.settings import PanelSettings, load_config
+from ledpi.core.errors import LedpiError
+from ledpi.core.records import Quad, Rejected
 from ledpi.decode.cells import sample_cells
 from ledpi.decode.evidence.classes import band_shares
 from ledpi.decode.evidence.evidence import Evidence
@@ -33,18 +35,16 @@ from ledpi.decode.evidence.memory import PanelMemory
 from ledpi.decode.identify import rivals, soft
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.words import likeliest
-from ledpi.dictionaries import load_dictionary
-from ledpi.errors import LedpiError
-from ledpi.evaluate.bound import Bound, bound_of
-from ledpi.evaluate.conditions import PLAIN, Condition
-from ledpi.evaluate.draw import FRAMES_A_TAKE, draw_take
-from ledpi.evaluate.reading import PanelReader
-from ledpi.evaluate.told import CORNER_SIGMA_PX, read_told
-from ledpi.evaluate.units import photographed
-from ledpi.recording import find_recordings, load_recording
-from ledpi.records import Quad, Rejected
+from ledpi.markers.dictionaries import load_dictionary
+from ledpi.recording.reader import find_recordings, load_recording
 from ledpi.simulate.sensor import sensor_info
 from ledpi.simulate.truth import scene_truth
+from ledpi.tools.evaluate.bound import Bound, bound_of
+from ledpi.tools.evaluate.conditions import PLAIN, Condition
+from ledpi.tools.evaluate.draw import FRAMES_A_TAKE, draw_take
+from ledpi.tools.evaluate.reading import PanelReader
+from ledpi.tools.evaluate.told import CORNER_SIGMA_PX, read_told
+from ledpi.tools.evaluate.units import photographed
 
 SHOWN = (4, 12)  # of a stream's frames
 FROZEN = Path(__file__).with_name("bound_frozen.yaml")

@@ -24,8 +24,8 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests/virtual"))
 from virtual_picamera2 import Behaviour, show, use
 
 from ledpi.camera.picamera import open_picamera
-from ledpi.config import CameraSettings
-from ledpi.records import Pixels
+from ledpi.config.settings import CameraSettings
+from ledpi.core.records import Pixels
 
 FRAMES = 300
 

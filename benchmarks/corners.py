@@ -15,23 +15,21 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
-from ledpi.config import PanelSettings, load_config
+from ledpi.config.settings import PanelSettings, load_config
+from ledpi.core.geometry import rotation_angle_deg
+from ledpi.core.records import CameraInfo, Floats, Frame, Intrinsics, PanelSpec, Quad, Rejected
 from ledpi.decode.locate import Locator
 from ledpi.decode.proposals import Proposer
-from ledpi.evaluate.conditions import PLAIN, VARIATIONS, Condition
-from ledpi.evaluate.draw import FRAMES_A_TAKE, draw_take
-from ledpi.geometry import rotation_angle_deg
 from ledpi.pose.planar import solve_squares
-from ledpi.records import CameraInfo, Floats, Frame, Intrinsics, PanelSpec, Quad, Rejected
 from ledpi.simulate.render import Renderer
+from ledpi.tools.evaluate.conditions import PLAIN, VARIATIONS, Condition
+from ledpi.tools.evaluate.draw import FRAMES_A_TAKE, draw_take
 
 SEQ = FRAMES_A_TAKE // 2  # where a moving camera is in the middle of its take
 WRONG = 0.25  # of the side: what is further off is something else
 
 
-def nearest_square(
-    frame: Frame, true: Floats, lens: Intrinsics, spec: PanelSpec
-) -> tuple[Floats, float, float] | None:
+def nearest_square(frame: Frame, true: Floats, lens: Intrinsics, spec: PanelSpec) -> tuple[Floats, float, float] | None:
     """Corners in the order of the true ones, their deviation and the sides' share; None where no square is near."""
     camera = CameraInfo(
         width=lens.width,

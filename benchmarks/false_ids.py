@@ -23,19 +23,19 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
-from ledpi.config import PanelSettings, load_config
+from ledpi.config.settings import PanelSettings, load_config
+from ledpi.core.records import Frame
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.soft import Reading, read_word
-from ledpi.dictionaries import load_dictionary
-from ledpi.evaluate.conditions import PLAIN, Condition
-from ledpi.evaluate.draw import Take, draw_take
-from ledpi.evaluate.units import photographed
-from ledpi.markers import Bits
-from ledpi.pipeline import Pipeline
-from ledpi.records import Frame
+from ledpi.markers.dictionaries import load_dictionary
+from ledpi.markers.words import Bits
+from ledpi.pipeline.pipeline import Pipeline
+from ledpi.pipeline.trace import Look, Trace
 from ledpi.simulate.sensor import sensor_info
 from ledpi.simulate.truth import scene_truth
-from ledpi.trace import Look, Trace
+from ledpi.tools.evaluate.conditions import PLAIN, Condition
+from ledpi.tools.evaluate.draw import Take, draw_take
+from ledpi.tools.evaluate.units import photographed
 
 CELLS, WORDS = 16, 200  # of DICT_4X4_50, each word turned four ways
 # How many of its words there are at a distance of two and of three cells from a pattern two or more away from all.

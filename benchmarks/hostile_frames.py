@@ -25,10 +25,10 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 from hostile_pictures import KINDS, Drawing, Rng, panel, readable
 
-from ledpi.config import Method, PanelSettings
-from ledpi.pipeline import Pipeline
-from ledpi.records import CameraInfo, Decoded, Floats, Frame, Intrinsics, PanelSpec, Transfer
-from ledpi.shutter import row_weights
+from ledpi.config.settings import Method, PanelSettings
+from ledpi.core.records import CameraInfo, Decoded, Floats, Frame, Intrinsics, PanelSpec, Transfer
+from ledpi.core.shutter import row_weights
+from ledpi.pipeline.pipeline import Pipeline
 
 USUAL_SIZE = (640, 480)
 SIZES = (USUAL_SIZE, (320, 240), (1296, 972), (64, 48), (33, 35), (1, 1), (640, 1), (1, 480), (4000, 9), (2592, 1944))

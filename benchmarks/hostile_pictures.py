@@ -9,8 +9,8 @@ from functools import partial
 import cv2
 import numpy as np
 
-from ledpi.dictionaries import load_dictionary
-from ledpi.records import Pixels, Singles
+from ledpi.core.records import Pixels, Singles
+from ledpi.markers.dictionaries import load_dictionary
 
 Rng = np.random.Generator
 

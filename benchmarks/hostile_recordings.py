@@ -34,12 +34,12 @@ import yaml
 from hostile_frames import check_numbers
 
 from ledpi.camera.factory import open_camera
-from ledpi.config import load_config
-from ledpi.errors import LedpiError
-from ledpi.pipeline import Pipeline
-from ledpi.recording_writer import RecordingWriter
-from ledpi.records import Frame
-from ledpi.robot import load_robot
+from ledpi.config.robot import load_robot
+from ledpi.config.settings import load_config
+from ledpi.core.errors import LedpiError
+from ledpi.core.records import Frame
+from ledpi.pipeline.pipeline import Pipeline
+from ledpi.recording.writer import RecordingWriter
 
 FRAMES = 4
 HEADER, LINES, MAP = "recording.yaml", "frames.jsonl", "markers.yaml"

@@ -22,7 +22,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from ledpi.recording import load_recording
+from ledpi.recording.reader import load_recording
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 from daemon_material import controller, daemon, end, write_recording

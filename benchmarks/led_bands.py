@@ -1,6 +1,6 @@
 """The shutter equations against real photographs of a blinking LED lamp, by frequency.
 
-For each photograph of a square-wave lamp, the light of its rows is compared with what ledpi.shutter predicts:
+For each photograph of a square-wave lamp, the light of its rows is compared with what ledpi.core.shutter predicts:
 
     light(y) ≈ (a + b·y + c·y²) · w(y; φ),    w averaged over the two rows that the shrinking mixed
 
@@ -30,10 +30,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ledpi.calibrate.lamp import lamp_frequency, lamp_rows
-from ledpi.records import Frame
-from ledpi.shutter import row_weights
-from ledpi.tone import linear_light
+from ledpi.core.records import Frame
+from ledpi.core.shutter import row_weights
+from ledpi.core.tone import linear_light
+from ledpi.tools.calibrate.lamp import lamp_frequency, lamp_rows
 
 Floats = NDArray[np.float64]
 Tone = Callable[[Floats], Floats]  # picture values 0..255 → linear light

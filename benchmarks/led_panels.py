@@ -21,14 +21,14 @@ import numpy as np
 from led_bands import EXPOSURE_US, ROW_TIME_US, Photograph, photographs, row_profile, srgb_tone
 from numpy.typing import NDArray
 
-from ledpi.config import PanelSettings, load_config
+from ledpi.config.settings import PanelSettings, load_config
+from ledpi.core.records import CameraInfo, Frame, Quad, Rejected
+from ledpi.core.tone import linear_light
 from ledpi.decode.cells import sample_cells
 from ledpi.decode.identify import soft
 from ledpi.decode.identify.codebook import Codebook
-from ledpi.dictionaries import load_dictionary
-from ledpi.pipeline import Pipeline
-from ledpi.records import CameraInfo, Frame, Quad, Rejected
-from ledpi.tone import linear_light
+from ledpi.markers.dictionaries import load_dictionary
+from ledpi.pipeline.pipeline import Pipeline
 
 Floats = NDArray[np.float64]
 

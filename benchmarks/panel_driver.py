@@ -24,7 +24,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 from panel_material import CELL_PINS, IDS, PAIRS, classes, defined, duty, jitter, program, shown_word
 from simavr_material import CLOCK_HZ, MISSING, Cycles, emulate
 
-from ledpi.panel.firmware import Build
+from ledpi.tools.panel.firmware import Build
 
 _TELLING_S = 0.03  # a line of eight characters, and the EEPROM
 

@@ -21,10 +21,10 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import cv2
 import numpy as np
 
-from ledpi.config import load_config
-from ledpi.dictionaries import load_dictionary
-from ledpi.pipeline import Pipeline
-from ledpi.records import CameraInfo, Decoded, Frame
+from ledpi.config.settings import load_config
+from ledpi.core.records import CameraInfo, Decoded, Frame
+from ledpi.markers.dictionaries import load_dictionary
+from ledpi.pipeline.pipeline import Pipeline
 from ledpi.simulate.render import Renderer
 from ledpi.simulate.scene import Panel, Room, Scene, SimulatedSensor
 from ledpi.simulate.scenes import ov5647_lens

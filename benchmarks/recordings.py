@@ -20,12 +20,12 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import cv2
 import numpy as np
 
-from ledpi.config import load_config
-from ledpi.geometry import rotation_angle_deg
-from ledpi.picture import read_picture
-from ledpi.pipeline import Pipeline
-from ledpi.recording import Recording, find_recordings, load_recording
-from ledpi.records import Frame
+from ledpi.config.settings import load_config
+from ledpi.core.geometry import rotation_angle_deg
+from ledpi.core.records import Frame
+from ledpi.pipeline.pipeline import Pipeline
+from ledpi.recording.picture import read_picture
+from ledpi.recording.reader import Recording, find_recordings, load_recording
 
 ROUNDS = 3  # of every frame; the first warms caches up and is not timed
 

@@ -21,15 +21,15 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import cv2
 import panels as contests
 
-from ledpi.config import load_config
-from ledpi.evaluate.conditions import Suite
-from ledpi.evaluate.folder import ResultsFolder
-from ledpi.evaluate.plan import Plan
-from ledpi.evaluate.reading import Method
-from ledpi.evaluate.table import TableRow, wilson
-from ledpi.evaluate.units import code_version
-from ledpi.evaluate.wild_rows import WILD
-from ledpi.evaluate.workers import run_on_processes
+from ledpi.config.settings import load_config
+from ledpi.tools.evaluate.conditions import Suite
+from ledpi.tools.evaluate.folder import ResultsFolder
+from ledpi.tools.evaluate.plan import Plan
+from ledpi.tools.evaluate.reading import Method
+from ledpi.tools.evaluate.table import TableRow, wilson
+from ledpi.tools.evaluate.units import code_version
+from ledpi.tools.evaluate.wild_rows import WILD
+from ledpi.tools.evaluate.workers import run_on_processes
 
 ROOT = Path(__file__).resolve().parents[1]
 SEED = 77001  # nothing was tuned on it

@@ -1,6 +1,6 @@
 """A robot that runs Linux: reads ledpi's stream, drives while its fix is young, and otherwise stands still.
 
-    python examples/linux_robot.py /dev/ttyUSB0
+python examples/linux_robot.py /dev/ttyUSB0
 """
 
 from __future__ import annotations

@@ -30,9 +30,9 @@ from typing import Any
 import numpy as np
 
 from ledpi.camera.simulated import open_simulated, simulated_sensor
-from ledpi.config import Config, load_config
-from ledpi.recording import TruthMarker
-from ledpi.records import Floats
+from ledpi.config.settings import Config, load_config
+from ledpi.core.records import Floats
+from ledpi.recording.reader import TruthMarker
 from ledpi.wire import MarkerMessage, Receiver
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -147,9 +147,10 @@ def running(log: Path, *arguments: str) -> Iterator[subprocess.Popen[str]]:
     """A ledpi command with its standard error in a file. Ended as by Ctrl-C when the block is left."""
     print("$ ledpi", *arguments, flush=True)
     command = [sys.executable, "-m", "ledpi", *arguments]
-    with log.open("w") as errors, subprocess.Popen(
-        command, cwd=ROOT, stdout=subprocess.PIPE, stderr=errors, text=True
-    ) as process:
+    with (
+        log.open("w") as errors,
+        subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=errors, text=True) as process,
+    ):
         try:
             yield process
         finally:

@@ -20,9 +20,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 from panel_material import program, record_panel, wired_pins
 from simavr_material import CLOCK_HZ, ROOT, PinTrace, emulate
 
-from ledpi.panel.firmware import Build
 from ledpi.simulate.scene import OV5647_ROW_TIME_US, TracedWave
 from ledpi.simulate.scenes import whole_rows_us
+from ledpi.tools.panel.firmware import Build
 
 PICTURES = ROOT / "docs" / "pictures"
 MARKER_ID = 7

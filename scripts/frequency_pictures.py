@@ -1,6 +1,6 @@
 """Draws the pictures of docs/frequencies.md, for the default camera and panels of 16 cm.
 
-    .venv/bin/python scripts/frequency_pictures.py
+.venv/bin/python scripts/frequency_pictures.py
 """
 
 from __future__ import annotations
@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from ledpi.panel.design import Task, proposal_at, views_of
-from ledpi.panel.design_plots import draw_contrast
-from ledpi.panel.frequencies import Flicker, worthwhile_frequencies
-from ledpi.panel.information import STREAM_FRAMES
-from ledpi.shutter import phase_advance_cycles, row_weights
+from ledpi.core.shutter import phase_advance_cycles, row_weights
 from ledpi.simulate.scene import OV5647_ROW_TIME_US, SimulatedSensor
 from ledpi.simulate.scenes import ov5647_lens, whole_rows_us
+from ledpi.tools.panel.design import Task, proposal_at, views_of
+from ledpi.tools.panel.design_plots import draw_contrast
+from ledpi.tools.panel.frequencies import Flicker, worthwhile_frequencies
+from ledpi.tools.panel.information import STREAM_FRAMES
 
 PICTURES = Path(__file__).resolve().parents[1] / "docs" / "pictures"
 PAIR = (1250.0, 2450.0)

@@ -17,8 +17,8 @@ from pathlib import Path
 import numpy as np
 
 from ledpi.camera.simulated import SimulatedCamera
-from ledpi.recording_writer import RecordingWriter
-from ledpi.records import CameraInfo, Frame, PanelSpec
+from ledpi.core.records import CameraInfo, Frame, PanelSpec
+from ledpi.recording.writer import RecordingWriter
 from ledpi.simulate.scene import SimulatedSensor
 from ledpi.simulate.scenes import ov5647_lens, still_scene
 from ledpi.wire import FixMessage, MarkerMessage, Message, Receiver, StatusMessage

@@ -13,8 +13,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ledpi.config import PanelSettings, load_config
-from ledpi.records import CameraInfo, Floats, Frame, Intrinsics, PanelSpec, Pixels, Quad, Rejected, Transfer
+from ledpi.config.settings import PanelSettings, load_config
+from ledpi.core.records import CameraInfo, Floats, Frame, Intrinsics, PanelSpec, Pixels, Quad, Rejected, Transfer
 
 Bits = NDArray[np.bool_]
 Profile = Callable[[Floats, Floats], Floats]  # light at (u, v), 0..1 across and down the panel
@@ -233,6 +233,4 @@ def panel_settings(*overrides: str) -> PanelSettings:
 
 
 def camera_info(*, exposure_us: float = TRUE_10_MS_US, transfer: Transfer = "srgb") -> CameraInfo:
-    return CameraInfo(
-        width=WIDTH, height=HEIGHT, exposure_us=exposure_us, row_time_us=ROW_TIME_US, transfer=transfer
-    )
+    return CameraInfo(width=WIDTH, height=HEIGHT, exposure_us=exposure_us, row_time_us=ROW_TIME_US, transfer=transfer)

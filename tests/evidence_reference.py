@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from ledpi.core.records import Floats, Singles
 from ledpi.decode.cells import CellSamples, Lattice
 from ledpi.decode.evidence.believed import Believed
 from ledpi.decode.evidence.classes import band_shares
 from ledpi.decode.evidence.comparison import Mean
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.evidence.shared_light import border_points, meeting_cells, sources_of
-from ledpi.records import Floats, Singles
 
 
 def weighed(design: Floats, residual: Floats, shared: Floats, bands: int, free: int) -> tuple[Floats, Floats]:

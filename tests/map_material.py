@@ -10,10 +10,10 @@ import cv2
 import numpy as np
 from decode_material import LENS
 
+from ledpi.core.records import Floats, Frame, MarkerPose, PlanarSolution, RobotFix, Sighting
 from ledpi.pose.fix import Robot
 from ledpi.pose.panel_map import MapPanel
 from ledpi.pose.place import Placer
-from ledpi.records import Floats, Frame, MarkerPose, PlanarSolution, RobotFix, Sighting
 
 SIDE_M = 0.16
 SIGMA_PX = 0.05

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from decode_material import PHASES, SPEC, TRUE_10_MS_US, Canvas, share_on, word
 
+from ledpi.core.records import Floats, Frame
 from ledpi.decode.model.light import Window
-from ledpi.records import Floats, Frame
 
 CELLS = 4
 SIZE = 160  # of a picture, pixels along a side

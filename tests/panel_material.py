@@ -11,14 +11,14 @@ import numpy as np
 from simavr_material import CLOCK_HZ, Cycles, PinTrace, build_with_make
 
 from ledpi.camera.simulated import SimulatedCamera
-from ledpi.dictionaries import load_dictionary
-from ledpi.panel.firmware import Build, plan_firmware, write_firmware
-from ledpi.panel.firmware_readme import readme_text
-from ledpi.recording_writer import RecordingWriter
-from ledpi.records import PanelSpec
+from ledpi.core.records import PanelSpec
+from ledpi.markers.dictionaries import load_dictionary
+from ledpi.recording.writer import RecordingWriter
 from ledpi.simulate.scene import OV5647_ROW_TIME_US, Panel, Scene, SimulatedSensor, TracedWave
 from ledpi.simulate.scenes import ov5647_lens, whole_rows_us
 from ledpi.simulate.trajectory import Still, facing_camera
+from ledpi.tools.panel.firmware import Build, plan_firmware, write_firmware
+from ledpi.tools.panel.firmware_readme import readme_text
 
 WORDS = load_dictionary("DICT_4X4_50").words
 EXPOSURE_US, SCAN_TIME_S = 9966.3, 0.0162

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from decode_material import quad, reason
 
+from ledpi.core.records import Floats, Frame, Intrinsics
 from ledpi.decode.cells import CellSamples, sample_cells
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.soft import Reading, read_word
-from ledpi.records import Floats, Frame, Intrinsics
 
 
 def samples_of(frame: Frame, corners: Floats, lens: Intrinsics | None = None) -> CellSamples:

@@ -7,8 +7,8 @@ from statistics import NormalDist
 import cv2
 import numpy as np
 
-from ledpi.dictionaries import load_dictionary
-from ledpi.records import Floats, Intrinsics, PanelSpec
+from ledpi.core.records import Floats, Intrinsics, PanelSpec
+from ledpi.markers.dictionaries import load_dictionary
 from ledpi.simulate.scene import Panel, PanelLook, Room, Scene, SimulatedSensor
 from ledpi.simulate.trajectory import Still, Trajectory, facing_camera
 
@@ -35,9 +35,7 @@ def panel(motion: Trajectory, *, marker_id: int = 7, look: PanelLook = FLAT, bri
 
 def single_class_panel(motion: Trajectory, *, brightness: float = 0.4) -> Panel:
     """A decoy: all cells blink alike, so that every row of it is even."""
-    return Panel(
-        word=np.ones((4, 4), bool), spec=SPEC, motion=motion, marker_id=None, look=FLAT, brightness=brightness
-    )
+    return Panel(word=np.ones((4, 4), bool), spec=SPEC, motion=motion, marker_id=None, look=FLAT, brightness=brightness)
 
 
 def standing(
@@ -53,9 +51,7 @@ def dark_scene(*panels: Panel, camera: SimulatedSensor) -> Scene:
 MOMENTS = 20_000
 
 
-def moments_on(
-    start_s: float, length_s: float, frequency_hz: float, phase_cycles: float, duty: float = 0.5
-) -> Floats:
+def moments_on(start_s: float, length_s: float, frequency_hz: float, phase_cycles: float, duty: float = 0.5) -> Floats:
     """Those of 20,000 evenly spaced moments in [start, start + length] at which the square wave is on."""
     moments = start_s + length_s * (np.arange(MOMENTS) + 0.5) / MOMENTS
     return moments[(phase_cycles + frequency_hz * moments) % 1.0 < duty]

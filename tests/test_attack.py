@@ -33,8 +33,8 @@ from hostile_pictures import KINDS, Drawing, Rng
 from hostile_recordings import damage, decode, write_sound
 from wire_material import decoded, marker_pose
 
-from ledpi.errors import LedpiError
-from ledpi.pipeline import Pipeline
+from ledpi.core.errors import LedpiError
+from ledpi.pipeline.pipeline import Pipeline
 
 needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="not installed: gcc")
 

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from ledpi.config import PanelSettings
-from ledpi.evaluate.conditions import PLAIN, Condition
-from ledpi.evaluate.replay import write_take
+from ledpi.config.settings import PanelSettings
+from ledpi.tools.evaluate.conditions import PLAIN, Condition
+from ledpi.tools.evaluate.replay import write_take
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
 import bound as bench

@@ -19,10 +19,10 @@ from daemon_material import ROOT, write_recording
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from ledpi.config import load_config
-from ledpi.errors import LedpiError
-from ledpi.map_yaml import load_map
-from ledpi.recording import load_recording
+from ledpi.config.map_yaml import load_map
+from ledpi.config.settings import load_config
+from ledpi.core.errors import LedpiError
+from ledpi.recording.reader import load_recording
 
 WORDS = [b"null", b"[]", b"{}", b"-1", b"1e999", b".nan", b"yes", b"2001-99-99", b"!!timestamp x", b": ", b"&a *a"]
 

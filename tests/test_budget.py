@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from decode_material import PINHOLE, Bits, Canvas, camera_info, panel_settings, square, word
 
-from ledpi.pacing import LEAST, MOST, SHARE, Pacing
-from ledpi.pipeline import STREAM_BUDGET, Pipeline
-from ledpi.records import Decoded, Floats, Frame
+from ledpi.core.records import Decoded, Floats, Frame
+from ledpi.pipeline.pipeline import STREAM_BUDGET, Pipeline
+from ledpi.runtime.pacing import LEAST, MOST, SHARE, Pacing
 
 RATE_HZ = 30
 CANDIDATE = 40_000  # places that a fit takes which goes on as long as it may

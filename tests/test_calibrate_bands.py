@@ -11,15 +11,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ledpi.calibrate.band_search import PanelLight
-from ledpi.calibrate.panel import PanelCalibration, advice, measure_panel
-from ledpi.calibrate.shutter import Reported, ShutterCalibration, measure_shutter
-from ledpi.calibrate.still_panels import panel_light, steady_seconds
-from ledpi.dictionaries import load_dictionary
-from ledpi.errors import CalibrationError
-from ledpi.picture import read_picture
-from ledpi.recording import load_recording
-from ledpi.records import Frame, PanelSpec
+from ledpi.core.errors import CalibrationError
+from ledpi.core.records import Frame, PanelSpec
+from ledpi.markers.dictionaries import load_dictionary
+from ledpi.recording.picture import read_picture
+from ledpi.recording.reader import load_recording
+from ledpi.tools.calibrate.band_search import PanelLight
+from ledpi.tools.calibrate.panel import PanelCalibration, advice, measure_panel
+from ledpi.tools.calibrate.shutter import Reported, ShutterCalibration, measure_shutter
+from ledpi.tools.calibrate.still_panels import panel_light, steady_seconds
 
 DICTIONARY = load_dictionary("DICT_4X4_50")
 ANNOUNCED = PanelSpec(side_m=0.16, black_hz=1250.0, white_hz=2450.0)

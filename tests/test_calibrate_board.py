@@ -11,10 +11,10 @@ import cv2
 import numpy as np
 import pytest
 
-from ledpi.calibrate.board_sheet import PAPERS_MM, rectangles
-from ledpi.calibrate.boards import Board, find_board
 from ledpi.cli import main
-from ledpi.records import Pixels
+from ledpi.core.records import Pixels
+from ledpi.tools.calibrate.board_sheet import PAPERS_MM, rectangles
+from ledpi.tools.calibrate.boards import Board, find_board
 
 PX_PER_MM = 10
 
@@ -36,9 +36,7 @@ def printed(path: Path) -> Pixels:
 
 
 @pytest.mark.parametrize(("kind", "paper"), [("chessboard", "a4"), ("charuco", "letter")])
-def test_the_board_is_true_to_scale(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str, paper: str
-) -> None:
+def test_the_board_is_true_to_scale(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str, paper: str) -> None:
     """The page has the paper's size, inner corners are 28 mm apart, and the ruler measures 100 mm."""
     pdf = tmp_path / "board.pdf"
     assert made(monkeypatch, str(pdf), "--kind", kind, "--paper", paper, "--square-mm", "28") == 0

@@ -15,19 +15,17 @@ import yaml
 from command_material import Run as Command
 from command_material import in_process
 
-from ledpi.calibrate.boards import TEXELS, Board, BoardView, find_board, other_board
-from ledpi.calibrate.camera import calibrate_camera
-from ledpi.calibrate.files import write_keeping_old
-from ledpi.camera_yaml import load_intrinsics
-from ledpi.config import load_config
-from ledpi.errors import CalibrationError
-from ledpi.geometry import undistort
-from ledpi.records import Floats, Intrinsics, Pixels
+from ledpi.config.camera_yaml import load_intrinsics
+from ledpi.config.settings import load_config
+from ledpi.core.errors import CalibrationError
+from ledpi.core.geometry import undistort
+from ledpi.core.records import Floats, Intrinsics, Pixels
+from ledpi.tools.calibrate.boards import TEXELS, Board, BoardView, find_board, other_board
+from ledpi.tools.calibrate.camera import calibrate_camera
+from ledpi.tools.calibrate.files import write_keeping_old
 
 BOARD = Board(columns=6, rows=5)
-LENS = Intrinsics(
-    width=640, height=480, fx=600, fy=604, cx=326, cy=234, distortion=(-0.25, 0.09, 0.001, -0.0005, 0)
-)
+LENS = Intrinsics(width=640, height=480, fx=600, fy=604, cx=326, cy=234, distortion=(-0.25, 0.09, 0.001, -0.0005, 0))
 GREY = cv2.IMREAD_GRAYSCALE
 
 Pose = tuple[tuple[int, int, int], tuple[float, float], float]
@@ -90,9 +88,7 @@ def projected(name: str, pose: Pose, seed: int, lens: Intrinsics = LENS) -> Boar
     """The corners that the board of a pose has, with 0.05 px of noise, without a picture."""
     rotation, translation = board_from_pose(pose)
     vector, _ = cv2.Rodrigues(rotation)
-    exact, _ = cv2.projectPoints(
-        BOARD.corners(), vector, translation, lens.matrix(), np.array(lens.distortion)
-    )
+    exact, _ = cv2.projectPoints(BOARD.corners(), vector, translation, lens.matrix(), np.array(lens.distortion))
     noise = np.random.default_rng(seed).normal(0, 0.05, (30, 2))
     places = np.asarray(exact, dtype=np.float64).reshape(-1, 2) + noise
     return BoardView(name=name, corner_ids=np.arange(30), corners_px=places)
@@ -122,9 +118,7 @@ def pictures(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def command(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> Command:
+def command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Command:
     """Runs `ledpi calibrate camera …` in an empty folder → exit status, standard output, standard error."""
     monkeypatch.chdir(tmp_path)
     return in_process(monkeypatch, capsys, "calibrate", "camera")
@@ -239,9 +233,7 @@ def test_too_few_views_are_refused() -> None:
 
 def test_views_without_tilt_are_refused() -> None:
     """Frontal views fit any focal length."""
-    frontal: list[Pose] = [
-        ((0, 0, 10 * i), (0.1 * (i % 3 - 1), 0.05 * (i % 2)), 12 + i % 4) for i in range(12)
-    ]
+    frontal: list[Pose] = [((0, 0, 10 * i), (0.1 * (i % 3 - 1), 0.05 * (i % 2)), 12 + i % 4) for i in range(12)]
     views = [projected(f"{i}", pose, seed=i) for i, pose in enumerate(frontal)]
     assert "the views are too much alike" in refusal(views)
 
@@ -298,9 +290,7 @@ def test_pictures_of_two_sizes_are_refused(command: Command) -> None:
     assert "b.png: is 640 × 480 pixels, a.png is 320 × 240" in err
 
 
-def test_folders_and_files_that_cannot_be_used_are_named(
-    tmp_path: Path, command: Command
-) -> None:
+def test_folders_and_files_that_cannot_be_used_are_named(tmp_path: Path, command: Command) -> None:
     """A missing folder, one without pictures, and a picture that is none: one line each, exit status 2."""
     assert command("missing") == (2, "", "ledpi: missing: cannot be read: No such file or directory\n")
     status, _, err = command(".")

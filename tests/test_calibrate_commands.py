@@ -12,14 +12,14 @@ import yaml
 from command_material import Run as Command
 from command_material import in_process
 
-from ledpi.calibrate.config_file import change_config, changed_yaml
-from ledpi.calibrate.taking import settle_gain
 from ledpi.camera.simulated import SimulatedCamera, simulated_sensor
-from ledpi.camera_yaml import camera_yaml_text
-from ledpi.config import load_config
-from ledpi.errors import CalibrationError
-from ledpi.records import Frame, Intrinsics, Pixels
+from ledpi.config.camera_yaml import camera_yaml_text
+from ledpi.config.settings import load_config
+from ledpi.core.errors import CalibrationError
+from ledpi.core.records import Frame, Intrinsics, Pixels
 from ledpi.simulate.scenes import still_scene
+from ledpi.tools.calibrate.config_file import change_config, changed_yaml
+from ledpi.tools.calibrate.taking import settle_gain
 
 CONFIG = """\
 # my robot

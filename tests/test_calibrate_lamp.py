@@ -11,19 +11,17 @@ import numpy as np
 import pytest
 from test_led_bands import photographed_lamp
 
-from ledpi.calibrate.lamp import lamp_frequency, lamp_rows
-from ledpi.calibrate.shutter import Estimate
 from ledpi.cli import main
-from ledpi.records import Frame
+from ledpi.core.records import Frame
+from ledpi.tools.calibrate.lamp import lamp_frequency, lamp_rows
+from ledpi.tools.calibrate.shutter import Estimate
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
 import led_bands as bench
 
 
 def measured(picture: np.ndarray) -> Estimate | None:
-    frame = Frame(
-        pixels=picture, seq=0, row0_readout_ns=0, exposure_us=161.6, row_time_us=33.67, transfer="srgb"
-    )
+    frame = Frame(pixels=picture, seq=0, row0_readout_ns=0, exposure_us=161.6, row_time_us=33.67, transfer="srgb")
     return lamp_frequency(lamp_rows(frame), exposure_us=161.6, row_time_us=33.67)
 
 

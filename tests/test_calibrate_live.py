@@ -11,13 +11,13 @@ import pytest
 import yaml
 from test_calibrate_camera import BOARD, CHARUCO, POSES, Pose, charuco_pictures, projected, rendered
 
-from ledpi.calibrate.camera import calibrate_camera
-from ledpi.calibrate.collecting import ENOUGH_VIEWS, Collection, attitude_of, next_exposure
-from ledpi.calibrate.live_board import OpenAt, collect_views
-from ledpi.camera_yaml import load_intrinsics
 from ledpi.cli import main
-from ledpi.recording import load_recording
-from ledpi.records import CameraInfo, Frame, Pixels
+from ledpi.config.camera_yaml import load_intrinsics
+from ledpi.core.records import CameraInfo, Frame, Pixels
+from ledpi.recording.reader import load_recording
+from ledpi.tools.calibrate.camera import calibrate_camera
+from ledpi.tools.calibrate.collecting import ENOUGH_VIEWS, Collection, attitude_of, next_exposure
+from ledpi.tools.calibrate.live_board import OpenAt, collect_views
 
 EMPTY = np.full((480, 640), 90, np.uint8)
 INFO = CameraInfo(width=640, height=480, exposure_us=10_000.0, row_time_us=33.67, transfer="linear")
@@ -164,9 +164,7 @@ def test_it_asks_for_places_and_then_is_content() -> None:
         (255, 10_000.0, 8.0, (10_000.0, 1.0)),  # four times too bright at least
     ],
 )
-def test_exposure_and_gain(
-    white: int, exposure_us: float, gain: float, expected: tuple[float, float] | None
-) -> None:
+def test_exposure_and_gain(white: int, exposure_us: float, gain: float, expected: tuple[float, float] | None) -> None:
     """White is to be at half of full scale (within 0.25 to 0.8 it may stay): longer first, then amplified."""
     found = next_exposure(frame_of(np.full((480, 640), white, np.uint8), 0, exposure_us, gain), None)
     assert found == (pytest.approx(expected, rel=0.02) if expected is not None else None)

@@ -15,19 +15,19 @@ import pytest
 from decode_material import LENS
 from map_material import SIDE_M, frame, optical, panel, pose, seen_corners, sighting, with_errors
 
-from ledpi.calibrate.map import MapCalibration, calibrate_map
-from ledpi.calibrate.map_views import View, view_of
 from ledpi.camera.simulated import SimulatedCamera
-from ledpi.config import load_config
-from ledpi.dictionaries import load_dictionary
-from ledpi.errors import CalibrationError
-from ledpi.map_yaml import load_map
+from ledpi.config.map_yaml import load_map
+from ledpi.config.settings import load_config
+from ledpi.core.errors import CalibrationError
+from ledpi.core.records import Floats, MarkerPose, PanelSpec
+from ledpi.markers.dictionaries import load_dictionary
 from ledpi.pose.place import Placer
-from ledpi.recording_writer import RecordingWriter
-from ledpi.records import Floats, MarkerPose, PanelSpec
+from ledpi.recording.writer import RecordingWriter
 from ledpi.simulate.scene import Panel, Scene, SimulatedSensor
 from ledpi.simulate.scenes import ov5647_lens, whole_rows_us
 from ledpi.simulate.trajectory import Gliding, Still, facing_camera
+from ledpi.tools.calibrate.map import MapCalibration, calibrate_map
+from ledpi.tools.calibrate.map_views import View, view_of
 
 ROOT = Path(__file__).resolve().parents[1]
 SIDES_M = dict.fromkeys(range(50), SIDE_M)

@@ -18,9 +18,9 @@ import pytest
 
 from ledpi.camera.base import Camera
 from ledpi.camera.factory import open_camera
-from ledpi.config import Config
-from ledpi.recording_writer import RecordingWriter
-from ledpi.records import CameraInfo, Frame, PanelSpec, Pixels
+from ledpi.config.settings import Config
+from ledpi.core.records import CameraInfo, Frame, PanelSpec, Pixels
+from ledpi.recording.writer import RecordingWriter
 
 FRAMES = 4
 FAR_S = 10.0  # the longest that may be asked for: it does not come while a test waits

@@ -11,10 +11,10 @@ import pytest
 
 from ledpi.camera.factory import open_camera
 from ledpi.camera.recording import RecordingCamera
-from ledpi.config import Config
-from ledpi.errors import CameraError, LedpiError, RecordingError
-from ledpi.recording_writer import RecordingWriter
-from ledpi.records import CameraInfo, Frame, PanelSpec
+from ledpi.config.settings import Config
+from ledpi.core.errors import CameraError, LedpiError, RecordingError
+from ledpi.core.records import CameraInfo, Frame, PanelSpec
+from ledpi.recording.writer import RecordingWriter
 
 ROOT = Path(__file__).resolve().parents[1]
 

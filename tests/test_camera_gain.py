@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ledpi.camera.gain import FIRST_GAIN, GainControl, brightest_level
-from ledpi.records import Frame
+from ledpi.core.records import Frame
 
 PERIOD_NS = 16_160_000  # 509 rows of 31.75 µs
 OV5647 = (1.0, 63.9375)

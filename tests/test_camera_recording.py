@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from ledpi.camera.recording import RecordingCamera
-from ledpi.recording import load_recording
-from ledpi.recording_writer import RecordingWriter
-from ledpi.records import CameraInfo, Frame, Intrinsics, PanelSpec, Rejected
+from ledpi.core.records import CameraInfo, Frame, Intrinsics, PanelSpec, Rejected
+from ledpi.recording.reader import load_recording
+from ledpi.recording.writer import RecordingWriter
 
 HEIGHT, WIDTH, ROW_US = 6, 8, 100.0
 READOUT_NS = 600_000  # 6 rows
@@ -165,8 +165,7 @@ def test_a_loop_goes_on_in_seq_and_time(tmp_path: Path) -> None:
     assert [int(frame.pixels[0, 0]) for frame in frames] == [0, 1, 2] * 3
     assert [frame.seq for frame in frames] == [0, 10, 20, 21, 31, 41, 42, 52, 62]
     steps_ms = [
-        (later.row0_readout_ns - earlier.row0_readout_ns) / 1e6
-        for earlier, later in itertools.pairwise(frames)
+        (later.row0_readout_ns - earlier.row0_readout_ns) / 1e6 for earlier, later in itertools.pairwise(frames)
     ]
     assert steps_ms == [1, 2, 600, 1, 2, 600, 1, 2]
 

@@ -13,8 +13,8 @@ from ledpi.camera import recovering
 from ledpi.camera.base import Camera
 from ledpi.camera.recovering import LOST, RecoveringCamera
 from ledpi.cli import main
-from ledpi.errors import CameraError, CameraLostError
-from ledpi.records import CameraInfo, Frame, Pixels, Rejected
+from ledpi.core.errors import CameraError, CameraLostError
+from ledpi.core.records import CameraInfo, Frame, Pixels, Rejected
 
 INFO = CameraInfo(width=8, height=6, exposure_us=1e4, row_time_us=31.75, transfer="linear", frame_length_rows=509)
 GONE = CameraLostError("picamera2: the camera delivered nothing for 0.081 s")

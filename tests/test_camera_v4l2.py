@@ -14,9 +14,9 @@ from command_material import in_process
 
 from ledpi.camera.simulated import SimulatedCamera, simulated_sensor
 from ledpi.camera.v4l2 import V4l2Camera, open_v4l2
-from ledpi.config import CameraSettings, load_config
-from ledpi.errors import CameraError
-from ledpi.records import Frame, Rejected
+from ledpi.config.settings import CameraSettings, load_config
+from ledpi.core.errors import CameraError
+from ledpi.core.records import Frame, Rejected
 from ledpi.simulate.scenes import still_scene
 
 DEVICE = "/dev/null"  # exists; the stand-in does not look at it

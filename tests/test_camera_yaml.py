@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 import yaml
 
-from ledpi.camera_yaml import camera_yaml_text, load_intrinsics
-from ledpi.errors import CalibrationError
-from ledpi.records import Intrinsics
+from ledpi.config.camera_yaml import camera_yaml_text, load_intrinsics
+from ledpi.core.errors import CalibrationError
+from ledpi.core.records import Intrinsics
 
 # As ROS' camera_calibration_parsers writes it (YAML 1.2, where 1e-05 is a number).
 MADE_BY_ROS = """\
@@ -36,9 +36,7 @@ projection_matrix:
 """
 
 COEFFICIENTS = (0.125, -0.25, 1e-5, -0.0005, 0.0)
-LENS = Intrinsics(
-    width=640, height=480, fx=605.5, fy=606.5, cx=322.25, cy=238.75, distortion=COEFFICIENTS
-)
+LENS = Intrinsics(width=640, height=480, fx=605.5, fy=606.5, cx=322.25, cy=238.75, distortion=COEFFICIENTS)
 
 
 def written(folder: Path, text: str) -> Path:

@@ -11,8 +11,8 @@ import pytest
 from ledpi.camera.capture_settings import check_mode, disagreement, fixed_controls, frame_rows, row_time
 from ledpi.camera.picamera import open_picamera
 from ledpi.camera.sensors import SENSORS
-from ledpi.config import CameraSettings
-from ledpi.errors import CameraError
+from ledpi.config.settings import CameraSettings
+from ledpi.core.errors import CameraError
 
 CLASSES_HZ = (1250.0, 2450.0)
 ROW_US = 16001 / 504  # as the current driver's 58.333 MHz comes out of libcamera, in whole µs

@@ -20,8 +20,8 @@ from command_material import Run, complaint, in_process
 
 from ledpi.camera.simulated import SimulatedCamera
 from ledpi.cli import main
-from ledpi.recording_writer import RecordingWriter
-from ledpi.records import CameraInfo, Frame, PanelSpec
+from ledpi.core.records import CameraInfo, Frame, PanelSpec
+from ledpi.recording.writer import RecordingWriter
 from ledpi.simulate.scene import SimulatedSensor
 from ledpi.simulate.scenes import ov5647_lens, still_scene
 

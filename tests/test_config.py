@@ -8,8 +8,8 @@ import pytest
 import yaml
 from config_material import known_keys, written_values
 
-from ledpi.config import Config, find_config, load_config
-from ledpi.errors import ConfigError
+from ledpi.config.settings import Config, find_config, load_config
+from ledpi.core.errors import ConfigError
 
 ROOT = Path(__file__).resolve().parents[1]
 SHIPPED = ROOT / "config.yaml"
@@ -242,9 +242,7 @@ def test_paths_in_the_file_are_relative_to_it(tmp_path: Path, monkeypatch: pytes
     assert config.map == tmp_path / "robot/m.yaml"
 
 
-def test_paths_on_the_command_line_are_relative_to_the_shell(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_paths_on_the_command_line_are_relative_to_the_shell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Paths given with --set are meant from the working directory; / and ~ are what they always are."""
     (tmp_path / "robot").mkdir()
     path = write(tmp_path / "robot", "panels: {side_m: 1}")

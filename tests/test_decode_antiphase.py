@@ -23,14 +23,14 @@ from decode_material import (
 )
 from samples_material import samples_of
 
+from ledpi.core.records import Frame, PanelSpec
 from ledpi.decode.evidence.classes import band_shares, in_other_class
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.soft import Reading, decide, read_word
 from ledpi.decode.identify.tuning import Seen, propose_frequencies
-from ledpi.dictionaries import load_dictionary
-from ledpi.pipeline import Pipeline
-from ledpi.records import Frame, PanelSpec
+from ledpi.markers.dictionaries import load_dictionary
+from ledpi.pipeline.pipeline import Pipeline
 
 HZ = 1254.0  # of which 150 µs hold a fifth of a cycle, 10 ms twelve and a half
 ANTIPHASE = dataclasses.replace(SPEC, black_hz=HZ, white_hz=HZ, phase="antiphase")

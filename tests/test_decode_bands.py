@@ -26,7 +26,9 @@ from decode_material import (
     word,
 )
 
-from ledpi.config import load_config
+from ledpi.config.settings import load_config
+from ledpi.core.errors import ConfigError
+from ledpi.core.records import Decoded, Floats, Frame, Intrinsics, PanelSpec, PanelValues, Rejected, Sighting, Transfer
 from ledpi.decode.bands import (
     BLACK_BAND,
     NO_BAND,
@@ -42,12 +44,10 @@ from ledpi.decode.bands import (
     find_squares,
     restore,
 )
-from ledpi.dictionaries import load_dictionary
-from ledpi.errors import ConfigError
-from ledpi.picture import read_picture
-from ledpi.pipeline import Pipeline
-from ledpi.recording import load_recording
-from ledpi.records import Decoded, Floats, Frame, Intrinsics, PanelSpec, PanelValues, Rejected, Sighting, Transfer
+from ledpi.markers.dictionaries import load_dictionary
+from ledpi.pipeline.pipeline import Pipeline
+from ledpi.recording.picture import read_picture
+from ledpi.recording.reader import load_recording
 
 PLACE = square(310.3, 240.6, 150, 4)
 # A dark band at the rim takes its rows off the square: black's are 11.9 rows high, and a corner ends one side of each.

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from decode_material import LENS, Canvas, quad, reason, seen_through, square, word
 
+from ledpi.core.records import Floats, Frame, Intrinsics, Quad, Transfer
 from ledpi.decode.cells import CellSamples, sample_cells
-from ledpi.records import Floats, Frame, Intrinsics, Quad, Transfer
 
 # Each cell has a level of its own, so that what is sampled tells where it came from.
 LEVELS = 0.1 + 0.05 * np.random.default_rng(5).permutation(16).reshape(4, 4)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from ledpi.core.records import Floats, Mask
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.identify.denial import confirms, denies
-from ledpi.records import Floats, Mask
 
 DEPTH = 0.5
 WHITE = np.arange(16) % 2 == 1

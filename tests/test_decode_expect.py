@@ -10,15 +10,15 @@ from decode_material import FRAME_ROWS, ROW_TIME_US, SPEC, Canvas, diffuser, squ
 from evidence_reference import slopes_of
 from samples_material import samples_of
 
+from ledpi.core.geometry import in_square
+from ledpi.core.records import Floats, Frame, PanelSpec
 from ledpi.decode.cells import CellSamples, lattice
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.evidence.expect import LEAST_SHARE, Expectation, ways
 from ledpi.decode.evidence.memory import PanelMemory
 from ledpi.decode.identify import soft
 from ledpi.decode.identify.codebook import Codebook
-from ledpi.dictionaries import load_dictionary
-from ledpi.geometry import in_square
-from ledpi.records import Floats, Frame, PanelSpec
+from ledpi.markers.dictionaries import load_dictionary
 
 PERIOD_US = FRAME_ROWS * ROW_TIME_US
 PLACE = square(310.3, 240.6, 100, 4)

@@ -11,6 +11,7 @@ from decode_material import SPEC, TRUE_10_MS_US, Canvas, square, word
 from evidence_reference import word_log_likelihoods
 from samples_material import samples_of
 
+from ledpi.core.records import Floats, Frame
 from ledpi.decode.evidence.evidence import UNFIT, Evidence
 from ledpi.decode.evidence.single_frame import single_evidence
 from ledpi.decode.evidence.waves import are_sinusoids
@@ -18,8 +19,7 @@ from ledpi.decode.identify import soft
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.soft import Reading, decide, odds_needed, read_word
 from ledpi.decode.identify.words import SHORTLIST, likeliest, likeliest_beyond, of_neighbours
-from ledpi.dictionaries import load_dictionary
-from ledpi.records import Floats, Frame
+from ledpi.markers.dictionaries import load_dictionary
 
 DICTIONARY = load_dictionary("DICT_4X4_50")
 FLAT = np.arange(16)

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from decode_material import Canvas, flat, square, word
 
+from ledpi.core.geometry import quad_side
+from ledpi.core.records import Floats, Frame, Rejected, Transfer
 from ledpi.decode.finding.find import Finder
-from ledpi.geometry import quad_side
-from ledpi.records import Floats, Frame, Rejected, Transfer
 
 SMALLEST_PX = 10.0
 

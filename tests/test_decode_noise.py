@@ -10,13 +10,13 @@ import pytest
 from decode_material import SPEC, TRUE_10_MS_US, Canvas, diffuser, square, word
 from samples_material import samples_of
 
+from ledpi.core.records import Floats, Frame
 from ledpi.decode.evidence.comparison import Mean, compared_evidence
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.evidence.memory import PanelMemory
 from ledpi.decode.evidence.noise import WHITE, Correlation
 from ledpi.decode.evidence.single_frame import single_evidence
 from ledpi.decode.evidence.waves import class_waves
-from ledpi.records import Floats, Frame
 
 LEVEL, DEVIATION = 0.5, 0.02  # of light, and of a pixel's noise before anything is done to it
 

@@ -21,7 +21,7 @@ from decode_material import (
     word,
 )
 
-from ledpi.pipeline import Pipeline
+from ledpi.pipeline.pipeline import Pipeline
 
 PANEL = square(310.3, 240.6, 130)
 

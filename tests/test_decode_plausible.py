@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from ledpi.core.records import Floats
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.identify.plausible import is_consistent
 from ledpi.decode.identify.words import likeliest
-from ledpi.records import Floats
 
 FAINT, DEEPER = 0.08, 0.2
 WHITE = (np.arange(16) % 2 == 1).astype(np.float32)

@@ -23,14 +23,14 @@ from decode_material import (
 )
 from samples_material import samples_of
 
+from ledpi.core.records import Floats, Frame, PanelSpec, Rejected, Transfer
 from ledpi.decode.cells import sample_cells
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.evidence.single_frame import single_evidence
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.soft import Reading, read_word
 from ledpi.decode.identify.words import likeliest
-from ledpi.dictionaries import load_dictionary
-from ledpi.records import Floats, Frame, PanelSpec, Rejected, Transfer
+from ledpi.markers.dictionaries import load_dictionary
 
 ALL = Codebook.build(list(range(50)), load_dictionary("DICT_4X4_50"), SPEC)
 # Patterns by the number of cells in which they differ from the nearest word of the dictionary, however it is turned

@@ -10,7 +10,7 @@ from samples_material import samples_of
 
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.tuning import Proposal, Seen, propose_frequencies
-from ledpi.dictionaries import load_dictionary
+from ledpi.markers.dictionaries import load_dictionary
 
 PERIOD_US = 16_969.7  # in which 1250 and 1262 Hz both advance by nearly 21 cycles, and 20 Hz by a third of one
 

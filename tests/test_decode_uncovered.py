@@ -7,12 +7,12 @@ import pytest
 from decode_material import PINHOLE, SPEC, Canvas, camera_info, panel_settings, square, word
 from samples_material import samples_of
 
+from ledpi.core.records import Floats
 from ledpi.decode.evidence.uncovered import all_uncovered, darkens, without_covered
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.soft import Reading, read_word
-from ledpi.dictionaries import load_dictionary
-from ledpi.pipeline import Pipeline
-from ledpi.records import Floats
+from ledpi.markers.dictionaries import load_dictionary
+from ledpi.pipeline.pipeline import Pipeline
 
 TRUE = square(310.4, 240.2, 100.0, 12)
 CORNER, EDGE = ((-0.1, 0.1), (-0.1, 0.12)), ((-0.2, 1.2), (-0.3, 0.12))  # what is hidden, across and down

@@ -21,6 +21,7 @@ from decode_material import (
 )
 from samples_material import samples_of
 
+from ledpi.core.records import Floats, Frame, Rejected
 from ledpi.decode.cells import CellSamples
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.evidence.single_frame import single_evidence
@@ -28,9 +29,8 @@ from ledpi.decode.evidence.unlit import unlit_cells
 from ledpi.decode.evidence.waves import band_prior
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.soft import Reading, decide, read_word
-from ledpi.dictionaries import load_dictionary
-from ledpi.pipeline import Pipeline
-from ledpi.records import Floats, Frame, Rejected
+from ledpi.markers.dictionaries import load_dictionary
+from ledpi.pipeline.pipeline import Pipeline
 
 BOOK = Codebook.build(list(range(50)), load_dictionary("DICT_4X4_50"), SPEC)
 PRIOR = band_prior(Canvas().frame(None), SPEC)

@@ -18,8 +18,8 @@ import numpy as np
 import pytest
 
 from ledpi.camera.simulated import SimulatedCamera, open_simulated, simulated_sensor
-from ledpi.config import Config, load_config
-from ledpi.recording import TruthMarker
+from ledpi.config.settings import Config, load_config
+from ledpi.recording.reader import TruthMarker
 
 ROOT = Path(__file__).resolve().parents[1]
 HUNG_S = 600.0  # by then it does not end at all: how fast it is, is no matter here

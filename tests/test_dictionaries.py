@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from decode_material import PINHOLE, Canvas, camera_info, panel_settings, square
 
-from ledpi.config import load_config
-from ledpi.dictionaries import load_dictionary, opencv_dictionary
-from ledpi.errors import ConfigError
-from ledpi.pipeline import Pipeline
-from ledpi.recording import load_recording
-from ledpi.recording_writer import RecordingWriter
-from ledpi.records import PanelSpec
+from ledpi.config.settings import load_config
+from ledpi.core.errors import ConfigError
+from ledpi.core.records import PanelSpec
+from ledpi.markers.dictionaries import load_dictionary, opencv_dictionary
+from ledpi.pipeline.pipeline import Pipeline
+from ledpi.recording.reader import load_recording
+from ledpi.recording.writer import RecordingWriter
 
 THREE = """%YAML:1.0
 ---

@@ -10,13 +10,13 @@ import pytest
 import yaml
 from config_material import known_keys, written_values
 
-from ledpi.config import Config, PanelOverride, load_config
-from ledpi.dictionaries import load_dictionary
-from ledpi.errors import ConfigError
-from ledpi.panel.body import Body
-from ledpi.panel.circuit import Circuit, Lamps, ohm_text, plan_circuit
-from ledpi.panel.sheet_parts import parts
-from ledpi.shutter import contrast
+from ledpi.config.settings import Config, PanelOverride, load_config
+from ledpi.core.errors import ConfigError
+from ledpi.core.shutter import contrast
+from ledpi.markers.dictionaries import load_dictionary
+from ledpi.tools.panel.body import Body
+from ledpi.tools.panel.circuit import Circuit, Lamps, ohm_text, plan_circuit
+from ledpi.tools.panel.sheet_parts import parts
 
 ROOT = Path(__file__).resolve().parents[1]
 

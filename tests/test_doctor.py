@@ -15,12 +15,12 @@ import pytest
 from ledpi import __version__
 from ledpi.camera.factory import open_camera
 from ledpi.cli.doctor import line, verdict
-from ledpi.config import load_config
-from ledpi.doctor import camera, checks, machine
-from ledpi.doctor.checks import configuration, examine
-from ledpi.doctor.finding import bad, ok
-from ledpi.records import CameraInfo
+from ledpi.config.settings import load_config
+from ledpi.core.records import CameraInfo
 from ledpi.simulate.scenes import ov5647_lens
+from ledpi.tools.doctor import camera, checks, machine
+from ledpi.tools.doctor.checks import configuration, examine
+from ledpi.tools.doctor.finding import bad, ok
 
 ROOT = Path(__file__).resolve().parents[1]
 COMMAND = [sys.executable, "-c", "from ledpi.cli import main; main()", "doctor"]

@@ -19,21 +19,21 @@ import typer
 import yaml
 from typer.testing import CliRunner
 
-from ledpi.camera_yaml import camera_yaml_text
 from ledpi.cli.evaluate import evaluate
 from ledpi.cli.simulate import simulate
-from ledpi.config import PanelSettings, load_config
-from ledpi.dictionaries import load_dictionary
-from ledpi.errors import CalibrationError, ConfigError, LedpiError, RecordingError
-from ledpi.evaluate import plan as plan_module
-from ledpi.evaluate import units as units_module
-from ledpi.evaluate import workers as workers_module
-from ledpi.evaluate.conditions import Condition, Suite
-from ledpi.evaluate.draw import Take, draw_take
-from ledpi.evaluate.plan import Plan
-from ledpi.evaluate.units import Unit, code_version, run_unit, source_digest
-from ledpi.recording import load_recording
-from ledpi.records import Intrinsics
+from ledpi.config.camera_yaml import camera_yaml_text
+from ledpi.config.settings import PanelSettings, load_config
+from ledpi.core.errors import CalibrationError, ConfigError, LedpiError, RecordingError
+from ledpi.core.records import Intrinsics
+from ledpi.markers.dictionaries import load_dictionary
+from ledpi.recording.reader import load_recording
+from ledpi.tools.evaluate import plan as plan_module
+from ledpi.tools.evaluate import units as units_module
+from ledpi.tools.evaluate import workers as workers_module
+from ledpi.tools.evaluate.conditions import Condition, Suite
+from ledpi.tools.evaluate.draw import Take, draw_take
+from ledpi.tools.evaluate.plan import Plan
+from ledpi.tools.evaluate.units import Unit, code_version, run_unit, source_digest
 
 APP = typer.Typer()
 APP.command()(evaluate)
@@ -372,7 +372,7 @@ def test_workers_end_with_the_process_that_hands_out_the_work() -> None:
     """However that was ended: nobody is left to take what they do."""
     script = """
 import multiprocessing, time
-from ledpi.evaluate import workers
+from ledpi.tools.evaluate import workers
 workers.run_unit = time.sleep
 results = workers.run_on_processes([0.0, 1e6, 1e6], 2)
 next(results)

@@ -9,12 +9,18 @@ import cv2
 import numpy as np
 import pytest
 
-from ledpi.config import PanelSettings
+from ledpi.config.settings import PanelSettings
+from ledpi.core.errors import ConfigError
+from ledpi.core.records import Decoded, Frame, Rejected
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.soft import Reading, read_word
-from ledpi.dictionaries import load_dictionary
-from ledpi.errors import ConfigError
-from ledpi.evaluate.conditions import (
+from ledpi.markers.dictionaries import load_dictionary
+from ledpi.pipeline.pipeline import Pipeline
+from ledpi.pipeline.trace import Trace
+from ledpi.simulate.render import Renderer
+from ledpi.simulate.sensor import sensor_info
+from ledpi.simulate.truth import scene_truth
+from ledpi.tools.evaluate.conditions import (
     DECOYS,
     PAPER_ANGLES_DEG,
     PAPER_DISTANCES_M,
@@ -23,16 +29,10 @@ from ledpi.evaluate.conditions import (
     Suite,
     suite_conditions,
 )
-from ledpi.evaluate.draw import FRAMES_A_TAKE, Take, draw_take
-from ledpi.evaluate.prints import printed_id, printed_scene
-from ledpi.evaluate.reading import aruco_reader
-from ledpi.evaluate.units import photographed
-from ledpi.pipeline import Pipeline
-from ledpi.records import Decoded, Frame, Rejected
-from ledpi.simulate.render import Renderer
-from ledpi.simulate.sensor import sensor_info
-from ledpi.simulate.truth import scene_truth
-from ledpi.trace import Trace
+from ledpi.tools.evaluate.draw import FRAMES_A_TAKE, Take, draw_take
+from ledpi.tools.evaluate.prints import printed_id, printed_scene
+from ledpi.tools.evaluate.reading import aruco_reader
+from ledpi.tools.evaluate.units import photographed
 
 PANELS = PanelSettings(side_m=0.16)
 ALL_EXIST = PanelSettings(side_m=0.16, ids=tuple(range(50)))  # those too that a part of another panel can show
@@ -266,7 +266,7 @@ def test_opencv_finds_the_print_where_the_panel_was(angle_deg: float, most_px: f
 def test_apriltag_finds_its_print_where_the_panel_was() -> None:
     """Its corners, brought into our order and pixel convention, are the panel's."""
     pytest.importorskip("pupil_apriltags", reason="pupil-apriltags is not installed (extra: evaluate)")
-    from ledpi.evaluate.reading import apriltag_reader
+    from ledpi.tools.evaluate.reading import apriltag_reader
 
     take = take_of(replace(condition(distance_m=0.8), transfer="linear"), 2)
     scene = printed_scene(take.scene, "apriltag", "DICT_4X4_50", take.peak_level)

@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ledpi.evaluate.reading import Found, Read
-from ledpi.evaluate.scoring import NOTHING_THERE, Expected, Tally
-from ledpi.evaluate.table import COLUMNS, TableRow, table_row, wilson, write_csv
-from ledpi.records import Floats, Pose, Rejected
-from ledpi.trace import Dropped
+from ledpi.core.records import Floats, Pose, Rejected
+from ledpi.pipeline.trace import Dropped
+from ledpi.tools.evaluate.reading import Found, Read
+from ledpi.tools.evaluate.scoring import NOTHING_THERE, Expected, Tally
+from ledpi.tools.evaluate.table import COLUMNS, TableRow, table_row, wilson, write_csv
 
 SQUARE = np.array([[100.0, 50.0], [140.0, 50.0], [140.0, 90.0], [100.0, 90.0]])  # 40 px, clockwise
 UPRIGHT = np.array([0.0, 1.0, 0.0, 0.0])  # faces the camera

@@ -14,17 +14,17 @@ import typer
 from typer.testing import CliRunner
 
 from ledpi.cli.evaluate import evaluate
-from ledpi.config import PanelSettings
-from ledpi.errors import ConfigError, LedpiError, RecordingError
-from ledpi.evaluate.bound import Bound, bound_of
-from ledpi.evaluate.draw import Take
-from ledpi.evaluate.told import read_told
-from ledpi.evaluate.units import photographed
-from ledpi.evaluate.wild import draw_wild
-from ledpi.evaluate.wild_rows import CAMERA_SPANS, TAKE_SPANS, TAKES_A_CAMERA, WILD, Span, drawn
-from ledpi.recording import load_recording
-from ledpi.records import Frame
+from ledpi.config.settings import PanelSettings
+from ledpi.core.errors import ConfigError, LedpiError, RecordingError
+from ledpi.core.records import Frame
+from ledpi.recording.reader import load_recording
 from ledpi.simulate.truth import scene_truth
+from ledpi.tools.evaluate.bound import Bound, bound_of
+from ledpi.tools.evaluate.draw import Take
+from ledpi.tools.evaluate.told import read_told
+from ledpi.tools.evaluate.units import photographed
+from ledpi.tools.evaluate.wild import draw_wild
+from ledpi.tools.evaluate.wild_rows import CAMERA_SPANS, TAKE_SPANS, TAKES_A_CAMERA, WILD, Span, drawn
 
 pytest.importorskip("scipy", reason="scipy is not installed (extra: evaluate)")
 
@@ -114,8 +114,11 @@ def test_one_in_eight_has_a_dead_cell_or_a_hidden_strip(takes: dict[str, list[Ta
     """Four of 64 each, in every row."""
     for row, own in takes.items():
         dead = [take for take in own if np.any(take.scene.panels[0].cell_gains == 0)]
-        hidden = [take for take in own if any(light.motion.scene_from_body(0.0)[2, 3] < 0.95 * depth(take)
-                                              for light in take.scene.lights)]
+        hidden = [
+            take
+            for take in own
+            if any(light.motion.scene_from_body(0.0)[2, 3] < 0.95 * depth(take) for light in take.scene.lights)
+        ]
         assert (len(dead), len(hidden)) == (4, 4), row
 
 
@@ -230,9 +233,7 @@ def test_a_short_run_tells_all_three(tmp_path: Path) -> None:
         (("--suite", "wild", "--exposure-us", "2000"), "--exposure-us: the suite wild draws its own"),
     ],
 )
-def test_what_wild_cannot_do_is_said_in_one_line(
-    arguments: tuple[str, ...], message: str, tmp_path: Path
-) -> None:
+def test_what_wild_cannot_do_is_said_in_one_line(arguments: tuple[str, ...], message: str, tmp_path: Path) -> None:
     """And nothing is written."""
     with pytest.raises(LedpiError) as refused:
         run("--out", str(tmp_path / "out"), *arguments)

@@ -23,9 +23,9 @@ import pytest
 from daemon_material import COMMAND, DEADLINE_S, MAX_AGE_US, ROOT, daemon, end, slowness, write_recording
 
 from ledpi.camera.simulated import open_simulated
-from ledpi.config import load_config
-from ledpi.daemon import Daemon
-from ledpi.records import CameraInfo, Frame, PanelValues, Pixels
+from ledpi.config.settings import load_config
+from ledpi.core.records import CameraInfo, Frame, PanelValues, Pixels
+from ledpi.runtime.daemon import Daemon
 from ledpi.wire import FixMessage, MarkerMessage, Message, Receiver, State, StatusMessage
 
 BYTE_S = 10 / 115200

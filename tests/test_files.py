@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from ledpi.errors import CalibrationError, ConfigError
-from ledpi.files import read_bytes, read_text, read_yaml
+from ledpi.core.errors import CalibrationError, ConfigError
+from ledpi.core.files import read_bytes, read_text, read_yaml
 
 _opened: list[str] = []
 sys.addaudithook(lambda event, args: _opened.append(str(args[0])) if event == "open" else None)  # stays for good

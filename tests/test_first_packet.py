@@ -12,10 +12,10 @@ import pytest
 from receiver_material import HEADER, ROOT
 
 from ledpi.camera.simulated import open_simulated
-from ledpi.config import load_config
-from ledpi.pipeline import Pipeline
-from ledpi.records import Frame
-from ledpi.robot import load_robot
+from ledpi.config.robot import load_robot
+from ledpi.config.settings import load_config
+from ledpi.core.records import Frame
+from ledpi.pipeline.pipeline import Pipeline
 
 PAGE = (ROOT / "docs" / "first-packet.md").read_text(encoding="utf-8")
 ARDUINO = """

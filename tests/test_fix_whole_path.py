@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from ledpi.camera.simulated import SimulatedCamera
-from ledpi.recording_writer import RecordingWriter
-from ledpi.records import PanelSpec
+from ledpi.core.records import PanelSpec
+from ledpi.recording.writer import RecordingWriter
 from ledpi.simulate.scene import SimulatedSensor
 from ledpi.simulate.scenes import ov5647_lens, still_scene, whole_rows_us
 from ledpi.wire import FixMessage, NoFix, Receiver, StatusMessage

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from ledpi.geometry import (
+from ledpi.core.geometry import (
     box,
     corners_apart,
     distort,
@@ -18,7 +18,7 @@ from ledpi.geometry import (
     rotation_angle_deg,
     undistort,
 )
-from ledpi.records import Floats, Intrinsics
+from ledpi.core.records import Floats, Intrinsics
 
 HALF = math.sqrt(0.5)
 

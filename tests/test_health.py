@@ -7,8 +7,8 @@ import threading
 import pytest
 from wire_material import marker_pose
 
-from ledpi.health import RECENT, Health, StageTimes
-from ledpi.records import Decoded, MarkerPose, Rejected
+from ledpi.core.records import Decoded, MarkerPose, Rejected
+from ledpi.runtime.health import RECENT, Health, StageTimes
 
 NO_BANDS = Rejected(stage="soft", reason="no_bands")
 TRUNCATED = Rejected(stage="capture", reason="truncated")

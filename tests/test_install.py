@@ -59,9 +59,9 @@ def test_the_clone_is_left_as_it_is(tmp_path: Path) -> None:
     run(made_up + "install_program", SEEN=f"{tmp_path}/seen", TMPDIR=f"{tmp_path}/temporary")
     seen = (tmp_path / "seen").read_text(encoding="utf-8").splitlines()
     assert not any(path.startswith(str(ROOT)) for path in seen)
-    for part in ("pyproject.toml", "setup.py", "build_core.py", "ledpi/pipeline.py", "ledpi/kernels/find.c"):
+    for part in ("pyproject.toml", "setup.py", "build_core.py", "ledpi/pipeline/pipeline.py", "ledpi/kernels/find.c"):
         assert any(path.endswith(f"/{part}") for path in seen)
-    assert any(path.endswith("/ledpi/panel/sources/two_outputs.c") for path in seen)
+    assert any(path.endswith("/ledpi/tools/panel/sources/two_outputs.c") for path in seen)
     assert list((tmp_path / "temporary").iterdir()) == []
 
 
@@ -72,7 +72,7 @@ def test_after_an_upgrade_of_python_the_old_packages_go(tmp_path: Path, before: 
     """The environment is begun anew where another Python has packages in it, and only there."""
     for version in before:
         (tmp_path / f"home/lib/python{version}/site-packages").mkdir(parents=True)
-    python = f"python3() {{ if [[ $1 == -c ]]; then echo 3.13; else echo \"$@\"; fi; }}; home={tmp_path}/home; "
+    python = f'python3() {{ if [[ $1 == -c ]]; then echo 3.13; else echo "$@"; fi; }}; home={tmp_path}/home; '
     said = run(python + "make_environment").split()
     assert said[:3] == ["-m", "venv", "--system-site-packages"]
     assert ("--clear" in said) is cleared

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ledpi.errors import InstallationError
+from ledpi.core.errors import InstallationError
 from ledpi.kernels.library import NONE, at, check, lib
 
 ROOT = Path(__file__).resolve().parents[1]

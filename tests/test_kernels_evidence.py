@@ -12,6 +12,8 @@ from decode_material import SPEC, TRUE_10_MS_US, Canvas, diffuser, square, word
 from evidence_reference import word_log_likelihoods
 from samples_material import samples_of
 
+from ledpi.core.records import Frame, PanelSpec, Rejected
+from ledpi.core.shutter import square_wave_bands
 from ledpi.decode.cells import CellSamples
 from ledpi.decode.evidence.believed import Believed, believed_bands
 from ledpi.decode.evidence.classes import band_shares
@@ -22,9 +24,7 @@ from ledpi.decode.evidence.waves import class_waves, square_waves
 from ledpi.decode.identify import words
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.first_look import first_look
-from ledpi.dictionaries import load_dictionary
-from ledpi.records import Frame, PanelSpec, Rejected
-from ledpi.shutter import square_wave_bands
+from ledpi.markers.dictionaries import load_dictionary
 
 ANTIPHASE = dataclasses.replace(SPEC, white_hz=SPEC.black_hz, phase="antiphase")
 EXPOSURE_US = {"shallow": TRUE_10_MS_US, "deep": 151.5}

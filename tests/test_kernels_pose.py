@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from decode_material import LENS, PINHOLE, seen_through, square
 
-from ledpi.geometry import matrix_from_quaternion, matrix_from_rotation_vector
+from ledpi.core.geometry import matrix_from_quaternion, matrix_from_rotation_vector
+from ledpi.core.records import Floats, Intrinsics, Rejected
 from ledpi.pose.corners import whiteners
 from ledpi.pose.planar import FREEDOM, SURPRISING, solve_squares, square_corners
 from ledpi.pose.refine import BEATEN_BY, CONVERGED, fit_body
-from ledpi.records import Floats, Intrinsics, Rejected
 
 UPSIDE_DOWN = np.diag([1.0, -1, -1])  # a panel that faces the camera
 

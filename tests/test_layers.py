@@ -18,13 +18,13 @@ PURE = [
     "ledpi.decode.",
     "ledpi.pose.",
     "ledpi.kernels.",
-    "ledpi.markers",
-    "ledpi.shutter",
-    "ledpi.geometry",
-    "ledpi.records",
-    "ledpi.row_clock",
-    "ledpi.output",
-    "ledpi.trace",
+    "ledpi.markers.words",
+    "ledpi.core.shutter",
+    "ledpi.core.geometry",
+    "ledpi.core.records",
+    "ledpi.core.row_clock",
+    "ledpi.pipeline.output",
+    "ledpi.pipeline.trace",
     "ledpi.wire.message",
     "ledpi.wire.codec",
     "ledpi.wire.outbox",
@@ -33,15 +33,15 @@ PURE = [
     "ledpi.camera.gain",
     "ledpi.camera.timing",
     "ledpi.camera.tuning",
-    "ledpi.calibrate.bands",
-    "ledpi.calibrate.boards",
-    "ledpi.calibrate.camera",
-    "ledpi.calibrate.collecting",
-    "ledpi.calibrate.lamp",
-    "ledpi.calibrate.map",
-    "ledpi.calibrate.shutter",
-    "ledpi.panel.body",
-    "ledpi.panel.circuit",
+    "ledpi.tools.calibrate.bands",
+    "ledpi.tools.calibrate.boards",
+    "ledpi.tools.calibrate.camera",
+    "ledpi.tools.calibrate.collecting",
+    "ledpi.tools.calibrate.lamp",
+    "ledpi.tools.calibrate.map",
+    "ledpi.tools.calibrate.shutter",
+    "ledpi.tools.panel.body",
+    "ledpi.tools.panel.circuit",
 ]
 IMPURE_MODULES = {
     *("threading", "multiprocessing", "concurrent", "asyncio", "queue", "signal", "subprocess"),
@@ -51,8 +51,14 @@ IMPURE_MODULES = {
 }
 IMPURE_CALLS = {"open", "imread", "imwrite", "VideoCapture", "fromfile", "tofile", "save", "savez", "input"}
 
-RUN = ["ledpi.pipeline", "ledpi.cli.run"]
-WORKSHOP = {"ledpi.calibrate", "ledpi.panel", "ledpi.evaluate", "scipy", "matplotlib"}
+# From the ground up: a package imports those before it. Workshop tools may use each other.
+LAYERS = (
+    *("core", "markers", "kernels", "pose", "decode", "config", "recording", "simulate", "camera"),
+    *("pipeline", "wire", "runtime", "tools", "cli"),
+)
+
+RUN = ["ledpi.pipeline.pipeline", "ledpi.cli.run"]
+WORKSHOP = {"ledpi.tools.calibrate", "ledpi.tools.panel", "ledpi.tools.evaluate", "scipy", "matplotlib"}
 
 
 def file_of(module: str, root: Path = ROOT) -> Path | None:
@@ -134,9 +140,29 @@ def test_what_computes_touches_no_file(entry: str) -> None:
         assert called_names(path) & IMPURE_CALLS == set(), module
 
 
+@pytest.mark.parametrize("package", LAYERS)
+def test_imports_go_one_way(package: str) -> None:
+    """A package imports only those that stand below it."""
+    allowed = {*LAYERS[: LAYERS.index(package) + 1], "__version__"}
+    imported = {
+        f"{module} imports {name}"
+        for module in members(f"ledpi.{package}.")
+        for name in imports_of(file_of(module) or ROOT)
+        if name.startswith("ledpi.") and name.split(".")[1] not in allowed
+    }
+    assert imported == set()
+
+
+def test_every_package_has_its_layer() -> None:
+    """Nothing lies loose beside them but what Python asks for."""
+    folder = ROOT / "ledpi"
+    assert {path.parent.name for path in folder.glob("*/__init__.py")} == set(LAYERS)
+    assert {path.name for path in folder.glob("*.py")} == {"__init__.py", "__main__.py"}
+
+
 def test_records_import_numpy_only() -> None:
     """The records stand below everything else."""
-    path = file_of("ledpi.records")
+    path = file_of("ledpi.core.records")
     assert path is not None
     foreign = {name.split(".")[0] for name in imports_of(path)} - set(sys.stdlib_module_names)
     assert foreign == {"numpy"}

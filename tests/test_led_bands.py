@@ -19,9 +19,7 @@ def photographed_lamp(frequency_hz: float, depth: float, seed: int = 0) -> np.nd
     """A disc of 150 rows, brighter in the middle, blinking; each row counted over 161.6 µs in steps of 0.04 µs."""
     rng = np.random.default_rng(seed)
     fine = np.arange(4000) / 4000
-    shares = [
-        np.mean((0.3 + frequency_hz * 1e-6 * (row * 33.67 + 161.6 * fine)) % 1.0 < 0.5) for row in range(373)
-    ]
+    shares = [np.mean((0.3 + frequency_hz * 1e-6 * (row * 33.67 + 161.6 * fine)) % 1.0 < 0.5) for row in range(373)]
     weight = 0.5 + depth * (np.convolve(shares, [0.5, 0.5], "same") - 0.5)
     y, x = np.mgrid[:373, :662]
     distance2 = ((x - 330) ** 2 + (y - 190) ** 2) / 75**2

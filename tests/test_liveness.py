@@ -13,11 +13,11 @@ from daemon_material import SIMULATED, controller, daemon, end
 
 from ledpi.camera.recovering import LOST
 from ledpi.camera.simulated import SimulatedCamera, open_simulated
-from ledpi.config import load_config
-from ledpi.daemon import Daemon
-from ledpi.liveness import BEHIND_NS, LOST_TICKS, Liveness
-from ledpi.pipeline import Pipeline
-from ledpi.records import CameraInfo, Decoded, Frame, PanelValues, Pixels, Rejected
+from ledpi.config.settings import load_config
+from ledpi.core.records import CameraInfo, Decoded, Frame, PanelValues, Pixels, Rejected
+from ledpi.pipeline.pipeline import Pipeline
+from ledpi.runtime.daemon import Daemon
+from ledpi.runtime.liveness import BEHIND_NS, LOST_TICKS, Liveness
 from ledpi.wire import NoFix, State, StatusMessage
 
 

@@ -24,8 +24,8 @@ from decode_material import (
     word,
 )
 
+from ledpi.core.records import Floats, Frame, Intrinsics, PanelSpec, Quad, Rejected, Transfer
 from ledpi.decode.locate import Locator
-from ledpi.records import Floats, Frame, Intrinsics, PanelSpec, Quad, Rejected, Transfer
 
 OFFSETS = [0.0, 0.15, 0.35, 0.5, 0.7, 0.9]
 EXPOSURES_US = [SHORT_US, 300.0, 640.0, 2000.0, TRUE_10_MS_US]

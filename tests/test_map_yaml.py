@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ledpi.errors import ConfigError
-from ledpi.map_wpilib import layout_text, load_layout
-from ledpi.map_yaml import BY_EYE_DEG, BY_TAPE_M, load_map, map_text
+from ledpi.config.map_wpilib import layout_text, load_layout
+from ledpi.config.map_yaml import BY_EYE_DEG, BY_TAPE_M, load_map, map_text
+from ledpi.core.errors import ConfigError
+from ledpi.core.records import Floats
 from ledpi.pose.panel_map import MapPanel, PanelMap
-from ledpi.records import Floats
 
 ROOT = Path(__file__).resolve().parents[1]
 HALF = math.sqrt(0.5)

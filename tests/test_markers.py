@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from ledpi.dictionaries import dictionary_names, load_dictionary
-from ledpi.markers import Bits, Dictionary, corners_of_turned
+from ledpi.markers.dictionaries import dictionary_names, load_dictionary
+from ledpi.markers.words import Bits, Dictionary, corners_of_turned
 
 
 def drawn(text: str) -> Bits:

@@ -7,10 +7,10 @@ import pytest
 from decode_material import LENS, PHASES, SPEC, TRUE_10_MS_US, Canvas, reason, seen_through, square, word
 from model_material import Panel, places_of, window_of
 
+from ledpi.core.records import Floats, Rejected
 from ledpi.decode.model.fit import Effort, Fitted, Fitter
 from ledpi.decode.model.light import Window
 from ledpi.decode.model.prior import BESIDE, BLUR, COMMON, DARK, GAP, OWN, PHASE, RIM, SHAPE
-from ledpi.records import Floats, Rejected
 
 FITTER = Fitter(4, None)
 WHOLE, ONE_STEP = Effort(rounds=10, reweightings=2), Effort(rounds=1, phasing=False)

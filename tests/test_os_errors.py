@@ -24,9 +24,9 @@ from ledpi.camera import picamera
 from ledpi.camera.factory import open_camera
 from ledpi.camera.holder import who_holds
 from ledpi.camera.recovering import RecoveringCamera
-from ledpi.config import SerialSettings, load_config
-from ledpi.daemon import Daemon
-from ledpi.errors import CameraLostError
+from ledpi.config.settings import SerialSettings, load_config
+from ledpi.core.errors import CameraLostError
+from ledpi.runtime.daemon import Daemon
 from ledpi.wire import State
 from ledpi.wire.line import SerialLine
 from ledpi.wire.publisher import Publisher
@@ -62,7 +62,7 @@ def refusing(module: str, *names: str, code: int, after: int = 3) -> list[str]:
 @each_refusal
 def test_refused_to_the_decoder_it_ends_with_status_1(code: int) -> None:
     """The worker and the reason are named, and not standard output; the controller gets its last word."""
-    command = refusing("ledpi.pipeline", "Pipeline", "decode", code=code)
+    command = refusing("ledpi.pipeline.pipeline", "Pipeline", "decode", code=code)
     with controller() as line, daemon(*SIMULATED, f"serial.port={line.port}", command=command) as process:
         ended = end(process)
         line.close()
@@ -73,7 +73,7 @@ def test_refused_to_the_decoder_it_ends_with_status_1(code: int) -> None:
 
 def test_refused_to_the_main_thread_it_ends_with_status_1() -> None:
     """It has no part of its own that could be begun anew."""
-    command = refusing("ledpi.daemon", "read_processor", code=errno.EMFILE, after=2)
+    command = refusing("ledpi.runtime.daemon", "read_processor", code=errno.EMFILE, after=2)
     with daemon(*SIMULATED, "serial.port=nothing", command=command) as process:
         ended = end(process)
     assert ended.status == 1

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ledpi.output import decoded_as_json
-from ledpi.records import Decoded, Floats, MarkerPose, PlanarSolution, Pose, Rejected, RobotFix, Sighting
+from ledpi.core.records import Decoded, Floats, MarkerPose, PlanarSolution, Pose, Rejected, RobotFix, Sighting
+from ledpi.pipeline.output import decoded_as_json
 
 FRAME_KEYS = ["recording", "seq", "sensor_timestamp_ns", "decode_ms", "markers", "robot", "rejected"]
 MARKER_KEYS = [
@@ -125,9 +125,7 @@ def test_a_covariance_is_36_numbers_row_by_row() -> None:
 
 def test_a_robots_fix_has_the_documented_keys() -> None:
     """map_from_base_link, and which panels it is from."""
-    fix = RobotFix(
-        map_from_base_link=pose(np.eye(6)), mid_exposure_ns=0, panels_used=(7, 23), panels_rejected=(4,)
-    )
+    fix = RobotFix(map_from_base_link=pose(np.eye(6)), mid_exposure_ns=0, panels_used=(7, 23), panels_rejected=(4,))
     robot = printed(robot=fix)["robot"]
     assert list(robot) == ROBOT_KEYS
     assert (robot["panels_used"], robot["panels_rejected"]) == ([7, 23], [4])

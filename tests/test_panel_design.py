@@ -12,16 +12,22 @@ from evidence_reference import word_log_likelihoods
 from typer.testing import CliRunner
 
 from ledpi.cli import app, main, panel_design
-from ledpi.config import load_config
+from ledpi.config.settings import load_config
+from ledpi.core.errors import ConfigError
+from ledpi.core.records import Quad
 from ledpi.decode.cells import CellSamples, sample_cells
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.evidence.single_frame import single_evidence
 from ledpi.decode.identify import soft
 from ledpi.decode.identify.codebook import Codebook
-from ledpi.dictionaries import load_dictionary
-from ledpi.errors import ConfigError
-from ledpi.panel.chances import chance_of_reading
-from ledpi.panel.design import (
+from ledpi.markers.dictionaries import load_dictionary
+from ledpi.simulate.render import Renderer
+from ledpi.simulate.scene import OV5647_ROW_TIME_US, Panel, Room, Scene, SimulatedSensor
+from ledpi.simulate.scenes import ov5647_lens, whole_rows_us
+from ledpi.simulate.trajectory import Still, facing_camera
+from ledpi.simulate.truth import scene_truth
+from ledpi.tools.panel.chances import chance_of_reading
+from ledpi.tools.panel.design import (
     ENOUGH_NATS,
     Proposal,
     Task,
@@ -33,17 +39,11 @@ from ledpi.panel.design import (
     views_of,
     with_best_period,
 )
-from ledpi.panel.design_plots import contrast_figure, reach_figure
-from ledpi.panel.frequencies import NULL_SHARE, Flicker, null_share, worthwhile_frequencies
-from ledpi.panel.information import View, evidence_of, separation_nats, view_panel
-from ledpi.panel.reach import Reach, reach_of
-from ledpi.panel.verdict import findings
-from ledpi.records import Quad
-from ledpi.simulate.render import Renderer
-from ledpi.simulate.scene import OV5647_ROW_TIME_US, Panel, Room, Scene, SimulatedSensor
-from ledpi.simulate.scenes import ov5647_lens, whole_rows_us
-from ledpi.simulate.trajectory import Still, facing_camera
-from ledpi.simulate.truth import scene_truth
+from ledpi.tools.panel.design_plots import contrast_figure, reach_figure
+from ledpi.tools.panel.frequencies import NULL_SHARE, Flicker, null_share, worthwhile_frequencies
+from ledpi.tools.panel.information import View, evidence_of, separation_nats, view_panel
+from ledpi.tools.panel.reach import Reach, reach_of
+from ledpi.tools.panel.verdict import findings
 
 assert panel_design, main  # the import puts the command into `app`
 TRUE_10_MS_US = whole_rows_us(10_000.0, OV5647_ROW_TIME_US)
@@ -445,8 +445,8 @@ def test_no_legend_covers_a_curve() -> None:
 
 def test_a_design_is_a_configuration(monkeypatch: pytest.MonkeyPatch) -> None:
     """Five pairs and antiphase beside the present one, two plots, and lines that are loaded and found good."""
-    monkeypatch.setattr("ledpi.panel.reach._DRAWS", 5)
-    monkeypatch.setattr("ledpi.panel.reach._DISTANCES", 3)
+    monkeypatch.setattr("ledpi.tools.panel.reach._DRAWS", 5)
+    monkeypatch.setattr("ledpi.tools.panel.reach._DISTANCES", 3)
     status, output = run("--distance", "1", "--distance", "8", "--fps", "58.93", "--out", "design")
     assert status == 0
     first = output.splitlines()[0]

@@ -21,7 +21,7 @@ from panel_material import (
 )
 from simavr_material import CLOCK_HZ, emulate, needs_simavr
 
-from ledpi.panel.firmware import Build
+from ledpi.tools.panel.firmware import Build
 
 pytestmark = needs_simavr
 

@@ -10,10 +10,10 @@ import pytest
 from typer.testing import CliRunner
 
 from ledpi.cli import app, main, panel_firmware
-from ledpi.dictionaries import load_dictionary
-from ledpi.errors import LedpiError
-from ledpi.panel.firmware import Build, missing_tools, plan_firmware, settings_text
-from ledpi.records import PanelSpec
+from ledpi.core.errors import LedpiError
+from ledpi.core.records import PanelSpec
+from ledpi.markers.dictionaries import load_dictionary
+from ledpi.tools.panel.firmware import Build, missing_tools, plan_firmware, settings_text
 
 ROOT = Path(__file__).resolve().parents[1]
 SPEC = PanelSpec(side_m=0.16, black_hz=1250.0, white_hz=2450.0)

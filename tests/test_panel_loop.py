@@ -16,8 +16,8 @@ import numpy as np
 from panel_material import ANTIPHASE, program, record_panel, spec_of, wired_pins
 from simavr_material import ROOT, PinTrace, emulate, needs_simavr
 
-from ledpi.panel.firmware import Build
-from ledpi.recording import load_recording
+from ledpi.recording.reader import load_recording
+from ledpi.tools.panel.firmware import Build
 
 pytestmark = needs_simavr
 

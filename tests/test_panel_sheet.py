@@ -13,13 +13,13 @@ from matplotlib.axes import Axes
 from typer.testing import CliRunner
 
 from ledpi.cli import app, main, panel_sheet
-from ledpi.dictionaries import load_dictionary
-from ledpi.errors import ConfigError
-from ledpi.panel.body import Body
-from ledpi.panel.circuit import Circuit, Lamps, next_e24, plan_circuit
-from ledpi.panel.paper import Page, write_pdf
-from ledpi.panel.sheet import Sheet, sheet_pages
-from ledpi.records import PanelSpec
+from ledpi.core.errors import ConfigError
+from ledpi.core.records import PanelSpec
+from ledpi.markers.dictionaries import load_dictionary
+from ledpi.tools.panel.body import Body
+from ledpi.tools.panel.circuit import Circuit, Lamps, next_e24, plan_circuit
+from ledpi.tools.panel.paper import Page, write_pdf
+from ledpi.tools.panel.sheet import Sheet, sheet_pages
 
 assert panel_sheet, main  # the import puts the command into `app`
 POINTS_PER_MM = 72 / 25.4

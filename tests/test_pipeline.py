@@ -27,17 +27,17 @@ from decode_material import (
 )
 
 from ledpi.camera.simulated import SimulatedCamera
-from ledpi.dictionaries import load_dictionary
-from ledpi.errors import ConfigError
-from ledpi.geometry import matrix_from_quaternion, transform
-from ledpi.pipeline import Pipeline
+from ledpi.core.errors import ConfigError
+from ledpi.core.geometry import matrix_from_quaternion, transform
+from ledpi.core.records import Decoded, Floats, Frame, Intrinsics, MarkerPose, PanelValues, Pixels
+from ledpi.markers.dictionaries import load_dictionary
+from ledpi.pipeline.pipeline import Pipeline
+from ledpi.pipeline.trace import Trace
 from ledpi.pose.fix import Robot
 from ledpi.pose.panel_map import MapPanel
-from ledpi.records import Decoded, Floats, Frame, Intrinsics, MarkerPose, PanelValues, Pixels
 from ledpi.simulate.scene import Light, Panel, Room, Scene, SimulatedSensor, SquareWave
 from ledpi.simulate.scenes import drive_scene, ov5647_lens
 from ledpi.simulate.trajectory import Gliding, Still, facing_camera
-from ledpi.trace import Trace
 
 PERIOD_US = FRAME_ROWS * ROW_TIME_US
 NEAR, FAR = square(310.3, 240.6, 100, 4), square(310.3, 240.6, 45, 4)  # FAR takes more than one frame to read

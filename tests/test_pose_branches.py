@@ -7,8 +7,8 @@ import math
 
 import numpy as np
 
+from ledpi.core.records import Floats, PlanarSolution, Pose
 from ledpi.pose.branches import EXCLUDED_BY, Branches
-from ledpi.records import Floats, PlanarSolution, Pose
 
 FRAME_NS = 16_966_000
 UP = np.array([0.0, -1.0, 0.0])  # of a level camera

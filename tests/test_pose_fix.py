@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from map_material import MOUNT, WALL, Driver, errors, panel, pose, seen_corners, with_errors
 
-from ledpi.geometry import rotation_angle_deg
-from ledpi.records import Floats, RobotFix
+from ledpi.core.geometry import rotation_angle_deg
+from ledpi.core.records import Floats, RobotFix
 
 BASE = pose((0.3, -0.1, 0.0), 3.0)
 

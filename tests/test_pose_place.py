@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ledpi.geometry import rotation_angle_deg
+from ledpi.core.geometry import rotation_angle_deg
+from ledpi.core.records import Frame, MarkerPose, PanelSpec, PlanarSolution, Rejected, Sighting
 from ledpi.pose.fix import Robot
 from ledpi.pose.place import Placer
-from ledpi.recording import TruthMarker
-from ledpi.records import Frame, MarkerPose, PanelSpec, PlanarSolution, Rejected, Sighting
+from ledpi.recording.reader import TruthMarker
 from ledpi.simulate.scene import Panel, Scene, SimulatedSensor
 from ledpi.simulate.scenes import ov5647_lens, whole_rows_us
 from ledpi.simulate.trajectory import Gliding, Still, facing_camera
@@ -62,12 +62,8 @@ def placed(placer: Placer, seq: int, seen: Sighting) -> tuple[MarkerPose, Planar
     return marker, marker.solution
 
 
-@pytest.mark.parametrize(
-    ("velocity", "turn"), [((0.7, 0.0, 0.0), 0.0), ((0.0, 0.0, 1.0), 0.0), ((0.3, 0.0, 0.5), 1.0)]
-)
-def test_a_moving_robots_pose_is_as_exact_as_a_resting_ones(
-    velocity: tuple[float, float, float], turn: float
-) -> None:
+@pytest.mark.parametrize(("velocity", "turn"), [((0.7, 0.0, 0.0), 0.0), ((0.0, 0.0, 1.0), 0.0), ((0.3, 0.0, 0.5), 1.0)])
+def test_a_moving_robots_pose_is_as_exact_as_a_resting_ones(velocity: tuple[float, float, float], turn: float) -> None:
     """0.7 m/s to the side, 1 m/s ahead, both with 1 rad/s: at the centre row's moment to 0.5 mm and 0.2°.
 
     Corners taken as they are seen would be sheared: more than four times as far off.

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from decode_material import LENS, PINHOLE, reason
 
+from ledpi.core.records import Floats, Intrinsics, Rejected
 from ledpi.pose.planar import Solutions, solve_square, solve_squares, square_corners
-from ledpi.records import Floats, Intrinsics, Rejected
 
 SIDE_M = 0.16
 SIGMA_PX = 0.05
@@ -80,9 +80,7 @@ POSES = [
 
 def test_the_marker_frame_is_opencvs() -> None:
     """Centre, x right, y up, z out of the panel; corners in the order of OpenCV's ArUco, top left first."""
-    np.testing.assert_allclose(
-        square_corners(0.2), [[-0.1, 0.1, 0], [0.1, 0.1, 0], [0.1, -0.1, 0], [-0.1, -0.1, 0]]
-    )
+    np.testing.assert_allclose(square_corners(0.2), [[-0.1, 0.1, 0], [0.1, 0.1, 0], [0.1, -0.1, 0], [-0.1, -0.1, 0]])
 
 
 @pytest.mark.parametrize("lens", [PINHOLE, LENS], ids=["pinhole", "distorted"])

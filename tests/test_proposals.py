@@ -23,10 +23,10 @@ from decode_material import (
     word,
 )
 
+from ledpi.core.geometry import quad_side
+from ledpi.core.records import Floats, Frame, Pixels
 from ledpi.decode.finding.lattices import LatticeFinder
 from ledpi.decode.proposals import MOST, Candidate, Proposer
-from ledpi.geometry import quad_side
-from ledpi.records import Floats, Frame, Pixels
 
 NEAR = 0.2  # of the side, from corner to corner: from there a fit still finds the panel, mostly
 

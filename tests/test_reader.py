@@ -6,12 +6,12 @@ import pytest
 from decode_material import FRAME_ROWS, ROW_TIME_US, SPEC, Canvas, reason, square, word
 from samples_material import samples_of
 
+from ledpi.core.records import Floats, Frame, Rejected
 from ledpi.decode.history import History, Shown
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.soft import FALSE_ID_RATE
 from ledpi.decode.reader import Reader
-from ledpi.dictionaries import load_dictionary
-from ledpi.records import Floats, Frame, Rejected
+from ledpi.markers.dictionaries import load_dictionary
 
 NEAR, FAR, FARTHER = (square(300.3, 200.6, side, 8.0) for side in (75, 36, 20))
 

@@ -30,9 +30,9 @@ from decode_material import (
     word,
 )
 
-from ledpi.dictionaries import load_dictionary
-from ledpi.pipeline import Pipeline
-from ledpi.records import Decoded, Floats, Frame, Intrinsics
+from ledpi.core.records import Decoded, Floats, Frame, Intrinsics
+from ledpi.markers.dictionaries import load_dictionary
+from ledpi.pipeline.pipeline import Pipeline
 
 PERIOD_US = FRAME_ROWS * ROW_TIME_US
 EXPOSURES_US = [130.0, 161.6, 270.0, 370.0, 500.0, 640.0, 1000.0, 2000.0, 5000.0, TRUE_10_MS_US]

@@ -19,13 +19,13 @@ import pytest
 from ledpi.camera.base import Camera
 from ledpi.camera.recovering import LOST
 from ledpi.cli.record import summary
-from ledpi.config import load_config
-from ledpi.errors import RecordingError
-from ledpi.pipeline import Pipeline
-from ledpi.recorder import BEHIND, LIVE_FILE, WAITING, Recorder
-from ledpi.recording import load_recording
-from ledpi.recording_writer import RecordingWriter
-from ledpi.records import CameraInfo, Decoded, Frame, PanelSpec, Pixels, Rejected
+from ledpi.config.settings import load_config
+from ledpi.core.errors import RecordingError
+from ledpi.core.records import CameraInfo, Decoded, Frame, PanelSpec, Pixels, Rejected
+from ledpi.pipeline.pipeline import Pipeline
+from ledpi.recording.reader import load_recording
+from ledpi.recording.writer import RecordingWriter
+from ledpi.runtime.recorder import BEHIND, LIVE_FILE, WAITING, Recorder
 
 ROOT = Path(__file__).resolve().parents[1]
 COMMAND = [sys.executable, "-c", "from ledpi.cli import main; main()"]
@@ -190,7 +190,7 @@ def test_a_bug_in_an_encoder_ends_it(tmp_path: Path, monkeypatch: pytest.MonkeyP
         may_fail.wait(10)
         raise ZeroDivisionError("a bug")
 
-    monkeypatch.setattr("ledpi.recorder.encode_picture", broken)
+    monkeypatch.setattr("ledpi.runtime.recorder.encode_picture", broken)
     one = recorder(tmp_path / "take", Steps(*range(WAITING + 50)))
     threading.Timer(0.5, may_fail.set).start()
     ended: list[BaseException] = []

@@ -12,9 +12,9 @@ import cv2
 import numpy as np
 import pytest
 
-from ledpi.errors import RecordingError
-from ledpi.picture import read_picture
-from ledpi.recording import find_recordings, load_recording
+from ledpi.core.errors import RecordingError
+from ledpi.recording.picture import read_picture
+from ledpi.recording.reader import find_recordings, load_recording
 
 HEADER = """\
 format: 1
@@ -172,9 +172,7 @@ def test_a_broken_description_names_file_key_and_remedy(
     assert message in complaint(folder)
 
 
-def test_frames_whose_last_line_is_cut_off_are_read_up_to_it(
-    folder: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_frames_whose_last_line_is_cut_off_are_read_up_to_it(folder: Path, caplog: pytest.LogCaptureFixture) -> None:
     """As after a power cut; wherever it is cut, and where zeros follow. Truth may go on for the frame that is lost."""
     two, last = FRAMES[: FRAMES.index('{"seq": 40')], FRAMES[FRAMES.index('{"seq": 40') :]
     for rest in [*(last[:length] for length in range(1, len(last) - 1)), last[:50] + "\0" * 9, "\0" * 9]:
@@ -341,9 +339,7 @@ def test_a_large_truncated_picture_is_not_half_decoded(tmp_path: Path) -> None:
         (np.zeros((6, 8), np.uint16), "unreadable", "is 16-bit grey; must be 8-bit grey"),
     ],
 )
-def test_a_picture_of_another_kind_is_refused(
-    tmp_path: Path, picture: np.ndarray, reason: str, what: str
-) -> None:
+def test_a_picture_of_another_kind_is_refused(tmp_path: Path, picture: np.ndarray, reason: str, what: str) -> None:
     """Size and kind are named as they are and as they must be."""
     path = tmp_path / "p.png"
     cv2.imwrite(str(path), picture)

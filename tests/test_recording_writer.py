@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 import yaml
 
-from ledpi.errors import RecordingError
-from ledpi.picture import read_picture
-from ledpi.recording import TruthMarker, load_recording
-from ledpi.recording_writer import RecordingWriter
-from ledpi.records import CameraInfo, Frame, Intrinsics, PanelSpec, Pose
+from ledpi.core.errors import RecordingError
+from ledpi.core.records import CameraInfo, Frame, Intrinsics, PanelSpec, Pose
+from ledpi.recording.picture import read_picture
+from ledpi.recording.reader import TruthMarker, load_recording
+from ledpi.recording.writer import RecordingWriter
 
 LENS = Intrinsics(width=8, height=6, fx=10.5, fy=11.0, cx=3.5, cy=2.5, distortion=(0.1, 0.2, 0.3, 0.4, 0.5))
 CAMERA = CameraInfo(

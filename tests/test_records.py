@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ledpi.records import Frame, Intrinsics, PanelSpec, Rejected, read_only
+from ledpi.core.records import Frame, Intrinsics, PanelSpec, Rejected, read_only
 
 
 def frame(**changes: Any) -> Frame:

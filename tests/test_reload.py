@@ -19,9 +19,9 @@ from daemon_material import COMMAND, SIMULATED, Controller, Ended, controller, d
 
 from ledpi.camera.base import Camera
 from ledpi.camera.simulated import open_simulated
-from ledpi.config import Config, load_config
-from ledpi.reload import Reading
-from ledpi.service import Service
+from ledpi.config.settings import Config, load_config
+from ledpi.runtime.reload import Reading
+from ledpi.runtime.service import Service
 
 FILES = 40  # each a SIGHUP, and a tenth of a second
 # In it, a file of that name is as on a mount whose server is gone.

@@ -10,8 +10,8 @@ import pytest
 from daemon_material import Controller, controller, daemon, end
 
 from ledpi.pose.panel_map import MapPanel, PanelMap
-from ledpi.resets import Resets
 from ledpi.wire import FixMessage
+from ledpi.wire.resets import Resets
 
 
 def panels(**x_m: float) -> PanelMap:

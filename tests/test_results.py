@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from ledpi.evaluate.scoring import Tally
-from ledpi.evaluate.table import TableRow, table_row
+from ledpi.tools.evaluate.scoring import Tally
+from ledpi.tools.evaluate.table import TableRow, table_row
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
 import panels as contests

@@ -10,8 +10,8 @@ import time
 import numpy as np
 import pytest
 
-from ledpi.records import Frame, Pixels
-from ledpi.ring import FrameRing
+from ledpi.core.records import Frame, Pixels
+from ledpi.runtime.ring import FrameRing
 
 WAIT_S = 10.0  # generous: a test that needs it has failed
 

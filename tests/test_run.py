@@ -35,10 +35,10 @@ from daemon_material import (
 )
 
 from ledpi.camera.simulated import SimulatedCamera, open_simulated
-from ledpi.config import Config, load_config
-from ledpi.daemon import Daemon
-from ledpi.errors import CameraError
-from ledpi.records import CameraInfo, Frame, PanelValues, Pixels
+from ledpi.config.settings import Config, load_config
+from ledpi.core.errors import CameraError
+from ledpi.core.records import CameraInfo, Frame, PanelValues, Pixels
+from ledpi.runtime.daemon import Daemon
 from ledpi.wire import NoFix, State, StatusMessage
 
 sys.path.insert(0, str(ROOT / "benchmarks"))
@@ -423,9 +423,7 @@ def test_an_exposure_that_hides_the_bands_is_warned_of(tmp_path: Path, caplog: p
     assert not caplog.records
 
 
-def test_an_exposure_that_the_camera_cannot_do_is_warned_of(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_an_exposure_that_the_camera_cannot_do_is_warned_of(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     """10 µs are asked for; the sensor exposes for four rows at least."""
     settings = load_config(None, (*SIMULATED, f"serial.port={tmp_path}/none", "camera.exposure_us=10"))
     Daemon(settings, open_simulated(settings, paced=False))

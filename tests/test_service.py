@@ -16,14 +16,14 @@ from wire_material import decoded
 from ledpi import __version__
 from ledpi.camera import recovering
 from ledpi.camera.simulated import open_simulated
-from ledpi.config import load_config
-from ledpi.daemon import Daemon
-from ledpi.health import Health
-from ledpi.pipeline import Pipeline
-from ledpi.processor import Processor, read_processor
-from ledpi.records import Decoded, Frame, Rejected
-from ledpi.reporting import Totals, event, minute_line
-from ledpi.ring import RingCounters
+from ledpi.config.settings import load_config
+from ledpi.core.records import Decoded, Frame, Rejected
+from ledpi.pipeline.pipeline import Pipeline
+from ledpi.runtime.daemon import Daemon
+from ledpi.runtime.health import Health
+from ledpi.runtime.processor import Processor, read_processor
+from ledpi.runtime.reporting import Totals, event, minute_line
+from ledpi.runtime.ring import RingCounters
 from ledpi.wire import StatusMessage
 from ledpi.wire.publisher import PublisherCounters
 

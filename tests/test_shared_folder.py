@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ledpi.calibrate.files import check_writable, write_keeping_old
 from ledpi.cli.drawn import write_drawn
+from ledpi.tools.calibrate.files import check_writable, write_keeping_old
 
 VIDEO, SOMEBODY = 44, 61_234  # the group's number on Debian; a user that need not exist
 # Links under every name that root may write to first, at once and wherever one appears.

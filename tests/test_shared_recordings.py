@@ -18,10 +18,10 @@ import numpy as np
 import pytest
 from decode_material import panel_settings
 
-from ledpi.picture import read_picture
-from ledpi.pipeline import Pipeline
-from ledpi.recording import TruthMarker, find_recordings, load_recording
-from ledpi.records import MarkerPose
+from ledpi.core.records import MarkerPose
+from ledpi.pipeline.pipeline import Pipeline
+from ledpi.recording.picture import read_picture
+from ledpi.recording.reader import TruthMarker, find_recordings, load_recording
 from ledpi.wire import MarkerMessage, Receiver
 
 ROOT = Path(__file__).resolve().parents[1]

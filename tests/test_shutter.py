@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ledpi.records import Frame
-from ledpi.shutter import (
+from ledpi.core.records import Frame
+from ledpi.core.shutter import (
     band_width_rows,
     contrast,
     exposure_weight,
@@ -45,9 +45,7 @@ def test_weight_is_the_integral_of_the_wave(exposure_cycles: float, duty: float)
     starts = np.array([-7.31, -0.5, 0.0, 0.1234, 0.4999, 0.87, 5.003, 1234.567])
     expected = [integrated_weight(start, exposure_cycles, duty) for start in starts]
     edges = 2 * (exposure_cycles + 1)
-    np.testing.assert_allclose(
-        exposure_weight(starts, exposure_cycles, duty), expected, rtol=0, atol=edges / SAMPLES
-    )
+    np.testing.assert_allclose(exposure_weight(starts, exposure_cycles, duty), expected, rtol=0, atol=edges / SAMPLES)
 
 
 def test_weight_of_whole_cycles_is_the_duty() -> None:
@@ -78,9 +76,7 @@ def test_rows_of_a_lamp_by_hand() -> None:
 def test_bands_of_a_picture_have_the_width_of_the_equation() -> None:
     """Counted edges over many rows: 1250 Hz at 33.67 µs a row goes on and off every 11.88 rows."""
     rows = np.arange(10_000.0)
-    weights = row_weights(
-        rows, frequency_hz=1250, phase_cycles=0.2, duty=0.5, exposure_us=1, row_time_us=33.67
-    )
+    weights = row_weights(rows, frequency_hz=1250, phase_cycles=0.2, duty=0.5, exposure_us=1, row_time_us=33.67)
     edges = np.flatnonzero(np.diff((weights > 0.5).astype(int)))
     width = (edges[-1] - edges[0]) / (len(edges) - 1)
     assert width == pytest.approx(1 / (2 * 1250 * 33.67e-6), rel=2e-4)
@@ -171,9 +167,7 @@ def test_phase_advance_by_hand(frequency_hz: float, period_us: float, expected: 
     assert phase_advance_cycles(frequency_hz, period_us) == pytest.approx(expected, abs=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("row", "expected_ns"), [(0, 995_000_000), (100, 998_367_000), (239.5, 1_003_063_965)]
-)
+@pytest.mark.parametrize(("row", "expected_ns"), [(0, 995_000_000), (100, 998_367_000), (239.5, 1_003_063_965)])
 def test_mid_exposure_of_a_row_by_hand(row: float, expected_ns: int) -> None:
     """Half the exposure before the row's read-out, which comes row · 33.67 µs after row 0's."""
     frame = Frame(

@@ -14,9 +14,9 @@ from simulate_material import LENS, panel, sensor, standing
 
 from ledpi.camera.base import Camera
 from ledpi.camera.simulated import SimulatedCamera, open_simulated
-from ledpi.config import Config, load_config
-from ledpi.errors import CameraError, ConfigError
-from ledpi.records import Frame, Pixels
+from ledpi.config.settings import Config, load_config
+from ledpi.core.errors import CameraError, ConfigError
+from ledpi.core.records import Frame, Pixels
 from ledpi.simulate.render import Renderer
 from ledpi.simulate.scene import Scene
 

@@ -10,9 +10,9 @@ import typer
 from typer.testing import CliRunner
 
 from ledpi.cli.simulate import simulate
-from ledpi.errors import LedpiError
-from ledpi.picture import read_picture
-from ledpi.recording import load_recording
+from ledpi.core.errors import LedpiError
+from ledpi.recording.picture import read_picture
+from ledpi.recording.reader import load_recording
 
 APP = typer.Typer()
 APP.command()(simulate)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from simulate_material import DARK, FLAT, PINHOLE, panel, sensor, single_class_panel, standing
 
-from ledpi.records import Floats
+from ledpi.core.records import Floats
 from ledpi.simulate.cells import cell_lights
 from ledpi.simulate.render import Renderer
 from ledpi.simulate.scene import Floor, Panel, PanelLook, Scene

@@ -13,15 +13,15 @@ import numpy as np
 import pytest
 import yaml
 
-from ledpi.dictionaries import load_dictionary
-from ledpi.geometry import matrix_from_quaternion, transform
-from ledpi.records import Floats, Intrinsics, PanelSpec
-from ledpi.shutter import harmonic_amplitude
+from ledpi.core.geometry import matrix_from_quaternion, transform
+from ledpi.core.records import Floats, Intrinsics, PanelSpec
+from ledpi.core.shutter import harmonic_amplitude
+from ledpi.core.tone import linear_light
+from ledpi.markers.dictionaries import load_dictionary
 from ledpi.simulate.optics import project
 from ledpi.simulate.render import Renderer
 from ledpi.simulate.scene import Panel, PanelLook, Scene, SimulatedSensor
 from ledpi.simulate.trajectory import Still
-from ledpi.tone import linear_light
 
 HARMONICS = (1, 3, 5)  # a square wave of duty 0.5 has odd ones only
 CORNERS = np.array([[-1.0, 1.0, 0.0], [1.0, 1.0, 0.0], [1.0, -1.0, 0.0], [-1.0, -1.0, 0.0]]) / 2.0  # of a unit panel

@@ -21,8 +21,8 @@ from simulate_material import (
     standing,
 )
 
-from ledpi.geometry import transform
-from ledpi.records import Pixels
+from ledpi.core.geometry import transform
+from ledpi.core.records import Pixels
 from ledpi.simulate.render import Renderer
 from ledpi.simulate.scene import Light, PanelLook, Ripple, Room, Scene, SquareWave
 from ledpi.simulate.trajectory import Gliding, Still, facing_camera
@@ -222,9 +222,7 @@ def test_cells_of_one_size_or_on_a_lattice(equal: bool) -> None:
 def test_a_dark_panel_hides_the_wall() -> None:
     """A panel's face is opaque: it returns its albedo of the room, whatever is behind."""
     look = PanelLook(albedo=0.25)
-    scene = Scene(
-        sensor=sensor(PINHOLE), panels=(panel(standing(), brightness=0.0, look=look),), room=Room(level=0.2)
-    )
+    scene = Scene(sensor=sensor(PINHOLE), panels=(panel(standing(), brightness=0.0, look=look),), room=Room(level=0.2))
     light = Renderer(scene, seed=0).light(0)
     assert light[240, 320] == pytest.approx(0.25 * 0.2)
     assert np.ptp(light[:100]) > 0.02  # the wall has a texture

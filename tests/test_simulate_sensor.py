@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from simulate_material import LENS
 
-from ledpi.records import Floats, Pixels
+from ledpi.core.records import Floats, Pixels
 from ledpi.simulate.scene import SimulatedSensor
 from ledpi.simulate.sensor import SensorReadout
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from simulate_material import FLAT, PINHOLE, dark_scene, panel, sensor, standing
 
-from ledpi.records import Floats
+from ledpi.core.records import Floats
 from ledpi.simulate.render import Renderer
 from ledpi.simulate.scene import FIRST_READOUT_NS, Panel, TracedWave
 from ledpi.simulate.trajectory import Gliding, Trajectory, facing_camera
@@ -61,9 +61,7 @@ def test_edges_out_of_order_are_refused() -> None:
     "motion",
     [
         standing(z_m=0.8),
-        Gliding(
-            start=facing_camera(np.array([0.0, 0.0, 0.8])), velocity_m_s=np.array([1.0, 0.3, 0.0]), start_s=1.0
-        ),
+        Gliding(start=facing_camera(np.array([0.0, 0.0, 0.8])), velocity_m_s=np.array([1.0, 0.3, 0.0]), start_s=1.0),
     ],
     ids=["still", "moving"],
 )

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from simulate_material import LENS, PINHOLE, dark_scene, opencv_pixels, panel, sensor, single_class_panel, standing
 
-from ledpi.geometry import inverse, transform
-from ledpi.records import Floats, PanelSpec
+from ledpi.core.geometry import inverse, transform
+from ledpi.core.records import Floats, PanelSpec
 from ledpi.simulate.render import Renderer
 from ledpi.simulate.scene import SimulatedSensor
 from ledpi.simulate.scenes import drive_scene, ov5647_lens, still_scene, whole_rows_us

@@ -15,17 +15,17 @@ import pytest
 from simulate_material import LENS, SPEC, WORD_7, opencv_pixels, panel, sensor, standing
 
 from ledpi.cli import main
-from ledpi.config import PanelSettings
+from ledpi.config.settings import PanelSettings
+from ledpi.core.records import CameraInfo, Floats, Frame, Pixels
 from ledpi.decode.cells import CellSamples, lattice
-from ledpi.pipeline import Pipeline
-from ledpi.records import CameraInfo, Floats, Frame, Pixels
+from ledpi.pipeline.pipeline import Pipeline
 from ledpi.simulate.render import Renderer
 from ledpi.simulate.scene import Light, PanelLook, Scene
-from ledpi.snapshot import drawing
-from ledpi.snapshot.drawing import AXES, text
-from ledpi.snapshot.enlarged import GAP, TILE, TITLE, bands_of, blocks_of
-from ledpi.snapshot.page import BLOCKS_GAP, COLUMN, LEFT, PICTURES_TOP, RIGHT, WIDTH, draw
-from ledpi.snapshot.record import Snapshot, take
+from ledpi.tools.snapshot import drawing
+from ledpi.tools.snapshot.drawing import AXES, text
+from ledpi.tools.snapshot.enlarged import GAP, TILE, TITLE, bands_of, blocks_of
+from ledpi.tools.snapshot.page import BLOCKS_GAP, COLUMN, LEFT, PICTURES_TOP, RIGHT, WIDTH, draw
+from ledpi.tools.snapshot.record import Snapshot, take
 
 ROOT = Path(__file__).resolve().parents[1]
 PANELS = PanelSettings(side_m=SPEC.side_m)

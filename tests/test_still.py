@@ -7,8 +7,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from ledpi.records import CameraInfo
-from ledpi.still import read_still
+from ledpi.core.records import CameraInfo
+from ledpi.recording.still import read_still
 
 # An APP1 segment of 34 bytes: Exif, big-endian TIFF with one entry, Orientation (0x0112) = 3, upside down.
 UPSIDE_DOWN = bytes.fromhex("ffe1 0022 457869660000 4d4d002a00000008 0001 0112 0003 00000001 0003 0000 00000000")

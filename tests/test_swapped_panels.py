@@ -11,17 +11,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from ledpi.config import load_config
-from ledpi.dictionaries import load_dictionary
-from ledpi.evaluate.conditions import Condition
-from ledpi.evaluate.draw import draw_take
-from ledpi.evaluate.reading import PanelReader
-from ledpi.records import Floats
-from ledpi.row_clock import RowClock
+from ledpi.config.settings import load_config
+from ledpi.core.records import Floats
+from ledpi.core.row_clock import RowClock
+from ledpi.markers.dictionaries import load_dictionary
 from ledpi.simulate.render import Renderer
 from ledpi.simulate.scene import Panel
 from ledpi.simulate.sensor import sensor_info
 from ledpi.simulate.trajectory import Still
+from ledpi.tools.evaluate.conditions import Condition
+from ledpi.tools.evaluate.draw import draw_take
+from ledpi.tools.evaluate.reading import PanelReader
 
 PANELS = load_config(None, ("panels.side_m=0.16",)).panels
 WORDS = load_dictionary(PANELS.dictionary).words

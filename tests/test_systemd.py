@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from ledpi.config import SerialSettings
-from ledpi.service_notify import notify, watchdog_period_s
+from ledpi.config.settings import SerialSettings
+from ledpi.runtime.systemd import notify, watchdog_period_s
 
 UNIT = Path(__file__).resolve().parents[1] / "systemd" / "ledpi.service"
 ANALYZE = shutil.which("systemd-analyze")
@@ -95,9 +95,7 @@ def test_a_mistake_of_the_owner_is_not_tried_again_but_a_failure_is() -> None:
 
 
 @pytest.fixture(params=["file", "abstract"])
-def manager(
-    request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> Iterator[socket.socket]:
+def manager(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[socket.socket]:
     """A real socket in systemd's place, once as a file and once abstract."""
     address = str(tmp_path / "notify") if request.param == "file" else f"@ledpi-test-{os.getpid()}"
     monkeypatch.setenv("NOTIFY_SOCKET", address)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ledpi.records import Transfer
-from ledpi.tone import linear_light
+from ledpi.core.records import Transfer
+from ledpi.core.tone import linear_light
 
 SRGB = {0: 0.0, 1: 0.000303527, 10: 0.003035270, 11: 0.003346536, 55: 0.038204372, 128: 0.215860500, 188: 0.502886458}
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from decode_material import SPEC, quad, square
 
+from ledpi.core.records import Floats
 from ledpi.decode.history import Shown
 from ledpi.decode.identify.soft import Reading
 from ledpi.decode.track import Track, Tracker
-from ledpi.records import Floats
 
 FRAME_NS = 16_970_000  # 504 rows of 33.67 µs
 PLACE = square(300, 200, 60)

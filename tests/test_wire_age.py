@@ -17,7 +17,7 @@ from daemon_material import Controller, controller
 from wire_material import decoded, decoded_now, marker_pose
 
 import ledpi.wire
-from ledpi.config import SerialSettings
+from ledpi.config.settings import SerialSettings
 from ledpi.wire import MarkerMessage, Message, Receiver
 from ledpi.wire.codec import encode
 from ledpi.wire.publisher import Publisher

@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from wire_material import marker_pose, pose_at, robot_fix
 
-from ledpi.errors import WireError
-from ledpi.records import MarkerPose
+from ledpi.core.errors import WireError
+from ledpi.core.records import MarkerPose
 from ledpi.wire import FixMessage, MarkerMessage, Message, NoFix, State, StatusMessage, WirePose
 from ledpi.wire.codec import FrameError, decode, encode
 from ledpi.wire.message import fix_message, marker_message
@@ -50,9 +50,7 @@ markers = st.booleans().flatmap(
         alternate=st.booleans() if ambiguous else st.just(False),
     )
 )
-fixes = st.builds(
-    FixMessage, age_us=ages, pose=poses, panels_used=st.integers(0, 255), map_resets=st.integers(0, 255)
-)
+fixes = st.builds(FixMessage, age_us=ages, pose=poses, panels_used=st.integers(0, 255), map_resets=st.integers(0, 255))
 totals = st.none() | st.integers(0, 0xFFFFFFFE)
 times_us = st.none() | st.integers(0, 0xFFFE)
 statuses = st.builds(

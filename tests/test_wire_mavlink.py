@@ -22,10 +22,9 @@ from daemon_material import SIMULATED, daemon, end
 from pymavlink.dialects.v20 import common
 from wire_material import decoded, decoded_now, marker_pose, robot_fix
 
-from ledpi.config import SerialSettings, load_config
-from ledpi.doctor.checks import examine
-from ledpi.errors import ConfigError, WireError
-from ledpi.geometry import (
+from ledpi.config.settings import SerialSettings, load_config
+from ledpi.core.errors import ConfigError, WireError
+from ledpi.core.geometry import (
     CAMERA_LINK_FROM_CAMERA,
     matrix_from_rotation_vector,
     matrix_from_rpy_deg,
@@ -33,12 +32,13 @@ from ledpi.geometry import (
     rpy_deg_from_matrix,
     transform,
 )
-from ledpi.records import Floats, Pose, RobotFix
-from ledpi.resets import Resets
+from ledpi.core.records import Floats, Pose, RobotFix
+from ledpi.tools.doctor.checks import examine
 from ledpi.wire.mavlink import FRD_FROM_FLU, HEARTBEAT_PERIOD_NS, NED_FROM_ENU, Mavlink, Profile
 from ledpi.wire.message import MarkerMessage, NoFix, State, StatusMessage, fix_message, marker_message
 from ledpi.wire.outbox import Outbox
 from ledpi.wire.publisher import Publisher
+from ledpi.wire.resets import Resets
 
 ROOT = Path(__file__).resolve().parents[1]
 DEADLINE_S = 20.0

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from wire_material import decoded, marker_pose, pose_at, robot_fix
 
-from ledpi.records import Decoded, Pose
+from ledpi.core.records import Decoded, Pose
 from ledpi.wire import FixMessage, MarkerMessage, Message, NoFix, State, StatusMessage
 from ledpi.wire.outbox import STATUS_PERIOD_NS, Outbox
 

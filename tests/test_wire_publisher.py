@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 from wire_material import decoded_now
 
-from ledpi.config import SerialSettings
+from ledpi.config.settings import SerialSettings
 from ledpi.wire import FixMessage, MarkerMessage, Message, NoFix, Receiver, State, StatusMessage
 from ledpi.wire.codec import encode
 from ledpi.wire.line import SerialLine
@@ -357,9 +357,7 @@ def test_stop_sends_a_last_status(far_end: FarEnd, start: Start) -> None:
     far_end.read_until(lambda: len(far_end.messages) == 2)
     publisher.stop()
     assert publisher_threads() == []
-    far_end.read_until(
-        lambda: isinstance(m := far_end.messages[-1], StatusMessage) and m.state is State.STOPPING
-    )
+    far_end.read_until(lambda: isinstance(m := far_end.messages[-1], StatusMessage) and m.state is State.STOPPING)
     last = far_end.messages[-1]
     assert isinstance(last, StatusMessage)
     assert (last.no_fix, last.frames) == (NoFix.NOT_RUNNING, 99)

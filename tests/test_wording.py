@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from ledpi.errors import ConfigError
-from ledpi.wording import VALUE_LENGTH, counted, shortened, shortened_name
+from ledpi.core.errors import ConfigError
+from ledpi.core.wording import VALUE_LENGTH, counted, shortened, shortened_name
 
 
 def test_an_error_is_one_line() -> None:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ledpi.records import Decoded, Floats, MarkerPose, PlanarSolution, Pose, RobotFix, Sighting
+from ledpi.core.records import Decoded, Floats, MarkerPose, PlanarSolution, Pose, RobotFix, Sighting
 from ledpi.wire import FixMessage, MarkerMessage, Message, NoFix, State, StatusMessage, WirePose
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "wire.md"
@@ -75,9 +75,7 @@ def marker_pose(
 ) -> MarkerPose:
     solution = PlanarSolution(camera_from_marker=pose or pose_at(0.0), reprojection_px=0.1, chi2=1.0)
     other = PlanarSolution(camera_from_marker=pose_at(-1.0), reprojection_px=0.3, chi2=1.0)
-    sighting = Sighting(
-        id=marker_id, corners_px=np.zeros((4, 2)), corner_sigma_px=0.1, margin=10.0, frames_used=1
-    )
+    sighting = Sighting(id=marker_id, corners_px=np.zeros((4, 2)), corner_sigma_px=0.1, margin=10.0, frames_used=1)
     return MarkerPose(
         sighting=sighting,
         mid_exposure_ns=mid_exposure_ns,
@@ -87,14 +85,10 @@ def marker_pose(
 
 
 def robot_fix(mid_exposure_ns: int, x: float = 0.0, panels_used: tuple[int, ...] = (7,)) -> RobotFix:
-    return RobotFix(
-        map_from_base_link=pose_at(x), mid_exposure_ns=mid_exposure_ns, panels_used=panels_used
-    )
+    return RobotFix(map_from_base_link=pose_at(x), mid_exposure_ns=mid_exposure_ns, panels_used=panels_used)
 
 
-def decoded(
-    *markers: MarkerPose, robot: RobotFix | None = None, host_offset_ns: int = 0, seq: int = 0
-) -> Decoded:
+def decoded(*markers: MarkerPose, robot: RobotFix | None = None, host_offset_ns: int = 0, seq: int = 0) -> Decoded:
     return Decoded(
         seq=seq,
         row0_readout_ns=0,

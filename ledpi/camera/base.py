@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol, runtime_checkable
 
-from ledpi.records import CameraInfo, Frame, PanelValues, Pixels, Rejected
+from ledpi.core.records import CameraInfo, Frame, PanelValues, Pixels, Rejected
 
 
 class Camera(Protocol):

@@ -7,8 +7,8 @@ from typing import Any
 
 from ledpi.camera.sensors import BIT_DEPTH, MODE, SENSORS
 from ledpi.camera.timing import choose_frame_length_rows, exposure_honoured
-from ledpi.config import CameraSettings
-from ledpi.errors import CameraError, RowTimeUnknownError
+from ledpi.config.settings import CameraSettings
+from ledpi.core.errors import CameraError, RowTimeUnknownError
 
 # A sensor's gains are steps, and it takes the one below: the OV5647's are 1/16 apart, which is most at gain 1; the
 # IMX219's are less than 5 % apart.

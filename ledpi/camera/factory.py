@@ -6,13 +6,11 @@ from functools import partial
 from pathlib import Path
 
 from ledpi.camera.base import Camera
-from ledpi.config import Config
-from ledpi.errors import CameraError, CameraLostError
+from ledpi.config.settings import Config
+from ledpi.core.errors import CameraError, CameraLostError
 
 
-def open_camera(
-    config: Config, *, paced: bool = True, frames: int | None = None, recover: bool = False
-) -> Camera:
+def open_camera(config: Config, *, paced: bool = True, frames: int | None = None, recover: bool = False) -> Camera:
     """Opens what the configuration names.
 
     `paced` and `frames` are for what has no pace and no end of its own: the simulator and recordings deliver
@@ -27,7 +25,7 @@ def open_camera(
         return open_simulated(config, paced=paced, frames=frames)
     if kind == "recording":
         from ledpi.camera.recording import RecordingCamera
-        from ledpi.recording_overrides import load_recording_with
+        from ledpi.recording.overrides import load_recording_with
 
         recording = load_recording_with(config, Path(place))
         return RecordingCamera(recording, paced=paced, loop=frames is not None, frames=frames)

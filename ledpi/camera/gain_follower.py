@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ledpi.camera.base import AdjustableGain, Camera
 from ledpi.camera.gain import GainControl, brightest_level
-from ledpi.records import Decoded, Frame
+from ledpi.core.records import Decoded, Frame
 
 
 class GainFollower:

@@ -26,9 +26,9 @@ from ledpi.camera.holder import who_holds
 from ledpi.camera.sensors import BIT_DEPTH, MODE
 from ledpi.camera.timing import exposure_honoured, frame_duration_us
 from ledpi.camera.tuning import linear_tuning, white_gains
-from ledpi.config import CameraSettings
-from ledpi.errors import CameraError, CameraLostError
-from ledpi.records import CameraInfo, Frame, Pixels, Rejected
+from ledpi.config.settings import CameraSettings
+from ledpi.core.errors import CameraError, CameraLostError
+from ledpi.core.records import CameraInfo, Frame, Pixels, Rejected
 
 STALL_PERIODS = 5  # without a frame for so many periods, the camera has stalled
 _SETTLE_FRAMES = 30  # controls act after 2 frames and the first 2 are bad: no agreement by then is a refusal

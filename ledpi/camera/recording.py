@@ -9,9 +9,9 @@ import time
 from collections.abc import Iterator
 from dataclasses import replace
 
-from ledpi.picture import BadPicture, read_picture
-from ledpi.recording import FrameEntry, Recording
-from ledpi.records import CameraInfo, Frame, PanelValues, Pixels, Rejected
+from ledpi.core.records import CameraInfo, Frame, PanelValues, Pixels, Rejected
+from ledpi.recording.picture import BadPicture, read_picture
+from ledpi.recording.reader import FrameEntry, Recording
 
 # Between the last frame and the first one of the next round the scene jumps, and so do the phases. More than half a
 # second ends every track, as between two takes; so no decoder takes the jump for a motion. Less than a second, so that
@@ -41,9 +41,7 @@ class RecordingCamera:
     the replay after so many. A picture that cannot be read is logged by its name and comes as `Rejected`.
     """
 
-    def __init__(
-        self, recording: Recording, *, paced: bool, loop: bool = False, frames: int | None = None
-    ) -> None:
+    def __init__(self, recording: Recording, *, paced: bool, loop: bool = False, frames: int | None = None) -> None:
         self._recording = recording
         self._paced = paced
         self._entries = itertools.islice(_rounds(recording.frames, loop), frames)

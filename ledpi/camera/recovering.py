@@ -10,8 +10,8 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from ledpi.camera.base import AdjustableGain, Camera
-from ledpi.errors import CameraError, CameraLostError
-from ledpi.records import CameraInfo, Frame, PanelValues, Pixels, Rejected
+from ledpi.core.errors import CameraError, CameraLostError
+from ledpi.core.records import CameraInfo, Frame, PanelValues, Pixels, Rejected
 
 LOST = Rejected(stage="camera", reason="lost")
 BACKOFF_FIRST_S = 0.1

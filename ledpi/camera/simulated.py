@@ -9,11 +9,11 @@ from collections.abc import Mapping
 from dataclasses import asdict
 
 from ledpi.camera.timing import choose_frame_length_rows
-from ledpi.camera_yaml import load_intrinsics
-from ledpi.config import CameraSettings, Config, PanelSettings
-from ledpi.errors import CameraError, ConfigError
-from ledpi.recording import TruthMarker
-from ledpi.records import CameraInfo, Frame, PanelSpec, PanelValues, Pixels
+from ledpi.config.camera_yaml import load_intrinsics
+from ledpi.config.settings import CameraSettings, Config, PanelSettings
+from ledpi.core.errors import CameraError, ConfigError
+from ledpi.core.records import CameraInfo, Frame, PanelSpec, PanelValues, Pixels
+from ledpi.recording.reader import TruthMarker
 from ledpi.simulate.render import Renderer
 from ledpi.simulate.scene import OV5647_FRAME_LENGTH_ROWS, OV5647_ROW_TIME_US, Scene, SimulatedSensor
 from ledpi.simulate.scenes import DRIVE_IDS, drive_scene, ov5647_lens, whole_rows_us
@@ -163,9 +163,7 @@ def simulated_sensor(camera: CameraSettings, panels: PanelSettings) -> Simulated
     if camera.frame_duration_us == "auto":
         frequencies = panels.frequencies_hz()
         try:
-            rows = choose_frame_length_rows(
-                shortest_rows=shortest, row_time_us=row_time_us, frequencies_hz=frequencies
-            )
+            rows = choose_frame_length_rows(shortest_rows=shortest, row_time_us=row_time_us, frequencies_hz=frequencies)
         except ValueError as error:
             raise ConfigError(str(error)) from None
     else:

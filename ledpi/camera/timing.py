@@ -6,7 +6,7 @@ import itertools
 import math
 from collections.abc import Sequence
 
-from ledpi.shutter import phase_advance_cycles
+from ledpi.core.shutter import phase_advance_cycles
 
 # Subtracting one frame from the next removes the still picture. Of a band's sine of amplitude a that advances
 # by δ cycles it leaves one of amplitude 2a·|sin πδ|, as sin(x + 2πδ) − sin x = 2 sin πδ · cos(x + πδ). From
@@ -21,9 +21,7 @@ MIN_DIFFERENCE_CYCLES, WORTH_LONGER = 1 / 12, 1.1
 OSCILLATOR_ERROR = 0.01
 
 
-def choose_frame_length_rows(
-    *, shortest_rows: int, row_time_us: float, frequencies_hz: Sequence[float]
-) -> int:
+def choose_frame_length_rows(*, shortest_rows: int, row_time_us: float, frequencies_hz: Sequence[float]) -> int:
     """The shortest frame, in rows, over which every phase advances by 1/6 cycle or more from an integer.
 
     A frame of up to a tenth more rows is preferred if no two classes advance alike in it; and of these the first in

@@ -16,9 +16,9 @@ import cv2
 import numpy as np
 
 from ledpi.camera.holder import who_holds
-from ledpi.config import CameraSettings
-from ledpi.errors import CameraError, CameraLostError, RowTimeUnknownError
-from ledpi.records import CameraInfo, Frame, Pixels, Rejected
+from ledpi.config.settings import CameraSettings
+from ledpi.core.errors import CameraError, CameraLostError, RowTimeUnknownError
+from ledpi.core.records import CameraInfo, Frame, Pixels, Rejected
 
 _MANUAL_EXPOSURE = 1  # V4L2_EXPOSURE_MANUAL
 _VIDEO_MAJOR = 81  # of Linux's device numbers: video4linux

@@ -21,8 +21,8 @@ os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", "25000000")  # the square of
 import typer
 
 from ledpi import __version__
-from ledpi.errors import LedpiError, TransientError
-from ledpi.wording import one_line
+from ledpi.core.errors import LedpiError, TransientError
+from ledpi.core.wording import one_line
 
 # What the option parser raises; typer has it from click, or from a copy of click's that it brings along.
 _CommandLineError: type[Exception] = typer.BadParameter.__mro__[1]

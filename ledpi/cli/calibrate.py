@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 import typer
 
 from ledpi.cli import app
-from ledpi.errors import CalibrationError
+from ledpi.core.errors import CalibrationError
 
 if TYPE_CHECKING:
-    from ledpi.config import Config, PanelSettings
-    from ledpi.records import PanelSpec, Pixels
+    from ledpi.config.settings import Config, PanelSettings
+    from ledpi.core.records import PanelSpec, Pixels
 
 calibrate = typer.Typer(rich_markup_mode=None)
 app.add_typer(calibrate, name="calibrate")
@@ -31,7 +31,7 @@ def status(
         return
     from datetime import date
 
-    from ledpi.calibrate.status import next_command, parts
+    from ledpi.tools.calibrate.status import next_command, parts
 
     settings, file = settings_for(config, [], None)
     typer.echo(f"of {file}" if file is not None else "no config.yaml: of the defaults")
@@ -44,7 +44,7 @@ def status(
 
 def settings_for(config: Path | None, set_: list[str], recording: Path | None) -> tuple[Config, Path | None]:
     """The configuration, with a recording as its camera if one is given, and the file that it came from."""
-    from ledpi.config import find_config, load_config
+    from ledpi.config.settings import find_config, load_config
 
     file = find_config(config)
     overrides = list(set_)
@@ -56,7 +56,7 @@ def settings_for(config: Path | None, set_: list[str], recording: Path | None) -
 
 def name_in_config(file: Path, key: tuple[str, ...], written: Path) -> str:
     """Puts the name of a file that was written into the configuration; what to say of that."""
-    from ledpi.calibrate.config_file import change_config
+    from ledpi.tools.calibrate.config_file import change_config
 
     beside = written.resolve().parent == file.resolve().parent  # paths in the file are relative to it
     place = written.name if beside else str(written.resolve())
@@ -75,8 +75,8 @@ def read_grey(path: Path) -> Pixels:
     import cv2
     import numpy as np
 
-    from ledpi.files import read_bytes
-    from ledpi.picture import MAX_BYTES
+    from ledpi.core.files import read_bytes
+    from ledpi.recording.picture import MAX_BYTES
 
     # The file's own orientation mark is passed over: lens and shutter belong to the sensor's rows and columns.
     flags = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION

@@ -8,7 +8,7 @@ from pathlib import Path
 import typer
 
 from ledpi.cli.calibrate import calibrate
-from ledpi.errors import CalibrationError
+from ledpi.core.errors import CalibrationError
 
 
 class KindName(StrEnum):
@@ -44,9 +44,9 @@ def board(
 
     Example: ledpi calibrate board board.pdf --kind chessboard --paper letter
     """
-    from ledpi.calibrate.board_sheet import sheet_pdf
-    from ledpi.calibrate.boards import Board
-    from ledpi.calibrate.files import write_keeping_old
+    from ledpi.tools.calibrate.board_sheet import sheet_pdf
+    from ledpi.tools.calibrate.boards import Board
+    from ledpi.tools.calibrate.files import write_keeping_old
 
     if out.suffix.lower() != ".pdf":
         raise CalibrationError(f"{out}: must end in .pdf")

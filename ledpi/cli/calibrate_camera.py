@@ -13,13 +13,13 @@ import typer
 from ledpi.cli.calibrate import calibrate, name_in_config, read_grey, settings_for
 from ledpi.cli.calibrate_board import DEFAULT_COLS, DEFAULT_KIND, DEFAULT_ROWS, KindName
 from ledpi.cli.progress import progress
-from ledpi.errors import CalibrationError
-from ledpi.wording import counted
+from ledpi.core.errors import CalibrationError
+from ledpi.core.wording import counted
 
 if TYPE_CHECKING:
-    from ledpi.calibrate.boards import Board, BoardView
-    from ledpi.calibrate.camera import CameraCalibration
     from ledpi.camera.base import Camera
+    from ledpi.tools.calibrate.boards import Board, BoardView
+    from ledpi.tools.calibrate.camera import CameraCalibration
 
 SURE_PICTURES = 3  # that show the same other board, and none the right one: it is another
 PARAMETERS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
@@ -49,10 +49,10 @@ def camera(
 
     Example: ledpi calibrate camera pictures --board chessboard --cols 9 --rows 6
     """
-    from ledpi.calibrate.boards import Board
-    from ledpi.calibrate.camera import calibrate_camera
-    from ledpi.calibrate.files import check_writable
-    from ledpi.recording_format import HEADER_FILE
+    from ledpi.recording.format import HEADER_FILE
+    from ledpi.tools.calibrate.boards import Board
+    from ledpi.tools.calibrate.camera import calibrate_camera
+    from ledpi.tools.calibrate.files import check_writable
 
     check_writable(out)
     board = Board(columns=cols, rows=rows, kind=kind.value)
@@ -79,8 +79,8 @@ class _Found:
 
 
 def _live_views(config: Path | None, set_: list[str], board: Board, recording: Path | None) -> _Found:
-    from ledpi.calibrate.live_board import collect_views
     from ledpi.camera.factory import open_camera
+    from ledpi.tools.calibrate.live_board import collect_views
 
     settings, _ = settings_for(config, set_, recording)
     replay = settings.camera.source.partition(":")[0] in ("simulated", "recording")
@@ -96,7 +96,7 @@ def _live_views(config: Path | None, set_: list[str], board: Board, recording: P
 
 
 def _views_in(folder: Path, board: Board) -> _Found:
-    from ledpi.calibrate.boards import find_board, other_board
+    from ledpi.tools.calibrate.boards import find_board, other_board
 
     views: list[BoardView] = []
     others: Counter[str] = Counter()
@@ -135,7 +135,7 @@ def _no_board(board: Board, pictures: int, others: Counter[str]) -> str:
 
 
 def _picture_files(folder: Path) -> list[Path]:
-    from ledpi.still import SUFFIXES
+    from ledpi.recording.still import SUFFIXES
 
     try:
         paths = sorted(path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES)
@@ -147,7 +147,7 @@ def _picture_files(folder: Path) -> list[Path]:
 
 
 def _report(result: CameraCalibration) -> None:
-    from ledpi.calibrate.coverage import corner_counts, places_without_corners
+    from ledpi.tools.calibrate.coverage import corner_counts, places_without_corners
 
     for view in result.used:
         typer.echo(f"{view.name}  {view.rms_px:.2f} px")
@@ -169,9 +169,9 @@ def _write(out: Path, result: CameraCalibration) -> list[str]:
     """Writes camera.yaml and its picture; returns what to say of that."""
     import cv2
 
-    from ledpi.calibrate.coverage import draw_coverage
-    from ledpi.calibrate.files import picture_beside, write_keeping_old
-    from ledpi.camera_yaml import camera_yaml_text, own_section
+    from ledpi.config.camera_yaml import camera_yaml_text, own_section
+    from ledpi.tools.calibrate.coverage import draw_coverage
+    from ledpi.tools.calibrate.files import picture_beside, write_keeping_old
 
     quality: dict[str, Any] = {
         "calibrated": date.today(),

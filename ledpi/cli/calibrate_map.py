@@ -10,13 +10,13 @@ import typer
 
 from ledpi.cli.calibrate import calibrate, name_in_config, settings_for
 from ledpi.cli.progress import progress
-from ledpi.errors import CalibrationError
+from ledpi.core.errors import CalibrationError
 
 if TYPE_CHECKING:
-    from ledpi.calibrate.map import MapCalibration
-    from ledpi.calibrate.map_views import View
-    from ledpi.config import Config
-    from ledpi.records import Intrinsics
+    from ledpi.config.settings import Config
+    from ledpi.core.records import Intrinsics
+    from ledpi.tools.calibrate.map import MapCalibration
+    from ledpi.tools.calibrate.map_views import View
 
 
 @calibrate.command("map")
@@ -41,12 +41,12 @@ def map_(
     import numpy as np
 
     try:
-        from ledpi.calibrate.map import calibrate_map
-        from ledpi.calibrate.map_picture import map_picture  # noqa: F401, missing is told before the long work
+        from ledpi.tools.calibrate.map import calibrate_map
+        from ledpi.tools.calibrate.map_picture import map_picture  # noqa: F401, missing is told before the long work
     except ImportError as error:
         raise CalibrationError(f"{error.name} is missing: pip install 'ledpi[calibrate]'") from None
-    from ledpi.calibrate.files import check_writable
-    from ledpi.geometry import FACING_FROM_MARKER, matrix_from_rpy_deg, transform
+    from ledpi.core.geometry import FACING_FROM_MARKER, matrix_from_rpy_deg, transform
+    from ledpi.tools.calibrate.files import check_writable
 
     if not all(math.isfinite(value) for value in (*position, yaw_deg)):
         raise CalibrationError("--position, --yaw-deg: must be finite numbers")
@@ -68,13 +68,13 @@ def _drive(recording: Path, settings: Config) -> tuple[list[View], dict[int, flo
     """What each frame shows, every panel's size, and the lens."""
     import numpy as np
 
-    from ledpi.calibrate.map_views import view_of
     from ledpi.camera.recording import RecordingCamera
-    from ledpi.daemon import calibration
-    from ledpi.dictionaries import load_dictionary
-    from ledpi.pipeline import Pipeline
-    from ledpi.recording_overrides import load_recording_with
-    from ledpi.records import Frame
+    from ledpi.core.records import Frame
+    from ledpi.markers.dictionaries import load_dictionary
+    from ledpi.pipeline.pipeline import Pipeline
+    from ledpi.recording.overrides import load_recording_with
+    from ledpi.runtime.daemon import calibration
+    from ledpi.tools.calibrate.map_views import view_of
 
     loaded = load_recording_with(settings, recording)
     camera = RecordingCamera(loaded, paced=False)
@@ -112,9 +112,9 @@ def _report(result: MapCalibration, frames: int) -> None:
 
 
 def _write(result: MapCalibration, out: Path, recording: Path) -> None:
-    from ledpi.calibrate.files import picture_beside, write_keeping_old
-    from ledpi.calibrate.map_picture import map_picture
-    from ledpi.map_yaml import map_text
+    from ledpi.config.map_yaml import map_text
+    from ledpi.tools.calibrate.files import picture_beside, write_keeping_old
+    from ledpi.tools.calibrate.map_picture import map_picture
 
     comment = (
         f"Panels as `ledpi calibrate map` placed them from {recording.name}; panel {result.origin} is the origin.\n"

@@ -9,15 +9,15 @@ import typer
 
 from ledpi.cli.calibrate import announced_specs, calibrate, read_grey, settings_for
 from ledpi.cli.progress import progress
-from ledpi.errors import CalibrationError
+from ledpi.core.errors import CalibrationError
 
 if TYPE_CHECKING:
-    from ledpi.calibrate.band_search import PanelLight
-    from ledpi.calibrate.bands import ClassBands
-    from ledpi.calibrate.panel import PanelCalibration
-    from ledpi.calibrate.taking import Taken
-    from ledpi.config import Config, PanelSettings
-    from ledpi.records import Floats, PanelSpec
+    from ledpi.config.settings import Config, PanelSettings
+    from ledpi.core.records import Floats, PanelSpec
+    from ledpi.tools.calibrate.band_search import PanelLight
+    from ledpi.tools.calibrate.bands import ClassBands
+    from ledpi.tools.calibrate.panel import PanelCalibration
+    from ledpi.tools.calibrate.taking import Taken
 
 
 @calibrate.command()
@@ -42,8 +42,8 @@ def panel(
 
     Example: ledpi calibrate panel --frames 120
     """
-    from ledpi.calibrate.taking import take_frames
-    from ledpi.still import SUFFIXES
+    from ledpi.recording.still import SUFFIXES
+    from ledpi.tools.calibrate.taking import take_frames
 
     if paths and all(path.suffix.lower() in SUFFIXES for path in paths):
         _look_at_lamps(paths, settings_for(config, set_, None)[0])
@@ -61,9 +61,9 @@ def panel(
 
 
 def _look_at_lamps(paths: list[Path], settings: Config) -> None:
-    from ledpi.calibrate.lamp import lamp_frequency, lamp_rows
-    from ledpi.records import Frame
-    from ledpi.still import still_camera
+    from ledpi.core.records import Frame
+    from ledpi.recording.still import still_camera
+    from ledpi.tools.calibrate.lamp import lamp_frequency, lamp_rows
 
     camera = still_camera(settings.camera)
     seen = 0
@@ -86,9 +86,9 @@ def _look_at_lamps(paths: list[Path], settings: Config) -> None:
 
 def _measure(taken: Taken, panels: PanelSettings) -> list[tuple[PanelCalibration, Floats]]:
     """Each panel in view as measured and read again by the decoder, with its corners."""
-    from ledpi.calibrate.still_panels import panel_light, still_squares
-    from ledpi.dictionaries import load_dictionary
-    from ledpi.pipeline import Pipeline
+    from ledpi.markers.dictionaries import load_dictionary
+    from ledpi.pipeline.pipeline import Pipeline
+    from ledpi.tools.calibrate.still_panels import panel_light, still_squares
 
     pipeline = Pipeline(taken.camera, panels, intrinsics=taken.intrinsics, shown=taken.panel, stream=False)
     panels, cells = pipeline.panels, load_dictionary(pipeline.panels.dictionary).cells_per_side
@@ -108,8 +108,8 @@ def _measure(taken: Taken, panels: PanelSettings) -> list[tuple[PanelCalibration
 
 def _measure_one(taken: Taken, panels: PanelSettings, light: PanelLight, corners: Floats) -> PanelCalibration:
     """As the first pair of announced frequencies that it can be, and that the decoder then reads."""
-    from ledpi.calibrate.panel import measure_panel
-    from ledpi.dictionaries import load_dictionary
+    from ledpi.markers.dictionaries import load_dictionary
+    from ledpi.tools.calibrate.panel import measure_panel
 
     why = CalibrationError("no panel is announced")
     for announced in announced_specs(panels):
@@ -129,10 +129,10 @@ def _measure_one(taken: Taken, panels: PanelSettings, light: PanelLight, corners
 
 
 def _check_that_it_reads(taken: Taken, panels: PanelSettings, result: PanelCalibration, corners: Floats) -> None:
-    from ledpi.calibrate.panel import MOST_LIGHT
-    from ledpi.calibrate.still_panels import reads
-    from ledpi.config import PanelOverride
-    from ledpi.pipeline import Pipeline
+    from ledpi.config.settings import PanelOverride
+    from ledpi.pipeline.pipeline import Pipeline
+    from ledpi.tools.calibrate.panel import MOST_LIGHT
+    from ledpi.tools.calibrate.still_panels import reads
 
     known = panels.overrides.get(result.id, PanelOverride()).model_copy(update=result.overrides(panels.spec(result.id)))
     with_it = panels.model_copy(update={"overrides": {result.id: known}})
@@ -147,8 +147,8 @@ def _check_that_it_reads(taken: Taken, panels: PanelSettings, result: PanelCalib
 
 
 def _advice(frequencies_hz: tuple[float, float], taken: Taken) -> list[str]:
-    from ledpi.calibrate.panel import advice
-    from ledpi.calibrate.still_panels import steady_seconds
+    from ledpi.tools.calibrate.panel import advice
+    from ledpi.tools.calibrate.still_panels import steady_seconds
 
     return advice(
         tuple(dict.fromkeys(frequencies_hz)),
@@ -159,7 +159,7 @@ def _advice(frequencies_hz: tuple[float, float], taken: Taken) -> list[str]:
 
 
 def _report(result: PanelCalibration, corners: Floats, announced: PanelSpec, taken: Taken) -> None:
-    from ledpi.calibrate.panel import MOST_LIGHT
+    from ledpi.tools.calibrate.panel import MOST_LIGHT
 
     height = corners[:, 1].max() - corners[:, 1].min()
     typer.echo(f"panel {result.id}: {height:.0f} px high, {len(taken.frames)} frames")
@@ -181,8 +181,8 @@ def _report(result: PanelCalibration, corners: Floats, announced: PanelSpec, tak
 
 
 def _class_text(bands: ClassBands, announced_hz: float, exposure_us: float, duty: float, share: float) -> str:
-    from ledpi.calibrate.panel import frequency_sigma_hz
-    from ledpi.shutter import contrast
+    from ledpi.core.shutter import contrast
+    from ledpi.tools.calibrate.panel import frequency_sigma_hz
 
     depth = contrast(bands.frequency_hz, exposure_us, duty) * share
     off = bands.frequency_hz / announced_hz - 1
@@ -197,7 +197,7 @@ def _write(measured: dict[int, PanelCalibration], panels: PanelSettings, file: P
     from datetime import date
     from typing import Any
 
-    from ledpi.calibrate.config_file import Key, change_config
+    from ledpi.tools.calibrate.config_file import Key, change_config
 
     changes: dict[Key, Any] = {}
     for marker_id, result in measured.items():

@@ -9,15 +9,15 @@ import typer
 
 from ledpi.cli.calibrate import announced_specs, calibrate, settings_for
 from ledpi.cli.progress import progress
-from ledpi.errors import CalibrationError
+from ledpi.core.errors import CalibrationError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from ledpi.calibrate.shutter import Reported, ShutterCalibration
-    from ledpi.calibrate.taking import Taken
-    from ledpi.config import Config, PanelSettings
-    from ledpi.records import Floats
+    from ledpi.config.settings import Config, PanelSettings
+    from ledpi.core.records import Floats
+    from ledpi.tools.calibrate.shutter import Reported, ShutterCalibration
+    from ledpi.tools.calibrate.taking import Taken
 
 
 FIRST_ROW_TIME_US = 30.0  # of a camera that does not tell; sensors' rows take 5 to 100
@@ -40,7 +40,7 @@ def shutter(
 
     Example: ledpi calibrate shutter --set panels.black_hz=1250 --set panels.white_hz=2450
     """
-    from ledpi.calibrate.shutter import Reported
+    from ledpi.tools.calibrate.shutter import Reported
 
     settings, file = settings_for(config, set_, recording)
     with progress("taking frames", frames) as advance:
@@ -59,8 +59,8 @@ def shutter(
 
 def _take(settings: Config, frames: int, advance: Callable[[int], None]) -> tuple[Taken, bool]:
     """Frames, and whether camera or configuration tell a row's time. Where none does, any will do to find a panel."""
-    from ledpi.calibrate.taking import take_frames
-    from ledpi.errors import RowTimeUnknownError
+    from ledpi.core.errors import RowTimeUnknownError
+    from ledpi.tools.calibrate.taking import take_frames
 
     try:
         return take_frames(settings, frames, advance), True
@@ -71,10 +71,10 @@ def _take(settings: Config, frames: int, advance: Callable[[int], None]) -> tupl
 
 def _measure(taken: Taken, panels: PanelSettings, reported: Reported) -> ShutterCalibration:
     """By the first square, from the largest on, that is such a panel and that the decoder reads at the new row time."""
-    from ledpi.calibrate.shutter import measure_shutter
-    from ledpi.calibrate.still_panels import panel_light, still_squares
-    from ledpi.dictionaries import load_dictionary
-    from ledpi.pipeline import Pipeline
+    from ledpi.markers.dictionaries import load_dictionary
+    from ledpi.pipeline.pipeline import Pipeline
+    from ledpi.tools.calibrate.shutter import measure_shutter
+    from ledpi.tools.calibrate.still_panels import panel_light, still_squares
 
     pipeline = Pipeline(taken.camera, panels, intrinsics=taken.intrinsics, shown=taken.panel, stream=False)
     panels, dictionary = pipeline.panels, load_dictionary(pipeline.panels.dictionary)
@@ -97,8 +97,8 @@ def _reads(taken: Taken, panels: PanelSettings, result: ShutterCalibration, corn
     """Whether the decoder reads the panel with the shutter as it was measured."""
     from dataclasses import replace
 
-    from ledpi.calibrate.still_panels import reads
-    from ledpi.pipeline import Pipeline
+    from ledpi.pipeline.pipeline import Pipeline
+    from ledpi.tools.calibrate.still_panels import reads
 
     row_us, exposure_us = result.row_time_us.value, taken.frames[0].exposure_us
     if result.exposure_us is not None:
@@ -132,7 +132,7 @@ def _report(result: ShutterCalibration, reported: Reported) -> None:
 
 
 def _write(result: ShutterCalibration, reported: Reported, file: Path | None) -> None:
-    from ledpi.calibrate.config_file import change_config
+    from ledpi.tools.calibrate.config_file import change_config
 
     row_time_us = round(result.row_time_us.value, 3)
     if reported.row_time_us is not None and result.row_time_us.agrees_with(reported.row_time_us):
@@ -149,11 +149,11 @@ def _note(camera_yaml: Path, result: ShutterCalibration) -> None:
     from datetime import date
     from typing import Any
 
-    from ledpi.calibrate.config_file import Key, change_config
+    from ledpi.tools.calibrate.config_file import Key, change_config
 
     values = {"row_time_us": result.row_time_us.value, "row_time_sigma_us": result.row_time_us.sigma}
     if result.exposure_us is not None:
         values |= {"exposure_us": result.exposure_us.value, "exposure_sigma_us": result.exposure_us.sigma}
     notes: dict[Key, Any] = {("ledpi", "shutter", key): round(value, 3) for key, value in values.items()}
     kept = change_config(camera_yaml, notes | {("ledpi", "shutter", "measured"): date.today()})
-    typer.echo(f"{camera_yaml}: ledpi.shutter written; the older one is kept as {kept}")
+    typer.echo(f"{camera_yaml}: ledpi.core.shutter written; the older one is kept as {kept}")

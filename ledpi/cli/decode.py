@@ -15,15 +15,15 @@ import typer
 from ledpi.cli import app
 from ledpi.cli.drawn import check_apart, write_drawn
 from ledpi.cli.progress import progress
-from ledpi.errors import ConfigError, RecordingError
-from ledpi.output import decoded_as_json
-from ledpi.records import CameraInfo, Decoded, Frame, Intrinsics, PanelValues, Rejected
-from ledpi.wording import one_line
+from ledpi.core.errors import ConfigError, RecordingError
+from ledpi.core.records import CameraInfo, Decoded, Frame, Intrinsics, PanelValues, Rejected
+from ledpi.core.wording import one_line
+from ledpi.pipeline.output import decoded_as_json
 
 if TYPE_CHECKING:
-    from ledpi.config import Config
-    from ledpi.pipeline import Pipeline
-    from ledpi.recording import Recording
+    from ledpi.config.settings import Config
+    from ledpi.pipeline.pipeline import Pipeline
+    from ledpi.recording.reader import Recording
 
 
 @app.command()
@@ -49,8 +49,8 @@ def decode(
 
     Example: ledpi decode --single-frame recordings/static | jq .markers
     """
-    from ledpi.config import find_config, load_config
-    from ledpi.recording_overrides import load_recording_with
+    from ledpi.config.settings import find_config, load_config
+    from ledpi.recording.overrides import load_recording_with
 
     file = find_config(config)
     overrides = [*set_, *([f"decode.method={method}"] if method is not None else [])]
@@ -78,8 +78,8 @@ def decode(
 
 def _sort_out(paths: list[Path]) -> tuple[list[tuple[str, Path]], list[Path]]:
     """(name, folder) of every recording, and the picture files, in the order given."""
-    from ledpi.recording import find_recordings
-    from ledpi.still import SUFFIXES
+    from ledpi.recording.reader import find_recordings
+    from ledpi.recording.still import SUFFIXES
 
     recordings: list[tuple[str, Path]] = []
     pictures: list[Path] = []
@@ -125,12 +125,10 @@ def _told_apart(recordings: list[tuple[str, Path]]) -> list[tuple[str, Path]]:
     return [(name if sharing[name] == 1 else str(folder), folder) for name, folder in recordings]
 
 
-def _check(
-    loaded: list[tuple[str, Recording]], pictures: list[Path], settings: Config, *, as_live: bool
-) -> None:
+def _check(loaded: list[tuple[str, Recording]], pictures: list[Path], settings: Config, *, as_live: bool) -> None:
     """Raises LedpiError where what was asked for cannot be had of all of them."""
-    from ledpi.config import check_method
-    from ledpi.still import still_camera
+    from ledpi.config.settings import check_method
+    from ledpi.recording.still import still_camera
 
     for _, recording in loaded:
         shown = settings.panels.shown_by(recording.panel_values)
@@ -153,9 +151,9 @@ def _decode_recording(
     advance: Callable[[int], None],
 ) -> int:
     """Prints every frame; returns how many pictures could not be read."""
+    from ledpi.core.row_clock import row_time_note
     from ledpi.decode.identify.tuning import off_frequency_note
-    from ledpi.picture import read_picture
-    from ledpi.row_clock import row_time_note
+    from ledpi.recording.picture import read_picture
 
     camera = recording.camera
     if recording.row_time_ratio != 1.0:
@@ -184,7 +182,7 @@ def _decode_pictures(
     pictures: list[Path], settings: Config, steps: Path | None, *, advance: Callable[[int], None]
 ) -> int:
     """Prints every picture, each on its own: nothing is known of the time between them."""
-    from ledpi.still import read_still, still_camera
+    from ledpi.recording.still import read_still, still_camera
 
     if not pictures:
         return 0
@@ -208,13 +206,11 @@ def _decode_pictures(
 def _pipeline(
     settings: Config, camera: CameraInfo, lens: Intrinsics | None, *, stream: bool, shown: PanelValues | None = None
 ) -> Pipeline:
-    from ledpi.pipeline import Pipeline
-    from ledpi.robot import load_robot
+    from ledpi.config.robot import load_robot
+    from ledpi.pipeline.pipeline import Pipeline
 
     robot, method = load_robot(settings), settings.decode.method
-    return Pipeline(
-        camera, settings.panels, intrinsics=lens, shown=shown, robot=robot, method=method, stream=stream
-    )
+    return Pipeline(camera, settings.panels, intrinsics=lens, shown=shown, robot=robot, method=method, stream=stream)
 
 
 def _decode(frame: Frame, name: str, pipeline: Pipeline, lens: Intrinsics | None, steps: Path | None) -> None:
@@ -222,8 +218,8 @@ def _decode(frame: Frame, name: str, pipeline: Pipeline, lens: Intrinsics | None
     if steps is None:
         _print(pipeline.decode(frame), name)
         return
-    from ledpi.snapshot.record import take
-    from ledpi.snapshot.steps import draw_steps
+    from ledpi.tools.snapshot.record import take
+    from ledpi.tools.snapshot.steps import draw_steps
 
     taken = take(f"{name}, frame {frame.seq}", frame, pipeline, lens)
     try:
@@ -236,7 +232,7 @@ def _decode(frame: Frame, name: str, pipeline: Pipeline, lens: Intrinsics | None
 
 def _lens(settings: Config, camera: CameraInfo) -> Intrinsics | None:
     """The source's own, else the configuration's."""
-    from ledpi.camera_yaml import load_intrinsics
+    from ledpi.config.camera_yaml import load_intrinsics
 
     path = settings.camera.intrinsics
     if camera.intrinsics is not None or path is None:

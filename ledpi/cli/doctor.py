@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 import typer
 
 from ledpi.cli import app
-from ledpi.errors import LedpiError
+from ledpi.core.errors import LedpiError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from ledpi.doctor.finding import Finding
+    from ledpi.tools.doctor.finding import Finding
 
 MARKS = {"ok": "✓", "bad": "✗", "unknown": "·"}
 
@@ -47,9 +47,9 @@ def doctor(
 
 
 def _findings(config: Path | None, set_: list[str]) -> Iterator[Finding]:
-    from ledpi.config import find_config, load_config
-    from ledpi.doctor.checks import configuration, examine
-    from ledpi.doctor.finding import bad
+    from ledpi.config.settings import find_config, load_config
+    from ledpi.tools.doctor.checks import configuration, examine
+    from ledpi.tools.doctor.finding import bad
 
     file = find_config(config)
     try:

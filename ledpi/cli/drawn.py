@@ -7,11 +7,11 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ledpi.errors import ConfigError, RecordingError
-from ledpi.files import write_beside
+from ledpi.core.errors import ConfigError, RecordingError
+from ledpi.core.files import write_beside
 
 if TYPE_CHECKING:
-    from ledpi.records import Pixels
+    from ledpi.core.records import Pixels
 
 
 def check_apart(folder: Path, pictures: Iterable[Path], option: str) -> None:

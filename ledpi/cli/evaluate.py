@@ -14,16 +14,16 @@ import typer
 from ledpi.cli import app
 from ledpi.cli.progress import progress
 from ledpi.cli.simulate import TransferName
-from ledpi.errors import ConfigError
+from ledpi.core.errors import ConfigError
 
 if TYPE_CHECKING:
-    from ledpi.config import Config, PanelSettings
-    from ledpi.evaluate.conditions import Suite
-    from ledpi.evaluate.folder import ResultsFolder
-    from ledpi.evaluate.page import Commands
-    from ledpi.evaluate.plan import Plan
-    from ledpi.evaluate.reading import Method, PanelMethod
-    from ledpi.evaluate.table import TableRow
+    from ledpi.config.settings import Config, PanelSettings
+    from ledpi.tools.evaluate.conditions import Suite
+    from ledpi.tools.evaluate.folder import ResultsFolder
+    from ledpi.tools.evaluate.page import Commands
+    from ledpi.tools.evaluate.plan import Plan
+    from ledpi.tools.evaluate.reading import Method, PanelMethod
+    from ledpi.tools.evaluate.table import TableRow
 
 _SIDE = "panels.side_m=0.16"
 
@@ -83,7 +83,7 @@ def evaluate(
 
     Example: ledpi evaluate --out mine --recording take1 --id 7 --distance 0.6
     """
-    from ledpi.config import load_config
+    from ledpi.config.settings import load_config
 
     settings = load_config(config, tuple(set_), without_file=(_SIDE,))
     panel_options = [] if config is None else ["--config", str(config)]
@@ -95,10 +95,10 @@ def evaluate(
         return
     if id_ is not None:
         raise ConfigError("--id: goes with --recording DIR; rendered panels draw their IDs")
-    from ledpi.evaluate.plan import Plan
-    from ledpi.evaluate.prints import has_apriltag
-    from ledpi.evaluate.units import code_version
-    from ledpi.evaluate.wild_rows import TAKES
+    from ledpi.tools.evaluate.plan import Plan
+    from ledpi.tools.evaluate.prints import has_apriltag
+    from ledpi.tools.evaluate.units import code_version
+    from ledpi.tools.evaluate.wild_rows import TAKES
 
     suites: tuple[Suite, ...] = tuple(s.value for s in suite or (SuiteName.PAPER, SuiteName.BEYOND))
     plan = Plan(
@@ -136,8 +136,8 @@ def _one(name: str, values: list[float]) -> float:
 def _run(out: Path, plan: Plan, workers: int, scheduler: str | None) -> None:
     from contextlib import closing
 
-    from ledpi.evaluate.folder import ResultsFolder
-    from ledpi.evaluate.workers import run_on_cluster, run_on_processes
+    from ledpi.tools.evaluate.folder import ResultsFolder
+    from ledpi.tools.evaluate.workers import run_on_cluster, run_on_processes
 
     units = plan.units()
     folder = ResultsFolder(out, plan.as_json())
@@ -161,7 +161,7 @@ def _cores() -> int:
 
 
 def _write_take(out: Path, plan: Plan, number: int) -> None:
-    from ledpi.evaluate.replay import write_take
+    from ledpi.tools.evaluate.replay import write_take
 
     conditions = plan.conditions()
     if plan.suites == ("wild",):
@@ -175,7 +175,7 @@ def _write_take(out: Path, plan: Plan, number: int) -> None:
 
 
 def _keep(out: Path, plan: Plan) -> None:
-    from ledpi.evaluate.keep import keep_wild
+    from ledpi.tools.evaluate.keep import keep_wild
 
     if plan.suites != ("wild",):
         raise ConfigError("--keep: writes the takes of --suite wild, and of no other")
@@ -195,12 +195,12 @@ def _read_recording(
     settings: Config,
     panel_options: list[str],
 ) -> None:
-    from ledpi.camera_yaml import load_intrinsics
-    from ledpi.evaluate.folder import ResultsFolder
-    from ledpi.evaluate.reading import PANEL_METHODS
-    from ledpi.evaluate.recorded import evaluate_recording
-    from ledpi.evaluate.units import code_version
-    from ledpi.recording_overrides import load_recording_with
+    from ledpi.config.camera_yaml import load_intrinsics
+    from ledpi.recording.overrides import load_recording_with
+    from ledpi.tools.evaluate.folder import ResultsFolder
+    from ledpi.tools.evaluate.reading import PANEL_METHODS
+    from ledpi.tools.evaluate.recorded import evaluate_recording
+    from ledpi.tools.evaluate.units import code_version
 
     if marker_id is None:
         raise ConfigError("--id: must be given with --recording: its panel's")
@@ -231,8 +231,8 @@ def _read_recording(
 
 def _panel_methods(asked: list[Method], shown: PanelSettings) -> list[PanelMethod]:
     """Those asked for, else all that can read such panels. Raises ConfigError where one that is asked for cannot."""
-    from ledpi.config import check_method
-    from ledpi.evaluate.reading import PANEL_METHODS
+    from ledpi.config.settings import check_method
+    from ledpi.tools.evaluate.reading import PANEL_METHODS
 
     if "bands" in asked:
         check_method("bands", shown, "--method")
@@ -242,8 +242,8 @@ def _panel_methods(asked: list[Method], shown: PanelSettings) -> list[PanelMetho
 
 def _show_recordings(out: Path, folder: ResultsFolder) -> None:
     """The table of all places that the folder holds."""
-    from ledpi.evaluate.recorded import rows_of_recordings
-    from ledpi.evaluate.units import code_version
+    from ledpi.tools.evaluate.recorded import rows_of_recordings
+    from ledpi.tools.evaluate.units import code_version
 
     records = folder.finished.values()
 
@@ -255,7 +255,7 @@ def _show_recordings(out: Path, folder: ResultsFolder) -> None:
 
 def _show(out: Path, rows: list[TableRow], intro: str, commands: Commands) -> None:
     """Writes the results, and says in short on standard output what they are."""
-    from ledpi.evaluate.page import PAGE_FILE, in_short, write_results
+    from ledpi.tools.evaluate.page import PAGE_FILE, in_short, write_results
 
     for note in write_results(out, rows, intro, commands):
         print(f"ledpi: {note}", file=sys.stderr)

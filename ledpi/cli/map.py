@@ -8,8 +8,8 @@ from pathlib import Path
 import typer
 
 from ledpi.cli import app
-from ledpi.errors import ConfigError
-from ledpi.wording import counted
+from ledpi.core.errors import ConfigError
+from ledpi.core.wording import counted
 
 _OUT = "File to write; an older one is kept as NAME.bak-1."
 
@@ -32,9 +32,9 @@ def import_(
 
     Example: ledpi map import 2024-crescendo.json markers.yaml
     """
-    from ledpi.calibrate.files import write_keeping_old
-    from ledpi.map_wpilib import load_layout
-    from ledpi.map_yaml import map_text
+    from ledpi.config.map_wpilib import load_layout
+    from ledpi.config.map_yaml import map_text
+    from ledpi.tools.calibrate.files import write_keeping_old
 
     panels = load_layout(layout)
     kept = write_keeping_old(out, map_text(panels, f"From {layout.name}, a field layout of WPILib's."))
@@ -45,9 +45,7 @@ def import_(
 def export(
     markers: Path = typer.Argument(metavar="MAP", help="The map, as in markers.yaml."),
     out: Path = typer.Argument(Path("layout.json"), metavar="OUT", help=_OUT),
-    field: tuple[float, float] = typer.Option(
-        (16.54, 8.21), metavar="LENGTH WIDTH", help="Of the field, in metres."
-    ),
+    field: tuple[float, float] = typer.Option((16.54, 8.21), metavar="LENGTH WIDTH", help="Of the field, in metres."),
 ) -> None:
     """markers.yaml → WPILib's AprilTag field layout.
 
@@ -55,9 +53,9 @@ def export(
 
     Example: ledpi map export markers.yaml layout.json --field 12 8
     """
-    from ledpi.calibrate.files import write_keeping_old
-    from ledpi.map_wpilib import layout_text
-    from ledpi.map_yaml import load_map
+    from ledpi.config.map_wpilib import layout_text
+    from ledpi.config.map_yaml import load_map
+    from ledpi.tools.calibrate.files import write_keeping_old
 
     if not all(math.isfinite(metres) and metres > 0 for metres in field):
         raise ConfigError(f"--field {field[0]:g} {field[1]:g}: must be two lengths above 0, in metres")

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ledpi.cli import app
-from ledpi.errors import WireError
-from ledpi.wording import counted
+from ledpi.core.errors import WireError
+from ledpi.core.wording import counted
 
 if TYPE_CHECKING:
     import serial
@@ -58,9 +58,7 @@ def monitor(
     typer.echo(summary(receiver.counters), err=True)
 
 
-def _show(
-    line: serial.Serial, receiver: Receiver, render: Callable[[Message], str], seconds: float | None
-) -> bool:
+def _show(line: serial.Serial, receiver: Receiver, render: Callable[[Message], str], seconds: float | None) -> bool:
     """Prints until the time is over; True if the other end hung up before. Raises WireError where it is MAVLink."""
     end_s = math.inf if seconds is None else time.monotonic() + seconds
     unread = b""  # as long as nothing of it was a packet of ours

@@ -10,17 +10,17 @@ import typer
 
 from ledpi.cli.panel import panel
 from ledpi.cli.progress import progress
-from ledpi.errors import ConfigError
-from ledpi.panel.frequencies import Flicker
+from ledpi.core.errors import ConfigError
+from ledpi.tools.panel.frequencies import Flicker
 
 if TYPE_CHECKING:
-    from ledpi.config import CameraSettings, Config, PanelSettings
-    from ledpi.markers import Dictionary
-    from ledpi.panel.design import Proposal, Task
-    from ledpi.panel.information import View
-    from ledpi.panel.reach import Reach
-    from ledpi.panel.verdict import Finding
+    from ledpi.config.settings import CameraSettings, Config, PanelSettings
+    from ledpi.markers.words import Dictionary
     from ledpi.simulate.scene import SimulatedSensor
+    from ledpi.tools.panel.design import Proposal, Task
+    from ledpi.tools.panel.information import View
+    from ledpi.tools.panel.reach import Reach
+    from ledpi.tools.panel.verdict import Finding
 
 _SHOWN = 5
 # Of the farthest distance at which cells can be sampled; for a panel of 16 cm 0.6, 1, 1.4, 2, 3, 5, 8 and 12 m.
@@ -53,7 +53,7 @@ def design(
 
     Example: ledpi panel design --check 1000 2000
     """
-    from ledpi.config import find_config, load_config
+    from ledpi.config.settings import find_config, load_config
 
     if out is not None and check is not None:
         raise ConfigError(f"--out {out}: is for a design; --check writes nothing")
@@ -75,8 +75,8 @@ def design(
 
 
 def _task(settings: Config, distances_m: list[float], tolerance_ppm: float, flicker: Flicker) -> Task:
-    from ledpi.dictionaries import load_dictionary
-    from ledpi.panel.design import Task, farthest_m
+    from ledpi.markers.dictionaries import load_dictionary
+    from ledpi.tools.panel.design import Task, farthest_m
 
     panels, sensor = settings.panels, _sensor(settings.camera)
     cells = load_dictionary(panels.dictionary).cells_per_side
@@ -96,7 +96,7 @@ def _task(settings: Config, distances_m: list[float], tolerance_ppm: float, flic
 def _sensor(camera: CameraSettings) -> SimulatedSensor:
     """The configured camera; what it leaves open is an OV5647's. Raises ConfigError."""
     from ledpi.camera.simulated import shortest_frame_rows
-    from ledpi.camera_yaml import load_intrinsics
+    from ledpi.config.camera_yaml import load_intrinsics
     from ledpi.simulate.scene import OV5647_ROW_TIME_US, SimulatedSensor
     from ledpi.simulate.scenes import ov5647_lens, whole_rows_us
 
@@ -130,11 +130,11 @@ def _sensor(camera: CameraSettings) -> SimulatedSensor:
 
 def _check(task: Task, settings: Config, pair: tuple[float, float]) -> None:
     """Says what is wrong with a pair, or how far it carries. Exit status 1 where it cannot be used."""
-    from ledpi.dictionaries import load_dictionary
-    from ledpi.panel.design import auto_rows, proposal_at, views_of
-    from ledpi.panel.design_text import in_short, legend, table
-    from ledpi.panel.reach import reach_views
-    from ledpi.panel.verdict import findings
+    from ledpi.markers.dictionaries import load_dictionary
+    from ledpi.tools.panel.design import auto_rows, proposal_at, views_of
+    from ledpi.tools.panel.design_text import in_short, legend, table
+    from ledpi.tools.panel.reach import reach_views
+    from ledpi.tools.panel.verdict import findings
 
     black_hz, white_hz = pair
     if not (0 < black_hz < math.inf and 0 < white_hz < math.inf):
@@ -156,7 +156,7 @@ def _check(task: Task, settings: Config, pair: tuple[float, float]) -> None:
 
 
 def _say_findings(task: Task, found: list[Finding]) -> None:
-    from ledpi.panel.design_text import task_text
+    from ledpi.tools.panel.design_text import task_text
 
     typer.echo(task_text(task))
     for finding in found:
@@ -165,7 +165,7 @@ def _say_findings(task: Task, found: list[Finding]) -> None:
 
 def _say_unreported(panels: PanelSettings) -> None:
     """Which IDs to do without, as long as none were chosen."""
-    from ledpi.dictionaries import load_dictionary
+    from ledpi.markers.dictionaries import load_dictionary
 
     note = panels.unreported_note(range(len(load_dictionary(panels.dictionary).words))) if panels.ids is None else ""
     if note:
@@ -173,11 +173,11 @@ def _say_unreported(panels: PanelSettings) -> None:
 
 
 def _design(task: Task, settings: Config, out: Path | None) -> None:
-    from ledpi.dictionaries import load_dictionary
-    from ledpi.panel.design import auto_rows, best_antiphase, candidate_pairs, proposal_at, ranked, views_of
-    from ledpi.panel.design_text import antiphase_text, config_lines, in_short, legend, table, task_text
-    from ledpi.panel.reach import reach_views
-    from ledpi.panel.verdict import findings
+    from ledpi.markers.dictionaries import load_dictionary
+    from ledpi.tools.panel.design import auto_rows, best_antiphase, candidate_pairs, proposal_at, ranked, views_of
+    from ledpi.tools.panel.design_text import antiphase_text, config_lines, in_short, legend, table, task_text
+    from ledpi.tools.panel.reach import reach_views
+    from ledpi.tools.panel.verdict import findings
 
     panels = settings.panels
     pair = (panels.black_hz, panels.white_hz)
@@ -209,7 +209,7 @@ def _design(task: Task, settings: Config, out: Path | None) -> None:
 def _with_reach(
     task: Task, dictionary: Dictionary, views: list[View], proposals: list[tuple[str, Proposal]]
 ) -> list[tuple[str, Proposal, Reach]]:
-    from ledpi.panel.reach import reach_of
+    from ledpi.tools.panel.reach import reach_of
 
     with progress("drawing panels", len(views) * len(proposals)) as advance:
         return [(name, p, reach_of(task, p, dictionary, views, advance)) for name, p in proposals]
@@ -217,7 +217,7 @@ def _with_reach(
 
 def _make_folder(out: Path) -> None:
     """Before the minutes that a design takes."""
-    from ledpi.panel.matplotlib_extra import require_matplotlib
+    from ledpi.tools.panel.matplotlib_extra import require_matplotlib
 
     require_matplotlib(f"--out {out}: the plots")
     try:
@@ -232,7 +232,7 @@ def _write(out: Path, task: Task, rows: list[tuple[str, Proposal, Reach]], lines
             (out / name).write_text(text, encoding="utf-8")
     except OSError as error:
         raise ConfigError(f"--out {out}: cannot be written: {error.strerror}") from None
-    from ledpi.panel.design_plots import draw_contrast, draw_reach
+    from ledpi.tools.panel.design_plots import draw_contrast, draw_reach
 
     draw_contrast(task, rows[0][1], out / "contrast.png")
     draw_reach(rows, out / "reach.png")

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 import typer
 
 from ledpi.cli.panel import panel
-from ledpi.errors import ConfigError
-from ledpi.panel.firmware import Build
+from ledpi.core.errors import ConfigError
+from ledpi.tools.panel.firmware import Build
 
 if TYPE_CHECKING:
-    from ledpi.config import Config
-    from ledpi.panel.firmware import Firmware
+    from ledpi.config.settings import Config
+    from ledpi.tools.panel.firmware import Firmware
 
 
 class PhaseName(StrEnum):
@@ -50,8 +50,8 @@ def firmware(
 
     Example: ledpi panel firmware --id 7 --phase antiphase --black 1253.33 --out panel7
     """
-    from ledpi.panel.firmware import build_firmware, missing_tools, write_firmware
-    from ledpi.panel.firmware_readme import readme_text
+    from ledpi.tools.panel.firmware import build_firmware, missing_tools, write_firmware
+    from ledpi.tools.panel.firmware_readme import readme_text
 
     settings = _settings(config, set_)
     planned = _plan(settings, id_, black, white, phase, build)
@@ -71,7 +71,7 @@ def firmware(
 
 
 def _settings(file: Path | None, overrides: list[str]) -> Config:
-    from ledpi.config import find_config, load_config
+    from ledpi.config.settings import find_config, load_config
 
     found = find_config(file)
     size = [] if found is not None else ["panels.side_m=0.16"]  # of no account here
@@ -86,10 +86,10 @@ def _plan(
     phase: PhaseName | None,
     build: Build,
 ) -> Firmware:
-    from ledpi.dictionaries import load_dictionary
-    from ledpi.panel.firmware import plan_firmware
+    from ledpi.markers.dictionaries import load_dictionary
     from ledpi.simulate.scene import OV5647_ROW_TIME_US
     from ledpi.simulate.scenes import whole_rows_us
+    from ledpi.tools.panel.firmware import plan_firmware
 
     spec, camera = settings.panels.spec(marker_id), settings.camera
     if (phase or spec.phase) == PhaseName.ANTIPHASE:  # one frequency is enough

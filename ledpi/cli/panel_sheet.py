@@ -9,12 +9,12 @@ import typer
 
 from ledpi.cli.panel import panel
 from ledpi.cli.progress import progress
-from ledpi.errors import ConfigError
+from ledpi.core.errors import ConfigError
 
 if TYPE_CHECKING:
-    from ledpi.config import PanelSettings
-    from ledpi.panel.circuit import Lamps
-    from ledpi.panel.sheet import Sheet
+    from ledpi.config.settings import PanelSettings
+    from ledpi.tools.panel.circuit import Lamps
+    from ledpi.tools.panel.sheet import Sheet
 
 
 @panel.command()
@@ -36,16 +36,16 @@ def sheet(
 
     Example: ledpi panel sheet 7 23 --out sheets --supply 12 --led-ma 15
     """
-    from ledpi.config import find_config, load_config
-    from ledpi.panel.matplotlib_extra import require_matplotlib
+    from ledpi.config.settings import find_config, load_config
+    from ledpi.tools.panel.matplotlib_extra import require_matplotlib
 
     file = find_config(config)
     overrides = [] if file is not None else ["panels.side_m=0.16"]
     overrides += set_ + ([f"panels.side_m={side}"] if side is not None else [])
     panels = load_config(file, tuple(overrides)).panels
     require_matplotlib("build sheets")
-    from ledpi.panel.circuit import Lamps
-    from ledpi.panel.sheet import write_sheet
+    from ledpi.tools.panel.circuit import Lamps
+    from ledpi.tools.panel.sheet import write_sheet
 
     lamps = Lamps(supply_v=supply, leds=leds, forward_v=led_voltage, current_a=1e-3 * led_ma)
     sheets = [_planned(panels, marker_id, lamps) for marker_id in dict.fromkeys(ids)]
@@ -58,10 +58,10 @@ def sheet(
 
 
 def _planned(panels: PanelSettings, marker_id: int, lamps: Lamps) -> Sheet:
-    from ledpi.dictionaries import load_dictionary
-    from ledpi.panel.body import Body
-    from ledpi.panel.circuit import plan_circuit
-    from ledpi.panel.sheet import Sheet
+    from ledpi.markers.dictionaries import load_dictionary
+    from ledpi.tools.panel.body import Body
+    from ledpi.tools.panel.circuit import plan_circuit
+    from ledpi.tools.panel.sheet import Sheet
 
     dictionary, spec = load_dictionary(panels.dictionary), panels.spec(marker_id)
     try:

@@ -12,12 +12,12 @@ import typer
 
 from ledpi.cli import app
 from ledpi.cli.progress import progress
-from ledpi.wording import counted
+from ledpi.core.wording import counted
 
 if TYPE_CHECKING:
     from ledpi.camera.base import Camera
-    from ledpi.config import Config
-    from ledpi.recorder import Recorded, Recorder
+    from ledpi.config.settings import Config
+    from ledpi.runtime.recorder import Recorded, Recorder
 
 TICK_S = 0.1
 
@@ -40,8 +40,8 @@ def record(
     Example: ledpi record takes/kitchen --seconds 30
     """
     from ledpi.camera.factory import open_camera
-    from ledpi.config import find_config, load_config
-    from ledpi.recorder import Recorded
+    from ledpi.config.settings import find_config, load_config
+    from ledpi.runtime.recorder import Recorded
 
     file = find_config(config)
     settings = load_config(file, tuple(set_))
@@ -60,11 +60,11 @@ def record(
 
 
 def _recorder(out: Path, settings: Config, camera: Camera) -> Recorder:
-    from ledpi.daemon import calibration
-    from ledpi.pipeline import Pipeline
-    from ledpi.recorder import Recorder
-    from ledpi.recording_writer import RecordingWriter
-    from ledpi.robot import load_robot
+    from ledpi.config.robot import load_robot
+    from ledpi.pipeline.pipeline import Pipeline
+    from ledpi.recording.writer import RecordingWriter
+    from ledpi.runtime.daemon import calibration
+    from ledpi.runtime.recorder import Recorder
 
     lens = calibration(settings, camera)
     pipeline = Pipeline(

@@ -31,10 +31,10 @@ def run(
     Example: ledpi run --set camera.source=simulated --set serial.port=/tmp/robot
     """
     from ledpi.camera.factory import open_camera
-    from ledpi.config import find_config, load_config
-    from ledpi.errors import LedpiError, TransientError
-    from ledpi.reporting import log_to_standard_error
-    from ledpi.service import Service
+    from ledpi.config.settings import find_config, load_config
+    from ledpi.core.errors import LedpiError, TransientError
+    from ledpi.runtime.reporting import log_to_standard_error
+    from ledpi.runtime.service import Service
 
     log_to_standard_error()
     file = find_config(config)

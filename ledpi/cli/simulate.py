@@ -10,11 +10,11 @@ import typer
 
 from ledpi.cli import app
 from ledpi.cli.progress import progress
-from ledpi.errors import ConfigError
+from ledpi.core.errors import ConfigError
 
 if TYPE_CHECKING:
-    from ledpi.config import Config, PanelSettings
-    from ledpi.records import PanelSpec
+    from ledpi.config.settings import Config, PanelSettings
+    from ledpi.core.records import PanelSpec
     from ledpi.simulate.scene import Scene
 
 _STILL_IDS, _STILL_DISTANCE_M, _STILL_ANGLE_DEG = [7], 1.0, 0.0
@@ -70,10 +70,8 @@ def simulate(
     _record(out, built, settings.panels, frames=frames, seed=seed)
 
 
-def _settings(
-    config: Path | None, set_: list[str], exposure_us: float | None, transfer: TransferName | None
-) -> Config:
-    from ledpi.config import find_config, load_config
+def _settings(config: Path | None, set_: list[str], exposure_us: float | None, transfer: TransferName | None) -> Config:
+    from ledpi.config.settings import find_config, load_config
 
     file = find_config(config)
     overrides = [] if file is not None else ["panels.side_m=0.16"]
@@ -95,9 +93,9 @@ def _drive(settings: Config) -> Scene:
 
 def _board(settings: Config) -> Scene:
     """The board that `ledpi calibrate board` prints."""
-    from ledpi.calibrate.boards import Board
     from ledpi.camera.simulated import simulated_sensor
     from ledpi.simulate.scenes import board_scene
+    from ledpi.tools.calibrate.boards import Board
 
     sensor = simulated_sensor(settings.camera, settings.panels)
     return board_scene(sensor, Board(columns=6, rows=5, kind="charuco").black(), width_m=7 * 0.03)
@@ -105,7 +103,7 @@ def _board(settings: Config) -> Scene:
 
 def _still(settings: Config, ids: list[int], distance_m: float, angle_deg: float) -> Scene:
     from ledpi.camera.simulated import simulated_sensor
-    from ledpi.dictionaries import load_dictionary
+    from ledpi.markers.dictionaries import load_dictionary
     from ledpi.simulate.scenes import still_scene
 
     sensor = simulated_sensor(settings.camera, settings.panels)
@@ -132,7 +130,7 @@ def _record(out: Path, scene: Scene, panels: PanelSettings, *, frames: int, seed
     import numpy as np
 
     from ledpi.camera.simulated import SimulatedCamera
-    from ledpi.recording_writer import RecordingWriter
+    from ledpi.recording.writer import RecordingWriter
 
     camera = SimulatedCamera(scene, seed=seed, paced=False, frames=frames)
     pixels = np.empty((camera.info.height, camera.info.width), np.uint8)

@@ -11,14 +11,14 @@ import typer
 from ledpi.cli import app
 from ledpi.cli.drawn import check_apart, write_drawn
 from ledpi.cli.progress import progress
-from ledpi.errors import CameraError, ConfigError, RecordingError
+from ledpi.core.errors import CameraError, ConfigError, RecordingError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from ledpi.camera.base import Camera
-    from ledpi.config import Config
-    from ledpi.records import CameraInfo, Decoded, Frame, Intrinsics, MarkerPose, PanelValues, Pixels
+    from ledpi.config.settings import Config
+    from ledpi.core.records import CameraInfo, Decoded, Frame, Intrinsics, MarkerPose, PanelValues, Pixels
 
 FORMATS = (".png", ".jpg")
 EXPOSE_S = 4.0  # twice what the gain's sweep takes
@@ -59,11 +59,11 @@ def snapshot(
 
     Example: ledpi snapshot recordings/drive --frame 42 --out frame42.png
     """
-    from ledpi.config import find_config, load_config
-    from ledpi.pipeline import Pipeline
-    from ledpi.snapshot.page import draw
-    from ledpi.snapshot.record import take
-    from ledpi.snapshot.steps import draw_steps
+    from ledpi.config.settings import find_config, load_config
+    from ledpi.pipeline.pipeline import Pipeline
+    from ledpi.tools.snapshot.page import draw
+    from ledpi.tools.snapshot.record import take
+    from ledpi.tools.snapshot.steps import draw_steps
 
     if out.suffix.lower() not in FORMATS:
         raise ConfigError(f"--out {out}: must end in {' or '.join(FORMATS)}")
@@ -110,7 +110,7 @@ def _from_camera(settings: Config, seq: int | None) -> _Source:
     import numpy as np
 
     from ledpi.camera.factory import open_camera
-    from ledpi.daemon import calibration
+    from ledpi.runtime.daemon import calibration
 
     name = settings.camera.source
     camera = open_camera(settings, paced=name.partition(":")[0] not in ("simulated", "recording"))
@@ -129,7 +129,7 @@ def _from_camera(settings: Config, seq: int | None) -> _Source:
 
 def _usable(camera: Camera, name: str, into: Pixels) -> Iterator[Frame]:
     """Frame by frame, each in the place of the one before, until the camera's end."""
-    from ledpi.records import Rejected
+    from ledpi.core.records import Rejected
 
     unusable = 0
     while (frame := camera.read(into)) is not None:
@@ -153,12 +153,10 @@ def _numbered(frames: Iterator[Frame], seq: int) -> Frame | None:
 
 def _with_a_panel(frames: Iterator[Frame], camera: Camera, settings: Config) -> Frame | None:
     """The first that shows a panel by itself; where none of LOOK_FRAMES does, the last, to show why."""
-    from ledpi.pipeline import Pipeline
+    from ledpi.pipeline.pipeline import Pipeline
 
     method = settings.decode.method
-    alone = Pipeline(
-        camera.info, settings.panels, intrinsics=None, shown=camera.panel, method=method, stream=False
-    )
+    alone = Pipeline(camera.info, settings.panels, intrinsics=None, shown=camera.panel, method=method, stream=False)
     frame = None
     for frame in itertools.islice(frames, LOOK_FRAMES):
         if alone.decode(frame).markers:
@@ -171,8 +169,8 @@ def _expose(camera: Camera, settings: Config, into: Pixels) -> None:
     import time
 
     from ledpi.camera.gain_follower import GainFollower
-    from ledpi.pipeline import Pipeline
-    from ledpi.records import Frame
+    from ledpi.core.records import Frame
+    from ledpi.pipeline.pipeline import Pipeline
 
     follower = GainFollower(camera)
     if follower.settled:
@@ -191,9 +189,9 @@ def _from_recording(folder: Path, settings: Config, seq: int | None) -> _Source:
     import numpy as np
 
     from ledpi.camera.recording import RecordingCamera
-    from ledpi.daemon import calibration
-    from ledpi.picture import read_picture
-    from ledpi.recording_overrides import load_recording_with
+    from ledpi.recording.overrides import load_recording_with
+    from ledpi.recording.picture import read_picture
+    from ledpi.runtime.daemon import calibration
 
     recording = load_recording_with(settings, folder)
     frames = recording.frames
@@ -211,8 +209,8 @@ def _from_recording(folder: Path, settings: Config, seq: int | None) -> _Source:
 
 
 def _from_picture(path: Path, settings: Config) -> _Source:
-    from ledpi.camera_yaml import load_intrinsics
-    from ledpi.still import read_still, still_camera
+    from ledpi.config.camera_yaml import load_intrinsics
+    from ledpi.recording.still import read_still, still_camera
 
     camera = still_camera(settings.camera)
     lens = settings.camera.intrinsics

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from ledpi.core.records import Floats
 from ledpi.decode.proposals import Candidate
-from ledpi.records import Floats
 
 # A stream searches the whole picture for newcomers in every third frame, and in each that does not show all its panels.
 SEARCH_EVERY = 3

@@ -23,11 +23,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ledpi.errors import ConfigError
-from ledpi.geometry import in_square, square_box
-from ledpi.markers import Bits, Dictionary, corners_of_turned
-from ledpi.records import Floats, Frame, PanelSpec, Pixels, Rejected, Sighting, Singles, read_only
-from ledpi.shutter import band_width_rows
+from ledpi.core.errors import ConfigError
+from ledpi.core.geometry import in_square, square_box
+from ledpi.core.records import Floats, Frame, PanelSpec, Pixels, Rejected, Sighting, Singles, read_only
+from ledpi.core.shutter import band_width_rows
+from ledpi.markers.words import Bits, Dictionary, corners_of_turned
 
 NO_SQUARE = Rejected(stage="bands", reason="no_square")
 NO_BANDS = Rejected(stage="bands", reason="cell_without_bands")

@@ -12,9 +12,9 @@ from functools import cache
 
 import numpy as np
 
-from ledpi.geometry import quad_side
+from ledpi.core.geometry import quad_side
+from ledpi.core.records import Floats, Frame, Intrinsics, Mask, Quad, Rejected, Singles
 from ledpi.kernels import cells as kernel
-from ledpi.records import Floats, Frame, Intrinsics, Mask, Quad, Rejected, Singles
 
 # The very rim of a cell is left out: partitions cast shadows there that no smooth interpolation follows. No more than
 # that: with its gain unknown, a short cell tells its class by how its light changes from its top to its bottom, so by

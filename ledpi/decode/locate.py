@@ -6,15 +6,15 @@ import math
 
 import numpy as np
 
+from ledpi.core.geometry import quad_side
+from ledpi.core.records import Floats, Frame, Intrinsics, PanelSpec, Quad, Rejected
+from ledpi.core.shutter import contrast
 from ledpi.decode.cells import MIN_CELL_PX
 from ledpi.decode.model.fit import Effort, Fitted, Fitter
 from ledpi.decode.model.light import FEWEST_PX, ROUGHLY, Window
 from ledpi.decode.model.prior import BLUR
 from ledpi.decode.proposals import DEEP
-from ledpi.geometry import quad_side
 from ledpi.kernels import pose as kernel
-from ledpi.records import Floats, Frame, Intrinsics, PanelSpec, Quad, Rejected
-from ledpi.shutter import contrast
 
 TOO_SMALL = Rejected(stage="fit", reason="too_small")
 NO_LIGHT = Rejected(stage="fit", reason="no_light")

@@ -10,12 +10,12 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
+from ledpi.core.geometry import corners_apart, quad_side
+from ledpi.core.records import CameraInfo, Floats, Frame, PanelSpec, Rejected
+from ledpi.core.shutter import contrast
 from ledpi.decode.cells import MIN_CELL_PX
 from ledpi.decode.finding.find import Finder
 from ledpi.decode.finding.lattices import LatticeFinder
-from ledpi.geometry import corners_apart, quad_side
-from ledpi.records import CameraInfo, Floats, Frame, PanelSpec, Rejected
-from ledpi.shutter import contrast
 
 DEEP = 0.5  # depth of bands that cut a panel into pieces
 SAME = 0.25  # of a cell: proposals no further apart lead to the same fit

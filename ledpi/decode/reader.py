@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
+from ledpi.core.records import Frame, PanelSpec, Rejected
 from ledpi.decode.cells import CellSamples
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.evidence.expect import UNLIKE, Expectation
@@ -23,7 +24,6 @@ from ledpi.decode.identify.denial import confirms, denies, tells_of
 from ledpi.decode.identify.soft import Reading
 from ledpi.decode.identify.tuning import CHOICES, Seen, propose_frequencies
 from ledpi.decode.identify.words import likeliest
-from ledpi.records import Frame, PanelSpec, Rejected
 
 # Frames that surely show what was read last are not read anew, but for one of eight: by then a panel may look a little
 # otherwise, and the margin has grown.

@@ -8,9 +8,9 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
+from ledpi.core.geometry import corners_apart, quad_middle, quad_side
+from ledpi.core.records import MAX_GAP_NS, Floats, PanelSpec, Quad, Rejected
 from ledpi.decode.history import History
-from ledpi.geometry import corners_apart, quad_middle, quad_side
-from ledpi.records import MAX_GAP_NS, Floats, PanelSpec, Quad, Rejected
 
 Place: TypeAlias = tuple[tuple[float, float], float]  # centre and side of a square, in pixels
 

@@ -6,10 +6,10 @@ from functools import cache
 
 import numpy as np
 
+from ledpi.core.records import Floats, Frame, Intrinsics, Singles
+from ledpi.core.tone import linear_light
 from ledpi.kernels.library import NONE, at, doubles, ffi, lib
 from ledpi.kernels.pose import lens_of
-from ledpi.records import Floats, Frame, Intrinsics, Singles
-from ledpi.tone import linear_light
 
 STEPS = 512  # between two pixels, for which there are weights
 

@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ledpi.core.records import Floats, Singles
 from ledpi.kernels.library import at, ffi, lib
-from ledpi.records import Floats, Singles
 
 
 class Weighed(NamedTuple):

@@ -8,8 +8,8 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from ledpi.core.records import Floats, Pixels
 from ledpi.kernels.library import at, ffi, lib
-from ledpi.records import Floats, Pixels
 
 MOST_SQUARES = 4096  # in a frame: more is texture, and would take a second to look at
 MOST_RUNS, MOST_BLOBS, MOST_LATTICES = 40_000, 1_500, 12  # of a picture: what has more is texture

@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ledpi.core.records import Floats, Integers, Singles
 from ledpi.kernels.library import at, ffi, lib
 from ledpi.kernels.words import Fit, numbers_of
-from ledpi.records import Floats, Integers, Singles
 
 NOT_PLAIN: int = lib.LEDPI_NOT_PLAIN
 UNFIT: int = lib.LEDPI_UNFIT

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ledpi.errors import InstallationError
+from ledpi.core.errors import InstallationError
 
 REMEDY = "install ledpi again: sudo scripts/install, or pip install -e . (needs gcc, libc6-dev, python3-dev)"
 

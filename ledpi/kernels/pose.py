@@ -7,8 +7,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from ledpi.core.records import Floats, Intrinsics, Mask
 from ledpi.kernels.library import at, doubles, lib
-from ledpi.records import Floats, Intrinsics, Mask
 
 FIT = 49  # numbers: rotation, position, chi2, covariance
 # Where a solution's numbers are: its position, quaternion, reprojection_px, chi2, covariance.

@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ledpi.core.records import Floats, Integers, Mask, Singles
 from ledpi.kernels.library import at, doubles, lib
-from ledpi.records import Floats, Integers, Mask, Singles
 
 MOST_CELLS: int = lib.LEDPI_MOST_CELLS
 

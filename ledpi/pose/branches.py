@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from ledpi.core.records import MAX_GAP_NS, Floats, PlanarSolution
 from ledpi.pose.planar import Solutions
-from ledpi.records import MAX_GAP_NS, Floats, PlanarSolution
 
 # The other solution is excluded where it is a thousand times less likely: 2·ln 1000 of χ².
 EXCLUDED_BY = 13.8
@@ -37,9 +37,7 @@ class Branches:
         self._up = None if up_in_camera is None else tuple(up_in_camera.tolist())
         self._beliefs: dict[int, _Belief] = {}
 
-    def choose(
-        self, marker_id: int, solutions: Solutions, now_ns: int
-    ) -> tuple[PlanarSolution, PlanarSolution | None]:
+    def choose(self, marker_id: int, solutions: Solutions, now_ns: int) -> tuple[PlanarSolution, PlanarSolution | None]:
         """The pose to believe, and the other one where it cannot be excluded.
 
         The belief never changes without both being reported: while they change places neither is excluded.

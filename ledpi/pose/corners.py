@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from ledpi.core.records import Floats
 from ledpi.kernels import pose as kernel
-from ledpi.records import Floats
 
 # What the fit does not show of a side's error: the lens model, the panel's own build. At 2 m 0.1 mm is 0.03 px;
 # with more, poses of a panel near by would be given several times their deviations.
@@ -45,9 +45,7 @@ def motion_px(velocity_px_s: Floats | None, exposure_us: float) -> Floats:
     return np.zeros((4, 2)) if velocity_px_s is None else velocity_px_s * (exposure_us * 1e-6)
 
 
-def whiteners(
-    corners_px: Floats, sigma_px: Floats, size_sigma_px: Floats, motions_px: Floats | None = None
-) -> Floats:
+def whiteners(corners_px: Floats, sigma_px: Floats, size_sigma_px: Floats, motions_px: Floats | None = None) -> Floats:
     """(N, 8, 8) that turn errors of corners (N, 4, 2) into independent ones of deviation 1: WᵀW = covariance⁻¹.
 
     A corner is where two sides cross, so its error is theirs. Of a straight line through n places of spread s, the

@@ -12,15 +12,25 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ledpi.geometry import inverse, matrix_from_quaternion, quad_side, quaternion_from_matrix, transform
+from ledpi.core.geometry import inverse, matrix_from_quaternion, quad_side, quaternion_from_matrix, transform
+from ledpi.core.records import (
+    Floats,
+    Frame,
+    Intrinsics,
+    MarkerPose,
+    PlanarSolution,
+    Pose,
+    Rejected,
+    RobotFix,
+    read_only,
+)
+from ledpi.core.shutter import row_mid_exposure_ns
 from ledpi.pose.branches import EXCLUDED_BY
 from ledpi.pose.corners import centre_px, motion_px, seen_at_row, whiteners
 from ledpi.pose.panel_map import PanelMap
 from ledpi.pose.past import Candidate, Past, distance2
 from ledpi.pose.planar import square_corners
 from ledpi.pose.refine import Fits, fit_body, projected, skew
-from ledpi.records import Floats, Frame, Intrinsics, MarkerPose, PlanarSolution, Pose, Rejected, RobotFix, read_only
-from ledpi.shutter import row_mid_exposure_ns
 
 NOT_IN_MAP = Rejected(stage="fix", reason="not_in_map")
 AMBIGUOUS = Rejected(stage="fix", reason="ambiguous")

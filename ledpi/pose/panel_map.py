@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from ledpi.records import Floats
+from ledpi.core.records import Floats
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ledpi.geometry import rotation_vector
+from ledpi.core.geometry import rotation_vector
+from ledpi.core.records import MAX_GAP_NS, Floats
 from ledpi.pose.branches import EXCLUDED_BY
-from ledpi.records import MAX_GAP_NS, Floats
 
 # How far a robot may have come since: no wheeled robot that looks for panels is quicker.
 MAX_SPEED_M_S, MAX_TURN_RAD_S = 3.0, 6.0

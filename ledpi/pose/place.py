@@ -6,12 +6,12 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from ledpi.core.records import Frame, Intrinsics, MarkerPose, PlanarSolution, Rejected, RobotFix, Sighting
+from ledpi.core.shutter import row_mid_exposure_ns
 from ledpi.pose.branches import Branches
 from ledpi.pose.corners import centre_px, motion_px, seen_at_row
 from ledpi.pose.fix import FixSolver, Robot
 from ledpi.pose.planar import solve_squares
-from ledpi.records import Frame, Intrinsics, MarkerPose, PlanarSolution, Rejected, RobotFix, Sighting
-from ledpi.shutter import row_mid_exposure_ns
 
 _STILL = np.zeros((4, 2))
 

@@ -8,11 +8,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from ledpi.geometry import rotation_angle_deg
+from ledpi.core.geometry import rotation_angle_deg
+from ledpi.core.records import Floats, Intrinsics, PlanarSolution, Pose, Rejected, read_only
 from ledpi.kernels import pose as kernel
 from ledpi.pose.corners import ERRORS
 from ledpi.pose.refine import STOP
-from ledpi.records import Floats, Intrinsics, PlanarSolution, Pose, Rejected, read_only
 
 UNSOLVED = Rejected(stage="pose", reason="unsolved")
 NOT_SQUARE = Rejected(stage="pose", reason="not_square")

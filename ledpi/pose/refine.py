@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from ledpi.core.records import Floats, Intrinsics
 from ledpi.kernels import pose as kernel
-from ledpi.records import Floats, Intrinsics
 
 ROUNDS = 6
 CONVERGED = 1e-3  # of χ² that a step would still gain, in a good fit: nothing that could be measured

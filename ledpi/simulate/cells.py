@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ledpi.records import Floats
+from ledpi.core.records import Floats
 from ledpi.simulate.scene import PanelLook
 
 

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ledpi.geometry import distort, undistort
-from ledpi.records import Floats, Intrinsics
-from ledpi.shutter import row_weights
+from ledpi.core.geometry import distort, undistort
+from ledpi.core.records import Floats, Intrinsics
+from ledpi.core.shutter import row_weights
 from ledpi.simulate.optics import (
     SUPERSAMPLING,
     Blur,
@@ -213,9 +213,7 @@ def _part_weights(
         return np.asarray(wave.share_on(starts_s, part_us * 1e-6) / parts, np.float32)
     at_row0 = phase_cycles + wave.frequency_hz * sensor.exposure_start_s(seq)
     if isinstance(wave, Ripple):
-        levels = wave.row_levels(
-            rows, phase_cycles=at_row0, exposure_us=part_us, row_time_us=sensor.row_time_us
-        )
+        levels = wave.row_levels(rows, phase_cycles=at_row0, exposure_us=part_us, row_time_us=sensor.row_time_us)
         return np.asarray(levels / parts, np.float32)
     weights = row_weights(
         rows,

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from ledpi.records import Floats
+from ledpi.core.records import Floats
 from ledpi.simulate.scene import Floor
 from ledpi.simulate.surface import Image, Surface
 from ledpi.simulate.trajectory import Trajectory

@@ -16,8 +16,8 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from ledpi.geometry import distort, undistort
-from ledpi.records import Floats, Intrinsics
+from ledpi.core.geometry import distort, undistort
+from ledpi.core.records import Floats, Intrinsics
 from ledpi.simulate.scene import SimulatedSensor
 from ledpi.simulate.surface import Image, Surface
 
@@ -94,9 +94,7 @@ def shows_front(camera_from_body: Floats) -> bool:
     return bool(camera_from_body[:3, 2] @ position < -_EDGE_ON * np.linalg.norm(position))
 
 
-def region_of(
-    surface: Surface, camera_from_surface: Floats, intrinsics: Intrinsics, margin: int
-) -> Region | None:
+def region_of(surface: Surface, camera_from_surface: Floats, intrinsics: Intrinsics, margin: int) -> Region | None:
     """Pixels that a surface covers, with a margin, wherever they lie; None where its front does not show.
 
     Rays far out of view are first cut to a little out of view: there the distortion polynomial means

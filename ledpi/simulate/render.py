@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ledpi.geometry import inverse
-from ledpi.recording import TruthMarker
-from ledpi.records import Floats, Frame, Pixels
+from ledpi.core.geometry import inverse
+from ledpi.core.records import Floats, Frame, Pixels
+from ledpi.recording.reader import TruthMarker
 from ledpi.simulate.exposure import Exposed, add_to, expose_moving, expose_still
 from ledpi.simulate.floor import mirrored
 from ledpi.simulate.optics import PoseAt, shows_front

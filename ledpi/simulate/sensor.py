@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ledpi.records import CameraInfo, Floats, Pixels, Transfer
+from ledpi.core.records import CameraInfo, Floats, Pixels, Transfer
 from ledpi.simulate.scene import SimulatedSensor
 from ledpi.simulate.surface import Image
 

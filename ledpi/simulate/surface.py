@@ -13,8 +13,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ledpi.markers import Bits
-from ledpi.records import Floats
+from ledpi.core.records import Floats
+from ledpi.markers.words import Bits
 from ledpi.simulate.cells import cell_lights
 from ledpi.simulate.scene import Light, Panel, Print, Room, SquareWave, Wave
 from ledpi.simulate.trajectory import Trajectory

@@ -9,8 +9,8 @@ from typing import Protocol
 import cv2
 import numpy as np
 
-from ledpi.geometry import transform
-from ledpi.records import Floats
+from ledpi.core.geometry import transform
+from ledpi.core.records import Floats
 
 
 class Trajectory(Protocol):
@@ -31,9 +31,7 @@ def rotation(vector_rad: Floats) -> Floats:
     return np.asarray(cv2.Rodrigues(np.asarray(vector_rad, np.float64))[0], np.float64)
 
 
-def facing_camera(
-    position_m: Floats, *, pitch_deg: float = 0.0, yaw_deg: float = 0.0, roll_deg: float = 0.0
-) -> Floats:
+def facing_camera(position_m: Floats, *, pitch_deg: float = 0.0, yaw_deg: float = 0.0, roll_deg: float = 0.0) -> Floats:
     """Pose of a panel at a position: square to the scene's z axis, then turned about the scene's axes.
 
     Unturned, the marker's x is the scene's, its y points up, and its z back at the camera. Roll (about z)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from ledpi.geometry import inverse, quaternion_from_matrix
-from ledpi.recording import TruthMarker
-from ledpi.records import Floats, Intrinsics, Pose, read_only
+from ledpi.core.geometry import inverse, quaternion_from_matrix
+from ledpi.core.records import Floats, Intrinsics, Pose, read_only
+from ledpi.recording.reader import TruthMarker
 from ledpi.simulate.optics import PoseAt, seen_at, shows_front
 from ledpi.simulate.scene import Panel, Scene, SimulatedSensor
 from ledpi.simulate.trajectory import Trajectory

@@ -7,8 +7,8 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from ledpi.geometry import undistort
-from ledpi.records import Floats
+from ledpi.core.geometry import undistort
+from ledpi.core.records import Floats
 from ledpi.simulate.optics import Blur, node_pixels, spread, whole_picture
 from ledpi.simulate.scene import Room, SimulatedSensor
 from ledpi.simulate.surface import Image

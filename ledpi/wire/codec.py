@@ -14,7 +14,7 @@ from typing import Literal, TypeAlias
 
 from cobs import cobs
 
-from ledpi.errors import WireError
+from ledpi.core.errors import WireError
 from ledpi.wire.message import (
     UNITS_PER_SI,
     FixMessage,

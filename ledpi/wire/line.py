@@ -13,7 +13,7 @@ from contextlib import suppress
 
 import serial
 
-from ledpi.errors import WireError
+from ledpi.core.errors import WireError
 from ledpi.wire.codec import DELIMITER
 
 BITS_PER_BYTE = 10  # 8N1: start bit, eight of data, stop bit

@@ -12,11 +12,11 @@ from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
-from ledpi.errors import ConfigError, WireError
-from ledpi.geometry import matrix_from_quaternion, quaternion_from_matrix, rpy_deg_from_matrix
-from ledpi.records import Floats
-from ledpi.resets import Resets
+from ledpi.core.errors import ConfigError, WireError
+from ledpi.core.geometry import matrix_from_quaternion, quaternion_from_matrix, rpy_deg_from_matrix
+from ledpi.core.records import Floats
 from ledpi.wire.message import FixMessage, MarkerMessage, Message, NoFix, State, StatusMessage
+from ledpi.wire.resets import Resets
 
 Profile: TypeAlias = Literal["ardupilot", "px4"]
 

@@ -11,8 +11,8 @@ from dataclasses import dataclass, field, fields
 from enum import IntEnum
 from typing import TypeAlias
 
-from ledpi.errors import WireError
-from ledpi.records import Floats, MarkerPose, Pose, RobotFix
+from ledpi.core.errors import WireError
+from ledpi.core.records import Floats, MarkerPose, Pose, RobotFix
 
 Triple: TypeAlias = tuple[float, float, float]
 Quadruple: TypeAlias = tuple[float, float, float, float]

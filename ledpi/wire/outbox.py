@@ -7,8 +7,8 @@ from dataclasses import replace
 from functools import partial
 from typing import TypeAlias, TypeVar
 
-from ledpi.errors import WireError
-from ledpi.records import Decoded, MarkerPose, RobotFix
+from ledpi.core.errors import WireError
+from ledpi.core.records import Decoded, MarkerPose, RobotFix
 from ledpi.wire.message import (
     FixMessage,
     MarkerMessage,
@@ -39,9 +39,7 @@ class Outbox:
     have their turn on a short line.
     """
 
-    def __init__(
-        self, *, max_age_ms: float, status_period_ns: int = STATUS_PERIOD_NS, map_resets: int = 0
-    ) -> None:
+    def __init__(self, *, max_age_ms: float, status_period_ns: int = STATUS_PERIOD_NS, map_resets: int = 0) -> None:
         self._max_age_ns = round(max_age_ms * 1e6)
         self._status_period_ns = status_period_ns
         self._map_resets = map_resets

@@ -9,9 +9,9 @@ import time
 from collections import deque
 from dataclasses import dataclass
 
-from ledpi.config import SerialSettings
-from ledpi.errors import WireError
-from ledpi.records import Decoded
+from ledpi.config.settings import SerialSettings
+from ledpi.core.errors import WireError
+from ledpi.core.records import Decoded
 from ledpi.wire.codec import encode
 from ledpi.wire.line import SerialLine
 from ledpi.wire.mavlink import HEARTBEAT_PERIOD_NS, Mavlink

@@ -22,10 +22,10 @@ from virtual_picamera2 import ROW_US, Behaviour, show, unplug
 
 from ledpi.camera.factory import open_camera
 from ledpi.cli import main
-from ledpi.config import Config, load_config
-from ledpi.daemon import Daemon
-from ledpi.doctor.camera import camera as camera_findings
-from ledpi.records import Frame, Pixels
+from ledpi.config.settings import Config, load_config
+from ledpi.core.records import Frame, Pixels
+from ledpi.runtime.daemon import Daemon
+from ledpi.tools.doctor.camera import camera as camera_findings
 from ledpi.wire import NoFix, State
 
 QUIET_S = 0.2  # promised until "no fix" is on the wire

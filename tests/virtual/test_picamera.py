@@ -17,9 +17,9 @@ import pytest
 from virtual_picamera2 import ROW_US, Behaviour, VirtualPicamera2, show, unplug
 
 from ledpi.camera.picamera import ASKED_AHEAD, STALL_PERIODS, PicameraCamera, open_picamera
-from ledpi.config import CameraSettings
-from ledpi.errors import CameraError, CameraLostError
-from ledpi.records import Frame, Pixels, Rejected
+from ledpi.config.settings import CameraSettings
+from ledpi.core.errors import CameraError, CameraLostError
+from ledpi.core.records import Frame, Pixels, Rejected
 
 CLASSES_HZ = (1250.0, 2450.0)
 WAIT_S = 10.0
@@ -339,8 +339,8 @@ import sys
 sys.path.insert(0, sys.argv[1])
 from virtual_picamera2 import Behaviour, use
 from ledpi.camera import picamera
-from ledpi.config import CameraSettings
-from ledpi.errors import CameraError
+from ledpi.config.settings import CameraSettings
+from ledpi.core.errors import CameraError
 use(Behaviour(), setattr)
 fixed = picamera.fixed_controls
 picamera.fixed_controls = lambda **values: fixed(**values) | {"ExposureTime": sys.argv[2]}

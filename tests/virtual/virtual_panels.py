@@ -6,8 +6,8 @@ import numpy as np
 from virtual_picamera2 import ROW_US
 
 from ledpi.camera.simulated import SimulatedCamera, simulated_sensor
-from ledpi.config import load_config
-from ledpi.records import Frame, Pixels
+from ledpi.config.settings import load_config
+from ledpi.core.records import Frame, Pixels
 from ledpi.simulate.scenes import still_scene
 
 IDS = (7, 23, 41)

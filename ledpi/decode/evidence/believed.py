@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ledpi.core.records import Floats, Frame, Mask, PanelSpec, Singles
 from ledpi.decode.cells import CellSamples
 from ledpi.decode.evidence.classes import band_shares, wave_shares
 from ledpi.decode.evidence.waves import rotated, square_waves
-from ledpi.records import Floats, Frame, Mask, PanelSpec, Singles
 
 # Of full bands the darkest part: there is stray light, read noise, and a waveform that is not quite a square wave's, so
 # that the dark says less of a cell than its few photons would.

@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ledpi.records import Floats
+from ledpi.core.records import Floats
 
 Real = TypeVar("Real", bound=np.floating[Any])
 

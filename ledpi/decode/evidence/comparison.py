@@ -11,13 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ledpi.core.records import Frame, PanelSpec, Rejected, Singles
 from ledpi.decode.cells import CellSamples
 from ledpi.decode.evidence.evidence import Evidence, evidence_of
 from ledpi.decode.evidence.noise import lags_of
 from ledpi.decode.evidence.unlit import without_unlit
 from ledpi.kernels.evidence import Weighed
 from ledpi.kernels.library import at, lib
-from ledpi.records import Frame, PanelSpec, Rejected, Singles
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -25,11 +25,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ledpi.core.records import Floats, Frame, Mask, PanelSpec, Rejected
 from ledpi.decode.cells import CellSamples
 from ledpi.decode.evidence.noise import WHITE, Correlation, expected_of, lags_of
 from ledpi.decode.evidence.waves import band_prior
 from ledpi.kernels import evidence as kernel
-from ledpi.records import Floats, Frame, Mask, PanelSpec, Rejected
 
 UNFIT = Rejected(stage="soft", reason="unfit")
 

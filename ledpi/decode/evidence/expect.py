@@ -14,11 +14,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ledpi.core.records import Floats, Frame, Singles
 from ledpi.decode.cells import CellSamples, Lattice
 from ledpi.decode.evidence.comparison import Mean
 from ledpi.decode.evidence.memory import PanelMemory
 from ledpi.kernels.library import at, doubles, lib
-from ledpi.records import Floats, Frame, Singles
 
 # A frame that is e^SURE times likelier with the bands than without shows them. Cells that speak against them weigh less
 # than that together: by noise alone each does by 0.2 on average, whatever it can tell (mean of max(0, N(−E, 2E))).

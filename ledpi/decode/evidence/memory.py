@@ -14,13 +14,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ledpi.core.records import Floats, Frame, PanelSpec, Rejected, Singles
 from ledpi.decode.cells import CellSamples, Lattice
 from ledpi.decode.evidence.comparison import Mean, compared_evidence
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.evidence.noise import WHITE, Correlation
 from ledpi.decode.evidence.single_frame import single_evidence
 from ledpi.decode.evidence.waves import band_prior, class_waves, is_deep, turned
-from ledpi.records import Floats, Frame, PanelSpec, Rejected, Singles
 
 # Old evidence fades, as oscillators drift and a wrong turn must be mended: to a third in 30 frames, half a second.
 FORGETTING = 0.97

@@ -15,8 +15,8 @@ from itertools import product
 
 import numpy as np
 
+from ledpi.core.records import Integers
 from ledpi.decode.cells import BORDER_PX, INSET, CellSamples
-from ledpi.records import Integers
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

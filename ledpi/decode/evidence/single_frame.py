@@ -16,6 +16,7 @@ import math
 
 import numpy as np
 
+from ledpi.core.records import Frame, PanelSpec, Rejected, Singles
 from ledpi.decode.cells import CellSamples
 from ledpi.decode.evidence.believed import Believed
 from ledpi.decode.evidence.evidence import Evidence, evidence_of
@@ -26,7 +27,6 @@ from ledpi.decode.evidence.unlit import without_unlit
 from ledpi.decode.evidence.waves import band_prior, class_waves, is_deep_anywhere
 from ledpi.kernels.evidence import Weighed
 from ledpi.kernels.library import at, lib
-from ledpi.records import Frame, PanelSpec, Rejected, Singles
 
 
 def single_evidence(

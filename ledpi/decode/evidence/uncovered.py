@@ -13,10 +13,10 @@ from functools import cache
 import cv2
 import numpy as np
 
+from ledpi.core.records import Mask, Pixels, Singles
 from ledpi.decode.cells import BORDER_PX, INSET, MIN_LEFT, CellSamples
 from ledpi.decode.evidence.shared_light import border_points
 from ledpi.kernels.library import at, lib
-from ledpi.records import Mask, Pixels, Singles
 
 # Of the light that the others show at this place: less is not the cell's own. Diffusers differ by a few percent.
 COVERED = 0.75

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from ledpi.core.records import Mask, Singles
 from ledpi.decode.cells import CellSamples
 from ledpi.decode.evidence.evidence import Evidence
-from ledpi.records import Mask, Singles
 
 # Of the cells' mean light: less is no cell's own. LEDs that differ by 15 % (a deviation) keep to more than twice that;
 # across a gap comes 0.05 to 0.15 where cells are 7 px, and 0.3 where they are 3 px.

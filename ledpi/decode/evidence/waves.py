@@ -12,10 +12,10 @@ from functools import lru_cache
 
 import numpy as np
 
-from ledpi import shutter
+from ledpi.core import shutter
+from ledpi.core.records import Floats, Frame, PanelSpec, Singles
 from ledpi.decode.cells import CellSamples
 from ledpi.kernels import evidence as kernel
-from ledpi.records import Floats, Frame, PanelSpec, Singles
 
 FULL_DEPTH = 0.5  # bands as deep as this outshine all noise
 # Bands that are deeper, or one of whose harmonics is more than this share of the fundamental, are no sinusoids. (The

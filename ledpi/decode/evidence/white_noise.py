@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ledpi.records import Floats
+from ledpi.core.records import Floats
 
 Indices = NDArray[np.intp]
 Step = tuple[float, float]  # across and down the picture, in pixels

@@ -12,8 +12,8 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
+from ledpi.core.records import Floats, Frame, Pixels, Rejected
 from ledpi.kernels.find import SquareSearcher, Thresholds
-from ledpi.records import Floats, Frame, Pixels, Rejected
 
 TOO_SMALL = Rejected(stage="find", reason="too_small")
 NOT_FOUR_SIDED = Rejected(stage="find", reason="not_four_sided")

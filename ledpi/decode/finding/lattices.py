@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ledpi.core.records import Floats, Pixels
 from ledpi.kernels.find import LatticeSearcher
-from ledpi.records import Floats, Pixels
 
 # By level of the pyramid, pixels along the neighbourhood that a blob is compared with: cells of a third to all of that.
 # Levels are an octave apart.

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from functools import cache
 
+from ledpi.core.records import Floats, Frame, PanelSpec, Rejected, Singles
 from ledpi.decode.cells import CellSamples, lattice
 from ledpi.decode.evidence.evidence import UNFIT, Evidence
 from ledpi.decode.evidence.noise import expected_of, lags_of
@@ -20,7 +21,6 @@ from ledpi.decode.evidence.waves import band_prior, is_deep
 from ledpi.decode.identify.words import SHORTLIST, likeliest
 from ledpi.kernels import first_look as kernel
 from ledpi.kernels.words import Fit
-from ledpi.records import Floats, Frame, PanelSpec, Rejected, Singles
 
 
 def first_look(

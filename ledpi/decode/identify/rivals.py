@@ -12,6 +12,7 @@ from functools import cache
 
 import numpy as np
 
+from ledpi.core.records import Frame, Mask, Rejected, Singles
 from ledpi.decode.cells import CellSamples
 from ledpi.decode.evidence.believed import believed_bands
 from ledpi.decode.evidence.evidence import Evidence
@@ -21,7 +22,6 @@ from ledpi.decode.identify.codebook import NEAREST_PATTERN, Codebook
 from ledpi.decode.identify.first_look import first_look
 from ledpi.decode.identify.words import likeliest, likeliest_beyond, of_neighbours
 from ledpi.kernels.words import Fit
-from ledpi.records import Frame, Mask, Rejected, Singles
 
 # Patterns that are no word count as rivals as if they showed up as often as words: all of them alike, or those that
 # differ from a word in 2, 3 or 4 cells, evenly, which is more where panels have many cells.

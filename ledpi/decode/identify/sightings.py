@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from ledpi.geometry import quad_middle
-from ledpi.records import Rejected, Sighting
+from ledpi.core.geometry import quad_middle
+from ledpi.core.records import Rejected, Sighting
 
 SAME_PLACE = Rejected(stage="identify", reason="same_panel_twice")
 SAME_ID = Rejected(stage="identify", reason="same_id_twice")

@@ -17,6 +17,7 @@ from functools import cache
 from statistics import NormalDist
 from typing import NamedTuple
 
+from ledpi.core.records import Floats, Frame, Rejected
 from ledpi.decode.cells import CellSamples
 from ledpi.decode.evidence.believed import believed_bands
 from ledpi.decode.evidence.evidence import UNFIT, Evidence
@@ -32,7 +33,6 @@ from ledpi.decode.identify.first_look import first_look
 from ledpi.decode.identify.plausible import all_rows_blink, is_consistent, is_plausible
 from ledpi.decode.identify.words import likeliest
 from ledpi.kernels.words import Fit
-from ledpi.records import Floats, Frame, Rejected
 
 NO_BANDS = Rejected(stage="soft", reason="no_bands")
 NO_WORD = Rejected(stage="soft", reason="not_in_dictionary")

@@ -17,11 +17,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ledpi.core.records import Floats, Frame, PanelSpec
 from ledpi.decode.cells import CellSamples
 from ledpi.decode.evidence.classes import wave_shares
 from ledpi.decode.evidence.expect import ways
 from ledpi.decode.identify.codebook import Codebook
-from ledpi.records import Floats, Frame, PanelSpec
 
 Complexes = NDArray[np.complex128]
 

@@ -10,11 +10,11 @@ and (A + Λ⁻¹)⁻¹b are the bands that fit it best (kernels/words.c; neighbo
 
 from __future__ import annotations
 
+from ledpi.core.records import Floats, Singles
 from ledpi.decode.evidence.classes import in_other_class
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.kernels import words as kernel
 from ledpi.kernels.words import Fit
-from ledpi.records import Floats, Singles
 
 SHORTLIST = 16  # words that are compared exactly
 

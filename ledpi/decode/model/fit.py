@@ -9,12 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ledpi.core.records import Floats, Frame, Intrinsics, PanelSpec, Rejected, read_only
 from ledpi.decode.model.light import Window, grid, waves
 from ledpi.decode.model.prior import COMMON, OWN, PHASE, prior
 from ledpi.kernels.library import NONE, lib
 from ledpi.kernels.panel import MOST_LINES, Solver
 from ledpi.kernels.pose import lens_of
-from ledpi.records import Floats, Frame, Intrinsics, PanelSpec, Rejected, read_only
 
 DIVERGED = Rejected(stage="fit", reason="diverged")
 NO_BANDS = Rejected(stage="fit", reason="no_bands")

@@ -9,10 +9,10 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from ledpi.geometry import quad_side
-from ledpi.records import Floats, Frame, PanelSpec, Singles, read_only
-from ledpi.shutter import row_weights
-from ledpi.tone import linear_light
+from ledpi.core.geometry import quad_side
+from ledpi.core.records import Floats, Frame, PanelSpec, Singles, read_only
+from ledpi.core.shutter import row_weights
+from ledpi.core.tone import linear_light
 
 FEWEST_PX = 70  # a square of twice as many pixels along its side is averaged down: its light abounds
 FARTHEST = 8  # sizes of the picture: corners further out are none

@@ -10,7 +10,7 @@ from functools import cache
 
 import numpy as np
 
-from ledpi.records import Floats, read_only
+from ledpi.core.records import Floats, read_only
 
 # Where in the unknowns; as kernels/panel.h has them. The first eight are the homography's.
 BLUR, GAP, RIM, SHAPE, PHASE, BESIDE, DARK, ASIDE, COMMON, OWN = 8, 9, 10, 14, 22, 24, 28, 29, 31, 3

@@ -1,0 +1,1 @@
+"""config.yaml and the files that it names: lens, map, robot."""

@@ -1,0 +1,101 @@
+"""WPILib's AprilTag field layout (JSON) ↔ a map of panels.
+
+The layout's tags are `{"ID", "pose": {"translation": {x, y, z}, "rotation": {"quaternion": {W, X, Y, Z}}}}` in metres;
+a tag's own x comes out of it, its z points up (WPILib's documentation, "AprilTags: coordinate system").
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import Field, ValidationError
+
+from ledpi.config.map_yaml import BY_EYE_DEG, BY_TAPE_M
+from ledpi.config.mistakes import explain
+from ledpi.config.values import Finite, MarkerId, NoBooleans, PlaceM
+from ledpi.core.errors import ConfigError
+from ledpi.core.files import read_text
+from ledpi.core.geometry import FACING_FROM_MARKER, matrix_from_quaternion, quaternion_from_matrix, transform
+from ledpi.core.records import read_only
+from ledpi.pose.panel_map import MapPanel, PanelMap
+
+
+class _Translation(NoBooleans):
+    x: PlaceM
+    y: PlaceM
+    z: PlaceM
+
+
+class _Quaternion(NoBooleans):
+    W: Finite
+    X: Finite
+    Y: Finite
+    Z: Finite
+
+
+class _Rotation(NoBooleans):
+    quaternion: _Quaternion
+
+
+class _Pose(NoBooleans):
+    translation: _Translation
+    rotation: _Rotation
+
+
+class _Tag(NoBooleans):
+    ID: MarkerId
+    pose: _Pose
+
+
+class _Field(NoBooleans):
+    length: Annotated[PlaceM, Field(gt=0)]
+    width: Annotated[PlaceM, Field(gt=0)]
+
+
+class _Layout(NoBooleans):
+    tags: Annotated[list[_Tag], Field(min_length=1)]
+    field: _Field | None = None
+
+
+def load_layout(path: Path) -> PanelMap:
+    """Reads a field layout. Raises ConfigError with file and key."""
+    try:
+        raw = json.loads(read_text(path, ConfigError))
+    except (ValueError, RecursionError) as error:
+        raise ConfigError(f"{path}: not valid JSON: {error}") from None
+    if not isinstance(raw, dict):
+        raise ConfigError(f"{path}: must be a field layout, an object with `tags`")
+    try:
+        layout = _Layout.model_validate(raw)
+    except ValidationError as error:
+        raise ConfigError(f"{path}: {explain(error, _Layout)}") from None
+    panels: dict[int, MapPanel] = {}
+    for index, tag in enumerate(layout.tags):
+        if tag.ID in panels:
+            raise ConfigError(f"{path}: tags.{index}.ID: {tag.ID} is there twice; each ID once")
+        q, t = tag.pose.rotation.quaternion, tag.pose.translation
+        quaternion = np.array([q.W, q.X, q.Y, q.Z])
+        if abs(float(np.linalg.norm(quaternion)) - 1) > 0.01:
+            raise ConfigError(f"{path}: tags.{index}.pose.rotation.quaternion: must have length 1")
+        place = transform(matrix_from_quaternion(quaternion) @ FACING_FROM_MARKER, np.array([t.x, t.y, t.z]))
+        panels[tag.ID] = MapPanel(
+            map_from_marker=read_only(place),
+            position_sigma_m=BY_TAPE_M,
+            angle_sigma_rad=math.radians(BY_EYE_DEG),
+        )
+    return panels
+
+
+def layout_text(panels: PanelMap, field_m: tuple[float, float]) -> str:
+    """The JSON of a field layout; `field_m` is the field's length and width, which WPILib wants. Sizes are lost."""
+    tags: list[dict[str, Any]] = []
+    for marker_id, panel in sorted(panels.items()):
+        x, y, z = (float(v) for v in panel.map_from_marker[:3, 3])
+        w, qx, qy, qz = (float(v) for v in quaternion_from_matrix(panel.map_from_marker[:3, :3] @ FACING_FROM_MARKER.T))
+        rotation = {"quaternion": {"W": w, "X": qx, "Y": qy, "Z": qz}}
+        tags.append({"ID": marker_id, "pose": {"translation": {"x": x, "y": y, "z": z}, "rotation": rotation}})
+    return json.dumps({"tags": tags, "field": {"length": field_m[0], "width": field_m[1]}}, indent=2) + "\n"

@@ -1,0 +1,66 @@
+"""What is wrong with a configuration, in one line and in the configuration's own words."""
+
+from __future__ import annotations
+
+import difflib
+from typing import Any, get_args
+
+from pydantic import BaseModel, ValidationError
+
+from ledpi.core.wording import shortened, shortened_name
+
+# Where pydantic's words say more about Python than about the key.
+_WORDING = {
+    "float_type": "must be a number",
+    "float_parsing": "must be a number",
+    "int_type": "must be a whole number",
+    "int_parsing": "must be a whole number",
+    "int_from_float": "must be a whole number",
+    "string_type": "must be text",
+    "path_type": "must be a path",
+    "bool_type": "must be true or false",
+    "list_type": "must be a list",
+    "model_type": "must be a section",
+    "dict_type": "must be a mapping from IDs, as in {7: {side_m: 0.3}}",
+}
+
+_UNKNOWN = ("extra_forbidden", "invalid_key")
+
+# Last parts of a location that are no keys: the branch of a number or `auto`, and [key] for a mapping's key.
+_BRANCHES = ("number", "auto", "[key]")
+
+
+def explain(error: ValidationError, model: type[BaseModel]) -> str:
+    """One line for the first thing that is wrong in a `model`, with the number of the others."""
+    problems = error.errors()
+    # A misspelt key leaves the right one missing: it is the cause.
+    first = next((problem for problem in problems if problem["type"] in _UNKNOWN), problems[0])
+    location = first["loc"]
+    unknown = first["type"] in _UNKNOWN
+    branch = location[-1] if not unknown and location[-1] in _BRANCHES else None
+    key = ".".join(shortened_name(part) for part in (location if branch is None else location[:-1]))
+    if unknown:
+        allowed = sorted(_section_at(model, location[:-1]).model_fields)
+        close = difflib.get_close_matches(shortened_name(location[-1]), allowed, n=1)
+        hint = f"did you mean {close[0]}? " if close else ""
+        text = f"{key}: unknown key; {hint}allowed here: {', '.join(allowed)}"
+    elif first["type"] == "missing":
+        text = f"{key}: must be given (it has no default)"
+    else:
+        message = first["msg"].removeprefix("Value error, ").replace("Input should be", "must be")
+        auto = " or auto" if branch == "number" else ""
+        text = f"{key}: {_WORDING.get(first['type'], message)}{auto}, not {shortened(first['input'])}"
+    others = len(problems) - 1
+    return text + (f" (and {others} more)" if others > 0 else "")
+
+
+def _section_at(model: type[BaseModel], location: tuple[int | str, ...]) -> type[BaseModel]:
+    node: Any = model
+    for part in location:
+        if isinstance(node, type) and issubclass(node, BaseModel):
+            node = node.model_fields[str(part)].annotation
+            if type(None) in get_args(node):  # section | None
+                node = get_args(node)[0]
+        else:
+            node = get_args(node)[-1]  # dict[ID, section]
+    return node  # type: ignore[no-any-return]

@@ -1,0 +1,42 @@
+"""`--set KEY=VALUE`: one value of the configuration, given on the command line."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ledpi.core.errors import ConfigError
+from ledpi.core.files import parse_yaml
+from ledpi.core.wording import shortened, shortened_name
+
+
+def apply_override(raw: dict[str, Any], item: str) -> set[str]:
+    """Puts a value in its place. Returns the keys that it gives: more than one where it is a whole section.
+
+    Raises ConfigError.
+    """
+    key, equals, text = item.partition("=")
+    if not equals or not key:
+        raise ConfigError(f"--set {item}: must be KEY=VALUE, as in --set camera.source=simulated")
+    try:
+        value = parse_yaml(text, "", ConfigError)
+    except ConfigError:
+        raise ConfigError(f"--set {shortened_name(item)}: {shortened(text)} is not a YAML value") from None
+    if isinstance(value, (dict, list)) and not text.lstrip().startswith(("{", "[")):
+        value = text  # `recording:` and `-` are words here, although YAML reads a mapping and a list
+    # A key of digits is a panel's ID, and YAML reads that as a number.
+    *sections, last = (int(part) if part.isdecimal() else part for part in key.split("."))
+    node: Any = raw
+    for name in sections:
+        if node.get(name) is None:
+            node[name] = {}
+        node = node[name]
+        if not isinstance(node, dict):
+            raise ConfigError(f"--set {item}: {name} is a value, not a section")
+    node[last] = value
+    return _keys_of(key, value)
+
+
+def _keys_of(key: str, value: object) -> set[str]:
+    if not isinstance(value, dict):
+        return {key}
+    return {inner for name, part in value.items() for inner in _keys_of(f"{key}.{name}", part)}

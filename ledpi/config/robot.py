@@ -1,0 +1,52 @@
+"""What the configuration says of the robot and its map, as the path needs it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ledpi.config.map_yaml import load_map
+from ledpi.config.settings import Config
+from ledpi.core.errors import ConfigError
+from ledpi.core.geometry import CAMERA_LINK_FROM_CAMERA, matrix_from_rpy_deg, transform
+from ledpi.markers.dictionaries import load_dictionary
+from ledpi.pose.fix import Robot
+from ledpi.pose.panel_map import PanelMap
+
+SOME = 5  # that are named of many
+
+
+def load_robot(config: Config) -> Robot:
+    """Reads the map too, if there is one. Raises ConfigError."""
+    mount = config.robot.camera_mount
+    rotation = matrix_from_rpy_deg(*mount.rpy_deg) @ CAMERA_LINK_FROM_CAMERA
+    panels = None
+    if config.map is not None:
+        panels = load_map(config.map)
+        for marker_id, override in config.panels.overrides.items():
+            side_m = panels[marker_id].side_m if marker_id in panels else None
+            if side_m is not None and override.side_m is not None and side_m != override.side_m:
+                raise ConfigError(
+                    f"{config.map}: panels.{marker_id}.side_m: is {side_m}, but panels.overrides.{marker_id}.side_m in "
+                    f"the configuration is {override.side_m}: give it once"
+                )
+    return Robot(
+        base_link_from_camera=transform(rotation, np.array(mount.position_m)),
+        panels=panels,
+        panels_upright=config.panels.upright,
+    )
+
+
+def strangers_note(config: Config, panels: PanelMap | None) -> str:
+    """Names the map's panels that are never reported: without a word, or no panels by `panels.ids`; "" if none are.
+
+    That is no error: a field's layout may hold tags that others read.
+    """
+    words = len(load_dictionary(config.panels.dictionary).words)
+    strangers = sorted(marker_id for marker_id in panels or {} if marker_id >= words)
+    notes = []
+    if strangers:
+        some = ", ".join(str(marker_id) for marker_id in strangers[:SOME]) + (", …" if len(strangers) > SOME else "")
+        notes.append(f"{some} in {config.map} cannot be read: {config.panels.dictionary} has IDs 0 to {words - 1}")
+    if note := config.panels.unreported_note(panels or {}):
+        notes.append(f"{config.map}: {note}")
+    return "; ".join(notes)

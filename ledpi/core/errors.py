@@ -1,0 +1,52 @@
+"""What can go wrong for good: one small tree. What is *expected* to go wrong on the path is a `Rejected` value.
+
+`str()` of each of these is one line for the user: the file, key or device, what is wrong, and what would be right.
+The command line prints it and exits with status 2: a person has to act. Status 1 is what trying again may put right.
+"""
+
+from __future__ import annotations
+
+from ledpi.core.wording import one_line
+
+
+class LedpiError(Exception):
+    """Anything that a user can put right."""
+
+    def __str__(self) -> str:
+        return one_line(super().__str__())
+
+
+class ConfigError(LedpiError):
+    """config.yaml, or a value given in its place, cannot be used."""
+
+
+class TransientError(LedpiError):
+    """What may come right by itself: exit status 1, after which a service manager tries again."""
+
+
+class CameraError(LedpiError):
+    """A camera cannot be opened, or does not do what was asked of it."""
+
+
+class RowTimeUnknownError(CameraError):
+    """A camera that cannot tell how long a row takes, and `camera.row_time_us` does not say."""
+
+
+class CameraLostError(CameraError, TransientError):
+    """A camera that is not there, is in use, fails as it starts, or delivers no more."""
+
+
+class RecordingError(CameraError):
+    """A recording, or a picture in it, cannot be read or written."""
+
+
+class WireError(LedpiError):
+    """A serial port or a packet cannot be used."""
+
+
+class CalibrationError(LedpiError):
+    """Calibration input is missing or cannot give a rational result, or a calibration file is broken."""
+
+
+class InstallationError(LedpiError):
+    """A part of ledpi is missing, or does not fit the rest: it has to be installed again."""

@@ -1,0 +1,138 @@
+"""Reads files that may hold anything, and writes new ones where others may write: in /var/lib/ledpi, say.
+
+Only regular files are read, and no more of them than is allowed: a pipe would be waited for, a device has no end. What
+is wrong with one is one line with its name.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import re
+import secrets
+import stat
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from ledpi.core.errors import LedpiError
+from ledpi.core.wording import shortened_name
+
+# Of what a person writes, or a calibration: a map of a thousand panels takes 170 kB. YAML needs 400 times its size.
+MAX_TEXT_BYTES = 256 * 1024
+MAX_DEPTH = 32  # of lists and mappings in each other
+MAX_SAID = 200  # characters of PyYAML's own words, which may repeat a value
+
+
+class _RepeatedKeyError(Exception):
+    pass
+
+
+class _PlainYaml(yaml.SafeLoader):
+    """YAML without what surprises: the last of two equal keys would win in silence, and of a panel's two places, or two
+    exposures, neither must; aliases may stand for gigabytes.
+    """
+
+    _depth = 0
+
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        if self.check_event(yaml.AliasEvent):
+            raise self._refusal("*aliases are not read: write it out")
+        if self._depth > MAX_DEPTH:
+            raise self._refusal(f"is nested more than {MAX_DEPTH} deep")
+        self._depth += 1
+        node = super().compose_node(parent, index)
+        self._depth -= 1
+        return node
+
+    def _refusal(self, what: str) -> yaml.MarkedYAMLError:
+        return yaml.MarkedYAMLError(problem=what, problem_mark=self.peek_event().start_mark)  # type: ignore[no-untyped-call]
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        seen: set[Any] = set()
+        for key_node, _ in node.value:
+            if isinstance(key_node, yaml.ScalarNode) and key_node.value != "<<":  # what that merges in may be overruled
+                key = self.construct_object(key_node)
+                if key in seen:
+                    where = f"line {key_node.start_mark.line + 1}"
+                    raise _RepeatedKeyError(f"{where}: {shortened_name(key)} is there twice; each key once")
+                seen.add(key)
+        return super().construct_mapping(node, deep)
+
+
+# Numbers as YAML 1.2, JSON and most programs write them: 3e-05. PyYAML, which reads 1.1, would take them for text.
+_PlainYaml.add_implicit_resolver(
+    "tag:yaml.org,2002:float", re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+$"), list("-+.0123456789")
+)
+
+
+def read_bytes(path: Path, error: type[LedpiError], at_most: int = MAX_TEXT_BYTES) -> bytes:
+    """What the file holds. Raises `error` where it cannot be read, is no regular file, or is larger than `at_most`."""
+    try:
+        _check_regular(path.stat())  # before it is opened, as to open a device may set it going
+        with open(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC), "rb") as file:
+            _check_regular(os.fstat(file.fileno()))  # and not another thing by now
+            content = file.read(at_most + 1) or b""
+    except OSError as caught:
+        raise error(f"{path}: cannot be read: {caught.strerror}") from None
+    if len(content) > at_most:
+        raise error(f"{path}: is too large to be read; must be at most {at_most:,} bytes")
+    return content
+
+
+def _check_regular(status: os.stat_result) -> None:
+    if stat.S_ISDIR(status.st_mode):
+        raise OSError(errno.EISDIR, os.strerror(errno.EISDIR))
+    if not stat.S_ISREG(status.st_mode):
+        raise OSError(errno.EINVAL, "is a pipe, a device or the like; must be a regular file")
+
+
+def write_beside(path: Path, content: bytes) -> Path:
+    """Writes a new file in `path`'s folder, to be given its name. Raises OSError, and leaves nothing then.
+
+    Its own name is one that nobody foresees, and it must be new: else another user of the folder could have put a link
+    there, and who calibrates as root would overwrite whatever it leads to.
+    """
+    fresh = path.with_name(f".{secrets.token_hex(8)}.new")
+    flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
+    with open(os.open(fresh, flags, 0o666), "wb") as file:
+        try:
+            file.write(content)
+            file.flush()
+        except BaseException:
+            fresh.unlink(missing_ok=True)
+            raise
+    return fresh
+
+
+def read_text(path: Path, error: type[LedpiError], at_most: int = MAX_TEXT_BYTES) -> str:
+    """The file's text. Raises `error` where it cannot be read as `read_bytes` does, or is not UTF-8."""
+    try:
+        return read_bytes(path, error, at_most).decode("utf-8-sig")  # some editors begin a file with a mark
+    except UnicodeDecodeError as caught:
+        raise error(f"{path}: byte {caught.start} is not UTF-8 text") from None
+
+
+def read_yaml(path: Path, error: type[LedpiError]) -> Any:
+    """What the file holds. Raises `error` where it cannot be read, is no YAML, or gives a key twice."""
+    return parse_yaml(read_text(path, error), path, error)
+
+
+def parse_yaml(text: str, where: object, error: type[LedpiError]) -> Any:
+    """What the text says. Raises `error`, which begins with `where`, as `read_yaml` does."""
+    try:
+        return yaml.load(text, _PlainYaml)
+    except _RepeatedKeyError as caught:
+        raise error(f"{where}: {caught}") from None
+    except yaml.MarkedYAMLError as caught:
+        raise error(f"{where}: not valid YAML: {_located(caught)}") from None
+    except Exception as caught:  # for a broken value (`!!timestamp x`) PyYAML lets through whatever came up
+        raise error(f"{where}: not valid YAML: {' '.join(str(caught)[:MAX_SAID].split())}") from None
+
+
+def _located(error: yaml.MarkedYAMLError) -> str:
+    """As in `line 3: mapping values are not allowed here`; PyYAML's own words take four lines."""
+    line = "" if error.problem_mark is None else f"line {error.problem_mark.line + 1}: "
+    context = f" ({error.context})" if error.context else ""
+    return f"{line}{error.problem}{context}"[:MAX_SAID]

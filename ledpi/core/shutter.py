@@ -1,0 +1,125 @@
+"""The rolling shutter: what a blinking light leaves in the rows of a picture.
+
+Symbols: T exposure (s), t_row time between the starts of two rows (s), f blink frequency (Hz), d duty, φ phase of
+the square wave in cycles at t = 0, y row. Row y collects light over [t0 + y·t_row, t0 + y·t_row + T]; a lamp whose
+state is s(t) ∈ {0, 1} shows there as its static picture times w(y) = (1/T)·∫ s dt over that window.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+
+import numpy as np
+
+from ledpi.core.records import Floats, Frame
+
+SMOOTHING_ROWS = 5  # that a smoothed wave is the mean of
+
+
+def _square_wave_integral(cycles: Floats, duty: float) -> Floats:
+    """∫ s from 0 to `cycles`, in cycles, for s = 1 on [n, n + duty) and 0 elsewhere."""
+    whole = np.floor(cycles)
+    return whole * duty + np.minimum(cycles - whole, duty)
+
+
+def exposure_weight(start_cycles: Floats, exposure_cycles: float, duty: float = 0.5) -> Floats:
+    """Share of an exposure in which the square wave is on: w = (S(c + fT) − S(c)) / fT, exact.
+
+    `start_cycles` is the wave's phase (cycles, any shape) at the start of the exposure; the wave is on where the
+    fractional part is below `duty`. `exposure_cycles` is f·T. Returns the same shape, in 0..1, mean `duty`.
+    """
+    if not exposure_cycles > 0:
+        raise ValueError(f"exposure_cycles must be positive, not {exposure_cycles}")
+    rise = _square_wave_integral(start_cycles + exposure_cycles, duty) - _square_wave_integral(start_cycles, duty)
+    return rise / exposure_cycles
+
+
+def row_weights(
+    rows: Floats, *, frequency_hz: float, phase_cycles: float, duty: float, exposure_us: float, row_time_us: float
+) -> Floats:
+    """w(y) for each of `rows`; `phase_cycles` is the wave's phase when row 0's exposure begins."""
+    start = phase_cycles + frequency_hz * row_time_us * 1e-6 * rows
+    return exposure_weight(start, frequency_hz * exposure_us * 1e-6, duty)
+
+
+def contrast(frequency_hz: float, exposure_us: float, duty: float = 0.5) -> float:
+    """Peak-to-peak of w(y) over its mean.
+
+    For duty 0.5 this is 2·min(r, 1 − r)/(f·T), r = frac(f·T), and at most 2. In general the whole cycles inside the
+    exposure add a constant and the remaining part r sees between max(0, r + d − 1) and min(r, d) cycles of light.
+    """
+    cycles = frequency_hz * exposure_us * 1e-6
+    remainder = cycles - math.floor(cycles)
+    swing = min(remainder, duty) - max(0.0, remainder + duty - 1.0)
+    return swing / (cycles * duty)
+
+
+@lru_cache(maxsize=256)
+def harmonic_amplitude(harmonic: int, frequency_hz: float, exposure_us: float, duty: float = 0.5) -> float:
+    """Amplitude of the h-th harmonic of w(y), over w's mean: 2·|sinc(h·d)|·|sinc(h·f·T)|, sinc x = sin πx / πx.
+
+    The Fourier series of the square wave, times the transfer function of the exposure, which is a box filter.
+    """
+    cycles = frequency_hz * exposure_us * 1e-6
+    return float(2.0 * abs(np.sinc(harmonic * duty)) * abs(np.sinc(harmonic * cycles)))
+
+
+@lru_cache(maxsize=256)
+def fundamental_amplitude(frequency_hz: float, exposure_us: float, duty: float = 0.5) -> float:
+    """Signed amplitude of the first harmonic of w(y), over w's mean: 2·sinc(d)·sinc(f·T), sinc x = sin πx / πx.
+
+    Negative where a row is brightest whose exposure is centred on the middle of the wave's *off* time.
+    """
+    return 2.0 * float(np.sinc(duty)) * float(np.sinc(frequency_hz * exposure_us * 1e-6))
+
+
+def square_wave_bands(cycles: Floats, frequency_hz: float, exposure_us: float, duty: float = 0.5) -> Floats:
+    """(2, …): a square wave as its rows show it, less its mean, and what a later phase adds, per radian.
+
+    In units of the fundamental's amplitude: without harmonics they were cos 2π·cycles and sin 2π·cycles, `cycles` being
+    the fundamental's phase in each row. That is greatest where the middle of the exposure meets the middle of the time
+    that the wave is on; or of the time that it is off, where the fundamental's share of the exposure is negative.
+    """
+    exposed = frequency_hz * exposure_us * 1e-6
+    fundamental = fundamental_amplitude(frequency_hz, exposure_us, duty)
+    start = np.asarray(cycles) + (duty / 2 - exposed / 2 + (0.5 if fundamental < 0 else 0.0))
+    bands = (exposure_weight(start, exposed, duty) / duty - 1.0) / abs(fundamental)
+    switched_on = start - np.floor(start) < duty
+    end = start + exposed
+    rise = (end - np.floor(end) < duty).astype(np.float32) - switched_on
+    return np.stack([bands, -rise / (2.0 * math.pi * exposed * duty * abs(fundamental))])
+
+
+def mean_of_rows(averaged: int, smoothing_rows2: float) -> tuple[int, float]:
+    """How many rows, and how far apart, have a mean that is smoothed by so much more than that of `averaged` rows."""
+    if smoothing_rows2 <= 0.0:
+        return averaged, 1.0
+    count = max(averaged, SMOOTHING_ROWS)
+    return count, math.sqrt((averaged**2 - 1 + 12.0 * smoothing_rows2) / (count**2 - 1))
+
+
+def band_width_rows(frequency_hz: float, *, rows: int, scan_time_s: float) -> float:
+    """Height of one bright or dark band: w = n/T · 1/(2f).
+
+    The source paper's equation. Its text calls T the exposure time, but the band's height follows from the time in
+    which the n rows are *scanned*, T = n·t_row; the exposure only decides how deep the band is.
+    """
+    return rows / scan_time_s / (2.0 * frequency_hz)
+
+
+def phase_advance_cycles(frequency_hz: float, frame_period_us: float) -> float:
+    """How far the bands move from frame to frame, in cycles, nearest to zero: within [−0.5, 0.5].
+
+    Near 0 two frames show the same bands, and their difference shows none.
+    """
+    cycles = frequency_hz * frame_period_us * 1e-6
+    return cycles - round(cycles)
+
+
+def row_mid_exposure_ns(frame: Frame, row: float) -> int:
+    """When `row` of this frame was half-way through its exposure, on the camera's clock.
+
+    Row 0 is read out at the end of its exposure, so its middle lies T/2 before `row0_readout_ns`.
+    """
+    return frame.row0_readout_ns + round((row * frame.row_time_us - frame.exposure_us / 2) * 1e3)

@@ -1,0 +1,1 @@
+"""ArUco dictionaries, and what a word shows on a panel."""

@@ -1,0 +1,57 @@
+"""What was decoded, as the JSON object that `ledpi decode` prints."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Any
+
+from ledpi.core.records import Decoded, MarkerPose, PlanarSolution, RobotFix
+
+
+def decoded_as_json(decoded: Decoded, recording: str) -> dict[str, Any]:
+    """One frame, in the form and the order of the documentation; numbers rounded below what they can mean."""
+    return {
+        "recording": recording,
+        "seq": decoded.seq,
+        "sensor_timestamp_ns": decoded.row0_readout_ns,
+        "decode_ms": round(sum(decoded.stage_ms.values()), 3),
+        "markers": [_marker(marker) for marker in decoded.markers],
+        "robot": None if decoded.robot is None else _robot(decoded.robot),
+        "rejected": dict(sorted(Counter(rejected.key for rejected in decoded.rejected).items())),
+    }
+
+
+def _marker(marker: MarkerPose) -> dict[str, Any]:
+    sighting, solution = marker.sighting, marker.solution
+    covariance = solution.camera_from_marker.covariance if solution is not None else None
+    return {
+        "id": sighting.id,
+        "corners_px": [[round(float(v), 3) for v in corner] for corner in sighting.corners_px],
+        "margin": round(sighting.margin, 2),
+        "frames_used": sighting.frames_used,
+        **(_place(solution) if solution is not None else dict.fromkeys(("position_m", "quaternion_wxyz"))),
+        "covariance": None if covariance is None else [float(f"{v:.6g}") for v in covariance.ravel()],
+        "reprojection_px": None if solution is None else round(solution.reprojection_px, 4),
+        "alternate": None
+        if marker.alternate is None
+        else {**_place(marker.alternate), "reprojection_px": round(marker.alternate.reprojection_px, 4)},
+    }
+
+
+def _place(solution: PlanarSolution) -> dict[str, list[float]]:
+    pose = solution.camera_from_marker
+    return {
+        "position_m": [round(float(v), 6) for v in pose.position_m],
+        "quaternion_wxyz": [round(float(v), 7) for v in pose.quaternion_wxyz],
+    }
+
+
+def _robot(fix: RobotFix) -> dict[str, Any]:
+    pose = fix.map_from_base_link
+    return {
+        "position_m": [round(float(v), 6) for v in pose.position_m],
+        "quaternion_wxyz": [round(float(v), 7) for v in pose.quaternion_wxyz],
+        "covariance": None if pose.covariance is None else [float(f"{v:.6g}") for v in pose.covariance.ravel()],
+        "panels_used": list(fix.panels_used),
+        "panels_rejected": list(fix.panels_rejected),
+    }

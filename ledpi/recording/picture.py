@@ -1,0 +1,105 @@
+"""One picture file → pixels. A file that cannot be used is a value with a message, not an exception.
+
+OpenCV says only that it cannot decode, and prints its own words to standard error; half a picture that some
+version might take for a whole one would be decoded as if it had been seen. So the PNG's own structure
+(lengths, checksums, end mark) is checked first: 0.1 ms, where decoding takes 3 ms.
+"""
+
+from __future__ import annotations
+
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from ledpi.config.values import MAX_SIDE_PX
+from ledpi.core.errors import RecordingError
+from ledpi.core.files import read_bytes
+from ledpi.core.records import Pixels, Rejected
+
+MAX_BYTES = 4 * MAX_SIDE_PX**2  # of a file: the largest picture, in colour and not compressed
+PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+_GREY, _COLOUR_TYPES = 0, {0: "grey", 2: "colour", 3: "palette", 4: "grey with alpha", 6: "colour with alpha"}
+_IHDR_END = 8 + 4 + 4 + 13 + 4  # signature, then the first chunk's length, name, content and checksum
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BadPicture:
+    """Why a picture cannot be used: what to count, and one line for the user that names the file."""
+
+    rejected: Rejected  # stage `capture`, reason `unreadable`, `truncated` or `wrong_size`
+    message: str
+
+
+def read_picture(path: Path, into: Pixels) -> BadPicture | None:
+    """Reads an 8-bit grey PNG into `into` (H, W) uint8. None when that worked; else `into` is untouched."""
+
+    def bad(reason: str, what: str) -> BadPicture:
+        return BadPicture(rejected=Rejected(stage="capture", reason=reason), message=f"{path}: {what}")
+
+    height, width = into.shape
+    try:
+        data = read_bytes(path, RecordingError, MAX_BYTES)
+    except RecordingError as error:
+        return BadPicture(rejected=Rejected(stage="capture", reason="unreadable"), message=str(error))
+    fault = _fault(data, width, height)
+    if fault is not None:
+        return bad(*fault)
+    try:
+        picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    except cv2.error:
+        picture = None
+    if picture is None or picture.shape != into.shape or picture.dtype != np.uint8:
+        return bad("unreadable", "its content is not a PNG picture that OpenCV can decode")
+    np.copyto(into, picture)
+    return None
+
+
+def _fault(data: bytes, width: int, height: int) -> tuple[str, str] | None:
+    """(reason, what is wrong) where bytes are no whole 8-bit grey PNG of this size (PNG specification §5)."""
+    if not data:
+        return "truncated", "is empty; must be an 8-bit grey PNG"
+    if not data.startswith(PNG_SIGNATURE):
+        if PNG_SIGNATURE.startswith(data):
+            return "truncated", f"ends after {len(data)} bytes, inside the PNG signature"
+        return "unreadable", "is not a PNG file; must be an 8-bit grey PNG"
+    if len(data) >= _IHDR_END:
+        fault = _header_fault(data, width, height)
+        if fault is not None:
+            return fault
+    return png_fault(data)
+
+
+def _header_fault(data: bytes, width: int, height: int) -> tuple[str, str] | None:
+    if data[8:16] != b"\0\0\0\x0dIHDR":
+        return "unreadable", "does not begin with the chunk IHDR, which tells a PNG's size"
+    size = int.from_bytes(data[16:20], "big"), int.from_bytes(data[20:24], "big")
+    depth, colour = data[24], data[25]
+    if zlib.crc32(data[12:29]) != int.from_bytes(data[29:33], "big"):
+        return "unreadable", "its chunk IHDR at byte 8 is damaged (wrong checksum)"
+    if (depth, colour) != (8, _GREY):
+        kind = _COLOUR_TYPES.get(colour, f"colour type {colour}")
+        return "unreadable", f"is {depth}-bit {kind}; must be 8-bit grey"
+    if size != (width, height):
+        return "wrong_size", f"is {size[0]} × {size[1]} pixels; must be {width} × {height}"
+    return None
+
+
+def png_fault(data: bytes) -> tuple[str, str] | None:
+    """(reason, what is wrong) where bytes that begin as a PNG are cut off or damaged. Looks at no content."""
+    position = len(PNG_SIGNATURE)
+    while position < len(data):
+        length = int.from_bytes(data[position : position + 4], "big")
+        name = data[position + 4 : position + 8]
+        end = position + 12 + length
+        if end > len(data):
+            inside = f"chunk {name.decode('ascii', 'replace')}" if len(name) == 4 else "a chunk's header"
+            return "truncated", f"ends after {len(data)} bytes, inside {inside}"
+        if zlib.crc32(memoryview(data)[position + 4 : end - 4]) != int.from_bytes(data[end - 4 : end], "big"):
+            return "unreadable", f"its chunk at byte {position} is damaged (wrong checksum)"
+        if name == b"IEND":
+            return None
+        position = end
+    return "truncated", f"ends after {len(data)} bytes without the end mark IEND"

@@ -1,0 +1,259 @@
+"""`ledpi run`, without its command line: capture thread → ring → decode worker → publisher."""
+
+from __future__ import annotations
+
+import gc
+import logging
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+
+from ledpi.camera.base import Camera
+from ledpi.camera.exposure_notes import exposure_notes
+from ledpi.camera.gain_follower import GainFollower
+from ledpi.camera.recovering import LOST
+from ledpi.config.camera_yaml import load_intrinsics
+from ledpi.config.robot import load_robot, strangers_note
+from ledpi.config.settings import Config
+from ledpi.core.errors import CameraError, TransientError
+from ledpi.core.records import CameraInfo, Decoded, Floats, Intrinsics, Rejected
+from ledpi.decode.identify.tuning import off_frequency_note
+from ledpi.pipeline.pipeline import Pipeline
+from ledpi.runtime.health import Health, StageTimes
+from ledpi.runtime.liveness import Liveness
+from ledpi.runtime.pacing import Pacing
+from ledpi.runtime.processor import read_processor
+from ledpi.runtime.reporting import Totals, in_service, minute_line, second_line
+from ledpi.runtime.ring import FrameRing
+from ledpi.runtime.status import status
+from ledpi.runtime.systemd import Watchdog, notify
+from ledpi.runtime.threads import keep_memory, switch_promptly
+from ledpi.wire.mavlink import Mavlink
+from ledpi.wire.message import NoFix, State, StatusMessage
+from ledpi.wire.publisher import Publisher
+from ledpi.wire.resets import Resets
+
+TICK_S = 0.1  # between two looks at the state of things
+LOOK_EVERY_S = 1.0  # at times and temperature
+MINUTE_S = 60.0
+JOIN_S = 0.4  # for each worker; the whole daemon ends within 1 s
+
+_log = logging.getLogger("ledpi")
+
+
+class Daemon:
+    """One run over one camera."""
+
+    def __init__(self, config: Config, camera: Camera, *, lossless: bool = False, resets: Resets | None = None) -> None:
+        """`lossless`: capture waits for the decoder, for a camera that has no pace of its own.
+
+        `resets`: where jumps and changes of the map are counted, with those of the daemons before.
+        """
+        info = camera.info
+        self._camera = camera
+        self._lossless = lossless
+        self._calibrated = calibration(config, camera)
+        self._has_map = config.map is not None
+        self._ring = FrameRing(info.height, info.width)
+        robot = load_robot(config)
+        self._pipeline = Pipeline(
+            info,
+            config.panels,
+            intrinsics=self._calibrated,
+            shown=camera.panel,
+            robot=robot,
+            method=config.decode.method,
+        )
+        self._pacing = None if self._lossless else Pacing(_period_ms(info))
+        self._gain = GainFollower(camera)
+        if note := strangers_note(config, robot.panels):
+            _log.warning("map: %s", note)
+        for note in exposure_notes(config, self._pipeline.panels, info):
+            _log.warning("%s", note)
+        resets = resets or Resets()
+        mavlink = _mavlink(config, robot.base_link_from_camera, resets)
+        resets.see_map(robot.panels)
+        self._publisher = Publisher(config.serial, mavlink, map_resets=resets.maps)
+        self._health = Health()
+        self._times = StageTimes()
+        self._processor = read_processor()
+        self._told: set[int] = set()  # panels that blink at other frequencies than configured
+        self._liveness = Liveness()
+        self._pieces = 0  # of frames, as they were known
+        self._telling = threading.Lock()
+        self._asked_to_stop = False
+        self._stop = threading.Event()
+        self._failure: BaseException | None = None
+        self._started_s = time.monotonic()
+        self._threads = [
+            threading.Thread(target=self._guard, args=(loop,), name=loop.__name__.strip("_"), daemon=True)
+            for loop in (self._capture, self._decode)
+        ]
+
+    @property
+    def calibrated(self) -> bool:
+        """Whether the lens is known, and poses can be sent."""
+        return self._calibrated is not None
+
+    def stop(self) -> None:
+        """Ends `run` soon. From any thread or signal handler: takes no lock, as an Event would.
+
+        A handler runs in the middle of whatever `run` does; were that the Event's own lock, nothing would ever end.
+        """
+        self._asked_to_stop = True
+
+    def run(self, at_each_tick: Callable[[], None] = lambda: None) -> Totals:
+        """Until `stop`, or until the camera has no further frame. Raises what stopped a worker.
+
+        `at_each_tick` is called ten times a second, in the calling thread.
+        """
+        switch_promptly()
+        keep_memory()
+        gc.freeze()  # what start-up has made, and stays: looking through it for garbage took 15 ms, now and then
+        if self._calibrated is None:
+            _log.warning("camera.intrinsics is not set: IDs are sent flagged uncalibrated, without poses")
+        self._publisher.set_status(StatusMessage(state=State.STARTING, no_fix=NoFix.NOT_RUNNING))
+        self._publisher.start()
+        for thread in self._threads:
+            thread.start()
+        notify("READY=1")
+        try:
+            self._watch(at_each_tick)
+        finally:
+            self._close()
+        failure = self._failure or self._publisher.failure
+        if failure is not None:
+            raise failure
+        return self._totals()
+
+    def _close(self) -> None:
+        self._stop.set()
+        with suppress(CameraError, OSError):  # the controller gets its last word all the same
+            self._camera.close()
+        self._threads[0].join(JOIN_S)
+        self._ring.close()
+        self._threads[1].join(JOIN_S)
+        self._tell()  # the last status counts every frame
+        self._publisher.stop()
+
+    def _guard(self, loop: Callable[[], None]) -> None:
+        try:
+            loop()
+        except OSError as error:  # what the system refuses for now; another process may fare better
+            self._failure = self._failure or TransientError(f"{loop.__name__.strip('_')}: {error}")
+            self._stop.set()
+        except BaseException as error:
+            self._failure = self._failure or error
+            self._stop.set()
+
+    def _capture(self) -> None:
+        while not self._stop.is_set():
+            result = self._camera.read(self._ring.acquire())
+            if result is None:
+                break
+            if isinstance(result, Rejected):
+                self._health.reject(result)
+                if result == LOST and self._liveness.loses():
+                    self._tell()  # at once, without waiting for the next tick
+                continue
+            if self._liveness.delivers():
+                self._tell()
+            self._ring.publish(result)
+            while self._lossless and not self._stop.is_set() and not self._ring.wait_until_taken(TICK_S):
+                self._liveness.delivers()
+        self._ring.close()
+
+    def _tell(self) -> None:
+        """Tells the controller how it is now. One thread at a time, so that what is said last is what was seen last."""
+        with self._telling:
+            self._publisher.set_status(
+                status(
+                    self._totals(),
+                    self._liveness,
+                    self._processor,
+                    uptime_s=time.monotonic() - self._started_s,
+                    calibrated=self.calibrated,
+                    has_map=self._has_map,
+                )
+            )
+
+    def _decode(self) -> None:
+        while True:
+            frame = self._ring.take(TICK_S)
+            if frame is not None:
+                self._liveness.begins(frame)
+                spent = self._pipeline.spent
+                decoded = self._pipeline.decode(frame, at_once=self._hand_on)
+                if self._pacing is not None:
+                    spent, took_ms = self._pipeline.spent - spent, sum(decoded.stage_ms.values())
+                    self._pipeline.search_budget = self._pacing.budget_after(spent, took_ms)
+                self._gain.see(frame, decoded)
+                self._ring.release()
+                self._health.add(decoded)
+                self._liveness.ends()
+                for marker_id in self._pipeline.off_frequency.keys() - self._told:
+                    self._told.add(marker_id)
+                    _log.warning("%s", off_frequency_note(marker_id, self._pipeline.off_frequency[marker_id]))
+            elif self._ring.closed:
+                break
+        self._stop.set()
+
+    def _hand_on(self, news: Decoded) -> None:
+        """A piece of what the frame in work shows."""
+        self._publisher.publish(news)
+        self._pieces += 1
+
+    def _watch(self, at_each_tick: Callable[[], None]) -> None:
+        """Keeps status and health up to date until it is time to stop."""
+        last, looked_s, said_s = self._totals(), time.monotonic(), time.monotonic()
+        watchdog = Watchdog()
+        while not self._stop.wait(TICK_S) and not self._asked_to_stop and self._publisher.failure is None:
+            at_each_tick()
+            now_s = time.monotonic()
+            self._liveness.tick()
+            self._tell()
+            totals = self._totals()
+            watchdog.see(self._steps(totals))
+            if now_s - looked_s >= LOOK_EVERY_S:
+                self._times, self._processor = self._health.times(), read_processor()
+                totals = self._totals()
+                if not in_service():
+                    _log.info(second_line(last, totals, now_s - looked_s))
+                elif now_s - said_s >= MINUTE_S:
+                    _log.info(minute_line(totals, self._processor))
+                    said_s = now_s
+                last, looked_s = totals, now_s
+
+    def _steps(self, totals: Totals) -> int:
+        """How often there was progress: in frames, within a frame, or in opening a lost camera until that gives up."""
+        return totals.health.decoded + self._pieces + totals.health.rejected.get(LOST.key, 0)
+
+    def _totals(self) -> Totals:
+        return Totals(
+            health=self._health.snapshot(),
+            times=self._times,
+            ring=self._ring.counters(),
+            packets=self._publisher.counters,
+        )
+
+
+def _period_ms(info: CameraInfo) -> float:
+    """Between two frames; without blanking where that is not known."""
+    return (info.frame_length_rows or info.height) * info.row_time_us * 1e-3
+
+
+def calibration(config: Config, camera: Camera) -> Intrinsics | None:
+    """The lens: what the source itself knows, else what the configuration names. Raises CalibrationError."""
+    info = camera.info
+    if info.intrinsics is not None or config.camera.intrinsics is None:
+        return info.intrinsics
+    return load_intrinsics(config.camera.intrinsics, (info.width, info.height))
+
+
+def _mavlink(config: Config, base_link_from_camera: Floats, resets: Resets) -> Mavlink | None:
+    """Raises ConfigError where it is asked for and pymavlink is missing."""
+    if config.serial.protocol != "mavlink":
+        return None
+    profile = config.serial.mavlink_profile
+    return Mavlink(base_link_from_camera=base_link_from_camera, profile=profile, resets=resets)

@@ -1,0 +1,70 @@
+"""Whether the camera delivers, and whether the decoder keeps up: the controller hears which of the two is at fault."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+from ledpi.core.records import Frame
+
+# Without a frame for so many ticks of 0.1 s the camera is lost: 0.2 s at least, six frame periods of the slowest camera
+# in scope (33 ms). Ticks, as the clock also goes on while the whole process is held up, which is no camera's fault.
+LOST_TICKS = 3
+BEHIND_NS = 200_000_000
+
+
+class Liveness:
+    """Told by the capture thread, the decode worker and the main thread's ticks; read by any."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._said_lost = False
+        self._ticks = 0  # since the camera delivered
+        self._in_work_ns: int | None = None  # read-out of row 0 of the frame that is being decoded, CLOCK_MONOTONIC
+        self._late = False  # whether the last frame that was decoded was late
+
+    def delivers(self) -> bool:
+        """A frame has come, or none is waited for. Returns whether the camera was lost before."""
+        with self._lock:
+            was_lost = self._is_lost()
+            self._said_lost, self._ticks = False, 0
+            return was_lost
+
+    def loses(self) -> bool:
+        """The camera says that it is lost. Returns whether it was not before."""
+        with self._lock:
+            was_lost, self._said_lost = self._is_lost(), True
+            return not was_lost
+
+    def tick(self) -> None:
+        """A tenth of a second has passed for this process."""
+        with self._lock:
+            self._ticks += 1
+
+    def begins(self, frame: Frame) -> None:
+        """The decoder has taken a frame."""
+        with self._lock:
+            self._in_work_ns = frame.row0_readout_ns + frame.host_offset_ns
+
+    def ends(self) -> None:
+        """The frame is decoded."""
+        with self._lock:
+            self._late, self._in_work_ns = self._is_behind(), None
+
+    @property
+    def lost(self) -> bool:
+        """Whether the camera delivers nothing."""
+        with self._lock:
+            return self._is_lost()
+
+    @property
+    def behind(self) -> bool:
+        """Whether frames come, and are decoded more than 0.2 s after they were read out."""
+        with self._lock:
+            return self._late or self._is_behind()
+
+    def _is_lost(self) -> bool:
+        return self._said_lost or self._ticks >= LOST_TICKS
+
+    def _is_behind(self) -> bool:
+        return self._in_work_ns is not None and time.monotonic_ns() - self._in_work_ns > BEHIND_NS

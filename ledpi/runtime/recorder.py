@@ -1,0 +1,160 @@
+"""Frames from a camera to a recording, at full rate: capture waits neither for the encoding nor for the decoder.
+
+    capture ──▶ encoders (PNG) ──▶ writer, in order
+       └──────▶ decoder, whenever it is free ──▶ live.jsonl
+
+A frame can be decoded again, but not recorded again: where the encoders are behind, none is decoded.
+Which frames were decoded is settled as each is captured, so its line in frames.jsonl can say so, and `ledpi decode
+--as-live` decodes the same frames in the same order.
+"""
+
+from __future__ import annotations
+
+import json
+import queue
+import threading
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple, TextIO
+
+import numpy as np
+
+from ledpi.camera.base import Camera
+from ledpi.camera.gain_follower import GainFollower
+from ledpi.camera.recovering import LOST
+from ledpi.core.errors import RecordingError
+from ledpi.core.records import Frame, Rejected
+from ledpi.pipeline.output import decoded_as_json
+from ledpi.pipeline.pipeline import Pipeline
+from ledpi.recording.writer import RecordingWriter, encode_picture
+from ledpi.runtime.threads import switch_promptly
+
+LIVE_FILE = "live.jsonl"
+ENCODERS = 2
+WAITING = 128  # frames between capture and disk, 2 s at 60 a second and 40 MB: a disk may pause for so long
+BEHIND = WAITING // 4  # of them: the encoders are behind, and the decoder leaves the processor to them
+
+
+@dataclass(slots=True)
+class Recorded:
+    """What became of the frames so far."""
+
+    written: int = 0
+    decoded: int = 0
+    dropped: int = 0  # there was no room, as the disk or the encoders were too slow
+    unfit: int = 0  # made otherwise than asked, or without a time
+    lost: int = 0  # times that the camera was lost, and opened again
+    missed: int = 0  # gaps in seq: frames that the camera made and nobody fetched in time
+    picture_bytes: int = 0
+
+
+class _Job(NamedTuple):
+    frame: Frame
+    png: Future[bytes]
+    decoded: bool
+
+
+class Recorder:
+    """One recording from one camera. `stop` ends it, from any thread or signal handler; what was captured is kept."""
+
+    def __init__(self, camera: Camera, writer: RecordingWriter, pipeline: Pipeline, folder: Path) -> None:
+        self.done = Recorded()
+        self._camera = camera
+        self._writer = writer
+        self._pipeline = pipeline
+        self._folder = folder
+        self._gain = GainFollower(camera)
+        self._jobs: queue.Queue[_Job | None] = queue.Queue(WAITING)
+        self._to_decode: queue.SimpleQueue[Frame | None] = queue.SimpleQueue()
+        self._decoder_is_free = threading.Event()
+        self._decoder_is_free.set()
+        self._stopping = False
+        self._failure: BaseException | None = None
+
+    def stop(self) -> None:
+        """Takes no lock, so a signal handler may call it."""
+        self._stopping = True
+
+    def run(self, frames: int | None = None) -> None:
+        """Until `stop`, the camera's end, or so many frames. Raises LedpiError; what was written by then is whole."""
+        switch_promptly()
+        with self._writer, ThreadPoolExecutor(ENCODERS) as encoders:
+            writer = threading.Thread(target=self._guard, args=(self._write,))
+            decoder = threading.Thread(target=self._guard, args=(self._decode,))
+            writer.start()
+            decoder.start()
+            try:
+                self._capture(encoders, frames)
+            finally:
+                self._jobs.put(None)
+                self._to_decode.put(None)
+                writer.join()
+                decoder.join()
+        if self._failure is not None:
+            raise self._failure
+
+    def _capture(self, encoders: ThreadPoolExecutor, frames: int | None) -> None:
+        info = self._camera.info
+        captured = unfit = 0  # unfit: since the last frame, whose number they have taken
+        is_lost = False
+        next_seq: int | None = None
+        while not self._stopping and (frames is None or captured < frames):
+            frame = self._camera.read(np.empty((info.height, info.width), np.uint8))
+            if frame is None:
+                break
+            if frame == LOST:
+                self.done.lost += not is_lost
+                is_lost = True
+                continue
+            if isinstance(frame, Rejected):
+                self.done.unfit += 1
+                unfit += 1
+                continue
+            self.done.missed += 0 if next_seq is None or is_lost else frame.seq - next_seq - unfit
+            is_lost, unfit, next_seq = False, 0, frame.seq + 1
+            captured += 1
+            if self._jobs.full():
+                self.done.dropped += 1
+                continue
+            is_decoded = self._decoder_is_free.is_set() and self._jobs.qsize() < BEHIND
+            if is_decoded:
+                self._decoder_is_free.clear()
+                self._to_decode.put(frame)
+            self._jobs.put(_Job(frame, encoders.submit(encode_picture, frame.pixels), is_decoded))
+
+    def _write(self) -> None:
+        """Never leaves capture waiting: after a failure it goes on taking jobs, and writes none."""
+        while (job := self._jobs.get()) is not None:
+            if self._failure is None:
+                try:
+                    size = self._writer.write(job.frame, png=job.png.result(), decoded=job.decoded)
+                except Exception as error:  # a full disk: what is there is a recording
+                    self._failure = error
+                    self._stopping = True
+                    continue
+                self.done.written += 1
+                self.done.picture_bytes += size
+
+    def _decode(self) -> None:
+        try:
+            with (self._folder / LIVE_FILE).open("x", encoding="utf-8", buffering=1) as live:
+                self._decode_into(live)
+        except OSError as error:
+            raise RecordingError(f"{self._folder / LIVE_FILE}: cannot be written: {error.strerror}") from None
+
+    def _decode_into(self, live: TextIO) -> None:
+        while (frame := self._to_decode.get()) is not None:
+            decoded = self._pipeline.decode(frame)
+            self._gain.see(frame, decoded)
+            self.done.decoded += 1
+            self._decoder_is_free.set()
+            live.write(json.dumps(decoded_as_json(decoded, self._folder.name)) + "\n")
+
+    def _guard(self, loop: Callable[[], None]) -> None:
+        try:
+            loop()
+        except BaseException as error:
+            self._failure = self._failure or error
+            self._stopping = True

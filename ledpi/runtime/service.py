@@ -1,0 +1,121 @@
+"""The life of `ledpi run`: one daemon, and after a change of the configuration another."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+
+from ledpi import __version__
+from ledpi.camera.base import Camera
+from ledpi.config.settings import Config, check_bands_show
+from ledpi.core.errors import LedpiError
+from ledpi.core.wording import one_line
+from ledpi.runtime.daemon import Daemon
+from ledpi.runtime.reload import Reading
+from ledpi.runtime.reporting import Totals, event
+from ledpi.runtime.systemd import notify
+from ledpi.wire.resets import Resets
+
+MAX_SAID = 200  # characters of an error that nobody has foreseen
+
+_log = logging.getLogger("ledpi")
+
+
+class Service:
+    """Runs until `stop`, or until the camera has no further frame; `reload` takes the configuration anew."""
+
+    def __init__(
+        self, load: Callable[[], Config], open_camera: Callable[[Config], Camera], *, lossless: bool = False
+    ) -> None:
+        """`lossless`: as Daemon's. Raises LedpiError where the first configuration or its camera cannot be used."""
+        self._load, self._open_camera, self._lossless = load, open_camera, lossless
+        self._asked_to_stop = self._asked_to_reload = False
+        self._reading: Reading | None = None
+        self._next: Config | None = None
+        self._resets = Resets()
+        self._config = load()
+        self._daemon = self._start(self._config)
+
+    def stop(self) -> None:
+        """From a signal handler: takes no lock."""
+        self._asked_to_stop = True
+        self._daemon.stop()
+
+    def reload(self) -> None:
+        """From a signal handler: takes no lock. The work is done in the thread that runs."""
+        self._asked_to_reload = True
+
+    def run(self) -> Totals:
+        """What the last daemon came to. Raises what stopped it."""
+        try:
+            while True:
+                totals = self._daemon.run(self._look)
+                config, self._next = self._next, None
+                if config is None or self._asked_to_stop:
+                    return totals
+                self._daemon = self._change_to(config)
+                if self._asked_to_stop:  # while there was no daemon to tell
+                    self._daemon.stop()
+        finally:
+            notify("STOPPING=1")
+
+    def _look(self) -> None:
+        """A configuration that can be read ends the daemon, for another one to begin; a bad one is named."""
+        if self._asked_to_reload and self._reading is None:
+            self._asked_to_reload, self._reading = False, Reading(self._load)
+        if self._reading is None:
+            return
+        result = self._reading.result()
+        if result is None:
+            if self._reading.is_slow():
+                _log.warning(event("reload_waits", reason="its files are still being read; does a mount hang?"))
+            return
+        self._reading = None
+        if isinstance(result, Exception):
+            self._refuse(result)
+        else:
+            self._next = result
+            self._daemon.stop()
+
+    def _change_to(self, config: Config) -> Daemon:
+        """What only the camera shows to be wrong brings the old configuration back."""
+        notify("WATCHDOG=1")  # the old daemon has ended as it should; a camera, or two, is about to be opened
+        try:
+            daemon = self._start(config)
+        except Exception as error:
+            self._refuse(error)
+            return self._start(self._config)
+        self._config = config
+        return daemon
+
+    def _start(self, config: Config) -> Daemon:
+        camera = self._open_camera(config)
+        try:
+            shown = config.panels if camera.panel is None else config.panels.shown_by(camera.panel)
+            check_bands_show(shown, camera.info.row_time_us, "configuration")
+            daemon = Daemon(config, camera, lossless=self._lossless, resets=self._resets)
+        except BaseException:
+            camera.close()
+            raise
+        info = camera.info
+        _log.info(
+            event(
+                "start",
+                version=__version__,
+                source=config.camera.source,
+                size=f"{info.width}x{info.height}",
+                exposure_us=info.exposure_us,
+                row_time_us=info.row_time_us,
+                calibrated=daemon.calibrated,
+                map=config.map,
+                method=config.decode.method,
+                port=config.serial.port,
+                baud=config.serial.baud,
+                protocol=config.serial.protocol,
+            )
+        )
+        return daemon
+
+    def _refuse(self, error: Exception) -> None:
+        what = str(error) if isinstance(error, LedpiError) else f"{type(error).__name__}: {str(error)[:MAX_SAID]}"
+        _log.error(event("reload_refused", error=one_line(what), stays="the old configuration"))

@@ -1,0 +1,1 @@
+"""What a person runs beside the daemon: calibrate, evaluate, snapshot, panel, doctor."""

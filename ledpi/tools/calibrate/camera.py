@@ -1,0 +1,183 @@
+"""Views of a board → the camera's intrinsics, or the reason why they give none."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+
+from ledpi.core.errors import CalibrationError
+from ledpi.core.records import Floats, Intrinsics
+from ledpi.tools.calibrate.boards import Board, BoardView
+
+MIN_VIEWS = 8  # below, one bad view is no longer told from the good ones
+# A view is bad where its rms exceeds this many times the median of all. Good views of one camera lie
+# between 0.7 and 1.6 times it (36 webcam photographs). Below CORNER_NOISE_PX nothing is told apart.
+OUTLIER_RATIO = 2.5
+CORNER_NOISE_PX = 0.1
+MAX_RMS_PX = 1.0
+MAX_FOCAL_DEVIATION = 0.01  # 1 % of focal length is 1 % of every distance
+MIN_TILT_DEG = 10.0  # between the two most different views; frontal views alone fit any focal length
+FIELD_OF_VIEW_DEG = (5.0, 150.0)
+K3_SIGNIFICANT = 10.83  # χ² with one degree of freedom: one in a thousand by chance
+_NO_CAMERA = "the views give no camera at all: are they of one flat, rigid board?"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ViewError:
+    """How well the camera model explains one view."""
+
+    name: str
+    rms_px: float
+    corners_px: Floats  # (N, 2) where they were found
+    residuals_px: Floats  # (N, 2) from where the model has them to there
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CameraCalibration:
+    """Intrinsics, and how far they can be trusted."""
+
+    intrinsics: Intrinsics
+    rms_px: float  # over all corners of the views used
+    deviations: Floats  # (9,) standard deviations of fx fy cx cy (px) k1 k2 p1 p2 k3
+    used: tuple[ViewError, ...]
+    dropped: tuple[ViewError, ...]  # with the error for which each was dropped, the worst first
+
+
+def calibrate_camera(views: Sequence[BoardView], board: Board, width: int, height: int) -> CameraCalibration:
+    """Fits k1 k2 p1 p2, and k3 where the views show it; drops views that the others contradict, worst first.
+
+    Raises CalibrationError where the views are too few or too much alike, or the result is not rational.
+    """
+    size = (width, height)
+    kept, dropped, fit = _without_outliers(views, board, size)
+    with_k3 = _fit(kept, board, size, 0)
+    residuals = 2 * sum(len(view.corner_ids) for view in kept)
+    # Likelihood ratio of nested models with a common, unknown noise.
+    if residuals * math.log(fit.rms_px**2 / with_k3.rms_px**2) > K3_SIGNIFICANT:
+        fit = with_k3
+    _check(fit, size)
+    return CameraCalibration(
+        intrinsics=_intrinsics(fit, width, height),
+        rms_px=fit.rms_px,
+        deviations=fit.deviations,
+        used=tuple(fit.error_of(i, view) for i, view in enumerate(kept)),
+        dropped=dropped,
+    )
+
+
+def _without_outliers(
+    views: Sequence[BoardView], board: Board, size: tuple[int, int]
+) -> tuple[list[BoardView], tuple[ViewError, ...], _Fit]:
+    """The views that agree, those that do not, and the fit to the former (k3 = 0).
+
+    One view at a time, because a bad one spoils the errors of the good ones as well.
+    """
+    kept = list(views)
+    dropped: list[ViewError] = []
+    while len(kept) >= MIN_VIEWS:
+        fit = _fit(kept, board, size, cv2.CALIB_FIX_K3)
+        worst = int(np.argmax(fit.view_rms_px))
+        limit = OUTLIER_RATIO * max(float(np.median(fit.view_rms_px)), CORNER_NOISE_PX)
+        if fit.view_rms_px[worst] <= limit:
+            return kept, tuple(dropped), fit
+        dropped.append(fit.error_of(worst, kept.pop(worst)))
+    raise CalibrationError(_too_few(len(views), dropped))
+
+
+def _intrinsics(fit: _Fit, width: int, height: int) -> Intrinsics:
+    k1, k2, p1, p2, k3 = fit.distortion.tolist()
+    return Intrinsics(
+        width=width,
+        height=height,
+        fx=float(fit.matrix[0, 0]),
+        fy=float(fit.matrix[1, 1]),
+        cx=float(fit.matrix[0, 2]),
+        cy=float(fit.matrix[1, 2]),
+        distortion=(k1, k2, p1, p2, k3),
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Fit:
+    rms_px: float
+    matrix: Floats  # (3, 3)
+    distortion: Floats  # (5,): k1 k2 p1 p2 k3
+    deviations: Floats  # (9,)
+    view_rms_px: Floats  # (views,)
+    normals: Floats  # (views, 3): the board's normal in the camera frame
+    residuals_px: tuple[Floats, ...]  # of each view (N, 2)
+
+    def error_of(self, index: int, view: BoardView) -> ViewError:
+        return ViewError(
+            name=view.name,
+            rms_px=float(self.view_rms_px[index]),
+            corners_px=view.corners_px,
+            residuals_px=self.residuals_px[index],
+        )
+
+
+def _fit(views: Sequence[BoardView], board: Board, size: tuple[int, int], flags: int) -> _Fit:
+    """One run of OpenCV's (Zhang's) calibration. Raises CalibrationError where there is no solution."""
+    corners = board.corners().astype(np.float32)
+    objects: list[Any] = [corners[view.corner_ids] for view in views]
+    pictures: list[Any] = [view.corners_px.astype(np.float32) for view in views]
+    try:
+        rms, matrix, distortion, rotations, shifts, sigmas, _, errors = cv2.calibrateCameraExtended(
+            objects, pictures, size, np.eye(3), np.zeros(5), flags=flags
+        )
+    except cv2.error:
+        raise CalibrationError(_NO_CAMERA) from None
+    model = [
+        cv2.projectPoints(points, turn, shift, matrix, distortion)[0].reshape(-1, 2)
+        for points, turn, shift in zip(objects, rotations, shifts, strict=True)
+    ]
+    return _Fit(
+        rms_px=float(rms),
+        matrix=np.asarray(matrix, dtype=np.float64),
+        distortion=np.asarray(distortion, dtype=np.float64).ravel()[:5],
+        deviations=np.asarray(sigmas, dtype=np.float64).ravel()[:9],
+        view_rms_px=np.asarray(errors, dtype=np.float64).ravel(),
+        normals=np.array([cv2.Rodrigues(rotation)[0][:, 2] for rotation in rotations]),
+        residuals_px=tuple(view.corners_px - points for view, points in zip(views, model, strict=True)),
+    )
+
+
+def _too_few(found: int, dropped: Sequence[ViewError]) -> str:
+    if not dropped:
+        return (
+            f"the board was found in only {found} pictures, at least {MIN_VIEWS} are needed: "
+            "take them all over the field of view, tilted to different sides"
+        )
+    names = ", ".join(f"{view.name} {view.rms_px:.2f} px" for view in dropped)
+    return (
+        f"only {found - len(dropped)} of {found} views agree, at least {MIN_VIEWS} must "
+        f"(left out: {names}): is the board flat, at rest, and sharp?"
+    )
+
+
+def _check(fit: _Fit, size: tuple[int, int]) -> None:
+    """Raises CalibrationError where a result cannot be that of a real camera."""
+    fx, fy, cx, cy = fit.matrix[0, 0], fit.matrix[1, 1], fit.matrix[0, 2], fit.matrix[1, 2]
+    if not np.isfinite([fit.rms_px, fx, fy, cx, cy, *fit.distortion]).all() or fx <= 0 or fy <= 0:
+        raise CalibrationError(_NO_CAMERA)
+    if fit.rms_px > MAX_RMS_PX:
+        raise CalibrationError(
+            f"rms is {fit.rms_px:.2f} px, must be below {MAX_RMS_PX:g}: "
+            "is the board flat, at rest and sharp, and are its inner corners counted right?"
+        )
+    tilt_deg = math.degrees(math.acos(np.clip((fit.normals @ fit.normals.T).min(), -1, 1)))
+    if tilt_deg < MIN_TILT_DEG or fit.deviations[0] > MAX_FOCAL_DEVIATION * fx:
+        raise CalibrationError(
+            f"the views are too much alike (board tilted by {tilt_deg:.0f}° in all, fx {fx:.0f} ± "
+            f"{fit.deviations[0]:.0f} px): take views tilted by 20° to 40° to different sides"
+        )
+    view_deg = math.degrees(2 * math.atan(size[0] / (2 * fx)))
+    if not FIELD_OF_VIEW_DEG[0] <= view_deg <= FIELD_OF_VIEW_DEG[1] or not 0.8 < fx / fy < 1.25:
+        raise CalibrationError(f"fx {fx:.0f} and fy {fy:.0f} px ({view_deg:.0f}° across) are no camera's")
+    if not (0 <= cx < size[0] and 0 <= cy < size[1]):
+        raise CalibrationError(f"the principal point ({cx:.0f}, {cy:.0f}) lies outside of the picture")

@@ -1,0 +1,129 @@
+"""Which views of a board are worth keeping, what is still missing, and how bright the board is. Pure."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+
+from ledpi.core.records import Floats, Frame
+from ledpi.core.tone import linear_light
+from ledpi.tools.calibrate.boards import Board, BoardView
+from ledpi.tools.calibrate.coverage import corner_counts, places_without_corners
+
+STILL_PX = 0.5  # by which a corner may move from one frame to the next: rows are exposed one after another
+NEW_PLACE, NEW_SIZE, NEW_TILT_DEG = 0.08, 1.2, 10.0  # of the picture's width; ratio; one of them, to be worth keeping
+TILT_DEG = 15.0
+VIEWS_A_SIDE = 2  # tilted to each side
+ENOUGH_VIEWS = 16
+# The white of the board, in linear light: bright enough to be sharp, with room for what is brighter elsewhere on it.
+WHITE, DARKEST, BRIGHTEST = 0.5, 0.25, 0.8
+LONGEST_EXPOSURE_US, GAINS = 10_000.0, (1.0, 8.0)  # a hand trembles; the sensor's noise
+
+SIDES = {  # of the picture, by the sign of the board's normal in x and y
+    "left": np.array([-1.0, 0.0]),
+    "right": np.array([1.0, 0.0]),
+    "upper": np.array([0.0, -1.0]),
+    "lower": np.array([0.0, 1.0]),
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Attitude:
+    """Roughly how a board is held; the lens is not known yet."""
+
+    centre: Floats  # (2,) in picture widths
+    size: float  # side of a square, in picture widths
+    normal_deg: Floats  # (2,) towards which its far side lies: x to the right of the picture, y down
+
+
+@dataclass(slots=True)
+class Collection:
+    """The views kept so far."""
+
+    board: Board
+    width: int
+    height: int
+    views: list[BoardView] = field(default_factory=list)
+    frames: int = 0  # that were looked at
+    _attitudes: list[Attitude] = field(default_factory=list)
+    _last: BoardView | None = None
+
+    def add(self, view: BoardView) -> bool:
+        """Keeps a view that is at rest and unlike the others; whether it did."""
+        at_rest = self._last is not None and _moved_px(self._last, view) <= STILL_PX
+        self._last = view
+        if not at_rest:
+            return False
+        attitude = attitude_of(view, self.board, self.width)
+        if any(_alike(attitude, other) for other in self._attitudes):
+            return False
+        self.views.append(view)
+        self._attitudes.append(attitude)
+        return True
+
+    def missing(self) -> str | None:
+        """What to do next, in words; None where the collection is complete."""
+        for side, direction in SIDES.items():
+            tilted = sum(float(a.normal_deg @ direction) > TILT_DEG for a in self._attitudes)
+            if tilted < VIEWS_A_SIDE:
+                return f"tilt the board: its {side} side away from the camera, by 20° to 40°"
+        empty = places_without_corners(corner_counts([v.corners_px for v in self.views], self.width, self.height))
+        if empty:
+            return f"show the board at the {empty[0]} of the picture"
+        if len(self.views) < ENOUGH_VIEWS:
+            return "show the board elsewhere: nearer, farther, tilted otherwise"
+        return None
+
+
+def attitude_of(view: BoardView, board: Board, width: int) -> Attitude:
+    """Place, size and tilt of a board, for a lens that sees about as wide as it is far away (53°)."""
+    corners = board.corners()[view.corner_ids]
+    lens = np.array([[width, 0, width / 2], [0, width, width * 3 / 8], [0, 0, 1.0]])
+    _, turn, shift = cv2.solvePnP(corners, view.corners_px, lens, None, flags=cv2.SOLVEPNP_IPPE)
+    normal = np.asarray(cv2.Rodrigues(turn)[0], np.float64)[:, 2]
+    normal = normal if normal[2] > 0 else -normal  # away from the camera
+    # The side towards which the board's back faces is the nearer one.
+    tilt = -np.degrees(np.arctan2(normal[:2], normal[2]))
+    return Attitude(centre=view.corners_px.mean(axis=0) / width, size=1.0 / float(np.ravel(shift)[2]), normal_deg=tilt)
+
+
+def next_exposure(frame: Frame, view: BoardView | None) -> tuple[float, float] | None:
+    """(exposure µs, gain) that would picture the board's white at WHITE; None where it is bright enough as it is.
+
+    The white is the 90th percentile within the board; without a board, of the whole picture.
+    """
+    light = linear_light(frame.transfer, mark_saturated=False)[_area(frame, view)]
+    white, gain = float(np.percentile(light, 90)), frame.analogue_gain or 1.0
+    if DARKEST <= white <= BRIGHTEST:
+        return None
+    wanted = frame.exposure_us * gain * WHITE / max(white, 0.01)
+    if white > 0.99:
+        wanted /= 4  # nobody knows how far above
+    exposure_us = min(LONGEST_EXPOSURE_US, wanted / GAINS[0])
+    return exposure_us, float(np.clip(wanted / exposure_us, *GAINS))
+
+
+def _area(frame: Frame, view: BoardView | None) -> Floats:
+    if view is None:
+        return np.asarray(frame.pixels)
+    low = np.maximum(np.floor(view.corners_px.min(axis=0)).astype(int), 0)
+    high = np.ceil(view.corners_px.max(axis=0)).astype(int) + 1
+    return np.asarray(frame.pixels[low[1] : high[1], low[0] : high[0]])
+
+
+def _moved_px(before: BoardView, now: BoardView) -> float:
+    shared, i, j = np.intersect1d(before.corner_ids, now.corner_ids, return_indices=True)
+    if not len(shared):
+        return math.inf
+    return float(np.abs(before.corners_px[i] - now.corners_px[j]).max())
+
+
+def _alike(a: Attitude, b: Attitude) -> bool:
+    return (
+        float(np.hypot(*(a.centre - b.centre))) < NEW_PLACE
+        and abs(math.log(a.size / b.size)) < math.log(NEW_SIZE)
+        and float(np.hypot(*(a.normal_deg - b.normal_deg))) < NEW_TILT_DEG
+    )

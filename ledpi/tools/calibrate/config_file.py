@@ -1,0 +1,60 @@
+"""Changing single keys of config.yaml: comments, order and all else stay, and so does the older file."""
+
+from __future__ import annotations
+
+import copy
+import io
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from ledpi.core.errors import CalibrationError
+from ledpi.core.files import read_text
+from ledpi.tools.calibrate.files import write_keeping_old
+
+Key = tuple[str | int, ...]  # ("panels", "overrides", 7, "black_hz")
+
+
+def change_config(path: Path, changes: Mapping[Key, Any]) -> Path | None:
+    """Sets keys of a YAML file, and makes sections that are missing. Returns the file in which the older one is kept.
+
+    Raises CalibrationError where the file cannot be changed without losing something.
+    """
+    text = read_text(path, CalibrationError)
+    changed = changed_yaml(text, changes)
+    wanted = copy.deepcopy(yaml.safe_load(text))
+    for key, value in changes.items():
+        _set(wanted, key, value)
+    if yaml.safe_load(changed) != wanted:
+        named = ", ".join(".".join(map(str, key)) + f": {value}" for key, value in changes.items())
+        raise CalibrationError(f"{path}: cannot be changed without touching other keys; set by hand: {named}")
+    return write_keeping_old(path, changed)
+
+
+def changed_yaml(text: str, changes: Mapping[Key, Any]) -> str:
+    """The text with keys set, by ruamel.yaml, which keeps comments."""
+    try:
+        from ruamel.yaml import YAML
+    except ImportError:
+        raise CalibrationError("ruamel.yaml is not installed: pip install 'ledpi[calibrate]'") from None
+    editor = YAML()
+    editor.preserve_quotes = True
+    editor.width = 4096  # no line is broken that was whole
+    editor.representer.add_representer(type(None), lambda to, _: to.represent_scalar("tag:yaml.org,2002:null", "null"))
+    tree = editor.load(text)
+    for key, value in changes.items():
+        _set(tree, key, value)
+    out = io.StringIO()
+    editor.dump(tree, out)
+    return out.getvalue()
+
+
+def _set(tree: Any, key: Key, value: Any) -> None:
+    *sections, last = key
+    for name in sections:
+        if tree.get(name) is None:
+            tree[name] = {}
+        tree = tree[name]
+    tree[last] = value

@@ -1,0 +1,101 @@
+"""All checks, in the order of the page."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from ledpi.config.robot import load_robot, strangers_note
+from ledpi.config.settings import SEARCH_PATH, Config, PanelSettings
+from ledpi.core.errors import LedpiError, WireError
+from ledpi.core.wording import counted
+from ledpi.markers.dictionaries import load_dictionary
+from ledpi.markers.words import as_ranges
+from ledpi.tools.doctor import camera, machine
+from ledpi.tools.doctor.finding import Finding, bad, ok, unknown
+
+
+def configuration(file: Path | None, *, asked_for: bool) -> Finding:
+    """Which one is read. In a clone of the repository that is the clone's, whatever was written to the service's."""
+    service = SEARCH_PATH[-1]
+    if file is None:
+        return ok("configuration", "from --set alone")
+    if asked_for or not service.is_file() or file.samefile(service):
+        return ok("configuration", str(file))
+    said = f"{file} of this folder; the service reads {service}"
+    remedy = f"if that is the one you mean: go elsewhere, or --config {service}"
+    return Finding(name="configuration", state="unknown", said=said, remedy=remedy)
+
+
+def examine(config: Config) -> Iterator[Finding]:
+    """Each finding as soon as it is known; the camera takes a second or two."""
+    kind, _, place = config.camera.source.partition(":")
+    yield machine.packages()
+    if kind == "picamera2":
+        yield machine.picamera2()
+        yield machine.permissions(("/dev/media*", "/dev/dma_heap/*"))
+    elif kind == "v4l2":
+        yield machine.permissions((place,))
+    found, info = camera.camera(config)
+    yield from found
+    if info is not None:
+        yield camera.frequencies(config, info)
+    yield camera.intrinsics(config, info)
+    yield _panel_ids(config.panels)
+    yield _map(config)
+    yield _serial_port(config)
+    if config.serial.protocol == "mavlink":
+        yield _mavlink()
+    yield machine.serial_console(config.serial.port)
+    yield machine.disk()
+    yield machine.clock()
+    yield machine.throttling()
+
+
+def _panel_ids(panels: PanelSettings) -> Finding:
+    """Which are reported; those that have an override should be."""
+    if note := panels.unreported_note(panels.overrides):
+        return bad("panel IDs", f"panels.overrides: {note}", "list every panel that there is in panels.ids")
+    if panels.ids is not None:
+        return ok("panel IDs", f"panels.ids: {as_ranges(sorted(panels.ids))}")
+    words = len(load_dictionary(panels.dictionary).words)
+    return ok("panel IDs", panels.unreported_note(range(words)) or f"all of {panels.dictionary}")
+
+
+def _map(config: Config) -> Finding:
+    """Read as the daemon does, which does not start with a broken one."""
+    try:
+        panels = load_robot(config).panels
+    except LedpiError as error:
+        return bad("map", str(error), "put it right, or make one with `ledpi calibrate map`", stops_daemon=True)
+    if panels is None:
+        return unknown("map", "map is not set: panels' poses are sent, but not the robot's place")
+    strangers = strangers_note(config, panels)
+    if strangers:
+        return bad("map", strangers, "correct their IDs, panels.dictionary or panels.ids")
+    return ok("map", f"{config.map}: {counted(len(panels), 'panel')}")
+
+
+def _serial_port(config: Config) -> Finding:
+    """Opened as the daemon does; without it the daemon runs, and tries again and again."""
+    from ledpi.wire.line import open_port
+
+    settings = config.serial
+    try:
+        open_port(settings.port, settings.baud).close()
+    except WireError as error:
+        remedy = machine.serial_remedy()
+        if "in use" in str(error):
+            remedy = "another process has it: `sudo systemctl stop ledpi`, if that is the daemon"
+        return bad("serial port", str(error), remedy)
+    return ok("serial port", f"{settings.port}, {settings.baud} baud")
+
+
+def _mavlink() -> Finding:
+    from ledpi.wire.mavlink import load_dialect
+
+    try:
+        load_dialect()
+    except LedpiError as error:
+        return bad("mavlink", str(error), "install it, or set serial.protocol: ledpi", stops_daemon=True)
+    return ok("mavlink", "pymavlink is installed")

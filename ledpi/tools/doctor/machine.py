@@ -1,0 +1,160 @@
+"""The machine: Python and its packages, serial console, permissions, disk, clock, throttling.
+
+What is specific to a Pi is by its documentation, **not seen on hardware**.
+"""
+
+from __future__ import annotations
+
+import glob
+import grp
+import os
+import platform
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+from ledpi import __version__
+from ledpi.tools.doctor.finding import Finding, bad, ok, unknown
+
+CALIBRATION_FOLDER = Path("/var/lib/ledpi")  # as scripts/install makes it
+FREE_BYTES = 1_000_000_000  # a recording of a minute and a half
+# Raspberry Pi's documentation of vcgencmd get_throttled: now, and (16 bits up) since boot.
+THROTTLED = {0: "under-voltage", 1: "clock capped", 2: "throttled", 3: "too hot"}
+VCGENCMD_S = 5.0  # it answers at once, or its driver hangs
+IMPORT_S = 60.0  # picamera2 from a slow card takes some 10 s
+RELEASED = 1735689600  # 2025: a clock that says earlier was never set
+
+
+def packages() -> Finding:
+    """Imported in a process of its own, as a package that was built for another numpy may end it."""
+    done = _python("import numpy, cv2; print(f'numpy {numpy.__version__}, OpenCV {cv2.__version__}')")
+    if done.returncode == 0:
+        return ok("packages", f"ledpi {__version__}, Python {platform.python_version()}, {done.stdout.strip()}")
+    return bad("packages", _last_line(done), "install again: sudo scripts/install", stops_daemon=True)
+
+
+def picamera2() -> Finding:
+    """picamera2 and libcamera, and that they fit this numpy."""
+    done = _python("import importlib.metadata as m, libcamera, picamera2; print('picamera2', m.version('picamera2'))")
+    if done.returncode == 0:
+        return ok("picamera2", done.stdout.strip())
+    said = _last_line(done)
+    if "numpy" in said and "No module" not in said:
+        remedy = "numpy does not fit the system's picamera2; install again: sudo scripts/install"
+    else:
+        remedy = "sudo apt install python3-picamera2, and a virtual environment with --system-site-packages"
+    return bad("picamera2", said, remedy, stops_daemon=True)
+
+
+def serial_remedy(by_id: Path = Path("/dev/serial/by-id")) -> str:
+    """What to set serial.port to: the names of what is plugged in, which stay whatever else is."""
+    plugged_in = sorted(str(path) for path in by_id.glob("*"))
+    if not plugged_in:
+        return "plug the controller in; `ls /dev/serial/by-id` then shows what to set serial.port to"
+    return f"set serial.port to the controller's name: {' or '.join(plugged_in)}"
+
+
+def serial_console(port: str, cmdline: Path = Path("/proc/cmdline")) -> Finding:
+    """Whether Linux writes its log to the controller's port."""
+    consoles = [word.removeprefix("console=").split(",")[0] for word in _text(cmdline).split() if "console=" in word]
+    mine = os.path.realpath(port)
+    taken = [name for name in consoles if os.path.realpath(f"/dev/{name}") == mine]
+    if taken:
+        return bad(
+            "serial console",
+            f"Linux uses {port} as its console ({taken[0]})",
+            "sudo raspi-config nonint do_serial_cons 1, then restart",
+        )
+    return ok("serial console", f"not on {port}")
+
+
+def permissions(patterns: tuple[str, ...]) -> Finding:
+    """Whether the devices that are there can be used by this user."""
+    devices = sorted(path for pattern in patterns for path in glob.glob(pattern))
+    if not devices:
+        return unknown("permissions", f"no {' or '.join(patterns)} here")
+    closed = [path for path in devices if not os.access(path, os.R_OK | os.W_OK)]
+    if not closed:
+        return ok("permissions", ", ".join(devices[:4]) + (", …" if len(devices) > 4 else ""))
+    try:
+        group = grp.getgrgid(os.stat(closed[0]).st_gid).gr_name
+    except KeyError:
+        group = "video"
+    return bad(
+        "permissions",
+        f"{closed[0]} cannot be used",
+        f"sudo usermod -aG {group} $USER, then log in again",
+        stops_daemon=True,
+    )
+
+
+def disk(folder: Path = CALIBRATION_FOLDER) -> Finding:
+    """Room for calibration and recordings, and whether calibration can be written."""
+    if not folder.is_dir():
+        return unknown("disk", f"no {folder} here; sudo scripts/install makes it")
+    free = shutil.disk_usage(folder).free
+    said = f"{free / 1e9:.1f} GB free at {folder}"
+    if not os.access(folder, os.W_OK):
+        return bad("disk", f"{folder} cannot be written", "sudo usermod -aG video $USER, then log in again")
+    return ok("disk", said) if free >= FREE_BYTES else bad("disk", said, "delete old recordings")
+
+
+def clock(now_s: float | None = None) -> Finding:
+    """Only journals and file dates hang on it: poses carry their age, by a clock that is never set."""
+    now_s = time.time() if now_s is None else now_s
+    said = time.strftime("%Y-%m-%d %H:%M UTC", time.gmtime(now_s))
+    if now_s >= RELEASED:
+        return ok("clock", said)
+    return bad("clock", f"{said}, never set", "connect to a network once, or: sudo date --set …")
+
+
+def throttling() -> Finding:
+    """What the Pi's firmware says of its power supply and temperature."""
+    tool = shutil.which("vcgencmd")
+    if tool is None:
+        return unknown("throttling", "no vcgencmd here: not a Pi")
+    return throttled(_run([tool, "get_throttled"], VCGENCMD_S).stdout.strip())
+
+
+def throttled(said: str) -> Finding:
+    """From vcgencmd's answer, as `throttled=0x50000`."""
+    try:
+        bits = int(said.partition("=")[2], 16)
+    except ValueError:
+        return unknown("throttling", f"vcgencmd said {said!r}")
+    now = [what for bit, what in THROTTLED.items() if bits >> bit & 1]
+    before = [what for bit, what in THROTTLED.items() if bits >> (bit + 16) & 1]
+    if now:
+        return bad("throttling", f"now: {', '.join(now)}", "a stronger power supply (5.1 V), or cooling")
+    if before:
+        return bad("throttling", f"since the start: {', '.join(before)}", "a stronger power supply (5.1 V), or cooling")
+    return ok("throttling", "never since the start")
+
+
+def _python(code: str) -> subprocess.CompletedProcess[str]:
+    return _run([sys.executable, "-c", code], IMPORT_S)
+
+
+def _run(command: list[str], timeout_s: float) -> subprocess.CompletedProcess[str]:
+    """One that hangs is ended, and has failed: the page goes on."""
+    try:
+        return subprocess.run(command, capture_output=True, text=True, check=False, timeout=timeout_s)
+    except subprocess.TimeoutExpired:
+        said = f"no answer within {timeout_s:g} s"
+    except OSError as error:
+        said = f"{command[0]}: {error.strerror}"
+    return subprocess.CompletedProcess(command, returncode=1, stdout=said, stderr=said)
+
+
+def _last_line(done: subprocess.CompletedProcess[str]) -> str:
+    lines = done.stderr.strip().splitlines()
+    return lines[-1] if lines else f"the import ended Python with status {done.returncode}"
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return ""

@@ -1,0 +1,137 @@
+"""The panel's electrics: a string of LEDs and a resistor in each cell, one MOSFET a class. Pure arithmetic."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from ledpi.core.errors import ConfigError
+
+# IEC 60063, two digits.
+_E24 = (10, 11, 12, 13, 15, 16, 18, 20, 22, 24, 27, 30, 33, 36, 39, 43, 47, 51, 56, 62, 68, 75, 82, 91)
+_RATINGS_W = (0.125, 0.25, 0.5, 1.0, 2.0, 3.0, 5.0)  # of resistors that are easily had
+_SUPPLIES_V = (5.0, 9.0, 12.0, 15.0, 19.0, 24.0, 36.0, 48.0)
+_SUPPLY_RATINGS_A = (0.5, 1.0, 2.0, 3.0, 5.0, 8.0, 10.0)
+# LEDs of one batch differ by 0.1 V or so. With half a volt a LED over the resistor, cells then differ by a fifth of
+# their light at most, which the decoder takes out as the cells' gains.
+_HEADROOM_V = 0.5
+_MOST_LEDS = 9  # in a cell
+_HIGHEST_SUPPLY_V = 48.0  # above 60 V direct current is no longer safe to touch
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Circuit:
+    """What each cell and each class needs. Currents are those while a class is on; that is half of the time."""
+
+    supply_v: float
+    leds: int  # in series, in each cell
+    forward_v: float  # of one LED
+    cells: tuple[int, int]  # of class black, of class white
+    resistor_ohm: float
+
+    @property
+    def over_v(self) -> float:
+        """Left for the resistor."""
+        return self.supply_v - self.leds * self.forward_v
+
+    @property
+    def cell_a(self) -> float:
+        """Through one cell's string."""
+        return self.over_v / self.resistor_ohm
+
+    @property
+    def class_a(self) -> tuple[float, float]:
+        """Through either MOSFET."""
+        return self.cells[0] * self.cell_a, self.cells[1] * self.cell_a
+
+    @property
+    def resistor_w(self) -> float:
+        """In one resistor while it is on, as it stays where a program stops with its pin high."""
+        return self.cell_a**2 * self.resistor_ohm
+
+    @property
+    def resistor_rating_w(self) -> float:
+        """The next rating of twice that, or of what there is."""
+        return next((w for w in _RATINGS_W if w >= 2 * self.resistor_w), _RATINGS_W[-1])
+
+    @property
+    def panel_w(self) -> float:
+        """Of the whole panel, averaged over the blinking."""
+        return 0.5 * self.supply_v * sum(self.class_a)
+
+    @property
+    def supply_rating_a(self) -> float:
+        """With both classes on at once, and a quarter to spare."""
+        needed = 1.25 * sum(self.class_a)
+        return next((a for a in _SUPPLY_RATINGS_A if a >= needed), math.ceil(needed))
+
+    @property
+    def mosfet_v(self) -> float:
+        """That a MOSFET must stand: twice the supply, for what wires add when they are switched."""
+        return 2 * self.supply_v
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Lamps:
+    """What is asked of the LEDs."""
+
+    supply_v: float
+    leds: int | None  # in series, in each cell; None: as many as the supply carries, four at most
+    forward_v: float  # of one
+    current_a: float  # while they are on
+
+
+def plan_circuit(lamps: Lamps, cells: tuple[int, int]) -> Circuit:
+    """Chooses the resistor: the E24 value that gives the current or a little less.
+
+    Raises ConfigError where the supply is too low, or too high, with what would do.
+    """
+    supply_v, forward_v = lamps.supply_v, lamps.forward_v
+    if supply_v > _HIGHEST_SUPPLY_V:
+        raise ConfigError(f"--supply {supply_v:g}: must be at most {_HIGHEST_SUPPLY_V:g} V, which is safe to touch")
+    most = int(supply_v / (forward_v + _HEADROOM_V) + 1e-9)
+    wanted = min(4, max(1, most)) if lamps.leds is None else lamps.leds
+    if not 1 <= wanted <= _MOST_LEDS:
+        raise ConfigError(f"--leds {wanted}: must be 1 to {_MOST_LEDS}")
+    if wanted > most:
+        raise ConfigError(_too_low(supply_v, wanted, forward_v, most))
+    over_v = supply_v - wanted * forward_v
+    circuit = Circuit(
+        supply_v=supply_v,
+        leds=wanted,
+        forward_v=forward_v,
+        cells=cells,
+        resistor_ohm=next_e24(over_v / lamps.current_a),
+    )
+    if circuit.resistor_w > _RATINGS_W[-1]:
+        remedy = f"more LEDs in series (--leds {most})" if most > wanted else "less current (--led-ma)"
+        raise ConfigError(
+            f"--supply {supply_v:g}: each cell's resistor would turn {circuit.resistor_w:.1f} W into heat; must be "
+            f"nearer to {wanted * (forward_v + _HEADROOM_V):.1f} V, or {remedy}"
+        )
+    return circuit
+
+
+def _too_low(supply_v: float, leds: int, forward_v: float, most: int) -> str:
+    needed_v = leds * (forward_v + _HEADROOM_V)
+    better_v = next((v for v in _SUPPLIES_V if v >= needed_v), None)
+    remedies = [f"--supply {better_v:g}"] if better_v is not None else []
+    remedies += [f"--leds {most}"] if most else []
+    return (
+        f"--supply {supply_v:g}: is too low for {leds} × {forward_v:g} V of LEDs in series: they need {needed_v:.1f} "
+        f"V, {_HEADROOM_V:g} V a LED left for the resistor; must be {' or '.join(remedies)}"
+    )
+
+
+def next_e24(ohm: float) -> float:
+    """The smallest E24 value that is not below `ohm`."""
+    decade = 10.0 ** (math.floor(math.log10(ohm)) - 1)
+    for step in (*_E24, 100):
+        if step * decade >= ohm * (1 - 1e-9):
+            return float(f"{step * decade:.2g}")
+    raise AssertionError("a decade ends at 100")
+
+
+def ohm_text(ohm: float) -> str:
+    """As it is printed on a reel: 150 Ω, 4.7 kΩ."""
+    return f"{ohm / 1000:g} kΩ" if ohm >= 1000 else f"{ohm:g} Ω"

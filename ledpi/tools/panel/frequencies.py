@@ -1,0 +1,98 @@
+"""Which frequencies a panel may have: what an exposure leaves of them, flicker, the driver's timer."""
+
+from __future__ import annotations
+
+import math
+from enum import StrEnum
+
+from ledpi.core.shutter import contrast, harmonic_amplitude
+from ledpi.tools.panel.timer import nearest_frequency
+
+
+class Flicker(StrEnum):
+    """IEEE 1789-2015's classes of light that goes fully on and off."""
+
+    LOW_RISK = "low-risk"
+    NO_EFFECT = "no-effect"
+
+    @property
+    def lowest_hz(self) -> float:
+        """Its recommended practices allow 0.08 % of modulation a hertz (low risk), or 0.0333 % (no effect)."""
+        return 1250.0 if self is Flicker.LOW_RISK else 3000.0
+
+
+# Share of the deepest bands that an exposure of this length could show, below which a frequency counts as on a null.
+# The light that tells a fifth of the depth apart from noise is 25 times that of the whole.
+NULL_SHARE = 0.2
+# Above, bands are half as deep as those of the lowest frequency, or less: a quarter of the information.
+_HIGHEST_OVER_LOWEST = 2.1
+_MOST_FREQUENCIES = 16  # that pairs are made from; an exposure of 0.1 s has ten times as many lobes
+# Where no null gives them places: steps, up to where bands get too narrow for the lens.
+_STEP_WITHOUT_NULLS, _HIGHEST_WITHOUT_NULLS = 1.1, 4.0
+
+
+def null_share(frequency_hz: float, exposure_us: float, tolerance: float = 0.0) -> float:
+    """How deep the bands are, over the deepest that this exposure leaves of a frequency near by; 0 on a null.
+
+    The least of all within ± `tolerance` (relative). The deepest is where the exposure holds a whole number and a half
+    of cycles, and 2 where it holds less than half of one.
+    """
+    ends = [frequency_hz * (1.0 - tolerance), frequency_hz * (1.0 + tolerance)]
+    cycles = [hz * exposure_us * 1e-6 for hz in ends]
+    if math.floor(cycles[0]) != math.floor(cycles[1]):
+        return 0.0
+    return min(contrast(hz, exposure_us) / min(2.0, 1.0 / c) for hz, c in zip(ends, cycles, strict=True))
+
+
+def least_amplitude(frequency_hz: float, exposure_us: float, tolerance: float, duty: float) -> float:
+    """Amplitude of the bands' fundamental over the mean light: the least within ± `tolerance` (relative)."""
+    ends = (frequency_hz * (1.0 - tolerance), frequency_hz * (1.0 + tolerance))
+    if math.floor(ends[0] * exposure_us * 1e-6) != math.floor(ends[1] * exposure_us * 1e-6):
+        return 0.0
+    return min(harmonic_amplitude(1, hz, exposure_us, duty) for hz in ends)
+
+
+def nearest_lobe_hz(frequency_hz: float, exposure_us: float, lowest_hz: float) -> float:
+    """The nearest frequency from `lowest_hz` on whose bands the exposure leaves deepest, as the timer can make it."""
+    cycles = max(frequency_hz, lowest_hz) * exposure_us * 1e-6
+    if cycles < 0.5:
+        return _written(nearest_frequency(max(frequency_hz, lowest_hz)))
+    top = _lobe_top(math.floor(cycles))
+    if top < lowest_hz * exposure_us * 1e-6:
+        top = _lobe_top(math.floor(cycles) + 1)
+    return _written(nearest_frequency(top / exposure_us * 1e6))
+
+
+def _written(frequency_hz: float) -> float:
+    """With as many digits as one likes to write: less than 4 ppm off."""
+    return round(frequency_hz, 2)
+
+
+def _lobe_top(whole: int) -> float:
+    """Cycles in the exposure at which |sinc| is largest between `whole` and the next: tan πc = πc, to second order."""
+    middle = whole + 0.5
+    return middle - 1.0 / (math.pi**2 * middle)
+
+
+def worthwhile_frequencies(exposure_us: float, lowest_hz: float) -> list[float]:
+    """The frequencies from which pairs are made: between two nulls the best, as the timer can make it.
+
+    An exposure so short that there are no nulls leaves nearly all of any frequency; steps of a tenth from the lowest.
+    """
+    per_hz = exposure_us * 1e-6
+    if lowest_hz * per_hz < 1.0:
+        highest_hz = _HIGHEST_WITHOUT_NULLS * lowest_hz
+        steps = int(math.log(_HIGHEST_WITHOUT_NULLS) / math.log(_STEP_WITHOUT_NULLS))
+        ideal = [lowest_hz * _STEP_WITHOUT_NULLS**k for k in range(steps + 1)]
+    else:
+        highest_hz = _HIGHEST_OVER_LOWEST * lowest_hz
+        lobes = range(math.floor(lowest_hz * per_hz), math.ceil(highest_hz * per_hz) + 1)
+        ideal = [_lobe_top(whole) / per_hz for whole in lobes]
+    made = [_written(nearest_frequency(hz)) for hz in ideal]
+    tried = [hz for hz in made if lowest_hz <= hz <= highest_hz]
+    return tried[:: math.ceil(len(tried) / _MOST_FREQUENCIES)]
+
+
+def off_mains_hz(frequency_hz: float) -> float:
+    """Distance to the nearest harmonic of 100 or of 120 Hz, at which lamps on the mains flicker."""
+    return min(abs(frequency_hz - mains * round(frequency_hz / mains)) for mains in (100.0, 120.0))

@@ -1,0 +1,76 @@
+"""How far a pair of frequencies carries: the chance of being read, by distance."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ledpi.decode.identify.codebook import Codebook
+from ledpi.decode.identify.soft import FALSE_ID_RATE
+from ledpi.markers.words import Dictionary
+from ledpi.tools.panel.chances import chance_of_reading
+from ledpi.tools.panel.design import ENOUGH_NATS, Proposal, Task, farthest_m
+from ledpi.tools.panel.information import STREAM_FRAMES, View, evidence_of, separation_nats, view_panel
+
+SURE = 0.9  # the chance up to which a panel counts as within range
+_DRAWS = 300  # a case
+# Where the outcome is certain nothing is drawn: far more than enough information, or far from it.
+_CERTAIN_NATS, _HOPELESS_NATS = 3 * ENOUGH_NATS, ENOUGH_NATS / 20
+_DISTANCES = 14  # evenly in their logarithm
+_NEAREST_SHARE = 0.05  # of the farthest; nearer than that all pairs are read
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reach:
+    """Chances of being read, by distance: of one frame alone, and of the last of STREAM_FRAMES."""
+
+    distances_m: tuple[float, ...]
+    alone: tuple[float, ...]
+    stream: tuple[float, ...]
+
+    def range_m(self, chances: Sequence[float]) -> float | None:
+        """How far every chance is SURE, read off between two distances; None where not even the nearest is."""
+        sure = [chance >= SURE for chance in (*chances, 0.0)].index(False)
+        if sure == 0 or sure == len(chances):
+            return self.distances_m[-1] if sure else None
+        (near_m, far_m), (before, after) = self.distances_m[sure - 1 : sure + 1], chances[sure - 1 : sure + 1]
+        return near_m * math.exp(math.log(far_m / near_m) * (before - SURE) / (before - after))
+
+
+def reach_views(task: Task) -> list[View]:
+    """Pictures of a panel from all distances at which there is any hope."""
+    farthest = farthest_m(task.sensor, task.side_m, task.cells)
+    distances = np.geomspace(_NEAREST_SHARE * farthest, farthest, _DISTANCES)
+    views = (view_panel(task.sensor, task.cells, task.side_m, float(d)) for d in distances)
+    return [view for view in views if isinstance(view, View)]
+
+
+def reach_of(
+    task: Task,
+    proposal: Proposal,
+    dictionary: Dictionary,
+    views: Sequence[View],
+    advance: Callable[[int], None] = lambda count: None,
+) -> Reach:
+    """Draws from the decoder's error model at each distance."""
+    spec, depths = task.spec(proposal.black_hz, proposal.white_hz), task.depths(proposal.black_hz, proposal.white_hz)
+    codebook = Codebook.build(list(range(len(dictionary.words))), dictionary, spec)
+    most = task.coherent_frames(max(proposal.black_hz, proposal.white_hz), proposal.frame_length_rows)
+    chances: dict[int, list[float]] = {1: [], STREAM_FRAMES: []}
+    for view in views:
+        for frames in (1, STREAM_FRAMES):
+            known = evidence_of(view, spec, frames=min(frames, most), frame_length_rows=proposal.frame_length_rows)
+            nats = separation_nats(known, depths)
+            if _HOPELESS_NATS < nats < _CERTAIN_NATS:
+                chances[frames].append(chance_of_reading(known, codebook, depths, FALSE_ID_RATE, draws=_DRAWS))
+            else:
+                chances[frames].append(float(nats >= _CERTAIN_NATS))
+        advance(1)
+    return Reach(
+        distances_m=tuple(view.distance_m for view in views),
+        alone=tuple(chances[1]),
+        stream=tuple(chances[STREAM_FRAMES]),
+    )

@@ -1,0 +1,110 @@
+"""The wiring and build sheet of one panel: what to buy, how to wire it, and the panel itself, true to scale."""
+
+from __future__ import annotations
+
+import textwrap
+from dataclasses import dataclass
+from pathlib import Path
+
+from ledpi.core.errors import ConfigError
+from ledpi.core.records import PanelSpec
+from ledpi.markers.words import Dictionary
+from ledpi.tools.panel.body import Body
+from ledpi.tools.panel.circuit import Circuit, ohm_text
+from ledpi.tools.panel.firmware_readme import OUTPUTS
+from ledpi.tools.panel.paper import MARGIN_MM, Page, write_pdf, write_svg
+from ledpi.tools.panel.schematic import GATE_OHM, PULL_DOWN_OHM, SIZE_MM, draw_schematic
+from ledpi.tools.panel.sheet_parts import electrics, parts
+from ledpi.tools.panel.sheet_views import draw_back, draw_front, scaled_view, tile_count, true_views
+from ledpi.tools.panel.sheet_walls import draw_section, draw_wall
+
+_MOST_PARTS = 30  # that a panel is put together from
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sheet:
+    """All that a sheet shows."""
+
+    dictionary: Dictionary
+    marker_id: int
+    spec: PanelSpec
+    circuit: Circuit
+    body: Body
+
+    @property
+    def title(self) -> str:
+        """As in `Panel ID 7 of DICT_4X4_50`."""
+        return f"Panel ID {self.marker_id} of {Path(self.dictionary.name).stem}"
+
+
+def sheet_pages(sheet: Sheet) -> list[tuple[str, Page]]:
+    """The pages, each with a short name."""
+    body = sheet.body
+    if tile_count(body) > _MOST_PARTS:
+        raise ConfigError(
+            f"a panel of {sheet.spec.side_m:g} m takes {tile_count(body)} pages of A4 at 1 : 1; must be at most "
+            f"{_MOST_PARTS}: --side 1, and a print shop for more"
+        )
+    back = (
+        f"From the back, as it is soldered. ○: LED, {sheet.body.led_mm:g} mm; arrows: + to −, into an LED's long leg; "
+        f"rectangle: {ohm_text(sheet.circuit.resistor_ohm)}."
+    )
+    pages = [("overview", _overview(sheet)), ("circuit", _circuit_page(sheet))]
+    front = "From the front, as the camera sees it."
+    for name, view, text in (("front", draw_front, front), ("back", draw_back, back)):
+        drawn = true_views(sheet.title, text, view, sheet.body, sheet.marker_id)
+        pages += [(f"{name}{number + 1 if len(drawn) > 1 else ''}", page) for number, page in enumerate(drawn)]
+    return pages
+
+
+def write_sheet(sheet: Sheet, out: Path) -> Path:
+    """The PDF, with an SVG of each page beside it. Raises ConfigError where they cannot be written."""
+    pages = sheet_pages(sheet)
+    path = out / f"panel-{sheet.marker_id}.pdf"
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        write_pdf([page for _, page in pages], path)
+        for name, page in pages:
+            write_svg(page, out / f"panel-{sheet.marker_id}-{name}.svg")
+    except OSError as error:
+        raise ConfigError(f"--out {out}: cannot be written: {error.strerror}") from None
+    return path
+
+
+def _overview(sheet: Sheet) -> Page:
+    body, spec = sheet.body, sheet.spec
+    later = ", half a cycle later" if spec.phase == "antiphase" else ""
+    page = Page(
+        sheet.title,
+        f"{body.cells} × {body.cells} cells. B: class black, bit 0, {spec.black_hz:g} Hz. W: class white, bit 1, "
+        f"{spec.white_hz:g} Hz{later}. Lit square {body.side_mm:g} mm (panels.side_m: {spec.side_m:g}).",
+    )
+    size = 82.0
+    for x, view, text in ((MARGIN_MM, draw_front, "from the front"), (MARGIN_MM + 98, draw_back, "from the back")):
+        page.paper.text(x + size / 2, 268, text, fontsize=9, ha="center")
+        scaled_view(page, view, body, sheet.marker_id, (x, 182), size)
+    page.paper.text(MARGIN_MM, 177, "● is the marker's first corner: top left from the front.", fontsize=7)
+    page.paper.text(MARGIN_MM, 167, "LEDs and resistors", fontsize=10, weight="bold")
+    foot = page.table(MARGIN_MM, 165, (48, 132), electrics(sheet.circuit))
+    page.paper.text(MARGIN_MM, foot - 8, "Parts", fontsize=10, weight="bold")
+    page.table(MARGIN_MM, foot - 10, (14, 48, 118), parts(body, sheet.circuit))
+    return page
+
+
+def _circuit_page(sheet: Sheet) -> Page:
+    page = Page(sheet.title, "Driver, walls and section; these are not to scale, measures are in mm")
+    width, height = SIZE_MM
+    axes = page.window(MARGIN_MM, 158, width, height, (0, width), (0, height))
+    draw_schematic(axes, sheet.circuit, (sheet.spec.black_hz, sheet.spec.white_hz))
+    notes = (
+        f"{OUTPUTS[False]} and {OUTPUTS[True]} are those of `ledpi panel firmware --id {sheet.marker_id}`. "
+        f"{ohm_text(GATE_OHM)} keep a pin below 40 mA while a gate charges (20 nC: 2 µs); {ohm_text(PULL_DOWN_OHM)} "
+        "keep the LEDs off while the chip starts. Brightness is set by the LEDs' resistors, never by duty. No "
+        "capacitor after the MOSFETs: it would smooth the light away."
+    )
+    page.paper.text(MARGIN_MM, 154, "\n".join(textwrap.wrap(notes, 130)), fontsize=7, va="top")
+    page.paper.text(MARGIN_MM, 132, "Walls between the cells", fontsize=10, weight="bold")
+    draw_wall(page, sheet.body, 92)
+    page.paper.text(MARGIN_MM, 74, "Section", fontsize=10, weight="bold")
+    draw_section(page, sheet.body, 24)
+    return page

@@ -1,0 +1,73 @@
+"""The whole picture: the frame as seen and as read, and below them the panels enlarged."""
+
+from __future__ import annotations
+
+from collections import Counter
+from textwrap import wrap
+
+import cv2
+import numpy as np
+
+from ledpi.core.records import Pixels
+from ledpi.tools.snapshot import enlarged
+from ledpi.tools.snapshot.drawing import BACKGROUND, BLACK_CLASS, DIM, WHITE_CLASS, Canvas, text, text_size
+from ledpi.tools.snapshot.overlay import draw_reading
+from ledpi.tools.snapshot.record import Snapshot
+
+# Two columns; in pixels.
+BORDER, GUTTER = 20, 20
+COLUMN = 3 * enlarged.TILE + 2 * enlarged.GAP
+LEFT, RIGHT = BORDER, BORDER + COLUMN + GUTTER
+WIDTH = RIGHT + COLUMN + BORDER
+PICTURES_TOP = 74  # below the heading and the pictures' titles
+BLOCKS_GAP, BLOCK_PITCH = 12, enlarged.HEIGHT + 8
+MOST_BLOCKS = 4
+FOOTER, FOOTER_LINE, FOOTER_LETTERS = 20, 20, 130
+
+
+def draw(snapshot: Snapshot) -> Pixels:
+    """(height, WIDTH, 3), BGR."""
+    frame = snapshot.frame
+    scale = COLUMN / int(frame.pixels.shape[1])
+    pictures_end = PICTURES_TOP + round(frame.pixels.shape[0] * scale)
+    blocks = enlarged.blocks_of(snapshot)[:MOST_BLOCKS]
+    blocks_top = pictures_end + BLOCKS_GAP
+    blocks_end = blocks_top + (len(blocks) + 1) // 2 * BLOCK_PITCH
+    footer = _dropped(snapshot)
+    height = blocks_end + FOOTER + FOOTER_LINE * len(footer)
+    canvas = np.full((height, WIDTH, 3), BACKGROUND, np.uint8)
+    draw_heading(canvas, snapshot)
+    text(canvas, "As the camera sees it", (LEFT, 62), bold=True)
+    text(canvas, "As ledpi reads it", (RIGHT, 62), bold=True)
+    seen = cv2.resize(frame.pixels, (COLUMN, pictures_end - PICTURES_TOP), interpolation=cv2.INTER_AREA)
+    for left in (LEFT, RIGHT):
+        canvas[PICTURES_TOP:pictures_end, left : left + COLUMN] = seen[..., None]
+    draw_reading(canvas[PICTURES_TOP:pictures_end, RIGHT : RIGHT + COLUMN], snapshot, scale)
+    for index, block in enumerate(blocks):
+        top, left = blocks_top + index // 2 * BLOCK_PITCH, (LEFT, RIGHT)[index % 2]
+        enlarged.draw_block(canvas[top : top + enlarged.HEIGHT, left : left + COLUMN], block, snapshot)
+    for index, words in enumerate(footer):
+        text(canvas, words, (LEFT, blocks_end + FOOTER + index * FOOTER_LINE), colour=DIM)
+    return canvas
+
+
+def _dropped(snapshot: Snapshot) -> list[str]:
+    """What was dropped, by stage and reason, in as many lines as that takes."""
+    counts = Counter(rejected.key for rejected in snapshot.decoded.rejected).most_common()
+    return wrap("Dropped: " + (", ".join(f"{key} {count}" for key, count in counts) or "nothing"), FOOTER_LETTERS)
+
+
+def draw_heading(canvas: Canvas, snapshot: Snapshot) -> None:
+    """Title, the frame's values and the classes' colours, above PICTURES_TOP."""
+    frame, spec = snapshot.frame, snapshot.panels.spec()
+    height, width = frame.pixels.shape
+    values = f"{width} x {height}, exposure {frame.exposure_us / 1e3:.4g} ms, row time {frame.row_time_us:.2f} µs"
+    text(canvas, snapshot.title, (LEFT, 30), size=0.7, bold=True)
+    text(canvas, values, (WIDTH - BORDER - text_size(values)[0], 30), colour=DIM)
+    at = WIDTH - BORDER
+    for bit, hz, colour in ((1, spec.white_hz, WHITE_CLASS), (0, spec.black_hz, BLACK_CLASS)):
+        label = f"{bit}: {hz:g} Hz"
+        at -= text_size(label)[0]
+        text(canvas, label, (at, 62))
+        cv2.rectangle(canvas, (at - 20, 51), (at - 8, 63), colour, cv2.FILLED)
+        at -= 40

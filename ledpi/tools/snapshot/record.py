@@ -1,0 +1,47 @@
+"""What is drawn: one frame, and what was made of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ledpi.config.settings import PanelSettings
+from ledpi.core.records import Decoded, Frame, Intrinsics
+from ledpi.markers.dictionaries import load_dictionary
+from ledpi.markers.words import Bits
+from ledpi.pipeline.pipeline import Pipeline
+from ledpi.pipeline.trace import Dropped, Trace
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Snapshot:
+    """One frame and what was made of it."""
+
+    title: str  # ASCII
+    frame: Frame
+    decoded: Decoded
+    trace: Trace
+    panels: PanelSettings
+    intrinsics: Intrinsics | None
+
+    @property
+    def dropped(self) -> list[Dropped]:
+        """What was four-sided and no panel."""
+        return self.trace.dropped
+
+    def word(self, marker_id: int) -> Bits:
+        """The cells of an ID, upright."""
+        return load_dictionary(self.panels.dictionary).word(marker_id)
+
+
+def take(title: str, frame: Frame, pipeline: Pipeline, intrinsics: Intrinsics | None) -> Snapshot:
+    """Decodes a frame, and keeps what it went through."""
+    trace = Trace()
+    decoded = pipeline.decode(frame, trace)
+    return Snapshot(
+        title=title,
+        frame=frame,
+        decoded=decoded,
+        trace=trace,
+        panels=pipeline.panels,
+        intrinsics=intrinsics,
+    )
