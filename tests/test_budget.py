@@ -4,14 +4,20 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import threading
 import time
+from collections.abc import Callable
 
 import numpy as np
 import pytest
+from daemon_material import SIMULATED, controller
 from decode_material import PINHOLE, Bits, Canvas, camera_info, panel_settings, square, word
 
+from ledpi.camera.simulated import open_simulated
+from ledpi.config.settings import load_config
 from ledpi.core.records import Decoded, Floats, Frame
 from ledpi.pipeline.pipeline import STREAM_BUDGET, Pipeline
+from ledpi.runtime.daemon import Daemon
 from ledpi.runtime.pacing import LEAST, MOST, SHARE, Pacing
 
 RATE_HZ = 30
@@ -113,3 +119,24 @@ def test_a_frame_that_had_nothing_to_look_at_says_nothing() -> None:
     before = after(pacing, 1, spent=100_000, took_ms=30.0)
     assert after(pacing, 100, spent=0, took_ms=20.0)[-1:] == before
     assert after(pacing, 3, spent=100, took_ms=20.0)[-1] > 0.6 * before[0]
+
+
+@pytest.mark.parametrize("lossless", [False, True])
+def test_a_daemon_whose_frames_take_long_searches_less(lossless: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each frame says that it took a minute. Where capture waits for the decoder, there is no hurry."""
+    decode, budgets = Pipeline.decode, []
+
+    def slow(pipeline: Pipeline, frame: Frame, *, at_once: Callable[[Decoded], None]) -> Decoded:
+        budgets.append(pipeline.search_budget)
+        return dataclasses.replace(decode(pipeline, frame, at_once=at_once), stage_ms={"find": 60_000.0})
+
+    monkeypatch.setattr(Pipeline, "decode", slow)
+    with controller() as line:
+        config = load_config(None, (*SIMULATED, f"serial.port={line.port}"))
+        daemon = Daemon(config, open_simulated(config, paced=True), lossless=lossless)
+        threading.Timer(1.5, daemon.stop).start()
+        daemon.run()
+        line.close()
+    assert len(budgets) > 2
+    assert budgets[0] == STREAM_BUDGET
+    assert budgets[-1] == (STREAM_BUDGET if lossless else LEAST)
