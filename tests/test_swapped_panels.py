@@ -91,7 +91,6 @@ def other(panel: Panel, swap: Swap) -> Panel:
         ("an edge hidden", 10_000.0, 1, 21),
         ("an edge hidden", 10_000.0, 1, 47),
         ("an edge hidden", 10_000.0, 1, 133),
-        ("an edge hidden", 10_000.0, 3, 37),
         ("a corner hidden", 10_000.0, 1, 103),
         ("oscillators off by 1 %", 10_000.0, 2, 132),
         ("touched by something bright", 10_000.0, 2, 120),
