@@ -43,7 +43,7 @@ from ledpi.tools.evaluate.bound import Bound, bound_of
 from ledpi.tools.evaluate.conditions import PLAIN, Condition
 from ledpi.tools.evaluate.draw import FRAMES_A_TAKE, draw_take
 from ledpi.tools.evaluate.reading import PanelReader
-from ledpi.tools.evaluate.told import CORNER_SIGMA_PX, read_told
+from ledpi.tools.evaluate.told import read_told
 from ledpi.tools.evaluate.units import photographed
 
 SHOWN = (4, 12)  # of a stream's frames
@@ -80,7 +80,7 @@ def read(condition: Condition, panels: PanelSettings, number: int, *, stream: bo
     memory = PanelMemory(book.spec)
     for (frame, corners_px), marker_id in zip(views, told, strict=True):
         found = {"ledpi": any(each.id == true for each in reader.read(frame).found), "true corners": marker_id == true}
-        quad = Quad(corners_px=corners_px, corner_sigma_px=CORNER_SIGMA_PX, bend_px=0.0)
+        quad = Quad(corners_px=corners_px, bend_px=0.0)
         samples = sample_cells(frame, quad, 4, sensor.intrinsics, memory.lattice)
         if not isinstance(samples, Rejected):
             memory, _ = memory.after(samples, frame)

@@ -20,7 +20,7 @@ from ledpi.core.geometry import rotation_angle_deg
 from ledpi.core.records import CameraInfo, Floats, Frame, Intrinsics, PanelSpec, Quad, Rejected
 from ledpi.decode.locate import Locator
 from ledpi.decode.proposals import Proposer
-from ledpi.pose.planar import solve_squares
+from ledpi.pose.planar import solve_square
 from ledpi.simulate.render import Renderer
 from ledpi.tools.evaluate.conditions import PLAIN, VARIATIONS, Condition
 from ledpi.tools.evaluate.draw import FRAMES_A_TAKE, draw_take
@@ -29,8 +29,8 @@ SEQ = FRAMES_A_TAKE // 2  # where a moving camera is in the middle of its take
 WRONG = 0.25  # of the side: what is further off is something else
 
 
-def nearest_square(frame: Frame, true: Floats, lens: Intrinsics, spec: PanelSpec) -> tuple[Floats, float, float] | None:
-    """Corners in the order of the true ones, their deviation and the sides' share; None where no square is near."""
+def nearest_square(frame: Frame, true: Floats, lens: Intrinsics, spec: PanelSpec) -> tuple[Floats, Floats] | None:
+    """Corners in the order of the true ones, and their covariance; None where no square is near."""
     camera = CameraInfo(
         width=lens.width,
         height=lens.height,
@@ -42,9 +42,9 @@ def nearest_square(frame: Frame, true: Floats, lens: Intrinsics, spec: PanelSpec
     locator = Locator(4, (spec,), lens)
     quads = [locator.at(frame, candidate.corners_px) for candidate in candidates]
     found = [
-        (np.roll(quad.corners_px, turn, axis=0), quad.corner_sigma_px, quad.size_sigma_px)
+        (np.roll(quad.corners_px, turn, axis=0), np.roll(quad.covariance_px2, (2 * turn, 2 * turn), axis=(0, 1)))
         for quad in quads
-        if isinstance(quad, Quad)
+        if isinstance(quad, Quad) and quad.covariance_px2 is not None
         for turn in range(4)
     ]
     best = min(found, key=lambda one: float(np.abs(one[0] - true).max()), default=None)
@@ -63,16 +63,15 @@ def errors_of(condition: Condition, panels: PanelSettings, number: int) -> list[
         square = nearest_square(frame, marker.corners_px, lens, spec)
         if square is None:
             continue
-        corners, sigma_px, size_sigma_px = square
-        sigmas = np.array([sigma_px]), np.array([size_sigma_px])
-        solved = solve_squares(corners[None], *sigmas, [spec.side_m], lens)[0]
+        corners, covariance_px2 = square
+        solved = solve_square(corners, covariance_px2, spec.side_m, lens)
         if isinstance(solved, Rejected):
             continue
         pose, true, off = solved[0].camera_from_marker, marker.camera_from_marker, corners - marker.corners_px
         size = np.ptp(corners, axis=0).mean() / np.ptp(marker.corners_px, axis=0).mean() - 1
         rms, away_m = np.sqrt(np.square(off).sum(axis=1).mean()), np.linalg.norm(pose.position_m - true.position_m)
         angle = rotation_angle_deg(pose.quaternion_wxyz, true.quaternion_wxyz)
-        errors.append((100 * size, rms, sigma_px**2, np.square(off).mean(), 1e3 * away_m, angle))
+        errors.append((100 * size, rms, np.trace(covariance_px2) / 8, np.square(off).mean(), 1e3 * away_m, angle))
     return errors
 
 

@@ -89,7 +89,7 @@ def with_true_corners(frame: Frame, corners: Floats, panels: PanelSettings) -> i
     """The ID that a decoder reads who need not look for the panel."""
     dictionary = load_dictionary(panels.dictionary)
     cells = dictionary.cells_per_side
-    samples = sample_cells(frame, Quad(corners_px=corners, corner_sigma_px=0.1), cells)
+    samples = sample_cells(frame, Quad(corners_px=corners), cells)
     if isinstance(samples, Rejected):
         return None
     book = Codebook.build(list(range(len(dictionary.words))), dictionary, panels.spec())

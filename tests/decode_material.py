@@ -219,7 +219,7 @@ def _painted(
 
 def quad(corners: Floats) -> Quad:
     """Corners that are known exactly."""
-    return Quad(corners_px=corners, corner_sigma_px=0.05)
+    return Quad(corners_px=corners)
 
 
 def reason(result: object) -> str:

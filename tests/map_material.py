@@ -17,7 +17,7 @@ from ledpi.pose.place import Placer
 
 SIDE_M = 0.16
 SIGMA_PX = 0.05
-FLOOR_PX = 0.03  # of a side, beside that
+FLOOR_PX = 0.0424  # of a corner's coordinate, beside that
 PERIOD_NS = 16_966_000
 CAMERA_LINK_FROM_OPTICAL = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])  # REP-103
 
@@ -61,21 +61,29 @@ def seen_corners(map_from_base: Floats, map_from_marker: Floats, mount: Floats =
     return np.asarray(pixels.reshape(4, 2), np.float64)
 
 
-def with_errors(corners: Floats, rng: np.random.Generator, sigma_px: float = SIGMA_PX) -> Floats:
-    """Corners where sides cross that were fitted with errors: each is shifted and turned about its middle.
+def covariance_px2(corners: Floats, sigma_px: float = SIGMA_PX) -> Floats:
+    """(8, 8) of corners where sides cross that were fitted to edges, each side for itself.
 
-    Of a line through n edges of spread s the middle errs by s/√n = σ/2, its ends about the middle by √3 times that
-    (a quad's `corner_sigma_px` is 2s/√n); and all by what the edges do not show.
+    Of a line through n edges of spread s the middle errs by s/√n = σ/2, its ends about the middle by √3 times that. A
+    corner moves by d where the lines' normals n have n·d = the shifts that they have there.
     """
     following = np.roll(corners, -1, axis=0)
     along = following - corners
-    normal = np.column_stack([-along[:, 1], along[:, 0]]) / np.hypot(*along.T)[:, None]
-    shift = math.hypot(sigma_px / 2, FLOOR_PX) * rng.standard_normal((4, 1))
-    turned = math.hypot(math.sqrt(3) * sigma_px / 2, FLOOR_PX) * rng.standard_normal((4, 1))
-    start, end = corners + normal * (shift - turned), following + normal * (shift + turned)
-    lines = np.cross(np.column_stack([start, np.ones(4)]), np.column_stack([end, np.ones(4)]))
-    crossings = np.cross(np.roll(lines, 1, axis=0), lines)
-    return np.asarray(crossings[:, :2] / crossings[:, 2:])
+    normals = np.column_stack([-along[:, 1], along[:, 0]]) / np.hypot(*along.T)[:, None]
+    moved = np.zeros((8, 8))  # corners' x and y by each side's shift and turn
+    for k in range(4):
+        back = (k - 1) % 4
+        by_shift = np.linalg.inv(np.stack([normals[k], normals[back]]))
+        moved[2 * k : 2 * k + 2, [k, 4 + k]] = np.outer(by_shift[:, 0], [1, -1])
+        moved[2 * k : 2 * k + 2, [back, 4 + back]] = np.outer(by_shift[:, 1], [1, 1])
+    moved *= np.repeat([sigma_px / 2, math.sqrt(3) * sigma_px / 2], 4)
+    return np.asarray(moved @ moved.T)
+
+
+def with_errors(corners: Floats, rng: np.random.Generator, sigma_px: float = SIGMA_PX) -> Floats:
+    """Corners with errors of `covariance_px2`, and of what the fit does not show."""
+    spread = np.linalg.cholesky(covariance_px2(corners, sigma_px) + FLOOR_PX**2 * np.eye(8))
+    return corners + (spread @ rng.standard_normal(8)).reshape(4, 2)
 
 
 def frame(seq: int = 0) -> Frame:
@@ -90,7 +98,9 @@ def frame(seq: int = 0) -> Frame:
 
 
 def sighting(marker_id: int, corners: Floats) -> Sighting:
-    return Sighting(id=marker_id, corners_px=corners, corner_sigma_px=SIGMA_PX, margin=40.0, frames_used=4)
+    return Sighting(
+        id=marker_id, corners_px=corners, covariance_px2=covariance_px2(corners), margin=40.0, frames_used=4
+    )
 
 
 @dataclass

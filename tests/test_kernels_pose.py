@@ -9,7 +9,7 @@ from decode_material import LENS, PINHOLE, seen_through, square
 
 from ledpi.core.geometry import matrix_from_quaternion, matrix_from_rotation_vector
 from ledpi.core.records import Floats, Intrinsics, Rejected
-from ledpi.pose.corners import whiteners
+from ledpi.pose.corners import independent, whiteners
 from ledpi.pose.planar import FREEDOM, SURPRISING, solve_squares, square_corners
 from ledpi.pose.refine import BEATEN_BY, CONVERGED, fit_body
 
@@ -39,16 +39,17 @@ def normal_equations(turn: Floats, at: Floats, *given: object) -> tuple[Floats, 
 
 @pytest.mark.parametrize("lens", [PINHOLE, LENS])
 def test_poses_of_squares_are_least_squares(lens: Intrinsics) -> None:
-    """Near and far, face on and oblique, upside down, moving: no step would gain, and the covariance is (JᵀJ)⁻¹."""
-    rng, sigmas, gains = np.random.default_rng(6), (np.array([0.1]), np.array([0.08])), []
+    """Near and far, face on and oblique, upside down, with errors that hang together: no step would gain."""
+    rng, gains = np.random.default_rng(6), []
     for number in range(40):
         turn = matrix_from_rotation_vector(rng.normal(size=3) * [0.6, 0.6, 2.0]) @ UPSIDE_DOWN
         at = turn @ square_corners(0.16).T + np.array([[0.1], [-0.1], [1.0]]) * rng.uniform(0.5, 6)
         corners = seen_through(lens, (at[:2] / at[2]).T * (lens.fx, lens.fy) + (lens.cx, lens.cy))
         corners += rng.normal(0, 0.1, corners.shape)
-        motions = rng.normal(0, 4, (1, 4, 2)) if number % 2 else None
-        weights = whiteners(corners[None], *sigmas, motions)
-        (solutions,) = solve_squares(corners[None], *sigmas, [0.16], lens, motions)
+        spread = rng.normal(0, 0.05, (8, 8)) * (number % 2)
+        covariance_px2 = (independent(0.1) + spread @ spread.T)[None]
+        weights = whiteners(covariance_px2)
+        (solutions,) = solve_squares(corners[None], covariance_px2, [0.16], lens)
         assert isinstance(solutions, tuple)
         sure = 1 + max(0.0, solutions[0].chi2 - SURPRISING) / FREEDOM
         for solution in solutions:
@@ -75,7 +76,7 @@ def test_poses_of_a_body_are_least_squares(starts: int) -> None:
     at = turn @ points.T + np.array([[0.1], [-0.1], [2.0]])
     seen = seen_through(LENS, (at[:2] / at[2]).T * (LENS.fx, LENS.fy) + (LENS.cx, LENS.cy))
     seen += rng.normal(0, 0.1, seen.shape)
-    weights = whiteners(seen.reshape(3, 4, 2), np.full(3, 0.1), np.array([0.0, 0.05, 0.09]))
+    weights = whiteners(np.array([independent(sigma) for sigma in (0.05, 0.1, 0.2)]))
     rotations = np.array([matrix_from_rotation_vector(rng.normal(0, 0.1, 3)) @ turn for _ in range(starts)])
     positions = np.array([0.1, -0.1, 2.0]) + rng.normal(0, 0.05, (starts, 3))
     fits = fit_body(rotations, positions, points, seen, weights, LENS, at_most=2)
@@ -94,5 +95,5 @@ def test_corners_without_a_pose_have_none() -> None:
     """All in one place, in a line, nowhere; between others that have one."""
     corners = np.stack([square(300, 200, 50), np.full((4, 2), 9.0), np.full((4, 2), np.nan), square(100, 200, 50)])
     corners[1, :, 0] = [0, 1, 2, 3]
-    found = solve_squares(corners, np.full(4, 0.1), np.zeros(4), [0.16] * 4, PINHOLE)
+    found = solve_squares(corners, np.tile(independent(0.1), (4, 1, 1)), [0.16] * 4, PINHOLE)
     assert [isinstance(solutions, Rejected) for solutions in found] == [False, True, True, False]

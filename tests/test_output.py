@@ -38,7 +38,7 @@ def marker(
     solution: PlanarSolution | None = None, alternate: PlanarSolution | None = None, margin: float = 14.25
 ) -> MarkerPose:
     return MarkerPose(
-        sighting=Sighting(id=7, corners_px=CORNERS, corner_sigma_px=0.1, margin=margin, frames_used=4),
+        sighting=Sighting(id=7, corners_px=CORNERS, covariance_px2=0.01 * np.eye(8), margin=margin, frames_used=4),
         mid_exposure_ns=0,
         solution=solution,
         alternate=alternate,

@@ -184,7 +184,7 @@ def test_information_foretells_likelihood_ratios(near: View) -> None:
         pixels = np.empty((480, 640), np.uint8)
         renderer.render(seq, pixels)
         frame = replace(near.shots[0][1], pixels=pixels)
-        samples = sample_cells(frame, Quad(corners_px=corners, corner_sigma_px=0.1), 4)
+        samples = sample_cells(frame, Quad(corners_px=corners), 4)
         assert isinstance(samples, CellSamples)
         known = single_evidence(samples, frame, spec)
         assert isinstance(known, Evidence)

@@ -10,6 +10,7 @@ import pytest
 
 from ledpi.core.geometry import rotation_angle_deg
 from ledpi.core.records import Frame, MarkerPose, PanelSpec, PlanarSolution, Rejected, Sighting
+from ledpi.pose.corners import independent
 from ledpi.pose.fix import Robot
 from ledpi.pose.place import Placer
 from ledpi.recording.reader import TruthMarker
@@ -51,7 +52,12 @@ def sighting(now: TruthMarker, before: TruthMarker | None = None) -> Sighting:
     """Exact corners, each where its own row's time sees it, and the velocity since the frame before."""
     velocity = None if before is None else (now.corners_px - before.corners_px) / PERIOD_S
     return Sighting(
-        id=7, corners_px=now.corners_px, corner_sigma_px=0.05, margin=30.0, frames_used=2, velocity_px_s=velocity
+        id=7,
+        corners_px=now.corners_px,
+        covariance_px2=independent(0.05),
+        margin=30.0,
+        frames_used=2,
+        velocity_px_s=velocity,
     )
 
 
@@ -143,7 +149,7 @@ def test_panels_that_hang_upright_are_told_from_their_mirror_images() -> None:
     for upright in (False, True):
         robot = Robot(base_link_from_camera=base_link_from_camera, panels_upright=upright)
         placer = Placer(SENSOR.intrinsics, {7: 0.16}, stream=True, robot=robot)
-        answers.append(placed(placer, 1, replace(sighting(now), corner_sigma_px=0.5)))
+        answers.append(placed(placer, 1, replace(sighting(now), covariance_px2=independent(0.5))))
     (unknown, _), (known, solution) = answers
     assert unknown.alternate is not None
     assert known.alternate is None

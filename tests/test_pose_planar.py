@@ -8,8 +8,10 @@ import cv2
 import numpy as np
 import pytest
 from decode_material import LENS, PINHOLE, reason
+from map_material import covariance_px2, with_errors
 
 from ledpi.core.records import Floats, Intrinsics, Rejected
+from ledpi.pose.corners import independent
 from ledpi.pose.planar import Solutions, solve_square, solve_squares, square_corners
 
 SIDE_M = 0.16
@@ -58,9 +60,12 @@ def matrix_of(quaternion_wxyz: Floats) -> Floats:
 def solve(
     corners: Floats, lens: Intrinsics = PINHOLE, *, side_m: float = SIDE_M, sigma_px: float = SIGMA_PX
 ) -> Solutions:
-    solved = solve_square(corners, sigma_px, side_m, lens)
-    assert isinstance(solved, tuple), reason(solved)
-    return solved
+    return solved(solve_square(corners, independent(sigma_px), side_m, lens))
+
+
+def solved(answer: Solutions | Rejected) -> Solutions:
+    assert isinstance(answer, tuple), reason(answer)
+    return answer
 
 
 def angle_deg(quaternion_wxyz: Floats, rotation: Floats) -> float:
@@ -169,23 +174,6 @@ def test_of_noisy_corners_one_of_the_two_poses_is_right(seed: int) -> None:
     assert min(angle_deg(s.camera_from_marker.quaternion_wxyz, rotation) for s in solutions) < 6
 
 
-def moved_sides(corners: Floats, sigma_px: float, rng: np.random.Generator) -> Floats:
-    """Corners where sides cross that were fitted with errors: each is shifted and turned about its middle.
-
-    Of a line through n edges of spread s the middle errs by s/√n = σ/2, its ends about the middle by √3 times that
-    (`corner_sigma_px` is 2s/√n); and all by what the edges do not show, 0.03 px.
-    """
-    following = np.roll(corners, -1, axis=0)
-    along = following - corners
-    normal = np.column_stack([-along[:, 1], along[:, 0]]) / np.hypot(*along.T)[:, None]
-    shift = math.hypot(sigma_px / 2, 0.03) * rng.standard_normal((4, 1))
-    turned = math.hypot(math.sqrt(3) * sigma_px / 2, 0.03) * rng.standard_normal((4, 1))
-    start, end = corners + normal * (shift - turned), following + normal * (shift + turned)
-    lines = np.cross(np.column_stack([start, np.ones(4)]), np.column_stack([end, np.ones(4)]))
-    crossings = np.cross(np.roll(lines, 1, axis=0), lines)
-    return np.asarray(crossings[:, :2] / crossings[:, 2:])
-
-
 @pytest.mark.parametrize(
     ("rotation", "position", "sigma_px"),
     [
@@ -202,10 +190,11 @@ def test_errors_are_as_large_as_the_covariance_says(
     """1,000 draws: the mean of eᵀ·covariance⁻¹·e within the 95 % band of a χ² of 6, each deviation within 7 %."""
     rng = np.random.default_rng(1)
     exact = pixels(marker_corners(), rotation, np.array(position), LENS)
+    covariance = covariance_px2(exact, sigma_px)
     errors, nees = np.empty((1000, 6)), np.empty(1000)
     reported = np.zeros(6)
     for i in range(1000):
-        pose = solve(moved_sides(exact, sigma_px, rng), LENS, sigma_px=sigma_px)[0].camera_from_marker
+        pose = solved(solve_square(with_errors(exact, rng, sigma_px), covariance, SIDE_M, LENS))[0].camera_from_marker
         assert pose.covariance is not None
         turned_by = cv2.Rodrigues(matrix_of(pose.quaternion_wxyz) @ rotation.T)[0][:, 0]
         errors[i] = np.concatenate([pose.position_m - position, turned_by])
@@ -219,15 +208,17 @@ def test_errors_are_as_large_as_the_covariance_says(
 def test_an_error_of_the_size_is_one_of_the_distance() -> None:
     """Square on at 1 m, all sides outward alike by 0.2 px or so: of the side's half as much as of the distance."""
     corners = pixels(marker_corners(), FACING, np.array([0.0, 0.0, 1.0]), PINHOLE)
-    poses = []
-    for size_sigma_px in (0.0, 0.2):
-        sigmas = np.array([math.hypot(SIGMA_PX, size_sigma_px)]), np.array([size_sigma_px])
-        (solutions,) = solve_squares(corners[None], *sigmas, [SIDE_M], PINHOLE)
-        assert isinstance(solutions, tuple)
-        poses.append(solutions[0].camera_from_marker.covariance)
+    outward = 0.2 * np.sign(corners - corners.mean(axis=0)).ravel()
+    covariances = []
+    for size in (0.0, 1.0):
+        covariance = independent(SIGMA_PX) + size * np.outer(outward, outward)
+        pose = solved(solve_square(corners, covariance, SIDE_M, PINHOLE))[0].camera_from_marker
+        assert pose.covariance is not None
+        covariances.append(pose.covariance)
     half_px = PINHOLE.fx * SIDE_M / 2
-    assert math.sqrt(poses[1][2, 2] - poses[0][2, 2]) == pytest.approx(0.2 / half_px, rel=0.01)
-    np.testing.assert_allclose(np.diag(poses[1])[:2], np.diag(poses[0])[:2], rtol=0.01)
+    more = covariances[1][2, 2] - covariances[0][2, 2]
+    assert math.sqrt(more) == pytest.approx(0.2 / half_px, rel=0.01)
+    np.testing.assert_allclose(np.diag(covariances[1])[:2], np.diag(covariances[0])[:2], rtol=0.01)
 
 
 def test_corners_that_no_pose_explains_make_it_less_sure() -> None:
@@ -246,10 +237,10 @@ def test_many_squares_are_solved_as_each_alone() -> None:
     """Together only because it is quicker; and one that cannot be solved does not spoil the others."""
     seen = [pixels(marker_corners(), rotation, np.array(position), LENS) for rotation, position in POSES]
     seen.insert(2, np.array([[300.0, 200], [340, 200], [340, 200], [300, 200]]))
-    together = solve_squares(np.array(seen), np.full(7, SIGMA_PX), np.zeros(7), [SIDE_M] * 7, LENS)
+    together = solve_squares(np.array(seen), np.tile(independent(SIGMA_PX), (7, 1, 1)), [SIDE_M] * 7, LENS)
     assert isinstance(together[2], Rejected)
     for corners, solutions in zip(seen, together, strict=True):
-        alone = solve_square(corners, SIGMA_PX, SIDE_M, LENS)
+        alone = solve_square(corners, independent(SIGMA_PX), SIDE_M, LENS)
         if isinstance(solutions, Rejected):
             assert solutions == alone
             continue
@@ -261,13 +252,13 @@ def test_many_squares_are_solved_as_each_alone() -> None:
 def test_four_corners_of_no_square_give_a_reason() -> None:
     """A kite that no square looks like from anywhere."""
     kite = np.array([[300.0, 200], [340, 180], [420, 260], [310, 240]])
-    assert reason(solve_square(kite, SIGMA_PX, SIDE_M, PINHOLE)) == "pose.not_square"
+    assert reason(solve_square(kite, independent(SIGMA_PX), SIDE_M, PINHOLE)) == "pose.not_square"
 
 
 def test_corners_on_a_line_give_a_reason_not_a_pose() -> None:
     """A square seen exactly from the side shows nothing of itself; numbers that are none never come out."""
     line = np.array([[300.0, 200], [340, 200], [340, 200], [300, 200]])
-    solved = solve_square(line, SIGMA_PX, SIDE_M, PINHOLE)
+    solved = solve_square(line, independent(SIGMA_PX), SIDE_M, PINHOLE)
     assert reason(solved) == "pose.unsolved"
 
 

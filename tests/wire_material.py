@@ -75,7 +75,9 @@ def marker_pose(
 ) -> MarkerPose:
     solution = PlanarSolution(camera_from_marker=pose or pose_at(0.0), reprojection_px=0.1, chi2=1.0)
     other = PlanarSolution(camera_from_marker=pose_at(-1.0), reprojection_px=0.3, chi2=1.0)
-    sighting = Sighting(id=marker_id, corners_px=np.zeros((4, 2)), corner_sigma_px=0.1, margin=10.0, frames_used=1)
+    sighting = Sighting(
+        id=marker_id, corners_px=np.zeros((4, 2)), covariance_px2=0.01 * np.eye(8), margin=10.0, frames_used=1
+    )
     return MarkerPose(
         sighting=sighting,
         mid_exposure_ns=mid_exposure_ns,

@@ -180,8 +180,7 @@ class Quad:
     """A lit, four-sided thing in the picture that may be a panel."""
 
     corners_px: Floats  # (4, 2), clockwise as seen in the picture
-    corner_sigma_px: float  # standard deviation of a corner coordinate
-    size_sigma_px: float = 0.0  # of that, what all sides share: how far they may be off outward alike, or inward
+    covariance_px2: Floats | None = None  # (8, 8) of the corners' coordinates, x and y of each; None: not measured
     bend_px: float = 0.0  # how far the lens bends its sides off the straight line, at most
     lattice_px: Floats | None = None  # (4, 2) corners of the lattice of its cells, where that ends elsewhere
     unknown: Floats | None = None  # what its picture was fitted with, as `decode.model.prior` has it
@@ -195,10 +194,9 @@ class Sighting:
 
     id: int
     corners_px: Floats  # (4, 2): top left, top right, bottom right, bottom left of the marker as its ID is drawn
-    corner_sigma_px: float
+    covariance_px2: Floats  # (8, 8) of the corners' coordinates, x and y of each
     margin: float  # natural-log likelihood ratio to the best explanation that is not this ID
     frames_used: int
-    size_sigma_px: float = 0.0  # of corner_sigma_px, what all sides share
     velocity_px_s: Floats | None = None  # (4, 2) of the corners, where they were followed
 
 

@@ -135,7 +135,7 @@ class BandsReader:
                 return Sighting(
                     id=self._ids[index],
                     corners_px=read_only(corners_of_turned(corners_px, turns)),
-                    corner_sigma_px=CORNER_SIGMA_PX,
+                    covariance_px2=CORNER_SIGMA_PX**2 * np.eye(8),
                     margin=NO_MARGIN,
                     frames_used=1,
                 )

@@ -116,7 +116,7 @@ class Locator:
         return Quad(
             corners_px=fit.corners_px,
             lattice_px=fit.lattice_px,
-            corner_sigma_px=math.sqrt(float(np.trace(fit.covariance_px2)) / 8.0),
+            covariance_px2=fit.covariance_px2,
             bend_px=self._bend_px(fit.corners_px),
             unknown=fit.unknown,
             unexplained=1.0 - fit.explained,

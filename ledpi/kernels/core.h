@@ -175,12 +175,8 @@ ptrdiff_t ledpi_panel_room(void);
 
 void ledpi_bends(const double *lens, ptrdiff_t quads, const double *corners, double *bends);
 
-void ledpi_whiteners(const double *errors, ptrdiff_t count, const double *corners_px, const double *sigma_px,
-                     const double *size_sigma_px, const double *motions_px, double *whiteners);
-
-void ledpi_solve_squares(const double *lens, const double *stop, const double *errors, ptrdiff_t count,
-                         const double *corners_px, const double *sigma_px, const double *size_sigma_px,
-                         const double *sides_m, const double *motions_px, double *solutions, uint8_t *solved);
+void ledpi_solve_squares(const double *lens, const double *stop, ptrdiff_t count, const double *corners_px,
+                         const double *whiteners, const double *sides_m, double *solutions, uint8_t *solved);
 
 ptrdiff_t ledpi_fit_body(const double *lens, ptrdiff_t points, const double *place, const double *seen_px,
                          const double *whiteners, ptrdiff_t starts, const double *rotations, const double *positions,

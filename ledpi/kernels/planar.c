@@ -4,11 +4,6 @@
 #include "core.h"
 #include "pose.h"
 
-/* What is known of corners' errors: constants of pose/corners.py. */
-typedef struct {
-    double floor_px, known_blur_px, blur_error;
-} Errors;
-
 /* A solution as numpy takes it. */
 typedef struct {
     double position[3], quaternion[4], reprojection_px, chi2, covariance[36];
@@ -52,68 +47,6 @@ static bool ippe(double c[4][2], double side_m, Fit starts[2]) {
     return true;
 }
 
-/* How far each side moves where the square grows about its centre; 1 in the mean. */
-static void grow(const double corners[8], double normals[4][2], double out[4]) {
-    double centre[2] = {0.0, 0.0}, mean = 1e-12;
-    for (int i = 0; i < 8; i++) centre[i & 1] += 0.25 * corners[i];
-    for (int k = 0; k < 4; k++) {
-        const double *here = corners + 2 * k, *there = corners + 2 * ((k + 1) & 3);
-        out[k] = 0.0;
-        for (int j = 0; j < 2; j++) out[k] -= (here[j] + there[j] - 2 * centre[j]) * normals[k][j];
-        mean += 0.25 * fabs(out[k]);
-    }
-    for (int k = 0; k < 4; k++) out[k] /= mean;
-}
-
-/* Takes what the sides share, by `q` of its deviations each, off the rows of their shifts: (I + q·qᵀ)^(−½). */
-static void share(const double q[4], double rows[32]) {
-    double more = 0.0;
-    for (int k = 0; k < 4; k++) more += q[k] * q[k];
-    for (int i = 0; i < 8; i++) {
-        double sum = 0.0;
-        for (int k = 0; k < 4; k++) sum += q[k] * rows[8 * k + i];
-        sum /= 1.0 + more + sqrt(1.0 + more);
-        for (int k = 0; k < 4; k++) rows[8 * k + i] -= q[k] * sum;
-    }
-}
-
-/* `whiteners` of one square, which pose/corners.py explains. */
-static void whiten(const Errors *errors, const double corners[8], double sigma_px, double size_sigma_px,
-                   const double motions[8], double rows[64]) {
-    double normals[4][2], q[4], deviations[4];
-    for (int i = 0; i < 64; i++) rows[i] = 0.0;
-    for (int k = 0; k < 4; k++) {
-        int next = (k + 1) & 3;
-        double x = corners[2 * next] - corners[2 * k], y = corners[2 * next + 1] - corners[2 * k + 1];
-        double length = sqrt(x * x + y * y) + 1e-12;
-        double *normal = normals[k], own = fmax(sigma_px * sigma_px - size_sigma_px * size_sigma_px, 0.0);
-        double middle = 0.25 * own, ends = 0.75 * own;
-        normal[0] = -y / length, normal[1] = x / length;
-        double blur = 0.0;
-        for (int j = 0; j < 2; j++) blur += 0.5 * (motions[2 * k + j] + motions[2 * next + j]) * normal[j];
-        middle += errors->floor_px * errors->floor_px, ends += errors->floor_px * errors->floor_px;
-        if (fabs(blur) > errors->known_blur_px) middle += errors->blur_error * errors->blur_error * blur * blur;
-        for (int j = 0; j < 2; j++) {
-            double shift = normal[j] * (0.5 / sqrt(middle)), turn = normal[j] * (0.5 / sqrt(ends));
-            rows[8 * k + 2 * k + j] = rows[8 * k + 2 * next + j] = shift;
-            rows[8 * (4 + k) + 2 * k + j] = -turn;
-            rows[8 * (4 + k) + 2 * next + j] = turn;
-        }
-        deviations[k] = sqrt(middle);
-    }
-    grow(corners, normals, q);
-    for (int k = 0; k < 4; k++) q[k] *= size_sigma_px / deviations[k];
-    share(q, rows);
-}
-
-/* `whiteners` (count, 8, 8) of squares at `corners_px` (count, 4, 2) that move by `motions_px` (count, 4, 2). */
-void ledpi_whiteners(const double *errors, ptrdiff_t count, const double *corners_px, const double *sigma_px,
-                     const double *size_sigma_px, const double *motions_px, double *whiteners) {
-    for (ptrdiff_t i = 0; i < count; i++)
-        whiten((const Errors *)errors, corners_px + 8 * i, sigma_px[i], size_sigma_px[i], motions_px + 8 * i,
-               whiteners + 64 * i);
-}
-
 /* Unit quaternion (w, x, y, z), w ≥ 0, by Shepperd's method: the largest part first. */
 static void quaternion_of(const double r[9], double q[4]) {
     const double squares[4] = {1 + r[0] + r[4] + r[8], 1 + r[0] - r[4] - r[8], 1 - r[0] + r[4] - r[8], 1 - r[0] - r[4] + r[8]};
@@ -129,23 +62,20 @@ static void quaternion_of(const double r[9], double q[4]) {
     for (int i = 0; i < 4; i++) q[i] = row[i] / length;
 }
 
-/* Of `count` squares with `sides_m` (count,), seen at `corners_px` (count, 4, 2) to `sigma_px` (count,), of which the sides
- * share `size_sigma_px`, which move by `motions_px` (count, 4, 2) during the exposure: two `solutions` each (count, 2), and
- * whether there are any (count,). */
-void ledpi_solve_squares(const double *lens_numbers, const double *stop, const double *errors, ptrdiff_t count,
-                         const double *corners_px, const double *sigma_px, const double *size_sigma_px,
-                         const double *sides_m, const double *motions_px, double *numbers, uint8_t *solved) {
+/* Of `count` squares with `sides_m` (count,), seen at `corners_px` (count, 4, 2), whose errors `whiteners` (count, 8, 8) make
+ * independent: two `solutions` each (count, 2), and whether there are any (count,). */
+void ledpi_solve_squares(const double *lens_numbers, const double *stop, ptrdiff_t count, const double *corners_px,
+                         const double *whiteners, const double *sides_m, double *numbers, uint8_t *solved) {
     const Lens *lens = (const Lens *)lens_numbers;
     Solution *solutions = (Solution *)numbers;
-    for (ptrdiff_t i = 0; i < count; i++, corners_px += 8, motions_px += 8, solutions += 2) {
-        double rays[4][2], whitener[64], off_px[16], trial_px[8], half = 0.5 * sides_m[i];
+    for (ptrdiff_t i = 0; i < count; i++, corners_px += 8, whiteners += 64, solutions += 2) {
+        double rays[4][2], off_px[16], trial_px[8], half = 0.5 * sides_m[i];
         const double place[12] = {-half, half, 0, half, half, 0, half, -half, 0, -half, -half, 0};
-        const Body body = {4, place, corners_px, whitener};
+        const Body body = {4, place, corners_px, whiteners};
         Fit fits[2];
         for (int k = 0; k < 4; k++) ledpi_ray_of(lens, corners_px + 2 * k, rays[k]);
         solved[i] = ippe(rays, sides_m[i], fits);
         if (!solved[i]) continue;
-        whiten((const Errors *)errors, corners_px, sigma_px[i], size_sigma_px[i], motions_px, whitener);
         ledpi_fit(&body, lens, 2, (const Stop *)stop, fits, off_px, trial_px);
         for (int k = 0; k < 2; k++) {
             double squares = 0.0;

@@ -32,38 +32,20 @@ def bends(corners: NDArray[np.complex128], lens: Intrinsics) -> NDArray[np.compl
 
 
 def solve_squares(
-    corners_px: Floats,
-    sigma_px: Floats,
-    size_sigma_px: Floats,
-    sides_m: Floats,
-    intrinsics: Intrinsics,
-    motions_px: Floats,
-    stop: Floats,
-    errors: Floats,
+    corners_px: Floats, whiteners: Floats, sides_m: Floats, intrinsics: Intrinsics, stop: Floats
 ) -> tuple[Floats, Mask]:
     """(N, 2, 45) read-only: both solutions of each square, and (N,) whether there are any.
 
-    `stop`: rounds, CONVERGED and BEATEN_BY of pose/refine.py; `errors`: FLOOR_PX, KNOWN_BLUR_PX and BLUR_ERROR of
-    pose/corners.py.
+    `stop`: rounds, CONVERGED and BEATEN_BY of pose/refine.py.
     """
-    count = len(corners_px)
-    squares = corners_px, sigma_px, size_sigma_px, sides_m, motions_px
+    count, squares = len(corners_px), (corners_px, whiteners, sides_m)
     solutions, solved = np.empty((count, 2, COVARIANCE.stop)), np.empty(count, np.bool_)
     lib.ledpi_solve_squares(
-        *(at(lens_of(intrinsics)), at(stop), at(errors), count, *(at(doubles(array)) for array in squares)),
+        *(at(lens_of(intrinsics)), at(stop), count, *(at(doubles(array)) for array in squares)),
         *(at(solutions), at(solved)),
     )
     solutions.flags.writeable = False
     return solutions, solved
-
-
-def whiteners(
-    errors: Floats, corners_px: Floats, sigma_px: Floats, size_sigma_px: Floats, motions_px: Floats
-) -> Floats:
-    """As `whiteners` of pose/corners.py."""
-    squares, rows = (corners_px, sigma_px, size_sigma_px, motions_px), np.empty((len(corners_px), 8, 8))
-    lib.ledpi_whiteners(at(errors), len(corners_px), *(at(doubles(array)) for array in squares), at(rows))
-    return rows
 
 
 def fit_body(

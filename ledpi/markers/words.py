@@ -120,3 +120,10 @@ def corners_of_turned(quad_corners: NDArray[np.float64], quarter_turns: int) -> 
     """
     turned: NDArray[np.float64] = quad_corners.take(_TURNED[quarter_turns % 4], axis=0)
     return turned
+
+
+def covariance_of_turned(quad_covariance: NDArray[np.float64], quarter_turns: int) -> NDArray[np.float64]:
+    """(8, 8) of the corners' x and y, in the marker's own order, as `corners_of_turned` has it."""
+    order = (2 * np.array(_TURNED[quarter_turns % 4])[:, None] + (0, 1)).ravel()
+    turned: NDArray[np.float64] = quad_covariance[np.ix_(order, order)]
+    return turned

@@ -30,7 +30,7 @@ from ledpi.decode.proposals import Candidate, Proposer
 from ledpi.decode.reader import Reader
 from ledpi.decode.track import NOT_SHOWN, Track, Tracker
 from ledpi.markers.dictionaries import load_dictionary
-from ledpi.markers.words import corners_of_turned
+from ledpi.markers.words import corners_of_turned, covariance_of_turned
 from ledpi.pipeline.results import Results
 from ledpi.pipeline.trace import Look, Trace
 from ledpi.pose.fix import Robot
@@ -263,14 +263,14 @@ class Pipeline:
         return sightings
 
     def _sighting(self, quad: Quad, reading: soft.Reading, track: Track) -> Sighting:
+        assert quad.covariance_px2 is not None, "the localisation measures it"
         tuned, velocity = track.history.tuning.found, track.where.velocity_px_s
         if tuned is not None and tuned.measured:
             self.off_frequency[reading.id] = tuned.spec
         return Sighting(
             id=reading.id,
             corners_px=read_only(corners_of_turned(quad.corners_px, reading.quarter_turns)),
-            corner_sigma_px=quad.corner_sigma_px,
-            size_sigma_px=quad.size_sigma_px,
+            covariance_px2=read_only(covariance_of_turned(quad.covariance_px2, reading.quarter_turns)),
             margin=reading.margin,
             frames_used=track.history.frames,
             velocity_px_s=None if velocity is None else read_only(corners_of_turned(velocity, reading.quarter_turns)),

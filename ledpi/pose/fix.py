@@ -26,7 +26,7 @@ from ledpi.core.records import (
 )
 from ledpi.core.shutter import row_mid_exposure_ns
 from ledpi.pose.branches import EXCLUDED_BY
-from ledpi.pose.corners import centre_px, motion_px, seen_at_row, whiteners
+from ledpi.pose.corners import centre_px, seen_at_row, whiteners
 from ledpi.pose.panel_map import PanelMap
 from ledpi.pose.past import Candidate, Past, distance2
 from ledpi.pose.planar import square_corners
@@ -117,9 +117,7 @@ class FixSolver:
         map_from_middle = transform(np.eye(3), middle)
         sightings = [m.sighting for m in known]
         corners = np.array([seen_at_row(s.corners_px, s.velocity_px_s, row, frame.row_time_us) for s in sightings])
-        motions = np.array([motion_px(s.velocity_px_s, frame.exposure_us) for s in sightings])
-        sigma_px = np.array([s.corner_sigma_px for s in sightings])
-        whiten = whiteners(corners, sigma_px, np.array([s.size_sigma_px for s in sightings]), motions)
+        whiten = whiteners(np.array([s.covariance_px2 for s in sightings]))
         starts, believed = [], []
         for marker in known:
             marker_from_middle = self._marker_from_map[marker.sighting.id] @ map_from_middle

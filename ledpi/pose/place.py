@@ -9,7 +9,7 @@ import numpy as np
 from ledpi.core.records import Frame, Intrinsics, MarkerPose, PlanarSolution, Rejected, RobotFix, Sighting
 from ledpi.core.shutter import row_mid_exposure_ns
 from ledpi.pose.branches import Branches
-from ledpi.pose.corners import centre_px, motion_px, seen_at_row
+from ledpi.pose.corners import centre_px, seen_at_row
 from ledpi.pose.fix import FixSolver, Robot
 from ledpi.pose.planar import solve_squares
 
@@ -60,11 +60,9 @@ class Placer:
         corners = np.array([s.corners_px for s in sightings])
         solved = solve_squares(
             seen_at_row(corners, velocities, np.array(rows)[:, None, None], frame.row_time_us),
-            np.array([s.corner_sigma_px for s in sightings]),
-            np.array([s.size_sigma_px for s in sightings]),
+            np.array([s.covariance_px2 for s in sightings]),
             [self._sides_m[s.id] for s in sightings],
             self._intrinsics,
-            motion_px(velocities, frame.exposure_us),
         )
         placed: list[MarkerPose | Rejected] = []
         for sighting, row, solutions in zip(sightings, rows, solved, strict=True):

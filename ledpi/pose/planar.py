@@ -11,7 +11,7 @@ import numpy as np
 from ledpi.core.geometry import rotation_angle_deg
 from ledpi.core.records import Floats, Intrinsics, PlanarSolution, Pose, Rejected, read_only
 from ledpi.kernels import pose as kernel
-from ledpi.pose.corners import ERRORS
+from ledpi.pose.corners import whiteners
 from ledpi.pose.refine import STOP
 
 UNSOLVED = Rejected(stage="pose", reason="unsolved")
@@ -35,25 +35,17 @@ def square_corners(side_m: float) -> Floats:
 
 
 def solve_squares(
-    corners_px: Floats,
-    sigma_px: Floats,
-    size_sigma_px: Floats,
-    sides_m: Sequence[float],
-    intrinsics: Intrinsics,
-    motions_px: Floats | None = None,
+    corners_px: Floats, covariances_px2: Floats, sides_m: Sequence[float], intrinsics: Intrinsics
 ) -> list[Solutions | Rejected]:
     """camera_from_marker of each of N squares: one or two solutions, the better first, or why there is none.
 
-    `corners_px` (N, 4, 2) in the marker's order, `sigma_px` (N,) the deviation of their coordinates, of which all sides
-    share `size_sigma_px` (N,), `motions_px` (N, 4, 2) how far they move during the exposure. Infinitesimal plane-based
-    pose estimation (Collins & Bartoli, IJCV 2014) gives both solutions of a square: the homography's value and slope at
-    its centre give the pose but for a sign. Least squares, weighted as the corners' errors hang together, makes the
-    best of each, and the covariance is (JᵀWJ)⁻¹ there; larger where corners that no pose explains show that they err by
-    more than they say.
+    `corners_px` (N, 4, 2) in the marker's order, `covariances_px2` (N, 8, 8) of their coordinates. Infinitesimal
+    plane-based pose estimation (Collins & Bartoli, IJCV 2014) gives both solutions of a square: the homography's value
+    and slope at its centre give the pose but for a sign. Least squares, weighted as the corners' errors hang together,
+    makes the best of each, and the covariance is (JᵀWJ)⁻¹ there; larger where corners that no pose explains show that
+    they err by more than they say.
     """
-    motions_px = np.zeros_like(corners_px) if motions_px is None else motions_px
-    squares = corners_px, sigma_px, size_sigma_px, np.array(sides_m)
-    found, solved = kernel.solve_squares(*squares, intrinsics, motions_px, STOP, ERRORS)
+    found, solved = kernel.solve_squares(corners_px, whiteners(covariances_px2), np.array(sides_m), intrinsics, STOP)
     both = [
         (_solution(one), _solution(other)) if there else None
         for (one, other), there in zip(found, solved.tolist(), strict=True)
@@ -78,10 +70,10 @@ def _solution(numbers: Floats) -> PlanarSolution:
 
 
 def solve_square(
-    corners_px: Floats, corner_sigma_px: float, side_m: float, intrinsics: Intrinsics
+    corners_px: Floats, covariance_px2: Floats, side_m: float, intrinsics: Intrinsics
 ) -> Solutions | Rejected:
-    """`solve_squares` of one, `corners_px` (4, 2), whose sides err independently."""
-    return solve_squares(corners_px[None], np.array([corner_sigma_px]), np.zeros(1), [side_m], intrinsics)[0]
+    """`solve_squares` of one, `corners_px` (4, 2)."""
+    return solve_squares(corners_px[None], covariance_px2[None], [side_m], intrinsics)[0]
 
 
 def _checked(one: PlanarSolution, other: PlanarSolution, corners_px: Floats) -> Solutions | Rejected:

@@ -133,15 +133,14 @@ def _problem(
 ) -> _Problem:
     seen = [(v, panel) for v, view in enumerate(views) for panel in view]
     corners = np.array([panel.corners_px for _, panel in seen])
-    sigma_px = np.array([panel.corner_sigma_px for _, panel in seen])
-    size_sigma_px = np.array([panel.size_sigma_px for _, panel in seen])
+    covariances_px2 = np.array([panel.covariance_px2 for _, panel in seen])
     return _Problem(
         view=np.array([v for v, _ in seen]),
         panel=np.array([ids.index(panel.id) for _, panel in seen]),
         squares=np.array([square_corners(sides_m[panel.id]) for _, panel in seen]),
         seen_px=corners,
-        whiteners=whiteners(corners, sigma_px, size_sigma_px),
-        alike=_alike(views, seen, sigma_px, size_sigma_px),
+        whiteners=whiteners(covariances_px2),
+        alike=_alike(views, seen, corners, covariances_px2),
         lens=lens,
         fixed=ids.index(origin),
         upright=upright,
@@ -149,18 +148,20 @@ def _problem(
 
 
 def _alike(
-    views: Sequence[View], seen: Sequence[tuple[int, PanelView]], sigma_px: Floats, size_sigma_px: Floats
+    views: Sequence[View], seen: Sequence[tuple[int, PanelView]], corners_px: Floats, covariances_px2: Floats
 ) -> float:
     """By how much variances of places are understated if all observations are taken for independent.
 
-    What the edges do not show of an error, and that of the size, is alike in the n frames that show the same panels:
+    What the fit does not show of an error, and that of the size, is alike in the n frames that show the same panels:
     their mean has the variance σ²/n + floor², where independent ones would have (σ² + floor²)/n.
     """
     groups = [frozenset(panel.id for panel in view) for view in views]
     sizes = Counter(groups)
     n = np.array([sizes[groups[v]] for v, _ in seen])
-    size2 = np.square(size_sigma_px)
-    noise, hidden = np.maximum(np.square(sigma_px) - size2, 0.0) / 4, FLOOR_PX**2 + size2
+    outward = (corners_px - corners_px.mean(axis=1, keepdims=True)).reshape(-1, 8)
+    outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+    size2 = np.einsum("ni,nij,nj->n", outward, covariances_px2, outward)
+    noise, hidden = np.trace(covariances_px2, axis1=1, axis2=2) - size2, 8 * FLOOR_PX**2 + size2
     return float(np.mean((noise + n * hidden) / (noise + hidden)))
 
 

@@ -28,8 +28,7 @@ class PanelView:
 
     id: int
     corners_px: Floats  # (4, 2) at one moment for all panels of the frame
-    corner_sigma_px: float
-    size_sigma_px: float  # of that, what all sides share
+    covariance_px2: Floats  # (8, 8) of their x and y
     poses: tuple[Floats, ...]  # camera_from_marker (4, 4), the likelier first: one, or two where the other may be true
 
 
@@ -50,7 +49,7 @@ def view_of(frame: Frame, markers: Sequence[MarkerPose]) -> View:
                 pose = solution.camera_from_marker
                 poses.append(transform(matrix_from_quaternion(pose.quaternion_wxyz), pose.position_m))
         corners = seen_at_row(seen.corners_px, seen.velocity_px_s, row, frame.row_time_us)
-        views.append(PanelView(seen.id, corners, seen.corner_sigma_px, seen.size_sigma_px, tuple(poses)))
+        views.append(PanelView(seen.id, corners, seen.covariance_px2, tuple(poses)))
     return tuple(views)
 
 
@@ -122,11 +121,7 @@ def camera_poses(
             guesses[:, :3, 3],
             np.concatenate(squares),
             corners.reshape(-1, 2),
-            whiteners(
-                corners,
-                np.array([panel.corner_sigma_px for panel in view]),
-                np.array([panel.size_sigma_px for panel in view]),
-            ),
+            whiteners(np.array([panel.covariance_px2 for panel in view])),
             lens,
             at_most=len(guesses),
         )

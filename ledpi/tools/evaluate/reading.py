@@ -16,6 +16,7 @@ from ledpi.core.records import CameraInfo, Floats, Frame, Intrinsics, PanelValue
 from ledpi.markers.dictionaries import load_dictionary, opencv_dictionary
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.pipeline.trace import Dropped, Trace
+from ledpi.pose.corners import independent
 from ledpi.pose.planar import solve_square
 from ledpi.tools.evaluate.prints import APRILTAG
 
@@ -101,7 +102,7 @@ class PrintReader:
         return Read(found=tuple(found), dropped=(), milliseconds=1e3 * (time.perf_counter() - start))
 
     def _pose(self, corners_px: Floats) -> Pose | None:
-        solved = solve_square(corners_px, _PRINT_SIGMA_PX, self._side_m, self._intrinsics)
+        solved = solve_square(corners_px, independent(_PRINT_SIGMA_PX), self._side_m, self._intrinsics)
         return None if isinstance(solved, Rejected) else solved[0].camera_from_marker
 
 

@@ -32,7 +32,6 @@ _OFF_CENTRE_PX = (0.3, -0.2)
 _GAIN_DEVIATION = 0.05
 _MARGIN_PX = 12  # of unlit bezel and wall around the panel
 _BRIGHTNESS = 0.5  # level of a cell's middle: well lit, not saturated
-_CORNER_SIGMA_PX = 0.15
 _PHASES = 8  # of either class, evenly over half a turn of one and a whole turn of the other: signs cancel
 
 
@@ -51,7 +50,7 @@ def view_panel(sensor: SimulatedSensor, cells: int, side_m: float, distance_m: f
     seen = scene_truth(scene, 0)
     if not seen:
         return Rejected(stage="cells", reason="too_small")
-    quad = Quad(corners_px=seen[0].corners_px, corner_sigma_px=_CORNER_SIGMA_PX)
+    quad = Quad(corners_px=seen[0].corners_px)
     shots = []
     for seq in range(STREAM_FRAMES):
         pixels = np.empty((lens.height, lens.width), np.uint8)

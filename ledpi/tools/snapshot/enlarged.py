@@ -85,7 +85,7 @@ def _seen_tile(block: Block, frame: Frame) -> Pixels:
 def _samples(block: Block, snapshot: Snapshot) -> CellSamples | Rejected:
     n = load_dictionary(snapshot.panels.dictionary).cells_per_side
     # How far the lens bends the sides is not kept with a sighting; 1 px has the bend looked at.
-    quad = Quad(corners_px=block.corners_px, corner_sigma_px=0.0, bend_px=1.0)
+    quad = Quad(corners_px=block.corners_px, bend_px=1.0)
     return sample_cells(snapshot.frame, quad, n, snapshot.intrinsics)
 
 

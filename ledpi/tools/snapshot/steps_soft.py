@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import cv2
 import numpy as np
 
@@ -56,10 +58,11 @@ def _found(snapshot: Snapshot) -> Row:
 def _row(look: Look, snapshot: Snapshot) -> Row:
     """All tiles upright as in the frame, with whichever corner the quad begins."""
     size, reading, turns = tile_width(4), look.reading, first_at_top_left(look.quad.corners_px)
-    n = look.samples.lattice.cells
+    n, covariance = look.samples.lattice.cells, look.quad.covariance_px2
+    sigma = "" if covariance is None else f", ±{math.sqrt(np.trace(covariance) / 8):.2f} px"
     bands, share = bands_tile(look.samples, size)
     tiles = [
-        Tile(label=f"refined square, ±{look.quad.corner_sigma_px:.2f} px", picture=_refined(look, snapshot, size)),
+        Tile(label=f"refined square{sigma}", picture=_refined(look, snapshot, size)),
         Tile(label=f"its bands: ±{100 * share:.1f} %", picture=np.ascontiguousarray(np.rot90(bands, turns))),
     ]
     if not isinstance(reading, Reading):
