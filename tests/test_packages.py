@@ -19,7 +19,13 @@ from ledpi import __version__
 ROOT = Path(__file__).resolve().parents[1]
 NEWEST_GLIBC = 35  # Ubuntu 22.04's, of ROS 2 Humble
 DEMO_MB = 130
-LOWEST, *OTHERS = ("3.10", "3.11", "3.12", "3.13")
+
+PYTHONS = ("3.10", "3.11", "3.12", "3.13")
+
+
+def slow(test: Any) -> Any:
+    """Builds packages and installs them; one at a time, as the tools and the emulated system are made once."""
+    return pytest.mark.slow(pytest.mark.alone(test))
 
 
 def run(*command: str | Path, path: str | None = None) -> str:
@@ -87,13 +93,13 @@ def test_the_versions_that_are_claimed_are_tested() -> None:
     ci = (ROOT / ".ci/run").read_text(encoding="utf-8")
     claimed = re.findall(r'"Programming Language :: Python :: (3\.\d+)"', project)
     (named,) = re.findall(r"^for version in (.*); do$", ci, re.MULTILINE)
-    assert claimed == [LOWEST, *OTHERS]
+    assert tuple(claimed) == PYTHONS
     assert sorted([*named.split(), "3.11"]) == sorted(claimed)
-    assert f'requires-python = ">={LOWEST}"' in project
-    assert f'"cp{LOWEST.replace(".", "")}"' in (ROOT / "setup.py").read_text(encoding="utf-8")
+    assert f'requires-python = ">={PYTHONS[0]}"' in project
+    assert f'"cp{PYTHONS[0].replace(".", "")}"' in (ROOT / "setup.py").read_text(encoding="utf-8")
 
 
-@pytest.mark.slow
+@slow
 @pytest.mark.parametrize("machine", ["x86_64", "aarch64"])
 def test_a_wheel_says_where_it_runs(machine: str, dist: Path) -> None:
     """From Python 3.10 on, and on a Linux no newer than that of ROS 2 Humble."""
@@ -103,7 +109,7 @@ def test_a_wheel_says_where_it_runs(machine: str, dist: Path) -> None:
     assert int(found[1]) <= NEWEST_GLIBC
 
 
-@pytest.mark.slow
+@slow
 @pytest.mark.parametrize("machine", ["x86_64", "aarch64"])
 def test_a_wheel_holds_every_file_of_the_package(machine: str, dist: Path) -> None:
     """Sources, types, what is drawn or built from; and one library, of that machine."""
@@ -120,8 +126,8 @@ def test_a_wheel_holds_every_file_of_the_package(machine: str, dist: Path) -> No
 # ---- That they run
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("version", [LOWEST, *OTHERS])
+@slow
+@pytest.mark.parametrize("version", PYTHONS)
 def test_a_wheel_needs_no_compiler(version: str, dist: Path, take: Path, tmp_path: Path) -> None:
     """In a fresh environment, with no other program to be found: it installs, decodes, and can be imported."""
     python = interpreter(version)
@@ -136,7 +142,7 @@ def test_a_wheel_needs_no_compiler(version: str, dist: Path, take: Path, tmp_pat
     assert run(programs / "python", "-c", program, path=alone) == f"{__version__} {{}}\n"
 
 
-@pytest.mark.slow
+@slow
 def test_the_source_package_installs(dist: Path, take: Path, tmp_path: Path) -> None:
     """Where there is a compiler."""
     programs = environment(tmp_path / "venv", sys.executable)
@@ -144,13 +150,13 @@ def test_the_source_package_installs(dist: Path, take: Path, tmp_path: Path) -> 
     check_decoded(run(programs / "ledpi", "decode", "--single-frame", take))
 
 
-@pytest.mark.slow
+@slow
 def test_the_wheel_for_arm_decodes_alike(dist: Path, take: Path) -> None:
     """In an emulator of 64-bit ARM."""
     check_decoded(run(ROOT / "scripts/emulated-aarch64", wheel(dist, "aarch64"), "decode", "--single-frame", take))
 
 
-@pytest.mark.slow
+@slow
 def test_the_demo_does_not_download_much(dist: Path, tmp_path: Path) -> None:
     """All that ledpi itself needs, as scripts/demo installs it."""
     programs = environment(tmp_path / "venv", sys.executable)
