@@ -1,7 +1,7 @@
 """Builds the compiled core: `ledpi.kernels._core`, one extension of all C files in ledpi/kernels.
 
 setup.py names `ffibuilder`. cffi makes the bindings from core.h, which the C files include, too: a declaration and its
-function cannot differ. By Python's limited API, so that one build serves every version from 3.11 on.
+function cannot differ. By Python's limited API, so that one build serves every version from 3.10 on.
 """
 
 import re

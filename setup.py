@@ -4,5 +4,5 @@ from setuptools import setup
 
 setup(
     cffi_modules=["build_core.py:ffibuilder"],
-    options={"bdist_wheel": {"py_limited_api": "cp311"}},  # cffi builds by the limited API: one wheel for all
+    options={"bdist_wheel": {"py_limited_api": "cp310"}},  # cffi builds by the limited API: one wheel for all
 )

@@ -1,3 +1,28 @@
-"""ledpi: the lighting is the marker. See README.md for the way of one frame."""
+"""ledpi: the lighting is the marker. docs/python.md shows how programs use it; README.md what it is.
 
-__version__ = "0.1.0"
+Nothing is loaded before it is asked for: the command's entry point is here, too.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from ledpi.api import Lens, Marker, Reader, Stream
+    from ledpi.core.errors import LedpiError, PictureError
+
+__version__ = "0.2.0"
+__all__ = ["LedpiError", "Lens", "Marker", "PictureError", "Reader", "Stream", "__version__"]
+
+
+def __getattr__(name: str) -> object:
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from ledpi import api
+    from ledpi.core import errors
+
+    return getattr(errors if name.endswith("Error") else api, name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

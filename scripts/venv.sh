@@ -1,10 +1,10 @@
 # Sourced by scripts/demo and scripts/test, in the repository's root.
 #
-#   make_venv DIRECTORY [PIP-ARGUMENT…]
+#   make_venv DIRECTORY EXTRA [PIP-ARGUMENT…]
 #
-# A virtual environment with ledpi and what its checks need. It is kept until its inputs change: the interpreter,
-# pyproject.toml, the C sources, the arguments. PYTHON=python3.12 chooses another interpreter. Needs no root where a C
-# compiler is there.
+# A virtual environment with ledpi and what EXTRA of pyproject.toml names: "" for what ledpi itself needs, "dev" for its
+# checks. It is kept until its inputs change: the interpreter, pyproject.toml, the C sources, the arguments; a further
+# extra is added to it. PYTHON=python3.12 chooses another interpreter. Needs no root where a C compiler is there.
 
 # What ledpi's C core is built with: a compiler, C's headers and Python's. Root gets them from Debian.
 bring_compiler() {
@@ -20,18 +20,29 @@ bring_compiler() {
 }
 
 make_venv() {
-    local venv=$1 python=${PYTHON:-python3} wanted
-    shift
-    if ! "$python" -c 'import sys, ensurepip; sys.exit(sys.version_info < (3, 11))' 2>/dev/null; then
-        echo "$0: $python must be Python 3.11 or newer with venv (Debian: apt install python3-venv)" >&2
+    local venv=$1 extra=$2 python=${PYTHON:-python3} wanted
+    shift 2
+    if ! "$python" -c 'import sys, ensurepip; sys.exit(sys.version_info < (3, 10))' 2>/dev/null; then
+        echo "$0: $python must be Python 3.10 or newer with venv (Debian: apt install python3-venv)" >&2
         exit 2
     fi
     bring_compiler "$python"
     wanted=$("$python" -c 'import sys; print(sys.executable, sys.version)'; cat pyproject.toml constraints/* setup.py build_core.py ledpi/kernels/*.[ch]; echo "$@")
     if [[ ! -f $venv/inputs || $(<"$venv/inputs") != "$wanted" ]]; then
-        echo "$0: installing into $venv (once; a minute or so)" >&2
         "$python" -m venv --clear "$venv"
-        "$venv/bin/pip" install --quiet --disable-pip-version-check "$@" --editable '.[dev]'
-        printf '%s\n' "$wanted" >"$venv/inputs"
     fi
+    if [[ ! -f $venv/has-$extra && (-n $extra || ! -f $venv/inputs) ]]; then
+        install_into "$venv" "$extra" "$@"
+        touch "$venv/has-$extra"
+    fi
+    printf '%s\n' "$wanted" >"$venv/inputs"
+}
+
+# With pip's own progress on a terminal; a log gets a line.
+install_into() {
+    local venv=$1 extra=$2 quiet=()
+    shift 2
+    [[ -t 2 ]] || quiet=(--quiet)
+    echo "$0: installing ${extra:+the $extra tools }into $venv (once; a minute or so)" >&2
+    "$venv/bin/pip" install "${quiet[@]}" --disable-pip-version-check "$@" --editable ".${extra:+[$extra]}" >&2
 }

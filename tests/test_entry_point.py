@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
-import tomllib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -26,8 +26,8 @@ WENT_ON = "raise SystemExit(7)\n"
 
 def console_script() -> str:
     """What the command `ledpi` is once it is installed."""
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    module, _, function = project["scripts"]["ledpi"].partition(":")
+    project = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    (module, function), *_ = re.findall(r'^ledpi = "([\w.]+):(\w+)"$', project, re.MULTILINE)
     return f"import sys; from {module} import {function}; sys.exit({function}())"
 
 

@@ -54,7 +54,7 @@ IMPURE_CALLS = {"open", "imread", "imwrite", "VideoCapture", "fromfile", "tofile
 # From the ground up: a package imports those before it. Workshop tools may use each other.
 LAYERS = (
     *("core", "markers", "kernels", "pose", "decode", "config", "recording", "simulate", "camera"),
-    *("pipeline", "wire", "runtime", "tools", "cli"),
+    *("pipeline", "api", "wire", "runtime", "tools", "cli"),
 )
 
 RUN = ["ledpi.pipeline.pipeline", "ledpi.cli.run"]

@@ -15,6 +15,7 @@ import time
 from collections import deque
 from collections.abc import Mapping, Sequence
 from concurrent.futures import CancelledError
+from concurrent.futures import TimeoutError as NoResultError  # Python's own TimeoutError from 3.11 on
 from types import ModuleType
 from typing import Any
 
@@ -111,7 +112,7 @@ class PicameraCamera:
         self._picam2.cancel_all_and_flush()  # ends a waiting read
         with self._in_use:
             while self._asked:
-                with contextlib.suppress(CancelledError, TimeoutError, RuntimeError, OSError):
+                with contextlib.suppress(CancelledError, NoResultError, RuntimeError, OSError):
                     self._asked.popleft().get_result(timeout=0).release()
             self._picam2.close()
 
@@ -151,7 +152,7 @@ class PicameraCamera:
                 return job.get_result(timeout=timeout_s / STALL_PERIODS)
             except CancelledError:
                 return None
-            except TimeoutError:
+            except NoResultError:
                 if self._closed.is_set():  # between the two looks, so that the wait could not be ended
                     return None
         raise CameraLostError(f"picamera2: the camera delivered nothing for {timeout_s:.2g} s")

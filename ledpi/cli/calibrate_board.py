@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
 from pathlib import Path
 
 import typer
 
 from ledpi.cli.calibrate import calibrate
 from ledpi.core.errors import CalibrationError
+from ledpi.core.str_enum import StrEnum
 
 
 class KindName(StrEnum):

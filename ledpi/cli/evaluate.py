@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import shlex
 import sys
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,6 +14,7 @@ from ledpi.cli import app
 from ledpi.cli.progress import progress
 from ledpi.cli.simulate import TransferName
 from ledpi.core.errors import ConfigError
+from ledpi.core.str_enum import StrEnum
 
 if TYPE_CHECKING:
     from ledpi.config.settings import Config, PanelSettings

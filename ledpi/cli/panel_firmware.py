@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,6 +10,7 @@ import typer
 
 from ledpi.cli.panel import panel
 from ledpi.core.errors import ConfigError
+from ledpi.core.str_enum import StrEnum
 from ledpi.tools.panel.firmware import Build
 
 if TYPE_CHECKING:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,6 +10,7 @@ import typer
 from ledpi.cli import app
 from ledpi.cli.progress import progress
 from ledpi.core.errors import ConfigError
+from ledpi.core.str_enum import StrEnum
 
 if TYPE_CHECKING:
     from ledpi.config.settings import Config, PanelSettings

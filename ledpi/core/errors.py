@@ -40,6 +40,10 @@ class RecordingError(CameraError):
     """A recording, or a picture in it, cannot be read or written."""
 
 
+class PictureError(LedpiError, ValueError):
+    """A picture that a program hands over is of another size or kind, or out of its turn."""
+
+
 class WireError(LedpiError):
     """A serial port or a packet cannot be used."""
 

@@ -9,13 +9,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from hashlib import sha256
 from importlib.resources import files
-from importlib.resources.abc import Traversable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ledpi.core.errors import InstallationError
+
+if TYPE_CHECKING:
+    from importlib.abc import Traversable
 
 REMEDY = "install ledpi again: sudo scripts/install, or pip install -e . (needs gcc, libc6-dev, python3-dev)"
 

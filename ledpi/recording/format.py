@@ -9,9 +9,10 @@ import json
 import logging
 from collections.abc import Callable, Iterator
 from pathlib import Path, PurePosixPath
-from typing import Annotated, Any, Self, TypeVar
+from typing import Annotated, Any, TypeVar
 
 from pydantic import AfterValidator, BaseModel, Field, ValidationError, model_validator
+from typing_extensions import Self
 
 from ledpi.config import values as values
 from ledpi.core.errors import RecordingError

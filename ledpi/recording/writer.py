@@ -12,11 +12,11 @@ from dataclasses import asdict
 from io import FileIO
 from pathlib import Path
 from types import TracebackType
-from typing import Self
 
 import cv2
 import yaml
 from pydantic import BaseModel
+from typing_extensions import Self
 
 from ledpi.core.errors import RecordingError
 from ledpi.core.records import CameraInfo, Frame, PanelSpec, Pixels

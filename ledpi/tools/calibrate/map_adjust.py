@@ -218,7 +218,7 @@ def _normal(
     leaning[len(state.view_shifts) :, 3:, 3:] = slopes.transpose(0, 2, 1) @ slopes
     off = -state.panel_turns[:, :2, 1, None] / problem.upright_sigma
     pull.reshape(count, 6)[len(state.view_shifts) :, 3:] += (slopes.transpose(0, 2, 1) @ off)[..., 0]
-    return (normal + block_diag(list(leaning), format="csc")).tocsc(), pull
+    return (normal + block_diag([csc_matrix(block) for block in leaning], format="csc")).tocsc(), pull
 
 
 def _lean(problem: _Problem, state: _State) -> float:

@@ -6,12 +6,12 @@ import shutil
 import subprocess
 import zlib
 from dataclasses import dataclass
-from enum import StrEnum
 from importlib.resources import files
 from pathlib import Path
 
 from ledpi.core.errors import ConfigError
 from ledpi.core.records import PanelSpec, Phase
+from ledpi.core.str_enum import StrEnum
 from ledpi.markers.words import Bits, Dictionary
 from ledpi.tools.calibrate.panel import SAME_DUTY
 from ledpi.tools.panel.frequencies import NULL_SHARE, Flicker, nearest_lobe_hz, null_share

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from enum import StrEnum
 
 from ledpi.core.shutter import contrast, harmonic_amplitude
+from ledpi.core.str_enum import StrEnum
 from ledpi.tools.panel.timer import nearest_frequency
 
 

@@ -1,0 +1,88 @@
+"""A panel that was read, as a program uses it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ledpi.core.geometry import matrix_from_quaternion
+from ledpi.core.records import Floats, MarkerPose, PlanarSolution
+
+# An upright panel that faces the camera: the marker's x, y, z (right, up, out of it) along the camera's x, −y, −z.
+_FACING = np.diag([1.0, -1.0, -1.0])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Marker:
+    """A panel, and where it is from the camera. The arrays are read-only.
+
+    The pose is in OpenCV's camera frame: x right, y down, z ahead. The marker's own frame has its origin at the panel's
+    centre, x right, y up, z out of it. Without a lens the pose is None, and so is all that follows from it.
+    """
+
+    id: int
+    corners_px: Floats  # (4, 2): top left, top right, bottom right, bottom left of the marker as its ID is drawn
+    margin: float  # natural-log likelihood ratio to the best explanation that is not this ID
+    frames_used: int  # how many pictures tell the ID; 1 outside a stream
+    time_ns: int  # of mid-exposure of the panel's centre row, on the clock of the time that came with the picture
+    position_m: Floats | None  # (3,) of the panel's centre
+    quaternion_wxyz: Floats | None  # (4,) camera_from_marker, unit length
+    covariance: Floats | None  # (6, 6): x y z (m²), rotation about the camera's x y z (rad²)
+    mirrored: Marker | None  # the other pose that the corners allow as well, where it cannot be excluded
+
+    @property
+    def distance_m(self) -> float | None:
+        """From the camera to the panel's centre."""
+        return None if self.position_m is None else float(np.linalg.norm(self.position_m))
+
+    @property
+    def yaw(self) -> float | None:
+        """Radians about the camera's y axis (down): 0 faces the camera, positive faces to the picture's left."""
+        turned = self._turned()
+        return None if turned is None else math.atan2(turned[0, 2], turned[2, 2])
+
+    @property
+    def pitch(self) -> float | None:
+        """Radians about the camera's x axis, after yaw: 0 faces the camera, positive faces to the picture's bottom."""
+        turned = self._turned()
+        return None if turned is None else -math.asin(float(np.clip(turned[1, 2], -1.0, 1.0)))
+
+    @property
+    def roll(self) -> float | None:
+        """Radians within the panel's plane: 0 is upright, positive is clockwise as seen in the picture.
+
+        Of a panel on the ceiling and a camera that looks up this is the robot's heading.
+        """
+        turned = self._turned()
+        return None if turned is None else math.atan2(turned[1, 0], turned[1, 1])
+
+    def _turned(self) -> Floats | None:
+        """The rotation from the upright panel that faces the camera: yaw about y · pitch about x · roll about z."""
+        if self.quaternion_wxyz is None:
+            return None
+        turned: Floats = matrix_from_quaternion(self.quaternion_wxyz) @ _FACING
+        return turned
+
+
+def marker_of(decoded: MarkerPose) -> Marker:
+    """The decoder's record, as a program uses it."""
+    mirrored = None if decoded.alternate is None else _marker(decoded, decoded.alternate, None)
+    return _marker(decoded, decoded.solution, mirrored)
+
+
+def _marker(decoded: MarkerPose, solution: PlanarSolution | None, mirrored: Marker | None) -> Marker:
+    sighting = decoded.sighting
+    pose = None if solution is None else solution.camera_from_marker
+    return Marker(
+        id=sighting.id,
+        corners_px=sighting.corners_px,
+        margin=sighting.margin,
+        frames_used=sighting.frames_used,
+        time_ns=decoded.mid_exposure_ns,
+        position_m=None if pose is None else pose.position_m,
+        quaternion_wxyz=None if pose is None else pose.quaternion_wxyz,
+        covariance=None if pose is None else pose.covariance,
+        mirrored=mirrored,
+    )

@@ -1,0 +1,52 @@
+"""Reads panels in the pictures of one camera, one after another."""
+
+from __future__ import annotations
+
+import operator
+
+from ledpi.api.exposed import Decoder, Exposure, Panels
+from ledpi.api.marker import Marker
+from ledpi.api.picture import checked_picture
+from ledpi.core.errors import PictureError
+from ledpi.core.records import Pixels
+from ledpi.core.wording import shortened
+
+
+class Stream:
+    """Remembers the panels of earlier pictures. Made by `Reader.stream`; not shared between threads."""
+
+    def __init__(self, panels: Panels, exposure: Exposure) -> None:
+        self._panels = panels
+        self._exposure = exposure
+        self._decoder: Decoder | None = None  # of the first picture's size
+        self._seq = 0
+        self._last_ns: int | None = None
+        self._rejected: dict[str, int] = {}
+
+    @property
+    def rejected(self) -> dict[str, int]:
+        """What in the last picture was no marker: how often each reason of docs/troubleshooting.md."""
+        return dict(self._rejected)
+
+    def read(self, image: Pixels, *, time_ns: int) -> list[Marker]:
+        """The markers in the next picture, the surest first.
+
+        `image` is as for `Reader.read`. `time_ns` is when row 0's read-out began, in nanoseconds of any one clock, as
+        exact as the camera tells it: to 20 µs, as the panels' blinking is followed from picture to picture. Pictures
+        may be left out; after half a second without one, all begins anew.
+
+        Raises PictureError, a ValueError, for another picture, another size than the first one's or the lens's, or a
+        time that is not after the one before; the stream goes on as if there had been none.
+        """
+        picture = checked_picture(image)
+        try:
+            time_ns = operator.index(time_ns)
+        except TypeError:
+            raise PictureError(f"time_ns: must be whole nanoseconds, not {shortened(time_ns)}") from None
+        if self._last_ns is not None and time_ns <= self._last_ns:
+            raise PictureError(f"time_ns: must be after the picture's before, {self._last_ns}, not {time_ns}")
+        if self._decoder is None:
+            self._decoder = Decoder(self._panels, self._exposure, picture, stream=True)
+        markers, self._rejected = self._decoder.read(picture, self._seq, time_ns)
+        self._seq, self._last_ns = self._seq + 1, time_ns
+        return markers

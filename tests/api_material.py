@@ -1,0 +1,29 @@
+"""Pictures for the Python interface: a panel before a camera at rest."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ledpi import Lens
+from ledpi.camera.simulated import SimulatedCamera
+from ledpi.core.records import Frame, PanelSpec, Pixels
+from ledpi.simulate.scene import SimulatedSensor
+from ledpi.simulate.scenes import ov5647_lens, still_scene
+
+INTRINSICS = ov5647_lens()
+LENS = Lens(fx=INTRINSICS.fx, fy=INTRINSICS.fy, cx=INTRINSICS.cx, cy=INTRINSICS.cy, distortion=INTRINSICS.distortion)
+ROW_TIME_US = 33.67
+SPEC = PanelSpec(side_m=0.16, black_hz=1250.0, white_hz=2450.0)
+
+
+def pictures(count: int, *, distance_m: float, yaw_deg: float = 20.0) -> list[tuple[Pixels, int]]:
+    """Of panel 7: each with when its row 0's read-out began, in ns."""
+    sensor = SimulatedSensor(intrinsics=INTRINSICS, exposure_us=9966.32, row_time_us=ROW_TIME_US, frame_length_rows=507)
+    scene = still_scene(sensor, {7: SPEC}, "DICT_4X4_50", distance_m=distance_m, angle_deg=yaw_deg)
+    camera, taken = SimulatedCamera(scene, seed=1, paced=False), []
+    for _ in range(count):
+        into = np.empty((480, 640), np.uint8)
+        frame = camera.read(into)
+        assert isinstance(frame, Frame)
+        taken.append((into, frame.row0_readout_ns))
+    return taken
