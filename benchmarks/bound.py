@@ -32,9 +32,9 @@ from ledpi.decode.cells import sample_cells
 from ledpi.decode.evidence.classes import band_shares
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.evidence.memory import PanelMemory
-from ledpi.decode.identify import rivals, soft
+from ledpi.decode.identify import hypotheses, soft
 from ledpi.decode.identify.codebook import Codebook
-from ledpi.decode.identify.words import likeliest
+from ledpi.decode.identify.codewords import likeliest
 from ledpi.markers.dictionaries import load_dictionary
 from ledpi.recording.reader import find_recordings, load_recording
 from ledpi.simulate.sensor import sensor_info
@@ -43,7 +43,7 @@ from ledpi.tools.evaluate.bound import Bound, bound_of
 from ledpi.tools.evaluate.conditions import PLAIN, Condition
 from ledpi.tools.evaluate.draw import FRAMES_A_TAKE, draw_take
 from ledpi.tools.evaluate.reading import PanelReader
-from ledpi.tools.evaluate.told import CORNER_SIGMA_PX, read_told
+from ledpi.tools.evaluate.oracle import CORNER_SIGMA_PX, read_told
 from ledpi.tools.evaluate.units import photographed
 
 SHOWN = (4, 12)  # of a stream's frames

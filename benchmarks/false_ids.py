@@ -26,9 +26,9 @@ import numpy as np
 from ledpi.config.settings import PanelSettings, load_config
 from ledpi.core.records import Frame
 from ledpi.decode.identify.codebook import Codebook
-from ledpi.decode.identify.soft import Reading, read_word
+from ledpi.decode.identify.decision import Reading, read_word
 from ledpi.markers.dictionaries import load_dictionary
-from ledpi.markers.words import Bits
+from ledpi.markers.codewords import Bits
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.pipeline.trace import Look, Trace
 from ledpi.simulate.sensor import sensor_info

@@ -6,7 +6,7 @@ import numpy as np
 
 from ledpi.core.records import Floats, Singles
 from ledpi.decode.cells import CellSamples, Lattice
-from ledpi.decode.evidence.believed import Believed
+from ledpi.decode.evidence.band_estimate import Believed
 from ledpi.decode.evidence.classes import band_shares
 from ledpi.decode.evidence.comparison import Mean
 from ledpi.decode.evidence.evidence import Evidence
@@ -132,7 +132,7 @@ def compared_evidence(samples: CellSamples, waves: Singles, mean: Mean) -> tuple
 
 
 def word_log_likelihoods(evidence: Evidence, white: np.ndarray) -> tuple[Floats, Floats, Floats]:
-    """Log-likelihood ratio of each word (W, cells) to "no bands", as decode/identify/words.py has it.
+    """Log-likelihood ratio of each word (W, cells) to "no bands", as decode/identify/codewords.py has it.
 
     Also the bands' most probable values (W, P) and covariance (W, P, P).
     """

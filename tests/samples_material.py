@@ -7,7 +7,7 @@ from decode_material import quad, reason
 from ledpi.core.records import Floats, Frame, Intrinsics
 from ledpi.decode.cells import CellSamples, sample_cells
 from ledpi.decode.identify.codebook import Codebook
-from ledpi.decode.identify.soft import Reading, read_word
+from ledpi.decode.identify.decision import Reading, read_word
 
 
 def samples_of(frame: Frame, corners: Floats, lens: Intrinsics | None = None) -> CellSamples:

@@ -27,8 +27,8 @@ from ledpi.core.records import Frame, PanelSpec
 from ledpi.decode.evidence.classes import band_shares, in_other_class
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.identify.codebook import Codebook
-from ledpi.decode.identify.soft import Reading, decide, read_word
-from ledpi.decode.identify.tuning import Seen, propose_frequencies
+from ledpi.decode.identify.decision import Reading, decide, read_word
+from ledpi.decode.identify.frequency_search import Seen, propose_frequencies
 from ledpi.markers.dictionaries import load_dictionary
 from ledpi.pipeline.pipeline import Pipeline
 

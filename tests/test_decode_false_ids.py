@@ -15,10 +15,10 @@ from ledpi.core.records import Floats, Frame
 from ledpi.decode.evidence.evidence import UNFIT, Evidence
 from ledpi.decode.evidence.single_frame import single_evidence
 from ledpi.decode.evidence.waves import are_sinusoids
-from ledpi.decode.identify import soft
+from ledpi.decode.identify import decision
 from ledpi.decode.identify.codebook import Codebook
-from ledpi.decode.identify.soft import Reading, decide, odds_needed, read_word
-from ledpi.decode.identify.words import SHORTLIST, likeliest, likeliest_beyond, of_neighbours
+from ledpi.decode.identify.decision import Reading, decide, odds_needed, read_word
+from ledpi.decode.identify.codewords import SHORTLIST, likeliest, likeliest_beyond, of_neighbours
 from ledpi.markers.dictionaries import load_dictionary
 
 DICTIONARY = load_dictionary("DICT_4X4_50")

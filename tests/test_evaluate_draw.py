@@ -13,7 +13,7 @@ from ledpi.config.settings import PanelSettings
 from ledpi.core.errors import ConfigError
 from ledpi.core.records import Decoded, Frame, Rejected
 from ledpi.decode.identify.codebook import Codebook
-from ledpi.decode.identify.soft import Reading, read_word
+from ledpi.decode.identify.decision import Reading, read_word
 from ledpi.markers.dictionaries import load_dictionary
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.pipeline.trace import Trace

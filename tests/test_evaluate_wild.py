@@ -21,7 +21,7 @@ from ledpi.recording.reader import load_recording
 from ledpi.simulate.truth import scene_truth
 from ledpi.tools.evaluate.bound import Bound, bound_of
 from ledpi.tools.evaluate.draw import Take
-from ledpi.tools.evaluate.told import read_told
+from ledpi.tools.evaluate.oracle import read_told
 from ledpi.tools.evaluate.units import photographed
 from ledpi.tools.evaluate.wild import draw_wild
 from ledpi.tools.evaluate.wild_rows import CAMERA_SPANS, TAKE_SPANS, TAKES_A_CAMERA, WILD, Span, drawn

@@ -15,15 +15,15 @@ from samples_material import samples_of
 from ledpi.core.records import Frame, PanelSpec, Rejected
 from ledpi.core.shutter import square_wave_bands
 from ledpi.decode.cells import CellSamples
-from ledpi.decode.evidence.believed import Believed, believed_bands
+from ledpi.decode.evidence.band_estimate import Believed, believed_bands
 from ledpi.decode.evidence.classes import band_shares
 from ledpi.decode.evidence.comparison import Mean, compared_evidence
 from ledpi.decode.evidence.evidence import UNFIT, Evidence
 from ledpi.decode.evidence.single_frame import single_evidence, weighed
 from ledpi.decode.evidence.waves import class_waves, square_waves
-from ledpi.decode.identify import words
+from ledpi.decode.identify import codewords
 from ledpi.decode.identify.codebook import Codebook
-from ledpi.decode.identify.first_look import first_look
+from ledpi.decode.identify.first_pass import first_look
 from ledpi.markers.dictionaries import load_dictionary
 
 ANTIPHASE = dataclasses.replace(SPEC, white_hz=SPEC.black_hz, phase="antiphase")

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ledpi.markers.dictionaries import dictionary_names, load_dictionary
-from ledpi.markers.words import Bits, Dictionary, corners_of_turned
+from ledpi.markers.codewords import Bits, Dictionary, corners_of_turned
 
 
 def drawn(text: str) -> Bits:
@@ -43,7 +43,7 @@ def test_a_word_of_halves_is_what_half_a_panel_shows() -> None:
     two_off[3, :2] = (True, False)
     far = drawn("1010 / 0101 / 1010 / 0100")
     words = Dictionary(name="words", words=np.stack([halves.T, one_off, two_off, far]))
-    assert words.correctable_cells() == 0
+    assert codewords.correctable_cells() == 0
     assert words.part_like_ids() == (0,)
     assert load_dictionary("DICT_4X4_50").part_like_ids() == (3, 17, 22, 30, 33, 37)
     assert load_dictionary("DICT_5X5_50").part_like_ids() == load_dictionary("DICT_7X7_50").part_like_ids() == ()

@@ -18,7 +18,7 @@ from ledpi.core.records import Quad
 from ledpi.decode.cells import CellSamples, sample_cells
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.evidence.single_frame import single_evidence
-from ledpi.decode.identify import soft
+from ledpi.decode.identify import decision
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.markers.dictionaries import load_dictionary
 from ledpi.simulate.render import Renderer

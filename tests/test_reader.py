@@ -9,7 +9,7 @@ from samples_material import samples_of
 from ledpi.core.records import Floats, Frame, Rejected
 from ledpi.decode.history import History, Shown
 from ledpi.decode.identify.codebook import Codebook
-from ledpi.decode.identify.soft import FALSE_ID_RATE
+from ledpi.decode.identify.decision import FALSE_ID_RATE
 from ledpi.decode.reader import Reader
 from ledpi.markers.dictionaries import load_dictionary
 

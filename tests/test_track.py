@@ -8,7 +8,7 @@ from decode_material import SPEC, quad, square
 
 from ledpi.core.records import Floats
 from ledpi.decode.history import Shown
-from ledpi.decode.identify.soft import Reading
+from ledpi.decode.identify.decision import Reading
 from ledpi.decode.track import Track, Tracker
 
 FRAME_NS = 16_970_000  # 504 rows of 33.67 µs

@@ -152,7 +152,7 @@ def _decode_recording(
 ) -> int:
     """Prints every frame; returns how many pictures could not be read."""
     from ledpi.core.row_clock import row_time_note
-    from ledpi.decode.identify.tuning import off_frequency_note
+    from ledpi.decode.identify.frequency_search import off_frequency_note
     from ledpi.recording.picture import read_picture
 
     camera = recording.camera

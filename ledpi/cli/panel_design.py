@@ -15,7 +15,7 @@ from ledpi.tools.panel.frequencies import Flicker
 
 if TYPE_CHECKING:
     from ledpi.config.settings import CameraSettings, Config, PanelSettings
-    from ledpi.markers.words import Dictionary
+    from ledpi.markers.codewords import Dictionary
     from ledpi.simulate.scene import SimulatedSensor
     from ledpi.tools.panel.design import Proposal, Task
     from ledpi.tools.panel.information import View

@@ -46,7 +46,7 @@ from ledpi.core.files import read_yaml
 from ledpi.core.records import PanelSpec, PanelValues, Phase, Transfer
 from ledpi.core.wording import shortened
 from ledpi.markers.dictionaries import FILE_ENDINGS, dictionary_names, is_file, load_dictionary, meant_name
-from ledpi.markers.words import as_ranges
+from ledpi.markers.codewords import as_ranges
 
 SEARCH_PATH = (Path("config.yaml"), Path("/etc/ledpi/config.yaml"))
 

@@ -11,10 +11,10 @@ from typing import NamedTuple
 from ledpi.core.records import Frame, PanelSpec
 from ledpi.decode.cells import CellSamples
 from ledpi.decode.evidence.evidence import Evidence
-from ledpi.decode.evidence.expect import Expectation
+from ledpi.decode.evidence.prediction import Expectation
 from ledpi.decode.evidence.memory import PanelMemory
-from ledpi.decode.identify.soft import Reading
-from ledpi.decode.identify.tuning import Proposal, Seen
+from ledpi.decode.identify.decision import Reading
+from ledpi.decode.identify.frequency_search import Proposal, Seen
 
 SEEN_FRAMES = 12  # that are kept to find a panel's frequencies from
 

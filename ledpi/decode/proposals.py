@@ -14,7 +14,7 @@ from ledpi.core.geometry import corners_apart, quad_side
 from ledpi.core.records import CameraInfo, Floats, Frame, PanelSpec, Rejected
 from ledpi.core.shutter import contrast
 from ledpi.decode.cells import MIN_CELL_PX
-from ledpi.decode.finding.find import Finder
+from ledpi.decode.finding.outlines import Finder
 from ledpi.decode.finding.lattices import LatticeFinder
 
 DEEP = 0.5  # depth of bands that cut a panel into pieces

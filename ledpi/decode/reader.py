@@ -14,16 +14,16 @@ from typing import NamedTuple
 from ledpi.core.records import Frame, PanelSpec, Rejected
 from ledpi.decode.cells import CellSamples
 from ledpi.decode.evidence.evidence import Evidence
-from ledpi.decode.evidence.expect import UNLIKE, Expectation
+from ledpi.decode.evidence.prediction import UNLIKE, Expectation
 from ledpi.decode.evidence.memory import PanelMemory
 from ledpi.decode.evidence.waves import band_prior, is_deep
 from ledpi.decode.history import History, Shown
-from ledpi.decode.identify import soft
+from ledpi.decode.identify import decision
 from ledpi.decode.identify.codebook import Codebook
-from ledpi.decode.identify.denial import confirms, denies, tells_of
-from ledpi.decode.identify.soft import Reading
-from ledpi.decode.identify.tuning import CHOICES, Seen, propose_frequencies
-from ledpi.decode.identify.words import likeliest
+from ledpi.decode.identify.innovation_gate import confirms, denies, tells_of
+from ledpi.decode.identify.decision import Reading
+from ledpi.decode.identify.frequency_search import CHOICES, Seen, propose_frequencies
+from ledpi.decode.identify.codewords import likeliest
 
 # Frames that surely show what was read last are not read anew, but for one of eight: by then a panel may look a little
 # otherwise, and the margin has grown.

@@ -6,7 +6,7 @@
 #include "core.h"
 #include "kernels.h"
 #include "pose.h"
-#include "wide.h"
+#include "simd.h"
 
 enum {
     TAPS = 8, /* of Lanczos' kernel, the fourth at the pixel before */

@@ -3,7 +3,7 @@
 #include <string.h>
 
 #include "cells.h"
-#include "wide.h"
+#include "simd.h"
 
 
 /* Natural logarithm, off by less than 1e-7 of its size; not a number where `x` is none. (In line, unlike the library's.) */

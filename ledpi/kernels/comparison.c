@@ -6,7 +6,7 @@
 
 #include "cells.h"
 #include "core.h"
-#include "wide.h"
+#include "simd.h"
 
 #define LEAST 1e-9 /* of what is divided by */
 

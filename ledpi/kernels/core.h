@@ -19,7 +19,7 @@ int ledpi_sample_cells(const uint8_t *pixels, ptrdiff_t height, ptrdiff_t width,
                        const float *along, const float *kernel, ptrdiff_t steps, float *light, float *picture_rows,
                        double *least);
 
-/* ---- Evidence (waves.c, uncovered.c, single_frame.c, comparison.c, noise.c, expect.c) */
+/* ---- Evidence (waves.c, occlusion.c, single_frame.c, comparison.c, noise.c, prediction.c) */
 
 void ledpi_waves(const float *rows, ptrdiff_t count, float a_row, float start, float *cosines, float *sines);
 
@@ -60,7 +60,7 @@ void ledpi_expected(ptrdiff_t cells, ptrdiff_t points, ptrdiff_t ways, const flo
                     double since_s, double row_time_s, const float *light, const uint8_t *valid, const float *rows,
                     double independence, double ridge, float *room, double *of);
 
-/* ---- Words and other patterns (words.c, neighbours.c, climb.c) */
+/* ---- Words and other patterns (codewords.c, neighbours.c, hill_climb.c) */
 
 enum { LEDPI_MOST_CELLS = 64 }; /* of a pattern: a bit for each */
 
@@ -77,7 +77,7 @@ double ledpi_of_neighbours(ptrdiff_t cells, ptrdiff_t parameters, const double *
 double ledpi_likeliest_beyond(ptrdiff_t cells, ptrdiff_t parameters, const double *score, const double *information,
                               const double *prior, const float *word, ptrdiff_t correctable, float *pattern);
 
-/* ---- A first look at a panel: evidence and words at once (first_look.c) */
+/* ---- A first look at a panel: evidence and words at once (first_pass.c) */
 
 /* What all panels of side × side cells, with k × k points in each, have in common: as `ledpi_single_evidence` and
  * `ledpi_all_uncovered` take it. */
@@ -111,7 +111,7 @@ typedef struct {
 typedef struct {
     double smallest_px;
     ptrdiff_t cells;
-    double limits[19]; /* as `Limits` of decode/finding/find.py, which explains them */
+    double limits[19]; /* as `Limits` of decode/finding/outlines.py, which explains them */
 } FindWanted;
 
 /* Squares (most, LEDPI_SQUARE): four corners' x and y, side_px, misfit, tolerance_px; which of them are of different

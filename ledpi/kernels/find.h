@@ -1,11 +1,11 @@
-/* What finding consists of: what is lit (lit.c), its outlines (outlines.c), the squares among them (four_sides.c), one of each
- * thing (distinct.c). And all of that, level by level (find.c). */
+/* What finding consists of: what is lit (threshold.c), its outlines (outlines.c), the squares among them (four_sides.c), one of each
+ * thing (suppression.c). And all of that, level by level (find.c). */
 #ifndef LEDPI_FIND_H
 #define LEDPI_FIND_H
 
 #include "core.h"
 
-/* As `Limits` of decode/finding/find.py, which explains them. */
+/* As `Limits` of decode/finding/outlines.py, which explains them. */
 typedef struct {
     double min_contrast;
     double narrowest, min_area, min_lit;

@@ -31,7 +31,7 @@ class SquareSearcher:
     ) -> None:
         """`pictures`, read anew each time, the largest first, and the `shortest` way around things in each.
 
-        `limits`: as `Limits` of decode/finding/find.py.
+        `limits`: as `Limits` of decode/finding/outlines.py.
         """
         self._pictures, self._shortest = tuple(pictures), tuple(shortest)
         self._room = np.empty(lib.ledpi_find_room(*pictures[0].shape), np.uint8)

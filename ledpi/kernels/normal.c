@@ -2,7 +2,7 @@
 #include <math.h>
 
 #include "normal.h"
-#include "wide.h"
+#include "simd.h"
 
 
 /* 4 × 8 of the sums, at i and j. */

@@ -5,7 +5,7 @@
 
 #include "normal.h"
 #include "panel.h"
-#include "wide.h"
+#include "simd.h"
 
 enum {
     BLOCKS = 3, /* that are weighed together, along a cell */

@@ -9,7 +9,7 @@
 #include <string.h>
 
 #include "panel.h"
-#include "wide.h"
+#include "simd.h"
 
 #define ROOT_HALF 0.7071067811865476
 #define TURN 6.283185307179586

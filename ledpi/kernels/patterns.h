@@ -1,4 +1,4 @@
-/* Patterns as they differ from a word, and how they are weighed: neighbours.c, climb.c. */
+/* Patterns as they differ from a word, and how they are weighed: neighbours.c, hill_climb.c. */
 #ifndef LEDPI_PATTERNS_H
 #define LEDPI_PATTERNS_H
 
@@ -7,8 +7,8 @@
 #include <string.h>
 
 #include "core.h"
-#include "wide.h"
-#include "words.h"
+#include "simd.h"
+#include "codewords.h"
 
 enum { MOST_CELLS = LEDPI_MOST_CELLS };
 

@@ -5,7 +5,7 @@
 
 #include "cells.h"
 #include "core.h"
-#include "wide.h"
+#include "simd.h"
 
 enum { MEETING = 40, MET = 5 }; /* ways in which cells meet at a point, MET of them together */
 /* Neighbours of the same gain light up a border as the cell itself would. Where they add less than this share to what it

@@ -4,7 +4,7 @@
 
 #include "core.h"
 #include "waves.h"
-#include "wide.h"
+#include "simd.h"
 
 /* `cosines` and `sines` (count) of 2π(a_row·row + start) for each of `rows` (count). */
 LEDPI_WIDE void ledpi_waves(const float *rows, ptrdiff_t count, float a_row, float start, float *cosines, float *sines) {

@@ -14,7 +14,7 @@ import numpy as np
 from ledpi.core.errors import ConfigError
 from ledpi.core.files import parse_yaml, read_text
 from ledpi.core.wording import shortened
-from ledpi.markers.words import Dictionary
+from ledpi.markers.codewords import Dictionary
 
 FILE_ENDINGS = (".yml", ".yaml", ".json")
 MIN_SIDE, MAX_SIDE = 2, 8  # cells; OpenCV keeps a word in 64 bits

@@ -21,16 +21,16 @@ from ledpi.core.records import (
 )
 from ledpi.core.row_clock import MIN_DEVIATION, RowClock
 from ledpi.decode.agenda import Agenda
-from ledpi.decode.bands import NO_SQUARE, BandsReader
+from ledpi.decode.uemura import NO_SQUARE, BandsReader
 from ledpi.decode.cells import CellSamples, sample_cells
-from ledpi.decode.identify import soft
+from ledpi.decode.identify import decision
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.locate import Locator
 from ledpi.decode.proposals import Candidate, Proposer
 from ledpi.decode.reader import Reader
 from ledpi.decode.track import NOT_SHOWN, Track, Tracker
 from ledpi.markers.dictionaries import load_dictionary
-from ledpi.markers.words import corners_of_turned
+from ledpi.markers.codewords import corners_of_turned
 from ledpi.pipeline.results import Results
 from ledpi.pipeline.trace import Look, Trace
 from ledpi.pose.fix import Robot

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from ledpi.core.records import Decoded, Floats, Frame, MarkerPose, Rejected, RobotFix, Sighting
-from ledpi.decode.identify.sightings import one_of_each
+from ledpi.decode.identify.suppression import one_of_each
 from ledpi.pipeline.trace import Dropped, Trace
 from ledpi.pose.place import Placer
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from ledpi.core.records import Floats, Quad, Rejected
-from ledpi.decode.bands import Steps
+from ledpi.decode.uemura import Steps
 from ledpi.decode.cells import CellSamples
 from ledpi.decode.evidence.evidence import Evidence
-from ledpi.decode.identify.soft import Reading
+from ledpi.decode.identify.decision import Reading
 from ledpi.decode.proposals import Candidate
 from ledpi.decode.reader import Outcome
 

@@ -28,7 +28,7 @@ from ledpi.core.shutter import row_mid_exposure_ns
 from ledpi.pose.branches import EXCLUDED_BY
 from ledpi.pose.corners import centre_px, motion_px, seen_at_row, whiteners
 from ledpi.pose.panel_map import PanelMap
-from ledpi.pose.past import Candidate, Past, distance2
+from ledpi.pose.fix_history import Candidate, Past, distance2
 from ledpi.pose.planar import square_corners
 from ledpi.pose.refine import Fits, fit_body, projected, skew
 

@@ -18,7 +18,7 @@ from ledpi.config.robot import load_robot, strangers_note
 from ledpi.config.settings import Config
 from ledpi.core.errors import CameraError, TransientError
 from ledpi.core.records import CameraInfo, Decoded, Floats, Intrinsics, Rejected
-from ledpi.decode.identify.tuning import off_frequency_note
+from ledpi.decode.identify.frequency_search import off_frequency_note
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.runtime.health import Health, StageTimes
 from ledpi.runtime.liveness import Liveness

@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 
 from ledpi.core.records import Floats, Intrinsics, PanelSpec, Transfer
-from ledpi.markers.words import Bits
+from ledpi.markers.codewords import Bits
 from ledpi.simulate.trajectory import Still, Trajectory
 
 OV5647_ROW_TIME_US = 1852 / 55.0  # 1852 pixel clocks a row at 55 MHz: the sensor's 640×480 mode, 33.67 µs

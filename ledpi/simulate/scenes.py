@@ -9,7 +9,7 @@ import numpy as np
 
 from ledpi.core.records import Intrinsics, PanelSpec
 from ledpi.markers.dictionaries import load_dictionary
-from ledpi.markers.words import Bits
+from ledpi.markers.codewords import Bits
 from ledpi.simulate.scene import FIRST_READOUT_NS, Panel, Print, Room, Scene, SimulatedSensor, uneven_gains
 from ledpi.simulate.trajectory import Patrol, Shown, Still, facing_camera
 

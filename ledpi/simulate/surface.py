@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ledpi.core.records import Floats
-from ledpi.markers.words import Bits
+from ledpi.markers.codewords import Bits
 from ledpi.simulate.cells import cell_lights
 from ledpi.simulate.scene import Light, Panel, Print, Room, SquareWave, Wave
 from ledpi.simulate.trajectory import Trajectory

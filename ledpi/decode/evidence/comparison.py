@@ -15,7 +15,7 @@ from ledpi.core.records import Frame, PanelSpec, Rejected, Singles
 from ledpi.decode.cells import CellSamples
 from ledpi.decode.evidence.evidence import Evidence, evidence_of
 from ledpi.decode.evidence.noise import lags_of
-from ledpi.decode.evidence.unlit import without_unlit
+from ledpi.decode.evidence.erasures import without_unlit
 from ledpi.kernels.evidence import Weighed
 from ledpi.kernels.library import at, lib
 

@@ -18,12 +18,12 @@ import numpy as np
 
 from ledpi.core.records import Frame, PanelSpec, Rejected, Singles
 from ledpi.decode.cells import CellSamples
-from ledpi.decode.evidence.believed import Believed
+from ledpi.decode.evidence.band_estimate import Believed
 from ledpi.decode.evidence.evidence import Evidence, evidence_of
 from ledpi.decode.evidence.noise import lags_of
 from ledpi.decode.evidence.shared_light import border_points, meeting_cells, sources_of
-from ledpi.decode.evidence.uncovered import darkens, without_covered
-from ledpi.decode.evidence.unlit import without_unlit
+from ledpi.decode.evidence.occlusion import darkens, without_covered
+from ledpi.decode.evidence.erasures import without_unlit
 from ledpi.decode.evidence.waves import band_prior, class_waves, is_deep_anywhere
 from ledpi.kernels.evidence import Weighed
 from ledpi.kernels.library import at, lib

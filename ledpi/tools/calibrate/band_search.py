@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ledpi.core.records import Floats
 from ledpi.decode.evidence.classes import wave_shares
-from ledpi.markers.words import Bits
+from ledpi.markers.codewords import Bits
 
 Complexes = NDArray[np.complex128]
 

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ledpi.core.records import Floats
-from ledpi.markers.words import Bits
+from ledpi.markers.codewords import Bits
 from ledpi.tools.calibrate.band_search import STEPS_PER_CYCLE, PanelLight, Waves, changes, find_word, spectrum_of
 
 PART_FRAMES = 30  # half a second, within which an RC oscillator is steady enough

@@ -15,7 +15,7 @@ from ledpi.camera.timing import MIN_PHASE_ADVANCE_CYCLES, choose_frame_length_ro
 from ledpi.core import shutter
 from ledpi.core.errors import CalibrationError
 from ledpi.core.records import PanelSpec, Phase
-from ledpi.markers.words import Dictionary
+from ledpi.markers.codewords import Dictionary
 from ledpi.tools.calibrate.band_search import PanelLight, Waves, search_step_hz
 from ledpi.tools.calibrate.bands import CLOCK_SIGMA, ClassBands, measure_word
 from ledpi.tools.panel.frequencies import null_share

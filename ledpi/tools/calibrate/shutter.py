@@ -10,7 +10,7 @@ import numpy as np
 
 from ledpi.core.errors import CalibrationError
 from ledpi.core.records import PanelSpec
-from ledpi.markers.words import Dictionary
+from ledpi.markers.codewords import Dictionary
 from ledpi.tools.calibrate.band_search import STEPS_PER_CYCLE, PanelLight, Waves, moved_share, search_step_hz
 from ledpi.tools.calibrate.bands import CLOCK_SIGMA, ClassBands, measure_word
 

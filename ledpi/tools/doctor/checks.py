@@ -10,7 +10,7 @@ from ledpi.config.settings import SEARCH_PATH, Config, PanelSettings
 from ledpi.core.errors import LedpiError, WireError
 from ledpi.core.wording import counted
 from ledpi.markers.dictionaries import load_dictionary
-from ledpi.markers.words import as_ranges
+from ledpi.markers.codewords import as_ranges
 from ledpi.tools.doctor import camera, machine
 from ledpi.tools.doctor.finding import Finding, bad, ok, unknown
 

@@ -12,7 +12,7 @@ from ledpi.core.errors import RecordingError
 from ledpi.core.records import Floats, Frame
 from ledpi.recording.picture import read_picture
 from ledpi.recording.reader import FrameEntry, Recording
-from ledpi.tools.evaluate.told import read_told
+from ledpi.tools.evaluate.oracle import read_told
 
 RUN_GAP_NS = 60_000_000  # frames that are further apart belong to two takes
 

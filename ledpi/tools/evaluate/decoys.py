@@ -12,7 +12,7 @@ import numpy as np
 from ledpi.config.settings import PanelSettings
 from ledpi.core.records import Floats, Phase
 from ledpi.markers.dictionaries import load_dictionary
-from ledpi.markers.words import Bits, Dictionary
+from ledpi.markers.codewords import Bits, Dictionary
 from ledpi.simulate.scene import Light, Panel, SimulatedSensor, SquareWave
 from ledpi.simulate.trajectory import Still
 from ledpi.tools.evaluate.placing import Placer, turned_from_sight

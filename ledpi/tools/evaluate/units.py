@@ -29,7 +29,7 @@ from ledpi.tools.evaluate.draw import FRAMES_A_TAKE, Take, draw_take
 from ledpi.tools.evaluate.prints import WHITEST_PAPER, Family, printed_id, printed_scene
 from ledpi.tools.evaluate.reading import PANEL_METHODS, Method, PanelReader, Read, apriltag_reader, aruco_reader
 from ledpi.tools.evaluate.scoring import Expected, Tally
-from ledpi.tools.evaluate.told import told_reads
+from ledpi.tools.evaluate.oracle import told_reads
 from ledpi.tools.evaluate.wild import draw_wild
 from ledpi.tools.evaluate.wild_rows import WILD
 

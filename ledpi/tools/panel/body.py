@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass
 
 from ledpi.core.errors import ConfigError
-from ledpi.markers.words import Bits
+from ledpi.markers.codewords import Bits
 
 _FRAME_MM = 10.0  # dark border that sets the lit square off from what is beside it
 _WALLS_MM = (3.0, 2.0, 1.5, 1.0, 0.5)  # of boards that are easily had

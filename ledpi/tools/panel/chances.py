@@ -13,7 +13,7 @@ import numpy as np
 from ledpi.core.records import Floats, Rejected
 from ledpi.decode.evidence.classes import wave_shares
 from ledpi.decode.evidence.evidence import Evidence
-from ledpi.decode.identify import soft
+from ledpi.decode.identify import decision
 from ledpi.decode.identify.codebook import Codebook
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from ledpi.camera.timing import frame_duration_us
 from ledpi.core.shutter import contrast, phase_advance_cycles
 from ledpi.core.wording import counted
-from ledpi.markers.words import Dictionary
+from ledpi.markers.codewords import Dictionary
 from ledpi.tools.panel.design import ENOUGH_NATS, Proposal, Task
 from ledpi.tools.panel.frequencies import off_mains_hz
 from ledpi.tools.panel.information import STREAM_FRAMES

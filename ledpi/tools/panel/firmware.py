@@ -12,7 +12,7 @@ from pathlib import Path
 
 from ledpi.core.errors import ConfigError
 from ledpi.core.records import PanelSpec, Phase
-from ledpi.markers.words import Bits, Dictionary
+from ledpi.markers.codewords import Bits, Dictionary
 from ledpi.tools.calibrate.panel import SAME_DUTY
 from ledpi.tools.panel.frequencies import NULL_SHARE, Flicker, nearest_lobe_hz, null_share
 from ledpi.tools.panel.timer import HIGHEST_HZ, HalfPeriod, half_period

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ledpi.markers.words import as_ranges
+from ledpi.markers.codewords import as_ranges
 from ledpi.tools.panel.firmware import Build, Firmware
 from ledpi.tools.panel.timer import HalfPeriod
 

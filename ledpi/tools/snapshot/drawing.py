@@ -9,7 +9,7 @@ import numpy as np
 
 from ledpi.core.geometry import in_square
 from ledpi.core.records import Floats, Pixels
-from ledpi.markers.words import Bits
+from ledpi.markers.codewords import Bits
 
 Canvas: TypeAlias = Pixels  # (H, W, 3)
 Colour: TypeAlias = tuple[int, int, int]

@@ -11,7 +11,7 @@ from ledpi.core.geometry import first_at_top_left
 from ledpi.core.records import Floats, Frame, MarkerPose, Pixels, Quad, Rejected
 from ledpi.decode.cells import CellSamples, sample_cells
 from ledpi.markers.dictionaries import load_dictionary
-from ledpi.markers.words import Bits
+from ledpi.markers.codewords import Bits
 from ledpi.tools.snapshot.drawing import BACKGROUND, CELL_SHARE, DIM, DROPPED, TEXT, Canvas, draw_cells, text, text_size
 from ledpi.tools.snapshot.record import Snapshot
 

@@ -8,8 +8,8 @@ from ledpi.core.records import Pixels
 from ledpi.tools.snapshot.drawing import BACKGROUND, DIM, text
 from ledpi.tools.snapshot.page import BORDER, PICTURES_TOP, WIDTH, draw_heading
 from ledpi.tools.snapshot.record import Snapshot
-from ledpi.tools.snapshot.steps_bands import bands_rows
-from ledpi.tools.snapshot.steps_soft import soft_rows
+from ledpi.tools.snapshot.steps_uemura import bands_rows
+from ledpi.tools.snapshot.steps_likelihood import soft_rows
 from ledpi.tools.snapshot.tiles import GAP, Row
 
 TITLE, CAPTION = 30, 30  # heights of the lines above a row, and below its tiles

@@ -9,7 +9,7 @@ from decode_material import SPEC, Canvas, square, word
 from samples_material import samples_of
 
 from ledpi.decode.identify.codebook import Codebook
-from ledpi.decode.identify.tuning import Proposal, Seen, propose_frequencies
+from ledpi.decode.identify.frequency_search import Proposal, Seen, propose_frequencies
 from ledpi.markers.dictionaries import load_dictionary
 
 PERIOD_US = 16_969.7  # in which 1250 and 1262 Hz both advance by nearly 21 cycles, and 20 Hz by a third of one

@@ -1,4 +1,4 @@
-/* How well words explain the evidence of a panel's cells: decode/identify/words.py has the equations. */
+/* How well words explain the evidence of a panel's cells: decode/identify/codewords.py has the equations. */
 #include <math.h>
 #include <stdint.h>
 #include <stdlib.h>
@@ -6,8 +6,8 @@
 
 #include "core.h"
 #include "normal.h"
-#include "wide.h"
-#include "words.h"
+#include "simd.h"
+#include "codewords.h"
 
 enum {
     NUMBERS = 5, /* what a cell says of one wave by itself: x, y; xx, xy, yy */

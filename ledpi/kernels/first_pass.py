@@ -1,4 +1,4 @@
-"""A first look at a panel's samples, all of its steps in one call (first_look.c)."""
+"""A first look at a panel's samples, all of its steps in one call (first_pass.c)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from ledpi.core.records import Floats, Integers, Singles
 from ledpi.kernels.library import at, ffi, lib
-from ledpi.kernels.words import Fit, numbers_of
+from ledpi.kernels.codewords import Fit, numbers_of
 
 NOT_PLAIN: int = lib.LEDPI_NOT_PLAIN
 UNFIT: int = lib.LEDPI_UNFIT

@@ -28,8 +28,8 @@ from ledpi.decode.cells import sample_cells
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.evidence.single_frame import single_evidence
 from ledpi.decode.identify.codebook import Codebook
-from ledpi.decode.identify.soft import Reading, read_word
-from ledpi.decode.identify.words import likeliest
+from ledpi.decode.identify.decision import Reading, read_word
+from ledpi.decode.identify.codewords import likeliest
 from ledpi.markers.dictionaries import load_dictionary
 
 ALL = Codebook.build(list(range(50)), load_dictionary("DICT_4X4_50"), SPEC)

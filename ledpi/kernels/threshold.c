@@ -3,7 +3,7 @@
 #include <string.h>
 
 #include "find.h"
-#include "wide.h"
+#include "simd.h"
 
 static inline uint8_t larger(uint8_t a, uint8_t b) { return a > b ? a : b; }
 static inline uint8_t smaller(uint8_t a, uint8_t b) { return a < b ? a : b; }

@@ -1,6 +1,6 @@
-/* Whether something stands before a panel's cells: the first question of decode/evidence/uncovered.py. */
+/* Whether something stands before a panel's cells: the first question of decode/evidence/occlusion.py. */
 #include "core.h"
-#include "wide.h"
+#include "simd.h"
 
 /* Whether each sample of `light` (cells, points), over the mean of its cell, shows the share `least` (cells, points) of what
  * the cells show there on average. `valid` unless that is NULL. `room` (points + cells) is room to work in. */

@@ -10,7 +10,7 @@ from ledpi.core.records import Floats, Frame, Intrinsics, PanelSpec, Quad, Rejec
 from ledpi.decode.cells import sample_cells
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.evidence.memory import PanelMemory
-from ledpi.decode.identify import soft
+from ledpi.decode.identify import decision
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.markers.dictionaries import load_dictionary
 from ledpi.tools.evaluate.reading import Found, Read

@@ -8,9 +8,9 @@ from decode_material import PINHOLE, SPEC, Canvas, camera_info, panel_settings, 
 from samples_material import samples_of
 
 from ledpi.core.records import Floats
-from ledpi.decode.evidence.uncovered import all_uncovered, darkens, without_covered
+from ledpi.decode.evidence.occlusion import all_uncovered, darkens, without_covered
 from ledpi.decode.identify.codebook import Codebook
-from ledpi.decode.identify.soft import Reading, read_word
+from ledpi.decode.identify.decision import Reading, read_word
 from ledpi.markers.dictionaries import load_dictionary
 from ledpi.pipeline.pipeline import Pipeline
 

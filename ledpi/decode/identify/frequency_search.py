@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from ledpi.core.records import Floats, Frame, PanelSpec
 from ledpi.decode.cells import CellSamples
 from ledpi.decode.evidence.classes import wave_shares
-from ledpi.decode.evidence.expect import ways
+from ledpi.decode.evidence.prediction import ways
 from ledpi.decode.identify.codebook import Codebook
 
 Complexes = NDArray[np.complex128]

@@ -5,7 +5,7 @@ log-likelihood ratio of the word to "no bands", depth and phase integrated out, 
 
     ½ bᵀ(A + Λ⁻¹)⁻¹b − ½ ln det(I + ΛA)
 
-and (A + Λ⁻¹)⁻¹b are the bands that fit it best (kernels/words.c; neighbours.c and climb.c for other patterns).
+and (A + Λ⁻¹)⁻¹b are the bands that fit it best (kernels/codewords.c; neighbours.c and hill_climb.c for other patterns).
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from __future__ import annotations
 from ledpi.core.records import Floats, Singles
 from ledpi.decode.evidence.classes import in_other_class
 from ledpi.decode.evidence.evidence import Evidence
-from ledpi.kernels import words as kernel
-from ledpi.kernels.words import Fit
+from ledpi.kernels import codewords as kernel
+from ledpi.kernels.codewords import Fit
 
 SHORTLIST = 16  # words that are compared exactly
 

@@ -7,8 +7,8 @@ import pytest
 
 from ledpi.core.records import Floats
 from ledpi.decode.evidence.evidence import Evidence
-from ledpi.decode.identify.plausible import is_consistent
-from ledpi.decode.identify.words import likeliest
+from ledpi.decode.identify.plausibility import is_consistent
+from ledpi.decode.identify.codewords import likeliest
 
 FAINT, DEEPER = 0.08, 0.2
 WHITE = (np.arange(16) % 2 == 1).astype(np.float32)

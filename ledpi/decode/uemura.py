@@ -27,7 +27,7 @@ from ledpi.core.errors import ConfigError
 from ledpi.core.geometry import in_square, square_box
 from ledpi.core.records import Floats, Frame, PanelSpec, Pixels, Rejected, Sighting, Singles, read_only
 from ledpi.core.shutter import band_width_rows
-from ledpi.markers.words import Bits, Dictionary, corners_of_turned
+from ledpi.markers.codewords import Bits, Dictionary, corners_of_turned
 
 NO_SQUARE = Rejected(stage="bands", reason="no_square")
 NO_BANDS = Rejected(stage="bands", reason="cell_without_bands")

@@ -25,10 +25,10 @@ from ledpi.core.records import Floats, Frame, Rejected
 from ledpi.decode.cells import CellSamples
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.evidence.single_frame import single_evidence
-from ledpi.decode.evidence.unlit import unlit_cells
+from ledpi.decode.evidence.erasures import unlit_cells
 from ledpi.decode.evidence.waves import band_prior
 from ledpi.decode.identify.codebook import Codebook
-from ledpi.decode.identify.soft import Reading, decide, read_word
+from ledpi.decode.identify.decision import Reading, decide, read_word
 from ledpi.markers.dictionaries import load_dictionary
 from ledpi.pipeline.pipeline import Pipeline
 

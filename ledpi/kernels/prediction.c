@@ -1,4 +1,4 @@
-/* Whether a frame shows what is expected of it: decode/evidence/expect.py says why. */
+/* Whether a frame shows what is expected of it: decode/evidence/prediction.py says why. */
 #include <math.h>
 #include <stddef.h>
 #include <stdint.h>
@@ -6,12 +6,12 @@
 #include "cells.h"
 #include "core.h"
 #include "waves.h"
-#include "wide.h"
+#include "simd.h"
 
 #define TURN 6.283185307179586 /* rad */
 enum { MOST_WAYS = LEDPI_WAYS, VECTORS = 3 }; /* 1 + SLOPES; `compare` */
 
-/* What is expected, as in decode/evidence/expect.py: picture, root, left_bands (cells, points), basis (ways, cells·points), and the
+/* What is expected, as in decode/evidence/prediction.py: picture, root, left_bands (cells, points), basis (ways, cells·points), and the
  * bands of each cell: frequency, phase (rad), depth (cells,); and when the frame's rows were read out. */
 typedef struct {
     ptrdiff_t cells, points, ways;

@@ -1,4 +1,4 @@
-/* What words, and patterns near them, are weighed by: words.c, neighbours.c. */
+/* What words, and patterns near them, are weighed by: codewords.c, neighbours.c. */
 #ifndef LEDPI_WORDS_H
 #define LEDPI_WORDS_H
 

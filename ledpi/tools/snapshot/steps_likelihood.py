@@ -8,9 +8,9 @@ import numpy as np
 from ledpi.core.geometry import first_at_top_left
 from ledpi.core.records import Floats
 from ledpi.decode.evidence.evidence import Evidence
-from ledpi.decode.identify.soft import Reading
-from ledpi.decode.identify.words import gain_by_other_class
-from ledpi.markers.words import Bits
+from ledpi.decode.identify.decision import Reading
+from ledpi.decode.identify.codewords import gain_by_other_class
+from ledpi.markers.codewords import Bits
 from ledpi.pipeline.trace import Look
 from ledpi.tools.snapshot.drawing import (
     BACKGROUND,

@@ -29,7 +29,7 @@ from decode_material import (
 from ledpi.config.settings import load_config
 from ledpi.core.errors import ConfigError
 from ledpi.core.records import Decoded, Floats, Frame, Intrinsics, PanelSpec, PanelValues, Rejected, Sighting, Transfer
-from ledpi.decode.bands import (
+from ledpi.decode.uemura import (
     BLACK_BAND,
     NO_BAND,
     WHITE_BAND,

@@ -1,8 +1,8 @@
 """Outlines of lit, four-sided things: a panel is brighter than what is next to it, and has four sides.
 
 On a picture shrunk far enough the cells of a panel melt into one, so this is done on a pyramid: what is brighter than
-each of some grey levels, or than its neighbourhood (kernels/lit.c), has outlines (outlines.c), some of these four sides
-(four_sides.c), and what is found twice is one thing (distinct.c).
+each of some grey levels, or than its neighbourhood (kernels/threshold.c), has outlines (outlines.c), some of these four sides
+(four_sides.c), and what is found twice is one thing (suppression.c).
 """
 
 from __future__ import annotations

@@ -14,9 +14,9 @@ from ledpi.core.geometry import in_square
 from ledpi.core.records import Floats, Frame, PanelSpec
 from ledpi.decode.cells import CellSamples, lattice
 from ledpi.decode.evidence.evidence import Evidence
-from ledpi.decode.evidence.expect import LEAST_SHARE, Expectation, ways
+from ledpi.decode.evidence.prediction import LEAST_SHARE, Expectation, ways
 from ledpi.decode.evidence.memory import PanelMemory
-from ledpi.decode.identify import soft
+from ledpi.decode.identify import decision
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.markers.dictionaries import load_dictionary
 

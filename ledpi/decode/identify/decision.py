@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 from ledpi.core.records import Floats, Frame, Rejected
 from ledpi.decode.cells import CellSamples
-from ledpi.decode.evidence.believed import believed_bands
+from ledpi.decode.evidence.band_estimate import believed_bands
 from ledpi.decode.evidence.evidence import UNFIT, Evidence
 from ledpi.decode.evidence.single_frame import single_evidence
 from ledpi.decode.evidence.waves import (
@@ -27,12 +27,12 @@ from ledpi.decode.evidence.waves import (
     is_deep_anywhere,
     is_faint,
 )
-from ledpi.decode.identify import rivals
+from ledpi.decode.identify import hypotheses
 from ledpi.decode.identify.codebook import Codebook
-from ledpi.decode.identify.first_look import first_look
-from ledpi.decode.identify.plausible import all_rows_blink, is_consistent, is_plausible
-from ledpi.decode.identify.words import likeliest
-from ledpi.kernels.words import Fit
+from ledpi.decode.identify.first_pass import first_look
+from ledpi.decode.identify.plausibility import all_rows_blink, is_consistent, is_plausible
+from ledpi.decode.identify.codewords import likeliest
+from ledpi.kernels.codewords import Fit
 
 NO_BANDS = Rejected(stage="soft", reason="no_bands")
 NO_WORD = Rejected(stage="soft", reason="not_in_dictionary")

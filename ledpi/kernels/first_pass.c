@@ -1,10 +1,10 @@
-/* A first look at a panel's samples, all of its steps in one call: `first_look` of decode/identify/first_look.py. */
+/* A first look at a panel's samples, all of its steps in one call: `first_look` of decode/identify/first_pass.py. */
 #include "core.h"
 
 #include <math.h>
 #include <stdlib.h>
 
-#include "wide.h"
+#include "simd.h"
 
 /* Whether the light of one of the cells is less than this share of their mean. */
 static bool any_unlit(ptrdiff_t cells, ptrdiff_t points, const float *light, double share) {

@@ -1,6 +1,6 @@
 """The first look at a panel's samples: the evidence in them, and the words that explain it best.
 
-Step by step (`single_frame`, `words`), or all at once in C (kernels/first_look.c) where the panel is a plain one:
+Step by step (`single_frame`, `words`), or all at once in C (kernels/first_pass.c) where the panel is a plain one:
 nothing saturated, covered or unlit. Most of what a search meets is, and half of its time would be spent between the
 steps.
 """
@@ -15,12 +15,12 @@ from ledpi.decode.evidence.evidence import UNFIT, Evidence
 from ledpi.decode.evidence.noise import expected_of, lags_of
 from ledpi.decode.evidence.shared_light import border_points, meeting_cells, sources_of
 from ledpi.decode.evidence.single_frame import single_evidence
-from ledpi.decode.evidence.uncovered import least_shares
-from ledpi.decode.evidence.unlit import UNLIT
+from ledpi.decode.evidence.occlusion import least_shares
+from ledpi.decode.evidence.erasures import UNLIT
 from ledpi.decode.evidence.waves import band_prior, is_deep
-from ledpi.decode.identify.words import SHORTLIST, likeliest
-from ledpi.kernels import first_look as kernel
-from ledpi.kernels.words import Fit
+from ledpi.decode.identify.codewords import SHORTLIST, likeliest
+from ledpi.kernels import first_pass as kernel
+from ledpi.kernels.codewords import Fit
 
 
 def first_look(

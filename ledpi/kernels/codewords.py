@@ -1,4 +1,4 @@
-"""How well words, and other patterns, explain the evidence of a panel's cells (words.c, neighbours.c, climb.c)."""
+"""How well words, and other patterns, explain the evidence of a panel's cells (codewords.c, neighbours.c, hill_climb.c)."""
 
 from __future__ import annotations
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from ledpi.core.records import Floats
 from ledpi.decode.evidence.evidence import Evidence
-from ledpi.decode.identify.words import gain_by_other_class
+from ledpi.decode.identify.codewords import gain_by_other_class
 
 # A frame that is e^DOUBT times likelier without a panel's bands than with them does not show the panel. One that does
 # show it looks so in less than 1 of 1,000, however much or little a frame can tell: with E = bands·information·bands/2,

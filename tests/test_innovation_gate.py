@@ -7,7 +7,7 @@ import pytest
 
 from ledpi.core.records import Floats, Mask
 from ledpi.decode.evidence.evidence import Evidence
-from ledpi.decode.identify.denial import confirms, denies
+from ledpi.decode.identify.innovation_gate import confirms, denies
 
 DEPTH = 0.5
 WHITE = np.arange(16) % 2 == 1

@@ -14,14 +14,14 @@ import numpy as np
 
 from ledpi.core.records import Frame, Mask, Rejected, Singles
 from ledpi.decode.cells import CellSamples
-from ledpi.decode.evidence.believed import believed_bands
+from ledpi.decode.evidence.band_estimate import believed_bands
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.evidence.single_frame import single_evidence
 from ledpi.decode.evidence.waves import band_prior
 from ledpi.decode.identify.codebook import NEAREST_PATTERN, Codebook
-from ledpi.decode.identify.first_look import first_look
-from ledpi.decode.identify.words import likeliest, likeliest_beyond, of_neighbours
-from ledpi.kernels.words import Fit
+from ledpi.decode.identify.first_pass import first_look
+from ledpi.decode.identify.codewords import likeliest, likeliest_beyond, of_neighbours
+from ledpi.kernels.codewords import Fit
 
 # Patterns that are no word count as rivals as if they showed up as often as words: all of them alike, or those that
 # differ from a word in 2, 3 or 4 cells, evenly, which is more where panels have many cells.
