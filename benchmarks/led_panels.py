@@ -93,7 +93,7 @@ def with_true_corners(frame: Frame, corners: Floats, panels: PanelSettings) -> i
     if isinstance(samples, Rejected):
         return None
     book = Codebook.build(list(range(len(dictionary.words))), dictionary, panels.spec())
-    reading = soft.read_word(samples, frame, book)
+    reading = decision.read_codeword(samples, frame, book)
     return None if isinstance(reading, Rejected) else reading.id
 
 
@@ -129,7 +129,7 @@ def recognised(lamps: list[Photograph], side: float, takes: int, seed: int) -> t
             transfer="srgb",
         )
         camera = CameraInfo(width=640, height=480, exposure_us=EXPOSURE_US, row_time_us=ROW_TIME_US, transfer="srgb")
-        ids = [m.sighting.id for m in Pipeline(camera, panels, intrinsics=None, stream=False).decode(frame).markers]
+        ids = [m.detection.id for m in Pipeline(camera, panels, intrinsics=None, stream=False).decode(frame).markers]
         done, right, wrong = done + 1, right + (ids == [marker_id]), wrong + any(i != marker_id for i in ids)
         bound += with_true_corners(frame, corners, panels) == marker_id
     return done, right, wrong, bound

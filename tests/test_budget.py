@@ -38,7 +38,7 @@ def stream() -> Pipeline:
 
 
 def ids(decoded: Decoded) -> set[int]:
-    return {marker.sighting.id for marker in decoded.markers}
+    return {marker.detection.id for marker in decoded.markers}
 
 
 @pytest.mark.parametrize("budget", [STREAM_BUDGET, 3 * LEAST])
@@ -77,7 +77,7 @@ def test_no_result_depends_on_the_clock(monkeypatch: pytest.MonkeyPatch) -> None
 
 def told(decoded: Decoded) -> object:
     """All of a frame's result but the times that it took."""
-    markers = [(m.sighting.id, m.sighting.corners_px.tobytes(), m.sighting.margin) for m in decoded.markers]
+    markers = [(m.detection.id, m.detection.corners_px.tobytes(), m.detection.margin) for m in decoded.markers]
     return markers, [rejected.key for rejected in decoded.rejected]
 
 

@@ -28,8 +28,8 @@ from ledpi.decode.cells import sample_cells
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.evidence.single_frame import single_evidence
 from ledpi.decode.identify.codebook import Codebook
-from ledpi.decode.identify.decision import Reading, read_word
-from ledpi.decode.identify.codewords import likeliest
+from ledpi.decode.identify.codewords import rank_codewords
+from ledpi.decode.identify.decision import Reading, read_codeword
 from ledpi.markers.dictionaries import load_dictionary
 
 ALL = Codebook.build(list(range(50)), load_dictionary("DICT_4X4_50"), SPEC)
@@ -41,7 +41,7 @@ FURTHER_OFF = ("0000/0100/0101/1110", "0001/0100/0011/1110", "1001/0011/1100/001
 
 def read_at(frame: Frame, corners: Floats, codebook: Codebook = ALL) -> Reading | Rejected:
     samples = samples_of(frame, corners)
-    return read_word(samples, frame, codebook)
+    return read_codeword(samples, frame, codebook)
 
 
 def panel_shown(
@@ -85,7 +85,7 @@ def test_a_near_panel_leaves_little_open(side: float) -> None:
     samples = samples_of(frame, corners)
     evidence = single_evidence(samples, frame, SPEC)
     assert isinstance(evidence, Evidence)
-    fit = likeliest(evidence, ALL.white)
+    fit = rank_codewords(evidence, ALL.white)
     by_noise = 0.5 * 15 * 4  # in 15 cells that need not be as the first
     assert fit.of_cells - fit.likelihood[0] < by_noise + 0.05 * fit.likelihood[0]
 
@@ -229,7 +229,7 @@ def test_light_without_bands_is_rejected_as_such(side: float) -> None:
     canvas, corners = Canvas(), square(310.3, 240.6, side, 4)
     canvas.lamp(corners, 0.4)
     for seed in range(4):
-        assert reading_of(read_at(canvas.frame(seed), corners)) == "soft.no_bands"
+        assert reading_of(read_at(canvas.frame(seed), corners)) == "identify.no_bands"
 
 
 @pytest.mark.parametrize("side", [26, 40, 60, 100, 200])
@@ -334,5 +334,5 @@ def test_too_little_to_see_is_a_reason_and_no_guess() -> None:
             canvas, corners = Canvas(), square(310.3, 240.6, side, 4)
             canvas.panel(corners, word(7), profile=flat)
             samples = sample_cells(canvas.frame(seed), quad(corners), 4)
-            shown = samples if isinstance(samples, Rejected) else read_word(samples, canvas.frame(seed), ALL)
+            shown = samples if isinstance(samples, Rejected) else read_codeword(samples, canvas.frame(seed), ALL)
             assert isinstance(shown, Rejected) or (shown.id, shown.quarter_turns) == (7, 0)

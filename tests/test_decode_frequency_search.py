@@ -9,7 +9,7 @@ from decode_material import SPEC, Canvas, square, word
 from samples_material import samples_of
 
 from ledpi.decode.identify.codebook import Codebook
-from ledpi.decode.identify.frequency_search import Proposal, Seen, propose_frequencies
+from ledpi.decode.identify.frequency_search import Observation, Proposal, propose_frequencies
 from ledpi.markers.dictionaries import load_dictionary
 
 PERIOD_US = 16_969.7  # in which 1250 and 1262 Hz both advance by nearly 21 cycles, and 20 Hz by a third of one
@@ -30,7 +30,7 @@ def proposed(
         canvas.panel(corners, word(7), light=0.4, spec=shown, start_us=n * period_us)
         frame = dataclasses.replace(canvas.frame(n, seq=n), row0_readout_ns=round(1e9 + 1e3 * n * period_us))
         samples = samples_of(frame, corners)
-        seen.append(Seen(samples=samples, frame=frame))
+        seen.append(Observation(samples=samples, frame=frame))
     dictionary = load_dictionary("DICT_4X4_50")
     return propose_frequencies(seen, spec, Codebook.build(range(50), dictionary, spec))
 
@@ -86,7 +86,7 @@ def test_a_lamp_has_no_frequencies() -> None:
         canvas.lamp(corners, 0.4)
         frame = dataclasses.replace(canvas.frame(n, seq=n), row0_readout_ns=round(1e9 + 1e3 * n * PERIOD_US))
         samples = samples_of(frame, corners)
-        seen.append(Seen(samples=samples, frame=frame))
+        seen.append(Observation(samples=samples, frame=frame))
     assert propose_frequencies(seen, SPEC, Codebook.build(range(50), load_dictionary("DICT_4X4_50"), SPEC)) is None
 
 

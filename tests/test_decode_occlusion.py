@@ -8,9 +8,9 @@ from decode_material import PINHOLE, SPEC, Canvas, camera_info, panel_settings, 
 from samples_material import samples_of
 
 from ledpi.core.records import Floats
-from ledpi.decode.evidence.occlusion import all_uncovered, darkens, without_covered
+from ledpi.decode.evidence.occlusion import bands_mimic_occlusion, is_unoccluded, mask_occluded
 from ledpi.decode.identify.codebook import Codebook
-from ledpi.decode.identify.decision import Reading, read_word
+from ledpi.decode.identify.decision import Reading, read_codeword
 from ledpi.markers.dictionaries import load_dictionary
 from ledpi.pipeline.pipeline import Pipeline
 
@@ -34,7 +34,7 @@ def test_a_single_frame_is_read_although_a_corner_or_an_edge_is_covered(
     canvas.lamp(before_the_panel(*shade), 0.0)
     frame = canvas.frame()
     book = Codebook.build(list(range(50)), load_dictionary("DICT_4X4_50"), SPEC)
-    reading = read_word(samples_of(frame, TRUE), frame, book)
+    reading = read_codeword(samples_of(frame, TRUE), frame, book)
     assert isinstance(reading, Reading), reading
     assert reading.id == 7
 
@@ -52,8 +52,8 @@ def test_what_is_covered_is_told_from_bands_that_are_as_dark(
     canvas.lamp(before_the_panel(*shade), 0.0)
     path = Pipeline(camera_info(exposure_us=exposure_us), panel_settings(), intrinsics=PINHOLE, stream=False)
     (marker,) = path.decode(canvas.frame()).markers
-    assert marker.sighting.id == 7
-    assert np.abs(marker.sighting.corners_px - TRUE).max() < 0.7
+    assert marker.detection.id == 7
+    assert np.abs(marker.detection.corners_px - TRUE).max() < 0.7
 
 
 @pytest.mark.parametrize("exposure_us", [130.0, 200.0, 300.0, 450.0])
@@ -67,8 +67,8 @@ def test_a_panel_with_a_hidden_side_is_read_in_deep_bands(side: int, exposure_us
     canvas.lamp(before_the_panel(*ends), 0.0)
     path = Pipeline(camera_info(exposure_us=exposure_us), panel_settings(), intrinsics=PINHOLE, stream=False)
     (marker,) = path.decode(canvas.frame()).markers
-    assert marker.sighting.id == 7
-    assert np.abs(marker.sighting.corners_px - TRUE).max() < 0.8
+    assert marker.detection.id == 7
+    assert np.abs(marker.detection.corners_px - TRUE).max() < 0.8
 
 
 def test_what_is_covered_is_not_valid_and_the_rest_is() -> None:
@@ -76,7 +76,7 @@ def test_what_is_covered_is_not_valid_and_the_rest_is() -> None:
     canvas = Canvas()
     canvas.panel(TRUE, word(7))
     canvas.lamp(before_the_panel((-0.1, 0.1), (-0.1, 0.1)), 0.0)
-    samples = without_covered(samples_of(canvas.frame(), TRUE))
+    samples = mask_occluded(samples_of(canvas.frame(), TRUE))
     assert samples.valid is not None
     k = samples.lattice.k
     first = samples.valid[0].reshape(k, k)
@@ -91,7 +91,7 @@ def test_the_tip_of_a_corner_is_covered_too(reach: float) -> None:
     canvas = Canvas()
     canvas.panel(TRUE, word(7))
     canvas.lamp(before_the_panel((-0.1, reach), (-0.1, reach)), 0.0)
-    samples = without_covered(samples_of(canvas.frame(), TRUE))
+    samples = mask_occluded(samples_of(canvas.frame(), TRUE))
     assert samples.valid is not None
     assert not samples.valid[0, 0]
     assert samples.valid[0].mean() > 0.8
@@ -109,9 +109,9 @@ def test_nothing_is_covered_where_each_sample_has_its_share(darkness: float) -> 
     least = np.full(light.shape, 0.75, np.float32)
     over_mean = light / light.mean(axis=1, keepdims=True)
     enough = over_mean >= least * over_mean.mean(axis=0)
-    assert all_uncovered(light, None, least) == enough.all()
-    assert all_uncovered(light, enough, least)
-    assert all_uncovered(light, None, np.zeros_like(least))
+    assert is_unoccluded(light, None, least) == enough.all()
+    assert is_unoccluded(light, enough, least)
+    assert is_unoccluded(light, None, np.zeros_like(least))
 
 
 def test_a_whole_panel_keeps_all_samples() -> None:
@@ -121,10 +121,10 @@ def test_a_whole_panel_keeps_all_samples() -> None:
     canvas = Canvas()
     canvas.panel(TRUE, word(7), gains=gains)
     samples = samples_of(canvas.frame(), TRUE)
-    assert without_covered(samples) is samples
+    assert mask_occluded(samples) is samples
 
 
 def test_bands_that_darken_as_much_as_a_cover() -> None:
     """Of a depth d the darkest is 1 − d, the upper quartile 1 + d/√2: a share of 0.75 at d = 0.163."""
-    assert not darkens(0.16)
-    assert darkens(0.17)
+    assert not bands_mimic_occlusion(0.16)
+    assert bands_mimic_occlusion(0.17)

@@ -28,14 +28,14 @@ from decode_material import (
 
 from ledpi.config.settings import load_config
 from ledpi.core.errors import ConfigError
-from ledpi.core.records import Decoded, Floats, Frame, Intrinsics, PanelSpec, PanelValues, Rejected, Sighting, Transfer
+from ledpi.core.records import Decoded, Detection, Floats, Frame, Intrinsics, PanelSpec, PanelValues, Rejected, Transfer
 from ledpi.decode.uemura import (
     BLACK_BAND,
     NO_BAND,
     WHITE_BAND,
-    BandsReader,
     Square,
     Steps,
+    UemuraReader,
     add_frame,
     band_widths_rows,
     binarise,
@@ -54,9 +54,9 @@ PLACE = square(310.3, 240.6, 150, 4)
 CORNER_PX = 12.0
 
 
-def reader(dictionary: str = "DICT_4X4_50", spec: PanelSpec = SPEC) -> BandsReader:
+def reader(dictionary: str = "DICT_4X4_50", spec: PanelSpec = SPEC) -> UemuraReader:
     known = load_dictionary(dictionary)
-    return BandsReader(known, list(range(len(known.words))), spec)
+    return UemuraReader(known, list(range(len(known.words))), spec)
 
 
 def photograph(cells: Bits, corners: Floats = PLACE, **how: object) -> Frame:
@@ -66,8 +66,8 @@ def photograph(cells: Bits, corners: Floats = PLACE, **how: object) -> Frame:
     return canvas.frame()
 
 
-def sightings(steps: Steps) -> list[Sighting]:
-    return [s.result for s in steps.squares if isinstance(s.result, Sighting)]
+def detections(steps: Steps) -> list[Detection]:
+    return [s.result for s in steps.squares if isinstance(s.result, Detection)]
 
 
 def reasons(steps: Steps) -> set[str]:
@@ -75,7 +75,7 @@ def reasons(steps: Steps) -> set[str]:
 
 
 def squares_of_word(steps: Steps, marker_id: int) -> Square:
-    (found,) = (s for s in steps.squares if isinstance(s.result, Sighting) and s.result.id == marker_id)
+    (found,) = (s for s in steps.squares if isinstance(s.result, Detection) and s.result.id == marker_id)
     return found
 
 
@@ -85,42 +85,42 @@ def squares_of_word(steps: Steps, marker_id: int) -> Square:
 @pytest.mark.parametrize("marker_id", WORDS)
 def test_a_panel_is_read(marker_id: int) -> None:
     """Its ID, and its corners to within a dark band."""
-    (sighting,) = sightings(reader().read(photograph(word(marker_id))))
-    assert sighting.id == marker_id
-    np.testing.assert_allclose(sighting.corners_px, PLACE, atol=CORNER_PX)
+    (detection,) = detections(reader().read(photograph(word(marker_id))))
+    assert detection.id == marker_id
+    np.testing.assert_allclose(detection.corners_px, PLACE, atol=CORNER_PX)
 
 
 @pytest.mark.parametrize("quarter_turns", [1, 2, 3])
 @pytest.mark.parametrize("marker_id", [7, 23])
 def test_the_first_corner_is_the_markers_top_left_one(marker_id: int, quarter_turns: int) -> None:
     """Turned clockwise by so much, which is what OpenCV's order of corners tells."""
-    (sighting,) = sightings(reader().read(photograph(word(marker_id, quarter_turns))))
-    assert sighting.id == marker_id
-    np.testing.assert_allclose(sighting.corners_px, np.roll(PLACE, -quarter_turns, axis=0), atol=CORNER_PX)
+    (detection,) = detections(reader().read(photograph(word(marker_id, quarter_turns))))
+    assert detection.id == marker_id
+    np.testing.assert_allclose(detection.corners_px, np.roll(PLACE, -quarter_turns, axis=0), atol=CORNER_PX)
 
 
 @pytest.mark.parametrize("turn_deg", [-40, 10, 30])
 def test_a_rolled_panel_is_read(turn_deg: float) -> None:
     """Bands run along the picture's rows and cells do not: their middles still show whole bands."""
     corners = square(310.3, 240.6, 190, turn_deg)
-    (sighting,) = sightings(reader().read(photograph(word(7), corners)))
-    assert sighting.id == 7
-    np.testing.assert_allclose(sighting.corners_px, corners, atol=CORNER_PX)
+    (detection,) = detections(reader().read(photograph(word(7), corners)))
+    assert detection.id == 7
+    np.testing.assert_allclose(detection.corners_px, corners, atol=CORNER_PX)
 
 
 def test_an_oblique_panel_is_read() -> None:
     """Turned away about its upright axis: the side that is nearer is longer."""
     corners = np.array([[260.3, 140.6], [361.7, 162.2], [362.1, 322.4], [259.8, 341.9]])
-    (sighting,) = sightings(reader().read(photograph(word(12), corners)))
-    assert sighting.id == 12
-    np.testing.assert_allclose(sighting.corners_px, corners, atol=CORNER_PX)
+    (detection,) = detections(reader().read(photograph(word(12), corners)))
+    assert detection.id == 12
+    np.testing.assert_allclose(detection.corners_px, corners, atol=CORNER_PX)
 
 
 @pytest.mark.parametrize("phase", [0.0, 0.3, 0.55, 0.8])
 def test_it_does_not_matter_when_the_frame_begins(phase: float) -> None:
     """Bands lie at other rows in every frame."""
     steps = reader().read(photograph(word(7), phases=(phase, (3.7 * phase) % 1.0)))
-    assert [s.id for s in sightings(steps)] == [7]
+    assert [s.id for s in detections(steps)] == [7]
 
 
 def test_several_panels_are_read() -> None:
@@ -129,7 +129,7 @@ def test_several_panels_are_read() -> None:
     canvas = Canvas(exposure_us=SHORT_US)
     for marker_id, corners in places.items():
         canvas.panel(corners, word(marker_id))
-    found = {s.id: s.corners_px for s in sightings(reader().read(canvas.frame()))}
+    found = {s.id: s.corners_px for s in detections(reader().read(canvas.frame()))}
     assert found.keys() == places.keys()
     for marker_id, corners in places.items():
         np.testing.assert_allclose(found[marker_id], corners, atol=CORNER_PX)
@@ -138,7 +138,7 @@ def test_several_panels_are_read() -> None:
 @pytest.mark.parametrize("light", [0.12, 0.25, 0.45])
 def test_dim_and_bright_panels_are_read(light: float) -> None:
     """From an eighth of full scale to where bright bands nearly saturate."""
-    assert [s.id for s in sightings(reader().read(photograph(word(23), light=light)))] == [23]
+    assert [s.id for s in detections(reader().read(photograph(word(23), light=light)))] == [23]
 
 
 def test_a_linear_picture_is_read() -> None:
@@ -146,7 +146,7 @@ def test_a_linear_picture_is_read() -> None:
     transfer: Transfer = "linear"
     canvas = Canvas(exposure_us=SHORT_US, transfer=transfer)
     canvas.panel(PLACE, word(7))
-    assert [s.id for s in sightings(reader().read(canvas.frame()))] == [7]
+    assert [s.id for s in detections(reader().read(canvas.frame()))] == [7]
 
 
 def test_other_grids_are_read() -> None:
@@ -158,16 +158,16 @@ def test_other_grids_are_read() -> None:
     def even(u: Floats, v: Floats) -> Floats:
         return np.ones_like(u)
 
-    (sighting,) = sightings(reader("DICT_6X6_50").read(photograph(cells, corners, profile=even)))
-    assert sighting.id == 31
-    np.testing.assert_allclose(sighting.corners_px, corners, atol=CORNER_PX)
+    (detection,) = detections(reader("DICT_6X6_50").read(photograph(cells, corners, profile=even)))
+    assert detection.id == 31
+    np.testing.assert_allclose(detection.corners_px, corners, atol=CORNER_PX)
 
 
 def test_other_frequencies_are_read() -> None:
     """What the bands' widths are follows from the panel's frequencies and the frame's row time."""
     spec = PanelSpec(side_m=0.16, black_hz=1000.0, white_hz=1800.0)
     frame = photograph(word(7), square(310.3, 240.6, 200), spec=spec)
-    assert [s.id for s in sightings(reader(spec=spec).read(frame))] == [7]
+    assert [s.id for s in detections(reader(spec=spec).read(frame))] == [7]
 
 
 # ---- What is not read
@@ -178,7 +178,7 @@ def test_an_empty_picture_has_no_square() -> None:
     frame = Canvas(exposure_us=SHORT_US).frame()
     assert reader().read(frame).squares == ()
     decoded = path(exposure_us=SHORT_US).decode(frame)
-    assert [why.key for why in decoded.rejected] == ["bands.no_square"]
+    assert [why.key for why in decoded.rejected] == ["uemura.no_square"]
 
 
 def test_what_is_not_square_is_none() -> None:
@@ -197,8 +197,8 @@ def test_a_lamp_that_does_not_blink_is_never_an_id(seed: int) -> None:
     x, y = rng.uniform((200, 160), (440, 320))
     canvas.lamp(square(x, y, rng.uniform(25, 200), rng.uniform(-45, 45)), rng.uniform(0.1, 1.3))
     steps = reader().read(canvas.frame(seed))
-    assert sightings(steps) == []
-    assert reasons(steps) == {"bands.cell_without_bands"}
+    assert detections(steps) == []
+    assert reasons(steps) == {"uemura.cell_without_bands"}
 
 
 NO_WORDS = {
@@ -213,8 +213,8 @@ NO_WORDS = {
 def test_a_panel_that_shows_no_word_is_told(pattern: str) -> None:
     """The cells are read as they are, and OpenCV knows no such marker."""
     steps = reader().read(photograph(drawn(pattern)))
-    assert sightings(steps) == []
-    assert "bands.not_in_dictionary" in reasons(steps)
+    assert detections(steps) == []
+    assert "uemura.not_in_dictionary" in reasons(steps)
 
 
 def test_a_panel_of_another_grid_is_no_word() -> None:
@@ -225,8 +225,8 @@ def test_a_panel_of_another_grid_is_no_word() -> None:
         return np.ones_like(u)
 
     steps = reader().read(photograph(cells, square(310, 240, 200), profile=even))
-    assert sightings(steps) == []
-    assert reasons(steps) <= {"bands.not_in_dictionary", "bands.cell_without_bands"}
+    assert detections(steps) == []
+    assert reasons(steps) <= {"uemura.not_in_dictionary", "uemura.cell_without_bands"}
     assert reasons(steps)
 
 
@@ -236,16 +236,16 @@ def test_bands_of_a_few_grey_levels_are_not_seen() -> None:
     canvas.panel(PLACE, word(7))
     frame = canvas.frame()
     steps = reader().read(frame)
-    assert sightings(steps) == []
-    assert reasons(steps) <= {"bands.not_in_dictionary", "bands.cell_without_bands"}
+    assert detections(steps) == []
+    assert reasons(steps) <= {"uemura.not_in_dictionary", "uemura.cell_without_bands"}
     by_soft = Pipeline(camera_info(), panel_settings(), intrinsics=PINHOLE, stream=False).decode(frame)
-    assert [m.sighting.id for m in by_soft.markers] == [7]
+    assert [m.detection.id for m in by_soft.markers] == [7]
 
 
 def test_cells_lower_than_a_band_are_not_read() -> None:
     """8 rows, where black's bands have 12: none is whole, and its width cannot be told."""
     steps = reader().read(photograph(word(7), square(310.3, 240.6, 32)))
-    assert sightings(steps) == []
+    assert detections(steps) == []
 
 
 # ---- Step by step
@@ -389,17 +389,17 @@ def test_every_step_is_kept() -> None:
 
 def path(*overrides: str, lens: Intrinsics | None = PINHOLE, exposure_us: float, stream: bool = False) -> Pipeline:
     info = camera_info(exposure_us=exposure_us)
-    return Pipeline(info, panel_settings(*overrides), intrinsics=lens, method="bands", stream=stream)
+    return Pipeline(info, panel_settings(*overrides), intrinsics=lens, method="uemura", stream=stream)
 
 
 def ids(decoded: Decoded) -> list[int]:
-    return sorted(m.sighting.id for m in decoded.markers)
+    return sorted(m.detection.id for m in decoded.markers)
 
 
 def test_bands_is_a_method_of_the_configuration() -> None:
-    """`decode.method: bands`; a method that is not there is refused by name."""
-    assert load_config(None, ("panels.side_m=0.16", "decode.method=bands")).decode.method == "bands"
-    with pytest.raises(ConfigError, match=r"decode\.method: must be 'soft' or 'bands'"):
+    """`decode.method: uemura`; a method that is not there is refused by name."""
+    assert load_config(None, ("panels.side_m=0.16", "decode.method=uemura")).decode.method == "uemura"
+    with pytest.raises(ConfigError, match=r"decode\.method: must be 'likelihood' or 'uemura'"):
         load_config(None, ("panels.side_m=0.16", "decode.method=stripes"))
 
 
@@ -407,8 +407,10 @@ def test_antiphase_panels_are_refused() -> None:
     """Whoever says that they are so, a configuration or a recording: both classes have bands of one height."""
     blinking = {"black_hz": 1250.0, "white_hz": 1250.0, "duty": 0.5, "phase": "antiphase"}
     shown = PanelValues(dictionary="DICT_4X4_50", side_m=0.16, **blinking)  # type: ignore[arg-type]
-    with pytest.raises(ConfigError, match=r"bands tells .* at 1250 Hz in antiphase they are alike; must be soft"):
-        Pipeline(camera_info(), panel_settings(), intrinsics=None, shown=shown, method="bands")
+    with pytest.raises(
+        ConfigError, match=r"uemura distinguishes .* at 1250 Hz in antiphase they are alike; must be likelihood"
+    ):
+        Pipeline(camera_info(), panel_settings(), intrinsics=None, source_panel=shown, method="uemura")
 
 
 def test_the_panels_place_is_solved() -> None:
@@ -423,14 +425,14 @@ def test_it_claims_no_margin() -> None:
     pipeline = path(exposure_us=SHORT_US, stream=True)
     for _ in range(3):
         (marker,) = pipeline.decode(photograph(word(7))).markers
-        assert (marker.sighting.margin, marker.sighting.frames_used) == (0.0, 1)
+        assert (marker.detection.margin, marker.detection.frames_used) == (0.0, 1)
 
 
 def test_its_time_is_told_under_its_own_name() -> None:
     """Nothing is spent on the stages of the other method."""
     decoded = path(exposure_us=SHORT_US).decode(photograph(word(7)))
-    assert list(decoded.stage_ms) == ["bands", "pose"]
-    assert decoded.stage_ms["bands"] > 0
+    assert list(decoded.stage_ms) == ["uemura", "pose"]
+    assert decoded.stage_ms["uemura"] > 0
 
 
 def test_a_panel_of_other_frequencies_is_read_with_those() -> None:
@@ -448,8 +450,8 @@ def test_a_lens_that_bends_the_square_a_little_does_not_matter() -> None:
     straight = square(400, 300, 150, 3)
     frame = photograph(word(7), straight, lens=LENS)
     (marker,) = path(lens=LENS, exposure_us=SHORT_US).decode(frame).markers
-    assert marker.sighting.id == 7
-    np.testing.assert_allclose(marker.sighting.corners_px, seen_through(LENS, straight), atol=CORNER_PX)
+    assert marker.detection.id == 7
+    np.testing.assert_allclose(marker.detection.corners_px, seen_through(LENS, straight), atol=CORNER_PX)
 
 
 def test_recordings_by_other_code_are_read_where_their_bands_are_deep(shared: Callable[[str], Path]) -> None:
@@ -462,7 +464,7 @@ def test_recordings_by_other_code_are_read_where_their_bands_are_deep(shared: Ca
     )
     info = camera_info(exposure_us=camera.exposure_us)
     settings = panel_settings()
-    pipeline = Pipeline(info, settings, intrinsics=camera.intrinsics, shown=shown, method="bands", stream=False)
+    pipeline = Pipeline(info, settings, intrinsics=camera.intrinsics, source_panel=shown, method="uemura", stream=False)
     assert recording.truth is not None
     read = 0
     for entry in recording.frames:

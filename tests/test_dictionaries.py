@@ -117,7 +117,7 @@ def test_panels_of_a_dictionary_of_ones_own_are_read(file: Path) -> None:
     canvas = Canvas()
     canvas.panel(square(310, 240, 110, 5), load_dictionary(str(file)).word(1), profile=lambda u, v: np.ones_like(u))
     path = Pipeline(camera_info(), settings, intrinsics=PINHOLE, stream=False)
-    assert [marker.sighting.id for marker in path.decode(canvas.frame()).markers] == [1]
+    assert [marker.detection.id for marker in path.decode(canvas.frame()).markers] == [1]
 
 
 def test_a_recording_takes_its_dictionary_with_it(file: Path, tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ import pytest
 
 from ledpi.core.records import Floats, Mask
 from ledpi.decode.evidence.evidence import Evidence
-from ledpi.decode.identify.innovation_gate import confirms, denies
+from ledpi.decode.identify.innovation_gate import confirms, contradicts
 
 DEPTH = 0.5
 WHITE = np.arange(16) % 2 == 1
@@ -23,30 +23,30 @@ def bands(white: Mask) -> Floats:
 def frame_with(shown: Floats, information: float) -> Evidence:
     """What a frame with these bands adds, without noise; each cosine and sine is known by this `information`."""
     everywhere = information * np.eye(64).reshape(16, 4, 16, 4)
-    return Evidence(score=information * shown, information=everywhere, prior=np.ones(4), left=0.0)
+    return Evidence(score=information * shown, information=everywhere, prior=np.ones(4), residual=0.0)
 
 
 @pytest.mark.parametrize("information", [0.1, 1000.0])
 def test_a_frame_with_the_same_bands_denies_nothing(information: float) -> None:
     """However much or little it tells."""
-    assert not denies(frame_with(bands(WHITE), information), bands(WHITE))
+    assert not contradicts(frame_with(bands(WHITE), information), bands(WHITE))
 
 
 @pytest.mark.parametrize(("information", "denied"), [(2.4, False), (2.6, True)])
 def test_a_frame_without_bands_denies_them_by_five_nats(information: float, denied: bool) -> None:
     """In 16 cells it is likelier without them by 16 · ½ · 0.5² · information."""
-    assert denies(frame_with(np.zeros((16, 4)), information), bands(WHITE)) is denied
+    assert contradicts(frame_with(np.zeros((16, 4)), information), bands(WHITE)) is denied
 
 
 @pytest.mark.parametrize(("swapped", "denied"), [(1, False), (2, True)])
 def test_a_frame_with_bands_in_other_cells_denies_them_by_sixteen_nats(swapped: int, denied: bool) -> None:
     """Each cell that is of the other class would be so by ½ · 2 · 0.5² · 40 = 10; the rest are as they were."""
-    assert denies(frame_with(bands(WHITE ^ (np.arange(16) < swapped)), 40.0), bands(WHITE)) is denied
+    assert contradicts(frame_with(bands(WHITE ^ (np.arange(16) < swapped)), 40.0), bands(WHITE)) is denied
 
 
 def test_a_frame_that_adds_nothing_denies_nothing() -> None:
     """As the first of a track, which is compared with none."""
-    assert not denies(None, bands(WHITE))
+    assert not contradicts(None, bands(WHITE))
 
 
 @pytest.mark.parametrize(("information", "confirmed"), [(2.4, False), (2.6, True)])

@@ -329,8 +329,8 @@ def test_corners_that_are_none_are_refused_in_silence(rough: Floats) -> None:
     canvas.panel(square(300, 200, 60), word(7))
     locator, known = Locator(4, (SPEC,), None), located(canvas.frame(), square(300, 200, 60)).unknown
     assert known is not None
-    assert isinstance(locator.at(canvas.frame(), rough), Rejected)
-    assert isinstance(locator.near(canvas.frame(), rough, known), Rejected)
+    assert isinstance(locator.localise(canvas.frame(), rough), Rejected)
+    assert isinstance(locator.refine(canvas.frame(), rough, known), Rejected)
 
 
 def test_a_panel_near_the_pictures_border_is_located_in_what_is_seen_of_it() -> None:
@@ -351,12 +351,12 @@ def test_what_was_spent_is_counted() -> None:
     canvas.panel(true, word(7))
     one, two = Locator(4, (SPEC,), None), Locator(4, (SPEC, other), None)
     assert one.spent == 0
-    found = one.at(canvas.frame(), true)
+    found = one.localise(canvas.frame(), true)
     proposed = one.spent
     assert isinstance(found, Quad)
     assert found.unknown is not None
-    one.near(canvas.frame(), true, found.unknown)
+    one.refine(canvas.frame(), true, found.unknown)
     followed = one.spent - proposed
-    two.near(canvas.frame(), true, found.unknown)
+    two.refine(canvas.frame(), true, found.unknown)
     assert 0 < followed < proposed
     assert two.spent > 1.3 * followed

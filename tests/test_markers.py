@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from ledpi.markers.dictionaries import dictionary_names, load_dictionary
 from ledpi.markers.codewords import Bits, Dictionary, corners_of_turned
+from ledpi.markers.dictionaries import dictionary_names, load_dictionary
 
 
 def drawn(text: str) -> Bits:
@@ -30,7 +30,7 @@ def test_id_7_upright() -> None:
 
 def test_id_7_turned() -> None:
     """Quarter turns clockwise: the left column, read upward, becomes the top row."""
-    turned = load_dictionary("DICT_4X4_50").turned_words()[7]
+    turned = load_dictionary("DICT_4X4_50").rotated_codewords()[7]
     for quarter_turns, text in enumerate([SEVEN, *SEVEN_TURNED_CLOCKWISE]):
         np.testing.assert_array_equal(turned[quarter_turns], drawn(text), err_msg=f"turns: {quarter_turns}")
 
@@ -43,7 +43,7 @@ def test_a_word_of_halves_is_what_half_a_panel_shows() -> None:
     two_off[3, :2] = (True, False)
     far = drawn("1010 / 0101 / 1010 / 0100")
     words = Dictionary(name="words", words=np.stack([halves.T, one_off, two_off, far]))
-    assert codewords.correctable_cells() == 0
+    assert words.correctable_cells() == 0
     assert words.part_like_ids() == (0,)
     assert load_dictionary("DICT_4X4_50").part_like_ids() == (3, 17, 22, 30, 33, 37)
     assert load_dictionary("DICT_5X5_50").part_like_ids() == load_dictionary("DICT_7X7_50").part_like_ids() == ()
@@ -69,7 +69,7 @@ def test_turning_is_opencvs(quarter_turns: int) -> None:
     as_seen = np.array([[20.0, 20], [139, 20], [139, 139], [20, 139]])
 
     assert ids.ravel().tolist() == [7]
-    np.testing.assert_array_equal(load_dictionary("DICT_4X4_50").turned_words()[7, quarter_turns], cells)
+    np.testing.assert_array_equal(load_dictionary("DICT_4X4_50").rotated_codewords()[7, quarter_turns], cells)
     np.testing.assert_allclose(corners_of_turned(as_seen, quarter_turns), corners[0][0], rtol=0, atol=1)
 
 

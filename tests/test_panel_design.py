@@ -116,7 +116,7 @@ def even_evidence(each: float, depth: float) -> Evidence:
     information = np.zeros((16, 4, 16, 4))
     for cell in range(16):
         information[cell, :, cell, :] = each * np.eye(4)
-    return Evidence(score=np.zeros((16, 4)), information=information, prior=np.full(4, depth**2 / 2), left=0.0)
+    return Evidence(score=np.zeros((16, 4)), information=information, prior=np.full(4, depth**2 / 2), residual=0.0)
 
 
 @pytest.mark.parametrize(
@@ -202,7 +202,7 @@ def test_enough_information_is_enough() -> None:
     codebook = Codebook.build(list(range(50)), DICTIONARY, spec)
     for share, expected in ((1.0, (0.965, 1.0)), (0.1, (0.0, 0.1))):
         known = even_evidence(share * ENOUGH_NATS / depth**2, depth)
-        chance = chance_of_reading(known, codebook, (depth, depth), soft.FALSE_ID_RATE, draws=200)
+        chance = chance_of_reading(known, codebook, (depth, depth), decision.FALSE_ID_RATE, draws=200)
         assert expected[0] <= chance <= expected[1]
 
 
@@ -223,10 +223,10 @@ def test_the_best_never_tell_less_than_the_present_pair() -> None:
     views = views_of(asked)
     present = proposal_at(asked, 1250.0, 2450.0, 504, views)
     best = ranked(asked, present, views)
-    assert best[0].never_tells_less_than(present)
+    assert best[0].is_never_worse_than(present)
     assert sum(best[0].worth()) >= sum(present.worth())
     assert {(p.black_hz, p.white_hz) for p in best} == set(candidate_pairs(asked))
-    flags = [p.never_tells_less_than(present) for p in best]
+    flags = [p.is_never_worse_than(present) for p in best]
     assert flags == sorted(flags, reverse=True)
 
 
@@ -244,8 +244,8 @@ def test_more_than_enough_counts_as_enough() -> None:
     """Near by every pair is read; what it tells beyond does not outweigh what another tells far away."""
     near_by = Proposal(black_hz=1, white_hz=2, frame_length_rows=504, alone=(9000.0, 5.0), stream=(9000.0, 10.0))
     far_away = replace(near_by, alone=(900.0, 6.0), stream=(900.0, 12.0))
-    assert far_away.never_tells_less_than(near_by)
-    assert not near_by.never_tells_less_than(far_away)
+    assert far_away.is_never_worse_than(near_by)
+    assert not near_by.is_never_worse_than(far_away)
 
 
 def test_1000_and_2000_hz_sit_on_nulls_at_10_ms() -> None:
@@ -322,7 +322,7 @@ def test_what_is_certain_is_not_drawn() -> None:
     codebook = Codebook.build(list(range(50)), DICTIONARY, spec)
     for nats, chance in ((3 * ENOUGH_NATS, 1.0), (ENOUGH_NATS / 20, 0.0)):
         known = even_evidence(nats / 0.05**2, 0.05)
-        assert chance_of_reading(known, codebook, (0.05, 0.05), soft.FALSE_ID_RATE, draws=100) == chance
+        assert chance_of_reading(known, codebook, (0.05, 0.05), decision.FALSE_ID_RATE, draws=100) == chance
 
 
 def test_periods_in_a_cell() -> None:
@@ -394,7 +394,7 @@ def test_antiphase_is_read_where_two_frequencies_are_not() -> None:
 def test_what_tells_antiphase_classes_apart_is_twice_the_bands() -> None:
     """Of isotropic information i and depth a: D = i·(2a)²/2, at any phase."""
     known = Evidence(
-        score=np.zeros((2, 2)), information=1000 * np.eye(4).reshape(2, 2, 2, 2), prior=np.ones(2), left=0.0
+        score=np.zeros((2, 2)), information=1000 * np.eye(4).reshape(2, 2, 2, 2), prior=np.ones(2), residual=0.0
     )
     assert separation_nats(known, (0.05, 0.05)) == pytest.approx(0.5 * 1000 * 0.1**2)
 

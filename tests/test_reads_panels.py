@@ -48,13 +48,13 @@ def read(frame: Frame, lens: Intrinsics = PINHOLE) -> Decoded:
 
 
 def ids(decoded: Decoded) -> list[int]:
-    return [marker.sighting.id for marker in decoded.markers]
+    return [marker.detection.id for marker in decoded.markers]
 
 
 def farthest_px(decoded: Decoded, true: Floats) -> float:
     """Of the one panel's corners, which are in its own order."""
     (marker,) = decoded.markers
-    return float(np.linalg.norm(marker.sighting.corners_px - true, axis=1).max())
+    return float(np.linalg.norm(marker.detection.corners_px - true, axis=1).max())
 
 
 def painted(

@@ -125,7 +125,7 @@ def test_every_reason_is_counted_in_the_record(snapshot: Snapshot) -> None:
 def test_axes_are_drawn_only_with_a_pose(drawn: Pixels) -> None:
     """Without intrinsics the panel is read and there is no pose, hence no axes."""
     uncalibrated = snapshot_of(calibrated=False)
-    assert [(m.sighting.id, m.solution) for m in uncalibrated.decoded.markers] == [(7, None)]
+    assert [(m.detection.id, m.solution) for m in uncalibrated.decoded.markers] == [(7, None)]
     green = AXES[1]
     assert (drawn == green).all(axis=2).any()
     assert not (draw(uncalibrated) == green).all(axis=2).any()
@@ -162,7 +162,7 @@ def test_panels_are_enlarged_before_what_was_dropped(snapshot: Snapshot) -> None
     """The panel with its place, then the lamp, which came as far as its cells (as may something in the room)."""
     titles = [block.title for block in blocks_of(snapshot)]
     assert titles[0].startswith("ID 7   x ")
-    assert "soft.no_bands" in titles[1:]
+    assert "identify.no_bands" in titles[1:]
     assert not any(title.startswith("ID") for title in titles[1:])
 
 

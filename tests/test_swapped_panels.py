@@ -78,7 +78,7 @@ def drawn(case: str, exposure_us: float, seed: int, take: int) -> Swap:
 def other(panel: Panel, swap: Swap) -> Panel:
     """The one that comes in its place."""
     spec = PANELS.spec(swap.marker_id)
-    spec = spec.at([hz * (1.0 + off) for hz, off in zip(spec.waves_hz, swap.off.tolist(), strict=True)])
+    spec = spec.retune([hz * (1.0 + off) for hz, off in zip(spec.waves_hz, swap.off.tolist(), strict=True)])
     word, motion = WORDS[swap.marker_id], Still(swap.moved)
     return replace(panel, word=word, marker_id=swap.marker_id, spec=spec, motion=motion, cell_gains=swap.gains)
 

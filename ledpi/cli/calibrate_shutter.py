@@ -76,7 +76,7 @@ def _measure(taken: Taken, panels: PanelSettings, reported: Reported) -> Shutter
     from ledpi.tools.calibrate.shutter import measure_shutter
     from ledpi.tools.calibrate.still_panels import panel_light, still_squares
 
-    pipeline = Pipeline(taken.camera, panels, intrinsics=taken.intrinsics, shown=taken.panel, stream=False)
+    pipeline = Pipeline(taken.camera, panels, intrinsics=taken.intrinsics, source_panel=taken.panel, stream=False)
     panels, dictionary = pipeline.panels, load_dictionary(pipeline.panels.dictionary)
     why = "no lit square is in view"
     for corners in still_squares(taken.frames, pipeline):

@@ -13,7 +13,7 @@ SAME = 0.25  # of the side: candidates whose middles are no further apart, from 
 
 
 class Agenda:
-    """Of one stream. `is_due` once a frame, then `in_turn`, then `tried` for each that was looked at."""
+    """Of one stream. `is_due` once a frame, then `schedule`, then `tried` for each that was looked at."""
 
     def __init__(self) -> None:
         self._since_search = SEARCH_EVERY
@@ -21,16 +21,16 @@ class Agenda:
         self._middles: Floats = np.empty((0, 2))  # of what was tried
         self._turns = np.empty(0, np.int64)  # when
 
-    def is_due(self, *, all_seen: bool) -> bool:
+    def is_due(self, *, all_detected: bool) -> bool:
         """Whether the picture is searched: it is time again, or a panel is not where it was expected."""
         self._since_search += 1
-        due = self._since_search >= SEARCH_EVERY or not all_seen
+        due = self._since_search >= SEARCH_EVERY or not all_detected
         if due:
             self._since_search = 0
             self._turn += 1
         return due
 
-    def in_turn(self, candidates: list[Candidate]) -> list[Candidate]:
+    def schedule(self, candidates: list[Candidate]) -> list[Candidate]:
         """The best, and those whose turn it is: new places, then what was tried longest ago; one of either at a time.
 
         `candidates` come best first. Where nothing was proposed again is forgotten.

@@ -49,7 +49,7 @@ class Locator:
         """On all fits so far: places of the picture at which the model was compared with it."""
         return self._fitter.sampled
 
-    def at(self, frame: Frame, corners_px: Floats) -> Quad | Rejected:
+    def localise(self, frame: Frame, corners_px: Floats) -> Quad | Rejected:
         """The panel that a proposal (4, 2) is of, or why it is none: on a coarse grid, then on a fine one."""
         deep = self._is_deep(frame)
         coarse = Effort(rounds=8, tolerance=0.02, roughly=True, phasing=deep, must_blink=deep and self._must_blink)
@@ -68,7 +68,7 @@ class Locator:
             fit = self._fitted(frame, fit.lattice_px, fine, (fit.spec,), fit.unknown)
         return self._quad(fit)
 
-    def near(self, frame: Frame, corners_px: Floats, known: Floats) -> Quad | Rejected:
+    def refine(self, frame: Frame, corners_px: Floats, known: Floats) -> Quad | Rejected:
         """The panel whose lattice is within a tenth of a cell or so of these corners (4, 2), or why there is none.
 
         `known`: the unknowns that it was fitted with before, its corners in the same order.
@@ -93,7 +93,7 @@ class Locator:
         if not quad_side(corners_px.tolist()) >= smallest_px:
             return TOO_SMALL
         fewest_px = FEWEST_PX if effort.phasing or not effort.roughly else self._cells * ROUGHLY
-        window = Window.around(frame, corners_px, REACH, fewest_px)
+        window = Window.crop(frame, corners_px, REACH, fewest_px)
         if window is None:
             return NO_LIGHT
         fits = [self._fitter.fit(frame, window, corners_px, spec, effort, known) for spec in specs]

@@ -25,13 +25,13 @@ from numpy.typing import NDArray
 
 from ledpi.core.errors import ConfigError
 from ledpi.core.geometry import in_square, square_box
-from ledpi.core.records import Floats, Frame, PanelSpec, Pixels, Rejected, Sighting, Singles, read_only
+from ledpi.core.records import Detection, Floats, Frame, PanelSpec, Pixels, Rejected, Singles, read_only
 from ledpi.core.shutter import band_width_rows
 from ledpi.markers.codewords import Bits, Dictionary, corners_of_turned
 
-NO_SQUARE = Rejected(stage="bands", reason="no_square")
-NO_BANDS = Rejected(stage="bands", reason="cell_without_bands")
-NO_MARKER = Rejected(stage="bands", reason="not_in_dictionary")
+NO_SQUARE = Rejected(stage="uemura", reason="no_square")
+NO_BANDS = Rejected(stage="uemura", reason="cell_without_bands")
+NO_MARKER = Rejected(stage="uemura", reason="not_in_dictionary")
 
 # Where the paper is silent:
 # (d) Rows in a line of one colour are a band unless much narrower than the narrower band or wider than the wider.
@@ -64,7 +64,7 @@ class Square:
     black_share: Floats  # (n, n) how much of each cell's middle is of the black class
     white_share: Floats  # (n, n)
     restored: Pixels | None  # the ArUco picture, None where a cell shows no class
-    result: Sighting | Rejected
+    result: Detection | Rejected
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -78,15 +78,15 @@ class Steps:
     squares: tuple[Square, ...]  # largest first
 
 
-class BandsReader:
+class UemuraReader:
     """Reads the panels of one pair of frequencies."""
 
     def __init__(self, dictionary: Dictionary, ids: list[int], spec: PanelSpec) -> None:
         """`ids`: those of the dictionary whose panels have this `spec`. Raises ConfigError where bands are alike."""
         if spec.phase == "antiphase":
             raise ConfigError(
-                "decode.method: bands tells classes by how high their bands are, and "
-                f"at {spec.blinking()} they are alike; must be soft"
+                "decode.method: uemura distinguishes classes by the height of their bands, and "
+                f"at {spec.blinking()} they are alike; must be likelihood"
             )
         self._cells = dictionary.cells_per_side
         self._ids = ids
@@ -110,7 +110,7 @@ class BandsReader:
     def _read_square(self, classes: Classes, corners_px: Floats) -> Square:
         black, white = cell_shares(classes, corners_px, self._cells)
         restored: Pixels | None = None
-        result: Sighting | Rejected = NO_BANDS
+        result: Detection | Rejected = NO_BANDS
         if np.maximum(black, white).min() >= CLEAR:
             restored = restore(white > black)
             result = self._detect(restored, corners_px)
@@ -123,7 +123,7 @@ class BandsReader:
             result=result,
         )
 
-    def _detect(self, restored: Pixels, corners_px: Floats) -> Sighting | Rejected:
+    def _detect(self, restored: Pixels, corners_px: Floats) -> Detection | Rejected:
         """OpenCV's answer, back in the camera's picture: its first corner is the marker's top left one."""
         outlines, ids, _ = self._detector.detectMarkers(restored)
         begin, end = CELL_PX, restored.shape[0] - CELL_PX - 1
@@ -132,7 +132,7 @@ class BandsReader:
             away = np.hypot(*(frame - outline.reshape(4, 2)[0]).T)
             turns = int(np.argmin(away))
             if away[turns] < CELL_PX / 2:  # else it is something within the marker
-                return Sighting(
+                return Detection(
                     id=self._ids[index],
                     corners_px=read_only(corners_of_turned(corners_px, turns)),
                     corner_sigma_px=CORNER_SIGMA_PX,

@@ -122,7 +122,7 @@ static LEDPI_INLINE void put_taps(const double *at, ptrdiff_t count, ptrdiff_t s
 
 /* Replaces columns of the patch (count) by the light there, in these rows of the picture. `kernel` (steps + 1, TAPS):
  * Lanczos' weights for every share of the way. */
-LEDPI_WIDE static void interpolate(const Patch *patch, const float *kernel, ptrdiff_t steps, bool saturated,
+LEDPI_SIMD static void interpolate(const Patch *patch, const float *kernel, ptrdiff_t steps, bool saturated,
                                    const float *rows, ptrdiff_t count, float *columns) {
     const double first = (double)patch->first_row;
     for (ptrdiff_t from = 0; from < count; from += AT_ONCE, columns += AT_ONCE, rows += AT_ONCE) {
@@ -140,7 +140,7 @@ LEDPI_WIDE static void interpolate(const Patch *patch, const float *kernel, ptrd
 }
 
 /* Where in the patch, `columns` (cells², k²), and in which `rows` of the picture the lattice's points are seen. */
-LEDPI_WIDE static void put_places(const Patch *patch, const double h[9], const Lens *lens, ptrdiff_t cells, ptrdiff_t k,
+LEDPI_SIMD static void put_places(const Patch *patch, const double h[9], const Lens *lens, ptrdiff_t cells, ptrdiff_t k,
                                   const float *along, float *columns, float *rows) {
     const double first = (double)patch->first_column;
     for (ptrdiff_t cell = 0; cell < cells * cells; cell++) {

@@ -100,7 +100,7 @@ static LEDPI_INLINE ptrdiff_t put_roughly(const Evidence *evidence, const double
 }
 
 /* What follows is told for either number of parameters, as loops of a known length are unrolled. */
-LEDPI_WIDE static ptrdiff_t roughly(const Evidence *evidence, const double *numbers, const float *words, ptrdiff_t count,
+LEDPI_SIMD static ptrdiff_t roughly(const Evidence *evidence, const double *numbers, const float *words, ptrdiff_t count,
                                     ptrdiff_t most, int64_t *shortlist, double *rough) {
     return evidence->parameters == 4 ? put_roughly(evidence, numbers, words, count, most, shortlist, rough, 2)
                                      : put_roughly(evidence, numbers, words, count, most, shortlist, rough, 1);
@@ -130,7 +130,7 @@ static LEDPI_INLINE void gather_of(const Evidence *evidence, const double *share
     }
 }
 
-LEDPI_WIDE void ledpi_gather(const Evidence *evidence, const double *shares, double matrix[MOST][MOST], double *right) {
+LEDPI_SIMD void ledpi_gather(const Evidence *evidence, const double *shares, double matrix[MOST][MOST], double *right) {
     memset(matrix, 0, sizeof(double) * MOST * MOST);
     memset(right, 0, sizeof(double) * MOST);
     if (evidence->parameters == 4)
@@ -202,7 +202,7 @@ static double least_of_rows(ptrdiff_t cells, const double *numbers) {
 /* What each cell would gain by showing `other` bands (cells, parameters) in place of those `shown`: `gain` (cells,), given
  * those of the other cells. Returns how much likelier cells are with their bands than with none, in the row or column where
  * that is the least. */
-LEDPI_WIDE double ledpi_gain_by_others(ptrdiff_t cells, ptrdiff_t parameters, const double *score, const double *information,
+LEDPI_SIMD double ledpi_class_flip_gains(ptrdiff_t cells, ptrdiff_t parameters, const double *score, const double *information,
                                        const double *shown, const double *other, double *gain, double *room) {
     const ptrdiff_t size = cells * parameters;
     double *blinks = room;
@@ -244,7 +244,7 @@ static void speak_against(const Evidence *evidence, const float *white, const do
         shown[i] = share_of(evidence, white[i / parameters], i % parameters) * bands[i % parameters];
         other[i] = share_of(evidence, 1.0 - white[i / parameters], i % parameters) * bands[i % parameters];
     }
-    *weakest_row = ledpi_gain_by_others(cells, parameters, evidence->score, evidence->information, shown, other, gain,
+    *weakest_row = ledpi_class_flip_gains(cells, parameters, evidence->score, evidence->information, shown, other, gain,
                                         other + size);
     for (ptrdiff_t i = 0; i < size; i++) {
         memcpy(matrix + i * (size + 1), evidence->information + i * size, sizeof(double) * (size_t)size);
@@ -253,14 +253,14 @@ static void speak_against(const Evidence *evidence, const float *white, const do
     *of_cells = 0.5 * ledpi_explained(matrix, size, 1e-6);
 }
 
-ptrdiff_t ledpi_put_silent(const Evidence *evidence, uint8_t *silent) {
+ptrdiff_t ledpi_put_erased(const Evidence *evidence, uint8_t *erased) {
     const ptrdiff_t parameters = evidence->parameters, size = evidence->cells * parameters;
     ptrdiff_t count = 0;
     for (ptrdiff_t c = 0; c < evidence->cells; c++) {
-        silent[c] = true;
+        erased[c] = true;
         for (ptrdiff_t i = c * parameters; i < (c + 1) * parameters; i++)
-            if (evidence->information[i * (size + 1)] != 0.0) silent[c] = false;
-        count += silent[c];
+            if (evidence->information[i * (size + 1)] != 0.0) erased[c] = false;
+        count += erased[c];
     }
     return count;
 }
@@ -272,13 +272,13 @@ static double log_of_sum(double sum, double largest) {
     return log_sum < SMALLEST_LOG ? largest : log_sum;
 }
 
-/* `beyond` (2,), from what each cell that is not silent would gain by the other class. Given the bands, cells are
+/* `beyond` (2,), from what each cell that is not erased would gain by the other class. Given the bands, cells are
  * independent, so the patterns that differ in d cells sum up to the d-th elementary symmetric polynomial of the cells'
  * likelihood ratios. */
-static void put_beyond(ptrdiff_t cells, const double *gain, const uint8_t *silent, double *beyond) {
+static void put_beyond(ptrdiff_t cells, const double *gain, const uint8_t *erased, double *beyond) {
     double any = 0.0, one = 0.0, several = 0.0, best = -INFINITY, second = -INFINITY;
     for (ptrdiff_t c = 0; c < cells; c++) {
-        if (silent[c]) continue;
+        if (erased[c]) continue;
         const double ratio = exp(fmin(gain[c], MOST_GAIN));
         several += (several + one) * ratio;
         any += (any + 1.0) * ratio;
@@ -290,14 +290,14 @@ static void put_beyond(ptrdiff_t cells, const double *gain, const uint8_t *silen
     beyond[1] = log_of_sum(several, best + second);
 }
 
-/* The likeliest of `words` (count, cells), best first: `chosen` (most,); which cells are `silent` (cells,); and `numbers`:
+/* The likeliest of `words` (count, cells), best first: `chosen` (most,); which cells are `erased` (cells,); and `numbers`:
  * of the best its bands (parameters,), and those in each cell (cells, parameters); log-likelihood ratios to "no bands"
  * (most,); of the best the bands' deviations (parameters,), and what speaks against it: what each cell would gain by the other class
- * (cells,), `weakest_row`, `negative`, `of_cells`, `one_class`, `beyond` (2,). Last, how many cells are silent. Returns how many are chosen, 0 where
+ * (cells,), `weakest_row`, `negative`, `of_cells`, `one_class`, `beyond` (2,). Last, how many cells are erased. Returns how many are chosen, 0 where
  * there is no memory. */
-ptrdiff_t ledpi_likeliest(ptrdiff_t cells, ptrdiff_t parameters, const double *score, const double *information,
+ptrdiff_t ledpi_rank_codewords(ptrdiff_t cells, ptrdiff_t parameters, const double *score, const double *information,
                           const double *prior, const float *words, ptrdiff_t count, ptrdiff_t most, int64_t *chosen,
-                          uint8_t *silent, double *numbers) {
+                          uint8_t *erased, double *numbers) {
     const Evidence evidence = {cells, parameters, score, information, prior};
     const ptrdiff_t size = cells * parameters, of_numbers = (cells + 1) * parameters / 2 * NUMBERS;
     double *bands = numbers, *shown = bands + parameters, *likelihood = shown + size, *deviation = likelihood + most;
@@ -321,8 +321,8 @@ ptrdiff_t ledpi_likeliest(ptrdiff_t cells, ptrdiff_t parameters, const double *s
     if (found)
         speak_against(&evidence, words + chosen[0] * cells, bands, shown, gain, weakest_row, negative, one_class, of_cells,
                       matrix);
-    beyond[2] = (double)ledpi_put_silent(&evidence, silent);
-    if (found) put_beyond(cells, gain, silent, beyond);
+    beyond[2] = (double)ledpi_put_erased(&evidence, erased);
+    if (found) put_beyond(cells, gain, erased, beyond);
     free(matrix);
     return found;
 }

@@ -1,6 +1,6 @@
 /* What words, and patterns near them, are weighed by: codewords.c, neighbours.c. */
-#ifndef LEDPI_WORDS_H
-#define LEDPI_WORDS_H
+#ifndef LEDPI_CODEWORDS_H
+#define LEDPI_CODEWORDS_H
 
 #include <stddef.h>
 #include <stdint.h>
@@ -24,7 +24,7 @@ static inline double share_of(const Evidence *evidence, double white, ptrdiff_t 
 void ledpi_gather(const Evidence *evidence, const double *shares, double matrix[MOST][MOST], double *right);
 
 /* Which cells (cells,) the evidence holds nothing of. Returns how many. */
-ptrdiff_t ledpi_put_silent(const Evidence *evidence, uint8_t *silent);
+ptrdiff_t ledpi_put_erased(const Evidence *evidence, uint8_t *erased);
 
 /* Puts a word among the `most` likeliest so far, best first. Returns how many there are. */
 ptrdiff_t ledpi_put(int64_t word, double likelihood, ptrdiff_t count, ptrdiff_t most, int64_t *words, double *of);

@@ -1,4 +1,6 @@
-"""How well words, and other patterns, explain the evidence of a panel's cells (codewords.c, neighbours.c, hill_climb.c)."""
+"""How well words, and other patterns, explain the evidence of a panel's cells (codewords.c, neighbours.c,
+hill_climb.c).
+"""
 
 from __future__ import annotations
 
@@ -8,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ledpi.core.records import Floats, Integers, Mask, Singles
-from ledpi.kernels.library import at, doubles, lib
+from ledpi.kernels.library import doubles, lib, pointer
 
 MOST_CELLS: int = lib.LEDPI_MOST_CELLS
 
@@ -20,14 +22,14 @@ class Fit(NamedTuple):
     likelihood: list[float]  # log-likelihood ratio of each to "no bands"
     bands: Floats  # (P,) of the best word
     deviation: list[float]  # (P,)
-    shown: Floats  # (cells, P) the bands that each cell of it shows
+    cell_bands: Floats  # (cells, P) the bands that each cell of it shows
     gain: list[float]  # (cells,) of each cell in the other class to the one that the word says
     weakest_row: float  # of the word's bands to none, in the row or column of cells where that is the least
     negative: float  # of the word with all classes swapped to "no bands", its bands fitted anew
     of_cells: float  # of bands of its own in every cell to "no bands"
     one_class: float  # of one class in all cells, the likelier one, its bands fitted anew, to "no bands"
     beyond: list[float]  # of all patterns that differ from it in more cells than 0, 1, to itself
-    silent: Mask | None  # (cells,) of which the evidence holds nothing; None where it does of all
+    erased: Mask | None  # (cells,) of which the evidence holds nothing; None where it does of all
 
     @property
     def is_finite(self) -> bool:
@@ -36,33 +38,33 @@ class Fit(NamedTuple):
         return math.isfinite(of_best + sum(self.likelihood))
 
     @classmethod
-    def of(cls, chosen: Integers, silent: Mask, numbers: Floats, parameters: int) -> Fit:
-        """From what the C function has put into `chosen`, `silent` (cells,) and `numbers` (`numbers_of`)."""
-        arrays, most = parameters * (1 + len(silent)), len(chosen)
+    def from_output(cls, chosen: Integers, erased: Mask, numbers: Floats, parameters: int) -> Fit:
+        """From what the C function has put into `chosen`, `erased` (cells,) and `numbers` (`output_size`)."""
+        arrays, most = parameters * (1 + len(erased)), len(chosen)
         rest = numbers[arrays:].tolist()
-        gain, after = most + parameters, most + parameters + len(silent)
+        gain, after = most + parameters, most + parameters + len(erased)
         return cls(
             words=chosen.tolist(),
             likelihood=rest[:most],
             bands=numbers[:parameters],
             deviation=rest[most:gain],
-            shown=numbers[parameters:arrays].reshape(-1, parameters),
+            cell_bands=numbers[parameters:arrays].reshape(-1, parameters),
             gain=rest[gain:after],
             weakest_row=rest[after],
             negative=rest[after + 1],
             of_cells=rest[after + 2],
             one_class=rest[after + 3],
             beyond=rest[after + 4 : after + 6],
-            silent=silent if rest[after + 6] else None,
+            erased=erased if rest[after + 6] else None,
         )
 
 
-def numbers_of(cells: int, parameters: int, most: int) -> int:
-    """How many `ledpi_likeliest` puts beside the words."""
+def output_size(cells: int, parameters: int, most: int) -> int:
+    """How many `ledpi_rank_codewords` puts beside the words."""
     return most + 2 * parameters + cells * parameters + cells + 7
 
 
-def likeliest(score: Floats, information: Floats, prior: Floats, words: Singles, most: int) -> Fit:
+def rank_codewords(score: Floats, information: Floats, prior: Floats, words: Singles, most: int) -> Fit:
     """The `most` likeliest of `words` (W, cells) under the evidence, and what speaks against the best.
 
     `score` (cells, P), `information` (cells, P, cells, P), `prior` (P,). Raises MemoryError.
@@ -70,54 +72,56 @@ def likeliest(score: Floats, information: Floats, prior: Floats, words: Singles,
     cells, parameters = score.shape
     assert parameters in (2, 4)
     most = min(most, len(words))
-    chosen, silent = np.empty(most, np.int64), np.empty(cells, np.bool_)
-    numbers = np.empty(numbers_of(cells, parameters, most))
-    if not lib.ledpi_likeliest(
-        *(cells, parameters, at(score), at(information), at(prior), at(words), len(words), most),
-        *(at(chosen), at(silent), at(numbers)),
+    chosen, erased = np.empty(most, np.int64), np.empty(cells, np.bool_)
+    numbers = np.empty(output_size(cells, parameters, most))
+    if not lib.ledpi_rank_codewords(
+        *(cells, parameters, pointer(score), pointer(information), pointer(prior), pointer(words), len(words), most),
+        *(pointer(chosen), pointer(erased), pointer(numbers)),
     ):
         raise MemoryError
-    return Fit.of(chosen, silent, numbers, parameters)
+    return Fit.from_output(chosen, erased, numbers, parameters)
 
 
-def gain_by_others(score: Floats, information: Floats, shown: Floats, other: Floats) -> tuple[Floats, float]:
-    """(cells,) what each cell gains by bands `other` (cells, P) in place of `shown`; and `weakest_row` of these."""
-    cells, parameters = shown.shape
+def class_flip_gains(score: Floats, information: Floats, cell_bands: Floats, other: Floats) -> tuple[Floats, float]:
+    """(cells,) what each cell gains by bands `other` (cells, P) in place of `cell_bands`; and `weakest_row` of
+    these.
+    """
+    cells, parameters = cell_bands.shape
     gain, room = np.empty((2, cells))
-    given = (at(doubles(array)) for array in (score, information, shown, other))
-    weakest_row: float = lib.ledpi_gain_by_others(cells, parameters, *given, at(gain), at(room))
+    given = (pointer(doubles(array)) for array in (score, information, cell_bands, other))
+    weakest_row: float = lib.ledpi_class_flip_gains(cells, parameters, *given, pointer(gain), pointer(room))
     return gain, weakest_row
 
 
-def of_neighbours(
+def near_pattern_likelihood(
     score: Floats, information: Floats, prior: Floats, word: Singles, nearest: int, furthest: int
 ) -> float:
     """Log of the summed likelihoods of patterns that differ from a word (cells,) in `nearest` to `furthest` cells.
 
     Each has the bands that fit it best. Of all these patterns those are tried that are near the likeliest, found from
-    the word outward; cells that are silent are left as they are.
+    the word outward; cells that are erased are left as they are.
     """
     cells, parameters = score.shape
     assert parameters in (2, 4)
     assert cells <= MOST_CELLS
     word = np.ascontiguousarray(word)
-    known = at(score), at(information), at(prior), at(word)
-    log_sum: float = lib.ledpi_of_neighbours(cells, parameters, *known, nearest, furthest)
+    known = pointer(score), pointer(information), pointer(prior), pointer(word)
+    log_sum: float = lib.ledpi_near_pattern_likelihood(cells, parameters, *known, nearest, furthest)
     return log_sum
 
 
-def likeliest_beyond(
+def likeliest_far_pattern(
     score: Floats, information: Floats, prior: Floats, word: Singles, correctable: int
 ) -> tuple[float, Singles]:
     """The likeliest pattern that is too far from a word (cells,) to be it: how likely, over "no bands", and which.
 
-    It differs in more cells than are `correctable`, and has the bands that fit it best. Cells that are silent are left
+    It differs in more cells than are `correctable`, and has the bands that fit it best. Cells that are erased are left
     as they are.
     """
     cells, parameters = score.shape
     assert parameters in (2, 4)
     assert cells <= MOST_CELLS
     word = np.ascontiguousarray(word)
-    known = at(score), at(information), at(prior), at(word)
+    known = pointer(score), pointer(information), pointer(prior), pointer(word)
     pattern = np.empty(cells, np.float32)
-    return lib.ledpi_likeliest_beyond(cells, parameters, *known, correctable, at(pattern)), pattern
+    return lib.ledpi_likeliest_far_pattern(cells, parameters, *known, correctable, pointer(pattern)), pattern

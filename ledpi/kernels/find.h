@@ -82,7 +82,7 @@ ptrdiff_t ledpi_distinct(const Square *squares, ptrdiff_t count, const Limits *l
 enum { MOST_COMPARED = 512 }; /* that are looked at for cells of each other */
 
 /* Of the `kept` (count) those that are no cells of another one of them, of `cells` × `cells`. Returns how many. */
-ptrdiff_t ledpi_without_cells(const Square *squares, ptrdiff_t count, ptrdiff_t cells, const Limits *limits,
+ptrdiff_t ledpi_drop_cells(const Square *squares, ptrdiff_t count, ptrdiff_t cells, const Limits *limits,
                               int64_t *kept);
 
 #endif

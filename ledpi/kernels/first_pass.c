@@ -1,4 +1,4 @@
-/* A first look at a panel's samples, all of its steps in one call: `first_look` of decode/identify/first_pass.py. */
+/* A first look at a panel's samples, all of its steps in one call: `first_pass` of decode/identify/first_pass.py. */
 #include "core.h"
 
 #include <math.h>
@@ -19,39 +19,39 @@ static bool any_unlit(ptrdiff_t cells, ptrdiff_t points, const float *light, dou
 
 /* `light` and picture `rows` (cells, points) of a panel whose bands have so many `waves`, of `a_row` cycles a row each, and
  * the variance `prior` (2·waves,); which of `words` (count, cells) are the `most` likeliest. `numbers`: score, information
- * and three more as `ledpi_single_evidence` has them, by samples so many `aside` and `below` without the `rim`; the volume,
- * by which the evidence is divided, from what is `expected` of white noise; then what `ledpi_likeliest`
- * has. Where a sample shows that it is covered, if it `may_be_covered`, or a cell is `unlit` (0: not asked), it is
+ * and three more as `ledpi_single_evidence` has them, by samples so many `aside` and `below` without the `rim`; the inflation,
+ * by which the evidence is divided, from what is `expected` of white noise; then what `ledpi_rank_codewords`
+ * has. Where a sample shows that it is covered, if it `may_be_occluded`, or a cell is `unlit` (0: not asked), it is
  * not for this function to tell. */
-int ledpi_look(const Grid *grid, const float *light, const float *rows, double independence, ptrdiff_t waves,
+int ledpi_first_pass(const Grid *grid, const float *light, const float *rows, double independence, ptrdiff_t waves,
                double first_a_row, double second_a_row, const double *prior, const float *words, ptrdiff_t count,
-               ptrdiff_t most, bool may_be_covered, double unlit, ptrdiff_t aside, ptrdiff_t below, ptrdiff_t rim,
-               const Expected *expected, int64_t *chosen, uint8_t *silent, double *numbers) {
+               ptrdiff_t most, bool may_be_occluded, double unlit, ptrdiff_t aside, ptrdiff_t below, ptrdiff_t rim,
+               const WhiteNoise *expected, int64_t *chosen, uint8_t *erased, double *numbers) {
     const ptrdiff_t cells = grid->side * grid->side, points = grid->k * grid->k, samples = cells * points;
     const ptrdiff_t size = 2 * waves * cells;
     double *score = numbers, *information = score + size, *of_fit = information + size * size;
     if (unlit > 0.0 && any_unlit(cells, points, light, unlit)) return LEDPI_NOT_PLAIN;
     float *cosines = malloc(sizeof(float) * (size_t)(2 * waves * samples + points + cells));
-    if (!cosines) return LEDPI_NOT_LOOKED;
-    int outcome = LEDPI_LOOKED;
-    if (may_be_covered && !ledpi_all_uncovered(cells, points, light, NULL, grid->least, cosines + 2 * waves * samples))
+    if (!cosines) return LEDPI_PASS_NO_MEMORY;
+    int outcome = LEDPI_PASS_DONE;
+    if (may_be_occluded && !ledpi_is_unoccluded(cells, points, light, NULL, grid->least, cosines + 2 * waves * samples))
         outcome = LEDPI_NOT_PLAIN;
-    for (ptrdiff_t i = 0; i < waves && outcome == LEDPI_LOOKED; i++) {
+    for (ptrdiff_t i = 0; i < waves && outcome == LEDPI_PASS_DONE; i++) {
         float *to = cosines + 2 * i * samples;
         ledpi_waves(rows, samples, (float)(i ? second_a_row : first_a_row), 0.0f, to, to + samples);
     }
-    if (outcome == LEDPI_LOOKED && !ledpi_single_evidence(grid->side, grid->k, 2 * waves, light, NULL, cosines, grid->along,
+    if (outcome == LEDPI_PASS_DONE && !ledpi_single_evidence(grid->side, grid->k, 2 * waves, light, NULL, cosines, grid->along,
                                                     grid->source_count, grid->column, grid->first, grid->met, NULL, NULL,
                                                     NULL, independence, aside, below, rim, score, information,
                                                     of_fit))
         outcome = LEDPI_UNFIT;
     free(cosines);
-    if (outcome != LEDPI_LOOKED) return outcome;
+    if (outcome != LEDPI_PASS_DONE) return outcome;
     double correlation[3];
     ledpi_correlation(expected, of_fit, correlation);
-    const double volume = of_fit[3] = ledpi_volume(correlation[0], correlation[1], correlation[2]);
-    if (volume > 1.0)
-        for (ptrdiff_t i = 0; i < size * (size + 1); i++) numbers[i] *= 1.0 / volume;
-    return ledpi_likeliest(cells, 2 * waves, score, information, prior, words, count, most, chosen, silent,
-                           of_fit + 4) ? LEDPI_LOOKED : LEDPI_NOT_LOOKED;
+    const double inflation = of_fit[3] = ledpi_variance_inflation(correlation[0], correlation[1], correlation[2]);
+    if (inflation > 1.0)
+        for (ptrdiff_t i = 0; i < size * (size + 1); i++) numbers[i] *= 1.0 / inflation;
+    return ledpi_rank_codewords(cells, 2 * waves, score, information, prior, words, count, most, chosen, erased,
+                           of_fit + 4) ? LEDPI_PASS_DONE : LEDPI_PASS_NO_MEMORY;
 }

@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ledpi.core.records import Floats, Integers, Singles
-from ledpi.kernels.library import at, ffi, lib
-from ledpi.kernels.codewords import Fit, numbers_of
+from ledpi.kernels.codewords import Fit, output_size
+from ledpi.kernels.library import ffi, lib, pointer
 
 NOT_PLAIN: int = lib.LEDPI_NOT_PLAIN
 UNFIT: int = lib.LEDPI_UNFIT
@@ -25,7 +25,7 @@ class Grid:
 
         `least` (cells, points): the share of what others show that a sample has where nothing covers it.
         """
-        self._kept = [at(np.ascontiguousarray(array)) for array in (along, column, first, met, least)]
+        self._kept = [pointer(np.ascontiguousarray(array)) for array in (along, column, first, met, least)]
         self.side, self.structure = side, ffi.new("Grid *", [side, k, len(column), *self._kept])
 
 
@@ -35,7 +35,7 @@ class Look(NamedTuple):
     score: Floats  # (cells, P)
     information: Floats  # (cells, P, cells, P)
     free: float  # samples, less what is fitted
-    volume: float  # by which the evidence was divided
+    inflation: float  # by which the evidence was divided
     fit: Fit
 
 
@@ -49,7 +49,7 @@ def look(
     prior: Floats,
     words: Singles,
     most: int,
-    may_be_covered: bool,
+    may_be_occluded: bool,
     unlit: float,
     lags: tuple[int, int, int],
     noise: tuple[float, float, float, float, float, float],
@@ -57,30 +57,30 @@ def look(
     """What the samples say, and the `most` likeliest `words`; or NOT_PLAIN or UNFIT.
 
     `light`, `rows` (cells, points), of each wave its `cycles_a_row`, `prior` (P,), `words` (W, cells). It is not
-    plain where a sample is covered, if it `may_be_covered`, or where a cell's light is less than the share `unlit` of
+    plain where a sample is covered, if it `may_be_occluded`, or where a cell's light is less than the share `unlit` of
     their mean; 0 where that is not asked. `lags` as of `evidence.single_evidence`, `noise` is what
-    is `Expected` by decode/evidence/noise.py. Raises MemoryError.
+    is `WhiteNoise` by decode/evidence/noise.py. Raises MemoryError.
     """
     cells, parameters = grid.side**2, len(prior)
     assert parameters in (2, 4)
     size, most = cells * parameters, min(most, len(words))
-    chosen, silent = np.empty(most, np.int64), np.empty(cells, np.bool_)
-    numbers = np.empty(size * (size + 1) + OF_FIT + numbers_of(cells, parameters, most))
-    outcome: int = lib.ledpi_look(
-        *(grid.structure, at(light), at(rows), independence, len(cycles_a_row)),
-        *(cycles_a_row[0], cycles_a_row[-1], at(prior), at(words), len(words), most, may_be_covered, unlit),
-        *(*lags, ffi.new("Expected *", noise), at(chosen), at(silent), at(numbers)),
+    chosen, erased = np.empty(most, np.int64), np.empty(cells, np.bool_)
+    numbers = np.empty(size * (size + 1) + OF_FIT + output_size(cells, parameters, most))
+    outcome: int = lib.ledpi_first_pass(
+        *(grid.structure, pointer(light), pointer(rows), independence, len(cycles_a_row)),
+        *(cycles_a_row[0], cycles_a_row[-1], pointer(prior), pointer(words), len(words), most, may_be_occluded, unlit),
+        *(*lags, ffi.new("WhiteNoise *", noise), pointer(chosen), pointer(erased), pointer(numbers)),
     )
-    if outcome == lib.LEDPI_NOT_LOOKED:
+    if outcome == lib.LEDPI_PASS_NO_MEMORY:
         raise MemoryError
-    if outcome != lib.LEDPI_LOOKED:
+    if outcome != lib.LEDPI_PASS_DONE:
         return outcome
     of_fit = size * (size + 1)
-    free, _, _, volume = numbers[of_fit : of_fit + OF_FIT].tolist()
+    free, _, _, inflation = numbers[of_fit : of_fit + OF_FIT].tolist()
     return Look(
         score=numbers[:size].reshape(cells, parameters),
         information=numbers[size:of_fit].reshape(cells, parameters, cells, parameters),
         free=free,
-        volume=volume,
-        fit=Fit.of(chosen, silent, numbers[of_fit + OF_FIT :], parameters),
+        inflation=inflation,
+        fit=Fit.from_output(chosen, erased, numbers[of_fit + OF_FIT :], parameters),
     )

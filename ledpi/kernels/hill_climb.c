@@ -13,7 +13,7 @@ typedef struct {
     Pattern waiting[LANES];
     double log_of_prior, likeliest; /* of what the prior makes of a determinant; of the patterns beyond */
     uint64_t likeliest_changed;     /* that one's cells that are not the word's */
-    ptrdiff_t wait, told, correctable, found;
+    ptrdiff_t wait, known, correctable, found;
     int64_t best[CLIMBERS]; /* (found,) the likeliest, and how likely these are */
     double of[CLIMBERS];
 } Climb;
@@ -26,7 +26,7 @@ static LEDPI_INLINE void weigh_waiting(Climb *climb, const ptrdiff_t parameters)
         const double own = 0.5 * (squares[n] - log(determinant[n]) + climb->log_of_prior);
         const uint64_t changed = climb->waiting[n].changed;
         ptrdiff_t apart = __builtin_popcountll(changed);
-        if (parameters == 2 && climb->told - apart < apart) apart = climb->told - apart; /* of the word or its negative */
+        if (parameters == 2 && climb->known - apart < apart) apart = climb->known - apart; /* of the word or its negative */
         climb->found = ledpi_put((int64_t)changed, own, climb->found, CLIMBERS, climb->best, climb->of);
         if (apart > climb->correctable && (own > climb->likeliest || isnan(own))) {
             climb->likeliest = own;
@@ -54,15 +54,15 @@ static LEDPI_INLINE void put_phases(const Evidence *evidence, ptrdiff_t cell, pt
     }
 }
 
-/* Tries the patterns of the cells that are told, each as phases of the waves fit it best. */
-static LEDPI_INLINE void begin(const Evidence *evidence, const float *word, const uint8_t *silent, const Around *around,
+/* Tries the patterns of the cells that are known, each as phases of the waves fit it best. */
+static LEDPI_INLINE void begin(const Evidence *evidence, const float *word, const uint8_t *erased, const Around *around,
                                Climb *climb, const ptrdiff_t parameters) {
     const Pattern start = unchanged(around);
     const int of_black = parameters == 4 ? PHASES : 1;
     uint64_t changed[PHASES * PHASES] = {0};
     for (ptrdiff_t c = 0; c < evidence->cells; c++) {
         double black[PHASES] = {0}, white[PHASES] = {0};
-        if (silent[c]) continue;
+        if (erased[c]) continue;
         if (parameters == 4) put_phases(evidence, c, 1, white, parameters);
         put_phases(evidence, c, 0, black, parameters);
         for (int n = 0; n < of_black * PHASES; n++) /* in antiphase a class is the other's negative */
@@ -82,13 +82,13 @@ static LEDPI_INLINE void begin(const Evidence *evidence, const float *word, cons
 
 static LEDPI_INLINE double climb_from(const Evidence *evidence, const float *word, ptrdiff_t correctable, float *pattern,
                                       const ptrdiff_t parameters) {
-    uint8_t silent[MOST_CELLS];
+    uint8_t erased[MOST_CELLS];
     Around around;
     Climb climb = {.likeliest = -INFINITY, .correctable = correctable};
-    climb.told = evidence->cells - ledpi_put_silent(evidence, silent);
+    climb.known = evidence->cells - ledpi_put_erased(evidence, erased);
     for (ptrdiff_t i = 0; i < parameters; i++) climb.log_of_prior -= log(evidence->prior[i]);
     look_around(evidence, word, &around, parameters);
-    begin(evidence, word, silent, &around, &climb, parameters);
+    begin(evidence, word, erased, &around, &climb, parameters);
     for (int round = 1; round < CLIMBS; round++) {
         int64_t here[CLIMBERS];
         const ptrdiff_t count = climb.found;
@@ -99,7 +99,7 @@ static LEDPI_INLINE double climb_from(const Evidence *evidence, const float *wor
                 change_cell(evidence, &around, __builtin_ctzll(left), &from, parameters);
             for (ptrdiff_t c = 0; c < evidence->cells; c++) {
                 const uint64_t changed = from.changed ^ UINT64_C(1) << c;
-                if (silent[c] || !changed || !is_new(climb.met, MET, changed)) continue;
+                if (erased[c] || !changed || !is_new(climb.met, MET, changed)) continue;
                 Pattern pattern = from;
                 change_cell(evidence, &around, c, &pattern, parameters);
                 try_pattern(&pattern, &climb, parameters);
@@ -112,9 +112,9 @@ static LEDPI_INLINE double climb_from(const Evidence *evidence, const float *wor
 }
 
 /* The log-likelihood ratio to "no bands" of the likeliest pattern that differs from a word (cells,) in more cells than are
- * `correctable`, none of them silent, with the bands that fit it best; and that `pattern` (cells,). At most 64 cells.
+ * `correctable`, none of them erased, with the bands that fit it best; and that `pattern` (cells,). At most 64 cells.
  * Not a number where one's is none. */
-LEDPI_WIDE double ledpi_likeliest_beyond(ptrdiff_t cells, ptrdiff_t parameters, const double *score,
+LEDPI_SIMD double ledpi_likeliest_far_pattern(ptrdiff_t cells, ptrdiff_t parameters, const double *score,
                                          const double *information, const double *prior, const float *word,
                                          ptrdiff_t correctable, float *pattern) {
     const Evidence evidence = {cells, parameters, score, information, prior};

@@ -17,7 +17,7 @@ typedef struct {
 
 /* A coordinate's pixel before, 0 … size − 2, and the share of the way to the next; beyond the picture that of its end.
  * What is not a number counts as 0, which is as good as any other place. */
-static inline ptrdiff_t ledpi_before(float at, ptrdiff_t size, float *share) {
+static inline ptrdiff_t ledpi_interpolation_pixel(float at, ptrdiff_t size, float *share) {
     if (!(at > 0.0f)) {
         *share = 0.0f;
         return 0;

@@ -4,7 +4,7 @@
 
 /* Whether each sample of `light` (cells, points), over the mean of its cell, shows the share `least` (cells, points) of what
  * the cells show there on average. `valid` unless that is NULL. `room` (points + cells) is room to work in. */
-LEDPI_WIDE bool ledpi_all_uncovered(ptrdiff_t cells, ptrdiff_t points, const float *light, const uint8_t *valid,
+LEDPI_SIMD bool ledpi_is_unoccluded(ptrdiff_t cells, ptrdiff_t points, const float *light, const uint8_t *valid,
                                     const float *least, float *room) {
     float *mean = room, *gain = room + points;
     for (ptrdiff_t p = 0; p < points; p++) mean[p] = 0.0f;

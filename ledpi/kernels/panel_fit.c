@@ -122,7 +122,7 @@ static void clear(const Fitting *fit, Work *work) {
 }
 
 /* Sums over the grid; by rows where `phasing`. */
-LEDPI_WIDE static void sum_up(const Fitting *fit, const double h[9], bool phasing, Work *work) {
+LEDPI_SIMD static void sum_up(const Fitting *fit, const double h[9], bool phasing, Work *work) {
     const ptrdiff_t cells = fit->panel.cells, owns = OWN * cells * cells, rows = rows_of(fit);
     clear(fit, work);
     if (phasing)

@@ -9,16 +9,16 @@
 #include "simd.h"
 
 #define TURN 6.283185307179586 /* rad */
-enum { MOST_WAYS = LEDPI_WAYS, VECTORS = 3 }; /* 1 + SLOPES; `compare` */
+enum { MAX_NUISANCES = LEDPI_NUISANCES, VECTORS = 3 }; /* 1 + SLOPES; `compare` */
 
-/* What is expected, as in decode/evidence/prediction.py: picture, root, left_bands (cells, points), basis (ways, cells·points), and the
+/* What is expected, as in decode/evidence/prediction.py: picture, root, residual_bands (cells, points), basis (ways, cells·points), and the
  * bands of each cell: frequency, phase (rad), depth (cells,); and when the frame's rows were read out. */
 typedef struct {
     ptrdiff_t cells, points, ways;
-    const float *picture, *root, *basis, *left_bands, *depth;
+    const float *picture, *root, *basis, *residual_bands, *depth;
     const double *hz, *phase;
     double since_s, row_time_s;
-} Expectation;
+} Prediction;
 
 typedef float Four __attribute__((vector_size(16), aligned(4)));
 
@@ -50,7 +50,7 @@ static inline double sum_of(const float *a, ptrdiff_t count) {
 
 /* Of VECTORS (cells·points) each, weighted: what the frame adds to the picture beyond what it should, the bands it should
  * show, and how these have changed since the picture. */
-LEDPI_WIDE static void compare(const Expectation *expected, const float *light, const uint8_t *valid, const float *rows,
+LEDPI_SIMD static void compare(const Prediction *expected, const float *light, const uint8_t *valid, const float *rows,
                                float *restrict off, float *restrict bands, float *restrict change) {
     const ptrdiff_t cells = expected->cells, points = expected->points, size = cells * points;
     for (ptrdiff_t i = 0; valid && i < size; i++) off[i] = valid[i] ? expected->picture[i] : 0.0f;
@@ -62,7 +62,7 @@ LEDPI_WIDE static void compare(const Expectation *expected, const float *light, 
         for (ptrdiff_t i = from; i < from + points; i++) {
             const float own = depth * ledpi_cosine(ledpi_part(rows[i] * a_row + start)), root = expected->root[i];
             bands[i] = own * root;
-            change[i] = (own - expected->left_bands[i]) * root;
+            change[i] = (own - expected->residual_bands[i]) * root;
             off[i] = (light[i] * scale / expected->picture[i] - 1.0f) * root - change[i];
         }
     }
@@ -71,7 +71,7 @@ LEDPI_WIDE static void compare(const Expectation *expected, const float *light, 
 }
 
 /* Solves a symmetric positive matrix (ways, ways) for right sides (ways, VECTORS), in place. Gauss. */
-static void solve(ptrdiff_t ways, double matrix[MOST_WAYS][MOST_WAYS], double right[MOST_WAYS][VECTORS]) {
+static void solve(ptrdiff_t ways, double matrix[MAX_NUISANCES][MAX_NUISANCES], double right[MAX_NUISANCES][VECTORS]) {
     for (ptrdiff_t k = 0; k < ways; k++)
         for (ptrdiff_t i = k + 1; i < ways; i++) {
             const double factor = matrix[i][k] / matrix[k][k];
@@ -87,10 +87,10 @@ static void solve(ptrdiff_t ways, double matrix[MOST_WAYS][MOST_WAYS], double ri
 
 /* Takes off what a wrong gain and wrong corners would add. Where samples are not valid, what is left of the basis is not
  * orthonormal any more; `ridge` is of the square of a vector that may be all but gone. */
-LEDPI_WIDE static void project(const Expectation *expected, const uint8_t *valid, double ridge, float *room,
+LEDPI_SIMD static void project(const Prediction *expected, const uint8_t *valid, double ridge, float *room,
                                float *restrict vectors) {
     const ptrdiff_t size = expected->cells * expected->points, ways = expected->ways;
-    double right[MOST_WAYS][VECTORS], gram[MOST_WAYS][MOST_WAYS];
+    double right[MAX_NUISANCES][VECTORS], gram[MAX_NUISANCES][MAX_NUISANCES];
     for (ptrdiff_t k = 0; k < ways; k++)
         for (int j = 0; j < VECTORS; j++) right[k][j] = dot(expected->basis + k * size, vectors + j * size, size); /* 0 where not valid */
     if (valid) {
@@ -112,12 +112,12 @@ LEDPI_WIDE static void project(const Expectation *expected, const uint8_t *valid
 
 /* Log-likelihood ratio of the frame's light (cells, points), `valid` unless that is NULL, with the bands to without:
  * `of[0]` of all cells together, `of[1]` what cells that speak against them weigh. `room` is (VECTORS + 1, cells·points). */
-LEDPI_WIDE void ledpi_expected(ptrdiff_t cells, ptrdiff_t points, ptrdiff_t ways, const float *picture, const float *root,
-                               const float *basis, const float *left_bands, const float *depth, const double *hz,
+LEDPI_SIMD void ledpi_weigh_prediction(ptrdiff_t cells, ptrdiff_t points, ptrdiff_t ways, const float *picture, const float *root,
+                               const float *basis, const float *residual_bands, const float *depth, const double *hz,
                                const double *phase, double since_s, double row_time_s, const float *light,
                                const uint8_t *valid, const float *rows, double independence, double ridge, float *room,
                                double *of) {
-    const Expectation expected = {cells, points, ways, picture, root, basis, left_bands, depth, hz, phase, since_s, row_time_s};
+    const Prediction expected = {cells, points, ways, picture, root, basis, residual_bands, depth, hz, phase, since_s, row_time_s};
     const ptrdiff_t size = cells * points;
     float *off = room, *bands = room + size, *change = room + 2 * size;
     compare(&expected, light, valid, rows, off, bands, change);
@@ -137,7 +137,7 @@ LEDPI_WIDE void ledpi_expected(ptrdiff_t cells, ptrdiff_t points, ptrdiff_t ways
     }
 }
 
-/* Ways in which gain and corners may be wrong, weighted: `basis` (MOST_WAYS, samples). `room` (3·samples + 3·side·k). */
+/* Ways in which gain and corners may be wrong, weighted: `basis` (MAX_NUISANCES, samples). `room` (3·samples + 3·side·k). */
 static void put_ways(const Panel *panel, const float *picture, const float *root, float *room, float *basis) {
     const ptrdiff_t k = panel->k, samples = panel->samples;
     float *across = room, *down = across + samples;
@@ -148,15 +148,15 @@ static void put_ways(const Panel *panel, const float *picture, const float *root
             for (ptrdiff_t x = 0; x < k; x++, i++) {
                 const float u = 2.0f * us[x] - 1.0f, v = 2.0f * vs[y] - 1.0f;
                 const float by_u = root[i] * across[i], by_v = root[i] * down[i], both = u * by_u + v * by_v;
-                const float ways[MOST_WAYS] = {root[i], by_u, u * by_u, v * by_u, by_v, u * by_v, v * by_v, u * both, v * both};
-                for (int way = 0; way < MOST_WAYS; way++) basis[way * samples + i] = ways[way];
+                const float ways[MAX_NUISANCES] = {root[i], by_u, u * by_u, v * by_u, by_v, u * by_v, v * by_v, u * both, v * both};
+                for (int way = 0; way < MAX_NUISANCES; way++) basis[way * samples + i] = ways[way];
             }
     }
 }
 
 /* Gram and Schmidt, each vector (size) twice, as single precision asks for. What the others explain all of becomes 0. */
-LEDPI_WIDE static void make_orthonormal(float *vectors, ptrdiff_t size) {
-    for (ptrdiff_t j = 0; j < MOST_WAYS; j++) {
+LEDPI_SIMD static void make_orthonormal(float *vectors, ptrdiff_t size) {
+    for (ptrdiff_t j = 0; j < MAX_NUISANCES; j++) {
         float *own = vectors + j * size;
         const double before = dot(own, own, size);
         for (int round = 0; round < 2; round++)
@@ -171,11 +171,11 @@ LEDPI_WIDE static void make_orthonormal(float *vectors, ptrdiff_t size) {
 }
 
 /* What to expect of the next frames of a panel whose mean picture, above 0, is of `count` frames (cells, points), with what
- * is left of its waves in it (waves, cells, points), and that shows `bands` (cells, waves): `root`, `basis` and `left_bands`
+ * is left of its waves in it (waves, cells, points), and that shows `bands` (cells, waves): `root`, `basis` and `residual_bands`
  * as above. `room` is (3·samples + 3·side·k). */
-LEDPI_WIDE void ledpi_expectation(ptrdiff_t side, ptrdiff_t k, ptrdiff_t waves, const float *picture, const float *count,
+LEDPI_SIMD void ledpi_predict(ptrdiff_t side, ptrdiff_t k, ptrdiff_t waves, const float *picture, const float *count,
                                   const float *mean_waves, const float *along, const double *bands, float *root,
-                                  float *basis, float *left_bands, float *room) {
+                                  float *basis, float *residual_bands, float *room) {
     const Panel panel = {side, k, waves, side * side, k * k, side * side * k * k, NULL, along};
     const ptrdiff_t samples = panel.samples, points = panel.points;
     for (ptrdiff_t i = 0; i < samples; i++) root[i] = picture[i] * (count[i] / (count[i] + 1.0f));
@@ -183,10 +183,10 @@ LEDPI_WIDE void ledpi_expectation(ptrdiff_t side, ptrdiff_t k, ptrdiff_t waves, 
     for (ptrdiff_t i = 0; i < samples; i++) root[i] = sqrtf(root[i] * per_weight);
     put_ways(&panel, picture, root, room, basis);
     make_orthonormal(basis, samples);
-    for (ptrdiff_t i = 0; i < samples; i++) left_bands[i] = 0.0f;
+    for (ptrdiff_t i = 0; i < samples; i++) residual_bands[i] = 0.0f;
     for (ptrdiff_t wave = 0; wave < waves; wave++)
         for (ptrdiff_t c = 0; c < panel.cells; c++) {
             const float share = (float)bands[c * waves + wave], *own = mean_waves + wave * samples + c * points;
-            for (ptrdiff_t p = 0; p < points; p++) left_bands[c * points + p] += share * own[p];
+            for (ptrdiff_t p = 0; p < points; p++) residual_bands[c * points + p] += share * own[p];
         }
 }

@@ -1,17 +1,17 @@
 /* Loops that are worth compiling twice on x86-64, where a processor may have wider vectors than all of its kind have:
  * the loader takes the ones for it. */
-#ifndef LEDPI_WIDE_H
-#define LEDPI_WIDE_H
+#ifndef LEDPI_SIMD_H
+#define LEDPI_SIMD_H
 
 #include <stddef.h>
 #include <stdint.h> /* tells which C library this is */
 
 #if defined(__x86_64__) && defined(__GLIBC__) && defined(__GNUC__) && !defined(__clang__)
-#define LEDPI_WIDE __attribute__((target_clones("fma", "default")))
-#define LEDPI_WIDE_BYTES __attribute__((target_clones("avx2", "default"))) /* of which "fma" knows nothing */
+#define LEDPI_SIMD __attribute__((target_clones("fma", "default")))
+#define LEDPI_SIMD_BYTES __attribute__((target_clones("avx2", "default"))) /* of which "fma" knows nothing */
 #else
-#define LEDPI_WIDE
-#define LEDPI_WIDE_BYTES
+#define LEDPI_SIMD
+#define LEDPI_SIMD_BYTES
 #endif
 
 #define LEDPI_INLINE inline __attribute__((always_inline)) /* so that it is compiled for what calls it */

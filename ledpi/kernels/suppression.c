@@ -61,7 +61,7 @@ static bool is_cell(const Square *square, const Square *panel, ptrdiff_t cells, 
     return pitches > limits->least_cell && pitches < limits->most_cell && is_within(square, panel);
 }
 
-ptrdiff_t ledpi_without_cells(const Square *squares, ptrdiff_t count, ptrdiff_t cells, const Limits *limits,
+ptrdiff_t ledpi_drop_cells(const Square *squares, ptrdiff_t count, ptrdiff_t cells, const Limits *limits,
                               int64_t *kept) {
     bool dropped[MOST_COMPARED] = {false};
     ptrdiff_t left = 0;

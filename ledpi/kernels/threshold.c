@@ -49,7 +49,7 @@ static inline void compare(const uint8_t *picture, const uint8_t *brightest, con
 }
 
 /* A few rows at once, which stay in the cache. */
-LEDPI_WIDE_BYTES void ledpi_contrast(const uint8_t *picture, ptrdiff_t height, ptrdiff_t width, uint8_t *room,
+LEDPI_SIMD_BYTES void ledpi_contrast(const uint8_t *picture, ptrdiff_t height, ptrdiff_t width, uint8_t *room,
                                      uint8_t *above, uint8_t *contrast) {
     const ptrdiff_t stride = width + 2 * REACH;
     uint8_t *const brightest = room, *const darkest = room + STRIP * stride, *const work = darkest + STRIP * stride;
@@ -82,19 +82,19 @@ static inline void neighbours(const uint8_t *picture, ptrdiff_t height, ptrdiff_
     }
 }
 
-LEDPI_WIDE_BYTES void ledpi_close(const uint8_t *picture, ptrdiff_t height, ptrdiff_t width, uint8_t *room,
+LEDPI_SIMD_BYTES void ledpi_close(const uint8_t *picture, ptrdiff_t height, ptrdiff_t width, uint8_t *room,
                                   uint8_t *closed) {
     uint8_t *const row = room + height * width;
     neighbours(picture, height, width, true, row, room);
     neighbours(room, height, width, false, row, closed);
 }
 
-LEDPI_WIDE_BYTES void ledpi_brighter(const uint8_t *closed, ptrdiff_t count, int level, uint8_t *lit) {
+LEDPI_SIMD_BYTES void ledpi_brighter(const uint8_t *closed, ptrdiff_t count, int level, uint8_t *lit) {
     const uint8_t most = (uint8_t)level;
     for (ptrdiff_t i = 0; i < count; i++) lit[i] = closed[i] > most ? 255 : 0;
 }
 
-LEDPI_WIDE_BYTES void ledpi_lit(const uint8_t *above, const uint8_t *contrast, ptrdiff_t height, ptrdiff_t width, int share,
+LEDPI_SIMD_BYTES void ledpi_lit(const uint8_t *above, const uint8_t *contrast, ptrdiff_t height, ptrdiff_t width, int share,
                                 const Limits *limits, bool opened, uint8_t *room, uint8_t *lit) {
     uint8_t *const row = room + height * width;
     const uint8_t least = (uint8_t)limits->min_contrast;

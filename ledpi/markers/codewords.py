@@ -36,7 +36,7 @@ class Dictionary:
         word: Bits = self.words[marker_id]
         return word
 
-    def turned_words(self) -> Bits:
+    def rotated_codewords(self) -> Bits:
         """(IDs, 4, n, n): each word as it looks after 0, 1, 2, 3 quarter turns **clockwise** in the picture."""
         return np.stack([np.rot90(self.words, -k, axes=(1, 2)) for k in range(4)], axis=1)
 
@@ -46,7 +46,7 @@ class Dictionary:
         Where classes blink in antiphase a word and its negative are one pattern, half a cycle apart: then it is the
         distance to the nearer of the two.
         """
-        flat = self.turned_words().reshape(len(self.words), 4, -1).astype(np.int32)
+        flat = self.rotated_codewords().reshape(len(self.words), 4, -1).astype(np.int32)
         upright, turned = flat[:, 0], flat.reshape(-1, flat.shape[-1])
         distance = upright @ (1 - turned).T + (1 - upright) @ turned.T
         if phase == "antiphase":

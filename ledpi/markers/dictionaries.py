@@ -127,7 +127,7 @@ def _word(values: dict[str, Any], key: str, path: Path, side: int) -> np.ndarray
 def _check_distinct(dictionary: Dictionary, path: Path) -> None:
     """No word may look like another, or like itself turned: which one it is could not be told."""
     seen: dict[bytes, tuple[int, int]] = {}
-    for number, turned in enumerate(dictionary.turned_words()):
+    for number, turned in enumerate(dictionary.rotated_codewords()):
         for turns, word in enumerate(turned):
             before = seen.setdefault(word.tobytes(), (number, turns))
             if before == (number, turns):

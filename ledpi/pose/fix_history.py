@@ -25,7 +25,7 @@ class Candidate:
     rejected: tuple[int, ...]
 
 
-class Past:
+class FixHistory:
     """The last fix of one stream."""
 
     def __init__(self) -> None:

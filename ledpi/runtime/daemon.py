@@ -61,7 +61,7 @@ class Daemon:
             info,
             config.panels,
             intrinsics=self._calibrated,
-            shown=camera.panel,
+            source_panel=camera.panel,
             robot=robot,
             method=config.decode.method,
         )
@@ -184,7 +184,7 @@ class Daemon:
             if frame is not None:
                 self._liveness.begins(frame)
                 spent = self._pipeline.spent
-                decoded = self._pipeline.decode(frame, at_once=self._hand_on)
+                decoded = self._pipeline.decode(frame, on_partial=self._hand_on)
                 if self._pacing is not None:
                     spent, took_ms = self._pipeline.spent - spent, sum(decoded.stage_ms.values())
                     self._pipeline.search_budget = self._pacing.budget_after(spent, took_ms)

@@ -8,8 +8,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from ledpi.core.records import Intrinsics, PanelSpec
-from ledpi.markers.dictionaries import load_dictionary
 from ledpi.markers.codewords import Bits
+from ledpi.markers.dictionaries import load_dictionary
 from ledpi.simulate.scene import FIRST_READOUT_NS, Panel, Print, Room, Scene, SimulatedSensor, uneven_gains
 from ledpi.simulate.trajectory import Patrol, Shown, Still, facing_camera
 

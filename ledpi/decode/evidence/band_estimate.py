@@ -18,7 +18,7 @@ DARKEST = 0.1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Believed:
+class BandEstimate:
     """Bands that a first look has shown, from which a second one takes its bearings."""
 
     phases: tuple[float, ...]  # of each wave's fundamental; `waves` begin there
@@ -27,16 +27,16 @@ class Believed:
     white: Mask  # (cells,)
     light: Singles  # (2, cells, points): what the bands of either class make of an even light
 
-    def own_light(self) -> Singles:
+    def band_light(self) -> Singles:
         """(cells, points): what each cell's bands make of it."""
         return np.asarray(np.where(self.white[:, None], self.light[1], self.light[0]), np.float32)
 
-    def turned_back(self, bands: Floats) -> Floats:
+    def restore_phases(self, bands: Floats) -> Floats:
         """Bands (cells, P) by these waves, as cosine and sine."""
         return rotated(bands, self.phases)
 
 
-def believed_bands(samples: CellSamples, frame: Frame, spec: PanelSpec, white: Mask, bands: Floats) -> Believed:
+def estimate_bands(samples: CellSamples, frame: Frame, spec: PanelSpec, white: Mask, bands: Floats) -> BandEstimate:
     """What `bands` (P,), sinusoids in cells of which these are `white` (cells,), are as square waves seen through the
     exposure.
 
@@ -55,7 +55,7 @@ def believed_bands(samples: CellSamples, frame: Frame, spec: PanelSpec, white: M
         light += of_classes[:, k, None, None] * np.float32(turned[2 * k]) * waves[2 * k]
     if samples.valid is not None:
         waves *= samples.valid
-    return Believed(
+    return BandEstimate(
         phases=tuple(phases),
         bands=band_shares(white.astype(np.float64), len(bands)) * turned,
         waves=waves,

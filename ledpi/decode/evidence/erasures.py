@@ -17,27 +17,27 @@ from ledpi.decode.evidence.evidence import Evidence
 UNLIT = 1.0 / 3.0
 
 
-def unlit_cells(samples: CellSamples, shown: Singles | None = None) -> Mask:
+def find_unlit_cells(samples: CellSamples, band_light: Singles | None = None) -> Mask:
     """(cells,) which of them give no light of their own.
 
-    Where bands are deep a cell may be dark for being in them: `shown` (cells, points) is what they make of an even
+    Where bands are deep a cell may be dark for being in them: `band_light` (cells, points) is what they make of an even
     light.
     """
     light, valid = samples.light, samples.valid
-    if shown is not None:  # by least squares: where a cell is to be dark, there is stray light
-        shown = shown if valid is None else shown * valid
-        level = (light * shown).sum(axis=1) / np.square(shown).sum(axis=1)
+    if band_light is not None:  # by least squares: where a cell is to be dark, there is stray light
+        band_light = band_light if valid is None else band_light * valid
+        level = (light * band_light).sum(axis=1) / np.square(band_light).sum(axis=1)
     else:
         level = light.sum(axis=1) if valid is None else light.sum(axis=1) / np.maximum(valid.sum(axis=1), 1)
     return np.asarray(level < UNLIT / len(level) * level.sum())
 
 
-def without_unlit(evidence: Evidence, samples: CellSamples, shown: Singles | None = None) -> Evidence:
+def erase_unlit_cells(evidence: Evidence, samples: CellSamples, band_light: Singles | None = None) -> Evidence:
     """The evidence, with whatever bands fit best in cells that are unlit: of these it holds nothing then.
 
-    `shown` as of `unlit_cells`.
+    `band_light` as of `find_unlit_cells`.
     """
-    unlit = unlit_cells(samples, shown)
+    unlit = find_unlit_cells(samples, band_light)
     if True not in unlit.tolist():
         return evidence
     size, cell = evidence.score.size, np.repeat(unlit, evidence.score.shape[1])

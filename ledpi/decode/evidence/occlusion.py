@@ -16,43 +16,44 @@ import numpy as np
 from ledpi.core.records import Mask, Pixels, Singles
 from ledpi.decode.cells import BORDER_PX, INSET, MIN_LEFT, CellSamples
 from ledpi.decode.evidence.shared_light import border_points
-from ledpi.kernels.library import at, lib
+from ledpi.kernels.library import lib, pointer
 
 # Of the light that the others show at this place: less is not the cell's own. Diffusers differ by a few percent.
-COVERED = 0.75
+OCCLUDED = 0.75
 # Near the panel's rim a sample is darker for being there: beside a side by a half at most, whatever the blur, as it
 # lies within; in a corner by two. (Of a corner that is hidden by 4 px of a cell's 26 no other sample is covered.) Of
 # cells so small that it is not only the outermost, it is not asked.
-COVERED_AT_RIM = 0.5
+OCCLUDED_AT_RIM = 0.5
 ALIGHT = 0.2  # of the usual gain: a cell of less is dead, and may look like anything
 FULLY_LIT = 0.75  # quantile of a cell's samples that is taken for its gain: half of the cell may be covered
 
 
-def darkens(depth: float) -> bool:
+def bands_mimic_occlusion(depth: float) -> bool:
     """Whether bands of this depth are as dark, where they are darkest, as what is covered.
 
     A cell's gain is then 1 + depth·sin π(FULLY_LIT − ½), a quantile of a sinusoid.
     """
-    return 1.0 - depth < COVERED * (1.0 + depth * math.sin(math.pi * (FULLY_LIT - 0.5)))
+    return 1.0 - depth < OCCLUDED * (1.0 + depth * math.sin(math.pi * (FULLY_LIT - 0.5)))
 
 
-def without_covered(samples: CellSamples, shown: Singles | None = None) -> CellSamples:
+def mask_occluded(samples: CellSamples, band_light: Singles | None = None) -> CellSamples:
     """The samples, those that are covered or next to it marked as not valid.
 
-    For bands that do not darken as much, or that are known: `shown` (cells, points) is what they make of an even light.
+    For bands that do not darken as much, or that are known: `band_light` (cells, points) is what they make of an even
+    light.
     """
-    seen = samples.light if shown is None else samples.light / shown
+    seen = samples.light if band_light is None else samples.light / band_light
     n, k = samples.lattice.cells, samples.lattice.k
-    least = least_shares(n, k, border_points(samples))
-    if all_uncovered(seen, samples.valid, least):
+    least = min_light_shares(n, k, border_points(samples))
+    if is_unoccluded(seen, samples.valid, least):
         return samples
     light = seen / seen.mean(axis=1, keepdims=True)
     usual = _quantile(light, samples.valid, 0.5)
     gain = _quantile((light / np.maximum(usual, 1e-6)).T, None if samples.valid is None else samples.valid.T, FULLY_LIT)
     alight = gain * seen.mean(axis=1) > ALIGHT * np.median(seen.mean(axis=1))
     covered = (light < least * gain[:, None] * usual) & alight[:, None]
-    if shown is not None:  # in a dark band a little less is much of what is left
-        covered &= (gain[:, None] * usual - light) * shown > (1.0 - COVERED) * gain[:, None] * usual
+    if band_light is not None:  # in a dark band a little less is much of what is left
+        covered &= (gain[:, None] * usual - light) * band_light > (1.0 - OCCLUDED) * gain[:, None] * usual
     if samples.valid is not None:
         covered &= samples.valid
     if not covered.any():
@@ -65,10 +66,10 @@ def without_covered(samples: CellSamples, shown: Singles | None = None) -> CellS
     return replace(samples, valid=valid, light=np.where(valid, samples.light, np.float32(0)))
 
 
-def all_uncovered(light: Singles, valid: Mask | None, least: Singles) -> bool:
+def is_unoccluded(light: Singles, valid: Mask | None, least: Singles) -> bool:
     """Whether samples (cells, points) show the share `least` of what all do, each over the mean of its cell."""
     room = np.empty(sum(light.shape), np.float32)
-    found: bool = lib.ledpi_all_uncovered(*light.shape, at(light), at(valid), at(least), at(room))
+    found: bool = lib.ledpi_is_unoccluded(*light.shape, pointer(light), pointer(valid), pointer(least), pointer(room))
     return found
 
 
@@ -91,10 +92,10 @@ def _quantile(values: Singles, valid: Mask | None, share: float) -> Singles:
 
 
 @cache
-def least_shares(n: int, k: int, border: tuple[int, int]) -> Singles:
+def min_light_shares(n: int, k: int, border: tuple[int, int]) -> Singles:
     """(cells, points) share of what the others show at its place, of which a sample that nothing covers has more."""
     along, down = (np.ones(n * k, np.float32) for _ in border)
     for share, width in zip((along, down), border, strict=True):
-        share[:width] = share[n * k - width :] = COVERED_AT_RIM if width == 1 else 0.0
-    least = np.minimum(np.outer(down, along), np.float32(COVERED))
+        share[:width] = share[n * k - width :] = OCCLUDED_AT_RIM if width == 1 else 0.0
+    least = np.minimum(np.outer(down, along), np.float32(OCCLUDED))
     return np.ascontiguousarray(least.reshape(n, k, n, k).transpose(0, 2, 1, 3).reshape(n * n, k * k))

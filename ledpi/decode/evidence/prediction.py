@@ -18,14 +18,16 @@ from ledpi.core.records import Floats, Frame, Singles
 from ledpi.decode.cells import CellSamples, Lattice
 from ledpi.decode.evidence.comparison import Mean
 from ledpi.decode.evidence.memory import PanelMemory
-from ledpi.kernels.library import at, doubles, lib
+from ledpi.kernels.library import doubles, lib, pointer
 
-# A frame that is e^SURE times likelier with the bands than without shows them. Cells that speak against them weigh less
-# than that together: by noise alone each does by 0.2 on average, whatever it can tell (mean of max(0, N(−E, 2E))).
-SURE = 6.0
+# A frame that is e^MATCH_NATS times likelier with the bands than without shows them. Cells that speak against them
+# weigh less than that together: by noise alone each does by 0.2 on average, whatever it can tell (mean of max(0, N(−E,
+# 2E))).
+MATCH_NATS = 6.0
 # And more than this share of what a frame of the panel has told so far, as five in six do at 0.45 m, nine in ten at
 # 2 m, all from 3 m on. Of a frame of another panel near its place what is left is no noise, and what that is taken to
-# tell is chance: where it was SURE, with so little against it, it was a twentieth at most in three of four frames.
+# tell is chance: where it was MATCH_NATS, with so little against it, it was a twentieth at most in three of four
+# frames.
 LEAST_SHARE = 1 / 8
 # What is left of one that tells less than this share is mostly no noise, and makes all that cells say less by the same:
 # those against may be no more than so much of the whole then. Of another word, a quarter of the cells would be half of
@@ -36,7 +38,7 @@ RIDGE = 1e-6  # of a basis vector's square: one may be all but gone with what is
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Expectation:
+class Prediction:
     """What a panel's next frames should look like."""
 
     lattice: Lattice
@@ -44,21 +46,21 @@ class Expectation:
     picture: Singles  # (cells, points) without what is left of bands in it
     root: Singles  # (cells, points) of the weights
     basis: Singles  # (9, cells·points) orthonormal: what a wrong gain and wrong corners would add, weighted
-    left_bands: Singles  # (cells, points) of the bands' mean that is still in the picture
+    residual_bands: Singles  # (cells, points) of the bands' mean that is still in the picture
     hz: Floats  # (cells,)
     depth: Singles  # (cells, 1)
     phase: Floats  # (cells,)
-    noise_volume: float  # by how much less than their number its samples tell (`Correlation.volume`)
-    usual_nats: float  # that each frame has told so far
+    noise_inflation: float  # by how much less than their number its samples tell (`Correlation.inflation`)
+    typical_nats: float  # that each frame has told so far
 
     @classmethod
-    def of(cls, memory: PanelMemory, bands: Floats, usual_nats: float) -> Expectation:
+    def from_memory(cls, memory: PanelMemory, bands: Floats, typical_nats: float) -> Prediction:
         """Of the frames in `memory`, which show `bands` (cells, P): cosine and sine of each wave.
 
-        Each has told `usual_nats` of them.
+        Each has told `typical_nats` of them.
         """
         mean, lattice = memory.mean(), memory.newest[0].lattice
-        root, basis, left_bands = _made(mean, lattice.along, bands)
+        root, basis, residual_bands = _linearise(mean, lattice.along, bands)
         by_wave = bands.reshape(len(bands), -1, 2)
         wave = by_wave.any(axis=2).argmax(axis=1)  # that a cell shows
         cosine, sine = by_wave[np.arange(len(bands)), wave].T
@@ -68,32 +70,32 @@ class Expectation:
             picture=mean.picture,
             root=root,
             basis=basis,
-            left_bands=left_bands,
+            residual_bands=residual_bands,
             hz=np.array(memory.spec.waves_hz)[wave],
             depth=np.hypot(cosine, sine).astype(np.float32)[:, None],
             phase=np.arctan2(sine, cosine),
-            noise_volume=memory.noise.volume,
-            usual_nats=usual_nats,
+            noise_inflation=memory.noise.inflation,
+            typical_nats=typical_nats,
         )
 
-    def is_met(self, samples: CellSamples, frame: Frame) -> bool:
+    def matches(self, samples: CellSamples, frame: Frame) -> bool:
         """Whether a frame surely shows it. Where the panel's size in the picture has changed, nothing is sure."""
         valid = samples.valid
         if samples.lattice is not self.lattice or (valid is not None and valid.mean(axis=1).min() < MIN_VALID):
             return False
-        of_all, of_those_against = self.weigh(samples, frame)
-        if not (of_all > max(SURE, LEAST_SHARE * self.usual_nats) and of_those_against < SURE):
+        of_all, of_those_against = self.log_likelihood_ratios(samples, frame)
+        if not (of_all > max(MATCH_NATS, LEAST_SHARE * self.typical_nats) and of_those_against < MATCH_NATS):
             return False
-        return of_all > UNLIKE * self.usual_nats or of_those_against < MOST_AGAINST * of_all
+        return of_all > UNLIKE * self.typical_nats or of_those_against < MOST_AGAINST * of_all
 
-    def is_missed(self, samples: CellSamples, frame: Frame) -> bool:
+    def is_contradicted_by(self, samples: CellSamples, frame: Frame) -> bool:
         """Whether cells speak against it by more than all together are for it."""
         if samples.lattice is not self.lattice:
             return False
-        of_all, of_those_against = self.weigh(samples, frame)
+        of_all, of_those_against = self.log_likelihood_ratios(samples, frame)
         return of_all < of_those_against
 
-    def weigh(self, samples: CellSamples, frame: Frame) -> tuple[float, float]:
+    def log_likelihood_ratios(self, samples: CellSamples, frame: Frame) -> tuple[float, float]:
         """Log-likelihood ratio of a frame with these bands to none or those before; of all cells, and of those against.
 
         The latter with the other sign.
@@ -101,34 +103,48 @@ class Expectation:
         since_s = (frame.row0_readout_ns - self.origin_ns) * 1e-9
         cells, points = self.picture.shape
         room, of = np.empty(4 * self.picture.size, np.float32), np.empty(2)
-        lib.ledpi_expected(
-            *(cells, points, len(self.basis), at(self.picture), at(self.root), at(self.basis), at(self.left_bands)),
-            *(at(self.depth), at(self.hz), at(self.phase), since_s, frame.row_time_us * 1e-6),
-            *(at(samples.light), at(samples.valid), at(samples.rows), samples.independence / self.noise_volume, RIDGE),
-            *(at(room), at(of)),
+        lib.ledpi_weigh_prediction(
+            *(
+                cells,
+                points,
+                len(self.basis),
+                pointer(self.picture),
+                pointer(self.root),
+                pointer(self.basis),
+                pointer(self.residual_bands),
+            ),
+            *(pointer(self.depth), pointer(self.hz), pointer(self.phase), since_s, frame.row_time_us * 1e-6),
+            *(
+                pointer(samples.light),
+                pointer(samples.valid),
+                pointer(samples.rows),
+                samples.independence / self.noise_inflation,
+                RIDGE,
+            ),
+            *(pointer(room), pointer(of)),
         )
         of_all, of_those_against = of.tolist()
         return of_all, of_those_against
 
 
-def _made(mean: Mean, along: Singles, bands: Floats) -> tuple[Singles, Singles, Singles]:
-    """`root`, `basis` and `left_bands` of an `Expectation`; `bands` (cells, P), `along` is the lattice's."""
+def _linearise(mean: Mean, along: Singles, bands: Floats) -> tuple[Singles, Singles, Singles]:
+    """`root`, `basis` and `residual_bands` of an `Prediction`; `bands` (cells, P), `along` is the lattice's."""
     (cells, points), samples = mean.picture.shape, mean.picture.size
-    root, left_bands = np.empty_like(mean.picture), np.empty_like(mean.picture)
-    basis, room = np.empty((lib.LEDPI_WAYS, samples), np.float32), np.empty(3 * (samples + len(along)), np.float32)
-    lib.ledpi_expectation(
+    root, residual_bands = np.empty_like(mean.picture), np.empty_like(mean.picture)
+    basis, room = np.empty((lib.LEDPI_NUISANCES, samples), np.float32), np.empty(3 * (samples + len(along)), np.float32)
+    lib.ledpi_predict(
         *(math.isqrt(cells), math.isqrt(points), len(mean.waves)),
-        *(at(np.ascontiguousarray(array)) for array in (mean.picture, mean.count, mean.waves, along)),
-        *(at(doubles(bands)), at(root), at(basis), at(left_bands), at(room)),
+        *(pointer(np.ascontiguousarray(array)) for array in (mean.picture, mean.count, mean.waves, along)),
+        *(pointer(doubles(bands)), pointer(root), pointer(basis), pointer(residual_bands), pointer(room)),
     )
-    return root, basis, left_bands
+    return root, basis, residual_bands
 
 
-def ways(picture: Singles, lattice: Lattice) -> Singles:
+def nuisance_basis(picture: Singles, lattice: Lattice) -> Singles:
     """(9, cells·points) orthonormal: what a wrong gain and wrong corners add, weighted by the root of the light.
 
     To a `picture` (cells, points) above 0.
     """
     no_waves = np.empty((0, *picture.shape), np.float32)
     mean = Mean(picture=picture, count=np.ones_like(picture), waves=no_waves)
-    return _made(mean, lattice.along, np.empty((len(picture), 0)))[1]
+    return _linearise(mean, lattice.along, np.empty((len(picture), 0)))[1]

@@ -1,8 +1,8 @@
 """Outlines of lit, four-sided things: a panel is brighter than what is next to it, and has four sides.
 
 On a picture shrunk far enough the cells of a panel melt into one, so this is done on a pyramid: what is brighter than
-each of some grey levels, or than its neighbourhood (kernels/threshold.c), has outlines (outlines.c), some of these four sides
-(four_sides.c), and what is found twice is one thing (suppression.c).
+each of some grey levels, or than its neighbourhood (kernels/threshold.c), has outlines (outlines.c), some of these four
+sides (four_sides.c), and what is found twice is one thing (suppression.c).
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ LEVELS = 3  # halvings; the cells of a panel that fills the picture's height mel
 _FINE, _COARSE = (24, *range(48, 256, 32)), tuple(range(32, 256, 32))
 THRESHOLDS: Thresholds = ((_FINE, ()), (_COARSE, ()), (_COARSE, ()))
 # And shares of the contrast in the neighbourhood, in 256ths, as of a panel before something brighter than it is itself.
-AGAIN: Thresholds = (((), (166,)), ((), (154,)), ((), ()))
+CONTRAST_THRESHOLDS: Thresholds = (((), (166,)), ((), (154,)), ((), ()))
 # Shortest outline by level, in its pixels: of the smallest panel in scope, foreshortened by 60°; then of what the level
 # before sees better.
 SHORTEST = (10, 24, 24)
@@ -71,17 +71,17 @@ class Finder:
     def find(self, frame: Frame) -> tuple[list[Floats], list[Rejected]]:
         """Corners (4, 2) of distinct things, the best outline first; and what was dropped."""
         self._shrink(frame)
-        return self._by(THRESHOLDS)
+        return self._search(THRESHOLDS)
 
-    def find_again(self) -> tuple[list[Floats], list[Rejected]]:
+    def find_by_contrast(self) -> tuple[list[Floats], list[Rejected]]:
         """The same, of the last frame once more, by the contrast in each neighbourhood."""
-        return self._by(AGAIN)
+        return self._search(CONTRAST_THRESHOLDS)
 
     def pyramid(self, frame: Frame) -> list[Pixels]:
         """The frame that was searched last, and the same in halves, quarters …"""
         return [frame.pixels, *self._levels]
 
-    def _by(self, thresholds: Thresholds) -> tuple[list[Floats], list[Rejected]]:
+    def _search(self, thresholds: Thresholds) -> tuple[list[Floats], list[Rejected]]:
         squares, (at_border, not_four_sided, too_small) = self._searcher.search(thresholds)
         dropped = [AT_BORDER] * at_border + [NOT_FOUR_SIDED] * not_four_sided + [TOO_SMALL] * too_small
         return list(squares[:, :8].reshape(-1, 4, 2)), dropped

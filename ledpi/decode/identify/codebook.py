@@ -33,7 +33,7 @@ class Codebook:
         ids = [marker_id for marker_id in ids if marker_id in readable]
         if not ids:
             raise ValueError(dictionary.none_readable(spec.phase))
-        words = dictionary.turned_words()[ids].reshape(len(ids) * 4, -1)
+        words = dictionary.rotated_codewords()[ids].reshape(len(ids) * 4, -1)
         return cls(
             ids=np.repeat(np.asarray(ids, np.int64), 4),
             quarter_turns=np.tile(np.arange(4), len(ids)),
@@ -42,14 +42,14 @@ class Codebook:
             spec=spec,
         )
 
-    def correctable_beside(self, silent: Mask | None, word: int) -> int:
-        """`correctable` where the `silent` (cells,) say nothing: ⌊(d − 1)/2⌋ of the other cells, if that is less.
+    def correctable_beside(self, erased: Mask | None, word: int) -> int:
+        """`correctable` where the `erased` (cells,) say nothing: ⌊(d − 1)/2⌋ of the other cells, if that is less.
 
         d: by how many of them this word differs from the one that is most like it there.
         """
-        if silent is None:
+        if erased is None:
             return self.correctable
-        told = self.white[:, ~silent]
+        told = self.white[:, ~erased]
         apart = (told != told[word]).sum(axis=1)
         if self.spec.phase == "antiphase":
             apart = np.minimum(apart, told.shape[1] - apart)

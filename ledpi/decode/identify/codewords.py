@@ -11,7 +11,7 @@ and (A + Λ⁻¹)⁻¹b are the bands that fit it best (kernels/codewords.c; nei
 from __future__ import annotations
 
 from ledpi.core.records import Floats, Singles
-from ledpi.decode.evidence.classes import in_other_class
+from ledpi.decode.evidence.classes import flip_classes
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.kernels import codewords as kernel
 from ledpi.kernels.codewords import Fit
@@ -19,26 +19,28 @@ from ledpi.kernels.codewords import Fit
 SHORTLIST = 16  # words that are compared exactly
 
 
-def likeliest(evidence: Evidence, white: Singles) -> Fit:
+def rank_codewords(evidence: Evidence, white: Singles) -> Fit:
     """The SHORTLIST likeliest of the words (W, cells), 1 where the class is white."""
-    return kernel.likeliest(evidence.score, evidence.information, evidence.prior, white, SHORTLIST)
+    return kernel.rank_codewords(evidence.score, evidence.information, evidence.prior, white, SHORTLIST)
 
 
-def gain_by_other_class(evidence: Evidence, shown: Floats) -> Floats:
-    """(cells,) log-likelihood ratio of each cell in the other class to the one whose bands are `shown` (cells, P)."""
-    return kernel.gain_by_others(evidence.score, evidence.information, shown, in_other_class(shown))[0]
+def class_flip_gain(evidence: Evidence, cell_bands: Floats) -> Floats:
+    """(cells,) log-likelihood ratio of each cell in the other class to the one whose bands are `cell_bands` (cells,
+    P).
+    """
+    return kernel.class_flip_gains(evidence.score, evidence.information, cell_bands, flip_classes(cell_bands))[0]
 
 
-def weakest_row(evidence: Evidence, shown: Floats) -> float:
-    """Least log odds of a row or column of cells with the bands `shown` (cells, P) to one with none."""
-    return kernel.gain_by_others(evidence.score, evidence.information, shown, shown)[1]
+def weakest_row(evidence: Evidence, cell_bands: Floats) -> float:
+    """Least log odds of a row or column of cells with the bands `cell_bands` (cells, P) to one with none."""
+    return kernel.class_flip_gains(evidence.score, evidence.information, cell_bands, cell_bands)[1]
 
 
-def of_neighbours(evidence: Evidence, word: Singles, nearest: int, furthest: int) -> float:
+def near_pattern_likelihood(evidence: Evidence, word: Singles, nearest: int, furthest: int) -> float:
     """Log of the summed likelihoods of patterns that differ from a word (cells,) in `nearest` to `furthest` cells."""
-    return kernel.of_neighbours(evidence.score, evidence.information, evidence.prior, word, nearest, furthest)
+    return kernel.near_pattern_likelihood(evidence.score, evidence.information, evidence.prior, word, nearest, furthest)
 
 
-def likeliest_beyond(evidence: Evidence, word: Singles, correctable: int) -> tuple[float, Singles]:
+def likeliest_far_pattern(evidence: Evidence, word: Singles, correctable: int) -> tuple[float, Singles]:
     """The likeliest pattern that differs from a word (cells,) in more cells than that: how likely, and which."""
-    return kernel.likeliest_beyond(evidence.score, evidence.information, evidence.prior, word, correctable)
+    return kernel.likeliest_far_pattern(evidence.score, evidence.information, evidence.prior, word, correctable)

@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 from ledpi.core.records import Floats, Frame, Rejected
 from ledpi.decode.cells import CellSamples
-from ledpi.decode.evidence.band_estimate import believed_bands
+from ledpi.decode.evidence.band_estimate import estimate_bands
 from ledpi.decode.evidence.evidence import UNFIT, Evidence
 from ledpi.decode.evidence.single_frame import single_evidence
 from ledpi.decode.evidence.waves import (
@@ -29,16 +29,16 @@ from ledpi.decode.evidence.waves import (
 )
 from ledpi.decode.identify import hypotheses
 from ledpi.decode.identify.codebook import Codebook
-from ledpi.decode.identify.first_pass import first_look
+from ledpi.decode.identify.codewords import rank_codewords
+from ledpi.decode.identify.first_pass import first_pass
 from ledpi.decode.identify.plausibility import all_rows_blink, is_consistent, is_plausible
-from ledpi.decode.identify.codewords import likeliest
 from ledpi.kernels.codewords import Fit
 
-NO_BANDS = Rejected(stage="soft", reason="no_bands")
-NO_WORD = Rejected(stage="soft", reason="not_in_dictionary")
-AMBIGUOUS = Rejected(stage="soft", reason="ambiguous")
-INCONSISTENT = Rejected(stage="soft", reason="inconsistent_cells")
-IMPLAUSIBLE = Rejected(stage="soft", reason="implausible_depth")
+NO_BANDS = Rejected(stage="identify", reason="no_bands")
+NO_CODEWORD = Rejected(stage="identify", reason="not_in_dictionary")
+AMBIGUOUS = Rejected(stage="identify", reason="ambiguous")
+INCONSISTENT = Rejected(stage="identify", reason="inconsistent_cells")
+IMPLAUSIBLE = Rejected(stage="identify", reason="implausible_depth")
 
 # The share of panels showing no word, but a pattern two or more cells away from every word, that are taken for one: in
 # single frames, at the distance where that is most frequent (`docs/evaluating.md`, How sure an ID is). What it costs is
@@ -46,11 +46,11 @@ IMPLAUSIBLE = Rejected(stage="soft", reason="implausible_depth")
 FALSE_ID_RATE = 1e-6
 # Faint bands are looked at once where more than so much is missing of the odds against other patterns: of
 # 89 panels at 1.6 to 2.5 m that a second look has read it was 5.1 nats at most.
-SECOND_LOOK_ADDS = 6.0
-# Whatever is believed explains more: what a lamp shows, as a word with its own bands, more than the lamp does. Of what
+SECOND_PASS_GAIN = 6.0
+# Whatever is estimate explains more: what a lamp shows, as a word with its own bands, more than the lamp does. Of what
 # a word explains a second look adds 4 to 14 % where a panel shows it (of 24 read so, one 17 and one 40 %), and 26 to
 # 80 % where a lamp does that blinks alike everywhere.
-MOST_ADDED = 0.2
+MAX_SECOND_PASS_GAIN = 0.2
 
 
 class Reading(NamedTuple):
@@ -64,7 +64,7 @@ class Reading(NamedTuple):
     cell_bands: Floats  # (cells, P) cosine and sine of each wave, as each cell shows them
 
 
-def read_word(
+def read_codeword(
     samples: CellSamples,
     frame: Frame,
     codebook: Codebook,
@@ -77,20 +77,20 @@ def read_word(
     static picture that is then left.
     """
     spec = codebook.spec
-    looked = first_look(samples, frame, spec, codebook.white)
+    looked = first_pass(samples, frame, spec, codebook.white)
     if isinstance(looked, Rejected):
         return looked
     evidence, fit = looked
-    first = _judged(fit, evidence, codebook, false_id_rate)
+    first = _judge(fit, evidence, codebook, false_id_rate)
     if isinstance(first, Reading):
         if are_sinusoids(frame.exposure_us, spec):
             return first
     elif not _is_open(first, fit, evidence, codebook, false_id_rate):
         return first
-    return _looked_again(first, looked, samples, frame, codebook, false_id_rate)
+    return _second_pass(first, looked, samples, frame, codebook, false_id_rate)
 
 
-def _looked_again(
+def _second_pass(
     first: Reading | Rejected,
     looked: tuple[Evidence, Fit],
     samples: CellSamples,
@@ -100,25 +100,28 @@ def _looked_again(
 ) -> Reading | Rejected:
     """The word that a first look has shown, or left open, by the exact waveform; or why it cannot be told."""
     spec, (evidence, fit) = codebook.spec, looked
-    believed = believed_bands(samples, frame, spec, codebook.white[fit.words[0]] > 0, fit.bands)
-    again = single_evidence(samples, frame, spec, believed=believed)
+    estimate = estimate_bands(samples, frame, spec, codebook.white[fit.words[0]] > 0, fit.bands)
+    again = single_evidence(samples, frame, spec, estimate=estimate)
     if isinstance(again, Rejected):
         return again
-    refit, exact = likeliest(again, codebook.white), not are_sinusoids(frame.exposure_us, spec)
+    refit, exact = rank_codewords(again, codebook.white), not are_sinusoids(frame.exposure_us, spec)
     if refit.words[0] != fit.words[0]:
         return INCONSISTENT
-    second = _judged(refit, again, codebook, false_id_rate, exact=exact)
+    second = _judge(refit, again, codebook, false_id_rate, exact=exact)
     if isinstance(second, Rejected):
         return second
     if isinstance(first, Rejected) and not is_deep_anywhere(evidence.prior):
         needed = odds_needed(false_id_rate)
-        if second.likelihood > (1.0 + MOST_ADDED) * fit.likelihood[0]:
+        if second.likelihood > (1.0 + MAX_SECOND_PASS_GAIN) * fit.likelihood[0]:
             return INCONSISTENT
-        if not rivals.odds_by_either_belief(looked, (again, refit), samples, frame, codebook, needed) >= needed:
+        if (
+            not hypotheses.odds_under_either_estimate(looked, (again, refit), samples, frame, codebook, needed)
+            >= needed
+        ):
             return AMBIGUOUS
-        if not rivals.odds_against_one_light(fit, samples, frame, codebook) >= needed:
-            return NO_WORD
-    return second._replace(cell_bands=believed.turned_back(second.cell_bands))
+        if not hypotheses.odds_against_one_light(fit, samples, frame, codebook) >= needed:
+            return NO_CODEWORD
+    return second._replace(cell_bands=estimate.restore_phases(second.cell_bands))
 
 
 def _is_open(
@@ -155,7 +158,7 @@ def _is_hopeless(fit: Fit, evidence: Evidence, codebook: Codebook, false_id_rate
     """Whether a second look at faint bands, which adds little, cannot add what is missing."""
     if not is_faint(evidence.prior):
         return False
-    return rivals.odds_against_other_patterns(fit, codebook) < odds_needed(false_id_rate) - SECOND_LOOK_ADDS
+    return hypotheses.odds_against_other_patterns(fit, codebook) < odds_needed(false_id_rate) - SECOND_PASS_GAIN
 
 
 def _odds_against_other_ids(fit: Fit, codebook: Codebook) -> float:
@@ -166,7 +169,7 @@ def _odds_against_other_ids(fit: Fit, codebook: Codebook) -> float:
 
 def decide(evidence: Evidence, codebook: Codebook, false_id_rate: float) -> Reading | Rejected:
     """The word that the evidence is for, or why none can be told."""
-    return _judged(likeliest(evidence, codebook.white), evidence, codebook, false_id_rate)
+    return _judge(rank_codewords(evidence, codebook.white), evidence, codebook, false_id_rate)
 
 
 @cache
@@ -179,7 +182,7 @@ def odds_needed(false_id_rate: float) -> float:
     return 0.5 * NormalDist().inv_cdf(false_id_rate) ** 2
 
 
-def _judged(
+def _judge(
     fit: Fit,
     evidence: Evidence,
     codebook: Codebook,
@@ -198,9 +201,9 @@ def _judged(
     deviation = [max(wave) for wave in zip(fit.deviation[::2], fit.deviation[1::2], strict=True)]
     if not is_plausible(amplitude, deviation, evidence):
         return IMPLAUSIBLE
-    outside = rivals.odds_against_no_word(evidence, fit, codebook, needed)
+    outside = hypotheses.odds_against_no_codeword(evidence, fit, codebook, needed)
     if outside < needed:
-        return NO_WORD
+        return NO_CODEWORD
     other = _odds_against_other_ids(fit, codebook)
     if other < needed:
         return AMBIGUOUS
@@ -214,11 +217,11 @@ def _judged(
         margin=min(none, other, outside),
         likelihood=none,
         amplitude=(amplitude[0], amplitude[-1]),
-        cell_bands=fit.shown,
+        cell_bands=fit.cell_bands,
     )
 
 
-def surest(readings: Sequence[Reading | Rejected], false_id_rate: float) -> Reading | Rejected:
+def select_best(readings: Sequence[Reading | Rejected], false_id_rate: float) -> Reading | Rejected:
     """The reading to believe, of those under each pair of frequencies that panels may have; at least one is given."""
     if len(readings) == 1:
         return readings[0]

@@ -11,19 +11,19 @@ from functools import cache
 
 from ledpi.core.records import Floats, Frame, PanelSpec, Rejected, Singles
 from ledpi.decode.cells import CellSamples, lattice
+from ledpi.decode.evidence.erasures import UNLIT
 from ledpi.decode.evidence.evidence import UNFIT, Evidence
-from ledpi.decode.evidence.noise import expected_of, lags_of
+from ledpi.decode.evidence.noise import lags_of, white_noise_expected
+from ledpi.decode.evidence.occlusion import min_light_shares
 from ledpi.decode.evidence.shared_light import border_points, meeting_cells, sources_of
 from ledpi.decode.evidence.single_frame import single_evidence
-from ledpi.decode.evidence.occlusion import least_shares
-from ledpi.decode.evidence.erasures import UNLIT
 from ledpi.decode.evidence.waves import band_prior, is_deep
-from ledpi.decode.identify.codewords import SHORTLIST, likeliest
+from ledpi.decode.identify.codewords import SHORTLIST, rank_codewords
 from ledpi.kernels import first_pass as kernel
 from ledpi.kernels.codewords import Fit
 
 
-def first_look(
+def first_pass(
     samples: CellSamples,
     frame: Frame,
     spec: PanelSpec,
@@ -43,7 +43,7 @@ def first_look(
     if isinstance(evidence, Rejected):
         return evidence
     evidence = evidence._replace(prior=prior)
-    return evidence, likeliest(evidence, white)
+    return evidence, rank_codewords(evidence, white)
 
 
 def _at_once(
@@ -58,18 +58,18 @@ def _at_once(
         rows=samples.rows,
         independence=samples.independence,
         lags=lags,
-        noise=expected_of(samples, lags, 1 + len(prior)),
+        noise=white_noise_expected(samples, lags, 1 + len(prior)),
         cycles_a_row=tuple(hz * frame.row_time_us * 1e-6 for hz in spec.waves_hz),
         prior=prior,
         words=white,
         most=SHORTLIST,
-        may_be_covered=not may_be_dark,
+        may_be_occluded=not may_be_dark,
         unlit=0.0 if may_be_dark else UNLIT,
     )
     if isinstance(looked, int):
         return UNFIT if looked == kernel.UNFIT else None
-    left = 0.5 * samples.independence * looked.free / looked.volume
-    return Evidence(score=looked.score, information=looked.information, prior=prior, left=left), looked.fit
+    residual = 0.5 * samples.independence * looked.free / looked.inflation
+    return Evidence(score=looked.score, information=looked.information, prior=prior, residual=residual), looked.fit
 
 
 @cache
@@ -77,5 +77,5 @@ def _grid(cells: int, k: int, border: tuple[int, int]) -> kernel.Grid:
     sources = sources_of(k, border)
     return kernel.Grid(
         *(cells, k, lattice(cells, k).along, sources.column, sources.first),
-        *(meeting_cells(cells), least_shares(cells, k, border)),
+        *(meeting_cells(cells), min_light_shares(cells, k, border)),
     )

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from ledpi.core.records import Floats, Frame, PanelSpec
 from ledpi.decode.cells import CellSamples
 from ledpi.decode.evidence.classes import wave_shares
-from ledpi.decode.evidence.prediction import ways
+from ledpi.decode.evidence.prediction import nuisance_basis
 from ledpi.decode.identify.codebook import Codebook
 
 Complexes = NDArray[np.complex128]
@@ -41,7 +41,7 @@ SIGNIFICANT = 10.0
 CHOICES = 300.0
 
 
-class Seen(NamedTuple):
+class Observation(NamedTuple):
     """What one frame showed of a panel."""
 
     samples: CellSamples
@@ -56,66 +56,76 @@ class Proposal:
     measured: bool  # both; else one is only such that its phase stands still
 
 
-def propose_frequencies(seen: Sequence[Seen], spec: PanelSpec, codebook: Codebook) -> Proposal | None:
+def propose_frequencies(observations: Sequence[Observation], spec: PanelSpec, codebook: Codebook) -> Proposal | None:
     """The panel with the frequencies that make most of what was seen; None where nothing stands out.
 
     Frames on another lattice than the last one's are left out. Of a class that stands out in no frequency the phase is
     taken to stand still from frame to frame, so that differences show nothing of it.
     """
-    last = seen[-1].samples.lattice
-    seen = [s for s in seen if s.samples.lattice is last and s.samples.valid is None]
-    if len(seen) < MIN_FRAMES:
+    last = observations[-1].samples.lattice
+    observations = [s for s in observations if s.samples.lattice is last and s.samples.valid is None]
+    if len(observations) < MIN_FRAMES:
         return None
-    times_s = np.array([(s.frame.row0_readout_ns - seen[0].frame.row0_readout_ns) * 1e-9 for s in seen])
-    residual, weight = _residuals(seen)
+    times_s = np.array([(s.frame.row0_readout_ns - observations[0].frame.row0_readout_ns) * 1e-9 for s in observations])
+    residual, weight = _residuals(observations)
     shares = wave_shares(codebook.white.astype(np.float64), len(spec.waves_hz))
     searched = [
-        _powers(_sums(seen, residual, weight, hz), _mirrored(seen, weight, hz), times_s, hz, shares[..., k])
+        _powers(
+            _sums(observations, residual, weight, hz),
+            _image_sums(observations, weight, hz),
+            times_s,
+            hz,
+            shares[..., k],
+        )
         for k, hz in enumerate(spec.waves_hz)
     ]
     word = int(np.argmax(np.sum([power.max(axis=0) for _, power in searched], axis=0)))
-    period_s = times_s[-1] / (len(seen) - 1)
-    noise = _noise(seen, residual, weight)
+    period_s = times_s[-1] / (len(observations) - 1)
+    noise = _noise(observations, residual, weight)
     peaks = [_peak(frequencies, power[:, word], noise) for frequencies, power in searched]
     if not any(peaks):
         return None
     hz = tuple(peak or _frozen(hz, period_s) for peak, hz in zip(peaks, spec.waves_hz, strict=True))
     if min(hz) <= 0.0 or len(set(hz)) < len(hz):  # no panel's: what stands still may be either
         return None
-    return Proposal(spec=spec.at(hz), measured=all(peaks))
+    return Proposal(spec=spec.retune(hz), measured=all(peaks))
 
 
 def off_frequency_note(marker_id: int, found: PanelSpec) -> str:
     """What to tell the user of a panel that blinks at other frequencies than announced."""
-    seen = " and ".join(f"{hz:.0f}" for hz in found.waves_hz)
-    return f"panel {marker_id} blinks at about {seen} Hz, not as configured; `ledpi calibrate panel` measures it"
+    observations = " and ".join(f"{hz:.0f}" for hz in found.waves_hz)
+    return (
+        f"panel {marker_id} blinks at about {observations} Hz, not as configured; `ledpi calibrate panel` measures it"
+    )
 
 
-def _residuals(seen: Sequence[Seen]) -> tuple[Floats, Floats]:
+def _residuals(observations: Sequence[Observation]) -> tuple[Floats, Floats]:
     """What each frame's light is over the mean picture's (frames, cells·points), corners' errors taken off; weights."""
-    light = np.stack([s.samples.light / s.samples.light.mean() for s in seen]).astype(np.float64)
+    light = np.stack([s.samples.light / s.samples.light.mean() for s in observations]).astype(np.float64)
     picture = np.maximum(light.mean(axis=0), 0.02)
     weight = picture / picture.mean()
-    basis = ways(picture.astype(np.float32), seen[-1].samples.lattice)  # changes of exposure, of corners
+    basis = nuisance_basis(
+        picture.astype(np.float32), observations[-1].samples.lattice
+    )  # changes of exposure, of corners
     root = np.sqrt(weight).reshape(-1)
-    residual = ((light / picture - 1.0).reshape(len(seen), -1)) * root
+    residual = ((light / picture - 1.0).reshape(len(observations), -1)) * root
     residual -= (residual @ basis.T) @ basis
     return residual / root, weight.reshape(-1)
 
 
-def _sums(seen: Sequence[Seen], residual: Floats, weight: Floats, hz: float) -> Complexes:
+def _sums(observations: Sequence[Observation], residual: Floats, weight: Floats, hz: float) -> Complexes:
     """(frames, cells): the wave that each cell shows, with the phase that it had when row 0 was read out."""
-    rows = np.stack([s.samples.rows for s in seen]).astype(np.float64)
-    turns = np.array([hz * s.frame.row_time_us * 1e-6 for s in seen])[:, None, None]
+    rows = np.stack([s.samples.rows for s in observations]).astype(np.float64)
+    turns = np.array([hz * s.frame.row_time_us * 1e-6 for s in observations])[:, None, None]
     waves = np.exp(-2j * math.pi * turns * rows)
     return np.asarray((waves * (residual * weight).reshape(rows.shape)).sum(axis=2))
 
 
-def _mirrored(seen: Sequence[Seen], weight: Floats, hz: float) -> Complexes:
+def _image_sums(observations: Sequence[Observation], weight: Floats, hz: float) -> Complexes:
     """(frames, cells): the mean square of the wave that `_sums` demodulates by; 0 where it goes round in each cell."""
-    cells = len(seen[-1].samples.light)
-    even = np.full((len(seen), weight.size), cells / (len(seen) * weight.sum()))
-    return _sums(seen, even, weight, 2.0 * hz)
+    cells = len(observations[-1].samples.light)
+    even = np.full((len(observations), weight.size), cells / (len(observations) * weight.sum()))
+    return _sums(observations, even, weight, 2.0 * hz)
 
 
 def _powers(sums: Complexes, mirrored: Complexes, times_s: Floats, hz: float, shares: Floats) -> tuple[Floats, Floats]:
@@ -147,14 +157,14 @@ def _frozen(hz: float, period_s: float) -> float:
     return float(round(hz * period_s) / period_s)
 
 
-def _noise(seen: Sequence[Seen], residual: Floats, weight: Floats) -> float:
+def _noise(observations: Sequence[Observation], residual: Floats, weight: Floats) -> float:
     """What `_powers` makes of noise alone, on average: as if all that is left of the light were noise.
 
     A residual has the variance σ²/weight, so a sum over samples that it was weighted in has σ²·Σ weight.
     """
-    frames, cells = len(seen), len(seen[-1].samples.light)
+    frames, cells = len(observations), len(observations[-1].samples.light)
     variance = float((np.square(residual) * weight).mean()) * frames / (frames - 1)
-    return frames * variance * float(weight.sum()) / cells / seen[-1].samples.independence
+    return frames * variance * float(weight.sum()) / cells / observations[-1].samples.independence
 
 
 def _peak(frequencies: Floats, power: Floats, noise: float) -> float | None:

@@ -14,13 +14,13 @@ import numpy as np
 
 from ledpi.core.records import Frame, Mask, Rejected, Singles
 from ledpi.decode.cells import CellSamples
-from ledpi.decode.evidence.band_estimate import believed_bands
+from ledpi.decode.evidence.band_estimate import estimate_bands
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.evidence.single_frame import single_evidence
 from ledpi.decode.evidence.waves import band_prior
 from ledpi.decode.identify.codebook import NEAREST_PATTERN, Codebook
-from ledpi.decode.identify.first_pass import first_look
-from ledpi.decode.identify.codewords import likeliest, likeliest_beyond, of_neighbours
+from ledpi.decode.identify.codewords import likeliest_far_pattern, near_pattern_likelihood, rank_codewords
+from ledpi.decode.identify.first_pass import first_pass
 from ledpi.kernels.codewords import Fit
 
 # Patterns that are no word count as rivals as if they showed up as often as words: all of them alike, or those that
@@ -36,7 +36,7 @@ FURTHER_ODDS = 4.0
 LIGHTS = (0.25, 2.0)
 
 
-def odds_against_no_word(evidence: Evidence, fit: Fit, codebook: Codebook, needed: float) -> float:
+def odds_against_no_codeword(evidence: Evidence, fit: Fit, codebook: Codebook, needed: float) -> float:
     """Log odds of the best word against patterns that are none: the least against those that were asked for.
 
     What takes longer is asked only while the word has the odds that are `needed`.
@@ -48,7 +48,7 @@ def odds_against_no_word(evidence: Evidence, fit: Fit, codebook: Codebook, neede
     if odds >= needed:
         odds = _least(
             odds,
-            odds_against_neighbours(evidence, fit, codebook),
+            odds_against_near_patterns(evidence, fit, codebook),
             odds_against_one_class(fit, codebook),
         )
     if needed <= odds < FURTHER_ODDS * needed:
@@ -68,19 +68,19 @@ def odds_against_other_patterns(fit: Fit, codebook: Codebook) -> float:
     pattern counts as the word itself while no more cells differ than the dictionary can correct; those that are
     silent are erasures: they may be either, and leave less to be corrected.
     """
-    others = fit.beyond[codebook.correctable_beside(fit.silent, fit.words[0])]
-    return prior_odds_of_word(codebook) - others - _log_patterns(fit.silent)
+    others = fit.beyond[codebook.correctable_beside(fit.erased, fit.words[0])]
+    return prior_odds_of_codeword(codebook) - others - _log_patterns(fit.erased)
 
 
-def odds_against_neighbours(evidence: Evidence, fit: Fit, codebook: Codebook) -> float:
+def odds_against_near_patterns(evidence: Evidence, fit: Fit, codebook: Codebook) -> float:
     """Log odds of the best word against patterns a few cells off, each with the bands that fit it best.
 
     With the word's bands a pattern that is really shown may look unlikely: these are meant for other cells.
     """
-    best, of_word, silent = fit.words[0], fit.likelihood[0], fit.silent
-    correctable = codebook.correctable_beside(silent, best)
-    others = of_neighbours(evidence, codebook.white[best], correctable + 1, max(NEIGHBOURS, correctable + 1))
-    return of_word - others + prior_odds_of_word(codebook) - _log_patterns(silent)
+    best, of_word, erased = fit.words[0], fit.likelihood[0], fit.erased
+    correctable = codebook.correctable_beside(erased, best)
+    others = near_pattern_likelihood(evidence, codebook.white[best], correctable + 1, max(NEIGHBOURS, correctable + 1))
+    return of_word - others + prior_odds_of_codeword(codebook) - _log_patterns(erased)
 
 
 def odds_against_any_pattern(evidence: Evidence, fit: Fit, codebook: Codebook) -> float:
@@ -90,14 +90,14 @@ def odds_against_any_pattern(evidence: Evidence, fit: Fit, codebook: Codebook) -
     other cells.
     """
     best = fit.words[0]
-    correctable = codebook.correctable_beside(fit.silent, best)
-    likeliest, _ = likeliest_beyond(evidence, codebook.white[best], correctable)
-    return fit.likelihood[0] - likeliest + prior_odds_of_word(codebook) - _log_patterns(fit.silent)
+    correctable = codebook.correctable_beside(fit.erased, best)
+    likelihood, _ = likeliest_far_pattern(evidence, codebook.white[best], correctable)
+    return fit.likelihood[0] - likelihood + prior_odds_of_codeword(codebook) - _log_patterns(fit.erased)
 
 
-def _log_patterns(silent: Mask | None) -> float:
-    """Log of how many patterns `silent` (cells,) may be."""
-    return 0.0 if silent is None else int(np.count_nonzero(silent)) * math.log(2)
+def _log_patterns(erased: Mask | None) -> float:
+    """Log of how many patterns `erased` (cells,) may be."""
+    return 0.0 if erased is None else int(np.count_nonzero(erased)) * math.log(2)
 
 
 def odds_against_negative(of_negative: float, codebook: Codebook, of_word: float) -> float:
@@ -109,7 +109,7 @@ def odds_against_negative(of_negative: float, codebook: Codebook, of_word: float
     """
     if codebook.spec.phase == "antiphase":
         return math.inf
-    return of_word - of_negative + prior_odds_of_word(codebook)
+    return of_word - of_negative + prior_odds_of_codeword(codebook)
 
 
 def odds_against_one_class(fit: Fit, codebook: Codebook) -> float:
@@ -118,7 +118,7 @@ def odds_against_one_class(fit: Fit, codebook: Codebook) -> float:
     So is a lamp that is switched, or a panel whose driver has failed. Where cells are as high as bright bands, whole
     rows of them are dark, and a word that says so where they are outshines patterns that are like it.
     """
-    return fit.likelihood[0] - fit.one_class + prior_odds_of_word(codebook)
+    return fit.likelihood[0] - fit.one_class + prior_odds_of_codeword(codebook)
 
 
 def odds_against_one_light(fit: Fit, samples: CellSamples, frame: Frame, codebook: Codebook) -> float:
@@ -135,13 +135,13 @@ def odds_against_one_light(fit: Fit, samples: CellSamples, frame: Frame, codeboo
     likelihood = [-math.inf]
     for one_hz, other_hz in zip(tried[::2], tried[1::2], strict=False):
         lights = replace(spec, black_hz=one_hz, white_hz=other_hz, phase="free")
-        looked = first_look(samples, frame, lights, all_alike, as_deep)
+        looked = first_pass(samples, frame, lights, all_alike, as_deep)
         if not isinstance(looked, Rejected):
             likelihood.append(looked[1].likelihood[0])
-    return fit.likelihood[0] - float(np.max(likelihood)) + prior_odds_of_word(codebook)
+    return fit.likelihood[0] - float(np.max(likelihood)) + prior_odds_of_codeword(codebook)
 
 
-def odds_by_either_belief(
+def odds_under_either_estimate(
     first: tuple[Evidence, Fit],
     second: tuple[Evidence, Fit],
     samples: CellSamples,
@@ -158,14 +158,14 @@ def odds_by_either_belief(
     """
     (evidence, fit), (own, refit) = first, second
     word, ids, odds = codebook.white[refit.words[0]], codebook.ids, math.inf
-    likelihood, far = likeliest_beyond(evidence, word, NEIGHBOURS)
-    rivals = [(far, prior_odds_of_word(codebook) - _log_patterns(fit.silent))] if likelihood != -math.inf else []
+    likelihood, far = likeliest_far_pattern(evidence, word, NEIGHBOURS)
+    rivals = [(far, prior_odds_of_codeword(codebook) - _log_patterns(fit.erased))] if likelihood != -math.inf else []
     rivals += [(codebook.white[other], 0.0) for other in fit.words if ids[other] != ids[refit.words[0]]][:1]
     for rival, before in rivals:
         if before + _lead(word, rival, evidence) >= needed:
             continue
-        believed = believed_bands(samples, frame, codebook.spec, rival > 0, likeliest(evidence, rival[None]).bands)
-        theirs = single_evidence(samples, frame, codebook.spec, believed=believed)
+        estimate = estimate_bands(samples, frame, codebook.spec, rival > 0, rank_codewords(evidence, rival[None]).bands)
+        theirs = single_evidence(samples, frame, codebook.spec, estimate=estimate)
         if isinstance(theirs, Rejected):
             return -math.inf
         odds = _least(odds, before + 0.5 * (_lead(word, rival, own) + _lead(word, rival, theirs)))
@@ -174,12 +174,12 @@ def odds_by_either_belief(
 
 def _lead(word: Singles, rival: Singles, evidence: Evidence) -> float:
     """Log-likelihood ratio of a word to a rival (cells,), each with the bands that fit it best."""
-    both = likeliest(evidence, np.stack([word, rival]))
+    both = rank_codewords(evidence, np.stack([word, rival]))
     lead = both.likelihood[0] - both.likelihood[1]
     return lead if both.words[0] == 0 else -lead
 
 
-def prior_odds_of_word(codebook: Codebook) -> float:
+def prior_odds_of_codeword(codebook: Codebook) -> float:
     """Log odds, beforehand, of one word against one pattern that is none, where words and others are as frequent."""
     alike = 2 if codebook.spec.phase == "antiphase" else 1  # a pattern and its negative are one
     return _prior_odds(*codebook.white.shape, alike)

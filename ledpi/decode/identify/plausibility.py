@@ -48,11 +48,11 @@ def is_consistent(evidence: Evidence, fit: Fit, lead: float, *, exact: bool) -> 
     blinks as theirs does. Then a word leaves no more than noise, and is held to that as where bands are deep. (Of
     panels at 450 µs to 2 ms and 1 to 3 m 31 nats more at most, and mostly less than 15.)
     """
-    silent = 0 if fit.silent is None else int(np.count_nonzero(fit.silent))
-    freedom = (len(fit.gain) - silent - 1) * len(evidence.prior)
+    erased = 0 if fit.erased is None else int(np.count_nonzero(fit.erased))
+    freedom = (len(fit.gain) - erased - 1) * len(evidence.prior)
     of_word = fit.likelihood[0]
     if is_deep_anywhere(evidence.prior):
-        return fit.of_cells - of_word < lead and of_word > MIN_EXPLAINED * evidence.left
+        return fit.of_cells - of_word < lead and of_word > MIN_EXPLAINED * evidence.residual
     misfit, by_noise = fit.of_cells - (of_word + _of_open_bands(evidence, fit)), 0.5 * freedom
     if exact and not misfit < by_noise + lead:
         return False
@@ -73,11 +73,11 @@ def all_rows_blink(fit: Fit) -> bool:
 
     A lattice that lies a row or a column off takes what is beside the panel for cells. These do not blink, or are dark
     but for one that reaches into the panel; and the others may be the better part of another word. So at the rim fewer
-    than half of a row may be silent.
+    than half of a row may be erased.
     """
     side = math.isqrt(len(fit.gain))
-    if fit.silent is not None:
-        silent = fit.silent.reshape(side, side)
-        if any(2 * np.count_nonzero(end) >= side for end in (silent[0], silent[-1], silent[:, 0], silent[:, -1])):
+    if fit.erased is not None:
+        erased = fit.erased.reshape(side, side)
+        if any(2 * np.count_nonzero(end) >= side for end in (erased[0], erased[-1], erased[:, 0], erased[:, -1])):
             return False
     return fit.weakest_row > -MOST_AGAINST

@@ -1,28 +1,28 @@
-"""Which of a frame's sightings can all be true: a panel is in one place, and shows one ID."""
+"""Which of a frame's detections can all be true: a panel is in one place, and shows one ID."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 
 from ledpi.core.geometry import quad_middle
-from ledpi.core.records import Rejected, Sighting
+from ledpi.core.records import Detection, Rejected
 
-SAME_PLACE = Rejected(stage="identify", reason="same_panel_twice")
-SAME_ID = Rejected(stage="identify", reason="same_id_twice")
+SAME_PLACE = Rejected(stage="suppression", reason="same_panel")
+SAME_ID = Rejected(stage="suppression", reason="same_id")
 
 
-def one_of_each(sightings: Iterable[Sighting]) -> tuple[list[Sighting], list[tuple[Sighting, Rejected]]]:
-    """The surest sighting of each panel, and what was dropped. An ID that is in two places at once is in neither."""
-    kept: list[Sighting] = []
+def suppress_duplicates(detections: Iterable[Detection]) -> tuple[list[Detection], list[tuple[Detection, Rejected]]]:
+    """The surest detection of each panel, and what was dropped. An ID that is in two places at once is in neither."""
+    kept: list[Detection] = []
     places: list[list[list[float]]] = []  # of those
-    dropped: list[tuple[Sighting, Rejected]] = []
-    for sighting in sorted(sightings, key=lambda s: -s.margin):
-        corners = sighting.corners_px.tolist()
+    dropped: list[tuple[Detection, Rejected]] = []
+    for detection in sorted(detections, key=lambda s: -s.margin):
+        corners = detection.corners_px.tolist()
         x, y = quad_middle(corners)
         if any(_inside(x, y, other) for other in places):
-            dropped.append((sighting, SAME_PLACE))
+            dropped.append((detection, SAME_PLACE))
         else:
-            kept.append(sighting)
+            kept.append(detection)
             places.append(corners)
     ids = [s.id for s in kept]
     dropped += [(s, SAME_ID) for s in kept if ids.count(s.id) > 1]

@@ -19,7 +19,7 @@ from ledpi.markers.codewords import Bits
 Complexes = NDArray[np.complex128]
 
 SEARCH_FRAMES = 60  # enough to find the waves; all frames then refine them
-WORDS_AT_ONCE = 256  # bounds the memory of the search
+CODEWORDS_AT_ONCE = 256  # bounds the memory of the search
 MIN_MOVEMENT = 0.02  # share of a wave's power that the frames' mean must leave, for it to be searched
 STEPS_PER_CYCLE = 4  # of a search's grid: a cycle over all frames that are searched, or over all rows
 
@@ -60,7 +60,7 @@ class Waves:
     cycles_per_row: Floats  # (waves,)
 
 
-def find_word(panel: PanelLight, words: Bits, waves: Sequence[Waves]) -> tuple[int, list[int]]:
+def find_codeword(panel: PanelLight, words: Bits, waves: Sequence[Waves]) -> tuple[int, list[int]]:
     """Index of the likeliest word, and which of each of the panel's `waves` (`decode.classes`) it shows.
 
     The log-likelihood ratio of a wave with free amplitude and phase is |Σ_c s_c·S_c|²/(σ²·V): S_c the light's deviation
@@ -74,8 +74,8 @@ def find_word(panel: PanelLight, words: Bits, waves: Sequence[Waves]) -> tuple[i
         spectrum = spectrum_of(change, seconds, rows, candidates)
         moved = moved_share(seconds, candidates.frequency_hz)
         power = np.where(moved > MIN_MOVEMENT, moved, np.inf)
-        for start in range(0, len(words), WORDS_AT_ONCE):
-            some = slice(start, start + WORDS_AT_ONCE)
+        for start in range(0, len(words), CODEWORDS_AT_ONCE):
+            some = slice(start, start + CODEWORDS_AT_ONCE)
             own = shares[some, :, k]
             light = np.maximum(np.square(own) @ still.sum(axis=1), 1e-9)
             ratio = np.abs(own @ spectrum) ** 2 / (light[:, None] * power)

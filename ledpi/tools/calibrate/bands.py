@@ -20,7 +20,7 @@ import numpy as np
 
 from ledpi.core.records import Floats
 from ledpi.markers.codewords import Bits
-from ledpi.tools.calibrate.band_search import STEPS_PER_CYCLE, PanelLight, Waves, changes, find_word, spectrum_of
+from ledpi.tools.calibrate.band_search import STEPS_PER_CYCLE, PanelLight, Waves, changes, find_codeword, spectrum_of
 
 PART_FRAMES = 30  # half a second, within which an RC oscillator is steady enough
 MAX_WANDER = 0.005  # of the frequency, to either side, from part to part
@@ -60,13 +60,13 @@ class Measured:
     white: ClassBands
 
 
-def measure_word(panel: PanelLight, words: Bits, waves: Sequence[Waves]) -> Measured:
+def measure_codeword(panel: PanelLight, words: Bits, waves: Sequence[Waves]) -> Measured:
     """The likeliest of `words` (W, cells; True is white) and how its classes blink, each certain or not.
 
     `waves` are candidates for black's and for white's; of a panel in antiphase for the one, which either class is then
     measured for by itself.
     """
-    word, likeliest = find_word(panel, words, waves)
+    word, likeliest = find_codeword(panel, words, waves)
     of_black, of_white = (
         _measure_steady(panel, cells, float(own.frequency_hz[index]), float(own.cycles_per_row[index]))
         for cells, own, index in (

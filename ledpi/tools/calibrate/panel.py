@@ -17,7 +17,7 @@ from ledpi.core.errors import CalibrationError
 from ledpi.core.records import PanelSpec, Phase
 from ledpi.markers.codewords import Dictionary
 from ledpi.tools.calibrate.band_search import PanelLight, Waves, search_step_hz
-from ledpi.tools.calibrate.bands import CLOCK_SIGMA, ClassBands, measure_word
+from ledpi.tools.calibrate.bands import CLOCK_SIGMA, ClassBands, measure_codeword
 from ledpi.tools.panel.frequencies import null_share
 
 SEARCH = 0.15  # of the announced frequency, to either side: more than an RC oscillator is off
@@ -72,8 +72,8 @@ def measure_panel(
     row_time_s = row_time_us * 1e-6
     spans = search_ranges(announced)
     waves = [_waves(light, span, row_time_s) for span in spans]
-    words = dictionary.turned_words().reshape(4 * len(dictionary.words), -1)
-    found = measure_word(light, words, waves)
+    words = dictionary.rotated_codewords().reshape(4 * len(dictionary.words), -1)
+    found = measure_codeword(light, words, waves)
     if not (found.black.certain and found.white.certain):
         names = ("black", "white") if announced.phase == "free" else ("both classes",)
         sought = [f"{low:.0f} and {high:.0f} Hz ({name})" for name, (low, high) in zip(names, spans, strict=True)]

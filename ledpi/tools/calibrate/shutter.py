@@ -12,7 +12,7 @@ from ledpi.core.errors import CalibrationError
 from ledpi.core.records import PanelSpec
 from ledpi.markers.codewords import Dictionary
 from ledpi.tools.calibrate.band_search import STEPS_PER_CYCLE, PanelLight, Waves, moved_share, search_step_hz
-from ledpi.tools.calibrate.bands import CLOCK_SIGMA, ClassBands, measure_word
+from ledpi.tools.calibrate.bands import CLOCK_SIGMA, ClassBands, measure_codeword
 
 ROW_TIMES_US = (8.0, 80.0)  # of any camera that this is for: 480 rows in 4 to 38 ms
 CRYSTAL = 300e-6  # by how much a crystal and the camera's clock may disagree, as a share
@@ -63,8 +63,8 @@ def measure_shutter(
     Bands fix ν = f·t_row in cycles a row, so t_row = ν/f. The frames' interval over their number of rows says the same
     far more sharply, and is taken where the bands bear it out: a scaled picture has other rows than the sensor.
     """
-    words = dictionary.turned_words().reshape(4 * len(dictionary.words), -1)
-    found = measure_word(light, words, [_waves(light, hz) for hz in crystal.waves_hz])
+    words = dictionary.rotated_codewords().reshape(4 * len(dictionary.words), -1)
+    found = measure_codeword(light, words, [_waves(light, hz) for hz in crystal.waves_hz])
     classes = ((found.black, crystal.black_hz), (found.white, crystal.white_hz))
     sure = [bands for bands, hz in classes if bands.certain and _is_crystal(bands, hz)]
     # Bands that stand still from frame to frame are uncertain; those of the other class are enough for the row time.

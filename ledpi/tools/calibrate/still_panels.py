@@ -88,8 +88,8 @@ def reads(frames: Sequence[Frame], pipeline: Pipeline, marker_id: int, corners_p
     """Whether the decoder reads `marker_id` at this place in any of the frames."""
     for frame in frames:
         for marker in pipeline.decode(frame).markers:
-            away = marker.sighting.corners_px.mean(axis=0) - corners_px.mean(axis=0)
-            if marker.sighting.id == marker_id and np.hypot(*away) < SAME_PLACE * _side_px(corners_px):
+            away = marker.detection.corners_px.mean(axis=0) - corners_px.mean(axis=0)
+            if marker.detection.id == marker_id and np.hypot(*away) < SAME_PLACE * _side_px(corners_px):
                 return True
     return False
 
@@ -108,7 +108,7 @@ def steady_seconds(frames: Sequence[Frame]) -> tuple[Floats, float]:
 def _squares(frame: Frame, pipeline: Pipeline) -> list[Floats]:
     trace = Trace()
     pipeline.decode(frame, trace)
-    return [look.quad.corners_px for look in trace.looks]
+    return [square.quad.corners_px for square in trace.squares]
 
 
 def _same_place(corners: Floats, others: list[Floats]) -> Floats | None:

@@ -9,8 +9,8 @@ from ledpi.config.robot import load_robot, strangers_note
 from ledpi.config.settings import SEARCH_PATH, Config, PanelSettings
 from ledpi.core.errors import LedpiError, WireError
 from ledpi.core.wording import counted
-from ledpi.markers.dictionaries import load_dictionary
 from ledpi.markers.codewords import as_ranges
+from ledpi.markers.dictionaries import load_dictionary
 from ledpi.tools.doctor import camera, machine
 from ledpi.tools.doctor.finding import Finding, bad, ok, unknown
 

@@ -11,8 +11,8 @@ import numpy as np
 
 from ledpi.config.settings import PanelSettings
 from ledpi.core.records import Floats, Phase
-from ledpi.markers.dictionaries import load_dictionary
 from ledpi.markers.codewords import Bits, Dictionary
+from ledpi.markers.dictionaries import load_dictionary
 from ledpi.simulate.scene import Light, Panel, SimulatedSensor, SquareWave
 from ledpi.simulate.trajectory import Still
 from ledpi.tools.evaluate.placing import Placer, turned_from_sight
@@ -187,7 +187,7 @@ def _part_of(panel: Panel, rng: np.random.Generator) -> Panel:
 
 def _distance(word: Bits, dictionary: Dictionary, phase: Phase) -> int:
     """Cells that differ from the nearest word, however that is turned; in antiphase, from the nearest negative, too."""
-    differ = (dictionary.turned_words() != word).sum(axis=(2, 3))
+    differ = (dictionary.rotated_codewords() != word).sum(axis=(2, 3))
     return int(differ.min() if phase == "free" else np.minimum(differ, word.size - differ).min())
 
 

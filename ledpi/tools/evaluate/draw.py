@@ -209,7 +209,7 @@ def brightness_of(peak_level: float, spec: PanelSpec, sensor: SimulatedSensor) -
 
 def _as_built(spec: PanelSpec, variation: Variation, extra: np.random.Generator) -> PanelSpec:
     off = 1.0 + variation.oscillator_error * extra.choice((-1.0, 1.0), 2)
-    return spec.at([hz * own for hz, own in zip(spec.waves_hz, off.tolist(), strict=False)])
+    return spec.retune([hz * own for hz, own in zip(spec.waves_hz, off.tolist(), strict=False)])
 
 
 def _camera_motion(variation: Variation, sensor: SimulatedSensor, extra: np.random.Generator) -> Trajectory:

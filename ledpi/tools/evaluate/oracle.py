@@ -1,4 +1,4 @@
-"""What is read by who is told the true corners: the same evidence and words, without having to locate anything."""
+"""What is read with the true corners given: the same evidence and words, without having to locate anything."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ledpi.tools.evaluate.reading import Found, Read
 CORNER_SIGMA_PX = 0.01  # of true corners
 
 
-def read_told(
+def read_with_oracle(
     views: Sequence[tuple[Frame, Floats]], lens: Intrinsics | None, dictionary: str, spec: PanelSpec
 ) -> list[int | None]:
     """The ID that a panel shows in each frame, by all frames until then; None where that does not suffice.
@@ -34,23 +34,25 @@ def read_told(
         if isinstance(samples, Rejected):
             read.append(None)
             continue
-        memory, _ = memory.after(samples, frame)
-        word: soft.Reading | Rejected
+        memory, _ = memory.add_frame(samples, frame)
+        codeword: decision.Reading | Rejected
         if memory.frames == 1:
-            word = soft.read_word(samples, frame, book, soft.FALSE_ID_RATE)
+            codeword = decision.read_codeword(samples, frame, book, decision.FALSE_ID_RATE)
         else:
             evidence = memory.evidence()
-            word = soft.decide(evidence, book, soft.FALSE_ID_RATE) if isinstance(evidence, Evidence) else evidence
-        read.append(None if isinstance(word, Rejected) or word.quarter_turns else word.id)
+            codeword = (
+                decision.decide(evidence, book, decision.FALSE_ID_RATE) if isinstance(evidence, Evidence) else evidence
+            )
+        read.append(None if isinstance(codeword, Rejected) or codeword.quarter_turns else codeword.id)
     return read
 
 
-def told_reads(
+def oracle_reads(
     views: Sequence[tuple[Frame, Floats]], lens: Intrinsics | None, dictionary: str, spec: PanelSpec
 ) -> list[Read]:
-    """`read_told`, as any other method's readings: at the true corners, the time shared out over the frames."""
+    """`read_with_oracle`, as any other method's readings: at the true corners, the time shared out over the frames."""
     start = time.perf_counter()
-    read = read_told(views, lens, dictionary, spec)
+    read = read_with_oracle(views, lens, dictionary, spec)
     milliseconds = 1e3 * (time.perf_counter() - start) / len(views)
     found = [
         () if marker_id is None else (Found(id=marker_id, corners_px=corners_px, pose=None),)
@@ -61,5 +63,5 @@ def told_reads(
 
 @lru_cache(maxsize=8)
 def _codebook(dictionary: str, spec: PanelSpec) -> Codebook:
-    words = load_dictionary(dictionary)
-    return Codebook.build(list(words.readable_ids(spec.phase)), words, spec)
+    codewords = load_dictionary(dictionary)
+    return Codebook.build(list(codewords.readable_ids(spec.phase)), codewords, spec)

@@ -19,10 +19,14 @@ from ledpi.pipeline.trace import Dropped, Trace
 from ledpi.pose.planar import solve_square
 from ledpi.tools.evaluate.prints import APRILTAG
 
-Method = Literal["bands", "soft", "stream", "aruco", "apriltag", "ledpi", "told"]
-METHODS: tuple[Method, ...] = ("bands", "soft", "stream", "aruco", "apriltag")
-WILD_METHODS: tuple[Method, ...] = ("ledpi", "told", "aruco")  # soft or stream as the row asks; told the true corners
-PanelMethod = Literal["bands", "soft", "stream"]
+Method = Literal["uemura", "likelihood", "stream", "aruco", "apriltag", "ledpi", "oracle"]
+METHODS: tuple[Method, ...] = ("uemura", "likelihood", "stream", "aruco", "apriltag")
+WILD_METHODS: tuple[Method, ...] = (
+    "ledpi",
+    "oracle",
+    "aruco",
+)  # likelihood or stream as the row asks; oracle: true corners given
+PanelMethod = Literal["uemura", "likelihood", "stream"]
 PANEL_METHODS: tuple[PanelMethod, ...] = get_args(PanelMethod)
 PRINTED: tuple[Method, ...] = ("aruco", "apriltag")
 
@@ -55,14 +59,14 @@ class PanelReader:
         method: PanelMethod,
         camera: CameraInfo,
         panels: PanelSettings,
-        shown: PanelValues | None = None,
+        source_panel: PanelValues | None = None,
     ) -> None:
         self._pipeline = Pipeline(
             camera,
             panels,
             intrinsics=camera.intrinsics,
-            shown=shown,
-            method="bands" if method == "bands" else "soft",
+            source_panel=source_panel,
+            method="uemura" if method == "uemura" else "likelihood",
             stream=method == "stream",
         )
 
@@ -72,8 +76,8 @@ class PanelReader:
         decoded = self._pipeline.decode(frame, trace)
         found = tuple(
             Found(
-                id=m.sighting.id,
-                corners_px=m.sighting.corners_px,
+                id=m.detection.id,
+                corners_px=m.detection.corners_px,
                 pose=m.solution.camera_from_marker if m.solution is not None else None,
             )
             for m in decoded.markers

@@ -106,7 +106,7 @@ def _frame(recording: Recording, index: int) -> Frame:
 def _expected(recording: Recording, frame: Frame, marker_id: int) -> list[Expected]:
     if recording.truth is None:
         return [Expected(id=marker_id)]
-    return [Expected.of(truth) for truth in recording.truth.get(frame.seq, ())]
+    return [Expected.from_truth(truth) for truth in recording.truth.get(frame.seq, ())]
 
 
 def rows_of_recordings(records: Iterable[dict[str, Any]]) -> list[TableRow]:

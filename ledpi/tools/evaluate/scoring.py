@@ -31,7 +31,7 @@ class Expected:
     optional: bool = False  # only partly in view: may be read or not
 
     @classmethod
-    def of(cls, truth: TruthMarker) -> Self:
+    def from_truth(cls, truth: TruthMarker) -> Self:
         """What a recording's truth, or the simulator's, says of one panel."""
         return cls(id=truth.id, corners_px=truth.corners_px, pose=truth.camera_from_marker, optional=truth.optional)
 

@@ -107,7 +107,7 @@ def _yaw_deg(row: str, share: float) -> float:
 
 def _as_built(spec: PanelSpec, rng: np.random.Generator) -> PanelSpec:
     off = 1.0 + 1e-6 * CRYSTAL_PPM * rng.uniform(-1.0, 1.0, len(spec.waves_hz))
-    return spec.at([hz * own for hz, own in zip(spec.waves_hz, off.tolist(), strict=True)])
+    return spec.retune([hz * own for hz, own in zip(spec.waves_hz, off.tolist(), strict=True)])
 
 
 def _gains(values: dict[str, float], n: int, rng: np.random.Generator) -> Floats:

@@ -105,7 +105,7 @@ class Proposal:
         """The share of what the decoder needs, 1 at most, in each case."""
         return [min(1.0, nats / ENOUGH_NATS) for nats in (*self.alone, *self.stream)]
 
-    def never_tells_less_than(self, other: Proposal) -> bool:
+    def is_never_worse_than(self, other: Proposal) -> bool:
         """Whether there is no case in which the decoder would be better off with `other`."""
         return all(own >= others - _SAME for own, others in zip(self.worth(), other.worth(), strict=True))
 
@@ -238,6 +238,6 @@ def ranked(
 
     def place(p: Proposal) -> tuple[bool, bool, float]:
         frozen = task.least_advance(p.black_hz, p.white_hz, p.frame_length_rows) < FROZEN_CYCLES
-        return frozen, not p.never_tells_less_than(present), -sum(p.worth())
+        return frozen, not p.is_never_worse_than(present), -sum(p.worth())
 
     return sorted(tried(), key=place)

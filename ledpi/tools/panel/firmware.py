@@ -123,7 +123,7 @@ def _check_apart(spec: PanelSpec, scan_time_s: float) -> None:
         )
 
 
-def word_number(word: Bits) -> int:
+def codeword_number(word: Bits) -> int:
     """Bit k is cell k, row by row from the top left; 1 is class white."""
     return sum(1 << k for k, white in enumerate(word.ravel()) if white)
 
@@ -140,7 +140,7 @@ def settings_text(firmware: Firmware) -> str:
     if firmware.build is Build.SIXTEEN_CELLS:
         # Below 0x8000, so that no half-written record in the EEPROM passes for a whole one.
         build_key = zlib.crc32(dictionary.words.tobytes(), firmware.marker_id) & 0x7FFF
-        words = [f"0x{word_number(word):04X}" for word in dictionary.words]
+        words = [f"0x{codeword_number(word):04X}" for word in dictionary.words]
         rows = [", ".join(words[i : i + 10]) for i in range(0, len(words), 10)]
         lines += [
             f"#define DEFAULT_ID {firmware.marker_id} /* of {dictionary.name} */",

@@ -10,8 +10,8 @@ import numpy as np
 from ledpi.core.geometry import first_at_top_left
 from ledpi.core.records import Floats, Frame, MarkerPose, Pixels, Quad, Rejected
 from ledpi.decode.cells import CellSamples, sample_cells
-from ledpi.markers.dictionaries import load_dictionary
 from ledpi.markers.codewords import Bits
+from ledpi.markers.dictionaries import load_dictionary
 from ledpi.tools.snapshot.drawing import BACKGROUND, CELL_SHARE, DIM, DROPPED, TEXT, Canvas, draw_cells, text, text_size
 from ledpi.tools.snapshot.record import Snapshot
 
@@ -34,11 +34,11 @@ class Block:
 def blocks_of(snapshot: Snapshot) -> list[Block]:
     """The panels, surest first, then what came as far as its cells, largest first."""
     blocks = []
-    for marker in sorted(snapshot.decoded.markers, key=lambda m: -m.sighting.margin):
-        sighting = marker.sighting
-        title = f"ID {sighting.id}   {_place(marker)}   margin {sighting.margin:.0f}"
-        blocks.append(Block(corners_px=sighting.corners_px, title=title, word=snapshot.word(sighting.id)))
-    near = [d for d in snapshot.dropped if d.why.stage in ("soft", "bands")]
+    for marker in sorted(snapshot.decoded.markers, key=lambda m: -m.detection.margin):
+        detection = marker.detection
+        title = f"ID {detection.id}   {_place(marker)}   margin {detection.margin:.0f}"
+        blocks.append(Block(corners_px=detection.corners_px, title=title, word=snapshot.word(detection.id)))
+    near = [d for d in snapshot.dropped if d.why.stage in ("identify", "uemura")]
     for dropped in sorted(near, key=lambda d: -cv2.contourArea(d.corners_px.astype(np.float32))):
         corners = np.roll(dropped.corners_px, -first_at_top_left(dropped.corners_px), axis=0)
         blocks.append(Block(corners_px=corners, title=dropped.why.key, word=None))
@@ -84,7 +84,7 @@ def _seen_tile(block: Block, frame: Frame) -> Pixels:
 
 def _samples(block: Block, snapshot: Snapshot) -> CellSamples | Rejected:
     n = load_dictionary(snapshot.panels.dictionary).cells_per_side
-    # How far the lens bends the sides is not kept with a sighting; 1 px has the bend looked at.
+    # How far the lens bends the sides is not kept with a detection; 1 px has the bend looked at.
     quad = Quad(corners_px=block.corners_px, corner_sigma_px=0.0, bend_px=1.0)
     return sample_cells(snapshot.frame, quad, n, snapshot.intrinsics)
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 from ledpi.config.settings import PanelSettings
 from ledpi.core.records import Decoded, Frame, Intrinsics
-from ledpi.markers.dictionaries import load_dictionary
 from ledpi.markers.codewords import Bits
+from ledpi.markers.dictionaries import load_dictionary
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.pipeline.trace import Dropped, Trace
 

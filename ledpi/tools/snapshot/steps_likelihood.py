@@ -8,10 +8,10 @@ import numpy as np
 from ledpi.core.geometry import first_at_top_left
 from ledpi.core.records import Floats
 from ledpi.decode.evidence.evidence import Evidence
+from ledpi.decode.identify.codewords import class_flip_gain
 from ledpi.decode.identify.decision import Reading
-from ledpi.decode.identify.codewords import gain_by_other_class
 from ledpi.markers.codewords import Bits
-from ledpi.pipeline.trace import Look
+from ledpi.pipeline.trace import SquareTrace
 from ledpi.tools.snapshot.drawing import (
     BACKGROUND,
     BLACK_CLASS,
@@ -28,48 +28,48 @@ from ledpi.tools.snapshot.enlarged import bands_tile, blank, cells_tile
 from ledpi.tools.snapshot.record import Snapshot
 from ledpi.tools.snapshot.tiles import Row, Tile, tile_width, view_of
 
-MOST_LOOKS = 3
+MAX_SQUARES = 3
 FULL_COLOUR_NATS = 7.0  # odds of a thousand to one
 
 
-def soft_rows(snapshot: Snapshot) -> list[Row]:
+def likelihood_rows(snapshot: Snapshot) -> list[Row]:
     """The frame and its candidates; then a row for each square, those that were read first, then the largest."""
-    looks = sorted(snapshot.trace.looks, key=lambda look: (isinstance(look.reading, Reading), _area(look)))
-    return [_found(snapshot), *(_row(look, snapshot) for look in looks[: -MOST_LOOKS - 1 : -1])]
+    squares = sorted(snapshot.trace.squares, key=lambda square: (isinstance(square.reading, Reading), _area(square)))
+    return [_found(snapshot), *(_row(square, snapshot) for square in squares[: -MAX_SQUARES - 1 : -1])]
 
 
-def _area(look: Look) -> float:
-    return float(cv2.contourArea(look.quad.corners_px.astype(np.float32)))
+def _area(square: SquareTrace) -> float:
+    return float(cv2.contourArea(square.quad.corners_px.astype(np.float32)))
 
 
 def _found(snapshot: Snapshot) -> Row:
     view = view_of([], snapshot.frame.pixels.shape, tile_width(2))
-    seen, found = view.of(snapshot.frame.pixels), view.of(snapshot.frame.pixels)
+    seen, found = view.crop(snapshot.frame.pixels), view.crop(snapshot.frame.pixels)
     for candidate in snapshot.trace.candidates:
         outline(found, view.place(candidate.corners_px), DROPPED, 1)
-    for look in snapshot.trace.looks:
-        outline(found, view.place(look.quad.corners_px), TEXT, 2)
-    count = f"candidates: {len(snapshot.trace.candidates)}, squares: {len(snapshot.trace.looks)}"
+    for square in snapshot.trace.squares:
+        outline(found, view.place(square.quad.corners_px), TEXT, 2)
+    count = f"candidates: {len(snapshot.trace.candidates)}, squares: {len(snapshot.trace.squares)}"
     return Row(title="Where panels may be", tiles=(Tile(label="frame", picture=seen), Tile(label=count, picture=found)))
 
 
-def _row(look: Look, snapshot: Snapshot) -> Row:
+def _row(square: SquareTrace, snapshot: Snapshot) -> Row:
     """All tiles upright as in the frame, with whichever corner the quad begins."""
-    size, reading, turns = tile_width(4), look.reading, first_at_top_left(look.quad.corners_px)
-    n = look.samples.lattice.cells
-    bands, share = bands_tile(look.samples, size)
+    size, reading, turns = tile_width(4), square.reading, first_at_top_left(square.quad.corners_px)
+    n = square.samples.lattice.cells
+    bands, share = bands_tile(square.samples, size)
     tiles = [
-        Tile(label=f"refined square, ±{look.quad.corner_sigma_px:.2f} px", picture=_refined(look, snapshot, size)),
+        Tile(label=f"refined square, ±{square.quad.corner_sigma_px:.2f} px", picture=_refined(square, snapshot, size)),
         Tile(label=f"its bands: ±{100 * share:.1f} %", picture=np.ascontiguousarray(np.rot90(bands, turns))),
     ]
     if not isinstance(reading, Reading):
-        if isinstance(look.evidence, Evidence) and len(look.evidence.prior) == 4:  # in antiphase none says it alone
-            nats = np.rot90(alone_for_white(look.evidence).reshape(n, n), turns)
+        if isinstance(square.evidence, Evidence) and len(square.evidence.prior) == 4:  # in antiphase none says it alone
+            nats = np.rot90(class_alone(square.evidence).reshape(n, n), turns)
             tiles.append(Tile(label="evidence in nats, each cell alone", picture=_evidence(nats, size)))
         return Row(title=reading.key, tiles=tuple(tiles))
     word: Bits = np.rot90(snapshot.word(reading.id), -reading.quarter_turns)
-    if isinstance(look.evidence, Evidence):
-        nats = given_others_for_white(look.evidence, reading.cell_bands, word.ravel()).reshape(n, n)
+    if isinstance(square.evidence, Evidence):
+        nats = class_given_others(square.evidence, reading.cell_bands, word.ravel()).reshape(n, n)
         picture = _evidence(np.rot90(nats, turns), size)
         tiles.append(Tile(label="evidence in nats, given the other cells", picture=picture))
     tiles.append(Tile(label=f"word of ID {reading.id}, as seen", picture=cells_tile(np.rot90(word, turns), size)))
@@ -77,28 +77,28 @@ def _row(look: Look, snapshot: Snapshot) -> Row:
     return Row(title=f"ID {reading.id}   margin {reading.margin:.0f}   bands of {depth}", tiles=tuple(tiles))
 
 
-def _refined(look: Look, snapshot: Snapshot, size: int) -> Canvas:
+def _refined(square: SquareTrace, snapshot: Snapshot, size: int) -> Canvas:
     """The square and a little around it, upright as in the frame."""
-    low, high = look.quad.corners_px.min(axis=0), look.quad.corners_px.max(axis=0)
+    low, high = square.quad.corners_px.min(axis=0), square.quad.corners_px.max(axis=0)
     scale = size / (1.3 * float((high - low).max()))
     shift = size / 2 - scale * (low + high) / 2
     move = np.array([[scale, 0, shift[0]], [0, scale, shift[1]]])
     tile = cv2.warpAffine(snapshot.frame.pixels, move, (size, size), flags=cv2.INTER_NEAREST)
     tile = np.asarray(cv2.cvtColor(tile, cv2.COLOR_GRAY2BGR), np.uint8)
-    outline(tile, look.quad.corners_px * scale + shift, DROPPED, 1)
+    outline(tile, square.quad.corners_px * scale + shift, DROPPED, 1)
     return tile
 
 
-def given_others_for_white(evidence: Evidence, shown: Floats, word: Bits) -> Floats:
+def class_given_others(evidence: Evidence, cell_bands: Floats, word: Bits) -> Floats:
     """(cells,) by how much likelier all the light of a panel that was read is with this cell white than with it black.
 
-    `shown` (cells, P) are its bands, `word` (cells,) which cells it shows as white.
+    `cell_bands` (cells, P) are its bands, `word` (cells,) which cells it shows as white.
     """
-    gain = gain_by_other_class(evidence, shown)
+    gain = class_flip_gain(evidence, cell_bands)
     return np.asarray(np.where(word, -gain, gain))
 
 
-def alone_for_white(evidence: Evidence) -> Floats:
+def class_alone(evidence: Evidence) -> Floats:
     """(cells,) log-likelihood ratio of white to black in each cell by itself, depth and phase integrated out.
 
     Of two frequencies.
@@ -106,7 +106,7 @@ def alone_for_white(evidence: Evidence) -> Floats:
     nats = []
     for two in (slice(0, 2), slice(2, 4)):
         prior = np.diag(evidence.prior[two])
-        own = evidence.of_own_bands[:, two, two]
+        own = evidence.own_information[:, two, two]
         b = evidence.score[:, two]
         fitted = np.linalg.solve(own + np.linalg.inv(prior), b[..., None])[..., 0]
         nats.append(0.5 * ((b * fitted).sum(axis=1) - np.linalg.slogdet(np.eye(2) + prior @ own)[1]))

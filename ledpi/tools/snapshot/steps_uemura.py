@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from ledpi.core.geometry import unit_square_to
-from ledpi.core.records import Pixels, Rejected, Sighting
+from ledpi.core.records import Detection, Pixels, Rejected
 from ledpi.decode.uemura import BLACK_BAND, CELL_PX, WHITE_BAND, Square, Steps, local_mean
 from ledpi.tools.snapshot.drawing import BACKGROUND, BLACK_CLASS, DIM, DROPPED, TEXT, WHITE_CLASS, Canvas, outline, text
 from ledpi.tools.snapshot.record import Snapshot
@@ -17,11 +17,11 @@ DARK_BAND = 0.45  # of its class's colour, which a bright band has
 MOST_LINES = 7
 
 
-def bands_rows(snapshot: Snapshot) -> list[Row]:
+def uemura_rows(snapshot: Snapshot) -> list[Row]:
     """(a) to (d), and (e) to (g) with what came of it; around the panels that were read, else around all squares."""
     frame = snapshot.frame
-    steps = _most_telling(snapshot.trace.bands)
-    read = [square.framed_px for square in steps.squares if isinstance(square.result, Sighting)]
+    steps = _most_telling(snapshot.trace.uemura)
+    read = [square.framed_px for square in steps.squares if isinstance(square.result, Detection)]
     squares = [square.framed_px for square in steps.squares]
     view = view_of(read or squares, frame.pixels.shape, tile_width(4))
     black, white = steps.widths_rows
@@ -29,10 +29,10 @@ def bands_rows(snapshot: Snapshot) -> list[Row]:
         Row(
             title="From the frame to the class of each band",
             tiles=(
-                Tile(label="(a) to the eye: bands averaged", picture=view.of(_to_the_eye(frame.pixels, steps))),
-                Tile(label="(b) as captured", picture=view.of(frame.pixels)),
-                Tile(label="(c) brighter than the local mean", picture=view.of(steps.lit)),
-                Tile(label=f"(d) nearer {black:.1f} rows, or {white:.1f}", picture=view.of(_classes(steps))),
+                Tile(label="(a) to the eye: bands averaged", picture=view.crop(_to_the_eye(frame.pixels, steps))),
+                Tile(label="(b) as captured", picture=view.crop(frame.pixels)),
+                Tile(label="(c) brighter than the local mean", picture=view.crop(steps.lit)),
+                Tile(label=f"(d) nearer {black:.1f} rows, or {white:.1f}", picture=view.crop(_classes(steps))),
             ),
         ),
         Row(
@@ -49,7 +49,7 @@ def bands_rows(snapshot: Snapshot) -> list[Row]:
 
 def _most_telling(of_each_pair: list[Steps]) -> Steps:
     """The steps for the pair of frequencies under which most was read."""
-    return max(of_each_pair, key=lambda steps: sum(isinstance(s.result, Sighting) for s in steps.squares))
+    return max(of_each_pair, key=lambda steps: sum(isinstance(s.result, Detection) for s in steps.squares))
 
 
 def _to_the_eye(pixels: Pixels, steps: Steps) -> Pixels:
@@ -66,7 +66,7 @@ def _classes(steps: Steps) -> Canvas:
 
 
 def _squares(view: View, steps: Steps) -> Canvas:
-    tile = view.of(steps.white)
+    tile = view.crop(steps.white)
     for square in steps.squares:
         for x, y in view.place(square.corners_px).round().astype(int).tolist():
             cv2.circle(tile, (x, y), 3, DROPPED, cv2.FILLED, cv2.LINE_AA)
@@ -74,7 +74,7 @@ def _squares(view: View, steps: Steps) -> Canvas:
 
 
 def _framed(view: View, pixels: Pixels, steps: Steps) -> Canvas:
-    tile = view.of(pixels)
+    tile = view.crop(pixels)
     for square in steps.squares:
         inner, outer = (view.place(c).round().astype(np.int32) for c in (square.corners_px, square.framed_px))
         cv2.fillPoly(tile, [outer, inner], FRAME, cv2.LINE_AA)  # what lies within both is left as it is
