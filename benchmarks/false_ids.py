@@ -56,11 +56,11 @@ def looked_at(
 
 def panel_in(take: Take, squares: list[SquareTrace]) -> tuple[SquareTrace, Bits] | None:
     """The look at a take's panel, and what that shows as it is turned there; None where it was not found."""
-    true, word = scene_truth(take.scene, 0)[0].corners_px, take.scene.panels[0].word
+    true, codeword = scene_truth(take.scene, 0)[0].corners_px, take.scene.panels[0].codeword
     for square in squares:
         off = [np.abs(np.roll(true, turns, axis=0) - square.quad.corners_px).max() for turns in range(4)]
         if min(off) < 0.1 * np.linalg.norm(true[1] - true[0]):
-            return square, np.rot90(word, -int(np.argmin(off))).ravel()
+            return square, np.rot90(codeword, -int(np.argmin(off))).ravel()
     return None
 
 
@@ -72,23 +72,23 @@ def rates_met(frame: Frame, square: SquareTrace, codebook: Codebook) -> int:
     return len(RATES)
 
 
-def with_word(word: Bits, settings: PanelSettings) -> Codebook:
+def with_word(codeword: Bits, settings: PanelSettings) -> Codebook:
     """As of a dictionary of as many words as DICT_4X4_50, all others as far from this one as can be."""
-    far = np.repeat(~word[None], WORDS - 1, axis=0)
+    far = np.repeat(~codeword[None], WORDS - 1, axis=0)
     return Codebook(
         ids=np.array([0] + [1] * (WORDS - 1)),
         quarter_turns=np.zeros(WORDS, np.int64),
-        white=np.concatenate([word[None], far]).astype(np.float32),
+        white=np.concatenate([codeword[None], far]).astype(np.float32),
         correctable=1,
         spec=settings.spec(),
     )
 
 
-def changed(word: Bits, cells: int, most: int, rng: np.random.Generator) -> list[Bits]:
+def changed(codeword: Bits, cells: int, most: int, rng: np.random.Generator) -> list[Bits]:
     """Patterns that differ from a word in so many cells."""
     every = [list(each) for each in combinations(range(CELLS), cells)]
     chosen = rng.permutation(len(every))[:most]
-    return [word ^ np.isin(np.arange(CELLS), every[i]) for i in chosen.tolist()]
+    return [codeword ^ np.isin(np.arange(CELLS), every[i]) for i in chosen.tolist()]
 
 
 def print_distance(settings: PanelSettings, condition: Condition, takes: int, seed: int) -> None:
@@ -102,10 +102,10 @@ def print_distance(settings: PanelSettings, condition: Condition, takes: int, se
         if panel is None:
             own.append(0)
             continue
-        square, word = panel
-        own.append(rates_met(frame, square, with_word(word, settings)))
+        square, codeword = panel
+        own.append(rates_met(frame, square, with_word(codeword, settings)))
         for cells, met in others.items():
-            met += [rates_met(frame, square, with_word(each, settings)) for each in changed(word, cells, 120, rng)]
+            met += [rates_met(frame, square, with_word(each, settings)) for each in changed(codeword, cells, 120, rng)]
     for n, rate in enumerate(RATES):
         share = {cells: float(np.mean(np.array(met) > n)) for cells, met in others.items()}
         every = sum(CHANCES[cells] * share[cells] for cells in share)
@@ -116,7 +116,7 @@ def print_distance(settings: PanelSettings, condition: Condition, takes: int, se
 def print_decoys(settings: PanelSettings, condition: Condition, takes: int, seed: int) -> None:
     """A line for each rate."""
     dictionary = load_dictionary(settings.dictionary)
-    codebook = Codebook.build(list(range(len(dictionary.words))), dictionary, settings.spec())
+    codebook = Codebook.build(list(range(len(dictionary.codewords))), dictionary, settings.spec())
     met: list[int] = []
     for number in range(takes):
         _, frame, squares = looked_at(settings, condition, seed, number)

@@ -29,13 +29,15 @@ def sensor(lens: Intrinsics = LENS, *, psf_sigma_px: float = 0.7, exposure_us: f
 
 
 def panel(motion: Trajectory, *, marker_id: int = 7, look: PanelLook = FLAT, brightness: float = 0.4) -> Panel:
-    word = load_dictionary("DICT_4X4_50").word(marker_id)
-    return Panel(word=word, spec=SPEC, motion=motion, marker_id=marker_id, look=look, brightness=brightness)
+    word = load_dictionary("DICT_4X4_50").codeword(marker_id)
+    return Panel(codeword=word, spec=SPEC, motion=motion, marker_id=marker_id, look=look, brightness=brightness)
 
 
 def single_class_panel(motion: Trajectory, *, brightness: float = 0.4) -> Panel:
     """A decoy: all cells blink alike, so that every row of it is even."""
-    return Panel(word=np.ones((4, 4), bool), spec=SPEC, motion=motion, marker_id=None, look=FLAT, brightness=brightness)
+    return Panel(
+        codeword=np.ones((4, 4), bool), spec=SPEC, motion=motion, marker_id=None, look=FLAT, brightness=brightness
+    )
 
 
 def standing(
@@ -88,7 +90,7 @@ def light_by_counting(
         across = 4 * (on_plane[:, 0] / on_plane[:, 2] / only.spec.side_m + 0.5)
         down = 4 * (0.5 - on_plane[:, 1] / on_plane[:, 2] / only.spec.side_m)
         lit = (across >= 0) & (across < 4) & (down >= 0) & (down < 4)
-        white = only.word[down.astype(int).clip(0, 3), across.astype(int).clip(0, 3)]
+        white = only.codeword[down.astype(int).clip(0, 3), across.astype(int).clip(0, 3)]
         light += np.where(lit, np.where(white, on[1], on[0]), 0.0).reshape(len(columns), -1).mean(axis=1)
     return light / steps * only.brightness / only.spec.duty
 

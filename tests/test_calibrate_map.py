@@ -172,7 +172,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     words = load_dictionary("DICT_4X4_50")
     panels = tuple(
         Panel(
-            word=words.word(i),
+            codeword=words.codeword(i),
             spec=SPEC,
             motion=Still(facing_camera(np.array(place), yaw_deg=YAWS_DEG[i])),
             marker_id=i,

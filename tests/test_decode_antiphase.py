@@ -96,7 +96,7 @@ def test_between_a_word_and_anothers_negative_nothing_is_read() -> None:
     """ID 7 and the negative of ID 2 differ in two cells: a pattern that is one off either is neither, and nor are those
     two cells decided by anything but themselves.
     """
-    seven, not_two = word(7), ~DICTIONARY.word(2)
+    seven, not_two = word(7), ~DICTIONARY.codeword(2)
     differ = np.argwhere(seven != not_two)
     assert len(differ) == 2
     for cell in differ:
@@ -133,7 +133,7 @@ def test_words_that_are_each_others_negatives_are_not_looked_for() -> None:
     dictionary = load_dictionary("DICT_4X4_100")
     book = Codebook.build(list(range(100)), dictionary, ANTIPHASE)
     assert not {38, 69} & set(book.ids.tolist())
-    assert isinstance(shown(dictionary.word(38), codebook=book), str)
+    assert isinstance(shown(dictionary.codeword(38), codebook=book), str)
 
 
 def drawn_evidence(shown: Bits, seed: int) -> Evidence:

@@ -107,7 +107,7 @@ def test_where_no_cell_can_be_corrected_a_dead_one_is_still_erased() -> None:
     """Words of DICT_4X4_1000 differ in two cells; a dead one is seen as either class, and is no error."""
     settings = panel_settings("panels.dictionary=DICT_4X4_1000")
     path = Pipeline(camera_info(exposure_us=150.0), settings, intrinsics=PINHOLE, stream=False)
-    cells, read = load_dictionary("DICT_4X4_1000").words[700], []
+    cells, read = load_dictionary("DICT_4X4_1000").codewords[700], []
     for dead in range(16):
         gains = np.ones(16)
         gains[dead] = 0.02

@@ -236,7 +236,7 @@ def test_a_word_that_cannot_be_told_roughly_hides_none_after_it() -> None:
     evidence.information[0, 0, 0, 1] = evidence.information[0, 1, 0, 0] = 1e9
     poor, uninformative = np.ones(16, np.float32), np.zeros(16, np.float32)
     white = np.array([*[poor] * (SHORTLIST - 1), uninformative, own])
-    assert SHORTLIST in rank_codewords(evidence, white).words
+    assert SHORTLIST in rank_codewords(evidence, white).codewords
 
 
 @pytest.mark.parametrize("wall", [0.02, 0.1, 0.12, 0.2, 0.4])

@@ -56,7 +56,7 @@ CORNER_PX = 12.0
 
 def reader(dictionary: str = "DICT_4X4_50", spec: PanelSpec = SPEC) -> UemuraReader:
     known = load_dictionary(dictionary)
-    return UemuraReader(known, list(range(len(known.words))), spec)
+    return UemuraReader(known, list(range(len(known.codewords))), spec)
 
 
 def photograph(cells: Bits, corners: Floats = PLACE, **how: object) -> Frame:

@@ -187,7 +187,7 @@ def test_a_decoy_that_is_read_as_an_id_that_a_part_can_show_counts(monkeypatch: 
     """Of decoys every ID exists, whatever is configured: nobody is to miss that one is read as 17, say."""
     drawn = draw_take(PLAIN, UNIT.panels, 1, 0)
     (panel,) = drawn.scene.panels
-    shows_17 = replace(panel, word=load_dictionary("DICT_4X4_50").word(17), marker_id=None)
+    shows_17 = replace(panel, codeword=load_dictionary("DICT_4X4_50").codeword(17), marker_id=None)
     take = replace(drawn, scene=replace(drawn.scene, panels=(shows_17,)))
     monkeypatch.setattr(units_module, "draw_take", lambda *of: take)
     for unit in a_plan("decoys", "mirrored", "panels.ids=[7]").units():

@@ -200,7 +200,7 @@ def test_decoys_are_no_markers(kind: str) -> None:
 def test_patterns_of_decoys_are_no_words(kind: str, least: int) -> None:
     """So many cells at least differ from every word, however it is turned."""
     what = replace(condition("decoys", kind), distance_m=None, angle_deg=None)
-    words = [panel.word for number in range(20) for panel in take_of(what, number).scene.panels]
+    words = [panel.codeword for number in range(20) for panel in take_of(what, number).scene.panels]
     assert len(words) > 20
     assert all((word != WORDS).sum(axis=(2, 3)).min() >= least for word in words)
 
@@ -212,7 +212,7 @@ def test_without_its_dead_cell_a_decoy_still_is_two_cells_off() -> None:
     lit = [np.asarray(panel.cell_gains) > 0 for panel in shown]
     assert len(shown) > 20
     assert {int((~cells).sum()) for cells in lit} == {1}
-    assert all(((p.word != WORDS) & cells).sum(axis=(2, 3)).min() >= 2 for p, cells in zip(shown, lit, strict=True))
+    assert all(((p.codeword != WORDS) & cells).sum(axis=(2, 3)).min() >= 2 for p, cells in zip(shown, lit, strict=True))
 
 
 def test_a_hidden_strip_takes_up_to_12_percent_of_each_decoy() -> None:
@@ -312,7 +312,7 @@ def test_two_cells_that_a_second_look_found_to_be_as_it_believed() -> None:
     assert [marker.detection.id for marker in pipeline.decode(frame, trace).markers] == [22]
     dictionary = load_dictionary("DICT_4X4_50")
     book = Codebook.build(list(range(50)), dictionary, PANELS.spec())
-    other = dictionary.word(22).copy()
+    other = dictionary.codeword(22).copy()
     other.reshape(-1)[[7, 10]] ^= True  # row by row
     book.white[book.ids == 22] = [np.rot90(other, -turns).reshape(-1) for turns in range(4)]
     (look,) = (look for look in trace.squares if isinstance(look.reading, Reading))

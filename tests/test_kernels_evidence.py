@@ -163,9 +163,9 @@ def test_the_likeliest_words(spec: PanelSpec) -> None:
     likelihood, bands, covariance = word_log_likelihoods(evidence, white)
     order = np.argsort(-likelihood)
     fit, best = codewords.rank_codewords(evidence, white), order[0]
-    assert fit.words[:4] == order[:4].tolist()  # they are put on the list by what each cell tells by itself
-    assert len(fit.words) == codewords.SHORTLIST
-    np.testing.assert_allclose(fit.likelihood, likelihood[fit.words], rtol=1e-6)
+    assert fit.codewords[:4] == order[:4].tolist()  # they are put on the list by what each cell tells by itself
+    assert len(fit.codewords) == codewords.SHORTLIST
+    np.testing.assert_allclose(fit.likelihood, likelihood[fit.codewords], rtol=1e-6)
     assert fit.likelihood == sorted(fit.likelihood, reverse=True)
     np.testing.assert_allclose(fit.bands, bands[best], rtol=1e-6)
     np.testing.assert_allclose(fit.deviation, np.sqrt(np.diagonal(covariance[best])), rtol=1e-6)
@@ -255,7 +255,7 @@ def test_a_first_look_at_once(what: str) -> None:
     atol = 1e-5 * float(np.abs(steps.information).max())
     np.testing.assert_allclose(evidence.information, steps.information, atol=atol)
     assert evidence.residual == pytest.approx(steps.residual, rel=1e-5)
-    assert fit.words[0] == true_fit.codewords[0]
+    assert fit.codewords[0] == true_fit.codewords[0]
     assert fit.likelihood[0] == pytest.approx(true_fit.likelihood[0], rel=1e-4)
     assert (fit.erased is None) == (true_fit.erased is None) == (what != "unlit")
 
@@ -275,4 +275,4 @@ def test_a_short_list_of_words() -> None:
     evidence = single_evidence(samples, frame, SPEC)
     assert isinstance(evidence, Evidence)
     book = Codebook.build([7], load_dictionary("DICT_4X4_50"), SPEC)
-    assert sorted(codewords.rank_codewords(evidence, book.white).words) == [0, 1, 2, 3]
+    assert sorted(codewords.rank_codewords(evidence, book.white).codewords) == [0, 1, 2, 3]

@@ -32,7 +32,7 @@ EXPOSURES_US = [SHORT_US, 300.0, 640.0, 2000.0, TRUE_10_MS_US]
 
 
 def located(frame: Frame, near: Floats, lens: Intrinsics | None = None, cells: int = 4) -> Quad:
-    found = Locator(cells, (SPEC,), lens).at(frame, near)
+    found = Locator(cells, (SPEC,), lens).localise(frame, near)
     assert isinstance(found, Quad), reason(found)
     return found
 
@@ -284,7 +284,7 @@ def test_the_frequencies_that_explain_most_are_taken() -> None:
     canvas = Canvas(exposure_us=300.0)
     canvas.panel(true, word(7))
     for specs in ((SPEC, other), (other, SPEC)):
-        found = Locator(4, specs, None).at(canvas.frame(), true + 0.5)
+        found = Locator(4, specs, None).localise(canvas.frame(), true + 0.5)
         assert isinstance(found, Quad)
         assert rms(error_of(found, true)) < 0.1
 
@@ -298,19 +298,19 @@ def test_a_steady_lamp_is_refused_in_deep_bands(exposure_us: float) -> None:
     true = square(310, 240, 100, 10)
     canvas = Canvas(exposure_us=exposure_us)
     canvas.lamp(true)
-    assert reason(Locator(4, (SPEC,), None).at(canvas.frame(), true)) == "fit.no_bands"
+    assert reason(Locator(4, (SPEC,), None).localise(canvas.frame(), true)) == "fit.no_bands"
 
 
 def test_an_even_wall_is_refused() -> None:
     """Where nothing is, noise is not taken for a panel."""
-    assert isinstance(Locator(4, (SPEC,), None).at(Canvas().frame(), square(310, 240, 75)), Rejected)
+    assert isinstance(Locator(4, (SPEC,), None).localise(Canvas().frame(), square(310, 240, 75)), Rejected)
 
 
 def test_a_square_too_small_is_refused() -> None:
     """Seven pixels a side, of cells that are less than two."""
     canvas = Canvas()
     canvas.panel(square(310, 240, 7), word(7), profile=flat)
-    assert reason(Locator(4, (SPEC,), None).at(canvas.frame(), square(310, 240, 7))) == "fit.too_small"
+    assert reason(Locator(4, (SPEC,), None).localise(canvas.frame(), square(310, 240, 7))) == "fit.too_small"
 
 
 @pytest.mark.parametrize(

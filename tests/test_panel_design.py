@@ -172,9 +172,11 @@ def test_information_foretells_likelihood_ratios(near: View) -> None:
     """
     asked = task(1.4)
     spec = asked.spec(1250.0, 2450.0)
-    word = DICTIONARY.word(7)
+    word = DICTIONARY.codeword(7)
     lens = replace(ov5647_lens(), distortion=(0.0, 0.0, 0.0, 0.0, 0.0))
-    panel = Panel(word=word, spec=spec, motion=Still(facing_camera(np.array([0, 0, 1.4]), roll_deg=2.0)), marker_id=7)
+    panel = Panel(
+        codeword=word, spec=spec, motion=Still(facing_camera(np.array([0, 0, 1.4]), roll_deg=2.0)), marker_id=7
+    )
     scene = Scene(sensor=replace(asked.sensor, intrinsics=lens), panels=(panel,), room=Room(distance_m=2.0))
     renderer, corners = Renderer(scene, seed=5), scene_truth(scene, 0)[0].corners_px
     white = word.reshape(1, 16).astype(np.float32)

@@ -297,7 +297,7 @@ def test_a_recordings_own_panel_values_override_the_configurations() -> None:
 
 def test_panels_of_another_dictionary_are_read() -> None:
     """Six cells a side."""
-    words = load_dictionary("DICT_6X6_50").words
+    words = load_dictionary("DICT_6X6_50").codewords
     canvas = Canvas()
     canvas.panel(square(310, 240, 180, 5), words[11], profile=flat)
     assert ids(pipeline("panels.dictionary=DICT_6X6_50").decode(canvas.frame())) == [11]
@@ -585,9 +585,9 @@ def scene_path(scene: Scene, *, stream: bool) -> Pipeline:
 
 
 def simulated_panel(marker_id: int, place: tuple[float, float, float], **turn: float) -> Panel:
-    bits = load_dictionary("DICT_4X4_50").word(marker_id)
+    bits = load_dictionary("DICT_4X4_50").codeword(marker_id)
     motion = Still(facing_camera(np.array(place), **turn))
-    return Panel(word=bits, spec=SPEC, motion=motion, marker_id=marker_id)
+    return Panel(codeword=bits, spec=SPEC, motion=motion, marker_id=marker_id)
 
 
 def test_a_drive_past_two_panels_is_read_without_a_wrong_id() -> None:
@@ -610,9 +610,9 @@ def test_a_drive_past_two_panels_is_read_without_a_wrong_id() -> None:
 def test_a_moving_panels_pose_is_that_of_its_centre_rows_moment() -> None:
     """0.5 m/s sideways at 1 m: 5 px a frame, 3 px within the exposure, 1 px from the panel's first row to its last."""
     start = facing_camera(np.array([-0.05, 0.0, 1.0]), yaw_deg=20)
-    bits = load_dictionary("DICT_4X4_50").word(7)
+    bits = load_dictionary("DICT_4X4_50").codeword(7)
     motion = Gliding(start=start, velocity_m_s=np.array([0.5, 0.0, 0.0]), start_s=1.0)
-    scene = Scene(sensor=sensor(), panels=(Panel(word=bits, spec=SPEC, motion=motion, marker_id=7),))
+    scene = Scene(sensor=sensor(), panels=(Panel(codeword=bits, spec=SPEC, motion=motion, marker_id=7),))
     camera = SimulatedCamera(scene, seed=1, paced=False, frames=10)
     path = scene_path(scene, stream=True)
     errors = []
@@ -654,7 +654,7 @@ def test_decoys_are_never_reported() -> None:
         ),
     )  # fmt: skip
     dead = Panel(
-        word=drawn("1111/1111/1111/1111"), spec=dataclasses.replace(SPEC, black_hz=90.0, white_hz=40_000.0),
+        codeword=drawn("1111/1111/1111/1111"), spec=dataclasses.replace(SPEC, black_hz=90.0, white_hz=40_000.0),
         motion=at(0.4, 0.1), marker_id=None,
     )  # fmt: skip
     scene = Scene(sensor=sensor(), panels=(dead,), lights=lights, room=Room(level=0.06))

@@ -32,7 +32,7 @@ def scene(velocity_m_s: tuple[float, float, float], turn_rad_s: float = 0.0) -> 
         start_s=1.0,
     )
     place = Still(facing_camera(np.array([0.05, 0.0, 0.8]), yaw_deg=35))
-    panel = Panel(word=np.zeros((4, 4), bool), spec=SPEC, motion=place, marker_id=7)
+    panel = Panel(codeword=np.zeros((4, 4), bool), spec=SPEC, motion=place, marker_id=7)
     return Scene(sensor=SENSOR, panels=(panel,), camera_motion=motion)
 
 

@@ -235,7 +235,7 @@ def test_antiphase_panels_are_read_whichever_class_was_taken_for_black(phase: fl
     dictionary = load_dictionary("DICT_4X4_50")
     for marker_id in (0, 1, 2, 4, 5, 6):
         canvas, phases = Canvas(exposure_us=SHORT_US), (phase, phase + 0.5)
-        canvas.panel(square(310, 240, 80, 20), dictionary.word(marker_id), spec=settings.spec(), phases=phases)
+        canvas.panel(square(310, 240, 80, 20), dictionary.codeword(marker_id), spec=settings.spec(), phases=phases)
         assert ids(path.decode(canvas.frame())) == [marker_id]
 
 

@@ -196,7 +196,13 @@ def test_cells_have_walls_hot_spots_and_gains() -> None:
     gains = np.ones((4, 4))
     gains[0, 0] = 0.5
     uneven = type(plain)(
-        word=plain.word, spec=plain.spec, motion=plain.motion, marker_id=7, look=look, brightness=0.4, cell_gains=gains
+        codeword=plain.codeword,
+        spec=plain.spec,
+        motion=plain.motion,
+        marker_id=7,
+        look=look,
+        brightness=0.4,
+        cell_gains=gains,
     )
     camera = sensor(PINHOLE, psf_sigma_px=0.3)
     light, weak = (Renderer(dark_scene(p, camera=camera), seed=5).light(0) for p in (plain, uneven))
@@ -320,7 +326,8 @@ def test_antiphase_classes_are_half_a_cycle_apart() -> None:
     spec = dataclasses.replace(usual.spec, white_hz=usual.spec.black_hz, phase="antiphase")
     black, white = (
         Renderer(
-            dark_scene(dataclasses.replace(usual, spec=spec, word=np.full((4, 4), own)), camera=sensor(PINHOLE)), seed=1
+            dark_scene(dataclasses.replace(usual, spec=spec, codeword=np.full((4, 4), own)), camera=sensor(PINHOLE)),
+            seed=1,
         ).light(0)[200:280, 320]
         for own in (False, True)
     )

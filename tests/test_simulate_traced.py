@@ -27,7 +27,7 @@ def ideal_trace(frequency_hz: float, phase_cycles: float) -> TracedWave:
 
 def traced(shown: Panel, black: TracedWave, white: TracedWave) -> Panel:
     """The panel with its cells lit by these."""
-    return replace(shown, cell_waves=tuple(white if bit else black for bit in shown.word.ravel()))
+    return replace(shown, cell_waves=tuple(white if bit else black for bit in shown.codeword.ravel()))
 
 
 def test_shares_of_exposures_by_hand() -> None:

@@ -91,7 +91,7 @@ def _drive(recording: Path, settings: Config) -> tuple[list[View], dict[int, flo
                 advance(1)
     finally:
         camera.close()
-    known = len(load_dictionary(pipeline.panels.dictionary).words)
+    known = len(load_dictionary(pipeline.panels.dictionary).codewords)
     return views, {i: pipeline.panels.spec(i).side_m for i in range(known)}, lens
 
 

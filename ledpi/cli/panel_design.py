@@ -167,7 +167,9 @@ def _say_unreported(panels: PanelSettings) -> None:
     """Which IDs to do without, as long as none were chosen."""
     from ledpi.markers.dictionaries import load_dictionary
 
-    note = panels.unreported_note(range(len(load_dictionary(panels.dictionary).words))) if panels.ids is None else ""
+    note = (
+        panels.unreported_note(range(len(load_dictionary(panels.dictionary).codewords))) if panels.ids is None else ""
+    )
     if note:
         typer.echo(f"note: {note}")
 

@@ -134,11 +134,11 @@ class PanelSettings(_Section):
         if self.ids is not None:
             return frozenset(self.ids)
         dictionary = load_dictionary(self.dictionary)
-        return frozenset(range(len(dictionary.words))) - frozenset(dictionary.part_like_ids())
+        return frozenset(range(len(dictionary.codewords))) - frozenset(dictionary.part_like_ids())
 
     def unreported_note(self, ids: Iterable[int]) -> str:
         """Names those of `ids` that the dictionary has, and that are not reported; "" where all are."""
-        known = range(len(load_dictionary(self.dictionary).words))
+        known = range(len(load_dictionary(self.dictionary).codewords))
         missing = sorted(set(ids).intersection(known) - self.existing_ids())
         if not missing:
             return ""
@@ -288,7 +288,7 @@ def _check_panels(panels: PanelSettings, where: str) -> None:
         dictionary = load_dictionary(panels.dictionary)
     except ValueError as error:
         raise ConfigError(f"{where}: panels.dictionary: {error}") from None
-    known = len(dictionary.words)
+    known = len(dictionary.codewords)
     beyond = [listed for listed in panels.ids or () if listed >= known]
     if beyond:
         has = f"{panels.dictionary} has only the IDs 0 to {known - 1}"

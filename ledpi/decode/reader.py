@@ -1,7 +1,7 @@
-"""What a panel shows: adds a frame to its history and tells the word, or that it is another one than before.
+"""What a panel shows: adds a frame to its history and tells the codeword, or that it is another one than before.
 
 Three questions, each asked only where the one before leaves it open. Does the frame show what was shown before? What
-word do all frames together show? And if none, do they at other frequencies than announced?
+codeword do all frames together show? And if none, do they at other frequencies than announced?
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ from ledpi.decode.identify.innovation_gate import confirms, contradicts, expecte
 # Frames that surely show what was read last are not read anew, but for one of eight: by then a panel may look a little
 # otherwise, and the margin has grown.
 READ_EVERY = 8
-# What was read is still shown while it leads by what this rate asks for, 4.8 nats and not 11.3: else a word that has
-# only just passed comes and goes with the noise of further frames.
+# What was read is still shown while it leads by what this rate asks for, 4.8 nats and not 11.3: else a codeword that
+# has only just passed comes and goes with the noise of further frames.
 HYSTERESIS_RATE = 1e-3
 # A track whose frames add up to nothing may blink at other frequencies. That is tried after every so many.
 TUNE_EVERY = 4
@@ -37,8 +37,8 @@ TUNE_EVERY = 4
 ADDS_UP_FRAMES = 4
 
 # A frame of which comparison with those before tells less than the share TYPICAL_SHARE of what these have told, each,
-# or which misses what they let expect, is asked by itself, too, as that tells another panel's word at once. (It is a
-# worse witness where a part of a panel is hidden.) Below the share UNLIKE it must be for what was shown: it looks so
+# or which misses what they let expect, is asked by itself, too, as that tells another panel's codeword at once. (It is
+# a worse witness where a part of a panel is hidden.) Below the share UNLIKE it must be for what was shown: it looks so
 # unlike those before that what is left is no measure of noise. (It may also show their very phases.)
 TYPICAL_SHARE = 0.5
 INNOVATION = Rejected(stage="track", reason="innovation")
@@ -77,7 +77,7 @@ class Reader:
         self._search_frequencies = search_frequencies
 
     def read(self, history: History, samples: CellSamples, frame: Frame) -> Outcome:
-        """The word that is shown with this frame, or why none can be told."""
+        """The codeword that is shown with this frame, or why none can be told."""
         identity = history.identity
         if identity is None or history.search.settling or not identity.matches(samples, frame):
             return self._read_all_frames(history, samples, frame)
@@ -118,7 +118,7 @@ class Reader:
         if self._search_frequencies and open_yet and now.search.frames_since_try >= TUNE_EVERY:
             tuned = self._search_frequencies_of(now, gated)
             decided = identity if tuned is None else self._decide(tuned, self._false_id_rate)
-            # Frequencies are sought in frames that may be of what was there before: these do not overrule a word.
+            # Frequencies are sought in frames that may be of what was there before: these do not overrule a codeword.
             overruled = (
                 isinstance(identity, Identity) and isinstance(decided, Identity) and not _is_same(identity, decided)
             )
@@ -141,7 +141,7 @@ class Reader:
 
     def _decide(self, history: History, rate: float) -> Identity | Rejected:
         if history.search.found is not None:
-            rate /= CHOICES  # as frequencies that were chosen to fit leave chance more ways to look like a word
+            rate /= CHOICES  # as frequencies that were chosen to fit leave chance more ways to look like a codeword
         readings = [self._read_memory(memory, group, rate) for group, memory in enumerate(history.memories)]
         reading = decision.select_best(readings, rate)
         if isinstance(reading, Rejected):
@@ -175,7 +175,7 @@ class Reader:
         return reading if reading in NOT_THIS_PANEL else None
 
     def _search_frequencies_of(self, history: History, gated: bool) -> History | None:
-        """The history at other frequencies, at which its frames add up to a word; None where there are none.
+        """The history at other frequencies, at which its frames add up to a codeword; None where there are none.
 
         What the frames before have shown may be there no more: a newest one that is gated must be for it by itself.
         """
@@ -196,7 +196,7 @@ class Reader:
 
 
 def _is_same(one: Identity, other: Identity) -> bool:
-    """Whether both are the same word, hung alike."""
+    """Whether both are the same codeword, hung alike."""
     return (one.reading.id, one.reading.quarter_turns) == (other.reading.id, other.reading.quarter_turns)
 
 
@@ -224,7 +224,7 @@ def _add_frame(before: History, samples: CellSamples, frame: Frame) -> Added:
 
 
 def _typical_nats(memory: PanelMemory, identity: Identity) -> float:
-    """What one of the frames has told, on average, of the word over no bands."""
+    """What one of the frames has told, on average, of the codeword over no bands."""
     return identity.reading.likelihood / memory.effective_frames
 
 
@@ -250,9 +250,11 @@ def _replay(observations: Sequence[Observation], spec: PanelSpec) -> tuple[Panel
 
 
 def _announced_likelihood(observations: Sequence[Observation], book: Codebook) -> float:
-    """Log-likelihood ratio to "no bands" of the best word at the announced frequencies, whether it can be told or not.
+    """Log-likelihood ratio to "no bands" of the best codeword at the announced frequencies, whether it can be told or
+    not.
 
-    Where these explain more than others do, a panel shows no word, and chance has found frequencies that make it one.
+    Where these explain more than others do, a panel shows no codeword, and chance has found frequencies that make it
+    one.
     """
     evidence = _replay(observations, book.spec)[0].evidence()
     return rank_codewords(evidence, book.white).likelihood[0] if isinstance(evidence, Evidence) else -math.inf

@@ -11,7 +11,7 @@ It takes picture values as they are, knows of the shutter only how wide the band
 frame shows. So it reads what a person could read in the picture: deep bands, in cells higher than a band is.
 
 The paper draws its restored frame white and the cells inverted. Here a cell is white where its class is `white_hz`,
-which is 1 in OpenCV's word, and the frame is black on white ground, as OpenCV's detector wants them.
+which is 1 in OpenCV's codeword, and the frame is black on white ground, as OpenCV's detector wants them.
 """
 
 from __future__ import annotations
@@ -91,8 +91,11 @@ class UemuraReader:
         self._cells = dictionary.cells_per_side
         self._ids = ids
         self._spec = spec
-        words = [cv2.aruco.Dictionary.getByteListFromBits(word.astype(np.uint8)) for word in dictionary.words[ids]]
-        known = cv2.aruco.Dictionary(np.concatenate(words), self._cells, dictionary.correctable_cells())
+        codewords = [
+            cv2.aruco.Dictionary.getByteListFromBits(codeword.astype(np.uint8))
+            for codeword in dictionary.codewords[ids]
+        ]
+        known = cv2.aruco.Dictionary(np.concatenate(codewords), self._cells, dictionary.correctable_cells())
         self._detector = cv2.aruco.ArucoDetector(known)
 
     def read(self, frame: Frame) -> Steps:
@@ -251,7 +254,7 @@ def cell_shares(classes: Classes, corners_px: Floats, cells: int) -> tuple[Float
     return (by_cell == BLACK_BAND).mean(axis=(1, 3)), (by_cell == WHITE_BAND).mean(axis=(1, 3))
 
 
-def restore(word: Bits) -> Pixels:
-    """The ArUco picture of a word: the cells, a black frame one cell wide, and white ground around it: step (g)."""
-    framed = np.pad(np.pad(word, 1, constant_values=False), 1, constant_values=True)
+def restore(codeword: Bits) -> Pixels:
+    """The ArUco picture of a codeword: the cells, a black frame one cell wide, and white ground around it: step (g)."""
+    framed = np.pad(np.pad(codeword, 1, constant_values=False), 1, constant_values=True)
     return np.kron(framed, np.full((CELL_PX, CELL_PX), 255)).astype(np.uint8)

@@ -1,4 +1,4 @@
-/* How well words explain the evidence of a panel's cells: decode/identify/codewords.py has the equations. */
+/* How well codewords explain the evidence of a panel's cells: decode/identify/codewords.py has the equations. */
 #include <math.h>
 #include <stdint.h>
 #include <stdlib.h>
@@ -11,7 +11,7 @@
 
 enum {
     NUMBERS = 5, /* what a cell says of one wave by itself: x, y; xx, xy, yy */
-    LANES = 4, /* words that are weighed at a time */
+    LANES = 4, /* codewords that are weighed at a time */
 };
 
 typedef double Lanes __attribute__((vector_size(LANES * sizeof(double))));
@@ -51,8 +51,8 @@ static Prior prior_of(const Evidence *evidence) {
     return prior;
 }
 
-/* What LANES words explain of the squares, and the determinants of their matrices, as far as each cell tells by itself: from
- * the numbers of all cells, and their sums over those that are white. */
+/* What LANES codewords explain of the squares, and the determinants of their matrices, as far as each cell tells by itself:
+ * from the numbers of all cells, and their sums over those that are white. */
 static LEDPI_INLINE void weigh(const double *total, const Lanes *sums, const Prior *prior, Lanes *squares, Lanes *determinant,
                                const ptrdiff_t waves) {
     *squares = (Lanes){0};
@@ -71,11 +71,11 @@ static LEDPI_INLINE void weigh(const double *total, const Lanes *sums, const Pri
     }
 }
 
-/* The `most` of `words` (count, cells) that are likeliest roughly, as far as each cell tells by itself: what cells share
- * (profile, corners) takes about the same from every word, so the likeliest and its rivals are among these; into `shortlist`,
- * and how likely, as a log-likelihood ratio to "no bands": `rough`. One that is no number is taken for infinite, so that
- * it is looked at exactly. Returns how many there are. */
-static LEDPI_INLINE ptrdiff_t put_roughly(const Evidence *evidence, const double *numbers, const float *words, ptrdiff_t count,
+/* The `most` of `codewords` (count, cells) that are likeliest roughly, as far as each cell tells by itself: what cells share
+ * (profile, corners) takes about the same from every codeword, so the likeliest and its rivals are among these; into
+ * `shortlist`, and how likely, as a log-likelihood ratio to "no bands": `rough`. One that is no number is taken for infinite,
+ * so that it is looked at exactly. Returns how many there are. */
+static LEDPI_INLINE ptrdiff_t put_roughly(const Evidence *evidence, const double *numbers, const float *codewords, ptrdiff_t count,
                                           ptrdiff_t most, int64_t *shortlist, double *rough, const ptrdiff_t waves) {
     const ptrdiff_t cells = evidence->cells, each = waves * NUMBERS;
     const Prior prior = prior_of(evidence);
@@ -83,7 +83,7 @@ static LEDPI_INLINE ptrdiff_t put_roughly(const Evidence *evidence, const double
     for (ptrdiff_t first = 0; first < count; first += LANES) {
         Lanes sums[MOST / 2 * NUMBERS] = {{0}}, squares, determinant;
         const float *of[LANES];
-        for (ptrdiff_t w = 0; w < LANES; w++) of[w] = words + (first + w < count ? first + w : first) * cells;
+        for (ptrdiff_t w = 0; w < LANES; w++) of[w] = codewords + (first + w < count ? first + w : first) * cells;
         for (ptrdiff_t c = 0; c < cells; c++) {
             const Lanes white = {of[0][c], of[1][c], of[2][c], of[3][c]};
             for (ptrdiff_t n = 0; n < each; n++) sums[n] += white * numbers[c * each + n];
@@ -100,10 +100,10 @@ static LEDPI_INLINE ptrdiff_t put_roughly(const Evidence *evidence, const double
 }
 
 /* What follows is told for either number of parameters, as loops of a known length are unrolled. */
-LEDPI_SIMD static ptrdiff_t roughly(const Evidence *evidence, const double *numbers, const float *words, ptrdiff_t count,
+LEDPI_SIMD static ptrdiff_t roughly(const Evidence *evidence, const double *numbers, const float *codewords, ptrdiff_t count,
                                     ptrdiff_t most, int64_t *shortlist, double *rough) {
-    return evidence->parameters == 4 ? put_roughly(evidence, numbers, words, count, most, shortlist, rough, 2)
-                                     : put_roughly(evidence, numbers, words, count, most, shortlist, rough, 1);
+    return evidence->parameters == 4 ? put_roughly(evidence, numbers, codewords, count, most, shortlist, rough, 2)
+                                     : put_roughly(evidence, numbers, codewords, count, most, shortlist, rough, 1);
 }
 
 static LEDPI_INLINE void gather_of(const Evidence *evidence, const double *shares, double matrix[MOST][MOST], double *right,
@@ -139,8 +139,9 @@ LEDPI_SIMD void ledpi_gather(const Evidence *evidence, const double *shares, dou
         gather_of(evidence, shares, matrix, right, 2);
 }
 
-/* Log-likelihood ratio of a word to "no bands", depth and phase integrated out; the bands and their deviations. Without a
- * word that of all cells in one class, black. `negated`: with all classes swapped. `shares` (cells, parameters) is room to work in. */
+/* Log-likelihood ratio of a codeword to "no bands", depth and phase integrated out; the bands and their deviations. Without a
+ * codeword that of all cells in one class, black. `negated`: with all classes swapped. `shares` (cells, parameters) is room to
+ * work in. */
 static double exactly(const Evidence *evidence, const float *white, bool negated, double *shares, double *bands,
                       double *deviation) {
     const ptrdiff_t parameters = evidence->parameters;
@@ -173,14 +174,14 @@ static double exactly(const Evidence *evidence, const float *white, bool negated
     return likelihood;
 }
 
-ptrdiff_t ledpi_put(int64_t word, double likelihood, ptrdiff_t count, ptrdiff_t most, int64_t *words, double *of) {
+ptrdiff_t ledpi_put(int64_t codeword, double likelihood, ptrdiff_t count, ptrdiff_t most, int64_t *codewords, double *of) {
     if (count == most && !(likelihood > of[most - 1])) return count;
     ptrdiff_t at = count < most ? count : most - 1;
     for (; at > 0 && likelihood > of[at - 1]; at--) {
-        words[at] = words[at - 1];
+        codewords[at] = codewords[at - 1];
         of[at] = of[at - 1];
     }
-    words[at] = word;
+    codewords[at] = codeword;
     of[at] = likelihood;
     return count < most ? count + 1 : most;
 }
@@ -229,7 +230,7 @@ LEDPI_SIMD double ledpi_class_flip_gains(ptrdiff_t cells, ptrdiff_t parameters, 
     return least_of_rows(cells, blinks);
 }
 
-/* What speaks against a word (cells,) with these bands (parameters,): what each cell would gain by the other class and the
+/* What speaks against a codeword (cells,) with these bands (parameters,): what each cell would gain by the other class and the
  * weakest row (above); how likely its negative is, and one class for all cells; and what bands of their own in every cell
  * explain. `shown` (cells, parameters) are the bands in each cell, `matrix` (size, size + 1) is room to work in. */
 static void speak_against(const Evidence *evidence, const float *white, const double *bands, double *shown, double *gain,
@@ -290,13 +291,13 @@ static void put_beyond(ptrdiff_t cells, const double *gain, const uint8_t *erase
     beyond[1] = log_of_sum(several, best + second);
 }
 
-/* The likeliest of `words` (count, cells), best first: `chosen` (most,); which cells are `erased` (cells,); and `numbers`:
+/* The likeliest of `codewords` (count, cells), best first: `chosen` (most,); which cells are `erased` (cells,); and `numbers`:
  * of the best its bands (parameters,), and those in each cell (cells, parameters); log-likelihood ratios to "no bands"
- * (most,); of the best the bands' deviations (parameters,), and what speaks against it: what each cell would gain by the other class
- * (cells,), `weakest_row`, `negative`, `of_cells`, `one_class`, `beyond` (2,). Last, how many cells are erased. Returns how many are chosen, 0 where
- * there is no memory. */
+ * (most,); of the best the bands' deviations (parameters,), and what speaks against it: what each cell would gain by the other
+ * class (cells,), `weakest_row`, `negative`, `of_cells`, `one_class`, `beyond` (2,). Last, how many cells are erased. Returns
+ * how many are chosen, 0 where there is no memory. */
 ptrdiff_t ledpi_rank_codewords(ptrdiff_t cells, ptrdiff_t parameters, const double *score, const double *information,
-                          const double *prior, const float *words, ptrdiff_t count, ptrdiff_t most, int64_t *chosen,
+                          const double *prior, const float *codewords, ptrdiff_t count, ptrdiff_t most, int64_t *chosen,
                           uint8_t *erased, double *numbers) {
     const Evidence evidence = {cells, parameters, score, information, prior};
     const ptrdiff_t size = cells * parameters, of_numbers = (cells + 1) * parameters / 2 * NUMBERS;
@@ -308,18 +309,18 @@ ptrdiff_t ledpi_rank_codewords(ptrdiff_t cells, ptrdiff_t parameters, const doub
     double *of_cell = matrix + size * (size + 1), *rough = of_cell + of_numbers;
     int64_t *shortlist = (int64_t *)(rough + most);
     put_numbers(&evidence, of_cell);
-    const ptrdiff_t found = roughly(&evidence, of_cell, words, count, most, shortlist, rough);
+    const ptrdiff_t found = roughly(&evidence, of_cell, codewords, count, most, shortlist, rough);
     ptrdiff_t kept = 0;
     for (ptrdiff_t n = 0; n < found; n++) {
         double own_bands[MOST], own_deviation[MOST];
-        const double own = exactly(&evidence, words + shortlist[n] * cells, false, shown, own_bands, own_deviation);
+        const double own = exactly(&evidence, codewords + shortlist[n] * cells, false, shown, own_bands, own_deviation);
         kept = ledpi_put(shortlist[n], own, kept, found, chosen, likelihood);
         if (chosen[0] != shortlist[n]) continue;
         memcpy(bands, own_bands, sizeof(double) * (size_t)parameters);
         memcpy(deviation, own_deviation, sizeof(double) * (size_t)parameters);
     }
     if (found)
-        speak_against(&evidence, words + chosen[0] * cells, bands, shown, gain, weakest_row, negative, one_class, of_cells,
+        speak_against(&evidence, codewords + chosen[0] * cells, bands, shown, gain, weakest_row, negative, one_class, of_cells,
                       matrix);
     beyond[2] = (double)ledpi_put_erased(&evidence, erased);
     if (found) put_beyond(cells, gain, erased, beyond);

@@ -1,4 +1,4 @@
-/* What words, and patterns near them, are weighed by: codewords.c, neighbours.c. */
+/* What codewords, and patterns near them, are weighed by: codewords.c, neighbours.c. */
 #ifndef LEDPI_CODEWORDS_H
 #define LEDPI_CODEWORDS_H
 
@@ -19,14 +19,14 @@ static inline double share_of(const Evidence *evidence, double white, ptrdiff_t 
     return i < 2 ? 1.0 - white : white;
 }
 
-/* What all cells that share the bands of a word say of these: matrix (parameters, parameters) and right side. `shares`
+/* What all cells that share the bands of a codeword say of these: matrix (parameters, parameters) and right side. `shares`
  * (cells, parameters) are `share_of` each cell and wave. */
 void ledpi_gather(const Evidence *evidence, const double *shares, double matrix[MOST][MOST], double *right);
 
 /* Which cells (cells,) the evidence holds nothing of. Returns how many. */
 ptrdiff_t ledpi_put_erased(const Evidence *evidence, uint8_t *erased);
 
-/* Puts a word among the `most` likeliest so far, best first. Returns how many there are. */
-ptrdiff_t ledpi_put(int64_t word, double likelihood, ptrdiff_t count, ptrdiff_t most, int64_t *words, double *of);
+/* Puts a codeword among the `most` likeliest so far, best first. Returns how many there are. */
+ptrdiff_t ledpi_put(int64_t codeword, double likelihood, ptrdiff_t count, ptrdiff_t most, int64_t *codewords, double *of);
 
 #endif

@@ -1,4 +1,4 @@
-"""How well words, and other patterns, explain the evidence of a panel's cells (codewords.c, neighbours.c,
+"""How well codewords, and other patterns, explain the evidence of a panel's cells (codewords.c, neighbours.c,
 hill_climb.c).
 """
 
@@ -16,16 +16,16 @@ MOST_CELLS: int = lib.LEDPI_MOST_CELLS
 
 
 class Fit(NamedTuple):
-    """The likeliest words under some evidence, best first, and what speaks against the best of them."""
+    """The likeliest codewords under some evidence, best first, and what speaks against the best of them."""
 
-    words: list[int]  # indices of the codebook
+    codewords: list[int]  # indices of the codebook
     likelihood: list[float]  # log-likelihood ratio of each to "no bands"
-    bands: Floats  # (P,) of the best word
+    bands: Floats  # (P,) of the best codeword
     deviation: list[float]  # (P,)
     cell_bands: Floats  # (cells, P) the bands that each cell of it shows
-    gain: list[float]  # (cells,) of each cell in the other class to the one that the word says
-    weakest_row: float  # of the word's bands to none, in the row or column of cells where that is the least
-    negative: float  # of the word with all classes swapped to "no bands", its bands fitted anew
+    gain: list[float]  # (cells,) of each cell in the other class to the one that the codeword says
+    weakest_row: float  # of the codeword's bands to none, in the row or column of cells where that is the least
+    negative: float  # of the codeword with all classes swapped to "no bands", its bands fitted anew
     of_cells: float  # of bands of its own in every cell to "no bands"
     one_class: float  # of one class in all cells, the likelier one, its bands fitted anew, to "no bands"
     beyond: list[float]  # of all patterns that differ from it in more cells than 0, 1, to itself
@@ -44,7 +44,7 @@ class Fit(NamedTuple):
         rest = numbers[arrays:].tolist()
         gain, after = most + parameters, most + parameters + len(erased)
         return cls(
-            words=chosen.tolist(),
+            codewords=chosen.tolist(),
             likelihood=rest[:most],
             bands=numbers[:parameters],
             deviation=rest[most:gain],
@@ -60,22 +60,31 @@ class Fit(NamedTuple):
 
 
 def output_size(cells: int, parameters: int, most: int) -> int:
-    """How many `ledpi_rank_codewords` puts beside the words."""
+    """How many `ledpi_rank_codewords` puts beside the codewords."""
     return most + 2 * parameters + cells * parameters + cells + 7
 
 
-def rank_codewords(score: Floats, information: Floats, prior: Floats, words: Singles, most: int) -> Fit:
-    """The `most` likeliest of `words` (W, cells) under the evidence, and what speaks against the best.
+def rank_codewords(score: Floats, information: Floats, prior: Floats, codewords: Singles, most: int) -> Fit:
+    """The `most` likeliest of `codewords` (W, cells) under the evidence, and what speaks against the best.
 
     `score` (cells, P), `information` (cells, P, cells, P), `prior` (P,). Raises MemoryError.
     """
     cells, parameters = score.shape
     assert parameters in (2, 4)
-    most = min(most, len(words))
+    most = min(most, len(codewords))
     chosen, erased = np.empty(most, np.int64), np.empty(cells, np.bool_)
     numbers = np.empty(output_size(cells, parameters, most))
     if not lib.ledpi_rank_codewords(
-        *(cells, parameters, pointer(score), pointer(information), pointer(prior), pointer(words), len(words), most),
+        *(
+            cells,
+            parameters,
+            pointer(score),
+            pointer(information),
+            pointer(prior),
+            pointer(codewords),
+            len(codewords),
+            most,
+        ),
         *(pointer(chosen), pointer(erased), pointer(numbers)),
     ):
         raise MemoryError
@@ -94,26 +103,26 @@ def class_flip_gains(score: Floats, information: Floats, cell_bands: Floats, oth
 
 
 def near_pattern_likelihood(
-    score: Floats, information: Floats, prior: Floats, word: Singles, nearest: int, furthest: int
+    score: Floats, information: Floats, prior: Floats, codeword: Singles, nearest: int, furthest: int
 ) -> float:
-    """Log of the summed likelihoods of patterns that differ from a word (cells,) in `nearest` to `furthest` cells.
+    """Log of the summed likelihoods of patterns that differ from a codeword (cells,) in `nearest` to `furthest` cells.
 
     Each has the bands that fit it best. Of all these patterns those are tried that are near the likeliest, found from
-    the word outward; cells that are erased are left as they are.
+    the codeword outward; cells that are erased are left as they are.
     """
     cells, parameters = score.shape
     assert parameters in (2, 4)
     assert cells <= MOST_CELLS
-    word = np.ascontiguousarray(word)
-    known = pointer(score), pointer(information), pointer(prior), pointer(word)
+    codeword = np.ascontiguousarray(codeword)
+    known = pointer(score), pointer(information), pointer(prior), pointer(codeword)
     log_sum: float = lib.ledpi_near_pattern_likelihood(cells, parameters, *known, nearest, furthest)
     return log_sum
 
 
 def likeliest_far_pattern(
-    score: Floats, information: Floats, prior: Floats, word: Singles, correctable: int
+    score: Floats, information: Floats, prior: Floats, codeword: Singles, correctable: int
 ) -> tuple[float, Singles]:
-    """The likeliest pattern that is too far from a word (cells,) to be it: how likely, over "no bands", and which.
+    """The likeliest pattern that is too far from a codeword (cells,) to be it: how likely, over "no bands", and which.
 
     It differs in more cells than are `correctable`, and has the bands that fit it best. Cells that are erased are left
     as they are.
@@ -121,7 +130,7 @@ def likeliest_far_pattern(
     cells, parameters = score.shape
     assert parameters in (2, 4)
     assert cells <= MOST_CELLS
-    word = np.ascontiguousarray(word)
-    known = pointer(score), pointer(information), pointer(prior), pointer(word)
+    codeword = np.ascontiguousarray(codeword)
+    known = pointer(score), pointer(information), pointer(prior), pointer(codeword)
     pattern = np.empty(cells, np.float32)
     return lib.ledpi_likeliest_far_pattern(cells, parameters, *known, correctable, pointer(pattern)), pattern

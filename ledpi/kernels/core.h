@@ -1,5 +1,5 @@
-/* Every function of the compiled core that Python calls. cffi makes the bindings from this file (build_core.py, in the project's root), so it holds
- * plain declarations, and no directives but those that guard and include.
+/* Every function of the compiled core that Python calls. cffi makes the bindings from this file (build_core.py, in the
+ * project's root), so it holds plain declarations, and no directives but those that guard and include.
  *
  * Arrays are as numpy lays them out (C order). The functions keep none of them, and touch no element beyond the sizes that
  * they are told. Numbers that are not finite are legal everywhere. What each does is said where it is defined. */
@@ -60,24 +60,24 @@ void ledpi_weigh_prediction(ptrdiff_t cells, ptrdiff_t points, ptrdiff_t ways, c
                     double since_s, double row_time_s, const float *light, const uint8_t *valid, const float *rows,
                     double independence, double ridge, float *room, double *of);
 
-/* ---- Words and other patterns (codewords.c, neighbours.c, hill_climb.c) */
+/* ---- Codewords and other patterns (codewords.c, neighbours.c, hill_climb.c) */
 
 enum { LEDPI_MOST_CELLS = 64 }; /* of a pattern: a bit for each */
 
 ptrdiff_t ledpi_rank_codewords(ptrdiff_t cells, ptrdiff_t parameters, const double *score, const double *information,
-                          const double *prior, const float *words, ptrdiff_t count, ptrdiff_t most, int64_t *chosen,
+                          const double *prior, const float *codewords, ptrdiff_t count, ptrdiff_t most, int64_t *chosen,
                           uint8_t *erased, double *numbers);
 
 double ledpi_class_flip_gains(ptrdiff_t cells, ptrdiff_t parameters, const double *score, const double *information,
                             const double *shown, const double *other, double *gain, double *room);
 
 double ledpi_near_pattern_likelihood(ptrdiff_t cells, ptrdiff_t parameters, const double *score, const double *information,
-                           const double *prior, const float *word, ptrdiff_t nearest, ptrdiff_t furthest);
+                           const double *prior, const float *codeword, ptrdiff_t nearest, ptrdiff_t furthest);
 
 double ledpi_likeliest_far_pattern(ptrdiff_t cells, ptrdiff_t parameters, const double *score, const double *information,
-                              const double *prior, const float *word, ptrdiff_t correctable, float *pattern);
+                              const double *prior, const float *codeword, ptrdiff_t correctable, float *pattern);
 
-/* ---- A first look at a panel: evidence and words at once (first_pass.c) */
+/* ---- A first look at a panel: evidence and codewords at once (first_pass.c) */
 
 /* What all panels of side × side cells, with k × k points in each, have in common: as `ledpi_single_evidence` and
  * `ledpi_is_unoccluded` take it. */
@@ -91,7 +91,7 @@ typedef struct {
 enum { LEDPI_PASS_DONE, LEDPI_NOT_PLAIN, LEDPI_UNFIT, LEDPI_PASS_NO_MEMORY };
 
 int ledpi_first_pass(const Grid *grid, const float *light, const float *rows, double independence, ptrdiff_t waves,
-               double first_a_row, double second_a_row, const double *prior, const float *words, ptrdiff_t count,
+               double first_a_row, double second_a_row, const double *prior, const float *codewords, ptrdiff_t count,
                ptrdiff_t most, bool may_be_occluded, double unlit, ptrdiff_t aside, ptrdiff_t below, ptrdiff_t rim,
                const WhiteNoise *expected, int64_t *chosen, uint8_t *erased, double *numbers);
 
@@ -158,9 +158,9 @@ typedef struct {
     /* Where it begins, and what fits best: corners of the lattice of cells; unknowns as the prior, the first WAYS not used. */
     double corners[8];
     double *unknown;
-    /* What follows from it: corners of what is lit, and their covariance; how many cells of each side (left, right, above, below)
-     * something hides; the share of the light's squares about their mean
-     * that is explained; the variance of residuals, in the unit of a sample of full light. */
+    /* What follows from it: corners of what is lit, and their covariance; how many cells of each side (left, right, above,
+ * below) something hides; the share of the light's squares about their mean that is explained; the variance of residuals, in
+ * the unit of a sample of full light. */
     double lit[8], hidden[4], covariance[64], explained, variance;
     bool settled; /* the last step hardly moved anything */
     ptrdiff_t sampled; /* places, in all rounds: what it cost */

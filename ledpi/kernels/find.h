@@ -1,5 +1,5 @@
-/* What finding consists of: what is lit (threshold.c), its outlines (outlines.c), the squares among them (four_sides.c), one of each
- * thing (suppression.c). And all of that, level by level (find.c). */
+/* What finding consists of: what is lit (threshold.c), its outlines (outlines.c), the squares among them (four_sides.c), one of
+ * each thing (suppression.c). And all of that, level by level (find.c). */
 #ifndef LEDPI_FIND_H
 #define LEDPI_FIND_H
 

@@ -18,13 +18,13 @@ static bool any_unlit(ptrdiff_t cells, ptrdiff_t points, const float *light, dou
 }
 
 /* `light` and picture `rows` (cells, points) of a panel whose bands have so many `waves`, of `a_row` cycles a row each, and
- * the variance `prior` (2·waves,); which of `words` (count, cells) are the `most` likeliest. `numbers`: score, information
+ * the variance `prior` (2·waves,); which of `codewords` (count, cells) are the `most` likeliest. `numbers`: score, information
  * and three more as `ledpi_single_evidence` has them, by samples so many `aside` and `below` without the `rim`; the inflation,
  * by which the evidence is divided, from what is `expected` of white noise; then what `ledpi_rank_codewords`
  * has. Where a sample shows that it is covered, if it `may_be_occluded`, or a cell is `unlit` (0: not asked), it is
  * not for this function to tell. */
 int ledpi_first_pass(const Grid *grid, const float *light, const float *rows, double independence, ptrdiff_t waves,
-               double first_a_row, double second_a_row, const double *prior, const float *words, ptrdiff_t count,
+               double first_a_row, double second_a_row, const double *prior, const float *codewords, ptrdiff_t count,
                ptrdiff_t most, bool may_be_occluded, double unlit, ptrdiff_t aside, ptrdiff_t below, ptrdiff_t rim,
                const WhiteNoise *expected, int64_t *chosen, uint8_t *erased, double *numbers) {
     const ptrdiff_t cells = grid->side * grid->side, points = grid->k * grid->k, samples = cells * points;
@@ -52,6 +52,6 @@ int ledpi_first_pass(const Grid *grid, const float *light, const float *rows, do
     const double inflation = of_fit[3] = ledpi_variance_inflation(correlation[0], correlation[1], correlation[2]);
     if (inflation > 1.0)
         for (ptrdiff_t i = 0; i < size * (size + 1); i++) numbers[i] *= 1.0 / inflation;
-    return ledpi_rank_codewords(cells, 2 * waves, score, information, prior, words, count, most, chosen, erased,
+    return ledpi_rank_codewords(cells, 2 * waves, score, information, prior, codewords, count, most, chosen, erased,
                            of_fit + 4) ? LEDPI_PASS_DONE : LEDPI_PASS_NO_MEMORY;
 }

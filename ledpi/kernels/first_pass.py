@@ -30,7 +30,7 @@ class Grid:
 
 
 class Look(NamedTuple):
-    """What came of it: evidence, with noise as alike as it is counted once; and words."""
+    """What came of it: evidence, with noise as alike as it is counted once; and codewords."""
 
     score: Floats  # (cells, P)
     information: Floats  # (cells, P, cells, P)
@@ -47,28 +47,37 @@ def look(
     independence: float,
     cycles_a_row: tuple[float, ...],
     prior: Floats,
-    words: Singles,
+    codewords: Singles,
     most: int,
     may_be_occluded: bool,
     unlit: float,
     lags: tuple[int, int, int],
     noise: tuple[float, float, float, float, float, float],
 ) -> Look | int:
-    """What the samples say, and the `most` likeliest `words`; or NOT_PLAIN or UNFIT.
+    """What the samples say, and the `most` likeliest `codewords`; or NOT_PLAIN or UNFIT.
 
-    `light`, `rows` (cells, points), of each wave its `cycles_a_row`, `prior` (P,), `words` (W, cells). It is not
+    `light`, `rows` (cells, points), of each wave its `cycles_a_row`, `prior` (P,), `codewords` (W, cells). It is not
     plain where a sample is covered, if it `may_be_occluded`, or where a cell's light is less than the share `unlit` of
     their mean; 0 where that is not asked. `lags` as of `evidence.single_evidence`, `noise` is what
     is `WhiteNoise` by decode/evidence/noise.py. Raises MemoryError.
     """
     cells, parameters = grid.side**2, len(prior)
     assert parameters in (2, 4)
-    size, most = cells * parameters, min(most, len(words))
+    size, most = cells * parameters, min(most, len(codewords))
     chosen, erased = np.empty(most, np.int64), np.empty(cells, np.bool_)
     numbers = np.empty(size * (size + 1) + OF_FIT + output_size(cells, parameters, most))
     outcome: int = lib.ledpi_first_pass(
         *(grid.structure, pointer(light), pointer(rows), independence, len(cycles_a_row)),
-        *(cycles_a_row[0], cycles_a_row[-1], pointer(prior), pointer(words), len(words), most, may_be_occluded, unlit),
+        *(
+            cycles_a_row[0],
+            cycles_a_row[-1],
+            pointer(prior),
+            pointer(codewords),
+            len(codewords),
+            most,
+            may_be_occluded,
+            unlit,
+        ),
         *(*lags, ffi.new("WhiteNoise *", noise), pointer(chosen), pointer(erased), pointer(numbers)),
     )
     if outcome == lib.LEDPI_PASS_NO_MEMORY:

@@ -1,5 +1,5 @@
-/* How likely the likeliest pattern is that is no word: sought from the word and from many phases, each cell as they fit it
- * best; then one cell after the other. In antiphase a pattern's negative is the pattern. */
+/* How likely the likeliest pattern is that is no codeword: sought from the codeword and from many phases, each cell as they fit
+ * it best; then one cell after the other. In antiphase a pattern's negative is the pattern. */
 #include "patterns.h"
 
 /* Phases of each wave that are begun with, patterns that are followed, and how far. (Of 800 panels and decoys the likeliest of
@@ -12,7 +12,7 @@ typedef struct {
     uint64_t met[MET];
     Pattern waiting[LANES];
     double log_of_prior, likeliest; /* of what the prior makes of a determinant; of the patterns beyond */
-    uint64_t likeliest_changed;     /* that one's cells that are not the word's */
+    uint64_t likeliest_changed;     /* that one's cells that are not the codeword's */
     ptrdiff_t wait, known, correctable, found;
     int64_t best[CLIMBERS]; /* (found,) the likeliest, and how likely these are */
     double of[CLIMBERS];
@@ -26,7 +26,7 @@ static LEDPI_INLINE void weigh_waiting(Climb *climb, const ptrdiff_t parameters)
         const double own = 0.5 * (squares[n] - log(determinant[n]) + climb->log_of_prior);
         const uint64_t changed = climb->waiting[n].changed;
         ptrdiff_t apart = __builtin_popcountll(changed);
-        if (parameters == 2 && climb->known - apart < apart) apart = climb->known - apart; /* of the word or its negative */
+        if (parameters == 2 && climb->known - apart < apart) apart = climb->known - apart; /* of the codeword or its negative */
         climb->found = ledpi_put((int64_t)changed, own, climb->found, CLIMBERS, climb->best, climb->of);
         if (apart > climb->correctable && (own > climb->likeliest || isnan(own))) {
             climb->likeliest = own;
@@ -55,7 +55,7 @@ static LEDPI_INLINE void put_phases(const Evidence *evidence, ptrdiff_t cell, pt
 }
 
 /* Tries the patterns of the cells that are known, each as phases of the waves fit it best. */
-static LEDPI_INLINE void begin(const Evidence *evidence, const float *word, const uint8_t *erased, const Around *around,
+static LEDPI_INLINE void begin(const Evidence *evidence, const float *codeword, const uint8_t *erased, const Around *around,
                                Climb *climb, const ptrdiff_t parameters) {
     const Pattern start = unchanged(around);
     const int of_black = parameters == 4 ? PHASES : 1;
@@ -66,7 +66,7 @@ static LEDPI_INLINE void begin(const Evidence *evidence, const float *word, cons
         if (parameters == 4) put_phases(evidence, c, 1, white, parameters);
         put_phases(evidence, c, 0, black, parameters);
         for (int n = 0; n < of_black * PHASES; n++) /* in antiphase a class is the other's negative */
-            if ((parameters == 4 ? white[n % PHASES] > black[n / PHASES] : black[n] < 0.0) != (word[c] > 0.0f))
+            if ((parameters == 4 ? white[n % PHASES] > black[n / PHASES] : black[n] < 0.0) != (codeword[c] > 0.0f))
                 changed[n] |= UINT64_C(1) << c;
     }
     try_pattern(&start, climb, parameters);
@@ -80,15 +80,15 @@ static LEDPI_INLINE void begin(const Evidence *evidence, const float *word, cons
     weigh_waiting(climb, parameters);
 }
 
-static LEDPI_INLINE double climb_from(const Evidence *evidence, const float *word, ptrdiff_t correctable, float *pattern,
+static LEDPI_INLINE double climb_from(const Evidence *evidence, const float *codeword, ptrdiff_t correctable, float *pattern,
                                       const ptrdiff_t parameters) {
     uint8_t erased[MOST_CELLS];
     Around around;
     Climb climb = {.likeliest = -INFINITY, .correctable = correctable};
     climb.known = evidence->cells - ledpi_put_erased(evidence, erased);
     for (ptrdiff_t i = 0; i < parameters; i++) climb.log_of_prior -= log(evidence->prior[i]);
-    look_around(evidence, word, &around, parameters);
-    begin(evidence, word, erased, &around, &climb, parameters);
+    look_around(evidence, codeword, &around, parameters);
+    begin(evidence, codeword, erased, &around, &climb, parameters);
     for (int round = 1; round < CLIMBS; round++) {
         int64_t here[CLIMBERS];
         const ptrdiff_t count = climb.found;
@@ -107,17 +107,17 @@ static LEDPI_INLINE double climb_from(const Evidence *evidence, const float *wor
         }
         weigh_waiting(&climb, parameters);
     }
-    for (ptrdiff_t c = 0; c < evidence->cells; c++) pattern[c] = climb.likeliest_changed >> c & 1 ? 1.0f - word[c] : word[c];
+    for (ptrdiff_t c = 0; c < evidence->cells; c++) pattern[c] = climb.likeliest_changed >> c & 1 ? 1.0f - codeword[c] : codeword[c];
     return climb.likeliest;
 }
 
-/* The log-likelihood ratio to "no bands" of the likeliest pattern that differs from a word (cells,) in more cells than are
+/* The log-likelihood ratio to "no bands" of the likeliest pattern that differs from a codeword (cells,) in more cells than are
  * `correctable`, none of them erased, with the bands that fit it best; and that `pattern` (cells,). At most 64 cells.
  * Not a number where one's is none. */
 LEDPI_SIMD double ledpi_likeliest_far_pattern(ptrdiff_t cells, ptrdiff_t parameters, const double *score,
-                                         const double *information, const double *prior, const float *word,
+                                         const double *information, const double *prior, const float *codeword,
                                          ptrdiff_t correctable, float *pattern) {
     const Evidence evidence = {cells, parameters, score, information, prior};
-    return parameters == 4 ? climb_from(&evidence, word, correctable, pattern, 4)
-                           : climb_from(&evidence, word, correctable, pattern, 2);
+    return parameters == 4 ? climb_from(&evidence, codeword, correctable, pattern, 4)
+                           : climb_from(&evidence, codeword, correctable, pattern, 2);
 }

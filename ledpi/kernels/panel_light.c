@@ -3,8 +3,8 @@
  *   light(U, V) = dark + Σ_c A_c(U)·A_c(V)·S(x, y)·(gain_c + a_c·w_A(row) + b_c·w_B(row)) + Σ_side level·O_side
  *
  * U, V in cells from the panel's first corner; A a cell's opening between walls, blurred; S = 1 + Σ s_m·cos·cos + Σ o·sin the
- * profile that all cells share, about even about their middles x = y = 0; w_A, w_B what the exposure leaves of either class's wave;
- * O what is beyond a side. */
+ * profile that all cells share, about even about their middles x = y = 0; w_A, w_B what the exposure leaves of either class's
+ * wave; O what is beyond a side. */
 #include <math.h>
 #include <string.h>
 

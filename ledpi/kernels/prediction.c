@@ -11,8 +11,9 @@
 #define TURN 6.283185307179586 /* rad */
 enum { MAX_NUISANCES = LEDPI_NUISANCES, VECTORS = 3 }; /* 1 + SLOPES; `compare` */
 
-/* What is expected, as in decode/evidence/prediction.py: picture, root, residual_bands (cells, points), basis (ways, cells·points), and the
- * bands of each cell: frequency, phase (rad), depth (cells,); and when the frame's rows were read out. */
+/* What is expected, as in decode/evidence/prediction.py: picture, root, residual_bands (cells, points), basis (ways,
+ * cells·points), and the bands of each cell: frequency, phase (rad), depth (cells,); and when the frame's rows were read out.
+ * */
 typedef struct {
     ptrdiff_t cells, points, ways;
     const float *picture, *root, *basis, *residual_bands, *depth;
@@ -171,8 +172,8 @@ LEDPI_SIMD static void make_orthonormal(float *vectors, ptrdiff_t size) {
 }
 
 /* What to expect of the next frames of a panel whose mean picture, above 0, is of `count` frames (cells, points), with what
- * is left of its waves in it (waves, cells, points), and that shows `bands` (cells, waves): `root`, `basis` and `residual_bands`
- * as above. `room` is (3·samples + 3·side·k). */
+ * is left of its waves in it (waves, cells, points), and that shows `bands` (cells, waves): `root`, `basis` and
+ * `residual_bands` as above. `room` is (3·samples + 3·side·k). */
 LEDPI_SIMD void ledpi_predict(ptrdiff_t side, ptrdiff_t k, ptrdiff_t waves, const float *picture, const float *count,
                                   const float *mean_waves, const float *along, const double *bands, float *root,
                                   float *basis, float *residual_bands, float *room) {

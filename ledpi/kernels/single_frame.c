@@ -1,4 +1,5 @@
-/* What one picture says of the bands in a panel's cells: `single_evidence` in decode/evidence/single_frame.py, which says why. */
+/* What one picture says of the bands in a panel's cells: `single_evidence` in decode/evidence/single_frame.py, which says why.
+ * */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>

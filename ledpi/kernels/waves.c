@@ -26,8 +26,8 @@ static LEDPI_INLINE double on_until(double cycles, double duty, double *part) {
 }
 
 /* `bands` and `later` (count), as `square_wave_bands` in shutter.py has them, in `rows` (count), meaned over `averaged`
- * rows around each, so far `apart`; `start` is the fundamental's phase in row 0, in cycles, `exposed` the exposure, `fundamental` its
- * amplitude, negative where it is on when the light is off. */
+ * rows around each, so far `apart`; `start` is the fundamental's phase in row 0, in cycles, `exposed` the exposure,
+ * `fundamental` its amplitude, negative where it is on when the light is off. */
 LEDPI_SIMD void ledpi_square_waves(const float *rows, ptrdiff_t count, double a_row, double start, ptrdiff_t averaged,
                                    double apart, double exposed, double duty, double fundamental, float *bands, float *later) {
     const double size = fabs(fundamental), turn = 2.0 * 3.14159265358979323846;

@@ -1,4 +1,4 @@
-"""A dictionary's words as classes of cells: what a panel shows for an ID, and how it looks when it is turned."""
+"""A dictionary's codewords as classes of cells: what a panel shows for an ID, and how it looks when it is turned."""
 
 from __future__ import annotations
 
@@ -12,41 +12,41 @@ from ledpi.core.records import Phase
 
 Bits = NDArray[np.bool_]
 
-MOST_CORRECTED = 1  # cells that may be of the other class while a pattern still is a word
+MOST_CORRECTED = 1  # cells that may be of the other class while a pattern still is a codeword
 
 _TURNED = (np.arange(4)[:, None] + np.arange(4)) % 4  # which corner comes where, by quarter turns
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Dictionary:
-    """Words of n × n cells. True blinks at `white_hz`, False at `black_hz`."""
+    """Codewords of n × n cells. True blinks at `white_hz`, False at `black_hz`."""
 
     name: str
-    words: Bits  # (IDs, n, n), upright, row 0 at the top, read-only
+    codewords: Bits  # (IDs, n, n), upright, row 0 at the top, read-only
 
     @property
     def cells_per_side(self) -> int:
         """n of the n × n cells."""
-        return int(self.words.shape[1])
+        return int(self.codewords.shape[1])
 
-    def word(self, marker_id: int) -> Bits:
-        """The (n, n) word of an ID, upright. Raises ValueError for an ID that the dictionary does not have."""
-        if not 0 <= marker_id < len(self.words):
-            raise ValueError(f"{self.name} has the IDs 0 to {len(self.words) - 1}, not {marker_id}")
-        word: Bits = self.words[marker_id]
-        return word
+    def codeword(self, marker_id: int) -> Bits:
+        """The (n, n) codeword of an ID, upright. Raises ValueError for an ID that the dictionary does not have."""
+        if not 0 <= marker_id < len(self.codewords):
+            raise ValueError(f"{self.name} has the IDs 0 to {len(self.codewords) - 1}, not {marker_id}")
+        codeword: Bits = self.codewords[marker_id]
+        return codeword
 
     def rotated_codewords(self) -> Bits:
-        """(IDs, 4, n, n): each word as it looks after 0, 1, 2, 3 quarter turns **clockwise** in the picture."""
-        return np.stack([np.rot90(self.words, -k, axes=(1, 2)) for k in range(4)], axis=1)
+        """(IDs, 4, n, n): each codeword as it looks after 0, 1, 2, 3 quarter turns **clockwise** in the picture."""
+        return np.stack([np.rot90(self.codewords, -k, axes=(1, 2)) for k in range(4)], axis=1)
 
     def distances(self, phase: Phase = "free") -> NDArray[np.int32]:
-        """(IDs, 4·IDs) cells by which each word differs from every turned one; from itself unturned, as from none.
+        """(IDs, 4·IDs) cells by which each codeword differs from every turned one; from itself unturned, as from none.
 
-        Where classes blink in antiphase a word and its negative are one pattern, half a cycle apart: then it is the
+        Where classes blink in antiphase a codeword and its negative are one pattern, half a cycle apart: then it is the
         distance to the nearer of the two.
         """
-        flat = self.rotated_codewords().reshape(len(self.words), 4, -1).astype(np.int32)
+        flat = self.rotated_codewords().reshape(len(self.codewords), 4, -1).astype(np.int32)
         upright, turned = flat[:, 0], flat.reshape(-1, flat.shape[-1])
         distance = upright @ (1 - turned).T + (1 - upright) @ turned.T
         if phase == "antiphase":
@@ -56,46 +56,50 @@ class Dictionary:
         return np.asarray(distance, np.int32)
 
     def readable_ids(self, phase: Phase = "free") -> tuple[int, ...]:
-        """The IDs whose pattern is no other word's, nor their own turned: all, but where classes are in antiphase."""
+        """The IDs whose pattern is no other codeword's, nor their own turned: all, but where classes are in
+        antiphase.
+        """
         if phase == "free":
-            return tuple(range(len(self.words)))
+            return tuple(range(len(self.codewords)))
         return tuple(np.flatnonzero(self.distances(phase).min(axis=1) > 0).tolist())
 
     def check_readable(self, marker_id: int, phase: Phase) -> None:
         """Raises ValueError for an ID that no panel of this phase can show, with those that it can."""
-        self.word(marker_id)
+        self.codeword(marker_id)
         readable = self.readable_ids(phase)
         if marker_id not in readable:
             raise ValueError(
-                f"{self.name}: ID {marker_id} is the negative of another word, or of its own when it is turned: in "
+                f"{self.name}: ID {marker_id} is the negative of another codeword, or of its own when it is turned: in "
                 f"antiphase they look alike; must be one of {as_ranges(readable)}"
             )
 
     def part_like_ids(self) -> tuple[int, ...]:
         """The IDs that a part of another panel can show where it is taken for a whole one.
 
-        Where half of a panel's rows, say, are taken for all, rows are alike two by two. So look words of which no more
-        cells differ from such a pattern than can be corrected.
+        Where half of a panel's rows, say, are taken for all, rows are alike two by two. So look codewords of which no
+        more cells differ from such a pattern than can be corrected.
         """
         side, most = self.cells_per_side, min(MOST_CORRECTED, self.correctable_cells())
-        return tuple(i for i, word in enumerate(self.words) if _cells_off_repeating(word, side) <= most)
+        return tuple(i for i, codeword in enumerate(self.codewords) if _cells_off_repeating(codeword, side) <= most)
 
     def none_readable(self, phase: Phase) -> str:
         """What to say where `readable_ids` has none."""
         return f"no ID of {self.name} can be told from the others in {phase}; panels.phase must be free"
 
     def correctable_cells(self, phase: Phase = "free") -> int:
-        """⌊(d − 1)/2⌋ for the smallest distance d of a word that can be read to another, however they are turned."""
+        """⌊(d − 1)/2⌋ for the smallest distance d of a codeword that can be read to another, however they are
+        turned.
+        """
         distance = self.distances(phase)
         readable = distance.min(axis=1) > 0
         return int(distance[readable].min(initial=distance.shape[1]) - 1) // 2
 
 
-def _cells_off_repeating(word: Bits, side: int) -> int:
-    """By how many cells a word (n, n) differs from a pattern whose rows, or columns, are alike by two or more."""
+def _cells_off_repeating(codeword: Bits, side: int) -> int:
+    """By how many cells a codeword (n, n) differs from a pattern whose rows, or columns, are alike by two or more."""
     least = side * side
     for times in (n for n in range(2, side + 1) if side % n == 0):
-        for lines in (word, word.T):
+        for lines in (codeword, codeword.T):
             white = lines.reshape(side // times, times, side).sum(axis=1)
             least = min(least, int(np.minimum(white, times - white).sum()))
     return least
@@ -113,7 +117,7 @@ def as_ranges(numbers: Sequence[int]) -> str:
 
 
 def corners_of_turned(quad_corners: NDArray[np.float64], quarter_turns: int) -> NDArray[np.float64]:
-    """The marker's own corner order (top left first), of a quad that shows its word turned clockwise.
+    """The marker's own corner order (top left first), of a quad that shows its codeword turned clockwise.
 
     `quad_corners` (4, 2) runs clockwise in the picture. After one quarter turn clockwise, the marker's top left
     corner is where the picture's top right one is.

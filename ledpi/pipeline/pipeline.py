@@ -84,7 +84,7 @@ class Pipeline:
         self._existing = panels.existing_ids()
         self._proposer = Proposer(camera, self._cells, self._specs)
         self._locator = Locator(self._cells, self._specs, intrinsics, must_blink=not panels.search_frequencies)
-        sides_m = {marker_id: panels.spec(marker_id).side_m for marker_id in range(len(dictionary.words))}
+        sides_m = {marker_id: panels.spec(marker_id).side_m for marker_id in range(len(dictionary.codewords))}
         self._placer = Placer(intrinsics, sides_m, stream=stream, robot=robot)
         self._tracker = Tracker(self._specs)
         self._agenda = Agenda()
@@ -142,7 +142,7 @@ class Pipeline:
         return self._row_clock.corrected(frame)
 
     def _read_likelihood(self, frame: Frame, work: Results) -> Iterator[list[Detection]]:
-        """propose → fit → track → cells → soft, which is the likeliest word of all cells together.
+        """propose → fit → track → cells → soft, which is the likeliest codeword of all cells together.
 
         First the panels that the frames before have shown, where they are expected. All else shares the budget.
         """
@@ -293,7 +293,7 @@ class Pipeline:
 def _same_frequencies(panels: PanelSettings) -> list[tuple[PanelSpec, list[int]]]:
     """The panel and the IDs of each kind of blinking that there is."""
     groups: dict[tuple[tuple[float, ...], float], tuple[PanelSpec, list[int]]] = {}
-    for marker_id in range(len(load_dictionary(panels.dictionary).words)):
+    for marker_id in range(len(load_dictionary(panels.dictionary).codewords)):
         spec = panels.spec(marker_id)
         groups.setdefault((spec.waves_hz, spec.duty), (spec, []))[1].append(marker_id)
     return list(groups.values())

@@ -66,7 +66,7 @@ def panel_surface(panel: Panel, room: Room, seen_from_m: Floats | None = None) -
 
     `seen_from_m` (3,): the camera's place in the panel's frame, for what walls that stand out hide; None: far ahead.
     """
-    cells = len(panel.word)
+    cells = len(panel.codeword)
     texels = max(32, PANEL_TEXELS // cells)  # a cell
     bezel = round(panel.look.bezel * texels)
     pitch_m = panel.spec.side_m / cells
@@ -89,12 +89,14 @@ def panel_surface(panel: Panel, room: Room, seen_from_m: Floats | None = None) -
 
 
 def _groups(panel: Panel) -> tuple[list[Bits], tuple[Wave, ...]]:
-    """The (n, n) cells that share a wave, and the wave: the word's black and white, or as they were traced."""
+    """The (n, n) cells that share a wave, and the wave: the codeword's black and white, or as they were traced."""
     if panel.cell_waves is None:
         frequencies = (panel.spec.black_hz, panel.spec.white_hz)
-        return [~panel.word, panel.word], tuple(SquareWave(frequency_hz=f, duty=panel.spec.duty) for f in frequencies)
+        return [~panel.codeword, panel.codeword], tuple(
+            SquareWave(frequency_hz=f, duty=panel.spec.duty) for f in frequencies
+        )
     waves = tuple({id(wave): wave for wave in panel.cell_waves}.values())
-    own = [np.array([each is wave for each in panel.cell_waves]).reshape(panel.word.shape) for wave in waves]
+    own = [np.array([each is wave for each in panel.cell_waves]).reshape(panel.codeword.shape) for wave in waves]
     return own, waves
 
 

@@ -35,7 +35,7 @@ UNFIT = Rejected(stage="identify", reason="unfit")
 
 
 class Evidence(NamedTuple):
-    """What the samples say of every cell and wave: quadratic in the bands, so that words and frames only add up.
+    """What the samples say of every cell and wave: quadratic in the bands, so that codewords and frames only add up.
 
     The log-likelihood of bands x, cosine and sine of each wave in each cell, is `score·x − xᵀ·information·x/2`. There
     are P of them to a cell: 4 where the classes blink at two frequencies, 2 in antiphase.

@@ -1,7 +1,7 @@
 """Whether a frame shows what a track that was read lets expect of it, at a fraction of what reading costs.
 
-The mean picture of the frames before and the bands of the word say what each sample should be; gain and corners may be
-a little off, as ever (`memory`). What is left tells the noise, and so the log-likelihood ratio of "these bands" to
+The mean picture of the frames before and the bands of the codeword say what each sample should be; gain and corners may
+be a little off, as ever (`memory`). What is left tells the noise, and so the log-likelihood ratio of "these bands" to
 "none", or to "those before" where that is likelier: of the whole panel, and of each cell, so that another panel in the
 place does not pass for most of its cells. In a picture of few frames their bands are left: a cell that blinks otherwise
 is as unlike that picture as unlike what is expected, and only "none" tells it.
@@ -30,8 +30,8 @@ MATCH_NATS = 6.0
 # frames.
 LEAST_SHARE = 1 / 8
 # What is left of one that tells less than this share is mostly no noise, and makes all that cells say less by the same:
-# those against may be no more than so much of the whole then. Of another word, a quarter of the cells would be half of
-# that. (Of 6,500 frames of panels, with and without a hidden edge, seven more are read anew by this.)
+# those against may be no more than so much of the whole then. Of another codeword, a quarter of the cells would be half
+# of that. (Of 6,500 frames of panels, with and without a hidden edge, seven more are read anew by this.)
 UNLIKE, MOST_AGAINST = 0.25, 0.125
 MIN_VALID = 0.75  # of each cell's samples: of a cell that is mostly saturated nothing is sure
 RIDGE = 1e-6  # of a basis vector's square: one may be all but gone with what is saturated

@@ -1,7 +1,7 @@
-"""How well words, and patterns that are none, explain the evidence of all of a panel's cells together.
+"""How well codewords, and patterns that are none, explain the evidence of all of a panel's cells together.
 
-With score b and information A of the bands that all cells of a word share (P numbers), and their prior variance Λ, the
-log-likelihood ratio of the word to "no bands", depth and phase integrated out, is
+With score b and information A of the bands that all cells of a codeword share (P numbers), and their prior variance Λ,
+the log-likelihood ratio of the codeword to "no bands", depth and phase integrated out, is
 
     ½ bᵀ(A + Λ⁻¹)⁻¹b − ½ ln det(I + ΛA)
 
@@ -16,11 +16,11 @@ from ledpi.decode.evidence.evidence import Evidence
 from ledpi.kernels import codewords as kernel
 from ledpi.kernels.codewords import Fit
 
-SHORTLIST = 16  # words that are compared exactly
+SHORTLIST = 16  # codewords that are compared exactly
 
 
 def rank_codewords(evidence: Evidence, white: Singles) -> Fit:
-    """The SHORTLIST likeliest of the words (W, cells), 1 where the class is white."""
+    """The SHORTLIST likeliest of the codewords (W, cells), 1 where the class is white."""
     return kernel.rank_codewords(evidence.score, evidence.information, evidence.prior, white, SHORTLIST)
 
 
@@ -36,11 +36,15 @@ def weakest_row(evidence: Evidence, cell_bands: Floats) -> float:
     return kernel.class_flip_gains(evidence.score, evidence.information, cell_bands, cell_bands)[1]
 
 
-def near_pattern_likelihood(evidence: Evidence, word: Singles, nearest: int, furthest: int) -> float:
-    """Log of the summed likelihoods of patterns that differ from a word (cells,) in `nearest` to `furthest` cells."""
-    return kernel.near_pattern_likelihood(evidence.score, evidence.information, evidence.prior, word, nearest, furthest)
+def near_pattern_likelihood(evidence: Evidence, codeword: Singles, nearest: int, furthest: int) -> float:
+    """Log of the summed likelihoods of patterns that differ from a codeword (cells,) in `nearest` to `furthest`
+    cells.
+    """
+    return kernel.near_pattern_likelihood(
+        evidence.score, evidence.information, evidence.prior, codeword, nearest, furthest
+    )
 
 
-def likeliest_far_pattern(evidence: Evidence, word: Singles, correctable: int) -> tuple[float, Singles]:
-    """The likeliest pattern that differs from a word (cells,) in more cells than that: how likely, and which."""
-    return kernel.likeliest_far_pattern(evidence.score, evidence.information, evidence.prior, word, correctable)
+def likeliest_far_pattern(evidence: Evidence, codeword: Singles, correctable: int) -> tuple[float, Singles]:
+    """The likeliest pattern that differs from a codeword (cells,) in more cells than that: how likely, and which."""
+    return kernel.likeliest_far_pattern(evidence.score, evidence.information, evidence.prior, codeword, correctable)

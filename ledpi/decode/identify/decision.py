@@ -1,12 +1,12 @@
 """Reads a panel's ID from the evidence of all its cells together.
 
-A word of the dictionary says which cells carry which class, so its likelihood is that of *one* fit to the whole
+A codeword of the dictionary says which cells carry which class, so its likelihood is that of *one* fit to the whole
 panel: no cell is ever decided alone. Depth and phase are not known beforehand; they are integrated out under a
 Gaussian whose width is the depth that the exposure leaves of a square wave (`shutter.harmonic_amplitude`). Three
-rivals are weighed against the best word: no bands at all, the best other ID, and all patterns that are no word.
+rivals are weighed against the best codeword: no bands at all, the best other ID, and all patterns that are no codeword.
 
-On an antiphase panel a word and its negative are one pattern, half a cycle apart; only words that can be told from all
-others' negatives are in its `Codebook`.
+On an antiphase panel a codeword and its negative are one pattern, half a cycle apart; only codewords that can be told
+from all others' negatives are in its `Codebook`.
 """
 
 from __future__ import annotations
@@ -40,24 +40,24 @@ AMBIGUOUS = Rejected(stage="identify", reason="ambiguous")
 INCONSISTENT = Rejected(stage="identify", reason="inconsistent_cells")
 IMPLAUSIBLE = Rejected(stage="identify", reason="implausible_depth")
 
-# The share of panels showing no word, but a pattern two or more cells away from every word, that are taken for one: in
-# single frames, at the distance where that is most frequent (`docs/evaluating.md`, How sure an ID is). What it costs is
-# measured by benchmarks/false_ids.py. (Of 100,000 frames of decoys a rate ten times as high let one be read.)
+# The share of panels showing no codeword, but a pattern two or more cells away from every codeword, that are taken for
+# one: in single frames, at the distance where that is most frequent (`docs/evaluating.md`, How sure an ID is). What it
+# costs is measured by benchmarks/false_ids.py. (Of 100,000 frames of decoys a rate ten times as high let one be read.)
 FALSE_ID_RATE = 1e-6
 # Faint bands are looked at once where more than so much is missing of the odds against other patterns: of
 # 89 panels at 1.6 to 2.5 m that a second look has read it was 5.1 nats at most.
 SECOND_PASS_GAIN = 6.0
-# Whatever is estimate explains more: what a lamp shows, as a word with its own bands, more than the lamp does. Of what
-# a word explains a second look adds 4 to 14 % where a panel shows it (of 24 read so, one 17 and one 40 %), and 26 to
-# 80 % where a lamp does that blinks alike everywhere.
+# Whatever is estimate explains more: what a lamp shows, as a codeword with its own bands, more than the lamp does. Of
+# what a codeword explains a second look adds 4 to 14 % where a panel shows it (of 24 read so, one 17 and one 40 %), and
+# 26 to 80 % where a lamp does that blinks alike everywhere.
 MAX_SECOND_PASS_GAIN = 0.2
 
 
 class Reading(NamedTuple):
-    """The best word, and how sure it is."""
+    """The best codeword, and how sure it is."""
 
     id: int
-    quarter_turns: int  # clockwise, of the word as seen in the picture
+    quarter_turns: int  # clockwise, of the codeword as seen in the picture
     margin: float  # natural-log likelihood ratio to the best rival
     likelihood: float  # natural-log likelihood ratio to "no bands at all"
     amplitude: tuple[float, float]  # of black's and white's bands over the mean light
@@ -70,7 +70,7 @@ def read_codeword(
     codebook: Codebook,
     false_id_rate: float = FALSE_ID_RATE,
 ) -> Reading | Rejected:
-    """The word that these samples show by themselves, or why none can be told.
+    """The codeword that these samples show by themselves, or why none can be told.
 
     Bands are looked at twice where that may change the answer, or where the exposure leaves more than sinusoids: as
     such; and, once it is known where in their period they are, as what the exposure leaves of a square wave, with the
@@ -98,14 +98,14 @@ def _second_pass(
     codebook: Codebook,
     false_id_rate: float,
 ) -> Reading | Rejected:
-    """The word that a first look has shown, or left open, by the exact waveform; or why it cannot be told."""
+    """The codeword that a first look has shown, or left open, by the exact waveform; or why it cannot be told."""
     spec, (evidence, fit) = codebook.spec, looked
-    estimate = estimate_bands(samples, frame, spec, codebook.white[fit.words[0]] > 0, fit.bands)
+    estimate = estimate_bands(samples, frame, spec, codebook.white[fit.codewords[0]] > 0, fit.bands)
     again = single_evidence(samples, frame, spec, estimate=estimate)
     if isinstance(again, Rejected):
         return again
     refit, exact = rank_codewords(again, codebook.white), not are_sinusoids(frame.exposure_us, spec)
-    if refit.words[0] != fit.words[0]:
+    if refit.codewords[0] != fit.codewords[0]:
         return INCONSISTENT
     second = _judge(refit, again, codebook, false_id_rate, exact=exact)
     if isinstance(second, Rejected):
@@ -139,11 +139,11 @@ def _is_open(
 
 
 def _is_contradicted(fit: Fit, evidence: Evidence, codebook: Codebook, false_id_rate: float) -> bool:
-    """Whether more cells than the dictionary can correct are surely of the other class than the best word says, or all
-    of them may be of one class.
+    """Whether more cells than the dictionary can correct are surely of the other class than the best codeword says, or
+    all of them may be of one class.
 
-    A second look believes the word's cells, and so finds more of what it believes: it may settle what was open, but not
-    what was decided against the word.
+    A second look believes the codeword's cells, and so finds more of what it believes: it may settle what was open, but
+    not what was decided against the codeword.
     """
     needed = odds_needed(false_id_rate)
     if sum(gain > needed for gain in fit.gain) > codebook.correctable:
@@ -162,13 +162,13 @@ def _is_hopeless(fit: Fit, evidence: Evidence, codebook: Codebook, false_id_rate
 
 
 def _odds_against_other_ids(fit: Fit, codebook: Codebook) -> float:
-    ids, best = codebook.ids, fit.words[0]
-    others = (of for word, of in zip(fit.words, fit.likelihood, strict=True) if ids[word] != ids[best])
+    ids, best = codebook.ids, fit.codewords[0]
+    others = (of for codeword, of in zip(fit.codewords, fit.likelihood, strict=True) if ids[codeword] != ids[best])
     return float(fit.likelihood[0] - next(others, 0.0))  # the likeliest of them comes first
 
 
 def decide(evidence: Evidence, codebook: Codebook, false_id_rate: float) -> Reading | Rejected:
-    """The word that the evidence is for, or why none can be told."""
+    """The codeword that the evidence is for, or why none can be told."""
     return _judge(rank_codewords(evidence, codebook.white), evidence, codebook, false_id_rate)
 
 
@@ -190,9 +190,9 @@ def _judge(
     *,
     exact: bool = False,
 ) -> Reading | Rejected:
-    """The best word, if it stands against all its rivals. `exact`: as of `is_consistent`."""
+    """The best codeword, if it stands against all its rivals. `exact`: as of `is_consistent`."""
     needed = odds_needed(false_id_rate)
-    best, none = fit.words[0], fit.likelihood[0]
+    best, none = fit.codewords[0], fit.likelihood[0]
     if none < needed:
         return NO_BANDS
     if not fit.is_finite:

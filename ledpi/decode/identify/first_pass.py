@@ -1,6 +1,6 @@
-"""The first look at a panel's samples: the evidence in them, and the words that explain it best.
+"""The first look at a panel's samples: the evidence in them, and the codewords that explain it best.
 
-Step by step (`single_frame`, `words`), or all at once in C (kernels/first_pass.c) where the panel is a plain one:
+Step by step (`single_frame`, `codewords`), or all at once in C (kernels/first_pass.c) where the panel is a plain one:
 nothing saturated, covered or unlit. Most of what a search meets is, and half of its time would be spent between the
 steps.
 """
@@ -30,7 +30,7 @@ def first_pass(
     white: Singles,
     prior: Floats | None = None,
 ) -> tuple[Evidence, Fit] | Rejected:
-    """The evidence of one picture, and the likeliest of the words (W, cells), 1 where the class is white.
+    """The evidence of one picture, and the likeliest of the codewords (W, cells), 1 where the class is white.
 
     `prior` (P,): how bands vary, where that is not as the exposure leaves them (`band_prior`).
     """
@@ -61,7 +61,7 @@ def _at_once(
         noise=white_noise_expected(samples, lags, 1 + len(prior)),
         cycles_a_row=tuple(hz * frame.row_time_us * 1e-6 for hz in spec.waves_hz),
         prior=prior,
-        words=white,
+        codewords=white,
         most=SHORTLIST,
         may_be_occluded=not may_be_dark,
         unlit=0.0 if may_be_dark else UNLIT,

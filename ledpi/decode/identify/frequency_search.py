@@ -2,7 +2,7 @@
 
 An RC oscillator is off by a percent. Within one frame that hardly shows, but from frame to frame the bands then advance
 by a tenth of a cycle and more besides what was expected, so that frames do not add up. So, for each class and each
-frequency around the announced one, the frames are added up at that frequency's phases; the word and the two
+frequency around the announced one, the frames are added up at that frequency's phases; the codeword and the two
 frequencies that together leave the most power are proposed. What they are worth is for `soft` to decide, on the same
 frames, seen again at these frequencies.
 """
@@ -34,9 +34,10 @@ STEPS_PER_CYCLE = 4.0
 MIN_LEFT = 0.2
 # Cosine and sine may be so much alike; what is left of two that are more so is mostly noise, too.
 MOST_ALIKE = 0.8
-# Over the mean of noise: one of e^10 looks so by chance, and there are some 10 independent frequencies and 100 words.
+# Over the mean of noise: one of e^10 looks so by chance, and there are some 10 independent frequencies and 100
+# codewords.
 SIGNIFICANT = 10.0
-# Word, black and white frequency are chosen among so many that are independent (12 frames of 17 ms): what is found
+# Codeword, black and white frequency are chosen among so many that are independent (12 frames of 17 ms): what is found
 # must be surer by as much: 2·1.2 %·1250 Hz·0.2 s = 6, times 12; each of them may also stand still.
 CHOICES = 300.0
 
@@ -79,10 +80,10 @@ def propose_frequencies(observations: Sequence[Observation], spec: PanelSpec, co
         )
         for k, hz in enumerate(spec.waves_hz)
     ]
-    word = int(np.argmax(np.sum([power.max(axis=0) for _, power in searched], axis=0)))
+    codeword = int(np.argmax(np.sum([power.max(axis=0) for _, power in searched], axis=0)))
     period_s = times_s[-1] / (len(observations) - 1)
     noise = _noise(observations, residual, weight)
-    peaks = [_peak(frequencies, power[:, word], noise) for frequencies, power in searched]
+    peaks = [_peak(frequencies, power[:, codeword], noise) for frequencies, power in searched]
     if not any(peaks):
         return None
     hz = tuple(peak or _frozen(hz, period_s) for peak, hz in zip(peaks, spec.waves_hz, strict=True))
@@ -129,11 +130,12 @@ def _image_sums(observations: Sequence[Observation], weight: Floats, hz: float) 
 
 
 def _powers(sums: Complexes, mirrored: Complexes, times_s: Floats, hz: float, shares: Floats) -> tuple[Floats, Floats]:
-    """Frequencies (F,), and the power (F, words) of a wave in all cells of a word together, over what noise leaves.
+    """Frequencies (F,), and the power (F, codewords) of a wave in all cells of a codeword together, over what noise
+    leaves.
 
-    `shares` (words, cells): how much of it each shows. The power is what the least-squares cosine and sine explain. In
-    few frames, and cells that are lower than a band, these are not orthogonal: light that is real turns both ways, and
-    near half a cycle a frame the one way looks much like the other, which would pull the frequency.
+    `shares` (codewords, cells): how much of it each shows. The power is what the least-squares cosine and sine explain.
+    In few frames, and cells that are lower than a band, these are not orthogonal: light that is real turns both ways,
+    and near half a cycle a frame the one way looks much like the other, which would pull the frequency.
     """
     time_s = max(times_s[-1], 1e-3)
     # Those a frame rate apart advance alike from frame to frame, so that only one of them may be among those tried.
@@ -144,7 +146,7 @@ def _powers(sums: Complexes, mirrored: Complexes, times_s: Floats, hz: float, sh
     turning -= turning.mean(axis=1, keepdims=True)  # as the residuals are without their mean
     left = np.maximum(np.square(np.abs(turning)).mean(axis=1), MIN_LEFT)
     squares = np.square(shares)
-    total = turning @ sums @ shares.T  # (F, words)
+    total = turning @ sums @ shares.T  # (F, codewords)
     own = left[:, None] * np.maximum(squares.sum(axis=1), 1.0)
     other = np.square(turning) @ mirrored @ squares.T
     other *= np.minimum(1.0, MOST_ALIKE * own / np.maximum(np.abs(other), 1e-9))

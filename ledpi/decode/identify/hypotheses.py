@@ -1,7 +1,7 @@
-"""What else than its best word a panel may show: log odds of that word against patterns that are none.
+"""What else than its best codeword a panel may show: log odds of that codeword against patterns that are none.
 
-Beforehand a panel shows a word as often as a pattern that is none. The best other word, and "no bands", are weighed in
-`soft`.
+Beforehand a panel shows a codeword as often as a pattern that is none. The best other codeword, and "no bands", are
+weighed in `soft`.
 """
 
 from __future__ import annotations
@@ -23,13 +23,14 @@ from ledpi.decode.identify.codewords import likeliest_far_pattern, near_pattern_
 from ledpi.decode.identify.first_pass import first_pass
 from ledpi.kernels.codewords import Fit
 
-# Patterns that are no word count as rivals as if they showed up as often as words: all of them alike, or those that
-# differ from a word in 2, 3 or 4 cells, evenly, which is more where panels have many cells.
+# Patterns that are no codeword count as rivals as if they showed up as often as codewords: all of them alike, or those
+# that differ from a codeword in 2, 3 or 4 cells, evenly, which is more where panels have many cells.
 NEAR_DISTANCES = 3
 # Patterns are tried that differ in up to so many cells: what differs in more is less likely than these.
 NEIGHBOURS = 3
-# A word that leads the patterns near it by so many times what is needed is not held against patterns further off, which
-# takes longer than all the rest: those that came nearer (two in 12,600 mirrored panels) it led by 1.1 and 1.7 times.
+# A codeword that leads the patterns near it by so many times what is needed is not held against patterns further off,
+# which takes longer than all the rest: those that came nearer (two in 12,600 mirrored panels) it led by 1.1 and 1.7
+# times.
 FURTHER_ODDS = 4.0
 # Of the lower announced frequency, and of the higher: from here to there lights are tried. Slower ones hardly change
 # over a panel, and quicker ones hardly show at an exposure that makes bands invisible.
@@ -37,9 +38,9 @@ LIGHTS = (0.25, 2.0)
 
 
 def odds_against_no_codeword(evidence: Evidence, fit: Fit, codebook: Codebook, needed: float) -> float:
-    """Log odds of the best word against patterns that are none: the least against those that were asked for.
+    """Log odds of the best codeword against patterns that are none: the least against those that were asked for.
 
-    What takes longer is asked only while the word has the odds that are `needed`.
+    What takes longer is asked only while the codeword has the odds that are `needed`.
     """
     odds = _least(
         odds_against_other_patterns(fit, codebook),
@@ -62,34 +63,34 @@ def _least(*odds: float) -> float:
 
 
 def odds_against_other_patterns(fit: Fit, codebook: Codebook) -> float:
-    """Log odds of the best word against all patterns that are too far from it to be it.
+    """Log odds of the best codeword against all patterns that are too far from it to be it.
 
-    Without this rival a panel that shows no word of the dictionary would pass as its neighbour. As with any code, a
-    pattern counts as the word itself while no more cells differ than the dictionary can correct; those that are
+    Without this rival a panel that shows no codeword of the dictionary would pass as its neighbour. As with any code, a
+    pattern counts as the codeword itself while no more cells differ than the dictionary can correct; those that are
     silent are erasures: they may be either, and leave less to be corrected.
     """
-    others = fit.beyond[codebook.correctable_beside(fit.erased, fit.words[0])]
+    others = fit.beyond[codebook.correctable_beside(fit.erased, fit.codewords[0])]
     return prior_odds_of_codeword(codebook) - others - _log_patterns(fit.erased)
 
 
 def odds_against_near_patterns(evidence: Evidence, fit: Fit, codebook: Codebook) -> float:
-    """Log odds of the best word against patterns a few cells off, each with the bands that fit it best.
+    """Log odds of the best codeword against patterns a few cells off, each with the bands that fit it best.
 
-    With the word's bands a pattern that is really shown may look unlikely: these are meant for other cells.
+    With the codeword's bands a pattern that is really shown may look unlikely: these are meant for other cells.
     """
-    best, of_word, erased = fit.words[0], fit.likelihood[0], fit.erased
+    best, of_codeword, erased = fit.codewords[0], fit.likelihood[0], fit.erased
     correctable = codebook.correctable_beside(erased, best)
     others = near_pattern_likelihood(evidence, codebook.white[best], correctable + 1, max(NEIGHBOURS, correctable + 1))
-    return of_word - others + prior_odds_of_codeword(codebook) - _log_patterns(erased)
+    return of_codeword - others + prior_odds_of_codeword(codebook) - _log_patterns(erased)
 
 
 def odds_against_any_pattern(evidence: Evidence, fit: Fit, codebook: Codebook) -> float:
-    """Log odds of the best word against the likeliest pattern that is too far from it to be it, bands fitted anew.
+    """Log odds of the best codeword against the likeliest pattern that is too far from it to be it, bands fitted anew.
 
     Where a cell is about as high as a band is long, bands of other phases may explain nearly the same light in many
     other cells.
     """
-    best = fit.words[0]
+    best = fit.codewords[0]
     correctable = codebook.correctable_beside(fit.erased, best)
     likelihood, _ = likeliest_far_pattern(evidence, codebook.white[best], correctable)
     return fit.likelihood[0] - likelihood + prior_odds_of_codeword(codebook) - _log_patterns(fit.erased)
@@ -100,29 +101,29 @@ def _log_patterns(erased: Mask | None) -> float:
     return 0.0 if erased is None else int(np.count_nonzero(erased)) * math.log(2)
 
 
-def odds_against_negative(of_negative: float, codebook: Codebook, of_word: float) -> float:
-    """Log odds of a word against the pattern with all classes swapped, bands fitted anew.
+def odds_against_negative(of_negative: float, codebook: Codebook, of_codeword: float) -> float:
+    """Log odds of a codeword against the pattern with all classes swapped, bands fitted anew.
 
-    The one pattern that may look like the word although all its cells differ: where a cell is as high as a band is
+    The one pattern that may look like the codeword although all its cells differ: where a cell is as high as a band is
     long, the same wave is in every cell, and all that the shared profile leaves of it is where it is *not*. (In
-    antiphase it is the word itself.)
+    antiphase it is the codeword itself.)
     """
     if codebook.spec.phase == "antiphase":
         return math.inf
-    return of_word - of_negative + prior_odds_of_codeword(codebook)
+    return of_codeword - of_negative + prior_odds_of_codeword(codebook)
 
 
 def odds_against_one_class(fit: Fit, codebook: Codebook) -> float:
-    """Log odds of the best word against all cells being of one class, its bands fitted anew.
+    """Log odds of the best codeword against all cells being of one class, its bands fitted anew.
 
     So is a lamp that is switched, or a panel whose driver has failed. Where cells are as high as bright bands, whole
-    rows of them are dark, and a word that says so where they are outshines patterns that are like it.
+    rows of them are dark, and a codeword that says so where they are outshines patterns that are like it.
     """
     return fit.likelihood[0] - fit.one_class + prior_odds_of_codeword(codebook)
 
 
 def odds_against_one_light(fit: Fit, samples: CellSamples, frame: Frame, codebook: Codebook) -> float:
-    """Log odds of the best word against one light that blinks alike everywhere, at any frequency, in a first look.
+    """Log odds of the best codeword against one light that blinks alike everywhere, at any frequency, in a first look.
 
     Frequencies are so close that one of them is within a quarter of a cycle over the panel's rows.
     """
@@ -149,43 +150,45 @@ def odds_under_either_estimate(
     codebook: Codebook,
     needed: float,
 ) -> float:
-    """Log odds of a second look's best word against what is far from it: the mean of that look and the rival's own.
+    """Log odds of a second look's best codeword against what is far from it: the mean of that look and the rival's own.
 
     What a look believes is divided out of the light before cells are compared, so it is hard on what blinks in other
-    phases; one that believes the rival is as hard on the word. (Patterns a few cells off have the word's phases.)
-    Rivals are a first look's likeliest pattern and other ID, but for what that has told with the odds that are
+    phases; one that believes the rival is as hard on the codeword. (Patterns a few cells off have the codeword's
+    phases.) Rivals are a first look's likeliest pattern and other ID, but for what that has told with the odds that are
     `needed`: it believes nothing, so it is fair.
     """
     (evidence, fit), (own, refit) = first, second
-    word, ids, odds = codebook.white[refit.words[0]], codebook.ids, math.inf
-    likelihood, far = likeliest_far_pattern(evidence, word, NEIGHBOURS)
+    codeword, ids, odds = codebook.white[refit.codewords[0]], codebook.ids, math.inf
+    likelihood, far = likeliest_far_pattern(evidence, codeword, NEIGHBOURS)
     rivals = [(far, prior_odds_of_codeword(codebook) - _log_patterns(fit.erased))] if likelihood != -math.inf else []
-    rivals += [(codebook.white[other], 0.0) for other in fit.words if ids[other] != ids[refit.words[0]]][:1]
+    rivals += [(codebook.white[other], 0.0) for other in fit.codewords if ids[other] != ids[refit.codewords[0]]][:1]
     for rival, before in rivals:
-        if before + _lead(word, rival, evidence) >= needed:
+        if before + _lead(codeword, rival, evidence) >= needed:
             continue
         estimate = estimate_bands(samples, frame, codebook.spec, rival > 0, rank_codewords(evidence, rival[None]).bands)
         theirs = single_evidence(samples, frame, codebook.spec, estimate=estimate)
         if isinstance(theirs, Rejected):
             return -math.inf
-        odds = _least(odds, before + 0.5 * (_lead(word, rival, own) + _lead(word, rival, theirs)))
+        odds = _least(odds, before + 0.5 * (_lead(codeword, rival, own) + _lead(codeword, rival, theirs)))
     return odds
 
 
-def _lead(word: Singles, rival: Singles, evidence: Evidence) -> float:
-    """Log-likelihood ratio of a word to a rival (cells,), each with the bands that fit it best."""
-    both = rank_codewords(evidence, np.stack([word, rival]))
+def _lead(codeword: Singles, rival: Singles, evidence: Evidence) -> float:
+    """Log-likelihood ratio of a codeword to a rival (cells,), each with the bands that fit it best."""
+    both = rank_codewords(evidence, np.stack([codeword, rival]))
     lead = both.likelihood[0] - both.likelihood[1]
-    return lead if both.words[0] == 0 else -lead
+    return lead if both.codewords[0] == 0 else -lead
 
 
 def prior_odds_of_codeword(codebook: Codebook) -> float:
-    """Log odds, beforehand, of one word against one pattern that is none, where words and others are as frequent."""
+    """Log odds, beforehand, of one codeword against one pattern that is none, where codewords and others are as
+    frequent.
+    """
     alike = 2 if codebook.spec.phase == "antiphase" else 1  # a pattern and its negative are one
     return _prior_odds(*codebook.white.shape, alike)
 
 
 @cache
-def _prior_odds(words: int, cells: int, alike: int) -> float:
-    all_even = cells * math.log(2) - math.log(alike * words)
+def _prior_odds(codewords: int, cells: int, alike: int) -> float:
+    all_even = cells * math.log(2) - math.log(alike * codewords)
     return min(all_even, math.log(NEAR_DISTANCES * math.comb(cells, NEAREST_PATTERN)))

@@ -17,7 +17,7 @@ CONTRADICTION_NATS = 5.0
 # are what they were gain by noise alone: 0.2 each on average, whatever their evidence E (mean of max(0, N(−E, 2E))).
 # The rest is for bands that are not known exactly yet.
 OTHER_CLASS_NATS = 16.0
-# What confirms a panel says so many times as much for it as for cells of the other class. Where another word is
+# What confirms a panel says so many times as much for it as for cells of the other class. Where another codeword is
 # cell_bands that differs in a quarter of the cells, as DICT_4X4_50's do at least, both are alike.
 CONFIRMATION_RATIO = 4.0
 

@@ -1,4 +1,4 @@
-"""Whether what a word says hangs together: its bands as one panel's, its cells as one word's."""
+"""Whether what a codeword says hangs together: its bands as one panel's, its cells as one codeword's."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from ledpi.kernels.codewords import Fit
 MIN_DEPTH, MAX_DEPTH = 0.25, math.pi / 2
 MAX_DEPTH_RATIO = 2.5
 DEVIATIONS = 3.0  # allowed to either, for noise
-# Bands of its own in every cell fit better than one word's for all, by noise alone with mean and variance of half as
-# many degrees of freedom. Beyond that, of what a word explains a panel leaves a sixteenth at most, harmonics, tone and
-# all (measured; but for a few within thick walls, beside print or with a row time that is off by 6 %, which wait for
-# another frame). What is more, is no cells of one panel: a light that blinks alike everywhere, at another frequency or
-# in short flashes, or something dark across a bright thing, leaves an eighth to a third.
+# Bands of its own in every cell fit better than one codeword's for all, by noise alone with mean and variance of half
+# as many degrees of freedom. Beyond that, of what a codeword explains a panel leaves a sixteenth at most, harmonics,
+# tone and all (measured; but for a few within thick walls, beside print or with a row time that is off by 6 %, which
+# wait for another frame). What is more, is no cells of one panel: a light that blinks alike everywhere, at another
+# frequency or in short flashes, or something dark across a bright thing, leaves an eighth to a third.
 MAX_MISFIT = 1.0 / 10.0
 # Bands of nearly full depth outshine all noise, and explain all but a few percent of what there is to see (1.5 % on
-# photographs of real lamps), unless the corners are wrong. What a word leaves open then is as much as there is wrong
-# with what it is told by; so its lead over its rivals must be more than that.
+# photographs of real lamps), unless the corners are wrong. What a codeword leaves open then is as much as there is
+# wrong with what it is told by; so its lead over its rivals must be more than that.
 MIN_EXPLAINED = 50.0
-# Log odds by which a row of cells may be rather without bands than with its word's: where the exposure has left none of
-# its class it was by 1.2 at most, of 577 readings; rows of all other panels were with them by 8 and more.
+# Log odds by which a row of cells may be rather without bands than with its codeword's: where the exposure has left
+# none of its class it was by 1.2 at most, of 577 readings; rows of all other panels were with them by 8 and more.
 MOST_AGAINST = 2.0
 
 
@@ -42,25 +42,26 @@ def is_plausible(amplitude: list[float], deviation: list[float], evidence: Evide
 
 
 def is_consistent(evidence: Evidence, fit: Fit, lead: float, *, exact: bool) -> bool:
-    """Whether all cells share the bands of one word, as far as its log-likelihood ratio and its lead can tell.
+    """Whether all cells share the bands of one codeword, as far as its log-likelihood ratio and its lead can tell.
 
     `exact`: by the exact waveform, where sinusoids leave more than noise, and where neighbours' light at a cell's rim
-    blinks as theirs does. Then a word leaves no more than noise, and is held to that as where bands are deep. (Of
+    blinks as theirs does. Then a codeword leaves no more than noise, and is held to that as where bands are deep. (Of
     panels at 450 µs to 2 ms and 1 to 3 m 31 nats more at most, and mostly less than 15.)
     """
     erased = 0 if fit.erased is None else int(np.count_nonzero(fit.erased))
     freedom = (len(fit.gain) - erased - 1) * len(evidence.prior)
-    of_word = fit.likelihood[0]
+    of_codeword = fit.likelihood[0]
     if is_deep_anywhere(evidence.prior):
-        return fit.of_cells - of_word < lead and of_word > MIN_EXPLAINED * evidence.residual
-    misfit, by_noise = fit.of_cells - (of_word + _of_open_bands(evidence, fit)), 0.5 * freedom
+        return fit.of_cells - of_codeword < lead and of_codeword > MIN_EXPLAINED * evidence.residual
+    misfit, by_noise = fit.of_cells - (of_codeword + _of_open_bands(evidence, fit)), 0.5 * freedom
     if exact and not misfit < by_noise + lead:
         return False
-    return misfit < by_noise + DEVIATIONS * math.sqrt(by_noise) + MAX_MISFIT * of_word
+    return misfit < by_noise + DEVIATIONS * math.sqrt(by_noise) + MAX_MISFIT * of_codeword
 
 
 def _of_open_bands(evidence: Evidence, fit: Fit) -> float:
-    """What a word's likelihood is less than that of its best bands, as these were open beforehand: ½ ln det(I + ΛA).
+    """What a codeword's likelihood is less than that of its best bands, as these were open beforehand: ½ ln det(I +
+    ΛA).
 
     Some 10 nats; told by the deviation of each cosine and sine by itself, which makes it less, if anything.
     """
@@ -69,11 +70,11 @@ def _of_open_bands(evidence: Evidence, fit: Fit) -> float:
 
 
 def all_rows_blink(fit: Fit) -> bool:
-    """Whether no row or column of cells would rather have no bands than those that the word gives it, or is dark.
+    """Whether no row or column of cells would rather have no bands than those that the codeword gives it, or is dark.
 
     A lattice that lies a row or a column off takes what is beside the panel for cells. These do not blink, or are dark
-    but for one that reaches into the panel; and the others may be the better part of another word. So at the rim fewer
-    than half of a row may be erased.
+    but for one that reaches into the panel; and the others may be the better part of another codeword. So at the rim
+    fewer than half of a row may be erased.
     """
     side = math.isqrt(len(fit.gain))
     if fit.erased is not None:

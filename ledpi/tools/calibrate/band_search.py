@@ -60,29 +60,29 @@ class Waves:
     cycles_per_row: Floats  # (waves,)
 
 
-def find_codeword(panel: PanelLight, words: Bits, waves: Sequence[Waves]) -> tuple[int, list[int]]:
-    """Index of the likeliest word, and which of each of the panel's `waves` (`decode.classes`) it shows.
+def find_codeword(panel: PanelLight, codewords: Bits, waves: Sequence[Waves]) -> tuple[int, list[int]]:
+    """Index of the likeliest codeword, and which of each of the panel's `waves` (`decode.classes`) it shows.
 
     The log-likelihood ratio of a wave with free amplitude and phase is |Σ_c s_c·S_c|²/(σ²·V): S_c the light's deviation
     from the still picture, correlated with the wave, s_c how much of it the cell shows, V its expected power.
     """
     change, still = changes(panel.light[:SEARCH_FRAMES])
     seconds, rows = panel.times_from_middle()[:SEARCH_FRAMES], panel.rows_from_middle()
-    shares = wave_shares(words.astype(np.float64), len(waves))
-    best, best_waves = np.zeros(len(words)), np.zeros((len(waves), len(words)), np.int64)
+    shares = wave_shares(codewords.astype(np.float64), len(waves))
+    best, best_waves = np.zeros(len(codewords)), np.zeros((len(waves), len(codewords)), np.int64)
     for k, candidates in enumerate(waves):
         spectrum = spectrum_of(change, seconds, rows, candidates)
         moved = moved_share(seconds, candidates.frequency_hz)
         power = np.where(moved > MIN_MOVEMENT, moved, np.inf)
-        for start in range(0, len(words), CODEWORDS_AT_ONCE):
+        for start in range(0, len(codewords), CODEWORDS_AT_ONCE):
             some = slice(start, start + CODEWORDS_AT_ONCE)
             own = shares[some, :, k]
             light = np.maximum(np.square(own) @ still.sum(axis=1), 1e-9)
             ratio = np.abs(own @ spectrum) ** 2 / (light[:, None] * power)
             best_waves[k, some] = ratio.argmax(axis=1)
             best[some] += ratio.max(axis=1)
-    word = int(best.argmax())
-    return word, best_waves[:, word].tolist()
+    codeword = int(best.argmax())
+    return codeword, best_waves[:, codeword].tolist()
 
 
 def search_step_hz(panel: PanelLight) -> float:

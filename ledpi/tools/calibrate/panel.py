@@ -72,8 +72,8 @@ def measure_panel(
     row_time_s = row_time_us * 1e-6
     spans = search_ranges(announced)
     waves = [_waves(light, span, row_time_s) for span in spans]
-    words = dictionary.rotated_codewords().reshape(4 * len(dictionary.words), -1)
-    found = measure_codeword(light, words, waves)
+    codewords = dictionary.rotated_codewords().reshape(4 * len(dictionary.codewords), -1)
+    found = measure_codeword(light, codewords, waves)
     if not (found.black.certain and found.white.certain):
         names = ("black", "white") if announced.phase == "free" else ("both classes",)
         sought = [f"{low:.0f} and {high:.0f} Hz ({name})" for name, (low, high) in zip(names, spans, strict=True)]
@@ -87,7 +87,7 @@ def measure_panel(
         _check_row_time(bands, row_time_s)
     duty, duty_sigma = _duty(measured, exposure_us)
     return PanelCalibration(
-        id=found.word // 4,
+        id=found.codeword // 4,
         black=measured[0],
         white=measured[1],
         phase=announced.phase,

@@ -63,8 +63,8 @@ def measure_shutter(
     Bands fix ν = f·t_row in cycles a row, so t_row = ν/f. The frames' interval over their number of rows says the same
     far more sharply, and is taken where the bands bear it out: a scaled picture has other rows than the sensor.
     """
-    words = dictionary.rotated_codewords().reshape(4 * len(dictionary.words), -1)
-    found = measure_codeword(light, words, [_waves(light, hz) for hz in crystal.waves_hz])
+    codewords = dictionary.rotated_codewords().reshape(4 * len(dictionary.codewords), -1)
+    found = measure_codeword(light, codewords, [_waves(light, hz) for hz in crystal.waves_hz])
     classes = ((found.black, crystal.black_hz), (found.white, crystal.white_hz))
     sure = [bands for bands, hz in classes if bands.certain and _is_crystal(bands, hz)]
     # Bands that stand still from frame to frame are uncertain; those of the other class are enough for the row time.
@@ -82,7 +82,7 @@ def measure_shutter(
     row_time = by_interval or by_bands
     two_depths = len(sure) == 2 and crystal.phase == "free"
     return ShutterCalibration(
-        id=found.word // 4,
+        id=found.codeword // 4,
         row_time_us=row_time,
         by_bands_us=by_bands,
         by_interval_us=by_interval,

@@ -58,7 +58,7 @@ def _panel_ids(panels: PanelSettings) -> Finding:
         return bad("panel IDs", f"panels.overrides: {note}", "list every panel that there is in panels.ids")
     if panels.ids is not None:
         return ok("panel IDs", f"panels.ids: {as_ranges(sorted(panels.ids))}")
-    words = len(load_dictionary(panels.dictionary).words)
+    words = len(load_dictionary(panels.dictionary).codewords)
     return ok("panel IDs", panels.unreported_note(range(words)) or f"all of {panels.dictionary}")
 
 

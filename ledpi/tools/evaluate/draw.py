@@ -130,7 +130,7 @@ def _panels(
     place: np.random.Generator,
     extra: np.random.Generator,
 ) -> tuple[Panel, ...]:
-    """The panels in view, each at its own word, gains and roll; together they are somewhere near the middle."""
+    """The panels in view, each at its own codeword, gains and roll; together they are somewhere near the middle."""
     variation, dictionary = condition.variation, load_dictionary(panels.dictionary)
     assert condition.distance_m is not None
     assert condition.angle_deg is not None
@@ -152,7 +152,7 @@ def _panels(
     )
     return tuple(
         Panel(
-            word=dictionary.word(int(marker_id)),
+            codeword=dictionary.codeword(int(marker_id)),
             spec=_as_built(spec, variation, extra),
             motion=Still(pose),
             marker_id=int(marker_id),
@@ -197,7 +197,7 @@ def _with_dead_cells(gains: Floats, dead: int, extra: np.random.Generator) -> Fl
 
 
 def _with_faults(decoy: Panel, variation: Variation, extra: np.random.Generator) -> Panel:
-    gains = np.ones(decoy.word.shape) if decoy.cell_gains is None else decoy.cell_gains.copy()
+    gains = np.ones(decoy.codeword.shape) if decoy.cell_gains is None else decoy.cell_gains.copy()
     return replace(decoy, cell_gains=_with_dead_cells(gains, variation.dead_cells, extra))
 
 

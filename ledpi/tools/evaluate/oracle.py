@@ -1,4 +1,4 @@
-"""What is read with the true corners given: the same evidence and words, without having to locate anything."""
+"""What is read with the true corners given: the same evidence and codewords, without having to locate anything."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def read_with_oracle(
     """The ID that a panel shows in each frame, by all frames until then; None where that does not suffice.
 
     `views`: a frame that stands alone, or the frames of a stream in order, each with the panel's true corners, (4, 2)
-    px in the marker's order. A word that is read turned is none: the corners say which way up it is.
+    px in the marker's order. A codeword that is read turned is none: the corners say which way up it is.
     """
     book, memory = _codebook(dictionary, spec), PanelMemory(spec)
     read: list[int | None] = []

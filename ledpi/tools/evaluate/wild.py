@@ -85,7 +85,7 @@ def _panel(
         sensor,
     )
     return Panel(
-        word=dictionary.word(marker_id),
+        codeword=dictionary.codeword(marker_id),
         spec=_as_built(spec, rng),
         motion=Still(pose),
         marker_id=marker_id,
@@ -156,7 +156,7 @@ def _frame(values: dict[str, float], panel: Panel) -> tuple[Light, ...]:
     """A bright frame, that the panel lights or the room does, close behind it."""
     if values["frame_level"] <= 0:
         return ()
-    side_m = panel.spec.side_m * (1.0 + 2.0 * (values["frame_width"] + max(0.0, values["bezel"]) / len(panel.word)))
+    side_m = panel.spec.side_m * (1.0 + 2.0 * (values["frame_width"] + max(0.0, values["bezel"]) / len(panel.codeword)))
     level = values["frame_level"] * panel.brightness
     return (rectangle(panel, 0.0, (0.0, 0.0), (side_m, side_m), depth=1.002, level=level),)
 

@@ -27,7 +27,7 @@ _DEPTH_OVER_REACH = 1.0 / 0.76
 class Body:
     """A panel's body."""
 
-    word: Bits  # (n, n), row 0 at the top; True is class white
+    codeword: Bits  # (n, n), row 0 at the top; True is class white
     side_mm: float
     leds: int  # in each cell
 
@@ -42,7 +42,7 @@ class Body:
     @property
     def cells(self) -> int:
         """Along a side."""
-        return len(self.word)
+        return len(self.codeword)
 
     @property
     def pitch_mm(self) -> float:

@@ -1,7 +1,7 @@
 """How often a panel would be read: the decoder's own decision on evidence drawn from its own error model.
 
-Of a panel that shows the word w with bands x, the score of the evidence is normal with mean I·X and covariance I, with
-X = the bands of each cell's class, and I the information of `information.evidence_of`. The draws go through
+Of a panel that shows the codeword w with bands x, the score of the evidence is normal with mean I·X and covariance I,
+with X = the bands of each cell's class, and I the information of `information.evidence_of`. The draws go through
 `decode.decision.decide` as a camera's do. What the model leaves out: whether the square is found at all, corners that
 are off by more than their first order, harmonics of the wave, what the optics mix between cells.
 """

@@ -97,7 +97,11 @@ def antiphase_text(proposal: Proposal, reach: Reach, best: Reach, dictionary: Di
     """What an antiphase panel would be worth beside the best pair, and what it costs."""
     own, pair = ([_metres(r.range_m(chances)) for chances in (r.alone, r.stream)] for r in (reach, best))
     readable = dictionary.readable_ids("antiphase")
-    ids = "all IDs" if len(readable) == len(dictionary.words) else f"of {len(dictionary.words)} IDs {len(readable)}"
+    ids = (
+        "all IDs"
+        if len(readable) == len(dictionary.codewords)
+        else f"of {len(dictionary.codewords)} IDs {len(readable)}"
+    )
     sentences = (
         f"antiphase: both classes at {proposal.black_hz:.2f} Hz, half a cycle apart, are read alone to {own[0]}, of "
         f"{STREAM_FRAMES} to {own[1]} (best pair: {pair[0]}, {pair[1]}). A word and its negative are one there, so of "

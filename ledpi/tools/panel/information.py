@@ -83,7 +83,7 @@ def _steady_scene(sensor: SimulatedSensor, cells: int, side_m: float, distance_m
     )
     null_hz = 1e6 / sensor.exposure_us  # whole cycles in an exposure leave no bands
     panel = Panel(
-        word=np.zeros((cells, cells), bool),
+        codeword=np.zeros((cells, cells), bool),
         spec=PanelSpec(side_m=side_m, black_hz=null_hz, white_hz=2 * null_hz),
         motion=Still(facing_camera(np.array([0.0, 0.0, distance_m]), roll_deg=_ROLL_DEG)),
         marker_id=0,

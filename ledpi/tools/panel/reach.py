@@ -57,7 +57,7 @@ def reach_of(
 ) -> Reach:
     """Draws from the decoder's error model at each distance."""
     spec, depths = task.spec(proposal.black_hz, proposal.white_hz), task.depths(proposal.black_hz, proposal.white_hz)
-    codebook = Codebook.build(list(range(len(dictionary.words))), dictionary, spec)
+    codebook = Codebook.build(list(range(len(dictionary.codewords))), dictionary, spec)
     most = task.coherent_frames(max(proposal.black_hz, proposal.white_hz), proposal.frame_length_rows)
     chances: dict[int, list[float]] = {1: [], STREAM_FRAMES: []}
     for view in views:

@@ -28,7 +28,7 @@ def draw_reading(canvas: Canvas, snapshot: Snapshot, scale: float) -> None:
         _label(canvas, corners, dropped.why.key, DROPPED, taken)
     for marker in snapshot.decoded.markers:
         corners = scaled(marker.detection.corners_px, scale)
-        draw_cells(canvas, corners, snapshot.word(marker.detection.id), TINT)
+        draw_cells(canvas, corners, snapshot.codeword(marker.detection.id), TINT)
         outline(canvas, corners, TEXT, 2)
         _draw_axes(canvas, marker, snapshot, scale)
         _label(canvas, corners, f"ID {marker.detection.id}", TEXT, taken, bold=True)

@@ -1,4 +1,4 @@
-"""The steps of `soft`: frame, candidates, and of each square its light, bands, evidence and word."""
+"""The steps of `soft`: frame, candidates, and of each square its light, bands, evidence and codeword."""
 
 from __future__ import annotations
 
@@ -67,12 +67,14 @@ def _row(square: SquareTrace, snapshot: Snapshot) -> Row:
             nats = np.rot90(class_alone(square.evidence).reshape(n, n), turns)
             tiles.append(Tile(label="evidence in nats, each cell alone", picture=_evidence(nats, size)))
         return Row(title=reading.key, tiles=tuple(tiles))
-    word: Bits = np.rot90(snapshot.word(reading.id), -reading.quarter_turns)
+    codeword: Bits = np.rot90(snapshot.codeword(reading.id), -reading.quarter_turns)
     if isinstance(square.evidence, Evidence):
-        nats = class_given_others(square.evidence, reading.cell_bands, word.ravel()).reshape(n, n)
+        nats = class_given_others(square.evidence, reading.cell_bands, codeword.ravel()).reshape(n, n)
         picture = _evidence(np.rot90(nats, turns), size)
         tiles.append(Tile(label="evidence in nats, given the other cells", picture=picture))
-    tiles.append(Tile(label=f"word of ID {reading.id}, as seen", picture=cells_tile(np.rot90(word, turns), size)))
+    tiles.append(
+        Tile(label=f"codeword of ID {reading.id}, as seen", picture=cells_tile(np.rot90(codeword, turns), size))
+    )
     depth = " and ".join(f"{100 * a:.1f} %" for a in reading.amplitude)
     return Row(title=f"ID {reading.id}   margin {reading.margin:.0f}   bands of {depth}", tiles=tuple(tiles))
 
@@ -89,13 +91,13 @@ def _refined(square: SquareTrace, snapshot: Snapshot, size: int) -> Canvas:
     return tile
 
 
-def class_given_others(evidence: Evidence, cell_bands: Floats, word: Bits) -> Floats:
+def class_given_others(evidence: Evidence, cell_bands: Floats, codeword: Bits) -> Floats:
     """(cells,) by how much likelier all the light of a panel that was read is with this cell white than with it black.
 
-    `cell_bands` (cells, P) are its bands, `word` (cells,) which cells it shows as white.
+    `cell_bands` (cells, P) are its bands, `codeword` (cells,) which cells it shows as white.
     """
     gain = class_flip_gain(evidence, cell_bands)
-    return np.asarray(np.where(word, -gain, gain))
+    return np.asarray(np.where(codeword, -gain, gain))
 
 
 def class_alone(evidence: Evidence) -> Floats:
