@@ -10,7 +10,7 @@ from ledpi.decode.evidence.band_estimate import BandEstimate
 from ledpi.decode.evidence.classes import band_shares
 from ledpi.decode.evidence.comparison import Mean
 from ledpi.decode.evidence.evidence import Evidence
-from ledpi.decode.evidence.shared_light import border_points, meeting_cells, sources_of
+from ledpi.decode.evidence.shared_light import border_points, contributing_cells, sources_of
 
 
 def weighed(design: Floats, residual: Floats, shared: Floats, bands: int, free: int) -> tuple[Floats, Floats]:
@@ -72,7 +72,7 @@ def levels(light: Floats, share: Floats, valid: Floats) -> tuple[Floats, Floats]
 def shared_basis(samples: CellSamples, gain: Floats, root: Floats, estimate: BandEstimate | None) -> Floats:
     """(cells·points, …) orthonormal: what the cells that meet at each point may send there, over the root."""
     (cells, points), lattice = samples.light.shape, samples.lattice
-    sources, meet = sources_of(lattice.k, border_points(samples)), meeting_cells(lattice.cells)
+    sources, meet = sources_of(lattice.k, border_points(samples)), contributing_cells(lattice.cells)
     ends, basis = [*sources.first[1:], len(sources.column)], []
     for p, (begin, end) in enumerate(zip(sources.first, ends, strict=True)):
         kept: list[Floats] = []

@@ -10,7 +10,7 @@ from decode_material import FRAME_ROWS, ROW_TIME_US, SPEC, Canvas, diffuser, squ
 from evidence_reference import slopes_of
 from samples_material import samples_of
 
-from ledpi.core.geometry import in_square
+from ledpi.core.geometry import project_to_quad
 from ledpi.core.records import Floats, Frame, PanelSpec
 from ledpi.decode.cells import CellSamples, lattice
 from ledpi.decode.evidence.evidence import Evidence
@@ -192,7 +192,7 @@ def test_corners_that_move_change_what_the_basis_holds(corner: int, axis: int) -
     def light(by: float) -> Floats:
         corners = PLACE.copy()
         corners[corner, axis] += by
-        x, y = in_square(corners, places).T
+        x, y = project_to_quad(corners, places).T
         return np.asarray(0.5 + 0.2 * np.sin(x / 17 + y / 40) * np.cos(y / 23)).reshape(points.u.shape)
 
     here = light(0.0)

@@ -129,11 +129,11 @@ def depth(take: Take) -> float:
 def test_everything_varies_at_once(takes: dict[str, list[Take]]) -> None:
     """Of the takes of a row a good part has each of what panels, rooms and cameras may be."""
     scenes = [take.scene for take in takes["near"]]
-    looks = [scene.panels[0].look for scene in scenes]
+    looks = [scene.panels[0].appearance for scene in scenes]
     shares = {
-        "deep walls": np.mean([look.depth > 0 for look in looks]),
-        "several LEDs": np.mean([look.leds > 1 for look in looks]),
-        "cells of one size": np.mean([look.equal_cells for look in looks]),
+        "deep walls": np.mean([appearance.depth > 0 for appearance in looks]),
+        "several LEDs": np.mean([appearance.leds > 1 for appearance in looks]),
+        "cells of one size": np.mean([appearance.equal_cells for appearance in looks]),
         "a glossy floor": np.mean([scene.floor is not None for scene in scenes]),
         "something bright around": np.mean([any(light.level > 0 for light in scene.lights) for scene in scenes]),
         "linear tone": np.mean([scene.sensor.transfer == "linear" for scene in scenes]),
@@ -155,7 +155,7 @@ def test_a_glossy_floor_lies_below_camera_and_panel(takes: dict[str, list[Take]]
 
 def test_who_is_told_the_corners_reads_the_panel(takes: dict[str, list[Take]]) -> None:
     """A single frame by itself, a stream by all frames until then; other corners, or none that fit, tell nothing."""
-    take = next(t for t in takes["mid"] if t.scene.panels[0].look.gap < 0.05 and t.peak_level > 0.5)
+    take = next(t for t in takes["mid"] if t.scene.panels[0].appearance.gap < 0.05 and t.peak_level > 0.5)
     lens, spec = take.scene.sensor.intrinsics, PANELS.spec()
     corners_px = scene_truth(take.scene, 0)[0].corners_px
     views = [(frame, corners_px) for frame in frames_of(take, 4)]

@@ -174,7 +174,7 @@ def test_the_likeliest_words(spec: PanelSpec) -> None:
     )
     others = np.stack([1 - white[best], np.zeros(16), np.ones(16)])
     negative, *of_one = word_log_likelihoods(evidence, others)[0]
-    assert (fit.negative, fit.one_class) == pytest.approx((negative, max(of_one)), rel=1e-6)
+    assert (fit.negative, fit.single_class) == pytest.approx((negative, max(of_one)), rel=1e-6)
     size = evidence.score.size
     information, score = evidence.information.reshape(size, size), evidence.score.reshape(size)
     assert fit.of_cells == pytest.approx(0.5 * score @ np.linalg.solve(information, score), rel=1e-2)

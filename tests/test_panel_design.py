@@ -34,10 +34,10 @@ from ledpi.tools.panel.design import (
     auto_rows,
     best_antiphase,
     candidate_pairs,
+    choose_period,
     proposal_at,
     ranked,
     views_of,
-    with_best_period,
 )
 from ledpi.tools.panel.design_plots import contrast_figure, reach_figure
 from ledpi.tools.panel.frequencies import NULL_SHARE, Flicker, null_share, worthwhile_frequencies
@@ -237,7 +237,7 @@ def test_a_proposal_always_moves() -> None:
     asked = task(1.0, exposure_us=4 * OV5647_ROW_TIME_US)
     views = views_of(asked)
     for pair in ((1250.0, 2313.48), (1457.99, 2313.48)):
-        proposal = with_best_period(asked, *pair, views)
+        proposal = choose_period(asked, *pair, views)
         assert asked.least_advance(*pair, proposal.frame_length_rows) >= 1 / 6
         assert auto_rows(asked, pair) / 1.1 <= proposal.frame_length_rows <= auto_rows(asked, pair)
 

@@ -11,7 +11,7 @@ from simulate_material import DARK, FLAT, PINHOLE, panel, sensor, single_class_p
 from ledpi.core.records import Floats
 from ledpi.simulate.cells import cell_lights
 from ledpi.simulate.render import Renderer
-from ledpi.simulate.scene import Floor, Panel, PanelLook, Scene
+from ledpi.simulate.scene import Floor, Panel, PanelAppearance, Scene
 from ledpi.simulate.trajectory import Still, facing_camera
 
 AHEAD = np.array([0.0, 0.0, 20.0])  # the eye, in pitches of a cell
@@ -26,8 +26,8 @@ def light_of(*panels: Panel, floor: Floor | None = None, defocus_px: float = 0.0
 
 def test_a_cell_of_four_leds_has_four_bright_spots() -> None:
     """A quarter of a cell from its middle either way, and none of them brighter than the peak of 1."""
-    look = PanelLook(gap=0.0, falloff=0.0, hot_spot=0.6, hot_spot_sigma=0.08, leds=2)
-    light = cell_lights(4, 64, look)
+    appearance = PanelAppearance(gap=0.0, falloff=0.0, hot_spot=0.6, hot_spot_sigma=0.08, leds=2)
+    light = cell_lights(4, 64, appearance)
     along = light[16, :64]  # through the upper two of the first cell
     assert along[[16, 48]] == pytest.approx(1.0, abs=0.01)
     assert along[32] < 0.45
@@ -36,9 +36,9 @@ def test_a_cell_of_four_leds_has_four_bright_spots() -> None:
 
 def test_walls_hide_nothing_from_straight_ahead_in_the_middle() -> None:
     """There the line of sight ends on what is behind its opening; and walls of no depth hide nothing anywhere."""
-    flat, deep = (cell_lights(5, 64, PanelLook(gap=0.1, depth=depth), AHEAD) for depth in (0.0, 0.3))
+    flat, deep = (cell_lights(5, 64, PanelAppearance(gap=0.1, depth=depth), AHEAD) for depth in (0.0, 0.3))
     np.testing.assert_allclose(deep[160, 160], flat[160, 160], rtol=1e-3)
-    from_aside = cell_lights(5, 64, PanelLook(gap=0.1), np.array([20.0, 3.0, 5.0]))
+    from_aside = cell_lights(5, 64, PanelAppearance(gap=0.1), np.array([20.0, 3.0, 5.0]))
     np.testing.assert_array_equal(from_aside, flat)
 
 
@@ -48,8 +48,8 @@ def test_from_aside_a_wall_hides_depth_times_the_tangent_of_a_cell(eye: tuple[fl
 
     It is the far wall's that is seen: to the left of each cell, or below; half as bright as the diffuser beside it.
     """
-    look = PanelLook(gap=0.0, falloff=0.0, hot_spot=0.0, depth=0.1, wall_glow=0.5)
-    light = np.moveaxis(cell_lights(4, 100, look, np.array(eye)), axis, 0)[:, 150]
+    appearance = PanelAppearance(gap=0.0, falloff=0.0, hot_spot=0.0, depth=0.1, wall_glow=0.5)
+    light = np.moveaxis(cell_lights(4, 100, appearance, np.array(eye)), axis, 0)[:, 150]
     second = light[100:200]
     dark = np.flatnonzero(second < 0.75)
     assert len(dark) == pytest.approx(20, abs=2)
@@ -62,7 +62,7 @@ def test_from_aside_a_wall_hides_depth_times_the_tangent_of_a_cell(eye: tuple[fl
 def test_the_camera_decides_which_walls_hide(x_m: float, first: int, last: int) -> None:
     """At either side of the picture the far walls hide: walls of a whole cell, at tan 0.41, 13 of 32 columns."""
     deep = replace(FLAT, depth=1.0, wall_glow=0.0)
-    row = light_of(replace(single_class_panel(standing(x_m=x_m, z_m=0.8)), look=deep))[240]
+    row = light_of(replace(single_class_panel(standing(x_m=x_m, z_m=0.8)), appearance=deep))[240]
     lit = np.flatnonzero(row > 0.5 * row.max())
     assert (lit.min(), lit.max()) == (pytest.approx(first, abs=1), pytest.approx(last, abs=1))
 
@@ -103,7 +103,7 @@ def test_defocus_spreads_light_over_a_disc_and_keeps_its_sum() -> None:
 
 
 @pytest.mark.parametrize("look", [{"leds": 0}, {"depth": -0.1}])
-def test_looks_that_cannot_be_are_refused(look: dict[str, float]) -> None:
+def test_looks_that_cannot_be_are_refused(appearance: dict[str, float]) -> None:
     """A cell has an LED; walls stand out, not in."""
     with pytest.raises(ValueError, match="leds must be at least 1, depth not negative"):
-        PanelLook(**look)  # type: ignore[arg-type]
+        PanelAppearance(**appearance)  # type: ignore[arg-type]

@@ -20,7 +20,7 @@ from ledpi.core.tone import linear_light
 from ledpi.markers.dictionaries import load_dictionary
 from ledpi.simulate.optics import project
 from ledpi.simulate.render import Renderer
-from ledpi.simulate.scene import Panel, PanelLook, Scene, SimulatedSensor
+from ledpi.simulate.scene import Panel, PanelAppearance, Scene, SimulatedSensor
 from ledpi.simulate.trajectory import Still
 
 HARMONICS = (1, 3, 5)  # a square wave of duty 0.5 has odd ones only
@@ -82,7 +82,7 @@ def rendered_as(original: Take, *, seed: int) -> Take:
         spec=original.spec,
         motion=Still(original.pose),
         marker_id=original.marker_id,
-        look=PanelLook(bezel=0.0, albedo=0.0),
+        appearance=PanelAppearance(bezel=0.0, albedo=0.0),
     )
     renderer = Renderer(Scene(sensor=original.sensor, panels=(panel,)), seed=seed)
     pictures = np.empty((len(original.times_s), *original.light.shape[1:]), np.uint8)

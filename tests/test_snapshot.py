@@ -20,7 +20,7 @@ from ledpi.core.records import CameraInfo, Floats, Frame, Pixels
 from ledpi.decode.cells import CellSamples, lattice
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.simulate.render import Renderer
-from ledpi.simulate.scene import Light, PanelLook, Scene
+from ledpi.simulate.scene import Light, PanelAppearance, Scene
 from ledpi.tools.snapshot import drawing
 from ledpi.tools.snapshot.drawing import AXES, text
 from ledpi.tools.snapshot.enlarged import GAP, TILE, TITLE, bands_of, blocks_of
@@ -38,7 +38,7 @@ def snapshot_of(*, calibrated: bool = True) -> Snapshot:
     """Panel 7, lying on its side, and a square lamp that does not blink."""
     camera = sensor()
     lamp = Light(shape="rectangle", width_m=LAMP_SIZE_M, height_m=LAMP_SIZE_M, motion=LAMP, level=0.4)
-    scene = Scene(sensor=camera, panels=(panel(PLACE, look=PanelLook()),), lights=(lamp,))
+    scene = Scene(sensor=camera, panels=(panel(PLACE, appearance=PanelAppearance()),), lights=(lamp,))
     pixels = np.empty((LENS.height, LENS.width), np.uint8)
     Renderer(scene, seed=1).render(0, pixels)
     values = {"exposure_us": camera.exposure_us, "row_time_us": camera.row_time_us}

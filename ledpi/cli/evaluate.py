@@ -274,9 +274,9 @@ def _show_recordings(out: Path, folder: ResultsFolder) -> None:
 
 def _show(out: Path, rows: list[TableRow], intro: str, commands: Commands) -> None:
     """Writes the results, and says in short on standard output what they are."""
-    from ledpi.tools.evaluate.page import PAGE_FILE, in_short, write_results
+    from ledpi.tools.evaluate.page import PAGE_FILE, summary, write_results
 
     for note in write_results(out, rows, intro, commands):
         print(f"ledpi: {note}", file=sys.stderr)
-    print(in_short(rows))
+    print(summary(rows))
     print(f"The tables and the plots: {out / PAGE_FILE}")

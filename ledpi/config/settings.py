@@ -46,7 +46,7 @@ from ledpi.core.errors import ConfigError
 from ledpi.core.files import read_yaml
 from ledpi.core.records import PanelSpec, PanelValues, Phase, Transfer
 from ledpi.core.wording import shortened
-from ledpi.markers.codewords import as_ranges
+from ledpi.markers.codewords import format_ranges
 from ledpi.markers.dictionaries import FILE_ENDINGS, dictionary_names, is_file, load_dictionary, meant_name
 
 SEARCH_PATH = (Path("config.yaml"), Path("/etc/ledpi/config.yaml"))
@@ -143,10 +143,8 @@ class PanelSettings(_Section):
         if not missing:
             return ""
         one = len(missing) == 1
-        note = (
-            f"{'ID' if one else 'IDs'} {as_ranges(missing)} {'is' if one else 'are'} reported only if panels.ids lists "
-            f"{'it' if one else 'them'}"
-        )
+        ids_are = f"{'ID' if one else 'IDs'} {format_ranges(missing)} {'is' if one else 'are'}"
+        note = f"{ids_are} reported only if panels.ids lists {'it' if one else 'them'}"
         return note if self.ids is not None else f"{note}: a part of another panel can look the same"
 
     def frequencies_hz(self) -> tuple[float, ...]:
@@ -256,7 +254,7 @@ def load_config(path: Path | None, overrides: tuple[str, ...] = (), *, without_f
         config = Config.model_validate(raw)
     except ValidationError as error:
         raise ConfigError(f"{where}: {explain(error, Config)}") from None
-    config = _with_absolute_paths(config, base, from_command_line)
+    config = _resolve_paths(config, base, from_command_line)
     config._from_command_line = frozenset(from_command_line)
     _check_panels(config.panels, where)
     if config.camera.row_time_us != "auto":
@@ -324,7 +322,7 @@ def _size_of_own_panels(raw: dict[str, Any]) -> None:
         panels.setdefault("side_m", 0.16)
 
 
-def _with_absolute_paths(config: Config, base: Path, from_command_line: set[str]) -> Config:
+def _resolve_paths(config: Config, base: Path, from_command_line: set[str]) -> Config:
     """Paths in the file are relative to it, paths given with --set to the working directory."""
 
     def absolute(path: Path | str, key: str) -> Path:

@@ -206,16 +206,16 @@ def _add_frame(before: History, samples: CellSamples, frame: Frame) -> Added:
     last = before.last
     if last is None:
         return Added(now)
-    said, identity = added[last.group], last.reading.cell_bands
-    if contradicts(said, identity):
+    newest, identity = added[last.group], last.reading.cell_bands
+    if contradicts(newest, identity):
         if now.frames > ADDS_UP_FRAMES and not now.search.settling:
             # They did add up: what is there now is something else, at any frequencies.
             now = now.set_search(now.search.keep_newest())
         return Added(now.keep_newest(), contradicted=True)
     like = (
         0.0
-        if said is None
-        else expected_log_likelihood_ratio(said, identity) / _typical_nats(before.memories[last.group], last)
+        if newest is None
+        else expected_log_likelihood_ratio(newest, identity) / _typical_nats(before.memories[last.group], last)
     )
     if like > TYPICAL_SHARE and not last.is_contradicted_by(samples, frame):
         return Added(now)

@@ -109,7 +109,7 @@ class Tracker:
         if quad.unexplained > WORSE * max(track.state.unexplained, LEAST_UNEXPLAINED):
             return None
         seen = [_place(t.state.corners_px) for t in self._tracks if t.state.seen_ns == self._now_ns]
-        if _is_one_of(_place(quad.corners_px), seen):
+        if _is_near_any(_place(quad.corners_px), seen):
             self._tracks.remove(track)
             return None
         return self._update(track, quad)
@@ -144,7 +144,7 @@ class Tracker:
         places: list[Place] = []
         for quad in quads:
             place = _place(quad.corners_px)
-            if not self.is_followed(quad.corners_px) and not _is_one_of(place, places):
+            if not self.is_followed(quad.corners_px) and not _is_near_any(place, places):
                 found.append(quad)
                 places.append(place)
         return found
@@ -180,7 +180,7 @@ class Tracker:
 
     def _update(self, track: Track, quad: Quad) -> Quad:
         """The quad in the track's order, now that the track is there."""
-        quad = _in_order_of(quad, track.state.corners_px)
+        quad = _align_corners(quad, track.state.corners_px)
         track.state = track.state.update(quad, self._now_ns)
         return quad
 
@@ -195,7 +195,7 @@ def _place(corners_px: Floats) -> Place:
     return quad_middle(corners), quad_side(corners)
 
 
-def _is_one_of(place: Place, places: list[Place]) -> bool:
+def _is_near_any(place: Place, places: list[Place]) -> bool:
     centre, side = place
     return any(math.dist(centre, at) < SAME * side and abs(side - of) < SAME * side for at, of in places)
 
@@ -216,7 +216,7 @@ def _shape(corners: list[list[float]], side: float) -> list[tuple[float, float]]
     return [((a - x) / side, (b - y) / side) for a, b in corners]
 
 
-def _in_order_of(quad: Quad, before_px: Floats) -> Quad:
+def _align_corners(quad: Quad, before_px: Floats) -> Quad:
     """The quad with its corners turned so that each continues the one of those before."""
     corners, before = (
         np.ascontiguousarray(at).view(np.complex128)[:, 0].tolist() for at in (quad.corners_px, before_px)

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ledpi.core.errors import ConfigError
-from ledpi.core.geometry import in_square, square_box
+from ledpi.core.geometry import project_to_quad, square_box
 from ledpi.core.records import Detection, Floats, Frame, PanelSpec, Pixels, Rejected, Singles, read_only
 from ledpi.core.shutter import band_width_rows
 from ledpi.markers.codewords import Bits, Dictionary, corners_of_turned
@@ -240,7 +240,7 @@ def _same_place(a: Floats, b: Floats) -> bool:
 
 def add_frame(corners_px: Floats, cells: int) -> Floats:
     """(4, 2) corners of a square of `cells` × `cells`, with one cell more on every side, in perspective: step (f)."""
-    return in_square(corners_px, square_box(-1, cells + 1) / cells)
+    return project_to_quad(corners_px, square_box(-1, cells + 1) / cells)
 
 
 def cell_shares(classes: Classes, corners_px: Floats, cells: int) -> tuple[Floats, Floats]:
@@ -248,7 +248,7 @@ def cell_shares(classes: Classes, corners_px: Floats, cells: int) -> tuple[Float
     inside = INSET + (np.arange(POINTS) + 0.5) / POINTS * (1 - 2 * INSET)
     along = ((np.arange(cells)[:, None] + inside) / cells).ravel()
     u, v = np.meshgrid(along, along)
-    at = in_square(corners_px, np.column_stack([u.ravel(), v.ravel()])).astype(np.float32)
+    at = project_to_quad(corners_px, np.column_stack([u.ravel(), v.ravel()])).astype(np.float32)
     seen = cv2.remap(classes.view(np.uint8), at[None], None, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT)
     by_cell = seen.reshape(cells, POINTS, cells, POINTS)
     return (by_cell == BLACK_BAND).mean(axis=(1, 3)), (by_cell == WHITE_BAND).mean(axis=(1, 3))

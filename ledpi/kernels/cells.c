@@ -200,7 +200,7 @@ int ledpi_sample_cells(const uint8_t *pixels, ptrdiff_t height, ptrdiff_t width,
             seen[i] = (Point){ray[0], ray[1]};
         }
     }
-    ledpi_unit_square_to(seen, h);
+    ledpi_unit_square_homography(seen, h);
     put_places(&patch, h, lens, cells, k, along, light, picture_rows);
     interpolate(&patch, kernel, steps, saturated, picture_rows, cells * cells * k * k, light);
     free(patch.light);

@@ -27,7 +27,7 @@ class Fit(NamedTuple):
     weakest_row: float  # of the codeword's bands to none, in the row or column of cells where that is the least
     negative: float  # of the codeword with all classes swapped to "no bands", its bands fitted anew
     of_cells: float  # of bands of its own in every cell to "no bands"
-    one_class: float  # of one class in all cells, the likelier one, its bands fitted anew, to "no bands"
+    single_class: float  # of one class in all cells, the likelier one, its bands fitted anew, to "no bands"
     beyond: list[float]  # of all patterns that differ from it in more cells than 0, 1, to itself
     erased: Mask | None  # (cells,) of which the evidence holds nothing; None where it does of all
 
@@ -53,7 +53,7 @@ class Fit(NamedTuple):
             weakest_row=rest[after],
             negative=rest[after + 1],
             of_cells=rest[after + 2],
-            one_class=rest[after + 3],
+            single_class=rest[after + 3],
             beyond=rest[after + 4 : after + 6],
             erased=erased if rest[after + 6] else None,
         )

@@ -88,7 +88,7 @@ typedef struct {
     const float *least;
 } Grid;
 
-enum { LEDPI_PASS_DONE, LEDPI_NOT_PLAIN, LEDPI_UNFIT, LEDPI_PASS_NO_MEMORY };
+enum { LEDPI_PASS_DONE, LEDPI_PASS_NEEDS_STEPS, LEDPI_UNFIT, LEDPI_PASS_NO_MEMORY };
 
 int ledpi_first_pass(const Grid *grid, const float *light, const float *rows, double independence, ptrdiff_t waves,
                double first_a_row, double second_a_row, const double *prior, const float *codewords, ptrdiff_t count,

@@ -30,12 +30,12 @@ int ledpi_first_pass(const Grid *grid, const float *light, const float *rows, do
     const ptrdiff_t cells = grid->side * grid->side, points = grid->k * grid->k, samples = cells * points;
     const ptrdiff_t size = 2 * waves * cells;
     double *score = numbers, *information = score + size, *of_fit = information + size * size;
-    if (unlit > 0.0 && any_unlit(cells, points, light, unlit)) return LEDPI_NOT_PLAIN;
+    if (unlit > 0.0 && any_unlit(cells, points, light, unlit)) return LEDPI_PASS_NEEDS_STEPS;
     float *cosines = malloc(sizeof(float) * (size_t)(2 * waves * samples + points + cells));
     if (!cosines) return LEDPI_PASS_NO_MEMORY;
     int outcome = LEDPI_PASS_DONE;
     if (may_be_occluded && !ledpi_is_unoccluded(cells, points, light, NULL, grid->least, cosines + 2 * waves * samples))
-        outcome = LEDPI_NOT_PLAIN;
+        outcome = LEDPI_PASS_NEEDS_STEPS;
     for (ptrdiff_t i = 0; i < waves && outcome == LEDPI_PASS_DONE; i++) {
         float *to = cosines + 2 * i * samples;
         ledpi_waves(rows, samples, (float)(i ? second_a_row : first_a_row), 0.0f, to, to + samples);

@@ -10,7 +10,7 @@ from ledpi.core.records import Floats, Integers, Singles
 from ledpi.kernels.codewords import Fit, output_size
 from ledpi.kernels.library import ffi, lib, pointer
 
-NOT_PLAIN: int = lib.LEDPI_NOT_PLAIN
+NEEDS_STEPS: int = lib.LEDPI_PASS_NEEDS_STEPS
 UNFIT: int = lib.LEDPI_UNFIT
 OF_FIT = 4  # numbers of the fit, beside score and information
 
@@ -19,17 +19,24 @@ class Grid:
     """What all panels of so many cells, with so many points in each, have in common."""
 
     def __init__(
-        self, side: int, k: int, along: Singles, column: Integers, first: Integers, met: Integers, least: Singles
+        self,
+        side: int,
+        k: int,
+        along: Singles,
+        column: Integers,
+        first: Integers,
+        contributors: Integers,
+        least: Singles,
     ) -> None:
-        """`along` is the lattice's; `column`, `first` and `met` say what lights up each point.
+        """`along` is the lattice's; `column`, `first` and `contributors` say what lights up each point.
 
         `least` (cells, points): the share of what others show that a sample has where nothing covers it.
         """
-        self._kept = [pointer(np.ascontiguousarray(array)) for array in (along, column, first, met, least)]
+        self._kept = [pointer(np.ascontiguousarray(array)) for array in (along, column, first, contributors, least)]
         self.side, self.structure = side, ffi.new("Grid *", [side, k, len(column), *self._kept])
 
 
-class Look(NamedTuple):
+class FirstPass(NamedTuple):
     """What came of it: evidence, with noise as alike as it is counted once; and codewords."""
 
     score: Floats  # (cells, P)
@@ -39,7 +46,7 @@ class Look(NamedTuple):
     fit: Fit
 
 
-def look(
+def first_pass(
     grid: Grid,
     *,
     light: Singles,
@@ -53,8 +60,8 @@ def look(
     unlit: float,
     lags: tuple[int, int, int],
     noise: tuple[float, float, float, float, float, float],
-) -> Look | int:
-    """What the samples say, and the `most` likeliest `codewords`; or NOT_PLAIN or UNFIT.
+) -> FirstPass | int:
+    """What the samples say, and the `most` likeliest `codewords`; or NEEDS_STEPS or UNFIT.
 
     `light`, `rows` (cells, points), of each wave its `cycles_a_row`, `prior` (P,), `codewords` (W, cells). It is not
     plain where a sample is covered, if it `may_be_occluded`, or where a cell's light is less than the share `unlit` of
@@ -86,7 +93,7 @@ def look(
         return outcome
     of_fit = size * (size + 1)
     free, _, _, inflation = numbers[of_fit : of_fit + OF_FIT].tolist()
-    return Look(
+    return FirstPass(
         score=numbers[:size].reshape(cells, parameters),
         information=numbers[size:of_fit].reshape(cells, parameters, cells, parameters),
         free=free,

@@ -39,6 +39,6 @@ typedef struct {
 static inline double ledpi_length(double x, double y) { return sqrt(x * x + y * y); }
 
 /* The homography that takes (0,0) (1,0) (1,1) (0,1) to the corners; not a number where there is none (homography.c). */
-void ledpi_unit_square_to(const Point corners[4], double homography[9]);
+void ledpi_unit_square_homography(const Point corners[4], double homography[9]);
 
 #endif

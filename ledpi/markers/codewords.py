@@ -70,7 +70,7 @@ class Dictionary:
         if marker_id not in readable:
             raise ValueError(
                 f"{self.name}: ID {marker_id} is the negative of another codeword, or of its own when it is turned: in "
-                f"antiphase they look alike; must be one of {as_ranges(readable)}"
+                f"antiphase they look alike; must be one of {format_ranges(readable)}"
             )
 
     def part_like_ids(self) -> tuple[int, ...]:
@@ -105,7 +105,7 @@ def _cells_off_repeating(codeword: Bits, side: int) -> int:
     return least
 
 
-def as_ranges(numbers: Sequence[int]) -> str:
+def format_ranges(numbers: Sequence[int]) -> str:
     """Rising numbers, as in 0 to 3, 5, 7 to 9."""
     runs: list[list[int]] = []
     for number in numbers:

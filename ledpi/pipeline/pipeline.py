@@ -112,7 +112,7 @@ class Pipeline:
         `trace` takes in what each step made of the frame, and each candidate that was dropped; what `find` itself drops
         has no corners yet, and is only counted.
         """
-        frame = self._with_true_row_time(frame)
+        frame = self._correct_row_time(frame)
         work = Results(dict.fromkeys(STAGES[self._method], 0.0), trace)
         groups = self._read_likelihood if self._method == "likelihood" else self._read_uemura
         for read in groups(frame, work):
@@ -131,7 +131,7 @@ class Pipeline:
             work.reject(detection.corners_px, NOT_EXISTING)
         return exists
 
-    def _with_true_row_time(self, frame: Frame) -> Frame:
+    def _correct_row_time(self, frame: Frame) -> Frame:
         """The frame, corrected where the stream's own times say that the driver misreports its row time."""
         if not self._stream:
             return frame

@@ -131,11 +131,11 @@ class FixSolver:
             points=squares @ places[:, :3, :3].transpose(0, 2, 1) + places[:, None, :3, 3],
             middle=middle,
             corners_px=corners,
-            whiteners=self._with_map_errors(whiten, ids, squares, np.array(preferred)),
+            whiteners=self._add_map_errors(whiten, ids, squares, np.array(preferred)),
             starts=tuple(starts),
         )
 
-    def _with_map_errors(self, whiten: Floats, ids: tuple[int, ...], squares: Floats, poses: Floats) -> Floats:
+    def _add_map_errors(self, whiten: Floats, ids: tuple[int, ...], squares: Floats, poses: Floats) -> Floats:
         """Whiteners (N, 8, 8) that also count with the panels not being just where the map has them.
 
         A panel that is off by (δ, ω) moves its corners by J·(δ, ω), so their covariance grows by J·Σ·Jᵀ. Equal

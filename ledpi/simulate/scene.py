@@ -23,7 +23,7 @@ FIRST_READOUT_NS = 1_000_000_000  # frame 0; oscillators run from t = 0, so no e
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PanelLook:
+class PanelAppearance:
     """How the light is spread over a panel's face. Lengths are shares of a cell's pitch."""
 
     gap: float = 0.06  # dark wall between neighbouring cells; the lit grid's outer edge has none
@@ -113,7 +113,7 @@ class Panel:
     brightness: float = 0.45  # level at the brightest point of a cell of gain 1, averaged over its blinking
     cell_gains: Floats | None = None  # (n, n); None: all 1
     cell_waves: tuple[TracedWave, ...] | None = None  # row by row; None: the codeword's classes, ideal square waves
-    look: PanelLook = field(default_factory=PanelLook)
+    appearance: PanelAppearance = field(default_factory=PanelAppearance)
 
     def __post_init__(self) -> None:
         n = len(self.codeword)

@@ -68,10 +68,10 @@ def panel_surface(panel: Panel, room: Room, seen_from_m: Floats | None = None) -
     """
     cells = len(panel.codeword)
     texels = max(32, PANEL_TEXELS // cells)  # a cell
-    bezel = round(panel.look.bezel * texels)
+    bezel = round(panel.appearance.bezel * texels)
     pitch_m = panel.spec.side_m / cells
     eye = None if seen_from_m is None else seen_from_m / pitch_m
-    on = panel.brightness / panel.spec.duty * cell_lights(cells, texels, panel.look, eye)
+    on = panel.brightness / panel.spec.duty * cell_lights(cells, texels, panel.appearance, eye)
     if panel.cell_gains is not None:
         on = on * np.kron(panel.cell_gains, np.ones((texels, texels)))
     groups, waves = _groups(panel)
@@ -82,7 +82,7 @@ def panel_surface(panel: Panel, room: Room, seen_from_m: Floats | None = None) -
         planes=(*classes, np.ones_like(classes[0])),
         size_m=(size_m, size_m),
         waves=waves,
-        reflected=panel.look.albedo * room.level,
+        reflected=panel.appearance.albedo * room.level,
         motion=panel.motion,
         antiphase=panel.spec.phase == "antiphase" and panel.cell_waves is None,
     )

@@ -36,7 +36,7 @@ def marker_truth(panel: Panel, pose_at: PoseAt, sensor: SimulatedSensor, seq: in
     half = panel.spec.side_m / 2.0
     corners_m = half * np.array([[-1.0, 1.0, 0.0], [1.0, 1.0, 0.0], [1.0, -1.0, 0.0], [-1.0, -1.0, 0.0]])
     mid_frame = pose_at(sensor.mid_exposure_s(seq, (sensor.intrinsics.height - 1) / 2.0))
-    if panel.marker_id is None or not _before_camera(corners_m, mid_frame):
+    if panel.marker_id is None or not _is_before_camera(corners_m, mid_frame):
         return None
     corners = np.array([seen_at(corner, pose_at, sensor, seq)[0] for corner in corners_m])
     in_view, whole = _in_view(corners, sensor.intrinsics)
@@ -53,7 +53,7 @@ def marker_truth(panel: Panel, pose_at: PoseAt, sensor: SimulatedSensor, seq: in
     )
 
 
-def _before_camera(corners_m: Floats, camera_from_marker: Floats) -> bool:
+def _is_before_camera(corners_m: Floats, camera_from_marker: Floats) -> bool:
     in_camera = corners_m @ camera_from_marker[:3, :3].T + camera_from_marker[:3, 3]
     wide = np.linalg.norm(in_camera[:, :2], axis=1) > _WIDEST_TANGENT * in_camera[:, 2]
     return shows_front(camera_from_marker) and not bool(np.any(wide))

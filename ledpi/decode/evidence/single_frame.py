@@ -23,7 +23,7 @@ from ledpi.decode.evidence.erasures import erase_unlit_cells
 from ledpi.decode.evidence.evidence import Evidence, evidence_of
 from ledpi.decode.evidence.noise import lags_of
 from ledpi.decode.evidence.occlusion import bands_mimic_occlusion, mask_occluded
-from ledpi.decode.evidence.shared_light import border_points, meeting_cells, sources_of
+from ledpi.decode.evidence.shared_light import border_points, contributing_cells, sources_of
 from ledpi.decode.evidence.waves import band_prior, class_waves, is_deep_anywhere
 from ledpi.kernels.evidence import Weighed
 from ledpi.kernels.library import lib, pointer
@@ -71,7 +71,12 @@ def weighed(samples: CellSamples, waves: Singles, estimate: BandEstimate | None)
     fits = lib.ledpi_single_evidence(
         *(lattice.cells, lattice.k, parameters, pointer(light), pointer(samples.valid), pointer(waves)),
         *(pointer(lattice.along), len(sources.column), pointer(sources.column), pointer(sources.first)),
-        *(pointer(meeting_cells(lattice.cells)), *map(pointer, estimated), samples.independence, *lags_of(samples)),
+        *(
+            pointer(contributing_cells(lattice.cells)),
+            *map(pointer, estimated),
+            samples.independence,
+            *lags_of(samples),
+        ),
         *(pointer(score), pointer(information), pointer(numbers)),
     )
     return Weighed(score, information, *numbers.tolist()) if fits else None

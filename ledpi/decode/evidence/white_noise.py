@@ -107,8 +107,8 @@ def _fitted(k: int, aside_px: float, below_px: float, count: int) -> Floats:
     row = np.add.outer(samples * below_px, samples * aside_px).reshape(-1)
     powers = np.vander(row / max(2.0 * float(row.max()), 1e-6), count, increasing=True)
     sizes, directions = np.linalg.eigh(powers.T @ powers)
-    told = sizes > RIDGE * sizes.mean()
-    return np.asarray(powers @ (directions[:, told] / np.sqrt(sizes[told])))
+    significant = sizes > RIDGE * sizes.mean()
+    return np.asarray(powers @ (directions[:, significant] / np.sqrt(sizes[significant])))
 
 
 def _covariance(k: int, across: Step, down: Step, blur_px: float, linear: bool) -> Floats:

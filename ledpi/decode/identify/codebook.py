@@ -52,8 +52,8 @@ class Codebook:
         """
         if erased is None:
             return self.correctable
-        told = self.white[:, ~erased]
-        apart = (told != told[codeword]).sum(axis=1)
+        distinct = self.white[:, ~erased]
+        apart = (distinct != distinct[codeword]).sum(axis=1)
         if self.spec.phase == "antiphase":
-            apart = np.minimum(apart, told.shape[1] - apart)
-        return max(0, min(self.correctable, int(np.delete(apart, codeword).min(initial=told.shape[1]) - 1) // 2))
+            apart = np.minimum(apart, distinct.shape[1] - apart)
+        return max(0, min(self.correctable, int(np.delete(apart, codeword).min(initial=distinct.shape[1]) - 1) // 2))

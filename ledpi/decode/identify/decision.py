@@ -3,7 +3,8 @@
 A codeword of the dictionary says which cells carry which class, so its likelihood is that of *one* fit to the whole
 panel: no cell is ever decided alone. Depth and phase are not known beforehand; they are integrated out under a
 Gaussian whose width is the depth that the exposure leaves of a square wave (`shutter.harmonic_amplitude`). Three
-rivals are weighed against the best codeword: no bands at all, the best other ID, and all patterns that are no codeword.
+alternatives are weighed against the best codeword: no bands at all, the best other ID, and all patterns that are no
+codeword.
 
 On an antiphase panel a codeword and its negative are one pattern, half a cycle apart; only codewords that can be told
 from all others' negatives are in its `Codebook`.
@@ -58,7 +59,7 @@ class Reading(NamedTuple):
 
     id: int
     quarter_turns: int  # clockwise, of the codeword as seen in the picture
-    margin: float  # natural-log likelihood ratio to the best rival
+    margin: float  # natural-log likelihood ratio to the best alternative
     likelihood: float  # natural-log likelihood ratio to "no bands at all"
     amplitude: tuple[float, float]  # of black's and white's bands over the mean light
     cell_bands: Floats  # (cells, P) cosine and sine of each wave, as each cell shows them
@@ -77,29 +78,29 @@ def read_codeword(
     static picture that is then left.
     """
     spec = codebook.spec
-    looked = first_pass(samples, frame, spec, codebook.white)
-    if isinstance(looked, Rejected):
-        return looked
-    evidence, fit = looked
+    first_result = first_pass(samples, frame, spec, codebook.white)
+    if isinstance(first_result, Rejected):
+        return first_result
+    evidence, fit = first_result
     first = _judge(fit, evidence, codebook, false_id_rate)
     if isinstance(first, Reading):
         if are_sinusoids(frame.exposure_us, spec):
             return first
     elif not _is_open(first, fit, evidence, codebook, false_id_rate):
         return first
-    return _second_pass(first, looked, samples, frame, codebook, false_id_rate)
+    return _second_pass(first, first_result, samples, frame, codebook, false_id_rate)
 
 
 def _second_pass(
     first: Reading | Rejected,
-    looked: tuple[Evidence, Fit],
+    first_result: tuple[Evidence, Fit],
     samples: CellSamples,
     frame: Frame,
     codebook: Codebook,
     false_id_rate: float,
 ) -> Reading | Rejected:
     """The codeword that a first look has shown, or left open, by the exact waveform; or why it cannot be told."""
-    spec, (evidence, fit) = codebook.spec, looked
+    spec, (evidence, fit) = codebook.spec, first_result
     estimate = estimate_bands(samples, frame, spec, codebook.white[fit.codewords[0]] > 0, fit.bands)
     again = single_evidence(samples, frame, spec, estimate=estimate)
     if isinstance(again, Rejected):
@@ -115,11 +116,11 @@ def _second_pass(
         if second.likelihood > (1.0 + MAX_SECOND_PASS_GAIN) * fit.likelihood[0]:
             return INCONSISTENT
         if (
-            not hypotheses.odds_under_either_estimate(looked, (again, refit), samples, frame, codebook, needed)
+            not hypotheses.odds_under_either_estimate(first_result, (again, refit), samples, frame, codebook, needed)
             >= needed
         ):
             return AMBIGUOUS
-        if not hypotheses.odds_against_one_light(fit, samples, frame, codebook) >= needed:
+        if not hypotheses.odds_against_single_light(fit, samples, frame, codebook) >= needed:
             return NO_CODEWORD
     return second._replace(cell_bands=estimate.restore_phases(second.cell_bands))
 
@@ -151,7 +152,7 @@ def _is_contradicted(fit: Fit, evidence: Evidence, codebook: Codebook, false_id_
     if not is_deep_anywhere(evidence.prior):
         return False
     misfit = fit.of_cells - fit.likelihood[0]  # by which either may be wrong
-    return fit.likelihood[0] - fit.one_class < needed + misfit
+    return fit.likelihood[0] - fit.single_class < needed + misfit
 
 
 def _is_hopeless(fit: Fit, evidence: Evidence, codebook: Codebook, false_id_rate: float) -> bool:
@@ -190,7 +191,7 @@ def _judge(
     *,
     exact: bool = False,
 ) -> Reading | Rejected:
-    """The best codeword, if it stands against all its rivals. `exact`: as of `is_consistent`."""
+    """The best codeword, if it stands against all its alternatives. `exact`: as of `is_consistent`."""
     needed = odds_needed(false_id_rate)
     best, none = fit.codewords[0], fit.likelihood[0]
     if none < needed:

@@ -15,7 +15,7 @@ from ledpi.decode.evidence.erasures import UNLIT
 from ledpi.decode.evidence.evidence import UNFIT, Evidence
 from ledpi.decode.evidence.noise import lags_of, white_noise_expected
 from ledpi.decode.evidence.occlusion import min_light_shares
-from ledpi.decode.evidence.shared_light import border_points, meeting_cells, sources_of
+from ledpi.decode.evidence.shared_light import border_points, contributing_cells, sources_of
 from ledpi.decode.evidence.single_frame import single_evidence
 from ledpi.decode.evidence.waves import band_prior, is_deep
 from ledpi.decode.identify.codewords import SHORTLIST, rank_codewords
@@ -36,9 +36,9 @@ def first_pass(
     """
     prior = band_prior(frame, spec) if prior is None else prior
     if samples.valid is None:
-        looked = _at_once(samples, frame, spec, white, prior)
-        if looked is not None:
-            return looked
+        result = _fused_pass(samples, frame, spec, white, prior)
+        if result is not None:
+            return result
     evidence = single_evidence(samples, frame, spec)
     if isinstance(evidence, Rejected):
         return evidence
@@ -46,13 +46,13 @@ def first_pass(
     return evidence, rank_codewords(evidence, white)
 
 
-def _at_once(
+def _fused_pass(
     samples: CellSamples, frame: Frame, spec: PanelSpec, white: Singles, prior: Floats
 ) -> tuple[Evidence, Fit] | Rejected | None:
     """The same in C; None where the panel is not plain."""
     may_be_dark = is_deep(prior)  # a deep band is as dark as what is covered
     lags = lags_of(samples)
-    looked = kernel.look(
+    result = kernel.first_pass(
         _grid(samples.lattice.cells, samples.lattice.k, border_points(samples)),
         light=samples.light,
         rows=samples.rows,
@@ -66,10 +66,10 @@ def _at_once(
         may_be_occluded=not may_be_dark,
         unlit=0.0 if may_be_dark else UNLIT,
     )
-    if isinstance(looked, int):
-        return UNFIT if looked == kernel.UNFIT else None
-    residual = 0.5 * samples.independence * looked.free / looked.inflation
-    return Evidence(score=looked.score, information=looked.information, prior=prior, residual=residual), looked.fit
+    if isinstance(result, int):
+        return UNFIT if result == kernel.UNFIT else None
+    residual = 0.5 * samples.independence * result.free / result.inflation
+    return Evidence(score=result.score, information=result.information, prior=prior, residual=residual), result.fit
 
 
 @cache
@@ -77,5 +77,5 @@ def _grid(cells: int, k: int, border: tuple[int, int]) -> kernel.Grid:
     sources = sources_of(k, border)
     return kernel.Grid(
         *(cells, k, lattice(cells, k).along, sources.column, sources.first),
-        *(meeting_cells(cells), min_light_shares(cells, k, border)),
+        *(contributing_cells(cells), min_light_shares(cells, k, border)),
     )

@@ -23,8 +23,8 @@ from ledpi.decode.identify.codewords import likeliest_far_pattern, near_pattern_
 from ledpi.decode.identify.first_pass import first_pass
 from ledpi.kernels.codewords import Fit
 
-# Patterns that are no codeword count as rivals as if they showed up as often as codewords: all of them alike, or those
-# that differ from a codeword in 2, 3 or 4 cells, evenly, which is more where panels have many cells.
+# Patterns that are no codeword count as alternatives as if they showed up as often as codewords: all of them alike, or
+# those that differ from a codeword in 2, 3 or 4 cells, evenly, which is more where panels have many cells.
 NEAR_DISTANCES = 3
 # Patterns are tried that differ in up to so many cells: what differs in more is less likely than these.
 NEIGHBOURS = 3
@@ -50,7 +50,7 @@ def odds_against_no_codeword(evidence: Evidence, fit: Fit, codebook: Codebook, n
         odds = _least(
             odds,
             odds_against_near_patterns(evidence, fit, codebook),
-            odds_against_one_class(fit, codebook),
+            odds_against_single_class(fit, codebook),
         )
     if needed <= odds < FURTHER_ODDS * needed:
         odds = _least(odds, odds_against_any_pattern(evidence, fit, codebook))
@@ -58,16 +58,16 @@ def odds_against_no_codeword(evidence: Evidence, fit: Fit, codebook: Codebook, n
 
 
 def _least(*odds: float) -> float:
-    """The least of them; −∞ where one is not a number: `min` may pass over a rival that cannot be weighed."""
+    """The least of them; −∞ where one is not a number: `min` may pass over a alternative that cannot be weighed."""
     return -math.inf if any(map(math.isnan, odds)) else min(odds)
 
 
 def odds_against_other_patterns(fit: Fit, codebook: Codebook) -> float:
     """Log odds of the best codeword against all patterns that are too far from it to be it.
 
-    Without this rival a panel that shows no codeword of the dictionary would pass as its neighbour. As with any code, a
-    pattern counts as the codeword itself while no more cells differ than the dictionary can correct; those that are
-    silent are erasures: they may be either, and leave less to be corrected.
+    Without this alternative a panel that shows no codeword of the dictionary would pass as its neighbour. As with any
+    code, a pattern counts as the codeword itself while no more cells differ than the dictionary can correct; those that
+    are silent are erasures: they may be either, and leave less to be corrected.
     """
     others = fit.beyond[codebook.correctable_beside(fit.erased, fit.codewords[0])]
     return prior_odds_of_codeword(codebook) - others - _log_patterns(fit.erased)
@@ -113,16 +113,16 @@ def odds_against_negative(of_negative: float, codebook: Codebook, of_codeword: f
     return of_codeword - of_negative + prior_odds_of_codeword(codebook)
 
 
-def odds_against_one_class(fit: Fit, codebook: Codebook) -> float:
+def odds_against_single_class(fit: Fit, codebook: Codebook) -> float:
     """Log odds of the best codeword against all cells being of one class, its bands fitted anew.
 
     So is a lamp that is switched, or a panel whose driver has failed. Where cells are as high as bright bands, whole
     rows of them are dark, and a codeword that says so where they are outshines patterns that are like it.
     """
-    return fit.likelihood[0] - fit.one_class + prior_odds_of_codeword(codebook)
+    return fit.likelihood[0] - fit.single_class + prior_odds_of_codeword(codebook)
 
 
-def odds_against_one_light(fit: Fit, samples: CellSamples, frame: Frame, codebook: Codebook) -> float:
+def odds_against_single_light(fit: Fit, samples: CellSamples, frame: Frame, codebook: Codebook) -> float:
     """Log odds of the best codeword against one light that blinks alike everywhere, at any frequency, in a first look.
 
     Frequencies are so close that one of them is within a quarter of a cycle over the panel's rows.
@@ -136,9 +136,9 @@ def odds_against_one_light(fit: Fit, samples: CellSamples, frame: Frame, codeboo
     likelihood = [-math.inf]
     for one_hz, other_hz in zip(tried[::2], tried[1::2], strict=False):
         lights = replace(spec, black_hz=one_hz, white_hz=other_hz, phase="free")
-        looked = first_pass(samples, frame, lights, all_alike, as_deep)
-        if not isinstance(looked, Rejected):
-            likelihood.append(looked[1].likelihood[0])
+        result = first_pass(samples, frame, lights, all_alike, as_deep)
+        if not isinstance(result, Rejected):
+            likelihood.append(result[1].likelihood[0])
     return fit.likelihood[0] - float(np.max(likelihood)) + prior_odds_of_codeword(codebook)
 
 
@@ -150,32 +150,39 @@ def odds_under_either_estimate(
     codebook: Codebook,
     needed: float,
 ) -> float:
-    """Log odds of a second look's best codeword against what is far from it: the mean of that look and the rival's own.
+    """Log odds of a second look's best codeword against what is far from it: the mean of that look and the
+    alternative's own.
 
     What a look believes is divided out of the light before cells are compared, so it is hard on what blinks in other
-    phases; one that believes the rival is as hard on the codeword. (Patterns a few cells off have the codeword's
+    phases; one that believes the alternative is as hard on the codeword. (Patterns a few cells off have the codeword's
     phases.) Rivals are a first look's likeliest pattern and other ID, but for what that has told with the odds that are
     `needed`: it believes nothing, so it is fair.
     """
     (evidence, fit), (own, refit) = first, second
     codeword, ids, odds = codebook.white[refit.codewords[0]], codebook.ids, math.inf
     likelihood, far = likeliest_far_pattern(evidence, codeword, NEIGHBOURS)
-    rivals = [(far, prior_odds_of_codeword(codebook) - _log_patterns(fit.erased))] if likelihood != -math.inf else []
-    rivals += [(codebook.white[other], 0.0) for other in fit.codewords if ids[other] != ids[refit.codewords[0]]][:1]
-    for rival, before in rivals:
-        if before + _lead(codeword, rival, evidence) >= needed:
+    alternatives = (
+        [(far, prior_odds_of_codeword(codebook) - _log_patterns(fit.erased))] if likelihood != -math.inf else []
+    )
+    alternatives += [(codebook.white[other], 0.0) for other in fit.codewords if ids[other] != ids[refit.codewords[0]]][
+        :1
+    ]
+    for alternative, before in alternatives:
+        if before + _lead(codeword, alternative, evidence) >= needed:
             continue
-        estimate = estimate_bands(samples, frame, codebook.spec, rival > 0, rank_codewords(evidence, rival[None]).bands)
+        estimate = estimate_bands(
+            samples, frame, codebook.spec, alternative > 0, rank_codewords(evidence, alternative[None]).bands
+        )
         theirs = single_evidence(samples, frame, codebook.spec, estimate=estimate)
         if isinstance(theirs, Rejected):
             return -math.inf
-        odds = _least(odds, before + 0.5 * (_lead(codeword, rival, own) + _lead(codeword, rival, theirs)))
+        odds = _least(odds, before + 0.5 * (_lead(codeword, alternative, own) + _lead(codeword, alternative, theirs)))
     return odds
 
 
-def _lead(codeword: Singles, rival: Singles, evidence: Evidence) -> float:
-    """Log-likelihood ratio of a codeword to a rival (cells,), each with the bands that fit it best."""
-    both = rank_codewords(evidence, np.stack([codeword, rival]))
+def _lead(codeword: Singles, alternative: Singles, evidence: Evidence) -> float:
+    """Log-likelihood ratio of a codeword to a alternative (cells,), each with the bands that fit it best."""
+    both = rank_codewords(evidence, np.stack([codeword, alternative]))
     lead = both.likelihood[0] - both.likelihood[1]
     return lead if both.codewords[0] == 0 else -lead
 

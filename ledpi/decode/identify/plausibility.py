@@ -24,7 +24,7 @@ DEVIATIONS = 3.0  # allowed to either, for noise
 MAX_MISFIT = 1.0 / 10.0
 # Bands of nearly full depth outshine all noise, and explain all but a few percent of what there is to see (1.5 % on
 # photographs of real lamps), unless the corners are wrong. What a codeword leaves open then is as much as there is
-# wrong with what it is told by; so its lead over its rivals must be more than that.
+# wrong with what it is told by; so its lead over its alternatives must be more than that.
 MIN_EXPLAINED = 50.0
 # Log odds by which a row of cells may be rather without bands than with its codeword's: where the exposure has left
 # none of its class it was by 1.2 at most, of 577 readings; rows of all other panels were with them by 8 and more.
@@ -53,13 +53,13 @@ def is_consistent(evidence: Evidence, fit: Fit, lead: float, *, exact: bool) -> 
     of_codeword = fit.likelihood[0]
     if is_deep_anywhere(evidence.prior):
         return fit.of_cells - of_codeword < lead and of_codeword > MIN_EXPLAINED * evidence.residual
-    misfit, by_noise = fit.of_cells - (of_codeword + _of_open_bands(evidence, fit)), 0.5 * freedom
+    misfit, by_noise = fit.of_cells - (of_codeword + _free_bands_gain(evidence, fit)), 0.5 * freedom
     if exact and not misfit < by_noise + lead:
         return False
     return misfit < by_noise + DEVIATIONS * math.sqrt(by_noise) + MAX_MISFIT * of_codeword
 
 
-def _of_open_bands(evidence: Evidence, fit: Fit) -> float:
+def _free_bands_gain(evidence: Evidence, fit: Fit) -> float:
     """What a codeword's likelihood is less than that of its best bands, as these were open beforehand: ½ ln det(I +
     ΛA).
 

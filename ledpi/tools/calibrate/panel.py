@@ -80,7 +80,7 @@ def measure_panel(
         raise CalibrationError(f"no bands of a {dictionary.name} panel between {' and '.join(sought)}")
     measured = (found.black, found.white)
     if announced.phase == "antiphase":
-        measured = _of_one_oscillator(measured)
+        measured = _share_oscillator(measured)
     for bands in measured:
         _check_aliases(bands, light, row_time_s)
     for bands in measured:
@@ -170,7 +170,7 @@ def _waves(light: PanelLight, span_hz: tuple[float, float], row_time_s: float) -
     return Waves(frequency_hz=grid, cycles_per_row=grid * row_time_s)
 
 
-def _of_one_oscillator(measured: tuple[ClassBands, ClassBands]) -> tuple[ClassBands, ClassBands]:
+def _share_oscillator(measured: tuple[ClassBands, ClassBands]) -> tuple[ClassBands, ClassBands]:
     """Both classes at the mean of their frequencies. Raises CalibrationError where these are not one."""
     black, white = measured
     weights = [bands.frequency_sigma_hz**-2 for bands in measured]

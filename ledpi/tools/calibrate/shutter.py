@@ -76,7 +76,7 @@ def measure_shutter(
             f"{CRYSTAL * 1e6:.0f} ppm, as a crystal's is"
         )
     by_bands = _mean([_row_time_us(bands) for bands in sure])
-    by_interval = _by_interval_us(light, reported.frame_length_rows)
+    by_interval = _row_time_from_intervals(light, reported.frame_length_rows)
     if by_interval is not None and not by_bands.agrees_with(by_interval.value):
         by_interval = None
     row_time = by_interval or by_bands
@@ -119,7 +119,7 @@ def _mean(estimates: Sequence[Estimate]) -> Estimate:
     return Estimate(value=mean, sigma=sum(weights) ** -0.5)
 
 
-def _by_interval_us(light: PanelLight, frame_length_rows: int | None) -> Estimate | None:
+def _row_time_from_intervals(light: PanelLight, frame_length_rows: int | None) -> Estimate | None:
     if frame_length_rows is None:
         return None
     row_time_us = light.frame_interval_us / frame_length_rows

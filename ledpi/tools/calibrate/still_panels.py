@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ledpi.core.errors import CalibrationError
-from ledpi.core.geometry import undistort, unit_square_to
+from ledpi.core.geometry import undistort, unit_square_homography
 from ledpi.core.records import Floats, Frame, Intrinsics
 from ledpi.core.tone import SATURATED, linear_light
 from ledpi.pipeline.pipeline import Pipeline
@@ -134,7 +134,7 @@ def _cell_of_pixel(
     corners = corners_px
     if intrinsics is not None:
         pixels, corners = undistort(pixels, intrinsics), undistort(corners_px, intrinsics)
-    to_unit = np.linalg.inv(unit_square_to(corners))
+    to_unit = np.linalg.inv(unit_square_homography(corners))
     u, v, scale = np.moveaxis(np.concatenate([pixels, np.ones((*shape, 1))], axis=-1) @ to_unit.T, -1, 0)
     place = np.stack([u, v]) / scale * cells
     whole = np.floor(place)

@@ -131,7 +131,7 @@ def apriltag_reader(side_m: float, intrinsics: Intrinsics) -> PrintReader:
     detector = _apriltag_detector()
 
     def detect(frame: Frame) -> list[tuple[int, Floats]]:
-        return [(int(tag.tag_id), _in_our_order(tag.corners)) for tag in detector.detect(frame.pixels)]
+        return [(int(tag.tag_id), _reorder_corners(tag.corners)) for tag in detector.detect(frame.pixels)]
 
     return PrintReader(detect, side_m, intrinsics)
 
@@ -148,7 +148,7 @@ def _apriltag_detector() -> Any:
     return Kept(families=APRILTAG, nthreads=1, quad_decimate=1.0)
 
 
-def _in_our_order(corners: Floats) -> Floats:
+def _reorder_corners(corners: Floats) -> Floats:
     """AprilTag's corners as OpenCV draws the same tag, from the top left clockwise, pixel centres at integers.
 
     Its own order is top right, top left, bottom left, bottom right, and its pixel centres are at halves.

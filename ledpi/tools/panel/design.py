@@ -165,7 +165,7 @@ def candidate_pairs(task: Task) -> list[tuple[float, float]]:
     return pairs
 
 
-def with_best_period(task: Task, black_hz: float, white_hz: float, views: Sequence[View]) -> Proposal:
+def choose_period(task: Task, black_hz: float, white_hz: float, views: Sequence[View]) -> Proposal:
     """The pair with the frame period that tells most a second at the farthest distance."""
     shortest = task.sensor.frame_length_rows
     # Over so many rows the slower class's advance takes every value once.
@@ -188,7 +188,7 @@ def best_antiphase(task: Task, views: Sequence[View]) -> Proposal | None:
     not a half, so that one class would not fill the other's gaps.
     """
     frequencies = candidate_frequencies(task) if task.duty == 0.5 else []
-    tried = [with_best_period(task, hz, hz, views) for hz in frequencies]
+    tried = [choose_period(task, hz, hz, views) for hz in frequencies]
     return max(tried, key=lambda proposal: sum(proposal.worth()), default=None)
 
 
@@ -233,7 +233,7 @@ def ranked(
 
     def tried() -> Iterator[Proposal]:
         for pair in candidate_pairs(task):
-            yield with_best_period(task, *pair, views)
+            yield choose_period(task, *pair, views)
             advance(1)
 
     def place(p: Proposal) -> tuple[bool, bool, float]:

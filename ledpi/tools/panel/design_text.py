@@ -17,7 +17,7 @@ from ledpi.tools.panel.information import STREAM_FRAMES
 from ledpi.tools.panel.reach import SURE, Reach
 
 
-def in_short(verb: str, named: tuple[Proposal, Reach], present: tuple[Proposal, Reach] | None = None) -> str:
+def summary_line(verb: str, named: tuple[Proposal, Reach], present: tuple[Proposal, Reach] | None = None) -> str:
     """What a person wants to know first, as in `best are 1253.33 and 2557.54 Hz: …`."""
     text = f"{verb} {_hz(named[0])}: a panel is read {_read_to(named[1])}"
     if present is not None:

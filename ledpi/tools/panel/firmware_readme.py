@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ledpi.markers.codewords import as_ranges
+from ledpi.markers.codewords import format_ranges
 from ledpi.tools.panel.firmware import Build, Firmware
 from ledpi.tools.panel.timer import HalfPeriod
 
@@ -85,7 +85,7 @@ def _antiphase(firmware: Firmware) -> str:
     text = " Black and white are in antiphase: one is on while the other is off (`panels.phase: antiphase`)."
     readable = firmware.dictionary.readable_ids("antiphase")
     if len(readable) < len(firmware.dictionary.codewords):
-        text += f" Only the IDs {as_ranges(readable)} can be read so."
+        text += f" Only the IDs {format_ranges(readable)} can be read so."
     return text
 
 

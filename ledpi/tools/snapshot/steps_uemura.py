@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from ledpi.core.geometry import unit_square_to
+from ledpi.core.geometry import unit_square_homography
 from ledpi.core.records import Detection, Pixels, Rejected
 from ledpi.decode.uemura import BLACK_BAND, CELL_PX, WHITE_BAND, Square, Steps, local_mean
 from ledpi.tools.snapshot.drawing import BACKGROUND, BLACK_CLASS, DIM, DROPPED, TEXT, WHITE_CLASS, Canvas, outline, text
@@ -29,7 +29,7 @@ def uemura_rows(snapshot: Snapshot) -> list[Row]:
         Row(
             title="From the frame to the class of each band",
             tiles=(
-                Tile(label="(a) to the eye: bands averaged", picture=view.crop(_to_the_eye(frame.pixels, steps))),
+                Tile(label="(a) to the eye: bands averaged", picture=view.crop(_average_bands(frame.pixels, steps))),
                 Tile(label="(b) as captured", picture=view.crop(frame.pixels)),
                 Tile(label="(c) brighter than the local mean", picture=view.crop(steps.lit)),
                 Tile(label=f"(d) nearer {black:.1f} rows, or {white:.1f}", picture=view.crop(_classes(steps))),
@@ -52,7 +52,7 @@ def _most_telling(of_each_pair: list[Steps]) -> Steps:
     return max(of_each_pair, key=lambda steps: sum(isinstance(s.result, Detection) for s in steps.squares))
 
 
-def _to_the_eye(pixels: Pixels, steps: Steps) -> Pixels:
+def _average_bands(pixels: Pixels, steps: Steps) -> Pixels:
     return np.round(local_mean(pixels, steps.widths_rows)).astype(np.uint8)
 
 
@@ -91,7 +91,7 @@ def _restored(view: View, steps: Steps) -> Canvas:
         n, size = len(square.white_share), square.restored.shape[0]
         # A pixel's centre, in cells from the left of the ground, which begins two cells before the square.
         to_square = np.array([[1, 0, 0.5 - 2 * CELL_PX], [0, 1, 0.5 - 2 * CELL_PX], [0, 0, n * CELL_PX]]) / CELL_PX
-        way = view.matrix() @ unit_square_to(square.corners_px) @ to_square
+        way = view.matrix() @ unit_square_homography(square.corners_px) @ to_square
         cover = cv2.warpPerspective(np.full((size, size), 255, np.uint8), way, (view.width, view.height))
         there = cv2.warpPerspective(square.restored, way, (view.width, view.height))
         tile[cover > 127] = there[cover > 127][:, None]
