@@ -48,7 +48,7 @@ def shown(marker_id: int, gains: Floats, side: float, seed: int) -> tuple[CellSa
 
 
 def evidence_for(cells: Bits, erased: tuple[int, ...] = ()) -> Evidence:
-    """Of a panel that shows a pattern's bands of the usual depth; of `silent` cells there is none."""
+    """Of a panel that shows a pattern's bands of the usual depth; of `erased` cells there is none."""
     white, bands = cells.reshape(-1), np.sqrt(PRIOR)
     own = EACH / (0.5 * float((bands[:2] ** 2).sum())) * np.eye(4)  # of either class; both, as information is of all
     information = np.zeros((16, 4, 16, 4))
@@ -129,7 +129,7 @@ def test_a_cell_that_is_dark_as_its_bands_are_is_lit() -> None:
     assert find_unlit_cells(samples).tolist() == [True, True, False, False]
 
 
-@pytest.mark.parametrize(("silent", "correctable"), [((), 1), ((6,), 1), ((6, 8), 0), ((0, 1), 1), ((6, 8, 10), 0)])
+@pytest.mark.parametrize(("erased", "correctable"), [((), 1), ((6,), 1), ((6, 8), 0), ((0, 1), 1), ((6, 8, 10), 0)])
 def test_how_many_cells_may_be_wrong_beside_those_erased(erased: tuple[int, ...], correctable: int) -> None:
     """The words nearest to 7 are 44 and 45: they differ from it in 6, 8, 10, 14 and in 2, 6, 12, 14."""
     own = int(np.flatnonzero((BOOK.ids == 7) & (BOOK.quarter_turns == 0))[0])

@@ -1,8 +1,8 @@
-"""What the frames of a track have shown of its panel: a record, and all the ways in which a frame may change it.
+"""The history of a track's panel: a record, and every way in which a frame may change it.
 
-A panel is not read yet (`last` is None), read (`identity`), or was read and tells nothing at the moment
-(`uninformative` frames since `last`). Where what was seen turns out to be something else, all begins anew, but for what
-`FrequencySearch` has.
+A panel is not read yet (`last` is None), read (`identity`), or was read and is not confirmed at the moment
+(`uninformative` frames since `last`). If it turns out to be another thing, the history starts again; only
+`FrequencySearch` keeps its frames.
 """
 
 from __future__ import annotations
@@ -28,16 +28,16 @@ class Identity(NamedTuple):
     prediction: Prediction | None = None  # of the frames to come, once it is made
 
     def matches(self, samples: CellSamples, frame: Frame) -> bool:
-        """Whether a frame surely shows the same."""
+        """Whether a frame clearly shows the same."""
         return self.prediction is not None and self.prediction.matches(samples, frame)
 
     def is_contradicted_by(self, samples: CellSamples, frame: Frame) -> bool:
-        """Whether a frame rather shows something else."""
+        """Whether a frame is more likely to show something else."""
         return self.prediction is not None and self.prediction.is_contradicted_by(samples, frame)
 
 
 class FrequencySearch(NamedTuple):
-    """The frames that a panel's frequencies are sought in, and those that were found, if not the announced ones."""
+    """The frames that are searched for a panel's frequencies, and the frequencies found, if not the configured ones."""
 
     observations: tuple[Observation, ...] = ()  # the last frames
     frames_since_try: int = 0  # frames since the last try
@@ -46,24 +46,24 @@ class FrequencySearch(NamedTuple):
 
     @property
     def settling(self) -> bool:
-        """Whether its frequencies were told from a few frames, which is not exact enough for many more."""
+        """Whether the frequencies were estimated from few frames: not exact enough to add up many more."""
         return self.found is not None and self.found_from < SEARCH_FRAMES
 
     def add_frame(self, samples: CellSamples, frame: Frame) -> FrequencySearch:
-        """With a further frame."""
+        """With one more frame."""
         observations = (*self.observations[1 - SEARCH_FRAMES :], Observation(samples=samples, frame=frame))
         return self._replace(observations=observations, frames_since_try=self.frames_since_try + 1)
 
     def keep_newest(self) -> FrequencySearch:
-        """The frames before say nothing of what blinks there now."""
+        """Without the frames before the newest: they may show another panel."""
         return self._replace(observations=self.observations[-1:], frames_since_try=1)
 
     def mark_failed(self) -> FrequencySearch:
-        """Frequencies were sought, and not found."""
+        """After a search that found nothing."""
         return self._replace(frames_since_try=0)
 
     def mark_found(self, proposal: Proposal) -> FrequencySearch:
-        """Frequencies were sought, and found."""
+        """After a search that found these frequencies."""
         return self._replace(frames_since_try=0, found=proposal, found_from=len(self.observations))
 
 
@@ -72,65 +72,65 @@ class History(NamedTuple):
 
     memories: tuple[PanelMemory, ...]  # one for each pair of frequencies
     last: Identity | None = None  # what they were read as
-    uninformative: int = 0  # frames since then that told nothing, and are not in the memories
+    uninformative: int = 0  # frames since then that added nothing, and are not in the memories
     matched: int = 0  # frames since then that were as expected
     confirmed: int = 0  # all frames that were as expected, and are not in the memories
     search: FrequencySearch = FrequencySearch()
 
     @classmethod
     def empty(cls, specs: tuple[PanelSpec, ...], search: FrequencySearch | None = None) -> History:
-        """Before there was a frame."""
+        """Without frames."""
         return cls(memories=tuple(PanelMemory(spec) for spec in specs), search=search or FrequencySearch())
 
     @property
     def identity(self) -> Identity | None:
-        """What it is read as now."""
+        """What the panel is read as now."""
         return None if self.uninformative else self.last
 
     @property
     def frames(self) -> int:
-        """How many have shown it."""
+        """The number of frames that showed the panel."""
         return self.memories[0].frames + self.confirmed
 
     def confirm(self) -> History:
-        """A further frame is as expected of what is shown: that is all that is asked of it."""
+        """One more frame matches the prediction; it does not enter the memories."""
         return self._replace(matched=self.matched + 1, confirmed=self.confirmed + 1)
 
     def unconfirm(self) -> History:
-        """The newest frame, which was as expected, is to enter the memories after all."""
+        """The newest frame, which matched, is to enter the memories after all."""
         return self._replace(confirmed=self.confirmed - 1)
 
     def expect(self, identity: Identity, prediction: Prediction) -> History:
-        """What is `identity` lets this be expected."""
+        """With the prediction that follows from `identity`."""
         return self._replace(last=identity._replace(prediction=prediction))
 
     def add_frame(self, samples: CellSamples, frame: Frame) -> tuple[History, list[Evidence | None]]:
-        """With a further frame in the memories, and what it adds to each. What it is read as is to be told."""
+        """With one more frame in the memories, and what it adds to each. The caller then decides on the identity."""
         further, added = zip(*(memory.add_frame(samples, frame) for memory in self.memories), strict=True)
         return self._replace(memories=further, search=self.search.add_frame(samples, frame)), list(added)
 
     def identify_as(self, identity: Identity) -> History:
-        """The memories show this."""
+        """The memories show this panel."""
         return self._replace(last=identity, uninformative=0, matched=0)
 
     def clear_identity(self) -> History:
-        """They show nothing, or nothing that is believed."""
+        """The memories show no panel, or none that is accepted."""
         return self._replace(last=None, uninformative=0, matched=0)
 
     def skip_frame(self, search: FrequencySearch) -> History:
-        """A further frame tells nothing, and the memories did. So it is left out of them, but not of the `search`."""
+        """One more frame adds nothing, though the memories did: only `search` keeps it."""
         return self._replace(uninformative=self.uninformative + 1, search=search)
 
     def keep_newest(self) -> History:
-        """The frames before the newest were of something else, or do not add up."""
+        """Only the newest frame: those before it showed something else, or do not add up."""
         memories = tuple(PanelMemory(memory.spec).add_frame(*memory.newest)[0] for memory in self.memories)
         return History(memories=memories, search=self.search)
 
     def set_search(self, search: FrequencySearch) -> History:
-        """The same memories, with another `search`."""
+        """The same memories with another `search`."""
         return self._replace(search=search)
 
     def retune(self, proposal: Proposal, group: int, memory: PanelMemory) -> History:
-        """The panel is one of this `group` at other frequencies, which `memory` has."""
+        """The panel blinks at other frequencies than others of its `group`; `memory` is at these."""
         memories = (*self.memories[:group], memory, *self.memories[group + 1 :])
         return self._replace(memories=memories, search=self.search.mark_found(proposal))

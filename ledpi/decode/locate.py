@@ -22,7 +22,7 @@ MISFIT = Rejected(stage="fit", reason="misfit")
 UNCERTAIN = Rejected(stage="fit", reason="uncertain")
 
 REACH = 0.1  # of the side: how far off a proposal may be
-# Of the light's squares: a first look, from corners that are off, must explain more than it leaves; of what a panel's
+# Of the light's squares: the first fit, from corners that are off, must explain more than it leaves; of what a panel's
 # fit leaves in the end the deviation is less than a third of the light's own.
 MIN_EXPLAINED, MIN_EXPLAINED_FINELY = 0.5, 0.9
 MAX_SIGMA = 1.0 / 8.0  # of a cell: further off, slopes no longer tell what a shift does to a cell's light

@@ -1,7 +1,7 @@
-"""What a panel shows: adds a frame to its history and tells the codeword, or that it is another one than before.
+"""Reads a panel: adds a frame to its history, and decides on a codeword from all frames of its track.
 
-Three questions, each asked only where the one before leaves it open. Does the frame show what was shown before? What
-codeword do all frames together show? And if none, do they at other frequencies than announced?
+Three questions, each asked only if the one before stays open. Does the frame match the prediction? Which codeword do
+all frames together show? And if none: do they show one at other frequencies than the configured ones?
 """
 
 from __future__ import annotations
@@ -25,48 +25,48 @@ from ledpi.decode.identify.decision import Reading
 from ledpi.decode.identify.frequency_search import CHOICES, Observation, propose_frequencies
 from ledpi.decode.identify.innovation_gate import confirms, contradicts, expected_log_likelihood_ratio
 
-# Frames that surely show what was read last are not read anew, but for one of eight: by then a panel may look a little
-# otherwise, and the margin has grown.
+# Frames that match the prediction are not read again, but for one of eight: by then a panel may look a little
+# different, and the margin has grown.
 READ_EVERY = 8
-# What was read is still shown while it leads by what this rate asks for, 4.8 nats and not 11.3: else a codeword that
-# has only just passed comes and goes with the noise of further frames.
+# Hysteresis: an ID is kept while its odds are those of this rate, 4.8 nats and not 11.3. Otherwise a codeword that has
+# only just passed would come and go with the noise of further frames.
 HYSTERESIS_RATE = 1e-3
 # A track whose frames add up to nothing may blink at other frequencies. That is tried after every so many.
 TUNE_EVERY = 4
 # Frames that contradict each other make a track forget: one that remembers less than this does not add up.
 ADDS_UP_FRAMES = 4
 
-# A frame of which comparison with those before tells less than the share TYPICAL_SHARE of what these have told, each,
-# or which misses what they let expect, is asked by itself, too, as that tells another panel's codeword at once. (It is
-# a worse witness where a part of a panel is hidden.) Below the share UNLIKE it must be for what was shown: it looks so
-# unlike those before that what is left is no measure of noise. (It may also show their very phases.)
+# A frame is also read by itself if its comparison adds less than this share of the usual log-likelihood ratio, or if it
+# contradicts the prediction: that detects another panel's codeword at once. (It is less reliable if a part of the panel
+# is occluded.) Below the share UNLIKE it must confirm the identity by itself: it differs so much from earlier frames
+# that their residual is no measure of noise. (Or it has the very same phases.)
 TYPICAL_SHARE = 0.5
 INNOVATION = Rejected(stage="track", reason="innovation")
 
-# What no further frame can mend: this is no panel, or not where it was thought to be.
+# No further frame can change these: this is no panel, or not at this place.
 NOT_THIS_PANEL = (decision.INCONSISTENT, decision.IMPLAUSIBLE)
 
 
 class Added(NamedTuple):
-    """A history with a further frame."""
+    """A history with one more frame."""
 
     history: History
-    contradicted: bool = False  # that frame shows something else: all before it is forgotten
-    gated: bool = False  # it is unlike those before, and by itself not surely for what they have shown
+    contradicted: bool = False  # the frame shows something else: the earlier frames are forgotten
+    gated: bool = False  # the frame fails the innovation gate
 
 
 class Outcome(NamedTuple):
-    """What became of a frame."""
+    """The result of one frame."""
 
     history: History
     identity: Identity | Rejected
-    contradicted: bool  # that it shows what the frames before have shown
+    contradicted: bool  # the frame shows something else than the frames before
 
 
 class Reader:
-    """Reads the panels of some pairs of frequencies. Keeps nothing; what is known of a panel is in its history.
+    """Reads the panels of some pairs of frequencies. It has no state: what is known of a panel is in its history.
 
-    Of a `frame` its times count. Histories keep it: let it come without its picture.
+    Of a `frame` only its times are used. Histories keep it, so pass it without its picture.
     """
 
     def __init__(
@@ -77,16 +77,16 @@ class Reader:
         self._search_frequencies = search_frequencies
 
     def read(self, history: History, samples: CellSamples, frame: Frame) -> Outcome:
-        """The codeword that is shown with this frame, or why none can be told."""
+        """The codeword after this frame, or the reason why there is none."""
         identity = history.identity
         if identity is None or history.search.settling or not identity.matches(samples, frame):
             return self._read_all_frames(history, samples, frame)
         return Outcome(history=history.confirm(), identity=identity, contradicted=False)
 
     def prepare_next(self, history: History, samples: CellSamples, frame: Frame) -> History:
-        """What is for the good of the frames to come, once this one, which has shown `samples`, has given its results.
+        """Work for the frames to come, done once this frame, with its `samples`, has given its results.
 
-        What was as expected for a while is read anew, and what the next frame should look like is made ready.
+        After a run of frames that matched the prediction, the panel is read again; and the next prediction is made.
         """
         if history.identity is not None and history.matched >= READ_EVERY:
             history = self._read_all_frames(history.unconfirm(), samples, frame).history
@@ -133,7 +133,7 @@ class Reader:
         return Outcome(history=now, identity=identity, contradicted=contradicted)
 
     def _confirm_last(self, now: History, last: Identity) -> Identity | None:
-        """What was read last, if all frames together still show that."""
+        """The last identity, if all frames together still support it at the lower odds of the hysteresis."""
         kept = self._decide(now, HYSTERESIS_RATE)
         if isinstance(kept, Rejected):
             return None
@@ -160,9 +160,9 @@ class Reader:
         return decision.decide(evidence, book, rate)
 
     def _read_newest(self, memory: PanelMemory, book: Codebook, rate: float) -> Reading | Rejected | None:
-        """What the newest frame shows by itself; None where it is for all frames together to tell.
+        """The reading of the newest frame alone; None if all frames together must decide.
 
-        A single frame of deep bands says all, to who looks twice, or that something is not as it should be.
+        A single frame of deep bands is decisive: it has a codeword, or it shows that something is wrong.
         """
         samples, frame = memory.newest
         if memory.frames == 1:
@@ -175,9 +175,9 @@ class Reader:
         return reading if reading in NOT_THIS_PANEL else None
 
     def _search_frequencies_of(self, history: History, gated: bool) -> History | None:
-        """The history at other frequencies, at which its frames add up to a codeword; None where there are none.
+        """The history at other frequencies, at which its frames add up to a codeword; None if there are none.
 
-        What the frames before have shown may be there no more: a newest one that is gated must be for it by itself.
+        The earlier frames may show a panel that is gone: a newest frame that fails the gate must confirm by itself.
         """
         observations = history.search.observations
         for group, book in enumerate(self._codebooks):
@@ -196,12 +196,12 @@ class Reader:
 
 
 def _is_same(one: Identity, other: Identity) -> bool:
-    """Whether both are the same codeword, hung alike."""
+    """Whether both are the same codeword in the same orientation."""
     return (one.reading.id, one.reading.quarter_turns) == (other.reading.id, other.reading.quarter_turns)
 
 
 def _add_frame(before: History, samples: CellSamples, frame: Frame) -> Added:
-    """With a further frame, and whether that speaks against what was shown."""
+    """The history with one more frame, and whether that frame passes the innovation gate."""
     now, added = before.add_frame(samples, frame)
     last = before.last
     if last is None:
@@ -224,25 +224,26 @@ def _add_frame(before: History, samples: CellSamples, frame: Frame) -> Added:
 
 
 def _typical_nats(memory: PanelMemory, identity: Identity) -> float:
-    """What one of the frames has told, on average, of the codeword over no bands."""
+    """Mean log-likelihood ratio of the codeword to no bands that one frame has added."""
     return identity.reading.likelihood / memory.effective_frames
 
 
 def _drop_newest(before: History, now: History) -> History:
-    """A frame that tells nothing, and with which those before tell nothing any more, is not remembered with them.
+    """The history without a frame that adds nothing, and that would spoil the evidence of the frames before it.
 
-    Its square was taken elsewhere, say, or something stood before it. Where that goes on, they are out of date.
+    It may have been located beside the panel, or the panel was occluded. After some such frames the old ones are out of
+    date.
     """
     return before.skip_frame(now.search) if before.uninformative < ADDS_UP_FRAMES else now.keep_newest()
 
 
 def _is_newest_tried_alone(history: History) -> bool:
-    """Whether the newest frame is asked by itself: while there are few, and now and then, as old ones may be wrong."""
+    """Whether the newest frame is also read alone: while there are few, and now and then, as old ones may be wrong."""
     return history.frames > 1 and (history.frames <= TUNE_EVERY or history.frames % READ_EVERY == 0)
 
 
 def _replay(observations: Sequence[Observation], spec: PanelSpec) -> tuple[PanelMemory, Evidence | None]:
-    """A memory of frames at these frequencies, and what the last of them has added."""
+    """The memory of these frames at these frequencies, and what the last of them has added."""
     memory, added = PanelMemory(spec), None
     for each in observations:
         memory, added = memory.add_frame(each.samples, each.frame)
@@ -250,11 +251,9 @@ def _replay(observations: Sequence[Observation], spec: PanelSpec) -> tuple[Panel
 
 
 def _announced_likelihood(observations: Sequence[Observation], book: Codebook) -> float:
-    """Log-likelihood ratio to "no bands" of the best codeword at the announced frequencies, whether it can be told or
-    not.
+    """Log-likelihood ratio to "no bands" of the best codeword at the configured frequencies, accepted or not.
 
-    Where these explain more than others do, a panel shows no codeword, and chance has found frequencies that make it
-    one.
+    If these explain more than others do, the panel shows no codeword, and other frequencies only fit by chance.
     """
     evidence = _replay(observations, book.spec)[0].evidence()
     return rank_codewords(evidence, book.white).likelihood[0] if isinstance(evidence, Evidence) else -math.inf

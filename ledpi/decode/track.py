@@ -1,4 +1,4 @@
-"""Follows each lit square from frame to frame, so that what several frames say of one panel can be added up."""
+"""Tracks each lit square from frame to frame, so that the evidence of several frames of one panel can be added up."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ OLD_FRAMES = 16
 
 
 class TrackState(NamedTuple):
-    """TrackState the frame that has shown a square last has shown it."""
+    """The state of a track: where the last frame with its square has shown it, and how it moves."""
 
     corners_px: Floats  # (4, 2) in the order of the track's first frame
     velocity_px_s: Floats | None  # (4, 2), None where it was seen once
@@ -46,17 +46,17 @@ class TrackState(NamedTuple):
 
     @classmethod
     def from_quad(cls, quad: Quad, now_ns: int, velocity_px_s: Floats | None = None) -> TrackState:
-        """TrackState a quad is, of a square that moves so."""
+        """The state of a square that was measured as `quad`."""
         return cls(quad.corners_px, velocity_px_s, now_ns, quad.unknown, quad.unexplained)
 
     def update(self, quad: Quad, now_ns: int) -> TrackState:
-        """TrackState the square is now: in `quad`, the corners of which are in the track's order."""
+        """The state after a new measurement `quad`, whose corners are in the track's order."""
         step = (quad.corners_px - self.corners_px) / ((now_ns - self.seen_ns) * 1e-9)
         before = self.velocity_px_s
         return TrackState.from_quad(quad, now_ns, step if before is None else before + NEW_VELOCITY * (step - before))
 
     def predicted_px(self, now_ns: int) -> Floats:
-        """(4, 2) where the corners should be now."""
+        """(4, 2) the predicted corners, at constant velocity."""
         if self.velocity_px_s is None:
             return self.corners_px
         expected: Floats = self.corners_px + self.velocity_px_s * ((now_ns - self.seen_ns) * 1e-9)
@@ -65,14 +65,14 @@ class TrackState(NamedTuple):
 
 @dataclass(slots=True, eq=False)
 class Track:
-    """One lit square over time. Both are records, which each frame may replace by others."""
+    """One lit square over time. Both fields are records; a frame replaces them."""
 
     state: TrackState
     history: History
 
 
 class Tracker:
-    """The tracks of one stream. `begin_frame` each frame, then let tracks go on, then `associate` what else is seen."""
+    """The tracks of one stream. Call `begin_frame` for each frame, then `continue_track`, then `associate` the rest."""
 
     def __init__(self, specs: tuple[PanelSpec, ...]) -> None:
         self._no_frame = History.empty(specs)
@@ -80,19 +80,19 @@ class Tracker:
         self._before_ns = self._now_ns = 0
 
     def begin_frame(self, now_ns: int) -> None:
-        """A new frame. Tracks not seen for MAX_GAP_NS end, and all do where time does not advance."""
+        """Starts a frame. Tracks end after MAX_GAP_NS without their square, and all end where time does not advance."""
         self._tracks = [t for t in self._tracks if 0 < now_ns - t.state.seen_ns <= MAX_GAP_NS]
         self._before_ns, self._now_ns = self._now_ns, now_ns
 
     def read_tracks(self) -> list[Track]:
-        """The tracks of panels that were read, and that the last frame showed: this frame should show them near by."""
+        """The tracks of panels that were read and that the last frame showed: this frame should show them near by."""
         return [t for t in self._tracks if t.history.identity and t.state.seen_ns == self._before_ns]
 
     def unread_tracks(self) -> list[Track]:
-        """The tracks of other squares that the last frame showed, and that may become panels; the newest first.
+        """The tracks of other squares of the last frame, which may become panels; the newest first.
 
-        One that overlaps a panel is a part of it, or what is around it. One that many frames have shown, and none as a
-        panel, is a lamp or a window.
+        A square that overlaps a panel is a part of it, or its surroundings. One that many frames have shown without a
+        reading is a lamp or a window.
         """
         panels = [t for t in self._tracks if t.history.identity and t.state.seen_ns == self._now_ns]
         self._tracks = [t for t in self._tracks if t in panels or not any(_overlap(t, panel) for panel in panels)]
@@ -100,9 +100,9 @@ class Tracker:
         return [t for t in reversed(others) if t.history.last or t.history.frames < OLD_FRAMES]
 
     def continue_track(self, track: Track, quad: Quad | Rejected) -> Quad | None:
-        """The square that was sought where `track` is expected, if it can be the track's; in the track's order.
+        """The quad that was fitted at the track's prediction, in the track's order; None if it cannot be the track's.
 
-        TrackState it is another track's in this frame they have met, and this one ends.
+        If it is another track's in this frame, the two have merged, and this one ends.
         """
         if isinstance(quad, Rejected) or _distance(quad, track, self._now_ns) is None:
             return None
@@ -115,15 +115,15 @@ class Tracker:
         return self._update(track, quad)
 
     def all_detected(self) -> bool:
-        """Whether this frame has shown the square of every panel that was read, and there are any."""
+        """Whether this frame has shown every panel that was read, and there is at least one."""
         panels = [t for t in self._tracks if t.history.identity is not None]
         return bool(panels) and all(t.state.seen_ns == self._now_ns for t in panels)
 
     def is_followed(self, corners_px: Floats) -> bool:
-        """Whether a square with these corners (4, 2) is one that this frame has already shown.
+        """Whether a square with these corners (4, 2) belongs to a track that this frame has already shown.
 
-        TrackState a panel was read there is no other. What was not read may be a part of one, or one and what is around
-        it: it rules out only what shows the same cells.
+        There is no second panel where one was read. A square that was not read may be a part of a panel, or more than
+        it: it excludes only squares with the same cells.
         """
         corners = corners_px.tolist()
         centre, side_px = quad_middle(corners), quad_side(corners)
@@ -139,7 +139,7 @@ class Tracker:
         return False
 
     def _new_quads(self, quads: list[Quad]) -> list[Quad]:
-        """Those that this frame has not shown before, each once."""
+        """The quads that this frame has not shown before, each once."""
         found: list[Quad] = []
         places: list[Place] = []
         for quad in quads:
@@ -150,10 +150,10 @@ class Tracker:
         return found
 
     def associate(self, quads: list[Quad]) -> list[tuple[Quad, Track]]:
-        """Each quad with the track that it continues, or begins; its corners in the track's order.
+        """Data association: each quad with the track that it continues or begins, its corners in the track's order.
 
-        The nearest pair first, and none twice, so that neighbours do not swap. A square that this frame has shown
-        already, or to which two candidates have led, is not followed twice.
+        Nearest pairs come first and no track is used twice, so that neighbours do not swap. A square that this frame
+        has already shown, or to which two candidates have led, is used once.
         """
         quads = self._new_quads(quads)
         unseen = [t for t in self._tracks if t.state.seen_ns != self._now_ns]
@@ -179,7 +179,7 @@ class Tracker:
         return followed
 
     def _update(self, track: Track, quad: Quad) -> Quad:
-        """The quad in the track's order, now that the track is there."""
+        """The quad in the track's order, once the track's state has it."""
         quad = _align_corners(quad, track.state.corners_px)
         track.state = track.state.update(quad, self._now_ns)
         return quad
@@ -201,7 +201,7 @@ def _is_near_any(place: Place, places: list[Place]) -> bool:
 
 
 def _distance(quad: Quad, track: Track, now_ns: int) -> float | None:
-    """How far a quad is from where a track is expected, in sides; None where it cannot be the same."""
+    """Distance from a quad to a track's prediction, in sides; None outside the association gate."""
     corners, before = quad.corners_px.tolist(), track.state.corners_px.tolist()
     side, was = quad_side(corners), quad_side(before)
     distance = math.dist(quad_middle(corners), quad_middle(track.state.predicted_px(now_ns).tolist())) / side
@@ -217,7 +217,7 @@ def _shape(corners: list[list[float]], side: float) -> list[tuple[float, float]]
 
 
 def _align_corners(quad: Quad, before_px: Floats) -> Quad:
-    """The quad with its corners turned so that each continues the one of those before."""
+    """The quad with its corners rotated so that each continues the track's."""
     corners, before = (
         np.ascontiguousarray(at).view(np.complex128)[:, 0].tolist() for at in (quad.corners_px, before_px)
     )

@@ -105,7 +105,7 @@ static inline float lanczos(const Patch *patch, ptrdiff_t column, ptrdiff_t row,
     return ((sums[0] + sums[4]) + (sums[1] + sums[5])) + ((sums[2] + sums[6]) + (sums[3] + sums[7]));
 }
 
-enum { AT_ONCE = 64 }; /* places for which taps are told */
+enum { AT_ONCE = 64 }; /* places for which taps are computed */
 
 /* The first pixel that is taken in at each place, and where in the kernel its weights begin. */
 static LEDPI_INLINE void put_taps(const double *at, ptrdiff_t count, ptrdiff_t size, ptrdiff_t steps, int32_t *pixel,

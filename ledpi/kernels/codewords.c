@@ -99,7 +99,7 @@ static LEDPI_INLINE ptrdiff_t put_roughly(const Evidence *evidence, const double
     return found;
 }
 
-/* What follows is told for either number of parameters, as loops of a known length are unrolled. */
+/* What follows is compiled for either number of parameters, as loops of a known length are unrolled. */
 LEDPI_SIMD static ptrdiff_t roughly(const Evidence *evidence, const double *numbers, const float *codewords, ptrdiff_t count,
                                     ptrdiff_t most, int64_t *shortlist, double *rough) {
     return evidence->parameters == 4 ? put_roughly(evidence, numbers, codewords, count, most, shortlist, rough, 2)

@@ -80,7 +80,7 @@ LEDPI_SIMD double ledpi_add_cells(const Panel *panel, ptrdiff_t gains, const Ter
     double squares = 0.0;
     for (ptrdiff_t cell = 0; cell < panel->cells; cell++) {
         float *own = columns + cell * panel->points * width;
-        if (panel->waves == 4) /* told twice, as loops of a known length are unrolled */
+        if (panel->waves == 4) /* written twice, as loops of a known length are unrolled */
             put_cell(panel, terms, cell, 4, own);
         else
             put_cell(panel, terms, cell, panel->waves, own);

@@ -2,7 +2,7 @@
  * project's root), so it holds plain declarations, and no directives but those that guard and include.
  *
  * Arrays are as numpy lays them out (C order). The functions keep none of them, and touch no element beyond the sizes that
- * they are told. Numbers that are not finite are legal everywhere. What each does is said where it is defined. */
+ * they are given. Numbers that are not finite are legal everywhere. What each does is said where it is defined. */
 #ifndef LEDPI_CORE_H
 #define LEDPI_CORE_H
 
@@ -77,7 +77,7 @@ double ledpi_near_pattern_likelihood(ptrdiff_t cells, ptrdiff_t parameters, cons
 double ledpi_likeliest_far_pattern(ptrdiff_t cells, ptrdiff_t parameters, const double *score, const double *information,
                               const double *prior, const float *codeword, ptrdiff_t correctable, float *pattern);
 
-/* ---- A first look at a panel: evidence and codewords at once (first_pass.c) */
+/* ---- The first pass over a panel: evidence and codewords at once (first_pass.c) */
 
 /* What all panels of side × side cells, with k × k points in each, have in common: as `ledpi_single_evidence` and
  * `ledpi_is_unoccluded` take it. */

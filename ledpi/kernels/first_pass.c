@@ -1,4 +1,4 @@
-/* A first look at a panel's samples, all of its steps in one call: `first_pass` of decode/identify/first_pass.py. */
+/* The first pass over a panel's samples, all of its steps in one call: `first_pass` of decode/identify/first_pass.py. */
 #include "core.h"
 
 #include <math.h>
@@ -21,8 +21,8 @@ static bool any_unlit(ptrdiff_t cells, ptrdiff_t points, const float *light, dou
  * the variance `prior` (2·waves,); which of `codewords` (count, cells) are the `most` likeliest. `numbers`: score, information
  * and three more as `ledpi_single_evidence` has them, by samples so many `aside` and `below` without the `rim`; the inflation,
  * by which the evidence is divided, from what is `expected` of white noise; then what `ledpi_rank_codewords`
- * has. Where a sample shows that it is covered, if it `may_be_occluded`, or a cell is `unlit` (0: not asked), it is
- * not for this function to tell. */
+ * has. Where a sample shows that it is covered, if it `may_be_occluded`, or a cell is `unlit` (0: not tested), it
+ * returns LEDPI_PASS_NEEDS_STEPS. */
 int ledpi_first_pass(const Grid *grid, const float *light, const float *rows, double independence, ptrdiff_t waves,
                double first_a_row, double second_a_row, const double *prior, const float *codewords, ptrdiff_t count,
                ptrdiff_t most, bool may_be_occluded, double unlit, ptrdiff_t aside, ptrdiff_t below, ptrdiff_t rim,

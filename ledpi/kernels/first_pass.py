@@ -1,4 +1,4 @@
-"""A first look at a panel's samples, all of its steps in one call (first_pass.c)."""
+"""The first pass over a panel's samples, all of its steps in one call (first_pass.c)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-/* Whether a frame shows what is expected of it: decode/evidence/prediction.py says why. */
+/* Whether a frame shows what is predicted: decode/evidence/prediction.py says why. */
 #include <math.h>
 #include <stddef.h>
 #include <stdint.h>

@@ -27,7 +27,7 @@ typedef struct {
     const int64_t *met; /* (cells, MEETING), `cells` where there is none */
 } Sources;
 
-/* What a first look has shown, all NULL where there was none: what each cell's bands make of an even light (cells,
+/* The estimate of a first pass, all NULL if there is none: what each cell's bands make of an even light (cells,
  * points), which cells are white, and what either class would make of it (2, cells, points). */
 typedef struct {
     const float *shown, *of_class;
@@ -203,7 +203,7 @@ LEDPI_SIMD static void take_shared(const Panel *panel, const Sources *sources, c
     for (ptrdiff_t p = 0, s = 0; p < points; p++)
         for (; s < (p + 1 < points ? sources->first[p + 1] : sources->count); s++) {
             float *row = rows + count * wide;
-            if (waves == 4) /* told twice, as loops of a known length are unrolled */
+            if (waves == 4) /* written twice, as loops of a known length are unrolled */
                 put_row(panel, bases[s], columns + p * width, 4, row);
             else
                 put_row(panel, bases[s], columns + p * width, waves, row);

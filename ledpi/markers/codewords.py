@@ -84,7 +84,7 @@ class Dictionary:
 
     def none_readable(self, phase: Phase) -> str:
         """What to say where `readable_ids` has none."""
-        return f"no ID of {self.name} can be told from the others in {phase}; panels.phase must be free"
+        return f"no ID of {self.name} can be distinguished from the others in {phase}; panels.phase must be free"
 
     def correctable_cells(self, phase: Phase = "free") -> int:
         """⌊(d − 1)/2⌋ for the smallest distance d of a codeword that can be read to another, however they are

@@ -125,7 +125,7 @@ def _codeword(values: dict[str, Any], key: str, path: Path, side: int) -> np.nda
 
 
 def _check_distinct(dictionary: Dictionary, path: Path) -> None:
-    """No codeword may look like another, or like itself turned: which one it is could not be told."""
+    """No codeword may look like another, or like itself turned: they could not be distinguished."""
     seen: dict[bytes, tuple[int, int]] = {}
     for number, turned in enumerate(dictionary.rotated_codewords()):
         for turns, codeword in enumerate(turned):

@@ -99,7 +99,7 @@ class Pipeline:
 
     @property
     def panels(self) -> PanelSettings:
-        """The panels that are sampled_squares for: the configuration's, with what the source knows better."""
+        """The panels that are searched for: the configuration's, overridden by what the source says."""
         return self._panels
 
     def decode(
@@ -107,10 +107,10 @@ class Pipeline:
     ) -> Decoded:
         """Everything that this frame shows. Time in `stage_ms` is from the picture in memory to the pose.
 
-        `on_partial` is given the same piece by piece, each as soon as it is known: panels that are followed need not
-        wait until the picture has been searched for others. Where further panels give another fix, that is news too.
-        `trace` takes in what each step made of the frame, and each candidate that was dropped; what `find` itself drops
-        has no corners yet, and is only counted.
+        `on_partial` gets the same piece by piece, each as soon as it is known: tracked panels need not wait until the
+        picture has been searched for others. If further panels change the fix, it is sent again. `trace` records what
+        each step made of the frame, and each candidate that was dropped; what `find` itself drops has no corners yet,
+        and is only counted.
         """
         frame = self._correct_row_time(frame)
         work = Results(dict.fromkeys(STAGES[self._method], 0.0), trace)
@@ -142,9 +142,9 @@ class Pipeline:
         return self._row_clock.corrected(frame)
 
     def _read_likelihood(self, frame: Frame, work: Results) -> Iterator[list[Detection]]:
-        """propose → fit → track → cells → soft, which is the likeliest codeword of all cells together.
+        """propose → fit → track → cells → identify, by the likeliest codeword of all cells together.
 
-        First the panels that the frames before have shown, where they are expected. All else shares the budget.
+        Tracked panels come first, at their predicted places. All else shares the budget.
         """
         if not self._stream:
             self._tracker, self._agenda = Tracker(self._specs), Agenda()
@@ -167,7 +167,7 @@ class Pipeline:
     def _follow(
         self, frame: Frame, tracks: list[Track], sampled_squares: list[_Sampled], work: Results
     ) -> list[_Sampled]:
-        """The squares that are where their tracks lead; what is not there is left to a search."""
+        """The squares at their tracks' predictions; what is not there is left to a search."""
         start = time.perf_counter()
         followed = []
         for track in tracks:
@@ -195,7 +195,7 @@ class Pipeline:
     def _examine(
         self, frame: Frame, candidate: Candidate, sampled_squares: list[_Sampled], work: Results
     ) -> list[_Sampled]:
-        """What a candidate is, where this frame has not shown that already."""
+        """The square that a candidate leads to, unless this frame has already shown it."""
         if self._tracker.is_followed(candidate.corners_px):
             return []
         start = time.perf_counter()
@@ -233,7 +233,7 @@ class Pipeline:
     def _sample(
         self, frame: Frame, squares: list[tuple[Quad, Track]], sampled_squares: list[_Sampled], work: Results
     ) -> list[_Sampled]:
-        """The light in their cells, of those where it can be told; also added to `sampled_squares`, all of this
+        """The light in their cells, where it can be sampled; also added to `sampled_squares`, all of this
         frame.
         """
         since = time.perf_counter()
@@ -249,7 +249,7 @@ class Pipeline:
         return sampled
 
     def _identify(self, frame: Frame, sampled_squares: list[_Sampled], work: Results) -> list[Detection]:
-        """The panels that these lit squares are; where none can be told, why is in `work`."""
+        """The panels that these lit squares are; reasons against others are in `work`."""
         if not sampled_squares:
             return []
         since = time.perf_counter()
@@ -291,7 +291,7 @@ class Pipeline:
 
 
 def _same_frequencies(panels: PanelSettings) -> list[tuple[PanelSpec, list[int]]]:
-    """The panel and the IDs of each kind of blinking that there is."""
+    """The panel and the IDs of each set of frequencies and duty that there is."""
     groups: dict[tuple[tuple[float, ...], float], tuple[PanelSpec, list[int]]] = {}
     for marker_id in range(len(load_dictionary(panels.dictionary).codewords)):
         spec = panels.spec(marker_id)

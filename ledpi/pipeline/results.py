@@ -29,9 +29,9 @@ class Results:
             self.trace.dropped.append(Dropped(corners_px=corners_px, why=why))
 
     def add(self, frame: Frame, detections: list[Detection], placer: Placer) -> list[MarkerPose]:
-        """Places what was just read, and the robot by all there is. Returns the new markers.
+        """Places the new detections, and the robot by all there are. Returns the new markers.
 
-        What is here already goes, where it and the new cannot both be true.
+        Earlier detections are dropped if they and the new ones cannot both be true.
         """
         self.detections, dropped = suppress_duplicates([*self.detections, *detections])
         for detection, why in dropped:
@@ -55,7 +55,7 @@ class Results:
         return self._decoded(frame, markers, ())
 
     def final_result(self, frame: Frame) -> Decoded:
-        """All of it, the surest marker first."""
+        """All of it, the most certain marker first."""
         rejected = [*self.rejected, self.fix] if isinstance(self.fix, Rejected) else self.rejected
         return self._decoded(frame, sorted(self.markers, key=lambda m: -m.detection.margin), rejected)
 

@@ -23,7 +23,7 @@ class Dropped:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SquareTrace:
-    """What `soft` made of one lit square."""
+    """What the method `likelihood` made of one lit square."""
 
     quad: Quad
     samples: CellSamples
@@ -32,7 +32,7 @@ class SquareTrace:
 
     @classmethod
     def from_outcome(cls, quad: Quad, samples: CellSamples, outcome: Outcome) -> SquareTrace:
-        """Of a square in which a frame has shown these `samples`."""
+        """Of a square whose cells have these `samples`."""
         identity, memories = outcome.identity, outcome.history.memories
         if isinstance(identity, Rejected):
             return cls(quad=quad, samples=samples, evidence=memories[0].evidence(), reading=identity)
@@ -41,7 +41,7 @@ class SquareTrace:
 
 @dataclass(slots=True)
 class Trace:
-    """Of one frame. Of `soft` the candidates and the looks, of `bands` the steps, one for each pair of frequencies."""
+    """Of one frame. `likelihood` fills candidates and squares; `uemura` its steps, one for each pair of frequencies."""
 
     dropped: list[Dropped] = field(default_factory=list)
     candidates: list[Candidate] = field(default_factory=list)

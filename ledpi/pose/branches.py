@@ -10,13 +10,13 @@ from ledpi.pose.planar import Solutions
 
 # The other solution is excluded where it is a thousand times less likely: 2·ln 1000 of χ².
 EXCLUDED_BY = 13.8
-# The most that one frame may say. Half of it is enough for a first look; but what was preferred for n frames is given
+# The most that one frame may say. Half of it is enough in a first frame; but what was preferred for n frames is given
 # up over several, in which both poses are reported.
 MOST = 2 * EXCLUDED_BY
 # The mean is over so many frames. It is a mean and no sum: what errs most in a corner (the lens, a bezel's gleam) errs
 # alike from frame to frame, and ten looks at it are no more than one.
 REMEMBERED = 16
-APART = 3.0  # standard deviations: solutions that are nearer than this cannot be told from one frame to the next
+APART = 3.0  # standard deviations: nearer solutions cannot be distinguished from one frame to the next
 # How far a panel's upward axis may lean from the robot's: hung by eye, a robot on a doorstep or braking.
 UPRIGHT_SIGMA_RAD = math.radians(5)
 

@@ -76,7 +76,7 @@ class Placer:
         return placed
 
     def fix(self, frame: Frame, markers: Sequence[MarkerPose]) -> RobotFix | Rejected | None:
-        """Where the robot is in the map, or why that cannot be told; None without a map or a panel."""
+        """Where the robot is in the map, or the reason why not; None without a map or a panel."""
         return self._fixes.solve(frame, markers) if self._fixes is not None and markers else None
 
 

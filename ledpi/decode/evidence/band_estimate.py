@@ -1,4 +1,4 @@
-"""What a first look has shown of a panel's bands, as a second look by the exact waveform takes its bearings from it."""
+"""The bands that a first pass has estimated: where a second pass, by the exact waveform, is linearised."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ DARKEST = 0.1
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BandEstimate:
-    """Bands that a first look has shown, from which a second one takes its bearings."""
+    """Bands as a first pass has estimated them."""
 
     phases: tuple[float, ...]  # of each wave's fundamental; `waves` begin there
     bands: Floats  # (cells, P), by these waves
@@ -28,7 +28,7 @@ class BandEstimate:
     light: Singles  # (2, cells, points): what the bands of either class make of an even light
 
     def band_light(self) -> Singles:
-        """(cells, points): what each cell's bands make of it."""
+        """(cells, points): the light of each cell under its bands, if it were even without them."""
         return np.asarray(np.where(self.white[:, None], self.light[1], self.light[0]), np.float32)
 
     def restore_phases(self, bands: Floats) -> Floats:
@@ -37,11 +37,11 @@ class BandEstimate:
 
 
 def estimate_bands(samples: CellSamples, frame: Frame, spec: PanelSpec, white: Mask, bands: Floats) -> BandEstimate:
-    """What `bands` (P,), sinusoids in cells of which these are `white` (cells,), are as square waves seen through the
-    exposure.
+    """The estimate as square waves seen through the exposure.
 
-    Phase and depth of a square wave are those of its fundamental. Its own waves: what more depth adds, and what a
-    later phase does, so that a small change of either is measured by the exact waveform, harmonics and all.
+    The estimated sinusoids are `bands` (P,), in cells of which these are `white` (cells,). Phase and depth of a square
+    wave are those of its fundamental. The waves of the estimate are its slopes: by depth, and by phase. So a small
+    change of either is measured by the exact waveform, harmonics and all.
     """
     waves = np.empty((len(bands), *samples.rows.shape), np.float32)
     light = np.ones((2, *samples.rows.shape), np.float32)

@@ -1,7 +1,7 @@
-"""Takes cells that give no light out of the evidence: dead ones, and those that something hides altogether.
+"""Takes cells that give no light out of the evidence: dead ones, and those that are wholly occluded.
 
-What light there is in such a cell has come across from its neighbours, and shows their bands. So it may have bands of
-any kind, and says nothing of its class: in the terms of codes an erasure, not an error.
+The light in such a cell comes from its neighbours, and has their bands. So it says nothing of the cell's class: in
+terms of codes it is an erasure, not an error.
 """
 
 from __future__ import annotations
@@ -18,10 +18,9 @@ UNLIT = 1.0 / 3.0
 
 
 def find_unlit_cells(samples: CellSamples, band_light: Singles | None = None) -> Mask:
-    """(cells,) which of them give no light of their own.
+    """(cells,) the cells that give no light of their own.
 
-    Where bands are deep a cell may be dark for being in them: `band_light` (cells, points) is what they make of an even
-    light.
+    If bands are deep, a cell may be dark for being in one: `band_light` (cells, points) is even light under the bands.
     """
     light, valid = samples.light, samples.valid
     if band_light is not None:  # by least squares: where a cell is to be dark, there is stray light
@@ -33,9 +32,9 @@ def find_unlit_cells(samples: CellSamples, band_light: Singles | None = None) ->
 
 
 def erase_unlit_cells(evidence: Evidence, samples: CellSamples, band_light: Singles | None = None) -> Evidence:
-    """The evidence, with whatever bands fit best in cells that are unlit: of these it holds nothing then.
+    """The evidence with the bands of unlit cells marginalised out: it then holds nothing of these cells.
 
-    `band_light` as of `find_unlit_cells`.
+    `band_light` as in `find_unlit_cells`.
     """
     unlit = find_unlit_cells(samples, band_light)
     if True not in unlit.tolist():

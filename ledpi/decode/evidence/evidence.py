@@ -49,13 +49,13 @@ class Evidence(NamedTuple):
 
     @property
     def erased(self) -> Mask:
-        """(cells,) of which it holds nothing."""
+        """(cells,) the cells of which it holds nothing."""
         own = self.information.reshape(self.score.size, -1).diagonal().reshape(self.score.shape)
         return np.asarray(~own.any(axis=1))
 
     @property
     def own_information(self) -> Floats:
-        """(cells, P, P) of the information, each cell's about its own bands."""
+        """(cells, P, P) the blocks of the information that concern one cell each."""
         return np.asarray(np.einsum("cicj->cij", self.information))
 
     def unexplained(self, bands: Floats) -> Floats:
@@ -66,7 +66,7 @@ class Evidence(NamedTuple):
         return residual
 
     def discount(self, noise: Correlation) -> Evidence:
-        """As it is where noise is as alike as that: of what it claims as much as `inflation` leaves."""
+        """The evidence with the variance inflated for correlated noise: divided by `inflation`."""
         inflation = noise.inflation
         if inflation == 1.0:
             return self

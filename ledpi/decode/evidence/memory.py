@@ -33,7 +33,7 @@ DARKEST = np.float32(0.02)  # of the mean picture's mean: what is darker is hard
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ComparisonSum:
-    """What frames have said by comparison with those before them; of old ones some has faded."""
+    """The sum of comparisons of frames with those before them; old ones fade."""
 
     score: Floats
     information: Floats
@@ -43,7 +43,7 @@ class ComparisonSum:
 
     @classmethod
     def accumulate(cls, before: ComparisonSum | None, added: Evidence) -> ComparisonSum:
-        """The same once a further frame has added this."""
+        """The sum with one more comparison."""
         if before is None:
             noise = added.noise.average(WHITE, 0.0)
             return cls(
@@ -69,9 +69,9 @@ class PanelMemory(NamedTuple):
     comparisons: ComparisonSum | None = None
 
     def add_frame(self, samples: CellSamples, frame: Frame) -> tuple[PanelMemory, Evidence | None]:
-        """The memory with a further frame, and what that adds by comparison with those before, if anything.
+        """The memory with one more frame, and the evidence that this adds by comparison with those before, if any.
 
-        One on another lattice cannot be comparisons with them.
+        A frame on another lattice cannot be compared.
         """
         origin_ns = self.origin_ns if self.frames else frame.row0_readout_ns
         further = self._replace(frames=self.frames + 1, origin_ns=origin_ns, last=(samples, frame), running_mean=None)
@@ -103,7 +103,7 @@ class PanelMemory(NamedTuple):
         return self.last
 
     def newest_evidence(self) -> Evidence | None:
-        """What the newest frame says by itself; None of deep bands, which more than this one look tells."""
+        """The newest frame's evidence by itself; None for deep bands, which need a second pass."""
         samples, frame = self.newest
         if is_deep(band_prior(frame, self.spec)):
             return None
@@ -125,7 +125,7 @@ class PanelMemory(NamedTuple):
         return turned(bands, self.spec.waves_hz, (frame.row0_readout_ns - self.origin_ns) * 1e-9)
 
     def evidence(self) -> Evidence | Rejected:
-        """All that is known: the comparisons so far, and the mean picture read as one frame."""
+        """All evidence: the comparisons so far, and the mean picture read as one frame."""
         total, known = self._mean_picture_evidence(), self.comparison_evidence()
         if known is None:
             return total
@@ -134,7 +134,7 @@ class PanelMemory(NamedTuple):
         return known._replace(score=known.score + total.score, information=known.information + total.information)
 
     def comparison_evidence(self) -> Evidence | None:
-        """What the frames after the first have said, whatever the panel looks like."""
+        """The evidence of the frames after the first, whatever the panel looks like."""
         if (known := self.comparisons) is None:
             return None
         prior = band_prior(self.newest[1], self.spec)

@@ -50,7 +50,7 @@ class Correlation:
         return kernel.variance_inflation(self.excess, self.deviation, self.growth)
 
     def average(self, before: Correlation, frames: float) -> Correlation:
-        """The mean of this and what `frames` before it have shown."""
+        """The mean of this and of `frames` before it."""
         share = 1.0 / (frames + 1.0)
         return Correlation(
             before.excess + share * (self.excess - before.excess),

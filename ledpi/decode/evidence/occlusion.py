@@ -1,7 +1,7 @@
-"""Leaves out the samples of cells that something stands before: what is dark there says nothing of the cell.
+"""Masks the samples that something occludes: darkness there is no evidence about the cell.
 
-All cells are built alike, so but for its gain each shows the same at the same place of its own. Where one is far darker
-there than the others are, it is covered.
+All cells are built alike, so but for its gain each has the same light at the same place of its own. A cell that is far
+darker there than the others is occluded.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ FULLY_LIT = 0.75  # quantile of a cell's samples that is taken for its gain: hal
 
 
 def bands_mimic_occlusion(depth: float) -> bool:
-    """Whether bands of this depth are as dark, where they are darkest, as what is covered.
+    """Whether bands of this depth are as dark, where they are darkest, as an occlusion.
 
     A cell's gain is then 1 + depth·sin π(FULLY_LIT − ½), a quantile of a sinusoid.
     """
@@ -37,10 +37,10 @@ def bands_mimic_occlusion(depth: float) -> bool:
 
 
 def mask_occluded(samples: CellSamples, band_light: Singles | None = None) -> CellSamples:
-    """The samples, those that are covered or next to it marked as not valid.
+    """The samples, with those that are occluded, or next to it, marked as not valid.
 
-    For bands that do not darken as much, or that are known: `band_light` (cells, points) is what they make of an even
-    light.
+    For bands that are less dark than an occlusion, or that are known: `band_light` (cells, points) is even light under
+    them.
     """
     seen = samples.light if band_light is None else samples.light / band_light
     n, k = samples.lattice.cells, samples.lattice.k
@@ -67,14 +67,14 @@ def mask_occluded(samples: CellSamples, band_light: Singles | None = None) -> Ce
 
 
 def is_unoccluded(light: Singles, valid: Mask | None, least: Singles) -> bool:
-    """Whether samples (cells, points) show the share `least` of what all do, each over the mean of its cell."""
+    """Whether samples (cells, points) have the share `least` of the usual light, each over the mean of its cell."""
     room = np.empty(sum(light.shape), np.float32)
     found: bool = lib.ledpi_is_unoccluded(*light.shape, pointer(light), pointer(valid), pointer(least), pointer(room))
     return found
 
 
 def _reach(samples: CellSamples) -> Pixels:
-    """What may be near an edge: as blurred as that of a cell."""
+    """The neighbourhood that an edge's blur may reach: as that of a cell."""
     steps = np.array(samples.cell_px) * (1 - 2 * INSET) / samples.lattice.k
     across, down = np.maximum(np.round(BORDER_PX / steps), 1).astype(int).tolist()
     return np.ones((2 * down + 1, 2 * across + 1), np.uint8)
@@ -93,7 +93,7 @@ def _quantile(values: Singles, valid: Mask | None, share: float) -> Singles:
 
 @cache
 def min_light_shares(n: int, k: int, border: tuple[int, int]) -> Singles:
-    """(cells, points) share of what the others show at its place, of which a sample that nothing covers has more."""
+    """(cells, points) the least share of the usual light, at its place, that an unoccluded sample has."""
     along, down = (np.ones(n * k, np.float32) for _ in border)
     for share, width in zip((along, down), border, strict=True):
         share[:width] = share[n * k - width :] = OCCLUDED_AT_RIM if width == 1 else 0.0

@@ -1,10 +1,10 @@
-"""Whether a frame shows what a track that was read lets expect of it, at a fraction of what reading costs.
+"""Predicts a panel's next frames, and compares a frame with that: far cheaper than reading it.
 
-The mean picture of the frames before and the bands of the codeword say what each sample should be; gain and corners may
-be a little off, as ever (`memory`). What is left tells the noise, and so the log-likelihood ratio of "these bands" to
-"none", or to "those before" where that is likelier: of the whole panel, and of each cell, so that another panel in the
-place does not pass for most of its cells. In a picture of few frames their bands are left: a cell that blinks otherwise
-is as unlike that picture as unlike what is expected, and only "none" tells it.
+The mean picture of earlier frames and the bands of the codeword predict each sample, up to a wrong gain and wrong
+corners (`memory`). The residual gives the noise, and so log-likelihood ratios of "these bands" to "none", or to "those
+before" if that is likelier. They are for the whole panel and for each cell, so that another panel in the same place
+does not pass by most of its cells. A mean of few frames still has their bands: a cell that blinks otherwise differs
+from that picture as much as from the prediction, and only "none" detects it.
 """
 
 from __future__ import annotations
@@ -20,18 +20,17 @@ from ledpi.decode.evidence.comparison import Mean
 from ledpi.decode.evidence.memory import PanelMemory
 from ledpi.kernels.library import doubles, lib, pointer
 
-# A frame that is e^MATCH_NATS times likelier with the bands than without shows them. Cells that speak against them
-# weigh less than that together: by noise alone each does by 0.2 on average, whatever it can tell (mean of max(0, N(−E,
-# 2E))).
+# A frame matches if it is e^6 times likelier with the bands than without, and if the cells against them add up to less
+# than that. By noise alone each cell is against them by 0.2 on average, whatever its evidence E (mean of
+# max(0, N(−E, 2E))).
 MATCH_NATS = 6.0
-# And more than this share of what a frame of the panel has told so far, as five in six do at 0.45 m, nine in ten at
-# 2 m, all from 3 m on. Of a frame of another panel near its place what is left is no noise, and what that is taken to
-# tell is chance: where it was MATCH_NATS, with so little against it, it was a twentieth at most in three of four
-# frames.
+# And it must have more than this share of the log-likelihood ratio of earlier frames, as five in six frames have at
+# 0.45 m, nine in ten at 2 m, all from 3 m on. If another panel is near the place, the residual is no noise, and the
+# ratio is chance: of the frames of such panels that reached 6 nats, three in four had a twentieth at most.
 LEAST_SHARE = 1 / 8
-# What is left of one that tells less than this share is mostly no noise, and makes all that cells say less by the same:
-# those against may be no more than so much of the whole then. Of another codeword, a quarter of the cells would be half
-# of that. (Of 6,500 frames of panels, with and without a hidden edge, seven more are read anew by this.)
+# Below this share the residual is mostly no noise, and all cells' ratios are too small by the same factor. Then the
+# cells against may have no more than so much of the whole; another codeword, in a quarter of the cells, would have
+# twice as much. (Of 6,500 frames of panels, with and without an occluded edge, seven more are read again by this.)
 UNLIKE, MOST_AGAINST = 0.25, 0.125
 MIN_VALID = 0.75  # of each cell's samples: of a cell that is mostly saturated nothing is sure
 RIDGE = 1e-6  # of a basis vector's square: one may be all but gone with what is saturated
@@ -51,13 +50,13 @@ class Prediction:
     depth: Singles  # (cells, 1)
     phase: Floats  # (cells,)
     noise_inflation: float  # by how much less than their number its samples tell (`Correlation.inflation`)
-    typical_nats: float  # that each frame has told so far
+    typical_nats: float  # that each frame has added so far
 
     @classmethod
     def from_memory(cls, memory: PanelMemory, bands: Floats, typical_nats: float) -> Prediction:
-        """Of the frames in `memory`, which show `bands` (cells, P): cosine and sine of each wave.
+        """From the frames in `memory`, with `bands` (cells, P): cosine and sine of each wave.
 
-        Each has told `typical_nats` of them.
+        Each frame has added `typical_nats` for them.
         """
         mean, lattice = memory.mean(), memory.newest[0].lattice
         root, basis, residual_bands = _linearise(mean, lattice.along, bands)
@@ -79,7 +78,7 @@ class Prediction:
         )
 
     def matches(self, samples: CellSamples, frame: Frame) -> bool:
-        """Whether a frame surely shows it. Where the panel's size in the picture has changed, nothing is sure."""
+        """Whether a frame clearly shows it. If the panel's size in the picture has changed, it does not."""
         valid = samples.valid
         if samples.lattice is not self.lattice or (valid is not None and valid.mean(axis=1).min() < MIN_VALID):
             return False
@@ -89,14 +88,14 @@ class Prediction:
         return of_all > UNLIKE * self.typical_nats or of_those_against < MOST_AGAINST * of_all
 
     def is_contradicted_by(self, samples: CellSamples, frame: Frame) -> bool:
-        """Whether cells speak against it by more than all together are for it."""
+        """Whether the cells against it outweigh all cells together."""
         if samples.lattice is not self.lattice:
             return False
         of_all, of_those_against = self.log_likelihood_ratios(samples, frame)
         return of_all < of_those_against
 
     def log_likelihood_ratios(self, samples: CellSamples, frame: Frame) -> tuple[float, float]:
-        """Log-likelihood ratio of a frame with these bands to none or those before; of all cells, and of those against.
+        """Of a frame with these bands to none, or to those before: of all cells, and of the cells against.
 
         The latter with the other sign.
         """

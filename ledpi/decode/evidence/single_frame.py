@@ -52,7 +52,7 @@ def single_evidence(
     if isinstance(evidence, Rejected):
         return evidence
     evidence = evidence.discount(evidence.noise)
-    if estimate is not None:  # what says how far the bands differ from what is estimate, as what says how they are
+    if estimate is not None:  # from the difference to the estimate, to the bands themselves
         estimate_score = np.einsum("cidj,dj->ci", evidence.information, estimate.bands)
         evidence = evidence._replace(score=evidence.score + estimate_score)
     if not is_deep_anywhere(prior):

@@ -1,4 +1,4 @@
-"""The codewords that a panel may show, as reading compares them with what is seen."""
+"""The codewords that a panel may show, in the form in which the evidence is compared with them."""
 
 from __future__ import annotations
 
@@ -27,8 +27,7 @@ class Codebook:
 
     @classmethod
     def build(cls, ids: list[int], dictionary: Dictionary, spec: PanelSpec) -> Codebook:
-        """The codewords of those `ids` of a dictionary whose panels have this `spec`, but for those that cannot be
-        told.
+        """The codewords of those `ids` of a dictionary whose panels have this `spec`, but for ambiguous ones.
 
         Raises ValueError where there are none.
         """

@@ -6,7 +6,7 @@ Gaussian whose width is the depth that the exposure leaves of a square wave (`sh
 alternatives are weighed against the best codeword: no bands at all, the best other ID, and all patterns that are no
 codeword.
 
-On an antiphase panel a codeword and its negative are one pattern, half a cycle apart; only codewords that can be told
+On an antiphase panel a codeword and its negative are one pattern, half a cycle apart; only codewords that differ
 from all others' negatives are in its `Codebook`.
 """
 
@@ -46,16 +46,16 @@ IMPLAUSIBLE = Rejected(stage="identify", reason="implausible_depth")
 # costs is measured by benchmarks/false_ids.py. (Of 100,000 frames of decoys a rate ten times as high let one be read.)
 FALSE_ID_RATE = 1e-6
 # Faint bands are looked at once where more than so much is missing of the odds against other patterns: of
-# 89 panels at 1.6 to 2.5 m that a second look has read it was 5.1 nats at most.
+# 89 panels at 1.6 to 2.5 m that a second pass has read it was 5.1 nats at most.
 SECOND_PASS_GAIN = 6.0
-# Whatever is estimate explains more: what a lamp shows, as a codeword with its own bands, more than the lamp does. Of
-# what a codeword explains a second look adds 4 to 14 % where a panel shows it (of 24 read so, one 17 and one 40 %), and
+# An estimate is fitted to the light, so it explains more, of a lamp too. Of
+# what a codeword explains a second pass adds 4 to 14 % where a panel shows it (of 24 read so, one 17 and one 40 %), and
 # 26 to 80 % where a lamp does that blinks alike everywhere.
 MAX_SECOND_PASS_GAIN = 0.2
 
 
 class Reading(NamedTuple):
-    """The best codeword, and how sure it is."""
+    """The best codeword, and how certain it is."""
 
     id: int
     quarter_turns: int  # clockwise, of the codeword as seen in the picture
@@ -71,11 +71,11 @@ def read_codeword(
     codebook: Codebook,
     false_id_rate: float = FALSE_ID_RATE,
 ) -> Reading | Rejected:
-    """The codeword that these samples show by themselves, or why none can be told.
+    """The codeword that these samples show by themselves, or the reason why there is none.
 
-    Bands are looked at twice where that may change the answer, or where the exposure leaves more than sinusoids: as
-    such; and, once it is known where in their period they are, as what the exposure leaves of a square wave, with the
-    static picture that is then left.
+    There are two passes if the second may change the answer, or if the exposure leaves more than sinusoids. The first
+    fits sinusoids. The second starts from its estimate: it fits what the exposure leaves of a square wave, and the
+    static picture that remains.
     """
     spec = codebook.spec
     first_result = first_pass(samples, frame, spec, codebook.white)
@@ -99,7 +99,7 @@ def _second_pass(
     codebook: Codebook,
     false_id_rate: float,
 ) -> Reading | Rejected:
-    """The codeword that a first look has shown, or left open, by the exact waveform; or why it cannot be told."""
+    """The codeword of the first pass, or one that it left open, by the exact waveform; or a reason against it."""
     spec, (evidence, fit) = codebook.spec, first_result
     estimate = estimate_bands(samples, frame, spec, codebook.white[fit.codewords[0]] > 0, fit.bands)
     again = single_evidence(samples, frame, spec, estimate=estimate)
@@ -132,7 +132,7 @@ def _is_open(
     codebook: Codebook,
     false_id_rate: float,
 ) -> bool:
-    """Whether a second look may change what the first has told."""
+    """Whether a second pass may change the result of the first."""
     if first in (NO_BANDS, UNFIT):
         return False
     contradicted = _is_contradicted(fit, evidence, codebook, false_id_rate)
@@ -140,11 +140,10 @@ def _is_open(
 
 
 def _is_contradicted(fit: Fit, evidence: Evidence, codebook: Codebook, false_id_rate: float) -> bool:
-    """Whether more cells than the dictionary can correct are surely of the other class than the best codeword says, or
-    all of them may be of one class.
+    """Whether the evidence is already against the best codeword: too many cells, or all of one class.
 
-    A second look believes the codeword's cells, and so finds more of what it believes: it may settle what was open, but
-    not what was decided against the codeword.
+    Too many are more cells of the other class than the dictionary can correct. A second pass starts from the codeword's
+    cells and so favours them: it may settle what was open, but not what was decided against the codeword.
     """
     needed = odds_needed(false_id_rate)
     if sum(gain > needed for gain in fit.gain) > codebook.correctable:
@@ -156,7 +155,7 @@ def _is_contradicted(fit: Fit, evidence: Evidence, codebook: Codebook, false_id_
 
 
 def _is_hopeless(fit: Fit, evidence: Evidence, codebook: Codebook, false_id_rate: float) -> bool:
-    """Whether a second look at faint bands, which adds little, cannot add what is missing."""
+    """Whether a second pass over faint bands, which gains little, cannot gain what is missing."""
     if not is_faint(evidence.prior):
         return False
     return hypotheses.odds_against_other_patterns(fit, codebook) < odds_needed(false_id_rate) - SECOND_PASS_GAIN
@@ -169,16 +168,16 @@ def _odds_against_other_ids(fit: Fit, codebook: Codebook) -> float:
 
 
 def decide(evidence: Evidence, codebook: Codebook, false_id_rate: float) -> Reading | Rejected:
-    """The codeword that the evidence is for, or why none can be told."""
+    """The codeword that the evidence supports, or the reason why there is none."""
     return _judge(rank_codewords(evidence, codebook.white), evidence, codebook, false_id_rate)
 
 
 @cache
 def odds_needed(false_id_rate: float) -> float:
-    """The log odds at which so many are false, of two patterns where these cannot be told apart well or badly: ½z².
+    """The log odds that keep the rate of false IDs: ½z², for two patterns that are as hard to distinguish as can be.
 
-    The log-likelihood ratio of what is shown to what is not is normal, with mean D and variance 2D. It is below −m, as
-    log odds of m for the other one ask for, by a chance that is greatest for D = m: Φ(−√(2m)).
+    The log-likelihood ratio of the true pattern to another is normal, with mean D and variance 2D. It is below −m, as
+    log odds of m for the other pattern ask for, with a probability that is greatest for D = m: Φ(−√(2m)).
     """
     return 0.5 * NormalDist().inv_cdf(false_id_rate) ** 2
 
@@ -191,7 +190,7 @@ def _judge(
     *,
     exact: bool = False,
 ) -> Reading | Rejected:
-    """The best codeword, if it stands against all its alternatives. `exact`: as of `is_consistent`."""
+    """The best codeword, if it beats all alternatives. `exact`: as in `is_consistent`."""
     needed = odds_needed(false_id_rate)
     best, none = fit.codewords[0], fit.likelihood[0]
     if none < needed:
@@ -223,7 +222,7 @@ def _judge(
 
 
 def select_best(readings: Sequence[Reading | Rejected], false_id_rate: float) -> Reading | Rejected:
-    """The reading to believe, of those under each pair of frequencies that panels may have; at least one is given."""
+    """The most likely reading, of those at each pair of frequencies that panels may have; at least one is given."""
     if len(readings) == 1:
         return readings[0]
     read = sorted((r for r in readings if isinstance(r, Reading)), key=lambda r: -r.likelihood)

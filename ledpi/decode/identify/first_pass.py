@@ -1,8 +1,7 @@
-"""The first look at a panel's samples: the evidence in them, and the codewords that explain it best.
+"""The first pass over a panel's samples: the evidence in them, and the codewords that explain it best.
 
-Step by step (`single_frame`, `codewords`), or all at once in C (kernels/first_pass.c) where the panel is a plain one:
-nothing saturated, covered or unlit. Most of what a search meets is, and half of its time would be spent between the
-steps.
+Step by step (`single_frame`, `codewords`); or all at once in C (kernels/first_pass.c), if nothing is saturated,
+occluded or unlit. That is the common case in a search, where the steps in Python would take half of the time.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ def first_pass(
 ) -> tuple[Evidence, Fit] | Rejected:
     """The evidence of one picture, and the likeliest of the codewords (W, cells), 1 where the class is white.
 
-    `prior` (P,): how bands vary, where that is not as the exposure leaves them (`band_prior`).
+    `prior` (P,): variance of the bands, if not as the exposure leaves them (`band_prior`).
     """
     prior = band_prior(frame, spec) if prior is None else prior
     if samples.valid is None:
@@ -49,7 +48,7 @@ def first_pass(
 def _fused_pass(
     samples: CellSamples, frame: Frame, spec: PanelSpec, white: Singles, prior: Floats
 ) -> tuple[Evidence, Fit] | Rejected | None:
-    """The same in C; None where the panel is not plain."""
+    """The same in C; None if it needs the steps."""
     may_be_dark = is_deep(prior)  # a deep band is as dark as what is covered
     lags = lags_of(samples)
     result = kernel.first_pass(

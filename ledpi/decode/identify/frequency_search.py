@@ -1,10 +1,9 @@
-"""At which frequencies a panel really blinks, told from the frames of one track.
+"""Estimates a panel's true frequencies from the frames of one track.
 
-An RC oscillator is off by a percent. Within one frame that hardly shows, but from frame to frame the bands then advance
-by a tenth of a cycle and more besides what was expected, so that frames do not add up. So, for each class and each
-frequency around the announced one, the frames are added up at that frequency's phases; the codeword and the two
-frequencies that together leave the most power are proposed. What they are worth is for `soft` to decide, on the same
-frames, seen again at these frequencies.
+An RC oscillator is off by a percent. Within a frame that hardly shows. But from frame to frame the bands then advance
+by a tenth of a cycle and more besides what was expected, so that frames do not add up. So the frames are added up at
+the phases of each frequency around the configured one, for each class. The codeword and the two frequencies that
+together have the most power are proposed. `decision` then judges them on the same frames.
 """
 
 from __future__ import annotations
@@ -43,7 +42,7 @@ CHOICES = 300.0
 
 
 class Observation(NamedTuple):
-    """What one frame showed of a panel."""
+    """One frame of a panel."""
 
     samples: CellSamples
     frame: Frame  # its times count; of its picture nothing is used any more
@@ -58,10 +57,10 @@ class Proposal:
 
 
 def propose_frequencies(observations: Sequence[Observation], spec: PanelSpec, codebook: Codebook) -> Proposal | None:
-    """The panel with the frequencies that make most of what was seen; None where nothing stands out.
+    """The panel with the frequencies of the most power in these frames; None if no peak stands out.
 
-    Frames on another lattice than the last one's are left out. Of a class that stands out in no frequency the phase is
-    taken to stand still from frame to frame, so that differences show nothing of it.
+    Frames on another lattice than the last one's are ignored. If a class has no peak, its phase is assumed to stand
+    still from frame to frame, so that differences do not show it.
     """
     last = observations[-1].samples.lattice
     observations = [s for s in observations if s.samples.lattice is last and s.samples.valid is None]

@@ -1,7 +1,7 @@
-"""What else than its best codeword a panel may show: log odds of that codeword against patterns that are none.
+"""Competing hypotheses: log odds of the best codeword against patterns that are no codeword.
 
-Beforehand a panel shows a codeword as often as a pattern that is none. The best other codeword, and "no bands", are
-weighed in `soft`.
+Beforehand a panel is as likely to show a codeword as another pattern. The best other codeword, and "no bands", are
+compared in `decision`.
 """
 
 from __future__ import annotations
@@ -38,9 +38,9 @@ LIGHTS = (0.25, 2.0)
 
 
 def odds_against_no_codeword(evidence: Evidence, fit: Fit, codebook: Codebook, needed: float) -> float:
-    """Log odds of the best codeword against patterns that are none: the least against those that were asked for.
+    """Log odds of the best codeword against patterns that are none: the least of those computed.
 
-    What takes longer is asked only while the codeword has the odds that are `needed`.
+    The expensive ones are computed only while the codeword has the odds that are `needed`.
     """
     odds = _least(
         odds_against_other_patterns(fit, codebook),
@@ -58,16 +58,16 @@ def odds_against_no_codeword(evidence: Evidence, fit: Fit, codebook: Codebook, n
 
 
 def _least(*odds: float) -> float:
-    """The least of them; −∞ where one is not a number: `min` may pass over a alternative that cannot be weighed."""
+    """The least of them; −∞ where one is not a number, which `min` might skip."""
     return -math.inf if any(map(math.isnan, odds)) else min(odds)
 
 
 def odds_against_other_patterns(fit: Fit, codebook: Codebook) -> float:
-    """Log odds of the best codeword against all patterns that are too far from it to be it.
+    """Log odds of the best codeword against all patterns that are too far from it to be corrected to it.
 
-    Without this alternative a panel that shows no codeword of the dictionary would pass as its neighbour. As with any
-    code, a pattern counts as the codeword itself while no more cells differ than the dictionary can correct; those that
-    are silent are erasures: they may be either, and leave less to be corrected.
+    Without this alternative, a panel that shows no codeword of the dictionary would pass as the nearest one. As in any
+    code, a pattern counts as the codeword while no more cells differ than the dictionary can correct. Erased cells may
+    be either class, and leave fewer to be corrected.
     """
     others = fit.beyond[codebook.correctable_beside(fit.erased, fit.codewords[0])]
     return prior_odds_of_codeword(codebook) - others - _log_patterns(fit.erased)
@@ -76,7 +76,7 @@ def odds_against_other_patterns(fit: Fit, codebook: Codebook) -> float:
 def odds_against_near_patterns(evidence: Evidence, fit: Fit, codebook: Codebook) -> float:
     """Log odds of the best codeword against patterns a few cells off, each with the bands that fit it best.
 
-    With the codeword's bands a pattern that is really shown may look unlikely: these are meant for other cells.
+    With the codeword's bands, the pattern that is really there may look unlikely: those bands fit other cells.
     """
     best, of_codeword, erased = fit.codewords[0], fit.likelihood[0], fit.erased
     correctable = codebook.correctable_beside(erased, best)
@@ -85,10 +85,9 @@ def odds_against_near_patterns(evidence: Evidence, fit: Fit, codebook: Codebook)
 
 
 def odds_against_any_pattern(evidence: Evidence, fit: Fit, codebook: Codebook) -> float:
-    """Log odds of the best codeword against the likeliest pattern that is too far from it to be it, bands fitted anew.
+    """Log odds of the best codeword against the likeliest pattern that is too far from it; its bands are fitted anew.
 
-    Where a cell is about as high as a band is long, bands of other phases may explain nearly the same light in many
-    other cells.
+    If a cell is about as high as a band, bands of other phases may explain nearly the same light in many other cells.
     """
     best = fit.codewords[0]
     correctable = codebook.correctable_beside(fit.erased, best)
@@ -97,16 +96,16 @@ def odds_against_any_pattern(evidence: Evidence, fit: Fit, codebook: Codebook) -
 
 
 def _log_patterns(erased: Mask | None) -> float:
-    """Log of how many patterns `erased` (cells,) may be."""
+    """Log of the number of patterns that `erased` (cells,) may have."""
     return 0.0 if erased is None else int(np.count_nonzero(erased)) * math.log(2)
 
 
 def odds_against_negative(of_negative: float, codebook: Codebook, of_codeword: float) -> float:
     """Log odds of a codeword against the pattern with all classes swapped, bands fitted anew.
 
-    The one pattern that may look like the codeword although all its cells differ: where a cell is as high as a band is
-    long, the same wave is in every cell, and all that the shared profile leaves of it is where it is *not*. (In
-    antiphase it is the codeword itself.)
+    This pattern may look like the codeword although all its cells differ: if a cell is as high as a band, every cell
+    has the same wave, and the shared profile leaves only the cells where it is *not*. (In antiphase it is the codeword
+    itself.)
     """
     if codebook.spec.phase == "antiphase":
         return math.inf
@@ -114,18 +113,18 @@ def odds_against_negative(of_negative: float, codebook: Codebook, of_codeword: f
 
 
 def odds_against_single_class(fit: Fit, codebook: Codebook) -> float:
-    """Log odds of the best codeword against all cells being of one class, its bands fitted anew.
+    """Log odds of the best codeword against all cells being of one class, bands fitted anew.
 
-    So is a lamp that is switched, or a panel whose driver has failed. Where cells are as high as bright bands, whole
-    rows of them are dark, and a codeword that says so where they are outshines patterns that are like it.
+    A switched lamp is like that, or a panel with a failed driver. If cells are as high as bright bands, whole rows of
+    them are dark; a codeword that agrees with that beats patterns that are like it.
     """
     return fit.likelihood[0] - fit.single_class + prior_odds_of_codeword(codebook)
 
 
 def odds_against_single_light(fit: Fit, samples: CellSamples, frame: Frame, codebook: Codebook) -> float:
-    """Log odds of the best codeword against one light that blinks alike everywhere, at any frequency, in a first look.
+    """Log odds of the best codeword, in a first pass, against one light that blinks alike everywhere.
 
-    Frequencies are so close that one of them is within a quarter of a cycle over the panel's rows.
+    All frequencies are tried, so close that one is within a quarter of a cycle over the panel's rows.
     """
     spec, rows = codebook.spec, samples.rows
     step_hz = 0.5e6 / (float(rows.max() - rows.min()) * frame.row_time_us)
@@ -150,13 +149,12 @@ def odds_under_either_estimate(
     codebook: Codebook,
     needed: float,
 ) -> float:
-    """Log odds of a second look's best codeword against what is far from it: the mean of that look and the
-    alternative's own.
+    """Log odds of a second pass's best codeword against distant patterns: the mean under both linearisations.
 
-    What a look believes is divided out of the light before cells are compared, so it is hard on what blinks in other
-    phases; one that believes the alternative is as hard on the codeword. (Patterns a few cells off have the codeword's
-    phases.) Rivals are a first look's likeliest pattern and other ID, but for what that has told with the odds that are
-    `needed`: it believes nothing, so it is fair.
+    A second pass divides an estimate out of the light before it compares cells, so it disfavours what blinks in other
+    phases; one that starts from the alternative disfavours the codeword as much. (Patterns a few cells off have the
+    codeword's phases.) The alternatives are the first pass's likeliest pattern and other ID, unless the first pass
+    already has the odds that are `needed`: it has no estimate, so it is fair.
     """
     (evidence, fit), (own, refit) = first, second
     codeword, ids, odds = codebook.white[refit.codewords[0]], codebook.ids, math.inf
@@ -168,7 +166,7 @@ def odds_under_either_estimate(
         :1
     ]
     for alternative, before in alternatives:
-        if before + _lead(codeword, alternative, evidence) >= needed:
+        if before + _log_likelihood_ratio(codeword, alternative, evidence) >= needed:
             continue
         estimate = estimate_bands(
             samples, frame, codebook.spec, alternative > 0, rank_codewords(evidence, alternative[None]).bands
@@ -176,21 +174,26 @@ def odds_under_either_estimate(
         theirs = single_evidence(samples, frame, codebook.spec, estimate=estimate)
         if isinstance(theirs, Rejected):
             return -math.inf
-        odds = _least(odds, before + 0.5 * (_lead(codeword, alternative, own) + _lead(codeword, alternative, theirs)))
+        odds = _least(
+            odds,
+            before
+            + 0.5
+            * (
+                _log_likelihood_ratio(codeword, alternative, own) + _log_likelihood_ratio(codeword, alternative, theirs)
+            ),
+        )
     return odds
 
 
-def _lead(codeword: Singles, alternative: Singles, evidence: Evidence) -> float:
-    """Log-likelihood ratio of a codeword to a alternative (cells,), each with the bands that fit it best."""
+def _log_likelihood_ratio(codeword: Singles, alternative: Singles, evidence: Evidence) -> float:
+    """Log-likelihood ratio of a codeword to an alternative (cells,), each with the bands that fit it best."""
     both = rank_codewords(evidence, np.stack([codeword, alternative]))
     lead = both.likelihood[0] - both.likelihood[1]
     return lead if both.codewords[0] == 0 else -lead
 
 
 def prior_odds_of_codeword(codebook: Codebook) -> float:
-    """Log odds, beforehand, of one codeword against one pattern that is none, where codewords and others are as
-    frequent.
-    """
+    """Prior log odds of one codeword against one other pattern, if codewords and others are equally frequent."""
     alike = 2 if codebook.spec.phase == "antiphase" else 1  # a pattern and its negative are one
     return _prior_odds(*codebook.white.shape, alike)
 

@@ -1,4 +1,4 @@
-"""Whether what a codeword says hangs together: its bands as one panel's, its cells as one codeword's."""
+"""Whether a codeword is physically plausible: its bands are one panel's, and its cells share them."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ DEVIATIONS = 3.0  # allowed to either, for noise
 MAX_MISFIT = 1.0 / 10.0
 # Bands of nearly full depth outshine all noise, and explain all but a few percent of what there is to see (1.5 % on
 # photographs of real lamps), unless the corners are wrong. What a codeword leaves open then is as much as there is
-# wrong with what it is told by; so its lead over its alternatives must be more than that.
+# wrong with the model; so its lead over its alternatives must be more than that.
 MIN_EXPLAINED = 50.0
-# Log odds by which a row of cells may be rather without bands than with its codeword's: where the exposure has left
+# Log odds by which a row of cells may be without bands, over having its codeword's: where the exposure has left
 # none of its class it was by 1.2 at most, of 577 readings; rows of all other panels were with them by 8 and more.
 MOST_AGAINST = 2.0
 
@@ -63,14 +63,15 @@ def _free_bands_gain(evidence: Evidence, fit: Fit) -> float:
     """What a codeword's likelihood is less than that of its best bands, as these were open beforehand: ½ ln det(I +
     ΛA).
 
-    Some 10 nats; told by the deviation of each cosine and sine by itself, which makes it less, if anything.
+    Some 10 nats; computed from the deviation of each cosine and sine by itself, which makes it less, if anything.
     """
     both = zip(evidence.prior.tolist(), fit.deviation, strict=True)
     return sum(math.log(math.sqrt(variance) / deviation) for variance, deviation in both)
 
 
 def all_rows_blink(fit: Fit) -> bool:
-    """Whether no row or column of cells would rather have no bands than those that the codeword gives it, or is dark.
+    """Whether no row or column of cells is more likely to have no bands than those that the codeword gives it, or is
+    dark.
 
     A lattice that lies a row or a column off takes what is beside the panel for cells. These do not blink, or are dark
     but for one that reaches into the panel; and the others may be the better part of another codeword. So at the rim

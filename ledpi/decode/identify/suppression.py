@@ -1,4 +1,4 @@
-"""Which of a frame's detections can all be true: a panel is in one place, and shows one ID."""
+"""Non-maximum suppression: a panel is in one place, and an ID is on one panel."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ SAME_ID = Rejected(stage="suppression", reason="same_id")
 
 
 def suppress_duplicates(detections: Iterable[Detection]) -> tuple[list[Detection], list[tuple[Detection, Rejected]]]:
-    """The surest detection of each panel, and what was dropped. An ID that is in two places at once is in neither."""
+    """The best detection of each panel, and what was dropped. An ID in two places at once is dropped in both."""
     kept: list[Detection] = []
     places: list[list[list[float]]] = []  # of those
     dropped: list[tuple[Detection, Rejected]] = []

@@ -86,7 +86,7 @@ def waves(spec: PanelSpec, exposure_us: float, row_time_us: float, shrink: int) 
 
 NEAR_BORDER = np.arange(-2.0, 3.0)  # pixels, of the lines about the borders of cells, where light changes most
 FINE_PX = 9.0  # width of a cell from which on lines are not evenly spread, one a pixel
-ROUGHLY = 5  # lines along a cell, for a first look
+ROUGHLY = 5  # lines along a cell, for the coarse fit
 INSIDE = (4, 7)  # along the rest of a cell, between borders: fewest, most
 MARGIN_PX = 1.5  # further out is what may be beyond a panel's frame
 

@@ -1,4 +1,4 @@
-"""The rate oracle the true corners, on recordings that have truth: no decoder that reads as it does can read more."""
+"""The rate with the true corners given, on recordings that have truth: an upper bound for decoders of this kind."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is read with the true corners given: the same evidence and codewords, without having to locate anything."""
+"""Reads with an oracle for the corners: the same evidence and codewords at true corners, without locating anything."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ CORNER_SIGMA_PX = 0.01  # of true corners
 def read_with_oracle(
     views: Sequence[tuple[Frame, Floats]], lens: Intrinsics | None, dictionary: str, spec: PanelSpec
 ) -> list[int | None]:
-    """The ID that a panel shows in each frame, by all frames until then; None where that does not suffice.
+    """The ID that a panel shows in each frame, by all frames until then; None where it is not read.
 
     `views`: a frame that stands alone, or the frames of a stream in order, each with the panel's true corners, (4, 2)
-    px in the marker's order. A codeword that is read turned is none: the corners say which way up it is.
+    px in the marker's order. A codeword that is read rotated counts as none: the corners say which way up it is.
     """
     book, memory = _codebook(dictionary, spec), PanelMemory(spec)
     read: list[int | None] = []
@@ -50,7 +50,7 @@ def read_with_oracle(
 def oracle_reads(
     views: Sequence[tuple[Frame, Floats]], lens: Intrinsics | None, dictionary: str, spec: PanelSpec
 ) -> list[Read]:
-    """`read_with_oracle`, as any other method's readings: at the true corners, the time shared out over the frames."""
+    """`read_with_oracle` in the form of any other method's readings, the time shared out over the frames."""
     start = time.perf_counter()
     read = read_with_oracle(views, lens, dictionary, spec)
     milliseconds = 1e3 * (time.perf_counter() - start) / len(views)

@@ -1,4 +1,4 @@
-"""The steps of `soft`: frame, candidates, and of each square its light, bands, evidence and codeword."""
+"""The steps of `likelihood`: frame, candidates, and for each square its light, bands, evidence and codeword."""
 
 from __future__ import annotations
 
@@ -92,9 +92,9 @@ def _refined(square: SquareTrace, snapshot: Snapshot, size: int) -> Canvas:
 
 
 def class_given_others(evidence: Evidence, cell_bands: Floats, codeword: Bits) -> Floats:
-    """(cells,) by how much likelier all the light of a panel that was read is with this cell white than with it black.
+    """(cells,) log-likelihood ratio of white to black in each cell of a panel that was read, given the other cells.
 
-    `cell_bands` (cells, P) are its bands, `codeword` (cells,) which cells it shows as white.
+    `cell_bands` (cells, P) are its bands, `codeword` (cells,) the cells that are white in it.
     """
     gain = class_flip_gain(evidence, cell_bands)
     return np.asarray(np.where(codeword, -gain, gain))

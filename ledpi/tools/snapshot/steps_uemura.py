@@ -1,4 +1,4 @@
-"""The steps of `bands`, lettered as in the source paper's Figure 7."""
+"""The steps of `uemura`, lettered as in the source paper's Figure 7."""
 
 from __future__ import annotations
 
