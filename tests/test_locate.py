@@ -190,7 +190,7 @@ def test_a_panel_that_the_lens_bends_is_followed() -> None:
     assert without.bend_px == 0.0
 
 
-def test_noise_makes_the_corners_less_sure() -> None:
+def test_noise_increases_the_corners_deviation() -> None:
     """The stated deviation grows as the light falls to a twentieth."""
     true = square(310.4, 240.2, 80, 7)
     stated = []

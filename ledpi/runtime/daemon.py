@@ -24,7 +24,7 @@ from ledpi.runtime.health import Health, StageTimes
 from ledpi.runtime.liveness import Liveness
 from ledpi.runtime.pacing import Pacing
 from ledpi.runtime.processor import read_processor
-from ledpi.runtime.reporting import Totals, in_service, minute_line, second_line
+from ledpi.runtime.reporting import Totals, is_service, minute_line, second_line
 from ledpi.runtime.ring import FrameRing
 from ledpi.runtime.status import status
 from ledpi.runtime.systemd import Watchdog, notify
@@ -218,7 +218,7 @@ class Daemon:
             if now_s - looked_s >= LOOK_EVERY_S:
                 self._times, self._processor = self._health.times(), read_processor()
                 totals = self._totals()
-                if not in_service():
+                if not is_service():
                     _log.info(second_line(last, totals, now_s - looked_s))
                 elif now_s - said_s >= MINUTE_S:
                     _log.info(minute_line(totals, self._processor))

@@ -108,7 +108,7 @@ def light_surface(light: Light) -> Surface:
         distance = np.hypot(position[:, None] - 0.5, position[None, :] - 0.5)
         on = opacity = np.clip((0.5 - distance) * LIGHT_TEXELS + 0.5, 0.0, 1.0)
     elif light.shape == "lattice":
-        clear = [_between_bars(position * panes, light.bar) for panes in light.panes]
+        clear = [_bar_pattern(position * panes, light.bar) for panes in light.panes]
         on = np.outer(clear[1], clear[0])
     duty = light.wave.duty if isinstance(light.wave, SquareWave) else 1.0
     return Surface(
@@ -136,7 +136,7 @@ def print_surface(printed: Print, room: Room) -> Surface:
     )
 
 
-def _between_bars(position: Floats, bar: float) -> Floats:
+def _bar_pattern(position: Floats, bar: float) -> Floats:
     """1 on the panes, 0 on the bars around each, half a bar's width in every pane; `position` in panes."""
     to_edge = 0.5 - np.abs(position - np.floor(position) - 0.5)
     texels = 1.0 / (position[1] - position[0])  # a pane

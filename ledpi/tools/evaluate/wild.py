@@ -79,7 +79,7 @@ def _panel(
     spec = panels.spec(marker_id)
     (pose,) = place_in_view(
         [(0.0, spec.side_m, values["roll_deg"])],
-        _between(*WILD[row].distance_m, values["distance"]),
+        _draw_between(*WILD[row].distance_m, values["distance"]),
         _yaw_deg(row, values["yaw"]),
         np.array([values["place_x"], values["place_y"]]),
         sensor,
@@ -95,7 +95,7 @@ def _panel(
     )
 
 
-def _between(low: float, high: float, share: float) -> float:
+def _draw_between(low: float, high: float, share: float) -> float:
     """Each doubling as frequent."""
     return float(low * (high / low) ** share)
 
