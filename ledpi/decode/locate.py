@@ -1,4 +1,4 @@
-"""Where a panel is, from corners that are about right: by a fit of its whole picture."""
+"""Localises a panel from rough corners: by a fit of its whole picture."""
 
 from __future__ import annotations
 
@@ -46,11 +46,11 @@ class Locator:
 
     @property
     def spent(self) -> int:
-        """On all fits so far: places of the picture at which the model was compared with it."""
+        """The cost of all fits so far: samples at which the model was compared with the picture."""
         return self._fitter.sampled
 
     def localise(self, frame: Frame, corners_px: Floats) -> Quad | Rejected:
-        """The panel that a proposal (4, 2) is of, or why it is none: on a coarse grid, then on a fine one."""
+        """The panel at a candidate (4, 2), or why there is none: on a coarse grid, then on a fine one."""
         deep = self._is_deep(frame)
         coarse = Effort(rounds=8, tolerance=0.02, roughly=True, phasing=deep, must_blink=deep and self._must_blink)
         first = self._fitted(frame, corners_px, coarse, self._specs)
@@ -71,7 +71,7 @@ class Locator:
     def refine(self, frame: Frame, corners_px: Floats, known: Floats) -> Quad | Rejected:
         """The panel whose lattice is within a tenth of a cell or so of these corners (4, 2), or why there is none.
 
-        `known`: the unknowns that it was fitted with before, its corners in the same order.
+        `known`: the unknowns of its last fit, with its corners in the same order.
         """
         fine = Effort(rounds=6, reweightings=1)
         fit = self._fitted(frame, corners_px, fine, self._specs, known)

@@ -1,4 +1,4 @@
-"""Where panels may be: rough squares, wrong often, missing rarely. What is one is for the fit to say."""
+"""Proposes candidates: rough squares, often wrong, rarely missing. The fit decides which of them are panels."""
 
 from __future__ import annotations
 

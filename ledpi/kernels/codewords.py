@@ -1,6 +1,4 @@
-"""How well codewords, and other patterns, explain the evidence of a panel's cells (codewords.c, neighbours.c,
-hill_climb.c).
-"""
+"""Log-likelihoods of codewords and other patterns, in C (codewords.c, neighbours.c, hill_climb.c)."""
 
 from __future__ import annotations
 
@@ -92,9 +90,7 @@ def rank_codewords(score: Floats, information: Floats, prior: Floats, codewords:
 
 
 def class_flip_gains(score: Floats, information: Floats, cell_bands: Floats, other: Floats) -> tuple[Floats, float]:
-    """(cells,) what each cell gains by bands `other` (cells, P) in place of `cell_bands`; and `weakest_row` of
-    these.
-    """
+    """(cells,) the gain of each cell by bands `other` (cells, P) in place of `cell_bands`; and their `weakest_row`."""
     cells, parameters = cell_bands.shape
     gain, room = np.empty((2, cells))
     given = (pointer(doubles(array)) for array in (score, information, cell_bands, other))

@@ -56,9 +56,7 @@ class Dictionary:
         return np.asarray(distance, np.int32)
 
     def readable_ids(self, phase: Phase = "free") -> tuple[int, ...]:
-        """The IDs whose pattern is no other codeword's, nor their own turned: all, but where classes are in
-        antiphase.
-        """
+        """The IDs whose pattern is no other codeword's, nor their own rotated: in antiphase not all are."""
         if phase == "free":
             return tuple(range(len(self.codewords)))
         return tuple(np.flatnonzero(self.distances(phase).min(axis=1) > 0).tolist())
@@ -87,9 +85,7 @@ class Dictionary:
         return f"no ID of {self.name} can be distinguished from the others in {phase}; panels.phase must be free"
 
     def correctable_cells(self, phase: Phase = "free") -> int:
-        """⌊(d − 1)/2⌋ for the smallest distance d of a codeword that can be read to another, however they are
-        turned.
-        """
+        """⌊(d − 1)/2⌋ for the smallest distance d between codewords that can be read, in any rotation."""
         distance = self.distances(phase)
         readable = distance.min(axis=1) > 0
         return int(distance[readable].min(initial=distance.shape[1]) - 1) // 2

@@ -233,9 +233,7 @@ class Pipeline:
     def _sample(
         self, frame: Frame, squares: list[tuple[Quad, Track]], sampled_squares: list[_Sampled], work: Results
     ) -> list[_Sampled]:
-        """The light in their cells, where it can be sampled; also added to `sampled_squares`, all of this
-        frame.
-        """
+        """The light in the squares' cells, of those that can be sampled; they are added to `sampled_squares`, too."""
         since = time.perf_counter()
         sampled = []
         for quad, track in squares:
@@ -249,7 +247,7 @@ class Pipeline:
         return sampled
 
     def _identify(self, frame: Frame, sampled_squares: list[_Sampled], work: Results) -> list[Detection]:
-        """The panels that these lit squares are; reasons against others are in `work`."""
+        """The panels among these squares; the reasons against the others go to `work`."""
         if not sampled_squares:
             return []
         since = time.perf_counter()
@@ -283,7 +281,7 @@ class Pipeline:
         )
 
     def _prepare_next(self, frame: Frame, sampled_squares: list[_Sampled], work: Results) -> None:
-        """What prepares for the frames to come."""
+        """Work for the frames to come."""
         since, times = time.perf_counter(), frame.drop_picture()
         for _, track, samples in sampled_squares:
             track.history = self._reader.prepare_next(track.history, samples, times)

@@ -25,9 +25,7 @@ def rank_codewords(evidence: Evidence, white: Singles) -> Fit:
 
 
 def class_flip_gain(evidence: Evidence, cell_bands: Floats) -> Floats:
-    """(cells,) log-likelihood ratio of each cell in the other class to the one whose bands are `cell_bands` (cells,
-    P).
-    """
+    """(cells,) log-likelihood ratio of each cell in the other class to its class in `cell_bands` (cells, P)."""
     return kernel.class_flip_gains(evidence.score, evidence.information, cell_bands, flip_classes(cell_bands))[0]
 
 
@@ -37,14 +35,12 @@ def weakest_row(evidence: Evidence, cell_bands: Floats) -> float:
 
 
 def near_pattern_likelihood(evidence: Evidence, codeword: Singles, nearest: int, furthest: int) -> float:
-    """Log of the summed likelihoods of patterns that differ from a codeword (cells,) in `nearest` to `furthest`
-    cells.
-    """
+    """Log of the summed likelihoods of patterns `nearest` to `furthest` cells off a codeword (cells,)."""
     return kernel.near_pattern_likelihood(
         evidence.score, evidence.information, evidence.prior, codeword, nearest, furthest
     )
 
 
 def likeliest_far_pattern(evidence: Evidence, codeword: Singles, correctable: int) -> tuple[float, Singles]:
-    """The likeliest pattern that differs from a codeword (cells,) in more cells than that: how likely, and which."""
+    """The likeliest pattern that is more than `correctable` cells off a codeword (cells,): how likely, and which."""
     return kernel.likeliest_far_pattern(evidence.score, evidence.information, evidence.prior, codeword, correctable)

@@ -92,7 +92,7 @@ def propose_frequencies(observations: Sequence[Observation], spec: PanelSpec, co
 
 
 def off_frequency_note(marker_id: int, found: PanelSpec) -> str:
-    """What to tell the user of a panel that blinks at other frequencies than announced."""
+    """A note for the user on a panel that blinks at other frequencies than configured."""
     observations = " and ".join(f"{hz:.0f}" for hz in found.waves_hz)
     return (
         f"panel {marker_id} blinks at about {observations} Hz, not as configured; `ledpi calibrate panel` measures it"
@@ -129,12 +129,11 @@ def _image_sums(observations: Sequence[Observation], weight: Floats, hz: float) 
 
 
 def _powers(sums: Complexes, mirrored: Complexes, times_s: Floats, hz: float, shares: Floats) -> tuple[Floats, Floats]:
-    """Frequencies (F,), and the power (F, codewords) of a wave in all cells of a codeword together, over what noise
-    leaves.
+    """Frequencies (F,), and the power (F, codewords) of a wave in all cells of a codeword, over that of noise.
 
-    `shares` (codewords, cells): how much of it each shows. The power is what the least-squares cosine and sine explain.
-    In few frames, and cells that are lower than a band, these are not orthogonal: light that is real turns both ways,
-    and near half a cycle a frame the one way looks much like the other, which would pull the frequency.
+    `shares` (codewords, cells): how much of the wave each cell shows. The power is what the least-squares cosine and
+    sine explain. In few frames, and in cells lower than a band, these are not orthogonal: real light turns both ways,
+    and near half a cycle a frame either way looks much like the other, which would pull the frequency.
     """
     time_s = max(times_s[-1], 1e-3)
     # Those a frame rate apart advance alike from frame to frame, so that only one of them may be among those tried.
@@ -159,9 +158,9 @@ def _frozen(hz: float, period_s: float) -> float:
 
 
 def _noise(observations: Sequence[Observation], residual: Floats, weight: Floats) -> float:
-    """What `_powers` makes of noise alone, on average: as if all that is left of the light were noise.
+    """The mean of `_powers` for noise alone, as if the whole residual were noise.
 
-    A residual has the variance σ²/weight, so a sum over samples that it was weighted in has σ²·Σ weight.
+    A residual has the variance σ²/weight, so a sum over samples that are weighted by it has σ²·Σ weight.
     """
     frames, cells = len(observations), len(observations[-1].samples.light)
     variance = float((np.square(residual) * weight).mean()) * frames / (frames - 1)

@@ -60,18 +60,16 @@ def is_consistent(evidence: Evidence, fit: Fit, lead: float, *, exact: bool) -> 
 
 
 def _free_bands_gain(evidence: Evidence, fit: Fit) -> float:
-    """What a codeword's likelihood is less than that of its best bands, as these were open beforehand: ½ ln det(I +
-    ΛA).
+    """What a codeword's best bands gain over its likelihood, for their prior: ½ ln det(I + ΛA).
 
-    Some 10 nats; computed from the deviation of each cosine and sine by itself, which makes it less, if anything.
+    Some 10 nats; from the deviation of each cosine and sine by itself, which makes it less, if anything.
     """
     both = zip(evidence.prior.tolist(), fit.deviation, strict=True)
     return sum(math.log(math.sqrt(variance) / deviation) for variance, deviation in both)
 
 
 def all_rows_blink(fit: Fit) -> bool:
-    """Whether no row or column of cells is more likely to have no bands than those that the codeword gives it, or is
-    dark.
+    """Whether every row and column of cells is likely to have the codeword's bands, and not dark at the rim.
 
     A lattice that lies a row or a column off takes what is beside the panel for cells. These do not blink, or are dark
     but for one that reaches into the panel; and the others may be the better part of another codeword. So at the rim

@@ -186,9 +186,7 @@ def _part_of(panel: Panel, rng: np.random.Generator) -> Panel:
 
 
 def _distance(codeword: Bits, dictionary: Dictionary, phase: Phase) -> int:
-    """Cells that differ from the nearest codeword, however that is turned; in antiphase, from the nearest negative,
-    too.
-    """
+    """The number of cells off the nearest codeword, in any rotation; in antiphase, off its negative too."""
     differ = (dictionary.rotated_codewords() != codeword).sum(axis=(2, 3))
     return int(differ.min() if phase == "free" else np.minimum(differ, codeword.size - differ).min())
 
