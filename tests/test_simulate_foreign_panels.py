@@ -102,7 +102,7 @@ def test_defocus_spreads_light_over_a_disc_and_keeps_its_sum() -> None:
     assert 5 <= len(rising) <= 8
 
 
-@pytest.mark.parametrize("look", [{"leds": 0}, {"depth": -0.1}])
+@pytest.mark.parametrize("appearance", [{"leds": 0}, {"depth": -0.1}])
 def test_looks_that_cannot_be_are_refused(appearance: dict[str, float]) -> None:
     """A cell has an LED; walls stand out, not in."""
     with pytest.raises(ValueError, match="leds must be at least 1, depth not negative"):
