@@ -480,7 +480,7 @@ def test_antiphase_is_nothing_for_the_papers_method(ledpi: Run, kept: Path, take
     header = (take / "recording.yaml").read_text()
     (take / "recording.yaml").write_text(header.replace("black_hz: 1250.0", "phase: antiphase\n  black_hz: 2450.0"))
     line = complaint(ledpi("--method", "uemura", kept / "one", take))
-    assert line.startswith(f"ledpi: {take}: decode.method: uemura tells classes by how high their bands are")
+    assert line.startswith(f"ledpi: {take}: decode.method: uemura distinguishes classes by the height of their bands")
     assert line.endswith("they are alike; must be likelihood")
 
 
