@@ -3,7 +3,7 @@
     python benchmarks/bound.py SET [--single] [--skip N]
     python benchmarks/bound.py [--takes 24] [--stream] [DISTANCE…]
 
-Of the recordings with truth in and below the folder SET: how many panels are read by who is told the true corners, in
+Of the recordings with truth in and below the folder SET: how many panels are read with the true corners given, in
 single frames, or in streams of which the first N frames do not count; and how many were when that was frozen, so that
 a worse evidence lowers no bar. Of simulated panels, at each distance:
 
@@ -32,9 +32,9 @@ from ledpi.decode.cells import sample_cells
 from ledpi.decode.evidence.classes import band_shares
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.evidence.memory import PanelMemory
-from ledpi.decode.identify import rivals, soft
+from ledpi.decode.identify import decision, hypotheses
 from ledpi.decode.identify.codebook import Codebook
-from ledpi.decode.identify.words import likeliest
+from ledpi.decode.identify.codewords import rank_codewords
 from ledpi.markers.dictionaries import load_dictionary
 from ledpi.recording.reader import find_recordings, load_recording
 from ledpi.simulate.sensor import sensor_info
@@ -42,8 +42,8 @@ from ledpi.simulate.truth import scene_truth
 from ledpi.tools.evaluate.bound import Bound, bound_of
 from ledpi.tools.evaluate.conditions import PLAIN, Condition
 from ledpi.tools.evaluate.draw import FRAMES_A_TAKE, draw_take
+from ledpi.tools.evaluate.oracle import read_with_oracle
 from ledpi.tools.evaluate.reading import PanelReader
-from ledpi.tools.evaluate.told import read_told
 from ledpi.tools.evaluate.units import photographed
 
 SHOWN = (4, 12)  # of a stream's frames
@@ -51,18 +51,18 @@ FROZEN = Path(__file__).with_name("bound_frozen.yaml")
 DECODERS = ("ledpi", "true corners", "and bands")
 
 
-def told_bands(evidence: Evidence, book: Codebook, true: int, rate: float) -> bool:
+def oracle_bands(evidence: Evidence, book: Codebook, true: int, rate: float) -> bool:
     """Whether the true word stands against every other pattern of the cells, given the bands that fit it best."""
     cells = book.white.shape[1]
     patterns = (np.arange(2**cells)[:, None] >> np.arange(cells) & 1).astype(np.float64)
-    bands = likeliest(evidence, book.white[true : true + 1]).bands
+    bands = rank_codewords(evidence, book.white[true : true + 1]).bands
     shown = (band_shares(patterns, len(bands)) * bands).reshape(len(patterns), -1)
     information = evidence.information.reshape(shown.shape[1], -1)
     likelihood = shown @ evidence.score.reshape(-1) - 0.5 * ((shown @ information) * shown).sum(axis=1)
     differ = np.abs(patterns - book.white[true]).sum(axis=1)
     own = likelihood[differ == 0][0]
     other = np.logaddexp.reduce(likelihood[differ > book.correctable])
-    return bool(own - other + rivals.prior_odds_of_word(book) >= soft.odds_needed(rate))
+    return bool(own - other + hypotheses.prior_odds_of_codeword(book) >= decision.odds_needed(rate))
 
 
 def read(condition: Condition, panels: PanelSettings, number: int, *, stream: bool) -> Iterator[dict[str, bool]]:
@@ -71,21 +71,21 @@ def read(condition: Condition, panels: PanelSettings, number: int, *, stream: bo
     sensor, spec = take.scene.sensor, panels.spec()
     dictionary = load_dictionary(panels.dictionary)
     book = Codebook.build(dictionary.readable_ids(panels.phase), dictionary, spec)
-    reader = PanelReader("stream" if stream else "soft", sensor_info(sensor, 1.0), panels)
+    reader = PanelReader("stream" if stream else "likelihood", sensor_info(sensor, 1.0), panels)
     frames = list(photographed(take, take.scene, FRAMES_A_TAKE if stream else 1))
     views = [(frame, scene_truth(take.scene, frame.seq)[0].corners_px) for frame in frames]
     true = take.scene.panels[0].marker_id
     (own,) = np.flatnonzero((book.ids == true) & (book.quarter_turns == 0))  # true corners begin at the word's own
-    told = read_told(views, sensor.intrinsics, panels.dictionary, spec)
+    told = read_with_oracle(views, sensor.intrinsics, panels.dictionary, spec)
     memory = PanelMemory(book.spec)
     for (frame, corners_px), marker_id in zip(views, told, strict=True):
         found = {"ledpi": any(each.id == true for each in reader.read(frame).found), "true corners": marker_id == true}
         quad = Quad(corners_px=corners_px, bend_px=0.0)
         samples = sample_cells(frame, quad, 4, sensor.intrinsics, memory.lattice)
         if not isinstance(samples, Rejected):
-            memory, _ = memory.after(samples, frame)
+            memory, _ = memory.add_frame(samples, frame)
             if isinstance(evidence := memory.evidence(), Evidence):
-                found["and bands"] = told_bands(evidence, book, int(own), soft.FALSE_ID_RATE)
+                found["and bands"] = oracle_bands(evidence, book, int(own), decision.FALSE_ID_RATE)
         yield found
 
 
@@ -94,7 +94,7 @@ def of_recordings(folder: Path, *, single: bool, skip: int) -> None:
     mode = "single" if single else f"skip {skip}"
     frozen = yaml.safe_load(FROZEN.read_text(encoding="utf-8"))
     then = {name: Bound(*counts) for name, counts in frozen["figures"].get(mode, {}).items()}
-    print(f"{'':24}{'told the true corners':>24}{'at ' + frozen['commit']:>24}")
+    print(f"{'':24}{'true corners given':>24}{'at ' + frozen['commit']:>24}")
     pooled: dict[str, list[tuple[Bound, Bound | None]]] = {}
     for place in find_recordings(folder):
         name, bound = str(place.relative_to(folder)), bound_of(load_recording(place), single=single, skip=skip)

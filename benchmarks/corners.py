@@ -40,7 +40,7 @@ def nearest_square(frame: Frame, true: Floats, lens: Intrinsics, spec: PanelSpec
     )
     candidates, _ = Proposer(camera, 4, [spec]).propose(frame, thorough=True)
     locator = Locator(4, (spec,), lens)
-    quads = [locator.at(frame, candidate.corners_px) for candidate in candidates]
+    quads = [locator.localise(frame, candidate.corners_px) for candidate in candidates]
     found = [
         (np.roll(quad.corners_px, turn, axis=0), np.roll(quad.covariance_px2, (2 * turn, 2 * turn), axis=(0, 1)))
         for quad in quads

@@ -26,11 +26,11 @@ import numpy as np
 from ledpi.config.settings import PanelSettings, load_config
 from ledpi.core.records import Frame
 from ledpi.decode.identify.codebook import Codebook
-from ledpi.decode.identify.soft import Reading, read_word
+from ledpi.decode.identify.decision import Reading, read_codeword
+from ledpi.markers.codewords import Bits
 from ledpi.markers.dictionaries import load_dictionary
-from ledpi.markers.words import Bits
 from ledpi.pipeline.pipeline import Pipeline
-from ledpi.pipeline.trace import Look, Trace
+from ledpi.pipeline.trace import SquareTrace, Trace
 from ledpi.simulate.sensor import sensor_info
 from ledpi.simulate.truth import scene_truth
 from ledpi.tools.evaluate.conditions import PLAIN, Condition
@@ -43,50 +43,52 @@ CHANCES = {2: WORDS * 120 / 62_136, 3: WORDS * 560 / 62_136}
 RATES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
 
 
-def looked_at(settings: PanelSettings, condition: Condition, seed: int, number: int) -> tuple[Take, Frame, list[Look]]:
+def looked_at(
+    settings: PanelSettings, condition: Condition, seed: int, number: int
+) -> tuple[Take, Frame, list[SquareTrace]]:
     """The first frame of a take, and what was made of each lit square in it."""
     take = draw_take(condition, settings, seed, number)
     frame = next(photographed(take, take.scene, 1))
     info, trace = sensor_info(take.scene.sensor, 1.0), Trace()
     Pipeline(info, settings, intrinsics=info.intrinsics, stream=False).decode(frame, trace)
-    return take, frame, trace.looks
+    return take, frame, trace.squares
 
 
-def panel_in(take: Take, looks: list[Look]) -> tuple[Look, Bits] | None:
+def panel_in(take: Take, squares: list[SquareTrace]) -> tuple[SquareTrace, Bits] | None:
     """The look at a take's panel, and what that shows as it is turned there; None where it was not found."""
-    true, word = scene_truth(take.scene, 0)[0].corners_px, take.scene.panels[0].word
-    for look in looks:
-        off = [np.abs(np.roll(true, turns, axis=0) - look.quad.corners_px).max() for turns in range(4)]
+    true, codeword = scene_truth(take.scene, 0)[0].corners_px, take.scene.panels[0].codeword
+    for square in squares:
+        off = [np.abs(np.roll(true, turns, axis=0) - square.quad.corners_px).max() for turns in range(4)]
         if min(off) < 0.1 * np.linalg.norm(true[1] - true[0]):
-            return look, np.rot90(word, -int(np.argmin(off))).ravel()
+            return square, np.rot90(codeword, -int(np.argmin(off))).ravel()
     return None
 
 
-def rates_met(frame: Frame, look: Look, codebook: Codebook) -> int:
+def rates_met(frame: Frame, square: SquareTrace, codebook: Codebook) -> int:
     """At how many of RATES what is seen is taken for a word, beginning with the highest."""
     for met, rate in enumerate(RATES):
-        if not isinstance(read_word(look.samples, frame, codebook, rate), Reading):
+        if not isinstance(read_codeword(square.samples, frame, codebook, rate), Reading):
             return met
     return len(RATES)
 
 
-def with_word(word: Bits, settings: PanelSettings) -> Codebook:
+def with_word(codeword: Bits, settings: PanelSettings) -> Codebook:
     """As of a dictionary of as many words as DICT_4X4_50, all others as far from this one as can be."""
-    far = np.repeat(~word[None], WORDS - 1, axis=0)
+    far = np.repeat(~codeword[None], WORDS - 1, axis=0)
     return Codebook(
         ids=np.array([0] + [1] * (WORDS - 1)),
         quarter_turns=np.zeros(WORDS, np.int64),
-        white=np.concatenate([word[None], far]).astype(np.float32),
+        white=np.concatenate([codeword[None], far]).astype(np.float32),
         correctable=1,
         spec=settings.spec(),
     )
 
 
-def changed(word: Bits, cells: int, most: int, rng: np.random.Generator) -> list[Bits]:
+def changed(codeword: Bits, cells: int, most: int, rng: np.random.Generator) -> list[Bits]:
     """Patterns that differ from a word in so many cells."""
     every = [list(each) for each in combinations(range(CELLS), cells)]
     chosen = rng.permutation(len(every))[:most]
-    return [word ^ np.isin(np.arange(CELLS), every[i]) for i in chosen.tolist()]
+    return [codeword ^ np.isin(np.arange(CELLS), every[i]) for i in chosen.tolist()]
 
 
 def print_distance(settings: PanelSettings, condition: Condition, takes: int, seed: int) -> None:
@@ -95,15 +97,15 @@ def print_distance(settings: PanelSettings, condition: Condition, takes: int, se
     others: dict[int, list[int]] = {2: [], 3: []}
     rng = np.random.default_rng(seed)
     for number in range(takes):
-        take, frame, looks = looked_at(settings, condition, seed, number)
-        panel = panel_in(take, looks)
+        take, frame, squares = looked_at(settings, condition, seed, number)
+        panel = panel_in(take, squares)
         if panel is None:
             own.append(0)
             continue
-        look, word = panel
-        own.append(rates_met(frame, look, with_word(word, settings)))
+        square, codeword = panel
+        own.append(rates_met(frame, square, with_word(codeword, settings)))
         for cells, met in others.items():
-            met += [rates_met(frame, look, with_word(each, settings)) for each in changed(word, cells, 120, rng)]
+            met += [rates_met(frame, square, with_word(each, settings)) for each in changed(codeword, cells, 120, rng)]
     for n, rate in enumerate(RATES):
         share = {cells: float(np.mean(np.array(met) > n)) for cells, met in others.items()}
         every = sum(CHANCES[cells] * share[cells] for cells in share)
@@ -114,11 +116,11 @@ def print_distance(settings: PanelSettings, condition: Condition, takes: int, se
 def print_decoys(settings: PanelSettings, condition: Condition, takes: int, seed: int) -> None:
     """A line for each rate."""
     dictionary = load_dictionary(settings.dictionary)
-    codebook = Codebook.build(list(range(len(dictionary.words))), dictionary, settings.spec())
+    codebook = Codebook.build(list(range(len(dictionary.codewords))), dictionary, settings.spec())
     met: list[int] = []
     for number in range(takes):
-        _, frame, looks = looked_at(settings, condition, seed, number)
-        met += [rates_met(frame, look, codebook) for look in looks]
+        _, frame, squares = looked_at(settings, condition, seed, number)
+        met += [rates_met(frame, square, codebook) for square in squares]
     for n, rate in enumerate(RATES):
         taken = int((np.array(met) > n).sum())
         print(f"| {condition.case} | {rate:.0e} | {taken} of {len(met)} | {taken / len(met):.1e} |", flush=True)

@@ -150,7 +150,7 @@ def check_numbers(decoded: Decoded) -> None:
     poses = [] if decoded.robot is None else [decoded.robot.map_from_base_link]
     for marker in decoded.markers:
         poses += [s.camera_from_marker for s in (marker.solution, marker.alternate) if s is not None]
-    values = [marker.sighting.corners_px for marker in decoded.markers]
+    values = [marker.detection.corners_px for marker in decoded.markers]
     for pose in poses:
         values += [pose.position_m, pose.quaternion_wxyz]
         if pose.covariance is not None:
@@ -176,7 +176,7 @@ def attack(seed: int, number: int, tally: Tally) -> None:
     rng = np.random.default_rng((seed, number))
     easy = bool(rng.random() < 0.5)
     camera, panels = draw_camera(rng, easy=easy), draw_panels(rng)
-    method: Method = "bands" if panels.phase == "free" and rng.random() < 0.1 else "soft"
+    method: Method = "uemura" if panels.phase == "free" and rng.random() < 0.1 else "likelihood"
     stream = bool(rng.random() < 0.8)
     pipeline = Pipeline(camera, panels, intrinsics=camera.intrinsics, method=method, stream=stream)
     tally.scenes += 1

@@ -20,7 +20,7 @@ class Drawing:
 
     def __init__(self, width: int, height: int, dictionary: str) -> None:
         self.light: Singles = np.zeros((3, height, width), np.float32)
-        self.words = load_dictionary(dictionary).words
+        self.codewords = load_dictionary(dictionary).codewords
 
     def add(self, light: Singles, layer: int | np.integer) -> None:
         """This, where it is brighter than what is there."""
@@ -77,12 +77,12 @@ def matrix(drawing: Drawing, rng: Rng) -> None:
 
 def panel(drawing: Drawing, rng: Rng) -> None:
     """A word of the dictionary; of some size that can be read, or from a few pixels to more than the picture."""
-    word = drawing.words[rng.integers(len(drawing.words))]
-    side, inner = len(word), int(rng.integers(4, 9))
+    codeword = drawing.codewords[rng.integers(len(drawing.codewords))]
+    side, inner = len(codeword), int(rng.integers(4, 9))
     least, most = (30, 300) if rng.random() < 0.6 else (6, 1500)
     place = _slanted(np.full(2, np.exp(rng.uniform(np.log(least), np.log(most)))), drawing, rng)
     bright = rng.uniform(0.1, 2.0)
-    for layer, shows in ((1, ~word), (2, word)):
+    for layer, shows in ((1, ~codeword), (2, codeword)):
         unit = np.zeros((8 * side, 8 * side), np.float32)
         for row, column in np.argwhere(shows):
             unit[8 * row : 8 * row + inner, 8 * column : 8 * column + inner] = 1.0
@@ -102,11 +102,11 @@ def text(drawing: Drawing, rng: Rng) -> None:
     """Lines of letters and signs."""
     _, height, width = drawing.light.shape
     for _ in range(rng.integers(1, 12)):
-        words = "".join(rng.choice(list(string.printable[:94]), rng.integers(1, 40)))
+        codewords = "".join(rng.choice(list(string.printable[:94]), rng.integers(1, 40)))
         at = (int(rng.integers(-20, width)), int(rng.integers(0, height + 20)))
         put = partial(
             cv2.putText,
-            text=words,
+            text=codewords,
             org=at,
             fontFace=cv2.FONT_HERSHEY_SIMPLEX,
             fontScale=float(rng.uniform(0.2, 4)),
@@ -153,7 +153,7 @@ def stripes(drawing: Drawing, rng: Rng) -> None:
 
 def readable(drawing: Drawing, rng: Rng) -> None:
     """A panel that can be read, before whatever is there; near the middle."""
-    word = drawing.words[rng.integers(len(drawing.words))]
+    codeword = drawing.codewords[rng.integers(len(drawing.codewords))]
     size = rng.uniform(0.2, 0.5) * min(drawing.light.shape[1:])
     corners = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]]) * size
     corners += np.array(drawing.light.shape[:0:-1]) / 2 + rng.uniform(-0.04, 0.04, (4, 2)) * size
@@ -161,7 +161,7 @@ def readable(drawing: Drawing, rng: Rng) -> None:
     around = np.rint((corners - corners.mean(axis=0)) * 1.15 + corners.mean(axis=0)).astype(np.int32)
     for light in drawing.light:
         cv2.fillPoly(light, [around], 0.0)
-    for layer, shows in ((1, ~word), (2, word)):
+    for layer, shows in ((1, ~codeword), (2, codeword)):
         unit = np.kron(shows, np.pad(np.ones((7, 7)), (0, 1))).astype(np.float32)
         _put(drawing, unit, place, layer, 0.4)
 

@@ -158,7 +158,7 @@ def decode(take: Path, tally: Tally) -> None:
     camera = open_camera(config, paced=False)
     into = np.empty((camera.info.height, camera.info.width), np.uint8)
     lens, robot = camera.info.intrinsics, load_robot(config)
-    pipeline = Pipeline(camera.info, config.panels, intrinsics=lens, shown=camera.panel, robot=robot)
+    pipeline = Pipeline(camera.info, config.panels, intrinsics=lens, source_panel=camera.panel, robot=robot)
     while (frame := camera.read(into)) is not None:
         if isinstance(frame, Frame):
             decoded = pipeline.decode(frame)

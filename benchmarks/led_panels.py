@@ -25,7 +25,7 @@ from ledpi.config.settings import PanelSettings, load_config
 from ledpi.core.records import CameraInfo, Frame, Quad, Rejected
 from ledpi.core.tone import linear_light
 from ledpi.decode.cells import sample_cells
-from ledpi.decode.identify import soft
+from ledpi.decode.identify import decision
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.markers.dictionaries import load_dictionary
 from ledpi.pipeline.pipeline import Pipeline
@@ -48,7 +48,7 @@ def light_of(lamp: Photograph) -> Floats:
 
 
 def panel_picture(
-    word: NDArray[np.bool_], side: float, turn: float, lamps: list[Floats], seed: int
+    codeword: NDArray[np.bool_], side: float, turn: float, lamps: list[Floats], seed: int
 ) -> tuple[Floats, Floats]:
     """(480, 640) linear light, and the panel's corners (4, 2) in it.
 
@@ -62,13 +62,13 @@ def panel_picture(
     c, s = math.cos(turn), math.sin(turn)
     u, v = 0.5 + (c * x + s * y) / side, 0.5 + (c * y - s * x) / side
     inside = (u >= 0) & (u < 1) & (v >= 0) & (v < 1)
-    cells = len(word)
+    cells = len(codeword)
     column, row = (np.clip((cells * w).astype(int), 0, cells - 1) for w in (u, v))
     across, down = cells * u, cells * v
     wall = np.minimum(*(np.abs(w - np.clip(np.round(w), 1, cells - 1)) for w in (across, down))) < WALL
     diffuser = 1 - 0.6 * (np.square(across - column - 0.5) + np.square(down - row - 0.5))
     first = np.clip(np.arange(2 * half) - 4, 0, min(map(len, lamps)) - 1).repeat(SUB)
-    lit = np.where(word[row, column], lamps[1][first][:, None], lamps[0][first][:, None])
+    lit = np.where(codeword[row, column], lamps[1][first][:, None], lamps[0][first][:, None])
     fine = np.where(inside & ~wall, diffuser * lit, 0.0)
     light = cv2.GaussianBlur(fine, (0, 0), BLUR_PX * SUB).reshape(2 * half, SUB, 2 * half, SUB).mean(axis=(1, 3))
     picture = np.full((480, 640), BACKGROUND)
@@ -92,8 +92,8 @@ def with_true_corners(frame: Frame, corners: Floats, panels: PanelSettings) -> i
     samples = sample_cells(frame, Quad(corners_px=corners), cells)
     if isinstance(samples, Rejected):
         return None
-    book = Codebook.build(list(range(len(dictionary.words))), dictionary, panels.spec())
-    reading = soft.read_word(samples, frame, book)
+    book = Codebook.build(list(range(len(dictionary.codewords))), dictionary, panels.spec())
+    reading = decision.read_codeword(samples, frame, book)
     return None if isinstance(reading, Rejected) else reading.id
 
 
@@ -115,10 +115,10 @@ def recognised(lamps: list[Photograph], side: float, takes: int, seed: int) -> t
         settings = (f"panels.black_hz={black.frequency_hz:g}", f"panels.white_hz={white.frequency_hz:g}")
         panels = load_config(None, ("panels.side_m=0.16", *settings)).panels
         dictionary = load_dictionary(panels.dictionary)
-        marker_id = int(rng.integers(len(dictionary.words)))
+        marker_id = int(rng.integers(len(dictionary.codewords)))
         turn = float(rng.uniform(-math.pi, math.pi))
         light, corners = panel_picture(
-            dictionary.word(marker_id), side, turn, [light_of(black), light_of(white)], 1000 * seed + take
+            dictionary.codeword(marker_id), side, turn, [light_of(black), light_of(white)], 1000 * seed + take
         )
         frame = Frame(
             pixels=encoded(light),
@@ -129,7 +129,7 @@ def recognised(lamps: list[Photograph], side: float, takes: int, seed: int) -> t
             transfer="srgb",
         )
         camera = CameraInfo(width=640, height=480, exposure_us=EXPOSURE_US, row_time_us=ROW_TIME_US, transfer="srgb")
-        ids = [m.sighting.id for m in Pipeline(camera, panels, intrinsics=None, stream=False).decode(frame).markers]
+        ids = [m.detection.id for m in Pipeline(camera, panels, intrinsics=None, stream=False).decode(frame).markers]
         done, right, wrong = done + 1, right + (ids == [marker_id]), wrong + any(i != marker_id for i in ids)
         bound += with_true_corners(frame, corners, panels) == marker_id
     return done, right, wrong, bound

@@ -41,7 +41,7 @@ def scene_of(count: int) -> Scene:
     dictionary, ids = load_dictionary(SETTINGS.dictionary), sorted(SETTINGS.existing_ids())[:count]
     panels = [
         Panel(
-            word=dictionary.word(marker_id),
+            codeword=dictionary.codeword(marker_id),
             spec=SETTINGS.spec(marker_id),
             motion=Still(facing_camera(np.array([*PLACES_M[k], DISTANCE_M]), roll_deg=5.0 * k)),
             marker_id=marker_id,

@@ -55,10 +55,12 @@ def main() -> None:
         seqs = [json.loads(line)["seq"] for line in (take / "frames.jsonl").read_text().splitlines()]
         live = without_times((take / "live.jsonl").read_text().splitlines())
         again = without_times(command("decode", "--as-live", str(take)).splitlines())
-        sightings = sum(len(frame["markers"]) for frame in live)
+        detections = sum(len(frame["markers"]) for frame in live)
     gaps = {before: after - before - 1 for before, after in itertools.pairwise(seqs) if after - before > 1}
     print(f"gaps in seq: {sum(gaps.values())} frames{', after: ' if gaps else ''}{gaps or ''}")
-    print(f"replay of {len(live)} decoded frames, {sightings} sightings: {'the same' if again == live else 'DIFFERS'}")
+    print(
+        f"replay of {len(live)} decoded frames, {detections} detections: {'the same' if again == live else 'DIFFERS'}"
+    )
 
 
 if __name__ == "__main__":

@@ -47,7 +47,7 @@ def pipeline_for(recording: Recording, *, stream: bool) -> Pipeline:
         camera,
         load_config(None, ("panels.side_m=1",)).panels,
         intrinsics=camera.intrinsics,
-        shown=recording.panel_values,
+        source_panel=recording.panel_values,
         stream=stream,
     )
 
@@ -79,9 +79,9 @@ def measure(recording: Recording, name: str, *, stream: bool) -> None:
         truth = {m.id: m for m in (recording.truth or {}).get(result.seq, ())}
         expected += sum(not m.optional for m in truth.values())
         for marker in result.markers:
-            true = truth.get(marker.sighting.id)
+            true = truth.get(marker.detection.id)
             side = 0.0 if true is None else float(np.ptp(true.corners_px, axis=0).max())
-            error = np.inf if true is None else np.hypot(*(marker.sighting.corners_px - true.corners_px).T)
+            error = np.inf if true is None else np.hypot(*(marker.detection.corners_px - true.corners_px).T)
             if true is None or np.mean(error) > 0.25 * side:
                 wrong += 1
                 continue

@@ -33,8 +33,8 @@ from ledpi.tools.evaluate.workers import run_on_processes
 
 ROOT = Path(__file__).resolve().parents[1]
 SEED = 77001  # nothing was tuned on it
-WILD_METHODS: tuple[Method, ...] = ("ledpi", "told", "aruco")
-DECOY_METHODS: tuple[Method, ...] = ("soft", "stream")
+WILD_METHODS: tuple[Method, ...] = ("ledpi", "oracle", "aruco")
+DECOY_METHODS: tuple[Method, ...] = ("likelihood", "stream")
 EXPOSURES_US = (10_000.0, 150.0)  # of decoys
 PANELS, SPEED_FRAMES = 8, 24
 
@@ -44,10 +44,10 @@ has a dead cell and one a hidden strip. IDs are drawn from all that exist where 
 the 95 % interval of the rate, which counts takes, not frames.
 
 * *ledpi*: the whole path. Frame 1 is read alone; where it says 4 to 6, the stream is read from its first frame on.
-* *told the true corners*: the same evidence and words on the light within the true corners, of all frames until then.
+* *true corners given*: the same evidence and words on the light within the true corners, of all frames until then.
 * *printed marker*: an ArUco marker of the same size in the panel's place, lit as brightly but never up to full scale;
   OpenCV's `detectMarkers` with sub-pixel corners, each frame by itself.
-* *false IDs*: of ledpi, of who is told the true corners, of the printed marker. Right IDs with a corner off by more
+* *false IDs*: of ledpi, with the true corners given, of the printed marker. Right IDs with a corner off by more
   than a quarter of the side count too."""
 
 DECOYS = """\
@@ -88,7 +88,7 @@ def table(head: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
 
 def read_table(rows: Sequence[TableRow]) -> str:
     """A line for each row of the suite wild."""
-    head = ["", "distance", "turned by", "exposure", "frames", "ledpi", "told the true corners", "printed marker"]
+    head = ["", "distance", "turned by", "exposure", "frames", "ledpi", "true corners given", "printed marker"]
     lines = []
     for case, own in groupby(rows, lambda row: row.case):
         by = {row.method: row for row in own}
@@ -125,7 +125,7 @@ def errors(row: TableRow) -> str:
 
 def decoys_table(rows: Sequence[TableRow]) -> str:
     """A line for each kind and exposure; one for all."""
-    lines, total = [], {"soft": [0, 0], "stream_all": [0, 0]}
+    lines, total = [], {"likelihood": [0, 0], "stream_all": [0, 0]}
     for (case, exposure_us), own in groupby(rows, lambda row: (row.case, row.exposure_us)):
         by = {row.method: row for row in own}
         false = []
@@ -133,7 +133,7 @@ def decoys_table(rows: Sequence[TableRow]) -> str:
             sums[0] += by[method].frames
             sums[1] += by[method].false_ids
             false.append(str(by[method].false_ids))
-        lines.append([case.replace("_", " "), f"{exposure_us / 1e3:g} ms", str(by["soft"].frames), *false])
+        lines.append([case.replace("_", " "), f"{exposure_us / 1e3:g} ms", str(by["likelihood"].frames), *false])
     frames = {sums[0] for sums in total.values()}
     lines.append(["all", "", str(frames.pop()), *(str(sums[1]) for sums in total.values())])
     return table(["decoys", "exposure", "frames", "false IDs, each frame alone", "false IDs, streams"], lines)
@@ -141,11 +141,11 @@ def decoys_table(rows: Sequence[TableRow]) -> str:
 
 def false_ids(rows: Sequence[TableRow]) -> str:
     """Each of ours by itself; the take is written by `ledpi evaluate --take`."""
-    how = {"soft": "alone", "stream_all": "stream"}
+    how = {"likelihood": "alone", "stream_all": "stream"}
     said = [
         f"* {row.case.replace('_', ' ')}, {row.exposure_us / 1e3:g} ms, {how.get(row.method, row.method)}: {text}"
         for row in rows
-        if row.method not in ("told", "aruco")
+        if row.method not in ("oracle", "aruco")
         for text in row.false
     ]
     return "\n".join(said) if said else "None."

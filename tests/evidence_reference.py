@@ -6,11 +6,11 @@ import numpy as np
 
 from ledpi.core.records import Floats, Singles
 from ledpi.decode.cells import CellSamples, Lattice
-from ledpi.decode.evidence.believed import Believed
+from ledpi.decode.evidence.band_estimate import BandEstimate
 from ledpi.decode.evidence.classes import band_shares
 from ledpi.decode.evidence.comparison import Mean
 from ledpi.decode.evidence.evidence import Evidence
-from ledpi.decode.evidence.shared_light import border_points, meeting_cells, sources_of
+from ledpi.decode.evidence.shared_light import border_points, contributing_cells, sources_of
 
 
 def weighed(design: Floats, residual: Floats, shared: Floats, bands: int, free: int) -> tuple[Floats, Floats]:
@@ -69,18 +69,18 @@ def levels(light: Floats, share: Floats, valid: Floats) -> tuple[Floats, Floats]
     return gain[:, 0], profile
 
 
-def shared_basis(samples: CellSamples, gain: Floats, root: Floats, believed: Believed | None) -> Floats:
+def shared_basis(samples: CellSamples, gain: Floats, root: Floats, estimate: BandEstimate | None) -> Floats:
     """(cells·points, …) orthonormal: what the cells that meet at each point may send there, over the root."""
     (cells, points), lattice = samples.light.shape, samples.lattice
-    sources, meet = sources_of(lattice.k, border_points(samples)), meeting_cells(lattice.cells)
+    sources, meet = sources_of(lattice.k, border_points(samples)), contributing_cells(lattice.cells)
     ends, basis = [*sources.first[1:], len(sources.column)], []
     for p, (begin, end) in enumerate(zip(sources.first, ends, strict=True)):
         kept: list[Floats] = []
         for column in sources.column[begin:end]:
             others = np.minimum(meet[:, column], cells - 1)
             sent = np.where(meet[:, column] < cells, gain[others], 0.0) / root[:, p]
-            if believed is not None:
-                sent *= np.where(believed.white[others], believed.light[1][:, p], believed.light[0][:, p])
+            if estimate is not None:
+                sent *= np.where(estimate.white[others], estimate.light[1][:, p], estimate.light[0][:, p])
             own = sent - sum((sent @ other) * other for other in kept)
             if np.linalg.norm(own) > 1e-3 * np.linalg.norm(sent):
                 kept.append(own / np.linalg.norm(own))
@@ -90,16 +90,16 @@ def shared_basis(samples: CellSamples, gain: Floats, root: Floats, believed: Bel
     return np.stack(basis).reshape(len(basis), -1).T
 
 
-def single_frame_evidence(samples: CellSamples, waves: Singles, believed: Believed | None) -> tuple[Floats, Floats]:
+def single_frame_evidence(samples: CellSamples, waves: Singles, estimate: BandEstimate | None) -> tuple[Floats, Floats]:
     """Score and information as decode/evidence/single_frame.py has them, before noise is told."""
     light, (cells, _) = samples.light.astype(np.float64), samples.light.shape
-    shown = np.ones_like(light) if believed is None else believed.own_light().astype(np.float64)
+    shown = np.ones_like(light) if estimate is None else estimate.band_light().astype(np.float64)
     valid = np.ones(light.shape) if samples.valid is None else samples.valid.astype(np.float64)
     gain, profile = levels(light, shown * valid, valid)
     light = np.where(valid > 0, light, gain[:, None] * profile * shown) / gain.mean()
     gain = gain / gain.mean()
     root = np.sqrt(gain[:, None] * np.maximum(profile, 1e-3) * shown)
-    basis, seen = shared_basis(samples, gain, root, believed), (light / root).ravel()
+    basis, seen = shared_basis(samples, gain, root, estimate), (light / root).ravel()
     static = (basis @ (basis.T @ seen)).reshape(light.shape)
     residual = (seen - static.ravel()) * valid.ravel()
     static = np.maximum(static, 0.02)
@@ -132,7 +132,7 @@ def compared_evidence(samples: CellSamples, waves: Singles, mean: Mean) -> tuple
 
 
 def word_log_likelihoods(evidence: Evidence, white: np.ndarray) -> tuple[Floats, Floats, Floats]:
-    """Log-likelihood ratio of each word (W, cells) to "no bands", as decode/identify/words.py has it.
+    """Log-likelihood ratio of each word (W, cells) to "no bands", as decode/identify/codewords.py has it.
 
     Also the bands' most probable values (W, P) and covariance (W, P, P).
     """

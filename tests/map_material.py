@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from decode_material import LENS
 
-from ledpi.core.records import Floats, Frame, MarkerPose, PlanarSolution, RobotFix, Sighting
+from ledpi.core.records import Detection, Floats, Frame, MarkerPose, PlanarSolution, RobotFix
 from ledpi.pose.fix import Robot
 from ledpi.pose.panel_map import MapPanel
 from ledpi.pose.place import Placer
@@ -97,8 +97,8 @@ def frame(seq: int = 0) -> Frame:
     )
 
 
-def sighting(marker_id: int, corners: Floats) -> Sighting:
-    return Sighting(
+def detection(marker_id: int, corners: Floats) -> Detection:
+    return Detection(
         id=marker_id, corners_px=corners, covariance_px2=covariance_px2(corners), margin=40.0, frames_used=4
     )
 
@@ -125,7 +125,7 @@ class Driver:
     def see(self, corners: Mapping[int, Floats]) -> tuple[list[MarkerPose], RobotFix | str | None]:
         """The next frame: markers, and the fix or the reason that there is none."""
         self.seq += 1
-        answers = self._placer.place(frame(self.seq), [sighting(i, c) for i, c in corners.items()])
+        answers = self._placer.place(frame(self.seq), [detection(i, c) for i, c in corners.items()])
         markers = [answer for answer in answers if isinstance(answer, MarkerPose)]
         assert len(markers) == len(answers)
         fix = self._placer.fix(frame(self.seq), markers)

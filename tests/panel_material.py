@@ -20,7 +20,7 @@ from ledpi.simulate.trajectory import Still, facing_camera
 from ledpi.tools.panel.firmware import Build, plan_firmware, write_firmware
 from ledpi.tools.panel.firmware_readme import readme_text
 
-WORDS = load_dictionary("DICT_4X4_50").words
+WORDS = load_dictionary("DICT_4X4_50").codewords
 EXPOSURE_US, SCAN_TIME_S = 9966.3, 0.0162
 SPEC = PanelSpec(side_m=0.16, black_hz=1250.0, white_hz=2450.0)
 USUAL_PAIR = (1250.0, 2450.0)
@@ -134,7 +134,7 @@ def record_panel(
     side = math.isqrt(len(pins))
     pose = facing_camera(np.array([0.0, 0.0, distance_m]), yaw_deg=turned_deg[0], roll_deg=turned_deg[1])
     shown = Panel(
-        word=np.zeros((side, side), bool),
+        codeword=np.zeros((side, side), bool),
         spec=spec,
         motion=Still(pose),
         marker_id=marker_id,

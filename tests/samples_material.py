@@ -7,7 +7,7 @@ from decode_material import quad, reason
 from ledpi.core.records import Floats, Frame, Intrinsics
 from ledpi.decode.cells import CellSamples, sample_cells
 from ledpi.decode.identify.codebook import Codebook
-from ledpi.decode.identify.soft import Reading, read_word
+from ledpi.decode.identify.decision import Reading, read_codeword
 
 
 def samples_of(frame: Frame, corners: Floats, lens: Intrinsics | None = None) -> CellSamples:
@@ -19,6 +19,6 @@ def samples_of(frame: Frame, corners: Floats, lens: Intrinsics | None = None) ->
 
 def bands_of(frame: Frame, corners: Floats, book: Codebook) -> Floats:
     """(16, P) that the panel's cells show, which must be read."""
-    reading = read_word(samples_of(frame, corners), frame, book)
+    reading = read_codeword(samples_of(frame, corners), frame, book)
     assert isinstance(reading, Reading), reason(reading)
     return reading.cell_bands

@@ -9,7 +9,7 @@ import numpy as np
 
 from ledpi.core.records import Floats, Intrinsics, PanelSpec
 from ledpi.markers.dictionaries import load_dictionary
-from ledpi.simulate.scene import Panel, PanelLook, Room, Scene, SimulatedSensor
+from ledpi.simulate.scene import Panel, PanelAppearance, Room, Scene, SimulatedSensor
 from ledpi.simulate.trajectory import Still, Trajectory, facing_camera
 
 PINHOLE = Intrinsics(width=640, height=480, fx=640.0, fy=640.0, cx=320.0, cy=240.0)
@@ -17,7 +17,7 @@ LENS = Intrinsics(
     width=640, height=480, fx=643.0, fy=641.0, cx=322.0, cy=238.0, distortion=(0.08, -0.18, 0.0008, -0.0006, 0.05)
 )
 SPEC = PanelSpec(side_m=0.16, black_hz=1250.0, white_hz=2450.0)
-FLAT = PanelLook(gap=0.0, bezel=0.0, falloff=0.0, hot_spot=0.0, albedo=0.0)  # every cell evenly lit to its edges
+FLAT = PanelAppearance(gap=0.0, bezel=0.0, falloff=0.0, hot_spot=0.0, albedo=0.0)  # every cell evenly lit to its edges
 DARK = Room(level=0.0)
 WORD_7 = np.array([[1, 1, 0, 0], [0, 1, 0, 0], [1, 1, 1, 1], [0, 0, 1, 0]], bool)  # ID 7 of DICT_4X4_50, from the top
 
@@ -28,14 +28,20 @@ def sensor(lens: Intrinsics = LENS, *, psf_sigma_px: float = 0.7, exposure_us: f
     )
 
 
-def panel(motion: Trajectory, *, marker_id: int = 7, look: PanelLook = FLAT, brightness: float = 0.4) -> Panel:
-    word = load_dictionary("DICT_4X4_50").word(marker_id)
-    return Panel(word=word, spec=SPEC, motion=motion, marker_id=marker_id, look=look, brightness=brightness)
+def panel(
+    motion: Trajectory, *, marker_id: int = 7, appearance: PanelAppearance = FLAT, brightness: float = 0.4
+) -> Panel:
+    word = load_dictionary("DICT_4X4_50").codeword(marker_id)
+    return Panel(
+        codeword=word, spec=SPEC, motion=motion, marker_id=marker_id, appearance=appearance, brightness=brightness
+    )
 
 
 def single_class_panel(motion: Trajectory, *, brightness: float = 0.4) -> Panel:
     """A decoy: all cells blink alike, so that every row of it is even."""
-    return Panel(word=np.ones((4, 4), bool), spec=SPEC, motion=motion, marker_id=None, look=FLAT, brightness=brightness)
+    return Panel(
+        codeword=np.ones((4, 4), bool), spec=SPEC, motion=motion, marker_id=None, appearance=FLAT, brightness=brightness
+    )
 
 
 def standing(
@@ -88,7 +94,7 @@ def light_by_counting(
         across = 4 * (on_plane[:, 0] / on_plane[:, 2] / only.spec.side_m + 0.5)
         down = 4 * (0.5 - on_plane[:, 1] / on_plane[:, 2] / only.spec.side_m)
         lit = (across >= 0) & (across < 4) & (down >= 0) & (down < 4)
-        white = only.word[down.astype(int).clip(0, 3), across.astype(int).clip(0, 3)]
+        white = only.codeword[down.astype(int).clip(0, 3), across.astype(int).clip(0, 3)]
         light += np.where(lit, np.where(white, on[1], on[0]), 0.0).reshape(len(columns), -1).mean(axis=1)
     return light / steps * only.brightness / only.spec.duty
 

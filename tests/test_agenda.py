@@ -11,7 +11,7 @@ from ledpi.decode.proposals import Candidate
 
 
 def candidates(*places: tuple[float, float], side: float = 40.0) -> list[Candidate]:
-    return [Candidate.of(square(x, y, side)) for x, y in places]
+    return [Candidate.from_corners(square(x, y, side)) for x, y in places]
 
 
 ROW = [(60.0 + 50 * n, 200.0) for n in range(10)]
@@ -19,8 +19,8 @@ ROW = [(60.0 + 50 * n, 200.0) for n in range(10)]
 
 def looked_at(agenda: Agenda, proposed: list[Candidate], budget: int) -> list[int]:
     """Which of them a frame looks at, that can look at so many."""
-    agenda.is_due(all_seen=False)
-    order = agenda.in_turn(proposed)[:budget]
+    agenda.is_due(all_detected=False)
+    order = agenda.schedule(proposed)[:budget]
     for candidate in order:
         agenda.tried(candidate)
     return [next(k for k, one in enumerate(proposed) if one is candidate) for candidate in order]
@@ -83,9 +83,9 @@ def test_where_nothing_was_proposed_again_is_forgotten() -> None:
 def test_the_picture_is_searched_every_third_frame_while_all_panels_are_seen() -> None:
     """And in each frame in which one is not; the first is searched anyway."""
     agenda = Agenda()
-    assert [agenda.is_due(all_seen=True) for _ in range(7)] == [True, False, False, True, False, False, True]
-    assert [agenda.is_due(all_seen=False) for _ in range(3)] == [True] * 3
-    assert [agenda.is_due(all_seen=True) for _ in range(SEARCH_EVERY)] == [False, False, True]
+    assert [agenda.is_due(all_detected=True) for _ in range(7)] == [True, False, False, True, False, False, True]
+    assert [agenda.is_due(all_detected=False) for _ in range(3)] == [True] * 3
+    assert [agenda.is_due(all_detected=True) for _ in range(SEARCH_EVERY)] == [False, False, True]
 
 
 def test_what_was_tried_is_kept_small() -> None:

@@ -20,7 +20,7 @@ import ledpi.api.reader
 from ledpi.api.marker import Marker, marker_of
 from ledpi.config.camera_yaml import camera_yaml_text
 from ledpi.core.geometry import quaternion_from_matrix
-from ledpi.core.records import Floats, MarkerPose, Pixels, PlanarSolution, Pose, Sighting
+from ledpi.core.records import Detection, Floats, MarkerPose, Pixels, PlanarSolution, Pose
 
 NEAR_M, FAR_M = 1.0, 2.5  # FAR_M takes more than one picture
 
@@ -71,7 +71,7 @@ def test_ids_that_do_not_exist_are_not_read(near: Pixels) -> None:
     """And the reason is said."""
     other = reader(ids=np.array([23]))
     assert other.read(near, row_time_us=ROW_TIME_US) == []
-    assert other.rejected["soft.id_not_in_panels_ids"] == 1
+    assert other.rejected["identify.id_not_in_panels_ids"] == 1
 
 
 def test_a_stream_reads_what_one_picture_does_not_show() -> None:
@@ -112,12 +112,14 @@ def turned(rotation: Floats) -> Marker:
     """One with this rotation, whose mirrored pose has the same."""
     pose = Pose(position_m=np.array([0.0, 0.0, 1.0]), quaternion_wxyz=quaternion_from_matrix(rotation))
     solution = PlanarSolution(camera_from_marker=pose, reprojection_px=0.0, chi2=0.0)
-    sighting = Sighting(id=7, corners_px=np.zeros((4, 2)), corner_sigma_px=0.1, margin=20.0, frames_used=1)
-    return marker_of(MarkerPose(sighting=sighting, mid_exposure_ns=0, solution=solution, alternate=solution))
+    detection = Detection(
+        id=7, corners_px=np.zeros((4, 2)), covariance_px2=0.01 * np.eye(8), margin=20.0, frames_used=1
+    )
+    return marker_of(MarkerPose(detection=detection, mid_exposure_ns=0, solution=solution, alternate=solution))
 
 
 def test_a_pose_that_is_not_sure_comes_with_the_other() -> None:
-    """Of the same sighting; that has no third."""
+    """Of the same detection; that has no third."""
     marker = turned(np.diag([1.0, -1.0, -1.0]))
     assert marker.mirrored is not None
     assert (marker.mirrored.id, marker.mirrored.mirrored) == (7, None)

@@ -38,7 +38,7 @@ def test_todays_figures_stand_beside_the_frozen_ones(
     lines = [line.split("  ") for line in capsys.readouterr().out.splitlines()]
     said = [[word.strip() for word in line if word.strip()] for line in lines]
     assert said == [
-        ["told the true corners", "at abc1234"],
+        ["true corners given", "at abc1234"],
         ["take0", "3 of 3 (100%)", "2 of 3 (67%), 1 WRONG"],
         ["take1", "3 of 3 (100%)", "3 of 3 (100%)"],
         ["take*", "6 of 6 (100%)", "5 of 6 (83%), 1 WRONG"],

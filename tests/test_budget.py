@@ -44,7 +44,7 @@ def stream() -> Pipeline:
 
 
 def ids(decoded: Decoded) -> set[int]:
-    return {marker.sighting.id for marker in decoded.markers}
+    return {marker.detection.id for marker in decoded.markers}
 
 
 @pytest.mark.parametrize("budget", [STREAM_BUDGET, 3 * LEAST])
@@ -83,7 +83,7 @@ def test_no_result_depends_on_the_clock(monkeypatch: pytest.MonkeyPatch) -> None
 
 def told(decoded: Decoded) -> object:
     """All of a frame's result but the times that it took."""
-    markers = [(m.sighting.id, m.sighting.corners_px.tobytes(), m.sighting.margin) for m in decoded.markers]
+    markers = [(m.detection.id, m.detection.corners_px.tobytes(), m.detection.margin) for m in decoded.markers]
     return markers, [rejected.key for rejected in decoded.rejected]
 
 
@@ -126,9 +126,9 @@ def test_a_daemon_whose_frames_take_long_searches_less(lossless: bool, monkeypat
     """Each frame says that it took a minute. Where capture waits for the decoder, there is no hurry."""
     decode, budgets = Pipeline.decode, []
 
-    def slow(pipeline: Pipeline, frame: Frame, *, at_once: Callable[[Decoded], None]) -> Decoded:
+    def slow(pipeline: Pipeline, frame: Frame, *, on_partial: Callable[[Decoded], None]) -> Decoded:
         budgets.append(pipeline.search_budget)
-        return dataclasses.replace(decode(pipeline, frame, at_once=at_once), stage_ms={"find": 60_000.0})
+        return dataclasses.replace(decode(pipeline, frame, on_partial=on_partial), stage_ms={"find": 60_000.0})
 
     monkeypatch.setattr(Pipeline, "decode", slow)
     with controller() as line:

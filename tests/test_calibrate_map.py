@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from decode_material import LENS
-from map_material import SIDE_M, frame, optical, panel, pose, seen_corners, sighting, with_errors
+from map_material import SIDE_M, detection, frame, optical, panel, pose, seen_corners, with_errors
 
 from ledpi.camera.simulated import SimulatedCamera
 from ledpi.config.map_yaml import load_map
@@ -68,7 +68,7 @@ def drive(seed: int) -> tuple[dict[int, Floats], tuple[View, ...]]:
     for k in range(600):
         base = pose((-2.5 + 11.5 * k / 600, 0.4 * math.sin(k / 40), 0.0), 8 * math.sin(k / 23))
         exact = {i: corners for i, place in places.items() if (corners := in_sight(base, place)) is not None}
-        answers = placer.place(frame(k), [sighting(i, with_errors(c, rng)) for i, c in exact.items()])
+        answers = placer.place(frame(k), [detection(i, with_errors(c, rng)) for i, c in exact.items()])
         views.append(view_of(frame(k), [answer for answer in answers if isinstance(answer, MarkerPose)]))
     return places, tuple(views)
 
@@ -172,7 +172,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     words = load_dictionary("DICT_4X4_50")
     panels = tuple(
         Panel(
-            word=words.word(i),
+            codeword=words.codeword(i),
             spec=SPEC,
             motion=Still(facing_camera(np.array(place), yaw_deg=YAWS_DEG[i])),
             marker_id=i,

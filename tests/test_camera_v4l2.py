@@ -32,7 +32,7 @@ def test_the_shutter_of_a_device_that_cannot_tell_its_row_time_is_measured(
     monkeypatch.setattr(cv2, "VideoCapture", Watching)
     status, out, _ = in_process(monkeypatch, capsys)("calibrate", "shutter", "--frames", "40")
     assert status == 0
-    assert "the driver cannot tell" in out
+    assert "the driver does not report one" in out
     assert load_config(Path("config.yaml")).camera.row_time_us == pytest.approx(33.67, rel=2e-3)
 
 

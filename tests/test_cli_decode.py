@@ -479,9 +479,9 @@ def test_antiphase_is_nothing_for_the_papers_method(ledpi: Run, kept: Path, take
     """A recording of such panels is named before anything of another is printed."""
     header = (take / "recording.yaml").read_text()
     (take / "recording.yaml").write_text(header.replace("black_hz: 1250.0", "phase: antiphase\n  black_hz: 2450.0"))
-    line = complaint(ledpi("--method", "bands", kept / "one", take))
-    assert line.startswith(f"ledpi: {take}: decode.method: bands tells classes by how high their bands are")
-    assert line.endswith("they are alike; must be soft")
+    line = complaint(ledpi("--method", "uemura", kept / "one", take))
+    assert line.startswith(f"ledpi: {take}: decode.method: uemura distinguishes classes by the height of their bands")
+    assert line.endswith("they are alike; must be likelihood")
 
 
 def test_a_name_that_is_too_long_is_one_line(ledpi: Run) -> None:

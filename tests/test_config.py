@@ -304,7 +304,7 @@ def test_antiphase_is_one_frequency_for_both_classes(tmp_path: Path) -> None:
         ),
         (
             "{panels: {side_m: 0.2, phase: antiphase, white_hz: 1250}, decode: {method: bands}}",
-            "decode.method: bands .* must be soft",
+            "decode.method: uemura .* must be likelihood",
         ),
     ],
 )

@@ -24,11 +24,11 @@ from decode_material import (
 from samples_material import samples_of
 
 from ledpi.core.records import Frame, PanelSpec
-from ledpi.decode.evidence.classes import band_shares, in_other_class
+from ledpi.decode.evidence.classes import band_shares, flip_classes
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.identify.codebook import Codebook
-from ledpi.decode.identify.soft import Reading, decide, read_word
-from ledpi.decode.identify.tuning import Seen, propose_frequencies
+from ledpi.decode.identify.decision import Reading, decide, read_codeword
+from ledpi.decode.identify.frequency_search import Observation, propose_frequencies
 from ledpi.markers.dictionaries import load_dictionary
 from ledpi.pipeline.pipeline import Pipeline
 
@@ -60,7 +60,7 @@ def shown(
 def read(frame: Frame, side: float, seed: int, codebook: Codebook) -> tuple[int, int] | str:
     rng = np.random.default_rng(seed)
     samples = samples_of(frame, square(310 + rng.uniform(), 240 + rng.uniform(), side, 4))
-    result = read_word(samples, frame, codebook)
+    result = read_codeword(samples, frame, codebook)
     return (result.id, result.quarter_turns) if isinstance(result, Reading) else result.key
 
 
@@ -96,13 +96,13 @@ def test_between_a_word_and_anothers_negative_nothing_is_read() -> None:
     """ID 7 and the negative of ID 2 differ in two cells: a pattern that is one off either is neither, and nor are those
     two cells decided by anything but themselves.
     """
-    seven, not_two = word(7), ~DICTIONARY.word(2)
+    seven, not_two = word(7), ~DICTIONARY.codeword(2)
     differ = np.argwhere(seven != not_two)
     assert len(differ) == 2
     for cell in differ:
         between = seven.copy()
         between[tuple(cell)] ^= True
-        assert shown(between) == "soft.not_in_dictionary"
+        assert shown(between) == "identify.not_in_dictionary"
     assert shown(not_two) == (2, 0)
 
 
@@ -133,7 +133,7 @@ def test_words_that_are_each_others_negatives_are_not_looked_for() -> None:
     dictionary = load_dictionary("DICT_4X4_100")
     book = Codebook.build(list(range(100)), dictionary, ANTIPHASE)
     assert not {38, 69} & set(book.ids.tolist())
-    assert isinstance(shown(dictionary.word(38), codebook=book), str)
+    assert isinstance(shown(dictionary.codeword(38), codebook=book), str)
 
 
 def drawn_evidence(shown: Bits, seed: int) -> Evidence:
@@ -149,14 +149,17 @@ def drawn_evidence(shown: Bits, seed: int) -> Evidence:
     values, vectors = np.linalg.eigh(information)
     score = information @ bands.ravel() + vectors @ (np.sqrt(values) * rng.standard_normal(32))
     return Evidence(
-        score=score.reshape(16, 2), information=information.reshape(16, 2, 16, 2), prior=np.full(2, 0.05**2 / 2), left=0
+        score=score.reshape(16, 2),
+        information=information.reshape(16, 2, 16, 2),
+        prior=np.full(2, 0.05**2 / 2),
+        residual=0,
     )
 
 
 def test_what_fits_with_bands_of_its_own_is_weighed() -> None:
     """Of 150 patterns two cells off word 7, with noise, none is read as a word; with the word's bands nine were."""
-    read_as = [decide(drawn_evidence(word(7), seed), BOOK, 1e-5) for seed in range(150)]
-    assert not [reading for reading in read_as if isinstance(reading, Reading)]
+    identify_as = [decide(drawn_evidence(word(7), seed), BOOK, 1e-5) for seed in range(150)]
+    assert not [reading for reading in identify_as if isinstance(reading, Reading)]
 
 
 def frames_of(side: float, count: int, marker_id: int = 7, spec: PanelSpec = ANTIPHASE) -> list[Frame]:
@@ -177,7 +180,7 @@ def antiphase_pipeline(*overrides: str) -> Pipeline:
 def test_a_stream_reads_it_far_away() -> None:
     """18 px, as 16 cm at 5.7 m: from the fourth frame on, and in each further one."""
     pipeline = antiphase_pipeline()
-    ids = [[m.sighting.id for m in pipeline.decode(frame).markers] for frame in frames_of(18, 12)]
+    ids = [[m.detection.id for m in pipeline.decode(frame).markers] for frame in frames_of(18, 12)]
     assert ids[3:] == [[7]] * 9
 
 
@@ -186,7 +189,7 @@ def test_a_stream_reads_an_oscillator_that_is_off() -> None:
     off = dataclasses.replace(ANTIPHASE, black_hz=1.01 * HZ, white_hz=1.01 * HZ)
     pipeline = antiphase_pipeline("panels.search_frequencies=true")
     last = [pipeline.decode(frame) for frame in frames_of(24, 12, spec=off)][-1]
-    assert [m.sighting.id for m in last.markers] == [7]
+    assert [m.detection.id for m in last.markers] == [7]
     assert pipeline.off_frequency[7].black_hz == pytest.approx(1.01 * HZ, abs=1.0)
 
 
@@ -194,7 +197,7 @@ def test_a_stream_tells_that_another_panel_took_the_place() -> None:
     """7 is gone, and 23 is there: 7 is not reported once more than a frame."""
     pipeline = antiphase_pipeline()
     frames = frames_of(40, 8) + frames_of(40, 16, marker_id=23)[8:]
-    ids = [[m.sighting.id for m in pipeline.decode(frame).markers] for frame in frames]
+    ids = [[m.detection.id for m in pipeline.decode(frame).markers] for frame in frames]
     assert ids[7] == [7]
     assert 7 not in [i for frame in ids[9:] for i in frame]
     assert ids[-1] == [23]
@@ -206,7 +209,7 @@ def test_the_one_frequency_is_proposed() -> None:
     seen = []
     for frame in frames_of(60, 12, spec=off):
         samples = samples_of(frame, square(310.3, 240.6, 60, 4))
-        seen.append(Seen(samples=samples, frame=frame))
+        seen.append(Observation(samples=samples, frame=frame))
     proposal = propose_frequencies(seen, ANTIPHASE, BOOK)
     assert proposal is not None
     assert proposal.measured
@@ -220,5 +223,5 @@ def test_what_cells_show_of_waves_by_hand() -> None:
     assert band_shares(classes, 4).tolist() == [[1, 1, 0, 0], [0, 0, 1, 1]]
     assert band_shares(classes, 2).tolist() == [[1, 1], [-1, -1]]
     bands = np.array([2.0, 3.0, 5.0, 7.0])
-    assert in_other_class(band_shares(classes, 4) * bands).tolist() == [[0, 0, 5, 7], [2, 3, 0, 0]]
-    assert in_other_class(band_shares(classes, 2) * bands[:2]).tolist() == [[-2, -3], [2, 3]]
+    assert flip_classes(band_shares(classes, 4) * bands).tolist() == [[0, 0, 5, 7], [2, 3, 0, 0]]
+    assert flip_classes(band_shares(classes, 2) * bands[:2]).tolist() == [[-2, -3], [2, 3]]

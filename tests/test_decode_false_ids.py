@@ -15,10 +15,10 @@ from ledpi.core.records import Floats, Frame
 from ledpi.decode.evidence.evidence import UNFIT, Evidence
 from ledpi.decode.evidence.single_frame import single_evidence
 from ledpi.decode.evidence.waves import are_sinusoids
-from ledpi.decode.identify import soft
+from ledpi.decode.identify import decision
 from ledpi.decode.identify.codebook import Codebook
-from ledpi.decode.identify.soft import Reading, decide, odds_needed, read_word
-from ledpi.decode.identify.words import SHORTLIST, likeliest, likeliest_beyond, of_neighbours
+from ledpi.decode.identify.codewords import SHORTLIST, likeliest_far_pattern, near_pattern_likelihood, rank_codewords
+from ledpi.decode.identify.decision import Reading, decide, odds_needed, read_codeword
 from ledpi.markers.dictionaries import load_dictionary
 
 DICTIONARY = load_dictionary("DICT_4X4_50")
@@ -107,7 +107,7 @@ def test_patterns_two_cells_off_are_no_words_where_they_are_none(exposure_us: fl
         frame = canvas.frame(seed)
         samples = samples_of(frame, corners)
         for cells in every:
-            read = read_word(samples, frame, codebook_with(shown ^ np.isin(FLAT, cells)))
+            read = read_codeword(samples, frame, codebook_with(shown ^ np.isin(FLAT, cells)))
             taken += [cells] if isinstance(read, Reading) and read.id == 0 else []
     assert taken == []
 
@@ -125,7 +125,7 @@ def test_neighbours_are_summed_up_with_bands_of_their_own() -> None:
     evidence, own = evidence_of(40.0, 1), word(7).ravel()
     near = [own ^ np.isin(FLAT, each) for cells in (2, 3) for each in combinations(range(16), cells)]
     exact = float(np.logaddexp.reduce(word_log_likelihoods(evidence, np.array(near, np.float32))[0]))
-    assert of_neighbours(evidence, own.astype(np.float32), 2, 3) == pytest.approx(exact, abs=0.01)
+    assert near_pattern_likelihood(evidence, own.astype(np.float32), 2, 3) == pytest.approx(exact, abs=0.01)
 
 
 def without(evidence: Evidence, *cells: int) -> Evidence:
@@ -139,11 +139,11 @@ def without(evidence: Evidence, *cells: int) -> Evidence:
 def test_neighbours_beside_a_silent_cell() -> None:
     """A cell that gives no light is left as it is."""
     evidence = without(evidence_of(40.0, 2), 5)
-    assert evidence.silent.tolist() == [cell == 5 for cell in range(16)]
+    assert evidence.erased.tolist() == [cell == 5 for cell in range(16)]
     own, others = word(7).ravel(), np.flatnonzero(FLAT != 5)
     near = [own ^ np.isin(FLAT, each) for cells in (1, 2, 3) for each in combinations(others, cells)]
     exact = float(np.logaddexp.reduce(word_log_likelihoods(evidence, np.array(near, np.float32))[0]))
-    assert of_neighbours(evidence, own.astype(np.float32), 1, 3) == pytest.approx(exact, abs=0.01)
+    assert near_pattern_likelihood(evidence, own.astype(np.float32), 1, 3) == pytest.approx(exact, abs=0.01)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -151,10 +151,10 @@ def test_the_likeliest_pattern_is_found(seed: int) -> None:
     """Of all 4096 that twelve cells may show, more than one cell from the word."""
     evidence, own = without(evidence_of(40.0, seed), 0, 5, 6, 15), word(7).ravel().astype(np.float32)
     patterns = np.tile(own, (4096, 1))
-    patterns[:, ~evidence.silent] = (np.arange(4096)[:, None] >> np.arange(12)) & 1
+    patterns[:, ~evidence.erased] = (np.arange(4096)[:, None] >> np.arange(12)) & 1
     beyond = patterns[np.abs(patterns - own).sum(axis=1) > 1]
     most = float(word_log_likelihoods(evidence, beyond)[0].max())
-    likelihood, mine = likeliest_beyond(evidence, own, 1)
+    likelihood, mine = likeliest_far_pattern(evidence, own, 1)
     assert likelihood == pytest.approx(most)
     assert float(word_log_likelihoods(evidence, mine[None])[0][0]) == pytest.approx(most)
 
@@ -167,14 +167,14 @@ def test_a_pattern_two_cells_off_a_word_of_a_larger_grid_is_none() -> None:
 
 def test_faint_bands_that_tell_nothing_are_not_looked_at_twice(monkeypatch: pytest.MonkeyPatch) -> None:
     """6 px a cell: no second look would make a word of these."""
-    monkeypatch.setattr(soft, "believed_bands", lambda *_: pytest.fail("looked at twice"))
+    monkeypatch.setattr(decision, "estimate_bands", lambda *_: pytest.fail("looked at twice"))
     corners, canvas = square(310.3, 240.6, 24, 9), Canvas(exposure_us=TRUE_10_MS_US)
     canvas.panel(corners, word(7))
     frame = canvas.frame(1)
     samples = samples_of(frame, corners)
     book = Codebook.build(list(range(50)), DICTIONARY, SPEC)
-    result = soft.read_word(samples, frame, book, soft.FALSE_ID_RATE)
-    assert result == soft.NO_WORD
+    result = decision.read_codeword(samples, frame, book, decision.FALSE_ID_RATE)
+    assert result == decision.NO_CODEWORD
 
 
 def test_neighbours_on_the_largest_grid() -> None:
@@ -190,13 +190,13 @@ def test_neighbours_on_the_largest_grid() -> None:
         score=(information @ shown.ravel()).reshape(64, 4),
         information=information.reshape(64, 4, 64, 4),
         prior=np.full(4, 0.1),
-        left=1.0,
+        residual=1.0,
     )
     changed = np.eye(64)[list(range(64))]
     near = [np.abs(own - changed[a] - (changed[b] if a != b else 0)) for a in range(64) for b in range(a + 1)]
     exact = float(np.logaddexp.reduce(word_log_likelihoods(evidence, np.array(near, np.float32))[0]))
-    assert of_neighbours(evidence, own, 1, 2) == pytest.approx(exact, abs=0.01)
-    likelihood, likeliest_one = likeliest_beyond(evidence, own, 0)
+    assert near_pattern_likelihood(evidence, own, 1, 2) == pytest.approx(exact, abs=0.01)
+    likelihood, likeliest_one = likeliest_far_pattern(evidence, own, 0)
     np.testing.assert_array_equal(likeliest_one, other)
     assert likelihood == pytest.approx(float(word_log_likelihoods(evidence, other[None])[0][0]))
 
@@ -206,7 +206,7 @@ def test_a_panel_that_seems_to_end_in_the_dark_is_not_read() -> None:
     evidence, book = evidence_of(60.0, 1), Codebook.build([7], DICTIONARY, SPEC)
     assert isinstance(decide(without(evidence, 3, 6, 9), book, 1e-6), Reading)
     for rim in ((0, 1, 2, 3), (3, 7, 11, 15), (0, 1, 2), (11, 15)):
-        assert decide(without(evidence, *rim), book, 1e-6) == soft.INCONSISTENT
+        assert decide(without(evidence, *rim), book, 1e-6) == decision.INCONSISTENT
 
 
 def test_a_rival_that_cannot_be_weighed_is_not_beaten() -> None:
@@ -225,8 +225,8 @@ def test_what_is_no_number_is_no_lack_of_memory() -> None:
     evidence = evidence_of(60.0, 1)
     evidence.score[3, 2] = math.nan
     own = word(7).ravel().astype(np.float32)
-    assert math.isnan(of_neighbours(evidence, own, 2, 3))
-    assert math.isnan(likeliest_beyond(evidence, own, 1)[0])
+    assert math.isnan(near_pattern_likelihood(evidence, own, 2, 3))
+    assert math.isnan(likeliest_far_pattern(evidence, own, 1)[0])
 
 
 def test_a_word_that_cannot_be_told_roughly_hides_none_after_it() -> None:
@@ -234,9 +234,9 @@ def test_a_word_that_cannot_be_told_roughly_hides_none_after_it() -> None:
     evidence, own = evidence_of(60.0, 1), word(7).ravel().astype(np.float32)
     assert own[0] == 1  # white: what the first cell says of the black wave does not concern it
     evidence.information[0, 0, 0, 1] = evidence.information[0, 1, 0, 0] = 1e9
-    poor, untold = np.ones(16, np.float32), np.zeros(16, np.float32)
-    white = np.array([*[poor] * (SHORTLIST - 1), untold, own])
-    assert SHORTLIST in likeliest(evidence, white).words
+    poor, uninformative = np.ones(16, np.float32), np.zeros(16, np.float32)
+    white = np.array([*[poor] * (SHORTLIST - 1), uninformative, own])
+    assert SHORTLIST in rank_codewords(evidence, white).codewords
 
 
 @pytest.mark.parametrize("wall", [0.02, 0.1, 0.12, 0.2, 0.4])
@@ -249,4 +249,4 @@ def test_a_lattice_a_column_beside_its_panel_shows_no_word(wall: float) -> None:
         frame = canvas.frame(seed)
         samples = samples_of(frame, true - (true[1] - true[0]) / 4)
         book = Codebook.build(list(range(50)), DICTIONARY, SPEC)
-        assert not isinstance(soft.read_word(samples, frame, book), Reading)
+        assert not isinstance(decision.read_codeword(samples, frame, book), Reading)

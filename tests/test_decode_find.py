@@ -11,7 +11,7 @@ from decode_material import Canvas, flat, square, word
 
 from ledpi.core.geometry import quad_side
 from ledpi.core.records import Floats, Frame, Rejected, Transfer
-from ledpi.decode.finding.find import Finder
+from ledpi.decode.finding.outlines import Finder
 
 SMALLEST_PX = 10.0
 

@@ -68,7 +68,7 @@ def test_white_noise_is_no_less_than_was_counted(side: float) -> None:
     """Samples are interpolated, and fitted: neither passes for noise that is alike."""
     corners = square(100.2, 99.6, side, 8)
     found = [compared(2 * seed, corners) for seed in range(10)]
-    assert np.mean([each.noise.volume for each in found]) < 1.05
+    assert np.mean([each.noise.inflation for each in found]) < 1.05
     assert np.mean([spread_of(each) for each in found]) == pytest.approx(1.0, abs=0.25)
 
 
@@ -79,7 +79,7 @@ def test_of_blurred_noise_evidence_claims_no_more_than_is_there(side: float, blu
     corners = square(100.2, 99.6, side, 8)
     found = [compared(2 * seed, corners, blur_px) for seed in range(10)]
     assert np.mean([spread_of(each) for each in found]) > 1.6
-    assert 0.6 < np.mean([spread_of(each.by(each.noise)) for each in found]) < 1.5
+    assert 0.6 < np.mean([spread_of(each.discount(each.noise)) for each in found]) < 1.5
 
 
 def test_what_one_picture_says_is_as_sure_as_its_noise_leaves_it() -> None:
@@ -97,7 +97,7 @@ def test_what_one_picture_says_is_as_sure_as_its_noise_leaves_it() -> None:
 def test_sharpened_noise_is_never_taken_for_more_than_white() -> None:
     """Sharpening makes neighbours unlike: the odds are too small then, and stay so."""
     corners = square(100.2, 99.6, 48.0, 8)
-    assert all(compared(2 * seed, corners, sharpened=0.5).noise.volume == 1.0 for seed in range(3))
+    assert all(compared(2 * seed, corners, sharpened=0.5).noise.inflation == 1.0 for seed in range(3))
 
 
 def test_walls_are_not_taken_for_noise() -> None:
@@ -108,7 +108,7 @@ def test_walls_are_not_taken_for_noise() -> None:
     frame = canvas.frame(seed=3)
     evidence = single_evidence(samples_of(frame, corners), frame, SPEC)
     assert isinstance(evidence, Evidence)
-    assert math.log(evidence.noise.volume) == pytest.approx(0.0, abs=0.1)
+    assert math.log(evidence.noise.inflation) == pytest.approx(0.0, abs=0.1)
 
 
 def test_frames_together_tell_better_how_alike_noise_is() -> None:
@@ -117,20 +117,20 @@ def test_frames_together_tell_better_how_alike_noise_is() -> None:
     memory = PanelMemory(SPEC)
     for seed in range(9):
         frame = noisy(seed, 0.7)
-        memory, _ = memory.after(samples_of(frame, corners), frame)
-    assert memory.noise.volume > 2.0
+        memory, _ = memory.add_frame(samples_of(frame, corners), frame)
+    assert memory.noise.inflation > 2.0
     assert memory.noise.deviation < 0.5 * compared(0, corners, 0.7).noise.deviation
 
 
 def test_the_mean_of_frames_by_hand() -> None:
     """The third of three weighs a third, and their deviation is that of one over √3."""
-    together = Correlation(0.4, 0.03, 4.0).after(Correlation(0.1, 0.02, 5.0), 2.0)
+    together = Correlation(0.4, 0.03, 4.0).average(Correlation(0.1, 0.02, 5.0), 2.0)
     assert (together.excess, together.deviation) == pytest.approx((0.2, 0.03 / math.sqrt(3.0)))
-    assert together.volume == pytest.approx(math.exp(4.0 * (0.2 - 0.03 / math.sqrt(3.0))))
+    assert together.inflation == pytest.approx(math.exp(4.0 * (0.2 - 0.03 / math.sqrt(3.0))))
 
 
 def test_what_tells_nothing_changes_nothing() -> None:
-    """Nor does a deviation in which any volume may be; white noise leaves evidence as it is."""
-    assert Correlation(0.4, 0.3, 4.0).volume == 1.0
+    """Nor does a deviation in which any inflation may be; white noise leaves evidence as it is."""
+    assert Correlation(0.4, 0.3, 4.0).inflation == 1.0
     evidence = compared(0, square(100.2, 99.6, 40.0, 8))
-    assert evidence.by(WHITE) is evidence
+    assert evidence.discount(WHITE) is evidence

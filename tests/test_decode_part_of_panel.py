@@ -55,7 +55,7 @@ def part_in_stream(exposure_us: float, shape: float, side: float) -> list[list[i
         canvas = Canvas(exposure_us=exposure_us)
         cells, start_us = drawn("0000/0100/0000/0000"), seq * FRAME_ROWS * ROW_TIME_US
         canvas.panel(corners, cells, gains=lit, start_us=start_us, light=0.35, profile=flat)
-        ids.append([marker.sighting.id for marker in path.decode(canvas.frame(seq, seq=seq)).markers])
+        ids.append([marker.detection.id for marker in path.decode(canvas.frame(seq, seq=seq)).markers])
     return ids
 
 
@@ -77,7 +77,7 @@ def test_word_17_is_read_where_it_is_said_to_exist(turns: int, exposure_us: floa
         Pipeline(camera, panel_settings(*ids), intrinsics=PINHOLE, stream=False).decode(canvas.frame())
         for ids in (("panels.ids=[17]",), ())
     )
-    assert [marker.sighting.id for marker in known.markers] == [17]
+    assert [marker.detection.id for marker in known.markers] == [17]
     assert unknown.markers == ()
     assert "id_not_in_panels_ids" in {rejected.reason for rejected in unknown.rejected}
 

@@ -38,15 +38,15 @@ def test_the_words_of_a_file_by_hand(file: Path) -> None:
     """Row by row from the top left; 1 is white."""
     dictionary = load_dictionary(str(file))
     assert dictionary.cells_per_side == 3
-    np.testing.assert_array_equal(dictionary.word(0), [[1, 1, 0], [0, 1, 0], [0, 0, 1]])
-    np.testing.assert_array_equal(dictionary.word(1), [[0, 1, 1], [1, 0, 1], [1, 0, 0]])
+    np.testing.assert_array_equal(dictionary.codeword(0), [[1, 1, 0], [0, 1, 0], [0, 0, 1]])
+    np.testing.assert_array_equal(dictionary.codeword(1), [[0, 1, 1], [1, 0, 1], [1, 0, 0]])
 
 
 def test_a_file_that_was_changed_is_read_again(file: Path) -> None:
     """As a daemon does that reloads its configuration: panels of the old words would go on being read."""
     assert load_dictionary(str(file)) is load_dictionary(str(file))
     file.write_text(THREE.replace("110010001", "010101100") + "# by hand\n")
-    np.testing.assert_array_equal(load_dictionary(str(file)).word(0), [[0, 1, 0], [1, 0, 1], [1, 0, 0]])
+    np.testing.assert_array_equal(load_dictionary(str(file)).codeword(0), [[0, 1, 0], [1, 0, 1], [1, 0, 0]])
 
 
 @pytest.mark.parametrize("ending", ["yml", "json"])
@@ -58,7 +58,7 @@ def test_what_opencv_writes_is_read(tmp_path: Path, ending: str) -> None:
     storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
     few.writeDictionary(storage)
     storage.release()
-    np.testing.assert_array_equal(load_dictionary(str(path)).words, load_dictionary("DICT_5X5_50").words[:7])
+    np.testing.assert_array_equal(load_dictionary(str(path)).codewords, load_dictionary("DICT_5X5_50").codewords[:7])
 
 
 def test_opencv_gets_the_same_words() -> None:
@@ -115,9 +115,9 @@ def test_panels_of_a_dictionary_of_ones_own_are_read(file: Path) -> None:
     """Nine cells; relative to the configuration that names the file."""
     settings = panel_settings(f"panels.dictionary={file}")
     canvas = Canvas()
-    canvas.panel(square(310, 240, 110, 5), load_dictionary(str(file)).word(1), profile=lambda u, v: np.ones_like(u))
+    canvas.panel(square(310, 240, 110, 5), load_dictionary(str(file)).codeword(1), profile=lambda u, v: np.ones_like(u))
     path = Pipeline(camera_info(), settings, intrinsics=PINHOLE, stream=False)
-    assert [marker.sighting.id for marker in path.decode(canvas.frame()).markers] == [1]
+    assert [marker.detection.id for marker in path.decode(canvas.frame()).markers] == [1]
 
 
 def test_a_recording_takes_its_dictionary_with_it(file: Path, tmp_path: Path) -> None:
@@ -128,4 +128,4 @@ def test_a_recording_takes_its_dictionary_with_it(file: Path, tmp_path: Path) ->
     file.unlink()
     recording = load_recording((tmp_path / "take").rename(tmp_path / "moved"))
     assert recording.dictionary == str(tmp_path / "moved" / "words.yaml")
-    np.testing.assert_array_equal(load_dictionary(recording.dictionary).word(1)[0], [0, 1, 1])
+    np.testing.assert_array_equal(load_dictionary(recording.dictionary).codeword(1)[0], [0, 1, 1])

@@ -95,13 +95,13 @@ def test_how_deep_bands_are() -> None:
 @pytest.fixture(scope="module")
 def circuit() -> Circuit:
     """Of panel 7, as `ledpi panel sheet 7` plans it."""
-    white = int(load_dictionary("DICT_4X4_50").word(7).sum())
+    white = int(load_dictionary("DICT_4X4_50").codeword(7).sum())
     return plan_circuit(Lamps(supply_v=12.0, leds=None, forward_v=3.2, current_a=0.02), (16 - white, white))
 
 
 def test_the_parts_of_the_first_panel(circuit: Circuit) -> None:
     """README and guide name as many as the sheet."""
-    body = Body(word=load_dictionary("DICT_4X4_50").word(7), side_mm=160.0, leds=circuit.leds)
+    body = Body(codeword=load_dictionary("DICT_4X4_50").codeword(7), side_mm=160.0, leds=circuit.leds)
     pieces = {part: count for count, part, _ in parts(body, circuit)}
     leds, walls = pieces[f"LED, {body.led_mm:g} mm"], pieces["wall between cells"]
     guide, readme = page("docs/first-panel.md"), page("README.md")

@@ -70,21 +70,21 @@ def test_the_number_of_workers_changes_nothing() -> None:
     run("evaluate", "--out", "three", *SMALL, "--workers", "3")
     assert table("one") == table("three")
     methods = [line["method"] for line in table("one")]
-    assert methods[:6] == ["bands", "soft", "stream_4", "stream_12", "stream_all", "aruco"]
+    assert methods[:6] == ["uemura", "likelihood", "stream_4", "stream_12", "stream_all", "aruco"]
     assert [line["frames"] for line in table("one")][:6] == ["3", "3", "3", "3", "36", "3"]
-    assert {line["recognised"] for line in table("one") if line["method"] in ("soft", "stream_4")} == {"3"}
+    assert {line["recognised"] for line in table("one") if line["method"] in ("likelihood", "stream_4")} == {"3"}
 
 
 def test_a_run_goes_on_where_it_was_broken_off() -> None:
     """One unit finished, the next cut off in the middle of its line: only the finished one is not done again."""
-    options = (*SMALL, "--method", "soft", "--workers", "1")
+    options = (*SMALL, "--method", "likelihood", "--workers", "1")
     run("evaluate", "--out", "out", *options)
     units = Path("out/units.jsonl")
     lines = units.read_text(encoding="utf-8").splitlines(keepends=True)
     assert len(lines) == 3
     whole = table("out")
     first = json.loads(lines[0])
-    first["rows"]["soft"]["corner_px"] = [77.0] * 5  # so that one sees that it is taken as it is
+    first["rows"]["likelihood"]["corner_px"] = [77.0] * 5  # so that one sees that it is taken as it is
     units.write_text(json.dumps(first) + "\n" + lines[1][:40], encoding="utf-8")
     run("evaluate", "--out", "out", *options)
     again = units.read_text(encoding="utf-8").splitlines()
@@ -122,10 +122,12 @@ def test_decoys_give_no_false_id() -> None:
     """24 frames each of what is most like a panel, read one by one and as streams."""
     options: tuple[str, ...] = ("--suite", "decoys", "--exposure-us", "10000", "--frames", "24")
     kinds = ("near_words", "single_class", "pwm_lights")
-    options += ("--method", "soft", "--method", "stream")
+    options += ("--method", "likelihood", "--method", "stream")
     out = run("evaluate", "--out", "out", *options, *(word for kind in kinds for word in ("--case", kind)))
     lines = table("out")
-    assert {(line["case"], line["method"]) for line in lines} == {(k, m) for k in kinds for m in ("soft", "stream_all")}
+    assert {(line["case"], line["method"]) for line in lines} == {
+        (k, m) for k in kinds for m in ("likelihood", "stream_all")
+    }
     assert {line["frames"] for line in lines} == {"24"}
     assert {line["false_ids"] for line in lines} == {"0"}
     assert {line["rate"] for line in lines} == {""}
@@ -146,7 +148,7 @@ UNIT = Unit(
     condition=PLAIN,
     first_take=0,
     takes=1,
-    methods=("soft", "stream"),
+    methods=("likelihood", "stream"),
     panels=PanelSettings(side_m=0.16),
     code=code_version(),
 )
@@ -162,10 +164,10 @@ def test_a_decoy_that_is_read_is_counted(monkeypatch: pytest.MonkeyPatch) -> Non
     monkeypatch.setattr(units_module, "draw_take", word_without_truth)
     rows = run_unit(replace(UNIT, condition=replace(PLAIN, suite="decoys", case="mirrored")))["rows"]
     assert {row: (tally["frames"], tally["false_ids"]) for row, tally in rows.items()} == {
-        "soft": (12, 12),
+        "likelihood": (12, 12),
         "stream_all": (12, 12),
     }
-    assert rows["soft"]["false"][3].startswith("take 0, frame 3: ID ")
+    assert rows["likelihood"]["false"][3].startswith("take 0, frame 3: ID ")
 
 
 def a_plan(suite: Suite, case: str, *set_: str) -> Plan:
@@ -174,7 +176,7 @@ def a_plan(suite: Suite, case: str, *set_: str) -> Plan:
         frames=12,
         seed=1,
         cases=(case,),
-        methods=("soft", "stream"),
+        methods=("likelihood", "stream"),
         apriltag=False,
         panels=load_config(None, ("panels.side_m=0.16", *set_)).panels,
         code=code_version(),
@@ -185,11 +187,11 @@ def test_a_decoy_that_is_read_as_an_id_that_a_part_can_show_counts(monkeypatch: 
     """Of decoys every ID exists, whatever is configured: nobody is to miss that one is read as 17, say."""
     drawn = draw_take(PLAIN, UNIT.panels, 1, 0)
     (panel,) = drawn.scene.panels
-    shows_17 = replace(panel, word=load_dictionary("DICT_4X4_50").word(17), marker_id=None)
+    shows_17 = replace(panel, codeword=load_dictionary("DICT_4X4_50").codeword(17), marker_id=None)
     take = replace(drawn, scene=replace(drawn.scene, panels=(shows_17,)))
     monkeypatch.setattr(units_module, "draw_take", lambda *of: take)
     for unit in a_plan("decoys", "mirrored", "panels.ids=[7]").units():
-        tally = run_unit(replace(unit, methods=("soft",)))["rows"]["soft"]
+        tally = run_unit(replace(unit, methods=("likelihood",)))["rows"]["likelihood"]
         assert (tally["frames"], tally["false_ids"]) == (12, 12)
         assert tally["false"][0].startswith("take 0, frame 0: ID 17")
 
@@ -233,7 +235,7 @@ def cluster() -> Iterator[str]:
 @pytest.mark.filterwarnings("ignore")  # distributed's own
 def test_a_cluster_gives_the_same_results(cluster: str) -> None:
     """The same units on a dask.distributed worker, and on processes of our own."""
-    options = (*SMALL, "--method", "soft", "--method", "aruco")
+    options = (*SMALL, "--method", "likelihood", "--method", "aruco")
     run("evaluate", "--out", "there", *options, "--scheduler", cluster)
     run("evaluate", "--out", "here", *options)
     assert table("there") == table("here")
@@ -248,13 +250,13 @@ def test_frames_of_a_real_panel_fill_the_same_table() -> None:
         run("evaluate", "--out", "truth", "--recording", "take", "--id", "8", "--distance", "0.6")
     os.remove("take/truth.jsonl")
     run("evaluate", "--out", "none", *options)
-    run("evaluate", "--out", "none", "--recording", "take", "--id", "8", "--distance", "0.8", "--method", "soft")
-    soft, stream = (line for line in table("truth") if line["method"] in ("soft", "stream_12"))
+    run("evaluate", "--out", "none", "--recording", "take", "--id", "8", "--distance", "0.8", "--method", "likelihood")
+    soft, stream = (line for line in table("truth") if line["method"] in ("likelihood", "stream_12"))
     assert (soft["suite"], soft["distance_m"], soft["angle_deg"]) == ("recording", "0.6", "20")
     assert (soft["frames"], soft["recognised"], soft["false_ids"]) == ("14", "14", "0")
     assert float(soft["corner_px"]) < 0.3
     assert (stream["frames"], stream["recognised"]) == ("1", "1")
-    blind = [line for line in table("none") if line["method"] == "soft"]
+    blind = [line for line in table("none") if line["method"] == "likelihood"]
     assert [(b["distance_m"], b["recognised"], b["false_ids"], b["corner_px"]) for b in blind] == [
         ("0.6", "14", "0", ""),
         ("0.8", "0", "14", ""),
@@ -289,11 +291,15 @@ def test_antiphase_is_left_to_those_that_can_read_it() -> None:
     run("simulate", "take", "--distance", "0.6", "--frames", "12", *ANTIPHASE)
     options = ("--recording", "take", "--id", "7", "--distance", "0.6")
     run("evaluate", "--out", "real", *options)
-    assert {line["method"] for line in table("out")} >= {"soft", "stream_12", "aruco"}
-    assert [{line["method"] for line in table(name)} & {"bands", "soft"} for name in ("out", "real")] == [{"soft"}] * 2
+    assert {line["method"] for line in table("out")} >= {"likelihood", "stream_12", "aruco"}
+    assert [{line["method"] for line in table(name)} & {"uemura", "likelihood"} for name in ("out", "real")] == [
+        {"likelihood"}
+    ] * 2
     for arguments in ((*SMALL, *ANTIPHASE), options):
-        with pytest.raises(ConfigError, match=r"--method: bands tells classes .* they are alike; must be soft"):
-            run("evaluate", "--out", "none", *arguments, "--method", "bands")
+        with pytest.raises(
+            ConfigError, match=r"--method: uemura distinguishes classes .* they are alike; must be likelihood"
+        ):
+            run("evaluate", "--out", "none", *arguments, "--method", "uemura")
     assert not Path("none/units.jsonl").exists()
 
 

@@ -13,7 +13,7 @@ from ledpi.config.settings import PanelSettings
 from ledpi.core.errors import ConfigError
 from ledpi.core.records import Decoded, Frame, Rejected
 from ledpi.decode.identify.codebook import Codebook
-from ledpi.decode.identify.soft import Reading, read_word
+from ledpi.decode.identify.decision import Reading, read_codeword
 from ledpi.markers.dictionaries import load_dictionary
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.pipeline.trace import Trace
@@ -36,7 +36,7 @@ from ledpi.tools.evaluate.units import photographed
 
 PANELS = PanelSettings(side_m=0.16)
 ALL_EXIST = PanelSettings(side_m=0.16, ids=tuple(range(50)))  # those too that a part of another panel can show
-WORDS = load_dictionary("DICT_4X4_50").turned_words()
+WORDS = load_dictionary("DICT_4X4_50").rotated_codewords()
 
 
 def condition(
@@ -200,7 +200,7 @@ def test_decoys_are_no_markers(kind: str) -> None:
 def test_patterns_of_decoys_are_no_words(kind: str, least: int) -> None:
     """So many cells at least differ from every word, however it is turned."""
     what = replace(condition("decoys", kind), distance_m=None, angle_deg=None)
-    words = [panel.word for number in range(20) for panel in take_of(what, number).scene.panels]
+    words = [panel.codeword for number in range(20) for panel in take_of(what, number).scene.panels]
     assert len(words) > 20
     assert all((word != WORDS).sum(axis=(2, 3)).min() >= least for word in words)
 
@@ -212,7 +212,7 @@ def test_without_its_dead_cell_a_decoy_still_is_two_cells_off() -> None:
     lit = [np.asarray(panel.cell_gains) > 0 for panel in shown]
     assert len(shown) > 20
     assert {int((~cells).sum()) for cells in lit} == {1}
-    assert all(((p.word != WORDS) & cells).sum(axis=(2, 3)).min() >= 2 for p, cells in zip(shown, lit, strict=True))
+    assert all(((p.codeword != WORDS) & cells).sum(axis=(2, 3)).min() >= 2 for p, cells in zip(shown, lit, strict=True))
 
 
 def test_a_hidden_strip_takes_up_to_12_percent_of_each_decoy() -> None:
@@ -297,7 +297,7 @@ def test_a_near_word_at_a_short_exposure_is_no_word() -> None:
     *_, frame = photographed(take, take.scene, 10)
     decoded = Pipeline(sensor_info(take.scene.sensor, 1.0), PANELS, intrinsics=None, stream=False).decode(frame)
     assert decoded.markers == ()
-    assert [why.stage for why in decoded.rejected].count("soft") >= 3, "they are found, and weighed"
+    assert [why.stage for why in decoded.rejected].count("identify") >= 3, "they are found, and weighed"
 
 
 def test_two_cells_that_a_second_look_found_to_be_as_it_believed() -> None:
@@ -309,14 +309,14 @@ def test_two_cells_that_a_second_look_found_to_be_as_it_believed() -> None:
     trace, take = Trace(), draw_take(replace(condition(distance_m=2.0), exposure_us=150.0), ALL_EXIST, 1, 61)
     frame, lens = first_frame(take), take.scene.sensor.intrinsics
     pipeline = Pipeline(sensor_info(take.scene.sensor, 1.0), ALL_EXIST, intrinsics=lens, stream=False)
-    assert [marker.sighting.id for marker in pipeline.decode(frame, trace).markers] == [22]
+    assert [marker.detection.id for marker in pipeline.decode(frame, trace).markers] == [22]
     dictionary = load_dictionary("DICT_4X4_50")
     book = Codebook.build(list(range(50)), dictionary, PANELS.spec())
-    other = dictionary.word(22).copy()
+    other = dictionary.codeword(22).copy()
     other.reshape(-1)[[7, 10]] ^= True  # row by row
     book.white[book.ids == 22] = [np.rot90(other, -turns).reshape(-1) for turns in range(4)]
-    (look,) = (look for look in trace.looks if isinstance(look.reading, Reading))
-    assert isinstance(read_word(look.samples, frame, book), Rejected)
+    (look,) = (look for look in trace.squares if isinstance(look.reading, Reading))
+    assert isinstance(read_codeword(look.samples, frame, book), Rejected)
 
 
 @pytest.mark.parametrize(
@@ -356,7 +356,7 @@ def test_what_is_no_panel_of_words_is_no_word(case: str, number: int, seed: int,
     take = take_of(decoys_of(case, 10_000.0), number=number, seed=seed)
     decoded = alone(take, seq)
     assert decoded.markers == ()
-    assert any(why.stage == "soft" for why in decoded.rejected), "it is found, and weighed"
+    assert any(why.stage == "identify" for why in decoded.rejected), "it is found, and weighed"
 
 
 @pytest.mark.parametrize(
@@ -391,7 +391,7 @@ def test_what_a_first_look_leaves_open_a_second_one_reads(
     take = draw_take(condition("beyond", distance_m=distance_m), ALL_EXIST, seed, number)
     sensor = take.scene.sensor
     decoded = Pipeline(sensor_info(sensor, 1.0), ALL_EXIST, intrinsics=sensor.intrinsics, stream=False)
-    assert [marker.sighting.id for marker in decoded.decode(first_frame(take)).markers] == [marker_id]
+    assert [marker.detection.id for marker in decoded.decode(first_frame(take)).markers] == [marker_id]
 
 
 @pytest.mark.parametrize(

@@ -106,9 +106,9 @@ def test_of_real_frames_the_id_alone_is_known() -> None:
 
 def test_why_a_panel_was_missed() -> None:
     """The candidate at its place tells; those elsewhere do not."""
-    here = Dropped(corners_px=SQUARE + 4.0, why=Rejected(stage="soft", reason="no_bands"))
+    here = Dropped(corners_px=SQUARE + 4.0, why=Rejected(stage="identify", reason="no_bands"))
     elsewhere = Dropped(corners_px=SQUARE + 90.0, why=Rejected(stage="fit", reason="misfit"))
-    assert tally_of(read(dropped=(elsewhere, here)), PANEL_7).missed == {"soft.no_bands": 1}
+    assert tally_of(read(dropped=(elsewhere, here)), PANEL_7).missed == {"identify.no_bands": 1}
     assert tally_of(read(dropped=(elsewhere,)), PANEL_7).missed == {NOTHING_THERE: 1}
 
 
@@ -132,7 +132,7 @@ def row(tally: Tally) -> TableRow:
         exposure_us=150.0,
         transfer="srgb",
         any_roll=True,
-        method="soft",
+        method="likelihood",
     )
 
 

@@ -1,4 +1,4 @@
-"""The suite `wild`: everything drawn at once, from a seed; beside it who is told the true corners, and prints."""
+"""The suite `wild`: everything drawn at once, from a seed; beside it a reader given the true corners, and prints."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from ledpi.recording.reader import load_recording
 from ledpi.simulate.truth import scene_truth
 from ledpi.tools.evaluate.bound import Bound, bound_of
 from ledpi.tools.evaluate.draw import Take
-from ledpi.tools.evaluate.told import read_told
+from ledpi.tools.evaluate.oracle import read_with_oracle
 from ledpi.tools.evaluate.units import photographed
 from ledpi.tools.evaluate.wild import draw_wild
 from ledpi.tools.evaluate.wild_rows import CAMERA_SPANS, TAKE_SPANS, TAKES_A_CAMERA, WILD, Span, drawn
@@ -97,8 +97,8 @@ def test_few_takes_cover_every_range() -> None:
 
 def test_a_spans_ends_and_middles() -> None:
     """Halfway up in value, or in doublings."""
-    assert [Span(1.0, 4.0).at(share) for share in (0.0, 0.5)] == [1.0, 2.5]
-    assert [Span(1.0, 4.0, log=True).at(share) for share in (0.0, 0.5, 1.0)] == pytest.approx([1.0, 2.0, 4.0])
+    assert [Span(1.0, 4.0).quantile(share) for share in (0.0, 0.5)] == [1.0, 2.5]
+    assert [Span(1.0, 4.0, log=True).quantile(share) for share in (0.0, 0.5, 1.0)] == pytest.approx([1.0, 2.0, 4.0])
 
 
 def test_a_later_take_does_not_depend_on_how_many_there_are() -> None:
@@ -129,11 +129,11 @@ def depth(take: Take) -> float:
 def test_everything_varies_at_once(takes: dict[str, list[Take]]) -> None:
     """Of the takes of a row a good part has each of what panels, rooms and cameras may be."""
     scenes = [take.scene for take in takes["near"]]
-    looks = [scene.panels[0].look for scene in scenes]
+    looks = [scene.panels[0].appearance for scene in scenes]
     shares = {
-        "deep walls": np.mean([look.depth > 0 for look in looks]),
-        "several LEDs": np.mean([look.leds > 1 for look in looks]),
-        "cells of one size": np.mean([look.equal_cells for look in looks]),
+        "deep walls": np.mean([appearance.depth > 0 for appearance in looks]),
+        "several LEDs": np.mean([appearance.leds > 1 for appearance in looks]),
+        "cells of one size": np.mean([appearance.equal_cells for appearance in looks]),
         "a glossy floor": np.mean([scene.floor is not None for scene in scenes]),
         "something bright around": np.mean([any(light.level > 0 for light in scene.lights) for scene in scenes]),
         "linear tone": np.mean([scene.sensor.transfer == "linear" for scene in scenes]),
@@ -155,16 +155,16 @@ def test_a_glossy_floor_lies_below_camera_and_panel(takes: dict[str, list[Take]]
 
 def test_who_is_told_the_corners_reads_the_panel(takes: dict[str, list[Take]]) -> None:
     """A single frame by itself, a stream by all frames until then; other corners, or none that fit, tell nothing."""
-    take = next(t for t in takes["mid"] if t.scene.panels[0].look.gap < 0.05 and t.peak_level > 0.5)
+    take = next(t for t in takes["mid"] if t.scene.panels[0].appearance.gap < 0.05 and t.peak_level > 0.5)
     lens, spec = take.scene.sensor.intrinsics, PANELS.spec()
     corners_px = scene_truth(take.scene, 0)[0].corners_px
     views = [(frame, corners_px) for frame in frames_of(take, 4)]
     shown = take.scene.panels[0].marker_id
-    assert read_told(views, lens, "DICT_4X4_50", spec)[-1] == shown
+    assert read_with_oracle(views, lens, "DICT_4X4_50", spec)[-1] == shown
     beside = [(frame, corners_px + 70.0) for frame, corners_px in views]
-    assert read_told(beside, lens, "DICT_4X4_50", spec) == [None] * 4
+    assert read_with_oracle(beside, lens, "DICT_4X4_50", spec) == [None] * 4
     turned = [(frame, np.roll(corners_px, 1, axis=0)) for frame, corners_px in views]
-    assert read_told(turned, lens, "DICT_4X4_50", spec) == [None] * 4
+    assert read_with_oracle(turned, lens, "DICT_4X4_50", spec) == [None] * 4
 
 
 def test_takes_are_kept_as_recordings_with_truth(kept: Path) -> None:
@@ -187,9 +187,9 @@ def test_takes_are_kept_as_recordings_with_truth(kept: Path) -> None:
 def test_the_bound_on_recordings_counts_what_is_judged(kept: Path, tmp_path: Path) -> None:
     """Frames alone, or all but the first of each take; without truth there is none."""
     near, mid = load_recording(kept / "near00"), load_recording(kept / "mid00")
-    assert bound_of(near, single=True).shown == 4
+    assert bound_of(near, single=True).total == 4
     late = bound_of(mid, single=False, skip=3)
-    assert late.shown == 4 * 2
+    assert late.total == 4 * 2
     assert late.read >= 6
     assert late.wrong == 0
     with pytest.raises(RecordingError, match=r"has no truth\.jsonl"):
@@ -203,17 +203,17 @@ def test_an_id_that_is_not_there_is_wrong(kept: Path) -> None:
     others = {seq: (replace(markers[0], id=(markers[0].id + 1) % 50),) for seq, markers in near.truth.items()}
     right, wrong = bound_of(near, single=True), bound_of(replace(near, truth=others), single=True)
     assert right.read >= 3
-    assert wrong == Bound(read=0, wrong=right.read, shown=4)
+    assert wrong == Bound(read=0, wrong=right.read, total=4)
 
 
 def test_a_short_run_tells_all_three(tmp_path: Path) -> None:
-    """Two takes a row: ledpi, who is told the true corners, and the print, in the frames that the row judges."""
+    """Two takes a row: ledpi, a reader given the true corners, and the print, in the frames that the row judges."""
     out = run("--suite", "wild", "--frames", "2", "--out", str(tmp_path / "out"), "--workers", "1")
     lines = [line.split() for line in out.splitlines() if line.startswith("wild,")]
     assert {line[1].rstrip(",") for line in lines} == set(WILD)
     assert len(lines) == 3 * len(WILD)
     page = (tmp_path / "out" / "evaluation.md").read_text(encoding="utf-8")
-    assert "|  | ledpi | told the true corners | printed ArUco, OpenCV |" in page
+    assert "|  | ledpi | true corners given | printed ArUco, OpenCV |" in page
     assert "ledpi evaluate --out DIR --suite wild --frames 2 --seed 1\n" in page
     table = (tmp_path / "out" / "results.csv").read_text(encoding="utf-8").splitlines()
     columns = table[0].split(",")
@@ -225,8 +225,11 @@ def test_a_short_run_tells_all_three(tmp_path: Path) -> None:
     ("arguments", "message"),
     [
         (("--suite", "paper", "--keep", "x"), "--keep: writes the takes of --suite wild, and of no other"),
-        (("--suite", "wild", "--method", "soft"), "--method soft: is not for the suite wild, which has ledpi, told, "),
-        (("--suite", "paper", "--method", "told"), "--method told: is not for the suite paper"),
+        (
+            ("--suite", "wild", "--method", "likelihood"),
+            "--method likelihood: is not for the suite wild, which has ledpi, oracle, ",
+        ),
+        (("--suite", "paper", "--method", "oracle"), "--method oracle: is not for the suite paper"),
         (("--suite", "wild", "--case", "windy"), "--case windy: wild has only: near, oblique, mid, far, short"),
         (("--suite", "wild", "--take", "1", "--case", "near"), "--take: --suite wild writes its takes with --keep DIR"),
         (("--suite", "wild", "--distance", "2"), "--distance: the suite wild draws its own"),

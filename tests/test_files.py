@@ -106,7 +106,7 @@ def test_what_is_no_yaml_is_one_line(tmp_path: Path, text: str) -> None:
         read_yaml(file, ConfigError)
 
 
-def test_where_the_yaml_breaks_is_told_by_its_line(tmp_path: Path) -> None:
+def test_where_the_yaml_breaks_the_line_is_named(tmp_path: Path) -> None:
     """A tab, which looks as right as blanks do."""
     file = tmp_path / "x.yaml"
     file.write_text("a: 1\nb:\n\tc: 2\n")

@@ -12,8 +12,8 @@ from ledpi.core.geometry import (
     box,
     corners_apart,
     distort,
-    in_square,
     matrix_from_quaternion,
+    project_to_quad,
     quaternion_from_matrix,
     rotation_angle_deg,
     undistort,
@@ -152,13 +152,13 @@ def test_undistort_reaches_the_pictures_corners() -> None:
 def test_the_middle_of_a_square_is_where_its_diagonals_cross() -> None:
     """Of a trapezium with sides of 4 and 2, 3 high, that is two thirds of the way from the longer to the shorter."""
     corners = np.array([[1.0, 0.0], [3.0, 0.0], [4.0, 3.0], [0.0, 3.0]])
-    assert in_square(corners, np.array([[0.5, 0.5]])) == pytest.approx(np.array([[2.0, 1.0]]))
+    assert project_to_quad(corners, np.array([[0.5, 0.5]])) == pytest.approx(np.array([[2.0, 1.0]]))
 
 
 def test_the_corners_of_a_square_are_where_they_are_seen() -> None:
     """Clockwise from the top left, as a box's are."""
     corners = np.array([[10.0, 20.0], [90.0, 35.0], [80.0, 95.0], [15.0, 70.0]])
-    assert in_square(corners, box(0, 0, 1, 1)) == pytest.approx(corners)
+    assert project_to_quad(corners, box(0, 0, 1, 1)) == pytest.approx(corners)
 
 
 def test_corners_are_apart_by_the_one_that_is_furthest_from_all_others() -> None:

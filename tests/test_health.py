@@ -10,7 +10,7 @@ from wire_material import marker_pose
 from ledpi.core.records import Decoded, MarkerPose, Rejected
 from ledpi.runtime.health import RECENT, Health, StageTimes
 
-NO_BANDS = Rejected(stage="soft", reason="no_bands")
+NO_BANDS = Rejected(stage="identify", reason="no_bands")
 TRUNCATED = Rejected(stage="capture", reason="truncated")
 
 
@@ -24,7 +24,7 @@ def frame(
         markers=markers,
         robot=None,
         rejected=(NO_BANDS,) * rejected,
-        stage_ms={"find": find_ms, "soft": soft_ms},
+        stage_ms={"find": find_ms, "identify": soft_ms},
     )
 
 
@@ -55,7 +55,7 @@ def test_rejections_are_counted_by_stage_and_reason() -> None:
     health.reject(TRUNCATED)
     health.add(frame(rejected=1))
     health.reject(TRUNCATED)
-    assert health.snapshot().rejected == {"soft.no_bands": 3, "capture.truncated": 2}
+    assert health.snapshot().rejected == {"identify.no_bands": 3, "capture.truncated": 2}
     assert health.snapshot().decoded == 2
 
 
@@ -73,7 +73,7 @@ def test_stages_have_times_of_their_own() -> None:
     for find_ms, soft_ms in ((1.0, 9.0), (3.0, 7.0), (2.0, 8.0)):
         health.add(frame(find_ms=find_ms, soft_ms=soft_ms))
     times = health.times()
-    assert list(times.stages_ms.items()) == [("find", (2.0, 3.0)), ("soft", (8.0, 9.0))]
+    assert list(times.stages_ms.items()) == [("find", (2.0, 3.0)), ("identify", (8.0, 9.0))]
     assert times.decode_ms == (10.0, 10.0)
 
 
@@ -94,7 +94,7 @@ def test_a_snapshot_stays_as_it_was() -> None:
     health.add(frame(rejected=1))
     before = health.snapshot()
     health.add(frame(rejected=1))
-    assert before.rejected == {"soft.no_bands": 1}
+    assert before.rejected == {"identify.no_bands": 1}
     assert before.decoded == 1
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from ledpi.core.errors import InstallationError
-from ledpi.kernels.library import NONE, at, check, lib
+from ledpi.kernels.library import NONE, check, lib, pointer
 
 ROOT = Path(__file__).resolve().parents[1]
 FOLDER = ROOT / "ledpi/kernels"
@@ -57,7 +57,7 @@ def test_arrays_are_handed_over_by_their_type() -> None:
     """One of another type, or with gaps, is refused before C sees it."""
     numbers = np.zeros(4)
     with pytest.raises(TypeError, match="float"):
-        lib.ledpi_waves(at(numbers), 4, 0.1, 0.0, at(numbers), at(numbers))
+        lib.ledpi_waves(pointer(numbers), 4, 0.1, 0.0, pointer(numbers), pointer(numbers))
     with pytest.raises(ValueError, match="contiguous"):
-        at(numbers[::2])
-    assert at(None) == NONE
+        pointer(numbers[::2])
+    assert pointer(None) == NONE

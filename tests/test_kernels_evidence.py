@@ -15,15 +15,15 @@ from samples_material import samples_of
 from ledpi.core.records import Frame, PanelSpec, Rejected
 from ledpi.core.shutter import square_wave_bands
 from ledpi.decode.cells import CellSamples
-from ledpi.decode.evidence.believed import Believed, believed_bands
+from ledpi.decode.evidence.band_estimate import BandEstimate, estimate_bands
 from ledpi.decode.evidence.classes import band_shares
 from ledpi.decode.evidence.comparison import Mean, compared_evidence
 from ledpi.decode.evidence.evidence import UNFIT, Evidence
 from ledpi.decode.evidence.single_frame import single_evidence, weighed
 from ledpi.decode.evidence.waves import class_waves, square_waves
-from ledpi.decode.identify import words
+from ledpi.decode.identify import codewords
 from ledpi.decode.identify.codebook import Codebook
-from ledpi.decode.identify.first_look import first_look
+from ledpi.decode.identify.first_pass import first_pass
 from ledpi.markers.dictionaries import load_dictionary
 
 ANTIPHASE = dataclasses.replace(SPEC, white_hz=SPEC.black_hz, phase="antiphase")
@@ -49,23 +49,23 @@ def with_holes(samples: CellSamples) -> CellSamples:
     return dataclasses.replace(samples, valid=valid, light=samples.light * valid)
 
 
-def believed_of(samples: CellSamples, frame: Frame, spec: PanelSpec = SPEC) -> Believed:
+def believed_of(samples: CellSamples, frame: Frame, spec: PanelSpec = SPEC) -> BandEstimate:
     bands = np.array([0.5, 0.1, 0.3, -0.2][: 2 * len(spec.waves_hz)])
-    return believed_bands(samples, frame, spec, word(7).ravel(), bands)
+    return estimate_bands(samples, frame, spec, word(7).ravel(), bands)
 
 
 def assert_alike(
     samples: CellSamples,
     frame: Frame,
-    believed: Believed | None = None,
+    estimate: BandEstimate | None = None,
     spec: PanelSpec = SPEC,
     noise_within: float = 1e-2,
 ) -> None:
     """But for the noise, by which all is weighed: that is what is left of the light, the small rest of large sums."""
-    waves = class_waves(samples, frame, spec) if believed is None else believed.waves
-    evidence = weighed(samples, waves, believed)
+    waves = class_waves(samples, frame, spec) if estimate is None else estimate.waves
+    evidence = weighed(samples, waves, estimate)
     assert evidence is not None
-    score, information = reference.single_frame_evidence(samples, waves, believed)
+    score, information = reference.single_frame_evidence(samples, waves, estimate)
     weight = float(np.einsum("cici->", evidence.information)) / float(np.trace(information))
     assert weight == pytest.approx(1.0, abs=noise_within)
     for mine, theirs in ((evidence.score, score), (evidence.information, information)):
@@ -162,21 +162,23 @@ def test_the_likeliest_words(spec: PanelSpec) -> None:
     white = Codebook.build(list(range(50)), load_dictionary("DICT_4X4_50"), spec).white
     likelihood, bands, covariance = word_log_likelihoods(evidence, white)
     order = np.argsort(-likelihood)
-    fit, best = words.likeliest(evidence, white), order[0]
-    assert fit.words[:4] == order[:4].tolist()  # they are put on the list by what each cell tells by itself
-    assert len(fit.words) == words.SHORTLIST
-    np.testing.assert_allclose(fit.likelihood, likelihood[fit.words], rtol=1e-6)
+    fit, best = codewords.rank_codewords(evidence, white), order[0]
+    assert fit.codewords[:4] == order[:4].tolist()  # they are put on the list by what each cell tells by itself
+    assert len(fit.codewords) == codewords.SHORTLIST
+    np.testing.assert_allclose(fit.likelihood, likelihood[fit.codewords], rtol=1e-6)
     assert fit.likelihood == sorted(fit.likelihood, reverse=True)
     np.testing.assert_allclose(fit.bands, bands[best], rtol=1e-6)
     np.testing.assert_allclose(fit.deviation, np.sqrt(np.diagonal(covariance[best])), rtol=1e-6)
-    np.testing.assert_allclose(fit.shown, band_shares(white[best].astype(np.float64), bands.shape[1]) * bands[best])
+    np.testing.assert_allclose(
+        fit.cell_bands, band_shares(white[best].astype(np.float64), bands.shape[1]) * bands[best]
+    )
     others = np.stack([1 - white[best], np.zeros(16), np.ones(16)])
     negative, *of_one = word_log_likelihoods(evidence, others)[0]
-    assert (fit.negative, fit.one_class) == pytest.approx((negative, max(of_one)), rel=1e-6)
+    assert (fit.negative, fit.single_class) == pytest.approx((negative, max(of_one)), rel=1e-6)
     size = evidence.score.size
     information, score = evidence.information.reshape(size, size), evidence.score.reshape(size)
     assert fit.of_cells == pytest.approx(0.5 * score @ np.linalg.solve(information, score), rel=1e-2)
-    assert fit.silent is None
+    assert fit.erased is None
 
 
 def test_what_a_cell_gains_by_the_other_class() -> None:
@@ -184,40 +186,42 @@ def test_what_a_cell_gains_by_the_other_class() -> None:
     samples, frame = seen(60.0)
     evidence = single_evidence(samples, frame, SPEC)
     assert isinstance(evidence, Evidence)
-    fit = words.likeliest(evidence, Codebook.build([7], load_dictionary("DICT_4X4_50"), SPEC).white)
+    fit = codewords.rank_codewords(evidence, Codebook.build([7], load_dictionary("DICT_4X4_50"), SPEC).white)
 
     def log_likelihood(shown: np.ndarray) -> float:
         return float((evidence.score * shown).sum() - 0.5 * np.einsum("ci,cidj,dj", shown, evidence.information, shown))
 
     def changed(cell: int, bands: np.ndarray) -> np.ndarray:
-        return np.where(np.arange(16)[:, None] == cell, bands, fit.shown)
+        return np.where(np.arange(16)[:, None] == cell, bands, fit.cell_bands)
 
-    own = log_likelihood(fit.shown)
-    others = [changed(cell, fit.bands - fit.shown[cell]) for cell in range(16)]
+    own = log_likelihood(fit.cell_bands)
+    others = [changed(cell, fit.bands - fit.cell_bands[cell]) for cell in range(16)]
     gain = [log_likelihood(shown) - own for shown in others]
     np.testing.assert_allclose(fit.gain, gain, rtol=1e-6)
-    np.testing.assert_allclose(words.gain_by_other_class(evidence, fit.shown), gain, rtol=1e-6)
+    np.testing.assert_allclose(codewords.class_flip_gain(evidence, fit.cell_bands), gain, rtol=1e-6)
     blinks = np.array([own - log_likelihood(changed(cell, np.zeros(4))) for cell in range(16)]).reshape(4, 4)
     weakest = min(blinks.sum(axis=0).min(), blinks.sum(axis=1).min())
-    assert (fit.weakest_row, words.weakest_row(evidence, fit.shown)) == pytest.approx((weakest, weakest), rel=1e-6)
+    weakest_row = codewords.weakest_row(evidence, fit.cell_bands)
+    assert (fit.weakest_row, weakest_row) == pytest.approx((weakest, weakest), rel=1e-6)
 
 
-@pytest.mark.parametrize("told", [10.0, 0.01], ids=["surely", "hardly"])
-def test_words_beside_silent_cells(told: float) -> None:
-    """Which cells are silent, and the patterns of the others: of likelihoods too small for a number, too."""
+@pytest.mark.parametrize("scale", [10.0, 0.01], ids=["surely", "hardly"])
+def test_codewords_beside_erased_cells(scale: float) -> None:
+    """Which cells are erased, and the patterns of the others: of likelihoods too small for a number, too."""
     samples, frame = seen(200.0)
     whole = single_evidence(samples, frame, SPEC)
     assert isinstance(whole, Evidence)
-    score, information = told * whole.score, told * whole.information
+    score, information = scale * whole.score, scale * whole.information
     for cell in (3, 9):
         score[cell] = information[cell] = information[:, :, cell] = 0.0
     evidence = whole._replace(score=score, information=information)
-    fit = words.likeliest(evidence, Codebook.build(list(range(50)), load_dictionary("DICT_4X4_50"), SPEC).white)
-    assert fit.silent is not None
-    assert np.flatnonzero(fit.silent).tolist() == [3, 9]
+    book = Codebook.build(list(range(50)), load_dictionary("DICT_4X4_50"), SPEC)
+    fit = codewords.rank_codewords(evidence, book.white)
+    assert fit.erased is not None
+    assert np.flatnonzero(fit.erased).tolist() == [3, 9]
     gain = [own for cell, own in enumerate(fit.gain) if cell not in (3, 9)]
     # One cell or more, and two or more, of independent ones: the product of 1 + ratio, less the first terms.
-    if told < 1:
+    if scale < 1:
         ratios = np.exp(gain)
         all_of = np.prod(1 + ratios)
         assert fit.beyond == pytest.approx(np.log([all_of - 1, all_of - 1 - ratios.sum()]), rel=1e-6)
@@ -244,16 +248,16 @@ def test_a_first_look_at_once(what: str) -> None:
         "unlit": darkened(samples, slice(None)),
     }.get(what, samples)
     book = Codebook.build(list(range(50)), load_dictionary("DICT_4X4_50"), spec)
-    looked, steps = first_look(given, frame, spec, book.white), single_evidence(given, frame, spec)
+    looked, steps = first_pass(given, frame, spec, book.white), single_evidence(given, frame, spec)
     assert not isinstance(looked, Rejected)
     assert isinstance(steps, Evidence)
-    (evidence, fit), true_fit = looked, words.likeliest(steps, book.white)
+    (evidence, fit), true_fit = looked, codewords.rank_codewords(steps, book.white)
     atol = 1e-5 * float(np.abs(steps.information).max())
     np.testing.assert_allclose(evidence.information, steps.information, atol=atol)
-    assert evidence.left == pytest.approx(steps.left, rel=1e-5)
-    assert fit.words[0] == true_fit.words[0]
+    assert evidence.residual == pytest.approx(steps.residual, rel=1e-5)
+    assert fit.codewords[0] == true_fit.codewords[0]
     assert fit.likelihood[0] == pytest.approx(true_fit.likelihood[0], rel=1e-4)
-    assert (fit.silent is None) == (true_fit.silent is None) == (what != "unlit")
+    assert (fit.erased is None) == (true_fit.erased is None) == (what != "unlit")
 
 
 def test_light_that_is_no_number_is_looked_at_in_vain() -> None:
@@ -262,7 +266,7 @@ def test_light_that_is_no_number_is_looked_at_in_vain() -> None:
     light = samples.light.copy()
     light[3, 4] = np.nan
     white = Codebook.build([7], load_dictionary("DICT_4X4_50"), SPEC).white
-    assert first_look(dataclasses.replace(samples, light=light), frame, SPEC, white) == UNFIT
+    assert first_pass(dataclasses.replace(samples, light=light), frame, SPEC, white) == UNFIT
 
 
 def test_a_short_list_of_words() -> None:
@@ -271,4 +275,4 @@ def test_a_short_list_of_words() -> None:
     evidence = single_evidence(samples, frame, SPEC)
     assert isinstance(evidence, Evidence)
     book = Codebook.build([7], load_dictionary("DICT_4X4_50"), SPEC)
-    assert sorted(words.likeliest(evidence, book.white).words) == [0, 1, 2, 3]
+    assert sorted(codewords.rank_codewords(evidence, book.white).codewords) == [0, 1, 2, 3]

@@ -18,7 +18,7 @@ PURE = [
     "ledpi.decode.",
     "ledpi.pose.",
     "ledpi.kernels.",
-    "ledpi.markers.words",
+    "ledpi.markers.codewords",
     "ledpi.core.shutter",
     "ledpi.core.geometry",
     "ledpi.core.records",

@@ -32,7 +32,7 @@ EXPOSURES_US = [SHORT_US, 300.0, 640.0, 2000.0, TRUE_10_MS_US]
 
 
 def located(frame: Frame, near: Floats, lens: Intrinsics | None = None, cells: int = 4) -> Quad:
-    found = Locator(cells, (SPEC,), lens).at(frame, near)
+    found = Locator(cells, (SPEC,), lens).localise(frame, near)
     assert isinstance(found, Quad), reason(found)
     return found
 
@@ -196,7 +196,7 @@ def test_a_panel_that_the_lens_bends_is_followed() -> None:
     assert without.bend_px == 0.0
 
 
-def test_noise_makes_the_corners_less_sure() -> None:
+def test_noise_increases_the_corners_deviation() -> None:
     """The stated deviation grows as the light falls to a twentieth."""
     true = square(310.4, 240.2, 80, 7)
     stated = []
@@ -290,7 +290,7 @@ def test_the_frequencies_that_explain_most_are_taken() -> None:
     canvas = Canvas(exposure_us=300.0)
     canvas.panel(true, word(7))
     for specs in ((SPEC, other), (other, SPEC)):
-        found = Locator(4, specs, None).at(canvas.frame(), true + 0.5)
+        found = Locator(4, specs, None).localise(canvas.frame(), true + 0.5)
         assert isinstance(found, Quad)
         assert rms(error_of(found, true)) < 0.1
 
@@ -304,19 +304,19 @@ def test_a_steady_lamp_is_refused_in_deep_bands(exposure_us: float) -> None:
     true = square(310, 240, 100, 10)
     canvas = Canvas(exposure_us=exposure_us)
     canvas.lamp(true)
-    assert reason(Locator(4, (SPEC,), None).at(canvas.frame(), true)) == "fit.no_bands"
+    assert reason(Locator(4, (SPEC,), None).localise(canvas.frame(), true)) == "fit.no_bands"
 
 
 def test_an_even_wall_is_refused() -> None:
     """Where nothing is, noise is not taken for a panel."""
-    assert isinstance(Locator(4, (SPEC,), None).at(Canvas().frame(), square(310, 240, 75)), Rejected)
+    assert isinstance(Locator(4, (SPEC,), None).localise(Canvas().frame(), square(310, 240, 75)), Rejected)
 
 
 def test_a_square_too_small_is_refused() -> None:
     """Seven pixels a side, of cells that are less than two."""
     canvas = Canvas()
     canvas.panel(square(310, 240, 7), word(7), profile=flat)
-    assert reason(Locator(4, (SPEC,), None).at(canvas.frame(), square(310, 240, 7))) == "fit.too_small"
+    assert reason(Locator(4, (SPEC,), None).localise(canvas.frame(), square(310, 240, 7))) == "fit.too_small"
 
 
 @pytest.mark.parametrize(
@@ -335,8 +335,8 @@ def test_corners_that_are_none_are_refused_in_silence(rough: Floats) -> None:
     canvas.panel(square(300, 200, 60), word(7))
     locator, known = Locator(4, (SPEC,), None), located(canvas.frame(), square(300, 200, 60)).unknown
     assert known is not None
-    assert isinstance(locator.at(canvas.frame(), rough), Rejected)
-    assert isinstance(locator.near(canvas.frame(), rough, known), Rejected)
+    assert isinstance(locator.localise(canvas.frame(), rough), Rejected)
+    assert isinstance(locator.refine(canvas.frame(), rough, known), Rejected)
 
 
 def test_a_panel_near_the_pictures_border_is_located_in_what_is_seen_of_it() -> None:
@@ -357,12 +357,12 @@ def test_what_was_spent_is_counted() -> None:
     canvas.panel(true, word(7))
     one, two = Locator(4, (SPEC,), None), Locator(4, (SPEC, other), None)
     assert one.spent == 0
-    found = one.at(canvas.frame(), true)
+    found = one.localise(canvas.frame(), true)
     proposed = one.spent
     assert isinstance(found, Quad)
     assert found.unknown is not None
-    one.near(canvas.frame(), true, found.unknown)
+    one.refine(canvas.frame(), true, found.unknown)
     followed = one.spent - proposed
-    two.near(canvas.frame(), true, found.unknown)
+    two.refine(canvas.frame(), true, found.unknown)
     assert 0 < followed < proposed
     assert two.spent > 1.3 * followed

@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
+from ledpi.markers.codewords import Bits, Dictionary, corners_of_turned
 from ledpi.markers.dictionaries import dictionary_names, load_dictionary
-from ledpi.markers.words import Bits, Dictionary, corners_of_turned
 
 
 def drawn(text: str) -> Bits:
@@ -25,12 +25,12 @@ SEVEN_TURNED_CLOCKWISE = [
 
 def test_id_7_upright() -> None:
     """ID 7 of DICT_4X4_50 has the bits that the design writes down."""
-    np.testing.assert_array_equal(load_dictionary("DICT_4X4_50").word(7), drawn(SEVEN))
+    np.testing.assert_array_equal(load_dictionary("DICT_4X4_50").codeword(7), drawn(SEVEN))
 
 
 def test_id_7_turned() -> None:
     """Quarter turns clockwise: the left column, read upward, becomes the top row."""
-    turned = load_dictionary("DICT_4X4_50").turned_words()[7]
+    turned = load_dictionary("DICT_4X4_50").rotated_codewords()[7]
     for quarter_turns, text in enumerate([SEVEN, *SEVEN_TURNED_CLOCKWISE]):
         np.testing.assert_array_equal(turned[quarter_turns], drawn(text), err_msg=f"turns: {quarter_turns}")
 
@@ -42,7 +42,7 @@ def test_a_word_of_halves_is_what_half_a_panel_shows() -> None:
     one_off[3, 0] = True
     two_off[3, :2] = (True, False)
     far = drawn("1010 / 0101 / 1010 / 0100")
-    words = Dictionary(name="words", words=np.stack([halves.T, one_off, two_off, far]))
+    words = Dictionary(name="words", codewords=np.stack([halves.T, one_off, two_off, far]))
     assert words.correctable_cells() == 0
     assert words.part_like_ids() == (0,)
     assert load_dictionary("DICT_4X4_50").part_like_ids() == (3, 17, 22, 30, 33, 37)
@@ -69,7 +69,7 @@ def test_turning_is_opencvs(quarter_turns: int) -> None:
     as_seen = np.array([[20.0, 20], [139, 20], [139, 139], [20, 139]])
 
     assert ids.ravel().tolist() == [7]
-    np.testing.assert_array_equal(load_dictionary("DICT_4X4_50").turned_words()[7, quarter_turns], cells)
+    np.testing.assert_array_equal(load_dictionary("DICT_4X4_50").rotated_codewords()[7, quarter_turns], cells)
     np.testing.assert_allclose(corners_of_turned(as_seen, quarter_turns), corners[0][0], rtol=0, atol=1)
 
 
@@ -77,7 +77,7 @@ def test_turning_is_opencvs(quarter_turns: int) -> None:
 def test_a_dictionary_has_its_words(name: str, ids: int, side: int) -> None:
     """Number of IDs and of cells are what the name says."""
     dictionary = load_dictionary(name)
-    assert dictionary.words.shape == (ids, side, side)
+    assert dictionary.codewords.shape == (ids, side, side)
     assert dictionary.cells_per_side == side
 
 
@@ -88,7 +88,7 @@ def test_every_name_loads() -> None:
     assert not any("APRILTAG" in name or "ORIGINAL" in name for name in names)
     for name in names:
         side = int(name[5])
-        assert load_dictionary(name).words.shape[1:] == (side, side)
+        assert load_dictionary(name).codewords.shape[1:] == (side, side)
 
 
 def test_an_unknown_dictionary_names_the_known() -> None:
@@ -101,18 +101,18 @@ def test_an_unknown_dictionary_names_the_known() -> None:
 def test_an_unknown_id_names_the_range(marker_id: int) -> None:
     """An ID that the dictionary has not is an error, also where Python would count from the end."""
     with pytest.raises(ValueError, match=f"IDs 0 to 49, not {marker_id}"):
-        load_dictionary("DICT_4X4_50").word(marker_id)
+        load_dictionary("DICT_4X4_50").codeword(marker_id)
 
 
 def test_words_cannot_be_changed() -> None:
     """The words are shared, so they are read-only."""
     with pytest.raises(ValueError, match="read-only"):
-        load_dictionary("DICT_4X4_50").word(7)[0, 0] = False
+        load_dictionary("DICT_4X4_50").codeword(7)[0, 0] = False
 
 
 def test_distances_in_antiphase_by_hand() -> None:
     """Of 2 × 2 cells: 1110 is one cell from the negative of 0000, and two from each of its own other turns."""
-    small = Dictionary(name="small", words=np.array([[[1, 1], [1, 0]], [[0, 0], [0, 0]]], bool))
+    small = Dictionary(name="small", codewords=np.array([[[1, 1], [1, 0]], [[0, 0], [0, 0]]], bool))
     assert small.distances("free")[0].tolist() == [4, 2, 2, 2, 3, 3, 3, 3]
     assert small.distances("antiphase")[0].tolist() == [4, 2, 2, 2, 1, 1, 1, 1]
 
@@ -120,7 +120,7 @@ def test_distances_in_antiphase_by_hand() -> None:
 def test_7_and_the_negative_of_2_differ_in_two_cells() -> None:
     """Written down: 1100/0100/1111/0010 is shown by 7, and by 2 half a cycle later but for its second row."""
     dictionary = load_dictionary("DICT_4X4_50")
-    np.testing.assert_array_equal(~dictionary.word(2), drawn("1100 / 1100 / 1101 / 0010"))
+    np.testing.assert_array_equal(~dictionary.codeword(2), drawn("1100 / 1100 / 1101 / 0010"))
     assert dictionary.distances("antiphase")[7, 4 * 2] == 2
     assert (dictionary.correctable_cells(), dictionary.correctable_cells("antiphase")) == (1, 0)
 
@@ -137,13 +137,13 @@ def test_a_word_that_is_anothers_negative_cannot_be_used_in_antiphase() -> None:
 
 def test_a_word_that_is_its_own_negative_turned_cannot_be_used_in_antiphase() -> None:
     """Half white, half black: turned by 180° it is its negative, so how it hangs could not be told."""
-    half = Dictionary(name="half", words=np.array([[[1, 1], [0, 0]], [[1, 1], [1, 0]]], bool))
+    half = Dictionary(name="half", codewords=np.array([[[1, 1], [0, 0]], [[1, 1], [1, 0]]], bool))
     assert half.readable_ids("antiphase") == (1,)
 
 
 def test_a_mirror_shows_another_pattern_but_of_few_words() -> None:
     """Those that docs/troubleshooting.md warns of; no other word is the mirror image of one, either."""
-    words = load_dictionary("DICT_4X4_50").words
+    words = load_dictionary("DICT_4X4_50").codewords
     own = [(i, j) for i, mirrored in enumerate(words[:, :, ::-1]) for j in range(50) if _are_one(mirrored, words[j])]
     assert own == [(8, 8), (9, 9), (17, 17), (47, 47)]
 

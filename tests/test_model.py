@@ -211,7 +211,7 @@ def test_a_lens_bends_the_whole_picture() -> None:
     canvas = Canvas()
     canvas.panel(straight, word(7), lens=LENS)
     true, frame = seen_through(LENS, straight), canvas.frame()
-    window = Window.around(frame, true, 0.1)
+    window = Window.crop(frame, true, 0.1)
     assert window is not None
     with_lens, without = (Fitter(4, lens).fit(frame, window, true + 1.0, SPEC, WHOLE) for lens in (LENS, None))
     assert isinstance(with_lens, Fitted)
@@ -235,7 +235,7 @@ def test_a_window_is_linear_light() -> None:
     """A pixel of sRGB's 188 is half as bright as one of 255; where the window begins, its first pixel lies."""
     canvas = Canvas(background=0.5)
     canvas.lamp(square(300, 200, 60), 0.9)
-    window = Window.around(canvas.frame(None), square(300, 200, 60), 0.1)
+    window = Window.crop(canvas.frame(None), square(300, 200, 60), 0.1)
     assert window is not None
     assert window.first == (261.0, 161.0)
     assert window.shrink == 1
@@ -247,7 +247,7 @@ def test_a_near_panel_is_averaged_down() -> None:
     """Of 300 px, by four; the first pixel's centre is the mean of the sixteen that it is of."""
     canvas = Canvas()
     canvas.panel(square(320, 240, 300), word(7))
-    window = Window.around(canvas.frame(), square(320, 240, 300), 0.1)
+    window = Window.crop(canvas.frame(), square(320, 240, 300), 0.1)
     assert window is not None
     assert window.shrink == 4
     assert window.first == (137 + 1.5, 57 + 1.5)
@@ -255,6 +255,6 @@ def test_a_near_panel_is_averaged_down() -> None:
 
 def test_where_nothing_is_brighter_there_is_no_window() -> None:
     """In the dark, on an even wall, and beyond the picture."""
-    assert Window.around(Canvas(background=0.0).frame(None), square(300, 200, 60), 0.1) is None
-    assert Window.around(Canvas(background=0.3).frame(None), square(300, 200, 60), 0.1) is None
-    assert Window.around(Canvas().frame(None), square(2000, 200, 60), 0.1) is None
+    assert Window.crop(Canvas(background=0.0).frame(None), square(300, 200, 60), 0.1) is None
+    assert Window.crop(Canvas(background=0.3).frame(None), square(300, 200, 60), 0.1) is None
+    assert Window.crop(Canvas().frame(None), square(2000, 200, 60), 0.1) is None

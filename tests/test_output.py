@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ledpi.core.records import Decoded, Floats, MarkerPose, PlanarSolution, Pose, Rejected, RobotFix, Sighting
+from ledpi.core.records import Decoded, Detection, Floats, MarkerPose, PlanarSolution, Pose, Rejected, RobotFix
 from ledpi.pipeline.output import decoded_as_json
 
 FRAME_KEYS = ["recording", "seq", "sensor_timestamp_ns", "decode_ms", "markers", "robot", "rejected"]
@@ -38,7 +38,7 @@ def marker(
     solution: PlanarSolution | None = None, alternate: PlanarSolution | None = None, margin: float = 14.25
 ) -> MarkerPose:
     return MarkerPose(
-        sighting=Sighting(id=7, corners_px=CORNERS, covariance_px2=0.01 * np.eye(8), margin=margin, frames_used=4),
+        detection=Detection(id=7, corners_px=CORNERS, covariance_px2=0.01 * np.eye(8), margin=margin, frames_used=4),
         mid_exposure_ns=0,
         solution=solution,
         alternate=alternate,
@@ -135,9 +135,9 @@ def test_a_robots_fix_has_the_documented_keys() -> None:
 
 def test_rejections_are_counted_by_stage_and_reason() -> None:
     """In alphabetic order, so that two runs can be compared line by line."""
-    small, bands = Rejected(stage="find", reason="too_small"), Rejected(stage="soft", reason="no_bands")
+    small, bands = Rejected(stage="find", reason="too_small"), Rejected(stage="identify", reason="no_bands")
     frame = printed(rejected=(bands, small, small))
-    assert list(frame["rejected"].items()) == [("find.too_small", 2), ("soft.no_bands", 1)]
+    assert list(frame["rejected"].items()) == [("find.too_small", 2), ("identify.no_bands", 1)]
 
 
 @pytest.mark.parametrize(("value", "shown"), [(14.123456, 14.12), (703.5, 703.5), (-2.0, -2.0)])

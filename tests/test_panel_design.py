@@ -18,7 +18,7 @@ from ledpi.core.records import Quad
 from ledpi.decode.cells import CellSamples, sample_cells
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.evidence.single_frame import single_evidence
-from ledpi.decode.identify import soft
+from ledpi.decode.identify import decision
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.markers.dictionaries import load_dictionary
 from ledpi.simulate.render import Renderer
@@ -34,10 +34,10 @@ from ledpi.tools.panel.design import (
     auto_rows,
     best_antiphase,
     candidate_pairs,
+    choose_period,
     proposal_at,
     ranked,
     views_of,
-    with_best_period,
 )
 from ledpi.tools.panel.design_plots import contrast_figure, reach_figure
 from ledpi.tools.panel.frequencies import NULL_SHARE, Flicker, null_share, worthwhile_frequencies
@@ -116,7 +116,7 @@ def even_evidence(each: float, depth: float) -> Evidence:
     information = np.zeros((16, 4, 16, 4))
     for cell in range(16):
         information[cell, :, cell, :] = each * np.eye(4)
-    return Evidence(score=np.zeros((16, 4)), information=information, prior=np.full(4, depth**2 / 2), left=0.0)
+    return Evidence(score=np.zeros((16, 4)), information=information, prior=np.full(4, depth**2 / 2), residual=0.0)
 
 
 @pytest.mark.parametrize(
@@ -172,9 +172,11 @@ def test_information_foretells_likelihood_ratios(near: View) -> None:
     """
     asked = task(1.4)
     spec = asked.spec(1250.0, 2450.0)
-    word = DICTIONARY.word(7)
+    word = DICTIONARY.codeword(7)
     lens = replace(ov5647_lens(), distortion=(0.0, 0.0, 0.0, 0.0, 0.0))
-    panel = Panel(word=word, spec=spec, motion=Still(facing_camera(np.array([0, 0, 1.4]), roll_deg=2.0)), marker_id=7)
+    panel = Panel(
+        codeword=word, spec=spec, motion=Still(facing_camera(np.array([0, 0, 1.4]), roll_deg=2.0)), marker_id=7
+    )
     scene = Scene(sensor=replace(asked.sensor, intrinsics=lens), panels=(panel,), room=Room(distance_m=2.0))
     renderer, corners = Renderer(scene, seed=5), scene_truth(scene, 0)[0].corners_px
     white = word.reshape(1, 16).astype(np.float32)
@@ -202,7 +204,7 @@ def test_enough_information_is_enough() -> None:
     codebook = Codebook.build(list(range(50)), DICTIONARY, spec)
     for share, expected in ((1.0, (0.965, 1.0)), (0.1, (0.0, 0.1))):
         known = even_evidence(share * ENOUGH_NATS / depth**2, depth)
-        chance = chance_of_reading(known, codebook, (depth, depth), soft.FALSE_ID_RATE, draws=200)
+        chance = chance_of_reading(known, codebook, (depth, depth), decision.FALSE_ID_RATE, draws=200)
         assert expected[0] <= chance <= expected[1]
 
 
@@ -223,10 +225,10 @@ def test_the_best_never_tell_less_than_the_present_pair() -> None:
     views = views_of(asked)
     present = proposal_at(asked, 1250.0, 2450.0, 504, views)
     best = ranked(asked, present, views)
-    assert best[0].never_tells_less_than(present)
+    assert best[0].is_never_worse_than(present)
     assert sum(best[0].worth()) >= sum(present.worth())
     assert {(p.black_hz, p.white_hz) for p in best} == set(candidate_pairs(asked))
-    flags = [p.never_tells_less_than(present) for p in best]
+    flags = [p.is_never_worse_than(present) for p in best]
     assert flags == sorted(flags, reverse=True)
 
 
@@ -235,7 +237,7 @@ def test_a_proposal_always_moves() -> None:
     asked = task(1.0, exposure_us=4 * OV5647_ROW_TIME_US)
     views = views_of(asked)
     for pair in ((1250.0, 2313.48), (1457.99, 2313.48)):
-        proposal = with_best_period(asked, *pair, views)
+        proposal = choose_period(asked, *pair, views)
         assert asked.least_advance(*pair, proposal.frame_length_rows) >= 1 / 6
         assert auto_rows(asked, pair) / 1.1 <= proposal.frame_length_rows <= auto_rows(asked, pair)
 
@@ -244,8 +246,8 @@ def test_more_than_enough_counts_as_enough() -> None:
     """Near by every pair is read; what it tells beyond does not outweigh what another tells far away."""
     near_by = Proposal(black_hz=1, white_hz=2, frame_length_rows=504, alone=(9000.0, 5.0), stream=(9000.0, 10.0))
     far_away = replace(near_by, alone=(900.0, 6.0), stream=(900.0, 12.0))
-    assert far_away.never_tells_less_than(near_by)
-    assert not near_by.never_tells_less_than(far_away)
+    assert far_away.is_never_worse_than(near_by)
+    assert not near_by.is_never_worse_than(far_away)
 
 
 def test_1000_and_2000_hz_sit_on_nulls_at_10_ms() -> None:
@@ -322,7 +324,7 @@ def test_what_is_certain_is_not_drawn() -> None:
     codebook = Codebook.build(list(range(50)), DICTIONARY, spec)
     for nats, chance in ((3 * ENOUGH_NATS, 1.0), (ENOUGH_NATS / 20, 0.0)):
         known = even_evidence(nats / 0.05**2, 0.05)
-        assert chance_of_reading(known, codebook, (0.05, 0.05), soft.FALSE_ID_RATE, draws=100) == chance
+        assert chance_of_reading(known, codebook, (0.05, 0.05), decision.FALSE_ID_RATE, draws=100) == chance
 
 
 def test_periods_in_a_cell() -> None:
@@ -394,7 +396,7 @@ def test_antiphase_is_read_where_two_frequencies_are_not() -> None:
 def test_what_tells_antiphase_classes_apart_is_twice_the_bands() -> None:
     """Of isotropic information i and depth a: D = i·(2a)²/2, at any phase."""
     known = Evidence(
-        score=np.zeros((2, 2)), information=1000 * np.eye(4).reshape(2, 2, 2, 2), prior=np.ones(2), left=0.0
+        score=np.zeros((2, 2)), information=1000 * np.eye(4).reshape(2, 2, 2, 2), prior=np.ones(2), residual=0.0
     )
     assert separation_nats(known, (0.05, 0.05)) == pytest.approx(0.5 * 1000 * 0.1**2)
 

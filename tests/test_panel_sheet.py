@@ -45,7 +45,7 @@ def circuit(supply_v: float = 12.0, leds: int | None = None, current_a: float = 
 
 
 def body(side_mm: float = 160.0, leds: int = 3) -> Body:
-    return Body(word=load_dictionary("DICT_4X4_50").word(7), side_mm=side_mm, leds=leds)
+    return Body(codeword=load_dictionary("DICT_4X4_50").codeword(7), side_mm=side_mm, leds=leds)
 
 
 @cache

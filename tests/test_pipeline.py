@@ -63,7 +63,7 @@ def lit_frame(corners: Floats, seq: int) -> Frame:
 
 
 def ids(decoded: Decoded) -> list[int]:
-    return sorted(marker.sighting.id for marker in decoded.markers)
+    return sorted(marker.detection.id for marker in decoded.markers)
 
 
 def ids_of(path: Pipeline, frames: Iterable[Frame]) -> list[list[int]]:
@@ -81,9 +81,9 @@ def keys(decoded: Decoded) -> list[str]:
 def test_corners_are_the_markers_own(quarter_turns: int) -> None:
     """The first is the marker's top left, as its ID is drawn, whichever way up the panel hangs."""
     (marker,) = pipeline().decode(frame_of((NEAR, word(7, quarter_turns)))).markers
-    assert marker.sighting.id == 7
+    assert marker.detection.id == 7
     expected = np.roll(NEAR, -quarter_turns, axis=0)
-    np.testing.assert_allclose(marker.sighting.corners_px, expected, atol=0.3)
+    np.testing.assert_allclose(marker.detection.corners_px, expected, atol=0.3)
 
 
 def test_the_pose_is_camera_from_marker() -> None:
@@ -110,7 +110,7 @@ def test_the_frames_own_values_are_passed_on() -> None:
     frame = dataclasses.replace(frame_of((NEAR, word(7)), seq=5), host_offset_ns=123)
     decoded = pipeline().decode(frame)
     assert (decoded.seq, decoded.row0_readout_ns, decoded.host_offset_ns) == (5, frame.row0_readout_ns, 123)
-    assert list(decoded.stage_ms) == ["find", "fit", "cells", "soft", "pose"]
+    assert list(decoded.stage_ms) == ["find", "fit", "cells", "identify", "pose"]
     assert all(milliseconds > 0 for milliseconds in decoded.stage_ms.values())
     assert decoded.robot is None
 
@@ -132,7 +132,7 @@ def test_a_frames_own_exposure_counts(exposure_us: float) -> None:
 def test_an_uncalibrated_camera_gives_ids_without_poses() -> None:
     """Without intrinsics nothing is known of where the panel is."""
     (marker,) = pipeline(lens=None).decode(frame_of((NEAR, word(7)))).markers
-    assert marker.sighting.id == 7
+    assert marker.detection.id == 7
     assert marker.solution is None
     assert marker.alternate is None
 
@@ -181,7 +181,7 @@ def test_what_was_dropped_is_counted_by_stage_and_reason() -> None:
     canvas.panel(square(20, 400, 80), word(7))
     decoded = pipeline().decode(canvas.frame())
     assert decoded.markers == ()
-    assert "soft.no_bands" in keys(decoded)
+    assert "identify.no_bands" in keys(decoded)
     assert "find.at_picture_border" in keys(decoded)
 
 
@@ -202,7 +202,7 @@ def test_one_id_in_two_places_is_in_neither() -> None:
     twice = [(square(150, 150, 90), word(7)), (square(450, 150, 110), word(7, 1))]
     decoded = pipeline().decode(frame_of(*twice, (square(300, 350, 90), word(23))))
     assert ids(decoded) == [23]
-    assert keys(decoded).count("identify.same_id_twice") == 2
+    assert keys(decoded).count("suppression.same_id") == 2
 
 
 def touched_frame(corners: Floats, seq: int = 0, sheet: float = 0.3) -> Frame:
@@ -218,8 +218,8 @@ def touched_frame(corners: Floats, seq: int = 0, sheet: float = 0.3) -> Frame:
 def test_what_touches_a_panel_does_not_hide_it() -> None:
     """Its outline melts into that; its cells are where they are. It may seem to reach a hundredth further."""
     (marker,) = pipeline().decode(touched_frame(NEAR)).markers
-    assert marker.sighting.id == 7
-    np.testing.assert_allclose(marker.sighting.corners_px, NEAR, atol=1.0)
+    assert marker.detection.id == 7
+    np.testing.assert_allclose(marker.detection.corners_px, NEAR, atol=1.0)
 
 
 @pytest.mark.parametrize(("wide", "light"), [(0.04, 0.6), (0.1, 0.2)])
@@ -231,7 +231,7 @@ def test_what_is_found_first_around_a_panel_and_cannot_be_read_does_not_hide_it(
     canvas.panel(panel, word(7))
     decoded = pipeline().decode(canvas.frame())
     assert ids(decoded) == [7]
-    np.testing.assert_allclose(decoded.markers[0].sighting.corners_px, panel, atol=0.5)
+    np.testing.assert_allclose(decoded.markers[0].detection.corners_px, panel, atol=0.5)
 
 
 @pytest.mark.parametrize("sheet", [0.15, 0.25, 0.35])
@@ -240,8 +240,8 @@ def test_nor_does_it_where_the_panel_fills_half_the_picture(turn_deg: float, she
     """At 0.45 m. The middles of its cells are bright squares by themselves, and cells beside it are out of sight."""
     near = square(280.3, 200.6, 232, turn_deg)
     (marker,) = pipeline().decode(touched_frame(near, sheet=sheet)).markers
-    assert marker.sighting.id == 7
-    np.testing.assert_allclose(marker.sighting.corners_px, near, atol=1.0)
+    assert marker.detection.id == 7
+    np.testing.assert_allclose(marker.detection.corners_px, near, atol=1.0)
 
 
 def test_a_panel_that_is_touched_is_found_within_three_frames() -> None:
@@ -258,7 +258,7 @@ def test_an_override_by_id_changes_that_panels_size() -> None:
     frame = frame_of((square(200, 200, 90), word(7)), (square(400, 250, 90), word(23)))
 
     def distances(path: Pipeline) -> dict[int, float]:
-        found = {m.sighting.id: m.solution for m in path.decode(frame).markers}
+        found = {m.detection.id: m.solution for m in path.decode(frame).markers}
         return {i: float(s.camera_from_marker.position_m[2]) for i, s in found.items() if s is not None}
 
     plain, larger = distances(pipeline()), distances(pipeline("panels.overrides={7: {side_m: 0.32}}"))
@@ -285,9 +285,9 @@ def test_a_recordings_own_panel_values_override_the_configurations() -> None:
 
     def distance(*overrides: str) -> float:
         settings = panel_settings("panels.side_m=0.1", *overrides)
-        path = Pipeline(camera_info(), settings, intrinsics=PINHOLE, shown=shown, stream=False)
+        path = Pipeline(camera_info(), settings, intrinsics=PINHOLE, source_panel=shown, stream=False)
         (marker,) = path.decode(canvas.frame()).markers
-        assert marker.sighting.id == 7
+        assert marker.detection.id == 7
         assert marker.solution is not None
         return float(marker.solution.camera_from_marker.position_m[2])
 
@@ -297,7 +297,7 @@ def test_a_recordings_own_panel_values_override_the_configurations() -> None:
 
 def test_panels_of_another_dictionary_are_read() -> None:
     """Six cells a side."""
-    words = load_dictionary("DICT_6X6_50").words
+    words = load_dictionary("DICT_6X6_50").codewords
     canvas = Canvas()
     canvas.panel(square(310, 240, 180, 5), words[11], profile=flat)
     assert ids(pipeline("panels.dictionary=DICT_6X6_50").decode(canvas.frame())) == [11]
@@ -308,7 +308,7 @@ def test_values_that_contradict_each_other_are_refused() -> None:
     shown = PanelValues(dictionary="DICT_4X4_50", side_m=0.16, black_hz=1450.0, white_hz=2050.0, duty=0.5)
     settings = panel_settings("panels.overrides={7: {white_hz: 1450}}")
     with pytest.raises(ConfigError, match="own panel, of 1450 and 2050 Hz: black_hz and white_hz must differ"):
-        Pipeline(camera_info(), settings, intrinsics=None, shown=shown)
+        Pipeline(camera_info(), settings, intrinsics=None, source_panel=shown)
 
 
 # ---- A frame alone, and in a stream
@@ -324,9 +324,9 @@ def test_frames_that_stand_alone_leave_nothing_behind() -> None:
         assert ids(one) == ids(other)
         assert keys(one) == keys(other)
         for a, b in zip(one.markers, other.markers, strict=True):
-            np.testing.assert_array_equal(a.sighting.corners_px, b.sighting.corners_px)
-            assert a.sighting.margin == b.sighting.margin
-            assert a.sighting.frames_used == b.sighting.frames_used == 1
+            np.testing.assert_array_equal(a.detection.corners_px, b.detection.corners_px)
+            assert a.detection.margin == b.detection.margin
+            assert a.detection.frames_used == b.detection.frames_used == 1
 
 
 def test_in_a_stream_frames_add_up() -> None:
@@ -336,7 +336,7 @@ def test_in_a_stream_frames_add_up() -> None:
     path = pipeline(stream=True)
     decoded = [path.decode(frame) for frame in frames]
     assert [ids(d) for d in decoded[4:]] == [[7]] * 8
-    last, before = decoded[11].markers[0].sighting, decoded[5].markers[0].sighting
+    last, before = decoded[11].markers[0].detection, decoded[5].markers[0].detection
     assert last.margin > before.margin
     assert last.frames_used > before.frames_used > 1
 
@@ -408,7 +408,7 @@ def test_corners_are_always_the_frames_own() -> None:
     for n in range(8):
         corners = square(200.4 + 6 * n, 240.3 + 2 * n, 90, 4)
         (marker,) = path.decode(frame_of((corners, word(7)), seq=n)).markers
-        np.testing.assert_allclose(marker.sighting.corners_px, corners, atol=0.3)
+        np.testing.assert_allclose(marker.detection.corners_px, corners, atol=0.3)
 
 
 def test_a_panel_that_is_gone_is_not_reported() -> None:
@@ -499,7 +499,7 @@ def test_a_newcomer_is_found_within_three_frames(appears: int) -> None:
 def test_a_followed_panel_does_not_wait_for_the_search() -> None:
     """It is handed out before the picture is searched, a newcomer after that; each once, with the fix as it is then."""
     one, other = (NEAR, word(7)), (square(500, 150, 90), word(23))
-    places = {m.sighting.id: m.solution for m in pipeline().decode(frame_of(one, other)).markers}
+    places = {m.detection.id: m.solution for m in pipeline().decode(frame_of(one, other)).markers}
     panels = {
         marker_id: MapPanel(
             map_from_marker=transform(
@@ -515,7 +515,7 @@ def test_a_followed_panel_does_not_wait_for_the_search() -> None:
     said = []
     for n in range(8):
         news: list[Decoded] = []
-        decoded = path.decode(frame_of(one, *[other] * (n >= 4), seq=n), at_once=news.append)
+        decoded = path.decode(frame_of(one, *[other] * (n >= 4), seq=n), on_partial=news.append)
         said.append([(ids(part), part.stage_ms["find"] > 0, part.robot and part.robot.panels_used) for part in news])
         assert sorted(i for part in news for i in ids(part)) == ids(decoded)
         assert (decoded.robot and decoded.robot.panels_used) == said[-1][-1][2]
@@ -530,7 +530,7 @@ def test_what_was_handed_out_is_taken_back_where_a_newcomer_denies_it() -> None:
     said = []
     for n in range(8):
         news: list[Decoded] = []
-        decoded = path.decode(frame_of(one, *[other] * (n >= 4), seq=n), at_once=news.append)
+        decoded = path.decode(frame_of(one, *[other] * (n >= 4), seq=n), on_partial=news.append)
         said.append(([i for part in news for i in ids(part)], ids(decoded)))
     assert said == [([7], [7])] * 6 + [([7], []), ([], [])]
 
@@ -549,7 +549,7 @@ def test_nothing_survives_a_jump_in_time() -> None:
     """The next take of a recording begins anew: its first frame is as if it were the first of all."""
     path = pipeline(stream=True)
     take = [frame_of((NEAR, word(7)), seq=n) for n in (*range(5), *range(40, 43))]
-    used = [path.decode(frame).markers[0].sighting.frames_used for frame in take]
+    used = [path.decode(frame).markers[0].detection.frames_used for frame in take]
     assert used == [1, 2, 3, 4, 5, 1, 2, 3]
 
 
@@ -559,7 +559,7 @@ def test_two_panels_that_pass_each_other_keep_their_ids() -> None:
     for n in range(16):
         one, other = square(200 + 9 * n, 170, 80), square(340 - 9 * n, 275, 85)
         decoded = path.decode(frame_of((one, word(7)), (other, word(23)), seq=n))
-        found = {m.sighting.id: m.sighting.corners_px.mean(axis=0) for m in decoded.markers}
+        found = {m.detection.id: m.detection.corners_px.mean(axis=0) for m in decoded.markers}
         np.testing.assert_allclose(found[7], one.mean(axis=0), atol=0.5)
         np.testing.assert_allclose(found[23], other.mean(axis=0), atol=0.5)
 
@@ -585,13 +585,13 @@ def scene_path(scene: Scene, *, stream: bool) -> Pipeline:
 
 
 def simulated_panel(marker_id: int, place: tuple[float, float, float], **turn: float) -> Panel:
-    bits = load_dictionary("DICT_4X4_50").word(marker_id)
+    bits = load_dictionary("DICT_4X4_50").codeword(marker_id)
     motion = Still(facing_camera(np.array(place), **turn))
-    return Panel(word=bits, spec=SPEC, motion=motion, marker_id=marker_id)
+    return Panel(codeword=bits, spec=SPEC, motion=motion, marker_id=marker_id)
 
 
 def test_a_drive_past_two_panels_is_read_without_a_wrong_id() -> None:
-    """The robot swings past 7 and 23 on its way towards them: nine of ten sightings, and each where it is."""
+    """The robot swings past 7 and 23 on its way towards them: nine of ten detections, and each where it is."""
     scene = drive_scene(sensor(), {7: SPEC, 23: SPEC}, "DICT_4X4_50")
     camera = SimulatedCamera(scene, seed=4, paced=False, frames=150)
     path = scene_path(scene, stream=True)
@@ -600,8 +600,8 @@ def test_a_drive_past_two_panels_is_read_without_a_wrong_id() -> None:
         truth = {t.id: t for t in camera.truth(frame.seq) if not t.optional}
         expected += len(truth)
         for marker in path.decode(frame).markers:
-            true = truth[marker.sighting.id]
-            np.testing.assert_allclose(marker.sighting.corners_px, true.corners_px, atol=2.0)
+            true = truth[marker.detection.id]
+            np.testing.assert_allclose(marker.detection.corners_px, true.corners_px, atol=2.0)
             seen += 1
     assert expected > 200
     assert seen > 0.9 * expected
@@ -610,15 +610,15 @@ def test_a_drive_past_two_panels_is_read_without_a_wrong_id() -> None:
 def test_a_moving_panels_pose_is_that_of_its_centre_rows_moment() -> None:
     """0.5 m/s sideways at 1 m: 5 px a frame, 3 px within the exposure, 1 px from the panel's first row to its last."""
     start = facing_camera(np.array([-0.05, 0.0, 1.0]), yaw_deg=20)
-    bits = load_dictionary("DICT_4X4_50").word(7)
+    bits = load_dictionary("DICT_4X4_50").codeword(7)
     motion = Gliding(start=start, velocity_m_s=np.array([0.5, 0.0, 0.0]), start_s=1.0)
-    scene = Scene(sensor=sensor(), panels=(Panel(word=bits, spec=SPEC, motion=motion, marker_id=7),))
+    scene = Scene(sensor=sensor(), panels=(Panel(codeword=bits, spec=SPEC, motion=motion, marker_id=7),))
     camera = SimulatedCamera(scene, seed=1, paced=False, frames=10)
     path = scene_path(scene, stream=True)
     errors = []
     for frame in scene_frames(camera):
         for marker in path.decode(frame).markers:
-            assert marker.sighting.id == 7
+            assert marker.detection.id == 7
             assert marker.solution is not None
             (true,) = camera.truth(frame.seq)
             off = marker.solution.camera_from_marker.position_m - true.camera_from_marker.position_m
@@ -654,7 +654,7 @@ def test_decoys_are_never_reported() -> None:
         ),
     )  # fmt: skip
     dead = Panel(
-        word=drawn("1111/1111/1111/1111"), spec=dataclasses.replace(SPEC, black_hz=90.0, white_hz=40_000.0),
+        codeword=drawn("1111/1111/1111/1111"), spec=dataclasses.replace(SPEC, black_hz=90.0, white_hz=40_000.0),
         motion=at(0.4, 0.1), marker_id=None,
     )  # fmt: skip
     scene = Scene(sensor=sensor(), panels=(dead,), lights=lights, room=Room(level=0.06))
@@ -697,7 +697,7 @@ def test_two_simulated_panels_near_and_far_are_placed() -> None:
         for marker in path.decode(frame).markers:
             assert marker.solution is not None
             position = marker.solution.camera_from_marker.position_m
-            true = np.array(places[marker.sighting.id])
+            true = np.array(places[marker.detection.id])
             assert np.linalg.norm(position - true) < 0.01 * np.linalg.norm(true)
             count += 1
     assert count >= 10
@@ -722,5 +722,5 @@ def test_what_touches_a_panel_that_was_read_does_not_hide_it() -> None:
     assert ids_of(path, [frame_of((NEAR, word(7)), seq=seq) for seq in range(2)]) == [[7]] * 2
     for seq in range(2, 8):
         (marker,) = path.decode(touched_frame(NEAR, seq)).markers
-        assert marker.sighting.id == 7
-        np.testing.assert_allclose(marker.sighting.corners_px, NEAR, atol=1.0)
+        assert marker.detection.id == 7
+        np.testing.assert_allclose(marker.detection.corners_px, NEAR, atol=1.0)

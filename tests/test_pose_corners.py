@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ledpi.pose.corners import FLOOR_PX, centre_px, independent, seen_at_row, whiteners
+from ledpi.pose.corners import FLOOR_PX, centre_px, corners_at_row, independent, whiteners
 
 UPRIGHT = np.array([[100.0, 50], [180, 50], [180, 130], [100, 130]])
 
@@ -20,13 +20,13 @@ def test_the_centre_is_where_the_diagonals_cross() -> None:
 def test_corners_are_brought_to_one_rows_time() -> None:
     """At 300 px/s to the right and 40 µs a row, the corners 40 rows above the middle are 0.48 px behind."""
     velocity = np.tile([300.0, 0.0], (4, 1))
-    moved = seen_at_row(UPRIGHT, velocity, 90.0, 40.0)
+    moved = corners_at_row(UPRIGHT, velocity, 90.0, 40.0)
     np.testing.assert_allclose(moved - UPRIGHT, [[0.48, 0], [0.48, 0], [-0.48, 0], [-0.48, 0]])
 
 
 def test_without_a_velocity_corners_stay() -> None:
-    """A first sighting."""
-    assert seen_at_row(UPRIGHT, None, 90.0, 40.0) is UPRIGHT
+    """A first detection."""
+    assert corners_at_row(UPRIGHT, None, 90.0, 40.0) is UPRIGHT
 
 
 def test_errors_are_made_independent() -> None:

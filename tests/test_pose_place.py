@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ledpi.core.geometry import rotation_angle_deg
-from ledpi.core.records import Frame, MarkerPose, PanelSpec, PlanarSolution, Rejected, Sighting
+from ledpi.core.records import Detection, Frame, MarkerPose, PanelSpec, PlanarSolution, Rejected
 from ledpi.pose.corners import independent
 from ledpi.pose.fix import Robot
 from ledpi.pose.place import Placer
@@ -33,7 +33,7 @@ def scene(velocity_m_s: tuple[float, float, float], turn_rad_s: float = 0.0) -> 
         start_s=1.0,
     )
     place = Still(facing_camera(np.array([0.05, 0.0, 0.8]), yaw_deg=35))
-    panel = Panel(word=np.zeros((4, 4), bool), spec=SPEC, motion=place, marker_id=7)
+    panel = Panel(codeword=np.zeros((4, 4), bool), spec=SPEC, motion=place, marker_id=7)
     return Scene(sensor=SENSOR, panels=(panel,), camera_motion=motion)
 
 
@@ -48,10 +48,10 @@ def frame(seq: int) -> Frame:
     )
 
 
-def sighting(now: TruthMarker, before: TruthMarker | None = None) -> Sighting:
+def detection(now: TruthMarker, before: TruthMarker | None = None) -> Detection:
     """Exact corners, each where its own row's time sees it, and the velocity since the frame before."""
     velocity = None if before is None else (now.corners_px - before.corners_px) / PERIOD_S
-    return Sighting(
+    return Detection(
         id=7,
         corners_px=now.corners_px,
         covariance_px2=independent(0.05),
@@ -61,7 +61,7 @@ def sighting(now: TruthMarker, before: TruthMarker | None = None) -> Sighting:
     )
 
 
-def placed(placer: Placer, seq: int, seen: Sighting) -> tuple[MarkerPose, PlanarSolution]:
+def placed(placer: Placer, seq: int, seen: Detection) -> tuple[MarkerPose, PlanarSolution]:
     (marker,) = placer.place(frame(seq), [seen])
     assert isinstance(marker, MarkerPose)
     assert marker.solution is not None
@@ -78,23 +78,23 @@ def test_a_moving_robots_pose_is_as_exact_as_a_resting_ones(velocity: tuple[floa
     ((before,), (now,)) = (scene_truth(built, seq) for seq in (0, 1))
     true = now.camera_from_marker
 
-    def errors(seen: Sighting) -> tuple[float, float]:
+    def errors(seen: Detection) -> tuple[float, float]:
         pose = placed(Placer(SENSOR.intrinsics, {7: 0.16}, stream=True), 1, seen)[1].camera_from_marker
         return float(np.linalg.norm(pose.position_m - true.position_m)), rotation_angle_deg(
             pose.quaternion_wxyz, true.quaternion_wxyz
         )
 
-    position_m, angle_deg = errors(sighting(now, before))
+    position_m, angle_deg = errors(detection(now, before))
     assert position_m < 0.5e-3
     assert angle_deg < 0.2
-    assert errors(sighting(now))[1] > 4 * angle_deg
+    assert errors(detection(now))[1] > 4 * angle_deg
 
 
 def test_the_time_is_the_centre_rows() -> None:
     """Row 0 is mid-exposed half an exposure before its read-out, the centre's row so many row times later."""
     ((now,),) = [scene_truth(scene((0, 0, 0)), 1)]
     placer = Placer(SENSOR.intrinsics, {7: 0.16}, stream=True)
-    marker, solution = placed(placer, 1, sighting(now))
+    marker, solution = placed(placer, 1, detection(now))
     _, y, z = solution.camera_from_marker.position_m
     row = SENSOR.intrinsics.fy * y / z + SENSOR.intrinsics.cy
     expected_us = SENSOR.row0_readout_ns(1) / 1e3 - SENSOR.exposure_us / 2 + row * 33.67
@@ -107,7 +107,7 @@ def test_alone_a_frame_has_no_past() -> None:
     place = Still(facing_camera(np.array([0, 0, 4.0]), yaw_deg=20))
     far = replace(still, panels=(replace(still.panels[0], motion=place),))
     ((now,),) = [scene_truth(far, 1)]
-    seen = sighting(now)
+    seen = detection(now)
     mirrored = replace(seen, corners_px=seen.corners_px * [-1, 1] + [2 * lens.cx, 0])
     mirrored = replace(mirrored, corners_px=mirrored.corners_px[[1, 0, 3, 2]])
     turned = {}
@@ -124,10 +124,10 @@ def test_alone_a_frame_has_no_past() -> None:
 
 
 def test_each_sighting_gets_its_answer() -> None:
-    """A pose, or the reason that there is none, in the order of the sightings."""
+    """A pose, or the reason that there is none, in the order of the detections."""
     ((now,),) = [scene_truth(scene((0, 0, 0)), 1)]
-    kite = replace(sighting(now), id=8, corners_px=np.array([[300.0, 200], [340, 180], [420, 260], [310, 240]]))
-    answers = Placer(SENSOR.intrinsics, {7: 0.16, 8: 0.16}, stream=True).place(frame(1), [kite, sighting(now)])
+    kite = replace(detection(now), id=8, corners_px=np.array([[300.0, 200], [340, 180], [420, 260], [310, 240]]))
+    answers = Placer(SENSOR.intrinsics, {7: 0.16, 8: 0.16}, stream=True).place(frame(1), [kite, detection(now)])
     assert isinstance(answers[0], Rejected)
     assert isinstance(answers[1], MarkerPose)
 
@@ -149,7 +149,7 @@ def test_panels_that_hang_upright_are_told_from_their_mirror_images() -> None:
     for upright in (False, True):
         robot = Robot(base_link_from_camera=base_link_from_camera, panels_upright=upright)
         placer = Placer(SENSOR.intrinsics, {7: 0.16}, stream=True, robot=robot)
-        answers.append(placed(placer, 1, replace(sighting(now), covariance_px2=independent(0.5))))
+        answers.append(placed(placer, 1, replace(detection(now), covariance_px2=independent(0.5))))
     (unknown, _), (known, solution) = answers
     assert unknown.alternate is not None
     assert known.alternate is None

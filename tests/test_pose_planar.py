@@ -221,7 +221,7 @@ def test_an_error_of_the_size_is_one_of_the_distance() -> None:
     np.testing.assert_allclose(np.diag(covariances[1])[:2], np.diag(covariances[0])[:2], rtol=0.01)
 
 
-def test_corners_that_no_pose_explains_make_it_less_sure() -> None:
+def test_corners_that_no_pose_explains_inflate_the_covariance() -> None:
     """Seen by a moving camera, of which a frame alone knows nothing: sheared by 3 px, and the distance is off."""
     corners = pixels(marker_corners(), FACING, np.array([0.0, 0.0, 0.6]), PINHOLE)
     corners[:, 0] += 3.0 * (corners[:, 1] - corners[:, 1].mean()) / np.ptp(corners[:, 1])

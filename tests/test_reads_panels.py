@@ -48,13 +48,13 @@ def read(frame: Frame, lens: Intrinsics = PINHOLE) -> Decoded:
 
 
 def ids(decoded: Decoded) -> list[int]:
-    return [marker.sighting.id for marker in decoded.markers]
+    return [marker.detection.id for marker in decoded.markers]
 
 
 def farthest_px(decoded: Decoded, true: Floats) -> float:
     """Of the one panel's corners, which are in its own order."""
     (marker,) = decoded.markers
-    return float(np.linalg.norm(marker.sighting.corners_px - true, axis=1).max())
+    return float(np.linalg.norm(marker.detection.corners_px - true, axis=1).max())
 
 
 def painted(
@@ -235,7 +235,7 @@ def test_antiphase_panels_are_read_whichever_class_was_taken_for_black(phase: fl
     dictionary = load_dictionary("DICT_4X4_50")
     for marker_id in (0, 1, 2, 4, 5, 6):
         canvas, phases = Canvas(exposure_us=SHORT_US), (phase, phase + 0.5)
-        canvas.panel(square(310, 240, 80, 20), dictionary.word(marker_id), spec=settings.spec(), phases=phases)
+        canvas.panel(square(310, 240, 80, 20), dictionary.codeword(marker_id), spec=settings.spec(), phases=phases)
         assert ids(path.decode(canvas.frame())) == [marker_id]
 
 

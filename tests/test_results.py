@@ -35,16 +35,16 @@ def row(suite: str, case: str, method: str, exposure_us: float = 10_000.0, **cou
 
 WILD = [
     row("wild", "near", "ledpi"),
-    row("wild", "near", "told", recognised=4),
+    row("wild", "near", "oracle", recognised=4),
     row("wild", "near", "aruco", recognised=2, false_ids=1, false=["take 1, frame 0: ID 9"]),
     row("wild", "far", "ledpi", expected=12, recognised=6, false_ids=1, false=["take 3, frame 4: ID 5 at (1, 2) px"]),
-    row("wild", "far", "told", expected=12, recognised=9),
+    row("wild", "far", "oracle", expected=12, recognised=9),
     row("wild", "far", "aruco", expected=12, recognised=0, corner_px=[]),
 ]
 DECOYS = [
-    row("decoys", "dead_cell", "soft", 150.0, frames=24),
+    row("decoys", "dead_cell", "likelihood", 150.0, frames=24),
     row("decoys", "dead_cell", "stream_all", 150.0, frames=24, false_ids=1, false=["take 0, frame 7: ID 17"]),
-    row("decoys", "lamps", "soft", 150.0, frames=12),
+    row("decoys", "lamps", "likelihood", 150.0, frames=12),
     row("decoys", "lamps", "stream_all", 150.0, frames=12),
 ]
 

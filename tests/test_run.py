@@ -141,7 +141,7 @@ def test_a_line_each_second_says_how_it_goes(drive: Run) -> None:
     assert len(health) >= 2
     assert "port open" in health[-1]
     assert "find" in health[-1]
-    assert "soft" in health[-1]
+    assert "identify" in health[-1]
 
 
 # ---- The port

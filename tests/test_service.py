@@ -157,9 +157,9 @@ def test_progress_within_a_frame_feeds_the_watchdog(
     """Here the first frame ends only once the manager has heard of five pieces of it."""
     fed = threading.Event()
 
-    def endless(pipeline: Pipeline, frame: Frame, at_once: Callable[[Decoded], None]) -> Decoded:
+    def endless(pipeline: Pipeline, frame: Frame, on_partial: Callable[[Decoded], None]) -> Decoded:
         while not fed.wait(0.05):
-            at_once(decoded(seq=frame.seq))
+            on_partial(decoded(seq=frame.seq))
         return decoded(seq=frame.seq)
 
     monkeypatch.setenv("WATCHDOG_USEC", "200000")

@@ -32,17 +32,17 @@ Shared = Callable[[str], Path]
 class Outcome:
     """One or more recordings against their truth."""
 
-    expected: int = 0  # sightings that there should be
+    expected: int = 0  # detections that there should be
     read: int = 0
     wrong: list[tuple[int, int]] = field(default_factory=list)  # frame, and ID of what is not in that place
     corners_px: list[float] = field(default_factory=list)  # rms over the four corners
     position: list[float] = field(default_factory=list)  # error over the distance
 
     def add(self, seq: int, marker: MarkerPose, truth: dict[int, TruthMarker]) -> None:
-        true = truth.get(marker.sighting.id)
+        true = truth.get(marker.detection.id)
         off = math.inf if true is None else float(_rms(marker, true))
         if true is None or off > 0.1 * float(np.ptp(true.corners_px, axis=0).max()):
-            self.wrong.append((seq, marker.sighting.id))
+            self.wrong.append((seq, marker.detection.id))
             return
         self.read += not true.optional
         self.corners_px.append(off)
@@ -57,7 +57,7 @@ class Outcome:
 
 
 def _rms(marker: MarkerPose, true: TruthMarker) -> float:
-    return float(np.sqrt(np.square(marker.sighting.corners_px - true.corners_px).sum(axis=1).mean()))
+    return float(np.sqrt(np.square(marker.detection.corners_px - true.corners_px).sum(axis=1).mean()))
 
 
 @cache
@@ -72,7 +72,7 @@ def outcome(folder: Path, *, stream: bool = False) -> Outcome:
             camera,
             panel_settings(f"panels.ids={list(range(50))}"),  # 3 is among them
             intrinsics=camera.intrinsics,
-            shown=recording.panel_values,
+            source_panel=recording.panel_values,
             stream=stream,
         )
         for entry in recording.frames:
@@ -106,7 +106,7 @@ def test_decoys_are_not_reported(shared: Shared, stream: bool) -> None:
 
 @pytest.mark.parametrize("name", ["drive", "two_panels"])
 def test_streams_are_read(shared: Shared, name: str) -> None:
-    """A robot in motion, and two panels at once: nine sightings of ten, none wrong."""
+    """A robot in motion, and two panels at once: nine detections of ten, none wrong."""
     result = outcome(shared(f"recordings/{name}"), stream=True)
     assert result.share >= 0.9
     assert result.wrong == []

@@ -20,7 +20,7 @@ from ledpi.core.tone import linear_light
 from ledpi.markers.dictionaries import load_dictionary
 from ledpi.simulate.optics import project
 from ledpi.simulate.render import Renderer
-from ledpi.simulate.scene import Panel, PanelLook, Scene, SimulatedSensor
+from ledpi.simulate.scene import Panel, PanelAppearance, Scene, SimulatedSensor
 from ledpi.simulate.trajectory import Still
 
 HARMONICS = (1, 3, 5)  # a square wave of duty 0.5 has odd ones only
@@ -78,11 +78,11 @@ def take(folder: Path) -> Take:
 def rendered_as(original: Take, *, seed: int) -> Take:
     """The same panel, frames and exposure, by our renderer."""
     panel = Panel(
-        word=load_dictionary("DICT_4X4_50").word(original.marker_id),
+        codeword=load_dictionary("DICT_4X4_50").codeword(original.marker_id),
         spec=original.spec,
         motion=Still(original.pose),
         marker_id=original.marker_id,
-        look=PanelLook(bezel=0.0, albedo=0.0),
+        appearance=PanelAppearance(bezel=0.0, albedo=0.0),
     )
     renderer = Renderer(Scene(sensor=original.sensor, panels=(panel,)), seed=seed)
     pictures = np.empty((len(original.times_s), *original.light.shape[1:]), np.uint8)
@@ -99,7 +99,7 @@ def band_depth(seen: Take, white: bool) -> tuple[float, float]:
     In the frames of a still picture row r of a cell shows P(r)·(1 + Σ a_h·cos hθ + b_h·sin hθ), θ = 2πf·t(r, frame),
     with one a and b for all cells of the class. P and the harmonics are fitted in turns.
     """
-    word = load_dictionary("DICT_4X4_50").word(seen.marker_id)
+    word = load_dictionary("DICT_4X4_50").codeword(seen.marker_id)
     frequency = seen.spec.white_hz if white else seen.spec.black_hz
     rows = np.arange(seen.light.shape[1])
     angle = 2 * np.pi * frequency * (seen.times_s[:, None] + rows * seen.sensor.row_time_us * 1e-6)

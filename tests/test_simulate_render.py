@@ -24,7 +24,7 @@ from simulate_material import (
 from ledpi.core.geometry import transform
 from ledpi.core.records import Pixels
 from ledpi.simulate.render import Renderer
-from ledpi.simulate.scene import Light, PanelLook, Ripple, Room, Scene, SquareWave
+from ledpi.simulate.scene import Light, PanelAppearance, Ripple, Room, Scene, SquareWave
 from ledpi.simulate.trajectory import Gliding, Still, facing_camera
 
 EXPOSURE_S = 9967e-6
@@ -191,12 +191,18 @@ def test_a_panel_shows_its_word_upright() -> None:
 
 def test_cells_have_walls_hot_spots_and_gains() -> None:
     """Between cells it is dark, in their middle brightest, and a gain scales its own cell."""
-    look = PanelLook(gap=0.1, bezel=0.2, falloff=0.3, hot_spot=0.3, hot_spot_sigma=0.15, albedo=0.0)
-    plain = panel(standing(z_m=0.4), look=look)
+    appearance = PanelAppearance(gap=0.1, bezel=0.2, falloff=0.3, hot_spot=0.3, hot_spot_sigma=0.15, albedo=0.0)
+    plain = panel(standing(z_m=0.4), appearance=appearance)
     gains = np.ones((4, 4))
     gains[0, 0] = 0.5
     uneven = type(plain)(
-        word=plain.word, spec=plain.spec, motion=plain.motion, marker_id=7, look=look, brightness=0.4, cell_gains=gains
+        codeword=plain.codeword,
+        spec=plain.spec,
+        motion=plain.motion,
+        marker_id=7,
+        appearance=appearance,
+        brightness=0.4,
+        cell_gains=gains,
     )
     camera = sensor(PINHOLE, psf_sigma_px=0.3)
     light, weak = (Renderer(dark_scene(p, camera=camera), seed=5).light(0) for p in (plain, uneven))
@@ -211,9 +217,9 @@ def test_cells_have_walls_hot_spots_and_gains() -> None:
 @pytest.mark.parametrize("equal", [False, True])
 def test_cells_of_one_size_or_on_a_lattice(equal: bool) -> None:
     """Walls of a tenth, on a lattice from column 252.8 to 259.2, between equal cells from 251.1 to 257.6."""
-    look = PanelLook(gap=0.1, bezel=0.1, falloff=0.0, hot_spot=0.0, albedo=0.0, equal_cells=equal)
+    appearance = PanelAppearance(gap=0.1, bezel=0.1, falloff=0.0, hot_spot=0.0, albedo=0.0, equal_cells=equal)
     camera = sensor(PINHOLE, psf_sigma_px=0.0)
-    row = Renderer(dark_scene(panel(standing(z_m=0.4), look=look), camera=camera), seed=5).light(0)[144]
+    row = Renderer(dark_scene(panel(standing(z_m=0.4), appearance=appearance), camera=camera), seed=5).light(0)[144]
     assert (row[252] < 0.1, row[258] > 0.1) == (equal, equal)
     assert (row[320], row[190], row[450]) == (0.0, 0.0, 0.0)
     assert min(row[194], row[446], row[240], row[280]) > 0.1
@@ -221,8 +227,10 @@ def test_cells_of_one_size_or_on_a_lattice(equal: bool) -> None:
 
 def test_a_dark_panel_hides_the_wall() -> None:
     """A panel's face is opaque: it returns its albedo of the room, whatever is behind."""
-    look = PanelLook(albedo=0.25)
-    scene = Scene(sensor=sensor(PINHOLE), panels=(panel(standing(), brightness=0.0, look=look),), room=Room(level=0.2))
+    appearance = PanelAppearance(albedo=0.25)
+    scene = Scene(
+        sensor=sensor(PINHOLE), panels=(panel(standing(), brightness=0.0, appearance=appearance),), room=Room(level=0.2)
+    )
     light = Renderer(scene, seed=0).light(0)
     assert light[240, 320] == pytest.approx(0.25 * 0.2)
     assert np.ptp(light[:100]) > 0.02  # the wall has a texture
@@ -320,7 +328,8 @@ def test_antiphase_classes_are_half_a_cycle_apart() -> None:
     spec = dataclasses.replace(usual.spec, white_hz=usual.spec.black_hz, phase="antiphase")
     black, white = (
         Renderer(
-            dark_scene(dataclasses.replace(usual, spec=spec, word=np.full((4, 4), own)), camera=sensor(PINHOLE)), seed=1
+            dark_scene(dataclasses.replace(usual, spec=spec, codeword=np.full((4, 4), own)), camera=sensor(PINHOLE)),
+            seed=1,
         ).light(0)[200:280, 320]
         for own in (False, True)
     )

@@ -27,7 +27,7 @@ def ideal_trace(frequency_hz: float, phase_cycles: float) -> TracedWave:
 
 def traced(shown: Panel, black: TracedWave, white: TracedWave) -> Panel:
     """The panel with its cells lit by these."""
-    return replace(shown, cell_waves=tuple(white if bit else black for bit in shown.word.ravel()))
+    return replace(shown, cell_waves=tuple(white if bit else black for bit in shown.codeword.ravel()))
 
 
 def test_shares_of_exposures_by_hand() -> None:
@@ -68,7 +68,7 @@ def test_edges_out_of_order_are_refused() -> None:
 def test_ideal_edges_give_the_ideal_picture(motion: Trajectory) -> None:
     """A trace of exact square waves, and the closed form of them, light the same pixels alike."""
     camera = sensor(PINHOLE)
-    shown = panel(motion, look=FLAT)
+    shown = panel(motion, appearance=FLAT)
     ideal = Renderer(dark_scene(shown, camera=camera), seed=3)
     black, white = ideal.phases_cycles[0]
     lit = traced(shown, ideal_trace(shown.spec.black_hz, black), ideal_trace(shown.spec.white_hz, white))

@@ -20,7 +20,7 @@ from ledpi.core.records import CameraInfo, Floats, Frame, Pixels
 from ledpi.decode.cells import CellSamples, lattice
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.simulate.render import Renderer
-from ledpi.simulate.scene import Light, Panel, PanelLook, Scene
+from ledpi.simulate.scene import Light, Panel, PanelAppearance, Scene
 from ledpi.tools.snapshot import drawing
 from ledpi.tools.snapshot.drawing import AXES, text
 from ledpi.tools.snapshot.enlarged import GAP, TILE, TITLE, bands_of, blocks_of
@@ -38,7 +38,7 @@ def snapshot_of(*others: Panel, calibrated: bool = True) -> Snapshot:
     """Panel 7, lying on its side, and a square lamp that does not blink; or something else in its place."""
     camera = sensor()
     lamp = Light(shape="rectangle", width_m=LAMP_SIZE_M, height_m=LAMP_SIZE_M, motion=LAMP, level=0.4)
-    panels = (panel(PLACE, look=PanelLook()), *others)
+    panels = (panel(PLACE, appearance=PanelAppearance()), *others)
     scene = Scene(sensor=camera, panels=panels, lights=() if others else (lamp,))
     pixels = np.empty((LENS.height, LENS.width), np.uint8)
     Renderer(scene, seed=1).render(0, pixels)
@@ -126,7 +126,7 @@ def test_every_reason_is_counted_in_the_record(snapshot: Snapshot) -> None:
 def test_axes_are_drawn_only_with_a_pose(drawn: Pixels) -> None:
     """Without intrinsics the panel is read and there is no pose, hence no axes."""
     uncalibrated = snapshot_of(calibrated=False)
-    assert [(m.sighting.id, m.solution) for m in uncalibrated.decoded.markers] == [(7, None)]
+    assert [(m.detection.id, m.solution) for m in uncalibrated.decoded.markers] == [(7, None)]
     green = AXES[1]
     assert (drawn == green).all(axis=2).any()
     assert not (draw(uncalibrated) == green).all(axis=2).any()

@@ -16,14 +16,14 @@ from decode_material import PINHOLE, ROW_TIME_US, SHORT_US, SPEC, Canvas, camera
 from ledpi.config.settings import Method
 from ledpi.core.records import CameraInfo, Floats, Frame, Pixels, Rejected
 from ledpi.decode.evidence.evidence import Evidence
-from ledpi.decode.identify.soft import Reading
+from ledpi.decode.identify.decision import Reading
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.recording.writer import RecordingWriter
 from ledpi.tools.snapshot.drawing import BLACK_CLASS, WHITE_CLASS
 from ledpi.tools.snapshot.page import BORDER, PICTURES_TOP, WIDTH
 from ledpi.tools.snapshot.record import Snapshot, take
 from ledpi.tools.snapshot.steps import CAPTION, TITLE, draw_steps
-from ledpi.tools.snapshot.steps_soft import alone_for_white, given_others_for_white
+from ledpi.tools.snapshot.steps_likelihood import class_alone, class_given_others
 from ledpi.tools.snapshot.tiles import GAP, View, tile_width, view_of
 
 PLACE = square(310.3, 240.6, 150, 4)
@@ -62,7 +62,7 @@ def colours(tile: Pixels, places: Floats) -> Pixels:
 
 @pytest.fixture(scope="module")
 def bands() -> Snapshot:
-    return taken("bands", frame())
+    return taken("uemura", frame())
 
 
 @pytest.fixture(scope="module")
@@ -79,7 +79,7 @@ def tile(drawn: Pixels, letter: str) -> Pixels:
 
 def view(bands: Snapshot) -> View:
     """What all tiles show: the panel that was read, and what is around it."""
-    (read,) = (s for s in bands.trace.bands[0].squares if not isinstance(s.result, Rejected))
+    (read,) = (s for s in bands.trace.uemura[0].squares if not isinstance(s.result, Rejected))
     return view_of([read.framed_px], bands.frame.pixels.shape, tile_width(4))
 
 
@@ -143,8 +143,8 @@ def test_without_a_panel_the_squares_are_shown() -> None:
     """A lamp's square, with its frame, and no marker."""
     canvas = Canvas(exposure_us=SHORT_US)
     canvas.lamp(square(200, 300, 100))
-    snapshot = taken("bands", canvas.frame())
-    (lamp,) = snapshot.trace.bands[0].squares
+    snapshot = taken("uemura", canvas.frame())
+    (lamp,) = snapshot.trace.uemura[0].squares
     at = view_of([lamp.framed_px], (480, 640), tile_width(4))
     drawn = draw_steps(snapshot)
     assert (colours(tile(drawn, "f"), at.place(np.array([[200.0, 300 - 62]]))) == GREEN).all()
@@ -155,7 +155,7 @@ def test_an_empty_frame_is_shown_whole() -> None:
     """There is nothing to look at more closely."""
     canvas = Canvas(exposure_us=SHORT_US)
     canvas.light[:, :320] = 0.2
-    drawn = draw_steps(taken("bands", canvas.frame(None)))
+    drawn = draw_steps(taken("uemura", canvas.frame(None)))
     half = tile_width(4) // 2
     seen = tile(drawn, "b").astype(int)
     assert seen[:, : half - 1].mean() > seen[:, half + 1 :].mean() + 50
@@ -164,7 +164,7 @@ def test_an_empty_frame_is_shown_whole() -> None:
 # ---- Our own method's steps
 
 
-NO_WORD = np.indices((4, 4)).sum(axis=0) % 2 == 0
+NO_CODEWORD = np.indices((4, 4)).sum(axis=0) % 2 == 0
 
 
 @pytest.fixture(scope="module")
@@ -172,9 +172,9 @@ def soft() -> Snapshot:
     """Panel 7, a smaller one that shows no word, and a lamp."""
     canvas = Canvas(exposure_us=9966.32)
     canvas.panel(PLACE, word(7))
-    canvas.panel(square(540, 100, 80), NO_WORD)
+    canvas.panel(square(540, 100, 80), NO_CODEWORD)
     canvas.lamp(square(80, 400, 60))
-    return taken("soft", canvas.frame())
+    return taken("likelihood", canvas.frame())
 
 
 def row_of(drawn: Pixels, number: int, column: int) -> Pixels:
@@ -210,11 +210,11 @@ def test_every_cells_evidence_has_the_colour_of_its_class(soft: Snapshot) -> Non
 
 def test_evidence_is_positive_for_white_cells(soft: Snapshot) -> None:
     """And it is the same whichever way it is asked: given the other cells, or of the cell alone."""
-    (look,) = (look for look in soft.trace.looks if isinstance(look.reading, Reading))
+    (look,) = (look for look in soft.trace.squares if isinstance(look.reading, Reading))
     assert isinstance(look.evidence, Evidence)
     turned = word(7, look.reading.quarter_turns)
-    given_others = given_others_for_white(look.evidence, look.reading.cell_bands, turned.ravel())
-    for nats in (given_others, alone_for_white(look.evidence)):
+    given_others = class_given_others(look.evidence, look.reading.cell_bands, turned.ravel())
+    for nats in (given_others, class_alone(look.evidence)):
         np.testing.assert_array_equal(nats.reshape(4, 4) > 0, turned)
 
 
@@ -223,7 +223,7 @@ def test_all_is_upright_as_in_the_frame(turns: int) -> None:
     """With whichever corner the quad begins."""
     canvas = Canvas(exposure_us=9966.32)
     canvas.panel(np.roll(PLACE, -turns, axis=0), word(7))
-    drawn = draw_steps(taken("soft", canvas.frame()))
+    drawn = draw_steps(taken("likelihood", canvas.frame()))
     expected = np.where(word(7, turns)[..., None], WHITE_CLASS, BLACK_CLASS)
     for column in (2, 3):
         seen = colours(row_of(drawn, 0, column), middles(tile_width(4))).astype(int)
@@ -246,10 +246,10 @@ def test_in_antiphase_each_cell_of_a_panel_that_was_read_says_its_class() -> Non
     info = camera_info(exposure_us=seen.exposure_us)
     pipeline = Pipeline(info, panel_settings(*one), intrinsics=PINHOLE, stream=False)
     snapshot = take("a panel and a lamp", seen, pipeline, PINHOLE)
-    (look,) = (look for look in snapshot.trace.looks if isinstance(look.reading, Reading))
+    (look,) = (look for look in snapshot.trace.squares if isinstance(look.reading, Reading))
     assert isinstance(look.evidence, Evidence)
     turned = word(7, look.reading.quarter_turns)
-    nats = given_others_for_white(look.evidence, look.reading.cell_bands, turned.ravel())
+    nats = class_given_others(look.evidence, look.reading.cell_bands, turned.ravel())
     np.testing.assert_array_equal(nats.reshape(4, 4) > 0, turned)
     assert draw_steps(snapshot).ndim == 3
 
@@ -276,7 +276,7 @@ def test_a_pixel_is_where_it_is_placed() -> None:
     picture = np.zeros((480, 640), np.uint8)
     picture[231, 305] = 255
     at = view_of([PLACE], picture.shape, 280)
-    y, x = np.nonzero(at.of(picture)[..., 0])
+    y, x = np.nonzero(at.crop(picture)[..., 0])
     np.testing.assert_allclose([x.mean(), y.mean()], at.place(np.array([[305.0, 231]]))[0], atol=1)
     by_matrix = cv2.perspectiveTransform(np.array([[[305.0, 231]]]), at.matrix())[0, 0]
     np.testing.assert_allclose(by_matrix, at.place(np.array([[305.0, 231]]))[0])
@@ -316,7 +316,7 @@ def ledpi(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tm
     return in_process(monkeypatch, capfd)
 
 
-@pytest.mark.parametrize("method", ["soft", "bands"])
+@pytest.mark.parametrize("method", ["likelihood", "uemura"])
 def test_decode_draws_a_picture_a_frame(ledpi: Run, shelf: Path, tmp_path: Path, method: str) -> None:
     """Named by the frame's number, in a folder that is made; what is printed is what is printed without."""
     arguments = ("decode", "--method", method, "--single-frame", shelf / "one")
@@ -337,7 +337,7 @@ def test_decode_draws_a_picture_a_frame(ledpi: Run, shelf: Path, tmp_path: Path,
 
 def test_several_recordings_have_a_folder_each(ledpi: Run, shelf: Path, tmp_path: Path) -> None:
     """Their frames' numbers may be the same."""
-    assert ledpi("decode", "--method", "bands", shelf, "--steps", tmp_path / "steps")[0] == 0
+    assert ledpi("decode", "--method", "uemura", shelf, "--steps", tmp_path / "steps")[0] == 0
     written = sorted(str(path.relative_to(tmp_path / "steps")) for path in (tmp_path / "steps").rglob("*.png"))
     assert written == ["one/000005.png", "one/000006.png", "two/000005.png"]
 
@@ -345,11 +345,11 @@ def test_several_recordings_have_a_folder_each(ledpi: Run, shelf: Path, tmp_path
 def test_snapshot_draws_the_steps_too(ledpi: Run, shelf: Path, tmp_path: Path) -> None:
     """The same picture as decode's, of one frame."""
     out = tmp_path / "snap.png"
-    arguments = ("snapshot", shelf / "one", "--frame", "6", "--method", "bands")
+    arguments = ("snapshot", shelf / "one", "--frame", "6", "--method", "uemura")
     status, output, _ = ledpi(*arguments, "--steps", "--out", out)
     assert status == 0
     assert "ID 7" in output
-    expected = taken("bands", frame(seq=6))
+    expected = taken("uemura", frame(seq=6))
     seen = cv2.imread(str(out))
     assert seen is not None
     np.testing.assert_array_equal(tile(np.asarray(seen), "g"), tile(draw_steps(expected), "g"))

@@ -24,7 +24,7 @@ from ledpi.tools.evaluate.draw import draw_take
 from ledpi.tools.evaluate.reading import PanelReader
 
 PANELS = load_config(None, ("panels.side_m=0.16",)).panels
-WORDS = load_dictionary(PANELS.dictionary).words
+WORDS = load_dictionary(PANELS.dictionary).codewords
 GAPS = (0, 0, 0, 1, 5)  # frames that are lost before the other panel is seen
 
 
@@ -78,9 +78,9 @@ def drawn(case: str, exposure_us: float, seed: int, take: int) -> Swap:
 def other(panel: Panel, swap: Swap) -> Panel:
     """The one that comes in its place."""
     spec = PANELS.spec(swap.marker_id)
-    spec = spec.at([hz * (1.0 + off) for hz, off in zip(spec.waves_hz, swap.off.tolist(), strict=True)])
+    spec = spec.retune([hz * (1.0 + off) for hz, off in zip(spec.waves_hz, swap.off.tolist(), strict=True)])
     word, motion = WORDS[swap.marker_id], Still(swap.moved)
-    return replace(panel, word=word, marker_id=swap.marker_id, spec=spec, motion=motion, cell_gains=swap.gains)
+    return replace(panel, codeword=word, marker_id=swap.marker_id, spec=spec, motion=motion, cell_gains=swap.gains)
 
 
 @pytest.mark.parametrize(

@@ -7,13 +7,13 @@ import pytest
 from decode_material import SPEC, quad, square
 
 from ledpi.core.records import Floats
-from ledpi.decode.history import Shown
-from ledpi.decode.identify.soft import Reading
+from ledpi.decode.history import Identity
+from ledpi.decode.identify.decision import Reading
 from ledpi.decode.track import Track, Tracker
 
 FRAME_NS = 16_970_000  # 504 rows of 33.67 µs
 PLACE = square(300, 200, 60)
-SHOWN = Shown(
+SHOWN = Identity(
     group=0,
     reading=Reading(
         id=7, quarter_turns=0, margin=20.0, likelihood=20.0, amplitude=(0.1, 0.1), cell_bands=np.zeros((16, 4))
@@ -23,8 +23,8 @@ SHOWN = Shown(
 
 def follow(tracker: Tracker, number: int, *corners: Floats) -> list[Track]:
     """The track of each square of frame `number`, in the order of the squares."""
-    tracker.begin(number * FRAME_NS)
-    followed = tracker.follow([quad(c) for c in corners])
+    tracker.begin_frame(number * FRAME_NS)
+    followed = tracker.associate([quad(c) for c in corners])
     assert len(followed) == len(corners)
     by_place = {tuple(q.corners_px.mean(axis=0).round(6)): track for q, track in followed}
     return [by_place[tuple(c.mean(axis=0).round(6))] for c in corners]
@@ -119,11 +119,11 @@ def test_a_square_that_is_a_third_lower_at_once_is_another(tracker: Tracker, hei
 
 def test_corners_keep_the_tracks_order(tracker: Tracker) -> None:
     """A square that turns past 45° is found from another corner on, but its corners stay what they were."""
-    tracker.begin(FRAME_NS)
-    tracker.follow([quad(square(300, 200, 60, 42))])
+    tracker.begin_frame(FRAME_NS)
+    tracker.associate([quad(square(300, 200, 60, 42))])
     found = square(300, 200, 60, 48)
-    tracker.begin(2 * FRAME_NS)
-    ((followed, _),) = tracker.follow([quad(np.roll(found, 1, axis=0))])
+    tracker.begin_frame(2 * FRAME_NS)
+    ((followed, _),) = tracker.associate([quad(np.roll(found, 1, axis=0))])
     np.testing.assert_allclose(followed.corners_px, found)
 
 
@@ -137,18 +137,18 @@ def test_as_many_tracks_come_back_as_squares_went_in(tracker: Tracker) -> None:
 def test_a_square_is_not_followed_twice(tracker: Tracker) -> None:
     """A frame is searched after its tracks were sought; what the search finds may be one of their squares again."""
     (first,) = follow(tracker, 1, PLACE)
-    tracker.begin(2 * FRAME_NS)
-    assert tracker.go_on(first, quad(PLACE)) is not None
-    ((_, beside),) = tracker.follow([quad(PLACE + 0.1), quad(square(400, 200, 60))])
+    tracker.begin_frame(2 * FRAME_NS)
+    assert tracker.continue_track(first, quad(PLACE)) is not None
+    ((_, beside),) = tracker.associate([quad(PLACE + 0.1), quad(square(400, 200, 60))])
     assert beside is not first
-    tracker.begin(3 * FRAME_NS)
-    assert tracker.others() == [beside, first]
+    tracker.begin_frame(3 * FRAME_NS)
+    assert tracker.unread_tracks() == [beside, first]
 
 
 def test_two_candidates_for_one_square_make_one_track(tracker: Tracker) -> None:
     """A bezel and the panel within it lead to the same square, to a hundredth of a pixel; what is larger is another."""
-    tracker.begin(FRAME_NS)
-    assert len(tracker.follow([quad(PLACE), quad(PLACE + 0.01), quad(square(300, 200, 66))])) == 2
+    tracker.begin_frame(FRAME_NS)
+    assert len(tracker.associate([quad(PLACE), quad(PLACE + 0.01), quad(square(300, 200, 66))])) == 2
 
 
 # Four columns, of which three are PLACE; and a bezel around it.
@@ -161,7 +161,7 @@ def test_a_square_that_was_not_read_does_not_hide_one_around_it(tracker: Tracker
     (first,) = follow(tracker, 1, PLACE)
     assert tracker.is_followed(PLACE + 1.0)
     assert not tracker.is_followed(around)
-    ((_, other),) = tracker.follow([quad(around)])
+    ((_, other),) = tracker.associate([quad(around)])
     assert other is not first
 
 
@@ -169,49 +169,49 @@ def test_a_square_that_was_not_read_does_not_hide_one_around_it(tracker: Tracker
 def test_a_panel_that_was_read_hides_what_is_around_it(tracker: Tracker, around: Floats) -> None:
     """Its ID is known, and so is where it is."""
     (first,) = follow(tracker, 1, PLACE)
-    first.history = first.history.read_as(SHOWN)
+    first.history = first.history.identify_as(SHOWN)
     assert tracker.is_followed(around)
-    assert tracker.follow([quad(around)]) == []
+    assert tracker.associate([quad(around)]) == []
 
 
 def test_tracks_that_meet_become_one(tracker: Tracker) -> None:
     """Of a bezel and the panel within it, say, one of which had been told wrongly before."""
     first, second = follow(tracker, 1, PLACE, square(302, 200, 66))
-    tracker.begin(2 * FRAME_NS)
-    assert tracker.go_on(first, quad(PLACE)) is not None
-    assert tracker.go_on(second, quad(PLACE + 0.01)) is None
-    tracker.begin(3 * FRAME_NS)
-    assert tracker.others() == [first]
+    tracker.begin_frame(2 * FRAME_NS)
+    assert tracker.continue_track(first, quad(PLACE)) is not None
+    assert tracker.continue_track(second, quad(PLACE + 0.01)) is None
+    tracker.begin_frame(3 * FRAME_NS)
+    assert tracker.unread_tracks() == [first]
 
 
 def test_what_overlaps_a_panel_is_followed_no_longer(tracker: Tracker) -> None:
     """However much older it is: a part of the panel, or what is around it."""
     _, second = follow(tracker, 1, PLACE, square(302, 200, 66))
-    second.history = second.history.read_as(SHOWN)
-    tracker.begin(2 * FRAME_NS)
-    assert tracker.panels() == [second]
-    assert tracker.go_on(second, quad(square(302, 200, 66))) is not None
-    assert tracker.others() == []
+    second.history = second.history.identify_as(SHOWN)
+    tracker.begin_frame(2 * FRAME_NS)
+    assert tracker.read_tracks() == [second]
+    assert tracker.continue_track(second, quad(square(302, 200, 66))) is not None
+    assert tracker.unread_tracks() == []
 
 
 def test_panels_are_those_that_the_last_frame_showed(tracker: Tracker) -> None:
     """What was out of view for a frame is left to a search, and so are squares that were not read."""
     first, second = follow(tracker, 1, PLACE, square(450, 200, 60))
-    first.history = first.history.read_as(SHOWN)
-    tracker.begin(2 * FRAME_NS)
-    assert (tracker.panels(), tracker.others()) == ([first], [second])
-    tracker.begin(3 * FRAME_NS)
-    assert (tracker.panels(), tracker.others()) == ([], [])
+    first.history = first.history.identify_as(SHOWN)
+    tracker.begin_frame(2 * FRAME_NS)
+    assert (tracker.read_tracks(), tracker.unread_tracks()) == ([first], [second])
+    tracker.begin_frame(3 * FRAME_NS)
+    assert (tracker.read_tracks(), tracker.unread_tracks()) == ([], [])
 
 
 def test_whether_all_panels_are_seen(tracker: Tracker) -> None:
     """Of those that were read; without any there are none to see."""
-    tracker.begin(FRAME_NS)
-    assert not tracker.all_seen()
+    tracker.begin_frame(FRAME_NS)
+    assert not tracker.all_detected()
     first, _ = follow(tracker, 1, PLACE, square(450, 200, 60))
-    first.history = first.history.read_as(SHOWN)
-    assert tracker.all_seen()
-    tracker.begin(2 * FRAME_NS)
-    assert not tracker.all_seen()
-    assert tracker.go_on(first, quad(PLACE)) is not None
-    assert tracker.all_seen()
+    first.history = first.history.identify_as(SHOWN)
+    assert tracker.all_detected()
+    tracker.begin_frame(2 * FRAME_NS)
+    assert not tracker.all_detected()
+    assert tracker.continue_track(first, quad(PLACE)) is not None
+    assert tracker.all_detected()

@@ -258,7 +258,7 @@ def test_a_variance_that_is_none_leaves_the_deviations_unknown() -> None:
 def test_a_marker_without_a_solution_is_uncalibrated() -> None:
     """An ID, and no pose."""
     whole = marker_pose(7, 0)
-    bare = MarkerPose(sighting=whole.sighting, mid_exposure_ns=0, solution=None, alternate=None)
+    bare = MarkerPose(detection=whole.detection, mid_exposure_ns=0, solution=None, alternate=None)
     message = marker_message(bare, age_us=0)
     assert message.uncalibrated
     assert message.pose is None

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ledpi.core.records import Decoded, Floats, MarkerPose, PlanarSolution, Pose, RobotFix, Sighting
+from ledpi.core.records import Decoded, Detection, Floats, MarkerPose, PlanarSolution, Pose, RobotFix
 from ledpi.wire import FixMessage, MarkerMessage, Message, NoFix, State, StatusMessage, WirePose
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "wire.md"
@@ -75,11 +75,11 @@ def marker_pose(
 ) -> MarkerPose:
     solution = PlanarSolution(camera_from_marker=pose or pose_at(0.0), reprojection_px=0.1, chi2=1.0)
     other = PlanarSolution(camera_from_marker=pose_at(-1.0), reprojection_px=0.3, chi2=1.0)
-    sighting = Sighting(
+    detection = Detection(
         id=marker_id, corners_px=np.zeros((4, 2)), covariance_px2=0.01 * np.eye(8), margin=10.0, frames_used=1
     )
     return MarkerPose(
-        sighting=sighting,
+        detection=detection,
         mid_exposure_ns=mid_exposure_ns,
         solution=solution,
         alternate=other if ambiguous else None,

@@ -10,7 +10,7 @@ from typing import Any
 from ledpi.api.lens import Lens
 from ledpi.api.marker import Marker, marker_of
 from ledpi.api.picture import check_size
-from ledpi.config.settings import Config, check_bands_show, load_config
+from ledpi.config.settings import Config, check_bands_visible, load_config
 from ledpi.core.records import Frame, Intrinsics, Pixels
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.recording.still import still_camera
@@ -78,7 +78,7 @@ class Decoder:
 
 def check_exposure(panels: Panels, exposure: Exposure) -> None:
     """Raises ConfigError where no camera exposes so, or no picture would show how the panels blink."""
-    check_bands_show(panels.config(*exposure.overrides()).panels, exposure.row_time_us, "row_time_us")
+    check_bands_visible(panels.config(*exposure.overrides()).panels, exposure.row_time_us, "row_time_us")
 
 
 def override(key: str, value: object) -> str:

@@ -73,13 +73,13 @@ def marker_of(decoded: MarkerPose) -> Marker:
 
 
 def _marker(decoded: MarkerPose, solution: PlanarSolution | None, mirrored: Marker | None) -> Marker:
-    sighting = decoded.sighting
+    detection = decoded.detection
     pose = None if solution is None else solution.camera_from_marker
     return Marker(
-        id=sighting.id,
-        corners_px=sighting.corners_px,
-        margin=sighting.margin,
-        frames_used=sighting.frames_used,
+        id=detection.id,
+        corners_px=detection.corners_px,
+        margin=detection.margin,
+        frames_used=detection.frames_used,
         time_ns=decoded.mid_exposure_ns,
         position_m=None if pose is None else pose.position_m,
         quaternion_wxyz=None if pose is None else pose.quaternion_wxyz,

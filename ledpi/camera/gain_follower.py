@@ -24,7 +24,7 @@ class GainFollower:
         """After each decoded frame, while its pixels are there."""
         if self._camera is None or self._control is None:
             return
-        level = brightest_level(frame, [marker.sighting.corners_px for marker in decoded.markers])
+        level = brightest_level(frame, [marker.detection.corners_px for marker in decoded.markers])
         gain = self._control.update(frame.row0_readout_ns, frame.analogue_gain, level)
         if gain is not None:
             self._camera.set_gain(gain)

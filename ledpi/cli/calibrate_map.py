@@ -83,7 +83,7 @@ def _drive(recording: Path, settings: Config) -> tuple[list[View], dict[int, flo
         lens = calibration(settings, camera)
         if lens is None:
             raise CalibrationError(f"{recording}: has no lens, and camera.intrinsics is not set: no poses, no map")
-        pipeline = Pipeline(camera.info, settings.panels, intrinsics=lens, shown=camera.panel)
+        pipeline = Pipeline(camera.info, settings.panels, intrinsics=lens, source_panel=camera.panel)
         with progress("decoding", len(loaded.frames)) as advance:
             while (frame := camera.read(np.empty((camera.info.height, camera.info.width), np.uint8))) is not None:
                 if isinstance(frame, Frame):
@@ -91,7 +91,7 @@ def _drive(recording: Path, settings: Config) -> tuple[list[View], dict[int, flo
                 advance(1)
     finally:
         camera.close()
-    known = len(load_dictionary(pipeline.panels.dictionary).words)
+    known = len(load_dictionary(pipeline.panels.dictionary).codewords)
     return views, {i: pipeline.panels.spec(i).side_m for i in range(known)}, lens
 
 

@@ -90,7 +90,7 @@ def _measure(taken: Taken, panels: PanelSettings) -> list[tuple[PanelCalibration
     from ledpi.pipeline.pipeline import Pipeline
     from ledpi.tools.calibrate.still_panels import panel_light, still_squares
 
-    pipeline = Pipeline(taken.camera, panels, intrinsics=taken.intrinsics, shown=taken.panel, stream=False)
+    pipeline = Pipeline(taken.camera, panels, intrinsics=taken.intrinsics, source_panel=taken.panel, stream=False)
     panels, cells = pipeline.panels, load_dictionary(pipeline.panels.dictionary).cells_per_side
     measured, refusals = [], ["no lit square is in view"]
     for corners in still_squares(taken.frames, pipeline):

@@ -76,7 +76,7 @@ def _measure(taken: Taken, panels: PanelSettings, reported: Reported) -> Shutter
     from ledpi.tools.calibrate.shutter import measure_shutter
     from ledpi.tools.calibrate.still_panels import panel_light, still_squares
 
-    pipeline = Pipeline(taken.camera, panels, intrinsics=taken.intrinsics, shown=taken.panel, stream=False)
+    pipeline = Pipeline(taken.camera, panels, intrinsics=taken.intrinsics, source_panel=taken.panel, stream=False)
     panels, dictionary = pipeline.panels, load_dictionary(pipeline.panels.dictionary)
     why = "no lit square is in view"
     for corners in still_squares(taken.frames, pipeline):
@@ -111,8 +111,8 @@ def _reads(taken: Taken, panels: PanelSettings, result: ShutterCalibration, corn
 def _report(result: ShutterCalibration, reported: Reported) -> None:
     row, bands, interval = result.row_time_us, result.by_bands_us, result.by_interval_us
     typer.echo(f"panel {result.id}")
-    told = "cannot tell" if reported.row_time_us is None else f"says {reported.row_time_us:.3f} µs"
-    typer.echo(f"  row time  {row.value:.3f} ± {row.sigma:.3f} µs; the driver {told}")
+    report = "does not report one" if reported.row_time_us is None else f"says {reported.row_time_us:.3f} µs"
+    typer.echo(f"  row time  {row.value:.3f} ± {row.sigma:.3f} µs; the driver {report}")
     typer.echo(f"            by the bands {bands.value:.3f} ± {bands.sigma:.3f} µs")
     over = f"            by the frames' interval over {reported.frame_length_rows} rows"
     if interval is not None:
@@ -122,7 +122,7 @@ def _report(result: ShutterCalibration, reported: Reported) -> None:
     exposure = result.exposure_us
     said = f"the driver says {reported.exposure_us:.0f} µs"
     if exposure is None:
-        typer.echo(f"  exposure  cannot be told from these bands; {said}")
+        typer.echo(f"  exposure  cannot be measured from these bands; {said}")
     else:
         typer.echo(f"  exposure  {exposure.value:.0f} ± {exposure.sigma:.0f} µs; {said}")
     if reported.row_time_us is not None and not row.agrees_with(reported.row_time_us):

@@ -33,7 +33,7 @@ def decode(
     set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
     single_frame: bool = typer.Option(False, "--single-frame", help="Each frame alone, no memory of those before."),
     as_live: bool = typer.Option(False, "--as-live", help="Of `ledpi record`: only the frames it decoded live."),
-    method: str | None = typer.Option(None, "--method", help="Overrides decode.method: soft or bands."),
+    method: str | None = typer.Option(None, "--method", help="Overrides decode.method: likelihood or uemura."),
     steps: Path | None = typer.Option(
         None, "--steps", metavar="DIR", help="Also draw the method's steps: a picture a frame, DIR/NNNNNN.png."
     ),
@@ -62,7 +62,7 @@ def decode(
     if steps is not None:
         _check_names_differ([name for name, _ in recordings])
     # All of them before a line is printed: half an experiment must not pass for the whole.
-    loaded = [(name, load_recording_with(settings, folder)) for name, folder in _told_apart(recordings)]
+    loaded = [(name, load_recording_with(settings, folder)) for name, folder in _are_distinct(recordings)]
     _check(loaded, pictures, settings, as_live=as_live)
     drawn = _steps_folders(steps, loaded, pictures)
     bad = 0
@@ -119,7 +119,7 @@ def _steps_folders(steps: Path | None, loaded: list[tuple[str, Recording]], pict
     return [*folders]
 
 
-def _told_apart(recordings: list[tuple[str, Path]]) -> list[tuple[str, Path]]:
+def _are_distinct(recordings: list[tuple[str, Path]]) -> list[tuple[str, Path]]:
     """Recordings that share a name are called by their paths instead, as these were given."""
     sharing = Counter(name for name, _ in set(recordings))
     return [(name if sharing[name] == 1 else str(folder), folder) for name, folder in recordings]
@@ -131,7 +131,7 @@ def _check(loaded: list[tuple[str, Recording]], pictures: list[Path], settings: 
     from ledpi.recording.still import still_camera
 
     for _, recording in loaded:
-        shown = settings.panels.shown_by(recording.panel_values)
+        shown = settings.panels.override_with(recording.panel_values)
         check_method(settings.decode.method, shown, f"{recording.folder}: decode.method")
         if as_live and all(entry.decoded is None for entry in recording.frames):
             raise RecordingError(f"{recording.folder}: --as-live: does not say which frames were decoded live")
@@ -152,14 +152,14 @@ def _decode_recording(
 ) -> int:
     """Prints every frame; returns how many pictures could not be read."""
     from ledpi.core.row_clock import row_time_note
-    from ledpi.decode.identify.tuning import off_frequency_note
+    from ledpi.decode.identify.frequency_search import off_frequency_note
     from ledpi.recording.picture import read_picture
 
     camera = recording.camera
     if recording.row_time_ratio != 1.0:
         _note(f"{recording.folder}: {row_time_note(camera.row_time_us, recording.row_time_ratio)}")
     lens = _lens(settings, camera)
-    pipeline = _pipeline(settings, camera, lens, stream=stream, shown=recording.panel_values)
+    pipeline = _pipeline(settings, camera, lens, stream=stream, source_panel=recording.panel_values)
     bad = 0
     for entry in recording.frames:
         if as_live and not entry.decoded:
@@ -204,13 +204,20 @@ def _decode_pictures(
 
 
 def _pipeline(
-    settings: Config, camera: CameraInfo, lens: Intrinsics | None, *, stream: bool, shown: PanelValues | None = None
+    settings: Config,
+    camera: CameraInfo,
+    lens: Intrinsics | None,
+    *,
+    stream: bool,
+    source_panel: PanelValues | None = None,
 ) -> Pipeline:
     from ledpi.config.robot import load_robot
     from ledpi.pipeline.pipeline import Pipeline
 
     robot, method = load_robot(settings), settings.decode.method
-    return Pipeline(camera, settings.panels, intrinsics=lens, shown=shown, robot=robot, method=method, stream=stream)
+    return Pipeline(
+        camera, settings.panels, intrinsics=lens, source_panel=source_panel, robot=robot, method=method, stream=stream
+    )
 
 
 def _decode(frame: Frame, name: str, pipeline: Pipeline, lens: Intrinsics | None, steps: Path | None) -> None:

@@ -41,13 +41,27 @@ class SuiteName(StrEnum):
 class MethodName(StrEnum):
     """What --method may be."""
 
-    BANDS = "bands"
-    SOFT = "soft"
+    UEMURA = "uemura"
+    LIKELIHOOD = "likelihood"
     STREAM = "stream"
     ARUCO = "aruco"
     APRILTAG = "apriltag"
     LEDPI = "ledpi"
-    TOLD = "told"
+    ORACLE = "oracle"
+
+
+_METHODS = f"[{'|'.join(MethodName)}]"
+
+
+def _method(name: str) -> MethodName:
+    """The method of this name, or of one that it had before."""
+    from ledpi.config.renamed import EVALUATED, current_name
+
+    try:
+        return MethodName(current_name(name, EVALUATED, "--method"))
+    except ValueError:
+        known = ", ".join(f"'{known}'" for known in MethodName)
+        raise typer.BadParameter(f"'{name}' is not one of {known}.") from None
 
 
 @app.command()
@@ -64,7 +78,12 @@ def evaluate(
     angle: list[float] = typer.Option([], min=-88, max=88, help="In place of the suite's own, in degrees."),
     case: list[str] = typer.Option([], help="Only this case of robustness, decoys or wild; may be repeated."),
     roll: bool = typer.Option(False, "--roll", help="Panels turned by any angle; default: within 3°."),
-    method: list[MethodName] = typer.Option([], help="May be repeated. Default: all that the suite is for."),
+    method: list[MethodName] = typer.Option(
+        [],
+        parser=_method,
+        metavar=_METHODS,
+        help="May be repeated. Default: all that the suite is for.",
+    ),
     workers: int = typer.Option(0, min=0, help="Processes; default: one a core. Changes no result but the times."),
     scheduler: str | None = typer.Option(None, metavar="ADDRESS", help="A dask.distributed cluster does the work."),
     take: int | None = typer.Option(None, min=0, help="Write this take of one condition to DIR, as a recording."),
@@ -79,7 +98,7 @@ def evaluate(
     Frames are rendered, with a seed; or they are those of a recording, whose panel's distance and angle are
     given. Results go to DIR: results.csv, evaluation.md, plots. A run that is broken off goes on where it was.
 
-    Example: ledpi evaluate --out far --suite beyond --frames 300 --method soft --method stream
+    Example: ledpi evaluate --out far --suite beyond --frames 300 --method likelihood --method stream
 
     Example: ledpi evaluate --out mine --recording take1 --id 7 --distance 0.6
     """
@@ -217,7 +236,7 @@ def _read_recording(
             marker_id=marker_id,
             distance_m=distance_m,
             angle_deg=angle_deg,
-            methods=_panel_methods(methods, settings.panels.shown_by(loaded.panel_values)),
+            methods=_panel_methods(methods, settings.panels.override_with(loaded.panel_values)),
             intrinsics=load_intrinsics(lens, (camera.width, camera.height)) if lens is not None else None,
             panels=settings.panels,
             advance=advance,
@@ -229,14 +248,14 @@ def _read_recording(
     _show_recordings(out, folder)
 
 
-def _panel_methods(asked: list[Method], shown: PanelSettings) -> list[PanelMethod]:
+def _panel_methods(asked: list[Method], panels: PanelSettings) -> list[PanelMethod]:
     """Those asked for, else all that can read such panels. Raises ConfigError where one that is asked for cannot."""
     from ledpi.config.settings import check_method
     from ledpi.tools.evaluate.reading import PANEL_METHODS
 
-    if "bands" in asked:
-        check_method("bands", shown, "--method")
-    able = [m for m in PANEL_METHODS if m != "bands" or not shown.has_antiphase()]
+    if "uemura" in asked:
+        check_method("uemura", panels, "--method")
+    able = [m for m in PANEL_METHODS if m != "uemura" or not panels.has_antiphase()]
     return [m for m in able if m in (asked or able)]
 
 
@@ -255,9 +274,9 @@ def _show_recordings(out: Path, folder: ResultsFolder) -> None:
 
 def _show(out: Path, rows: list[TableRow], intro: str, commands: Commands) -> None:
     """Writes the results, and says in short on standard output what they are."""
-    from ledpi.tools.evaluate.page import PAGE_FILE, in_short, write_results
+    from ledpi.tools.evaluate.page import PAGE_FILE, summary, write_results
 
     for note in write_results(out, rows, intro, commands):
         print(f"ledpi: {note}", file=sys.stderr)
-    print(in_short(rows))
+    print(summary(rows))
     print(f"The tables and the plots: {out / PAGE_FILE}")

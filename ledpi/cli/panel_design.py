@@ -15,7 +15,7 @@ from ledpi.tools.panel.frequencies import Flicker
 
 if TYPE_CHECKING:
     from ledpi.config.settings import CameraSettings, Config, PanelSettings
-    from ledpi.markers.words import Dictionary
+    from ledpi.markers.codewords import Dictionary
     from ledpi.simulate.scene import SimulatedSensor
     from ledpi.tools.panel.design import Proposal, Task
     from ledpi.tools.panel.information import View
@@ -132,7 +132,7 @@ def _check(task: Task, settings: Config, pair: tuple[float, float]) -> None:
     """Says what is wrong with a pair, or how far it carries. Exit status 1 where it cannot be used."""
     from ledpi.markers.dictionaries import load_dictionary
     from ledpi.tools.panel.design import auto_rows, proposal_at, views_of
-    from ledpi.tools.panel.design_text import in_short, legend, table
+    from ledpi.tools.panel.design_text import legend, summary_line, table
     from ledpi.tools.panel.reach import reach_views
     from ledpi.tools.panel.verdict import findings
 
@@ -147,8 +147,8 @@ def _check(task: Task, settings: Config, pair: tuple[float, float]) -> None:
         raise typer.Exit(1)
     proposal = proposal_at(task, black_hz, white_hz, rows, views_of(task))
     dictionary = load_dictionary(settings.panels.dictionary)
-    (row,) = _with_reach(task, dictionary, reach_views(task), [("checked", proposal)])
-    typer.echo(in_short("good are", row[1:]))
+    (row,) = _add_reach(task, dictionary, reach_views(task), [("checked", proposal)])
+    typer.echo(summary_line("good are", row[1:]))
     _say_findings(task, found)
     _say_unreported(settings.panels)
     typer.echo(table(task, [row]))
@@ -167,7 +167,9 @@ def _say_unreported(panels: PanelSettings) -> None:
     """Which IDs to do without, as long as none were chosen."""
     from ledpi.markers.dictionaries import load_dictionary
 
-    note = panels.unreported_note(range(len(load_dictionary(panels.dictionary).words))) if panels.ids is None else ""
+    note = (
+        panels.unreported_note(range(len(load_dictionary(panels.dictionary).codewords))) if panels.ids is None else ""
+    )
     if note:
         typer.echo(f"note: {note}")
 
@@ -175,7 +177,7 @@ def _say_unreported(panels: PanelSettings) -> None:
 def _design(task: Task, settings: Config, out: Path | None) -> None:
     from ledpi.markers.dictionaries import load_dictionary
     from ledpi.tools.panel.design import auto_rows, best_antiphase, candidate_pairs, proposal_at, ranked, views_of
-    from ledpi.tools.panel.design_text import antiphase_text, config_lines, in_short, legend, table, task_text
+    from ledpi.tools.panel.design_text import antiphase_text, config_lines, legend, summary_line, table, task_text
     from ledpi.tools.panel.reach import reach_views
     from ledpi.tools.panel.verdict import findings
 
@@ -188,8 +190,8 @@ def _design(task: Task, settings: Config, out: Path | None) -> None:
     antiphase = best_antiphase(task, views)
     named += [("antiphase", antiphase)] if antiphase is not None else []
     dictionary = load_dictionary(panels.dictionary)
-    rows = _with_reach(task, dictionary, reach_views(task), [*named, ("present", present)])
-    typer.echo(in_short("best are", rows[0][1:], rows[-1][1:]))
+    rows = _add_reach(task, dictionary, reach_views(task), [*named, ("present", present)])
+    typer.echo(summary_line("best are", rows[0][1:], rows[-1][1:]))
     typer.echo(task_text(task))
     typer.echo(table(task, rows))
     typer.echo(legend())
@@ -206,7 +208,7 @@ def _design(task: Task, settings: Config, out: Path | None) -> None:
         _write(out, task, rows, lines)
 
 
-def _with_reach(
+def _add_reach(
     task: Task, dictionary: Dictionary, views: list[View], proposals: list[tuple[str, Proposal]]
 ) -> list[tuple[str, Proposal, Reach]]:
     from ledpi.tools.panel.reach import reach_of

@@ -66,10 +66,10 @@ def _planned(panels: PanelSettings, marker_id: int, lamps: Lamps) -> Sheet:
     dictionary, spec = load_dictionary(panels.dictionary), panels.spec(marker_id)
     try:
         dictionary.check_readable(marker_id, spec.phase)
-        word = dictionary.word(marker_id)
+        codeword = dictionary.codeword(marker_id)
     except ValueError as error:
         raise ConfigError(f"ID {marker_id}: {error}") from None
-    white = int(word.sum())
-    circuit = plan_circuit(lamps, (word.size - white, white))
-    body = Body(word=word, side_mm=round(1e3 * spec.side_m, 3), leds=circuit.leds)
+    white = int(codeword.sum())
+    circuit = plan_circuit(lamps, (codeword.size - white, white))
+    body = Body(codeword=codeword, side_mm=round(1e3 * spec.side_m, 3), leds=circuit.leds)
     return Sheet(dictionary=dictionary, marker_id=marker_id, spec=spec, circuit=circuit, body=body)

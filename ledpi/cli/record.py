@@ -71,7 +71,7 @@ def _recorder(out: Path, settings: Config, camera: Camera) -> Recorder:
         camera.info,
         settings.panels,
         intrinsics=lens,
-        shown=camera.panel,
+        source_panel=camera.panel,
         method=settings.decode.method,
         robot=load_robot(settings),
     )

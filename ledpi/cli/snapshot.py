@@ -48,7 +48,7 @@ def snapshot(
         None, "--frame", min=0, metavar="SEQ", help="Of a recording: this frame. Of a camera: the first from this on."
     ),
     out: Path = typer.Option(Path("snapshot.png"), "--out", help="Picture to write, .png or .jpg."),
-    method: str | None = typer.Option(None, "--method", help="Overrides decode.method: soft or bands."),
+    method: str | None = typer.Option(None, "--method", help="Overrides decode.method: likelihood or uemura."),
     steps: bool = typer.Option(False, "--steps", help="Draw the method's steps, one by one, instead."),
 ) -> None:
     """One frame as an annotated picture.
@@ -83,7 +83,7 @@ def snapshot(
         source.camera,
         settings.panels,
         intrinsics=source.intrinsics,
-        shown=source.panel,
+        source_panel=source.panel,
         method=settings.decode.method,
         stream=False,
     )
@@ -156,7 +156,9 @@ def _with_a_panel(frames: Iterator[Frame], camera: Camera, settings: Config) -> 
     from ledpi.pipeline.pipeline import Pipeline
 
     method = settings.decode.method
-    alone = Pipeline(camera.info, settings.panels, intrinsics=None, shown=camera.panel, method=method, stream=False)
+    alone = Pipeline(
+        camera.info, settings.panels, intrinsics=None, source_panel=camera.panel, method=method, stream=False
+    )
     frame = None
     for frame in itertools.islice(frames, LOOK_FRAMES):
         if alone.decode(frame).markers:
@@ -175,7 +177,7 @@ def _expose(camera: Camera, settings: Config, into: Pixels) -> None:
     follower = GainFollower(camera)
     if follower.settled:
         return
-    pipeline = Pipeline(camera.info, settings.panels, intrinsics=None, shown=camera.panel)
+    pipeline = Pipeline(camera.info, settings.panels, intrinsics=None, source_panel=camera.panel)
     end_s = time.monotonic() + EXPOSE_S
     while not follower.settled and time.monotonic() < end_s:
         frame = camera.read(into)
@@ -219,7 +221,7 @@ def _from_picture(path: Path, settings: Config) -> _Source:
 
 
 def summary(decoded: Decoded) -> str:
-    """What a frame showed, in one line, as in `ID 7 at +0.100 -0.200 1.500 m, margin 14; dropped: soft.no_bands 1`."""
+    """One line on a frame, as in `ID 7 at +0.100 -0.200 1.500 m, margin 14; dropped: identify.no_bands 1`."""
     from collections import Counter
 
     counts = Counter(rejected.key for rejected in decoded.rejected)
@@ -229,8 +231,8 @@ def summary(decoded: Decoded) -> str:
 
 
 def _marker_text(marker: MarkerPose) -> str:
-    sighting, where = marker.sighting, "without a pose"
+    detection, where = marker.detection, "without a pose"
     if marker.solution is not None:
         x, y, z = marker.solution.camera_from_marker.position_m
         where = f"at {x:+.3f} {y:+.3f} {z:.3f} m"
-    return f"ID {sighting.id} {where}, margin {sighting.margin:.0f}"
+    return f"ID {detection.id} {where}, margin {detection.margin:.0f}"

@@ -76,7 +76,7 @@ class _Panel(_Part):
         return transform(rotation, np.array(self.position_m))
 
 
-def _at_least_one(panels: dict[int, _Panel]) -> dict[int, _Panel]:
+def _check_not_empty(panels: dict[int, _Panel]) -> dict[int, _Panel]:
     if panels:
         return panels
     raise ValueError("must hold a panel at least")
@@ -85,7 +85,7 @@ def _at_least_one(panels: dict[int, _Panel]) -> dict[int, _Panel]:
 class _Map(_Part):
     format: Literal[1] = 1
     deviations: _Deviations = _Deviations()
-    panels: Annotated[dict[MarkerId, _Panel], AfterValidator(_at_least_one)]
+    panels: Annotated[dict[MarkerId, _Panel], AfterValidator(_check_not_empty)]
 
 
 def load_map(path: Path) -> PanelMap:

@@ -41,7 +41,7 @@ def strangers_note(config: Config, panels: PanelMap | None) -> str:
 
     That is no error: a field's layout may hold tags that others read.
     """
-    words = len(load_dictionary(config.panels.dictionary).words)
+    words = len(load_dictionary(config.panels.dictionary).codewords)
     strangers = sorted(marker_id for marker_id in panels or {} if marker_id >= words)
     notes = []
     if strangers:

@@ -25,6 +25,7 @@ from pydantic import (
 
 from ledpi.config.mistakes import explain
 from ledpi.config.overrides import apply_override
+from ledpi.config.renamed import rename_method
 from ledpi.config.values import (
     Angles,
     Duty,
@@ -45,8 +46,8 @@ from ledpi.core.errors import ConfigError
 from ledpi.core.files import read_yaml
 from ledpi.core.records import PanelSpec, PanelValues, Phase, Transfer
 from ledpi.core.wording import shortened
+from ledpi.markers.codewords import format_ranges
 from ledpi.markers.dictionaries import FILE_ENDINGS, dictionary_names, is_file, load_dictionary, meant_name
-from ledpi.markers.words import as_ranges
 
 SEARCH_PATH = (Path("config.yaml"), Path("/etc/ledpi/config.yaml"))
 
@@ -133,26 +134,24 @@ class PanelSettings(_Section):
         if self.ids is not None:
             return frozenset(self.ids)
         dictionary = load_dictionary(self.dictionary)
-        return frozenset(range(len(dictionary.words))) - frozenset(dictionary.part_like_ids())
+        return frozenset(range(len(dictionary.codewords))) - frozenset(dictionary.part_like_ids())
 
     def unreported_note(self, ids: Iterable[int]) -> str:
         """Names those of `ids` that the dictionary has, and that are not reported; "" where all are."""
-        known = range(len(load_dictionary(self.dictionary).words))
+        known = range(len(load_dictionary(self.dictionary).codewords))
         missing = sorted(set(ids).intersection(known) - self.existing_ids())
         if not missing:
             return ""
         one = len(missing) == 1
-        note = (
-            f"{'ID' if one else 'IDs'} {as_ranges(missing)} {'is' if one else 'are'} reported only if panels.ids lists "
-            f"{'it' if one else 'them'}"
-        )
+        ids_are = f"{'ID' if one else 'IDs'} {format_ranges(missing)} {'is' if one else 'are'}"
+        note = f"{ids_are} reported only if panels.ids lists {'it' if one else 'them'}"
         return note if self.ids is not None else f"{note}: a part of another panel can look the same"
 
     def frequencies_hz(self) -> tuple[float, ...]:
         """Every frequency that a panel blinks at, sorted. Raises ValueError where the panels' values contradict."""
         return tuple(sorted({hz for spec in self._specs() for hz in spec.waves_hz}))
 
-    def shown_by(self, values: PanelValues) -> PanelSettings:
+    def override_with(self, values: PanelValues) -> PanelSettings:
         """With a recording's own values in place of the common ones.
 
         Raises ConfigError where the overrides contradict them.
@@ -173,13 +172,13 @@ class PanelSettings(_Section):
         return [self.spec(), *(self.spec(marker_id) for marker_id in self.overrides)]
 
 
-Method = Literal["soft", "bands"]  # of decoding: ours, and the source paper's own
+Method = Literal["likelihood", "uemura"]  # of decoding: ours, and that of the source paper (Uemura and others)
 
 
 class DecodeSettings(_Section):
     """The section `decode`."""
 
-    method: Method = "soft"
+    method: Method = "likelihood"
 
 
 class CameraMount(_Section):
@@ -250,29 +249,30 @@ def load_config(path: Path | None, overrides: tuple[str, ...] = (), *, without_f
         from_command_line |= apply_override(raw, item)
     if path is None:
         _size_of_own_panels(raw)
+    rename_method(raw, where)
     try:
         config = Config.model_validate(raw)
     except ValidationError as error:
         raise ConfigError(f"{where}: {explain(error, Config)}") from None
-    config = _with_absolute_paths(config, base, from_command_line)
+    config = _resolve_paths(config, base, from_command_line)
     config._from_command_line = frozenset(from_command_line)
     _check_panels(config.panels, where)
     if config.camera.row_time_us != "auto":
-        check_bands_show(config.panels, config.camera.row_time_us, where)
+        check_bands_visible(config.panels, config.camera.row_time_us, where)
     check_method(config.decode.method, config.panels, f"{where}: decode.method")
     return config
 
 
 def check_method(method: Method, panels: PanelSettings, where: str) -> None:
     """Raises ConfigError where the method cannot read such panels. `where`: the key or option that names the method."""
-    if method == "bands" and panels.has_antiphase():
+    if method == "uemura" and panels.has_antiphase():
         raise ConfigError(
-            f"{where}: bands tells classes by how high their bands are, and with phase: antiphase they are alike; "
-            "must be soft"
+            f"{where}: uemura distinguishes classes by the height of their bands, and with phase: antiphase they "
+            "are alike; must be likelihood"
         )
 
 
-def check_bands_show(panels: PanelSettings, row_time_us: float, where: str) -> None:
+def check_bands_visible(panels: PanelSettings, row_time_us: float, where: str) -> None:
     """Raises ConfigError where no picture with such rows shows how panels blink."""
     try:
         check_cycles_fit(panels.frequencies_hz(), row_time_us)
@@ -286,7 +286,7 @@ def _check_panels(panels: PanelSettings, where: str) -> None:
         dictionary = load_dictionary(panels.dictionary)
     except ValueError as error:
         raise ConfigError(f"{where}: panels.dictionary: {error}") from None
-    known = len(dictionary.words)
+    known = len(dictionary.codewords)
     beyond = [listed for listed in panels.ids or () if listed >= known]
     if beyond:
         has = f"{panels.dictionary} has only the IDs 0 to {known - 1}"
@@ -322,7 +322,7 @@ def _size_of_own_panels(raw: dict[str, Any]) -> None:
         panels.setdefault("side_m", 0.16)
 
 
-def _with_absolute_paths(config: Config, base: Path, from_command_line: set[str]) -> Config:
+def _resolve_paths(config: Config, base: Path, from_command_line: set[str]) -> Config:
     """Paths in the file are relative to it, paths given with --set to the working directory."""
 
     def absolute(path: Path | str, key: str) -> Path:

@@ -20,7 +20,7 @@ from pydantic import (
 LONGEST_SIDE_M = 10.0  # a longer one was given in millimetres
 
 
-def _in_metres(side_m: float) -> float:
+def _check_metres(side_m: float) -> float:
     if side_m <= LONGEST_SIDE_M:
         return side_m
     shorter = side_m / 1000
@@ -32,7 +32,7 @@ def _in_metres(side_m: float) -> float:
 Hertz = Annotated[float, Field(ge=10, le=100_000, allow_inf_nan=False)]  # a bright and a dark row of 5 µs each
 Microseconds = Annotated[float, Field(ge=1, le=10_000_000, allow_inf_nan=False)]
 RowTime = Annotated[float, Field(ge=1, le=1_000, allow_inf_nan=False)]  # µs; sensors' rows take 5 to 100
-SideM = Annotated[float, Field(ge=0.001, allow_inf_nan=False), AfterValidator(_in_metres)]
+SideM = Annotated[float, Field(ge=0.001, allow_inf_nan=False), AfterValidator(_check_metres)]
 MAX_SIDE_PX = 5000  # of a picture: the largest sensors that deliver video have 4656 columns
 SidePx = Annotated[int, Field(ge=1, le=MAX_SIDE_PX)]
 MarkerId = Annotated[int, Field(ge=0, le=65_535)]

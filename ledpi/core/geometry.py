@@ -135,7 +135,7 @@ def corners_apart(corners: Sequence[Sequence[float]], others: Sequence[Sequence[
     return max(min(math.dist(at, there) for there in others) for at in corners)
 
 
-def unit_square_to(corners: Floats) -> Floats:
+def unit_square_homography(corners: Floats) -> Floats:
     """(3, 3) homography that takes (0,0) (1,0) (1,1) (0,1) to the four `corners` (4, 2).
 
     Heckbert's closed form (Fundamentals of Texture Mapping, 1989). Never raises: where both sides at the third corner
@@ -164,9 +164,9 @@ def apply_homography(homography: Floats, points: Floats) -> Floats:
     return np.stack([x / w, y / w], axis=1)
 
 
-def in_square(corners: Floats, places: Floats) -> Floats:
+def project_to_quad(corners: Floats, places: Floats) -> Floats:
     """Where places (N, 2) of the unit square are seen whose corners are seen at `corners` (4, 2): (N, 2)."""
-    return apply_homography(unit_square_to(corners), places)
+    return apply_homography(unit_square_homography(corners), places)
 
 
 def box(left: float, top: float, right: float, bottom: float) -> Floats:

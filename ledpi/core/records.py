@@ -105,7 +105,7 @@ class PanelSpec:
         hz = " and ".join(f"{hz:g}" for hz in self.waves_hz)
         return f"{hz} Hz in antiphase" if self.phase == "antiphase" else f"{hz} Hz"
 
-    def at(self, waves_hz: Sequence[float]) -> PanelSpec:
+    def retune(self, waves_hz: Sequence[float]) -> PanelSpec:
         """The panel with other frequencies of its waves."""
         return replace(self, black_hz=waves_hz[0], white_hz=waves_hz[-1])
 
@@ -157,7 +157,7 @@ class Frame:
         object.__setattr__(self, "pixels", np.ascontiguousarray(self.pixels))
         self.pixels.flags.writeable = False
 
-    def without_picture(self) -> Frame:
+    def drop_picture(self) -> Frame:
         """What may be kept of it: the picture's room will hold another."""
         return replace(self, pixels=_NO_PICTURE)
 
@@ -189,7 +189,7 @@ class Quad:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Sighting:
+class Detection:
     """A panel that was read."""
 
     id: int
@@ -220,9 +220,9 @@ class PlanarSolution:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MarkerPose:
-    """A sighting with its place. `solution` is None where the camera is not calibrated."""
+    """A detection with its place. `solution` is None where the camera is not calibrated."""
 
-    sighting: Sighting
+    detection: Detection
     mid_exposure_ns: int  # of the panel's centre row
     solution: PlanarSolution | None
     alternate: PlanarSolution | None  # the other planar solution, where it cannot be excluded

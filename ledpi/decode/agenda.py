@@ -1,4 +1,4 @@
-"""What of a stream's candidates is looked at in which frame: a frame has a budget, and each place its turn."""
+"""Schedules a stream's candidates: a frame has a budget, and each place its turn."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ SAME = 0.25  # of the side: candidates whose middles are no further apart, from 
 
 
 class Agenda:
-    """Of one stream. `is_due` once a frame, then `in_turn`, then `tried` for each that was looked at."""
+    """Of one stream. Call `is_due` once a frame, then `schedule`, then `tried` for each candidate that was fitted."""
 
     def __init__(self) -> None:
         self._since_search = SEARCH_EVERY
@@ -21,19 +21,19 @@ class Agenda:
         self._middles: Floats = np.empty((0, 2))  # of what was tried
         self._turns = np.empty(0, np.int64)  # when
 
-    def is_due(self, *, all_seen: bool) -> bool:
-        """Whether the picture is searched: it is time again, or a panel is not where it was expected."""
+    def is_due(self, *, all_detected: bool) -> bool:
+        """Whether the picture is searched: it is time again, or a panel is not at its predicted place."""
         self._since_search += 1
-        due = self._since_search >= SEARCH_EVERY or not all_seen
+        due = self._since_search >= SEARCH_EVERY or not all_detected
         if due:
             self._since_search = 0
             self._turn += 1
         return due
 
-    def in_turn(self, candidates: list[Candidate]) -> list[Candidate]:
-        """The best, and those whose turn it is: new places, then what was tried longest ago; one of either at a time.
+    def schedule(self, candidates: list[Candidate]) -> list[Candidate]:
+        """The best candidates and those whose turn it is, in alternation: new places, then those tried longest ago.
 
-        `candidates` come best first. Where nothing was proposed again is forgotten.
+        `candidates` come best first. Places without a candidate are forgotten.
         """
         if not candidates:
             self._middles, self._turns = self._middles[:0], self._turns[:0]
@@ -51,6 +51,6 @@ class Agenda:
         return [candidates[k] for k in dict.fromkeys(both)]
 
     def tried(self, candidate: Candidate) -> None:
-        """It was looked at in this turn."""
+        """The candidate was fitted in this turn."""
         self._middles = np.concatenate([self._middles, candidate.corners_px.mean(axis=0)[None]])
         self._turns = np.append(self._turns, self._turn)

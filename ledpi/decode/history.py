@@ -1,7 +1,8 @@
-"""What the frames of a track have shown of its panel: a record, and all the ways in which a frame may change it.
+"""The history of a track's panel: a record, and every way in which a frame may change it.
 
-A panel is not read yet (`last` is None), read (`shown`), or was read and tells nothing at the moment (`untold` frames
-since `last`). Where what was seen turns out to be something else, all begins anew, but for what `Tuning` has.
+A panel is not read yet (`last` is None), read (`identity`), or was read and is not confirmed at the moment
+(`uninformative` frames since `last`). If it turns out to be another thing, the history starts again; only
+`FrequencySearch` keeps its frames.
 """
 
 from __future__ import annotations
@@ -11,125 +12,125 @@ from typing import NamedTuple
 from ledpi.core.records import Frame, PanelSpec
 from ledpi.decode.cells import CellSamples
 from ledpi.decode.evidence.evidence import Evidence
-from ledpi.decode.evidence.expect import Expectation
 from ledpi.decode.evidence.memory import PanelMemory
-from ledpi.decode.identify.soft import Reading
-from ledpi.decode.identify.tuning import Proposal, Seen
+from ledpi.decode.evidence.prediction import Prediction
+from ledpi.decode.identify.decision import Reading
+from ledpi.decode.identify.frequency_search import Observation, Proposal
 
-SEEN_FRAMES = 12  # that are kept to find a panel's frequencies from
+SEARCH_FRAMES = 12  # that are kept to find a panel's frequencies from
 
 
-class Shown(NamedTuple):
+class Identity(NamedTuple):
     """What a panel was read as."""
 
     group: int  # which pair of frequencies, of those that panels may have
     reading: Reading
-    expectation: Expectation | None = None  # of the frames to come, once it is made
+    prediction: Prediction | None = None  # of the frames to come, once it is made
 
-    def is_expected(self, samples: CellSamples, frame: Frame) -> bool:
-        """Whether a frame surely shows the same."""
-        return self.expectation is not None and self.expectation.is_met(samples, frame)
+    def matches(self, samples: CellSamples, frame: Frame) -> bool:
+        """Whether a frame clearly shows the same."""
+        return self.prediction is not None and self.prediction.matches(samples, frame)
 
-    def is_missed(self, samples: CellSamples, frame: Frame) -> bool:
-        """Whether a frame rather shows something else."""
-        return self.expectation is not None and self.expectation.is_missed(samples, frame)
+    def is_contradicted_by(self, samples: CellSamples, frame: Frame) -> bool:
+        """Whether a frame is more likely to show something else."""
+        return self.prediction is not None and self.prediction.is_contradicted_by(samples, frame)
 
 
-class Tuning(NamedTuple):
-    """The frames that a panel's frequencies are sought in, and those that were found, if not the announced ones."""
+class FrequencySearch(NamedTuple):
+    """The frames that are searched for a panel's frequencies, and the frequencies found, if not the configured ones."""
 
-    seen: tuple[Seen, ...] = ()  # the last frames
-    looks: int = 0  # frames since the last try
+    observations: tuple[Observation, ...] = ()  # the last frames
+    frames_since_try: int = 0  # frames since the last try
     found: Proposal | None = None
-    found_by: int = 0  # frames
+    found_from: int = 0  # frames
 
     @property
     def settling(self) -> bool:
-        """Whether its frequencies were told from a few frames, which is not exact enough for many more."""
-        return self.found is not None and self.found_by < SEEN_FRAMES
+        """Whether the frequencies were estimated from few frames: not exact enough to add up many more."""
+        return self.found is not None and self.found_from < SEARCH_FRAMES
 
-    def after(self, samples: CellSamples, frame: Frame) -> Tuning:
-        """With a further frame."""
-        seen = (*self.seen[1 - SEEN_FRAMES :], Seen(samples=samples, frame=frame))
-        return self._replace(seen=seen, looks=self.looks + 1)
+    def add_frame(self, samples: CellSamples, frame: Frame) -> FrequencySearch:
+        """With one more frame."""
+        observations = (*self.observations[1 - SEARCH_FRAMES :], Observation(samples=samples, frame=frame))
+        return self._replace(observations=observations, frames_since_try=self.frames_since_try + 1)
 
-    def of_newest_alone(self) -> Tuning:
-        """The frames before say nothing of what blinks there now."""
-        return self._replace(seen=self.seen[-1:], looks=1)
+    def keep_newest(self) -> FrequencySearch:
+        """Without the frames before the newest: they may show another panel."""
+        return self._replace(observations=self.observations[-1:], frames_since_try=1)
 
-    def tried(self) -> Tuning:
-        """Frequencies were sought, and not found."""
-        return self._replace(looks=0)
+    def mark_failed(self) -> FrequencySearch:
+        """After a search that found nothing."""
+        return self._replace(frames_since_try=0)
 
-    def found_as(self, proposal: Proposal) -> Tuning:
-        """Frequencies were sought, and found."""
-        return self._replace(looks=0, found=proposal, found_by=len(self.seen))
+    def mark_found(self, proposal: Proposal) -> FrequencySearch:
+        """After a search that found these frequencies."""
+        return self._replace(frames_since_try=0, found=proposal, found_from=len(self.observations))
 
 
 class History(NamedTuple):
     """What the frames of a track have shown."""
 
     memories: tuple[PanelMemory, ...]  # one for each pair of frequencies
-    last: Shown | None = None  # what they were read as
-    untold: int = 0  # frames since then that told nothing, and are not in the memories
-    met: int = 0  # frames since then that were as expected
+    last: Identity | None = None  # what they were read as
+    uninformative: int = 0  # frames since then that added nothing, and are not in the memories
+    matched: int = 0  # frames since then that were as expected
     confirmed: int = 0  # all frames that were as expected, and are not in the memories
-    tuning: Tuning = Tuning()
+    search: FrequencySearch = FrequencySearch()
 
     @classmethod
-    def of(cls, specs: tuple[PanelSpec, ...], tuning: Tuning | None = None) -> History:
-        """Before there was a frame."""
-        return cls(memories=tuple(PanelMemory(spec) for spec in specs), tuning=tuning or Tuning())
+    def empty(cls, specs: tuple[PanelSpec, ...], search: FrequencySearch | None = None) -> History:
+        """Without frames."""
+        return cls(memories=tuple(PanelMemory(spec) for spec in specs), search=search or FrequencySearch())
 
     @property
-    def shown(self) -> Shown | None:
-        """What it is read as now."""
-        return None if self.untold else self.last
+    def identity(self) -> Identity | None:
+        """What the panel is read as now."""
+        return None if self.uninformative else self.last
 
     @property
     def frames(self) -> int:
-        """How many have shown it."""
+        """The number of frames that showed the panel."""
         return self.memories[0].frames + self.confirmed
 
-    def as_expected(self) -> History:
-        """A further frame is as expected of what is shown: that is all that is asked of it."""
-        return self._replace(met=self.met + 1, confirmed=self.confirmed + 1)
+    def confirm(self) -> History:
+        """One more frame matches the prediction; it does not enter the memories."""
+        return self._replace(matched=self.matched + 1, confirmed=self.confirmed + 1)
 
-    def not_only_expected(self) -> History:
-        """The newest frame, which was as expected, is to enter the memories after all."""
+    def unconfirm(self) -> History:
+        """The newest frame, which matched, is to enter the memories after all."""
         return self._replace(confirmed=self.confirmed - 1)
 
-    def expecting(self, shown: Shown, expectation: Expectation) -> History:
-        """What is `shown` lets this be expected."""
-        return self._replace(last=shown._replace(expectation=expectation))
+    def expect(self, identity: Identity, prediction: Prediction) -> History:
+        """With the prediction that follows from `identity`."""
+        return self._replace(last=identity._replace(prediction=prediction))
 
-    def after(self, samples: CellSamples, frame: Frame) -> tuple[History, list[Evidence | None]]:
-        """With a further frame in the memories, and what it adds to each. What it is read as is to be told."""
-        further, added = zip(*(memory.after(samples, frame) for memory in self.memories), strict=True)
-        return self._replace(memories=further, tuning=self.tuning.after(samples, frame)), list(added)
+    def add_frame(self, samples: CellSamples, frame: Frame) -> tuple[History, list[Evidence | None]]:
+        """With one more frame in the memories, and what it adds to each. The caller then decides on the identity."""
+        further, added = zip(*(memory.add_frame(samples, frame) for memory in self.memories), strict=True)
+        return self._replace(memories=further, search=self.search.add_frame(samples, frame)), list(added)
 
-    def read_as(self, shown: Shown) -> History:
-        """The memories show this."""
-        return self._replace(last=shown, untold=0, met=0)
+    def identify_as(self, identity: Identity) -> History:
+        """The memories show this panel."""
+        return self._replace(last=identity, uninformative=0, matched=0)
 
-    def not_read(self) -> History:
-        """They show nothing, or nothing that is believed."""
-        return self._replace(last=None, untold=0, met=0)
+    def clear_identity(self) -> History:
+        """The memories show no panel, or none that is accepted."""
+        return self._replace(last=None, uninformative=0, matched=0)
 
-    def with_untold(self, tuning: Tuning) -> History:
-        """A further frame tells nothing, and the memories did. So it is left out of them, but not of the `tuning`."""
-        return self._replace(untold=self.untold + 1, tuning=tuning)
+    def skip_frame(self, search: FrequencySearch) -> History:
+        """One more frame adds nothing, though the memories did: only `search` keeps it."""
+        return self._replace(uninformative=self.uninformative + 1, search=search)
 
-    def of_newest_alone(self) -> History:
-        """The frames before the newest were of something else, or do not add up."""
-        memories = tuple(PanelMemory(memory.spec).after(*memory.newest)[0] for memory in self.memories)
-        return History(memories=memories, tuning=self.tuning)
+    def keep_newest(self) -> History:
+        """Only the newest frame: those before it showed something else, or do not add up."""
+        memories = tuple(PanelMemory(memory.spec).add_frame(*memory.newest)[0] for memory in self.memories)
+        return History(memories=memories, search=self.search)
 
-    def tuned(self, tuning: Tuning) -> History:
-        """The same memories, with another `tuning`."""
-        return self._replace(tuning=tuning)
+    def set_search(self, search: FrequencySearch) -> History:
+        """The same memories with another `search`."""
+        return self._replace(search=search)
 
-    def tuned_to(self, proposal: Proposal, group: int, memory: PanelMemory) -> History:
-        """The panel is one of this `group` at other frequencies, which `memory` has."""
+    def retune(self, proposal: Proposal, group: int, memory: PanelMemory) -> History:
+        """The panel blinks at other frequencies than others of its `group`; `memory` is at these."""
         memories = (*self.memories[:group], memory, *self.memories[group + 1 :])
-        return self._replace(memories=memories, tuning=self.tuning.found_as(proposal))
+        return self._replace(memories=memories, search=self.search.mark_found(proposal))

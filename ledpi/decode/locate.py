@@ -1,4 +1,4 @@
-"""Where a panel is, from corners that are about right: by a fit of its whole picture."""
+"""Localises a panel from rough corners: by a fit of its whole picture."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ MISFIT = Rejected(stage="fit", reason="misfit")
 UNCERTAIN = Rejected(stage="fit", reason="uncertain")
 
 REACH = 0.1  # of the side: how far off a proposal may be
-# Of the light's squares: a first look, from corners that are off, must explain more than it leaves; of what a panel's
+# Of the light's squares: the first fit, from corners that are off, must explain more than it leaves; of what a panel's
 # fit leaves in the end the deviation is less than a third of the light's own.
 MIN_EXPLAINED, MIN_EXPLAINED_FINELY = 0.5, 0.9
 MAX_SIGMA = 1.0 / 8.0  # of a cell: further off, slopes no longer tell what a shift does to a cell's light
@@ -46,11 +46,11 @@ class Locator:
 
     @property
     def spent(self) -> int:
-        """On all fits so far: places of the picture at which the model was compared with it."""
+        """The cost of all fits so far: samples at which the model was compared with the picture."""
         return self._fitter.sampled
 
-    def at(self, frame: Frame, corners_px: Floats) -> Quad | Rejected:
-        """The panel that a proposal (4, 2) is of, or why it is none: on a coarse grid, then on a fine one."""
+    def localise(self, frame: Frame, corners_px: Floats) -> Quad | Rejected:
+        """The panel at a candidate (4, 2), or why there is none: on a coarse grid, then on a fine one."""
         deep = self._is_deep(frame)
         coarse = Effort(rounds=8, tolerance=0.02, roughly=True, phasing=deep, must_blink=deep and self._must_blink)
         first = self._fitted(frame, corners_px, coarse, self._specs)
@@ -68,10 +68,10 @@ class Locator:
             fit = self._fitted(frame, fit.lattice_px, fine, (fit.spec,), fit.unknown)
         return self._quad(fit)
 
-    def near(self, frame: Frame, corners_px: Floats, known: Floats) -> Quad | Rejected:
+    def refine(self, frame: Frame, corners_px: Floats, known: Floats) -> Quad | Rejected:
         """The panel whose lattice is within a tenth of a cell or so of these corners (4, 2), or why there is none.
 
-        `known`: the unknowns that it was fitted with before, its corners in the same order.
+        `known`: the unknowns of its last fit, with its corners in the same order.
         """
         fine = Effort(rounds=6, reweightings=1)
         fit = self._fitted(frame, corners_px, fine, self._specs, known)
@@ -93,7 +93,7 @@ class Locator:
         if not quad_side(corners_px.tolist()) >= smallest_px:
             return TOO_SMALL
         fewest_px = FEWEST_PX if effort.phasing or not effort.roughly else self._cells * ROUGHLY
-        window = Window.around(frame, corners_px, REACH, fewest_px)
+        window = Window.crop(frame, corners_px, REACH, fewest_px)
         if window is None:
             return NO_LIGHT
         fits = [self._fitter.fit(frame, window, corners_px, spec, effort, known) for spec in specs]

@@ -1,4 +1,4 @@
-"""Where panels may be: rough squares, wrong often, missing rarely. What is one is for the fit to say."""
+"""Proposes candidates: rough squares, often wrong, rarely missing. The fit decides which of them are panels."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from ledpi.core.geometry import corners_apart, quad_side
 from ledpi.core.records import CameraInfo, Floats, Frame, PanelSpec, Rejected
 from ledpi.core.shutter import contrast
 from ledpi.decode.cells import MIN_CELL_PX
-from ledpi.decode.finding.find import Finder
 from ledpi.decode.finding.lattices import LatticeFinder
+from ledpi.decode.finding.outlines import Finder
 
 DEEP = 0.5  # depth of bands that cut a panel into pieces
 SAME = 0.25  # of a cell: proposals no further apart lead to the same fit
@@ -29,7 +29,7 @@ class Candidate(NamedTuple):
     side_px: float
 
     @classmethod
-    def of(cls, corners_px: Floats) -> Candidate:
+    def from_corners(cls, corners_px: Floats) -> Candidate:
         """The candidate with these corners (4, 2)."""
         return cls(corners_px, quad_side(corners_px.tolist()))
 
@@ -55,7 +55,7 @@ class Proposer:
         dropped: list[Rejected] = []
         for seen in [frame] if band_rows is None else _bridged(frame, band_rows):
             outlines, refused = self._outlines.find(seen)
-            again, refused_too = self._outlines.find_again()
+            again, refused_too = self._outlines.find_by_contrast()
             lattices += self._lattices.find(self._outlines.pyramid(seen))
             found += [*outlines, *again]
             dropped += refused + refused_too
@@ -74,7 +74,7 @@ class Proposer:
 
     def _distinct(self, ranked: list[Floats]) -> list[Candidate]:
         """The candidates that are large enough, of those that lead to one fit the first."""
-        candidates = [Candidate.of(at) for at in ranked]
+        candidates = [Candidate.from_corners(at) for at in ranked]
         candidates = [one for one in candidates if one.side_px >= self._cells * MIN_CELL_PX]
         if not candidates:
             return []

@@ -1,7 +1,7 @@
-"""What a panel shows: adds a frame to its history and tells the word, or that it is another one than before.
+"""Reads a panel: adds a frame to its history, and decides on a codeword from all frames of its track.
 
-Three questions, each asked only where the one before leaves it open. Does the frame show what was shown before? What
-word do all frames together show? And if none, do they at other frequencies than announced?
+Three questions, each asked only if the one before stays open. Does the frame match the prediction? Which codeword do
+all frames together show? And if none: do they show one at other frequencies than the configured ones?
 """
 
 from __future__ import annotations
@@ -14,60 +14,59 @@ from typing import NamedTuple
 from ledpi.core.records import Frame, PanelSpec, Rejected
 from ledpi.decode.cells import CellSamples
 from ledpi.decode.evidence.evidence import Evidence
-from ledpi.decode.evidence.expect import UNLIKE, Expectation
 from ledpi.decode.evidence.memory import PanelMemory
+from ledpi.decode.evidence.prediction import UNLIKE, Prediction
 from ledpi.decode.evidence.waves import band_prior, is_deep
-from ledpi.decode.history import History, Shown
-from ledpi.decode.identify import soft
+from ledpi.decode.history import History, Identity
+from ledpi.decode.identify import decision
 from ledpi.decode.identify.codebook import Codebook
-from ledpi.decode.identify.denial import confirms, denies, tells_of
-from ledpi.decode.identify.soft import Reading
-from ledpi.decode.identify.tuning import CHOICES, Seen, propose_frequencies
-from ledpi.decode.identify.words import likeliest
+from ledpi.decode.identify.codewords import rank_codewords
+from ledpi.decode.identify.decision import Reading
+from ledpi.decode.identify.frequency_search import CHOICES, Observation, propose_frequencies
+from ledpi.decode.identify.innovation_gate import confirms, contradicts, expected_log_likelihood_ratio
 
-# Frames that surely show what was read last are not read anew, but for one of eight: by then a panel may look a little
-# otherwise, and the margin has grown.
+# Frames that match the prediction are not read again, but for one of eight: by then a panel may look a little
+# different, and the margin has grown.
 READ_EVERY = 8
-# What was read is still shown while it leads by what this rate asks for, 4.8 nats and not 11.3: else a word that has
-# only just passed comes and goes with the noise of further frames.
-KEPT_RATE = 1e-3
+# Hysteresis: an ID is kept while its odds are those of this rate, 4.8 nats and not 11.3. Otherwise a codeword that has
+# only just passed would come and go with the noise of further frames.
+HYSTERESIS_RATE = 1e-3
 # A track whose frames add up to nothing may blink at other frequencies. That is tried after every so many.
 TUNE_EVERY = 4
 # Frames that contradict each other make a track forget: one that remembers less than this does not add up.
 ADDS_UP_FRAMES = 4
 
-# A frame of which comparison with those before tells less than the share ALIKE of what these have told, each, or which
-# misses what they let expect, is asked by itself, too, as that tells another panel's word at once. (It is a worse
-# witness where a part of a panel is hidden.)
-# Below the share UNLIKE it must be for what was shown: it looks so unlike those before that what is left is no measure
-# of noise. (It may also show their very phases.)
-ALIKE = 0.5
-DOUBTED = Rejected(stage="track", reason="unlike_before")
+# A frame is also read by itself if its comparison adds less than this share of the usual log-likelihood ratio, or if it
+# contradicts the prediction: that detects another panel's codeword at once. (It is less reliable if a part of the panel
+# is occluded.) Below the share UNLIKE it must confirm the identity by itself: it differs so much from earlier frames
+# that their residual is no measure of noise. (Or it has the very same phases.)
+TYPICAL_SHARE = 0.5
+INNOVATION = Rejected(stage="track", reason="innovation")
 
-# What no further frame can mend: this is no panel, or not where it was thought to be.
-SOMETHING_ELSE = (soft.INCONSISTENT, soft.IMPLAUSIBLE)
+# No further frame can change these: this is no panel, or not at this place.
+NOT_THIS_PANEL = (decision.INCONSISTENT, decision.IMPLAUSIBLE)
 
 
 class Added(NamedTuple):
-    """A history with a further frame."""
+    """A history with one more frame."""
 
     history: History
-    denied: bool = False  # that frame shows something else: all before it is forgotten
-    doubted: bool = False  # it is unlike those before, and by itself not surely for what they have shown
+    contradicted: bool = False  # the frame shows something else: the earlier frames are forgotten
+    gated: bool = False  # the frame fails the innovation gate
 
 
 class Outcome(NamedTuple):
-    """What became of a frame."""
+    """The result of one frame."""
 
     history: History
-    shown: Shown | Rejected
-    denied: bool  # that it shows what the frames before have shown
+    identity: Identity | Rejected
+    contradicted: bool  # the frame shows something else than the frames before
 
 
 class Reader:
-    """Reads the panels of some pairs of frequencies. Keeps nothing; what is known of a panel is in its history.
+    """Reads the panels of some pairs of frequencies. It has no state: what is known of a panel is in its history.
 
-    Of a `frame` its times count. Histories keep it: let it come without its picture.
+    Of a `frame` only its times are used. Histories keep it, so pass it without its picture.
     """
 
     def __init__(
@@ -78,172 +77,183 @@ class Reader:
         self._search_frequencies = search_frequencies
 
     def read(self, history: History, samples: CellSamples, frame: Frame) -> Outcome:
-        """The word that is shown with this frame, or why none can be told."""
-        shown = history.shown
-        if shown is None or history.tuning.settling or not shown.is_expected(samples, frame):
-            return self._read_anew(history, samples, frame)
-        return Outcome(history=history.as_expected(), shown=shown, denied=False)
+        """The codeword after this frame, or the reason why there is none."""
+        identity = history.identity
+        if identity is None or history.search.settling or not identity.matches(samples, frame):
+            return self._read_all_frames(history, samples, frame)
+        return Outcome(history=history.confirm(), identity=identity, contradicted=False)
 
-    def keep_up(self, history: History, samples: CellSamples, frame: Frame) -> History:
-        """What is for the good of the frames to come, once this one, which has shown `samples`, has given its results.
+    def prepare_next(self, history: History, samples: CellSamples, frame: Frame) -> History:
+        """Work for the frames to come, done once this frame, with its `samples`, has given its results.
 
-        What was as expected for a while is read anew, and what the next frame should look like is made ready.
+        After a run of frames that matched the prediction, the panel is read again; and the next prediction is made.
         """
-        if history.shown is not None and history.met >= READ_EVERY:
-            history = self._read_anew(history.not_only_expected(), samples, frame).history
-        shown = history.shown
-        if shown is None or shown.expectation is not None:
+        if history.identity is not None and history.matched >= READ_EVERY:
+            history = self._read_all_frames(history.unconfirm(), samples, frame).history
+        identity = history.identity
+        if identity is None or identity.prediction is not None:
             return history
-        memory = history.memories[shown.group]
-        expectation = Expectation.of(memory, shown.reading.cell_bands, _usual_nats(memory, shown))
-        return history.expecting(shown, expectation)
+        memory = history.memories[identity.group]
+        prediction = Prediction.from_memory(memory, identity.reading.cell_bands, _typical_nats(memory, identity))
+        return history.expect(identity, prediction)
 
-    def _read_anew(self, before: History, samples: CellSamples, frame: Frame) -> Outcome:
-        now, denied, doubted = _with_frame(before, samples, frame)
-        shown = DOUBTED if doubted else self._decide(now, self._false_id_rate)
-        if isinstance(shown, Rejected) and not denied and (before.last is not None or _may_speak_alone(now)):
+    def _read_all_frames(self, before: History, samples: CellSamples, frame: Frame) -> Outcome:
+        now, contradicted, gated = _add_frame(before, samples, frame)
+        identity = INNOVATION if gated else self._decide(now, self._false_id_rate)
+        if (
+            isinstance(identity, Rejected)
+            and not contradicted
+            and (before.last is not None or _is_newest_tried_alone(now))
+        ):
             # Together they tell nothing any more; where phases run other than expected, each frame still may by itself.
-            only = now.of_newest_alone()
+            only = now.keep_newest()
             alone = self._decide(only, self._false_id_rate)
-            if isinstance(alone, Shown):
-                now, shown = only, alone
+            if isinstance(alone, Identity):
+                now, identity = only, alone
                 if before.last is not None and not _is_same(alone, before.last):
-                    now = now.tuned(now.tuning.of_newest_alone())
-            elif before.last is not None and not doubted:
-                shown = self._still(now, before.last) or shown
-        open_yet = isinstance(shown, Rejected) or now.frames < ADDS_UP_FRAMES or now.tuning.settling
-        if self._search_frequencies and open_yet and now.tuning.looks >= TUNE_EVERY:
-            tuned = self._tune(now, doubted)
-            decided = shown if tuned is None else self._decide(tuned, self._false_id_rate)
-            # Frequencies are sought in frames that may be of what was there before: these do not overrule a word.
-            overruled = isinstance(shown, Shown) and isinstance(decided, Shown) and not _is_same(shown, decided)
+                    now = now.set_search(now.search.keep_newest())
+            elif before.last is not None and not gated:
+                identity = self._confirm_last(now, before.last) or identity
+        open_yet = isinstance(identity, Rejected) or now.frames < ADDS_UP_FRAMES or now.search.settling
+        if self._search_frequencies and open_yet and now.search.frames_since_try >= TUNE_EVERY:
+            tuned = self._search_frequencies_of(now, gated)
+            decided = identity if tuned is None else self._decide(tuned, self._false_id_rate)
+            # Frequencies are sought in frames that may be of what was there before: these do not overrule a codeword.
+            overruled = (
+                isinstance(identity, Identity) and isinstance(decided, Identity) and not _is_same(identity, decided)
+            )
             if tuned is None or overruled:
-                now = now.tuned(now.tuning.tried())
+                now = now.set_search(now.search.mark_failed())
             else:
-                now, shown = tuned, decided
-        if isinstance(shown, Shown):
-            now = now.read_as(shown)
+                now, identity = tuned, decided
+        if isinstance(identity, Identity):
+            now = now.identify_as(identity)
         else:
-            now = now.not_read() if before.last is None or denied else _without_newest(before, now)
-        return Outcome(history=now, shown=shown, denied=denied)
+            now = now.clear_identity() if before.last is None or contradicted else _drop_newest(before, now)
+        return Outcome(history=now, identity=identity, contradicted=contradicted)
 
-    def _still(self, now: History, last: Shown) -> Shown | None:
-        """What was read last, if all frames together still show that."""
-        kept = self._decide(now, KEPT_RATE)
+    def _confirm_last(self, now: History, last: Identity) -> Identity | None:
+        """The last identity, if all frames together still support it at the lower odds of the hysteresis."""
+        kept = self._decide(now, HYSTERESIS_RATE)
         if isinstance(kept, Rejected):
             return None
         return kept if _is_same(kept, last) else None
 
-    def _decide(self, history: History, rate: float) -> Shown | Rejected:
-        if history.tuning.found is not None:
-            rate /= CHOICES  # as frequencies that were chosen to fit leave chance more ways to look like a word
-        readings = [self._word(memory, group, rate) for group, memory in enumerate(history.memories)]
-        reading = soft.surest(readings, rate)
+    def _decide(self, history: History, rate: float) -> Identity | Rejected:
+        if history.search.found is not None:
+            rate /= CHOICES  # as frequencies that were chosen to fit leave chance more ways to look like a codeword
+        readings = [self._read_memory(memory, group, rate) for group, memory in enumerate(history.memories)]
+        reading = decision.select_best(readings, rate)
         if isinstance(reading, Rejected):
             return reading
         ids = [r.id if isinstance(r, Reading) else None for r in readings]
-        return Shown(group=ids.index(reading.id), reading=reading)
+        return Identity(group=ids.index(reading.id), reading=reading)
 
-    def _word(self, memory: PanelMemory, group: int, rate: float) -> Reading | Rejected:
+    def _read_memory(self, memory: PanelMemory, group: int, rate: float) -> Reading | Rejected:
         book = self._codebooks[group]
-        alone = self._alone(memory, book if memory.spec is book.spec else replace(book, spec=memory.spec), rate)
+        alone = self._read_newest(memory, book if memory.spec is book.spec else replace(book, spec=memory.spec), rate)
         if alone is not None:
             return alone
         evidence = memory.evidence()
         if isinstance(evidence, Rejected):
             return evidence
-        return soft.decide(evidence, book, rate)
+        return decision.decide(evidence, book, rate)
 
-    def _alone(self, memory: PanelMemory, book: Codebook, rate: float) -> Reading | Rejected | None:
-        """What the newest frame shows by itself; None where it is for all frames together to tell.
+    def _read_newest(self, memory: PanelMemory, book: Codebook, rate: float) -> Reading | Rejected | None:
+        """The reading of the newest frame alone; None if all frames together must decide.
 
-        A single frame of deep bands says all, to who looks twice, or that something is not as it should be.
+        A single frame of deep bands is decisive: it has a codeword, or it shows that something is wrong.
         """
         samples, frame = memory.newest
         if memory.frames == 1:
-            return soft.read_word(samples, frame, book, rate)
+            return decision.read_codeword(samples, frame, book, rate)
         if not is_deep(band_prior(frame, book.spec)):
             return None
-        reading = soft.read_word(samples, frame, book, rate)
+        reading = decision.read_codeword(samples, frame, book, rate)
         if isinstance(reading, Reading):
-            return reading._replace(cell_bands=memory.in_its_time(reading.cell_bands))
-        return reading if reading in SOMETHING_ELSE else None
+            return reading._replace(cell_bands=memory.count_from_origin(reading.cell_bands))
+        return reading if reading in NOT_THIS_PANEL else None
 
-    def _tune(self, history: History, doubted: bool) -> History | None:
-        """The history at other frequencies, at which its frames add up to a word; None where there are none.
+    def _search_frequencies_of(self, history: History, gated: bool) -> History | None:
+        """The history at other frequencies, at which its frames add up to a codeword; None if there are none.
 
-        What the frames before have shown may be there no more: a newest one that is doubted must be for it by itself.
+        The earlier frames may show a panel that is gone: a newest frame that fails the gate must confirm by itself.
         """
-        seen = history.tuning.seen
+        observations = history.search.observations
         for group, book in enumerate(self._codebooks):
-            proposal = propose_frequencies(seen, book.spec, book)
+            proposal = propose_frequencies(observations, book.spec, book)
             if proposal is None:
                 continue
-            memory, added = _remembered(seen, proposal.spec)
-            reading = self._word(memory, group, self._false_id_rate / CHOICES)
-            if isinstance(reading, Rejected) or denies(added, reading.cell_bands):
+            memory, added = _replay(observations, proposal.spec)
+            reading = self._read_memory(memory, group, self._false_id_rate / CHOICES)
+            if isinstance(reading, Rejected) or contradicts(added, reading.cell_bands):
                 continue
-            if doubted and not confirms(memory.of_newest(), reading.cell_bands):
+            if gated and not confirms(memory.newest_evidence(), reading.cell_bands):
                 continue
-            if reading.likelihood > _explained(seen, book):
-                return history.tuned_to(proposal, group, memory)
+            if reading.likelihood > _announced_likelihood(observations, book):
+                return history.retune(proposal, group, memory)
         return None
 
 
-def _is_same(one: Shown, other: Shown) -> bool:
-    """Whether both are the same word, hung alike."""
+def _is_same(one: Identity, other: Identity) -> bool:
+    """Whether both are the same codeword in the same orientation."""
     return (one.reading.id, one.reading.quarter_turns) == (other.reading.id, other.reading.quarter_turns)
 
 
-def _with_frame(before: History, samples: CellSamples, frame: Frame) -> Added:
-    """With a further frame, and whether that speaks against what was shown."""
-    now, added = before.after(samples, frame)
+def _add_frame(before: History, samples: CellSamples, frame: Frame) -> Added:
+    """The history with one more frame, and whether that frame passes the innovation gate."""
+    now, added = before.add_frame(samples, frame)
     last = before.last
     if last is None:
         return Added(now)
-    said, shown = added[last.group], last.reading.cell_bands
-    if denies(said, shown):
-        if now.frames > ADDS_UP_FRAMES and not now.tuning.settling:
+    newest, identity = added[last.group], last.reading.cell_bands
+    if contradicts(newest, identity):
+        if now.frames > ADDS_UP_FRAMES and not now.search.settling:
             # They did add up: what is there now is something else, at any frequencies.
-            now = now.tuned(now.tuning.of_newest_alone())
-        return Added(now.of_newest_alone(), denied=True)
-    like = 0.0 if said is None else tells_of(said, shown) / _usual_nats(before.memories[last.group], last)
-    if like > ALIKE and not last.is_missed(samples, frame):
+            now = now.set_search(now.search.keep_newest())
+        return Added(now.keep_newest(), contradicted=True)
+    like = (
+        0.0
+        if newest is None
+        else expected_log_likelihood_ratio(newest, identity) / _typical_nats(before.memories[last.group], last)
+    )
+    if like > TYPICAL_SHARE and not last.is_contradicted_by(samples, frame):
         return Added(now)
-    alone = now.memories[last.group].of_newest()
-    return Added(now, doubted=not confirms(alone, shown) if like < UNLIKE else denies(alone, shown))
+    alone = now.memories[last.group].newest_evidence()
+    return Added(now, gated=not confirms(alone, identity) if like < UNLIKE else contradicts(alone, identity))
 
 
-def _usual_nats(memory: PanelMemory, shown: Shown) -> float:
-    """What one of the frames has told, on average, of the word over no bands."""
-    return shown.reading.likelihood / memory.frames_worth
+def _typical_nats(memory: PanelMemory, identity: Identity) -> float:
+    """Mean log-likelihood ratio of the codeword to no bands that one frame has added."""
+    return identity.reading.likelihood / memory.effective_frames
 
 
-def _without_newest(before: History, now: History) -> History:
-    """A frame that tells nothing, and with which those before tell nothing any more, is not remembered with them.
+def _drop_newest(before: History, now: History) -> History:
+    """The history without a frame that adds nothing, and that would spoil the evidence of the frames before it.
 
-    Its square was taken elsewhere, say, or something stood before it. Where that goes on, they are out of date.
+    It may have been located beside the panel, or the panel was occluded. After some such frames the old ones are out of
+    date.
     """
-    return before.with_untold(now.tuning) if before.untold < ADDS_UP_FRAMES else now.of_newest_alone()
+    return before.skip_frame(now.search) if before.uninformative < ADDS_UP_FRAMES else now.keep_newest()
 
 
-def _may_speak_alone(history: History) -> bool:
-    """Whether the newest frame is asked by itself: while there are few, and now and then, as old ones may be wrong."""
+def _is_newest_tried_alone(history: History) -> bool:
+    """Whether the newest frame is also read alone: while there are few, and now and then, as old ones may be wrong."""
     return history.frames > 1 and (history.frames <= TUNE_EVERY or history.frames % READ_EVERY == 0)
 
 
-def _remembered(seen: Sequence[Seen], spec: PanelSpec) -> tuple[PanelMemory, Evidence | None]:
-    """A memory of frames at these frequencies, and what the last of them has added."""
+def _replay(observations: Sequence[Observation], spec: PanelSpec) -> tuple[PanelMemory, Evidence | None]:
+    """The memory of these frames at these frequencies, and what the last of them has added."""
     memory, added = PanelMemory(spec), None
-    for each in seen:
-        memory, added = memory.after(each.samples, each.frame)
+    for each in observations:
+        memory, added = memory.add_frame(each.samples, each.frame)
     return memory, added
 
 
-def _explained(seen: Sequence[Seen], book: Codebook) -> float:
-    """Log-likelihood ratio to "no bands" of the best word at the announced frequencies, whether it can be told or not.
+def _announced_likelihood(observations: Sequence[Observation], book: Codebook) -> float:
+    """Log-likelihood ratio to "no bands" of the best codeword at the configured frequencies, accepted or not.
 
-    Where these explain more than others do, a panel shows no word, and chance has found frequencies that make it one.
+    If these explain more than others do, the panel shows no codeword, and other frequencies only fit by chance.
     """
-    evidence = _remembered(seen, book.spec)[0].evidence()
-    return likeliest(evidence, book.white).likelihood[0] if isinstance(evidence, Evidence) else -math.inf
+    evidence = _replay(observations, book.spec)[0].evidence()
+    return rank_codewords(evidence, book.white).likelihood[0] if isinstance(evidence, Evidence) else -math.inf

@@ -1,4 +1,4 @@
-"""Follows each lit square from frame to frame, so that what several frames say of one panel can be added up."""
+"""Tracks each lit square from frame to frame, so that the evidence of several frames of one panel can be added up."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ledpi.decode.history import History
 
 Place: TypeAlias = tuple[tuple[float, float], float]  # centre and side of a square, in pixels
 
-NOT_SHOWN = Rejected(stage="track", reason="not_shown")
+CONTRADICTED = Rejected(stage="track", reason="contradicted")
 
 # Between two frames a square's centre may miss its prediction by this share of its side, and its side may change by the
 # other.
@@ -35,8 +35,8 @@ NEW_VELOCITY = 0.7
 OLD_FRAMES = 16
 
 
-class Where(NamedTuple):
-    """Where the frame that has shown a square last has shown it."""
+class TrackState(NamedTuple):
+    """The state of a track: where the last frame with its square has shown it, and how it moves."""
 
     corners_px: Floats  # (4, 2) in the order of the track's first frame
     velocity_px_s: Floats | None  # (4, 2), None where it was seen once
@@ -45,18 +45,18 @@ class Where(NamedTuple):
     unexplained: float  # share of its light's squares that the fit left
 
     @classmethod
-    def of(cls, quad: Quad, now_ns: int, velocity_px_s: Floats | None = None) -> Where:
-        """Where a quad is, of a square that moves so."""
+    def from_quad(cls, quad: Quad, now_ns: int, velocity_px_s: Floats | None = None) -> TrackState:
+        """The state of a square that was measured as `quad`."""
         return cls(quad.corners_px, velocity_px_s, now_ns, quad.unknown, quad.unexplained)
 
-    def after(self, quad: Quad, now_ns: int) -> Where:
-        """Where the square is now: in `quad`, the corners of which are in the track's order."""
+    def update(self, quad: Quad, now_ns: int) -> TrackState:
+        """The state after a new measurement `quad`, whose corners are in the track's order."""
         step = (quad.corners_px - self.corners_px) / ((now_ns - self.seen_ns) * 1e-9)
         before = self.velocity_px_s
-        return Where.of(quad, now_ns, step if before is None else before + NEW_VELOCITY * (step - before))
+        return TrackState.from_quad(quad, now_ns, step if before is None else before + NEW_VELOCITY * (step - before))
 
-    def expected_px(self, now_ns: int) -> Floats:
-        """(4, 2) where the corners should be now."""
+    def predicted_px(self, now_ns: int) -> Floats:
+        """(4, 2) the predicted corners, at constant velocity."""
         if self.velocity_px_s is None:
             return self.corners_px
         expected: Floats = self.corners_px + self.velocity_px_s * ((now_ns - self.seen_ns) * 1e-9)
@@ -65,98 +65,98 @@ class Where(NamedTuple):
 
 @dataclass(slots=True, eq=False)
 class Track:
-    """One lit square over time. Both are records, which each frame may replace by others."""
+    """One lit square over time. Both fields are records; a frame replaces them."""
 
-    where: Where
+    state: TrackState
     history: History
 
 
 class Tracker:
-    """The tracks of one stream. `begin` each frame, then let tracks go on, then `follow` what else is seen."""
+    """The tracks of one stream. Call `begin_frame` for each frame, then `continue_track`, then `associate` the rest."""
 
     def __init__(self, specs: tuple[PanelSpec, ...]) -> None:
-        self._no_frame = History.of(specs)
+        self._no_frame = History.empty(specs)
         self._tracks: list[Track] = []
         self._before_ns = self._now_ns = 0
 
-    def begin(self, now_ns: int) -> None:
-        """A new frame. Tracks not seen for MAX_GAP_NS end, and all do where time does not advance."""
-        self._tracks = [t for t in self._tracks if 0 < now_ns - t.where.seen_ns <= MAX_GAP_NS]
+    def begin_frame(self, now_ns: int) -> None:
+        """Starts a frame. Tracks end after MAX_GAP_NS without their square, and all end where time does not advance."""
+        self._tracks = [t for t in self._tracks if 0 < now_ns - t.state.seen_ns <= MAX_GAP_NS]
         self._before_ns, self._now_ns = self._now_ns, now_ns
 
-    def panels(self) -> list[Track]:
-        """The tracks of panels that were read, and that the last frame showed: this frame should show them near by."""
-        return [t for t in self._tracks if t.history.shown and t.where.seen_ns == self._before_ns]
+    def read_tracks(self) -> list[Track]:
+        """The tracks of panels that were read and that the last frame showed: this frame should show them near by."""
+        return [t for t in self._tracks if t.history.identity and t.state.seen_ns == self._before_ns]
 
-    def others(self) -> list[Track]:
-        """The tracks of other squares that the last frame showed, and that may become panels; the newest first.
+    def unread_tracks(self) -> list[Track]:
+        """The tracks of other squares of the last frame, which may become panels; the newest first.
 
-        One that overlaps a panel is a part of it, or what is around it. One that many frames have shown, and none as a
-        panel, is a lamp or a window.
+        A square that overlaps a panel is a part of it, or its surroundings. One that many frames have shown without a
+        reading is a lamp or a window.
         """
-        panels = [t for t in self._tracks if t.history.shown and t.where.seen_ns == self._now_ns]
+        panels = [t for t in self._tracks if t.history.identity and t.state.seen_ns == self._now_ns]
         self._tracks = [t for t in self._tracks if t in panels or not any(_overlap(t, panel) for panel in panels)]
-        others = [t for t in self._tracks if not t.history.shown and t.where.seen_ns == self._before_ns]
+        others = [t for t in self._tracks if not t.history.identity and t.state.seen_ns == self._before_ns]
         return [t for t in reversed(others) if t.history.last or t.history.frames < OLD_FRAMES]
 
-    def go_on(self, track: Track, quad: Quad | Rejected) -> Quad | None:
-        """The square that was sought where `track` is expected, if it can be the track's; in the track's order.
+    def continue_track(self, track: Track, quad: Quad | Rejected) -> Quad | None:
+        """The quad that was fitted at the track's prediction, in the track's order; None if it cannot be the track's.
 
-        Where it is another track's in this frame they have met, and this one ends.
+        If it is another track's in this frame, the two have merged, and this one ends.
         """
         if isinstance(quad, Rejected) or _distance(quad, track, self._now_ns) is None:
             return None
-        if quad.unexplained > WORSE * max(track.where.unexplained, LEAST_UNEXPLAINED):
+        if quad.unexplained > WORSE * max(track.state.unexplained, LEAST_UNEXPLAINED):
             return None
-        seen = [_place(t.where.corners_px) for t in self._tracks if t.where.seen_ns == self._now_ns]
-        if _is_one_of(_place(quad.corners_px), seen):
+        seen = [_place(t.state.corners_px) for t in self._tracks if t.state.seen_ns == self._now_ns]
+        if _is_near_any(_place(quad.corners_px), seen):
             self._tracks.remove(track)
             return None
-        return self._gone_on(track, quad)
+        return self._update(track, quad)
 
-    def all_seen(self) -> bool:
-        """Whether this frame has shown the square of every panel that was read, and there are any."""
-        panels = [t for t in self._tracks if t.history.shown is not None]
-        return bool(panels) and all(t.where.seen_ns == self._now_ns for t in panels)
+    def all_detected(self) -> bool:
+        """Whether this frame has shown every panel that was read, and there is at least one."""
+        panels = [t for t in self._tracks if t.history.identity is not None]
+        return bool(panels) and all(t.state.seen_ns == self._now_ns for t in panels)
 
     def is_followed(self, corners_px: Floats) -> bool:
-        """Whether a square with these corners (4, 2) is one that this frame has already shown.
+        """Whether a square with these corners (4, 2) belongs to a track that this frame has already shown.
 
-        Where a panel was read there is no other. What was not read may be a part of one, or one and what is around it:
-        it rules out only what shows the same cells.
+        There is no second panel where one was read. A square that was not read may be a part of a panel, or more than
+        it: it excludes only squares with the same cells.
         """
         corners = corners_px.tolist()
         centre, side_px = quad_middle(corners), quad_side(corners)
         for track in self._tracks:
-            if track.where.seen_ns != self._now_ns:
+            if track.state.seen_ns != self._now_ns:
                 continue
-            at = track.where.corners_px.tolist()
+            at = track.state.corners_px.tolist()
             middle, side = quad_middle(at), quad_side(at)
-            if track.history.shown is not None and math.dist(centre, middle) < OVERLAP * max(side, side_px):
+            if track.history.identity is not None and math.dist(centre, middle) < OVERLAP * max(side, side_px):
                 return True
             if abs(side_px - side) < SAME_CELLS * side and corners_apart(corners, at) < SAME_CELLS * side:
                 return True
         return False
 
-    def _not_seen(self, quads: list[Quad]) -> list[Quad]:
-        """Those that this frame has not shown before, each once."""
+    def _new_quads(self, quads: list[Quad]) -> list[Quad]:
+        """The quads that this frame has not shown before, each once."""
         found: list[Quad] = []
         places: list[Place] = []
         for quad in quads:
             place = _place(quad.corners_px)
-            if not self.is_followed(quad.corners_px) and not _is_one_of(place, places):
+            if not self.is_followed(quad.corners_px) and not _is_near_any(place, places):
                 found.append(quad)
                 places.append(place)
         return found
 
-    def follow(self, quads: list[Quad]) -> list[tuple[Quad, Track]]:
-        """Each quad with the track that it continues, or begins; its corners in the track's order.
+    def associate(self, quads: list[Quad]) -> list[tuple[Quad, Track]]:
+        """Data association: each quad with the track that it continues or begins, its corners in the track's order.
 
-        The nearest pair first, and none twice, so that neighbours do not swap. A square that this frame has shown
-        already, or to which two candidates have led, is not followed twice.
+        Nearest pairs come first and no track is used twice, so that neighbours do not swap. A square that this frame
+        has already shown, or to which two candidates have led, is used once.
         """
-        quads = self._not_seen(quads)
-        unseen = [t for t in self._tracks if t.where.seen_ns != self._now_ns]
+        quads = self._new_quads(quads)
+        unseen = [t for t in self._tracks if t.state.seen_ns != self._now_ns]
         pairs = [
             (distance, i, j)
             for i, quad in enumerate(quads)
@@ -171,22 +171,22 @@ class Tracker:
         for i, quad in enumerate(quads):
             if i in partner:
                 track = unseen[partner[i]]
-                quad = self._gone_on(track, quad)
+                quad = self._update(track, quad)
             else:
-                track = Track(Where.of(quad, self._now_ns), self._no_frame)
+                track = Track(TrackState.from_quad(quad, self._now_ns), self._no_frame)
                 self._tracks.append(track)
             followed.append((quad, track))
         return followed
 
-    def _gone_on(self, track: Track, quad: Quad) -> Quad:
-        """The quad in the track's order, now that the track is there."""
-        quad = _in_order_of(quad, track.where.corners_px)
-        track.where = track.where.after(quad, self._now_ns)
+    def _update(self, track: Track, quad: Quad) -> Quad:
+        """The quad in the track's order, once the track's state has it."""
+        quad = _align_corners(quad, track.state.corners_px)
+        track.state = track.state.update(quad, self._now_ns)
         return quad
 
 
 def _overlap(one: Track, other: Track) -> bool:
-    a, b = one.where.corners_px.tolist(), other.where.corners_px.tolist()
+    a, b = one.state.corners_px.tolist(), other.state.corners_px.tolist()
     return math.dist(quad_middle(a), quad_middle(b)) < OVERLAP * max(quad_side(a), quad_side(b))
 
 
@@ -195,16 +195,16 @@ def _place(corners_px: Floats) -> Place:
     return quad_middle(corners), quad_side(corners)
 
 
-def _is_one_of(place: Place, places: list[Place]) -> bool:
+def _is_near_any(place: Place, places: list[Place]) -> bool:
     centre, side = place
     return any(math.dist(centre, at) < SAME * side and abs(side - of) < SAME * side for at, of in places)
 
 
 def _distance(quad: Quad, track: Track, now_ns: int) -> float | None:
-    """How far a quad is from where a track is expected, in sides; None where it cannot be the same."""
-    corners, before = quad.corners_px.tolist(), track.where.corners_px.tolist()
+    """Distance from a quad to a track's prediction, in sides; None outside the association gate."""
+    corners, before = quad.corners_px.tolist(), track.state.corners_px.tolist()
     side, was = quad_side(corners), quad_side(before)
-    distance = math.dist(quad_middle(corners), quad_middle(track.where.expected_px(now_ns).tolist())) / side
+    distance = math.dist(quad_middle(corners), quad_middle(track.state.predicted_px(now_ns).tolist())) / side
     if not (distance < MAX_SHIFT and 1 / MAX_GROWTH < side / was < MAX_GROWTH):
         return None
     return distance if corners_apart(_shape(corners, side), _shape(before, was)) < MAX_RESHAPED else None
@@ -216,8 +216,8 @@ def _shape(corners: list[list[float]], side: float) -> list[tuple[float, float]]
     return [((a - x) / side, (b - y) / side) for a, b in corners]
 
 
-def _in_order_of(quad: Quad, before_px: Floats) -> Quad:
-    """The quad with its corners turned so that each continues the one of those before."""
+def _align_corners(quad: Quad, before_px: Floats) -> Quad:
+    """The quad with its corners rotated so that each continues the track's."""
     corners, before = (
         np.ascontiguousarray(at).view(np.complex128)[:, 0].tolist() for at in (quad.corners_px, before_px)
     )

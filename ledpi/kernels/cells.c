@@ -6,7 +6,7 @@
 #include "core.h"
 #include "kernels.h"
 #include "pose.h"
-#include "wide.h"
+#include "simd.h"
 
 enum {
     TAPS = 8, /* of Lanczos' kernel, the fourth at the pixel before */
@@ -105,7 +105,7 @@ static inline float lanczos(const Patch *patch, ptrdiff_t column, ptrdiff_t row,
     return ((sums[0] + sums[4]) + (sums[1] + sums[5])) + ((sums[2] + sums[6]) + (sums[3] + sums[7]));
 }
 
-enum { AT_ONCE = 64 }; /* places for which taps are told */
+enum { AT_ONCE = 64 }; /* places for which taps are computed */
 
 /* The first pixel that is taken in at each place, and where in the kernel its weights begin. */
 static LEDPI_INLINE void put_taps(const double *at, ptrdiff_t count, ptrdiff_t size, ptrdiff_t steps, int32_t *pixel,
@@ -122,7 +122,7 @@ static LEDPI_INLINE void put_taps(const double *at, ptrdiff_t count, ptrdiff_t s
 
 /* Replaces columns of the patch (count) by the light there, in these rows of the picture. `kernel` (steps + 1, TAPS):
  * Lanczos' weights for every share of the way. */
-LEDPI_WIDE static void interpolate(const Patch *patch, const float *kernel, ptrdiff_t steps, bool saturated,
+LEDPI_SIMD static void interpolate(const Patch *patch, const float *kernel, ptrdiff_t steps, bool saturated,
                                    const float *rows, ptrdiff_t count, float *columns) {
     const double first = (double)patch->first_row;
     for (ptrdiff_t from = 0; from < count; from += AT_ONCE, columns += AT_ONCE, rows += AT_ONCE) {
@@ -140,7 +140,7 @@ LEDPI_WIDE static void interpolate(const Patch *patch, const float *kernel, ptrd
 }
 
 /* Where in the patch, `columns` (cells², k²), and in which `rows` of the picture the lattice's points are seen. */
-LEDPI_WIDE static void put_places(const Patch *patch, const double h[9], const Lens *lens, ptrdiff_t cells, ptrdiff_t k,
+LEDPI_SIMD static void put_places(const Patch *patch, const double h[9], const Lens *lens, ptrdiff_t cells, ptrdiff_t k,
                                   const float *along, float *columns, float *rows) {
     const double first = (double)patch->first_column;
     for (ptrdiff_t cell = 0; cell < cells * cells; cell++) {
@@ -200,7 +200,7 @@ int ledpi_sample_cells(const uint8_t *pixels, ptrdiff_t height, ptrdiff_t width,
             seen[i] = (Point){ray[0], ray[1]};
         }
     }
-    ledpi_unit_square_to(seen, h);
+    ledpi_unit_square_homography(seen, h);
     put_places(&patch, h, lens, cells, k, along, light, picture_rows);
     interpolate(&patch, kernel, steps, saturated, picture_rows, cells * cells * k * k, light);
     free(patch.light);

@@ -8,7 +8,7 @@ import numpy as np
 
 from ledpi.core.records import Floats, Frame, Intrinsics, Singles
 from ledpi.core.tone import linear_light
-from ledpi.kernels.library import NONE, at, doubles, ffi, lib
+from ledpi.kernels.library import NONE, doubles, ffi, lib, pointer
 from ledpi.kernels.pose import lens_of
 
 STEPS = 512  # between two pixels, for which there are weights
@@ -42,9 +42,9 @@ def sample_cells(
     pixels = frame.pixels if frame.pixels.strides[1] == 1 else np.ascontiguousarray(frame.pixels)
     first = ffi.cast("uint8_t *", pixels.__array_interface__["data"][0])  # rows may be apart
     outcome = lib.ledpi_sample_cells(
-        *(first, *pixels.shape, pixels.strides[0], at(linear_light(frame.transfer, mark_saturated=True))),
-        *(at(corners), bend_px, NONE if lens is None else at(lens_of(lens)), cells, k, at(along)),
-        *(at(_lanczos()), STEPS, at(light), at(rows), at(least)),
+        *(first, *pixels.shape, pixels.strides[0], pointer(linear_light(frame.transfer, mark_saturated=True))),
+        *(pointer(corners), bend_px, NONE if lens is None else pointer(lens_of(lens)), cells, k, pointer(along)),
+        *(pointer(_lanczos()), STEPS, pointer(light), pointer(rows), pointer(least)),
     )
     if outcome == lib.LEDPI_NOT_SAMPLED:
         raise MemoryError

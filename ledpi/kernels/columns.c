@@ -3,7 +3,7 @@
 #include <string.h>
 
 #include "cells.h"
-#include "wide.h"
+#include "simd.h"
 
 
 /* Natural logarithm, off by less than 1e-7 of its size; not a number where `x` is none. (In line, unlike the library's.) */
@@ -29,7 +29,7 @@ static void slope_weights(const float *along, ptrdiff_t size, float *of_next, fl
     }
 }
 
-LEDPI_WIDE void ledpi_slopes(const Panel *panel, const float *picture, float *room, float *across, float *down) {
+LEDPI_SIMD void ledpi_slopes(const Panel *panel, const float *picture, float *room, float *across, float *down) {
     const ptrdiff_t n = panel->side, k = panel->k, size = n * k;
     float *logarithm = room, *of_next = room + size * size, *of_last = of_next + size, *of_row = of_last + size;
     slope_weights(panel->along, size, of_next, of_last);
@@ -73,14 +73,14 @@ static inline void put_cell(const Panel *panel, const Terms *terms, ptrdiff_t ce
         }
 }
 
-LEDPI_WIDE double ledpi_add_cells(const Panel *panel, ptrdiff_t gains, const Terms *terms, float *columns, double *matrix) {
+LEDPI_SIMD double ledpi_add_cells(const Panel *panel, ptrdiff_t gains, const Terms *terms, float *columns, double *matrix) {
     const ptrdiff_t size = unknowns(panel, gains), width = width_of(panel), last = of_residual(panel);
     float sums[MOST_COLUMNS * MOST_COLUMNS];
     ptrdiff_t place[MOST_COLUMNS];
     double squares = 0.0;
     for (ptrdiff_t cell = 0; cell < panel->cells; cell++) {
         float *own = columns + cell * panel->points * width;
-        if (panel->waves == 4) /* told twice, as loops of a known length are unrolled */
+        if (panel->waves == 4) /* written twice, as loops of a known length are unrolled */
             put_cell(panel, terms, cell, 4, own);
         else
             put_cell(panel, terms, cell, panel->waves, own);
@@ -100,7 +100,7 @@ LEDPI_WIDE double ledpi_add_cells(const Panel *panel, ptrdiff_t gains, const Ter
     return squares;
 }
 
-LEDPI_WIDE void ledpi_leave(const Panel *panel, ptrdiff_t gains, const float *columns, const double *unknowns, float *left) {
+LEDPI_SIMD void ledpi_leave(const Panel *panel, ptrdiff_t gains, const float *columns, const double *unknowns, float *left) {
     const ptrdiff_t width = width_of(panel), last = of_residual(panel);
     float taken[MOST_COLUMNS] = {0};
     for (ptrdiff_t i = 0; i < SLOPES; i++) taken[first_slope(panel) + i] = -(float)unknowns[gains + i];
@@ -133,7 +133,7 @@ static LEDPI_INLINE double differences(const Panel *panel, const float *left, pt
     return sum;
 }
 
-LEDPI_WIDE void ledpi_put_differences(const Panel *panel, const float *left, const Lags *lags, double *of) {
+LEDPI_SIMD void ledpi_put_differences(const Panel *panel, const float *left, const Lags *lags, double *of) {
     for (ptrdiff_t times = 1; times <= 2; times++) {
         of[times - 1] = 0.0;
         if (lags->aside) of[times - 1] += differences(panel, left, times * lags->aside, 0, lags->rim);

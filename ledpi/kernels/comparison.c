@@ -6,7 +6,7 @@
 
 #include "cells.h"
 #include "core.h"
-#include "wide.h"
+#include "simd.h"
 
 #define LEAST 1e-9 /* of what is divided by */
 
@@ -32,7 +32,7 @@ static double scale_of(const Panel *panel, const Mean *mean, const float *light)
 
 /* `root` of each sample's weight, `residual` and `waves` (panel->waves): how the new picture differs. Returns how many
  * samples are seen in both. */
-LEDPI_WIDE static ptrdiff_t put_differences(const Panel *panel, const Mean *mean, const float *light, float per_unit,
+LEDPI_SIMD static ptrdiff_t put_differences(const Panel *panel, const Mean *mean, const float *light, float per_unit,
                                             const float *new_waves, float *root, float *residual, float *waves) {
     const ptrdiff_t samples = panel->samples;
     ptrdiff_t seen = 0;

@@ -1,8 +1,8 @@
-/* Every function of the compiled core that Python calls. cffi makes the bindings from this file (build_core.py, in the project's root), so it holds
- * plain declarations, and no directives but those that guard and include.
+/* Every function of the compiled core that Python calls. cffi makes the bindings from this file (build_core.py, in the
+ * project's root), so it holds plain declarations, and no directives but those that guard and include.
  *
  * Arrays are as numpy lays them out (C order). The functions keep none of them, and touch no element beyond the sizes that
- * they are told. Numbers that are not finite are legal everywhere. What each does is said where it is defined. */
+ * they are given. Numbers that are not finite are legal everywhere. What each does is said where it is defined. */
 #ifndef LEDPI_CORE_H
 #define LEDPI_CORE_H
 
@@ -19,14 +19,14 @@ int ledpi_sample_cells(const uint8_t *pixels, ptrdiff_t height, ptrdiff_t width,
                        const float *along, const float *kernel, ptrdiff_t steps, float *light, float *picture_rows,
                        double *least);
 
-/* ---- Evidence (waves.c, uncovered.c, single_frame.c, comparison.c, noise.c, expect.c) */
+/* ---- Evidence (waves.c, occlusion.c, single_frame.c, comparison.c, noise.c, prediction.c) */
 
 void ledpi_waves(const float *rows, ptrdiff_t count, float a_row, float start, float *cosines, float *sines);
 
 void ledpi_square_waves(const float *rows, ptrdiff_t count, double a_row, double start, ptrdiff_t averaged, double apart,
                         double exposed, double duty, double fundamental, float *bands, float *later);
 
-bool ledpi_all_uncovered(ptrdiff_t cells, ptrdiff_t points, const float *light, const uint8_t *valid, const float *least,
+bool ledpi_is_unoccluded(ptrdiff_t cells, ptrdiff_t points, const float *light, const uint8_t *valid, const float *least,
                          float *room);
 
 bool ledpi_single_evidence(ptrdiff_t side, ptrdiff_t k, ptrdiff_t count, const float *light, const uint8_t *valid,
@@ -40,47 +40,47 @@ bool ledpi_compared_evidence(ptrdiff_t side, ptrdiff_t k, ptrdiff_t count, const
                              const float *along, double independence, ptrdiff_t aside, ptrdiff_t below, ptrdiff_t rim,
                              double *score, double *information, double *numbers);
 
-/* Of white noise: as `Expected` in decode/evidence/noise.py. */
+/* Of white noise: as `WhiteNoise` in decode/evidence/noise.py. */
 typedef struct {
     double white, growth, chance, once, twice, least_free;
-} Expected;
+} WhiteNoise;
 
-void ledpi_correlation(const Expected *expected, const double *of_fit, double *correlation);
+void ledpi_correlation(const WhiteNoise *expected, const double *of_fit, double *correlation);
 
-double ledpi_volume(double excess, double deviation, double growth);
+double ledpi_variance_inflation(double excess, double deviation, double growth);
 
-enum { LEDPI_WAYS = 9 }; /* in which a panel's gain and corners may be wrong */
+enum { LEDPI_NUISANCES = 9 }; /* in which a panel's gain and corners may be wrong */
 
-void ledpi_expectation(ptrdiff_t side, ptrdiff_t k, ptrdiff_t waves, const float *picture, const float *count,
+void ledpi_predict(ptrdiff_t side, ptrdiff_t k, ptrdiff_t waves, const float *picture, const float *count,
                        const float *mean_waves, const float *along, const double *bands, float *root, float *basis,
-                       float *left_bands, float *room);
+                       float *residual_bands, float *room);
 
-void ledpi_expected(ptrdiff_t cells, ptrdiff_t points, ptrdiff_t ways, const float *picture, const float *root,
-                    const float *basis, const float *left_bands, const float *depth, const double *hz, const double *phase,
+void ledpi_weigh_prediction(ptrdiff_t cells, ptrdiff_t points, ptrdiff_t ways, const float *picture, const float *root,
+                    const float *basis, const float *residual_bands, const float *depth, const double *hz, const double *phase,
                     double since_s, double row_time_s, const float *light, const uint8_t *valid, const float *rows,
                     double independence, double ridge, float *room, double *of);
 
-/* ---- Words and other patterns (words.c, neighbours.c, climb.c) */
+/* ---- Codewords and other patterns (codewords.c, neighbours.c, hill_climb.c) */
 
 enum { LEDPI_MOST_CELLS = 64 }; /* of a pattern: a bit for each */
 
-ptrdiff_t ledpi_likeliest(ptrdiff_t cells, ptrdiff_t parameters, const double *score, const double *information,
-                          const double *prior, const float *words, ptrdiff_t count, ptrdiff_t most, int64_t *chosen,
-                          uint8_t *silent, double *numbers);
+ptrdiff_t ledpi_rank_codewords(ptrdiff_t cells, ptrdiff_t parameters, const double *score, const double *information,
+                          const double *prior, const float *codewords, ptrdiff_t count, ptrdiff_t most, int64_t *chosen,
+                          uint8_t *erased, double *numbers);
 
-double ledpi_gain_by_others(ptrdiff_t cells, ptrdiff_t parameters, const double *score, const double *information,
+double ledpi_class_flip_gains(ptrdiff_t cells, ptrdiff_t parameters, const double *score, const double *information,
                             const double *shown, const double *other, double *gain, double *room);
 
-double ledpi_of_neighbours(ptrdiff_t cells, ptrdiff_t parameters, const double *score, const double *information,
-                           const double *prior, const float *word, ptrdiff_t nearest, ptrdiff_t furthest);
+double ledpi_near_pattern_likelihood(ptrdiff_t cells, ptrdiff_t parameters, const double *score, const double *information,
+                           const double *prior, const float *codeword, ptrdiff_t nearest, ptrdiff_t furthest);
 
-double ledpi_likeliest_beyond(ptrdiff_t cells, ptrdiff_t parameters, const double *score, const double *information,
-                              const double *prior, const float *word, ptrdiff_t correctable, float *pattern);
+double ledpi_likeliest_far_pattern(ptrdiff_t cells, ptrdiff_t parameters, const double *score, const double *information,
+                              const double *prior, const float *codeword, ptrdiff_t correctable, float *pattern);
 
-/* ---- A first look at a panel: evidence and words at once (first_look.c) */
+/* ---- The first pass over a panel: evidence and codewords at once (first_pass.c) */
 
 /* What all panels of side × side cells, with k × k points in each, have in common: as `ledpi_single_evidence` and
- * `ledpi_all_uncovered` take it. */
+ * `ledpi_is_unoccluded` take it. */
 typedef struct {
     ptrdiff_t side, k, source_count;
     const float *along;
@@ -88,12 +88,12 @@ typedef struct {
     const float *least;
 } Grid;
 
-enum { LEDPI_LOOKED, LEDPI_NOT_PLAIN, LEDPI_UNFIT, LEDPI_NOT_LOOKED };
+enum { LEDPI_PASS_DONE, LEDPI_PASS_NEEDS_STEPS, LEDPI_UNFIT, LEDPI_PASS_NO_MEMORY };
 
-int ledpi_look(const Grid *grid, const float *light, const float *rows, double independence, ptrdiff_t waves,
-               double first_a_row, double second_a_row, const double *prior, const float *words, ptrdiff_t count,
-               ptrdiff_t most, bool may_be_covered, double unlit, ptrdiff_t aside, ptrdiff_t below, ptrdiff_t rim,
-               const Expected *expected, int64_t *chosen, uint8_t *silent, double *numbers);
+int ledpi_first_pass(const Grid *grid, const float *light, const float *rows, double independence, ptrdiff_t waves,
+               double first_a_row, double second_a_row, const double *prior, const float *codewords, ptrdiff_t count,
+               ptrdiff_t most, bool may_be_occluded, double unlit, ptrdiff_t aside, ptrdiff_t below, ptrdiff_t rim,
+               const WhiteNoise *expected, int64_t *chosen, uint8_t *erased, double *numbers);
 
 /* ---- Proposals: outlines of four-sided things (find.c), lattices of bright blobs (blobs.c, lattices.c) */
 
@@ -111,7 +111,7 @@ typedef struct {
 typedef struct {
     double smallest_px;
     ptrdiff_t cells;
-    double limits[19]; /* as `Limits` of decode/finding/find.py, which explains them */
+    double limits[19]; /* as `Limits` of decode/finding/outlines.py, which explains them */
 } FindWanted;
 
 /* Squares (most, LEDPI_SQUARE): four corners' x and y, side_px, misfit, tolerance_px; which of them are of different
@@ -158,9 +158,9 @@ typedef struct {
     /* Where it begins, and what fits best: corners of the lattice of cells; unknowns as the prior, the first WAYS not used. */
     double corners[8];
     double *unknown;
-    /* What follows from it: corners of what is lit, and their covariance; how many cells of each side (left, right, above, below)
-     * something hides; the share of the light's squares about their mean
-     * that is explained; the variance of residuals, in the unit of a sample of full light. */
+    /* What follows from it: corners of what is lit, and their covariance; how many cells of each side (left, right, above,
+ * below) something hides; the share of the light's squares about their mean that is explained; the variance of residuals, in
+ * the unit of a sample of full light. */
     double lit[8], hidden[4], covariance[64], explained, variance;
     bool settled; /* the last step hardly moved anything */
     ptrdiff_t sampled; /* places, in all rounds: what it cost */

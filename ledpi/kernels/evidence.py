@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ledpi.core.records import Floats, Singles
-from ledpi.kernels.library import at, ffi, lib
+from ledpi.kernels.library import ffi, lib, pointer
 
 
 class Weighed(NamedTuple):
@@ -26,7 +26,7 @@ def waves(rows: Singles, waves_hz: Sequence[float], row_time_us: float, since_s:
     """(2·waves, …): cosine and sine of each wave in these picture rows (…), `since_s` from the origin to row 0."""
     rows = np.ascontiguousarray(rows)
     out = np.empty((2 * len(waves_hz), *rows.shape), np.float32)
-    given, cosines = at(rows), at(out)
+    given, cosines = pointer(rows), pointer(out)
     for hz in waves_hz:
         start = math.fmod(hz * since_s, 1.0)
         lib.ledpi_waves(given, rows.size, hz * row_time_us * 1e-6, start, cosines, cosines + rows.size)
@@ -51,22 +51,22 @@ def square_waves(
     """
     rows = np.ascontiguousarray(rows)
     out = np.empty((2, *rows.shape), np.float32)
-    into = at(out)
+    into = pointer(out)
     lib.ledpi_square_waves(
-        *(at(rows), rows.size, cycles_a_row, start_cycles, averaged, apart, exposure_cycles, duty, fundamental),
+        *(pointer(rows), rows.size, cycles_a_row, start_cycles, averaged, apart, exposure_cycles, duty, fundamental),
         *(into, into + rows.size),
     )
     return out
 
 
 def correlation(expected: Sequence[float], near: float, far: float, free: float) -> list[float]:
-    """Excess, deviation and growth of a `Correlation`; `expected` as `Expected`, both of decode/evidence/noise.py."""
+    """Excess, deviation and growth of a `Correlation`; `expected` as `WhiteNoise`, both of decode/evidence/noise.py."""
     of = np.empty(3)
-    lib.ledpi_correlation(ffi.new("Expected *", expected), [free, near, far], at(of))
+    lib.ledpi_correlation(ffi.new("WhiteNoise *", expected), [free, near, far], pointer(of))
     return of.tolist()
 
 
-def volume(excess: float, deviation: float, growth: float) -> float:
+def variance_inflation(excess: float, deviation: float, growth: float) -> float:
     """By how much evidence claims too much, where noise is as alike as that."""
-    times: float = lib.ledpi_volume(excess, deviation, growth)
+    times: float = lib.ledpi_variance_inflation(excess, deviation, growth)
     return times

@@ -1,11 +1,11 @@
-/* What finding consists of: what is lit (lit.c), its outlines (outlines.c), the squares among them (four_sides.c), one of each
- * thing (distinct.c). And all of that, level by level (find.c). */
+/* What finding consists of: what is lit (threshold.c), its outlines (outlines.c), the squares among them (four_sides.c), one of
+ * each thing (suppression.c). And all of that, level by level (find.c). */
 #ifndef LEDPI_FIND_H
 #define LEDPI_FIND_H
 
 #include "core.h"
 
-/* As `Limits` of decode/finding/find.py, which explains them. */
+/* As `Limits` of decode/finding/outlines.py, which explains them. */
 typedef struct {
     double min_contrast;
     double narrowest, min_area, min_lit;
@@ -82,7 +82,7 @@ ptrdiff_t ledpi_distinct(const Square *squares, ptrdiff_t count, const Limits *l
 enum { MOST_COMPARED = 512 }; /* that are looked at for cells of each other */
 
 /* Of the `kept` (count) those that are no cells of another one of them, of `cells` × `cells`. Returns how many. */
-ptrdiff_t ledpi_without_cells(const Square *squares, ptrdiff_t count, ptrdiff_t cells, const Limits *limits,
+ptrdiff_t ledpi_drop_cells(const Square *squares, ptrdiff_t count, ptrdiff_t cells, const Limits *limits,
                               int64_t *kept);
 
 #endif

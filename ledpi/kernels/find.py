@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ledpi.core.records import Floats, Pixels
-from ledpi.kernels.library import at, ffi, lib
+from ledpi.kernels.library import ffi, lib, pointer
 
 MOST_SQUARES = 4096  # in a frame: more is texture, and would take a second to look at
 MOST_RUNS, MOST_BLOBS, MOST_LATTICES = 40_000, 1_500, 12  # of a picture: what has more is texture
@@ -31,13 +31,13 @@ class SquareSearcher:
     ) -> None:
         """`pictures`, read anew each time, the largest first, and the `shortest` way around things in each.
 
-        `limits`: as `Limits` of decode/finding/find.py.
+        `limits`: as `Limits` of decode/finding/outlines.py.
         """
         self._pictures, self._shortest = tuple(pictures), tuple(shortest)
         self._room = np.empty(lib.ledpi_find_room(*pictures[0].shape), np.uint8)
         self._squares = np.empty((MOST_SQUARES, lib.LEDPI_SQUARE))
         self._distinct = np.empty(MOST_SQUARES, np.int64)
-        self._result = ffi.new("FindResult *", (at(self._squares), at(self._distinct), MOST_SQUARES))
+        self._result = ffi.new("FindResult *", (pointer(self._squares), pointer(self._distinct), MOST_SQUARES))
         self._wanted = ffi.new("FindWanted *", (smallest_px, cells, tuple(limits)))
         self._levels: dict[Thresholds, Any] = {}
 
@@ -49,7 +49,7 @@ class SquareSearcher:
         if levels is None:
             levels = self._levels[thresholds] = self._levels_for(thresholds)
         found = self._result
-        lib.ledpi_find(levels, len(levels), self._wanted, at(self._room), found)
+        lib.ledpi_find(levels, len(levels), self._wanted, pointer(self._room), found)
         squares = self._squares[self._distinct[: found.distinct_count]]
         return squares, (found.at_border, found.not_four_sided, found.too_small)
 
@@ -58,7 +58,7 @@ class SquareSearcher:
         every = zip(self._pictures, self._shortest, thresholds, strict=True)
         for number, (picture, shortest, (brighter_than, lit_by)) in enumerate(every):
             sizes = (*picture.shape, 2 << number, len(brighter_than), len(lit_by))
-            levels[number] = (at(picture), *sizes, brighter_than, lit_by, shortest)
+            levels[number] = (pointer(picture), *sizes, brighter_than, lit_by, shortest)
         return levels
 
 
@@ -80,8 +80,10 @@ class LatticeSearcher:
         A blob's pixels (H, W) are brighter than `around` (H, W) by more than `contrast`. Both are the searcher's own.
         """
         count = lib.ledpi_blobs(
-            *(at(pixels), at(around), *pixels.shape, contrast, most_area),
-            *(MOST_RUNS, at(self._runs), at(self._sums), MOST_BLOBS, at(self._blobs)),
+            *(pointer(pixels), pointer(around), *pixels.shape, contrast, most_area),
+            *(MOST_RUNS, pointer(self._runs), pointer(self._sums), MOST_BLOBS, pointer(self._blobs)),
         )
-        found = lib.ledpi_lattices(*(at(self._blobs), count, least, at(self._used), MOST_LATTICES, at(self._lattices)))
+        found = lib.ledpi_lattices(
+            *(pointer(self._blobs), count, least, pointer(self._used), MOST_LATTICES, pointer(self._lattices))
+        )
         return self._blobs[:count], self._lattices[:found]

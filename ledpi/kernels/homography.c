@@ -1,7 +1,7 @@
 /* The homography of a square, by its corners. */
 #include "kernels.h"
 
-void ledpi_unit_square_to(const Point c[4], double h[9]) {
+void ledpi_unit_square_homography(const Point c[4], double h[9]) {
     double dx1 = c[1].x - c[2].x, dx2 = c[3].x - c[2].x, dx3 = c[0].x - c[1].x + c[2].x - c[3].x;
     double dy1 = c[1].y - c[2].y, dy2 = c[3].y - c[2].y, dy3 = c[0].y - c[1].y + c[2].y - c[3].y;
     double det = dx1 * dy2 - dx2 * dy1;

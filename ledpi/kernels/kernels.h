@@ -1,5 +1,5 @@
 /* What the loops share. Every function takes arrays as numpy lays them out (C order), allocates nothing, keeps nothing, and
- * touches no element beyond the sizes that it is told. Numbers that are not finite are legal everywhere. */
+ * touches no element beyond the sizes that it is given. Numbers that are not finite are legal everywhere. */
 #ifndef LEDPI_KERNELS_H
 #define LEDPI_KERNELS_H
 
@@ -17,7 +17,7 @@ typedef struct {
 
 /* A coordinate's pixel before, 0 … size − 2, and the share of the way to the next; beyond the picture that of its end.
  * What is not a number counts as 0, which is as good as any other place. */
-static inline ptrdiff_t ledpi_before(float at, ptrdiff_t size, float *share) {
+static inline ptrdiff_t ledpi_interpolation_pixel(float at, ptrdiff_t size, float *share) {
     if (!(at > 0.0f)) {
         *share = 0.0f;
         return 0;
@@ -39,6 +39,6 @@ typedef struct {
 static inline double ledpi_length(double x, double y) { return sqrt(x * x + y * y); }
 
 /* The homography that takes (0,0) (1,0) (1,1) (0,1) to the corners; not a number where there is none (homography.c). */
-void ledpi_unit_square_to(const Point corners[4], double homography[9]);
+void ledpi_unit_square_homography(const Point corners[4], double homography[9]);
 
 #endif

@@ -41,7 +41,7 @@ _TYPES = {
 }
 
 
-def at(array: NDArray[Any] | None) -> Any:
+def pointer(array: NDArray[Any] | None) -> Any:
     """A C-contiguous array's numbers, as C takes them; None is NULL. Raises ValueError where it is not contiguous.
 
     By the buffer protocol: 0.2 µs, where numpy takes a microsecond to tell an address. A frame asks often.

@@ -1,4 +1,4 @@
-/* How likely patterns near a word are, each with the bands that fit it best. */
+/* How likely patterns near a codeword are, each with the bands that fit it best. */
 #include "patterns.h"
 
 enum { BEAM = 16 }; /* patterns from which others are tried that differ in one more cell: with 8, the likeliest was missed */
@@ -32,14 +32,14 @@ static LEDPI_INLINE void take_in(const Pattern *patterns, ptrdiff_t count, doubl
     }
 }
 
-static LEDPI_INLINE double of_neighbours(const Evidence *evidence, const float *word, ptrdiff_t nearest, ptrdiff_t furthest,
+static LEDPI_INLINE double near_pattern_likelihood(const Evidence *evidence, const float *codeword, ptrdiff_t nearest, ptrdiff_t furthest,
                                          const ptrdiff_t parameters) {
     const ptrdiff_t met_size = evidence->cells > 16 ? MET : MET / 4;
     uint64_t met[MET];
-    uint8_t silent[MOST_CELLS];
+    uint8_t erased[MOST_CELLS];
     Around all, *around = &all;
-    ledpi_put_silent(evidence, silent);
-    look_around(evidence, word, around, parameters);
+    ledpi_put_erased(evidence, erased);
+    look_around(evidence, codeword, around, parameters);
     Pattern here[BEAM] = {unchanged(around)}, waiting[LANES] = {{.changed = 0}};
     Tried tried = {.most = -INFINITY};
     double of_prior = 1.0, log_of_prior = 0.0;
@@ -51,7 +51,7 @@ static LEDPI_INLINE double of_neighbours(const Evidence *evidence, const float *
         for (ptrdiff_t n = 0; n < known; n++)
             for (ptrdiff_t c = 0; c < evidence->cells; c++) {
                 const uint64_t changed = here[n].changed | UINT64_C(1) << c;
-                if (changed == here[n].changed || silent[c] || !is_new(met, met_size, changed)) continue;
+                if (changed == here[n].changed || erased[c] || !is_new(met, met_size, changed)) continue;
                 waiting[wait] = here[n];
                 change_cell(evidence, around, c, &waiting[wait++], parameters);
                 if (wait < LANES) continue;
@@ -68,13 +68,13 @@ static LEDPI_INLINE double of_neighbours(const Evidence *evidence, const float *
     return tried.most + log(tried.sum) + 0.5 * log_of_prior;
 }
 
-/* The log of the sum of the likelihoods of patterns that differ from a word (cells,) in `nearest` to `furthest` cells, none
- * of them silent, each with the bands that fit it best: from the word outward, those near the BEAM likeliest of the
+/* The log of the sum of the likelihoods of patterns that differ from a codeword (cells,) in `nearest` to `furthest` cells, none
+ * of them erased, each with the bands that fit it best: from the codeword outward, those near the BEAM likeliest of the
  * patterns one cell nearer. At most 64 cells. Not a number where a pattern's likelihood is none. */
-LEDPI_WIDE double ledpi_of_neighbours(ptrdiff_t cells, ptrdiff_t parameters, const double *score,
-                                      const double *information, const double *prior, const float *word,
+LEDPI_SIMD double ledpi_near_pattern_likelihood(ptrdiff_t cells, ptrdiff_t parameters, const double *score,
+                                      const double *information, const double *prior, const float *codeword,
                                       ptrdiff_t nearest, ptrdiff_t furthest) {
     const Evidence evidence = {cells, parameters, score, information, prior};
-    return parameters == 4 ? of_neighbours(&evidence, word, nearest, furthest, 4)
-                           : of_neighbours(&evidence, word, nearest, furthest, 2);
+    return parameters == 4 ? near_pattern_likelihood(&evidence, codeword, nearest, furthest, 4)
+                           : near_pattern_likelihood(&evidence, codeword, nearest, furthest, 2);
 }

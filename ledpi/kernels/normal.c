@@ -2,7 +2,7 @@
 #include <math.h>
 
 #include "normal.h"
-#include "wide.h"
+#include "simd.h"
 
 
 /* 4 × 8 of the sums, at i and j. */
@@ -85,7 +85,7 @@ static LEDPI_INLINE void take_off(const double *const rows[4], double factors[2]
 /* Gauss's elimination of the unknowns from … to − 1 of a symmetric matrix (size, size + 1), the last column being the
  * right side; only what is on and above the diagonal is used. Returns what these unknowns explain of the squares. Four
  * unknowns are taken off all further rows at a time, so that each of these is read and written a quarter as often. */
-LEDPI_WIDE static double eliminate(double *matrix, ptrdiff_t size, ptrdiff_t from, ptrdiff_t to) {
+LEDPI_SIMD static double eliminate(double *matrix, ptrdiff_t size, ptrdiff_t from, ptrdiff_t to) {
     const ptrdiff_t stride = size + 1;
     double explained = 0.0;
     for (ptrdiff_t first = from; first < to; first += 4) {
@@ -149,7 +149,7 @@ bool ledpi_weigh(double *matrix, ptrdiff_t size, ptrdiff_t nuisances, double squ
     return true;
 }
 
-LEDPI_WIDE void ledpi_solve(const double *matrix, ptrdiff_t size, double *unknowns) {
+LEDPI_SIMD void ledpi_solve(const double *matrix, ptrdiff_t size, double *unknowns) {
     for (ptrdiff_t j = size - 1; j >= 0; j--) {
         const double *row = matrix + j * (size + 1);
         double left = row[size];

@@ -1,4 +1,4 @@
-/* Outlines of what is lit: things are told apart by the runs of their rows, and only around those that may be panels is it
+/* Outlines of what is lit: things are separated by the runs of their rows, and only around those that may be panels is it
  * followed who is a neighbour of whom. */
 #include <string.h>
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ledpi.kernels.library import at, ffi, lib
+from ledpi.kernels.library import ffi, lib, pointer
 
 MOST_LINES: int = lib.LEDPI_MOST_LINES  # of a grid
 
@@ -25,5 +25,5 @@ class Solver:
         Arrays among them must outlive the call; `unknown` is changed.
         """
         for name, value in given.items():
-            setattr(self._fit, name, at(value) if isinstance(value, np.ndarray) else value)
-        return lib.ledpi_fit_panel(self._fit, at(self._room)), self._fit
+            setattr(self._fit, name, pointer(value) if isinstance(value, np.ndarray) else value)
+        return lib.ledpi_fit_panel(self._fit, pointer(self._room)), self._fit

@@ -5,7 +5,7 @@
 
 #include "normal.h"
 #include "panel.h"
-#include "wide.h"
+#include "simd.h"
 
 enum {
     BLOCKS = 3, /* that are weighed together, along a cell */
@@ -122,7 +122,7 @@ static void clear(const Fitting *fit, Work *work) {
 }
 
 /* Sums over the grid; by rows where `phasing`. */
-LEDPI_WIDE static void sum_up(const Fitting *fit, const double h[9], bool phasing, Work *work) {
+LEDPI_SIMD static void sum_up(const Fitting *fit, const double h[9], bool phasing, Work *work) {
     const ptrdiff_t cells = fit->panel.cells, owns = OWN * cells * cells, rows = rows_of(fit);
     clear(fit, work);
     if (phasing)
@@ -386,7 +386,7 @@ static float ridge_of(const Fitting *fit, const Work *work) {
 static int iterate(Fitting *fit, double h[9], bool *settled, Work *work) {
     const PanelFit *const asked = fit->asked;
     for (ptrdiff_t round = 0;; round++) {
-        ledpi_unit_square_to(fit->corners, h);
+        ledpi_unit_square_homography(fit->corners, h);
         put_lines(fit, h, work);
         if (asked->phasing && round == 0) {
             sum_up(fit, h, true, work);
@@ -418,7 +418,7 @@ int ledpi_fit_panel(PanelFit *asked, uint8_t *room) {
     const int outcome = iterate(&fit, h, &asked->settled, work);
     asked->sampled = work->sampled;
     if (outcome != LEDPI_FITTED) return outcome;
-    ledpi_unit_square_to(fit.corners, h);
+    ledpi_unit_square_homography(fit.corners, h);
     put_covariance(&fit, h, work);
     move_lit(h, (double[WAYS]){0.0}, fit.unknown + RIM, cells, fit.lit);
     seen_through(fit.view.lens, fit.corners);

@@ -3,13 +3,13 @@
  *   light(U, V) = dark + Σ_c A_c(U)·A_c(V)·S(x, y)·(gain_c + a_c·w_A(row) + b_c·w_B(row)) + Σ_side level·O_side
  *
  * U, V in cells from the panel's first corner; A a cell's opening between walls, blurred; S = 1 + Σ s_m·cos·cos + Σ o·sin the
- * profile that all cells share, about even about their middles x = y = 0; w_A, w_B what the exposure leaves of either class's wave;
- * O what is beyond a side. */
+ * profile that all cells share, about even about their middles x = y = 0; w_A, w_B what the exposure leaves of either class's
+ * wave; O what is beyond a side. */
 #include <math.h>
 #include <string.h>
 
 #include "panel.h"
-#include "wide.h"
+#include "simd.h"
 
 #define ROOT_HALF 0.7071067811865476
 #define TURN 6.283185307179586
@@ -77,7 +77,7 @@ Profile ledpi_panel_profile(const double *unknown, const Line *down) {
 
 static LEDPI_INLINE double light_at(const View *view, double x, double y) {
     float right, down;
-    const ptrdiff_t column = ledpi_before((float)x, view->columns, &right), row = ledpi_before((float)y, view->rows, &down);
+    const ptrdiff_t column = ledpi_interpolation_pixel((float)x, view->columns, &right), row = ledpi_interpolation_pixel((float)y, view->rows, &down);
     const float *above = view->light + row * view->columns + column, *below = above + view->columns;
     const float upper = above[0] + right * (above[1] - above[0]), lower = below[0] + right * (below[1] - below[0]);
     return upper + down * (lower - upper);
@@ -162,7 +162,7 @@ static LEDPI_INLINE void put_ways(double u, double v, ptrdiff_t cells, Terms *t)
     memcpy(t->by, ways, sizeof ways);
 }
 
-LEDPI_WIDE bool ledpi_panel_sample(const Panel *panel, const View *view, const double *h, const double *unknown, const Line *across,
+LEDPI_SIMD bool ledpi_panel_sample(const Panel *panel, const View *view, const double *h, const double *unknown, const Line *across,
                         const Line *down, const Profile *profile, double u, double v, float *columns, Sample *s) {
     const double w = 1.0 / (h[6] * u + h[7] * v + h[8]);
     double at[2] = {(h[0] * u + h[1] * v + h[2]) * w, (h[3] * u + h[4] * v + h[5]) * w};

@@ -1,4 +1,4 @@
-/* Patterns as they differ from a word, and how they are weighed: neighbours.c, climb.c. */
+/* Patterns as they differ from a codeword, and how they are weighed: neighbours.c, hill_climb.c. */
 #ifndef LEDPI_PATTERNS_H
 #define LEDPI_PATTERNS_H
 
@@ -7,16 +7,16 @@
 #include <string.h>
 
 #include "core.h"
-#include "wide.h"
-#include "words.h"
+#include "simd.h"
+#include "codewords.h"
 
 enum { MOST_CELLS = LEDPI_MOST_CELLS };
 
-/* A word, and how one cell's change changes what all cells that share its bands say of these. */
+/* A codeword, and how one cell's change changes what all cells that share its bands say of these. */
 typedef struct {
-    double matrix[MOST][MOST], right[MOST]; /* of the word itself; the prior is in it */
+    double matrix[MOST][MOST], right[MOST]; /* of the codeword itself; the prior is in it */
     double change[MOST_CELLS * MOST]; /* (cells, parameters) of what a cell shows of each wave, when of the other class */
-    double crossed[MOST_CELLS * MOST * MOST]; /* (cells, parameters, parameters) that with what all cells of the word show */
+    double crossed[MOST_CELLS * MOST * MOST]; /* (cells, parameters, parameters) that with what all cells of the codeword show */
 } Around;
 
 /* One pattern near it: which cells are changed, a bit for each, and the rest as above. */
@@ -25,13 +25,13 @@ typedef struct {
     double matrix[MOST][MOST], right[MOST];
 } Pattern;
 
-static LEDPI_INLINE void look_around(const Evidence *evidence, const float *word, Around *around, const ptrdiff_t parameters) {
+static LEDPI_INLINE void look_around(const Evidence *evidence, const float *codeword, Around *around, const ptrdiff_t parameters) {
     const ptrdiff_t size = evidence->cells * parameters;
     double shares[MOST_CELLS * MOST] = {0};
     memset(around, 0, sizeof *around);
     for (ptrdiff_t i = 0; i < size; i++) {
-        shares[i] = share_of(evidence, word[i / parameters], i % parameters);
-        around->change[i] = share_of(evidence, 1.0 - word[i / parameters], i % parameters) - shares[i];
+        shares[i] = share_of(evidence, codeword[i / parameters], i % parameters);
+        around->change[i] = share_of(evidence, 1.0 - codeword[i / parameters], i % parameters) - shares[i];
     }
     for (ptrdiff_t i = 0; i < size; i++) {
         const double *row = evidence->information + i * size;
@@ -47,7 +47,7 @@ static LEDPI_INLINE void look_around(const Evidence *evidence, const float *word
     for (ptrdiff_t i = 0; i < parameters; i++) around->matrix[i][i] += 1.0 / evidence->prior[i];
 }
 
-/* The word itself. */
+/* The codeword itself. */
 static inline Pattern unchanged(const Around *around) {
     Pattern pattern = {.changed = 0};
     memcpy(pattern.matrix, around->matrix, sizeof around->matrix);
@@ -60,7 +60,7 @@ static LEDPI_INLINE void change_cell(const Evidence *evidence, const Around *aro
                                      const ptrdiff_t parameters) {
     const ptrdiff_t size = evidence->cells * parameters, at = cell * parameters;
     const uint64_t bit = UINT64_C(1) << cell;
-    const double *change = around->change + at, sign = pattern->changed & bit ? -1.0 : 1.0; /* back to the word's */
+    const double *change = around->change + at, sign = pattern->changed & bit ? -1.0 : 1.0; /* back to the codeword's */
     double sums[MOST][MOST];
     for (ptrdiff_t i = 0; i < parameters; i++)
         for (ptrdiff_t j = 0; j < parameters; j++) sums[i][j] = around->crossed[(at + i) * parameters + j];
@@ -106,7 +106,7 @@ static LEDPI_INLINE void weigh(const Pattern *patterns, Lanes *squares, Lanes *d
     }
 }
 
-/* Whether a pattern other than the word, by its changed cells, is met with for the first time: then it is in `met` (size,),
+/* Whether a pattern other than the codeword, by its changed cells, is met with for the first time: then it is in `met` (size,),
  * a power of 2 that is more than there are patterns, and at most 4096. */
 static inline bool is_new(uint64_t *met, ptrdiff_t size, uint64_t changed) {
     for (ptrdiff_t at = (ptrdiff_t)(changed * UINT64_C(0x9e3779b97f4a7c15) >> 52);; at++) {

@@ -5,7 +5,7 @@
 #include <stdbool.h>
 #include <stddef.h>
 
-enum { MOST_RIVALS = 2 };
+enum { MOST_STARTS = 2 };
 
 /* As `Intrinsics`: OpenCV's five-parameter model. */
 typedef struct {
@@ -35,7 +35,8 @@ typedef struct {
     double rounds, converged, beaten_by;
 } Stop;
 
-/* Betters `rivals` starts of one body, at most MOST_RIVALS; those that are beaten by far are not followed to their ends. `off_px` (rivals, points, 2) of the residuals; `trial_px` (points, 2) is room to try in. */
-void ledpi_fit(const Body *body, const Lens *lens, int rivals, const Stop *stop, Fit *fits, double *off_px, double *trial_px);
+/* Refines the poses that one body starts from: `starts` of them, at most MOST_STARTS. Those that are beaten by far are not
+ * followed to their ends. `off_px` (starts, points, 2) of the residuals; `trial_px` (points, 2) is room to try in. */
+void ledpi_fit(const Body *body, const Lens *lens, int starts, const Stop *stop, Fit *fits, double *off_px, double *trial_px);
 
 #endif

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ledpi.core.records import Floats, Intrinsics, Mask
-from ledpi.kernels.library import at, doubles, lib
+from ledpi.kernels.library import doubles, lib, pointer
 
 FIT = 49  # numbers: rotation, position, chi2, covariance
 # Where a solution's numbers are: its position, quaternion, reprojection_px, chi2, covariance.
@@ -27,7 +27,7 @@ def bends(corners: NDArray[np.complex128], lens: Intrinsics) -> NDArray[np.compl
     Off the line between its ends: along (real) and inward (imaginary), in pixels.
     """
     corners, bent = np.ascontiguousarray(corners), np.empty((*corners.shape, 2), np.complex128)
-    lib.ledpi_bends(at(lens_of(lens)), len(corners), at(corners), at(bent))
+    lib.ledpi_bends(pointer(lens_of(lens)), len(corners), pointer(corners), pointer(bent))
     return bent
 
 
@@ -41,8 +41,8 @@ def solve_squares(
     count, squares = len(corners_px), (corners_px, whiteners, sides_m)
     solutions, solved = np.empty((count, 2, COVARIANCE.stop)), np.empty(count, np.bool_)
     lib.ledpi_solve_squares(
-        *(at(lens_of(intrinsics)), at(stop), count, *(at(doubles(array)) for array in squares)),
-        *(at(solutions), at(solved)),
+        *(pointer(lens_of(intrinsics)), pointer(stop), count, *(pointer(doubles(array)) for array in squares)),
+        *(pointer(solutions), pointer(solved)),
     )
     solutions.flags.writeable = False
     return solutions, solved
@@ -61,11 +61,11 @@ def fit_body(
     """As `fit_body` of pose/refine.py: rotations, positions, chi2, residuals and covariances of the `at_most` best."""
     count = len(points)
     fits, off_px, room = np.empty((at_most, FIT)), np.empty((at_most, count, 2)), np.empty((2, count, 2))
-    body = (at(doubles(array)) for array in (points, seen_px, whiteners))
-    starts = (at(doubles(array)) for array in (rotations, positions))
+    body = (pointer(doubles(array)) for array in (points, seen_px, whiteners))
+    starts = (pointer(doubles(array)) for array in (rotations, positions))
     followed = lib.ledpi_fit_body(
-        *(at(lens_of(intrinsics)), count, *body, len(rotations), *starts, at_most),
-        *(at(stop), at(fits), at(off_px), at(room)),
+        *(pointer(lens_of(intrinsics)), count, *body, len(rotations), *starts, at_most),
+        *(pointer(stop), pointer(fits), pointer(off_px), pointer(room)),
     )
     fits = fits[:followed]
     turned, shifted, chi2, covariances = fits[:, :9], fits[:, 9:12], fits[:, 12], fits[:, 13:]

@@ -102,19 +102,19 @@ static void step_from(const Look *from, const double step[6], Look *to) {
         }
 }
 
-void ledpi_fit(const Body *body, const Lens *lens, int rivals, const Stop *stop, Fit *fits, double *off_px, double *trial_px) {
-    Look best[MOST_RIVALS], trial;
-    double damping[MOST_RIVALS] = {0}, step[MOST_RIVALS][6], root[6][6], information[MOST_RIVALS][6][6];
+void ledpi_fit(const Body *body, const Lens *lens, int starts, const Stop *stop, Fit *fits, double *off_px, double *trial_px) {
+    Look best[MOST_STARTS], trial;
+    double damping[MOST_STARTS] = {0}, step[MOST_STARTS][6], root[6][6], information[MOST_STARTS][6][6];
     ptrdiff_t residuals = 2 * body->points;
-    for (int k = 0; k < rivals; k++) {
+    for (int k = 0; k < starts; k++) {
         for (int i = 0; i < 9; i++) best[k].rotation[i] = fits[k].rotation[i];
         for (int i = 0; i < 3; i++) best[k].position[i] = fits[k].position[i];
         look_from(&best[k], body, lens, off_px + k * residuals);
     }
     for (int round = 0; round < stop->rounds; round++) {
-        double least = INFINITY, gain[MOST_RIVALS];
+        double least = INFINITY, gain[MOST_STARTS];
         bool at_end = true;
-        for (int k = 0; k < rivals; k++) {
+        for (int k = 0; k < starts; k++) {
             gain[k] = 0.0;
             for (int i = 0; i < 36; i++) (&information[k][0][0])[i] = (&best[k].information[0][0])[i];
             factor(best[k].information, damping[k], root);
@@ -122,11 +122,11 @@ void ledpi_fit(const Body *body, const Lens *lens, int rivals, const Stop *stop,
             for (int i = 0; i < 6; i++) gain[k] += step[k][i] * best[k].pull[i];
             least = fmin(least, best[k].chi2);
         }
-        for (int k = 0; k < rivals; k++) /* a step would change nothing, or what is beaten with it too */
+        for (int k = 0; k < starts; k++) /* a step would change nothing, or what is beaten with it too */
             at_end = at_end && (gain[k] < stop->converged * (1.0 + best[k].chi2) ||
                                 best[k].chi2 - gain[k] > least + stop->beaten_by);
         if (at_end) break;
-        for (int k = 0; k < rivals; k++) {
+        for (int k = 0; k < starts; k++) {
             step_from(&best[k], step[k], &trial);
             look_from(&trial, body, lens, trial_px);
             bool better = trial.chi2 < best[k].chi2;
@@ -136,7 +136,7 @@ void ledpi_fit(const Body *body, const Lens *lens, int rivals, const Stop *stop,
             for (ptrdiff_t i = 0; i < residuals; i++) off_px[k * residuals + i] = trial_px[i];
         }
     }
-    for (int k = 0; k < rivals; k++) {
+    for (int k = 0; k < starts; k++) {
         for (int i = 0; i < 9; i++) fits[k].rotation[i] = best[k].rotation[i];
         for (int i = 0; i < 3; i++) fits[k].position[i] = best[k].position[i];
         fits[k].chi2 = best[k].chi2;

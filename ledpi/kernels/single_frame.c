@@ -1,11 +1,12 @@
-/* What one picture says of the bands in a panel's cells: `single_evidence` in decode/evidence/single_frame.py, which says why. */
+/* What one picture says of the bands in a panel's cells: `single_evidence` in decode/evidence/single_frame.py, which says why.
+ * */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "cells.h"
 #include "core.h"
-#include "wide.h"
+#include "simd.h"
 
 enum { MEETING = 40, MET = 5 }; /* ways in which cells meet at a point, MET of them together */
 /* Neighbours of the same gain light up a border as the cell itself would. Where they add less than this share to what it
@@ -26,26 +27,26 @@ typedef struct {
     const int64_t *met; /* (cells, MEETING), `cells` where there is none */
 } Sources;
 
-/* What a first look has shown, all NULL where there was none: what each cell's bands make of an even light (cells,
+/* The estimate of a first pass, all NULL if there is none: what each cell's bands make of an even light (cells,
  * points), which cells are white, and what either class would make of it (2, cells, points). */
 typedef struct {
     const float *shown, *of_class;
     const uint8_t *white;
-} Believed;
+} BandEstimate;
 
-static inline float share_of(const Panel *panel, const Believed *believed, ptrdiff_t i) {
+static inline float share_of(const Panel *panel, const BandEstimate *estimate, ptrdiff_t i) {
     if (panel->valid && !panel->valid[i]) return 0.0f;
-    return believed->shown ? believed->shown[i] : 1.0f;
+    return estimate->shown ? estimate->shown[i] : 1.0f;
 }
 
 /* Gains (cells,) and the profile (points,), each without the other. */
-static void alternate(const Panel *panel, const Believed *believed, const float *light, double *gain, double *profile) {
+static void alternate(const Panel *panel, const BandEstimate *estimate, const float *light, double *gain, double *profile) {
     const ptrdiff_t points = panel->points;
     for (ptrdiff_t p = 0; p < points; p++) {
         double sum = 0.0, weight = 0.0;
         for (ptrdiff_t c = 0, i = p; c < panel->cells; c++, i += points) {
             sum += light[i];
-            weight += gain[c] * share_of(panel, believed, i);
+            weight += gain[c] * share_of(panel, estimate, i);
         }
         profile[p] = sum / fmax(weight, 1e-9);
     }
@@ -53,21 +54,21 @@ static void alternate(const Panel *panel, const Believed *believed, const float 
         double sum = 0.0, weight = 0.0;
         for (ptrdiff_t p = 0, i = c * points; p < points; p++, i++) {
             sum += light[i];
-            weight += profile[p] * share_of(panel, believed, i);
+            weight += profile[p] * share_of(panel, estimate, i);
         }
         gain[c] = sum / fmax(weight, 1e-9);
     }
 }
 
 /* Gains, of mean 1, profile, and `light` filled in where it is not valid, in the gains' unit. */
-LEDPI_WIDE static void levels(const Panel *panel, const Believed *believed, float *light, double *gain,
+LEDPI_SIMD static void levels(const Panel *panel, const BandEstimate *estimate, float *light, double *gain,
                               double *profile) {
     const ptrdiff_t points = panel->points;
-    const bool plain = !panel->valid && !believed->shown;
+    const bool plain = !panel->valid && !estimate->shown;
     double mean = 0.0, most = 0.0;
     for (ptrdiff_t c = 0; c < panel->cells; c++) {
         double weight = plain ? (double)points : 0.0;
-        for (ptrdiff_t p = 0; !plain && p < points; p++) weight += share_of(panel, believed, c * points + p);
+        for (ptrdiff_t p = 0; !plain && p < points; p++) weight += share_of(panel, estimate, c * points + p);
         gain[c] = ledpi_sum(light + c * points, points) / weight;
     }
     if (plain) {
@@ -75,7 +76,7 @@ LEDPI_WIDE static void levels(const Panel *panel, const Believed *believed, floa
         for (ptrdiff_t c = 0; c < panel->cells; c++)
             for (ptrdiff_t p = 0; p < points; p++) profile[p] += light[c * points + p] * (1.0 / gain[c] / (double)panel->cells);
     } else
-        for (int round = 0; round < 3; round++) alternate(panel, believed, light, gain, profile);
+        for (int round = 0; round < 3; round++) alternate(panel, estimate, light, gain, profile);
     for (ptrdiff_t c = 0; c < panel->cells; c++) mean += gain[c] / (double)panel->cells;
     for (ptrdiff_t p = 0; p < points; p++) most = fmax(most, profile[p]);
     for (ptrdiff_t p = 0; panel->valid && p < points; p++) {
@@ -86,7 +87,7 @@ LEDPI_WIDE static void levels(const Panel *panel, const Believed *believed, floa
     for (ptrdiff_t c = 0, i = 0; c < panel->cells; c++) {
         for (ptrdiff_t p = 0; p < points; p++, i++) {
             if (panel->valid && !panel->valid[i])
-                light[i] = (float)(gain[c] * profile[p] * (believed->shown ? believed->shown[i] : 1.0f));
+                light[i] = (float)(gain[c] * profile[p] * (estimate->shown ? estimate->shown[i] : 1.0f));
             light[i] *= (float)(1.0 / mean);
         }
         gain[c] /= mean;
@@ -95,7 +96,7 @@ LEDPI_WIDE static void levels(const Panel *panel, const Believed *believed, floa
 
 /* Gram and Schmidt: `count` vectors (count, wide) made orthonormal, one after the other; 0 where one is all but the same
  * as those before it. */
-LEDPI_WIDE static void make_orthonormal(float *vectors, ptrdiff_t count, ptrdiff_t wide) {
+LEDPI_SIMD static void make_orthonormal(float *vectors, ptrdiff_t count, ptrdiff_t wide) {
     for (ptrdiff_t s = 0; s < count; s++) {
         float *own = vectors + s * wide;
         const float whole = product(own, own, wide);
@@ -122,33 +123,33 @@ static void put_even_basis(const Panel *panel, const Sources *sources, const dou
 }
 
 /* The same for `count` sources at point p from the one numbered `from`, where the cells' bands are known. */
-static void put_basis_at(const Panel *panel, const Sources *sources, const Believed *believed, const double *gain,
+static void put_basis_at(const Panel *panel, const Sources *sources, const BandEstimate *estimate, const double *gain,
                          const float *root, ptrdiff_t p, ptrdiff_t from, ptrdiff_t count, float *basis) {
     const ptrdiff_t wide = padded(panel->cells);
     for (ptrdiff_t s = 0; s < count; s++)
         for (ptrdiff_t c = 0, i = p; c < panel->cells; c++, i += panel->points) {
             const int64_t neighbour = sources->met[c * MEETING + sources->column[from + s]];
             if (neighbour >= panel->cells) continue;
-            const float blinking = believed->of_class[(believed->white[neighbour] ? panel->samples : 0) + i];
+            const float blinking = estimate->of_class[(estimate->white[neighbour] ? panel->samples : 0) + i];
             basis[s * wide + c] = (float)gain[neighbour] / root[i] * blinking;
         }
     make_orthonormal(basis, count, wide);
 }
 
 /* An orthonormal basis of what the cells may show at the point of each source: `bases` (sources). */
-static void put_bases(const Panel *panel, const Sources *sources, const Believed *believed, const double *gain,
+static void put_bases(const Panel *panel, const Sources *sources, const BandEstimate *estimate, const double *gain,
                       const float *root, float *room, const float **bases) {
     const ptrdiff_t wide = padded(panel->cells);
-    if (!believed->shown) put_even_basis(panel, sources, gain, room);
+    if (!estimate->shown) put_even_basis(panel, sources, gain, room);
     for (ptrdiff_t p = 0, s = 0; p < panel->points; p++) {
         const ptrdiff_t to = p + 1 < panel->points ? sources->first[p + 1] : sources->count;
-        if (believed->shown) put_basis_at(panel, sources, believed, gain, root, p, s, to - s, room + s * wide);
-        for (; s < to; s++) bases[s] = room + wide * (believed->shown ? s : sources->column[s]);
+        if (estimate->shown) put_basis_at(panel, sources, estimate, gain, root, p, s, to - s, room + s * wide);
+        for (; s < to; s++) bases[s] = room + wide * (estimate->shown ? s : sources->column[s]);
     }
 }
 
 /* Splits the light into what the cells share, `still`, at least 0.02, and what is left, `residual`: (samples) both. */
-LEDPI_WIDE static void split(const Panel *panel, const Sources *sources, const float *light, const float **bases,
+LEDPI_SIMD static void split(const Panel *panel, const Sources *sources, const float *light, const float **bases,
                              float *room, float *still, float *residual) {
     const ptrdiff_t cells = panel->cells, points = panel->points, wide = padded(cells);
     float *seen = room, *shared = room + wide; /* at one point, of all cells */
@@ -167,7 +168,7 @@ LEDPI_WIDE static void split(const Panel *panel, const Sources *sources, const f
 }
 
 /* Takes what the cells share at each point off what is left of the light (samples). `seen` (padded cells) is room. */
-LEDPI_WIDE static void take_off(const Panel *panel, const Sources *sources, const float **bases, float *seen, float *left) {
+LEDPI_SIMD static void take_off(const Panel *panel, const Sources *sources, const float **bases, float *seen, float *left) {
     const ptrdiff_t cells = panel->cells, points = panel->points, wide = padded(cells);
     for (ptrdiff_t p = 0, s = 0; p < points; p++) {
         for (ptrdiff_t c = 0; c < cells; c++) seen[c] = left[c * points + p];
@@ -194,7 +195,7 @@ static inline void put_row(const Panel *panel, const float *basis, const float *
 }
 
 /* Takes what the cells share at each point out of the matrix. `rows` (LEDPI_AT_ONCE, padded size) is room to work in. */
-LEDPI_WIDE static void take_shared(const Panel *panel, const Sources *sources, const float **bases, const float *columns,
+LEDPI_SIMD static void take_shared(const Panel *panel, const Sources *sources, const float **bases, const float *columns,
                                    float *rows, float *sums, double *matrix) {
     const ptrdiff_t points = panel->points, waves = panel->waves, width = width_of(panel);
     const ptrdiff_t size = unknowns(panel, panel->cells), wide = padded(size);
@@ -202,7 +203,7 @@ LEDPI_WIDE static void take_shared(const Panel *panel, const Sources *sources, c
     for (ptrdiff_t p = 0, s = 0; p < points; p++)
         for (; s < (p + 1 < points ? sources->first[p + 1] : sources->count); s++) {
             float *row = rows + count * wide;
-            if (waves == 4) /* told twice, as loops of a known length are unrolled */
+            if (waves == 4) /* written twice, as loops of a known length are unrolled */
                 put_row(panel, bases[s], columns + p * width, 4, row);
             else
                 put_row(panel, bases[s], columns + p * width, waves, row);
@@ -255,10 +256,10 @@ static bool make_room(const Panel *panel, const Sources *sources, Room *room) {
 }
 
 /* What each sample is explained by. What is not valid is left out; `still` becomes the weight, `root` what bands add. */
-LEDPI_WIDE static void put_terms(const Panel *panel, const Believed *believed, Room *room) {
+LEDPI_SIMD static void put_terms(const Panel *panel, const BandEstimate *estimate, Room *room) {
     float *picture = room->light; /* which is not asked for again */
     for (ptrdiff_t i = 0; i < panel->samples; i++) {
-        const float bare = believed->shown ? room->still[i] / believed->shown[i] : room->still[i];
+        const float bare = estimate->shown ? room->still[i] / estimate->shown[i] : room->still[i];
         picture[i] = bare * room->root[i];
         room->root[i] = bare;
     }
@@ -268,7 +269,7 @@ LEDPI_WIDE static void put_terms(const Panel *panel, const Believed *believed, R
 }
 
 /* The light over the root of its variance, so that it is alike everywhere. Returns how many samples are valid. */
-LEDPI_WIDE static ptrdiff_t whiten(const Panel *panel, const Believed *believed, Room *room) {
+LEDPI_SIMD static ptrdiff_t whiten(const Panel *panel, const BandEstimate *estimate, Room *room) {
     ptrdiff_t used = 0;
     for (ptrdiff_t p = 0; p < panel->points; p++) room->profile[p] = sqrt(fmax(room->profile[p], 1e-3));
     for (ptrdiff_t c = 0; c < panel->cells; c++) {
@@ -276,7 +277,7 @@ LEDPI_WIDE static ptrdiff_t whiten(const Panel *panel, const Believed *believed,
         const double of_cell = sqrt(room->gain[c]);
         for (ptrdiff_t p = 0; p < panel->points; p++) room->root[from + p] = (float)(of_cell * room->profile[p]);
     }
-    for (ptrdiff_t i = 0; believed->shown && i < panel->samples; i++) room->root[i] *= sqrtf(believed->shown[i]);
+    for (ptrdiff_t i = 0; estimate->shown && i < panel->samples; i++) room->root[i] *= sqrtf(estimate->shown[i]);
     for (ptrdiff_t i = 0; i < panel->samples; i++) room->light[i] /= room->root[i];
     for (ptrdiff_t i = 0; i < panel->samples; i++) used += !panel->valid || panel->valid[i];
     return used;
@@ -292,17 +293,17 @@ bool ledpi_single_evidence(ptrdiff_t side, ptrdiff_t k, ptrdiff_t count, const f
     const Panel panel = {side, k, count, side * side, k * k, side * side * k * k, valid, along};
     const Lags lags = {aside, below, rim};
     const Sources sources = {source_count, column, first, met};
-    const Believed believed = {shown, of_class, white};
+    const BandEstimate estimate = {shown, of_class, white};
     const ptrdiff_t size = unknowns(&panel, panel.cells);
     Room room;
     if (!make_room(&panel, &sources, &room)) return false;
     memcpy(room.light, light, sizeof(float) * (size_t)panel.samples);
-    levels(&panel, &believed, room.light, room.gain, room.profile);
-    const ptrdiff_t used = whiten(&panel, &believed, &room);
-    put_bases(&panel, &sources, &believed, room.gain, room.root, room.basis, room.bases);
-    float *vectors = room.basis + (believed.shown ? sources.count : MEETING) * padded(panel.cells);
+    levels(&panel, &estimate, room.light, room.gain, room.profile);
+    const ptrdiff_t used = whiten(&panel, &estimate, &room);
+    put_bases(&panel, &sources, &estimate, room.gain, room.root, room.basis, room.bases);
+    float *vectors = room.basis + (estimate.shown ? sources.count : MEETING) * padded(panel.cells);
     split(&panel, &sources, room.light, room.bases, vectors, room.still, room.residual);
-    put_terms(&panel, &believed, &room);
+    put_terms(&panel, &estimate, &room);
     const Terms terms = {room.still, room.root, waves, room.across, room.down, room.residual};
     const double squares = ledpi_add_cells(&panel, panel.cells, &terms, room.columns, room.matrix);
     take_shared(&panel, &sources, room.bases, room.columns, room.rows, room.sums, room.matrix);

@@ -4,10 +4,10 @@
 
 #include "core.h"
 #include "waves.h"
-#include "wide.h"
+#include "simd.h"
 
 /* `cosines` and `sines` (count) of 2π(a_row·row + start) for each of `rows` (count). */
-LEDPI_WIDE void ledpi_waves(const float *rows, ptrdiff_t count, float a_row, float start, float *cosines, float *sines) {
+LEDPI_SIMD void ledpi_waves(const float *rows, ptrdiff_t count, float a_row, float start, float *cosines, float *sines) {
     for (ptrdiff_t i = 0; i < count; i++) {
         const float part = ledpi_part(rows[i] * a_row + start), off = (part < 0.0f ? -part : part) - 0.25f;
         const float folded = 0.25f - (off < 0.0f ? -off : off);
@@ -26,9 +26,9 @@ static LEDPI_INLINE double on_until(double cycles, double duty, double *part) {
 }
 
 /* `bands` and `later` (count), as `square_wave_bands` in shutter.py has them, in `rows` (count), meaned over `averaged`
- * rows around each, so far `apart`; `start` is the fundamental's phase in row 0, in cycles, `exposed` the exposure, `fundamental` its
- * amplitude, negative where it is on when the light is off. */
-LEDPI_WIDE void ledpi_square_waves(const float *rows, ptrdiff_t count, double a_row, double start, ptrdiff_t averaged,
+ * rows around each, so far `apart`; `start` is the fundamental's phase in row 0, in cycles, `exposed` the exposure,
+ * `fundamental` its amplitude, negative where it is on when the light is off. */
+LEDPI_SIMD void ledpi_square_waves(const float *rows, ptrdiff_t count, double a_row, double start, ptrdiff_t averaged,
                                    double apart, double exposed, double duty, double fundamental, float *bands, float *later) {
     const double size = fabs(fundamental), turn = 2.0 * 3.14159265358979323846;
     const double of_on = 1.0 / ((double)averaged * exposed * duty * size), of_rise = -of_on / turn;

@@ -1,4 +1,4 @@
-/* Cosines of bands (waves.c, expect.c). */
+/* Cosines of bands (waves.c, prediction.c). */
 #ifndef LEDPI_WAVES_H
 #define LEDPI_WAVES_H
 

@@ -1,1 +1,1 @@
-"""ArUco dictionaries, and what a word shows on a panel."""
+"""ArUco dictionaries, and what a codeword shows on a panel."""

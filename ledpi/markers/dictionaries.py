@@ -14,10 +14,10 @@ import numpy as np
 from ledpi.core.errors import ConfigError
 from ledpi.core.files import parse_yaml, read_text
 from ledpi.core.wording import shortened
-from ledpi.markers.words import Dictionary
+from ledpi.markers.codewords import Dictionary
 
 FILE_ENDINGS = (".yml", ".yaml", ".json")
-MIN_SIDE, MAX_SIDE = 2, 8  # cells; OpenCV keeps a word in 64 bits
+MIN_SIDE, MAX_SIDE = 2, 8  # cells; OpenCV keeps a codeword in 64 bits
 _OPENCV_YAML = "%YAML:1.0"  # its first line, which other readers of YAML refuse
 
 
@@ -40,7 +40,7 @@ def is_file(name: str) -> bool:
 def load_dictionary(name: str) -> Dictionary:
     """A predefined dictionary by OpenCV's name, or the one of a file. Raises ValueError that says what is right.
 
-    A file is read again once it has changed: a daemon that reloads its configuration must not keep the old words.
+    A file is read again once it has changed: a daemon that reloads its configuration must not keep the old codewords.
     """
     if not is_file(name):
         return _predefined(name)
@@ -66,28 +66,28 @@ def _predefined(name: str) -> Dictionary:
         )
     raw = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
     side = raw.markerSize
-    words = np.stack(
+    codewords = np.stack(
         [
             cv2.aruco.Dictionary.getBitsFromByteList(raw.bytesList[i : i + 1], side).astype(bool)
             for i in range(len(raw.bytesList))
         ]
     )
-    words.flags.writeable = False
-    return Dictionary(name=name, words=words)
+    codewords.flags.writeable = False
+    return Dictionary(name=name, codewords=codewords)
 
 
 def read_dictionary(path: Path) -> Dictionary:
     """A dictionary of one's own, in the form that OpenCV's `Dictionary.writeDictionary` writes.
 
-    `nmarkers` (count), `markersize` (cells a side) and `marker_0`, `marker_1`, …: the cells of each word from the top
-    left, row by row, 1 for white. Raises ValueError naming file, key, what is wrong and what would be right.
+    `nmarkers` (count), `markersize` (cells a side) and `marker_0`, `marker_1`, …: the cells of each codeword from the
+    top left, row by row, 1 for white. Raises ValueError naming file, key, what is wrong and what would be right.
     """
     values = _values(path)
     side = _whole(values, "markersize", path, MIN_SIDE, MAX_SIDE)
     count = _whole(values, "nmarkers", path, 1, 100_000)
-    words = np.stack([_word(values, f"marker_{i}", path, side) for i in range(count)])
-    words.flags.writeable = False
-    dictionary = Dictionary(name=str(path), words=words)
+    codewords = np.stack([_codeword(values, f"marker_{i}", path, side) for i in range(count)])
+    codewords.flags.writeable = False
+    dictionary = Dictionary(name=str(path), codewords=codewords)
     _check_distinct(dictionary, path)
     return dictionary
 
@@ -117,7 +117,7 @@ def _whole(values: dict[str, Any], key: str, path: Path, least: int, most: int) 
     return value
 
 
-def _word(values: dict[str, Any], key: str, path: Path, side: int) -> np.ndarray:
+def _codeword(values: dict[str, Any], key: str, path: Path, side: int) -> np.ndarray:
     text = values.get(key)
     if not isinstance(text, str) or len(text) != side * side or set(text) - {"0", "1"}:
         raise ValueError(f'{path}: {key}: must be {side * side} digits 0 and 1 in quotes, as "{"01" * side}…"')
@@ -125,18 +125,20 @@ def _word(values: dict[str, Any], key: str, path: Path, side: int) -> np.ndarray
 
 
 def _check_distinct(dictionary: Dictionary, path: Path) -> None:
-    """No word may look like another, or like itself turned: which one it is could not be told."""
+    """No codeword may look like another, or like itself turned: they could not be distinguished."""
     seen: dict[bytes, tuple[int, int]] = {}
-    for number, turned in enumerate(dictionary.turned_words()):
-        for turns, word in enumerate(turned):
-            before = seen.setdefault(word.tobytes(), (number, turns))
+    for number, turned in enumerate(dictionary.rotated_codewords()):
+        for turns, codeword in enumerate(turned):
+            before = seen.setdefault(codeword.tobytes(), (number, turns))
             if before == (number, turns):
                 continue
             other = f"marker_{before[0]}" if before[0] != number else "itself"
-            raise ValueError(f"{path}: marker_{number}: looks like {other} when it is turned; words must differ")
+            raise ValueError(f"{path}: marker_{number}: looks like {other} when it is turned; codewords must differ")
 
 
 def opencv_dictionary(dictionary: Dictionary) -> cv2.aruco.Dictionary:
-    """The same words for OpenCV's own detector."""
-    words = [cv2.aruco.Dictionary.getByteListFromBits(word.astype(np.uint8)) for word in dictionary.words]
-    return cv2.aruco.Dictionary(np.concatenate(words), dictionary.cells_per_side, dictionary.correctable_cells())
+    """The same codewords for OpenCV's own detector."""
+    codewords = [
+        cv2.aruco.Dictionary.getByteListFromBits(codeword.astype(np.uint8)) for codeword in dictionary.codewords
+    ]
+    return cv2.aruco.Dictionary(np.concatenate(codewords), dictionary.cells_per_side, dictionary.correctable_cells())

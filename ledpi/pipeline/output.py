@@ -22,13 +22,13 @@ def decoded_as_json(decoded: Decoded, recording: str) -> dict[str, Any]:
 
 
 def _marker(marker: MarkerPose) -> dict[str, Any]:
-    sighting, solution = marker.sighting, marker.solution
+    detection, solution = marker.detection, marker.solution
     covariance = solution.camera_from_marker.covariance if solution is not None else None
     return {
-        "id": sighting.id,
-        "corners_px": [[round(float(v), 3) for v in corner] for corner in sighting.corners_px],
-        "margin": round(sighting.margin, 2),
-        "frames_used": sighting.frames_used,
+        "id": detection.id,
+        "corners_px": [[round(float(v), 3) for v in corner] for corner in detection.corners_px],
+        "margin": round(detection.margin, 2),
+        "frames_used": detection.frames_used,
         **(_place(solution) if solution is not None else dict.fromkeys(("position_m", "quaternion_wxyz"))),
         "covariance": None if covariance is None else [float(f"{v:.6g}") for v in covariance.ravel()],
         "reprojection_px": None if solution is None else round(solution.reprojection_px, 4),

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from ledpi.core.records import Decoded, Floats, Frame, MarkerPose, Rejected, RobotFix, Sighting
-from ledpi.decode.identify.sightings import one_of_each
+from ledpi.core.records import Decoded, Detection, Floats, Frame, MarkerPose, Rejected, RobotFix
+from ledpi.decode.identify.suppression import suppress_duplicates
 from ledpi.pipeline.trace import Dropped, Trace
 from ledpi.pose.place import Placer
 
@@ -18,7 +18,7 @@ class Results:
     seconds: dict[str, float]  # by stage
     trace: Trace | None
     rejected: list[Rejected] = field(default_factory=list)
-    sightings: list[Sighting] = field(default_factory=list)
+    detections: list[Detection] = field(default_factory=list)
     markers: list[MarkerPose] = field(default_factory=list)
     fix: RobotFix | Rejected | None = None
 
@@ -28,36 +28,36 @@ class Results:
         if self.trace is not None:
             self.trace.dropped.append(Dropped(corners_px=corners_px, why=why))
 
-    def add(self, frame: Frame, sightings: list[Sighting], placer: Placer) -> list[MarkerPose]:
-        """Places what was just read, and the robot by all there is. Returns the new markers.
+    def add(self, frame: Frame, detections: list[Detection], placer: Placer) -> list[MarkerPose]:
+        """Places the new detections, and the robot by all there are. Returns the new markers.
 
-        What is here already goes, where it and the new cannot both be true.
+        Earlier detections are dropped if they and the new ones cannot both be true.
         """
-        self.sightings, dropped = one_of_each([*self.sightings, *sightings])
-        for sighting, why in dropped:
-            self.reject(sighting.corners_px, why)
-        given = {id(sighting) for sighting in sightings}
-        new = [s for s in self.sightings if id(s) in given]
+        self.detections, dropped = suppress_duplicates([*self.detections, *detections])
+        for detection, why in dropped:
+            self.reject(detection.corners_px, why)
+        given = {id(detection) for detection in detections}
+        new = [s for s in self.detections if id(s) in given]
         markers = []
-        for sighting, placed in zip(new, placer.place(frame, new), strict=True):
+        for detection, placed in zip(new, placer.place(frame, new), strict=True):
             if isinstance(placed, Rejected):
-                self.reject(sighting.corners_px, placed)
+                self.reject(detection.corners_px, placed)
             else:
                 markers.append(placed)
-        left = {id(sighting) for sighting in self.sightings}
-        self.markers = [m for m in self.markers if id(m.sighting) in left] + markers
+        left = {id(detection) for detection in self.detections}
+        self.markers = [m for m in self.markers if id(m.detection) in left] + markers
         if markers or dropped:
             self.fix = placer.fix(frame, self.markers)
         return markers
 
-    def news(self, frame: Frame, markers: Sequence[MarkerPose]) -> Decoded:
+    def partial_result(self, frame: Frame, markers: Sequence[MarkerPose]) -> Decoded:
         """These markers, and the fix as it is now."""
         return self._decoded(frame, markers, ())
 
-    def whole(self, frame: Frame) -> Decoded:
-        """All of it, the surest marker first."""
+    def final_result(self, frame: Frame) -> Decoded:
+        """All of it, the most certain marker first."""
         rejected = [*self.rejected, self.fix] if isinstance(self.fix, Rejected) else self.rejected
-        return self._decoded(frame, sorted(self.markers, key=lambda m: -m.sighting.margin), rejected)
+        return self._decoded(frame, sorted(self.markers, key=lambda m: -m.detection.margin), rejected)
 
     def _decoded(self, frame: Frame, markers: Sequence[MarkerPose], rejected: Sequence[Rejected]) -> Decoded:
         return Decoded(

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from ledpi.core.records import Floats, Quad, Rejected
-from ledpi.decode.bands import Steps
 from ledpi.decode.cells import CellSamples
 from ledpi.decode.evidence.evidence import Evidence
-from ledpi.decode.identify.soft import Reading
+from ledpi.decode.identify.decision import Reading
 from ledpi.decode.proposals import Candidate
 from ledpi.decode.reader import Outcome
+from ledpi.decode.uemura import Steps
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -22,8 +22,8 @@ class Dropped:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Look:
-    """What `soft` made of one lit square."""
+class SquareTrace:
+    """What the method `likelihood` made of one lit square."""
 
     quad: Quad
     samples: CellSamples
@@ -31,19 +31,19 @@ class Look:
     reading: Reading | Rejected
 
     @classmethod
-    def of(cls, quad: Quad, samples: CellSamples, outcome: Outcome) -> Look:
-        """Of a square in which a frame has shown these `samples`."""
-        shown, memories = outcome.shown, outcome.history.memories
-        if isinstance(shown, Rejected):
-            return cls(quad=quad, samples=samples, evidence=memories[0].evidence(), reading=shown)
-        return cls(quad=quad, samples=samples, evidence=memories[shown.group].evidence(), reading=shown.reading)
+    def from_outcome(cls, quad: Quad, samples: CellSamples, outcome: Outcome) -> SquareTrace:
+        """Of a square whose cells have these `samples`."""
+        identity, memories = outcome.identity, outcome.history.memories
+        if isinstance(identity, Rejected):
+            return cls(quad=quad, samples=samples, evidence=memories[0].evidence(), reading=identity)
+        return cls(quad=quad, samples=samples, evidence=memories[identity.group].evidence(), reading=identity.reading)
 
 
 @dataclass(slots=True)
 class Trace:
-    """Of one frame. Of `soft` the candidates and the looks, of `bands` the steps, one for each pair of frequencies."""
+    """Of one frame. `likelihood` fills candidates and squares; `uemura` its steps, one for each pair of frequencies."""
 
     dropped: list[Dropped] = field(default_factory=list)
     candidates: list[Candidate] = field(default_factory=list)
-    looks: list[Look] = field(default_factory=list)
-    bands: list[Steps] = field(default_factory=list)
+    squares: list[SquareTrace] = field(default_factory=list)
+    uemura: list[Steps] = field(default_factory=list)

@@ -10,22 +10,22 @@ from ledpi.pose.planar import Solutions
 
 # The other solution is excluded where it is a thousand times less likely: 2·ln 1000 of χ².
 EXCLUDED_BY = 13.8
-# The most that one frame may say. Half of it is enough for a first look; but what was believed for n frames is given up
-# over several, in which both poses are reported.
+# The most that one frame may say. Half of it is enough in a first frame; but what was preferred for n frames is given
+# up over several, in which both poses are reported.
 MOST = 2 * EXCLUDED_BY
 # The mean is over so many frames. It is a mean and no sum: what errs most in a corner (the lens, a bezel's gleam) errs
 # alike from frame to frame, and ten looks at it are no more than one.
 REMEMBERED = 16
-APART = 3.0  # standard deviations: solutions that are nearer than this cannot be told from one frame to the next
+APART = 3.0  # standard deviations: nearer solutions cannot be distinguished from one frame to the next
 # How far a panel's upward axis may lean from the robot's: hung by eye, a robot on a doorstep or braking.
 UPRIGHT_SIGMA_RAD = math.radians(5)
 
 
 @dataclass(slots=True)
-class _Belief:
-    believed: PlanarSolution
+class _Hypothesis:
+    preferred: PlanarSolution
     other: PlanarSolution
-    gap: float  # mean over the frames of the other's χ² less that of the believed
+    gap: float  # mean over the frames of the other's χ² less that of the preferred
     frames: int
     seen_ns: int
 
@@ -35,26 +35,26 @@ class Branches:
 
     def __init__(self, up_in_camera: Floats | None = None) -> None:
         self._up = None if up_in_camera is None else tuple(up_in_camera.tolist())
-        self._beliefs: dict[int, _Belief] = {}
+        self._hypotheses: dict[int, _Hypothesis] = {}
 
     def choose(self, marker_id: int, solutions: Solutions, now_ns: int) -> tuple[PlanarSolution, PlanarSolution | None]:
         """The pose to believe, and the other one where it cannot be excluded.
 
         The belief never changes without both being reported: while they change places neither is excluded.
         """
-        past = self._beliefs.pop(marker_id, None)
+        past = self._hypotheses.pop(marker_id, None)
         if len(solutions) == 1:
             return solutions[0], None
         first, second = solutions
         gap, frames = 0.0, 0
-        if past is not None and 0 < now_ns - past.seen_ns <= MAX_GAP_NS and _told_apart(first, second):
+        if past is not None and 0 < now_ns - past.seen_ns <= MAX_GAP_NS and _are_distinct(first, second):
             gap, frames = past.gap, past.frames
-            if _goes_on(past, second, first) < _goes_on(past, first, second):
+            if _discontinuity(past, second, first) < _discontinuity(past, first, second):
                 first, second = second, first
         gap += (self._gap(first, second) - gap) / (frames + 1)
         if gap < 0:
             first, second, gap = second, first, -gap
-        self._beliefs[marker_id] = _Belief(first, second, gap, min(frames + 1, REMEMBERED - 1), now_ns)
+        self._hypotheses[marker_id] = _Hypothesis(first, second, gap, min(frames + 1, REMEMBERED - 1), now_ns)
         return first, second if gap < EXCLUDED_BY else None
 
     def _gap(self, first: PlanarSolution, second: PlanarSolution) -> float:
@@ -71,16 +71,16 @@ class Branches:
         return math.fsum((a - b) ** 2 for a, b in zip(axis, self._up, strict=True))
 
 
-def _told_apart(first: PlanarSolution, second: PlanarSolution) -> bool:
+def _are_distinct(first: PlanarSolution, second: PlanarSolution) -> bool:
     covariance = first.camera_from_marker.covariance
     assert covariance is not None
     turn2: float = sum(covariance.diagonal().tolist()[3:])
     return _angle2(first, second) > APART**2 * turn2
 
 
-def _goes_on(past: _Belief, believed: PlanarSolution, other: PlanarSolution) -> float:
+def _discontinuity(past: _Hypothesis, preferred: PlanarSolution, other: PlanarSolution) -> float:
     """How badly two solutions continue the past ones. A turn of the camera, common to both, makes no difference."""
-    return _angle2(past.believed, believed) + _angle2(past.other, other)
+    return _angle2(past.preferred, preferred) + _angle2(past.other, other)
 
 
 def _angle2(a: PlanarSolution, b: PlanarSolution) -> float:

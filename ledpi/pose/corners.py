@@ -24,7 +24,7 @@ def centre_px(corners_px: Floats) -> tuple[float, float]:
     return ax + share * (cx - ax), ay + share * (cy - ay)
 
 
-def seen_at_row(corners_px: Floats, velocity_px_s: Floats | None, row: float | Floats, row_time_us: float) -> Floats:
+def corners_at_row(corners_px: Floats, velocity_px_s: Floats | None, row: float | Floats, row_time_us: float) -> Floats:
     """Where corners (…, 4, 2) would be seen if all were exposed when `row` (…, 1, 1) was.
 
     A rolling shutter sees each corner at its own row's time, `y·t_row`: a camera that moves sees the square sheared.

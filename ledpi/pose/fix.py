@@ -26,9 +26,9 @@ from ledpi.core.records import (
 )
 from ledpi.core.shutter import row_mid_exposure_ns
 from ledpi.pose.branches import EXCLUDED_BY
-from ledpi.pose.corners import centre_px, seen_at_row, whiteners
+from ledpi.pose.corners import centre_px, corners_at_row, whiteners
+from ledpi.pose.fix_history import Candidate, FixHistory, distance2
 from ledpi.pose.panel_map import PanelMap
-from ledpi.pose.past import Candidate, Past, distance2
 from ledpi.pose.planar import square_corners
 from ledpi.pose.refine import Fits, fit_body, projected, skew
 
@@ -52,7 +52,7 @@ class Robot:
 
 
 @dataclass(frozen=True, slots=True)
-class _Seen:
+class _Observations:
     """The N panels of the map that a frame shows, at one moment."""
 
     ids: tuple[int, ...]
@@ -62,11 +62,11 @@ class _Seen:
     whiteners: Floats  # (N, 8, 8)
     starts: tuple[tuple[Floats, ...], ...]  # of each panel, camera_from_middle (4, 4): one or two, the likelier first
 
-    def without(self, index: int) -> _Seen:
+    def exclude(self, index: int) -> _Observations:
         keep = [i for i in range(len(self.ids)) if i != index]
         starts = tuple(self.starts[i] for i in keep)
         ids = tuple(self.ids[i] for i in keep)
-        return _Seen(ids, self.points[keep], self.middle, self.corners_px[keep], self.whiteners[keep], starts)
+        return _Observations(ids, self.points[keep], self.middle, self.corners_px[keep], self.whiteners[keep], starts)
 
 
 class FixSolver:
@@ -78,24 +78,24 @@ class FixSolver:
         self._panels = panels
         self._marker_from_map = {i: inverse(panel.map_from_marker) for i, panel in panels.items()}
         self._squares = {i: square_corners(sides_m[i]) for i in panels if i in sides_m}
-        self._past = Past()
+        self._history = FixHistory()
 
     def solve(self, frame: Frame, markers: Sequence[MarkerPose]) -> RobotFix | Rejected:
         """map_from_base_link from the panels of a frame, or why there is none. `markers` must not be empty.
 
         Where several poses fit, or two panels contradict each other, the last fix decides, or there is none.
         """
-        known = [m for m in markers if m.sighting.id in self._panels and m.solution is not None]
+        known = [m for m in markers if m.detection.id in self._panels and m.solution is not None]
         if not known:
             return NOT_IN_MAP
-        known.sort(key=lambda m: -quad_side(m.sighting.corners_px.tolist()))
-        row = float(np.mean([centre_px(m.sighting.corners_px)[1] for m in known]))
+        known.sort(key=lambda m: -quad_side(m.detection.corners_px.tolist()))
+        row = float(np.mean([centre_px(m.detection.corners_px)[1] for m in known]))
         now_ns = row_mid_exposure_ns(frame, row)
-        candidates = self._candidates(self._look(known, row, frame))
-        chosen = self._past.choose(candidates, now_ns)
+        candidates = self._candidates(self._observe(known, row, frame))
+        chosen = self._history.choose(candidates, now_ns)
         if chosen is None:
             return CONTRADICTION if candidates[0].rejected else AMBIGUOUS
-        self._past.remember(chosen, now_ns)
+        self._history.remember(chosen, now_ns)
         pose = Pose(
             position_m=read_only(chosen.map_from_base[:3, 3]),
             quaternion_wxyz=read_only(quaternion_from_matrix(chosen.map_from_base[:3, :3])),
@@ -108,32 +108,32 @@ class FixSolver:
             panels_rejected=tuple(sorted(chosen.rejected)),
         )
 
-    def _look(self, known: list[MarkerPose], row: float, frame: Frame) -> _Seen:
-        ids = tuple(m.sighting.id for m in known)
+    def _observe(self, known: list[MarkerPose], row: float, frame: Frame) -> _Observations:
+        ids = tuple(m.detection.id for m in known)
         places = np.array([self._panels[i].map_from_marker for i in ids])
         squares = np.array([self._squares[i] for i in ids])
         middle = places[:, :3, 3].mean(axis=0)
         places[:, :3, 3] -= middle
         map_from_middle = transform(np.eye(3), middle)
-        sightings = [m.sighting for m in known]
-        corners = np.array([seen_at_row(s.corners_px, s.velocity_px_s, row, frame.row_time_us) for s in sightings])
-        whiten = whiteners(np.array([s.covariance_px2 for s in sightings]))
-        starts, believed = [], []
+        detections = [m.detection for m in known]
+        corners = np.array([corners_at_row(s.corners_px, s.velocity_px_s, row, frame.row_time_us) for s in detections])
+        whiten = whiteners(np.array([s.covariance_px2 for s in detections]))
+        starts, preferred = [], []
         for marker in known:
-            marker_from_middle = self._marker_from_map[marker.sighting.id] @ map_from_middle
+            marker_from_middle = self._marker_from_map[marker.detection.id] @ map_from_middle
             poses = [_matrix(s) for s in (marker.solution, marker.alternate) if s is not None]
-            believed.append(poses[0])
+            preferred.append(poses[0])
             starts.append(tuple(pose @ marker_from_middle for pose in poses))
-        return _Seen(
+        return _Observations(
             ids=ids,
             points=squares @ places[:, :3, :3].transpose(0, 2, 1) + places[:, None, :3, 3],
             middle=middle,
             corners_px=corners,
-            whiteners=self._with_map_errors(whiten, ids, squares, np.array(believed)),
+            whiteners=self._add_map_errors(whiten, ids, squares, np.array(preferred)),
             starts=tuple(starts),
         )
 
-    def _with_map_errors(self, whiten: Floats, ids: tuple[int, ...], squares: Floats, poses: Floats) -> Floats:
+    def _add_map_errors(self, whiten: Floats, ids: tuple[int, ...], squares: Floats, poses: Floats) -> Floats:
         """Whiteners (N, 8, 8) that also count with the panels not being just where the map has them.
 
         A panel that is off by (δ, ω) moves its corners by J·(δ, ω), so their covariance grows by J·Σ·Jᵀ. Equal
@@ -151,12 +151,12 @@ class FixSolver:
         covariance += (slopes * variances[:, None, :]) @ slopes.transpose(0, 2, 1)
         return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)), np.float64)
 
-    def _candidates(self, seen: _Seen, excluded: tuple[int, ...] = ()) -> list[Candidate]:
+    def _candidates(self, seen: _Observations, excluded: tuple[int, ...] = ()) -> list[Candidate]:
         """The poses that the panels allow; more than one where they do not decide."""
         fits = self._fit(seen)
         if len(seen.ids) == 1 or _agrees(fits, len(seen.ids)):
             return self._distinct(fits, seen, excluded)
-        fewer = [seen.without(i) for i in range(len(seen.ids))]
+        fewer = [seen.exclude(i) for i in range(len(seen.ids))]
         tried = [self._fit(rest) for rest in fewer]
         chi2 = [float(t.chi2.min()) for t in tried]
         best = int(np.argmin(chi2))
@@ -166,14 +166,14 @@ class FixSolver:
         as_good = [i for i, value in enumerate(chi2) if value <= chi2[best] + EXCLUDED_BY]
         return [c for i in as_good for c in self._distinct(tried[i], fewer[i], (*excluded, seen.ids[i]))]
 
-    def _fit(self, seen: _Seen) -> Fits:
+    def _fit(self, seen: _Observations) -> Fits:
         """camera_from_middle, from each of the starts."""
         starts = np.array([start for both in seen.starts for start in both][:MAX_STARTS])
         corners = seen.points.reshape(-1, 3), seen.corners_px.reshape(-1, 2), seen.whiteners
         return fit_body(starts[:, :3, :3], starts[:, :3, 3], *corners, self._intrinsics, at_most=2)
 
-    def _distinct(self, fits: Fits, seen: _Seen, excluded: tuple[int, ...]) -> list[Candidate]:
-        """The different poses among fits that are not excluded by the best; of one panel its own two, as believed."""
+    def _distinct(self, fits: Fits, seen: _Observations, excluded: tuple[int, ...]) -> list[Candidate]:
+        """The different poses among fits that are not excluded by the best; of one panel its own two, as preferred."""
         found: list[Candidate] = []
         order = range(len(fits.chi2)) if len(seen.ids) == 1 else np.argsort(fits.chi2).tolist()
         for k in order:
@@ -184,7 +184,7 @@ class FixSolver:
                 found.append(candidate)
         return found
 
-    def _candidate(self, fits: Fits, k: int, seen: _Seen, excluded: tuple[int, ...]) -> Candidate:
+    def _candidate(self, fits: Fits, k: int, seen: _Observations, excluded: tuple[int, ...]) -> Candidate:
         """The robot's pose of a camera's, with its covariance.
 
         With camera_from_map R, t and the robot's origin c in the camera, b = Rᵀ(c − t): errors δ of t and ω of R, about

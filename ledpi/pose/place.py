@@ -1,4 +1,4 @@
-"""From sightings to poses: each panel where it was when its centre row was half-way through its exposure."""
+"""From detections to poses: each panel where it was when its centre row was half-way through its exposure."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from ledpi.core.records import Frame, Intrinsics, MarkerPose, PlanarSolution, Rejected, RobotFix, Sighting
+from ledpi.core.records import Detection, Frame, Intrinsics, MarkerPose, PlanarSolution, Rejected, RobotFix
 from ledpi.core.shutter import row_mid_exposure_ns
 from ledpi.pose.branches import Branches
-from ledpi.pose.corners import centre_px, seen_at_row
+from ledpi.pose.corners import centre_px, corners_at_row
 from ledpi.pose.fix import FixSolver, Robot
 from ledpi.pose.planar import solve_squares
 
@@ -47,40 +47,40 @@ class Placer:
         if robot is not None and robot.panels is not None and self._intrinsics is not None:
             self._fixes = FixSolver(self._intrinsics, robot, robot.panels, self._sides_m)
 
-    def place(self, frame: Frame, sightings: list[Sighting]) -> list[MarkerPose | Rejected]:
-        """Of each sighting its pose, or why it has none."""
-        rows = [centre_px(s.corners_px)[1] for s in sightings]
+    def place(self, frame: Frame, detections: list[Detection]) -> list[MarkerPose | Rejected]:
+        """Of each detection its pose, or why it has none."""
+        rows = [centre_px(s.corners_px)[1] for s in detections]
         if self._intrinsics is None:
-            return [_marker(frame, s, row, None, None) for s, row in zip(sightings, rows, strict=True)]
+            return [_marker(frame, s, row, None, None) for s, row in zip(detections, rows, strict=True)]
         if not self._stream:
             self._begin()
-        if not sightings:
+        if not detections:
             return []
-        velocities = np.array([_STILL if s.velocity_px_s is None else s.velocity_px_s for s in sightings])
-        corners = np.array([s.corners_px for s in sightings])
+        velocities = np.array([_STILL if s.velocity_px_s is None else s.velocity_px_s for s in detections])
+        corners = np.array([s.corners_px for s in detections])
         solved = solve_squares(
-            seen_at_row(corners, velocities, np.array(rows)[:, None, None], frame.row_time_us),
-            np.array([s.covariance_px2 for s in sightings]),
-            [self._sides_m[s.id] for s in sightings],
+            corners_at_row(corners, velocities, np.array(rows)[:, None, None], frame.row_time_us),
+            np.array([s.covariance_px2 for s in detections]),
+            [self._sides_m[s.id] for s in detections],
             self._intrinsics,
         )
         placed: list[MarkerPose | Rejected] = []
-        for sighting, row, solutions in zip(sightings, rows, solved, strict=True):
+        for detection, row, solutions in zip(detections, rows, solved, strict=True):
             if isinstance(solutions, Rejected):
                 placed.append(solutions)
                 continue
-            best, other = self._branches.choose(sighting.id, solutions, row_mid_exposure_ns(frame, row))
-            placed.append(_marker(frame, sighting, row, best, other))
+            best, other = self._branches.choose(detection.id, solutions, row_mid_exposure_ns(frame, row))
+            placed.append(_marker(frame, detection, row, best, other))
         return placed
 
     def fix(self, frame: Frame, markers: Sequence[MarkerPose]) -> RobotFix | Rejected | None:
-        """Where the robot is in the map, or why that cannot be told; None without a map or a panel."""
+        """Where the robot is in the map, or the reason why not; None without a map or a panel."""
         return self._fixes.solve(frame, markers) if self._fixes is not None and markers else None
 
 
 def _marker(
-    frame: Frame, sighting: Sighting, row: float, best: PlanarSolution | None, other: PlanarSolution | None
+    frame: Frame, detection: Detection, row: float, best: PlanarSolution | None, other: PlanarSolution | None
 ) -> MarkerPose:
     return MarkerPose(
-        sighting=sighting, mid_exposure_ns=row_mid_exposure_ns(frame, row), solution=best, alternate=other
+        detection=detection, mid_exposure_ns=row_mid_exposure_ns(frame, row), solution=best, alternate=other
     )

@@ -87,14 +87,14 @@ def _checked(one: PlanarSolution, other: PlanarSolution, corners_px: Floats) -> 
             return NOT_SQUARE
     if best.chi2 > SURPRISING:
         ratio = 1.0 + (best.chi2 - SURPRISING) / FREEDOM
-        best, second = _less_sure(best, ratio), _less_sure(second, ratio)
+        best, second = _inflate_covariance(best, ratio), _inflate_covariance(second, ratio)
     poses = best.camera_from_marker, second.camera_from_marker
     apart = rotation_angle_deg(poses[0].quaternion_wxyz, poses[1].quaternion_wxyz)
     ahead = poses[1].position_m[2] > 0
     return (best, second) if ahead and apart > SAME_DEG else (best,)
 
 
-def _less_sure(solution: PlanarSolution, ratio: float) -> PlanarSolution:
+def _inflate_covariance(solution: PlanarSolution, ratio: float) -> PlanarSolution:
     """Its variances so many times as large: as corners err that no pose explains.
 
     The camera moves, of which a single frame knows nothing, or something hides one of them.

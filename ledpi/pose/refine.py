@@ -12,7 +12,7 @@ from ledpi.kernels import pose as kernel
 
 ROUNDS = 6
 CONVERGED = 1e-3  # of χ² that a step would still gain, in a good fit: nothing that could be measured
-BEATEN_BY = 60.0  # of χ²: e³⁰ times less likely than a rival, and so never believed, wherever it would end
+BEATEN_BY = 60.0  # of χ²: e³⁰ times less likely than another start, and so never chosen, wherever it would end
 STOP = np.array([ROUNDS, CONVERGED, BEATEN_BY])  # as C takes them
 
 # skew(v) = v @ _SKEW: the matrix of the cross product v × …

@@ -141,10 +141,10 @@ def read_header(path: Path) -> Header:
     if type(raw["format"]) is not int or raw["format"] != FORMAT:
         found = shortened(raw["format"])
         raise RecordingError(f"{path}: format: is {found}; this version reads format {FORMAT}")
-    return _with_dictionary_file(_checked(Header, raw, str(path)), path)
+    return _resolve_dictionary_file(_checked(Header, raw, str(path)), path)
 
 
-def _with_dictionary_file(header: Header, path: Path) -> Header:
+def _resolve_dictionary_file(header: Header, path: Path) -> Header:
     """A dictionary that comes with the recording, by its whole path."""
     if not is_file(header.panel.dictionary):
         return header

@@ -6,7 +6,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 
 from ledpi.config.camera_yaml import load_intrinsics
-from ledpi.config.settings import Config, check_bands_show
+from ledpi.config.settings import Config, check_bands_visible
 from ledpi.core.errors import ConfigError
 from ledpi.core.records import CameraInfo, PanelSpec
 from ledpi.recording.reader import Recording, load_recording
@@ -32,8 +32,8 @@ def load_recording_with(config: Config, folder: Path) -> Recording:
         if _given(config, "camera.exposure_us")
         else recording.frames,
     )
-    shown = config.panels.shown_by(changed.panel_values)
-    check_bands_show(shown, changed.camera.row_time_us, f"--set: with what {folder} says of its camera and panel")
+    shown = config.panels.override_with(changed.panel_values)
+    check_bands_visible(shown, changed.camera.row_time_us, f"--set: with what {folder} says of its camera and panel")
     return changed
 
 

@@ -18,13 +18,13 @@ from ledpi.config.robot import load_robot, strangers_note
 from ledpi.config.settings import Config
 from ledpi.core.errors import CameraError, TransientError
 from ledpi.core.records import CameraInfo, Decoded, Floats, Intrinsics, Rejected
-from ledpi.decode.identify.tuning import off_frequency_note
+from ledpi.decode.identify.frequency_search import off_frequency_note
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.runtime.health import Health, StageTimes
 from ledpi.runtime.liveness import Liveness
 from ledpi.runtime.pacing import Pacing
 from ledpi.runtime.processor import read_processor
-from ledpi.runtime.reporting import Totals, in_service, minute_line, second_line
+from ledpi.runtime.reporting import Totals, is_service, minute_line, second_line
 from ledpi.runtime.ring import FrameRing
 from ledpi.runtime.status import status
 from ledpi.runtime.systemd import Watchdog, notify
@@ -61,7 +61,7 @@ class Daemon:
             info,
             config.panels,
             intrinsics=self._calibrated,
-            shown=camera.panel,
+            source_panel=camera.panel,
             robot=robot,
             method=config.decode.method,
         )
@@ -184,7 +184,7 @@ class Daemon:
             if frame is not None:
                 self._liveness.begins(frame)
                 spent = self._pipeline.spent
-                decoded = self._pipeline.decode(frame, at_once=self._hand_on)
+                decoded = self._pipeline.decode(frame, on_partial=self._hand_on)
                 if self._pacing is not None:
                     spent, took_ms = self._pipeline.spent - spent, sum(decoded.stage_ms.values())
                     self._pipeline.search_budget = self._pacing.budget_after(spent, took_ms)
@@ -218,7 +218,7 @@ class Daemon:
             if now_s - looked_s >= LOOK_EVERY_S:
                 self._times, self._processor = self._health.times(), read_processor()
                 totals = self._totals()
-                if not in_service():
+                if not is_service():
                     _log.info(second_line(last, totals, now_s - looked_s))
                 elif now_s - said_s >= MINUTE_S:
                     _log.info(minute_line(totals, self._processor))

@@ -26,7 +26,7 @@ class Totals:
     packets: PublisherCounters
 
 
-def in_service() -> bool:
+def is_service() -> bool:
     """Whether a service manager has started us, and its journal takes our lines."""
     return "NOTIFY_SOCKET" in os.environ
 
@@ -42,7 +42,7 @@ class _JournalFormatter(logging.Formatter):
 def log_to_standard_error() -> None:
     """With the level as a word; in a service, as the journal's priority."""
     handler = logging.StreamHandler(sys.stderr)
-    handler.setFormatter(_JournalFormatter() if in_service() else logging.Formatter("%(levelname)s %(message)s"))
+    handler.setFormatter(_JournalFormatter() if is_service() else logging.Formatter("%(levelname)s %(message)s"))
     logging.basicConfig(level=logging.INFO, handlers=[handler])
 
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 from ledpi import __version__
 from ledpi.camera.base import Camera
-from ledpi.config.settings import Config, check_bands_show
+from ledpi.config.settings import Config, check_bands_visible
 from ledpi.core.errors import LedpiError
 from ledpi.core.wording import one_line
 from ledpi.runtime.daemon import Daemon
@@ -91,8 +91,8 @@ class Service:
     def _start(self, config: Config) -> Daemon:
         camera = self._open_camera(config)
         try:
-            shown = config.panels if camera.panel is None else config.panels.shown_by(camera.panel)
-            check_bands_show(shown, camera.info.row_time_us, "configuration")
+            shown = config.panels if camera.panel is None else config.panels.override_with(camera.panel)
+            check_bands_visible(shown, camera.info.row_time_us, "configuration")
             daemon = Daemon(config, camera, lossless=self._lossless, resets=self._resets)
         except BaseException:
             camera.close()

@@ -54,10 +54,10 @@ class Exposed:
 
 def expose_still(surface: Surface, camera_from_surface: Floats, sensor: SimulatedSensor) -> Exposed | None:
     """A surface that stands still for good; None where none of it is in view."""
-    blur = Blur.of(sensor)
+    blur = Blur.from_sensor(sensor)
     margin = blur.margin_px
     covered = region_of(surface, camera_from_surface, sensor.intrinsics, margin)
-    region = covered.within(whole_picture(sensor.intrinsics)) if covered is not None else None
+    region = covered.intersection(whole_picture(sensor.intrinsics)) if covered is not None else None
     if region is None:
         return None
     around = region.grown(margin)
@@ -96,7 +96,7 @@ class _Drift:
 
 def expose_moving(surface: Surface, pose_at: PoseAt, sensor: SimulatedSensor, seq: int) -> Exposed | None:
     """A surface in motion: rendered once, as it is at t0, then shifted to where each row's parts see it."""
-    lens, blur = sensor.intrinsics, Blur.of(sensor)
+    lens, blur = sensor.intrinsics, Blur.from_sensor(sensor)
     margin = blur.margin_px
     drift = _drift(surface, pose_at, sensor, seq)
     if drift is None:
@@ -104,7 +104,7 @@ def expose_moving(surface: Surface, pose_at: PoseAt, sensor: SimulatedSensor, se
     pose = pose_at(drift.t0_s)
     covered = region_of(surface, pose, lens, margin)
     reach = whole_picture(lens).grown(drift.reach_px() + margin)
-    around = covered.within(reach) if covered is not None else None
+    around = covered.intersection(reach) if covered is not None else None
     if around is None:
         return None
     planes = irradiance(surface, pose, around, lens, blur)
@@ -149,13 +149,13 @@ def _drift(surface: Surface, pose_at: PoseAt, sensor: SimulatedSensor, seq: int)
 
 def _swept(surface: Surface, poses: tuple[Floats, ...], sensor: SimulatedSensor) -> Region | None:
     """Pixels of the picture that the surface covers at any of the poses."""
-    margin = Blur.of(sensor).margin_px
+    margin = Blur.from_sensor(sensor).margin_px
     regions = [r for r in (region_of(surface, p, sensor.intrinsics, margin) for p in poses) if r is not None]
     if not regions:
         return None
     low_x, low_y = min(r.x0 for r in regions), min(r.y0 for r in regions)
     swept = Region(low_x, low_y, max(r.x1 for r in regions), max(r.y1 for r in regions))
-    return swept.within(whole_picture(sensor.intrinsics))
+    return swept.intersection(whole_picture(sensor.intrinsics))
 
 
 def _place_at_pose(rays: Floats, seen: Floats, there: Floats, lens: Intrinsics) -> Floats:

@@ -56,7 +56,7 @@ class Region:
         """With `by` pixels more on each side."""
         return Region(self.x0 - by, self.y0 - by, self.x1 + by, self.y1 + by)
 
-    def within(self, other: Region) -> Region | None:
+    def intersection(self, other: Region) -> Region | None:
         """What both share, if it is at least 2 × 2 pixels."""
         x0, y0 = max(self.x0, other.x0), max(self.y0, other.y0)
         x1, y1 = min(self.x1, other.x1), min(self.y1, other.y1)
@@ -172,7 +172,7 @@ class Blur:
     defocus_px: float = 0.0
 
     @classmethod
-    def of(cls, sensor: SimulatedSensor) -> Blur:
+    def from_sensor(cls, sensor: SimulatedSensor) -> Blur:
         """A sensor's lens."""
         return cls(sensor.psf_sigma_px, sensor.defocus_px)
 

@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 
 from ledpi.core.records import Floats, Intrinsics, PanelSpec, Transfer
-from ledpi.markers.words import Bits
+from ledpi.markers.codewords import Bits
 from ledpi.simulate.trajectory import Still, Trajectory
 
 OV5647_ROW_TIME_US = 1852 / 55.0  # 1852 pixel clocks a row at 55 MHz: the sensor's 640×480 mode, 33.67 µs
@@ -23,7 +23,7 @@ FIRST_READOUT_NS = 1_000_000_000  # frame 0; oscillators run from t = 0, so no e
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PanelLook:
+class PanelAppearance:
     """How the light is spread over a panel's face. Lengths are shares of a cell's pitch."""
 
     gap: float = 0.06  # dark wall between neighbouring cells; the lit grid's outer edge has none
@@ -106,19 +106,19 @@ Wave = SquareWave | TracedWave | Ripple
 class Panel:
     """A panel, `motion` being scene_from_marker."""
 
-    word: Bits  # (n, n), row 0 at the top of the marker; True blinks at white_hz
+    codeword: Bits  # (n, n), row 0 at the top of the marker; True blinks at white_hz
     spec: PanelSpec
     motion: Trajectory
     marker_id: int | None  # None for a panel that is no marker, a decoy: it has no truth
     brightness: float = 0.45  # level at the brightest point of a cell of gain 1, averaged over its blinking
     cell_gains: Floats | None = None  # (n, n); None: all 1
-    cell_waves: tuple[TracedWave, ...] | None = None  # row by row; None: the word's classes, ideal square waves
-    look: PanelLook = field(default_factory=PanelLook)
+    cell_waves: tuple[TracedWave, ...] | None = None  # row by row; None: the codeword's classes, ideal square waves
+    appearance: PanelAppearance = field(default_factory=PanelAppearance)
 
     def __post_init__(self) -> None:
-        n = len(self.word)
-        if self.word.shape != (n, n):
-            raise ValueError(f"a panel's word must be square, not {self.word.shape}")
+        n = len(self.codeword)
+        if self.codeword.shape != (n, n):
+            raise ValueError(f"a panel's codeword must be square, not {self.codeword.shape}")
         if self.cell_gains is not None and self.cell_gains.shape != (n, n):
             raise ValueError(f"cell_gains must be ({n}, {n}), not {self.cell_gains.shape}")
         if self.cell_waves is not None and len(self.cell_waves) != n * n:

@@ -8,8 +8,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from ledpi.core.records import Intrinsics, PanelSpec
+from ledpi.markers.codewords import Bits
 from ledpi.markers.dictionaries import load_dictionary
-from ledpi.markers.words import Bits
 from ledpi.simulate.scene import FIRST_READOUT_NS, Panel, Print, Room, Scene, SimulatedSensor, uneven_gains
 from ledpi.simulate.trajectory import Patrol, Shown, Still, facing_camera
 
@@ -59,8 +59,8 @@ def still_scene(
     for place, (marker_id, spec) in enumerate(specs.items()):
         position = np.array([(place - (len(specs) - 1) / 2.0) * pitch_m, 0.0, distance_m])
         pose = facing_camera(position, yaw_deg=angle_deg)
-        word = load_dictionary(dictionary).word(marker_id)
-        panels.append(Panel(word=word, spec=spec, motion=Still(pose), marker_id=marker_id))
+        codeword = load_dictionary(dictionary).codeword(marker_id)
+        panels.append(Panel(codeword=codeword, spec=spec, motion=Still(pose), marker_id=marker_id))
     return Scene(sensor=sensor, panels=tuple(panels))
 
 
@@ -73,15 +73,15 @@ def drive_scene(sensor: SimulatedSensor, specs: Mapping[int, PanelSpec], diction
     scale = max(spec.side_m for spec in specs.values()) / _DRIVE_SIDE_M
     panels = []
     for marker_id, place, yaw_deg, brightness in _DRIVE_PANELS:
-        word = load_dictionary(dictionary).word(marker_id)
+        codeword = load_dictionary(dictionary).codeword(marker_id)
         panels.append(
             Panel(
-                word=word,
+                codeword=codeword,
                 spec=specs[marker_id],
                 motion=Still(facing_camera(scale * np.array(place), yaw_deg=yaw_deg, roll_deg=yaw_deg / 3)),
                 marker_id=marker_id,
                 brightness=brightness,
-                cell_gains=uneven_gains(np.random.default_rng(marker_id), len(word), 0.05),
+                cell_gains=uneven_gains(np.random.default_rng(marker_id), len(codeword), 0.05),
             )
         )
     patrol = Patrol(

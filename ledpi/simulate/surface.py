@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ledpi.core.records import Floats
-from ledpi.markers.words import Bits
+from ledpi.markers.codewords import Bits
 from ledpi.simulate.cells import cell_lights
 from ledpi.simulate.scene import Light, Panel, Print, Room, SquareWave, Wave
 from ledpi.simulate.trajectory import Trajectory
@@ -66,12 +66,12 @@ def panel_surface(panel: Panel, room: Room, seen_from_m: Floats | None = None) -
 
     `seen_from_m` (3,): the camera's place in the panel's frame, for what walls that stand out hide; None: far ahead.
     """
-    cells = len(panel.word)
+    cells = len(panel.codeword)
     texels = max(32, PANEL_TEXELS // cells)  # a cell
-    bezel = round(panel.look.bezel * texels)
+    bezel = round(panel.appearance.bezel * texels)
     pitch_m = panel.spec.side_m / cells
     eye = None if seen_from_m is None else seen_from_m / pitch_m
-    on = panel.brightness / panel.spec.duty * cell_lights(cells, texels, panel.look, eye)
+    on = panel.brightness / panel.spec.duty * cell_lights(cells, texels, panel.appearance, eye)
     if panel.cell_gains is not None:
         on = on * np.kron(panel.cell_gains, np.ones((texels, texels)))
     groups, waves = _groups(panel)
@@ -82,19 +82,21 @@ def panel_surface(panel: Panel, room: Room, seen_from_m: Floats | None = None) -
         planes=(*classes, np.ones_like(classes[0])),
         size_m=(size_m, size_m),
         waves=waves,
-        reflected=panel.look.albedo * room.level,
+        reflected=panel.appearance.albedo * room.level,
         motion=panel.motion,
         antiphase=panel.spec.phase == "antiphase" and panel.cell_waves is None,
     )
 
 
 def _groups(panel: Panel) -> tuple[list[Bits], tuple[Wave, ...]]:
-    """The (n, n) cells that share a wave, and the wave: the word's black and white, or as they were traced."""
+    """The (n, n) cells that share a wave, and the wave: the codeword's black and white, or as they were traced."""
     if panel.cell_waves is None:
         frequencies = (panel.spec.black_hz, panel.spec.white_hz)
-        return [~panel.word, panel.word], tuple(SquareWave(frequency_hz=f, duty=panel.spec.duty) for f in frequencies)
+        return [~panel.codeword, panel.codeword], tuple(
+            SquareWave(frequency_hz=f, duty=panel.spec.duty) for f in frequencies
+        )
     waves = tuple({id(wave): wave for wave in panel.cell_waves}.values())
-    own = [np.array([each is wave for each in panel.cell_waves]).reshape(panel.word.shape) for wave in waves]
+    own = [np.array([each is wave for each in panel.cell_waves]).reshape(panel.codeword.shape) for wave in waves]
     return own, waves
 
 
@@ -106,7 +108,7 @@ def light_surface(light: Light) -> Surface:
         distance = np.hypot(position[:, None] - 0.5, position[None, :] - 0.5)
         on = opacity = np.clip((0.5 - distance) * LIGHT_TEXELS + 0.5, 0.0, 1.0)
     elif light.shape == "lattice":
-        clear = [_between_bars(position * panes, light.bar) for panes in light.panes]
+        clear = [_bar_pattern(position * panes, light.bar) for panes in light.panes]
         on = np.outer(clear[1], clear[0])
     duty = light.wave.duty if isinstance(light.wave, SquareWave) else 1.0
     return Surface(
@@ -134,7 +136,7 @@ def print_surface(printed: Print, room: Room) -> Surface:
     )
 
 
-def _between_bars(position: Floats, bar: float) -> Floats:
+def _bar_pattern(position: Floats, bar: float) -> Floats:
     """1 on the panes, 0 on the bars around each, half a bar's width in every pane; `position` in panes."""
     to_edge = 0.5 - np.abs(position - np.floor(position) - 0.5)
     texels = 1.0 / (position[1] - position[0])  # a pane

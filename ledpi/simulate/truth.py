@@ -36,10 +36,10 @@ def marker_truth(panel: Panel, pose_at: PoseAt, sensor: SimulatedSensor, seq: in
     half = panel.spec.side_m / 2.0
     corners_m = half * np.array([[-1.0, 1.0, 0.0], [1.0, 1.0, 0.0], [1.0, -1.0, 0.0], [-1.0, -1.0, 0.0]])
     mid_frame = pose_at(sensor.mid_exposure_s(seq, (sensor.intrinsics.height - 1) / 2.0))
-    if panel.marker_id is None or not _before_camera(corners_m, mid_frame):
+    if panel.marker_id is None or not _is_before_camera(corners_m, mid_frame):
         return None
     corners = np.array([seen_at(corner, pose_at, sensor, seq)[0] for corner in corners_m])
-    in_view, whole = _in_view(corners, sensor.intrinsics)
+    in_view, whole = _is_in_view(corners, sensor.intrinsics)
     if not in_view:
         return None
     pose = pose_at(seen_at(np.zeros(3), pose_at, sensor, seq)[1])
@@ -53,13 +53,13 @@ def marker_truth(panel: Panel, pose_at: PoseAt, sensor: SimulatedSensor, seq: in
     )
 
 
-def _before_camera(corners_m: Floats, camera_from_marker: Floats) -> bool:
+def _is_before_camera(corners_m: Floats, camera_from_marker: Floats) -> bool:
     in_camera = corners_m @ camera_from_marker[:3, :3].T + camera_from_marker[:3, 3]
     wide = np.linalg.norm(in_camera[:, :2], axis=1) > _WIDEST_TANGENT * in_camera[:, 2]
     return shows_front(camera_from_marker) and not bool(np.any(wide))
 
 
-def _in_view(corners: Floats, lens: Intrinsics) -> tuple[bool, bool]:
+def _is_in_view(corners: Floats, lens: Intrinsics) -> tuple[bool, bool]:
     """Whether any of a quad is in the picture, and whether all of it is."""
     right, bottom = lens.width - 0.5, lens.height - 0.5
     picture = np.array([[-0.5, -0.5], [right, -0.5], [right, bottom], [-0.5, bottom]], np.float32)

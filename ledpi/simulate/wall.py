@@ -28,7 +28,7 @@ class Wall:
         lens = sensor.intrinsics
         self._pixels = node_pixels(whole_picture(lens))
         self._rays = np.column_stack([undistort(self._pixels, lens), np.ones(len(self._pixels))])
-        blur_texels = max(Blur.of(sensor).rms_px, 0.3) * _TEXELS / (_SPAN * lens.fx)
+        blur_texels = max(Blur.from_sensor(sensor).rms_px, 0.3) * _TEXELS / (_SPAN * lens.fx)
         self._painted: Image = np.asarray(cv2.GaussianBlur(_painted(room), (0, 0), blur_texels), np.float32)
 
     def seen(self, camera_motion: Trajectory, seq: int) -> Image:

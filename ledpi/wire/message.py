@@ -149,7 +149,7 @@ def marker_message(marker: MarkerPose, *, age_us: int, alternate: bool = False) 
     """The message of a marker, or of its alternate. Raises WireError for a pose that must not be sent."""
     solution = marker.alternate if alternate else marker.solution
     return MarkerMessage(
-        id=marker.sighting.id,
+        id=marker.detection.id,
         age_us=age_us,
         pose=None if solution is None else _wire_pose(solution.camera_from_marker),
         uncalibrated=solution is None,

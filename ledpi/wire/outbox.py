@@ -58,10 +58,10 @@ class Outbox:
         """Takes the poses of a frame in place of older ones of the same things."""
         for marker in decoded.markers:
             mid_ns = marker.mid_exposure_ns + decoded.host_offset_ns
-            self._put_marker((marker.sighting.id, False), marker, mid_ns)
+            self._put_marker((marker.detection.id, False), marker, mid_ns)
             if marker.alternate is not None:
-                self._put_marker((marker.sighting.id, True), marker, mid_ns)
-            elif self._markers.pop((marker.sighting.id, True), None) is not None:
+                self._put_marker((marker.detection.id, True), marker, mid_ns)
+            elif self._markers.pop((marker.detection.id, True), None) is not None:
                 self.replaced += 1
         if decoded.robot is not None:
             self.replaced += self._fix is not None

@@ -1,1 +1,1 @@
-"""From the light of a panel's cells to what it says of the bands in each, in one frame and in many."""
+"""From the light of a panel's cells to the likelihood of bands in each, in one frame and in many."""

@@ -28,7 +28,7 @@ def band_shares(white: Floats, parameters: int) -> Floats:
     return wave_shares(white, parameters // 2).repeat(2, axis=-1)
 
 
-def in_other_class(cell_bands: Floats) -> Floats:
+def flip_classes(cell_bands: Floats) -> Floats:
     """(cells, parameters): what each cell would show if it were of the other class; `cell_bands` is what it shows.
 
     Of two waves one that no cell shows is not known, and taken for none.

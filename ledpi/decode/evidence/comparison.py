@@ -13,11 +13,11 @@ import numpy as np
 
 from ledpi.core.records import Frame, PanelSpec, Rejected, Singles
 from ledpi.decode.cells import CellSamples
+from ledpi.decode.evidence.erasures import erase_unlit_cells
 from ledpi.decode.evidence.evidence import Evidence, evidence_of
 from ledpi.decode.evidence.noise import lags_of
-from ledpi.decode.evidence.unlit import without_unlit
 from ledpi.kernels.evidence import Weighed
-from ledpi.kernels.library import at, lib
+from ledpi.kernels.library import lib, pointer
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,10 +41,17 @@ def compared_evidence(
     information = np.empty((cells, parameters, cells, parameters))
     given = [np.ascontiguousarray(array) for array in (waves, mean.picture, mean.count, mean.waves)]
     fits = lib.ledpi_compared_evidence(
-        *(lattice.cells, lattice.k, parameters, at(samples.light), at(samples.valid), *map(at, given)),
-        *(at(lattice.along), samples.independence, *lags_of(samples), at(score), at(information), at(numbers)),
+        *(lattice.cells, lattice.k, parameters, pointer(samples.light), pointer(samples.valid), *map(pointer, given)),
+        *(
+            pointer(lattice.along),
+            samples.independence,
+            *lags_of(samples),
+            pointer(score),
+            pointer(information),
+            pointer(numbers),
+        ),
     )
     scale, *rest = numbers.tolist()
     found = Weighed(score, information, *rest) if fits else None
     evidence = evidence_of(found, samples, frame, spec, len(waves))
-    return scale, evidence if isinstance(evidence, Rejected) else without_unlit(evidence, samples)
+    return scale, evidence if isinstance(evidence, Rejected) else erase_unlit_cells(evidence, samples)

@@ -27,15 +27,15 @@ import numpy as np
 
 from ledpi.core.records import Floats, Frame, Mask, PanelSpec, Rejected
 from ledpi.decode.cells import CellSamples
-from ledpi.decode.evidence.noise import WHITE, Correlation, expected_of, lags_of
+from ledpi.decode.evidence.noise import WHITE, Correlation, lags_of, white_noise_expected
 from ledpi.decode.evidence.waves import band_prior
 from ledpi.kernels import evidence as kernel
 
-UNFIT = Rejected(stage="soft", reason="unfit")
+UNFIT = Rejected(stage="identify", reason="unfit")
 
 
 class Evidence(NamedTuple):
-    """What the samples say of every cell and wave: quadratic in the bands, so that words and frames only add up.
+    """What the samples say of every cell and wave: quadratic in the bands, so that codewords and frames only add up.
 
     The log-likelihood of bands x, cosine and sine of each wave in each cell, is `score·x − xᵀ·information·x/2`. There
     are P of them to a cell: 4 where the classes blink at two frequencies, 2 in antiphase.
@@ -44,32 +44,37 @@ class Evidence(NamedTuple):
     score: Floats  # (cells, P)
     information: Floats  # (cells, P, cells, P)
     prior: Floats  # (P,) expected variance of x
-    left: float  # log-likelihood of what no bands explain; noise if the model is right
+    residual: float  # log-likelihood of what no bands explain; noise if the model is right
     noise: Correlation = WHITE  # of the noise that it was weighed by
 
     @property
-    def silent(self) -> Mask:
-        """(cells,) of which it holds nothing."""
+    def erased(self) -> Mask:
+        """(cells,) the cells of which it holds nothing."""
         own = self.information.reshape(self.score.size, -1).diagonal().reshape(self.score.shape)
         return np.asarray(~own.any(axis=1))
 
     @property
-    def of_own_bands(self) -> Floats:
-        """(cells, P, P) of the information, each cell's about its own bands."""
+    def own_information(self) -> Floats:
+        """(cells, P, P) the blocks of the information that concern one cell each."""
         return np.asarray(np.einsum("cicj->cij", self.information))
 
     def unexplained(self, bands: Floats) -> Floats:
         """(cells, P) the score that these bands (cells, P) leave: score − information·bands."""
-        left: Floats = self.score - (self.information.reshape(bands.size, -1) @ bands.reshape(-1)).reshape(bands.shape)
-        return left
+        residual: Floats = self.score - (self.information.reshape(bands.size, -1) @ bands.reshape(-1)).reshape(
+            bands.shape
+        )
+        return residual
 
-    def by(self, noise: Correlation) -> Evidence:
-        """As it is where noise is as alike as that: of what it claims as much as `volume` leaves."""
-        volume = noise.volume
-        if volume == 1.0:
+    def discount(self, noise: Correlation) -> Evidence:
+        """The evidence with the variance inflated for correlated noise: divided by `inflation`."""
+        inflation = noise.inflation
+        if inflation == 1.0:
             return self
         return self._replace(
-            score=self.score / volume, information=self.information / volume, left=self.left / volume, noise=WHITE
+            score=self.score / inflation,
+            information=self.information / inflation,
+            residual=self.residual / inflation,
+            noise=WHITE,
         )
 
 
@@ -84,6 +89,6 @@ def evidence_of(
         score=found.score.reshape(cells, parameters),
         information=found.information.reshape(cells, parameters, cells, parameters),
         prior=band_prior(frame, spec),
-        left=0.5 * samples.independence * found.free,
-        noise=expected_of(samples, lags_of(samples), fitted).correlation(found.near, found.far, found.free),
+        residual=0.5 * samples.independence * found.free,
+        noise=white_noise_expected(samples, lags_of(samples), fitted).correlation(found.near, found.far, found.free),
     )

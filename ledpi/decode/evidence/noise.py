@@ -15,7 +15,7 @@ samples with the covariance R the fit leaves M R M, M = 1 − F(FᵀF)⁻¹Fᵀ,
 polynomials of the picture's row as there are bands and gains.
 
 Where noise was blurred, r is more, and bands meet more of it than the squares of what is left tell, by exp(g·(r − r₀));
-g is what a blur of half a pixel makes it, and about the same for others. (kernels/noise.c has r and the volume.)
+g is what a blur of half a pixel makes it, and about the same for others. (kernels/noise.c has r and the inflation.)
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from ledpi.decode.cells import INSET, CellSamples
-from ledpi.decode.evidence.white_noise import ROUNDED_PX, Lags, Step, likeness, of_lattice, pairs
+from ledpi.decode.evidence.white_noise import ROUNDED_PX, Lags, Step, lattice_statistics, likeness, pair_count
 from ledpi.kernels import evidence as kernel
 
 # At a cell's rim walls stand, of which no model tells all: what is left there is light as much as noise. Of small cells
@@ -45,12 +45,12 @@ class Correlation:
     growth: float  # g
 
     @property
-    def volume(self) -> float:
+    def inflation(self) -> float:
         """By how much evidence claims too much: 1 or more; as far as the excess is more than a deviation."""
-        return kernel.volume(self.excess, self.deviation, self.growth)
+        return kernel.variance_inflation(self.excess, self.deviation, self.growth)
 
-    def after(self, before: Correlation, frames: float) -> Correlation:
-        """The mean of this and what `frames` before it have shown."""
+    def average(self, before: Correlation, frames: float) -> Correlation:
+        """The mean of this and of `frames` before it."""
         share = 1.0 / (frames + 1.0)
         return Correlation(
             before.excess + share * (self.excess - before.excess),
@@ -74,7 +74,7 @@ def _lag(step_px: float, most: int) -> int:
     return 0 if step_px > FURTHEST_PX else min(most, max(1, round(1 / step_px)))
 
 
-class Expected(NamedTuple):
+class WhiteNoise(NamedTuple):
     """What there would be of white noise; and what tells how sure that is."""
 
     white: float  # r₀
@@ -89,19 +89,19 @@ class Expected(NamedTuple):
         return Correlation(*kernel.correlation(self, near, far, free_samples))
 
 
-NOTHING = Expected(0.0, 0.0, 0.0, 1.0, 1.0, math.inf)
+NOTHING = WhiteNoise(0.0, 0.0, 0.0, 1.0, 1.0, math.inf)
 
 
-def expected_of(samples: CellSamples, lags: Lags, fitted: int) -> Expected:
+def white_noise_expected(samples: CellSamples, lags: Lags, fitted: int) -> WhiteNoise:
     """Of these samples, where `fitted` functions are fitted to each cell; `lags` are those of the differences."""
     steps, k = _steps_of(samples), samples.lattice.k
-    of_white = of_lattice(k, lags, _rounded(steps[0]), _rounded(steps[1]), fitted, samples.linear)
+    of_white = lattice_statistics(k, lags, _rounded(steps[0]), _rounded(steps[1]), fitted, samples.linear)
     if of_white is None:
         return NOTHING
     by_fit, growth, free = of_white
     usual = free * samples.light.size * (1.0 if samples.valid is None else float(samples.valid.mean()))
-    once, twice = len(samples.light) * pairs(k, lags, 1), len(samples.light) * pairs(k, lags, 2)
-    return Expected(
+    once, twice = len(samples.light) * pair_count(k, lags, 1), len(samples.light) * pair_count(k, lags, 2)
+    return WhiteNoise(
         white=by_fit + likeness(*steps, lags, samples.linear),
         growth=growth,
         chance=free * math.sqrt((1.0 / once + 1.0 / twice) * free * samples.light.size),

@@ -21,7 +21,7 @@ from ledpi.decode.cells import BORDER_PX, INSET, CellSamples
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sources:
-    """What may light up each lattice point: P columns of `_MEETINGS`, those of one point after each other."""
+    """What may light up each lattice point: P columns of `_CONTRIBUTOR_GROUPS`, those of one point after each other."""
 
     column: Integers  # (P,)
     first: Integers  # (points,) where each point's begin
@@ -46,8 +46,8 @@ def _border_points(k: int, cell_px: float) -> int:
 # neighbour beyond each side, and at the panel's rim, where no wall stands or another one than between two cells, the
 # cell once more. Neighbours across a corner add too little to matter.
 _SIDES = ((-1, 0), (1, 0), (0, -1), (0, 1))
-_MEETINGS = (*(((y, 0), (0, x)) for y in (-1, 1) for x in (-1, 1)), *((side,) for side in _SIDES))
-_MET = 5  # columns of each meeting, the last two of those of one side being empty
+_CONTRIBUTOR_GROUPS = (*(((y, 0), (0, x)) for y in (-1, 1) for x in (-1, 1)), *((side,) for side in _SIDES))
+_GROUP_COLUMNS = 5  # columns of each meeting, the last two of those of one side being empty
 
 
 @cache
@@ -59,22 +59,22 @@ def sources_of(k: int, border: tuple[int, int]) -> Sources:
     for y, x in product(down, across):
         sides = tuple(side for side in ((y, 0), (0, x)) if any(side))
         count = 1 + 2 * len(sides)
-        begin = _MET * _MEETINGS.index(sides) if sides else 0
+        begin = _GROUP_COLUMNS * _CONTRIBUTOR_GROUPS.index(sides) if sides else 0
         first.append(len(column))
         column += range(begin, begin + count)
     return Sources(column=np.array(column), first=np.array(first))
 
 
 @cache
-def meeting_cells(cells: int) -> Integers:
+def contributing_cells(cells: int) -> Integers:
     """(cells, 40): which cells meet there; where there is none, one more than all."""
     none = cells * cells
     own = np.arange(none).reshape(cells, cells)
     around = np.pad(own, 1, constant_values=none)
     columns = []
-    for sides in _MEETINGS:
+    for sides in _CONTRIBUTOR_GROUPS:
         beyond = [around[1 + y : 1 + y + cells, 1 + x : 1 + x + cells] for y, x in sides]
         at_rim = [np.where(there == none, own, none) for there in beyond]
-        empty = [np.full_like(own, none)] * (_MET - 1 - 2 * len(sides))
+        empty = [np.full_like(own, none)] * (_GROUP_COLUMNS - 1 - 2 * len(sides))
         columns += [each.reshape(-1) for each in (own, *beyond, *at_rim, *empty)]
     return np.stack(columns, axis=1)

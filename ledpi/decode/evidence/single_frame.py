@@ -18,15 +18,15 @@ import numpy as np
 
 from ledpi.core.records import Frame, PanelSpec, Rejected, Singles
 from ledpi.decode.cells import CellSamples
-from ledpi.decode.evidence.believed import Believed
+from ledpi.decode.evidence.band_estimate import BandEstimate
+from ledpi.decode.evidence.erasures import erase_unlit_cells
 from ledpi.decode.evidence.evidence import Evidence, evidence_of
 from ledpi.decode.evidence.noise import lags_of
-from ledpi.decode.evidence.shared_light import border_points, meeting_cells, sources_of
-from ledpi.decode.evidence.uncovered import darkens, without_covered
-from ledpi.decode.evidence.unlit import without_unlit
+from ledpi.decode.evidence.occlusion import bands_mimic_occlusion, mask_occluded
+from ledpi.decode.evidence.shared_light import border_points, contributing_cells, sources_of
 from ledpi.decode.evidence.waves import band_prior, class_waves, is_deep_anywhere
 from ledpi.kernels.evidence import Weighed
-from ledpi.kernels.library import at, lib
+from ledpi.kernels.library import lib, pointer
 
 
 def single_evidence(
@@ -34,44 +34,49 @@ def single_evidence(
     frame: Frame,
     spec: PanelSpec,
     waves: Singles | None = None,
-    believed: Believed | None = None,
+    estimate: BandEstimate | None = None,
 ) -> Evidence | Rejected:
     """The evidence of one picture; `waves` are its bands' shapes where it is no plain frame but a mean of several.
 
-    Where bands are deep, what cells have in common only shows once the bands are known: so with what is `believed`
+    Where bands are deep, what cells have in common only shows once the bands are known: so with what is `estimate`
     the static picture is what is left when that is divided out, and evidence is on how far the bands differ from it.
     """
     prior = band_prior(frame, spec)
-    if believed is None and not darkens(math.sqrt(2.0 * float(prior.max()))):
-        samples = without_covered(samples)
-    if believed is not None:
-        waves = believed.waves
+    if estimate is None and not bands_mimic_occlusion(math.sqrt(2.0 * float(prior.max()))):
+        samples = mask_occluded(samples)
+    if estimate is not None:
+        waves = estimate.waves
     elif waves is None:
         waves = class_waves(samples, frame, spec)
-    evidence = evidence_of(weighed(samples, waves, believed), samples, frame, spec, 1 + len(waves))
+    evidence = evidence_of(weighed(samples, waves, estimate), samples, frame, spec, 1 + len(waves))
     if isinstance(evidence, Rejected):
         return evidence
-    evidence = evidence.by(evidence.noise)
-    if believed is not None:  # what says how far the bands differ from what is believed, as what says how they are
-        believed_score = np.einsum("cidj,dj->ci", evidence.information, believed.bands)
-        evidence = evidence._replace(score=evidence.score + believed_score)
+    evidence = evidence.discount(evidence.noise)
+    if estimate is not None:  # from the difference to the estimate, to the bands themselves
+        estimate_score = np.einsum("cidj,dj->ci", evidence.information, estimate.bands)
+        evidence = evidence._replace(score=evidence.score + estimate_score)
     if not is_deep_anywhere(prior):
-        return without_unlit(evidence, samples)
-    return evidence if believed is None else without_unlit(evidence, samples, believed.own_light())
+        return erase_unlit_cells(evidence, samples)
+    return evidence if estimate is None else erase_unlit_cells(evidence, samples, estimate.band_light())
 
 
-def weighed(samples: CellSamples, waves: Singles, believed: Believed | None) -> Weighed | None:
+def weighed(samples: CellSamples, waves: Singles, estimate: BandEstimate | None) -> Weighed | None:
     """Evidence on these waves (P, cells, points), whatever the noise is like; None where nothing fits."""
     cells, parameters, lattice = len(samples.light), len(waves), samples.lattice
     sources = sources_of(lattice.k, border_points(samples))
-    shown = (None, None, None) if believed is None else (believed.own_light(), believed.light, believed.white)
+    estimated = (None, None, None) if estimate is None else (estimate.band_light(), estimate.light, estimate.white)
     score, numbers = np.empty((cells, parameters)), np.empty(3)
     information = np.empty((cells, parameters, cells, parameters))
     light, waves = np.ascontiguousarray(samples.light), np.ascontiguousarray(waves)
     fits = lib.ledpi_single_evidence(
-        *(lattice.cells, lattice.k, parameters, at(light), at(samples.valid), at(waves)),
-        *(at(lattice.along), len(sources.column), at(sources.column), at(sources.first)),
-        *(at(meeting_cells(lattice.cells)), *map(at, shown), samples.independence, *lags_of(samples)),
-        *(at(score), at(information), at(numbers)),
+        *(lattice.cells, lattice.k, parameters, pointer(light), pointer(samples.valid), pointer(waves)),
+        *(pointer(lattice.along), len(sources.column), pointer(sources.column), pointer(sources.first)),
+        *(
+            pointer(contributing_cells(lattice.cells)),
+            *map(pointer, estimated),
+            samples.independence,
+            *lags_of(samples),
+        ),
+        *(pointer(score), pointer(information), pointer(numbers)),
     )
     return Weighed(score, information, *numbers.tolist()) if fits else None

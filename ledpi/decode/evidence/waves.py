@@ -1,6 +1,6 @@
 """The waves of a panel's classes as an exposure leaves them: how deep bands may be, and what each is in every sample.
 
-Bands are told by a cosine and a sine of each wave (`classes` says which cells show it): of sinusoids, or of the
+Bands are given by a cosine and a sine of each wave (`classes` says which cells show it): of sinusoids, or of the
 fundamentals of square waves.
 """
 

@@ -33,7 +33,7 @@ class Lags(NamedTuple):
 
 
 @cache
-def pairs(k: int, lags: Lags, times: int) -> int:
+def pair_count(k: int, lags: Lags, times: int) -> int:
     """Of a cell's samples that are so many lags apart, aside or below."""
     inner = k - 2 * lags.rim
     return sum(inner * (inner - times * lag) for lag in (lags.aside, lags.below) if lag)
@@ -45,8 +45,8 @@ def likeness(across: Step, down: Step, lags: Lags, linear: bool) -> float:
     once = twice = 0.0  # mean squares of differences, a lag and two lags apart
     for lag, (x, y) in ((lags.aside, across), (lags.below, down)):
         if lag:
-            once += table[0] ** 2 - _at(table, lag * x) * _at(table, lag * y)
-            twice += table[0] ** 2 - _at(table, 2 * lag * x) * _at(table, 2 * lag * y)
+            once += table[0] ** 2 - _interpolate(table, lag * x) * _interpolate(table, lag * y)
+            twice += table[0] ** 2 - _interpolate(table, 2 * lag * x) * _interpolate(table, 2 * lag * y)
     return 1.0 - once / twice
 
 
@@ -57,7 +57,7 @@ def _table(linear: bool) -> list[float]:
     return table
 
 
-def _at(table: list[float], apart_px: float) -> float:
+def _interpolate(table: list[float], apart_px: float) -> float:
     at = min(abs(apart_px) * FINE, len(table) - 2.0)
     i = int(at)
     return table[i] + (at - i) * (table[i + 1] - table[i])
@@ -81,7 +81,7 @@ def _interpolated(blur_px: float, linear: bool) -> Floats:
 
 
 @lru_cache(maxsize=1024)
-def of_lattice(
+def lattice_statistics(
     k: int, lags: Lags, across: Step, down: Step, fitted: int, linear: bool
 ) -> tuple[float, float, float] | None:
     """How much r₀ is above what interpolation makes it, g, and the share of a cell's samples that the fit leaves.
@@ -92,10 +92,10 @@ def of_lattice(
     free = 1.0 - basis.shape[1] / (k * k)
     if free <= 0 or not any(lags[:2]):
         return None
-    white, variance = _left_of(_covariance(k, across, down, 0.0, linear), basis, lags)
+    white, variance = _residual_statistics(_covariance(k, across, down, 0.0, linear), basis, lags)
     lags_px = [lag * math.hypot(*step) for lag, step in zip(lags[:2], (across, down), strict=True) if lag]
     blur_px = round(BLUR * sum(lags_px) / len(lags_px) / ROUNDED_PX) * ROUNDED_PX
-    blurred, less = _left_of(_covariance(k, across, down, blur_px, linear), basis, lags)
+    blurred, less = _residual_statistics(_covariance(k, across, down, blur_px, linear), basis, lags)
     growth = math.log(variance / less) / (blurred - white) if blurred > white else math.inf
     return white - likeness(across, down, lags, linear), growth, free
 
@@ -107,8 +107,8 @@ def _fitted(k: int, aside_px: float, below_px: float, count: int) -> Floats:
     row = np.add.outer(samples * below_px, samples * aside_px).reshape(-1)
     powers = np.vander(row / max(2.0 * float(row.max()), 1e-6), count, increasing=True)
     sizes, directions = np.linalg.eigh(powers.T @ powers)
-    told = sizes > RIDGE * sizes.mean()
-    return np.asarray(powers @ (directions[:, told] / np.sqrt(sizes[told])))
+    significant = sizes > RIDGE * sizes.mean()
+    return np.asarray(powers @ (directions[:, significant] / np.sqrt(sizes[significant])))
 
 
 def _covariance(k: int, across: Step, down: Step, blur_px: float, linear: bool) -> Floats:
@@ -119,7 +119,7 @@ def _covariance(k: int, across: Step, down: Step, blur_px: float, linear: bool) 
     return np.asarray((np.interp(x, places, table) * np.interp(y, places, table)).take(_differences(k)))
 
 
-def _left_of(covariance: Floats, basis: Floats, lags: Lags) -> tuple[float, float]:
+def _residual_statistics(covariance: Floats, basis: Floats, lags: Lags) -> tuple[float, float]:
     """Of noise with this covariance R, what is left in a cell without an orthonormal basis F: r, and the mean square.
 
     What is left is M R M, M = 1 − F·Fᵀ. Two samples differ by the square of what they differ by themselves, less twice
@@ -130,7 +130,7 @@ def _left_of(covariance: Floats, basis: Floats, lags: Lags) -> tuple[float, floa
     shared = basis.T @ of_basis
     apart = []
     for times in (1, 2):
-        one, other = _apart(k, lags, times)
+        one, other = _sample_pairs(k, lags, times)
         step, of_step = basis[one] - basis[other], of_basis[one] - of_basis[other]
         themselves = 2.0 * (len(one) * covariance[0, 0] - covariance[one, other].sum())
         apart.append((themselves - 2.0 * (step * of_step).sum() + ((step @ shared) * step).sum()) / len(one))
@@ -138,8 +138,8 @@ def _left_of(covariance: Floats, basis: Floats, lags: Lags) -> tuple[float, floa
 
 
 @cache
-def _apart(k: int, lags: Lags, times: int) -> tuple[Indices, Indices]:
-    """Which two samples of a cell are compared: `pairs` of them."""
+def _sample_pairs(k: int, lags: Lags, times: int) -> tuple[Indices, Indices]:
+    """Which two samples of a cell are compared: `pair_count` of them."""
     at = np.arange(k * k).reshape(k, k)[lags.rim : k - lags.rim, lags.rim : k - lags.rim]
     inner, across, down = len(at), times * lags.aside, times * lags.below
     both = []

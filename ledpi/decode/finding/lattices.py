@@ -15,7 +15,7 @@ from ledpi.kernels.find import LatticeSearcher
 # Levels are an octave apart.
 AROUND = 17
 CONTRAST = 4  # grey levels: twice what read-out noise leaves of a mean over a few pixels
-SEEN = 0.6  # of the cells: others may be dead, hidden, or one with their neighbours
+MIN_SEEN = 0.6  # of the cells: others may be dead, hidden, or one with their neighbours
 
 
 class LatticeFinder:
@@ -29,7 +29,7 @@ class LatticeFinder:
         found = []
         for halvings, picture in enumerate(pyramid):
             around = cv2.blur(picture, (AROUND, AROUND))
-            least = int(SEEN * self._cells * self._cells)
+            least = int(MIN_SEEN * self._cells * self._cells)
             blobs, lattices = self._searcher.search(picture, around, CONTRAST, 2.0 * AROUND * AROUND, least)
             for lattice in lattices:
                 found += [(corners + 0.5) * 2**halvings - 0.5 for corners in self._panels(lattice, blobs[:, 1:3])]
@@ -52,7 +52,7 @@ class LatticeFinder:
         for left in ranges[0]:
             for top in ranges[1]:
                 own = (across >= left) & (across < left + cells) & (down >= top) & (down < top + cells)
-                if own.sum() < SEEN * cells * cells:
+                if own.sum() < MIN_SEEN * cells * cells:
                     continue
                 places = np.stack([across[own] - left + 0.5, down[own] - top + 0.5], axis=1)
                 corners = _corners(places, at[own], cells)

@@ -1,1 +1,1 @@
-"""From evidence to an ID: every word, and whatever else it might be."""
+"""From evidence to an ID: each codeword, and the hypotheses that compete with it."""

@@ -32,7 +32,7 @@ class Window:
     bright: float
 
     @classmethod
-    def around(cls, frame: Frame, corners_px: Floats, reach: float, fewest_px: float = FEWEST_PX) -> Window | None:
+    def crop(cls, frame: Frame, corners_px: Floats, reach: float, fewest_px: float = FEWEST_PX) -> Window | None:
         """What is up to `reach` of its side, and three pixels, around a square (4, 2); None where it shows no light.
 
         `fewest_px`: of its side, how many are left where it is averaged down.
@@ -77,16 +77,16 @@ def waves(spec: PanelSpec, exposure_us: float, row_time_us: float, shrink: int) 
     steps = (np.arange(WAVE_STEPS) + 0.5) / WAVE_STEPS
     for wave, hz in zip(out, (spec.black_hz, spec.white_hz), strict=True):
         rows = np.arange(shrink) - (shrink - 1) / 2 + steps[:, None] / (hz * row_time_us * 1e-6)
-        shown = row_weights(
+        light = row_weights(
             rows, frequency_hz=hz, phase_cycles=0.0, duty=spec.duty, exposure_us=exposure_us, row_time_us=row_time_us
         ).mean(axis=1)
-        wave[:] = shown / shown.mean() - 1.0
+        wave[:] = light / light.mean() - 1.0
     return read_only(out)
 
 
 NEAR_BORDER = np.arange(-2.0, 3.0)  # pixels, of the lines about the borders of cells, where light changes most
 FINE_PX = 9.0  # width of a cell from which on lines are not evenly spread, one a pixel
-ROUGHLY = 5  # lines along a cell, for a first look
+ROUGHLY = 5  # lines along a cell, for the coarse fit
 INSIDE = (4, 7)  # along the rest of a cell, between borders: fewest, most
 MARGIN_PX = 1.5  # further out is what may be beyond a panel's frame
 

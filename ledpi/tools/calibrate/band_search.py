@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 
 from ledpi.core.records import Floats
 from ledpi.decode.evidence.classes import wave_shares
-from ledpi.markers.words import Bits
+from ledpi.markers.codewords import Bits
 
 Complexes = NDArray[np.complex128]
 
 SEARCH_FRAMES = 60  # enough to find the waves; all frames then refine them
-WORDS_AT_ONCE = 256  # bounds the memory of the search
+CODEWORDS_AT_ONCE = 256  # bounds the memory of the search
 MIN_MOVEMENT = 0.02  # share of a wave's power that the frames' mean must leave, for it to be searched
 STEPS_PER_CYCLE = 4  # of a search's grid: a cycle over all frames that are searched, or over all rows
 
@@ -60,29 +60,29 @@ class Waves:
     cycles_per_row: Floats  # (waves,)
 
 
-def find_word(panel: PanelLight, words: Bits, waves: Sequence[Waves]) -> tuple[int, list[int]]:
-    """Index of the likeliest word, and which of each of the panel's `waves` (`decode.classes`) it shows.
+def find_codeword(panel: PanelLight, codewords: Bits, waves: Sequence[Waves]) -> tuple[int, list[int]]:
+    """Index of the likeliest codeword, and which of each of the panel's `waves` (`decode.classes`) it shows.
 
     The log-likelihood ratio of a wave with free amplitude and phase is |Σ_c s_c·S_c|²/(σ²·V): S_c the light's deviation
     from the still picture, correlated with the wave, s_c how much of it the cell shows, V its expected power.
     """
     change, still = changes(panel.light[:SEARCH_FRAMES])
     seconds, rows = panel.times_from_middle()[:SEARCH_FRAMES], panel.rows_from_middle()
-    shares = wave_shares(words.astype(np.float64), len(waves))
-    best, best_waves = np.zeros(len(words)), np.zeros((len(waves), len(words)), np.int64)
+    shares = wave_shares(codewords.astype(np.float64), len(waves))
+    best, best_waves = np.zeros(len(codewords)), np.zeros((len(waves), len(codewords)), np.int64)
     for k, candidates in enumerate(waves):
         spectrum = spectrum_of(change, seconds, rows, candidates)
         moved = moved_share(seconds, candidates.frequency_hz)
         power = np.where(moved > MIN_MOVEMENT, moved, np.inf)
-        for start in range(0, len(words), WORDS_AT_ONCE):
-            some = slice(start, start + WORDS_AT_ONCE)
+        for start in range(0, len(codewords), CODEWORDS_AT_ONCE):
+            some = slice(start, start + CODEWORDS_AT_ONCE)
             own = shares[some, :, k]
             light = np.maximum(np.square(own) @ still.sum(axis=1), 1e-9)
             ratio = np.abs(own @ spectrum) ** 2 / (light[:, None] * power)
             best_waves[k, some] = ratio.argmax(axis=1)
             best[some] += ratio.max(axis=1)
-    word = int(best.argmax())
-    return word, best_waves[:, word].tolist()
+    codeword = int(best.argmax())
+    return codeword, best_waves[:, codeword].tolist()
 
 
 def search_step_hz(panel: PanelLight) -> float:

@@ -19,8 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ledpi.core.records import Floats
-from ledpi.markers.words import Bits
-from ledpi.tools.calibrate.band_search import STEPS_PER_CYCLE, PanelLight, Waves, changes, find_word, spectrum_of
+from ledpi.markers.codewords import Bits
+from ledpi.tools.calibrate.band_search import STEPS_PER_CYCLE, PanelLight, Waves, changes, find_codeword, spectrum_of
 
 PART_FRAMES = 30  # half a second, within which an RC oscillator is steady enough
 MAX_WANDER = 0.005  # of the frequency, to either side, from part to part
@@ -53,28 +53,28 @@ class ClassBands:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Measured:
-    """The word that a panel shows, and its two classes."""
+    """The codeword that a panel shows, and its two classes."""
 
-    word: int  # index into the words that were searched
+    codeword: int  # index into the codewords that were searched
     black: ClassBands
     white: ClassBands
 
 
-def measure_word(panel: PanelLight, words: Bits, waves: Sequence[Waves]) -> Measured:
-    """The likeliest of `words` (W, cells; True is white) and how its classes blink, each certain or not.
+def measure_codeword(panel: PanelLight, codewords: Bits, waves: Sequence[Waves]) -> Measured:
+    """The likeliest of `codewords` (W, cells; True is white) and how its classes blink, each certain or not.
 
     `waves` are candidates for black's and for white's; of a panel in antiphase for the one, which either class is then
     measured for by itself.
     """
-    word, likeliest = find_word(panel, words, waves)
+    codeword, likeliest = find_codeword(panel, codewords, waves)
     of_black, of_white = (
         _measure_steady(panel, cells, float(own.frequency_hz[index]), float(own.cycles_per_row[index]))
         for cells, own, index in (
-            (~words[word], waves[0], likeliest[0]),
-            (words[word], waves[-1], likeliest[-1]),
+            (~codewords[codeword], waves[0], likeliest[0]),
+            (codewords[codeword], waves[-1], likeliest[-1]),
         )
     )
-    return Measured(word=word, black=of_black, white=of_white)
+    return Measured(codeword=codeword, black=of_black, white=of_white)
 
 
 def _measure_steady(panel: PanelLight, cells: Bits, frequency_hz: float, cycles_per_row: float) -> ClassBands:

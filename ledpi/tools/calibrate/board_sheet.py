@@ -7,7 +7,7 @@ from io import BytesIO
 import numpy as np
 
 from ledpi.core.errors import CalibrationError
-from ledpi.markers.words import Bits
+from ledpi.markers.codewords import Bits
 from ledpi.tools.calibrate.boards import TEXELS, Board
 
 MM_PER_INCH = 25.4

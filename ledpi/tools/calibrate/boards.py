@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ledpi.core.records import Floats, Pixels
-from ledpi.markers.words import Bits
+from ledpi.markers.codewords import Bits
 
 Kind = Literal["chessboard", "charuco"]
 

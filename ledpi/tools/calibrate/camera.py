@@ -54,7 +54,7 @@ def calibrate_camera(views: Sequence[BoardView], board: Board, width: int, heigh
     Raises CalibrationError where the views are too few or too much alike, or the result is not rational.
     """
     size = (width, height)
-    kept, dropped, fit = _without_outliers(views, board, size)
+    kept, dropped, fit = _drop_outliers(views, board, size)
     with_k3 = _fit(kept, board, size, 0)
     residuals = 2 * sum(len(view.corner_ids) for view in kept)
     # Likelihood ratio of nested models with a common, unknown noise.
@@ -70,7 +70,7 @@ def calibrate_camera(views: Sequence[BoardView], board: Board, width: int, heigh
     )
 
 
-def _without_outliers(
+def _drop_outliers(
     views: Sequence[BoardView], board: Board, size: tuple[int, int]
 ) -> tuple[list[BoardView], tuple[ViewError, ...], _Fit]:
     """The views that agree, those that do not, and the fit to the former (k3 = 0).

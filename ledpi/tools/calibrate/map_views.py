@@ -14,7 +14,7 @@ import numpy as np
 
 from ledpi.core.geometry import inverse, matrix_from_quaternion, transform
 from ledpi.core.records import Floats, Frame, Intrinsics, MarkerPose
-from ledpi.pose.corners import centre_px, seen_at_row, whiteners
+from ledpi.pose.corners import centre_px, corners_at_row, whiteners
 from ledpi.pose.planar import square_corners
 from ledpi.pose.refine import fit_body
 
@@ -38,17 +38,17 @@ View = tuple[PanelView, ...]  # a frame
 def view_of(frame: Frame, markers: Sequence[MarkerPose]) -> View:
     """The placed panels of a frame, brought to their mean row's time."""
     placed = [m for m in markers if m.solution is not None]
-    rows = [centre_px(m.sighting.corners_px)[1] for m in placed]
+    rows = [centre_px(m.detection.corners_px)[1] for m in placed]
     row = float(np.mean(rows)) if rows else 0.0
     views = []
     for marker in placed:
-        seen = marker.sighting
+        seen = marker.detection
         poses = []
         for solution in (marker.solution, marker.alternate):
             if solution is not None:
                 pose = solution.camera_from_marker
                 poses.append(transform(matrix_from_quaternion(pose.quaternion_wxyz), pose.position_m))
-        corners = seen_at_row(seen.corners_px, seen.velocity_px_s, row, frame.row_time_us)
+        corners = corners_at_row(seen.corners_px, seen.velocity_px_s, row, frame.row_time_us)
         views.append(PanelView(seen.id, corners, seen.covariance_px2, tuple(poses)))
     return tuple(views)
 

@@ -15,9 +15,9 @@ from ledpi.camera.timing import MIN_PHASE_ADVANCE_CYCLES, choose_frame_length_ro
 from ledpi.core import shutter
 from ledpi.core.errors import CalibrationError
 from ledpi.core.records import PanelSpec, Phase
-from ledpi.markers.words import Dictionary
+from ledpi.markers.codewords import Dictionary
 from ledpi.tools.calibrate.band_search import PanelLight, Waves, search_step_hz
-from ledpi.tools.calibrate.bands import CLOCK_SIGMA, ClassBands, measure_word
+from ledpi.tools.calibrate.bands import CLOCK_SIGMA, ClassBands, measure_codeword
 from ledpi.tools.panel.frequencies import null_share
 
 SEARCH = 0.15  # of the announced frequency, to either side: more than an RC oscillator is off
@@ -72,22 +72,22 @@ def measure_panel(
     row_time_s = row_time_us * 1e-6
     spans = search_ranges(announced)
     waves = [_waves(light, span, row_time_s) for span in spans]
-    words = dictionary.turned_words().reshape(4 * len(dictionary.words), -1)
-    found = measure_word(light, words, waves)
+    codewords = dictionary.rotated_codewords().reshape(4 * len(dictionary.codewords), -1)
+    found = measure_codeword(light, codewords, waves)
     if not (found.black.certain and found.white.certain):
         names = ("black", "white") if announced.phase == "free" else ("both classes",)
         sought = [f"{low:.0f} and {high:.0f} Hz ({name})" for name, (low, high) in zip(names, spans, strict=True)]
         raise CalibrationError(f"no bands of a {dictionary.name} panel between {' and '.join(sought)}")
     measured = (found.black, found.white)
     if announced.phase == "antiphase":
-        measured = _of_one_oscillator(measured)
+        measured = _share_oscillator(measured)
     for bands in measured:
         _check_aliases(bands, light, row_time_s)
     for bands in measured:
         _check_row_time(bands, row_time_s)
     duty, duty_sigma = _duty(measured, exposure_us)
     return PanelCalibration(
-        id=found.word // 4,
+        id=found.codeword // 4,
         black=measured[0],
         white=measured[1],
         phase=announced.phase,
@@ -170,7 +170,7 @@ def _waves(light: PanelLight, span_hz: tuple[float, float], row_time_s: float) -
     return Waves(frequency_hz=grid, cycles_per_row=grid * row_time_s)
 
 
-def _of_one_oscillator(measured: tuple[ClassBands, ClassBands]) -> tuple[ClassBands, ClassBands]:
+def _share_oscillator(measured: tuple[ClassBands, ClassBands]) -> tuple[ClassBands, ClassBands]:
     """Both classes at the mean of their frequencies. Raises CalibrationError where these are not one."""
     black, white = measured
     weights = [bands.frequency_sigma_hz**-2 for bands in measured]

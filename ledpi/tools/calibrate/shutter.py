@@ -10,9 +10,9 @@ import numpy as np
 
 from ledpi.core.errors import CalibrationError
 from ledpi.core.records import PanelSpec
-from ledpi.markers.words import Dictionary
+from ledpi.markers.codewords import Dictionary
 from ledpi.tools.calibrate.band_search import STEPS_PER_CYCLE, PanelLight, Waves, moved_share, search_step_hz
-from ledpi.tools.calibrate.bands import CLOCK_SIGMA, ClassBands, measure_word
+from ledpi.tools.calibrate.bands import CLOCK_SIGMA, ClassBands, measure_codeword
 
 ROW_TIMES_US = (8.0, 80.0)  # of any camera that this is for: 480 rows in 4 to 38 ms
 CRYSTAL = 300e-6  # by how much a crystal and the camera's clock may disagree, as a share
@@ -63,8 +63,8 @@ def measure_shutter(
     Bands fix ν = f·t_row in cycles a row, so t_row = ν/f. The frames' interval over their number of rows says the same
     far more sharply, and is taken where the bands bear it out: a scaled picture has other rows than the sensor.
     """
-    words = dictionary.turned_words().reshape(4 * len(dictionary.words), -1)
-    found = measure_word(light, words, [_waves(light, hz) for hz in crystal.waves_hz])
+    codewords = dictionary.rotated_codewords().reshape(4 * len(dictionary.codewords), -1)
+    found = measure_codeword(light, codewords, [_waves(light, hz) for hz in crystal.waves_hz])
     classes = ((found.black, crystal.black_hz), (found.white, crystal.white_hz))
     sure = [bands for bands, hz in classes if bands.certain and _is_crystal(bands, hz)]
     # Bands that stand still from frame to frame are uncertain; those of the other class are enough for the row time.
@@ -76,13 +76,13 @@ def measure_shutter(
             f"{CRYSTAL * 1e6:.0f} ppm, as a crystal's is"
         )
     by_bands = _mean([_row_time_us(bands) for bands in sure])
-    by_interval = _by_interval_us(light, reported.frame_length_rows)
+    by_interval = _row_time_from_intervals(light, reported.frame_length_rows)
     if by_interval is not None and not by_bands.agrees_with(by_interval.value):
         by_interval = None
     row_time = by_interval or by_bands
     two_depths = len(sure) == 2 and crystal.phase == "free"
     return ShutterCalibration(
-        id=found.word // 4,
+        id=found.codeword // 4,
         row_time_us=row_time,
         by_bands_us=by_bands,
         by_interval_us=by_interval,
@@ -119,7 +119,7 @@ def _mean(estimates: Sequence[Estimate]) -> Estimate:
     return Estimate(value=mean, sigma=sum(weights) ** -0.5)
 
 
-def _by_interval_us(light: PanelLight, frame_length_rows: int | None) -> Estimate | None:
+def _row_time_from_intervals(light: PanelLight, frame_length_rows: int | None) -> Estimate | None:
     if frame_length_rows is None:
         return None
     row_time_us = light.frame_interval_us / frame_length_rows

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ledpi.core.errors import CalibrationError
-from ledpi.core.geometry import undistort, unit_square_to
+from ledpi.core.geometry import undistort, unit_square_homography
 from ledpi.core.records import Floats, Frame, Intrinsics
 from ledpi.core.tone import SATURATED, linear_light
 from ledpi.pipeline.pipeline import Pipeline
@@ -88,8 +88,8 @@ def reads(frames: Sequence[Frame], pipeline: Pipeline, marker_id: int, corners_p
     """Whether the decoder reads `marker_id` at this place in any of the frames."""
     for frame in frames:
         for marker in pipeline.decode(frame).markers:
-            away = marker.sighting.corners_px.mean(axis=0) - corners_px.mean(axis=0)
-            if marker.sighting.id == marker_id and np.hypot(*away) < SAME_PLACE * _side_px(corners_px):
+            away = marker.detection.corners_px.mean(axis=0) - corners_px.mean(axis=0)
+            if marker.detection.id == marker_id and np.hypot(*away) < SAME_PLACE * _side_px(corners_px):
                 return True
     return False
 
@@ -108,7 +108,7 @@ def steady_seconds(frames: Sequence[Frame]) -> tuple[Floats, float]:
 def _squares(frame: Frame, pipeline: Pipeline) -> list[Floats]:
     trace = Trace()
     pipeline.decode(frame, trace)
-    return [look.quad.corners_px for look in trace.looks]
+    return [square.quad.corners_px for square in trace.squares]
 
 
 def _same_place(corners: Floats, others: list[Floats]) -> Floats | None:
@@ -134,7 +134,7 @@ def _cell_of_pixel(
     corners = corners_px
     if intrinsics is not None:
         pixels, corners = undistort(pixels, intrinsics), undistort(corners_px, intrinsics)
-    to_unit = np.linalg.inv(unit_square_to(corners))
+    to_unit = np.linalg.inv(unit_square_homography(corners))
     u, v, scale = np.moveaxis(np.concatenate([pixels, np.ones((*shape, 1))], axis=-1) @ to_unit.T, -1, 0)
     place = np.stack([u, v]) / scale * cells
     whole = np.floor(place)

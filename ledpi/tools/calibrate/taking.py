@@ -78,7 +78,7 @@ def settle_gain(camera: Camera, panels: PanelSettings) -> None:
     for frame in _read(camera, SETTLE_FRAMES):
         trace = Trace()
         pipeline.decode(frame, trace)
-        squares = [look.quad.corners_px for look in trace.looks]
+        squares = [square.quad.corners_px for square in trace.squares]
         squares += [dropped.corners_px for dropped in trace.dropped if dropped.why == SATURATED]
         gain = control.update(frame.row0_readout_ns, frame.analogue_gain, brightest_level(frame, squares))
         if gain is not None:

@@ -9,8 +9,8 @@ from ledpi.config.robot import load_robot, strangers_note
 from ledpi.config.settings import SEARCH_PATH, Config, PanelSettings
 from ledpi.core.errors import LedpiError, WireError
 from ledpi.core.wording import counted
+from ledpi.markers.codewords import format_ranges
 from ledpi.markers.dictionaries import load_dictionary
-from ledpi.markers.words import as_ranges
 from ledpi.tools.doctor import camera, machine
 from ledpi.tools.doctor.finding import Finding, bad, ok, unknown
 
@@ -57,8 +57,8 @@ def _panel_ids(panels: PanelSettings) -> Finding:
     if note := panels.unreported_note(panels.overrides):
         return bad("panel IDs", f"panels.overrides: {note}", "list every panel that there is in panels.ids")
     if panels.ids is not None:
-        return ok("panel IDs", f"panels.ids: {as_ranges(sorted(panels.ids))}")
-    words = len(load_dictionary(panels.dictionary).words)
+        return ok("panel IDs", f"panels.ids: {format_ranges(sorted(panels.ids))}")
+    words = len(load_dictionary(panels.dictionary).codewords)
     return ok("panel IDs", panels.unreported_note(range(words)) or f"all of {panels.dictionary}")
 
 

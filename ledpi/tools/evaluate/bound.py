@@ -1,4 +1,4 @@
-"""The rate told the true corners, on recordings that have truth: no decoder that reads as it does can read more."""
+"""The rate with the true corners given, on recordings that have truth: an upper bound for decoders of this kind."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ledpi.core.errors import RecordingError
 from ledpi.core.records import Floats, Frame
 from ledpi.recording.picture import read_picture
 from ledpi.recording.reader import FrameEntry, Recording
-from ledpi.tools.evaluate.told import read_told
+from ledpi.tools.evaluate.oracle import read_with_oracle
 
 RUN_GAP_NS = 60_000_000  # frames that are further apart belong to two takes
 
@@ -22,7 +22,7 @@ class Bound(NamedTuple):
 
     read: int
     wrong: int
-    shown: int
+    total: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,12 +57,12 @@ def bound_of(recording: Recording, *, single: bool, skip: int = 0) -> Bound:
             continue
         groups: Sequence[Sequence[_View]] = [[view] for view in run.views] if single else [run.views]
         read = [marker_id for group in groups for marker_id in _read(recording, group)]
-        told = [marker_id for marker_id, counts in zip(read, judged, strict=True) if counts]
-        right = sum(marker_id == run.marker_id for marker_id in told)
+        ids = [marker_id for marker_id, counts in zip(read, judged, strict=True) if counts]
+        right = sum(marker_id == run.marker_id for marker_id in ids)
         total = Bound(
             total.read + right,
-            total.wrong + sum(marker_id is not None for marker_id in told) - right,
-            total.shown + len(told),
+            total.wrong + sum(marker_id is not None for marker_id in ids) - right,
+            total.total + len(ids),
         )
     return total
 
@@ -86,7 +86,7 @@ def _runs(recording: Recording) -> Iterator[_Run]:
 
 def _read(recording: Recording, views: Sequence[_View]) -> list[int | None]:
     seen = [(_frame(recording, view.entry), view.corners_px) for view in views]
-    return read_told(seen, recording.camera.intrinsics, recording.dictionary, recording.panel)
+    return read_with_oracle(seen, recording.camera.intrinsics, recording.dictionary, recording.panel)
 
 
 def _frame(recording: Recording, entry: FrameEntry) -> Frame:

@@ -156,7 +156,7 @@ class Condition:
     def panels_of(self, panels: PanelSettings) -> PanelSettings:
         """What whoever reads this is told of the panels. Of decoys every ID exists, so that each false one counts."""
         if self.suite == "decoys":
-            return panels.model_copy(update={"ids": tuple(range(len(load_dictionary(panels.dictionary).words)))})
+            return panels.model_copy(update={"ids": tuple(range(len(load_dictionary(panels.dictionary).codewords)))})
         return panels.model_copy(update={"search_frequencies": True}) if self.variation.search_frequencies else panels
 
 

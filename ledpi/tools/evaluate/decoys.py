@@ -11,16 +11,16 @@ import numpy as np
 
 from ledpi.config.settings import PanelSettings
 from ledpi.core.records import Floats, Phase
+from ledpi.markers.codewords import Bits, Dictionary
 from ledpi.markers.dictionaries import load_dictionary
-from ledpi.markers.words import Bits, Dictionary
 from ledpi.simulate.scene import Light, Panel, SimulatedSensor, SquareWave
 from ledpi.simulate.trajectory import Still
 from ledpi.tools.evaluate.placing import Placer, turned_from_sight
 
 THINGS = (3, 6)  # in a scene, from to
 SIZE_PX = (14.0, 220.0)  # of lamps and panels in the picture
-NEAR_CELLS = (2, 4)  # that differ from a word, from to: the patterns that are easiest to mistake
-OFF = 2  # cells by which these differ from every word
+NEAR_CELLS = (2, 4)  # that differ from a codeword, from to: the patterns that are easiest to mistake
+OFF = 2  # cells by which these differ from every codeword
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -113,19 +113,19 @@ def _pose(size_m: float, placer: Placer, rng: np.random.Generator) -> Floats | N
     return turned_from_sight(position, float(rng.uniform(-50.0, 50.0)), float(rng.uniform(-180.0, 180.0)))
 
 
-def _panel(word: Bits, placer: Placer, panels: PanelSettings, rng: np.random.Generator) -> Panel | None:
-    """A panel that shows `word`; an empty word is a panel that is switched off."""
+def _panel(codeword: Bits, placer: Placer, panels: PanelSettings, rng: np.random.Generator) -> Panel | None:
+    """A panel that shows `codeword`; an empty codeword is a panel that is switched off."""
     pose = _pose(panels.side_m, placer, rng)
     if pose is None:
         return None
     n = load_dictionary(panels.dictionary).cells_per_side
     level = float(rng.uniform(0.15, 0.45))
     return Panel(
-        word=word.reshape(n, n) if word.size else np.zeros((n, n), bool),
+        codeword=codeword.reshape(n, n) if codeword.size else np.zeros((n, n), bool),
         spec=panels.spec(),
         motion=Still(pose),
         marker_id=None,
-        brightness=level if word.size else 0.0,
+        brightness=level if codeword.size else 0.0,
         cell_gains=np.maximum(1.0 + 0.05 * rng.standard_normal((n, n)), 0.05),
     )
 
@@ -146,35 +146,35 @@ def _single_class(dictionary: Dictionary, _: Phase, rng: np.random.Generator) ->
     return np.full((n, n), rng.random() < 0.5)
 
 
-def _near_word(dictionary: Dictionary, phase: Phase, rng: np.random.Generator, off: int = OFF) -> Bits:
-    """A word with a few cells changed so that `off` or more differ from any word."""
+def _near_codeword(dictionary: Dictionary, phase: Phase, rng: np.random.Generator, off: int = OFF) -> Bits:
+    """A codeword with a few cells changed so that `off` or more differ from any codeword."""
     while True:
-        word = dictionary.words[rng.integers(len(dictionary.words))].copy()
-        changed = rng.permutation(word.size)[: int(rng.integers(NEAR_CELLS[0], NEAR_CELLS[1] + 1))]
-        word.ravel()[changed] ^= True
-        if _distance(word, dictionary, phase) >= off:
-            return np.asarray(word)
+        codeword = dictionary.codewords[rng.integers(len(dictionary.codewords))].copy()
+        changed = rng.permutation(codeword.size)[: int(rng.integers(NEAR_CELLS[0], NEAR_CELLS[1] + 1))]
+        codeword.ravel()[changed] ^= True
+        if _distance(codeword, dictionary, phase) >= off:
+            return np.asarray(codeword)
 
 
 def _one_to_spare(dictionary: Dictionary, phase: Phase, rng: np.random.Generator) -> Bits:
-    """A near-word that still is none when one of its cells cannot be seen."""
-    return _near_word(dictionary, phase, rng, OFF + 1)
+    """A near-codeword that still is none when one of its cells cannot be seen."""
+    return _near_codeword(dictionary, phase, rng, OFF + 1)
 
 
 def _mirrored(dictionary: Dictionary, phase: Phase, rng: np.random.Generator) -> Bits:
     while True:
-        word = dictionary.words[rng.integers(len(dictionary.words)), :, ::-1]
-        if _distance(word, dictionary, phase) > 0:
-            return np.asarray(word)
+        codeword = dictionary.codewords[rng.integers(len(dictionary.codewords)), :, ::-1]
+        if _distance(codeword, dictionary, phase) > 0:
+            return np.asarray(codeword)
 
 
-def _word(dictionary: Dictionary, _: Phase, rng: np.random.Generator) -> Bits:
-    return np.asarray(dictionary.words[rng.integers(len(dictionary.words))])
+def _codeword(dictionary: Dictionary, _: Phase, rng: np.random.Generator) -> Bits:
+    return np.asarray(dictionary.codewords[rng.integers(len(dictionary.codewords))])
 
 
 def _part_of(panel: Panel, rng: np.random.Generator) -> Panel:
     """The panel with all cells dark but for a block of two cells to half of them."""
-    n = len(panel.word)
+    n = len(panel.codeword)
     while True:
         rows, columns = rng.integers(1, n + 1, 2)
         if 2 <= rows * columns <= n * n // 2:
@@ -185,17 +185,17 @@ def _part_of(panel: Panel, rng: np.random.Generator) -> Panel:
     return replace(panel, cell_gains=lit * (1.0 if panel.cell_gains is None else panel.cell_gains))
 
 
-def _distance(word: Bits, dictionary: Dictionary, phase: Phase) -> int:
-    """Cells that differ from the nearest word, however that is turned; in antiphase, from the nearest negative, too."""
-    differ = (dictionary.turned_words() != word).sum(axis=(2, 3))
-    return int(differ.min() if phase == "free" else np.minimum(differ, word.size - differ).min())
+def _distance(codeword: Bits, dictionary: Dictionary, phase: Phase) -> int:
+    """The number of cells off the nearest codeword, in any rotation; in antiphase, off its negative too."""
+    differ = (dictionary.rotated_codewords() != codeword).sum(axis=(2, 3))
+    return int(differ.min() if phase == "free" else np.minimum(differ, codeword.size - differ).min())
 
 
 _PATTERNS: dict[str, Callable[[Dictionary, Phase, np.random.Generator], Bits]] = {
     "single_class": _single_class,
-    "near_words": _near_word,
+    "near_words": _near_codeword,
     "mirrored": _mirrored,
-    "parts": _word,
-    "hidden_strip": _near_word,
+    "parts": _codeword,
+    "hidden_strip": _near_codeword,
     "dead_cell": _one_to_spare,
 }

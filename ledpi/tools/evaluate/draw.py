@@ -23,7 +23,7 @@ from ledpi.markers.dictionaries import load_dictionary
 from ledpi.simulate.scene import (
     OV5647_ROW_TIME_US,
     Panel,
-    PanelLook,
+    PanelAppearance,
     Ripple,
     Room,
     Scene,
@@ -32,8 +32,8 @@ from ledpi.simulate.scene import (
 from ledpi.simulate.trajectory import Gliding, Still, Trajectory
 from ledpi.tools.evaluate.conditions import Condition, Variation
 from ledpi.tools.evaluate.decoys import decoys
-from ledpi.tools.evaluate.placing import in_sight
-from ledpi.tools.evaluate.surroundings import frames, in_the_way, lamps_beside, pages, touching
+from ledpi.tools.evaluate.placing import place_in_view
+from ledpi.tools.evaluate.surroundings import frames, lamps_beside, occluders, pages, touching
 
 FRAMES_A_TAKE = 12
 OFFSET_PX = (80.0, 60.0)  # how far from the picture's middle a panel is put, at most
@@ -69,8 +69,8 @@ def draw_take(
     peak = float(place.uniform(*variation.peak_level))
     if condition.suite == "decoys":
         found = decoys(condition.case, sensor, panels, place)
-        shown = tuple(_with_faults(panel, variation, extra) for panel in found.panels)
-        lights = (*found.lights, *in_the_way(variation, shown, extra))
+        shown = tuple(_add_faults(panel, variation, extra) for panel in found.panels)
+        lights = (*found.lights, *occluders(variation, shown, extra))
         scene = Scene(sensor=sensor, room=room, panels=shown, lights=lights)
     else:
         shown = _panels(condition, panels, sensor, peak, place, extra)
@@ -80,7 +80,7 @@ def draw_take(
             panels=shown,
             prints=pages(variation, shown, extra),
             lights=(
-                *in_the_way(variation, shown, extra),
+                *occluders(variation, shown, extra),
                 *touching(variation, shown, extra),
                 *frames(variation, shown, extra),
                 *lamps_beside(variation, shown, sensor, _ripple(variation), extra),
@@ -130,7 +130,7 @@ def _panels(
     place: np.random.Generator,
     extra: np.random.Generator,
 ) -> tuple[Panel, ...]:
-    """The panels in view, each at its own word, gains and roll; together they are somewhere near the middle."""
+    """The panels in view, each at its own codeword, gains and roll; together they are somewhere near the middle."""
     variation, dictionary = condition.variation, load_dictionary(panels.dictionary)
     assert condition.distance_m is not None
     assert condition.angle_deg is not None
@@ -143,7 +143,7 @@ def _panels(
     specs = [panels.spec(int(marker_id)) for marker_id in ids[: variation.panels]]
     pitch_m = float(extra.uniform(*APART_SIDES)) * max(spec.side_m for spec in specs)
     shifts_m = [(k - (len(specs) - 1) / 2.0) * pitch_m for k in range(len(specs))]
-    poses = in_sight(
+    poses = place_in_view(
         [(shift_m, spec.side_m, roll) for shift_m, spec, roll in zip(shifts_m, specs, rolls_deg, strict=False)],
         condition.distance_m,
         condition.angle_deg,
@@ -152,13 +152,13 @@ def _panels(
     )
     return tuple(
         Panel(
-            word=dictionary.word(int(marker_id)),
-            spec=_as_built(spec, variation, extra),
+            codeword=dictionary.codeword(int(marker_id)),
+            spec=_apply_tolerances(spec, variation, extra),
             motion=Still(pose),
             marker_id=int(marker_id),
             brightness=brightness_of(peak, spec, sensor),
-            cell_gains=_with_dead_cells(np.maximum(own_gains, 0.05), variation.dead_cells, extra),
-            look=_look(variation),
+            cell_gains=_kill_cells(np.maximum(own_gains, 0.05), variation.dead_cells, extra),
+            appearance=_appearance(variation),
         )
         for marker_id, spec, pose, own_gains in zip(ids, specs, poses, gains, strict=False)
     )
@@ -179,8 +179,8 @@ def _shuffled_ids(panels: PanelSettings, place: np.random.Generator) -> NDArray[
     return order[np.isin(order, drawable_ids(panels))]
 
 
-def _look(variation: Variation) -> PanelLook:
-    look = PanelLook(
+def _appearance(variation: Variation) -> PanelAppearance:
+    appearance = PanelAppearance(
         gap=variation.gap,
         equal_cells=variation.equal_cells,
         hot_spot=variation.hot_spot,
@@ -188,17 +188,17 @@ def _look(variation: Variation) -> PanelLook:
         falloff=variation.falloff,
     )
     without = variation.on_a_page or variation.touching or variation.bezel != "black"
-    return replace(look, bezel=0.0) if without else look
+    return replace(appearance, bezel=0.0) if without else appearance
 
 
-def _with_dead_cells(gains: Floats, dead: int, extra: np.random.Generator) -> Floats:
+def _kill_cells(gains: Floats, dead: int, extra: np.random.Generator) -> Floats:
     gains.ravel()[extra.permutation(gains.size)[:dead]] = 0.0
     return gains
 
 
-def _with_faults(decoy: Panel, variation: Variation, extra: np.random.Generator) -> Panel:
-    gains = np.ones(decoy.word.shape) if decoy.cell_gains is None else decoy.cell_gains.copy()
-    return replace(decoy, cell_gains=_with_dead_cells(gains, variation.dead_cells, extra))
+def _add_faults(decoy: Panel, variation: Variation, extra: np.random.Generator) -> Panel:
+    gains = np.ones(decoy.codeword.shape) if decoy.cell_gains is None else decoy.cell_gains.copy()
+    return replace(decoy, cell_gains=_kill_cells(gains, variation.dead_cells, extra))
 
 
 def brightness_of(peak_level: float, spec: PanelSpec, sensor: SimulatedSensor) -> float:
@@ -207,9 +207,9 @@ def brightness_of(peak_level: float, spec: PanelSpec, sensor: SimulatedSensor) -
     return peak_level / (1.0 + depth / 2.0)
 
 
-def _as_built(spec: PanelSpec, variation: Variation, extra: np.random.Generator) -> PanelSpec:
+def _apply_tolerances(spec: PanelSpec, variation: Variation, extra: np.random.Generator) -> PanelSpec:
     off = 1.0 + variation.oscillator_error * extra.choice((-1.0, 1.0), 2)
-    return spec.at([hz * own for hz, own in zip(spec.waves_hz, off.tolist(), strict=False)])
+    return spec.retune([hz * own for hz, own in zip(spec.waves_hz, off.tolist(), strict=False)])
 
 
 def _camera_motion(variation: Variation, sensor: SimulatedSensor, extra: np.random.Generator) -> Trajectory:

@@ -46,7 +46,7 @@ def write_results(folder: Path, rows: Sequence[TableRow], intro: str, commands: 
     return notes
 
 
-def in_short(rows: Sequence[TableRow]) -> str:
+def summary(rows: Sequence[TableRow]) -> str:
     """A line a row, for a terminal."""
     lines = []
     for row in rows:

@@ -25,7 +25,7 @@ def turned_from_sight(position_m: Floats, angle_deg: float, roll_deg: float) -> 
     return np.asarray(sight @ facing_camera(np.zeros(3), yaw_deg=angle_deg, roll_deg=roll_deg))
 
 
-def in_sight(
+def place_in_view(
     panels: Sequence[tuple[float, float, float]],
     distance_m: float,
     angle_deg: float,
@@ -44,12 +44,12 @@ def in_sight(
         centre_m = distance_m * ray / np.linalg.norm(ray)
         centres_m = [centre_m + np.array([shift_m, 0.0, 0.0]) for shift_m, _, _ in panels]
         poses = [turned_from_sight(at, angle_deg, roll) for at, (_, _, roll) in zip(centres_m, panels, strict=True)]
-        if all(_in_view(pose, side, sensor) for pose, (_, side, _) in zip(poses, panels, strict=True)):
+        if all(_is_in_view(pose, side, sensor) for pose, (_, side, _) in zip(poses, panels, strict=True)):
             break
     return poses
 
 
-def _in_view(pose: Floats, side_m: float, sensor: SimulatedSensor) -> bool:
+def _is_in_view(pose: Floats, side_m: float, sensor: SimulatedSensor) -> bool:
     half = side_m / 2.0
     corners = half * np.array([[-1.0, 1.0, 0.0], [1.0, 1.0, 0.0], [1.0, -1.0, 0.0], [-1.0, -1.0, 0.0]])
     pixels = project(corners, pose, sensor.intrinsics)

@@ -20,7 +20,7 @@ from ledpi.tools.evaluate.units import TAKES_A_UNIT, Unit
 _BY_SUITE: dict[Suite, tuple[Method, ...]] = {
     "paper": METHODS,
     "beyond": METHODS,
-    "robustness": ("soft", "stream"),
+    "robustness": ("likelihood", "stream"),
     "decoys": PANEL_METHODS,
     "wild": WILD_METHODS,
 }
@@ -84,9 +84,9 @@ class Plan:
                 raise ConfigError(f"--method {method}: is not for the suite {suite}, which has {', '.join(own)}")
             if method == "apriltag" and not self.apriltag:
                 raise ConfigError("--method apriltag: is not installed: pip install 'ledpi[evaluate]'")
-            if method == "bands":
+            if method == "uemura":
                 check_method(method, self.panels, "--method")
-        unable = {"apriltag": not self.apriltag, "bands": self.panels.has_antiphase()}
+        unable = {"apriltag": not self.apriltag, "uemura": self.panels.has_antiphase()}
         return tuple(m for m in self.methods or own if not unable.get(m, False))
 
     def units(self) -> list[Unit]:

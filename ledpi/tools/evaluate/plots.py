@@ -15,18 +15,18 @@ if TYPE_CHECKING:
 
 LABELS = {
     "ledpi": "ledpi",
-    "told": "told the true corners",
-    "bands": "bands (the paper's method)",
-    "soft": "soft, one frame",
-    "stream_4": "soft, 4th frame of a stream",
-    "stream_12": "soft, 12th frame",
-    "stream_all": "soft, every frame of a stream",
+    "oracle": "true corners given",
+    "uemura": "uemura (the paper's method)",
+    "likelihood": "likelihood, one frame",
+    "stream_4": "likelihood, 4th frame of a stream",
+    "stream_12": "likelihood, 12th frame",
+    "stream_all": "likelihood, every frame of a stream",
     "aruco": "printed ArUco, OpenCV",
     "apriltag": "printed AprilTag",
 }
 _STYLES = {
-    "bands": ("tab:brown", "v:"),
-    "soft": ("tab:blue", "o-"),
+    "uemura": ("tab:brown", "v:"),
+    "likelihood": ("tab:blue", "o-"),
     "stream_4": ("tab:cyan", "s-"),
     "stream_12": ("tab:green", "D-"),
     "aruco": ("tab:red", "^--"),

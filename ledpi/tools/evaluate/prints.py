@@ -9,8 +9,8 @@ from typing import Literal
 import cv2
 import numpy as np
 
+from ledpi.markers.codewords import Bits
 from ledpi.markers.dictionaries import load_dictionary, opencv_dictionary
-from ledpi.markers.words import Bits
 from ledpi.simulate.scene import Print, Scene
 
 Family = Literal["aruco", "apriltag"]

@@ -20,10 +20,14 @@ from ledpi.pose.corners import independent
 from ledpi.pose.planar import solve_square
 from ledpi.tools.evaluate.prints import APRILTAG
 
-Method = Literal["bands", "soft", "stream", "aruco", "apriltag", "ledpi", "told"]
-METHODS: tuple[Method, ...] = ("bands", "soft", "stream", "aruco", "apriltag")
-WILD_METHODS: tuple[Method, ...] = ("ledpi", "told", "aruco")  # soft or stream as the row asks; told the true corners
-PanelMethod = Literal["bands", "soft", "stream"]
+Method = Literal["uemura", "likelihood", "stream", "aruco", "apriltag", "ledpi", "oracle"]
+METHODS: tuple[Method, ...] = ("uemura", "likelihood", "stream", "aruco", "apriltag")
+WILD_METHODS: tuple[Method, ...] = (
+    "ledpi",
+    "oracle",
+    "aruco",
+)  # likelihood or stream as the row asks; oracle: true corners given
+PanelMethod = Literal["uemura", "likelihood", "stream"]
 PANEL_METHODS: tuple[PanelMethod, ...] = get_args(PanelMethod)
 PRINTED: tuple[Method, ...] = ("aruco", "apriltag")
 
@@ -56,14 +60,14 @@ class PanelReader:
         method: PanelMethod,
         camera: CameraInfo,
         panels: PanelSettings,
-        shown: PanelValues | None = None,
+        source_panel: PanelValues | None = None,
     ) -> None:
         self._pipeline = Pipeline(
             camera,
             panels,
             intrinsics=camera.intrinsics,
-            shown=shown,
-            method="bands" if method == "bands" else "soft",
+            source_panel=source_panel,
+            method="uemura" if method == "uemura" else "likelihood",
             stream=method == "stream",
         )
 
@@ -73,8 +77,8 @@ class PanelReader:
         decoded = self._pipeline.decode(frame, trace)
         found = tuple(
             Found(
-                id=m.sighting.id,
-                corners_px=m.sighting.corners_px,
+                id=m.detection.id,
+                corners_px=m.detection.corners_px,
                 pose=m.solution.camera_from_marker if m.solution is not None else None,
             )
             for m in decoded.markers
@@ -128,7 +132,7 @@ def apriltag_reader(side_m: float, intrinsics: Intrinsics) -> PrintReader:
     detector = _apriltag_detector()
 
     def detect(frame: Frame) -> list[tuple[int, Floats]]:
-        return [(int(tag.tag_id), _in_our_order(tag.corners)) for tag in detector.detect(frame.pixels)]
+        return [(int(tag.tag_id), _reorder_corners(tag.corners)) for tag in detector.detect(frame.pixels)]
 
     return PrintReader(detect, side_m, intrinsics)
 
@@ -145,7 +149,7 @@ def _apriltag_detector() -> Any:
     return Kept(families=APRILTAG, nthreads=1, quad_decimate=1.0)
 
 
-def _in_our_order(corners: Floats) -> Floats:
+def _reorder_corners(corners: Floats) -> Floats:
     """AprilTag's corners as OpenCV draws the same tag, from the top left clockwise, pixel centres at integers.
 
     Its own order is top right, top left, bottom left, bottom right, and its pixel centres are at halves.

@@ -42,7 +42,7 @@ def evaluate_recording(
     where the recording has truth. Raises RecordingError for a picture that cannot be read, ConfigError for an ID that
     the dictionary does not have, or that is not in the truth.
     """
-    words = len(load_dictionary(recording.dictionary).words)
+    words = len(load_dictionary(recording.dictionary).codewords)
     if not 0 <= marker_id < words:
         raise ConfigError(f"--id {marker_id}: {recording.dictionary} has the IDs 0 to {words - 1}")
     in_view = {truth.id for frame in (recording.truth or {}).values() for truth in frame}
@@ -106,7 +106,7 @@ def _frame(recording: Recording, index: int) -> Frame:
 def _expected(recording: Recording, frame: Frame, marker_id: int) -> list[Expected]:
     if recording.truth is None:
         return [Expected(id=marker_id)]
-    return [Expected.of(truth) for truth in recording.truth.get(frame.seq, ())]
+    return [Expected.from_truth(truth) for truth in recording.truth.get(frame.seq, ())]
 
 
 def rows_of_recordings(records: Iterable[dict[str, Any]]) -> list[TableRow]:

@@ -32,11 +32,11 @@ class Expected:
     optional: bool = False  # only partly in view: may be read or not
 
     @classmethod
-    def of(cls, truth: TruthMarker) -> Self:
+    def from_truth(cls, truth: TruthMarker) -> Self:
         """What a recording's truth, or the simulator's, says of one panel."""
         return cls(id=truth.id, corners_px=truth.corners_px, pose=truth.camera_from_marker, optional=truth.optional)
 
-    def is_shown_by(self, found: Found) -> bool:
+    def matches(self, found: Found) -> bool:
         """Whether this is what was found."""
         if found.id != self.id or self.corners_px is None:
             return found.id == self.id
@@ -66,7 +66,7 @@ class Tally:
         self.decode_ms.append(round(read.milliseconds, 3))
         left = list(read.found)
         for marker in expected:
-            found = next((f for f in left if marker.is_shown_by(f)), None)
+            found = next((f for f in left if marker.matches(f)), None)
             if found is not None:
                 left.remove(found)
             if marker.optional:

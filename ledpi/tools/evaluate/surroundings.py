@@ -45,7 +45,7 @@ def pages(variation: Variation, shown: tuple[Panel, ...], extra: np.random.Gener
     return tuple(pages)
 
 
-def in_the_way(variation: Variation, shown: tuple[Panel, ...], extra: np.random.Generator) -> tuple[Light, ...]:
+def occluders(variation: Variation, shown: tuple[Panel, ...], extra: np.random.Generator) -> tuple[Light, ...]:
     """Something dark before a corner or an edge of each panel, square to its sides."""
     if not variation.hidden:
         return ()

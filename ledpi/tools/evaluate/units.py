@@ -26,10 +26,10 @@ from ledpi.simulate.sensor import sensor_info
 from ledpi.simulate.truth import scene_truth
 from ledpi.tools.evaluate.conditions import Condition
 from ledpi.tools.evaluate.draw import FRAMES_A_TAKE, Take, draw_take
+from ledpi.tools.evaluate.oracle import oracle_reads
 from ledpi.tools.evaluate.prints import WHITEST_PAPER, Family, printed_id, printed_scene
 from ledpi.tools.evaluate.reading import PANEL_METHODS, Method, PanelReader, Read, apriltag_reader, aruco_reader
 from ledpi.tools.evaluate.scoring import Expected, Tally
-from ledpi.tools.evaluate.told import told_reads
 from ledpi.tools.evaluate.wild import draw_wild
 from ledpi.tools.evaluate.wild_rows import WILD
 
@@ -115,7 +115,7 @@ def _read_panels(take: Take, number: int, unit: Unit, rows: dict[Row, Tally]) ->
     readers = {m: PanelReader(m, clock.corrected(info), panels) for m in PANEL_METHODS if m in unit.methods}
     alone = 1 if unit.condition.suite != "decoys" else FRAMES_A_TAKE
     for index, frame in enumerate(photographed(take, take.scene, FRAMES_A_TAKE if "stream" in readers else alone)):
-        expected = [Expected.of(truth) for truth in scene_truth(take.scene, frame.seq)]
+        expected = [Expected.from_truth(truth) for truth in scene_truth(take.scene, frame.seq)]
         for method, reader in readers.items():
             if method == "stream" or index < alone:
                 read = reader.read(clock.corrected(frame))
@@ -130,25 +130,25 @@ def _read_prints(take: Take, number: int, unit: Unit, family: Family, tally: Tal
     lens, side_m = take.scene.sensor.intrinsics, unit.panels.side_m
     reader = aruco_reader(dictionary, side_m, lens) if family == "aruco" else apriltag_reader(side_m, lens)
     for frame in photographed(take, printed_scene(take.scene, family, dictionary, take.peak_level), 1):
-        expected = [Expected.of(truth) for truth in scene_truth(take.scene, frame.seq)]
+        expected = [Expected.from_truth(truth) for truth in scene_truth(take.scene, frame.seq)]
         expected = [replace(e, id=printed_id(family, dictionary, e.id)) for e in expected]
         tally.add(reader.read(frame), expected, f"take {number}, frame {frame.seq}")
 
 
 def _read_wild(number: int, unit: Unit, rows: dict[Row, Tally]) -> None:
-    """The frames of a take that its row judges: by ledpi, by who is told the true corners, and of a print."""
+    """The frames of a take that its row judges: by ledpi, with the true corners given, and of a print."""
     asked, take = WILD[unit.condition.case], draw_wild(unit.condition.case, unit.panels, unit.seed, number)
     sensor, (panel,) = take.scene.sensor, take.scene.panels
     frames = list(photographed(take, take.scene, asked.judged.stop))
     truths = [scene_truth(take.scene, frame.seq) for frame in frames]
     reads: dict[Row, list[Read]] = {}
     if "ledpi" in unit.methods:
-        reader = PanelReader("soft" if asked.is_single else "stream", sensor_info(sensor), unit.panels)
+        reader = PanelReader("likelihood" if asked.is_single else "stream", sensor_info(sensor), unit.panels)
         reads["ledpi"] = [reader.read(frame) for frame in frames]
-    if "told" in unit.methods:
+    if "oracle" in unit.methods:
         views = [(frame, truth.corners_px) for frame, (truth,) in zip(frames, truths, strict=True)]
         spec = unit.panels.spec(panel.marker_id)
-        reads["told"] = told_reads(views, sensor.intrinsics, unit.panels.dictionary, spec)
+        reads["oracle"] = oracle_reads(views, sensor.intrinsics, unit.panels.dictionary, spec)
     if "aruco" in unit.methods:
         scene = printed_scene(take.scene, "aruco", unit.panels.dictionary, min(take.peak_level, WHITEST_PAPER))
         prints = aruco_reader(unit.panels.dictionary, unit.panels.side_m, sensor.intrinsics)
@@ -156,7 +156,7 @@ def _read_wild(number: int, unit: Unit, rows: dict[Row, Tally]) -> None:
     for row, tally in rows.items():
         tally.trials += 1
         for seq in asked.judged:
-            tally.add(reads[row][seq], [Expected.of(t) for t in truths[seq]], f"take {number}, frame {seq}")
+            tally.add(reads[row][seq], [Expected.from_truth(t) for t in truths[seq]], f"take {number}, frame {seq}")
 
 
 def photographed(take: Take, scene: Scene, frames: int) -> Iterator[Frame]:

@@ -9,11 +9,11 @@ import numpy as np
 from ledpi.config.settings import PanelSettings
 from ledpi.core.records import Floats, Intrinsics, PanelSpec
 from ledpi.markers.dictionaries import load_dictionary
-from ledpi.simulate.scene import Floor, Light, Panel, PanelLook, Print, Room, Scene, SimulatedSensor
+from ledpi.simulate.scene import Floor, Light, Panel, PanelAppearance, Print, Room, Scene, SimulatedSensor
 from ledpi.simulate.scenes import whole_rows_us
 from ledpi.simulate.trajectory import Still
 from ledpi.tools.evaluate.draw import Take, brightness_of, drawable_ids
-from ledpi.tools.evaluate.placing import in_sight
+from ledpi.tools.evaluate.placing import place_in_view
 from ledpi.tools.evaluate.surroundings import rectangle
 from ledpi.tools.evaluate.wild_rows import CAMERA_SPANS, TAKE_SPANS, TAKES_A_CAMERA, WILD, drawn
 
@@ -77,25 +77,25 @@ def _panel(
     drawable = drawable_ids(panels)
     marker_id = drawable[int(values["id"] * len(drawable))]
     spec = panels.spec(marker_id)
-    (pose,) = in_sight(
+    (pose,) = place_in_view(
         [(0.0, spec.side_m, values["roll_deg"])],
-        _between(*WILD[row].distance_m, values["distance"]),
+        _draw_between(*WILD[row].distance_m, values["distance"]),
         _yaw_deg(row, values["yaw"]),
         np.array([values["place_x"], values["place_y"]]),
         sensor,
     )
     return Panel(
-        word=dictionary.word(marker_id),
-        spec=_as_built(spec, rng),
+        codeword=dictionary.codeword(marker_id),
+        spec=_apply_tolerances(spec, rng),
         motion=Still(pose),
         marker_id=marker_id,
         brightness=brightness_of(values["peak_level"], spec, sensor),
         cell_gains=_gains(values, dictionary.cells_per_side, rng),
-        look=_look(values),
+        appearance=_appearance(values),
     )
 
 
-def _between(low: float, high: float, share: float) -> float:
+def _draw_between(low: float, high: float, share: float) -> float:
     """Each doubling as frequent."""
     return float(low * (high / low) ** share)
 
@@ -105,9 +105,9 @@ def _yaw_deg(row: str, share: float) -> float:
     return float(np.copysign(low + abs(share) * (high - low), share))
 
 
-def _as_built(spec: PanelSpec, rng: np.random.Generator) -> PanelSpec:
+def _apply_tolerances(spec: PanelSpec, rng: np.random.Generator) -> PanelSpec:
     off = 1.0 + 1e-6 * CRYSTAL_PPM * rng.uniform(-1.0, 1.0, len(spec.waves_hz))
-    return spec.at([hz * own for hz, own in zip(spec.waves_hz, off.tolist(), strict=True)])
+    return spec.retune([hz * own for hz, own in zip(spec.waves_hz, off.tolist(), strict=True)])
 
 
 def _gains(values: dict[str, float], n: int, rng: np.random.Generator) -> Floats:
@@ -117,10 +117,10 @@ def _gains(values: dict[str, float], n: int, rng: np.random.Generator) -> Floats
     return gains
 
 
-def _look(values: dict[str, float]) -> PanelLook:
+def _appearance(values: dict[str, float]) -> PanelAppearance:
     leds = 1 if values["leds"] < 0.5 else 2 if values["leds"] < 0.75 else 3
     equal = values["equal_cells"] >= 0.75
-    return PanelLook(
+    return PanelAppearance(
         gap=values["gap"] / 2.0 if equal else values["gap"],
         equal_cells=equal,
         bezel=max(0.0, values["bezel"]),
@@ -156,7 +156,7 @@ def _frame(values: dict[str, float], panel: Panel) -> tuple[Light, ...]:
     """A bright frame, that the panel lights or the room does, close behind it."""
     if values["frame_level"] <= 0:
         return ()
-    side_m = panel.spec.side_m * (1.0 + 2.0 * (values["frame_width"] + max(0.0, values["bezel"]) / len(panel.word)))
+    side_m = panel.spec.side_m * (1.0 + 2.0 * (values["frame_width"] + max(0.0, values["bezel"]) / len(panel.codeword)))
     level = values["frame_level"] * panel.brightness
     return (rectangle(panel, 0.0, (0.0, 0.0), (side_m, side_m), depth=1.002, level=level),)
 

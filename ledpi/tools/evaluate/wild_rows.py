@@ -54,7 +54,7 @@ class Span:
     high: float
     log: bool = False
 
-    def at(self, share: float) -> float:
+    def quantile(self, share: float) -> float:
         """The value that lies `share` of the way up."""
         if self.log:
             return math.exp(math.log(self.low) + share * math.log(self.high / self.low))
@@ -111,7 +111,7 @@ CAMERA_SPANS: dict[str, Span] = {
 def drawn(spans: Mapping[str, Span], row: str, seed: int, number: int) -> dict[str, float]:
     """Point `number` of a row's sequence, each coordinate in its range."""
     shares = _points(f"{row} {' '.join(spans)}", len(spans), seed, max(10, number.bit_length()))[number]
-    return {name: span.at(share) for (name, span), share in zip(spans.items(), shares.tolist(), strict=True)}
+    return {name: span.quantile(share) for (name, span), share in zip(spans.items(), shares.tolist(), strict=True)}
 
 
 @lru_cache(maxsize=16)

@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass
 
 from ledpi.core.errors import ConfigError
-from ledpi.markers.words import Bits
+from ledpi.markers.codewords import Bits
 
 _FRAME_MM = 10.0  # dark border that sets the lit square off from what is beside it
 _WALLS_MM = (3.0, 2.0, 1.5, 1.0, 0.5)  # of boards that are easily had
@@ -27,7 +27,7 @@ _DEPTH_OVER_REACH = 1.0 / 0.76
 class Body:
     """A panel's body."""
 
-    word: Bits  # (n, n), row 0 at the top; True is class white
+    codeword: Bits  # (n, n), row 0 at the top; True is class white
     side_mm: float
     leds: int  # in each cell
 
@@ -42,7 +42,7 @@ class Body:
     @property
     def cells(self) -> int:
         """Along a side."""
-        return len(self.word)
+        return len(self.codeword)
 
     @property
     def pitch_mm(self) -> float:

@@ -1,9 +1,9 @@
 """How often a panel would be read: the decoder's own decision on evidence drawn from its own error model.
 
-Of a panel that shows the word w with bands x, the score of the evidence is normal with mean I·X and covariance I, with
-X = the bands of each cell's class, and I the information of `information.evidence_of`. The draws go through
-`decode.soft.decide` as a camera's do. What the model leaves out: whether the square is found at all, corners that are
-off by more than their first order, harmonics of the wave, what the optics mix between cells.
+Of a panel that shows the codeword w with bands x, the score of the evidence is normal with mean I·X and covariance I,
+with X = the bands of each cell's class, and I the information of `information.evidence_of`. The draws go through
+`decode.decision.decide` as a camera's do. What the model leaves out: whether the square is found at all, corners that
+are off by more than their first order, harmonics of the wave, what the optics mix between cells.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 from ledpi.core.records import Floats, Rejected
 from ledpi.decode.evidence.classes import wave_shares
 from ledpi.decode.evidence.evidence import Evidence
-from ledpi.decode.identify import soft
+from ledpi.decode.identify import decision
 from ledpi.decode.identify.codebook import Codebook
 
 
@@ -37,7 +37,7 @@ def chance_of_reading(
         bands = _bands(codebook.white[shown].astype(np.float64), depths, rng, len(evidence.prior) // 2)
         score = information @ bands.ravel() + root @ rng.standard_normal(size)
         drawn = evidence._replace(score=score.reshape(evidence.score.shape))
-        read = soft.decide(drawn, codebook, false_id_rate)
+        read = decision.decide(drawn, codebook, false_id_rate)
         if not isinstance(read, Rejected):
             right += read.id == codebook.ids[shown] and read.quarter_turns == codebook.quarter_turns[shown]
     return right / draws

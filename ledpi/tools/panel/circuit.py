@@ -30,14 +30,14 @@ class Circuit:
     resistor_ohm: float
 
     @property
-    def over_v(self) -> float:
+    def headroom_v(self) -> float:
         """Left for the resistor."""
         return self.supply_v - self.leds * self.forward_v
 
     @property
     def cell_a(self) -> float:
         """Through one cell's string."""
-        return self.over_v / self.resistor_ohm
+        return self.headroom_v / self.resistor_ohm
 
     @property
     def class_a(self) -> tuple[float, float]:
@@ -95,13 +95,13 @@ def plan_circuit(lamps: Lamps, cells: tuple[int, int]) -> Circuit:
         raise ConfigError(f"--leds {wanted}: must be 1 to {_MOST_LEDS}")
     if wanted > most:
         raise ConfigError(_too_low(supply_v, wanted, forward_v, most))
-    over_v = supply_v - wanted * forward_v
+    headroom_v = supply_v - wanted * forward_v
     circuit = Circuit(
         supply_v=supply_v,
         leds=wanted,
         forward_v=forward_v,
         cells=cells,
-        resistor_ohm=next_e24(over_v / lamps.current_a),
+        resistor_ohm=next_e24(headroom_v / lamps.current_a),
     )
     if circuit.resistor_w > _RATINGS_W[-1]:
         remedy = f"more LEDs in series (--leds {most})" if most > wanted else "less current (--led-ma)"

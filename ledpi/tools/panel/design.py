@@ -105,7 +105,7 @@ class Proposal:
         """The share of what the decoder needs, 1 at most, in each case."""
         return [min(1.0, nats / ENOUGH_NATS) for nats in (*self.alone, *self.stream)]
 
-    def never_tells_less_than(self, other: Proposal) -> bool:
+    def is_never_worse_than(self, other: Proposal) -> bool:
         """Whether there is no case in which the decoder would be better off with `other`."""
         return all(own >= others - _SAME for own, others in zip(self.worth(), other.worth(), strict=True))
 
@@ -165,7 +165,7 @@ def candidate_pairs(task: Task) -> list[tuple[float, float]]:
     return pairs
 
 
-def with_best_period(task: Task, black_hz: float, white_hz: float, views: Sequence[View]) -> Proposal:
+def choose_period(task: Task, black_hz: float, white_hz: float, views: Sequence[View]) -> Proposal:
     """The pair with the frame period that tells most a second at the farthest distance."""
     shortest = task.sensor.frame_length_rows
     # Over so many rows the slower class's advance takes every value once.
@@ -188,7 +188,7 @@ def best_antiphase(task: Task, views: Sequence[View]) -> Proposal | None:
     not a half, so that one class would not fill the other's gaps.
     """
     frequencies = candidate_frequencies(task) if task.duty == 0.5 else []
-    tried = [with_best_period(task, hz, hz, views) for hz in frequencies]
+    tried = [choose_period(task, hz, hz, views) for hz in frequencies]
     return max(tried, key=lambda proposal: sum(proposal.worth()), default=None)
 
 
@@ -233,11 +233,11 @@ def ranked(
 
     def tried() -> Iterator[Proposal]:
         for pair in candidate_pairs(task):
-            yield with_best_period(task, *pair, views)
+            yield choose_period(task, *pair, views)
             advance(1)
 
     def place(p: Proposal) -> tuple[bool, bool, float]:
         frozen = task.least_advance(p.black_hz, p.white_hz, p.frame_length_rows) < FROZEN_CYCLES
-        return frozen, not p.never_tells_less_than(present), -sum(p.worth())
+        return frozen, not p.is_never_worse_than(present), -sum(p.worth())
 
     return sorted(tried(), key=place)

@@ -10,14 +10,14 @@ import numpy as np
 from ledpi.camera.timing import frame_duration_us
 from ledpi.core.shutter import contrast, phase_advance_cycles
 from ledpi.core.wording import counted
-from ledpi.markers.words import Dictionary
+from ledpi.markers.codewords import Dictionary
 from ledpi.tools.panel.design import ENOUGH_NATS, Proposal, Task
 from ledpi.tools.panel.frequencies import off_mains_hz
 from ledpi.tools.panel.information import STREAM_FRAMES
 from ledpi.tools.panel.reach import SURE, Reach
 
 
-def in_short(verb: str, named: tuple[Proposal, Reach], present: tuple[Proposal, Reach] | None = None) -> str:
+def summary_line(verb: str, named: tuple[Proposal, Reach], present: tuple[Proposal, Reach] | None = None) -> str:
     """What a person wants to know first, as in `best are 1253.33 and 2557.54 Hz: …`."""
     text = f"{verb} {_hz(named[0])}: a panel is read {_read_to(named[1])}"
     if present is not None:
@@ -97,7 +97,11 @@ def antiphase_text(proposal: Proposal, reach: Reach, best: Reach, dictionary: Di
     """What an antiphase panel would be worth beside the best pair, and what it costs."""
     own, pair = ([_metres(r.range_m(chances)) for chances in (r.alone, r.stream)] for r in (reach, best))
     readable = dictionary.readable_ids("antiphase")
-    ids = "all IDs" if len(readable) == len(dictionary.words) else f"of {len(dictionary.words)} IDs {len(readable)}"
+    ids = (
+        "all IDs"
+        if len(readable) == len(dictionary.codewords)
+        else f"of {len(dictionary.codewords)} IDs {len(readable)}"
+    )
     sentences = (
         f"antiphase: both classes at {proposal.black_hz:.2f} Hz, half a cycle apart, are read alone to {own[0]}, of "
         f"{STREAM_FRAMES} to {own[1]} (best pair: {pair[0]}, {pair[1]}). A word and its negative are one there, so of "

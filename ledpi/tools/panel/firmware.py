@@ -12,7 +12,7 @@ from pathlib import Path
 from ledpi.core.errors import ConfigError
 from ledpi.core.records import PanelSpec, Phase
 from ledpi.core.str_enum import StrEnum
-from ledpi.markers.words import Bits, Dictionary
+from ledpi.markers.codewords import Bits, Dictionary
 from ledpi.tools.calibrate.panel import SAME_DUTY
 from ledpi.tools.panel.frequencies import NULL_SHARE, Flicker, nearest_lobe_hz, null_share
 from ledpi.tools.panel.timer import HIGHEST_HZ, HalfPeriod, half_period
@@ -44,9 +44,9 @@ class Firmware:
     phase: Phase
 
     @property
-    def word(self) -> Bits:
-        """The (n, n) word of the ID, upright."""
-        return self.dictionary.word(self.marker_id)
+    def codeword(self) -> Bits:
+        """The (n, n) codeword of the ID, upright."""
+        return self.dictionary.codeword(self.marker_id)
 
 
 def plan_firmware(
@@ -66,12 +66,12 @@ def plan_firmware(
     """
     try:
         dictionary.check_readable(marker_id, spec.phase)
-        word = dictionary.word(marker_id)
+        codeword = dictionary.codeword(marker_id)
     except ValueError as error:
         raise ConfigError(f"--id: {error}") from None
-    if build is Build.SIXTEEN_CELLS and word.size != SINGLE_CELLS:
+    if build is Build.SIXTEEN_CELLS and codeword.size != SINGLE_CELLS:
         raise ConfigError(
-            f"--build {build}: drives 4 × 4 cells, {dictionary.name} has {word.size}; must be {Build.TWO_OUTPUTS}, "
+            f"--build {build}: drives 4 × 4 cells, {dictionary.name} has {codeword.size}; must be {Build.TWO_OUTPUTS}, "
             "which drives two groups of cells, however many they are"
         )
     if abs(spec.duty - 0.5) > SAME_DUTY:
@@ -123,9 +123,9 @@ def _check_apart(spec: PanelSpec, scan_time_s: float) -> None:
         )
 
 
-def word_number(word: Bits) -> int:
+def codeword_number(codeword: Bits) -> int:
     """Bit k is cell k, row by row from the top left; 1 is class white."""
-    return sum(1 << k for k, white in enumerate(word.ravel()) if white)
+    return sum(1 << k for k, white in enumerate(codeword.ravel()) if white)
 
 
 def settings_text(firmware: Firmware) -> str:
@@ -139,12 +139,12 @@ def settings_text(firmware: Firmware) -> str:
     ]
     if firmware.build is Build.SIXTEEN_CELLS:
         # Below 0x8000, so that no half-written record in the EEPROM passes for a whole one.
-        build_key = zlib.crc32(dictionary.words.tobytes(), firmware.marker_id) & 0x7FFF
-        words = [f"0x{word_number(word):04X}" for word in dictionary.words]
-        rows = [", ".join(words[i : i + 10]) for i in range(0, len(words), 10)]
+        build_key = zlib.crc32(dictionary.codewords.tobytes(), firmware.marker_id) & 0x7FFF
+        codewords = [f"0x{codeword_number(codeword):04X}" for codeword in dictionary.codewords]
+        rows = [", ".join(codewords[i : i + 10]) for i in range(0, len(codewords), 10)]
         lines += [
             f"#define DEFAULT_ID {firmware.marker_id} /* of {dictionary.name} */",
-            f"#define ID_COUNT {len(words)}",
+            f"#define ID_COUNT {len(codewords)}",
             f"#define BUILD_KEY 0x{build_key:04X}",
             "#define WORDS \\",
             "    { \\",

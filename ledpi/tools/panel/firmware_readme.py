@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ledpi.markers.words import as_ranges
+from ledpi.markers.codewords import format_ranges
 from ledpi.tools.panel.firmware import Build, Firmware
 from ledpi.tools.panel.timer import HalfPeriod
 
@@ -39,7 +39,7 @@ def _class_row(name: str, half: HalfPeriod) -> str:
 
 
 def _two_outputs(firmware: Firmware) -> str:
-    rows = [[OUTPUTS[bool(white)] for white in row] for row in firmware.word]
+    rows = [[OUTPUTS[bool(white)] for white in row] for row in firmware.codeword]
     return f"""## Wiring
 
 D9 switches all cells of class black, D10 all of class white, each through a MOSFET: a pin cannot carry the LEDs.
@@ -84,8 +84,8 @@ def _antiphase(firmware: Firmware) -> str:
         return ""
     text = " Black and white are in antiphase: one is on while the other is off (`panels.phase: antiphase`)."
     readable = firmware.dictionary.readable_ids("antiphase")
-    if len(readable) < len(firmware.dictionary.words):
-        text += f" Only the IDs {as_ranges(readable)} can be read so."
+    if len(readable) < len(firmware.dictionary.codewords):
+        text += f" Only the IDs {format_ranges(readable)} can be read so."
     return text
 
 

@@ -82,7 +82,7 @@ def _steady_scene(sensor: SimulatedSensor, cells: int, side_m: float, distance_m
     )
     null_hz = 1e6 / sensor.exposure_us  # whole cycles in an exposure leave no bands
     panel = Panel(
-        word=np.zeros((cells, cells), bool),
+        codeword=np.zeros((cells, cells), bool),
         spec=PanelSpec(side_m=side_m, black_hz=null_hz, white_hz=2 * null_hz),
         motion=Still(facing_camera(np.array([0.0, 0.0, distance_m]), roll_deg=_ROLL_DEG)),
         marker_id=0,
@@ -101,12 +101,14 @@ def evidence_of(view: View, spec: PanelSpec, *, frames: int, frame_length_rows: 
     memory = PanelMemory(spec)
     for seq, (samples, frame) in enumerate(view.shots[:frames]):
         readout_ns = round(seq * frame_length_rows * frame.row_time_us * 1e3)
-        memory, _ = memory.after(samples, replace(frame, row0_readout_ns=readout_ns))
+        memory, _ = memory.add_frame(samples, replace(frame, row0_readout_ns=readout_ns))
     known = memory.evidence()
     if isinstance(known, Evidence):
         return known
     shape = (len(view.shots[0][0].light), 2 * len(spec.waves_hz))
-    return Evidence(score=np.zeros(shape), information=np.zeros(shape * 2), prior=np.full(shape[1], 1e-12), left=0.0)
+    return Evidence(
+        score=np.zeros(shape), information=np.zeros(shape * 2), prior=np.full(shape[1], 1e-12), residual=0.0
+    )
 
 
 def separation_nats(evidence: Evidence, depths: tuple[float, float]) -> float:
@@ -116,7 +118,7 @@ def separation_nats(evidence: Evidence, depths: tuple[float, float]) -> float:
     on average over all cells and phases, by Bhattacharyya's bound exp(−D/4). Two frequencies that nearly coincide have
     much information on average and little of it where their phases agree.
     """
-    own = evidence.of_own_bands
+    own = evidence.own_information
     changes = _changes(depths, len(evidence.prior) // 2)
     separations = 0.5 * np.einsum("pci,pi->pc", np.einsum("pj,cij->pci", changes, own), changes)
     return float(-4.0 * (np.logaddexp.reduce(-separations.ravel() / 4.0) - math.log(separations.size)))

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ledpi.decode.identify.codebook import Codebook
-from ledpi.decode.identify.soft import FALSE_ID_RATE
-from ledpi.markers.words import Dictionary
+from ledpi.decode.identify.decision import FALSE_ID_RATE
+from ledpi.markers.codewords import Dictionary
 from ledpi.tools.panel.chances import chance_of_reading
 from ledpi.tools.panel.design import ENOUGH_NATS, Proposal, Task, farthest_m
 from ledpi.tools.panel.information import STREAM_FRAMES, View, evidence_of, separation_nats, view_panel
@@ -57,7 +57,7 @@ def reach_of(
 ) -> Reach:
     """Draws from the decoder's error model at each distance."""
     spec, depths = task.spec(proposal.black_hz, proposal.white_hz), task.depths(proposal.black_hz, proposal.white_hz)
-    codebook = Codebook.build(list(range(len(dictionary.words))), dictionary, spec)
+    codebook = Codebook.build(list(range(len(dictionary.codewords))), dictionary, spec)
     most = task.coherent_frames(max(proposal.black_hz, proposal.white_hz), proposal.frame_length_rows)
     chances: dict[int, list[float]] = {1: [], STREAM_FRAMES: []}
     for view in views:

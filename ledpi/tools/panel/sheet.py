@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ledpi.core.errors import ConfigError
 from ledpi.core.records import PanelSpec
-from ledpi.markers.words import Dictionary
+from ledpi.markers.codewords import Dictionary
 from ledpi.tools.panel.body import Body
 from ledpi.tools.panel.circuit import Circuit, ohm_text
 from ledpi.tools.panel.firmware_readme import OUTPUTS

@@ -13,14 +13,14 @@ _SPREAD_V = 0.1  # of LEDs of one batch
 def electrics(circuit: Circuit) -> list[tuple[str, str]]:
     """What and how much."""
     spread_v = _SPREAD_V * circuit.leds
-    low_ma, high_ma = (1e3 * (circuit.over_v + off_v) / circuit.resistor_ohm for off_v in (-spread_v, spread_v))
+    low_ma, high_ma = (1e3 * (circuit.headroom_v + off_v) / circuit.resistor_ohm for off_v in (-spread_v, spread_v))
     black_ma, white_ma = (1e3 * amperes for amperes in circuit.class_a)
     series = "LEDs in series" if circuit.leds > 1 else "LED"
     rows = [
         ("each cell", f"{circuit.leds} {series}, and one resistor of {ohm_text(circuit.resistor_ohm)} (E24)"),
         (
             "left for the resistor",
-            f"{circuit.supply_v:g} V − {circuit.leds} × {circuit.forward_v:g} V = {circuit.over_v:.2f} V",
+            f"{circuit.supply_v:g} V − {circuit.leds} × {circuit.forward_v:g} V = {circuit.headroom_v:.2f} V",
         ),
         (
             "current while on",

@@ -80,7 +80,7 @@ def _centres(body: Body) -> Iterator[tuple[float, float, bool]]:
     """The middle of each cell in mm, as seen from the front, and whether it is of the white class."""
     for row in range(body.cells):
         for column in range(body.cells):
-            yield *body.cell_centre_mm(row, column), bool(body.word[row, column])
+            yield *body.cell_centre_mm(row, column), bool(body.codeword[row, column])
 
 
 def _frame(axes: Axes, body: Body) -> None:

@@ -30,9 +30,9 @@ def findings(
     both = phase == "antiphase" and black_hz == white_hz
     classes = [("both", black_hz)] if both else [("black", black_hz), ("white", white_hz)]
     for name, hz in classes:
-        found += [Finding(True, f"{name}, {hz:g} Hz: {text}") for text in _of_frequency(task, hz)]
+        found += [Finding(True, f"{name}, {hz:g} Hz: {text}") for text in _frequency_findings(task, hz)]
     if phase == "free":
-        found += [Finding(True, text) for text in _of_pair(task, black_hz, white_hz)]
+        found += [Finding(True, text) for text in _pair_findings(task, black_hz, white_hz)]
     elif not both:
         found.append(Finding(True, f"in antiphase both classes blink alike, not at {black_hz:g} and {white_hz:g} Hz"))
     found += [Finding(True, text) for text in _frozen(task, [hz for _, hz in classes], frame_length_rows)]
@@ -48,7 +48,7 @@ def findings(
     return found
 
 
-def _of_frequency(task: Task, hz: float) -> list[str]:
+def _frequency_findings(task: Task, hz: float) -> list[str]:
     exposure_us, lowest_hz = task.sensor.exposure_us, task.flicker.lowest_hz
     near_hz = nearest_lobe_hz(hz, exposure_us, lowest_hz)
     better = f"the nearest good one is {near_hz:.2f} Hz"
@@ -80,7 +80,7 @@ def _of_frequency(task: Task, hz: float) -> list[str]:
     return found
 
 
-def _of_pair(task: Task, black_hz: float, white_hz: float) -> list[str]:
+def _pair_findings(task: Task, black_hz: float, white_hz: float) -> list[str]:
     least_hz = task.least_apart_hz(black_hz, white_hz)
     if abs(white_hz - black_hz) > least_hz:
         return []

@@ -7,9 +7,9 @@ from typing import TypeAlias
 import cv2
 import numpy as np
 
-from ledpi.core.geometry import in_square
+from ledpi.core.geometry import project_to_quad
 from ledpi.core.records import Floats, Pixels
-from ledpi.markers.words import Bits
+from ledpi.markers.codewords import Bits
 
 Canvas: TypeAlias = Pixels  # (H, W, 3)
 Colour: TypeAlias = tuple[int, int, int]
@@ -105,7 +105,7 @@ def draw_cells(canvas: Canvas, corners: Floats, word: Bits, tint: float) -> None
     """Every cell of an upright word, in the colour of its class, between the marker's corners (4, 2)."""
     n = len(word)
     u, v = np.meshgrid(np.arange(n + 1) / n, np.arange(n + 1) / n)
-    grid = in_square(corners, np.column_stack([u.ravel(), v.ravel()])).reshape(n + 1, n + 1, 2)
+    grid = project_to_quad(corners, np.column_stack([u.ravel(), v.ravel()])).reshape(n + 1, n + 1, 2)
     for (row, column), bit in np.ndenumerate(word):
         across = slice(column, column + 2)
         quad = np.concatenate([grid[row, across], grid[row + 1, across][::-1]])

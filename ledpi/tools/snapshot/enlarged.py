@@ -10,8 +10,8 @@ import numpy as np
 from ledpi.core.geometry import first_at_top_left
 from ledpi.core.records import Floats, Frame, MarkerPose, Pixels, Quad, Rejected
 from ledpi.decode.cells import CellSamples, sample_cells
+from ledpi.markers.codewords import Bits
 from ledpi.markers.dictionaries import load_dictionary
-from ledpi.markers.words import Bits
 from ledpi.tools.snapshot.drawing import BACKGROUND, CELL_SHARE, DIM, DROPPED, TEXT, Canvas, draw_cells, text, text_size
 from ledpi.tools.snapshot.record import Snapshot
 
@@ -28,20 +28,20 @@ class Block:
 
     corners_px: Floats  # (4, 2) of the marker, or as the picture shows it
     title: str
-    word: Bits | None  # upright; None where none was read
+    codeword: Bits | None  # upright; None where none was read
 
 
 def blocks_of(snapshot: Snapshot) -> list[Block]:
     """The panels, surest first, then what came as far as its cells, largest first."""
     blocks = []
-    for marker in sorted(snapshot.decoded.markers, key=lambda m: -m.sighting.margin):
-        sighting = marker.sighting
-        title = f"ID {sighting.id}   {_place(marker)}   margin {sighting.margin:.0f}"
-        blocks.append(Block(corners_px=sighting.corners_px, title=title, word=snapshot.word(sighting.id)))
-    near = [d for d in snapshot.dropped if d.why.stage in ("soft", "bands")]
+    for marker in sorted(snapshot.decoded.markers, key=lambda m: -m.detection.margin):
+        detection = marker.detection
+        title = f"ID {detection.id}   {_place(marker)}   margin {detection.margin:.0f}"
+        blocks.append(Block(corners_px=detection.corners_px, title=title, codeword=snapshot.codeword(detection.id)))
+    near = [d for d in snapshot.dropped if d.why.stage in ("identify", "uemura")]
     for dropped in sorted(near, key=lambda d: -cv2.contourArea(d.corners_px.astype(np.float32))):
         corners = np.roll(dropped.corners_px, -first_at_top_left(dropped.corners_px), axis=0)
-        blocks.append(Block(corners_px=corners, title=dropped.why.key, word=None))
+        blocks.append(Block(corners_px=corners, title=dropped.why.key, codeword=None))
     return blocks
 
 
@@ -54,14 +54,14 @@ def _place(marker: MarkerPose) -> str:
 
 def draw_block(canvas: Canvas, block: Block, snapshot: Snapshot) -> None:
     """Fills `canvas`, HEIGHT high."""
-    text(canvas, block.title, (0, TITLE - 9), colour=DROPPED if block.word is None else TEXT, bold=True)
+    text(canvas, block.title, (0, TITLE - 9), colour=DROPPED if block.codeword is None else TEXT, bold=True)
     samples = _samples(block, snapshot)
     sampled = isinstance(samples, CellSamples)
     bands, share = bands_tile(samples) if isinstance(samples, CellSamples) else (blank(TILE), 0.0)
     tiles = (
         (_seen_tile(block, snapshot.frame), "as seen"),
         (bands, f"bands: ±{100 * share:.1f} %" if sampled else "cells cannot be sampled"),
-        (cells_tile(block.word), "cells") if block.word is not None else (blank(TILE), ""),
+        (cells_tile(block.codeword), "cells") if block.codeword is not None else (blank(TILE), ""),
     )
     for index, (tile, caption) in enumerate(tiles):
         x = index * (TILE + GAP)
@@ -84,7 +84,7 @@ def _seen_tile(block: Block, frame: Frame) -> Pixels:
 
 def _samples(block: Block, snapshot: Snapshot) -> CellSamples | Rejected:
     n = load_dictionary(snapshot.panels.dictionary).cells_per_side
-    # How far the lens bends the sides is not kept with a sighting; 1 px has the bend looked at.
+    # How far the lens bends the sides is not kept with a detection; 1 px has the bend looked at.
     quad = Quad(corners_px=block.corners_px, bend_px=1.0)
     return sample_cells(snapshot.frame, quad, n, snapshot.intrinsics)
 
@@ -126,13 +126,13 @@ def _averaged_along_rows(bands: Floats, samples: CellSamples) -> Floats:
     return np.stack([cv2.blur(c, size, borderType=cv2.BORDER_REPLICATE) for c in bands.reshape(-1, k, k)])
 
 
-def cells_tile(word: Bits, size: int = TILE) -> Pixels:
+def cells_tile(codeword: Bits, size: int = TILE) -> Pixels:
     """Every cell in the colour of its class, with its bit."""
     tile = blank(size)
     last = size - 1.0
-    draw_cells(tile, np.array([[0, 0], [last, 0], [last, last], [0, last]]), word, tint=1.0)
-    pitch = size / len(word)
-    for (row, column), bit in np.ndenumerate(word):
+    draw_cells(tile, np.array([[0, 0], [last, 0], [last, last], [0, last]]), codeword, tint=1.0)
+    pitch = size / len(codeword)
+    for (row, column), bit in np.ndenumerate(codeword):
         label = str(int(bit))
         width, height = text_size(label, bold=True)
         at = round((column + 0.5) * pitch - width / 2), round((row + 0.5) * pitch + height / 2)

@@ -21,17 +21,17 @@ _Box: TypeAlias = tuple[int, int, int, int]  # left, top, right, bottom
 def draw_reading(canvas: Canvas, snapshot: Snapshot, scale: float) -> None:
     """Draws over the frame's picture, of which `canvas` holds a copy resized by `scale`."""
     canvas[:] = canvas * DIMMED
-    taken = [_box_of(scaled(m.sighting.corners_px, scale)) for m in snapshot.decoded.markers]
+    taken = [_box_of(scaled(m.detection.corners_px, scale)) for m in snapshot.decoded.markers]
     for dropped in snapshot.dropped:
         corners = scaled(dropped.corners_px, scale)
         outline(canvas, corners, DROPPED, 1)
         _label(canvas, corners, dropped.why.key, DROPPED, taken)
     for marker in snapshot.decoded.markers:
-        corners = scaled(marker.sighting.corners_px, scale)
-        draw_cells(canvas, corners, snapshot.word(marker.sighting.id), TINT)
+        corners = scaled(marker.detection.corners_px, scale)
+        draw_cells(canvas, corners, snapshot.codeword(marker.detection.id), TINT)
         outline(canvas, corners, TEXT, 2)
         _draw_axes(canvas, marker, snapshot, scale)
-        _label(canvas, corners, f"ID {marker.sighting.id}", TEXT, taken, bold=True)
+        _label(canvas, corners, f"ID {marker.detection.id}", TEXT, taken, bold=True)
 
 
 def scaled(pixels: Floats, scale: float) -> Floats:
@@ -46,7 +46,7 @@ def _draw_axes(canvas: Canvas, marker: MarkerPose, snapshot: Snapshot, scale: fl
     if marker.solution is None or lens is None:
         return
     pose = marker.solution.camera_from_marker
-    half_m = snapshot.panels.spec(marker.sighting.id).side_m / 2
+    half_m = snapshot.panels.spec(marker.detection.id).side_m / 2
     turn = cv2.Rodrigues(matrix_from_quaternion(pose.quaternion_wxyz))[0]
     ends_m = np.concatenate([np.zeros((1, 3)), half_m * np.eye(3)])
     seen = cv2.projectPoints(ends_m, turn, pose.position_m, lens.matrix(), np.array(lens.distortion))[0]

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 from ledpi.config.settings import PanelSettings
 from ledpi.core.records import Decoded, Frame, Intrinsics
+from ledpi.markers.codewords import Bits
 from ledpi.markers.dictionaries import load_dictionary
-from ledpi.markers.words import Bits
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.pipeline.trace import Dropped, Trace
 
@@ -28,9 +28,9 @@ class Snapshot:
         """What was four-sided and no panel."""
         return self.trace.dropped
 
-    def word(self, marker_id: int) -> Bits:
+    def codeword(self, marker_id: int) -> Bits:
         """The cells of an ID, upright."""
-        return load_dictionary(self.panels.dictionary).word(marker_id)
+        return load_dictionary(self.panels.dictionary).codeword(marker_id)
 
 
 def take(title: str, frame: Frame, pipeline: Pipeline, intrinsics: Intrinsics | None) -> Snapshot:

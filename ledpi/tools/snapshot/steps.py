@@ -8,8 +8,8 @@ from ledpi.core.records import Pixels
 from ledpi.tools.snapshot.drawing import BACKGROUND, DIM, text
 from ledpi.tools.snapshot.page import BORDER, PICTURES_TOP, WIDTH, draw_heading
 from ledpi.tools.snapshot.record import Snapshot
-from ledpi.tools.snapshot.steps_bands import bands_rows
-from ledpi.tools.snapshot.steps_soft import soft_rows
+from ledpi.tools.snapshot.steps_likelihood import likelihood_rows
+from ledpi.tools.snapshot.steps_uemura import uemura_rows
 from ledpi.tools.snapshot.tiles import GAP, Row
 
 TITLE, CAPTION = 30, 30  # heights of the lines above a row, and below its tiles
@@ -17,7 +17,7 @@ TITLE, CAPTION = 30, 30  # heights of the lines above a row, and below its tiles
 
 def draw_steps(snapshot: Snapshot) -> Pixels:
     """(height, WIDTH, 3), BGR: the rows of tiles of the method that decoded the frame."""
-    rows = bands_rows(snapshot) if snapshot.trace.bands else soft_rows(snapshot)
+    rows = uemura_rows(snapshot) if snapshot.trace.uemura else likelihood_rows(snapshot)
     top = PICTURES_TOP - TITLE
     height = top + sum(_height(row) for row in rows) + BORDER // 2
     canvas = np.full((height, WIDTH, 3), BACKGROUND, np.uint8)

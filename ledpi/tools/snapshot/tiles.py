@@ -46,7 +46,7 @@ class View(NamedTuple):
     width: int  # of the tile
     height: int
 
-    def of(self, picture: Pixels) -> Canvas:
+    def crop(self, picture: Pixels) -> Canvas:
         """That part of a grey or coloured picture of the frame's size, enlarged without smoothing."""
         right, bottom = self.left + round(self.width / self.scale), self.top + round(self.height / self.scale)
         part = picture[self.top : bottom, self.left : right]

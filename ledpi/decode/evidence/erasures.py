@@ -1,0 +1,52 @@
+"""Takes cells that give no light out of the evidence: dead ones, and those that are wholly occluded.
+
+The light in such a cell comes from its neighbours, and has their bands. So it says nothing of the cell's class: in
+terms of codes it is an erasure, not an error.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ledpi.core.records import Mask, Singles
+from ledpi.decode.cells import CellSamples
+from ledpi.decode.evidence.evidence import Evidence
+
+# Of the cells' mean light: less is no cell's own. LEDs that differ by 15 % (a deviation) keep to more than twice that;
+# across a gap comes 0.05 to 0.15 where cells are 7 px, and 0.3 where they are 3 px.
+UNLIT = 1.0 / 3.0
+
+
+def find_unlit_cells(samples: CellSamples, band_light: Singles | None = None) -> Mask:
+    """(cells,) the cells that give no light of their own.
+
+    If bands are deep, a cell may be dark for being in one: `band_light` (cells, points) is even light under the bands.
+    """
+    light, valid = samples.light, samples.valid
+    if band_light is not None:  # by least squares: where a cell is to be dark, there is stray light
+        band_light = band_light if valid is None else band_light * valid
+        level = (light * band_light).sum(axis=1) / np.square(band_light).sum(axis=1)
+    else:
+        level = light.sum(axis=1) if valid is None else light.sum(axis=1) / np.maximum(valid.sum(axis=1), 1)
+    return np.asarray(level < UNLIT / len(level) * level.sum())
+
+
+def erase_unlit_cells(evidence: Evidence, samples: CellSamples, band_light: Singles | None = None) -> Evidence:
+    """The evidence with the bands of unlit cells marginalised out: it then holds nothing of these cells.
+
+    `band_light` as in `find_unlit_cells`.
+    """
+    unlit = find_unlit_cells(samples, band_light)
+    if True not in unlit.tolist():
+        return evidence
+    size, cell = evidence.score.size, np.repeat(unlit, evidence.score.shape[1])
+    information, score = evidence.information.reshape(size, size), evidence.score.reshape(size)
+    ridge = 1e-9 * np.trace(information) / size + 1e-12
+    own = information[np.ix_(cell, cell)] + ridge * np.eye(int(cell.sum()))
+    taken = np.linalg.solve(own, np.column_stack([information[cell], score[cell]]))
+    left = information - information[:, cell] @ taken[:, :-1]
+    left[cell], left[:, cell] = 0.0, 0.0
+    rest = np.where(cell, 0.0, score - information[:, cell] @ taken[:, -1])
+    return evidence._replace(
+        score=rest.reshape(evidence.score.shape), information=left.reshape(evidence.information.shape)
+    )

@@ -1,0 +1,83 @@
+"""Whether a codeword is physically plausible: its bands are one panel's, and its cells share them."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ledpi.decode.evidence.evidence import Evidence
+from ledpi.decode.evidence.waves import is_deep_anywhere
+from ledpi.kernels.codewords import Fit
+
+# No square wave leaves deeper bands than `shutter.harmonic_amplitude` of duty 0.5 by more than π/2 (a duty near 0), and
+# the classes of one panel are thinned alike by whatever light does not blink; where that is three times the panel's
+# own, the panel is no longer seen to be lit. Texture knows of none of this.
+MIN_DEPTH, MAX_DEPTH = 0.25, math.pi / 2
+MAX_DEPTH_RATIO = 2.5
+DEVIATIONS = 3.0  # allowed to either, for noise
+# Bands of its own in every cell fit better than one codeword's for all, by noise alone with mean and variance of half
+# as many degrees of freedom. Beyond that, of what a codeword explains a panel leaves a sixteenth at most, harmonics,
+# tone and all (measured; but for a few within thick walls, beside print or with a row time that is off by 6 %, which
+# wait for another frame). What is more, is no cells of one panel: a light that blinks alike everywhere, at another
+# frequency or in short flashes, or something dark across a bright thing, leaves an eighth to a third.
+MAX_MISFIT = 1.0 / 10.0
+# Bands of nearly full depth outshine all noise, and explain all but a few percent of what there is to see (1.5 % on
+# photographs of real lamps), unless the corners are wrong. What a codeword leaves open then is as much as there is
+# wrong with the model; so its lead over its alternatives must be more than that.
+MIN_EXPLAINED = 50.0
+# Log odds by which a row of cells may be without bands, over having its codeword's: where the exposure has left
+# none of its class it was by 1.2 at most, of 577 readings; rows of all other panels were with them by 8 and more.
+MOST_AGAINST = 2.0
+
+
+def is_plausible(amplitude: list[float], deviation: list[float], evidence: Evidence) -> bool:
+    """Whether square waves, seen through this exposure, can look like these waves of one panel."""
+    expected = [math.sqrt(2.0 * variance) for variance in evidence.prior[::2].tolist()]
+    most = [(a + DEVIATIONS * d) / e for a, d, e in zip(amplitude, deviation, expected, strict=True)]
+    least = [(a - DEVIATIONS * d) / e for a, d, e in zip(amplitude, deviation, expected, strict=True)]
+    if max(least) > MAX_DEPTH or min(most) < MIN_DEPTH:
+        return False
+    return least[0] <= MAX_DEPTH_RATIO * most[-1] and least[-1] <= MAX_DEPTH_RATIO * most[0]
+
+
+def is_consistent(evidence: Evidence, fit: Fit, lead: float, *, exact: bool) -> bool:
+    """Whether all cells share the bands of one codeword, as far as its log-likelihood ratio and its lead can tell.
+
+    `exact`: by the exact waveform, where sinusoids leave more than noise, and where neighbours' light at a cell's rim
+    blinks as theirs does. Then a codeword leaves no more than noise, and is held to that as where bands are deep. (Of
+    panels at 450 µs to 2 ms and 1 to 3 m 31 nats more at most, and mostly less than 15.)
+    """
+    erased = 0 if fit.erased is None else int(np.count_nonzero(fit.erased))
+    freedom = (len(fit.gain) - erased - 1) * len(evidence.prior)
+    of_codeword = fit.likelihood[0]
+    if is_deep_anywhere(evidence.prior):
+        return fit.of_cells - of_codeword < lead and of_codeword > MIN_EXPLAINED * evidence.residual
+    misfit, by_noise = fit.of_cells - (of_codeword + _free_bands_gain(evidence, fit)), 0.5 * freedom
+    if exact and not misfit < by_noise + lead:
+        return False
+    return misfit < by_noise + DEVIATIONS * math.sqrt(by_noise) + MAX_MISFIT * of_codeword
+
+
+def _free_bands_gain(evidence: Evidence, fit: Fit) -> float:
+    """What a codeword's best bands gain over its likelihood, for their prior: ½ ln det(I + ΛA).
+
+    Some 10 nats; from the deviation of each cosine and sine by itself, which makes it less, if anything.
+    """
+    both = zip(evidence.prior.tolist(), fit.deviation, strict=True)
+    return sum(math.log(math.sqrt(variance) / deviation) for variance, deviation in both)
+
+
+def all_rows_blink(fit: Fit) -> bool:
+    """Whether every row and column of cells is likely to have the codeword's bands, and not dark at the rim.
+
+    A lattice that lies a row or a column off takes what is beside the panel for cells. These do not blink, or are dark
+    but for one that reaches into the panel; and the others may be the better part of another codeword. So at the rim
+    fewer than half of a row may be erased.
+    """
+    side = math.isqrt(len(fit.gain))
+    if fit.erased is not None:
+        erased = fit.erased.reshape(side, side)
+        if any(2 * np.count_nonzero(end) >= side for end in (erased[0], erased[-1], erased[:, 0], erased[:, -1])):
+            return False
+    return fit.weakest_row > -MOST_AGAINST

@@ -1,0 +1,32 @@
+/* What codewords, and patterns near them, are weighed by: codewords.c, neighbours.c. */
+#ifndef LEDPI_CODEWORDS_H
+#define LEDPI_CODEWORDS_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+enum { MOST = 4 }; /* parameters of a cell */
+
+/* score (cells, parameters), information (cells, parameters, cells, parameters), prior (parameters,). */
+typedef struct {
+    ptrdiff_t cells, parameters;
+    const double *score, *information, *prior;
+} Evidence;
+
+/* How much of the wave that parameter i belongs to a cell shows, whose class is `white` by 1 or black by 0. */
+static inline double share_of(const Evidence *evidence, double white, ptrdiff_t i) {
+    if (evidence->parameters == 2) return 1.0 - 2.0 * white;
+    return i < 2 ? 1.0 - white : white;
+}
+
+/* What all cells that share the bands of a codeword say of these: matrix (parameters, parameters) and right side. `shares`
+ * (cells, parameters) are `share_of` each cell and wave. */
+void ledpi_gather(const Evidence *evidence, const double *shares, double matrix[MOST][MOST], double *right);
+
+/* Which cells (cells,) the evidence holds nothing of. Returns how many. */
+ptrdiff_t ledpi_put_erased(const Evidence *evidence, uint8_t *erased);
+
+/* Puts a codeword among the `most` likeliest so far, best first. Returns how many there are. */
+ptrdiff_t ledpi_put(int64_t codeword, double likelihood, ptrdiff_t count, ptrdiff_t most, int64_t *codewords, double *of);
+
+#endif

@@ -1,0 +1,132 @@
+"""Log-likelihoods of codewords and other patterns, in C (codewords.c, neighbours.c, hill_climb.c)."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from ledpi.core.records import Floats, Integers, Mask, Singles
+from ledpi.kernels.library import doubles, lib, pointer
+
+MOST_CELLS: int = lib.LEDPI_MOST_CELLS
+
+
+class Fit(NamedTuple):
+    """The likeliest codewords under some evidence, best first, and what speaks against the best of them."""
+
+    codewords: list[int]  # indices of the codebook
+    likelihood: list[float]  # log-likelihood ratio of each to "no bands"
+    bands: Floats  # (P,) of the best codeword
+    deviation: list[float]  # (P,)
+    cell_bands: Floats  # (cells, P) the bands that each cell of it shows
+    gain: list[float]  # (cells,) of each cell in the other class to the one that the codeword says
+    weakest_row: float  # of the codeword's bands to none, in the row or column of cells where that is the least
+    negative: float  # of the codeword with all classes swapped to "no bands", its bands fitted anew
+    of_cells: float  # of bands of its own in every cell to "no bands"
+    single_class: float  # of one class in all cells, the likelier one, its bands fitted anew, to "no bands"
+    beyond: list[float]  # of all patterns that differ from it in more cells than 0, 1, to itself
+    erased: Mask | None  # (cells,) of which the evidence holds nothing; None where it does of all
+
+    @property
+    def is_finite(self) -> bool:
+        """Whether all of it are numbers; evidence that rounding has left indefinite may have no likelihood."""
+        of_best = self.negative + self.of_cells + sum(self.gain) + sum(self.deviation)
+        return math.isfinite(of_best + sum(self.likelihood))
+
+    @classmethod
+    def from_output(cls, chosen: Integers, erased: Mask, numbers: Floats, parameters: int) -> Fit:
+        """From what the C function has put into `chosen`, `erased` (cells,) and `numbers` (`output_size`)."""
+        arrays, most = parameters * (1 + len(erased)), len(chosen)
+        rest = numbers[arrays:].tolist()
+        gain, after = most + parameters, most + parameters + len(erased)
+        return cls(
+            codewords=chosen.tolist(),
+            likelihood=rest[:most],
+            bands=numbers[:parameters],
+            deviation=rest[most:gain],
+            cell_bands=numbers[parameters:arrays].reshape(-1, parameters),
+            gain=rest[gain:after],
+            weakest_row=rest[after],
+            negative=rest[after + 1],
+            of_cells=rest[after + 2],
+            single_class=rest[after + 3],
+            beyond=rest[after + 4 : after + 6],
+            erased=erased if rest[after + 6] else None,
+        )
+
+
+def output_size(cells: int, parameters: int, most: int) -> int:
+    """How many `ledpi_rank_codewords` puts beside the codewords."""
+    return most + 2 * parameters + cells * parameters + cells + 7
+
+
+def rank_codewords(score: Floats, information: Floats, prior: Floats, codewords: Singles, most: int) -> Fit:
+    """The `most` likeliest of `codewords` (W, cells) under the evidence, and what speaks against the best.
+
+    `score` (cells, P), `information` (cells, P, cells, P), `prior` (P,). Raises MemoryError.
+    """
+    cells, parameters = score.shape
+    assert parameters in (2, 4)
+    most = min(most, len(codewords))
+    chosen, erased = np.empty(most, np.int64), np.empty(cells, np.bool_)
+    numbers = np.empty(output_size(cells, parameters, most))
+    if not lib.ledpi_rank_codewords(
+        *(
+            cells,
+            parameters,
+            pointer(score),
+            pointer(information),
+            pointer(prior),
+            pointer(codewords),
+            len(codewords),
+            most,
+        ),
+        *(pointer(chosen), pointer(erased), pointer(numbers)),
+    ):
+        raise MemoryError
+    return Fit.from_output(chosen, erased, numbers, parameters)
+
+
+def class_flip_gains(score: Floats, information: Floats, cell_bands: Floats, other: Floats) -> tuple[Floats, float]:
+    """(cells,) the gain of each cell by bands `other` (cells, P) in place of `cell_bands`; and their `weakest_row`."""
+    cells, parameters = cell_bands.shape
+    gain, room = np.empty((2, cells))
+    given = (pointer(doubles(array)) for array in (score, information, cell_bands, other))
+    weakest_row: float = lib.ledpi_class_flip_gains(cells, parameters, *given, pointer(gain), pointer(room))
+    return gain, weakest_row
+
+
+def near_pattern_likelihood(
+    score: Floats, information: Floats, prior: Floats, codeword: Singles, nearest: int, furthest: int
+) -> float:
+    """Log of the summed likelihoods of patterns that differ from a codeword (cells,) in `nearest` to `furthest` cells.
+
+    Each has the bands that fit it best. Of all these patterns those are tried that are near the likeliest, found from
+    the codeword outward; cells that are erased are left as they are.
+    """
+    cells, parameters = score.shape
+    assert parameters in (2, 4)
+    assert cells <= MOST_CELLS
+    codeword = np.ascontiguousarray(codeword)
+    known = pointer(score), pointer(information), pointer(prior), pointer(codeword)
+    log_sum: float = lib.ledpi_near_pattern_likelihood(cells, parameters, *known, nearest, furthest)
+    return log_sum
+
+
+def likeliest_far_pattern(
+    score: Floats, information: Floats, prior: Floats, codeword: Singles, correctable: int
+) -> tuple[float, Singles]:
+    """The likeliest pattern that is too far from a codeword (cells,) to be it: how likely, over "no bands", and which.
+
+    It differs in more cells than are `correctable`, and has the bands that fit it best. Cells that are erased are left
+    as they are.
+    """
+    cells, parameters = score.shape
+    assert parameters in (2, 4)
+    assert cells <= MOST_CELLS
+    codeword = np.ascontiguousarray(codeword)
+    known = pointer(score), pointer(information), pointer(prior), pointer(codeword)
+    pattern = np.empty(cells, np.float32)
+    return lib.ledpi_likeliest_far_pattern(cells, parameters, *known, correctable, pointer(pattern)), pattern
