@@ -163,7 +163,7 @@ def test_panels_are_enlarged_before_what_was_dropped() -> None:
     """The panel with its place, then a lamp that blinks and shows no ID, however the two are found."""
     titles = [block.title for block in blocks_of(snapshot_of(single_class_panel(LAMP)))]
     assert titles[0].startswith("ID 7   x ")
-    assert any(title.startswith("soft.") for title in titles[1:])
+    assert any(title.startswith("identify.") for title in titles[1:])
     assert not any(title.startswith("ID") for title in titles[1:])
 
 
