@@ -55,7 +55,7 @@ IMPURE_CALLS = {"open", "imread", "imwrite", "VideoCapture", "fromfile", "tofile
 # From the ground up: a package imports those before it. Workshop tools may use each other.
 LAYERS = (
     *("core", "markers", "kernels", "pose", "decode", "config", "recording", "simulate", "camera"),
-    *("pipeline", "wire", "tap", "runtime", "tools", "cli"),
+    *("pipeline", "wire", "tap", "runtime", "tools", "view", "cli"),
 )
 
 RUN = ["ledpi.pipeline.pipeline", "ledpi.cli.run"]

@@ -40,6 +40,7 @@ from ledpi.config.values import (
     SideM,
     SidePx,
     check_cycles_fit,
+    is_ip,
 )
 from ledpi.core.errors import ConfigError
 from ledpi.core.files import read_yaml
@@ -205,6 +206,33 @@ class SerialSettings(_Section):
     max_age_ms: MaxAgeMs = 100.0
 
 
+def _address(listen: object) -> object:
+    if isinstance(listen, str):
+        host, _, port = listen.rpartition(":")
+        number = host[1:-1] if host.startswith("[") and host.endswith("]") else host
+        bracketed = (":" in number) == (number != host)
+        known = host == "localhost" or (bracketed and is_ip(number))
+        if known and port.isascii() and port.isdigit() and len(port) <= 5 and int(port) <= 65535:
+            return listen
+    raise ValueError("must be an IP address and a port, as 127.0.0.1:8088, 0.0.0.0:8088 (all of IPv4) or [::]:8088")
+
+
+Token = Annotated[str, Field(min_length=12, max_length=200, pattern=r"^[A-Za-z0-9._~+/=-]+$")]
+
+
+class ViewSettings(_Section):
+    """The section `view`: `ledpi view`, the live page."""
+
+    listen: Annotated[str, BeforeValidator(_address)] = "127.0.0.1:8088"
+    token: Token | None = None
+
+    @property
+    def address(self) -> tuple[str, int]:
+        """Number and port."""
+        host, _, port = self.listen.rpartition(":")
+        return ("127.0.0.1" if host == "localhost" else host.strip("[]")), int(port)
+
+
 class Config(_Section):
     """The whole configuration, valid once built. Paths in it are absolute."""
 
@@ -214,6 +242,7 @@ class Config(_Section):
     map: Path | None = None
     robot: RobotSettings = RobotSettings()
     serial: SerialSettings = SerialSettings()
+    view: ViewSettings = ViewSettings()
     _from_command_line: frozenset[str] = PrivateAttr(default=frozenset())
 
     @property

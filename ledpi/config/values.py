@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ipaddress
 import math
 from collections.abc import Callable, Sequence, Sized
 from typing import Annotated, Literal, TypeVar
@@ -59,6 +60,15 @@ FOCAL_LENGTHS = (0.1, 100.0)
 CENTRES = (-1.0, 2.0)  # a picture may be a part of the sensor's, and its lens's axis beside it, but not far
 _Numbers = TypeVar("_Numbers", bound=Sized)
 _Quaternion = TypeVar("_Quaternion", bound=Sequence[float])
+
+
+def is_ip(text: str) -> bool:
+    """Whether it is the number of a machine on a network."""
+    try:
+        ipaddress.ip_address(text)
+    except ValueError:
+        return False
+    return True
 
 
 def numbers(*counts: int) -> Callable[[_Numbers], _Numbers]:

@@ -19,7 +19,7 @@ CELL_SHARE = 0.9  # of a cell's pitch that is coloured
 
 
 def drawn(decoded: dict[str, Any], hello: dict[str, Any]) -> list[dict[str, Any]]:
-    """Each panel of a line `decoded`: its ID and corners, its axes (null without a pose), its cells with their class."""
+    """Each panel of a line `decoded`: ID and corners, axes (None without a pose), cells with their class."""
     dictionary = dictionary_of(hello)
     return [
         {
