@@ -30,6 +30,7 @@ from ledpi.config.values import (
     Duty,
     GainOrAuto,
     Hertz,
+    Listen,
     MarkerId,
     MaxAgeMs,
     Microseconds,
@@ -39,8 +40,8 @@ from ledpi.config.values import (
     RowTimeOrAuto,
     SideM,
     SidePx,
+    Token,
     check_cycles_fit,
-    is_ip,
 )
 from ledpi.core.errors import ConfigError
 from ledpi.core.files import read_yaml
@@ -206,24 +207,16 @@ class SerialSettings(_Section):
     max_age_ms: MaxAgeMs = 100.0
 
 
-def _address(listen: object) -> object:
-    if isinstance(listen, str):
-        host, _, port = listen.rpartition(":")
-        number = host[1:-1] if host.startswith("[") and host.endswith("]") else host
-        bracketed = (":" in number) == (number != host)
-        known = host == "localhost" or (bracketed and is_ip(number))
-        if known and port.isascii() and port.isdigit() and len(port) <= 5 and int(port) <= 65535:
-            return listen
-    raise ValueError("must be an IP address and a port, as 127.0.0.1:8088, 0.0.0.0:8088 (all of IPv4) or [::]:8088")
+class TapSettings(_Section):
+    """The section `tap`."""
 
-
-Token = Annotated[str, Field(min_length=12, max_length=200, pattern=r"^[A-Za-z0-9._~+/=-]+$")]
+    socket: Annotated[str, Field(min_length=1)] | None = "auto"
 
 
 class ViewSettings(_Section):
     """The section `view`: `ledpi view`, the live page."""
 
-    listen: Annotated[str, BeforeValidator(_address)] = "127.0.0.1:8088"
+    listen: Listen = "127.0.0.1:8088"
     token: Token | None = None
 
     @property
@@ -242,13 +235,20 @@ class Config(_Section):
     map: Path | None = None
     robot: RobotSettings = RobotSettings()
     serial: SerialSettings = SerialSettings()
+    tap: TapSettings = TapSettings()
     view: ViewSettings = ViewSettings()
     _from_command_line: frozenset[str] = PrivateAttr(default=frozenset())
+    _file: Path | None = PrivateAttr(default=None)
 
     @property
     def from_command_line(self) -> frozenset[str]:
         """Keys that --set gave, as `panels.side_m`: stronger than what a recording says of itself."""
         return self._from_command_line
+
+    @property
+    def file(self) -> Path | None:
+        """Which it was read from; None where there is no file."""
+        return self._file
 
 
 def find_config(explicit: Path | None) -> Path | None:
@@ -285,6 +285,7 @@ def load_config(path: Path | None, overrides: tuple[str, ...] = (), *, without_f
         raise ConfigError(f"{where}: {explain(error, Config)}") from None
     config = _with_absolute_paths(config, base, from_command_line)
     config._from_command_line = frozenset(from_command_line)
+    config._file = None if path is None else path.absolute()
     _check_panels(config.panels, where)
     if config.camera.row_time_us != "auto":
         check_bands_show(config.panels, config.camera.row_time_us, where)
@@ -371,4 +372,6 @@ def _with_absolute_paths(config: Config, base: Path, from_command_line: set[str]
         changes_top["panels"] = config.panels.model_copy(update={"dictionary": words})
     if config.map is not None:
         changes_top["map"] = absolute(config.map, "map")
+    if config.tap.socket not in (None, "auto"):
+        changes_top["tap"] = TapSettings(socket=str(absolute(config.tap.socket, "tap.socket")))
     return config.model_copy(update=changes_top)

@@ -71,6 +71,21 @@ def is_ip(text: str) -> bool:
     return True
 
 
+def _address(listen: object) -> object:
+    if isinstance(listen, str):
+        host, _, port = listen.rpartition(":")
+        number = host[1:-1] if host.startswith("[") and host.endswith("]") else host
+        bracketed = (":" in number) == (number != host)
+        known = host == "localhost" or (bracketed and is_ip(number))
+        if known and port.isascii() and port.isdigit() and len(port) <= 5 and int(port) <= 65535:
+            return listen
+    raise ValueError("must be an IP address and a port, as 127.0.0.1:8088, 0.0.0.0:8088 (all of IPv4) or [::]:8088")
+
+
+Listen = Annotated[str, BeforeValidator(_address)]
+Token = Annotated[str, Field(min_length=12, max_length=200, pattern=r"^[A-Za-z0-9._~+/=-]+$")]
+
+
 def numbers(*counts: int) -> Callable[[_Numbers], _Numbers]:
     """A validator of how many there are."""
 
