@@ -167,7 +167,7 @@ function drawPanel(svg, panel, unit, taken) {
     tips.forEach((tip, axis) => element(svg, "line",
       { class: "xyz"[axis], x1: from[0], y1: from[1], x2: tip[0], y2: tip[1] }));
   }
-  const place = panel.distance_m === null ? "" : `  ${panel.distance_m.toFixed(2)} m`;
+  const place = panel.distance_m === null ? "" : ` · ${panel.distance_m.toFixed(2)} m`;
   label(svg, panel.corners_px, `ID ${panel.id}${place}`, "", 15 * unit, taken);
 }
 
@@ -178,7 +178,7 @@ function drawRejected(svg, found) {
 
 function labelRejected(svg, found, number, unit, taken) {
   const words = found.mistake || found.means;
-  const whole = `${number}  ${words.length > 48 ? `${words.slice(0, 46)}…` : words}`;
+  const whole = `${number} · ${words.length > 48 ? `${words.slice(0, 46)}…` : words}`;
   if (!label(svg, found.corners_px, whole, "dropped-text", 12 * unit, taken)) {
     label(svg, found.corners_px, String(number), "dropped-text", 12 * unit, taken, true);
   }
@@ -249,7 +249,8 @@ function drawLight() {
   best = Math.max(best, frame.focus);
   const share = best ? Math.round((100 * frame.focus) / best) : 0;
   $("focus").textContent = frame.focus.toFixed(0);
-  $("best").textContent = `${best.toFixed(0)} (${bestOf})`;
+  $("best").textContent = best.toFixed(0);
+  $("focus-of").textContent = bestOf;
   $("focus-meter").firstElementChild.style.width = `${share}%`;
   $("focus-meter").setAttribute("aria-valuenow", share);
   $("exposure").textContent = frame.exposure_us == null ? "–" : `${(frame.exposure_us / 1000).toFixed(2)} ms`;
