@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import argparse
 import base64
+import io
 import sys
 import tempfile
 import time
 from pathlib import Path
 from typing import Any
 
-import cv2
-import numpy as np
+from PIL import Image
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "tests"))
@@ -56,10 +56,10 @@ def shoot(chromium: Any, address: str, kind: str, colours: str, seconds: float) 
 
 
 def write(path: Path, png: bytes) -> None:
-    """With as few bytes as PNG can do: 256 colours are enough where they must be."""
-    picture = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR)
-    cv2.imwrite(str(path), picture, [cv2.IMWRITE_PNG_COMPRESSION, 9])
-    print(f"{path}: {picture.shape[1]} × {picture.shape[0]}, {path.stat().st_size} bytes")
+    """In 256 colours, which are enough, and a third of the bytes."""
+    picture = Image.open(io.BytesIO(png)).convert("RGB").quantize(256, dither=Image.Dither.NONE)
+    picture.save(path, optimize=True)
+    print(f"{path}: {picture.width} × {picture.height}, {path.stat().st_size} bytes")
 
 
 if __name__ == "__main__":

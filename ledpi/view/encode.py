@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
-from ledpi.core.records import Floats, Pixels
+from ledpi.core.records import Floats, Mask, Pixels
 
 WIDEST = 1280  # pixels that are sent across; a wider picture is made smaller
 QUALITY = 80  # of JPEG, per cent
@@ -16,6 +16,7 @@ LEAST_LIGHT = 12.0  # of 255: what is darker shows no bands
 AVERAGED = 5  # neighbouring pixels of a row, which has one exposure
 LEAST_SHARE = 0.01  # of the light: fainter bands are not amplified to full scale, or noise would be
 CLIPPED_PERCENT = 5.0
+INNER = 0.6  # of a panel's size, that the depth of its bands is judged by
 AROUND = 0.15  # of a panel's size, that its focus is judged with
 
 
@@ -39,21 +40,31 @@ def _encoded(kind: str, pixels: Pixels, options: list[int]) -> bytes:
     return bytes(data)
 
 
-def amplified(pixels: Pixels, period_rows: float) -> Pixels:
-    """(H, W) uint8: how much brighter or darker each pixel is than the mean of a period above and below it.
+def amplified(pixels: Pixels, period_rows: float, quads_px: Sequence[Floats] = ()) -> Pixels:
+    """(H, W) uint8: how much brighter or darker each pixel is than the mean of the period around it.
 
-    Middle grey is as bright as the mean. Full scale is what a twentieth of the lit pixels exceed.
-    `period_rows`: of the slowest wave.
+    Middle grey is as bright as the mean. Full scale is what a twentieth of the pixels within the quads (4, 2) exceed;
+    without quads, of all that are lit. `period_rows`: of the slowest wave.
     """
     light = pixels.astype(np.float32)
     rows = max(3, round(period_rows))
     mean = cv2.blur(light, (AVERAGED, rows))
     bands = cv2.blur(light, (AVERAGED, 1)) / np.maximum(mean, 1.0) - 1.0
     lit = mean >= LEAST_LIGHT
-    share = float(np.percentile(np.abs(bands[lit]), 100 - CLIPPED_PERCENT)) if lit.any() else 0.0
+    judged = lit & _inside(pixels, quads_px) if quads_px else lit
+    share = float(np.percentile(np.abs(bands[judged]), 100 - CLIPPED_PERCENT)) if judged.any() else 0.0
     bands[~lit] = 0.0
     grey: Pixels = np.clip(127.5 * (1 + bands / max(share, LEAST_SHARE)), 0, 255).astype(np.uint8)
     return grey
+
+
+def _inside(pixels: Pixels, quads: Sequence[Floats]) -> Mask:
+    """(H, W) which pixels lie well within a quad: at its rim, its end is brighter than any band."""
+    marked = np.zeros(pixels.shape, np.uint8)
+    for quad in quads:
+        centre = quad.mean(axis=0)
+        cv2.fillConvexPoly(marked, np.round(centre + INNER * (quad - centre)).astype(np.int32), 1)
+    return np.asarray(marked > 0)
 
 
 def histogram(pixels: Pixels) -> list[int]:

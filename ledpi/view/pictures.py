@@ -10,9 +10,10 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from ledpi.core.records import Pixels
+from ledpi.core.records import Floats, Pixels
+from ledpi.view.band_tiles import paint_bands
 from ledpi.view.encode import amplified, as_jpeg, as_png, focus, histogram
-from ledpi.view.overlay import drawn, why_not
+from ledpi.view.overlay import dictionary_of, drawn, why_not
 
 Kind = Literal["plain", "bands", "whynot"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
@@ -37,20 +38,31 @@ class Shown:
 
     def as_kind(self, kind: Kind) -> tuple[dict[str, Any], bytes]:
         """What is told beside it, and the JPEG. The first viewer's thread makes it, the others get the same."""
-        return (self._once(f"told {kind}", lambda: self._told(kind)), self._jpeg(kind))
+        told = self._once(f"told {kind}", lambda: self._told(kind))
+        if kind == "bands":
+            jpeg, share = self._bands()
+            return told | {"bands_share": share}, jpeg
+        return told, bytes(self._once("jpeg", lambda: as_jpeg(self.pixels)))
 
     def png(self) -> bytes:
         """Of the pixels as they are."""
         return as_png(self.pixels)
 
-    def _jpeg(self, kind: Kind) -> bytes:
-        if kind != "bands":
-            return bytes(self._once("jpeg", lambda: as_jpeg(self.pixels)))
-        return bytes(self._once("bands", lambda: as_jpeg(amplified(self.pixels, self._period_rows()))))
+    def _bands(self) -> tuple[bytes, float | None]:
+        """The picture's bands amplified as JPEG; and what is full scale at the panels, a share of their light."""
+        made: tuple[bytes, float | None] = self._once("bands", self._make_bands)
+        return made
+
+    def _make_bands(self) -> tuple[bytes, float | None]:
+        picture, dictionary = amplified(self.pixels, self._period_rows(), self._quads()), dictionary_of(self.hello)
+        if dictionary is None:
+            return as_jpeg(picture), None
+        decoded, cells = self.line["decoded"], dictionary.cells_per_side
+        share = paint_bands(picture, self.pixels, decoded, self.hello, cells)
+        return as_jpeg(picture), share
 
     def _told(self, kind: Kind) -> dict[str, Any]:
-        decoded = self.line["decoded"]
-        quads = [np.array(marker["corners_px"]) for marker in decoded["markers"]]
+        decoded, quads = self.line["decoded"], self._quads()
         told = {
             "number": self.number,
             "seq": decoded["seq"],
@@ -66,7 +78,12 @@ class Shown:
             "focus": round(focus(self.pixels, quads), 1),
             "focus_of": "panel" if quads else "picture",
         }
-        return told | ({"why_not": why_not(self.line, self.hello)} if kind == "whynot" else {})
+        if kind == "whynot":
+            told["why_not"] = why_not(self.line, self.hello)
+        return told
+
+    def _quads(self) -> list[Floats]:
+        return [np.array(marker["corners_px"], np.float64) for marker in self.line["decoded"]["markers"]]
 
     def _period_rows(self) -> float:
         """Of the slowest wave."""

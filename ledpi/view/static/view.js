@@ -125,7 +125,8 @@ function tellPicture() {
   $("age").classList.toggle("late", age > LATE_MS);
   $("age").dataset.ms = age.toFixed(1);
   $("rate").textContent = `${(drawnTimes.length / 2).toFixed(0)} pictures/s`;
-  $("seq").textContent = `frame ${frame.seq}`;
+  const bands = frame.bands_share ? `, bands ±${(100 * frame.bands_share).toFixed(1)} %` : "";
+  $("seq").textContent = `frame ${frame.seq}${bands}`;
   const ids = frame.panels.map((panel) => panel.id).join(", ");
   $("picture").setAttribute("aria-label", ids ? `The camera's picture; panels ${ids}` : "The camera's picture; no panel");
 }
@@ -162,7 +163,7 @@ function drawCells(svg, cells) {
 function drawPanel(svg, panel, unit, taken) {
   if (frame.kind !== "bands") drawCells(svg, panel.cells);
   element(svg, "polygon", { class: "panel", points: pointsOf(panel.corners_px), "data-id": panel.id });
-  if (panel.axes_px) {
+  if (panel.axes_px && frame.kind !== "bands") { // they would hide the bands
     const [from, ...tips] = panel.axes_px;
     tips.forEach((tip, axis) => element(svg, "line",
       { class: "xyz"[axis], x1: from[0], y1: from[1], x2: tip[0], y2: tip[1] }));
