@@ -11,6 +11,7 @@ from typing import Any
 
 from ledpi.core.errors import TapError
 from ledpi.tap.client import Client, connect
+from ledpi.view.lines import check_line
 from ledpi.view.panels import PanelTable
 from ledpi.view.pictures import Pictures
 from ledpi.view.top_down import panels_from_above, robot_from_above
@@ -47,6 +48,7 @@ class Hub:
         self._track: deque[tuple[float, float, int]] = deque(maxlen=KEPT_TRACK)
         self._answers: dict[int, dict[str, Any]] = {}
         self._waited_for: set[int] = set()
+        self._refused: set[str] = set()  # of the tap's lines; a few, as they name keys
         self._closing = threading.Event()
         self.pictures = Pictures(self._ask_picture)
         self._thread = threading.Thread(target=self._follow, name="tap", daemon=True)
@@ -124,9 +126,20 @@ class Hub:
             with self._tap:
                 for line in self._tap.lines(reconnect=True, tick_s=TICK_S):
                     try:
-                        self._see(line)
-                    except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
-                        _log.warning("a line of the tap, type %s, cannot be used: %r", line.get("type"), error)
+                        check_line(line)
+                    except ValueError as error:
+                        self._refuse(line, error)
+                        continue
+                    self._see(line)
+
+    def _refuse(self, line: dict[str, Any], error: ValueError) -> None:
+        """Says so, once of each kind: there may be sixty a second."""
+        said = f"a line of the tap, {line['type']}, cannot be used: {error}"
+        if said not in self._refused:
+            self._refused.add(said)
+            _log.warning("%s", said)
+        if line["type"] == "hello":
+            self._tell(said)
 
     def _see(self, line: dict[str, Any]) -> None:
         kind = line["type"]
@@ -201,7 +214,7 @@ class Hub:
             return None
         robot = robot_from_above(self._decoded.get("robot"))
         age_ms = round((now_ns - self._decoded["exposed_ns"]) / 1e6, 1)
-        return None if robot is None else robot | {"age_ms": age_ms}
+        return None if robot is None else robot | {"age_ms": age_ms, "seq": self._decoded["seq"]}
 
 
 _KEPT = ("frames_per_s", "decoded", "dropped_frames", "latency_ms", "temperature_c")

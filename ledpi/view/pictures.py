@@ -109,14 +109,14 @@ class Pictures:
         self._asked_s: float | None = None  # of the one that has not come yet
         self._may_ask_s = 0.0
         self._why_wanted_s = 0.0
-        self.encoded = 0  # pictures that came, since the start: none while nobody watches
+        self.came_so_far = 0  # none while nobody watches
 
     def came(self, line: dict[str, Any], hello: dict[str, Any]) -> None:
         """Takes in a line `picture`, with its `pixels`."""
         pixels = line.pop("pixels")
         with self._changed:
             self._number += 1
-            self.encoded += 1
+            self.came_so_far += 1
             has_why = "rejected" in line
             now_s = time.monotonic()
             self._newest = Shown(self._number, line, pixels, hello, now_s, has_why)

@@ -56,6 +56,7 @@ class Handler(BaseHTTPRequestHandler):
     server: ViewServer
     protocol_version = "HTTP/1.1"
     server_version, sys_version = f"ledpi/{__version__}", ""
+    default_request_version = "HTTP/1.1"  # of what cannot be read: it gets a whole answer
     disable_nagle_algorithm = True
 
     def setup(self) -> None:
@@ -190,7 +191,6 @@ class Handler(BaseHTTPRequestHandler):
     def send_error(self, code: int, message: str | None = None, explain: str | None = None) -> None:
         """What http.server itself refuses: in our form, and with nothing of the request in it."""
         self.close_connection = True
-        self.request_version = self.request_version or "HTTP/1.1"
         says = self.responses[code][1] if code in self.responses else "refused"
         self._send(int(code), JSON, self._encoded({"error": says}))
 

@@ -407,7 +407,7 @@ function drawRobot(svg, robot, unit) {
   const s = 9 * unit;
   element(svg, "polygon", {
     class: `robot${robot.age_ms > 500 ? " old" : ""}`, points: `${x + 1.4 * s},${y} ${x - s},${y + 0.9 * s} ${x - 0.5 * s},${y} ${x - s},${y - 0.9 * s}`,
-    transform: `rotate(${turn} ${x} ${y})`, "data-x": robot.position_m[0], "data-y": robot.position_m[1],
+    transform: `rotate(${turn} ${x} ${y})`, "data-x": robot.position_m[0], "data-y": robot.position_m[1], "data-seq": robot.seq,
   });
 }
 
