@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tap_material import PANEL, MadeUpDaemon
+from made_up_daemon import PANEL, MadeUpDaemon
 
 from ledpi.view import connections, pictures
 from ledpi.view.guard import HEADERS, MAX_BODY_BYTES, Guard
