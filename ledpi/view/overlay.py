@@ -14,6 +14,7 @@ from ledpi.decode.identify.mistakes import mistake_of
 from ledpi.markers.dictionaries import load_dictionary
 from ledpi.markers.words import Dictionary
 from ledpi.pipeline.reasons import explained
+from ledpi.tools.monitor.table import yaw_deg
 
 CELL_SHARE = 0.9  # of a cell's pitch that is coloured
 
@@ -34,12 +35,11 @@ def drawn(decoded: dict[str, Any], hello: dict[str, Any]) -> list[dict[str, Any]
 
 
 def place_of(marker: dict[str, Any]) -> dict[str, float | None]:
-    """How far a panel is, and how far its face is turned about the vertical, to the right in the picture positive."""
+    """How far a panel is, and by how much it is turned to the side, as `ledpi monitor` says it."""
     if marker["position_m"] is None:
         return {"distance_m": None, "yaw_deg": None}
-    facing = matrix_from_quaternion(np.array(marker["quaternion_wxyz"]))[:, 2]
-    yaw_deg = math.degrees(math.atan2(facing[0], -facing[2]))
-    return {"distance_m": round(math.hypot(*marker["position_m"]), 4), "yaw_deg": round(yaw_deg, 1)}
+    turned_deg = yaw_deg(marker["quaternion_wxyz"])
+    return {"distance_m": round(math.hypot(*marker["position_m"]), 4), "yaw_deg": round(turned_deg, 1)}
 
 
 def why_not(picture: dict[str, Any], hello: dict[str, Any]) -> list[dict[str, Any]]:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ledpi.core.geometry import matrix_from_quaternion
+from ledpi.tools.monitor.table import heading_deg
 
 SIGMAS = 2.0  # of the ellipse's half axes: it holds 86 %
 
@@ -29,11 +30,9 @@ def robot_from_above(robot: dict[str, Any] | None) -> dict[str, Any] | None:
     """Place, heading (rad, from x towards y) and error ellipse of a line's `robot`."""
     if robot is None:
         return None
-    w, x, y, z = robot["quaternion_wxyz"]
-    heading = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
     return {
         "position_m": robot["position_m"][:2],
-        "heading_rad": round(heading, 4),
+        "heading_rad": round(math.radians(heading_deg(robot["quaternion_wxyz"])), 4),
         "ellipse": _ellipse(robot.get("covariance")),
         "panels_used": robot.get("panels_used", []),
     }
