@@ -17,7 +17,6 @@ from view_material import CHROMIUM, DRIVER, PHONE, Page, browser, ended, start_d
 
 from ledpi.camera.simulated import simulated_drive, simulated_sensor
 from ledpi.config.settings import load_config
-from ledpi.core.geometry import quaternion_from_matrix
 from ledpi.simulate.scenes import DRIVE_IDS, MAP_FROM_SCENE
 from ledpi.tap.client import Client, connect
 
@@ -204,7 +203,8 @@ def test_a_row_shows_id_and_distance(still: Any) -> None:
     row = wait_for(
         lambda: js(
             still,
-            "const r = document.querySelector('#panels tr[data-id=\"7\"]'); return r && [...r.cells].map(c => c.textContent)",
+            "const r = document.querySelector('#panels tr[data-id=\"7\"]');"
+            "return r && [...r.cells].map(c => c.textContent)",
         ),
         "panel 7's row",
     )

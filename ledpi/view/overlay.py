@@ -1,4 +1,4 @@
-"""What the page draws over a picture, in the picture's coordinates: pixel centres have whole numbers. Pure."""
+"""What the page draws over a picture, in the picture's coordinates: pixel centres have whole numbers."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ import numpy as np
 
 from ledpi.core.geometry import in_square, matrix_from_quaternion
 from ledpi.core.records import Floats
-from ledpi.decode.identify.mistakes import mistake_of
 from ledpi.markers.dictionaries import load_dictionary
 from ledpi.markers.words import Dictionary
+from ledpi.pipeline.mistakes import mistake_of
 from ledpi.pipeline.reasons import explained
 from ledpi.tools.monitor.table import yaw_deg
 

@@ -132,6 +132,10 @@ class Handler(BaseHTTPRequestHandler):
         state = self.server.hub.state(_whole(query, "after"), WAIT_S)
         self._send(200, JSON, self._encoded(state))
 
+    def answer_nothing(self, query: dict[str, str], body: bytes) -> None:
+        """Browsers ask for an icon."""
+        self._send(204, TEXT, b"")
+
     def answer_history(self, query: dict[str, str], body: bytes) -> None:
         """The last minutes."""
         self._send(200, JSON, self._encoded(self.server.hub.history()))
@@ -206,6 +210,7 @@ def _whole(query: dict[str, str], key: str) -> int:
 
 
 _ANSWERS: dict[tuple[str, str], Callable[[Handler, dict[str, str], bytes], None]] = {
+    ("GET", "/favicon.ico"): Handler.answer_nothing,
     ("GET", "/api/frame"): Handler.answer_frame,
     ("GET", "/api/frame.png"): Handler.answer_png,
     ("GET", "/api/state"): Handler.answer_state,

@@ -1,4 +1,4 @@
-"""What a panel shows that is no word, if it is a word that was built, wired or configured otherwise. Pure.
+"""What a panel shows that is no word, if it is a word that was built, wired or configured otherwise.
 
 For people who look why a panel is not read: it is a hint, never an ID.
 """
