@@ -29,6 +29,8 @@ def view(
 
     Example: ledpi view --set view.listen=0.0.0.0:8088
     """
+    import threading
+
     from ledpi.config.settings import find_config, load_config
     from ledpi.core.errors import ConfigError
     from ledpi.runtime.reporting import log_to_standard_error
@@ -40,16 +42,15 @@ def view(
         raise ConfigError("tap.socket: is null, so the daemon shows nothing; must be auto, or the daemon's path")
     hub = Hub(str(settings.tap.socket))
     server, token = _open(settings.view, hub)
+    ending = {signal.SIGINT, signal.SIGTERM}
+    signal.pthread_sigmask(signal.SIG_BLOCK, ending)  # from here on they wait to be waited for
     typer.echo(f"open http://{_shown_host(server)}:{server.server_port}/#token={token}")
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
     hub.start()
-    try:
-        server.serve_forever(poll_interval=0.2)
-    except KeyboardInterrupt:
-        pass
-    finally:
-        server.server_close()
-        hub.close()
+    threading.Thread(target=server.serve_forever, name="server", daemon=True).start()
+    signal.sigwait(ending)
+    server.shutdown()
+    server.server_close()
+    hub.close()
 
 
 def _open(settings: ViewSettings, hub: Hub) -> tuple[ViewServer, str]:
