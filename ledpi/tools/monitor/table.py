@@ -103,8 +103,8 @@ class Live:
         port = "port open" if wire["connected"] else "no port"
         pace = f"{health['frames_per_s']:.0f} frames/s, {health['decoded_per_s']:.0f} decoded/s"
         lines = [
-            f"{health['state'].replace('_', ' ')}: {pace}, {health['dropped_frames']} dropped, latency {late}{heat}; "
-            f"{port}, {wire['packets']} packets",
+            f"{health['state'].replace('_', ' ')}: {pace}, {health['dropped_frames']} dropped",
+            f"latency {late}{heat}; {port}, {wire['packets']} packets",
             f"missed by this monitor: {self._dropped}" if self._dropped else "",
             self._reasons(),
             *(fault["text"] for fault in health["faults"][-1:]),
