@@ -10,13 +10,14 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from made_up_daemon import HELLO, PANEL, decoded
+from made_up_daemon import HEALTH, HELLO, PANEL, decoded
 
 from ledpi.core.geometry import quaternion_from_matrix
 from ledpi.markers.dictionaries import load_dictionary
 from ledpi.pipeline.mistakes import mistake_of
 from ledpi.pipeline.reasons import REASONS, explained
 from ledpi.simulate.scenes import drive_map
+from ledpi.view.checks import checks
 from ledpi.view.encode import amplified, as_jpeg, as_png, focus, histogram
 from ledpi.view.lines import check_line
 from ledpi.view.overlay import drawn, why_not
@@ -162,6 +163,41 @@ def test_the_ellipse_holds_two_deviations_along_its_axes() -> None:
     assert (robot["ellipse"]["long_m"], robot["ellipse"]["short_m"]) == (pytest.approx(0.06), pytest.approx(0.02))
     assert robot["ellipse"]["angle_rad"] % math.pi == pytest.approx(math.pi / 6, abs=1e-3)
     assert robot_from_above(None) is None
+
+
+# ---- Checks
+
+
+def found(hello: dict[str, Any] | None = None, health: dict[str, Any] | None = None) -> dict[str, tuple[str, str]]:
+    return {f.name: (f.state, f.said) for f in checks(HELLO | (hello or {}), HEALTH | (health or {}))}
+
+
+def test_a_daemon_that_is_well_has_nothing_to_put_right() -> None:
+    """Without a map it sends no place, which may be meant so."""
+    states = {name: state for name, (state, _) in found().items()}
+    assert states == dict.fromkeys(("camera", "lens", "exposure", "serial line", "processor"), "ok") | {
+        "map": "unknown"
+    }
+
+
+@pytest.mark.parametrize(
+    ("hello", "health", "name", "said"),
+    [
+        ({"camera": HELLO["camera"] | {"fx": None}}, {}, "lens", "is not calibrated"),
+        ({"camera": HELLO["camera"] | {"exposure_us": 8000.0}}, {}, "exposure", "near a null of 1250 Hz"),
+        ({}, {"state": "camera_lost"}, "camera", "is lost"),
+        ({}, {"no_fix": "behind"}, "frames", "faster than they are decoded"),
+        ({}, {"wire": {"connected": False, "error": "no such port"}}, "serial line", "no such port"),
+        ({}, {"throttled": 1}, "processor", "voltage is too low"),
+        ({}, {"temperature_c": 85.0}, "processor", "too hot"),
+    ],
+)
+def test_what_is_wrong_is_told_with_what_to_do(hello: Any, health: Any, name: str, said: str) -> None:
+    """As `ledpi doctor` does."""
+    state, told = found(hello, health)[name]
+    assert state == "bad"
+    assert said in told
+    assert all(f.remedy for f in checks(HELLO | hello, HEALTH | health) if f.state == "bad")
 
 
 # ---- The table

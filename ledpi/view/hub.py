@@ -7,10 +7,12 @@ import threading
 import time
 from collections import deque
 from contextlib import suppress
+from dataclasses import asdict
 from typing import Any
 
 from ledpi.core.errors import TapError
 from ledpi.tap.client import Client, connect
+from ledpi.view.checks import checks
 from ledpi.view.lines import check_line
 from ledpi.view.panels import PanelTable
 from ledpi.view.pictures import Pictures
@@ -77,6 +79,7 @@ class Hub:
                 "link": self._link(),
                 "daemon": self._daemon(),
                 "health": self._health,
+                "checks": self._checks(),
                 "panels": self._panels.rows(now_ns),
                 "robot": self._robot(now_ns),
                 "map": None if self._hello is None else panels_from_above(self._hello),
@@ -209,6 +212,11 @@ class Hub:
             return None
         return {key: self._hello.get(key) for key in ("version", "pid", "camera", "panels", "may")}
 
+    def _checks(self) -> list[dict[str, Any]]:
+        if self._hello is None or self._health is None:
+            return []
+        return [asdict(finding) for finding in checks(self._hello, self._health)]
+
     def _robot(self, now_ns: int) -> dict[str, Any] | None:
         if self._decoded is None or not self._connected:
             return None
@@ -217,4 +225,4 @@ class Hub:
         return None if robot is None else robot | {"age_ms": age_ms, "seq": self._decoded["seq"]}
 
 
-_KEPT = ("frames_per_s", "decoded", "dropped_frames", "latency_ms", "temperature_c")
+_KEPT = ("frames_per_s", "decoded_per_s", "decoded", "dropped_frames", "latency_ms", "temperature_c")

@@ -36,6 +36,9 @@ def _hello(line: dict[str, Any]) -> None:
 
 def _health(line: dict[str, Any]) -> None:
     _of(line, "state", str)
+    for key in ("frames_per_s", "temperature_c"):
+        if line.get(key) is not None:
+            _number(line, key)
     for fault in line.get("faults") or []:
         _of(fault, "text", str)
         _number(fault, "at_ns")

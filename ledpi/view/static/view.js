@@ -426,7 +426,7 @@ function tellPlace(robot) {
 let past = [];
 const CHARTS = [
   { name: "Latency", unit: "ms", of: [(h) => h.latency_ms?.median, (h) => h.latency_ms?.worst] },
-  { name: "Frames decoded", unit: "/s", of: [(h) => h.frames_per_s] },
+  { name: "Frames decoded", unit: "/s", of: [(h) => h.decoded_per_s ?? h.frames_per_s] },
   { name: "Frames dropped", unit: "/s", of: [(h, before) => before && h.at_ns > before.at_ns && Math.max(0, (1e9 * (h.dropped_frames - before.dropped_frames)) / (h.at_ns - before.at_ns))] },
   { name: "Temperature", unit: "°C", of: [(h) => h.temperature_c] },
 ];
@@ -452,6 +452,7 @@ let healthTold = "";
 function tellHealth() {
   const health = state.health;
   tellFaults(health ? health.faults || [] : []);
+  tellChecks(state.checks);
   if (!health || JSON.stringify(health) === healthTold) return;
   healthTold = JSON.stringify(health);
   past = [...past, { ...health, at_ns: state.now_ns }].filter((h) => state.now_ns - h.at_ns < KEPT_S * 1e9);
@@ -489,6 +490,22 @@ function tellFaults(faults) {
     const ago_s = (state.now_ns - fault.at_ns) / 1e9, at = new Date(Date.now() - 1000 * ago_s);
     when.textContent = at.toLocaleTimeString();
     item.append(when, fault.text);
+    return item;
+  }));
+}
+
+let checksTold = "";
+function tellChecks(checks) {
+  const told = JSON.stringify(checks);
+  if (told === checksTold) return;
+  checksTold = told;
+  $("checks").replaceChildren(...checks.map(({ name, state: how, said, remedy }) => {
+    const item = document.createElement("li"), mark = document.createElement("b"), words = document.createElement("span");
+    item.className = how;
+    mark.textContent = { ok: "✓", bad: "✗", unknown: "–" }[how];
+    mark.setAttribute("aria-label", { ok: "good", bad: "wrong", unknown: "not there" }[how]);
+    words.textContent = `${name}: ${said}${remedy ? `. What to do: ${remedy}` : ""}`;
+    item.append(mark, words);
     return item;
   }));
 }
