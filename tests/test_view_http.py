@@ -206,7 +206,9 @@ def test_lines_that_cannot_be_used_stop_nothing(site: Site, daemon: MadeUpDaemon
 # ---- Who may
 
 
-@pytest.mark.parametrize("path", ["/api/save", "/api/record", "/api/record_stop"])
+@pytest.mark.parametrize(
+    "path", ["/api/save", "/api/record", "/api/record_stop", "/api/board/start", "/api/board/stop"]
+)
 @pytest.mark.parametrize("headers", [{}, {"Authorization": "Bearer wrong"}, {"Authorization": f"Basic {TOKEN}"}])
 def test_nothing_is_changed_without_the_token(
     site: Site, daemon: MadeUpDaemon, path: str, headers: dict[str, str]

@@ -21,6 +21,7 @@ from urllib.parse import parse_qs, urlsplit
 
 from ledpi import __version__
 from ledpi.core.errors import TapError
+from ledpi.view.board import BoardWatch, board_of
 from ledpi.view.connections import BoundedServer, Hurried
 from ledpi.view.guard import HEADERS, Guard, Refusal
 from ledpi.view.hub import Hub
@@ -44,6 +45,7 @@ class ViewServer(BoundedServer):
     def __init__(self, address: tuple[str, int], guard: Guard, hub: Hub) -> None:
         """Raises OSError where the address cannot be had."""
         self.guard, self.hub = guard, hub
+        self.board: BoardWatch | None = None  # one for all viewers, as there is one camera
         folder = resources.files("ledpi.view") / "static"
         # Read once: no request reaches the file system.
         self.files = {path: ((folder / name).read_bytes(), kind) for path, (name, kind) in _FILES.items()}
@@ -156,6 +158,33 @@ class Handler(BaseHTTPRequestHandler):
         """Ends it."""
         self._done(self.server.hub.ask("record_stop"))
 
+    def answer_board(self, query: dict[str, str], body: bytes) -> None:
+        """How far the calibration is; null before one was begun."""
+        watch = self.server.board
+        self._send(200, JSON, self._encoded(None if watch is None else watch.told()))
+
+    def answer_board_start(self, query: dict[str, str], body: bytes) -> None:
+        """Begins anew."""
+        board = board_of(query.get("kind", ""), _whole(query, "cols"), _whole(query, "rows"))
+        if self.server.board is not None:
+            self.server.board.stop()
+        self.server.board = BoardWatch(board, self.server.hub.pictures)
+        self.answer_board({}, b"")
+
+    def answer_board_stop(self, query: dict[str, str], body: bytes) -> None:
+        """Ends it; what was found stays."""
+        if self.server.board is not None:
+            self.server.board.stop()
+        self.answer_board({}, b"")
+
+    def answer_lens(self, query: dict[str, str], body: bytes) -> None:
+        """camera.yaml."""
+        watch = self.server.board
+        text = None if watch is None else watch.camera_yaml()
+        if text is None:
+            raise TapError("there is no lens yet")
+        self._send(200, "text/yaml; charset=utf-8", text.encode())
+
     def _done(self, answer: dict[str, Any]) -> None:
         self._send(200, JSON, self._encoded({"path": answer.get("path")}))
 
@@ -216,6 +245,10 @@ _ANSWERS: dict[tuple[str, str], Callable[[Handler, dict[str, str], bytes], None]
     ("GET", "/api/state"): Handler.answer_state,
     ("GET", "/api/history"): Handler.answer_history,
     ("GET", "/api/config"): Handler.answer_config,
+    ("GET", "/api/board"): Handler.answer_board,
+    ("GET", "/api/camera.yaml"): Handler.answer_lens,
+    ("POST", "/api/board/start"): Handler.answer_board_start,
+    ("POST", "/api/board/stop"): Handler.answer_board_stop,
     ("POST", "/api/save"): Handler.answer_save,
     ("POST", "/api/record"): Handler.answer_record,
     ("POST", "/api/record_stop"): Handler.answer_record_stop,

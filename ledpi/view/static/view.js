@@ -548,18 +548,19 @@ $("record").addEventListener("click", async () => {
   if (done || !wanted) recording = wanted && done;
   tellButtons();
 });
-$("keep").addEventListener("click", async () => {
-  const link = document.createElement("a"), seq = frame.seq;
+async function download(path, name) {
+  const link = document.createElement("a");
   try {
-    link.href = URL.createObjectURL(await (await ask("/api/frame.png")).blob());
-    link.download = `ledpi-frame-${seq}.png`;
+    link.href = URL.createObjectURL(await (await ask(path)).blob());
+    link.download = name;
     link.click();
     setTimeout(() => URL.revokeObjectURL(link.href), 10000);
     $("done").textContent = "Saved by the browser.";
   } catch (error) {
     $("done").textContent = `Not done: ${error.message}`;
   }
-});
+}
+$("keep").addEventListener("click", () => download("/api/frame.png", `ledpi-frame-${frame.seq}.png`));
 $("forget").addEventListener("click", () => { best = 0; });
 for (const input of document.querySelectorAll("input[name=kind]")) input.addEventListener("change", () => { reasonsTold = ""; });
 
@@ -577,6 +578,45 @@ $("config").addEventListener("toggle", async () => {
   }
 });
 
+// ---- The lens
+
+async function nextBoard() {
+  if (!$("board").open) {
+    await new Promise((done) => $("board").addEventListener("toggle", done, { once: true }));
+  }
+  tellBoard(await (await ask("/api/board")).json());
+  await pause(400);
+}
+
+function tellBoard(told) {
+  const runs = told !== null && told.runs;
+  $("board-start").disabled = !token || runs;
+  $("board-stop").hidden = !runs;
+  if (told === null) {
+    $("board-says").textContent = token ? "" : "This needs the token: open the address that ledpi view has printed.";
+    return;
+  }
+  $("board-says").textContent = told.says;
+  const rms = told.rms_px === null ? "" : `; the lens explains them to ${told.rms_px.toFixed(3)} px (rms)`;
+  $("board-found").textContent = `${told.views} views, ${told.enough} or more are wanted${rms}. ${told.lens_says}`;
+  $("lens").hidden = told.rms_px === null;
+  $("coverage").hidden = false;
+  $("coverage").setAttribute("aria-label", `Corners in the parts of the picture, row by row: ${told.coverage.map((row) => row.join(" ")).join("; ")}`);
+  $("coverage").replaceChildren(...told.coverage.flat().map((count) => span(String(count), count ? "seen" : "")));
+}
+
+$("board-form").addEventListener("submit", async (event) => {
+  event.preventDefault();
+  const asked = new URLSearchParams({ kind: $("board-kind").value, cols: $("board-cols").value, rows: $("board-rows").value });
+  try {
+    tellBoard(await (await ask(`/api/board/start?${asked}`, "POST")).json());
+  } catch (error) {
+    $("board-says").textContent = `Not done: ${error.message}`;
+  }
+});
+$("board-stop").addEventListener("click", () => ask("/api/board/stop", "POST").then((answer) => answer.json()).then(tellBoard, () => {}));
+$("lens").addEventListener("click", () => download("/api/camera.yaml", "camera.yaml"));
+
 // ---- Begin
 
 setInterval(() => { // ledpi view itself may have ended
@@ -589,4 +629,5 @@ setInterval(() => { // ledpi view itself may have ended
 loadHistory().then(() => {
   again(nextState);
   again(nextPicture);
+  again(nextBoard);
 });
