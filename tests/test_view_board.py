@@ -12,10 +12,10 @@ import pytest
 import yaml
 from made_up_daemon import HELLO, decoded
 
-from ledpi.camera.simulated import SimulatedCamera
 from ledpi.config.camera_yaml import load_intrinsics
-from ledpi.core.records import Frame, Pixels
-from ledpi.simulate.scene import SimulatedSensor
+from ledpi.core.records import Pixels
+from ledpi.simulate.render import Renderer
+from ledpi.simulate.scene import Scene, SimulatedSensor
 from ledpi.simulate.scenes import board_scene, ov5647_lens
 from ledpi.tools.calibrate.boards import Board
 from ledpi.view import board as board_module
@@ -26,21 +26,21 @@ WAIT_S = 120.0
 
 
 class Shown(Pictures):
-    """The pictures of a simulated camera before which a board is moved, one for each that is asked for."""
+    """Pictures of a board that is held at rest at 20 places: the two of each that are asked for first."""
 
-    def __init__(self, camera: SimulatedCamera, every: int) -> None:
+    def __init__(self, scene: Scene) -> None:
         super().__init__(lambda extras: True)
-        self._camera, self._every = camera, every
+        self._renderer = Renderer(scene, seed=1)
+        self._seqs = iter([place * 29 + at for place in range(20) for at in (8, 9)])  # 29 frames, half a second, each
 
     def wait(self, kind: Any, after: int, timeout_s: float) -> Any:
-        into: Pixels = np.empty((480, 640), np.uint8)
-        frame = None
-        for _ in range(self._every):
-            frame = self._camera.read(into)
-        if not isinstance(frame, Frame):
+        """As of `Pictures`."""
+        seq = next(self._seqs, None)
+        if seq is None:
             return None
-        line = {"type": "picture", "width": 640, "height": 480, "pixels": into.copy(), "decoded": decoded(frame.seq)}
-        self.came(line, HELLO)
+        into: Pixels = np.empty((480, 640), np.uint8)
+        self._renderer.render(seq, into)
+        self.came({"type": "picture", "width": 640, "height": 480, "pixels": into, "decoded": decoded(seq)}, HELLO)
         return self.newest()
 
 
@@ -51,7 +51,7 @@ def watch(monkeypatch: pytest.MonkeyPatch) -> Iterator[BoardWatch]:
     board = Board(kind="charuco", columns=6, rows=5)
     sensor = SimulatedSensor(intrinsics=ov5647_lens(), exposure_us=9966.32, row_time_us=33.67, frame_length_rows=504)
     scene = board_scene(sensor, board.black(), 0.2)
-    begun = BoardWatch(board, Shown(SimulatedCamera(scene, seed=1, paced=False), 3))
+    begun = BoardWatch(board, Shown(scene))
     yield begun
     begun.stop()
 
