@@ -14,8 +14,7 @@ import pytest
 
 from ledpi.config.settings import SerialSettings
 from ledpi.runtime.systemd import notify, watchdog_period_s
-from ledpi.tap.listening import GROUP
-from ledpi.tap.places import NAME, SERVICE
+from ledpi.tap.places import GROUP, NAME, SERVICE
 
 UNIT = Path(__file__).resolve().parents[1] / "systemd" / "ledpi.service"
 ANALYZE = shutil.which("systemd-analyze")

@@ -14,7 +14,7 @@ from ledpi.tap.client import connect
 
 def test_poses_leave_as_soon_with_a_crowd_as_without(tmp_path: Path) -> None:
     """Two that watch with pictures, ten that ask and never read, one that sends garbage: in turns with none of them."""
-    write_recording(tmp_path / "take", 40)
+    write_recording(tmp_path / "take", 120)
     path = tmp_path / "tap.sock"
     taken: dict[bool, list[int]] = {False: [], True: []}
     with (

@@ -28,7 +28,7 @@ LEDPI = [sys.executable, "-c", "from ledpi.cli import main; main()"]
 def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """The socket of one that replays a panel of ID 7 at 1 m, over and over."""
     folder = tmp_path_factory.mktemp("tap")
-    write_recording(folder / "take", 40)
+    write_recording(folder / "take", 120)
     path = folder / "tap.sock"
     source = f"camera.source=recording:{folder / 'take'}"
     with daemon(source, at(path), options=FOR_EVER, deadline_s=10 * DEADLINE_S) as process:
@@ -93,12 +93,12 @@ def test_cells_speak_for_the_class_that_they_are_of(running: Path) -> None:
 def test_health_counts_what_the_daemon_does(running: Path) -> None:
     """Once a second; a port that is not there is said."""
     with connect(running) as client:
-        lines = (line for line in client.lines() if line["type"] == "health")
+        told = (line for line in client.lines() if line["type"] == "health")
+        # Between two rounds of the replay no frame comes for a moment, and the camera is said to be lost.
+        lines = (line for line in told if line["state"] == "running" and line["in_view"] == 1)
         first, second = next(lines), next(lines)
     assert second["frames"] > first["frames"] > 0
     assert second["decoded"] > first["decoded"] > 0
-    assert second["in_view"] == 1
-    assert second["state"] == "running"
     assert second["wire"]["connected"] is False
     assert any("serial_lost" in fault["text"] for fault in second["faults"])
 
@@ -218,7 +218,7 @@ def test_monitor_shows_a_line_for_each_panel(running: Path) -> None:
     assert float(row[1]) == pytest.approx(1.0, abs=0.05)
     assert abs(float(row[2])) == pytest.approx(20.0, abs=2.0)
     assert "no fix: " in done.stdout
-    assert "running: " in done.stdout
+    assert re.search(r"\d+ frames/s, \d+ decoded/s, \d+ dropped", done.stdout)
     assert "no port" in done.stdout
 
 
