@@ -2,6 +2,7 @@
 "use strict";
 
 const KEPT_S = 300; // of the charts
+const KEPT_REJECTED_MS = 800;
 const LATE_MS = 250; // a picture that is older is told in red
 const $ = (id) => document.getElementById(id);
 const SVG = "http://www.w3.org/2000/svg";
@@ -99,10 +100,20 @@ async function nextPicture() {
   if (shown !== kind()) return;
   see(told, asked, got);
   frame = { ...told, kind: shown };
+  keepRejected();
   drawPicture(picture);
   drawOverlay();
   tellPicture();
   drawLight();
+}
+
+// The daemon searches the whole picture in every third frame only: what that has rejected stays for the two between.
+let kept = { rejected: {}, why_not: [], until: 0 };
+function keepRejected() {
+  const now = performance.now(), searched = Object.keys(frame.rejected).some((key) => key.startsWith("find."));
+  if (searched || now > kept.until || (frame.why_not || []).length > kept.why_not.length) {
+    kept = { rejected: frame.rejected, why_not: frame.why_not || [], until: now + KEPT_REJECTED_MS };
+  } else if (frame.kind === "whynot") frame.why_not = kept.why_not;
 }
 
 function drawPicture(picture) {
@@ -196,6 +207,10 @@ function label(svg, corners, words, cls, size, taken, anyway = false) {
   const text = element(svg, "text", { class: cls, "font-size": size }, words);
   const width = text.getComputedTextLength(), height = size * 1.15;
   const x = Math.min(Math.max((left + right - width) / 2, size / 3), Math.max(frame.width - width - size / 3, 0));
+  if (width > frame.width && !anyway) { // a phone's picture is narrow
+    text.remove();
+    return false;
+  }
   for (const y of [top - size / 2, bottom + height, ...(anyway ? [(top + bottom) / 2] : [])]) {
     const box = [x, y - height, x + width, y + size * 0.2];
     const free = !taken.some((t) => box[0] < t[2] && t[0] < box[2] && box[1] < t[3] && t[1] < box[3]);
@@ -351,7 +366,7 @@ function tellPanels() {
   });
   $("panels").hidden = !rows.length;
   $("no-panels").hidden = rows.length > 0;
-  const counts = Object.entries((frame && frame.rejected) || {});
+  const counts = Object.entries(kept.rejected);
   $("rejected").textContent = counts.length ? `Rejected in this picture: ${counts.map(([key, n]) => `${key} ${n}`).join(", ")}` : "";
 }
 
