@@ -57,11 +57,7 @@ def shoot(chromium: Any, address: str, kind: str, colours: str, seconds: float) 
 
 def write(path: Path, png: bytes) -> None:
     """In 256 colours, which are enough, and a third of the bytes."""
-    picture = (
-        Image.open(io.BytesIO(png))
-        .convert("RGB")
-        .quantize(256, method=Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
-    )
+    picture = Image.open(io.BytesIO(png)).convert("RGB").quantize(256, kmeans=3, dither=Image.Dither.NONE)
     picture.save(path, optimize=True)
     print(f"{path}: {picture.width} × {picture.height}, {path.stat().st_size} bytes")
 

@@ -94,6 +94,7 @@ class MadeUpDaemon:
         self, path: Path, *, hello: dict[str, Any] | None = None, picture: dict[str, Any] | None = None
     ) -> None:
         self.hello, self.extra = HELLO | (hello or {}), picture or {}
+        self.disk_is_full = True
         self.frame: dict[str, Any] = {}
         self.requests: list[dict[str, Any]] = []
         self._clients: list[socket.socket] = []
@@ -143,7 +144,7 @@ class MadeUpDaemon:
                 elif request["do"] == "config":
                     origins = dict.fromkeys(CONFIG, "default")
                     self._send(client, {"type": "config", "id": request["id"], "values": CONFIG, "from": origins})
-                elif request["do"] == "record":
+                elif request["do"] == "record" and self.disk_is_full:
                     self._send(client, {"type": "error", "id": request["id"], "error": "the disk is full"})
                 else:
                     self._send(client, {"type": "done", "id": request["id"], "path": "/var/lib/ledpi/take"})

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import signal
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -91,31 +92,27 @@ def test_the_outlines_are_the_taps(opened: Any, folder: Path) -> None:
     """Within 2 px of what the tap tells of the same frame; it is drawn in the picture's coordinates."""
     told: dict[int, dict[int, Any]] = {}
     with connect(folder / "tap.sock") as tap:
-        shown = wait_for(lambda: _both(opened, tap, told), "a frame that both have told")
+        threading.Thread(target=_listen, args=(tap, told), daemon=True).start()
+        shown = wait_for(lambda: _shown_of(opened, told), "a frame that both have told")
     for marker_id, corners in shown["panels"]:
-        off = np.array(corners) - np.array(told[shown["seq"]][marker_id])
-        assert np.abs(off).max() < 2.0
-    box = js(
-        opened,
-        "const r = e => document.getElementById(e).getBoundingClientRect().toJSON(); "
-        "return [r('picture'), r('overlay')]",
-    )
-    assert all(abs(box[0][side] - box[1][side]) < 1.0 for side in ("left", "top", "width", "height"))
+        assert np.abs(np.array(corners) - np.array(told[shown["seq"]][marker_id])).max() < 2.0
+    boxes = "const r = e => document.getElementById(e).getBoundingClientRect().toJSON();"
+    picture, overlay = js(opened, boxes + "return [r('picture'), r('overlay')]")
+    assert all(abs(picture[side] - overlay[side]) < 1.0 for side in ("left", "top", "width", "height"))
 
 
-def _both(driver: Any, tap: Client, told: dict[int, dict[int, Any]]) -> Any:
-    end_s = time.monotonic() + 0.5
+def _listen(tap: Client, told: dict[int, dict[int, Any]]) -> None:
     for line in tap.lines():
         if line["type"] == "decoded":
             told[line["seq"]] = {marker["id"]: marker["corners_px"] for marker in line["markers"]}
-        if time.monotonic() > end_s:
-            break
-    time.sleep(0.2)
+
+
+def _shown_of(driver: Any, told: dict[int, dict[int, Any]]) -> Any:
+    """What the page shows, if it is panels of a frame of which the tap has told (the newest wins: not all are told)."""
     shown = js(driver, OUTLINES)
-    for _ in range(30):  # what came meanwhile
-        line = tap._read(time.monotonic() + 0.01)
-        if line is not None and line["type"] == "decoded":
-            told[line["seq"]] = {marker["id"]: marker["corners_px"] for marker in line["markers"]}
+    end_s = time.monotonic() + 0.3
+    while shown["seq"] not in told and time.monotonic() < end_s:
+        time.sleep(0.01)
     return shown if shown["seq"] in told and shown["panels"] else None
 
 

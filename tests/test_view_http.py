@@ -162,6 +162,18 @@ def test_commands_are_handed_on(site: Site, daemon: MadeUpDaemon) -> None:
     assert [len(daemon.asked(do)) for do in ("save", "record")] == [1, 1]
 
 
+def test_every_page_knows_that_a_recording_runs(site: Site, daemon: MadeUpDaemon) -> None:
+    """Whoever has begun it: until it is stopped, or the daemon is gone; one that was refused does not run."""
+    site.state_once("up")
+    site.ask("POST", "/api/record", RIGHT)
+    assert site.ask("GET", "/api/state").json()["recording"] is False
+    daemon.disk_is_full = False
+    assert site.ask("POST", "/api/record", RIGHT).status == 200
+    assert site.ask("GET", "/api/state").json()["recording"] is True
+    assert site.ask("POST", "/api/record_stop", RIGHT).status == 200
+    assert site.ask("GET", "/api/state").json()["recording"] is False
+
+
 # ---- Without a daemon, and with a bad one
 
 

@@ -22,6 +22,8 @@ RETRY_S = 0.3  # between two looks for a daemon at the start
 TICK_S = 0.5
 SILENT_S = 3.0  # without a line: a daemon says how it is each second
 ANSWER_S = 10.0
+SAVED_S = 120.0  # seconds of pictures are written as fast as the disk takes them
+BEGIN_S = 2.0  # after which a recording is taken to have begun
 KEPT_HEALTH = 300  # seconds
 KEPT_TRACK = 300  # places of the robot, TRACK_NS apart
 TRACK_NS = 200_000_000
@@ -50,6 +52,7 @@ class Hub:
         self._track: deque[tuple[float, float, int]] = deque(maxlen=KEPT_TRACK)
         self._answers: dict[int, dict[str, Any]] = {}
         self._waited_for: set[int] = set()
+        self._recording = False
         self._refused: set[str] = set()  # of the tap's lines; a few, as they name keys
         self._closing = threading.Event()
         self.pictures = Pictures(self._ask_picture)
@@ -80,6 +83,7 @@ class Hub:
                 "daemon": self._daemon(),
                 "health": self._health,
                 "checks": self._checks(),
+                "recording": self._recording,
                 "panels": self._panels.rows(now_ns),
                 "robot": self._robot(now_ns),
                 "map": None if self._hello is None else panels_from_above(self._hello),
@@ -90,26 +94,42 @@ class Hub:
         with self._changed:
             return {"health": list(self._history), "track": [[x, y] for x, y, _ in self._track]}
 
-    def ask(self, do: str, **values: Any) -> dict[str, Any]:
-        """Asks the daemon, and waits for its answer. Raises TapError where there is none, or it is an error."""
+    def record(self, seconds: float) -> dict[str, Any]:
+        """Begins a recording; the answer, if it comes soon, else nothing. Raises TapError where it is an error."""
+        answer = self.ask("record", BEGIN_S, seconds=seconds) or {}
+        self._recording = True
+        return answer
+
+    def record_stop(self) -> dict[str, Any]:
+        """Ends it. Raises TapError."""
+        self._recording = False
+        return self.ask("record_stop") or {}
+
+    def ask(self, do: str, within_s: float = ANSWER_S, **values: Any) -> dict[str, Any] | None:
+        """Asks the daemon, and waits for its answer; None where it takes longer.
+
+        Raises TapError where the daemon is gone, or the answer is an error.
+        """
         tap = self._tap
         if tap is None or not self._connected:
             raise TapError("the daemon is not running")
         with self._changed:
             request_id = tap.send(do, **values)
             self._waited_for.add(request_id)
-            came = self._changed.wait_for(lambda: request_id in self._answers or not self._connected, ANSWER_S)
+            self._changed.wait_for(lambda: request_id in self._answers or not self._connected, within_s)
             self._waited_for.discard(request_id)
-            answer = self._answers.pop(request_id, None)
-        if answer is None:
-            raise TapError("the daemon does not answer" if not came else "the daemon ended before it answered")
-        if answer["type"] == "error":
+            answer, gone = self._answers.pop(request_id, None), not self._connected
+        if answer is None and gone:
+            raise TapError("the daemon ended before it answered")
+        if answer is not None and answer["type"] == "error":
             raise TapError(str(answer.get("error")))
         return answer
 
     def config(self) -> list[dict[str, Any]]:
         """Each key of the daemon's configuration, its value, and where that is from. Raises TapError."""
         answer = self.ask("config")
+        if answer is None:
+            raise TapError("the daemon does not answer")
         origins = answer.get("from", {})
         return [
             {"key": key, "value": "not shown" if key in SECRET and value else value, "from": origins.get(key, "")}
@@ -164,7 +184,7 @@ class Hub:
             self._starts += self._hello is None or not self._connected or line.get("pid") != self._hello.get("pid")
             self._hello, self._connected = line, True
         elif kind == "lost":
-            self._connected, self._health = False, None
+            self._connected, self._health, self._recording = False, None, False
             self._told = "the daemon has ended; waiting for it to come back"
         elif kind == "health":
             self._health = line

@@ -24,7 +24,7 @@ from ledpi.core.errors import TapError
 from ledpi.view.board import BoardWatch, board_of
 from ledpi.view.connections import BoundedServer, Hurried
 from ledpi.view.guard import HEADERS, Guard, Refusal
-from ledpi.view.hub import Hub
+from ledpi.view.hub import SAVED_S, Hub
 from ledpi.view.pictures import KINDS
 
 WAIT_S = 2.0  # that a question waits for news
@@ -148,15 +148,15 @@ class Handler(BaseHTTPRequestHandler):
 
     def answer_save(self, query: dict[str, str], body: bytes) -> None:
         """Keeps the last seconds."""
-        self._done(self.server.hub.ask("save"))
+        self._done(self.server.hub.ask("save", SAVED_S))
 
     def answer_record(self, query: dict[str, str], body: bytes) -> None:
         """Begins a recording."""
-        self._done(self.server.hub.ask("record", seconds=RECORD_S))
+        self._done(self.server.hub.record(RECORD_S))
 
     def answer_record_stop(self, query: dict[str, str], body: bytes) -> None:
         """Ends it."""
-        self._done(self.server.hub.ask("record_stop"))
+        self._done(self.server.hub.record_stop())
 
     def answer_board(self, query: dict[str, str], body: bytes) -> None:
         """How far the calibration is; null before one was begun."""
@@ -185,7 +185,9 @@ class Handler(BaseHTTPRequestHandler):
             raise TapError("there is no lens yet")
         self._send(200, "text/yaml; charset=utf-8", text.encode())
 
-    def _done(self, answer: dict[str, Any]) -> None:
+    def _done(self, answer: dict[str, Any] | None) -> None:
+        if answer is None:
+            raise TapError("the daemon does not answer")
         self._send(200, JSON, self._encoded({"path": answer.get("path")}))
 
     # ---- Bytes

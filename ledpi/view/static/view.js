@@ -23,7 +23,7 @@ let lastAnswer = performance.now();
 
 async function ask(path, method = "GET") {
   const headers = token ? { Authorization: `Bearer ${token}` } : {};
-  const answer = await fetch(path, { method, headers, cache: "no-store", signal: AbortSignal.timeout(15000) });
+  const answer = await fetch(path, { method, headers, cache: "no-store", signal: AbortSignal.timeout(method === "POST" ? 130000 : 15000) });
   lastAnswer = performance.now();
   if (answer.status === 401) throw new LoginNeeded();
   if (!answer.ok) throw new Refused((await answer.json()).error);
@@ -527,8 +527,8 @@ function tellChecks(checks) {
 
 // ---- Buttons
 
-let recording = false;
 function tellButtons() {
+  const recording = state.recording;
   const up = state.link.state === "up", may = (state.daemon && state.daemon.may) || [];
   let reason = "";
   if (!up) reason = "Saving and recording need a running daemon.";
@@ -547,21 +547,17 @@ async function change(path, done) {
   try {
     const told = await (await ask(path, "POST")).json();
     $("done").textContent = done(told);
-    return true;
   } catch (error) {
     if (error instanceof LoginNeeded) login();
     $("done").textContent = error instanceof LoginNeeded ? "The token is wrong." : `Not done: ${error.message}`;
-    return false;
   }
 }
 
 $("save").addEventListener("click", () => change("/api/save", (told) => `Saved as ${told.path} on the daemon's machine.`));
 $("record").addEventListener("click", async () => {
-  const wanted = !recording;
-  const done = await change(wanted ? "/api/record" : "/api/record_stop", (told) =>
+  const wanted = !state.recording;
+  await change(wanted ? "/api/record" : "/api/record_stop", (told) =>
     wanted ? `Recording${told.path ? ` into ${told.path}` : ""}.` : `Recorded${told.path ? ` as ${told.path}` : ""}.`);
-  if (done || !wanted) recording = wanted && done;
-  tellButtons();
 });
 async function download(path, name) {
   const link = document.createElement("a");
