@@ -226,11 +226,11 @@ def test_why_not_says_that_frequencies_are_swapped(still: Any) -> None:
 # ---- Who may, and what goes wrong
 
 
-def test_a_wrong_token_gets_a_question_and_no_picture(chromium: Any, folder: Path) -> None:
+def test_a_wrong_token_gets_a_question_and_no_picture(chromium: Any, tmp_path: Path) -> None:
     """On the network the token is wanted; with the right one the page opens."""
     with (
-        ended(start_daemon(folder / "..", "camera.width=320", "camera.height=240")),
-        view(folder / "..", "view.listen=0.0.0.0:0") as page,
+        ended(start_daemon(tmp_path, "camera.width=320", "camera.height=240")),
+        view(tmp_path, "view.listen=0.0.0.0:0") as page,
     ):
         chromium.get("about:blank")
         chromium.get(f"http://127.0.0.1:{page.port}/#token=wrong-token-here")
