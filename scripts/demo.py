@@ -16,6 +16,7 @@ import signal
 import statistics
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 import tty
@@ -227,6 +228,15 @@ def _hang_up(monitor: subprocess.Popen[str], run: subprocess.Popen[str], limit_s
     monitor.send_signal(signal.SIGINT)
 
 
+@contextmanager
+def live_page(log: Path, tap: str) -> Iterator[None]:
+    """What the daemon sees, for a browser on this machine, until the block is left."""
+    with running(log, "view", "--config", CONFIG, "--set", tap, "--set", "view.listen=127.0.0.1:0") as view:
+        if (said := next(iter(view.stdout or ()), "").strip()).startswith("open "):
+            print(f"{said} in a browser on this machine to see it live; --seconds 600 gives more time", flush=True)
+        yield
+
+
 def draw_picture(out: Path) -> bool:
     """An annotated picture of one simulated frame."""
     command = ["snapshot", *OPTIONS, "--frame", str(PICTURE_SEQ), "--out", str(out)]
@@ -244,8 +254,14 @@ def main() -> int:
     out.mkdir(parents=True, exist_ok=True)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     run_log, monitor_log = out / "run.log", out / "monitor.log"
-    with cable() as line, running(monitor_log, "monitor", line.receiver, "--json") as monitor:
-        with running(run_log, "run", *OPTIONS, "--set", f"serial.port={line.sender}") as run:
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        cable() as line,
+        live_page(out / "view.log", f"tap.socket={folder}/tap.sock"),
+        running(monitor_log, "monitor", line.receiver, "--json") as monitor,
+    ):
+        own = ("--set", f"serial.port={line.sender}", "--set", f"tap.socket={folder}/tap.sock")
+        with running(run_log, "run", *OPTIONS, *own) as run:
             tally = watch(monitor, run, run_log, line, arguments.seconds)
         monitor.wait(STOP_S)
     drawn = draw_picture(out / "snapshot.png")

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 # Their tests tell how late a daemon is: no other test may take the processor meanwhile.
-ALONE = ("demo", "faults", "liveness", "run", "wire_age")
+ALONE = ("demo", "faults", "liveness", "run", "tap_crowd", "view_chromium", "wire_age")
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as a shell starts what runs in the background; Ctrl-C is tested
     signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -34,3 +34,11 @@ def shared() -> Callable[[str], Path]:
         return path
 
     return locate
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _own_taps(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Daemons of these tests offer their taps, and commands look for them, where no other process does."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_RUNTIME_DIR", str(tmp_path_factory.mktemp("run")))
+        yield

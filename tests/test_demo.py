@@ -120,6 +120,7 @@ def test_the_demo_runs_by_itself(tmp_path: Path) -> None:
     assert (done.returncode, done.stderr) == (0, "")
     poses = [line for line in done.stdout.splitlines() if re.match(r" +\d+\.\d s  +\d+ ", line)]
     assert {line.split()[2] for line in poses} == {"7", "23"}
+    assert re.search(r"^open http://127\.0\.0\.1:\d+/#token=\S+ in a browser", done.stdout, re.MULTILINE)
     summary = re.fullmatch(
         r"(\d+) frames, (\d+) markers, (\d+) right IDs, 0 wrong IDs, "
         r"median position error [\d.]+ mm \(([\d.]+) % of the distance\), (\d+) packets, 0 lost, 0 bad",
@@ -138,7 +139,7 @@ def test_a_computer_that_is_too_slow_is_told(
     demo: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """All went well, but every pose was too old to be sent: the reason is said, and the status is 1."""
-    ended = SimpleNamespace(returncode=0, wait=lambda _: 0)
+    ended = SimpleNamespace(returncode=0, wait=lambda _: 0, stdout=None)
     (tmp_path / "monitor.log").touch()
     monkeypatch.setattr(demo, "running", lambda *_: nullcontext(ended))
     monkeypatch.setattr(demo, "watch", lambda *_: demo.Tally(frames=8))

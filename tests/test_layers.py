@@ -25,6 +25,7 @@ PURE = [
     "ledpi.core.row_clock",
     "ledpi.pipeline.output",
     "ledpi.pipeline.trace",
+    "ledpi.tap.protocol",
     "ledpi.wire.message",
     "ledpi.wire.codec",
     "ledpi.wire.outbox",
@@ -33,6 +34,9 @@ PURE = [
     "ledpi.camera.gain",
     "ledpi.camera.timing",
     "ledpi.camera.tuning",
+    "ledpi.view.encode",
+    "ledpi.view.guard",
+    "ledpi.view.lines",
     "ledpi.tools.calibrate.bands",
     "ledpi.tools.calibrate.boards",
     "ledpi.tools.calibrate.camera",
@@ -54,7 +58,7 @@ IMPURE_CALLS = {"open", "imread", "imwrite", "VideoCapture", "fromfile", "tofile
 # From the ground up: a package imports those before it. Workshop tools may use each other.
 LAYERS = (
     *("core", "markers", "kernels", "pose", "decode", "config", "recording", "simulate", "camera"),
-    *("pipeline", "api", "wire", "runtime", "tools", "cli"),
+    *("pipeline", "api", "wire", "tap", "runtime", "tools", "view", "cli"),
 )
 
 RUN = ["ledpi.pipeline.pipeline", "ledpi.cli.run"]

@@ -108,6 +108,7 @@ def _add_commands() -> None:
         run,
         simulate,
         snapshot,
+        view,
     )
 
     app.registered_commands.sort(key=lambda command: command.callback.__name__ if command.callback else "")

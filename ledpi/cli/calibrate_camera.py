@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from ledpi.tools.calibrate.camera import CameraCalibration
 
 SURE_PICTURES = 3  # that show the same other board, and none the right one: it is another
-PARAMETERS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 
 
 @calibrate.command()
@@ -147,6 +146,7 @@ def _picture_files(folder: Path) -> list[Path]:
 
 
 def _report(result: CameraCalibration) -> None:
+    from ledpi.tools.calibrate.camera import PARAMETERS
     from ledpi.tools.calibrate.coverage import corner_counts, places_without_corners
 
     for view in result.used:
@@ -170,14 +170,13 @@ def _write(out: Path, result: CameraCalibration) -> list[str]:
     import cv2
 
     from ledpi.config.camera_yaml import camera_yaml_text, own_section
+    from ledpi.tools.calibrate.camera import quality as quality_of
     from ledpi.tools.calibrate.coverage import draw_coverage
     from ledpi.tools.calibrate.files import picture_beside, write_keeping_old
 
     quality: dict[str, Any] = {
         "calibrated": date.today(),
-        "rms_px": round(result.rms_px, 4),
-        "views": len(result.used),
-        "deviations": {n: float(f"{s:.2g}") for n, s in zip(PARAMETERS, result.deviations, strict=True)},
+        **quality_of(result),
     }
     before = own_section(out)
     if "shutter" in before:  # what `ledpi calibrate shutter` measured does not change with the lens

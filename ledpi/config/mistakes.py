@@ -17,6 +17,8 @@ _WORDING = {
     "int_parsing": "must be a whole number",
     "int_from_float": "must be a whole number",
     "string_type": "must be text",
+    "string_too_short": "is too short: must have 12 characters or more",
+    "string_pattern_mismatch": "must be letters, digits and any of . _ ~ + / = -",
     "path_type": "must be a path",
     "bool_type": "must be true or false",
     "list_type": "must be a list",

@@ -31,6 +31,7 @@ from ledpi.config.values import (
     Duty,
     GainOrAuto,
     Hertz,
+    Listen,
     MarkerId,
     MaxAgeMs,
     Microseconds,
@@ -40,6 +41,7 @@ from ledpi.config.values import (
     RowTimeOrAuto,
     SideM,
     SidePx,
+    Token,
     check_cycles_fit,
 )
 from ledpi.core.errors import ConfigError
@@ -204,6 +206,25 @@ class SerialSettings(_Section):
     max_age_ms: MaxAgeMs = 100.0
 
 
+class TapSettings(_Section):
+    """The section `tap`."""
+
+    socket: Annotated[str, Field(min_length=1)] | None = "auto"
+
+
+class ViewSettings(_Section):
+    """The section `view`: `ledpi view`, the live page."""
+
+    listen: Listen = "127.0.0.1:8088"
+    token: Token | None = None
+
+    @property
+    def address(self) -> tuple[str, int]:
+        """Number and port."""
+        host, _, port = self.listen.rpartition(":")
+        return ("127.0.0.1" if host == "localhost" else host.strip("[]")), int(port)
+
+
 class Config(_Section):
     """The whole configuration, valid once built. Paths in it are absolute."""
 
@@ -213,12 +234,20 @@ class Config(_Section):
     map: Path | None = None
     robot: RobotSettings = RobotSettings()
     serial: SerialSettings = SerialSettings()
+    tap: TapSettings = TapSettings()
+    view: ViewSettings = ViewSettings()
     _from_command_line: frozenset[str] = PrivateAttr(default=frozenset())
+    _file: Path | None = PrivateAttr(default=None)
 
     @property
     def from_command_line(self) -> frozenset[str]:
         """Keys that --set gave, as `panels.side_m`: stronger than what a recording says of itself."""
         return self._from_command_line
+
+    @property
+    def file(self) -> Path | None:
+        """Which it was read from; None where there is no file."""
+        return self._file
 
 
 def find_config(explicit: Path | None) -> Path | None:
@@ -256,6 +285,7 @@ def load_config(path: Path | None, overrides: tuple[str, ...] = (), *, without_f
         raise ConfigError(f"{where}: {explain(error, Config)}") from None
     config = _resolve_paths(config, base, from_command_line)
     config._from_command_line = frozenset(from_command_line)
+    config._file = None if path is None else path.absolute()
     _check_panels(config.panels, where)
     if config.camera.row_time_us != "auto":
         check_bands_visible(config.panels, config.camera.row_time_us, where)
@@ -342,4 +372,6 @@ def _resolve_paths(config: Config, base: Path, from_command_line: set[str]) -> C
         changes_top["panels"] = config.panels.model_copy(update={"dictionary": words})
     if config.map is not None:
         changes_top["map"] = absolute(config.map, "map")
+    if config.tap.socket not in (None, "auto"):
+        changes_top["tap"] = TapSettings(socket=str(absolute(config.tap.socket, "tap.socket")))
     return config.model_copy(update=changes_top)

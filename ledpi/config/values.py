@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ipaddress
 import math
 from collections.abc import Callable, Sequence, Sized
 from typing import Annotated, Literal, TypeVar
@@ -59,6 +60,30 @@ FOCAL_LENGTHS = (0.1, 100.0)
 CENTRES = (-1.0, 2.0)  # a picture may be a part of the sensor's, and its lens's axis beside it, but not far
 _Numbers = TypeVar("_Numbers", bound=Sized)
 _Quaternion = TypeVar("_Quaternion", bound=Sequence[float])
+
+
+def is_ip(text: str) -> bool:
+    """Whether it is the number of a machine on a network."""
+    try:
+        ipaddress.ip_address(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _address(listen: object) -> object:
+    if isinstance(listen, str):
+        host, _, port = listen.rpartition(":")
+        number = host[1:-1] if host.startswith("[") and host.endswith("]") else host
+        bracketed = (":" in number) == (number != host)
+        known = host == "localhost" or (bracketed and is_ip(number))
+        if known and port.isascii() and port.isdigit() and len(port) <= 5 and int(port) <= 65535:
+            return listen
+    raise ValueError("must be an IP address and a port, as 127.0.0.1:8088, 0.0.0.0:8088 (all of IPv4) or [::]:8088")
+
+
+Listen = Annotated[str, BeforeValidator(_address)]
+Token = Annotated[str, Field(min_length=12, max_length=200, pattern=r"^[A-Za-z0-9._~+/=-]+$")]
 
 
 def numbers(*counts: int) -> Callable[[_Numbers], _Numbers]:

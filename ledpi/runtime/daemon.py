@@ -28,7 +28,9 @@ from ledpi.runtime.reporting import Totals, is_service, minute_line, second_line
 from ledpi.runtime.ring import FrameRing
 from ledpi.runtime.status import status
 from ledpi.runtime.systemd import Watchdog, notify
+from ledpi.runtime.tapping import health, setup_of
 from ledpi.runtime.threads import keep_memory, switch_promptly
+from ledpi.tap.server import Tap
 from ledpi.wire.mavlink import Mavlink
 from ledpi.wire.message import NoFix, State, StatusMessage
 from ledpi.wire.publisher import Publisher
@@ -45,14 +47,24 @@ _log = logging.getLogger("ledpi")
 class Daemon:
     """One run over one camera."""
 
-    def __init__(self, config: Config, camera: Camera, *, lossless: bool = False, resets: Resets | None = None) -> None:
+    def __init__(
+        self,
+        config: Config,
+        camera: Camera,
+        *,
+        lossless: bool = False,
+        resets: Resets | None = None,
+        tap: Tap | None = None,
+    ) -> None:
         """`lossless`: capture waits for the decoder, for a camera that has no pace of its own.
 
-        `resets`: where jumps and changes of the map are counted, with those of the daemons before.
+        `resets`: where jumps and changes of the map are counted, with those of the daemons before. `tap`: who follows
+        sees what is decoded.
         """
         info = camera.info
         self._camera = camera
         self._lossless = lossless
+        self._tap = tap
         self._calibrated = calibration(config, camera)
         self._has_map = config.map is not None
         self._ring = FrameRing(info.height, info.width)
@@ -65,6 +77,7 @@ class Daemon:
             robot=robot,
             method=config.decode.method,
         )
+        self._setup = setup_of(config, info, self._pipeline.panels, self._calibrated, robot.panels)
         self._pacing = None if self._lossless else Pacing(_period_ms(info))
         self._gain = GainFollower(camera)
         if note := strangers_note(config, robot.panels):
@@ -115,6 +128,8 @@ class Daemon:
             _log.warning("camera.intrinsics is not set: IDs are sent flagged uncalibrated, without poses")
         self._publisher.set_status(StatusMessage(state=State.STARTING, no_fix=NoFix.NOT_RUNNING))
         self._publisher.start()
+        if self._tap is not None:
+            self._tap.begin(self._setup)
         for thread in self._threads:
             thread.start()
         notify("READY=1")
@@ -167,16 +182,17 @@ class Daemon:
     def _tell(self) -> None:
         """Tells the controller how it is now. One thread at a time, so that what is said last is what was seen last."""
         with self._telling:
-            self._publisher.set_status(
-                status(
-                    self._totals(),
-                    self._liveness,
-                    self._processor,
-                    uptime_s=time.monotonic() - self._started_s,
-                    calibrated=self.calibrated,
-                    has_map=self._has_map,
-                )
-            )
+            self._publisher.set_status(self._status())
+
+    def _status(self) -> StatusMessage:
+        return status(
+            self._totals(),
+            self._liveness,
+            self._processor,
+            uptime_s=time.monotonic() - self._started_s,
+            calibrated=self.calibrated,
+            has_map=self._has_map,
+        )
 
     def _decode(self) -> None:
         while True:
@@ -184,11 +200,14 @@ class Daemon:
             if frame is not None:
                 self._liveness.begins(frame)
                 spent = self._pipeline.spent
-                decoded = self._pipeline.decode(frame, on_partial=self._hand_on)
+                trace = None if self._tap is None else self._tap.trace()
+                decoded = self._pipeline.decode(frame, trace, on_partial=self._hand_on)
                 if self._pacing is not None:
                     spent, took_ms = self._pipeline.spent - spent, sum(decoded.stage_ms.values())
                     self._pipeline.search_budget = self._pacing.budget_after(spent, took_ms)
                 self._gain.see(frame, decoded)
+                if self._tap is not None:
+                    self._tap.show(frame, decoded, trace)
                 self._ring.release()
                 self._health.add(decoded)
                 self._liveness.ends()
@@ -218,6 +237,8 @@ class Daemon:
             if now_s - looked_s >= LOOK_EVERY_S:
                 self._times, self._processor = self._health.times(), read_processor()
                 totals = self._totals()
+                if self._tap is not None and self._tap.is_followed:
+                    self._tap.tell(health(last, totals, now_s - looked_s, self._status()))
                 if not is_service():
                     _log.info(second_line(last, totals, now_s - looked_s))
                 elif now_s - said_s >= MINUTE_S:

@@ -7,9 +7,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from ledpi.core.geometry import CAMERA_LINK_FROM_CAMERA, transform
 from ledpi.core.records import Intrinsics, PanelSpec
 from ledpi.markers.codewords import Bits
 from ledpi.markers.dictionaries import load_dictionary
+from ledpi.pose.panel_map import MapPanel, PanelMap
 from ledpi.simulate.scene import FIRST_READOUT_NS, Panel, Print, Room, Scene, SimulatedSensor, uneven_gains
 from ledpi.simulate.trajectory import Patrol, Shown, Still, facing_camera
 
@@ -92,6 +94,24 @@ def drive_scene(sensor: SimulatedSensor, specs: Mapping[int, PanelSpec], diction
     )
     room = Room(distance_m=4.5 * scale)
     return Scene(sensor=sensor, panels=tuple(panels), camera_motion=patrol, room=room)
+
+
+# Of the drive: the map's x is ahead in the scene, y to the left, z up, and the camera drives 1.2 m above the floor.
+MAP_FROM_SCENE = transform(CAMERA_LINK_FROM_CAMERA, np.array([0.0, 0.0, 1.2]))
+
+
+def drive_map(side_m: float = _DRIVE_SIDE_M) -> PanelMap:
+    """Where the panels of the drive hang, placed without an error that matters."""
+    scale = side_m / _DRIVE_SIDE_M
+    return {
+        marker_id: MapPanel(
+            map_from_marker=MAP_FROM_SCENE
+            @ facing_camera(scale * np.array(place), yaw_deg=yaw_deg, roll_deg=yaw_deg / 3),
+            position_sigma_m=0.001,
+            angle_sigma_rad=0.001,
+        )
+        for marker_id, place, yaw_deg, _ in _DRIVE_PANELS
+    }
 
 
 def board_scene(sensor: SimulatedSensor, black: Bits, width_m: float) -> Scene:

@@ -24,6 +24,7 @@ MAX_FOCAL_DEVIATION = 0.01  # 1 % of focal length is 1 % of every distance
 MIN_TILT_DEG = 10.0  # between the two most different views; frontal views alone fit any focal length
 FIELD_OF_VIEW_DEG = (5.0, 150.0)
 K3_SIGNIFICANT = 10.83  # χ² with one degree of freedom: one in a thousand by chance
+PARAMETERS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 _NO_CAMERA = "the views give no camera at all: are they of one flat, rigid board?"
 
 
@@ -68,6 +69,15 @@ def calibrate_camera(views: Sequence[BoardView], board: Board, width: int, heigh
         used=tuple(fit.error_of(i, view) for i, view in enumerate(kept)),
         dropped=dropped,
     )
+
+
+def quality(result: CameraCalibration) -> dict[str, Any]:
+    """How good it is, as camera.yaml tells."""
+    return {
+        "rms_px": round(result.rms_px, 4),
+        "views": len(result.used),
+        "deviations": {n: float(f"{s:.2g}") for n, s in zip(PARAMETERS, result.deviations, strict=True)},
+    }
 
 
 def _drop_outliers(

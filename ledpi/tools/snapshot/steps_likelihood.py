@@ -10,8 +10,8 @@ import numpy as np
 from ledpi.core.geometry import first_at_top_left
 from ledpi.core.records import Floats
 from ledpi.decode.evidence.evidence import Evidence
-from ledpi.decode.identify.codewords import class_flip_gain
 from ledpi.decode.identify.decision import Reading
+from ledpi.decode.identify.each_cell import class_alone, class_given_others
 from ledpi.markers.codewords import Bits
 from ledpi.pipeline.trace import SquareTrace
 from ledpi.tools.snapshot.drawing import (
@@ -92,30 +92,6 @@ def _refined(square: SquareTrace, snapshot: Snapshot, size: int) -> Canvas:
     tile = np.asarray(cv2.cvtColor(tile, cv2.COLOR_GRAY2BGR), np.uint8)
     outline(tile, square.quad.corners_px * scale + shift, DROPPED, 1)
     return tile
-
-
-def class_given_others(evidence: Evidence, cell_bands: Floats, codeword: Bits) -> Floats:
-    """(cells,) log-likelihood ratio of white to black in each cell of a panel that was read, given the other cells.
-
-    `cell_bands` (cells, P) are its bands, `codeword` (cells,) the cells that are white in it.
-    """
-    gain = class_flip_gain(evidence, cell_bands)
-    return np.asarray(np.where(codeword, -gain, gain))
-
-
-def class_alone(evidence: Evidence) -> Floats:
-    """(cells,) log-likelihood ratio of white to black in each cell by itself, depth and phase integrated out.
-
-    Of two frequencies.
-    """
-    nats = []
-    for two in (slice(0, 2), slice(2, 4)):
-        prior = np.diag(evidence.prior[two])
-        own = evidence.own_information[:, two, two]
-        b = evidence.score[:, two]
-        fitted = np.linalg.solve(own + np.linalg.inv(prior), b[..., None])[..., 0]
-        nats.append(0.5 * ((b * fitted).sum(axis=1) - np.linalg.slogdet(np.eye(2) + prior @ own)[1]))
-    return np.asarray(nats[1] - nats[0])
 
 
 def _evidence(nats: Floats, size: int) -> Canvas:

@@ -1,0 +1,87 @@
+"""`ledpi view`: the live page."""
+
+from __future__ import annotations
+
+import signal
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+from ledpi.cli import app
+
+if TYPE_CHECKING:
+    from ledpi.config.settings import ViewSettings
+    from ledpi.view.hub import Hub
+    from ledpi.view.server import ViewServer
+
+
+@app.command()
+def view(
+    config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
+    set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
+) -> None:
+    """A web page of what the running daemon sees.
+
+    Picture with overlay, panels, map, focus, health; why a panel is not read. The daemon need not run yet, and may be
+    started anew. By default the page is for this machine alone; `view.listen` opens it to the network, with a token.
+    Standard output gets one line: the address to open. Ends with Ctrl-C or SIGTERM.
+
+    Example: ledpi view --set view.listen=0.0.0.0:8088
+    """
+    import threading
+
+    from ledpi.config.settings import find_config, load_config
+    from ledpi.core.errors import ConfigError
+    from ledpi.runtime.reporting import log_to_standard_error
+    from ledpi.view.hub import Hub
+
+    log_to_standard_error()
+    settings = load_config(find_config(config), tuple(set_), without_file=("panels.side_m=1",))
+    if settings.tap.socket is None:
+        raise ConfigError("tap.socket: is null, so the daemon shows nothing; must be auto, or the daemon's path")
+    hub = Hub(str(settings.tap.socket))
+    server, token = _open(settings.view, hub)
+    ending = {signal.SIGINT, signal.SIGTERM}
+    signal.pthread_sigmask(signal.SIG_BLOCK, ending)  # from here on they wait to be waited for
+    typer.echo(f"open http://{_shown_host(server)}:{server.server_port}/#token={token}")
+    hub.start()
+    threading.Thread(target=server.serve_forever, name="server", daemon=True).start()
+    signal.sigwait(ending)
+    server.shutdown()
+    server.server_close()
+    hub.close()
+
+
+def _open(settings: ViewSettings, hub: Hub) -> tuple[ViewServer, str]:
+    """The listening server, and the token that it wants. Raises ConfigError where the address cannot be had."""
+    import secrets
+    import socket
+
+    from ledpi.core.errors import ConfigError
+    from ledpi.view.guard import Guard, is_loopback
+    from ledpi.view.server import ViewServer
+
+    host, port = settings.address
+    token = settings.token or secrets.token_urlsafe(24)
+    own = socket.gethostname().lower()
+    guard = Guard(
+        token=token,
+        open_to_read=is_loopback(host) and settings.token is None,
+        names=frozenset({"localhost", own, f"{own}.local"}),
+    )
+    try:
+        return ViewServer((host, port), guard, hub), token
+    except OSError as error:
+        what = "is in use; choose another port, or end what uses it" if error.errno == 98 else f"{error.strerror}"
+        raise ConfigError(f"view.listen: {settings.listen}: {what}") from None
+
+
+def _shown_host(server: ViewServer) -> str:
+    """That a browser can open: of all addresses this machine's name."""
+    import socket
+
+    host = server.server_name
+    if host in ("0.0.0.0", "::"):
+        return socket.gethostname()
+    return f"[{host}]" if ":" in host else host

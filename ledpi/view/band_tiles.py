@@ -1,0 +1,64 @@
+"""The panels' bands, cleared of what is no band (walls, lamps, slopes), painted back into the picture. Pure."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numpy as np
+
+from ledpi.core.records import Floats, Frame, Intrinsics, Pixels, Quad
+from ledpi.decode.cells import CellSamples, sample_cells
+from ledpi.tools.snapshot.enlarged import TILE, bands_tile
+
+
+def paint_bands(
+    onto: Pixels, pixels: Pixels, decoded: dict[str, Any], hello: dict[str, Any], cells: int
+) -> float | None:
+    """Paints each panel's bands over `onto` (H, W), in place. Returns the faintest full scale, a share of the light.
+
+    `pixels`, (H, W), is the picture, `cells` how many a panel has along a side. None where no panel's cells can be
+    sampled.
+    """
+    shares = []
+    frame = _frame(pixels, decoded, hello)
+    for marker in decoded["markers"]:
+        corners = np.array(marker["corners_px"], np.float64)
+        quad = Quad(corners_px=corners, bend_px=1.0)  # has the lens's bend looked at
+        samples = sample_cells(frame, quad, cells, _lens(hello))
+        if isinstance(samples, CellSamples):
+            tile, share = bands_tile(samples)
+            _paint(onto, tile[..., 0], corners)
+            shares.append(share)
+    return min(shares, default=None)
+
+
+def _paint(onto: Pixels, tile: Pixels, corners: Floats) -> None:
+    # Pixel centres have whole numbers, so a tile reaches half a pixel beyond its first and its last one.
+    square = np.array([[0, 0], [TILE, 0], [TILE, TILE], [0, TILE]], np.float32) - np.float32(0.5)
+    warp = cv2.getPerspectiveTransform(square, corners.astype(np.float32))
+    size = (onto.shape[1], onto.shape[0])
+    painted = cv2.warpPerspective(np.ascontiguousarray(tile), warp, size, flags=cv2.INTER_AREA)
+    covered = cv2.warpPerspective(np.full_like(tile, 255), warp, size, flags=cv2.INTER_NEAREST)
+    np.copyto(onto, painted, where=np.asarray(covered > 0))
+
+
+def _frame(pixels: Pixels, decoded: dict[str, Any], hello: dict[str, Any]) -> Frame:
+    camera = hello["camera"]
+    return Frame(
+        pixels=pixels,
+        seq=decoded["seq"],
+        row0_readout_ns=decoded["sensor_timestamp_ns"],
+        exposure_us=decoded.get("exposure_us") or camera["exposure_us"],
+        row_time_us=camera["row_time_us"],
+        transfer=camera.get("transfer", "linear"),
+    )
+
+
+def _lens(hello: dict[str, Any]) -> Intrinsics | None:
+    camera = hello["camera"]
+    if camera.get("fx") is None:
+        return None
+    values = {key: float(camera[key]) for key in ("fx", "fy", "cx", "cy")}
+    k1, k2, p1, p2, k3 = camera.get("distortion") or (0.0,) * 5
+    return Intrinsics(width=camera["width"], height=camera["height"], distortion=(k1, k2, p1, p2, k3), **values)

@@ -1,0 +1,101 @@
+"""Who may have what: the address to listen on, the token, and what of a request's head is refused. Pure."""
+
+from __future__ import annotations
+
+import hmac
+import ipaddress
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from ledpi.config.values import is_ip
+
+MAX_BODY_BYTES = 4096
+_SAME = ("same-origin", "none")  # of Sec-Fetch-Site: the page itself, or an address that a person has typed
+
+HEADERS = {
+    "Content-Security-Policy": (
+        "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; connect-src 'self'; "
+        "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    ),
+    "X-Frame-Options": "DENY",
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Cross-Origin-Embedder-Policy": "require-corp",
+    "Permissions-Policy": "camera=(), microphone=(), geolocation=()",
+    "Cache-Control": "no-store",
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Refusal:
+    """An answer that is no page: its status and one line that says what would be right."""
+
+    status: int
+    says: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Guard:
+    """Judges requests by their heads."""
+
+    token: str
+    open_to_read: bool  # without a token: on this machine's own address, where none is configured
+    names: frozenset[str]  # that this machine is called by, besides its numbers
+
+    def refuse(self, method: str, path: str, headers: Mapping[str, str]) -> Refusal | None:
+        """Why a request is not answered; None if it is. `headers`: names in lower case."""
+        return (
+            self._host(headers.get("host", ""))
+            or _body(headers)
+            or (_site(headers) if path.startswith("/api/") else None)
+            or (self._secret(method, headers) if path.startswith("/api/") else None)
+        )
+
+    def _host(self, host: str) -> Refusal | None:
+        """A foreign site's name that leads here would make this page that site's own (DNS rebinding)."""
+        name = host_of(host)
+        if is_ip(name) or name in self.names:
+            return None
+        known = ", ".join(sorted(self.names))
+        called = name[:60] or "a host without a name"
+        return Refusal(status=421, says=f"this is not {called}; must be {known}, or this machine's number")
+
+    def _secret(self, method: str, headers: Mapping[str, str]) -> Refusal | None:
+        scheme, _, given = headers.get("authorization", "").partition(" ")
+        if not scheme and method == "GET" and self.open_to_read:
+            return None
+        if scheme.lower() == "bearer" and hmac.compare_digest(given.strip().encode(), self.token.encode()):
+            return None
+        return Refusal(status=401, says="wrong token, or none; open the address that `ledpi view` has printed")
+
+
+def _site(headers: Mapping[str, str]) -> Refusal | None:
+    if headers.get("sec-fetch-site", "none") in _SAME:
+        return None
+    return Refusal(status=403, says="another site's page has asked; must be this page itself")
+
+
+def _body(headers: Mapping[str, str]) -> Refusal | None:
+    if "transfer-encoding" in headers:
+        return Refusal(status=411, says="a body must come with its Content-Length")
+    length = headers.get("content-length", "0")
+    if not (length.isascii() and length.isdigit()):
+        return Refusal(status=400, says="Content-Length must be a whole number")
+    if len(length) > 9 or int(length) > MAX_BODY_BYTES:
+        return Refusal(status=413, says=f"a body must have {MAX_BODY_BYTES} bytes at most")
+    return None
+
+
+def host_of(header: str) -> str:
+    """The name or number in a Host header, without port and brackets, in lower case."""
+    host = header.strip().lower()
+    if host.startswith("["):
+        return host[1:].partition("]")[0]
+    return host.rpartition(":")[0] if ":" in host else host
+
+
+def is_loopback(host: str) -> bool:
+    """Whether only this machine can reach it."""
+    return host == "localhost" or (is_ip(host) and ipaddress.ip_address(host).is_loopback)

@@ -1,0 +1,112 @@
+"""Whether a line of the tap is as docs/tap.md says: what is not is never drawn. Pure."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+_NUMBER = (int, float)
+
+
+def check_line(line: dict[str, Any]) -> None:
+    """Raises ValueError that names the key, where the page could not use a line. Unknown types are let pass."""
+    check = {"hello": _hello, "decoded": _decoded, "picture": _picture, "health": _health}.get(line["type"])
+    if check is not None:
+        check(line)
+
+
+def _hello(line: dict[str, Any]) -> None:
+    camera, panels = _of(line, "camera", dict), _of(line, "panels", dict)
+    for key in ("width", "height", "row_time_us"):
+        _positive(camera, key)
+    if camera.get("fx") is not None:
+        for key in ("fx", "fy"):
+            _positive(camera, key)
+        for key in ("cx", "cy"):
+            _number(camera, key)
+        if camera.get("distortion") is not None:
+            _numbers(camera, "distortion", 5)
+    for key in ("side_m", "black_hz", "white_hz"):
+        _positive(panels, key)
+    for marker_id, panel in (_of(line, "map", (dict, type(None))) or {}).items():
+        if not marker_id.isdecimal():
+            raise ValueError("map: an ID must be a number")
+        _place(panel)
+
+
+def _health(line: dict[str, Any]) -> None:
+    _of(line, "state", str)
+    for key in ("frames_per_s", "temperature_c"):
+        if line.get(key) is not None:
+            _number(line, key)
+    for fault in line.get("faults") or []:
+        _of(fault, "text", str)
+        _number(fault, "at_ns")
+
+
+def _decoded(line: dict[str, Any]) -> None:
+    for key in ("seq", "exposed_ns", "sensor_timestamp_ns"):
+        _of(line, key, int)
+    for marker in _of(line, "markers", list):
+        if _of(marker, "id", int) < 0:
+            raise ValueError("id: must not be negative")
+        _number(marker, "margin")
+        _quad(marker)
+        if marker.get("position_m") is None:
+            marker["position_m"] = None
+        else:
+            _place(marker)
+    _of(line, "rejected", dict)
+    if line.get("robot") is not None:
+        _place(line["robot"])
+        if line["robot"].get("covariance") is not None:
+            _numbers(line["robot"], "covariance", 36)
+
+
+def _picture(line: dict[str, Any]) -> None:
+    if "pixels" not in line:
+        raise ValueError("pixels: are missing")
+    _decoded(_of(line, "decoded", dict))
+    for found in [*line.get("rejected", []), *line.get("looks", [])]:
+        _quad(found)
+        _of(found, "why", (str, type(None)))
+
+
+def _quad(values: dict[str, Any]) -> None:
+    corners = _of(values, "corners_px", list)
+    if len(corners) != 4:
+        raise ValueError("corners_px: must be four")
+    for corner in corners:
+        _numbers({"corners_px": corner}, "corners_px", 2)
+
+
+def _place(values: dict[str, Any]) -> None:
+    _numbers(values, "position_m", 3)
+    _numbers(values, "quaternion_wxyz", 4)
+    if not any(values["quaternion_wxyz"]):
+        raise ValueError("quaternion_wxyz: must not be zero")
+
+
+def _numbers(values: dict[str, Any], key: str, count: int) -> None:
+    found = _of(values, key, list)
+    if len(found) != count or not all(isinstance(v, _NUMBER) and math.isfinite(v) for v in found):
+        raise ValueError(f"{key}: must be {count} numbers")
+
+
+def _positive(values: dict[str, Any], key: str) -> None:
+    if not _number(values, key) > 0:
+        raise ValueError(f"{key}: must be above 0")
+
+
+def _number(values: dict[str, Any], key: str) -> float:
+    value = _of(values, key, _NUMBER)
+    if not math.isfinite(value):
+        raise ValueError(f"{key}: must be a number")
+    return float(value)
+
+
+def _of(values: Any, key: str, kind: type | tuple[type, ...]) -> Any:
+    value = values.get(key) if isinstance(values, dict) else None
+    if not isinstance(value, kind):
+        raise ValueError(f"{key}: is missing, or of another kind")
+    return value

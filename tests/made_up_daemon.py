@@ -1,0 +1,188 @@
+"""A small daemon's end of the tap, which shows what a test wants: lines and pictures, as docs/tap.md describes them."""
+
+from __future__ import annotations
+
+import json
+import socket
+import threading
+import time
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ledpi.core.records import Pixels
+
+HELLO: dict[str, Any] = {
+    "type": "hello",
+    "tap": 1,
+    "version": "0.0.0",
+    "pid": 1,
+    "camera": {
+        "width": 64,
+        "height": 48,
+        "row_time_us": 33.67,
+        "exposure_us": 9966.0,
+        "frame_length_rows": 504,
+        "fx": 64.0,
+        "fy": 64.0,
+        "cx": 32.0,
+        "cy": 24.0,
+        "distortion": [0.0] * 5,
+        "source": "made up",
+    },
+    "panels": {"dictionary": "DICT_4X4_50", "side_m": 0.16, "black_hz": 1250.0, "white_hz": 2450.0, "duty": 0.5},
+    "map": None,
+    "may": ["save", "record"],
+    "dropped": 0,
+}
+HEALTH: dict[str, Any] = {
+    "type": "health",
+    "state": "running",
+    "no_fix": "no_map",
+    "uptime_s": 5,
+    "frames_per_s": 30.0,
+    "decoded": 100,
+    "dropped_frames": 0,
+    "rejected": {},
+    "latency_ms": {"median": 3.0, "worst": 6.0},
+    "temperature_c": 50.0,
+    "throttled": None,
+    "wire": {"packets": 1, "dropped": 0, "connected": True},
+    "faults": [],
+    "config_path": None,
+}
+PANEL: dict[str, Any] = {
+    "id": 7,
+    "corners_px": [[10.0, 10.0], [30.0, 10.0], [30.0, 30.0], [10.0, 30.0]],
+    "margin": 40.0,
+    "frames_used": 3,
+    "position_m": [0.0, 0.0, 2.0],
+    "quaternion_wxyz": [0.0, 1.0, 0.0, 0.0],
+    "covariance": None,
+    "reprojection_px": 0.1,
+    "alternate": None,
+}
+CONFIG = {"panels.side_m": 0.16, "view.token": "abcdefghijkl"}
+
+
+def decoded(seq: int, **changes: Any) -> dict[str, Any]:
+    """A line of one frame, exposed now."""
+    now_ns = time.monotonic_ns()
+    return {
+        "type": "decoded",
+        "recording": "",
+        "seq": seq,
+        "sensor_timestamp_ns": now_ns,
+        "decode_ms": 2.0,
+        "markers": [PANEL],
+        "robot": None,
+        "rejected": {},
+        "exposed_ns": now_ns,
+        "decoded_ns": now_ns,
+        "exposure_us": 9966.0,
+        "analogue_gain": 2.0,
+        "dropped": 0,
+    } | changes
+
+
+class MadeUpDaemon:
+    """Listens at `path`; a frame each 20 ms, each with a picture that differs from the last."""
+
+    def __init__(
+        self, path: Path, *, hello: dict[str, Any] | None = None, picture: dict[str, Any] | None = None
+    ) -> None:
+        self.hello, self.extra = HELLO | (hello or {}), picture or {}
+        self.disk_is_full = True
+        self.frame: dict[str, Any] = {}
+        self.requests: list[dict[str, Any]] = []
+        self._clients: list[socket.socket] = []
+        self._sending = threading.Lock()
+        self._wanted: list[tuple[socket.socket, dict[str, Any]]] = []
+        self._closing = threading.Event()
+        path.unlink(missing_ok=True)
+        self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        self._listener.bind(str(path))
+        self._listener.listen()
+        self._threads = [threading.Thread(target=loop, daemon=True) for loop in (self._accept, self._show)]
+        for thread in self._threads:
+            thread.start()
+
+    def close(self) -> None:
+        """Ends as a killed daemon does: its socket's file stays."""
+        self._closing.set()
+        for end in (self._listener, *self._clients):
+            with suppress(OSError):
+                end.shutdown(socket.SHUT_RDWR)
+            end.close()
+        for thread in self._threads:
+            thread.join(2.0)
+
+    def asked(self, do: str) -> list[dict[str, Any]]:
+        """The requests of a kind so far."""
+        return [request for request in self.requests if request["do"] == do]
+
+    def _accept(self) -> None:
+        while not self._closing.is_set():
+            try:
+                client, _ = self._listener.accept()
+            except OSError:
+                return
+            self._send(client, self.hello)
+            self._send(client, HEALTH)
+            self._clients.append(client)
+            threading.Thread(target=self._listen, args=(client,), daemon=True).start()
+
+    def _listen(self, client: socket.socket) -> None:
+        with suppress(OSError, ValueError), client.makefile("rb") as lines:
+            for line in lines:
+                request = json.loads(line)
+                self.requests.append(request)
+                if request["do"] == "picture":
+                    self._wanted.append((client, request))
+                elif request["do"] == "config":
+                    origins = dict.fromkeys(CONFIG, "default")
+                    self._send(client, {"type": "config", "id": request["id"], "values": CONFIG, "from": origins})
+                elif request["do"] == "record" and self.disk_is_full:
+                    self._send(client, {"type": "error", "id": request["id"], "error": "the disk is full"})
+                else:
+                    self._send(client, {"type": "done", "id": request["id"], "path": "/var/lib/ledpi/take"})
+
+    def _show(self) -> None:
+        seq = 0
+        while not self._closing.wait(0.02):
+            seq += 1
+            line = decoded(seq, **self.frame)
+            wanted, self._wanted = self._wanted, []
+            for client in list(self._clients):
+                self._send(client, line)
+            for client, request in wanted:
+                pixels = self.picture(seq)
+                head = {"type": "picture", "id": request["id"], "width": 64, "height": 48, "format": "gray8"}
+                head |= {"bytes": pixels.size, "decoded": line, "pixels_max_share": 0.0}
+                self._send(
+                    client, head | {key: self.extra.get(key, []) for key in _EXTRAS if asks(request, key)}, pixels
+                )
+            if seq % 50 == 0:
+                for client in list(self._clients):
+                    self._send(client, HEALTH)
+
+    @staticmethod
+    def picture(seq: int) -> Pixels:
+        """(48, 64) uint8: stripes that move."""
+        rows = (np.arange(48) + seq) * 10 % 256
+        return np.repeat(rows.astype(np.uint8)[:, None], 64, axis=1)
+
+    def _send(self, client: socket.socket, line: dict[str, Any], pixels: Pixels | None = None) -> None:
+        data = json.dumps(line).encode() + b"\n" + (b"" if pixels is None else pixels.tobytes())
+        with suppress(OSError), self._sending:
+            client.sendall(data)
+
+
+_EXTRAS = {"rejected": "rejected", "looks": "evidence"}  # a line's key, and what a request calls it
+
+
+def asks(request: dict[str, Any], key: str) -> bool:
+    """Whether a request for a picture wants what stands at a key."""
+    return _EXTRAS[key] in request.get("with", [])

@@ -1,0 +1,109 @@
+"""The live page as its user has it: a daemon on the simulated drive, `ledpi view`, and Debian's Chromium."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from urllib.request import ProxyHandler, Request, build_opener
+
+from ledpi.config.map_yaml import map_text
+from ledpi.simulate.scenes import drive_map
+
+ROOT = Path(__file__).resolve().parents[1]
+COMMAND = [sys.executable, "-c", "from ledpi.cli import main; main()"]
+DEADLINE_S = 60.0  # for anything at all, on a slow machine
+CHROMIUM, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
+PHONE = (360, 740)
+
+
+@dataclass(frozen=True)
+class Page:
+    """Where `ledpi view` serves, and the token that it has printed."""
+
+    process: subprocess.Popen[str]
+    address: str  # with the token
+    port: int
+    token: str
+
+    def ask(self, path: str) -> Any:
+        """A JSON answer of the page's server."""
+        request = Request(f"http://127.0.0.1:{self.port}{path}", headers={"Authorization": f"Bearer {self.token}"})
+        with build_opener(ProxyHandler({})).open(request, timeout=DEADLINE_S) as answer:
+            return json.load(answer)
+
+
+@contextmanager
+def ended(process: subprocess.Popen[str]) -> Iterator[subprocess.Popen[str]]:
+    """Killed when the block is left, if it still runs."""
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def start_daemon(folder: Path, *settings: str) -> subprocess.Popen[str]:
+    """`ledpi run` on the simulated drive with its map; the tap is `folder`/tap.sock."""
+    (folder / "markers.yaml").write_text(map_text(drive_map(), "The drive."), encoding="utf-8")
+    given = ("panels.side_m=0.16", "camera.source=simulated", f"map={folder}/markers.yaml", *settings)
+    given += (f"serial.port={folder}/none", f"tap.socket={folder}/tap.sock")
+    options = [part for item in given for part in ("--set", item)]
+    return subprocess.Popen([*COMMAND, "run", *options], cwd=folder, stderr=subprocess.DEVNULL, text=True)
+
+
+@contextmanager
+def view(folder: Path, *settings: str) -> Iterator[Page]:
+    """`ledpi view` of the daemon of `start_daemon`, at any free port."""
+    given = (f"tap.socket={folder}/tap.sock", "view.listen=127.0.0.1:0", *settings)
+    options = [part for item in given for part in ("--set", item)]
+    command = [*COMMAND, "view", *options]
+    with ended(subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, text=True)) as process:
+        assert process.stdout is not None
+        said = process.stdout.readline()
+        found = re.fullmatch(r"open (http://\S+:(\d+)/#token=(\S+))\n", said)
+        assert found is not None, said
+        yield Page(process, found[1], int(found[2]), found[3])
+
+
+@contextmanager
+def browser(size: tuple[int, int] = (1280, 900), *, phone: bool = False, dark: bool = False) -> Iterator[Any]:
+    """Headless Chromium with a window of that size; `phone`: a touch screen, as wide as `size` says."""
+    from selenium import webdriver
+
+    options = webdriver.ChromeOptions()
+    options.binary_location = str(CHROMIUM)
+    # As root, and where /dev/shm is small, as in a container. It asks nobody for updates or names.
+    for argument in ("headless=new", "no-sandbox", "disable-dev-shm-usage", "disable-gpu", "no-proxy-server"):
+        options.add_argument(f"--{argument}")
+    options.add_argument("--disable-background-networking")
+    options.add_argument(f"--window-size={size[0]},{size[1]}")
+    if dark:
+        options.add_argument("--force-dark-mode")
+    if phone:
+        metrics = {"width": size[0], "height": size[1], "pixelRatio": 2.0}
+        options.add_experimental_option("mobileEmulation", {"deviceMetrics": metrics})
+    driver = webdriver.Chrome(options=options, service=webdriver.ChromeService(executable_path=str(DRIVER)))
+    try:
+        driver.set_script_timeout(DEADLINE_S)
+        yield driver
+    finally:
+        with suppress(Exception):  # one that has crashed cannot be told to end
+            driver.quit()
+
+
+def wait_for(what: Callable[[], Any], why: str, deadline_s: float = DEADLINE_S) -> Any:
+    """Until it gives something that is true, which is returned."""
+    end_s = time.monotonic() + deadline_s
+    while not (found := what()):
+        assert time.monotonic() < end_s, f"did not come: {why}"
+        time.sleep(0.05)
+    return found
