@@ -34,10 +34,11 @@ REASONS: dict[str, Explained] = {
     "fit.uncertain": Explained(
         "corners are known to no better than an eighth of a cell", "go nearer; a dark edge around the cells"
     ),
-    "track.contradicted": Explained(
-        "the frame contradicts what this square was read as; its earlier frames are forgotten", ""
+    "track.contradicted": Explained("the frame contradicts the ID of this track; its earlier frames are forgotten", ""),
+    "track.innovation": Explained(
+        "the frame fails the innovation gate: it differs too much from the frames before; the panel must be read again",
+        "",
     ),
-    "track.innovation": Explained("the square looks unlike the frames before; it must be read anew", ""),
     "cells.too_small": Explained("a cell is less than 2 pixels wide", "go nearer"),
     "cells.outside_picture": Explained("a cell is not wholly in the picture", "bring the whole panel into view"),
     "cells.saturated": Explained("too many pixels of a cell are full", "less gain or exposure"),
@@ -53,17 +54,17 @@ REASONS: dict[str, Explained] = {
         "check camera.exposure_us, and what dims the lamp",
     ),
     "identify.not_in_dictionary": Explained(
-        "the pattern is no word, or cannot be told from one that is none",
+        "the pattern is no codeword of the dictionary, or cannot be distinguished from one that is none",
         "a cell is on the wrong output, or soldered as seen from the front: compare the cells with the wiring picture; "
         "go nearer; more frames",
     ),
     "identify.ambiguous": Explained("two IDs are nearly as likely", "go nearer; more frames"),
     "identify.inconsistent_cells": Explained(
-        "some cells contradict the word", "remove what hides cells or shines on them"
+        "some cells contradict the codeword", "remove what hides cells or shines on them"
     ),
     "identify.id_not_in_panels_ids": Explained("read, but not one of the panels that exist", "list it in panels.ids"),
     "suppression.same_id": Explained(
-        "one ID in two places", "give each panel an ID of its own; a glossy floor may mirror one"
+        "one ID in two places; neither is reported", "give each panel an ID of its own; a glossy floor may mirror one"
     ),
     "suppression.same_panel": Explained("two squares for one panel; the better one is kept", ""),
     "pose.unsolved": Explained("no pose in front of the camera fits the corners", "calibrate the lens"),
@@ -76,7 +77,7 @@ REASONS: dict[str, Explained] = {
         "one panel is seen, and its mirror pose is not excluded", "show two panels; panels.upright: true"
     ),
     "fix.panels_contradict": Explained("panels do not hang as the map says", "correct the map"),
-    "uemura.no_square": Explained("only with decode.method: uemura: no square", "use likelihood"),
+    "uemura.no_square": Explained("with decode.method: uemura only: no square", "use likelihood"),
     "uemura.cell_without_bands": Explained("the same: a cell shows no bands", "use likelihood, or a shorter exposure"),
     "uemura.not_in_dictionary": Explained("the same: no codeword", "use likelihood"),
     "capture.timestamp": Explained("a frame has no time, or one that is not after the last", ""),
