@@ -3,17 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from ledpi.core.records import Frame, Intrinsics, MarkerPose, PlanarSolution, Rejected, RobotFix, Sighting
 from ledpi.core.shutter import row_mid_exposure_ns
-from ledpi.pose.branches import Branches
+from ledpi.pose.branches import Belief, Branches
 from ledpi.pose.corners import centre_px, motion_px, seen_at_row
 from ledpi.pose.fix import FixSolver, Robot
+from ledpi.pose.past import PastState
 from ledpi.pose.planar import solve_squares
 
 _STILL = np.zeros((4, 2))
+
+
+class Placed(NamedTuple):
+    """What a `Placer` remembers."""
+
+    beliefs: tuple[tuple[int, Belief], ...]  # by ID
+    past: PastState
 
 
 class Placer:
@@ -46,6 +55,16 @@ class Placer:
         self._fixes: FixSolver | None = None
         if robot is not None and robot.panels is not None and self._intrinsics is not None:
             self._fixes = FixSolver(self._intrinsics, robot, robot.panels, self._sides_m)
+
+    def state(self) -> Placed:
+        """What `resume` goes on from."""
+        return Placed(self._branches.state(), PastState() if self._fixes is None else self._fixes.past.state())
+
+    def resume(self, state: Placed) -> None:
+        """Goes on as the one that gave this state would."""
+        self._branches.resume(state.beliefs)
+        if self._fixes is not None:
+            self._fixes.past.resume(state.past)
 
     def place(self, frame: Frame, sightings: list[Sighting]) -> list[MarkerPose | Rejected]:
         """Of each sighting its pose, or why it has none."""
