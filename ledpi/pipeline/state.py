@@ -71,3 +71,18 @@ def _plain(value: Any, room: Room, looks: Looks) -> Any:
 def _fields(record: Any, room: Room, looks: Looks) -> dict[str, Any]:
     names = [field.name for field in fields(record)] if is_dataclass(record) else record._fields
     return {name: _plain(getattr(record, name), room, looks) for name in names if name != "pixels"}
+
+
+# Of a panel's evidence and its beliefs, and arrays that are as large as its samples in one frame: mean picture, waves,
+# and what is expected.
+_TRACK_BYTES, _TRACK_ARRAYS = 40_000, 20
+
+
+def size_of(state: PipelineState) -> int:
+    """Bytes that it may keep from being freed; no less than they are."""
+    total = _TRACK_BYTES
+    for _, history in state.followed.tracks:
+        looks = [*history.tuning.seen, *(memory.last for memory in history.memories if memory.last is not None)]
+        largest = max((samples.light.nbytes for samples, _ in looks), default=0)
+        total += _TRACK_BYTES + largest * (2 * len(looks) + _TRACK_ARRAYS * len(history.memories))
+    return total

@@ -49,8 +49,8 @@ def spec_of(node: Node, looked_for: Sequence[PanelSpec]) -> PanelSpec:
         if spec.phase == like.phase and all(map(_is_near, spec.waves_hz, like.waves_hz)):
             return spec
     raise ValueError(
-        f"{node.where}: is of {spec.blinking()}, and {' or '.join(s.blinking() for s in looked_for)} is looked for; must "
-        "be decoded with the configuration that it was taken with"
+        f"{node.where}: is of {spec.blinking()}, and {' or '.join(s.blinking() for s in looked_for)} is looked for; "
+        "must be decoded with the configuration that it was taken with"
     )
 
 
