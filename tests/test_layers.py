@@ -25,6 +25,7 @@ PURE = [
     "ledpi.core.row_clock",
     "ledpi.pipeline.output",
     "ledpi.pipeline.trace",
+    "ledpi.tap.protocol",
     "ledpi.wire.message",
     "ledpi.wire.codec",
     "ledpi.wire.outbox",
@@ -54,7 +55,7 @@ IMPURE_CALLS = {"open", "imread", "imwrite", "VideoCapture", "fromfile", "tofile
 # From the ground up: a package imports those before it. Workshop tools may use each other.
 LAYERS = (
     *("core", "markers", "kernels", "pose", "decode", "config", "recording", "simulate", "camera"),
-    *("pipeline", "wire", "runtime", "tools", "cli"),
+    *("pipeline", "wire", "tap", "runtime", "tools", "cli"),
 )
 
 RUN = ["ledpi.pipeline.pipeline", "ledpi.cli.run"]

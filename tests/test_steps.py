@@ -16,6 +16,7 @@ from decode_material import PINHOLE, ROW_TIME_US, SHORT_US, SPEC, Canvas, camera
 from ledpi.config.settings import Method
 from ledpi.core.records import CameraInfo, Floats, Frame, Pixels, Rejected
 from ledpi.decode.evidence.evidence import Evidence
+from ledpi.decode.identify.each_cell import alone_for_white, given_others_for_white
 from ledpi.decode.identify.soft import Reading
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.recording.writer import RecordingWriter
@@ -23,7 +24,6 @@ from ledpi.tools.snapshot.drawing import BLACK_CLASS, WHITE_CLASS
 from ledpi.tools.snapshot.page import BORDER, PICTURES_TOP, WIDTH
 from ledpi.tools.snapshot.record import Snapshot, take
 from ledpi.tools.snapshot.steps import CAPTION, TITLE, draw_steps
-from ledpi.tools.snapshot.steps_soft import alone_for_white, given_others_for_white
 from ledpi.tools.snapshot.tiles import GAP, View, tile_width, view_of
 
 PLACE = square(310.3, 240.6, 150, 4)

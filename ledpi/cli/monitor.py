@@ -1,4 +1,4 @@
-"""`ledpi monitor`: shows the stream that a motor controller reads."""
+"""`ledpi monitor`: shows what the running daemon sees, or the stream that a motor controller reads."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import math
 import signal
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -30,23 +31,42 @@ _POSE_KEYS = ("position_m", "quaternion_wxyz", "deviation_m", "deviation_rad")
 
 @app.command()
 def monitor(
-    port: Annotated[str, typer.Argument(metavar="PORT", help="Serial port or pty that carries the stream.")],
+    port: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="[PORT]", help="Serial port or pty that carries the stream. Default: the running daemon."
+        ),
+    ] = None,
     baud: Annotated[int, typer.Option(min=1200, help="As serial.baud of the sender.")] = 115200,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object a message.")] = False,
     seconds: Annotated[float | None, typer.Option(min=0, help="Stop after this time.")] = None,
+    tap: Annotated[str, typer.Option(metavar="SOCKET", help="Without PORT: the daemon's tap.socket.")] = "auto",
 ) -> None:
-    """Print the serial stream.
+    """Watch the running daemon, or print the serial stream.
 
-    At the end it says how many packets were lost or bad. Ends with Ctrl-C, after --seconds, or when the other end
-    hangs up. Exit status 2 if the port cannot be opened, or carries MAVLink, which autopilots' own tools show.
+    Without PORT it shows, as a table that stays up to date, which panels the daemon sees, the fix, and its health; with
+    --json the lines of its tap. It waits for a daemon that is started anew. With PORT it prints what a motor controller
+    reads, and at the end how many packets were lost or bad. Ends with Ctrl-C, after --seconds, or when the port's other
+    end hangs up. Exit status 2 if no daemon answers, or if the port cannot be opened, or carries MAVLink, which
+    autopilots' own tools show.
 
-    Example: ledpi monitor /dev/ttyUSB0 --json
+    Example: ledpi monitor
     """
+    # As Ctrl-C, which a shell's background jobs ignore.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    if port is not None:
+        _watch_port(port, baud, as_json, seconds)
+        return
+    from ledpi.cli.monitor_tap import print_lines, show_table
+
+    with suppress(KeyboardInterrupt):
+        (print_lines if as_json else show_table)(tap, seconds)
+
+
+def _watch_port(port: str, baud: int, as_json: bool, seconds: float | None) -> None:
     from ledpi.wire import Receiver
     from ledpi.wire.line import open_port
 
-    # As Ctrl-C, which a shell's background jobs ignore.
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
     receiver = Receiver()
     with open_port(port, baud, read_timeout_s=READ_TIMEOUT_S) as line:
         try:

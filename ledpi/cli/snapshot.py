@@ -11,7 +11,7 @@ import typer
 from ledpi.cli import app
 from ledpi.cli.drawn import check_apart, write_drawn
 from ledpi.cli.progress import progress
-from ledpi.core.errors import CameraError, ConfigError, RecordingError
+from ledpi.core.errors import CameraError, ConfigError, RecordingError, TapError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -40,7 +40,7 @@ class _Source(NamedTuple):
 @app.command()
 def snapshot(
     path: Path | None = typer.Argument(
-        None, metavar="PATH", help="A recording or a picture. Default: the configured camera."
+        None, metavar="PATH", help="A recording or a picture. Default: the running daemon's, else the camera's."
     ),
     config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
     set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
@@ -55,7 +55,8 @@ def snapshot(
 
     It shows the bands, amplified, the cells, the poses, and what was dropped and why.
     The frame is decoded alone, without memory of those before; without --frame, a camera's first that shows a panel,
-    if one of half a second does. One line on standard output says what was read.
+    if one of half a second does. One line on standard output says what was read, and from where. A daemon that runs
+    here has the camera: its frame is taken, unless --frame or a --set of the section `camera` asks for the camera.
 
     Example: ledpi snapshot recordings/drive --frame 42 --out frame42.png
     """
@@ -74,10 +75,12 @@ def snapshot(
     file, overrides = find_config(config), list(set_)
     if method is not None:
         overrides.append(f"decode.method={method}")
-    is_recording = path is not None and path.is_dir()
-    own_size = ("panels.side_m=1",) if is_recording else ()  # a recording brings its panel's size
+    asks_for_camera = frame is not None or any(item.startswith("camera") for item in set_)
+    daemon = _from_daemon() if path is None and not asks_for_camera else None
+    brings_panel = daemon is not None or (path is not None and path.is_dir())
+    own_size = ("panels.side_m=1",) if brings_panel else ()
     settings = load_config(file, tuple(overrides), without_file=own_size)
-    source = _open(path, settings, frame)
+    source = daemon or _open(path, settings, frame)
     check_apart(out.parent, source.pictures, "--out")
     pipeline = Pipeline(
         source.camera,
@@ -100,6 +103,20 @@ def _open(path: Path | None, settings: Config, seq: int | None) -> _Source:
     if seq:
         raise ConfigError(f"--frame {seq}: {path} is a picture, not a recording; it has no frame but 0")
     return _from_picture(path, settings)
+
+
+def _from_daemon() -> _Source | None:
+    """None where no daemon runs here."""
+    from ledpi.tap.client import connect
+    from ledpi.tools.snapshot.from_daemon import showing_a_panel
+
+    try:
+        tap = connect()
+    except TapError:
+        return None
+    with tap:
+        taken = showing_a_panel(tap, LOOK_FRAMES)
+    return _Source(taken.title, taken.frame, taken.camera, taken.panel, taken.camera.intrinsics)
 
 
 def _from_camera(settings: Config, seq: int | None) -> _Source:

@@ -212,6 +212,12 @@ class RewindSettings(_Section):
     memory_mb: Annotated[float, Field(ge=1, le=1_000_000, allow_inf_nan=False)] | None = None
 
 
+class TapSettings(_Section):
+    """The section `tap`."""
+
+    socket: Annotated[str, Field(min_length=1)] | None = "auto"
+
+
 class Config(_Section):
     """The whole configuration, valid once built. Paths in it are absolute."""
 
@@ -222,12 +228,19 @@ class Config(_Section):
     robot: RobotSettings = RobotSettings()
     serial: SerialSettings = SerialSettings()
     rewind: RewindSettings = RewindSettings()
+    tap: TapSettings = TapSettings()
     _from_command_line: frozenset[str] = PrivateAttr(default=frozenset())
+    _file: Path | None = PrivateAttr(default=None)
 
     @property
     def from_command_line(self) -> frozenset[str]:
         """Keys that --set gave, as `panels.side_m`: stronger than what a recording says of itself."""
         return self._from_command_line
+
+    @property
+    def file(self) -> Path | None:
+        """Which it was read from; None where there is no file."""
+        return self._file
 
 
 def find_config(explicit: Path | None) -> Path | None:
@@ -264,6 +277,7 @@ def load_config(path: Path | None, overrides: tuple[str, ...] = (), *, without_f
         raise ConfigError(f"{where}: {explain(error, Config)}") from None
     config = _with_absolute_paths(config, base, from_command_line)
     config._from_command_line = frozenset(from_command_line)
+    config._file = None if path is None else path.absolute()
     _check_panels(config.panels, where)
     if config.camera.row_time_us != "auto":
         check_bands_show(config.panels, config.camera.row_time_us, where)
@@ -350,4 +364,6 @@ def _with_absolute_paths(config: Config, base: Path, from_command_line: set[str]
         changes_top["panels"] = config.panels.model_copy(update={"dictionary": words})
     if config.map is not None:
         changes_top["map"] = absolute(config.map, "map")
+    if config.tap.socket not in (None, "auto"):
+        changes_top["tap"] = TapSettings(socket=str(absolute(config.tap.socket, "tap.socket")))
     return config.model_copy(update=changes_top)

@@ -44,6 +44,10 @@ class WireError(LedpiError):
     """A serial port or a packet cannot be used."""
 
 
+class TapError(LedpiError):
+    """The tap of a running daemon is not there, or refuses what was asked of it."""
+
+
 class CalibrationError(LedpiError):
     """Calibration input is missing or cannot give a rational result, or a calibration file is broken."""
 

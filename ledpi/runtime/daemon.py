@@ -11,6 +11,7 @@ from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from ledpi.camera.base import Camera
 from ledpi.camera.exposure_notes import exposure_notes
@@ -32,7 +33,10 @@ from ledpi.runtime.rewind import ASKED, Rewind
 from ledpi.runtime.ring import FrameRing
 from ledpi.runtime.status import status
 from ledpi.runtime.systemd import Watchdog, notify
+from ledpi.runtime.tapping import health, setup_of
 from ledpi.runtime.threads import keep_memory, switch_promptly
+from ledpi.tap.protocol import Request
+from ledpi.tap.server import Tap
 from ledpi.wire.mavlink import Mavlink
 from ledpi.wire.message import NoFix, State, StatusMessage
 from ledpi.wire.publisher import Publisher
@@ -49,14 +53,24 @@ _log = logging.getLogger("ledpi")
 class Daemon:
     """One run over one camera."""
 
-    def __init__(self, config: Config, camera: Camera, *, lossless: bool = False, resets: Resets | None = None) -> None:
+    def __init__(
+        self,
+        config: Config,
+        camera: Camera,
+        *,
+        lossless: bool = False,
+        resets: Resets | None = None,
+        tap: Tap | None = None,
+    ) -> None:
         """`lossless`: capture waits for the decoder, for a camera that has no pace of its own.
 
-        `resets`: where jumps and changes of the map are counted, with those of the daemons before.
+        `resets`: where jumps and changes of the map are counted, with those of the daemons before. `tap`: who follows
+        sees what is decoded.
         """
         info = camera.info
         self._camera = camera
         self._lossless = lossless
+        self._tap = tap
         self._calibrated = calibration(config, camera)
         self._has_map = config.map is not None
         self._ring = FrameRing(info.height, info.width)
@@ -69,6 +83,7 @@ class Daemon:
             robot=robot,
             method=config.decode.method,
         )
+        self._setup = setup_of(config, info, self._pipeline.panels, self._calibrated, robot.panels)
         self._pacing = None if self._lossless else Pacing(_period_ms(info))
         self._rewind: Rewind | None = None
         if config.rewind.seconds:
@@ -120,6 +135,9 @@ class Daemon:
             raise RecordingError("rewind: is off; set rewind.seconds")
         return self._rewind.save(cause)
 
+    def _save_for_tap(self, request: Request) -> dict[str, Any]:
+        return {"path": str(self.save().result())}
+
     def run(self, at_each_tick: Callable[[], None] = lambda: None) -> Totals:
         """Until `stop`, or until the camera has no further frame. Raises what stopped a worker.
 
@@ -134,6 +152,9 @@ class Daemon:
         self._publisher.start()
         if self._rewind is not None:
             self._rewind.start()
+        if self._tap is not None:
+            self._tap.begin(self._setup)
+            self._tap.offer("save", None if self._rewind is None else self._save_for_tap)
         for thread in self._threads:
             thread.start()
         notify("READY=1")
@@ -155,6 +176,8 @@ class Daemon:
         self._threads[1].join(JOIN_S)
         self._tell()  # the last status counts every frame
         self._publisher.stop()
+        if self._tap is not None:
+            self._tap.offer("save", None)
         if self._rewind is not None:
             self._rewind.close()
             self._rewind = None  # its memory is free for the next daemon's
@@ -189,16 +212,17 @@ class Daemon:
     def _tell(self) -> None:
         """Tells the controller how it is now. One thread at a time, so that what is said last is what was seen last."""
         with self._telling:
-            self._publisher.set_status(
-                status(
-                    self._totals(),
-                    self._liveness,
-                    self._processor,
-                    uptime_s=time.monotonic() - self._started_s,
-                    calibrated=self.calibrated,
-                    has_map=self._has_map,
-                )
-            )
+            self._publisher.set_status(self._status())
+
+    def _status(self) -> StatusMessage:
+        return status(
+            self._totals(),
+            self._liveness,
+            self._processor,
+            uptime_s=time.monotonic() - self._started_s,
+            calibrated=self.calibrated,
+            has_map=self._has_map,
+        )
 
     def _decode(self) -> None:
         while True:
@@ -206,13 +230,16 @@ class Daemon:
             if frame is not None:
                 self._liveness.begins(frame)
                 spent, budget, rewind = self._pipeline.spent, self._pipeline.search_budget, self._rewind
-                decoded = self._pipeline.decode(frame, at_once=self._hand_on)
+                trace = None if self._tap is None else self._tap.trace()
+                decoded = self._pipeline.decode(frame, trace, at_once=self._hand_on)
                 if self._pacing is not None:
                     spent, took_ms = self._pipeline.spent - spent, sum(decoded.stage_ms.values())
                     self._pipeline.search_budget = self._pacing.budget_after(spent, took_ms)
                 self._gain.see(frame, decoded)
                 if rewind is not None:
                     rewind.keep(frame, decoded, budget)
+                if self._tap is not None:
+                    self._tap.show(frame, decoded, trace)
                 self._ring.release()
                 self._health.add(decoded)
                 self._liveness.ends()
@@ -244,6 +271,8 @@ class Daemon:
             if now_s - looked_s >= LOOK_EVERY_S:
                 self._times, self._processor = self._health.times(), read_processor()
                 totals = self._totals()
+                if self._tap is not None and self._tap.is_followed:
+                    self._tap.tell(health(last, totals, now_s - looked_s, self._status()))
                 if not in_service():
                     _log.info(second_line(last, totals, now_s - looked_s))
                 elif now_s - said_s >= MINUTE_S:

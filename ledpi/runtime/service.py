@@ -14,6 +14,8 @@ from ledpi.runtime.daemon import Daemon
 from ledpi.runtime.reload import Reading
 from ledpi.runtime.reporting import Totals, event
 from ledpi.runtime.systemd import notify
+from ledpi.runtime.tapping import close_tap, open_tap
+from ledpi.tap.server import Tap
 from ledpi.wire.resets import Resets
 
 MAX_SAID = 200  # characters of an error that nobody has foreseen
@@ -34,7 +36,12 @@ class Service:
         self._next: Config | None = None
         self._resets = Resets()
         self._config = load()
-        self._daemon = self._start(self._config)
+        self._tap = open_tap(self._config)
+        try:
+            self._daemon = self._start(self._config, self._tap)
+        except BaseException:
+            close_tap(self._tap)
+            raise
 
     def stop(self) -> None:
         """From a signal handler: takes no lock."""
@@ -62,6 +69,7 @@ class Service:
                     self._daemon.stop()
         finally:
             notify("STOPPING=1")
+            close_tap(self._tap)
 
     def _look(self) -> None:
         """A configuration that can be read ends the daemon, for another one to begin; a bad one is named."""
@@ -90,20 +98,24 @@ class Service:
     def _change_to(self, config: Config) -> Daemon:
         """What only the camera shows to be wrong brings the old configuration back."""
         notify("WATCHDOG=1")  # the old daemon has ended as it should; a camera, or two, is about to be opened
+        tap = self._tap
         try:
-            daemon = self._start(config)
+            tap = open_tap(config, self._tap)
+            daemon = self._start(config, tap)
         except Exception as error:
+            close_tap(tap, but=self._tap)
             self._refuse(error)
-            return self._start(self._config)
-        self._config = config
+            return self._start(self._config, self._tap)
+        close_tap(self._tap, but=tap)
+        self._config, self._tap = config, tap
         return daemon
 
-    def _start(self, config: Config) -> Daemon:
+    def _start(self, config: Config, tap: Tap | None) -> Daemon:
         camera = self._open_camera(config)
         try:
             shown = config.panels if camera.panel is None else config.panels.shown_by(camera.panel)
             check_bands_show(shown, camera.info.row_time_us, "configuration")
-            daemon = Daemon(config, camera, lossless=self._lossless, resets=self._resets)
+            daemon = Daemon(config, camera, lossless=self._lossless, resets=self._resets, tap=tap)
         except BaseException:
             camera.close()
             raise
@@ -122,6 +134,7 @@ class Service:
                 port=config.serial.port,
                 baud=config.serial.baud,
                 protocol=config.serial.protocol,
+                tap=None if tap is None else tap.path,
             )
         )
         return daemon

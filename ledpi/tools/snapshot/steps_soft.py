@@ -8,8 +8,8 @@ import numpy as np
 from ledpi.core.geometry import first_at_top_left
 from ledpi.core.records import Floats
 from ledpi.decode.evidence.evidence import Evidence
+from ledpi.decode.identify.each_cell import alone_for_white, given_others_for_white
 from ledpi.decode.identify.soft import Reading
-from ledpi.decode.identify.words import gain_by_other_class
 from ledpi.markers.words import Bits
 from ledpi.pipeline.trace import Look
 from ledpi.tools.snapshot.drawing import (
@@ -87,30 +87,6 @@ def _refined(look: Look, snapshot: Snapshot, size: int) -> Canvas:
     tile = np.asarray(cv2.cvtColor(tile, cv2.COLOR_GRAY2BGR), np.uint8)
     outline(tile, look.quad.corners_px * scale + shift, DROPPED, 1)
     return tile
-
-
-def given_others_for_white(evidence: Evidence, shown: Floats, word: Bits) -> Floats:
-    """(cells,) by how much likelier all the light of a panel that was read is with this cell white than with it black.
-
-    `shown` (cells, P) are its bands, `word` (cells,) which cells it shows as white.
-    """
-    gain = gain_by_other_class(evidence, shown)
-    return np.asarray(np.where(word, -gain, gain))
-
-
-def alone_for_white(evidence: Evidence) -> Floats:
-    """(cells,) log-likelihood ratio of white to black in each cell by itself, depth and phase integrated out.
-
-    Of two frequencies.
-    """
-    nats = []
-    for two in (slice(0, 2), slice(2, 4)):
-        prior = np.diag(evidence.prior[two])
-        own = evidence.of_own_bands[:, two, two]
-        b = evidence.score[:, two]
-        fitted = np.linalg.solve(own + np.linalg.inv(prior), b[..., None])[..., 0]
-        nats.append(0.5 * ((b * fitted).sum(axis=1) - np.linalg.slogdet(np.eye(2) + prior @ own)[1]))
-    return np.asarray(nats[1] - nats[0])
 
 
 def _evidence(nats: Floats, size: int) -> Canvas:

@@ -1,0 +1,91 @@
+"""What the daemon tells those who follow its tap, and where that is."""
+
+from __future__ import annotations
+
+import logging
+import os
+from typing import Any
+
+from ledpi.config.origins import origins_of, values_of
+from ledpi.config.settings import Config, PanelSettings
+from ledpi.core.errors import ConfigError
+from ledpi.core.records import CameraInfo, Intrinsics
+from ledpi.pose.panel_map import PanelMap
+from ledpi.runtime.reporting import Totals, event
+from ledpi.tap.messages import Setup
+from ledpi.tap.places import AUTO, to_serve
+from ledpi.tap.server import Tap
+from ledpi.wire.message import StatusMessage
+
+_log = logging.getLogger("ledpi")
+
+
+def open_tap(config: Config, now: Tap | None = None) -> Tap | None:
+    """The tap that this configuration asks for: `now`, if that is where it is.
+
+    Raises ConfigError where a path is given at which none can be. Where `auto` finds no place the daemon runs without:
+    a robot needs its poses more than anybody needs to look at them.
+    """
+    setting = config.tap.socket
+    if setting is None:
+        return None
+    try:
+        path = to_serve(setting)
+        if now is not None and now.path == path:
+            return now
+        tap = Tap(path)
+    except ConfigError as error:
+        if setting != AUTO:
+            raise
+        _log.warning(event("tap_off", reason=str(error)))
+        return None
+    tap.start()
+    return tap
+
+
+def close_tap(tap: Tap | None, but: Tap | None = None) -> None:
+    """Closes it, if there is one and it is not the one that goes on."""
+    if tap is not None and tap is not but:
+        tap.close()
+
+
+def setup_of(
+    config: Config, camera: CameraInfo, panels: PanelSettings, lens: Intrinsics | None, panel_map: PanelMap | None
+) -> Setup:
+    """What a follower is told first. `panels`: with what the camera knows better."""
+    return Setup(
+        pid=os.getpid(),
+        camera=camera,
+        source=config.camera.source,
+        intrinsics=lens,
+        panels=panels,
+        panel_map=panel_map,
+        values=values_of(config),
+        origins=origins_of(config),
+        config_path=None if config.file is None else str(config.file),
+    )
+
+
+def health(before: Totals, now: Totals, seconds: float, status: StatusMessage) -> dict[str, Any]:
+    """The line of each second, but for what the tap itself knows."""
+    packets = now.packets
+    return {
+        "state": status.state.name.lower(),
+        "no_fix": status.no_fix.name.lower(),
+        "uptime_s": status.uptime_s,
+        "frames_per_s": round((now.ring.published - before.ring.published) / seconds, 2),
+        "decoded_per_s": round((now.health.decoded - before.health.decoded) / seconds, 2),
+        "frames": now.ring.published,
+        "decoded": now.health.decoded,
+        "dropped_frames": now.ring.dropped,
+        "in_view": now.health.in_view,
+        "rejected": dict(sorted(now.health.rejected.items())),
+        "temperature_c": status.temperature_c,
+        "throttled": status.throttling,
+        "wire": {
+            "packets": packets.sent,
+            "dropped": packets.unsent,
+            "connected": packets.connected,
+            "error": packets.error,
+        },
+    }

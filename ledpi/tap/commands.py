@@ -1,0 +1,70 @@
+"""What clients may tell the daemon to do. It takes its time, so each runs in a thread of its own."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Callable, Iterator
+from typing import Any, TypeAlias
+
+from ledpi.core.errors import LedpiError
+from ledpi.core.wording import one_line
+from ledpi.tap.follower import Follower
+from ledpi.tap.protocol import Do, Request, error
+
+# Gives what the answer holds beside its type and id; raises LedpiError or OSError where it cannot be done.
+Command: TypeAlias = Callable[[Request], dict[str, Any]]
+
+MAY = "root, the daemon's own user and members of the group ledpi may"
+_OFF: dict[Do, str] = {
+    "save": "rewind is off: nothing is kept that could be saved",
+    "record": "recording from the tap is off; use `ledpi record` while the daemon is stopped",
+    "record_stop": "nothing is being recorded",
+}
+
+
+class Commands:
+    """Those that this daemon offers. One of each kind runs at a time."""
+
+    def __init__(self, at_end: Callable[[], None]) -> None:
+        """`at_end` is called, from the command's thread, when an answer is ready."""
+        self._at_end = at_end
+        self._offered: dict[Do, Command] = {}
+        self._running: set[Do] = set()
+        self._done: deque[tuple[Follower, dict[str, Any]]] = deque()
+
+    def offer(self, do: Do, command: Command | None) -> None:
+        """`None`: no longer."""
+        if command is None:
+            self._offered.pop(do, None)
+        else:
+            self._offered[do] = command
+
+    def begin(self, follower: Follower, request: Request) -> dict[str, Any] | None:
+        """Starts it; or the answer, where it is not permitted, not offered, or already running."""
+        do, command = request.do, self._offered.get(request.do)
+        if not follower.may_command:
+            return error(f"{do}: not permitted; {MAY}", request.id)
+        if command is None:
+            return error(f"{do}: {_OFF[do]}", request.id)
+        if do in self._running:
+            return error(f"{do}: the last one is not done yet; ask again later", request.id)
+        self._running.add(do)
+        threading.Thread(target=self._run, args=(command, follower, request), name=f"tap {do}", daemon=True).start()
+        return None
+
+    def done(self) -> Iterator[tuple[Follower, dict[str, Any]]]:
+        """The answers that are ready, and whose they are."""
+        while self._done:
+            yield self._done.popleft()
+
+    def _run(self, command: Command, follower: Follower, request: Request) -> None:
+        try:
+            answer = {"type": "done", "id": request.id, **command(request)}
+        except (LedpiError, OSError) as failure:
+            answer = error(f"{request.do}: {one_line(str(failure))}", request.id)
+        except Exception as failure:  # whatever it is, the one who asked must hear of it
+            answer = error(f"{request.do}: {type(failure).__name__}: {one_line(str(failure))}", request.id)
+        self._running.discard(request.do)
+        self._done.append((follower, answer))
+        self._at_end()

@@ -1,0 +1,115 @@
+"""All clients of the tap: who comes, who asks, who takes what is sent, and who is gone."""
+
+from __future__ import annotations
+
+import os
+import select
+import socket
+import time
+from collections.abc import Iterator
+from contextlib import suppress
+
+from ledpi.tap.follower import Follower
+from ledpi.tap.listening import Listening
+from ledpi.tap.protocol import MAX_REQUEST_BYTES, Request, RequestError, error, read_request, write_line
+
+MOST_FOLLOWERS = 64
+_REFUSED_S = 0.1  # after which a connection is tried again that the system had no descriptor for
+
+
+class Crowd:
+    """Used by the server's thread only. `bell`: an eventfd that ends `wait`."""
+
+    def __init__(self, listening: Listening, bell: int) -> None:
+        self._listening, self._bell = listening, bell
+        self._followers: dict[int, Follower] = {}
+        self._events: dict[int, int] = {}
+        self._epoll = select.epoll()
+        for fd in (listening.socket.fileno(), bell):
+            self._epoll.register(fd, select.EPOLLIN)
+
+    def __iter__(self) -> Iterator[Follower]:
+        return iter(self._followers.values())
+
+    def __len__(self) -> int:
+        return len(self._followers)
+
+    def wait(self, seconds: float) -> None:
+        """Until something comes, from a client or with the bell."""
+        for fd, events in self._epoll.poll(seconds):
+            if fd == self._bell:
+                with suppress(BlockingIOError):
+                    os.eventfd_read(self._bell)
+            elif fd == self._listening.socket.fileno():
+                self._welcome()
+            elif events & (select.EPOLLHUP | select.EPOLLERR) or (
+                events & select.EPOLLIN and not self._followers[fd].hear()
+            ):
+                self._part(fd)
+
+    def requests(self) -> Iterator[tuple[Follower, Request]]:
+        """What clients ask. What is no request is answered here."""
+        for follower in list(self):
+            try:
+                for line in follower.requests():
+                    try:
+                        yield follower, read_request(line)
+                    except RequestError as mistake:
+                        follower.answer(write_line(error(str(mistake), mistake.id)))
+            except ValueError:
+                text = f"a line without an end; a request must be one line of {MAX_REQUEST_BYTES} bytes at most"
+                follower.answer(write_line(error(text)))
+                follower.ending = True
+
+    def send(self) -> None:
+        """What each takes now; who is gone, or takes nothing for long, is left."""
+        now_s = time.monotonic()
+        for fd, follower in list(self._followers.items()):
+            if not follower.send() or follower.is_dead(now_s):
+                self._part(fd)
+            else:
+                self._watch(fd, follower)
+
+    @property
+    def waiting_bytes(self) -> int:
+        """Of all that waits for any of them."""
+        return sum(follower.waiting_bytes for follower in self)
+
+    def close(self) -> None:
+        """Parts with all."""
+        for fd in list(self._followers):
+            self._part(fd)
+        self._epoll.close()
+
+    def _welcome(self) -> None:
+        try:
+            connection, _ = self._listening.socket.accept()
+        except BlockingIOError:  # gone again
+            return
+        except OSError:  # no descriptor left, say; it stays in the queue
+            time.sleep(_REFUSED_S)
+            return
+        fd = connection.fileno()
+        self._followers[fd] = follower = Follower(connection, self._listening.group)
+        if len(self) > MOST_FOLLOWERS:
+            follower.answer(write_line(error(f"{MOST_FOLLOWERS} clients are here already; end one of them")))
+            follower.ending = True
+        self._epoll.register(fd, 0)
+        self._events[fd] = 0
+        self._watch(fd, follower)
+
+    def _watch(self, fd: int, follower: Follower) -> None:
+        events = select.EPOLLIN * follower.hears | select.EPOLLOUT * follower.is_blocked
+        if events != self._events[fd]:
+            self._epoll.modify(fd, events)
+            self._events[fd] = events
+
+    def _part(self, fd: int) -> None:
+        follower = self._followers.pop(fd)
+        del self._events[fd]
+        with suppress(OSError):
+            self._epoll.unregister(fd)
+        with suppress(OSError):
+            follower.connection.shutdown(socket.SHUT_RDWR)
+        follower.is_gone = True
+        follower.connection.close()

@@ -1,0 +1,64 @@
+"""Where the tap's socket is: the daemon makes it there, and clients look for it there."""
+
+from __future__ import annotations
+
+import os
+import stat
+from pathlib import Path
+
+from ledpi.core.errors import ConfigError
+
+AUTO = "auto"
+SERVICE = Path("/run/ledpi/tap.sock")  # RuntimeDirectory=ledpi of the unit
+NAME = "tap.sock"
+MAX_PATH_BYTES = 107  # that Linux gives a socket's name
+
+
+def to_serve(setting: str) -> Path:
+    """Where a daemon with this `tap.socket` listens; its folder is there afterwards if the setting is `auto`.
+
+    Raises ConfigError where that folder cannot be made, or where others may write in it.
+    """
+    if setting != AUTO:
+        return _short_enough(Path(setting))
+    if folder := os.environ.get("RUNTIME_DIRECTORY", "").partition(":")[0]:  # systemd has made it, with its mode
+        return _short_enough(Path(folder) / NAME)
+    path = _short_enough(_of_user()[0])
+    try:
+        path.parent.mkdir(mode=0o700, exist_ok=True)
+    except OSError as error:
+        raise ConfigError(f"tap.socket: {path.parent} cannot be made: {error.strerror}") from None
+    if not _is_own(path.parent):
+        raise ConfigError(f"tap.socket: {path.parent} must be a folder of user {os.geteuid()} that no other may write")
+    return path
+
+
+def to_look() -> list[Path]:
+    """Where a client looks for a daemon that listens at `auto`: first for the service, then for one of its own user's.
+
+    A folder that another user may have made is left out.
+    """
+    return [SERVICE, *(path for path in _of_user() if _is_own(path.parent))]
+
+
+def _of_user() -> list[Path]:
+    """The user's own places, best first."""
+    folder = os.environ.get("XDG_RUNTIME_DIR", "")
+    own = [Path(folder) / "ledpi" / NAME] if os.path.isabs(folder) and os.path.isdir(folder) else []
+    return [*own, Path(f"/tmp/ledpi-{os.geteuid()}") / NAME]
+
+
+def _is_own(folder: Path) -> bool:
+    """Whether it is a folder, no link to one, of this user, in which no other may write."""
+    try:
+        found = folder.lstat()
+    except OSError:
+        return False
+    return stat.S_ISDIR(found.st_mode) and found.st_uid == os.geteuid() and not found.st_mode & 0o022
+
+
+def _short_enough(path: Path) -> Path:
+    length = len(os.fsencode(path))
+    if length > MAX_PATH_BYTES:
+        raise ConfigError(f"tap.socket: {path} has {length} bytes; a socket's path must have {MAX_PATH_BYTES} at most")
+    return path

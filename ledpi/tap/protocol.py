@@ -1,0 +1,125 @@
+"""The tap's lines: what a client may ask, and how lines are written and read. docs/tap.md describes them."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass
+from typing import Any, Literal, TypeAlias, get_args
+
+VERSION = 1
+MAX_REQUEST_BYTES = 4096  # of a line that a client sends, its end included
+MAX_SECONDS = 3600.0  # that `record` takes at once
+MAX_ID_LENGTH = 64
+
+Do = Literal["picture", "config", "save", "record", "record_stop"]
+Extra = Literal["rejected", "evidence"]
+RequestId: TypeAlias = int | str | None
+COMMANDS: tuple[Do, ...] = ("save", "record", "record_stop")  # change something, and are not permitted to everybody
+
+_KEYS: dict[Do, set[str]] = {
+    "picture": {"with"},
+    "config": set(),
+    "save": set(),
+    "record": {"seconds"},
+    "record_stop": set(),
+}
+
+
+class RequestError(ValueError):
+    """A line that is no request: what is wrong, and what would be right. `id`: as given, where that could be read."""
+
+    def __init__(self, text: str, request_id: RequestId = None) -> None:
+        super().__init__(text)
+        self.id = request_id
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Request:
+    """What a client asks."""
+
+    do: Do
+    id: RequestId = None
+    extras: frozenset[Extra] = frozenset()  # of `picture`: what else comes with it
+    seconds: float | None = None  # of `record`; None: until it is stopped
+
+
+def read_request(line: bytes) -> Request:
+    """Raises RequestError."""
+    try:
+        values = json.loads(line)
+    except (ValueError, RecursionError):  # of UTF-8, of JSON, and of a thousand brackets
+        raise RequestError('is not JSON; must be a line such as {"do": "picture", "id": 1}') from None
+    if not isinstance(values, dict):
+        raise RequestError('must be a JSON object such as {"do": "picture", "id": 1}')
+    request_id = _id(values.pop("id", None))
+    do = values.pop("do", None)
+    if not isinstance(do, str) or do not in _KEYS:
+        raise RequestError(f"do: must be one of {', '.join(_KEYS)}", request_id)
+    unknown = sorted(values.keys() - _KEYS[do])
+    if unknown:
+        known = ", ".join(("do", "id", *sorted(_KEYS[do])))
+        raise RequestError(f"{unknown[0][:MAX_ID_LENGTH]}: unknown key; {do} has the keys {known}", request_id)
+    return Request(
+        do=do,
+        id=request_id,
+        extras=_extras(values.get("with", []), request_id),
+        seconds=_seconds(values.get("seconds"), request_id),
+    )
+
+
+def _id(value: object) -> RequestId:
+    if value is None or (isinstance(value, int) and not isinstance(value, bool) and abs(value) < 1 << 53):
+        return value
+    if isinstance(value, str) and len(value) <= MAX_ID_LENGTH:
+        return value
+    raise RequestError(f"id: must be a whole number, or a text of {MAX_ID_LENGTH} characters at most")
+
+
+def _extras(value: object, request_id: RequestId) -> frozenset[Extra]:
+    if not isinstance(value, list) or any(item not in get_args(Extra) for item in value):
+        raise RequestError(f"with: must be a list of {', '.join(get_args(Extra))}", request_id)
+    return frozenset(value)
+
+
+def _seconds(value: object, request_id: RequestId) -> float | None:
+    if value is None:
+        return None
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value <= MAX_SECONDS:
+        raise RequestError(f"seconds: must be a number above 0, {MAX_SECONDS:g} at most", request_id)
+    return float(value)
+
+
+def error(text: str, request_id: RequestId = None) -> dict[str, Any]:
+    """The answer to what cannot be done."""
+    return {"type": "error", "id": request_id, "error": text}
+
+
+def write_line(values: dict[str, Any]) -> bytes:
+    """One line, its end included. What is no finite number is null: JSON has no other word for it."""
+    try:
+        text = json.dumps(values, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+    except ValueError:
+        text = json.dumps(_finite(values), ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+    return text.encode("utf-8", "backslashreplace") + b"\n"
+
+
+def with_dropped(line: bytes, dropped: int) -> bytes:
+    """A written line, with what is its client's own: how many `decoded` it has missed so far."""
+    return b'%s,"dropped":%d}\n' % (line[:-2], dropped)
+
+
+def read_line(line: bytes) -> dict[str, Any]:
+    """A line of the daemon. Raises ValueError where it is none."""
+    values = json.loads(line)
+    if not isinstance(values, dict) or not isinstance(values.get("type"), str):
+        raise ValueError("a line of the tap must be a JSON object with a type")
+    return values
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

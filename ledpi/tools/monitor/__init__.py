@@ -1,0 +1,1 @@
+"""What `ledpi monitor` shows of a running daemon."""

@@ -1,0 +1,147 @@
+"""The tap's lines as a table that a person watches: a row for each panel, the fix, and how the daemon is."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from ledpi.core.geometry import matrix_from_quaternion
+
+RATE_S = 2.0  # over which sightings are counted
+GONE_S = 10.0  # after which a panel that is not seen leaves the table
+OLD_S = 0.5  # from which on its row is dim
+MOST_REASONS = 4
+_NO_POSE = "–"
+
+
+@dataclass(slots=True)
+class _Panel:
+    newest: dict[str, Any]  # of `markers`
+    times_s: deque[float] = field(default_factory=deque)  # of its sightings, CLOCK_MONOTONIC
+
+
+class Live:
+    """Fed with lines, in their order; shown whenever somebody looks."""
+
+    def __init__(self) -> None:
+        self._hello: dict[str, Any] = {}
+        self._health: dict[str, Any] = {}
+        self._before: dict[str, int] = {}  # rejected, a second before
+        self._panels: dict[int, _Panel] = {}
+        self._fix: tuple[dict[str, Any], float] | None = None
+        self._dropped = 0
+        self._lost = False
+
+    def take(self, line: dict[str, Any]) -> None:
+        """A line of the tap; of an unknown type it is passed over."""
+        kind = line["type"]
+        if kind == "lost":
+            self._lost = True
+        elif kind == "hello":
+            self._hello, self._health, self._before, self._lost = line, {}, {}, False
+        elif kind == "health":
+            self._before, self._health = self._health.get("rejected", {}), line
+        elif kind == "decoded":
+            self._decoded(line)
+
+    def _decoded(self, line: dict[str, Any]) -> None:
+        at_s = line["exposed_ns"] * 1e-9
+        self._dropped = line["dropped"]
+        for marker in line["markers"]:
+            panel = self._panels.setdefault(marker["id"], _Panel(marker))
+            panel.newest = marker
+            panel.times_s.append(at_s)
+        if line["robot"] is not None:
+            self._fix = line["robot"], at_s
+
+    def shown(self, now_s: float) -> RenderableType:
+        """As it is at this time of CLOCK_MONOTONIC."""
+        self._panels = {key: panel for key, panel in self._panels.items() if now_s - panel.times_s[-1] < GONE_S}
+        table = Table(box=None, pad_edge=False, header_style="bold")
+        for name in ("ID", "distance", "yaw", "age", "rate", "margin"):
+            table.add_column(name, justify="right")
+        for marker_id, panel in sorted(self._panels.items()):
+            while panel.times_s[0] < now_s - RATE_S and len(panel.times_s) > 1:
+                panel.times_s.popleft()
+            old = now_s - panel.times_s[-1] > OLD_S
+            table.add_row(str(marker_id), *_cells(panel, now_s), style="dim" if old else "")
+        nothing = Text("no panel seen in the last 10 s", style="dim")
+        return Group(self._daemon(), table if self._panels else nothing, self._fix_line(now_s), *self._health_lines())
+
+    def _daemon(self) -> Text:
+        if self._lost:
+            return Text("the daemon is gone; waiting for it to come back", style="bold red")
+        camera = self._hello.get("camera", {})
+        size = f"{camera.get('width')}×{camera.get('height')}"
+        return Text(f"ledpi {self._hello.get('version')}, pid {self._hello.get('pid')}, {camera.get('source')} {size}")
+
+    def _fix_line(self, now_s: float) -> Text:
+        if self._fix is None or now_s - self._fix[1] > GONE_S:
+            why = str(self._health.get("no_fix", "?")).replace("_", " ")
+            return Text(f"no fix: {why}", style="yellow")
+        robot, at_s = self._fix
+        x, y, z = robot["position_m"]
+        heading = heading_deg(robot["quaternion_wxyz"])
+        used = ", ".join(str(marker_id) for marker_id in robot["panels_used"])
+        said = f"fix: x {x:+.3f} y {y:+.3f} z {z:+.3f} m, heading {heading:+.1f}°, by {used}, {_age(now_s - at_s)} old"
+        return Text(said, style="dim" if now_s - at_s > OLD_S else "green")
+
+    def _health_lines(self) -> list[Text]:
+        health = self._health
+        if not health:
+            return [Text("…", style="dim")]
+        latency, wire = health["latency_ms"], health["wire"]
+        late = "?" if latency is None else f"{latency['median']:.1f} ms, worst {latency['worst']:.1f} ms"
+        heat = "" if health["temperature_c"] is None else f", {health['temperature_c']} °C"
+        port = "port open" if wire["connected"] else "no port"
+        pace = f"{health['frames_per_s']:.0f} frames/s, {health['decoded_per_s']:.0f} decoded/s"
+        lines = [
+            f"{health['state'].replace('_', ' ')}: {pace}, {health['dropped_frames']} dropped, latency {late}{heat}; "
+            f"{port}, {wire['packets']} packets",
+            f"missed by this monitor: {self._dropped}" if self._dropped else "",
+            self._reasons(),
+            *(fault["text"] for fault in health["faults"][-1:]),
+        ]
+        return [Text(line, style="dim", overflow="ellipsis", no_wrap=True) for line in lines if line]
+
+    def _reasons(self) -> str:
+        """What was dropped in the last second, and how often: docs/troubleshooting.md explains each."""
+        now = self._health["rejected"]
+        new = {key: count - self._before.get(key, 0) for key, count in now.items()} if self._before else {}
+        most = sorted((key for key in new if new[key] > 0), key=lambda key: -new[key])[:MOST_REASONS]
+        return "not read: " + ", ".join(f"{key} {new[key]}" for key in most) if most else ""
+
+
+def _cells(panel: _Panel, now_s: float) -> list[str]:
+    marker, times = panel.newest, panel.times_s
+    where = [_NO_POSE, _NO_POSE]
+    if marker["position_m"] is not None:
+        where = [f"{math.hypot(*marker['position_m']):.3f} m", f"{yaw_deg(marker['quaternion_wxyz']):+.1f}°"]
+    rate = sum(time_s >= now_s - RATE_S for time_s in times) / RATE_S
+    return [*where, _age(now_s - times[-1]), f"{rate:.0f}/s", f"{marker['margin']:.0f}"]
+
+
+def yaw_deg(quaternion_wxyz: list[float]) -> float:
+    """By how much a panel (camera_from_marker) is turned to the side: 0 faces the camera, + shows its left edge closer.
+
+    About the picture's vertical axis, −180 to 180.
+    """
+    x, _, z = matrix_from_quaternion(np.array(quaternion_wxyz))[:, 2]
+    return math.degrees(math.atan2(x, -z))
+
+
+def heading_deg(quaternion_wxyz: list[float]) -> float:
+    """Of the robot in the map: 0 looks along x, + turns to y."""
+    w, x, y, z = quaternion_wxyz
+    return math.degrees(math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
+
+
+def _age(seconds: float) -> str:
+    return f"{1e3 * seconds:.0f} ms" if seconds < 1 else f"{seconds:.1f} s"
