@@ -6,16 +6,22 @@ import os
 from pathlib import Path
 
 SHARE = 8  # of the machine's memory: one part in so many
-SHARE_OF_LIMIT = 2  # of what a service may take: the other half is for its work
+OWN_BYTES = 280_000_000  # of what a service may take, that its work needs at most
 
 _CGROUPS = Path("/sys/fs/cgroup")
 
 
 def default_budget_bytes() -> int:
-    """An eighth of the machine's memory; at most half of what this process's service may take."""
-    total = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    """An eighth of the machine's memory, as far as this process's service may take it."""
+    share = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // SHARE
+    spare = spare_bytes()
+    return share if spare is None else min(share, spare)
+
+
+def spare_bytes() -> int | None:
+    """What this process may take beside its work; None where nothing limits it."""
     limit = limit_bytes()
-    return total // SHARE if limit is None else min(total // SHARE, limit // SHARE_OF_LIMIT)
+    return None if limit is None else max(0, limit - OWN_BYTES)
 
 
 def limit_bytes(own: Path = Path("/proc/self/cgroup"), groups: Path = _CGROUPS) -> int | None:

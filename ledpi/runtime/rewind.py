@@ -12,7 +12,7 @@ from ledpi.core.errors import RecordingError
 from ledpi.core.records import CameraInfo, Decoded, Frame
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.pose.fix import CONTRADICTION
-from ledpi.runtime.memory import default_budget_bytes, limit_bytes
+from ledpi.runtime.memory import default_budget_bytes, spare_bytes
 from ledpi.runtime.reporting import event
 from ledpi.runtime.rewind_ring import RewindRing
 from ledpi.runtime.rewind_writer import RewindWriter, Shown
@@ -23,12 +23,12 @@ AGAIN_NS = 60_000_000_000  # a fault that comes back sooner is the same one
 _log = logging.getLogger("ledpi")
 
 
-def rewind_folder() -> Path:
+def takes_folder() -> Path:
     """Where recordings are written: in the service's StateDirectory=, else in the user's own."""
     given = os.environ.get("STATE_DIRECTORY", "").partition(":")[0]
-    if not given:
-        given = os.path.join(os.environ.get("XDG_STATE_HOME") or os.path.expanduser("~/.local/state"), "ledpi")
-    return Path(given) / "rewind"
+    if given:
+        return Path(given)
+    return Path(os.environ.get("XDG_STATE_HOME") or os.path.expanduser("~/.local/state")) / "ledpi" / "takes"
 
 
 class Rewind:
@@ -43,7 +43,7 @@ class Rewind:
         self._ring.begin(pipeline.state())
         self._pipeline = pipeline
         shown = Shown(camera, pipeline.panels.dictionary, pipeline.panels.spec(), source)
-        self._writer = RewindWriter(self._ring, rewind_folder(), shown)
+        self._writer = RewindWriter(self._ring, takes_folder(), shown)
         self._fault: str | None = None
         self._told_ns: dict[str, int] = {}  # when the last of each fault was seen
         self._is_lost = False
@@ -109,9 +109,8 @@ def _contradicts(decoded: Decoded) -> bool:
 def _budget_bytes(settings: RewindSettings) -> int:
     if settings.memory_mb is None:
         return default_budget_bytes()
-    budget, limit = round(settings.memory_mb * 1e6), limit_bytes()
-    if limit is not None and budget > limit // 2:
-        _log.warning(
-            event("rewind_memory", memory_mb=settings.memory_mb, limit_mb=limit // 1_000_000, remedy="raise MemoryMax=")
-        )
+    budget, spare = round(settings.memory_mb * 1e6), spare_bytes()
+    if spare is not None and budget > spare:
+        spare_mb = spare // 1_000_000
+        _log.warning(event("rewind_memory", memory_mb=settings.memory_mb, spare_mb=spare_mb, remedy="raise MemoryMax="))
     return budget
