@@ -109,6 +109,12 @@ class RewindRing:
         with self._changing:
             self._free.append(kept.slot)
 
+    @property
+    def room(self) -> int:
+        """How many more pictures fit before the oldest has to go."""
+        with self._changing:
+            return len(self._free)
+
     def _slot_for(self, frame: Frame) -> int | None:
         """Room for a picture; None where all is being written."""
         with self._changing:
