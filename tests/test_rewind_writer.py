@@ -12,9 +12,10 @@ import numpy as np
 import pytest
 from rewind_material import EVERY, Stream, as_lines, decoded_live, exactly, stream, without_times
 
+from ledpi.cli.decode import _blaming_state
 from ledpi.core.errors import RecordingError
 from ledpi.core.records import Decoded, PanelSpec
-from ledpi.pipeline.state_file import STATE_FILE, as_bytes, resume_from
+from ledpi.pipeline.state_file import STATE_FILE, resume_from
 from ledpi.recording.picture import read_picture
 from ledpi.recording.reader import load_recording
 from ledpi.runtime import rewind_writer
@@ -130,19 +131,13 @@ def test_a_wrong_state_is_one_line(drive: Stream, tmp_path: Path) -> None:
     assert decode(folder).returncode == 0  # it is a recording all the same
 
 
-def test_a_state_that_cannot_be_is_one_line(drive: Stream, tmp_path: Path) -> None:
-    """Well-formed, but none that a pipeline was ever in: panels that are followed, and were never seen."""
-    folder, _ = saved(drive, tmp_path)
-    state = drive.states[FIRST]
-    tracks = [
-        (where, history._replace(memories=tuple(type(memory)(memory.spec) for memory in history.memories)))
-        for where, history in state.followed.tracks
-    ]
-    impossible = state._replace(followed=state.followed._replace(tracks=tuple(tracks)))
-    (folder / STATE_FILE).write_bytes(as_bytes(impossible))
-    done = decode("--as-live", folder)
-    assert done.returncode in (0, 2)
-    assert len(done.stderr.splitlines()) == (done.returncode == 2)
+def test_a_state_that_brings_a_frame_down_is_one_line(tmp_path: Path) -> None:
+    """Well-formed, but none that a pipeline was ever in: whatever comes of it is told as the file's fault."""
+    with (
+        pytest.raises(RecordingError, match=r"state.bin: frame 7 cannot be decoded after what it says \(LinAlgError\)"),
+        _blaming_state(tmp_path, 7),
+    ):
+        np.linalg.inv(np.zeros((2, 2)))
 
 
 def test_a_recording_that_is_cut_off_is_one(drive: Stream, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
