@@ -9,7 +9,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 # Their tests tell how late a daemon is: no other test may take the processor meanwhile.
-ALONE = ("demo", "faults", "liveness", "run", "wire_age")
+ALONE = ("demo", "faults", "liveness", "run", "tap_crowd", "wire_age")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -98,11 +98,11 @@ class Ended:
 
 @contextmanager
 def daemon(
-    *settings: str, options: tuple[str, ...] = (), command: list[str] = COMMAND
+    *settings: str, options: tuple[str, ...] = (), command: list[str] = COMMAND, deadline_s: float = DEADLINE_S
 ) -> Iterator[subprocess.Popen[str]]:
     command = [*command, *options, *(part for item in settings for part in ("--set", item))]
     process = subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE, text=True)
-    deadline = threading.Timer(DEADLINE_S, process.kill)
+    deadline = threading.Timer(deadline_s, process.kill)
     deadline.start()
     try:
         yield process

@@ -13,7 +13,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ledpi.config.settings import PanelSettings
+from ledpi.core.errors import TapError
 from ledpi.core.records import CameraInfo, Decoded, Frame, Rejected
+from ledpi.tap.client import Client, connect
 from ledpi.tap.messages import Setup
 from ledpi.tap.server import Tap
 
@@ -121,6 +123,22 @@ class Raw:
     def close_all(cls) -> None:
         while cls.left:
             cls.left.pop().close()
+
+
+def reach(path: Path) -> Client:
+    """As soon as the daemon is there."""
+    deadline_s = time.monotonic() + DEADLINE_S
+    while True:
+        try:
+            return connect(path)
+        except TapError:
+            assert time.monotonic() < deadline_s, "no daemon came"
+            time.sleep(0.02)
+
+
+def at(path: Path) -> str:
+    """The setting."""
+    return f"tap.socket={path}"
 
 
 def wait_until(there: Callable[[], bool]) -> None:

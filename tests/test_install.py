@@ -86,6 +86,24 @@ def test_what_takes_long_is_announced(tmp_path: Path) -> None:
     assert "takes some minutes on a Pi" in run(made_up + "install_program")
 
 
+@pytest.mark.parametrize(("there", "running"), [(False, False), (False, True), (True, True)])
+def test_the_group_of_the_tap_is_made_once(tmp_path: Path, there: bool, running: bool) -> None:
+    """Where only a running service of an older version has it, and so it would go, that is stopped before, and started
+    again.
+    """
+    groups = tmp_path / "group"
+    groups.write_text("video:x:44:\nledpi-view:x:999:\n" + "ledpi:x:998:\n" * there, encoding="utf-8")
+    made_up = (
+        f"unit={tmp_path}/unit; rules={tmp_path}/rules; group_file={groups}; has_systemd() {{ true; }}; "
+        f'udevadm() {{ :; }}; groupadd() {{ echo "groupadd $@"; }}; '
+        f'systemctl() {{ [[ $1 != is-active ]] || {"true" if running else "return 1"}; echo "systemctl $@"; }}; '
+    )
+    said = [line for line in run(made_up + "install_service").splitlines() if "is-active" not in line]
+    made = ["systemctl stop --quiet ledpi", "groupadd --system ledpi"]
+    assert [line for line in said if line in made] == ([] if there else made)
+    assert said[-1] == ("systemctl restart ledpi" if running else "systemctl enable --quiet ledpi")
+
+
 @pytest.mark.parametrize("changed", [False, True])
 def test_uninstalling_keeps_a_rule_that_was_changed(tmp_path: Path, changed: bool) -> None:
     """Like the configuration; it is named."""

@@ -103,7 +103,7 @@ def test_a_slow_decoder_is_behind_and_no_camera_is_lost(monkeypatch: pytest.Monk
         time.sleep(0.4)
         return decode(pipeline, picture)
 
-    monkeypatch.setattr(Pipeline, "decode", lambda pipeline, picture, at_once: slowly(pipeline, picture))
+    monkeypatch.setattr(Pipeline, "decode", lambda pipeline, picture, trace, at_once: slowly(pipeline, picture))
     with controller() as line:
         config = load_config(None, (*SIMULATED, f"serial.port={line.port}"))
         running = Daemon(config, open_simulated(config, paced=True))

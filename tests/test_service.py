@@ -19,6 +19,7 @@ from ledpi.camera.simulated import open_simulated
 from ledpi.config.settings import load_config
 from ledpi.core.records import Decoded, Frame, Rejected
 from ledpi.pipeline.pipeline import Pipeline
+from ledpi.pipeline.trace import Trace
 from ledpi.runtime.daemon import Daemon
 from ledpi.runtime.health import Health
 from ledpi.runtime.processor import Processor, read_processor
@@ -157,7 +158,7 @@ def test_progress_within_a_frame_feeds_the_watchdog(
     """Here the first frame ends only once the manager has heard of five pieces of it."""
     fed = threading.Event()
 
-    def endless(pipeline: Pipeline, frame: Frame, at_once: Callable[[Decoded], None]) -> Decoded:
+    def endless(pipeline: Pipeline, frame: Frame, trace: Trace | None, at_once: Callable[[Decoded], None]) -> Decoded:
         while not fed.wait(0.05):
             at_once(decoded(seq=frame.seq))
         return decoded(seq=frame.seq)

@@ -14,6 +14,7 @@ import pytest
 
 from ledpi.config.settings import SerialSettings
 from ledpi.runtime.systemd import notify, watchdog_period_s
+from ledpi.tap.places import GROUP, NAME, SERVICE
 
 UNIT = Path(__file__).resolve().parents[1] / "systemd" / "ledpi.service"
 ANALYZE = shutil.which("systemd-analyze")
@@ -70,6 +71,15 @@ def test_the_devices_that_the_daemon_needs_stay_usable() -> None:
     assert values("SupplementaryGroups") == ["video dialout"]
     assert "AF_NETLINK" in values("RestrictAddressFamilies")[0]
     assert values("InaccessiblePaths") + values("TemporaryFileSystem") == []  # /run/udev is not hidden
+
+
+def test_the_taps_socket_is_for_a_group_that_stays() -> None:
+    """systemd makes no user for the time being whose name is that of a group alone, so the user has another name."""
+    assert (values("DynamicUser"), values("Group")) == (["yes"], [GROUP])
+    assert values("User") != [GROUP]
+    assert Path("/run", *values("RuntimeDirectory"), NAME) == SERVICE
+    assert values("RuntimeDirectoryMode") == ["0750"]
+    assert "AF_UNIX" in values("RestrictAddressFamilies")[0]
 
 
 def test_frames_do_not_wait_for_other_work() -> None:

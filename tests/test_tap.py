@@ -24,7 +24,10 @@ from ledpi.tap.client import connect
 from ledpi.tap.crowd import MOST_FOLLOWERS
 from ledpi.tap.frames import camera_of, frame_of, panel_of
 from ledpi.tap.protocol import MAX_REQUEST_BYTES
-from ledpi.tap.server import MOST_WAITING_BYTES, Tap
+from ledpi.tap.server import MOST_WAITING_BYTES, PACE_S, Tap
+
+ROOT = Path(__file__).resolve().parents[1]
+FLOOD = 500  # requests
 
 
 @pytest.fixture(autouse=True)
@@ -273,16 +276,17 @@ def test_the_longest_line_that_is_allowed_is_read(tap: Tap) -> None:
 
 
 def test_a_flood_of_requests_waits_in_its_own_buffer(tap: Tap) -> None:
-    """Each is answered at last, and at no time are more than a few kept here."""
-    client = follow(tap)
-    sender = threading.Thread(target=lambda: [client.send({"do": "config", "id": n}) for n in range(3000)])
+    """Each is answered at last, no sooner than one a turn, and at no time are more than a few kept here."""
+    client, began_s = follow(tap), time.monotonic()
+    sender = threading.Thread(target=lambda: [client.send({"do": "config", "id": n}) for n in range(FLOOD)])
     sender.start()
     most = 0
-    for number in range(3000):
+    for number in range(FLOOD):
         assert client.next("config")["id"] == number
         most = max(most, tap._crowd.waiting_bytes)
     sender.join()
     assert most < 10 * MAX_REQUEST_BYTES
+    assert time.monotonic() - began_s > (FLOOD - 1) * PACE_S
 
 
 def test_the_65th_client_is_sent_away(tap: Tap) -> None:
@@ -404,6 +408,18 @@ def test_no_daemon_is_said_with_where_it_was_looked_for(path: Path) -> None:
     """Each place, and why not."""
     with pytest.raises(TapError, match=r"no running daemon answers \(.*tap.sock: No such file or directory\); start"):
         connect(path)
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="needs root, to be somebody else")
+def test_who_may_not_connect_is_told_of_the_group() -> None:
+    """As a user on the Pi who is not in it."""
+    with tempfile.TemporaryDirectory() as folder:
+        Path(folder).chmod(0o755)
+        path = Path(folder) / "tap.sock"
+        script = f"import os; from ledpi.tap.client import connect; os.setuid(65534); connect({str(path)!r})"
+        with tap_at(path):
+            done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert "tap.sock: Permission denied (are you in the group ledpi?)" in done.stderr
 
 
 def test_another_programs_socket_is_no_daemon(path: Path) -> None:

@@ -33,9 +33,7 @@ _POSE_KEYS = ("position_m", "quaternion_wxyz", "deviation_m", "deviation_rad")
 def monitor(
     port: Annotated[
         str | None,
-        typer.Argument(
-            metavar="[PORT]", help="Serial port or pty that carries the stream. Default: the running daemon."
-        ),
+        typer.Argument(metavar="PORT", help="Serial port or pty that carries the stream. Default: the running daemon."),
     ] = None,
     baud: Annotated[int, typer.Option(min=1200, help="As serial.baud of the sender.")] = 115200,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object a message.")] = False,

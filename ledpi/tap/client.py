@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from ledpi.core.errors import TapError
-from ledpi.tap.places import AUTO, to_look
+from ledpi.tap.places import AUTO, GROUP, to_look
 from ledpi.tap.protocol import VERSION, read_line
 
 ANSWER_S = 5.0  # within which a daemon answers; a picture takes until the next frame
@@ -228,7 +228,8 @@ def _open(places: list[Path]) -> tuple[Path, socket.socket, dict[str, Any], _Buf
             _check(hello)
         except (OSError, _LostError, TapError) as error:
             connection.close()
-            said.append(f"{place}: {(error.strerror if isinstance(error, OSError) else None) or error}")
+            hint = f" (are you in the group {GROUP}?)" if isinstance(error, PermissionError) else ""
+            said.append(f"{place}: {(error.strerror if isinstance(error, OSError) else None) or error}{hint}")
             continue
         assert hello is not None
         return place, connection, hello, buffer

@@ -36,6 +36,8 @@ class Crowd:
 
     def wait(self, seconds: float) -> None:
         """Until something comes, from a client or with the bell."""
+        if any(follower.has_request for follower in self):
+            seconds = 0.0
         for fd, events in self._epoll.poll(seconds):
             if fd == self._bell:
                 with suppress(BlockingIOError):
@@ -48,18 +50,20 @@ class Crowd:
                 self._part(fd)
 
     def requests(self) -> Iterator[tuple[Follower, Request]]:
-        """What clients ask. What is no request is answered here."""
+        """What clients ask, one line of each. What is no request is answered here."""
         for follower in list(self):
             try:
-                for line in follower.requests():
-                    try:
-                        yield follower, read_request(line)
-                    except RequestError as mistake:
-                        follower.answer(write_line(error(str(mistake), mistake.id)))
+                line = follower.request()
             except ValueError:
                 text = f"a line without an end; a request must be one line of {MAX_REQUEST_BYTES} bytes at most"
                 follower.answer(write_line(error(text)))
                 follower.ending = True
+                continue
+            try:
+                if line:
+                    yield follower, read_request(line)
+            except RequestError as mistake:
+                follower.answer(write_line(error(str(mistake), mistake.id)))
 
     def send(self) -> None:
         """What each takes now; who is gone, or takes nothing for long, is left."""

@@ -13,7 +13,6 @@ import struct
 import termios
 import time
 from collections import deque
-from collections.abc import Iterator
 
 from ledpi.core.records import Pixels
 from ledpi.tap.protocol import MAX_REQUEST_BYTES, with_dropped
@@ -63,18 +62,23 @@ class Follower:
         self._asks_no_more = not data
         return True
 
-    def requests(self) -> Iterator[bytes]:
-        """The lines that it has sent, as long as it may ask more. Raises ValueError for one that is too long."""
-        while self.listens:
-            end = self._heard.find(b"\n")
-            if (len(self._heard) if end < 0 else end + 1) > MAX_REQUEST_BYTES:
-                raise ValueError
-            if end < 0:
-                return
-            line = bytes(self._heard[:end]).strip()
-            del self._heard[: end + 1]
-            if line:
-                yield line
+    def request(self) -> bytes | None:
+        """The next line that it has sent, if it may ask more. Raises ValueError for one that is too long."""
+        if not self.listens:
+            return None
+        end = self._heard.find(b"\n")
+        if (len(self._heard) if end < 0 else end + 1) > MAX_REQUEST_BYTES:
+            raise ValueError
+        if end < 0:
+            return None
+        line = bytes(self._heard[:end])
+        del self._heard[: end + 1]
+        return line
+
+    @property
+    def has_request(self) -> bool:
+        """Whether a line is here that may be asked for at once."""
+        return self.listens and b"\n" in self._heard
 
     @property
     def listens(self) -> bool:

@@ -11,8 +11,8 @@ from contextlib import suppress
 from pathlib import Path
 
 from ledpi.core.errors import ConfigError
+from ledpi.tap.places import GROUP
 
-GROUP = "ledpi"  # whose members may use the tap of the service
 _BACKLOG = 64
 
 

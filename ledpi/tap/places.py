@@ -11,6 +11,7 @@ from ledpi.core.errors import ConfigError
 AUTO = "auto"
 SERVICE = Path("/run/ledpi/tap.sock")  # RuntimeDirectory=ledpi of the unit
 NAME = "tap.sock"
+GROUP = "ledpi"  # whose members may use the tap of the service
 MAX_PATH_BYTES = 107  # that Linux gives a socket's name
 
 

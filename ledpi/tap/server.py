@@ -33,6 +33,9 @@ from ledpi.tap.protocol import COMMANDS, Do, Extra, Request, error, write_line
 PICTURE_EVERY_S = 0.05
 # That may wait for clients before another picture is made: who does not read its own keeps others waiting, not memory.
 MOST_WAITING_BYTES = 1 << 23
+# Between two turns, in each of which a client may ask one thing: one that floods the tap must not keep the interpreter,
+# which the decoder needs, busy.
+PACE_S = 0.002
 _QUEUE = 4  # frames between the decode thread and this one
 _TURN_S = 1.0
 _JOIN_S = 0.5
@@ -63,7 +66,7 @@ class Tap:
         self._latency_ms: list[float] = []  # since the last line of health
         self._asked: list[tuple[Follower, Request]] = []  # for pictures
         self._wanted: frozenset[Extra] | None = None  # what the next picture comes with; None: there is to be none
-        self._pictured_s = 0.0
+        self._pictured_s = self._turned_s = 0.0
         self._thread = threading.Thread(target=self._run, name="tap", daemon=True)
 
     def start(self) -> None:
@@ -142,7 +145,9 @@ class Tap:
 
     def _turn(self) -> None:
         """Waits for something to do, and does it."""
+        time.sleep(max(0.0, min(PACE_S, self._turned_s + PACE_S - time.monotonic())))
         self._crowd.wait(PICTURE_EVERY_S if self._asked and self._wanted is None else _TURN_S)
+        self._turned_s = time.monotonic()
         for follower, request in self._crowd.requests():
             self._take_up(follower, request)
         for follower, answer in self._commands.done():

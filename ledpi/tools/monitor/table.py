@@ -13,6 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from ledpi.core.geometry import matrix_from_quaternion
+from ledpi.pipeline.reasons import explained
 
 RATE_S = 2.0  # over which sightings are counted
 GONE_S = 10.0  # after which a panel that is not seen leaves the table
@@ -103,20 +104,25 @@ class Live:
         port = "port open" if wire["connected"] else "no port"
         pace = f"{health['frames_per_s']:.0f} frames/s, {health['decoded_per_s']:.0f} decoded/s"
         lines = [
-            f"{health['state'].replace('_', ' ')}: {pace}, {health['dropped_frames']} dropped, latency {late}{heat}; "
-            f"{port}, {wire['packets']} packets",
+            f"{health['state'].replace('_', ' ')}: {pace}, {health['dropped_frames']} dropped",
+            f"latency {late}{heat}; {port}, {wire['packets']} packets",
             f"missed by this monitor: {self._dropped}" if self._dropped else "",
-            self._reasons(),
-            *(fault["text"] for fault in health["faults"][-1:]),
+            *(f"newest warning: {fault['text']}" for fault in health["faults"][-1:]),
+            *self._reasons(),
         ]
         return [Text(line, style="dim", overflow="ellipsis", no_wrap=True) for line in lines if line]
 
-    def _reasons(self) -> str:
-        """What was dropped in the last second, and how often: docs/troubleshooting.md explains each."""
+    def _reasons(self) -> list[str]:
+        """What was dropped in the last second, how often and why; last what was never fitted: lamps, mostly."""
         now = self._health["rejected"]
         new = {key: count - self._before.get(key, 0) for key, count in now.items()} if self._before else {}
-        most = sorted((key for key in new if new[key] > 0), key=lambda key: -new[key])[:MOST_REASONS]
-        return "not read: " + ", ".join(f"{key} {new[key]}" for key in most) if most else ""
+        most = sorted((key for key in new if new[key] > 0), key=lambda key: (key.startswith("find."), -new[key]))
+        return [f"not read, {new[key]}×: {_in_words(key)}" for key in most[:MOST_REASONS]]
+
+
+def _in_words(key: str) -> str:
+    means, helps = explained(key)
+    return f"{means} ({helps})" if helps else means
 
 
 def _cells(panel: _Panel, now_s: float) -> list[str]:

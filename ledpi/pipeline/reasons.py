@@ -1,0 +1,90 @@
+"""Reasons for a rejection in words, for people: what each means, and what helps if the thing is a panel.
+
+The table in docs/troubleshooting.md says the same; a test compares them.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+
+class Explained(NamedTuple):
+    """A reason in words."""
+
+    means: str
+    helps: str  # "" where nothing is to be done
+
+
+REASONS: dict[str, Explained] = {
+    "find.not_four_sided": Explained("an outline without four sides", ""),
+    "find.at_picture_border": Explained(
+        "an outline that the border of the picture cuts", "bring the whole panel into view"
+    ),
+    "find.too_small": Explained("an outline too small for a panel", "go nearer"),
+    "fit.too_small": Explained("a cell would be less than 2 pixels wide", "go nearer"),
+    "fit.no_light": Explained("next to no light, or too little of it in the picture", "more exposure or gain"),
+    "fit.diverged": Explained("the fit found no corners", ""),
+    "fit.no_bands": Explained(
+        "no bands, where this exposure would show them clearly",
+        "as for soft.no_bands: check the frequencies and the exposure",
+    ),
+    "fit.misfit": Explained(
+        "a picture of a panel explains too little of the light", "remove what hides the panel or shines on it"
+    ),
+    "fit.uncertain": Explained(
+        "corners are known to no better than an eighth of a cell", "go nearer; a dark edge around the cells"
+    ),
+    "track.not_shown": Explained(
+        "the frame contradicts what this square was read as; its earlier frames are forgotten", ""
+    ),
+    "track.unlike_before": Explained("the square looks unlike the frames before; it must be read anew", ""),
+    "cells.too_small": Explained("a cell is less than 2 pixels wide", "go nearer"),
+    "cells.outside_picture": Explained("a cell is not wholly in the picture", "bring the whole panel into view"),
+    "cells.saturated": Explained("too many pixels of a cell are full", "less gain or exposure"),
+    "cells.dark": Explained("a cell gives no light", "check the solder joints"),
+    "soft.unfit": Explained("the light of the cells cannot be weighed", ""),
+    "soft.no_bands": Explained(
+        "nothing blinks at the frequencies of the configuration",
+        "check the frequencies; keep the exposure off their nulls (ledpi calibrate panel says so); "
+        "no capacitor after the MOSFETs",
+    ),
+    "soft.implausible_depth": Explained(
+        "bands are deeper or shallower than this exposure makes them",
+        "check camera.exposure_us, and what dims the lamp",
+    ),
+    "soft.not_in_dictionary": Explained(
+        "the pattern is no word, or cannot be told from one that is none",
+        "a cell is on the wrong output, or soldered as seen from the front: compare the cells with the wiring picture; "
+        "go nearer; more frames",
+    ),
+    "soft.ambiguous": Explained("two IDs are nearly as likely", "go nearer; more frames"),
+    "soft.inconsistent_cells": Explained("some cells contradict the word", "remove what hides cells or shines on them"),
+    "soft.id_not_in_panels_ids": Explained("read, but not one of the panels that exist", "list it in panels.ids"),
+    "identify.same_id_twice": Explained(
+        "one ID in two places", "give each panel an ID of its own; a glossy floor may mirror one"
+    ),
+    "identify.same_panel_twice": Explained("two squares for one panel; the better one is kept", ""),
+    "pose.unsolved": Explained("no pose in front of the camera fits the corners", "calibrate the lens"),
+    "pose.not_square": Explained(
+        "the corners are not those of a square, by more than 4 % of the side",
+        "calibrate the lens; check that the grid is square",
+    ),
+    "fix.not_in_map": Explained("no panel in view is in the map", "add it to the map"),
+    "fix.ambiguous": Explained(
+        "one panel is seen, and its mirror pose is not excluded", "show two panels; panels.upright: true"
+    ),
+    "fix.panels_contradict": Explained("panels do not hang as the map says", "correct the map"),
+    "bands.no_square": Explained("only with decode.method: bands: no square", "use soft"),
+    "bands.cell_without_bands": Explained("the same: a cell shows no bands", "use soft, or a shorter exposure"),
+    "bands.not_in_dictionary": Explained("the same: no word", "use soft"),
+    "capture.timestamp": Explained("a frame has no time, or one that is not after the last", ""),
+    "capture.exposure": Explained("the camera did not expose as asked", "set what the camera can do"),
+    "capture.unreadable": Explained("a picture of a recording cannot be read (or truncated, or of the wrong_size)", ""),
+    "camera.lost": Explained("the camera stalls, fails or is unplugged; it is opened again", "check the cable"),
+}
+
+
+def explained(key: str) -> Explained:
+    """A key like `find.too_small` in words; of one that this version does not know, the key itself."""
+    stage, _, reason = key.partition(".")
+    return REASONS.get(key) or Explained(f"{stage}: {reason.replace('_', ' ')}", "")
