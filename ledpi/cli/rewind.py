@@ -21,10 +21,10 @@ def rewind(
     """Save the running daemon's last seconds as a recording.
 
     The daemon goes on meanwhile. It writes where it may (/var/lib/ledpi-takes as a service), and from there the
-    recording is copied to OUT; as only root may read what the service writes, with sudo. `ledpi decode --as-live OUT`
+    recording is copied to OUT; of a service with sudo, as only root may read what it writes. `ledpi decode --as-live OUT`
     gives what was decoded live, from the first frame on. Without a tap: systemctl kill -s USR1 ledpi.
 
-    Example: sudo ledpi rewind takes/what-was-that
+    Example: ledpi rewind takes/what-was-that
     """
     from ledpi.core.errors import RecordingError
     from ledpi.tap.client import connect
