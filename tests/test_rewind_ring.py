@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import tracemalloc
 from itertools import pairwise
 
@@ -175,6 +176,21 @@ def test_too_little_memory_keeps_nothing(state: PipelineState) -> None:
     keep(ring, state, *range(10))
     assert ring.frames == 0
     assert ring.take() == []
+
+
+def test_memory_is_taken_before_a_frame_needs_it(state: PipelineState) -> None:
+    """Every room was written once when all were touched, beside frames that come meanwhile and stay as they are."""
+    ring = ring_of(1.0, state)
+    ring._pictures[:] = 77
+    for number in range(ring.frames):
+        ring.touch()
+        if number % 4 == 0:
+            keep(ring, state, number // 4)
+    kept = ring.take()
+    assert seqs(kept) == list(range(math.ceil(ring.frames / 4)))
+    assert all((ring.picture_of(each).pixels == each.frame.seq).all() for each in kept)
+    untouched = [slot for slot in ring._free if (ring._pictures[slot] == 77).all()]
+    assert untouched == []
 
 
 def test_no_frame_asks_for_memory(state: PipelineState) -> None:

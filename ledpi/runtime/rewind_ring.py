@@ -47,9 +47,9 @@ class RewindRing:
         self.frames = count if count >= FEWEST else 0
         self._longest_ns = round(seconds * 1e9) + STATE_EVERY_NS
         self._most_side_bytes = most_bytes - self.frames * picture
-        self._pictures = np.empty((self.frames, height, width), np.uint8)  # memory is taken when it is first written
+        self._pictures = np.empty((self.frames, height, width), np.uint8)  # the system gives it as it is first written
         self._changing = threading.Lock()
-        self._free = list(range(self.frames))  # the last one is taken first: memory that was never used stays so
+        self._free = list(range(self.frames))  # the last one is taken first: it was written before
         self._kept: deque[Kept] = deque()
         self._side_bytes = 0
         self._state: PipelineState | None = None
@@ -77,6 +77,19 @@ class RewindRing:
     def begin(self, state: PipelineState) -> None:
         """The state before the first frame."""
         self._state = state
+
+    def touch(self) -> None:
+        """Writes a room that was never written, so that the system gives its memory now, and not to the decode thread.
+
+        From one thread, as often as there are frames: what was written goes to where the next is taken from.
+        """
+        with self._changing:
+            if len(self._free) <= SPARE:
+                return
+            slot = self._free.pop(0)
+        np.copyto(self._pictures[slot], 0)
+        with self._changing:
+            self._free.append(slot)
 
     def take(self) -> list[Kept]:
         """All that is kept, from the oldest state on; it is forgotten here. Empty where there is nothing.

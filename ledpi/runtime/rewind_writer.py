@@ -11,6 +11,7 @@ import shutil
 import threading
 import time
 from concurrent.futures import Future
+from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import NamedTuple
@@ -30,6 +31,7 @@ MOST_AUTOMATIC = 5  # recordings of these that stay
 MOST_WAITING = 4
 LEAST_FREE_BYTES = 100_000_000  # that a disk has left afterwards: a full one stops more than this
 JOIN_S = 0.4
+TOUCH_EVERY_S = 0.004  # a picture's memory: sooner than a camera needs it
 
 _OLD = re.compile(rf"\d{{8}}T\d{{6}}Z-({'|'.join(AUTOMATIC)})(-\d+)?({re.escape(PART)})?")
 
@@ -62,6 +64,7 @@ class RewindWriter:
         self._ring, self._folder, self._shown = ring, folder, shown
         self._jobs: queue.SimpleQueue[_Job | None] = queue.SimpleQueue()
         self._stop = threading.Event()
+        self._untouched = ring.frames
         self._thread = threading.Thread(target=self._run, name="rewind", daemon=True)
 
     def start(self) -> None:
@@ -86,7 +89,7 @@ class RewindWriter:
             self._thread.join(JOIN_S)
 
     def _run(self) -> None:
-        while (job := self._jobs.get()) is not None:
+        while (job := self._next()) is not None:
             left = list(reversed(job.kept))
             try:
                 path = self._write(job, left)
@@ -102,6 +105,15 @@ class RewindWriter:
                 job.path.set_result(path)
             for each in left:
                 self._ring.give_back(each)
+
+    def _next(self) -> _Job | None:
+        """Waits for it, and meanwhile sees to the ring's memory."""
+        while self._untouched:
+            with suppress(queue.Empty):
+                return self._jobs.get(timeout=TOUCH_EVERY_S)
+            self._ring.touch()
+            self._untouched -= 1
+        return self._jobs.get()
 
     def _write(self, job: _Job, left: list[Kept]) -> Path:
         """`left`: what is not written yet, the oldest last."""
