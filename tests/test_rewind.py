@@ -269,6 +269,18 @@ def test_a_panel_that_a_fix_leaves_out_is_contradicted(rewind: Rewind, drive: St
     wait_for(lambda: whole(takes), "a recording")
 
 
+def test_a_replay_saves_no_fault(drive: Stream, takes: Path) -> None:
+    """Between its rounds there is a gap, and what it shows is recorded already. Who asks gets it all the same."""
+    settings = RewindSettings(seconds=1.0, memory_mb=50.0)
+    made = Rewind(settings, drive.pipeline(), drive.camera, 17.0, "recording:/takes/kitchen")
+    made.start()
+    kept_by(made, drive, contradicted=True)
+    made.tick(0, lost=True)
+    assert made.save().result(DEADLINE_S).name.endswith("-asked")
+    made.close()
+    assert len(whole(takes)) == 1
+
+
 def test_a_fault_before_anything_was_seen_writes_nothing(
     rewind: Rewind, takes: Path, caplog: pytest.LogCaptureFixture
 ) -> None:

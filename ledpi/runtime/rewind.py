@@ -44,6 +44,8 @@ class Rewind:
         self._pipeline = pipeline
         shown = Shown(camera, pipeline.panels.dictionary, pipeline.panels.spec(), source)
         self._writer = RewindWriter(self._ring, takes_folder(), shown)
+        # A replay has gaps between its rounds, and what it shows is recorded already.
+        self._saves_faults = not source.startswith("recording:")
         self._fault: str | None = None
         self._told_ns: dict[str, int] = {}  # when the last of each fault was seen
         self._is_lost = False
@@ -79,7 +81,7 @@ class Rewind:
         if lost and not self._is_lost and self._is_new(CAMERA_LOST, now_ns):
             fault = CAMERA_LOST
         self._is_lost = lost
-        if fault is not None:
+        if fault is not None and self._saves_faults:
             self.save_if_any(fault)
 
     def save_if_any(self, cause: str) -> None:
