@@ -315,7 +315,7 @@ def test_what_does_not_fit_is_told(drive: Stream, takes: Path, caplog: pytest.Lo
     with caplog.at_level(logging.WARNING):
         Rewind(RewindSettings(seconds=10.0, memory_mb=20.0), drive.pipeline(), drive.camera, 17.0, "simulated")
     (told,) = [record.getMessage() for record in caplog.records if "rewind_short" in record.getMessage()]
-    assert "wanted=10 memory_mb=12" in told
+    assert "wanted=10 memory_mb=20" in told
 
 
 def test_memory_grows_by_no_more_than_its_budget(takes: Path) -> None:

@@ -169,6 +169,8 @@ class Daemon:
 
     def _close(self) -> None:
         self._stop.set()
+        if self._rewind is not None:
+            self._rewind.stop()
         with suppress(CameraError, OSError):  # the controller gets its last word all the same
             self._camera.close()
         self._threads[0].join(JOIN_S)

@@ -91,8 +91,12 @@ class Rewind:
         except RecordingError as error:
             _log.warning(event("rewind_failed", cause=cause, reason=str(error)))
 
+    def stop(self) -> None:
+        """Writes no further picture, while the rest of the daemon ends; what is being written stays as far as it is."""
+        self._writer.stop()
+
     def close(self) -> None:
-        """Ends soon; what is being written stays as far as it is."""
+        """As `stop`, and waits for that, a moment at most."""
         self._writer.close()
 
     def _is_new(self, fault: str, now_ns: int) -> bool:

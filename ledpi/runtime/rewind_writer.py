@@ -81,10 +81,14 @@ class RewindWriter:
         self._jobs.put(job)
         return job.path
 
-    def close(self) -> None:
-        """Ends soon. What is being written stays as far as it is: a recording, its name with `.part`."""
+    def stop(self) -> None:
+        """Ends after the picture in work. What is being written stays as far as it is: its name ends in `.part`."""
         self._stop.set()
         self._jobs.put(None)
+
+    def close(self) -> None:
+        """As `stop`, and waits for that, a moment at most."""
+        self.stop()
         if self._thread.is_alive():
             self._thread.join(JOIN_S)
 
