@@ -155,7 +155,7 @@ def test_memory_holds_as_much_as_it_may(state: PipelineState) -> None:
     kept = ring.take()
     assert FEWEST < ring.frames < 40
     assert ring.frames * HEIGHT * WIDTH + sum(each.side_bytes for each in kept) <= most
-    assert len(kept) > ring.frames - SPARE - 1e9 / PERIOD_NS
+    assert len(kept) >= 0.75 * ring.frames - SPARE - 1  # less than a second, and still there is a state to begin at
 
 
 def test_many_tracks_shorten_it_and_take_no_more_memory(drive: Stream, state: PipelineState) -> None:

@@ -17,8 +17,9 @@ import numpy as np
 from ledpi.core.records import Decoded, Frame
 from ledpi.pipeline.state import PipelineState, size_of
 
-# Between two states. A recording begins at one; so much more is kept than is asked for.
-STATE_EVERY_NS = 1_000_000_000
+# Between two states. A recording begins at one; so much more is kept than is asked for. Where little is kept at all it is
+# less: a quarter of that.
+STATE_EVERY_NS, STATE_SHARE = 1_000_000_000, 4
 SPARE = 2  # pictures' rooms that stay free, so that the next frame has one when all others are handed over
 FEWEST = 8  # frames, less than which are not worth keeping
 SIDE_SHARE = 1 / 8  # of the memory, at least, is for states and results
@@ -45,6 +46,7 @@ class RewindRing:
         wanted = math.ceil((1e3 * seconds + STATE_EVERY_NS * 1e-6) / period_ms) + SPARE
         count = min(wanted, int((1.0 - SIDE_SHARE) * most_bytes) // picture)
         self.frames = count if count >= FEWEST else 0
+        self._state_every_ns = min(STATE_EVERY_NS, round(1e6 * period_ms * self.frames / STATE_SHARE))
         self._longest_ns = round(seconds * 1e9) + STATE_EVERY_NS
         self._most_side_bytes = most_bytes - self.frames * picture
         self._pictures = np.empty((self.frames, height, width), np.uint8)  # the system gives it as it is first written
@@ -71,7 +73,7 @@ class RewindRing:
             with self._changing:
                 self._kept.append(kept)
                 self._side_bytes += side_bytes
-        if self._stated_ns is None or not 0 <= frame.row0_readout_ns - self._stated_ns < STATE_EVERY_NS:
+        if self._stated_ns is None or not 0 <= frame.row0_readout_ns - self._stated_ns < self._state_every_ns:
             self._state, self._stated_ns = state(), frame.row0_readout_ns
 
     def begin(self, state: PipelineState) -> None:
