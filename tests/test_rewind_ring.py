@@ -155,19 +155,19 @@ def test_memory_holds_as_much_as_it_may(state: PipelineState) -> None:
     kept = ring.take()
     assert FEWEST < ring.frames < 40
     assert ring.frames * HEIGHT * WIDTH + sum(each.side_bytes for each in kept) <= most
-    assert len(kept) >= 0.75 * ring.frames - SPARE - 1  # less than a second, and still there is a state to begin at
+    assert len(kept) > ring.frames / 4  # less than a second, and still there is a state to begin at
 
 
 def test_many_tracks_shorten_it_and_take_no_more_memory(drive: Stream, state: PipelineState) -> None:
     """States of a picture full of lamps: fewer are kept, so fewer seconds are."""
-    tracks = state.followed.tracks * 40
+    tracks = state.followed.tracks * 3
     crowded = state._replace(followed=state.followed._replace(tracks=tracks))
     most = 100 * HEIGHT * WIDTH
     ring = ring_of(60.0, crowded, most)
     keep(ring, crowded, *range(300))
     kept = ring.take()
-    assert ring.frames * HEIGHT * WIDTH + sum(each.side_bytes for each in kept) <= 1.5 * most
-    assert len(kept) < ring.frames - SPARE - 1e9 / PERIOD_NS
+    assert ring.frames * HEIGHT * WIDTH + sum(each.side_bytes for each in kept) <= most
+    assert 0 < len(kept) < 0.75 * ring.frames - SPARE
 
 
 def test_too_little_memory_keeps_nothing(state: PipelineState) -> None:

@@ -17,8 +17,8 @@ import numpy as np
 from ledpi.core.records import Decoded, Frame
 from ledpi.pipeline.state import PipelineState, size_of
 
-# Between two states. A recording begins at one; so much more is kept than is asked for. Where little is kept at all it is
-# less: a quarter of that.
+# Between two states. A recording begins at one; so much more is kept than is asked for. Where little is kept at all,
+# it is a quarter of that.
 STATE_EVERY_NS, STATE_SHARE = 1_000_000_000, 4
 SPARE = 2  # pictures' rooms that stay free, so that the next frame has one when all others are handed over
 FEWEST = 8  # frames, less than which are not worth keeping
@@ -65,10 +65,10 @@ class RewindRing:
         """
         self.seen += 1
         before, self._state = self._state, None
-        slot = self._slot_for(frame)
+        side_bytes = FRAME_BYTES + MARKER_BYTES * len(decoded.markers) + (0 if before is None else size_of(before))
+        slot = self._slot_for(frame, side_bytes)
         if slot is not None:
             np.copyto(self._pictures[slot], frame.pixels)
-            side_bytes = FRAME_BYTES + MARKER_BYTES * len(decoded.markers) + (0 if before is None else size_of(before))
             kept = Kept(slot, frame.without_picture(), decoded, search_budget, before, side_bytes)
             with self._changing:
                 self._kept.append(kept)
@@ -130,8 +130,8 @@ class RewindRing:
         with self._changing:
             return len(self._free)
 
-    def _slot_for(self, frame: Frame) -> int | None:
-        """Room for a picture; None where all is being written."""
+    def _slot_for(self, frame: Frame, side_bytes: int) -> int | None:
+        """Room for a picture, and for so much beside it; None where all is being written, or there never is so much."""
         with self._changing:
             if self._kept and not _follows(frame, self._kept[-1].frame):
                 self._free += [kept.slot for kept in self._kept]
@@ -139,13 +139,13 @@ class RewindRing:
             oldest_ns = frame.row0_readout_ns - self._longest_ns
             while self._kept and (
                 len(self._free) < SPARE
-                or self._side_bytes > self._most_side_bytes
+                or self._side_bytes + side_bytes > self._most_side_bytes
                 or self._kept[0].frame.row0_readout_ns < oldest_ns
             ):
                 oldest = self._kept.popleft()
                 self._free.append(oldest.slot)
                 self._side_bytes -= oldest.side_bytes
-            if not self._free:
+            if not self._free or side_bytes > self._most_side_bytes:
                 self._stated_ns = None  # what is kept next begins with a state
                 return None
             return self._free.pop()
