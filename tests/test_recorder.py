@@ -228,6 +228,7 @@ def test_a_replay_decodes_as_live(tmp_path: Path) -> None:
         del line["decode_ms"]
     assert sum(len(line["markers"]) for line in live) > 0
     assert again == live
+    assert {entry.search_budget is not None for entry in load_recording(take).frames if entry.decoded} == {True}
 
 
 def test_ctrl_c_ends_it_in_order(tmp_path: Path) -> None:

@@ -105,6 +105,7 @@ def _add_commands() -> None:
         panel_firmware,
         panel_sheet,
         record,
+        rewind,
         run,
         simulate,
         snapshot,

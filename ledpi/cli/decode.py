@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import sys
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -32,7 +33,7 @@ def decode(
     config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
     set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
     single_frame: bool = typer.Option(False, "--single-frame", help="Each frame alone, no memory of those before."),
-    as_live: bool = typer.Option(False, "--as-live", help="Of `ledpi record`: only the frames it decoded live."),
+    as_live: bool = typer.Option(False, "--as-live", help="As it was live: the same frames, budgets and memory."),
     method: str | None = typer.Option(None, "--method", help="Overrides decode.method: likelihood or uemura."),
     steps: Path | None = typer.Option(
         None, "--steps", metavar="DIR", help="Also draw the method's steps: a picture a frame, DIR/NNNNNN.png."
@@ -62,7 +63,9 @@ def decode(
     if steps is not None:
         _check_names_differ([name for name, _ in recordings])
     # All of them before a line is printed: half an experiment must not pass for the whole.
-    loaded = [(name, load_recording_with(settings, folder)) for name, folder in _are_distinct(recordings)]
+    loaded = [
+        (name, load_recording_with(settings, folder, as_reported=as_live)) for name, folder in _are_distinct(recordings)
+    ]
     _check(loaded, pictures, settings, as_live=as_live)
     drawn = _steps_folders(steps, loaded, pictures)
     bad = 0
@@ -153,6 +156,7 @@ def _decode_recording(
     """Prints every frame; returns how many pictures could not be read."""
     from ledpi.core.row_clock import row_time_note
     from ledpi.decode.identify.frequency_search import off_frequency_note
+    from ledpi.pipeline.state_file import resume_from
     from ledpi.recording.picture import read_picture
 
     camera = recording.camera
@@ -161,13 +165,17 @@ def _decode_recording(
     lens = _lens(settings, camera)
     pipeline = _pipeline(settings, camera, lens, stream=stream, source_panel=recording.panel_values)
     bad = 0
+    resumed = as_live and stream and resume_from(recording.folder, pipeline)
     for entry in recording.frames:
         if as_live and not entry.decoded:
             continue
+        if as_live and entry.search_budget is not None:
+            pipeline.search_budget = entry.search_budget
         picture = np.empty((camera.height, camera.width), np.uint8)
         fault = read_picture(entry.picture, picture)
         if fault is None:
-            _decode(recording.frame(entry, picture), name, pipeline, lens, steps)
+            with _blaming_state(recording.folder, entry.seq) if resumed else nullcontext():
+                _decode(recording.frame(entry, picture), name, pipeline, lens, steps)
         else:
             _note(fault.message)
             _print(_nothing(entry.seq, entry.row0_readout_ns, fault.rejected), name)
@@ -176,6 +184,18 @@ def _decode_recording(
     for marker_id, found in pipeline.off_frequency.items():
         _note(f"{recording.folder}: {off_frequency_note(marker_id, found)}")
     return bad
+
+
+@contextmanager
+def _blaming_state(folder: Path, seq: int) -> Iterator[None]:
+    """A state may be well-formed, and still be none that a pipeline was ever in. Raises RecordingError."""
+    from ledpi.pipeline.state_file import STATE_FILE
+
+    try:
+        yield
+    except (ArithmeticError, ValueError, AssertionError, LookupError, TypeError, MemoryError) as error:
+        what = f"frame {seq} cannot be decoded after what it says ({type(error).__name__}); must be as ledpi wrote it"
+        raise RecordingError(f"{folder / STATE_FILE}: {what}") from None
 
 
 def _decode_pictures(

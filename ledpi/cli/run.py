@@ -22,7 +22,7 @@ def run(
 
     It decodes the camera's frames and streams IDs and poses to the serial port, which need not be there yet.
     Each second one line on standard error says how it goes; as a service, each minute. SIGHUP reads the
-    configuration again; where it is bad, the old one stays.
+    configuration again; where it is bad, the old one stays. SIGUSR1 saves the last seconds as a recording.
 
     Exit status 0 after a signal or at the end of a replay, 2 where it cannot start before a person puts the
     configuration or a file right, 1 where the camera is not there, in use or lost for good, or anything else fails
@@ -46,6 +46,7 @@ def run(
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: service.stop())
     signal.signal(signal.SIGHUP, lambda *_: service.reload())
+    signal.signal(signal.SIGUSR1, lambda *_: service.save())
     try:
         totals = service.run()
     except (LedpiError, OSError) as error:

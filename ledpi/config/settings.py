@@ -206,6 +206,13 @@ class SerialSettings(_Section):
     max_age_ms: MaxAgeMs = 100.0
 
 
+class RewindSettings(_Section):
+    """The section `rewind`."""
+
+    seconds: Annotated[float, Field(ge=0, le=600, allow_inf_nan=False)] = 10.0
+    memory_mb: Annotated[float, Field(ge=1, le=1_000_000, allow_inf_nan=False)] | None = None
+
+
 class TapSettings(_Section):
     """The section `tap`."""
 
@@ -234,6 +241,7 @@ class Config(_Section):
     map: Path | None = None
     robot: RobotSettings = RobotSettings()
     serial: SerialSettings = SerialSettings()
+    rewind: RewindSettings = RewindSettings()
     tap: TapSettings = TapSettings()
     view: ViewSettings = ViewSettings()
     _from_command_line: frozenset[str] = PrivateAttr(default=frozenset())

@@ -2,14 +2,25 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
-from ledpi.core.records import Floats
+from ledpi.core.records import Floats, Integers
 from ledpi.decode.proposals import Candidate
 
 # A stream searches the whole picture for newcomers in every third frame, and in each that does not show all its panels.
 SEARCH_EVERY = 3
 SAME = 0.25  # of the side: candidates whose middles are no further apart, from frame to frame, are in one place
+
+
+class AgendaState(NamedTuple):
+    """What an `Agenda` remembers."""
+
+    since_search: int
+    turn: int
+    middles: Floats  # (N, 2)
+    turns: Integers  # (N,)
 
 
 class Agenda:
@@ -20,6 +31,14 @@ class Agenda:
         self._turn = 0
         self._middles: Floats = np.empty((0, 2))  # of what was tried
         self._turns = np.empty(0, np.int64)  # when
+
+    def state(self) -> AgendaState:
+        """What `resume` goes on from."""
+        return AgendaState(self._since_search, self._turn, self._middles, self._turns)
+
+    def resume(self, state: AgendaState) -> None:
+        """Goes on as the one that gave this state would."""
+        self._since_search, self._turn, self._middles, self._turns = state
 
     def is_due(self, *, all_detected: bool) -> bool:
         """Whether the picture is searched: it is time again, or a panel is not at its predicted place."""

@@ -32,6 +32,7 @@ from ledpi.decode.uemura import NO_SQUARE, UemuraReader
 from ledpi.markers.codewords import corners_of_turned, covariance_of_turned
 from ledpi.markers.dictionaries import load_dictionary
 from ledpi.pipeline.results import Results
+from ledpi.pipeline.state import PipelineState
 from ledpi.pipeline.trace import SquareTrace, Trace
 from ledpi.pose.fix import Robot
 from ledpi.pose.place import Placer
@@ -91,6 +92,34 @@ class Pipeline:
         self.search_budget = STREAM_BUDGET if stream else SINGLE_BUDGET
         self._row_clock = RowClock(camera)
         self.off_frequency: dict[int, PanelSpec] = {}  # by ID: panels that blink at others than announced, and at which
+
+    def state(self) -> PipelineState:
+        """What `resume` goes on from, between two frames."""
+        return PipelineState(
+            followed=self._tracker.state(),
+            agenda=self._agenda.state(),
+            clock=self._row_clock.state(),
+            placed=self._placer.state(),
+            off_frequency=tuple(self.off_frequency.items()),
+        )
+
+    def resume(self, state: PipelineState) -> None:
+        """Goes on as the one that gave this state would: of the same camera, panels, lens and map."""
+        self._tracker.resume(state.followed)
+        self._agenda.resume(state.agenda)
+        self._row_clock.resume(state.clock)
+        self._placer.resume(state.placed)
+        self.off_frequency = dict(state.off_frequency)
+
+    @property
+    def specs(self) -> tuple[PanelSpec, ...]:
+        """One for each kind of blinking that is looked for."""
+        return self._specs
+
+    @property
+    def cells(self) -> int:
+        """Along a panel's side."""
+        return self._cells
 
     @property
     def spent(self) -> int:

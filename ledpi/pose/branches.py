@@ -21,8 +21,10 @@ APART = 3.0  # standard deviations: nearer solutions cannot be distinguished fro
 UPRIGHT_SIGMA_RAD = math.radians(5)
 
 
-@dataclass(slots=True)
-class _Hypothesis:
+@dataclass(frozen=True, slots=True, eq=False)
+class Hypothesis:
+    """Which pose of a panel is preferred, and how much more than the other."""
+
     preferred: PlanarSolution
     other: PlanarSolution
     gap: float  # mean over the frames of the other's χ² less that of the preferred
@@ -35,7 +37,15 @@ class Branches:
 
     def __init__(self, up_in_camera: Floats | None = None) -> None:
         self._up = None if up_in_camera is None else tuple(up_in_camera.tolist())
-        self._hypotheses: dict[int, _Hypothesis] = {}
+        self._hypotheses: dict[int, Hypothesis] = {}
+
+    def state(self) -> tuple[tuple[int, Hypothesis], ...]:
+        """By ID; what `resume` goes on from."""
+        return tuple(self._hypotheses.items())
+
+    def resume(self, state: tuple[tuple[int, Hypothesis], ...]) -> None:
+        """Goes on as the one that gave this state would."""
+        self._hypotheses = dict(state)
 
     def choose(self, marker_id: int, solutions: Solutions, now_ns: int) -> tuple[PlanarSolution, PlanarSolution | None]:
         """The pose to believe, and the other one where it cannot be excluded.
@@ -54,7 +64,7 @@ class Branches:
         gap += (self._gap(first, second) - gap) / (frames + 1)
         if gap < 0:
             first, second, gap = second, first, -gap
-        self._hypotheses[marker_id] = _Hypothesis(first, second, gap, min(frames + 1, REMEMBERED - 1), now_ns)
+        self._hypotheses[marker_id] = Hypothesis(first, second, gap, min(frames + 1, REMEMBERED - 1), now_ns)
         return first, second if gap < EXCLUDED_BY else None
 
     def _gap(self, first: PlanarSolution, second: PlanarSolution) -> float:
@@ -78,7 +88,7 @@ def _are_distinct(first: PlanarSolution, second: PlanarSolution) -> bool:
     return _angle2(first, second) > APART**2 * turn2
 
 
-def _discontinuity(past: _Hypothesis, preferred: PlanarSolution, other: PlanarSolution) -> float:
+def _discontinuity(past: Hypothesis, preferred: PlanarSolution, other: PlanarSolution) -> float:
     """How badly two solutions continue the past ones. A turn of the camera, common to both, makes no difference."""
     return _angle2(past.preferred, preferred) + _angle2(past.other, other)
 

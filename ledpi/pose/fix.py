@@ -78,7 +78,7 @@ class FixSolver:
         self._panels = panels
         self._marker_from_map = {i: inverse(panel.map_from_marker) for i, panel in panels.items()}
         self._squares = {i: square_corners(sides_m[i]) for i in panels if i in sides_m}
-        self._history = FixHistory()
+        self.history = FixHistory()
 
     def solve(self, frame: Frame, markers: Sequence[MarkerPose]) -> RobotFix | Rejected:
         """map_from_base_link from the panels of a frame, or why there is none. `markers` must not be empty.
@@ -92,10 +92,10 @@ class FixSolver:
         row = float(np.mean([centre_px(m.detection.corners_px)[1] for m in known]))
         now_ns = row_mid_exposure_ns(frame, row)
         candidates = self._candidates(self._observe(known, row, frame))
-        chosen = self._history.choose(candidates, now_ns)
+        chosen = self.history.choose(candidates, now_ns)
         if chosen is None:
             return CONTRADICTION if candidates[0].rejected else AMBIGUOUS
-        self._history.remember(chosen, now_ns)
+        self.history.remember(chosen, now_ns)
         pose = Pose(
             position_m=read_only(chosen.map_from_base[:3, 3]),
             quaternion_wxyz=read_only(quaternion_from_matrix(chosen.map_from_base[:3, :3])),

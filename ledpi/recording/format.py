@@ -104,6 +104,7 @@ class FrameLine(BaseModel):
     exposure_us: Microseconds
     analogue_gain: Gain | None = None
     decoded: Annotated[bool | None, Field(strict=True)] = None  # while it was recorded; None: nothing was
+    search_budget: Natural | None = None  # that the decoder had for it then (`pipeline`)
 
 
 class TruthLineMarker(BaseModel):

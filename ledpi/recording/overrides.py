@@ -16,12 +16,13 @@ PANEL_KEYS = ("side_m", "black_hz", "white_hz", "duty", "phase")
 TAKEN_KEYS = ("width", "height", "frame_duration_us", "analogue_gain")
 
 
-def load_recording_with(config: Config, folder: Path) -> Recording:
+def load_recording_with(config: Config, folder: Path, *, as_reported: bool = False) -> Recording:
     """The recording in `folder`; what --set gave is stronger than what it says of its camera and its panels.
 
+    `as_reported`: as `load_recording` has it.
     Raises ConfigError for what no recording can be made to have, and what `load_recording` and a lens raise.
     """
-    recording = load_recording(folder)
+    recording = load_recording(folder, as_reported=as_reported)
     _check_taken(config, recording)
     changed = replace(
         recording,

@@ -45,6 +45,7 @@ class FrameEntry:
     exposure_us: float
     analogue_gain: float | None = None
     decoded: bool | None = None  # while it was recorded; None: not known
+    search_budget: int | None = None  # that the decoder had for it then
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -105,9 +106,10 @@ def find_recordings(folder: Path) -> tuple[Path, ...]:
     return tuple(sorted(found))
 
 
-def load_recording(folder: Path) -> Recording:
+def load_recording(folder: Path, *, as_reported: bool = False) -> Recording:
     """Reads and checks a recording's description (not its pictures).
 
+    `as_reported`: with the driver's row time, as it was live; a stream finds out by itself where that is wrong.
     Raises RecordingError naming the file, the line or key, what is wrong, and what would be right.
     """
     path = folder / HEADER_FILE
@@ -125,7 +127,7 @@ def load_recording(folder: Path) -> Recording:
     clock = RowClock(camera)
     for entry in frames:
         clock.add(entry.seq, entry.row0_readout_ns)
-    if clock.ratio != 1.0:
+    if clock.ratio != 1.0 and not as_reported:
         camera = clock.corrected(camera)
         frames = tuple(replace(entry, exposure_us=entry.exposure_us * clock.ratio) for entry in frames)
     return Recording(
@@ -135,7 +137,7 @@ def load_recording(folder: Path) -> Recording:
         panel=panel,
         frames=frames,
         truth=_load_truth(folder / TRUTH_FILE, [entry.seq for entry in frames], cut_off),
-        row_time_ratio=clock.ratio,
+        row_time_ratio=1.0 if as_reported else clock.ratio,
     )
 
 
@@ -179,6 +181,7 @@ def frame_entry(folder: Path, line: FrameLine) -> FrameEntry:
         exposure_us=line.exposure_us,
         analogue_gain=line.analogue_gain,
         decoded=line.decoded,
+        search_budget=line.search_budget,
     )
 
 

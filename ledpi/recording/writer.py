@@ -91,11 +91,12 @@ class RecordingWriter:
         *,
         png: bytes | None = None,
         decoded: bool | None = None,
+        search_budget: int | None = None,
     ) -> int:
         """Adds a frame, and what is to be seen in it where that is known. On return the kernel has it all.
 
         `png`: its picture, where `encode_picture` was called elsewhere. `decoded`: whether it was decoded while it was
-        recorded. Returns the picture's bytes.
+        recorded, and `search_budget` what it might spend. Returns the picture's bytes.
         """
         if self._frames is None:
             raise ValueError("a RecordingWriter writes only inside its `with` block")
@@ -106,6 +107,7 @@ class RecordingWriter:
             exposure_us=frame.exposure_us,
             analogue_gain=frame.analogue_gain,
             decoded=decoded,
+            search_budget=search_budget,
         )
         entry = frame_entry(self._folder, line)
         self._check(frame, entry)

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from ledpi import __version__
 from ledpi.camera.base import Camera
 from ledpi.config.settings import Config, check_bands_visible
-from ledpi.core.errors import LedpiError
+from ledpi.core.errors import LedpiError, RecordingError
 from ledpi.core.wording import one_line
 from ledpi.runtime.daemon import Daemon
 from ledpi.runtime.reload import Reading
@@ -31,7 +31,7 @@ class Service:
     ) -> None:
         """`lossless`: as Daemon's. Raises LedpiError where the first configuration or its camera cannot be used."""
         self._load, self._open_camera, self._lossless = load, open_camera, lossless
-        self._asked_to_stop = self._asked_to_reload = False
+        self._asked_to_stop = self._asked_to_reload = self._asked_to_save = False
         self._reading: Reading | None = None
         self._next: Config | None = None
         self._resets = Resets()
@@ -52,6 +52,10 @@ class Service:
         """From a signal handler: takes no lock. The work is done in the thread that runs."""
         self._asked_to_reload = True
 
+    def save(self) -> None:
+        """The last seconds, as a recording. From a signal handler: takes no lock."""
+        self._asked_to_save = True
+
     def run(self) -> Totals:
         """What the last daemon came to. Raises what stopped it."""
         try:
@@ -69,6 +73,12 @@ class Service:
 
     def _look(self) -> None:
         """A configuration that can be read ends the daemon, for another one to begin; a bad one is named."""
+        if self._asked_to_save:
+            self._asked_to_save = False
+            try:
+                self._daemon.save()  # the journal hears what becomes of it
+            except RecordingError as error:
+                _log.warning(event("rewind_failed", reason=str(error)))
         if self._asked_to_reload and self._reading is None:
             self._asked_to_reload, self._reading = False, Reading(self._load)
         if self._reading is None:
