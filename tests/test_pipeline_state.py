@@ -60,7 +60,7 @@ def test_the_last_fix_goes_along(drive: Stream, tmp_path: Path) -> None:
     """A robot with a map: what its last fix was is not forgotten."""
     robot = robot_in(drive.live[-1])
     driven = stream(LATE + 5, robot=robot)
-    assert driven.states[LATE].placed.past.last is not None
+    assert driven.states[LATE].placed.fix_history.last is not None
     assert resumed(driven, LATE, tmp_path) == [exactly(decoded) for decoded in driven.live[LATE:]]
 
 
@@ -154,7 +154,7 @@ def _followed(state: dict[str, Any]) -> dict[str, Any]:
         (lambda s: _followed(s).update(memories=[]), "memories: must be a list of 1 to 1"),
         (lambda s: _followed(s)["last"].update(group=3), "last.group: must be a whole number from 0 to 0"),
         (lambda s: _followed(s)["last"]["reading"].update(margin=float("nan")), "margin: must be a number"),
-        (lambda s: _followed(s)["last"]["expectation"]["basis"].__setitem__(1, 10**6), "basis: must be [start, 9,"),
+        (lambda s: _followed(s)["last"]["prediction"]["basis"].__setitem__(1, 10**6), "basis: must be [start, 9,"),
         (lambda s: _followed(s)["memories"][0].update(last=[0, 10**6]), "last.1: must be a whole number from 0"),
         (lambda s: _followed(s)["memories"][0].update(last=None), "last: must be null where there were no frames"),
         (lambda s: _followed(s)["memories"][0]["spec"].update(black_hz=9000.0), "must be decoded with the config"),
@@ -162,7 +162,7 @@ def _followed(state: dict[str, Any]) -> dict[str, Any]:
         (lambda s: s["agenda"].update(middles=s["agenda"]["turns"]), "agenda.middles: must be a list"),
         (lambda s: s["clock"].update(ratio=1e9), "clock.ratio: must be a number from 0.5 to 2"),
         (lambda s: s["clock"].update(ratio=True), "clock.ratio: must be a number"),
-        (lambda s: s["placed"].update(beliefs=[[7]]), "placed.beliefs.0: must be a list of 2 to 2"),
+        (lambda s: s["placed"].update(hypotheses=[[7]]), "placed.hypotheses.0: must be a list of 2 to 2"),
         (lambda s: s.pop("placed"), "placed: is missing"),
         (lambda s: s["followed"].update(now_ns=2**70), "followed.now_ns: must be a whole number"),
         (lambda s: s["followed"].update(tracks=[[{}, {}]] * 5000), "followed.tracks: must be a list of 0 to 4096"),
