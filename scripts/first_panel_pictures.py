@@ -16,13 +16,11 @@ import cv2
 import numpy as np
 from matplotlib.figure import Figure
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
-from panel_material import program, record_panel, wired_pins
-from simavr_material import CLOCK_HZ, ROOT, PinTrace, emulate
-
 from ledpi.simulate.scene import OV5647_ROW_TIME_US, TracedWave
 from ledpi.simulate.scenes import whole_rows_us
 from ledpi.tools.panel.firmware import Build
+from tests.builders.panel import program, record_panel, wired_pins
+from tests.builders.simavr import CLOCK_HZ, ROOT, PinTrace, emulate
 
 PICTURES = ROOT / "docs" / "pictures"
 MARKER_ID = 7

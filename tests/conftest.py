@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).resolve().parents[1]
+from tests.builders import ROOT
+
 # Their tests tell how late a daemon is: no other test may take the processor meanwhile.
 ALONE = ("demo", "faults", "liveness", "run", "wire_age")
 
