@@ -24,8 +24,8 @@ from typing import Any
 os.environ["LIBCAMERA_LOG_LEVELS"] = "*:FATAL"
 
 from ledpi.cli import main as ledpi
-from tests.system.virtual.virtual_panels import SETTINGS, rendered
-from tests.system.virtual.virtual_picamera2 import Behaviour, show, use
+from tests.builders.virtual_panels import SETTINGS, rendered
+from tests.builders.virtual_picamera2 import Behaviour, show, use
 
 
 def command(*arguments: str) -> str:

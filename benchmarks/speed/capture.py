@@ -21,7 +21,7 @@ import numpy as np
 from ledpi.camera.picamera import open_picamera
 from ledpi.config.settings import CameraSettings
 from ledpi.core.records import Pixels
-from tests.system.virtual.virtual_picamera2 import Behaviour, show, use
+from tests.builders.virtual_picamera2 import Behaviour, show, use
 
 FRAMES = 300
 

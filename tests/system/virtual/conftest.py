@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 if TYPE_CHECKING:
-    from tests.system.virtual.virtual_picamera2 import Behaviour
+    from tests.builders.virtual_picamera2 import Behaviour
 
 os.environ["LIBCAMERA_LOG_LEVELS"] = "*:FATAL"  # it names each control that the virtual camera does not know
 
@@ -30,7 +30,7 @@ def pytest_configure(config: pytest.Config) -> None:
 @pytest.fixture
 def behaviour(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Behaviour]:
     """A virtual OV5647 that shows nine grey pictures, each of another brightness; unplugged after the test."""
-    from tests.system.virtual.virtual_picamera2 import Behaviour, show, unplug, use
+    from tests.builders.virtual_picamera2 import Behaviour, show, unplug, use
 
     show(tmp_path / "grey", [np.full((480, 640), 20 * number, np.uint8) for number in range(1, 10)])
     behaviour = Behaviour()

@@ -25,8 +25,8 @@ from ledpi.runtime.daemon import Daemon
 from ledpi.tools.doctor.camera import camera as camera_findings
 from ledpi.wire import NoFix, State
 from tests.builders.daemon import controller, slowness
-from tests.system.virtual.virtual_panels import IDS, SETTINGS, rendered
-from tests.system.virtual.virtual_picamera2 import ROW_US, Behaviour, show, unplug
+from tests.builders.virtual_panels import IDS, SETTINGS, rendered
+from tests.builders.virtual_picamera2 import ROW_US, Behaviour, show, unplug
 
 QUIET_S = 0.2  # promised until "no fix" is on the wire
 RETURN_S = 2.0  # and until a camera that is there again is in use

@@ -20,7 +20,7 @@ from ledpi.config.settings import CameraSettings
 from ledpi.core.errors import CameraError, CameraLostError
 from ledpi.core.records import Frame, Pixels, Rejected
 from tests.builders import ROOT
-from tests.system.virtual.virtual_picamera2 import ROW_US, Behaviour, VirtualPicamera2, show, unplug
+from tests.builders.virtual_picamera2 import ROW_US, Behaviour, VirtualPicamera2, show, unplug
 
 CLASSES_HZ = (1250.0, 2450.0)
 WAIT_S = 10.0
@@ -337,7 +337,7 @@ def test_stopping_while_frames_come(behaviour: Behaviour) -> None:
 
 WRONG_TYPE = """
 import sys
-from tests.system.virtual.virtual_picamera2 import Behaviour, use
+from tests.builders.virtual_picamera2 import Behaviour, use
 from ledpi.camera import picamera
 from ledpi.config.settings import CameraSettings
 from ledpi.core.errors import CameraError

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from ledpi.camera.tuning import linear_tuning, white_gains
-from tests.system.virtual.virtual_picamera2 import TUNING
+from tests.builders.virtual_picamera2 import TUNING
 
 FILES = sorted(TUNING.glob("*/*.json"))
 
