@@ -9,16 +9,6 @@ import pytest
 
 from tests.builders import ROOT
 
-# Their tests tell how late a daemon is: no other test may take the processor meanwhile.
-ALONE = ("demo", "faults", "liveness", "run", "wire_age")
-
-
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """`scripts/test` runs these after the others, one by one."""
-    for item in items:
-        if item.path.stem.removeprefix("test_") in ALONE:
-            item.add_marker("alone")
-
 
 @pytest.fixture
 def shared() -> Callable[[str], Path]:

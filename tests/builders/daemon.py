@@ -29,6 +29,8 @@ COMMAND = [sys.executable, "-c", "from ledpi.cli import main; main()", "run"]
 DEADLINE_S = 60.0  # for anything at all, on a slow machine
 SPEC = PanelSpec(side_m=0.16, black_hz=1250.0, white_hz=2450.0)
 SIMULATED = ("panels.side_m=0.16", "camera.source=simulated")
+# A process that has a file open, and locked where `lock` locks it, until its standard input ends.
+HOLD = "import fcntl, sys; f = open(sys.argv[1], 'r+'); {lock}; print(flush=True); sys.stdin.read()"
 
 
 class Controller:

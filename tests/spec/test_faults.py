@@ -27,6 +27,9 @@ from ledpi.core.records import CameraInfo, Frame, PanelValues, Pixels
 from ledpi.runtime.daemon import Daemon
 from ledpi.wire import FixMessage, MarkerMessage, Message, Receiver, State, StatusMessage
 from tests.builders.daemon import COMMAND, DEADLINE_S, MAX_AGE_US, ROOT, daemon, end, slowness, write_recording
+from tests.builders.imports import RUN, file_of, reached_from
+
+pytestmark = pytest.mark.alone  # it tells how late a daemon is: no other test may take the processor meanwhile
 
 BYTE_S = 10 / 115200
 BACK_S = 1.0  # promised after a line is there again; a busy machine gets as much more as it is slower
@@ -336,8 +339,6 @@ def test_a_clock_that_is_set_changes_nothing(take: Path, tmp_path: Path, plug: C
 
 def test_nothing_asks_for_the_time_of_day() -> None:
     """In all that `run` reaches, C's clocks included: all times are of the monotonic clock."""
-    from tests.spec.test_layers import RUN, file_of, reached_from
-
     asking = re.compile(r"\btime\.time(_ns)?\(|datetime\.now|\butcnow\(|\blocaltime\(|CLOCK_REALTIME")
     modules = reached_from(RUN, stop_at="ledpi.cli")
     assert len(modules) > 30

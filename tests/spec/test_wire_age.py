@@ -22,6 +22,8 @@ from ledpi.wire.publisher import Publisher
 from tests.builders.daemon import Controller, controller
 from tests.builders.wire import decoded, decoded_now, marker_pose
 
+pytestmark = pytest.mark.alone  # it tells how late a daemon is: no other test may take the processor meanwhile
+
 WIRE = str(Path(ledpi.wire.__file__).parent)
 PAUSE_S = 0.01
 TOO_SMALL_US = 3000

@@ -22,6 +22,8 @@ from ledpi.config.settings import Config, load_config
 from ledpi.recording.reader import TruthMarker
 from tests.builders import ROOT
 
+pytestmark = pytest.mark.alone  # it tells how late a daemon is: no other test may take the processor meanwhile
+
 HUNG_S = 600.0  # by then it does not end at all: how fast it is, is no matter here
 AGE_US = 31_000
 PERIOD_US = 507 * 1852 / 55  # of the simulated sensor's frames

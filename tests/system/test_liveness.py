@@ -20,6 +20,8 @@ from ledpi.runtime.liveness import BEHIND_NS, LOST_TICKS, Liveness
 from ledpi.wire import NoFix, State, StatusMessage
 from tests.builders.daemon import SIMULATED, controller, daemon, end
 
+pytestmark = pytest.mark.alone  # it tells how late a daemon is: no other test may take the processor meanwhile
+
 
 def frame(age_ns: int) -> Frame:
     """Read out so long ago, by a camera whose clock runs 7 s behind."""

@@ -27,9 +27,8 @@ from ledpi.runtime.daemon import Daemon
 from ledpi.wire import State
 from ledpi.wire.line import SerialLine
 from ledpi.wire.publisher import Publisher
-from tests.builders.daemon import COMMAND, SIMULATED, controller, daemon, end, write_recording
+from tests.builders.daemon import COMMAND, HOLD, SIMULATED, controller, daemon, end, write_recording
 from tests.builders.wire import decoded_now
-from tests.unit.camera.test_holder import HOLD
 
 REFUSALS = [errno.EIO, errno.EMFILE, errno.EBADF, errno.ENOENT]
 each_refusal = pytest.mark.parametrize("code", REFUSALS, ids=lambda code: errno.errorcode[code])

@@ -42,6 +42,8 @@ from tests.builders.daemon import (
     write_recording,
 )
 
+pytestmark = pytest.mark.alone  # it tells how late a daemon is: no other test may take the processor meanwhile
+
 END_S = 3.0  # for the end after a signal: 1 s is promised, a busy machine gets more
 HEALTH = re.compile(r"INFO \d+ frames/s, \d+ decoded/s, \d+ markers/s, \d+ in view; dropped \d+ of \d+; ms: .*; pac")
 

@@ -10,8 +10,7 @@ from pathlib import Path
 import pytest
 
 from ledpi.camera.holder import locker_in, who_holds
-
-HOLD = "import fcntl, sys; f = open(sys.argv[1], 'r+'); {lock}; print(flush=True); sys.stdin.read()"
+from tests.builders.daemon import HOLD
 
 
 @pytest.mark.parametrize("lock", ["fcntl.lockf(f, fcntl.LOCK_EX)", "pass"])

@@ -14,7 +14,7 @@ from ledpi.cli import main
 from ledpi.core.records import Frame
 from ledpi.tools.calibrate.lamp import lamp_frequency, lamp_rows
 from ledpi.tools.calibrate.shutter import Estimate
-from tests.spec.test_led_bands import photographed_lamp
+from tests.builders.lamp import photographed_lamp
 
 
 def measured(picture: np.ndarray) -> Estimate | None:

@@ -17,7 +17,7 @@ from ledpi.recording.reader import load_recording
 from ledpi.tools.calibrate.camera import calibrate_camera
 from ledpi.tools.calibrate.collecting import ENOUGH_VIEWS, Collection, attitude_of, next_exposure
 from ledpi.tools.calibrate.live_board import OpenAt, collect_views
-from tests.unit.tools.calibrate.test_camera import BOARD, CHARUCO, POSES, Pose, charuco_pictures, projected, rendered
+from tests.builders.boards import BOARD, CHARUCO, POSES, Pose, charuco_pictures, projected, rendered
 
 EMPTY = np.full((480, 640), 90, np.uint8)
 INFO = CameraInfo(width=640, height=480, exposure_us=10_000.0, row_time_us=33.67, transfer="linear")
