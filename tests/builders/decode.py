@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -184,10 +185,27 @@ class Canvas:
         )
 
 
+Painted = tuple[tuple[slice, slice], Floats, list[Floats]]
+
+
 def _painted(
     corners: Floats, levels: list[Floats], profile: Profile, blur_px: float, lens: Intrinsics | None
-) -> tuple[tuple[slice, slice], Floats, list[Floats]]:
-    """Where in the picture, how opaque there, and the blurred light of each of `levels`, (n, n) cells."""
+) -> Painted:
+    """Where in the picture, how opaque there, and the blurred light of each of `levels`, (n, n) cells.
+
+    Kept for the next frame, or the next exposure, of the same panel in the same place.
+    """
+    key = tuple(np.ascontiguousarray(level, dtype=np.float64).tobytes() for level in levels)
+    exact = np.ascontiguousarray(corners, dtype=np.float64)
+    return _painted_once(exact.tobytes(), key, len(levels[0]), profile, blur_px, lens)
+
+
+@lru_cache(maxsize=96)
+def _painted_once(
+    places: bytes, lights: tuple[bytes, ...], cells: int, profile: Profile, blur_px: float, lens: Intrinsics | None
+) -> Painted:
+    corners = np.frombuffer(places).reshape(4, 2)
+    levels = [np.frombuffer(light).reshape(cells, cells) for light in lights]
     outline = corners if lens is None else seen_through(lens, corners)
     margin = math.ceil(4 * blur_px) + 2
     low = np.maximum(np.floor(outline.min(axis=0)).astype(int) - margin, 0)
@@ -204,7 +222,6 @@ def _painted(
     u, v = cv2.perspectiveTransform(points - corners[0], to_unit)[:, 0].T
     inside = (u >= 0) & (u < 1) & (v >= 0) & (v < 1)
     bright = inside * profile(u, v)
-    cells = len(levels[0])
     row, column = (np.clip((cells * w).astype(int), 0, cells - 1) for w in (v, u))
 
     def pixels(fine: Floats) -> Floats:

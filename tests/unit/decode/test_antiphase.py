@@ -18,6 +18,7 @@ from ledpi.pipeline.pipeline import Pipeline
 from tests.builders.decode import (
     FRAME_ROWS,
     PHASES,
+    PINHOLE,
     ROW_TIME_US,
     SHORT_US,
     SPEC,
@@ -222,3 +223,16 @@ def test_what_cells_show_of_waves_by_hand() -> None:
     bands = np.array([2.0, 3.0, 5.0, 7.0])
     assert in_other_class(band_shares(classes, 4) * bands).tolist() == [[0, 0, 5, 7], [2, 3, 0, 0]]
     assert in_other_class(band_shares(classes, 2) * bands[:2]).tolist() == [[-2, -3], [2, 3]]
+
+
+@pytest.mark.parametrize("phase", [0.1, 0.6])
+def test_antiphase_panels_are_read_whichever_class_was_taken_for_black(phase: float) -> None:
+    """A panel is its negative half a cycle later, and so it may be seen."""
+    settings = panel_settings("panels.phase=antiphase", "panels.black_hz=1250", "panels.white_hz=1250")
+    path = Pipeline(camera_info(exposure_us=SHORT_US), settings, intrinsics=PINHOLE, stream=False)
+    dictionary = load_dictionary("DICT_4X4_50")
+    for marker_id in (0, 1, 2, 4, 5, 6):
+        canvas, phases = Canvas(exposure_us=SHORT_US), (phase, phase + 0.5)
+        canvas.panel(square(310, 240, 80, 20), dictionary.word(marker_id), spec=settings.spec(), phases=phases)
+        (marker,) = path.decode(canvas.frame()).markers
+        assert marker.sighting.id == marker_id
