@@ -1,7 +1,7 @@
 """How close reading comes to its bound: the share of panels that are read, beside decoders that are told more.
 
-    python -m benchmarks.accuracy.bound SET [--single] [--skip N]
-    python -m benchmarks.accuracy.bound [--takes 24] [--stream] [DISTANCE…]
+    python -m benchmarks.accuracy bound SET [--single] [--skip N]
+    python -m benchmarks.accuracy bound [--takes 24] [--stream] [DISTANCE…]
 
 Of the recordings with truth in and below the folder SET: how many panels are read by who is told the true corners, in
 single frames, or in streams of which the first N frames do not count; and how many were when that was frozen, so that

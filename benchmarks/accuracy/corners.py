@@ -3,7 +3,7 @@
 Each take has its own place, roll, room, brightness, cell gains and word. The case is one of the suite `robustness` of
 `ledpi evaluate`.
 
-    python -m benchmarks.accuracy.corners [--case "an edge hidden"] [--takes 30] [--transfer linear] [--angle 20]
+    python -m benchmarks.accuracy corners [--case "an edge hidden"] [--takes 30] [--transfer linear] [--angle 20]
         [DISTANCE…]
 """
 

@@ -15,11 +15,12 @@ as an exposure of 80 µs would make them. A steeper tone curve explains that as 
 A second table says how well `ledpi calibrate panel PICTURE…` tells the frequency of such a lamp, knowing nothing of it
 but exposure and row time: of photographs that show 2.5 periods or more, by how much it is off.
 
-    python -m benchmarks.accuracy.led_bands [../shared/real/led_bands]
+    python -m benchmarks.accuracy led_bands [../shared/real/led_bands]
 """
 
 from __future__ import annotations
 
+import argparse
 import csv
 import sys
 from collections.abc import Callable, Iterable
@@ -197,7 +198,7 @@ def frequency_errors(folder: Path, every: int = 1) -> tuple[dict[float, list[flo
     return dict(sorted(errors.items())), none
 
 
-def main(folder: Path) -> None:
+def measure(folder: Path) -> None:
     if not (folder / "index.csv").is_file():
         sys.exit(f"{folder}: holds no photographs with an index.csv; they are not part of the project")
     found, others = photographs(folder)
@@ -228,6 +229,11 @@ def main(folder: Path) -> None:
         print(f"{frequency:6.0f} {len(off):7d}   median {np.median(off):+.3%}, worst {worst:.2%}")
 
 
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", nargs="?", type=Path, default=ROOT.parent / "shared/real/led_bands")
+    measure(parser.parse_args().folder)
+
+
 if __name__ == "__main__":
-    default = ROOT.parent / "shared/real/led_bands"
-    main(Path(sys.argv[1]) if len(sys.argv) > 1 else default)
+    main()

@@ -5,7 +5,7 @@ or exchanged, delimiters lost or put in, noise, two frames run together. Whateve
 byte for byte a frame that was sent must be received; nothing else may be. Both must agree to the last counter.
 Exit status 1 where one of this does not hold. Needs gcc.
 
-    python -m benchmarks.endurance.receivers [--bytes 10000000] [--seed 1]
+    python -m benchmarks.endurance receivers [--bytes 10000000] [--seed 1]
 """
 
 from __future__ import annotations

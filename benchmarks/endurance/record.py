@@ -1,6 +1,6 @@
 """`ledpi record` at the camera's full rate: what is lost, and whether a replay decodes the same.
 
-    scripts/virtual-camera && .cache/virtual-camera/bin/python -m benchmarks.endurance.record --seconds 60
+    scripts/virtual-camera && .cache/virtual-camera/bin/python -m benchmarks.endurance record --seconds 60
 
 The real picamera2 and libcamera on libcamera's virtual camera, 62.5 frames a second, three rendered panels in view.
 Prints the command's own summary, the gaps in `seq`, and whether `ledpi decode --as-live` gives what live.jsonl holds,

@@ -8,7 +8,7 @@ memory of the first quarter is compared with that of the last one, as it goes up
 where it has grown by more than --allow-mib, where threads or descriptors have, where a packet was damaged or an ID
 wrong, or where the daemon failed.
 
-    python -m benchmarks.endurance.soak [--frames 50000] [--width 640] [--allow-mib 1]
+    python -m benchmarks.endurance soak [--frames 50000] [--width 640] [--allow-mib 1]
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """What ledpi's part of capturing a frame costs beside picamera2's own, and beside the one copy that it must make.
 
-    scripts/virtual-camera && .cache/virtual-camera/bin/python -m benchmarks.speed.capture
+    scripts/virtual-camera && .cache/virtual-camera/bin/python -m benchmarks.speed capture
 
 The real picamera2 and libcamera on libcamera's virtual camera. CPU time of the capturing thread, in microseconds a
 frame, medians: picamera2's part is asking for a request, waiting for it, mapping its buffer, reading its metadata and

@@ -124,6 +124,15 @@ def test_the_page_of_commands_has_every_command(monkeypatch: pytest.MonkeyPatch)
     assert [path for path, text in sections.items() if f"\n    {path}" not in text] == []
 
 
+@pytest.mark.parametrize("document", DOCUMENTS)
+def test_the_benchmarks_that_a_page_names_are_there(document: str) -> None:
+    """`python -m benchmarks.speed latency`, as it is typed."""
+    text = (ROOT / document).read_text(encoding="utf-8")
+    for folder, name in re.findall(r"python -m benchmarks\.(\w+)(?: ([a-z]\w*))?", text):
+        assert (ROOT / "benchmarks" / folder).is_dir() or (ROOT / "benchmarks" / f"{folder}.py").is_file()
+        assert not name or (ROOT / "benchmarks" / folder / f"{name}.py").is_file(), f"{folder} {name}"
+
+
 def typed_commands(text: str) -> list[list[str]]:
     """The calls of ledpi in a page's code blocks, in words; continued lines are joined, comments dropped."""
     blocks = re.findall(r"^```(?:sh|bash)?\n(.*?)^```", text, re.MULTILINE | re.DOTALL)

@@ -44,7 +44,7 @@ def test_a_lamp_of_too_few_periods_is_left_out() -> None:
 def test_without_the_photographs_it_says_what_is_missing(tmp_path: Path) -> None:
     """They are not part of the project, so most who try it have none."""
     with pytest.raises(SystemExit, match="holds no photographs"):
-        bench.main(tmp_path)
+        bench.measure(tmp_path)
 
 
 def test_real_lamps_show_the_predicted_bands(shared: Callable[[str], Path]) -> None:

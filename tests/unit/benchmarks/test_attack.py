@@ -122,7 +122,7 @@ def test_a_failure_is_told_with_the_command_that_repeats_it(tmp_path: Path, caps
     assert fails(tmp_path, "print('scene 6'); print('scene 7'); raise SystemExit('runtime error: shift')")
     said = capsys.readouterr().out.splitlines()
     assert said[0] == "pictures: FAILED, status 1"
-    assert said[1:] == ["runtime error: shift", "again: python -m benchmarks.endurance.attack --seed 3 --scene 7"]
+    assert said[1:] == ["runtime error: shift", "again: python -m benchmarks.endurance attack --seed 3 --scene 7"]
 
 
 def test_what_hangs_has_failed(

@@ -1,8 +1,6 @@
-"""Draws the pictures of docs/first-panel.md: the driver's program is built, run in simavr, and photographed.
+"""The pictures of docs/first-panel.md: the driver's program is built, run in simavr, and photographed.
 
-    .venv/bin/python scripts/first_panel_pictures.py
-
-Needs make, gcc, gcc-avr, avr-libc, libsimavr-dev, poppler-utils, and what `.venv` has after `scripts/test`.
+Needs make, gcc, gcc-avr, avr-libc, libsimavr-dev and poppler-utils.
 """
 
 from __future__ import annotations
@@ -22,7 +20,6 @@ from ledpi.tools.panel.firmware import Build
 from tests.builders.panel import program, record_panel, wired_pins
 from tests.builders.simavr import CLOCK_HZ, ROOT, PinTrace, emulate
 
-PICTURES = ROOT / "docs" / "pictures"
 MARKER_ID = 7
 OUTPUTS = {"PB1": ("D9, class black", "#3c8ceb"), "PB2": ("D10, class white", "#faaf32")}
 TRACED_S, SETTLED_S = 0.12, 0.01
@@ -79,16 +76,12 @@ def take_snapshot(trace: PinTrace, pins: list[str], work: Path, to: Path) -> Non
     subprocess.run(command, cwd=ROOT, check=True)
 
 
-def main() -> None:
-    """Draws all four."""
+def draw(to: Path) -> None:
+    """All four, into a folder."""
     with tempfile.TemporaryDirectory() as name:
         work = Path(name)
         built = program(work / "driver", Build.TWO_OUTPUTS, MARKER_ID)
         trace = emulate(built, TRACED_S, work=work)
-        draw_waves(trace, PICTURES / "driver-waves.png")
-        draw_sheet(work, PICTURES)
-        take_snapshot(trace, wired_pins(built), work, PICTURES / "first-panel.jpg")
-
-
-if __name__ == "__main__":
-    main()
+        draw_waves(trace, to / "driver-waves.png")
+        draw_sheet(work, to)
+        take_snapshot(trace, wired_pins(built), work, to / "first-panel.jpg")

@@ -1,7 +1,4 @@
-"""Draws the pictures of docs/frequencies.md, for the default camera and panels of 16 cm.
-
-.venv/bin/python scripts/frequency_pictures.py
-"""
+"""The pictures of docs/frequencies.md, for the default camera and panels of 16 cm."""
 
 from __future__ import annotations
 
@@ -18,7 +15,6 @@ from ledpi.tools.panel.design_plots import draw_contrast
 from ledpi.tools.panel.frequencies import Flicker, worthwhile_frequencies
 from ledpi.tools.panel.information import STREAM_FRAMES
 
-PICTURES = Path(__file__).resolve().parents[1] / "docs" / "pictures"
 PAIR = (1250.0, 2450.0)
 COLOURS = {1250.0: "tab:blue", 2450.0: "tab:orange"}
 NEAR_M, MIDDLE_M, FAR_M = 1.0, 2.0, 8.0
@@ -99,14 +95,11 @@ def draw_period(task: Task, to: Path) -> None:
     figure.savefig(to, dpi=100)
 
 
-def main() -> None:
+def draw(to: Path) -> None:
+    """All four, into a folder."""
     near_and_far = default_task(NEAR_M, MIDDLE_M, FAR_M)
-    draw_bands(near_and_far, PICTURES / "frequencies-bands.png")
+    draw_bands(near_and_far, to / "frequencies-bands.png")
     far = default_task(FAR_M)
-    draw_contrast(far, proposal_at(far, *PAIR, 504, views_of(far)), PICTURES / "frequencies-contrast.png")
-    draw_second_frequency(default_task(NEAR_M, MIDDLE_M), PICTURES / "frequencies-second.png")
-    draw_period(far, PICTURES / "frequencies-period.png")
-
-
-if __name__ == "__main__":
-    main()
+    draw_contrast(far, proposal_at(far, *PAIR, 504, views_of(far)), to / "frequencies-contrast.png")
+    draw_second_frequency(default_task(NEAR_M, MIDDLE_M), to / "frequencies-second.png")
+    draw_period(far, to / "frequencies-period.png")
