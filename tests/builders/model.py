@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ledpi.core.records import Floats, Frame
+from ledpi.decode.model.fit import Fitted
 from ledpi.decode.model.light import Window
 from tests.builders.decode import PHASES, SPEC, TRUE_10_MS_US, Canvas, share_on, word
 
@@ -96,3 +97,9 @@ def places_of(corners: Floats, at_px: Floats) -> Floats:
     h = np.append(np.linalg.solve(np.array(rows), ends.reshape(-1)), 1.0).reshape(3, 3)
     at = np.concatenate([at_px, np.ones((*at_px.shape[:-1], 1))], axis=-1) @ h.T
     return np.stack([at[..., 0] / at[..., 2], at[..., 1] / at[..., 2]])
+
+
+def nees(fit: Fitted, corners: Floats) -> float:
+    """The square of the eight coordinates' errors, normalised by their covariance: 8 on average where that is right."""
+    error = (fit.corners_px - corners).reshape(8)
+    return float(error @ np.linalg.solve(fit.covariance_px2, error))

@@ -114,6 +114,7 @@ def test_streams_are_read(shared: Shared, name: str) -> None:
 
 @pytest.mark.parametrize("stream", [False, True])
 @pytest.mark.parametrize("name", ["static", "oblique", "linear", "short_exposure", "drive", "two_panels"])
+@pytest.mark.slow
 def test_no_id_is_ever_wrong(shared: Shared, name: str, stream: bool) -> None:
     """Whatever can be read of them: alone or as a stream, near or far, no ID that is not there."""
     assert outcome(shared(f"recordings/{name}"), stream=stream).wrong == []

@@ -119,6 +119,7 @@ def test_the_page_shows_tables_plots_and_the_command() -> None:
     assert Path("out/rates-10000us-srgb.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.slow
 def test_decoys_give_no_false_id() -> None:
     """24 frames each of what is most like a panel, read one by one and as streams."""
     options: tuple[str, ...] = ("--suite", "decoys", "--exposure-us", "10000", "--frames", "24")
@@ -232,6 +233,7 @@ def cluster() -> Iterator[str]:
 
 
 @pytest.mark.filterwarnings("ignore")  # distributed's own
+@pytest.mark.slow
 def test_a_cluster_gives_the_same_results(cluster: str) -> None:
     """The same units on a dask.distributed worker, and on processes of our own."""
     options = (*SMALL, "--method", "soft", "--method", "aruco")
@@ -240,6 +242,7 @@ def test_a_cluster_gives_the_same_results(cluster: str) -> None:
     assert table("there") == table("here")
 
 
+@pytest.mark.slow
 def test_frames_of_a_real_panel_fill_the_same_table() -> None:
     """A recording whose panel is known; without truth its ID is judged, with it corners and pose too."""
     run("simulate", "take", "--distance", "0.6", "--angle", "20", "--frames", "14")
@@ -284,6 +287,7 @@ def test_a_lens_that_was_calibrated_at_another_size_is_refused() -> None:
 ANTIPHASE = ("--set", "panels.phase=antiphase", "--set", "panels.white_hz=1250")
 
 
+@pytest.mark.slow
 def test_antiphase_is_left_to_those_that_can_read_it() -> None:
     """The paper's method cannot: it has no row, rendered or recorded, and is refused where it is asked for."""
     run("evaluate", "--out", "out", *SMALL, *ANTIPHASE)
