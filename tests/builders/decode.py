@@ -79,7 +79,7 @@ def share_on(
     """(N,) share of each row's exposure in which a square wave is on; row 0's exposure begins at `start_us`."""
     moments = exposure_us * (np.arange(_MOMENTS) + 0.5) / _MOMENTS
     cycles = phase_cycles + hz * 1e-6 * (start_us + rows[:, None] * ROW_TIME_US + moments)
-    return np.asarray((cycles % 1.0 < duty).mean(axis=1))
+    return np.asarray((cycles - np.floor(cycles) < duty).mean(axis=1))  # much quicker than % 1.0
 
 
 def encode(light: Floats, transfer: Transfer) -> Pixels:

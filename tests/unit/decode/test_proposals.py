@@ -48,7 +48,7 @@ def nearest(frame: Frame, true: Floats) -> float:
 
 
 @pytest.mark.parametrize("profile", [flat, diffuser, one_size, bare])
-@pytest.mark.parametrize("exposure_us", [SHORT_US, 300.0, 640.0, TRUE_10_MS_US])
+@pytest.mark.parametrize("exposure_us", [SHORT_US, 500.0, TRUE_10_MS_US])
 @pytest.mark.parametrize("side", [26, 60, 130, 240])
 def test_a_panel_is_among_the_proposals(side: float, exposure_us: float, profile: Profile) -> None:
     """Within what the fit starts from, at any size and exposure, however its cells are lit."""
