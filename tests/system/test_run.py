@@ -229,6 +229,7 @@ def test_without_a_lens_ids_are_sent_flagged_uncalibrated(tmp_path: Path) -> Non
         assert set(running) == {NoFix.UNCALIBRATED}
 
 
+@pytest.mark.slow
 def test_a_short_soak(tmp_path: Path) -> None:
     """300 frames through the whole daemon, unpaced. One that kept its frames would grow by 60 MB; 1 MiB is allowed."""
     command = [sys.executable, "-m", "benchmarks.endurance.soak", "--frames", "300"]
