@@ -135,6 +135,7 @@ def test_a_moving_robots_pose_is_nearly_as_exact_as_a_resting_ones(shared: Share
     assert np.median(moving) <= max(0.002, 1.5 * np.median([error for errors in resting for error in errors]))
 
 
+@pytest.mark.alone  # a pose that is too old is not sent
 def test_the_daemon_sends_the_drive(shared: Shared) -> None:
     """`ledpi run` on the recorded drive: on the line is the right ID for nine frames of ten, and no other."""
     folder = shared("recordings/drive")

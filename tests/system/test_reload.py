@@ -166,7 +166,13 @@ def test_bad_files_change_nothing(tmp_path: Path) -> None:
         ended_in_time(process)
 
 
-@pytest.mark.parametrize("config", ["-> stuck.yaml", NAMING["map"].replace("named", "stuck")], ids=["itself", "map"])
+@pytest.mark.parametrize(
+    "config",
+    [
+        pytest.param("-> stuck.yaml", id="itself"),
+        pytest.param(NAMING["map"].replace("named", "stuck"), id="map", marks=pytest.mark.slow),
+    ],
+)
 def test_a_mount_that_hangs_stops_nothing(tmp_path: Path, config: str) -> None:
     """The log says that something is waited for; the stream goes on; a second SIGHUP adds no thread; SIGTERM works."""
     (tmp_path / "stuck.yaml").touch()

@@ -398,13 +398,17 @@ def test_what_a_first_look_leaves_open_a_second_one_reads(
     ("case", "number", "seed", "frames", "exposure_us"),
     [
         ("parts", 17, 52, 7, 150.0),
-        ("parts", 29, 53, 12, 640.0),  # of five rows of pixels a cell, too few for the fit of a whole picture
+        pytest.param(
+            "parts", 29, 53, 12, 640.0, marks=pytest.mark.slow
+        ),  # of five rows of pixels a cell, too few for the fit of a whole picture
         ("mirrored", 812, 2, 2, 10_000.0),  # in the second frame as a word five cells off, which explained as much
         ("mirrored", 954, 1, 4, 10_000.0),  # at frequencies a percent off, which explained a fifth
         ("near_words", 200, 6, 6, 10_000.0),  # by a lattice a row beside it: the wall does not blink
-        ("mirrored", 248, 7, 3, 10_000.0),  # the same, where the wall was dark but for one cell
-        ("mirrored", 348, 7, 10, 10_000.0),
-        ("mirrored", 480, 8, 8, 10_000.0),
+        pytest.param(
+            "mirrored", 248, 7, 3, 10_000.0, marks=pytest.mark.slow
+        ),  # the same, where the wall was dark but for one cell
+        pytest.param("mirrored", 348, 7, 10, 10_000.0, marks=pytest.mark.slow),
+        pytest.param("mirrored", 480, 8, 8, 10_000.0, marks=pytest.mark.slow),
     ],
 )
 def test_panels_of_no_word_are_not_read_in_streams(
