@@ -1,9 +1,9 @@
 """Today's figures, measured and written to docs/results.md: how much is read, what is read that is none, how fast.
 
-    python benchmarks/results.py [--takes 60] [--decoys 300] [--workers 2] [--out DIR] [--page FILE]
+    python -m benchmarks.results [--takes 60] [--decoys 300] [--workers 2] [--out DIR] [--page FILE]
 
-The suite wild of `ledpi evaluate`, its decoys, and the contest of benchmarks/panels.py. What DIR holds already, of the
-same code, is not run again; so a run that is broken off goes on where it was.
+The suite wild of `ledpi evaluate`, its decoys, and the contest of benchmarks/speed/panels.py. What DIR holds already,
+of the same code, is not run again; so a run that is broken off goes on where it was.
 """
 
 from __future__ import annotations
@@ -16,11 +16,13 @@ from contextlib import closing
 from itertools import groupby
 from pathlib import Path
 
+from benchmarks import ROOT
+
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import cv2
-import panels as contests
 
+from benchmarks.speed import panels as contests
 from ledpi.config.settings import load_config
 from ledpi.tools.evaluate.conditions import Suite
 from ledpi.tools.evaluate.folder import ResultsFolder
@@ -31,7 +33,6 @@ from ledpi.tools.evaluate.units import code_version
 from ledpi.tools.evaluate.wild_rows import WILD
 from ledpi.tools.evaluate.workers import run_on_processes
 
-ROOT = Path(__file__).resolve().parents[1]
 SEED = 77001  # nothing was tuned on it
 WILD_METHODS: tuple[Method, ...] = ("ledpi", "oracle", "aruco")
 DECOY_METHODS: tuple[Method, ...] = ("likelihood", "stream")
@@ -152,7 +153,7 @@ def false_ids(rows: Sequence[TableRow]) -> str:
 
 
 def speed_table() -> str:
-    """The contest of benchmarks/panels.py."""
+    """The contest of benchmarks/speed/panels.py."""
     cv2.setNumThreads(1)
     detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50))
     every = [contests.Contest(count, SPEED_FRAMES) for count in range(1, PANELS + 1)]
@@ -211,7 +212,7 @@ def main() -> None:
     asked = parser.parse_args()
     wild = rows_of("wild", asked.takes, WILD_METHODS, asked.out / f"wild{asked.takes}", asked.workers)
     decoys = rows_of("decoys", asked.decoys, DECOY_METHODS, asked.out / f"decoys{asked.decoys}", asked.workers)
-    command = f"python benchmarks/results.py --takes {asked.takes} --decoys {asked.decoys}"
+    command = f"python -m benchmarks.results --takes {asked.takes} --decoys {asked.decoys}"
     asked.page.write_text(page(command, wild, decoys, speed_table()), encoding="utf-8")
 
 

@@ -8,19 +8,10 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).resolve().parents[1]
-# Their tests tell how late a daemon is: no other test may take the processor meanwhile.
-ALONE = ("demo", "faults", "liveness", "run", "tap_crowd", "view_chromium", "wire_age")
+from tests.builders import ROOT
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as a shell starts what runs in the background; Ctrl-C is tested
     signal.signal(signal.SIGINT, signal.default_int_handler)
-
-
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """`scripts/test` runs these after the others, one by one."""
-    for item in items:
-        if item.path.stem.removeprefix("test_") in ALONE:
-            item.add_marker("alone")
 
 
 @pytest.fixture(autouse=True, scope="session")

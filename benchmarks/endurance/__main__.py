@@ -1,0 +1,12 @@
+"""`python -m benchmarks.endurance`: an hour or more."""
+
+from __future__ import annotations
+
+import sys
+
+from benchmarks.running import Part, run
+
+PARTS = (Part("attack"), Part("receivers"), Part("soak"), Part("record", module="libcamera"))
+
+if __name__ == "__main__":
+    sys.exit(run("benchmarks.endurance", PARTS))

@@ -1,0 +1,1 @@
+"""What ledpi promises, and what holds it to that."""

@@ -1,0 +1,7 @@
+"""What tests and benchmarks are made of: painted and rendered frames, real processes, emulated microcontrollers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]

@@ -1,0 +1,143 @@
+"""`ledpi run` as its user has it: a real process, a pty for the motor controller, recordings for a camera."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import select
+import subprocess
+import sys
+import threading
+import time
+import tty
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+
+from ledpi.camera.simulated import SimulatedCamera
+from ledpi.core.records import CameraInfo, Frame, PanelSpec
+from ledpi.recording.writer import RecordingWriter
+from ledpi.simulate.scene import SimulatedSensor
+from ledpi.simulate.scenes import ov5647_lens, still_scene
+from ledpi.wire import FixMessage, MarkerMessage, Message, Receiver, StatusMessage
+from tests.builders import ROOT
+
+MAX_AGE_US = 100_000  # serial.max_age_ms as it is by default
+COMMAND = [sys.executable, "-c", "from ledpi.cli import main; main()", "run"]
+DEADLINE_S = 60.0  # for anything at all, on a slow machine
+SPEC = PanelSpec(side_m=0.16, black_hz=1250.0, white_hz=2450.0)
+SIMULATED = ("panels.side_m=0.16", "camera.source=simulated")
+# A process that has a file open, and locked where `lock` locks it, until its standard input ends.
+HOLD = "import fcntl, sys; f = open(sys.argv[1], 'r+'); {lock}; print(flush=True); sys.stdin.read()"
+
+
+class Controller:
+    """The other end of the line: every message, with the time at which it was read."""
+
+    def __init__(self) -> None:
+        self._master, self._slave = os.openpty()
+        tty.setraw(self._master)
+        self.port = os.ttyname(self._slave)
+        self.receiver = Receiver()
+        self.got: list[tuple[float, Message]] = []
+        self._closing = threading.Event()
+        self._thread = threading.Thread(target=self._read, daemon=True)
+        self._thread.start()
+
+    def _read(self) -> None:
+        while True:
+            ready, _, _ = select.select([self._master], [], [], 0.02)
+            if ready:
+                messages = self.receiver.feed(os.read(self._master, 65536))
+                self.got += [(time.monotonic(), message) for message in messages]
+            elif self._closing.is_set():
+                return
+
+    @property
+    def markers(self) -> list[MarkerMessage]:
+        return [message for _, message in self.got if isinstance(message, MarkerMessage)]
+
+    @property
+    def statuses(self) -> list[tuple[float, StatusMessage]]:
+        return [(at, message) for at, message in self.got if isinstance(message, StatusMessage)]
+
+    def wait_for(self, enough: Callable[[Controller], bool]) -> None:
+        deadline = time.monotonic() + DEADLINE_S
+        while not enough(self):
+            assert time.monotonic() < deadline, "the daemon did not send what was waited for"
+            time.sleep(0.02)
+
+    def close(self) -> None:
+        """Reads what is still there. No pose of all that came may be older than allowed."""
+        if not self._closing.is_set():
+            self._closing.set()
+            self._thread.join()
+            os.close(self._slave)
+            os.close(self._master)
+            poses = [message for _, message in self.got if isinstance(message, MarkerMessage | FixMessage)]
+            assert all(pose.age_us <= MAX_AGE_US for pose in poses)
+
+
+@contextmanager
+def controller() -> Iterator[Controller]:
+    end = Controller()
+    try:
+        yield end
+    finally:
+        end.close()
+
+
+@dataclasses.dataclass
+class Ended:
+    """A daemon that has run."""
+
+    status: int
+    log: list[str]
+    seconds_to_end: float = 0.0
+
+
+@contextmanager
+def daemon(
+    *settings: str, options: tuple[str, ...] = (), command: list[str] = COMMAND, deadline_s: float = DEADLINE_S
+) -> Iterator[subprocess.Popen[str]]:
+    command = [*command, *options, *(part for item in settings for part in ("--set", item))]
+    process = subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE, text=True)
+    deadline = threading.Timer(deadline_s, process.kill)
+    deadline.start()
+    try:
+        yield process
+    finally:
+        deadline.cancel()
+        process.kill()
+        process.communicate()
+
+
+def end(process: subprocess.Popen[str], signal_number: int | None = None) -> Ended:
+    """Waits for the end, after a signal if one is given."""
+    started = time.monotonic()
+    if signal_number is not None:
+        process.send_signal(signal_number)
+    _, log = process.communicate(timeout=DEADLINE_S)
+    return Ended(process.returncode, log.splitlines(), time.monotonic() - started)
+
+
+def slowness() -> float:
+    """By how much longer than planned a short sleep takes here: a busy machine gets as much more time."""
+    started = time.monotonic()
+    for _ in range(20):
+        time.sleep(0.005)
+    return max(1.0, 2 * (time.monotonic() - started) / 0.1)
+
+
+def write_recording(folder: Path, frames: int, *, calibrated: bool = True) -> None:
+    lens = ov5647_lens()
+    sensor = SimulatedSensor(intrinsics=lens, exposure_us=9966.32, row_time_us=33.67, frame_length_rows=504)
+    scene = still_scene(sensor, {7: SPEC}, "DICT_4X4_50", distance_m=1.0, angle_deg=20.0)
+    camera = SimulatedCamera(scene, seed=1, paced=False, frames=frames)
+    values = dataclasses.asdict(camera.info) | {"intrinsics": lens if calibrated else None}
+    with RecordingWriter(folder, camera=CameraInfo(**values), dictionary="DICT_4X4_50", panel=SPEC) as writer:
+        into = np.empty((480, 640), np.uint8)
+        while isinstance(frame := camera.read(into), Frame):
+            writer.write(frame)

@@ -1,0 +1,164 @@
+"""What the documents point to is there."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.main import get_command
+
+from ledpi.camera.recovering import DEADLINE_S
+from ledpi.cli import app, main
+from tests.builders import ROOT
+
+_GLOBS = ("README.md", "CONTRIBUTING.md", "docs/*.md", "firmware/*/*.md")
+DOCUMENTS = [str(path.relative_to(ROOT)) for glob in _GLOBS for path in sorted(ROOT.glob(glob))]
+
+
+@pytest.mark.parametrize("document", DOCUMENTS)
+def test_links_lead_to_files(document: str) -> None:
+    """Every relative link and picture, from where the document lies."""
+    path = ROOT / document
+    targets = [t for t in re.findall(r"\]\(([^)#\s]+)", path.read_text(encoding="utf-8")) if "://" not in t]
+    assert [target for target in targets if not (path.parent / target).exists()] == []
+
+
+def anchors(page: Path) -> set[str]:
+    """What a link may name after `#`: the headings, in lower case, blanks as hyphens, without punctuation."""
+    headings = re.findall(r"^#+ (.*)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+@pytest.mark.parametrize("document", DOCUMENTS)
+def test_links_lead_to_headings(document: str) -> None:
+    """Of this page or another, where a link names one."""
+    path = ROOT / document
+    targets = re.findall(r"\]\(([^):]*)#([^)]+)\)", path.read_text(encoding="utf-8"))
+    assert [(page, a) for page, a in targets if a not in anchors(path.parent / page if page else path)] == []
+
+
+def test_every_page_can_be_reached_from_the_readme() -> None:
+    """By links, a folder standing for its README.md."""
+    reached: set[Path] = set()
+    waiting = [ROOT / "README.md"]
+    while waiting:
+        page = waiting.pop()
+        if page.suffix == ".md" and page.is_file() and page not in reached:
+            reached.add(page)
+            targets = re.findall(r"\]\(([^)#\s]+)", page.read_text(encoding="utf-8"))
+            there = [(page.parent / target).resolve() for target in targets if "://" not in target]
+            waiting += [path / "README.md" if path.is_dir() else path for path in there]
+    assert [document for document in DOCUMENTS if ROOT / document not in reached] == []
+
+
+@pytest.mark.parametrize("document", ["docs/architecture.md", "docs/faults.md", "docs/raspberry-pi.md"])
+def test_when_a_lost_camera_is_given_up(document: str) -> None:
+    """Wherever a page says it, it says what the code does."""
+    text = (ROOT / document).read_text(encoding="utf-8")
+    said = re.findall(r"[Aa]fter (\d+) s\s(?:without a frame|it ends|ends)", text)
+    assert said == [f"{DEADLINE_S:g}"]
+
+
+def test_every_reason_is_on_the_page() -> None:
+    """Each that any stage, a camera or the capture may give has its row, once; and no other."""
+    sources = [path.read_text(encoding="utf-8") for path in (ROOT / "ledpi").rglob("*.py")]
+    given = {f"{a}.{b}" for text in sources for a, b in re.findall(r'Rejected\(stage="(\w+)", reason="(\w+)"', text)}
+    page = (ROOT / "docs/troubleshooting.md").read_text(encoding="utf-8")
+    assert sorted(re.findall(r"^\| `(\w+\.\w+)` \|", page, re.MULTILINE)) == sorted(given)
+
+
+def test_the_only_notice_of_what_hardware_has_not_seen_is_the_readme_s() -> None:
+    """Other pages link to it."""
+    repeated = [
+        document
+        for document in DOCUMENTS
+        if document != "docs/results.md"  # is generated
+        and re.search(r"not seen on hardware|not flown", (ROOT / document).read_text(encoding="utf-8"), re.IGNORECASE)
+    ]
+    assert repeated == ["README.md"]
+
+
+def commands(group: Any, path: str = "ledpi") -> Iterator[tuple[str, Any]]:
+    """Every command and group, with what is typed to call it."""
+    for name, command in group.commands.items():
+        yield f"{path} {name}", command
+        if hasattr(command, "commands"):
+            yield from commands(command, f"{path} {name}")
+
+
+def test_the_help_of_every_command_has_an_example(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One that calls this very command."""
+    monkeypatch.setattr("sys.argv", ["ledpi", "--help"])
+    with pytest.raises(SystemExit):
+        main()  # loads the commands
+    without = [path for path, command in commands(get_command(app)) if f"Example: {path}" not in command.help]
+    assert without == []
+
+
+@pytest.mark.parametrize("group", [[], ["calibrate"], ["panel"], ["map"]])
+def test_a_list_of_commands_is_not_cut_short(
+    group: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """What a command does fits into the 80 columns of its group's help."""
+    monkeypatch.setattr("sys.argv", ["ledpi", *group, "--help"])
+    with pytest.raises(SystemExit):
+        main()
+    listed = capsys.readouterr().out.partition("Commands:")[2].splitlines()
+    assert [line for line in listed if line.endswith("...")] == []
+
+
+def test_the_page_of_commands_has_every_command(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A heading for each that can be run, and below it an example that calls this very command."""
+    monkeypatch.setattr("sys.argv", ["ledpi", "--help"])
+    with pytest.raises(SystemExit):
+        main()  # loads the commands
+    groups_too = commands(get_command(app))
+    runnable = [path for path, command in groups_too if getattr(command, "invoke_without_command", True)]
+    page = (ROOT / "docs/commands.md").read_text(encoding="utf-8")
+    sections = dict(re.findall(r"^## (ledpi .+)\n((?:(?!## ).*\n)*)", page, re.MULTILINE))
+    assert sorted(sections) == sorted(runnable)
+    assert [path for path, text in sections.items() if f"\n    {path}" not in text] == []
+
+
+@pytest.mark.parametrize("document", DOCUMENTS)
+def test_the_benchmarks_that_a_page_names_are_there(document: str) -> None:
+    """`python -m benchmarks.speed latency`, as it is typed."""
+    text = (ROOT / document).read_text(encoding="utf-8")
+    for folder, name in re.findall(r"python -m benchmarks\.(\w+)(?: ([a-z]\w*))?", text):
+        assert (ROOT / "benchmarks" / folder).is_dir() or (ROOT / "benchmarks" / f"{folder}.py").is_file()
+        assert not name or (ROOT / "benchmarks" / folder / f"{name}.py").is_file(), f"{folder} {name}"
+
+
+def typed_commands(text: str) -> list[list[str]]:
+    """The calls of ledpi in a page's code blocks, in words; continued lines are joined, comments dropped."""
+    blocks = re.findall(r"^```(?:sh|bash)?\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
+    blocks += re.findall(r"(?:^    .*\n)+", text, re.MULTILINE)
+    lines = "\n".join(blocks).replace("\\\n", " ").splitlines()
+    calls = [re.search(r"^(?:.*?(?:&&|;) |)\s*(?:sudo |)ledpi (.*)", line) for line in lines]
+    return [shlex.split(call[1], comments=True) for call in calls if call is not None]
+
+
+@pytest.mark.parametrize("document", DOCUMENTS)
+def test_commands_have_the_options_that_a_page_gives_them(document: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """And arguments of the right kinds; they are parsed, not run."""
+    monkeypatch.setattr("sys.argv", ["ledpi", "--help"])
+    with pytest.raises(SystemExit):
+        main()  # loads the commands
+    for words in typed_commands((ROOT / document).read_text(encoding="utf-8")):
+        command = get_command(app)
+        while hasattr(command, "commands") and words and words[0] in command.commands:
+            command, words = command.commands[words[0]], words[1:]
+        assert not (hasattr(command, "commands") and words), f"no command {words[0]}"
+        command.make_context("ledpi", list(words))
+
+
+@pytest.mark.parametrize("document", DOCUMENTS)
+def test_a_page_does_not_write_twice_into_a_new_folder(document: str) -> None:
+    """`panel firmware` wants a folder of its own; whoever follows the page has the first one already."""
+    calls = typed_commands((ROOT / document).read_text(encoding="utf-8"))
+    folders = [words[words.index("--out") + 1] for words in calls if words[:2] == ["panel", "firmware"]]
+    assert len(set(folders)) == len(folders)

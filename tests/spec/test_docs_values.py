@@ -1,0 +1,113 @@
+"""What documents say of values is what the code says: keys and defaults, depths of bands, parts."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import pytest
+import yaml
+
+from ledpi.config.settings import Config, PanelOverride, load_config
+from ledpi.core.errors import ConfigError
+from ledpi.core.shutter import contrast
+from ledpi.markers.dictionaries import load_dictionary
+from ledpi.tools.panel.body import Body
+from ledpi.tools.panel.circuit import Circuit, Lamps, ohm_text, plan_circuit
+from ledpi.tools.panel.sheet_parts import parts
+from tests.builders import ROOT
+from tests.builders.config import known_keys, written_values
+
+
+def page(name: str) -> str:
+    """A document's text."""
+    return (ROOT / name).read_text(encoding="utf-8")
+
+
+def rows_of(text: str, columns: int) -> list[list[str]]:
+    """The rows of all tables with so many columns, without their heads."""
+    lines = [re.split(r" *(?<!\\)\| *", line.strip())[1:-1] for line in text.splitlines() if line.startswith("|")]
+    return [cells for cells in lines if len(cells) == columns and cells[0].startswith("`")]
+
+
+KEYS = {cells[0].strip("`"): cells for cells in rows_of(page("docs/configuration.md"), 5)}
+RANGES = {
+    key: (float(found[1]), float(found[2]))
+    for key, cells in KEYS.items()
+    if (found := re.match(r"(-?[\d.]+) to (-?[\d.]+)(?!.* each)", cells[3])) is not None
+}
+
+
+def test_every_key_is_on_its_page() -> None:
+    """Each of the configuration, and each that an override may hold; and no other."""
+    assert KEYS.keys() == known_keys(Config)
+    overriding = [cells[0].strip("`") for cells in rows_of(page("docs/configuration.md"), 3)]
+    assert sorted(overriding) == sorted(PanelOverride.model_fields)
+
+
+def test_the_defaults_on_the_page_are_those_of_the_file() -> None:
+    """As YAML; the one key without a default has none."""
+    shipped = written_values(yaml.safe_load((ROOT / "config.yaml").read_text(encoding="utf-8")))
+    told: dict[str, Any] = {key: yaml.safe_load(cells[2].strip("`")) for key, cells in KEYS.items()}
+    assert told.pop("panels.side_m") == "none"
+    assert told == {key: value for key, value in shipped.items() if key != "panels.side_m"}
+
+
+def test_every_key_has_a_meaning_or_a_range() -> None:
+    """No row is left empty."""
+    assert [key for key, cells in KEYS.items() if not (cells[4] or cells[3])] == []
+
+
+def given(key: str, value: float) -> Config:
+    """A configuration with that value of a key."""
+    whole = key in ("camera.width", "camera.height", "serial.baud")
+    size = () if key == "panels.side_m" else ("panels.side_m=0.16",)
+    return load_config(None, (*size, f"{key}={round(value) if whole else repr(value)}"))
+
+
+@pytest.mark.parametrize("key", RANGES)
+def test_the_ranges_on_the_page_are_those_that_are_accepted(key: str) -> None:
+    """Either end is, and what lies beyond it is not."""
+    low, high = RANGES[key]
+    for value in (low, high):
+        assert given(key, value)
+    for value in (low - max(1e-3 * low, 1.0 if low > 30 else 0.0), high + max(1e-3 * high, 1.0 if high > 30 else 0.0)):
+        with pytest.raises(ConfigError, match=key):
+            given(key, value)
+
+
+def test_how_deep_bands_are() -> None:
+    """The table has what the shutter's equation gives; no other page repeats a depth of either frequency."""
+    text = page("docs/frequencies.md")
+    rows = re.findall(r"^\| (\d+) µs.* \| ([\d.]+) %.* \| ([\d.]+) % \|$", text, re.MULTILINE)
+    assert [row[0] for row in rows] == ["10000", "9967", "150"]
+    for exposure_us, *told in rows:
+        for frequency_hz, depth in zip((1250.0, 2450.0), told, strict=True):
+            assert float(depth) == pytest.approx(100.0 * contrast(frequency_hz, float(exposure_us)), abs=0.05)
+    pages = [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]
+    others = [path for path in pages if path.name not in ("frequencies.md", "results.md")]  # the latter is generated
+    repeated = r"[\d.]+ % (?:of the light )?at (?:1250|2450) Hz"
+    assert [path.name for path in others if re.search(repeated, path.read_text(encoding="utf-8"))] == []
+
+
+@pytest.fixture(scope="module")
+def circuit() -> Circuit:
+    """Of panel 7, as `ledpi panel sheet 7` plans it."""
+    white = int(load_dictionary("DICT_4X4_50").codeword(7).sum())
+    return plan_circuit(Lamps(supply_v=12.0, leds=None, forward_v=3.2, current_a=0.02), (16 - white, white))
+
+
+def test_the_parts_of_the_first_panel(circuit: Circuit) -> None:
+    """README and guide name as many as the sheet."""
+    body = Body(codeword=load_dictionary("DICT_4X4_50").codeword(7), side_mm=160.0, leds=circuit.leds)
+    pieces = {part: count for count, part, _ in parts(body, circuit)}
+    leds, walls = pieces[f"LED, {body.led_mm:g} mm"], pieces["wall between cells"]
+    guide, readme = page("docs/first-panel.md"), page("README.md")
+    assert f"| {leds} | white LED, {body.led_mm:g} mm" in guide
+    assert f"| 16 | resistor, {ohm_text(circuit.resistor_ohm)}," in guide
+    assert f"| {walls} and 4 | walls" in guide
+    assert f"{circuit.supply_v:g} V and {circuit.supply_rating_a:g} A" in guide
+    assert f"draws {circuit.panel_w:.1f} W" in guide
+    assert f"{leds} white LEDs, 16 resistors" in readme
+    assert f"a supply of {circuit.supply_rating_a:g} A" in readme
+    assert f"about {circuit.panel_w:.0f} W" in readme

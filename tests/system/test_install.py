@@ -1,0 +1,116 @@
+"""scripts/install, as far as it goes without changing this machine."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from tests.builders import ROOT
+
+INSTALL = ROOT / "scripts/install"
+
+
+def test_it_is_a_valid_script() -> None:
+    """As bash reads it."""
+    subprocess.run(["bash", "-n", str(INSTALL)], check=True)
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="needs root")
+def test_an_argument_that_is_not_known_changes_nothing() -> None:
+    """The message says what there is."""
+    done = subprocess.run([str(INSTALL), "--purge"], capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert "--purge: must be --uninstall, or nothing" in done.stderr
+
+
+def test_every_system_that_is_named_has_constraints() -> None:
+    """The script takes the file of the system's name."""
+    assert {path.stem for path in (ROOT / "constraints").glob("*.txt")} == {"bookworm", "trixie"}
+
+
+# Everything but its last part, which acts; pip and the environment it is in are made up.
+FUNCTIONS = (
+    INSTALL.read_text(encoding="utf-8").rpartition("[[ $EUID == 0 ]]")[0].replace('$(dirname "$0")/..', str(ROOT))
+)
+PIP = """#!/bin/sh
+for last; do :; done
+cd "${last%\\[calibrate]}" && find -L "$PWD" -name '*.py' -o -name '*.c' -o -name pyproject.toml >"$SEEN"
+"""
+
+
+def run(script: str, **variables: str) -> str:
+    """What it says, in an environment with these variables."""
+    done = subprocess.run(
+        ["bash", "-c", FUNCTIONS + script], env=os.environ | variables, capture_output=True, text=True, check=True
+    )
+    return done.stdout
+
+
+def test_the_clone_is_left_as_it_is(tmp_path: Path) -> None:
+    """It is built elsewhere, from all that it needs; that is gone afterwards."""
+    pip = tmp_path / "home/bin/pip"
+    pip.parent.mkdir(parents=True)
+    pip.write_text(PIP, encoding="utf-8")
+    pip.chmod(0o755)
+    (tmp_path / "temporary").mkdir()
+    made_up = f"home={tmp_path}/home; command={tmp_path}/ledpi; python3() {{ :; }}; constraints() {{ echo none; }}; "
+    run(made_up + "install_program", SEEN=f"{tmp_path}/seen", TMPDIR=f"{tmp_path}/temporary")
+    seen = (tmp_path / "seen").read_text(encoding="utf-8").splitlines()
+    assert not any(path.startswith(str(ROOT)) for path in seen)
+    for part in ("pyproject.toml", "setup.py", "build_core.py", "ledpi/pipeline/pipeline.py", "ledpi/kernels/find.c"):
+        assert any(path.endswith(f"/{part}") for path in seen)
+    assert any(path.endswith("/ledpi/tools/panel/sources/two_outputs.c") for path in seen)
+    assert list((tmp_path / "temporary").iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("before", "cleared"), [((), False), (("3.13",), False), (("3.11",), True), (("3.11", "3.13"), True)]
+)
+def test_after_an_upgrade_of_python_the_old_packages_go(tmp_path: Path, before: tuple[str, ...], cleared: bool) -> None:
+    """The environment is begun anew where another Python has packages in it, and only there."""
+    for version in before:
+        (tmp_path / f"home/lib/python{version}/site-packages").mkdir(parents=True)
+    python = f'python3() {{ if [[ $1 == -c ]]; then echo 3.13; else echo "$@"; fi; }}; home={tmp_path}/home; '
+    said = run(python + "make_environment").split()
+    assert said[:3] == ["-m", "venv", "--system-site-packages"]
+    assert ("--clear" in said) is cleared
+
+
+def test_what_takes_long_is_announced(tmp_path: Path) -> None:
+    """Before apt and pip, which are silent themselves."""
+    made_up = "apt-get() { :; }; apt-cache() { :; }; "
+    assert "scripts/install: the system's packages" in run(made_up + "install_packages")
+    made_up = f"home={tmp_path}; make_environment() {{ exit; }}; constraints() {{ echo none; }}; "
+    assert "takes some minutes on a Pi" in run(made_up + "install_program")
+
+
+@pytest.mark.parametrize(("there", "running"), [(False, False), (False, True), (True, True)])
+def test_the_group_of_the_tap_is_made_once(tmp_path: Path, there: bool, running: bool) -> None:
+    """Where only a running service of an older version has it, and so it would go, that is stopped before, and started
+    again.
+    """
+    groups = tmp_path / "group"
+    groups.write_text("video:x:44:\nledpi-view:x:999:\n" + "ledpi:x:998:\n" * there, encoding="utf-8")
+    made_up = (
+        f"unit={tmp_path}/unit; rules={tmp_path}/rules; group_file={groups}; has_systemd() {{ true; }}; "
+        f'udevadm() {{ :; }}; groupadd() {{ echo "groupadd $@"; }}; '
+        f'systemctl() {{ [[ $1 != is-active ]] || {"true" if running else "return 1"}; echo "systemctl $@"; }}; '
+    )
+    said = [line for line in run(made_up + "install_service").splitlines() if "is-active" not in line]
+    made = ["systemctl stop --quiet ledpi", "groupadd --system ledpi"]
+    assert [line for line in said if line in made] == ([] if there else made)
+    assert said[-1] == ("systemctl restart ledpi" if running else "systemctl enable --quiet ledpi")
+
+
+@pytest.mark.parametrize("changed", [False, True])
+def test_uninstalling_keeps_a_rule_that_was_changed(tmp_path: Path, changed: bool) -> None:
+    """Like the configuration; it is named."""
+    rules = tmp_path / "60-ledpi.rules"
+    rules.write_text((ROOT / "systemd/60-ledpi.rules").read_text(encoding="utf-8") + "# mine\n" * changed)
+    (tmp_path / "home").mkdir()
+    made_up = f"home={tmp_path}/home; command={tmp_path}/ledpi; unit={tmp_path}/unit; rules={rules}; "
+    said = run(made_up + "uninstall")
+    assert (rules.exists(), str(rules) in said, (tmp_path / "home").exists()) == (changed, changed, False)

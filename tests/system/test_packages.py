@@ -1,0 +1,166 @@
+"""What a release is made of: packages that install without a compiler, on each Python and machine that they name."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ledpi import __version__
+from tests.builders import ROOT
+
+NEWEST_GLIBC = 35  # Ubuntu 22.04's, of ROS 2 Humble
+DEMO_MB = 130
+
+PYTHONS = ("3.10", "3.11", "3.12", "3.13")
+
+
+def slow(test: Any) -> Any:
+    """Builds packages and installs them; one at a time, as the tools and the emulated system are made once."""
+    return pytest.mark.slow(pytest.mark.alone(test))
+
+
+def run(*command: str | Path, path: str | None = None) -> str:
+    """What it prints; what it says where it fails."""
+    environment = {k: v for k, v in os.environ.items() if not k.startswith("PYTHON")}
+    environment |= {} if path is None else {"PATH": path}
+    done = subprocess.run([*map(str, command)], cwd="/", env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr[-3000:]
+    return done.stdout
+
+
+@pytest.fixture(scope="session")
+def dist(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The packages; twine and abi3audit have nothing against them, or scripts/wheels fails."""
+    folder = tmp_path_factory.mktemp("packages") / "dist"
+    run(ROOT / "scripts/wheels", folder)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def take(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A simulated recording of panel 7 at 0.6 m."""
+    folder = tmp_path_factory.mktemp("recordings") / "take"
+    run(sys.executable, "-m", "ledpi", "simulate", folder, "--distance", "0.6", "--id", "7", "--frames", "2")
+    return folder
+
+
+def wheel(dist: Path, machine: str) -> Path:
+    (path,) = dist.glob(f"*_{machine}.whl")
+    return path
+
+
+def frames(printed: str) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in printed.splitlines()]
+
+
+def check_decoded(printed: str) -> None:
+    """Panel 7, where it is."""
+    assert [[marker["id"] for marker in frame["markers"]] for frame in frames(printed)] == [[7], [7]]
+    for frame in frames(printed):
+        assert frame["markers"][0]["position_m"] == pytest.approx([0.0, 0.0, 0.6], abs=0.003)
+
+
+def interpreter(version: str) -> Path | None:
+    """The first that runs; pyenv has stand-ins that do not."""
+    for folder in os.get_exec_path():
+        candidate = Path(folder) / f"python{version}"
+        if candidate.is_file() and subprocess.run([candidate, "-c", ""], capture_output=True).returncode == 0:
+            return candidate
+    return None
+
+
+def environment(folder: Path, python: str | Path) -> Path:
+    """A fresh one's programs."""
+    run(python, "-m", "venv", folder)
+    return folder / "bin"
+
+
+# ---- What the packages say of themselves
+
+
+def test_the_versions_that_are_claimed_are_tested() -> None:
+    """By .ci/run, which runs on one of them and asks for the others by name; pip asks for the lowest."""
+    project = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    ci = (ROOT / ".ci/run").read_text(encoding="utf-8")
+    claimed = re.findall(r'"Programming Language :: Python :: (3\.\d+)"', project)
+    (named,) = re.findall(r"^for version in (.*); do$", ci, re.MULTILINE)
+    assert tuple(claimed) == PYTHONS
+    assert sorted([*named.split(), "3.11"]) == sorted(claimed)
+    assert f'requires-python = ">={PYTHONS[0]}"' in project
+    assert f'"cp{PYTHONS[0].replace(".", "")}"' in (ROOT / "setup.py").read_text(encoding="utf-8")
+
+
+@slow
+@pytest.mark.parametrize("machine", ["x86_64", "aarch64"])
+def test_a_wheel_says_where_it_runs(machine: str, dist: Path) -> None:
+    """From Python 3.10 on, and on a Linux no newer than that of ROS 2 Humble."""
+    name = wheel(dist, machine).name
+    found = re.fullmatch(rf"ledpi-{re.escape(__version__)}-cp310-abi3-manylinux_2_(\d+)_{machine}\.whl", name)
+    assert found is not None, name
+    assert int(found[1]) <= NEWEST_GLIBC
+
+
+@slow
+@pytest.mark.parametrize("machine", ["x86_64", "aarch64"])
+def test_a_wheel_holds_every_file_of_the_package(machine: str, dist: Path) -> None:
+    """Sources, types, what is drawn or built from; and one library, of that machine."""
+    packed = zipfile.ZipFile(wheel(dist, machine))
+    names = {name for name in packed.namelist() if name.startswith("ledpi/") and not name.endswith("/")}
+    tree = [path for path in (ROOT / "ledpi").rglob("*") if path.is_file() and "__pycache__" not in path.parts]
+    tree += (ROOT / "ledpi/tools/panel/sources").iterdir()  # a link
+    wanted = {str(path.relative_to(ROOT)) for path in tree if path.suffix not in (".so", ".md", ".elf", ".hex")}
+    assert names == wanted | {"ledpi/kernels/_core.abi3.so"}
+    elf_machine = {"x86_64": 62, "aarch64": 183}[machine]  # e_machine
+    assert packed.read("ledpi/kernels/_core.abi3.so")[18:20] == elf_machine.to_bytes(2, "little")
+
+
+# ---- That they run
+
+
+@slow
+@pytest.mark.parametrize("version", PYTHONS)
+def test_a_wheel_needs_no_compiler(version: str, dist: Path, take: Path, tmp_path: Path) -> None:
+    """In a fresh environment, with no other program to be found: it installs, decodes, and can be imported."""
+    python = interpreter(version)
+    if python is None:
+        pytest.skip(f"python{version} is not here")
+    programs = environment(tmp_path / "venv", python)
+    alone = str(programs)
+    assert shutil.which("gcc", path=alone) is None
+    run(programs / "pip", "install", "--quiet", "--only-binary=:all:", wheel(dist, "x86_64"), path=alone)
+    check_decoded(run(programs / "ledpi", "decode", "--single-frame", take, path=alone))
+    program = "import ledpi; print(ledpi.__version__, ledpi.Reader(side_m=0.16).rejected)"
+    assert run(programs / "python", "-c", program, path=alone) == f"{__version__} {{}}\n"
+
+
+@slow
+def test_the_source_package_installs(dist: Path, take: Path, tmp_path: Path) -> None:
+    """Where there is a compiler."""
+    programs = environment(tmp_path / "venv", sys.executable)
+    run(programs / "pip", "install", "--quiet", "--no-binary=ledpi", dist / f"ledpi-{__version__}.tar.gz")
+    check_decoded(run(programs / "ledpi", "decode", "--single-frame", take))
+
+
+@slow
+def test_the_wheel_for_arm_decodes_alike(dist: Path, take: Path) -> None:
+    """In an emulator of 64-bit ARM."""
+    check_decoded(run(ROOT / "scripts/emulated-aarch64", wheel(dist, "aarch64"), "decode", "--single-frame", take))
+
+
+@slow
+def test_the_demo_does_not_download_much(dist: Path, tmp_path: Path) -> None:
+    """All that ledpi itself needs, as scripts/demo installs it."""
+    programs = environment(tmp_path / "venv", sys.executable)
+    assert 'make_venv .venv ""' in (ROOT / "scripts/demo").read_text(encoding="utf-8")
+    run(programs / "pip", "download", "--quiet", "--dest", tmp_path / "all", wheel(dist, "x86_64"), "setuptools")
+    size = sum(path.stat().st_size for path in (tmp_path / "all").iterdir())
+    assert size < DEMO_MB * 1e6

@@ -1,0 +1,253 @@
+"""SIGHUP with any file at all: the old configuration runs on, and SIGTERM works."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+from ledpi.camera.base import Camera
+from ledpi.camera.simulated import open_simulated
+from ledpi.config.settings import Config, load_config
+from ledpi.runtime.reload import Reading
+from ledpi.runtime.service import Service
+from tests.builders.daemon import (
+    COMMAND,
+    SIMULATED,
+    Controller,
+    Ended,
+    controller,
+    daemon,
+    end,
+    slowness,
+    write_recording,
+)
+
+FILES = 40  # each a SIGHUP, and a tenth of a second
+# In it, a file of that name is as on a mount whose server is gone.
+STUCK = """
+import os, sys, time
+def hang(event, args):
+    if event == "open" and os.path.basename(os.path.realpath(str(args[0]))) == "stuck.yaml":
+        time.sleep(3600)
+sys.addaudithook(hang)
+from ledpi.cli import main
+main()
+"""
+NUMBER = "9" * 5000
+
+
+def a_pipe(file: Path) -> None:
+    os.mkfifo(file)
+
+
+def a_folder(file: Path) -> None:
+    file.mkdir()
+
+
+def a_device(file: Path) -> None:
+    file.symlink_to("/dev/zero")
+
+
+def too_large(file: Path) -> None:
+    file.touch()
+    os.truncate(file, 2**40)  # without taking any room
+
+
+def nothing(file: Path) -> None:
+    """No file of that name."""
+
+
+def content(text: str) -> Callable[[Path], object]:
+    return lambda file: file.write_text(text)
+
+
+BOMB = "a: &a [x]\n" + "".join(f"{b}: &{b} [{f'*{a},' * 9}]\n" for a, b in pairwise("abcdefghij"))
+AS_CONFIG = {
+    "pipe": a_pipe,
+    "folder": a_folder,
+    "device": a_device,
+    "too large": too_large,
+    "missing": nothing,
+    "bomb": content(BOMB),
+    "nested": content("a: " + "[" * 99_999),
+    "number": content(f"serial: {{baud: {NUMBER}}}"),
+    "hexadecimal": content(f"panels: {{side_m: 0x{NUMBER}}}"),
+    "number for a key": content(f"panels: {{side_m: 1, overrides: {{0x{NUMBER}: {{}}}}}}"),
+    "number for all": content(f"0x{NUMBER}"),
+    "long key": content(f"{'k' * 99_999}: 1"),
+    "bytes": lambda file: file.write_bytes(bytes(range(256)) * 99),
+}
+NAMED = {name: AS_CONFIG[name] for name in ("pipe", "folder", "device", "too large", "missing", "bomb", "nested")}
+NAMING = {  # configurations that are right but for the file that they name
+    "map": "panels: {side_m: 1}\ncamera: {source: simulated}\nmap: named.yaml",
+    "lens": "panels: {side_m: 1}\ncamera: {source: 'recording:take', intrinsics: named.yaml}",
+    "lens of the simulator": "panels: {side_m: 1}\ncamera: {source: simulated, intrinsics: named.yaml}",
+    "words": "panels: {side_m: 1, dictionary: named.yaml}\ncamera: {source: simulated}",
+}
+
+
+@contextmanager
+def running(folder: Path, command: list[str] = COMMAND) -> Iterator[tuple[subprocess.Popen[str], Controller]]:
+    """The daemon with config.yaml in `folder`, once it has told where a panel is."""
+    with controller() as line:
+        (folder / "config.yaml").write_text("panels: {side_m: 0.16}\ncamera: {source: simulated}\n")
+        options = ("--config", str(folder / "config.yaml"))
+        with daemon(f"serial.port={line.port}", options=options, command=command) as process:
+            line.wait_for(lambda c: bool(c.markers))
+            yield process, line
+
+
+def wait_for_log(process: subprocess.Popen[str], text: str) -> str:
+    assert process.stderr is not None
+    for entry in process.stderr:
+        if text in entry:
+            return entry
+    raise AssertionError(f"the daemon ended and never said {text!r}")
+
+
+def refusal(process: subprocess.Popen[str]) -> str:
+    """What it says after SIGHUP."""
+    process.send_signal(signal.SIGHUP)
+    return wait_for_log(process, "reload_refused")
+
+
+def holds(process: subprocess.Popen[str]) -> tuple[int, int]:
+    """How many threads and descriptors it has."""
+    there = Path(f"/proc/{process.pid}")
+    return len([*(there / "task").iterdir()]), len([*(there / "fd").iterdir()])
+
+
+def ended_in_time(process: subprocess.Popen[str]) -> Ended:
+    ended = end(process, signal.SIGTERM)
+    assert ended.status == 0
+    assert ended.seconds_to_end < 1.0 * slowness()
+    return ended
+
+
+def put(file: Path, make: Callable[[Path], object]) -> None:
+    """In the place of what has the name."""
+    if file.is_dir():
+        file.rmdir()
+    file.unlink(missing_ok=True)
+    make(file)
+
+
+def test_bad_files_change_nothing(tmp_path: Path) -> None:
+    """One after the other, the configuration itself and what it names: same threads, same descriptors, same stream."""
+    write_recording(tmp_path / "take", 3, calibrated=False)
+    rng = random.Random(23)
+    cases = [("config.yaml", name) for name in AS_CONFIG] + [(naming, name) for naming in NAMING for name in NAMED]
+    cases += rng.choices(cases, k=max(0, FILES - len(cases)))
+    with running(tmp_path) as (process, line):
+        before = holds(process)
+        for which, name in cases:
+            if which == "config.yaml":
+                put(tmp_path / which, AS_CONFIG[name])
+            else:
+                put(tmp_path / "config.yaml", content(NAMING[which]))
+                put(tmp_path / "named.yaml", NAMED[name])
+            said = refusal(process)
+            assert str(tmp_path) in said, (which, name, said)
+            assert len(said) < 1000, (which, name, said)
+        seen = len(line.markers)
+        line.wait_for(lambda c: len(c.markers) > seen + 3)
+        assert holds(process) == before
+        ended_in_time(process)
+
+
+@pytest.mark.parametrize(
+    "config",
+    [
+        pytest.param("-> stuck.yaml", id="itself"),
+        pytest.param(NAMING["map"].replace("named", "stuck"), id="map", marks=pytest.mark.slow),
+    ],
+)
+def test_a_mount_that_hangs_stops_nothing(tmp_path: Path, config: str) -> None:
+    """The log says that something is waited for; the stream goes on; a second SIGHUP adds no thread; SIGTERM works."""
+    (tmp_path / "stuck.yaml").touch()
+    with running(tmp_path, [sys.executable, "-c", STUCK, "run"]) as (process, line):
+        threads, _ = holds(process)
+        if config.startswith("->"):
+            put(tmp_path / "config.yaml", lambda file: file.symlink_to("stuck.yaml"))
+        else:
+            put(tmp_path / "config.yaml", content(config))
+        process.send_signal(signal.SIGHUP)
+        wait_for_log(process, "reload_waits")
+        process.send_signal(signal.SIGHUP)
+        seen = len(line.markers)
+        line.wait_for(lambda c: len(c.markers) > seen + 20)
+        assert holds(process)[0] == threads + 1
+        ended_in_time(process)
+
+
+def test_a_configuration_that_arrives_late_is_taken() -> None:
+    """As when the mount is back. Until then there is no result."""
+    began, may_end = threading.Event(), threading.Event()
+
+    def load() -> Config:
+        began.set()
+        assert may_end.wait(60)
+        return load_config(None, ("panels.side_m=0.16", "camera.source=simulated"))
+
+    reading = Reading(load)
+    assert began.wait(60)
+    assert reading.result() is None
+    may_end.set()
+    while (result := reading.result()) is None:
+        time.sleep(0.001)
+    assert isinstance(result, Config)
+
+
+def test_whatever_a_file_brings_about_is_a_result() -> None:
+    """Also an error that nobody has foreseen; no thread ends with a traceback."""
+
+    def load() -> Config:
+        raise MemoryError
+
+    reading = Reading(load)
+    while (result := reading.result()) is None:
+        time.sleep(0.001)
+    assert isinstance(result, MemoryError)
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [(RuntimeError("library"), "RuntimeError: library"), (OSError(24, "full"), "OSError: [Errno 24] full")],
+)
+def test_an_error_while_the_new_daemon_is_made_brings_the_old_configuration_back(
+    error: Exception, said: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    """One that nobody has foreseen, or the system's, and when the old daemon has ended already."""
+    config = load_config(None, (*SIMULATED, "serial.port=/nowhere/port"))
+    opened: list[Camera] = []
+
+    def open_second_never(_: Config) -> Camera:
+        if len(opened) == 1 and "reload_refused" not in caplog.text:
+            raise error
+        opened.append(open_simulated(config, paced=True))
+        return opened[-1]
+
+    caplog.set_level("INFO", "ledpi")
+    service = Service(lambda: config, open_second_never)
+    running = threading.Thread(target=service.run)
+    running.start()
+    service.reload()
+    deadline = time.monotonic() + 60
+    while len(opened) < 2:
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    service.stop()
+    running.join(60)
+    assert not running.is_alive()
+    assert f'reload_refused error="{said}" stays="the old configuration"' in caplog.text

@@ -1,0 +1,349 @@
+"""Rewind in the running daemon: saved when asked for, after a fault, and never at the cost of its work."""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import resource
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from ledpi.camera.recovering import LOST
+from ledpi.camera.simulated import open_simulated
+from ledpi.config.settings import RewindSettings, load_config
+from ledpi.core.errors import RecordingError
+from ledpi.core.records import CameraInfo, Frame, PanelValues, Pixels, Rejected, RobotFix
+from ledpi.pipeline.state_file import STATE_FILE
+from ledpi.pose.fix import CONTRADICTION
+from ledpi.recording.reader import load_recording
+from ledpi.runtime.daemon import Daemon
+from ledpi.runtime.recorder import LIVE_FILE
+from ledpi.runtime.rewind import AGAIN_NS, Rewind, takes_folder
+from tests.builders.daemon import DEADLINE_S, ROOT, SIMULATED, Controller, controller, daemon, end
+from tests.builders.rewind import Stream, stream, without_times
+
+LEDPI = [sys.executable, "-c", "from ledpi.cli import main; main()"]
+
+
+@pytest.fixture
+def takes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Where a daemon of this test writes."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    return tmp_path / "state" / "ledpi" / "takes"
+
+
+def wait_for(is_so: Callable[[], object], what: str) -> None:
+    until_s = time.monotonic() + DEADLINE_S
+    while not is_so():
+        assert time.monotonic() < until_s, f"did not come: {what}"
+        time.sleep(0.05)
+
+
+def whole(takes: Path) -> list[Path]:
+    """The recordings that are done."""
+    return sorted(p for p in takes.iterdir() if p.suffix != ".part") if takes.exists() else []
+
+
+def asked(takes: Path) -> list[Path]:
+    """Those that somebody asked for: where the machine is so busy that no frame comes, a fault has its own."""
+    return [take for take in whole(takes) if "-asked" in take.name]
+
+
+def ledpi(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
+    command = [*LEDPI, *map(str, arguments)]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=2 * DEADLINE_S)
+
+
+def differences(take: Path) -> list[tuple[object, object]]:
+    """Lines of what was live that are others when it is decoded again; of a part, of as much as both have."""
+    done = ledpi("decode", "--as-live", take)
+    assert done.returncode == 0, done.stderr
+    again = without_times([json.loads(line) for line in done.stdout.splitlines()])
+    live = without_times([json.loads(line) for line in (take / LIVE_FILE).read_text().splitlines()])
+    assert len(live) == len(again) or (take.suffix == ".part" and len(again) - len(live) in (0, 1))
+    assert live
+    return [(a, b) for a, b in zip(live, again, strict=False) if a != b]
+
+
+def has_seen(line: Controller, markers: int) -> None:
+    line.wait_for(lambda c: len(c.markers) >= markers)
+
+
+def test_sigusr1_saves_what_was_live(takes: Path) -> None:
+    """Twice, from a stream whose panels were read long ago: each decodes as it did live, from its first frame."""
+    with controller() as line, daemon(*SIMULATED, f"serial.port={line.port}") as process:
+        for count in (1, 2):
+            seen = len(line.markers)
+            has_seen(line, seen + 60)
+            process.send_signal(signal.SIGUSR1)
+            wait_for(lambda n=count: len(asked(takes)) == n, "a recording")
+        has_seen(line, len(line.markers) + 20)
+        ended = end(process, signal.SIGTERM)
+    assert ended.status == 0
+    first, second = asked(takes)
+    assert [differences(take) for take in (first, second)] == [[], []]
+    assert sum("rewind_saved cause=asked" in line for line in ended.log) == 2
+    assert json.loads((second / LIVE_FILE).read_text().splitlines()[0])["markers"]  # in its very first frame
+    budgets = {entry.search_budget for entry in load_recording(second).frames}
+    assert None not in budgets
+
+
+def test_a_daemon_that_is_killed_leaves_a_recording(takes: Path) -> None:
+    """What is written by then decodes as it did live; its name says that it is a part."""
+    with controller() as line, daemon(*SIMULATED, f"serial.port={line.port}") as process:
+        has_seen(line, 80)
+        process.send_signal(signal.SIGUSR1)
+        wait_for(lambda: any(len(f.read_bytes()) > 500 for f in takes.glob("*-asked.part/live.jsonl")), "a part")
+        process.kill()
+        process.wait()
+    (part,) = takes.glob("*-asked*")
+    assert part.name.endswith("-asked.part")
+    assert differences(part) == []
+
+
+def test_a_file_that_cannot_be_written_is_told_and_the_daemon_goes_on(takes: Path) -> None:
+    """The kernel refuses the first picture; poses go on, and the next recording, with room again, is whole."""
+    with controller() as line, daemon(*SIMULATED, f"serial.port={line.port}") as process:
+        has_seen(line, 40)
+        resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (50_000, resource.RLIM_INFINITY))
+        process.send_signal(signal.SIGUSR1)
+        wait_for(lambda: takes.exists() and not list(takes.glob("*-asked*")), "the folder, and nothing in it")
+        seen = len(line.markers)
+        has_seen(line, seen + 60)
+        resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
+        process.send_signal(signal.SIGUSR1)
+        wait_for(lambda: asked(takes), "a recording")
+        ended = end(process, signal.SIGTERM)
+    assert ended.status == 0
+    (told,) = [line for line in ended.log if "rewind_failed cause=asked" in line]
+    assert "cannot be written: File too large" in told
+    assert differences(*asked(takes)) == []
+
+
+def test_ledpi_rewind_asks_the_running_daemon(takes: Path, tmp_path: Path) -> None:
+    """It copies the recording, or says where it is; a folder that holds something is refused before that."""
+    socket = tmp_path / "tap"
+    with controller() as line, daemon(*SIMULATED, f"serial.port={line.port}", f"tap.socket={socket}") as process:
+        has_seen(line, 40)
+        done = ledpi("rewind", tmp_path / "copy", "--tap", socket)
+        assert (done.returncode, done.stdout) == (0, f"{tmp_path / 'copy'}\n"), done.stderr
+        refused = ledpi("rewind", tmp_path / "copy", "--tap", socket)
+        has_seen(line, len(line.markers) + 20)
+        only_there = ledpi("rewind", "--tap", socket)
+        end(process, signal.SIGTERM)
+    gone = ledpi("rewind", "--tap", socket)
+    assert differences(tmp_path / "copy") == []
+    assert (refused.returncode, refused.stderr.count("\n")) == (2, 1)
+    assert "is there already" in refused.stderr
+    assert Path(only_there.stdout.strip()) == asked(takes)[1]
+    assert (gone.returncode, gone.stderr.count("\n")) == (2, 1)
+    assert "no running daemon answers" in gone.stderr
+
+
+def test_with_0_seconds_nothing_is_kept(takes: Path, tmp_path: Path) -> None:
+    """No memory, no thread; who asks is told so, by the journal or by the tap."""
+    socket, settings = tmp_path / "tap", ("rewind.seconds=0", f"tap.socket={tmp_path / 'tap'}")
+    with controller() as line, daemon(*SIMULATED, f"serial.port={line.port}", *settings) as process:
+        has_seen(line, 20)
+        process.send_signal(signal.SIGUSR1)
+        done = ledpi("rewind", "--tap", socket)
+        threads = [p.read_text().strip() for p in Path(f"/proc/{process.pid}/task").glob("*/comm")]
+        ended = end(process, signal.SIGTERM)
+    assert "rewind is off" in done.stderr
+    assert sum("rewind: is off; set rewind.seconds" in line for line in ended.log) == 1
+    assert len(threads) > 2
+    assert not takes.exists()
+
+
+# ---- Faults
+
+
+class Flaky:
+    """The simulated camera, lost again and again for half a second at a time."""
+
+    def __init__(self, every: int) -> None:
+        self._camera = open_simulated(load_config(None, SIMULATED), paced=True)
+        self._every, self._read, self.lost, self.lost_after = every, 0, 0, -1
+
+    @property
+    def info(self) -> CameraInfo:
+        return self._camera.info
+
+    @property
+    def panel(self) -> PanelValues | None:
+        return self._camera.panel
+
+    def read(self, into: Pixels) -> Frame | Rejected | None:
+        self._read += 1
+        if self._read % self._every == 0:
+            self.lost += 1
+            time.sleep(0.5)
+            return LOST
+        result = self._camera.read(into)
+        if not self.lost and isinstance(result, Frame):
+            self.lost_after = result.seq
+        return result
+
+    def close(self) -> None:
+        self._camera.close()
+
+
+@contextmanager
+def running(camera: Flaky, *settings: str) -> Iterator[Daemon]:
+    """A daemon in this process."""
+    with controller() as line:
+        made = Daemon(load_config(None, (*SIMULATED, f"serial.port={line.port}", *settings)), camera)
+        thread = threading.Thread(target=made.run)
+        thread.start()
+        try:
+            yield made
+        finally:
+            made.stop()
+            thread.join()
+
+
+def test_a_lost_camera_is_saved_once(takes: Path) -> None:
+    """What came before it; a camera that is lost again soon is the same fault."""
+    camera = Flaky(every=60)
+    with running(camera):
+        wait_for(lambda: camera.lost >= 3 and whole(takes), "three losses")
+    (take,) = takes.iterdir()
+    assert take.name.endswith("-camera_lost")
+    assert differences(take) == []
+    assert load_recording(take).frames[-1].seq <= camera.lost_after
+
+
+@pytest.fixture(scope="module")
+def drive() -> Stream:
+    return stream(12)
+
+
+def kept_by(rewind: Rewind, drive: Stream, *, contradicted: bool, later_ns: int = 0) -> None:
+    """A dozen frames; the last contradicts the map."""
+    for index, (frame, decoded) in enumerate(zip(drive.frames, drive.live, strict=True)):
+        is_it = contradicted and index == len(drive.frames) - 1
+        shown = replace(decoded, rejected=(*decoded.rejected, CONTRADICTION)) if is_it else decoded
+        at_ns = frame.row0_readout_ns + later_ns
+        rewind.keep(replace(frame, seq=frame.seq + later_ns // 10**6, row0_readout_ns=at_ns), shown, 150_000)
+
+
+@pytest.fixture
+def rewind(drive: Stream, takes: Path) -> Iterator[Rewind]:
+    made = Rewind(RewindSettings(seconds=1.0, memory_mb=50.0), drive.pipeline(), drive.camera, 17.0, "simulated")
+    made.start()
+    yield made
+    made.close()
+
+
+def test_a_contradicted_panel_is_saved_once(rewind: Rewind, drive: Stream, takes: Path) -> None:
+    """A map that is wrong contradicts every frame; that is one fault. A minute of peace later it is a new one."""
+    kept_by(rewind, drive, contradicted=False)
+    rewind.tick(0, lost=False)
+    assert not takes.exists()
+    second_ns = 10**9
+    for number in range(1, 4):
+        kept_by(rewind, drive, contradicted=True, later_ns=number * second_ns)
+        rewind.tick(0, lost=False)
+    wait_for(lambda: whole(takes), "a recording")
+    kept_by(rewind, drive, contradicted=True, later_ns=5 * second_ns + AGAIN_NS)
+    rewind.tick(0, lost=False)
+    wait_for(lambda: len(whole(takes)) == 2, "another")
+    assert {p.name.partition("-")[2] for p in takes.iterdir()} <= {"contradicted", "contradicted-2"}
+
+
+def test_a_panel_that_a_fix_leaves_out_is_contradicted(rewind: Rewind, drive: Stream, takes: Path) -> None:
+    """There is a fix, of the others: whoever put up the map wants to know."""
+    kept_by(rewind, drive, contradicted=False)
+    frame, decoded = drive.frames[-1], drive.live[-1]
+    solution = next(m.solution for d in drive.live for m in d.markers if m.solution is not None)
+    fix = RobotFix(
+        map_from_base_link=solution.camera_from_marker, mid_exposure_ns=1, panels_used=(7,), panels_rejected=(23,)
+    )
+    rewind.keep(replace(frame, seq=99, row0_readout_ns=frame.row0_readout_ns + 10**8), replace(decoded, robot=fix), 1)
+    rewind.tick(0, lost=False)
+    wait_for(lambda: whole(takes), "a recording")
+
+
+def test_a_replay_saves_no_fault(drive: Stream, takes: Path) -> None:
+    """Between its rounds there is a gap, and what it shows is recorded already. Who asks gets it all the same."""
+    settings = RewindSettings(seconds=1.0, memory_mb=50.0)
+    made = Rewind(settings, drive.pipeline(), drive.camera, 17.0, "recording:/takes/kitchen")
+    made.start()
+    kept_by(made, drive, contradicted=True)
+    made.tick(0, lost=True)
+    assert made.save().result(DEADLINE_S).name.endswith("-asked")
+    made.close()
+    assert len(whole(takes)) == 1
+
+
+def test_a_fault_before_anything_was_seen_writes_nothing(
+    rewind: Rewind, takes: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """A camera that never was there: the journal says that there is nothing to save."""
+    rewind.tick(0, lost=True)
+    assert not takes.exists()
+    assert "nothing is kept yet" in caplog.text
+
+
+# ---- Places and memory
+
+
+def test_a_service_writes_in_its_state_directory(monkeypatch: pytest.MonkeyPatch) -> None:
+    """systemd names it, or several; the unit's own is one of its own, not the calibration's."""
+    monkeypatch.setenv("STATE_DIRECTORY", "/var/lib/ledpi-takes:/var/lib/other")
+    assert takes_folder() == Path("/var/lib/ledpi-takes")
+    assert "\nStateDirectory=ledpi-takes\n" in (ROOT / "systemd" / "ledpi.service").read_text()
+
+
+def test_a_person_s_daemon_writes_in_their_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As the XDG base directories have it."""
+    monkeypatch.delenv("STATE_DIRECTORY", raising=False)
+    monkeypatch.setenv("XDG_STATE_HOME", "/somewhere")
+    assert takes_folder() == Path("/somewhere/ledpi/takes")
+    monkeypatch.delenv("XDG_STATE_HOME")
+    monkeypatch.setenv("HOME", "/home/anna")
+    assert takes_folder() == Path("/home/anna/.local/state/ledpi/takes")
+
+
+def test_what_does_not_fit_is_told(drive: Stream, takes: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """Ten seconds in 20 MB: how many there are instead."""
+    with caplog.at_level(logging.WARNING):
+        Rewind(RewindSettings(seconds=10.0, memory_mb=20.0), drive.pipeline(), drive.camera, 17.0, "simulated")
+    (told,) = [record.getMessage() for record in caplog.records if "rewind_short" in record.getMessage()]
+    assert "wanted=10 memory_mb=20" in told
+
+
+def test_memory_grows_by_no_more_than_its_budget(takes: Path) -> None:
+    """A daemon with 12 MB for it, full and saved once, against one without, in the same run: 10 MB more at most."""
+    sizes = {}
+    for seconds in (0, 60):
+        settings = (f"rewind.seconds={seconds}", "rewind.memory_mb=12")
+        with controller() as line, daemon(*SIMULATED, f"serial.port={line.port}", *settings) as process:
+            has_seen(line, 90)
+            if seconds:
+                process.send_signal(signal.SIGUSR1)
+                wait_for(lambda: asked(takes), "a recording")
+            status = Path(f"/proc/{process.pid}/status").read_text()
+            sizes[seconds] = int(status.split("VmHWM:")[1].split()[0]) * 1024
+            end(process, signal.SIGTERM)
+    assert sizes[0] < sizes[60] < sizes[0] + 22e6
+    (take,) = asked(takes)
+    assert (take / STATE_FILE).exists()
+    assert os.path.getsize(take / LIVE_FILE) > 0
+
+
+def test_asking_too_early_is_refused(drive: Stream, takes: Path) -> None:
+    """Before a frame was decoded."""
+    made = Rewind(RewindSettings(seconds=1.0, memory_mb=50.0), drive.pipeline(), drive.camera, 17.0, "simulated")
+    with pytest.raises(RecordingError, match="nothing is kept yet"):
+        made.save()

@@ -1,0 +1,479 @@
+"""`ledpi run`: a real process, a pty for the motor controller, and what comes out at its other end."""
+
+from __future__ import annotations
+
+import dataclasses
+import logging
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+import numpy as np
+import pytest
+
+from benchmarks.speed.latency import measure
+from ledpi.camera.simulated import SimulatedCamera, open_simulated
+from ledpi.config.settings import Config, load_config
+from ledpi.core.errors import CameraError
+from ledpi.core.records import CameraInfo, Frame, PanelValues, Pixels
+from ledpi.runtime.daemon import Daemon
+from ledpi.wire import NoFix, State, StatusMessage
+from tests.builders.command import complaint as one_complaint
+from tests.builders.command import in_process
+from tests.builders.daemon import (
+    COMMAND,
+    DEADLINE_S,
+    ROOT,
+    SIMULATED,
+    Controller,
+    Ended,
+    controller,
+    daemon,
+    end,
+    slowness,
+    write_recording,
+)
+
+pytestmark = pytest.mark.alone  # it tells how late a daemon is: no other test may take the processor meanwhile
+
+END_S = 3.0  # for the end after a signal: 1 s is promised, a busy machine gets more
+HEALTH = re.compile(r"INFO \d+ frames/s, \d+ decoded/s, \d+ markers/s, \d+ in view; dropped \d+ of \d+; ms: .*; pac")
+
+
+# ---- A paced run on the simulated camera, ended by SIGTERM
+
+
+@dataclasses.dataclass
+class Run:
+    """What such a run of some seconds came to."""
+
+    controller: Controller
+    ended: Ended
+
+
+@pytest.fixture(scope="module")
+def drive() -> Iterator[Run]:
+    """The simulated drive, from the first marker on for 2.5 s."""
+    with controller() as line, daemon(*SIMULATED, f"serial.port={line.port}") as process:
+        line.wait_for(lambda c: bool(c.markers))
+        time.sleep(2.5)
+        ended = end(process, signal.SIGTERM)
+        line.close()
+        yield Run(line, ended)
+
+
+def test_sigterm_ends_it_soon_and_well(drive: Run) -> None:
+    """Exit status 0, no traceback, and a summary as its last line."""
+    assert drive.ended.status == 0
+    assert drive.ended.seconds_to_end < END_S * slowness()
+    assert not any("Traceback" in line for line in drive.ended.log)
+    assert re.match(r"INFO ended: \d+ frames, \d+ dropped, \d+ decoded, \d+ markers", drive.ended.log[-1])
+
+
+def test_the_last_word_is_stopping(drive: Run) -> None:
+    """The controller knows that no more will come."""
+    last = drive.controller.got[-1][1]
+    assert isinstance(last, StatusMessage)
+    assert (last.state, last.no_fix) == (State.STOPPING, NoFix.NOT_RUNNING)
+
+
+def test_the_right_ids_are_sent_and_no_others(drive: Run) -> None:
+    """Panels 7 and 23 stand in that scene; no packet was damaged or lost."""
+    assert {marker.id for marker in drive.controller.markers} == {7, 23}
+    counters = drive.controller.receiver.counters
+    assert (counters.bad, counters.skipped, counters.lost) == ({}, {}, 0)
+
+
+def test_poses_are_of_this_scene(drive: Run) -> None:
+    """Between 0.5 and 3 m ahead, nearer to the line of sight than to the side; quaternions of length 1."""
+    for marker in drive.controller.markers:
+        assert marker.pose is not None
+        assert not marker.uncalibrated
+        x, y, z = marker.pose.position_m
+        assert 0.5 < z < 3.0
+        assert max(abs(x), abs(y)) < 0.5 * z
+        assert np.linalg.norm(marker.pose.quaternion_wxyz) == pytest.approx(1.0, abs=1e-3)
+
+
+def test_ages_are_plausible(drive: Run) -> None:
+    """At least half of the exposure and the read-out below the panel, at most what the configuration allows."""
+    ages_ms = [marker.age_us / 1000 for marker in drive.controller.markers]
+    assert min(ages_ms) > 5.0
+    assert max(ages_ms) <= 100.0
+
+
+def test_the_heartbeat_comes_five_times_a_second(drive: Run) -> None:
+    """From the first status to the last, with room for a busy machine: none is more than half a second late."""
+    times = [at for at, _ in drive.controller.statuses]
+    assert len(times) >= 5 * (times[-1] - times[0])
+    assert np.diff(times).max() < 0.7
+
+
+def test_the_heartbeat_says_how_it_goes(drive: Run) -> None:
+    """Running; without a map there is no fix, and that is why; panels are in view, frames and markers are counted.
+
+    On a busy machine the decoder may be behind at times, and says so.
+    """
+    running = [status for _, status in drive.controller.statuses if status.state is State.RUNNING]
+    assert running
+    said = {status.no_fix for status in running}
+    assert NoFix.NO_MAP in said
+    assert said <= {NoFix.NO_MAP, NoFix.BEHIND}
+    assert max(status.panels_in_view or 0 for status in running) == 2
+    first, last = running[0], running[-1]
+    assert (last.frames or 0) > (first.frames or 0) > 0
+    assert (last.markers or 0) > 0
+    assert (last.decode_p50_us or 0) > 0
+    assert (last.decode_p99_us or 0) >= (last.decode_p50_us or 0)
+
+
+def test_a_line_each_second_says_how_it_goes(drive: Run) -> None:
+    """Frames, markers, what was dropped, stage times, packets, and the port."""
+    health = [line for line in drive.ended.log if HEALTH.match(line)]
+    assert len(health) >= 2
+    assert "port open" in health[-1]
+    assert "find" in health[-1]
+    assert "identify" in health[-1]
+
+
+# ---- The port
+
+
+def test_an_absent_port_is_waited_for(tmp_path: Path) -> None:
+    """It starts without; the health line says so. Once the port is there, packets come. Ctrl-C ends it as well."""
+    port = tmp_path / "controller"
+    with daemon(*SIMULATED, f"serial.port={port}") as process:
+        assert process.stderr is not None
+        before: list[str] = []
+        while not before or not HEALTH.match(before[-1]):
+            before.append(process.stderr.readline())
+            assert before[-1], "the daemon ended"
+        assert "no port" in before[-1]
+        assert str(port) in before[-1]
+        with controller() as line:
+            port.symlink_to(line.port)
+            line.wait_for(lambda c: bool(c.markers))
+            ended = end(process, signal.SIGINT)
+            line.close()
+            last = line.got[-1][1]
+    assert ended.status == 0
+    assert ended.seconds_to_end < END_S * slowness()
+    assert isinstance(last, StatusMessage)
+    assert last.state is State.STOPPING
+
+
+def test_a_pose_older_than_allowed_is_never_sent() -> None:
+    """A frame is 10 ms old before it can be decoded: where 8 ms are allowed, only the heartbeat is sent."""
+    with controller() as line:
+        settings = (*SIMULATED, f"serial.port={line.port}", "serial.max_age_ms=8")
+        with daemon(*settings) as process:
+            line.wait_for(lambda c: any((status.markers or 0) > 5 for _, status in c.statuses))
+            assert end(process, signal.SIGTERM).status == 0
+        line.close()
+        assert line.markers == []
+
+
+# ---- Recordings
+
+
+def test_a_bad_frame_is_counted_and_skipped(tmp_path: Path) -> None:
+    """In the middle of a recording: it is named once, all others are decoded, and the run ends well."""
+    write_recording(tmp_path / "take", 8)
+    picture = tmp_path / "take/frames/000004.png"
+    picture.write_bytes(picture.read_bytes()[:3000])
+    with controller() as line:
+        settings = (f"camera.source=recording:{tmp_path / 'take'}", f"serial.port={line.port}")
+        with daemon(*settings, options=("--unpaced",)) as process:
+            ended = end(process)
+    assert ended.status == 0
+    assert [entry for entry in ended.log if str(picture) in entry] == [entry for entry in ended.log if "WARN" in entry]
+    assert len([entry for entry in ended.log if str(picture) in entry]) == 1
+    assert "ended: 7 frames, 0 dropped, 7 decoded, 7 markers" in ended.log[-1]
+    assert "capture.truncated 1" in ended.log[-1]
+
+
+def test_a_recordings_own_values_are_sent(tmp_path: Path) -> None:
+    """Paced, as the sensor delivered it: the ID, and a pose by the recording's own lens and panel size."""
+    write_recording(tmp_path / "take", 30)
+    with controller() as line:
+        settings = (f"camera.source=recording:{tmp_path / 'take'}", f"serial.port={line.port}")
+        with daemon(*settings) as process:
+            assert end(process).status == 0
+        line.close()
+        assert {marker.id for marker in line.markers} == {7}
+        for marker in line.markers:
+            assert marker.pose is not None
+            np.testing.assert_allclose(marker.pose.position_m, [0, 0, 1], atol=0.02)
+
+
+def test_without_a_lens_ids_are_sent_flagged_uncalibrated(tmp_path: Path) -> None:
+    """No poses; the heartbeat and a warning say why."""
+    write_recording(tmp_path / "take", 30, calibrated=False)
+    with controller() as line:
+        settings = (f"camera.source=recording:{tmp_path / 'take'}", f"serial.port={line.port}")
+        with daemon(*settings) as process:
+            ended = end(process)
+        line.close()
+        assert ended.status == 0
+        assert any("camera.intrinsics is not set" in entry for entry in ended.log)
+        assert {(marker.id, marker.pose, marker.uncalibrated) for marker in line.markers} == {(7, None, True)}
+        running = [status.no_fix for _, status in line.statuses if status.state is State.RUNNING]
+        assert set(running) == {NoFix.UNCALIBRATED}
+
+
+@pytest.mark.slow
+def test_a_short_soak(tmp_path: Path) -> None:
+    """300 frames through the whole daemon, unpaced. One that kept its frames would grow by 60 MB; 1 MiB is allowed."""
+    command = [sys.executable, "-m", "benchmarks.endurance.soak", "--frames", "300"]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=DEADLINE_S)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "300 frames in" in done.stdout
+    assert "0 dropped, 300 decoded" in done.stdout
+
+
+def test_a_pose_leaves_once_it_is_decoded() -> None:
+    """Frame ready → first byte takes no longer than decoding and 1 ms; of a busy machine the quicker quarter counts.
+
+    `benchmarks/speed/latency.py` asks that of the 99th percentile, on a machine that has nothing else to do.
+    """
+    latency = measure(1.5, frames=120, warm_up=40)
+    assert latency.packets > 8
+    assert latency.p25 <= slowness() * (latency.decode_p50 + 1.0)
+
+
+def test_the_helps_example_runs_without_a_configuration(tmp_path: Path) -> None:
+    """In any folder: the simulator's panels are its own, and the port may come later."""
+    given = ["--set", "camera.source=simulated", "--set", f"serial.port={tmp_path / 'robot'}", "--frames", "3"]
+    done = subprocess.run([*COMMAND, *given], cwd=tmp_path, capture_output=True, text=True, timeout=DEADLINE_S)
+    assert done.returncode == 0, done.stderr
+    assert "ended: 3 frames" in done.stderr
+
+
+# ---- What cannot run
+
+
+def complaint(
+    arguments: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], folder: Path
+) -> str:
+    """The one line on standard error of a run that ended with status 2."""
+    monkeypatch.chdir(folder)
+    monkeypatch.setattr(logging, "basicConfig", lambda **_: None)  # pytest's own handlers stay
+    return one_complaint(in_process(monkeypatch, capsys, "run")(*arguments))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ([], "no configuration: --config FILE, ./config.yaml or /etc/ledpi/config.yaml"),
+        (["--config", "none.yaml"], "none.yaml: cannot be read"),
+        (["--set", "serial.baud=9600"], "panels.side_m: must be given"),
+        (["--set", "panels.side_m=0"], "panels.side_m: must be greater than or equal to 0.001"),
+        (["--set", "panels.side_m=1", "--set", "camera.source=film"], "camera.source: must be picamera2, simulated"),
+        (["--set", "panels.side_m=1", "--set", "serial.baud=fast"], "serial.baud: must be a whole number"),
+        (["--set", "panels.side_m=1", "--set", "serial.prot=x"], "serial.prot: unknown key; did you mean port?"),
+        (["--set", "panels.side_m=1", "--set", "camera.source=recording:gone"], "gone/recording.yaml: is missing"),
+        (["--set", "camera.source=simulated", "--set", "camera.intrinsics=gone.yaml"], "gone.yaml: cannot be read"),
+        (["--set", "panels.side_m=1", "--unpaced"], "camera.source: picamera2 has its own pace"),
+        (["--set", "panels.side_m=1", "--set", "camera.source=v4l2:/dev/null"], "camera.row_time_us: must be a number"),
+    ],
+)
+def test_what_cannot_run_is_told_in_one_line(
+    arguments: list[str],
+    message: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+) -> None:
+    """The key or the file, what is wrong, and what would be right; exit status 2, and nothing has started."""
+    assert message in complaint(arguments, monkeypatch, capsys, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        (["camera.intrinsics=camera.yaml"], "camera.yaml: was made for pictures of 320 × 240 pixels"),
+        (["camera.source=simulated", "camera.intrinsics=camera.yaml"], "was made for pictures of 320 × 240 pixels"),
+        (["panels.overrides={7: {white_hz: 1250}}"], "black_hz and white_hz must differ"),
+    ],
+)
+def test_what_contradicts_the_camera_is_told_in_one_line(
+    settings: list[str],
+    message: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+) -> None:
+    """A lens calibrated at another size, also for the simulator; an override with one frequency for both classes."""
+    write_recording(tmp_path / "take", 1, calibrated=False)
+    numbers = "data: [300, 0, 160, 0, 300, 120, 0, 0, 1]"
+    (tmp_path / "camera.yaml").write_text(
+        f"image_width: 320\nimage_height: 240\ncamera_matrix: {{{numbers}}}\n"
+        "distortion_coefficients: {data: [0, 0, 0, 0, 0]}\n"
+    )
+    (tmp_path / "config.yaml").write_text("panels: {side_m: 1, black_hz: 1300}\n")
+    given = ["camera.source=recording:take", *settings]
+    arguments = [part for item in given for part in ("--set", item)]
+    assert message in complaint(arguments, monkeypatch, capsys, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("source", "status"),
+    [("v4l2:/dev/video99", 1), ("v4l2:/dev/null", 2), ("v4l2:", 2), ("webcam", 2), ("recording:gone", 2)],
+)
+def test_a_camera_that_may_come_is_status_1_and_a_source_that_cannot_be_right_2(
+    source: str,
+    status: int,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+) -> None:
+    """A service manager tries again after 1; 2 is for a person. The help says so."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(logging, "basicConfig", lambda **_: None)
+    given = ("--set", "panels.side_m=1", "--set", "camera.row_time_us=30", "--set", f"camera.source={source}")
+    ended, output, errors = in_process(monkeypatch, capsys, "run")(*given)
+    assert (ended, output, len(errors.splitlines())) == (status, "", 1)
+    _, told, _ = in_process(monkeypatch, capsys, "run")("--help")
+    assert "1 where the camera is not there" in " ".join(told.split())
+
+
+# ---- The daemon without its command line
+
+
+class Failing:
+    """A camera that delivers three frames of the simulator and then fails."""
+
+    def __init__(self, camera: SimulatedCamera, failure: Exception) -> None:
+        self._camera, self._failure, self._frames = camera, failure, 0
+        self.closed = False
+
+    @property
+    def info(self) -> CameraInfo:
+        return self._camera.info
+
+    @property
+    def panel(self) -> PanelValues | None:
+        return self._camera.panel
+
+    def read(self, into: Pixels) -> Frame | None:
+        self._frames += 1
+        if self._frames > 3:
+            raise self._failure
+        return self._camera.read(into)
+
+    def close(self) -> None:
+        self.closed = True
+
+
+def config(port: str) -> Config:
+    return load_config(None, (*SIMULATED, f"serial.port={port}"))
+
+
+@pytest.mark.parametrize("failure", [CameraError("the camera was unplugged"), ZeroDivisionError("a bug")])
+def test_a_failing_camera_ends_the_daemon_with_its_error(failure: Exception) -> None:
+    """Whatever stops a worker is raised where the daemon runs, soon; the controller gets its last word."""
+    with controller() as line:
+        settings = config(line.port)
+        camera = Failing(open_simulated(settings, paced=False), failure)
+        started = time.monotonic()
+        with pytest.raises(type(failure), match=str(failure)):
+            Daemon(settings, camera).run()
+        assert time.monotonic() - started < 10
+        line.close()
+        assert camera.closed
+        last = line.got[-1][1]
+        assert isinstance(last, StatusMessage)
+        assert last.state is State.STOPPING
+
+
+def test_a_failing_publisher_ends_the_daemon_with_its_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A daemon that decodes and sends nothing must not look alive to its service manager."""
+
+    def broken(*_: object) -> bytes:
+        raise ZeroDivisionError("a bug")
+
+    monkeypatch.setattr("ledpi.wire.publisher.encode", broken)
+    with controller() as line:
+        settings = config(line.port)
+        running = Daemon(settings, open_simulated(settings, paced=True))
+        rescue = threading.Timer(20, running.stop)
+        rescue.start()
+        with pytest.raises(ZeroDivisionError, match="a bug"):
+            running.run()
+        rescue.cancel()
+
+
+def test_an_exposure_that_hides_the_bands_is_warned_of(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """20 ms hold 25 cycles of 1250 Hz and 49 of 2450: nothing is left. With 10 ms there is nothing to say."""
+    settings = load_config(None, (*SIMULATED, f"serial.port={tmp_path}/none", "camera.exposure_us=20000"))
+    Daemon(settings, open_simulated(settings, paced=False))
+    (warning,) = (record.getMessage() for record in caplog.records if record.levelno == logging.WARNING)
+    assert warning.startswith("camera.exposure_us: 19968 µs are near a null of 1250 and 2450 Hz: ")
+    caplog.clear()
+    settings = config(str(tmp_path / "none"))
+    Daemon(settings, open_simulated(settings, paced=False))
+    assert not caplog.records
+
+
+def test_an_exposure_that_the_camera_cannot_do_is_warned_of(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """10 µs are asked for; the sensor exposes for four rows at least."""
+    settings = load_config(None, (*SIMULATED, f"serial.port={tmp_path}/none", "camera.exposure_us=10"))
+    Daemon(settings, open_simulated(settings, paced=False))
+    said = "camera.exposure_us: the camera exposes for 135 µs, where 10 µs were asked for"
+    assert said in [record.getMessage() for record in caplog.records]
+
+
+def test_stop_ends_it_from_any_thread(tmp_path: Path) -> None:
+    """Without a port, too; what it did until then is returned."""
+    settings = config(str(tmp_path / "no-port"))
+    running = Daemon(settings, open_simulated(settings, paced=True))
+    threading.Timer(0.5, running.stop).start()
+    started = time.monotonic()
+    totals = running.run()
+    assert time.monotonic() - started < 0.5 + END_S * slowness()
+    assert totals.ring.published >= totals.ring.taken >= totals.health.decoded > 0
+
+
+def test_a_stop_before_the_start_counts(tmp_path: Path) -> None:
+    """A signal that comes while the camera is still being set up is not forgotten."""
+    settings = config(str(tmp_path / "no-port"))
+    running = Daemon(settings, open_simulated(settings, paced=True))
+    running.stop()
+    started = time.monotonic()
+    running.run()
+    assert time.monotonic() - started < END_S * slowness()
+
+
+def test_a_signal_cannot_lock_the_daemon_up(tmp_path: Path) -> None:
+    """A handler runs between any two lines of what waits, also inside an Event, whose lock is then held."""
+    settings = config(str(tmp_path / "no-port"))
+    running = Daemon(settings, open_simulated(settings, paced=True))
+    interrupted: list[int] = []
+
+    def handler(frame: FrameType, event: str, _: Any) -> Any:
+        if event == "line":
+            interrupted.append(frame.f_lineno)
+            running.stop()
+        return handler
+
+    def watch(frame: FrameType, event: str, _: Any) -> Any:
+        return handler if frame.f_code is threading.Event.wait.__code__ else None
+
+    def run() -> None:
+        sys.settrace(watch)
+        running.run()
+
+    waiting = threading.Thread(target=run, daemon=True)
+    waiting.start()
+    waiting.join(timeout=20)
+    assert not waiting.is_alive()
+    assert len(set(interrupted)) >= 3

@@ -1,0 +1,253 @@
+"""The service's life: what systemd and the journal hear, a configuration that changes, the processor's state."""
+
+from __future__ import annotations
+
+import re
+import signal
+import socket
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from ledpi import __version__
+from ledpi.camera import recovering
+from ledpi.camera.simulated import open_simulated
+from ledpi.config.settings import load_config
+from ledpi.core.records import Decoded, Frame, Rejected
+from ledpi.pipeline.pipeline import Pipeline
+from ledpi.pipeline.trace import Trace
+from ledpi.runtime.daemon import Daemon
+from ledpi.runtime.health import Health
+from ledpi.runtime.processor import Processor, read_processor
+from ledpi.runtime.reporting import Totals, event, minute_line
+from ledpi.runtime.ring import RingCounters
+from ledpi.wire import StatusMessage
+from ledpi.wire.publisher import PublisherCounters
+from tests.builders import ROOT
+from tests.builders.daemon import SIMULATED, Controller, controller, daemon, end, write_recording
+from tests.builders.wire import decoded
+
+# ---- As systemd starts it
+
+
+@pytest.fixture
+def manager(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[], str]]:
+    """A socket in systemd's place; each call gives the next thing that it was told."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listener:
+        listener.bind(str(tmp_path / "notify"))
+        listener.settimeout(30)
+        monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "notify"))
+        yield lambda: listener.recv(4096).decode()
+
+
+def test_in_a_service_it_says_ready_feeds_the_watchdog_and_says_stopping(
+    manager: Callable[[], str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In that order. The journal gets single lines with their priority, and not one each second."""
+    monkeypatch.setenv("WATCHDOG_USEC", "400000")
+    monkeypatch.delenv("WATCHDOG_PID", raising=False)
+    settings = ("panels.side_m=0.16", "camera.source=simulated")
+    with controller() as line, daemon(*settings, f"serial.port={line.port}") as process:
+        said = [manager() for _ in range(8)]  # so some 1.4 s
+        ended = end(process, signal.SIGTERM)
+        while said[-1] != "STOPPING=1":
+            said.append(manager())
+    assert said[0] == "READY=1"
+    assert set(said[1:-1]) == {"WATCHDOG=1"}
+    assert ended.status == 0
+    assert all(re.match(r"<[3-6]>\w", entry) for entry in ended.log)
+    assert not any("frames/s" in entry for entry in ended.log)
+    start = next(entry for entry in ended.log if entry.startswith("<6>start "))
+    assert f" version={__version__} source=simulated size=640x480 " in start
+    assert f" port={line.port} baud=115200 protocol=ledpi" in start
+    assert f"<6>serial_open port={line.port}" in ended.log
+
+
+def test_a_lost_camera_is_given_up_before_the_watchdog_bites() -> None:
+    """Else the journal would say "watchdog", and not what was wrong with the camera."""
+    unit = (ROOT / "systemd/ledpi.service").read_text(encoding="utf-8")
+    (watchdog_s,) = re.findall(r"^WatchdogSec=(\d+)$", unit, re.MULTILINE)
+    assert int(watchdog_s) > recovering.DEADLINE_S
+
+
+# ---- A configuration that changes
+
+
+def wait_for_log(process: object, text: str) -> str:
+    for entry in process.stderr:  # type: ignore[attr-defined]
+        if text in entry:
+            return str(entry)
+    raise AssertionError(f"the daemon ended and never said {text!r}")
+
+
+@pytest.mark.parametrize(
+    ("change", "complaint"),
+    [
+        ("serial: {baud: fast}", "config.yaml: serial.baud: must be a whole number"),
+        ("camera: [", "config.yaml: not valid YAML"),
+        ("camera: {source: 'recording:gone'}", "recording.yaml: is missing"),
+        ("camera: {intrinsics: gone.yaml}", "gone.yaml"),
+    ],
+)
+def test_a_bad_configuration_changes_nothing(tmp_path: Path, change: str, complaint: str) -> None:
+    """It is named, with key and file, at once or when only the camera shows it; the stream goes on."""
+    file = tmp_path / "config.yaml"
+    write_recording(tmp_path / "take", 60, calibrated=False)
+    with controller() as line:
+        good = f"panels: {{side_m: 1}}\nserial: {{port: {line.port}}}\ncamera: {{source: 'recording:take'}}\n"
+        file.write_text(good)
+        with daemon(options=("--config", str(file), "--frames", "100000")) as process:
+            line.wait_for(lambda c: bool(c.markers))
+            section = change.partition(":")[0]
+            kept = [entry for entry in good.splitlines() if not entry.startswith(section) or "intrinsics" in change]
+            if "intrinsics" in change:
+                kept[-1] = kept[-1].replace("}", ", intrinsics: gone.yaml}")
+            else:
+                kept.append(change)
+            file.write_text("\n".join(kept))
+            process.send_signal(signal.SIGHUP)
+            refused = wait_for_log(process, "reload_refused")
+            seen = len(line.markers)
+            line.wait_for(lambda c: len(c.markers) > seen + 3)
+            assert end(process, signal.SIGTERM).status == 0
+    assert complaint in refused
+    assert "the old configuration" in refused
+
+
+def test_a_good_configuration_is_taken(tmp_path: Path) -> None:
+    """Here another port: the old one hears that the stream stops, and the new one gets it."""
+    file = tmp_path / "config.yaml"
+
+    def write(line: Controller) -> None:
+        file.write_text(f"panels: {{side_m: 0.16}}\ncamera: {{source: simulated}}\nserial: {{port: {line.port}}}\n")
+
+    with controller() as first, controller() as second:
+        write(first)
+        with daemon(options=("--config", str(file))) as process:
+            first.wait_for(lambda c: bool(c.markers))
+            write(second)
+            process.send_signal(signal.SIGHUP)
+            second.wait_for(lambda c: bool(c.markers))
+            assert end(process, signal.SIGTERM).status == 0
+        first.close()
+        last = first.got[-1][1]
+        assert isinstance(last, StatusMessage)
+        assert last.state.name == "STOPPING"
+
+
+def test_a_reload_does_not_starve_the_watchdog(
+    tmp_path: Path, manager: Callable[[], str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is fed before the camera is opened again, and by the first frame after: not half of its time later."""
+    monkeypatch.setenv("WATCHDOG_USEC", "600000000")
+    monkeypatch.delenv("WATCHDOG_PID", raising=False)
+    file = tmp_path / "config.yaml"
+    with controller() as line:
+        file.write_text(f"panels: {{side_m: 0.16}}\ncamera: {{source: simulated}}\nserial: {{port: {line.port}}}\n")
+        with daemon(options=("--config", str(file))) as process:
+            assert [manager() for _ in range(2)] == ["READY=1", "WATCHDOG=1"]
+            process.send_signal(signal.SIGHUP)
+            assert [manager() for _ in range(3)] == ["WATCHDOG=1", "READY=1", "WATCHDOG=1"]
+            assert end(process, signal.SIGTERM).status == 0
+
+
+def test_progress_within_a_frame_feeds_the_watchdog(
+    manager: Callable[[], str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Here the first frame ends only once the manager has heard of five pieces of it."""
+    fed = threading.Event()
+
+    def endless(
+        pipeline: Pipeline, frame: Frame, trace: Trace | None, on_partial: Callable[[Decoded], None]
+    ) -> Decoded:
+        while not fed.wait(0.05):
+            on_partial(decoded(seq=frame.seq))
+        return decoded(seq=frame.seq)
+
+    monkeypatch.setenv("WATCHDOG_USEC", "200000")
+    monkeypatch.delenv("WATCHDOG_PID", raising=False)
+    monkeypatch.setattr(Pipeline, "decode", endless)
+    config = load_config(None, (*SIMULATED, "serial.port=/nowhere/port"))
+    running = Daemon(config, open_simulated(config, paced=True))
+    thread = threading.Thread(target=running.run)
+    thread.start()
+    try:
+        assert [manager() for _ in range(6)] == ["READY=1", *["WATCHDOG=1"] * 5]
+        assert running._totals().health.decoded == 0
+    finally:
+        fed.set()
+        running.stop()
+        thread.join()
+
+
+# ---- What the journal gets
+
+
+def test_an_event_is_one_line_of_keys_and_values() -> None:
+    """Text with blanks is quoted; what is not known is left out."""
+    error = 'no "such" device\n'
+    line = event("start", port="/dev/ttyACM0", error=error, calibrated=False, map=None, exposure_us=10000.0)
+    assert line == 'start port=/dev/ttyACM0 error="no \\"such\\" device\\n" calibrated=no exposure_us=10000'
+
+
+def test_the_minutes_line_has_every_counter() -> None:
+    """By stage and reason, with the stages' percentiles, what went out, what did not, and the processor's state."""
+    health = Health()
+    health.reject(Rejected(stage="capture", reason="truncated"))
+    health.add(decoded())
+    packets = PublisherCounters(
+        **dict.fromkeys(("fixes", "statuses", "markers", "replaced", "stale", "refused", "cut", "opened"), 3),
+        connected=True,
+        error=None,
+    )
+    totals = Totals(
+        health=health.snapshot(),
+        times=health.times(),
+        ring=RingCounters(published=9, taken=8, dropped=1),
+        packets=packets,
+    )
+    line = minute_line(totals, Processor(temperature_c=61, throttling=0x0105))
+    assert line == (
+        "health frames=9 dropped=1 decoded=1 markers=0 in_view=0 decode_p50_ms=0.00 decode_p99_ms=0.00 "
+        "sent.fixes=3 sent.statuses=3 sent.markers=3 unsent.replaced=3 unsent.stale=3 unsent.refused=3 unsent.cut=3 "
+        "port_opened=3 port=open temperature_c=61 throttling=0x0105 rejected.capture.truncated=1"
+    )
+
+
+# ---- The processor, from files as a Pi's kernel has them
+
+
+def test_temperature_and_throttling_are_read(tmp_path: Path) -> None:
+    """61.3 °C; 0x50005: under-voltage and throttled, now and since boot."""
+    (tmp_path / "class/thermal/thermal_zone0").mkdir(parents=True)
+    (tmp_path / "class/thermal/thermal_zone0/temp").write_text("61322\n")
+    (tmp_path / "devices/platform/soc/soc:firmware").mkdir(parents=True)
+    (tmp_path / "devices/platform/soc/soc:firmware/get_throttled").write_text("50005\n")
+    assert read_processor(tmp_path) == Processor(temperature_c=61, throttling=0x0505)
+
+
+@pytest.mark.parametrize("content", [None, "", "N/A\n"])
+def test_what_the_kernel_does_not_tell_is_unknown(tmp_path: Path, content: str | None) -> None:
+    """No number is made up."""
+    if content is not None:
+        (tmp_path / "class/thermal/thermal_zone0").mkdir(parents=True)
+        (tmp_path / "class/thermal/thermal_zone0/temp").write_text(content)
+    assert read_processor(tmp_path) == Processor(temperature_c=None, throttling=None)
+
+
+@pytest.mark.parametrize(
+    ("file", "content", "throttling"),
+    [
+        ("get_throttled", "50005", 0x0505),
+        ("raspberrypi-hwmon.1.auto/hwmon/hwmon3/in0_lcrit_alarm", "1", 0x0001),
+        ("raspberrypi-hwmon.1.auto/hwmon/hwmon3/in0_lcrit_alarm", "0", None),
+    ],
+)
+def test_throttling_is_read_on_a_pi_5_too(tmp_path: Path, file: str, content: str, throttling: int | None) -> None:
+    """Its SoC's bus has an address in its name; where the kernel has no file of all bits, under-voltage is told."""
+    place = tmp_path / "devices/platform/soc@107c000000/soc@107c000000:firmware" / file
+    place.parent.mkdir(parents=True)
+    place.write_text(content + "\n")
+    assert read_processor(tmp_path).throttling == throttling

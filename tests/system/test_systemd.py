@@ -1,0 +1,182 @@
+"""The service: the unit as systemd reads it, and what the daemon tells systemd."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import socket
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from ledpi.config.settings import SerialSettings
+from ledpi.runtime.systemd import notify, watchdog_period_s
+from ledpi.tap.places import GROUP, NAME, SERVICE
+from tests.builders import ROOT
+
+UNIT = ROOT / "systemd" / "ledpi.service"
+ANALYZE = shutil.which("systemd-analyze")
+needs_systemd = pytest.mark.skipif(ANALYZE is None, reason="systemd-analyze is not installed")
+
+
+def values(key: str) -> list[str]:
+    return re.findall(rf"^{re.escape(key)}=(.*)$", UNIT.read_text(encoding="utf-8"), re.MULTILINE)
+
+
+@pytest.fixture
+def unit(tmp_path: Path) -> Path:
+    """The unit with a command that exists here in the place of the installed one."""
+    text = UNIT.read_text(encoding="utf-8")
+    assert text.count("/usr/local/bin/ledpi ") == 1
+    copy = tmp_path / "ledpi.service"
+    copy.write_text(text.replace("/usr/local/bin/ledpi ", f"{shutil.which('true')} "), encoding="utf-8")
+    return copy
+
+
+@needs_systemd
+def test_the_unit_is_clean(unit: Path) -> None:
+    """systemd has nothing to say about it: no unknown key, no key in the wrong section, no bad value."""
+    command = ["systemd-analyze", "verify", "--man=no", str(unit)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.stderr == ""
+    assert done.returncode == 0
+
+
+@needs_systemd
+def test_a_mistake_in_the_unit_would_be_seen(unit: Path) -> None:
+    """The check above can fail: a key that systemd does not know is reported."""
+    text = unit.read_text(encoding="utf-8").replace("WatchdogSec=", "WatchDogSec=")
+    unit.write_text(text, encoding="utf-8")
+    command = ["systemd-analyze", "verify", "--man=no", str(unit)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert "WatchDogSec" in done.stderr
+
+
+@needs_systemd
+def test_the_service_is_closed_in(unit: Path) -> None:
+    """systemd's own measure of what a service could do, from 0 to 10, is at most 2.5."""
+    command = ["systemd-analyze", "security", "--offline=true", "--no-pager", "--threshold=25", str(unit)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout[-200:] + done.stderr
+
+
+def test_the_devices_that_the_daemon_needs_stay_usable() -> None:
+    """Cameras, the media graph, frame buffers and both kinds of serial port; nothing hides them."""
+    allowed = {line.split()[0] for line in values("DeviceAllow") if line.endswith(" rw")}
+    serial = {"char-ttyAMA", "char-ttyS", "char-ttyACM", "char-ttyUSB"}
+    assert allowed == {"char-video4linux", "char-media", "char-dma_heap"} | serial
+    assert values("PrivateDevices") == ["no"]
+    assert values("SupplementaryGroups") == ["video dialout"]
+    assert "AF_NETLINK" in values("RestrictAddressFamilies")[0]
+    assert values("InaccessiblePaths") + values("TemporaryFileSystem") == []  # /run/udev is not hidden
+
+
+def test_the_taps_socket_is_for_a_group_that_stays() -> None:
+    """systemd makes no user for the time being whose name is that of a group alone, so the user has another name."""
+    assert (values("DynamicUser"), values("Group")) == (["yes"], [GROUP])
+    assert values("User") != [GROUP]
+    assert Path("/run", *values("RuntimeDirectory"), NAME) == SERVICE
+    assert values("RuntimeDirectoryMode") == ["0750"]
+    assert "AF_UNIX" in values("RestrictAddressFamilies")[0]
+
+
+def test_frames_do_not_wait_for_other_work() -> None:
+    """The daemon runs before all that has no real-time priority, and after the kernel's threads for interrupts (50)."""
+    assert values("CPUSchedulingPolicy") == ["fifo"]
+    assert 1 <= int(*values("CPUSchedulingPriority")) < 50
+
+
+def test_what_runs_amok_is_ended_before_the_machine_is() -> None:
+    """At less than the 512 MB of the smallest Raspberry Pi that is in scope."""
+    (limit,) = values("MemoryMax")
+    assert 200 <= int(limit.removesuffix("M")) < 512
+
+
+def test_a_mistake_of_the_owner_is_not_tried_again_but_a_failure_is() -> None:
+    """Exit status 2 waits for a person; anything else is restarted, for ever."""
+    assert (values("Restart"), values("RestartPreventExitStatus")) == (["on-failure"], ["2"])
+    assert values("StartLimitIntervalSec") == ["0"]
+    assert (values("Type"), values("WatchdogSec")) == (["notify"], ["10"])
+
+
+# ---- What the daemon tells systemd
+
+
+@pytest.fixture(params=["file", "abstract"])
+def manager(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[socket.socket]:
+    """A real socket in systemd's place, once as a file and once abstract."""
+    address = str(tmp_path / "notify") if request.param == "file" else f"@ledpi-test-{os.getpid()}"
+    monkeypatch.setenv("NOTIFY_SOCKET", address)
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listener:
+        listener.bind(address.replace("@", "\0") if request.param == "abstract" else address)
+        listener.settimeout(10)
+        yield listener
+
+
+def test_messages_arrive(manager: socket.socket) -> None:
+    """Each is one datagram, as it was given."""
+    assert notify("READY=1")
+    assert notify("STATUS=no fix: kein Signal für 3 s")
+    assert manager.recv(4096) == b"READY=1"
+    assert manager.recv(4096).decode() == "STATUS=no fix: kein Signal für 3 s"
+
+
+def test_outside_a_service_nothing_is_sent(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Started by hand there is nobody to tell, and that is no error."""
+    monkeypatch.delenv("NOTIFY_SOCKET", raising=False)
+    assert not notify("READY=1")
+
+
+@pytest.mark.parametrize("address", ["/nowhere/notify", "@ledpi-nobody-listens", "vsock:2:1234", ""])
+def test_a_socket_that_is_gone_does_no_harm(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The daemon goes on; it is told that nobody heard."""
+    monkeypatch.setenv("NOTIFY_SOCKET", address)
+    assert not notify("WATCHDOG=1")
+
+
+def test_the_watchdog_is_fed_each_2_s(monkeypatch: pytest.MonkeyPatch) -> None:
+    """WatchdogSec=10 reaches us as 10,000,000 µs; sd_watchdog_enabled(3) advises half of it or less."""
+    monkeypatch.setenv("WATCHDOG_USEC", "10000000")
+    monkeypatch.setenv("WATCHDOG_PID", str(os.getpid()))
+    assert watchdog_period_s() == 2.0
+
+
+@pytest.mark.parametrize(("limit", "pid"), [(None, None), ("10000000", "1"), ("x", None), ("0", None)])
+def test_no_watchdog_watches_us(limit: str | None, pid: str | None, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without the variables, or where they are meant for another process, nothing is to be fed."""
+    for key, value in [("WATCHDOG_USEC", limit), ("WATCHDOG_PID", pid)]:
+        monkeypatch.delenv(key, raising=False)
+        if value is not None:
+            monkeypatch.setenv(key, value)
+    assert watchdog_period_s() is None
+
+
+# ---- The device's name
+
+
+def test_the_udev_rules_are_well_formed() -> None:
+    """Comments, and lines of known keys, known operators and quoted values; each GOTO has its LABEL."""
+    rules = (UNIT.parent / "60-ledpi.rules").read_text(encoding="utf-8")
+    keys = r"(SUBSYSTEMS?|KERNEL|SYMLINK|GROUP|MODE|GOTO|LABEL|ENV\{\w+\})"
+    term = rf'{keys}(==|!=|\+=|=)"[^"]+"'
+    lines = [line for line in rules.splitlines() if line and not line.startswith("# ")]
+    examples = re.findall(r"^# ((?:ENV|KERNEL).*)$", rules, re.MULTILINE)
+    assert len(examples) == 2
+    for line in lines + examples:
+        assert re.fullmatch(rf"{term}(, {term})*", line), line
+    assert re.findall(r'GOTO="(\w+)"', rules) == re.findall(r'LABEL="(\w+)"', rules)
+
+
+def test_no_board_is_the_controller_unless_someone_says_so() -> None:
+    """A panel's own Arduino is a ttyACM too, and must not be sent poses: no rule in force gives the name."""
+    rules = (UNIT.parent / "60-ledpi.rules").read_text(encoding="utf-8")
+    assert [line for line in rules.splitlines() if "SYMLINK" in line and not line.startswith("#")] == []
+
+
+def test_the_rules_name_the_port_that_is_the_default() -> None:
+    """serial.port's default is the link that they make."""
+    rules = (UNIT.parent / "60-ledpi.rules").read_text(encoding="utf-8")
+    assert {f"/dev/{name}" for name in re.findall(r'SYMLINK\+="([^"]+)"', rules)} == {SerialSettings().port}

@@ -1,0 +1,331 @@
+"""The tap of a real daemon: what `monitor`, `snapshot` and the page's own examples read from it."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ledpi.markers.dictionaries import load_dictionary
+from ledpi.tap.client import connect
+from tests.builders.command import complaint, in_process
+from tests.builders.daemon import DEADLINE_S, ROOT, SIMULATED, daemon, end, write_recording
+from tests.builders.tap import Raw, at, reach
+
+FOR_EVER = ("--frames", "1000000")  # round and round
+LEDPI = [sys.executable, "-c", "from ledpi.cli import main; main()"]
+
+
+@pytest.fixture(scope="module")
+def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """The socket of one that replays a panel of ID 7 at 1 m, over and over."""
+    folder = tmp_path_factory.mktemp("tap")
+    write_recording(folder / "take", 120)
+    path = folder / "tap.sock"
+    source = f"camera.source=recording:{folder / 'take'}"
+    with daemon(source, at(path), options=FOR_EVER, deadline_s=10 * DEADLINE_S) as process:
+        reach(path).close()
+        yield path
+        assert process.poll() is None
+
+
+@pytest.fixture(autouse=True)
+def _no_client_is_left() -> Iterator[None]:
+    yield
+    Raw.close_all()
+
+
+def ledpi(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([*LEDPI, *arguments], cwd=ROOT, capture_output=True, text=True, timeout=DEADLINE_S)
+
+
+# ---- What it tells
+
+
+def test_the_lines_are_those_of_decode(tmp_path: Path) -> None:
+    """Frame by frame, to the last digit."""
+    write_recording(tmp_path / "take", 60)
+    said = ledpi("decode", str(tmp_path / "take")).stdout.splitlines()
+    wanted = {line["seq"]: line for line in map(json.loads, said)}
+    path = tmp_path / "tap.sock"
+    source = f"camera.source=recording:{tmp_path / 'take'}"
+    with daemon(source, at(path), options=("--unpaced", "--frames", "60")), reach(path) as client:
+        lines = [line for line in client.lines() if line["type"] == "decoded"]
+    assert len(lines) > 20
+    for line in lines:
+        same = wanted[line["seq"]].keys() - {"recording", "decode_ms"}
+        assert {key: line[key] for key in same} == {key: wanted[line["seq"]][key] for key in same}
+        assert line["exposed_ns"] < line["decoded_ns"]
+
+
+def test_a_picture_shows_what_its_line_says(running: Path) -> None:
+    """Within the corners there is light; each look has a number for each cell."""
+    with connect(running) as client:
+        answer = client.picture("rejected", "evidence")
+    (marker,) = answer["decoded"]["markers"]
+    assert marker["id"] == 7
+    xs, ys = zip(*marker["corners_px"], strict=True)
+    inside = answer["pixels"][int(min(ys)) : int(max(ys)), int(min(xs)) : int(max(xs))]
+    assert inside.mean() > 1.2 * answer["pixels"].mean()
+    look = next(look for look in answer["looks"] if look["id"] == 7)
+    assert (len(look["cells_nats"]), look["why"]) == (16, None)
+
+
+def test_cells_speak_for_the_class_that_they_are_of(running: Path) -> None:
+    """From the first corner toward the second: the word of ID 7, turned as the corners are."""
+    with connect(running) as client:
+        answer = client.picture("evidence")
+    (look,) = (look for look in answer["looks"] if look["id"] == 7)
+    (marker,) = answer["decoded"]["markers"]
+    distances = [np.hypot(*(np.array(corner) - look["corners_px"][0])) for corner in marker["corners_px"]]
+    word = np.rot90(load_dictionary("DICT_4X4_50").codeword(7), int(np.argmin(distances)))
+    assert [nats > 0 for nats in look["cells_nats"]] == [bool(bit) for bit in word.ravel()]
+
+
+def test_health_counts_what_the_daemon_does(running: Path) -> None:
+    """Once a second; a port that is not there is said."""
+    with connect(running) as client:
+        told = (line for line in client.lines() if line["type"] == "health")
+        # Between two rounds of the replay no frame comes for a moment, and the camera is said to be lost.
+        lines = (line for line in told if line["state"] == "running" and line["in_view"] == 1)
+        first, second = next(lines), next(lines)
+    assert second["frames"] > first["frames"] > 0
+    assert second["decoded"] > first["decoded"] > 0
+    assert second["wire"]["connected"] is False
+    assert any("serial_lost" in fault["text"] for fault in second["faults"])
+
+
+def test_the_configuration_says_what_the_command_line_gave(running: Path) -> None:
+    """And what stands in the file."""
+    with connect(running) as client:
+        answer = client.ask("config")
+    assert answer["values"]["tap.socket"] == str(running)
+    assert answer["from"]["tap.socket"] == "--set"
+    assert answer["from"]["serial.port"] == str(ROOT / "config.yaml")
+
+
+# ---- Its life
+
+
+def test_a_reload_keeps_the_connection_and_says_hello_again(tmp_path: Path) -> None:
+    """The new daemon's camera is in it."""
+    config, path = tmp_path / "config.yaml", tmp_path / "tap.sock"
+    text = "panels: {side_m: 0.16}\ncamera: {source: simulated, exposure_us: %d}\n"
+    config.write_text(text % 10000, encoding="utf-8")
+    with daemon(at(path), options=("--config", str(config))) as process, reach(path) as client:
+        lines = client.lines()
+        before = next(lines)
+        config.write_text(text % 5000, encoding="utf-8")
+        process.send_signal(signal.SIGHUP)
+        after = next(line for line in lines if line["type"] == "hello")
+        assert next(line for line in lines if line["type"] == "decoded")
+        assert end(process, signal.SIGTERM).status == 0
+        assert list(lines)[-1]["type"] in ("decoded", "health")
+    assert after["camera"]["exposure_us"] < before["camera"]["exposure_us"]
+    assert after["pid"] == before["pid"]
+    assert not path.exists()
+
+
+def test_a_reload_may_move_the_socket(tmp_path: Path) -> None:
+    """The old one is gone when the new one answers; a place that cannot be leaves all as it was."""
+    config, places = tmp_path / "config.yaml", [tmp_path / f"{name}.sock" for name in ("first", "second")]
+    (tmp_path / "mine").write_text("mine", encoding="utf-8")
+    text = "panels: {side_m: 0.16}\ncamera: {source: simulated}\ntap: {socket: %s}\n"
+    config.write_text(text % "first.sock", encoding="utf-8")
+    with daemon(options=("--config", str(config))) as process:
+        reach(places[0]).close()
+        config.write_text(text % "mine", encoding="utf-8")
+        process.send_signal(signal.SIGHUP)
+        with reach(places[0]) as client:
+            lines = client.lines()
+            refused = next(
+                line for line in lines if line["type"] == "health" and "reload_refused" in str(line["faults"])
+            )
+        config.write_text(text % "second.sock", encoding="utf-8")
+        process.send_signal(signal.SIGHUP)
+        reach(places[1]).close()
+        assert not places[0].exists()
+    assert "is no socket" in str(refused["faults"])
+    assert (tmp_path / "mine").read_text(encoding="utf-8") == "mine"
+
+
+def test_a_killed_daemon_is_followed_again_when_it_is_back(tmp_path: Path) -> None:
+    """What it left of its socket is no obstacle, and its client says that it was gone."""
+    path = tmp_path / "tap.sock"
+    with daemon(*SIMULATED, at(path)) as process:
+        client = reach(path)
+        lines = client.lines(reconnect=True)
+        first = next(lines)
+        process.send_signal(signal.SIGKILL)
+        while next(lines)["type"] != "lost":
+            pass
+    assert path.exists()
+    with daemon(*SIMULATED, at(path)) as process:
+        again = next(lines)
+        assert (again["type"], again["pid"]) == ("hello", process.pid)
+        client.close()
+    assert first["pid"] != again["pid"]
+
+
+def test_a_path_that_is_somebodys_file_is_refused(tmp_path: Path) -> None:
+    """One line, exit status 2, and the file as it was."""
+    path = tmp_path / "notes"
+    path.write_text("mine", encoding="utf-8")
+    with daemon(*SIMULATED, at(path)) as process:
+        ended = end(process)
+    assert ended.status == 2
+    assert [line for line in ended.log if "notes is there, and is no socket; must be another path, or null" in line]
+    assert path.read_text(encoding="utf-8") == "mine"
+
+
+def test_where_auto_finds_no_place_the_daemon_runs_without(tmp_path: Path) -> None:
+    """The poses matter more; it says so once."""
+    (tmp_path / "ledpi").write_text("in the way", encoding="utf-8")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+        with daemon(*SIMULATED, options=("--unpaced", "--frames", "20")) as process:
+            ended = end(process)
+    assert ended.status == 0
+    assert len([line for line in ended.log if "WARNING tap_off" in line]) == 1
+
+
+def test_without_a_tap_there_is_none(tmp_path: Path) -> None:
+    """null."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+        with daemon(*SIMULATED, "tap.socket=null", options=("--unpaced", "--frames", "20")) as process:
+            assert end(process).status == 0
+    assert list(tmp_path.iterdir()) == []
+
+
+# ---- Who reads it
+
+
+def test_monitor_shows_a_line_for_each_panel(running: Path) -> None:
+    """ID, distance, yaw, age, rate, margin; and how the daemon is."""
+    done = ledpi("monitor", "--tap", str(running), "--seconds", "3")
+    assert (done.returncode, done.stderr) == (0, "")
+    row = re.search(r"^ *7 +([\d.]+) m +([-+\d.]+)° +\d+ ms +\d+/s +\d+$", done.stdout, re.MULTILINE)
+    assert row is not None, done.stdout
+    assert float(row[1]) == pytest.approx(1.0, abs=0.05)
+    assert abs(float(row[2])) == pytest.approx(20.0, abs=2.0)
+    assert "no fix: " in done.stdout
+    assert re.search(r"\d+ frames/s, \d+ decoded/s, \d+ dropped", done.stdout)
+    assert "no port" in done.stdout
+
+
+def test_monitor_prints_lines_as_they_are(running: Path) -> None:
+    """With their times and numbers, the hello first."""
+    done = ledpi("monitor", "--json", "--tap", str(running), "--seconds", "1.5")
+    lines = [json.loads(line) for line in done.stdout.splitlines()]
+    assert lines[0]["type"] == "hello"
+    frames = [line for line in lines if line["type"] == "decoded"]
+    assert all(line["exposed_ns"] < line["decoded_ns"] for line in frames)
+    assert len(frames) > 2
+
+
+def test_monitor_without_a_daemon_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One line and exit status 2."""
+    run = in_process(monkeypatch, capsys, "monitor")
+    for options in ((), ("--json",)):
+        said = complaint(run("--tap", tmp_path / "tap.sock", *options))
+        assert "no running daemon answers" in said
+        assert "start `ledpi run`" in said
+
+
+def test_snapshot_takes_the_daemons_frame_and_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without PATH; it needs no configuration of its own."""
+    (tmp_path / "run").mkdir()
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "run"))
+    with daemon(*SIMULATED) as process:
+        reach(tmp_path / "run/ledpi/tap.sock").close()
+        done = subprocess.run(
+            [*LEDPI, "snapshot", "--out", "x.png"], cwd=tmp_path, capture_output=True, text=True, timeout=DEADLINE_S
+        )
+        assert re.match(rf"x.png: running daemon \(pid {process.pid}\), frame \d+: ID \d+ at .* m, margin", done.stdout)
+        assert (tmp_path / "x.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize("asks", [("--frame", "3"), ("--set", "camera.exposure_us=9000")])
+def test_snapshot_of_the_camera_itself_asks_no_daemon(
+    running: Path, tmp_path: Path, asks: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where a frame's number or a setting of the camera is given."""
+    (tmp_path / "ledpi").mkdir(mode=0o700)
+    (tmp_path / "ledpi/tap.sock").symlink_to(running)
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    config = tmp_path / "config.yaml"
+    config.write_text("panels: {side_m: 0.16}\ncamera: {source: simulated}\n", encoding="utf-8")
+    done = ledpi("snapshot", "--config", str(config), *asks, "--out", str(tmp_path / "x.png"))
+    assert "x.png: simulated, frame" in done.stdout
+    assert "running daemon" in ledpi("snapshot", "--config", str(config), "--out", str(tmp_path / "x.png")).stdout
+
+
+# ---- The page's own lines
+
+
+def page_block(language: str, containing: str) -> str:
+    page = (ROOT / "docs/tap.md").read_text(encoding="utf-8")
+    (block,) = (text for text in re.findall(rf"```{language}\n(.*?)```", page, re.DOTALL) if containing in text)
+    return str(block)
+
+
+def test_the_pages_ten_lines_of_python_read_it(running: Path) -> None:
+    """As printed, but for the socket's place; without ledpi."""
+    script = page_block("python", "makefile")
+    assert len(script.strip().splitlines()) == 10
+    assert "ledpi." not in script
+    script = script.replace("/run/ledpi/tap.sock", str(running))
+    process = subprocess.Popen([sys.executable, "-u", "-c", script], stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    assert re.fullmatch(r"\d+ 7 \[.*\]\n", process.stdout.readline())
+    process.kill()
+    process.communicate()
+
+
+def test_the_pages_lines_with_the_client_read_it(running: Path) -> None:
+    """As printed, with the socket's place."""
+    script = page_block("python", "ledpi.tap.client").replace("connect()", f"connect({str(running)!r})")
+    done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, timeout=DEADLINE_S)
+    assert re.match(r"\d+ [\d.]+ \[", done.stdout), done.stderr
+
+
+@pytest.mark.skipif(shutil.which("curl") is None, reason="needs curl")
+def test_the_pages_line_for_curl_reads_it(running: Path) -> None:
+    """As printed, until the first line has come."""
+    page = (ROOT / "docs/tap.md").read_text(encoding="utf-8")
+    (command,) = re.findall(r"^    (curl .*)$", page, re.MULTILINE)
+    command = command.replace("/run/ledpi/tap.sock", str(running)) + " --max-count=1"
+    done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, timeout=DEADLINE_S)
+    assert json.loads(done.stdout)["markers"][0]["id"] == 7
+
+
+def test_the_page_names_every_key(running: Path) -> None:
+    """Of each kind of line."""
+    page = (ROOT / "docs/tap.md").read_text(encoding="utf-8")
+    with connect(running) as client:
+        health = next(line for line in client.lines() if line["type"] == "health")
+        picture = client.picture("rejected", "evidence")
+    keys = {*client.hello, *client.hello["camera"], *client.hello["panels"], *health, *health["wire"], *picture}
+    keys |= {*picture["looks"][0], *(picture["decoded"].keys() - {"type"})}
+    documented_with_decode = {"seq", "decode_ms", "markers", "robot"}
+    named = set(re.findall(r"[`\"]([a-z_]+)[`\"]", page)) | documented_with_decode | {"pixels"}
+    assert keys - named == set()
+
+
+def test_fifty_clients_follow_at_once(running: Path) -> None:
+    """Each gets its frames."""
+    clients = [Raw(running) for _ in range(50)]
+    for client in clients:
+        assert client.line()["type"] == "hello"
+    assert all(client.next("decoded") for client in clients)

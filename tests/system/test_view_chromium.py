@@ -1,0 +1,305 @@
+"""The live page in Debian's Chromium: a real daemon, `ledpi view` and the page, as a person has them."""
+
+from __future__ import annotations
+
+import math
+import signal
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ledpi.camera.simulated import simulated_drive, simulated_sensor
+from ledpi.config.settings import load_config
+from ledpi.simulate.scenes import DRIVE_IDS, MAP_FROM_SCENE
+from ledpi.tap.client import Client, connect
+from tests.builders.daemon import slowness
+from tests.builders.view import CHROMIUM, DRIVER, PHONE, Page, browser, ended, start_daemon, view, wait_for
+
+pytestmark = [
+    pytest.mark.skipif(CHROMIUM is None or DRIVER is None, reason="Debian's chromium and chromium-driver are not here"),
+    # Selenium closes what it has opened when it is collected.
+    pytest.mark.filterwarnings("ignore::ResourceWarning"),
+]
+BACK_S = 2.0  # after a new daemon answers, its picture is shown
+
+STILL = Path(__file__).parent / "still_daemon.py"  # panel 7, and 11 with its frequencies swapped, 1 m ahead
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("view")
+
+
+@pytest.fixture(scope="module")
+def page(folder: Path) -> Iterator[Page]:
+    """Of a daemon on the simulated drive with a map."""
+    with ended(start_daemon(folder)), view(folder) as served:
+        yield served
+
+
+@pytest.fixture(scope="module")
+def chromium() -> Iterator[Any]:
+    with browser() as driver:
+        yield driver
+
+
+@pytest.fixture
+def opened(chromium: Any, page: Page) -> Any:
+    """The page with its first picture, as who has opened the printed address sees it."""
+    chromium.get("about:blank")
+    chromium.get(page.address)
+    wait_for(lambda: js(chromium, "return document.querySelector('#overlay .panel') !== null"), "a panel's outline")
+    return chromium
+
+
+def js(driver: Any, script: str) -> Any:
+    return driver.execute_script(script)
+
+
+def text(driver: Any, element: str) -> str:
+    """As it is seen."""
+    return str(driver.find_element("id", element).text)
+
+
+def choose(driver: Any, kind: str) -> None:
+    js(driver, f"document.querySelector('input[value={kind}]').click()")
+
+
+OUTLINES = """return {seq: Number(document.getElementById('figure').dataset.seq),
+  panels: [...document.querySelectorAll('#overlay .panel')].map(
+    p => [Number(p.dataset.id), [...p.points].map(c => [c.x, c.y])])}"""
+PIXELS = """const c = document.getElementById('picture'); return [c.width, c.height,
+  [...c.getContext('2d').getImageData(0, 0, c.width, c.height).data.filter((_, i) => i % 164 === 0)].join()]"""
+
+
+# ---- What it shows
+
+
+def test_the_picture_changes(opened: Any) -> None:
+    """It is as large as the camera's, and what it shows moves."""
+    width, height, first = js(opened, PIXELS)
+    assert (width, height) == (640, 480)
+    wait_for(lambda: js(opened, PIXELS)[2] != first, "another picture")
+
+
+def test_the_outlines_are_the_taps(opened: Any, folder: Path) -> None:
+    """Within 2 px of what the tap tells of the same frame; it is drawn in the picture's coordinates."""
+    told: dict[int, dict[int, Any]] = {}
+    with connect(folder / "tap.sock") as tap:
+        threading.Thread(target=_listen, args=(tap, told), daemon=True).start()
+        shown = wait_for(lambda: _shown_of(opened, told), "a frame that both have told")
+    for marker_id, corners in shown["panels"]:
+        assert np.abs(np.array(corners) - np.array(told[shown["seq"]][marker_id])).max() < 2.0
+    boxes = "const r = e => document.getElementById(e).getBoundingClientRect().toJSON();"
+    picture, overlay = js(opened, boxes + "return [r('picture'), r('overlay')]")
+    assert all(abs(picture[side] - overlay[side]) < 1.0 for side in ("left", "top", "width", "height"))
+
+
+def _listen(tap: Client, told: dict[int, dict[int, Any]]) -> None:
+    for line in tap.lines():
+        if line["type"] == "decoded":
+            told[line["seq"]] = {marker["id"]: marker["corners_px"] for marker in line["markers"]}
+
+
+def _shown_of(driver: Any, told: dict[int, dict[int, Any]]) -> Any:
+    """What the page shows, if it is panels of a frame of which the tap has told (the newest wins: not all are told)."""
+    shown = js(driver, OUTLINES)
+    end_s = time.monotonic() + 0.3
+    while shown["seq"] not in told and time.monotonic() < end_s:
+        time.sleep(0.01)
+    return shown if shown["seq"] in told and shown["panels"] else None
+
+
+def test_the_map_shows_the_robot_where_it_is(opened: Any) -> None:
+    """Within 5 cm and, as it is 15 times as large as that, on its own path; both panels are there."""
+    wait_for(lambda: js(opened, "return document.querySelector('#map .robot') !== null"), "the robot")
+    config = load_config(None, ("panels.side_m=0.16",))
+    sensor = simulated_sensor(config.camera, config.panels)
+    drive = simulated_drive(sensor, {i: config.panels.spec(i) for i in DRIVE_IDS}, "DICT_4X4_50")
+    for _ in range(5):
+        seen = js(opened, "const r = document.querySelector('#map .robot'); return r && {...r.dataset}")
+        if seen:
+            moment_s = (sensor.row0_readout_ns(int(seen["seq"])) + sensor.readout_end_ns(int(seen["seq"]))) * 0.5e-9
+            true = MAP_FROM_SCENE @ drive.camera_motion.scene_from_body(moment_s)
+            assert math.dist((float(seen["x"]), float(seen["y"])), true[:2, 3]) < 0.05
+        time.sleep(0.4)
+    walls = js(opened, "return [...document.querySelectorAll('#map .wall')].map(w => Number(w.dataset.id))")
+    assert sorted(walls) == [7, 23]
+    assert text(opened, "place").startswith("Robot at x ")
+
+
+def test_age_focus_and_light_are_told(opened: Any) -> None:
+    """With numbers; the age is between the exposure's half and what the slowest machine takes."""
+    assert 5.0 < float(js(opened, "return document.getElementById('age').dataset.ms")) < 60_000.0
+    assert float(text(opened, "focus")) > 0
+    assert text(opened, "best")
+    assert text(opened, "exposure") == "9.97 ms"
+    assert js(opened, "return document.getElementById('histogram').getAttribute('aria-label')")
+
+
+def test_the_configuration_is_shown_with_where_values_are_from(opened: Any, folder: Path) -> None:
+    """Every key; what --set gave says so."""
+    js(opened, "document.getElementById('config').open = true")
+    rows = wait_for(
+        lambda: js(
+            opened, "return [...document.querySelectorAll('#keys tr')].map(r => [...r.cells].map(c => c.textContent))"
+        ),
+        "the keys",
+    )
+    keys = {key: (value, source) for key, value, source in rows}
+    assert keys["map"] == (f"{folder}/markers.yaml", "--set")
+    assert keys["panels.black_hz"] == ("1250", "default")
+
+
+def test_bands_are_amplified(opened: Any) -> None:
+    """Another picture than as seen: middle grey on the whole, with full black and white at the panels."""
+    choose(opened, "bands")
+    grey = (
+        "const c = document.getElementById('picture'); const d = c.getContext('2d').getImageData(0, 0, 640, 480).data; "
+        "let sum = 0; for (let i = 0; i < d.length; i += 4) sum += d[i]; return 4 * sum / d.length"
+    )
+    wait_for(lambda: "bands ±" in text(opened, "seq"), "amplified bands")
+    assert js(opened, grey) == pytest.approx(127, abs=12)
+    choose(opened, "plain")
+
+
+def test_nothing_is_wrong_in_the_browsers_eyes(opened: Any) -> None:
+    """No error, and nothing that the page's own security policy forbids."""
+    time.sleep(1.0)
+    assert [entry for entry in opened.get_log("browser") if entry["level"] == "SEVERE"] == []
+
+
+def test_the_token_does_not_stay_in_the_address(opened: Any, page: Page) -> None:
+    """It was after a #, which is sent to nobody, and is taken out."""
+    assert page.token not in opened.current_url
+
+
+# ---- A panel at rest, and one with its frequencies swapped
+
+
+@pytest.fixture(scope="module")
+def still(chromium: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+    """The page of a daemon that sees panel 7 and, beside it, panel 11 built wrongly."""
+    folder = tmp_path_factory.mktemp("still")
+    from subprocess import DEVNULL, Popen
+
+    with ended(Popen([sys.executable, str(STILL), str(folder)], stderr=DEVNULL, text=True)), view(folder) as served:
+        chromium.get("about:blank")
+        chromium.get(served.address)
+        yield chromium
+
+
+def test_a_row_shows_id_and_distance(still: Any) -> None:
+    """Within 1 % of the truth."""
+    row = wait_for(
+        lambda: js(
+            still,
+            "const r = document.querySelector('#panels tr[data-id=\"7\"]');"
+            "return r && [...r.cells].map(c => c.textContent)",
+        ),
+        "panel 7's row",
+    )
+    assert row[0] == "7"
+    assert float(row[1].removesuffix(" m")) == pytest.approx(math.hypot(0.12, 1.0), rel=0.01)
+
+
+def test_why_not_says_that_frequencies_are_swapped(still: Any) -> None:
+    """In words, at the panel's place and in the list."""
+    choose(still, "whynot")
+    script = """const i = [...document.querySelectorAll('#reasons li')].findIndex(
+        l => l.textContent.includes('ID 11 with its two frequencies swapped'));
+      const q = document.querySelectorAll('#overlay .dropped')[i];
+      return i >= 0 && q ? [q.dataset.why, [...q.points].map(c => [c.x, c.y])] : null"""
+    why, corners = wait_for(lambda: js(still, script), "the reason")
+    assert why == "identify.not_in_dictionary"
+    middle = np.mean(corners, axis=0)
+    assert middle == pytest.approx([319.5 + 2.56 + 643 * 0.12, 239.5 - 1.44], abs=8.0)
+    choose(still, "plain")
+
+
+# ---- Who may, and what goes wrong
+
+
+def test_a_wrong_token_gets_a_question_and_no_picture(chromium: Any, tmp_path: Path) -> None:
+    """On the network the token is wanted; with the right one the page opens."""
+    with (
+        ended(start_daemon(tmp_path, "camera.width=320", "camera.height=240")),
+        view(tmp_path, "view.listen=0.0.0.0:0") as page,
+    ):
+        chromium.get("about:blank")
+        chromium.get(f"http://127.0.0.1:{page.port}/#token=wrong-token-here")
+        wait_for(lambda: chromium.find_element("id", "login").is_displayed(), "the question for the token")
+        assert not chromium.find_element("id", "page").is_displayed()
+        chromium.find_element("id", "token").send_keys(page.token + "\n")
+        wait_for(lambda: js(chromium, "return document.getElementById('figure').dataset.seq"), "a picture")
+        assert chromium.find_element("id", "page").is_displayed()
+
+
+def test_without_the_token_buttons_are_grey_and_say_why(chromium: Any, page: Page) -> None:
+    """Whoever opens the bare address on this machine may look, and no more."""
+    chromium.get("about:blank")
+    chromium.get(f"http://localhost:{page.port}/")  # another origin than the others' 127.0.0.1: it holds no token
+    wait_for(lambda: text(chromium, "why-greyed"), "the reason")
+    assert "token" in text(chromium, "why-greyed")
+    assert [chromium.find_element("id", name).is_enabled() for name in ("save", "record")] == [False, False]
+
+
+def test_every_control_has_a_name_and_is_reached_by_keyboard(opened: Any) -> None:
+    """As a screen reader tells it."""
+    controls = [
+        e for e in opened.find_elements("css selector", "button, input, summary, canvas[role]") if e.is_displayed()
+    ]
+    assert len(controls) > 8
+    assert [control.get_attribute("outerHTML") for control in controls if not control.accessible_name] == []
+    opened.find_element("css selector", "input[value=plain]").send_keys("\ue014")  # arrow to the right
+    assert js(opened, "return document.querySelector('input[name=kind]:checked').value") == "bands"
+    choose(opened, "plain")
+
+
+@pytest.mark.parametrize("width", [320, PHONE[0]])
+@pytest.mark.parametrize("kind", ["plain", "whynot"])
+def test_a_phone_shows_it_without_scrolling_sideways(page: Page, width: int, kind: str) -> None:
+    """At the usual width, and at the smallest that there is."""
+    with browser((width, PHONE[1]), phone=True) as phone:
+        phone.get(page.address)
+        wait_for(
+            lambda: js(phone, "return document.querySelectorAll('#panels tbody tr').length > 1"), "the panels' rows"
+        )
+        choose(phone, kind)
+        js(phone, "document.getElementById('config').open = true")
+        time.sleep(1.0)
+        assert js(phone, "return [innerWidth, document.documentElement.scrollWidth]") == [width, width]
+
+
+def test_a_daemon_that_was_killed_and_started_again(chromium: Any, tmp_path: Path) -> None:
+    """The page says that it is gone, and shows the new one's pictures 2 s after that answers, at most."""
+    with view(tmp_path) as page:
+        with ended(start_daemon(tmp_path)) as first:
+            chromium.get("about:blank")
+            chromium.get(page.address)
+            wait_for(lambda: js(chromium, "return document.querySelector('#overlay .panel') !== null"), "a panel")
+            first.send_signal(signal.SIGKILL)
+            wait_for(lambda: "ended" in text(chromium, "notice"), "that it has ended")
+            assert text(chromium, "state") == "no daemon"
+        with ended(start_daemon(tmp_path)):
+            wait_for(lambda: _answers(tmp_path), "the new daemon")
+            answered_s = time.monotonic()
+            wait_for(lambda: not chromium.find_element("id", "blank").is_displayed(), "a picture")
+            assert time.monotonic() - answered_s < BACK_S * slowness()
+            wait_for(lambda: "started anew" in text(chromium, "notice"), "that it is back")
+
+
+def _answers(folder: Path) -> bool:
+    from ledpi.core.errors import TapError
+
+    try:
+        with connect(folder / "tap.sock") as tap:
+            return any(line["type"] == "decoded" for line in tap.lines())
+    except TapError:
+        return False

@@ -1,0 +1,263 @@
+"""`import ledpi`: markers with their poses from pictures that a program has, and a clear error for what is none."""
+
+from __future__ import annotations
+
+import dataclasses
+import doctest
+import math
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import ledpi
+import ledpi.api.lens
+import ledpi.api.reader
+from ledpi.api.marker import Marker, marker_of
+from ledpi.config.camera_yaml import camera_yaml_text
+from ledpi.core.geometry import quaternion_from_matrix
+from ledpi.core.records import Detection, Floats, MarkerPose, Pixels, PlanarSolution, Pose
+from tests.builders.api import INTRINSICS, LENS, ROW_TIME_US, pictures
+
+NEAR_M, FAR_M = 1.0, 2.5  # FAR_M takes more than one picture
+
+
+@pytest.fixture(scope="module")
+def near() -> Pixels:
+    return pictures(1, distance_m=NEAR_M)[0][0]
+
+
+def reader(**values: Any) -> ledpi.Reader:
+    return ledpi.Reader(**{"side_m": 0.16, "lens": LENS} | values)
+
+
+# ---- What is read
+
+
+def test_a_picture_gives_the_marker_and_its_pose(near: Pixels) -> None:
+    """The simulated panel's ID, place and yaw, with a covariance."""
+    (marker,) = reader().read(near, row_time_us=ROW_TIME_US)
+    assert marker.id == 7
+    assert marker.position_m == pytest.approx([0.0, 0.0, NEAR_M], abs=0.005)
+    assert marker.distance_m == pytest.approx(NEAR_M, abs=0.005)
+    assert (marker.yaw, marker.pitch, marker.roll) == pytest.approx((math.radians(20), 0.0, 0.0), abs=0.02)
+    assert marker.covariance is not None
+    assert marker.covariance.shape == (6, 6)
+    assert marker.corners_px.shape == (4, 2)
+    assert marker.frames_used == 1
+
+
+def test_the_lens_may_be_a_file(near: Pixels, tmp_path: Path) -> None:
+    """camera.yaml gives the same pose as the numbers in it."""
+    path = tmp_path / "camera.yaml"
+    path.write_text(camera_yaml_text(INTRINSICS, {}), encoding="utf-8")
+    (by_file,) = reader(lens=path).read(near, row_time_us=ROW_TIME_US)
+    (by_numbers,) = reader().read(near, row_time_us=ROW_TIME_US)
+    assert by_file.position_m == pytest.approx(by_numbers.position_m, abs=1e-9)
+
+
+def test_without_a_lens_there_are_no_poses(near: Pixels) -> None:
+    """The ID and the corners are there, and nothing is made up."""
+    (marker,) = reader(lens=None).read(near, row_time_us=ROW_TIME_US)
+    assert marker.id == 7
+    poses = (marker.position_m, marker.quaternion_wxyz, marker.covariance, marker.mirrored)
+    assert (*poses, marker.distance_m, marker.yaw, marker.pitch, marker.roll) == (None,) * 8
+
+
+def test_ids_that_do_not_exist_are_not_read(near: Pixels) -> None:
+    """And the reason is said."""
+    other = reader(ids=np.array([23]))
+    assert other.read(near, row_time_us=ROW_TIME_US) == []
+    assert other.rejected["identify.id_not_in_panels_ids"] == 1
+
+
+def test_a_stream_reads_what_one_picture_does_not_show() -> None:
+    """Pictures of a far panel add up; each by itself gives nothing."""
+    taken = pictures(6, distance_m=FAR_M)
+    single, stream = reader(), reader().stream(row_time_us=ROW_TIME_US)
+    assert [single.read(image, row_time_us=ROW_TIME_US) for image, _ in taken] == [[]] * 6
+    (marker,) = [stream.read(image, time_ns=time_ns) for image, time_ns in taken][-1]
+    assert marker.id == 7
+    assert marker.frames_used > 1
+    assert taken[-1][1] - 10_000_000 < marker.time_ns < taken[-1][1] + 20_000_000
+
+
+def test_pictures_alone_do_not_add_up(near: Pixels) -> None:
+    """`Reader.read` remembers nothing, however often it is called."""
+    alone = reader()
+    first, second = (alone.read(near, row_time_us=ROW_TIME_US)[0] for _ in range(2))
+    assert (first.frames_used, second.frames_used) == (1, 1)
+    assert (first.corners_px == second.corners_px).all()
+
+
+@pytest.mark.parametrize(
+    ("axis", "name"), [(1, "yaw"), (0, "pitch"), (2, "roll")], ids=["about y", "about x", "about z"]
+)
+@pytest.mark.parametrize("angle", [-1.2, 0.3])
+def test_angles_are_those_of_the_camera_s_axes(axis: int, name: str, angle: float) -> None:
+    """A panel that faced the camera, turned about one of them by the right-hand rule."""
+    a, b = ((1, 2), (2, 0), (0, 1))[axis]
+    turn = np.eye(3)
+    turn[a, a] = turn[b, b] = math.cos(angle)
+    turn[b, a], turn[a, b] = math.sin(angle), -math.sin(angle)
+    marker = turned(turn @ np.diag([1.0, -1.0, -1.0]))
+    found = {"yaw": marker.yaw, "pitch": marker.pitch, "roll": marker.roll}
+    assert found == pytest.approx({"yaw": 0.0, "pitch": 0.0, "roll": 0.0} | {name: angle}, abs=1e-12)
+
+
+def turned(rotation: Floats) -> Marker:
+    """One with this rotation, whose mirrored pose has the same."""
+    pose = Pose(position_m=np.array([0.0, 0.0, 1.0]), quaternion_wxyz=quaternion_from_matrix(rotation))
+    solution = PlanarSolution(camera_from_marker=pose, reprojection_px=0.0, chi2=0.0)
+    detection = Detection(
+        id=7, corners_px=np.zeros((4, 2)), covariance_px2=0.01 * np.eye(8), margin=20.0, frames_used=1
+    )
+    return marker_of(MarkerPose(detection=detection, mid_exposure_ns=0, solution=solution, alternate=solution))
+
+
+def test_a_pose_that_is_not_sure_comes_with_the_other() -> None:
+    """Of the same detection; that has no third."""
+    marker = turned(np.diag([1.0, -1.0, -1.0]))
+    assert marker.mirrored is not None
+    assert (marker.mirrored.id, marker.mirrored.mirrored) == (7, None)
+
+
+# ---- Pictures that do not fit
+
+
+@pytest.mark.parametrize(
+    ("image", "said"),
+    [
+        (None, "image: must be grey, (height, width) uint8, as a numpy array, not NoneType; cv2.imread and others "),
+        ([[0]], "image: must be grey, (height, width) uint8, as a numpy array, not list"),
+        (np.zeros((480, 640, 3), np.uint8), "image: must be grey, (height, width) uint8, not (480, 640, 3) uint8: of "),
+        (np.zeros((480, 640)), "image: must be grey, (height, width) uint8, not (480, 640) float64"),
+        (np.zeros((480, 640), np.uint16), "image: must be grey, (height, width) uint8, not (480, 640) uint16"),
+        (np.zeros(480, np.uint8), "image: must be grey, (height, width) uint8, not (480) uint8"),
+        (np.zeros((720, 640), np.uint8), "image: must be 640 × 480 pixels, as the lens says, not 640 × 720: below its"),
+        (np.zeros((240, 320), np.uint8), "image: must be 640 × 480 pixels, as the lens says, not 320 × 240"),
+    ],
+)
+def test_a_picture_that_does_not_fit_is_refused(image: Any, said: str, tmp_path: Path) -> None:
+    """In one line; and programs may catch it as a ValueError."""
+    path = tmp_path / "camera.yaml"
+    path.write_text(camera_yaml_text(INTRINSICS, {}), encoding="utf-8")
+    with pytest.raises(ledpi.PictureError) as caught:
+        reader(lens=path).read(image, row_time_us=ROW_TIME_US)
+    assert str(caught.value).startswith(said)
+    assert isinstance(caught.value, ValueError)
+    assert isinstance(caught.value, ledpi.LedpiError)
+
+
+def test_a_stream_keeps_its_size(near: Pixels) -> None:
+    """A smaller picture in between is refused, and the stream goes on."""
+    stream = reader(lens=None).stream(row_time_us=ROW_TIME_US)
+    stream.read(near, time_ns=0)
+    with pytest.raises(ledpi.PictureError, match=r"must be 640 × 480 pixels, as the stream began, not 320 × 240"):
+        stream.read(near[:240, :320], time_ns=1)
+    assert [marker.id for marker in stream.read(near, time_ns=17_000_000)] == [7]
+
+
+@pytest.mark.parametrize(
+    ("time_ns", "said"),
+    [
+        (1_000, "time_ns: must be after the picture's before, 1000, not 1000"),
+        (0.5, "time_ns: must be whole nanoseconds, not 0.5"),
+    ],
+)
+def test_a_time_that_cannot_be_is_refused(time_ns: Any, said: str, near: Pixels) -> None:
+    """Seconds in place of nanoseconds, and pictures out of their order."""
+    stream = reader().stream(row_time_us=ROW_TIME_US)
+    stream.read(near, time_ns=1_000)
+    with pytest.raises(ledpi.PictureError) as caught:
+        stream.read(near, time_ns=time_ns)
+    assert str(caught.value) == said
+
+
+def test_a_picture_is_neither_changed_nor_locked(near: Pixels) -> None:
+    """The camera's next frame may be written into it."""
+    own = near.copy()
+    reader().read(own, row_time_us=ROW_TIME_US)
+    assert own.flags.writeable
+    assert (own == near).all()
+
+
+def test_a_part_of_a_wider_array_is_a_picture(near: Pixels) -> None:
+    """As picamera2's rows with their padding, and ROS's with their step."""
+    padded = np.zeros((720, 704), np.uint8)
+    padded[:480, :640] = near
+    (marker,) = reader().read(padded[:480, :640], row_time_us=ROW_TIME_US)
+    assert marker.id == 7
+
+
+# ---- Values that cannot be
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        ({"side_m": 160}, "configuration: panels.side_m: must be in metres, 10 at most (160 mm are 0.16), not 160"),
+        ({"side_m": float("nan")}, "configuration: panels.side_m: must be "),
+        ({"dictionary": "DICT_9X9"}, "configuration: panels.dictionary: must be one of "),
+        ({"ids": [700]}, "configuration: panels.ids: DICT_4X4_50 has only the IDs 0 to 49, not 700"),
+        ({"white_hz": 2.45}, "configuration: panels.white_hz: must be "),
+        ({"transfer": "gamma"}, "configuration: camera.transfer: must be "),
+        ({"lens": "nowhere.yaml"}, "nowhere.yaml: "),
+    ],
+)
+def test_a_value_that_cannot_be_is_refused_at_once(values: dict[str, Any], said: str) -> None:
+    """As the reader is made, in one line that names it."""
+    with pytest.raises(ledpi.LedpiError) as caught:
+        reader(**values)
+    assert str(caught.value).startswith(said)
+
+
+@pytest.mark.parametrize("exposed", [{"row_time_us": 33.67e-6}, {"row_time_us": 33.67, "exposure_us": 0.01}])
+def test_times_in_seconds_are_refused(exposed: dict[str, float], near: Pixels) -> None:
+    """By both, before a picture is read."""
+    with pytest.raises(ledpi.LedpiError, match=r"^configuration: camera\.(row_time|exposure)_us: must be "):
+        reader().read(near, **exposed)
+    with pytest.raises(ledpi.LedpiError, match=r"^configuration: camera\.(row_time|exposure)_us: must be "):
+        reader().stream(**exposed)
+
+
+def test_a_lens_of_other_pictures_is_refused(near: Pixels) -> None:
+    """Numbers that no lens of this size has: they were in millimetres."""
+    with pytest.raises(ledpi.LedpiError, match=r"^lens: fx: must be 64 to 64000 pixels for pictures of 640 × 480"):
+        reader(lens=dataclasses.replace(LENS, fx=3.6)).read(near, row_time_us=ROW_TIME_US)
+
+
+@pytest.mark.parametrize("matrix", [np.eye(4), [1, 2, 3], [[500, 3, 320], [0, 500, 240], [0, 0, 1]]])
+def test_a_matrix_that_is_no_camera_s_is_refused(matrix: Any) -> None:
+    """Of another size, or with skew."""
+    with pytest.raises(ledpi.LedpiError, match=r"^lens: the camera matrix must be "):
+        ledpi.Lens.from_matrix(matrix)
+
+
+# ---- The package
+
+
+def test_all_that_is_promised_is_there() -> None:
+    """Each name of `__all__`, and in `dir()`."""
+    assert set(ledpi.__all__) <= set(dir(ledpi))
+    assert all(getattr(ledpi, name) is not None for name in ledpi.__all__)
+    with pytest.raises(AttributeError, match="no attribute 'nonsense'"):
+        ledpi.nonsense  # noqa: B018
+
+
+def test_importing_it_loads_nothing() -> None:
+    """The command's entry point begins with it, and must be ready for Ctrl-C."""
+    script = "import sys, ledpi; print({'numpy', 'cv2', 'pydantic', 'ledpi.api'} & set(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert done.stdout == "set()\n"
+
+
+@pytest.mark.parametrize("module", [ledpi.api.lens, ledpi.api.reader])
+def test_examples_in_docstrings_hold(module: Any) -> None:
+    """As Python's own doctest reads them."""
+    results = doctest.testmod(module)
+    assert results.attempted > 0
+    assert results.failed == 0

@@ -1,0 +1,199 @@
+"""The simulated camera: paced like a sensor, or as fast as it is read."""
+
+from __future__ import annotations
+
+import dataclasses
+import threading
+import time
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from ledpi.camera.base import Camera
+from ledpi.camera.simulated import SimulatedCamera, open_simulated
+from ledpi.config.settings import Config, load_config
+from ledpi.core.errors import CameraError, ConfigError
+from ledpi.core.records import Frame, Pixels
+from ledpi.simulate.render import Renderer
+from ledpi.simulate.scene import Scene
+from tests.builders.simulate import LENS, panel, sensor, standing
+
+PERIOD_S = 504 * 33.67e-6
+SCENE = Scene(sensor=sensor(), panels=(panel(standing()),))
+
+
+def buffer() -> Pixels:
+    return np.empty((480, 640), np.uint8)
+
+
+def slow_scene() -> Scene:
+    """A frame every two seconds."""
+    return Scene(sensor=dataclasses.replace(SCENE.sensor, frame_length_rows=60_000))
+
+
+def frame_of(camera: Camera, into: Pixels) -> Frame:
+    frame = camera.read(into)
+    assert isinstance(frame, Frame)
+    return frame
+
+
+def config(*overrides: str) -> Config:
+    return load_config(None, ("panels.side_m=0.16", "camera.source=simulated", *overrides))
+
+
+def test_unpaced_it_delivers_every_frame_and_then_none() -> None:
+    """`frames` frames with their numbers and read-out times 504 rows apart, then None for ever."""
+    camera = SimulatedCamera(SCENE, seed=1, paced=False, frames=4)
+    frames = [frame_of(camera, buffer()) for _ in range(4)]
+    assert [frame.seq for frame in frames] == [0, 1, 2, 3]
+    np.testing.assert_allclose(np.diff([f.row0_readout_ns for f in frames]), 504 * 33_670, atol=1)
+    assert camera.read(buffer()) is None
+    assert camera.read(buffer()) is None
+
+
+def test_frames_are_the_renderers_in_the_readers_array() -> None:
+    """The picture lands in the array that was given; the frame's view of it is read-only."""
+    into, expected = buffer(), buffer()
+    camera = SimulatedCamera(SCENE, seed=1, paced=False)
+    Renderer(SCENE, seed=1).render(0, expected)
+    frame = frame_of(camera, into)
+    assert frame.pixels.base is into
+    assert not frame.pixels.flags.writeable
+    assert into.flags.writeable
+    np.testing.assert_array_equal(into, expected)
+
+
+def test_info_says_what_the_frames_say() -> None:
+    """Size, exposure, row time, transfer and lens are those of the scene's sensor."""
+    camera = SimulatedCamera(SCENE, seed=1, paced=False)
+    info, frame = camera.info, frame_of(camera, buffer())
+    assert (info.height, info.width) == frame.pixels.shape
+    assert (info.exposure_us, info.row_time_us, info.transfer) == (9967.0, 33.67, "srgb")
+    assert (frame.exposure_us, frame.row_time_us, frame.transfer) == (9967.0, 33.67, "srgb")
+    assert info.frame_length_rows == 504
+    assert info.intrinsics == LENS
+
+
+def test_unpaced_a_frames_read_out_has_just_ended() -> None:
+    """row0_readout + 480 rows + host_offset lies between asking for the frame and getting it."""
+    camera, into = SimulatedCamera(SCENE, seed=1, paced=False), buffer()
+    for _ in range(3):
+        asked = time.monotonic_ns()
+        frame = frame_of(camera, into)
+        end = frame.row0_readout_ns + 480 * 33_670 + frame.host_offset_ns
+        assert asked <= end <= time.monotonic_ns()
+
+
+def test_paced_no_frame_comes_before_its_read_out_has_ended() -> None:
+    """One constant offset relates the camera's clock to CLOCK_MONOTONIC; a frame exists from its last row on."""
+    camera, into = SimulatedCamera(SCENE, seed=1, paced=True), buffer()
+    start = time.monotonic()
+    frames = []
+    for _ in range(8):
+        frame = frame_of(camera, into)
+        assert time.monotonic_ns() >= frame.row0_readout_ns + 480 * 33_670 + frame.host_offset_ns
+        frames.append(frame)
+    assert len({frame.host_offset_ns for frame in frames}) == 1
+    assert time.monotonic() - start >= frames[-1].seq * PERIOD_S
+
+
+def test_a_slow_reader_misses_frames() -> None:
+    """Who comes ten periods late gets the newest frame that exists, and the gap is counted."""
+    camera, into = SimulatedCamera(SCENE, seed=1, paced=True), buffer()
+    first = frame_of(camera, into)
+    time.sleep(10.5 * PERIOD_S)
+    late = frame_of(camera, into)
+    assert late.seq >= first.seq + 10
+    assert camera.missed == late.seq - first.seq - 1
+    assert frame_of(camera, into).seq > late.seq
+
+
+def test_paced_frames_are_numbered_by_the_sensor() -> None:
+    """`frames` counts what the sensor makes, delivered or missed: a late reader gets the last one, then None."""
+    camera, into = SimulatedCamera(SCENE, seed=1, paced=True, frames=4), buffer()
+    assert frame_of(camera, into).seq == 0
+    time.sleep(10 * PERIOD_S)
+    assert frame_of(camera, into).seq == 3
+    assert camera.read(into) is None
+
+
+def test_close_ends_a_waiting_read() -> None:
+    """A read that waits for a frame two seconds away returns None as soon as the camera is closed."""
+    camera, into = SimulatedCamera(slow_scene(), seed=1, paced=True), buffer()
+    frame_of(camera, into)
+    results: list[object] = []
+    reader = threading.Thread(target=lambda: results.append(camera.read(into)))
+    reader.start()
+    time.sleep(0.1)  # so that it waits, most likely
+    camera.close()
+    reader.join()
+    assert results == [None]  # and not the frame, which it would be two seconds later
+    camera.close()
+    assert camera.read(into) is None
+
+
+def test_an_array_of_another_size_is_refused() -> None:
+    """Nothing is drawn into an array that does not fit."""
+    with pytest.raises(CameraError, match=r"\(480, 640\), not \(240, 320\)"):
+        SimulatedCamera(SCENE, seed=1, paced=False).read(np.empty((240, 320), np.uint8))
+
+
+def test_truth_can_be_asked_for_any_frame() -> None:
+    """By number, before and after the frame was read."""
+    camera = SimulatedCamera(SCENE, seed=1, paced=False)
+    assert [t.id for t in camera.truth(1000)] == [7]
+    np.testing.assert_allclose(camera.truth(0)[0].camera_from_marker.position_m, [0, 0, 1])
+
+
+def test_the_configurations_camera_drives_past_7_and_23() -> None:
+    """Both panels, as configured, with a true exposure of whole rows and a frame period that moves the phases."""
+    camera = open_simulated(config("panels.black_hz=1300", "camera.transfer=linear"), paced=False, frames=1)
+    assert {t.id for t in camera.truth(100)} == {7, 23}
+    assert camera.panel is not None
+    assert (camera.panel.dictionary, camera.panel.side_m, camera.panel.black_hz) == ("DICT_4X4_50", 0.16, 1300.0)
+    assert camera.info.exposure_us == pytest.approx(9967.127, abs=1e-3)
+    assert camera.info.transfer == "linear"
+
+
+@pytest.mark.parametrize(
+    ("overrides", "rows"),
+    [
+        ((), 507),  # 1250 Hz advances 21.34 cycles, 2450 Hz 41.83; 504 would do, were oscillators exact
+        (("camera.frame_duration_us=25000",), 742),
+        (("camera.exposure_us=20000",), 597),  # 593 rows of exposure, and four to spare
+    ],
+)
+def test_the_frame_period_is_whole_rows(overrides: tuple[str, ...], rows: int) -> None:
+    """The sensor's shortest, or as configured, but never shorter than the exposure."""
+    overrides += () if "camera.exposure_us=20000" not in overrides else ("camera.frame_duration_us=1000",)
+    assert open_simulated(config(*overrides), paced=False).info.frame_length_rows == rows
+
+
+def test_panels_of_their_own_are_rendered_as_such() -> None:
+    """An override changes the panel of its ID, and only that."""
+
+    def size_of_23_to_7(camera: SimulatedCamera) -> float:
+        size = {t.id: np.linalg.norm(t.corners_px[1] - t.corners_px[0]) for t in camera.truth(100)}
+        return float(size[23] / size[7])
+
+    plain = size_of_23_to_7(open_simulated(config(), paced=False))
+    larger = size_of_23_to_7(open_simulated(config("panels.overrides={23: {side_m: 0.2}}"), paced=False))
+    assert larger / plain == pytest.approx(0.2 / 0.16, rel=0.02)
+
+
+def test_an_impossible_sensor_is_a_configuration_error() -> None:
+    """An exposure that no frame of the simulator holds is told, with the key."""
+    with pytest.raises(ConfigError, match="exposure_us"):
+        open_simulated(config("camera.exposure_us=3000000", "camera.frame_duration_us=4000000"), paced=False)
+
+
+def test_a_dictionary_without_the_drives_ids_is_a_configuration_error(tmp_path: Path) -> None:
+    """Of one's own five words, for example: the remedy is another dictionary, or another source."""
+    storage = cv2.FileStorage(str(tmp_path / "words.yaml"), cv2.FILE_STORAGE_WRITE)
+    cv2.aruco.extendDictionary(5, 4).writeDictionary(storage)
+    storage.release()
+    settings = load_config(None, ("panels.side_m=0.16", f"panels.dictionary={tmp_path / 'words.yaml'}"))
+    with pytest.raises(ConfigError, match=r"^panels\.dictionary: the simulated drive shows 7 and 23: .* IDs 0 to 4"):
+        open_simulated(settings, paced=False)

@@ -1,0 +1,213 @@
+"""`ledpi monitor` as its user sees it: a process on a pty."""
+
+from __future__ import annotations
+
+import json
+import os
+import select
+import signal
+import subprocess
+import sys
+import threading
+import time
+import tty
+from collections.abc import Iterator
+from contextlib import suppress
+
+import pytest
+
+from ledpi.wire import NoFix, State, StatusMessage
+from ledpi.wire.codec import encode
+from tests.builders import ROOT
+from tests.builders.wire import vectors
+
+DEADLINE_S = 30.0
+
+# Typer drops the name of a command that is the only one, so this one is made not to be.
+COMMAND = [
+    sys.executable,
+    "-c",
+    """
+import ledpi.cli.monitor
+from ledpi.cli import app, main
+app.command("another")(lambda: None)
+main()
+""",
+    "monitor",
+]
+VECTORS = vectors()
+HELLO = StatusMessage(state=State.STARTING, no_fix=NoFix.NOT_RUNNING)
+
+
+def run(*arguments: str) -> subprocess.CompletedProcess[str]:
+    """A monitor that ends by itself."""
+    command = [*COMMAND, *arguments]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=DEADLINE_S)
+
+
+class Monitored:
+    """A monitor on a pty, and the sender's end."""
+
+    def __init__(self, *options: str) -> None:
+        self._master, self._slave = os.openpty()
+        tty.setraw(self._master)
+        self.path = os.ttyname(self._slave)
+        self.sequence = 0
+        self.process = subprocess.Popen(
+            [*COMMAND, self.path, *options],
+            cwd=ROOT,
+            text=True,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+        )
+        self._deadline = threading.Timer(DEADLINE_S, self.process.kill)
+        self._deadline.start()
+        self._wait_until_it_listens()
+
+    def _wait_until_it_listens(self) -> None:
+        """It throws away what came before it opened the port: says hello until it answers."""
+        assert self.process.stdout is not None
+        while not select.select([self.process.stdout], [], [], 0.05)[0]:
+            self.sequence += 1
+            os.write(self._master, encode(HELLO, self.sequence))
+
+    def send(self, *frames: bytes) -> None:
+        os.write(self._master, b"".join(frames))
+
+    def lines(self, count: int) -> list[str]:
+        """The next lines that are no hello."""
+        assert self.process.stdout is not None
+        found: list[str] = []
+        while len(found) < count:
+            line = self.process.stdout.readline()
+            assert line, "the monitor ended"
+            if "starting" not in line:
+                found.append(line)
+        return found
+
+    def end(self, signal_number: int | None = None) -> tuple[int, list[str]]:
+        """Exit status and the lines on standard error."""
+        if signal_number is not None:
+            self.process.send_signal(signal_number)
+        _, errors = self.process.communicate(timeout=DEADLINE_S)
+        return self.process.returncode, errors.splitlines()
+
+    def close(self) -> None:
+        self._deadline.cancel()
+        self.process.kill()
+        self.process.communicate()
+        self.hang_up()
+
+    def hang_up(self) -> None:
+        for fd in (self._slave, self._master):
+            with suppress(OSError):
+                os.close(fd)
+
+
+@pytest.fixture
+def monitored(request: pytest.FixtureRequest) -> Iterator[Monitored]:
+    monitor = Monitored(*getattr(request, "param", ()))
+    yield monitor
+    monitor.close()
+
+
+@pytest.mark.parametrize("monitored", [["--json"]], indirect=True)
+def test_json_lines_are_the_vectors_of_the_page(monitored: Monitored) -> None:
+    """One object a message, with the page's keys and values, as soon as it has come."""
+    monitored.send(*(v.frame for v in VECTORS))
+    for line, vector in zip(monitored.lines(len(VECTORS)), VECTORS, strict=True):
+        said, wanted = json.loads(line), dict(vector.values)
+        quaternion = said.pop("quaternion_wxyz", None)
+        assert quaternion == pytest.approx(wanted.pop("quaternion_wxyz", None), abs=1 / 32767)
+        assert said == wanted
+
+
+def test_text_lines_show_what_matters(monitored: Monitored) -> None:
+    """A marker, a fix, a status with its reason."""
+    chosen = {v.name: v for v in VECTORS}
+    monitored.send(*(chosen[name].frame for name in ("marker", "marker, uncalibrated", "fix", "status")))
+    marker, uncalibrated, fix, status = monitored.lines(4)
+    assert marker.startswith("marker    7  xyz +0.1234 -0.0500 +2.0000 ± 0.0012 0.0031 0.0100 m  wxyz +0.60")
+    assert "no pose" in uncalibrated
+    assert "uncalibrated" in uncalibrated
+    assert "heading -73.7°  panels 2  age 16.7 ms" in fix
+    assert "running, no fix: no panel" in status
+
+
+def test_the_summary_counts_lost_and_bad_packets(monitored: Monitored) -> None:
+    """Two numbers are missing, a frame is damaged; Ctrl-C ends it with status 0."""
+    status = StatusMessage(state=State.RUNNING, no_fix=NoFix.NO_PANEL)
+    last = monitored.sequence
+    damaged = bytearray(encode(status, last))
+    damaged[8] ^= 1
+    whole = [encode(status, last + n) for n in (1, 4, 5)]
+    monitored.send(whole[0], whole[1], bytes(damaged), whole[2])
+    monitored.lines(3)
+    code, errors = monitored.end(signal.SIGINT)
+    assert code == 0
+    assert errors[-1].endswith(" packets, 2 lost, 1 bad (crc 1)")
+
+
+def test_sigterm_ends_it_as_ctrl_c_does(monitored: Monitored) -> None:
+    """A script's background job cannot be sent Ctrl-C."""
+    code, errors = monitored.end(signal.SIGTERM)
+    assert code == 0
+    assert " packets, 0 lost, 0 bad" in errors[-1]
+
+
+def test_a_hang_up_ends_it_cleanly(monitored: Monitored) -> None:
+    """The other end of the pty is gone: said so, summary, status 0, no traceback."""
+    monitored.hang_up()
+    code, errors = monitored.end()
+    assert code == 0
+    assert errors[0] == f"{monitored.path}: the other end hung up"
+    assert " packets, 0 lost, 0 bad" in errors[1]
+    assert len(errors) == 2
+
+
+def test_it_ends_after_the_given_time() -> None:
+    """A silent line: no output, a summary."""
+    master, slave = os.openpty()
+    done = run(os.ttyname(slave), "--seconds", "0.2")
+    os.close(master)
+    os.close(slave)
+    assert (done.returncode, done.stdout) == (0, "")
+    assert done.stderr == "0 packets, 0 lost, 0 bad\n"
+
+
+@pytest.mark.parametrize(
+    ("port", "why"),
+    [("/dev/no-such-port", "no such file or directory"), (str(ROOT / "pyproject.toml"), "not a serial port")],
+    ids=["absent", "a file"],
+)
+def test_a_port_that_cannot_be_opened_is_one_line_and_status_2(port: str, why: str) -> None:
+    """The port, what is wrong with it, and no traceback."""
+    done = run(port)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == f"ledpi: {port}: cannot be opened: {why}\n"
+
+
+def test_mavlink_is_named_and_status_2() -> None:
+    """Not shown as so many bad packets: one frame of MAVLink 2 after another tells."""
+    heartbeat = bytes.fromhex("fd 09 00 00 00 01 c4 00 00 00 00 00 00 00 12 08 00 04 03 5c 4b")
+    master, slave = os.openpty()
+    tty.setraw(master)
+    process = subprocess.Popen([*COMMAND, os.ttyname(slave)], cwd=ROOT, text=True, stderr=subprocess.PIPE)
+    while process.poll() is None:
+        os.write(master, heartbeat)
+        time.sleep(0.05)
+    assert process.stderr is not None
+    (line,) = process.stderr.read().splitlines()
+    process.stderr.close()
+    os.close(master)
+    os.close(slave)
+    assert process.returncode == 2
+    assert "carries MAVLink" in line
+    assert "serial.protocol: ledpi" in line
+
+
+def test_help_shows_an_example() -> None:
+    """As every command's."""
+    done = run("--help")
+    assert done.returncode == 0
+    assert "Example: ledpi monitor\n" in done.stdout

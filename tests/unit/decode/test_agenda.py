@@ -1,0 +1,97 @@
+"""Which candidates of a stream are looked at in which frame."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ledpi.decode.agenda import SEARCH_EVERY, Agenda
+from ledpi.decode.proposals import Candidate
+from tests.builders.decode import square
+
+
+def candidates(*places: tuple[float, float], side: float = 40.0) -> list[Candidate]:
+    return [Candidate.from_corners(square(x, y, side)) for x, y in places]
+
+
+ROW = [(60.0 + 50 * n, 200.0) for n in range(10)]
+
+
+def looked_at(agenda: Agenda, proposed: list[Candidate], budget: int) -> list[int]:
+    """Which of them a frame looks at, that can look at so many."""
+    agenda.is_due(all_detected=False)
+    order = agenda.schedule(proposed)[:budget]
+    for candidate in order:
+        agenda.tried(candidate)
+    return [next(k for k, one in enumerate(proposed) if one is candidate) for candidate in order]
+
+
+def test_the_first_frame_takes_the_best_first() -> None:
+    """In the order in which they were proposed, all of them, each once."""
+    proposed = candidates(*ROW)
+    assert looked_at(Agenda(), proposed, budget=99) == list(range(10))
+
+
+def test_the_best_is_looked_at_in_every_frame() -> None:
+    """However often it was in vain: a panel may be hidden now and then."""
+    agenda, proposed = Agenda(), candidates(*ROW)
+    assert [looked_at(agenda, proposed, budget=2)[0] for _ in range(6)] == [0] * 6
+
+
+@pytest.mark.parametrize("budget", [2, 3, 4])
+def test_everybody_gets_a_turn(budget: int) -> None:
+    """Every other look is by turn: ten candidates are all looked at within ten halves of the budget, and again."""
+    agenda, proposed = Agenda(), candidates(*ROW)
+    frames = -(-10 // (budget // 2))
+    for _ in range(2):
+        seen = {k for _ in range(frames) for k in looked_at(agenda, proposed, budget)}
+        assert seen == set(range(10))
+
+
+def test_who_waited_longest_comes_first() -> None:
+    """After three of five were looked at, the fourth; the fifth; then the second again."""
+    agenda, proposed = Agenda(), candidates(*ROW[:5])
+    assert looked_at(agenda, proposed, budget=3) == [0, 1, 2]
+    assert [looked_at(agenda, proposed, budget=2)[1] for _ in range(3)] == [3, 4, 1]
+
+
+def test_a_new_place_comes_before_those_that_were_tried() -> None:
+    """Though it is the worst proposal of all."""
+    agenda, proposed = Agenda(), candidates(*ROW[:5])
+    looked_at(agenda, proposed, budget=99)
+    assert looked_at(agenda, [*proposed, *candidates((300.0, 400.0))], budget=2) == [0, 5]
+
+
+def test_places_are_recognised_although_they_move() -> None:
+    """By a tenth of the side from frame to frame."""
+    agenda = Agenda()
+    assert looked_at(agenda, candidates(*ROW[:4]), budget=2) == [0, 1]
+    assert looked_at(agenda, candidates(*((x + 4, y) for x, y in ROW[:4])), budget=2) == [0, 2]
+    assert looked_at(agenda, candidates(*((x + 8, y) for x, y in ROW[:4])), budget=2) == [0, 3]
+
+
+def test_where_nothing_was_proposed_again_is_forgotten() -> None:
+    """What comes back later is new, and comes before what was tried since."""
+    agenda, proposed = Agenda(), candidates(*ROW[:4])
+    looked_at(agenda, proposed, budget=99)
+    looked_at(agenda, proposed[:3], budget=99)
+    assert looked_at(agenda, proposed, budget=2) == [0, 3]
+    assert looked_at(agenda, [], budget=2) == []
+    assert looked_at(agenda, proposed, budget=99) == [0, 1, 2, 3]
+
+
+def test_the_picture_is_searched_every_third_frame_while_all_panels_are_seen() -> None:
+    """And in each frame in which one is not; the first is searched anyway."""
+    agenda = Agenda()
+    assert [agenda.is_due(all_detected=True) for _ in range(7)] == [True, False, False, True, False, False, True]
+    assert [agenda.is_due(all_detected=False) for _ in range(3)] == [True] * 3
+    assert [agenda.is_due(all_detected=True) for _ in range(SEARCH_EVERY)] == [False, False, True]
+
+
+def test_what_was_tried_is_kept_small() -> None:
+    """However long a stream is: as many places as were proposed."""
+    agenda, rng = Agenda(), np.random.default_rng(1)
+    for _ in range(50):
+        proposed = candidates(*rng.uniform(50, 400, (8, 2)).tolist())
+        looked_at(agenda, proposed, budget=99)
+    assert len(agenda._turns) < 100

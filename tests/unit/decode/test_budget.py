@@ -1,0 +1,142 @@
+"""What a frame may spend: the worst pictures stay within it, and what it cannot look at has its turn."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import threading
+import time
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from ledpi.camera.simulated import open_simulated
+from ledpi.config.settings import load_config
+from ledpi.core.records import Decoded, Floats, Frame
+from ledpi.pipeline.pipeline import STREAM_BUDGET, Pipeline
+from ledpi.runtime.daemon import Daemon
+from ledpi.runtime.pacing import LEAST, MOST, SHARE, Pacing
+from tests.builders.daemon import SIMULATED, controller
+from tests.builders.decode import PINHOLE, Bits, Canvas, camera_info, panel_settings, square, word
+
+RATE_HZ = 30
+CANDIDATE = 40_000  # places that a fit takes which goes on as long as it may
+FOLLOWED, NEW = (square(200.3, 150.6, 90, 4), word(7)), (square(450.3, 310.6, 50, -5), word(23))
+COMES = 4  # frames after which NEW is in view
+
+
+def crowded(*panels: tuple[Floats, Bits], seq: int) -> Frame:
+    """Panels, with room around them, among 128 white squares."""
+    canvas = Canvas()
+    for row, column in np.ndindex(8, 16):
+        canvas.light[60 * row + 12 : 60 * row + 48, 40 * column + 8 : 40 * column + 32] = 0.4
+    for corners, cells in panels:
+        around = np.rint(1.25 * corners - 0.25 * corners.mean(axis=0)).astype(int)
+        (left, top), (right, bottom) = around.min(axis=0), around.max(axis=0)
+        canvas.light[top:bottom, left:right] = 0.03
+        canvas.panel(corners, cells, start_us=1e6 * seq / RATE_HZ)
+    return dataclasses.replace(canvas.frame(seq, seq=seq), row0_readout_ns=round(1e9 + 1e9 * seq / RATE_HZ))
+
+
+def stream() -> Pipeline:
+    return Pipeline(camera_info(), panel_settings(), intrinsics=PINHOLE, stream=True)
+
+
+def ids(decoded: Decoded) -> set[int]:
+    return {marker.detection.id for marker in decoded.markers}
+
+
+@pytest.mark.parametrize("budget", [STREAM_BUDGET, 3 * LEAST])
+def test_a_panel_is_followed_beside_128_squares(budget: int) -> None:
+    """It is read in every frame, and none spends a candidate more than it may."""
+    path = stream()
+    path.search_budget = budget
+    for seq in range(10):
+        before = path.spent
+        assert ids(path.decode(crowded(FOLLOWED, seq=seq))) == {7}
+        assert path.spent - before <= budget + CANDIDATE
+
+
+def test_a_panel_that_comes_among_128_squares_is_read_within_a_second() -> None:
+    """By the budget that a stream begins with, while another panel is followed."""
+    path = stream()
+    for seq in range(COMES):
+        path.decode(crowded(FOLLOWED, seq=seq))
+    later = (ids(path.decode(crowded(FOLLOWED, NEW, seq=seq))) for seq in range(COMES, COMES + RATE_HZ))
+    assert any(seen == {7, 23} for seen in later)
+
+
+def test_no_result_depends_on_the_clock(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same frames and budget give the same, bit by bit, though an hour passes with every look at the clock."""
+    frames = [crowded(FOLLOWED, NEW, seq=seq) for seq in range(6)]
+    one, other = stream(), stream()
+    first = [one.decode(frame) for frame in frames]
+    hours = itertools.count(step=3600.0)
+    for clock in ("perf_counter", "monotonic", "time"):
+        monkeypatch.setattr(time, clock, lambda: next(hours))
+    second = [other.decode(frame) for frame in frames]
+    monkeypatch.undo()
+    assert one.spent == other.spent
+    assert [told(decoded) for decoded in first] == [told(decoded) for decoded in second]
+
+
+def told(decoded: Decoded) -> object:
+    """All of a frame's result but the times that it took."""
+    markers = [(m.detection.id, m.detection.corners_px.tobytes(), m.detection.margin) for m in decoded.markers]
+    return markers, [rejected.key for rejected in decoded.rejected]
+
+
+# ---- The budget that follows from how long frames take
+
+
+def after(pacing: Pacing, frames: int, *, spent: int, took_ms: float) -> list[int]:
+    return [pacing.budget_after(spent, took_ms) for _ in range(frames)]
+
+
+def test_a_budget_follows_from_how_long_frames_take() -> None:
+    """On a processor that is throttled to a third it falls to a third, within seconds, and rises again after."""
+    pacing = Pacing(period_ms=1e3 / RATE_HZ)
+    fast = after(pacing, 100, spent=100_000, took_ms=30.0)
+    slow = after(pacing, 100, spent=100_000, took_ms=90.0)
+    again = after(pacing, 100, spent=100_000, took_ms=30.0)
+    assert fast[-1] == pytest.approx(SHARE * 1e3 / RATE_HZ / 0.0003, rel=0.01)
+    assert slow == sorted(slow, reverse=True)
+    assert slow[-1] == pytest.approx(fast[-1] / 3, rel=0.05)
+    assert again == sorted(again)
+    assert again[-1] == pytest.approx(fast[-1], rel=0.05)
+
+
+@pytest.mark.parametrize(("took_ms", "budget"), [(1e9, LEAST), (0.0, MOST)])
+def test_a_budget_has_limits(took_ms: float, budget: int) -> None:
+    """However long frames take, or short."""
+    assert after(Pacing(period_ms=1e3 / RATE_HZ), 200, spent=100_000, took_ms=took_ms)[-1] == budget
+
+
+def test_a_frame_that_had_nothing_to_look_at_says_nothing() -> None:
+    """Nor much one that had little: its time is that of finding, and of the pose."""
+    pacing = Pacing(period_ms=1e3 / RATE_HZ)
+    before = after(pacing, 1, spent=100_000, took_ms=30.0)
+    assert after(pacing, 100, spent=0, took_ms=20.0)[-1:] == before
+    assert after(pacing, 3, spent=100, took_ms=20.0)[-1] > 0.6 * before[0]
+
+
+@pytest.mark.parametrize("lossless", [False, True])
+def test_a_daemon_whose_frames_take_long_searches_less(lossless: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each frame says that it took a minute. Where capture waits for the decoder, there is no hurry."""
+    decode, budgets = Pipeline.decode, []
+
+    def slow(pipeline: Pipeline, frame: Frame, *, on_partial: Callable[[Decoded], None]) -> Decoded:
+        budgets.append(pipeline.search_budget)
+        return dataclasses.replace(decode(pipeline, frame, on_partial=on_partial), stage_ms={"find": 60_000.0})
+
+    monkeypatch.setattr(Pipeline, "decode", slow)
+    with controller() as line:
+        config = load_config(None, (*SIMULATED, f"serial.port={line.port}"))
+        daemon = Daemon(config, open_simulated(config, paced=True), lossless=lossless)
+        threading.Timer(1.5, daemon.stop).start()
+        daemon.run()
+        line.close()
+    assert len(budgets) > 2
+    assert budgets[0] == STREAM_BUDGET
+    assert budgets[-1] == (STREAM_BUDGET if lossless else LEAST)

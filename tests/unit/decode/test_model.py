@@ -1,0 +1,234 @@
+"""The fit of a panel's whole picture, held to pictures drawn by the same equation in other code."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ledpi.core.records import Floats, Rejected
+from ledpi.decode.model.fit import Effort, Fitted, Fitter
+from ledpi.decode.model.light import Window
+from ledpi.decode.model.prior import BESIDE, BLUR, COMMON, DARK, GAP, OWN, PHASE, RIM, SHAPE
+from tests.builders.decode import LENS, PHASES, SPEC, TRUE_10_MS_US, Canvas, reason, seen_through, square, word
+from tests.builders.model import Panel, nees, places_of, window_of
+
+FITTER = Fitter(4, None)
+WHOLE, ONE_STEP = Effort(rounds=10, reweightings=2), Effort(rounds=1, phasing=False)
+TRUE = square(80.3, 80.6, 100, 12)
+OBLIQUE = np.array([[40.3, 20.6], [111.7, 32.2], [112.1, 127.4], [39.8, 141.9]])
+OFF_PX = np.array([[1.0, -1.0], [-1.0, 0.0], [0.5, 1.0], [0.0, -1.0]])
+EXPOSURES_US = (TRUE_10_MS_US, 600.0, 150.0)
+
+
+def fitted(panel: Panel, window: Window, near: Floats, effort: Effort = WHOLE, known: Floats | None = None) -> Fitted:
+    fit = FITTER.fit(panel.frame(), window, near, SPEC, effort, known)
+    assert isinstance(fit, Fitted), reason(fit)
+    return fit
+
+
+@pytest.mark.parametrize("corners", [TRUE, square(80.3, 80.6, 50, 30), square(80.3, 80.6, 36, 40), OBLIQUE])
+def test_corners_are_where_the_equation_has_them(corners: Floats) -> None:
+    """From a pixel off, at 10 ms: to a thirtieth of a pixel, which is what interpolating between pixels costs."""
+    panel = Panel(corners=corners)
+    fit = fitted(panel, window_of(panel.light()), corners + OFF_PX, Effort(rounds=12))
+    assert np.abs(fit.lattice_px - corners).max() < 1 / 30
+    assert fit.explained > 0.99
+
+
+@pytest.mark.parametrize(("exposure_us", "within_px"), [(600.0, 0.025), (150.0, 0.05)])
+def test_deep_bands_do_not_move_corners(exposure_us: float, within_px: float) -> None:
+    """Root mean square over eight places and phases; a band's edge is 4 rows wide at 150 µs, and pixels smooth it."""
+    errors = []
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        corners = square(*rng.uniform(80, 81, 2), 100, 12)
+        black, white = rng.random(2)
+        panel = Panel(corners=corners, exposure_us=exposure_us, phases=(black, white))
+        errors.append(fitted(panel, window_of(panel.light()), corners + OFF_PX).lattice_px - corners)
+    assert np.sqrt(np.mean(np.square(errors))) < within_px
+
+
+def test_what_is_lit_ends_within_the_lattice_by_the_rim() -> None:
+    """By 3 % of a cell to the left, and by 6 % below."""
+    panel = Panel(corners=TRUE, rim=(0.03, 0.0, 0.0, 0.06))
+    fit = fitted(panel, window_of(panel.light()), TRUE + OFF_PX)
+    across, down = places_of(TRUE, fit.corners_px)
+    np.testing.assert_allclose(across, [0.03, 4.0, 4.0, 0.03], atol=2e-3)
+    np.testing.assert_allclose(down, [0.0, 0.0, 3.94, 3.94], atol=2e-3)
+
+
+def test_blur_gap_gains_and_what_is_beside_are_told() -> None:
+    """Each as it was drawn; the blur with what interpolation adds, a sixth of a square pixel."""
+    gains = np.random.default_rng(2).uniform(0.7, 1.3, (4, 4))
+    panel = Panel(corners=TRUE, blur_px=1.0, gap=0.12, hot=0.2, gains=gains, beside=(0.1, 0.3, 0.05, 0.2), dark=0.05)
+    unknown = fitted(panel, window_of(panel.light()), TRUE + OFF_PX).unknown
+    assert np.exp(unknown[BLUR]) == pytest.approx(np.sqrt(1.0 + 1 / 6), rel=0.03)
+    assert unknown[GAP] == pytest.approx(0.12, abs=0.01)
+    np.testing.assert_allclose(unknown[[SHAPE, SHAPE + 2]], 0.2, atol=0.01)  # first harmonics across and down
+    np.testing.assert_allclose(unknown[COMMON::OWN].reshape(4, 4), gains, rtol=0.02)
+    levels = unknown[BESIDE : BESIDE + 4] + unknown[DARK]
+    np.testing.assert_allclose(levels, [0.13 + 0.02 * n for n in (0, 10, -2.5, 5)], atol=0.02)
+
+
+@pytest.mark.parametrize("exposure_us", EXPOSURES_US)
+def test_phases_and_classes_are_found(exposure_us: float) -> None:
+    """Phases to 2 % of a cycle, of half a cycle at that: a negative wave is one that is half a cycle later.
+
+    Each cell shows its own class's wave, as deep as its light, and none of the other's.
+    """
+    panel = Panel(corners=TRUE, exposure_us=exposure_us)
+    fit = fitted(panel, window_of(panel.light()), TRUE + OFF_PX)
+    off = (np.array(fit.phases) - PHASES + 0.25) % 0.5 - 0.25
+    assert np.abs(off).max() < 0.02
+    own = np.stack([~word(7).ravel(), word(7).ravel()], axis=1)
+    np.testing.assert_allclose(np.abs(fit.mix), own, atol=0.25)
+
+
+STEPS = [
+    *(("blur", BLUR, 0.05), ("gap", GAP, 0.02), ("dark", DARK, 0.03)),
+    *((f"rim {k}", RIM + k, 0.01) for k in range(4)),
+    *((f"shape {k}", SHAPE + k, 0.03) for k in range(8)),
+    *((f"phase {k}", PHASE + k, 0.01) for k in range(2)),
+    *((f"beside {k}", BESIDE + k, 0.05) for k in range(4)),
+    *((name, COMMON + 5 * OWN + k, 0.1) for k, name in enumerate(["gain", "black", "white"])),
+]
+
+
+Solved = tuple[Panel, Window, Fitted, Fitted]
+
+
+@pytest.fixture(scope="module", params=[TRUE_10_MS_US, 150.0])
+def solved(request: pytest.FixtureRequest) -> Solved:
+    """A picture in which all of the unknowns count, its fit, and what one more step makes of that."""
+    gains = np.random.default_rng(2).uniform(0.8, 1.2, (4, 4))
+    panel = Panel(corners=TRUE, exposure_us=request.param, gains=gains, beside=(0.1, 0.2, 0.05, 0.15))
+    window = window_of(panel.light())
+    best = fitted(panel, window, TRUE, Effort(rounds=40))
+    return panel, window, best, fitted(panel, window, best.lattice_px, ONE_STEP, best.unknown)
+
+
+@pytest.mark.parametrize(("at", "by"), [step[1:] for step in STEPS], ids=[step[0] for step in STEPS])
+def test_one_step_undoes_a_wrong_unknown(solved: Solved, at: int, by: float) -> None:
+    """All but a tenth of it, and moves no corner meanwhile: the slope by which the step is found is the true one.
+
+    (Of a phase most of it: the wave's slope is not the same all over the place that it moves to.)
+    """
+    panel, window, best, right = solved
+    wrong = best.unknown.copy()
+    wrong[at] += by
+    step = fitted(panel, window, best.lattice_px, ONE_STEP, wrong)
+    share, within_px = (0.3, 0.05) if at in (PHASE, PHASE + 1) else (0.1, 0.02)
+    assert abs(step.unknown[at] - right.unknown[at]) < share * by
+    assert np.abs(step.lattice_px - right.lattice_px).max() < within_px
+
+
+@pytest.mark.parametrize("coordinate", range(8))
+def test_one_step_undoes_a_wrong_corner(solved: Solved, coordinate: int) -> None:
+    """All but an eighth of 0.3 px."""
+    panel, window, best, right = solved
+    wrong = best.lattice_px.copy()
+    wrong.reshape(8)[coordinate] += 0.3
+    step = fitted(panel, window, wrong, ONE_STEP, best.unknown)
+    assert np.abs(step.lattice_px - right.lattice_px).max() < 0.3 / 8
+
+
+@pytest.mark.parametrize("exposure_us", [TRUE_10_MS_US, 150.0])
+@pytest.mark.parametrize(("side", "hidden"), [(0, 0.03), (1, 0.06), (2, 0.04), (3, 0.05)])
+def test_a_hidden_strip_does_not_move_the_lattice(side: int, hidden: float, exposure_us: float) -> None:
+    """Something dark before a part of one side: what does not fit there weighs little."""
+    fit = hidden_strip(side, hidden, exposure_us)
+    assert np.abs(fit.lattice_px - TRUE).max() < 0.5
+
+
+@pytest.mark.parametrize("exposure_us", [TRUE_10_MS_US, 150.0])
+@pytest.mark.parametrize(("side", "hidden"), [(0, 0.03), (1, 0.06), (2, 0.04), (3, 0.05)])
+def test_a_hidden_strip_is_no_rim(side: int, hidden: float, exposure_us: float) -> None:
+    """A panel's corners are where it ends, not where it ceases to be seen."""
+    fit = hidden_strip(side, hidden, exposure_us)
+    assert np.abs(fit.corners_px - TRUE).max() < 0.5
+
+
+def hidden_strip(side: int, hidden: float, exposure_us: float) -> Fitted:
+    """`hidden` of a panel's side, dark all along it: above, right, below or left."""
+    panel = Panel(corners=TRUE, exposure_us=exposure_us)
+    light = panel.light()
+    down, across = np.indices(light.shape)
+    u, v = (at / 4 for at in places_of(TRUE, np.stack([across, down], axis=-1)))
+    light[(v, 1 - u, 1 - v, u)[side] < hidden] = panel.dark
+    return fitted(panel, window_of(light, noise=0.01), TRUE + OFF_PX)
+
+
+@pytest.mark.parametrize("side", [100, 40])
+@pytest.mark.parametrize("hot_at", [0.53, 0.55])
+def test_light_that_is_off_the_cells_middles_is_in_the_deviation(hot_at: float, side: float) -> None:
+    """The gauge: such a profile may be taken for a panel that lies elsewhere, by three deviations or so."""
+    corners = square(80.3, 80.6, side, 12)
+    panel = Panel(corners=corners, hot_at=hot_at)
+    assert np.sqrt(nees(fitted(panel, window_of(panel.light(), noise=0.02), corners + 0.2), corners) / 8) < 3.5
+
+
+@pytest.mark.parametrize("blinks", [True, False])
+@pytest.mark.parametrize("exposure_us", [TRUE_10_MS_US, 2000.0, *EXPOSURES_US[1:]])
+def test_a_steady_square_is_without_bands(exposure_us: float, blinks: bool) -> None:
+    """And a panel is not, be its bands 8 % deep."""
+    panel = Panel(corners=TRUE, exposure_us=exposure_us, blinks=blinks)
+    window = window_of(panel.light(), noise=0.02)
+    first = fitted(panel, window, TRUE + 0.5, Effort(rounds=8, phasing=False))
+    effort = Effort(rounds=10, must_blink=True)
+    then = FITTER.fit(panel.frame(), window, first.lattice_px, SPEC, effort, first.unknown)
+    assert isinstance(then, Fitted) if blinks else reason(then) == "fit.no_bands"
+
+
+def test_a_lens_bends_the_whole_picture() -> None:
+    """Near the picture's corner, where a panel without it is off by a quarter of a pixel."""
+    straight = square(520.0, 380.0, 170.0, 5)
+    canvas = Canvas()
+    canvas.panel(straight, word(7), lens=LENS)
+    true, frame = seen_through(LENS, straight), canvas.frame()
+    window = Window.crop(frame, true, 0.1)
+    assert window is not None
+    with_lens, without = (Fitter(4, lens).fit(frame, window, true + 1.0, SPEC, WHOLE) for lens in (LENS, None))
+    assert isinstance(with_lens, Fitted)
+    assert isinstance(without, Fitted)
+    assert np.abs(with_lens.corners_px - true).max() < 0.1
+    assert np.abs(without.corners_px - true).max() > 0.2
+
+
+@pytest.mark.parametrize("corners", [np.full((4, 2), 80.0), TRUE[[0, 2, 1, 3]], TRUE + 1e6])
+def test_corners_that_are_none_come_to_nothing(corners: Floats) -> None:
+    """Without an area, folded, or far from the picture."""
+    panel = Panel(corners=TRUE)
+    fit = FITTER.fit(panel.frame(), window_of(panel.light()), corners, SPEC, WHOLE)
+    assert isinstance(fit, Rejected) or fit.explained < 0.5
+
+
+# ---- The window
+
+
+def test_a_window_is_linear_light() -> None:
+    """A pixel of sRGB's 188 is half as bright as one of 255; where the window begins, its first pixel lies."""
+    canvas = Canvas(background=0.5)
+    canvas.lamp(square(300, 200, 60), 0.9)
+    window = Window.crop(canvas.frame(None), square(300, 200, 60), 0.1)
+    assert window is not None
+    assert window.first == (261.0, 161.0)
+    assert window.shrink == 1
+    assert window.light[0, 0] == pytest.approx(0.5, abs=0.01)
+    assert (window.dark, window.bright) == (pytest.approx(0.5, abs=0.01), pytest.approx(0.9, abs=0.01))
+
+
+def test_a_near_panel_is_averaged_down() -> None:
+    """Of 300 px, by four; the first pixel's centre is the mean of the sixteen that it is of."""
+    canvas = Canvas()
+    canvas.panel(square(320, 240, 300), word(7))
+    window = Window.crop(canvas.frame(), square(320, 240, 300), 0.1)
+    assert window is not None
+    assert window.shrink == 4
+    assert window.first == (137 + 1.5, 57 + 1.5)
+
+
+def test_where_nothing_is_brighter_there_is_no_window() -> None:
+    """In the dark, on an even wall, and beyond the picture."""
+    assert Window.crop(Canvas(background=0.0).frame(None), square(300, 200, 60), 0.1) is None
+    assert Window.crop(Canvas(background=0.3).frame(None), square(300, 200, 60), 0.1) is None
+    assert Window.crop(Canvas().frame(None), square(2000, 200, 60), 0.1) is None

@@ -1,0 +1,115 @@
+"""What a track tells once a frame has been misunderstood: such a frame is not remembered with those that add up."""
+
+from __future__ import annotations
+
+import pytest
+
+from ledpi.core.records import Floats, Frame, Rejected
+from ledpi.decode.history import History, Identity
+from ledpi.decode.identify.codebook import Codebook
+from ledpi.decode.identify.decision import FALSE_ID_RATE
+from ledpi.decode.reader import Reader
+from ledpi.markers.dictionaries import load_dictionary
+from tests.builders.decode import FRAME_ROWS, ROW_TIME_US, SPEC, Canvas, reason, square, word
+from tests.builders.samples import samples_of
+
+NEAR, FAR, FARTHER = (square(300.3, 200.6, side, 8.0) for side in (75, 36, 20))
+
+
+def panel_frame(seq: int, corners: Floats, marker_id: int = 7) -> Frame:
+    """Frame `seq` of a panel there."""
+    canvas = Canvas()
+    canvas.panel(corners, word(marker_id), start_us=seq * FRAME_ROWS * ROW_TIME_US)
+    return canvas.frame(seed=seq, seq=seq)
+
+
+def reader_at(false_id_rate: float) -> Reader:
+    dictionary = load_dictionary("DICT_4X4_50")
+    return Reader([Codebook.build(list(range(50)), dictionary, SPEC)], false_id_rate)
+
+
+@pytest.fixture
+def reader() -> Reader:
+    return reader_at(FALSE_ID_RATE)
+
+
+def read_id(identity: Identity | Rejected) -> int | str:
+    return identity.reading.id if isinstance(identity, Identity) else reason(identity)
+
+
+def further(reader: Reader, history: History, frame: Frame, where: Floats) -> tuple[History, Identity | Rejected]:
+    """What is known once a frame was looked at there, and what it was read as."""
+    samples = samples_of(frame, where)
+    outcome = reader.read(history, samples, frame)
+    return reader.prepare_next(outcome.history, samples, frame), outcome.identity
+
+
+@pytest.mark.parametrize(("corners", "frames"), [(NEAR, 3), (FAR, 6)])
+def test_a_square_that_was_taken_elsewhere_once_does_not_outlast_its_frame(
+    reader: Reader, corners: Floats, frames: int
+) -> None:
+    """Half a cell aside, as where its bezel was followed; of the far panel no frame alone could tell it."""
+    history = History.empty((SPEC,))
+    for seq in range(frames):
+        history, read = further(reader, history, panel_frame(seq, corners), corners)
+    assert read_id(read) == 7
+    aside = corners + (corners[1] - corners[0]) / 5
+    history, read = further(reader, history, panel_frame(frames, corners), aside)
+    assert isinstance(read, Rejected)
+    history, read = further(reader, history, panel_frame(frames + 1, corners), corners)
+    assert read_id(read) == 7
+
+
+def test_while_nothing_adds_up_each_frame_still_speaks_for_itself(reader: Reader) -> None:
+    """Half of what is looked at is the wall, for six frames; then it is the panel again, and its ID is told at once."""
+    history = History.empty((SPEC,))
+    for seq in range(10):
+        hidden = 3 <= seq < 9
+        where = NEAR + (NEAR[1] - NEAR[0]) / 2 if hidden else NEAR
+        history, read = further(reader, history, panel_frame(seq, NEAR), where)
+        assert isinstance(read, Rejected) if hidden else read_id(read) == 7
+
+
+def test_of_frames_that_told_nothing_from_the_first_the_next_good_one_tells_within_eight(reader: Reader) -> None:
+    """What came out from behind something was not read before, and five frames of it were of something else."""
+    history = History.empty((SPEC,))
+    for seq in range(5):
+        history, read = further(reader, history, panel_frame(seq, NEAR), NEAR + (NEAR[1] - NEAR[0]) / 2)
+        assert isinstance(read, Rejected)
+    for seq in range(5, 13):
+        history, read = further(reader, history, panel_frame(seq, NEAR), NEAR)
+    assert read_id(read) == 7
+
+
+def test_a_frame_that_tells_nothing_is_left_out_of_what_was_known(reader: Reader) -> None:
+    """Three frames have shown a panel; a fourth was taken a cell aside, in the fifth it is there again."""
+    history = History.empty((SPEC,))
+    for seq in range(3):
+        history, _ = further(reader, history, panel_frame(seq, NEAR), NEAR)
+    uninformative, _ = further(reader, history, panel_frame(3, NEAR), NEAR + (NEAR[1] - NEAR[0]) / 4)
+    assert uninformative.memories is history.memories
+    assert (uninformative.uninformative, uninformative.last, uninformative.identity) == (1, history.last, None)
+    told, _ = further(reader, uninformative, panel_frame(4, NEAR), NEAR)
+    assert told.uninformative == 0
+    assert told.identity is not None
+
+
+@pytest.mark.parametrize(("marker_id", "still"), [(7, 7), (8, "identify.not_in_dictionary")])
+def test_what_was_read_stays_so_by_less_than_a_first_reading_asks_for(marker_id: int, still: int | str) -> None:
+    """So noise does not make it come and go. Three frames leave panel 7 30 nats, of 43 that are asked for.
+
+    Had they been read as another one before, nothing would be told.
+    """
+    reader, strict = reader_at(1e-3), reader_at(1e-20)
+    history = History.empty((SPEC,))
+    for seq in range(2):
+        frame = panel_frame(seq, FARTHER)
+        history = reader.read(history, samples_of(frame, FARTHER), frame).history
+    assert history.identity is not None
+    last = history.identity._replace(reading=history.identity.reading._replace(id=marker_id))
+    frame = panel_frame(2, FARTHER)
+    assert read_id(strict.read(history.identify_as(last), samples_of(frame, FARTHER), frame).identity) == still
+    assert (
+        read_id(strict.read(history.clear_identity(), samples_of(frame, FARTHER), frame).identity)
+        == "identify.not_in_dictionary"
+    )

@@ -1,0 +1,217 @@
+"""Tracks: which lit square of a frame continues which of the last, and for how long one is remembered."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ledpi.core.records import Floats
+from ledpi.decode.history import Identity
+from ledpi.decode.identify.decision import Reading
+from ledpi.decode.track import Track, Tracker
+from tests.builders.decode import SPEC, quad, square
+
+FRAME_NS = 16_970_000  # 504 rows of 33.67 µs
+PLACE = square(300, 200, 60)
+SHOWN = Identity(
+    group=0,
+    reading=Reading(
+        id=7, quarter_turns=0, margin=20.0, likelihood=20.0, amplitude=(0.1, 0.1), cell_bands=np.zeros((16, 4))
+    ),
+)
+
+
+def follow(tracker: Tracker, number: int, *corners: Floats) -> list[Track]:
+    """The track of each square of frame `number`, in the order of the squares."""
+    tracker.begin_frame(number * FRAME_NS)
+    followed = tracker.associate([quad(c) for c in corners])
+    assert len(followed) == len(corners)
+    by_place = {tuple(q.corners_px.mean(axis=0).round(6)): track for q, track in followed}
+    return [by_place[tuple(c.mean(axis=0).round(6))] for c in corners]
+
+
+@pytest.fixture
+def tracker() -> Tracker:
+    return Tracker((SPEC,))
+
+
+def test_a_square_is_followed_where_it_was(tracker: Tracker) -> None:
+    """In the next frame, a little off and a little larger."""
+    (first,) = follow(tracker, 1, PLACE)
+    assert follow(tracker, 2, square(304, 198, 61)) == [first]
+
+
+@pytest.mark.parametrize(
+    "corners", [square(400, 200, 60), square(300, 250, 60), square(300, 200, 90), square(300, 200, 40)]
+)
+def test_elsewhere_or_of_another_size_a_new_track_begins(tracker: Tracker, corners: Floats) -> None:
+    """What is a side away, or half as large again, is another thing."""
+    (first,) = follow(tracker, 1, PLACE)
+    (second,) = follow(tracker, 2, corners)
+    assert second is not first
+
+
+def test_a_track_outlives_frames_that_do_not_show_its_square(tracker: Tracker) -> None:
+    """Something passed in front of it for 0.4 s."""
+    (first,) = follow(tracker, 1, PLACE)
+    for number in range(2, 25):
+        follow(tracker, number)
+    assert follow(tracker, 25, PLACE) == [first]
+
+
+@pytest.mark.parametrize("between", [[], [10, 20, 30]])
+def test_a_track_dies_after_half_a_second(tracker: Tracker, between: list[int]) -> None:
+    """Whether frames came in between, or time jumped as between the takes of a recording."""
+    (first,) = follow(tracker, 1, PLACE)
+    for number in between:
+        follow(tracker, number)
+    (second,) = follow(tracker, 31, PLACE)
+    assert second is not first
+
+
+def test_time_that_does_not_advance_ends_every_track(tracker: Tracker) -> None:
+    """Frames of two moments cannot be at one: whatever went wrong, nothing is carried over."""
+    (first,) = follow(tracker, 5, PLACE)
+    (second,) = follow(tracker, 5, PLACE)
+    (third,) = follow(tracker, 4, PLACE)
+    assert first is not second
+    assert third is not second
+
+
+def test_a_moving_square_is_sought_ahead(tracker: Tracker) -> None:
+    """At 10 px a frame a square of 25 px is two sides further on after five frames unseen."""
+    follow(tracker, 1, square(100, 200, 25))
+    (moving,) = follow(tracker, 2, square(108, 200, 25))
+    assert follow(tracker, 7, square(148, 200, 25)) == [moving]
+
+
+def test_a_moving_square_is_not_sought_where_it_was(tracker: Tracker) -> None:
+    """What stands there now is another one."""
+    follow(tracker, 1, square(100, 200, 25))
+    (moving,) = follow(tracker, 2, square(108, 200, 25))
+    (other,) = follow(tracker, 7, square(108, 200, 25))
+    assert other is not moving
+
+
+def test_two_squares_side_by_side_do_not_swap(tracker: Tracker) -> None:
+    """Both move on by a third of a side, in whichever order they are found."""
+    left, right = follow(tracker, 1, square(200, 200, 40), square(245, 200, 40))
+    assert left is not right
+    assert follow(tracker, 2, square(257, 200, 40), square(212, 200, 40)) == [right, left]
+
+
+def test_a_track_is_continued_once(tracker: Tracker) -> None:
+    """Of two squares near its place the nearer one continues it, the other begins a track of its own."""
+    (first,) = follow(tracker, 1, PLACE)
+    further, nearer = follow(tracker, 2, square(315, 200, 60), square(303, 200, 60))
+    assert nearer is first
+    assert further is not first
+
+
+@pytest.mark.parametrize(("height", "goes_on"), [(1.0, True), (0.85, True), (0.7, False)])
+def test_a_square_that_is_a_third_lower_at_once_is_another(tracker: Tracker, height: float, goes_on: bool) -> None:
+    """As a part of what has jumped aside, which lies where the panel was; nothing turns so far from frame to frame."""
+    (first,) = follow(tracker, 1, PLACE)
+    middle = PLACE.mean(axis=0)
+    (second,) = follow(tracker, 2, middle + (PLACE - middle) * (1.0, height))
+    assert (second is first) is goes_on
+
+
+def test_corners_keep_the_tracks_order(tracker: Tracker) -> None:
+    """A square that turns past 45° is found from another corner on, but its corners stay what they were."""
+    tracker.begin_frame(FRAME_NS)
+    tracker.associate([quad(square(300, 200, 60, 42))])
+    found = square(300, 200, 60, 48)
+    tracker.begin_frame(2 * FRAME_NS)
+    ((followed, _),) = tracker.associate([quad(np.roll(found, 1, axis=0))])
+    np.testing.assert_allclose(followed.corners_px, found)
+
+
+def test_as_many_tracks_come_back_as_squares_went_in(tracker: Tracker) -> None:
+    """None is lost, none is made up; no square gives none."""
+    places = [square(100 + 80 * n, 200, 40) for n in range(5)]
+    assert len({id(track) for track in follow(tracker, 1, *places)}) == 5
+    assert follow(tracker, 2) == []
+
+
+def test_a_square_is_not_followed_twice(tracker: Tracker) -> None:
+    """A frame is searched after its tracks were sought; what the search finds may be one of their squares again."""
+    (first,) = follow(tracker, 1, PLACE)
+    tracker.begin_frame(2 * FRAME_NS)
+    assert tracker.continue_track(first, quad(PLACE)) is not None
+    ((_, beside),) = tracker.associate([quad(PLACE + 0.1), quad(square(400, 200, 60))])
+    assert beside is not first
+    tracker.begin_frame(3 * FRAME_NS)
+    assert tracker.unread_tracks() == [beside, first]
+
+
+def test_two_candidates_for_one_square_make_one_track(tracker: Tracker) -> None:
+    """A bezel and the panel within it lead to the same square, to a hundredth of a pixel; what is larger is another."""
+    tracker.begin_frame(FRAME_NS)
+    assert len(tracker.associate([quad(PLACE), quad(PLACE + 0.01), quad(square(300, 200, 66))])) == 2
+
+
+# Four columns, of which three are PLACE; and a bezel around it.
+AROUND_PLACE = [np.array([[270.0, 170], [350, 170], [350, 230], [270, 230]]), square(300, 200, 66)]
+
+
+@pytest.mark.parametrize("around", AROUND_PLACE)
+def test_a_square_that_was_not_read_does_not_hide_one_around_it(tracker: Tracker, around: Floats) -> None:
+    """It may be a part of a panel; a candidate a pixel off leads to it again."""
+    (first,) = follow(tracker, 1, PLACE)
+    assert tracker.is_followed(PLACE + 1.0)
+    assert not tracker.is_followed(around)
+    ((_, other),) = tracker.associate([quad(around)])
+    assert other is not first
+
+
+@pytest.mark.parametrize("around", AROUND_PLACE)
+def test_a_panel_that_was_read_hides_what_is_around_it(tracker: Tracker, around: Floats) -> None:
+    """Its ID is known, and so is where it is."""
+    (first,) = follow(tracker, 1, PLACE)
+    first.history = first.history.identify_as(SHOWN)
+    assert tracker.is_followed(around)
+    assert tracker.associate([quad(around)]) == []
+
+
+def test_tracks_that_meet_become_one(tracker: Tracker) -> None:
+    """Of a bezel and the panel within it, say, one of which had been told wrongly before."""
+    first, second = follow(tracker, 1, PLACE, square(302, 200, 66))
+    tracker.begin_frame(2 * FRAME_NS)
+    assert tracker.continue_track(first, quad(PLACE)) is not None
+    assert tracker.continue_track(second, quad(PLACE + 0.01)) is None
+    tracker.begin_frame(3 * FRAME_NS)
+    assert tracker.unread_tracks() == [first]
+
+
+def test_what_overlaps_a_panel_is_followed_no_longer(tracker: Tracker) -> None:
+    """However much older it is: a part of the panel, or what is around it."""
+    _, second = follow(tracker, 1, PLACE, square(302, 200, 66))
+    second.history = second.history.identify_as(SHOWN)
+    tracker.begin_frame(2 * FRAME_NS)
+    assert tracker.read_tracks() == [second]
+    assert tracker.continue_track(second, quad(square(302, 200, 66))) is not None
+    assert tracker.unread_tracks() == []
+
+
+def test_panels_are_those_that_the_last_frame_showed(tracker: Tracker) -> None:
+    """What was out of view for a frame is left to a search, and so are squares that were not read."""
+    first, second = follow(tracker, 1, PLACE, square(450, 200, 60))
+    first.history = first.history.identify_as(SHOWN)
+    tracker.begin_frame(2 * FRAME_NS)
+    assert (tracker.read_tracks(), tracker.unread_tracks()) == ([first], [second])
+    tracker.begin_frame(3 * FRAME_NS)
+    assert (tracker.read_tracks(), tracker.unread_tracks()) == ([], [])
+
+
+def test_whether_all_panels_are_seen(tracker: Tracker) -> None:
+    """Of those that were read; without any there are none to see."""
+    tracker.begin_frame(FRAME_NS)
+    assert not tracker.all_detected()
+    first, _ = follow(tracker, 1, PLACE, square(450, 200, 60))
+    first.history = first.history.identify_as(SHOWN)
+    assert tracker.all_detected()
+    tracker.begin_frame(2 * FRAME_NS)
+    assert not tracker.all_detected()
+    assert tracker.continue_track(first, quad(PLACE)) is not None
+    assert tracker.all_detected()

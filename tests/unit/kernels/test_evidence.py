@@ -1,0 +1,278 @@
+"""What the core makes of a panel's cells: held to the equations, written once in numpy, and to the waves themselves."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import cv2
+import numpy as np
+import pytest
+
+from ledpi.core.records import Frame, PanelSpec, Rejected
+from ledpi.core.shutter import square_wave_bands
+from ledpi.decode.cells import CellSamples
+from ledpi.decode.evidence.band_estimate import BandEstimate, estimate_bands
+from ledpi.decode.evidence.classes import band_shares
+from ledpi.decode.evidence.comparison import Mean, compared_evidence
+from ledpi.decode.evidence.evidence import UNFIT, Evidence
+from ledpi.decode.evidence.single_frame import single_evidence, weighed
+from ledpi.decode.evidence.waves import class_waves, square_waves
+from ledpi.decode.identify import codewords
+from ledpi.decode.identify.codebook import Codebook
+from ledpi.decode.identify.first_pass import first_pass
+from ledpi.markers.dictionaries import load_dictionary
+from tests.builders import evidence_reference as reference
+from tests.builders.decode import SPEC, TRUE_10_MS_US, Canvas, diffuser, square, word
+from tests.builders.evidence_reference import word_log_likelihoods
+from tests.builders.samples import samples_of
+
+ANTIPHASE = dataclasses.replace(SPEC, white_hz=SPEC.black_hz, phase="antiphase")
+EXPOSURE_US = {"shallow": TRUE_10_MS_US, "deep": 151.5}
+
+
+def seen(side: float, exposure_us: float = TRUE_10_MS_US, blur_px: float = 0.0) -> tuple[CellSamples, Frame]:
+    """A painted panel whose side is so many pixels; with noise blurred by so much."""
+    corners = square(310.3, 240.6, side, 9)
+    canvas = Canvas(exposure_us=exposure_us)
+    canvas.panel(corners, word(7), profile=diffuser)
+    frame = canvas.frame(seed=1)
+    if blur_px:
+        frame = dataclasses.replace(frame, pixels=cv2.GaussianBlur(frame.pixels, (0, 0), blur_px))
+    samples = samples_of(frame, corners)
+    return samples, frame
+
+
+def with_holes(samples: CellSamples) -> CellSamples:
+    """As if a tenth of the samples were saturated, and one point in all cells."""
+    valid = np.random.default_rng(2).random(samples.light.shape) > 0.1
+    valid[:, 5] = False
+    return dataclasses.replace(samples, valid=valid, light=samples.light * valid)
+
+
+def believed_of(samples: CellSamples, frame: Frame, spec: PanelSpec = SPEC) -> BandEstimate:
+    bands = np.array([0.5, 0.1, 0.3, -0.2][: 2 * len(spec.waves_hz)])
+    return estimate_bands(samples, frame, spec, word(7).ravel(), bands)
+
+
+def assert_alike(
+    samples: CellSamples,
+    frame: Frame,
+    estimate: BandEstimate | None = None,
+    spec: PanelSpec = SPEC,
+    noise_within: float = 1e-2,
+) -> None:
+    """But for the noise, by which all is weighed: that is what is left of the light, the small rest of large sums."""
+    waves = class_waves(samples, frame, spec) if estimate is None else estimate.waves
+    evidence = weighed(samples, waves, estimate)
+    assert evidence is not None
+    score, information = reference.single_frame_evidence(samples, waves, estimate)
+    weight = float(np.einsum("cici->", evidence.information)) / float(np.trace(information))
+    assert weight == pytest.approx(1.0, abs=noise_within)
+    for mine, theirs in ((evidence.score, score), (evidence.information, information)):
+        np.testing.assert_allclose(mine.ravel(), weight * theirs.ravel(), atol=2e-3 * float(np.abs(theirs).max()))
+
+
+@pytest.mark.parametrize("side", [14.0, 40.0, 90.0, 200.0], ids=lambda side: f"{side:.0f} px")
+def test_the_evidence_of_a_picture(side: float) -> None:
+    """At any size: with many neighbours' light at each point, and with little."""
+    assert_alike(*seen(side), noise_within=0.1 if side < 20 else 1e-2)
+
+
+@pytest.mark.parametrize("depth", EXPOSURE_US)
+def test_the_evidence_of_a_second_look(depth: str) -> None:
+    """Where the bands are known already, and hide or show what is static."""
+    samples, frame = seen(90.0, EXPOSURE_US[depth])
+    assert_alike(samples, frame, believed_of(samples, frame))
+
+
+def test_the_evidence_of_one_wave() -> None:
+    """That both classes of an antiphase panel show."""
+    samples, frame = seen(60.0)
+    assert_alike(samples, frame, None, ANTIPHASE)
+    assert_alike(samples, frame, believed_of(samples, frame, ANTIPHASE), ANTIPHASE)
+
+
+def test_the_evidence_of_a_picture_with_holes() -> None:
+    """What is saturated is filled in, in the first look and in the second."""
+    samples, frame = seen(60.0)
+    holes = with_holes(samples)
+    assert_alike(holes, frame)
+    assert_alike(holes, frame, believed_of(holes, frame))
+
+
+def test_light_that_is_no_number_is_no_evidence() -> None:
+    """Nothing that is computed from it passes for one."""
+    samples, frame = seen(40.0)
+    light = samples.light.copy()
+    light[3, 4] = np.nan
+    assert single_evidence(dataclasses.replace(samples, light=light), frame, SPEC) == UNFIT
+
+
+@pytest.mark.parametrize("spec", [SPEC, ANTIPHASE], ids=["two waves", "one wave"])
+@pytest.mark.parametrize("holes", [False, True], ids=["whole", "with holes"])
+def test_the_evidence_of_a_comparison(spec: PanelSpec, *, holes: bool) -> None:
+    """Of a frame with the mean of those before, which some samples were not seen in."""
+    samples, frame = seen(60.0)
+    rng = np.random.default_rng(3)
+    count = np.where(rng.random(samples.light.shape) < 0.05, 0.0, 4.0).astype(np.float32)
+    picture = samples.light / samples.light.mean() * (1 + 0.01 * rng.standard_normal(samples.light.shape, np.float32))
+    mean = Mean(picture=picture, count=count, waves=class_waves(samples, frame, spec, 0.1))
+    given = with_holes(samples) if holes else samples
+    waves = class_waves(given, frame, spec)
+    scale, evidence = compared_evidence(given, frame, spec, waves, mean)
+    true_scale, score, information = reference.compared_evidence(given, waves, mean)
+    assert scale == pytest.approx(true_scale, rel=1e-5)
+    assert isinstance(evidence, Evidence)
+    for mine, theirs in ((evidence.score, score), (evidence.information, information)):
+        np.testing.assert_allclose(mine.ravel(), theirs.ravel(), atol=2e-3 * float(np.abs(theirs).max()))
+
+
+def test_waves_are_cosine_and_sine() -> None:
+    """Of black's bands, then of white's, at the phases that they have some time after the origin."""
+    samples, frame = seen(40.0)
+    since_s = 0.3217
+    seconds = since_s + samples.rows.astype(np.float64) * frame.row_time_us * 1e-6
+    turns = 2 * np.pi * np.array([SPEC.black_hz, SPEC.white_hz])[:, None, None] * seconds
+    expected = np.stack([np.cos(turns[0]), np.sin(turns[0]), np.cos(turns[1]), np.sin(turns[1])])
+    waves = class_waves(samples, frame, SPEC, since_s)
+    np.testing.assert_allclose(waves, expected, atol=5e-4)  # rows are in single precision
+    holes = with_holes(samples)
+    assert not class_waves(holes, frame, SPEC)[:, ~holes.valid].any()
+
+
+@pytest.mark.parametrize("depth", EXPOSURE_US)
+@pytest.mark.parametrize("side", [60.0, 200.0], ids=["far", "near"])
+def test_square_waves(depth: str, side: float) -> None:
+    """What more depth adds, and what a later phase does; but for rows right at an edge of the wave."""
+    samples, frame = seen(side, EXPOSURE_US[depth])
+    for hz in SPEC.waves_hz:
+        ours = square_waves(samples, frame, SPEC, hz, -0.3)
+        cycles = samples.rows.astype(np.float64) * hz * frame.row_time_us * 1e-6 - 0.3
+        theirs = square_wave_bands(cycles, hz, frame.exposure_us, SPEC.duty)
+        np.testing.assert_allclose(ours[0], theirs[0], atol=1e-4)
+        assert np.mean(np.abs(ours[1] - theirs[1]) > 1e-4) < 0.01
+
+
+@pytest.mark.parametrize("spec", [SPEC, ANTIPHASE], ids=["two waves", "one wave"])
+def test_the_likeliest_words(spec: PanelSpec) -> None:
+    """Which they are, in their order, how likely; the best one's bands, and what speaks against it."""
+    samples, frame = seen(60.0)
+    evidence = single_evidence(samples, frame, spec)
+    assert isinstance(evidence, Evidence)
+    white = Codebook.build(list(range(50)), load_dictionary("DICT_4X4_50"), spec).white
+    likelihood, bands, covariance = word_log_likelihoods(evidence, white)
+    order = np.argsort(-likelihood)
+    fit, best = codewords.rank_codewords(evidence, white), order[0]
+    assert fit.codewords[:4] == order[:4].tolist()  # they are put on the list by what each cell tells by itself
+    assert len(fit.codewords) == codewords.SHORTLIST
+    np.testing.assert_allclose(fit.likelihood, likelihood[fit.codewords], rtol=1e-6)
+    assert fit.likelihood == sorted(fit.likelihood, reverse=True)
+    np.testing.assert_allclose(fit.bands, bands[best], rtol=1e-6)
+    np.testing.assert_allclose(fit.deviation, np.sqrt(np.diagonal(covariance[best])), rtol=1e-6)
+    np.testing.assert_allclose(
+        fit.cell_bands, band_shares(white[best].astype(np.float64), bands.shape[1]) * bands[best]
+    )
+    others = np.stack([1 - white[best], np.zeros(16), np.ones(16)])
+    negative, *of_one = word_log_likelihoods(evidence, others)[0]
+    assert (fit.negative, fit.single_class) == pytest.approx((negative, max(of_one)), rel=1e-6)
+    size = evidence.score.size
+    information, score = evidence.information.reshape(size, size), evidence.score.reshape(size)
+    assert fit.of_cells == pytest.approx(0.5 * score @ np.linalg.solve(information, score), rel=1e-2)
+    assert fit.erased is None
+
+
+def test_what_a_cell_gains_by_the_other_class() -> None:
+    """The difference of the quadratic's two values; and of the weakest row, of its cells with their bands and none."""
+    samples, frame = seen(60.0)
+    evidence = single_evidence(samples, frame, SPEC)
+    assert isinstance(evidence, Evidence)
+    fit = codewords.rank_codewords(evidence, Codebook.build([7], load_dictionary("DICT_4X4_50"), SPEC).white)
+
+    def log_likelihood(shown: np.ndarray) -> float:
+        return float((evidence.score * shown).sum() - 0.5 * np.einsum("ci,cidj,dj", shown, evidence.information, shown))
+
+    def changed(cell: int, bands: np.ndarray) -> np.ndarray:
+        return np.where(np.arange(16)[:, None] == cell, bands, fit.cell_bands)
+
+    own = log_likelihood(fit.cell_bands)
+    others = [changed(cell, fit.bands - fit.cell_bands[cell]) for cell in range(16)]
+    gain = [log_likelihood(shown) - own for shown in others]
+    np.testing.assert_allclose(fit.gain, gain, rtol=1e-6)
+    np.testing.assert_allclose(codewords.class_flip_gain(evidence, fit.cell_bands), gain, rtol=1e-6)
+    blinks = np.array([own - log_likelihood(changed(cell, np.zeros(4))) for cell in range(16)]).reshape(4, 4)
+    weakest = min(blinks.sum(axis=0).min(), blinks.sum(axis=1).min())
+    weakest_row = codewords.weakest_row(evidence, fit.cell_bands)
+    assert (fit.weakest_row, weakest_row) == pytest.approx((weakest, weakest), rel=1e-6)
+
+
+@pytest.mark.parametrize("scale", [10.0, 0.01], ids=["surely", "hardly"])
+def test_codewords_beside_erased_cells(scale: float) -> None:
+    """Which cells are erased, and the patterns of the others: of likelihoods too small for a number, too."""
+    samples, frame = seen(200.0)
+    whole = single_evidence(samples, frame, SPEC)
+    assert isinstance(whole, Evidence)
+    score, information = scale * whole.score, scale * whole.information
+    for cell in (3, 9):
+        score[cell] = information[cell] = information[:, :, cell] = 0.0
+    evidence = whole._replace(score=score, information=information)
+    book = Codebook.build(list(range(50)), load_dictionary("DICT_4X4_50"), SPEC)
+    fit = codewords.rank_codewords(evidence, book.white)
+    assert fit.erased is not None
+    assert np.flatnonzero(fit.erased).tolist() == [3, 9]
+    gain = [own for cell, own in enumerate(fit.gain) if cell not in (3, 9)]
+    # One cell or more, and two or more, of independent ones: the product of 1 + ratio, less the first terms.
+    if scale < 1:
+        ratios = np.exp(gain)
+        all_of = np.prod(1 + ratios)
+        assert fit.beyond == pytest.approx(np.log([all_of - 1, all_of - 1 - ratios.sum()]), rel=1e-6)
+    else:
+        assert fit.beyond[1] == pytest.approx(sum(sorted(gain)[-2:]))
+        assert fit.beyond[1] < -600
+
+
+def darkened(samples: CellSamples, part: slice) -> CellSamples:
+    """As if something stood before a part of the sixth cell."""
+    light = samples.light.copy()
+    light[5, part] *= 0.1
+    return dataclasses.replace(samples, light=light)
+
+
+@pytest.mark.parametrize("what", ["plain", "blurred", "deep", "one wave", "with holes", "covered", "unlit"])
+def test_a_first_look_at_once(what: str) -> None:
+    """Is what its steps are; what it leaves to them, too."""
+    samples, frame = seen(60.0, EXPOSURE_US["deep" if what == "deep" else "shallow"], 0.8 if what == "blurred" else 0.0)
+    spec = ANTIPHASE if what == "one wave" else SPEC
+    given = {
+        "with holes": with_holes(samples),
+        "covered": darkened(samples, slice(60)),
+        "unlit": darkened(samples, slice(None)),
+    }.get(what, samples)
+    book = Codebook.build(list(range(50)), load_dictionary("DICT_4X4_50"), spec)
+    looked, steps = first_pass(given, frame, spec, book.white), single_evidence(given, frame, spec)
+    assert not isinstance(looked, Rejected)
+    assert isinstance(steps, Evidence)
+    (evidence, fit), true_fit = looked, codewords.rank_codewords(steps, book.white)
+    atol = 1e-5 * float(np.abs(steps.information).max())
+    np.testing.assert_allclose(evidence.information, steps.information, atol=atol)
+    assert evidence.residual == pytest.approx(steps.residual, rel=1e-5)
+    assert fit.codewords[0] == true_fit.codewords[0]
+    assert fit.likelihood[0] == pytest.approx(true_fit.likelihood[0], rel=1e-4)
+    assert (fit.erased is None) == (true_fit.erased is None) == (what != "unlit")
+
+
+def test_light_that_is_no_number_is_looked_at_in_vain() -> None:
+    """As step by step."""
+    samples, frame = seen(40.0)
+    light = samples.light.copy()
+    light[3, 4] = np.nan
+    white = Codebook.build([7], load_dictionary("DICT_4X4_50"), SPEC).white
+    assert first_pass(dataclasses.replace(samples, light=light), frame, SPEC, white) == UNFIT
+
+
+def test_a_short_list_of_words() -> None:
+    """Of fewer words than are compared exactly, each is there."""
+    samples, frame = seen(60.0)
+    evidence = single_evidence(samples, frame, SPEC)
+    assert isinstance(evidence, Evidence)
+    book = Codebook.build([7], load_dictionary("DICT_4X4_50"), SPEC)
+    assert sorted(codewords.rank_codewords(evidence, book.white).codewords) == [0, 1, 2, 3]

@@ -1,0 +1,63 @@
+"""The core: that it is there, and that it is this one."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ledpi.core.errors import InstallationError
+from ledpi.kernels.library import NONE, check, lib, pointer
+from tests.builders import ROOT
+
+FOLDER = ROOT / "ledpi/kernels"
+
+
+# ---- The build
+
+
+def test_the_core_is_of_its_own_sources(tmp_path: Path) -> None:
+    """After an update that was not installed anew an old core does what older sources say; the error has a remedy."""
+    folder = tmp_path / "kernels"
+    shutil.copytree(FOLDER, folder)
+    check(folder)
+    with (folder / "light.c").open("a") as source:
+        source.write("/* updated */\n")
+    with pytest.raises(InstallationError, match=r"other sources than .*kernels; install ledpi again: .*gcc"):
+        check(folder)
+
+
+def test_without_a_core_the_remedy_is_said() -> None:
+    """In one line, by whatever needs it first."""
+    code = "import sys; sys.modules['ledpi.kernels._core'] = None; import ledpi.decode.cells"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode != 0
+    assert "InstallationError: ledpi's compiled core is not there" in done.stderr.splitlines()[-1]
+
+
+def test_without_a_compiler_the_installation_fails(tmp_path: Path) -> None:
+    """Instead of one that cannot read a panel."""
+    pytest.importorskip("cffi")
+    for name in ("setup.py", "build_core.py"):
+        shutil.copy(ROOT / name, tmp_path)
+    shutil.copytree(FOLDER, tmp_path / "ledpi/kernels", ignore=shutil.ignore_patterns("*.so", "__pycache__"))
+    command = [sys.executable, "setup.py", "build_ext", "--inplace"]
+    environment = {**os.environ, "CC": str(tmp_path / "no-such-compiler")}
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode != 0
+    assert "no-such-compiler" in done.stdout + done.stderr
+
+
+def test_arrays_are_handed_over_by_their_type() -> None:
+    """One of another type, or with gaps, is refused before C sees it."""
+    numbers = np.zeros(4)
+    with pytest.raises(TypeError, match="float"):
+        lib.ledpi_waves(pointer(numbers), 4, 0.1, 0.0, pointer(numbers), pointer(numbers))
+    with pytest.raises(ValueError, match="contiguous"):
+        pointer(numbers[::2])
+    assert pointer(None) == NONE

@@ -1,0 +1,198 @@
+"""Where the robot is, from mapped panels: as exact as the corners, as honest as the map, none rather than wrong."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from ledpi.core.geometry import rotation_angle_deg
+from ledpi.core.records import Floats, RobotFix
+from tests.builders.map import MOUNT, WALL, Driver, errors, panel, pose, seen_corners, with_errors
+
+BASE = pose((0.3, -0.1, 0.0), 3.0)
+
+
+def fix_of(answer: tuple[object, RobotFix | str | None]) -> RobotFix:
+    fix = answer[1]
+    assert isinstance(fix, RobotFix), fix
+    return fix
+
+
+def scenes(count: int, seed: int) -> Iterator[tuple[Floats, dict[int, Floats]]]:
+    """Robots about the map's origin, with all three panels in the picture, and what they see of each."""
+    rng = np.random.default_rng(seed)
+    while count:
+        base = pose((rng.uniform(-0.6, 0.6), rng.uniform(-0.3, 0.3), 0.0), rng.uniform(-5, 8))
+        exact = {i: seen_corners(base, place) for i, place in WALL.items()}
+        if all(((c > 2) & (c < (637, 477))).all() for c in exact.values()):
+            count -= 1
+            yield base, {i: with_errors(c, rng) for i, c in exact.items()}
+
+
+@pytest.mark.parametrize("ids", [(7,), (7, 9), (7, 8, 9)])
+def test_exact_corners_give_the_exact_fix(ids: tuple[int, ...]) -> None:
+    """Through the camera's mount, which is turned and shifted, to 0.1 mm."""
+    near = pose((1.9, 0.2, 0.0), 5.0)
+    driver = Driver(panels={7: panel((3.0, 0.5, 1.0), 215), 8: panel((3.2, 0.1, 1.2), 150), 9: panel((3, 0, 0.8), 140)})
+    fix = fix_of(driver.see({i: seen_corners(near, driver.panels[i]) for i in ids}))
+    np.testing.assert_allclose(errors(fix, near), np.zeros(6), atol=1e-4)
+    assert fix.panels_used == ids
+    assert fix.panels_rejected == ()
+
+
+def test_three_panels_beat_the_best_of_them() -> None:
+    """200 scenes: the joint position's rms is at most two thirds of the best single panel's nearer pose.
+
+    And its errors are as large as its covariance says: the mean of eᵀ·covariance⁻¹·e within the 95 % band of a χ² of 6.
+    """
+    joint, nees = [], []
+    single: dict[int, list[float]] = {i: [] for i in WALL}
+    for base, seen in scenes(200, seed=3):
+        fix = fix_of(Driver().see(seen))
+        error = errors(fix, base)
+        joint.append(float(error[:3] @ error[:3]))
+        assert fix.map_from_base_link.covariance is not None
+        nees.append(error @ np.linalg.solve(fix.map_from_base_link.covariance, error))
+        for i, corners in seen.items():
+            driver = Driver()
+            (marker,), _ = driver.see({i: corners})
+            solutions = [s for s in (marker.solution, marker.alternate) if s is not None]
+            alone = [fix_of(driver.fix_with(marker, s)) for s in solutions]
+            single[i].append(min(float(e @ e) for e in (errors(f, base)[:3] for f in alone)))
+    best = min(np.mean(values) for values in single.values())
+    assert math.sqrt(best / np.mean(joint)) >= 1.5
+    assert abs(np.mean(nees) - 6) < 1.96 * math.sqrt(12 * 200) / 200
+
+
+@pytest.mark.parametrize("moved", WALL)
+def test_a_panel_that_hangs_elsewhere_is_named_and_left_out(moved: int) -> None:
+    """20 cm to any side: the fix is that of the others."""
+    rng = np.random.default_rng(moved)
+    for base, seen in scenes(15, seed=moved):
+        wrong = {i: place.copy() for i, place in WALL.items()}
+        shift = rng.standard_normal(3)
+        wrong[moved][:3, 3] += 0.2 * shift / np.linalg.norm(shift)
+        fix = fix_of(Driver(panels=wrong, sigma_m=0.005, sigma_rad=0.005).see(seen))
+        assert fix.panels_rejected == (moved,)
+        assert fix.panels_used == tuple(sorted(set(WALL) - {moved}))
+        right = {i: place for i, place in WALL.items() if i != moved}
+        others = fix_of(Driver(panels=right, sigma_m=0.005, sigma_rad=0.005).see(seen))
+        np.testing.assert_allclose(errors(fix, base), errors(others, base), atol=2e-3)
+
+
+def test_a_map_that_is_as_good_as_it_says_is_believed() -> None:
+    """Panels are 1 cm and 1° off, and the map's deviations say so: none is rejected, and the errors fit."""
+    rng = np.random.default_rng(8)
+    nees = []
+    for base, seen in scenes(60, seed=8):
+        measured = {}
+        for i, place in WALL.items():
+            off = pose((0, 0, 0), math.degrees(rng.normal(0, 0.0175)), math.degrees(rng.normal(0, 0.0175)))
+            measured[i] = place.copy()
+            measured[i][:3, :3] = off[:3, :3] @ place[:3, :3]
+            measured[i][:3, 3] += rng.normal(0, 0.01, 3)
+        fix = fix_of(Driver(panels=measured, sigma_m=0.01, sigma_rad=0.0175).see(seen))
+        assert fix.panels_rejected == ()
+        error = errors(fix, base)
+        assert fix.map_from_base_link.covariance is not None
+        nees.append(error @ np.linalg.solve(fix.map_from_base_link.covariance, error))
+    assert 3 < np.mean(nees) < 8  # about 6; less, as only two of the three angles were off
+
+
+def test_panels_that_the_map_does_not_know_are_left_out() -> None:
+    """They are reported as markers, but are no part of the fix; alone they give none."""
+    seen = {i: seen_corners(BASE, place) for i, place in WALL.items()}
+    driver = Driver(panels={i: WALL[i] for i in (7, 9)})
+    markers, fix = driver.see(seen)
+    assert len(markers) == 3
+    assert isinstance(fix, RobotFix)
+    assert fix.panels_used == (7, 9)
+    assert fix.panels_rejected == ()
+    assert driver.see({8: seen[8]})[1] == "fix.not_in_map"
+
+
+def test_two_that_contradict_each_other_give_no_fix() -> None:
+    """Nothing tells which of them hangs where the map says."""
+    wrong = {**WALL, 7: WALL[7].copy()}
+    wrong[7][1, 3] += 0.4
+    seen = {i: seen_corners(BASE, WALL[i]) for i in (7, 9)}
+    assert Driver(panels=wrong, sigma_m=0.005, sigma_rad=0.005).see(seen)[1] == "fix.panels_contradict"
+
+
+def mirror_pair() -> tuple[Floats, dict[int, Floats]]:
+    """Straight ahead, 4 m away, turned by 12°: both poses fit."""
+    return pose((-1.0, 0.0, 1.0)), {7: panel((3.0, 0.0, 1.4), 192)}
+
+
+def test_one_panel_whose_pose_is_open_gives_no_fix() -> None:
+    """No fix is better than one on the wrong side of the room."""
+    base, panels = mirror_pair()
+    markers, fix = Driver(panels=panels).see({7: seen_corners(base, panels[7])})
+    assert markers[0].alternate is not None
+    assert fix == "fix.ambiguous"
+
+
+def test_the_fix_before_tells_which_of_two_poses_it_is() -> None:
+    """Another panel leaves the view: the first alone goes on where the robot was, whichever pose looks likelier.
+
+    The other would be 1.6 m to the side.
+    """
+    base, panels = mirror_pair()
+    panels[8] = panel((2.5, 0.9, 1.2), 220)
+    rng = np.random.default_rng(2)
+    driver = Driver(panels=panels, sigma_m=0.002, sigma_rad=0.002)
+    fix_of(driver.see({i: seen_corners(base, place) for i, place in panels.items()}))
+    for _ in range(10):
+        fix = fix_of(driver.see({7: with_errors(seen_corners(base, panels[7]), rng)}))
+        assert np.linalg.norm(errors(fix, base)[:3]) < 0.6
+        assert fix.panels_used == (7,)
+
+
+def test_a_frames_first_fix_tells_as_well() -> None:
+    """A newcomer further up in the same frame contradicts the other panel: the one of the first fix is believed."""
+    wrong = {**WALL, 8: WALL[8].copy()}
+    wrong[8][1, 3] += 0.4
+    driver = Driver(panels=wrong, sigma_m=0.005, sigma_rad=0.005)
+    fix_of(driver.see({7: seen_corners(BASE, WALL[7])}))
+    driver.seq -= 1
+    fix = fix_of(driver.see({i: seen_corners(BASE, WALL[i]) for i in (7, 8)}))
+    assert (fix.panels_used, fix.panels_rejected) == ((7,), (8,))
+
+
+def test_after_half_a_second_the_fix_before_tells_nothing() -> None:
+    """The robot may have turned."""
+    base, panels = mirror_pair()
+    both = {**panels, 8: panel((2.5, 0.9, 1.2), 220)}
+    driver = Driver(panels=both, sigma_m=0.002, sigma_rad=0.002)
+    fix_of(driver.see({i: seen_corners(base, place) for i, place in both.items()}))
+    driver.seq += 40
+    assert driver.see({7: seen_corners(base, panels[7])})[1] == "fix.ambiguous"
+
+
+def test_the_time_is_that_of_the_panels_mean_row() -> None:
+    """Between the rows of its panels; corners are brought there by their velocity."""
+    driver = Driver()
+    seen = {i: seen_corners(BASE, WALL[i]) for i in (7, 8)}
+    markers, fix = driver.see(seen)
+    assert isinstance(fix, RobotFix)
+    assert fix.mid_exposure_ns == pytest.approx(np.mean([m.mid_exposure_ns for m in markers]), abs=2)
+
+
+def test_the_mount_turns_and_shifts_the_robot_not_the_camera() -> None:
+    """A camera 20 cm ahead of the robot's origin and turned: the fix is the origin's."""
+    near = pose((1.9, 0.2, 0.0), 5.0)
+    panels = {7: panel((3.0, 0.5, 1.0), 215)}
+    fix = fix_of(Driver(panels=panels).see({7: seen_corners(near, panels[7], MOUNT)}))
+    assert rotation_angle_deg(fix.map_from_base_link.quaternion_wxyz, np.array([math.cos(0.0436), 0, 0, 0.0436])) < 0.1
+
+
+def test_frames_alone_have_no_past() -> None:
+    """As `ledpi decode --single-frame`: what one frame leaves open stays open."""
+    base, panels = mirror_pair()
+    both = {**panels, 8: panel((2.5, 0.9, 1.2), 220)}
+    driver = Driver(panels=both, stream=False)
+    fix_of(driver.see({i: seen_corners(base, place) for i, place in both.items()}))
+    assert driver.see({7: seen_corners(base, panels[7])})[1] == "fix.ambiguous"

@@ -1,0 +1,270 @@
+"""The pose of a square: checked against a projection written out here, and OpenCV's own reading of the marker frame."""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+import pytest
+
+from ledpi.core.records import Floats, Intrinsics, Rejected
+from ledpi.pose.corners import independent
+from ledpi.pose.planar import Solutions, solve_square, solve_squares, square_corners
+from tests.builders.decode import LENS, PINHOLE, reason
+from tests.builders.map import covariance_px2, with_errors
+
+SIDE_M = 0.16
+SIGMA_PX = 0.05
+
+
+def turn(axis: str, degrees: float) -> Floats:
+    c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+    return {
+        "x": np.array([[1, 0, 0], [0, c, -s], [0, s, c]]),
+        "y": np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]),
+        "z": np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]]),
+    }[axis]
+
+
+FACING = np.diag([1.0, -1.0, -1.0])  # x as the camera's, y up, z back at it
+
+
+def pixels(points_m: Floats, rotation: Floats, position_m: Floats, lens: Intrinsics) -> Floats:
+    """The pinhole and OpenCV's distortion, equation by equation (OpenCV's manual, calib3d)."""
+    x, y, z = rotation @ points_m.T + np.asarray(position_m)[:, None]
+    x, y = x / z, y / z
+    k1, k2, p1, p2, k3 = lens.distortion
+    r2 = x * x + y * y
+    radial = 1 + k1 * r2 + k2 * r2**2 + k3 * r2**3
+    seen_x = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
+    seen_y = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
+    return np.column_stack([lens.fx * seen_x + lens.cx, lens.fy * seen_y + lens.cy])
+
+
+def marker_corners(side_m: float = SIDE_M) -> Floats:
+    """Top left, top right, bottom right, bottom left of the marker, x right and y up in it."""
+    h = side_m / 2
+    return np.array([[-h, h, 0], [h, h, 0], [h, -h, 0], [-h, -h, 0.0]])
+
+
+def matrix_of(quaternion_wxyz: Floats) -> Floats:
+    """By Rodrigues' formula from the axis and the angle that the quaternion holds."""
+    w, *xyz = quaternion_wxyz
+    axis = np.array(xyz)
+    length = np.linalg.norm(axis)
+    angle = 2 * math.atan2(float(length), w)
+    return np.asarray(cv2.Rodrigues(axis / max(float(length), 1e-12) * angle)[0])
+
+
+def solve(
+    corners: Floats, lens: Intrinsics = PINHOLE, *, side_m: float = SIDE_M, sigma_px: float = SIGMA_PX
+) -> Solutions:
+    return solved(solve_square(corners, independent(sigma_px), side_m, lens))
+
+
+def solved(answer: Solutions | Rejected) -> Solutions:
+    assert isinstance(answer, tuple), reason(answer)
+    return answer
+
+
+def angle_deg(quaternion_wxyz: Floats, rotation: Floats) -> float:
+    cosine = (np.trace(matrix_of(quaternion_wxyz) @ rotation.T) - 1) / 2
+    return math.degrees(math.acos(max(-1.0, min(1.0, cosine))))
+
+
+POSES = [
+    (turn("y", 40) @ FACING, (0.1, -0.05, 0.7)),
+    (turn("y", -65) @ turn("x", 10) @ FACING, (-0.2, 0.1, 0.9)),
+    (turn("x", 35) @ FACING @ turn("z", 30), (0.0, 0.0, 0.5)),
+    (turn("y", 25) @ FACING @ turn("z", 180), (0.25, 0.15, 1.0)),
+    (turn("y", -30) @ turn("x", 20) @ FACING @ turn("z", -100), (-0.1, 0.1, 0.8)),
+    (turn("x", -15) @ FACING @ turn("z", 135), (0.1, 0.0, 0.6)),
+]
+
+
+def test_the_marker_frame_is_opencvs() -> None:
+    """Centre, x right, y up, z out of the panel; corners in the order of OpenCV's ArUco, top left first."""
+    np.testing.assert_allclose(square_corners(0.2), [[-0.1, 0.1, 0], [0.1, 0.1, 0], [0.1, -0.1, 0], [-0.1, -0.1, 0]])
+
+
+@pytest.mark.parametrize("lens", [PINHOLE, LENS], ids=["pinhole", "distorted"])
+@pytest.mark.parametrize(("rotation", "position"), POSES)
+def test_exact_corners_give_the_exact_pose(
+    rotation: Floats, position: tuple[float, float, float], lens: Intrinsics
+) -> None:
+    """camera_from_marker to 0.1 mm and 0.02°, and no residual to speak of, also of half a turn about any axis."""
+    best = solve(pixels(marker_corners(), rotation, np.array(position), lens), lens)[0]
+    pose = best.camera_from_marker
+    np.testing.assert_allclose(pose.position_m, position, rtol=0, atol=1e-4)
+    assert angle_deg(pose.quaternion_wxyz, rotation) < 0.02
+    assert best.reprojection_px < 1e-3
+
+
+@pytest.mark.parametrize("lens", [PINHOLE, LENS], ids=["pinhole", "distorted"])
+def test_the_pose_projects_the_square_onto_the_corners(lens: Intrinsics) -> None:
+    """Through the projection above; what is left over is what `reprojection_px` says, rms over the corners."""
+    rotation, position = POSES[0]
+    corners = pixels(marker_corners(), rotation, np.array(position), lens)
+    corners += np.array([[0.3, -0.2], [-0.1, 0.2], [0.25, 0.1], [-0.3, -0.1]])
+    best = solve(corners, lens)[0]
+    pose = best.camera_from_marker
+    seen = pixels(marker_corners(), matrix_of(pose.quaternion_wxyz), pose.position_m, lens)
+    rms = math.sqrt(np.mean(np.square(seen - corners).sum(axis=1)))
+    assert 0.05 < rms < 0.4
+    assert best.reprojection_px == pytest.approx(rms, rel=1e-3)
+
+
+def test_a_larger_panel_is_further_away() -> None:
+    """The same corners at twice the side: twice the distance, the same rotation."""
+    rotation, position = POSES[0]
+    corners = pixels(marker_corners(), rotation, np.array(position), PINHOLE)
+    small, large = (solve(corners, side_m=side)[0].camera_from_marker for side in (0.16, 0.32))
+    np.testing.assert_allclose(large.position_m, 2 * small.position_m, rtol=1e-4)
+    np.testing.assert_allclose(large.quaternion_wxyz, small.quaternion_wxyz, atol=1e-4)
+
+
+def test_the_order_of_the_corners_turns_the_marker() -> None:
+    """The panel hung a quarter turn clockwise: its top left corner is seen top right, its x points down."""
+    corners = pixels(marker_corners(), turn("y", 30) @ FACING, np.array([0, 0, 0.8]), PINHOLE)
+    best = solve(np.roll(corners, -1, axis=0))[0]
+    x_axis = matrix_of(best.camera_from_marker.quaternion_wxyz)[:, 0]
+    np.testing.assert_allclose(x_axis, [0, 1, 0], atol=1e-3)
+
+
+def test_nearly_frontal_and_distant_both_poses_fit() -> None:
+    """5 m away and turned by 10°: the pose and its mirror image about the line of sight, the better first."""
+    corners = pixels(marker_corners(), turn("y", 10) @ FACING, np.array([0, 0, 5.0]), PINHOLE)
+    best, other = solve(corners)
+    assert best.chi2 <= other.chi2 < 3
+    normals = sorted(matrix_of(s.camera_from_marker.quaternion_wxyz)[0, 2] for s in (best, other))
+    np.testing.assert_allclose(normals, [-math.sin(math.radians(10)), math.sin(math.radians(10))], atol=0.02)
+
+
+def test_close_and_oblique_the_other_pose_fits_badly() -> None:
+    """0.5 m away and turned by 50°, perspective shows which side is nearer by many pixels."""
+    corners = pixels(marker_corners(), turn("y", 50) @ FACING, np.array([0, 0, 0.5]), PINHOLE)
+    best, other = solve(corners)
+    assert other.chi2 > best.chi2 + 1000
+    assert other.reprojection_px > 5
+
+
+def test_a_pose_half_way_to_the_best_is_not_another() -> None:
+    """Here the mirror pose is no minimum: followed, it slides into the best one, and is not reported just beside it."""
+    corners = pixels(marker_corners(), turn("y", 10) @ turn("x", 20) @ FACING, np.array([0.05, 0.03, 0.5]), PINHOLE)
+    best, *others = solve(corners)
+    assert best.chi2 < 1e-6
+    assert all(other.chi2 > 60 for other in others)
+
+
+def test_how_badly_a_pose_fits_depends_on_the_corners_errors() -> None:
+    """What sharp corners exclude is as good as the other where the corners are known to 3 px only."""
+    corners = pixels(marker_corners(), turn("y", 40) @ FACING, np.array([0.2, 0.1, 1.2]), PINHOLE)
+    assert solve(corners, sigma_px=0.05)[1].chi2 > 100
+    assert solve(corners, sigma_px=3.0)[1].chi2 < 10
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_of_noisy_corners_one_of_the_two_poses_is_right(seed: int) -> None:
+    """At 2 m with 0.1 px of noise: one of the rotations is within 6° of the true one."""
+    rotation = turn("y", 25) @ turn("x", 8) @ FACING
+    corners = pixels(marker_corners(), rotation, np.array([0.1, 0, 2.0]), PINHOLE)
+    noise = 0.1 * np.random.default_rng(seed).standard_normal((4, 2))
+    solutions = solve(corners + noise, sigma_px=0.1)
+    assert min(angle_deg(s.camera_from_marker.quaternion_wxyz, rotation) for s in solutions) < 6
+
+
+@pytest.mark.parametrize(
+    ("rotation", "position", "sigma_px"),
+    [
+        (turn("y", 40) @ turn("x", 5) @ FACING, (0.1, -0.05, 0.6), 0.05),
+        (turn("y", 50) @ FACING, (0.1, -0.05, 1.0), 0.1),
+        (turn("y", -70) @ turn("x", 5) @ FACING, (-0.1, 0.1, 0.6), 0.06),
+        (FACING @ turn("z", 30), (0.1, -0.05, 0.6), 0.05),
+        (turn("x", 45) @ FACING, (0.2, 0.1, 3.0), 0.05),
+    ],
+)
+def test_errors_are_as_large_as_the_covariance_says(
+    rotation: Floats, position: tuple[float, float, float], sigma_px: float
+) -> None:
+    """1,000 draws: the mean of eᵀ·covariance⁻¹·e within the 95 % band of a χ² of 6, each deviation within 7 %."""
+    rng = np.random.default_rng(1)
+    exact = pixels(marker_corners(), rotation, np.array(position), LENS)
+    covariance = covariance_px2(exact, sigma_px)
+    errors, nees = np.empty((1000, 6)), np.empty(1000)
+    reported = np.zeros(6)
+    for i in range(1000):
+        pose = solved(solve_square(with_errors(exact, rng, sigma_px), covariance, SIDE_M, LENS))[0].camera_from_marker
+        assert pose.covariance is not None
+        turned_by = cv2.Rodrigues(matrix_of(pose.quaternion_wxyz) @ rotation.T)[0][:, 0]
+        errors[i] = np.concatenate([pose.position_m - position, turned_by])
+        nees[i] = errors[i] @ np.linalg.solve(pose.covariance, errors[i])
+        reported += np.diag(pose.covariance) / 1000
+    # χ² of 6000 degrees of freedom is normal by then: mean 6000, variance 12000.
+    assert abs(nees.mean() - 6) < 1.96 * math.sqrt(12000) / 1000
+    np.testing.assert_allclose(np.sqrt(np.mean(errors**2, axis=0) / reported), 1.0, atol=0.07)
+
+
+def test_an_error_of_the_size_is_one_of_the_distance() -> None:
+    """Square on at 1 m, all sides outward alike by 0.2 px or so: of the side's half as much as of the distance."""
+    corners = pixels(marker_corners(), FACING, np.array([0.0, 0.0, 1.0]), PINHOLE)
+    outward = 0.2 * np.sign(corners - corners.mean(axis=0)).ravel()
+    covariances = []
+    for size in (0.0, 1.0):
+        covariance = independent(SIGMA_PX) + size * np.outer(outward, outward)
+        pose = solved(solve_square(corners, covariance, SIDE_M, PINHOLE))[0].camera_from_marker
+        assert pose.covariance is not None
+        covariances.append(pose.covariance)
+    half_px = PINHOLE.fx * SIDE_M / 2
+    more = covariances[1][2, 2] - covariances[0][2, 2]
+    assert math.sqrt(more) == pytest.approx(0.2 / half_px, rel=0.01)
+    np.testing.assert_allclose(np.diag(covariances[1])[:2], np.diag(covariances[0])[:2], rtol=0.01)
+
+
+def test_corners_that_no_pose_explains_inflate_the_covariance() -> None:
+    """Seen by a moving camera, of which a frame alone knows nothing: sheared by 3 px, and the distance is off."""
+    corners = pixels(marker_corners(), FACING, np.array([0.0, 0.0, 0.6]), PINHOLE)
+    corners[:, 0] += 3.0 * (corners[:, 1] - corners[:, 1].mean()) / np.ptp(corners[:, 1])
+    pose = solve(corners, sigma_px=0.05)[0].camera_from_marker
+    assert pose.covariance is not None
+    turned = cv2.Rodrigues(matrix_of(pose.quaternion_wxyz) @ FACING.T)[0][:, 0]
+    off = np.concatenate([pose.position_m - (0, 0, 0.6), turned])
+    assert np.abs(off).max() > 1e-3
+    assert (np.abs(off) < 3 * np.sqrt(np.diag(pose.covariance))).all()
+
+
+def test_many_squares_are_solved_as_each_alone() -> None:
+    """Together only because it is quicker; and one that cannot be solved does not spoil the others."""
+    seen = [pixels(marker_corners(), rotation, np.array(position), LENS) for rotation, position in POSES]
+    seen.insert(2, np.array([[300.0, 200], [340, 200], [340, 200], [300, 200]]))
+    together = solve_squares(np.array(seen), np.tile(independent(SIGMA_PX), (7, 1, 1)), [SIDE_M] * 7, LENS)
+    assert isinstance(together[2], Rejected)
+    for corners, solutions in zip(seen, together, strict=True):
+        alone = solve_square(corners, independent(SIGMA_PX), SIDE_M, LENS)
+        if isinstance(solutions, Rejected):
+            assert solutions == alone
+            continue
+        assert isinstance(alone, tuple)
+        best, best_alone = (found[0].camera_from_marker for found in (solutions, alone))
+        np.testing.assert_allclose(best.position_m, best_alone.position_m, atol=1e-6)
+
+
+def test_four_corners_of_no_square_give_a_reason() -> None:
+    """A kite that no square looks like from anywhere."""
+    kite = np.array([[300.0, 200], [340, 180], [420, 260], [310, 240]])
+    assert reason(solve_square(kite, independent(SIGMA_PX), SIDE_M, PINHOLE)) == "pose.not_square"
+
+
+def test_corners_on_a_line_give_a_reason_not_a_pose() -> None:
+    """A square seen exactly from the side shows nothing of itself; numbers that are none never come out."""
+    line = np.array([[300.0, 200], [340, 200], [340, 200], [300, 200]])
+    solved = solve_square(line, independent(SIGMA_PX), SIDE_M, PINHOLE)
+    assert reason(solved) == "pose.unsolved"
+
+
+def test_poses_cannot_be_changed() -> None:
+    """They flow through several threads."""
+    corners = pixels(marker_corners(), POSES[0][0], np.array(POSES[0][1]), PINHOLE)
+    best = solve(corners)[0]
+    with pytest.raises(ValueError, match="read-only"):
+        best.camera_from_marker.position_m[0] = 1.0

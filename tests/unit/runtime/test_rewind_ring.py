@@ -1,0 +1,228 @@
+"""The ring of the last seconds: what it keeps, what it forgets, and that it waits for nobody."""
+
+from __future__ import annotations
+
+import math
+import tracemalloc
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from ledpi.core.records import Decoded, Frame
+from ledpi.pipeline.pipeline import Pipeline
+from ledpi.pipeline.state import PipelineState
+from ledpi.runtime.rewind_ring import FEWEST, SPARE, Kept, RewindRing
+from tests.builders.rewind import EVERY, Stream, later, stream
+
+HEIGHT, WIDTH = 480, 640
+PERIOD_NS = 20_000_000
+PLENTY = 400 * HEIGHT * WIDTH
+
+
+@pytest.fixture(scope="module")
+def drive() -> Stream:
+    return stream(2 * EVERY + 1)
+
+
+@pytest.fixture(scope="module")
+def state(drive: Stream) -> PipelineState:
+    """Of a pipeline that follows panels."""
+    return drive.states[2 * EVERY]
+
+
+def frame(seq: int) -> Frame:
+    """All its pixels are its number."""
+    pixels = np.full((HEIGHT, WIDTH), seq % 256, np.uint8)
+    at_ns = 1_000_000_000 + seq * PERIOD_NS
+    return Frame(pixels=pixels, seq=seq, row0_readout_ns=at_ns, exposure_us=1e4, row_time_us=33.67, transfer="linear")
+
+
+def decoded(of: Frame) -> Decoded:
+    return Decoded(
+        seq=of.seq,
+        row0_readout_ns=of.row0_readout_ns,
+        host_offset_ns=0,
+        markers=(),
+        robot=None,
+        rejected=(),
+        stage_ms={"find": 1.0},
+    )
+
+
+def ring_of(seconds: float, state: PipelineState, most_bytes: int = PLENTY) -> RewindRing:
+    ring = RewindRing(HEIGHT, WIDTH, PERIOD_NS * 1e-6, seconds, most_bytes)
+    ring.begin(state)
+    return ring
+
+
+def keep(ring: RewindRing, state: PipelineState, *seqs: int) -> None:
+    for seq in seqs:
+        of = frame(seq)
+        ring.keep(of, decoded(of), 1000 + seq, lambda: state)
+
+
+def seqs(kept: list[Kept]) -> list[int]:
+    return [each.frame.seq for each in kept]
+
+
+def test_what_was_kept_is_taken_from_its_first_frame(state: PipelineState) -> None:
+    """In order, each with its budget and its picture; the first with the state before it."""
+    ring = ring_of(2.0, state)
+    keep(ring, state, *range(30))
+    kept = ring.take()
+    assert seqs(kept) == list(range(30))
+    assert kept[0].state is state
+    assert [each.search_budget for each in kept] == [1000 + seq for seq in range(30)]
+    assert all((ring.picture_of(each).pixels == each.frame.seq).all() for each in kept)
+
+
+def test_the_oldest_go(state: PipelineState) -> None:
+    """At least as many seconds stay as were asked for, and no more than a second more; a state is at the start."""
+    ring = ring_of(2.0, state)
+    keep(ring, state, *range(400))
+    kept = ring.take()
+    assert kept[0].state is not None
+    assert kept[-1].frame.seq == 399
+    long_ns = kept[-1].frame.row0_readout_ns - kept[0].frame.row0_readout_ns
+    assert 2.0e9 <= long_ns + PERIOD_NS <= 3.0e9 + PERIOD_NS
+    assert all(b - a == 1 for a, b in pairwise(seqs(kept)))
+
+
+def test_what_is_taken_once_is_not_taken_again(state: PipelineState) -> None:
+    """The next recording begins where the one before has ended, or a frame or two later, as it needs a state."""
+    ring = ring_of(2.0, state)
+    keep(ring, state, *range(30))
+    first = ring.take()
+    assert ring.take() == []
+    keep(ring, state, *range(30, 60))
+    second = ring.take()
+    assert second[0].state is not None
+    assert 30 <= second[0].frame.seq <= 31
+    assert {each.slot for each in first}.isdisjoint(each.slot for each in second)
+
+
+def test_a_picture_that_is_being_written_stays(state: PipelineState) -> None:
+    """The ring goes on with the room that is left, without a gap, and with more as it is given back."""
+    ring = ring_of(2.0, state)
+    keep(ring, state, *range(400))
+    taken = ring.take()
+    for given, each in enumerate(taken):
+        keep(ring, state, 400 + 2 * given, 401 + 2 * given)
+        assert (ring.picture_of(each).pixels == each.frame.seq % 256).all()
+        ring.give_back(each)
+    after = ring.take()
+    assert len(after) > 100
+    assert all(b - a == 1 for a, b in pairwise(seqs(after)))
+    assert after[0].state is not None
+
+
+def test_where_all_is_being_written_it_begins_again(state: PipelineState) -> None:
+    """A frame that found no room is no part of the next recording, which begins after it, with a state."""
+    ring = ring_of(2.0, state)
+    keep(ring, state, *range(400))
+    taken = ring.take()
+    seq = 400
+    while ring.room:
+        keep(ring, state, seq, seq + 1)
+        taken += ring.take()
+        seq += 2
+    keep(ring, state, seq)
+    assert ring.take() == []
+    for each in taken:
+        ring.give_back(each)
+    keep(ring, state, *range(seq + 1, seq + 20))
+    after = ring.take()
+    assert seqs(after) == list(range(seq + 1, seq + 20))
+    assert after[0].state is not None
+
+
+def test_time_that_runs_backward_ends_what_is_kept(state: PipelineState) -> None:
+    """A camera that was opened anew may count anew; no recording holds both."""
+    ring = ring_of(2.0, state)
+    keep(ring, state, *range(100, 130))
+    keep(ring, state, *range(20))
+    kept = ring.take()
+    assert seqs(kept) == list(range(1, 20))
+    assert kept[0].state is not None
+
+
+def test_memory_holds_as_much_as_it_may(state: PipelineState) -> None:
+    """Where a minute does not fit, what fits is kept; pictures and all that states keep alive count."""
+    most = 40 * HEIGHT * WIDTH
+    ring = ring_of(60.0, state, most)
+    keep(ring, state, *range(200))
+    kept = ring.take()
+    assert FEWEST < ring.frames < 40
+    assert ring.frames * HEIGHT * WIDTH + sum(each.side_bytes for each in kept) <= most
+    assert len(kept) > ring.frames / 4  # less than a second, and still there is a state to begin at
+
+
+def test_many_tracks_shorten_it_and_take_no_more_memory(drive: Stream, state: PipelineState) -> None:
+    """States of a picture full of lamps: fewer are kept, so fewer seconds are."""
+    tracks = state.followed.tracks * 3
+    crowded = state._replace(followed=state.followed._replace(tracks=tracks))
+    most = 100 * HEIGHT * WIDTH
+    ring = ring_of(60.0, crowded, most)
+    keep(ring, crowded, *range(300))
+    kept = ring.take()
+    assert ring.frames * HEIGHT * WIDTH + sum(each.side_bytes for each in kept) <= most
+    assert 0 < len(kept) < 0.75 * ring.frames - SPARE
+
+
+def test_too_little_memory_keeps_nothing(state: PipelineState) -> None:
+    """And hinders nothing."""
+    ring = ring_of(10.0, state, 3 * HEIGHT * WIDTH)
+    keep(ring, state, *range(10))
+    assert ring.frames == 0
+    assert ring.take() == []
+
+
+def test_memory_is_taken_before_a_frame_needs_it(state: PipelineState) -> None:
+    """Every room was written once when all were touched, beside frames that come meanwhile and stay as they are."""
+    ring = ring_of(1.0, state)
+    ring._pictures[:] = 77
+    for number in range(ring.frames):
+        ring.touch()
+        if number % 4 == 0:
+            keep(ring, state, number // 4)
+    kept = ring.take()
+    assert seqs(kept) == list(range(math.ceil(ring.frames / 4)))
+    assert all((ring.picture_of(each).pixels == each.frame.seq).all() for each in kept)
+    untouched = [slot for slot in ring._free if (ring._pictures[slot] == 77).all()]
+    assert untouched == []
+
+
+def test_no_frame_asks_for_memory(state: PipelineState) -> None:
+    """Once it is full, rooms are used again: no frame takes as much as a tenth of a picture, not even for a moment."""
+    ring = ring_of(0.5, state)
+    keep(ring, state, *range(200))
+    coming = [(of, decoded(of)) for of in map(frame, range(200, 300))]
+    tracemalloc.start()
+    try:
+        before = tracemalloc.get_traced_memory()[0]
+        for of, result in coming:
+            ring.keep(of, result, 0, lambda: state)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak - before < HEIGHT * WIDTH / 10
+
+
+def test_keeping_costs_little_beside_decoding(drive: Stream) -> None:
+    """Measured against decoding the same frames, in the same run: less than a twentieth, states included."""
+    import time
+
+    pipeline: Pipeline = drive.pipeline()
+    ring = ring_of(0.5, pipeline.state())
+    keeping, decoding = [], []
+    for round_number in range(2):
+        for each in drive.frames:
+            of = later(each, round_number * 10**12, round_number * 1000)
+            began = time.perf_counter()
+            result = pipeline.decode(of)
+            between = time.perf_counter()
+            ring.keep(of, result, 0, pipeline.state)
+            keeping.append(time.perf_counter() - between)
+            decoding.append(between - began)
+    assert sorted(keeping)[len(keeping) // 2] < sorted(decoding)[len(decoding) // 2] / 20

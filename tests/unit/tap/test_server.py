@@ -1,0 +1,454 @@
+"""The tap: real clients on a real socket, good ones and bad ones; the decode thread is played by the test."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import logging
+import os
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from statistics import median
+
+import pytest
+
+from ledpi.core.errors import TapError
+from ledpi.tap.client import connect
+from ledpi.tap.crowd import MOST_FOLLOWERS
+from ledpi.tap.frames import camera_of, frame_of, panel_of
+from ledpi.tap.protocol import MAX_REQUEST_BYTES
+from ledpi.tap.server import MOST_WAITING_BYTES, PACE_S, Tap
+from tests.builders import ROOT
+from tests.builders.tap import CAMERA, DEADLINE_S, HEIGHT, SETUP, WIDTH, Raw, decoded, frame, show, tap_at, wait_until
+
+FLOOD = 500  # requests
+
+
+@pytest.fixture(autouse=True)
+def _no_client_is_left() -> Iterator[None]:
+    yield
+    Raw.close_all()
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "tap.sock"
+
+
+@pytest.fixture
+def tap(path: Path) -> Iterator[Tap]:
+    with tap_at(path) as tap:
+        yield tap
+
+
+def follow(tap: Tap) -> Raw:
+    """A client that has its hello, and that frames are shown to."""
+    client = Raw(tap.path)
+    assert client.line()["type"] == "hello"
+    wait_until(lambda: tap.is_followed)
+    return client
+
+
+class Stream:
+    """A decoder that shows a frame each few milliseconds, while a test does something else."""
+
+    def __init__(self, tap: Tap, period_s: float = 0.005) -> None:
+        self._tap, self._period_s = tap, period_s
+        self._stop = threading.Event()
+        self.shown = 0
+        self.took_s: list[float] = []  # of the calls
+        self._thread = threading.Thread(target=self._run)
+
+    def _run(self) -> None:
+        while not self._stop.wait(self._period_s):
+            self.shown += 1
+            one = frame(self.shown)
+            result, trace = decoded(one), self._tap.trace()
+            began_s = time.perf_counter()
+            self._tap.show(one, result, trace)
+            self.took_s.append(time.perf_counter() - began_s)
+
+    def __enter__(self) -> Stream:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stop.set()
+        self._thread.join()
+
+
+# ---- What a follower gets
+
+
+def test_the_first_line_says_what_daemon_it_is(tap: Tap) -> None:
+    """Its camera, its panels, and what this client may do."""
+    hello = Raw(tap.path).line()
+    assert (hello["type"], hello["tap"], hello["pid"]) == ("hello", 1, 1)
+    assert (hello["camera"]["width"], hello["camera"]["height"], hello["camera"]["fx"]) == (WIDTH, HEIGHT, None)
+    assert hello["panels"]["side_m"] == 0.16
+    assert hello["may"] == ["save", "record"]  # the daemon's own user
+
+
+def test_each_frame_is_a_line_with_its_times(tap: Tap) -> None:
+    """Exposed is the middle of the centre row's exposure; decoded is later, and before it is read."""
+    client, one = follow(tap), frame(7)
+    tap.show(one, decoded(one))
+    line = client.next("decoded")
+    middle_ns = one.row0_readout_ns + (HEIGHT - 1) / 2 * 20e3 - 500e3
+    assert line["exposed_ns"] == pytest.approx(middle_ns, abs=1)
+    assert one.row0_readout_ns <= line["decoded_ns"] <= time.monotonic_ns()
+    assert (line["seq"], line["rejected"], line["dropped"]) == (7, {"fit.misfit": 1}, 0)
+
+
+def test_health_comes_with_its_latency_and_the_newest_warnings(tap: Tap, caplog: pytest.LogCaptureFixture) -> None:
+    """As the daemon's log had them."""
+    client = follow(tap)
+    for number in range(25):
+        logging.getLogger("ledpi").warning("fault %d\nof two lines", number)
+    show(tap, 1)
+    client.next("decoded")
+    tap.tell({"state": "running"})
+    health = client.next("health")
+    assert [fault["text"] for fault in health["faults"]] == [rf"fault {n}\nof two lines" for n in range(5, 25)]
+    assert health["latency_ms"]["worst"] >= health["latency_ms"]["median"]
+    assert len(caplog.records) == 25
+
+
+def test_a_picture_is_that_of_its_line(tap: Tap) -> None:
+    """Every pixel of the frame whose number the line says."""
+    with connect(tap.path) as client, Stream(tap):
+        answer = client.picture()
+    assert answer["pixels"].shape == (HEIGHT, WIDTH)
+    assert (answer["pixels"] == answer["decoded"]["seq"] % 256).all()
+    assert "rejected" not in answer
+    assert "looks" not in answer
+
+
+def test_saturation_is_counted(tap: Tap) -> None:
+    """The share of pixels that are as bright as pixels can be."""
+    client = follow(tap)
+    client.send({"do": "picture", "id": 1})
+    wait_until(lambda: tap._wanted is not None)
+    one = frame(0)
+    pixels = one.pixels.copy()
+    pixels[: HEIGHT // 4] = 255
+    bright = dataclasses.replace(one, pixels=pixels)
+    tap.show(bright, decoded(bright), tap.trace())
+    assert client.next("picture")["pixels_max_share"] == 0.25
+
+
+def test_nothing_is_copied_nor_traced_unless_somebody_asks(tap: Tap) -> None:
+    """For the decoder that is what a picture costs; with extras it traces, and only then."""
+    client = follow(tap)
+    assert tap.trace() is None
+    client.send({"do": "picture", "id": 1, "with": ["rejected"]})
+    wait_until(lambda: tap.trace() is not None)
+    show(tap, 1)
+    assert client.next("picture")["rejected"] == []
+    assert tap.trace() is None
+
+
+def test_the_configuration_says_where_each_value_comes_from(tap: Tap) -> None:
+    """Key by key."""
+    with connect(tap.path) as client:
+        answer = client.ask("config")
+    assert (answer["values"], answer["from"]) == (SETUP.values, SETUP.origins)
+
+
+def test_after_a_reload_the_same_connection_says_hello_again(tap: Tap) -> None:
+    """With the new daemon's values."""
+    client = follow(tap)
+    tap.begin(dataclasses.replace(SETUP, source="recording:/take"))
+    assert client.next("hello")["camera"]["source"] == "recording:/take"
+
+
+# ---- Who reads slowly, or not at all
+
+
+def test_a_slow_client_gets_the_newest_and_is_told_what_it_missed(tap: Tap) -> None:
+    """What was in the system's buffer comes first; then the last frame of all."""
+    client = follow(tap)
+    for seq in range(500):
+        show(tap, seq)
+        time.sleep(0.0005)
+    lines = [client.next("decoded")]
+    while lines[-1]["seq"] != 499:
+        tap.tell({})  # it is looked at again, whether there is room
+        lines.append(client.next("decoded"))
+    assert len(lines) < 100
+    assert lines[-1]["dropped"] == 500 - len(lines)
+
+
+def test_clients_that_never_read_do_not_delay_the_decoder(path: Path) -> None:
+    """Handing over takes as long with ten stalled clients as with one that reads; what waits for them is bounded."""
+    with tap_at(path) as tap:
+        reader = follow(tap)
+        drain = threading.Thread(target=reader.is_closed)
+        drain.start()
+        with Stream(tap, 0.002) as alone:
+            wait_until(lambda: alone.shown >= 200)
+        stalled = [Raw(path) for _ in range(10)]
+        for client in stalled:
+            for number in range(20):
+                client.send({"do": "picture", "id": number})
+        with Stream(tap, 0.002) as crowded:
+            wait_until(lambda: crowded.shown >= 400)
+            waiting = tap._crowd.waiting_bytes
+        assert crowded.shown == len(crowded.took_s)
+    drain.join()
+    assert median(crowded.took_s) < 3 * median(alone.took_s) + 20e-6
+    assert waiting < 10 * 2 * (HEIGHT * WIDTH + 4096)
+    assert waiting < MOST_WAITING_BYTES
+
+
+def test_a_client_that_takes_nothing_is_given_up(tap: Tap, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those that read go on."""
+    monkeypatch.setattr("ledpi.tap.follower.GIVEN_UP_S", 0.3)
+    dead, alive = follow(tap), follow(tap)
+    with Stream(tap):
+        wait_until(lambda: alive.next("decoded")["seq"] > 0 and len(tap._crowd) == 1)
+        assert alive.next("decoded")
+    assert dead.is_closed()
+
+
+def test_a_client_that_dies_is_forgotten(tap: Tap) -> None:
+    """Without followers nothing is handed over any more."""
+    code = f"from ledpi.tap.client import connect; c = connect({str(tap.path)!r}); print('up', flush=True); input()"
+    process = subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+    assert process.stdout is not None
+    assert process.stdout.readline() == b"up\n"
+    wait_until(lambda: tap.is_followed)
+    process.kill()
+    process.communicate()
+    with Stream(tap):
+        wait_until(lambda: not tap.is_followed)
+
+
+def test_one_that_only_asks_no_more_is_still_answered(tap: Tap) -> None:
+    """As a shell's pipe ends: `echo … | socat`."""
+    client = Raw(tap.path)
+    client.send({"do": "config", "id": 5})
+    client.socket.shutdown(socket.SHUT_WR)
+    assert client.next("config")["id"] == 5
+    wait_until(lambda: tap.is_followed)
+    show(tap, 3)
+    assert client.next("decoded")["seq"] == 3
+
+
+# ---- What is no request
+
+
+@pytest.mark.parametrize("garbage", [b"\x00\xff\n", b"GET / HTTP/1.1\r\n", b"{}\n", b"[[[[\n"])
+def test_after_garbage_the_connection_stays(tap: Tap, garbage: bytes) -> None:
+    """The answer says what is wrong; the next request is answered."""
+    client = follow(tap)
+    client.send(garbage)
+    assert client.next("error")["id"] is None
+    client.send({"do": "config", "id": 2})
+    assert client.next("config")["id"] == 2
+
+
+def test_a_line_without_end_ends_the_connection(tap: Tap) -> None:
+    """Ten megabytes are not read: an error, and closed. Others notice nothing."""
+    client, other = follow(tap), follow(tap)
+    with pytest.raises((BrokenPipeError, ConnectionResetError)):
+        client.send(b"x" * 10_000_000)
+    assert f"{MAX_REQUEST_BYTES} bytes" in client.next("error")["error"]
+    assert client.is_closed()
+    show(tap, 1)
+    assert other.next("decoded")["seq"] == 1
+
+
+def test_the_longest_line_that_is_allowed_is_read(tap: Tap) -> None:
+    """One byte more is not."""
+    client = follow(tap)
+    text = json.dumps({"do": "config", "id": 1})
+    client.send(text + " " * (MAX_REQUEST_BYTES - len(text) - 1) + "\n")
+    assert client.next("config")
+    client.send(text + " " * (MAX_REQUEST_BYTES - len(text)) + "\n")
+    assert "without an end" in client.next("error")["error"]
+
+
+def test_a_flood_of_requests_waits_in_its_own_buffer(tap: Tap) -> None:
+    """Each is answered at last, no sooner than one a turn, and at no time are more than a few kept here."""
+    client, began_s = follow(tap), time.monotonic()
+    sender = threading.Thread(target=lambda: [client.send({"do": "config", "id": n}) for n in range(FLOOD)])
+    sender.start()
+    most = 0
+    for number in range(FLOOD):
+        assert client.next("config")["id"] == number
+        most = max(most, tap._crowd.waiting_bytes)
+    sender.join()
+    assert most < 10 * MAX_REQUEST_BYTES
+    assert time.monotonic() - began_s > (FLOOD - 1) * PACE_S
+
+
+def test_the_65th_client_is_sent_away(tap: Tap) -> None:
+    """And may come when another has gone."""
+    clients = [follow(tap) for _ in range(MOST_FOLLOWERS)]
+    late = Raw(tap.path)
+    assert f"{MOST_FOLLOWERS} clients are here" in late.line()["error"]
+    assert late.is_closed()
+    with pytest.raises(TapError, match="64 clients are here"):
+        connect(tap.path)
+    clients[0].close()
+    wait_until(lambda: len(tap._crowd) < MOST_FOLLOWERS)
+    assert follow(tap)
+    for client in clients[1:]:
+        client.close()
+
+
+# ---- Commands
+
+
+def test_a_command_is_done_beside_all_else(tap: Tap) -> None:
+    """It takes its time; meanwhile frames go on, and a second one of its kind is put off."""
+    gate = threading.Event()
+    tap.offer("save", lambda request: {"path": f"/saved/{gate.wait(DEADLINE_S)}"})
+    client = follow(tap)
+    client.send({"do": "save", "id": 1})
+    client.send({"do": "save", "id": 2})
+    assert "is not done yet" in client.next("error")["error"]
+    show(tap, 1)
+    assert client.next("decoded")["seq"] == 1
+    gate.set()
+    assert client.next("done") == {"type": "done", "id": 1, "path": "/saved/True"}
+
+
+@pytest.mark.parametrize(("failure", "said"), [(OSError(28, "No space left"), "No space"), (KeyError("x"), "KeyError")])
+def test_a_command_that_fails_says_so(tap: Tap, failure: Exception, said: str) -> None:
+    """To who asked; the tap goes on."""
+
+    def fail(request: object) -> dict[str, str]:
+        raise failure
+
+    tap.offer("save", fail)
+    with connect(tap.path) as client:
+        with pytest.raises(TapError, match=said):
+            client.ask("save")
+        assert client.ask("config")
+
+
+@pytest.mark.parametrize(("do", "said"), [("save", "rewind is off"), ("record", "off"), ("record_stop", "nothing")])
+def test_what_the_daemon_does_not_offer_is_refused(tap: Tap, do: str, said: str) -> None:
+    """With the reason."""
+    with connect(tap.path) as client, pytest.raises(TapError, match=said):
+        client.ask(do)
+
+
+AS_NOBODY = """
+import json, os, socket, sys
+os.setgroups([int(g) for g in sys.argv[2:]]); os.setgid(65534); os.setuid(65534)
+s = socket.socket(socket.AF_UNIX); s.connect(sys.argv[1]); f = s.makefile("rb")
+print(json.loads(f.readline())["may"])
+s.sendall(b'{"do": "save", "id": 1}\\n')
+print(json.loads(f.readline()))
+"""
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="needs root, to be somebody else")
+@pytest.mark.parametrize("is_member", [False, True])
+def test_only_who_may_gives_commands(is_member: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Another user who can connect may look; a member of the group, if only by a supplementary one, may command."""
+    monkeypatch.setattr("ledpi.tap.listening._gid", lambda name: 54321)
+    with tempfile.TemporaryDirectory() as folder:
+        Path(folder).chmod(0o755)
+        path = Path(folder) / "tap.sock"
+        with tap_at(path) as tap:
+            path.chmod(0o666)
+            tap.offer("save", lambda request: {"path": "/saved"})
+            groups = ["4", "54321"] if is_member else ["4"]
+            command = [sys.executable, "-c", AS_NOBODY, str(path), *groups]
+            done = subprocess.run(command, capture_output=True, text=True, timeout=DEADLINE_S, cwd="/", check=True)
+    may, answer = done.stdout.splitlines()
+    assert may == ("['save', 'record']" if is_member else "[]")
+    assert ("'/saved'" in answer) is is_member
+    assert ("not permitted; root, the daemon's own user and members of the group ledpi may" in answer) is not is_member
+
+
+# ---- The client
+
+
+def test_a_client_comes_back_when_the_daemon_does(path: Path) -> None:
+    """It says when it has lost it, and goes on with the new one's hello."""
+    with tap_at(path):
+        client = connect(path)
+        lines = client.lines(reconnect=True, tick_s=0.05)
+        assert next(lines)["type"] == "hello"
+    kinds = {next(lines)["type"] for _ in range(8)}
+    assert kinds == {"lost", "tick"}
+    with tap_at(path) as tap:
+        while (line := next(lines))["type"] != "hello":
+            pass
+        wait_until(lambda: tap.is_followed)
+        show(tap, 9)
+        while (line := next(lines))["type"] == "tick":
+            pass
+        assert line["seq"] == 9
+        client.close()
+
+
+def test_without_reconnection_the_lines_end_with_the_daemon(path: Path) -> None:
+    """As a file does."""
+    with tap_at(path):
+        client = connect(path)
+        lines = client.lines()
+        next(lines)
+    assert list(lines) == []
+    client.close()
+
+
+def test_no_daemon_is_said_with_where_it_was_looked_for(path: Path) -> None:
+    """Each place, and why not."""
+    with pytest.raises(TapError, match=r"no running daemon answers \(.*tap.sock: No such file or directory\); start"):
+        connect(path)
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="needs root, to be somebody else")
+def test_who_may_not_connect_is_told_of_the_group() -> None:
+    """As a user on the Pi who is not in it."""
+    with tempfile.TemporaryDirectory() as folder:
+        Path(folder).chmod(0o755)
+        path = Path(folder) / "tap.sock"
+        script = f"import os; from ledpi.tap.client import connect; os.setuid(65534); connect({str(path)!r})"
+        with tap_at(path):
+            done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert "tap.sock: Permission denied (are you in the group ledpi?)" in done.stderr
+
+
+def test_another_programs_socket_is_no_daemon(path: Path) -> None:
+    """What it says is not taken for a tap's."""
+    with socket.socket(socket.AF_UNIX) as other:
+        other.bind(str(path))
+        other.listen()
+
+        def answer() -> None:
+            with other.accept()[0] as connection:
+                connection.sendall(b"220 mail ready\n")
+
+        thread = threading.Thread(target=answer)
+        thread.start()
+        with pytest.raises(TapError, match="no line of a tap"):
+            connect(path)
+        thread.join()
+
+
+def test_a_picture_that_does_not_come_is_said(tap: Tap) -> None:
+    """A daemon whose camera is lost decodes nothing."""
+    with connect(tap.path) as client, pytest.raises(TapError, match=r"no answer within 0.2 s; does its camera deliver"):
+        client.picture(timeout_s=0.2)
+
+
+def test_a_records_camera_comes_back_whole(tap: Tap) -> None:
+    """What the hello says is enough to decode a picture again."""
+    with connect(tap.path) as client, Stream(tap):
+        again = frame_of(client.hello, client.picture())
+    assert camera_of(client.hello) == CAMERA
+    assert panel_of(client.hello).side_m == 0.16
+    assert (again.exposure_us, again.row_time_us, again.transfer) == (1000.0, 20.0, "linear")

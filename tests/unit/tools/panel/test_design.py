@@ -1,0 +1,466 @@
+"""`ledpi panel design`: which pairs of frequencies tell a panel's classes apart, and why others do not."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from ledpi.cli import app, main, panel_design
+from ledpi.config.settings import load_config
+from ledpi.core.errors import ConfigError
+from ledpi.core.records import Quad
+from ledpi.decode.cells import CellSamples, sample_cells
+from ledpi.decode.evidence.evidence import Evidence
+from ledpi.decode.evidence.single_frame import single_evidence
+from ledpi.decode.identify import decision
+from ledpi.decode.identify.codebook import Codebook
+from ledpi.markers.dictionaries import load_dictionary
+from ledpi.simulate.render import Renderer
+from ledpi.simulate.scene import OV5647_ROW_TIME_US, Panel, Room, Scene, SimulatedSensor
+from ledpi.simulate.scenes import ov5647_lens, whole_rows_us
+from ledpi.simulate.trajectory import Still, facing_camera
+from ledpi.simulate.truth import scene_truth
+from ledpi.tools.panel.chances import chance_of_reading
+from ledpi.tools.panel.design import (
+    ENOUGH_NATS,
+    Proposal,
+    Task,
+    auto_rows,
+    best_antiphase,
+    candidate_pairs,
+    choose_period,
+    proposal_at,
+    ranked,
+    views_of,
+)
+from ledpi.tools.panel.design_plots import contrast_figure, reach_figure
+from ledpi.tools.panel.frequencies import NULL_SHARE, Flicker, null_share, worthwhile_frequencies
+from ledpi.tools.panel.information import View, evidence_of, separation_nats, view_panel
+from ledpi.tools.panel.reach import Reach, reach_of
+from ledpi.tools.panel.verdict import findings
+from tests.builders.evidence_reference import word_log_likelihoods
+
+assert panel_design, main  # the import puts the command into `app`
+TRUE_10_MS_US = whole_rows_us(10_000.0, OV5647_ROW_TIME_US)
+DICTIONARY = load_dictionary("DICT_4X4_50")
+
+
+def sensor(exposure_us: float = TRUE_10_MS_US, rows: int = 504) -> SimulatedSensor:
+    return SimulatedSensor(intrinsics=ov5647_lens(), exposure_us=exposure_us, frame_length_rows=rows)
+
+
+def task(
+    *distances_m: float,
+    rows: int | None = None,
+    tolerance: float = 1e-4,
+    flicker: Flicker = Flicker.LOW_RISK,
+    exposure_us: float = TRUE_10_MS_US,
+) -> Task:
+    """A panel of 16 cm before an OV5647."""
+    return Task(
+        sensor=sensor(exposure_us, rows or 504),
+        period_given=rows is not None,
+        side_m=0.16,
+        cells=4,
+        duty=0.5,
+        distances_m=distances_m,
+        tolerance=tolerance,
+        flicker=flicker,
+    )
+
+
+def told(asked: Task, black_hz: float, white_hz: float, rows: int = 504) -> str:
+    """All that makes a pair unusable, as one text."""
+    return "\n".join(f.text for f in findings(asked, black_hz, white_hz, rows) if f.unusable)
+
+
+def run(*arguments: str) -> tuple[int, str]:
+    """Exit status and standard output; a LedpiError comes through, as `main` prints it."""
+    result = CliRunner().invoke(app, ["panel", "design", *arguments])
+    if isinstance(result.exception, ConfigError):
+        raise result.exception
+    return result.exit_code, result.stdout
+
+
+@pytest.fixture(autouse=True)
+def _elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No config.yaml in the working directory."""
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.fixture(scope="module")
+def near() -> View:
+    """Pictures of a steady panel from 1.4 m."""
+    return seen_from(1.4)
+
+
+def seen_from(distance_m: float) -> View:
+    view = view_panel(sensor(), 4, 0.16, distance_m)
+    assert isinstance(view, View)
+    return view
+
+
+def nats(view: View, black_hz: float, white_hz: float, *, frames: int, rows: int = 504) -> float:
+    asked = task(view.distance_m)
+    known = evidence_of(view, asked.spec(black_hz, white_hz), frames=frames, frame_length_rows=rows)
+    return separation_nats(known, asked.depths(black_hz, white_hz))
+
+
+def even_evidence(each: float, depth: float) -> Evidence:
+    """Every cell's information is `each` on every parameter, and cells share nothing."""
+    information = np.zeros((16, 4, 16, 4))
+    for cell in range(16):
+        information[cell, :, cell, :] = each * np.eye(4)
+    return Evidence(score=np.zeros((16, 4)), information=information, prior=np.full(4, depth**2 / 2), residual=0.0)
+
+
+@pytest.mark.parametrize(
+    ("hz", "share"),
+    [
+        (1250.0, 1 - 2 * abs(12.459 - 12.5)),  # 1250 Hz · 9967 µs = 12.459 cycles
+        (2450.0, 1 - 2 * abs(24.419 - 24.5)),
+        (1000.0, 2 * abs(9.967 - 10)),
+        (2000.0, 2 * abs(19.934 - 20)),
+    ],
+)
+def test_a_null_is_where_the_exposure_holds_whole_cycles(hz: float, share: float) -> None:
+    """By hand: 2·min(r, 1 − r) of the deepest bands near by are left, r the fractional part of f·T."""
+    assert null_share(hz, 9967.0) == pytest.approx(share, abs=1e-3)
+
+
+def test_a_null_within_the_oscillators_tolerance_counts() -> None:
+    """2450 Hz ± 2 % reaches 2401 Hz, where 9967 µs hold 23.93 cycles, and 2409 Hz, where they hold 24."""
+    assert null_share(2450.0, 9967.0, tolerance=0.0001) > NULL_SHARE
+    assert null_share(2450.0, 9967.0, tolerance=0.02) == 0.0
+
+
+def test_what_is_worth_trying_lies_between_the_nulls_and_can_be_made() -> None:
+    """Each from the flicker limit on, deep in its lobe, and a whole number of the driver's clock cycles."""
+    tried = worthwhile_frequencies(TRUE_10_MS_US, 1250.0)
+    assert len(tried) == 14
+    for hz in tried:
+        assert hz >= 1250.0
+        assert null_share(hz, TRUE_10_MS_US) > 0.97
+        cycles = 16_000_000 / (2 * hz)
+        assert cycles == pytest.approx(round(cycles), abs=0.02)
+
+
+def test_short_exposures_have_no_nulls_to_lie_between() -> None:
+    """At 150 µs the first null is at 6667 Hz: steps upward from the limit."""
+    tried = worthwhile_frequencies(150.0, 1250.0)
+    assert tried[0] == 1250.0
+    assert np.diff(np.log(tried)) == pytest.approx(np.log(1.1), rel=1e-2)
+    assert tried[-1] > 4500.0
+
+
+def test_information_of_even_cells_is_its_definition() -> None:
+    """Of isotropic information i and depths a, b: D = i·(a² + b²)/2, whatever the phases."""
+    known = even_evidence(1000.0, 0.05)
+    assert separation_nats(known, (0.05, 0.02)) == pytest.approx(0.5 * 1000 * (0.05**2 + 0.02**2))
+
+
+def test_information_foretells_likelihood_ratios(near: View) -> None:
+    """A blinking panel, rendered: a cell that is taken for the other class costs as many nats as foretold.
+
+    Foretold from a steady panel. The decoder's fit takes part of the cost away again, so a word that differs in
+    one cell is compared: over frames and cells the mean agrees within a third.
+    """
+    asked = task(1.4)
+    spec = asked.spec(1250.0, 2450.0)
+    word = DICTIONARY.codeword(7)
+    lens = replace(ov5647_lens(), distortion=(0.0, 0.0, 0.0, 0.0, 0.0))
+    panel = Panel(
+        codeword=word, spec=spec, motion=Still(facing_camera(np.array([0, 0, 1.4]), roll_deg=2.0)), marker_id=7
+    )
+    scene = Scene(sensor=replace(asked.sensor, intrinsics=lens), panels=(panel,), room=Room(distance_m=2.0))
+    renderer, corners = Renderer(scene, seed=5), scene_truth(scene, 0)[0].corners_px
+    white = word.reshape(1, 16).astype(np.float32)
+    others = np.abs(white - np.eye(16, dtype=np.float32))  # one cell differs
+    costs = []
+    for seq in range(12):
+        pixels = np.empty((480, 640), np.uint8)
+        renderer.render(seq, pixels)
+        frame = replace(near.shots[0][1], pixels=pixels)
+        samples = sample_cells(frame, Quad(corners_px=corners), 4)
+        assert isinstance(samples, CellSamples)
+        known = single_evidence(samples, frame, spec)
+        assert isinstance(known, Evidence)
+        likelihood = word_log_likelihoods(known, np.concatenate([white, others]))[0]
+        costs.append(float((likelihood[0] - likelihood[1:]).mean()))
+    own = np.einsum("cicj->cij", evidence_of(near, spec, frames=1, frame_length_rows=504).information)
+    square = np.repeat(np.square(asked.depths(1250.0, 2450.0)), 2) / 2
+    foretold = 0.5 * float((np.einsum("cii->ci", own) * square).sum(axis=1).mean())  # over phases
+    assert np.mean(costs) == pytest.approx(foretold, rel=1 / 3)
+
+
+def test_enough_information_is_enough() -> None:
+    """With so many nats in each cell the decoder's own decision is right in 97 of 100 draws; with a tenth it is not."""
+    depth, spec = 0.05, task().spec(1250.0, 2450.0)
+    codebook = Codebook.build(list(range(50)), DICTIONARY, spec)
+    for share, expected in ((1.0, (0.965, 1.0)), (0.1, (0.0, 0.1))):
+        known = even_evidence(share * ENOUGH_NATS / depth**2, depth)
+        chance = chance_of_reading(known, codebook, (depth, depth), decision.FALSE_ID_RATE, draws=200)
+        assert expected[0] <= chance <= expected[1]
+
+
+def test_frequencies_that_nearly_coincide_tell_less_of_one_frame(near: View) -> None:
+    """A hundred hertz apart, the bands of both drift apart by a third of a cycle over a panel of 70 rows."""
+    assert nats(near, 1253.33, 1353.64, frames=1) < 0.5 * nats(near, 1253.33, 2457.76, frames=1)
+
+
+def test_frozen_phases_tell_little_more_with_more_frames() -> None:
+    """522 rows are 17576 µs: 21.97 cycles of 1250 Hz, 43.06 of 2450 Hz. In 504 rows both move."""
+    far = seen_from(8.0)
+    assert nats(far, 1250.0, 2450.0, frames=4, rows=522) < nats(far, 1250.0, 2450.0, frames=4, rows=504) / 5
+
+
+def test_the_best_never_tell_less_than_the_present_pair() -> None:
+    """First come those that at each distance give at least as much of what is needed, of one frame and of several."""
+    asked = task(2.0, 8.0, rows=504)
+    views = views_of(asked)
+    present = proposal_at(asked, 1250.0, 2450.0, 504, views)
+    best = ranked(asked, present, views)
+    assert best[0].is_never_worse_than(present)
+    assert sum(best[0].worth()) >= sum(present.worth())
+    assert {(p.black_hz, p.white_hz) for p in best} == set(candidate_pairs(asked))
+    flags = [p.is_never_worse_than(present) for p in best]
+    assert flags == sorted(flags, reverse=True)
+
+
+def test_a_proposal_always_moves() -> None:
+    """Also where one frame tells enough, at 135 µs: the shortest period that does, and auto's is hardly longer."""
+    asked = task(1.0, exposure_us=4 * OV5647_ROW_TIME_US)
+    views = views_of(asked)
+    for pair in ((1250.0, 2313.48), (1457.99, 2313.48)):
+        proposal = choose_period(asked, *pair, views)
+        assert asked.least_advance(*pair, proposal.frame_length_rows) >= 1 / 6
+        assert auto_rows(asked, pair) / 1.1 <= proposal.frame_length_rows <= auto_rows(asked, pair)
+
+
+def test_more_than_enough_counts_as_enough() -> None:
+    """Near by every pair is read; what it tells beyond does not outweigh what another tells far away."""
+    near_by = Proposal(black_hz=1, white_hz=2, frame_length_rows=504, alone=(9000.0, 5.0), stream=(9000.0, 10.0))
+    far_away = replace(near_by, alone=(900.0, 6.0), stream=(900.0, 12.0))
+    assert far_away.is_never_worse_than(near_by)
+    assert not near_by.is_never_worse_than(far_away)
+
+
+def test_1000_and_2000_hz_sit_on_nulls_at_10_ms() -> None:
+    """Each with what would be right near by."""
+    text = told(task(), 1000.0, 2000.0)
+    assert re.search(r"black, 1000 Hz: on a null.* 9\.97 of its cycles.*1253\.33 Hz", text)
+    assert re.search(r"white, 2000 Hz: on a null.* 19\.93 of its cycles.*1955\.99 Hz", text)
+
+
+def test_a_pair_may_be_unusable_for_its_flicker() -> None:
+    """1250 Hz is low risk, but seen to have no effect only from 3000 Hz on."""
+    assert told(task(), 1250.0, 2450.0) == ""
+    assert "flickers" in told(task(), 650.0, 2450.0)
+    assert told(task(flicker=Flicker.NO_EFFECT), 1250.0, 3060.0).count("flickers") == 1
+
+
+def test_a_pair_may_coincide() -> None:
+    """Or drift by less than a cycle over a whole picture."""
+    assert "coincide" in told(task(), 1250.0, 1250.0)
+    assert "must be 62 Hz apart" in told(task(), 1253.0, 1300.0)  # 480 rows of 33.67 µs are 1/62 s
+    assert "coincide" not in told(task(), 1253.0, 1353.64)
+
+
+def test_a_frequency_that_the_timer_cannot_make_is_named() -> None:
+    """Too high for it, and too high for the rows."""
+    text = told(task(exposure_us=20 * OV5647_ROW_TIME_US), 1250.0, 25_000.0)
+    assert "the driver's timer cannot make it" in text
+    assert "too fast: its bands are 0.59 rows high" in text
+
+
+def test_1250_hz_is_frozen_at_62_49_fps() -> None:
+    """The current driver's rows: 504 of 31.75 µs, in which it advances 20.0016 cycles; and the period that helps."""
+    row_time_us = 1852 / 58.333333
+    camera = replace(sensor(), row_time_us=row_time_us, exposure_us=whole_rows_us(10_000.0, row_time_us))
+    text = told(replace(task(), sensor=camera), 1250.0, 2450.0, rows=504)
+    assert re.fullmatch(r"1250 Hz is frozen at 62\.495 fps: it advances by 20\.0016 cycles a frame.* moves both", text)
+
+
+def test_drifting_oscillators_are_no_help_to_a_stream() -> None:
+    """At 1 % a phase is lost from one frame to the next; at 100 ppm it is kept for a hundred."""
+    assert task(tolerance=0.01).coherent_frames(2450.0, 504) == 1
+    assert task(tolerance=1e-4).coherent_frames(2450.0, 504) > 50
+
+
+def test_no_pair_for_such_oscillators() -> None:
+    """± 5 % of 1250 Hz are more than a whole lobe at 10 ms; a shorter exposure is named."""
+    assert "none near by is good" in told(task(tolerance=0.05), 1250.0, 2450.0)
+    with pytest.raises(ConfigError, match=r"± 50000 ppm.*at most 4800 µs"):
+        candidate_pairs(task(tolerance=0.05))
+    assert candidate_pairs(task(tolerance=0.05, exposure_us=4 * 33.67))
+
+
+def test_a_long_exposure_has_no_more_pairs_to_try() -> None:
+    """At 0.1 s a null lies every 10 Hz; the frequencies that are tried are as many as ever."""
+    assert len(worthwhile_frequencies(100_000.0, 1250.0)) <= 16
+
+
+def test_a_panel_that_does_not_fit_into_the_picture_is_refused() -> None:
+    """480 rows at 643 px focal length: 16 cm fill them at 0.21 m."""
+    with pytest.raises(ConfigError, match=r"--distance 0.1: .* at least 0\.21"):
+        views_of(task(0.1))
+
+
+@pytest.mark.parametrize("distance_m", [20.0, 1e6])
+def test_too_far_to_sample_is_refused_with_the_farthest(distance_m: float) -> None:
+    """A cell needs two pixels; of a panel a thousand kilometres away not even the corners differ."""
+    with pytest.raises(ConfigError, match=r"--distance (20|1e\+06): .*too_small.*at most 12\.6"):
+        views_of(task(1.0, distance_m))
+
+
+def test_what_is_certain_is_not_drawn() -> None:
+    """Three times enough is read in every draw, a twentieth in none: as draws would say."""
+    spec = task().spec(1250.0, 2450.0)
+    codebook = Codebook.build(list(range(50)), DICTIONARY, spec)
+    for nats, chance in ((3 * ENOUGH_NATS, 1.0), (ENOUGH_NATS / 20, 0.0)):
+        known = even_evidence(nats / 0.05**2, 0.05)
+        assert chance_of_reading(known, codebook, (0.05, 0.05), decision.FALSE_ID_RATE, draws=100) == chance
+
+
+def test_periods_in_a_cell() -> None:
+    """At 8 m a cell of 4 cm is 3.2 rows of 33.67 µs high at 643 px focal length: 0.135 periods of 1250 Hz."""
+    assert task().periods_in_a_cell(1250.0, 8.0) == pytest.approx(642.86 * 0.04 / 8 * 33.67e-6 * 1250, rel=1e-3)
+
+
+def test_range_is_read_off_between_distances() -> None:
+    """From 100 % at 2 m to 80 % at 8 m, 90 % is half-way in the logarithm."""
+    reach = Reach(distances_m=(1.0, 2.0, 8.0), alone=(0.5, 0.5, 0.5), stream=(1.0, 1.0, 0.8))
+    assert reach.range_m(reach.stream) == pytest.approx(4.0)
+    assert reach.range_m(reach.alone) is None
+    assert reach.range_m((1.0, 0.95, 0.9)) == 8.0
+
+
+def test_a_folder_that_cannot_be_made_is_told_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """And not after the minutes that a design takes."""
+    (tmp_path / "file").touch()
+    monkeypatch.setattr(panel_design, "_design", lambda *_: pytest.fail("went to work"))
+    with pytest.raises(ConfigError, match=r"--out file: cannot be written: File exists"):
+        run("--out", "file")
+
+
+def test_a_check_has_nothing_to_write() -> None:
+    """A folder would stay empty, so it is refused."""
+    with pytest.raises(ConfigError, match=r"--out design: is for a design; --check writes nothing"):
+        run("--check", "1250", "2450", "--out", "design")
+
+
+@pytest.mark.parametrize("distance_m", ["inf", "nan"])
+def test_a_distance_that_is_none_is_refused(distance_m: str) -> None:
+    """Before anything is computed with it."""
+    assert run("--distance", distance_m)[0] == 2
+
+
+def test_check_says_why_and_exits_with_1() -> None:
+    """As a script would use it."""
+    status, output = run("--check", "1000", "2000")
+    assert status == 1
+    assert output.count("on a null") == 2
+
+
+def test_check_takes_the_frame_rate() -> None:
+    """Faster than frames of the usual row time can be: then the rows are faster."""
+    status, output = run("--check", "1250", "2450", "--fps", "62.49")
+    assert status == 1
+    assert "1250 Hz is frozen at 62.490 fps" in output
+
+
+def test_an_impossible_frame_rate_is_refused() -> None:
+    """Where the row time is known."""
+    with pytest.raises(ConfigError, match=r"475 rows of 33\.67 µs; must be at least 504, at most 58\.93 fps"):
+        run("--check", "1250", "2450", "--fps", "62.49", "--row-time-us", "33.67")
+
+
+def test_antiphase_is_read_where_two_frequencies_are_not() -> None:
+    """One frame at 2.5 m, four frames at 12 m."""
+    asked = task(2.5, 12.0)
+    views = views_of(asked)
+    one = best_antiphase(asked, views)
+    assert one is not None
+    assert one.black_hz == one.white_hz
+    two = proposal_at(asked, 1250.0, 2450.0, 504, views)
+    antiphase, pair = (reach_of(asked, proposal, DICTIONARY, views) for proposal in (one, two))
+    assert antiphase.alone[0] > 0.85 > 0.75 > pair.alone[0]
+    assert antiphase.stream[1] > 0.6 > 0.4 > pair.stream[1]
+
+
+def test_what_tells_antiphase_classes_apart_is_twice_the_bands() -> None:
+    """Of isotropic information i and depth a: D = i·(2a)²/2, at any phase."""
+    known = Evidence(
+        score=np.zeros((2, 2)), information=1000 * np.eye(4).reshape(2, 2, 2, 2), prior=np.ones(2), residual=0.0
+    )
+    assert separation_nats(known, (0.05, 0.05)) == pytest.approx(0.5 * 1000 * 0.1**2)
+
+
+def test_classes_that_share_a_duty_of_another_size_are_not_in_antiphase() -> None:
+    """One would not fill the other's gaps."""
+    asked = replace(task(2.0), duty=0.4)
+    assert best_antiphase(asked, views_of(asked)) is None
+
+
+def test_an_antiphase_panel_is_checked_as_one() -> None:
+    """One frequency for both classes is what it has; two are refused, and so are its null and its freezing, once."""
+    one = ("--set", "panels.phase=antiphase", "--set", "panels.white_hz=1250")
+    assert run("--check", "1250", "1250", *one, "--fps", "58.93")[0] == 0
+    status, output = run("--check", "1250", "2450", *one)
+    assert (status, output.count("both classes blink alike")) == (1, 1)
+    status, output = run("--check", "1000", "1000", *one)
+    assert (status, output.count("on a null")) == (1, 1)
+    status, output = run("--check", "1250", "1250", *one, "--fps", "62.49")
+    assert (status, output.count("is frozen")) == (1, 1)
+
+
+def test_a_check_begins_with_its_verdict() -> None:
+    """Before the columns: whether the pair is any good."""
+    assert run("--check", "1000", "2000")[1].splitlines()[0] == "1000 and 2000 Hz cannot be used:"
+    good = run("--check", "1250", "2450", "--distance", "1", "--fps", "58.93")[1].splitlines()[0]
+    assert good.startswith("good are 1250.00 Hz (black cells) and 2450.00 Hz (white): a panel is read ")
+
+
+def test_ids_that_are_reported_only_if_they_are_listed_are_named() -> None:
+    """As long as none are listed."""
+    given = ("--check", "1250", "2450", "--distance", "1", "--fps", "58.93")
+    assert "note: IDs 3, 17, 22, 30, 33, 37 are reported only if panels.ids lists them: a part of" in run(*given)[1]
+    assert "panels.ids" not in run(*given, "--set", "panels.ids=[7]")[1]
+
+
+def test_no_legend_covers_a_curve() -> None:
+    """Both plots' stand below their axes."""
+    asked = task(1.0)
+    proposal = proposal_at(asked, 1250.0, 2450.0, 504, views_of(asked))
+    reach = Reach(distances_m=(1.0, 2.0), alone=(0.9, 0.2), stream=(1.0, 0.9))
+    for figure in (contrast_figure(asked, proposal), reach_figure([("present", proposal, reach)] * 7)):
+        figure.draw_without_rendering()
+        (legend,) = figure.legends
+        curves = [axes.get_tightbbox() for axes in figure.axes]
+        assert not any(legend.get_window_extent().overlaps(box) for box in curves if box is not None)
+
+
+def test_a_design_is_a_configuration(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Five pairs and antiphase beside the present one, two plots, and lines that are loaded and found good."""
+    monkeypatch.setattr("ledpi.tools.panel.reach._DRAWS", 5)
+    monkeypatch.setattr("ledpi.tools.panel.reach._DISTANCES", 3)
+    status, output = run("--distance", "1", "--distance", "8", "--fps", "58.93", "--out", "design")
+    assert status == 0
+    first = output.splitlines()[0]
+    read = r"(?:a panel is read )?(?:to \S+ m|nowhere) in a single picture, "
+    assert len(re.findall(r"\S+ Hz \(black cells\) and \S+ Hz \(white\): " + read, first)) == 2
+    assert first.startswith("best are ")
+    assert re.findall(r"^(\d|antiphase|present) ", output, re.MULTILINE) == [*"12345", "antiphase", "present"]
+    config = load_config(Path("design/panel.yaml"))
+    assert config.panels.side_m == 0.16
+    assert config.camera.frame_duration_us == round(504.25 * OV5647_ROW_TIME_US)
+    assert run("--check", str(config.panels.black_hz), str(config.panels.white_hz), "--fps", "58.93")[0] == 0
+    antiphase = load_config(Path("design/antiphase.yaml")).panels
+    assert (antiphase.phase, antiphase.white_hz) == ("antiphase", antiphase.black_hz)
+    drawn = {"panel.yaml", "antiphase.yaml", "contrast.png", "reach.png"}
+    assert {path.name for path in Path("design").iterdir()} == drawn

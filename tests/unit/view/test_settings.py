@@ -1,0 +1,145 @@
+"""`ledpi view` as a command, and its keys: where it listens, who may look, and what it says when it cannot."""
+
+from __future__ import annotations
+
+import http.client
+import json
+import signal
+import socket
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+
+from ledpi.config.settings import load_config
+from ledpi.core.errors import ConfigError
+from ledpi.view import guard
+from ledpi.view.guard import Guard, is_loopback
+from tests.builders.command import complaint, in_process
+from tests.builders.view import view
+
+GIVEN = "panels.side_m=0.16"
+
+
+@pytest.mark.parametrize(
+    ("listen", "address"),
+    [
+        ("127.0.0.1:8088", ("127.0.0.1", 8088)),
+        ("localhost:0", ("127.0.0.1", 0)),
+        ("0.0.0.0:80", ("0.0.0.0", 80)),
+        ("'[::1]:65535'", ("::1", 65535)),
+        ("'[::]:8088'", ("::", 8088)),
+    ],
+)
+def test_addresses(listen: str, address: tuple[str, int]) -> None:
+    """Of both kinds of numbers, with a port."""
+    assert load_config(None, (GIVEN, f"view.listen={listen}")).view.address == address
+
+
+@pytest.mark.parametrize(
+    "listen",
+    [
+        "8088",
+        "127.0.0.1",
+        "127.0.0.1:",
+        "127.0.0.1:65536",
+        "127.0.0.1:-1",
+        "robot:8088",
+        "::1:8088",
+        "'[127.0.0.1]:1'",
+        "null",
+    ],
+)
+def test_what_is_no_address_is_told(listen: str) -> None:
+    """With what would be right."""
+    with pytest.raises(ConfigError, match=r"view\.listen: must be an IP address and a port, as 127\.0\.0\.1:8088"):
+        load_config(None, (GIVEN, f"view.listen={listen}"))
+
+
+@pytest.mark.parametrize("token", ["short", "'with a blank in it'", "'ünicode-tokens-no'", "123456789012345"])
+def test_what_is_no_token_is_told(token: str) -> None:
+    """Short ones can be guessed; others cannot be sent in a header."""
+    with pytest.raises(ConfigError, match=r"view\.token: (must be|is too short)"):
+        load_config(None, (GIVEN, f"view.token={token}"))
+
+
+def test_only_this_machines_own_address_may_be_looked_at_without_a_token() -> None:
+    """All others are reached from a network."""
+    assert [is_loopback(host) for host in ("127.0.0.1", "127.9.9.9", "::1")] == [True] * 3
+    assert [is_loopback(host) for host in ("0.0.0.0", "::", "192.168.1.2", "10.0.0.1")] == [False] * 4
+
+
+def test_tokens_are_compared_in_constant_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By hmac.compare_digest, all of them: how long it takes tells nothing of how much was right."""
+    compared: list[tuple[bytes, bytes]] = []
+    monkeypatch.setattr(guard.hmac, "compare_digest", lambda a, b: compared.append((a, b)) or False)
+    judge = Guard(token="right-right-right", open_to_read=False, names=frozenset())
+    for given in ("right-right-right", "wrong", "ü" * 3):
+        refused = judge.refuse("GET", "/api/state", {"host": "127.0.0.1", "authorization": f"Bearer {given}"})
+        assert refused is not None
+        assert refused.status == 401
+    assert [given for given, _ in compared] == [b"right-right-right", b"wrong", "üüü".encode()]
+
+
+def test_a_port_that_is_taken_is_told_in_one_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """Exit status 2, and what to do."""
+    monkeypatch.chdir(tmp_path)
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        port = other.getsockname()[1]
+        said = complaint(in_process(monkeypatch, capsys, "view")("--set", f"view.listen=127.0.0.1:{port}"))
+    assert said == f"ledpi: view.listen: 127.0.0.1:{port}: is in use; choose another port, or end what uses it"
+
+
+def test_an_address_of_another_machine_is_told_in_one_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """As the system says it."""
+    monkeypatch.chdir(tmp_path)
+    said = complaint(in_process(monkeypatch, capsys, "view")("--set", "view.listen=192.0.2.1:8088"))
+    assert said.startswith("ledpi: view.listen: 192.0.2.1:8088: ")
+
+
+def test_a_daemon_without_a_tap_is_told_in_one_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """It would wait for ever."""
+    monkeypatch.chdir(tmp_path)
+    said = complaint(in_process(monkeypatch, capsys, "view")("--set", "tap.socket=null"))
+    assert "tap.socket" in said
+
+
+def test_on_the_network_a_token_is_made_and_printed(tmp_path: Path) -> None:
+    """Long, another one at each start, and needed for every answer."""
+    with view(tmp_path, "view.listen=0.0.0.0:0") as page, view(tmp_path, "view.listen=0.0.0.0:0") as other:
+        assert len(page.token) >= 24
+        assert page.token != other.token
+        assert page.ask("/api/state")["link"]["state"] == "down"
+        for token in ("", other.token):
+            with closing(http.client.HTTPConnection("127.0.0.1", page.port, timeout=30)) as connection:
+                connection.request("GET", "/api/state", headers={"Authorization": f"Bearer {token}"} if token else {})
+                answer = connection.getresponse()
+                assert answer.status == 401
+                assert "token" in json.loads(answer.read())["error"]
+
+
+def test_a_token_of_the_configuration_is_used(tmp_path: Path) -> None:
+    """Also on the own machine's address, where the page could be read without one else."""
+    with view(tmp_path, "view.token=chosen-by-me-1") as page:
+        assert page.token == "chosen-by-me-1"
+        assert page.ask("/api/state")["daemon"] is None
+        with closing(http.client.HTTPConnection("127.0.0.1", page.port, timeout=30)) as connection:
+            connection.request("GET", "/api/state")
+            assert connection.getresponse().status == 401
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_it_ends_well(tmp_path: Path, number: signal.Signals) -> None:
+    """By a service manager or Ctrl-C, while somebody waits for a picture: status 0."""
+    with view(tmp_path) as page, closing(http.client.HTTPConnection("127.0.0.1", page.port, timeout=30)) as connection:
+        connection.request("GET", "/api/frame")
+        page.process.send_signal(number)
+        assert page.process.wait(30) == 0

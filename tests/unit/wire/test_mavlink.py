@@ -1,0 +1,399 @@
+"""MAVLink: what pymavlink reads of what the daemon writes, against frames worked out by hand."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import os
+import select
+import signal
+import subprocess
+import sys
+import time
+import tty
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import common
+
+from ledpi.config.settings import SerialSettings, load_config
+from ledpi.core.errors import ConfigError, WireError
+from ledpi.core.geometry import (
+    CAMERA_LINK_FROM_CAMERA,
+    matrix_from_rotation_vector,
+    matrix_from_rpy_deg,
+    quaternion_from_matrix,
+    rpy_deg_from_matrix,
+    transform,
+)
+from ledpi.core.records import Floats, Pose, RobotFix
+from ledpi.tools.doctor.checks import examine
+from ledpi.wire.mavlink import FRD_FROM_FLU, HEARTBEAT_PERIOD_NS, NED_FROM_ENU, Mavlink, Profile
+from ledpi.wire.message import MarkerMessage, NoFix, State, StatusMessage, fix_message, marker_message
+from ledpi.wire.outbox import Outbox
+from ledpi.wire.publisher import Publisher
+from ledpi.wire.resets import Resets
+from tests.builders import ROOT
+from tests.builders.daemon import SIMULATED, daemon, end
+from tests.builders.wire import decoded, decoded_now, marker_pose, robot_fix
+
+DEADLINE_S = 20.0
+FACING = np.array([0.0, 1.0, 0.0, 0.0])  # a panel that hangs upright and faces the camera
+
+
+def codec(
+    rpy_deg: tuple[float, float, float] = (0, 0, 0),
+    position_m: tuple[float, float, float] = (0, 0, 0),
+    profile: Profile = "ardupilot",
+) -> Mavlink:
+    rotation = matrix_from_rpy_deg(*rpy_deg) @ CAMERA_LINK_FROM_CAMERA
+    return Mavlink(base_link_from_camera=transform(rotation, np.array(position_m)), profile=profile)
+
+
+def parse(packet: bytes | None) -> Any:
+    """The one message that pymavlink finds in these bytes."""
+    assert packet is not None
+    (message,) = common.MAVLink(None).parse_buffer(packet)
+    assert message.get_type() != "BAD_DATA"
+    return message
+
+
+def marker_at(*camera_m: float, marker_id: int = 7, ambiguous: bool = False) -> MarkerMessage:
+    pose = Pose(position_m=np.array(camera_m), quaternion_wxyz=FACING)
+    return marker_message(marker_pose(marker_id, 0, pose=pose, ambiguous=ambiguous), age_us=2000)
+
+
+def fix_at(
+    position_m: tuple[float, float, float],
+    rpy_deg: tuple[float, float, float] = (0, 0, 0),
+    covariance: Floats | None = None,
+) -> RobotFix:
+    quaternion = quaternion_from_matrix(matrix_from_rpy_deg(*rpy_deg))
+    pose = Pose(position_m=np.array(position_m), quaternion_wxyz=quaternion, covariance=covariance)
+    return RobotFix(map_from_base_link=pose, mid_exposure_ns=0, panels_used=(7,))
+
+
+def send_fix(mavlink: Mavlink, fix: RobotFix, first_byte_ns: int = 10_000_000) -> Any:
+    return parse(mavlink.encode(fix_message(fix, age_us=2000), first_byte_ns))
+
+
+def test_a_panel_straight_ahead() -> None:
+    """1 m in front of a camera that looks ahead: x is 1 in the body's frame; the time is that of the picture."""
+    target = parse(codec().encode(marker_at(0, 0, 1), 10_000_000))
+    assert target.get_type() == "LANDING_TARGET"
+    assert (target.target_num, target.frame, target.position_valid) == (7, common.MAV_FRAME_BODY_FRD, 1)
+    assert target.type == common.LANDING_TARGET_TYPE_VISION_FIDUCIAL
+    assert (target.x, target.y, target.z) == pytest.approx((1, 0, 0), abs=1e-6)
+    assert (target.angle_x, target.angle_y, target.distance) == pytest.approx((0, 0, 1), abs=1e-6)
+    assert target.q == pytest.approx((0.5, -0.5, -0.5, 0.5), abs=1e-6)  # its x is our right, its y up, its z astern
+    assert target.time_usec == 10_000 - 2000
+
+
+def test_a_panel_to_the_right_of_a_camera_off_the_centre() -> None:
+    """1 m ahead and 1 m right of a camera that sits 0.1 m ahead, 0.2 m left and 0.3 m above the vehicle's centre."""
+    target = parse(codec(position_m=(0.1, 0.2, 0.3)).encode(marker_at(1, 0, 1), 10_000_000))
+    assert (target.x, target.y, target.z) == pytest.approx((1.1, 0.8, -0.3), abs=1e-6)
+    assert (target.angle_x, target.angle_y) == pytest.approx((math.pi / 4, 0), abs=1e-6)
+    assert target.distance == pytest.approx(math.sqrt(1.21 + 0.64 + 0.09), abs=1e-6)
+
+
+def test_a_panel_below_a_camera_that_looks_down() -> None:
+    """0.2 m ahead, 0.5 m right and 2 m below; ArduPilot reads (−tan angle_y, tan angle_x, 1) as ahead, right, down."""
+    target = parse(codec(rpy_deg=(0, 90, 0)).encode(marker_at(0.5, -0.2, 2), 10_000_000))
+    assert (target.x, target.y, target.z) == pytest.approx((0.2, 0.5, 2), abs=1e-6)
+    assert (-math.tan(target.angle_y), math.tan(target.angle_x)) == pytest.approx((0.1, 0.25), abs=1e-6)
+
+
+def test_px4_gets_the_tangents_of_a_panel_below() -> None:
+    """PX4 refuses positions in the body's frame; the two angles' fields are tangents to it, ahead and right."""
+    down = codec(rpy_deg=(0, 90, 0), profile="px4")
+    target = parse(down.encode(marker_at(0.5, -0.2, 2), 10_000_000))
+    assert (target.angle_x, target.angle_y, target.position_valid) == pytest.approx((0.1, 0.25, 0), abs=1e-6)
+
+
+@pytest.mark.parametrize("rpy_deg", [(0, 0, 0), (0, -90, 0)])
+def test_px4_gets_no_panel_that_is_not_below(rpy_deg: tuple[float, float, float]) -> None:
+    """PX4 meets the direction with the ground: a panel ahead or above is not there."""
+    assert codec(rpy_deg=rpy_deg, profile="px4").encode(marker_at(0, 0, 1), 10_000_000) is None
+
+
+def test_an_ambiguous_panel_has_a_place_but_no_attitude() -> None:
+    """The likelier place is sent, once, with MAVLink's zero quaternion for unknown."""
+    target = parse(codec().encode(marker_at(0, 0, 1, ambiguous=True), 10_000_000))
+    assert (target.x, target.q) == (pytest.approx(1), [0, 0, 0, 0])
+    other = marker_message(marker_pose(7, 0, ambiguous=True), age_us=0, alternate=True)
+    assert codec().encode(other, 10_000_000) is None
+
+
+def test_an_id_that_does_not_fit_is_refused() -> None:
+    """Cut to a byte, 256 would be panel 0."""
+    assert parse(codec().encode(marker_at(0, 0, 1, marker_id=255), 10_000_000)).target_num == 255
+    with pytest.raises(WireError, match="marker 256"):
+        codec().encode(marker_at(0, 0, 1, marker_id=256), 10_000_000)
+
+
+def test_an_uncalibrated_panel_is_not_sent() -> None:
+    """LANDING_TARGET has nothing to say of an ID alone."""
+    assert codec().encode(MarkerMessage(id=7, age_us=0, pose=None, uncalibrated=True), 10_000_000) is None
+
+
+@pytest.mark.parametrize(
+    ("rpy_deg", "ned_rpy_deg"),
+    [
+        ((0, 0, 0), (0, 0, 90)),  # faces east
+        ((0, 0, 90), (0, 0, 0)),  # faces north
+        ((5, -10, 0), (5, 10, 90)),  # left side up by 5°, nose up by 10°
+        ((0, 0, 180), (0, 0, -90)),  # faces west
+    ],
+)
+def test_a_fix_in_the_local_frame(rpy_deg: tuple[float, float, float], ned_rpy_deg: tuple[float, float, float]) -> None:
+    """1 m east, 2 m north, 3 m up of the map's origin."""
+    fix = send_fix(codec(), fix_at((1, 2, 3), rpy_deg))
+    assert fix.get_type() == "VISION_POSITION_ESTIMATE"
+    assert fix.usec == 10_000 - 2000
+    assert (fix.x, fix.y, fix.z) == pytest.approx((2, 1, -3), abs=1e-6)
+    assert np.degrees([fix.roll, fix.pitch, fix.yaw]) == pytest.approx(ned_rpy_deg, abs=1e-4)
+
+
+def test_the_covariance_row_by_row() -> None:
+    """Facing north, the map's east axis is pitch, its north axis roll; down and right turns change the signs."""
+    covariance = np.diag([1.0, 2, 3, 4, 5, 6])
+    covariance[0, 2] = covariance[2, 0] = 0.3  # east and up
+    covariance[0, 5] = covariance[5, 0] = 0.7  # east and a turn to the left
+    got = send_fix(codec(), fix_at((0, 0, 0), (0, 0, 90), covariance * 1e-4)).covariance
+    # fmt: off
+    rows = [2, 0,    0, 0, 0,    0,
+               1, -0.3, 0, 0, -0.7,
+                     3, 0, 0,    0,
+                        5, 0,    0,
+                           4,    0,
+                                 6]
+    # fmt: on
+    assert np.array(got) == pytest.approx(np.array(rows) * 1e-4, abs=1e-10)
+
+
+def test_the_angles_covariance_follows_the_attitude() -> None:
+    """Against the change of roll, pitch and yaw when a tilted robot is turned a little about each of the map's axes."""
+    tilted = (20.0, 35.0, 50.0)
+    rotation = matrix_from_rpy_deg(*tilted)
+
+    def angles(turn: Floats) -> Floats:
+        ned = NED_FROM_ENU @ matrix_from_rotation_vector(turn) @ rotation @ FRD_FROM_FLU
+        return np.radians(rpy_deg_from_matrix(ned))
+
+    step = 1e-6
+    slope = np.column_stack([(angles(step * axis) - angles(-step * axis)) / (2 * step) for axis in np.eye(3)])
+    covariance = np.diag([0, 0, 0, 1.0, 2.0, 3.0]) * 1e-4
+    wanted = slope @ covariance[3:, 3:] @ slope.T
+    got = send_fix(codec(), fix_at((0, 0, 0), tilted, covariance)).covariance
+    assert got[15:] == pytest.approx(wanted[np.triu_indices(3)], rel=1e-4, abs=1e-9)
+
+
+@pytest.mark.parametrize("covariance", [None, np.full((6, 6), np.nan), np.diag([1e40] * 6)])
+def test_an_unknown_covariance_begins_with_nan(covariance: Floats | None) -> None:
+    """As MAVLink has it; the others are zero, for ArduPilot adds some of them up."""
+    first, *others = send_fix(codec(), fix_at((0, 0, 0), covariance=covariance)).covariance
+    assert math.isnan(first)
+    assert others == [0.0] * 20
+
+
+@pytest.mark.parametrize(
+    ("second", "jumps"),
+    [
+        (fix_at((0.6, 0, 0)), 0),  # 6 m/s for 0.1 s
+        (fix_at((1.6, 0, 0)), 1),  # more than 0.5 m and 10 m/s for 0.1 s
+        (fix_at((0, 0, 0), (0, 0, 60)), 0),
+        (fix_at((0, 0, 0), (0, 0, 90)), 1),  # more than 30° and a turn a second for 0.1 s
+    ],
+)
+def test_the_reset_counter_goes_up_where_a_fix_jumps(second: RobotFix, jumps: int) -> None:
+    """Further than a robot can have gone since the last; it does not go down again."""
+    mavlink = codec()
+    assert send_fix(mavlink, fix_at((0, 0, 0))).reset_counter == 0
+    assert send_fix(mavlink, second, 110_000_000).reset_counter == jumps
+    assert send_fix(mavlink, second, 210_000_000).reset_counter == jumps
+
+
+def test_the_reset_counter_outlives_a_reload() -> None:
+    """A new codec goes on counting, and another map counts, too."""
+    resets = Resets(jumps=254, maps=1)
+    mavlink = Mavlink(base_link_from_camera=np.eye(4), profile="ardupilot", resets=resets)
+    for x_m, counter in [(0.0, 255), (5.0, 0)]:
+        message = fix_message(fix_at((x_m, 0, 0)), age_us=2000, map_resets=resets.maps)
+        assert parse(mavlink.encode(message, 10_000_000)).reset_counter == counter
+
+
+@pytest.mark.parametrize(
+    ("state", "system_status"),
+    [
+        (State.STARTING, common.MAV_STATE_BOOT),
+        (State.RUNNING, common.MAV_STATE_ACTIVE),
+        (State.CAMERA_LOST, common.MAV_STATE_CRITICAL),
+        (State.STOPPING, common.MAV_STATE_POWEROFF),
+    ],
+)
+def test_the_heartbeat_is_that_of_an_onboard_controller(state: State, system_status: int) -> None:
+    """Part of the vehicle, no autopilot; it says how the daemon does."""
+    heartbeat = parse(codec().encode(StatusMessage(state=state, no_fix=NoFix.NO_PANEL), 0))
+    assert heartbeat.get_type() == "HEARTBEAT"
+    assert (heartbeat.type, heartbeat.autopilot) == (common.MAV_TYPE_ONBOARD_CONTROLLER, common.MAV_AUTOPILOT_INVALID)
+    assert heartbeat.system_status == system_status
+    assert (heartbeat.get_srcSystem(), heartbeat.get_srcComponent()) == (1, common.MAV_COMP_ID_VISUAL_INERTIAL_ODOMETRY)
+
+
+def test_a_decoder_that_is_behind_is_critical() -> None:
+    """No pose comes that could be used, although the camera is there."""
+    heartbeat = parse(codec().encode(StatusMessage(state=State.RUNNING, no_fix=NoFix.BEHIND), 0))
+    assert heartbeat.system_status == common.MAV_STATE_CRITICAL
+
+
+def test_a_heartbeat_is_due_once_a_second() -> None:
+    """Not five times, as our own protocol's."""
+    outbox = Outbox(max_age_ms=100.0, status_period_ns=HEARTBEAT_PERIOD_NS)
+    sent_ns = [now for now in range(0, 3_000_000_001, 10_000_000) if outbox.take(now) is not None]
+    assert sent_ns == [0, 1_000_000_000, 2_000_000_000, 3_000_000_000]
+
+
+def test_packets_are_numbered_without_a_gap() -> None:
+    """Also where a message was not for MAVLink, or a packet was not sent; 255 is followed by 0."""
+    mavlink = codec()
+    numbers = []
+    for n in range(300):
+        assert mavlink.encode(MarkerMessage(id=n, age_us=0, pose=None, uncalibrated=True), 0) is None
+        mavlink.encode(marker_at(0, 0, 1), 10_000_000)  # held up, so that it is made again
+        numbers.append(parse(mavlink.encode(marker_at(0, 0, 1), 10_000_000)).get_seq())
+        mavlink.count_sent()
+    assert all((b - a) % 256 == 1 for a, b in itertools.pairwise(numbers))
+
+
+class Autopilot:
+    """The far end of a pty, where pymavlink listens."""
+
+    def __init__(self) -> None:
+        self._master, self._slave = os.openpty()
+        tty.setraw(self._master)
+        self.path = os.ttyname(self._slave)
+        self._parser = common.MAVLink(None)
+        self._parser.robust_parsing = True  # a byte that is none of a packet is passed over, as an autopilot does
+        self.messages: list[Any] = []
+
+    def read_until(self, condition: Callable[[], bool]) -> None:
+        end_s = time.monotonic() + DEADLINE_S
+        while not condition():
+            assert time.monotonic() < end_s, f"not in {DEADLINE_S} s; got {self.messages[-5:]}"
+            if select.select([self._master], [], [], 0.02)[0]:
+                self.messages += self._parser.parse_buffer(os.read(self._master, 4096)) or []
+
+    def of(self, kind: str) -> list[Any]:
+        return [message for message in self.messages if message.get_type() == kind]
+
+    def close(self) -> None:
+        os.close(self._master)
+        os.close(self._slave)
+
+
+@contextmanager
+def line(**settings: Any) -> Iterator[tuple[Autopilot, Publisher]]:
+    """A publisher that speaks MAVLink, and who listens."""
+    autopilot = Autopilot()
+    publisher = Publisher(SerialSettings(port=autopilot.path, protocol="mavlink", **settings), codec())
+    publisher.start()
+    try:
+        autopilot.read_until(lambda: bool(autopilot.of("HEARTBEAT")))
+        yield autopilot, publisher
+    finally:
+        publisher.stop()
+        autopilot.close()
+
+
+def test_poses_arrive_over_the_line_with_the_fix_first() -> None:
+    """One frame with two panels and a fix, all of one picture's time on this machine's monotonic clock."""
+    with line() as (autopilot, publisher):
+        mid_ns = time.monotonic_ns() - 5_000_000
+        publisher.publish(decoded(marker_pose(3, mid_ns), marker_pose(9, mid_ns), robot=robot_fix(mid_ns, x=4.0)))
+        autopilot.read_until(lambda: len(autopilot.of("LANDING_TARGET")) == 2)
+        poses = [message for message in autopilot.messages if message.get_type() not in ("HEARTBEAT", "BAD_DATA")]
+        assert [message.get_type() for message in poses] == [
+            "VISION_POSITION_ESTIMATE",
+            "LANDING_TARGET",
+            "LANDING_TARGET",
+        ]
+        assert [message.target_num for message in poses[1:]] == [3, 9]
+        assert poses[0].y == pytest.approx(4.0)
+        times_us = [poses[0].usec, poses[1].time_usec, poses[2].time_usec]
+        assert times_us == pytest.approx([mid_ns / 1000] * 3, abs=2)
+
+
+def test_a_stale_pose_is_not_sent() -> None:
+    """Older than max_age_ms; a fresh one after it arrives."""
+    with line() as (autopilot, publisher):
+        publisher.publish(decoded_now(7, fix=True, age_ms=150.0))
+        publisher.publish(decoded_now(8))
+        autopilot.read_until(lambda: bool(autopilot.of("LANDING_TARGET")))
+        assert [target.target_num for target in autopilot.of("LANDING_TARGET")] == [8]
+        assert autopilot.of("VISION_POSITION_ESTIMATE") == []
+        assert publisher.counters.stale == 2
+
+
+def test_an_id_that_does_not_fit_is_counted() -> None:
+    """And the line goes on."""
+    with line() as (autopilot, publisher):
+        publisher.publish(decoded_now(256, 8))
+        autopilot.read_until(lambda: bool(autopilot.of("LANDING_TARGET")))
+        assert [target.target_num for target in autopilot.of("LANDING_TARGET")] == [8]
+        assert publisher.counters.refused == 1
+
+
+def test_the_last_heartbeat_says_power_off() -> None:
+    """The daemon's end is told, not found out."""
+    with line() as (autopilot, publisher):
+        publisher.stop()
+        autopilot.read_until(lambda: autopilot.of("HEARTBEAT")[-1].system_status == common.MAV_STATE_POWEROFF)
+
+
+def test_without_pymavlink_the_codec_says_how_to_install_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One line with the key and the remedy."""
+    monkeypatch.setitem(sys.modules, "pymavlink.dialects.v20", None)
+    with pytest.raises(ConfigError, match=r"serial.protocol: mavlink needs pymavlink.*pip install 'ledpi\[mavlink\]'"):
+        codec()
+
+
+def test_without_pymavlink_doctor_says_that_the_daemon_would_not_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With the same words as the daemon's, and a remedy."""
+    settings = ("panels.side_m=0.16", "camera.source=simulated", "serial.protocol=mavlink")
+    monkeypatch.setitem(sys.modules, "pymavlink.dialects.v20", None)
+    (finding,) = [f for f in examine(load_config(None, settings)) if f.name == "mavlink"]
+    assert finding.stops_daemon
+    assert "pip install 'ledpi[mavlink]'" in finding.said
+
+
+def test_the_daemon_speaks_mavlink() -> None:
+    """The simulated drive's two panels, ahead of the vehicle; its last word is power off."""
+    autopilot = Autopilot()
+    with daemon(*SIMULATED, "serial.protocol=mavlink", f"serial.port={autopilot.path}") as process:
+        autopilot.read_until(lambda: {target.target_num for target in autopilot.of("LANDING_TARGET")} == {7, 23})
+        ended = end(process, signal.SIGTERM)
+        autopilot.read_until(lambda: autopilot.of("HEARTBEAT")[-1].system_status == common.MAV_STATE_POWEROFF)
+    autopilot.close()
+    assert ended.status == 0
+    assert all(0.5 < target.x < 3.0 and target.position_valid for target in autopilot.of("LANDING_TARGET"))
+
+
+def test_without_pymavlink_run_ends_with_status_2() -> None:
+    """Before anything streams, and without a traceback; our own protocol does not miss it."""
+    settings = ["panels.side_m=0.16", "camera.source=simulated", "serial.port=nothing"]
+    script = "import sys; sys.modules['pymavlink'] = None; from ledpi.cli import main; main()"
+
+    def run(protocol: str) -> subprocess.CompletedProcess[str]:
+        sets = [part for item in [*settings, f"serial.protocol={protocol}"] for part in ("--set", item)]
+        command = [sys.executable, "-c", script, "run", "--frames", "1", "--unpaced", *sets]
+        return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60)
+
+    refused = run("mavlink")
+    assert refused.returncode == 2
+    assert "pip install 'ledpi[mavlink]'" in refused.stderr
+    assert "Traceback" not in refused.stderr
+    assert run("ledpi").returncode == 0

@@ -1,0 +1,404 @@
+"""The publisher on a real pty: what reaches the other end, whatever the port does."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import select
+import statistics
+import threading
+import time
+import tty
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ledpi.config.settings import SerialSettings
+from ledpi.wire import FixMessage, MarkerMessage, Message, NoFix, Receiver, State, StatusMessage
+from ledpi.wire.codec import encode
+from ledpi.wire.line import SerialLine
+from ledpi.wire.publisher import Publisher
+from tests.builders.wire import decoded_now
+
+DEADLINE_S = 20.0
+
+
+class FarEnd:
+    """The motor controller's end of a pty."""
+
+    def __init__(self) -> None:
+        self._master, self._slave = os.openpty()  # the slave is held, or the master could not be read before
+        tty.setraw(self._master)
+        os.set_blocking(self._master, False)
+        self.path = os.ttyname(self._slave)
+        self.receiver = Receiver()
+        self.messages: list[Message] = []
+        self.arrived_ns: list[int] = []
+
+    def read(self, seconds: float) -> None:
+        """Takes in what comes, for at most that long."""
+        if select.select([self._master], [], [], seconds)[0]:
+            for message in self.receiver.feed(os.read(self._master, 4096)):
+                self.messages.append(message)
+                self.arrived_ns.append(time.monotonic_ns())
+
+    def read_until(self, condition: Callable[[], bool]) -> None:
+        """Takes in what comes until the condition holds."""
+        end_s = time.monotonic() + DEADLINE_S
+        while not condition():
+            assert time.monotonic() < end_s, f"not in {DEADLINE_S} s; last messages: {self.messages[-5:]}"
+            self.read(0.02)
+
+    def of(self, kind: type[Message]) -> list[Message]:
+        return [message for message in self.messages if isinstance(message, kind)]
+
+    def marker_ids(self) -> list[int]:
+        return [message.id for message in self.messages if isinstance(message, MarkerMessage)]
+
+    def is_full(self) -> bool:
+        return not select.select([], [self._slave], [], 0)[1]
+
+    def unplug(self) -> None:
+        for fd in (self._master, self._slave):
+            with suppress(OSError):
+                os.close(fd)
+
+
+@pytest.fixture
+def far_end() -> Iterator[FarEnd]:
+    end = FarEnd()
+    yield end
+    end.unplug()
+
+
+@pytest.fixture
+def start() -> Iterator[Callable[..., Publisher]]:
+    """Starts publishers and stops them after the test."""
+    started = []
+
+    def start(port: str | Path, **settings: Any) -> Publisher:
+        publisher = Publisher(SerialSettings(port=str(port), **settings))
+        publisher.start()
+        started.append(publisher)
+        return publisher
+
+    yield start
+    for publisher in started:
+        publisher.stop()
+
+
+def wait_until(condition: Callable[[], bool]) -> None:
+    end_s = time.monotonic() + DEADLINE_S
+    while not condition():
+        assert time.monotonic() < end_s, f"not in {DEADLINE_S} s"
+        time.sleep(0.005)
+
+
+def publisher_threads() -> list[threading.Thread]:
+    return [thread for thread in threading.enumerate() if thread.name == "publisher"]
+
+
+def jam(publisher: Publisher, far_end: FarEnd) -> None:
+    """Publishes without reading, until the port's buffer is full and poses are replaced where they wait."""
+    end_s = time.monotonic() + DEADLINE_S
+    for n in itertools.count():
+        publisher.publish(decoded_now(n % 50))
+        if far_end.is_full() and publisher.counters.replaced >= 100:
+            return
+        assert time.monotonic() < end_s
+        time.sleep(0.0002)
+
+
+Start = Callable[..., Publisher]
+
+
+def test_poses_arrive_with_the_fix_first(far_end: FarEnd, start: Start) -> None:
+    """One frame with two panels and a fix: three packets, in the order of their importance."""
+    publisher = start(far_end.path)
+    far_end.read_until(lambda: len(far_end.messages) == 1)
+    publisher.publish(decoded_now(3, 7, fix=True))
+    far_end.read_until(lambda: far_end.marker_ids() == [3, 7])
+    poses = [message for message in far_end.messages if not isinstance(message, StatusMessage)]
+    assert [type(message) for message in poses] == [FixMessage, MarkerMessage, MarkerMessage]
+    wait_until(lambda: publisher.counters.markers == 2)
+    counters = publisher.counters
+    assert (counters.fixes, counters.replaced, counters.stale) == (1, 0, 0)
+
+
+def test_the_age_runs_from_mid_exposure_to_the_first_byte(far_end: FarEnd, start: Start) -> None:
+    """Not less than when it was handed over, not more than when it had arrived."""
+    publisher = start(far_end.path)
+    far_end.read_until(lambda: len(far_end.messages) == 1)
+    mid_ns = time.monotonic_ns() - 30_000_000
+    publisher.publish(decoded_now(fix=True, age_ms=30.0))
+    far_end.read_until(lambda: len(far_end.of(FixMessage)) == 1)
+    arrived_ns = far_end.arrived_ns[far_end.messages.index(far_end.of(FixMessage)[0])]
+    fix = far_end.of(FixMessage)[0]
+    assert isinstance(fix, FixMessage)
+    status_on_the_line_us = 41 * 10 / 115200 * 1e6
+    assert 30_000 <= fix.age_us <= (arrived_ns - mid_ns) / 1000 + status_on_the_line_us
+
+
+def test_the_age_counts_the_making_of_the_packet(
+    far_end: FarEnd, start: Start, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The clock is read before: on a computer that then takes 5 ms, no packet says that it left before it was made."""
+
+    def slowly(message: Message, sequence: int) -> bytes:
+        time.sleep(0.005)
+        return encode(message, sequence)
+
+    monkeypatch.setattr("ledpi.wire.publisher.encode", slowly)
+    publisher = start(far_end.path)
+    far_end.read_until(lambda: len(far_end.messages) == 1)
+    for n in range(20):
+        mid_ns = time.monotonic_ns() - 30_000_000
+        publisher.publish(decoded_now(n, age_ms=30.0))
+        far_end.read_until(lambda n=n: n in far_end.marker_ids())  # type: ignore[misc]
+    last = far_end.of(MarkerMessage)[-1]
+    assert isinstance(last, MarkerMessage)
+    assert 35_000 <= last.age_us <= (far_end.arrived_ns[-1] - mid_ns) / 1000 + 5_000
+
+
+def test_the_age_counts_the_bytes_that_have_not_left(far_end: FarEnd, start: Start) -> None:
+    """At 9600 baud a packet takes 41.7 ms: each of a frame's markers is that much older than the last."""
+    publisher = start(far_end.path, baud=9600, max_age_ms=1000.0)
+    far_end.read_until(lambda: len(far_end.messages) == 1)
+    publisher.publish(decoded_now(1, 2, 3, 4))
+    far_end.read_until(lambda: len(far_end.marker_ids()) == 4)
+    ages_us = [message.age_us for message in far_end.messages if isinstance(message, MarkerMessage)]
+    packet_us = 40 * 10 / 9600 * 1e6
+    assert all(later - earlier >= packet_us - 1 for earlier, later in itertools.pairwise(ages_us))
+
+
+def test_a_heartbeat_comes_at_least_five_times_a_second(far_end: FarEnd, start: Start) -> None:
+    """Even when nothing is seen; the first at once, saying "starting"."""
+    start(far_end.path)
+    far_end.read_until(lambda: len(far_end.messages) == 10)
+    assert all(isinstance(message, StatusMessage) for message in far_end.messages)
+    first = far_end.messages[0]
+    assert isinstance(first, StatusMessage)
+    assert (first.state, first.no_fix) == (State.STARTING, NoFix.NOT_RUNNING)
+    gaps_s = [(b - a) / 1e9 for a, b in itertools.pairwise(far_end.arrived_ns)]
+    assert statistics.median(gaps_s) <= 0.2
+
+
+def test_the_heartbeat_says_what_was_set(far_end: FarEnd, start: Start) -> None:
+    """And counts the poses that were dropped."""
+    publisher = start(far_end.path)
+    far_end.read_until(lambda: len(far_end.messages) == 1)
+    publisher.set_status(StatusMessage(state=State.RUNNING, no_fix=NoFix.NO_MAP, frames=123))
+    publisher.publish(decoded_now(7, age_ms=500.0))
+    wanted = StatusMessage(state=State.RUNNING, no_fix=NoFix.NO_MAP, frames=123, packets_dropped=1)
+    far_end.read_until(lambda: wanted in far_end.messages)
+
+
+def test_a_stale_pose_is_never_written(far_end: FarEnd, start: Start) -> None:
+    """It is counted; a fresh one after it arrives."""
+    publisher = start(far_end.path)
+    far_end.read_until(lambda: len(far_end.messages) == 1)
+    publisher.publish(decoded_now(7, fix=True, age_ms=150.0))
+    wait_until(lambda: publisher.counters.stale == 2)
+    publisher.publish(decoded_now(8))
+    far_end.read_until(lambda: far_end.marker_ids() == [8])
+    assert far_end.of(FixMessage) == []
+
+
+def test_what_was_on_the_line_before_costs_no_packet(far_end: FarEnd, start: Start) -> None:
+    """The first byte is a delimiter: half a frame of an earlier sender does not swallow our first one."""
+    far_end.receiver.feed(b"\0\x05\x01\x01")
+    publisher = start(far_end.path)
+    far_end.read_until(lambda: len(far_end.messages) == 2)
+    wait_until(lambda: publisher.counters.statuses == 2)
+    assert far_end.receiver.counters.bad == {"cobs": 1}
+
+
+def test_the_numbers_go_from_65535_to_1(far_end: FarEnd) -> None:
+    """0 would tell the receiver that the sender began anew."""
+    publisher = Publisher(SerialSettings(port=far_end.path))
+    publisher._sequence = 65534
+    publisher.start()
+    far_end.read_until(lambda: len(far_end.messages) == 4)
+    publisher.stop()
+    counters = far_end.receiver.counters
+    assert (counters.lost, counters.restarts) == (0, 0)
+
+
+def test_an_absent_port_is_waited_for(far_end: FarEnd, start: Start, tmp_path: Path) -> None:
+    """The daemon starts without it, says why, and sends when it is there: nothing old, everything new."""
+    port = tmp_path / "controller"
+    publisher = start(port, max_age_ms=60_000.0)
+    publisher.publish(decoded_now(7, fix=True))
+    wait_until(lambda: publisher.counters.error is not None)
+    assert publisher.counters.error == f"{port}: cannot be opened: no such file or directory"
+    port.symlink_to(far_end.path)
+    far_end.read_until(lambda: len(far_end.messages) == 1)
+    counters = publisher.counters
+    assert counters.connected
+    assert counters.error is None
+    publisher.publish(decoded_now(8))
+    far_end.read_until(lambda: far_end.marker_ids() != [])
+    assert far_end.marker_ids() == [8]
+    assert far_end.of(FixMessage) == []
+
+
+def test_a_lost_port_is_found_again(start: Start, tmp_path: Path) -> None:
+    """Unplugged while sending, plugged in under the same name: the numbers go on, nothing old is sent."""
+    port, first, second = tmp_path / "controller", FarEnd(), FarEnd()
+    port.symlink_to(first.path)
+    publisher = start(port, max_age_ms=60_000.0)
+    first.read_until(lambda: len(first.messages) == 2)
+    first.unplug()
+    wait_until(lambda: not publisher.counters.connected)
+    assert publisher.counters.error is not None
+    publisher.publish(decoded_now(7))
+    port.unlink()
+    port.symlink_to(second.path)
+    second.read_until(lambda: len(second.messages) == 2)
+    publisher.publish(decoded_now(8))
+    second.read_until(lambda: second.marker_ids() != [])
+    assert second.marker_ids() == [8]
+    assert publisher.counters.opened == 2
+    assert second.receiver.counters.restarts == 0
+    second.unplug()
+
+
+def test_a_receiver_that_does_not_read_costs_packets_but_no_time(far_end: FarEnd, start: Start) -> None:
+    """The port's buffer fills; from then on poses are dropped and counted. Reading again, new ones arrive."""
+    publisher = start(far_end.path, baud=4_000_000)
+    jam(publisher, far_end)
+    assert publisher.counters.connected
+    time.sleep(0.11)  # what waits grows older than max_age_ms
+    assert publisher.counters.cut <= 2  # a full port is not written to: what waits stays to be replaced
+    publisher.publish(decoded_now(1000))
+    far_end.read_until(lambda: 1000 in far_end.marker_ids())
+    assert publisher.counters.stale > 0
+    bad = far_end.receiver.counters.bad
+    assert sum(bad.values()) <= publisher.counters.cut  # a packet that was cut short is all that can be bad
+
+
+def test_a_pose_is_on_a_free_line_when_publish_returns(far_end: FarEnd, start: Start) -> None:
+    """The decode worker writes it itself; what is left follows by the publisher's thread."""
+    publisher = start(far_end.path)
+    wait_until(lambda: publisher._lent is not None)
+    publisher.publish(decoded_now(3, 7, fix=True))
+    assert publisher.counters.fixes == 1
+    far_end.read_until(lambda: far_end.marker_ids() == [3, 7])
+
+
+def test_a_port_lost_while_a_pose_is_written_is_the_publishers_to_open(far_end: FarEnd, start: Start) -> None:
+    """Decoding goes on as if nothing had happened."""
+    publisher = start(far_end.path)
+    wait_until(lambda: publisher._lent is not None)
+    far_end.unplug()
+    publisher.publish(decoded_now(3))
+    wait_until(lambda: not publisher.counters.connected)
+    assert publisher.counters.markers == 0
+    assert publisher.failure is None
+
+
+def test_a_write_never_waits(far_end: FarEnd) -> None:
+    """Where a port has no room after all, the packet is cut; the next one begins with a delimiter."""
+    line = SerialLine(far_end.path, 115200)
+    packet = encode(StatusMessage(state=State.RUNNING, no_fix=NoFix.NO_PANEL), 1)
+    whole = len(list(itertools.takewhile(lambda written: written, (line.write(packet) for _ in itertools.count()))))
+    assert whole > 1
+    far_end.read_until(lambda: len(far_end.messages) == whole)
+    assert line.write(packet)
+    far_end.read_until(lambda: len(far_end.messages) == whole + 1)
+    assert sum(far_end.receiver.counters.bad.values()) <= 1
+    line.close()
+
+
+def test_what_the_kernel_still_queues_is_waited_for(far_end: FarEnd) -> None:
+    """One packet at most waits there. (A pty's queue is always empty, so its length is given here.)"""
+
+    class Queueing(SerialLine):
+        queued = 40
+
+        def _queued_bytes(self) -> int:
+            return self.queued
+
+    line = Queueing(far_end.path, 9600)
+    assert line.busy_ns(0) == pytest.approx(40 * 10 / 9600 * 1e9, abs=1)
+    Queueing.queued = 0
+    assert line.busy_ns(0) == 0
+    line.close()
+
+
+def test_the_kernel_is_asked_once_after_each_packet(far_end: FarEnd) -> None:
+    """Not again when a pose is there; but after every write, as that may queue."""
+
+    class Counting(SerialLine):
+        asked = 0
+
+        def _queued_bytes(self) -> int:
+            self.asked += 1
+            return 0
+
+    line = Counting(far_end.path, 115200, clock=lambda: 0)
+    assert [line.busy_ns(0), line.busy_ns(0)] == [0, 0]
+    assert line.asked == 1
+    line.write(bytes(40))
+    assert line.busy_ns(0) > 0
+    assert line.busy_ns(10_000_000) == 0
+    assert line.busy_ns(20_000_000) == 0
+    assert line.asked == 3  # the bytes were still leaving at the first
+    line.close()
+
+
+def test_stop_sends_a_last_status(far_end: FarEnd, start: Start) -> None:
+    """The last message of all, after which the thread is gone."""
+    publisher = start(far_end.path)
+    publisher.set_status(StatusMessage(state=State.RUNNING, no_fix=NoFix.NO_PANEL, frames=99))
+    far_end.read_until(lambda: len(far_end.messages) == 2)
+    publisher.stop()
+    assert publisher_threads() == []
+    far_end.read_until(lambda: isinstance(m := far_end.messages[-1], StatusMessage) and m.state is State.STOPPING)
+    last = far_end.messages[-1]
+    assert isinstance(last, StatusMessage)
+    assert (last.no_fix, last.frames) == (NoFix.NOT_RUNNING, 99)
+    assert far_end.receiver.counters.lost == 0
+    assert not publisher.counters.connected
+
+
+def test_stop_ends_without_a_port(start: Start, tmp_path: Path) -> None:
+    """In the middle of a back-off; a second stop, or one without a start, is harmless."""
+    publisher = start(tmp_path / "nothing")
+    wait_until(lambda: publisher.counters.error is not None)
+    publisher.stop()
+    assert publisher_threads() == []
+    publisher.stop()
+    Publisher(SerialSettings(port="nothing")).stop()
+
+
+def test_stop_ends_when_the_receiver_does_not_read(far_end: FarEnd, start: Start) -> None:
+    """The last status has no room; the thread ends all the same."""
+    publisher = start(far_end.path, baud=4_000_000)
+    jam(publisher, far_end)
+    publisher.stop()
+    assert publisher_threads() == []
+
+
+@pytest.mark.parametrize(
+    ("path", "reason"),
+    [("pyproject.toml", "not a serial port"), ("tests", "is a directory")],
+)
+def test_a_port_that_is_none_is_told_in_one_line(start: Start, path: str, reason: str) -> None:
+    """The error is there for the health line; the daemon goes on."""
+    publisher = start(path)
+    wait_until(lambda: publisher.counters.error is not None)
+    assert publisher.counters.error == f"{path}: cannot be opened: {reason}"
+
+
+def test_a_port_that_another_process_holds_is_waited_for(far_end: FarEnd, start: Start) -> None:
+    """Two writers would spoil each other's frames."""
+    holder = SerialLine(far_end.path, 115200)
+    publisher = start(far_end.path)
+    wait_until(lambda: publisher.counters.error is not None)
+    assert publisher.counters.error == f"{far_end.path}: cannot be opened: in use by another process"
+    holder.close()
+    far_end.read_until(lambda: len(far_end.messages) == 1)
