@@ -338,10 +338,11 @@ def test_a_clock_that_is_set_changes_nothing(take: Path, tmp_path: Path, plug: C
 
 
 def test_nothing_asks_for_the_time_of_day() -> None:
-    """In all that `run` reaches, C's clocks included: all times are of the monotonic clock."""
+    """In all that `run` reaches, C's clocks included: all times are of the monotonic clock. Only takes have a date."""
     asking = re.compile(r"\btime\.time(_ns)?\(|datetime\.now|\butcnow\(|\blocaltime\(|CLOCK_REALTIME")
     modules = reached_from(RUN, stop_at="ledpi.cli")
     assert len(modules) > 30
+    del modules["ledpi.runtime.rewind_writer"]  # names folders by it, and computes nothing from it
     for module in modules:
         path = file_of(module)
         assert path is not None

@@ -18,17 +18,19 @@ from ledpi.camera.simulated import simulated_drive, simulated_sensor
 from ledpi.config.settings import load_config
 from ledpi.simulate.scenes import DRIVE_IDS, MAP_FROM_SCENE
 from ledpi.tap.client import Client, connect
+from tests.builders import ROOT
 from tests.builders.daemon import slowness
 from tests.builders.view import CHROMIUM, DRIVER, PHONE, Page, browser, ended, start_daemon, view, wait_for
 
 pytestmark = [
+    pytest.mark.alone,  # a page waits for pictures that are made in time
     pytest.mark.skipif(CHROMIUM is None or DRIVER is None, reason="Debian's chromium and chromium-driver are not here"),
     # Selenium closes what it has opened when it is collected.
     pytest.mark.filterwarnings("ignore::ResourceWarning"),
 ]
 BACK_S = 2.0  # after a new daemon answers, its picture is shown
 
-STILL = Path(__file__).parent / "still_daemon.py"  # panel 7, and 11 with its frequencies swapped, 1 m ahead
+STILL = ROOT / "tests/builders/still_daemon.py"  # panel 7, and 11 with its frequencies swapped, 1 m ahead
 
 
 @pytest.fixture(scope="module")

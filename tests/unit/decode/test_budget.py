@@ -126,9 +126,9 @@ def test_a_daemon_whose_frames_take_long_searches_less(lossless: bool, monkeypat
     """Each frame says that it took a minute. Where capture waits for the decoder, there is no hurry."""
     decode, budgets = Pipeline.decode, []
 
-    def slow(pipeline: Pipeline, frame: Frame, *, on_partial: Callable[[Decoded], None]) -> Decoded:
+    def slow(pipeline: Pipeline, frame: Frame, trace: None, *, on_partial: Callable[[Decoded], None]) -> Decoded:
         budgets.append(pipeline.search_budget)
-        return dataclasses.replace(decode(pipeline, frame, on_partial=on_partial), stage_ms={"find": 60_000.0})
+        return dataclasses.replace(decode(pipeline, frame, trace, on_partial=on_partial), stage_ms={"find": 60_000.0})
 
     monkeypatch.setattr(Pipeline, "decode", slow)
     with controller() as line:

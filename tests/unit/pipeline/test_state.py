@@ -17,6 +17,7 @@ from ledpi.core.errors import RecordingError
 from ledpi.pipeline import state_file
 from ledpi.pipeline.state import size_of
 from ledpi.pipeline.state_file import MAX_BYTES, STATE_FILE, as_bytes, resume_from
+from tests.builders import ROOT
 from tests.builders.rewind import EVERY, Stream, exactly, robot_in, stream
 
 COUNT = 50  # frames: both panels are read, and followed, from the 12th or so on
@@ -236,7 +237,7 @@ def test_no_state_brings_the_decoder_down(drive: Stream, tmp_path: Path) -> None
     few = Stream(drive.config, drive.camera, None, drive.frames[LATE : LATE + 4], [], {})
     (tmp_path / "stream").write_bytes(pickle.dumps(few))
     command = [sys.executable, "-c", FUZZ, str(tmp_path / "stream"), *map(str, folders)]
-    done = subprocess.run(command, cwd=Path(__file__).parent, capture_output=True, text=True, timeout=300, check=False)
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=300, check=False)
     assert done.returncode == 0, done.stderr[-500:]
     read, refusals, _ = map(int, done.stdout.split())
     assert read >= 10
