@@ -28,7 +28,6 @@ from ledpi.decode.locate import Locator
 from ledpi.decode.proposals import Candidate, Proposer
 from ledpi.decode.reader import Reader
 from ledpi.decode.track import CONTRADICTED, Track, Tracker
-from ledpi.decode.uemura import NO_SQUARE, UemuraReader
 from ledpi.markers.codewords import corners_of_turned, covariance_of_turned
 from ledpi.markers.dictionaries import load_dictionary
 from ledpi.pipeline.results import Results
@@ -36,6 +35,7 @@ from ledpi.pipeline.state import PipelineState
 from ledpi.pipeline.trace import SquareTrace, Trace
 from ledpi.pose.fix import Robot
 from ledpi.pose.place import Placer
+from ledpi.uemura.reader import NO_SQUARE, UemuraReader
 
 STAGES: dict[Method, tuple[str, ...]] = {
     "likelihood": ("find", "fit", "cells", "identify", "pose"),

@@ -10,7 +10,7 @@ from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.identify.decision import Reading
 from ledpi.decode.proposals import Candidate
 from ledpi.decode.reader import Outcome
-from ledpi.decode.uemura import Steps
+from ledpi.uemura.reader import Steps
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -15,8 +15,8 @@ from ledpi.core.records import CameraInfo, Decoded, Floats, Frame, Intrinsics, P
 from ledpi.core.shutter import row_mid_exposure_ns
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.identify.decision import Reading
-from ledpi.decode.identify.each_cell import class_alone, class_given_others
 from ledpi.markers.dictionaries import load_dictionary
+from ledpi.pipeline.each_cell import class_alone, class_given_others
 from ledpi.pipeline.output import decoded_as_json
 from ledpi.pipeline.trace import SquareTrace, Trace
 from ledpi.pose.panel_map import PanelMap

@@ -17,6 +17,7 @@ from tests.builders.imports import RUN, file_of, imports_of, reached_from
 # Whole packages by a trailing dot; each with everything that it imports from ledpi.
 PURE = [
     "ledpi.decode.",
+    "ledpi.uemura.",
     "ledpi.pose.",
     "ledpi.kernels.",
     "ledpi.markers.codewords",
@@ -58,7 +59,7 @@ IMPURE_CALLS = {"open", "imread", "imwrite", "VideoCapture", "fromfile", "tofile
 
 # From the ground up: a package imports those before it. Workshop tools may use each other.
 LAYERS = (
-    *("core", "markers", "kernels", "pose", "decode", "config", "recording", "simulate", "camera"),
+    *("core", "markers", "kernels", "pose", "decode", "uemura", "config", "recording", "simulate", "camera"),
     *("pipeline", "api", "wire", "tap", "runtime", "tools", "view", "cli"),
 )
 

@@ -11,8 +11,8 @@ from ledpi.core.geometry import first_at_top_left
 from ledpi.core.records import Floats
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.identify.decision import Reading
-from ledpi.decode.identify.each_cell import class_alone, class_given_others
 from ledpi.markers.codewords import Bits
+from ledpi.pipeline.each_cell import class_alone, class_given_others
 from ledpi.pipeline.trace import SquareTrace
 from ledpi.tools.snapshot.drawing import (
     BACKGROUND,

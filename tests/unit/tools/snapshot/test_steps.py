@@ -15,7 +15,7 @@ from ledpi.config.settings import Method
 from ledpi.core.records import CameraInfo, Floats, Frame, Pixels, Rejected
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.identify.decision import Reading
-from ledpi.decode.identify.each_cell import class_alone, class_given_others
+from ledpi.pipeline.each_cell import class_alone, class_given_others
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.recording.writer import RecordingWriter
 from ledpi.tools.snapshot.drawing import BLACK_CLASS, WHITE_CLASS

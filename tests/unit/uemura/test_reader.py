@@ -12,7 +12,11 @@ import pytest
 from ledpi.config.settings import load_config
 from ledpi.core.errors import ConfigError
 from ledpi.core.records import Decoded, Detection, Floats, Frame, Intrinsics, PanelSpec, PanelValues, Rejected, Transfer
-from ledpi.decode.uemura import (
+from ledpi.markers.dictionaries import load_dictionary
+from ledpi.pipeline.pipeline import Pipeline
+from ledpi.recording.picture import read_picture
+from ledpi.recording.reader import load_recording
+from ledpi.uemura.reader import (
     BLACK_BAND,
     NO_BAND,
     WHITE_BAND,
@@ -27,10 +31,6 @@ from ledpi.decode.uemura import (
     find_squares,
     restore,
 )
-from ledpi.markers.dictionaries import load_dictionary
-from ledpi.pipeline.pipeline import Pipeline
-from ledpi.recording.picture import read_picture
-from ledpi.recording.reader import load_recording
 from tests.builders.decode import (
     HEIGHT,
     LENS,
