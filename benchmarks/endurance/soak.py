@@ -99,7 +99,9 @@ def sample(pid: int, frames: int) -> Sample | None:
 
 def ledpi(command: str, *options: str, settings: tuple[str, ...]) -> list[str]:
     """The command line that runs it, with the settings of a panel of 16 cm and these."""
-    sets = [part for setting in ("panels.side_m=0.16", *settings) for part in ("--set", setting)]
+    # The ring of the last seconds is full before the warm-up ends: what grows afterwards is lost.
+    fixed = ("panels.side_m=0.16", "rewind.seconds=0.5")
+    sets = [part for setting in (*fixed, *settings) for part in ("--set", setting)]
     return [sys.executable, "-c", "from ledpi.cli import main; main()", command, *options, *sets]
 
 

@@ -23,6 +23,7 @@ from tests.builders.daemon import slowness
 from tests.builders.view import CHROMIUM, DRIVER, PHONE, Page, browser, ended, start_daemon, view, wait_for
 
 pytestmark = [
+    pytest.mark.slow,
     pytest.mark.alone,  # a page waits for pictures that are made in time
     pytest.mark.skipif(CHROMIUM is None or DRIVER is None, reason="Debian's chromium and chromium-driver are not here"),
     # Selenium closes what it has opened when it is collected.
