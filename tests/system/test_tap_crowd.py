@@ -12,7 +12,8 @@ from ledpi.tap.client import connect
 from tests.builders.daemon import DEADLINE_S, controller, daemon, write_recording
 from tests.builders.tap import Raw, at, reach
 
-pytestmark = [pytest.mark.slow, pytest.mark.alone]  # it tells how late a daemon is: no other test may take the processor meanwhile
+# It tells how late a daemon is: no other test may take the processor meanwhile.
+pytestmark = [pytest.mark.slow, pytest.mark.alone]
 
 
 def test_poses_leave_as_soon_with_a_crowd_as_without(tmp_path: Path) -> None:
