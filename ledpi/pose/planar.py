@@ -51,8 +51,8 @@ def solve_squares(
         for (one, other), there in zip(found, solved.tolist(), strict=True)
     ]
     return [
-        UNSOLVED if solutions is None else _checked(*solutions, corners)
-        for solutions, corners in zip(both, corners_px, strict=True)
+        UNSOLVED if solutions is None else _checked(*solutions, corners, side_m, intrinsics)
+        for solutions, corners, side_m in zip(both, corners_px, sides_m, strict=True)
     ]
 
 
@@ -76,14 +76,23 @@ def solve_square(
     return solve_squares(corners_px[None], covariance_px2[None], [side_m], intrinsics)[0]
 
 
-def _checked(one: PlanarSolution, other: PlanarSolution, corners_px: Floats) -> Solutions | Rejected:
+def _least_reprojection_px(corners_px: Floats, side_m: float, lens: Intrinsics) -> float:
+    """Of the pose that is nearest in pixels. The weighted one may be far off corners of which little is known."""
+    found, _ = kernel.solve_squares(corners_px[None], whiteners(np.zeros((1, 8, 8))), np.array([side_m]), lens, STOP)
+    return float(found[0, :, kernel.REPROJECTION].min())
+
+
+def _checked(
+    one: PlanarSolution, other: PlanarSolution, corners_px: Floats, side_m: float, lens: Intrinsics
+) -> Solutions | Rejected:
     best, second = (one, other) if one.chi2 <= other.chi2 else (other, one)
     if not best.camera_from_marker.position_m[2] > 0:
         return UNSOLVED
     if best.reprojection_px > MAX_REPROJECTION_PX:
         corners = corners_px.tolist()
         side_px = math.fsum(math.dist(a, b) for a, b in zip(corners, corners[1:] + corners[:1], strict=True)) / 4
-        if best.reprojection_px > MAX_REPROJECTION * side_px:
+        most_px = MAX_REPROJECTION * side_px
+        if best.reprojection_px > most_px and _least_reprojection_px(corners_px, side_m, lens) > most_px:
             return NOT_SQUARE
     if best.chi2 > SURPRISING:
         ratio = 1.0 + (best.chi2 - SURPRISING) / FREEDOM

@@ -10,7 +10,7 @@ import pytest
 
 from ledpi.core.records import Floats, Intrinsics, Rejected
 from ledpi.pose.corners import independent
-from ledpi.pose.planar import Solutions, solve_square, solve_squares, square_corners
+from ledpi.pose.planar import MAX_REPROJECTION, Solutions, solve_square, solve_squares, square_corners
 from tests.builders.decode import LENS, PINHOLE, reason
 from tests.builders.map import covariance_px2, with_errors
 
@@ -268,3 +268,17 @@ def test_poses_cannot_be_changed() -> None:
     best = solve(corners)[0]
     with pytest.raises(ValueError, match="read-only"):
         best.camera_from_marker.position_m[0] = 1.0
+
+
+def test_what_is_not_known_of_corners_makes_them_no_less_square() -> None:
+    """A lower right corner that may be anywhere along a line, and is 9 px off along it: a pose, and not a sure one."""
+    corners = pixels(marker_corners(), turn("y", 20) @ FACING, np.array([0.0, 0.0, 1.0]), PINHOLE)
+    off = np.zeros(8)
+    off[4:6] = 9.0 / math.sqrt(2)
+    near = solve_square(corners + off.reshape(4, 2), independent(SIGMA_PX), SIDE_M, PINHOLE)
+    open_line = solve_square(corners + off.reshape(4, 2), independent(SIGMA_PX) + np.outer(off, off), SIDE_M, PINHOLE)
+    assert isinstance(near, tuple)
+    assert isinstance(open_line, tuple)
+    side_px = PINHOLE.fx * SIDE_M / 1.0
+    assert near[0].reprojection_px < MAX_REPROJECTION * side_px < open_line[0].reprojection_px
+    assert angle_deg(open_line[0].camera_from_marker.quaternion_wxyz, turn("y", 20) @ FACING) < 1.0
