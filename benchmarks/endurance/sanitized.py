@@ -18,9 +18,9 @@ FLAGS = "-fsanitize=address,undefined,float-cast-overflow -fno-sanitize-recover=
 LEFT_OUT = shutil.ignore_patterns(".*", "*.so", "build", "*.egg-info", "docs", "tests", "benchmarks", "__pycache__")
 READ_BESIDE = """
 import numpy as np
-from ledpi.kernels.library import at, lib
+from ledpi.kernels.library import lib, pointer
 rows, cosines, sines = (np.zeros(count, np.float32) for count in (1000, 1001, 1001))
-lib.ledpi_waves(at(rows), 1001, 0.1, 0.0, at(cosines), at(sines))
+lib.ledpi_waves(pointer(rows), 1001, 0.1, 0.0, pointer(cosines), pointer(sines))
 """
 
 
