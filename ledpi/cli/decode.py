@@ -170,7 +170,7 @@ def _decode_recording(
         if as_live and not entry.decoded:
             continue
         if as_live and entry.search_budget is not None:
-            pipeline.search_budget = entry.search_budget
+            pipeline.likelihood.search_budget = entry.search_budget
         picture = np.empty((camera.height, camera.width), np.uint8)
         fault = read_picture(entry.picture, picture)
         if fault is None:
@@ -181,7 +181,7 @@ def _decode_recording(
             _print(_nothing(entry.seq, entry.row0_readout_ns, fault.rejected), name)
             bad += 1
         advance(1)
-    for marker_id, found in pipeline.off_frequency.items():
+    for marker_id, found in pipeline.likelihood.off_frequency.items():
         _note(f"{recording.folder}: {off_frequency_note(marker_id, found)}")
     return bad
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -21,6 +22,10 @@ class Results:
     detections: list[Detection] = field(default_factory=list)
     markers: list[MarkerPose] = field(default_factory=list)
     fix: RobotFix | Rejected | None = None
+
+    def add_time(self, stage: str, since_s: float) -> None:
+        """What a stage has taken since then (`time.perf_counter`)."""
+        self.seconds[stage] += time.perf_counter() - since_s
 
     def reject(self, corners_px: Floats, why: Rejected) -> None:
         """Counts something four-sided that was no panel, or has no pose."""

@@ -11,7 +11,6 @@ from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from ledpi.camera.base import Camera
 from ledpi.camera.exposure_notes import exposure_notes
@@ -20,22 +19,22 @@ from ledpi.camera.recovering import LOST
 from ledpi.config.camera_yaml import load_intrinsics
 from ledpi.config.robot import load_robot, strangers_note
 from ledpi.config.settings import Config
-from ledpi.core.errors import CameraError, RecordingError, TransientError
-from ledpi.core.records import CameraInfo, Decoded, Floats, Intrinsics, Rejected
+from ledpi.core.errors import CameraError, TransientError
+from ledpi.core.records import CameraInfo, Decoded, Floats, Frame, Intrinsics, Rejected
 from ledpi.decode.identify.frequency_search import off_frequency_note
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.runtime.health import Health, StageTimes
 from ledpi.runtime.liveness import Liveness
+from ledpi.runtime.observers import Observers
 from ledpi.runtime.pacing import Pacing
 from ledpi.runtime.processor import read_processor
 from ledpi.runtime.reporting import Totals, is_service, minute_line, second_line
-from ledpi.runtime.rewind import ASKED, Rewind
+from ledpi.runtime.rewind import ASKED
 from ledpi.runtime.ring import FrameRing
 from ledpi.runtime.status import status
 from ledpi.runtime.systemd import Watchdog, notify
 from ledpi.runtime.tapping import health, setup_of
 from ledpi.runtime.threads import keep_memory, switch_promptly
-from ledpi.tap.protocol import Request
 from ledpi.tap.server import Tap
 from ledpi.wire.mavlink import Mavlink
 from ledpi.wire.message import NoFix, State, StatusMessage
@@ -70,7 +69,6 @@ class Daemon:
         info = camera.info
         self._camera = camera
         self._lossless = lossless
-        self._tap = tap
         self._calibrated = calibration(config, camera)
         self._has_map = config.map is not None
         self._ring = FrameRing(info.height, info.width)
@@ -83,12 +81,10 @@ class Daemon:
             robot=robot,
             method=config.decode.method,
         )
-        self._setup = setup_of(config, info, self._pipeline.panels, self._calibrated, robot.panels)
+        setup = setup_of(config, info, self._pipeline.panels, self._calibrated, robot.panels)
+        lens = replace(info, intrinsics=self._calibrated)
+        self._observers = Observers(config, self._pipeline, lens, _period_ms(info), setup, tap)
         self._pacing = None if self._lossless else Pacing(_period_ms(info))
-        self._rewind: Rewind | None = None
-        if config.rewind.seconds:
-            lens = replace(info, intrinsics=self._calibrated)
-            self._rewind = Rewind(config.rewind, self._pipeline, lens, _period_ms(info), config.camera.source)
         self._gain = GainFollower(camera)
         if note := strangers_note(config, robot.panels):
             _log.warning("map: %s", note)
@@ -131,12 +127,7 @@ class Daemon:
 
         Raises RecordingError where nothing is kept.
         """
-        if self._rewind is None:
-            raise RecordingError("rewind: is off; set rewind.seconds")
-        return self._rewind.save(cause)
-
-    def _save_for_tap(self, request: Request) -> dict[str, Any]:
-        return {"path": str(self.save().result())}
+        return self._observers.save(cause)
 
     def run(self, at_each_tick: Callable[[], None] = lambda: None) -> Totals:
         """Until `stop`, or until the camera has no further frame. Raises what stopped a worker.
@@ -150,11 +141,7 @@ class Daemon:
             _log.warning("camera.intrinsics is not set: IDs are sent flagged uncalibrated, without poses")
         self._publisher.set_status(StatusMessage(state=State.STARTING, no_fix=NoFix.NOT_RUNNING))
         self._publisher.start()
-        if self._rewind is not None:
-            self._rewind.start()
-        if self._tap is not None:
-            self._tap.begin(self._setup)
-            self._tap.offer("save", None if self._rewind is None else self._save_for_tap)
+        self._observers.start()
         for thread in self._threads:
             thread.start()
         notify("READY=1")
@@ -169,8 +156,7 @@ class Daemon:
 
     def _close(self) -> None:
         self._stop.set()
-        if self._rewind is not None:
-            self._rewind.stop()
+        self._observers.end()
         with suppress(CameraError, OSError):  # the controller gets its last word all the same
             self._camera.close()
         self._threads[0].join(JOIN_S)
@@ -178,11 +164,7 @@ class Daemon:
         self._threads[1].join(JOIN_S)
         self._tell()  # the last status counts every frame
         self._publisher.stop()
-        if self._tap is not None:
-            self._tap.offer("save", None)
-        if self._rewind is not None:
-            self._rewind.close()
-            self._rewind = None  # its memory is free for the next daemon's
+        self._observers.close()
 
     def _guard(self, loop: Callable[[], None]) -> None:
         try:
@@ -230,27 +212,27 @@ class Daemon:
         while True:
             frame = self._ring.take(TICK_S)
             if frame is not None:
-                self._liveness.begins(frame)
-                spent, budget, rewind = self._pipeline.spent, self._pipeline.search_budget, self._rewind
-                trace = None if self._tap is None else self._tap.trace()
-                decoded = self._pipeline.decode(frame, trace, on_partial=self._hand_on)
-                if self._pacing is not None:
-                    spent, took_ms = self._pipeline.spent - spent, sum(decoded.stage_ms.values())
-                    self._pipeline.search_budget = self._pacing.budget_after(spent, took_ms)
-                self._gain.see(frame, decoded)
-                if rewind is not None:
-                    rewind.keep(frame, decoded, budget)
-                if self._tap is not None:
-                    self._tap.show(frame, decoded, trace)
-                self._ring.release()
-                self._health.add(decoded)
-                self._liveness.ends()
-                for marker_id in self._pipeline.off_frequency.keys() - self._told:
-                    self._told.add(marker_id)
-                    _log.warning("%s", off_frequency_note(marker_id, self._pipeline.off_frequency[marker_id]))
+                self._decode_one(frame)
             elif self._ring.closed:
                 break
         self._stop.set()
+
+    def _decode_one(self, frame: Frame) -> None:
+        path = self._pipeline.likelihood
+        self._liveness.begins(frame)
+        spent, budget = path.spent, path.search_budget
+        trace = self._observers.trace()
+        decoded = self._pipeline.decode(frame, trace, on_partial=self._hand_on)
+        if self._pacing is not None:
+            path.search_budget = self._pacing.budget_after(path.spent - spent, sum(decoded.stage_ms.values()))
+        self._gain.see(frame, decoded)
+        self._observers.see(frame, decoded, budget, trace)
+        self._ring.release()
+        self._health.add(decoded)
+        self._liveness.ends()
+        for marker_id in path.off_frequency.keys() - self._told:
+            self._told.add(marker_id)
+            _log.warning("%s", off_frequency_note(marker_id, path.off_frequency[marker_id]))
 
     def _hand_on(self, news: Decoded) -> None:
         """A piece of what the frame in work shows."""
@@ -266,15 +248,14 @@ class Daemon:
             now_s = time.monotonic()
             self._liveness.tick()
             self._tell()
-            if self._rewind is not None:
-                self._rewind.tick(time.monotonic_ns(), lost=self._liveness.lost)
+            self._observers.tick(time.monotonic_ns(), lost=self._liveness.lost)
             totals = self._totals()
             watchdog.see(self._steps(totals))
             if now_s - looked_s >= LOOK_EVERY_S:
                 self._times, self._processor = self._health.times(), read_processor()
                 totals = self._totals()
-                if self._tap is not None and self._tap.is_followed:
-                    self._tap.tell(health(last, totals, now_s - looked_s, self._status()))
+                if self._observers.are_told:
+                    self._observers.tell(health(last, totals, now_s - looked_s, self._status()))
                 if not is_service():
                     _log.info(second_line(last, totals, now_s - looked_s))
                 elif now_s - said_s >= MINUTE_S:

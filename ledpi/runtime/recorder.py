@@ -129,7 +129,7 @@ class Recorder:
         while (job := self._jobs.get()) is not None:
             if self._failure is None:
                 try:
-                    budget = self._pipeline.search_budget if job.decoded else None
+                    budget = self._pipeline.likelihood.search_budget if job.decoded else None
                     png = job.png.result()
                     size = self._writer.write(job.frame, png=png, decoded=job.decoded, search_budget=budget)
                 except Exception as error:  # a full disk: what is there is a recording

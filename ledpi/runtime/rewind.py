@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import os
 from concurrent.futures import Future
 from pathlib import Path
 
@@ -15,20 +14,13 @@ from ledpi.pose.fix import CONTRADICTION
 from ledpi.runtime.memory import default_budget_bytes, spare_bytes
 from ledpi.runtime.reporting import event
 from ledpi.runtime.rewind_ring import RewindRing
-from ledpi.runtime.rewind_writer import RewindWriter, Shown
+from ledpi.runtime.rewind_writer import RewindWriter
+from ledpi.runtime.takes import Shown, takes_folder
 
 ASKED, CAMERA_LOST, CONTRADICTED = "asked", "camera_lost", "contradicted"
 AGAIN_NS = 60_000_000_000  # a fault that comes back sooner is the same one
 
 _log = logging.getLogger("ledpi")
-
-
-def takes_folder() -> Path:
-    """Where recordings are written: in the service's StateDirectory=, else in the user's own."""
-    given = os.environ.get("STATE_DIRECTORY", "").partition(":")[0]
-    if given:
-        return Path(given)
-    return Path(os.environ.get("XDG_STATE_HOME") or os.path.expanduser("~/.local/state")) / "ledpi" / "takes"
 
 
 class Rewind:

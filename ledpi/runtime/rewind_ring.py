@@ -7,15 +7,14 @@ is written, and meanwhile fewer seconds are kept. So nobody waits, and what is k
 from __future__ import annotations
 
 import math
-import threading
 from collections import deque
 from collections.abc import Callable
-from typing import NamedTuple
 
 import numpy as np
 
 from ledpi.core.records import Decoded, Frame
 from ledpi.pipeline.state import PipelineState, size_of
+from ledpi.runtime.rooms import Kept, Rooms, follows
 
 # Between two states. A recording begins at one; so much more is kept than is asked for. Where little is kept at all,
 # it is a quarter of that.
@@ -26,18 +25,7 @@ SIDE_SHARE = 1 / 8  # of the memory, at least, is for states and results
 MARKER_BYTES, FRAME_BYTES = 4096, 2048  # of what was decoded, as Python holds it; a little more than it is
 
 
-class Kept(NamedTuple):
-    """A frame of the past."""
-
-    slot: int  # where its picture is
-    frame: Frame  # without its picture
-    decoded: Decoded
-    search_budget: int
-    state: PipelineState | None  # before it; of some frames
-    side_bytes: int  # that all of this takes, beside the picture
-
-
-class RewindRing:
+class RewindRing(Rooms):
     """Between the decode thread, which keeps, and those that take what was kept; it is written in another thread."""
 
     def __init__(self, height: int, width: int, period_ms: float, seconds: float, most_bytes: int) -> None:
@@ -45,18 +33,14 @@ class RewindRing:
         picture = height * width
         wanted = math.ceil((1e3 * seconds + STATE_EVERY_NS * 1e-6) / period_ms) + SPARE
         count = min(wanted, int((1.0 - SIDE_SHARE) * most_bytes) // picture)
-        self.frames = count if count >= FEWEST else 0
+        super().__init__(count if count >= FEWEST else 0, height, width)
         self._state_every_ns = min(STATE_EVERY_NS, round(1e6 * period_ms * self.frames / STATE_SHARE))
         self._longest_ns = round(seconds * 1e9) + STATE_EVERY_NS
         self._most_side_bytes = most_bytes - self.frames * picture
-        self._pictures = np.empty((self.frames, height, width), np.uint8)  # the system gives it as it is first written
-        self._changing = threading.Lock()
-        self._free = list(range(self.frames))  # the last one is taken first: it was written before
         self._kept: deque[Kept] = deque()
         self._side_bytes = 0
         self._state: PipelineState | None = None
         self._stated_ns: int | None = None  # read-out of the frame after which the last state was taken
-        self.seen = 0  # frames
 
     def keep(self, frame: Frame, decoded: Decoded, search_budget: int, state: Callable[[], PipelineState]) -> None:
         """A frame that was just decoded, and that might spend so much. Copies its picture; waits for nobody.
@@ -105,35 +89,10 @@ class RewindRing:
             self._free += [kept.slot for kept in taken[:first]]
         return taken[first:]
 
-    def picture_of(self, kept: Kept) -> Frame:
-        """The frame with its picture, until that is given back."""
-        old = kept.frame
-        return Frame(
-            pixels=self._pictures[kept.slot].view(),
-            seq=old.seq,
-            row0_readout_ns=old.row0_readout_ns,
-            exposure_us=old.exposure_us,
-            row_time_us=old.row_time_us,
-            transfer=old.transfer,
-            analogue_gain=old.analogue_gain,
-            host_offset_ns=old.host_offset_ns,
-        )
-
-    def give_back(self, kept: Kept) -> None:
-        """What was taken is written."""
-        with self._changing:
-            self._free.append(kept.slot)
-
-    @property
-    def room(self) -> int:
-        """How many more pictures fit before the oldest has to go."""
-        with self._changing:
-            return len(self._free)
-
     def _slot_for(self, frame: Frame, side_bytes: int) -> int | None:
         """Room for a picture, and for so much beside it; None where all is being written, or there never is so much."""
         with self._changing:
-            if self._kept and not _follows(frame, self._kept[-1].frame):
+            if self._kept and not follows(frame, self._kept[-1].frame):
                 self._free += [kept.slot for kept in self._kept]
                 self._kept, self._side_bytes, self._stated_ns = deque(), 0, None
             oldest_ns = frame.row0_readout_ns - self._longest_ns
@@ -149,8 +108,3 @@ class RewindRing:
                 self._stated_ns = None  # what is kept next begins with a state
                 return None
             return self._free.pop()
-
-
-def _follows(new: Frame, old: Frame) -> bool:
-    """Whether a recording may hold both, one after the other."""
-    return new.seq > old.seq and new.row0_readout_ns > old.row0_readout_ns

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections import deque
 from collections.abc import Callable, Iterator
 from typing import Any, TypeAlias
@@ -10,7 +11,7 @@ from typing import Any, TypeAlias
 from ledpi.core.errors import LedpiError
 from ledpi.core.wording import one_line
 from ledpi.tap.follower import Follower
-from ledpi.tap.protocol import Do, Request, error
+from ledpi.tap.protocol import COMMANDS, Do, Request, error
 
 # Gives what the answer holds beside its type and id; raises LedpiError or OSError where it cannot be done.
 Command: TypeAlias = Callable[[Request], dict[str, Any]]
@@ -18,8 +19,13 @@ Command: TypeAlias = Callable[[Request], dict[str, Any]]
 MAY = "root, the daemon's own user and members of the group ledpi may"
 _OFF: dict[Do, str] = {
     "save": "rewind is off: nothing is kept that could be saved",
-    "record": "recording from the tap is off; use `ledpi record` while the daemon is stopped",
+    "record": "the daemon is starting or ending; ask again later",
     "record_stop": "nothing is being recorded",
+}
+_BUSY: dict[Do, str] = {
+    "save": "the last one is not done yet; ask again later",
+    "record": "a recording runs already; record_stop ends it",
+    "record_stop": "the recording is ending already",
 }
 
 
@@ -31,6 +37,7 @@ class Commands:
         self._at_end = at_end
         self._offered: dict[Do, Command] = {}
         self._running: set[Do] = set()
+        self._threads: dict[Do, threading.Thread] = {}  # the last one of each kind
         self._done: deque[tuple[Follower, dict[str, Any]]] = deque()
 
     def offer(self, do: Do, command: Command | None) -> None:
@@ -40,6 +47,16 @@ class Commands:
         else:
             self._offered[do] = command
 
+    def offered(self, follower: Follower) -> list[Do]:
+        """Those that this client may give. `record_stop` is there with `record`, and not named."""
+        return [do for do in COMMANDS if do in self._offered and do != "record_stop"] if follower.may_command else []
+
+    def wait(self, seconds: float) -> None:
+        """For those that end with the daemon, so long at most for all together. From where `begin` is called."""
+        until_s = time.monotonic() + seconds
+        for thread in self._threads.values():
+            thread.join(max(0.0, until_s - time.monotonic()))
+
     def begin(self, follower: Follower, request: Request) -> dict[str, Any] | None:
         """Starts it; or the answer, where it is not permitted, not offered, or already running."""
         do, command = request.do, self._offered.get(request.do)
@@ -48,9 +65,11 @@ class Commands:
         if command is None:
             return error(f"{do}: {_OFF[do]}", request.id)
         if do in self._running:
-            return error(f"{do}: the last one is not done yet; ask again later", request.id)
+            return error(f"{do}: {_BUSY[do]}", request.id)
+        thread = threading.Thread(target=self._run, args=(command, follower, request), name=f"tap {do}", daemon=True)
         self._running.add(do)
-        threading.Thread(target=self._run, args=(command, follower, request), name=f"tap {do}", daemon=True).start()
+        self._threads[do] = thread
+        thread.start()
         return None
 
     def done(self) -> Iterator[tuple[Follower, dict[str, Any]]]:

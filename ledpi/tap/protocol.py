@@ -9,7 +9,7 @@ from typing import Any, Literal, TypeAlias, get_args
 
 VERSION = 1
 MAX_REQUEST_BYTES = 4096  # of a line that a client sends, its end included
-MAX_SECONDS = 3600.0  # that `record` takes at once
+MIN_SECONDS, MAX_SECONDS = 1.0, 600.0  # that `record` takes at once
 MAX_ID_LENGTH = 64
 
 Do = Literal["picture", "config", "save", "record", "record_stop"]
@@ -41,7 +41,7 @@ class Request:
     do: Do
     id: RequestId = None
     extras: frozenset[Extra] = frozenset()  # of `picture`: what else comes with it
-    seconds: float | None = None  # of `record`; None: until it is stopped
+    seconds: float | None = None  # of `record`; None: as long as it may
 
 
 def read_request(line: bytes) -> Request:
@@ -85,8 +85,8 @@ def _extras(value: object, request_id: RequestId) -> frozenset[Extra]:
 def _seconds(value: object, request_id: RequestId) -> float | None:
     if value is None:
         return None
-    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value <= MAX_SECONDS:
-        raise RequestError(f"seconds: must be a number above 0, {MAX_SECONDS:g} at most", request_id)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not MIN_SECONDS <= value <= MAX_SECONDS:
+        raise RequestError(f"seconds: must be a number from {MIN_SECONDS:g} to {MAX_SECONDS:g}", request_id)
     return float(value)
 
 

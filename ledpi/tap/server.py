@@ -27,7 +27,7 @@ from ledpi.tap.faults import Faults
 from ledpi.tap.follower import Follower
 from ledpi.tap.listening import Listening
 from ledpi.tap.messages import Setup, Shown
-from ledpi.tap.protocol import COMMANDS, Do, Extra, Request, error, write_line
+from ledpi.tap.protocol import Do, Extra, Request, error, write_line
 
 # At most so often: each picture costs the decode thread a copy, and with its evidence some tracing.
 PICTURE_EVERY_S = 0.05
@@ -39,6 +39,7 @@ PACE_S = 0.002
 _QUEUE = 4  # frames between the decode thread and this one
 _TURN_S = 1.0
 _JOIN_S = 0.5
+_LAST_S = 0.1  # for commands that the daemon's end has ended
 
 _log = logging.getLogger("ledpi")
 
@@ -137,6 +138,9 @@ class Tap:
         try:
             while not self._closing:
                 self._turn()
+            self._commands.wait(_LAST_S)
+            self._answer_commands()
+            self._crowd.send()  # what ended with the daemon: each hears how
         except Exception as fault:  # ours, and no reason for the daemon to end
             _log.warning("tap_ended error=%s", one_line(f"{type(fault).__name__}: {fault}"))
         self._followed, self._wanted = False, None
@@ -150,9 +154,7 @@ class Tap:
         self._turned_s = time.monotonic()
         for follower, request in self._crowd.requests():
             self._take_up(follower, request)
-        for follower, answer in self._commands.done():
-            follower.open_answers -= 1
-            follower.answer(write_line(answer))
+        self._answer_commands()
         self._greet()
         self._pass_on()
         self._crowd.send()
@@ -160,13 +162,17 @@ class Tap:
         self._ask_for_picture()
         self._followed = len(self._crowd) > 0
 
+    def _answer_commands(self) -> None:
+        for follower, answer in self._commands.done():
+            follower.open_answers -= 1
+            follower.answer(write_line(answer))
+
     def _greet(self) -> None:
         """Says hello to those who have not heard that of this daemon."""
         setup = self._setup
         for follower in self._crowd:
             if follower.greeted_by is not setup and setup is not None and not follower.ending:
-                may = [do for do in COMMANDS if do != "record_stop"] if follower.may_command else []
-                follower.answer(write_line(messages.hello(setup, may)))
+                follower.answer(write_line(messages.hello(setup, self._commands.offered(follower))))
                 follower.greeted_by = setup
 
     def _take_up(self, follower: Follower, request: Request) -> None:

@@ -52,7 +52,7 @@ class Hub:
         self._track: deque[tuple[float, float, int]] = deque(maxlen=KEPT_TRACK)
         self._answers: dict[int, dict[str, Any]] = {}
         self._waited_for: set[int] = set()
-        self._recording = False
+        self._recording: int | None = None  # the request that has begun it
         self._refused: set[str] = set()  # of the tap's lines; a few, as they name keys
         self._closing = threading.Event()
         self.pictures = Pictures(self._ask_picture)
@@ -83,7 +83,7 @@ class Hub:
                 "daemon": self._daemon(),
                 "health": self._health,
                 "checks": self._checks(),
-                "recording": self._recording,
+                "recording": self._recording is not None,
                 "panels": self._panels.rows(now_ns),
                 "robot": self._robot(now_ns),
                 "map": None if self._hello is None else panels_from_above(self._hello),
@@ -95,14 +95,12 @@ class Hub:
             return {"health": list(self._history), "track": [[x, y] for x, y, _ in self._track]}
 
     def record(self, seconds: float) -> dict[str, Any]:
-        """Begins a recording; the answer, if it comes soon, else nothing. Raises TapError where it is an error."""
-        answer = self.ask("record", BEGIN_S, seconds=seconds) or {}
-        self._recording = True
-        return answer
+        """Begins a recording, which runs until it is answered. Raises TapError where that is soon, and an error."""
+        return self.ask("record", BEGIN_S, seconds=seconds) or {}
 
     def record_stop(self) -> dict[str, Any]:
         """Ends it. Raises TapError."""
-        self._recording = False
+        self._recording = None
         return self.ask("record_stop") or {}
 
     def ask(self, do: str, within_s: float = ANSWER_S, **values: Any) -> dict[str, Any] | None:
@@ -119,6 +117,8 @@ class Hub:
             self._changed.wait_for(lambda: request_id in self._answers or not self._connected, within_s)
             self._waited_for.discard(request_id)
             answer, gone = self._answers.pop(request_id, None), not self._connected
+            if do == "record" and answer is None and not gone:
+                self._recording = request_id
         if answer is None and gone:
             raise TapError("the daemon ended before it answered")
         if answer is not None and answer["type"] == "error":
@@ -184,7 +184,7 @@ class Hub:
             self._starts += self._hello is None or not self._connected or line.get("pid") != self._hello.get("pid")
             self._hello, self._connected = line, True
         elif kind == "lost":
-            self._connected, self._health, self._recording = False, None, False
+            self._connected, self._health, self._recording = False, None, None
             self._told = "the daemon has ended; waiting for it to come back"
         elif kind == "health":
             self._health = line
@@ -195,6 +195,8 @@ class Hub:
             self._keep_track(line)
         elif line.get("id") in self._waited_for:
             self._answers[line["id"]] = line
+        elif line.get("id") == self._recording:
+            self._recording = None
 
     def _keep_track(self, decoded: dict[str, Any]) -> None:
         robot, at_ns = decoded.get("robot"), decoded["exposed_ns"]

@@ -100,6 +100,7 @@ class MadeUpDaemon:
         self._clients: list[socket.socket] = []
         self._sending = threading.Lock()
         self._wanted: list[tuple[socket.socket, dict[str, Any]]] = []
+        self._recording: tuple[socket.socket, dict[str, Any]] | None = None
         self._closing = threading.Event()
         path.unlink(missing_ok=True)
         self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
@@ -122,6 +123,12 @@ class MadeUpDaemon:
     def asked(self, do: str) -> list[dict[str, Any]]:
         """The requests of a kind so far."""
         return [request for request in self.requests if request["do"] == do]
+
+    def end_recording(self) -> None:
+        """Now it is answered, if there is one."""
+        if self._recording is not None:
+            (client, request), self._recording = self._recording, None
+            self._send(client, {"type": "done", "id": request["id"], "path": "/var/lib/ledpi/take"})
 
     def _accept(self) -> None:
         while not self._closing.is_set():
@@ -146,7 +153,10 @@ class MadeUpDaemon:
                     self._send(client, {"type": "config", "id": request["id"], "values": CONFIG, "from": origins})
                 elif request["do"] == "record" and self.disk_is_full:
                     self._send(client, {"type": "error", "id": request["id"], "error": "the disk is full"})
+                elif request["do"] == "record":
+                    self._recording = (client, request)
                 else:
+                    self.end_recording()
                     self._send(client, {"type": "done", "id": request["id"], "path": "/var/lib/ledpi/take"})
 
     def _show(self) -> None:

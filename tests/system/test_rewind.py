@@ -28,7 +28,8 @@ from ledpi.pose.fix import CONTRADICTION
 from ledpi.recording.reader import load_recording
 from ledpi.runtime.daemon import Daemon
 from ledpi.runtime.recorder import LIVE_FILE
-from ledpi.runtime.rewind import AGAIN_NS, Rewind, takes_folder
+from ledpi.runtime.rewind import AGAIN_NS, Rewind
+from ledpi.runtime.takes import takes_folder
 from tests.builders.daemon import DEADLINE_S, ROOT, SIMULATED, Controller, controller, daemon, end
 from tests.builders.rewind import Stream, stream, without_times
 

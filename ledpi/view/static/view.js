@@ -536,6 +536,7 @@ function tellButtons() {
   else if (!may.length) reason = "The daemon permits this page no saving: ledpi view must run as the daemon's user, as root, or in group ledpi.";
   $("save").disabled = !!reason || !may.includes("save");
   $("record").disabled = !!reason || !may.includes("record");
+  if (!reason && !may.includes("save")) reason = "There are no last seconds to save: rewind.seconds is 0.";
   $("why-greyed").textContent = reason;
   $("keep").disabled = !frame;
   $("record").textContent = recording ? "Stop the recording" : "Start a recording";

@@ -190,7 +190,7 @@ def test_a_stream_reads_an_oscillator_that_is_off() -> None:
     pipeline = antiphase_pipeline("panels.search_frequencies=true")
     last = [pipeline.decode(frame) for frame in frames_of(24, 12, spec=off)][-1]
     assert [m.detection.id for m in last.markers] == [7]
-    assert pipeline.off_frequency[7].black_hz == pytest.approx(1.01 * HZ, abs=1.0)
+    assert pipeline.likelihood.off_frequency[7].black_hz == pytest.approx(1.01 * HZ, abs=1.0)
 
 
 def test_a_stream_tells_that_another_panel_took_the_place() -> None:

@@ -14,7 +14,8 @@ import pytest
 from ledpi.camera.simulated import open_simulated
 from ledpi.config.settings import load_config
 from ledpi.core.records import Decoded, Floats, Frame
-from ledpi.pipeline.pipeline import STREAM_BUDGET, Pipeline
+from ledpi.pipeline.likelihood import STREAM_BUDGET
+from ledpi.pipeline.pipeline import Pipeline
 from ledpi.runtime.daemon import Daemon
 from ledpi.runtime.pacing import LEAST, MOST, SHARE, Pacing
 from tests.builders.daemon import SIMULATED, controller
@@ -51,11 +52,11 @@ def ids(decoded: Decoded) -> set[int]:
 def test_a_panel_is_followed_beside_128_squares(budget: int) -> None:
     """It is read in every frame, and none spends a candidate more than it may."""
     path = stream()
-    path.search_budget = budget
+    path.likelihood.search_budget = budget
     for seq in range(10):
-        before = path.spent
+        before = path.likelihood.spent
         assert ids(path.decode(crowded(FOLLOWED, seq=seq))) == {7}
-        assert path.spent - before <= budget + CANDIDATE
+        assert path.likelihood.spent - before <= budget + CANDIDATE
 
 
 def test_a_panel_that_comes_among_128_squares_is_read_within_a_second() -> None:
@@ -77,7 +78,7 @@ def test_no_result_depends_on_the_clock(monkeypatch: pytest.MonkeyPatch) -> None
         monkeypatch.setattr(time, clock, lambda: next(hours))
     second = [other.decode(frame) for frame in frames]
     monkeypatch.undo()
-    assert one.spent == other.spent
+    assert one.likelihood.spent == other.likelihood.spent
     assert [told(decoded) for decoded in first] == [told(decoded) for decoded in second]
 
 
@@ -127,7 +128,7 @@ def test_a_daemon_whose_frames_take_long_searches_less(lossless: bool, monkeypat
     decode, budgets = Pipeline.decode, []
 
     def slow(pipeline: Pipeline, frame: Frame, trace: None, *, on_partial: Callable[[Decoded], None]) -> Decoded:
-        budgets.append(pipeline.search_budget)
+        budgets.append(pipeline.likelihood.search_budget)
         return dataclasses.replace(decode(pipeline, frame, trace, on_partial=on_partial), stage_ms={"find": 60_000.0})
 
     monkeypatch.setattr(Pipeline, "decode", slow)

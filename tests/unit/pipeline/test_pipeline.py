@@ -376,7 +376,7 @@ def test_oscillators_that_are_off_are_found_out(black_hz: float, white_hz: float
         frame = dataclasses.replace(canvas.frame(n, seq=n), row0_readout_ns=round(1e9 + 1e3 * n * PERIOD_US))
         found.append(ids(path.decode(frame)))
     assert found[frames:] == [[7]] * (24 - frames)
-    told = path.off_frequency[7]
+    told = path.likelihood.off_frequency[7]
     assert (told.black_hz, told.white_hz) == pytest.approx((black_hz, white_hz), abs=2.0)
 
 
@@ -391,7 +391,7 @@ def test_of_an_oscillator_that_is_off_the_phase_may_stand_still() -> None:
         frame = dataclasses.replace(canvas.frame(n, seq=n), row0_readout_ns=round(1e9 + 1e3 * n * PERIOD_US))
         found.append(ids(path.decode(frame)))
     assert found[12:] == [[7]] * 12
-    assert path.off_frequency == {}  # of one of them it is only known that it stands still
+    assert path.likelihood.off_frequency == {}  # of one of them it is only known that it stands still
 
 
 def test_a_panel_that_blinks_as_announced_is_not_tuned() -> None:
@@ -399,7 +399,7 @@ def test_a_panel_that_blinks_as_announced_is_not_tuned() -> None:
     path = pipeline("panels.search_frequencies=true", stream=True)
     found = ids_of(path, [frame_of((square(310.3, 240.6, 38, 4), word(7)), seq=n, light=0.1) for n in range(24)])
     assert found[12:] == [[7]] * 12
-    assert path.off_frequency == {}
+    assert path.likelihood.off_frequency == {}
 
 
 def test_corners_are_always_the_frames_own() -> None:

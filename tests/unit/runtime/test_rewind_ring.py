@@ -12,7 +12,8 @@ import pytest
 from ledpi.core.records import Decoded, Frame
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.pipeline.state import PipelineState
-from ledpi.runtime.rewind_ring import FEWEST, SPARE, Kept, RewindRing
+from ledpi.runtime.rewind_ring import FEWEST, SPARE, RewindRing
+from ledpi.runtime.rooms import Kept
 from tests.builders.rewind import EVERY, Stream, later, stream
 
 HEIGHT, WIDTH = 480, 640

@@ -17,10 +17,11 @@ from ledpi.core.records import Decoded, PanelSpec
 from ledpi.pipeline.state_file import STATE_FILE, resume_from
 from ledpi.recording.picture import read_picture
 from ledpi.recording.reader import load_recording
-from ledpi.runtime import rewind_writer
+from ledpi.runtime import takes
 from ledpi.runtime.recorder import LIVE_FILE
 from ledpi.runtime.rewind_ring import RewindRing
-from ledpi.runtime.rewind_writer import MOST_AUTOMATIC, MOST_WAITING, RewindWriter, Shown
+from ledpi.runtime.rewind_writer import MOST_WAITING, RewindWriter
+from ledpi.runtime.takes import MOST_AUTOMATIC, Shown
 from tests.builders import ROOT
 from tests.builders.rewind import EVERY, Stream, as_lines, decoded_live, exactly, stream, without_times
 
@@ -58,7 +59,7 @@ def saved(drive: Stream, folder: Path, budgets: list[int] | None = None) -> tupl
     budgets = budgets or [150_000] * (len(drive.frames) - FIRST)
     live = []
     for frame, budget in zip(drive.frames[FIRST:], budgets, strict=True):
-        pipeline.search_budget = budget
+        pipeline.likelihood.search_budget = budget
         live.append(pipeline.decode(frame))
     ring = ring_with(drive, live, budgets)
     writer = writer_of(ring, folder, drive)
@@ -163,7 +164,7 @@ def test_a_recording_that_is_cut_off_is_one(drive: Stream, tmp_path: Path, monke
 
 def test_a_disk_that_is_too_full_is_told(drive: Stream, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Before anything is written, as a disk that ledpi has filled stops more than ledpi; the rooms are free again."""
-    monkeypatch.setattr(rewind_writer, "LEAST_FREE_BYTES", 10**18)
+    monkeypatch.setattr(takes, "LEAST_FREE_BYTES", 10**18)
     ring = ring_with(drive, drive.live[FIRST:], [150_000] * (COUNT - FIRST))
     before = ring.room
     writer = writer_of(ring, tmp_path / "takes", drive)

@@ -31,7 +31,7 @@ def test_a_request_is_read_with_all_that_it_asks() -> None:
         (b'{"do": "picture", "id": 1, "size": 2}', "size: unknown key; picture has the keys do, id, with"),
         (b'{"do": "picture", "id": 1, "with": "evidence"}', "with: must be a list of rejected, evidence"),
         (b'{"do": "picture", "id": 1, "with": ["all"]}', "with: must be a list of"),
-        (b'{"do": "record", "id": 1, "seconds": NaN}', "seconds: must be a number above 0, 3600 at most"),
+        (b'{"do": "record", "id": 1, "seconds": NaN}', "seconds: must be a number from 1 to 600"),
         (b'{"do": "record", "id": 1, "seconds": true}', "seconds: must be"),
         (b'{"do": "save", "id": true}', "id: must be a whole number"),
         (b'{"do": "save", "id": {}}', "id: must be a whole number"),

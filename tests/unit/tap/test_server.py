@@ -88,11 +88,19 @@ class Stream:
 
 def test_the_first_line_says_what_daemon_it_is(tap: Tap) -> None:
     """Its camera, its panels, and what this client may do."""
+    for do in ("save", "record", "record_stop"):
+        tap.offer(do, lambda request: {})
     hello = Raw(tap.path).line()
     assert (hello["type"], hello["tap"], hello["pid"]) == ("hello", 1, 1)
     assert (hello["camera"]["width"], hello["camera"]["height"], hello["camera"]["fx"]) == (WIDTH, HEIGHT, None)
     assert hello["panels"]["side_m"] == 0.16
     assert hello["may"] == ["save", "record"]  # the daemon's own user
+
+
+def test_what_the_daemon_does_not_offer_nobody_may(tap: Tap) -> None:
+    """As where the last seconds are not kept."""
+    tap.offer("record", lambda request: {})
+    assert Raw(tap.path).line()["may"] == ["record"]
 
 
 def test_each_frame_is_a_line_with_its_times(tap: Tap) -> None:
@@ -335,7 +343,9 @@ def test_a_command_that_fails_says_so(tap: Tap, failure: Exception, said: str) -
         assert client.ask("config")
 
 
-@pytest.mark.parametrize(("do", "said"), [("save", "rewind is off"), ("record", "off"), ("record_stop", "nothing")])
+@pytest.mark.parametrize(
+    ("do", "said"), [("save", "rewind is off"), ("record", "starting or ending"), ("record_stop", "nothing")]
+)
 def test_what_the_daemon_does_not_offer_is_refused(tap: Tap, do: str, said: str) -> None:
     """With the reason."""
     with connect(tap.path) as client, pytest.raises(TapError, match=said):
@@ -347,7 +357,7 @@ import json, os, socket, sys
 os.setgroups([int(g) for g in sys.argv[2:]]); os.setgid(65534); os.setuid(65534)
 s = socket.socket(socket.AF_UNIX); s.connect(sys.argv[1]); f = s.makefile("rb")
 print(json.loads(f.readline())["may"])
-s.sendall(b'{"do": "save", "id": 1}\\n')
+s.sendall(b'{"do": "record", "id": 1}\\n')
 print(json.loads(f.readline()))
 """
 
@@ -362,12 +372,12 @@ def test_only_who_may_gives_commands(is_member: bool, monkeypatch: pytest.Monkey
         path = Path(folder) / "tap.sock"
         with tap_at(path) as tap:
             path.chmod(0o666)
-            tap.offer("save", lambda request: {"path": "/saved"})
+            tap.offer("record", lambda request: {"path": "/saved"})
             groups = ["4", "54321"] if is_member else ["4"]
             command = [sys.executable, "-c", AS_NOBODY, str(path), *groups]
             done = subprocess.run(command, capture_output=True, text=True, timeout=DEADLINE_S, cwd="/", check=True)
     may, answer = done.stdout.splitlines()
-    assert may == ("['save', 'record']" if is_member else "[]")
+    assert may == ("['record']" if is_member else "[]")
     assert ("'/saved'" in answer) is is_member
     assert ("not permitted; root, the daemon's own user and members of the group ledpi may" in answer) is not is_member
 

@@ -20,6 +20,7 @@ from ledpi.view.guard import HEADERS, MAX_BODY_BYTES, Guard
 from ledpi.view.hub import Hub
 from ledpi.view.server import ViewServer
 from tests.builders.made_up_daemon import PANEL, MadeUpDaemon
+from tests.builders.tap import wait_until
 
 TOKEN = "a-token-of-this-test"
 RIGHT = {"Authorization": f"Bearer {TOKEN}"}
@@ -163,7 +164,7 @@ def test_commands_are_handed_on(site: Site, daemon: MadeUpDaemon) -> None:
 
 
 def test_every_page_knows_that_a_recording_runs(site: Site, daemon: MadeUpDaemon) -> None:
-    """Whoever has begun it: until it is stopped, or the daemon is gone; one that was refused does not run."""
+    """Whoever has begun it: until it is stopped, ends by itself, or the daemon is gone; a refused one does not run."""
     site.state_once("up")
     site.ask("POST", "/api/record", RIGHT)
     assert site.ask("GET", "/api/state").json()["recording"] is False
@@ -172,6 +173,9 @@ def test_every_page_knows_that_a_recording_runs(site: Site, daemon: MadeUpDaemon
     assert site.ask("GET", "/api/state").json()["recording"] is True
     assert site.ask("POST", "/api/record_stop", RIGHT).status == 200
     assert site.ask("GET", "/api/state").json()["recording"] is False
+    assert site.ask("POST", "/api/record", RIGHT).status == 200
+    daemon.end_recording()
+    wait_until(lambda: site.ask("GET", "/api/state").json()["recording"] is False)
 
 
 # ---- Without a daemon, and with a bad one

@@ -1,0 +1,192 @@
+"""The likelihood method's part of the path: propose → fit → track → cells → identify."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Sequence
+from typing import TypeAlias
+
+from ledpi.config.settings import PanelSettings
+from ledpi.core.records import CameraInfo, Detection, Frame, Intrinsics, PanelSpec, Quad, Rejected, read_only
+from ledpi.decode.agenda import Agenda, AgendaState
+from ledpi.decode.cells import CellSamples, sample_cells
+from ledpi.decode.identify import decision
+from ledpi.decode.identify.codebook import Codebook
+from ledpi.decode.locate import Locator
+from ledpi.decode.proposals import Candidate, Proposer
+from ledpi.decode.reader import Reader
+from ledpi.decode.track import CONTRADICTED, Followed, Track, Tracker
+from ledpi.markers.codewords import corners_of_turned, covariance_of_turned
+from ledpi.markers.dictionaries import load_dictionary
+from ledpi.pipeline.results import Results
+from ledpi.pipeline.trace import SquareTrace
+
+# What a frame may spend on all but panels that are followed, in places at which the model is compared with the picture
+# (a quarter of a microsecond each on a PC, half a candidate to 5,000): about a frame period in a stream, which takes up
+# in the next frame what is left; no more is to come where a frame is alone.
+STREAM_BUDGET, SINGLE_BUDGET = 150_000, 1_000_000
+
+Groups: TypeAlias = Sequence[tuple[PanelSpec, list[int]]]  # of IDs that blink alike
+_Sampled: TypeAlias = tuple[Quad, Track, CellSamples]
+
+
+class LikelihoodPath:
+    """Reads panels by the likeliest codeword of all cells together, in the frames of one camera.
+
+    `stream`: frames follow each other in time, and tracks add to what a frame shows; else each frame is alone.
+    """
+
+    def __init__(
+        self, camera: CameraInfo, panels: PanelSettings, groups: Groups, intrinsics: Intrinsics | None, *, stream: bool
+    ) -> None:
+        dictionary = load_dictionary(panels.dictionary)
+        self._cells, self._specs = dictionary.cells_per_side, tuple(spec for spec, _ in groups)
+        self._intrinsics, self._stream = intrinsics, stream
+        codebooks = [Codebook.build(ids, dictionary, spec) for spec, ids in groups]
+        self._reader = Reader(codebooks, decision.FALSE_ID_RATE, search_frequencies=panels.search_frequencies)
+        self._proposer = Proposer(camera, self._cells, self._specs)
+        self._locator = Locator(self._cells, self._specs, intrinsics, must_blink=not panels.search_frequencies)
+        self.search_budget = STREAM_BUDGET if stream else SINGLE_BUDGET
+        self.off_frequency: dict[int, PanelSpec] = {}  # by ID: panels that blink at others than announced, and at which
+        self.forget()
+
+    def forget(self) -> None:
+        """Follows nothing."""
+        self._tracker, self._agenda = Tracker(self._specs), Agenda()
+
+    def state(self) -> tuple[Followed, AgendaState]:
+        """What `resume` goes on from, between two frames."""
+        return self._tracker.state(), self._agenda.state()
+
+    def resume(self, followed: Followed, agenda: AgendaState) -> None:
+        """Goes on as the one that gave this state would."""
+        self._tracker.resume(followed)
+        self._agenda.resume(agenda)
+
+    @property
+    def spent(self) -> int:
+        """On all fits so far, those that followed panels too, as the budget counts it."""
+        return self._locator.spent
+
+    def read(self, frame: Frame, work: Results) -> Iterator[list[Detection]]:
+        """propose → fit → track → cells → identify, by the likeliest codeword of all cells together.
+
+        Tracked panels come first, at their predicted places. All else shares the budget.
+        """
+        if not self._stream:
+            self.forget()
+        self._tracker.begin_frame(frame.row0_readout_ns)
+        sampled_squares: list[_Sampled] = []
+        yield self._identify(frame, self._follow(frame, self._tracker.read_tracks(), sampled_squares, work), work)
+        most = self._locator.spent + self.search_budget
+        for track in self._tracker.unread_tracks():
+            if self._locator.spent >= most:
+                break
+            yield self._identify(frame, self._follow(frame, [track], sampled_squares, work), work)
+        if self._agenda.is_due(all_detected=self._tracker.all_detected()):
+            for candidate in self._agenda.schedule(self._propose(frame, work)):
+                if self._locator.spent >= most:
+                    break
+                yield self._identify(frame, self._examine(frame, candidate, sampled_squares, work), work)
+        if self._stream:
+            self._prepare_next(frame, sampled_squares, work)
+
+    def _follow(
+        self, frame: Frame, tracks: list[Track], sampled_squares: list[_Sampled], work: Results
+    ) -> list[_Sampled]:
+        """The squares at their tracks' predictions; what is not there is left to a search."""
+        start = time.perf_counter()
+        followed = []
+        for track in tracks:
+            at = track.state.predicted_px(frame.row0_readout_ns)
+            known = track.state.unknown
+            if track.state.velocity_px_s is None or known is None:  # how it moves is known from its second frame on
+                quad = self._locator.localise(frame, at)
+            else:
+                quad = self._locator.refine(frame, at, known)
+            there = self._tracker.continue_track(track, quad)
+            if there is not None:
+                followed.append((there, track))
+        work.add_time("fit", start)
+        return self._sample(frame, followed, sampled_squares, work)
+
+    def _propose(self, frame: Frame, work: Results) -> list[Candidate]:
+        start = time.perf_counter()
+        candidates, dropped = self._proposer.propose(frame, thorough=not self._stream)
+        work.rejected.extend(dropped)
+        if work.trace is not None:
+            work.trace.candidates.extend(candidates)
+        work.add_time("find", start)
+        return candidates
+
+    def _examine(
+        self, frame: Frame, candidate: Candidate, sampled_squares: list[_Sampled], work: Results
+    ) -> list[_Sampled]:
+        """The square that a candidate leads to, unless this frame has already shown it."""
+        if self._tracker.is_followed(candidate.corners_px):
+            return []
+        start = time.perf_counter()
+        self._agenda.tried(candidate)
+        quad = self._locator.localise(frame, candidate.corners_px)
+        work.add_time("fit", start)
+        if isinstance(quad, Rejected):
+            work.reject(candidate.corners_px, quad)
+            return []
+        return self._sample(frame, self._tracker.associate([quad]), sampled_squares, work)
+
+    def _sample(
+        self, frame: Frame, squares: list[tuple[Quad, Track]], sampled_squares: list[_Sampled], work: Results
+    ) -> list[_Sampled]:
+        """The light in the squares' cells, of those that can be sampled; they are added to `sampled_squares`, too."""
+        since = time.perf_counter()
+        sampled = []
+        for quad, track in squares:
+            samples = sample_cells(frame, quad, self._cells, self._intrinsics, like=track.history.memories[0].lattice)
+            if isinstance(samples, Rejected):
+                work.reject(quad.corners_px, samples)
+            else:
+                sampled.append((quad, track, samples))
+        sampled_squares += sampled
+        work.add_time("cells", since)
+        return sampled
+
+    def _identify(self, frame: Frame, sampled_squares: list[_Sampled], work: Results) -> list[Detection]:
+        """The panels among these squares; the reasons against the others go to `work`."""
+        if not sampled_squares:
+            return []
+        since = time.perf_counter()
+        detections, times = [], frame.drop_picture()
+        for quad, track, samples in sampled_squares:
+            outcome = self._reader.read(track.history, samples, times)
+            track.history = outcome.history
+            if outcome.contradicted:
+                work.reject(quad.corners_px, CONTRADICTED)
+            if work.trace is not None:
+                work.trace.squares.append(SquareTrace.from_outcome(quad, samples, outcome))
+            if isinstance(outcome.identity, Rejected):
+                work.reject(quad.corners_px, outcome.identity)
+                continue
+            detections.append(self._detection(quad, outcome.identity.reading, track))
+        work.add_time("identify", since)
+        return detections
+
+    def _detection(self, quad: Quad, reading: decision.Reading, track: Track) -> Detection:
+        assert quad.covariance_px2 is not None, "the localisation measures it"
+        tuned, velocity = track.history.search.found, track.state.velocity_px_s
+        if tuned is not None and tuned.measured:
+            self.off_frequency[reading.id] = tuned.spec
+        return Detection(
+            id=reading.id,
+            corners_px=read_only(corners_of_turned(quad.corners_px, reading.quarter_turns)),
+            covariance_px2=read_only(covariance_of_turned(quad.covariance_px2, reading.quarter_turns)),
+            margin=reading.margin,
+            frames_used=track.history.frames,
+            velocity_px_s=None if velocity is None else read_only(corners_of_turned(velocity, reading.quarter_turns)),
+        )
+
+    def _prepare_next(self, frame: Frame, sampled_squares: list[_Sampled], work: Results) -> None:
+        """Work for the frames to come."""
+        since, times = time.perf_counter(), frame.drop_picture()
+        for _, track, samples in sampled_squares:
+            track.history = self._reader.prepare_next(track.history, samples, times)
+        work.add_time("identify", since)

@@ -1,0 +1,98 @@
+"""Who sees what the daemon decodes, beside the controller: clients of the tap, and what keeps or writes frames."""
+
+from __future__ import annotations
+
+from concurrent.futures import Future
+from pathlib import Path
+from typing import Any
+
+from ledpi.config.settings import Config
+from ledpi.core.errors import RecordingError
+from ledpi.core.records import CameraInfo, Decoded, Frame
+from ledpi.pipeline.pipeline import Pipeline
+from ledpi.pipeline.trace import Trace
+from ledpi.runtime.rewind import ASKED, Rewind
+from ledpi.runtime.tap_recorder import TapRecorder
+from ledpi.tap.messages import Setup
+from ledpi.tap.protocol import COMMANDS, Request
+from ledpi.tap.server import Tap
+
+
+class Observers:
+    """Of one daemon. `trace` and `see` are for its decode thread, the rest for its main one."""
+
+    def __init__(
+        self, config: Config, pipeline: Pipeline, camera: CameraInfo, period_ms: float, setup: Setup, tap: Tap | None
+    ) -> None:
+        """`camera`: with the lens that poses are solved with. `period_ms`: between two frames."""
+        self._tap, self._setup = tap, setup
+        source = config.camera.source
+        self._rewind = Rewind(config.rewind, pipeline, camera, period_ms, source) if config.rewind.seconds else None
+        self._recorder = None if tap is None else TapRecorder(pipeline, camera, source)
+
+    def start(self) -> None:
+        """Before the first frame."""
+        if self._rewind is not None:
+            self._rewind.start()
+        if self._tap is None or self._recorder is None:
+            return
+        if self._rewind is not None:
+            self._tap.offer("save", self._save_for_tap)
+        self._tap.offer("record", self._recorder.record)
+        self._tap.offer("record_stop", self._recorder.stop)
+        self._tap.begin(self._setup)
+
+    def save(self, cause: str = ASKED) -> Future[Path]:
+        """The last seconds' recording, once it is whole; from any thread. Raises RecordingError where none are kept."""
+        if self._rewind is None:
+            raise RecordingError("rewind: is off; set rewind.seconds")
+        return self._rewind.save(cause)
+
+    def trace(self) -> Trace | None:
+        """What the next frame's decoding is to fill in; None: nothing."""
+        return None if self._tap is None else self._tap.trace()
+
+    def see(self, frame: Frame, decoded: Decoded, search_budget: int, trace: Trace | None) -> None:
+        """A frame that was just decoded, while its pixels are there."""
+        rewind = self._rewind
+        if rewind is not None:
+            rewind.keep(frame, decoded, search_budget)
+        if self._recorder is not None:
+            self._recorder.keep(frame, decoded, search_budget)
+        if self._tap is not None:
+            self._tap.show(frame, decoded, trace)
+
+    def tick(self, now_ns: int, *, lost: bool) -> None:
+        """Some times a second; `lost`: the camera is."""
+        if self._rewind is not None:
+            self._rewind.tick(now_ns, lost=lost)
+
+    @property
+    def are_told(self) -> bool:
+        """Whether anybody would hear what `tell` says."""
+        return self._tap is not None and self._tap.is_followed
+
+    def tell(self, health: dict[str, Any]) -> None:
+        """How the daemon is."""
+        if self._tap is not None:
+            self._tap.tell(health)
+
+    def end(self) -> None:
+        """No more frames are written than wait already."""
+        if self._rewind is not None:
+            self._rewind.stop()
+        if self._recorder is not None:
+            self._recorder.end()
+
+    def close(self) -> None:
+        """After the last frame; waits for what is being written, a moment at most."""
+        if self._tap is not None and self._recorder is not None:
+            for do in COMMANDS:
+                self._tap.offer(do, None)
+            self._recorder.close()
+        if self._rewind is not None:
+            self._rewind.close()
+            self._rewind = None  # its memory is free for the next daemon's
+
+    def _save_for_tap(self, request: Request) -> dict[str, Any]:
+        return {"path": str(self.save().result())}

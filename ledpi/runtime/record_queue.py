@@ -1,0 +1,81 @@
+"""Frames on their way into a recording that was begun: between the decode thread and the one that writes.
+
+The rooms are bounded, and their memory is there before the first frame comes. A frame that finds no room is no part of
+the recording, and is counted. So the decoder waits for no disk.
+"""
+
+from __future__ import annotations
+
+import queue
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from ledpi.core.records import Decoded, Frame
+from ledpi.pipeline.state import PipelineState
+from ledpi.runtime.rooms import Kept, Rooms, follows
+
+# A disk may pause for a second; of large pictures there are fewer, as a service's memory is limited.
+MOST_FRAMES, MOST_BYTES, FEWEST = 64, 24_000_000, 4
+
+
+class RecordQueue(Rooms):
+    """`keep` is for the decode thread, `next` for the one that writes, `close` for any."""
+
+    def __init__(self, height: int, width: int) -> None:
+        super().__init__(max(FEWEST, min(MOST_FRAMES, MOST_BYTES // (height * width))), height, width)
+        self._pictures.fill(0)  # the system gives the memory now, and not to the decode thread
+        self.dropped = 0  # frames that found no room
+        self._waiting: queue.SimpleQueue[Kept | None] = queue.SimpleQueue()
+        self._last: Frame | None = None  # that came
+        self._state: PipelineState | None = None  # before the first that is kept
+        self._is_closed = False
+
+    def keep(self, frame: Frame, decoded: Decoded, search_budget: int, state: Callable[[], PipelineState]) -> None:
+        """A frame that was just decoded, and that might spend so much. Copies its picture; waits for nobody.
+
+        The first only gives the state that the recording begins with: `state` tells what the pipeline is left with.
+        """
+        self.seen += 1
+        last, self._last = self._last, frame.drop_picture()
+        if last is None:
+            self._state = state()
+            return
+        if not follows(frame, last):  # a camera that was opened anew counts anew; no recording holds both
+            self.close()
+            return
+        with self._changing:
+            slot = self._free.pop() if self._free and not self._is_closed else None
+            self.dropped += slot is None and not self._is_closed
+        if slot is None:
+            return
+        np.copyto(self._pictures[slot], frame.pixels)
+        kept = Kept(slot, self._last, decoded, search_budget, self._state, 0)
+        self._state = None
+        with self._changing:
+            if not self._is_closed:
+                self._waiting.put(kept)
+
+    def next(self, until_s: float) -> Kept | None:
+        """The oldest, as soon as it is there; None once it is closed and empty. Closes at `until_s` (monotonic)."""
+        if time.monotonic() < until_s:
+            try:
+                return self._waiting.get(timeout=max(0.0, until_s - time.monotonic()))
+            except queue.Empty:
+                pass
+        self.close()
+        return self._waiting.get()
+
+    def close(self) -> None:
+        """Takes no more; what is there may still be taken."""
+        with self._changing:
+            if not self._is_closed:
+                self._is_closed = True
+                self._waiting.put(None)
+
+    def abandon(self) -> None:
+        """What waits is no part of the recording: it is dropped, and counted. For the thread that writes."""
+        self.close()
+        while self._waiting.get() is not None:
+            self.dropped += 1

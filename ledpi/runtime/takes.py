@@ -1,0 +1,112 @@
+"""What the daemon writes beside its work: recordings of what it decoded, in a folder of the service or of the user."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import NamedTuple, TextIO
+
+from ledpi.core.errors import RecordingError
+from ledpi.core.records import CameraInfo, Frame, PanelSpec
+from ledpi.pipeline.output import decoded_as_json
+from ledpi.pipeline.state import PipelineState
+from ledpi.pipeline.state_file import STATE_FILE, as_bytes
+from ledpi.recording.writer import RecordingWriter
+from ledpi.runtime.recorder import LIVE_FILE
+from ledpi.runtime.rooms import Kept
+
+PART = ".part"  # how the name of a recording ends until it is whole
+AUTOMATIC = ("camera_lost", "contradicted")  # causes that nobody asked for
+MOST_AUTOMATIC = 5  # recordings of these that stay
+LEAST_FREE_BYTES = 100_000_000  # that a disk has left afterwards: a full one stops more than this
+
+_OLD = re.compile(rf"\d{{8}}T\d{{6}}Z-({'|'.join(AUTOMATIC)})(-\d+)?({re.escape(PART)})?")
+
+
+class Shown(NamedTuple):
+    """What a recording says of its camera and its panels."""
+
+    camera: CameraInfo
+    dictionary: str
+    panel: PanelSpec
+    source: str
+
+
+class Take:
+    """A recording that is being written; `write` is for one thread."""
+
+    def __init__(self, path: Path, writer: RecordingWriter, live: TextIO) -> None:
+        """`path`: where it is to be once it is whole."""
+        self.path = path
+        self.written = 0  # frames
+        self._writer, self._live = writer, live
+
+    def write(self, kept: Kept, frame: Frame) -> None:
+        """Adds what was kept, and `frame`, the same with its picture. Raises RecordingError or OSError."""
+        self._writer.write(frame, decoded=True, search_budget=kept.search_budget)
+        self.written += 1
+        self._live.write(json.dumps(decoded_as_json(kept.decoded, self.path.name)) + "\n")
+
+
+@contextmanager
+def new_take(folder: Path, shown: Shown, cause: str, note: str, state: PipelineState) -> Iterator[Take]:
+    """One whose name says when and why, and that begins with `state`; its name ends in `.part` until the end.
+
+    What is there when an exception comes stays so; without a frame, nothing does. Raises RecordingError or OSError.
+    """
+    path = _new_path(folder, cause)
+    part, take = path.with_name(path.name + PART), None
+    try:
+        with RecordingWriter(
+            part, camera=shown.camera, dictionary=shown.dictionary, panel=shown.panel, note=note
+        ) as writer:
+            (part / STATE_FILE).write_bytes(as_bytes(state))
+            with (part / LIVE_FILE).open("x", encoding="utf-8", buffering=1) as live:
+                take = Take(path, writer, live)
+                yield take
+    except BaseException:
+        if take is None or take.written == 0:  # without a frame it is none
+            shutil.rmtree(part, ignore_errors=True)
+        raise
+    part.rename(path)
+
+
+def takes_folder() -> Path:
+    """Where recordings are written: in the service's StateDirectory=, else in the user's own."""
+    given = os.environ.get("STATE_DIRECTORY", "").partition(":")[0]
+    if given:
+        return Path(given)
+    return Path(os.environ.get("XDG_STATE_HOME") or os.path.expanduser("~/.local/state")) / "ledpi" / "takes"
+
+
+def make_room(folder: Path, cause: str, wanted_bytes: int) -> None:
+    """Forgets the oldest of those that nobody asked for. Raises RecordingError where the disk is too full."""
+    folder.mkdir(parents=True, exist_ok=True)
+    if cause in AUTOMATIC:
+        old = sorted(path for path in folder.iterdir() if _OLD.fullmatch(path.name) and path.is_dir())
+        for path in old[: max(0, len(old) - MOST_AUTOMATIC + 1)]:
+            shutil.rmtree(path, ignore_errors=True)
+    check_room(folder, wanted_bytes)
+
+
+def check_room(folder: Path, wanted_bytes: int = 0) -> None:
+    """Raises RecordingError where the disk has too little left for so much more."""
+    status = os.statvfs(folder)
+    free, wanted = status.f_bavail * status.f_frsize, wanted_bytes + LEAST_FREE_BYTES
+    if free < wanted:
+        raise RecordingError(f"{folder}: the disk has {free / 1e6:.0f} MB left; {wanted / 1e6:.0f} MB are needed")
+
+
+def _new_path(folder: Path, cause: str) -> Path:
+    name = f"{datetime.now(timezone.utc):%Y%m%dT%H%M%SZ}-{cause}"
+    for number in range(1, 1000):
+        path = folder / (name if number == 1 else f"{name}-{number}")
+        if not path.exists() and not path.with_name(path.name + PART).exists():
+            return path
+    raise RecordingError(f"{folder / name}: is there a thousand times; is the clock stuck?")

@@ -1,0 +1,228 @@
+"""`record` of the tap: from now on, what a real daemon decodes is written as a recording."""
+
+from __future__ import annotations
+
+import json
+import resource
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ledpi.core.errors import RecordingError, TapError
+from ledpi.recording.reader import load_recording
+from ledpi.runtime import takes as takes_module
+from ledpi.runtime.recorder import LIVE_FILE
+from ledpi.runtime.tap_recorder import TapRecorder
+from ledpi.tap.client import connect
+from ledpi.tap.protocol import Request
+from ledpi.view.hub import Hub
+from tests.builders.daemon import DEADLINE_S, ROOT, SIMULATED, daemon, end
+from tests.builders.rewind import stream, without_times
+from tests.builders.tap import at, reach, wait_until
+
+LEDPI = [sys.executable, "-c", "from ledpi.cli import main; main()"]
+OFF = "rewind.seconds=0"
+
+
+@pytest.fixture
+def takes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Where a daemon of this test writes."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    return tmp_path / "state" / "ledpi" / "takes"
+
+
+def decoded_again(take: Path) -> list[dict[str, Any]]:
+    """By `ledpi decode --as-live`."""
+    command = [*LEDPI, "decode", "--as-live", str(take)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=2 * DEADLINE_S)
+    assert done.returncode == 0, done.stderr
+    return without_times([json.loads(line) for line in done.stdout.splitlines()])
+
+
+def live(take: Path) -> list[dict[str, Any]]:
+    return without_times([json.loads(line) for line in (take / LIVE_FILE).read_text().splitlines()])
+
+
+def recorded(takes: Path) -> list[Path]:
+    """Where the machine is so busy that no frame comes, a fault has its own."""
+    return sorted(takes.glob("*-recorded*"))
+
+
+Lines = Iterator[dict[str, Any]]
+
+
+def until(lines: Lines, kind: str, request_id: int | None = None) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    """The next line of that kind (the answer to that request), and the frames until then."""
+    frames = []
+    for line in lines:
+        if line["type"] == kind and (request_id is None or line["id"] == request_id):
+            return line, frames
+        assert line["type"] != "error", line
+        frames += [line] if line["type"] == "decoded" else []
+    raise AssertionError("the daemon has ended")
+
+
+def some_frames(lines: Lines, count: int) -> None:
+    for _ in range(count):
+        until(lines, "decoded")
+
+
+@pytest.mark.parametrize("settings", [(), (OFF,)])
+def test_a_second_is_recorded_as_the_tap_told_it(takes: Path, tmp_path: Path, settings: tuple[str, ...]) -> None:
+    """Each frame, from the first on; with the last seconds kept beside, and without."""
+    path = tmp_path / "tap.sock"
+    with daemon(*SIMULATED, at(path), *settings), reach(path) as client:
+        lines = client.lines()
+        hello = next(lines)
+        some_frames(lines, 40)
+        answer, frames = until(lines, "done", client.send("record", seconds=1))
+    take = Path(answer["path"])
+    assert hello["may"] == (["record"] if settings else ["save", "record"])
+    assert recorded(takes) == [take]
+    assert take.name.endswith("-recorded")
+    assert answer["dropped"] == 0
+    again = decoded_again(take)
+    assert again == live(take)
+    assert len(again) == answer["frames"] == len(load_recording(take).frames)
+    assert again[0]["markers"]  # in its very first frame, as they were followed
+    told = {line["seq"]: line for line in frames}
+    common = [line for line in again if line["seq"] in told]
+    assert len(common) > 5
+    for line in common:
+        assert {key: told[line["seq"]][key] for key in line} == line
+
+
+def test_record_stop_ends_it_and_a_second_one_is_refused(takes: Path, tmp_path: Path) -> None:
+    """Any client may stop it, and both hear where it is; then another one may begin."""
+    path = tmp_path / "tap.sock"
+    with daemon(*SIMULATED, at(path), OFF), reach(path) as client, connect(path) as other:
+        lines = client.lines()
+        with pytest.raises(TapError, match="record_stop: nothing is being recorded"):
+            other.ask("record_stop")
+        begun = client.send("record", seconds=600)
+        some_frames(lines, 30)
+        with pytest.raises(TapError, match="record: a recording runs already; record_stop ends it"):
+            other.ask("record", seconds=1)
+        stopped = other.ask("record_stop")
+        answer, _ = until(lines, "done", begun)
+        again, _ = until(lines, "done", client.send("record", seconds=1))
+    assert {key: stopped[key] for key in ("path", "frames", "dropped")} == {
+        key: answer[key] for key in ("path", "frames", "dropped")
+    }
+    assert recorded(takes) == sorted([Path(answer["path"]), Path(again["path"])])
+    assert answer["frames"] > 5
+
+
+@pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGHUP])
+def test_the_daemons_end_makes_it_whole(takes: Path, tmp_path: Path, how: signal.Signals) -> None:
+    """Also where another one begins, of a new configuration; who asked hears of it."""
+    path, config = tmp_path / "tap.sock", tmp_path / "config.yaml"
+    config.write_text("panels: {side_m: 0.16}\ncamera: {source: simulated}\n", encoding="utf-8")
+    with daemon(at(path), OFF, options=("--config", str(config))) as process, reach(path) as client:
+        lines = client.lines()
+        begun = client.send("record", seconds=600)
+        some_frames(lines, 30)
+        process.send_signal(how)
+        answer, _ = until(lines, "done", begun)
+        if how == signal.SIGHUP:
+            until(lines, "hello")
+            some_frames(lines, 1)
+        assert end(process, signal.SIGTERM).status == 0
+    assert recorded(takes) == [Path(answer["path"])]
+    assert len(live(Path(answer["path"]))) == answer["frames"] > 5
+    if not answer["dropped"]:
+        assert decoded_again(Path(answer["path"])) == live(Path(answer["path"]))
+
+
+def test_a_disk_that_fills_up_is_told(takes: Path, tmp_path: Path) -> None:
+    """With where the frames until then are; the daemon goes on, and with room again records again."""
+    path, free = tmp_path / "tap.sock", (resource.RLIM_INFINITY, resource.RLIM_INFINITY)
+    with daemon(*SIMULATED, at(path), OFF) as process, reach(path) as client, connect(path) as other:
+        lines = client.lines()
+        some_frames(lines, 10)
+        begun = client.send("record", seconds=600)
+        deadline_s = time.monotonic() + DEADLINE_S
+        while not any(len(file.read_bytes()) > 500 for file in takes.glob(f"*-recorded.part/{LIVE_FILE}")):
+            assert time.monotonic() < deadline_s, "a part did not come"
+            some_frames(lines, 1)
+        resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (20_000, resource.RLIM_INFINITY))
+        told = next(line for line in lines if line["type"] == "error")
+        resource.prlimit(process.pid, resource.RLIMIT_FSIZE, free)
+        answer = other.ask("record", seconds=1)
+        ended = end(process, signal.SIGTERM)
+    part = next(each for each in recorded(takes) if each.suffix == ".part")
+    assert told["id"] == begun
+    assert "cannot be written: File too large; " in told["error"]
+    assert told["error"].endswith(f"frames are in {part}")
+    assert f"; {len(load_recording(part).frames)} frames" in told["error"]
+    assert Path(answer["path"]) in recorded(takes)
+    assert sum("record_failed" in line for line in ended.log) == 1
+
+
+def test_the_page_starts_and_stops_it(takes: Path, tmp_path: Path) -> None:
+    """Its button tells whether a recording runs, and where it is once it is stopped."""
+    path = tmp_path / "tap.sock"
+    with daemon(*SIMULATED, at(path), OFF), reach(path):
+        hub = Hub(str(path))
+        hub.start()
+        try:
+            wait_until(lambda: hub.state(0, 0.1)["link"]["state"] == "up")
+            before = hub.state(0, 0.0)["recording"]
+            hub.record(600.0)
+            meanwhile = hub.state(0, 0.0)["recording"]
+            answer = hub.record_stop()
+            after = hub.state(0, 0.0)["recording"]
+        finally:
+            hub.close()
+    assert (before, meanwhile, after) == (False, True, False)
+    assert recorded(takes) == [Path(answer["path"])]
+    assert answer["frames"] > 5
+
+
+def begun(recorder: TapRecorder, pool: ThreadPoolExecutor) -> Future[dict[str, Any]]:
+    """It records in a thread of its own, as the tap has it."""
+    running = pool.submit(recorder.record, Request(do="record", seconds=600.0))
+    wait_until(lambda: recorder._running is not None)
+    return running
+
+
+def test_a_disk_that_is_too_full_is_told(takes: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Before anything is written, and while it is: a disk that ledpi has filled stops more than ledpi."""
+    drive = stream(8)
+    recorder = TapRecorder(drive.pipeline(), drive.camera, "simulated")
+    with ThreadPoolExecutor() as pool:
+        running = begun(recorder, pool)
+        for index, (frame, decoded) in enumerate(zip(drive.frames, drive.live, strict=True)):
+            if index == 5:
+                wait_until(lambda: len(list(takes.glob("*-recorded.part/frames/*.png"))) == 4)
+                monkeypatch.setattr(takes_module, "LEAST_FREE_BYTES", 10**18)
+            recorder.keep(frame, decoded, 150_000)
+        with pytest.raises(RecordingError, match=r"the disk has \d+ MB left; \d+ MB are needed; 4 frames are in /"):
+            running.result(DEADLINE_S)
+    with pytest.raises(RecordingError, match=r"the disk has \d+ MB left; \d+ MB are needed$"):
+        recorder.record(Request(do="record", seconds=600.0))
+    (part,) = recorded(takes)
+    assert len(load_recording(part).frames) == 4
+
+
+def test_without_a_frame_nothing_is_written(takes: Path) -> None:
+    """Who asked hears so, as does who stopped it. After the daemon's end none begins."""
+    drive = stream(1)
+    recorder = TapRecorder(drive.pipeline(), drive.camera, "simulated")
+    with ThreadPoolExecutor() as pool:
+        running = begun(recorder, pool)
+        with pytest.raises(RecordingError, match="no frame was decoded meanwhile"):
+            recorder.stop(Request(do="record_stop"))
+        with pytest.raises(RecordingError, match="no frame was decoded meanwhile"):
+            running.result(DEADLINE_S)
+        recorder.close()
+        with pytest.raises(RecordingError, match="the daemon ends"):
+            recorder.record(Request(do="record", seconds=1.0))
+    assert recorded(takes) == []

@@ -1,0 +1,160 @@
+"""Frames that wait to be recorded: bounded, in order, and the decoder waits for nobody."""
+
+from __future__ import annotations
+
+import time
+import tracemalloc
+
+import numpy as np
+import pytest
+
+from ledpi.core.records import Decoded, Frame
+from ledpi.pipeline.state import PipelineState
+from ledpi.runtime.record_queue import FEWEST, MOST_BYTES, MOST_FRAMES, RecordQueue
+from tests.builders.rewind import EVERY, Stream, later, stream
+
+HEIGHT, WIDTH = 480, 640
+PERIOD_NS = 20_000_000
+
+
+@pytest.fixture(scope="module")
+def drive() -> Stream:
+    return stream(EVERY + 1)
+
+
+@pytest.fixture(scope="module")
+def state(drive: Stream) -> PipelineState:
+    """Of a pipeline that follows panels."""
+    return drive.states[EVERY]
+
+
+def frame(seq: int) -> Frame:
+    """All its pixels are its number."""
+    pixels = np.full((HEIGHT, WIDTH), seq % 256, np.uint8)
+    at_ns = 1_000_000_000 + seq * PERIOD_NS
+    return Frame(pixels=pixels, seq=seq, row0_readout_ns=at_ns, exposure_us=1e4, row_time_us=33.67, transfer="linear")
+
+
+def decoded(of: Frame) -> Decoded:
+    return Decoded(
+        seq=of.seq,
+        row0_readout_ns=of.row0_readout_ns,
+        host_offset_ns=0,
+        markers=(),
+        robot=None,
+        rejected=(),
+        stage_ms={"find": 1.0},
+    )
+
+
+def keep(queue: RecordQueue, state: PipelineState, *seqs: int) -> None:
+    for seq in seqs:
+        of = frame(seq)
+        queue.keep(of, decoded(of), 1000 + seq, lambda: state)
+
+
+def rest(queue: RecordQueue) -> list[int]:
+    """What is in it, once it is closed; each has its own picture and budget."""
+    queue.close()
+    seqs = []
+    while (kept := queue.next(0.0)) is not None:
+        assert (queue.picture_of(kept).pixels == kept.frame.seq % 256).all()
+        assert kept.search_budget == 1000 + kept.frame.seq
+        seqs.append(kept.frame.seq)
+    return seqs
+
+
+def test_it_begins_with_the_state_after_the_first_frame(state: PipelineState) -> None:
+    """That frame itself is no part of it: what was remembered before it is not known."""
+    queue = RecordQueue(HEIGHT, WIDTH)
+    keep(queue, state, 5, 6, 7)
+    first = queue.next(time.monotonic() + 60)
+    assert first is not None
+    assert (first.frame.seq, first.state) == (6, state)
+    assert rest(queue) == [7]
+
+
+def test_what_finds_no_room_is_dropped_and_counted(state: PipelineState) -> None:
+    """The newest go, so what waits has no gap; with room again there is one, in order."""
+    queue = RecordQueue(HEIGHT, WIDTH)
+    keep(queue, state, *range(MOST_FRAMES + 11))
+    assert queue.dropped == 10
+    oldest = queue.next(time.monotonic() + 60)
+    assert oldest is not None
+    queue.give_back(oldest)
+    keep(queue, state, 200)
+    assert rest(queue) == [*range(2, MOST_FRAMES + 1), 200]
+    assert queue.dropped == 10
+
+
+def test_its_memory_is_bounded_and_there_before_the_first_frame(state: PipelineState) -> None:
+    """Of large pictures there are fewer; no frame asks for as much as a tenth of a picture."""
+    assert RecordQueue(2000, 3000).frames == FEWEST
+    assert RecordQueue(1232, 1640).frames * 1232 * 1640 <= MOST_BYTES
+    queue = RecordQueue(HEIGHT, WIDTH)
+    coming = [(of, decoded(of)) for of in map(frame, range(2 * MOST_FRAMES))]
+    tracemalloc.start()
+    try:
+        before = tracemalloc.get_traced_memory()[0]
+        for of, result in coming:
+            queue.keep(of, result, 0, lambda: state)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert queue.room == 0
+    assert peak - before < HEIGHT * WIDTH / 10
+
+
+def test_after_the_end_nothing_is_taken(state: PipelineState) -> None:
+    """Nor counted: it is no part of the recording."""
+    queue = RecordQueue(HEIGHT, WIDTH)
+    keep(queue, state, *range(10))
+    queue.close()
+    keep(queue, state, *range(10, 20))
+    assert rest(queue) == list(range(1, 10))
+    assert queue.dropped == 0
+
+
+def test_time_ends_it_also_while_frames_wait(state: PipelineState) -> None:
+    """One that is never empty would never end; what waits is still taken."""
+    queue = RecordQueue(HEIGHT, WIDTH)
+    keep(queue, state, *range(10))
+    assert queue.next(time.monotonic() - 1.0) is not None
+    keep(queue, state, *range(10, 20))
+    assert rest(queue) == list(range(2, 10))
+
+
+def test_time_that_runs_backward_ends_it(state: PipelineState) -> None:
+    """A camera that was opened anew may count anew; no recording holds both."""
+    queue = RecordQueue(HEIGHT, WIDTH)
+    keep(queue, state, *range(100, 110), *range(20))
+    assert rest(queue) == list(range(101, 110))
+
+
+def test_what_is_abandoned_is_counted(state: PipelineState) -> None:
+    """The daemon ends, and has no time for it."""
+    queue = RecordQueue(HEIGHT, WIDTH)
+    keep(queue, state, *range(10))
+    assert queue.next(time.monotonic() + 60) is not None
+    queue.abandon()
+    assert queue.dropped == 8
+
+
+def test_keeping_costs_little_beside_decoding(drive: Stream) -> None:
+    """Measured against decoding the same frames, in the same run: less than a twentieth, with room and without."""
+    pipeline = drive.pipeline()
+    queue = RecordQueue(HEIGHT, WIDTH)
+    keeping, decoding = [], []
+    for round_number in range(6):
+        for each in drive.frames:
+            of = later(each, round_number * 10**12, round_number * 1000)
+            began = time.perf_counter()
+            result = pipeline.decode(of)
+            between = time.perf_counter()
+            queue.keep(of, result, 0, pipeline.state)
+            keeping.append(time.perf_counter() - between)
+            decoding.append(between - began)
+    assert queue.dropped > 0
+    assert sorted(keeping)[len(keeping) // 2] < sorted(decoding)[len(decoding) // 2] / 20
+    kept = sorted(keeping[: queue.frames])
+    assert kept[len(kept) // 2] < sorted(decoding)[len(decoding) // 2] / 20
