@@ -55,7 +55,7 @@ typedef struct {
 /* What eight places are explained by: the slopes of what is predicted by COMMON, and the residual, all weighted; by the OWN
  * of the cells that meet there (the nearest down and across, then the next), not weighted. */
 typedef struct {
-    Eight by[DENSE], own[2][2][OWN], seen, predicted, weight, row; /* row of the picture */
+    Eight by[DENSE], own[2][2][OWN], seen, predicted, weight, row, outside; /* row of the picture; share beside the panel */
     bool tells[LEDPI_WIDTH]; /* within the view and not saturated */
 } Samples;
 

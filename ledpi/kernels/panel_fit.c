@@ -50,7 +50,7 @@ typedef struct {
     double matrix[MOST_UNKNOWN * (MOST_UNKNOWN + 1)], step[MOST_UNKNOWN];
     float by_row[2][MOST_CELLS * MOST_CELLS * MOST_ROWS];
     double weight[MOST_BLOCKS], squares[MOST_BLOCKS], sum[MOST_BLOCKS], count[MOST_BLOCKS];
-    double left, used, light, light2; /* sums, weighed: of squared residuals, of weights, of light and its square */
+    double left, inside, used, light, light2; /* sums, weighed: of squared residuals, of weights, of light and its square */
     double decrease; /* of the squared residuals, that the step should bring: a share of them */
     ptrdiff_t samples, sampled; /* of this round, of all */
 } Work;
@@ -143,7 +143,7 @@ static void clear(const Fitting *fit, Work *work) {
     memset(work->squares, 0, sizeof work->squares);
     memset(work->sum, 0, sizeof work->sum);
     memset(work->count, 0, sizeof work->count);
-    work->left = work->used = work->light = work->light2 = 0.0, work->samples = 0;
+    work->left = work->inside = work->used = work->light = work->light2 = 0.0, work->samples = 0;
 }
 
 /* Adds eight samples, those that tell something. Returns how many columns there are then. */
@@ -155,7 +155,8 @@ static LEDPI_INLINE ptrdiff_t add_samples(const Fitting *fit, const Samples *s, 
         const ptrdiff_t block = block_of(fit->along[first + lane], fit->along[down], cells);
         const double left = s->by[RESIDUAL][lane], trust = work->weight[block], weight = trust * s->weight[lane] * s->weight[lane];
         work->squares[block] += left * left, work->sum[block] += left, work->count[block] += 1.0;
-        work->left += trust * left * left, work->used += weight;
+        work->used += weight;
+        if (s->outside[lane] < 0.5f) work->left += trust * left * left, work->inside += weight, work->samples++;
         work->light += weight * s->seen[lane], work->light2 += weight * s->seen[lane] * s->seen[lane];
         Met met[4];
         const int cells_met = met_at(s, lane, work->across + first / LEDPI_WIDTH, &work->grid[1][down], cells, met);
@@ -187,7 +188,7 @@ LEDPI_SIMD static void sum_up(const Fitting *fit, bool phasing, Work *work) {
                                &work->grid[1][j], (float)(fit->along[j] / (double)cells), &s);
             count = add_samples(fit, &s, i, j, phasing, count, work);
         }
-        work->samples += count - before, work->sampled += count - before;
+        work->sampled += count - before;
         if (count < LEDPI_MOST_LINES && j + 1 < fit->lines) continue;
         if (!phasing) ledpi_add_products(work->columns, count, DENSE, work->products.common);
         count = 0;
@@ -222,7 +223,7 @@ static bool solve_step(Fitting *fit, Work *work) {
     if (!(freedom > 0.0)) return false;
     fit->variance = fmax(work->left / freedom, 1e-9);
     const double used = fmax(work->used, 1e-12), about_mean = work->light2 - work->light * work->light / used;
-    fit->explained = 1.0 - work->left / fmax(about_mean, 1e-12);
+    fit->explained = 1.0 - work->left / fmax(work->inside, 1e-12) * used / fmax(about_mean, 1e-12);
     put_matrix(fit, &work->products, work->matrix);
     work->decrease = ledpi_eliminate(work->matrix, size, 0, size) / freedom;
     for (ptrdiff_t i = 0; i < size; i++)

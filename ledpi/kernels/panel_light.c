@@ -190,10 +190,9 @@ static LEDPI_INLINE void add_cells(const float *unknown, const Profile *profile,
     s->own[j][i][0] = shown;
 }
 
-/* Adds the light beside the panel: left, right, above, below; at a corner only what is left or right. `outside`: how much
- * of the places is there. */
-static LEDPI_INLINE void add_beside(const float *unknown, const Lines *across, const Line *down, Terms *t, Samples *s,
-                                    Eight *outside) {
+/* Adds the light beside the panel: left, right, above, below; at a corner only what is left or right. `outside`: how much of
+ * the places is there. */
+static LEDPI_INLINE void add_beside(const float *unknown, const Lines *across, const Line *down, Terms *t, Samples *s) {
     const float *level = unknown + BESIDE, hidden = level[2] * down->beside[0] + level[3] * down->beside[1];
     const Eight open = 1.0f - across->beside[0] - across->beside[1];
     for (int k = 0; k < 2; k++) {
@@ -206,7 +205,7 @@ static LEDPI_INLINE void add_beside(const float *unknown, const Lines *across, c
         t->slope[0] += fall;
         t->slope[1] += fall_down;
         s->by[BLUR] += (level[k] - hidden) * across->spread[k] + level[2 + k] * down->spread[k] * open;
-        *outside += side + end;
+        s->outside += side + end;
     }
 }
 
@@ -222,24 +221,25 @@ LEDPI_SIMD void ledpi_panel_sample(const Panel *panel, const View *view, const f
                                    const Lines *across, const Line *down, float v, Samples *s) {
     const Profile profile = ledpi_panel_profile(unknown, down);
     const Eight none = {0};
-    Eight x, y, outside = none;
+    Eight x, y;
     Terms t = {.slope = {none, none}};
     for (int k = WAYS; k < DENSE; k++) s->by[k] = none;
     put_places(view, h, across->at, v, &x, &y, &s->row);
     put_seen(panel, view, x, y, s);
     put_waves(panel, unknown, s->row, &t);
     s->predicted = none + unknown[DARK];
+    s->outside = none;
     for (int j = 0; j < 2; j++)
         for (int i = 0; i < 2; i++)
             if (down->light[j] > NO_LIGHT && (i == 0 || across->is_between))
                 add_cells(unknown, &profile, panel->cells, across, i, down, j, &t, s);
             else
                 s->own[j][i][0] = none;
-    if (across->is_beside || down->beside[0] + down->beside[1] > NO_LIGHT) add_beside(unknown, across, down, &t, s, &outside);
+    if (across->is_beside || down->beside[0] + down->beside[1] > NO_LIGHT) add_beside(unknown, across, down, &t, s);
     put_ways(across->at, v, panel->cells, &t, s->by);
     s->by[DARK] = none + 1.0f;
     for (int lane = 0; lane < LEDPI_WIDTH; lane++)
-        s->weight[lane] = 1.0f / sqrtf(fmaxf(s->predicted[lane], 0.0f) + DARK_NOISE + TEXTURE * outside[lane]);
+        s->weight[lane] = 1.0f / sqrtf(fmaxf(s->predicted[lane], 0.0f) + DARK_NOISE + TEXTURE * s->outside[lane]);
     s->by[RESIDUAL] = s->seen - s->predicted;
     for (int k = 0; k <= RESIDUAL; k++) s->by[k] *= s->weight;
 }
