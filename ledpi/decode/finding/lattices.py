@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import product
 
 import cv2
 import numpy as np
@@ -16,6 +17,7 @@ from ledpi.kernels.find import LatticeSearcher
 AROUND = 17
 CONTRAST = 4  # grey levels: twice what read-out noise leaves of a mean over a few pixels
 MIN_SEEN = 0.6  # of the cells: others may be dead, hidden, or one with their neighbours
+LEDS = (1, 2, 3)  # along a cell: each may be seen by itself
 
 
 class LatticeFinder:
@@ -36,26 +38,25 @@ class LatticeFinder:
         return found
 
     def _panels(self, lattice: NDArray[np.int32], middles: Floats) -> Iterator[Floats]:
-        """Corners (4, 2) of each panel that a lattice may be: several of a larger one, and where rows are not seen.
+        """Corners (4, 2) of each panel that a lattice of its cells, or of the LEDs in them, may be.
 
-        A lattice of many more cells than a panel has is none.
+        That is several of a larger one, and where rows are not seen. A lattice of many more is none.
         """
-        cells = self._cells
         down, across = np.nonzero(lattice >= 0)
         at = middles[lattice[down, across]]
-        ranges = []
-        for nodes in (across, down):
-            low, high = int(nodes.min()), int(nodes.max())
-            if high - low > cells + 1:
-                return
-            ranges.append(range(min(low, high - cells + 1), max(low, high - cells + 1) + 1))
-        for left in ranges[0]:
-            for top in ranges[1]:
-                own = (across >= left) & (across < left + cells) & (down >= top) & (down < top + cells)
-                if own.sum() < MIN_SEEN * cells * cells:
+        for leds in LEDS:
+            side = self._cells * leds
+            ranges = []
+            for nodes in (across, down):
+                low, high = int(nodes.min()), int(nodes.max())
+                few = high - low <= side + 1
+                ranges.append(range(min(low, high - side + 1), max(low, high - side + 1) + 1) if few else range(0))
+            for left, top in product(*ranges):
+                own = (across >= left) & (across < left + side) & (down >= top) & (down < top + side)
+                if own.sum() < MIN_SEEN * side * side:
                     continue
-                places = np.stack([across[own] - left + 0.5, down[own] - top + 0.5], axis=1)
-                corners = _corners(places, at[own], cells)
+                places = np.stack([across[own] - left + 0.5, down[own] - top + 0.5], axis=1) / leds
+                corners = _corners(places, at[own], self._cells)
                 if corners is not None:
                     yield corners
 
