@@ -31,8 +31,8 @@ MAX_SIGMA = 1.0 / 8.0  # of a cell: further off, slopes no longer tell what a sh
 # not see the edges of cells. Its blur is that of these pixels: the next fit begins with a little more than a lens has,
 # as what is blurred more is found from further off.
 START_BLUR_PX = 1.2
-# Times that a fit goes on which has not settled, as where what hides a strip meets bands; and what it must explain by
-# then: it leaves no more than twice what it may in the end.
+# Times that a fit goes on which has not settled, as where something hides a strip, or cuts off a band; and what it must
+# explain by then: it leaves no more than twice what it may in the end.
 MOST_MORE, LEAST_EXPLAINED = 2, 0.8
 
 
@@ -54,13 +54,14 @@ class Locator:
 
     def localise(self, frame: Frame, corners_px: Floats) -> Quad | Rejected:
         """The panel at a candidate (4, 2), or why there is none: on a coarse grid, then on a fine one."""
-        deep = self._depth(frame) > DEEP
+        depth = self._depth(frame)
+        deep, faint = depth > DEEP, depth <= FAINT_DEPTH
         coarse = Effort(
             rounds=8,
             tolerance=0.02,
             most_left=1.0 - MIN_EXPLAINED,
             roughly=True,
-            banded=deep,
+            banded=not faint,
             phasing=deep,
             must_blink=deep and self._must_blink,
         )
@@ -73,8 +74,10 @@ class Locator:
             unknown[BLUR] = math.log(START_BLUR_PX)
         fine = Effort(rounds=10, reweightings=2, must_blink=self._must_blink)
         fit = self._fitted(frame, first.lattice_px, fine, (first.spec,), unknown)
-        for _ in range(0 if self._depth(frame) < FAINT_DEPTH else MOST_MORE):
+        for _ in range(MOST_MORE):
             if isinstance(fit, Rejected) or fit.settled or fit.explained < LEAST_EXPLAINED:
+                break
+            if faint and not fit.hidden.any():
                 break
             fit = self._fitted(frame, fit.lattice_px, fine, (fit.spec,), fit.unknown)
         return self._quad(fit)

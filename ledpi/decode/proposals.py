@@ -109,4 +109,3 @@ def _bridged(frame: Frame, band_rows: int) -> list[Frame]:
     change = cv2.subtract(brightest, cv2.erode(frame.pixels, column))
     half = column[: band_rows // 2]
     return [replace(frame, pixels=cv2.erode(each, half)) for each in (change, brightest)]
-

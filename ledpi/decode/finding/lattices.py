@@ -18,6 +18,7 @@ AROUND = 17
 CONTRAST = 4  # grey levels: twice what read-out noise leaves of a mean over a few pixels
 MIN_SEEN = 0.6  # of the cells: others may be dead, hidden, or one with their neighbours
 LEDS = (1, 2, 3)  # along a cell: each may be seen by itself
+BESIDE = 2  # rows of other spots that may continue a lattice of cells: one on each side
 
 
 class LatticeFinder:
@@ -40,7 +41,8 @@ class LatticeFinder:
     def _panels(self, lattice: NDArray[np.int32], middles: Floats) -> Iterator[Floats]:
         """Corners (4, 2) of each panel that a lattice of its cells, or of the LEDs in them, may be.
 
-        That is several of a larger one, and where rows are not seen. A lattice of many more is none.
+        That is several where rows are not seen, or where a row of something else continues cells. A larger lattice of
+        LEDs is none: it has so many rows that chance continues none of them.
         """
         down, across = np.nonzero(lattice >= 0)
         at = middles[lattice[down, across]]
@@ -49,7 +51,7 @@ class LatticeFinder:
             ranges = []
             for nodes in (across, down):
                 low, high = int(nodes.min()), int(nodes.max())
-                few = high - low <= side + 1
+                few = high - low < side + (BESIDE if leds == 1 else 0)
                 ranges.append(range(min(low, high - side + 1), max(low, high - side + 1) + 1) if few else range(0))
             for left, top in product(*ranges):
                 own = (across >= left) & (across < left + side) & (down >= top) & (down < top + side)

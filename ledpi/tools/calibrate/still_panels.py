@@ -63,19 +63,22 @@ def panel_light(frames: Sequence[Frame], corners_px: Floats, cells: int, intrins
     low = np.maximum(np.floor(corners_px.min(axis=0)).astype(int), 0)
     high = np.ceil(corners_px.max(axis=0)).astype(int) + 1
     area = (slice(low[1], high[1]), slice(low[0], high[0]))
+    if all(np.array_equal(frame.pixels[area], frames[0].pixels[area]) for frame in frames):
+        raise CalibrationError("all frames show the very same light: one picture over and over measures nothing")
     cell = _cell_of_pixel(frames[0].pixels[area].shape, low, corners_px, cells, intrinsics)
     inside = cell >= 0
     brightest = np.maximum.reduce([frame.pixels[area] for frame in frames])
     clear = inside & (brightest < SATURATED)
-    left = np.bincount(cell[clear], minlength=cells * cells) / np.bincount(cell[inside], minlength=cells * cells)
+    pixels = np.bincount(cell[inside], minlength=cells * cells)
+    if not pixels.all():
+        raise CalibrationError("the panel's cells are smaller than pixels: put the camera nearer, and before the panel")
+    left = np.bincount(cell[clear], minlength=cells * cells) / pixels
     if left.min() < MIN_SHARE:
         raise CalibrationError("the panel is too bright, its pixels are saturated: lower camera.analogue_gain")
     rows = cell.shape[0]
     index = (cell * rows + np.arange(rows)[:, None])[clear]
     table = linear_light(frames[0].transfer)
     light = [np.bincount(index, table[frame.pixels[area][clear]], minlength=cells * cells * rows) for frame in frames]
-    if not np.ptp(light, axis=0).any():
-        raise CalibrationError("all frames show the very same light: one picture over and over measures nothing")
     seconds, interval_us = steady_seconds(frames)
     return PanelLight(
         light=np.array(light, np.float64).reshape(len(frames), cells * cells, rows),
