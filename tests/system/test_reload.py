@@ -86,6 +86,7 @@ AS_CONFIG = {
     "number for a key": content(f"panels: {{side_m: 1, overrides: {{0x{NUMBER}: {{}}}}}}"),
     "number for all": content(f"0x{NUMBER}"),
     "long key": content(f"{'k' * 99_999}: 1"),
+    "long name": content(f"panels: {{side_m: 1, dictionary: {'n' * 99_999}.yaml}}"),
     "bytes": lambda file: file.write_bytes(bytes(range(256)) * 99),
 }
 NAMED = {name: AS_CONFIG[name] for name in ("pipe", "folder", "device", "too large", "missing", "bomb", "nested")}
@@ -219,6 +220,18 @@ def test_whatever_a_file_brings_about_is_a_result() -> None:
     while (result := reading.result()) is None:
         time.sleep(0.001)
     assert isinstance(result, MemoryError)
+
+
+def test_where_no_thread_can_be_begun_that_is_the_result(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The system has a limit of these, too."""
+
+    def refused(_: threading.Thread) -> None:
+        raise RuntimeError("can't start new thread")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(threading.Thread, "start", refused)
+        reading = Reading(lambda: load_config(None, SIMULATED))
+    assert str(reading.result()) == "can't start new thread"
 
 
 @pytest.mark.parametrize(
