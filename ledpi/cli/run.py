@@ -35,6 +35,7 @@ def run(
     from ledpi.core.errors import LedpiError, TransientError
     from ledpi.runtime.reporting import log_to_standard_error
     from ledpi.runtime.service import Service
+    from ledpi.runtime.threads import end_threads
 
     log_to_standard_error()
     file = find_config(config)
@@ -61,3 +62,4 @@ def run(
         health.markers,
         ", ".join(f"{key} {count}" for key, count in sorted(health.rejected.items())) or "nothing",
     )
+    end_threads(status=0)
