@@ -102,6 +102,7 @@ def test_what_runs_amok_is_ended_before_the_machine_is() -> None:
 def test_a_mistake_of_the_owner_is_not_tried_again_but_a_failure_is() -> None:
     """Exit status 2 waits for a person; anything else is restarted, for ever."""
     assert (values("Restart"), values("RestartPreventExitStatus")) == (["on-failure"], ["2"])
+    assert values("RestartForceExitStatus") == ["SIGHUP"]  # which systemd takes for a wish, as SIGTERM
     assert values("StartLimitIntervalSec") == ["0"]
     assert (values("Type"), values("WatchdogSec")) == (["notify"], ["10"])
 
