@@ -23,6 +23,7 @@ from ledpi.runtime.reload import Reading
 from ledpi.runtime.service import Service
 from tests.builders.daemon import (
     COMMAND,
+    DEADLINE_S,
     SIMULATED,
     Controller,
     Ended,
@@ -104,7 +105,8 @@ def running(folder: Path, command: list[str] = COMMAND) -> Iterator[tuple[subpro
     with controller() as line:
         (folder / "config.yaml").write_text("panels: {side_m: 0.16}\ncamera: {source: simulated}\n")
         options = ("--config", str(folder / "config.yaml"))
-        with daemon(f"serial.port={line.port}", options=options, command=command) as process:
+        deadline_s = DEADLINE_S + FILES
+        with daemon(f"serial.port={line.port}", options=options, command=command, deadline_s=deadline_s) as process:
             line.wait_for(lambda c: bool(c.markers))
             yield process, line
 
