@@ -12,6 +12,7 @@ import re
 import select
 import signal
 import socket
+import subprocess
 import threading
 import time
 import tty
@@ -224,6 +225,33 @@ def test_sigterm_at_any_moment(take: Path, tmp_path: Path, plug: Callable[[], Li
         running = any("INFO start" in entry for entry in ended.log)
         assert ended.status == 0 or (ended.status == -signal.SIGTERM and not running)
         assert not any("Traceback" in entry for entry in ended.log)
+
+
+def test_nobody_takes_its_log(take: Path, tmp_path: Path, plug: Callable[[], Line]) -> None:
+    """A pager that waits, a terminal that was stopped with Ctrl-S: the heartbeat goes on, and SIGTERM ends it."""
+    line, (reads, writes) = plug(), os.pipe()
+    os.set_blocking(writes, False)
+    with suppress(BlockingIOError):
+        while os.write(writes, bytes(1024)):
+            pass
+    os.set_blocking(writes, True)  # as the daemon has it
+    given = [part for setting in settings(take, tmp_path) for part in ("--set", setting)]
+    with subprocess.Popen([*COMMAND, *FOR_EVER, *given], cwd=ROOT, stderr=writes) as process:
+        try:
+            line.wait_for_markers(10)
+            line.read_for(2.0)  # in each second it would say something
+            seen = len(line.messages)
+            line.read_for(1.0)
+            process.send_signal(signal.SIGTERM)
+            line.read_for(1.0)
+            assert process.wait(DEADLINE_S) == 0
+        finally:
+            process.kill()
+            os.close(reads)
+            os.close(writes)
+    assert sum(isinstance(message, StatusMessage) for message in line.messages[seen:]) >= 3
+    assert isinstance(line.messages[-1], StatusMessage)
+    assert line.messages[-1].state is State.STOPPING
 
 
 # In front of the daemon: a frame that takes as long as a robot's processor may need for the worst one.
