@@ -39,7 +39,8 @@ def nearest_square(frame: Frame, true: Floats, lens: Intrinsics, spec: PanelSpec
         row_time_us=frame.row_time_us,
         transfer=frame.transfer,
     )
-    candidates, _ = Proposer(camera, 4, [spec]).propose(frame, thorough=True)
+    proposed, _ = Proposer(camera, 4, [spec]).propose(frame)
+    candidates = [each for candidate in proposed for each in (candidate, *candidate.moved_ends())]
     locator = Locator(4, (spec,), lens)
     quads = [locator.localise(frame, candidate.corners_px) for candidate in candidates]
     found = [

@@ -10,6 +10,7 @@ from ledpi.core.geometry import quad_side
 from ledpi.core.records import Floats, Frame, Intrinsics, PanelSpec, Quad, Rejected
 from ledpi.core.shutter import contrast
 from ledpi.decode.cells import MIN_CELL_PX
+from ledpi.decode.evidence.waves import FAINT_DEPTH
 from ledpi.decode.model.fit import Effort, Fitted, Fitter
 from ledpi.decode.model.light import FEWEST_PX, ROUGHLY, Window
 from ledpi.decode.model.prior import BLUR
@@ -30,7 +31,9 @@ MAX_SIGMA = 1.0 / 8.0  # of a cell: further off, slopes no longer tell what a sh
 # not see the edges of cells. Its blur is that of these pixels: the next fit begins with a little more than a lens has,
 # as what is blurred more is found from further off.
 START_BLUR_PX = 1.2
-MOST_MORE = 2  # times that a fit which has not settled goes on
+# Times that a fit goes on which has not settled, as where what hides a strip meets bands; and what it must explain by
+# then: it leaves no more than twice what it may in the end.
+MOST_MORE, LEAST_EXPLAINED = 2, 0.8
 
 
 class Locator:
@@ -51,8 +54,16 @@ class Locator:
 
     def localise(self, frame: Frame, corners_px: Floats) -> Quad | Rejected:
         """The panel at a candidate (4, 2), or why there is none: on a coarse grid, then on a fine one."""
-        deep = self._is_deep(frame)
-        coarse = Effort(rounds=8, tolerance=0.02, roughly=True, phasing=deep, must_blink=deep and self._must_blink)
+        deep = self._depth(frame) > DEEP
+        coarse = Effort(
+            rounds=8,
+            tolerance=0.02,
+            most_left=1.0 - MIN_EXPLAINED,
+            roughly=True,
+            banded=deep,
+            phasing=deep,
+            must_blink=deep and self._must_blink,
+        )
         first = self._fitted(frame, corners_px, coarse, self._specs)
         if isinstance(first, Rejected):
             return first
@@ -62,8 +73,8 @@ class Locator:
             unknown[BLUR] = math.log(START_BLUR_PX)
         fine = Effort(rounds=10, reweightings=2, must_blink=self._must_blink)
         fit = self._fitted(frame, first.lattice_px, fine, (first.spec,), unknown)
-        for _ in range(MOST_MORE):
-            if isinstance(fit, Rejected) or fit.settled:
+        for _ in range(0 if self._depth(frame) < FAINT_DEPTH else MOST_MORE):
+            if isinstance(fit, Rejected) or fit.settled or fit.explained < LEAST_EXPLAINED:
                 break
             fit = self._fitted(frame, fit.lattice_px, fine, (fit.spec,), fit.unknown)
         return self._quad(fit)
@@ -77,8 +88,8 @@ class Locator:
         fit = self._fitted(frame, corners_px, fine, self._specs, known)
         return self._quad(fit)
 
-    def _is_deep(self, frame: Frame) -> bool:
-        return any(contrast(hz, frame.exposure_us, s.duty) > 2.0 * DEEP for s in self._specs for hz in s.waves_hz)
+    def _depth(self, frame: Frame) -> float:
+        return max(contrast(hz, frame.exposure_us, s.duty) for s in self._specs for hz in s.waves_hz) / 2.0
 
     def _fitted(
         self,

@@ -27,11 +27,22 @@ class Candidate(NamedTuple):
 
     corners_px: Floats  # (4, 2), clockwise as seen in the picture
     side_px: float
+    dark_rows: int = 0  # of a band that may hide its upper or lower end
 
     @classmethod
-    def from_corners(cls, corners_px: Floats) -> Candidate:
+    def from_corners(cls, corners_px: Floats, dark_rows: int = 0) -> Candidate:
         """The candidate with these corners (4, 2)."""
-        return cls(corners_px, quad_side(corners_px.tolist()))
+        return cls(corners_px, quad_side(corners_px.tolist()), dark_rows)
+
+    def moved_ends(self) -> list[Candidate]:
+        """The same with the upper end, the lower one, or both a third of a dark band further up or down."""
+        if not self.dark_rows:
+            return []
+        x, y = self.corners_px.T
+        lower, rows = (y - y.min()) / max(float(np.ptp(y)), 1e-9), self.dark_rows / 3.0
+        moves = ((1, 0), (0, 1), (-1, 0), (0, -1), (1, 1), (-1, -1))
+        ends = [y + rows * (a * (1.0 - lower) + b * lower) for a, b in moves]
+        return [Candidate.from_corners(np.column_stack([x, at])) for at in ends]
 
 
 class Proposer:
@@ -42,12 +53,11 @@ class Proposer:
         self._outlines = Finder(camera.width, camera.height, cells * MIN_CELL_PX, cells)
         self._lattices = LatticeFinder(cells)
 
-    def propose(self, frame: Frame, *, thorough: bool) -> tuple[list[Candidate], list[Rejected]]:
+    def propose(self, frame: Frame) -> tuple[list[Candidate], list[Rejected]]:
         """Distinct candidates, best first; and what was dropped.
 
         Lattices of cells come first, as nothing but cells makes them. Then outlines, the largest first: a texture's are
-        small. `thorough`: where a panel may end in a dark band, its ends are also sought further out or in; in a stream
-        the next frame's bands are elsewhere.
+        small.
         """
         band_rows = self._band_rows(frame)
         lattices: list[Floats] = []
@@ -60,9 +70,7 @@ class Proposer:
             found += [*outlines, *again]
             dropped += refused + refused_too
         ranked = lattices + sorted(found, key=lambda at: -quad_side(at.tolist()))
-        if thorough and band_rows is not None:
-            ranked += [at for corners in ranked for at in _ends_moved(corners, band_rows / 3.0)]
-        return self._distinct(ranked[:MOST]), dropped
+        return self._distinct(ranked[:MOST], band_rows or 0), dropped
 
     def _band_rows(self, frame: Frame) -> int | None:
         """Rows of the longest dark band, where bands are so deep that they cut a panel into pieces."""
@@ -72,9 +80,9 @@ class Proposer:
         slowest = min(hz for spec in self._specs for hz in spec.waves_hz)
         return 1 + math.ceil(0.5e6 / (slowest * frame.row_time_us))
 
-    def _distinct(self, ranked: list[Floats]) -> list[Candidate]:
+    def _distinct(self, ranked: list[Floats], dark_rows: int) -> list[Candidate]:
         """The candidates that are large enough, of those that lead to one fit the first."""
-        candidates = [Candidate.from_corners(at) for at in ranked]
+        candidates = [Candidate.from_corners(at, dark_rows) for at in ranked]
         candidates = [one for one in candidates if one.side_px >= self._cells * MIN_CELL_PX]
         if not candidates:
             return []
@@ -102,10 +110,3 @@ def _bridged(frame: Frame, band_rows: int) -> list[Frame]:
     half = column[: band_rows // 2]
     return [replace(frame, pixels=cv2.erode(each, half)) for each in (change, brightest)]
 
-
-def _ends_moved(corners: Floats, rows: float) -> list[Floats]:
-    """The square (4, 2) with its upper end, its lower one, or both, so many rows further up or down."""
-    y = corners[:, 1]
-    lower = (y - y.min()) / max(float(np.ptp(y)), 1e-9)
-    moves = ((1, 0), (0, 1), (-1, 0), (0, -1), (1, 1), (-1, -1))
-    return [np.column_stack([corners[:, 0], y + rows * (a * (1.0 - lower) + b * lower)]) for a, b in moves]

@@ -150,11 +150,12 @@ typedef struct {
      * over the variance: (2, unknowns). */
     ptrdiff_t lines;
     const double *along, *prior;
-    /* At most; how often blocks are weighed; whether phases are sought first, and what is surely no panel of these
-     * frequencies is left at that; of half the side: a step that moves corners by less is the last. */
+    /* At most; how often blocks are weighed; whether cells have bands, or gains only; whether phases are sought first, and
+     * what is surely no panel of these frequencies is left at that; of half the side: a step that moves corners by less is
+     * the last; and one after which a larger share of the light's squares would be left. */
     ptrdiff_t rounds, reweightings;
-    bool phasing, must_blink;
-    double tolerance;
+    bool banded, phasing, must_blink;
+    double tolerance, most_left;
     /* Where it begins, and what fits best: corners of the lattice of cells; unknowns as the prior, the first WAYS not used. */
     double corners[8];
     double *unknown;

@@ -82,10 +82,8 @@ static LEDPI_INLINE void take_off(const double *const rows[4], double factors[2]
     }
 }
 
-/* Gauss's elimination of the unknowns from … to − 1 of a symmetric matrix (size, size + 1), the last column being the
- * right side; only what is on and above the diagonal is used. Returns what these unknowns explain of the squares. Four
- * unknowns are taken off all further rows at a time, so that each of these is read and written a quarter as often. */
-LEDPI_SIMD static double eliminate(double *matrix, ptrdiff_t size, ptrdiff_t from, ptrdiff_t to) {
+/* Four unknowns are taken off all further rows at a time, so that each of these is read and written a quarter as often. */
+LEDPI_SIMD double ledpi_eliminate(double *matrix, ptrdiff_t size, ptrdiff_t from, ptrdiff_t to) {
     const ptrdiff_t stride = size + 1;
     double explained = 0.0;
     for (ptrdiff_t first = from; first < to; first += 4) {
@@ -131,14 +129,14 @@ bool ledpi_weigh(double *matrix, ptrdiff_t size, ptrdiff_t nuisances, double squ
     const ptrdiff_t bands = size - nuisances;
     if (!(freedom > 0.0)) return false;
     ridge(matrix, size, 0, nuisances, LEDPI_RIDGE);
-    squares -= eliminate(matrix, size, 0, nuisances);
+    squares -= ledpi_eliminate(matrix, size, 0, nuisances);
     for (ptrdiff_t i = 0; i < bands; i++) {
         const double *row = matrix + (nuisances + i) * (size + 1);
         score[i] = row[size];
         for (ptrdiff_t j = i; j < bands; j++) information[i * bands + j] = row[nuisances + j];
     }
     ridge(matrix, size, nuisances, size, LEDPI_RIDGE);
-    const double variance = (squares - eliminate(matrix, size, nuisances, size)) / freedom;
+    const double variance = (squares - ledpi_eliminate(matrix, size, nuisances, size)) / freedom;
     if (!(variance > 0.0)) return false;
     const double scale = independence / variance;
     for (ptrdiff_t i = 0; i < bands; i++) {
@@ -163,5 +161,5 @@ LEDPI_SIMD void ledpi_solve(const double *matrix, ptrdiff_t size, double *unknow
 
 double ledpi_explained(double *matrix, ptrdiff_t size, double ridge_share) {
     ridge(matrix, size, 0, size, ridge_share);
-    return eliminate(matrix, size, 0, size);
+    return ledpi_eliminate(matrix, size, 0, size);
 }

@@ -14,13 +14,17 @@ typedef float Eight __attribute__((vector_size(32), aligned(4))); /* one registe
 /* `sums` (width, width) += the products of the columns of `rows` (count, width), on and above the diagonal at least. */
 void ledpi_add_products(const float *rows, ptrdiff_t count, ptrdiff_t width, float *sums);
 
+/* Gauss's elimination of the unknowns from … to − 1 of a symmetric matrix (size, size + 1), the last column being the right
+ * side; only what is on and above the diagonal is used. Returns what these unknowns explain of the squares. */
+double ledpi_eliminate(double *matrix, ptrdiff_t size, ptrdiff_t from, ptrdiff_t to);
+
 /* What is left of a symmetric matrix (size, size + 1; right side last; used up) once the first `nuisances` unknowns are
  * eliminated, over the variance of what then is left and every
  * cell has bands of its own. False where it cannot be. */
 bool ledpi_weigh(double *matrix, ptrdiff_t size, ptrdiff_t nuisances, double squares, double freedom,
                  double independence, double *score, double *information);
 
-/* The unknowns (size,) of a matrix that `ledpi_weigh` has eliminated them from. */
+/* The unknowns (size,) of a matrix that they are eliminated from. */
 void ledpi_solve(const double *matrix, ptrdiff_t size, double *unknowns);
 
 /* bᵀA⁻¹b of a symmetric matrix A with the right side b, (size, size + 1); used up. `ridge`: of the mean diagonal. */

@@ -4,6 +4,7 @@
 
 #include "core.h"
 #include "kernels.h"
+#include "normal.h"
 #include "pose.h"
 
 enum {
@@ -15,9 +16,10 @@ enum {
     RESIDUAL = COMMON, DENSE = 32, /* columns of a sample: COMMON, its residual, and what pads them */
     MOST_CELLS = LEDPI_MOST_SIDE, MOST_ROWS = 512,
     MOST_OWN = OWN * MOST_CELLS * MOST_CELLS, MOST_UNKNOWN = COMMON + MOST_OWN,
-    MOST_MET = 4, /* cells whose light meets at a place */
     WAVE_STEPS = 512, /* of a period */
 };
+
+#define NO_LIGHT 1e-3f /* of a cell's own: less is none */
 
 /* Light (rows, columns) of a part of the picture, each of `shrink` pixels a side, the first one's centre at `first`. */
 typedef struct {
@@ -33,35 +35,46 @@ typedef struct {
     double cycles_a_row[2], scale, dark; /* the fit's light is (what is seen − dark)·scale */
 } Panel;
 
-/* A line of the grid: the two nearest cells, their light there and its slopes by place, blur, gap and rim, the profile's
- * harmonics; and what is before the first cell and after the last. */
+/* A line of the grid: the light there of the two nearest cells, and how it changes with place, blur, gap and the rim before
+ * the first cell and after the last; the profile's harmonics, even and odd, and their slopes; what is before the first cell
+ * and after the last. Of one line, and of eight side by side. */
+#define LINE(number) \
+    number light[2], slope[2], blurred[2], gapped[2], rimmed[2][2], harmonic[2][HARMONICS + 1], steep[2][HARMONICS + 1], \
+        odd[2], odd_steep[2], beside[2], falls[2], spread[2]
 typedef struct {
-    ptrdiff_t cell[2];
-    double light[2], slope[2], blurred[2], gapped[2], rimmed[2], harmonic[2][HARMONICS + 1], steep[2][HARMONICS + 1], odd[2], odd_steep[2];
-    double beside[2], falls[2], spread[2];
+    LINE(float);
+    int32_t cell[2]; /* −1: there is none, and no light */
 } Line;
-
-/* What a sample is explained by: its residual's slopes by COMMON in its row of the columns, and by a few cells' OWN. */
 typedef struct {
-    ptrdiff_t met, cell[MOST_MET];
-    float by[MOST_MET][OWN];
-    double seen, predicted, weight, row; /* row of the picture */
-} Sample;
+    LINE(Eight);
+    Eight at; /* 0..1 across the panel */
+    int32_t cell[2][LEDPI_WIDTH];
+    bool is_between, is_beside; /* whether the second cells count, and what is before and after */
+} Lines;
+
+/* What eight places are explained by: the slopes of what is predicted by COMMON, and the residual, all weighted; by the OWN
+ * of the cells that meet there (the nearest down and across, then the next), not weighted. */
+typedef struct {
+    Eight by[DENSE], own[2][2][OWN], seen, predicted, weight, row, outside; /* row of the picture; share beside the panel */
+    bool tells[LEDPI_WIDTH]; /* within the view and not saturated */
+} Samples;
 
 /* What the profile is along a line down, for each of its cells: factors of the harmonics across, and their slopes down. */
 typedef struct {
-    double by[2][HARMONICS + 1], steep[2][HARMONICS + 1];
+    float by[2][HARMONICS + 1], steep[2][HARMONICS + 1];
 } Profile;
 
-Profile ledpi_panel_profile(const double *unknown, const Line *down);
+Profile ledpi_panel_profile(const float *unknown, const Line *down);
 
 /* The line at `at`, in cells from the panel's first side, where light is blurred by `sigma` cells (panel_light.c). */
 Line ledpi_panel_line(double at, ptrdiff_t cells, double sigma, double gap, const double rim[2]);
 
-/* The sample where two lines cross, by homography h and the unknowns; its row of columns (DENSE). False where it tells
- * nothing (panel_light.c). */
-bool ledpi_panel_sample(const Panel *panel, const View *view, const double *h, const double *unknown, const Line *across,
-                        const Line *down, const Profile *profile, double u, double v, float *columns, Sample *sample);
+/* Puts lines side by side; the last one repeats where they are fewer than eight (panel_light.c). */
+void ledpi_panel_lines(const Line *lines, const double *along, ptrdiff_t count, ptrdiff_t cells, Lines *out);
+
+/* The samples where eight lines across meet one down, by homography h and the unknowns (panel_light.c). */
+void ledpi_panel_sample(const Panel *panel, const View *view, const float *h, const float *unknown, const Lines *across,
+                        const Line *down, float v, Samples *out);
 
 /* A wave's value at `cycles`, and its slope per cycle (panel_light.c). */
 double ledpi_wave_at(const float *table, double cycles, double *slope);

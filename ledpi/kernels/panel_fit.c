@@ -14,7 +14,8 @@ enum {
 #define MOST_STEP 0.1 /* of half the side: as far as the slopes hold */
 #define MOST_BLURRING 0.3 /* of the blur's logarithm */
 #define MOST_TURN 0.1 /* cycles of a phase: as far as its wave's slope holds */
-#define SETTLED_SHARE 0.02 /* of the squared residuals */
+#define SETTLED_SHARE 0.1 /* of the squared residuals: so well is the noise known */
+#define WEIGHED_SHARE 0.5 /* and while more of them than this will go, what does not fit is not told from what is not fitted yet */
 /* Student's t: blocks of this freedom are weighed by (freedom + 1)/(freedom + their mean square over the usual one). */
 #define FREEDOM 4.0
 #define LEAST_GAIN 0.02
@@ -31,24 +32,25 @@ typedef struct {
     Point corners[4], lit[4];
     const PanelFit *asked;
     const double *along, *prior;
-    ptrdiff_t lines, reweightings;
+    ptrdiff_t lines, reweightings, own, owns, size; /* unknowns of a cell that are sought, of all cells, in all */
     double *unknown, *covariance, explained, variance;
 } Fitting;
 
 /* Sums of products of the columns; of COMMON, of each cell's OWN with COMMON, and of these among each other. */
 typedef struct {
-    float common[DENSE * DENSE], mixed[MOST_OWN][DENSE];
-    double own[MOST_OWN * MOST_OWN];
+    float common[DENSE * DENSE], mixed[MOST_OWN][DENSE], own[MOST_OWN * MOST_OWN];
 } Products;
 
 typedef struct {
     Line grid[2][LEDPI_MOST_LINES];
-    float columns[LEDPI_MOST_LINES * DENSE];
+    Lines across[LEDPI_MOST_LINES / LEDPI_WIDTH];
+    float numbers[9], unknown[MOST_UNKNOWN]; /* of the homography; as they are before this round */
+    float columns[2 * LEDPI_MOST_LINES * DENSE];
     Products products;
-    double matrix[MOST_UNKNOWN * MOST_UNKNOWN], step[MOST_UNKNOWN];
+    double matrix[MOST_UNKNOWN * (MOST_UNKNOWN + 1)], step[MOST_UNKNOWN];
     float by_row[2][MOST_CELLS * MOST_CELLS * MOST_ROWS];
     double weight[MOST_BLOCKS], squares[MOST_BLOCKS], sum[MOST_BLOCKS], count[MOST_BLOCKS];
-    double left, used, light, light2; /* sums, weighed: of squared residuals, of weights, of light and its square */
+    double left, inside, used, light, light2; /* sums, weighed: of squared residuals, of weights, of light and its square */
     double decrease; /* of the squared residuals, that the step should bring: a share of them */
     ptrdiff_t samples, sampled; /* of this round, of all */
 } Work;
@@ -72,6 +74,9 @@ static void put_lines(const Fitting *fit, const double h[9], Work *work) {
             work->grid[axis][i] = ledpi_panel_line(fit->along[i], fit->panel.cells, sigma, fit->unknown[GAP],
                                                    fit->unknown + RIM + 2 * axis);
         }
+    for (ptrdiff_t i = 0; i < fit->lines; i += LEDPI_WIDTH)
+        ledpi_panel_lines(work->grid[0] + i, fit->along + i, fit->lines - i, fit->panel.cells, work->across + i / LEDPI_WIDTH);
+    for (int k = 0; k < 9; k++) work->numbers[k] = (float)h[k];
 }
 
 /* The block that a place, in cells, is weighed with: a part of a cell, or what is beside one. */
@@ -85,147 +90,145 @@ static ptrdiff_t block_of(double across, double down, ptrdiff_t cells) {
     return beside + 2 * cells + (down < 0.0 ? 0 : cells) + i;
 }
 
-static LEDPI_INLINE void add_own(Products *products, ptrdiff_t owns, const Sample *s, float root, const float *columns) {
-    float by[MOST_MET * OWN];
-    for (ptrdiff_t i = 0; i < s->met * OWN; i++) by[i] = root * (float)s->weight * s->by[i / OWN][i % OWN];
-    for (ptrdiff_t i = 0; i < s->met * OWN; i++) {
-        const ptrdiff_t row = s->cell[i / OWN] * OWN + i % OWN;
-        for (int k = 0; k < DENSE; k += LEDPI_WIDTH)
-            *(Eight *)(products->mixed[row] + k) += by[i] * *(const Eight *)(columns + k);
-        for (ptrdiff_t j = 0; j < s->met * OWN; j++)
-            products->own[row * owns + s->cell[j / OWN] * OWN + j % OWN] += (double)(by[i] * by[j]);
-    }
+/* A cell that a sample shows, and the sample's slopes by its OWN. */
+typedef struct {
+    ptrdiff_t cell;
+    float by[OWN];
+} Met;
+
+/* The cells that meet at a sample. Returns how many. */
+static LEDPI_INLINE int met_at(const Samples *s, int lane, const Lines *across, const Line *down, ptrdiff_t cells, Met met[4]) {
+    int count = 0;
+    for (int j = 0; j < 2; j++)
+        for (int i = 0; i < 2; i++) {
+            if (!(across->light[i][lane] * down->light[j] > NO_LIGHT)) continue;
+            met[count].cell = down->cell[j] * cells + across->cell[i][lane];
+            for (int k = 0; k < OWN; k++) met[count].by[k] = s->weight[lane] * s->own[j][i][k][lane];
+            count++;
+        }
+    return count;
+}
+
+static LEDPI_INLINE void add_own(Products *products, ptrdiff_t own, ptrdiff_t owns, const Met *met, int count, float root,
+                                 const float *columns) {
+    for (int i = 0; i < count; i++)
+        for (ptrdiff_t k = 0; k < own; k++) {
+            const ptrdiff_t row = met[i].cell * own + k;
+            const float by = root * met[i].by[k];
+            for (int column = 0; column < DENSE; column += LEDPI_WIDTH)
+                *(Eight *)(products->mixed[row] + column) += by * *(const Eight *)(columns + column);
+            for (int j = 0; j < count; j++)
+                for (ptrdiff_t n = 0; n < own; n++) products->own[row * owns + met[j].cell * own + n] += by * root * met[j].by[n];
+        }
 }
 
 /* What `ledpi_panel_phases` asks for: of one cell's light the part that its own unknowns explain. */
-static void add_row(const Fitting *fit, const Sample *s, ptrdiff_t rows, Work *work) {
-    const ptrdiff_t row = (ptrdiff_t)((s->row - fit->view.first_y) / fit->view.shrink + 0.5);
-    if (s->met != 1 || row < 0 || row >= rows) return;
-    const double *own = fit->unknown + COMMON + OWN * s->cell[0], steady = s->weight * s->by[0][0];
-    double seen = s->weight * (s->seen - s->predicted);
-    for (int k = 0; k < OWN; k++) seen += s->weight * own[k] * s->by[0][k];
-    work->by_row[0][s->cell[0] * rows + row] += (float)(steady * steady);
-    work->by_row[1][s->cell[0] * rows + row] += (float)(steady * seen);
+static void add_row(const Fitting *fit, const Met *met, float row_px, float residual, ptrdiff_t rows, Work *work) {
+    const ptrdiff_t row = (ptrdiff_t)((row_px - fit->view.first_y) / fit->view.shrink + 0.5);
+    if (row < 0 || row >= rows) return;
+    const double *own = fit->unknown + COMMON + OWN * met->cell;
+    double seen = residual;
+    for (int k = 0; k < OWN; k++) seen += own[k] * met->by[k];
+    work->by_row[0][met->cell * rows + row] += met->by[0] * met->by[0];
+    work->by_row[1][met->cell * rows + row] += (float)(met->by[0] * seen);
 }
 
 static ptrdiff_t rows_of(const Fitting *fit) { return fit->view.rows < MOST_ROWS ? fit->view.rows : MOST_ROWS; }
 
 static void clear(const Fitting *fit, Work *work) {
-    const size_t owns = (size_t)(OWN * fit->panel.cells * fit->panel.cells);
+    const size_t owns = (size_t)fit->owns;
     memset(work->products.common, 0, sizeof work->products.common);
     memset(work->products.mixed, 0, owns * sizeof *work->products.mixed);
     memset(work->products.own, 0, owns * owns * sizeof *work->products.own);
     memset(work->squares, 0, sizeof work->squares);
     memset(work->sum, 0, sizeof work->sum);
     memset(work->count, 0, sizeof work->count);
-    work->left = work->used = work->light = work->light2 = 0.0, work->samples = 0;
+    work->left = work->inside = work->used = work->light = work->light2 = 0.0, work->samples = 0;
+}
+
+/* Adds eight samples, those that tell something. Returns how many columns there are then. */
+static LEDPI_INLINE ptrdiff_t add_samples(const Fitting *fit, const Samples *s, ptrdiff_t first, ptrdiff_t down, bool phasing,
+                                          ptrdiff_t count, Work *work) {
+    const ptrdiff_t cells = fit->panel.cells, lanes = fit->lines - first < LEDPI_WIDTH ? fit->lines - first : LEDPI_WIDTH;
+    for (int lane = 0; lane < lanes; lane++) {
+        if (!s->tells[lane]) continue;
+        const ptrdiff_t block = block_of(fit->along[first + lane], fit->along[down], cells);
+        const double left = s->by[RESIDUAL][lane], trust = work->weight[block], weight = trust * s->weight[lane] * s->weight[lane];
+        work->squares[block] += left * left, work->sum[block] += left, work->count[block] += 1.0;
+        work->used += weight;
+        if (s->outside[lane] < 0.5f) work->left += trust * left * left, work->inside += weight, work->samples++;
+        work->light += weight * s->seen[lane], work->light2 += weight * s->seen[lane] * s->seen[lane];
+        Met met[4];
+        const int cells_met = met_at(s, lane, work->across + first / LEDPI_WIDTH, &work->grid[1][down], cells, met);
+        float *const columns = work->columns + count++ * DENSE;
+        if (phasing) {
+            if (cells_met == 1) add_row(fit, met, s->row[lane], s->by[RESIDUAL][lane], rows_of(fit), work);
+            continue;
+        }
+        const float root = trust < 1.0 ? (float)sqrt(trust) : 1.0f;
+        for (int k = 0; k < DENSE; k++) columns[k] = root * s->by[k][lane];
+        add_own(&work->products, fit->own, fit->owns, met, cells_met, root, columns);
+    }
+    return count;
 }
 
 /* Sums over the grid; by rows where `phasing`. */
-LEDPI_SIMD static void sum_up(const Fitting *fit, const double h[9], bool phasing, Work *work) {
-    const ptrdiff_t cells = fit->panel.cells, owns = OWN * cells * cells, rows = rows_of(fit);
+LEDPI_SIMD static void sum_up(const Fitting *fit, bool phasing, Work *work) {
+    const ptrdiff_t cells = fit->panel.cells;
     clear(fit, work);
+    for (ptrdiff_t i = 0; i < COMMON + OWN * cells * cells; i++) work->unknown[i] = (float)fit->unknown[i];
     if (phasing)
-        for (int k = 0; k < 2; k++) memset(work->by_row[k], 0, (size_t)(cells * cells * rows) * sizeof(float));
+        for (int k = 0; k < 2; k++) memset(work->by_row[k], 0, (size_t)(cells * cells * rows_of(fit)) * sizeof(float));
+    ptrdiff_t count = 0; /* of columns that wait */
     for (ptrdiff_t j = 0; j < fit->lines; j++) {
-        const Profile profile = ledpi_panel_profile(fit->unknown, &work->grid[1][j]);
-        ptrdiff_t count = 0;
-        for (ptrdiff_t i = 0; i < fit->lines; i++) {
-            float *const columns = work->columns + count * DENSE;
-            const double across = fit->along[i], down = fit->along[j];
-            Sample s;
-            if (!ledpi_panel_sample(&fit->panel, &fit->view, h, fit->unknown, &work->grid[0][i], &work->grid[1][j],
-                                    &profile, across / (double)cells, down / (double)cells, columns, &s))
-                continue;
-            const ptrdiff_t block = block_of(across, down, cells);
-            const double left = columns[RESIDUAL], trust = work->weight[block], weight = trust * s.weight * s.weight;
-            work->squares[block] += left * left, work->sum[block] += left, work->count[block] += 1.0;
-            work->left += trust * left * left, work->used += weight;
-            work->light += weight * s.seen, work->light2 += weight * s.seen * s.seen;
-            count++;
-            if (phasing) {
-                add_row(fit, &s, rows, work);
-                continue;
-            }
-            const float root = trust < 1.0 ? (float)sqrt(trust) : 1.0f;
-            for (int k = 0; trust < 1.0 && k < DENSE; k++) columns[k] *= root;
-            add_own(&work->products, owns, &s, root, columns);
+        const ptrdiff_t before = count;
+        for (ptrdiff_t i = 0; i < fit->lines; i += LEDPI_WIDTH) {
+            Samples s;
+            ledpi_panel_sample(&fit->panel, &fit->view, work->numbers, work->unknown, work->across + i / LEDPI_WIDTH,
+                               &work->grid[1][j], (float)(fit->along[j] / (double)cells), &s);
+            count = add_samples(fit, &s, i, j, phasing, count, work);
         }
+        work->sampled += count - before;
+        if (count < LEDPI_MOST_LINES && j + 1 < fit->lines) continue;
         if (!phasing) ledpi_add_products(work->columns, count, DENSE, work->products.common);
-        work->samples += count, work->sampled += count;
+        count = 0;
     }
 }
 
-/* The matrix has each cell's OWN first, then COMMON: where an unknown is in the fit's order. */
-static ptrdiff_t unknown_at(ptrdiff_t i, ptrdiff_t owns) { return i < owns ? COMMON + i : i - owns; }
-
-/* The first column of a row of the Cholesky factor that is not zero: cells share light with their neighbours only. */
-static ptrdiff_t first_of(ptrdiff_t i, ptrdiff_t cells) {
-    if (i >= OWN * cells * cells) return 0;
-    const ptrdiff_t cell = i / OWN - cells - 1;
-    return cell > 0 ? OWN * cell : 0;
+/* The matrix has each cell's own unknowns first, then COMMON: where an unknown is in the fit's order. */
+static ptrdiff_t unknown_at(const Fitting *fit, ptrdiff_t i) {
+    return i < fit->owns ? COMMON + i / fit->own * OWN + i % fit->own : i - fit->owns;
 }
 
-static double product_of(const Products *products, ptrdiff_t owns, ptrdiff_t i, ptrdiff_t j) {
-    if (i < owns) return products->own[i * owns + j];
-    if (j < owns) return products->mixed[j][i - owns];
-    return products->common[(j - owns) * DENSE + i - owns];
-}
-
-/* A symmetric positive matrix (size, size), of which the lower half is read, becomes its Cholesky factor. */
-static bool factorise(double *matrix, ptrdiff_t size, ptrdiff_t cells) {
+/* The normal equations (size, size + 1), right side last, over the variance, with what is known beforehand. */
+static void put_matrix(const Fitting *fit, const Products *products, double *matrix) {
+    const ptrdiff_t owns = fit->owns, size = fit->size;
+    const double *prior = fit->prior, *information = fit->prior + COMMON + OWN * fit->panel.cells * fit->panel.cells;
+    const double scale = 1.0 / fit->variance;
     for (ptrdiff_t i = 0; i < size; i++) {
-        const ptrdiff_t from = first_of(i, cells);
-        double *const row = matrix + i * size;
-        for (ptrdiff_t j = from; j <= i; j++) {
-            const ptrdiff_t other = first_of(j, cells);
-            const double *const column = matrix + j * size;
-            double sum = row[j];
-            for (ptrdiff_t k = from > other ? from : other; k < j; k++) sum -= row[k] * column[k];
-            if (i == j && !(sum > 0.0)) return false;
-            row[j] = i == j ? sqrt(sum) : sum / column[j];
-        }
-    }
-    return true;
-}
-
-static void solve_forward(const double *factor, ptrdiff_t size, ptrdiff_t cells, double *right) {
-    for (ptrdiff_t i = 0; i < size; i++) {
-        for (ptrdiff_t k = first_of(i, cells); k < i; k++) right[i] -= factor[i * size + k] * right[k];
-        right[i] /= factor[i * size + i];
+        double *const row = matrix + i * (size + 1);
+        const ptrdiff_t at = unknown_at(fit, i);
+        const float *common = i < owns ? products->mixed[i] : products->common + (i - owns) * DENSE;
+        for (ptrdiff_t j = i; j < owns; j++) row[j] = scale * products->own[i * owns + j];
+        for (ptrdiff_t k = 0; k < DENSE; k++) row[owns + k] = scale * common[k];
+        row[i] = row[i] * (1.0 + 1e-6) + 1e-6 + information[at];
+        row[size] += information[at] * (at < WAYS ? 0.0 : prior[at] - fit->unknown[at]);
     }
 }
 
-static void solve_backward(const double *factor, ptrdiff_t size, ptrdiff_t cells, double *right) {
-    for (ptrdiff_t i = size - 1; i >= 0; i--) {
-        right[i] /= factor[i * size + i];
-        for (ptrdiff_t k = first_of(i, cells); k < i; k++) right[k] -= factor[i * size + k] * right[i];
-    }
-}
-
-/* The step, in the fit's order of unknowns but for the matrix's in `step`; leaves the factor. */
+/* The step, in the matrix's order of unknowns; leaves what that was eliminated to. */
 static bool solve_step(Fitting *fit, Work *work) {
-    const ptrdiff_t cells = fit->panel.cells, owns = OWN * cells * cells, size = owns + COMMON;
-    const double *prior = fit->prior, *information = fit->prior + size;
+    const ptrdiff_t size = fit->size;
     const double freedom = (double)(work->samples - size);
     if (!(freedom > 0.0)) return false;
     fit->variance = fmax(work->left / freedom, 1e-9);
     const double used = fmax(work->used, 1e-12), about_mean = work->light2 - work->light * work->light / used;
-    fit->explained = 1.0 - work->left / fmax(about_mean, 1e-12);
-    for (ptrdiff_t i = 0; i < size; i++) {
-        const ptrdiff_t at = unknown_at(i, owns);
-        double *const row = work->matrix + i * size;
-        for (ptrdiff_t j = first_of(i, cells); j <= i; j++) row[j] = product_of(&work->products, owns, i, j) / fit->variance;
-        row[i] = row[i] * (1.0 + 1e-6) + 1e-6 + information[at];
-        const float right = i < owns ? work->products.mixed[i][RESIDUAL] : work->products.common[(i - owns) * DENSE + RESIDUAL];
-        work->step[i] = right / fit->variance + information[at] * (at < WAYS ? 0.0 : prior[at] - fit->unknown[at]);
-    }
-    if (!factorise(work->matrix, size, cells)) return false;
-    solve_forward(work->matrix, size, cells, work->step);
-    work->decrease = 0.0;
-    for (ptrdiff_t i = 0; i < size; i++) work->decrease += work->step[i] * work->step[i];
-    work->decrease /= freedom;
-    solve_backward(work->matrix, size, cells, work->step);
+    fit->explained = 1.0 - work->left / fmax(work->inside, 1e-12) * used / fmax(about_mean, 1e-12);
+    put_matrix(fit, &work->products, work->matrix);
+    work->decrease = ledpi_eliminate(work->matrix, size, 0, size) / freedom;
+    for (ptrdiff_t i = 0; i < size; i++)
+        if (!(work->matrix[i * (size + 2)] > 0.0)) return false;
+    ledpi_solve(work->matrix, size, work->step);
     return true;
 }
 
@@ -266,12 +269,12 @@ static void move_lit(const double h[9], const double *ways, const double *rim, p
 
 /* Takes the step. Returns how far it moves the homography. */
 static double take_step(Fitting *fit, const double h[9], Work *work) {
-    const ptrdiff_t cells = fit->panel.cells, owns = OWN * cells * cells, size = owns + COMMON;
+    const ptrdiff_t cells = fit->panel.cells, owns = fit->owns, size = fit->size;
     double most = 0.0, usual = 0.0, *unknown = fit->unknown;
     for (int i = 0; i < WAYS; i++) most = fmax(most, fabs(work->step[owns + i]));
     const double share = fmin(1.0, fmin(MOST_STEP / most, MOST_BLURRING / fabs(work->step[owns + BLUR])));
     for (ptrdiff_t i = 0; i < size; i++) {
-        const ptrdiff_t at = unknown_at(i, owns);
+        const ptrdiff_t at = unknown_at(fit, i);
         work->step[i] *= share;
         if (at == PHASE || at == PHASE + 1) work->step[i] = fmin(fmax(work->step[i], -MOST_TURN), MOST_TURN);
         if (at >= WAYS) unknown[at] += work->step[i];
@@ -303,8 +306,8 @@ static void weigh_blocks(ptrdiff_t cells, Work *work) {
 
 /* By how much residuals of a block that are alike make its mean vary more than if they were independent; each unknown takes
  * one block's mean up. */
-static double inflation_of(ptrdiff_t cells, const Work *work) {
-    const ptrdiff_t blocks = cells * cells * BLOCKS * BLOCKS + 4 * cells, size = OWN * cells * cells + COMMON;
+static double inflation_of(const Fitting *fit, const Work *work) {
+    const ptrdiff_t cells = fit->panel.cells, blocks = cells * cells * BLOCKS * BLOCKS + 4 * cells;
     double of_means = 0.0, of_samples = 0.0, used = 0.0;
     for (ptrdiff_t b = 0; b < blocks; b++) {
         if (!(work->count[b] > 0.0)) continue;
@@ -312,14 +315,23 @@ static double inflation_of(ptrdiff_t cells, const Work *work) {
         of_samples += work->weight[b] * work->squares[b] / work->count[b];
         used += 1.0;
     }
-    return fmax(1.0, of_means / fmax(of_samples, 1e-12) * used / fmax(used - (double)size, 1.0));
+    return fmax(1.0, of_means / fmax(of_samples, 1e-12) * used / fmax(used - (double)fit->size, 1.0));
 }
 
-/* The corners' covariance by the factor of what is known of all unknowns. */
+/* bᵀA⁻¹c, b and c being zero but for COMMON, of the matrix A that is eliminated: once b and c are, too. */
+static void eliminate_right(const Fitting *fit, const double *matrix, double right[COMMON]) {
+    const ptrdiff_t size = fit->size;
+    for (ptrdiff_t k = 0; k < COMMON; k++) {
+        const double *row = matrix + (fit->owns + k) * (size + 1) + fit->owns;
+        for (ptrdiff_t i = k + 1; i < COMMON; i++) right[i] -= row[i] / row[k] * right[k];
+    }
+}
+
+/* The corners' covariance by what is known of all unknowns. */
 static void put_covariance(Fitting *fit, const double h[9], Work *work) {
-    const ptrdiff_t cells = fit->panel.cells, owns = OWN * cells * cells, size = owns + COMMON;
+    const ptrdiff_t cells = fit->panel.cells;
     const double little = 1e-4, none[WAYS] = {0.0}, *rim = fit->unknown + RIM;
-    double by[8][MOST_UNKNOWN];
+    double by[8][COMMON];
     Point here[4], moved[4];
     memset(by, 0, sizeof by);
     move_lit(h, none, rim, cells, here);
@@ -327,19 +339,19 @@ static void put_covariance(Fitting *fit, const double h[9], Work *work) {
         double ways[WAYS] = {0.0}, rims[4] = {rim[0], rim[1], rim[2], rim[3]};
         *(k < WAYS ? ways + k : rims + k - WAYS) += little;
         move_lit(h, ways, rims, cells, moved);
-        const ptrdiff_t at = owns + (k < WAYS ? k : RIM + k - WAYS);
+        const int at = k < WAYS ? k : RIM + k - WAYS;
         for (int i = 0; i < 4; i++) {
             by[2 * i][at] = (moved[i].x - here[i].x) / little;
             by[2 * i + 1][at] = (moved[i].y - here[i].y) / little;
         }
     }
     const double a_ray = fit->view.lens ? fit->view.lens->fx * fit->view.lens->fy : 1.0;
-    const double scale = a_ray * inflation_of(cells, work);
-    for (int i = 0; i < 8; i++) solve_forward(work->matrix, size, cells, by[i]);
+    const double scale = a_ray * inflation_of(fit, work);
+    for (int i = 0; i < 8; i++) eliminate_right(fit, work->matrix, by[i]);
     for (int i = 0; i < 8; i++)
         for (int j = 0; j < 8; j++) {
             double sum = 0.0;
-            for (ptrdiff_t k = owns; k < size; k++) sum += by[i][k] * by[j][k]; /* of OWN it is zero */
+            for (ptrdiff_t k = 0; k < COMMON; k++) sum += by[i][k] * by[j][k] / work->matrix[(fit->owns + k) * (fit->size + 2)];
             fit->covariance[8 * i + j] = scale * sum;
         }
 }
@@ -368,6 +380,7 @@ static Fitting begun(const PanelFit *asked, PanelFit *into) {
         .asked = asked, .along = asked->along, .prior = asked->prior, .lines = asked->lines,
         .reweightings = asked->reweightings, .unknown = asked->unknown, .covariance = into->covariance,
     };
+    fit.own = asked->banded ? OWN : 1, fit.owns = fit.own * asked->cells * asked->cells, fit.size = fit.owns + COMMON;
     for (int i = 0; i < 4; i++) { /* before the lens bends it a panel is a square */
         double ray[2] = {asked->corners[2 * i], asked->corners[2 * i + 1]};
         if (fit.view.lens) ledpi_ray_of(fit.view.lens, asked->corners + 2 * i, ray);
@@ -389,18 +402,19 @@ static int iterate(Fitting *fit, double h[9], bool *settled, Work *work) {
         ledpi_unit_square_homography(fit->corners, h);
         put_lines(fit, h, work);
         if (asked->phasing && round == 0) {
-            sum_up(fit, h, true, work);
+            sum_up(fit, true, work);
             const Bands bands = ledpi_panel_phases(&fit->panel, &fit->view, rows_of(fit), work->by_row[0], work->by_row[1],
                                                    ridge_of(fit, work), fit->unknown + PHASE);
             if (asked->must_blink && is_without_bands(bands, work)) return LEDPI_WITHOUT_BANDS;
         }
-        sum_up(fit, h, false, work);
+        sum_up(fit, false, work);
         if (!solve_step(fit, work)) return LEDPI_DIVERGED;
-        const double moved = take_step(fit, h, work);
+        const double moved = take_step(fit, h, work), left = (1.0 - fit->explained) * (1.0 - work->decrease);
         if (!(moved < 1e3)) return LEDPI_DIVERGED;
+        const bool near = moved < MOST_STEP / 10.0 && work->decrease < WEIGHED_SHARE;
         *settled = moved < asked->tolerance && work->decrease < SETTLED_SHARE && !fit->reweightings;
-        if (round + 1 >= asked->rounds || *settled) return LEDPI_FITTED;
-        if (fit->reweightings && moved < MOST_STEP / 10.0 && work->decrease < 10.0 * SETTLED_SHARE) {
+        if (round + 1 >= asked->rounds || *settled || (round && left > asked->most_left)) return LEDPI_FITTED;
+        if (near && fit->reweightings) {
             weigh_blocks(fit->panel.cells, work);
             fit->reweightings--;
         }

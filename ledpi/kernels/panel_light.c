@@ -14,31 +14,30 @@
 #define ROOT_HALF 0.7071067811865476
 #define TURN 6.283185307179586
 /* Of full light: what noise in the dark and read-out weighs, and the texture of what is beside the panel. */
-#define DARK_NOISE 0.1
-#define TEXTURE 1.0
-#define NO_LIGHT 1e-3
+#define DARK_NOISE 0.1f
+#define TEXTURE 1.0f
 
 static double density(double z) { return 0.3989422804014327 * exp(-0.5 * z * z); }
 
 static void put_cell(Line *line, int k, double at, ptrdiff_t cells, double sigma, double gap, const double rim[2]) {
-    const ptrdiff_t cell = line->cell[k];
+    const int32_t cell = line->cell[k];
     const bool first = cell == 0, last = cell == cells - 1;
     const double before = (at - (double)cell - (first ? rim[0] : 0.5 * gap)) / sigma;
     const double after = (at - (double)(cell + 1) + (last ? rim[1] : 0.5 * gap)) / sigma;
     const double up = density(before), down = density(after), off = at - (double)cell - 0.5;
-    line->light[k] = 0.5 * (erf(before * ROOT_HALF) - erf(after * ROOT_HALF));
-    line->slope[k] = (up - down) / sigma;
-    line->blurred[k] = after * down - before * up;
-    line->gapped[k] = -0.5 * ((first ? 0.0 : up) + (last ? 0.0 : down)) / sigma;
-    if (first) line->rimmed[0] = -up / sigma;
-    if (last) line->rimmed[1] = -down / sigma;
-    const double inside = fmin(fmax(off, -0.5), 0.5);
-    line->odd[k] = sin(TURN * inside);
-    line->odd_steep[k] = inside == off ? TURN * cos(TURN * inside) : 0.0;
-    line->harmonic[k][0] = 1.0;
-    for (int n = 1; n <= HARMONICS; n++) {
-        line->harmonic[k][n] = cos(TURN * n * inside);
-        line->steep[k][n] = inside == off ? -TURN * n * sin(TURN * n * inside) : 0.0;
+    const double inside = fmin(fmax(off, -0.5), 0.5), steep = inside == off ? TURN : 0.0;
+    const double sine = sin(TURN * inside), cosine = cos(TURN * inside);
+    line->light[k] = (float)(0.5 * (erf(before * ROOT_HALF) - erf(after * ROOT_HALF)));
+    line->slope[k] = (float)((up - down) / sigma);
+    line->blurred[k] = (float)(after * down - before * up);
+    line->gapped[k] = (float)(-0.5 * ((first ? 0.0 : up) + (last ? 0.0 : down)) / sigma);
+    if (first) line->rimmed[k][0] = (float)(-up / sigma);
+    if (last) line->rimmed[k][1] = (float)(-down / sigma);
+    line->odd[k] = (float)sine, line->odd_steep[k] = (float)(steep * cosine);
+    const double harmonic[] = {1.0, cosine, 2.0 * cosine * cosine - 1.0}, by_steep[] = {0.0, -sine, -4.0 * sine * cosine};
+    for (int n = 0; n <= HARMONICS; n++) {
+        line->harmonic[k][n] = (float)harmonic[n];
+        line->steep[k][n] = (float)(steep * by_steep[n]);
     }
 }
 
@@ -46,13 +45,13 @@ Line ledpi_panel_line(double at, ptrdiff_t cells, double sigma, double gap, cons
     Line line;
     memset(&line, 0, sizeof line);
     const double within = fmin(fmax(floor(at), 0.0), (double)(cells - 1));
-    line.cell[0] = (ptrdiff_t)within;
+    line.cell[0] = (int32_t)within;
     line.cell[1] = line.cell[0] + (at - within > 0.5 ? 1 : -1);
     for (int k = 0; k < 2; k++) {
         const double beyond = ((k ? at - (double)cells : -at) + rim[k]) / sigma;
-        line.beside[k] = 0.5 * (1.0 + erf(beyond * ROOT_HALF));
-        line.falls[k] = (k ? 1.0 : -1.0) * density(beyond) / sigma;
-        line.spread[k] = -density(beyond) * beyond;
+        line.beside[k] = (float)(0.5 * (1.0 + erf(beyond * ROOT_HALF)));
+        line.falls[k] = (float)((k ? 1.0 : -1.0) * density(beyond) / sigma);
+        line.spread[k] = (float)(-density(beyond) * beyond);
         if (line.cell[k] < 0 || line.cell[k] >= cells)
             line.cell[k] = -1;
         else
@@ -61,26 +60,31 @@ Line ledpi_panel_line(double at, ptrdiff_t cells, double sigma, double gap, cons
     return line;
 }
 
-Profile ledpi_panel_profile(const double *unknown, const Line *down) {
+void ledpi_panel_lines(const Line *lines, const double *along, ptrdiff_t count, ptrdiff_t cells, Lines *out) {
+    out->is_between = out->is_beside = false;
+    for (int lane = 0; lane < LEDPI_WIDTH; lane++) {
+        const ptrdiff_t i = lane < count ? lane : count - 1;
+        for (size_t k = 0; k < offsetof(Line, cell) / sizeof(float); k++)
+            ((float *)out)[LEDPI_WIDTH * k + (size_t)lane] = ((const float *)(lines + i))[k];
+        for (int k = 0; k < 2; k++) out->cell[k][lane] = lines[i].cell[k];
+        out->at[lane] = (float)(along[i] / (double)cells);
+        out->is_between |= lines[i].light[1] > NO_LIGHT;
+        out->is_beside |= lines[i].beside[0] + lines[i].beside[1] > NO_LIGHT;
+    }
+}
+
+Profile ledpi_panel_profile(const float *unknown, const Line *down) {
     Profile profile;
     for (int j = 0; j < 2; j++)
         for (int x = 0; x <= HARMONICS; x++) {
-            profile.by[j][x] = x ? 0.0 : 1.0, profile.steep[j][x] = 0.0;
+            profile.by[j][x] = x ? 0.0f : 1.0f, profile.steep[j][x] = 0.0f;
             for (int y = x ? 0 : 1; y <= HARMONICS; y++) {
-                const double much = unknown[SHAPE - 1 + y * (HARMONICS + 1) + x];
+                const float much = unknown[SHAPE - 1 + y * (HARMONICS + 1) + x];
                 profile.by[j][x] += much * down->harmonic[j][y];
                 profile.steep[j][x] += much * down->steep[j][y];
             }
         }
     return profile;
-}
-
-static LEDPI_INLINE double light_at(const View *view, double x, double y) {
-    float right, down;
-    const ptrdiff_t column = ledpi_interpolation_pixel((float)x, view->columns, &right), row = ledpi_interpolation_pixel((float)y, view->rows, &down);
-    const float *above = view->light + row * view->columns + column, *below = above + view->columns;
-    const float upper = above[0] + right * (above[1] - above[0]), lower = below[0] + right * (below[1] - below[0]);
-    return upper + down * (lower - upper);
 }
 
 double ledpi_wave_at(const float *table, double cycles, double *slope) {
@@ -94,103 +98,148 @@ double ledpi_wave_at(const float *table, double cycles, double *slope) {
     return here + (at - (double)step) * (next - here);
 }
 
+/* Of eight places: waves there and their slopes, what is predicted, and its slopes by place across and down. */
 typedef struct {
-    double by[COMMON], slope[2], predicted, wave[2], later[2];
+    Eight wave[2], later[2], slope[2];
 } Terms;
 
-/* Adds the light of the cell where the i-th of a line's cells across meets the j-th of one's down. */
-static LEDPI_INLINE void add_cell(const double *unknown, const Profile *profile, const double *own, ptrdiff_t cells, const Line *across, int i, const Line *down,
-                     int j, Terms *t, float by_own[OWN]) {
-    const double right = across->light[i], below = down->light[j], both = right * below;
-    const double lit = own[0] + own[1] * t->wave[0] + own[2] * t->wave[1];
-    double shape = 0.0, tilt[2] = {0.0, 0.0};
+/* Where the eight places are seen, in the view's pixels; the picture's row. */
+static LEDPI_INLINE void put_places(const View *view, const float *h, Eight u, float v, Eight *x, Eight *y, Eight *row) {
+    const Eight w = 1.0f / (h[6] * u + (h[7] * v + h[8]));
+    *x = (h[0] * u + (h[1] * v + h[2])) * w, *y = (h[3] * u + (h[4] * v + h[5])) * w;
+    if (view->lens) {
+        const Lens *l = view->lens;
+        const float p1 = (float)l->p1, p2 = (float)l->p2;
+        const Eight r2 = *x * *x + *y * *y, xy = *x * *y;
+        const Eight radial = 1.0f + r2 * ((float)l->k1 + r2 * ((float)l->k2 + r2 * (float)l->k3));
+        const Eight right = *x * radial + 2.0f * p1 * xy + p2 * (r2 + 2.0f * *x * *x);
+        const Eight down = *y * radial + p1 * (r2 + 2.0f * *y * *y) + 2.0f * p2 * xy;
+        *x = (float)l->fx * right + (float)l->cx, *y = (float)l->fy * down + (float)l->cy;
+    }
+    const float size = (float)(1.0 / view->shrink);
+    *row = *y;
+    *x = (*x - (float)view->first_x) * size, *y = (*y - (float)view->first_y) * size;
+}
+
+static LEDPI_INLINE void put_seen(const Panel *panel, const View *view, Eight x, Eight y, Samples *s) {
+    for (int lane = 0; lane < LEDPI_WIDTH; lane++) {
+        float right, down;
+        const ptrdiff_t column = ledpi_interpolation_pixel(x[lane], view->columns, &right);
+        const float *above = view->light + ledpi_interpolation_pixel(y[lane], view->rows, &down) * view->columns + column;
+        const float *below = above + view->columns;
+        const float upper = above[0] + right * (above[1] - above[0]), lower = below[0] + right * (below[1] - below[0]);
+        const float seen = upper + down * (lower - upper);
+        s->tells[lane] = x[lane] >= 0.0f && y[lane] >= 0.0f && x[lane] <= (float)(view->columns - 1) &&
+                         y[lane] <= (float)(view->rows - 1) && seen < (float)view->saturated;
+        s->seen[lane] = (seen - (float)panel->dark) * (float)panel->scale;
+        s->row[lane] = s->tells[lane] ? s->row[lane] : 0.0f; /* it may be no number */
+    }
+}
+
+static LEDPI_INLINE void put_waves(const Panel *panel, const float *unknown, Eight row, Terms *t) {
+    for (int k = 0; k < 2; k++) {
+        const float *table = panel->waves + k * WAVE_STEPS;
+        for (int lane = 0; lane < LEDPI_WIDTH; lane++) {
+            const float cycles = unknown[PHASE + k] + row[lane] * (float)panel->cycles_a_row[k];
+            const float at = (cycles - floorf(cycles)) * WAVE_STEPS;
+            const int32_t step = (int32_t)at;
+            const float here = table[step & (WAVE_STEPS - 1)], rise = table[(step + 1) & (WAVE_STEPS - 1)] - here;
+            t->wave[k][lane] = here + (at - (float)step) * rise;
+            t->later[k][lane] = rise * WAVE_STEPS;
+        }
+    }
+}
+
+/* Adds the light of the cells that are the i-th of the lines across and the j-th of the one down. */
+static LEDPI_INLINE void add_cells(const float *unknown, const Profile *profile, ptrdiff_t cells, const Lines *across, int i,
+                                   const Line *down, int j, Terms *t, Samples *s) {
+    Eight own[OWN];
+    for (int lane = 0; lane < LEDPI_WIDTH; lane++) {
+        const int32_t column = across->cell[i][lane];
+        const float *of = unknown + COMMON + OWN * (down->cell[j] * cells + (column < 0 ? 0 : column));
+        for (int k = 0; k < OWN; k++) ((float *)(own + k))[lane] = of[k];
+    }
+    const float below = down->light[j], *by = profile->by[j], *steep = profile->steep[j];
+    const Eight right = across->light[i], both = right * below, *harmonic = across->harmonic[i];
+    const Eight lit = own[0] + own[1] * t->wave[0] + own[2] * t->wave[1], part = lit * both;
+    Eight shape = unknown[ASIDE] * across->odd[i] + unknown[ASIDE + 1] * down->odd[j];
+    Eight tilt[2] = {unknown[ASIDE] * across->odd_steep[i], {0}};
+    tilt[1] += unknown[ASIDE + 1] * down->odd_steep[j];
     for (int x = 0; x <= HARMONICS; x++) {
-        shape += profile->by[j][x] * across->harmonic[i][x];
-        tilt[0] += profile->by[j][x] * across->steep[i][x];
-        tilt[1] += profile->steep[j][x] * across->harmonic[i][x];
+        shape += by[x] * harmonic[x];
+        tilt[0] += by[x] * across->steep[i][x];
+        tilt[1] += steep[x] * harmonic[x];
     }
     for (int y = 0; y <= HARMONICS; y++)
         for (int x = y ? 0 : 1; x <= HARMONICS; x++)
-            t->by[SHAPE - 1 + y * (HARMONICS + 1) + x] += lit * both * across->harmonic[i][x] * down->harmonic[j][y];
-    shape += unknown[ASIDE] * across->odd[i] + unknown[ASIDE + 1] * down->odd[j];
-    tilt[0] += unknown[ASIDE] * across->odd_steep[i];
-    tilt[1] += unknown[ASIDE + 1] * down->odd_steep[j];
-    t->by[ASIDE] += lit * both * across->odd[i];
-    t->by[ASIDE + 1] += lit * both * down->odd[j];
-    const double lit_shape = lit * shape;
-    t->predicted += lit_shape * both;
-    t->slope[0] += lit * (across->slope[i] * below * shape + both * tilt[0]);
-    t->slope[1] += lit * (right * down->slope[j] * shape + both * tilt[1]);
-    t->by[BLUR] += lit_shape * (across->blurred[i] * below + right * down->blurred[j]);
-    t->by[GAP] += lit_shape * (across->gapped[i] * below + right * down->gapped[j]);
+            s->by[SHAPE - 1 + y * (HARMONICS + 1) + x] += part * harmonic[x] * down->harmonic[j][y];
+    s->by[ASIDE] += part * across->odd[i];
+    s->by[ASIDE + 1] += part * down->odd[j];
+    const Eight shown = both * shape, lit_shape = lit * shape, lit_below = lit_shape * below, lit_right = lit_shape * right;
+    s->predicted += lit * shown;
+    t->slope[0] += across->slope[i] * lit_below + part * tilt[0];
+    t->slope[1] += down->slope[j] * lit_right + part * tilt[1];
+    s->by[BLUR] += across->blurred[i] * lit_below + down->blurred[j] * lit_right;
+    s->by[GAP] += across->gapped[i] * lit_below + down->gapped[j] * lit_right;
     for (int k = 0; k < 2; k++) {
-        const ptrdiff_t end = k ? cells - 1 : 0;
-        if (across->cell[i] == end) t->by[RIM + k] += lit_shape * below * across->rimmed[k];
-        if (down->cell[j] == end) t->by[RIM + 2 + k] += lit_shape * right * down->rimmed[k];
-        t->by[PHASE + k] += own[1 + k] * both * shape * t->later[k];
-        by_own[1 + k] = (float)(both * shape * t->wave[k]);
+        s->by[RIM + k] += across->rimmed[i][k] * lit_below;
+        s->by[RIM + 2 + k] += down->rimmed[j][k] * lit_right;
+        s->by[PHASE + k] += own[1 + k] * shown * t->later[k];
+        s->own[j][i][1 + k] = shown * t->wave[k];
     }
-    by_own[0] = (float)(both * shape);
+    s->own[j][i][0] = shown;
 }
 
-/* Adds the light beside the panel: left, right, above, below; at a corner only what is left or right. Returns how much of
- * the place is there. */
-static LEDPI_INLINE double add_beside(const double *unknown, const Line *across, const Line *down, Terms *t) {
-    if (across->beside[0] + across->beside[1] + down->beside[0] + down->beside[1] < NO_LIGHT) return 0.0;
-    const double *level = unknown + BESIDE, open = 1.0 - across->beside[0] - across->beside[1];
-    const double hidden = level[2] * down->beside[0] + level[3] * down->beside[1];
-    double outside = 0.0;
+/* Adds the light beside the panel: left, right, above, below; at a corner only what is left or right. `outside`: how much of
+ * the places is there. */
+static LEDPI_INLINE void add_beside(const float *unknown, const Lines *across, const Line *down, Terms *t, Samples *s) {
+    const float *level = unknown + BESIDE, hidden = level[2] * down->beside[0] + level[3] * down->beside[1];
+    const Eight open = 1.0f - across->beside[0] - across->beside[1];
     for (int k = 0; k < 2; k++) {
-        const double side = across->beside[k], end = down->beside[k] * open;
-        t->by[BESIDE + k] += side, t->by[BESIDE + 2 + k] += end;
-        t->predicted += level[k] * side + level[2 + k] * end;
-        t->by[RIM + k] += (level[k] - hidden) * fabs(across->falls[k]);
-        t->by[RIM + 2 + k] += level[2 + k] * fabs(down->falls[k]) * open;
-        t->slope[0] += (level[k] - hidden) * across->falls[k];
-        t->slope[1] += level[2 + k] * down->falls[k] * open;
-        t->by[BLUR] += (level[k] - hidden) * across->spread[k] + level[2 + k] * down->spread[k] * open;
-        outside += side + end;
+        const Eight side = across->beside[k], end = down->beside[k] * open, fall = (level[k] - hidden) * across->falls[k];
+        const Eight fall_down = level[2 + k] * down->falls[k] * open;
+        s->by[BESIDE + k] += side, s->by[BESIDE + 2 + k] += end;
+        s->predicted += level[k] * side + level[2 + k] * end;
+        s->by[RIM + k] += k ? fall : -fall;
+        s->by[RIM + 2 + k] += k ? fall_down : -fall_down;
+        t->slope[0] += fall;
+        t->slope[1] += fall_down;
+        s->by[BLUR] += (level[k] - hidden) * across->spread[k] + level[2 + k] * down->spread[k] * open;
+        s->outside += side + end;
     }
-    return outside;
 }
 
 /* To first order a homography can differ by 1, p, q in either direction, and by (p², pq) and (pq, q²); p, q in −1..1. */
-static LEDPI_INLINE void put_ways(double u, double v, ptrdiff_t cells, Terms *t) {
-    const double p = 2.0 * u - 1.0, q = 2.0 * v - 1.0, half = 0.5 * (double)cells;
-    const double across = half * t->slope[0], down = half * t->slope[1], both = p * across + q * down;
-    const double ways[WAYS] = {across, p * across, q * across, down, p * down, q * down, p * both, q * both};
-    memcpy(t->by, ways, sizeof ways);
+static LEDPI_INLINE void put_ways(Eight u, float v, ptrdiff_t cells, const Terms *t, Eight *by) {
+    const float q = 2.0f * v - 1.0f, half = 0.5f * (float)cells;
+    const Eight p = 2.0f * u - 1.0f, across = half * t->slope[0], down = half * t->slope[1], both = p * across + q * down;
+    by[0] = across, by[1] = p * across, by[2] = q * across, by[3] = down, by[4] = p * down, by[5] = q * down;
+    by[6] = p * both, by[7] = q * both;
 }
 
-LEDPI_SIMD bool ledpi_panel_sample(const Panel *panel, const View *view, const double *h, const double *unknown, const Line *across,
-                        const Line *down, const Profile *profile, double u, double v, float *columns, Sample *s) {
-    const double w = 1.0 / (h[6] * u + h[7] * v + h[8]);
-    double at[2] = {(h[0] * u + h[1] * v + h[2]) * w, (h[3] * u + h[4] * v + h[5]) * w};
-    if (view->lens) ledpi_distort(view->lens, at[0], at[1], at);
-    const double x = (at[0] - view->first_x) / view->shrink, y = (at[1] - view->first_y) / view->shrink;
-    if (!(x >= 0.0 && y >= 0.0 && x <= (double)(view->columns - 1) && y <= (double)(view->rows - 1))) return false;
-    const double seen = light_at(view, x, y);
-    if (!(seen < view->saturated)) return false;
-    Terms t;
-    memset(&t, 0, sizeof t);
-    t.predicted = unknown[DARK];
-    for (int k = 0; k < 2; k++)
-        t.wave[k] = ledpi_wave_at(panel->waves + k * WAVE_STEPS, unknown[PHASE + k] + at[1] * panel->cycles_a_row[k], t.later + k);
-    s->met = 0;
+LEDPI_SIMD void ledpi_panel_sample(const Panel *panel, const View *view, const float *h, const float *unknown,
+                                   const Lines *across, const Line *down, float v, Samples *s) {
+    const Profile profile = ledpi_panel_profile(unknown, down);
+    const Eight none = {0};
+    Eight x, y;
+    Terms t = {.slope = {none, none}};
+    for (int k = WAYS; k < DENSE; k++) s->by[k] = none;
+    put_places(view, h, across->at, v, &x, &y, &s->row);
+    put_seen(panel, view, x, y, s);
+    put_waves(panel, unknown, s->row, &t);
+    s->predicted = none + unknown[DARK];
+    s->outside = none;
     for (int j = 0; j < 2; j++)
-        for (int i = 0; i < 2; i++) {
-            if (across->cell[i] < 0 || down->cell[j] < 0 || across->light[i] * down->light[j] < NO_LIGHT) continue;
-            const ptrdiff_t cell = down->cell[j] * panel->cells + across->cell[i];
-            add_cell(unknown, profile, unknown + COMMON + OWN * cell, panel->cells, across, i, down, j, &t, s->by[s->met]);
-            s->cell[s->met++] = cell;
-        }
-    const double outside = add_beside(unknown, across, down, &t);
-    put_ways(u, v, panel->cells, &t);
-    t.by[DARK] = 1.0;
-    s->seen = (seen - panel->dark) * panel->scale, s->predicted = t.predicted, s->row = at[1];
-    s->weight = 1.0 / sqrt(fmax(t.predicted, 0.0) + DARK_NOISE + TEXTURE * outside);
-    for (int k = 0; k < COMMON; k++) columns[k] = (float)(s->weight * t.by[k]);
-    columns[RESIDUAL] = (float)(s->weight * (s->seen - s->predicted));
-    for (int k = RESIDUAL + 1; k < DENSE; k++) columns[k] = 0.0f;
-    return true;
+        for (int i = 0; i < 2; i++)
+            if (down->light[j] > NO_LIGHT && (i == 0 || across->is_between))
+                add_cells(unknown, &profile, panel->cells, across, i, down, j, &t, s);
+            else
+                s->own[j][i][0] = none;
+    if (across->is_beside || down->beside[0] + down->beside[1] > NO_LIGHT) add_beside(unknown, across, down, &t, s);
+    put_ways(across->at, v, panel->cells, &t, s->by);
+    s->by[DARK] = none + 1.0f;
+    for (int lane = 0; lane < LEDPI_WIDTH; lane++)
+        s->weight[lane] = 1.0f / sqrtf(fmaxf(s->predicted[lane], 0.0f) + DARK_NOISE + TEXTURE * s->outside[lane]);
+    s->by[RESIDUAL] = s->seen - s->predicted;
+    for (int k = 0; k <= RESIDUAL; k++) s->by[k] *= s->weight;
 }

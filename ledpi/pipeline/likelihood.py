@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import deque
 from collections.abc import Iterator, Sequence
 from typing import TypeAlias
 
@@ -12,7 +13,7 @@ from ledpi.decode.agenda import Agenda, AgendaState
 from ledpi.decode.cells import CellSamples, sample_cells
 from ledpi.decode.identify import decision
 from ledpi.decode.identify.codebook import Codebook
-from ledpi.decode.locate import Locator
+from ledpi.decode.locate import MISFIT, Locator
 from ledpi.decode.proposals import Candidate, Proposer
 from ledpi.decode.reader import Reader
 from ledpi.decode.track import CONTRADICTED, Followed, Track, Tracker
@@ -84,10 +85,7 @@ class LikelihoodPath:
                 break
             yield self._identify(frame, self._follow(frame, [track], sampled_squares, work), work)
         if self._agenda.is_due(all_detected=self._tracker.all_detected()):
-            for candidate in self._agenda.schedule(self._propose(frame, work)):
-                if self._locator.spent >= most:
-                    break
-                yield self._identify(frame, self._examine(frame, candidate, sampled_squares, work), work)
+            yield from self._search(frame, most, sampled_squares, work)
         if self._stream:
             self._prepare_next(frame, sampled_squares, work)
 
@@ -110,29 +108,45 @@ class LikelihoodPath:
         work.add_time("fit", start)
         return self._sample(frame, followed, sampled_squares, work)
 
+    def _search(
+        self, frame: Frame, most: int, sampled_squares: list[_Sampled], work: Results
+    ) -> Iterator[list[Detection]]:
+        """The panels that candidates lead to, while less than `most` is spent.
+
+        Of a frame that is alone a candidate that is no panel as it stands, though its corners are certain, may end in a
+        dark band: then its ends are moved. In a stream the next frame's bands are elsewhere.
+        """
+        candidates = deque(self._agenda.schedule(self._propose(frame, work)))
+        while candidates and self._locator.spent < most:
+            candidate = candidates.popleft()
+            if self._tracker.is_followed(candidate.corners_px):
+                continue
+            quad = self._localise(frame, candidate, work)
+            found: list[Detection] = []
+            if not isinstance(quad, Rejected):
+                sampled = self._sample(frame, self._tracker.associate([quad]), sampled_squares, work)
+                found = self._identify(frame, sampled, work)
+                yield found
+            if not self._stream and not found and (quad is MISFIT or isinstance(quad, Quad)):
+                candidates.extend(candidate.moved_ends())
+
     def _propose(self, frame: Frame, work: Results) -> list[Candidate]:
         start = time.perf_counter()
-        candidates, dropped = self._proposer.propose(frame, thorough=not self._stream)
+        candidates, dropped = self._proposer.propose(frame)
         work.rejected.extend(dropped)
         if work.trace is not None:
             work.trace.candidates.extend(candidates)
         work.add_time("find", start)
         return candidates
 
-    def _examine(
-        self, frame: Frame, candidate: Candidate, sampled_squares: list[_Sampled], work: Results
-    ) -> list[_Sampled]:
-        """The square that a candidate leads to, unless this frame has already shown it."""
-        if self._tracker.is_followed(candidate.corners_px):
-            return []
+    def _localise(self, frame: Frame, candidate: Candidate, work: Results) -> Quad | Rejected:
         start = time.perf_counter()
         self._agenda.tried(candidate)
         quad = self._locator.localise(frame, candidate.corners_px)
         work.add_time("fit", start)
         if isinstance(quad, Rejected):
             work.reject(candidate.corners_px, quad)
-            return []
-        return self._sample(frame, self._tracker.associate([quad]), sampled_squares, work)
+        return quad
 
     def _sample(
         self, frame: Frame, squares: list[tuple[Quad, Track]], sampled_squares: list[_Sampled], work: Results

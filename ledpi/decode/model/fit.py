@@ -5,6 +5,7 @@ docs/algorithm.md has the equation and its unknowns, kernels/panel_light.c its t
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,8 +29,10 @@ class Effort:
 
     rounds: int  # of Gauss and Newton, at most
     tolerance: float = 0.002  # of half the side: the last step moves corners by less
+    most_left: float = math.inf  # share of the light's squares: where more is foreseen to be left, the fit ends
     reweightings: int = 0  # how often what does not fit is given less weight
     roughly: bool = False  # on a coarse grid
+    banded: bool = True  # cells show bands
     phasing: bool = True  # seeks the bands' phases first, on a grid
     must_blink: bool = False  # and gives up what surely shows none
 
@@ -106,9 +109,11 @@ class Fitter:
             prior=given,
             rounds=effort.rounds,
             reweightings=effort.reweightings,
+            banded=effort.banded,
             phasing=effort.phasing,
             must_blink=effort.must_blink,
             tolerance=effort.tolerance,
+            most_left=effort.most_left,
             corners=corners_px.reshape(-1).tolist(),
             unknown=unknown,
         )
