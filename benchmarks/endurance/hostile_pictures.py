@@ -9,7 +9,8 @@ from functools import partial
 import cv2
 import numpy as np
 
-from ledpi.core.records import Pixels, Singles
+from ledpi.core.records import Floats, Pixels, Singles
+from ledpi.markers.codewords import Bits
 from ledpi.markers.dictionaries import load_dictionary
 
 Rng = np.random.Generator
@@ -157,6 +158,11 @@ def readable(drawing: Drawing, rng: Rng) -> None:
     size = rng.uniform(0.2, 0.5) * min(drawing.light.shape[1:])
     corners = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]]) * size
     corners += np.array(drawing.light.shape[:0:-1]) / 2 + rng.uniform(-0.04, 0.04, (4, 2)) * size
+    put_panel(drawing, corners, codeword)
+
+
+def put_panel(drawing: Drawing, corners: Floats, codeword: Bits) -> None:
+    """A panel with these corners (4, 2) that can be read, with some dark around it."""
     place = corners.astype(np.float32)
     around = np.rint((corners - corners.mean(axis=0)) * 1.15 + corners.mean(axis=0)).astype(np.int32)
     for light in drawing.light:

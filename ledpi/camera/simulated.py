@@ -11,8 +11,9 @@ from dataclasses import asdict
 from ledpi.camera.timing import choose_frame_length_rows
 from ledpi.config.camera_yaml import load_intrinsics
 from ledpi.config.settings import CameraSettings, Config, PanelSettings
+from ledpi.config.values import check_lens
 from ledpi.core.errors import CameraError, ConfigError
-from ledpi.core.records import CameraInfo, Frame, PanelSpec, PanelValues, Pixels
+from ledpi.core.records import CameraInfo, Frame, Intrinsics, PanelSpec, PanelValues, Pixels
 from ledpi.recording.reader import TruthMarker
 from ledpi.simulate.render import Renderer
 from ledpi.simulate.scene import OV5647_FRAME_LENGTH_ROWS, OV5647_ROW_TIME_US, Scene, SimulatedSensor
@@ -171,7 +172,7 @@ def simulated_sensor(camera: CameraSettings, panels: PanelSettings) -> Simulated
     size = (camera.width, camera.height)
     try:
         return SimulatedSensor(
-            intrinsics=ov5647_lens(*size) if camera.intrinsics is None else load_intrinsics(camera.intrinsics, size),
+            intrinsics=_own_lens(size) if camera.intrinsics is None else load_intrinsics(camera.intrinsics, size),
             exposure_us=exposure_us,
             row_time_us=row_time_us,
             frame_length_rows=rows,
@@ -180,3 +181,10 @@ def simulated_sensor(camera: CameraSettings, panels: PanelSettings) -> Simulated
         )
     except ValueError as error:
         raise ConfigError(f"camera: {error}") from None
+
+
+def _own_lens(size: tuple[int, int]) -> Intrinsics:
+    """Raises ValueError for a picture so narrow that no reader would take its lens for one."""
+    lens = ov5647_lens(*size)
+    check_lens(*size, fx=lens.fx, fy=lens.fy, cx=lens.cx, cy=lens.cy)
+    return lens

@@ -72,7 +72,9 @@ def main(loaded: Callable[[], None] = lambda: None) -> None:
     except LedpiError as error:
         _end(str(error), 1 if isinstance(error, TransientError) else 2)
     except OSError as error:  # a name that is too long, or a full disk behind `> file`
-        _end(f"{error.filename or 'standard output'}: {error.strerror or error}", 2)
+        # Of all that has no name only the working directory can be missing.
+        nameless = "the working directory" if isinstance(error, FileNotFoundError) else "standard output"
+        _end(f"{error.filename or nameless}: {error.strerror or error}", 2)
     except _CommandLineError as error:
         _end_usage(error)
     except KeyboardInterrupt:  # before a command has begun; typer sees to the later ones

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 import signal
 from pathlib import Path
 
@@ -30,11 +31,13 @@ def run(
 
     Example: ledpi run --set camera.source=simulated --set serial.port=/tmp/robot
     """
+    asked = _keep_signals()
     from ledpi.camera.factory import open_camera
     from ledpi.config.settings import find_config, load_config
     from ledpi.core.errors import LedpiError, TransientError
     from ledpi.runtime.reporting import log_to_standard_error
     from ledpi.runtime.service import Service
+    from ledpi.runtime.threads import end_threads
 
     log_to_standard_error()
     file = find_config(config)
@@ -47,6 +50,8 @@ def run(
         signal.signal(number, lambda *_: service.stop())
     signal.signal(signal.SIGHUP, lambda *_: service.reload())
     signal.signal(signal.SIGUSR1, lambda *_: service.save())
+    if signal.SIGHUP in asked:
+        service.reload()
     try:
         totals = service.run()
     except (LedpiError, OSError) as error:
@@ -61,3 +66,18 @@ def run(
         health.markers,
         ", ".join(f"{key} {count}" for key, count in sorted(health.rejected.items())) or "nothing",
     )
+    end_threads(status=0)
+
+
+def _keep_signals() -> list[int]:
+    """Until the daemon is there to hear of them: Ctrl-C ends the process, and no other signal does.
+
+    By a handler that raises nothing: within an import, and there are many to come, an exception may be lost. systemd
+    takes the end by a SIGHUP for a wish, and would not start another. Returns where the others are noted.
+    """
+    asked: list[int] = []
+    if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
+        signal.signal(signal.SIGINT, lambda *_: os._exit(130))
+    for number in (signal.SIGHUP, signal.SIGUSR1):
+        signal.signal(number, lambda number, _: asked.append(number))
+    return asked

@@ -5,11 +5,16 @@ from __future__ import annotations
 import reprlib
 
 VALUE_LENGTH = 60  # characters of a value in a message
+LINE_LENGTH = 800  # of a message: a path may have 4096, and what is taken for one any number
 
 
 def one_line(text: str) -> str:
-    """`text` with line breaks, and whatever else does not print, as escapes: file names and keys may hold them."""
-    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
+    """`text` with line breaks, and whatever else does not print, as escapes: file names and keys may hold them.
+
+    What is too long lacks its middle: the beginning says where it is, and the end what would be right.
+    """
+    line, half = "".join(c if c.isprintable() else repr(c)[1:-1] for c in text), LINE_LENGTH // 2
+    return line if len(line) <= LINE_LENGTH else f"{line[: half - 3]}...{line[-half:]}"
 
 
 def counted(count: int, noun: str) -> str:

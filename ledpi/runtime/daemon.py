@@ -45,6 +45,7 @@ TICK_S = 0.1  # between two looks at the state of things
 LOOK_EVERY_S = 1.0  # at times and temperature
 MINUTE_S = 60.0
 JOIN_S = 0.4  # for each worker; the whole daemon ends within 1 s
+CLOSE_S = 2.0  # for a camera, which a reload opens again. A driver that hangs must not keep the controller's last word
 
 _log = logging.getLogger("ledpi")
 
@@ -157,14 +158,19 @@ class Daemon:
     def _close(self) -> None:
         self._stop.set()
         self._observers.end()
-        with suppress(CameraError, OSError):  # the controller gets its last word all the same
-            self._camera.close()
+        closing = threading.Thread(target=self._close_camera, name="close", daemon=True)
+        closing.start()
+        closing.join(CLOSE_S)
         self._threads[0].join(JOIN_S)
         self._ring.close()
         self._threads[1].join(JOIN_S)
         self._tell()  # the last status counts every frame
         self._publisher.stop()
         self._observers.close()
+
+    def _close_camera(self) -> None:
+        with suppress(CameraError, OSError):
+            self._camera.close()
 
     def _guard(self, loop: Callable[[], None]) -> None:
         try:

@@ -24,7 +24,10 @@ class Reading:
         self._began_s = time.monotonic()
         self._slow_is_told = False
         self._thread = threading.Thread(target=self._read, name="reload", daemon=True)
-        self._thread.start()
+        try:
+            self._thread.start()
+        except RuntimeError as error:  # the system has no further thread
+            self._result = error
 
     def _read(self) -> None:
         try:

@@ -5,8 +5,10 @@ from __future__ import annotations
 import json
 import logging
 import os
+import select
 import sys
 from dataclasses import dataclass
+from typing import TextIO
 
 from ledpi.runtime.health import HealthSnapshot, StageTimes
 from ledpi.runtime.processor import Processor
@@ -39,9 +41,31 @@ class _JournalFormatter(logging.Formatter):
         return f"<{_PRIORITIES.get(record.levelno, 5)}>{text}"
 
 
+class _NeverWaiting(logging.StreamHandler):  # type: ignore[type-arg]  # Python 3.10 has none at run time
+    """Drops what nobody takes, as of a pager that waits or a terminal that was stopped with Ctrl-S.
+
+    Else each thread that has something to say would wait, the heartbeat's and the watchdog's too, and SIGTERM end none.
+    """
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """A line is less than what a pipe or a socket has room for once it is ready."""
+        if _is_ready(self.stream):
+            super().emit(record)
+
+
+def _is_ready(stream: TextIO) -> bool:
+    """Whether it takes a line at once; a file always does."""
+    try:
+        poll = select.poll()
+        poll.register(stream.fileno(), select.POLLOUT)
+        return bool(poll.poll(0))
+    except (OSError, ValueError, AttributeError):  # it is none of the system's, or none at all
+        return True
+
+
 def log_to_standard_error() -> None:
-    """With the level as a word; in a service, as the journal's priority."""
-    handler = logging.StreamHandler(sys.stderr)
+    """With the level as a word; in a service, as the journal's priority. Never waits for who reads it."""
+    handler = _NeverWaiting(sys.stderr)
     handler.setFormatter(_JournalFormatter() if is_service() else logging.Formatter("%(levelname)s %(message)s"))
     logging.basicConfig(level=logging.INFO, handlers=[handler])
 

@@ -31,7 +31,11 @@ class Rewind:
     ) -> None:
         """`camera`: with the lens that poses are solved with. `period_ms`: between two frames."""
         budget = _budget_bytes(settings)
-        self._ring = RewindRing(camera.height, camera.width, period_ms, settings.seconds, budget)
+        try:
+            self._ring = RewindRing(camera.height, camera.width, period_ms, settings.seconds, budget)
+        except MemoryError:  # poses need no past
+            budget = 0
+            self._ring = RewindRing(camera.height, camera.width, period_ms, settings.seconds, budget)
         self._ring.begin(pipeline.state())
         self._pipeline = pipeline
         shown = Shown(camera, pipeline.panels.dictionary, pipeline.panels.spec(), source)

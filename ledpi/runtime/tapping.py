@@ -21,7 +21,7 @@ _log = logging.getLogger("ledpi")
 
 
 def open_tap(config: Config, now: Tap | None = None) -> Tap | None:
-    """The tap that this configuration asks for: `now`, if that is where it is.
+    """The tap that this configuration asks for: `now`, if that is where it is, and can still be found there.
 
     Raises ConfigError where a path is given at which none can be. Where `auto` finds no place the daemon runs without:
     a robot needs its poses more than anybody needs to look at them.
@@ -31,7 +31,7 @@ def open_tap(config: Config, now: Tap | None = None) -> Tap | None:
         return None
     try:
         path = to_serve(setting)
-        if now is not None and now.path == path:
+        if now is not None and now.path == path and now.is_there:
             return now
         tap = Tap(path)
     except ConfigError as error:

@@ -1,9 +1,12 @@
-"""What holds for the whole process of a daemon: how soon threads get the interpreter, and that memory is kept."""
+"""What holds for the whole process of a daemon: how soon threads get the interpreter, that memory is kept, its end."""
 
 from __future__ import annotations
 
 import ctypes
+import logging
+import os
 import sys
+import threading
 
 # A thread that wants to run waits at most so long for one that computes in Python. The default is 5 ms: so long would
 # poses that are ready wait, twice (woken, and before the packet is written), while the picture is searched; and so long
@@ -29,3 +32,14 @@ def keep_memory() -> None:
     if mallopt is not None:
         mallopt(_MMAP_THRESHOLD, _MAPPED_BYTES)
         mallopt(_TRIM_THRESHOLD, _KEPT_BYTES)
+
+
+def end_threads(status: int) -> None:
+    """Ends the process with this status where a thread of it still works; else nothing.
+
+    A frame may be in work that takes longer than anybody waits for it, or a driver may hang. Python would kill such a
+    thread as it comes back from C++ (OpenCV's or libcamera's), and C++ abort the process for that.
+    """
+    if any(thread.daemon for thread in threading.enumerate()):
+        logging.shutdown()
+        os._exit(status)

@@ -41,12 +41,20 @@ class Listening:
             raise
         self._inode = (found.st_dev, found.st_ino)
 
+    @property
+    def is_there(self) -> bool:
+        """Whether its file still is where clients look for it: whoever clears /tmp takes it away."""
+        try:
+            found = self.path.lstat()
+        except OSError:
+            return False
+        return (found.st_dev, found.st_ino) == self._inode
+
     def close(self) -> None:
         """Takes the file away, if it still is this socket's. Safe to call twice."""
         self.socket.close()
         with suppress(OSError):
-            found = self.path.lstat()
-            if (found.st_dev, found.st_ino) == self._inode:
+            if self.is_there:
                 self.path.unlink()
 
 

@@ -84,6 +84,11 @@ class Tap:
         self._commands.offer(do, command)
 
     @property
+    def is_there(self) -> bool:
+        """Whether clients find its socket."""
+        return self._listening.is_there
+
+    @property
     def is_followed(self) -> bool:
         """Whether anybody reads."""
         return self._followed

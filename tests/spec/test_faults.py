@@ -12,6 +12,7 @@ import re
 import select
 import signal
 import socket
+import subprocess
 import threading
 import time
 import tty
@@ -224,6 +225,109 @@ def test_sigterm_at_any_moment(take: Path, tmp_path: Path, plug: Callable[[], Li
         running = any("INFO start" in entry for entry in ended.log)
         assert ended.status == 0 or (ended.status == -signal.SIGTERM and not running)
         assert not any("Traceback" in entry for entry in ended.log)
+
+
+def test_nobody_takes_its_log(take: Path, tmp_path: Path, plug: Callable[[], Line]) -> None:
+    """A pager that waits, a terminal that was stopped with Ctrl-S: the heartbeat goes on, and SIGTERM ends it."""
+    line, (reads, writes) = plug(), os.pipe()
+    os.set_blocking(writes, False)
+    with suppress(BlockingIOError):
+        while os.write(writes, bytes(1024)):
+            pass
+    os.set_blocking(writes, True)  # as the daemon has it
+    given = [part for setting in settings(take, tmp_path) for part in ("--set", setting)]
+    with subprocess.Popen([*COMMAND, *FOR_EVER, *given], cwd=ROOT, stderr=writes) as process:
+        try:
+            line.wait_for_markers(10)
+            line.read_for(2.0)  # in each second it would say something
+            seen = len(line.messages)
+            line.read_for(1.0)
+            process.send_signal(signal.SIGTERM)
+            line.read_for(1.0)
+            assert process.wait(DEADLINE_S) == 0
+        finally:
+            process.kill()
+            os.close(reads)
+            os.close(writes)
+    assert sum(isinstance(message, StatusMessage) for message in line.messages[seen:]) >= 3
+    assert isinstance(line.messages[-1], StatusMessage)
+    assert line.messages[-1].state is State.STOPPING
+
+
+# In front of the daemon: a frame that takes as long as a robot's processor may need for the worst one.
+SLOW_FRAME = """
+import time, cv2, numpy as np
+from ledpi.pipeline.pipeline import Pipeline
+decode, picture = Pipeline.decode, np.zeros((1500, 1500), np.uint8)
+def slowly(*arguments, **options):
+    decoded, until_s = decode(*arguments, **options), time.monotonic() + 1.5 * (arguments[1].seq > 30)
+    while time.monotonic() < until_s:
+        cv2.GaussianBlur(picture, (0, 0), 3)
+    return decoded
+Pipeline.decode = slowly
+"""
+
+
+def test_sigterm_while_a_frame_takes_long(take: Path, tmp_path: Path, plug: Callable[[], Line]) -> None:
+    """Nobody waits for it; and C++ does not abort the process because of the thread that is in it."""
+    line = plug()
+    command = [*COMMAND[:2], SLOW_FRAME + COMMAND[2], *COMMAND[3:]]
+    with daemon(*settings(take, tmp_path), options=FOR_EVER, command=command) as process:
+        line.wait_for_markers(10)
+        line.read_for(1.0)  # by now frame 31 has come
+        process.send_signal(signal.SIGTERM)
+        line.read_for(1.0)
+        ended = end(process)
+    assert ended.status == 0
+    assert "INFO ended: " in ended.log[-1]
+    assert isinstance(line.messages[-1], StatusMessage)
+    assert line.messages[-1].state is State.STOPPING
+
+
+class Hanging:
+    """The simulated camera, whose driver hangs once the test says so, and as it is closed as well."""
+
+    def __init__(self) -> None:
+        self._camera = open_simulated(load_config(None, ("panels.side_m=0.16", "camera.source=simulated")), paced=True)
+        self.hangs, self.may_end = threading.Event(), threading.Event()
+
+    @property
+    def info(self) -> CameraInfo:
+        return self._camera.info
+
+    @property
+    def panel(self) -> PanelValues | None:
+        return self._camera.panel
+
+    def read(self, into: Pixels) -> Frame | None:
+        if self.hangs.is_set():
+            self.may_end.wait()
+            return None
+        return self._camera.read(into)
+
+    def close(self) -> None:
+        self.may_end.wait()
+
+
+def test_a_driver_that_hangs_does_not_keep_the_last_word(tmp_path: Path, plug: Callable[[], Line]) -> None:
+    """It would hang until systemd's patience is over, 5 s after SIGTERM, and the controller would hear nothing."""
+    line, camera = plug(), Hanging()
+    config = load_config(None, ("panels.side_m=0.16", f"serial.port={tmp_path / 'controller'}"))
+    running = Daemon(config, camera)
+    thread = threading.Thread(target=running.run, daemon=True)
+    thread.start()
+    line.wait_for_markers(3)
+    camera.hangs.set()
+    line.read_for(0.2)
+    running.stop()
+    deadline = time.monotonic() + DEADLINE_S
+    while thread.is_alive():
+        line.read()
+        assert time.monotonic() < deadline
+    line.read()
+    camera.may_end.set()
+    assert isinstance(line.messages[-1], StatusMessage)
+    assert line.messages[-1].state is State.STOPPING
 
 
 def test_killed_and_started_again(take: Path, tmp_path: Path, plug: Callable[[], Line]) -> None:

@@ -23,6 +23,7 @@ from ledpi.runtime.reload import Reading
 from ledpi.runtime.service import Service
 from tests.builders.daemon import (
     COMMAND,
+    DEADLINE_S,
     SIMULATED,
     Controller,
     Ended,
@@ -86,6 +87,7 @@ AS_CONFIG = {
     "number for a key": content(f"panels: {{side_m: 1, overrides: {{0x{NUMBER}: {{}}}}}}"),
     "number for all": content(f"0x{NUMBER}"),
     "long key": content(f"{'k' * 99_999}: 1"),
+    "long name": content(f"panels: {{side_m: 1, dictionary: {'n' * 99_999}.yaml}}"),
     "bytes": lambda file: file.write_bytes(bytes(range(256)) * 99),
 }
 NAMED = {name: AS_CONFIG[name] for name in ("pipe", "folder", "device", "too large", "missing", "bomb", "nested")}
@@ -103,7 +105,8 @@ def running(folder: Path, command: list[str] = COMMAND) -> Iterator[tuple[subpro
     with controller() as line:
         (folder / "config.yaml").write_text("panels: {side_m: 0.16}\ncamera: {source: simulated}\n")
         options = ("--config", str(folder / "config.yaml"))
-        with daemon(f"serial.port={line.port}", options=options, command=command) as process:
+        deadline_s = DEADLINE_S + FILES
+        with daemon(f"serial.port={line.port}", options=options, command=command, deadline_s=deadline_s) as process:
             line.wait_for(lambda c: bool(c.markers))
             yield process, line
 
@@ -219,6 +222,18 @@ def test_whatever_a_file_brings_about_is_a_result() -> None:
     while (result := reading.result()) is None:
         time.sleep(0.001)
     assert isinstance(result, MemoryError)
+
+
+def test_where_no_thread_can_be_begun_that_is_the_result(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The system has a limit of these, too."""
+
+    def refused(_: threading.Thread) -> None:
+        raise RuntimeError("can't start new thread")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(threading.Thread, "start", refused)
+        reading = Reading(lambda: load_config(None, SIMULATED))
+    assert str(reading.result()) == "can't start new thread"
 
 
 @pytest.mark.parametrize(

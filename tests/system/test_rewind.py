@@ -30,7 +30,7 @@ from ledpi.runtime.daemon import Daemon
 from ledpi.runtime.recorder import LIVE_FILE
 from ledpi.runtime.rewind import AGAIN_NS, Rewind
 from ledpi.runtime.takes import takes_folder
-from tests.builders.daemon import DEADLINE_S, ROOT, SIMULATED, Controller, controller, daemon, end
+from tests.builders.daemon import COMMAND, DEADLINE_S, ROOT, SIMULATED, Controller, controller, daemon, end
 from tests.builders.rewind import Stream, stream, without_times
 
 LEDPI = [sys.executable, "-c", "from ledpi.cli import main; main()"]
@@ -129,6 +129,35 @@ def test_a_file_that_cannot_be_written_is_told_and_the_daemon_goes_on(takes: Pat
     (told,) = [line for line in ended.log if "rewind_failed cause=asked" in line]
     assert "cannot be written: File too large" in told
     assert differences(*asked(takes)) == []
+
+
+# In front of the daemon: once all is loaded, the system gives it 100 MB more, and no ring of 200.
+SCANT = """
+import re, resource
+import ledpi.pipeline.pipeline, ledpi.runtime.service
+from ledpi.runtime import daemon
+run = daemon.Observers
+def scant(*arguments):
+    data = int(re.search(r"VmData:\\s+(\\d+)", open("/proc/self/status").read())[1]) * 1024
+    resource.setrlimit(resource.RLIMIT_DATA, (data + 100_000_000, -1))
+    return run(*arguments)
+daemon.Observers = scant
+"""
+
+
+def test_where_the_system_has_no_memory_for_it_poses_go_on(takes: Path) -> None:
+    """The journal says that nothing is kept; who asks for it hears so."""
+    command = [*COMMAND[:2], SCANT + COMMAND[2], *COMMAND[3:]]
+    settings = (*SIMULATED, "rewind.seconds=10", "rewind.memory_mb=1000")
+    with controller() as line, daemon(*settings, f"serial.port={line.port}", command=command) as process:
+        has_seen(line, 20)
+        process.send_signal(signal.SIGUSR1)
+        has_seen(line, 40)
+        ended = end(process, signal.SIGTERM)
+    assert ended.status == 0
+    assert any("rewind_short seconds=0 wanted=10 memory_mb=0" in entry for entry in ended.log)
+    assert any("rewind_failed" in entry for entry in ended.log)
+    assert not takes.exists()
 
 
 def test_ledpi_rewind_asks_the_running_daemon(takes: Path, tmp_path: Path) -> None:

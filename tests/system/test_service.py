@@ -26,7 +26,7 @@ from ledpi.runtime.ring import RingCounters
 from ledpi.wire import StatusMessage
 from ledpi.wire.publisher import PublisherCounters
 from tests.builders import ROOT
-from tests.builders.daemon import SIMULATED, Controller, controller, daemon, end, write_recording
+from tests.builders.daemon import COMMAND, SIMULATED, Controller, controller, daemon, end, write_recording
 from tests.builders.wire import decoded
 
 # ---- As systemd starts it
@@ -135,6 +135,40 @@ def test_a_good_configuration_is_taken(tmp_path: Path) -> None:
         last = first.got[-1][1]
         assert isinstance(last, StatusMessage)
         assert last.state.name == "STOPPING"
+
+
+# In front of the daemon: a signal comes as it begins to read its configuration, where exceptions are lost.
+TOO_SOON = """
+import os, signal
+from ledpi.config import settings
+find = settings.find_config
+def find_config(file):
+    try:
+        os.kill(os.getpid(), signal.{name})
+        [None for _ in range(10**6)]
+    except BaseException:
+        pass
+    return find(file)
+settings.find_config = find_config
+"""
+
+
+def test_a_signal_that_comes_too_soon_is_not_the_end() -> None:
+    """Of SIGHUP systemd would think that somebody wished it. It is reloaded once it runs."""
+    for name, starts in (("SIGHUP", 2), ("SIGUSR1", 1)):
+        command = [*COMMAND[:2], TOO_SOON.format(name=name) + COMMAND[2], *COMMAND[3:]]
+        with controller() as line, daemon(*SIMULATED, f"serial.port={line.port}", command=command) as process:
+            line.wait_for(lambda c, starts=starts: bool(c.markers) and c.receiver.counters.restarts >= starts - 1)  # type: ignore[misc]
+            ended = end(process, signal.SIGTERM)
+        assert ended.status == 0
+        assert sum(entry.startswith("INFO start ") for entry in ended.log) == starts
+
+
+def test_a_ctrl_c_that_comes_too_soon_is_the_end() -> None:
+    """Though it falls where an exception would be lost."""
+    command = [*COMMAND[:2], TOO_SOON.format(name="SIGINT") + COMMAND[2], *COMMAND[3:]]
+    with daemon(*SIMULATED, "serial.port=/nowhere/port", command=command) as process:
+        assert end(process).status == 130
 
 
 def test_a_reload_does_not_starve_the_watchdog(

@@ -157,6 +157,20 @@ def test_a_reload_may_move_the_socket(tmp_path: Path) -> None:
     assert (tmp_path / "mine").read_text(encoding="utf-8") == "mine"
 
 
+def test_a_reload_makes_a_socket_that_was_cleared_away_again(tmp_path: Path) -> None:
+    """As by what clears /tmp now and then: nobody could reach the daemon any more."""
+    config, path = tmp_path / "config.yaml", tmp_path / "tap.sock"
+    config.write_text("panels: {side_m: 0.16}\ncamera: {source: simulated}\n", encoding="utf-8")
+    with daemon(at(path), options=("--config", str(config))) as process:
+        reach(path).close()
+        path.unlink()
+        process.send_signal(signal.SIGHUP)
+        with reach(path) as client:
+            assert next(client.lines())["type"] == "hello"
+        assert end(process, signal.SIGTERM).status == 0
+    assert not path.exists()
+
+
 def test_a_killed_daemon_is_followed_again_when_it_is_back(tmp_path: Path) -> None:
     """What it left of its socket is no obstacle, and its client says that it was gone."""
     path = tmp_path / "tap.sock"

@@ -189,6 +189,12 @@ def test_an_impossible_sensor_is_a_configuration_error() -> None:
         open_simulated(config("camera.exposure_us=3000000", "camera.frame_duration_us=4000000"), paced=False)
 
 
+def test_a_picture_that_no_lens_makes_is_a_configuration_error() -> None:
+    """Its recording could not be read again: as narrow as its focal length is short."""
+    with pytest.raises(ConfigError, match=r"^camera: fy: must be 48 to 48000 pixels for pictures of 32 × 480"):
+        open_simulated(config("camera.width=32"), paced=False)
+
+
 def test_a_dictionary_without_the_drives_ids_is_a_configuration_error(tmp_path: Path) -> None:
     """Of one's own five words, for example: the remedy is another dictionary, or another source."""
     storage = cv2.FileStorage(str(tmp_path / "words.yaml"), cv2.FILE_STORAGE_WRITE)

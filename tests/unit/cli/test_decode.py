@@ -497,6 +497,16 @@ def test_a_full_disk_behind_the_output_is_one_line(kept: Path) -> None:
     assert (done.returncode, done.stderr) == (2, "ledpi: standard output: No space left on device\n")
 
 
+def test_a_working_directory_that_is_gone_is_one_line(tmp_path: Path) -> None:
+    """As of a shell in a folder that somebody has removed."""
+    (tmp_path / "gone").mkdir()
+    command = [*COMMAND, ".", "--set", "camera.intrinsics=camera.yaml"]
+    gone = [sys.executable, "-c", f"import os; os.rmdir(os.getcwd()); os.execv({command[0]!r}, {command!r})"]
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    done = subprocess.run(gone, cwd=tmp_path / "gone", env=environment, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (2, "ledpi: the working directory: No such file or directory\n")
+
+
 def test_a_name_with_a_line_break_is_one_line(ledpi: Run) -> None:
     """The break is shown as it would be typed."""
     assert complaint(ledpi("a\nb")) == "ledpi: a\\nb: no such file or folder"

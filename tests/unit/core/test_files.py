@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from ledpi.core.errors import CalibrationError, ConfigError
-from ledpi.core.files import read_bytes, read_text, read_yaml
+from ledpi.core.files import read_bytes, read_text, read_yaml, write_beside
 
 _opened: list[str] = []
 sys.addaudithook(lambda event, args: _opened.append(str(args[0])) if event == "open" else None)  # stays for good
@@ -95,6 +95,19 @@ def test_a_file_may_be_just_as_large_as_is_allowed(tmp_path: Path) -> None:
     os.truncate(file, 2**40)  # without taking any room
     with pytest.raises(ConfigError, match=r"x\.txt: is too large to be read; must be at most 1,000 bytes"):
         read_bytes(file, ConfigError, 1000)
+
+
+@pytest.mark.parametrize("lies_there", ["file", "link"])
+def test_what_is_written_is_new(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, lies_there: str) -> None:
+    """Though somebody has foreseen its name, and put a file or a link there: what that leads to stays as it is."""
+    monkeypatch.setattr("secrets.token_hex", lambda count: "foreseen")
+    secret, fresh = tmp_path / "secret", tmp_path / ".foreseen.new"
+    secret.write_text("root's own")
+    fresh.symlink_to(secret) if lies_there == "link" else fresh.hardlink_to(secret)
+    with pytest.raises(FileExistsError):
+        write_beside(tmp_path / "camera.yaml", b"ours")
+    assert secret.read_text() == "root's own"
+    assert fresh.exists()
 
 
 @pytest.mark.parametrize("text", ["a: [", "a: !!timestamp x", "a: 2001-99-99", "!!python/object:os.system x"])

@@ -5,12 +5,22 @@ from __future__ import annotations
 import pytest
 
 from ledpi.core.errors import ConfigError
-from ledpi.core.wording import VALUE_LENGTH, counted, shortened, shortened_name
+from ledpi.core.wording import LINE_LENGTH, VALUE_LENGTH, counted, one_line, shortened, shortened_name
 
 
 def test_an_error_is_one_line() -> None:
     """Whatever a file name or a key holds, and letters of any alphabet stay as they are."""
     assert str(ConfigError("a\nb\tö: c\x1b[0m")) == r"a\nb\tö: c\x1b[0m"
+
+
+@pytest.mark.parametrize("name", ["n" * 99_999, "\0" * 99_999])
+def test_a_line_is_never_long(name: str) -> None:
+    """Where a path of any length is given: which file it is begins it, and what would be right ends it."""
+    said = one_line(f"config.yaml: map: {name}: cannot be read: File name too long")
+    assert len(said) == LINE_LENGTH
+    assert said.startswith("config.yaml: map: ")
+    assert said.endswith(": cannot be read: File name too long")
+    assert one_line("n" * LINE_LENGTH) == "n" * LINE_LENGTH
 
 
 @pytest.mark.parametrize(("count", "text"), [(0, "0 panels"), (1, "1 panel"), (2, "2 panels")])
