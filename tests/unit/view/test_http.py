@@ -119,13 +119,15 @@ def test_each_answer_brings_another_picture(site: Site, daemon: MadeUpDaemon) ->
 
 def test_why_not_is_in_words(site: Site, daemon: MadeUpDaemon) -> None:
     """Evidence is asked of the daemon only for that view; each candidate has its place, its reason and what helps."""
-    daemon.extra = {"rejected": [{"corners_px": PANEL["corners_px"], "why": "find.too_small"}]}
+    beside = [[40.0, 30.0], [55.0, 30.0], [55.0, 45.0], [40.0, 45.0]]
+    at_the_panel = {"corners_px": PANEL["corners_px"], "why": "fit.misfit"}  # a part of it: not told
+    daemon.extra = {"rejected": [{"corners_px": beside, "why": "find.too_small"}, at_the_panel]}
     site.state_once("up")
     site.frame()
     assert [request["with"] for request in daemon.asked("picture")] == [[]]
     (found,) = site.frame("whynot")["why_not"]
-    assert (found["why"], found["means"]) == ("find.too_small", "an outline too small for a panel")
-    assert found["helps"] == "go nearer"
+    assert (found["why"], found["says"]) == ("find.too_small", "an outline too small for a panel")
+    assert (found["helps"], found["corners_px"]) == ("go nearer", beside)
 
 
 def test_the_table_has_a_row_for_each_panel(site: Site, daemon: MadeUpDaemon) -> None:

@@ -1,16 +1,68 @@
-"""What `ledpi doctor` would ask, of the daemon that runs: what is wrong with it now, and what to do. Pure."""
+"""The daemon that runs here, which has the camera: what is wrong with it now, and what to do, as its tap tells."""
 
 from __future__ import annotations
 
+import time
+from collections.abc import Iterator
 from typing import Any
 
-from ledpi.core.records import PanelSpec
-from ledpi.core.shutter import contrast
+from ledpi.camera.exposure_notes import vanishing
+from ledpi.config.settings import Config
+from ledpi.core.errors import TapError
+from ledpi.tap.client import Client, connect
+from ledpi.tap.frames import WITH_REASONS, frame_of, not_read_of, read_px_of, settings_of, why_not_of
 from ledpi.tools.doctor.finding import Finding, bad, ok, unknown
+from ledpi.tools.doctor.in_view import findings_of
 
-NEAR_NULL = 0.2  # of the depth that the best exposure of about this length would give
+HEALTH_S = 3.0  # within which a daemon says how it is, which it does each second
+PICTURES = 6  # that are looked at: a stream searches the whole picture in every third frame
 HOT_C = 80.0  # from which a Pi becomes slower
 UNDER_VOLTAGE, THROTTLED = 1 << 0, 1 << 2  # bits of the Pi's `vcgencmd get_throttled`
+
+
+def connected(config: Config) -> Client | None:
+    """To the daemon that has the camera of this configuration; None where none runs, or another camera is asked for."""
+    if config.tap.socket is None:
+        return None
+    try:
+        tap = connect(config.tap.socket)
+    except TapError:
+        return None
+    if tap.hello.get("camera", {}).get("source") == config.camera.source:
+        return tap
+    tap.close()
+    return None
+
+
+def examine(tap: Client) -> Iterator[Finding]:
+    """The daemon, and the panels before its camera."""
+    yield ok("daemon", f"runs (pid {tap.hello.get('pid')}), and has the camera: it was asked")
+    try:
+        health = _health(tap)
+        if health is not None:
+            yield from (finding for finding in checks(tap.hello, health) if finding.name != "map")
+        yield from _in_view(tap)
+    except TapError as error:
+        yield unknown("panels", f"could not be looked for: {error}")
+
+
+def _health(tap: Client) -> dict[str, Any] | None:
+    until_s = time.monotonic() + HEALTH_S
+    for line in tap.lines(tick_s=HEALTH_S):
+        if line["type"] == "health":
+            return line
+        if time.monotonic() > until_s:
+            break
+    return None
+
+
+def _in_view(tap: Client) -> list[Finding]:
+    """The picture of several in which most is told."""
+    pictures = [tap.picture(*WITH_REASONS) for _ in range(PICTURES)]
+    picture = max(pictures, key=lambda one: len(not_read_of(one)))
+    read = sorted({marker["id"] for one in pictures for marker in one["decoded"]["markers"]})
+    why = why_not_of(tap.hello).explain(frame_of(tap.hello, picture), not_read_of(picture), read_px_of(picture))
+    return findings_of(read, why)
 
 
 def checks(hello: dict[str, Any], health: dict[str, Any]) -> list[Finding]:
@@ -35,26 +87,21 @@ def _lens(hello: dict[str, Any]) -> Finding:
 
 
 def _exposure(hello: dict[str, Any]) -> Finding | None:
-    panels, exposure_us = hello["panels"], hello["camera"].get("exposure_us")
+    exposure_us = hello["camera"].get("exposure_us")
     if not exposure_us:
         return None
-    values = {key: panels[key] for key in ("side_m", "black_hz", "white_hz", "duty", "phase") if key in panels}
     try:
-        spec = PanelSpec(**values)
-    except (ValueError, TypeError) as error:
+        panels = settings_of(hello)
+        weak = " and ".join(f"{hz:g} Hz" for hz in vanishing(panels, exposure_us))
+    except (TapError, ValueError) as error:
         return bad("panels", str(error), "correct the configuration's panels")
-    weak = [
-        f"{hz:g} Hz"
-        for hz in spec.waves_hz
-        if contrast(hz, exposure_us, spec.duty) < NEAR_NULL * min(2.0, 1e6 / (hz * exposure_us))
-    ]
     if weak:
         return bad(
             "exposure",
-            f"{exposure_us:.0f} µs are near a null of {' and '.join(weak)}: such bands all but vanish",
+            f"{exposure_us:.0f} µs are at a null of {weak}: such bands all but vanish",
             "exposure × frequency must be near a whole number and a half: ledpi panel design",
         )
-    return ok("exposure", f"{exposure_us:.0f} µs show the bands of {spec.blinking()}")
+    return ok("exposure", f"{exposure_us:.0f} µs show the bands of {panels.spec().blinking()}")
 
 
 def _map(hello: dict[str, Any]) -> Finding:
