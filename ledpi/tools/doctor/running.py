@@ -66,7 +66,7 @@ def _in_view(tap: Client) -> list[Finding]:
 
 
 def checks(hello: dict[str, Any], health: dict[str, Any]) -> list[Finding]:
-    """Camera, lens, exposure, map, serial line and processor, as the daemon tells them."""
+    """Camera, lens, exposure, map, serial port and processor, as the daemon tells them."""
     found = (_camera(health), _lens(hello), _exposure(hello), _map(hello), _line(health), _processor(health))
     return [finding for finding in found if finding is not None]
 
@@ -117,8 +117,8 @@ def _line(health: dict[str, Any]) -> Finding | None:
         return None
     if not wire.get("connected"):
         said = str(wire.get("error") or "the port cannot be opened")
-        return bad("serial line", said, "plug the controller in, or set serial.port: ls /dev/serial/by-id")
-    return ok("serial line", f"{wire.get('packets', 0)} packets sent, {wire.get('dropped', 0)} dropped")
+        return bad("serial port", said, "plug the controller in, or set serial.port: ls /dev/serial/by-id")
+    return ok("serial port", f"{wire.get('packets', 0)} packets sent, {wire.get('dropped', 0)} dropped")
 
 
 def _processor(health: dict[str, Any]) -> Finding | None:

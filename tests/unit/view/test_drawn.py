@@ -19,6 +19,7 @@ from ledpi.view.encode import amplified, as_jpeg, as_png, focus, histogram
 from ledpi.view.lines import check_line
 from ledpi.view.overlay import drawn, drawn_reasons
 from ledpi.view.panels import PanelTable
+from ledpi.view.server import _FILES
 from ledpi.view.top_down import panels_from_above, robot_from_above
 from tests.builders import ROOT
 from tests.builders.made_up_daemon import HELLO, PANEL, decoded
@@ -241,7 +242,7 @@ def test_letters_stand_out_from_their_ground(scheme: str) -> None:
 def test_the_page_needs_nothing_from_elsewhere() -> None:
     """No address of another machine in it, no inline script or style: it works offline, and under its own policy."""
     static = ROOT / "ledpi/view/static"
-    assert sorted(path.name for path in static.iterdir()) == ["index.html", "view.css", "view.js"]
+    assert {f"/{path.name}" for path in static.iterdir()} == {*_FILES, "/index.html"} - {"/"}
     for path in static.iterdir():
         text = path.read_text(encoding="utf-8").replace("http://www.w3.org/2000/svg", "")
         assert "//" not in re.sub(r"^\s*//.*$|\s// .*$", "", text, flags=re.MULTILINE), path

@@ -252,7 +252,7 @@ def test_on_the_network_nothing_is_told_without_the_token(tmp_path: Path) -> Non
             assert site.ask("GET", path).status == 401
             assert site.ask("GET", path, {"Authorization": "Bearer wrong"}).status == 401
         assert site.ask("GET", "/api/state", RIGHT).status == 200
-        assert TOKEN.encode() not in b"".join(site.ask("GET", path).body for path in ("/", "/view.js", "/view.css"))
+        assert TOKEN.encode() not in b"".join(site.ask("GET", path).body for path in ("/", "/main.js", "/view.css"))
     finally:
         site.close()
 
@@ -305,7 +305,7 @@ def test_every_answer_has_the_headers(site: Site, method: str, path: str, status
 
 @pytest.mark.parametrize(
     "path",
-    ["/../../etc/passwd", "/%2e%2e/%2e%2e/etc/passwd", "//etc/passwd", "/view.js/", "/static/view.js", "/index.html"],
+    ["/../../etc/passwd", "/%2e%2e/%2e%2e/etc/passwd", "//etc/passwd", "/main.js/", "/static/main.js", "/index.html"],
 )
 def test_no_path_reaches_the_file_system(site: Site, path: str) -> None:
     """There is a fixed table of pages."""

@@ -17,7 +17,7 @@ def found(hello: dict[str, Any] | None = None, health: dict[str, Any] | None = N
 def test_a_daemon_that_is_well_has_nothing_to_put_right() -> None:
     """Without a map it sends no place, which may be meant so."""
     states = {name: state for name, (state, _) in found().items()}
-    assert states == dict.fromkeys(("camera", "lens", "exposure", "serial line", "processor"), "ok") | {
+    assert states == dict.fromkeys(("camera", "lens", "exposure", "serial port", "processor"), "ok") | {
         "map": "unknown"
     }
 
@@ -29,7 +29,7 @@ def test_a_daemon_that_is_well_has_nothing_to_put_right() -> None:
         ({"camera": HELLO["camera"] | {"exposure_us": 8000.0}}, {}, "exposure", "at a null of 1250 Hz"),
         ({}, {"state": "camera_lost"}, "camera", "is lost"),
         ({}, {"no_fix": "behind"}, "frames", "faster than they are decoded"),
-        ({}, {"wire": {"connected": False, "error": "no such port"}}, "serial line", "no such port"),
+        ({}, {"wire": {"connected": False, "error": "no such port"}}, "serial port", "no such port"),
         ({}, {"throttled": 1}, "processor", "voltage is too low"),
         ({}, {"temperature_c": 85.0}, "processor", "too hot"),
     ],
