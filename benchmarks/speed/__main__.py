@@ -6,7 +6,7 @@ import sys
 
 from benchmarks.running import Part, run
 
-PARTS = (Part("panels"), Part("latency"), Part("capture", module="libcamera"))
+PARTS = (Part("panels"), Part("latency"), Part("viewers"), Part("capture", module="libcamera"))
 
 if __name__ == "__main__":
     sys.exit(run("benchmarks.speed", PARTS))

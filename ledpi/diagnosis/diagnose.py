@@ -29,7 +29,7 @@ Kind = Literal["panel", "light", "shape"]  # what it surely is, what it may be: 
 _ORDER: tuple[Kind, ...] = ("panel", "light", "shape")
 
 LIT = 1.5  # times the light around it: what is darker is no light
-SMALLEST_PX = 12.0  # side of what is called a light: smaller ones are too many, and no panel is read so small
+SMALLEST_PX = 12.0  # side of what is told of: smaller things are too many, and as panels they would be 8 m away
 MOST_FULL = 0.25  # of a thing's pixels, or of a picture's: with more of them full, a cell has too few that are not
 LEAST_STEP = 1.0  # grey levels: bands that change the picture by less are lost as it is rounded
 MOST_BLUR_PX = 2.0  # twice what a focused lens leaves
@@ -158,9 +158,11 @@ def _diagnosis(frame: Frame, panels: PanelSettings, one: NotRead, supposed: Sequ
     mistake = next((s.mistake for s in supposed if same_place(one.corners_px, s.corners_px)), None)
     if mistake is None and one.cells_nats is not None:
         mistake = mistake_of(one.cells_nats, load_dictionary(panels.dictionary))
-    look = look_at(frame, one.corners_px)
-    kind: Kind = "panel" if mistake is not None or one.why in _BLINKS else "shape"
-    if kind == "shape" and _is_light(look, one.corners_px):
+    look, is_large = look_at(frame, one.corners_px), side_px(one.corners_px) >= SMALLEST_PX
+    kind: Kind = "shape"
+    if mistake is not None or (one.why in _BLINKS and is_large):
+        kind = "panel"
+    elif look.brighter >= LIT and is_large:
         kind = "light"
     if mistake is None and kind != "shape":
         mistake = _symptom(frame, panels, one, look)
@@ -170,10 +172,6 @@ def _diagnosis(frame: Frame, panels: PanelSettings, one: NotRead, supposed: Sequ
     return Diagnosis(
         corners_px=one.corners_px, why=one.why, says=means, helps=helps, kind=kind, cells_nats=one.cells_nats
     )
-
-
-def _is_light(look: Look, corners: Floats) -> bool:
-    return look.brighter >= LIT and side_px(corners) >= SMALLEST_PX
 
 
 def _symptom(frame: Frame, panels: PanelSettings, one: NotRead, look: Look) -> Mistake | None:

@@ -9,7 +9,7 @@ import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -37,18 +37,19 @@ class Page:
 
     def ask(self, path: str) -> Any:
         """A JSON answer of the page's server."""
-        return json.loads(self._asked(path))
+        return json.loads(self.asked(path))
 
     def frame(self, kind: str) -> dict[str, Any]:
         """What is told with the next picture."""
         data = b""
         while not data:  # no picture yet
-            data = self._asked(f"/api/frame?kind={kind}")
+            data = self.asked(f"/api/frame?kind={kind}")
         size = int.from_bytes(data[:4], "big")
         told: dict[str, Any] = json.loads(data[4 : 4 + size])
         return told
 
-    def _asked(self, path: str) -> bytes:
+    def asked(self, path: str) -> bytes:
+        """The answer as it comes."""
         request = Request(f"http://127.0.0.1:{self.port}{path}", headers={"Authorization": f"Bearer {self.token}"})
         with build_opener(ProxyHandler({})).open(request, timeout=DEADLINE_S) as answer:
             return bytes(answer.read())
@@ -84,11 +85,11 @@ def _start(command: list[str], at: Path, folder: Path | None = None) -> subproce
 
 
 @contextmanager
-def view(folder: Path, *settings: str) -> Iterator[Page]:
-    """`ledpi view` of the daemon of `start_daemon`, at any free port."""
+def view(folder: Path, *settings: str, before: Sequence[str] = ()) -> Iterator[Page]:
+    """`ledpi view` of the daemon whose tap is in `folder`, at any free port. `before` its command stands another."""
     given = (f"tap.socket={folder}/tap.sock", "view.listen=127.0.0.1:0", *settings)
     options = [part for item in given for part in ("--set", item)]
-    command = [*COMMAND, "view", *options]
+    command = [*before, *COMMAND, "view", *options]
     with ended(subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, text=True)) as process:
         assert process.stdout is not None
         said = process.stdout.readline()
