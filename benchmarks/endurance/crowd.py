@@ -2,11 +2,11 @@
 
 The daemon reads a recording, paced as its sensor, and keeps the last seconds. Of its clients two ask for pictures with
 all reasons, ten ask and never read, and are there again as soon as they are parted with; the others read each line.
-The memory of its own (RssAnon) is looked at each second: after the warm-up, in which the ring fills, the medians of the
-first and of the last quarter may differ by --allow-mib. Exit status 1 where they do, or where a packet was lost or
-damaged, a client that reads was parted with, or the daemon ended.
+The memory of its own (RssAnon) is looked at each second: after the warm-up, in which the ring, caches and heap fill, the
+medians of the first and of the last quarter may differ by --allow-mib. Exit status 1 where they do, or where a packet
+was lost or damaged, a client that reads was parted with, or the daemon ended.
 
-    python -m benchmarks.endurance crowd [--minutes 10] [--clients 50] [--allow-mib 1]
+    python -m benchmarks.endurance crowd [--warm-up 5] [--minutes 10] [--clients 50] [--allow-mib 1]
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from tests.builders.tap import Raw, reach
 
 RING_MB = 32
 PICTURED, STALLED = 2, 10
-WARM_UP_S = 15.0
+TOLD_S = 60.0  # between two lines of the table that is printed on the way
 STALLED_LOOK_S = 1.0  # between two looks whether one was parted with
 
 
@@ -85,9 +85,20 @@ class Crowd:
                 client.close()
 
 
-def judge(minutes: float, clients: int, allow_mib: float) -> list[str]:
-    """Runs it, prints what came of it, and returns what is wrong with that."""
+def follow(pid: int, seconds: float) -> list[Sample]:
+    """The process each second, with a line each minute."""
     samples: list[Sample] = []
+    end_s = time.monotonic() + seconds
+    while time.monotonic() < end_s and (now := sample(pid, 0)) is not None:
+        samples.append(now)
+        if len(samples) % TOLD_S == 0:
+            print(f"{now.memory / MIB:.2f} MiB, {now.descriptors} descriptors", flush=True)
+        time.sleep(1.0)
+    return samples
+
+
+def judge(warm_up: float, minutes: float, clients: int, allow_mib: float) -> list[str]:
+    """Runs it, prints what came of it, and returns what is wrong with that."""
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         take, line = stack.enter_context(recording_in_memory()), stack.enter_context(controller())
@@ -97,17 +108,14 @@ def judge(minutes: float, clients: int, allow_mib: float) -> list[str]:
             *settings,
             f"rewind.memory_mb={RING_MB}",
             options=("--frames", "100000000"),
-            deadline_s=60 * minutes + 300,
+            deadline_s=60 * (warm_up + minutes) + 300,
         )
         process = stack.enter_context(started)
         reach(tap).close()
         crowd = Crowd(tap, clients)
-        time.sleep(WARM_UP_S)
+        follow(process.pid, 60 * warm_up)
         first = len(line.markers)
-        end_s = time.monotonic() + 60 * minutes
-        while time.monotonic() < end_s and (now := sample(process.pid, 0)) is not None:
-            samples.append(now)
-            time.sleep(1.0)
+        samples = follow(process.pid, 60 * minutes)
         lives, parted = process.poll() is None, crowd.parted_readers
         crowd.close()
         counters, latency_ms = line.receiver.counters, latencies_ms(line.markers[first:], take)
@@ -139,11 +147,12 @@ def judge(minutes: float, clients: int, allow_mib: float) -> list[str]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("--warm-up", type=float, default=5.0, help="minutes before, in which caches and heap fill")
     parser.add_argument("--minutes", type=float, default=10.0)
     parser.add_argument("--clients", type=int, default=50)
     parser.add_argument("--allow-mib", type=float, default=1.0, help="growth that is taken for none")
     arguments = parser.parse_args()
-    faults = judge(arguments.minutes, arguments.clients, arguments.allow_mib)
+    faults = judge(arguments.warm_up, arguments.minutes, arguments.clients, arguments.allow_mib)
     for fault in faults:
         print(f"crowd: {fault}", file=sys.stderr)
     sys.exit(1 if faults else 0)
