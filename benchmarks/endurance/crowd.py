@@ -2,7 +2,7 @@
 
 The daemon reads a recording, paced as its sensor, and keeps the last seconds. Of its clients two ask for pictures with
 all reasons, ten ask and never read, and are there again as soon as they are parted with; the others read each line.
-The memory of its own (RssAnon) is looked at each second: after the warm-up, in which the ring, caches and heap fill, the
+The memory of its own (RssAnon) is looked at each second: after the warm-up, in which ring, caches and heap fill, the
 medians of the first and of the last quarter may differ by --allow-mib. Exit status 1 where they do, or where a packet
 was lost or damaged, a client that reads was parted with, or the daemon ended.
 

@@ -62,12 +62,12 @@ def mid_exposure_to_ready_ms(take: Path, centre_row: float) -> float:
 
 
 @contextmanager
-def recording_in_memory(frames: int = FRAMES) -> Iterator[Path]:
+def recording_in_memory(frames: int = FRAMES, *, plain: bool = False) -> Iterator[Path]:
     """A panel 1 m straight ahead, its centre in the picture's, where neither disk nor processor delays a picture."""
     place = IN_MEMORY if IN_MEMORY.is_dir() else None
     with tempfile.TemporaryDirectory(dir=place) as folder:
         take = Path(folder) / "take"
-        write_recording(take, frames)
+        write_recording(take, frames, plain=plain)
         for picture in (take / "frames").iterdir():
             content = cv2.imread(str(picture), cv2.IMREAD_UNCHANGED)
             assert content is not None
