@@ -46,7 +46,7 @@ DRAWN = {
         "first-panel-circuit.png",
         "first-panel.jpg",
     ),
-    "scripts.pictures_live_page": ("view-desktop.png", "view-phone.png"),
+    "scripts.pictures_live_page": ("view-desktop.png", "view-phone.png", "view-why-not.png"),
     "scripts.pictures_frequencies": (
         "frequencies-bands.png",
         "frequencies-contrast.png",

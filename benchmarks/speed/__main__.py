@@ -10,6 +10,7 @@ PARTS = (
     Part("panels"),
     Part("worst_frames", ("--only", "/600/4X4_50/")),  # all of them take a quarter of an hour
     Part("latency"),
+    Part("viewers"),
     Part("capture", module="libcamera"),
 )
 

@@ -16,16 +16,22 @@ import signal
 import sys
 import tempfile
 import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import numpy as np
 
+from ledpi.core.records import Floats
 from ledpi.recording.reader import load_recording
-from tests.builders.daemon import controller, daemon, end, write_recording
+from ledpi.wire import MarkerMessage
+from tests.builders.daemon import DEADLINE_S, controller, daemon, end, write_recording
 
 IN_MEMORY = Path("/dev/shm")  # where there is such a thing
+CENTRE_ROW = 239.5  # of the panel, and of the picture
+WARM_UP = 200  # packets
 FRAMES = 600  # of the recording, which is repeated: in each first one, nothing is followed yet
 
 
@@ -55,26 +61,37 @@ def mid_exposure_to_ready_ms(take: Path, centre_row: float) -> float:
     return float((camera.height - centre_row) * camera.row_time_us + camera.exposure_us / 2) / 1e3
 
 
-def measure(seconds: float, *, frames: int = FRAMES, warm_up: int = 200, centre_row: float = 239.5) -> Latency:
-    """Runs the daemon for so long after `warm_up` packets, with a receiver that reads all at once."""
+@contextmanager
+def recording_in_memory(frames: int = FRAMES, *, plain: bool = False) -> Iterator[Path]:
+    """A panel 1 m straight ahead, its centre in the picture's, where neither disk nor processor delays a picture."""
     place = IN_MEMORY if IN_MEMORY.is_dir() else None
-    with tempfile.TemporaryDirectory(dir=place) as folder, controller() as line:
+    with tempfile.TemporaryDirectory(dir=place) as folder:
         take = Path(folder) / "take"
-        write_recording(take, frames)  # a panel 1 m straight ahead: its centre is the picture's
+        write_recording(take, frames, plain=plain)
         for picture in (take / "frames").iterdir():
             content = cv2.imread(str(picture), cv2.IMREAD_UNCHANGED)
             assert content is not None
             cv2.imwrite(str(picture), content, [cv2.IMWRITE_PNG_COMPRESSION, 0])
+        yield take
+
+
+def latencies_ms(markers: Sequence[MarkerMessage], take: Path, centre_row: float = CENTRE_ROW) -> Floats:
+    """Of each packet: from the frame that is ready to its first byte."""
+    return np.array([marker.age_us for marker in markers]) / 1e3 - mid_exposure_to_ready_ms(take, centre_row)
+
+
+def measure(seconds: float, *, frames: int = FRAMES, warm_up: int = WARM_UP, centre_row: float = CENTRE_ROW) -> Latency:
+    """Runs the daemon for so long after `warm_up` packets, with a receiver that reads all at once."""
+    with recording_in_memory(frames) as take, controller() as line:
         settings = (f"camera.source=recording:{take}", f"serial.port={line.port}")
-        with daemon(*settings, options=("--frames", "1000000")) as process:
+        with daemon(*settings, options=("--frames", "1000000"), deadline_s=DEADLINE_S + seconds) as process:
             line.wait_for(lambda c: len(c.markers) > warm_up)
             first = len(line.markers)
             time.sleep(seconds)
             assert end(process, signal.SIGTERM).status == 0
         line.close()
-        ages_ms = np.array([marker.age_us for marker in line.markers[first:]]) / 1e3
+        latency_ms = latencies_ms(line.markers[first:], take, centre_row)
         status = line.statuses[-1][1]
-        latency_ms = ages_ms - mid_exposure_to_ready_ms(take, centre_row)
     return Latency(
         packets=len(latency_ms),
         decode_p50=(status.decode_p50_us or 0) / 1e3,

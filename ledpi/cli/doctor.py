@@ -28,8 +28,9 @@ def doctor(
 ) -> None:
     """One page of ✓ and ✗, each ✗ with what to do.
 
-    What has a · could not be looked at here. Exit status 0 where `ledpi run` would run with this configuration,
-    else 1. The camera must be free: stop the daemon first (sudo systemctl stop ledpi).
+    What has a · could not be looked at here, or may be no fault. It also looks for panels, and says why one is not
+    read. Exit status 0 where `ledpi run` would run with this configuration, else 1. A daemon that runs here, and has
+    the camera, is asked; else the camera must be free.
 
     Example: ledpi doctor --config /etc/ledpi/config.yaml
     """

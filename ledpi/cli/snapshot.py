@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -16,14 +15,11 @@ from ledpi.core.errors import CameraError, ConfigError, RecordingError, TapError
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from ledpi.camera.base import Camera
     from ledpi.config.settings import Config
-    from ledpi.core.records import CameraInfo, Decoded, Frame, Intrinsics, MarkerPose, PanelValues, Pixels
+    from ledpi.core.records import CameraInfo, Decoded, Frame, Intrinsics, MarkerPose, PanelValues
+    from ledpi.diagnosis.why_not import Why
 
 FORMATS = (".png", ".jpg")
-EXPOSE_S = 4.0  # twice what the gain's sweep takes
-LOOK_FRAMES = 30  # half a second of a camera
-UNUSABLE_FRAMES = 30  # in a row, half a second of a camera, after which it is given up
 
 
 class _Source(NamedTuple):
@@ -53,17 +49,18 @@ def snapshot(
 ) -> None:
     """One frame as an annotated picture.
 
-    It shows the bands, amplified, the cells, the poses, and what was dropped and why.
+    It shows the bands, amplified, the cells, the poses, and why a panel is not read.
     The frame is decoded alone, without memory of those before; without --frame, a camera's first that shows a panel,
-    if one of half a second does. One line on standard output says what was read, and from where. A daemon that runs
-    here has the camera: its frame is taken, unless --frame or a --set of the section `camera` asks for the camera.
+    if one of half a second does. Standard output says what was read, and from where; and, for each panel that was not
+    read, what is wrong with it and what helps. A daemon that runs here has the camera: its frame is taken, unless
+    --frame or a --set of the section `camera` asks for the camera.
 
     Example: ledpi snapshot recordings/drive --frame 42 --out frame42.png
     """
     from ledpi.config.settings import find_config, load_config
     from ledpi.pipeline.pipeline import Pipeline
     from ledpi.tools.snapshot.page import draw
-    from ledpi.tools.snapshot.record import take
+    from ledpi.tools.snapshot.record import explain, take
     from ledpi.tools.snapshot.steps import draw_steps
 
     if out.suffix.lower() not in FORMATS:
@@ -91,8 +88,11 @@ def snapshot(
         stream=False,
     )
     taken = take(source.title, source.frame, pipeline, source.intrinsics)
-    write_drawn(out, draw_steps(taken) if steps else draw(taken), "--out")
+    why = explain(taken)
+    write_drawn(out, draw_steps(taken) if steps else draw(taken, why), "--out")
     typer.echo(f"{out}: {source.title}: {summary(taken.decoded)}")
+    for says, helps in reasons(why):
+        typer.echo(f"  {says}\n    → {helps}" if helps else f"  {says}")
 
 
 def _open(path: Path | None, settings: Config, seq: int | None) -> _Source:
@@ -108,6 +108,7 @@ def _open(path: Path | None, settings: Config, seq: int | None) -> _Source:
 def _from_daemon() -> _Source | None:
     """None where no daemon runs here."""
     from ledpi.tap.client import connect
+    from ledpi.tools.snapshot.from_camera import LOOK_FRAMES
     from ledpi.tools.snapshot.from_daemon import showing_a_panel
 
     try:
@@ -124,39 +125,22 @@ def _from_camera(settings: Config, seq: int | None) -> _Source:
 
     Replays and the simulator are not waited for.
     """
-    import numpy as np
-
     from ledpi.camera.factory import open_camera
     from ledpi.runtime.daemon import calibration
+    from ledpi.tools.snapshot.from_camera import Looking
 
     name = settings.camera.source
     camera = open_camera(settings, paced=name.partition(":")[0] not in ("simulated", "recording"))
-    into = np.empty((camera.info.height, camera.info.width), np.uint8)
     try:
-        _expose(camera, settings, into)
-        frames = _usable(camera, name, into)
-        frame = _with_a_panel(frames, camera, settings) if seq is None else _numbered(frames, seq)
+        looking = Looking(camera, settings)
+        looking.expose()
+        frame = looking.showing_a_panel() if seq is None else _numbered(looking.frames(), seq)
         if frame is None:
             raise CameraError(f"camera.source: {name} ended before frame {seq or 0}")
         lens = calibration(settings, camera)
         return _Source(f"{Path(name).name}, frame {frame.seq}", frame, camera.info, camera.panel, lens)
     finally:
         camera.close()
-
-
-def _usable(camera: Camera, name: str, into: Pixels) -> Iterator[Frame]:
-    """Frame by frame, each in the place of the one before, until the camera's end."""
-    from ledpi.core.records import Rejected
-
-    unusable = 0
-    while (frame := camera.read(into)) is not None:
-        if not isinstance(frame, Rejected):
-            unusable = 0
-            yield frame
-            continue
-        unusable += 1
-        if unusable >= UNUSABLE_FRAMES:
-            raise CameraError(f"camera.source: {name} gave {unusable} unusable frames in a row: {frame.key}")
 
 
 def _numbered(frames: Iterator[Frame], seq: int) -> Frame | None:
@@ -166,42 +150,6 @@ def _numbered(frames: Iterator[Frame], seq: int) -> Frame | None:
             if frame.seq >= seq:
                 return frame
     return None
-
-
-def _with_a_panel(frames: Iterator[Frame], camera: Camera, settings: Config) -> Frame | None:
-    """The first that shows a panel by itself; where none of LOOK_FRAMES does, the last, to show why."""
-    from ledpi.pipeline.pipeline import Pipeline
-
-    method = settings.decode.method
-    alone = Pipeline(
-        camera.info, settings.panels, intrinsics=None, source_panel=camera.panel, method=method, stream=False
-    )
-    frame = None
-    for frame in itertools.islice(frames, LOOK_FRAMES):
-        if alone.decode(frame).markers:
-            break
-    return frame
-
-
-def _expose(camera: Camera, settings: Config, into: Pixels) -> None:
-    """Where the gain is `auto`: looks for the panels with every gain, for EXPOSE_S at most."""
-    import time
-
-    from ledpi.camera.gain_follower import GainFollower
-    from ledpi.core.records import Frame
-    from ledpi.pipeline.pipeline import Pipeline
-
-    follower = GainFollower(camera)
-    if follower.settled:
-        return
-    pipeline = Pipeline(camera.info, settings.panels, intrinsics=None, source_panel=camera.panel)
-    end_s = time.monotonic() + EXPOSE_S
-    while not follower.settled and time.monotonic() < end_s:
-        frame = camera.read(into)
-        if frame is None:
-            return
-        if isinstance(frame, Frame):
-            follower.see(frame, pipeline.decode(frame))
 
 
 def _from_recording(folder: Path, settings: Config, seq: int | None) -> _Source:
@@ -235,6 +183,12 @@ def _from_picture(path: Path, settings: Config) -> _Source:
     lens = settings.camera.intrinsics
     intrinsics = None if lens is None else load_intrinsics(lens, (camera.width, camera.height))
     return _Source(path.name, read_still(path, camera), camera, None, intrinsics)
+
+
+def reasons(why: Why) -> list[tuple[str, str]]:
+    """What is not read, and why, and what helps; what most likely is no panel is left out."""
+    told = [(one.line, one.helps) for one in why.diagnoses if one.kind != "shape"]
+    return told + [(note.says, note.helps) for note in why.notes]
 
 
 def summary(decoded: Decoded) -> str:

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from ledpi.core.records import Floats
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.identify.codewords import class_flip_gain
 from ledpi.markers.codewords import Bits
+from ledpi.pipeline.trace import SquareTrace
+
+FREE_PARAMETERS = 4  # of the bands of two frequencies: cosine and sine of each
 
 
 def class_given_others(evidence: Evidence, cell_bands: Floats, codeword: Bits) -> Floats:
@@ -32,3 +37,13 @@ def class_alone(evidence: Evidence) -> Floats:
         fitted = np.linalg.solve(own + np.linalg.inv(prior), b[..., None])[..., 0]
         nats.append(0.5 * ((b * fitted).sum(axis=1) - np.linalg.slogdet(np.eye(2) + prior @ own)[1]))
     return np.asarray(nats[1] - nats[0])
+
+
+def classes_unread(square: SquareTrace) -> Floats | None:
+    """(n, n) `class_alone` of a square that was not read; None where no cell says anything by itself."""
+    evidence = square.evidence
+    if not isinstance(evidence, Evidence) or len(evidence.prior) != FREE_PARAMETERS:
+        return None
+    nats = class_alone(evidence)
+    side = math.isqrt(len(nats))
+    return nats.reshape(side, side)

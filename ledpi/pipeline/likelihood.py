@@ -136,6 +136,7 @@ class LikelihoodPath:
         work.rejected.extend(dropped)
         if work.trace is not None:
             work.trace.candidates.extend(candidates)
+            work.trace.searched = True
         work.add_time("find", start)
         return candidates
 

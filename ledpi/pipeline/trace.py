@@ -45,5 +45,6 @@ class Trace:
 
     dropped: list[Dropped] = field(default_factory=list)
     candidates: list[Candidate] = field(default_factory=list)
+    searched: bool = False  # the whole picture: a stream does so in every third frame, or where a panel is missing
     squares: list[SquareTrace] = field(default_factory=list)
     uemura: list[Steps] = field(default_factory=list)

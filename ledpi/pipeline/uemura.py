@@ -26,6 +26,7 @@ class UemuraPath:
             steps = reader.read(frame)
             if work.trace is not None:
                 work.trace.uemura.append(steps)
+                work.trace.searched = True
             if not steps.squares:
                 work.rejected.append(NO_SQUARE)
             for square in steps.squares:

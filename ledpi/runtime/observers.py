@@ -75,7 +75,8 @@ class Observers:
     def tell(self, health: dict[str, Any]) -> None:
         """How the daemon is."""
         if self._tap is not None:
-            self._tap.tell(health)
+            kept_s = None if self._rewind is None else round(self._rewind.kept_s, 1)
+            self._tap.tell(health | {"kept_s": kept_s})
 
     def end(self) -> None:
         """No more frames are written than wait already."""

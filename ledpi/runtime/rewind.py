@@ -51,6 +51,11 @@ class Rewind:
                 event("rewind_short", seconds=round(holds_s, 1), wanted=settings.seconds, memory_mb=budget // 1_000_000)
             )
 
+    @property
+    def kept_s(self) -> float:
+        """How many seconds are kept now."""
+        return self._ring.kept_s
+
     def start(self) -> None:
         """Once, before anything is saved."""
         self._writer.start()

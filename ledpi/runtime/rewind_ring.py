@@ -60,6 +60,14 @@ class RewindRing(Rooms):
         if self._stated_ns is None or not 0 <= frame.row0_readout_ns - self._stated_ns < self._state_every_ns:
             self._state, self._stated_ns = state(), frame.row0_readout_ns
 
+    @property
+    def kept_s(self) -> float:
+        """From the first frame that is kept to the last one. From any thread."""
+        with self._changing:
+            if not self._kept:
+                return 0.0
+            return (self._kept[-1].frame.row0_readout_ns - self._kept[0].frame.row0_readout_ns) * 1e-9
+
     def begin(self, state: PipelineState) -> None:
         """The state before the first frame."""
         self._state = state

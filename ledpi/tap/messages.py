@@ -16,7 +16,7 @@ from ledpi.core.shutter import row_mid_exposure_ns
 from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.identify.decision import Reading
 from ledpi.markers.dictionaries import load_dictionary
-from ledpi.pipeline.each_cell import class_alone, class_given_others
+from ledpi.pipeline.each_cell import class_given_others, classes_unread
 from ledpi.pipeline.output import decoded_as_json
 from ledpi.pipeline.trace import SquareTrace, Trace
 from ledpi.pose.panel_map import PanelMap
@@ -150,14 +150,11 @@ def _look(square: SquareTrace, panels: PanelSettings) -> dict[str, Any]:
 def _cells(square: SquareTrace, panels: PanelSettings) -> list[float] | None:
     """The first is at the first corner, the row goes toward the second. None where no cell says anything by itself."""
     evidence, reading = square.evidence, square.reading
-    if not isinstance(evidence, Evidence):
-        return None
-    if isinstance(reading, Reading):
+    if isinstance(evidence, Evidence) and isinstance(reading, Reading):
         word = np.rot90(load_dictionary(panels.dictionary).codeword(reading.id), -reading.quarter_turns)
         return _rounded(class_given_others(evidence, reading.cell_bands, word.ravel()), 1)
-    if len(evidence.prior) != 4:  # in antiphase
-        return None
-    return _rounded(class_alone(evidence), 1)
+    nats = classes_unread(square)
+    return None if nats is None else _rounded(nats.ravel(), 1)
 
 
 def _corners(corners_px: Floats) -> list[list[float]]:

@@ -36,6 +36,9 @@ MOST_WAITING_BYTES = 1 << 23
 # Between two turns, in each of which a client may ask one thing: one that floods the tap must not keep the interpreter,
 # which the decoder needs, busy.
 PACE_S = 0.002
+# Frames that are passed over for one of which the whole picture was searched, where somebody wants to know what was
+# rejected: a stream searches in every third.
+MOST_PASSED = 3
 _QUEUE = 4  # frames between the decode thread and this one
 _TURN_S = 1.0
 _JOIN_S = 0.5
@@ -67,6 +70,7 @@ class Tap:
         self._latency_ms: list[float] = []  # since the last line of health
         self._asked: list[tuple[Follower, Request]] = []  # for pictures
         self._wanted: frozenset[Extra] | None = None  # what the next picture comes with; None: there is to be none
+        self._passed = 0  # frames since then that were not searched
         self._pictured_s = self._turned_s = 0.0
         self._thread = threading.Thread(target=self._run, name="tap", daemon=True)
 
@@ -105,8 +109,8 @@ class Tap:
         if not self._followed:
             return
         pixels = None
-        if self._wanted is not None and (not self._wanted or trace is not None):
-            self._wanted, pixels = None, frame.pixels.copy()
+        if self._is_wanted(trace):
+            self._wanted, self._passed, pixels = None, 0, frame.pixels.copy()
         self._number += 1
         self._news.append(
             Shown(
@@ -120,6 +124,16 @@ class Tap:
             )
         )
         self._ring()
+
+    def _is_wanted(self, trace: Trace | None) -> bool:
+        """Whether a frame that left this trace answers those who wait for a picture."""
+        wanted = self._wanted
+        if wanted is None or (wanted and trace is None):
+            return False
+        if trace is None or trace.searched or "rejected" not in wanted:
+            return True
+        self._passed += 1
+        return self._passed > MOST_PASSED
 
     def tell(self, health: Mapping[str, Any]) -> None:
         """The state of things; once a second."""

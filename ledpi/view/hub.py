@@ -12,7 +12,7 @@ from typing import Any
 
 from ledpi.core.errors import TapError
 from ledpi.tap.client import Client, connect
-from ledpi.view.checks import checks
+from ledpi.tools.doctor.running import checks
 from ledpi.view.lines import check_line
 from ledpi.view.panels import PanelTable
 from ledpi.view.pictures import Pictures

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import cv2
@@ -10,10 +11,11 @@ import numpy as np
 
 from ledpi.core.geometry import matrix_from_quaternion, project_to_quad
 from ledpi.core.records import Floats
+from ledpi.diagnosis.diagnose import Diagnosis
+from ledpi.diagnosis.reasons import explained
 from ledpi.markers.codewords import Dictionary
 from ledpi.markers.dictionaries import load_dictionary
-from ledpi.pipeline.mistakes import mistake_of
-from ledpi.pipeline.reasons import explained
+from ledpi.tap.frames import not_read_of
 from ledpi.tools.monitor.table import yaw_deg
 
 CELL_SHARE = 0.9  # of a cell's pitch that is coloured
@@ -42,37 +44,28 @@ def place_of(marker: dict[str, Any]) -> dict[str, float | None]:
     return {"distance_m": round(math.hypot(*marker["position_m"]), 4), "yaw_deg": round(turned_deg, 1)}
 
 
-def why_not(picture: dict[str, Any], hello: dict[str, Any]) -> list[dict[str, Any]]:
-    """Each candidate of a line `picture` that was no panel: its corners, its reason's key and words, and what helps.
-
-    What `soft` has looked at also has its cells, as they seem, and the mistake that would explain them ("" if none).
-    """
-    dictionary = dictionary_of(hello)
-    looks = [look for look in picture.get("looks", []) if look.get("why")]
-    found = []
-    for rejected in picture.get("rejected", []):
-        corners = np.array(rejected["corners_px"], np.float64)
-        look = next((x for x in looks if np.abs(np.array(x["corners_px"]) - corners).max() < 1.0), None)
-        means, helps = explained(rejected["why"])
-        nats = _square(look) if look is not None else None
-        found.append(
-            {
-                "corners_px": rejected["corners_px"],
-                "why": rejected["why"],
-                "means": means,
-                "helps": helps,
-                "mistake": "" if nats is None or dictionary is None else mistake_of(nats, dictionary),
-                "cells": [] if nats is None else _cells(corners, nats > 0),
-            }
-        )
-    return found
+def drawn_reasons(diagnoses: Sequence[Diagnosis]) -> list[dict[str, Any]]:
+    """What was no panel that is read: its corners, what is wrong with it, what helps, and its cells as they seem."""
+    return [
+        {
+            "corners_px": one.corners_px.tolist(),
+            "kind": one.kind,
+            "why": one.why,
+            "says": one.says,
+            "helps": one.helps,
+            "cells": [] if one.cells_nats is None else _cells(one.corners_px, one.cells_nats > 0),
+        }
+        for one in diagnoses
+    ]
 
 
-def _square(look: dict[str, Any]) -> Floats | None:
-    """(n, n) of the numbers of a look's cells; None where there are none, or not of a square."""
-    nats = np.array(look.get("cells_nats") or [], np.float64)
-    side = math.isqrt(nats.size)
-    return nats.reshape(side, side) if side and side * side == nats.size else None
+def plain_reasons(picture: dict[str, Any]) -> list[Diagnosis]:
+    """The path's own reasons, where the daemon's panels cannot be looked for here."""
+    return [
+        Diagnosis(corners_px=one.corners_px, why=one.why, says=says, helps=helps, kind="light")
+        for one in not_read_of(picture)
+        for says, helps in [explained(one.why)]
+    ]
 
 
 def dictionary_of(hello: dict[str, Any]) -> Dictionary | None:

@@ -5,22 +5,24 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any, Literal, get_args
 
 import numpy as np
 
+from ledpi.core.errors import TapError
 from ledpi.core.records import Floats, Pixels
+from ledpi.diagnosis.why_not import WhyNot
+from ledpi.tap.frames import WITH_REASONS, frame_of, not_read_of, why_not_of
 from ledpi.view.band_tiles import paint_bands
 from ledpi.view.encode import amplified, as_jpeg, as_png, focus, histogram
-from ledpi.view.overlay import dictionary_of, drawn, why_not
+from ledpi.view.overlay import dictionary_of, drawn, drawn_reasons, plain_reasons
 
 Kind = Literal["plain", "bands", "whynot"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
 PERIOD_S = 1 / 15  # between two pictures, at least
 UNANSWERED_S = 2.0  # after which a picture is asked for again
 FRESH_S = 0.5  # a picture that is older is not shown to who comes now
-EXTRAS = ("rejected", "evidence")  # of a picture for `whynot`
 
 
 @dataclass(slots=True)
@@ -33,6 +35,7 @@ class Shown:
     hello: dict[str, Any]
     came_s: float
     has_why: bool
+    why_not: WhyNot | None = None  # None where the daemon's panels cannot be looked for here
     _made: dict[str, Any] = field(default_factory=dict)
     _making: threading.Lock = field(default_factory=threading.Lock)
 
@@ -79,8 +82,15 @@ class Shown:
             "focus_of": "panel" if quads else "picture",
         }
         if kind == "whynot":
-            told["why_not"] = why_not(self.line, self.hello)
+            told |= self._explained()
         return told
+
+    def _explained(self) -> dict[str, Any]:
+        picture = self.line | {"pixels": self.pixels}
+        if self.why_not is None:
+            return {"why_not": drawn_reasons(plain_reasons(picture)), "notes": []}
+        why = self.why_not.explain_at_once(frame_of(self.hello, picture), not_read_of(picture), self._quads())
+        return {"why_not": drawn_reasons(why.diagnoses), "notes": [asdict(note) for note in why.notes]}
 
     def _quads(self) -> list[Floats]:
         return [np.array(marker["corners_px"], np.float64) for marker in self.line["decoded"]["markers"]]
@@ -109,6 +119,8 @@ class Pictures:
         self._asked_s: float | None = None  # of the one that has not come yet
         self._may_ask_s = 0.0
         self._why_wanted_s = 0.0
+        self._explained: dict[str, Any] | None = None  # the hello of whose pictures `_why_not` tells
+        self._why_not: WhyNot | None = None
         self.came_so_far = 0  # none while nobody watches
 
     def came(self, line: dict[str, Any], hello: dict[str, Any]) -> None:
@@ -119,7 +131,9 @@ class Pictures:
             self.came_so_far += 1
             has_why = "rejected" in line
             now_s = time.monotonic()
-            self._newest = Shown(self._number, line, pixels, hello, now_s, has_why)
+            if has_why and hello is not self._explained:
+                self._explained, self._why_not = hello, _why_not_of(hello)
+            self._newest = Shown(self._number, line, pixels, hello, now_s, has_why, self._why_not)
             self._asked_s = None
             self._changed.notify_all()
 
@@ -155,8 +169,15 @@ class Pictures:
         if now_s < self._may_ask_s:
             return self._may_ask_s - now_s
         why = now_s - self._why_wanted_s < 1.0
-        if not self._ask(EXTRAS if why else ()):
+        if not self._ask(WITH_REASONS if why else ()):
             return 0.2
         self._asked_s = now_s
         self._may_ask_s = max(self._may_ask_s + PERIOD_S, now_s + PERIOD_S / 2)
         return UNANSWERED_S
+
+
+def _why_not_of(hello: dict[str, Any]) -> WhyNot | None:
+    try:
+        return why_not_of(hello)
+    except TapError:  # a dictionary of the daemon's own, say, that only the daemon may read
+        return None

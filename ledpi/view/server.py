@@ -29,10 +29,14 @@ from ledpi.view.pictures import KINDS
 
 WAIT_S = 2.0  # that a question waits for news
 JSON, TEXT = "application/json; charset=utf-8", "text/plain; charset=utf-8"
+_SCRIPTS = (
+    *("main.js", "server.js", "drawing.js", "picture.js", "why_not.js", "light.js"),
+    *("table.js", "map.js", "health.js", "actions.js", "lens.js"),
+)
 _FILES = {
     "/": ("index.html", "text/html; charset=utf-8"),
     "/view.css": ("view.css", "text/css; charset=utf-8"),
-    "/view.js": ("view.js", "text/javascript; charset=utf-8"),
+    **{f"/{name}": (name, "text/javascript; charset=utf-8") for name in _SCRIPTS},
 }
 RECORD_S = 600.0  # at most, if nobody stops it
 

@@ -19,7 +19,7 @@ import numpy as np
 from ledpi.camera.simulated import SimulatedCamera
 from ledpi.core.records import CameraInfo, Frame, PanelSpec
 from ledpi.recording.writer import RecordingWriter
-from ledpi.simulate.scene import SimulatedSensor
+from ledpi.simulate.scene import Room, SimulatedSensor
 from ledpi.simulate.scenes import ov5647_lens, still_scene
 from ledpi.wire import FixMessage, MarkerMessage, Message, Receiver, StatusMessage
 from tests.builders import ROOT
@@ -131,10 +131,13 @@ def slowness() -> float:
     return max(1.0, 2 * (time.monotonic() - started) / 0.1)
 
 
-def write_recording(folder: Path, frames: int, *, calibrated: bool = True) -> None:
+def write_recording(folder: Path, frames: int, *, calibrated: bool = True, plain: bool = False) -> None:
+    """Panel 7, 1 m straight ahead; `plain`: before a wall without texture."""
     lens = ov5647_lens()
     sensor = SimulatedSensor(intrinsics=lens, exposure_us=9966.32, row_time_us=33.67, frame_length_rows=504)
     scene = still_scene(sensor, {7: SPEC}, "DICT_4X4_50", distance_m=1.0, angle_deg=20.0)
+    if plain:
+        scene = dataclasses.replace(scene, room=Room(contrast=0.0))
     camera = SimulatedCamera(scene, seed=1, paced=False, frames=frames)
     values = dataclasses.asdict(camera.info) | {"intrinsics": lens if calibrated else None}
     with RecordingWriter(folder, camera=CameraInfo(**values), dictionary="DICT_4X4_50", panel=SPEC) as writer:

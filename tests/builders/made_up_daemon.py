@@ -30,6 +30,7 @@ HELLO: dict[str, Any] = {
         "cx": 32.0,
         "cy": 24.0,
         "distortion": [0.0] * 5,
+        "transfer": "srgb",
         "source": "made up",
     },
     "panels": {"dictionary": "DICT_4X4_50", "side_m": 0.16, "black_hz": 1250.0, "white_hz": 2450.0, "duty": 0.5},

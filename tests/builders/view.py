@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +19,7 @@ from urllib.request import ProxyHandler, Request, build_opener
 from ledpi.config.map_yaml import map_text
 from ledpi.simulate.scenes import drive_map
 
-ROOT = Path(__file__).resolve().parents[1]
+REPOSITORY = Path(__file__).resolve().parents[2]
 COMMAND = [sys.executable, "-c", "from ledpi.cli import main; main()"]
 DEADLINE_S = 60.0  # for anything at all, on a slow machine
 CHROMIUM, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
@@ -36,9 +37,22 @@ class Page:
 
     def ask(self, path: str) -> Any:
         """A JSON answer of the page's server."""
+        return json.loads(self.asked(path))
+
+    def frame(self, kind: str) -> dict[str, Any]:
+        """What is told with the next picture."""
+        data = b""
+        while not data:  # no picture yet
+            data = self.asked(f"/api/frame?kind={kind}")
+        size = int.from_bytes(data[:4], "big")
+        told: dict[str, Any] = json.loads(data[4 : 4 + size])
+        return told
+
+    def asked(self, path: str) -> bytes:
+        """The answer as it comes."""
         request = Request(f"http://127.0.0.1:{self.port}{path}", headers={"Authorization": f"Bearer {self.token}"})
         with build_opener(ProxyHandler({})).open(request, timeout=DEADLINE_S) as answer:
-            return json.load(answer)
+            return bytes(answer.read())
 
 
 @contextmanager
@@ -56,16 +70,26 @@ def start_daemon(folder: Path, *settings: str) -> subprocess.Popen[str]:
     (folder / "markers.yaml").write_text(map_text(drive_map(), "The drive."), encoding="utf-8")
     given = ("panels.side_m=0.16", "camera.source=simulated", f"map={folder}/markers.yaml", *settings)
     given += (f"serial.port={folder}/none", f"tap.socket={folder}/tap.sock")
-    options = [part for item in given for part in ("--set", item)]
-    return subprocess.Popen([*COMMAND, "run", *options], cwd=folder, stderr=subprocess.DEVNULL, text=True)
+    return _start([*COMMAND, "run", *(part for item in given for part in ("--set", item))], folder)
+
+
+def start_still_daemon(folder: Path, fault: str) -> subprocess.Popen[str]:
+    """A daemon on a camera at rest, of which one panel has a fault of `tests.builders.faults`."""
+    return _start([sys.executable, "-m", "tests.builders.still_daemon", str(folder), fault], REPOSITORY, folder)
+
+
+def _start(command: list[str], at: Path, folder: Path | None = None) -> subprocess.Popen[str]:
+    """What it saves is saved in `folder`, where nobody's own recordings are."""
+    environment = os.environ | {"XDG_STATE_HOME": str((folder or at) / "state")}
+    return subprocess.Popen(command, cwd=at, env=environment, stderr=subprocess.DEVNULL, text=True)
 
 
 @contextmanager
-def view(folder: Path, *settings: str) -> Iterator[Page]:
-    """`ledpi view` of the daemon of `start_daemon`, at any free port."""
+def view(folder: Path, *settings: str, before: Sequence[str] = ()) -> Iterator[Page]:
+    """`ledpi view` of the daemon whose tap is in `folder`, at any free port. `before` its command stands another."""
     given = (f"tap.socket={folder}/tap.sock", "view.listen=127.0.0.1:0", *settings)
     options = [part for item in given for part in ("--set", item)]
-    command = [*COMMAND, "view", *options]
+    command = [*before, *COMMAND, "view", *options]
     with ended(subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, text=True)) as process:
         assert process.stdout is not None
         said = process.stdout.readline()

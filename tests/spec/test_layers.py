@@ -27,6 +27,8 @@ PURE = [
     "ledpi.core.row_clock",
     "ledpi.pipeline.output",
     "ledpi.pipeline.trace",
+    "ledpi.diagnosis.look",
+    "ledpi.diagnosis.other_frequencies",
     "ledpi.tap.protocol",
     "ledpi.wire.message",
     "ledpi.wire.codec",
@@ -60,7 +62,7 @@ IMPURE_CALLS = {"open", "imread", "imwrite", "VideoCapture", "fromfile", "tofile
 # From the ground up: a package imports those before it. Workshop tools may use each other.
 LAYERS = (
     *("core", "markers", "kernels", "pose", "decode", "uemura", "config", "recording", "simulate", "camera"),
-    *("pipeline", "api", "wire", "tap", "runtime", "tools", "view", "cli"),
+    *("pipeline", "diagnosis", "api", "wire", "tap", "runtime", "tools", "view", "cli"),
 )
 
 WORKSHOP = {"ledpi.tools.calibrate", "ledpi.tools.panel", "ledpi.tools.evaluate", "scipy", "matplotlib"}

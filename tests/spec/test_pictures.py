@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 from pathlib import Path
 
 import cv2
@@ -21,6 +22,16 @@ def test_every_picture_is_shown() -> None:
     """On some page."""
     text = "".join(page.read_text(encoding="utf-8") for page in [ROOT / "README.md", *(ROOT / "docs").glob("*.md")])
     assert [name for name in NAMES if f"pictures/{name})" not in text] == []
+
+
+def test_scripts_say_what_their_environment_is_for() -> None:
+    """As scripts/venv.sh wants it: a folder, and which of the extras. Otherwise it ends at once in a fresh clone."""
+    scripts = [path for path in (ROOT / "scripts").iterdir() if path.is_file() and path.suffix == ""]
+    calls = {
+        path.name: re.findall(r"^make_venv (.+)$", path.read_text(encoding="utf-8"), re.MULTILINE) for path in scripts
+    }
+    assert {name for name, found in calls.items() if found} >= {"demo", "pictures", "test"}
+    assert [name for name, found in calls.items() if any(len(shlex.split(call)) < 2 for call in found)] == []
 
 
 @pytest.mark.parametrize("name", BY_COMMANDS)

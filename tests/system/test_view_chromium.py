@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import math
+import re
 import signal
-import sys
+import subprocess
 import threading
 import time
 from collections.abc import Iterator
@@ -18,9 +20,22 @@ from ledpi.camera.simulated import simulated_drive, simulated_sensor
 from ledpi.config.settings import load_config
 from ledpi.simulate.scenes import DRIVE_IDS, MAP_FROM_SCENE
 from ledpi.tap.client import Client, connect
-from tests.builders import ROOT
 from tests.builders.daemon import slowness
-from tests.builders.view import CHROMIUM, DRIVER, PHONE, Page, browser, ended, start_daemon, view, wait_for
+from tests.builders.faults import ASIDE_M, AWAY_M, PLACE_PX
+from tests.builders.rewind import without_times
+from tests.builders.view import (
+    CHROMIUM,
+    COMMAND,
+    DRIVER,
+    PHONE,
+    Page,
+    browser,
+    ended,
+    start_daemon,
+    start_still_daemon,
+    view,
+    wait_for,
+)
 
 pytestmark = [
     pytest.mark.slow,
@@ -30,8 +45,6 @@ pytestmark = [
     pytest.mark.filterwarnings("ignore::ResourceWarning"),
 ]
 BACK_S = 2.0  # after a new daemon answers, its picture is shown
-
-STILL = ROOT / "tests/builders/still_daemon.py"  # panel 7, and 11 with its frequencies swapped, 1 m ahead
 
 
 @pytest.fixture(scope="module")
@@ -190,9 +203,7 @@ def test_the_token_does_not_stay_in_the_address(opened: Any, page: Page) -> None
 def still(chromium: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
     """The page of a daemon that sees panel 7 and, beside it, panel 11 built wrongly."""
     folder = tmp_path_factory.mktemp("still")
-    from subprocess import DEVNULL, Popen
-
-    with ended(Popen([sys.executable, str(STILL), str(folder)], stderr=DEVNULL, text=True)), view(folder) as served:
+    with ended(start_still_daemon(folder, "swapped")), view(folder) as served:
         chromium.get("about:blank")
         chromium.get(served.address)
         yield chromium
@@ -209,21 +220,83 @@ def test_a_row_shows_id_and_distance(still: Any) -> None:
         "panel 7's row",
     )
     assert row[0] == "7"
-    assert float(row[1].removesuffix(" m")) == pytest.approx(math.hypot(0.12, 1.0), rel=0.01)
+    assert float(row[1].removesuffix(" m")) == pytest.approx(math.hypot(ASIDE_M, AWAY_M), rel=0.01)
 
 
 def test_why_not_says_that_frequencies_are_swapped(still: Any) -> None:
-    """In words, at the panel's place and in the list."""
+    """In words with what helps, at the panel's place, and first in the list."""
     choose(still, "whynot")
-    script = """const i = [...document.querySelectorAll('#reasons li')].findIndex(
-        l => l.textContent.includes('ID 11 with its two frequencies swapped'));
-      const q = document.querySelectorAll('#overlay .dropped')[i];
-      return i >= 0 && q ? [q.dataset.why, [...q.points].map(c => [c.x, c.y])] : null"""
-    why, corners = wait_for(lambda: js(still, script), "the reason")
-    assert why == "identify.not_in_dictionary"
-    middle = np.mean(corners, axis=0)
-    assert middle == pytest.approx([319.5 + 2.56 + 643 * 0.12, 239.5 - 1.44], abs=8.0)
+    script = """const q = document.querySelector('#overlay .dropped.panel'), i = document.querySelector('#reasons li');
+      return q && i ? [i.innerText, [...q.points].map(c => [c.x, c.y])] : null"""
+    told, corners = wait_for(lambda: _with_words(js(still, script), "ID 11 with its two frequencies swapped"), "why")
+    assert "What helps: exchange" in told
+    assert np.mean(corners, axis=0) == pytest.approx(PLACE_PX, abs=8.0)
+    labels = js(still, "return [...document.querySelectorAll('#overlay .dropped-text')].map(t => t.textContent)")
+    assert labels[0].startswith("1")
     choose(still, "plain")
+
+
+def _with_words(found: Any, words: str) -> Any:
+    return found if found and words in found[0] else None
+
+
+def test_shapes_that_are_no_panels_are_not_told_of(still: Any) -> None:
+    """The wall has some: they are outlined faintly, and counted by reason behind a line that opens."""
+    choose(still, "whynot")
+    wait_for(lambda: js(still, "return document.querySelector('#overlay .dropped.shape') !== null"), "a shape")
+    assert js(still, "return document.querySelectorAll('#reasons li').length") == 1
+    js(still, "document.getElementById('shapes').open = true")
+    wait_for(lambda: "find.at_picture_border" in text(still, "shape-counts"), "the counts")
+    choose(still, "plain")
+
+
+# ---- Buttons
+
+
+def test_the_last_seconds_are_what_the_tap_told(chromium: Any, tmp_path: Path) -> None:
+    """A recording that decodes to the same, frame by frame; the button says how many seconds, the page where it is."""
+    told: dict[int, Any] = {}
+    with ended(start_daemon(tmp_path)), view(tmp_path) as page:
+        chromium.get("about:blank")
+        chromium.get(page.address)
+        wait_for(lambda: (tmp_path / "tap.sock").exists() and _answers(tmp_path), "the daemon")
+        with connect(tmp_path / "tap.sock") as tap:
+            threading.Thread(target=_keep, args=(tap, told), daemon=True).start()
+            wait_for(lambda: re.fullmatch(r"Save the last ([4-9]|1\d) s", text(chromium, "save")), "some seconds")
+            chromium.find_element("id", "save").click()
+            saved = wait_for(lambda: re.search(r"machine: (\S+)$", text(chromium, "done")), "where it is")
+    command = ["decode", "--as-live", "--set", f"map={tmp_path}/markers.yaml", saved[1]]
+    done = subprocess.run([*COMMAND, *command], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    again = without_times([json.loads(line) for line in done.stdout.splitlines()])
+    both = [(line, told[line["seq"]]) for line in again if line["seq"] in told]
+    assert len(both) > 20
+    assert [(ours, {key: theirs[key] for key in ours}) for ours, theirs in both] == [(ours, ours) for ours, _ in both]
+    assert any(ours["markers"] and ours["robot"] for ours, _ in both)
+
+
+def _keep(tap: Client, told: dict[int, Any]) -> None:
+    for line in tap.lines():
+        if line["type"] == "decoded":
+            told[line["seq"]] = line
+
+
+def test_each_button_says_what_it_has_done(opened: Any) -> None:
+    """Recording begins and ends; the picture goes to the browser; the best so far is forgotten."""
+    opened.execute_cdp_cmd("Browser.setDownloadBehavior", {"behavior": "deny"})
+    opened.find_element("id", "record").click()
+    wait_for(lambda: text(opened, "record") == "Stop the recording", "that it records")
+    time.sleep(1.0)
+    opened.find_element("id", "record").click()
+    wait_for(
+        lambda: re.search(r"Recorded on the daemon's machine: \S+-recorded$", text(opened, "done")), "the recording"
+    )
+    wait_for(lambda: text(opened, "record") == "Start a recording", "that it has ended")
+    opened.find_element("id", "keep").click()
+    wait_for(lambda: re.search(r"Saved by this browser as ledpi-frame-\d+\.png", text(opened, "done")), "the picture")
+    before = float(text(opened, "best"))
+    js(opened, "document.getElementById('forget').click()")
+    assert 0 < wait_for(lambda: float(text(opened, "best")), "a new best") <= before
 
 
 # ---- Who may, and what goes wrong

@@ -16,6 +16,7 @@ from ledpi.config.settings import Config
 from ledpi.core.errors import CalibrationError, LedpiError
 from ledpi.core.records import CameraInfo, Frame, Intrinsics, Rejected
 from ledpi.core.shutter import phase_advance_cycles
+from ledpi.tools.doctor import in_view
 from ledpi.tools.doctor.finding import Finding, bad, ok, unknown
 
 FRAMES = 12
@@ -34,11 +35,12 @@ def camera(config: Config) -> tuple[list[Finding], CameraInfo | None]:
         info = device.info
         into = np.empty((info.height, info.width), np.uint8)
         results = [result for _ in range(FRAMES) if (result := device.read(into)) is not None]
+        found = [_delivers(config, results), *_timing(config, info, results), *in_view.look(device, config)]
     except LedpiError as error:
         return [bad("camera", str(error), "check the cable, and try again", stops_daemon=True)], None
     finally:
         device.close()
-    return [_delivers(config, results), *_timing(config, info, results)], info
+    return found, info
 
 
 def _delivers(config: Config, results: list[Frame | Rejected]) -> Finding:

@@ -11,7 +11,7 @@ from ledpi.core.errors import LedpiError, WireError
 from ledpi.core.wording import counted
 from ledpi.markers.codewords import format_ranges
 from ledpi.markers.dictionaries import load_dictionary
-from ledpi.tools.doctor import camera, machine
+from ledpi.tools.doctor import camera, machine, running
 from ledpi.tools.doctor.finding import Finding, bad, ok, unknown
 
 
@@ -28,7 +28,7 @@ def configuration(file: Path | None, *, asked_for: bool) -> Finding:
 
 
 def examine(config: Config) -> Iterator[Finding]:
-    """Each finding as soon as it is known; the camera takes a second or two."""
+    """Each finding as soon as it is known; the camera takes some seconds."""
     kind, _, place = config.camera.source.partition(":")
     yield machine.packages()
     if kind == "picamera2":
@@ -36,20 +36,30 @@ def examine(config: Config) -> Iterator[Finding]:
         yield machine.permissions(("/dev/media*", "/dev/dma_heap/*"))
     elif kind == "v4l2":
         yield machine.permissions((place,))
-    found, info = camera.camera(config)
-    yield from found
-    if info is not None:
-        yield camera.frequencies(config, info)
-    yield camera.intrinsics(config, info)
+    tap = running.connected(config)
+    if tap is None:
+        yield from _camera(config)
+    else:
+        with tap:
+            yield from running.examine(tap)
     yield _panel_ids(config.panels)
     yield _map(config)
-    yield _serial_port(config)
+    if tap is None:
+        yield _serial_port(config)
     if config.serial.protocol == "mavlink":
         yield _mavlink()
     yield machine.serial_console(config.serial.port)
     yield machine.disk()
     yield machine.clock()
     yield machine.throttling()
+
+
+def _camera(config: Config) -> Iterator[Finding]:
+    found, info = camera.camera(config)
+    yield from found
+    if info is not None:
+        yield camera.frequencies(config, info)
+    yield camera.intrinsics(config, info)
 
 
 def _panel_ids(panels: PanelSettings) -> Finding:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rich.console import Group, RenderableType
@@ -13,7 +13,10 @@ from rich.table import Table
 from rich.text import Text
 
 from ledpi.core.geometry import matrix_from_quaternion
-from ledpi.pipeline.reasons import explained
+from ledpi.diagnosis.reasons import explained
+
+if TYPE_CHECKING:
+    from ledpi.diagnosis.why_not import Why
 
 RATE_S = 2.0  # over which detections are counted
 GONE_S = 10.0  # after which a panel that is not seen leaves the table
@@ -37,6 +40,7 @@ class Live:
         self._before: dict[str, int] = {}  # rejected, a second before
         self._panels: dict[int, _Panel] = {}
         self._fix: tuple[dict[str, Any], float] | None = None
+        self._why: Why | None = None  # of the newest picture that was explained
         self._dropped = 0
         self._lost = False
 
@@ -46,11 +50,15 @@ class Live:
         if kind == "lost":
             self._lost = True
         elif kind == "hello":
-            self._hello, self._health, self._before, self._lost = line, {}, {}, False
+            self._hello, self._health, self._before, self._why, self._lost = line, {}, {}, None, False
         elif kind == "health":
             self._before, self._health = self._health.get("rejected", {}), line
         elif kind == "decoded":
             self._decoded(line)
+
+    def explain(self, why: Why) -> None:
+        """Why panels are not read, of the newest picture."""
+        self._why = why
 
     def _decoded(self, line: dict[str, Any]) -> None:
         at_s = line["exposed_ns"] * 1e-9
@@ -74,7 +82,16 @@ class Live:
             old = now_s - panel.times_s[-1] > OLD_S
             table.add_row(str(marker_id), *_cells(panel, now_s), style="dim" if old else "")
         nothing = Text("no panel seen in the last 10 s", style="dim")
-        return Group(self._daemon(), table if self._panels else nothing, self._fix_line(now_s), *self._health_lines())
+        panels = table if self._panels else nothing
+        return Group(self._daemon(), panels, *self._why_lines(), self._fix_line(now_s), *self._health_lines())
+
+    def _why_lines(self) -> list[Text]:
+        """What is not read, and why; what most likely is no panel is left out."""
+        if self._why is None or self._lost:
+            return []
+        told = [one for one in self._why.diagnoses if one.kind != "shape"][:MOST_REASONS]
+        lines = [(one.line, one.helps) for one in told] + [(note.says, note.helps) for note in self._why.notes]
+        return [Text(f"{says}; {helps}" if helps else says, style="yellow") for says, helps in lines]
 
     def _daemon(self) -> Text:
         if self._lost:
@@ -108,7 +125,7 @@ class Live:
             f"latency {late}{heat}; {port}, {wire['packets']} packets",
             f"missed by this monitor: {self._dropped}" if self._dropped else "",
             *(f"newest warning: {fault['text']}" for fault in health["faults"][-1:]),
-            *self._reasons(),
+            *(self._reasons() if self._why is None else ()),
         ]
         return [Text(line, style="dim", overflow="ellipsis", no_wrap=True) for line in lines if line]
 

@@ -21,6 +21,7 @@ DIM: Colour = (170, 162, 156)
 BLACK_CLASS: Colour = (235, 140, 60)
 WHITE_CLASS: Colour = (50, 175, 250)
 DROPPED: Colour = (120, 115, 255)
+FAINT: Colour = (95, 90, 160)  # of what most likely is no panel
 AXES: tuple[Colour, Colour, Colour] = ((60, 60, 240), (80, 210, 80), (250, 110, 70))  # x, y, z
 
 SIZE = 0.48  # of letters, in OpenCV's unit
@@ -38,6 +39,11 @@ def text_size(words: str, *, size: float = SIZE, bold: bool = False) -> tuple[in
     """Width and height above the baseline."""
     (width, height), _ = cv2.getTextSize(_drawable(words), _font(bold), size, 1)
     return int(width), int(height)
+
+
+def ascii_of(words: str) -> str:
+    """The same in letters that can be drawn."""
+    return words.replace("×", "x").replace(" → ", ": ")
 
 
 def _drawable(words: str) -> str:

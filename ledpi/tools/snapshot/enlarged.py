@@ -10,9 +10,21 @@ import numpy as np
 from ledpi.core.geometry import first_at_top_left
 from ledpi.core.records import Floats, Frame, MarkerPose, Pixels, Quad, Rejected
 from ledpi.decode.cells import CellSamples, sample_cells
+from ledpi.diagnosis.diagnose import Diagnosis
 from ledpi.markers.codewords import Bits
 from ledpi.markers.dictionaries import load_dictionary
-from ledpi.tools.snapshot.drawing import BACKGROUND, CELL_SHARE, DIM, DROPPED, TEXT, Canvas, draw_cells, text, text_size
+from ledpi.tools.snapshot.drawing import (
+    BACKGROUND,
+    CELL_SHARE,
+    DIM,
+    DROPPED,
+    TEXT,
+    Canvas,
+    ascii_of,
+    draw_cells,
+    text,
+    text_size,
+)
 from ledpi.tools.snapshot.record import Snapshot
 
 TILE, GAP = 180, 15
@@ -31,17 +43,16 @@ class Block:
     codeword: Bits | None  # upright; None where none was read
 
 
-def blocks_of(snapshot: Snapshot) -> list[Block]:
-    """The panels, surest first, then what came as far as its cells, largest first."""
+def blocks_of(snapshot: Snapshot, told: list[Diagnosis]) -> list[Block]:
+    """The panels, surest first, then what is told of and not read."""
     blocks = []
     for marker in sorted(snapshot.decoded.markers, key=lambda m: -m.detection.margin):
         detection = marker.detection
         title = f"ID {detection.id}   {_place(marker)}   margin {detection.margin:.0f}"
         blocks.append(Block(corners_px=detection.corners_px, title=title, codeword=snapshot.codeword(detection.id)))
-    near = [d for d in snapshot.dropped if d.why.stage in ("identify", "uemura")]
-    for dropped in sorted(near, key=lambda d: -cv2.contourArea(d.corners_px.astype(np.float32))):
-        corners = np.roll(dropped.corners_px, -first_at_top_left(dropped.corners_px), axis=0)
-        blocks.append(Block(corners_px=corners, title=dropped.why.key, codeword=None))
+    for number, one in enumerate(told, 1):
+        corners = np.roll(one.corners_px, -first_at_top_left(one.corners_px), axis=0)
+        blocks.append(Block(corners_px=corners, title=f"{number}   {ascii_of(one.says)}", codeword=None))
     return blocks
 
 

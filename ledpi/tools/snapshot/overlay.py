@@ -1,4 +1,4 @@
-"""The whole frame, as read: cells, axes and IDs of the panels, outlines and reasons of what was dropped."""
+"""The whole frame, as read: cells, axes and IDs of the panels, outlines and numbers of what was dropped."""
 
 from __future__ import annotations
 
@@ -9,7 +9,20 @@ import numpy as np
 
 from ledpi.core.geometry import matrix_from_quaternion
 from ledpi.core.records import Floats, MarkerPose
-from ledpi.tools.snapshot.drawing import AXES, DROPPED, TEXT, Canvas, Colour, draw_cells, line, outline, text, text_size
+from ledpi.diagnosis.diagnose import Diagnosis
+from ledpi.tools.snapshot.drawing import (
+    AXES,
+    DROPPED,
+    FAINT,
+    TEXT,
+    Canvas,
+    Colour,
+    draw_cells,
+    line,
+    outline,
+    text,
+    text_size,
+)
 from ledpi.tools.snapshot.record import Snapshot
 
 DIMMED = 0.7  # the picture, so that the colours stand out
@@ -18,14 +31,20 @@ TINT = 0.6  # of a cell's colour over the picture
 _Box: TypeAlias = tuple[int, int, int, int]  # left, top, right, bottom
 
 
-def draw_reading(canvas: Canvas, snapshot: Snapshot, scale: float) -> None:
-    """Draws over the frame's picture, of which `canvas` holds a copy resized by `scale`."""
+def draw_reading(canvas: Canvas, snapshot: Snapshot, told: list[Diagnosis], scale: float) -> None:
+    """Draws over the frame's picture, of which `canvas` holds a copy resized by `scale`.
+
+    Of what was dropped, those that are `told` of have their number, from 1 on.
+    """
     canvas[:] = canvas * DIMMED
     taken = [_box_of(scaled(m.detection.corners_px, scale)) for m in snapshot.decoded.markers]
     for dropped in snapshot.dropped:
         corners = scaled(dropped.corners_px, scale)
-        outline(canvas, corners, DROPPED, 1)
-        _label(canvas, corners, dropped.why.key, DROPPED, taken)
+        outline(canvas, corners, FAINT, 1)
+    for number, one in enumerate(told, 1):
+        corners = scaled(one.corners_px, scale)
+        outline(canvas, corners, DROPPED, 2)
+        _label(canvas, corners, str(number), DROPPED, taken, bold=True)
     for marker in snapshot.decoded.markers:
         corners = scaled(marker.detection.corners_px, scale)
         draw_cells(canvas, corners, snapshot.codeword(marker.detection.id), TINT)
@@ -58,7 +77,7 @@ def _draw_axes(canvas: Canvas, marker: MarkerPose, snapshot: Snapshot, scale: fl
 def _label(
     canvas: Canvas, corners: Floats, words: str, colour: Colour, taken: list[_Box], *, bold: bool = False
 ) -> None:
-    """Above or below a quad. Left out where it would cover a panel or another label: reasons are also counted below."""
+    """Above or below a quad. Left out where it would cover a panel or another label."""
     width, height = text_size(words, bold=bold)
     left, top, _, bottom = _box_of(corners)
     x = min(max(left, 4), max(4, canvas.shape[1] - width - 4))

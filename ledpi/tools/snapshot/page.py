@@ -9,8 +9,21 @@ import cv2
 import numpy as np
 
 from ledpi.core.records import Pixels
+from ledpi.diagnosis.diagnose import Diagnosis
+from ledpi.diagnosis.why_not import Why
 from ledpi.tools.snapshot import enlarged
-from ledpi.tools.snapshot.drawing import BACKGROUND, BLACK_CLASS, DIM, WHITE_CLASS, Canvas, text, text_size
+from ledpi.tools.snapshot.drawing import (
+    BACKGROUND,
+    BLACK_CLASS,
+    DIM,
+    DROPPED,
+    WHITE_CLASS,
+    Canvas,
+    Colour,
+    ascii_of,
+    text,
+    text_size,
+)
 from ledpi.tools.snapshot.overlay import draw_reading
 from ledpi.tools.snapshot.record import Snapshot
 
@@ -25,15 +38,16 @@ MOST_BLOCKS = 4
 FOOTER, FOOTER_LINE, FOOTER_LETTERS = 20, 20, 130
 
 
-def draw(snapshot: Snapshot) -> Pixels:
-    """(height, WIDTH, 3), BGR."""
+def draw(snapshot: Snapshot, why: Why) -> Pixels:
+    """(height, WIDTH, 3), BGR. `why`: why panels are not read in it."""
     frame = snapshot.frame
     scale = COLUMN / int(frame.pixels.shape[1])
     pictures_end = PICTURES_TOP + round(frame.pixels.shape[0] * scale)
-    blocks = enlarged.blocks_of(snapshot)[:MOST_BLOCKS]
+    told = numbered(why)
+    blocks = enlarged.blocks_of(snapshot, told)[:MOST_BLOCKS]
     blocks_top = pictures_end + BLOCKS_GAP
     blocks_end = blocks_top + (len(blocks) + 1) // 2 * BLOCK_PITCH
-    footer = _dropped(snapshot)
+    footer = _footer(snapshot, told, why)
     height = blocks_end + FOOTER + FOOTER_LINE * len(footer)
     canvas = np.full((height, WIDTH, 3), BACKGROUND, np.uint8)
     draw_heading(canvas, snapshot)
@@ -42,19 +56,28 @@ def draw(snapshot: Snapshot) -> Pixels:
     seen = cv2.resize(frame.pixels, (COLUMN, pictures_end - PICTURES_TOP), interpolation=cv2.INTER_AREA)
     for left in (LEFT, RIGHT):
         canvas[PICTURES_TOP:pictures_end, left : left + COLUMN] = seen[..., None]
-    draw_reading(canvas[PICTURES_TOP:pictures_end, RIGHT : RIGHT + COLUMN], snapshot, scale)
+    draw_reading(canvas[PICTURES_TOP:pictures_end, RIGHT : RIGHT + COLUMN], snapshot, told, scale)
     for index, block in enumerate(blocks):
         top, left = blocks_top + index // 2 * BLOCK_PITCH, (LEFT, RIGHT)[index % 2]
         enlarged.draw_block(canvas[top : top + enlarged.HEIGHT, left : left + COLUMN], block, snapshot)
-    for index, words in enumerate(footer):
-        text(canvas, words, (LEFT, blocks_end + FOOTER + index * FOOTER_LINE), colour=DIM)
+    for index, (words, colour) in enumerate(footer):
+        text(canvas, words, (LEFT, blocks_end + FOOTER + index * FOOTER_LINE), colour=colour)
     return canvas
 
 
-def _dropped(snapshot: Snapshot) -> list[str]:
-    """What was dropped, by stage and reason, in as many lines as that takes."""
+def numbered(why: Why) -> list[Diagnosis]:
+    """What is told of, from 1 on; what most likely is no panel is left out."""
+    return [one for one in why.diagnoses if one.kind != "shape"]
+
+
+def _footer(snapshot: Snapshot, told: list[Diagnosis], why: Why) -> list[tuple[str, Colour]]:
+    """Lines in their colours: what is wrong with what is numbered, and with the picture; and what was dropped."""
+    reasons = [f"{number}  {one.says}; {one.helps}" for number, one in enumerate(told, 1)]
+    reasons += [f"{note.says}; {note.helps}" for note in why.notes]
     counts = Counter(rejected.key for rejected in snapshot.decoded.rejected).most_common()
-    return wrap("Dropped: " + (", ".join(f"{key} {count}" for key, count in counts) or "nothing"), FOOTER_LETTERS)
+    dropped = "Dropped: " + (", ".join(f"{key} {count}" for key, count in counts) or "nothing")
+    lines = [(line, DROPPED) for reason in reasons for line in wrap(ascii_of(reason), FOOTER_LETTERS)]
+    return lines + [(line, DIM) for line in wrap(dropped, FOOTER_LETTERS)]
 
 
 def draw_heading(canvas: Canvas, snapshot: Snapshot) -> None:

@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ledpi.config.settings import PanelSettings
-from ledpi.core.records import Decoded, Frame, Intrinsics
+from ledpi.core.records import CameraInfo, Decoded, Frame, Intrinsics
+from ledpi.diagnosis.diagnose import not_read_in
+from ledpi.diagnosis.why_not import Why, WhyNot
 from ledpi.markers.codewords import Bits
 from ledpi.markers.dictionaries import load_dictionary
 from ledpi.pipeline.pipeline import Pipeline
@@ -45,3 +47,18 @@ def take(title: str, frame: Frame, pipeline: Pipeline, intrinsics: Intrinsics | 
         panels=pipeline.panels,
         intrinsics=intrinsics,
     )
+
+
+def explain(snapshot: Snapshot) -> Why:
+    """Why panels are not read in it. Takes a second or two."""
+    frame = snapshot.frame
+    height, width = frame.pixels.shape
+    camera = CameraInfo(
+        width=width,
+        height=height,
+        exposure_us=frame.exposure_us,
+        row_time_us=frame.row_time_us,
+        transfer=frame.transfer,
+    )
+    read_px = [marker.detection.corners_px for marker in snapshot.decoded.markers]
+    return WhyNot(camera, snapshot.panels, snapshot.intrinsics).explain(frame, not_read_in(snapshot.trace), read_px)

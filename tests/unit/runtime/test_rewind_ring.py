@@ -91,6 +91,16 @@ def test_the_oldest_go(state: PipelineState) -> None:
     assert all(b - a == 1 for a, b in pairwise(seqs(kept)))
 
 
+def test_it_says_how_many_seconds_are_kept(state: PipelineState) -> None:
+    """From the first frame to the last one: none of nothing, and none once they are taken."""
+    ring = ring_of(2.0, state)
+    empty_s = ring.kept_s
+    keep(ring, state, *range(61))
+    kept_s = ring.kept_s
+    ring.take()
+    assert (empty_s, kept_s, ring.kept_s) == (0.0, pytest.approx(60 * PERIOD_NS * 1e-9), 0.0)
+
+
 def test_what_is_taken_once_is_not_taken_again(state: PipelineState) -> None:
     """The next recording begins where the one before has ended, or a frame or two later, as it needs a state."""
     ring = ring_of(2.0, state)

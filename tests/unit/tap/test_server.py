@@ -19,6 +19,7 @@ from statistics import median
 import pytest
 
 from ledpi.core.errors import TapError
+from ledpi.pipeline.trace import Trace
 from ledpi.tap.client import connect
 from ledpi.tap.crowd import MOST_FOLLOWERS
 from ledpi.tap.frames import camera_of, frame_of, panel_of
@@ -157,9 +158,23 @@ def test_nothing_is_copied_nor_traced_unless_somebody_asks(tap: Tap) -> None:
     assert tap.trace() is None
     client.send({"do": "picture", "id": 1, "with": ["rejected"]})
     wait_until(lambda: tap.trace() is not None)
-    show(tap, 1)
+    one = frame(1)
+    tap.show(one, decoded(one), Trace(searched=True))
     assert client.next("picture")["rejected"] == []
     assert tap.trace() is None
+
+
+@pytest.mark.parametrize(("searched", "sent"), [(3, 3), (None, 4)])
+def test_what_was_rejected_is_told_of_a_frame_that_was_searched(tap: Tap, searched: int | None, sent: int) -> None:
+    """A stream searches the whole picture now and then; three frames are passed over for such a one, and no more."""
+    client = follow(tap)
+    client.send({"do": "picture", "id": 1, "with": ["rejected"]})
+    wait_until(lambda: tap.trace() is not None)
+    for seq in range(1, 6):
+        if tap.trace() is not None:
+            one = frame(seq)
+            tap.show(one, decoded(one), Trace(searched=seq == searched))
+    assert client.next("picture")["decoded"]["seq"] == sent
 
 
 def test_the_configuration_says_where_each_value_comes_from(tap: Tap) -> None:

@@ -11,18 +11,18 @@ import numpy as np
 import pytest
 
 from ledpi.core.geometry import quaternion_from_matrix
+from ledpi.diagnosis.diagnose import Diagnosis
 from ledpi.markers.dictionaries import load_dictionary
-from ledpi.pipeline.mistakes import mistake_of
-from ledpi.pipeline.reasons import REASONS, explained
 from ledpi.simulate.scenes import drive_map
-from ledpi.view.checks import checks
+from ledpi.tap.frames import not_read_of
 from ledpi.view.encode import amplified, as_jpeg, as_png, focus, histogram
 from ledpi.view.lines import check_line
-from ledpi.view.overlay import drawn, why_not
+from ledpi.view.overlay import drawn, drawn_reasons
 from ledpi.view.panels import PanelTable
+from ledpi.view.server import _FILES
 from ledpi.view.top_down import panels_from_above, robot_from_above
 from tests.builders import ROOT
-from tests.builders.made_up_daemon import HEALTH, HELLO, PANEL, decoded
+from tests.builders.made_up_daemon import HELLO, PANEL, decoded
 
 DICTIONARY = load_dictionary("DICT_4X4_50")
 SURE = 20.0  # nats
@@ -66,7 +66,7 @@ def test_a_dictionary_that_cannot_be_read_here_leaves_the_cells_out() -> None:
     assert (panel["id"], panel["cells"]) == (7, [])
 
 
-def test_why_not_joins_a_reason_with_its_cells_and_a_likely_mistake() -> None:
+def test_a_reason_joins_its_cells() -> None:
     """What was looked at closely has a look at the same place."""
     corners = PANEL["corners_px"]
     swapped = nats(~DICTIONARY.codeword(11)).ravel().tolist()
@@ -74,57 +74,21 @@ def test_why_not_joins_a_reason_with_its_cells_and_a_likely_mistake() -> None:
         "rejected": [{"corners_px": corners, "why": "identify.not_in_dictionary"}],
         "looks": [{"corners_px": corners, "id": None, "why": "identify.not_in_dictionary", "cells_nats": swapped}],
     }
-    (found,) = why_not(picture, HELLO)
-    assert found["mistake"].startswith("looks like ID 11 with its two frequencies swapped")
-    assert len(found["cells"]) == 16
-    (found,) = why_not(picture | {"looks": []}, HELLO)
-    assert (found["mistake"], found["cells"]) == ("", [])
+    (found,) = not_read_of(picture)
+    assert found.cells_nats is not None
+    assert (found.cells_nats == nats(~DICTIONARY.codeword(11))).all()
+    (found,) = not_read_of(picture | {"looks": []})
+    assert found.cells_nats is None
 
 
-# ---- Mistakes
-
-
-@pytest.mark.parametrize("turns", range(4))
-@pytest.mark.parametrize(
-    ("built", "told"),
-    [
-        (lambda word: ~word, "ID 11 with its two frequencies swapped"),
-        (lambda word: word[:, ::-1], "ID 11 mirrored: "),
-        (lambda word: ~word[:, ::-1], "ID 11 mirrored and with its two frequencies swapped"),
-    ],
-)
-def test_a_panel_that_was_built_wrongly_is_recognized(built: Any, told: str, turns: int) -> None:
-    """However it is turned."""
-    assert told in mistake_of(nats(np.rot90(built(DICTIONARY.codeword(11)), turns)), DICTIONARY)
-
-
-def test_a_word_of_a_larger_dictionary_is_recognized() -> None:
-    """With the smallest one's name."""
-    word = load_dictionary("DICT_4X4_100").codeword(80)
-    assert mistake_of(nats(word), DICTIONARY).startswith("looks like ID 80 of DICT_4X4_100")
-
-
-def test_unsure_cells_explain_nothing() -> None:
-    """One of them is enough; nor does a pattern that is no word in any way."""
-    unsure = nats(~DICTIONARY.codeword(11))
-    unsure[2, 2] = 1.0
-    assert mistake_of(unsure, DICTIONARY) == ""
-    assert mistake_of(nats(np.ones((4, 4), bool)), DICTIONARY) == ""
-    assert mistake_of(nats(np.ones((5, 5), bool)), DICTIONARY) == ""
-
-
-def test_reasons_are_those_of_the_documents() -> None:
-    """Each with the same meaning."""
-    page = (ROOT / "docs/troubleshooting.md").read_text(encoding="utf-8")
-    rows = re.findall(r"^\| `(\w+\.\w+)` \| (.*?) \|", page, re.MULTILINE)
-    assert {key: re.sub(r"\[([^]]+)\]\([^)]+\)|`", r"\1", means) for key, means in rows} == {
-        key: reason.means for key, reason in REASONS.items()
-    }
-
-
-def test_a_reason_of_a_newer_daemon_is_told_by_its_name() -> None:
-    """Rather than not at all."""
-    assert explained("soft.something_new") == ("soft: something new", "")
+def test_a_reason_is_drawn_with_its_cells_as_they_seem() -> None:
+    """Those that are likelier white are of white's class."""
+    word = DICTIONARY.codeword(11)
+    corners = np.array(PANEL["corners_px"])
+    one = Diagnosis(corners_px=corners, why="a.b", says="it is", helps="do", kind="panel", cells_nats=nats(word))
+    (found,) = drawn_reasons([one])
+    assert [cell["white"] for cell in found["cells"]] == word.ravel().tolist()
+    assert (found["says"], found["helps"], found["kind"], found["why"]) == ("it is", "do", "panel", "a.b")
 
 
 # ---- From above
@@ -162,41 +126,6 @@ def test_the_ellipse_holds_two_deviations_along_its_axes() -> None:
     assert (robot["ellipse"]["long_m"], robot["ellipse"]["short_m"]) == (pytest.approx(0.06), pytest.approx(0.02))
     assert robot["ellipse"]["angle_rad"] % math.pi == pytest.approx(math.pi / 6, abs=1e-3)
     assert robot_from_above(None) is None
-
-
-# ---- Checks
-
-
-def found(hello: dict[str, Any] | None = None, health: dict[str, Any] | None = None) -> dict[str, tuple[str, str]]:
-    return {f.name: (f.state, f.said) for f in checks(HELLO | (hello or {}), HEALTH | (health or {}))}
-
-
-def test_a_daemon_that_is_well_has_nothing_to_put_right() -> None:
-    """Without a map it sends no place, which may be meant so."""
-    states = {name: state for name, (state, _) in found().items()}
-    assert states == dict.fromkeys(("camera", "lens", "exposure", "serial line", "processor"), "ok") | {
-        "map": "unknown"
-    }
-
-
-@pytest.mark.parametrize(
-    ("hello", "health", "name", "said"),
-    [
-        ({"camera": HELLO["camera"] | {"fx": None}}, {}, "lens", "is not calibrated"),
-        ({"camera": HELLO["camera"] | {"exposure_us": 8000.0}}, {}, "exposure", "near a null of 1250 Hz"),
-        ({}, {"state": "camera_lost"}, "camera", "is lost"),
-        ({}, {"no_fix": "behind"}, "frames", "faster than they are decoded"),
-        ({}, {"wire": {"connected": False, "error": "no such port"}}, "serial line", "no such port"),
-        ({}, {"throttled": 1}, "processor", "voltage is too low"),
-        ({}, {"temperature_c": 85.0}, "processor", "too hot"),
-    ],
-)
-def test_what_is_wrong_is_told_with_what_to_do(hello: Any, health: Any, name: str, said: str) -> None:
-    """As `ledpi doctor` does."""
-    state, told = found(hello, health)[name]
-    assert state == "bad"
-    assert said in told
-    assert all(f.remedy for f in checks(HELLO | hello, HEALTH | health) if f.state == "bad")
 
 
 # ---- The table
@@ -313,7 +242,7 @@ def test_letters_stand_out_from_their_ground(scheme: str) -> None:
 def test_the_page_needs_nothing_from_elsewhere() -> None:
     """No address of another machine in it, no inline script or style: it works offline, and under its own policy."""
     static = ROOT / "ledpi/view/static"
-    assert sorted(path.name for path in static.iterdir()) == ["index.html", "view.css", "view.js"]
+    assert {f"/{path.name}" for path in static.iterdir()} == {*_FILES, "/index.html"} - {"/"}
     for path in static.iterdir():
         text = path.read_text(encoding="utf-8").replace("http://www.w3.org/2000/svg", "")
         assert "//" not in re.sub(r"^\s*//.*$|\s// .*$", "", text, flags=re.MULTILINE), path

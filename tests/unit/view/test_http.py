@@ -119,13 +119,15 @@ def test_each_answer_brings_another_picture(site: Site, daemon: MadeUpDaemon) ->
 
 def test_why_not_is_in_words(site: Site, daemon: MadeUpDaemon) -> None:
     """Evidence is asked of the daemon only for that view; each candidate has its place, its reason and what helps."""
-    daemon.extra = {"rejected": [{"corners_px": PANEL["corners_px"], "why": "find.too_small"}]}
+    beside = [[40.0, 30.0], [55.0, 30.0], [55.0, 45.0], [40.0, 45.0]]
+    at_the_panel = {"corners_px": PANEL["corners_px"], "why": "fit.misfit"}  # a part of it: not told
+    daemon.extra = {"rejected": [{"corners_px": beside, "why": "find.too_small"}, at_the_panel]}
     site.state_once("up")
     site.frame()
     assert [request["with"] for request in daemon.asked("picture")] == [[]]
     (found,) = site.frame("whynot")["why_not"]
-    assert (found["why"], found["means"]) == ("find.too_small", "an outline too small for a panel")
-    assert found["helps"] == "go nearer"
+    assert (found["why"], found["says"]) == ("find.too_small", "an outline too small for a panel")
+    assert (found["helps"], found["corners_px"]) == ("go nearer", beside)
 
 
 def test_the_table_has_a_row_for_each_panel(site: Site, daemon: MadeUpDaemon) -> None:
@@ -250,7 +252,7 @@ def test_on_the_network_nothing_is_told_without_the_token(tmp_path: Path) -> Non
             assert site.ask("GET", path).status == 401
             assert site.ask("GET", path, {"Authorization": "Bearer wrong"}).status == 401
         assert site.ask("GET", "/api/state", RIGHT).status == 200
-        assert TOKEN.encode() not in b"".join(site.ask("GET", path).body for path in ("/", "/view.js", "/view.css"))
+        assert TOKEN.encode() not in b"".join(site.ask("GET", path).body for path in ("/", "/main.js", "/view.css"))
     finally:
         site.close()
 
@@ -303,7 +305,7 @@ def test_every_answer_has_the_headers(site: Site, method: str, path: str, status
 
 @pytest.mark.parametrize(
     "path",
-    ["/../../etc/passwd", "/%2e%2e/%2e%2e/etc/passwd", "//etc/passwd", "/view.js/", "/static/view.js", "/index.html"],
+    ["/../../etc/passwd", "/%2e%2e/%2e%2e/etc/passwd", "//etc/passwd", "/main.js/", "/static/main.js", "/index.html"],
 )
 def test_no_path_reaches_the_file_system(site: Site, path: str) -> None:
     """There is a fixed table of pages."""

@@ -17,11 +17,15 @@ from ledpi.camera.factory import open_camera
 from ledpi.cli.doctor import line, verdict
 from ledpi.config.settings import load_config
 from ledpi.core.records import CameraInfo
+from ledpi.diagnosis.diagnose import Note
+from ledpi.diagnosis.why_not import Why
 from ledpi.simulate.scenes import ov5647_lens
 from ledpi.tools.doctor import camera, checks, machine
 from ledpi.tools.doctor.checks import configuration, examine
-from ledpi.tools.doctor.finding import bad, ok
+from ledpi.tools.doctor.finding import Finding, bad, ok, unknown
+from ledpi.tools.doctor.in_view import findings_of, look
 from tests.builders import ROOT
+from tests.builders.faults import FAULTS, RIGHT, camera_of, config_of
 
 COMMAND = [sys.executable, "-c", "from ledpi.cli import main; main()", "doctor"]
 INFO = CameraInfo(
@@ -234,10 +238,48 @@ def test_the_camera_is_free_again_after_the_look() -> None:
     """What was opened is closed, so that the next one can have it."""
     config = load_config(None, ("panels.side_m=0.16", "camera.source=simulated"))
     findings, info = camera.camera(config)
-    assert [finding.state for finding in findings] == ["ok"] * 4
+    assert {finding.state for finding in findings} == {"ok"}
     device = open_camera(config, paced=False)
     assert info == device.info
     device.close()
+
+
+# ---- The panels before the camera
+
+
+def in_view(name: str) -> list[Finding]:
+    fault = FAULTS.get(name, RIGHT)
+    config = config_of(fault)
+    return look(camera_of(fault, config, paced=False), config)
+
+
+def test_panels_that_are_read_are_named() -> None:
+    """Nothing else is told of them."""
+    assert in_view("nothing") == [ok("panels", "ID 7, 11 read")]
+
+
+def test_a_panel_that_is_built_wrongly_is_a_fault() -> None:
+    """With what to do; the daemon would run."""
+    read, wrong = in_view("swapped")
+    assert read == ok("panels", "ID 7 read")
+    assert (wrong.state, wrong.stops_daemon, wrong.remedy[:8]) == ("bad", False, "exchange")
+    assert "is not read: looks like ID 11 with its two frequencies swapped" in wrong.said
+
+
+def test_a_light_may_be_none() -> None:
+    """So it is no fault; what helps, if it is a panel, is said all the same."""
+    light = in_view("saturated")[-1]
+    assert (light.state, light.remedy[:9]) == ("unknown", "less gain")
+    assert ", if it is a panel: too bright" in light.said
+
+
+def test_a_picture_in_which_no_panel_can_be_read_is_a_fault() -> None:
+    """As a blurred one is. Where some are read all the same, it is good enough."""
+    states = {finding.name: finding.state for finding in in_view("out of focus")}
+    assert states["picture"] == "bad"
+    why = Why([], [Note(says="the picture is blurred", helps="focus")])
+    assert findings_of([7], why) == [ok("panels", "ID 7 read")]
+    assert findings_of([], Why([], [])) == [unknown("panels", "none in view")]
 
 
 # ---- The machine

@@ -14,18 +14,21 @@ import numpy as np
 import pytest
 
 from ledpi.cli import main
+from ledpi.cli.snapshot import reasons
 from ledpi.config.settings import PanelSettings
 from ledpi.core.records import CameraInfo, Floats, Frame, Pixels
 from ledpi.decode.cells import CellSamples, lattice
+from ledpi.diagnosis.why_not import Why
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.simulate.render import Renderer
 from ledpi.simulate.scene import Light, Panel, PanelAppearance, Scene
 from ledpi.tools.snapshot import drawing
 from ledpi.tools.snapshot.drawing import AXES, text
 from ledpi.tools.snapshot.enlarged import GAP, TILE, TITLE, bands_of, blocks_of
-from ledpi.tools.snapshot.page import BLOCKS_GAP, COLUMN, LEFT, PICTURES_TOP, RIGHT, WIDTH, draw
-from ledpi.tools.snapshot.record import Snapshot, take
+from ledpi.tools.snapshot.page import BLOCKS_GAP, COLUMN, LEFT, PICTURES_TOP, RIGHT, WIDTH, draw, numbered
+from ledpi.tools.snapshot.record import Snapshot, explain, take
 from tests.builders import ROOT
+from tests.builders.faults import FAULTS, camera_of, config_of
 from tests.builders.simulate import LENS, SPEC, WORD_7, opencv_pixels, panel, sensor, single_class_panel, standing
 
 PANELS = PanelSettings(side_m=SPEC.side_m)
@@ -56,7 +59,7 @@ def snapshot() -> Snapshot:
 
 @pytest.fixture(scope="module")
 def drawn(snapshot: Snapshot) -> Pixels:
-    return draw(snapshot)
+    return draw(snapshot, explain(snapshot))
 
 
 def cell_centres_px() -> Floats:
@@ -103,7 +106,7 @@ def test_the_enlarged_cells_stand_upright(drawn: Pixels) -> None:
     assert [[looks_white_class(colour) for colour in row] for row in quarters] == WORD_7.tolist()
 
 
-def test_what_was_dropped_is_outlined_with_its_reason(snapshot: Snapshot, drawn: Pixels) -> None:
+def test_what_was_dropped_is_outlined(snapshot: Snapshot, drawn: Pixels) -> None:
     """The lamp has no bands; its outline lies on its sides."""
     half = LAMP_SIZE_M / 2
     corners = np.array([[-half, half, 0], [half, half, 0], [half, -half, 0], [-half, -half, 0.0]])
@@ -129,7 +132,7 @@ def test_axes_are_drawn_only_with_a_pose(drawn: Pixels) -> None:
     assert [(m.detection.id, m.solution) for m in uncalibrated.decoded.markers] == [(7, None)]
     green = AXES[1]
     assert (drawn == green).all(axis=2).any()
-    assert not (draw(uncalibrated) == green).all(axis=2).any()
+    assert not (draw(uncalibrated, explain(uncalibrated)) == green).all(axis=2).any()
 
 
 def samples_of(light: Floats) -> CellSamples:
@@ -160,11 +163,31 @@ def test_bands_are_what_the_light_is_beyond_the_static_picture() -> None:
 
 
 def test_panels_are_enlarged_before_what_was_dropped() -> None:
-    """The panel with its place, then a lamp that blinks and shows no ID, however the two are found."""
-    titles = [block.title for block in blocks_of(snapshot_of(single_class_panel(LAMP)))]
+    """The panel with its place, then a lamp that blinks and shows no ID, with its number and what is wrong with it."""
+    seen = snapshot_of(single_class_panel(LAMP))
+    told = numbered(explain(seen))
+    titles = [block.title for block in blocks_of(seen, told)]
     assert titles[0].startswith("ID 7   x ")
-    assert any(title.startswith("identify.") for title in titles[1:])
-    assert not any(title.startswith("ID") for title in titles[1:])
+    assert titles[1:] == [f"{number}   {one.says}" for number, one in enumerate(told, 1)]
+    assert len(told) > 0
+
+
+def test_what_is_wrong_with_a_panel_is_said_and_drawn() -> None:
+    """In words, with what helps, after what was read; on the picture stands its number."""
+    config = config_of(FAULTS["swapped"])
+    camera = camera_of(FAULTS["swapped"], config, paced=False)
+    frame = camera.read(np.empty((480, 640), np.uint8))
+    assert isinstance(frame, Frame)
+    lens = camera.info.intrinsics
+    seen = take("swapped", frame, Pipeline(camera.info, config.panels, intrinsics=lens, stream=False), lens)
+    why = explain(seen)
+    (says, helps), *_ = reasons(why)
+    assert re.fullmatch(r"panel at \d+, \d+ is not read: looks like ID 11 with its two frequencies swapped", says)
+    assert helps.startswith("exchange")
+    named, unnamed = draw(seen, why), draw(seen, Why([], why.notes))
+    above = slice(PICTURES_TOP + 120, PICTURES_TOP + 165), slice(RIGHT + 290, RIGHT + 400)
+    assert (named[above] != unnamed[above]).any()
+    assert len(named) > len(unnamed)  # its enlarged cells, and the words below
 
 
 @pytest.mark.parametrize(("letter", "of"), [("±", "+"), ("µ", "u")])
@@ -219,15 +242,15 @@ PICTURE = ("take/frames/000000.png", "--set", "panels.side_m=0.16")
     ],
     ids=["frame of a recording", "first of a recording", "simulator", "a panel", "recording as camera", "picture"],
 )
-def test_one_picture_and_one_line(
+def test_one_picture_and_what_was_read(
     arguments: tuple[str, ...], says: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The picture is where --out says, and the line says what was read."""
+    """The picture is where --out says; the first line says what was read, and only those of reasons may follow."""
     capsys.readouterr()
     assert ledpi(monkeypatch, "snapshot", *arguments, "--out", "out.png") == 0
     printed = capsys.readouterr()
     assert printed.out.startswith(f"out.png: {says}")
-    assert printed.out.count("\n") == 1
+    assert all(line.startswith("  ") for line in printed.out.splitlines()[1:])
     picture = cv2.imread("out.png")
     assert picture is not None
     assert picture.shape[1] == WIDTH

@@ -55,8 +55,8 @@ REASONS: dict[str, Explained] = {
     ),
     "identify.not_in_dictionary": Explained(
         "the pattern is no codeword of the dictionary, or cannot be distinguished from one that is none",
-        "a cell is on the wrong output, or soldered as seen from the front: compare the cells with the wiring picture; "
-        "go nearer; more frames",
+        "go nearer; more frames; or a cell is on the wrong output, or soldered as seen from the front: compare the "
+        "cells with the wiring picture",
     ),
     "identify.ambiguous": Explained("two IDs are nearly as likely", "go nearer; more frames"),
     "identify.inconsistent_cells": Explained(

@@ -1,0 +1,131 @@
+"""The daemon that runs here, which has the camera: what is wrong with it now, and what to do, as its tap tells."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from typing import Any
+
+from ledpi.camera.exposure_notes import vanishing
+from ledpi.config.settings import Config
+from ledpi.core.errors import TapError
+from ledpi.tap.client import Client, connect
+from ledpi.tap.frames import WITH_REASONS, frame_of, not_read_of, read_px_of, settings_of, why_not_of
+from ledpi.tools.doctor.finding import Finding, bad, ok, unknown
+from ledpi.tools.doctor.in_view import findings_of
+
+HEALTH_S = 3.0  # within which a daemon says how it is, which it does each second
+PICTURES = 6  # that are looked at: a stream searches the whole picture in every third frame
+HOT_C = 80.0  # from which a Pi becomes slower
+UNDER_VOLTAGE, THROTTLED = 1 << 0, 1 << 2  # bits of the Pi's `vcgencmd get_throttled`
+
+
+def connected(config: Config) -> Client | None:
+    """To the daemon that has the camera of this configuration; None where none runs, or another camera is asked for."""
+    if config.tap.socket is None:
+        return None
+    try:
+        tap = connect(config.tap.socket)
+    except TapError:
+        return None
+    if tap.hello.get("camera", {}).get("source") == config.camera.source:
+        return tap
+    tap.close()
+    return None
+
+
+def examine(tap: Client) -> Iterator[Finding]:
+    """The daemon, and the panels before its camera."""
+    yield ok("daemon", f"runs (pid {tap.hello.get('pid')}), and has the camera: it was asked")
+    try:
+        health = _health(tap)
+        if health is not None:
+            yield from (finding for finding in checks(tap.hello, health) if finding.name != "map")
+        yield from _in_view(tap)
+    except TapError as error:
+        yield unknown("panels", f"could not be looked for: {error}")
+
+
+def _health(tap: Client) -> dict[str, Any] | None:
+    until_s = time.monotonic() + HEALTH_S
+    for line in tap.lines(tick_s=HEALTH_S):
+        if line["type"] == "health":
+            return line
+        if time.monotonic() > until_s:
+            break
+    return None
+
+
+def _in_view(tap: Client) -> list[Finding]:
+    """The picture of several in which most is told."""
+    pictures = [tap.picture(*WITH_REASONS) for _ in range(PICTURES)]
+    picture = max(pictures, key=lambda one: len(not_read_of(one)))
+    read = sorted({marker["id"] for one in pictures for marker in one["decoded"]["markers"]})
+    why = why_not_of(tap.hello).explain(frame_of(tap.hello, picture), not_read_of(picture), read_px_of(picture))
+    return findings_of(read, why)
+
+
+def checks(hello: dict[str, Any], health: dict[str, Any]) -> list[Finding]:
+    """Camera, lens, exposure, map, serial port and processor, as the daemon tells them."""
+    found = (_camera(health), _lens(hello), _exposure(hello), _map(hello), _line(health), _processor(health))
+    return [finding for finding in found if finding is not None]
+
+
+def _camera(health: dict[str, Any]) -> Finding:
+    state = health["state"].replace("_", " ")
+    if health["state"] == "camera_lost":
+        return bad("camera", "is lost; the daemon opens it again", "check its cable and supply")
+    if health.get("no_fix") == "behind":
+        return bad("frames", "come faster than they are decoded", "end other programs, or set a longer frame period")
+    return ok("camera", f"{state}, {health.get('frames_per_s') or 0:.0f} frames/s")
+
+
+def _lens(hello: dict[str, Any]) -> Finding:
+    if hello["camera"].get("fx") is None:
+        return bad("lens", "is not calibrated: IDs are read, and no poses", "ledpi calibrate camera")
+    return ok("lens", f"{hello['camera']['fx']:.0f} pixels focal length")
+
+
+def _exposure(hello: dict[str, Any]) -> Finding | None:
+    exposure_us = hello["camera"].get("exposure_us")
+    if not exposure_us:
+        return None
+    try:
+        panels = settings_of(hello)
+        weak = " and ".join(f"{hz:g} Hz" for hz in vanishing(panels, exposure_us))
+    except (TapError, ValueError) as error:
+        return bad("panels", str(error), "correct the configuration's panels")
+    if weak:
+        return bad(
+            "exposure",
+            f"{exposure_us:.0f} µs are at a null of {weak}: such bands all but vanish",
+            "exposure × frequency must be near a whole number and a half: ledpi panel design",
+        )
+    return ok("exposure", f"{exposure_us:.0f} µs show the bands of {panels.spec().blinking()}")
+
+
+def _map(hello: dict[str, Any]) -> Finding:
+    panels = hello.get("map")
+    if not panels:
+        return unknown("map", "none: panels have poses, the robot has no place")
+    return ok("map", f"{len(panels)} panel{'s' * (len(panels) > 1)}")
+
+
+def _line(health: dict[str, Any]) -> Finding | None:
+    wire = health.get("wire")
+    if not isinstance(wire, dict):
+        return None
+    if not wire.get("connected"):
+        said = str(wire.get("error") or "the port cannot be opened")
+        return bad("serial port", said, "plug the controller in, or set serial.port: ls /dev/serial/by-id")
+    return ok("serial port", f"{wire.get('packets', 0)} packets sent, {wire.get('dropped', 0)} dropped")
+
+
+def _processor(health: dict[str, Any]) -> Finding | None:
+    temperature_c, throttled = health.get("temperature_c"), health.get("throttled")
+    bits = throttled if isinstance(throttled, int) else 0
+    if bits & UNDER_VOLTAGE:
+        return bad("processor", "its voltage is too low", "use a stronger supply or a shorter cable")
+    if bits & THROTTLED or (temperature_c or 0) >= HOT_C:
+        return bad("processor", f"is too hot and slowed down ({temperature_c} °C)", "cool it")
+    return None if temperature_c is None else ok("processor", f"{temperature_c:.0f} °C")

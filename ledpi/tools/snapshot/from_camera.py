@@ -1,0 +1,70 @@
+"""Frames of a camera that nobody else has open: exposed so that panels are seen, and those that show one."""
+
+from __future__ import annotations
+
+import itertools
+import time
+from collections.abc import Iterator
+
+import numpy as np
+
+from ledpi.camera.base import Camera
+from ledpi.camera.gain_follower import GainFollower
+from ledpi.config.settings import Config
+from ledpi.core.errors import CameraError
+from ledpi.core.records import Frame, Rejected
+from ledpi.pipeline.pipeline import Pipeline
+
+EXPOSE_S = 4.0  # twice what the gain's sweep takes
+LOOK_FRAMES = 30  # half a second of a camera
+UNUSABLE_FRAMES = 30  # in a row, half a second of a camera, after which it is given up
+
+
+class Looking:
+    """Looks through an open camera."""
+
+    def __init__(self, camera: Camera, settings: Config) -> None:
+        self._camera, self._settings = camera, settings
+        self._into = np.empty((camera.info.height, camera.info.width), np.uint8)
+
+    def expose(self) -> None:
+        """Where the gain is `auto`: looks for the panels with every gain, for EXPOSE_S at most."""
+        follower = GainFollower(self._camera)
+        if follower.settled:
+            return
+        pipeline = self._pipeline(stream=True)
+        end_s = time.monotonic() + EXPOSE_S
+        while not follower.settled and time.monotonic() < end_s:
+            frame = self._camera.read(self._into)
+            if frame is None:
+                return
+            if isinstance(frame, Frame):
+                follower.see(frame, pipeline.decode(frame))
+
+    def frames(self) -> Iterator[Frame]:
+        """Frame by frame, each in the place of the one before, until the camera's end. Raises CameraError."""
+        unusable = 0
+        while (frame := self._camera.read(self._into)) is not None:
+            if not isinstance(frame, Rejected):
+                unusable = 0
+                yield frame
+                continue
+            unusable += 1
+            if unusable >= UNUSABLE_FRAMES:
+                name = self._settings.camera.source
+                raise CameraError(f"camera.source: {name} gave {unusable} unusable frames in a row: {frame.key}")
+
+    def showing_a_panel(self) -> Frame | None:
+        """The first that shows a panel by itself; where none of LOOK_FRAMES does, the last, to show why."""
+        alone, frame = self._pipeline(stream=False), None
+        for frame in itertools.islice(self.frames(), LOOK_FRAMES):
+            if alone.decode(frame).markers:
+                break
+        return frame
+
+    def _pipeline(self, *, stream: bool) -> Pipeline:
+        camera, settings = self._camera, self._settings
+        method = settings.decode.method if not stream else "likelihood"
+        return Pipeline(
+            camera.info, settings.panels, intrinsics=None, source_panel=camera.panel, method=method, stream=stream
+        )

@@ -1,0 +1,81 @@
+// The buttons, and the configuration.
+
+import { $, LoginNeeded, ask, hasToken, login } from "./server.js";
+import { cells, html } from "./drawing.js";
+import { forgetBest } from "./light.js";
+import { choose, shownFrame } from "./picture.js";
+
+const MOST_TOLD = 3; // actions
+
+let recording = false;
+export function tellButtons(state) {
+  recording = state.recording;
+  const up = state.link.state === "up", may = (state.daemon && state.daemon.may) || [];
+  const kept_s = state.health ? state.health.kept_s : null;
+  let reason = "";
+  if (!up) reason = "Saving and recording need a running daemon.";
+  else if (!hasToken()) reason = "Saving and recording need the token: open the address that ledpi view has printed.";
+  else if (!may.length) reason = "The daemon permits this page no saving: ledpi view must run as the daemon's user, as root, or in group ledpi.";
+  $("save").disabled = !!reason || !may.includes("save");
+  $("record").disabled = !!reason || !may.includes("record");
+  if (!reason && !may.includes("save")) reason = "There are no last seconds to save: rewind.seconds is 0.";
+  $("why-greyed").textContent = reason;
+  $("keep").disabled = !shownFrame();
+  $("save").textContent = kept_s >= 1 ? `Save the last ${Math.floor(kept_s)} s` : "Save the last seconds";
+  $("record").textContent = recording ? "Stop the recording" : "Start a recording";
+  $("record").classList.toggle("on", recording);
+}
+
+// Each action has a line of its own: one may take a minute, and another is done meanwhile.
+function tellOf(doing) {
+  const line = html("p", "", doing);
+  $("done").append(line);
+  while ($("done").children.length > MOST_TOLD) $("done").firstChild.remove();
+  return line;
+}
+
+async function change(path, doing, done) {
+  const line = tellOf(doing);
+  try {
+    line.textContent = done(await (await ask(path, "POST")).json());
+  } catch (error) {
+    if (error instanceof LoginNeeded) login();
+    line.textContent = error instanceof LoginNeeded ? "The token is wrong." : `Not done: ${error.message}`;
+  }
+}
+
+export async function download(path, name) {
+  const link = document.createElement("a"), line = tellOf("Fetching…");
+  try {
+    link.href = URL.createObjectURL(await (await ask(path)).blob());
+    link.download = name;
+    link.click();
+    setTimeout(() => URL.revokeObjectURL(link.href), 10000);
+    line.textContent = `Saved by this browser as ${name}.`;
+  } catch (error) {
+    line.textContent = `Not done: ${error.message}`;
+  }
+}
+
+$("save").addEventListener("click", () => change("/api/save", "Saving the last seconds…", (told) => `Saved on the daemon's machine: ${told.path}`));
+$("record").addEventListener("click", async () => {
+  if (recording) await change("/api/record_stop", "Ending the recording…", (told) => `Recorded on the daemon's machine${told.path ? `: ${told.path}` : ""}`);
+  else await change("/api/record", "Starting…", () => "It records, until you stop it, or for ten minutes.");
+});
+$("keep").addEventListener("click", () => download("/api/frame.png", `ledpi-frame-${shownFrame().seq}.png`));
+$("forget").addEventListener("click", forgetBest);
+$("ask-why").addEventListener("click", () => choose("whynot"));
+
+$("config").addEventListener("toggle", async () => {
+  if (!$("config").open) return;
+  try {
+    const keys = await (await ask("/api/config")).json();
+    $("keys").replaceChildren(...keys.map(({ key, value, from }) => {
+      const row = document.createElement("tr");
+      cells(row, [key, value === null ? "null" : typeof value === "object" ? JSON.stringify(value) : String(value), from]);
+      return row;
+    }));
+  } catch (error) {
+    $("config-says").textContent = `It cannot be shown: ${error.message}`;
+  }
+});

@@ -1,0 +1,86 @@
+"""Why a panel is not read, as a person asks a running daemon: the page, `monitor`, `doctor` and `snapshot` say it."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.builders.faults import FAULTS, RIGHT, Fault
+from tests.builders.view import COMMAND, DEADLINE_S, ended, start_still_daemon, view, wait_for
+
+pytestmark = [pytest.mark.slow, pytest.mark.alone]  # a daemon, and three commands beside it, for each fault
+TRIES = 4  # of `monitor`, for longer each time: on a busy machine a guess takes some seconds
+
+
+@pytest.fixture(scope="module", params=[*FAULTS, "nothing"])
+def fault(request: pytest.FixtureRequest) -> Fault:
+    return FAULTS.get(request.param, RIGHT)
+
+
+@pytest.fixture(scope="module")
+def folder(fault: Fault, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """Where the tap of a daemon is that sees it, as `auto` looks for it: FOLDER/ledpi/tap.sock."""
+    folder = tmp_path_factory.mktemp("why") / "ledpi"
+    folder.mkdir(mode=0o700)
+    name = next((name for name, one in FAULTS.items() if one is fault), "nothing")
+    with ended(start_still_daemon(folder, name)):
+        wait_for(lambda: (folder / "tap.sock").exists(), "the daemon's tap")
+        yield folder.parent
+
+
+def ledpi(folder: Path, *arguments: str) -> str:
+    """What a command says; its lines may be broken where a terminal's would."""
+    environment = os.environ | {"XDG_RUNTIME_DIR": str(folder)}
+    command = [*COMMAND, *arguments]
+    done = subprocess.run(
+        command, cwd=folder / "ledpi", env=environment, capture_output=True, text=True, check=False, timeout=DEADLINE_S
+    )
+    assert "Traceback" not in done.stderr
+    return re.sub(r"\s+", " ", done.stdout)
+
+
+def is_told(said: str, fault: Fault) -> bool:
+    """Its words; of nothing wrong, that no panel is told to be not read."""
+    return fault.says in said if fault.says else "is not read" not in said and "if it is a panel" not in said
+
+
+def test_the_page_says_it(fault: Fault, folder: Path) -> None:
+    """In the view `why not`."""
+    with view(folder / "ledpi") as page:
+        end_s, told = time.monotonic() + DEADLINE_S, []
+        while time.monotonic() < end_s:
+            told = [one["says"] for one in page.frame("whynot")["why_not"] if one["kind"] != "shape"]
+            if not fault.says or any(fault.says in says for says in told):
+                break
+        assert any(fault.says in says for says in told) if fault.says else told == []
+
+
+def test_monitor_says_it(fault: Fault, folder: Path) -> None:
+    """Below its table."""
+    said = ""
+    for tried in range(1, TRIES + 1):
+        said = ledpi(folder, "monitor", "--seconds", str(4 * tried))
+        if is_told(said, fault):
+            break
+    assert is_told(said, fault), said
+
+
+def test_doctor_says_it(fault: Fault, folder: Path) -> None:
+    """Of the daemon that has the camera, without stopping it."""
+    said = ledpi(folder, "doctor", "--set", "panels.side_m=0.16", "--set", "camera.source=simulated")
+    assert "runs (pid " in said
+    assert is_told(said, fault), said
+
+
+def test_snapshot_says_it(fault: Fault, folder: Path) -> None:
+    """Of the daemon's frame."""
+    said = ledpi(folder, "snapshot", "--set", "panels.side_m=0.16", "--out", "look.png")
+    assert "running daemon" in said
+    assert is_told(said, fault), said
+    assert (folder / "ledpi/look.png").exists()

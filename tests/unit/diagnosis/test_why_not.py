@@ -1,0 +1,88 @@
+"""Why a panel is not read, in words: of each thing that may be wrong with it, on pictures of it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ledpi.core.records import Frame
+from ledpi.diagnosis.diagnose import Diagnosis, not_read_in
+from ledpi.diagnosis.why_not import Why, WhyNot
+from ledpi.pipeline.pipeline import Pipeline
+from ledpi.pipeline.trace import Trace
+from tests.builders.faults import FAULTS, PLACE_PX, RIGHT, SIDE_PX, Fault, camera_of, config_of
+
+FRAMES = 9  # of a stream
+
+
+def explained(fault: Fault, *, stream: bool) -> tuple[list[int], Why]:
+    """IDs that are read, and why others are not, of the frame in which most is told."""
+    config = config_of(fault)
+    camera = camera_of(fault, config, paced=False)
+    pipeline = Pipeline(camera.info, config.panels, intrinsics=camera.info.intrinsics, stream=stream)
+    why_not = WhyNot(camera.info, config.panels, camera.info.intrinsics)
+    into = np.empty((camera.info.height, camera.info.width), np.uint8)
+    told: list[tuple[Frame, Trace, list[int], list[np.ndarray]]] = []
+    for _ in range(FRAMES if stream else 1):
+        frame, trace = camera.read(into.copy()), Trace()
+        assert frame is not None
+        markers = pipeline.decode(frame, trace).markers
+        ids, corners = [m.detection.id for m in markers], [m.detection.corners_px for m in markers]
+        told.append((frame, trace, ids, corners))
+    frame, trace, ids, corners = max(told[FRAMES // 2 :] if stream else told, key=lambda one: len(one[1].dropped))
+    return ids, why_not.explain(frame, not_read_in(trace), corners)
+
+
+def at_the_panel(why: Why) -> list[Diagnosis]:
+    """What is told of panel 11's place."""
+    return [one for one in why.diagnoses if np.abs(one.corners_px.mean(axis=0) - PLACE_PX).max() < SIDE_PX / 2]
+
+
+@pytest.mark.parametrize("stream", [False, True], ids=["alone", "stream"])
+@pytest.mark.parametrize("name", FAULTS)
+def test_what_is_wrong_is_said_at_its_place(name: str, stream: bool) -> None:
+    """First of all that is told there, with what helps; the panel is not read."""
+    fault = FAULTS[name]
+    ids, why = explained(fault, stream=stream)
+    assert 11 not in ids
+    found = at_the_panel(why)
+    assert found, [one.line for one in why.diagnoses]
+    assert fault.says in found[0].says
+    assert found[0].helps
+    assert found[0].kind != "shape"
+
+
+@pytest.mark.parametrize("stream", [False, True], ids=["alone", "stream"])
+def test_where_all_is_well_nothing_is_told(stream: bool) -> None:
+    """Shapes on the wall are no lights; the picture is bright and sharp enough."""
+    ids, why = explained(RIGHT, stream=stream)
+    assert sorted(ids) == [7, 11]
+    assert [one.line for one in why.diagnoses if one.kind != "shape"] == []
+    assert why.notes == []
+
+
+@pytest.mark.parametrize(("name", "says"), [("out of focus", "the picture is blurred"), ("null", "is at a null of")])
+def test_what_holds_for_the_whole_picture_is_told_of_it(name: str, says: str) -> None:
+    """Once, whatever is in it."""
+    _, why = explained(FAULTS[name], stream=False)
+    assert [says in note.says for note in why.notes] == [True]
+    assert why.notes[0].helps
+
+
+def test_a_dark_and_a_bright_picture_are_told() -> None:
+    """Though nothing four-sided is found in them."""
+    for level, says in ((2, "too dark"), (255, "too bright")):
+        config = config_of(RIGHT)
+        camera = camera_of(RIGHT, config, paced=False)
+        frame = camera.read(np.empty((480, 640), np.uint8))
+        assert isinstance(frame, Frame)
+        even = Frame(
+            pixels=np.full((480, 640), level, np.uint8),
+            seq=0,
+            row0_readout_ns=0,
+            exposure_us=frame.exposure_us,
+            row_time_us=frame.row_time_us,
+            transfer=frame.transfer,
+        )
+        why = WhyNot(camera.info, config.panels, None).explain(even, [], [])
+        assert [says in note.says for note in why.notes] == [True]

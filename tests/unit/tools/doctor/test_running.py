@@ -1,0 +1,42 @@
+"""`ledpi doctor`, and the live page, of the daemon that runs: what is wrong with it, and what to do."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from ledpi.tools.doctor.running import checks
+from tests.builders.made_up_daemon import HEALTH, HELLO
+
+
+def found(hello: dict[str, Any] | None = None, health: dict[str, Any] | None = None) -> dict[str, tuple[str, str]]:
+    return {f.name: (f.state, f.said) for f in checks(HELLO | (hello or {}), HEALTH | (health or {}))}
+
+
+def test_a_daemon_that_is_well_has_nothing_to_put_right() -> None:
+    """Without a map it sends no place, which may be meant so."""
+    states = {name: state for name, (state, _) in found().items()}
+    assert states == dict.fromkeys(("camera", "lens", "exposure", "serial port", "processor"), "ok") | {
+        "map": "unknown"
+    }
+
+
+@pytest.mark.parametrize(
+    ("hello", "health", "name", "said"),
+    [
+        ({"camera": HELLO["camera"] | {"fx": None}}, {}, "lens", "is not calibrated"),
+        ({"camera": HELLO["camera"] | {"exposure_us": 8000.0}}, {}, "exposure", "at a null of 1250 Hz"),
+        ({}, {"state": "camera_lost"}, "camera", "is lost"),
+        ({}, {"no_fix": "behind"}, "frames", "faster than they are decoded"),
+        ({}, {"wire": {"connected": False, "error": "no such port"}}, "serial port", "no such port"),
+        ({}, {"throttled": 1}, "processor", "voltage is too low"),
+        ({}, {"temperature_c": 85.0}, "processor", "too hot"),
+    ],
+)
+def test_what_is_wrong_is_told_with_what_to_do(hello: Any, health: Any, name: str, said: str) -> None:
+    """As `ledpi doctor` does."""
+    state, told = found(hello, health)[name]
+    assert state == "bad"
+    assert said in told
+    assert all(f.remedy for f in checks(HELLO | hello, HEALTH | health) if f.state == "bad")
