@@ -25,7 +25,7 @@ pytestmark = pytest.mark.alone  # it tells how late a daemon is: no other test m
 
 def frame(age_ns: int) -> Frame:
     """Read out so long ago, by a camera whose clock runs 7 s behind."""
-    camera, into = open_simulated(load_config(None, SIMULATED), paced=False), np.zeros((480, 640), np.uint8)
+    camera, into = open_simulated(load_config(None, SIMULATED), paced=False), np.zeros((240, 320), np.uint8)
     taken = camera.read(into)
     assert isinstance(taken, Frame)
     row0_ns = time.monotonic_ns() - age_ns

@@ -23,7 +23,7 @@ from ledpi.runtime.tap_recorder import TapRecorder
 from ledpi.tap.client import connect
 from ledpi.tap.protocol import Request
 from ledpi.view.hub import Hub
-from tests.builders.daemon import DEADLINE_S, ROOT, SIMULATED, daemon, end
+from tests.builders.daemon import DEADLINE_S, ROOT, SIMULATED, SIMULATED_YAML, daemon, end
 from tests.builders.rewind import stream, without_times
 from tests.builders.tap import at, reach, wait_until
 
@@ -124,7 +124,7 @@ def test_record_stop_ends_it_and_a_second_one_is_refused(takes: Path, tmp_path: 
 def test_the_daemons_end_makes_it_whole(takes: Path, tmp_path: Path, how: signal.Signals) -> None:
     """Also where another one begins, of a new configuration; who asked hears of it."""
     path, config = tmp_path / "tap.sock", tmp_path / "config.yaml"
-    config.write_text("panels: {side_m: 0.16}\ncamera: {source: simulated}\n", encoding="utf-8")
+    config.write_text("panels: {side_m: 0.16}\n" + SIMULATED_YAML, encoding="utf-8")
     with daemon(at(path), OFF, options=("--config", str(config))) as process, reach(path) as client:
         lines = client.lines()
         begun = client.send("record", seconds=600)

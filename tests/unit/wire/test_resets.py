@@ -11,7 +11,7 @@ import pytest
 from ledpi.pose.panel_map import MapPanel, PanelMap
 from ledpi.wire import FixMessage
 from ledpi.wire.resets import Resets
-from tests.builders.daemon import Controller, controller, daemon, end
+from tests.builders.daemon import SIMULATED_YAML, Controller, controller, daemon, end
 
 
 def panels(**x_m: float) -> PanelMap:
@@ -66,8 +66,7 @@ def test_a_reload_with_another_map_is_told_with_each_fix(tmp_path: Path) -> None
 
     with controller() as line:
         file.write_text(
-            f"panels: {{side_m: 0.16, upright: true}}\ncamera: {{source: simulated}}\nmap: markers.yaml\n"
-            f"serial: {{port: {line.port}}}\n"
+            f"panels: {{side_m: 0.16, upright: true}}\nmap: markers.yaml\n{SIMULATED_YAML}serial: {{port: {line.port}}}"
         )
         hang(3.0)
         with daemon(options=("--config", str(file))) as process:
