@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any
 
 import numpy as np
 
-from ledpi.camera.simulated import open_simulated
+from ledpi.camera.simulated import SimulatedCamera, open_simulated
 from ledpi.config.settings import Config, load_config
 from ledpi.core.geometry import matrix_from_quaternion, transform
 from ledpi.core.records import CameraInfo, Decoded, Frame, MarkerPose
@@ -40,12 +41,16 @@ class Stream:
 
 def stream(count: int, *settings: str, robot: Robot | None = None) -> Stream:
     """The simulated drive."""
-    config = load_config(None, (*SIMULATED, *settings))
-    camera = open_simulated(config, paced=False, frames=count)
-    frames: list[Frame] = []
-    while isinstance(frame := camera.read(np.empty((480, 640), np.uint8)), Frame):
+    camera, frames = _drive(settings)
+    while len(frames) < count and isinstance(frame := camera.read(np.empty((480, 640), np.uint8)), Frame):
         frames.append(frame)
-    return decoded_live(config, camera.info, frames, robot)
+    return decoded_live(load_config(None, (*SIMULATED, *settings)), camera.info, frames[:count], robot)
+
+
+@cache
+def _drive(settings: tuple[str, ...]) -> tuple[SimulatedCamera, list[Frame]]:
+    """With as much of it as has been drawn so far, for all tests of this process."""
+    return open_simulated(load_config(None, (*SIMULATED, *settings)), paced=False), []
 
 
 def decoded_live(config: Config, info: CameraInfo, frames: list[Frame], robot: Robot | None = None) -> Stream:

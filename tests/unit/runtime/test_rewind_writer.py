@@ -27,7 +27,7 @@ from tests.builders.rewind import EVERY, Stream, as_lines, decoded_live, exactly
 
 COMMAND = [sys.executable, "-c", "from ledpi.cli import main; main()"]
 SPEC = PanelSpec(side_m=0.16, black_hz=1250.0, white_hz=2450.0)
-COUNT, FIRST = 45, EVERY
+COUNT, FIRST = 2 * EVERY + 1, EVERY
 PATIENCE_S = 120.0
 
 
@@ -153,7 +153,7 @@ def test_a_recording_that_is_cut_off_is_one(drive: Stream, tmp_path: Path, monke
             writer._stop.set()
 
     monkeypatch.setattr(ring, "give_back", lambda kept: (count(kept), give_back(kept)))
-    with pytest.raises(RecordingError, match=r"\.part: cut off after 12 of 30 frames: the daemon ends"):
+    with pytest.raises(RecordingError, match=r"\.part: cut off after 12 of 16 frames: the daemon ends"):
         writer.write("asked", ring.take()).result(PATIENCE_S)
     writer.close()
     (part,) = tmp_path.iterdir()
