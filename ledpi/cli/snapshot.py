@@ -201,7 +201,7 @@ def _expose(camera: Camera, settings: Config, into: Pixels) -> None:
         if frame is None:
             return
         if isinstance(frame, Frame):
-            follower.see(frame, pipeline.decode(frame))
+            follower.update(frame, pipeline.decode(frame))
 
 
 def _from_recording(folder: Path, settings: Config, seq: int | None) -> _Source:

@@ -18,15 +18,15 @@ from pydantic import (
     field_validator,
 )
 
-LONGEST_SIDE_M = 10.0  # a longer one was given in millimetres
+MAX_SIDE_M = 10.0  # a longer one was given in millimetres
 
 
 def _check_metres(side_m: float) -> float:
-    if side_m <= LONGEST_SIDE_M:
+    if side_m <= MAX_SIDE_M:
         return side_m
     shorter = side_m / 1000
-    offer = f" ({side_m:g} mm are {shorter:g})" if shorter <= LONGEST_SIDE_M else ""
-    raise ValueError(f"must be in metres, {LONGEST_SIDE_M:g} at most{offer}")
+    offer = f" ({side_m:g} mm are {shorter:g})" if shorter <= MAX_SIDE_M else ""
+    raise ValueError(f"must be in metres, {MAX_SIDE_M:g} at most{offer}")
 
 
 # What lies outside these was given in another unit: kilohertz, seconds, nanoseconds, millimetres.

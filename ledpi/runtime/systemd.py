@@ -47,7 +47,7 @@ class Watchdog:
         # The first step counts at once: after a reload it was last fed before the camera was opened.
         self._fed_s, self._fed_steps = -math.inf, 0
 
-    def see(self, steps: int) -> None:
+    def update(self, steps: int) -> None:
         """Sends `WATCHDOG=1` if it is time, and if more `steps` are done than when it was sent last."""
         now_s = time.monotonic()
         if self._period_s is not None and now_s - self._fed_s >= self._period_s and steps > self._fed_steps:

@@ -137,7 +137,7 @@ def test_the_demo_runs_by_itself(tmp_path: Path) -> None:
     assert processes_with(str(tmp_path)) == []
 
 
-def test_a_computer_that_is_too_slow_is_told(
+def test_a_computer_that_is_too_slow_is_reported(
     demo: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """All went well, but every pose was too old to be sent: the reason is said, and the status is 1."""
@@ -152,7 +152,7 @@ def test_a_computer_that_is_too_slow_is_told(
     assert "no pose arrived: this computer is busy, or too slow" in capsys.readouterr().err
 
 
-def test_a_daemon_that_fails_is_told(
+def test_a_daemon_that_fails_is_reported(
     demo: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Nothing to show, so it ends at once, with status 1 and the place of the logs."""

@@ -112,7 +112,7 @@ def test_a_daemon_that_is_killed_leaves_a_recording(takes: Path) -> None:
     assert differences(part) == []
 
 
-def test_a_file_that_cannot_be_written_is_told_and_the_daemon_goes_on(takes: Path) -> None:
+def test_a_file_that_cannot_be_written_is_reported_and_the_daemon_goes_on(takes: Path) -> None:
     """The kernel refuses the first picture; poses go on, and the next recording, with room again, is whole."""
     with controller() as line, daemon(*SIMULATED, f"serial.port={line.port}") as process:
         has_seen(line, 20)
@@ -316,7 +316,7 @@ def test_a_person_s_daemon_writes_in_their_own(monkeypatch: pytest.MonkeyPatch) 
     assert takes_folder() == Path("/home/anna/.local/state/ledpi/takes")
 
 
-def test_what_does_not_fit_is_told(drive: Stream, takes: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_what_does_not_fit_is_reported(drive: Stream, takes: Path, caplog: pytest.LogCaptureFixture) -> None:
     """Ten seconds in 20 MB: how many there are instead."""
     with caplog.at_level(logging.WARNING):
         Rewind(RewindSettings(seconds=10.0, memory_mb=20.0), drive.pipeline(), drive.camera, 17.0, "simulated")

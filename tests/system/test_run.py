@@ -286,7 +286,7 @@ def complaint(
         (["--set", "panels.side_m=1", "--set", "camera.source=v4l2:/dev/null"], "camera.row_time_us: must be a number"),
     ],
 )
-def test_what_cannot_run_is_told_in_one_line(
+def test_what_cannot_run_is_reported_in_one_line(
     arguments: list[str],
     message: str,
     monkeypatch: pytest.MonkeyPatch,
@@ -305,7 +305,7 @@ def test_what_cannot_run_is_told_in_one_line(
         (["panels.overrides={7: {white_hz: 1250}}"], "black_hz and white_hz must differ"),
     ],
 )
-def test_what_contradicts_the_camera_is_told_in_one_line(
+def test_what_contradicts_the_camera_is_reported_in_one_line(
     settings: list[str],
     message: str,
     monkeypatch: pytest.MonkeyPatch,

@@ -202,7 +202,7 @@ def test_a_disk_that_is_too_full_is_told(takes: Path, monkeypatch: pytest.Monkey
         for index, (frame, decoded) in enumerate(zip(drive.frames, drive.live, strict=True)):
             if index == 5:
                 wait_until(lambda: len(list(takes.glob("*-recorded.part/frames/*.png"))) == 4)
-                monkeypatch.setattr(takes_module, "LEAST_FREE_BYTES", 10**18)
+                monkeypatch.setattr(takes_module, "MIN_FREE_BYTES", 10**18)
             recorder.keep(frame, decoded, 150_000)
         with pytest.raises(RecordingError, match=r"the disk has \d+ MB left; \d+ MB are needed; 4 frames are in /"):
             running.result(DEADLINE_S)

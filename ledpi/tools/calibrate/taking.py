@@ -21,7 +21,7 @@ from ledpi.pipeline.trace import Trace
 from ledpi.recording.overrides import load_recording_with
 from ledpi.runtime.daemon import calibration
 
-FEWEST_FRAMES = 20
+MIN_FRAMES = 20
 SETTLE_FRAMES = 300  # five seconds: the gain's sweep takes two
 
 
@@ -60,8 +60,8 @@ def take_frames(config: Config, count: int, advance: Callable[[int], None]) -> T
     finally:
         camera.close()
     take = longest_take(frames)
-    if len(take) < FEWEST_FRAMES:
-        raise CalibrationError(f"{source}: {len(take)} usable frames in a row; at least {FEWEST_FRAMES} are needed")
+    if len(take) < MIN_FRAMES:
+        raise CalibrationError(f"{source}: {len(take)} usable frames in a row; at least {MIN_FRAMES} are needed")
     return Taken(frames=take, camera=camera.info, panel=camera.panel, intrinsics=intrinsics, row_time_ratio=ratio)
 
 

@@ -70,7 +70,7 @@ def test_a_recording_without_a_state_has_none(drive: Stream, tmp_path: Path) -> 
     assert not resume_from(tmp_path, drive.pipeline())
 
 
-def test_its_size_is_told_beforehand(drive: Stream) -> None:
+def test_its_size_is_known_beforehand(drive: Stream) -> None:
     """No less than it takes, and not several times as much: rewind's memory is counted by it."""
     state = drive.states[COUNT // EVERY * EVERY]
     assert len(as_bytes(state)) <= size_of(state) <= 4 * len(as_bytes(state))

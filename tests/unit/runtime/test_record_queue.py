@@ -10,7 +10,7 @@ import pytest
 
 from ledpi.core.records import Decoded, Frame
 from ledpi.pipeline.state import PipelineState
-from ledpi.runtime.record_queue import FEWEST, MOST_BYTES, MOST_FRAMES, RecordQueue
+from ledpi.runtime.record_queue import MAX_BYTES, MAX_FRAMES, MIN_FRAMES, RecordQueue
 from tests.builders.rewind import EVERY, Stream, later, stream
 
 HEIGHT, WIDTH = 480, 640
@@ -77,22 +77,22 @@ def test_it_begins_with_the_state_after_the_first_frame(state: PipelineState) ->
 def test_what_finds_no_room_is_dropped_and_counted(state: PipelineState) -> None:
     """The newest go, so what waits has no gap; with room again there is one, in order."""
     queue = RecordQueue(HEIGHT, WIDTH)
-    keep(queue, state, *range(MOST_FRAMES + 11))
+    keep(queue, state, *range(MAX_FRAMES + 11))
     assert queue.dropped == 10
     oldest = queue.next(time.monotonic() + 60)
     assert oldest is not None
     queue.give_back(oldest)
     keep(queue, state, 200)
-    assert rest(queue) == [*range(2, MOST_FRAMES + 1), 200]
+    assert rest(queue) == [*range(2, MAX_FRAMES + 1), 200]
     assert queue.dropped == 10
 
 
 def test_its_memory_is_bounded_and_there_before_the_first_frame(state: PipelineState) -> None:
     """Of large pictures there are fewer; no frame asks for as much as a tenth of a picture."""
-    assert RecordQueue(2000, 3000).frames == FEWEST
-    assert RecordQueue(1232, 1640).frames * 1232 * 1640 <= MOST_BYTES
+    assert RecordQueue(2000, 3000).frames == MIN_FRAMES
+    assert RecordQueue(1232, 1640).frames * 1232 * 1640 <= MAX_BYTES
     queue = RecordQueue(HEIGHT, WIDTH)
-    coming = [(of, decoded(of)) for of in map(frame, range(2 * MOST_FRAMES))]
+    coming = [(of, decoded(of)) for of in map(frame, range(2 * MAX_FRAMES))]
     tracemalloc.start()
     try:
         before = tracemalloc.get_traced_memory()[0]

@@ -207,7 +207,7 @@ def test_a_bug_in_an_encoder_ends_it(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert [str(error) for error in ended] == ["a bug"]
 
 
-def test_a_camera_that_was_lost_meanwhile_is_told(tmp_path: Path) -> None:
+def test_a_camera_that_was_lost_meanwhile_is_reported(tmp_path: Path) -> None:
     """However many attempts it took to open it again; what it did not make meanwhile is not counted as missed."""
     one = recorder(tmp_path / "take", Steps(0, 1, LOST, LOST, LOST, 2, 3))
     one.run()

@@ -12,8 +12,8 @@ import pytest
 from ledpi.core.records import Decoded, Frame
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.pipeline.state import PipelineState
-from ledpi.runtime.rewind_ring import FEWEST, SPARE, RewindRing
-from ledpi.runtime.rooms import Kept
+from ledpi.runtime.frame_buffers import KeptFrame
+from ledpi.runtime.rewind_ring import MIN_FRAMES, SPARE, RewindRing
 from tests.builders.rewind import EVERY, Stream, later, stream
 
 HEIGHT, WIDTH = 480, 640
@@ -64,7 +64,7 @@ def keep(ring: RewindRing, state: PipelineState, *seqs: int) -> None:
         ring.keep(of, decoded(of), 1000 + seq, lambda: state)
 
 
-def seqs(kept: list[Kept]) -> list[int]:
+def seqs(kept: list[KeptFrame]) -> list[int]:
     return [each.frame.seq for each in kept]
 
 
@@ -155,7 +155,7 @@ def test_memory_holds_as_much_as_it_may(state: PipelineState) -> None:
     ring = ring_of(60.0, state, most)
     keep(ring, state, *range(200))
     kept = ring.take()
-    assert FEWEST < ring.frames < 40
+    assert MIN_FRAMES < ring.frames < 40
     assert ring.frames * HEIGHT * WIDTH + sum(each.side_bytes for each in kept) <= most
     assert len(kept) > ring.frames / 4  # less than a second, and still there is a state to begin at
 

@@ -20,8 +20,8 @@ from ledpi.recording.reader import load_recording
 from ledpi.runtime import takes
 from ledpi.runtime.recorder import LIVE_FILE
 from ledpi.runtime.rewind_ring import RewindRing
-from ledpi.runtime.rewind_writer import MOST_WAITING, RewindWriter
-from ledpi.runtime.takes import MOST_AUTOMATIC, Shown
+from ledpi.runtime.rewind_writer import MAX_WAITING, RewindWriter
+from ledpi.runtime.takes import MAX_AUTOMATIC, Shown
 from tests.builders import ROOT
 from tests.builders.rewind import EVERY, Stream, as_lines, decoded_live, exactly, stream, without_times
 
@@ -162,9 +162,9 @@ def test_a_recording_that_is_cut_off_is_one(drive: Stream, tmp_path: Path, monke
     assert len(given) == COUNT - FIRST  # every room is free again
 
 
-def test_a_disk_that_is_too_full_is_told(drive: Stream, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_disk_that_is_too_full_is_reported(drive: Stream, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Before anything is written, as a disk that ledpi has filled stops more than ledpi; the rooms are free again."""
-    monkeypatch.setattr(takes, "LEAST_FREE_BYTES", 10**18)
+    monkeypatch.setattr(takes, "MIN_FREE_BYTES", 10**18)
     ring = ring_with(drive, drive.live[FIRST:], [150_000] * (COUNT - FIRST))
     before = ring.room
     writer = writer_of(ring, tmp_path / "takes", drive)
@@ -185,7 +185,7 @@ def test_those_that_nobody_asked_for_do_not_pile_up(drive: Stream, tmp_path: Pat
     writer = writer_of(ring, tmp_path, drive)
     path = writer.write("camera_lost", ring.take()).result(PATIENCE_S)
     writer.close()
-    assert {p.name for p in tmp_path.iterdir()} == {*old[-MOST_AUTOMATIC + 1 :], *kept, path.name}
+    assert {p.name for p in tmp_path.iterdir()} == {*old[-MAX_AUTOMATIC + 1 :], *kept, path.name}
 
 
 def test_two_in_one_second_have_names_of_their_own(drive: Stream, tmp_path: Path) -> None:
@@ -206,7 +206,7 @@ def test_more_than_it_can_write_is_refused(drive: Stream, tmp_path: Path) -> Non
     ring = ring_with(drive, drive.live[FIRST:], [150_000] * (COUNT - FIRST))
     shown = Shown(camera=drive.camera, dictionary="DICT_4X4_50", panel=SPEC, source="simulated")
     writer = RewindWriter(ring, tmp_path, shown)  # it is not started, and writes nothing
-    for _ in range(MOST_WAITING):
+    for _ in range(MAX_WAITING):
         writer.write("asked", [])
     kept, before = ring.take(), ring.room
     with pytest.raises(RecordingError, match="others are still being written"):

@@ -122,7 +122,7 @@ def test_reasons_are_those_of_the_documents() -> None:
     }
 
 
-def test_a_reason_of_a_newer_daemon_is_told_by_its_name() -> None:
+def test_a_reason_of_a_newer_daemon_is_shown_by_its_name() -> None:
     """Rather than not at all."""
     assert explained("soft.something_new") == ("soft: something new", "")
 
@@ -275,7 +275,7 @@ def test_the_histogram_counts_every_pixel() -> None:
         {"rejected": []},
     ],
 )
-def test_a_line_that_is_no_taps_is_told_by_its_key(change: dict[str, Any]) -> None:
+def test_a_line_that_is_no_taps_is_refused_by_its_key(change: dict[str, Any]) -> None:
     """Before anything is drawn of it; a good one, and one of an unknown type, pass."""
     check_line(decoded(1))
     check_line({"type": "new"})

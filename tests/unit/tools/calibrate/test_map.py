@@ -30,7 +30,7 @@ from tests.builders.map import SIDE_M, detection, frame, optical, panel, pose, s
 
 SIDES_M = dict.fromkeys(range(50), SIDE_M)
 EYE = pose((0.0, 0.0, 1.2))  # the camera's mount: level, 1.2 m above the floor
-LEAST_SIDE_PX, MOST_OBLIQUE_DEG = 14.0, 78.0
+MIN_SIDE_PX, MAX_OBLIQUE_DEG = 14.0, 78.0
 
 
 def corridor(seed: int) -> dict[int, Floats]:
@@ -49,12 +49,12 @@ def in_sight(base: Floats, place: Floats) -> Floats | None:
     camera_from_marker = np.linalg.inv(base @ optical(EYE)) @ place
     away = camera_from_marker[:3, 3]
     facing = -camera_from_marker[:3, 2] @ away / math.hypot(*away)
-    if away[2] < 0.3 or facing < math.cos(math.radians(MOST_OBLIQUE_DEG)):
+    if away[2] < 0.3 or facing < math.cos(math.radians(MAX_OBLIQUE_DEG)):
         return None
     corners = seen_corners(base, place, EYE)
     (ax, ay), (bx, by) = corners[2] - corners[0], corners[3] - corners[1]
     inside = ((corners > 3) & (corners < (636, 476))).all()
-    return corners if inside and abs(ax * by - ay * bx) / 2 > LEAST_SIDE_PX**2 else None
+    return corners if inside and abs(ax * by - ay * bx) / 2 > MIN_SIDE_PX**2 else None
 
 
 @cache
