@@ -25,7 +25,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 
 from benchmarks.endurance.hostile_pictures import KINDS, Drawing, Rng, panel, readable
-from ledpi.config.settings import Method, PanelSettings
+from ledpi.config.panels import PanelSettings
+from ledpi.config.settings import Method
 from ledpi.core.records import CameraInfo, Decoded, Floats, Frame, Intrinsics, PanelSpec, Transfer
 from ledpi.core.shutter import row_weights
 from ledpi.pipeline.pipeline import Pipeline

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from ledpi.camera.timing import exposure_honoured
-from ledpi.config.settings import Config, PanelSettings
+from ledpi.config.panels import PanelSettings
+from ledpi.config.settings import Config
 from ledpi.core.records import CameraInfo
 from ledpi.core.shutter import contrast
 

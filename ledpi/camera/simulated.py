@@ -10,7 +10,8 @@ from dataclasses import asdict
 
 from ledpi.camera.timing import choose_frame_length_rows
 from ledpi.config.camera_yaml import load_intrinsics
-from ledpi.config.settings import CameraSettings, Config, PanelSettings
+from ledpi.config.panels import PanelSettings
+from ledpi.config.settings import CameraSettings, Config
 from ledpi.core.errors import CameraError, ConfigError
 from ledpi.core.records import CameraInfo, Frame, PanelSpec, PanelValues, Pixels
 from ledpi.recording.reader import TruthMarker

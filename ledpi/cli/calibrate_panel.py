@@ -12,7 +12,8 @@ from ledpi.cli.progress import progress
 from ledpi.core.errors import CalibrationError
 
 if TYPE_CHECKING:
-    from ledpi.config.settings import Config, PanelSettings
+    from ledpi.config.panels import PanelSettings
+    from ledpi.config.settings import Config
     from ledpi.core.records import Floats, PanelSpec
     from ledpi.tools.calibrate.band_search import PanelLight
     from ledpi.tools.calibrate.bands import ClassBands
@@ -129,7 +130,7 @@ def _measure_one(taken: Taken, panels: PanelSettings, light: PanelLight, corners
 
 
 def _check_that_it_reads(taken: Taken, panels: PanelSettings, result: PanelCalibration, corners: Floats) -> None:
-    from ledpi.config.settings import PanelOverride
+    from ledpi.config.panels import PanelOverride
     from ledpi.pipeline.pipeline import Pipeline
     from ledpi.tools.calibrate.panel import MAX_LIGHT_SHARE
     from ledpi.tools.calibrate.still_panels import reads

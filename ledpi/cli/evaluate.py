@@ -17,7 +17,8 @@ from ledpi.core.errors import ConfigError
 from ledpi.core.str_enum import StrEnum
 
 if TYPE_CHECKING:
-    from ledpi.config.settings import Config, PanelSettings
+    from ledpi.config.panels import PanelSettings
+    from ledpi.config.settings import Config
     from ledpi.tools.evaluate.conditions import Suite
     from ledpi.tools.evaluate.folder import ResultsFolder
     from ledpi.tools.evaluate.page import Commands

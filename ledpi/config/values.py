@@ -11,11 +11,13 @@ from pydantic import (
     AfterValidator,
     BaseModel,
     BeforeValidator,
+    ConfigDict,
     Discriminator,
     Field,
     Tag,
     ValidationInfo,
     field_validator,
+    model_validator,
 )
 
 MAX_SIDE_M = 10.0  # a longer one was given in millimetres
@@ -163,3 +165,18 @@ class NoBooleans(BaseModel):
         if isinstance(value, str) and "\0" in value:
             raise ValueError("must hold no null character")
         return value
+
+
+class Section(NoBooleans):
+    """A section of the configuration: unknown keys are errors."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _is_section(cls, value: object) -> object:
+        if value is None:  # `camera:` with every key under it commented out
+            return {}
+        if isinstance(value, (dict, cls)):
+            return value
+        raise ValueError(f"must be a section with the keys {', '.join(sorted(cls.model_fields))}")

@@ -7,7 +7,8 @@ from collections.abc import Callable
 
 from ledpi import __version__
 from ledpi.camera.base import Camera
-from ledpi.config.settings import Config, check_bands_visible
+from ledpi.config.panels import check_bands_visible
+from ledpi.config.settings import Config
 from ledpi.core.errors import LedpiError, RecordingError
 from ledpi.core.wording import one_line
 from ledpi.runtime.daemon import Daemon

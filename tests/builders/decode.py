@@ -14,7 +14,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ledpi.config.settings import PanelSettings, load_config
+from ledpi.config.panels import PanelSettings
+from ledpi.config.settings import load_config
 from ledpi.core.records import (
     CameraInfo,
     Floats,

@@ -12,7 +12,8 @@ from ledpi.camera.base import AdjustableGain, Camera
 from ledpi.camera.factory import open_camera
 from ledpi.camera.gain import GainControl, brightest_level
 from ledpi.camera.recording import RecordingCamera
-from ledpi.config.settings import Config, PanelSettings
+from ledpi.config.panels import PanelSettings
+from ledpi.config.settings import Config
 from ledpi.core.errors import CalibrationError
 from ledpi.core.records import MAX_GAP_NS, CameraInfo, Frame, Intrinsics, PanelValues, Rejected
 from ledpi.decode.cells import SATURATED

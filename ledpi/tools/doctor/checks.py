@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
+from ledpi.config.panels import PanelSettings
 from ledpi.config.robot import load_robot, unreadable_note
-from ledpi.config.settings import SEARCH_PATH, Config, PanelSettings
+from ledpi.config.settings import SEARCH_PATH, Config
 from ledpi.core.errors import LedpiError, WireError
 from ledpi.core.wording import counted
 from ledpi.markers.codewords import format_ranges

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ledpi.config.settings import PanelSettings
+from ledpi.config.panels import PanelSettings
 from ledpi.core.records import Decoded, Frame, Intrinsics
 from ledpi.markers.codewords import Bits
 from ledpi.markers.dictionaries import load_dictionary

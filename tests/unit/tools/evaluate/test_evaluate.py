@@ -22,7 +22,8 @@ from typer.testing import CliRunner
 from ledpi.cli.evaluate import evaluate
 from ledpi.cli.simulate import simulate
 from ledpi.config.camera_yaml import camera_yaml_text
-from ledpi.config.settings import PanelSettings, load_config
+from ledpi.config.panels import PanelSettings
+from ledpi.config.settings import load_config
 from ledpi.core.errors import CalibrationError, ConfigError, LedpiError, RecordingError
 from ledpi.core.records import Intrinsics
 from ledpi.markers.dictionaries import load_dictionary

@@ -14,7 +14,7 @@ import typer
 from typer.testing import CliRunner
 
 from ledpi.cli.evaluate import evaluate
-from ledpi.config.settings import PanelSettings
+from ledpi.config.panels import PanelSettings
 from ledpi.core.errors import ConfigError, LedpiError, RecordingError
 from ledpi.core.records import Frame
 from ledpi.recording.reader import load_recording

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from ledpi.cli import main
-from ledpi.config.settings import PanelSettings
+from ledpi.config.panels import PanelSettings
 from ledpi.core.records import CameraInfo, Floats, Frame, Pixels
 from ledpi.decode.cells import CellSamples, lattice
 from ledpi.pipeline.pipeline import Pipeline
