@@ -12,7 +12,7 @@ from ledpi.config.mistakes import explain
 from ledpi.config.values import Coefficient, Finite, SidePx, check_lens, numbers
 from ledpi.core.errors import CalibrationError
 from ledpi.core.files import read_yaml
-from ledpi.core.records import Intrinsics
+from ledpi.core.records import CameraInfo, Intrinsics
 
 
 def _camera_matrix(data: list[float]) -> list[float]:
@@ -75,6 +75,13 @@ def load_intrinsics(path: Path, for_size: tuple[int, int] | None = None) -> Intr
         cy=cy,
         distortion=(k1, k2, p1, p2, k3),
     )
+
+
+def lens_of(camera: CameraInfo, path: Path | None) -> Intrinsics | None:
+    """The source's own lens, else the one of `camera.intrinsics`. Raises CalibrationError."""
+    if camera.intrinsics is not None or path is None:
+        return camera.intrinsics
+    return load_intrinsics(path, (camera.width, camera.height))
 
 
 def own_section(path: Path) -> dict[str, Any]:

@@ -16,11 +16,11 @@ from ledpi.camera.base import Camera
 from ledpi.camera.exposure_notes import exposure_notes
 from ledpi.camera.gain_follower import GainFollower
 from ledpi.camera.recovering import LOST
-from ledpi.config.camera_yaml import load_intrinsics
+from ledpi.config.camera_yaml import lens_of
 from ledpi.config.robot import load_robot, unreadable_note
 from ledpi.config.settings import Config
 from ledpi.core.errors import CameraError, TransientError
-from ledpi.core.records import CameraInfo, Decoded, Floats, Frame, Intrinsics, Rejected
+from ledpi.core.records import CameraInfo, Decoded, Floats, Frame, Rejected
 from ledpi.decode.identify.frequency_search import off_frequency_note
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.runtime.health import Health, StageTimes
@@ -69,7 +69,7 @@ class Daemon:
         info = camera.info
         self._camera = camera
         self._lossless = lossless
-        self._calibrated = calibration(config, camera)
+        self._calibrated = lens_of(info, config.camera.intrinsics)
         self._has_map = config.map is not None
         self._ring = FrameRing(info.height, info.width)
         robot = load_robot(config)
@@ -279,14 +279,6 @@ class Daemon:
 def _period_ms(info: CameraInfo) -> float:
     """Between two frames; without blanking where that is not known."""
     return (info.frame_length_rows or info.height) * info.row_time_us * 1e-3
-
-
-def calibration(config: Config, camera: Camera) -> Intrinsics | None:
-    """The lens: what the source itself knows, else what the configuration names. Raises CalibrationError."""
-    info = camera.info
-    if info.intrinsics is not None or config.camera.intrinsics is None:
-        return info.intrinsics
-    return load_intrinsics(config.camera.intrinsics, (info.width, info.height))
 
 
 def _mavlink(config: Config, base_link_from_camera: Floats, resets: Resets) -> Mavlink | None:

@@ -12,6 +12,7 @@ from ledpi.camera.base import AdjustableGain, Camera
 from ledpi.camera.factory import open_camera
 from ledpi.camera.gain import GainControl, brightest_level
 from ledpi.camera.recording import RecordingCamera
+from ledpi.config.camera_yaml import lens_of
 from ledpi.config.panels import PanelSettings
 from ledpi.config.settings import Config
 from ledpi.core.errors import CalibrationError
@@ -20,7 +21,6 @@ from ledpi.decode.cells import SATURATED
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.pipeline.trace import Trace
 from ledpi.recording.overrides import load_recording_with
-from ledpi.runtime.daemon import calibration
 
 MIN_FRAMES = 20
 SETTLE_FRAMES = 300  # five seconds: the gain's sweep takes two
@@ -57,7 +57,7 @@ def take_frames(config: Config, count: int, advance: Callable[[int], None]) -> T
         for frame in _read(camera, count):
             frames.append(frame)
             advance(1)
-        intrinsics = calibration(config, camera)
+        intrinsics = lens_of(camera.info, config.camera.intrinsics)
     finally:
         camera.close()
     take = longest_take(frames)
