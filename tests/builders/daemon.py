@@ -70,7 +70,7 @@ class Controller:
         deadline = time.monotonic() + DEADLINE_S
         while not enough(self):
             assert time.monotonic() < deadline, "the daemon did not send what was waited for"
-            time.sleep(0.02)
+            time.sleep(0.004)
 
     def close(self) -> None:
         """Reads what is still there. No pose of all that came may be older than allowed."""

@@ -26,10 +26,20 @@ from ledpi.config.settings import load_config
 from ledpi.core.records import CameraInfo, Frame, PanelValues, Pixels
 from ledpi.runtime.daemon import Daemon
 from ledpi.wire import FixMessage, MarkerMessage, Message, Receiver, State, StatusMessage
-from tests.builders.daemon import COMMAND, DEADLINE_S, MAX_AGE_US, ROOT, daemon, end, slowness, write_recording
+from tests.builders.daemon import (
+    COMMAND,
+    DEADLINE_S,
+    MAX_AGE_US,
+    ROOT,
+    SIMULATED,
+    daemon,
+    end,
+    slowness,
+    write_recording,
+)
 from tests.builders.imports import RUN, file_of, reached_from
 
-pytestmark = pytest.mark.alone  # it tells how late a daemon is: no other test may take the processor meanwhile
+alone = pytest.mark.alone  # it tells how late a daemon is: no other test may take the processor meanwhile
 
 BYTE_S = 10 / 115200
 BACK_S = 1.0  # promised after a line is there again; a busy machine gets as much more as it is slower
@@ -121,11 +131,12 @@ def settings(take: Path, tmp_path: Path) -> tuple[str, ...]:
 FOR_EVER = ("--frames", "1000000")
 
 
+@alone
 def test_unplugged_and_plugged_in_again(take: Path, tmp_path: Path, plug: Callable[[], Line]) -> None:
-    """Three times, in the middle of packets: the stream is back in a second, whole, and with nothing that waited."""
+    """Twice, in the middle of packets: the stream is back in a second, whole, and with nothing that waited."""
     line = plug()
     with daemon(*settings(take, tmp_path), options=FOR_EVER) as process:
-        for _ in range(3):
+        for _ in range(2):
             line.wait_for_markers(3)
             line.unplug()
             time.sleep(0.05)
@@ -159,6 +170,7 @@ def test_the_port_becomes_something_else(take: Path, tmp_path: Path, plug: Calla
     assert sum("serial_open" in entry for entry in said) == 2
 
 
+@alone
 def test_a_receiver_that_stops_reading(take: Path, tmp_path: Path, plug: Callable[[], Line]) -> None:
     """Decoding goes on; when it reads again, and has thrown away what piled up, what comes is new."""
     line = plug()
@@ -174,12 +186,13 @@ def test_a_receiver_that_stops_reading(take: Path, tmp_path: Path, plug: Callabl
     assert min(decoded) > 0
 
 
+@alone
 def test_a_receiver_as_fast_as_the_line(take: Path, tmp_path: Path, plug: Callable[[], Line]) -> None:
     """It takes 11,520 bytes a second and not one more: no packet is damaged, none is lost."""
     line = plug()
     with daemon(*settings(take, tmp_path), options=FOR_EVER) as process:
         line.wait_for_markers(1)
-        due, until = time.monotonic(), time.monotonic() + 3.0
+        due, until = time.monotonic(), time.monotonic() + 1.5
         while time.monotonic() < until:
             line.read(40, seconds=0.0)
             due = max(due + 40 * BYTE_S, time.monotonic() - 0.05)
@@ -217,7 +230,7 @@ def test_sigterm_at_any_moment(take: Path, tmp_path: Path, plug: Callable[[], Li
     """From the first instruction on: no traceback; once it has said that it runs, exit status 0."""
     rng = random.Random(9)
     plug()
-    for delay_s in [rng.uniform(0.0, 1.5) for _ in range(5)]:
+    for delay_s in [rng.uniform(0.0, 1.2) for _ in range(4)]:
         with daemon(*settings(take, tmp_path), options=FOR_EVER) as process:
             time.sleep(delay_s)
             ended = end(process, signal.SIGTERM)
@@ -248,7 +261,7 @@ class Stalling:
     """The simulated camera, which after ten frames delivers nothing, raises nothing and does not return."""
 
     def __init__(self) -> None:
-        self._camera = open_simulated(load_config(None, ("panels.side_m=0.16", "camera.source=simulated")), paced=True)
+        self._camera = open_simulated(load_config(None, SIMULATED), paced=True)
         self._frames = itertools.count()
         self._closed = threading.Event()
 
@@ -275,7 +288,7 @@ def test_a_stall_starves_the_watchdog(
 ) -> None:
     """Where no frame comes, systemd is not told that all is well; the controller is told that the camera is lost."""
     monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "notify"))
-    monkeypatch.setenv("WATCHDOG_USEC", "200000")
+    monkeypatch.setenv("WATCHDOG_USEC", "100000")
     monkeypatch.delenv("WATCHDOG_PID", raising=False)
     line = plug()
     config = load_config(None, ("panels.side_m=0.16", f"serial.port={tmp_path / 'controller'}"))
@@ -293,7 +306,7 @@ def test_a_stall_starves_the_watchdog(
         with suppress(BlockingIOError):
             while manager.recv(4096):
                 pass
-        line.read_for(1.0)  # five times what the watchdog allows
+        line.read_for(0.5)  # five times what the watchdog allows
         with pytest.raises(BlockingIOError):
             manager.recv(4096)
         running.stop()
@@ -323,13 +336,14 @@ time.time_ns = lambda: int(time.time() * 1e9)
 """
 
 
+@alone
 def test_a_clock_that_is_set_changes_nothing(take: Path, tmp_path: Path, plug: Callable[[], Line]) -> None:
     """By years, to and fro: the stream is whole, ages are true, status comes as often as ever."""
     line = plug()
     command = [*COMMAND[:2], SET_CLOCK + COMMAND[2], *COMMAND[3:]]
     with daemon(*settings(take, tmp_path), options=FOR_EVER, command=command) as process:
         line.wait_for_markers(1)
-        line.read_for(1.0)
+        line.read_for(0.8)
         assert end(process, signal.SIGTERM).status == 0
     assert (line.receiver.counters.bad, line.receiver.counters.lost) == ({}, 0)
     assert sum(isinstance(message, StatusMessage) for message in line.messages) >= 3
