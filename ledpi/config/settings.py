@@ -9,9 +9,9 @@ import os
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, PrivateAttr, ValidationError
+from pydantic import BeforeValidator, Field, PrivateAttr
 
-from ledpi.config.mistakes import explain
+from ledpi.config.mistakes import validated
 from ledpi.config.overrides import apply_override
 from ledpi.config.panels import PanelSettings, check_bands_visible, check_panels
 from ledpi.config.renamed import rename_method
@@ -172,11 +172,7 @@ def load_config(path: Path | None, overrides: tuple[str, ...] = (), *, without_f
     if path is None:
         _size_of_own_panels(raw)
     rename_method(raw, where)
-    try:
-        config = Config.model_validate(raw)
-    except ValidationError as error:
-        raise ConfigError(f"{where}: {explain(error, Config)}") from None
-    config = _resolve_paths(config, base, from_command_line)
+    config = _resolve_paths(validated(Config, raw, where, ConfigError), base, from_command_line)
     config._from_command_line = frozenset(from_command_line)
     config._file = None if path is None else path.absolute()
     check_panels(config.panels, where)

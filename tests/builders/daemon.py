@@ -16,9 +16,12 @@ from pathlib import Path
 
 import numpy as np
 
-from ledpi.camera.simulated import SimulatedCamera
-from ledpi.core.records import CameraInfo, Frame, PanelSpec
+from ledpi.camera.base import Camera
+from ledpi.camera.simulated import SimulatedCamera, open_simulated
+from ledpi.config.settings import Config, load_config
+from ledpi.core.records import CameraInfo, Frame, PanelSpec, PanelValues
 from ledpi.recording.writer import RecordingWriter
+from ledpi.runtime.daemon import Daemon
 from ledpi.simulate.scene import SimulatedSensor
 from ledpi.simulate.scenes import ov5647_lens, still_scene
 from ledpi.wire import FixMessage, MarkerMessage, Message, Receiver, StatusMessage
@@ -99,6 +102,37 @@ class Ended:
     status: int
     log: list[str]
     seconds_to_end: float = 0.0
+
+
+class OtherCamera:
+    """The simulated camera, but for what a test's own `read` makes of it."""
+
+    def __init__(self, *, paced: bool = True) -> None:
+        self._camera = open_simulated(load_config(None, SIMULATED), paced=paced)
+
+    @property
+    def info(self) -> CameraInfo:
+        return self._camera.info
+
+    @property
+    def panel(self) -> PanelValues | None:
+        return self._camera.panel
+
+    def close(self) -> None:
+        self._camera.close()
+
+
+@contextmanager
+def daemon_in_thread(config: Config, camera: Camera) -> Iterator[Daemon]:
+    """One in this process, until the block is left."""
+    running = Daemon(config, camera)
+    thread = threading.Thread(target=running.run, daemon=True)
+    thread.start()
+    try:
+        yield running
+    finally:
+        running.stop()
+        thread.join(DEADLINE_S)
 
 
 @contextmanager

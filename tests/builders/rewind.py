@@ -104,3 +104,26 @@ def as_lines(decoded: Sequence[Decoded]) -> list[dict[str, Any]]:
 def later(frame: Frame, ns: int, seq: int = 0) -> Frame:
     """The same picture at another time."""
     return replace(frame, seq=frame.seq + seq, row0_readout_ns=frame.row0_readout_ns + ns)
+
+
+HEIGHT, WIDTH = 480, 640
+PERIOD_NS = 20_000_000  # of numbered frames
+
+
+def numbered(seq: int) -> Frame:
+    """A frame all of whose pixels are its number."""
+    pixels = np.full((HEIGHT, WIDTH), seq % 256, np.uint8)
+    at_ns = 1_000_000_000 + seq * PERIOD_NS
+    return Frame(pixels=pixels, seq=seq, row0_readout_ns=at_ns, exposure_us=1e4, row_time_us=33.67, transfer="linear")
+
+
+def nothing_in(frame: Frame) -> Decoded:
+    return Decoded(
+        seq=frame.seq,
+        row0_readout_ns=frame.row0_readout_ns,
+        host_offset_ns=0,
+        markers=(),
+        robot=None,
+        rejected=(),
+        stage_ms={"find": 1.0},
+    )

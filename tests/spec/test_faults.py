@@ -21,18 +21,17 @@ from pathlib import Path
 
 import pytest
 
-from ledpi.camera.simulated import open_simulated
 from ledpi.config.settings import load_config
-from ledpi.core.records import CameraInfo, Frame, PanelValues, Pixels
-from ledpi.runtime.daemon import Daemon
+from ledpi.core.records import Frame, Pixels
 from ledpi.wire import FixMessage, MarkerMessage, Message, Receiver, State, StatusMessage
 from tests.builders.daemon import (
     COMMAND,
     DEADLINE_S,
     MAX_AGE_US,
     ROOT,
-    SIMULATED,
+    OtherCamera,
     daemon,
+    daemon_in_thread,
     end,
     slowness,
     write_recording,
@@ -257,21 +256,13 @@ def test_killed_and_started_again(take: Path, tmp_path: Path, plug: Callable[[],
     assert line.receiver.counters.lost == 0
 
 
-class Stalling:
+class Stalling(OtherCamera):
     """The simulated camera, which after ten frames delivers nothing, raises nothing and does not return."""
 
     def __init__(self) -> None:
-        self._camera = open_simulated(load_config(None, SIMULATED), paced=True)
+        super().__init__()
         self._frames = itertools.count()
         self._closed = threading.Event()
-
-    @property
-    def info(self) -> CameraInfo:
-        return self._camera.info
-
-    @property
-    def panel(self) -> PanelValues | None:
-        return self._camera.panel
 
     def read(self, into: Pixels) -> Frame | None:
         if next(self._frames) >= 10:
@@ -292,25 +283,21 @@ def test_a_stall_starves_the_watchdog(
     monkeypatch.delenv("WATCHDOG_PID", raising=False)
     line = plug()
     config = load_config(None, ("panels.side_m=0.16", f"serial.port={tmp_path / 'controller'}"))
-    running = Daemon(config, Stalling())
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
         manager.bind(str(tmp_path / "notify"))
         manager.setblocking(False)
-        thread = threading.Thread(target=running.run)
-        thread.start()
-        deadline = time.monotonic() + DEADLINE_S
-        while not any(isinstance(m, StatusMessage) and m.state is State.CAMERA_LOST for m in line.messages):
-            line.read()
-            assert time.monotonic() < deadline
-        time.sleep(0.3)  # whatever was due when it stalled
-        with suppress(BlockingIOError):
-            while manager.recv(4096):
-                pass
-        line.read_for(0.5)  # five times what the watchdog allows
-        with pytest.raises(BlockingIOError):
-            manager.recv(4096)
-        running.stop()
-        thread.join(DEADLINE_S)
+        with daemon_in_thread(config, Stalling()):
+            deadline = time.monotonic() + DEADLINE_S
+            while not any(isinstance(m, StatusMessage) and m.state is State.CAMERA_LOST for m in line.messages):
+                line.read()
+                assert time.monotonic() < deadline
+            time.sleep(0.3)  # whatever was due when it stalled
+            with suppress(BlockingIOError):
+                while manager.recv(4096):
+                    pass
+            line.read_for(0.5)  # five times what the watchdog allows
+            with pytest.raises(BlockingIOError):
+                manager.recv(4096)
 
 
 # ---- The page

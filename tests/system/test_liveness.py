@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 
 from ledpi.camera.recovering import LOST
-from ledpi.camera.simulated import SimulatedCamera, open_simulated
+from ledpi.camera.simulated import open_simulated
 from ledpi.config.settings import load_config
-from ledpi.core.records import CameraInfo, Decoded, Frame, PanelValues, Pixels, Rejected
+from ledpi.core.records import Decoded, Frame, Pixels, Rejected
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.runtime.daemon import Daemon
 from ledpi.runtime.liveness import BEHIND_NS, LOST_TICKS, Liveness
 from ledpi.wire import NoFix, State, StatusMessage
-from tests.builders.daemon import SIMULATED, controller, daemon, end
+from tests.builders.daemon import SIMULATED, OtherCamera, controller, daemon, daemon_in_thread, end
 
 alone = pytest.mark.alone  # it tells how late a daemon is: no other test may take the processor meanwhile
 
@@ -72,29 +72,18 @@ def test_a_decoder_is_behind_while_its_frame_is_old_and_after_one_that_was() -> 
 # ---- In the daemon
 
 
-class Pulled:
+class Pulled(OtherCamera):
     """The simulated camera, until it is pulled."""
 
     def __init__(self) -> None:
-        self._camera: SimulatedCamera = open_simulated(load_config(None, SIMULATED), paced=True)
+        super().__init__()
         self.pulled = threading.Event()
-
-    @property
-    def info(self) -> CameraInfo:
-        return self._camera.info
-
-    @property
-    def panel(self) -> PanelValues | None:
-        return self._camera.panel
 
     def read(self, into: Pixels) -> Frame | Rejected | None:
         if self.pulled.is_set():
             time.sleep(0.01)
             return LOST
         return self._camera.read(into)
-
-    def close(self) -> None:
-        self._camera.close()
 
 
 @alone
@@ -109,12 +98,8 @@ def test_a_slow_decoder_is_behind_and_no_camera_is_lost(monkeypatch: pytest.Monk
     monkeypatch.setattr(Pipeline, "decode", lambda pipeline, picture, trace, on_partial: slowly(pipeline, picture))
     with controller() as line:
         config = load_config(None, (*SIMULATED, f"serial.port={line.port}"))
-        running = Daemon(config, open_simulated(config, paced=True))
-        thread = threading.Thread(target=running.run, daemon=True)
-        thread.start()
-        line.wait_for(lambda end: sum(status.no_fix is NoFix.BEHIND for _, status in end.statuses) > 4)
-        running.stop()
-        thread.join()
+        with daemon_in_thread(config, open_simulated(config, paced=True)):
+            line.wait_for(lambda end: sum(status.no_fix is NoFix.BEHIND for _, status in end.statuses) > 4)
         line.close()
     states = [status.state for _, status in line.statuses]
     reasons = [status.no_fix for _, status in line.statuses]

@@ -9,28 +9,34 @@ import resource
 import signal
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from ledpi.camera.recovering import LOST
-from ledpi.camera.simulated import open_simulated
 from ledpi.config.settings import RewindSettings, load_config
 from ledpi.core.errors import RecordingError
-from ledpi.core.records import CameraInfo, Frame, PanelValues, Pixels, Rejected, RobotFix
+from ledpi.core.records import Frame, Pixels, Rejected, RobotFix
 from ledpi.pipeline.state_file import STATE_FILE
 from ledpi.pose.fix import CONTRADICTION
 from ledpi.recording.reader import load_recording
-from ledpi.runtime.daemon import Daemon
 from ledpi.runtime.recorder import LIVE_FILE
 from ledpi.runtime.rewind import AGAIN_NS, Rewind
 from ledpi.runtime.takes import takes_folder
-from tests.builders.daemon import DEADLINE_S, ROOT, SIMULATED, Controller, controller, daemon, end
+from tests.builders.daemon import (
+    DEADLINE_S,
+    ROOT,
+    SIMULATED,
+    Controller,
+    OtherCamera,
+    controller,
+    daemon,
+    daemon_in_thread,
+    end,
+)
 from tests.builders.rewind import Stream, stream, without_times
 
 LEDPI = [sys.executable, "-c", "from ledpi.cli import main; main()"]
@@ -169,20 +175,12 @@ def test_with_0_seconds_nothing_is_kept(takes: Path, tmp_path: Path) -> None:
 # ---- Faults
 
 
-class Flaky:
+class Flaky(OtherCamera):
     """The simulated camera, lost again and again for half a second at a time."""
 
     def __init__(self, every: int) -> None:
-        self._camera = open_simulated(load_config(None, SIMULATED), paced=True)
+        super().__init__()
         self._every, self._read, self.lost, self.lost_after = every, 0, 0, -1
-
-    @property
-    def info(self) -> CameraInfo:
-        return self._camera.info
-
-    @property
-    def panel(self) -> PanelValues | None:
-        return self._camera.panel
 
     def read(self, into: Pixels) -> Frame | Rejected | None:
         self._read += 1
@@ -195,28 +193,11 @@ class Flaky:
             self.lost_after = result.seq
         return result
 
-    def close(self) -> None:
-        self._camera.close()
-
-
-@contextmanager
-def running(camera: Flaky, *settings: str) -> Iterator[Daemon]:
-    """A daemon in this process."""
-    with controller() as line:
-        made = Daemon(load_config(None, (*SIMULATED, f"serial.port={line.port}", *settings)), camera)
-        thread = threading.Thread(target=made.run)
-        thread.start()
-        try:
-            yield made
-        finally:
-            made.stop()
-            thread.join()
-
 
 def test_a_lost_camera_is_saved_once(takes: Path) -> None:
     """What came before it; a camera that is lost again soon is the same fault."""
     camera = Flaky(every=25)
-    with running(camera):
+    with controller() as line, daemon_in_thread(load_config(None, (*SIMULATED, f"serial.port={line.port}")), camera):
         wait_for(lambda: camera.lost >= 3 and whole(takes), "three losses")
     (take,) = takes.iterdir()
     assert take.name.endswith("-camera_lost")

@@ -20,10 +20,10 @@ import numpy as np
 import pytest
 
 from benchmarks.speed.latency import measure
-from ledpi.camera.simulated import SimulatedCamera, open_simulated
+from ledpi.camera.simulated import open_simulated
 from ledpi.config.settings import Config, load_config
 from ledpi.core.errors import CameraError
-from ledpi.core.records import CameraInfo, Frame, PanelValues, Pixels
+from ledpi.core.records import Frame, Pixels
 from ledpi.runtime.daemon import Daemon
 from ledpi.wire import NoFix, State, StatusMessage
 from tests.builders.command import complaint as one_complaint
@@ -35,6 +35,7 @@ from tests.builders.daemon import (
     SIMULATED,
     Controller,
     Ended,
+    OtherCamera,
     controller,
     daemon,
     end,
@@ -360,20 +361,13 @@ def test_a_camera_that_may_come_is_status_1_and_a_source_that_cannot_be_right_2(
 # ---- The daemon without its command line
 
 
-class Failing:
+class Failing(OtherCamera):
     """A camera that delivers three frames of the simulator and then fails."""
 
-    def __init__(self, camera: SimulatedCamera, failure: Exception) -> None:
-        self._camera, self._failure, self._frames = camera, failure, 0
+    def __init__(self, failure: Exception) -> None:
+        super().__init__(paced=False)
+        self._failure, self._frames = failure, 0
         self.closed = False
-
-    @property
-    def info(self) -> CameraInfo:
-        return self._camera.info
-
-    @property
-    def panel(self) -> PanelValues | None:
-        return self._camera.panel
 
     def read(self, into: Pixels) -> Frame | None:
         self._frames += 1
@@ -394,7 +388,7 @@ def test_a_failing_camera_ends_the_daemon_with_its_error(failure: Exception) -> 
     """Whatever stops a worker is raised where the daemon runs, soon; the controller gets its last word."""
     with controller() as line:
         settings = config(line.port)
-        camera = Failing(open_simulated(settings, paced=False), failure)
+        camera = Failing(failure)
         started = time.monotonic()
         with pytest.raises(type(failure), match=str(failure)):
             Daemon(settings, camera).run()

@@ -18,7 +18,6 @@ from ledpi.config.settings import load_config
 from ledpi.core.records import Decoded, Frame, Rejected
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.pipeline.trace import Trace
-from ledpi.runtime.daemon import Daemon
 from ledpi.runtime.health import Health
 from ledpi.runtime.processor import Processor, read_processor
 from ledpi.runtime.reporting import Totals, event, minute_line
@@ -26,7 +25,16 @@ from ledpi.runtime.ring import RingCounters
 from ledpi.wire import StatusMessage
 from ledpi.wire.publisher import PublisherCounters
 from tests.builders import ROOT
-from tests.builders.daemon import SIMULATED, SIMULATED_YAML, Controller, controller, daemon, end, write_recording
+from tests.builders.daemon import (
+    SIMULATED,
+    SIMULATED_YAML,
+    Controller,
+    controller,
+    daemon,
+    daemon_in_thread,
+    end,
+    write_recording,
+)
 from tests.builders.wire import decoded
 
 # ---- As systemd starts it
@@ -169,16 +177,12 @@ def test_progress_within_a_frame_feeds_the_watchdog(
     monkeypatch.delenv("WATCHDOG_PID", raising=False)
     monkeypatch.setattr(Pipeline, "decode", endless)
     config = load_config(None, (*SIMULATED, "serial.port=/nowhere/port"))
-    running = Daemon(config, open_simulated(config, paced=True))
-    thread = threading.Thread(target=running.run)
-    thread.start()
-    try:
-        assert [manager() for _ in range(6)] == ["READY=1", *["WATCHDOG=1"] * 5]
-        assert running._totals().health.decoded == 0
-    finally:
-        fed.set()
-        running.stop()
-        thread.join()
+    with daemon_in_thread(config, open_simulated(config, paced=True)) as running:
+        try:
+            assert [manager() for _ in range(6)] == ["READY=1", *["WATCHDOG=1"] * 5]
+            assert running._totals().health.decoded == 0
+        finally:
+            fed.set()
 
 
 # ---- What the journal gets

@@ -5,16 +5,11 @@ from __future__ import annotations
 import time
 import tracemalloc
 
-import numpy as np
 import pytest
 
-from ledpi.core.records import Decoded, Frame
 from ledpi.pipeline.state import PipelineState
 from ledpi.runtime.record_queue import MAX_BYTES, MAX_FRAMES, MIN_FRAMES, RecordQueue
-from tests.builders.rewind import EVERY, Stream, later, stream
-
-HEIGHT, WIDTH = 480, 640
-PERIOD_NS = 20_000_000
+from tests.builders.rewind import EVERY, HEIGHT, WIDTH, Stream, later, nothing_in, numbered, stream
 
 
 @pytest.fixture(scope="module")
@@ -28,29 +23,10 @@ def state(drive: Stream) -> PipelineState:
     return drive.states[EVERY]
 
 
-def frame(seq: int) -> Frame:
-    """All its pixels are its number."""
-    pixels = np.full((HEIGHT, WIDTH), seq % 256, np.uint8)
-    at_ns = 1_000_000_000 + seq * PERIOD_NS
-    return Frame(pixels=pixels, seq=seq, row0_readout_ns=at_ns, exposure_us=1e4, row_time_us=33.67, transfer="linear")
-
-
-def decoded(of: Frame) -> Decoded:
-    return Decoded(
-        seq=of.seq,
-        row0_readout_ns=of.row0_readout_ns,
-        host_offset_ns=0,
-        markers=(),
-        robot=None,
-        rejected=(),
-        stage_ms={"find": 1.0},
-    )
-
-
 def keep(queue: RecordQueue, state: PipelineState, *seqs: int) -> None:
     for seq in seqs:
-        of = frame(seq)
-        queue.keep(of, decoded(of), 1000 + seq, lambda: state)
+        of = numbered(seq)
+        queue.keep(of, nothing_in(of), 1000 + seq, lambda: state)
 
 
 def rest(queue: RecordQueue) -> list[int]:
@@ -92,7 +68,7 @@ def test_its_memory_is_bounded_and_there_before_the_first_frame(state: PipelineS
     assert RecordQueue(2000, 3000).frames == MIN_FRAMES
     assert RecordQueue(1232, 1640).frames * 1232 * 1640 <= MAX_BYTES
     queue = RecordQueue(HEIGHT, WIDTH)
-    coming = [(of, decoded(of)) for of in map(frame, range(2 * MAX_FRAMES))]
+    coming = [(of, nothing_in(of)) for of in map(numbered, range(2 * MAX_FRAMES))]
     tracemalloc.start()
     try:
         before = tracemalloc.get_traced_memory()[0]
