@@ -130,7 +130,7 @@ def _from_camera(settings: Config, seq: int | None) -> _Source:
     from ledpi.config.camera_yaml import lens_of
 
     name = settings.camera.source
-    camera = open_camera(settings, paced=name.partition(":")[0] not in ("simulated", "recording"))
+    camera = open_camera(settings, paced=name.partition(":")[0] not in ("simulated", "recording"), first=seq or 0)
     into = np.empty((camera.info.height, camera.info.width), np.uint8)
     try:
         _expose(camera, settings, into)
