@@ -23,6 +23,7 @@ from ledpi.core.errors import CameraError, TransientError
 from ledpi.core.records import CameraInfo, Decoded, Floats, Frame, Rejected
 from ledpi.decode.identify.frequency_search import off_frequency_note
 from ledpi.pipeline.pipeline import Pipeline
+from ledpi.pose.fix import Robot
 from ledpi.runtime.health import Health, StageTimes
 from ledpi.runtime.liveness import Liveness
 from ledpi.runtime.observers import Observers
@@ -32,9 +33,10 @@ from ledpi.runtime.reporting import Totals, is_service, minute_line, second_line
 from ledpi.runtime.rewind import ASKED
 from ledpi.runtime.ring import FrameRing
 from ledpi.runtime.status import status
-from ledpi.runtime.systemd import Watchdog, notify
+from ledpi.runtime.systemd import notify
 from ledpi.runtime.tapping import health, setup_of
 from ledpi.runtime.threads import keep_memory, switch_promptly
+from ledpi.runtime.watchdog import Watchdog
 from ledpi.tap.server import Tap
 from ledpi.wire.mavlink import Mavlink
 from ledpi.wire.message import NoFix, State, StatusMessage
@@ -86,10 +88,7 @@ class Daemon:
         self._observers = Observers(config, self._pipeline, lens, _period_ms(info), setup, tap)
         self._pacing = None if self._lossless else Pacing(_period_ms(info))
         self._gain = GainFollower(camera)
-        if note := unreadable_note(config, robot.panels):
-            _log.warning("map: %s", note)
-        for note in exposure_notes(config, self._pipeline.panels, info):
-            _log.warning("%s", note)
+        _warn(config, self._pipeline, info, robot)
         resets = resets or Resets()
         mavlink = _mavlink(config, robot.base_link_from_camera, resets)
         resets.update_map(robot.panels)
@@ -279,6 +278,14 @@ class Daemon:
 def _period_ms(info: CameraInfo) -> float:
     """Between two frames; without blanking where that is not known."""
     return (info.frame_length_rows or info.height) * info.row_time_us * 1e-3
+
+
+def _warn(config: Config, pipeline: Pipeline, info: CameraInfo, robot: Robot) -> None:
+    """Of what is no error, and probably not meant."""
+    if note := unreadable_note(config, robot.panels):
+        _log.warning("map: %s", note)
+    for note in exposure_notes(config, pipeline.panels, info):
+        _log.warning("%s", note)
 
 
 def _mavlink(config: Config, base_link_from_camera: Floats, resets: Resets) -> Mavlink | None:

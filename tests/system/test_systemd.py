@@ -12,7 +12,8 @@ from pathlib import Path
 import pytest
 
 from ledpi.config.settings import SerialSettings
-from ledpi.runtime.systemd import notify, watchdog_period_s
+from ledpi.runtime.systemd import notify
+from ledpi.runtime.watchdog import watchdog_period_s
 from ledpi.tap.places import GROUP, NAME, SERVICE
 from tests.builders.systemd import Unit, needs_systemd
 
