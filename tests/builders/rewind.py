@@ -18,9 +18,11 @@ from ledpi.pipeline.pipeline import Pipeline
 from ledpi.pipeline.state import PipelineState
 from ledpi.pose.fix import Robot
 from ledpi.pose.panel_map import MapPanel
+from tests.builders.daemon import SIMULATED
 
-SIMULATED = ("camera.source=simulated", "panels.side_m=0.16")
 EVERY = 15  # frames, between two states
+HEIGHT, WIDTH = 240, 320
+PERIOD_NS = 20_000_000  # of numbered frames
 
 
 @dataclass(frozen=True)
@@ -42,7 +44,7 @@ class Stream:
 def stream(count: int, *settings: str, robot: Robot | None = None) -> Stream:
     """The simulated drive."""
     camera, frames = _drive(settings)
-    while len(frames) < count and isinstance(frame := camera.read(np.empty((480, 640), np.uint8)), Frame):
+    while len(frames) < count and isinstance(frame := camera.read(np.empty((HEIGHT, WIDTH), np.uint8)), Frame):
         frames.append(frame)
     return decoded_live(load_config(None, (*SIMULATED, *settings)), camera.info, frames[:count], robot)
 
@@ -104,10 +106,6 @@ def as_lines(decoded: Sequence[Decoded]) -> list[dict[str, Any]]:
 def later(frame: Frame, ns: int, seq: int = 0) -> Frame:
     """The same picture at another time."""
     return replace(frame, seq=frame.seq + seq, row0_readout_ns=frame.row0_readout_ns + ns)
-
-
-HEIGHT, WIDTH = 480, 640
-PERIOD_NS = 20_000_000  # of numbered frames
 
 
 def numbered(seq: int) -> Frame:

@@ -26,9 +26,9 @@ LEDPI = [sys.executable, "-c", "from ledpi.cli import main; main()"]
 
 @pytest.fixture(scope="module")
 def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """The socket of one that replays a panel of ID 7 at 1 m, 20 frames a second, over and over."""
+    """The socket of one that replays a panel of ID 7 at 1 m, 12 frames a second, over and over."""
     folder = tmp_path_factory.mktemp("tap")
-    write_recording(folder / "take", 40, rows=3 * 504)
+    write_recording(folder / "take", 30, rows=5 * 504)
     path = folder / "tap.sock"
     source = f"camera.source=recording:{folder / 'take'}"
     with daemon(source, at(path), options=FOR_EVER, deadline_s=10 * DEADLINE_S) as process:
