@@ -25,7 +25,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 import yaml
 
-from ledpi.config.settings import PanelSettings, load_config
+from ledpi.config.panels import PanelSettings
+from ledpi.config.settings import load_config
 from ledpi.core.errors import LedpiError
 from ledpi.core.records import Quad, Rejected
 from ledpi.decode.cells import sample_cells

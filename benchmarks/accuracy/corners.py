@@ -16,7 +16,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
-from ledpi.config.settings import PanelSettings, load_config
+from ledpi.config.panels import PanelSettings
+from ledpi.config.settings import load_config
 from ledpi.core.geometry import rotation_angle_deg
 from ledpi.core.records import CameraInfo, Floats, Frame, Intrinsics, PanelSpec, Quad, Rejected
 from ledpi.decode.locate import Locator

@@ -44,7 +44,7 @@ EXPOSURE_US = 161.6
 ROW_TIME_US = 33.67
 MIXED_ROWS = 2.0  # that the shrinking averaged into one
 SATURATED = 250
-FEWEST_PERIODS = 1.5  # of the bands on the lamp, for a photograph to say something about them
+MIN_PERIODS = 1.5  # of the bands on the lamp, for a photograph to say something about them
 PHASES = np.arange(0.0, 1.0, 1 / 100)
 
 
@@ -70,7 +70,7 @@ def middle_of_lamp(picture: NDArray[np.uint8], period_rows: float) -> NDArray[np
     x, y, width, height, _ = boxes[1 + int(np.argmax(boxes[1:, cv2.CC_STAT_AREA]))]
     rim = 2 + round(0.03 * height)
     part = picture[y + rim : y + height - rim, round(x + 0.4 * width) : round(x + 0.6 * width)]
-    return part if part.shape[0] >= FEWEST_PERIODS * period_rows and part.shape[1] >= 5 else None
+    return part if part.shape[0] >= MIN_PERIODS * period_rows and part.shape[1] >= 5 else None
 
 
 def photographs(folder: Path) -> tuple[list[Photograph], list[str]]:
@@ -202,7 +202,7 @@ def measure(folder: Path) -> None:
     if not (folder / "index.csv").is_file():
         sys.exit(f"{folder}: holds no photographs with an index.csv; they are not part of the project")
     found, others = photographs(folder)
-    print(f"{len(found)} photographs; {len(others)} left out: no lamp in view, or under {FEWEST_PERIODS} periods of it")
+    print(f"{len(found)} photographs; {len(others)} left out: no lamp in view, or under {MIN_PERIODS} periods of it")
     tone = measured_tone([p for p in found if p.frequency_hz == 500])
     held = [p for p in found if p.frequency_hz != 500]
     srgb, wrong = correlations(found, srgb_tone), correlations(found, srgb_tone, scale=1.1)

@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 
 from benchmarks import ROOT
 from benchmarks.accuracy.led_bands import EXPOSURE_US, ROW_TIME_US, Photograph, photographs, row_profile, srgb_tone
-from ledpi.config.settings import PanelSettings, load_config
+from ledpi.config.panels import PanelSettings
+from ledpi.config.settings import load_config
 from ledpi.core.records import CameraInfo, Frame, Quad, Rejected
 from ledpi.core.tone import linear_light
 from ledpi.decode.cells import sample_cells

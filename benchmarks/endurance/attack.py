@@ -4,7 +4,7 @@ Builds ledpi's C core with AddressSanitizer and UndefinedBehaviorSanitizer. Then
 many minutes: hostile pictures into `Pipeline.decode` (hostile_frames.py), damaged recordings into the reader and the
 decoder (hostile_recordings.py), and random bytes into the reference receiver (tests/builders/receiver_fuzz_loop.c).
 Exit status 1 where one of them failed; what it said, and the command that does the same again, are printed.
-docs/attacks.md says what was found so far. Needs gcc.
+docs/attacks.md says what is attacked, and what has to hold. Needs gcc.
 
     python -m benchmarks.endurance attack [--minutes 30] [--seed 1]
     python -m benchmarks.endurance attack --short              # as CI does: the same scenes each time

@@ -25,7 +25,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 
 from benchmarks.endurance.hostile_pictures import KINDS, Drawing, Rng, panel, readable
-from ledpi.config.settings import Method, PanelSettings
+from ledpi.config.panels import PanelSettings
+from ledpi.config.settings import Method
 from ledpi.core.records import CameraInfo, Decoded, Floats, Frame, Intrinsics, PanelSpec, Transfer
 from ledpi.core.shutter import row_weights
 from ledpi.pipeline.pipeline import Pipeline
@@ -41,7 +42,7 @@ USUAL_GAP_NS = 16_900_000  # from a frame to the next
 GAPS_NS = (1, 1_000_000, USUAL_GAP_NS, 33_000_000, 10**10)
 FOCAL_WIDTHS = (1.0, 1.0, 1.0, 0.2, 9.0)
 DISTORTIONS, DISTORTION_SHARES = (0.0, 0.1, 1000.0), (0.5, 0.4, 0.1)  # coefficients, up to
-MOST_FRAMES = 8  # of a scene
+MAX_FRAMES = 8  # of a scene
 
 
 def draw_camera(rng: Rng, *, easy: bool) -> CameraInfo:
@@ -104,7 +105,7 @@ def frames(camera: CameraInfo, panels: PanelSettings, rng: Rng, kind: int, *, ea
     # Most easy scenes are as quiet as a stream is, so that panels are followed; the others jump about.
     quiet, at_ns = rng.random() < (0.8 if easy else 0.4), 0
     shift = rng.integers(-1, 2, 2) if quiet else rng.integers(-60, 61, 2)
-    for seq in range(rng.integers(1, MOST_FRAMES + 1)):
+    for seq in range(rng.integers(1, MAX_FRAMES + 1)):
         steady, *waves = (np.roll(layer, seq * shift, (0, 1)) for layer in drawing.light)
         light = dark + steady + sum(w * rows[:, None] for w, rows in zip(waves, blink.weights(at_ns), strict=True))
         light += sigma * rng.standard_normal(light.shape, np.float32)

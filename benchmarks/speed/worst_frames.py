@@ -42,7 +42,7 @@ from benchmarks.endurance.hostile_pictures import (
     window,
 )
 from ledpi.camera.timing import choose_frame_length_rows
-from ledpi.config.settings import PanelSettings
+from ledpi.config.panels import PanelSettings
 from ledpi.core.records import CameraInfo, Decoded, Floats, Frame, Singles
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.runtime.daemon import TICK_S

@@ -10,7 +10,8 @@ from typing import Any
 from ledpi.api.lens import Lens
 from ledpi.api.marker import Marker, marker_of
 from ledpi.api.picture import check_size
-from ledpi.config.settings import Config, check_bands_visible, load_config
+from ledpi.config.panels import check_bands_visible
+from ledpi.config.settings import Config, load_config
 from ledpi.core.records import Frame, Intrinsics, Pixels
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.recording.still import still_camera

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from ledpi.camera.timing import exposure_honoured
-from ledpi.config.settings import Config, PanelSettings
+from ledpi.config.panels import PanelSettings
+from ledpi.config.settings import Config
 from ledpi.core.records import CameraInfo
 from ledpi.core.shutter import contrast
 
 # Of the depth that the best exposure of about this length would give; below it a class is near a null, where it can
 # hardly be seen.
-LEAST_SHARE_OF_CONTRAST = 0.2
+MIN_SHARE_OF_CONTRAST = 0.2
 
 
 def other_exposure(config: Config, info: CameraInfo) -> str | None:
@@ -36,7 +37,7 @@ def vanishing(panels: PanelSettings, exposure_us: float) -> list[float]:
     return [
         hz
         for hz, depth in depths(panels, exposure_us).items()
-        if depth < LEAST_SHARE_OF_CONTRAST * min(2.0, 1e6 / (hz * exposure_us))
+        if depth < MIN_SHARE_OF_CONTRAST * min(2.0, 1e6 / (hz * exposure_us))
     ]
 
 

@@ -10,19 +10,21 @@ from ledpi.config.settings import Config
 from ledpi.core.errors import CameraError, CameraLostError
 
 
-def open_camera(config: Config, *, paced: bool = True, frames: int | None = None, recover: bool = False) -> Camera:
+def open_camera(
+    config: Config, *, paced: bool = True, first: int = 0, frames: int | None = None, recover: bool = False
+) -> Camera:
     """Opens what the configuration names.
 
     `paced` and `frames` are for what has no pace and no end of its own: the simulator and recordings deliver
     frames as a sensor would, or as fast as they are read, and end after `frames` (a shorter recording is
-    repeated). `recover`: a device that is lost is opened again. A recording's own values override the
-    configuration's, but for what --set gave. Raises LedpiError.
+    repeated). The simulator begins with frame `first`. `recover`: a device that is lost is opened again. A recording's
+    own values override the configuration's, but for what --set gave. Raises LedpiError.
     """
     kind, _, place = config.camera.source.partition(":")
     if kind == "simulated":
         from ledpi.camera.simulated import open_simulated
 
-        return open_simulated(config, paced=paced, frames=frames)
+        return open_simulated(config, paced=paced, first=first, frames=frames)
     if kind == "recording":
         from ledpi.camera.recording import RecordingCamera
         from ledpi.recording.overrides import load_recording_with

@@ -20,7 +20,7 @@ class GainFollower:
         """Whether there is nothing left to do for now."""
         return self._control is None or self._control.settled
 
-    def see(self, frame: Frame, decoded: Decoded) -> None:
+    def update(self, frame: Frame, decoded: Decoded) -> None:
         """After each decoded frame, while its pixels are there."""
         if self._camera is None or self._control is None:
             return

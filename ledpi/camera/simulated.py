@@ -10,7 +10,8 @@ from dataclasses import asdict
 
 from ledpi.camera.timing import choose_frame_length_rows
 from ledpi.config.camera_yaml import load_intrinsics
-from ledpi.config.settings import CameraSettings, Config, PanelSettings
+from ledpi.config.panels import PanelSettings
+from ledpi.config.settings import CameraSettings, Config
 from ledpi.config.values import check_lens
 from ledpi.core.errors import CameraError, ConfigError
 from ledpi.core.records import CameraInfo, Frame, Intrinsics, PanelSpec, PanelValues, Pixels
@@ -32,7 +33,8 @@ class SimulatedCamera:
     `paced`: frame n exists from the end of its read-out on, the first one at the first `read`. As with a
     sensor, a reader that is too slow misses frames: those whose successor exists too are not rendered, are
     counted in `missed`, and leave a gap in `seq`. Not paced: every frame comes as soon as it is rendered,
-    as if its read-out had just ended. After `frames` frames of the sensor, `read` returns None.
+    as if its read-out had just ended. It begins with frame `first`; after `frames` frames of the sensor, `read`
+    returns None.
     """
 
     def __init__(
@@ -41,6 +43,7 @@ class SimulatedCamera:
         *,
         seed: int,
         paced: bool,
+        first: int = 0,
         frames: int | None = None,
         panel: PanelValues | None = None,
     ) -> None:
@@ -50,7 +53,7 @@ class SimulatedCamera:
         self._paced = paced
         self._frames = frames
         self._panel = panel
-        self._seq = 0
+        self._seq = first
         self._host_offset_ns: int | None = None  # of a paced camera, from its first frame on
         self._closed = threading.Event()
         self.missed = 0
@@ -126,7 +129,7 @@ class SimulatedCamera:
         return self._host_offset_ns
 
 
-def open_simulated(config: Config, *, paced: bool, frames: int | None = None) -> SimulatedCamera:
+def open_simulated(config: Config, *, paced: bool, first: int = 0, frames: int | None = None) -> SimulatedCamera:
     """The robot that drives past two panels, 7 and 23, with the configuration's camera and panels.
 
     Raises ConfigError where the configuration asks for what the simulated sensor cannot do.
@@ -135,7 +138,7 @@ def open_simulated(config: Config, *, paced: bool, frames: int | None = None) ->
     sensor = simulated_sensor(config.camera, panels)
     scene = simulated_drive(sensor, {i: panels.spec(i) for i in DRIVE_IDS}, panels.dictionary)
     values = PanelValues(dictionary=panels.dictionary, **asdict(panels.spec()))
-    return SimulatedCamera(scene, seed=0, paced=paced, frames=frames, panel=values)
+    return SimulatedCamera(scene, seed=0, paced=paced, first=first, frames=frames, panel=values)
 
 
 def simulated_drive(sensor: SimulatedSensor, specs: Mapping[int, PanelSpec], dictionary: str) -> Scene:

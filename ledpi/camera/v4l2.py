@@ -105,10 +105,10 @@ def open_v4l2(settings: CameraSettings, device: str) -> V4l2Camera:
         raise RowTimeUnknownError(
             "camera.row_time_us: must be a number, as V4L2 cannot tell; `ledpi calibrate shutter` measures it"
         )
-    _look_at(device)
+    _stat_node(device)
     capture = cv2.VideoCapture(device, cv2.CAP_V4L2)
     if not capture.isOpened():
-        if os.major(_look_at(device).st_rdev) != _VIDEO_MAJOR:  # looked at anew, as it may have gone meanwhile
+        if os.major(_stat_node(device).st_rdev) != _VIDEO_MAJOR:  # looked at anew, as it may have gone meanwhile
             raise CameraError(f"camera.source: {device} is no video device; see v4l2-ctl --list-devices")
         holder = who_holds(device) or f"`sudo fuser -v {device}` tells if another process holds it"
         raise CameraLostError(f"camera.source: {device} cannot be opened; {holder}")
@@ -128,7 +128,7 @@ def open_v4l2(settings: CameraSettings, device: str) -> V4l2Camera:
     return V4l2Camera(device, capture, info)
 
 
-def _look_at(device: str) -> os.stat_result:
+def _stat_node(device: str) -> os.stat_result:
     try:
         return os.stat(device)
     except FileNotFoundError:

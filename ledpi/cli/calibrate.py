@@ -11,7 +11,8 @@ from ledpi.cli import app
 from ledpi.core.errors import CalibrationError
 
 if TYPE_CHECKING:
-    from ledpi.config.settings import Config, PanelSettings
+    from ledpi.config.panels import PanelSettings
+    from ledpi.config.settings import Config
     from ledpi.core.records import PanelSpec, Pixels
 
 calibrate = typer.Typer(rich_markup_mode=None)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from ledpi.tools.calibrate.boards import Board, BoardView
     from ledpi.tools.calibrate.camera import CameraCalibration
 
-SURE_PICTURES = 3  # that show the same other board, and none the right one: it is another
+MIN_OTHER_BOARD_PICTURES = 3  # that show the same other board, and none the right one: it is another
 
 
 @calibrate.command()
@@ -117,7 +117,7 @@ def _views_in(folder: Path, board: Board) -> _Found:
                 views.append(view)
             elif (other := None if views else other_board(picture, board)) is not None:
                 others[other] += 1
-                if others[other] >= SURE_PICTURES:  # the search for what is not there takes long
+                if others[other] >= MIN_OTHER_BOARD_PICTURES:  # the search for what is not there takes long
                     break
             advance(1)
     if not views:

@@ -69,18 +69,18 @@ def _drive(recording: Path, settings: Config) -> tuple[list[View], dict[int, flo
     import numpy as np
 
     from ledpi.camera.recording import RecordingCamera
+    from ledpi.config.camera_yaml import lens_of
     from ledpi.core.records import Frame
     from ledpi.markers.dictionaries import load_dictionary
     from ledpi.pipeline.pipeline import Pipeline
     from ledpi.recording.overrides import load_recording_with
-    from ledpi.runtime.daemon import calibration
     from ledpi.tools.calibrate.map_views import view_of
 
     loaded = load_recording_with(settings, recording)
     camera = RecordingCamera(loaded, paced=False)
     views: list[View] = []
     try:
-        lens = calibration(settings, camera)
+        lens = lens_of(camera.info, settings.camera.intrinsics)
         if lens is None:
             raise CalibrationError(f"{recording}: has no lens, and camera.intrinsics is not set: no poses, no map")
         pipeline = Pipeline(camera.info, settings.panels, intrinsics=lens, source_panel=camera.panel)

@@ -12,7 +12,8 @@ from ledpi.cli.progress import progress
 from ledpi.core.errors import CalibrationError
 
 if TYPE_CHECKING:
-    from ledpi.config.settings import Config, PanelSettings
+    from ledpi.config.panels import PanelSettings
+    from ledpi.config.settings import Config
     from ledpi.core.records import Floats, PanelSpec
     from ledpi.tools.calibrate.band_search import PanelLight
     from ledpi.tools.calibrate.bands import ClassBands
@@ -46,7 +47,7 @@ def panel(
     from ledpi.tools.calibrate.taking import take_frames
 
     if paths and all(path.suffix.lower() in SUFFIXES for path in paths):
-        _look_at_lamps(paths, settings_for(config, set_, None)[0])
+        _measure_lamps(paths, settings_for(config, set_, None)[0])
         return
     if paths and len(paths) > 1:
         raise CalibrationError("one recording at a time, or only pictures")
@@ -60,7 +61,7 @@ def panel(
     _write({r.id: r for r, _ in measured}, settings.panels, None if dry_run else file)
 
 
-def _look_at_lamps(paths: list[Path], settings: Config) -> None:
+def _measure_lamps(paths: list[Path], settings: Config) -> None:
     from ledpi.core.records import Frame
     from ledpi.recording.still import still_camera
     from ledpi.tools.calibrate.lamp import lamp_frequency, lamp_rows
@@ -129,9 +130,9 @@ def _measure_one(taken: Taken, panels: PanelSettings, light: PanelLight, corners
 
 
 def _check_that_it_reads(taken: Taken, panels: PanelSettings, result: PanelCalibration, corners: Floats) -> None:
-    from ledpi.config.settings import PanelOverride
+    from ledpi.config.panels import PanelOverride
     from ledpi.pipeline.pipeline import Pipeline
-    from ledpi.tools.calibrate.panel import MOST_LIGHT
+    from ledpi.tools.calibrate.panel import MAX_LIGHT_SHARE
     from ledpi.tools.calibrate.still_panels import reads
 
     known = panels.overrides.get(result.id, PanelOverride()).model_copy(update=result.overrides(panels.spec(result.id)))
@@ -141,7 +142,7 @@ def _check_that_it_reads(taken: Taken, panels: PanelSettings, result: PanelCalib
         return
     found = f"{result.black.frequency_hz:.1f} and {result.white.frequency_hz:.1f} Hz"
     why = f"is it of {panels.dictionary}?"
-    if max(result.blinking_share) > MOST_LIGHT:
+    if max(result.blinking_share) > MAX_LIGHT_SHARE:
         why = f"no exposure of {taken.frames[0].exposure_us:.0f} µs leaves them so deep; see `ledpi calibrate shutter`"
     raise CalibrationError(f"bands like those of panel {result.id} at {found}, but the decoder does not read it: {why}")
 
@@ -159,7 +160,7 @@ def _advice(frequencies_hz: tuple[float, float], taken: Taken) -> list[str]:
 
 
 def _report(result: PanelCalibration, corners: Floats, announced: PanelSpec, taken: Taken) -> None:
-    from ledpi.tools.calibrate.panel import MOST_LIGHT
+    from ledpi.tools.calibrate.panel import MAX_LIGHT_SHARE
 
     height = corners[:, 1].max() - corners[:, 1].min()
     typer.echo(f"panel {result.id}: {height:.0f} px high, {len(taken.frames)} frames")
@@ -174,7 +175,7 @@ def _report(result: PanelCalibration, corners: Floats, announced: PanelSpec, tak
         typer.echo("  duty   does not show at this exposure")
     else:
         typer.echo(f"  duty   {result.duty:.3f} ± {result.duty_sigma:.3f}")
-    if max(result.blinking_share) > MOST_LIGHT:
+    if max(result.blinking_share) > MAX_LIGHT_SHARE:
         typer.echo(f"  an exposure of {exposure_us:.0f} µs leaves no bands so deep: see `ledpi calibrate shutter`")
     for line in _advice((result.black.frequency_hz, result.white.frequency_hz), taken):
         typer.echo(f"  {line}")

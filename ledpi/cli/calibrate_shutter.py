@@ -14,7 +14,8 @@ from ledpi.core.errors import CalibrationError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from ledpi.config.settings import Config, PanelSettings
+    from ledpi.config.panels import PanelSettings
+    from ledpi.config.settings import Config
     from ledpi.core.records import Floats
     from ledpi.tools.calibrate.shutter import Reported, ShutterCalibration
     from ledpi.tools.calibrate.taking import Taken

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import sys
-from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
@@ -14,7 +13,8 @@ import numpy as np
 import typer
 
 from ledpi.cli import app
-from ledpi.cli.drawn import check_apart, write_drawn
+from ledpi.cli.decode_inputs import check_inputs, check_names_differ, distinct, sort_out, steps_folders
+from ledpi.cli.drawn import write_drawn
 from ledpi.cli.progress import progress
 from ledpi.core.errors import ConfigError, RecordingError
 from ledpi.core.records import CameraInfo, Decoded, Frame, Intrinsics, PanelValues, Rejected
@@ -57,17 +57,17 @@ def decode(
     overrides = [*set_, *([f"decode.method={method}"] if method is not None else [])]
     # Recordings bring their panel's size; pictures without a configuration are refused below.
     settings = load_config(file, tuple(overrides), without_file=("panels.side_m=1",))
-    recordings, pictures = _sort_out(paths)
+    recordings, pictures = sort_out(paths)
     if pictures and file is None and "panels.side_m" not in settings.from_command_line:
         raise ConfigError("pictures need a configuration: --config FILE, or at least --set panels.side_m=METRES")
     if steps is not None:
-        _check_names_differ([name for name, _ in recordings])
+        check_names_differ([name for name, _ in recordings])
     # All of them before a line is printed: half an experiment must not pass for the whole.
     loaded = [
-        (name, load_recording_with(settings, folder, as_reported=as_live)) for name, folder in _are_distinct(recordings)
+        (name, load_recording_with(settings, folder, as_reported=as_live)) for name, folder in distinct(recordings)
     ]
-    _check(loaded, pictures, settings, as_live=as_live)
-    drawn = _steps_folders(steps, loaded, pictures)
+    check_inputs(loaded, pictures, settings, as_live=as_live)
+    drawn = steps_folders(steps, loaded, pictures)
     bad = 0
     with progress("decoding", sum(len(recording.frames) for _, recording in loaded) + len(pictures)) as advance:
         for (name, recording), folder in zip(loaded, drawn, strict=True):
@@ -77,70 +77,6 @@ def decode(
         bad += _decode_pictures(pictures, settings, steps, advance=advance)
     if bad:
         raise typer.Exit(2)
-
-
-def _sort_out(paths: list[Path]) -> tuple[list[tuple[str, Path]], list[Path]]:
-    """(name, folder) of every recording, and the picture files, in the order given."""
-    from ledpi.recording.reader import find_recordings
-    from ledpi.recording.still import SUFFIXES
-
-    recordings: list[tuple[str, Path]] = []
-    pictures: list[Path] = []
-    for path in paths:
-        if path.is_dir():
-            found = find_recordings(path)
-            if not found:
-                raise RecordingError(
-                    f"{path}: holds no recording (no recording.yaml in it or below); pictures are given one by one, as "
-                    "in DIR/*.png"
-                )
-            recordings += [(str(f.relative_to(path)) if f != path else path.resolve().name, f) for f in found]
-        elif path.suffix.lower() in SUFFIXES and path.is_file():
-            pictures.append(path)
-        elif path.is_file():
-            raise RecordingError(f"{path}: is no picture ({', '.join(sorted(SUFFIXES))}) and no folder")
-        else:
-            raise RecordingError(f"{path}: no such file or folder")
-    return recordings, pictures
-
-
-def _check_names_differ(names: list[str]) -> None:
-    """Each recording's steps are drawn into a folder of its name."""
-    twice = next((name for name in names if names.count(name) > 1), None)
-    if twice is not None:
-        raise RecordingError(f"--steps: two recordings are called {twice}, and would be drawn over each other")
-
-
-def _steps_folders(steps: Path | None, loaded: list[tuple[str, Recording]], pictures: list[Path]) -> list[Path | None]:
-    """Where each recording's steps are drawn: not over its own pictures, nor over another one's."""
-    if steps is None:
-        return [None] * len(loaded)
-    folders = [steps / name if len(loaded) + bool(pictures) > 1 else steps for name, _ in loaded]
-    kept = [*pictures, *(entry.picture for _, recording in loaded for entry in recording.frames)]
-    for folder in (steps, *folders):
-        check_apart(folder, kept, "--steps")
-    return [*folders]
-
-
-def _are_distinct(recordings: list[tuple[str, Path]]) -> list[tuple[str, Path]]:
-    """Recordings that share a name are called by their paths instead, as these were given."""
-    sharing = Counter(name for name, _ in set(recordings))
-    return [(name if sharing[name] == 1 else str(folder), folder) for name, folder in recordings]
-
-
-def _check(loaded: list[tuple[str, Recording]], pictures: list[Path], settings: Config, *, as_live: bool) -> None:
-    """Raises LedpiError where what was asked for cannot be had of all of them."""
-    from ledpi.config.settings import check_method
-    from ledpi.recording.still import still_camera
-
-    for _, recording in loaded:
-        shown = settings.panels.override_with(recording.panel_values)
-        check_method(settings.decode.method, shown, f"{recording.folder}: decode.method")
-        if as_live and all(entry.decoded is None for entry in recording.frames):
-            raise RecordingError(f"{recording.folder}: --as-live: does not say which frames were decoded live")
-        _lens(settings, recording.camera)
-    if pictures:
-        _lens(settings, still_camera(settings.camera))
 
 
 def _decode_recording(
@@ -154,6 +90,7 @@ def _decode_recording(
     advance: Callable[[int], None],
 ) -> int:
     """Prints every frame; returns how many pictures could not be read."""
+    from ledpi.config.camera_yaml import lens_of
     from ledpi.core.row_clock import row_time_note
     from ledpi.decode.identify.frequency_search import off_frequency_note
     from ledpi.pipeline.state_file import resume_from
@@ -162,7 +99,7 @@ def _decode_recording(
     camera = recording.camera
     if recording.row_time_ratio != 1.0:
         _note(f"{recording.folder}: {row_time_note(camera.row_time_us, recording.row_time_ratio)}")
-    lens = _lens(settings, camera)
+    lens = lens_of(camera, settings.camera.intrinsics)
     pipeline = _pipeline(settings, camera, lens, stream=stream, source_panel=recording.panel_values)
     bad = 0
     resumed = as_live and stream and resume_from(recording.folder, pipeline)
@@ -202,12 +139,13 @@ def _decode_pictures(
     pictures: list[Path], settings: Config, steps: Path | None, *, advance: Callable[[int], None]
 ) -> int:
     """Prints every picture, each on its own: nothing is known of the time between them."""
+    from ledpi.config.camera_yaml import lens_of
     from ledpi.recording.still import read_still, still_camera
 
     if not pictures:
         return 0
     info = still_camera(settings.camera)
-    lens = _lens(settings, info)
+    lens = lens_of(info, settings.camera.intrinsics)
     pipeline = _pipeline(settings, info, lens, stream=False)
     bad = 0
     for seq, path in enumerate(pictures):
@@ -255,16 +193,6 @@ def _decode(frame: Frame, name: str, pipeline: Pipeline, lens: Intrinsics | None
         raise RecordingError(f"--steps {steps}: cannot be made: {error.strerror}") from None
     write_drawn(steps / f"{frame.seq:06}.png", draw_steps(taken), "--steps")
     _print(taken.decoded, name)
-
-
-def _lens(settings: Config, camera: CameraInfo) -> Intrinsics | None:
-    """The source's own, else the configuration's."""
-    from ledpi.config.camera_yaml import load_intrinsics
-
-    path = settings.camera.intrinsics
-    if camera.intrinsics is not None or path is None:
-        return camera.intrinsics
-    return load_intrinsics(path, (camera.width, camera.height))
 
 
 def _nothing(seq: int, row0_readout_ns: int, why: Rejected) -> Decoded:

@@ -3,27 +3,23 @@
 from __future__ import annotations
 
 import os
-import shlex
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
 
 from ledpi.cli import app
+from ledpi.cli.evaluate_recording import read_recording
+from ledpi.cli.evaluate_results import show
 from ledpi.cli.progress import progress
 from ledpi.cli.simulate import TransferName
 from ledpi.core.errors import ConfigError
 from ledpi.core.str_enum import StrEnum
 
 if TYPE_CHECKING:
-    from ledpi.config.settings import Config, PanelSettings
     from ledpi.tools.evaluate.conditions import Suite
-    from ledpi.tools.evaluate.folder import ResultsFolder
-    from ledpi.tools.evaluate.page import Commands
     from ledpi.tools.evaluate.plan import Plan
-    from ledpi.tools.evaluate.reading import Method, PanelMethod
-    from ledpi.tools.evaluate.table import TableRow
+    from ledpi.tools.evaluate.reading import Method
 
 _SIDE = "panels.side_m=0.16"
 
@@ -110,7 +106,7 @@ def evaluate(
     methods: list[Method] = [m.value for m in method]
     if recording is not None:
         place = _one("--distance", distance), _one("--angle", angle or [0.0])
-        _read_recording(out, recording, id_, *place, methods, settings, panel_options)
+        read_recording(out, recording, id_, *place, methods, settings, panel_options)
         return
     if id_ is not None:
         raise ConfigError("--id: goes with --recording DIR; rendered panels draw their IDs")
@@ -172,7 +168,7 @@ def _run(out: Path, plan: Plan, workers: int, scheduler: str | None) -> None:
     intro = f"Seed {plan.seed}, {plan.frames} frames a condition, code {plan.code}."
     if not plan.apriltag and any(row.method == "aruco" for row in rows):
         intro += " AprilTag is left out: pupil-apriltags is not installed."
-    _show(out, rows, intro, plan.commands)
+    show(out, rows, intro, plan.commands)
 
 
 def _cores() -> int:
@@ -202,81 +198,3 @@ def _keep(out: Path, plan: Plan) -> None:
     with progress("writing", len(rows) * plan.frames) as advance:
         for row in rows:
             keep_wild(out, row, plan.panels, seed=plan.seed, takes=plan.frames, advance=advance)
-
-
-def _read_recording(
-    out: Path,
-    recording: Path,
-    marker_id: int | None,
-    distance_m: float,
-    angle_deg: float,
-    methods: list[Method],
-    settings: Config,
-    panel_options: list[str],
-) -> None:
-    from ledpi.config.camera_yaml import load_intrinsics
-    from ledpi.recording.overrides import load_recording_with
-    from ledpi.tools.evaluate.folder import ResultsFolder
-    from ledpi.tools.evaluate.reading import PANEL_METHODS
-    from ledpi.tools.evaluate.recorded import evaluate_recording
-    from ledpi.tools.evaluate.units import code_version
-
-    if marker_id is None:
-        raise ConfigError("--id: must be given with --recording: its panel's")
-    unable = [m for m in methods if m not in PANEL_METHODS]
-    if unable:
-        raise ConfigError(f"--method {unable[0]}: a recording is of a panel; must be one of {', '.join(PANEL_METHODS)}")
-    folder = ResultsFolder(out, {"recordings": True, "code": code_version()})
-    loaded = load_recording_with(settings, recording)
-    camera = loaded.camera
-    lens = settings.camera.intrinsics if camera.intrinsics is None else None  # the recording's own comes first
-    with progress("evaluating", len(loaded.frames)) as advance:
-        record = evaluate_recording(
-            loaded,
-            marker_id=marker_id,
-            distance_m=distance_m,
-            angle_deg=angle_deg,
-            methods=_panel_methods(methods, settings.panels.override_with(loaded.panel_values)),
-            intrinsics=load_intrinsics(lens, (camera.width, camera.height)) if lens is not None else None,
-            panels=settings.panels,
-            advance=advance,
-        )
-    place = ["--id", str(marker_id), "--distance", f"{distance_m:g}", "--angle", f"{angle_deg:g}"]
-    chosen = [word for m in methods for word in ("--method", m)] + panel_options
-    words = ["ledpi", "evaluate", "--out", "DIR", "--recording", str(recording), *place, *chosen]
-    folder.add(record | {"command": shlex.join(words)})
-    _show_recordings(out, folder)
-
-
-def _panel_methods(asked: list[Method], panels: PanelSettings) -> list[PanelMethod]:
-    """Those asked for, else all that can read such panels. Raises ConfigError where one that is asked for cannot."""
-    from ledpi.config.settings import check_method
-    from ledpi.tools.evaluate.reading import PANEL_METHODS
-
-    if "uemura" in asked:
-        check_method("uemura", panels, "--method")
-    able = [m for m in PANEL_METHODS if m != "uemura" or not panels.has_antiphase()]
-    return [m for m in able if m in (asked or able)]
-
-
-def _show_recordings(out: Path, folder: ResultsFolder) -> None:
-    """The table of all places that the folder holds."""
-    from ledpi.tools.evaluate.recorded import rows_of_recordings
-    from ledpi.tools.evaluate.units import code_version
-
-    records = folder.finished.values()
-
-    def commands(row: TableRow) -> list[str]:
-        return [r["command"] for r in records if (r["exposure_us"], r["transfer"]) == (row.exposure_us, row.transfer)]
-
-    _show(out, rows_of_recordings(records), f"Read from recordings, code {code_version()}.", commands)
-
-
-def _show(out: Path, rows: list[TableRow], intro: str, commands: Commands) -> None:
-    """Writes the results, and says in short on standard output what they are."""
-    from ledpi.tools.evaluate.page import PAGE_FILE, summary, write_results
-
-    for note in write_results(out, rows, intro, commands):
-        print(f"ledpi: {note}", file=sys.stderr)
-    print(summary(rows))
-    print(f"The tables and the plots: {out / PAGE_FILE}")

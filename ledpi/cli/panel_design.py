@@ -14,7 +14,8 @@ from ledpi.core.errors import ConfigError
 from ledpi.tools.panel.frequencies import Flicker
 
 if TYPE_CHECKING:
-    from ledpi.config.settings import CameraSettings, Config, PanelSettings
+    from ledpi.config.panels import PanelSettings
+    from ledpi.config.settings import CameraSettings, Config
     from ledpi.markers.codewords import Dictionary
     from ledpi.simulate.scene import SimulatedSensor
     from ledpi.tools.panel.design import Proposal, Task

@@ -12,7 +12,7 @@ from ledpi.cli.progress import progress
 from ledpi.core.errors import ConfigError
 
 if TYPE_CHECKING:
-    from ledpi.config.settings import PanelSettings
+    from ledpi.config.panels import PanelSettings
     from ledpi.tools.panel.circuit import Lamps
     from ledpi.tools.panel.sheet import Sheet
 

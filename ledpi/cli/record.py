@@ -60,13 +60,13 @@ def record(
 
 
 def _recorder(out: Path, settings: Config, camera: Camera) -> Recorder:
+    from ledpi.config.camera_yaml import lens_of
     from ledpi.config.robot import load_robot
     from ledpi.pipeline.pipeline import Pipeline
     from ledpi.recording.writer import RecordingWriter
-    from ledpi.runtime.daemon import calibration
     from ledpi.runtime.recorder import Recorder
 
-    lens = calibration(settings, camera)
+    lens = lens_of(camera.info, settings.camera.intrinsics)
     pipeline = Pipeline(
         camera.info,
         settings.panels,

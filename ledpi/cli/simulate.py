@@ -13,7 +13,8 @@ from ledpi.core.errors import ConfigError
 from ledpi.core.str_enum import StrEnum
 
 if TYPE_CHECKING:
-    from ledpi.config.settings import Config, PanelSettings
+    from ledpi.config.panels import PanelSettings
+    from ledpi.config.settings import Config
     from ledpi.core.records import PanelSpec
     from ledpi.simulate.scene import Scene
 

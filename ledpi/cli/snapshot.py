@@ -126,18 +126,18 @@ def _from_camera(settings: Config, seq: int | None) -> _Source:
     Replays and the simulator are not waited for.
     """
     from ledpi.camera.factory import open_camera
-    from ledpi.runtime.daemon import calibration
+    from ledpi.config.camera_yaml import lens_of
     from ledpi.tools.snapshot.from_camera import Looking
 
     name = settings.camera.source
-    camera = open_camera(settings, paced=name.partition(":")[0] not in ("simulated", "recording"))
+    camera = open_camera(settings, paced=name.partition(":")[0] not in ("simulated", "recording"), first=seq or 0)
     try:
         looking = Looking(camera, settings)
         looking.expose()
         frame = looking.showing_a_panel() if seq is None else _numbered(looking.frames(), seq)
         if frame is None:
             raise CameraError(f"camera.source: {name} ended before frame {seq or 0}")
-        lens = calibration(settings, camera)
+        lens = lens_of(camera.info, settings.camera.intrinsics)
         return _Source(f"{Path(name).name}, frame {frame.seq}", frame, camera.info, camera.panel, lens)
     finally:
         camera.close()
@@ -156,9 +156,9 @@ def _from_recording(folder: Path, settings: Config, seq: int | None) -> _Source:
     import numpy as np
 
     from ledpi.camera.recording import RecordingCamera
+    from ledpi.config.camera_yaml import lens_of
     from ledpi.recording.overrides import load_recording_with
     from ledpi.recording.picture import read_picture
-    from ledpi.runtime.daemon import calibration
 
     recording = load_recording_with(settings, folder)
     frames = recording.frames
@@ -171,7 +171,7 @@ def _from_recording(folder: Path, settings: Config, seq: int | None) -> _Source:
         raise RecordingError(fault.message)
     camera = RecordingCamera(recording, paced=False)
     title = f"{folder.resolve().name}, frame {entry.seq}"
-    lens, pictures = calibration(settings, camera), tuple(entry.picture for entry in frames)
+    lens, pictures = lens_of(camera.info, settings.camera.intrinsics), tuple(entry.picture for entry in frames)
     return _Source(title, recording.frame(entry, picture), camera.info, camera.panel, lens, pictures)
 
 

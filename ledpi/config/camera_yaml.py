@@ -6,13 +6,13 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import yaml
-from pydantic import AfterValidator, BaseModel, ValidationError
+from pydantic import AfterValidator, BaseModel
 
-from ledpi.config.mistakes import explain
+from ledpi.config.mistakes import validated
 from ledpi.config.values import Coefficient, Finite, SidePx, check_lens, numbers
 from ledpi.core.errors import CalibrationError
 from ledpi.core.files import read_yaml
-from ledpi.core.records import Intrinsics
+from ledpi.core.records import CameraInfo, Intrinsics
 
 
 def _camera_matrix(data: list[float]) -> list[float]:
@@ -50,10 +50,7 @@ def load_intrinsics(path: Path, for_size: tuple[int, int] | None = None) -> Intr
     raw = read_yaml(path, CalibrationError)
     if not isinstance(raw, dict):
         raise CalibrationError(f"{path}: must hold ROS camera_info (image_width, camera_matrix, …)")
-    try:
-        info = _CameraInfo.model_validate(raw)
-    except ValidationError as error:
-        raise CalibrationError(f"{path}: {explain(error, _CameraInfo)}") from None
+    info = validated(_CameraInfo, raw, str(path), CalibrationError)
     size = (info.image_width, info.image_height)
     if for_size is not None and size != for_size:
         raise CalibrationError(
@@ -75,6 +72,13 @@ def load_intrinsics(path: Path, for_size: tuple[int, int] | None = None) -> Intr
         cy=cy,
         distortion=(k1, k2, p1, p2, k3),
     )
+
+
+def lens_of(camera: CameraInfo, path: Path | None) -> Intrinsics | None:
+    """The source's own lens, else the one of `camera.intrinsics`. Raises CalibrationError."""
+    if camera.intrinsics is not None or path is None:
+        return camera.intrinsics
+    return load_intrinsics(path, (camera.width, camera.height))
 
 
 def own_section(path: Path) -> dict[str, Any]:

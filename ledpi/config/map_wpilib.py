@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import Field, ValidationError
+from pydantic import Field
 
 from ledpi.config.map_yaml import BY_EYE_DEG, BY_TAPE_M
-from ledpi.config.mistakes import explain
+from ledpi.config.mistakes import validated
 from ledpi.config.values import Finite, MarkerId, NoBooleans, PlaceM
 from ledpi.core.errors import ConfigError
 from ledpi.core.files import read_text
@@ -69,10 +69,7 @@ def load_layout(path: Path) -> PanelMap:
         raise ConfigError(f"{path}: not valid JSON: {error}") from None
     if not isinstance(raw, dict):
         raise ConfigError(f"{path}: must be a field layout, an object with `tags`")
-    try:
-        layout = _Layout.model_validate(raw)
-    except ValidationError as error:
-        raise ConfigError(f"{path}: {explain(error, _Layout)}") from None
+    layout = validated(_Layout, raw, str(path), ConfigError)
     panels: dict[int, MapPanel] = {}
     for index, tag in enumerate(layout.tags):
         if tag.ID in panels:

@@ -11,9 +11,9 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 import yaml
-from pydantic import AfterValidator, ConfigDict, ValidationError, model_validator
+from pydantic import AfterValidator, ConfigDict, model_validator
 
-from ledpi.config.mistakes import explain
+from ledpi.config.mistakes import validated
 from ledpi.config.values import (
     Degrees,
     DeviationDeg,
@@ -93,10 +93,7 @@ def load_map(path: Path) -> PanelMap:
     raw = read_yaml(path, ConfigError)
     if not isinstance(raw, dict):
         raise ConfigError(f"{path}: must be a map of panels (format: 1, panels: …)")
-    try:
-        content = _Map.model_validate(raw)
-    except ValidationError as error:
-        raise ConfigError(f"{path}: {explain(error, _Map)}") from None
+    content = validated(_Map, raw, str(path), ConfigError)
     panels = {}
     for marker_id, panel in content.panels.items():
         known = panel.deviations or content.deviations

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import difflib
-from typing import Any, get_args
+from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
 
+from ledpi.core.errors import LedpiError
 from ledpi.core.wording import shortened, shortened_name
 
 # Where pydantic's words say more about Python than about the key.
@@ -26,10 +27,19 @@ _WORDING = {
     "dict_type": "must be a mapping from IDs, as in {7: {side_m: 0.3}}",
 }
 
+M = TypeVar("M", bound=BaseModel)
 _UNKNOWN = ("extra_forbidden", "invalid_key")
 
 # Last parts of a location that are no keys: the branch of a number or `auto`, and [key] for a mapping's key.
 _BRANCHES = ("number", "auto", "[key]")
+
+
+def validated(model: type[M], raw: Any, where: str, error_type: type[LedpiError]) -> M:
+    """The values as this model. Raises `error_type`, one line: where, key, what is wrong, what would be right."""
+    try:
+        return model.model_validate(raw)
+    except ValidationError as error:
+        raise error_type(f"{where}: {explain(error, model)}") from None
 
 
 def explain(error: ValidationError, model: type[BaseModel]) -> str:

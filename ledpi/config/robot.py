@@ -12,7 +12,7 @@ from ledpi.markers.dictionaries import load_dictionary
 from ledpi.pose.fix import Robot
 from ledpi.pose.panel_map import PanelMap
 
-SOME = 5  # that are named of many
+MAX_NAMED = 5  # that are named of many
 
 
 def load_robot(config: Config) -> Robot:
@@ -36,17 +36,17 @@ def load_robot(config: Config) -> Robot:
     )
 
 
-def strangers_note(config: Config, panels: PanelMap | None) -> str:
+def unreadable_note(config: Config, panels: PanelMap | None) -> str:
     """Names the map's panels that are never reported: without a word, or no panels by `panels.ids`; "" if none are.
 
     That is no error: a field's layout may hold tags that others read.
     """
     words = len(load_dictionary(config.panels.dictionary).codewords)
-    strangers = sorted(marker_id for marker_id in panels or {} if marker_id >= words)
+    unreadable = sorted(marker_id for marker_id in panels or {} if marker_id >= words)
     notes = []
-    if strangers:
-        some = ", ".join(str(marker_id) for marker_id in strangers[:SOME]) + (", …" if len(strangers) > SOME else "")
-        notes.append(f"{some} in {config.map} cannot be read: {config.panels.dictionary} has IDs 0 to {words - 1}")
+    if unreadable:
+        named = ", ".join(map(str, unreadable[:MAX_NAMED])) + (", …" if len(unreadable) > MAX_NAMED else "")
+        notes.append(f"{named} in {config.map} cannot be read: {config.panels.dictionary} has IDs 0 to {words - 1}")
     if note := config.panels.unreported_note(panels or {}):
         notes.append(f"{config.map}: {note}")
     return "; ".join(notes)

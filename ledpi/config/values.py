@@ -11,22 +11,24 @@ from pydantic import (
     AfterValidator,
     BaseModel,
     BeforeValidator,
+    ConfigDict,
     Discriminator,
     Field,
     Tag,
     ValidationInfo,
     field_validator,
+    model_validator,
 )
 
-LONGEST_SIDE_M = 10.0  # a longer one was given in millimetres
+MAX_SIDE_M = 10.0  # a longer one was given in millimetres
 
 
 def _check_metres(side_m: float) -> float:
-    if side_m <= LONGEST_SIDE_M:
+    if side_m <= MAX_SIDE_M:
         return side_m
     shorter = side_m / 1000
-    offer = f" ({side_m:g} mm are {shorter:g})" if shorter <= LONGEST_SIDE_M else ""
-    raise ValueError(f"must be in metres, {LONGEST_SIDE_M:g} at most{offer}")
+    offer = f" ({side_m:g} mm are {shorter:g})" if shorter <= MAX_SIDE_M else ""
+    raise ValueError(f"must be in metres, {MAX_SIDE_M:g} at most{offer}")
 
 
 # What lies outside these was given in another unit: kilohertz, seconds, nanoseconds, millimetres.
@@ -163,3 +165,18 @@ class NoBooleans(BaseModel):
         if isinstance(value, str) and "\0" in value:
             raise ValueError("must hold no null character")
         return value
+
+
+class Section(NoBooleans):
+    """A section of the configuration: unknown keys are errors."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _is_section(cls, value: object) -> object:
+        if value is None:  # `camera:` with every key under it commented out
+            return {}
+        if isinstance(value, (dict, cls)):
+            return value
+        raise ValueError(f"must be a section with the keys {', '.join(sorted(cls.model_fields))}")

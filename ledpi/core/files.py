@@ -22,7 +22,7 @@ from ledpi.core.wording import shortened_name
 # Of what a person writes, or a calibration: a map of a thousand panels takes 170 kB. YAML needs 400 times its size.
 MAX_TEXT_BYTES = 256 * 1024
 MAX_DEPTH = 32  # of lists and mappings in each other
-MAX_SAID = 200  # characters of PyYAML's own words, which may repeat a value
+MAX_QUOTED = 200  # characters of PyYAML's own words, which may repeat a value
 
 
 class _RepeatedKeyError(Exception):
@@ -128,11 +128,11 @@ def parse_yaml(text: str, where: object, error: type[LedpiError]) -> Any:
     except yaml.MarkedYAMLError as caught:
         raise error(f"{where}: not valid YAML: {_located(caught)}") from None
     except Exception as caught:  # for a broken value (`!!timestamp x`) PyYAML lets through whatever came up
-        raise error(f"{where}: not valid YAML: {' '.join(str(caught)[:MAX_SAID].split())}") from None
+        raise error(f"{where}: not valid YAML: {' '.join(str(caught)[:MAX_QUOTED].split())}") from None
 
 
 def _located(error: yaml.MarkedYAMLError) -> str:
     """As in `line 3: mapping values are not allowed here`; PyYAML's own words take four lines."""
     line = "" if error.problem_mark is None else f"line {error.problem_mark.line + 1}: "
     context = f" ({error.context})" if error.context else ""
-    return f"{line}{error.problem}{context}"[:MAX_SAID]
+    return f"{line}{error.problem}{context}"[:MAX_QUOTED]

@@ -24,10 +24,10 @@ MAX_RATIO = 1.1
 # Within 1 % the report is believed: whole microseconds of rounding, and no band moves by a tenth of its cycle within
 # a panel for less.
 MIN_DEVIATION = 0.01
-SURE = 5.0  # standard errors that a deviation must have, where times are taken by a busy computer
+SIGNIFICANT_SIGMA = 5.0  # standard errors that a deviation must have, where times are taken by a busy computer
 # Three intervals that are off by much may agree to a hair by chance: of fewer than so many, the one that is furthest
 # from their middle says how well they are known.
-FEW = 8
+MIN_FOR_MEDIAN = 8
 
 
 class ClockState(NamedTuple):
@@ -64,19 +64,19 @@ class RowClock:
             ratio = (row0_readout_ns - self._last[1]) / (seq - self._last[0]) / self._reported_ns
             if 1 / MAX_RATIO < ratio < MAX_RATIO:
                 self._ratios.append(ratio)
-                self.ratio = self._sure_ratio()
+                self.ratio = self._significant_ratio()
         self._last = seq, row0_readout_ns
 
-    def _sure_ratio(self) -> float:
+    def _significant_ratio(self) -> float:
         if len(self._ratios) < MIN_INTERVALS:
             return 1.0
         middle = median(self._ratios)
         away = [abs(ratio - middle) for ratio in self._ratios]
         # Of a median of n normal values: 1.25·σ/√n, σ = 1.48 times the median distance from it.
-        sigma = max(away) if len(away) < FEW else 1.48 * median(away)
+        sigma = max(away) if len(away) < MIN_FOR_MEDIAN else 1.48 * median(away)
         error = 1.25 * sigma / math.sqrt(len(away))
         off = abs(middle - 1.0)
-        return middle if off > max(MIN_DEVIATION, SURE * error) else 1.0
+        return middle if off > max(MIN_DEVIATION, SIGNIFICANT_SIGMA * error) else 1.0
 
     def corrected(self, exposed: Exposed) -> Exposed:
         """A frame, or all of a camera's, with its true row time and exposure."""

@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 
 from ledpi.camera.exposure_notes import vanishing
-from ledpi.config.settings import PanelSettings
+from ledpi.config.panels import PanelSettings
 from ledpi.core.records import Floats, Frame
 from ledpi.diagnosis.look import FULL, Look, band_step, blur_of, look_at, side_px
 from ledpi.diagnosis.mistakes import SURE_NATS, Mistake, mistake_of

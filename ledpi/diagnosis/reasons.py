@@ -29,7 +29,7 @@ REASONS: dict[str, Explained] = {
         "as for identify.no_bands: check the frequencies and the exposure",
     ),
     "fit.misfit": Explained(
-        "a picture of a panel explains too little of the light", "remove what hides the panel or shines on it"
+        "the model of a panel explains too little of the light", "remove what hides the panel or shines on it"
     ),
     "fit.uncertain": Explained(
         "corners are known to no better than an eighth of a cell", "go nearer; a dark edge around the cells"
@@ -43,9 +43,9 @@ REASONS: dict[str, Explained] = {
     "cells.outside_picture": Explained("a cell is not wholly in the picture", "bring the whole panel into view"),
     "cells.saturated": Explained("too many pixels of a cell are full", "less gain or exposure"),
     "cells.dark": Explained("a cell gives no light", "check the solder joints"),
-    "identify.unfit": Explained("the light of the cells cannot be weighed", ""),
+    "identify.unfit": Explained("the light of the cells gives no evidence (no solution)", ""),
     "identify.no_bands": Explained(
-        "nothing blinks at the frequencies of the configuration",
+        "nothing blinks at the configured frequencies",
         "check the frequencies; keep the exposure off their nulls (ledpi calibrate panel says so); "
         "no capacitor after the MOSFETs",
     ),
@@ -54,7 +54,7 @@ REASONS: dict[str, Explained] = {
         "check camera.exposure_us, and what dims the lamp",
     ),
     "identify.not_in_dictionary": Explained(
-        "the pattern is no codeword of the dictionary, or cannot be distinguished from one that is none",
+        "the pattern is no codeword of the dictionary, or cannot be distinguished from such a pattern",
         "go nearer; more frames; or a cell is on the wrong output, or soldered as seen from the front: compare the "
         "cells with the wiring picture",
     ),

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ledpi.config.settings import PanelSettings
+from ledpi.config.panels import PanelSettings
 from ledpi.core.geometry import quad_side
 from ledpi.core.records import CameraInfo, Floats, Frame, Intrinsics
 from ledpi.diagnosis import mistakes, other_frequencies

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from typing import NamedTuple
 
-from ledpi.config.settings import PanelSettings
+from ledpi.config.panels import PanelSettings
 from ledpi.core.records import CameraInfo, Floats, Frame, Intrinsics
 from ledpi.diagnosis.diagnose import (
     Diagnosis,

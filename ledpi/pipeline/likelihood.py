@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Iterator, Sequence
 from typing import TypeAlias
 
-from ledpi.config.settings import PanelSettings
+from ledpi.config.panels import PanelSettings
 from ledpi.core.records import CameraInfo, Detection, Frame, Intrinsics, PanelSpec, Quad, Rejected, read_only
 from ledpi.decode.agenda import Agenda, AgendaState
 from ledpi.decode.cells import CellSamples, sample_cells

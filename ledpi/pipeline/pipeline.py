@@ -5,7 +5,8 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
-from ledpi.config.settings import Method, PanelSettings
+from ledpi.config.panels import PanelSettings
+from ledpi.config.settings import Method
 from ledpi.core.records import (
     CameraInfo,
     Decoded,

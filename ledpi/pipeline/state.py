@@ -12,7 +12,7 @@ from ledpi.core.row_clock import ClockState
 from ledpi.decode.agenda import AgendaState
 from ledpi.decode.cells import CellSamples, Lattice
 from ledpi.decode.track import Followed
-from ledpi.pipeline.plain import Room
+from ledpi.pipeline.plain import ArrayStore
 from ledpi.pose.place import Placed
 
 
@@ -26,7 +26,7 @@ class PipelineState(NamedTuple):
     off_frequency: tuple[tuple[int, PanelSpec], ...]  # by ID
 
 
-class Looks:
+class SharedRecords:
     """Frames' samples and times, which several records of a state share: each is written once."""
 
     def __init__(self) -> None:
@@ -39,22 +39,22 @@ class Looks:
         return int(known.setdefault(id(one), (len(known), one))[0])
 
 
-def as_plain(state: PipelineState, room: Room) -> dict[str, Any]:
-    """The state as JSON has it, its arrays in `room`."""
-    looks = Looks()
-    whole = _plain(state, room, looks)
+def as_plain(state: PipelineState, arrays: ArrayStore) -> dict[str, Any]:
+    """The state as JSON has it, its arrays in `arrays`."""
+    shared = SharedRecords()
+    whole = _plain(state, arrays, shared)
     return {
-        "samples": [_fields(samples, room, looks) for _, samples in looks.samples.values()],
-        "frames": [_fields(frame, room, looks) for _, frame in looks.frames.values()],
+        "samples": [_fields(samples, arrays, shared) for _, samples in shared.samples.values()],
+        "frames": [_fields(frame, arrays, shared) for _, frame in shared.frames.values()],
         **whole,
     }
 
 
-def _plain(value: Any, room: Room, looks: Looks) -> Any:
+def _plain(value: Any, arrays: ArrayStore, shared: SharedRecords) -> Any:
     if value is None or isinstance(value, bool | int | float | str):
         return value
     if isinstance(value, np.ndarray):
-        return room.put(value)
+        return arrays.add(value)
     if isinstance(value, np.generic):
         return value.item()
     if isinstance(value, complex):
@@ -62,15 +62,15 @@ def _plain(value: Any, room: Room, looks: Looks) -> Any:
     if isinstance(value, Lattice):
         return value.k
     if isinstance(value, CellSamples | Frame):
-        return looks.number(value)
+        return shared.number(value)
     if is_dataclass(value) or hasattr(value, "_fields"):
-        return _fields(value, room, looks)
-    return [_plain(each, room, looks) for each in value]
+        return _fields(value, arrays, shared)
+    return [_plain(each, arrays, shared) for each in value]
 
 
-def _fields(record: Any, room: Room, looks: Looks) -> dict[str, Any]:
+def _fields(record: Any, arrays: ArrayStore, shared: SharedRecords) -> dict[str, Any]:
     names = [field.name for field in fields(record)] if is_dataclass(record) else record._fields
-    return {name: _plain(getattr(record, name), room, looks) for name in names if name != "pixels"}
+    return {name: _plain(getattr(record, name), arrays, shared) for name in names if name != "pixels"}
 
 
 # Of a panel's evidence and its beliefs, and arrays that are as large as its samples in one frame: mean picture, waves,
@@ -82,7 +82,7 @@ def size_of(state: PipelineState) -> int:
     """Bytes that it may keep from being freed; no less than they are."""
     total = _TRACK_BYTES
     for _, history in state.followed.tracks:
-        looks = [*history.search.observations, *(memory.last for memory in history.memories if memory.last is not None)]
-        largest = max((samples.light.nbytes for samples, _ in looks), default=0)
-        total += _TRACK_BYTES + largest * (2 * len(looks) + _TRACK_ARRAYS * len(history.memories))
+        kept = [*history.search.observations, *(memory.last for memory in history.memories if memory.last is not None)]
+        largest = max((samples.light.nbytes for samples, _ in kept), default=0)
+        total += _TRACK_BYTES + largest * (2 * len(kept) + _TRACK_ARRAYS * len(history.memories))
     return total

@@ -13,9 +13,9 @@ from ledpi.core.errors import RecordingError
 from ledpi.core.files import read_bytes
 from ledpi.core.wording import shortened
 from ledpi.pipeline.pipeline import Pipeline
-from ledpi.pipeline.plain import Node, Room
+from ledpi.pipeline.plain import ArrayStore, Node
 from ledpi.pipeline.state import PipelineState, as_plain
-from ledpi.pipeline.state_maker import Maker
+from ledpi.pipeline.state_parser import StateParser
 
 STATE_FILE = "state.bin"
 VERSION = 1
@@ -24,10 +24,10 @@ MAX_BYTES = 64 * 1024 * 1024  # a panel takes half a megabyte at most
 
 def as_bytes(state: PipelineState) -> bytes:
     """The file's content."""
-    room = Room()
-    plain = as_plain(state, room)
-    line = json.dumps({"ledpi_state": VERSION, "bytes": room.size, "state": plain}, separators=(",", ":"))
-    return b"".join([line.encode("ascii"), b"\n", *room.parts])
+    arrays = ArrayStore()
+    plain = as_plain(state, arrays)
+    line = json.dumps({"ledpi_state": VERSION, "bytes": arrays.size, "state": plain}, separators=(",", ":"))
+    return b"".join([line.encode("ascii"), b"\n", *arrays.parts])
 
 
 def resume_from(folder: Path, pipeline: Pipeline) -> bool:
@@ -46,7 +46,7 @@ def resume_from(folder: Path, pipeline: Pipeline) -> bool:
 
 
 def _state(content: bytes, pipeline: Pipeline) -> PipelineState:
-    head, line_break, room = content.partition(b"\n")
+    head, line_break, arrays = content.partition(b"\n")
     try:
         values = json.loads(head)
     except (ValueError, RecursionError):
@@ -54,7 +54,7 @@ def _state(content: bytes, pipeline: Pipeline) -> PipelineState:
     if not isinstance(values, dict) or values.get("ledpi_state") != VERSION:
         found = shortened(values.get("ledpi_state")) if isinstance(values, dict) else shortened(values)
         raise ValueError(f"ledpi_state: must be {VERSION}, not {found}")
-    node = Node(values, room)
-    if not line_break or node["bytes"].natural() != len(room):
-        raise ValueError(f"has {len(room)} bytes of arrays; must have the {shortened(values['bytes'])} that it says")
-    return Maker(pipeline.cells, pipeline.specs).state(Node(node["state"].value, room))
+    node = Node(values, arrays)
+    if not line_break or node["bytes"].integer() != len(arrays):
+        raise ValueError(f"has {len(arrays)} bytes of arrays; must have the {shortened(values['bytes'])} that it says")
+    return StateParser(pipeline.cells, pipeline.specs).state(Node(node["state"].value, arrays))

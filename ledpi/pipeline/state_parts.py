@@ -14,28 +14,28 @@ from ledpi.pose.branches import REMEMBERED, Hypothesis
 from ledpi.pose.fix_history import Candidate, FixHistoryState
 from ledpi.pose.place import Placed
 
-MOST_PLACES, MOST_IDS = 65_536, 65_536  # far more than a picture can show
-MOST_PX, MAX_TRIES = 1e6, 2**40
-FURTHEST_HZ = 2.0  # times what is looked for: no panel's frequencies are ever sought as far off
+MAX_PLACES, MAX_IDS = 65_536, 65_536  # far more than a picture can show
+MAX_PX, MAX_TRIES = 1e6, 2**40
+MAX_HZ_RATIO = 2.0  # times what is looked for: no panel's frequencies are ever sought as far off
 
 
 def frame_of(node: Node) -> Frame:
     """A frame's times, without its picture."""
     return Frame(
         pixels=np.empty((0, 0), np.uint8),
-        seq=node["seq"].natural(),
-        row0_readout_ns=node["row0_readout_ns"].natural(),
+        seq=node["seq"].integer(),
+        row0_readout_ns=node["row0_readout_ns"].integer(),
         exposure_us=node["exposure_us"].real(0.1, 1e8),
         row_time_us=node["row_time_us"].real(0.1, 1e4),
-        transfer="linear" if node["transfer"].one_of("linear", "srgb") == "linear" else "srgb",
-        analogue_gain=node["analogue_gain"].maybe(lambda gain: gain.real(0.0)),
+        transfer="linear" if node["transfer"].choice("linear", "srgb") == "linear" else "srgb",
+        analogue_gain=node["analogue_gain"].optional(lambda gain: gain.real(0.0)),
         host_offset_ns=0,  # of a clock that this machine has no more
     )
 
 
 def spec_of(node: Node, looked_for: Sequence[PanelSpec]) -> PanelSpec:
     """A panel like one of those that are looked for, its frequencies perhaps a little others."""
-    phase = node["phase"].one_of("free", "antiphase")
+    phase = node["phase"].choice("free", "antiphase")
     spec = PanelSpec(
         side_m=node["side_m"].real(1e-3, 1e3),
         black_hz=node["black_hz"].real(1.0, 1e6),
@@ -49,33 +49,33 @@ def spec_of(node: Node, looked_for: Sequence[PanelSpec]) -> PanelSpec:
         if spec.phase == like.phase and all(map(_is_near, spec.waves_hz, like.waves_hz)):
             return spec
     raise ValueError(
-        f"{node.where}: is of {spec.blinking()}, and {' or '.join(s.blinking() for s in looked_for)} is looked for; "
+        f"{node.path}: is of {spec.blinking()}, and {' or '.join(s.blinking() for s in looked_for)} is looked for; "
         "must be decoded with the configuration that it was taken with"
     )
 
 
 def _is_near(one_hz: float, other_hz: float) -> bool:
-    return 1.0 / FURTHEST_HZ < one_hz / other_hz < FURTHEST_HZ
+    return 1.0 / MAX_HZ_RATIO < one_hz / other_hz < MAX_HZ_RATIO
 
 
 def agenda_of(node: Node) -> AgendaState:
     """What was searched."""
-    turns = node["turns"].array(np.int64, None, most=MOST_PLACES)
-    turn = node["turn"].natural()
+    turns = node["turns"].array(np.int64, None, max_abs=MAX_PLACES)
+    turn = node["turn"].integer()
     return AgendaState(
-        since_search=node["since_search"].natural(),
+        since_search=node["since_search"].integer(),
         turn=turn,
-        middles=node["middles"].array(np.float64, len(turns), 2, most=MOST_PX),
+        middles=node["middles"].array(np.float64, len(turns), 2, max_abs=MAX_PX),
         turns=turns,
-        tries=node["tries"].array(np.int64, len(turns), most=MAX_TRIES),
+        tries=node["tries"].array(np.int64, len(turns), max_abs=MAX_TRIES),
     )
 
 
 def clock_of(node: Node) -> ClockState:
     """What the frames' times have told."""
     return ClockState(
-        ratios=tuple(each.real(0.5, 2.0) for each in node["ratios"].each(INTERVALS)),
-        last=node["last"].maybe(lambda last: last.two(lambda each: each.natural())),
+        ratios=tuple(each.real(0.5, 2.0) for each in node["ratios"].items(INTERVALS)),
+        last=node["last"].optional(lambda last: last.pair(lambda each: each.integer())),
         ratio=node["ratio"].real(0.5, 2.0),
     )
 
@@ -85,9 +85,9 @@ def placed_of(node: Node) -> Placed:
     past = node["fix_history"]
     return Placed(
         hypotheses=tuple(
-            (pair[0].natural(MOST_IDS), _hypothesis(pair[1])) for pair in node["hypotheses"].pairs(MOST_IDS)
+            (pair[0].integer(MAX_IDS), _hypothesis(pair[1])) for pair in node["hypotheses"].pairs(MAX_IDS)
         ),
-        fix_history=FixHistoryState(last=past["last"].maybe(_candidate), at_ns=past["at_ns"].natural()),
+        fix_history=FixHistoryState(last=past["last"].optional(_candidate), at_ns=past["at_ns"].integer()),
     )
 
 
@@ -96,8 +96,8 @@ def _hypothesis(node: Node) -> Hypothesis:
         preferred=_solution(node["preferred"]),
         other=_solution(node["other"]),
         gap=node["gap"].real(),
-        frames=node["frames"].natural(REMEMBERED),
-        seen_ns=node["seen_ns"].natural(),
+        frames=node["frames"].integer(REMEMBERED),
+        seen_ns=node["seen_ns"].integer(),
     )
 
 
@@ -107,7 +107,7 @@ def _solution(node: Node) -> PlanarSolution:
         camera_from_marker=Pose(
             position_m=pose["position_m"].array(np.float64, 3),
             quaternion_wxyz=pose["quaternion_wxyz"].array(np.float64, 4),
-            covariance=pose["covariance"].maybe(lambda covariance: covariance.array(np.float64, 6, 6)),
+            covariance=pose["covariance"].optional(lambda covariance: covariance.array(np.float64, 6, 6)),
         ),
         reprojection_px=node["reprojection_px"].real(),
         chi2=node["chi2"].real(),
@@ -118,6 +118,6 @@ def _candidate(node: Node) -> Candidate:
     return Candidate(
         map_from_base=node["map_from_base"].array(np.float64, 4, 4),
         covariance=node["covariance"].array(np.float64, 6, 6),
-        used=tuple(each.natural(MOST_IDS) for each in node["used"].each(MOST_IDS)),
-        rejected=tuple(each.natural(MOST_IDS) for each in node["rejected"].each(MOST_IDS)),
+        used=tuple(each.integer(MAX_IDS) for each in node["used"].items(MAX_IDS)),
+        rejected=tuple(each.integer(MAX_IDS) for each in node["rejected"].items(MAX_IDS)),
     )

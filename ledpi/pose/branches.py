@@ -12,7 +12,7 @@ from ledpi.pose.planar import Solutions
 EXCLUDED_BY = 13.8
 # The most that one frame may say. Half of it is enough in a first frame; but what was preferred for n frames is given
 # up over several, in which both poses are reported.
-MOST = 2 * EXCLUDED_BY
+MAX_CHI2_PER_FRAME = 2 * EXCLUDED_BY
 # The mean is over so many frames. It is a mean and no sum: what errs most in a corner (the lens, a bezel's gleam) errs
 # alike from frame to frame, and ten looks at it are no more than one.
 REMEMBERED = 16
@@ -71,7 +71,7 @@ class Branches:
         gap = second.chi2 - first.chi2
         if self._up is not None:
             gap += (self._lean2(second) - self._lean2(first)) / UPRIGHT_SIGMA_RAD**2
-        return max(-MOST, min(MOST, gap))
+        return max(-MAX_CHI2_PER_FRAME, min(MAX_CHI2_PER_FRAME, gap))
 
     def _lean2(self, solution: PlanarSolution) -> float:
         """Squared angle, rad², between the marker's y axis and up; the chord's, which is as good below 60°."""

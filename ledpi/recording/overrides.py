@@ -6,7 +6,8 @@ from dataclasses import asdict, replace
 from pathlib import Path
 
 from ledpi.config.camera_yaml import load_intrinsics
-from ledpi.config.settings import Config, check_bands_visible
+from ledpi.config.panels import check_bands_visible
+from ledpi.config.settings import Config
 from ledpi.core.errors import ConfigError
 from ledpi.core.records import CameraInfo, PanelSpec
 from ledpi.recording.reader import Recording, load_recording

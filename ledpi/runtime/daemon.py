@@ -16,13 +16,14 @@ from ledpi.camera.base import Camera
 from ledpi.camera.exposure_notes import exposure_notes
 from ledpi.camera.gain_follower import GainFollower
 from ledpi.camera.recovering import LOST
-from ledpi.config.camera_yaml import load_intrinsics
-from ledpi.config.robot import load_robot, strangers_note
+from ledpi.config.camera_yaml import lens_of
+from ledpi.config.robot import load_robot, unreadable_note
 from ledpi.config.settings import Config
 from ledpi.core.errors import CameraError, TransientError
-from ledpi.core.records import CameraInfo, Decoded, Floats, Frame, Intrinsics, Rejected
+from ledpi.core.records import CameraInfo, Decoded, Floats, Frame, Rejected
 from ledpi.decode.identify.frequency_search import off_frequency_note
 from ledpi.pipeline.pipeline import Pipeline
+from ledpi.pose.fix import Robot
 from ledpi.runtime.health import Health, StageTimes
 from ledpi.runtime.liveness import Liveness
 from ledpi.runtime.observers import Observers
@@ -32,17 +33,18 @@ from ledpi.runtime.reporting import Totals, is_service, minute_line, second_line
 from ledpi.runtime.rewind import ASKED
 from ledpi.runtime.ring import FrameRing
 from ledpi.runtime.status import status
-from ledpi.runtime.systemd import Watchdog, notify
+from ledpi.runtime.systemd import notify
 from ledpi.runtime.tapping import health, setup_of
 from ledpi.runtime.threads import keep_memory, switch_promptly
+from ledpi.runtime.watchdog import Watchdog
 from ledpi.tap.server import Tap
 from ledpi.wire.mavlink import Mavlink
 from ledpi.wire.message import NoFix, State, StatusMessage
 from ledpi.wire.publisher import Publisher
 from ledpi.wire.resets import Resets
 
-TICK_S = 0.1  # between two looks at the state of things
-LOOK_EVERY_S = 1.0  # at times and temperature
+TICK_S = 0.1  # between two updates of the status
+HEALTH_EVERY_S = 1.0  # times and temperature are read
 MINUTE_S = 60.0
 JOIN_S = 0.4  # for each worker; the whole daemon ends within 1 s
 CLOSE_S = 2.0  # for a camera, which a reload opens again. A driver that hangs must not keep the controller's last word
@@ -70,7 +72,7 @@ class Daemon:
         info = camera.info
         self._camera = camera
         self._lossless = lossless
-        self._calibrated = calibration(config, camera)
+        self._calibrated = lens_of(info, config.camera.intrinsics)
         self._has_map = config.map is not None
         self._ring = FrameRing(info.height, info.width)
         robot = load_robot(config)
@@ -87,21 +89,18 @@ class Daemon:
         self._observers = Observers(config, self._pipeline, lens, _period_ms(info), setup, tap)
         self._pacing = None if self._lossless else Pacing(_period_ms(info))
         self._gain = GainFollower(camera)
-        if note := strangers_note(config, robot.panels):
-            _log.warning("map: %s", note)
-        for note in exposure_notes(config, self._pipeline.panels, info):
-            _log.warning("%s", note)
+        _warn(config, self._pipeline, info, robot)
         resets = resets or Resets()
         mavlink = _mavlink(config, robot.base_link_from_camera, resets)
-        resets.see_map(robot.panels)
+        resets.update_map(robot.panels)
         self._publisher = Publisher(config.serial, mavlink, map_resets=resets.maps)
         self._health = Health()
         self._times = StageTimes()
         self._processor = read_processor()
-        self._told: set[int] = set()  # panels that blink at other frequencies than configured
+        self._noted_off_frequency: set[int] = set()  # panels that blink at other frequencies than configured
         self._liveness = Liveness()
-        self._pieces = 0  # of frames, as they were known
-        self._telling = threading.Lock()
+        self._partial_results = 0  # of frames, as they were known
+        self._status_lock = threading.Lock()
         self._asked_to_stop = False
         self._stop = threading.Event()
         self._failure: BaseException | None = None
@@ -164,7 +163,7 @@ class Daemon:
         self._threads[0].join(JOIN_S)
         self._ring.close()
         self._threads[1].join(JOIN_S)
-        self._tell()  # the last status counts every frame
+        self._send_status()  # the last status counts every frame
         self._publisher.stop()
         self._observers.close()
 
@@ -190,18 +189,18 @@ class Daemon:
             if isinstance(result, Rejected):
                 self._health.reject(result)
                 if result == LOST and self._liveness.loses():
-                    self._tell()  # at once, without waiting for the next tick
+                    self._send_status()  # at once, without waiting for the next tick
                 continue
             if self._liveness.delivers():
-                self._tell()
+                self._send_status()
             self._ring.publish(result)
             while self._lossless and not self._stop.is_set() and not self._ring.wait_until_taken(TICK_S):
                 self._liveness.delivers()
         self._ring.close()
 
-    def _tell(self) -> None:
-        """Tells the controller how it is now. One thread at a time, so that what is said last is what was seen last."""
-        with self._telling:
+    def _send_status(self) -> None:
+        """To the controller. One thread at a time, so that the last one sent is the newest."""
+        with self._status_lock:
             self._publisher.set_status(self._status())
 
     def _status(self) -> StatusMessage:
@@ -228,50 +227,50 @@ class Daemon:
         self._liveness.begins(frame)
         spent, budget = path.spent, path.search_budget
         trace = self._observers.trace()
-        decoded = self._pipeline.decode(frame, trace, on_partial=self._hand_on)
+        decoded = self._pipeline.decode(frame, trace, on_partial=self._publish_partial)
         if self._pacing is not None:
             path.search_budget = self._pacing.budget_after(path.spent - spent, sum(decoded.stage_ms.values()))
-        self._gain.see(frame, decoded)
-        self._observers.see(frame, decoded, budget, trace)
+        self._gain.update(frame, decoded)
+        self._observers.keep(frame, decoded, budget, trace)
         self._ring.release()
         self._health.add(decoded)
         self._liveness.ends()
-        for marker_id in path.off_frequency.keys() - self._told:
-            self._told.add(marker_id)
+        for marker_id in path.off_frequency.keys() - self._noted_off_frequency:
+            self._noted_off_frequency.add(marker_id)
             _log.warning("%s", off_frequency_note(marker_id, path.off_frequency[marker_id]))
 
-    def _hand_on(self, news: Decoded) -> None:
+    def _publish_partial(self, news: Decoded) -> None:
         """A piece of what the frame in work shows."""
         self._publisher.publish(news)
-        self._pieces += 1
+        self._partial_results += 1
 
     def _watch(self, at_each_tick: Callable[[], None]) -> None:
         """Keeps status and health up to date until it is time to stop."""
-        last, looked_s, said_s = self._totals(), time.monotonic(), time.monotonic()
+        last, health_s, minute_s = self._totals(), time.monotonic(), time.monotonic()
         watchdog = Watchdog()
         while not self._stop.wait(TICK_S) and not self._asked_to_stop and self._publisher.failure is None:
             at_each_tick()
             now_s = time.monotonic()
             self._liveness.tick()
-            self._tell()
+            self._send_status()
             self._observers.tick(time.monotonic_ns(), lost=self._liveness.lost)
             totals = self._totals()
-            watchdog.see(self._steps(totals))
-            if now_s - looked_s >= LOOK_EVERY_S:
+            watchdog.update(self._steps(totals))
+            if now_s - health_s >= HEALTH_EVERY_S:
                 self._times, self._processor = self._health.times(), read_processor()
                 totals = self._totals()
-                if self._observers.are_told:
-                    self._observers.tell(health(last, totals, now_s - looked_s, self._status()))
+                if self._observers.has_followers:
+                    self._observers.send_health(health(last, totals, now_s - health_s, self._status()))
                 if not is_service():
-                    _log.info(second_line(last, totals, now_s - looked_s))
-                elif now_s - said_s >= MINUTE_S:
+                    _log.info(second_line(last, totals, now_s - health_s))
+                elif now_s - minute_s >= MINUTE_S:
                     _log.info(minute_line(totals, self._processor))
-                    said_s = now_s
-                last, looked_s = totals, now_s
+                    minute_s = now_s
+                last, health_s = totals, now_s
 
     def _steps(self, totals: Totals) -> int:
         """How often there was progress: in frames, within a frame, or in opening a lost camera until that gives up."""
-        return totals.health.decoded + self._pieces + totals.health.rejected.get(LOST.key, 0)
+        return totals.health.decoded + self._partial_results + totals.health.rejected.get(LOST.key, 0)
 
     def _totals(self) -> Totals:
         return Totals(
@@ -287,12 +286,12 @@ def _period_ms(info: CameraInfo) -> float:
     return (info.frame_length_rows or info.height) * info.row_time_us * 1e-3
 
 
-def calibration(config: Config, camera: Camera) -> Intrinsics | None:
-    """The lens: what the source itself knows, else what the configuration names. Raises CalibrationError."""
-    info = camera.info
-    if info.intrinsics is not None or config.camera.intrinsics is None:
-        return info.intrinsics
-    return load_intrinsics(config.camera.intrinsics, (info.width, info.height))
+def _warn(config: Config, pipeline: Pipeline, info: CameraInfo, robot: Robot) -> None:
+    """Of what is no error, and probably not meant."""
+    if note := unreadable_note(config, robot.panels):
+        _log.warning("map: %s", note)
+    for note in exposure_notes(config, pipeline.panels, info):
+        _log.warning("%s", note)
 
 
 def _mavlink(config: Config, base_link_from_camera: Floats, resets: Resets) -> Mavlink | None:

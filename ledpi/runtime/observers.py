@@ -19,7 +19,7 @@ from ledpi.tap.server import Tap
 
 
 class Observers:
-    """Of one daemon. `trace` and `see` are for its decode thread, the rest for its main one."""
+    """Of one daemon. `trace` and `keep` are for its decode thread, the rest for its main one."""
 
     def __init__(
         self, config: Config, pipeline: Pipeline, camera: CameraInfo, period_ms: float, setup: Setup, tap: Tap | None
@@ -52,7 +52,7 @@ class Observers:
         """What the next frame's decoding is to fill in; None: nothing."""
         return None if self._tap is None else self._tap.trace()
 
-    def see(self, frame: Frame, decoded: Decoded, search_budget: int, trace: Trace | None) -> None:
+    def keep(self, frame: Frame, decoded: Decoded, search_budget: int, trace: Trace | None) -> None:
         """A frame that was just decoded, while its pixels are there."""
         rewind = self._rewind
         if rewind is not None:
@@ -68,12 +68,12 @@ class Observers:
             self._rewind.tick(now_ns, lost=lost)
 
     @property
-    def are_told(self) -> bool:
-        """Whether anybody would hear what `tell` says."""
+    def has_followers(self) -> bool:
+        """Whether anybody would get what `send_health` sends."""
         return self._tap is not None and self._tap.is_followed
 
-    def tell(self, health: dict[str, Any]) -> None:
-        """How the daemon is."""
+    def send_health(self, health: dict[str, Any]) -> None:
+        """To the followers of the tap."""
         if self._tap is not None:
             kept_s = None if self._rewind is None else round(self._rewind.kept_s, 1)
             self._tap.tell(health | {"kept_s": kept_s})

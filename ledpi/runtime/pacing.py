@@ -7,7 +7,7 @@ from dataclasses import dataclass
 SHARE = 0.8  # of a frame period: the rest is for what is followed, and for capture and publisher
 # Budgets, in places at which the model is compared with the picture: what a candidate that is a panel takes, so that
 # each has its turn at last; and what a picture full of texture can use.
-LEAST, MOST = 25_000, 1_000_000
+MIN_BUDGET, MAX_BUDGET = 25_000, 1_000_000
 MEMORY = 0.05  # weight of a new frame: speeds change as processors are throttled, within seconds
 
 
@@ -25,6 +25,6 @@ class Pacing:
         takes.
         """
         if spent > 0:
-            weight = MEMORY * min(spent / LEAST, 1.0)
+            weight = MEMORY * min(spent / MIN_BUDGET, 1.0)
             self.unit_ms += weight * (took_ms / spent - self.unit_ms)
-        return min(max(int(SHARE * self.period_ms / max(self.unit_ms, 1e-6)), LEAST), MOST)
+        return min(max(int(SHARE * self.period_ms / max(self.unit_ms, 1e-6)), MIN_BUDGET), MAX_BUDGET)

@@ -14,20 +14,20 @@ import numpy as np
 
 from ledpi.core.records import Decoded, Frame
 from ledpi.pipeline.state import PipelineState
-from ledpi.runtime.rooms import Kept, Rooms, follows
+from ledpi.runtime.frame_buffers import FrameBuffers, KeptFrame, follows
 
 # A disk may pause for a second; of large pictures there are fewer, as a service's memory is limited.
-MOST_FRAMES, MOST_BYTES, FEWEST = 64, 24_000_000, 4
+MAX_FRAMES, MAX_BYTES, MIN_FRAMES = 64, 24_000_000, 4
 
 
-class RecordQueue(Rooms):
+class RecordQueue(FrameBuffers):
     """`keep` is for the decode thread, `next` for the one that writes, `close` for any."""
 
     def __init__(self, height: int, width: int) -> None:
-        super().__init__(max(FEWEST, min(MOST_FRAMES, MOST_BYTES // (height * width))), height, width)
+        super().__init__(max(MIN_FRAMES, min(MAX_FRAMES, MAX_BYTES // (height * width))), height, width)
         self._pictures.fill(0)  # the system gives the memory now, and not to the decode thread
         self.dropped = 0  # frames that found no room
-        self._waiting: queue.SimpleQueue[Kept | None] = queue.SimpleQueue()
+        self._waiting: queue.SimpleQueue[KeptFrame | None] = queue.SimpleQueue()
         self._last: Frame | None = None  # that came
         self._state: PipelineState | None = None  # before the first that is kept
         self._is_closed = False
@@ -51,13 +51,13 @@ class RecordQueue(Rooms):
         if slot is None:
             return
         np.copyto(self._pictures[slot], frame.pixels)
-        kept = Kept(slot, self._last, decoded, search_budget, self._state, 0)
+        kept = KeptFrame(slot, self._last, decoded, search_budget, self._state, 0)
         self._state = None
         with self._changing:
             if not self._is_closed:
                 self._waiting.put(kept)
 
-    def next(self, until_s: float) -> Kept | None:
+    def next(self, until_s: float) -> KeptFrame | None:
         """The oldest, as soon as it is there; None once it is closed and empty. Closes at `until_s` (monotonic)."""
         if time.monotonic() < until_s:
             try:

@@ -149,7 +149,7 @@ class Recorder:
     def _decode_into(self, live: TextIO) -> None:
         while (frame := self._to_decode.get()) is not None:
             decoded = self._pipeline.decode(frame)
-            self._gain.see(frame, decoded)
+            self._gain.update(frame, decoded)
             self.done.decoded += 1
             self._decoder_is_free.set()
             live.write(json.dumps(decoded_as_json(decoded, self._folder.name)) + "\n")

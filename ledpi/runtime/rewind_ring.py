@@ -14,18 +14,18 @@ import numpy as np
 
 from ledpi.core.records import Decoded, Frame
 from ledpi.pipeline.state import PipelineState, size_of
-from ledpi.runtime.rooms import Kept, Rooms, follows
+from ledpi.runtime.frame_buffers import FrameBuffers, KeptFrame, follows
 
 # Between two states. A recording begins at one; so much more is kept than is asked for. Where little is kept at all,
 # it is a quarter of that.
 STATE_EVERY_NS, STATE_SHARE = 1_000_000_000, 4
 SPARE = 2  # pictures' rooms that stay free, so that the next frame has one when all others are handed over
-FEWEST = 8  # frames, less than which are not worth keeping
+MIN_FRAMES = 8  # frames, less than which are not worth keeping
 SIDE_SHARE = 1 / 8  # of the memory, at least, is for states and results
 MARKER_BYTES, FRAME_BYTES = 4096, 2048  # of what was decoded, as Python holds it; a little more than it is
 
 
-class RewindRing(Rooms):
+class RewindRing(FrameBuffers):
     """Between the decode thread, which keeps, and those that take what was kept; it is written in another thread."""
 
     def __init__(self, height: int, width: int, period_ms: float, seconds: float, most_bytes: int) -> None:
@@ -33,11 +33,11 @@ class RewindRing(Rooms):
         picture = height * width
         wanted = math.ceil((1e3 * seconds + STATE_EVERY_NS * 1e-6) / period_ms) + SPARE
         count = min(wanted, int((1.0 - SIDE_SHARE) * most_bytes) // picture)
-        super().__init__(count if count >= FEWEST else 0, height, width)
+        super().__init__(count if count >= MIN_FRAMES else 0, height, width)
         self._state_every_ns = min(STATE_EVERY_NS, round(1e6 * period_ms * self.frames / STATE_SHARE))
         self._longest_ns = round(seconds * 1e9) + STATE_EVERY_NS
         self._most_side_bytes = most_bytes - self.frames * picture
-        self._kept: deque[Kept] = deque()
+        self._kept: deque[KeptFrame] = deque()
         self._side_bytes = 0
         self._state: PipelineState | None = None
         self._stated_ns: int | None = None  # read-out of the frame after which the last state was taken
@@ -53,7 +53,7 @@ class RewindRing(Rooms):
         slot = self._slot_for(frame, side_bytes)
         if slot is not None:
             np.copyto(self._pictures[slot], frame.pixels)
-            kept = Kept(slot, frame.drop_picture(), decoded, search_budget, before, side_bytes)
+            kept = KeptFrame(slot, frame.drop_picture(), decoded, search_budget, before, side_bytes)
             with self._changing:
                 self._kept.append(kept)
                 self._side_bytes += side_bytes
@@ -85,7 +85,7 @@ class RewindRing(Rooms):
         with self._changing:
             self._free.append(slot)
 
-    def take(self) -> list[Kept]:
+    def take(self) -> list[KeptFrame]:
         """All that is kept, from the oldest state on; it is forgotten here. Empty where there is nothing.
 
         Its slots are the taker's, who gives back each.

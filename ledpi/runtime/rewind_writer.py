@@ -12,12 +12,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ledpi.core.errors import LedpiError, RecordingError
+from ledpi.runtime.frame_buffers import KeptFrame
 from ledpi.runtime.reporting import event
 from ledpi.runtime.rewind_ring import RewindRing
-from ledpi.runtime.rooms import Kept
 from ledpi.runtime.takes import PART, Shown, make_room, new_take
 
-MOST_WAITING = 4
+MAX_WAITING = 4
 JOIN_S = 0.4
 TOUCH_EVERY_S = 0.004  # a picture's memory: sooner than a camera needs it
 
@@ -26,7 +26,7 @@ _log = logging.getLogger("ledpi")
 
 class _Job(NamedTuple):
     cause: str
-    kept: list[Kept]
+    kept: list[KeptFrame]
     path: Future[Path]
 
 
@@ -48,9 +48,9 @@ class RewindWriter:
         """Once, before anything is written."""
         self._thread.start()
 
-    def write(self, cause: str, kept: list[Kept]) -> Future[Path]:
+    def write(self, cause: str, kept: list[KeptFrame]) -> Future[Path]:
         """Soon; the recording's folder once it is whole, or LedpiError. Raises RecordingError where too many wait."""
-        if self._stop.is_set() or self._jobs.qsize() >= MOST_WAITING:
+        if self._stop.is_set() or self._jobs.qsize() >= MAX_WAITING:
             for each in kept:
                 self._ring.give_back(each)
             raise RecordingError("rewind: others are still being written; ask again later")
@@ -96,7 +96,7 @@ class RewindWriter:
             self._untouched -= 1
         return self._jobs.get()
 
-    def _write(self, job: _Job, left: list[Kept]) -> Path:
+    def _write(self, job: _Job, left: list[KeptFrame]) -> Path:
         """`left`: what is not written yet, the oldest last."""
         camera, state = self._shown.camera, job.kept[0].state
         assert state is not None

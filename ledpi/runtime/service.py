@@ -7,7 +7,8 @@ from collections.abc import Callable
 
 from ledpi import __version__
 from ledpi.camera.base import Camera
-from ledpi.config.settings import Config, check_bands_visible
+from ledpi.config.panels import check_bands_visible
+from ledpi.config.settings import Config
 from ledpi.core.errors import LedpiError, RecordingError
 from ledpi.core.wording import one_line
 from ledpi.runtime.daemon import Daemon
@@ -18,7 +19,7 @@ from ledpi.runtime.tapping import close_tap, open_tap
 from ledpi.tap.server import Tap
 from ledpi.wire.resets import Resets
 
-MAX_SAID = 200  # characters of an error that nobody has foreseen
+MAX_QUOTED = 200  # characters of an error that nobody has foreseen
 
 _log = logging.getLogger("ledpi")
 
@@ -60,7 +61,7 @@ class Service:
         """What the last daemon came to. Raises what stopped it."""
         try:
             while True:
-                totals = self._daemon.run(self._look)
+                totals = self._daemon.run(self._handle_requests)
                 config, self._next = self._next, None
                 if config is None or self._asked_to_stop:
                     return totals
@@ -71,7 +72,7 @@ class Service:
             notify("STOPPING=1")
             close_tap(self._tap)
 
-    def _look(self) -> None:
+    def _handle_requests(self) -> None:
         """A configuration that can be read ends the daemon, for another one to begin; a bad one is named."""
         if self._asked_to_save:
             self._asked_to_save = False
@@ -140,5 +141,5 @@ class Service:
         return daemon
 
     def _refuse(self, error: Exception) -> None:
-        what = str(error) if isinstance(error, LedpiError) else f"{type(error).__name__}: {str(error)[:MAX_SAID]}"
+        what = str(error) if isinstance(error, LedpiError) else f"{type(error).__name__}: {str(error)[:MAX_QUOTED]}"
         _log.error(event("reload_refused", error=one_line(what), stays="the old configuration"))

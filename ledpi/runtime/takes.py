@@ -18,13 +18,13 @@ from ledpi.pipeline.output import decoded_as_json
 from ledpi.pipeline.state import PipelineState
 from ledpi.pipeline.state_file import STATE_FILE, as_bytes
 from ledpi.recording.writer import RecordingWriter
+from ledpi.runtime.frame_buffers import KeptFrame
 from ledpi.runtime.recorder import LIVE_FILE
-from ledpi.runtime.rooms import Kept
 
 PART = ".part"  # how the name of a recording ends until it is whole
 AUTOMATIC = ("camera_lost", "contradicted")  # causes that nobody asked for
-MOST_AUTOMATIC = 5  # recordings of these that stay
-LEAST_FREE_BYTES = 100_000_000  # that a disk has left afterwards: a full one stops more than this
+MAX_AUTOMATIC = 5  # recordings of these that stay
+MIN_FREE_BYTES = 100_000_000  # that a disk has left afterwards: a full one stops more than this
 
 _OLD = re.compile(rf"\d{{8}}T\d{{6}}Z-({'|'.join(AUTOMATIC)})(-\d+)?({re.escape(PART)})?")
 
@@ -47,7 +47,7 @@ class Take:
         self.written = 0  # frames
         self._writer, self._live = writer, live
 
-    def write(self, kept: Kept, frame: Frame) -> None:
+    def write(self, kept: KeptFrame, frame: Frame) -> None:
         """Adds what was kept, and `frame`, the same with its picture. Raises RecordingError or OSError."""
         self._writer.write(frame, decoded=True, search_budget=kept.search_budget)
         self.written += 1
@@ -90,7 +90,7 @@ def make_room(folder: Path, cause: str, wanted_bytes: int) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     if cause in AUTOMATIC:
         old = sorted(path for path in folder.iterdir() if _OLD.fullmatch(path.name) and path.is_dir())
-        for path in old[: max(0, len(old) - MOST_AUTOMATIC + 1)]:
+        for path in old[: max(0, len(old) - MAX_AUTOMATIC + 1)]:
             shutil.rmtree(path, ignore_errors=True)
     check_room(folder, wanted_bytes)
 
@@ -98,7 +98,7 @@ def make_room(folder: Path, cause: str, wanted_bytes: int) -> None:
 def check_room(folder: Path, wanted_bytes: int = 0) -> None:
     """Raises RecordingError where the disk has too little left for so much more."""
     status = os.statvfs(folder)
-    free, wanted = status.f_bavail * status.f_frsize, wanted_bytes + LEAST_FREE_BYTES
+    free, wanted = status.f_bavail * status.f_frsize, wanted_bytes + MIN_FREE_BYTES
     if free < wanted:
         raise RecordingError(f"{folder}: the disk has {free / 1e6:.0f} MB left; {wanted / 1e6:.0f} MB are needed")
 

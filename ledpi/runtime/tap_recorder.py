@@ -14,9 +14,9 @@ from typing import Any
 from ledpi.core.errors import LedpiError, RecordingError
 from ledpi.core.records import CameraInfo, Decoded, Frame
 from ledpi.pipeline.pipeline import Pipeline
-from ledpi.runtime.record_queue import MOST_BYTES, RecordQueue
+from ledpi.runtime.frame_buffers import KeptFrame
+from ledpi.runtime.record_queue import MAX_BYTES, RecordQueue
 from ledpi.runtime.reporting import event
-from ledpi.runtime.rooms import Kept
 from ledpi.runtime.takes import PART, Shown, Take, check_room, make_room, new_take, takes_folder
 from ledpi.tap.protocol import MAX_SECONDS, Request
 
@@ -99,7 +99,7 @@ class TapRecorder:
         if self._running is not None:
             raise RecordingError("a recording runs already; record_stop ends it")
         try:
-            make_room(self._folder, RECORDED, MOST_BYTES)
+            make_room(self._folder, RECORDED, MAX_BYTES)
         except OSError as error:
             raise RecordingError(_said(error)) from None
         made = _Recording(self._shown.camera.height, self._shown.camera.width)
@@ -117,7 +117,7 @@ class TapRecorder:
         assert first.state is not None
         note = f"{self._shown.source}: as a client of the tap asked"
         with new_take(self._folder, self._shown, RECORDED, note, first.state) as take:
-            kept: Kept | None = first
+            kept: KeptFrame | None = first
             while kept is not None:
                 self._write_one(take, queue, kept)
                 if self._ends.is_set() and time.monotonic() > self._given_up_s:
@@ -126,7 +126,7 @@ class TapRecorder:
                 kept = queue.next(until_s)
         return {"path": str(take.path), "frames": take.written, "dropped": queue.dropped}
 
-    def _write_one(self, take: Take, queue: RecordQueue, kept: Kept) -> None:
+    def _write_one(self, take: Take, queue: RecordQueue, kept: KeptFrame) -> None:
         """With a rest as long as the work, while frames come: the decoder needs the processor more."""
         began_s, seen = time.monotonic(), queue.seen
         try:

@@ -7,7 +7,8 @@ import os
 from typing import Any
 
 from ledpi.config.origins import origins_of, values_of
-from ledpi.config.settings import Config, PanelSettings
+from ledpi.config.panels import PanelSettings
+from ledpi.config.settings import Config
 from ledpi.core.errors import ConfigError
 from ledpi.core.records import CameraInfo, Intrinsics
 from ledpi.pose.panel_map import PanelMap

@@ -21,7 +21,7 @@ _DRIVE_PANELS = (  # ID, place in the scene, yaw, brightness
 )
 DRIVE_IDS = tuple(panel[0] for panel in _DRIVE_PANELS)
 _DRIVE_SIDE_M = 0.16  # that the drive's distances are meant for
-_SHORTEST_EXPOSURE_ROWS = 4  # the OV5647 driver's lower limit
+_MIN_EXPOSURE_ROWS = 4  # the OV5647 driver's lower limit
 
 
 def ov5647_lens(width: int = 640, height: int = 480) -> Intrinsics:
@@ -41,7 +41,7 @@ def ov5647_lens(width: int = 640, height: int = 480) -> Intrinsics:
 def whole_rows_us(exposure_us: float, row_time_us: float) -> float:
     """What the sensor makes of an exposure that is asked for: whole rows, rounded down, four at least."""
     rows = math.floor(exposure_us / row_time_us + 1e-6)
-    return max(rows, _SHORTEST_EXPOSURE_ROWS) * row_time_us
+    return max(rows, _MIN_EXPOSURE_ROWS) * row_time_us
 
 
 def still_scene(

@@ -12,7 +12,7 @@ from ledpi.simulate.optics import PoseAt, seen_at, shows_front
 from ledpi.simulate.scene import Panel, Scene, SimulatedSensor
 from ledpi.simulate.trajectory import Trajectory
 
-_WIDEST_TANGENT = 2.75  # of a corner's angle from the optical axis, 70°: lens models end there
+_MAX_TANGENT = 2.75  # of a corner's angle from the optical axis, 70°: lens models end there
 
 
 def scene_truth(scene: Scene, seq: int) -> tuple[TruthMarker, ...]:
@@ -55,7 +55,7 @@ def marker_truth(panel: Panel, pose_at: PoseAt, sensor: SimulatedSensor, seq: in
 
 def _is_before_camera(corners_m: Floats, camera_from_marker: Floats) -> bool:
     in_camera = corners_m @ camera_from_marker[:3, :3].T + camera_from_marker[:3, 3]
-    wide = np.linalg.norm(in_camera[:, :2], axis=1) > _WIDEST_TANGENT * in_camera[:, 2]
+    wide = np.linalg.norm(in_camera[:, :2], axis=1) > _MAX_TANGENT * in_camera[:, 2]
     return shows_front(camera_from_marker) and not bool(np.any(wide))
 
 

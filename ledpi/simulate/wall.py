@@ -16,7 +16,7 @@ from ledpi.simulate.trajectory import Trajectory
 
 _TEXELS = 1024
 _SPAN = 1.6  # width of the painted picture over the wall's distance: about one texel a pixel at fx = 640
-_FARTHEST = 0.05  # cosine to the wall's normal: beyond it, and behind, the wall goes on as it is there
+_MIN_COSINE = 0.05  # cosine to the wall's normal: beyond it, and behind, the wall goes on as it is there
 
 
 class Wall:
@@ -44,7 +44,7 @@ class Wall:
         for row in (0.0, last / 2.0, last):
             camera = camera_motion.scene_from_body(self._sensor.mid_exposure_s(seq, row))
             ahead = self._rays @ camera[:3, :3].T
-            reach = (self._distance_m - camera[2, 3]) / np.maximum(ahead[:, 2:], _FARTHEST)
+            reach = (self._distance_m - camera[2, 3]) / np.maximum(ahead[:, 2:], _MIN_COSINE)
             at_rows.append((camera[:2, 3] + ahead[:, :2] * reach) / self._distance_m)
         first, middle, final = at_rows
         s = self._pixels[:, 1:] / last * 2.0 - 1.0

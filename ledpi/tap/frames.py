@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ledpi.config.settings import PanelSettings
+from ledpi.config.panels import PanelSettings
 from ledpi.core.errors import ConfigError, TapError
 from ledpi.core.records import CameraInfo, Floats, Frame, Intrinsics, PanelValues
 from ledpi.diagnosis.diagnose import NotRead

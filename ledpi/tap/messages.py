@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ledpi import __version__
-from ledpi.config.settings import PanelSettings
+from ledpi.config.panels import PanelSettings
 from ledpi.core.geometry import quaternion_from_matrix
 from ledpi.core.records import CameraInfo, Decoded, Floats, Frame, Intrinsics, Pixels, Rejected
 from ledpi.core.shutter import row_mid_exposure_ns

@@ -39,7 +39,7 @@ NARROWEST, WIDEST = 0.5, 1.5
 # (e) Rooms and panels differ, so "binarised" is at each of these picture values; what is square in any of them counts.
 LEVELS = range(32, 255, 28)
 WALL_PX = 9  # dark walls between cells that are closed, besides the dark bands
-SMALLEST_CELL_PX = 3.0  # less than the narrowest band that can be measured
+MIN_CELL_PX = 3.0  # less than the narrowest band that can be measured
 MIN_FULLNESS = 0.75  # area of an outline over that of its convex hull: a square with some dark bands at its rim
 MAX_MISFIT = 0.2  # logarithm of the four-sided polygon's area over the hull's
 # (g) A cell is of the class that most of its middle shows, if that is at least so much of it.
@@ -103,7 +103,7 @@ class UemuraReader:
         widths = band_widths_rows(frame, self._spec)
         lit = binarise(frame.pixels, widths)
         classes = classify(lit, widths)
-        found = find_squares(frame.pixels, widths, SMALLEST_CELL_PX * self._cells)
+        found = find_squares(frame.pixels, widths, MIN_CELL_PX * self._cells)
         white = np.zeros_like(frame.pixels)
         for outline, _ in found:  # one by one: where two overlap, OpenCV leaves a hole
             cv2.fillConvexPoly(white, cv2.convexHull(outline), 255)

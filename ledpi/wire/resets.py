@@ -17,7 +17,7 @@ class Resets:
     maps: int = 0  # other maps after the first
     _panels: PanelMap | None = None  # of the newest map
 
-    def see_map(self, panels: PanelMap | None) -> None:
+    def update_map(self, panels: PanelMap | None) -> None:
         """From now on fixes are in this map."""
         if panels is None:
             return

@@ -16,9 +16,12 @@ from pathlib import Path
 
 import numpy as np
 
-from ledpi.camera.simulated import SimulatedCamera
-from ledpi.core.records import CameraInfo, Frame, PanelSpec
+from ledpi.camera.base import Camera
+from ledpi.camera.simulated import SimulatedCamera, open_simulated
+from ledpi.config.settings import Config, load_config
+from ledpi.core.records import CameraInfo, Frame, PanelSpec, PanelValues
 from ledpi.recording.writer import RecordingWriter
+from ledpi.runtime.daemon import Daemon
 from ledpi.simulate.scene import Room, SimulatedSensor
 from ledpi.simulate.scenes import ov5647_lens, still_scene
 from ledpi.wire import FixMessage, MarkerMessage, Message, Receiver, StatusMessage
@@ -28,7 +31,10 @@ MAX_AGE_US = 100_000  # serial.max_age_ms as it is by default
 COMMAND = [sys.executable, "-c", "from ledpi.cli import main; main()", "run"]
 DEADLINE_S = 60.0  # for anything at all, on a slow machine
 SPEC = PanelSpec(side_m=0.16, black_hz=1250.0, white_hz=2450.0)
-SIMULATED = ("panels.side_m=0.16", "camera.source=simulated")
+# The simulated drive in a quarter of the pixels, at 29 frames a second: a fifth of the work of the usual camera.
+SMALL = ("camera.width=320", "camera.height=240", "camera.frame_duration_us=35000")
+SIMULATED = ("panels.side_m=0.16", "camera.source=simulated", *SMALL)
+SIMULATED_YAML = "camera: {source: simulated, width: 320, height: 240, frame_duration_us: 35000}\n"
 # A process that has a file open, and locked where `lock` locks it, until its standard input ends.
 HOLD = "import fcntl, sys; f = open(sys.argv[1], 'r+'); {lock}; print(flush=True); sys.stdin.read()"
 
@@ -67,7 +73,7 @@ class Controller:
         deadline = time.monotonic() + DEADLINE_S
         while not enough(self):
             assert time.monotonic() < deadline, "the daemon did not send what was waited for"
-            time.sleep(0.02)
+            time.sleep(0.004)
 
     def close(self) -> None:
         """Reads what is still there. No pose of all that came may be older than allowed."""
@@ -96,6 +102,37 @@ class Ended:
     status: int
     log: list[str]
     seconds_to_end: float = 0.0
+
+
+class OtherCamera:
+    """The simulated camera, but for what a test's own `read` makes of it."""
+
+    def __init__(self, *, paced: bool = True) -> None:
+        self._camera = open_simulated(load_config(None, SIMULATED), paced=paced)
+
+    @property
+    def info(self) -> CameraInfo:
+        return self._camera.info
+
+    @property
+    def panel(self) -> PanelValues | None:
+        return self._camera.panel
+
+    def close(self) -> None:
+        self._camera.close()
+
+
+@contextmanager
+def daemon_in_thread(config: Config, camera: Camera) -> Iterator[Daemon]:
+    """One in this process, until the block is left."""
+    running = Daemon(config, camera)
+    thread = threading.Thread(target=running.run, daemon=True)
+    thread.start()
+    try:
+        yield running
+    finally:
+        running.stop()
+        thread.join(DEADLINE_S)
 
 
 @contextmanager
@@ -131,10 +168,12 @@ def slowness() -> float:
     return max(1.0, 2 * (time.monotonic() - started) / 0.1)
 
 
-def write_recording(folder: Path, frames: int, *, calibrated: bool = True, plain: bool = False) -> None:
-    """Panel 7, 1 m straight ahead; `plain`: before a wall without texture."""
+def write_recording(
+    folder: Path, frames: int, *, calibrated: bool = True, plain: bool = False, rows: int = 504
+) -> None:
+    """Of panel 7, a metre away, at rest. `plain`: before a wall without texture. `rows`: from frame to frame."""
     lens = ov5647_lens()
-    sensor = SimulatedSensor(intrinsics=lens, exposure_us=9966.32, row_time_us=33.67, frame_length_rows=504)
+    sensor = SimulatedSensor(intrinsics=lens, exposure_us=9966.32, row_time_us=33.67, frame_length_rows=rows)
     scene = still_scene(sensor, {7: SPEC}, "DICT_4X4_50", distance_m=1.0, angle_deg=20.0)
     if plain:
         scene = dataclasses.replace(scene, room=Room(contrast=0.0))

@@ -14,8 +14,20 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ledpi.config.settings import PanelSettings, load_config
-from ledpi.core.records import CameraInfo, Floats, Frame, Intrinsics, PanelSpec, Pixels, Quad, Rejected, Transfer
+from ledpi.config.panels import PanelSettings
+from ledpi.config.settings import load_config
+from ledpi.core.records import (
+    CameraInfo,
+    Floats,
+    Frame,
+    Intrinsics,
+    PanelSpec,
+    Pixels,
+    Quad,
+    Rejected,
+    Singles,
+    Transfer,
+)
 
 Bits = NDArray[np.bool_]
 Profile = Callable[[Floats, Floats], Floats]  # light at (u, v), 0..1 across and down the panel
@@ -84,9 +96,9 @@ def share_on(
 
 def encode(light: Floats, transfer: Transfer) -> Pixels:
     """8-bit codes of linear light; sRGB as IEC 61966-2-1 defines it."""
-    light = np.clip(light, 0.0, 1.0)
+    light = np.clip(light, 0.0, 1.0, dtype=np.float32)
     if transfer == "srgb":
-        light = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
+        light = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** np.float32(1 / 2.4) - 0.055)
     return np.round(255 * light).astype(np.uint8)
 
 
@@ -97,16 +109,20 @@ def flat(u: Floats, v: Floats) -> Floats:
 
 def diffuser(u: Floats, v: Floats) -> Floats:
     """Each cell brightest in its middle, with dark walls between neighbours, as panels are built."""
-    x, y = 4 * u % 1.0 - 0.5, 4 * v % 1.0 - 0.5
-    inner = np.minimum(np.abs(4 * u - np.clip(np.round(4 * u), 1, 3)), np.abs(4 * v - np.clip(np.round(4 * v), 1, 3)))
-    return np.asarray((1.0 - 0.3 * (x * x + y * y) / 0.5) * (inner > 0.03))
+    (x, across), (y, down) = (_place_in_cell(4 * w) for w in (u, v))
+    return np.asarray((1.0 - 0.6 * (x * x + y * y)) * (np.minimum(across, down) > 0.03))
 
 
 def bare(u: Floats, v: Floats) -> Floats:
     """LEDs behind thin paper: three quarters of a cell's light is in a spot a sixth of it wide; walls as `diffuser`."""
-    x, y = 4 * u % 1.0 - 0.5, 4 * v % 1.0 - 0.5
+    (x, across), (y, down) = (_place_in_cell(4 * w) for w in (u, v))
     spot = np.exp(-0.5 * (x * x + y * y) / 0.16**2)
-    return np.asarray((0.25 + 0.75 * spot) * (diffuser(u, v) > 0))
+    return np.asarray((0.25 + 0.75 * spot) * (np.minimum(across, down) > 0.03))
+
+
+def _place_in_cell(w: Floats) -> tuple[Floats, Floats]:
+    """From the middle of the cell, and from the nearest border that two cells share; in cells."""
+    return w - np.floor(w) - 0.5, np.abs(w - np.minimum(np.maximum(np.rint(w), 1), 3))
 
 
 def one_size(u: Floats, v: Floats) -> Floats:
@@ -173,7 +189,7 @@ class Canvas:
         """The picture as a frame, with shot and read noise unless `seed` is None."""
         light = self.light
         if seed is not None:
-            deviation = np.sqrt(np.maximum(light, 0) * _FULL_WELL_E + _READ_NOISE_E**2) / _FULL_WELL_E
+            deviation = np.sqrt(np.maximum(light, 0) / _FULL_WELL_E + (_READ_NOISE_E / _FULL_WELL_E) ** 2)
             light = light + deviation * np.random.default_rng(seed).standard_normal(light.shape)
         return Frame(
             pixels=encode(light, self.transfer),
@@ -212,26 +228,28 @@ def _painted_once(
     high = np.minimum(np.ceil(outline.max(axis=0)).astype(int) + margin + 1, (WIDTH, HEIGHT))
     size = high - low
     steps = [low[i] - 0.5 + (np.arange(size[i] * _SUB) + 0.5) / _SUB for i in (0, 1)]
-    points = np.stack(np.meshgrid(steps[0], steps[1]), axis=-1).reshape(-1, 1, 2)
+    x, y = steps[0][None, :], steps[1][:, None]
     if lens is not None:
-        matrix = lens.matrix()
-        points = cv2.undistortPoints(points, matrix, np.array(lens.distortion), None, matrix)
+        matrix, points = lens.matrix(), np.stack(np.broadcast_arrays(x, y), axis=-1).reshape(-1, 1, 2)
+        straight = cv2.undistortPoints(points, matrix, np.array(lens.distortion), None, matrix)
+        x, y = straight.reshape(*size[::-1] * _SUB, 2).transpose(2, 0, 1)
     unit = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float32)
     # Relative to the first corner, so that float32 is fine enough for OpenCV's solver.
     to_unit = cv2.getPerspectiveTransform((corners - corners[0]).astype(np.float32), unit)
-    u, v = cv2.perspectiveTransform(points - corners[0], to_unit)[:, 0].T
+    across, down, scale = (a * (x - corners[0, 0]) + (b * (y - corners[0, 1]) + c) for a, b, c in to_unit)
+    u, v = across / scale, down / scale
     inside = (u >= 0) & (u < 1) & (v >= 0) & (v < 1)
-    bright = inside * profile(u, v)
-    row, column = (np.clip((cells * w).astype(int), 0, cells - 1) for w in (v, u))
+    row, column = (np.clip((cells * w).astype(np.int32), 0, cells - 1) for w in (v, u))
+    cell = cells * row + column
+    bright = (inside * profile(u.astype(np.float32), v.astype(np.float32))).astype(np.float32)
 
-    def pixels(fine: Floats) -> Floats:
-        smooth = fine.reshape(size[1] * _SUB, size[0] * _SUB)
-        if blur_px > 0:
-            smooth = cv2.GaussianBlur(smooth, (0, 0), blur_px * _SUB)
-        return np.asarray(smooth.reshape(size[1], _SUB, size[0], _SUB).mean(axis=(1, 3)))
+    def pixels(fine: Singles) -> Floats:
+        smooth = cv2.GaussianBlur(fine, (0, 0), blur_px * _SUB) if blur_px > 0 else fine
+        return cv2.resize(smooth, size, interpolation=cv2.INTER_AREA).astype(np.float64)  # the mean of each 5 × 5
 
     area = (slice(low[1], high[1]), slice(low[0], high[0]))
-    return area, pixels(inside.astype(float)), [pixels(bright * level[row, column]) for level in levels]
+    shown = [bright * level.astype(np.float32).take(cell) for level in levels]
+    return area, pixels(inside.astype(np.float32)), [pixels(fine) for fine in shown]
 
 
 def quad(corners: Floats) -> Quad:

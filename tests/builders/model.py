@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import erf
 
 from ledpi.core.records import Floats, Frame
 from ledpi.decode.model.fit import Fitted
@@ -14,7 +15,6 @@ from tests.builders.decode import PHASES, SPEC, TRUE_10_MS_US, Canvas, share_on,
 
 CELLS = 4
 SIZE = 160  # of a picture, pixels along a side
-_ERF = np.vectorize(math.erf)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,7 +59,7 @@ class Panel:
         sigma = self.blur_px * np.hypot(*np.gradient(at))
 
         def after(line: float) -> Floats:
-            return np.asarray(0.5 * (1.0 + _ERF((at - line) / (math.sqrt(2.0) * sigma))))
+            return np.asarray(0.5 * (1.0 + erf((at - line) / (math.sqrt(2.0) * sigma))))
 
         starts = [rim[0], *(k + self.gap / 2 for k in range(1, CELLS))]
         ends = [*(k - self.gap / 2 for k in range(1, CELLS)), CELLS - rim[1]]

@@ -28,7 +28,7 @@ ANTIPHASE = (1253.33, 1253.33)
 PAIRS = [USUAL_PAIR, (1262.0, 2350.0), (1450.0, 2949.85), (1656.0, 3951.0), (16000.0, 20000.0)]
 IDS = [0, 7, 9, 13, 17, 23, 31, 37, 44, 49]
 # Cycles. The emulator counts neither the 4 in which a chip wakes from sleep nor the 4 in which it enters an interrupt.
-LARGEST_JITTER = 4e-6 * CLOCK_HZ - 8
+MAX_JITTER = 4e-6 * CLOCK_HZ - 8
 
 # Cell by cell, row by row, as in firmware/panel/sixteen_cells.c.
 CELL_PINS = [f"PD{n}" for n in range(2, 8)] + [f"PB{n}" for n in range(6)] + [f"PC{n}" for n in range(4)]
@@ -92,7 +92,7 @@ def shown_word(trace: PinTrace, black_cycles: int, white_cycles: int, begin: int
 
 
 def _all_near(lengths: Cycles, half_period: int) -> bool:
-    return len(lengths) > 0 and int(np.abs(lengths - half_period).max()) <= LARGEST_JITTER
+    return len(lengths) > 0 and int(np.abs(lengths - half_period).max()) <= MAX_JITTER
 
 
 def classes(marker_id: int) -> list[str]:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any
 
 import numpy as np
 
-from ledpi.camera.simulated import open_simulated
+from ledpi.camera.simulated import SimulatedCamera, open_simulated
 from ledpi.config.settings import Config, load_config
 from ledpi.core.geometry import matrix_from_quaternion, transform
 from ledpi.core.records import CameraInfo, Decoded, Frame, MarkerPose
@@ -17,9 +18,11 @@ from ledpi.pipeline.pipeline import Pipeline
 from ledpi.pipeline.state import PipelineState
 from ledpi.pose.fix import Robot
 from ledpi.pose.panel_map import MapPanel
+from tests.builders.daemon import SIMULATED
 
-SIMULATED = ("camera.source=simulated", "panels.side_m=0.16")
 EVERY = 15  # frames, between two states
+HEIGHT, WIDTH = 240, 320
+PERIOD_NS = 20_000_000  # of numbered frames
 
 
 @dataclass(frozen=True)
@@ -40,12 +43,16 @@ class Stream:
 
 def stream(count: int, *settings: str, robot: Robot | None = None) -> Stream:
     """The simulated drive."""
-    config = load_config(None, (*SIMULATED, *settings))
-    camera = open_simulated(config, paced=False, frames=count)
-    frames: list[Frame] = []
-    while isinstance(frame := camera.read(np.empty((480, 640), np.uint8)), Frame):
+    camera, frames = _drive(settings)
+    while len(frames) < count and isinstance(frame := camera.read(np.empty((HEIGHT, WIDTH), np.uint8)), Frame):
         frames.append(frame)
-    return decoded_live(config, camera.info, frames, robot)
+    return decoded_live(load_config(None, (*SIMULATED, *settings)), camera.info, frames[:count], robot)
+
+
+@cache
+def _drive(settings: tuple[str, ...]) -> tuple[SimulatedCamera, list[Frame]]:
+    """With as much of it as has been drawn so far, for all tests of this process."""
+    return open_simulated(load_config(None, (*SIMULATED, *settings)), paced=False), []
 
 
 def decoded_live(config: Config, info: CameraInfo, frames: list[Frame], robot: Robot | None = None) -> Stream:
@@ -99,3 +106,22 @@ def as_lines(decoded: Sequence[Decoded]) -> list[dict[str, Any]]:
 def later(frame: Frame, ns: int, seq: int = 0) -> Frame:
     """The same picture at another time."""
     return replace(frame, seq=frame.seq + seq, row0_readout_ns=frame.row0_readout_ns + ns)
+
+
+def numbered(seq: int) -> Frame:
+    """A frame all of whose pixels are its number."""
+    pixels = np.full((HEIGHT, WIDTH), seq % 256, np.uint8)
+    at_ns = 1_000_000_000 + seq * PERIOD_NS
+    return Frame(pixels=pixels, seq=seq, row0_readout_ns=at_ns, exposure_us=1e4, row_time_us=33.67, transfer="linear")
+
+
+def nothing_in(frame: Frame) -> Decoded:
+    return Decoded(
+        seq=frame.seq,
+        row0_readout_ns=frame.row0_readout_ns,
+        host_offset_ns=0,
+        markers=(),
+        robot=None,
+        rejected=(),
+        stage_ms={"find": 1.0},
+    )

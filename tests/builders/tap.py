@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ledpi.config.settings import PanelSettings
+from ledpi.config.panels import PanelSettings
 from ledpi.core.errors import TapError
 from ledpi.core.records import CameraInfo, Decoded, Frame, Rejected
 from ledpi.tap.client import Client, connect

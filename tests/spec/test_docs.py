@@ -27,6 +27,23 @@ def test_links_lead_to_files(document: str) -> None:
     assert [target for target in targets if not (path.parent / target).exists()] == []
 
 
+@pytest.mark.parametrize("document", DOCUMENTS)
+def test_a_link_that_is_named_as_a_source_leads_to_it(document: str) -> None:
+    """`[settings.py](../ledpi/config/settings.py)`: a file that was renamed is renamed in the text as well."""
+    named = re.findall(r"\[`([\w./-]+\.(?:py|c|h))`\]\(([^)#\s]+)", (ROOT / document).read_text(encoding="utf-8"))
+    assert [(name, target) for name, target in named if not f"/{target}".endswith(f"/{name}")] == []
+
+
+def test_functions_that_the_algorithm_names_exist() -> None:
+    """Each name of two words or more in backticks that is no key; symbols begin with a single letter."""
+    page = (ROOT / "docs/algorithm.md").read_text(encoding="utf-8")
+    names = set(re.findall(r"`([a-z]{2,}(?:_[a-z]+)+)`", page)) - {"side_m"}
+    sources = [path for kind in ("py", "c", "h") for path in (ROOT / "ledpi").rglob(f"*.{kind}")]
+    code = "\n".join(path.read_text(encoding="utf-8") for path in sources)
+    assert names
+    assert [name for name in sorted(names) if f"{name}(" not in code] == []
+
+
 def anchors(page: Path) -> set[str]:
     """What a link may name after `#`: the headings, in lower case, blanks as hyphens, without punctuation."""
     headings = re.findall(r"^#+ (.*)$", page.read_text(encoding="utf-8"), re.MULTILINE)

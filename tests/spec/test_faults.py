@@ -22,15 +22,25 @@ from pathlib import Path
 
 import pytest
 
-from ledpi.camera.simulated import open_simulated
 from ledpi.config.settings import load_config
-from ledpi.core.records import CameraInfo, Frame, PanelValues, Pixels
+from ledpi.core.records import Frame, Pixels
 from ledpi.runtime.daemon import Daemon
 from ledpi.wire import FixMessage, MarkerMessage, Message, Receiver, State, StatusMessage
-from tests.builders.daemon import COMMAND, DEADLINE_S, MAX_AGE_US, ROOT, daemon, end, slowness, write_recording
+from tests.builders.daemon import (
+    COMMAND,
+    DEADLINE_S,
+    MAX_AGE_US,
+    ROOT,
+    OtherCamera,
+    daemon,
+    daemon_in_thread,
+    end,
+    slowness,
+    write_recording,
+)
 from tests.builders.imports import RUN, file_of, reached_from
 
-pytestmark = pytest.mark.alone  # it tells how late a daemon is: no other test may take the processor meanwhile
+alone = pytest.mark.alone  # it tells how late a daemon is: no other test may take the processor meanwhile
 
 BYTE_S = 10 / 115200
 BACK_S = 1.0  # promised after a line is there again; a busy machine gets as much more as it is slower
@@ -122,11 +132,12 @@ def settings(take: Path, tmp_path: Path) -> tuple[str, ...]:
 FOR_EVER = ("--frames", "1000000")
 
 
+@alone
 def test_unplugged_and_plugged_in_again(take: Path, tmp_path: Path, plug: Callable[[], Line]) -> None:
-    """Three times, in the middle of packets: the stream is back in a second, whole, and with nothing that waited."""
+    """Twice, in the middle of packets: the stream is back in a second, whole, and with nothing that waited."""
     line = plug()
     with daemon(*settings(take, tmp_path), options=FOR_EVER) as process:
-        for _ in range(3):
+        for _ in range(2):
             line.wait_for_markers(3)
             line.unplug()
             time.sleep(0.05)
@@ -160,6 +171,7 @@ def test_the_port_becomes_something_else(take: Path, tmp_path: Path, plug: Calla
     assert sum("serial_open" in entry for entry in said) == 2
 
 
+@alone
 def test_a_receiver_that_stops_reading(take: Path, tmp_path: Path, plug: Callable[[], Line]) -> None:
     """Decoding goes on; when it reads again, and has thrown away what piled up, what comes is new."""
     line = plug()
@@ -175,12 +187,13 @@ def test_a_receiver_that_stops_reading(take: Path, tmp_path: Path, plug: Callabl
     assert min(decoded) > 0
 
 
+@alone
 def test_a_receiver_as_fast_as_the_line(take: Path, tmp_path: Path, plug: Callable[[], Line]) -> None:
     """It takes 11,520 bytes a second and not one more: no packet is damaged, none is lost."""
     line = plug()
     with daemon(*settings(take, tmp_path), options=FOR_EVER) as process:
         line.wait_for_markers(1)
-        due, until = time.monotonic(), time.monotonic() + 3.0
+        due, until = time.monotonic(), time.monotonic() + 1.5
         while time.monotonic() < until:
             line.read(40, seconds=0.0)
             due = max(due + 40 * BYTE_S, time.monotonic() - 0.05)
@@ -218,7 +231,7 @@ def test_sigterm_at_any_moment(take: Path, tmp_path: Path, plug: Callable[[], Li
     """From the first instruction on: no traceback; once it has said that it runs, exit status 0."""
     rng = random.Random(9)
     plug()
-    for delay_s in [rng.uniform(0.0, 1.5) for _ in range(5)]:
+    for delay_s in [rng.uniform(0.0, 1.2) for _ in range(4)]:
         with daemon(*settings(take, tmp_path), options=FOR_EVER) as process:
             time.sleep(delay_s)
             ended = end(process, signal.SIGTERM)
@@ -284,20 +297,12 @@ def test_sigterm_while_a_frame_takes_long(take: Path, tmp_path: Path, plug: Call
     assert line.messages[-1].state is State.STOPPING
 
 
-class Hanging:
-    """The simulated camera, whose driver hangs once the test says so, and as it is closed as well."""
+class Hanging(OtherCamera):
+    """Its driver hangs once the test says so, and as it is closed as well."""
 
     def __init__(self) -> None:
-        self._camera = open_simulated(load_config(None, ("panels.side_m=0.16", "camera.source=simulated")), paced=True)
+        super().__init__()
         self.hangs, self.may_end = threading.Event(), threading.Event()
-
-    @property
-    def info(self) -> CameraInfo:
-        return self._camera.info
-
-    @property
-    def panel(self) -> PanelValues | None:
-        return self._camera.panel
 
     def read(self, into: Pixels) -> Frame | None:
         if self.hangs.is_set():
@@ -313,7 +318,7 @@ def test_a_driver_that_hangs_does_not_keep_the_last_word(tmp_path: Path, plug: C
     """It would hang until systemd's patience is over, 5 s after SIGTERM, and the controller would hear nothing."""
     line, camera = plug(), Hanging()
     config = load_config(None, ("panels.side_m=0.16", f"serial.port={tmp_path / 'controller'}"))
-    running = Daemon(config, camera)
+    running = Daemon(config, camera)  # not by daemon_in_thread, whose end would wait for the driver
     thread = threading.Thread(target=running.run, daemon=True)
     thread.start()
     line.wait_for_markers(3)
@@ -348,21 +353,13 @@ def test_killed_and_started_again(take: Path, tmp_path: Path, plug: Callable[[],
     assert line.receiver.counters.lost == 0
 
 
-class Stalling:
+class Stalling(OtherCamera):
     """The simulated camera, which after ten frames delivers nothing, raises nothing and does not return."""
 
     def __init__(self) -> None:
-        self._camera = open_simulated(load_config(None, ("panels.side_m=0.16", "camera.source=simulated")), paced=True)
+        super().__init__()
         self._frames = itertools.count()
         self._closed = threading.Event()
-
-    @property
-    def info(self) -> CameraInfo:
-        return self._camera.info
-
-    @property
-    def panel(self) -> PanelValues | None:
-        return self._camera.panel
 
     def read(self, into: Pixels) -> Frame | None:
         if next(self._frames) >= 10:
@@ -379,29 +376,25 @@ def test_a_stall_starves_the_watchdog(
 ) -> None:
     """Where no frame comes, systemd is not told that all is well; the controller is told that the camera is lost."""
     monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "notify"))
-    monkeypatch.setenv("WATCHDOG_USEC", "200000")
+    monkeypatch.setenv("WATCHDOG_USEC", "100000")
     monkeypatch.delenv("WATCHDOG_PID", raising=False)
     line = plug()
     config = load_config(None, ("panels.side_m=0.16", f"serial.port={tmp_path / 'controller'}"))
-    running = Daemon(config, Stalling())
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
         manager.bind(str(tmp_path / "notify"))
         manager.setblocking(False)
-        thread = threading.Thread(target=running.run)
-        thread.start()
-        deadline = time.monotonic() + DEADLINE_S
-        while not any(isinstance(m, StatusMessage) and m.state is State.CAMERA_LOST for m in line.messages):
-            line.read()
-            assert time.monotonic() < deadline
-        time.sleep(0.3)  # whatever was due when it stalled
-        with suppress(BlockingIOError):
-            while manager.recv(4096):
-                pass
-        line.read_for(1.0)  # five times what the watchdog allows
-        with pytest.raises(BlockingIOError):
-            manager.recv(4096)
-        running.stop()
-        thread.join(DEADLINE_S)
+        with daemon_in_thread(config, Stalling()):
+            deadline = time.monotonic() + DEADLINE_S
+            while not any(isinstance(m, StatusMessage) and m.state is State.CAMERA_LOST for m in line.messages):
+                line.read()
+                assert time.monotonic() < deadline
+            time.sleep(0.3)  # whatever was due when it stalled
+            with suppress(BlockingIOError):
+                while manager.recv(4096):
+                    pass
+            line.read_for(0.5)  # five times what the watchdog allows
+            with pytest.raises(BlockingIOError):
+                manager.recv(4096)
 
 
 # ---- The page
@@ -427,13 +420,14 @@ time.time_ns = lambda: int(time.time() * 1e9)
 """
 
 
+@alone
 def test_a_clock_that_is_set_changes_nothing(take: Path, tmp_path: Path, plug: Callable[[], Line]) -> None:
     """By years, to and fro: the stream is whole, ages are true, status comes as often as ever."""
     line = plug()
     command = [*COMMAND[:2], SET_CLOCK + COMMAND[2], *COMMAND[3:]]
     with daemon(*settings(take, tmp_path), options=FOR_EVER, command=command) as process:
         line.wait_for_markers(1)
-        line.read_for(1.0)
+        line.read_for(0.8)
         assert end(process, signal.SIGTERM).status == 0
     assert (line.receiver.counters.bad, line.receiver.counters.lost) == ({}, 0)
     assert sum(isinstance(message, StatusMessage) for message in line.messages) >= 3

@@ -12,7 +12,7 @@ from tests.builders.panel import (
     ANTIPHASE,
     CELL_PINS,
     IDS,
-    LARGEST_JITTER,
+    MAX_JITTER,
     PAIRS,
     classes,
     defined,
@@ -70,8 +70,8 @@ def test_sixteen_cells_in_antiphase_are_half_a_cycle_apart(tmp_path: Path) -> No
     trace = emulate(built, SECONDS, work=tmp_path)
     first = {name: trace.edges[pin] for pin, name in zip(CELL_PINS, classes(7), strict=True)}
     for pin, name in zip(CELL_PINS, classes(7), strict=True):
-        assert jitter(trace.edges[pin], half) <= LARGEST_JITTER
-        assert abs(int(trace.edges[pin][0] - first["black"][0]) - half * (name == "white")) <= LARGEST_JITTER
+        assert jitter(trace.edges[pin], half) <= MAX_JITTER
+        assert abs(int(trace.edges[pin][0] - first["black"][0]) - half * (name == "white")) <= MAX_JITTER
 
 
 def test_two_outputs_move_no_other_pin(tmp_path: Path) -> None:
@@ -88,10 +88,10 @@ def test_sixteen_cells_keep_their_frequencies(tmp_path: Path, pair: tuple[float,
     trace = emulate(built, SECONDS, work=tmp_path)
     for pin, name in zip(CELL_PINS, classes(7), strict=True):
         edges = trace.edges[pin]
-        assert 0 < jitter(edges, halves[name]) <= LARGEST_JITTER
+        assert 0 < jitter(edges, halves[name]) <= MAX_JITTER
         periods = (len(edges) - 1) // 2
         made_hz = periods * CLOCK_HZ / (edges[2 * periods] - edges[0])
-        assert made_hz == pytest.approx(pair[name == "white"], rel=100e-6 + LARGEST_JITTER / (SECONDS * CLOCK_HZ))
+        assert made_hz == pytest.approx(pair[name == "white"], rel=100e-6 + MAX_JITTER / (SECONDS * CLOCK_HZ))
         assert duty(edges) == pytest.approx(0.5, abs=0.002)
         assert trace.end - edges[-1] < 1.1 * halves[name]
 
@@ -129,14 +129,14 @@ def test_a_new_id_disturbs_nobody_else(tmp_path: Path) -> None:
     for pin, before, after in zip(CELL_PINS, classes(7), classes(23), strict=True):
         edges, lengths = trace.edges[pin], np.diff(trace.edges[pin])
         if before == after:
-            assert jitter(edges, halves[before]) <= LARGEST_JITTER
+            assert jitter(edges, halves[before]) <= MAX_JITTER
             continue
         seen.add((before, after))
-        changed = int(np.flatnonzero(np.abs(lengths - halves[before]) > LARGEST_JITTER)[0])
+        changed = int(np.flatnonzero(np.abs(lengths - halves[before]) > MAX_JITTER)[0])
         assert lengths[changed] < 2 * max(halves.values())
-        assert jitter(edges[: changed + 1], halves[before]) <= LARGEST_JITTER
+        assert jitter(edges[: changed + 1], halves[before]) <= MAX_JITTER
         in_new_class = edges[changed + 2 :]
-        assert jitter(in_new_class, halves[after]) <= LARGEST_JITTER
+        assert jitter(in_new_class, halves[after]) <= MAX_JITTER
         partner = next(p for p, b, a in zip(CELL_PINS, classes(7), classes(23), strict=True) if b == a == after)
         assert trace.is_high(pin, trace.end - 200) == trace.is_high(partner, trace.end - 200)
     assert seen == {("black", "white"), ("white", "black")}
@@ -151,7 +151,7 @@ def test_a_new_id_may_come_at_any_moment(tmp_path: Path, seven: Path) -> None:
     halves = {"black": defined(seven, "BLACK"), "white": defined(seven, "WHITE")}
     for pin, one, other in zip(CELL_PINS, classes(7), classes(23), strict=True):
         if one == other:
-            assert jitter(trace.edges[pin], halves[one]) <= LARGEST_JITTER
+            assert jitter(trace.edges[pin], halves[one]) <= MAX_JITTER
         else:
             assert np.diff(trace.edges[pin]).max() < 2 * halves["black"]
 

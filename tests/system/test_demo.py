@@ -22,7 +22,7 @@ from ledpi.config.settings import Config, load_config
 from ledpi.recording.reader import TruthMarker
 from tests.builders import ROOT
 
-pytestmark = pytest.mark.alone  # it tells how late a daemon is: no other test may take the processor meanwhile
+alone = pytest.mark.alone  # it tells how late a daemon is: no other test may take the processor meanwhile
 
 HUNG_S = 600.0  # by then it does not end at all: how fast it is, is no matter here
 AGE_US = 31_000
@@ -116,9 +116,10 @@ def run(out: Path, mark: str, *options: str) -> subprocess.CompletedProcess[str]
     )
 
 
+@alone
 def test_the_demo_runs_by_itself(tmp_path: Path) -> None:
     """Daemon, serial line, monitor: poses beside the truth, a picture, one line of summary, and nothing left behind."""
-    done = run(tmp_path, str(tmp_path), "--seconds", "3")
+    done = run(tmp_path, str(tmp_path), "--seconds", "1.5")
     assert (done.returncode, done.stderr) == (0, "")
     poses = [line for line in done.stdout.splitlines() if re.match(r" +\d+\.\d s  +\d+ ", line)]
     assert {line.split()[2] for line in poses} == {"7", "23"}
@@ -137,7 +138,7 @@ def test_the_demo_runs_by_itself(tmp_path: Path) -> None:
     assert processes_with(str(tmp_path)) == []
 
 
-def test_a_computer_that_is_too_slow_is_told(
+def test_a_computer_that_is_too_slow_is_reported(
     demo: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """All went well, but every pose was too old to be sent: the reason is said, and the status is 1."""
@@ -152,7 +153,7 @@ def test_a_computer_that_is_too_slow_is_told(
     assert "no pose arrived: this computer is busy, or too slow" in capsys.readouterr().err
 
 
-def test_a_daemon_that_fails_is_told(
+def test_a_daemon_that_fails_is_reported(
     demo: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Nothing to show, so it ends at once, with status 1 and the place of the logs."""

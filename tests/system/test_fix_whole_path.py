@@ -76,7 +76,7 @@ def test_without_a_map_there_is_no_fix(take: Path) -> None:
     assert not any(key.startswith("fix.") for key in last["rejected"])
 
 
-def test_a_bad_map_is_told_in_one_line(take: Path) -> None:
+def test_a_bad_map_is_reported_in_one_line(take: Path) -> None:
     """Before anything is decoded."""
     (take / "bad.yaml").write_text("panels: {7: {position_m: [0, 0, 0], quaternion_wxyz: [0, 0, 0, 0]}}")
     done = ledpi("decode", "--set", "map=bad.yaml", "rec", cwd=take)

@@ -10,6 +10,7 @@ import sys
 import tempfile
 import zlib
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 
 import cv2
@@ -74,8 +75,13 @@ def too_large(file: Path) -> None:
     os.truncate(file, 2**40)  # without taking any room
 
 
-@pytest.mark.parametrize("make", [a_pipe, a_device, too_large])
-@pytest.mark.parametrize("name", ["recording.yaml", "frames.jsonl", "truth.jsonl", "words.yaml"])
+@pytest.mark.parametrize(
+    ("name", "make"),
+    [
+        *[("recording.yaml", make) for make in (a_pipe, a_device, too_large)],
+        *[(name, a_device) for name in ("frames.jsonl", "truth.jsonl", "words.yaml")],
+    ],
+)
 def test_a_file_that_never_ends_is_refused(take: Path, name: str, make: Callable[[Path], None]) -> None:
     """A pipe, a device or a terabyte in the place of any file that describes a recording."""
     if name == "words.yaml":
@@ -159,6 +165,7 @@ def chunk(name: bytes, content: bytes) -> bytes:
     return len(content).to_bytes(4, "big") + checked + zlib.crc32(checked).to_bytes(4, "big")
 
 
+@cache
 def huge_png() -> bytes:
     """288 kB that stand for 268 MB."""
     return bytes(cv2.imencode(".png", np.zeros((SIDE, SIDE), np.uint8))[1].tobytes())

@@ -11,21 +11,21 @@ import numpy as np
 import pytest
 
 from ledpi.camera.recovering import LOST
-from ledpi.camera.simulated import SimulatedCamera, open_simulated
+from ledpi.camera.simulated import open_simulated
 from ledpi.config.settings import load_config
-from ledpi.core.records import CameraInfo, Decoded, Frame, PanelValues, Pixels, Rejected
+from ledpi.core.records import Decoded, Frame, Pixels, Rejected
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.runtime.daemon import Daemon
 from ledpi.runtime.liveness import BEHIND_NS, LOST_TICKS, Liveness
 from ledpi.wire import NoFix, State, StatusMessage
-from tests.builders.daemon import SIMULATED, controller, daemon, end
+from tests.builders.daemon import SIMULATED, OtherCamera, controller, daemon, daemon_in_thread, end
 
-pytestmark = pytest.mark.alone  # it tells how late a daemon is: no other test may take the processor meanwhile
+alone = pytest.mark.alone  # it tells how late a daemon is: no other test may take the processor meanwhile
 
 
 def frame(age_ns: int) -> Frame:
     """Read out so long ago, by a camera whose clock runs 7 s behind."""
-    camera, into = open_simulated(load_config(None, SIMULATED), paced=False), np.zeros((480, 640), np.uint8)
+    camera, into = open_simulated(load_config(None, SIMULATED), paced=False), np.zeros((240, 320), np.uint8)
     taken = camera.read(into)
     assert isinstance(taken, Frame)
     row0_ns = time.monotonic_ns() - age_ns
@@ -72,20 +72,12 @@ def test_a_decoder_is_behind_while_its_frame_is_old_and_after_one_that_was() -> 
 # ---- In the daemon
 
 
-class Pulled:
+class Pulled(OtherCamera):
     """The simulated camera, until it is pulled."""
 
     def __init__(self) -> None:
-        self._camera: SimulatedCamera = open_simulated(load_config(None, SIMULATED), paced=True)
+        super().__init__()
         self.pulled = threading.Event()
-
-    @property
-    def info(self) -> CameraInfo:
-        return self._camera.info
-
-    @property
-    def panel(self) -> PanelValues | None:
-        return self._camera.panel
 
     def read(self, into: Pixels) -> Frame | Rejected | None:
         if self.pulled.is_set():
@@ -93,10 +85,8 @@ class Pulled:
             return LOST
         return self._camera.read(into)
 
-    def close(self) -> None:
-        self._camera.close()
 
-
+@alone
 def test_a_slow_decoder_is_behind_and_no_camera_is_lost(monkeypatch: pytest.MonkeyPatch) -> None:
     """Each frame takes 0.4 s: no pose is new enough to be sent, and the controller hears why."""
     decode = Pipeline.decode
@@ -108,12 +98,8 @@ def test_a_slow_decoder_is_behind_and_no_camera_is_lost(monkeypatch: pytest.Monk
     monkeypatch.setattr(Pipeline, "decode", lambda pipeline, picture, trace, on_partial: slowly(pipeline, picture))
     with controller() as line:
         config = load_config(None, (*SIMULATED, f"serial.port={line.port}"))
-        running = Daemon(config, open_simulated(config, paced=True))
-        thread = threading.Thread(target=running.run, daemon=True)
-        thread.start()
-        line.wait_for(lambda end: sum(status.no_fix is NoFix.BEHIND for _, status in end.statuses) > 8)
-        running.stop()
-        thread.join()
+        with daemon_in_thread(config, open_simulated(config, paced=True)):
+            line.wait_for(lambda end: sum(status.no_fix is NoFix.BEHIND for _, status in end.statuses) > 4)
         line.close()
     states = [status.state for _, status in line.statuses]
     reasons = [status.no_fix for _, status in line.statuses]
@@ -123,13 +109,14 @@ def test_a_slow_decoder_is_behind_and_no_camera_is_lost(monkeypatch: pytest.Monk
     assert {status.panels_in_view for _, status in line.statuses[first:-1]} == {None}
 
 
+@alone
 def test_a_process_that_was_held_up_has_lost_no_camera() -> None:
-    """Stopped for a second, three times: the clock has gone on, and the camera was there all the time."""
+    """Stopped for half a second, twice: the clock has gone on, and the camera was there all the time."""
     with controller() as line, daemon(*SIMULATED, f"serial.port={line.port}") as process:
         line.wait_for(lambda end: bool(end.markers))
-        for _ in range(3):
+        for _ in range(2):
             process.send_signal(signal.SIGSTOP)
-            time.sleep(1.0)
+            time.sleep(0.5)
             process.send_signal(signal.SIGCONT)
             seen = len(line.markers)
             line.wait_for(lambda end, seen=seen: len(end.markers) > seen + 3)  # type: ignore[misc]

@@ -178,7 +178,7 @@ def test_a_camera_that_is_refused_everything_is_replaced(code: int) -> None:
 
     camera = RecoveringCamera(open_next)
     camera.set_gain(2.0)
-    into = np.zeros((480, 640), np.uint8)
+    into = np.zeros((240, 320), np.uint8)
     results = [camera.read(into) for _ in range(4)]
     assert [getattr(result, "key", "frame") for result in results] == ["camera.lost"] * 3 + ["frame"]
     camera.close()

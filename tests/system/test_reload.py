@@ -25,6 +25,7 @@ from tests.builders.daemon import (
     COMMAND,
     DEADLINE_S,
     SIMULATED,
+    SIMULATED_YAML,
     Controller,
     Ended,
     controller,
@@ -103,7 +104,7 @@ NAMING = {  # configurations that are right but for the file that they name
 def running(folder: Path, command: list[str] = COMMAND) -> Iterator[tuple[subprocess.Popen[str], Controller]]:
     """The daemon with config.yaml in `folder`, once it has told where a panel is."""
     with controller() as line:
-        (folder / "config.yaml").write_text("panels: {side_m: 0.16}\ncamera: {source: simulated}\n")
+        (folder / "config.yaml").write_text("panels: {side_m: 0.16}\n" + SIMULATED_YAML)
         options = ("--config", str(folder / "config.yaml"))
         deadline_s = DEADLINE_S + FILES
         with daemon(f"serial.port={line.port}", options=options, command=command, deadline_s=deadline_s) as process:

@@ -20,10 +20,10 @@ import numpy as np
 import pytest
 
 from benchmarks.speed.latency import measure
-from ledpi.camera.simulated import SimulatedCamera, open_simulated
+from ledpi.camera.simulated import open_simulated
 from ledpi.config.settings import Config, load_config
 from ledpi.core.errors import CameraError
-from ledpi.core.records import CameraInfo, Frame, PanelValues, Pixels
+from ledpi.core.records import Frame, Pixels
 from ledpi.runtime.daemon import Daemon
 from ledpi.wire import NoFix, State, StatusMessage
 from tests.builders.command import complaint as one_complaint
@@ -35,6 +35,7 @@ from tests.builders.daemon import (
     SIMULATED,
     Controller,
     Ended,
+    OtherCamera,
     controller,
     daemon,
     end,
@@ -42,7 +43,7 @@ from tests.builders.daemon import (
     write_recording,
 )
 
-pytestmark = pytest.mark.alone  # it tells how late a daemon is: no other test may take the processor meanwhile
+alone = pytest.mark.alone  # it tells how late a daemon is: no other test may take the processor meanwhile
 
 END_S = 3.0  # for the end after a signal: 1 s is promised, a busy machine gets more
 HEALTH = re.compile(r"INFO \d+ frames/s, \d+ decoded/s, \d+ markers/s, \d+ in view; dropped \d+ of \d+; ms: .*; pac")
@@ -70,6 +71,7 @@ def drive() -> Iterator[Run]:
         yield Run(line, ended)
 
 
+@alone
 def test_sigterm_ends_it_soon_and_well(drive: Run) -> None:
     """Exit status 0, no traceback, and a summary as its last line."""
     assert drive.ended.status == 0
@@ -78,6 +80,7 @@ def test_sigterm_ends_it_soon_and_well(drive: Run) -> None:
     assert re.match(r"INFO ended: \d+ frames, \d+ dropped, \d+ decoded, \d+ markers", drive.ended.log[-1])
 
 
+@alone
 def test_the_last_word_is_stopping(drive: Run) -> None:
     """The controller knows that no more will come."""
     last = drive.controller.got[-1][1]
@@ -85,6 +88,7 @@ def test_the_last_word_is_stopping(drive: Run) -> None:
     assert (last.state, last.no_fix) == (State.STOPPING, NoFix.NOT_RUNNING)
 
 
+@alone
 def test_the_right_ids_are_sent_and_no_others(drive: Run) -> None:
     """Panels 7 and 23 stand in that scene; no packet was damaged or lost."""
     assert {marker.id for marker in drive.controller.markers} == {7, 23}
@@ -92,6 +96,7 @@ def test_the_right_ids_are_sent_and_no_others(drive: Run) -> None:
     assert (counters.bad, counters.skipped, counters.lost) == ({}, {}, 0)
 
 
+@alone
 def test_poses_are_of_this_scene(drive: Run) -> None:
     """Between 0.5 and 3 m ahead, nearer to the line of sight than to the side; quaternions of length 1."""
     for marker in drive.controller.markers:
@@ -103,6 +108,7 @@ def test_poses_are_of_this_scene(drive: Run) -> None:
         assert np.linalg.norm(marker.pose.quaternion_wxyz) == pytest.approx(1.0, abs=1e-3)
 
 
+@alone
 def test_ages_are_plausible(drive: Run) -> None:
     """At least half of the exposure and the read-out below the panel, at most what the configuration allows."""
     ages_ms = [marker.age_us / 1000 for marker in drive.controller.markers]
@@ -110,6 +116,7 @@ def test_ages_are_plausible(drive: Run) -> None:
     assert max(ages_ms) <= 100.0
 
 
+@alone
 def test_the_heartbeat_comes_five_times_a_second(drive: Run) -> None:
     """From the first status to the last, with room for a busy machine: none is more than half a second late."""
     times = [at for at, _ in drive.controller.statuses]
@@ -117,6 +124,7 @@ def test_the_heartbeat_comes_five_times_a_second(drive: Run) -> None:
     assert np.diff(times).max() < 0.7
 
 
+@alone
 def test_the_heartbeat_says_how_it_goes(drive: Run) -> None:
     """Running; without a map there is no fix, and that is why; panels are in view, frames and markers are counted.
 
@@ -135,6 +143,7 @@ def test_the_heartbeat_says_how_it_goes(drive: Run) -> None:
     assert (last.decode_p99_us or 0) >= (last.decode_p50_us or 0)
 
 
+@alone
 def test_a_line_each_second_says_how_it_goes(drive: Run) -> None:
     """Frames, markers, what was dropped, stage times, packets, and the port."""
     health = [line for line in drive.ended.log if HEALTH.match(line)]
@@ -200,9 +209,10 @@ def test_a_bad_frame_is_counted_and_skipped(tmp_path: Path) -> None:
     assert "capture.truncated 1" in ended.log[-1]
 
 
+@alone
 def test_a_recordings_own_values_are_sent(tmp_path: Path) -> None:
     """Paced, as the sensor delivered it: the ID, and a pose by the recording's own lens and panel size."""
-    write_recording(tmp_path / "take", 30)
+    write_recording(tmp_path / "take", 20)
     with controller() as line:
         settings = (f"camera.source=recording:{tmp_path / 'take'}", f"serial.port={line.port}")
         with daemon(*settings) as process:
@@ -214,9 +224,10 @@ def test_a_recordings_own_values_are_sent(tmp_path: Path) -> None:
             np.testing.assert_allclose(marker.pose.position_m, [0, 0, 1], atol=0.02)
 
 
+@alone
 def test_without_a_lens_ids_are_sent_flagged_uncalibrated(tmp_path: Path) -> None:
     """No poses; the heartbeat and a warning say why."""
-    write_recording(tmp_path / "take", 30, calibrated=False)
+    write_recording(tmp_path / "take", 20, calibrated=False)
     with controller() as line:
         settings = (f"camera.source=recording:{tmp_path / 'take'}", f"serial.port={line.port}")
         with daemon(*settings) as process:
@@ -240,12 +251,13 @@ def test_a_short_soak(tmp_path: Path) -> None:
     assert "0 dropped, 300 decoded" in done.stdout
 
 
+@alone
 def test_a_pose_leaves_once_it_is_decoded() -> None:
     """Frame ready → first byte takes no longer than decoding and 1 ms; of a busy machine the quicker quarter counts.
 
     `benchmarks/speed/latency.py` asks that of the 99th percentile, on a machine that has nothing else to do.
     """
-    latency = measure(1.5, frames=120, warm_up=40)
+    latency = measure(0.8, frames=60, warm_up=20)
     assert latency.packets > 8
     assert latency.p25 <= slowness() * (latency.decode_p50 + 1.0)
 
@@ -286,7 +298,7 @@ def complaint(
         (["--set", "panels.side_m=1", "--set", "camera.source=v4l2:/dev/null"], "camera.row_time_us: must be a number"),
     ],
 )
-def test_what_cannot_run_is_told_in_one_line(
+def test_what_cannot_run_is_reported_in_one_line(
     arguments: list[str],
     message: str,
     monkeypatch: pytest.MonkeyPatch,
@@ -305,7 +317,7 @@ def test_what_cannot_run_is_told_in_one_line(
         (["panels.overrides={7: {white_hz: 1250}}"], "black_hz and white_hz must differ"),
     ],
 )
-def test_what_contradicts_the_camera_is_told_in_one_line(
+def test_what_contradicts_the_camera_is_reported_in_one_line(
     settings: list[str],
     message: str,
     monkeypatch: pytest.MonkeyPatch,
@@ -349,20 +361,13 @@ def test_a_camera_that_may_come_is_status_1_and_a_source_that_cannot_be_right_2(
 # ---- The daemon without its command line
 
 
-class Failing:
+class Failing(OtherCamera):
     """A camera that delivers three frames of the simulator and then fails."""
 
-    def __init__(self, camera: SimulatedCamera, failure: Exception) -> None:
-        self._camera, self._failure, self._frames = camera, failure, 0
+    def __init__(self, failure: Exception) -> None:
+        super().__init__(paced=False)
+        self._failure, self._frames = failure, 0
         self.closed = False
-
-    @property
-    def info(self) -> CameraInfo:
-        return self._camera.info
-
-    @property
-    def panel(self) -> PanelValues | None:
-        return self._camera.panel
 
     def read(self, into: Pixels) -> Frame | None:
         self._frames += 1
@@ -383,7 +388,7 @@ def test_a_failing_camera_ends_the_daemon_with_its_error(failure: Exception) -> 
     """Whatever stops a worker is raised where the daemon runs, soon; the controller gets its last word."""
     with controller() as line:
         settings = config(line.port)
-        camera = Failing(open_simulated(settings, paced=False), failure)
+        camera = Failing(failure)
         started = time.monotonic()
         with pytest.raises(type(failure), match=str(failure)):
             Daemon(settings, camera).run()

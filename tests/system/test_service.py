@@ -18,7 +18,6 @@ from ledpi.config.settings import load_config
 from ledpi.core.records import Decoded, Frame, Rejected
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.pipeline.trace import Trace
-from ledpi.runtime.daemon import Daemon
 from ledpi.runtime.health import Health
 from ledpi.runtime.processor import Processor, read_processor
 from ledpi.runtime.reporting import Totals, event, minute_line
@@ -26,7 +25,17 @@ from ledpi.runtime.ring import RingCounters
 from ledpi.wire import StatusMessage
 from ledpi.wire.publisher import PublisherCounters
 from tests.builders import ROOT
-from tests.builders.daemon import COMMAND, SIMULATED, Controller, controller, daemon, end, write_recording
+from tests.builders.daemon import (
+    COMMAND,
+    SIMULATED,
+    SIMULATED_YAML,
+    Controller,
+    controller,
+    daemon,
+    daemon_in_thread,
+    end,
+    write_recording,
+)
 from tests.builders.wire import decoded
 
 # ---- As systemd starts it
@@ -48,8 +57,7 @@ def test_in_a_service_it_says_ready_feeds_the_watchdog_and_says_stopping(
     """In that order. The journal gets single lines with their priority, and not one each second."""
     monkeypatch.setenv("WATCHDOG_USEC", "400000")
     monkeypatch.delenv("WATCHDOG_PID", raising=False)
-    settings = ("panels.side_m=0.16", "camera.source=simulated")
-    with controller() as line, daemon(*settings, f"serial.port={line.port}") as process:
+    with controller() as line, daemon(*SIMULATED, f"serial.port={line.port}") as process:
         said = [manager() for _ in range(8)]  # so some 1.4 s
         ended = end(process, signal.SIGTERM)
         while said[-1] != "STOPPING=1":
@@ -60,7 +68,7 @@ def test_in_a_service_it_says_ready_feeds_the_watchdog_and_says_stopping(
     assert all(re.match(r"<[3-6]>\w", entry) for entry in ended.log)
     assert not any("frames/s" in entry for entry in ended.log)
     start = next(entry for entry in ended.log if entry.startswith("<6>start "))
-    assert f" version={__version__} source=simulated size=640x480 " in start
+    assert f" version={__version__} source=simulated size=320x240 " in start
     assert f" port={line.port} baud=115200 protocol=ledpi" in start
     assert f"<6>serial_open port={line.port}" in ended.log
 
@@ -94,7 +102,7 @@ def wait_for_log(process: object, text: str) -> str:
 def test_a_bad_configuration_changes_nothing(tmp_path: Path, change: str, complaint: str) -> None:
     """It is named, with key and file, at once or when only the camera shows it; the stream goes on."""
     file = tmp_path / "config.yaml"
-    write_recording(tmp_path / "take", 60, calibrated=False)
+    write_recording(tmp_path / "take", 20, calibrated=False, rows=3 * 504)
     with controller() as line:
         good = f"panels: {{side_m: 1}}\nserial: {{port: {line.port}}}\ncamera: {{source: 'recording:take'}}\n"
         file.write_text(good)
@@ -121,7 +129,7 @@ def test_a_good_configuration_is_taken(tmp_path: Path) -> None:
     file = tmp_path / "config.yaml"
 
     def write(line: Controller) -> None:
-        file.write_text(f"panels: {{side_m: 0.16}}\ncamera: {{source: simulated}}\nserial: {{port: {line.port}}}\n")
+        file.write_text(f"panels: {{side_m: 0.16}}\n{SIMULATED_YAML}serial: {{port: {line.port}}}\n")
 
     with controller() as first, controller() as second:
         write(first)
@@ -179,7 +187,7 @@ def test_a_reload_does_not_starve_the_watchdog(
     monkeypatch.delenv("WATCHDOG_PID", raising=False)
     file = tmp_path / "config.yaml"
     with controller() as line:
-        file.write_text(f"panels: {{side_m: 0.16}}\ncamera: {{source: simulated}}\nserial: {{port: {line.port}}}\n")
+        file.write_text(f"panels: {{side_m: 0.16}}\n{SIMULATED_YAML}serial: {{port: {line.port}}}\n")
         with daemon(options=("--config", str(file))) as process:
             assert [manager() for _ in range(2)] == ["READY=1", "WATCHDOG=1"]
             process.send_signal(signal.SIGHUP)
@@ -204,16 +212,12 @@ def test_progress_within_a_frame_feeds_the_watchdog(
     monkeypatch.delenv("WATCHDOG_PID", raising=False)
     monkeypatch.setattr(Pipeline, "decode", endless)
     config = load_config(None, (*SIMULATED, "serial.port=/nowhere/port"))
-    running = Daemon(config, open_simulated(config, paced=True))
-    thread = threading.Thread(target=running.run)
-    thread.start()
-    try:
-        assert [manager() for _ in range(6)] == ["READY=1", *["WATCHDOG=1"] * 5]
-        assert running._totals().health.decoded == 0
-    finally:
-        fed.set()
-        running.stop()
-        thread.join()
+    with daemon_in_thread(config, open_simulated(config, paced=True)) as running:
+        try:
+            assert [manager() for _ in range(6)] == ["READY=1", *["WATCHDOG=1"] * 5]
+            assert running._totals().health.decoded == 0
+        finally:
+            fed.set()
 
 
 # ---- What the journal gets

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import shutil
 import socket
 import subprocess
 import time
@@ -17,27 +16,17 @@ import pytest
 
 from ledpi.config.settings import SerialSettings
 from ledpi.runtime.daemon import TICK_S
-from ledpi.runtime.systemd import Watchdog, notify, watchdog_period_s
+from ledpi.runtime.systemd import notify
+from ledpi.runtime.watchdog import Watchdog, watchdog_period_s
 from ledpi.tap.places import GROUP, NAME, SERVICE
-from tests.builders import ROOT
+from tests.builders.systemd import Unit, needs_systemd
 
-UNIT = ROOT / "systemd" / "ledpi.service"
-ANALYZE = shutil.which("systemd-analyze")
-needs_systemd = pytest.mark.skipif(ANALYZE is None, reason="systemd-analyze is not installed")
-
-
-def values(key: str) -> list[str]:
-    return re.findall(rf"^{re.escape(key)}=(.*)$", UNIT.read_text(encoding="utf-8"), re.MULTILINE)
+UNIT = Unit("ledpi.service")
 
 
 @pytest.fixture
 def unit(tmp_path: Path) -> Path:
-    """The unit with a command that exists here in the place of the installed one."""
-    text = UNIT.read_text(encoding="utf-8")
-    assert text.count("/usr/local/bin/ledpi ") == 1
-    copy = tmp_path / "ledpi.service"
-    copy.write_text(text.replace("/usr/local/bin/ledpi ", f"{shutil.which('true')} "), encoding="utf-8")
-    return copy
+    return UNIT.copy_to(tmp_path)
 
 
 @needs_systemd
@@ -69,42 +58,42 @@ def test_the_service_is_closed_in(unit: Path) -> None:
 
 def test_the_devices_that_the_daemon_needs_stay_usable() -> None:
     """Cameras, the media graph, frame buffers and both kinds of serial port; nothing hides them."""
-    allowed = {line.split()[0] for line in values("DeviceAllow") if line.endswith(" rw")}
+    allowed = {line.split()[0] for line in UNIT.values("DeviceAllow") if line.endswith(" rw")}
     serial = {"char-ttyAMA", "char-ttyS", "char-ttyACM", "char-ttyUSB"}
     assert allowed == {"char-video4linux", "char-media", "char-dma_heap"} | serial
-    assert values("PrivateDevices") == ["no"]
-    assert values("SupplementaryGroups") == ["video dialout"]
-    assert "AF_NETLINK" in values("RestrictAddressFamilies")[0]
-    assert values("InaccessiblePaths") + values("TemporaryFileSystem") == []  # /run/udev is not hidden
+    assert UNIT.values("PrivateDevices") == ["no"]
+    assert UNIT.values("SupplementaryGroups") == ["video dialout"]
+    assert "AF_NETLINK" in UNIT.values("RestrictAddressFamilies")[0]
+    assert UNIT.values("InaccessiblePaths") + UNIT.values("TemporaryFileSystem") == []  # /run/udev is not hidden
 
 
 def test_the_taps_socket_is_for_a_group_that_stays() -> None:
     """systemd makes no user for the time being whose name is that of a group alone, so the user has another name."""
-    assert (values("DynamicUser"), values("Group")) == (["yes"], [GROUP])
-    assert values("User") != [GROUP]
-    assert Path("/run", *values("RuntimeDirectory"), NAME) == SERVICE
-    assert values("RuntimeDirectoryMode") == ["0750"]
-    assert "AF_UNIX" in values("RestrictAddressFamilies")[0]
+    assert (UNIT.values("DynamicUser"), UNIT.values("Group")) == (["yes"], [GROUP])
+    assert UNIT.values("User") != [GROUP]
+    assert Path("/run", *UNIT.values("RuntimeDirectory"), NAME) == SERVICE
+    assert UNIT.values("RuntimeDirectoryMode") == ["0750"]
+    assert "AF_UNIX" in UNIT.values("RestrictAddressFamilies")[0]
 
 
 def test_frames_do_not_wait_for_other_work() -> None:
     """The daemon runs before all that has no real-time priority, and after the kernel's threads for interrupts (50)."""
-    assert values("CPUSchedulingPolicy") == ["fifo"]
-    assert 1 <= int(*values("CPUSchedulingPriority")) < 50
+    assert UNIT.values("CPUSchedulingPolicy") == ["fifo"]
+    assert 1 <= int(*UNIT.values("CPUSchedulingPriority")) < 50
 
 
 def test_what_runs_amok_is_ended_before_the_machine_is() -> None:
     """At less than the 512 MB of the smallest Raspberry Pi that is in scope."""
-    (limit,) = values("MemoryMax")
+    (limit,) = UNIT.values("MemoryMax")
     assert 200 <= int(limit.removesuffix("M")) < 512
 
 
 def test_a_mistake_of_the_owner_is_not_tried_again_but_a_failure_is() -> None:
     """Exit status 2 waits for a person; anything else is restarted, for ever."""
-    assert (values("Restart"), values("RestartPreventExitStatus")) == (["on-failure"], ["2"])
-    assert values("RestartForceExitStatus") == ["SIGHUP"]  # which systemd takes for a wish, as SIGTERM
-    assert values("StartLimitIntervalSec") == ["0"]
-    assert (values("Type"), values("WatchdogSec")) == (["notify"], ["10"])
+    assert (UNIT.values("Restart"), UNIT.values("RestartPreventExitStatus")) == (["on-failure"], ["2"])
+    assert UNIT.values("RestartForceExitStatus") == ["SIGHUP"]  # which systemd takes for a wish, as SIGTERM
+    assert UNIT.values("StartLimitIntervalSec") == ["0"]
+    assert (UNIT.values("Type"), UNIT.values("WatchdogSec")) == (["notify"], ["10"])
 
 
 # ---- What the daemon tells systemd
@@ -154,7 +143,7 @@ def test_the_watchdog_is_fed_at_least_each_2_s(
     watchdog = Watchdog()
     manager.setblocking(False)
     while now_s < 20.0:
-        watchdog.see(steps=1 + int(now_s / frame_s))
+        watchdog.update(steps=1 + int(now_s / frame_s))
         with suppress(BlockingIOError):
             assert manager.recv(4096) == b"WATCHDOG=1"
             fed_s.append(now_s)
@@ -178,7 +167,7 @@ def test_no_watchdog_watches_us(limit: str | None, pid: str | None, monkeypatch:
 
 def test_the_udev_rules_are_well_formed() -> None:
     """Comments, and lines of known keys, known operators and quoted values; each GOTO has its LABEL."""
-    rules = (UNIT.parent / "60-ledpi.rules").read_text(encoding="utf-8")
+    rules = (UNIT.path.parent / "60-ledpi.rules").read_text(encoding="utf-8")
     keys = r"(SUBSYSTEMS?|KERNEL|SYMLINK|GROUP|MODE|GOTO|LABEL|ENV\{\w+\})"
     term = rf'{keys}(==|!=|\+=|=)"[^"]+"'
     lines = [line for line in rules.splitlines() if line and not line.startswith("# ")]
@@ -191,11 +180,11 @@ def test_the_udev_rules_are_well_formed() -> None:
 
 def test_no_board_is_the_controller_unless_someone_says_so() -> None:
     """A panel's own Arduino is a ttyACM too, and must not be sent poses: no rule in force gives the name."""
-    rules = (UNIT.parent / "60-ledpi.rules").read_text(encoding="utf-8")
+    rules = (UNIT.path.parent / "60-ledpi.rules").read_text(encoding="utf-8")
     assert [line for line in rules.splitlines() if "SYMLINK" in line and not line.startswith("#")] == []
 
 
 def test_the_rules_name_the_port_that_is_the_default() -> None:
     """serial.port's default is the link that they make."""
-    rules = (UNIT.parent / "60-ledpi.rules").read_text(encoding="utf-8")
+    rules = (UNIT.path.parent / "60-ledpi.rules").read_text(encoding="utf-8")
     assert {f"/dev/{name}" for name in re.findall(r'SYMLINK\+="([^"]+)"', rules)} == {SerialSettings().port}

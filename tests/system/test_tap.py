@@ -17,7 +17,7 @@ import pytest
 from ledpi.markers.dictionaries import load_dictionary
 from ledpi.tap.client import connect
 from tests.builders.command import complaint, in_process
-from tests.builders.daemon import DEADLINE_S, ROOT, SIMULATED, daemon, end, write_recording
+from tests.builders.daemon import DEADLINE_S, ROOT, SIMULATED, SIMULATED_YAML, daemon, end, write_recording
 from tests.builders.tap import Raw, at, reach
 
 FOR_EVER = ("--frames", "1000000")  # round and round
@@ -26,9 +26,9 @@ LEDPI = [sys.executable, "-c", "from ledpi.cli import main; main()"]
 
 @pytest.fixture(scope="module")
 def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """The socket of one that replays a panel of ID 7 at 1 m, over and over."""
+    """The socket of one that replays a panel of ID 7 at 1 m, 12 frames a second, over and over."""
     folder = tmp_path_factory.mktemp("tap")
-    write_recording(folder / "take", 120)
+    write_recording(folder / "take", 30, rows=5 * 504)
     path = folder / "tap.sock"
     source = f"camera.source=recording:{folder / 'take'}"
     with daemon(source, at(path), options=FOR_EVER, deadline_s=10 * DEADLINE_S) as process:
@@ -52,14 +52,14 @@ def ledpi(*arguments: str) -> subprocess.CompletedProcess[str]:
 
 def test_the_lines_are_those_of_decode(tmp_path: Path) -> None:
     """Frame by frame, to the last digit."""
-    write_recording(tmp_path / "take", 60)
+    write_recording(tmp_path / "take", 30)
     said = ledpi("decode", str(tmp_path / "take")).stdout.splitlines()
     wanted = {line["seq"]: line for line in map(json.loads, said)}
     path = tmp_path / "tap.sock"
     source = f"camera.source=recording:{tmp_path / 'take'}"
-    with daemon(source, at(path), options=("--unpaced", "--frames", "60")), reach(path) as client:
+    with daemon(source, at(path), options=("--unpaced", "--frames", "30")), reach(path) as client:
         lines = [line for line in client.lines() if line["type"] == "decoded"]
-    assert len(lines) > 20
+    assert len(lines) > 10
     for line in lines:
         same = wanted[line["seq"]].keys() - {"recording", "decode_ms"}
         assert {key: line[key] for key in same} == {key: wanted[line["seq"]][key] for key in same}
@@ -118,12 +118,12 @@ def test_the_configuration_says_what_the_command_line_gave(running: Path) -> Non
 def test_a_reload_keeps_the_connection_and_says_hello_again(tmp_path: Path) -> None:
     """The new daemon's camera is in it."""
     config, path = tmp_path / "config.yaml", tmp_path / "tap.sock"
-    text = "panels: {side_m: 0.16}\ncamera: {source: simulated, exposure_us: %d}\n"
-    config.write_text(text % 10000, encoding="utf-8")
+    text = "panels: {side_m: 0.16}\n" + SIMULATED_YAML
+    config.write_text(text, encoding="utf-8")
     with daemon(at(path), options=("--config", str(config))) as process, reach(path) as client:
         lines = client.lines()
         before = next(lines)
-        config.write_text(text % 5000, encoding="utf-8")
+        config.write_text(text.replace("source", "exposure_us: 5000, source"), encoding="utf-8")
         process.send_signal(signal.SIGHUP)
         after = next(line for line in lines if line["type"] == "hello")
         assert next(line for line in lines if line["type"] == "decoded")
@@ -138,7 +138,7 @@ def test_a_reload_may_move_the_socket(tmp_path: Path) -> None:
     """The old one is gone when the new one answers; a place that cannot be leaves all as it was."""
     config, places = tmp_path / "config.yaml", [tmp_path / f"{name}.sock" for name in ("first", "second")]
     (tmp_path / "mine").write_text("mine", encoding="utf-8")
-    text = "panels: {side_m: 0.16}\ncamera: {source: simulated}\ntap: {socket: %s}\n"
+    text = "panels: {side_m: 0.16}\n" + SIMULATED_YAML + "tap: {socket: %s}\n"
     config.write_text(text % "first.sock", encoding="utf-8")
     with daemon(options=("--config", str(config))) as process:
         reach(places[0]).close()
@@ -279,7 +279,7 @@ def test_snapshot_of_the_camera_itself_asks_no_daemon(
     (tmp_path / "ledpi/tap.sock").symlink_to(running)
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     config = tmp_path / "config.yaml"
-    config.write_text("panels: {side_m: 0.16}\ncamera: {source: simulated}\n", encoding="utf-8")
+    config.write_text("panels: {side_m: 0.16}\n" + SIMULATED_YAML, encoding="utf-8")
     done = ledpi("snapshot", "--config", str(config), *asks, "--out", str(tmp_path / "x.png"))
     assert "x.png: simulated, frame" in done.stdout
     assert "running daemon" in ledpi("snapshot", "--config", str(config), "--out", str(tmp_path / "x.png")).stdout

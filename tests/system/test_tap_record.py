@@ -23,7 +23,7 @@ from ledpi.runtime.tap_recorder import TapRecorder
 from ledpi.tap.client import connect
 from ledpi.tap.protocol import Request
 from ledpi.view.hub import Hub
-from tests.builders.daemon import DEADLINE_S, ROOT, SIMULATED, daemon, end
+from tests.builders.daemon import DEADLINE_S, ROOT, SIMULATED, SIMULATED_YAML, daemon, end
 from tests.builders.rewind import stream, without_times
 from tests.builders.tap import at, reach, wait_until
 
@@ -124,7 +124,7 @@ def test_record_stop_ends_it_and_a_second_one_is_refused(takes: Path, tmp_path: 
 def test_the_daemons_end_makes_it_whole(takes: Path, tmp_path: Path, how: signal.Signals) -> None:
     """Also where another one begins, of a new configuration; who asked hears of it."""
     path, config = tmp_path / "tap.sock", tmp_path / "config.yaml"
-    config.write_text("panels: {side_m: 0.16}\ncamera: {source: simulated}\n", encoding="utf-8")
+    config.write_text("panels: {side_m: 0.16}\n" + SIMULATED_YAML, encoding="utf-8")
     with daemon(at(path), OFF, options=("--config", str(config))) as process, reach(path) as client:
         lines = client.lines()
         begun = client.send("record", seconds=600)
@@ -134,7 +134,7 @@ def test_the_daemons_end_makes_it_whole(takes: Path, tmp_path: Path, how: signal
         if how == signal.SIGHUP:
             until(lines, "hello")
             some_frames(lines, 1)
-        assert end(process, signal.SIGTERM).status == 0
+        assert end(process, signal.SIGTERM if how == signal.SIGHUP else None).status == 0
     assert recorded(takes) == [Path(answer["path"])]
     assert len(live(Path(answer["path"]))) == answer["frames"] > 5
     if not answer["dropped"]:
@@ -202,7 +202,7 @@ def test_a_disk_that_is_too_full_is_told(takes: Path, monkeypatch: pytest.Monkey
         for index, (frame, decoded) in enumerate(zip(drive.frames, drive.live, strict=True)):
             if index == 5:
                 wait_until(lambda: len(list(takes.glob("*-recorded.part/frames/*.png"))) == 4)
-                monkeypatch.setattr(takes_module, "LEAST_FREE_BYTES", 10**18)
+                monkeypatch.setattr(takes_module, "MIN_FREE_BYTES", 10**18)
             recorder.keep(frame, decoded, 150_000)
         with pytest.raises(RecordingError, match=r"the disk has \d+ MB left; \d+ MB are needed; 4 frames are in /"):
             running.result(DEADLINE_S)

@@ -2,31 +2,19 @@
 
 from __future__ import annotations
 
-import re
-import shutil
 import subprocess
 from pathlib import Path
 
 import pytest
 
-from tests.builders import ROOT
+from tests.builders.systemd import Unit, needs_systemd
 
-UNIT = ROOT / "systemd" / "ledpi-view.service"
-needs_systemd = pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="systemd-analyze is not installed")
-
-
-def values(key: str) -> list[str]:
-    return re.findall(rf"^{re.escape(key)}=(.*)$", UNIT.read_text(encoding="utf-8"), re.MULTILINE)
+UNIT = Unit("ledpi-view.service")
 
 
 @pytest.fixture
 def unit(tmp_path: Path) -> Path:
-    """The unit with a command that exists here in the place of the installed one."""
-    text = UNIT.read_text(encoding="utf-8")
-    assert text.count("/usr/local/bin/ledpi ") == 1
-    copy = tmp_path / UNIT.name
-    copy.write_text(text.replace("/usr/local/bin/ledpi ", f"{shutil.which('true')} "), encoding="utf-8")
-    return copy
+    return UNIT.copy_to(tmp_path)
 
 
 @needs_systemd
@@ -47,13 +35,17 @@ def test_the_service_is_closed_in(unit: Path) -> None:
 
 def test_it_is_neither_root_nor_the_daemon_and_never_in_its_way() -> None:
     """A user of its own, in the group that may read the tap; it runs when nothing else wants to."""
-    assert (values("DynamicUser"), values("User"), values("Group")) == (["yes"], ["ledpi-view"], ["ledpi"])
-    assert values("NoNewPrivileges") == ["yes"]
-    assert values("CapabilityBoundingSet") == [""]
-    assert int(*values("Nice")) > 0
-    assert values("CPUSchedulingPolicy") == ["batch"]
+    assert (UNIT.values("DynamicUser"), UNIT.values("User"), UNIT.values("Group")) == (
+        ["yes"],
+        ["ledpi-view"],
+        ["ledpi"],
+    )
+    assert UNIT.values("NoNewPrivileges") == ["yes"]
+    assert UNIT.values("CapabilityBoundingSet") == [""]
+    assert int(*UNIT.values("Nice")) > 0
+    assert UNIT.values("CPUSchedulingPolicy") == ["batch"]
 
 
 def test_a_mistake_of_the_owner_is_not_tried_again() -> None:
     """Exit status 2 waits for a person."""
-    assert (values("Restart"), values("RestartPreventExitStatus")) == (["on-failure"], ["2"])
+    assert (UNIT.values("Restart"), UNIT.values("RestartPreventExitStatus")) == (["on-failure"], ["2"])

@@ -19,8 +19,8 @@ Kind = Literal["chessboard", "charuco"]
 CHARUCO_DICTIONARY = cv2.aruco.DICT_5X5_250
 MARKER_SHARE = 0.75  # of a square's side
 TEXELS = 56  # of a drawn square: its marker is 42 of them, 6 a module, with 7 on either side
-FEWEST_CHARUCO_CORNERS = 8
-FEWEST_MARKERS = 4  # by which a ChArUco board is known as one
+MIN_CHARUCO_CORNERS = 8
+MIN_MARKERS = 4  # by which a ChArUco board is known as one
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -77,7 +77,7 @@ def other_board(picture: Pixels, board: Board) -> str | None:
     Of a chessboard that is seen in part it is the part's size: of several pictures believe what they agree in.
     """
     markers = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(CHARUCO_DICTIONARY)).detectMarkers(picture)[1]
-    if markers is not None and len(markers) >= FEWEST_MARKERS:
+    if markers is not None and len(markers) >= MIN_MARKERS:
         return "--board charuco" if board.kind != "charuco" else None
     found, _, squares = cv2.findChessboardCornersSBWithMeta(picture, (3, 3), flags=cv2.CALIB_CB_LARGER)
     size = sorted(squares.shape[:2], reverse=True) if found else []
@@ -89,7 +89,7 @@ def other_board(picture: Pixels, board: Board) -> str | None:
 def _find_charuco(name: str, picture: Pixels, board: Board) -> BoardView | None:
     detector = _charuco(board)
     corners, ids, _, _ = detector.detectBoard(picture)
-    if ids is None or len(ids) < FEWEST_CHARUCO_CORNERS or detector.getBoard().checkCharucoCornersCollinear(ids):
+    if ids is None or len(ids) < MIN_CHARUCO_CORNERS or detector.getBoard().checkCharucoCornersCollinear(ids):
         return None
     return BoardView(
         name=name,

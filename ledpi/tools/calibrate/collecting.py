@@ -20,7 +20,7 @@ VIEWS_A_SIDE = 2  # tilted to each side
 ENOUGH_VIEWS = 16
 # The white of the board, in linear light: bright enough to be sharp, with room for what is brighter elsewhere on it.
 WHITE, DARKEST, BRIGHTEST = 0.5, 0.25, 0.8
-LONGEST_EXPOSURE_US, GAINS = 10_000.0, (1.0, 8.0)  # a hand trembles; the sensor's noise
+MAX_EXPOSURE_US, GAINS = 10_000.0, (1.0, 8.0)  # a hand trembles; the sensor's noise
 
 SIDES = {  # of the picture, by the sign of the board's normal in x and y
     "left": np.array([-1.0, 0.0]),
@@ -102,7 +102,7 @@ def next_exposure(frame: Frame, view: BoardView | None) -> tuple[float, float] |
     wanted = frame.exposure_us * gain * WHITE / max(white, 0.01)
     if white > 0.99:
         wanted /= 4  # nobody knows how far above
-    exposure_us = min(LONGEST_EXPOSURE_US, wanted / GAINS[0])
+    exposure_us = min(MAX_EXPOSURE_US, wanted / GAINS[0])
     return exposure_us, float(np.clip(wanted / exposure_us, *GAINS))
 
 

@@ -18,8 +18,8 @@ from ledpi.core.shutter import row_weights
 from ledpi.core.tone import linear_light
 from ledpi.tools.calibrate.shutter import Estimate
 
-LOWEST_HZ, HIGHEST_HZ = 300.0, 8000.0
-FEWEST_PERIODS = 2.5  # with fewer, a slope of the lamp's own picture passes for a part of a band
+MIN_HZ, MAX_HZ = 300.0, 8000.0
+MIN_PERIODS = 2.5  # with fewer, a slope of the lamp's own picture passes for a part of a band
 STEPS_PER_PERIOD = 20  # of the search: steps of the frequency shift the bands by a 20th of a period at most
 PHASES = np.arange(0.0, 1.0, 1 / 16)  # to start from
 ROUNDS = 12  # of Gauss-Newton
@@ -37,7 +37,7 @@ def lamp_rows(frame: Frame) -> Floats:
     picture = frame.pixels
     bright = float(np.sort(picture.ravel())[-100:].mean())
     lit = (picture > LIT * bright).astype(np.uint8)
-    gap = round(0.5e6 / LOWEST_HZ / frame.row_time_us) | 1
+    gap = round(0.5e6 / MIN_HZ / frame.row_time_us) | 1
     count, _, boxes, _ = cv2.connectedComponentsWithStats(cv2.morphologyEx(lit, cv2.MORPH_CLOSE, np.ones((gap, 3))))
     if count < 2:
         return np.empty(0)
@@ -60,8 +60,8 @@ def lamp_frequency(light: Floats, *, exposure_us: float, row_time_us: float) -> 
         return None
     seen_s = float(np.ptp(rows)) * row_time_us * 1e-6
     # Lower ones too, so that too few of their periods are not taken for enough of a higher one's.
-    lowest = max(LOWEST_HZ, 0.75 / seen_s)
-    grid = np.arange(lowest, min(HIGHEST_HZ, 0.4e6 / row_time_us), 1.0 / (STEPS_PER_PERIOD * seen_s))
+    lowest = max(MIN_HZ, 0.75 / seen_s)
+    grid = np.arange(lowest, min(MAX_HZ, 0.4e6 / row_time_us), 1.0 / (STEPS_PER_PERIOD * seen_s))
     left = [_sines_left(rows * hz * row_time_us * 1e-6, light) for hz in grid]
     start = float(grid[int(np.argmin(left))])
     fits = [_fitted(rows, light, start, phase, exposure_us, row_time_us) for phase in PHASES]
@@ -69,7 +69,7 @@ def lamp_frequency(light: Floats, *, exposure_us: float, row_time_us: float) -> 
     smooth = light - _smooth(rows) @ np.linalg.lstsq(_smooth(rows), light, rcond=None)[0]
     if squares > (1 - MIN_EXPLAINED) * float(smooth @ smooth):
         return None
-    if not FEWEST_PERIODS <= frequency * seen_s < len(rows) / 2:
+    if not MIN_PERIODS <= frequency * seen_s < len(rows) / 2:
         return None
     return Estimate(value=frequency, sigma=sigma)
 

@@ -13,7 +13,7 @@ from ledpi.tools.calibrate.collecting import Collection, next_exposure
 
 OpenAt = Callable[[tuple[float, float] | None], Camera]  # (exposure µs, gain), or None for the configured ones
 
-MOST_CHANGES = 8  # of the exposure: light that flickers would otherwise keep it changing for ever
+MAX_CHANGES = 8  # of the exposure: light that flickers would otherwise keep it changing for ever
 BLIND_FRAMES = 15  # without a board, until the exposure is set by the whole picture
 NO_BOARD = "show the board to the camera"
 
@@ -43,7 +43,7 @@ def collect_views(
             blind = 0 if view is not None else blind + 1
             if blind % BLIND_FRAMES == BLIND_FRAMES - 1:
                 other = _seen_instead(frame, board)
-            exposure = _other_exposure(frame, view, blind) if metered and changes < MOST_CHANGES else None
+            exposure = _other_exposure(frame, view, blind) if metered and changes < MAX_CHANGES else None
             if exposure is not None:
                 say(f"exposure {exposure[0]:.0f} µs, gain {exposure[1]:.1f}")
                 camera.close()

@@ -12,7 +12,7 @@ from ledpi.core.errors import CalibrationError
 from ledpi.core.records import Floats, Intrinsics
 from ledpi.pose.panel_map import MapPanel
 from ledpi.tools.calibrate.map_adjust import Adjusted, adjust
-from ledpi.tools.calibrate.map_views import View, camera_poses, chained, telling_views
+from ledpi.tools.calibrate.map_views import View, camera_poses, chained, informative_views
 
 # What the drive cannot tell of a panel's place: that the panels' sides and the lens are not quite what is configured.
 FLOOR_M, FLOOR_RAD = 0.002, math.radians(0.1)
@@ -43,7 +43,7 @@ def calibrate_map(
     `map_from_origin` (4, 4) is map_from_marker of that panel; `sides_m` by ID; `upright`: all hang
     upright. Raises CalibrationError.
     """
-    telling = telling_views(views)
+    telling = informative_views(views)
     together = {panel.id for view in telling for panel in view}
     if not together:
         raise CalibrationError("no frame shows two panels with poses: drive so that neighbours are seen together")

@@ -104,17 +104,17 @@ def adjust(
         np.array([places[i][:3, :3] for i in ids]),
         np.array([places[i][:3, 3] for i in ids]),
     )
-    left, off_px, slopes = _look(problem, state)
+    left, off_px, slopes = _linearise(problem, state)
     damping = 1e-4
     for _ in range(ROUNDS):
         weights = _weights(left)
         normal, pull = _normal(problem, state, left, slopes, weights)
         step = splu((normal + damping * _diagonal(normal)).tocsc()).solve(pull)
         tried = state.moved(step, problem.fixed)
-        looked = _look(problem, tried)
-        gain = _cost(left) + _lean(problem, state) - _cost(looked[0]) - _lean(problem, tried)
+        linearised = _linearise(problem, tried)
+        gain = _cost(left) + _lean(problem, state) - _cost(linearised[0]) - _lean(problem, tried)
         if gain > 0:
-            state, (left, off_px, slopes) = tried, looked
+            state, (left, off_px, slopes) = tried, linearised
             damping *= 0.2
             if gain < CONVERGED * _cost(left):
                 break
@@ -165,7 +165,7 @@ def _alike(
     return float(np.mean((noise + n * hidden) / (noise + hidden)))
 
 
-def _look(problem: _Problem, state: _State) -> tuple[Floats, Floats, Floats]:
+def _linearise(problem: _Problem, state: _State) -> tuple[Floats, Floats, Floats]:
     """Residuals whitened (N, 8) and in pixels (N, 4, 2); slopes (N, 8, 12) by the view's step and the panel's."""
     to_camera, panel_turns = state.view_turns[problem.view], state.panel_turns[problem.panel]
     arms = problem.squares @ panel_turns.transpose(0, 2, 1)  # of the corners about the panel's centre, in the map

@@ -53,7 +53,7 @@ def view_of(frame: Frame, markers: Sequence[MarkerPose]) -> View:
     return tuple(views)
 
 
-def telling_views(views: Sequence[View]) -> list[View]:
+def informative_views(views: Sequence[View]) -> list[View]:
     """Those that show two panels or more, of each group of panels at most so many."""
     groups: dict[frozenset[int], list[View]] = {}
     for view in views:

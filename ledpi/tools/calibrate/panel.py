@@ -25,7 +25,7 @@ MIN_ALIAS_DEVIATIONS = 6.0  # between a frequency and the next that looks alike 
 ROW_TIME_DOUBT = (5.0, 0.003)  # deviations, and share: more than both, and bands and row time contradict each other
 MAX_APART = 5.0  # deviations between what either class of a panel in antiphase says of their one frequency
 MAX_DUTY_SIGMA = 0.02
-MOST_LIGHT = 1.1  # of the depth that all of the light would give: more, and the exposure is not what it is said to be
+MAX_LIGHT_SHARE = 1.1  # of the depth that all of the light would give: above it, the reported exposure is wrong
 # A panel that is within these of what is announced needs no entry of its own: each other pair of frequencies costs the
 # decoder a look of its own at every square. Over its memory of half a second 1e-4 of 2450 Hz is an eighth of a cycle.
 SAME_FREQUENCY, SAME_DUTY = 1e-4, 0.03

@@ -10,7 +10,7 @@ from typing import Any
 
 from ledpi.config.camera_yaml import load_intrinsics, own_section
 from ledpi.config.map_yaml import load_map
-from ledpi.config.robot import strangers_note
+from ledpi.config.robot import unreadable_note
 from ledpi.config.settings import Config
 from ledpi.core.errors import CalibrationError, ConfigError
 from ledpi.core.wording import counted
@@ -99,7 +99,7 @@ def _map(config: Config, today: date) -> Part:
     except ConfigError as error:
         return Part(name="map", text=str(error), done=False, command=command)
     text = f"{config.map}: {counted(len(panels), 'panel')}, {_age(_changed(config.map), today)}"
-    strangers = strangers_note(config, panels)
+    strangers = unreadable_note(config, panels)
     return Part(name="map", text="; ".join(filter(None, (text, strangers))), done=not strangers, command=command)
 
 

@@ -12,16 +12,17 @@ from ledpi.camera.base import AdjustableGain, Camera
 from ledpi.camera.factory import open_camera
 from ledpi.camera.gain import GainControl, brightest_level
 from ledpi.camera.recording import RecordingCamera
-from ledpi.config.settings import Config, PanelSettings
+from ledpi.config.camera_yaml import lens_of
+from ledpi.config.panels import PanelSettings
+from ledpi.config.settings import Config
 from ledpi.core.errors import CalibrationError
 from ledpi.core.records import MAX_GAP_NS, CameraInfo, Frame, Intrinsics, PanelValues, Rejected
 from ledpi.decode.cells import SATURATED
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.pipeline.trace import Trace
 from ledpi.recording.overrides import load_recording_with
-from ledpi.runtime.daemon import calibration
 
-FEWEST_FRAMES = 20
+MIN_FRAMES = 20
 SETTLE_FRAMES = 300  # five seconds: the gain's sweep takes two
 
 
@@ -56,12 +57,12 @@ def take_frames(config: Config, count: int, advance: Callable[[int], None]) -> T
         for frame in _read(camera, count):
             frames.append(frame)
             advance(1)
-        intrinsics = calibration(config, camera)
+        intrinsics = lens_of(camera.info, config.camera.intrinsics)
     finally:
         camera.close()
     take = longest_take(frames)
-    if len(take) < FEWEST_FRAMES:
-        raise CalibrationError(f"{source}: {len(take)} usable frames in a row; at least {FEWEST_FRAMES} are needed")
+    if len(take) < MIN_FRAMES:
+        raise CalibrationError(f"{source}: {len(take)} usable frames in a row; at least {MIN_FRAMES} are needed")
     return Taken(frames=take, camera=camera.info, panel=camera.panel, intrinsics=intrinsics, row_time_ratio=ratio)
 
 

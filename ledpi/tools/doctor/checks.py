@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from ledpi.config.robot import load_robot, strangers_note
-from ledpi.config.settings import SEARCH_PATH, Config, PanelSettings
+from ledpi.config.panels import PanelSettings
+from ledpi.config.robot import load_robot, unreadable_note
+from ledpi.config.settings import SEARCH_PATH, Config
 from ledpi.core.errors import LedpiError, WireError
 from ledpi.core.wording import counted
 from ledpi.markers.codewords import format_ranges
@@ -80,7 +81,7 @@ def _map(config: Config) -> Finding:
         return bad("map", str(error), "put it right, or make one with `ledpi calibrate map`", stops_daemon=True)
     if panels is None:
         return unknown("map", "map is not set: panels' poses are sent, but not the robot's place")
-    strangers = strangers_note(config, panels)
+    strangers = unreadable_note(config, panels)
     if strangers:
         return bad("map", strangers, "correct their IDs, panels.dictionary or panels.ids")
     return ok("map", f"{config.map}: {counted(len(panels), 'panel')}")

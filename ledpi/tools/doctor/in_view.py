@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from ledpi.camera.base import Camera
+from ledpi.config.camera_yaml import lens_of
 from ledpi.config.settings import Config
 from ledpi.core.errors import CalibrationError
 from ledpi.core.records import Floats, Frame, Intrinsics
@@ -15,7 +16,6 @@ from ledpi.diagnosis.diagnose import Diagnosis, NotRead, not_read_in
 from ledpi.diagnosis.why_not import Why, WhyNot
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.pipeline.trace import Trace
-from ledpi.runtime.daemon import calibration
 from ledpi.tools.doctor.finding import Finding, bad, ok, unknown
 from ledpi.tools.snapshot.from_camera import LOOK_FRAMES, Looking
 
@@ -53,7 +53,7 @@ def look(camera: Camera, config: Config) -> list[Finding]:
 
 def _lens(camera: Camera, config: Config) -> Intrinsics | None:
     try:
-        return calibration(config, camera)
+        return lens_of(camera.info, config.camera.intrinsics)
     except CalibrationError:  # another finding says so
         return None
 

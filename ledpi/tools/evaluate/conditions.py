@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from ledpi.config.settings import PanelSettings
+from ledpi.config.panels import PanelSettings
 from ledpi.core.records import Transfer
 from ledpi.markers.dictionaries import load_dictionary
 from ledpi.tools.evaluate.wild_rows import WILD

@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from ledpi.config.settings import PanelSettings
+from ledpi.config.panels import PanelSettings
 from ledpi.core.records import Floats, Phase
 from ledpi.markers.codewords import Bits, Dictionary
 from ledpi.markers.dictionaries import load_dictionary

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ledpi.camera.simulated import simulated_sensor
-from ledpi.config.settings import CameraSettings, PanelSettings
+from ledpi.config.panels import PanelSettings
+from ledpi.config.settings import CameraSettings
 from ledpi.core import shutter
 from ledpi.core.errors import ConfigError
 from ledpi.core.records import Floats, PanelSpec

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-from ledpi.config.settings import PanelSettings
+from ledpi.config.panels import PanelSettings
 from ledpi.recording.writer import RecordingWriter
 from ledpi.simulate.sensor import sensor_info
 from ledpi.simulate.truth import scene_truth

@@ -11,8 +11,8 @@ from ledpi.tools.evaluate.plots import LABELS, draw_rates, has_matplotlib
 from ledpi.tools.evaluate.table import TableRow, wilson, write_csv
 
 CSV_FILE, PAGE_FILE = "results.csv", "evaluation.md"
-_MOST_FALSE = 20  # false IDs that are listed one by one
-_MOST_REASONS = 4
+_MAX_FALSE_LISTED = 20  # false IDs that are listed one by one
+_MAX_REASONS = 4
 _TITLES = {
     "paper": "The paper's experiment",
     "beyond": "Beyond the paper",
@@ -58,9 +58,9 @@ def summary(rows: Sequence[TableRow]) -> str:
 
 def _tables(rows: Sequence[TableRow]) -> list[str]:
     false = [f"{_where(row)}, {LABELS[row.method]}: {text}" for row in rows for text in row.false]
-    listed = [f"- {text}" for text in false[:_MOST_FALSE]]
-    if len(false) > _MOST_FALSE:
-        listed.append(f"- … and {len(false) - _MOST_FALSE} more")
+    listed = [f"- {text}" for text in false[:_MAX_FALSE_LISTED]]
+    if len(false) > _MAX_FALSE_LISTED:
+        listed.append(f"- … and {len(false) - _MAX_FALSE_LISTED} more")
     told = ["\n".join(["False IDs:", "", *listed])] if listed else []
     if rows[0].suite == "decoys":
         return [_pivot([*rows, *_totals(rows)], _false_share), *told]
@@ -130,8 +130,8 @@ def _errors(row: TableRow) -> str:
 
 
 def _reasons(row: TableRow) -> str:
-    told = [f"{count} {why}" for why, count in row.missed[:_MOST_REASONS]]
-    left = sum(count for _, count in row.missed[_MOST_REASONS:])
+    told = [f"{count} {why}" for why, count in row.missed[:_MAX_REASONS]]
+    left = sum(count for _, count in row.missed[_MAX_REASONS:])
     return ", ".join(told + ([f"{left} other"] if left else []))
 
 

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
 from typing import Any
 
-from ledpi.config.settings import PanelSettings, check_method
+from ledpi.config.panels import PanelSettings
+from ledpi.config.settings import check_method
 from ledpi.core.errors import ConfigError
 from ledpi.core.records import Transfer
 from ledpi.tools.evaluate.conditions import Condition, Suite, suite_conditions

@@ -11,7 +11,7 @@ from typing import Any, Literal, get_args
 import cv2
 import numpy as np
 
-from ledpi.config.settings import PanelSettings
+from ledpi.config.panels import PanelSettings
 from ledpi.core.records import CameraInfo, Floats, Frame, Intrinsics, PanelValues, Pose, Rejected
 from ledpi.markers.dictionaries import load_dictionary, opencv_dictionary
 from ledpi.pipeline.pipeline import Pipeline

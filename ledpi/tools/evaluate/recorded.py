@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ledpi.config.settings import PanelSettings
+from ledpi.config.panels import PanelSettings
 from ledpi.core.errors import ConfigError, RecordingError
 from ledpi.core.records import CameraInfo, Frame, Intrinsics, PanelValues
 from ledpi.markers.dictionaries import load_dictionary

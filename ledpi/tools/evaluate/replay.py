@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ledpi.config.settings import PanelSettings
+from ledpi.config.panels import PanelSettings
 from ledpi.recording.writer import RecordingWriter
 from ledpi.simulate.sensor import sensor_info
 from ledpi.simulate.truth import scene_truth

@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 
 import ledpi
-from ledpi.config.settings import PanelSettings
+from ledpi.config.panels import PanelSettings
 from ledpi.core.errors import ConfigError
 from ledpi.core.records import Frame
 from ledpi.core.row_clock import RowClock

@@ -6,7 +6,7 @@ import zlib
 
 import numpy as np
 
-from ledpi.config.settings import PanelSettings
+from ledpi.config.panels import PanelSettings
 from ledpi.core.records import Floats, Intrinsics, PanelSpec
 from ledpi.markers.dictionaries import load_dictionary
 from ledpi.simulate.scene import Floor, Light, Panel, PanelAppearance, Print, Room, Scene, SimulatedSensor

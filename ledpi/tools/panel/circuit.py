@@ -15,8 +15,8 @@ _SUPPLY_RATINGS_A = (0.5, 1.0, 2.0, 3.0, 5.0, 8.0, 10.0)
 # LEDs of one batch differ by 0.1 V or so. With half a volt a LED over the resistor, cells then differ by a fifth of
 # their light at most, which the decoder takes out as the cells' gains.
 _HEADROOM_V = 0.5
-_MOST_LEDS = 9  # in a cell
-_HIGHEST_SUPPLY_V = 48.0  # above 60 V direct current is no longer safe to touch
+_MAX_LEDS = 9  # in a cell
+_MAX_SUPPLY_V = 48.0  # above 60 V direct current is no longer safe to touch
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -87,12 +87,12 @@ def plan_circuit(lamps: Lamps, cells: tuple[int, int]) -> Circuit:
     Raises ConfigError where the supply is too low, or too high, with what would do.
     """
     supply_v, forward_v = lamps.supply_v, lamps.forward_v
-    if supply_v > _HIGHEST_SUPPLY_V:
-        raise ConfigError(f"--supply {supply_v:g}: must be at most {_HIGHEST_SUPPLY_V:g} V, which is safe to touch")
+    if supply_v > _MAX_SUPPLY_V:
+        raise ConfigError(f"--supply {supply_v:g}: must be at most {_MAX_SUPPLY_V:g} V, which is safe to touch")
     most = int(supply_v / (forward_v + _HEADROOM_V) + 1e-9)
     wanted = min(4, max(1, most)) if lamps.leds is None else lamps.leds
-    if not 1 <= wanted <= _MOST_LEDS:
-        raise ConfigError(f"--leds {wanted}: must be 1 to {_MOST_LEDS}")
+    if not 1 <= wanted <= _MAX_LEDS:
+        raise ConfigError(f"--leds {wanted}: must be 1 to {_MAX_LEDS}")
     if wanted > most:
         raise ConfigError(_too_low(supply_v, wanted, forward_v, most))
     headroom_v = supply_v - wanted * forward_v

@@ -35,7 +35,7 @@ ENOUGH_NATS = 20.0
 # Two frames that are 1/20 of a cycle apart differ by 2·sin(π/20) = 0.31 of the bands' amplitude: a tenth of the power.
 FROZEN_CYCLES = 0.05
 _SAME = 0.01  # of what is needed: less is no difference
-_MOST_PERIODS = 30  # that are tried with a pair
+_MAX_PERIODS = 30  # that are tried with a pair
 # An oscillator that drifts further than this from where it is expected no longer adds to what earlier frames told.
 _COHERENT_CYCLES = 0.25
 _OFF_MAINS_HZ = 5.0
@@ -105,7 +105,7 @@ class Proposal:
         """The share of what the decoder needs, 1 at most, in each case."""
         return [min(1.0, nats / ENOUGH_NATS) for nats in (*self.alone, *self.stream)]
 
-    def is_never_worse_than(self, other: Proposal) -> bool:
+    def dominates(self, other: Proposal) -> bool:
         """Whether there is no case in which the decoder would be better off with `other`."""
         return all(own >= others - _SAME for own, others in zip(self.worth(), other.worth(), strict=True))
 
@@ -172,12 +172,12 @@ def choose_period(task: Task, black_hz: float, white_hz: float, views: Sequence[
     span = 0 if task.period_given else math.ceil(1e6 / (min(black_hz, white_hz) * task.sensor.row_time_us))
     far = views[-1:]
 
-    def given_a_second(rows: int) -> float:
+    def nats_per_s(rows: int) -> float:
         return min(1.0, _nats(task, black_hz, white_hz, far, rows, STREAM_FRAMES)[0] / ENOUGH_NATS) / rows
 
-    periods = range(shortest, shortest + span + 1, 1 + span // _MOST_PERIODS)
+    periods = range(shortest, shortest + span + 1, 1 + span // _MAX_PERIODS)
     moving = [rows for rows in periods if task.least_advance(black_hz, white_hz, rows) >= MIN_PHASE_ADVANCE_CYCLES]
-    rows = max(moving or periods, key=given_a_second)
+    rows = max(moving or periods, key=nats_per_s)
     return proposal_at(task, black_hz, white_hz, rows, views)
 
 
@@ -238,6 +238,6 @@ def ranked(
 
     def place(p: Proposal) -> tuple[bool, bool, float]:
         frozen = task.least_advance(p.black_hz, p.white_hz, p.frame_length_rows) < FROZEN_CYCLES
-        return frozen, not p.is_never_worse_than(present), -sum(p.worth())
+        return frozen, not p.dominates(present), -sum(p.worth())
 
     return sorted(tried(), key=place)

@@ -16,7 +16,7 @@ from ledpi.tools.panel.information import STREAM_FRAMES
 from ledpi.tools.panel.reach import Reach
 
 _BLACK, _WHITE = "tab:blue", "tab:orange"  # as the snapshot draws the classes
-_MOST_NULLS = 40  # that are marked: more would be a grey area
+_MAX_NULLS = 40  # that are marked: more would be a grey area
 
 
 def draw_contrast(task: Task, chosen: Proposal, path: Path) -> None:
@@ -39,7 +39,7 @@ def contrast_figure(task: Task, chosen: Proposal) -> Figure:
     hz = np.linspace(0.3 * task.flicker.lowest_hz, highest, 6000)
     axes.plot(hz, [100 * contrast(f, exposure_us, task.duty) for f in hz], color="black", lw=1)
     nulls = np.arange(math.ceil(hz[0] * exposure_us * 1e-6), int(highest * exposure_us * 1e-6) + 1) / exposure_us * 1e6
-    if len(nulls) <= _MOST_NULLS:
+    if len(nulls) <= _MAX_NULLS:
         axes.plot(nulls, np.zeros_like(nulls), "v", color="tab:red", ms=5, clip_on=False, label="nulls: whole cycles")
     axes.axvspan(hz[0], task.flicker.lowest_hz, color="0.9", label=f"flicker that is not {task.flicker.value}")
     for name, f, colour in (("black", chosen.black_hz, _BLACK), ("white", chosen.white_hz, _WHITE)):

@@ -14,7 +14,7 @@ from ledpi.markers.codewords import Dictionary
 from ledpi.tools.panel.design import ENOUGH_NATS, Proposal, Task
 from ledpi.tools.panel.frequencies import off_mains_hz
 from ledpi.tools.panel.information import STREAM_FRAMES
-from ledpi.tools.panel.reach import SURE, Reach
+from ledpi.tools.panel.reach import RELIABLE, Reach
 
 
 def summary_line(verb: str, named: tuple[Proposal, Reach], present: tuple[Proposal, Reach] | None = None) -> str:
@@ -88,7 +88,7 @@ def legend() -> str:
         "is frozen. periods a cell: of the bands, from the farthest distance. nats: what tells the classes apart in a "
         f"cell, from there, of one frame / of {STREAM_FRAMES}; {ENOUGH_NATS:g} are enough. off mains: from the nearest "
         "harmonic of 100 or 120 Hz. read: as far as "
-        f"{100 * SURE:.0f} % are, by the decoder's own error model; corners that are off make it less."
+        f"{100 * RELIABLE:.0f} % are, by the decoder's own error model; corners that are off make it less."
     )
     return "\n".join(textwrap.wrap(sentences, 118))
 

@@ -15,7 +15,7 @@ from ledpi.core.str_enum import StrEnum
 from ledpi.markers.codewords import Bits, Dictionary
 from ledpi.tools.calibrate.panel import SAME_DUTY
 from ledpi.tools.panel.frequencies import NULL_SHARE, Flicker, nearest_lobe_hz, null_share
-from ledpi.tools.panel.timer import HIGHEST_HZ, HalfPeriod, half_period
+from ledpi.tools.panel.timer import MAX_HZ, HalfPeriod, half_period
 
 SINGLE_CELLS = 16  # that the board has pins for, the serial line left free
 
@@ -89,7 +89,7 @@ def plan_firmware(
 
 
 def _half_period(key: str, hz: float, exposure_us: float) -> HalfPeriod:
-    if hz <= HIGHEST_HZ:
+    if hz <= MAX_HZ:
         _check_frequency(key, hz, exposure_us)
     try:
         return half_period(hz)

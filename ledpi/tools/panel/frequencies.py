@@ -25,10 +25,10 @@ class Flicker(StrEnum):
 # The light that tells a fifth of the depth apart from noise is 25 times that of the whole.
 NULL_SHARE = 0.2
 # Above, bands are half as deep as those of the lowest frequency, or less: a quarter of the information.
-_HIGHEST_OVER_LOWEST = 2.1
-_MOST_FREQUENCIES = 16  # that pairs are made from; an exposure of 0.1 s has ten times as many lobes
+_MAX_HZ_RATIO = 2.1
+_MAX_FREQUENCIES = 16  # that pairs are made from; an exposure of 0.1 s has ten times as many lobes
 # Where no null gives them places: steps, up to where bands get too narrow for the lens.
-_STEP_WITHOUT_NULLS, _HIGHEST_WITHOUT_NULLS = 1.1, 4.0
+_STEP_WITHOUT_NULLS, _MAX_HZ_WITHOUT_NULLS = 1.1, 4.0
 
 
 def null_share(frequency_hz: float, exposure_us: float, tolerance: float = 0.0) -> float:
@@ -81,16 +81,16 @@ def worthwhile_frequencies(exposure_us: float, lowest_hz: float) -> list[float]:
     """
     per_hz = exposure_us * 1e-6
     if lowest_hz * per_hz < 1.0:
-        highest_hz = _HIGHEST_WITHOUT_NULLS * lowest_hz
-        steps = int(math.log(_HIGHEST_WITHOUT_NULLS) / math.log(_STEP_WITHOUT_NULLS))
+        highest_hz = _MAX_HZ_WITHOUT_NULLS * lowest_hz
+        steps = int(math.log(_MAX_HZ_WITHOUT_NULLS) / math.log(_STEP_WITHOUT_NULLS))
         ideal = [lowest_hz * _STEP_WITHOUT_NULLS**k for k in range(steps + 1)]
     else:
-        highest_hz = _HIGHEST_OVER_LOWEST * lowest_hz
+        highest_hz = _MAX_HZ_RATIO * lowest_hz
         lobes = range(math.floor(lowest_hz * per_hz), math.ceil(highest_hz * per_hz) + 1)
         ideal = [_lobe_top(whole) / per_hz for whole in lobes]
     made = [_written(nearest_frequency(hz)) for hz in ideal]
     tried = [hz for hz in made if lowest_hz <= hz <= highest_hz]
-    return tried[:: math.ceil(len(tried) / _MOST_FREQUENCIES)]
+    return tried[:: math.ceil(len(tried) / _MAX_FREQUENCIES)]
 
 
 def off_mains_hz(frequency_hz: float) -> float:

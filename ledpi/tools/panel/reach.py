@@ -15,7 +15,7 @@ from ledpi.tools.panel.chances import chance_of_reading
 from ledpi.tools.panel.design import ENOUGH_NATS, Proposal, Task, farthest_m
 from ledpi.tools.panel.information import STREAM_FRAMES, View, evidence_of, separation_nats, view_panel
 
-SURE = 0.9  # the chance up to which a panel counts as within range
+RELIABLE = 0.9  # the chance up to which a panel counts as within range
 _DRAWS = 300  # a case
 # Where the outcome is certain nothing is drawn: far more than enough information, or far from it.
 _CERTAIN_NATS, _HOPELESS_NATS = 3 * ENOUGH_NATS, ENOUGH_NATS / 20
@@ -32,12 +32,12 @@ class Reach:
     stream: tuple[float, ...]
 
     def range_m(self, chances: Sequence[float]) -> float | None:
-        """How far every chance is SURE, read off between two distances; None where not even the nearest is."""
-        sure = [chance >= SURE for chance in (*chances, 0.0)].index(False)
-        if sure == 0 or sure == len(chances):
-            return self.distances_m[-1] if sure else None
-        (near_m, far_m), (before, after) = self.distances_m[sure - 1 : sure + 1], chances[sure - 1 : sure + 1]
-        return near_m * math.exp(math.log(far_m / near_m) * (before - SURE) / (before - after))
+        """How far every chance is RELIABLE, read off between two distances; None where not even the nearest is."""
+        count = [chance >= RELIABLE for chance in (*chances, 0.0)].index(False)
+        if count == 0 or count == len(chances):
+            return self.distances_m[-1] if count else None
+        (near_m, far_m), (before, after) = self.distances_m[count - 1 : count + 1], chances[count - 1 : count + 1]
+        return near_m * math.exp(math.log(far_m / near_m) * (before - RELIABLE) / (before - after))
 
 
 def reach_views(task: Task) -> list[View]:

@@ -18,7 +18,7 @@ from ledpi.tools.panel.sheet_parts import electrics, parts
 from ledpi.tools.panel.sheet_views import draw_back, draw_front, scaled_view, tile_count, true_views
 from ledpi.tools.panel.sheet_walls import draw_section, draw_wall
 
-_MOST_PARTS = 30  # that a panel is put together from
+_MAX_PARTS = 30  # that a panel is put together from
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,10 +40,10 @@ class Sheet:
 def sheet_pages(sheet: Sheet) -> list[tuple[str, Page]]:
     """The pages, each with a short name."""
     body = sheet.body
-    if tile_count(body) > _MOST_PARTS:
+    if tile_count(body) > _MAX_PARTS:
         raise ConfigError(
             f"a panel of {sheet.spec.side_m:g} m takes {tile_count(body)} pages of A4 at 1 : 1; must be at most "
-            f"{_MOST_PARTS}: --side 1, and a print shop for more"
+            f"{_MAX_PARTS}: --side 1, and a print shop for more"
         )
     back = (
         f"From the back, as it is soldered. ○: LED, {sheet.body.led_mm:g} mm; arrows: + to −, into an LED's long leg; "

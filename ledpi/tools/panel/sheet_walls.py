@@ -8,15 +8,15 @@ from ledpi.tools.panel.body import SLOT_PLAY_MM, Body
 from ledpi.tools.panel.paper import MARGIN_MM, Page, box
 
 _LEFT = MARGIN_MM + 20
-_WIDEST, _HIGHEST = 120.0, 30.0  # that a wall is drawn
+_MAX_WIDTH_MM, _MAX_HEIGHT_MM = 120.0, 30.0  # that a wall is drawn
 _CELL = 40.0  # of the section
 
 
 def draw_wall(page: Page, body: Body, y: float) -> None:
     """One of them with its slots; `y` is the page's height of its lower edge."""
-    long = min(_WIDEST, body.side_mm)
+    long = min(_MAX_WIDTH_MM, body.side_mm)
     scale = long / body.side_mm
-    high = min(_HIGHEST, scale * body.depth_mm)
+    high = min(_MAX_HEIGHT_MM, scale * body.depth_mm)
     box(page.paper, _LEFT, y, long, high)
     slot = max(0.8, scale * (body.wall_mm + SLOT_PLAY_MM))
     for number in range(1, body.cells):
@@ -37,7 +37,7 @@ def draw_wall(page: Page, body: Body, y: float) -> None:
 
 def draw_section(page: Page, body: Body, y: float) -> None:
     """Back plate, walls, diffuser and frame from the side, as if there were two cells."""
-    deep = min(_HIGHEST, _CELL * body.depth_mm / body.pitch_mm)
+    deep = min(_MAX_HEIGHT_MM, _CELL * body.depth_mm / body.pitch_mm)
     layers = (
         ("back plate with the LEDs", -3.0, 3.0, "0.75"),
         ("diffuser", deep, 3.0, "#dcebfa"),

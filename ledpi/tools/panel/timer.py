@@ -6,10 +6,10 @@ import math
 from dataclasses import dataclass
 
 CLOCK_HZ = 16_000_000
-LARGEST_ERROR_PPM = 100.0  # as much as a crystal may be off by itself
-MOST_CYCLES = 65_535  # the timer has 16 bits
+MAX_ERROR_PPM = 100.0  # as much as a crystal may be off by itself
+MAX_CYCLES = 65_535  # the timer has 16 bits
 # The interrupts of both classes, one after the other, take under 160 cycles; the rest is left to the serial line.
-FEWEST_CYCLES = 400
+MIN_CYCLES = 400
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,12 +35,12 @@ def frequency_of(cycles: int) -> float:
     return CLOCK_HZ / (2 * cycles)
 
 
-LOWEST_HZ, HIGHEST_HZ = frequency_of(MOST_CYCLES), frequency_of(FEWEST_CYCLES)
+MIN_HZ, MAX_HZ = frequency_of(MAX_CYCLES), frequency_of(MIN_CYCLES)
 
 
 def nearest_frequency(frequency_hz: float) -> float:
     """A frequency the timer makes, close to this one."""
-    return frequency_of(max(FEWEST_CYCLES, min(MOST_CYCLES, round(CLOCK_HZ / (2.0 * frequency_hz)))))
+    return frequency_of(max(MIN_CYCLES, min(MAX_CYCLES, round(CLOCK_HZ / (2.0 * frequency_hz)))))
 
 
 def half_period(frequency_hz: float) -> HalfPeriod:
@@ -51,19 +51,19 @@ def half_period(frequency_hz: float) -> HalfPeriod:
     """
     if not math.isfinite(frequency_hz) or frequency_hz <= 0:
         raise ValueError(f"a frequency must be positive and finite, not {frequency_hz}")
-    if frequency_hz < LOWEST_HZ * (1.0 - LARGEST_ERROR_PPM * 1e-6):
-        raise ValueError(f"{frequency_hz:g} Hz is too slow for the timer's 16 bits; the nearest is {LOWEST_HZ:.4f} Hz")
-    if frequency_hz > HIGHEST_HZ * (1.0 + LARGEST_ERROR_PPM * 1e-6):
-        raise ValueError(f"{frequency_hz:g} Hz leaves the interrupts no time; the nearest is {HIGHEST_HZ:.4f} Hz")
+    if frequency_hz < MIN_HZ * (1.0 - MAX_ERROR_PPM * 1e-6):
+        raise ValueError(f"{frequency_hz:g} Hz is too slow for the timer's 16 bits; the nearest is {MIN_HZ:.4f} Hz")
+    if frequency_hz > MAX_HZ * (1.0 + MAX_ERROR_PPM * 1e-6):
+        raise ValueError(f"{frequency_hz:g} Hz leaves the interrupts no time; the nearest is {MAX_HZ:.4f} Hz")
     exact = CLOCK_HZ / (2.0 * frequency_hz)
     # Between two whole numbers the middle in frequency is not the middle in cycles.
-    candidates = {min(max(n, FEWEST_CYCLES), MOST_CYCLES) for n in (math.floor(exact), math.ceil(exact))}
+    candidates = {min(max(n, MIN_CYCLES), MAX_CYCLES) for n in (math.floor(exact), math.ceil(exact))}
     found = [HalfPeriod(cycles=n, asked_hz=frequency_hz) for n in sorted(candidates, reverse=True)]
     best = min(found, key=lambda half: abs(half.error_ppm))
-    if abs(best.error_ppm) > LARGEST_ERROR_PPM:
+    if abs(best.error_ppm) > MAX_ERROR_PPM:
         nearest = " and ".join(f"{half.frequency_hz:.4f} Hz" for half in found)
         raise ValueError(
             f"{frequency_hz:g} Hz is {abs(best.error_ppm):.0f} ppm from what {CLOCK_HZ // 1_000_000} MHz can be "
-            f"divided to, at most {LARGEST_ERROR_PPM:.0f} are allowed; the nearest are {nearest}"
+            f"divided to, at most {MAX_ERROR_PPM:.0f} are allowed; the nearest are {nearest}"
         )
     return best

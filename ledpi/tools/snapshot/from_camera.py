@@ -39,7 +39,7 @@ class Looking:
             if frame is None:
                 return
             if isinstance(frame, Frame):
-                follower.see(frame, pipeline.decode(frame))
+                follower.update(frame, pipeline.decode(frame))
 
     def frames(self) -> Iterator[Frame]:
         """Frame by frame, each in the place of the one before, until the camera's end. Raises CameraError."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import NamedTuple
 
-from ledpi.config.settings import PanelSettings
+from ledpi.config.panels import PanelSettings
 from ledpi.core.errors import ConfigError, TapError
 from ledpi.core.records import CameraInfo, Frame, PanelValues
 from ledpi.pipeline.pipeline import Pipeline

@@ -34,7 +34,7 @@ LEFT, RIGHT = BORDER, BORDER + COLUMN + GUTTER
 WIDTH = RIGHT + COLUMN + BORDER
 PICTURES_TOP = 74  # below the heading and the pictures' titles
 BLOCKS_GAP, BLOCK_PITCH = 12, enlarged.HEIGHT + 8
-MOST_BLOCKS = 4
+MAX_BLOCKS = 4
 FOOTER, FOOTER_LINE, FOOTER_LETTERS = 20, 20, 130
 
 
@@ -44,7 +44,7 @@ def draw(snapshot: Snapshot, why: Why) -> Pixels:
     scale = COLUMN / int(frame.pixels.shape[1])
     pictures_end = PICTURES_TOP + round(frame.pixels.shape[0] * scale)
     told = numbered(why)
-    blocks = enlarged.blocks_of(snapshot, told)[:MOST_BLOCKS]
+    blocks = enlarged.blocks_of(snapshot, told)[:MAX_BLOCKS]
     blocks_top = pictures_end + BLOCKS_GAP
     blocks_end = blocks_top + (len(blocks) + 1) // 2 * BLOCK_PITCH
     footer = _footer(snapshot, told, why)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ledpi.config.settings import PanelSettings
+from ledpi.config.panels import PanelSettings
 from ledpi.core.records import CameraInfo, Decoded, Frame, Intrinsics
 from ledpi.diagnosis.diagnose import not_read_in
 from ledpi.diagnosis.why_not import Why, WhyNot

@@ -14,7 +14,7 @@ from ledpi.uemura.reader import BLACK_BAND, CELL_PX, WHITE_BAND, Square, Steps, 
 
 FRAME = (80, 210, 80)  # green, as in the paper
 DARK_BAND = 0.45  # of its class's colour, which a bright band has
-MOST_LINES = 7
+MAX_LINES = 7
 
 
 def uemura_rows(snapshot: Snapshot) -> list[Row]:
@@ -101,10 +101,10 @@ def _restored(view: View, steps: Steps) -> Canvas:
 def _results(view: View, steps: Steps) -> Canvas:
     tile = np.full((view.height, view.width, 3), BACKGROUND, np.uint8)
     lines = [_result(square) for square in steps.squares] or ["no square"]
-    for index, words in enumerate(lines[:MOST_LINES]):
+    for index, words in enumerate(lines[:MAX_LINES]):
         text(tile, words, (4, 24 + 24 * index), colour=TEXT if words.startswith("ID") else DROPPED)
-    if len(lines) > MOST_LINES:
-        text(tile, f"and {len(lines) - MOST_LINES} more squares", (4, 24 + 24 * MOST_LINES), colour=DIM)
+    if len(lines) > MAX_LINES:
+        text(tile, f"and {len(lines) - MAX_LINES} more squares", (4, 24 + 24 * MAX_LINES), colour=DIM)
     return tile
 
 

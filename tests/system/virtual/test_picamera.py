@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ledpi.camera.picamera import ASKED_AHEAD, STALL_PERIODS, PicameraCamera, open_picamera
+from ledpi.camera.picamera import open_picamera
+from ledpi.camera.picamera_stream import ASKED_AHEAD, STALL_PERIODS, PicameraCamera
 from ledpi.config.settings import CameraSettings
 from ledpi.core.errors import CameraError, CameraLostError
 from ledpi.core.records import Frame, Pixels, Rejected

@@ -70,7 +70,7 @@ def test_a_scene_is_the_same_again() -> None:
     assert scene(5) != scene(6)
 
 
-def test_a_place_that_is_no_number_is_told() -> None:
+def test_a_place_that_is_no_number_is_reported() -> None:
     """What a decoder says is looked at, too."""
     pose = marker_pose(7, 0)
     check_numbers(decoded(pose))
@@ -115,7 +115,9 @@ def fails(tmp_path: Path, program: str) -> bool:
     return not bench.run([found], dict(os.environ), tmp_path, 0.0)
 
 
-def test_a_failure_is_told_with_the_command_that_repeats_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_failure_is_reported_with_the_command_that_repeats_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """What the sanitizers said, and the scene that was begun last."""
     assert not fails(tmp_path, "print('scene 6'); print('scene 7'); print('Tally()')")
     assert "nothing found: Tally()" in capsys.readouterr().out

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.accuracy import bound as bench
-from ledpi.config.settings import PanelSettings
+from ledpi.config.panels import PanelSettings
 from ledpi.tools.evaluate.conditions import PLAIN, Condition
 from ledpi.tools.evaluate.replay import write_take
 

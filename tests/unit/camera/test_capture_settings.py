@@ -16,7 +16,7 @@ from ledpi.core.errors import CameraError
 
 CLASSES_HZ = (1250.0, 2450.0)
 ROW_US = 16001 / 504  # as the current driver's 58.333 MHz comes out of libcamera, in whole µs
-SHORTEST_US = 16001.0
+MIN_FRAME_US = 16001.0
 ASKED = {"ExposureTime": 10000, "AnalogueGain": 4.0, "FrameDurationLimits": (16168, 16168)}
 MADE = {"ExposureTime": 9969, "AnalogueGain": 4.0, "FrameDuration": 16159}
 CONFIGURED = {
@@ -26,7 +26,7 @@ CONFIGURED = {
 
 
 def rows(**settings: Any) -> int:
-    return frame_rows(CameraSettings(**settings), ROW_US, CLASSES_HZ, "ov5647", SHORTEST_US)
+    return frame_rows(CameraSettings(**settings), ROW_US, CLASSES_HZ, "ov5647", MIN_FRAME_US)
 
 
 # ---- Without picamera2
@@ -127,7 +127,7 @@ def test_a_long_exposure_lengthens_the_frame() -> None:
 def test_frequencies_that_stand_still_in_every_frame_are_said() -> None:
     """No period helps a frequency with whole cycles in each row; the key to set is named."""
     with pytest.raises(CameraError, match=r"^camera.frame_duration_us: no frame of "):
-        frame_rows(CameraSettings(), 25.0, (40_000.0,), "ov5647", SHORTEST_US)
+        frame_rows(CameraSettings(), 25.0, (40_000.0,), "ov5647", MIN_FRAME_US)
 
 
 # ---- The controls

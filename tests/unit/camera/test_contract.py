@@ -136,7 +136,7 @@ def test_the_description_is_fixed(camera: Camera) -> None:
         PanelSpec(**{key: value for key, value in asdict(camera.panel).items() if key != "dictionary"})
 
 
-def test_the_host_s_clock_is_told(camera: Camera) -> None:
+def test_the_host_s_clock_is_reported(camera: Camera) -> None:
     """On this machine's clock each frame's read-out has ended when it comes, and not long ago."""
     readout_ns = camera.info.height * camera.info.row_time_us * 1e3
     while (frame := camera.read(slot_for(camera))) is not None:

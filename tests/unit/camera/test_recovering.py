@@ -81,7 +81,7 @@ def test_a_lost_camera_is_closed_and_opened_again() -> None:
     assert camera.info == INFO
 
 
-def test_the_loss_is_told_before_the_camera_is_closed() -> None:
+def test_the_loss_is_reported_before_the_camera_is_closed() -> None:
     """Closing one that hangs takes its time, and the controller must not wait for it."""
     first = Short(1)
     camera = RecoveringCamera(opens(first, Short(9)))

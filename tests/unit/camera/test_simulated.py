@@ -53,6 +53,15 @@ def test_unpaced_it_delivers_every_frame_and_then_none() -> None:
     assert camera.read(buffer()) is None
 
 
+def test_it_may_begin_with_a_later_frame() -> None:
+    """Whose picture and time are as if those before it had been read."""
+    camera, later = SimulatedCamera(SCENE, seed=1, paced=False), SimulatedCamera(SCENE, seed=1, paced=False, first=2)
+    *_, third = (frame_of(camera, buffer()) for _ in range(3))
+    began = frame_of(later, buffer())
+    assert (began.seq, began.row0_readout_ns) == (third.seq, third.row0_readout_ns)
+    np.testing.assert_array_equal(began.pixels, third.pixels)
+
+
 def test_frames_are_the_renderers_in_the_readers_array() -> None:
     """The picture lands in the array that was given; the frame's view of it is read-only."""
     into, expected = buffer(), buffer()

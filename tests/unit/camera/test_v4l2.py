@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import time
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import cv2
@@ -30,6 +31,7 @@ def test_the_shutter_of_a_device_that_cannot_tell_its_row_time_is_measured(
     monkeypatch.chdir(tmp_path)
     Path("config.yaml").write_text(f"camera: {{source: 'v4l2:{DEVICE}'}}\npanels: {{side_m: 0.16}}\n")
     monkeypatch.setattr(cv2, "VideoCapture", Watching)
+    monkeypatch.setattr("ledpi.camera.v4l2.time", SimpleNamespace(monotonic_ns=lambda: Watching.now_ns))
     status, out, _ = in_process(monkeypatch, capsys)("calibrate", "shutter", "--frames", "40")
     assert status == 0
     assert "the driver does not report one" in out
@@ -68,20 +70,23 @@ class StandIn:
 
 
 class Watching(StandIn):
-    """One that looks at panel 7 at 1 m, and delivers each frame as it begins to arrive."""
+    """One that looks at panel 7 at 1 m. Its clock stands still between two frames: no busy machine misses one."""
+
+    now_ns = 0
 
     def __init__(self, device: str, backend: int) -> None:
         super().__init__(device, backend)
         config = load_config(None, ("camera.source=simulated",))
         sensor = simulated_sensor(config.camera, config.panels)
         scene = still_scene(sensor, {7: config.panels.spec()}, "DICT_4X4_50", distance_m=1.0, angle_deg=0.0)
-        self._camera = SimulatedCamera(scene, seed=0, paced=True)
+        self._camera = SimulatedCamera(scene, seed=0, paced=False)
 
     def read(self, buffer: np.ndarray) -> tuple[bool, Any]:
         grey = np.empty((480, 640), np.uint8)
         frame = self._camera.read(grey)
         assert isinstance(frame, Frame)
-        self.stamp_ns = frame.row0_readout_ns + frame.host_offset_ns
+        self.stamp_ns = frame.row0_readout_ns
+        Watching.now_ns = self.stamp_ns + 20_000_000
         return True, grey
 
 

@@ -333,7 +333,7 @@ def test_a_recording_without_one_of_its_files_names_it(ledpi: Run, take: Path, f
     assert f"{take / file}: is missing" in complaint(ledpi(take))
 
 
-def test_a_broken_recording_among_whole_ones_is_told_before_anything_is_printed(
+def test_a_broken_recording_among_whole_ones_is_reported_before_anything_is_printed(
     ledpi: Run, kept: Path, take: Path
 ) -> None:
     """So that no half of an experiment is taken for the whole."""
@@ -356,7 +356,7 @@ def test_what_is_no_input_is_named(ledpi: Run, tmp_path: Path, name: str, messag
     assert message in complaint(ledpi(tmp_path / name))
 
 
-def test_recordings_of_one_name_are_told_apart_by_their_paths(ledpi: Run, kept: Path, take: Path) -> None:
+def test_recordings_of_one_name_are_distinguished_by_their_paths(ledpi: Run, kept: Path, take: Path) -> None:
     """One whose name no other has keeps it."""
     own = take.rename(take.with_name("one"))
     _, output, _ = ledpi(kept / "one", own, kept / "deep" / "two")
@@ -375,7 +375,7 @@ def test_as_live_needs_a_recording_that_was_decoded_live(ledpi: Run, take: Path)
     assert "--as-live: does not say which frames were decoded live" in complaint(ledpi("--as-live", take))
 
 
-def test_that_is_told_before_anything_is_printed(ledpi: Run, kept: Path, take: Path) -> None:
+def test_that_is_reported_before_anything_is_printed(ledpi: Run, kept: Path, take: Path) -> None:
     """Of a recording that comes after one which says so."""
     frames = take / "frames.jsonl"
     frames.write_text(frames.read_text().replace("}\n", ', "decoded": true}\n'))
@@ -465,7 +465,7 @@ def test_a_lens_of_another_size_is_refused_for_a_recording_too(ledpi: Run, kept:
     assert "was made for pictures of 320 × 240 pixels" in line
 
 
-def test_a_recording_and_an_override_that_contradict_each_other_are_told(
+def test_a_recording_and_an_override_that_contradict_each_other_are_reported(
     ledpi: Run, kept: Path, tmp_path: Path
 ) -> None:
     """Each is right by itself: 1250 Hz for panel 7's white cells, where the recording has black ones at 1250."""

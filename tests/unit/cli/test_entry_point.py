@@ -104,7 +104,7 @@ def test_it_says_its_version() -> None:
         ("run --set", "ledpi: option '--set' requires an argument"),
     ],
 )
-def test_a_word_that_cannot_be_is_told_in_one_line(
+def test_a_word_that_cannot_be_is_reported_in_one_line(
     command: str, said: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """With the command's name, and status 2."""

@@ -80,7 +80,7 @@ def test_the_drive_moves(tmp_path: Path) -> None:
         (["--config", "nowhere.yaml"], "nowhere.yaml: cannot be read"),
     ],
 )
-def test_what_cannot_be_rendered_is_told_in_one_line(arguments: list[str], message: str) -> None:
+def test_what_cannot_be_rendered_is_reported_in_one_line(arguments: list[str], message: str) -> None:
     """The option or key that is wrong, and nothing is written."""
     with pytest.raises(LedpiError) as told:
         run("out", *arguments)

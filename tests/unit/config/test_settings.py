@@ -146,7 +146,7 @@ def test_missing_size_names_the_key(tmp_path: Path) -> None:
         assert message(write(tmp_path, text)).endswith("panels.side_m: must be given (it has no default)")
 
 
-def test_without_any_configuration_it_is_told_where_one_is_sought() -> None:
+def test_without_any_configuration_it_is_reported_where_one_is_sought() -> None:
     """Rather than which key is missing from none."""
     assert message(None) == "no configuration: --config FILE, ./config.yaml or /etc/ledpi/config.yaml"
 
@@ -263,7 +263,7 @@ def test_lookup_order(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("value", ["2001-99-99", "!!timestamp x"])
-def test_a_date_that_is_none_is_told_in_one_line(tmp_path: Path, value: str) -> None:
+def test_a_date_that_is_none_is_reported_in_one_line(tmp_path: Path, value: str) -> None:
     """PyYAML raises what is no YAMLError there; the file is named all the same, and so is the override."""
     file = tmp_path / "config.yaml"
     file.write_text(f"panels: {{side_m: {value}}}\n")
@@ -273,7 +273,7 @@ def test_a_date_that_is_none_is_told_in_one_line(tmp_path: Path, value: str) -> 
         load_config(None, (f"panels.side_m={value}",))
 
 
-def test_an_override_of_a_thousand_brackets_is_told_in_one_line() -> None:
+def test_an_override_of_a_thousand_brackets_is_reported_in_one_line() -> None:
     """PyYAML goes as deep as Python lets it, and no further."""
     with pytest.raises(ConfigError, match="is not a YAML value"):
         load_config(None, (f"panels.side_m={'[' * 5000}",))

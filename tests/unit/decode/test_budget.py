@@ -17,7 +17,7 @@ from ledpi.core.records import Decoded, Floats, Frame
 from ledpi.pipeline.likelihood import STREAM_BUDGET
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.runtime.daemon import Daemon
-from ledpi.runtime.pacing import LEAST, MOST, SHARE, Pacing
+from ledpi.runtime.pacing import MAX_BUDGET, MIN_BUDGET, SHARE, Pacing
 from tests.builders.daemon import SIMULATED, controller
 from tests.builders.decode import PINHOLE, Bits, Canvas, camera_info, panel_settings, square, word
 
@@ -48,7 +48,7 @@ def ids(decoded: Decoded) -> set[int]:
     return {marker.detection.id for marker in decoded.markers}
 
 
-@pytest.mark.parametrize("budget", [STREAM_BUDGET, 3 * LEAST])
+@pytest.mark.parametrize("budget", [STREAM_BUDGET, 3 * MIN_BUDGET])
 def test_a_panel_is_followed_beside_128_squares(budget: int) -> None:
     """It is read in every frame, and none spends a candidate more than it may."""
     path = stream()
@@ -108,7 +108,7 @@ def test_a_budget_follows_from_how_long_frames_take() -> None:
     assert again[-1] == pytest.approx(fast[-1], rel=0.05)
 
 
-@pytest.mark.parametrize(("took_ms", "budget"), [(1e9, LEAST), (0.0, MOST)])
+@pytest.mark.parametrize(("took_ms", "budget"), [(1e9, MIN_BUDGET), (0.0, MAX_BUDGET)])
 def test_a_budget_has_limits(took_ms: float, budget: int) -> None:
     """However long frames take, or short."""
     assert after(Pacing(period_ms=1e3 / RATE_HZ), 200, spent=100_000, took_ms=took_ms)[-1] == budget
@@ -140,4 +140,4 @@ def test_a_daemon_whose_frames_take_long_searches_less(lossless: bool, monkeypat
         line.close()
     assert len(budgets) > 2
     assert budgets[0] == STREAM_BUDGET
-    assert budgets[-1] == (STREAM_BUDGET if lossless else LEAST)
+    assert budgets[-1] == (STREAM_BUDGET if lossless else MIN_BUDGET)

@@ -133,7 +133,7 @@ def test_where_nothing_is_saturated_everything_is_valid() -> None:
     assert sampled(picture(SHAPES["upright"]), quad(SHAPES["upright"])).valid is None
 
 
-def test_a_cell_that_is_saturated_all_over_is_told() -> None:
+def test_a_cell_that_is_saturated_all_over_is_reported() -> None:
     """Bands cannot be seen there; a guess about one cell is no reading of a panel."""
 
     def one_blown(u: Floats, v: Floats) -> Floats:
@@ -144,19 +144,19 @@ def test_a_cell_that_is_saturated_all_over_is_told() -> None:
     assert reason(sample_cells(canvas.frame(None), quad(SHAPES["upright"]), 4)) == "cells.saturated"
 
 
-def test_a_panel_without_light_is_told() -> None:
+def test_a_panel_without_light_is_reported() -> None:
     """A cell of value 0 throughout has no light whose bands could be measured."""
     dark = Canvas(background=0.0).frame(None)
     assert reason(sample_cells(dark, quad(SHAPES["upright"]), 4)) == "cells.dark"
 
 
 @pytest.mark.parametrize("place", [(20, 240), (625, 240), (320, 15), (320, 470)])
-def test_a_panel_that_is_partly_outside_is_told(place: tuple[float, float]) -> None:
+def test_a_panel_that_is_partly_outside_is_reported(place: tuple[float, float]) -> None:
     """Nothing is read beyond the picture's edge."""
     assert reason(sample_cells(Canvas().frame(None), quad(square(*place, 60)), 4)) == "cells.outside_picture"
 
 
-def test_cells_smaller_than_can_be_told_apart_are_refused() -> None:
+def test_cells_smaller_than_can_be_distinguished_are_refused() -> None:
     """A pixel and a half a cell is too little, also where only one side is so short."""
     narrow = np.array([[300.0, 200], [306, 200], [306, 260], [300, 260]])
     frame = Canvas().frame(None)

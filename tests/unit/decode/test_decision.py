@@ -143,7 +143,7 @@ def test_other_frequencies_and_duty_are_read_where_they_are_known() -> None:
     assert reading_of(read_at(canvas.frame(), corners, book)) == (17, 0)
 
 
-def test_the_bands_depth_is_told() -> None:
+def test_the_bands_depth_is_reported() -> None:
     """Amplitude over the mean of either class at 10 ms: the first harmonic of a square wave, box-filtered."""
     shown = panel_shown(word(7), side=240)
     assert isinstance(shown, Reading)

@@ -144,7 +144,7 @@ def test_with_two_wrong_cells_beside_the_erased_one_it_is_no_word() -> None:
     assert reason(decide(evidence_for(wrong, erased=(5,)), BOOK, 1e-6)) == "identify.not_in_dictionary"
 
 
-def test_two_words_that_differ_in_erased_cells_only_are_not_told_apart() -> None:
+def test_two_words_that_differ_in_erased_cells_only_are_not_distinguished() -> None:
     """Without 6, 8, 10 and 14 a panel may be 7 or 44: it is read as neither. Where 14 is seen, it is 7."""
     assert reason(decide(evidence_for(word(7), erased=(6, 8, 10, 14)), BOOK, 1e-6)) == "identify.ambiguous"
     assert getattr(decide(evidence_for(word(7), erased=(6, 8, 10)), BOOK, 1e-6), "id", None) == 7

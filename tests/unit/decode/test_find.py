@@ -13,11 +13,11 @@ from ledpi.core.records import Floats, Frame, Rejected, Transfer
 from ledpi.decode.finding.outlines import Finder
 from tests.builders.decode import Canvas, flat, square, word
 
-SMALLEST_PX = 10.0
+MIN_PX = 10.0
 
 
 def find(frame: Frame) -> tuple[list[Floats], list[str]]:
-    found, dropped = Finder(640, 480, SMALLEST_PX).find(frame)
+    found, dropped = Finder(640, 480, MIN_PX).find(frame)
     return found, [rejected.key for rejected in dropped]
 
 
@@ -72,7 +72,7 @@ def test_several_panels_are_found() -> None:
 
 
 @pytest.mark.parametrize("side", [40, 100])
-def test_neighbours_are_told_apart(side: float) -> None:
+def test_neighbours_are_distinguished(side: float) -> None:
     """Two panels with half a cell of wall between them, and a bright window a cell away, are three things."""
     gap = side / 8
     left, right = square(250, 240, side), square(250 + side + gap, 240, side)
@@ -138,7 +138,7 @@ def test_a_finder_keeps_nothing_of_the_last_picture() -> None:
     """Its work space is used again: an empty picture after a full one holds nothing, and the same gives the same."""
     canvas = Canvas()
     canvas.panel(square(320, 240, 100), word(7))
-    finder = Finder(640, 480, SMALLEST_PX)
+    finder = Finder(640, 480, MIN_PX)
     first, _ = finder.find(canvas.frame())
     nothing, _ = finder.find(Canvas().frame())
     again, _ = finder.find(canvas.frame())
@@ -195,4 +195,4 @@ def test_a_picture_too_small_for_any_panel_holds_none(size: tuple[int, int]) -> 
     height, width = size
     pixels = np.random.default_rng(1).integers(0, 256, size, np.uint8)
     frame = dataclasses.replace(Canvas().frame(), pixels=pixels)
-    assert Finder(width, height, SMALLEST_PX).find(frame)[0] == []
+    assert Finder(width, height, MIN_PX).find(frame)[0] == []

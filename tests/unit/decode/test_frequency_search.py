@@ -35,7 +35,7 @@ def proposed(
     return propose_frequencies(seen, spec, Codebook.build(range(50), dictionary, spec))
 
 
-def test_both_frequencies_are_told() -> None:
+def test_both_frequencies_are_reported() -> None:
     """Of oscillators that are 1 % off."""
     found = proposed((1250.0, 2450.0), (1262.0, 2431.0))
     assert found is not None
@@ -95,7 +95,7 @@ def test_a_slow_class_stands_still_at_no_frequency() -> None:
     assert proposed((20.0, 2450.0), (1262.0, 2450.0)) is None
 
 
-def test_classes_that_are_near_each_other_are_told_apart() -> None:
+def test_classes_that_are_near_each_other_are_distinguished() -> None:
     """Both of 1240 and 1262 Hz would stand still at 1237.5 Hz."""
     found = proposed((1240.0, 1262.0), (1250.0, 1262.0))
     assert found is not None

@@ -57,7 +57,7 @@ def test_what_is_lit_ends_within_the_lattice_by_the_rim() -> None:
     np.testing.assert_allclose(down, [0.0, 0.0, 3.94, 3.94], atol=2e-3)
 
 
-def test_blur_gap_gains_and_what_is_beside_are_told() -> None:
+def test_blur_gap_gains_and_what_is_beside_are_reported() -> None:
     """Each as it was drawn; the blur with what interpolation adds, a sixth of a square pixel."""
     gains = np.random.default_rng(2).uniform(0.7, 1.3, (4, 4))
     panel = Panel(corners=TRUE, blur_px=1.0, gap=0.12, hot=0.2, gains=gains, beside=(0.1, 0.3, 0.05, 0.2), dark=0.05)

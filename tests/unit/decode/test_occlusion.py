@@ -43,7 +43,7 @@ def test_a_single_frame_is_read_although_a_corner_or_an_edge_is_covered(
     ("shade", "exposure_us"),
     [(CORNER, 560.0), (CORNER, 640.0), (CORNER, 1000.0), (EDGE, 500.0), (EDGE, 640.0), (EDGE, 1000.0)],
 )
-def test_what_is_covered_is_told_from_bands_that_are_as_dark(
+def test_what_is_covered_is_reported_from_bands_that_are_as_dark(
     shade: tuple[tuple[float, float], tuple[float, float]], exposure_us: float
 ) -> None:
     """By what the panel's whole picture shows of these. Corners are found, too."""

@@ -104,7 +104,7 @@ def test_without_intrinsics_the_pose_is_null() -> None:
     }
 
 
-def test_the_other_pose_is_told_where_it_cannot_be_excluded() -> None:
+def test_the_other_pose_is_reported_where_it_cannot_be_excluded() -> None:
     """With the same keys as the first."""
     one = PlanarSolution(camera_from_marker=pose(), reprojection_px=0.1, chi2=1.0)
     other = PlanarSolution(camera_from_marker=pose(), reprojection_px=0.25, chi2=1.0)

@@ -20,7 +20,7 @@ from ledpi.pipeline.state_file import MAX_BYTES, STATE_FILE, as_bytes, resume_fr
 from tests.builders import ROOT
 from tests.builders.rewind import EVERY, Stream, exactly, robot_in, stream
 
-COUNT = 50  # frames: both panels are read, and followed, from the 12th or so on
+COUNT = 40  # frames: both panels are read, and followed, from the 12th or so on
 LATE = 2 * EVERY
 
 
@@ -70,7 +70,7 @@ def test_a_recording_without_a_state_has_none(drive: Stream, tmp_path: Path) -> 
     assert not resume_from(tmp_path, drive.pipeline())
 
 
-def test_its_size_is_told_beforehand(drive: Stream) -> None:
+def test_its_size_is_known_beforehand(drive: Stream) -> None:
     """No less than it takes, and not several times as much: rewind's memory is counted by it."""
     state = drive.states[COUNT // EVERY * EVERY]
     assert len(as_bytes(state)) <= size_of(state) <= 4 * len(as_bytes(state))
@@ -234,7 +234,7 @@ def test_no_state_brings_the_decoder_down(drive: Stream, tmp_path: Path) -> None
         folders.append(tmp_path / str(number))
         folders[-1].mkdir()
         (folders[-1] / STATE_FILE).write_bytes(content)
-    few = Stream(drive.config, drive.camera, None, drive.frames[LATE : LATE + 4], [], {})
+    few = Stream(drive.config, drive.camera, None, drive.frames[LATE : LATE + 2], [], {})
     (tmp_path / "stream").write_bytes(pickle.dumps(few))
     command = [sys.executable, "-c", FUZZ, str(tmp_path / "stream"), *map(str, folders)]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=300, check=False)

@@ -132,7 +132,7 @@ def test_each_sighting_gets_its_answer() -> None:
     assert isinstance(answers[1], MarkerPose)
 
 
-def test_panels_that_hang_upright_are_told_from_their_mirror_images() -> None:
+def test_panels_that_hang_upright_are_reported_from_their_mirror_images() -> None:
     """A camera that looks up by 35° at a panel 3.5 m away: its mirror image leans by 70° from the wall.
 
     Whatever this frame's noise says, it is excluded where panels are known to hang upright.

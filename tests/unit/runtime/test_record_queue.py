@@ -5,16 +5,11 @@ from __future__ import annotations
 import time
 import tracemalloc
 
-import numpy as np
 import pytest
 
-from ledpi.core.records import Decoded, Frame
 from ledpi.pipeline.state import PipelineState
-from ledpi.runtime.record_queue import FEWEST, MOST_BYTES, MOST_FRAMES, RecordQueue
-from tests.builders.rewind import EVERY, Stream, later, stream
-
-HEIGHT, WIDTH = 480, 640
-PERIOD_NS = 20_000_000
+from ledpi.runtime.record_queue import MAX_BYTES, MAX_FRAMES, MIN_FRAMES, RecordQueue
+from tests.builders.rewind import EVERY, HEIGHT, WIDTH, Stream, later, nothing_in, numbered, stream
 
 
 @pytest.fixture(scope="module")
@@ -28,29 +23,10 @@ def state(drive: Stream) -> PipelineState:
     return drive.states[EVERY]
 
 
-def frame(seq: int) -> Frame:
-    """All its pixels are its number."""
-    pixels = np.full((HEIGHT, WIDTH), seq % 256, np.uint8)
-    at_ns = 1_000_000_000 + seq * PERIOD_NS
-    return Frame(pixels=pixels, seq=seq, row0_readout_ns=at_ns, exposure_us=1e4, row_time_us=33.67, transfer="linear")
-
-
-def decoded(of: Frame) -> Decoded:
-    return Decoded(
-        seq=of.seq,
-        row0_readout_ns=of.row0_readout_ns,
-        host_offset_ns=0,
-        markers=(),
-        robot=None,
-        rejected=(),
-        stage_ms={"find": 1.0},
-    )
-
-
 def keep(queue: RecordQueue, state: PipelineState, *seqs: int) -> None:
     for seq in seqs:
-        of = frame(seq)
-        queue.keep(of, decoded(of), 1000 + seq, lambda: state)
+        of = numbered(seq)
+        queue.keep(of, nothing_in(of), 1000 + seq, lambda: state)
 
 
 def rest(queue: RecordQueue) -> list[int]:
@@ -77,22 +53,22 @@ def test_it_begins_with_the_state_after_the_first_frame(state: PipelineState) ->
 def test_what_finds_no_room_is_dropped_and_counted(state: PipelineState) -> None:
     """The newest go, so what waits has no gap; with room again there is one, in order."""
     queue = RecordQueue(HEIGHT, WIDTH)
-    keep(queue, state, *range(MOST_FRAMES + 11))
+    keep(queue, state, *range(MAX_FRAMES + 11))
     assert queue.dropped == 10
     oldest = queue.next(time.monotonic() + 60)
     assert oldest is not None
     queue.give_back(oldest)
     keep(queue, state, 200)
-    assert rest(queue) == [*range(2, MOST_FRAMES + 1), 200]
+    assert rest(queue) == [*range(2, MAX_FRAMES + 1), 200]
     assert queue.dropped == 10
 
 
 def test_its_memory_is_bounded_and_there_before_the_first_frame(state: PipelineState) -> None:
     """Of large pictures there are fewer; no frame asks for as much as a tenth of a picture."""
-    assert RecordQueue(2000, 3000).frames == FEWEST
-    assert RecordQueue(1232, 1640).frames * 1232 * 1640 <= MOST_BYTES
+    assert RecordQueue(2000, 3000).frames == MIN_FRAMES
+    assert RecordQueue(1232, 1640).frames * 1232 * 1640 <= MAX_BYTES
     queue = RecordQueue(HEIGHT, WIDTH)
-    coming = [(of, decoded(of)) for of in map(frame, range(2 * MOST_FRAMES))]
+    coming = [(of, nothing_in(of)) for of in map(numbered, range(2 * MAX_FRAMES))]
     tracemalloc.start()
     try:
         before = tracemalloc.get_traced_memory()[0]

@@ -27,11 +27,12 @@ from ledpi.recording.reader import load_recording
 from ledpi.recording.writer import RecordingWriter
 from ledpi.runtime.recorder import BEHIND, LIVE_FILE, WAITING, Recorder
 from tests.builders import ROOT
+from tests.builders.daemon import SIMULATED as SETTINGS
 
 COMMAND = [sys.executable, "-c", "from ledpi.cli import main; main()"]
 INFO = CameraInfo(width=64, height=48, exposure_us=1e4, row_time_us=31.75, transfer="linear", frame_length_rows=504)
 SPEC = PanelSpec(side_m=0.16, black_hz=1250.0, white_hz=2450.0)
-SIMULATED = ("--set", "camera.source=simulated", "--set", "panels.side_m=0.16")
+SIMULATED = tuple(part for setting in SETTINGS for part in ("--set", setting))
 
 
 class Steps:
@@ -207,7 +208,7 @@ def test_a_bug_in_an_encoder_ends_it(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert [str(error) for error in ended] == ["a bug"]
 
 
-def test_a_camera_that_was_lost_meanwhile_is_told(tmp_path: Path) -> None:
+def test_a_camera_that_was_lost_meanwhile_is_reported(tmp_path: Path) -> None:
     """However many attempts it took to open it again; what it did not make meanwhile is not counted as missed."""
     one = recorder(tmp_path / "take", Steps(0, 1, LOST, LOST, LOST, 2, 3))
     one.run()
@@ -218,7 +219,7 @@ def test_a_camera_that_was_lost_meanwhile_is_told(tmp_path: Path) -> None:
 def test_a_replay_decodes_as_live(tmp_path: Path) -> None:
     """The simulated drive, recorded and decoded live; `decode --as-live` gives the same lines, apart from times."""
     take = tmp_path / "take"
-    done = record(str(take), "--seconds", "2", *SIMULATED)
+    done = record(str(take), "--seconds", "1.5", *SIMULATED)
     assert done.returncode == 0, done.stderr
     command = [*COMMAND, "decode", "--as-live", str(take)]
     replay = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True, timeout=60).stdout
@@ -249,7 +250,7 @@ def test_ctrl_c_ends_it_in_order(tmp_path: Path) -> None:
 
 
 def test_it_is_bounded_by_size(tmp_path: Path) -> None:
-    """A megabyte is some six frames; it ends soon after, and long before its time."""
+    """A megabyte is some 25 frames; it ends soon after, and long before its time."""
     done = record(str(tmp_path / "take"), "--seconds", "50", "--max-mb", "1", *SIMULATED)
     assert done.returncode == 0
     assert sum(path.stat().st_size for path in (tmp_path / "take/frames").iterdir()) >= 1e6

@@ -6,18 +6,14 @@ import math
 import tracemalloc
 from itertools import pairwise
 
-import numpy as np
 import pytest
 
-from ledpi.core.records import Decoded, Frame
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.pipeline.state import PipelineState
-from ledpi.runtime.rewind_ring import FEWEST, SPARE, RewindRing
-from ledpi.runtime.rooms import Kept
-from tests.builders.rewind import EVERY, Stream, later, stream
+from ledpi.runtime.frame_buffers import KeptFrame
+from ledpi.runtime.rewind_ring import MIN_FRAMES, SPARE, RewindRing
+from tests.builders.rewind import EVERY, HEIGHT, PERIOD_NS, WIDTH, Stream, later, nothing_in, numbered, stream
 
-HEIGHT, WIDTH = 480, 640
-PERIOD_NS = 20_000_000
 PLENTY = 400 * HEIGHT * WIDTH
 
 
@@ -33,25 +29,6 @@ def state(drive: Stream) -> PipelineState:
     return drive.states[2 * EVERY]._replace(followed=followed._replace(tracks=followed.tracks[:2]))
 
 
-def frame(seq: int) -> Frame:
-    """All its pixels are its number."""
-    pixels = np.full((HEIGHT, WIDTH), seq % 256, np.uint8)
-    at_ns = 1_000_000_000 + seq * PERIOD_NS
-    return Frame(pixels=pixels, seq=seq, row0_readout_ns=at_ns, exposure_us=1e4, row_time_us=33.67, transfer="linear")
-
-
-def decoded(of: Frame) -> Decoded:
-    return Decoded(
-        seq=of.seq,
-        row0_readout_ns=of.row0_readout_ns,
-        host_offset_ns=0,
-        markers=(),
-        robot=None,
-        rejected=(),
-        stage_ms={"find": 1.0},
-    )
-
-
 def ring_of(seconds: float, state: PipelineState, most_bytes: int = PLENTY) -> RewindRing:
     ring = RewindRing(HEIGHT, WIDTH, PERIOD_NS * 1e-6, seconds, most_bytes)
     ring.begin(state)
@@ -60,11 +37,11 @@ def ring_of(seconds: float, state: PipelineState, most_bytes: int = PLENTY) -> R
 
 def keep(ring: RewindRing, state: PipelineState, *seqs: int) -> None:
     for seq in seqs:
-        of = frame(seq)
-        ring.keep(of, decoded(of), 1000 + seq, lambda: state)
+        of = numbered(seq)
+        ring.keep(of, nothing_in(of), 1000 + seq, lambda: state)
 
 
-def seqs(kept: list[Kept]) -> list[int]:
+def seqs(kept: list[KeptFrame]) -> list[int]:
     return [each.frame.seq for each in kept]
 
 
@@ -165,7 +142,7 @@ def test_memory_holds_as_much_as_it_may(state: PipelineState) -> None:
     ring = ring_of(60.0, state, most)
     keep(ring, state, *range(200))
     kept = ring.take()
-    assert FEWEST < ring.frames < 40
+    assert MIN_FRAMES < ring.frames < 40
     assert ring.frames * HEIGHT * WIDTH + sum(each.side_bytes for each in kept) <= most
     assert len(kept) > ring.frames / 4  # less than a second, and still there is a state to begin at
 
@@ -209,7 +186,7 @@ def test_no_frame_asks_for_memory(state: PipelineState) -> None:
     """Once it is full, rooms are used again: no frame takes as much as a tenth of a picture, not even for a moment."""
     ring = ring_of(0.5, state)
     keep(ring, state, *range(200))
-    coming = [(of, decoded(of)) for of in map(frame, range(200, 300))]
+    coming = [(of, nothing_in(of)) for of in map(numbered, range(200, 300))]
     tracemalloc.start()
     try:
         before = tracemalloc.get_traced_memory()[0]

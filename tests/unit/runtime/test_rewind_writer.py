@@ -20,14 +20,14 @@ from ledpi.recording.reader import load_recording
 from ledpi.runtime import takes
 from ledpi.runtime.recorder import LIVE_FILE
 from ledpi.runtime.rewind_ring import RewindRing
-from ledpi.runtime.rewind_writer import MOST_WAITING, RewindWriter
-from ledpi.runtime.takes import MOST_AUTOMATIC, Shown
+from ledpi.runtime.rewind_writer import MAX_WAITING, RewindWriter
+from ledpi.runtime.takes import MAX_AUTOMATIC, Shown
 from tests.builders import ROOT
-from tests.builders.rewind import EVERY, Stream, as_lines, decoded_live, exactly, stream, without_times
+from tests.builders.rewind import EVERY, HEIGHT, WIDTH, Stream, as_lines, decoded_live, exactly, stream, without_times
 
 COMMAND = [sys.executable, "-c", "from ledpi.cli import main; main()"]
 SPEC = PanelSpec(side_m=0.16, black_hz=1250.0, white_hz=2450.0)
-COUNT, FIRST = 45, EVERY
+COUNT, FIRST = 2 * EVERY + 1, EVERY
 PATIENCE_S = 120.0
 
 
@@ -38,7 +38,7 @@ def drive() -> Stream:
 
 def ring_with(drive: Stream, decoded: list[Decoded], budgets: list[int]) -> RewindRing:
     """All from FIRST on, the state before it included."""
-    ring = RewindRing(480, 640, 17.0, 10.0, 300_000_000)
+    ring = RewindRing(HEIGHT, WIDTH, 35.0, 10.0, 300_000_000)
     ring.begin(drive.states[FIRST])
     for frame, result, budget in zip(drive.frames[FIRST:], decoded, budgets, strict=True):
         ring.keep(frame, result, budget, lambda: drive.states[FIRST])
@@ -86,7 +86,7 @@ def test_it_decodes_to_the_last_bit(drive: Stream, tmp_path: Path) -> None:
     assert resume_from(folder, pipeline)
     again = []
     for entry in recording.frames:
-        picture = np.empty((480, 640), np.uint8)
+        picture = np.empty((HEIGHT, WIDTH), np.uint8)
         assert read_picture(entry.picture, picture) is None
         again.append(exactly(pipeline.decode(recording.frame(entry, picture))))
     assert again == [exactly(decoded) for decoded in live]
@@ -153,7 +153,7 @@ def test_a_recording_that_is_cut_off_is_one(drive: Stream, tmp_path: Path, monke
             writer._stop.set()
 
     monkeypatch.setattr(ring, "give_back", lambda kept: (count(kept), give_back(kept)))
-    with pytest.raises(RecordingError, match=r"\.part: cut off after 12 of 30 frames: the daemon ends"):
+    with pytest.raises(RecordingError, match=r"\.part: cut off after 12 of 16 frames: the daemon ends"):
         writer.write("asked", ring.take()).result(PATIENCE_S)
     writer.close()
     (part,) = tmp_path.iterdir()
@@ -162,9 +162,9 @@ def test_a_recording_that_is_cut_off_is_one(drive: Stream, tmp_path: Path, monke
     assert len(given) == COUNT - FIRST  # every room is free again
 
 
-def test_a_disk_that_is_too_full_is_told(drive: Stream, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_disk_that_is_too_full_is_reported(drive: Stream, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Before anything is written, as a disk that ledpi has filled stops more than ledpi; the rooms are free again."""
-    monkeypatch.setattr(takes, "LEAST_FREE_BYTES", 10**18)
+    monkeypatch.setattr(takes, "MIN_FREE_BYTES", 10**18)
     ring = ring_with(drive, drive.live[FIRST:], [150_000] * (COUNT - FIRST))
     before = ring.room
     writer = writer_of(ring, tmp_path / "takes", drive)
@@ -185,7 +185,7 @@ def test_those_that_nobody_asked_for_do_not_pile_up(drive: Stream, tmp_path: Pat
     writer = writer_of(ring, tmp_path, drive)
     path = writer.write("camera_lost", ring.take()).result(PATIENCE_S)
     writer.close()
-    assert {p.name for p in tmp_path.iterdir()} == {*old[-MOST_AUTOMATIC + 1 :], *kept, path.name}
+    assert {p.name for p in tmp_path.iterdir()} == {*old[-MAX_AUTOMATIC + 1 :], *kept, path.name}
 
 
 def test_two_in_one_second_have_names_of_their_own(drive: Stream, tmp_path: Path) -> None:
@@ -206,7 +206,7 @@ def test_more_than_it_can_write_is_refused(drive: Stream, tmp_path: Path) -> Non
     ring = ring_with(drive, drive.live[FIRST:], [150_000] * (COUNT - FIRST))
     shown = Shown(camera=drive.camera, dictionary="DICT_4X4_50", panel=SPEC, source="simulated")
     writer = RewindWriter(ring, tmp_path, shown)  # it is not started, and writes nothing
-    for _ in range(MOST_WAITING):
+    for _ in range(MAX_WAITING):
         writer.write("asked", [])
     kept, before = ring.take(), ring.room
     with pytest.raises(RecordingError, match="others are still being written"):

@@ -210,7 +210,7 @@ NO_WORDS = {
 
 
 @pytest.mark.parametrize("pattern", NO_WORDS.values(), ids=NO_WORDS)
-def test_a_panel_that_shows_no_word_is_told(pattern: str) -> None:
+def test_a_panel_that_shows_no_word_is_reported(pattern: str) -> None:
     """The cells are read as they are, and OpenCV knows no such marker."""
     steps = reader().read(photograph(drawn(pattern)))
     assert detections(steps) == []
@@ -291,7 +291,7 @@ def test_d_each_band_is_of_the_class_whose_width_is_nearer() -> None:
     np.testing.assert_array_equal(classes, np.repeat(expected, heights)[:, None].repeat(2, axis=1))
 
 
-def test_d_widths_are_told_apart_whichever_class_has_the_wider() -> None:
+def test_d_widths_are_distinguished_whichever_class_has_the_wider() -> None:
     """A panel may blink faster where its word is black."""
     np.testing.assert_array_equal(classify(columns([6, 12]), (6.0, 12.0))[:, 0], [BLACK_BAND] * 6 + [WHITE_BAND] * 12)
 
@@ -428,7 +428,7 @@ def test_it_claims_no_margin() -> None:
         assert (marker.detection.margin, marker.detection.frames_used) == (0.0, 1)
 
 
-def test_its_time_is_told_under_its_own_name() -> None:
+def test_its_time_is_reported_under_its_own_name() -> None:
     """Nothing is spent on the stages of the other method."""
     decoded = path(exposure_us=SHORT_US).decode(photograph(word(7)))
     assert list(decoded.stage_ms) == ["uemura", "pose"]

@@ -204,7 +204,7 @@ def test_the_histogram_counts_every_pixel() -> None:
         {"rejected": []},
     ],
 )
-def test_a_line_that_is_no_taps_is_told_by_its_key(change: dict[str, Any]) -> None:
+def test_a_line_that_is_no_taps_is_refused_by_its_key(change: dict[str, Any]) -> None:
     """Before anything is drawn of it; a good one, and one of an unknown type, pass."""
     check_line(decoded(1))
     check_line({"type": "new"})

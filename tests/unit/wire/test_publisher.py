@@ -387,7 +387,7 @@ def test_stop_ends_when_the_receiver_does_not_read(far_end: FarEnd, start: Start
     ("path", "reason"),
     [("pyproject.toml", "not a serial port"), ("tests", "is a directory")],
 )
-def test_a_port_that_is_none_is_told_in_one_line(start: Start, path: str, reason: str) -> None:
+def test_a_port_that_is_none_is_reported_in_one_line(start: Start, path: str, reason: str) -> None:
     """The error is there for the health line; the daemon goes on."""
     publisher = start(path)
     wait_until(lambda: publisher.counters.error is not None)

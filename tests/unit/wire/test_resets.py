@@ -11,7 +11,7 @@ import pytest
 from ledpi.pose.panel_map import MapPanel, PanelMap
 from ledpi.wire import FixMessage
 from ledpi.wire.resets import Resets
-from tests.builders.daemon import Controller, controller, daemon, end
+from tests.builders.daemon import SIMULATED_YAML, Controller, controller, daemon, end
 
 
 def panels(**x_m: float) -> PanelMap:
@@ -41,7 +41,7 @@ def test_a_map_is_another_one_where_panels_are_elsewhere(now: PanelMap | None, m
     """One that was surveyed further is still the same frame; of two without a common panel nobody knows."""
     resets = Resets()
     for seen in (panels(p7=1.0, p9=2.0), now):
-        resets.see_map(seen)
+        resets.update_map(seen)
     assert resets.maps == maps
 
 
@@ -49,7 +49,7 @@ def test_a_time_without_a_map_hides_no_change() -> None:
     """What counts is the map before."""
     resets = Resets()
     for seen in (panels(p7=1.0), None, panels(p7=2.0), panels(p7=2.0)):
-        resets.see_map(seen)
+        resets.update_map(seen)
     assert resets.maps == 1
 
 
@@ -57,7 +57,7 @@ def fixes(line: Controller) -> list[FixMessage]:
     return [message for _, message in line.got if isinstance(message, FixMessage)]
 
 
-def test_a_reload_with_another_map_is_told_with_each_fix(tmp_path: Path) -> None:
+def test_a_reload_with_another_map_is_reported_with_each_fix(tmp_path: Path) -> None:
     """The panel hangs a metre further: fixes jump, and say so; with the same map they do not."""
     file, map_file = tmp_path / "config.yaml", tmp_path / "markers.yaml"
 
@@ -66,8 +66,7 @@ def test_a_reload_with_another_map_is_told_with_each_fix(tmp_path: Path) -> None
 
     with controller() as line:
         file.write_text(
-            f"panels: {{side_m: 0.16, upright: true}}\ncamera: {{source: simulated}}\nmap: markers.yaml\n"
-            f"serial: {{port: {line.port}}}\n"
+            f"panels: {{side_m: 0.16, upright: true}}\nmap: markers.yaml\n{SIMULATED_YAML}serial: {{port: {line.port}}}"
         )
         hang(3.0)
         with daemon(options=("--config", str(file))) as process:

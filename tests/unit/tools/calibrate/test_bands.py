@@ -169,7 +169,7 @@ def test_a_wrong_row_time_is_noticed() -> None:
         measured_panel(counted_light(row_time_us=31.75, frame_rows=509))
 
 
-def test_too_few_periods_are_told() -> None:
+def test_too_few_periods_are_reported() -> None:
     """A small panel shows too few rows to tell a frequency from one that looks alike from frame to frame."""
     with pytest.raises(CalibrationError, match="too little of its bands"):
         measured_panel(counted_light(cell_rows=6, noise=0.01))

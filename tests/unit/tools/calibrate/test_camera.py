@@ -130,7 +130,7 @@ def test_a_place_that_cannot_be_written_is_named(tmp_path: Path) -> None:
         ("camera.png", "camera.png: must not end in .png: a picture of that name is written beside it"),
     ],
 )
-def test_what_cannot_be_written_is_told_before_anything_is_measured(
+def test_what_cannot_be_written_is_reported_before_anything_is_measured(
     command: Command, pictures: Path, out: str, message: str
 ) -> None:
     """Who has held a board for minutes should not lose that."""
@@ -206,7 +206,9 @@ def test_a_refusal_is_one_line_and_writes_nothing(command: Command) -> None:
 
 
 @pytest.mark.parametrize("size", [(8, 6), (9, 7)])
-def test_a_size_that_is_not_the_boards_is_told_at_once(pictures: Path, command: Command, size: tuple[int, int]) -> None:
+def test_a_size_that_is_not_the_boards_is_reported_at_once(
+    pictures: Path, command: Command, size: tuple[int, int]
+) -> None:
     """After three pictures that agree, by the options that would be right."""
     status, _, err = command(pictures, "--board", "chessboard", "--cols", size[0], "--rows", size[1])
     assert status == 2
@@ -214,7 +216,7 @@ def test_a_size_that_is_not_the_boards_is_told_at_once(pictures: Path, command: 
     assert err == f"ledpi: {pictures}: no chessboard with {size[0]} × {size[1]} inner corners, {right}\n"
 
 
-def test_a_board_of_the_other_kind_is_told_too(pictures: Path) -> None:
+def test_a_board_of_the_other_kind_is_reported_too(pictures: Path) -> None:
     """A chessboard where a ChArUco board is asked for, and the reverse."""
     picture = np.asarray(cv2.imread(str(pictures / "00.png"), GREY), dtype=np.uint8)
     assert other_board(picture, CHARUCO) == "--board chessboard --cols 6 --rows 5"

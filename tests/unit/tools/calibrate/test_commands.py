@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
 from dataclasses import replace
 from datetime import date, timedelta
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +25,8 @@ from ledpi.tools.calibrate.config_file import change_config, changed_yaml
 from ledpi.tools.calibrate.taking import settle_gain
 from tests.builders.command import Run as Command
 from tests.builders.command import in_process
+
+Simulated = Callable[..., Path]
 
 CONFIG = """\
 # my robot
@@ -40,22 +47,41 @@ def command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Capt
     return in_process(monkeypatch, capsys)
 
 
-def simulated(command: Command, *settings: str, told: dict[str, dict[str, float]]) -> Path:
-    """60 frames of panel 7 at 1 m, whose recording then tells other values than those that were simulated."""
-    overrides = [part for setting in settings for part in ("--set", setting)]
-    assert command("simulate", "take", "--distance", 1, "--frames", 60, *overrides)[0] == 0
+@pytest.fixture(scope="module")
+def drawn(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
+    """60 frames of panel 7 at 1 m, by settings; each recording is simulated once."""
+
+    @cache
+    def take(*settings: str) -> Path:
+        folder = tmp_path_factory.mktemp("drawn") / "take"
+        overrides = [part for setting in ("panels.side_m=0.16", *settings) for part in ("--set", setting)]
+        simulate = [sys.executable, "-m", "ledpi", "simulate", str(folder), "--distance", "1", "--frames", "60"]
+        subprocess.run([*simulate, *overrides], check=True, capture_output=True)
+        return folder
+
+    return take
+
+
+@pytest.fixture
+def simulated(drawn: Callable[..., Path], command: Command) -> Simulated:
+    """A copy in the working directory, which tells other values than those that were simulated."""
+    return lambda *settings, claimed: copied(drawn(*settings), claimed)
+
+
+def copied(drawn: Path, claimed: dict[str, dict[str, float]]) -> Path:
+    shutil.copytree(drawn, "take")
     header = Path("take/recording.yaml")
     values = yaml.safe_load(header.read_text())
-    for section, keys in told.items():
+    for section, keys in claimed.items():
         values[section] |= keys
     header.write_text(yaml.safe_dump(values))
     return Path("take")
 
 
-def test_a_panel_that_is_off_is_measured_and_written(command: Command) -> None:
+def test_a_panel_that_is_off_is_measured_and_written(command: Command, simulated: Simulated) -> None:
     """1262 and 2431 Hz, announced as 1250 and 2450: in panels.overrides to 0.1 %, and nothing else is touched."""
     announced = {"panel": {"black_hz": 1250.0, "white_hz": 2450.0}}
-    take = simulated(command, "panels.black_hz=1262", "panels.white_hz=2431", told=announced)
+    take = simulated("panels.black_hz=1262", "panels.white_hz=2431", claimed=announced)
     status, out, err = command("calibrate", "panel", take)
     assert (status, err) == (0, "")
     assert "panel 7: " in out
@@ -70,9 +96,9 @@ def test_a_panel_that_is_off_is_measured_and_written(command: Command) -> None:
     assert yaml.safe_load(written)["panels"]["overrides"][3] == {"side_m": 0.3}
 
 
-def test_what_only_the_recording_knows_is_written_too(command: Command) -> None:
+def test_what_only_the_recording_knows_is_written_too(command: Command, simulated: Simulated) -> None:
     """The recording announces 1262 and 2431 Hz, and they are right; config.yaml has 1250 and 2450."""
-    take = simulated(command, "panels.black_hz=1262", "panels.white_hz=2431", told={})
+    take = simulated("panels.black_hz=1262", "panels.white_hz=2431", claimed={})
     status, out, err = command("calibrate", "panel", take)
     assert (status, err) == (0, "")
     assert "as the configuration announces" not in out
@@ -80,9 +106,9 @@ def test_what_only_the_recording_knows_is_written_too(command: Command) -> None:
     assert (spec.black_hz, spec.white_hz) == pytest.approx((1262.0, 2431.0), rel=1e-3)
 
 
-def test_what_is_said_and_what_is_written_are_of_one_announcement(command: Command) -> None:
-    """The recording announces 1350 Hz, the configuration 1250, and that is right: so it is told to be."""
-    take = simulated(command, told={"panel": {"black_hz": 1350.0}})
+def test_what_is_said_and_what_is_written_are_of_one_announcement(command: Command, simulated: Simulated) -> None:
+    """The recording announces 1350 Hz, the configuration 1250, and that is right: so it is claimed to be."""
+    take = simulated(claimed={"panel": {"black_hz": 1350.0}})
     status, out, _ = command("calibrate", "panel", take)
     assert status == 0
     assert "% of 1250)" in out
@@ -90,11 +116,11 @@ def test_what_is_said_and_what_is_written_are_of_one_announcement(command: Comma
     assert "panel 7 is as the configuration announces it" in out
 
 
-def test_a_duty_that_is_off_by_noise_is_not_written(command: Command) -> None:
+def test_a_duty_that_is_off_by_noise_is_not_written(command: Command, simulated: Simulated) -> None:
     """The panel is off in frequency; of its duty 0.502 would be measured, where 0.5 is announced."""
     announced = {"panel": {"black_hz": 1250.0, "white_hz": 2450.0}}
     given = ("panels.black_hz=1262", "panels.white_hz=2431", "panels.duty=0.502", "camera.exposure_us=1000")
-    take = simulated(command, *given, told=announced)
+    take = simulated(*given, claimed=announced)
     status, out, _ = command("calibrate", "panel", take)
     assert status == 0
     assert "duty   0.50" in out
@@ -104,9 +130,9 @@ def test_a_duty_that_is_off_by_noise_is_not_written(command: Command) -> None:
     assert command("panel", "firmware", "--id", 7, "--black", 1250, "--white", 2450, "--out", "driver")[0] == 0
 
 
-def test_one_picture_over_and_over_is_refused(command: Command) -> None:
+def test_one_picture_over_and_over_is_refused(command: Command, simulated: Simulated) -> None:
     """A camera that hangs, or frames copied by hand: nothing moves, so nothing can be measured."""
-    take = simulated(command, told={})
+    take = simulated(claimed={})
     first = (take / "frames/000000.png").read_bytes()
     for picture in sorted((take / "frames").iterdir()):
         picture.write_bytes(first)
@@ -115,10 +141,10 @@ def test_one_picture_over_and_over_is_refused(command: Command) -> None:
     assert err.startswith("ledpi: all frames show the very same light")
 
 
-def test_a_panel_with_an_entry_is_sought_around_it(command: Command) -> None:
+def test_a_panel_with_an_entry_is_sought_around_it(command: Command, simulated: Simulated) -> None:
     """ID 7 is announced as 1500 and 2800 Hz by itself; it is found there, although the common ones are far off."""
     overrides = ("camera.exposure_us=1000", "panels.black_hz=1507", "panels.white_hz=2790")
-    take = simulated(command, *overrides, told={"panel": {"black_hz": 1000.0, "white_hz": 2000.0}})
+    take = simulated(*overrides, claimed={"panel": {"black_hz": 1000.0, "white_hz": 2000.0}})
     entry = ("--set", "panels.overrides.7.black_hz=1500", "--set", "panels.overrides.7.white_hz=2800")
     status, out, _ = command("calibrate", "panel", take, "--dry-run", *entry)
     assert status == 0
@@ -126,32 +152,32 @@ def test_a_panel_with_an_entry_is_sought_around_it(command: Command) -> None:
     assert "(+0.47% of 1500)" in out
 
 
-def test_a_row_time_that_the_driver_misreports_is_written(command: Command) -> None:
+def test_a_row_time_that_the_driver_misreports_is_written(command: Command, simulated: Simulated) -> None:
     """31.75 µs, reported as 33.67: in camera.row_time_us to 0.2 %."""
-    take = simulated(command, "camera.row_time_us=31.75", told={"camera": {"row_time_us": 33.67}})
+    take = simulated("camera.row_time_us=31.75", claimed={"camera": {"row_time_us": 33.67}})
     status, out, _ = command("calibrate", "shutter", take)
     assert status == 0
     assert "the driver misreports its row time by +6.0%" in out
     assert load_config(Path("config.yaml")).camera.row_time_us == pytest.approx(31.75, rel=2e-3)
 
 
-def test_a_dry_run_writes_nothing(command: Command) -> None:
+def test_a_dry_run_writes_nothing(command: Command, simulated: Simulated) -> None:
     """Although there would be something to write."""
-    take = simulated(command, "camera.row_time_us=31.75", told={"camera": {"row_time_us": 33.67}})
+    take = simulated("camera.row_time_us=31.75", claimed={"camera": {"row_time_us": 33.67}})
     assert command("calibrate", "shutter", take, "--dry-run")[0] == 0
     assert Path("config.yaml").read_text(encoding="utf-8") == CONFIG
 
 
-def test_a_driver_that_is_right_changes_nothing(command: Command) -> None:
+def test_a_driver_that_is_right_changes_nothing(command: Command, simulated: Simulated) -> None:
     """The row time stays the driver's."""
-    take = simulated(command, told={})
+    take = simulated(claimed={})
     assert "row time is right: nothing to write" in command("calibrate", "shutter", take)[1]
     assert Path("config.yaml").read_text(encoding="utf-8") == CONFIG
 
 
-def test_of_a_panel_that_is_as_announced_the_day_is_noted(command: Command) -> None:
+def test_of_a_panel_that_is_as_announced_the_day_is_noted(command: Command, simulated: Simulated) -> None:
     """And no frequencies, which would cost decoding time."""
-    take = simulated(command, told={})
+    take = simulated(claimed={})
     assert "panel 7 is as the configuration announces it" in command("calibrate", "panel", take)[1]
     panels = load_config(Path("config.yaml")).panels
     assert panels.overrides[7].measured == date.today()
@@ -183,10 +209,10 @@ def test_after_the_lens_the_shutter_comes_next(command: Command) -> None:
     assert "next: ledpi calibrate shutter" in out
 
 
-def test_after_the_shutter_a_panel_comes_next(command: Command) -> None:
+def test_after_the_shutter_a_panel_comes_next(command: Command, simulated: Simulated) -> None:
     """What `calibrate shutter` has noted in camera.yaml is named, too."""
     calibrated_lens()
-    assert command("calibrate", "shutter", simulated(command, told={}))[0] == 0
+    assert command("calibrate", "shutter", simulated(claimed={}))[0] == 0
     out = command("calibrate")[1]
     assert "measured 33.67" in out
     assert "next: ledpi calibrate panel" in out

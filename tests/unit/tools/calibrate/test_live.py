@@ -90,7 +90,7 @@ def test_the_exposure_is_set_by_the_board() -> None:
     assert calibrate_camera(collection.views, CHARUCO, info.width, info.height).rms_px < 0.3
 
 
-def test_another_board_than_the_one_asked_for_is_told() -> None:
+def test_another_board_than_the_one_asked_for_is_reported() -> None:
     """Whoever shows a chessboard where a ChArUco board is expected hears which options are its own."""
     chessboard = rendered(POSES[0], np.random.default_rng(0))
     open_at, _ = opener(iter([chessboard] * 20), 40_000.0)

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
-import subprocess
-import sys
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -26,13 +23,14 @@ from ledpi.simulate.scenes import ov5647_lens, whole_rows_us
 from ledpi.simulate.trajectory import Gliding, Still, facing_camera
 from ledpi.tools.calibrate.map import MapCalibration, calibrate_map
 from ledpi.tools.calibrate.map_views import View, view_of
-from tests.builders import ROOT
+from tests.builders.command import Run as Command
+from tests.builders.command import complaint, in_process
 from tests.builders.decode import LENS
 from tests.builders.map import SIDE_M, detection, frame, optical, panel, pose, seen_corners, with_errors
 
 SIDES_M = dict.fromkeys(range(50), SIDE_M)
 EYE = pose((0.0, 0.0, 1.2))  # the camera's mount: level, 1.2 m above the floor
-LEAST_SIDE_PX, MOST_OBLIQUE_DEG = 14.0, 78.0
+MIN_SIDE_PX, MAX_OBLIQUE_DEG = 14.0, 78.0
 
 
 def corridor(seed: int) -> dict[int, Floats]:
@@ -51,12 +49,12 @@ def in_sight(base: Floats, place: Floats) -> Floats | None:
     camera_from_marker = np.linalg.inv(base @ optical(EYE)) @ place
     away = camera_from_marker[:3, 3]
     facing = -camera_from_marker[:3, 2] @ away / math.hypot(*away)
-    if away[2] < 0.3 or facing < math.cos(math.radians(MOST_OBLIQUE_DEG)):
+    if away[2] < 0.3 or facing < math.cos(math.radians(MAX_OBLIQUE_DEG)):
         return None
     corners = seen_corners(base, place, EYE)
     (ax, ay), (bx, by) = corners[2] - corners[0], corners[3] - corners[1]
     inside = ((corners > 3) & (corners < (636, 476))).all()
-    return corners if inside and abs(ax * by - ay * bx) / 2 > LEAST_SIDE_PX**2 else None
+    return corners if inside and abs(ax * by - ay * bx) / 2 > MIN_SIDE_PX**2 else None
 
 
 @cache
@@ -190,18 +188,19 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def ledpi(*arguments: str | Path, cwd: Path) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-c", "from ledpi.cli import main; main()", *map(str, arguments)]
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=120, env=environment)
+@pytest.fixture
+def command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Command:
+    """Runs `ledpi calibrate map …` in an empty folder → exit status, standard output, standard error."""
+    monkeypatch.chdir(tmp_path)
+    return in_process(monkeypatch, capsys, "calibrate", "map")
 
 
-def test_the_command_writes_a_map_and_a_picture(recording: Path, tmp_path: Path) -> None:
+def test_the_command_writes_a_map_and_a_picture(recording: Path, tmp_path: Path, command: Command) -> None:
     """Places within 2 cm of the scene's, laid from panel 12; older files are kept, a failure changes none."""
     (tmp_path / "markers.yaml").write_text("by hand")
     options = ("--origin", "12", "--position", "2", "0", "1", "--yaw-deg", "180")
-    done = ledpi("calibrate", "map", recording, *options, cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
+    status, out, err = command(recording, *options)
+    assert (status, err) == (0, "")
     panels = load_map(tmp_path / "markers.yaml")
     assert set(panels) == {7, 12, 23}
     for i, (x, y, z) in WALL.items():
@@ -212,28 +211,22 @@ def test_the_command_writes_a_map_and_a_picture(recording: Path, tmp_path: Path)
         assert 0 < panels[i].position_sigma_m < 0.02
     assert (tmp_path / "markers.yaml.bak-1").read_text() == "by hand"
     assert (tmp_path / "markers.png").read_bytes().startswith(b"\x89PNG")
-    assert "the origin" in done.stdout
+    assert "the origin" in out
     before = (tmp_path / "markers.yaml").read_bytes()
-    failed = ledpi("calibrate", "map", recording, "--origin", "3", cwd=tmp_path)
-    assert failed.returncode == 2
-    assert "these are: 7, 12, 23" in failed.stderr
-    assert "Traceback" not in failed.stderr
+    assert "these are: 7, 12, 23" in complaint(command(recording, "--origin", "3"))
     assert (tmp_path / "markers.yaml").read_bytes() == before
 
 
-def test_a_configuration_without_a_map_gets_its_name(recording: Path, tmp_path: Path) -> None:
+def test_a_configuration_without_a_map_gets_its_name(recording: Path, tmp_path: Path, command: Command) -> None:
     """So that the daemon reads it; one that names a map keeps that, and it is said which."""
     (tmp_path / "config.yaml").write_text("panels: {side_m: 0.16}  # mine\nmap: null\n")
-    done = ledpi("calibrate", "map", recording, cwd=tmp_path)
-    assert "config.yaml: map: markers.yaml written" in done.stdout
+    assert "config.yaml: map: markers.yaml written" in command(recording)[1]
     assert load_config(tmp_path / "config.yaml").map == tmp_path / "markers.yaml"
-    other = ledpi("calibrate", "map", recording, "--out", "other.yaml", cwd=tmp_path)
-    assert f"names another map, {tmp_path / 'markers.yaml'}; to use this one: map: " in other.stdout
+    out = command(recording, "--out", "other.yaml")[1]
+    assert f"names another map, {tmp_path / 'markers.yaml'}; to use this one: map: " in out
 
 
 @pytest.mark.parametrize("place", [("--position", "nan", "0", "0"), ("--yaw-deg", "inf")])
-def test_an_origin_is_somewhere(place: tuple[str, ...], tmp_path: Path) -> None:
+def test_an_origin_is_somewhere(place: tuple[str, ...], command: Command) -> None:
     """Before the recording is looked at."""
-    failed = ledpi("calibrate", "map", "nowhere", *place, cwd=tmp_path)
-    assert failed.returncode == 2
-    assert failed.stderr == "ledpi: --position, --yaw-deg: must be finite numbers\n"
+    assert complaint(command("nowhere", *place)) == "ledpi: --position, --yaw-deg: must be finite numbers"

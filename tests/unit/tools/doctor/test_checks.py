@@ -143,7 +143,7 @@ def test_a_broken_configuration_is_the_first_finding(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("asked_for", "installed", "state"), [(False, True, "unknown"), (True, True, "ok"), (False, False, "ok")]
 )
-def test_a_configuration_that_hides_the_services_is_told(
+def test_a_configuration_that_hides_the_services_is_reported(
     asked_for: bool, installed: bool, state: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Whoever has edited the service's would see no change; nothing is said where it was asked for."""

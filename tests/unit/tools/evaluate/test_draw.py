@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from ledpi.config.settings import PanelSettings
+from ledpi.config.panels import PanelSettings
 from ledpi.core.errors import ConfigError
 from ledpi.core.records import Decoded, Frame, Rejected
 from ledpi.decode.identify.codebook import Codebook

@@ -14,7 +14,7 @@ import typer
 from typer.testing import CliRunner
 
 from ledpi.cli.evaluate import evaluate
-from ledpi.config.settings import PanelSettings
+from ledpi.config.panels import PanelSettings
 from ledpi.core.errors import ConfigError, LedpiError, RecordingError
 from ledpi.core.records import Frame
 from ledpi.recording.reader import load_recording
@@ -153,7 +153,7 @@ def test_a_glossy_floor_lies_below_camera_and_panel(takes: dict[str, list[Take]]
         assert floor.y_m >= (corners_m @ pose.T + pose[:, 3])[:, 1].max() - 1e-9
 
 
-def test_who_is_told_the_corners_reads_the_panel(takes: dict[str, list[Take]]) -> None:
+def test_who_is_reported_the_corners_reads_the_panel(takes: dict[str, list[Take]]) -> None:
     """A single frame by itself, a stream by all frames until then; other corners, or none that fit, tell nothing."""
     take = next(t for t in takes["mid"] if t.scene.panels[0].appearance.gap < 0.05 and t.peak_level > 0.5)
     lens, spec = take.scene.sensor.intrinsics, PANELS.spec()

@@ -225,10 +225,10 @@ def test_the_best_never_tell_less_than_the_present_pair() -> None:
     views = views_of(asked)
     present = proposal_at(asked, 1250.0, 2450.0, 504, views)
     best = ranked(asked, present, views)
-    assert best[0].is_never_worse_than(present)
+    assert best[0].dominates(present)
     assert sum(best[0].worth()) >= sum(present.worth())
     assert {(p.black_hz, p.white_hz) for p in best} == set(candidate_pairs(asked))
-    flags = [p.is_never_worse_than(present) for p in best]
+    flags = [p.dominates(present) for p in best]
     assert flags == sorted(flags, reverse=True)
 
 
@@ -246,8 +246,8 @@ def test_more_than_enough_counts_as_enough() -> None:
     """Near by every pair is read; what it tells beyond does not outweigh what another tells far away."""
     near_by = Proposal(black_hz=1, white_hz=2, frame_length_rows=504, alone=(9000.0, 5.0), stream=(9000.0, 10.0))
     far_away = replace(near_by, alone=(900.0, 6.0), stream=(900.0, 12.0))
-    assert far_away.is_never_worse_than(near_by)
-    assert not near_by.is_never_worse_than(far_away)
+    assert far_away.dominates(near_by)
+    assert not near_by.dominates(far_away)
 
 
 def test_1000_and_2000_hz_sit_on_nulls_at_10_ms() -> None:
@@ -340,7 +340,7 @@ def test_range_is_read_off_between_distances() -> None:
     assert reach.range_m((1.0, 0.95, 0.9)) == 8.0
 
 
-def test_a_folder_that_cannot_be_made_is_told_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_folder_that_cannot_be_made_is_reported_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """And not after the minutes that a design takes."""
     (tmp_path / "file").touch()
     monkeypatch.setattr(panel_design, "_design", lambda *_: pytest.fail("went to work"))

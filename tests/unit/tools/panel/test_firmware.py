@@ -151,7 +151,7 @@ def test_an_id_that_cannot_be_told_in_antiphase_is_refused() -> None:
         (["--config", "nowhere.yaml"], "nowhere.yaml: cannot be read"),
     ],
 )
-def test_what_cannot_be_driven_is_told_in_one_line(arguments: list[str], message: str) -> None:
+def test_what_cannot_be_driven_is_reported_in_one_line(arguments: list[str], message: str) -> None:
     """The option or key that is wrong, and what would be right; nothing is written."""
     with pytest.raises(LedpiError, match=message) as told:
         run("--id", "7", "--out", "out", *arguments)

@@ -15,7 +15,7 @@ import pytest
 
 from ledpi.cli import main
 from ledpi.cli.snapshot import reasons
-from ledpi.config.settings import PanelSettings
+from ledpi.config.panels import PanelSettings
 from ledpi.core.records import CameraInfo, Floats, Frame, Pixels
 from ledpi.decode.cells import CellSamples, lattice
 from ledpi.diagnosis.why_not import Why

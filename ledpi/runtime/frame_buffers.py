@@ -12,7 +12,7 @@ from ledpi.core.records import Decoded, Frame
 from ledpi.pipeline.state import PipelineState
 
 
-class Kept(NamedTuple):
+class KeptFrame(NamedTuple):
     """A frame of the past."""
 
     slot: int  # where its picture is
@@ -23,7 +23,7 @@ class Kept(NamedTuple):
     side_bytes: int  # that all of this takes, beside the picture
 
 
-class Rooms:
+class FrameBuffers:
     """`frames` rooms of H × W bytes. What keeps frames in them is derived from it; any thread may give one back."""
 
     def __init__(self, frames: int, height: int, width: int) -> None:
@@ -33,11 +33,11 @@ class Rooms:
         self._changing = threading.Lock()
         self._free = list(range(frames))  # the last one is taken first: it was written before
 
-    def picture_of(self, kept: Kept) -> Frame:
+    def picture_of(self, kept: KeptFrame) -> Frame:
         """The frame with its picture, until that is given back."""
         return replace(kept.frame, pixels=self._pictures[kept.slot].view())
 
-    def give_back(self, kept: Kept) -> None:
+    def give_back(self, kept: KeptFrame) -> None:
         """What was taken is written."""
         with self._changing:
             self._free.append(kept.slot)
