@@ -55,7 +55,7 @@ class Agenda:
         return due
 
     def schedule(self, candidates: list[Candidate]) -> list[Candidate]:
-        """Those that are due: the best, and in alternation those whose turn it is: new ones, then those tried longest ago.
+        """Those due: the best, in alternation with those whose turn it is: new ones, then those tried long ago.
 
         `candidates` come best first. Places without a candidate are forgotten.
         """

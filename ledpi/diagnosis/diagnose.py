@@ -36,11 +36,12 @@ MOST_BLUR_PX = 2.0  # twice what a focused lens leaves
 NARROW = 0.8  # of its longer side: a panel that looks so is turned by 37° or more, or a part of it is hidden
 NOTHING_NATS, LEAST_SURE, LEAST_HIDDEN = 1.0, 4, 2  # a cell that says less; cells that must, and that must not speak
 BRIGHTEST_PERCENT = 99.9  # of a picture's pixels: its brightest parts
-# Reasons that come after bands of the configured frequencies were found.
+# Reasons that come after bands of the configured frequencies were found, as deep as the exposure leaves them: texture
+# shows none such.
 _BLINKS = (
-    *("identify.implausible_depth", "identify.not_in_dictionary", "identify.ambiguous"),
-    *("identify.inconsistent_cells", "identify.id_not_in_panels_ids", "suppression.same_id"),
-    *("pose.unsolved", "pose.not_square", "track.innovation", "track.contradicted"),
+    *("identify.not_in_dictionary", "identify.ambiguous", "identify.inconsistent_cells"),
+    *("identify.id_not_in_panels_ids", "suppression.same_id", "pose.unsolved", "pose.not_square"),
+    *("track.innovation", "track.contradicted"),
 )
 _NO_BANDS = ("fit.no_bands", "identify.no_bands")
 _AFTER_FIT = ("cells", "identify", "suppression", "pose", "track")  # stages that only see what looks like a panel

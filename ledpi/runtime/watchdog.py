@@ -10,7 +10,7 @@ from ledpi.runtime.systemd import notify
 
 # Of the watchdog, in the time that it allows: each 1.7 s of a WatchdogSec=10, and at least each 2 s where a tick and a
 # frame have to be waited for.
-_FEEDS = 6
+FEEDS = 6
 
 
 def watchdog_period_s() -> float | None:
@@ -18,7 +18,7 @@ def watchdog_period_s() -> float | None:
     limit_us, watched = os.environ.get("WATCHDOG_USEC", ""), os.environ.get("WATCHDOG_PID", str(os.getpid()))
     if not limit_us.isdecimal() or int(limit_us) == 0 or watched != str(os.getpid()):
         return None
-    return int(limit_us) * 1e-6 / _FEEDS
+    return int(limit_us) * 1e-6 / FEEDS
 
 
 class Watchdog:

@@ -21,7 +21,8 @@ from ledpi.pose.panel_map import MapPanel
 from tests.builders.daemon import SIMULATED
 
 EVERY = 15  # frames, between two states
-HEIGHT, WIDTH = 240, 320
+HEIGHT, WIDTH = 480, 640  # of numbered frames
+DRIVE = (240, 320)  # height and width of the simulated drive
 PERIOD_NS = 20_000_000  # of numbered frames
 
 
@@ -44,7 +45,7 @@ class Stream:
 def stream(count: int, *settings: str, robot: Robot | None = None) -> Stream:
     """The simulated drive."""
     camera, frames = _drive(settings)
-    while len(frames) < count and isinstance(frame := camera.read(np.empty((HEIGHT, WIDTH), np.uint8)), Frame):
+    while len(frames) < count and isinstance(frame := camera.read(np.empty(DRIVE, np.uint8)), Frame):
         frames.append(frame)
     return decoded_live(load_config(None, (*SIMULATED, *settings)), camera.info, frames[:count], robot)
 

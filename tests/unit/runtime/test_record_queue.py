@@ -9,7 +9,7 @@ import pytest
 
 from ledpi.pipeline.state import PipelineState
 from ledpi.runtime.record_queue import MAX_BYTES, MAX_FRAMES, MIN_FRAMES, RecordQueue
-from tests.builders.rewind import EVERY, HEIGHT, WIDTH, Stream, later, nothing_in, numbered, stream
+from tests.builders.rewind import DRIVE, EVERY, HEIGHT, WIDTH, Stream, later, nothing_in, numbered, stream
 
 
 @pytest.fixture(scope="module")
@@ -119,7 +119,7 @@ def test_what_is_abandoned_is_counted(state: PipelineState) -> None:
 def test_keeping_costs_little_beside_decoding(drive: Stream) -> None:
     """Measured against decoding the same frames, in the same run: less than a twentieth, with room and without."""
     pipeline = drive.pipeline()
-    queue = RecordQueue(HEIGHT, WIDTH)
+    queue = RecordQueue(*DRIVE)
     keeping, decoding = [], []
     for round_number in range(6):
         for each in drive.frames:

@@ -12,7 +12,7 @@ from ledpi.pipeline.pipeline import Pipeline
 from ledpi.pipeline.state import PipelineState
 from ledpi.runtime.frame_buffers import KeptFrame
 from ledpi.runtime.rewind_ring import MIN_FRAMES, SPARE, RewindRing
-from tests.builders.rewind import EVERY, HEIGHT, PERIOD_NS, WIDTH, Stream, later, nothing_in, numbered, stream
+from tests.builders.rewind import DRIVE, EVERY, HEIGHT, PERIOD_NS, WIDTH, Stream, later, nothing_in, numbered, stream
 
 PLENTY = 400 * HEIGHT * WIDTH
 
@@ -149,7 +149,7 @@ def test_memory_holds_as_much_as_it_may(state: PipelineState) -> None:
 
 def test_many_tracks_shorten_it_and_take_no_more_memory(drive: Stream, state: PipelineState) -> None:
     """States of a picture full of lamps: fewer are kept, so fewer seconds are."""
-    tracks = state.followed.tracks * 5
+    tracks = state.followed.tracks * 20
     crowded = state._replace(followed=state.followed._replace(tracks=tracks))
     most = 100 * HEIGHT * WIDTH
     ring = ring_of(60.0, crowded, most)
@@ -203,7 +203,8 @@ def test_keeping_costs_little_beside_decoding(drive: Stream) -> None:
     import time
 
     pipeline: Pipeline = drive.pipeline()
-    ring = ring_of(0.5, pipeline.state())
+    ring = RewindRing(*DRIVE, PERIOD_NS * 1e-6, 0.5, PLENTY)
+    ring.begin(pipeline.state())
     keeping, decoding = [], []
     for round_number in range(2):
         for each in drive.frames:

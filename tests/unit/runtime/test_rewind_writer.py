@@ -23,7 +23,7 @@ from ledpi.runtime.rewind_ring import RewindRing
 from ledpi.runtime.rewind_writer import MAX_WAITING, RewindWriter
 from ledpi.runtime.takes import MAX_AUTOMATIC, Shown
 from tests.builders import ROOT
-from tests.builders.rewind import EVERY, HEIGHT, WIDTH, Stream, as_lines, decoded_live, exactly, stream, without_times
+from tests.builders.rewind import DRIVE, EVERY, Stream, as_lines, decoded_live, exactly, stream, without_times
 
 COMMAND = [sys.executable, "-c", "from ledpi.cli import main; main()"]
 SPEC = PanelSpec(side_m=0.16, black_hz=1250.0, white_hz=2450.0)
@@ -38,7 +38,7 @@ def drive() -> Stream:
 
 def ring_with(drive: Stream, decoded: list[Decoded], budgets: list[int]) -> RewindRing:
     """All from FIRST on, the state before it included."""
-    ring = RewindRing(HEIGHT, WIDTH, 35.0, 10.0, 300_000_000)
+    ring = RewindRing(*DRIVE, 35.0, 10.0, 300_000_000)
     ring.begin(drive.states[FIRST])
     for frame, result, budget in zip(drive.frames[FIRST:], decoded, budgets, strict=True):
         ring.keep(frame, result, budget, lambda: drive.states[FIRST])
@@ -86,7 +86,7 @@ def test_it_decodes_to_the_last_bit(drive: Stream, tmp_path: Path) -> None:
     assert resume_from(folder, pipeline)
     again = []
     for entry in recording.frames:
-        picture = np.empty((HEIGHT, WIDTH), np.uint8)
+        picture = np.empty(DRIVE, np.uint8)
         assert read_picture(entry.picture, picture) is None
         again.append(exactly(pipeline.decode(recording.frame(entry, picture))))
     assert again == [exactly(decoded) for decoded in live]

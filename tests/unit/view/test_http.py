@@ -13,6 +13,7 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from ledpi.view import connections, pictures
@@ -117,9 +118,10 @@ def test_each_answer_brings_another_picture(site: Site, daemon: MadeUpDaemon) ->
     assert site.frame(after=first["number"])["seq"] > first["seq"]
 
 
-def test_why_not_is_in_words(site: Site, daemon: MadeUpDaemon) -> None:
+def test_why_not_is_in_words(site: Site, daemon: MadeUpDaemon, monkeypatch: pytest.MonkeyPatch) -> None:
     """Evidence is asked of the daemon only for that view; each candidate has its place, its reason and what helps."""
     beside = [[40.0, 30.0], [55.0, 30.0], [55.0, 45.0], [40.0, 45.0]]
+    monkeypatch.setattr(daemon, "picture", lambda seq: np.full((48, 64), 50 + seq % 50, np.uint8))  # no light there
     at_the_panel = {"corners_px": PANEL["corners_px"], "why": "fit.misfit"}  # a part of it: not told
     daemon.extra = {"rejected": [{"corners_px": beside, "why": "find.too_small"}, at_the_panel]}
     site.state_once("up")

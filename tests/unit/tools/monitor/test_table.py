@@ -48,7 +48,7 @@ def test_what_is_wrong_is_said_with_its_place_and_what_helps() -> None:
 def test_without_pictures_the_counts_of_reasons_are_told() -> None:
     """As where the daemon's dictionary cannot be read from here; with pictures they would only repeat it."""
     table = live()
-    assert "not read, 2×: a picture of a panel explains too little of the light" in shown(table)
+    assert "not read, 2×: the model of a panel explains too little of the light" in shown(table)
     table.explain(Why([], []))
     assert "not read" not in shown(table)
 
