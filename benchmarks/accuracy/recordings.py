@@ -87,8 +87,9 @@ def measure(recording: Recording, name: str, *, stream: bool) -> None:
                 continue
             found += not true.optional
             corner_px.append(float(np.sqrt(np.mean(np.square(error)))))
-            if marker.solution is not None:
-                pose, true_pose = marker.solution.camera_from_marker, true.camera_from_marker
+            true_pose = true.camera_from_marker  # None of a photograph whose corners are known only
+            if marker.solution is not None and true_pose is not None:
+                pose = marker.solution.camera_from_marker
                 distance = float(np.linalg.norm(true_pose.position_m))
                 relative_m.append(float(np.linalg.norm(pose.position_m - true_pose.position_m)) / distance)
                 angle_deg.append(rotation_angle_deg(pose.quaternion_wxyz, true_pose.quaternion_wxyz))

@@ -6,7 +6,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "blobs.h"
+#include "find.h"
 
 #define LEAST_AREA 5.0 /* pixels that have second moments worth the name */
 #define LEAST_FULL 0.7 /* of the area of a parallelogram with its moments: what is bent or branched fills less */

@@ -160,9 +160,8 @@ typedef struct {
     double corners[8];
     double *unknown;
     /* What follows from it: corners of what is lit, and their covariance; how many cells of each side (left, right, above,
- * below) something hides; the share of the light's squares about their mean that is explained; the variance of residuals, in
- * the unit of a sample of full light. */
-    double lit[8], hidden[4], covariance[64], explained, variance;
+     * below) something hides; the share of the light's squares about their mean that is explained. */
+    double lit[8], hidden[4], covariance[64], explained;
     bool settled; /* the last step hardly moved anything */
     ptrdiff_t sampled; /* places, in all rounds: what it cost */
 } PanelFit;

@@ -85,4 +85,18 @@ enum { MOST_COMPARED = 512 }; /* that are looked at for cells of each other */
 ptrdiff_t ledpi_drop_cells(const Square *squares, ptrdiff_t count, ptrdiff_t cells, const Limits *limits,
                               int64_t *kept);
 
+/* ---- Bright blobs, and the lattices that they form */
+
+/* Pixels side by side, `from` … `to` − 1, and the first run of the blob that they are in. */
+typedef struct {
+    int32_t row, from, to, root;
+} BlobRun;
+
+/* Its pixels' number, middle, and second moments about that. */
+typedef struct {
+    double area, x, y, xx, xy, yy;
+} Blob;
+
+enum { LATTICE_REACH = (LEDPI_LATTICE_SPAN - 1) / 2 };
+
 #endif

@@ -4,7 +4,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "blobs.h"
+#include "find.h"
 
 enum { LATTICE_SPAN = LEDPI_LATTICE_SPAN };
 

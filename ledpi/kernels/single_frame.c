@@ -1,5 +1,4 @@
-/* What one picture says of the bands in a panel's cells: `single_evidence` in decode/evidence/single_frame.py, which says why.
- * */
+/* What one picture says of the bands in a panel's cells: decode/evidence/single_frame.py says why. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -203,10 +202,7 @@ LEDPI_SIMD static void take_shared(const Panel *panel, const Sources *sources, c
     for (ptrdiff_t p = 0, s = 0; p < points; p++)
         for (; s < (p + 1 < points ? sources->first[p + 1] : sources->count); s++) {
             float *row = rows + count * wide;
-            if (waves == 4) /* written twice, as loops of a known length are unrolled */
-                put_row(panel, bases[s], columns + p * width, 4, row);
-            else
-                put_row(panel, bases[s], columns + p * width, waves, row);
+            put_row(panel, bases[s], columns + p * width, waves, row);
             for (ptrdiff_t i = size; i < wide; i++) row[i] = 0.0f;
             if (++count < LEDPI_AT_ONCE) continue;
             ledpi_add_products(rows, count, wide, sums);

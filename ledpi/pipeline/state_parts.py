@@ -15,7 +15,7 @@ from ledpi.pose.fix_history import Candidate, FixHistoryState
 from ledpi.pose.place import Placed
 
 MAX_PLACES, MAX_IDS = 65_536, 65_536  # far more than a picture can show
-MAX_PX, MAX_TRIES = 1e6, 2**40
+MAX_PX = 1e6
 MAX_HZ_RATIO = 2.0  # times what is looked for: no panel's frequencies are ever sought as far off
 
 
@@ -67,7 +67,6 @@ def agenda_of(node: Node) -> AgendaState:
         turn=turn,
         middles=node["middles"].array(np.float64, len(turns), 2, max_abs=MAX_PX),
         turns=turns,
-        tries=node["tries"].array(np.int64, len(turns), max_abs=MAX_TRIES),
     )
 
 

@@ -42,14 +42,8 @@ def compared_evidence(
     given = [np.ascontiguousarray(array) for array in (waves, mean.picture, mean.count, mean.waves)]
     fits = lib.ledpi_compared_evidence(
         *(lattice.cells, lattice.k, parameters, pointer(samples.light), pointer(samples.valid), *map(pointer, given)),
-        *(
-            pointer(lattice.along),
-            samples.independence,
-            *lags_of(samples),
-            pointer(score),
-            pointer(information),
-            pointer(numbers),
-        ),
+        *(pointer(lattice.along), samples.independence, *lags_of(samples)),
+        *(pointer(score), pointer(information), pointer(numbers)),
     )
     scale, *rest = numbers.tolist()
     found = Weighed(score, information, *rest) if fits else None

@@ -71,12 +71,7 @@ def weighed(samples: CellSamples, waves: Singles, estimate: BandEstimate | None)
     fits = lib.ledpi_single_evidence(
         *(lattice.cells, lattice.k, parameters, pointer(light), pointer(samples.valid), pointer(waves)),
         *(pointer(lattice.along), len(sources.column), pointer(sources.column), pointer(sources.first)),
-        *(
-            pointer(contributing_cells(lattice.cells)),
-            *map(pointer, estimated),
-            samples.independence,
-            *lags_of(samples),
-        ),
-        *(pointer(score), pointer(information), pointer(numbers)),
+        *(pointer(contributing_cells(lattice.cells)), *map(pointer, estimated)),
+        *(samples.independence, *lags_of(samples), pointer(score), pointer(information), pointer(numbers)),
     )
     return Weighed(score, information, *numbers.tolist()) if fits else None

@@ -20,9 +20,7 @@ class Codebook:
     ids: Integers  # (W,)
     quarter_turns: Integers  # (W,) clockwise
     white: Singles  # (W, cells) 1 where the class is white, 0 where black
-    correctable: (
-        int  # cells that may be of the other class while it is still this codeword: one, if it can be corrected
-    )
+    correctable: int  # cells that may be of the other class while it is still this codeword
     spec: PanelSpec
 
     @classmethod

@@ -12,7 +12,7 @@ import numpy as np
 
 from ledpi.core.records import Floats, Frame, Intrinsics, PanelSpec, Rejected, read_only
 from ledpi.decode.model.light import Window, grid, waves
-from ledpi.decode.model.prior import COMMON, OWN, PHASE, prior
+from ledpi.decode.model.prior import prior
 from ledpi.kernels.library import NONE, lib
 from ledpi.kernels.panel import MOST_LINES, Solver
 from ledpi.kernels.pose import lens_of
@@ -49,17 +49,6 @@ class Fitted:
     explained: float  # share of the light's squares about their mean
     unknown: Floats  # as `prior` has them
     spec: PanelSpec
-
-    @property
-    def mix(self) -> Floats:
-        """(cells², 2) how much each cell shows of black's and of white's wave."""
-        return self.unknown[COMMON:].reshape(-1, OWN)[:, 1:]
-
-    @property
-    def phases(self) -> tuple[float, float]:
-        """Cycles of black's and white's wave where row 0's exposure begins."""
-        black, white = self.unknown[PHASE : PHASE + 2].tolist()
-        return black, white
 
 
 class Fitter:

@@ -32,25 +32,20 @@ def test_the_first_frame_takes_the_best_first() -> None:
     assert looked_at(Agenda(), proposed, budget=99) == list(range(10))
 
 
-def test_what_was_often_looked_at_in_vain_waits_twice_as_long_each_time() -> None:
-    """Up to eight searches: a panel may have been hidden there."""
-    agenda, proposed = Agenda(), candidates(*ROW[:1])
-    looks = [bool(looked_at(agenda, proposed, budget=99)) for _ in range(32)]
-    assert np.flatnonzero(looks).tolist() == [0, 1, 2, 3, 4, 6, 10, 18, 26]
-
-
-def test_the_best_is_looked_at_first() -> None:
-    """Though it was before, in vain."""
+def test_the_best_is_looked_at_in_every_frame() -> None:
+    """However often it was in vain: a panel may be hidden now and then."""
     agenda, proposed = Agenda(), candidates(*ROW)
-    assert [looked_at(agenda, proposed, budget=2)[0] for _ in range(4)] == [0] * 4
+    assert [looked_at(agenda, proposed, budget=2)[0] for _ in range(6)] == [0] * 6
 
 
 @pytest.mark.parametrize("budget", [2, 3, 4])
 def test_everybody_gets_a_turn(budget: int) -> None:
-    """Every other look is by turn: ten candidates are all looked at within ten halves of the budget."""
+    """Every other look is by turn: ten candidates are all looked at within ten halves of the budget, and again."""
     agenda, proposed = Agenda(), candidates(*ROW)
     frames = -(-10 // (budget // 2))
-    assert {k for _ in range(frames) for k in looked_at(agenda, proposed, budget)} == set(range(10))
+    for _ in range(2):
+        seen = {k for _ in range(frames) for k in looked_at(agenda, proposed, budget)}
+        assert seen == set(range(10))
 
 
 def test_who_waited_longest_comes_first() -> None:
