@@ -18,6 +18,8 @@ from functools import cache
 from statistics import NormalDist
 from typing import NamedTuple
 
+import numpy as np
+
 from ledpi.core.records import Floats, Frame, Rejected
 from ledpi.decode.cells import CellSamples
 from ledpi.decode.evidence.band_estimate import estimate_bands
@@ -100,9 +102,13 @@ def _second_pass(
     codebook: Codebook,
     false_id_rate: float,
 ) -> Reading | Rejected:
-    """The codeword of the first pass, or one that it left open, by the exact waveform; or a reason against it."""
+    """The codeword of the first pass, or one that it left open, by the exact waveform; or a reason against it.
+
+    It starts from the codeword's cells and so favours them: those that are surely of the other class start as such.
+    """
     spec, (evidence, fit) = codebook.spec, first_result
-    estimate = estimate_bands(samples, frame, spec, codebook.white[fit.codewords[0]] > 0, fit.bands)
+    white = (codebook.white[fit.codewords[0]] > 0) ^ (np.array(fit.gain) > odds_needed(false_id_rate))
+    estimate = estimate_bands(samples, frame, spec, white, fit.bands)
     again = single_evidence(samples, frame, spec, estimate=estimate)
     if isinstance(again, Rejected):
         return again
