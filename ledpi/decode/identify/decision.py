@@ -132,13 +132,7 @@ def _second_pass(
     return second._replace(cell_bands=estimate.restore_phases(second.cell_bands))
 
 
-def _is_open(
-    first: Rejected,
-    fit: Fit,
-    evidence: Evidence,
-    codebook: Codebook,
-    false_id_rate: float,
-) -> bool:
+def _is_open(first: Rejected, fit: Fit, evidence: Evidence, codebook: Codebook, false_id_rate: float) -> bool:
     """Whether a second pass may change the result of the first."""
     if first in (NO_BANDS, UNFIT):
         return False
