@@ -68,6 +68,6 @@ def test_reasons_are_those_of_the_documents() -> None:
     }
 
 
-def test_a_reason_of_a_newer_daemon_is_told_by_its_name() -> None:
+def test_a_reason_of_a_newer_daemon_is_shown_by_its_name() -> None:
     """Rather than not at all."""
     assert explained("soft.something_new") == ("soft: something new", "")
