@@ -61,6 +61,16 @@ def test_the_page_says_it(fault: Fault, folder: Path) -> None:
         assert any(fault.says in says for says in told) if fault.says else told == []
 
 
+def asked_again(fault: Fault, folder: Path, *command: str) -> str:
+    """What a command says in the first try in which it is told what is wrong: not each frame shows a panel as it is."""
+    said = ""
+    for _ in range(TRIES):
+        said = ledpi(folder, *command)
+        if is_told(said, fault):
+            return said
+    raise AssertionError(said)
+
+
 def test_monitor_says_it(fault: Fault, folder: Path) -> None:
     """Below its table."""
     said = ""
@@ -73,14 +83,12 @@ def test_monitor_says_it(fault: Fault, folder: Path) -> None:
 
 def test_doctor_says_it(fault: Fault, folder: Path) -> None:
     """Of the daemon that has the camera, without stopping it."""
-    said = ledpi(folder, "doctor", "--set", "panels.side_m=0.16", "--set", "camera.source=simulated")
+    said = asked_again(fault, folder, "doctor", "--set", "panels.side_m=0.16", "--set", "camera.source=simulated")
     assert "runs (pid " in said
-    assert is_told(said, fault), said
 
 
 def test_snapshot_says_it(fault: Fault, folder: Path) -> None:
     """Of the daemon's frame."""
-    said = ledpi(folder, "snapshot", "--set", "panels.side_m=0.16", "--out", "look.png")
+    said = asked_again(fault, folder, "snapshot", "--set", "panels.side_m=0.16", "--out", "look.png")
     assert "running daemon" in said
-    assert is_told(said, fault), said
     assert (folder / "ledpi/look.png").exists()
