@@ -27,28 +27,31 @@ class _Seen(NamedTuple):
 
     frame: Frame
     not_read: list[NotRead]
-    read_px: list[Floats]
 
 
 def look(camera: Camera, config: Config) -> list[Finding]:
-    """Through an open camera, for half a second, and longer where the gain is to be found first."""
+    """Through an open camera, for half a second, and longer where the gain is to be found first.
+
+    A panel that is read in one of the frames is read: what another frame lacks is not told.
+    """
     looking = Looking(camera, config)
     looking.expose()
     lens = _lens(camera, config)
     pipeline = Pipeline(camera.info, config.panels, intrinsics=lens, source_panel=camera.panel)
-    read: set[int] = set()
+    read_px: dict[int, Floats] = {}  # by ID
     seen: _Seen | None = None
     for frame in itertools.islice(looking.frames(), LOOK_FRAMES):
         trace = Trace()
-        markers = pipeline.decode(frame, trace).markers
-        read |= {marker.detection.id for marker in markers}
+        for marker in pipeline.decode(frame, trace).markers:
+            read_px[marker.detection.id] = marker.detection.corners_px
         told = not_read_in(trace)
         if seen is None or len(told) >= len(seen.not_read):  # the whole picture is searched in some frames only
             kept = replace(frame, pixels=frame.pixels.copy())
-            seen = _Seen(kept, told, [marker.detection.corners_px for marker in markers])
+            seen = _Seen(kept, told)
     if seen is None:
         return []
-    return findings_of(sorted(read), WhyNot(camera.info, pipeline.panels, lens).explain(*seen))
+    why = WhyNot(camera.info, pipeline.panels, lens).explain(*seen, list(read_px.values()))
+    return findings_of(sorted(read_px), why)
 
 
 def _lens(camera: Camera, config: Config) -> Intrinsics | None:

@@ -173,7 +173,9 @@ def test_a_snapshot_is_taken(
     """One frame, read and drawn, once the gain has found the panels."""
     show(tmp_path / "panels", pictures)
     said = command(["snapshot", "--out", str(tmp_path / "look.png"), *AS_SET], monkeypatch, capsys)
-    assert {f"ID {marker_id} without a pose" for marker_id in IDS} <= set(re.findall(r"ID \d+ without a pose", said))
+    named = {int(marker_id) for marker_id in re.findall(r"ID (\d+) without a pose", said)}
+    assert named
+    assert named <= set(IDS)
     assert (tmp_path / "look.png").stat().st_size > 10_000
 
 
@@ -206,7 +208,7 @@ def test_the_doctor_finds_the_camera_well(behaviour: Behaviour, pictures: list[P
     show(tmp_path / "panels", pictures)
     findings, info = camera_findings(settings())
     assert [(finding.name, finding.state) for finding in findings] == [
-        (name, "ok") for name in ("camera", "sensor mode", "exposure", "row time")
+        (name, "ok") for name in ("camera", "sensor mode", "exposure", "row time", "panels")
     ]
     assert info is not None
     assert not behaviour.opened[0].is_open
