@@ -122,6 +122,11 @@ class CameraInfo:
     frame_length_rows: int | None = None  # rows in a frame's period, blanking included, where known
     intrinsics: Intrinsics | None = None  # where the source itself knows (a recording, the simulator)
 
+    @property
+    def frame_period_ms(self) -> float:
+        """Between two frames; without blanking where that is not known."""
+        return (self.frame_length_rows or self.height) * self.row_time_us * 1e-3
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PanelValues:

@@ -86,8 +86,8 @@ class Daemon:
         )
         setup = setup_of(config, info, self._pipeline.panels, self._calibrated, robot.panels)
         lens = replace(info, intrinsics=self._calibrated)
-        self._observers = Observers(config, self._pipeline, lens, _period_ms(info), setup, tap)
-        self._pacing = None if self._lossless else Pacing(_period_ms(info))
+        self._observers = Observers(config, self._pipeline, lens, info.frame_period_ms, setup, tap)
+        self._pacing = None if self._lossless else Pacing(info.frame_period_ms)
         self._gain = GainFollower(camera)
         _warn(config, self._pipeline, info, robot)
         resets = resets or Resets()
@@ -279,11 +279,6 @@ class Daemon:
             ring=self._ring.counters(),
             packets=self._publisher.counters,
         )
-
-
-def _period_ms(info: CameraInfo) -> float:
-    """Between two frames; without blanking where that is not known."""
-    return (info.frame_length_rows or info.height) * info.row_time_us * 1e-3
 
 
 def _warn(config: Config, pipeline: Pipeline, info: CameraInfo, robot: Robot) -> None:

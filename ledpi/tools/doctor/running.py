@@ -57,11 +57,12 @@ def _health(tap: Client) -> dict[str, Any] | None:
 
 
 def _in_view(tap: Client) -> list[Finding]:
-    """The picture of several in which most is told."""
+    """The picture of several in which most is told. A panel that is read in one of them is read."""
     pictures = [tap.picture(*WITH_REASONS) for _ in range(PICTURES)]
     picture = max(pictures, key=lambda one: len(not_read_of(one)))
     read = sorted({marker["id"] for one in pictures for marker in one["decoded"]["markers"]})
-    why = why_not_of(tap.hello).explain(frame_of(tap.hello, picture), not_read_of(picture), read_px_of(picture))
+    read_px = [corners for one in pictures for corners in read_px_of(one)]
+    why = why_not_of(tap.hello).explain(frame_of(tap.hello, picture), not_read_of(picture), read_px)
     return findings_of(read, why)
 
 

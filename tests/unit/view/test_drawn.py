@@ -62,7 +62,7 @@ def test_without_a_lens_there_are_no_axes() -> None:
 
 def test_a_dictionary_that_cannot_be_read_here_leaves_the_cells_out() -> None:
     """As the service may not read the daemon's files."""
-    (panel,) = drawn(decoded(1), HELLO | {"panels": HELLO["panels"] | {"dictionary": "/root/words.yaml"}})
+    (panel,) = drawn(decoded(1), HELLO | {"panels": HELLO["panels"] | {"dictionary": "/nowhere/words.yaml"}})
     assert (panel["id"], panel["cells"]) == (7, [])
 
 

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import pytest
 
-from ledpi.tools.doctor.running import checks
-from tests.builders.made_up_daemon import HEALTH, HELLO
+from ledpi.core.records import Pixels
+from ledpi.tap.client import connect
+from ledpi.tools.doctor.finding import ok
+from ledpi.tools.doctor.running import checks, examine
+from tests.builders.made_up_daemon import HEALTH, HELLO, PANEL, MadeUpDaemon
 
 
 def found(hello: dict[str, Any] | None = None, health: dict[str, Any] | None = None) -> dict[str, tuple[str, str]]:
@@ -40,3 +44,26 @@ def test_what_is_wrong_is_told_with_what_to_do(hello: Any, health: Any, name: st
     assert state == "bad"
     assert said in told
     assert all(f.remedy for f in checks(HELLO | hello, HEALTH | health) if f.state == "bad")
+
+
+class Flickering(MadeUpDaemon):
+    """Of two pictures one shows its panel, and the other only that something is there."""
+
+    def picture(self, seq: int) -> Pixels:  # type: ignore[override]
+        """Also what the rest of this answer, and the next one, tell."""
+        was_read = "markers" not in self.frame
+        dropped = {"corners_px": PANEL["corners_px"], "why": "identify.not_in_dictionary"}
+        self.extra = {} if was_read else {"rejected": [dropped]}
+        self.frame = {"markers": []} if was_read else {}
+        return MadeUpDaemon.picture(seq)
+
+
+def test_a_panel_that_one_of_the_pictures_shows_is_read(tmp_path: Path) -> None:
+    """What another one lacks is not told: a panel is not read and not read at once."""
+    daemon = Flickering(tmp_path / "tap.sock")
+    try:
+        with connect(str(tmp_path / "tap.sock")) as tap:
+            findings = list(examine(tap))
+    finally:
+        daemon.close()
+    assert [finding for finding in findings if finding.name == "panels"] == [ok("panels", "ID 7 read")]
