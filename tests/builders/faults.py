@@ -60,7 +60,7 @@ FAULTS: dict[str, Fault] = {
         says="looks like ID 11 of DICT_5X5_50", panel={"codeword": load_dictionary("DICT_5X5_50").codeword(11)}
     ),
     "half hidden": Fault(says="partly hidden", lights=(_before(0.5),)),
-    "out of focus": Fault(says="out of focus", sensor={"defocus_px": 16.0}, alone=True),
+    "out of focus": Fault(says="out of focus", sensor={"defocus_px": 22.0}, alone=True),
     "too dim": Fault(says="too dim", panel={"brightness": 0.006}, room=Room(level=0.001)),
     "saturated": Fault(says="too bright", panel={"brightness": 3.0}),
     "null": Fault(

@@ -25,7 +25,7 @@ from ledpi.tools.doctor.checks import configuration, examine
 from ledpi.tools.doctor.finding import Finding, bad, ok, unknown
 from ledpi.tools.doctor.in_view import findings_of, look
 from tests.builders import ROOT
-from tests.builders.faults import FAULTS, RIGHT, Fault, camera_of, config_of
+from tests.builders.faults import FAULTS, RIGHT, camera_of, config_of
 
 COMMAND = [sys.executable, "-c", "from ledpi.cli import main; main()", "doctor"]
 INFO = CameraInfo(
@@ -248,10 +248,7 @@ def test_the_camera_is_free_again_after_the_look() -> None:
 
 
 def in_view(name: str) -> list[Finding]:
-    return seen_of(FAULTS.get(name, RIGHT))
-
-
-def seen_of(fault: Fault) -> list[Finding]:
+    fault = FAULTS.get(name, RIGHT)
     config = config_of(fault)
     return look(camera_of(fault, config, paced=False), config)
 
@@ -278,8 +275,7 @@ def test_a_light_may_be_none() -> None:
 
 def test_a_picture_in_which_no_panel_can_be_read_is_a_fault() -> None:
     """As a blurred one is. Where some are read all the same, it is good enough."""
-    blurred = Fault(says="", sensor={"defocus_px": 24.0}, alone=True)
-    states = {finding.name: finding.state for finding in seen_of(blurred)}
+    states = {finding.name: finding.state for finding in in_view("out of focus")}
     assert states["picture"] == "bad"
     why = Why([], [Note(says="the picture is blurred", helps="focus")])
     assert findings_of([7], why) == [ok("panels", "ID 7 read")]
