@@ -81,7 +81,7 @@ def read(condition: Condition, panels: PanelSettings, number: int, *, stream: bo
     memory = PanelMemory(book.spec)
     for (frame, corners_px), marker_id in zip(views, told, strict=True):
         found = {"ledpi": any(each.id == true for each in reader.read(frame).found), "true corners": marker_id == true}
-        quad = Quad(corners_px=corners_px, bend_px=0.0)
+        quad = Quad(corners_px=corners_px)
         samples = sample_cells(frame, quad, 4, sensor.intrinsics, memory.lattice)
         if not isinstance(samples, Rejected):
             memory, _ = memory.add_frame(samples, frame)

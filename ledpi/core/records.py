@@ -186,7 +186,6 @@ class Quad:
 
     corners_px: Floats  # (4, 2), clockwise as seen in the picture
     covariance_px2: Floats | None = None  # (8, 8) of the corners' coordinates, x and y of each; None: not measured
-    bend_px: float = 0.0  # how far the lens bends its sides off the straight line, at most
     lattice_px: Floats | None = None  # (4, 2) corners of the lattice of its cells, where that ends elsewhere
     unknown: Floats | None = None  # what its picture was fitted with, as `decode.model.prior` has it
     unexplained: float = 0.0  # share of its light's squares that the fit leaves

@@ -7,12 +7,11 @@ in a cell, it does at the same place of every cell.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
 
-from ledpi.core.geometry import quad_side
 from ledpi.core.records import Floats, Frame, Intrinsics, Mask, Quad, Rejected, Singles
 from ledpi.kernels import cells as kernel
 
@@ -35,8 +34,6 @@ MIN_CELL_PX = 2.0
 # bands are deep. (Saturated pixels would spoil too much of it.) The variance of a sample over a pixel's is the mean of
 # the squared weights: (2/3)² for lines in both directions; 0.84, measured, for OpenCV's Lanczos of 8 × 8.
 LANCZOS_VARIANCE, LINEAR_VARIANCE = 0.84, 4.0 / 9.0
-# A lens that bends the square by less than this share of a cell is left out; what it moves is projected out anyway.
-MAX_BEND = 0.02
 
 TOO_SMALL = Rejected(stage="cells", reason="too_small")
 OUTSIDE = Rejected(stage="cells", reason="outside_picture")
@@ -80,13 +77,6 @@ def lattice(cells: int, k: int) -> Lattice:
     return Lattice(cells=cells, k=k, u=u, v=v, along=along.reshape(-1))
 
 
-def _bent(quad: Quad, cells: int, intrinsics: Intrinsics | None) -> Intrinsics | None:
-    """The lens, where it bends the square: it stays a square only before the lens does."""
-    if intrinsics is None or quad.bend_px == 0.0:
-        return None
-    return intrinsics if quad.bend_px > MAX_BEND * quad_side(quad.corners_px.tolist()) / cells else None
-
-
 def sample_cells(
     frame: Frame, quad: Quad, cells: int, intrinsics: Intrinsics | None = None, like: Lattice | None = None
 ) -> CellSamples | Rejected:
@@ -94,17 +84,15 @@ def sample_cells(
 
     On the lattice `like`, where the panel's size still suits it: pictures on one lattice can be compared.
     """
-    if quad.lattice_px is not None:
-        quad = replace(quad, corners_px=quad.lattice_px)
-    cell_px, sides_px = _sizes_px(quad.corners_px, cells)
+    corners_px = quad.corners_px if quad.lattice_px is None else quad.lattice_px
+    cell_px, sides_px = _sizes_px(corners_px, cells)
     if not min(cell_px) >= MIN_CELL_PX:
         return TOO_SMALL
     k = min(max(MIN_LATTICE, round(max(cell_px) * (1 - 2 * INSET))), MAX_LATTICE)
     if like is not None and abs(k - like.k) <= max(1.0, SAME_LATTICE * like.k):
         k = like.k
     points = lattice(cells, k)
-    lens = _bent(quad, cells, intrinsics)
-    sampled = kernel.sample_cells(frame, quad.corners_px, quad.bend_px, lens, cells, k, points.along)
+    sampled = kernel.sample_cells(frame, corners_px, intrinsics, cells, k, points.along)
     if sampled is None:
         return OUTSIDE
     light, rows, saturated, least = sampled

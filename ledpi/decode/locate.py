@@ -15,7 +15,6 @@ from ledpi.decode.model.fit import Effort, Fitted, Fitter
 from ledpi.decode.model.light import FEWEST_PX, ROUGHLY, Window
 from ledpi.decode.model.prior import BLUR
 from ledpi.decode.proposals import DEEP
-from ledpi.kernels import pose as kernel
 
 TOO_SMALL = Rejected(stage="fit", reason="too_small")
 NO_LIGHT = Rejected(stage="fit", reason="no_light")
@@ -44,7 +43,7 @@ class Locator:
     ) -> None:
         """`must_blink`: what surely does not at these frequencies is none."""
         self._must_blink = must_blink
-        self._cells, self._specs, self._intrinsics = cells, specs, intrinsics
+        self._cells, self._specs = cells, specs
         self._fitter = Fitter(cells, intrinsics)
 
     @property
@@ -61,6 +60,7 @@ class Locator:
             tolerance=0.02,
             most_left=1.0 - MIN_EXPLAINED,
             roughly=True,
+            even=True,
             banded=not faint,
             phasing=deep,
             must_blink=deep and self._must_blink,
@@ -72,15 +72,25 @@ class Locator:
         if not deep:
             unknown = unknown.copy()
             unknown[BLUR] = math.log(START_BLUR_PX)
+        return self._quad(self._finely(frame, first.lattice_px, first.spec, unknown, faint=faint))
+
+    def _finely(
+        self, frame: Frame, corners_px: Floats, spec: PanelSpec, unknown: Floats, *, faint: bool
+    ) -> Fitted | Rejected:
+        """On a fine grid: with cells that are even about their middles, so that only corners move; then with all."""
+        evenly = Effort(rounds=6, tolerance=0.02, even=True, must_blink=self._must_blink)
+        fit = self._fitted(frame, corners_px, evenly, (spec,), unknown)
+        if isinstance(fit, Rejected):
+            return fit
         fine = Effort(rounds=10, reweightings=2, must_blink=self._must_blink)
-        fit = self._fitted(frame, first.lattice_px, fine, (first.spec,), unknown)
+        fit = self._fitted(frame, fit.lattice_px, fine, (spec,), fit.unknown)
         for _ in range(MOST_MORE):
             if isinstance(fit, Rejected) or fit.settled or fit.explained < LEAST_EXPLAINED:
                 break
             if faint and not fit.hidden.any():
                 break
-            fit = self._fitted(frame, fit.lattice_px, fine, (fit.spec,), fit.unknown)
-        return self._quad(fit)
+            fit = self._fitted(frame, fit.lattice_px, fine, (spec,), fit.unknown)
+        return fit
 
     def refine(self, frame: Frame, corners_px: Floats, known: Floats) -> Quad | Rejected:
         """The panel whose lattice is within a tenth of a cell or so of these corners (4, 2), or why there is none.
@@ -120,7 +130,9 @@ class Locator:
         if not side_px >= smallest_px:
             return TOO_SMALL
         sigma_px = math.sqrt(float(np.trace(best.covariance_px2)) / 8.0)
-        return best if effort.roughly or sigma_px < MAX_SIGMA * side_px / self._cells else UNCERTAIN
+        if effort.roughly and effort.phasing:
+            return best  # in deep bands it sees few of the pixels: a finer grid may know more
+        return best if sigma_px < MAX_SIGMA * side_px / self._cells else UNCERTAIN
 
     def _quad(self, fit: Fitted | Rejected) -> Quad | Rejected:
         if isinstance(fit, Rejected):
@@ -131,16 +143,7 @@ class Locator:
             corners_px=fit.corners_px,
             lattice_px=fit.lattice_px,
             covariance_px2=fit.covariance_px2,
-            bend_px=self._bend_px(fit.corners_px),
             unknown=fit.unknown,
             unexplained=1.0 - fit.explained,
             hidden=fit.hidden if fit.hidden.any() else None,
         )
-
-    def _bend_px(self, corners: Floats) -> float:
-        """How far the lens bends a square's sides off the straight line, at most."""
-        lens = self._intrinsics
-        if lens is None or not any(lens.distortion):
-            return 0.0
-        square = np.ascontiguousarray(corners).view(np.complex128).reshape(1, 4)
-        return float(np.abs(kernel.bends(square, lens).imag).max())

@@ -24,7 +24,7 @@ MAX_SHIFT, MAX_GROWTH = 0.35, 1.25
 MAX_RESHAPED = 0.1
 # A fit that leaves so many times more of the light than the one before (where that left this share of it, or more) has
 # settled beside the panel: it is searched for.
-WORSE, LEAST_UNEXPLAINED = 4.0, 0.01
+WORSE, LEAST_UNEXPLAINED = 4.0, 0.005
 SAME = 0.01  # of the side: squares no further apart, and in size, are one
 OVERLAP = 0.5  # of the larger one's side: squares whose middles are no further apart are not both panels
 SAME_CELLS = 0.06  # of the side, from corner to corner: squares no further apart show the same cells

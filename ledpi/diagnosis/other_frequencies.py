@@ -34,7 +34,7 @@ def propose(
     frame: Frame, corners_px: Floats, dictionary: Dictionary, lens: Intrinsics | None
 ) -> tuple[float, float] | None:
     """Black's and white's likeliest frequency, of the cells within corners (4, 2); None where cells cannot be had."""
-    quad = Quad(corners_px=corners_px, bend_px=0.0 if lens is None else 1.0)
+    quad = Quad(corners_px=corners_px)
     samples = sample_cells(frame, quad, dictionary.cells_per_side, lens)
     waves = None if isinstance(samples, Rejected) else _weighed(samples, frame)
     if waves is None:

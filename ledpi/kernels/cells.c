@@ -19,26 +19,24 @@ typedef struct {
     ptrdiff_t first_column, first_row, columns, rows;
 } Patch;
 
-/* The part around `corners` (4, 2), with as much on each side as the interpolation takes in; false where they, or sides
- * that bend outward by so much, leave the picture. */
-static bool put_window(const Picture *picture, const double *corners, double bend_px, Patch *patch) {
-    ptrdiff_t first[2], count[2];
+/* The part that has these places (count,) in it, with as much on each side as the interpolation takes in; false where they, or
+ * `corners` (4, 2), leave the picture. */
+static bool put_window(const Picture *picture, const double *corners, const float *places[2], ptrdiff_t count, Patch *patch) {
+    ptrdiff_t first[2], wide[2];
     for (int axis = 0; axis < 2; axis++) {
         const ptrdiff_t size = axis ? picture->height : picture->width;
-        double low = INFINITY, high = -INFINITY;
-        for (int i = 0; i < 4; i++) {
-            const double at = corners[2 * i + axis];
-            if (!(at - bend_px >= 0.0 && at + bend_px <= (double)(size - 1))) return false;
-            low = fmin(low, at - bend_px);
-            high = fmax(high, at + bend_px);
-        }
+        for (int i = 0; i < 4; i++)
+            if (!(corners[2 * i + axis] >= 0.0 && corners[2 * i + axis] <= (double)(size - 1))) return false;
+        float low = INFINITY, high = -INFINITY;
+        for (ptrdiff_t i = 0; i < count; i++) low = fminf(low, places[axis][i]), high = fmaxf(high, places[axis][i]);
+        if (!(low >= 0.0f && high <= (float)(size - 1))) return false;
         first[axis] = (ptrdiff_t)low + 1 - MARGIN;
         if (first[axis] < 0) first[axis] = 0;
-        count[axis] = (ptrdiff_t)high + 1 + MARGIN - first[axis];
-        if (count[axis] > size - first[axis]) count[axis] = size - first[axis];
+        wide[axis] = (ptrdiff_t)high + 1 + MARGIN - first[axis];
+        if (wide[axis] > size - first[axis]) wide[axis] = size - first[axis];
     }
-    patch->first_column = first[0], patch->columns = count[0];
-    patch->first_row = first[1], patch->rows = count[1];
+    patch->first_column = first[0], patch->columns = wide[0];
+    patch->first_row = first[1], patch->rows = wide[1];
     return true;
 }
 
@@ -124,12 +122,12 @@ static LEDPI_INLINE void put_taps(const double *at, ptrdiff_t count, ptrdiff_t s
  * Lanczos' weights for every share of the way. */
 LEDPI_SIMD static void interpolate(const Patch *patch, const float *kernel, ptrdiff_t steps, bool saturated,
                                    const float *rows, ptrdiff_t count, float *columns) {
-    const double first = (double)patch->first_row;
+    const double left = (double)patch->first_column, first = (double)patch->first_row;
     for (ptrdiff_t from = 0; from < count; from += AT_ONCE, columns += AT_ONCE, rows += AT_ONCE) {
         const ptrdiff_t here = count - from < AT_ONCE ? count - from : AT_ONCE;
         double x[AT_ONCE], y[AT_ONCE];
         int32_t column[AT_ONCE], row[AT_ONCE], across[AT_ONCE], downward[AT_ONCE];
-        for (ptrdiff_t i = 0; i < here; i++) x[i] = columns[i], y[i] = rows[i] - first;
+        for (ptrdiff_t i = 0; i < here; i++) x[i] = columns[i] - left, y[i] = rows[i] - first;
         for (ptrdiff_t i = 0; saturated && i < here; i++) columns[i] = bilinear(patch, x[i], y[i]);
         if (saturated) continue;
         put_taps(x, here, patch->columns, steps, column, across);
@@ -139,24 +137,23 @@ LEDPI_SIMD static void interpolate(const Patch *patch, const float *kernel, ptrd
     }
 }
 
-/* Where in the patch, `columns` (cells², k²), and in which `rows` of the picture the lattice's points are seen. */
-LEDPI_SIMD static void put_places(const Patch *patch, const double h[9], const Lens *lens, ptrdiff_t cells, ptrdiff_t k,
+/* In which `columns` (cells², k²) and `rows` of the picture the lattice's points are seen. */
+LEDPI_SIMD static void put_places(const double h[9], const Lens *lens, ptrdiff_t cells, ptrdiff_t k,
                                   const float *along, float *columns, float *rows) {
-    const double first = (double)patch->first_column;
     for (ptrdiff_t cell = 0; cell < cells * cells; cell++) {
         const float *us = along + cell % cells * k, *vs = along + cell / cells * k;
         for (ptrdiff_t j = 0; j < k; j++, columns += k, rows += k) {
             const double v = vs[j], x0 = h[1] * v + h[2], y0 = h[4] * v + h[5], w0 = h[7] * v + 1.0;
             for (ptrdiff_t i = 0; i < k; i++) {
                 const double u = us[i], w = 1.0 / (h[6] * u + w0);
-                columns[i] = (float)((h[0] * u + x0) * w - first);
+                columns[i] = (float)((h[0] * u + x0) * w);
                 rows[i] = (float)((h[3] * u + y0) * w);
             }
             for (ptrdiff_t i = 0; lens && i < k; i++) {
                 const double u = us[i], w = 1.0 / (h[6] * u + w0);
                 double at[2];
                 ledpi_distort(lens, (h[0] * u + x0) * w, (h[3] * u + y0) * w, at);
-                columns[i] = (float)(at[0] - first);
+                columns[i] = (float)at[0];
                 rows[i] = (float)at[1];
             }
         }
@@ -175,34 +172,31 @@ static double least_light(ptrdiff_t cells, ptrdiff_t points, const float *light)
     return numbers ? least : NAN;
 }
 
-/* Samples cells × cells cells inside `corners` (4, 2), whose sides a lens bends by so much, k × k points in each, at the
- * places `along` (cells·k,) across the panel and down it; bent by the `lens` unless that is none. Light (cells², k²) and the
- * picture row of each sample. Lanczos' kernel, or straight lines where a pixel is
- * saturated; `least` is the least sum over a cell's samples. */
+/* Samples cells × cells cells inside `corners` (4, 2), k × k points in each, at the places `along` (cells·k,) across the panel and
+ * down it; bent by the `lens` unless that is none. Light (cells², k²) and the picture row of each sample. Lanczos' kernel, or
+ * straight lines where a pixel is saturated; `least` is the least sum over a cell's samples. */
 int ledpi_sample_cells(const uint8_t *pixels, ptrdiff_t height, ptrdiff_t width, ptrdiff_t stride, const float *table,
-                       const double *corners, double bend_px, const double *lens_numbers, ptrdiff_t cells, ptrdiff_t k,
-                       const float *along, const float *kernel, ptrdiff_t steps, float *light, float *picture_rows,
-                       double *least) {
+                       const double *corners, const double *lens_numbers, ptrdiff_t cells, ptrdiff_t k, const float *along,
+                       const float *kernel, ptrdiff_t steps, float *light, float *picture_rows, double *least) {
     const Lens *lens = (const Lens *)lens_numbers;
     const Picture picture = {pixels, height, width, stride, table};
+    const ptrdiff_t count = cells * cells * k * k;
     Patch patch;
-    if (height < 2 || width < 2 || !put_window(&picture, corners, bend_px, &patch)) return LEDPI_OUTSIDE;
-    patch.light = malloc(sizeof(float) * (size_t)(patch.columns * patch.rows));
-    if (!patch.light) return LEDPI_NOT_SAMPLED;
-    const bool saturated = linearise(&picture, &patch);
     Point seen[4];
     double h[9];
     for (int i = 0; i < 4; i++) {
-        seen[i] = (Point){corners[2 * i], corners[2 * i + 1]};
-        if (lens) {
-            double ray[2];
-            ledpi_ray_of(lens, corners + 2 * i, ray);
-            seen[i] = (Point){ray[0], ray[1]};
-        }
+        double ray[2] = {corners[2 * i], corners[2 * i + 1]};
+        if (lens) ledpi_ray_of(lens, corners + 2 * i, ray);
+        seen[i] = (Point){ray[0], ray[1]};
     }
     ledpi_unit_square_homography(seen, h);
-    put_places(&patch, h, lens, cells, k, along, light, picture_rows);
-    interpolate(&patch, kernel, steps, saturated, picture_rows, cells * cells * k * k, light);
+    put_places(h, lens, cells, k, along, light, picture_rows);
+    const float *places[] = {light, picture_rows};
+    if (height < 2 || width < 2 || !put_window(&picture, corners, places, count, &patch)) return LEDPI_OUTSIDE;
+    patch.light = malloc(sizeof(float) * (size_t)(patch.columns * patch.rows));
+    if (!patch.light) return LEDPI_NOT_SAMPLED;
+    const bool saturated = linearise(&picture, &patch);
+    interpolate(&patch, kernel, steps, saturated, picture_rows, count, light);
     free(patch.light);
     *least = least_light(cells * cells, k * k, light);
     return saturated ? LEDPI_SOME_SATURATED : LEDPI_NONE_SATURATED;

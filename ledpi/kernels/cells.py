@@ -9,7 +9,7 @@ import numpy as np
 from ledpi.core.records import Floats, Frame, Intrinsics, Singles
 from ledpi.core.tone import linear_light
 from ledpi.kernels.library import NONE, doubles, ffi, lib, pointer
-from ledpi.kernels.pose import lens_of
+from ledpi.kernels.pose import bending_lens_of
 
 STEPS = 512  # between two pixels, for which there are weights
 
@@ -25,25 +25,25 @@ def _lanczos() -> Singles:
 def sample_cells(
     frame: Frame,
     corners_px: Floats,
-    bend_px: float,
     lens: Intrinsics | None,
     cells: int,
     k: int,
     along: Singles,
 ) -> tuple[Singles, Singles, bool, float] | None:
-    """Light and picture rows (cells², k²) on a lattice inside `corners_px` (4, 2), bent by the `lens` if it is given.
+    """Light and picture rows (cells², k²) on a lattice inside `corners_px` (4, 2), bent as the `lens` does.
 
     And whether a pixel of those that this takes in is saturated, and the least sum of light over a cell, not a number
-    where that spoils a sample. None where corners, or sides that are bent by `bend_px`, leave the picture.
+    where that spoils a sample. None where corners or points leave the picture.
     Raises MemoryError.
     """
     light, rows = np.empty((cells * cells, k * k), np.float32), np.empty((cells * cells, k * k), np.float32)
     least, corners = np.empty(1), doubles(corners_px)
     pixels = frame.pixels if frame.pixels.strides[1] == 1 else np.ascontiguousarray(frame.pixels)
     first = ffi.cast("uint8_t *", pixels.__array_interface__["data"][0])  # rows may be apart
+    bending = bending_lens_of(lens)
     outcome = lib.ledpi_sample_cells(
         *(first, *pixels.shape, pixels.strides[0], pointer(linear_light(frame.transfer, mark_saturated=True))),
-        *(pointer(corners), bend_px, NONE if lens is None else pointer(lens_of(lens)), cells, k, pointer(along)),
+        *(pointer(corners), NONE if bending is None else pointer(bending), cells, k, pointer(along)),
         *(pointer(_lanczos()), STEPS, pointer(light), pointer(rows), pointer(least)),
     )
     if outcome == lib.LEDPI_NOT_SAMPLED:

@@ -15,7 +15,7 @@
 enum { LEDPI_NONE_SATURATED, LEDPI_SOME_SATURATED, LEDPI_OUTSIDE, LEDPI_NOT_SAMPLED };
 
 int ledpi_sample_cells(const uint8_t *pixels, ptrdiff_t height, ptrdiff_t width, ptrdiff_t stride, const float *table,
-                       const double *corners, double bend_px, const double *lens, ptrdiff_t cells, ptrdiff_t k,
+                       const double *corners, const double *lens, ptrdiff_t cells, ptrdiff_t k,
                        const float *along, const float *kernel, ptrdiff_t steps, float *light, float *picture_rows,
                        double *least);
 
@@ -141,6 +141,7 @@ typedef struct {
     ptrdiff_t rows, columns;
     double first_x, first_y, shrink, saturated;
     const double *lens; /* NULL: there is none */
+    double focal[2], centre[2]; /* x, y; without a lens in pixels, with one 1 and 0 */
     /* The panel: either class's wave (2, 512) as the exposure leaves it, less its mean, over its mean. The fit's light is
      * (what is seen − dark)·scale. */
     ptrdiff_t cells;
@@ -172,8 +173,6 @@ int ledpi_fit_panel(PanelFit *fit, uint8_t *room);
 ptrdiff_t ledpi_panel_room(void);
 
 /* ---- Poses (planar.c, refine.c, lens.c) */
-
-void ledpi_bends(const double *lens, ptrdiff_t quads, const double *corners, double *bends);
 
 void ledpi_solve_squares(const double *lens, const double *stop, ptrdiff_t count, const double *corners_px,
                          const double *whiteners, const double *sides_m, double *solutions, uint8_t *solved);

@@ -37,28 +37,3 @@ void ledpi_ray_of(const Lens *lens, const double pixel[2], double ray[2]) {
     }
     ray[0] = at[0], ray[1] = at[1];
 }
-
-/* What the lens does to the sides of quads (quads, 4, 2): where it moves the points at a third and two thirds of each, off
- * the line between its ends: along, inward; (quads, 4, 2, 2). */
-void ledpi_bends(const double *of_lens, ptrdiff_t quads, const double *corners, double *bends) {
-    const Lens *const lens = (const Lens *)of_lens;
-    for (ptrdiff_t i = 0; i < quads; i++, corners += 8, bends += 16) {
-        double seen[4][2];
-        for (int k = 0; k < 4; k++)
-            ledpi_distort(lens, (corners[2 * k] - lens->cx) / lens->fx, (corners[2 * k + 1] - lens->cy) / lens->fy, seen[k]);
-        for (int k = 0; k < 4; k++) {
-            int next = (k + 1) & 3;
-            double along[2] = {seen[next][0] - seen[k][0], seen[next][1] - seen[k][1]};
-            double length = fmax(sqrt(along[0] * along[0] + along[1] * along[1]), 1e-9);
-            for (int third = 1; third <= 2; third++) {
-                double share = third / 3.0, at[2], *bend = bends + 4 * k + 2 * (third - 1);
-                double x = corners[2 * k] + share * (corners[2 * next] - corners[2 * k]);
-                double y = corners[2 * k + 1] + share * (corners[2 * next + 1] - corners[2 * k + 1]);
-                ledpi_distort(lens, (x - lens->cx) / lens->fx, (y - lens->cy) / lens->fy, at);
-                double away[2] = {at[0] - seen[k][0] - share * along[0], at[1] - seen[k][1] - share * along[1]};
-                bend[0] = (away[0] * along[0] + away[1] * along[1]) / length;
-                bend[1] = (away[1] * along[0] - away[0] * along[1]) / length;
-            }
-        }
-    }
-}

@@ -9,11 +9,11 @@
 
 enum {
     WAYS = 8, /* in which a homography can be wrong */
-    HARMONICS = 2, SHAPES = (HARMONICS + 1) * (HARMONICS + 1) - 1, /* of a cell's profile, in either direction */
+    HARMONICS = 4, SHAPES = 13, /* of a cell's profile along a cell, and of both together */
     OWN = 3, /* unknowns of a cell: its gain, and how much it shows of either class's wave */
     /* Where in the unknowns: those of the panel, then each cell's OWN. As in decode/model/prior.py. */
-    BLUR = WAYS, GAP, RIM, SHAPE = RIM + 4, PHASE = SHAPE + SHAPES, BESIDE = PHASE + 2, DARK = BESIDE + 4, ASIDE, COMMON = ASIDE + 2,
-    RESIDUAL = COMMON, DENSE = 32, /* columns of a sample: COMMON, its residual, and what pads them */
+    BLUR = WAYS, GAP, RIM, SHAPE = RIM + 4, PHASE = SHAPE + SHAPES, BESIDE = PHASE + 2, DARK = BESIDE + 4, ASIDE, DEPTH = ASIDE + 2, GLOW, SMEAR, COMMON,
+    RESIDUAL = COMMON, DENSE = 40, /* columns of a sample: COMMON, its residual, and what pads them */
     MOST_CELLS = LEDPI_MOST_SIDE, MOST_ROWS = 512,
     MOST_OWN = OWN * MOST_CELLS * MOST_CELLS, MOST_UNKNOWN = COMMON + MOST_OWN,
     WAVE_STEPS = 512, /* of a period */
@@ -25,14 +25,14 @@ enum {
 typedef struct {
     const float *light;
     ptrdiff_t rows, columns;
-    double first_x, first_y, shrink, saturated;
+    double first_x, first_y, shrink, saturated, focal[2], centre[2]; /* 1 and 0 where places are rays */
     const Lens *lens; /* NULL: there is none */
 } View;
 
 typedef struct {
     ptrdiff_t cells;
     const float *waves; /* (2, WAVE_STEPS): either class's wave as the exposure leaves it, less its mean, over its mean */
-    double cycles_a_row[2], scale, dark; /* the fit's light is (what is seen − dark)·scale */
+    double cycles_a_row[2], sight[2], scale, dark; /* the fit's light is (what is seen − dark)·scale */
 } Panel;
 
 /* A line of the grid: the light there of the two nearest cells, and how it changes with place, blur, gap and the rim before
@@ -40,7 +40,7 @@ typedef struct {
  * and after the last. Of one line, and of eight side by side. */
 #define LINE(number) \
     number light[2], slope[2], blurred[2], gapped[2], rimmed[2][2], harmonic[2][HARMONICS + 1], steep[2][HARMONICS + 1], \
-        odd[2], odd_steep[2], beside[2], falls[2], spread[2]
+        shifted[2], glowing[2], smeared[2], odd[2], odd_steep[2], beside[2], falls[2], spread[2], smearing[2]
 typedef struct {
     LINE(float);
     int32_t cell[2]; /* −1: there is none, and no light */
@@ -59,6 +59,10 @@ typedef struct {
     bool tells[LEDPI_WIDTH]; /* within the view and not saturated */
 } Samples;
 
+/* The harmonics, across and down, of each of the SHAPES: as many LEDs along a cell make spots. */
+static const int8_t LEDPI_SHAPE[SHAPES][2] = {{1, 0}, {0, 1}, {2, 0}, {0, 2}, {3, 0}, {0, 3}, {4, 0},
+                                              {0, 4}, {1, 1}, {2, 1}, {1, 2}, {2, 2}, {3, 3}};
+
 /* What the profile is along a line down, for each of its cells: factors of the harmonics across, and their slopes down. */
 typedef struct {
     float by[2][HARMONICS + 1], steep[2][HARMONICS + 1];
@@ -66,8 +70,19 @@ typedef struct {
 
 Profile ledpi_panel_profile(const float *unknown, const Line *down);
 
-/* The line at `at`, in cells from the panel's first side, where light is blurred by `sigma` cells (panel_light.c). */
-Line ledpi_panel_line(double at, ptrdiff_t cells, double sigma, double gap, const double rim[2]);
+/* Along one direction, in cells: the gap between cells, how far light ends within the lattice at either end; how far walls stand
+ * before the diffuser, how much their faces glow beside it, and how far aside lines of sight go for each step inwards. */
+typedef struct {
+    double gap, rim[2], depth, glow, sight;
+} Walls;
+
+/* Across a line, in cells; and how its logarithm changes with that of the picture's blur along rows over that along columns. */
+typedef struct {
+    double sigma, by_smear;
+} Blur;
+
+/* The line at `at`, in cells from the panel's first side (panel_light.c). */
+Line ledpi_panel_line(double at, ptrdiff_t cells, Blur blur, const Walls *walls);
 
 /* Puts lines side by side; the last one repeats where they are fewer than eight (panel_light.c). */
 void ledpi_panel_lines(const Line *lines, const double *along, ptrdiff_t count, ptrdiff_t cells, Lines *out);

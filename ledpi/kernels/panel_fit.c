@@ -15,13 +15,20 @@ enum {
 #define MOST_BLURRING 0.3 /* of the blur's logarithm */
 #define MOST_TURN 0.1 /* cycles of a phase: as far as its wave's slope holds */
 #define SETTLED_SHARE 0.1 /* of the squared residuals: so well is the noise known */
+#define WORSE 1.5 /* a step that leaves so much more than was left before goes too far; the samples move with the corners */
 #define WEIGHED_SHARE 0.5 /* and while more of them than this will go, what does not fit is not told from what is not fitted yet */
 /* Student's t: blocks of this freedom are weighed by (freedom + 1)/(freedom + their mean square over the usual one). */
 #define FREEDOM 4.0
 #define LEAST_GAIN 0.02
 #define SHALLOW 0.25 /* of the squares that bands should explain */
 #define NATS_NEEDED 11.3
-static const double LEAST_BLUR_PX = 0.4, MOST_BLUR_PX = 3.0, MOST_GAP = 0.6, MOST_RIM = 0.5, MOST_SIGMA = 1.0;
+#define MOST_SIGHT 6.0 /* steps aside for one inwards: from 80° aside */
+static const double MOST_SIGMA = 1.0;
+/* Unknowns stay where the equation means something: the blur within 0.4 … 2 px, other lengths in cells. */
+static const struct {
+    ptrdiff_t at, count;
+    double least, most;
+} LIMITS[] = {{BLUR, 1, -0.92, 0.69}, {GAP, 1, 0.0, 0.25}, {RIM, 4, -0.5, 0.5}, {DEPTH, 1, 0.0, 0.2}, {GLOW, 1, 0.0, 1.0}, {SMEAR, 1, -0.9, 0.9}};
 /* In cells: further within than another side's, light ends at what hides the rest; two deviations of RIM_SIGMA of prior.py. */
 static const double HIDDEN = 0.06;
 
@@ -57,11 +64,32 @@ typedef struct {
 
 ptrdiff_t ledpi_panel_room(void) { return (ptrdiff_t)sizeof(Work); }
 
+/* How far aside, across and down, a line of sight to the panel's middle goes for each step inwards. */
+static void put_sight(const View *view, const double h[9], double sight[2]) {
+    double side[3][3], along[2] = {0.0, 0.0}, normal[3], inwards = 0.0; /* across, down, to the middle: in the camera's frame */
+    for (int k = 0; k < 3; k++) {
+        const double column[] = {h[k], h[3 + k], h[6 + k]};
+        for (int axis = 0; axis < 2; axis++) side[k][axis] = (column[axis] - view->centre[axis] * column[2]) / view->focal[axis];
+        side[k][2] = column[2];
+    }
+    for (int i = 0; i < 3; i++) side[2][i] += 0.5 * (side[0][i] + side[1][i]);
+    for (int i = 0; i < 3; i++) normal[i] = side[0][(i + 1) % 3] * side[1][(i + 2) % 3] - side[0][(i + 2) % 3] * side[1][(i + 1) % 3];
+    const double area = sqrt(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]);
+    for (int i = 0; i < 3; i++) inwards += normal[i] * side[2][i] / area;
+    for (int axis = 0; axis < 2; axis++) {
+        const double *a = side[axis], length = sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]);
+        for (int i = 0; i < 3; i++) along[axis] += a[i] * side[2][i] / length;
+        sight[axis] = fmin(fmax(along[axis] / fmax(fabs(inwards), 1e-12), -MOST_SIGHT), MOST_SIGHT);
+    }
+}
+
 /* Lines of the grid in both directions. The picture's blur is the same all over: in cells it is as broad as these are
  * narrow, across their own lines, half way along each. */
 static void put_lines(const Fitting *fit, const double h[9], Work *work) {
     const double n = (double)fit->panel.cells, per_ray = fit->view.lens ? fit->view.lens->fx : 1.0;
-    for (int axis = 0; axis < 2; axis++)
+    for (int axis = 0; axis < 2; axis++) {
+        const double *unknown = fit->unknown, *rim = unknown + RIM + 2 * axis;
+        const Walls walls = {unknown[GAP], {rim[0], rim[1]}, unknown[DEPTH], unknown[GLOW], fit->panel.sight[axis]};
         for (ptrdiff_t i = 0; i < fit->lines; i++) {
             const double u = axis ? 0.5 : fit->along[i] / n, v = axis ? fit->along[i] / n : 0.5;
             const double w = 1.0 / (h[6] * u + h[7] * v + h[8]);
@@ -69,11 +97,15 @@ static void put_lines(const Fitting *fit, const double h[9], Work *work) {
             const double xu = (h[0] - x * h[6]) * w, xv = (h[1] - x * h[7]) * w;
             const double yu = (h[3] - y * h[6]) * w, yv = (h[4] - y * h[7]) * w;
             const double area = fmax(fabs(xu * yv - xv * yu) * per_ray, 1e-12);
-            const double a_pixel = n * (axis ? ledpi_length(xu, yu) : ledpi_length(xv, yv)) / area;
-            const double sigma = fmin(fmax(exp(fit->unknown[BLUR]) * fit->view.shrink * a_pixel, 1e-3), MOST_SIGMA);
-            work->grid[axis][i] = ledpi_panel_line(fit->along[i], fit->panel.cells, sigma, fit->unknown[GAP],
-                                                   fit->unknown + RIM + 2 * axis);
+            const double *const along = axis ? (double[]){xu, yu} : (double[]){xv, yv}; /* the line, which goes across the other axis */
+            const double a_pixel = n / area, spread[2] = {exp(unknown[BLUR] + unknown[SMEAR]), exp(unknown[BLUR] - unknown[SMEAR])};
+            const double of_rows = a_pixel * along[1] * spread[0], of_columns = a_pixel * along[0] * spread[1];
+            const double sigma = ledpi_length(of_rows, of_columns);
+            const Blur blur = {fmin(fmax(fit->view.shrink * sigma, 1e-3), MOST_SIGMA),
+                               (of_rows * of_rows - of_columns * of_columns) / fmax(sigma * sigma, 1e-12)};
+            work->grid[axis][i] = ledpi_panel_line(fit->along[i], fit->panel.cells, blur, &walls);
         }
+    }
     for (ptrdiff_t i = 0; i < fit->lines; i += LEDPI_WIDTH)
         ledpi_panel_lines(work->grid[0] + i, fit->along + i, fit->lines - i, fit->panel.cells, work->across + i / LEDPI_WIDTH);
     for (int k = 0; k < 9; k++) work->numbers[k] = (float)h[k];
@@ -282,9 +314,9 @@ static double take_step(Fitting *fit, const double h[9], Work *work) {
     move(h, work->step + owns, (double[]){-1.0, -1.0}, (double[]){1.0, 1.0}, fit->corners);
     for (ptrdiff_t c = 0; c < cells * cells; c++) usual += unknown[COMMON + OWN * c] / (double)(cells * cells);
     for (ptrdiff_t c = 0; c < cells * cells; c++) unknown[COMMON + OWN * c] = fmax(unknown[COMMON + OWN * c], LEAST_GAIN * usual);
-    unknown[BLUR] = fmin(fmax(unknown[BLUR], log(LEAST_BLUR_PX)), log(MOST_BLUR_PX));
-    unknown[GAP] = fmin(fmax(unknown[GAP], 0.0), MOST_GAP);
-    for (int k = 0; k < 4; k++) unknown[RIM + k] = fmin(fmax(unknown[RIM + k], -MOST_RIM), MOST_RIM);
+    for (size_t i = 0; i < sizeof LIMITS / sizeof *LIMITS; i++)
+        for (ptrdiff_t at = LIMITS[i].at; at < LIMITS[i].at + LIMITS[i].count; at++)
+            unknown[at] = fmin(fmax(unknown[at], LIMITS[i].least), LIMITS[i].most);
     return most;
 }
 
@@ -375,8 +407,9 @@ static bool is_without_bands(Bands bands, const Work *work) {
 static Fitting begun(const PanelFit *asked, PanelFit *into) {
     Fitting fit = {
         .view = {asked->light, asked->rows, asked->columns, asked->first_x, asked->first_y, asked->shrink, asked->saturated,
+                 {asked->focal[0], asked->focal[1]}, {asked->centre[0], asked->centre[1]},
                  (const Lens *)asked->lens},
-        .panel = {asked->cells, asked->waves, {asked->cycles_a_row[0], asked->cycles_a_row[1]}, asked->scale, asked->dark},
+        .panel = {asked->cells, asked->waves, {asked->cycles_a_row[0], asked->cycles_a_row[1]}, {0.0, 0.0}, asked->scale, asked->dark},
         .asked = asked, .along = asked->along, .prior = asked->prior, .lines = asked->lines,
         .reweightings = asked->reweightings, .unknown = asked->unknown, .covariance = into->covariance,
     };
@@ -395,11 +428,36 @@ static float ridge_of(const Fitting *fit, const Work *work) {
     return (float)(variance_of(work) * fit->prior[unknowns + COMMON + 1]);
 }
 
+/* Where a step began. */
+typedef struct {
+    Point corners[4];
+    double unknown[MOST_UNKNOWN], variance;
+} Start;
+
+static size_t unknowns_of(const Fitting *fit) { return (size_t)(COMMON + OWN * fit->panel.cells * fit->panel.cells); }
+
+static void keep_start(const Fitting *fit, const Work *work, Start *start) {
+    memcpy(start->corners, fit->corners, sizeof start->corners);
+    memcpy(start->unknown, fit->unknown, unknowns_of(fit) * sizeof(double));
+    start->variance = variance_of(work);
+}
+
+/* Takes half of a step back. */
+static void halve_step(Fitting *fit, const Start *start) {
+    for (int i = 0; i < 4; i++) {
+        fit->corners[i].x = 0.5 * (fit->corners[i].x + start->corners[i].x);
+        fit->corners[i].y = 0.5 * (fit->corners[i].y + start->corners[i].y);
+    }
+    for (size_t i = 0; i < unknowns_of(fit); i++) fit->unknown[i] = 0.5 * (fit->unknown[i] + start->unknown[i]);
+}
+
 /* Rounds of Gauss and Newton, until nothing moves. Leaves the homography of the last. */
 static int iterate(Fitting *fit, double h[9], bool *settled, Work *work) {
     const PanelFit *const asked = fit->asked;
+    Start start = {.variance = INFINITY};
     for (ptrdiff_t round = 0;; round++) {
         ledpi_unit_square_homography(fit->corners, h);
+        put_sight(&fit->view, h, fit->panel.sight);
         put_lines(fit, h, work);
         if (asked->phasing && round == 0) {
             sum_up(fit, true, work);
@@ -408,6 +466,11 @@ static int iterate(Fitting *fit, double h[9], bool *settled, Work *work) {
             if (asked->must_blink && is_without_bands(bands, work)) return LEDPI_WITHOUT_BANDS;
         }
         sum_up(fit, false, work);
+        if (round + 1 < asked->rounds && variance_of(work) > WORSE * start.variance) {
+            halve_step(fit, &start);
+            continue;
+        }
+        keep_start(fit, work, &start);
         if (!solve_step(fit, work)) return LEDPI_DIVERGED;
         const double moved = take_step(fit, h, work), left = (1.0 - fit->explained) * (1.0 - work->decrease);
         if (!(moved < 1e3)) return LEDPI_DIVERGED;
@@ -417,6 +480,7 @@ static int iterate(Fitting *fit, double h[9], bool *settled, Work *work) {
         if (near && fit->reweightings) {
             weigh_blocks(fit->panel.cells, work);
             fit->reweightings--;
+            start.variance = INFINITY; /* of other weights */
         }
     }
 }

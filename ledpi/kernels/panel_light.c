@@ -3,7 +3,7 @@
  *   light(U, V) = dark + Σ_c A_c(U)·A_c(V)·S(x, y)·(gain_c + a_c·w_A(row) + b_c·w_B(row)) + Σ_side level·O_side
  *
  * U, V in cells from the panel's first corner; A a cell's opening between walls, blurred; S = 1 + Σ s_m·cos·cos + Σ o·sin the
- * profile that all cells share, about even about their middles x = y = 0; w_A, w_B what the exposure leaves of either class's
+ * profile that all cells share, about even about their middles x = y = 0; lines of sight are `depth` aside when they end; w_A, w_B what the exposure leaves of either class's
  * wave; O what is beyond a side. */
 #include <math.h>
 #include <string.h>
@@ -19,43 +19,60 @@
 
 static double density(double z) { return 0.3989422804014327 * exp(-0.5 * z * z); }
 
-static void put_cell(Line *line, int k, double at, ptrdiff_t cells, double sigma, double gap, const double rim[2]) {
+/* One end of a cell's opening: how far a place is beyond the wall's front and beyond its face, over the blur. */
+typedef struct {
+    double front, face;
+} Edge;
+
+static double opened(Edge e, double glow) { return glow * erf(e.front * ROOT_HALF) + (1.0 - glow) * erf(e.face * ROOT_HALF); }
+static double steepness(Edge e, double glow) { return glow * density(e.front) + (1.0 - glow) * density(e.face); }
+static double spreading(Edge e, double glow) { return glow * e.front * density(e.front) + (1.0 - glow) * e.face * density(e.face); }
+
+static void put_cell(Line *line, int k, double at, ptrdiff_t cells, Blur blur, const Walls *walls) {
     const int32_t cell = line->cell[k];
     const bool first = cell == 0, last = cell == cells - 1;
-    const double before = (at - (double)cell - (first ? rim[0] : 0.5 * gap)) / sigma;
-    const double after = (at - (double)(cell + 1) + (last ? rim[1] : 0.5 * gap)) / sigma;
-    const double up = density(before), down = density(after), off = at - (double)cell - 0.5;
+    const double shift = walls->depth * walls->sight, glow = walls->glow, sigma = blur.sigma;
+    const double from = at - (double)cell - (first ? walls->rim[0] : 0.5 * walls->gap);
+    const double to = at - (double)(cell + 1) + (last ? walls->rim[1] : 0.5 * walls->gap);
+    const Edge before = {from / sigma, (from + fmin(shift, 0.0)) / sigma}, after = {to / sigma, (to + fmax(shift, 0.0)) / sigma};
+    const double up = steepness(before, glow), down = steepness(after, glow), off = at + shift - (double)cell - 0.5;
     const double inside = fmin(fmax(off, -0.5), 0.5), steep = inside == off ? TURN : 0.0;
     const double sine = sin(TURN * inside), cosine = cos(TURN * inside);
-    line->light[k] = (float)(0.5 * (erf(before * ROOT_HALF) - erf(after * ROOT_HALF)));
+    line->light[k] = (float)(0.5 * (opened(before, glow) - opened(after, glow)));
     line->slope[k] = (float)((up - down) / sigma);
-    line->blurred[k] = (float)(after * down - before * up);
+    line->blurred[k] = (float)(spreading(after, glow) - spreading(before, glow));
+    line->smeared[k] = (float)blur.by_smear * line->blurred[k];
     line->gapped[k] = (float)(-0.5 * ((first ? 0.0 : up) + (last ? 0.0 : down)) / sigma);
+    line->shifted[k] = (float)((1.0 - glow) / sigma * (walls->sight < 0.0 ? density(before.face) : -density(after.face)));
+    line->glowing[k] = (float)(0.5 * (opened(before, 1.0) - opened(before, 0.0) - opened(after, 1.0) + opened(after, 0.0)));
     if (first) line->rimmed[k][0] = (float)(-up / sigma);
     if (last) line->rimmed[k][1] = (float)(-down / sigma);
     line->odd[k] = (float)sine, line->odd_steep[k] = (float)(steep * cosine);
-    const double harmonic[] = {1.0, cosine, 2.0 * cosine * cosine - 1.0}, by_steep[] = {0.0, -sine, -4.0 * sine * cosine};
+    double many[2] = {1.0, 0.0}; /* cosine and sine of n turns */
     for (int n = 0; n <= HARMONICS; n++) {
-        line->harmonic[k][n] = (float)harmonic[n];
-        line->steep[k][n] = (float)(steep * by_steep[n]);
+        line->harmonic[k][n] = (float)many[0];
+        line->steep[k][n] = (float)(-n * steep * many[1]);
+        const double next = many[0] * cosine - many[1] * sine;
+        many[1] = many[1] * cosine + many[0] * sine, many[0] = next;
     }
 }
 
-Line ledpi_panel_line(double at, ptrdiff_t cells, double sigma, double gap, const double rim[2]) {
+Line ledpi_panel_line(double at, ptrdiff_t cells, Blur blur, const Walls *walls) {
     Line line;
     memset(&line, 0, sizeof line);
     const double within = fmin(fmax(floor(at), 0.0), (double)(cells - 1));
     line.cell[0] = (int32_t)within;
     line.cell[1] = line.cell[0] + (at - within > 0.5 ? 1 : -1);
     for (int k = 0; k < 2; k++) {
-        const double beyond = ((k ? at - (double)cells : -at) + rim[k]) / sigma;
+        const double beyond = ((k ? at - (double)cells : -at) + walls->rim[k]) / blur.sigma;
         line.beside[k] = (float)(0.5 * (1.0 + erf(beyond * ROOT_HALF)));
-        line.falls[k] = (float)((k ? 1.0 : -1.0) * density(beyond) / sigma);
+        line.falls[k] = (float)((k ? 1.0 : -1.0) * density(beyond) / blur.sigma);
         line.spread[k] = (float)(-density(beyond) * beyond);
+        line.smearing[k] = (float)blur.by_smear * line.spread[k];
         if (line.cell[k] < 0 || line.cell[k] >= cells)
             line.cell[k] = -1;
         else
-            put_cell(&line, k, at, cells, sigma, gap, rim);
+            put_cell(&line, k, at, cells, blur, walls);
     }
     return line;
 }
@@ -75,15 +92,15 @@ void ledpi_panel_lines(const Line *lines, const double *along, ptrdiff_t count, 
 
 Profile ledpi_panel_profile(const float *unknown, const Line *down) {
     Profile profile;
-    for (int j = 0; j < 2; j++)
-        for (int x = 0; x <= HARMONICS; x++) {
-            profile.by[j][x] = x ? 0.0f : 1.0f, profile.steep[j][x] = 0.0f;
-            for (int y = x ? 0 : 1; y <= HARMONICS; y++) {
-                const float much = unknown[SHAPE - 1 + y * (HARMONICS + 1) + x];
-                profile.by[j][x] += much * down->harmonic[j][y];
-                profile.steep[j][x] += much * down->steep[j][y];
-            }
+    memset(&profile, 0, sizeof profile);
+    for (int j = 0; j < 2; j++) {
+        profile.by[j][0] = 1.0f;
+        for (int n = 0; n < SHAPES; n++) {
+            const int x = LEDPI_SHAPE[n][0], y = LEDPI_SHAPE[n][1];
+            profile.by[j][x] += unknown[SHAPE + n] * down->harmonic[j][y];
+            profile.steep[j][x] += unknown[SHAPE + n] * down->steep[j][y];
         }
+    }
     return profile;
 }
 
@@ -151,12 +168,12 @@ static LEDPI_INLINE void put_waves(const Panel *panel, const float *unknown, Eig
 }
 
 /* Adds the light of the cells that are the i-th of the lines across and the j-th of the one down. */
-static LEDPI_INLINE void add_cells(const float *unknown, const Profile *profile, ptrdiff_t cells, const Lines *across, int i,
+static LEDPI_INLINE void add_cells(const Panel *panel, const float *unknown, const Profile *profile, const Lines *across, int i,
                                    const Line *down, int j, Terms *t, Samples *s) {
     Eight own[OWN];
     for (int lane = 0; lane < LEDPI_WIDTH; lane++) {
         const int32_t column = across->cell[i][lane];
-        const float *of = unknown + COMMON + OWN * (down->cell[j] * cells + (column < 0 ? 0 : column));
+        const float *of = unknown + COMMON + OWN * (down->cell[j] * panel->cells + (column < 0 ? 0 : column));
         for (int k = 0; k < OWN; k++) ((float *)(own + k))[lane] = of[k];
     }
     const float below = down->light[j], *by = profile->by[j], *steep = profile->steep[j];
@@ -170,16 +187,19 @@ static LEDPI_INLINE void add_cells(const float *unknown, const Profile *profile,
         tilt[0] += by[x] * across->steep[i][x];
         tilt[1] += steep[x] * harmonic[x];
     }
-    for (int y = 0; y <= HARMONICS; y++)
-        for (int x = y ? 0 : 1; x <= HARMONICS; x++)
-            s->by[SHAPE - 1 + y * (HARMONICS + 1) + x] += part * harmonic[x] * down->harmonic[j][y];
+    for (int n = 0; n < SHAPES; n++)
+        s->by[SHAPE + n] += part * harmonic[LEDPI_SHAPE[n][0]] * down->harmonic[j][LEDPI_SHAPE[n][1]];
     s->by[ASIDE] += part * across->odd[i];
     s->by[ASIDE + 1] += part * down->odd[j];
     const Eight shown = both * shape, lit_shape = lit * shape, lit_below = lit_shape * below, lit_right = lit_shape * right;
     s->predicted += lit * shown;
+    s->by[DEPTH] += (float)panel->sight[0] * (across->shifted[i] * lit_below + part * tilt[0]);
+    s->by[DEPTH] += (float)panel->sight[1] * (down->shifted[j] * lit_right + part * tilt[1]);
+    s->by[GLOW] += across->glowing[i] * lit_below + down->glowing[j] * lit_right;
     t->slope[0] += across->slope[i] * lit_below + part * tilt[0];
     t->slope[1] += down->slope[j] * lit_right + part * tilt[1];
     s->by[BLUR] += across->blurred[i] * lit_below + down->blurred[j] * lit_right;
+    s->by[SMEAR] += across->smeared[i] * lit_below + down->smeared[j] * lit_right;
     s->by[GAP] += across->gapped[i] * lit_below + down->gapped[j] * lit_right;
     for (int k = 0; k < 2; k++) {
         s->by[RIM + k] += across->rimmed[i][k] * lit_below;
@@ -205,6 +225,7 @@ static LEDPI_INLINE void add_beside(const float *unknown, const Lines *across, c
         t->slope[0] += fall;
         t->slope[1] += fall_down;
         s->by[BLUR] += (level[k] - hidden) * across->spread[k] + level[2 + k] * down->spread[k] * open;
+        s->by[SMEAR] += (level[k] - hidden) * across->smearing[k] + level[2 + k] * down->smearing[k] * open;
         s->outside += side + end;
     }
 }
@@ -232,7 +253,7 @@ LEDPI_SIMD void ledpi_panel_sample(const Panel *panel, const View *view, const f
     for (int j = 0; j < 2; j++)
         for (int i = 0; i < 2; i++)
             if (down->light[j] > NO_LIGHT && (i == 0 || across->is_between))
-                add_cells(unknown, &profile, panel->cells, across, i, down, j, &t, s);
+                add_cells(panel, unknown, &profile, across, i, down, j, &t, s);
             else
                 s->own[j][i][0] = none;
     if (across->is_beside || down->beside[0] + down->beside[1] > NO_LIGHT) add_beside(unknown, across, down, &t, s);

@@ -1,11 +1,10 @@
-"""The poses of squares, and what lenses do to their sides (planar.c, refine.c, lens.c)."""
+"""The poses of squares (planar.c, refine.c, lens.c)."""
 
 from __future__ import annotations
 
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ledpi.core.records import Floats, Intrinsics, Mask
 from ledpi.kernels.library import doubles, lib, pointer
@@ -21,14 +20,9 @@ def lens_of(intrinsics: Intrinsics) -> Floats:
     return np.array([intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy, *intrinsics.distortion])
 
 
-def bends(corners: NDArray[np.complex128], lens: Intrinsics) -> NDArray[np.complex128]:
-    """(N, 4, 2) how far the points at a third and two thirds of each side of quads (N, 4) are moved by the lens.
-
-    Off the line between its ends: along (real) and inward (imaginary), in pixels.
-    """
-    corners, bent = np.ascontiguousarray(corners), np.empty((*corners.shape, 2), np.complex128)
-    lib.ledpi_bends(pointer(lens_of(lens)), len(corners), pointer(corners), pointer(bent))
-    return bent
+def bending_lens_of(intrinsics: Intrinsics | None) -> Floats | None:
+    """The same, where there is a lens and it bends."""
+    return lens_of(intrinsics) if intrinsics is not None and any(intrinsics.distortion) else None
 
 
 def solve_squares(

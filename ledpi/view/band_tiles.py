@@ -24,7 +24,7 @@ def paint_bands(
     frame = _frame(pixels, decoded, hello)
     for marker in decoded["markers"]:
         corners = np.array(marker["corners_px"], np.float64)
-        quad = Quad(corners_px=corners, bend_px=1.0)  # has the lens's bend looked at
+        quad = Quad(corners_px=corners)
         samples = sample_cells(frame, quad, cells, _lens(hello))
         if isinstance(samples, CellSamples):
             tile, share = bands_tile(samples)

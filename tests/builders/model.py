@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from scipy.special import erf
 
@@ -15,6 +16,7 @@ from tests.builders.decode import PHASES, SPEC, TRUE_10_MS_US, Canvas, share_on,
 
 CELLS = 4
 SIZE = 160  # of a picture, pixels along a side
+FOCAL_PX, CENTRE_PX = 640.0, (320.0, 240.0)  # what the fit takes for a camera that it does not know, of 640 × 480
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,6 +30,9 @@ class Panel:
     rim: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)  # left, right, above, below, in cells
     hot: float = 0.3  # first harmonic of a cell's light, either way
     hot_at: float = 0.5  # where in a cell that is brightest, across and down
+    leds: int = 1  # along a cell: each makes such a spot
+    depth: float = 0.0  # that walls stand before the diffuser, in cells
+    glow: float = 0.4  # of a wall's face, over the diffuser beside it
     gains: Floats | None = None  # (4, 4)
     blinks: bool = True
     phases: tuple[float, float] = PHASES
@@ -40,22 +45,28 @@ class Panel:
         across, down = places_of(self.corners, np.stack(np.indices((SIZE, SIZE))[::-1], axis=-1))
         own = np.ones((CELLS, CELLS)) if self.gains is None else self.gains
         shown = own[..., None] * (1.0 + self._waves()[word(self.marker_id).astype(int)])  # (4, 4, SIZE)
-        open_across, left, right = self._openings(across, self.rim[:2])
-        open_down, above, below = self._openings(down, self.rim[2:])
+        shifts = self.depth * sight_of(self.corners)
+        open_across, left, right = self._openings(across, self.rim[:2], shifts[0])
+        open_down, above, below = self._openings(down, self.rim[2:], shifts[1])
         light = np.full((SIZE, SIZE), self.dark)
         for j in range(CELLS):
             for i in range(CELLS):
-                light += open_down[j] * open_across[i] * shown[j, i][:, None] * self._profile(across - i, down - j)
+                profile = self._profile(across + shifts[0] - i, down + shifts[1] - j)
+                light += open_down[j] * open_across[i] * shown[j, i][:, None] * profile
         between = 1.0 - left - right
         beside = [left, right, above * between, below * between]
         light += sum(level * share for level, share in zip(self.beside, beside, strict=True))
         return light
 
     def _profile(self, x: Floats, y: Floats) -> Floats:
-        return 1.0 + self.hot * sum(np.cos(math.tau * (np.clip(at, 0.0, 1.0) - self.hot_at)) for at in (x, y))
+        places = (np.clip(at, 0.0, 1.0) - self.hot_at for at in (x, y))
+        return 1.0 + self.hot * sum(np.cos(self.leds * math.tau * at) for at in places)
 
-    def _openings(self, at: Floats, rim: tuple[float, float]) -> tuple[list[Floats], Floats, Floats]:
-        """How open each cell is along one axis, how much is before the first one, and how much after the last."""
+    def _openings(self, at: Floats, rim: tuple[float, float], shift: float) -> tuple[list[Floats], Floats, Floats]:
+        """How open each cell is along one axis, how much is before the first one, and how much after the last.
+
+        Sight ends `shift` further on: at one end of each cell, so much of it on a wall's face.
+        """
         sigma = self.blur_px * np.hypot(*np.gradient(at))
 
         def after(line: float) -> Floats:
@@ -63,7 +74,11 @@ class Panel:
 
         starts = [rim[0], *(k + self.gap / 2 for k in range(1, CELLS))]
         ends = [*(k - self.gap / 2 for k in range(1, CELLS)), CELLS - rim[1]]
-        openings = [after(start) - after(end) for start, end in zip(starts, ends, strict=True)]
+        before, beyond = max(-shift, 0.0), max(shift, 0.0)
+        openings = [
+            self.glow * (after(start) - after(end)) + (1.0 - self.glow) * (after(start + before) - after(end - beyond))
+            for start, end in zip(starts, ends, strict=True)
+        ]
         return openings, 1.0 - after(starts[0]), after(ends[-1])
 
     def _waves(self) -> Floats:
@@ -97,6 +112,23 @@ def places_of(corners: Floats, at_px: Floats) -> Floats:
     h = np.append(np.linalg.solve(np.array(rows), ends.reshape(-1)), 1.0).reshape(3, 3)
     at = np.concatenate([at_px, np.ones((*at_px.shape[:-1], 1))], axis=-1) @ h.T
     return np.stack([at[..., 0] / at[..., 2], at[..., 1] / at[..., 2]])
+
+
+def projected(yaw_deg: float) -> Floats:
+    """(4, 2) corners of a panel that is turned about its height, and 90 px high, as that camera sees it."""
+    turn = cv2.Rodrigues(np.array([0.0, math.radians(yaw_deg), 0.0]))[0] @ cv2.Rodrigues(np.array([0.0, 0.0, 0.1]))[0]
+    at = np.array([80.3, 80.6, FOCAL_PX]) - [*CENTRE_PX, 0.0]
+    sides = 45.0 * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) @ turn.T + at
+    return np.asarray(FOCAL_PX * sides[:, :2] / sides[:, 2:] + CENTRE_PX)
+
+
+def sight_of(corners: Floats) -> Floats:
+    """(2,) how far aside, across and down, a line of sight to the panel's middle goes for each step inwards."""
+    ends = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], np.float64)
+    camera = np.array([[FOCAL_PX, 0, CENTRE_PX[0]], [0, FOCAL_PX, CENTRE_PX[1]], [0, 0, 1]])
+    _, turn, move = cv2.solvePnP(ends, corners, camera, np.zeros(4))
+    middle = cv2.Rodrigues(turn)[0].T @ (cv2.Rodrigues(turn)[0] @ [[0.5], [0.5], [0.0]] + move)
+    return np.asarray(middle[:2, 0] / abs(middle[2, 0]))
 
 
 def nees(fit: Fitted, corners: Floats) -> float:

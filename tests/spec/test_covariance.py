@@ -28,7 +28,7 @@ WHOLE = Effort(rounds=10, reweightings=2)
 def test_the_covariance_is_that_of_the_errors(side: float, exposure_us: float) -> None:
     """Of 60 places, phases and draws of noise: the median of a squared normalised error in eight dimensions is 7.3.
 
-    Or less, as the fit allows for rims and light aside that are not drawn here.
+    Or less, as the fit allows for rims, light aside and walls before the diffuser, which are not drawn here.
     """
     squares = []
     for seed in range(60):
@@ -39,4 +39,4 @@ def test_the_covariance_is_that_of_the_errors(side: float, exposure_us: float) -
         fit = FITTER.fit(panel.frame(), window_of(panel.light(), noise=0.05, seed=seed), corners + 0.2, SPEC, WHOLE)
         assert not isinstance(fit, Rejected), fit.key
         squares.append(nees(fit, corners))
-    assert 2.5 < np.median(squares) < 12.0
+    assert 2.0 < np.median(squares) < 12.0

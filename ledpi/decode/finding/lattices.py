@@ -28,18 +28,22 @@ class LatticeFinder:
         self._cells, self._searcher = cells, LatticeSearcher()
 
     def find(self, pyramid: Sequence[Pixels]) -> list[Floats]:
-        """Corners (4, 2) in the picture, which is the pyramid's first level; each level is half of the one before."""
-        found = []
+        """Corners (4, 2) in the picture, first those of which most cells are seen.
+
+        The picture is the pyramid's first level; each level is half of the one before.
+        """
+        found: list[tuple[float, Floats]] = []
         for halvings, picture in enumerate(pyramid):
             around = cv2.blur(picture, (AROUND, AROUND))
             least = int(MIN_SEEN * self._cells * self._cells)
             blobs, lattices = self._searcher.search(picture, around, CONTRAST, 2.0 * AROUND * AROUND, least)
             for lattice in lattices:
-                found += [(corners + 0.5) * 2**halvings - 0.5 for corners in self._panels(lattice, blobs[:, 1:3])]
-        return found
+                for seen, corners in self._panels(lattice, blobs[:, 1:3]):
+                    found.append((seen, (corners + 0.5) * 2**halvings - 0.5))
+        return [corners for _, corners in sorted(found, key=lambda panel: -panel[0])]
 
-    def _panels(self, lattice: NDArray[np.int32], middles: Floats) -> Iterator[Floats]:
-        """Corners (4, 2) of each panel that a lattice of its cells, or of the LEDs in them, may be.
+    def _panels(self, lattice: NDArray[np.int32], middles: Floats) -> Iterator[tuple[float, Floats]]:
+        """Each panel that a lattice of its cells, or of the LEDs in them, may be: what is seen of it, corners (4, 2).
 
         That is several where rows are not seen, or where a row of something else continues cells. A larger lattice of
         LEDs is none: it has so many rows that chance continues none of them.
@@ -55,12 +59,13 @@ class LatticeFinder:
                 ranges.append(range(min(low, high - side + 1), max(low, high - side + 1) + 1) if few else range(0))
             for left, top in product(*ranges):
                 own = (across >= left) & (across < left + side) & (down >= top) & (down < top + side)
-                if own.sum() < MIN_SEEN * side * side:
+                seen = own.sum() / (side * side)
+                if seen < MIN_SEEN:
                     continue
                 places = np.stack([across[own] - left + 0.5, down[own] - top + 0.5], axis=1) / leds
                 corners = _corners(places, at[own], self._cells)
                 if corners is not None:
-                    yield corners
+                    yield seen, corners
 
 
 def _corners(places: Floats, at: Floats, cells: int) -> Floats | None:

@@ -15,7 +15,7 @@ from ledpi.decode.model.light import Window, grid, waves
 from ledpi.decode.model.prior import prior
 from ledpi.kernels.library import NONE, lib
 from ledpi.kernels.panel import MOST_LINES, Solver
-from ledpi.kernels.pose import lens_of
+from ledpi.kernels.pose import bending_lens_of
 
 DIVERGED = Rejected(stage="fit", reason="diverged")
 NO_BANDS = Rejected(stage="fit", reason="no_bands")
@@ -32,6 +32,7 @@ class Effort:
     most_left: float = math.inf  # share of the light's squares: where more is foreseen to be left, the fit ends
     reweightings: int = 0  # how often what does not fit is given less weight
     roughly: bool = False  # on a coarse grid
+    even: bool = False  # cells are seen even about their middles: nothing but corners moves the lattice
     banded: bool = True  # cells show bands
     phasing: bool = True  # seeks the bands' phases first, on a grid
     must_blink: bool = False  # and gives up what surely shows none
@@ -56,8 +57,8 @@ class Fitter:
 
     def __init__(self, cells: int, intrinsics: Intrinsics | None) -> None:
         self._cells = cells
-        bent = intrinsics is not None and any(intrinsics.distortion)
-        self._lens = lens_of(intrinsics) if bent and intrinsics is not None else None
+        self._intrinsics = intrinsics
+        self._lens = bending_lens_of(intrinsics)
         self._solver = Solver()
         self.sampled = 0  # places, by all fits so far
 
@@ -72,13 +73,17 @@ class Fitter:
     ) -> Fitted | Rejected:
         """From corners (4, 2) of the lattice, or why it comes to nothing. `known`: unknowns to begin with."""
         cells = self._cells
-        lines = grid(cells, round(_pitch_px(corners_px, cells) / window.shrink, 1), roughly=effort.roughly)
+        pitch_px = _pitch_px(corners_px / window.shrink, cells)
+        lines = grid(cells, round(min(pitch_px), 1), roughly=effort.roughly)
         if len(lines) > MOST_LINES:
             return DIVERGED
-        given = prior(cells, even=effort.roughly)
+        each = len(lines) / cells  # no finer than the grid is what is seen of a cell
+        across, down = (round(max(1.0, min(each, pitch)), 1) for pitch in pitch_px)
+        given = prior(cells, (across, down), frame.exposure_us, even=effort.even)
         unknown = (given[0] if known is None else known).copy()
         tables = waves(spec, frame.exposure_us, frame.row_time_us, window.shrink)
         per_row = frame.row_time_us * 1e-6
+        focal, centre = self._pinhole(frame)
         outcome, fit = self._solver.fit(
             light=window.light,
             rows=window.light.shape[0],
@@ -88,6 +93,8 @@ class Fitter:
             shrink=window.shrink,
             saturated=SATURATED,
             lens=NONE if self._lens is None else self._lens,
+            focal=focal,
+            centre=centre,
             cells=cells,
             waves=tables,
             cycles_a_row=(spec.black_hz * per_row, spec.white_hz * per_row),
@@ -123,8 +130,18 @@ class Fitter:
             spec=spec,
         )
 
+    def _pinhole(self, frame: Frame) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Focal lengths and the principal point: in pixels, or of rays where a lens bends them."""
+        if self._lens is not None:
+            return (1.0, 1.0), (0.0, 0.0)
+        known = self._intrinsics
+        if known is None:
+            height, width = frame.pixels.shape
+            return (float(width), float(width)), (width / 2, height / 2)
+        return (known.fx, known.fy), (known.cx, known.cy)
 
-def _pitch_px(corners_px: Floats, cells: int) -> float:
-    """The shorter of a cell's mean width and height."""
+
+def _pitch_px(corners_px: Floats, cells: int) -> tuple[float, float]:
+    """A cell's mean width and height."""
     a, b, c, d = corners_px
-    return float(min(np.hypot(*(b + c - a - d)), np.hypot(*(c + d - a - b)))) / (2 * cells)
+    return float(np.hypot(*(b + c - a - d))) / (2 * cells), float(np.hypot(*(c + d - a - b))) / (2 * cells)

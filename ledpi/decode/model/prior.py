@@ -6,29 +6,36 @@ Light is in units of the panel's own, lengths along the panel in cells.
 from __future__ import annotations
 
 import math
-from functools import cache
+from functools import lru_cache
 
 import numpy as np
 
 from ledpi.core.records import Floats, read_only
 
 # Where in the unknowns; as kernels/panel.h has them. The first eight are the homography's.
-BLUR, GAP, RIM, SHAPE, PHASE, BESIDE, DARK, ASIDE, COMMON, OWN = 8, 9, 10, 14, 22, 24, 28, 29, 31, 3
+BLUR, GAP, RIM, SHAPE, PHASE, BESIDE, DARK, ASIDE = 8, 9, 10, 14, 27, 29, 33, 34
+DEPTH, GLOW, SMEAR, COMMON, OWN = 36, 37, 38, 39, 3
 
 BLUR_PX, BLUR_SPREAD = 0.8, 0.4  # of lens, pixel and interpolation; its logarithm's deviation
 GAP_MEAN, GAP_SIGMA = 0.08, 0.08  # between cells: walls and rims of LEDs, 0 to a fifth of a cell
 RIM_SIGMA = 0.03  # within the lattice's end, on each side: half a wall, or how exactly panels are cut
 SHAPE_SIGMA = 0.5  # a hot spot of half the light has a first harmonic of half the mean
 ASIDE_SIGMA = 0.05  # LEDs 3 % of a cell off its middle, of a spot of a quarter of the light
+DEPTH_SIGMA = 0.05  # that walls stand before the diffuser, in cells
+GLOW_MEAN, GLOW_SIGMA = 0.4, 0.2  # of a wall's face, over the diffuser beside it: plastic between black and white
+SMEAR_SIGMA_PER_MS = 0.03  # logarithm of the blur along rows over the geometric mean: turning adds so much per exposure
 BESIDE_SIGMA = 1.0  # what is beside a panel may be brighter than it is
 DARK_SIGMA = 0.3  # the room's light on the panel
 NEVER = 1e-4  # where nothing of the kind is to be
 GAIN_SIGMA = 0.5  # of cells, which may be dead
 MIX_SIGMA = 0.7  # of either class's wave in a cell: 0 or 1
 
+# Harmonics across and down of each of the profile's shapes; as kernels/panel.h has them.
+HARMONICS = ((1, 0), (0, 1), (2, 0), (0, 2), (3, 0), (0, 3), (4, 0), (0, 4), (1, 1), (2, 1), (1, 2), (2, 2), (3, 3))
 
-@cache
-def prior(cells: int, *, even: bool) -> Floats:
+
+@lru_cache(maxsize=256)
+def prior(cells: int, pitch_px: tuple[float, float], exposure_us: float, *, even: bool) -> Floats:
     """(2, unknowns): means, and one over the variances (0 where nothing is known), of `cells` × `cells`.
 
     `even`: cells are even about their middles, so that nothing but the corners moves the lattice.
@@ -37,8 +44,13 @@ def prior(cells: int, *, even: bool) -> Floats:
     sigma[:] = math.inf
     mean[BLUR], sigma[BLUR] = math.log(BLUR_PX), BLUR_SPREAD
     mean[GAP], sigma[GAP] = GAP_MEAN, GAP_SIGMA
-    sigma[RIM:SHAPE], sigma[SHAPE:PHASE] = RIM_SIGMA, SHAPE_SIGMA
-    sigma[BESIDE:DARK], sigma[DARK], sigma[ASIDE:COMMON] = BESIDE_SIGMA, DARK_SIGMA, NEVER if even else ASIDE_SIGMA
+    sigma[RIM:SHAPE] = RIM_SIGMA
+    number, cycles_px = np.hypot(*np.array(HARMONICS).T), np.hypot(*(np.array(HARMONICS) / pitch_px).T)
+    blurred = np.exp(-2.0 * (np.pi * cycles_px * BLUR_PX) ** 2)
+    sigma[SHAPE:PHASE] = np.maximum(SHAPE_SIGMA * blurred / number, NEVER)
+    sigma[BESIDE:DARK], sigma[DARK], sigma[ASIDE:DEPTH] = BESIDE_SIGMA, DARK_SIGMA, NEVER if even else ASIDE_SIGMA
+    sigma[DEPTH], mean[GLOW], sigma[GLOW] = NEVER if even else DEPTH_SIGMA, GLOW_MEAN, GLOW_SIGMA
+    sigma[SMEAR] = NEVER if even else max(SMEAR_SIGMA_PER_MS * 1e-3 * exposure_us, NEVER)
     mean[COMMON::OWN], sigma[COMMON::OWN] = 1.0, GAIN_SIGMA
     sigma[COMMON + 1 :: OWN] = sigma[COMMON + 2 :: OWN] = MIX_SIGMA
     return read_only(np.stack([mean, sigma**-2.0]))

@@ -29,7 +29,7 @@ def read_with_oracle(
     book, memory = _codebook(dictionary, spec), PanelMemory(spec)
     read: list[int | None] = []
     for frame, corners_px in views:
-        quad = Quad(corners_px=corners_px, bend_px=0.0)
+        quad = Quad(corners_px=corners_px)
         samples = sample_cells(frame, quad, load_dictionary(dictionary).cells_per_side, lens, memory.lattice)
         if isinstance(samples, Rejected):
             read.append(None)

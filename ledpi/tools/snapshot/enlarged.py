@@ -95,8 +95,7 @@ def _seen_tile(block: Block, frame: Frame) -> Pixels:
 
 def _samples(block: Block, snapshot: Snapshot) -> CellSamples | Rejected:
     n = load_dictionary(snapshot.panels.dictionary).cells_per_side
-    # How far the lens bends the sides is not kept with a detection; 1 px has the bend looked at.
-    quad = Quad(corners_px=block.corners_px, bend_px=1.0)
+    quad = Quad(corners_px=block.corners_px)
     return sample_cells(snapshot.frame, quad, n, snapshot.intrinsics)
 
 

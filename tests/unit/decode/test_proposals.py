@@ -180,6 +180,14 @@ def test_cells_may_be_missing(missing: tuple[int, ...]) -> None:
     assert min(off_by(at, corners) for at in found) < 0.05
 
 
+def test_where_most_cells_are_seen_comes_first() -> None:
+    """Of a further row three spots are seen: the panel comes before the lattice that is a row off."""
+    corners = square(310, 240, 100, 20)
+    below = middles(corners)[-4:-1] + (corners[3] - corners[0]) / 4
+    picture = blobs(np.concatenate([np.delete(middles(corners), 1, axis=0), below]), 8.0)
+    assert off_by(lattices_of(picture)[0], corners) < 0.05
+
+
 def test_other_things_beside_it_do_not_matter() -> None:
     """Specks and spots of other sizes, wherever they fall."""
     corners, rng = square(310, 240, 100, 20), np.random.default_rng(4)

@@ -175,13 +175,13 @@ def test_nor_has_one_that_is_too_small_for_any(height: int, width: int, exposure
 
 
 def test_what_was_dropped_is_counted_by_stage_and_reason() -> None:
-    """A steady lamp is found, sampled, and shows no bands; a panel at the border is not even tried."""
+    """A steady lamp is found, and shows no bands; a panel at the border is not even tried."""
     canvas = Canvas()
     canvas.lamp(NEAR)
     canvas.panel(square(20, 400, 80), word(7))
     decoded = pipeline().decode(canvas.frame())
     assert decoded.markers == ()
-    assert "identify.no_bands" in keys(decoded)
+    assert "fit.no_bands" in keys(decoded)
     assert "find.at_picture_border" in keys(decoded)
 
 
