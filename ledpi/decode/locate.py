@@ -68,9 +68,8 @@ class Locator:
         first = self._fitted(frame, corners_px, coarse, self._specs)
         if isinstance(first, Rejected):
             return first
-        unknown = first.unknown
+        unknown = first.unknown.copy()
         if not deep:
-            unknown = unknown.copy()
             unknown[BLUR] = math.log(START_BLUR_PX)
         return self._quad(self._finely(frame, first.lattice_px, first.spec, unknown, faint=faint))
 

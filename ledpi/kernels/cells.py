@@ -33,8 +33,7 @@ def sample_cells(
     """Light and picture rows (cells², k²) on a lattice inside `corners_px` (4, 2), bent as the `lens` does.
 
     And whether a pixel of those that this takes in is saturated, and the least sum of light over a cell, not a number
-    where that spoils a sample. None where corners or points leave the picture.
-    Raises MemoryError.
+    where that spoils a sample. None where corners or points leave the picture. Raises MemoryError.
     """
     light, rows = np.empty((cells * cells, k * k), np.float32), np.empty((cells * cells, k * k), np.float32)
     least, corners = np.empty(1), doubles(corners_px)

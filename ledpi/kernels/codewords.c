@@ -302,8 +302,8 @@ ptrdiff_t ledpi_rank_codewords(ptrdiff_t cells, ptrdiff_t parameters, const doub
     const Evidence evidence = {cells, parameters, score, information, prior};
     const ptrdiff_t size = cells * parameters, of_numbers = (cells + 1) * parameters / 2 * NUMBERS;
     double *bands = numbers, *shown = bands + parameters, *likelihood = shown + size, *deviation = likelihood + most;
-    double *gain = deviation + parameters, *weakest_row = gain + cells, *negative = weakest_row + 1, *of_cells = negative + 1, *single_class = of_cells + 1;
-    double *beyond = single_class + 1;
+    double *gain = deviation + parameters, *weakest_row = gain + cells, *negative = weakest_row + 1, *of_cells = negative + 1;
+    double *single_class = of_cells + 1, *beyond = single_class + 1;
     double *matrix = malloc(sizeof(double) * (size_t)(size * (size + 1) + of_numbers + most) + sizeof(int64_t) * (size_t)most);
     if (!matrix) return 0;
     double *of_cell = matrix + size * (size + 1), *rough = of_cell + of_numbers;

@@ -5,7 +5,6 @@
 #include "cells.h"
 #include "simd.h"
 
-
 /* Natural logarithm, off by less than 1e-7 of its size; not a number where `x` is none. (In line, unlike the library's.) */
 static inline float logarithm_of(float x) {
     int32_t bits;

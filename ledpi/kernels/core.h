@@ -15,9 +15,8 @@
 enum { LEDPI_NONE_SATURATED, LEDPI_SOME_SATURATED, LEDPI_OUTSIDE, LEDPI_NOT_SAMPLED };
 
 int ledpi_sample_cells(const uint8_t *pixels, ptrdiff_t height, ptrdiff_t width, ptrdiff_t stride, const float *table,
-                       const double *corners, const double *lens, ptrdiff_t cells, ptrdiff_t k,
-                       const float *along, const float *kernel, ptrdiff_t steps, float *light, float *picture_rows,
-                       double *least);
+                       const double *corners, const double *lens, ptrdiff_t cells, ptrdiff_t k, const float *along,
+                       const float *kernel, ptrdiff_t steps, float *light, float *picture_rows, double *least);
 
 /* ---- Evidence (waves.c, occlusion.c, single_frame.c, comparison.c, noise.c, prediction.c) */
 
@@ -97,7 +96,7 @@ int ledpi_first_pass(const Grid *grid, const float *light, const float *rows, do
 
 /* ---- Proposals: outlines of four-sided things (find.c), lattices of bright blobs (blobs.c, lattices.c) */
 
-enum { LEDPI_MOST_LEVELS = 10, LEDPI_MOST_SHARES = 2, LEDPI_LIMITS = 19, LEDPI_SQUARE = 11 };
+enum { LEDPI_MOST_LEVELS = 10, LEDPI_MOST_SHARES = 2, LEDPI_LIMITS = 18, LEDPI_SQUARE = 11 };
 
 /* A picture, a pixel of which is `scale` of the frame's; which grey levels something that is lit there is brighter than, or
  * by which shares of the contrast it is, in 256ths; and the shortest way around what is. */
@@ -111,7 +110,7 @@ typedef struct {
 typedef struct {
     double smallest_px;
     ptrdiff_t cells;
-    double limits[19]; /* as `Limits` of decode/finding/outlines.py, which explains them */
+    double limits[18]; /* as `Limits` of decode/finding/outlines.py, which explains them */
 } FindWanted;
 
 /* Squares (most, LEDPI_SQUARE): four corners' x and y, side_px, misfit, tolerance_px; which of them are of different
@@ -141,7 +140,7 @@ typedef struct {
     ptrdiff_t rows, columns;
     double first_x, first_y, shrink, saturated;
     const double *lens; /* NULL: there is none */
-    double focal[2], centre[2]; /* x, y; without a lens in pixels, with one 1 and 0 */
+    double focal[2], centre[2]; /* x, y, in pixels */
     /* The panel: either class's wave (2, 512) as the exposure leaves it, less its mean, over its mean. The fit's light is
      * (what is seen − dark)·scale. */
     ptrdiff_t cells;

@@ -9,7 +9,7 @@
 typedef struct {
     double min_contrast;
     double narrowest, min_area, min_lit;
-    double min_solidity, significant, alike, min_side, max_cut_off, max_misfit, pixel_misfit, slender, tolerance;
+    double min_solidity, significant, alike, min_side, max_cut_off, max_misfit, pixel_misfit, tolerance;
     double blur_misfit, near, like, same_corners, least_cell, most_cell;
 } Limits;
 

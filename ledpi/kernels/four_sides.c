@@ -1,11 +1,9 @@
-/* The four sides of things by their outlines. An outline's hull is boiled down to its most
- * significant corners (Douglas and Peucker): four make a square seen from anywhere; of five one side may cut a corner off
- * that is dead or hidden. */
+/* The four sides of things by their outlines. An outline's hull is boiled down to its most significant corners (Douglas and
+ * Peucker): four make a square seen from anywhere; of five one side may cut a corner off that is dead or hidden. */
 #include <math.h>
 #include <string.h>
 
 #include "find.h"
-
 
 static double cross(const double o[2], const double a[2], const double b[2]) {
     return (a[0] - o[0]) * (b[1] - o[1]) - (b[0] - o[0]) * (a[1] - o[1]);
@@ -49,7 +47,6 @@ static ptrdiff_t hull_of(const int32_t (*points)[2], const Outline *outline, int
     while (count > 1 && hull[count - 1][0] == hull[0][0] && hull[count - 1][1] == hull[0][1]) count--;
     return count;
 }
-
 
 /* Round a hull. (A remainder would take longer than all else that is asked of a corner.) */
 static inline ptrdiff_t next_of(ptrdiff_t i, ptrdiff_t count) { return i + 1 < count ? i + 1 : 0; }
@@ -145,63 +142,6 @@ static bool four_sides_of(double (*hull)[2], ptrdiff_t count, double size, const
     return shortest_side(corners) > limits->min_side * size;
 }
 
-typedef struct {
-    double x, y, along_x, along_y, length;
-    double count, t, d, tt, td; /* sums over its points: how far along they are, and across */
-} Line;
-
-/* Adds a point to the side that it is nearest to, or to both; but for what is near a corner. */
-static void add_point(Line sides[4], double x, double y) {
-    double t[4], d[4], nearest = HUGE_VAL;
-    for (int k = 0; k < 4; k++) {
-        const double from_x = x - sides[k].x, from_y = y - sides[k].y;
-        t[k] = from_x * sides[k].along_x + from_y * sides[k].along_y;
-        d[k] = from_y * sides[k].along_x - from_x * sides[k].along_y;
-        nearest = fmin(nearest, fabs(d[k]));
-    }
-    for (int k = 0; k < 4; k++) {
-        if (fabs(d[k]) != nearest || !(t[k] > 0.15 * sides[k].length && t[k] < 0.85 * sides[k].length)) continue;
-        sides[k].count += 1.0;
-        sides[k].t += t[k];
-        sides[k].d += d[k];
-        sides[k].tt += t[k] * t[k];
-        sides[k].td += t[k] * d[k];
-    }
-}
-
-/* Moves corners to where straight lines through each side's part of an outline cross; not where they do not. */
-static void through_sides(const int32_t (*points)[2], ptrdiff_t count, double corners[4][2]) {
-    Line sides[4];
-    double on[4][2], way[4][2], crossings[4][2];
-    for (int k = 0; k < 4; k++) {
-        const double *start = corners[k], *end = corners[(k + 1) % 4];
-        const double length = fmax(apart(start, end), 1e-9);
-        sides[k] = (Line){.x = start[0], .y = start[1], .length = length};
-        sides[k].along_x = (end[0] - start[0]) / length;
-        sides[k].along_y = (end[1] - start[1]) / length;
-    }
-    for (ptrdiff_t i = 0; i < count; i++) add_point(sides, points[i][0], points[i][1]);
-    for (int k = 0; k < 4; k++) {
-        const Line side = sides[k];
-        if (side.count < 3.0) return;
-        const double t = side.t / side.count, d = side.d / side.count;
-        const double slope = (side.td - side.t * d) / fmax(side.tt - side.t * t, 1e-9);
-        on[k][0] = side.x + side.along_x * t - side.along_y * d;
-        on[k][1] = side.y + side.along_y * t + side.along_x * d;
-        way[k][0] = side.along_x - side.along_y * slope;
-        way[k][1] = side.along_y + side.along_x * slope;
-    }
-    for (int k = 0; k < 4; k++) {
-        const double *before = way[(k + 3) % 4], *from = on[(k + 3) % 4];
-        const double turn = before[0] * way[k][1] - before[1] * way[k][0];
-        if (fabs(turn) < 0.05) return;
-        const double share = ((on[k][0] - from[0]) * way[k][1] - (on[k][1] - from[1]) * way[k][0]) / turn;
-        crossings[k][0] = from[0] + before[0] * share;
-        crossings[k][1] = from[1] + before[1] * share;
-    }
-    memcpy(corners, crossings, sizeof crossings);
-}
-
 /* Clockwise in the picture, first the corner nearest the top left. */
 static void put_in_order(double corners[4][2]) {
     double ordered[4][2];
@@ -217,18 +157,13 @@ bool ledpi_square_of(const int32_t (*points)[2], const Outline *outline, double 
                      int32_t (*ends)[2], double (*hull)[2], Square *square) {
     const double area = outline->area, size = sqrt(area);
     const ptrdiff_t count = hull_of(points, outline, ends, hull);
-    double of_hull = 0.0, around = 0.0, middle[2] = {0.0, 0.0};
+    double of_hull = 0.0, middle[2] = {0.0, 0.0};
     for (ptrdiff_t i = 2; i < count; i++) of_hull += 0.5 * cross(hull[0], hull[i - 1], hull[i]);
     double (*const corners)[2] = square->corners;
     if (area < limits->min_solidity * of_hull || !four_sides_of(hull, count, size, limits, corners)) return false;
-    double of_quad = 0.5 * fabs(twice_area(corners));
+    const double of_quad = 0.5 * fabs(twice_area(corners));
     square->misfit = fabs(log(fmax(of_quad, 1e-3) / area));
     if (square->misfit > limits->max_misfit + limits->pixel_misfit / size) return false;
-    for (int k = 0; k < 4; k++) around += apart(corners[k], corners[(k + 1) % 4]);
-    if (area < limits->slender * (0.25 * around) * (0.25 * around)) {
-        through_sides(points, outline->length, corners);
-        of_quad = 0.5 * fabs(twice_area(corners));
-    }
     /* An outline runs through the centres of the outermost lit pixels: half a pixel inside the edge. */
     const double growth = 1.0 + 1.0 / fmax(2.0, sqrt(of_quad));
     for (int k = 0; k < 8; k++) middle[k % 2] += 0.25 * corners[k / 2][k % 2];

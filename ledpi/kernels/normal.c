@@ -4,7 +4,6 @@
 #include "normal.h"
 #include "simd.h"
 
-
 /* 4 × 8 of the sums, at i and j. */
 static LEDPI_INLINE void add_narrow(const float *rows, const float *to, ptrdiff_t width, ptrdiff_t i, ptrdiff_t j,
                                      float *sums) {

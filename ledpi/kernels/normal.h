@@ -19,8 +19,7 @@ void ledpi_add_products(const float *rows, ptrdiff_t count, ptrdiff_t width, flo
 double ledpi_eliminate(double *matrix, ptrdiff_t size, ptrdiff_t from, ptrdiff_t to);
 
 /* What is left of a symmetric matrix (size, size + 1; right side last; used up) once the first `nuisances` unknowns are
- * eliminated, over the variance of what then is left and every
- * cell has bands of its own. False where it cannot be. */
+ * eliminated, over the variance of what then is left and every cell has bands of its own. False where it cannot be. */
 bool ledpi_weigh(double *matrix, ptrdiff_t size, ptrdiff_t nuisances, double squares, double freedom,
                  double independence, double *score, double *information);
 

@@ -25,7 +25,7 @@ enum {
 typedef struct {
     const float *light;
     ptrdiff_t rows, columns;
-    double first_x, first_y, shrink, saturated, focal[2], centre[2]; /* 1 and 0 where places are rays */
+    double first_x, first_y, shrink, saturated, focal[2], centre[2];
     const Lens *lens; /* NULL: there is none */
 } View;
 
@@ -40,7 +40,7 @@ typedef struct {
  * and after the last. Of one line, and of eight side by side. */
 #define LINE(number) \
     number light[2], slope[2], blurred[2], gapped[2], rimmed[2][2], harmonic[2][HARMONICS + 1], steep[2][HARMONICS + 1], \
-        shifted[2], glowing[2], smeared[2], odd[2], odd_steep[2], beside[2], falls[2], spread[2], smearing[2]
+        shifted[2], glowing[2], by_smear, odd[2], odd_steep[2], beside[2], falls[2], spread[2]
 typedef struct {
     LINE(float);
     int32_t cell[2]; /* −1: there is none, and no light */
@@ -99,10 +99,10 @@ typedef struct {
     double seen, expected;
 } Bands;
 
-/* The phases (2,) in row 0 that explain most where each cell may show any mix of both waves: `squares` and `products`
- * (cells², rows) of a steady cell's light, with itself and with what is seen, by row of the view; `ridge`, a sample's variance
- * over that of a cell's mix (panel_phases.c). What is
- * expected is what either class's wave, whichever shows less, would explain in each cell. */
+/* The phases (2,) in row 0 that explain most where each cell may show any mix of both waves: `squares` and `products` (cells²,
+ * rows) of a steady cell's light, with itself and with what is seen, by row of the view; `ridge`, a sample's variance over
+ * that of a cell's mix (panel_phases.c). What is expected is what either class's wave, whichever shows less, would explain in
+ * each cell. */
 Bands ledpi_panel_phases(const Panel *panel, const View *view, ptrdiff_t rows, const float *squares, const float *products,
                          float ridge, double phases[2]);
 

@@ -64,23 +64,22 @@ typedef struct {
 
 ptrdiff_t ledpi_panel_room(void) { return (ptrdiff_t)sizeof(Work); }
 
+static double dot(const double a[3], const double b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+
 /* How far aside, across and down, a line of sight to the panel's middle goes for each step inwards. */
 static void put_sight(const View *view, const double h[9], double sight[2]) {
-    double side[3][3], along[2] = {0.0, 0.0}, normal[3], inwards = 0.0; /* across, down, to the middle: in the camera's frame */
+    double to[3][3]; /* across, down, and to the middle, in the camera's frame */
     for (int k = 0; k < 3; k++) {
-        const double column[] = {h[k], h[3 + k], h[6 + k]};
-        for (int axis = 0; axis < 2; axis++) side[k][axis] = (column[axis] - view->centre[axis] * column[2]) / view->focal[axis];
-        side[k][2] = column[2];
+        for (int i = 0; i < 2; i++) /* with a lens these are rays */
+            to[k][i] = view->lens ? h[3 * i + k] : (h[3 * i + k] - view->centre[i] * h[6 + k]) / view->focal[i];
+        to[k][2] = h[6 + k];
     }
-    for (int i = 0; i < 3; i++) side[2][i] += 0.5 * (side[0][i] + side[1][i]);
-    for (int i = 0; i < 3; i++) normal[i] = side[0][(i + 1) % 3] * side[1][(i + 2) % 3] - side[0][(i + 2) % 3] * side[1][(i + 1) % 3];
-    const double area = sqrt(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]);
-    for (int i = 0; i < 3; i++) inwards += normal[i] * side[2][i] / area;
-    for (int axis = 0; axis < 2; axis++) {
-        const double *a = side[axis], length = sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]);
-        for (int i = 0; i < 3; i++) along[axis] += a[i] * side[2][i] / length;
-        sight[axis] = fmin(fmax(along[axis] / fmax(fabs(inwards), 1e-12), -MOST_SIGHT), MOST_SIGHT);
-    }
+    for (int i = 0; i < 3; i++) to[2][i] += 0.5 * (to[0][i] + to[1][i]);
+    const double *a = to[0], *b = to[1];
+    const double normal[] = {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
+    const double inwards = fmax(fabs(dot(normal, to[2])), 1e-12) / sqrt(dot(normal, normal));
+    for (int k = 0; k < 2; k++)
+        sight[k] = fmin(fmax(dot(to[k], to[2]) / sqrt(dot(to[k], to[k])) / inwards, -MOST_SIGHT), MOST_SIGHT);
 }
 
 /* Lines of the grid in both directions. The picture's blur is the same all over: in cells it is as broad as these are
@@ -407,8 +406,7 @@ static bool is_without_bands(Bands bands, const Work *work) {
 static Fitting begun(const PanelFit *asked, PanelFit *into) {
     Fitting fit = {
         .view = {asked->light, asked->rows, asked->columns, asked->first_x, asked->first_y, asked->shrink, asked->saturated,
-                 {asked->focal[0], asked->focal[1]}, {asked->centre[0], asked->centre[1]},
-                 (const Lens *)asked->lens},
+                 {asked->focal[0], asked->focal[1]}, {asked->centre[0], asked->centre[1]}, (const Lens *)asked->lens},
         .panel = {asked->cells, asked->waves, {asked->cycles_a_row[0], asked->cycles_a_row[1]}, {0.0, 0.0}, asked->scale, asked->dark},
         .asked = asked, .along = asked->along, .prior = asked->prior, .lines = asked->lines,
         .reweightings = asked->reweightings, .unknown = asked->unknown, .covariance = into->covariance,
@@ -434,21 +432,17 @@ typedef struct {
     double unknown[MOST_UNKNOWN], variance;
 } Start;
 
-static size_t unknowns_of(const Fitting *fit) { return (size_t)(COMMON + OWN * fit->panel.cells * fit->panel.cells); }
-
 static void keep_start(const Fitting *fit, const Work *work, Start *start) {
     memcpy(start->corners, fit->corners, sizeof start->corners);
-    memcpy(start->unknown, fit->unknown, unknowns_of(fit) * sizeof(double));
+    memcpy(start->unknown, fit->unknown, sizeof(double) * (size_t)(COMMON + OWN * fit->panel.cells * fit->panel.cells));
     start->variance = variance_of(work);
 }
 
 /* Takes half of a step back. */
 static void halve_step(Fitting *fit, const Start *start) {
-    for (int i = 0; i < 4; i++) {
-        fit->corners[i].x = 0.5 * (fit->corners[i].x + start->corners[i].x);
-        fit->corners[i].y = 0.5 * (fit->corners[i].y + start->corners[i].y);
-    }
-    for (size_t i = 0; i < unknowns_of(fit); i++) fit->unknown[i] = 0.5 * (fit->unknown[i] + start->unknown[i]);
+    for (int i = 0; i < 8; i++) ((double *)fit->corners)[i] = 0.5 * (((double *)fit->corners)[i] + ((const double *)start->corners)[i]);
+    for (ptrdiff_t i = 0; i < COMMON + OWN * fit->panel.cells * fit->panel.cells; i++)
+        fit->unknown[i] = 0.5 * (fit->unknown[i] + start->unknown[i]);
 }
 
 /* Rounds of Gauss and Newton, until nothing moves. Leaves the homography of the last. */

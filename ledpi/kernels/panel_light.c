@@ -41,7 +41,6 @@ static void put_cell(Line *line, int k, double at, ptrdiff_t cells, Blur blur, c
     line->light[k] = (float)(0.5 * (opened(before, glow) - opened(after, glow)));
     line->slope[k] = (float)((up - down) / sigma);
     line->blurred[k] = (float)(spreading(after, glow) - spreading(before, glow));
-    line->smeared[k] = (float)blur.by_smear * line->blurred[k];
     line->gapped[k] = (float)(-0.5 * ((first ? 0.0 : up) + (last ? 0.0 : down)) / sigma);
     line->shifted[k] = (float)((1.0 - glow) / sigma * (walls->sight < 0.0 ? density(before.face) : -density(after.face)));
     line->glowing[k] = (float)(0.5 * (opened(before, 1.0) - opened(before, 0.0) - opened(after, 1.0) + opened(after, 0.0)));
@@ -60,6 +59,7 @@ static void put_cell(Line *line, int k, double at, ptrdiff_t cells, Blur blur, c
 Line ledpi_panel_line(double at, ptrdiff_t cells, Blur blur, const Walls *walls) {
     Line line;
     memset(&line, 0, sizeof line);
+    line.by_smear = (float)blur.by_smear;
     const double within = fmin(fmax(floor(at), 0.0), (double)(cells - 1));
     line.cell[0] = (int32_t)within;
     line.cell[1] = line.cell[0] + (at - within > 0.5 ? 1 : -1);
@@ -68,7 +68,6 @@ Line ledpi_panel_line(double at, ptrdiff_t cells, Blur blur, const Walls *walls)
         line.beside[k] = (float)(0.5 * (1.0 + erf(beyond * ROOT_HALF)));
         line.falls[k] = (float)((k ? 1.0 : -1.0) * density(beyond) / blur.sigma);
         line.spread[k] = (float)(-density(beyond) * beyond);
-        line.smearing[k] = (float)blur.by_smear * line.spread[k];
         if (line.cell[k] < 0 || line.cell[k] >= cells)
             line.cell[k] = -1;
         else
@@ -199,7 +198,7 @@ static LEDPI_INLINE void add_cells(const Panel *panel, const float *unknown, con
     t->slope[0] += across->slope[i] * lit_below + part * tilt[0];
     t->slope[1] += down->slope[j] * lit_right + part * tilt[1];
     s->by[BLUR] += across->blurred[i] * lit_below + down->blurred[j] * lit_right;
-    s->by[SMEAR] += across->smeared[i] * lit_below + down->smeared[j] * lit_right;
+    s->by[SMEAR] += across->by_smear * across->blurred[i] * lit_below + down->by_smear * down->blurred[j] * lit_right;
     s->by[GAP] += across->gapped[i] * lit_below + down->gapped[j] * lit_right;
     for (int k = 0; k < 2; k++) {
         s->by[RIM + k] += across->rimmed[i][k] * lit_below;
@@ -225,7 +224,7 @@ static LEDPI_INLINE void add_beside(const float *unknown, const Lines *across, c
         t->slope[0] += fall;
         t->slope[1] += fall_down;
         s->by[BLUR] += (level[k] - hidden) * across->spread[k] + level[2 + k] * down->spread[k] * open;
-        s->by[SMEAR] += (level[k] - hidden) * across->smearing[k] + level[2 + k] * down->smearing[k] * open;
+        s->by[SMEAR] += across->by_smear * (level[k] - hidden) * across->spread[k] + down->by_smear * level[2 + k] * down->spread[k] * open;
         s->outside += side + end;
     }
 }

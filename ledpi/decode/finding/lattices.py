@@ -38,8 +38,8 @@ class LatticeFinder:
             least = int(MIN_SEEN * self._cells * self._cells)
             blobs, lattices = self._searcher.search(picture, around, CONTRAST, 2.0 * AROUND * AROUND, least)
             for lattice in lattices:
-                for seen, corners in self._panels(lattice, blobs[:, 1:3]):
-                    found.append((seen, (corners + 0.5) * 2**halvings - 0.5))
+                panels = self._panels(lattice, blobs[:, 1:3])
+                found += [(seen, (corners + 0.5) * 2**halvings - 0.5) for seen, corners in panels]
         return [corners for _, corners in sorted(found, key=lambda panel: -panel[0])]
 
     def _panels(self, lattice: NDArray[np.int32], middles: Floats) -> Iterator[tuple[float, Floats]]:

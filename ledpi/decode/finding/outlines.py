@@ -45,7 +45,6 @@ class Limits(NamedTuple):
     max_cut_off: float = 0.05  # of the area: what a dead cell at a corner takes of the outline's hull is half of 1/16
     max_misfit: float = 0.15  # logarithm of the four sides' area over the outline's,
     pixel_misfit: float = 0.6  # and over the side in pixels: steps of whole pixels make small outlines ragged
-    slender: float = 0.85  # area over that of the square of the same outline: below, corners are where sides cross
     tolerance: float = 1.5  # pixels of the picture that the outline is in: how far off the sides may be
     blur_misfit: float = 0.002  # by how much a coarser outline, a pixel less certain, must fit better to be preferred
     near: float = 0.25  # of the side: of squares in one place, what is no further off, larger, or otherwise is the same

@@ -83,7 +83,6 @@ class Fitter:
         unknown = (given[0] if known is None else known).copy()
         tables = waves(spec, frame.exposure_us, frame.row_time_us, window.shrink)
         per_row = frame.row_time_us * 1e-6
-        focal, centre = self._pinhole(frame)
         outcome, fit = self._solver.fit(
             light=window.light,
             rows=window.light.shape[0],
@@ -93,8 +92,7 @@ class Fitter:
             shrink=window.shrink,
             saturated=SATURATED,
             lens=NONE if self._lens is None else self._lens,
-            focal=focal,
-            centre=centre,
+            **self._pinhole(frame),
             cells=cells,
             waves=tables,
             cycles_a_row=(spec.black_hz * per_row, spec.white_hz * per_row),
@@ -130,15 +128,12 @@ class Fitter:
             spec=spec,
         )
 
-    def _pinhole(self, frame: Frame) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Focal lengths and the principal point: in pixels, or of rays where a lens bends them."""
-        if self._lens is not None:
-            return (1.0, 1.0), (0.0, 0.0)
-        known = self._intrinsics
-        if known is None:
-            height, width = frame.pixels.shape
-            return (float(width), float(width)), (width / 2, height / 2)
-        return (known.fx, known.fy), (known.cx, known.cy)
+    def _pinhole(self, frame: Frame) -> dict[str, tuple[float, float]]:
+        """Focal lengths and the principal point, in pixels; a guess where they are not known."""
+        if (known := self._intrinsics) is not None:
+            return {"focal": (known.fx, known.fy), "centre": (known.cx, known.cy)}
+        height, width = frame.pixels.shape
+        return {"focal": (width, width), "centre": (width / 2, height / 2)}
 
 
 def _pitch_px(corners_px: Floats, cells: int) -> tuple[float, float]:
