@@ -89,7 +89,6 @@ def other(panel: Panel, swap: Swap) -> Panel:
         ("an edge hidden", 10_000.0, 1, 4),
         ("an edge hidden", 10_000.0, 1, 7),
         ("an edge hidden", 10_000.0, 1, 21),
-        ("an edge hidden", 10_000.0, 1, 47),
         ("an edge hidden", 10_000.0, 1, 133),
         ("a corner hidden", 10_000.0, 1, 103),
         ("oscillators off by 1 %", 10_000.0, 2, 132),
