@@ -34,7 +34,7 @@ from ledpi.decode.identify import hypotheses
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.codewords import rank_codewords
 from ledpi.decode.identify.first_pass import first_pass
-from ledpi.decode.identify.plausibility import all_rows_blink, is_consistent, is_plausible
+from ledpi.decode.identify.plausibility import all_rows_blink, is_plausible, misfit_inflation, settles_deep_bands
 from ledpi.kernels.codewords import Fit
 
 NO_BANDS = Rejected(stage="identify", reason="no_bands")
@@ -112,10 +112,10 @@ def _second_pass(
     again = single_evidence(samples, frame, spec, estimate=estimate)
     if isinstance(again, Rejected):
         return again
-    refit, exact = rank_codewords(again, codebook.white), not are_sinusoids(frame.exposure_us, spec)
+    refit = rank_codewords(again, codebook.white)
     if refit.codewords[0] != fit.codewords[0]:
         return INCONSISTENT
-    second = _judge(refit, again, codebook, false_id_rate, exact=exact)
+    second = _judge(refit, again, codebook, false_id_rate)
     if isinstance(second, Rejected):
         return second
     if isinstance(first, Rejected) and not is_deep_anywhere(evidence.prior):
@@ -183,15 +183,8 @@ def odds_needed(false_id_rate: float) -> float:
     return 0.5 * NormalDist().inv_cdf(false_id_rate) ** 2
 
 
-def _judge(
-    fit: Fit,
-    evidence: Evidence,
-    codebook: Codebook,
-    false_id_rate: float,
-    *,
-    exact: bool = False,
-) -> Reading | Rejected:
-    """The best codeword, if it beats all alternatives. `exact`: as in `is_consistent`."""
+def _judge(fit: Fit, evidence: Evidence, codebook: Codebook, false_id_rate: float) -> Reading | Rejected:
+    """The best codeword, if it beats all alternatives."""
     needed = odds_needed(false_id_rate)
     best, none = fit.codewords[0], fit.likelihood[0]
     if none < needed:
@@ -202,20 +195,20 @@ def _judge(
     deviation = [max(wave) for wave in zip(fit.deviation[::2], fit.deviation[1::2], strict=True)]
     if not is_plausible(amplitude, deviation, evidence):
         return IMPLAUSIBLE
-    outside = hypotheses.odds_against_no_codeword(evidence, fit, codebook, needed)
+    inflation = misfit_inflation(evidence, fit)
+    outside = hypotheses.odds_against_no_codeword(evidence, fit, codebook, needed * inflation)
     if outside < needed:
         return NO_CODEWORD
     other = _odds_against_other_ids(fit, codebook)
     if other < needed:
         return AMBIGUOUS
-    if not is_consistent(evidence, fit, min(other, outside) - needed, exact=exact):
-        return INCONSISTENT
-    if not all_rows_blink(fit):
+    margin, lead = min(none, other, outside) / inflation, min(other, outside) - needed
+    if margin < needed or not settles_deep_bands(evidence, fit, lead) or not all_rows_blink(fit):
         return INCONSISTENT
     return Reading(
         id=int(codebook.ids[best]),
         quarter_turns=int(codebook.quarter_turns[best]),
-        margin=min(none, other, outside),
+        margin=margin,
         likelihood=none,
         amplitude=(amplitude[0], amplitude[-1]),
         cell_bands=fit.cell_bands,

@@ -16,12 +16,9 @@ from ledpi.kernels.codewords import Fit
 MIN_DEPTH, MAX_DEPTH = 0.25, math.pi / 2
 MAX_DEPTH_RATIO = 2.5
 DEVIATIONS = 3.0  # allowed to either, for noise
-# Bands of its own in every cell fit better than one codeword's for all, by noise alone with mean and variance of half
-# as many degrees of freedom. Beyond that, of what a codeword explains a panel leaves a sixteenth at most, harmonics,
-# tone and all (measured; but for a few within thick walls, beside print or with a row time that is off by 6 %, which
-# wait for another frame). What is more, is no cells of one panel: a light that blinks alike everywhere, at another
-# frequency or in short flashes, or something dark across a bright thing, leaves an eighth to a third.
-MAX_MISFIT = 1.0 / 10.0
+# Of a codeword's likelihood, where bands are faint: walls, tone and harmonics make the bands of a panel's cells differ
+# by a quarter of their depth, a deviation. (The lead it needs allows for more.)
+MODEL_VARIANCE = 1.0 / 16.0
 # Bands of nearly full depth outshine all noise, and explain all but a few percent of what there is to see (1.5 % on
 # photographs of real lamps), unless the corners are wrong. What a codeword leaves open then is as much as there is
 # wrong with the model; so its lead over its alternatives must be more than that.
@@ -41,22 +38,27 @@ def is_plausible(amplitude: list[float], deviation: list[float], evidence: Evide
     return least[0] <= MAX_DEPTH_RATIO * most[-1] and least[-1] <= MAX_DEPTH_RATIO * most[0]
 
 
-def is_consistent(evidence: Evidence, fit: Fit, lead: float, *, exact: bool) -> bool:
-    """Whether all cells share the bands of one codeword, as far as its log-likelihood ratio and its lead can tell.
+def misfit_inflation(evidence: Evidence, fit: Fit) -> float:
+    """By how much noise would be underrated, if all that a codeword leaves of the cells' bands were noise; at least 1.
 
-    `exact`: by the exact waveform, where sinusoids leave more than noise, and where neighbours' light at a cell's rim
-    blinks as theirs does. Then a codeword leaves no more than noise, and is held to that as where bands are deep. (Of
-    panels at 450 µs to 2 ms and 1 to 3 m 31 nats more at most, and mostly less than 15.)
+    Bands of its own in every cell fit better than one codeword's for all, by noise alone with mean and variance of half
+    as many degrees of freedom. What is beyond that is wrong with the model, or these are no cells of one panel: a light
+    that blinks alike everywhere, or something dark across a bright thing. It divides all log odds. Where bands are deep
+    it is not like noise: one cell may have it all (`settles_deep_bands`).
     """
-    erased = 0 if fit.erased is None else int(np.count_nonzero(fit.erased))
-    freedom = (len(fit.gain) - erased - 1) * len(evidence.prior)
-    of_codeword = fit.likelihood[0]
     if is_deep_anywhere(evidence.prior):
-        return fit.of_cells - of_codeword < lead and of_codeword > MIN_EXPLAINED * evidence.residual
-    misfit, by_noise = fit.of_cells - (of_codeword + _free_bands_gain(evidence, fit)), 0.5 * freedom
-    if exact and not misfit < by_noise + lead:
-        return False
-    return misfit < by_noise + DEVIATIONS * math.sqrt(by_noise) + MAX_MISFIT * of_codeword
+        return 1.0
+    erased = 0 if fit.erased is None else int(np.count_nonzero(fit.erased))
+    by_noise = 0.5 * (len(fit.gain) - erased - 1) * len(evidence.prior)
+    misfit = fit.of_cells - (fit.likelihood[0] + _free_bands_gain(evidence, fit))
+    return max(1.0, misfit / (by_noise + DEVIATIONS * math.sqrt(by_noise) + MODEL_VARIANCE * fit.likelihood[0]))
+
+
+def settles_deep_bands(evidence: Evidence, fit: Fit, lead: float) -> bool:
+    """Whether a codeword explains nearly all that deep bands show, and its lead is more than the rest."""
+    if not is_deep_anywhere(evidence.prior):
+        return True
+    return fit.of_cells - fit.likelihood[0] < lead and fit.likelihood[0] > MIN_EXPLAINED * evidence.residual
 
 
 def _free_bands_gain(evidence: Evidence, fit: Fit) -> float:
