@@ -11,7 +11,7 @@ from ledpi.core.records import Floats, Frame, Intrinsics, PanelSpec, Quad, Rejec
 from ledpi.core.shutter import contrast
 from ledpi.decode.cells import MIN_CELL_PX
 from ledpi.decode.evidence.waves import FAINT_DEPTH
-from ledpi.decode.model.fit import Effort, Fitted, Fitter
+from ledpi.decode.model.fit import NO_BANDS, Effort, Fitted, Fitter
 from ledpi.decode.model.light import FEWEST_PX, ROUGHLY, Window
 from ledpi.decode.model.prior import BLUR
 from ledpi.decode.proposals import DEEP
@@ -21,6 +21,7 @@ NO_LIGHT = Rejected(stage="fit", reason="no_light")
 MISFIT = Rejected(stage="fit", reason="misfit")
 UNCERTAIN = Rejected(stage="fit", reason="uncertain")
 
+MAX_ROOM_LIGHT = 2.0  # of a panel's own in the mean of its bands: a brighter room hides the deepest
 REACH = 0.1  # of the side: how far off a proposal may be
 # Of the light's squares: the first fit, from corners that are off, must explain more than it leaves; of what a panel's
 # fit leaves in the end the deviation is less than a third of the light's own.
@@ -119,6 +120,9 @@ class Locator:
         window = Window.crop(frame, corners_px, REACH, fewest_px)
         if window is None:
             return NO_LIGHT
+        lit, depth = 1.0 + MAX_ROOM_LIGHT, self._depth(frame)
+        if effort.roughly and effort.phasing and window.dimmed > (lit - depth) / (lit + depth) * window.bright:
+            return NO_BANDS
         fits = [self._fitter.fit(frame, window, corners_px, spec, effort, known) for spec in specs]
         best = max(fits, key=lambda fit: fit.explained if isinstance(fit, Fitted) else -math.inf)
         if isinstance(best, Rejected):

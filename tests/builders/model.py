@@ -100,7 +100,7 @@ def window_of(light: Floats, *, noise: float = 0.0, seed: int = 0, dark: float =
     """All of a picture, unquantised; `noise`: its deviation at a level of 1, as the fit weighs light."""
     deviation = noise * np.sqrt(np.maximum(light, 0.0) + 0.1)
     seen = light + deviation * np.random.default_rng(seed).standard_normal(light.shape)
-    return Window((0.25 * seen).astype(np.float32), (0.0, 0.0), 1, 0.25 * dark, 0.25 * (1.0 + dark))
+    return Window((0.25 * seen).astype(np.float32), (0.0, 0.0), 1, 0.25 * dark, 0.25 * (1.0 + dark), 0.25 * dark)
 
 
 def places_of(corners: Floats, at_px: Floats) -> Floats:

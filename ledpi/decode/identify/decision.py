@@ -25,11 +25,7 @@ from ledpi.decode.cells import CellSamples
 from ledpi.decode.evidence.band_estimate import estimate_bands
 from ledpi.decode.evidence.evidence import UNFIT, Evidence
 from ledpi.decode.evidence.single_frame import single_evidence
-from ledpi.decode.evidence.waves import (
-    are_sinusoids,
-    is_deep_anywhere,
-    is_faint,
-)
+from ledpi.decode.evidence.waves import are_sinusoids, is_deep_anywhere, is_faint
 from ledpi.decode.identify import hypotheses
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.codewords import rank_codewords

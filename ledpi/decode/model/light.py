@@ -17,8 +17,9 @@ from ledpi.core.tone import linear_light
 FEWEST_PX = 70  # a square of twice as many pixels along its side is averaged down: its light abounds
 FARTHEST = 8  # sizes of the picture: corners further out are none
 WAVE_STEPS = 512  # of a period; as in kernels/panel.h
-# Quantiles: of the light around, what is taken for dark, and of that within the square, for a panel's own.
+# Quantiles: of the light around, what is taken for dark; of that within the square, for a panel's own and for dimmed.
 DARK, BRIGHT = 0.05, 0.8
+ENOUGH = 1000  # pixels, for a quantile
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,6 +31,7 @@ class Window:
     shrink: int  # pixels of the picture, along a side
     dark: float  # levels of what is dark there, and of the square's own light
     bright: float
+    dimmed: float  # level of what is dark within the square, as in bands
 
     @classmethod
     def crop(cls, frame: Frame, corners_px: Floats, reach: float, fewest_px: float = FEWEST_PX) -> Window | None:
@@ -60,7 +62,8 @@ class Window:
         if not len(own):
             return None
         dark, bright = _quantile(light[::2, ::2].reshape(-1), DARK), _quantile(own, BRIGHT)
-        return cls(light, first, shrink, dark, bright) if bright > dark else None
+        dimmed = _quantile(own[:: max(1, len(own) // ENOUGH)], DARK)
+        return cls(light, first, shrink, dark, bright, dimmed) if bright > dark else None
 
 
 def _quantile(light: Singles, share: float) -> float:

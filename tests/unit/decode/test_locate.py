@@ -304,6 +304,20 @@ def test_a_steady_lamp_is_refused_in_deep_bands(exposure_us: float) -> None:
     assert reason(Locator(4, (SPEC,), None).localise(canvas.frame(), true)) == "fit.no_bands"
 
 
+@pytest.mark.parametrize("depth", [0.0, 0.4])
+def test_what_has_nothing_dark_in_it_costs_no_fit_where_bands_are_deep(depth: float) -> None:
+    """Not even a lattice that is steady: a lit panel's darkest bands have the room's light only."""
+
+    def tiled(u: Floats, v: Floats) -> Floats:
+        return np.asarray(1.0 - depth * ((4 * u % 1.0 < 0.3) | (4 * v % 1.0 < 0.3)))
+
+    true, locator = square(310, 240, 100, 10), Locator(4, (SPEC,), None)
+    canvas = Canvas(exposure_us=SHORT_US)
+    canvas.lamp(true, profile=tiled)
+    assert reason(locator.localise(canvas.frame(), true)) == "fit.no_bands"
+    assert locator.spent == 0
+
+
 def test_an_even_wall_is_refused() -> None:
     """Where nothing is, noise is not taken for a panel."""
     assert isinstance(Locator(4, (SPEC,), None).localise(Canvas().frame(), square(310, 240, 75)), Rejected)
