@@ -207,6 +207,21 @@ def test_light_that_is_off_the_cells_middles_is_in_the_deviation(hot_at: float, 
     assert np.sqrt(nees(fitted(panel, window_of(panel.light(), noise=0.02), corners + 0.2), corners) / 8) < 3.5
 
 
+@pytest.mark.parametrize("side", [100, 40])
+@pytest.mark.parametrize("noise", [0.04, 0.005])
+def test_the_gauge_between_profile_and_corners_widens_the_covariance_along_a_shift(noise: float, side: float) -> None:
+    """A profile and corners that shift together leave the same light, at any noise: twice as wide as of even cells."""
+    corners = square(80.3, 80.6, side, 12)
+    panel, along = Panel(corners=corners), np.tile(corners[1] - corners[0], 4) / (4 * side)
+
+    def sigma_px(*, even: bool) -> float:
+        effort = Effort(rounds=10, reweightings=2, even=even)
+        fit = fitted(panel, window_of(panel.light(), noise=noise), corners + 0.2, effort)
+        return float(np.sqrt(along @ fit.covariance_px2 @ along))
+
+    assert sigma_px(even=False) > 2.0 * sigma_px(even=True)
+
+
 @pytest.mark.parametrize("blinks", [True, False])
 @pytest.mark.parametrize("exposure_us", [TRUE_10_MS_US, 2000.0, *EXPOSURES_US[1:]])
 def test_a_steady_square_is_without_bands(exposure_us: float, blinks: bool) -> None:
