@@ -14,7 +14,7 @@ from ledpi.decode.identify.plausibility import misfit_inflation, settles_deep_ba
 from ledpi.markers.dictionaries import load_dictionary
 from tests.builders.decode import SPEC
 
-FAINT, DEEPER = 0.08, 0.2
+FAINT = 0.08
 WHITE = (np.arange(16) % 2 == 1).astype(np.float32)
 
 
