@@ -149,12 +149,13 @@ def odds_under_either_estimate(
     codebook: Codebook,
     needed: float,
 ) -> float:
-    """Log odds of a second pass's best codeword against distant patterns: the mean under both linearisations.
+    """Log odds of a second pass's best codeword against distant patterns: the mean under both linearisations, or each
+    under its own, if that is less.
 
     A second pass divides an estimate out of the light before it compares cells, so it disfavours what blinks in other
-    phases; one that starts from the alternative disfavours the codeword as much. (Patterns a few cells off have the
-    codeword's phases.) The alternatives are the first pass's likeliest pattern and other ID, unless the first pass
-    already has the odds that are `needed`: it has no estimate, so it is fair.
+    phases; one that starts from the alternative disfavours the codeword as much. The alternatives are the first pass's
+    likeliest pattern and other ID, unless the first pass already has the odds that are `needed`: it has no estimate, so
+    it is fair.
     """
     (evidence, fit), (own, refit) = first, second
     codeword, ids, odds = codebook.white[refit.codewords[0]], codebook.ids, math.inf
@@ -174,14 +175,9 @@ def odds_under_either_estimate(
         theirs = single_evidence(samples, frame, codebook.spec, estimate=estimate)
         if isinstance(theirs, Rejected):
             return -math.inf
-        odds = _least(
-            odds,
-            before
-            + 0.5
-            * (
-                _log_likelihood_ratio(codeword, alternative, own) + _log_likelihood_ratio(codeword, alternative, theirs)
-            ),
-        )
+        under_either = [_log_likelihood_ratio(codeword, alternative, each) for each in (own, theirs)]
+        each_by_its_own = refit.likelihood[0] - rank_codewords(theirs, alternative[None]).likelihood[0]
+        odds = _least(odds, before + 0.5 * sum(under_either), before + each_by_its_own)
     return odds
 
 

@@ -374,6 +374,8 @@ def test_what_is_no_panel_of_words_is_no_word(case: str, number: int, seed: int,
         # Of cells 5 and 7 px high, where neighbours' light at a cell's rim blinks otherwise than its own.
         ("near_words", 640.0, 5, 62, 0),  # three cells off word 5
         ("mirrored", 640.0, 14, 62, 0),  # two cells off word 24
+        # The same, with a dead cell: by an estimate of its own it explained more than the word by its.
+        ("dead_cell", 2000.0, 4, 2912, 5),
     ],
 )
 def test_what_is_no_whole_panel_of_words_is_no_word_at_short_exposures(
