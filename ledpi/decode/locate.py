@@ -13,7 +13,7 @@ from ledpi.decode.cells import MIN_CELL_PX
 from ledpi.decode.evidence.waves import FAINT_DEPTH
 from ledpi.decode.model.fit import NO_BANDS, Effort, Fitted, Fitter
 from ledpi.decode.model.light import FEWEST_PX, ROUGHLY, Window
-from ledpi.decode.model.prior import BLUR
+from ledpi.decode.model.prior import BLUR, RIM, SHAPE
 from ledpi.decode.proposals import DEEP
 
 TOO_SMALL = Rejected(stage="fit", reason="too_small")
@@ -26,13 +26,15 @@ REACH = 0.1  # of the side: how far off a proposal may be
 # Of the light's squares: the first fit, from corners that are off, must explain more than it leaves; of what a panel's
 # fit leaves in the end the deviation is less than a third of the light's own.
 MIN_EXPLAINED, MIN_EXPLAINED_FINELY = 0.5, 0.9
+# And where something seems to hide a side less than a fifth, as a lattice that is a part of a cell off looks so, too.
+MIN_EXPLAINED_HIDDEN = 0.96
 MAX_SIGMA = 1.0 / 8.0  # of a cell: further off, slopes no longer tell what a shift does to a cell's light
 # Where bands are not deep, a fit on a coarse grid is of no more pixels than the grid has lines: between them it would
 # not see the edges of cells. Its blur is that of these pixels: the next fit begins with a little more than a lens has,
 # as what is blurred more is found from further off.
 START_BLUR_PX = 1.2
-# Times that a fit goes on which has not settled, as where something hides a strip, or cuts off a band; and what it must
-# explain by then: it leaves no more than twice what it may in the end.
+# Times that a fit goes on which has not settled where something hides a strip; and what it must explain by then: it
+# leaves no more than twice what it may in the end.
 MOST_MORE, LEAST_EXPLAINED = 2, 0.8
 
 
@@ -78,28 +80,38 @@ class Locator:
         self, frame: Frame, corners_px: Floats, spec: PanelSpec, unknown: Floats, *, faint: bool
     ) -> Fitted | Rejected:
         """On a fine grid: with cells that are even about their middles, so that only corners move; then with all."""
-        evenly = Effort(rounds=6, tolerance=0.02, even=True, must_blink=self._must_blink)
+        evenly = Effort(rounds=6, tolerance=0.02, even=True, faint=faint, must_blink=self._must_blink)
         fit = self._fitted(frame, corners_px, evenly, (spec,), unknown)
         if isinstance(fit, Rejected):
             return fit
-        fine = Effort(rounds=10, reweightings=2, must_blink=self._must_blink)
+        fine = Effort(rounds=10, reweightings=2, faint=faint, must_blink=self._must_blink)
         fit = self._fitted(frame, fit.lattice_px, fine, (spec,), fit.unknown)
         for _ in range(MOST_MORE):
-            if isinstance(fit, Rejected) or fit.settled or fit.explained < LEAST_EXPLAINED:
-                break
-            if faint and not fit.hidden.any():
+            if isinstance(fit, Rejected) or fit.settled or fit.explained < LEAST_EXPLAINED or not fit.hidden.any():
                 break
             fit = self._fitted(frame, fit.lattice_px, fine, (spec,), fit.unknown)
-        return fit
+        return self._best_placed(frame, fit, fine)
+
+    def _best_placed(self, frame: Frame, fit: Fitted | Rejected, effort: Effort) -> Fitted | Rejected:
+        """The fit, or a better one from beside what seems hidden: so looks a lattice that is a part of a cell off."""
+        if isinstance(fit, Rejected) or fit.explained < MIN_EXPLAINED_FINELY or fit.hidden.max() < MAX_SIGMA:
+            return fit
+        (a, b, c, d), (left, right, above, below) = fit.lattice_px, fit.unknown[RIM:SHAPE] / self._cells
+        across, down = np.stack([b - a, b - a, c - d, c - d]), np.stack([d - a, c - b, c - b, d - a])
+        beside_px = fit.lattice_px + (left - right) * across + (above - below) * down
+        unknown = fit.unknown.copy()
+        unknown[RIM:SHAPE] = 0.0
+        other = self._fitted(frame, beside_px, effort, (fit.spec,), unknown)
+        return other if isinstance(other, Fitted) and other.explained > fit.explained else fit
 
     def refine(self, frame: Frame, corners_px: Floats, known: Floats) -> Quad | Rejected:
         """The panel whose lattice is within a tenth of a cell or so of these corners (4, 2), or why there is none.
 
         `known`: the unknowns of its last fit, with its corners in the same order.
         """
-        fine = Effort(rounds=6, reweightings=1)
+        fine = Effort(rounds=6, reweightings=1, faint=self._depth(frame) <= FAINT_DEPTH)
         fit = self._fitted(frame, corners_px, fine, self._specs, known)
-        return self._quad(fit)
+        return self._quad(fit if known[RIM:SHAPE].max() > MAX_SIGMA else self._best_placed(frame, fit, fine))
 
     def _depth(self, frame: Frame) -> float:
         return max(contrast(hz, frame.exposure_us, s.duty) for s in self._specs for hz in s.waves_hz) / 2.0
@@ -140,7 +152,7 @@ class Locator:
     def _quad(self, fit: Fitted | Rejected) -> Quad | Rejected:
         if isinstance(fit, Rejected):
             return fit
-        if fit.explained < MIN_EXPLAINED_FINELY:
+        if fit.explained < (MIN_EXPLAINED_HIDDEN if fit.hidden.any() else MIN_EXPLAINED_FINELY):
             return MISFIT
         return Quad(
             corners_px=fit.corners_px,

@@ -14,12 +14,12 @@ enum {
 #define MOST_STEP 0.1 /* of half the side: as far as the slopes hold */
 #define MOST_BLURRING 0.3 /* of the blur's logarithm */
 #define MOST_TURN 0.1 /* cycles of a phase: as far as its wave's slope holds */
-#define SETTLED_SHARE 0.1 /* of the squared residuals: so well is the noise known */
-#define WORSE 1.5 /* a step that leaves so much more than was left before goes too far; the samples move with the corners */
+#define SETTLED_SHARE 0.1 /* of the squared residuals: so well is the noise known, and no better, as samples move with the corners */
 #define WEIGHED_SHARE 0.5 /* and while more of them than this will go, what does not fit is not told from what is not fitted yet */
 /* Student's t: blocks of this freedom are weighed by (freedom + 1)/(freedom + their mean square over the usual one). */
 #define FREEDOM 4.0
 #define LEAST_GAIN 0.02
+#define HELD 1e12 /* one over the variance of what cannot move */
 #define SHALLOW 0.25 /* of the squares that bands should explain */
 #define NATS_NEEDED 11.3
 #define MOST_SIGHT 6.0 /* steps aside for one inwards: from 80° aside */
@@ -40,7 +40,7 @@ typedef struct {
     const PanelFit *asked;
     const double *along, *prior;
     ptrdiff_t lines, reweightings, own, owns, size; /* unknowns of a cell that are sought, of all cells, in all */
-    double *unknown, *covariance, explained, variance;
+    double *unknown, *covariance, explained, variance, sought[2]; /* phases, as the grid has them */
 } Fitting;
 
 /* Sums of products of the columns; of COMMON, of each cell's OWN with COMMON, and of these among each other. */
@@ -231,7 +231,16 @@ static ptrdiff_t unknown_at(const Fitting *fit, ptrdiff_t i) {
     return i < fit->owns ? COMMON + i / fit->own * OWN + i % fit->own : i - fit->owns;
 }
 
-/* The normal equations (size, size + 1), right side last, over the variance, with what is known beforehand. */
+/* Whether an unknown is at one of its LIMITS, which the slope (of the log-likelihood) would have it cross. */
+static bool is_held(ptrdiff_t at, double unknown, double slope) {
+    for (size_t i = 0; i < sizeof LIMITS / sizeof *LIMITS; i++)
+        if (at >= LIMITS[i].at && at < LIMITS[i].at + LIMITS[i].count)
+            return (unknown <= LIMITS[i].least && slope < 0.0) || (unknown >= LIMITS[i].most && slope > 0.0);
+    return false;
+}
+
+/* The normal equations (size, size + 1), right side last, over the variance, with what is known beforehand. An unknown that
+ * is held at its limit has no step: else those of the others would be what goes with its own (Bertsekas 1982). */
 static void put_matrix(const Fitting *fit, const Products *products, double *matrix) {
     const ptrdiff_t owns = fit->owns, size = fit->size;
     const double *prior = fit->prior, *information = fit->prior + COMMON + OWN * fit->panel.cells * fit->panel.cells;
@@ -243,7 +252,11 @@ static void put_matrix(const Fitting *fit, const Products *products, double *mat
         for (ptrdiff_t j = i; j < owns; j++) row[j] = scale * products->own[i * owns + j];
         for (ptrdiff_t k = 0; k < DENSE; k++) row[owns + k] = scale * common[k];
         row[i] = row[i] * (1.0 + 1e-6) + 1e-6 + information[at];
-        row[size] += information[at] * (at < WAYS ? 0.0 : prior[at] - fit->unknown[at]);
+        const double mean = at == PHASE || at == PHASE + 1 ? fit->sought[at - PHASE] : prior[at];
+        row[size] += information[at] * (at < WAYS ? 0.0 : mean - fit->unknown[at]);
+        if (at < WAYS || !is_held(at, fit->unknown[at], row[size])) continue;
+        row[i] += HELD;
+        row[size] = 0.0;
     }
 }
 
@@ -411,6 +424,7 @@ static Fitting begun(const PanelFit *asked, PanelFit *into) {
         .asked = asked, .along = asked->along, .prior = asked->prior, .lines = asked->lines,
         .reweightings = asked->reweightings, .unknown = asked->unknown, .covariance = into->covariance,
     };
+    memcpy(fit.sought, asked->unknown + PHASE, sizeof fit.sought);
     fit.own = asked->banded ? OWN : 1, fit.owns = fit.own * asked->cells * asked->cells, fit.size = fit.owns + COMMON;
     for (int i = 0; i < 4; i++) { /* before the lens bends it a panel is a square */
         double ray[2] = {asked->corners[2 * i], asked->corners[2 * i + 1]};
@@ -438,39 +452,51 @@ static void keep_start(const Fitting *fit, const Work *work, Start *start) {
     start->variance = variance_of(work);
 }
 
-/* Takes half of a step back. */
-static void halve_step(Fitting *fit, const Start *start) {
-    for (int i = 0; i < 8; i++) ((double *)fit->corners)[i] = 0.5 * (((double *)fit->corners)[i] + ((const double *)start->corners)[i]);
+/* Takes a share of a step back. */
+static void go_back(Fitting *fit, double share, const Start *start) {
+    double *const corners = (double *)fit->corners;
+    for (int i = 0; i < 8; i++) corners[i] += share * (((const double *)start->corners)[i] - corners[i]);
     for (ptrdiff_t i = 0; i < COMMON + OWN * fit->panel.cells * fit->panel.cells; i++)
-        fit->unknown[i] = 0.5 * (fit->unknown[i] + start->unknown[i]);
+        fit->unknown[i] += share * (start->unknown[i] - fit->unknown[i]);
 }
 
-/* Rounds of Gauss and Newton, until nothing moves. Leaves the homography of the last. */
+/* Puts all sums where the fit is, after the phases have been sought if they are to be. */
+static bool look(Fitting *fit, double h[9], bool phasing, Work *work) {
+    const PanelFit *const asked = fit->asked;
+    ledpi_unit_square_homography(fit->corners, h);
+    put_sight(&fit->view, h, fit->panel.sight);
+    put_lines(fit, h, work);
+    if (phasing) {
+        sum_up(fit, true, work);
+        const Bands bands = ledpi_panel_phases(&fit->panel, &fit->view, rows_of(fit), work->by_row[0], work->by_row[1],
+                                               ridge_of(fit, work), fit->unknown + PHASE);
+        memcpy(fit->sought, fit->unknown + PHASE, sizeof fit->sought);
+        if (asked->must_blink && is_without_bands(bands, work)) return false;
+    }
+    sum_up(fit, false, work);
+    return true;
+}
+
+/* Rounds of Gauss and Newton, until nothing moves; a step that leaves more than was left before is halved. What comes out was
+ * looked at, but for a last step that hardly moves anything: a step goes too far where the equation is far from straight. */
 static int iterate(Fitting *fit, double h[9], bool *settled, Work *work) {
     const PanelFit *const asked = fit->asked;
     Start start = {.variance = INFINITY};
+    *settled = false;
     for (ptrdiff_t round = 0;; round++) {
-        ledpi_unit_square_homography(fit->corners, h);
-        put_sight(&fit->view, h, fit->panel.sight);
-        put_lines(fit, h, work);
-        if (asked->phasing && round == 0) {
-            sum_up(fit, true, work);
-            const Bands bands = ledpi_panel_phases(&fit->panel, &fit->view, rows_of(fit), work->by_row[0], work->by_row[1],
-                                                   ridge_of(fit, work), fit->unknown + PHASE);
-            if (asked->must_blink && is_without_bands(bands, work)) return LEDPI_WITHOUT_BANDS;
-        }
-        sum_up(fit, false, work);
-        if (round + 1 < asked->rounds && variance_of(work) > WORSE * start.variance) {
-            halve_step(fit, &start);
-            continue;
-        }
+        if (!look(fit, h, asked->phasing && round == 0, work)) return LEDPI_WITHOUT_BANDS;
+        const bool goes_too_far = variance_of(work) > (1.0 + SETTLED_SHARE) * start.variance, last = round >= asked->rounds;
+        if (goes_too_far) go_back(fit, last ? 1.0 : 0.5, &start);
+        if (goes_too_far && !last) continue;
+        if (goes_too_far) look(fit, h, false, work);
         keep_start(fit, work, &start);
         if (!solve_step(fit, work)) return LEDPI_DIVERGED;
+        if (last) return LEDPI_FITTED;
         const double moved = take_step(fit, h, work), left = (1.0 - fit->explained) * (1.0 - work->decrease);
         if (!(moved < 1e3)) return LEDPI_DIVERGED;
         const bool near = moved < MOST_STEP / 10.0 && work->decrease < WEIGHED_SHARE;
         *settled = moved < asked->tolerance && work->decrease < SETTLED_SHARE && !fit->reweightings;
-        if (round + 1 >= asked->rounds || *settled || (round && left > asked->most_left)) return LEDPI_FITTED;
+        if (*settled || (round && left > asked->most_left)) return LEDPI_FITTED;
         if (near && fit->reweightings) {
             weigh_blocks(fit->panel.cells, work);
             fit->reweightings--;

@@ -32,6 +32,7 @@ class Effort:
     most_left: float = math.inf  # share of the light's squares: where more is foreseen to be left, the fit ends
     reweightings: int = 0  # how often what does not fit is given less weight
     roughly: bool = False  # on a coarse grid
+    faint: bool = False  # bands are, so their phases stay near what the grid finds
     even: bool = False  # cells are seen even about their middles: nothing but corners moves the lattice
     banded: bool = True  # cells show bands
     phasing: bool = True  # seeks the bands' phases first, on a grid
@@ -79,7 +80,7 @@ class Fitter:
             return DIVERGED
         each = len(lines) / cells  # no finer than the grid is what is seen of a cell
         across, down = (round(max(1.0, min(each, pitch)), 1) for pitch in pitch_px)
-        given = prior(cells, (across, down), frame.exposure_us, even=effort.even)
+        given = prior(cells, (across, down), frame.exposure_us, even=effort.even, faint=effort.faint)
         unknown = (given[0] if known is None else known).copy()
         tables = waves(spec, frame.exposure_us, frame.row_time_us, window.shrink)
         per_row = frame.row_time_us * 1e-6

@@ -26,6 +26,9 @@ GLOW_MEAN, GLOW_SIGMA = 0.4, 0.2  # of a wall's face, over the diffuser beside i
 SMEAR_SIGMA_PER_MS = 0.03  # logarithm of the blur along rows over the geometric mean: turning adds so much per exposure
 BESIDE_SIGMA = 1.0  # what is beside a panel may be brighter than it is
 DARK_SIGMA = 0.3  # the room's light on the panel
+# Cycles: before, a grid of 24 phases a cycle (kernels/panel_phases.c) finds them to half a step. Faint bands tell no
+# more: cells may show any mix of both waves, which would turn the phases at each step.
+PHASE_SIGMA = 1.0 / 24.0 / math.sqrt(12.0)
 NEVER = 1e-4  # where nothing of the kind is to be
 GAIN_SIGMA = 0.5  # of cells, which may be dead
 MIX_SIGMA = 0.7  # of either class's wave in a cell: 0 or 1
@@ -35,10 +38,11 @@ HARMONICS = ((1, 0), (0, 1), (2, 0), (0, 2), (3, 0), (0, 3), (4, 0), (0, 4), (1,
 
 
 @lru_cache(maxsize=256)
-def prior(cells: int, pitch_px: tuple[float, float], exposure_us: float, *, even: bool) -> Floats:
+def prior(cells: int, pitch_px: tuple[float, float], exposure_us: float, *, even: bool, faint: bool) -> Floats:
     """(2, unknowns): means, and one over the variances (0 where nothing is known), of `cells` × `cells`.
 
-    `even`: cells are even about their middles, so that nothing but the corners moves the lattice.
+    `even`: cells are even about their middles, so that nothing but the corners moves the lattice. `faint`: so are the
+    bands. The mean of a phase is what the grid finds.
     """
     mean, sigma = np.zeros((2, COMMON + OWN * cells * cells))
     sigma[:] = math.inf
@@ -48,6 +52,8 @@ def prior(cells: int, pitch_px: tuple[float, float], exposure_us: float, *, even
     number, cycles_px = np.hypot(*np.array(HARMONICS).T), np.hypot(*(np.array(HARMONICS) / pitch_px).T)
     blurred = np.exp(-2.0 * (np.pi * cycles_px * BLUR_PX) ** 2)
     sigma[SHAPE:PHASE] = np.maximum(SHAPE_SIGMA * blurred / number, NEVER)
+    if faint:
+        sigma[PHASE:BESIDE] = PHASE_SIGMA
     sigma[BESIDE:DARK], sigma[DARK], sigma[ASIDE:DEPTH] = BESIDE_SIGMA, DARK_SIGMA, NEVER if even else ASIDE_SIGMA
     sigma[DEPTH], mean[GLOW], sigma[GLOW] = NEVER if even else DEPTH_SIGMA, GLOW_MEAN, GLOW_SIGMA
     sigma[SMEAR] = NEVER if even else max(SMEAR_SIGMA_PER_MS * 1e-3 * exposure_us, NEVER)

@@ -71,6 +71,18 @@ def brighter_inside(u: Floats, v: Floats) -> Floats:
     return np.asarray(0.6 + 0.8 * to_rim)
 
 
+def test_a_lattice_half_a_cell_off_is_not_taken_for_a_hidden_side() -> None:
+    """In any of 24 directions: all but two at most are found where they are, as the lattice beside it fits better."""
+    true, far = square(300, 240, 80), 0
+    canvas = Canvas()
+    canvas.panel(true, word(7))
+    frame = canvas.frame()
+    for turn in np.arange(24) * (2 * math.pi / 24):
+        found = Locator(4, (SPEC,), None).localise(frame, true + 9.5 * np.array([math.cos(turn), math.sin(turn)]))
+        far += isinstance(found, Quad) and rms(error_of(found, true)) > 1.0
+    assert far <= 2
+
+
 @pytest.mark.parametrize("transfer", ["linear", "srgb"])
 @pytest.mark.parametrize("side", [50, 90, 160, 300])
 @pytest.mark.parametrize("offset", OFFSETS[::2])
