@@ -57,19 +57,20 @@ class Proposer:
         """Distinct candidates, best first; and what was dropped.
 
         Lattices of cells come first, as nothing but cells makes them. Then outlines, the largest first: a texture's are
-        small.
+        small. Last lattices of cells of a few pixels, as a texture has, too.
         """
         band_rows = self._band_rows(frame)
         lattices: list[Floats] = []
+        small: list[Floats] = []
         found: list[Floats] = []
         dropped: list[Rejected] = []
         for seen in [frame] if band_rows is None else _bridged(frame, band_rows):
             outlines, refused = self._outlines.find(seen)
-            again, refused_too = self._outlines.find_by_contrast()
             lattices += self._lattices.find(self._outlines.pyramid(seen))
-            found += [*outlines, *again]
-            dropped += refused + refused_too
-        ranked = lattices + sorted(found, key=lambda at: -quad_side(at.tolist()))
+            small += self._lattices.find_small(seen.pixels)
+            found += outlines
+            dropped += refused
+        ranked = [*lattices, *sorted(found, key=lambda at: -quad_side(at.tolist())), *small]
         return self._distinct(ranked[:MOST], band_rows or 0), dropped
 
     def _band_rows(self, frame: Frame) -> int | None:

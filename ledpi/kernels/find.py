@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,38 +28,32 @@ class SquareSearcher:
         smallest_px: float,
         cells: int,
         limits: Sequence[float],
+        thresholds: Thresholds,
     ) -> None:
-        """`pictures`, read anew each time, the largest first, and the `shortest` way around things in each.
+        """`pictures`, read anew each time, the largest first; `shortest` way around things, and `thresholds`, in each.
 
         `limits`: as `Limits` of decode/finding/outlines.py.
         """
-        self._pictures, self._shortest = tuple(pictures), tuple(shortest)
+        self._pictures = tuple(pictures)
         self._room = np.empty(lib.ledpi_find_room(*pictures[0].shape), np.uint8)
         self._squares = np.empty((MOST_SQUARES, lib.LEDPI_SQUARE))
         self._distinct = np.empty(MOST_SQUARES, np.int64)
         self._result = ffi.new("FindResult *", (pointer(self._squares), pointer(self._distinct), MOST_SQUARES))
         self._wanted = ffi.new("FindWanted *", (smallest_px, cells, tuple(limits)))
-        self._levels: dict[Thresholds, Any] = {}
+        self._levels = ffi.new("FindLevel[]", len(pictures))
+        every = zip(pictures, shortest, thresholds, strict=True)
+        for number, (picture, least, (brighter_than, lit_by)) in enumerate(every):
+            sizes = (*picture.shape, 2 << number, len(brighter_than), len(lit_by))
+            self._levels[number] = (pointer(picture), *sizes, brighter_than, lit_by, least)
 
-    def search(self, thresholds: Thresholds) -> tuple[Floats, tuple[int, int, int]]:
+    def search(self) -> tuple[Floats, tuple[int, int, int]]:
         """Distinct squares (K, LEDPI_SQUARE), the best first; and how many outlines touch the picture's border, show
         no square, or show one that is too small.
         """
-        levels = self._levels.get(thresholds)
-        if levels is None:
-            levels = self._levels[thresholds] = self._levels_for(thresholds)
         found = self._result
-        lib.ledpi_find(levels, len(levels), self._wanted, pointer(self._room), found)
+        lib.ledpi_find(self._levels, len(self._pictures), self._wanted, pointer(self._room), found)
         squares = self._squares[self._distinct[: found.distinct_count]]
         return squares, (found.at_border, found.not_four_sided, found.too_small)
-
-    def _levels_for(self, thresholds: Thresholds) -> Any:
-        levels = ffi.new("FindLevel[]", len(self._pictures))
-        every = zip(self._pictures, self._shortest, thresholds, strict=True)
-        for number, (picture, shortest, (brighter_than, lit_by)) in enumerate(every):
-            sizes = (*picture.shape, 2 << number, len(brighter_than), len(lit_by))
-            levels[number] = (pointer(picture), *sizes, brighter_than, lit_by, shortest)
-        return levels
 
 
 class LatticeSearcher:

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from ledpi.core.records import Floats, Pixels
 from ledpi.kernels.find import LatticeSearcher
 
-# By level of the pyramid, pixels along the neighbourhood that a blob is compared with: cells of a third to all of that.
-# Levels are an octave apart.
+# Pixels along the neighbourhood that a blob is compared with: cells of a third to all of that. Pictures are an octave
+# apart.
 AROUND = 17
 CONTRAST = 4  # grey levels: twice what read-out noise leaves of a mean over a few pixels
 MIN_SEEN = 0.6  # of the cells: others may be dead, hidden, or one with their neighbours
@@ -27,19 +27,24 @@ class LatticeFinder:
     def __init__(self, cells: int) -> None:
         self._cells, self._searcher = cells, LatticeSearcher()
 
-    def find(self, pyramid: Sequence[Pixels]) -> list[Floats]:
-        """Corners (4, 2) in the picture, first those of which most cells are seen.
+    def find_small(self, picture: Pixels) -> list[Floats]:
+        """The same of cells of 3 to 8 pixels, which are seen in a picture of twice the size."""
+        return self.find([cv2.resize(picture, None, fx=2, fy=2, interpolation=cv2.INTER_LINEAR)], 0.5)
 
-        The picture is the pyramid's first level; each level is half of the one before.
+    def find(self, pyramid: Sequence[Pixels], pixel: float = 1.0) -> list[Floats]:
+        """Corners (4, 2) in the frame, first those of which most cells are seen.
+
+        Each level of the pyramid is half of the one before; `pixel`: of the first one, in the frame's.
         """
         found: list[tuple[float, Floats]] = []
         for halvings, picture in enumerate(pyramid):
+            scale = pixel * 2**halvings
             around = cv2.blur(picture, (AROUND, AROUND))
             least = int(MIN_SEEN * self._cells * self._cells)
             blobs, lattices = self._searcher.search(picture, around, CONTRAST, 2.0 * AROUND * AROUND, least)
             for lattice in lattices:
                 panels = self._panels(lattice, blobs[:, 1:3])
-                found += [(seen, (corners + 0.5) * 2**halvings - 0.5) for seen, corners in panels]
+                found += [(seen, (corners + 0.5) * scale - 0.5) for seen, corners in panels]
         return [corners for _, corners in sorted(found, key=lambda panel: -panel[0])]
 
     def _panels(self, lattice: NDArray[np.int32], middles: Floats) -> Iterator[tuple[float, Floats]]:

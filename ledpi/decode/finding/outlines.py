@@ -23,9 +23,8 @@ LEVELS = 3  # halvings; the cells of a panel that fills the picture's height mel
 # By level of the pyramid: grey levels, of which one lies between a panel and the wall behind it, in a bright room and
 # in a dark one.
 _FINE, _COARSE = (24, *range(48, 256, 32)), tuple(range(32, 256, 32))
-THRESHOLDS: Thresholds = ((_FINE, ()), (_COARSE, ()), (_COARSE, ()))
 # And shares of the contrast in the neighbourhood, in 256ths, as of a panel before something brighter than it is itself.
-CONTRAST_THRESHOLDS: Thresholds = (((), (166,)), ((), (154,)), ((), ()))
+THRESHOLDS: Thresholds = ((_FINE, (166,)), (_COARSE, (154,)), (_COARSE, ()))
 # Shortest outline by level, in its pixels: of the smallest panel in scope, foreshortened by 60°; then of what the level
 # before sees better.
 SHORTEST = (10, 24, 24)
@@ -65,25 +64,18 @@ class Finder:
         ]
         # Finding compares neighbours only; a square root gives dark linear pictures the contrast they need.
         self._brighten = np.round(255 * np.sqrt(np.arange(256) / 255)).astype(np.uint8)
-        self._searcher = SquareSearcher(self._levels, SHORTEST, smallest_px, cells, Limits())
+        self._searcher = SquareSearcher(self._levels, SHORTEST, smallest_px, cells, Limits(), THRESHOLDS)
 
     def find(self, frame: Frame) -> tuple[list[Floats], list[Rejected]]:
         """Corners (4, 2) of distinct things, the best outline first; and what was dropped."""
         self._shrink(frame)
-        return self._search(THRESHOLDS)
-
-    def find_by_contrast(self) -> tuple[list[Floats], list[Rejected]]:
-        """The same, of the last frame once more, by the contrast in each neighbourhood."""
-        return self._search(CONTRAST_THRESHOLDS)
+        squares, (at_border, not_four_sided, too_small) = self._searcher.search()
+        dropped = [AT_BORDER] * at_border + [NOT_FOUR_SIDED] * not_four_sided + [TOO_SMALL] * too_small
+        return list(squares[:, :8].reshape(-1, 4, 2)), dropped
 
     def pyramid(self, frame: Frame) -> list[Pixels]:
         """The frame that was searched last, and the same in halves, quarters …"""
         return [frame.pixels, *self._levels]
-
-    def _search(self, thresholds: Thresholds) -> tuple[list[Floats], list[Rejected]]:
-        squares, (at_border, not_four_sided, too_small) = self._searcher.search(thresholds)
-        dropped = [AT_BORDER] * at_border + [NOT_FOUR_SIDED] * not_four_sided + [TOO_SMALL] * too_small
-        return list(squares[:, :8].reshape(-1, 4, 2)), dropped
 
     def _shrink(self, frame: Frame) -> None:
         """Fills the pyramid."""

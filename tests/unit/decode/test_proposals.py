@@ -164,6 +164,15 @@ SEEN = [
 ]
 
 
+@pytest.mark.parametrize("turn_deg", [0, 20, 45])
+def test_a_small_panel_before_a_wall_as_bright_as_it_is(turn_deg: float) -> None:
+    """Of 18 px, cells of 4½: no grey level tells it from the wall, but the gaps between its cells do."""
+    true = square(310.3, 236.6, 18, turn_deg)
+    canvas = Canvas(background=0.4)
+    canvas.panel(true, word(7), light=0.45)
+    assert nearest(canvas.frame(), true) < NEAR / 2
+
+
 @pytest.mark.parametrize("corners", SEEN)
 def test_cells_seen_one_by_one_make_a_lattice(corners: Floats) -> None:
     """Turned by any angle, and in perspective: to a tenth of a cell."""
