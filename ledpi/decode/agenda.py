@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -14,39 +14,22 @@ SEARCH_EVERY = 3
 SAME = 0.25  # of the side: candidates whose middles are no further apart, from frame to frame, are in one place
 
 
-class AgendaState(NamedTuple):
-    """What an `Agenda` remembers."""
-
-    since_search: int
-    turn: int
-    middles: Floats  # (N, 2)
-    turns: Integers  # (N,)
-
-
+@dataclass(slots=True, eq=False)
 class Agenda:
     """Of one stream. Call `is_due` once a frame, then `schedule`, then `tried` for each candidate that was fitted."""
 
-    def __init__(self) -> None:
-        self._since_search = SEARCH_EVERY
-        self._turn = 0
-        self._middles: Floats = np.empty((0, 2))  # of what was tried
-        self._turns = np.empty(0, np.int64)  # when
-
-    def state(self) -> AgendaState:
-        """What `resume` goes on from."""
-        return AgendaState(self._since_search, self._turn, self._middles, self._turns)
-
-    def resume(self, state: AgendaState) -> None:
-        """Goes on as the one that gave this state would."""
-        self._since_search, self._turn, self._middles, self._turns = state
+    since_search: int = SEARCH_EVERY
+    turn: int = 0
+    middles: Floats = field(default_factory=lambda: np.empty((0, 2)))  # of what was tried, (N, 2)
+    turns: Integers = field(default_factory=lambda: np.empty(0, np.int64))  # when, (N,)
 
     def is_due(self, *, all_detected: bool) -> bool:
         """Whether the picture is searched: it is time again, or a panel is not at its predicted place."""
-        self._since_search += 1
-        due = self._since_search >= SEARCH_EVERY or not all_detected
+        self.since_search += 1
+        due = self.since_search >= SEARCH_EVERY or not all_detected
         if due:
-            self._since_search = 0
-            self._turn += 1
+            self.since_search = 0
+            self.turn += 1
         return due
 
     def schedule(self, candidates: list[Candidate]) -> list[Candidate]:
@@ -55,21 +38,21 @@ class Agenda:
         `candidates` come best first. Places without a candidate are forgotten.
         """
         if not candidates:
-            self._middles, self._turns = self._middles[:0], self._turns[:0]
+            self.middles, self.turns = self.middles[:0], self.turns[:0]
             return []
         middles = np.array([one.corners_px.mean(axis=0) for one in candidates])
         sides = np.array([one.side_px for one in candidates])
         last = np.zeros(len(candidates), np.int64)
-        if len(self._turns):
-            near = np.hypot(*(middles[:, None] - self._middles).transpose(2, 0, 1)) < SAME * sides[:, None]
-            last = np.where(near, self._turns, 0).max(axis=1)
+        if len(self.turns):
+            near = np.hypot(*(middles[:, None] - self.middles).transpose(2, 0, 1)) < SAME * sides[:, None]
+            last = np.where(near, self.turns, 0).max(axis=1)
             kept = near.any(axis=0)
-            self._middles, self._turns = self._middles[kept], self._turns[kept]
+            self.middles, self.turns = self.middles[kept], self.turns[kept]
         by_turn = np.argsort(last, kind="stable").tolist()
         both = [k for pair in zip(range(len(candidates)), by_turn, strict=True) for k in pair]
         return [candidates[k] for k in dict.fromkeys(both)]
 
     def tried(self, candidate: Candidate) -> None:
         """The candidate was fitted in this turn."""
-        self._middles = np.concatenate([self._middles, candidate.corners_px.mean(axis=0)[None]])
-        self._turns = np.append(self._turns, self._turn)
+        self.middles = np.concatenate([self.middles, candidate.corners_px.mean(axis=0)[None]])
+        self.turns = np.append(self.turns, self.turn)

@@ -14,44 +14,33 @@ from ledpi.kernels.library import ffi, lib, pointer
 MOST_SQUARES = 4096  # in a frame: more is texture, and would take a second to look at
 MOST_RUNS, MOST_BLOBS, MOST_LATTICES = 40_000, 1_500, 12  # of a picture: what has more is texture
 
-# Of each picture: grey levels that what is lit is brighter than, and shares of the contrast by which it is, in 256ths.
-Thresholds: TypeAlias = tuple[tuple[tuple[int, ...], tuple[int, ...]], ...]
+# A picture, the shortest way around things in it, grey levels that what is lit is brighter than, and shares of the
+# contrast by which it is, in 256ths.
+Level: TypeAlias = tuple[Pixels, int, tuple[int, ...], tuple[int, ...]]
 
 
 class SquareSearcher:
     """Searches the same pictures again and again, in room that it keeps."""
 
-    def __init__(
-        self,
-        pictures: Sequence[Pixels],
-        shortest: Sequence[int],
-        smallest_px: float,
-        cells: int,
-        limits: Sequence[float],
-        thresholds: Thresholds,
-    ) -> None:
-        """`pictures`, read anew each time, the largest first; `shortest` way around things, and `thresholds`, in each.
-
-        `limits`: as `Limits` of decode/finding/outlines.py.
-        """
-        self._pictures = tuple(pictures)
-        self._room = np.empty(lib.ledpi_find_room(*pictures[0].shape), np.uint8)
+    def __init__(self, levels: Sequence[Level], smallest_px: float, cells: int, limits: Sequence[float]) -> None:
+        """`levels`: pictures are read anew each time, the largest first. `limits`: as in decode/finding/outlines.py."""
+        self._kept = tuple(levels)
+        self._room = np.empty(lib.ledpi_find_room(*levels[0][0].shape), np.uint8)
         self._squares = np.empty((MOST_SQUARES, lib.LEDPI_SQUARE))
         self._distinct = np.empty(MOST_SQUARES, np.int64)
         self._result = ffi.new("FindResult *", (pointer(self._squares), pointer(self._distinct), MOST_SQUARES))
         self._wanted = ffi.new("FindWanted *", (smallest_px, cells, tuple(limits)))
-        self._levels = ffi.new("FindLevel[]", len(pictures))
-        every = zip(pictures, shortest, thresholds, strict=True)
-        for number, (picture, least, (brighter_than, lit_by)) in enumerate(every):
+        self._levels = ffi.new("FindLevel[]", len(levels))
+        for number, (picture, shortest, brighter_than, lit_by) in enumerate(levels):
             sizes = (*picture.shape, 2 << number, len(brighter_than), len(lit_by))
-            self._levels[number] = (pointer(picture), *sizes, brighter_than, lit_by, least)
+            self._levels[number] = (pointer(picture), *sizes, brighter_than, lit_by, shortest)
 
     def search(self) -> tuple[Floats, tuple[int, int, int]]:
         """Distinct squares (K, LEDPI_SQUARE), the best first; and how many outlines touch the picture's border, show
         no square, or show one that is too small.
         """
         found = self._result
-        lib.ledpi_find(self._levels, len(self._pictures), self._wanted, pointer(self._room), found)
+        lib.ledpi_find(self._levels, len(self._kept), self._wanted, pointer(self._room), found)
         squares = self._squares[self._distinct[: found.distinct_count]]
         return squares, (found.at_border, found.not_four_sided, found.too_small)
 

@@ -5,11 +5,12 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Iterator, Sequence
+from copy import copy
 from typing import TypeAlias
 
 from ledpi.config.panels import PanelSettings
 from ledpi.core.records import CameraInfo, Detection, Frame, Intrinsics, PanelSpec, Quad, Rejected, read_only
-from ledpi.decode.agenda import Agenda, AgendaState
+from ledpi.decode.agenda import Agenda
 from ledpi.decode.cells import CellSamples, sample_cells
 from ledpi.decode.identify import decision
 from ledpi.decode.identify.codebook import Codebook
@@ -55,14 +56,14 @@ class LikelihoodPath:
         """Follows nothing."""
         self._tracker, self._agenda = Tracker(self._specs), Agenda()
 
-    def state(self) -> tuple[Followed, AgendaState]:
+    def state(self) -> tuple[Followed, Agenda]:
         """What `resume` goes on from, between two frames."""
-        return self._tracker.state(), self._agenda.state()
+        return self._tracker.state(), copy(self._agenda)
 
-    def resume(self, followed: Followed, agenda: AgendaState) -> None:
+    def resume(self, followed: Followed, agenda: Agenda) -> None:
         """Goes on as the one that gave this state would."""
         self._tracker.resume(followed)
-        self._agenda.resume(agenda)
+        self._agenda = copy(agenda)
 
     @property
     def spent(self) -> int:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ledpi.core.records import Frame, PanelSpec
 from ledpi.core.row_clock import ClockState
-from ledpi.decode.agenda import AgendaState
+from ledpi.decode.agenda import Agenda
 from ledpi.decode.cells import CellSamples, Lattice
 from ledpi.decode.track import Followed
 from ledpi.pipeline.plain import ArrayStore
@@ -20,7 +20,7 @@ class PipelineState(NamedTuple):
     """All that the frames so far have left in a pipeline. Nothing in it ever changes: to take it is to copy nothing."""
 
     followed: Followed
-    agenda: AgendaState
+    agenda: Agenda
     clock: ClockState
     placed: Placed
     off_frequency: tuple[tuple[int, PanelSpec], ...]  # by ID

@@ -8,7 +8,7 @@ import numpy as np
 
 from ledpi.core.records import Frame, PanelSpec, PlanarSolution, Pose
 from ledpi.core.row_clock import INTERVALS, ClockState
-from ledpi.decode.agenda import AgendaState
+from ledpi.decode.agenda import Agenda
 from ledpi.pipeline.plain import Node
 from ledpi.pose.branches import REMEMBERED, Hypothesis
 from ledpi.pose.fix_history import Candidate, FixHistoryState
@@ -58,11 +58,11 @@ def _is_near(one_hz: float, other_hz: float) -> bool:
     return 1.0 / MAX_HZ_RATIO < one_hz / other_hz < MAX_HZ_RATIO
 
 
-def agenda_of(node: Node) -> AgendaState:
+def agenda_of(node: Node) -> Agenda:
     """What was searched."""
     turns = node["turns"].array(np.int64, None, max_abs=MAX_PLACES)
     turn = node["turn"].integer()
-    return AgendaState(
+    return Agenda(
         since_search=node["since_search"].integer(),
         turn=turn,
         middles=node["middles"].array(np.float64, len(turns), 2, max_abs=MAX_PX),

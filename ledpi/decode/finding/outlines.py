@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from ledpi.core.records import Floats, Frame, Pixels, Rejected
-from ledpi.kernels.find import SquareSearcher, Thresholds
+from ledpi.kernels.find import SquareSearcher
 
 TOO_SMALL = Rejected(stage="find", reason="too_small")
 NOT_FOUR_SIDED = Rejected(stage="find", reason="not_four_sided")
@@ -24,10 +24,10 @@ LEVELS = 3  # halvings; the cells of a panel that fills the picture's height mel
 # in a dark one.
 _FINE, _COARSE = (24, *range(48, 256, 32)), tuple(range(32, 256, 32))
 # And shares of the contrast in the neighbourhood, in 256ths, as of a panel before something brighter than it is itself.
-THRESHOLDS: Thresholds = ((_FINE, (166,)), (_COARSE, (154,)), (_COARSE, ()))
+_SHARES = ((166,), (154,), ())
 # Shortest outline by level, in its pixels: of the smallest panel in scope, foreshortened by 60°; then of what the level
 # before sees better.
-SHORTEST = (10, 24, 24)
+_SHORTEST = (10, 24, 24)
 
 
 class Limits(NamedTuple):
@@ -64,7 +64,8 @@ class Finder:
         ]
         # Finding compares neighbours only; a square root gives dark linear pictures the contrast they need.
         self._brighten = np.round(255 * np.sqrt(np.arange(256) / 255)).astype(np.uint8)
-        self._searcher = SquareSearcher(self._levels, SHORTEST, smallest_px, cells, Limits(), THRESHOLDS)
+        levels = list(zip(self._levels, _SHORTEST, (_FINE, _COARSE, _COARSE), _SHARES, strict=True))
+        self._searcher = SquareSearcher(levels, smallest_px, cells, Limits())
 
     def find(self, frame: Frame) -> tuple[list[Floats], list[Rejected]]:
         """Corners (4, 2) of distinct things, the best outline first; and what was dropped."""

@@ -21,6 +21,8 @@ DIVERGED = Rejected(stage="fit", reason="diverged")
 NO_BANDS = Rejected(stage="fit", reason="no_bands")
 
 SATURATED = 0.999  # of full scale: such light says nothing
+# Of an `Effort`: what the solver itself goes by.
+SOLVED_BY = ("rounds", "reweightings", "banded", "phasing", "must_blink", "tolerance", "most_left")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -102,13 +104,7 @@ class Fitter:
             lines=len(lines),
             along=lines,
             prior=given,
-            rounds=effort.rounds,
-            reweightings=effort.reweightings,
-            banded=effort.banded,
-            phasing=effort.phasing,
-            must_blink=effort.must_blink,
-            tolerance=effort.tolerance,
-            most_left=effort.most_left,
+            **{name: getattr(effort, name) for name in SOLVED_BY},
             corners=corners_px.reshape(-1).tolist(),
             unknown=unknown,
         )

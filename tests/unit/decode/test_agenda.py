@@ -94,4 +94,4 @@ def test_what_was_tried_is_kept_small() -> None:
     for _ in range(50):
         proposed = candidates(*rng.uniform(50, 400, (8, 2)).tolist())
         looked_at(agenda, proposed, budget=99)
-    assert len(agenda._turns) < 100
+    assert len(agenda.turns) < 100
