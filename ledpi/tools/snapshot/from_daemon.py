@@ -26,7 +26,7 @@ def showing_a_panel(tap: Client, of_frames: int) -> Taken:
     """The first that shows a panel by itself; where none of so many does, the last, to show why. Raises TapError."""
     camera, panel = camera_of(tap.hello), panel_of(tap.hello)
     try:
-        alone = Pipeline(camera, PanelSettings(**asdict(panel)), intrinsics=None, stream=False)
+        alone = Pipeline(camera, PanelSettings(**asdict(panel)), intrinsics=camera.intrinsics, stream=False)
     except (ValueError, ConfigError) as error:  # a dictionary of its own, say, that cannot be read from here
         raise TapError(f"{tap.path}: the daemon's panels cannot be used here: {error}") from None
     for _ in range(of_frames):
