@@ -28,7 +28,7 @@ class LatticeFinder:
         self._cells, self._searcher = cells, LatticeSearcher()
 
     def find_small(self, picture: Pixels) -> list[Floats]:
-        """The same of cells of 3 to 8 pixels, which are seen in a picture of twice the size."""
+        """As `find`, of cells of 3 to 8 pixels, which a picture of twice the size shows."""
         return self.find([cv2.resize(picture, None, fx=2, fy=2, interpolation=cv2.INTER_LINEAR)], 0.5)
 
     def find(self, pyramid: Sequence[Pixels], pixel: float = 1.0) -> list[Floats]:
