@@ -13,7 +13,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 PICTURES = ROOT / "docs" / "pictures"
-SHOW = "ledpi snapshot --config config.yaml --set camera.source=simulated --frame 236"
+SHOW = "ledpi snapshot --config config.yaml --set camera.source=simulated --frame 240"
 
 # Picture → the page that prints how it is made, and those commands.
 BY_COMMANDS = {

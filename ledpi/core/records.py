@@ -188,7 +188,7 @@ class Quad:
     covariance_px2: Floats | None = None  # (8, 8) of the corners' coordinates, x and y of each; None: not measured
     lattice_px: Floats | None = None  # (4, 2) corners of the lattice of its cells, where that ends elsewhere
     unknown: Floats | None = None  # what its picture was fitted with, as `decode.model.prior` has it
-    unexplained: float = 0.0  # share of its light's squares that the fit leaves
+    residual: float = 0.0  # mean square of what its fit leaves, over the noise that so much light has
     hidden: Floats | None = None  # (4,) how many cells something hides along each side, from one corner to the next
 
 

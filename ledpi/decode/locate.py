@@ -6,14 +6,14 @@ import math
 
 import numpy as np
 
-from ledpi.core.geometry import quad_side
+from ledpi.core.geometry import box, project_to_quad, quad_side
 from ledpi.core.records import Floats, Frame, Intrinsics, PanelSpec, Quad, Rejected
 from ledpi.core.shutter import contrast
 from ledpi.decode.cells import MIN_CELL_PX
 from ledpi.decode.evidence.waves import FAINT_DEPTH
 from ledpi.decode.model.fit import NO_BANDS, Effort, Fitted, Fitter
 from ledpi.decode.model.light import FEWEST_PX, ROUGHLY, Window
-from ledpi.decode.model.prior import BLUR, RIM, SHAPE
+from ledpi.decode.model.prior import BLUR, COMMON, OWN, RIM, SHAPE
 from ledpi.decode.proposals import DEEP
 
 TOO_SMALL = Rejected(stage="fit", reason="too_small")
@@ -33,9 +33,8 @@ MAX_SIGMA = 1.0 / 8.0  # of a cell: further off, slopes no longer tell what a sh
 # not see the edges of cells. Its blur is that of these pixels: the next fit begins with a little more than a lens has,
 # as what is blurred more is found from further off.
 START_BLUR_PX = 1.2
-# Times that a fit goes on which has not settled where something hides a strip; and what it must explain by then: it
-# leaves no more than twice what it may in the end.
-MOST_MORE, LEAST_EXPLAINED = 2, 0.8
+# Of all cells' mean gain: where LEDs deviate by 15 %, a side of four cells of less is not the panel's own.
+DARK_END = 0.5
 
 
 class Locator:
@@ -74,35 +73,40 @@ class Locator:
         unknown = first.unknown.copy()
         if not deep:
             unknown[BLUR] = math.log(START_BLUR_PX)
-        return self._quad(self._finely(frame, first.lattice_px, first.spec, unknown, faint=faint))
+        return self._quad(self._best_placed(frame, self._finely(frame, first.lattice_px, first.spec, unknown)))
 
     def _finely(
-        self, frame: Frame, corners_px: Floats, spec: PanelSpec, unknown: Floats, *, faint: bool
+        self, frame: Frame, corners_px: Floats, spec: PanelSpec, unknown: Floats | None = None
     ) -> Fitted | Rejected:
         """On a fine grid: with cells that are even about their middles, so that only corners move; then with all."""
+        faint = self._depth(frame) <= FAINT_DEPTH
         evenly = Effort(rounds=6, tolerance=0.02, even=True, faint=faint, must_blink=self._must_blink)
         fit = self._fitted(frame, corners_px, evenly, (spec,), unknown)
         if isinstance(fit, Rejected):
             return fit
         fine = Effort(rounds=10, reweightings=2, faint=faint, must_blink=self._must_blink)
         fit = self._fitted(frame, fit.lattice_px, fine, (spec,), fit.unknown)
-        for _ in range(MOST_MORE):
-            if isinstance(fit, Rejected) or fit.settled or fit.explained < LEAST_EXPLAINED or not fit.hidden.any():
-                break
-            fit = self._fitted(frame, fit.lattice_px, fine, (spec,), fit.unknown)
-        return self._best_placed(frame, fit, fine)
+        if isinstance(fit, Rejected) or fit.settled or not fit.hidden.any():
+            return fit  # what has a hidden side takes longer
+        return self._fitted(frame, fit.lattice_px, fine, (spec,), fit.unknown)
 
-    def _best_placed(self, frame: Frame, fit: Fitted | Rejected, effort: Effort) -> Fitted | Rejected:
-        """The fit, or a better one from beside what seems hidden: so looks a lattice that is a part of a cell off."""
-        if isinstance(fit, Rejected) or fit.explained < MIN_EXPLAINED_FINELY or fit.hidden.max() < MAX_SIGMA:
+    def _best_placed(self, frame: Frame, fit: Fitted | Rejected) -> Fitted | Rejected:
+        """The fit, or a better one from beside what seems hidden or dark: so looks a lattice that is off by as much."""
+        if isinstance(fit, Rejected):
             return fit
-        (a, b, c, d), (left, right, above, below) = fit.lattice_px, fit.unknown[RIM:SHAPE] / self._cells
-        across, down = np.stack([b - a, b - a, c - d, c - d]), np.stack([d - a, c - b, c - b, d - a])
-        beside_px = fit.lattice_px + (left - right) * across + (above - below) * down
-        unknown = fit.unknown.copy()
-        unknown[RIM:SHAPE] = 0.0
-        other = self._fitted(frame, beside_px, effort, (fit.spec,), unknown)
-        return other if isinstance(other, Fitted) and other.explained > fit.explained else fit
+        tried = [self._finely(frame, at, fit.spec) for at in self._beside(fit)]
+        return min([fit, *(each for each in tried if isinstance(each, Fitted))], key=lambda each: each.residual)
+
+    def _beside(self, fit: Fitted) -> list[Floats]:
+        """Lattices (4, 2) that look like one with a hidden side or a dark row: moved by as much, or shorter by it."""
+        n, gain = self._cells, fit.unknown[COMMON::OWN].reshape(self._cells, self._cells)
+        is_dark = np.array([gain[0], gain[:, -1], gain[-1], gain[:, 0]]).mean(axis=1) < DARK_END * gain.mean()
+        if fit.explained < MIN_EXPLAINED_FINELY or not (fit.hidden.max() >= MAX_SIGMA or is_dark.any()):
+            return []
+        above, right, below, left = (np.where(is_dark, 1.0, fit.hidden) / n).tolist()
+        across, down = left - right, above - below
+        moved, shorter = box(across, down, 1.0 + across, 1.0 + down), box(left, above, 1.0 - right, 1.0 - below)
+        return [project_to_quad(fit.lattice_px, at) for at in (moved, shorter)]
 
     def refine(self, frame: Frame, corners_px: Floats, known: Floats) -> Quad | Rejected:
         """The panel whose lattice is within a tenth of a cell or so of these corners (4, 2), or why there is none.
@@ -111,7 +115,7 @@ class Locator:
         """
         fine = Effort(rounds=6, reweightings=1, faint=self._depth(frame) <= FAINT_DEPTH)
         fit = self._fitted(frame, corners_px, fine, self._specs, known)
-        return self._quad(fit if known[RIM:SHAPE].max() > MAX_SIGMA else self._best_placed(frame, fit, fine))
+        return self._quad(fit if known[RIM:SHAPE].max() > MAX_SIGMA else self._best_placed(frame, fit))
 
     def _depth(self, frame: Frame) -> float:
         return max(contrast(hz, frame.exposure_us, s.duty) for s in self._specs for hz in s.waves_hz) / 2.0
@@ -136,7 +140,7 @@ class Locator:
         if effort.roughly and effort.phasing and window.dimmed > (lit - depth) / (lit + depth) * window.bright:
             return NO_BANDS
         fits = [self._fitter.fit(frame, window, corners_px, spec, effort, known) for spec in specs]
-        best = max(fits, key=lambda fit: fit.explained if isinstance(fit, Fitted) else -math.inf)
+        best = max(fits, key=_explained)
         if isinstance(best, Rejected):
             return best
         if best.explained < MIN_EXPLAINED:
@@ -159,6 +163,10 @@ class Locator:
             lattice_px=fit.lattice_px,
             covariance_px2=fit.covariance_px2,
             unknown=fit.unknown,
-            unexplained=1.0 - fit.explained,
+            residual=fit.residual,
             hidden=fit.hidden if fit.hidden.any() else None,
         )
+
+
+def _explained(fit: Fitted | Rejected) -> float:
+    return fit.explained if isinstance(fit, Fitted) else -math.inf

@@ -54,23 +54,14 @@ class Proposer:
         self._lattices = LatticeFinder(cells)
 
     def propose(self, frame: Frame) -> tuple[list[Candidate], list[Rejected]]:
-        """Distinct candidates, best first; and what was dropped.
-
-        Lattices of cells come first, as nothing but cells makes them. Then outlines, the largest first: a texture's are
-        small. Last lattices of cells of a few pixels, as a texture has, too.
-        """
+        """Distinct candidates, the largest first, as a texture's are small; and what was dropped."""
         band_rows = self._band_rows(frame)
-        lattices: list[Floats] = []
-        small: list[Floats] = []
-        found: list[Floats] = []
-        dropped: list[Rejected] = []
+        found, dropped = list[Floats](), list[Rejected]()
         for seen in [frame] if band_rows is None else _bridged(frame, band_rows):
             outlines, refused = self._outlines.find(seen)
-            lattices += self._lattices.find(self._outlines.pyramid(seen))
-            small += self._lattices.find_small(seen.pixels)
-            found += outlines
+            found += [*self._lattices.find(self._outlines.pyramid(seen)), *outlines]
             dropped += refused
-        ranked = [*lattices, *sorted(found, key=lambda at: -quad_side(at.tolist())), *small]
+        ranked = sorted(found, key=lambda at: -quad_side(at.tolist()))
         return self._distinct(ranked[:MOST], band_rows or 0), dropped
 
     def _band_rows(self, frame: Frame) -> int | None:

@@ -22,9 +22,8 @@ MAX_SHIFT, MAX_GROWTH = 0.35, 1.25
 # And its corners about its centre, size apart, move by no more than this share: a camera that passes a panel at 1 m/s,
 # 0.4 m away, sees it turn by 0.08 rad in 33 ms, which moves a corner by half as many sides.
 MAX_RESHAPED = 0.1
-# A fit that leaves so many times more of the light than the one before (where that left this share of it, or more) has
-# settled beside the panel: it is searched for.
-WORSE, LEAST_UNEXPLAINED = 4.0, 0.005
+# A fit that leaves so many times more than the one before has settled beside the panel: it is searched for.
+WORSE = 4.0
 SAME = 0.01  # of the side: squares no further apart, and in size, are one
 OVERLAP = 0.5  # of the larger one's side: squares whose middles are no further apart are not both panels
 SAME_CELLS = 0.06  # of the side, from corner to corner: squares no further apart show the same cells
@@ -42,12 +41,12 @@ class TrackState(NamedTuple):
     velocity_px_s: Floats | None  # (4, 2), None where it was seen once
     seen_ns: int  # row 0's read-out of the frame
     unknown: Floats | None  # what its picture was fitted with, if in this order of corners
-    unexplained: float  # share of its light's squares that the fit left
+    residual: float  # that its fit left
 
     @classmethod
     def from_quad(cls, quad: Quad, now_ns: int, velocity_px_s: Floats | None = None) -> TrackState:
         """The state of a square that was measured as `quad`."""
-        return cls(quad.corners_px, velocity_px_s, now_ns, quad.unknown, quad.unexplained)
+        return cls(quad.corners_px, velocity_px_s, now_ns, quad.unknown, quad.residual)
 
     def update(self, quad: Quad, now_ns: int) -> TrackState:
         """The state after a new measurement `quad`, whose corners are in the track's order."""
@@ -69,6 +68,11 @@ class Track:
 
     state: TrackState
     history: History
+
+    @property
+    def place(self) -> Place:
+        """The square's."""
+        return _place(self.state.corners_px)
 
 
 class Followed(NamedTuple):
@@ -111,8 +115,8 @@ class Tracker:
         A square that overlaps a panel is a part of it, or its surroundings. One that many frames have shown without a
         reading is a lamp or a window.
         """
-        panels = [t for t in self._tracks if t.history.identity and t.state.seen_ns == self._now_ns]
-        self._tracks = [t for t in self._tracks if t in panels or not any(_overlap(t, panel) for panel in panels)]
+        seen = [t for t in self._tracks if t.history.identity and t.state.seen_ns == self._now_ns]
+        self._tracks = [t for t in self._tracks if t in seen or not any(_overlap(t.place, p.place) for p in seen)]
         others = [t for t in self._tracks if not t.history.identity and t.state.seen_ns == self._before_ns]
         return [t for t in reversed(others) if t.history.last or t.history.frames < OLD_FRAMES]
 
@@ -123,9 +127,9 @@ class Tracker:
         """
         if isinstance(quad, Rejected) or _distance(quad, track, self._now_ns) is None:
             return None
-        if quad.unexplained > WORSE * max(track.state.unexplained, LEAST_UNEXPLAINED):
+        if quad.residual > WORSE * track.state.residual:
             return None
-        seen = [_place(t.state.corners_px) for t in self._tracks if t.state.seen_ns == self._now_ns]
+        seen = [t.place for t in self._tracks if t.state.seen_ns == self._now_ns]
         if _is_near_any(_place(quad.corners_px), seen):
             self._tracks.remove(track)
             return None
@@ -142,26 +146,24 @@ class Tracker:
         There is no second panel where one was read. A square that was not read may be a part of a panel, or more than
         it: it excludes only squares with the same cells.
         """
-        corners = corners_px.tolist()
-        centre, side_px = quad_middle(corners), quad_side(corners)
-        for track in self._tracks:
-            if track.state.seen_ns != self._now_ns:
-                continue
-            at = track.state.corners_px.tolist()
-            middle, side = quad_middle(at), quad_side(at)
-            if track.history.identity is not None and math.dist(centre, middle) < OVERLAP * max(side, side_px):
-                return True
-            if abs(side_px - side) < SAME_CELLS * side and corners_apart(corners, at) < SAME_CELLS * side:
-                return True
-        return False
+        place, corners = _place(corners_px), corners_px.tolist()
+        return any(
+            (t.history.identity is not None and _overlap(place, t.place))
+            or corners_apart(corners, t.state.corners_px.tolist()) < SAME_CELLS * t.place[1]
+            for t in self._tracks
+            if t.state.seen_ns == self._now_ns
+        )
 
     def _new_quads(self, quads: list[Quad]) -> list[Quad]:
-        """The quads that this frame has not shown before, each once."""
-        found: list[Quad] = []
-        places: list[Place] = []
+        """The quads that this frame has not shown before; of two that share most of their place what leaves less."""
+        found, places = list[Quad](), list[Place]()
         for quad in quads:
             place = _place(quad.corners_px)
-            if not self.is_followed(quad.corners_px) and not _is_near_any(place, places):
+            if self.is_followed(quad.corners_px) or _is_near_any(place, places):
+                continue
+            rivals = [t for t in self._tracks if t.state.seen_ns == self._now_ns and _share_place(place, t.place)]
+            if all(quad.residual < t.state.residual for t in rivals):
+                self._tracks = [t for t in self._tracks if t not in rivals]
                 found.append(quad)
                 places.append(place)
         return found
@@ -202,9 +204,12 @@ class Tracker:
         return quad
 
 
-def _overlap(one: Track, other: Track) -> bool:
-    a, b = one.state.corners_px.tolist(), other.state.corners_px.tolist()
-    return math.dist(quad_middle(a), quad_middle(b)) < OVERLAP * max(quad_side(a), quad_side(b))
+def _overlap(one: Place, other: Place) -> bool:
+    return math.dist(one[0], other[0]) < OVERLAP * max(one[1], other[1])
+
+
+def _share_place(one: Place, other: Place) -> bool:
+    return _overlap(one, other) and max(one[1], other[1]) < MAX_GROWTH * min(one[1], other[1])
 
 
 def _place(corners_px: Floats) -> Place:

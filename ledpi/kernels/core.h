@@ -160,8 +160,8 @@ typedef struct {
     double corners[8];
     double *unknown;
     /* What follows from it: corners of what is lit, and their covariance; how many cells of each side (left, right, above,
-     * below) something hides; the share of the light's squares about their mean that is explained. */
-    double lit[8], hidden[4], covariance[64], explained;
+     * below) something hides; the share of the light's squares about their mean that is explained; the rest's mean. */
+    double lit[8], hidden[4], covariance[64], explained, variance;
     bool settled; /* the last step hardly moved anything */
     ptrdiff_t sampled; /* places, in all rounds: what it cost */
 } PanelFit;

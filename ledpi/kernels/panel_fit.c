@@ -526,6 +526,6 @@ int ledpi_fit_panel(PanelFit *asked, uint8_t *room) {
     for (int k = 0; k < 4; k++) asked->hidden[k] = fit.unknown[RIM + k] > ends[k] ? fit.unknown[RIM + k] : 0.0;
     memcpy(asked->corners, fit.corners, sizeof asked->corners);
     memcpy(asked->lit, fit.lit, sizeof asked->lit);
-    asked->explained = fit.explained;
+    asked->explained = fit.explained, asked->variance = fit.variance;
     return LEDPI_FITTED;
 }

@@ -91,7 +91,7 @@ class StateParser:
             velocity_px_s=node["velocity_px_s"].optional(lambda v: v.array(np.float64, 4, 2, max_abs=MAX_PX_S)),
             seen_ns=node["seen_ns"].integer(),
             unknown=node["unknown"].optional(self._unknown),
-            unexplained=node["unexplained"].real(-1.0, 1.0),
+            residual=node["residual"].real(0.0),
         )
 
     def _unknown(self, node: Node) -> Any:

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from ledpi.core.records import Floats, Pixels
 from ledpi.kernels.find import LatticeSearcher
 
-# Pixels along the neighbourhood that a blob is compared with: cells of a third to all of that. Pictures are an octave
-# apart.
-AROUND = 17
+# Pixels along the neighbourhoods that a blob is compared with: one shows cells of a third to all of that. Before a
+# bright wall only the smaller one ends within the panel. Pictures are an octave apart.
+AROUND = (17, 9)
 CONTRAST = 4  # grey levels: twice what read-out noise leaves of a mean over a few pixels
 MIN_SEEN = 0.6  # of the cells: others may be dead, hidden, or one with their neighbours
 LEDS = (1, 2, 3)  # along a cell: each may be seen by itself
@@ -27,31 +27,26 @@ class LatticeFinder:
     def __init__(self, cells: int) -> None:
         self._cells, self._searcher = cells, LatticeSearcher()
 
-    def find_small(self, picture: Pixels) -> list[Floats]:
-        """As `find`, of cells of 3 to 8 pixels, which a picture of twice the size shows."""
-        return self.find([cv2.resize(picture, None, fx=2, fy=2, interpolation=cv2.INTER_LINEAR)], 0.5)
+    def find(self, pyramid: Sequence[Pixels]) -> list[Floats]:
+        """Corners (4, 2) in the frame, the pyramid's first picture; each further one is half of the one before.
 
-    def find(self, pyramid: Sequence[Pixels], pixel: float = 1.0) -> list[Floats]:
-        """Corners (4, 2) in the frame, first those of which most cells are seen.
-
-        Each level of the pyramid is half of the one before; `pixel`: of the first one, in the frame's.
+        Cells of 3 to 8 pixels are seen in a picture of twice the size.
         """
-        found: list[tuple[float, Floats]] = []
-        for halvings, picture in enumerate(pyramid):
-            scale = pixel * 2**halvings
-            around = cv2.blur(picture, (AROUND, AROUND))
-            least = int(MIN_SEEN * self._cells * self._cells)
-            blobs, lattices = self._searcher.search(picture, around, CONTRAST, 2.0 * AROUND * AROUND, least)
+        found: list[Floats] = []
+        least = int(MIN_SEEN * self._cells * self._cells)
+        doubled = cv2.resize(pyramid[0], None, fx=2, fy=2, interpolation=cv2.INTER_LINEAR)
+        for (halvings, picture), near in product(enumerate([doubled, *pyramid], -1), AROUND):
+            around = cv2.blur(picture, (near, near))
+            blobs, lattices = self._searcher.search(picture, around, CONTRAST, 2.0 * near * near, least)
             for lattice in lattices:
-                panels = self._panels(lattice, blobs[:, 1:3])
-                found += [(seen, (corners + 0.5) * scale - 0.5) for seen, corners in panels]
-        return [corners for _, corners in sorted(found, key=lambda panel: -panel[0])]
+                found += [(at + 0.5) * 2.0**halvings - 0.5 for at in self._panels(lattice, blobs[:, 1:3])]
+        return found
 
-    def _panels(self, lattice: NDArray[np.int32], middles: Floats) -> Iterator[tuple[float, Floats]]:
-        """Each panel that a lattice of its cells, or of the LEDs in them, may be: what is seen of it, corners (4, 2).
+    def _panels(self, lattice: NDArray[np.int32], middles: Floats) -> Iterator[Floats]:
+        """Corners (4, 2) of each panel that a lattice of its cells, or of the LEDs in them, may be.
 
-        That is several where rows are not seen, or where a row of something else continues cells. A larger lattice of
-        LEDs is none: it has so many rows that chance continues none of them.
+        Several where rows are not seen, or where something continues them. A larger lattice of LEDs is none: it has so
+        many rows that chance continues none of them.
         """
         down, across = np.nonzero(lattice >= 0)
         at = middles[lattice[down, across]]
@@ -64,13 +59,12 @@ class LatticeFinder:
                 ranges.append(range(min(low, high - side + 1), max(low, high - side + 1) + 1) if few else range(0))
             for left, top in product(*ranges):
                 own = (across >= left) & (across < left + side) & (down >= top) & (down < top + side)
-                seen = own.sum() / (side * side)
-                if seen < MIN_SEEN:
+                if own.sum() < MIN_SEEN * side * side:
                     continue
                 places = np.stack([across[own] - left + 0.5, down[own] - top + 0.5], axis=1) / leds
                 corners = _corners(places, at[own], self._cells)
                 if corners is not None:
-                    yield seen, corners
+                    yield corners
 
 
 def _corners(places: Floats, at: Floats, cells: int) -> Floats | None:

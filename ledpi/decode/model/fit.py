@@ -51,6 +51,7 @@ class Fitted:
     covariance_px2: Floats  # (8, 8) of the corners: x and y of each
     settled: bool  # the last step hardly moved anything
     explained: float  # share of the light's squares about their mean
+    residual: float  # mean square of what is not, over the noise that so much light has
     unknown: Floats  # as `prior` has them
     spec: PanelSpec
 
@@ -121,6 +122,7 @@ class Fitter:
             covariance_px2=read_only(np.array(list(fit.covariance)).reshape(8, 8)),
             settled=fit.settled,
             explained=fit.explained,
+            residual=fit.variance * (window.bright - window.dark),
             unknown=read_only(unknown),
             spec=spec,
         )
