@@ -29,9 +29,8 @@ MIN_EXPLAINED, MIN_EXPLAINED_FINELY = 0.5, 0.9
 # And where something seems to hide a side less than a fifth, as a lattice that is a part of a cell off looks so, too.
 MIN_EXPLAINED_HIDDEN = 0.96
 MAX_SIGMA = 1.0 / 8.0  # of a cell: further off, slopes no longer tell what a shift does to a cell's light
-# Where bands are not deep, a fit on a coarse grid is of no more pixels than the grid has lines: between them it would
-# not see the edges of cells. Its blur is that of these pixels: the next fit begins with a little more than a lens has,
-# as what is blurred more is found from further off.
+# Where bands are not deep, a coarse fit is of as few pixels as its grid has lines: its blur is theirs. The next begins
+# with a little more than a lens has, as what is blurred more is found from further off.
 START_BLUR_PX = 1.2
 # Of all cells' mean gain: where LEDs deviate by 15 %, a side of four cells of less is not the panel's own.
 DARK_END = 0.5
@@ -54,7 +53,11 @@ class Locator:
         return self._fitter.sampled
 
     def localise(self, frame: Frame, corners_px: Floats) -> Quad | Rejected:
-        """The panel at a candidate (4, 2), or why there is none: on a coarse grid, then on a fine one."""
+        """The panel at a candidate (4, 2), or why there is none."""
+        return self._quad(self._best_placed(frame, self._from_afar(frame, corners_px, self._specs)))
+
+    def _from_afar(self, frame: Frame, corners_px: Floats, specs: tuple[PanelSpec, ...]) -> Fitted | Rejected:
+        """On a coarse grid, then on a fine one: first with even cells, so that only corners move it, then with all."""
         depth = self._depth(frame)
         deep, faint = depth > DEEP, depth <= FAINT_DEPTH
         coarse = Effort(
@@ -67,35 +70,35 @@ class Locator:
             phasing=deep,
             must_blink=deep and self._must_blink,
         )
-        first = self._fitted(frame, corners_px, coarse, self._specs)
-        if isinstance(first, Rejected):
-            return first
-        unknown = first.unknown.copy()
+        fit = self._fitted(frame, corners_px, coarse, specs)
+        if isinstance(fit, Rejected):
+            return fit
+        unknown = fit.unknown.copy()
         if not deep:
             unknown[BLUR] = math.log(START_BLUR_PX)
-        return self._quad(self._best_placed(frame, self._finely(frame, first.lattice_px, first.spec, unknown)))
-
-    def _finely(
-        self, frame: Frame, corners_px: Floats, spec: PanelSpec, unknown: Floats | None = None
-    ) -> Fitted | Rejected:
-        """On a fine grid: with cells that are even about their middles, so that only corners move; then with all."""
-        faint = self._depth(frame) <= FAINT_DEPTH
         evenly = Effort(rounds=6, tolerance=0.02, even=True, faint=faint, must_blink=self._must_blink)
-        fit = self._fitted(frame, corners_px, evenly, (spec,), unknown)
+        fit = self._fitted(frame, fit.lattice_px, evenly, (fit.spec,), unknown)
         if isinstance(fit, Rejected):
             return fit
         fine = Effort(rounds=10, reweightings=2, faint=faint, must_blink=self._must_blink)
-        fit = self._fitted(frame, fit.lattice_px, fine, (spec,), fit.unknown)
+        fit = self._fitted(frame, fit.lattice_px, fine, (fit.spec,), fit.unknown)
         if isinstance(fit, Rejected) or fit.settled or not fit.hidden.any():
             return fit  # what has a hidden side takes longer
-        return self._fitted(frame, fit.lattice_px, fine, (spec,), fit.unknown)
+        return self._fitted(frame, fit.lattice_px, fine, (fit.spec,), fit.unknown)
 
     def _best_placed(self, frame: Frame, fit: Fitted | Rejected) -> Fitted | Rejected:
-        """The fit, or a better one from beside what seems hidden or dark: so looks a lattice that is off by as much."""
+        """The fit, or a better one from beside what seems hidden or dark: so looks a lattice that is off by as much.
+
+        Better by both measures: more of the dark makes the share that is explained larger, and the residual smaller.
+        """
         if isinstance(fit, Rejected):
             return fit
-        tried = [self._finely(frame, at, fit.spec) for at in self._beside(fit)]
-        return min([fit, *(each for each in tried if isinstance(each, Fitted))], key=lambda each: each.residual)
+        best = fit
+        for at in self._beside(fit):
+            other = self._from_afar(frame, at, (fit.spec,))
+            if isinstance(other, Fitted) and other.explained > best.explained and other.residual < best.residual:
+                best = other
+        return best
 
     def _beside(self, fit: Fitted) -> list[Floats]:
         """Lattices (4, 2) that look like one with a hidden side or a dark row: moved by as much, or shorter by it."""
@@ -140,7 +143,7 @@ class Locator:
         if effort.roughly and effort.phasing and window.dimmed > (lit - depth) / (lit + depth) * window.bright:
             return NO_BANDS
         fits = [self._fitter.fit(frame, window, corners_px, spec, effort, known) for spec in specs]
-        best = max(fits, key=_explained)
+        best = max(fits, key=lambda fit: fit.explained if isinstance(fit, Fitted) else -math.inf)
         if isinstance(best, Rejected):
             return best
         if best.explained < MIN_EXPLAINED:
@@ -166,7 +169,3 @@ class Locator:
             residual=fit.residual,
             hidden=fit.hidden if fit.hidden.any() else None,
         )
-
-
-def _explained(fit: Fitted | Rejected) -> float:
-    return fit.explained if isinstance(fit, Fitted) else -math.inf
