@@ -132,12 +132,12 @@ def _from_camera(settings: Config, seq: int | None) -> _Source:
     name = settings.camera.source
     camera = open_camera(settings, paced=name.partition(":")[0] not in ("simulated", "recording"), first=seq or 0)
     try:
-        looking = Looking(camera, settings)
+        lens = lens_of(camera.info, settings.camera.intrinsics)
+        looking = Looking(camera, settings, lens)
         looking.expose()
         frame = looking.showing_a_panel() if seq is None else _numbered(looking.frames(), seq)
         if frame is None:
             raise CameraError(f"camera.source: {name} ended before frame {seq or 0}")
-        lens = lens_of(camera.info, settings.camera.intrinsics)
         return _Source(f"{Path(name).name}, frame {frame.seq}", frame, camera.info, camera.panel, lens)
     finally:
         camera.close()

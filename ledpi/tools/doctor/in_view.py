@@ -34,9 +34,9 @@ def look(camera: Camera, config: Config) -> list[Finding]:
 
     A panel that is read in one of the frames is read: what another frame lacks is not told.
     """
-    looking = Looking(camera, config)
-    looking.expose()
     lens = _lens(camera, config)
+    looking = Looking(camera, config, lens)
+    looking.expose()
     pipeline = Pipeline(camera.info, config.panels, intrinsics=lens, source_panel=camera.panel)
     read_px: dict[int, Floats] = {}  # by ID
     seen: _Seen | None = None

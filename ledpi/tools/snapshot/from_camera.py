@@ -12,7 +12,7 @@ from ledpi.camera.base import Camera
 from ledpi.camera.gain_follower import GainFollower
 from ledpi.config.settings import Config
 from ledpi.core.errors import CameraError
-from ledpi.core.records import Frame, Rejected
+from ledpi.core.records import Frame, Intrinsics, Rejected
 from ledpi.pipeline.pipeline import Pipeline
 
 EXPOSE_S = 4.0  # twice what the gain's sweep takes
@@ -21,10 +21,10 @@ UNUSABLE_FRAMES = 30  # in a row, half a second of a camera, after which it is g
 
 
 class Looking:
-    """Looks through an open camera."""
+    """Looks through an open camera; through `lens`, if it is known."""
 
-    def __init__(self, camera: Camera, settings: Config) -> None:
-        self._camera, self._settings = camera, settings
+    def __init__(self, camera: Camera, settings: Config, lens: Intrinsics | None) -> None:
+        self._camera, self._settings, self._lens = camera, settings, lens
         self._into = np.empty((camera.info.height, camera.info.width), np.uint8)
 
     def expose(self) -> None:
@@ -66,5 +66,5 @@ class Looking:
         camera, settings = self._camera, self._settings
         method = settings.decode.method if not stream else "likelihood"
         return Pipeline(
-            camera.info, settings.panels, intrinsics=None, source_panel=camera.panel, method=method, stream=stream
+            camera.info, settings.panels, intrinsics=self._lens, source_panel=camera.panel, method=method, stream=stream
         )
