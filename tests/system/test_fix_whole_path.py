@@ -86,7 +86,7 @@ def test_a_bad_map_is_reported_in_one_line(take: Path) -> None:
 
 
 def test_the_line_carries_the_fix(take: Path) -> None:
-    """`ledpi run`: fixes with deviations, of two panels once both are found, and a status that says that there is one."""
+    """`ledpi run`: fixes with deviations, of two panels once both are found, and a status that says there is one."""
     master, slave = os.openpty()
     tty.setraw(master)
     received = bytearray()
