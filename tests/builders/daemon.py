@@ -42,7 +42,8 @@ HOLD = "import fcntl, sys; f = open(sys.argv[1], 'r+'); {lock}; print(flush=True
 class Controller:
     """The other end of the line: every message, with the time at which it was read."""
 
-    def __init__(self) -> None:
+    def __init__(self, max_age_us: int = MAX_AGE_US) -> None:
+        self._max_age_us = max_age_us
         self._master, self._slave = os.openpty()
         tty.setraw(self._master)
         self.port = os.ttyname(self._slave)
@@ -83,12 +84,12 @@ class Controller:
             os.close(self._slave)
             os.close(self._master)
             poses = [message for _, message in self.got if isinstance(message, MarkerMessage | FixMessage)]
-            assert all(pose.age_us <= MAX_AGE_US for pose in poses)
+            assert all(pose.age_us <= self._max_age_us for pose in poses)
 
 
 @contextmanager
-def controller() -> Iterator[Controller]:
-    end = Controller()
+def controller(max_age_us: int = MAX_AGE_US) -> Iterator[Controller]:
+    end = Controller(max_age_us)
     try:
         yield end
     finally:
