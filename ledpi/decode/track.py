@@ -15,6 +15,7 @@ from ledpi.decode.history import History
 Place: TypeAlias = tuple[tuple[float, float], float]  # centre and side of a square, in pixels
 
 CONTRADICTED = Rejected(stage="track", reason="contradicted")
+SAME_PLACE = Rejected(stage="track", reason="same_place")  # as a square that leaves less, or the same again
 
 # Between two frames a square's centre may miss its prediction by this share of its side, and its side may change by the
 # other.

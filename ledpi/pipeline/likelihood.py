@@ -17,7 +17,7 @@ from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.locate import MISFIT, Locator
 from ledpi.decode.proposals import Candidate, Proposer
 from ledpi.decode.reader import Reader
-from ledpi.decode.track import CONTRADICTED, Followed, Track, Tracker
+from ledpi.decode.track import CONTRADICTED, SAME_PLACE, Followed, Track, Tracker
 from ledpi.markers.codewords import corners_of_turned, covariance_of_turned
 from ledpi.markers.dictionaries import load_dictionary
 from ledpi.pipeline.results import Results
@@ -125,7 +125,10 @@ class LikelihoodPath:
             quad = self._localise(frame, candidate, work)
             found: list[Detection] = []
             if not isinstance(quad, Rejected):
-                sampled = self._sample(frame, self._tracker.associate([quad]), sampled_squares, work)
+                associated = self._tracker.associate([quad])
+                if not associated:
+                    work.reject(candidate.corners_px, SAME_PLACE)
+                sampled = self._sample(frame, associated, sampled_squares, work)
                 found = self._identify(frame, sampled, work)
                 yield found
             if not self._stream and not found and (quad is MISFIT or isinstance(quad, Quad)):

@@ -13,6 +13,7 @@ from ledpi.camera.simulated import SimulatedCamera
 from ledpi.core.errors import ConfigError
 from ledpi.core.geometry import matrix_from_quaternion, transform
 from ledpi.core.records import Decoded, Floats, Frame, Intrinsics, MarkerPose, PanelValues, Pixels
+from ledpi.decode.proposals import Candidate
 from ledpi.markers.dictionaries import load_dictionary
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.pipeline.trace import Trace
@@ -727,3 +728,13 @@ def test_what_touches_a_panel_that_was_read_does_not_hide_it() -> None:
         (marker,) = path.decode(touched_frame(NEAR, seq)).markers
         assert marker.detection.id == 7
         np.testing.assert_allclose(marker.detection.corners_px, NEAR, atol=1.25)
+
+
+def test_a_candidate_that_leads_to_the_same_square_again_is_counted() -> None:
+    """A twelfth of a side beside the first one; the square shows no codeword, so it does not keep others away."""
+    path = pipeline(stream=True)
+    candidates = [Candidate.from_corners(NEAR + off_px) for off_px in (1.0, 9.0)]
+    path.likelihood._proposer.propose = lambda frame: (candidates, [])  # type: ignore[method-assign]
+    decoded = path.decode(frame_of((NEAR, drawn("1111/1010/0110/1001"))))
+    reasons = [f"{why.stage}.{why.reason}" for why in decoded.rejected]
+    assert reasons == ["identify.not_in_dictionary", "track.same_place"]
