@@ -64,6 +64,7 @@ class Locator:
             rounds=8,
             tolerance=0.02,
             most_left=1.0 - MIN_EXPLAINED,
+            most_sigma=math.inf if deep else MAX_SIGMA,
             roughly=True,
             even=True,
             banded=not faint,
@@ -98,6 +99,8 @@ class Locator:
             other = self._from_afar(frame, at, (fit.spec,))
             if isinstance(other, Fitted) and other.explained > best.explained and other.residual < best.residual:
                 best = other
+            if not self._beside(best):
+                break  # nothing of it seems hidden
         return best
 
     def _beside(self, fit: Fitted) -> list[Floats]:

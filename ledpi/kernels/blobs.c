@@ -1,9 +1,9 @@
 /* Bright blobs of a picture: runs of rows, joined where they touch.
  *
- * Blobs (most, 6) of the pixels (height, width) that are brighter than `around`, their neighbourhood, by more than
- * `contrast`; of 4-connected pixels, and no larger than `most_area`. `runs` (most_runs, 4) and `sums` (most_runs, 6) are
- * room. What there is no room for is left out. */
+ * Blobs (most, 6) of 4-connected pixels of `lit` (height, width), 0 or 255, no larger than `most_area`; from the top down.
+ * `runs` (most_runs, 4) and `sums` (most_runs, 6) are room. What there is no room for is left out. */
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "find.h"
@@ -22,21 +22,17 @@ static void join(BlobRun *runs, int32_t one, int32_t other) {
     if (b < a) runs[a].root = b;
 }
 
-static ptrdiff_t put_runs(const uint8_t *pixels, const uint8_t *around, ptrdiff_t height, ptrdiff_t width, ptrdiff_t contrast,
-                          ptrdiff_t most, BlobRun *runs) {
+static ptrdiff_t put_runs(const uint8_t *lit, ptrdiff_t height, ptrdiff_t width, ptrdiff_t most, BlobRun *runs) {
     ptrdiff_t count = 0, above = 0;
-    for (ptrdiff_t y = 0; y < height; y++, pixels += width, around += width) {
+    for (ptrdiff_t y = 0; y < height; y++, lit += width) {
         const ptrdiff_t first = count;
-        ptrdiff_t k = above;
-        for (ptrdiff_t x = 0; x < width; x++) {
-            if (pixels[x] <= around[x] + contrast) continue;
-            const ptrdiff_t from = x;
-            while (x < width && pixels[x] > around[x] + contrast) x++;
+        const uint8_t *const end = lit + width, *from, *to = lit;
+        for (ptrdiff_t k = above; (from = memchr(to, 255, (size_t)(end - to))); count++) {
+            if (!(to = memchr(from, 0, (size_t)(end - from)))) to = end;
             if (count == most) return count;
-            runs[count] = (BlobRun){(int32_t)y, (int32_t)from, (int32_t)x, (int32_t)count};
-            while (k < first && runs[k].to <= from) k++;
-            for (ptrdiff_t j = k; j < first && runs[j].from < x; j++) join(runs, (int32_t)j, (int32_t)count);
-            count++;
+            runs[count] = (BlobRun){(int32_t)y, (int32_t)(from - lit), (int32_t)(to - lit), (int32_t)count};
+            while (k < first && runs[k].to <= runs[count].from) k++;
+            for (ptrdiff_t j = k; j < first && runs[j].from < runs[count].to; j++) join(runs, (int32_t)j, (int32_t)count);
         }
         above = first;
     }
@@ -49,13 +45,17 @@ static Blob blob_of(const double *sums) {
     return (Blob){n, x, y, sums[3] / n - x * x + pixel, sums[4] / n - x * y, sums[5] / n - y * y + pixel};
 }
 
-ptrdiff_t ledpi_blobs(const uint8_t *pixels, const uint8_t *around, ptrdiff_t height, ptrdiff_t width, ptrdiff_t contrast,
-                      double most_area, ptrdiff_t most_runs, int32_t *run_room, double *sum_room, ptrdiff_t most,
-                      double *found_blobs) {
+static int from_the_top(const void *one, const void *other) {
+    const double a = ((const Blob *)one)->y, b = ((const Blob *)other)->y;
+    return (a > b) - (a < b);
+}
+
+ptrdiff_t ledpi_blobs(const uint8_t *lit, ptrdiff_t height, ptrdiff_t width, double most_area, ptrdiff_t most_runs,
+                      int32_t *run_room, double *sum_room, ptrdiff_t most, double *found_blobs) {
     BlobRun *const runs = (BlobRun *)run_room;
     double (*const sums)[LEDPI_BLOB] = (double (*)[LEDPI_BLOB])sum_room;
     Blob *const blobs = (Blob *)found_blobs;
-    const ptrdiff_t count = put_runs(pixels, around, height, width, contrast, most_runs, runs);
+    const ptrdiff_t count = put_runs(lit, height, width, most_runs, runs);
     ptrdiff_t found = 0;
     memset(sums, 0, sizeof *sums * (size_t)count);
     for (ptrdiff_t i = 0; i < count; i++) {
@@ -70,5 +70,6 @@ ptrdiff_t ledpi_blobs(const uint8_t *pixels, const uint8_t *around, ptrdiff_t he
         const double full = 12.0 * sqrt(fmax(blob.xx * blob.yy - blob.xy * blob.xy, 0.0));
         if (blob.area >= LEAST_FULL * full) blobs[found++] = blob;
     }
+    qsort(blobs, (size_t)found, sizeof *blobs, from_the_top);
     return found;
 }

@@ -37,7 +37,7 @@ class Fit(NamedTuple):
 
     @classmethod
     def from_output(cls, chosen: Integers, erased: Mask, numbers: Floats, parameters: int) -> Fit:
-        """From what the C function has put into `chosen`, `erased` (cells,) and `numbers` (`output_size`)."""
+        """From what the C function has put into `chosen`, `erased` (cells,) and `numbers`."""
         arrays, most = parameters * (1 + len(erased)), len(chosen)
         rest = numbers[arrays:].tolist()
         gain, after = most + parameters, most + parameters + len(erased)
@@ -57,11 +57,6 @@ class Fit(NamedTuple):
         )
 
 
-def output_size(cells: int, parameters: int, most: int) -> int:
-    """How many `ledpi_rank_codewords` puts beside the codewords."""
-    return most + 2 * parameters + cells * parameters + cells + 7
-
-
 def rank_codewords(score: Floats, information: Floats, prior: Floats, codewords: Singles, most: int) -> Fit:
     """The `most` likeliest of `codewords` (W, cells) under the evidence, and what speaks against the best.
 
@@ -71,19 +66,10 @@ def rank_codewords(score: Floats, information: Floats, prior: Floats, codewords:
     assert parameters in (2, 4)
     most = min(most, len(codewords))
     chosen, erased = np.empty(most, np.int64), np.empty(cells, np.bool_)
-    numbers = np.empty(output_size(cells, parameters, most))
+    numbers = np.empty(most + 2 * parameters + cells * parameters + cells + 7)
     if not lib.ledpi_rank_codewords(
-        *(
-            cells,
-            parameters,
-            pointer(score),
-            pointer(information),
-            pointer(prior),
-            pointer(codewords),
-            len(codewords),
-            most,
-        ),
-        *(pointer(chosen), pointer(erased), pointer(numbers)),
+        *(cells, parameters, pointer(score), pointer(information), pointer(prior)),
+        *(pointer(codewords), len(codewords), most, pointer(chosen), pointer(erased), pointer(numbers)),
     ):
         raise MemoryError
     return Fit.from_output(chosen, erased, numbers, parameters)

@@ -18,15 +18,12 @@ int ledpi_sample_cells(const uint8_t *pixels, ptrdiff_t height, ptrdiff_t width,
                        const double *corners, const double *lens, ptrdiff_t cells, ptrdiff_t k, const float *along,
                        const float *kernel, ptrdiff_t steps, float *light, float *picture_rows, double *least);
 
-/* ---- Evidence (waves.c, occlusion.c, single_frame.c, comparison.c, noise.c, prediction.c) */
+/* ---- Evidence (waves.c, single_frame.c, comparison.c, prediction.c) */
 
 void ledpi_waves(const float *rows, ptrdiff_t count, float a_row, float start, float *cosines, float *sines);
 
 void ledpi_square_waves(const float *rows, ptrdiff_t count, double a_row, double start, ptrdiff_t averaged, double apart,
                         double exposed, double duty, double fundamental, float *bands, float *later);
-
-bool ledpi_is_unoccluded(ptrdiff_t cells, ptrdiff_t points, const float *light, const uint8_t *valid, const float *least,
-                         float *room);
 
 bool ledpi_single_evidence(ptrdiff_t side, ptrdiff_t k, ptrdiff_t count, const float *light, const uint8_t *valid,
                            const float *waves, const float *along, ptrdiff_t source_count, const int64_t *column,
@@ -38,15 +35,6 @@ bool ledpi_compared_evidence(ptrdiff_t side, ptrdiff_t k, ptrdiff_t count, const
                              const float *new_waves, const float *picture, const float *counts, const float *mean_waves,
                              const float *along, double independence, ptrdiff_t aside, ptrdiff_t below, ptrdiff_t rim,
                              double *score, double *information, double *numbers);
-
-/* Of white noise: as `WhiteNoise` in decode/evidence/noise.py. */
-typedef struct {
-    double white, growth, chance, once, twice, least_free;
-} WhiteNoise;
-
-void ledpi_correlation(const WhiteNoise *expected, const double *of_fit, double *correlation);
-
-double ledpi_variance_inflation(double excess, double deviation, double growth);
 
 enum { LEDPI_NUISANCES = 9 }; /* in which a panel's gain and corners may be wrong */
 
@@ -75,24 +63,6 @@ double ledpi_near_pattern_likelihood(ptrdiff_t cells, ptrdiff_t parameters, cons
 
 double ledpi_likeliest_far_pattern(ptrdiff_t cells, ptrdiff_t parameters, const double *score, const double *information,
                               const double *prior, const float *codeword, ptrdiff_t correctable, float *pattern);
-
-/* ---- The first pass over a panel: evidence and codewords at once (first_pass.c) */
-
-/* What all panels of side × side cells, with k × k points in each, have in common: as `ledpi_single_evidence` and
- * `ledpi_is_unoccluded` take it. */
-typedef struct {
-    ptrdiff_t side, k, source_count;
-    const float *along;
-    const int64_t *column, *first, *met;
-    const float *least;
-} Grid;
-
-enum { LEDPI_PASS_DONE, LEDPI_PASS_NEEDS_STEPS, LEDPI_UNFIT, LEDPI_PASS_NO_MEMORY };
-
-int ledpi_first_pass(const Grid *grid, const float *light, const float *rows, double independence, ptrdiff_t waves,
-               double first_a_row, double second_a_row, const double *prior, const float *codewords, ptrdiff_t count,
-               ptrdiff_t most, bool may_be_occluded, double unlit, ptrdiff_t aside, ptrdiff_t below, ptrdiff_t rim,
-               const WhiteNoise *expected, int64_t *chosen, uint8_t *erased, double *numbers);
 
 /* ---- Proposals: outlines of four-sided things (find.c), lattices of bright blobs (blobs.c, lattices.c) */
 
@@ -126,8 +96,8 @@ void ledpi_find(const FindLevel *levels, ptrdiff_t count, const FindWanted *want
 
 enum { LEDPI_BLOB_RUN = 4, LEDPI_BLOB = 6, LEDPI_LATTICE_SPAN = 17 };
 
-ptrdiff_t ledpi_blobs(const uint8_t *pixels, const uint8_t *around, ptrdiff_t height, ptrdiff_t width, ptrdiff_t contrast,
-                      double most_area, ptrdiff_t most_runs, int32_t *runs, double *sums, ptrdiff_t most, double *blobs);
+ptrdiff_t ledpi_blobs(const uint8_t *lit, ptrdiff_t height, ptrdiff_t width, double most_area, ptrdiff_t most_runs,
+                      int32_t *runs, double *sums, ptrdiff_t most, double *blobs);
 
 ptrdiff_t ledpi_lattices(const double *blobs, ptrdiff_t count, ptrdiff_t least, uint8_t *used, ptrdiff_t most,
                          int32_t *lattices);
@@ -152,10 +122,10 @@ typedef struct {
     const double *along, *prior;
     /* At most; how often blocks are weighed; whether cells have bands, or gains only; whether phases are sought first, and
      * what is surely no panel of these frequencies is left at that; of half the side: a step that moves corners by less is
-     * the last; and one after which a larger share of the light's squares would be left. */
+     * the last; and one after which a larger share of the light's squares would be left, or corners less certain, in pixels. */
     ptrdiff_t rounds, reweightings;
     bool banded, phasing, must_blink;
-    double tolerance, most_left;
+    double tolerance, most_left, most_sigma;
     /* Where it begins, and what fits best: corners of the lattice of cells; unknowns as the prior, the first WAYS not used. */
     double corners[8];
     double *unknown;

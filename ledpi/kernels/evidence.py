@@ -1,4 +1,4 @@
-"""The waves of bands, and how alike noise is (waves.c, noise.c); the form of evidence."""
+"""The waves of bands (waves.c); the form of evidence."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ledpi.core.records import Floats, Singles
-from ledpi.kernels.library import ffi, lib, pointer
+from ledpi.kernels.library import lib, pointer
 
 
 class Weighed(NamedTuple):
@@ -57,16 +57,3 @@ def square_waves(
         *(into, into + rows.size),
     )
     return out
-
-
-def correlation(expected: Sequence[float], near: float, far: float, free: float) -> list[float]:
-    """Excess, deviation and growth of a `Correlation`; `expected` as `WhiteNoise`, both of decode/evidence/noise.py."""
-    of = np.empty(3)
-    lib.ledpi_correlation(ffi.new("WhiteNoise *", expected), [free, near, far], pointer(of))
-    return of.tolist()
-
-
-def variance_inflation(excess: float, deviation: float, growth: float) -> float:
-    """By how much evidence claims too much, where noise is as alike as that."""
-    times: float = lib.ledpi_variance_inflation(excess, deviation, growth)
-    return times

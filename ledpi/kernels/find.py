@@ -55,15 +55,13 @@ class LatticeSearcher:
         self._blobs, self._used = np.empty((MOST_BLOBS, lib.LEDPI_BLOB)), np.empty(MOST_BLOBS, np.uint8)
         self._lattices = np.empty((MOST_LATTICES, span, span), np.int32)
 
-    def search(
-        self, pixels: Pixels, around: Pixels, contrast: int, most_area: float, least: int
-    ) -> tuple[Floats, NDArray[np.int32]]:
+    def search(self, lit: Pixels, most_area: float, least: int) -> tuple[Floats, NDArray[np.int32]]:
         """Blobs (B, 6), x and y second and third; and lattices (L, span, span) of at least `least`, by number or −1.
 
-        A blob's pixels (H, W) are brighter than `around` (H, W) by more than `contrast`. Both are the searcher's own.
+        Of what is `lit` (H, W), 0 or 255. Both are the searcher's own.
         """
         count = lib.ledpi_blobs(
-            *(pointer(pixels), pointer(around), *pixels.shape, contrast, most_area),
+            *(pointer(lit), *lit.shape, most_area),
             *(MOST_RUNS, pointer(self._runs), pointer(self._sums), MOST_BLOBS, pointer(self._blobs)),
         )
         found = lib.ledpi_lattices(

@@ -26,14 +26,25 @@ static bool are_alike(const Blob *one, const Blob *other) {
     return one->area < ALIKE * other->area && other->area < ALIKE * one->area;
 }
 
+/* The first blob at y or below: they come from the top down. */
+static ptrdiff_t first_below(const Blob *blobs, ptrdiff_t count, double y) {
+    ptrdiff_t low = 0;
+    while (low < count) {
+        const ptrdiff_t middle = (low + count) / 2;
+        if (blobs[middle].y < y) low = middle + 1;
+        else count = middle;
+    }
+    return low;
+}
+
 /* Neighbours of a blob, the nearest first, and where they are once its moments are a unit circle's: (NEAR, 3) with how far. */
 static ptrdiff_t neighbours_of(const Blob *blobs, ptrdiff_t count, const Blob *own, ptrdiff_t which[NEAR], double at[NEAR][3]) {
     const double l = sqrt(own->xx), m = own->xy / l, r = sqrt(fmax(own->yy - m * m, 1e-6));
     const double reach = FARTHEST * sqrt(fmax(own->xx, own->yy));
     ptrdiff_t near = 0;
-    for (ptrdiff_t j = 0; j < count; j++) {
+    for (ptrdiff_t j = first_below(blobs, count, own->y - reach); j < count && blobs[j].y <= own->y + reach; j++) {
         const double dx = blobs[j].x - own->x, dy = blobs[j].y - own->y;
-        if (fabs(dx) > reach || fabs(dy) > reach || !are_alike(blobs + j, own)) continue;
+        if (fabs(dx) > reach || !are_alike(blobs + j, own)) continue;
         const double x = dx / l, y = (dy - m * x) / r, away = sqrt(x * x + y * y);
         if (away < NEAREST || away > FARTHEST || (near == NEAR && away >= at[NEAR - 1][2])) continue;
         ptrdiff_t k = near < NEAR ? near++ : NEAR - 1;
@@ -65,9 +76,10 @@ static bool put_steps(const Blob *blobs, ptrdiff_t count, const Blob *own, Step 
 /* The blob nearest to (x, y), in steps of the lattice; −1 where all are astray. */
 static ptrdiff_t blob_near(const Blob *blobs, ptrdiff_t count, const Blob *own, const Step steps[2], double x, double y) {
     const double det = steps[0].x * steps[1].y - steps[0].y * steps[1].x;
+    const double reach = ASTRAY * (fabs(steps[0].y) + fabs(steps[1].y));
     double least = ASTRAY;
     ptrdiff_t best = -1;
-    for (ptrdiff_t k = 0; k < count; k++) {
+    for (ptrdiff_t k = first_below(blobs, count, y - reach); k < count && blobs[k].y <= y + reach; k++) {
         const double dx = blobs[k].x - x, dy = blobs[k].y - y;
         const double a = (dx * steps[1].y - dy * steps[1].x) / det, b = (dy * steps[0].x - dx * steps[0].y) / det;
         if (!(fabs(a) < least && fabs(b) < least) || !are_alike(blobs + k, own)) continue;

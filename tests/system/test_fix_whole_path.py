@@ -86,7 +86,7 @@ def test_a_bad_map_is_reported_in_one_line(take: Path) -> None:
 
 
 def test_the_line_carries_the_fix(take: Path) -> None:
-    """`ledpi run`: fixes with deviations, of two panels once both are found, and a status that says there is one."""
+    """`ledpi run`: fixes with deviations, two panels in each, and a status that says that there is one."""
     master, slave = os.openpty()
     tty.setraw(master)
     received = bytearray()
@@ -111,10 +111,7 @@ def test_the_line_carries_the_fix(take: Path) -> None:
     fixes = [message for message in messages if isinstance(message, FixMessage)]
     assert fixes, (messages, done.stderr)
     assert {fix.panels_used for fix in fixes} <= {1, 2}  # a search says what it has found, one panel after the other
-    used = [fix.panels_used for fix in fixes]
-    both = used.index(2)
-    assert both <= 4  # the second search, in the fourth frame, finds what the first one's budget was too small for
-    assert used[both:] == [2] * (len(used) - both)
+    assert [fix.panels_used for fix in fixes].count(2) >= len(fixes) - 1
     for fix in fixes:
         assert np.linalg.norm(fix.pose.position_m) < 0.02
         assert fix.pose.deviation_m is not None

@@ -15,7 +15,7 @@ samples with the covariance R the fit leaves M R M, M = 1 − F(FᵀF)⁻¹Fᵀ,
 polynomials of the picture's row as there are bands and gains.
 
 Where noise was blurred, r is more, and bands meet more of it than the squares of what is left tell, by exp(g·(r − r₀));
-g is what a blur of half a pixel makes it, and about the same for others. (kernels/noise.c has r and the inflation.)
+g is what a blur of half a pixel makes it, and about the same for others.
 """
 
 from __future__ import annotations
@@ -26,7 +26,6 @@ from typing import NamedTuple
 
 from ledpi.decode.cells import INSET, CellSamples
 from ledpi.decode.evidence.white_noise import ROUNDED_PX, Lags, Step, lattice_statistics, likeness, pair_count
-from ledpi.kernels import evidence as kernel
 
 # At a cell's rim walls stand, of which no model tells all: what is left there is light as much as noise. Of small cells
 # that is all there is; but only frames' differences tell of them, in which walls are not.
@@ -34,6 +33,8 @@ LEAST_WITH_RIM = 6
 FURTHEST_PX = 2.0  # noise that far apart is not alike in any picture: what is so there is light that was not explained
 # Where what cells share takes more than this of what the fit of each leaves, r₀ is another one.
 LEAST_FREE = 0.5
+# With a deviation of ln(inflation) that is more than this, r tells nothing: cells of 3 × 3 samples, all fitted.
+MOST_UNSURE = 0.7
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +48,9 @@ class Correlation:
     @property
     def inflation(self) -> float:
         """By how much evidence claims too much: 1 or more; as far as the excess is more than a deviation."""
-        return kernel.variance_inflation(self.excess, self.deviation, self.growth)
+        if not self.deviation * self.growth < MOST_UNSURE:
+            return 1.0
+        return math.exp(max(0.0, self.growth * (self.excess - self.deviation)))
 
     def average(self, before: Correlation, frames: float) -> Correlation:
         """The mean of this and of `frames` before it."""
@@ -86,7 +89,10 @@ class WhiteNoise(NamedTuple):
 
     def correlation(self, near: float, far: float, free_samples: float) -> Correlation:
         """Of the noise in a fit that has left these sums of squared differences, a lag and two lags apart."""
-        return Correlation(*kernel.correlation(self, near, far, free_samples))
+        if not (far > 0.0 and free_samples >= self.least_free):
+            return WHITE
+        alike = 1.0 - (near / self.once) / (far / self.twice)
+        return Correlation(alike - self.white, self.chance / math.sqrt(free_samples), self.growth)
 
 
 NOTHING = WhiteNoise(0.0, 0.0, 0.0, 1.0, 1.0, math.inf)

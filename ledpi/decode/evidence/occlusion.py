@@ -16,7 +16,6 @@ import numpy as np
 from ledpi.core.records import Mask, Pixels, Singles
 from ledpi.decode.cells import BORDER_PX, INSET, MIN_LEFT, CellSamples
 from ledpi.decode.evidence.shared_light import border_points
-from ledpi.kernels.library import lib, pointer
 
 # Of the light that the others show at this place: less is not the cell's own. Diffusers differ by a few percent.
 OCCLUDED = 0.75
@@ -68,9 +67,9 @@ def mask_occluded(samples: CellSamples, band_light: Singles | None = None) -> Ce
 
 def is_unoccluded(light: Singles, valid: Mask | None, least: Singles) -> bool:
     """Whether samples (cells, points) have the share `least` of the usual light, each over the mean of its cell."""
-    room = np.empty(sum(light.shape), np.float32)
-    found: bool = lib.ledpi_is_unoccluded(*light.shape, pointer(light), pointer(valid), pointer(least), pointer(room))
-    return found
+    share = light / light.mean(axis=1, keepdims=True)
+    enough = share >= least * share.mean(axis=0)
+    return bool(enough.all() if valid is None else enough[valid].all())
 
 
 def _reach(samples: CellSamples) -> Pixels:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ledpi.core.geometry import quad_side
 from ledpi.core.records import Floats, Frame, Intrinsics, PanelSpec, Rejected, read_only
 from ledpi.decode.model.light import Window, grid, waves
 from ledpi.decode.model.prior import prior
@@ -32,6 +33,7 @@ class Effort:
     rounds: int  # of Gauss and Newton, at most
     tolerance: float = 0.002  # of half the side: the last step moves corners by less
     most_left: float = math.inf  # share of the light's squares: where more is foreseen to be left, the fit ends
+    most_sigma: float = math.inf  # of a cell: so, too, where corners are foreseen to be less certain
     reweightings: int = 0  # how often what does not fit is given less weight
     roughly: bool = False  # on a coarse grid
     faint: bool = False  # bands are, so their phases stay near what the grid finds
@@ -106,6 +108,7 @@ class Fitter:
             along=lines,
             prior=given,
             **{name: getattr(effort, name) for name in SOLVED_BY},
+            most_sigma=effort.most_sigma * quad_side(corners_px.tolist()) / cells,
             corners=corners_px.reshape(-1).tolist(),
             unknown=unknown,
         )

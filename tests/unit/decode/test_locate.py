@@ -384,6 +384,29 @@ def test_a_panel_near_the_pictures_border_is_located_in_what_is_seen_of_it() -> 
 # ---- What it costs
 
 
+def test_what_is_no_panel_costs_little() -> None:
+    """Spots that lie about at random are given up before their fit has settled: for a tenth of what a panel costs."""
+    panel, spots, true = Canvas(), Canvas(), square(310.4, 240.2, 90, 7)
+    panel.panel(true, word(7))
+    rough = cv2.GaussianBlur(np.random.default_rng(3).normal(size=spots.light.shape), None, 6.0)
+    spots.light += 0.5 * np.maximum(rough, 0.0) / rough.max()
+    one, other = Locator(4, (SPEC,), None), Locator(4, (SPEC,), None)
+    assert isinstance(one.localise(panel.frame(), true), Quad)
+    assert reason(other.localise(spots.frame(), true)) in {"fit.uncertain", "fit.misfit"}
+    assert 0 < other.spent < 0.1 * one.spent
+
+
+def test_once_a_lattice_beside_fits_as_a_whole_no_other_is_tried() -> None:
+    """From a whole cell off it costs a fit that is off, which is twice as long under way, and one that is right."""
+    true, locator, direct = square(300, 240, 100, 20), Locator(4, (SPEC,), None), Locator(4, (SPEC,), None)
+    canvas = Canvas(background=0.1)
+    canvas.panel(true, word(7))
+    frame, a_cell = canvas.frame(), (true[1] - true[0]) / 4
+    assert isinstance(locator.localise(frame, true - a_cell), Quad)
+    assert isinstance(direct.localise(frame, true), Quad)
+    assert locator.spent < 3.5 * direct.spent
+
+
 def test_what_was_spent_is_counted() -> None:
     """What is followed costs less than what is proposed; two kinds of panels cost more than one."""
     true, other = square(310.4, 240.2, 90, 7), PanelSpec(side_m=0.16, black_hz=1700.0, white_hz=3100.0)

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from ledpi.core.records import Frame, PanelSpec, Rejected
+from ledpi.core.records import Frame, PanelSpec
 from ledpi.core.shutter import square_wave_bands
 from ledpi.decode.cells import CellSamples
 from ledpi.decode.evidence.band_estimate import BandEstimate, estimate_bands
@@ -228,36 +228,6 @@ def test_codewords_beside_erased_cells(scale: float) -> None:
     else:
         assert fit.beyond[1] == pytest.approx(sum(sorted(gain)[-2:]))
         assert fit.beyond[1] < -600
-
-
-def darkened(samples: CellSamples, part: slice) -> CellSamples:
-    """As if something stood before a part of the sixth cell."""
-    light = samples.light.copy()
-    light[5, part] *= 0.1
-    return dataclasses.replace(samples, light=light)
-
-
-@pytest.mark.parametrize("what", ["plain", "blurred", "deep", "one wave", "with holes", "covered", "unlit"])
-def test_a_first_look_at_once(what: str) -> None:
-    """Is what its steps are; what it leaves to them, too."""
-    samples, frame = seen(60.0, EXPOSURE_US["deep" if what == "deep" else "shallow"], 0.8 if what == "blurred" else 0.0)
-    spec = ANTIPHASE if what == "one wave" else SPEC
-    given = {
-        "with holes": with_holes(samples),
-        "covered": darkened(samples, slice(60)),
-        "unlit": darkened(samples, slice(None)),
-    }.get(what, samples)
-    book = Codebook.build(list(range(50)), load_dictionary("DICT_4X4_50"), spec)
-    looked, steps = first_pass(given, frame, spec, book.white), single_evidence(given, frame, spec)
-    assert not isinstance(looked, Rejected)
-    assert isinstance(steps, Evidence)
-    (evidence, fit), true_fit = looked, codewords.rank_codewords(steps, book.white)
-    atol = 1e-5 * float(np.abs(steps.information).max())
-    np.testing.assert_allclose(evidence.information, steps.information, atol=atol)
-    assert evidence.residual == pytest.approx(steps.residual, rel=1e-5)
-    assert fit.codewords[0] == true_fit.codewords[0]
-    assert fit.likelihood[0] == pytest.approx(true_fit.likelihood[0], rel=1e-4)
-    assert (fit.erased is None) == (true_fit.erased is None) == (what != "unlit")
 
 
 def test_light_that_is_no_number_is_looked_at_in_vain() -> None:
