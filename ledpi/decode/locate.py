@@ -11,15 +11,13 @@ from ledpi.core.records import Floats, Frame, Intrinsics, PanelSpec, Quad, Rejec
 from ledpi.core.shutter import contrast
 from ledpi.decode.cells import MIN_CELL_PX
 from ledpi.decode.evidence.waves import FAINT_DEPTH
-from ledpi.decode.model.fit import NO_BANDS, Effort, Fitted, Fitter
+from ledpi.decode.model.fit import MISFIT, NO_BANDS, UNCERTAIN, Effort, Fitted, Fitter
 from ledpi.decode.model.light import FEWEST_PX, ROUGHLY, Window
 from ledpi.decode.model.prior import BLUR, COMMON, OWN, RIM, SHAPE
 from ledpi.decode.proposals import DEEP
 
 TOO_SMALL = Rejected(stage="fit", reason="too_small")
 NO_LIGHT = Rejected(stage="fit", reason="no_light")
-MISFIT = Rejected(stage="fit", reason="misfit")
-UNCERTAIN = Rejected(stage="fit", reason="uncertain")
 
 MAX_ROOM_LIGHT = 2.0  # of a panel's own in the mean of its bands: a brighter room hides the deepest
 REACH = 0.1  # of the side: how far off a proposal may be
@@ -64,7 +62,7 @@ class Locator:
             rounds=8,
             tolerance=0.02,
             most_left=1.0 - MIN_EXPLAINED,
-            most_sigma=math.inf if deep else MAX_SIGMA,
+            most_sigma=math.inf if deep else MAX_SIGMA,  # of the few pixels that deep bands leave it knows too little
             roughly=True,
             even=True,
             banded=not faint,
@@ -77,7 +75,15 @@ class Locator:
         unknown = fit.unknown.copy()
         if not deep:
             unknown[BLUR] = math.log(START_BLUR_PX)
-        evenly = Effort(rounds=6, tolerance=0.02, even=True, faint=faint, must_blink=self._must_blink)
+        evenly = Effort(
+            rounds=6,
+            tolerance=0.02,
+            most_left=1.0 - MIN_EXPLAINED,
+            most_sigma=MAX_SIGMA,
+            even=True,
+            faint=faint,
+            must_blink=self._must_blink,
+        )
         fit = self._fitted(frame, fit.lattice_px, evenly, (fit.spec,), unknown)
         if isinstance(fit, Rejected):
             return fit

@@ -136,7 +136,8 @@ typedef struct {
     ptrdiff_t sampled; /* places, in all rounds: what it cost */
 } PanelFit;
 
-enum { LEDPI_DIVERGED, LEDPI_FITTED, LEDPI_WITHOUT_BANDS, LEDPI_MOST_SIDE = 8, LEDPI_MOST_LINES = 160 };
+enum { LEDPI_DIVERGED, LEDPI_FITTED, LEDPI_WITHOUT_BANDS, LEDPI_MISFIT, LEDPI_UNCERTAIN };
+enum { LEDPI_MOST_SIDE = 8, LEDPI_MOST_LINES = 160 };
 
 int ledpi_fit_panel(PanelFit *fit, uint8_t *room);
 ptrdiff_t ledpi_panel_room(void);

@@ -400,15 +400,15 @@ static void put_covariance(Fitting *fit, const double h[9], Work *work) {
         }
 }
 
-/* Whether more is foreseen to be left once a step is taken than asked for, or corners less certain: what is no panel's. */
-static bool is_hopeless(Fitting *fit, const double h[9], Work *work) {
+/* What is foreseen once a step is taken: too much is left, or corners are too uncertain; else it will do. */
+static int outlook(Fitting *fit, const double h[9], Work *work) {
     const double kept = 1.0 - work->decrease;
-    if ((1.0 - fit->explained) * kept > fit->asked->most_left) return true;
-    if (!isfinite(fit->asked->most_sigma)) return false;
+    if ((1.0 - fit->explained) * kept > fit->asked->most_left) return LEDPI_MISFIT;
+    if (!isfinite(fit->asked->most_sigma)) return LEDPI_FITTED;
     double variance = 0.0;
     put_covariance(fit, h, work);
     for (int i = 0; i < 8; i++) variance += fit->covariance[9 * i] / 8.0;
-    return variance * kept > fit->asked->most_sigma * fit->asked->most_sigma;
+    return variance * kept > fit->asked->most_sigma * fit->asked->most_sigma ? LEDPI_UNCERTAIN : LEDPI_FITTED;
 }
 
 static void seen_through(const Lens *lens, Point corners[4]) {
@@ -503,12 +503,12 @@ static int iterate(Fitting *fit, double h[9], bool *settled, Work *work) {
         keep_start(fit, work, &start);
         if (!solve_step(fit, work)) return LEDPI_DIVERGED;
         if (last) return LEDPI_FITTED;
-        const bool hopeless = round && is_hopeless(fit, h, work);
+        const int foreseen = round ? outlook(fit, h, work) : LEDPI_FITTED;
         const double moved = take_step(fit, h, work);
         if (!(moved < 1e3)) return LEDPI_DIVERGED;
         const bool near = moved < MOST_STEP / 10.0 && work->decrease < WEIGHED_SHARE;
         *settled = moved < asked->tolerance && work->decrease < SETTLED_SHARE && !fit->reweightings;
-        if (*settled || hopeless) return LEDPI_FITTED;
+        if (*settled || foreseen != LEDPI_FITTED) return foreseen;
         if (near && fit->reweightings) {
             weigh_blocks(fit->panel.cells, work);
             fit->reweightings--;

@@ -14,7 +14,8 @@ from ledpi.decode.agenda import Agenda
 from ledpi.decode.cells import CellSamples, sample_cells
 from ledpi.decode.identify import decision
 from ledpi.decode.identify.codebook import Codebook
-from ledpi.decode.locate import MISFIT, Locator
+from ledpi.decode.locate import Locator
+from ledpi.decode.model.fit import MISFIT
 from ledpi.decode.proposals import Candidate, Proposer
 from ledpi.decode.reader import Reader
 from ledpi.decode.track import CONTRADICTED, SAME_PLACE, Followed, Track, Tracker

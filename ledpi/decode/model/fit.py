@@ -20,6 +20,9 @@ from ledpi.kernels.pose import bending_lens_of
 
 DIVERGED = Rejected(stage="fit", reason="diverged")
 NO_BANDS = Rejected(stage="fit", reason="no_bands")
+MISFIT = Rejected(stage="fit", reason="misfit")
+UNCERTAIN = Rejected(stage="fit", reason="uncertain")
+WHY = {lib.LEDPI_WITHOUT_BANDS: NO_BANDS, lib.LEDPI_MISFIT: MISFIT, lib.LEDPI_UNCERTAIN: UNCERTAIN}
 
 SATURATED = 0.999  # of full scale: such light says nothing
 # Of an `Effort`: what the solver itself goes by.
@@ -114,7 +117,7 @@ class Fitter:
         )
         self.sampled += fit.sampled
         if outcome != lib.LEDPI_FITTED:
-            return NO_BANDS if outcome == lib.LEDPI_WITHOUT_BANDS else DIVERGED
+            return WHY.get(outcome, DIVERGED)
         lattice, lit = np.array(list(fit.corners)).reshape(4, 2), np.array(list(fit.lit)).reshape(4, 2)
         if not (np.isfinite(lattice).all() and np.isfinite(lit).all()):
             return DIVERGED
