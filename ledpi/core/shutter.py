@@ -14,8 +14,6 @@ import numpy as np
 
 from ledpi.core.records import Floats, Frame
 
-SMOOTHING_ROWS = 5  # that a smoothed wave is the mean of
-
 
 def _square_wave_integral(cycles: Floats, duty: float) -> Floats:
     """∫ s from 0 to `cycles`, in cycles, for s = 1 on [n, n + duty) and 0 elsewhere."""
@@ -89,14 +87,6 @@ def square_wave_bands(cycles: Floats, frequency_hz: float, exposure_us: float, d
     end = start + exposed
     rise = (end - np.floor(end) < duty).astype(np.float32) - switched_on
     return np.stack([bands, -rise / (2.0 * math.pi * exposed * duty * abs(fundamental))])
-
-
-def mean_of_rows(averaged: int, smoothing_rows2: float) -> tuple[int, float]:
-    """How many rows, and how far apart, have a mean that is smoothed by so much more than that of `averaged` rows."""
-    if smoothing_rows2 <= 0.0:
-        return averaged, 1.0
-    count = max(averaged, SMOOTHING_ROWS)
-    return count, math.sqrt((averaged**2 - 1 + 12.0 * smoothing_rows2) / (count**2 - 1))
 
 
 def band_width_rows(frequency_hz: float, *, rows: int, scan_time_s: float) -> float:

@@ -18,12 +18,7 @@ int ledpi_sample_cells(const uint8_t *pixels, ptrdiff_t height, ptrdiff_t width,
                        const double *corners, const double *lens, ptrdiff_t cells, ptrdiff_t k, const float *along,
                        const float *kernel, ptrdiff_t steps, float *light, float *picture_rows, double *least);
 
-/* ---- Evidence (waves.c, single_frame.c, comparison.c, prediction.c) */
-
-void ledpi_waves(const float *rows, ptrdiff_t count, float a_row, float start, float *cosines, float *sines);
-
-void ledpi_square_waves(const float *rows, ptrdiff_t count, double a_row, double start, ptrdiff_t averaged, double apart,
-                        double exposed, double duty, double fundamental, float *bands, float *later);
+/* ---- Evidence (single_frame.c, comparison.c, prediction.c) */
 
 bool ledpi_single_evidence(ptrdiff_t side, ptrdiff_t k, ptrdiff_t count, const float *light, const uint8_t *valid,
                            const float *waves, const float *along, ptrdiff_t source_count, const int64_t *column,

@@ -1,7 +1,7 @@
 """The compiled core (`_core`, made from core.h and the C files here), and how arrays are handed to it.
 
 Loading it is as pure as importing numpy: a shared library, once. While one of its functions runs, Python's other
-threads do too. Every function takes arrays by `at`, of the type that it declares: another is a TypeError.
+threads do too. Every function takes arrays by `pointer`, of the type that it declares: another is a TypeError.
 """
 
 from __future__ import annotations

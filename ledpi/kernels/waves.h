@@ -1,4 +1,4 @@
-/* Cosines of bands (waves.c, prediction.c). */
+/* Cosines of bands. */
 #ifndef LEDPI_WAVES_H
 #define LEDPI_WAVES_H
 

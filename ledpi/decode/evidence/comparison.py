@@ -14,9 +14,8 @@ import numpy as np
 from ledpi.core.records import Frame, PanelSpec, Rejected, Singles
 from ledpi.decode.cells import CellSamples
 from ledpi.decode.evidence.erasures import erase_unlit_cells
-from ledpi.decode.evidence.evidence import Evidence, evidence_of
+from ledpi.decode.evidence.evidence import Evidence, Weighed, evidence_of
 from ledpi.decode.evidence.noise import lags_of
-from ledpi.kernels.evidence import Weighed
 from ledpi.kernels.library import lib, pointer
 
 

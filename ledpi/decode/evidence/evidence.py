@@ -29,9 +29,18 @@ from ledpi.core.records import Floats, Frame, Mask, PanelSpec, Rejected
 from ledpi.decode.cells import CellSamples
 from ledpi.decode.evidence.noise import WHITE, Correlation, lags_of, white_noise_expected
 from ledpi.decode.evidence.waves import band_prior
-from ledpi.kernels import evidence as kernel
 
 UNFIT = Rejected(stage="identify", reason="unfit")
+
+
+class Weighed(NamedTuple):
+    """Evidence of one fit, and what that has left of the light."""
+
+    score: Floats  # (cells, P)
+    information: Floats  # (cells, P, cells, P)
+    free: float  # samples, less what is fitted
+    near: float  # sum of the squared differences of samples of a cell a lag apart
+    far: float  # and of those two lags apart
 
 
 class Evidence(NamedTuple):
@@ -79,7 +88,7 @@ class Evidence(NamedTuple):
 
 
 def evidence_of(
-    found: kernel.Weighed | None, samples: CellSamples, frame: Frame, spec: PanelSpec, fitted: int
+    found: Weighed | None, samples: CellSamples, frame: Frame, spec: PanelSpec, fitted: int
 ) -> Evidence | Rejected:
     """Evidence for which `fitted` functions were fitted to each cell."""
     if found is None:

@@ -20,12 +20,11 @@ from ledpi.core.records import Frame, PanelSpec, Rejected, Singles
 from ledpi.decode.cells import CellSamples
 from ledpi.decode.evidence.band_estimate import BandEstimate
 from ledpi.decode.evidence.erasures import erase_unlit_cells
-from ledpi.decode.evidence.evidence import Evidence, evidence_of
+from ledpi.decode.evidence.evidence import Evidence, Weighed, evidence_of
 from ledpi.decode.evidence.noise import lags_of
 from ledpi.decode.evidence.occlusion import bands_mimic_occlusion, mask_occluded
 from ledpi.decode.evidence.shared_light import border_points, contributing_cells, sources_of
 from ledpi.decode.evidence.waves import band_prior, class_waves, is_deep_anywhere
-from ledpi.kernels.evidence import Weighed
 from ledpi.kernels.library import lib, pointer
 
 

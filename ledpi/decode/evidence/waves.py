@@ -15,7 +15,6 @@ import numpy as np
 from ledpi.core import shutter
 from ledpi.core.records import Floats, Frame, PanelSpec, Singles
 from ledpi.decode.cells import CellSamples
-from ledpi.kernels import evidence as kernel
 
 FULL_DEPTH = 0.5  # bands as deep as this outshine all noise
 # Bands that are deeper, or one of whose harmonics is more than this share of the fundamental, are no sinusoids. (The
@@ -61,24 +60,19 @@ def are_sinusoids(exposure_us: float, spec: PanelSpec) -> bool:
 
 def class_waves(samples: CellSamples, frame: Frame, spec: PanelSpec, since_s: float = 0.0) -> Singles:
     """(P, cells, points): cosine and sine of each of the panel's waves; `since_s` from the origin to row 0."""
-    out = kernel.waves(samples.rows, spec.waves_hz, frame.row_time_us, since_s)
+    out = np.empty((2 * len(spec.waves_hz), *samples.rows.shape), np.float32)
+    for k, hz in enumerate(spec.waves_hz):
+        cycles = samples.rows * np.float32(hz * frame.row_time_us * 1e-6) + np.float32(math.fmod(hz * since_s, 1.0))
+        angle = np.float32(2.0 * math.pi) * (cycles - np.rint(cycles))
+        np.cos(angle, out=out[2 * k])
+        np.sin(angle, out=out[2 * k + 1])
     return out if samples.valid is None else np.asarray(out * samples.valid, np.float32)
 
 
 def square_waves(samples: CellSamples, frame: Frame, spec: PanelSpec, hz: float, start_cycles: float) -> Singles:
-    """(2, cells, points): `shutter.square_wave_bands` in each sample, smoothed as its bands are seen to be."""
-    a_row, exposure_us = hz * frame.row_time_us * 1e-6, frame.exposure_us
-    count, apart = 1, 1.0
-    return kernel.square_waves(
-        samples.rows,
-        cycles_a_row=a_row,
-        start_cycles=start_cycles,
-        averaged=count,
-        apart=apart,
-        exposure_cycles=hz * exposure_us * 1e-6,
-        duty=spec.duty,
-        fundamental=shutter.fundamental_amplitude(hz, exposure_us, spec.duty),
-    )
+    """(2, cells, points): `shutter.square_wave_bands` in each sample; `start_cycles` is the fundamental's in row 0."""
+    cycles = samples.rows.astype(np.float64) * (hz * frame.row_time_us * 1e-6) + start_cycles
+    return shutter.square_wave_bands(cycles, hz, frame.exposure_us, spec.duty).astype(np.float32)
 
 
 def rotated(bands: Floats, angles: Sequence[float]) -> Floats:

@@ -12,7 +12,6 @@ from ledpi.core.shutter import (
     contrast,
     exposure_weight,
     harmonic_amplitude,
-    mean_of_rows,
     phase_advance_cycles,
     row_mid_exposure_ns,
     row_weights,
@@ -137,14 +136,6 @@ def test_bands_are_the_integrated_wave_by_its_fundamentals_phase(exposure_cycles
     np.testing.assert_allclose(bands, relative / abs(first), atol=0.03)
     by_step = (np.roll(bands, 1) - np.roll(bands, -1)) / (2 * 2 * np.pi / phases)
     assert np.mean(np.abs(later - by_step) < 0.02) > 0.97  # all but the steps of the derivative
-
-
-@pytest.mark.parametrize(("averaged", "smoothing_rows2"), [(1, 0.0), (2, 0.0), (1, 0.6), (2, 1.0), (7, 0.5)])
-def test_a_mean_of_rows_smooths_as_much_as_was_asked_for(averaged: int, smoothing_rows2: float) -> None:
-    """Rows have the variance of their own mean, (n² − 1)/12 of n, and the smoothing's."""
-    count, apart = mean_of_rows(averaged, smoothing_rows2)
-    assert apart**2 * np.arange(count).var() == pytest.approx((averaged**2 - 1) / 12 + smoothing_rows2)
-    assert (count, apart) == (averaged, 1.0) or smoothing_rows2 > 0
 
 
 def test_band_width_by_hand() -> None:

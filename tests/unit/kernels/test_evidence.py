@@ -9,14 +9,13 @@ import numpy as np
 import pytest
 
 from ledpi.core.records import Frame, PanelSpec
-from ledpi.core.shutter import square_wave_bands
 from ledpi.decode.cells import CellSamples
 from ledpi.decode.evidence.band_estimate import BandEstimate, estimate_bands
 from ledpi.decode.evidence.classes import band_shares
 from ledpi.decode.evidence.comparison import Mean, compared_evidence
 from ledpi.decode.evidence.evidence import UNFIT, Evidence
 from ledpi.decode.evidence.single_frame import single_evidence, weighed
-from ledpi.decode.evidence.waves import class_waves, square_waves
+from ledpi.decode.evidence.waves import class_waves
 from ledpi.decode.identify import codewords
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.first_pass import first_pass
@@ -138,19 +137,6 @@ def test_waves_are_cosine_and_sine() -> None:
     np.testing.assert_allclose(waves, expected, atol=5e-4)  # rows are in single precision
     holes = with_holes(samples)
     assert not class_waves(holes, frame, SPEC)[:, ~holes.valid].any()
-
-
-@pytest.mark.parametrize("depth", EXPOSURE_US)
-@pytest.mark.parametrize("side", [60.0, 200.0], ids=["far", "near"])
-def test_square_waves(depth: str, side: float) -> None:
-    """What more depth adds, and what a later phase does; but for rows right at an edge of the wave."""
-    samples, frame = seen(side, EXPOSURE_US[depth])
-    for hz in SPEC.waves_hz:
-        ours = square_waves(samples, frame, SPEC, hz, -0.3)
-        cycles = samples.rows.astype(np.float64) * hz * frame.row_time_us * 1e-6 - 0.3
-        theirs = square_wave_bands(cycles, hz, frame.exposure_us, SPEC.duty)
-        np.testing.assert_allclose(ours[0], theirs[0], atol=1e-4)
-        assert np.mean(np.abs(ours[1] - theirs[1]) > 1e-4) < 0.01
 
 
 @pytest.mark.parametrize("spec", [SPEC, ANTIPHASE], ids=["two waves", "one wave"])

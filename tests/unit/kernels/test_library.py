@@ -57,7 +57,7 @@ def test_arrays_are_handed_over_by_their_type() -> None:
     """One of another type, or with gaps, is refused before C sees it."""
     numbers = np.zeros(4)
     with pytest.raises(TypeError, match="float"):
-        lib.ledpi_waves(pointer(numbers), 4, 0.1, 0.0, pointer(numbers), pointer(numbers))
+        lib.ledpi_near_pattern_likelihood(1, 2, *[pointer(numbers)] * 4, 0, 0)
     with pytest.raises(ValueError, match="contiguous"):
         pointer(numbers[::2])
     assert pointer(None) == NONE
