@@ -25,8 +25,8 @@ from ledpi.pipeline.results import Results
 from ledpi.pipeline.trace import SquareTrace
 
 # What a frame may spend on all but panels that are followed, in places at which the model is compared with the picture
-# (a quarter of a microsecond each on a PC, half a candidate to 5,000): about a frame period in a stream, which takes up
-# in the next frame what is left; no more is to come where a frame is alone.
+# (a quarter of a microsecond each on a PC; most candidates take 1,000, a panel 30,000): about a frame period in a
+# stream, which takes up in the next frame what is left; no more is to come where a frame is alone.
 STREAM_BUDGET, SINGLE_BUDGET = 150_000, 1_000_000
 
 Groups: TypeAlias = Sequence[tuple[PanelSpec, list[int]]]  # of IDs that blink alike
