@@ -400,15 +400,15 @@ static void put_covariance(Fitting *fit, const double h[9], Work *work) {
         }
 }
 
-/* What is foreseen once a step is taken: too much is left, or corners are too uncertain; else it will do. */
+/* What is foreseen: that a step leaves too much, or that corners are too uncertain after one more like it; else it will do. */
 static int outlook(Fitting *fit, const double h[9], Work *work) {
-    const double kept = 1.0 - work->decrease;
+    const double kept = fmax(0.0, 1.0 - work->decrease);
     if ((1.0 - fit->explained) * kept > fit->asked->most_left) return LEDPI_MISFIT;
     if (!isfinite(fit->asked->most_sigma)) return LEDPI_FITTED;
     double variance = 0.0;
     put_covariance(fit, h, work);
     for (int i = 0; i < 8; i++) variance += fit->covariance[9 * i] / 8.0;
-    return variance * kept > fit->asked->most_sigma * fit->asked->most_sigma ? LEDPI_UNCERTAIN : LEDPI_FITTED;
+    return variance * kept * kept > fit->asked->most_sigma * fit->asked->most_sigma ? LEDPI_UNCERTAIN : LEDPI_FITTED;
 }
 
 static void seen_through(const Lens *lens, Point corners[4]) {
