@@ -294,21 +294,22 @@ static int ascending(const void *a, const void *b) {
     return (one > other) - (one < other);
 }
 
-/* How far within the lattice's end a panel ends (4), by where its light does: a side that something hides ends where the
- * others do. All are built alike; no more than two are hidden. */
-static void put_ends(const double rim[4], double ends[4]) {
+/* Which side's rim says how far within the lattice's end each side (4) ends: its own; where something hides it the second
+ * least. All are built alike; no more than two are hidden. */
+static void put_ends(const double rim[4], int of[4]) {
     double sorted[4] = {rim[0], rim[1], rim[2], rim[3]};
     qsort(sorted, 4, sizeof *sorted, ascending);
-    for (int k = 0; k < 4; k++) ends[k] = rim[k] > sorted[1] + HIDDEN ? sorted[1] : rim[k];
+    int usual = 0;
+    while (rim[usual] != sorted[1] && usual < 3) usual++; /* there is none where one is no number */
+    for (int k = 0; k < 4; k++) of[k] = rim[k] > sorted[1] + HIDDEN ? usual : k;
 }
 
-/* The same of what is lit, which ends within the lattice's end by the rim (4): left, right, above, below, in cells. */
-static void move_lit(const double h[9], const double *ways, const double *rim, ptrdiff_t cells, Point corners[4]) {
+/* The same of what is lit, which ends within the lattice's end by the rim (4): left, right, above, below, in cells; each side
+ * by the rim `of` one of them. */
+static void move_lit(const double h[9], const double *ways, const double *rim, const int of[4], ptrdiff_t cells, Point corners[4]) {
     const double share = 2.0 / (double)cells;
-    double ends[4];
-    put_ends(rim, ends);
-    move(h, ways, (double[]){share * ends[0] - 1.0, share * ends[2] - 1.0},
-         (double[]){1.0 - share * ends[1], 1.0 - share * ends[3]}, corners);
+    move(h, ways, (double[]){share * rim[of[0]] - 1.0, share * rim[of[2]] - 1.0},
+         (double[]){1.0 - share * rim[of[1]], 1.0 - share * rim[of[3]]}, corners);
 }
 
 /* Takes the step. Returns how far it moves the homography. */
@@ -376,13 +377,15 @@ static void put_covariance(Fitting *fit, const double h[9], Work *work) {
     const ptrdiff_t cells = fit->panel.cells;
     const double little = 1e-4, none[WAYS] = {0.0}, *rim = fit->unknown + RIM;
     double by[8][COMMON];
+    int of[4]; /* as they are: where another side is taken for hidden, corners jump, which is no slope */
     Point here[4], moved[4];
     memset(by, 0, sizeof by);
-    move_lit(h, none, rim, cells, here);
+    put_ends(rim, of);
+    move_lit(h, none, rim, of, cells, here);
     for (int k = 0; k < WAYS + 4; k++) {
         double ways[WAYS] = {0.0}, rims[4] = {rim[0], rim[1], rim[2], rim[3]};
         *(k < WAYS ? ways + k : rims + k - WAYS) += little;
-        move_lit(h, ways, rims, cells, moved);
+        move_lit(h, ways, rims, of, cells, moved);
         const int at = k < WAYS ? k : RIM + k - WAYS;
         for (int i = 0; i < 4; i++) {
             by[2 * i][at] = (moved[i].x - here[i].x) / little;
@@ -530,12 +533,12 @@ int ledpi_fit_panel(PanelFit *asked, uint8_t *room) {
     if (outcome != LEDPI_FITTED) return outcome;
     ledpi_unit_square_homography(fit.corners, h);
     put_covariance(&fit, h, work);
-    move_lit(h, (double[WAYS]){0.0}, fit.unknown + RIM, cells, fit.lit);
+    int of[4];
+    put_ends(fit.unknown + RIM, of);
+    move_lit(h, (double[WAYS]){0.0}, fit.unknown + RIM, of, cells, fit.lit);
     seen_through(fit.view.lens, fit.corners);
     seen_through(fit.view.lens, fit.lit);
-    double ends[4];
-    put_ends(fit.unknown + RIM, ends);
-    for (int k = 0; k < 4; k++) asked->hidden[k] = fit.unknown[RIM + k] > ends[k] ? fit.unknown[RIM + k] : 0.0;
+    for (int k = 0; k < 4; k++) asked->hidden[k] = of[k] == k ? 0.0 : fit.unknown[RIM + k];
     memcpy(asked->corners, fit.corners, sizeof asked->corners);
     memcpy(asked->lit, fit.lit, sizeof asked->lit);
     asked->explained = fit.explained, asked->variance = fit.variance;
