@@ -33,6 +33,7 @@ ASIDE = projected(40.0)  # and seen from 60° aside
 OBLIQUE = np.array([[40.3, 20.6], [111.7, 32.2], [112.1, 127.4], [39.8, 141.9]])
 OFF_PX = np.array([[1.0, -1.0], [-1.0, 0.0], [0.5, 1.0], [0.0, -1.0]])
 EXPOSURES_US = (TRUE_10_MS_US, 600.0, 150.0)
+HIDDEN = 0.06  # of a cell, as in kernels/panel_fit.c
 
 
 def fitted(panel: Panel, window: Window, near: Floats, effort: Effort = WHOLE, known: Floats | None = None) -> Fitted:
@@ -249,6 +250,24 @@ def test_a_steady_square_is_without_bands(exposure_us: float, blinks: bool) -> N
     effort = Effort(rounds=10, must_blink=True)
     then = FITTER.fit(panel.frame(), window, first.lattice_px, SPEC, effort, first.unknown)
     assert isinstance(then, Fitted) if blinks else reason(then) == "fit.no_bands"
+
+
+@pytest.mark.parametrize("side", range(4))
+def test_deviations_do_not_jump_where_a_side_begins_to_be_taken_for_hidden(side: int) -> None:
+    """Half a ten-thousandth of a cell before it does and after it they are what they are a thousandth from there."""
+    panel = Panel(corners=TRUE)
+    window = window_of(panel.light(), noise=0.01)
+    unknown = fitted(panel, window, TRUE).unknown.copy()
+    unknown[RIM:SHAPE] = 0.0
+
+    def deviation_px(rim: float) -> float:
+        unknown[RIM + side] = rim
+        fit = fitted(panel, window, TRUE, Effort(rounds=0, phasing=False), unknown)
+        return float(np.sqrt(np.trace(fit.covariance_px2) / 8))
+
+    before, after = deviation_px(HIDDEN - 1e-3), deviation_px(HIDDEN + 1e-3)
+    assert deviation_px(HIDDEN - 5e-5) == pytest.approx(before, rel=0.1)
+    assert deviation_px(HIDDEN + 5e-5) == pytest.approx(after, rel=0.1)
 
 
 def test_a_lens_bends_the_whole_picture() -> None:
