@@ -19,8 +19,8 @@ LEFT_OUT = shutil.ignore_patterns(".*", "*.so", "build", "*.egg-info", "docs", "
 READ_BESIDE = """
 import numpy as np
 from ledpi.kernels.library import lib, pointer
-rows, cosines, sines = (np.zeros(count, np.float32) for count in (1000, 1001, 1001))
-lib.ledpi_waves(pointer(rows), 1001, 0.1, 0.0, pointer(cosines), pointer(sines))
+lit, runs, numbers = np.zeros(1000, np.uint8), np.zeros(4000, np.int32), np.zeros(6000)
+lib.ledpi_blobs(pointer(lit), 1, 1001, 99.0, 1000, pointer(runs), pointer(numbers), 1000, pointer(numbers))
 """
 
 
