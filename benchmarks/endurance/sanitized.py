@@ -19,8 +19,8 @@ LEFT_OUT = shutil.ignore_patterns(".*", "*.so", "build", "*.egg-info", "docs", "
 READ_BESIDE = """
 import numpy as np
 from ledpi.kernels.library import lib, pointer
-lit, runs, numbers = np.zeros(1000, np.uint8), np.zeros(4000, np.int32), np.zeros(6000)
-lib.ledpi_blobs(pointer(lit), 1, 1001, 99.0, 1000, pointer(runs), pointer(numbers), 1000, pointer(numbers))
+blobs, used, lattice = np.zeros(11), np.zeros(2, np.uint8), np.zeros((17, 17), np.int32)
+lib.ledpi_lattices(pointer(blobs), 2, 1, pointer(used), 1, pointer(lattice))
 """
 
 
