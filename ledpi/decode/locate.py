@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from ledpi.core.geometry import box, project_to_quad, quad_side
-from ledpi.core.records import Floats, Frame, Intrinsics, PanelSpec, Quad, Rejected
+from ledpi.core.records import Floats, Frame, Intrinsics, Mask, PanelSpec, Quad, Rejected
 from ledpi.core.shutter import contrast
 from ledpi.decode.cells import MIN_CELL_PX
 from ledpi.decode.evidence.waves import FAINT_DEPTH
@@ -111,14 +111,19 @@ class Locator:
 
     def _beside(self, fit: Fitted) -> list[Floats]:
         """Lattices (4, 2) that look like one with a hidden side or a dark row: moved by as much, or shorter by it."""
-        n, gain = self._cells, fit.unknown[COMMON::OWN].reshape(self._cells, self._cells)
-        is_dark = np.array([gain[0], gain[:, -1], gain[-1], gain[:, 0]]).mean(axis=1) < DARK_END * gain.mean()
+        n, is_dark = self._cells, self._dark_sides(fit)
         if fit.explained < MIN_EXPLAINED_FINELY or not (fit.hidden.max() >= MAX_SIGMA or is_dark.any()):
             return []
         above, right, below, left = (np.where(is_dark, 1.0, fit.hidden) / n).tolist()
         across, down = left - right, above - below
         moved, shorter = box(across, down, 1.0 + across, 1.0 + down), box(left, above, 1.0 - right, 1.0 - below)
         return [project_to_quad(fit.lattice_px, at) for at in (moved, shorter)]
+
+    def _dark_sides(self, fit: Fitted) -> Mask:
+        """(4,) whether the row of cells along each side, in the corners' order, is too dark to be the panel's own."""
+        gain = fit.unknown[COMMON::OWN].reshape(self._cells, self._cells)
+        ends = np.array([gain[0], gain[:, -1], gain[-1], gain[:, 0]])
+        return np.asarray(ends.mean(axis=1) < DARK_END * gain.mean())
 
     def refine(self, frame: Frame, corners_px: Floats, known: Floats) -> Quad | Rejected:
         """The panel whose lattice is within a tenth of a cell or so of these corners (4, 2), or why there is none.
@@ -170,6 +175,8 @@ class Locator:
             return fit
         if fit.explained < (MIN_EXPLAINED_HIDDEN if fit.hidden.any() else MIN_EXPLAINED_FINELY):
             return MISFIT
+        if self._dark_sides(fit).any():
+            return MISFIT  # a lattice beside, though none of those tried fits better
         return Quad(
             corners_px=fit.corners_px,
             lattice_px=fit.lattice_px,

@@ -318,6 +318,17 @@ def test_the_frequencies_that_explain_most_are_taken() -> None:
 # ---- What is none
 
 
+@pytest.mark.parametrize("exposure_us", [TRUE_10_MS_US, 300.0])
+@pytest.mark.parametrize(("of_the_others", "is_one"), [(0.1, False), (0.4, False), (0.6, True)])
+def test_what_has_a_dark_side_is_no_panel(of_the_others: float, exposure_us: float, *, is_one: bool) -> None:
+    """So looks a lattice that is a cell off: no pose, though none beside fits better. LEDs alone differ by less."""
+    true = square(300, 240, 100, 20)
+    canvas = Canvas(exposure_us=exposure_us)
+    canvas.panel(true, word(7), profile=lambda u, v: np.where(v < 0.25, of_the_others, 1.0) * diffuser(u, v))
+    found = Locator(4, (SPEC,), None).localise(canvas.frame(), true + 1.0)
+    assert isinstance(found, Quad) if is_one else reason(found) == "fit.misfit"
+
+
 @pytest.mark.parametrize("exposure_us", [SHORT_US, 640.0])
 def test_a_steady_lamp_is_refused_in_deep_bands(exposure_us: float) -> None:
     """It would show them."""
