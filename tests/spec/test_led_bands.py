@@ -47,6 +47,7 @@ def test_without_the_photographs_it_says_what_is_missing(tmp_path: Path) -> None
         bench.measure(tmp_path)
 
 
+@pytest.mark.slow
 def test_real_lamps_show_the_predicted_bands(shared: Callable[[str], Path]) -> None:
     """Every photograph, at every frequency, correlates at 0.98 or better, and by far less at a frequency 10 % off."""
     found, _ = bench.photographs(shared("real/led_bands"))
@@ -59,6 +60,7 @@ def test_real_lamps_show_the_predicted_bands(shared: Callable[[str], Path]) -> N
     assert max(float(np.median(values)) for values in wrong.values()) < 0.9
 
 
+@pytest.mark.slow
 def test_a_tone_curve_measured_at_500_hz_holds_at_other_frequencies(shared: Callable[[str], Path]) -> None:
     """What is left under sRGB is mostly tone: with the curve from other photographs, 0.99 or better."""
     found, _ = bench.photographs(shared("real/led_bands"))

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 
 from ledpi.recording.reader import load_recording
 from ledpi.tools.panel.firmware import Build
@@ -49,6 +50,7 @@ def decoded(folder: Path) -> list[dict[str, Any]]:
     return [json.loads(line) for line in done.stdout.splitlines()]
 
 
+@pytest.mark.slow
 def test_twenty_panels_are_read_from_their_drivers_pins(tmp_path: Path) -> None:
     """Single frames, 0.6 to 1.4 m away, turned this way and that: the ID, and each corner where it belongs."""
     shown = tmp_path / "shown"

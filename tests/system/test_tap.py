@@ -270,9 +270,8 @@ def test_snapshot_takes_the_daemons_frame_and_says_so(tmp_path: Path, monkeypatc
         assert (tmp_path / "x.png").stat().st_size > 10_000
 
 
-@pytest.mark.parametrize("asks", [("--frame", "3"), ("--set", "camera.exposure_us=9000")])
 def test_snapshot_of_the_camera_itself_asks_no_daemon(
-    running: Path, tmp_path: Path, asks: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+    running: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Where a frame's number or a setting of the camera is given."""
     (tmp_path / "ledpi").mkdir(mode=0o700)
@@ -280,8 +279,9 @@ def test_snapshot_of_the_camera_itself_asks_no_daemon(
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     config = tmp_path / "config.yaml"
     config.write_text("panels: {side_m: 0.16}\n" + SIMULATED_YAML, encoding="utf-8")
-    done = ledpi("snapshot", "--config", str(config), *asks, "--out", str(tmp_path / "x.png"))
-    assert "x.png: simulated, frame" in done.stdout
+    for asks in (("--frame", "3"), ("--set", "camera.exposure_us=9000")):
+        done = ledpi("snapshot", "--config", str(config), *asks, "--out", str(tmp_path / "x.png"))
+        assert "x.png: simulated, frame" in done.stdout
     assert "running daemon" in ledpi("snapshot", "--config", str(config), "--out", str(tmp_path / "x.png")).stdout
 
 

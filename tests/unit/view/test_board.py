@@ -56,6 +56,7 @@ def watch(monkeypatch: pytest.MonkeyPatch) -> Iterator[BoardWatch]:
     begun.stop()
 
 
+@pytest.mark.slow
 def test_a_board_gives_the_lens(watch: BoardWatch, tmp_path: Path) -> None:
     """Of which the focal length is right within 1 %; on the way it was told how to hold the board."""
     said = set()

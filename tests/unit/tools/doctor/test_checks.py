@@ -31,6 +31,7 @@ COMMAND = [sys.executable, "-c", "from ledpi.cli import main; main()", "doctor"]
 INFO = CameraInfo(
     width=640, height=480, exposure_us=9969.0, row_time_us=31.748, transfer="linear", frame_length_rows=509
 )
+NO_CAMERA = ("panels.side_m=0.16", "camera.source=v4l2:/dev/video99", "camera.row_time_us=30")  # found out at once
 
 
 def doctor(*settings: str, options: tuple[str, ...] = ()) -> subprocess.CompletedProcess[str]:
@@ -45,7 +46,7 @@ def doctor(*settings: str, options: tuple[str, ...] = ()) -> subprocess.Complete
 
 def test_without_a_camera_the_page_says_what_to_do() -> None:
     """Each ✗ is followed by a remedy, and the exit status says that the daemon would not run."""
-    done = doctor("panels.side_m=0.16", "camera.source=v4l2:/dev/video99", "camera.row_time_us=30")
+    done = doctor(*NO_CAMERA)
     assert (done.returncode, done.stderr) == (1, "")
     lines = done.stdout.splitlines()
     assert lines[-1].startswith("`ledpi run` would not run: camera")
@@ -85,7 +86,7 @@ def test_a_lens_that_is_missing_stops_the_simulator_too() -> None:
 def test_the_map_is_read_as_the_daemon_reads_it(tmp_path: Path, content: str, state: str) -> None:
     """A broken one stops the daemon, and so it does the doctor."""
     (tmp_path / "markers.yaml").write_text(content)
-    given = ("panels.side_m=0.16", "camera.source=simulated", f"map={tmp_path / 'markers.yaml'}")
+    given = (*NO_CAMERA, f"map={tmp_path / 'markers.yaml'}")
     found = next(finding for finding in examine(load_config(None, given)) if finding.name == "map")
     assert (found.state, found.stops_daemon) == (state, state == "bad")
 
@@ -94,7 +95,7 @@ def test_a_panel_in_the_map_that_no_camera_can_read_is_named(tmp_path: Path) -> 
     """DICT_4X4_50 has no word 50; the others are found all the same, so the daemon runs."""
     hung = "{position_m: [4, 1, 1.5], yaw_deg: 180}"
     (tmp_path / "markers.yaml").write_text(f"format: 1\npanels: {{49: {hung}, 50: {hung}}}\n")
-    given = ("panels.side_m=0.16", "camera.source=simulated", f"map={tmp_path / 'markers.yaml'}")
+    given = (*NO_CAMERA, f"map={tmp_path / 'markers.yaml'}")
     found = next(finding for finding in examine(load_config(None, given)) if finding.name == "map")
     assert (found.state, found.stops_daemon) == ("bad", False)
     assert found.said.startswith("50 in ")
@@ -104,7 +105,7 @@ def test_a_panel_in_the_map_that_no_camera_can_read_is_named(tmp_path: Path) -> 
 def test_a_panel_in_the_map_that_is_not_reported_is_named(tmp_path: Path) -> None:
     """A part of another panel can look like 3, until panels.ids says that there is one."""
     (tmp_path / "markers.yaml").write_text("format: 1\npanels: {3: {position_m: [4, 1, 1.5], yaw_deg: 180}}\n")
-    given = ("panels.side_m=0.16", "camera.source=simulated", f"map={tmp_path / 'markers.yaml'}")
+    given = (*NO_CAMERA, f"map={tmp_path / 'markers.yaml'}")
     alone, listed = (
         next(finding for finding in examine(load_config(None, (*given, *ids))) if finding.name == "map")
         for ids in ((), ("panels.ids=[3]",))
@@ -125,7 +126,7 @@ def test_a_panel_in_the_map_that_is_not_reported_is_named(tmp_path: Path) -> Non
 )
 def test_which_ids_are_reported_is_said(settings: tuple[str, ...], state: str, said: str) -> None:
     """One that has an override should be."""
-    config = load_config(None, ("panels.side_m=0.16", "camera.source=simulated", *settings))
+    config = load_config(None, (*NO_CAMERA, *settings))
     found = next(finding for finding in examine(config) if finding.name == "panel IDs")
     assert found.state == state
     assert found.said.startswith(said)
