@@ -18,6 +18,7 @@ from ledpi.core.wording import counted
 
 if TYPE_CHECKING:
     from ledpi.camera.base import Camera
+    from ledpi.config.settings import Config
     from ledpi.tools.calibrate.boards import Board, BoardView
     from ledpi.tools.calibrate.camera import CameraCalibration
 
@@ -38,7 +39,8 @@ def camera(
 ) -> None:
     """Views of a ChArUco board or chessboard → camera.yaml.
 
-    That is in ROS camera_info form; a picture of the views is written beside it.
+    That is in ROS camera_info form; a picture of the views is written beside it. A configuration that names no lens
+    gets its name, unless the views are a recording's or the simulator's.
 
     Live, it says how to hold the board next, sets exposure and gain by it, and takes each view by itself once the
     board is at rest; Ctrl-C ends early. A recording is looked at in the same way. Pictures in a folder must be of
@@ -51,14 +53,19 @@ def camera(
     from ledpi.recording.format import HEADER_FILE
     from ledpi.tools.calibrate.boards import Board
     from ledpi.tools.calibrate.camera import calibrate_camera
-    from ledpi.tools.calibrate.files import check_writable
+    from ledpi.tools.calibrate.config_file import check_changeable
+    from ledpi.tools.calibrate.files import check_with_picture
 
-    check_writable(out)
+    check_with_picture(out)
     board = Board(columns=cols, rows=rows, kind=kind.value)
-    if folder is None or (folder / HEADER_FILE).is_file():
-        found = _live_views(config, set_, board, folder)
-    else:
-        found = _views_in(folder, board)
+    is_recording = folder is not None and (folder / HEADER_FILE).is_file()
+    settings, file = settings_for(config, set_, folder if is_recording else None)
+    pictures = None if is_recording else folder
+    if pictures is None and _is_replay(settings):
+        file = None  # a simulated lens, or one of any camera: not this robot's
+    if file is not None and settings.camera.intrinsics is None:
+        check_changeable(file)
+    found = _live_views(settings, board) if pictures is None else _views_in(pictures, board)
     try:
         result = calibrate_camera(found.views, board, *found.size)
     except CalibrationError as error:
@@ -66,7 +73,7 @@ def camera(
     written = _write(out, result)
     typer.echo(f"{found.pictures} pictures, {len(found.views)} with the board")
     _report(result)
-    for line in [*written, *_name_in_config(config, out, found.size)]:
+    for line in [*written, _name_in_config(settings, file, out, found.size)]:
         typer.echo(line)
 
 
@@ -77,12 +84,15 @@ class _Found:
     size: tuple[int, int]  # width and height of all pictures
 
 
-def _live_views(config: Path | None, set_: list[str], board: Board, recording: Path | None) -> _Found:
+def _is_replay(settings: Config) -> bool:
+    return settings.camera.source.partition(":")[0] in ("simulated", "recording")
+
+
+def _live_views(settings: Config, board: Board) -> _Found:
     from ledpi.camera.factory import open_camera
     from ledpi.tools.calibrate.live_board import collect_views
 
-    settings, _ = settings_for(config, set_, recording)
-    replay = settings.camera.source.partition(":")[0] in ("simulated", "recording")
+    replay = _is_replay(settings)
 
     def open_at(exposure: tuple[float, float] | None) -> Camera:
         if exposure is None:
@@ -188,12 +198,13 @@ def _write(out: Path, result: CameraCalibration) -> list[str]:
     return [*lines, f"{picture}: where the corners were" + (f"; the older one is kept as {kept}" if kept else "")]
 
 
-def _name_in_config(config: Path | None, out: Path, size: tuple[int, int]) -> list[str]:
+def _name_in_config(settings: Config, file: Path | None, out: Path, size: tuple[int, int]) -> str:
     """Puts the new file into a configuration that names none; returns what to say of that."""
-    settings, file = settings_for(config, [], None)
-    if file is None or settings.camera.intrinsics is not None:
-        return []
+    if file is None:
+        return f"no config.yaml was changed; to use it: camera.intrinsics: {out}"
+    if settings.camera.intrinsics is not None:
+        return f"camera.intrinsics is {settings.camera.intrinsics}"
     wanted = (settings.camera.width, settings.camera.height)
     if size != wanted:
-        return [f"{file} asks for {wanted[0]} × {wanted[1]} pixels, these have {size[0]} × {size[1]}: not named there"]
-    return [name_in_config(file, ("camera", "intrinsics"), out)]
+        return f"{file} asks for {wanted[0]} × {wanted[1]} pixels, these have {size[0]} × {size[1]}: not named there"
+    return name_in_config(file, ("camera", "intrinsics"), out)

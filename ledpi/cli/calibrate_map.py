@@ -46,12 +46,15 @@ def map_(
     except ImportError as error:
         raise CalibrationError(f"{error.name} is missing: pip install 'ledpi[calibrate]'") from None
     from ledpi.core.geometry import FACING_FROM_MARKER, matrix_from_rpy_deg, transform
-    from ledpi.tools.calibrate.files import check_writable
+    from ledpi.tools.calibrate.config_file import check_changeable
+    from ledpi.tools.calibrate.files import check_with_picture
 
     if not all(math.isfinite(value) for value in (*position, yaw_deg)):
         raise CalibrationError("--position, --yaw-deg: must be finite numbers")
-    check_writable(out)
+    check_with_picture(out)
     settings, file = settings_for(config, set_, recording)
+    if file is not None and settings.map is None:
+        check_changeable(file)
     views, sides_m, lens = _drive(recording, settings)
     map_from_origin = transform(matrix_from_rpy_deg(0, 0, yaw_deg) @ FACING_FROM_MARKER, np.array(position))
     try:

@@ -44,6 +44,7 @@ def panel(
     Example: ledpi calibrate panel --frames 120
     """
     from ledpi.recording.still import SUFFIXES
+    from ledpi.tools.calibrate.config_file import check_changeable
     from ledpi.tools.calibrate.taking import take_frames
 
     if paths and all(path.suffix.lower() in SUFFIXES for path in paths):
@@ -52,6 +53,8 @@ def panel(
     if paths and len(paths) > 1:
         raise CalibrationError("one recording at a time, or only pictures")
     settings, file = settings_for(config, set_, paths[0] if paths else None)
+    if file is not None and not dry_run:
+        check_changeable(file)
     with progress("taking frames", frames) as advance:
         taken = take_frames(settings, frames, advance)
     measured = _measure(taken, settings.panels)

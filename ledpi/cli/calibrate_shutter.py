@@ -41,9 +41,12 @@ def shutter(
 
     Example: ledpi calibrate shutter --set panels.black_hz=1250 --set panels.white_hz=2450
     """
+    from ledpi.tools.calibrate.config_file import check_changeable
     from ledpi.tools.calibrate.shutter import Reported
 
     settings, file = settings_for(config, set_, recording)
+    if not dry_run:
+        check_changeable(*(path for path in (file, settings.camera.intrinsics) if path is not None))
     with progress("taking frames", frames) as advance:
         taken, is_told = _take(settings, frames, advance)
     reported = Reported(
@@ -157,4 +160,4 @@ def _note(camera_yaml: Path, result: ShutterCalibration) -> None:
         values |= {"exposure_us": result.exposure_us.value, "exposure_sigma_us": result.exposure_us.sigma}
     notes: dict[Key, Any] = {("ledpi", "shutter", key): round(value, 3) for key, value in values.items()}
     kept = change_config(camera_yaml, notes | {("ledpi", "shutter", "measured"): date.today()})
-    typer.echo(f"{camera_yaml}: ledpi.core.shutter written; the older one is kept as {kept}")
+    typer.echo(f"{camera_yaml}: ledpi.shutter written; the older one is kept as {kept}")

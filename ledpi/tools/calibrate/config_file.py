@@ -12,9 +12,16 @@ import yaml
 
 from ledpi.core.errors import CalibrationError
 from ledpi.core.files import read_text
-from ledpi.tools.calibrate.files import write_keeping_old
+from ledpi.tools.calibrate.files import check_writable, write_keeping_old
 
 Key = tuple[str | int, ...]  # ("panels", "overrides", 7, "black_hz")
+
+
+def check_changeable(*files: Path) -> None:
+    """Raises CalibrationError where `change_config` cannot write one of `files`: before the long work, not after it."""
+    if files:
+        _editor()
+    check_writable(*files)
 
 
 def change_config(path: Path, changes: Mapping[Key, Any]) -> Path | None:
@@ -35,11 +42,7 @@ def change_config(path: Path, changes: Mapping[Key, Any]) -> Path | None:
 
 def changed_yaml(text: str, changes: Mapping[Key, Any]) -> str:
     """The text with keys set, by ruamel.yaml, which keeps comments."""
-    try:
-        from ruamel.yaml import YAML
-    except ImportError:
-        raise CalibrationError("ruamel.yaml is not installed: pip install 'ledpi[calibrate]'") from None
-    editor = YAML()
+    editor = _editor()
     editor.preserve_quotes = True
     editor.width = 4096  # no line is broken that was whole
     editor.representer.add_representer(type(None), lambda to, _: to.represent_scalar("tag:yaml.org,2002:null", "null"))
@@ -49,6 +52,14 @@ def changed_yaml(text: str, changes: Mapping[Key, Any]) -> str:
     out = io.StringIO()
     editor.dump(tree, out)
     return out.getvalue()
+
+
+def _editor() -> Any:
+    try:
+        from ruamel.yaml import YAML
+    except ImportError:
+        raise CalibrationError("ruamel.yaml is not installed: pip install 'ledpi[calibrate]'") from None
+    return YAML()
 
 
 def _set(tree: Any, key: Key, value: Any) -> None:

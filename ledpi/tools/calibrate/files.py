@@ -11,14 +11,19 @@ from ledpi.core.files import write_beside
 PICTURE_SUFFIX = ".png"
 
 
-def check_writable(path: Path) -> None:
-    """Raises CalibrationError where `path`, or the picture beside it, cannot be written.
+def check_with_picture(path: Path) -> None:
+    """As `check_writable` of `path` and of the picture beside it."""
+    if path.suffix == PICTURE_SUFFIX:
+        raise CalibrationError(f"{path}: must not end in {PICTURE_SUFFIX}: a picture of that name is written beside it")
+    check_writable(path, picture_beside(path))
+
+
+def check_writable(*files: Path) -> None:
+    """Raises CalibrationError where one of `files` cannot be written.
 
     For what takes long to measure: that would be lost at its end.
     """
-    if path.suffix == PICTURE_SUFFIX:
-        raise CalibrationError(f"{path}: must not end in {PICTURE_SUFFIX}: a picture of that name is written beside it")
-    for file in (path, picture_beside(path)):
+    for file in files:
         _check_is_file(file)
         try:
             write_beside(file, b"").unlink()

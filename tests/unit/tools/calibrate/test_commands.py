@@ -253,6 +253,20 @@ def test_what_moves_or_is_short_is_refused(command: Command, what: str) -> None:
     assert not Path("config.yaml.bak-1").exists()
 
 
+@pytest.mark.parametrize("arguments", [("camera", "pictures"), ("shutter",), ("panel",), ("map", "drive")])
+def test_a_configuration_that_cannot_be_written_is_reported_before_anything_is_measured(
+    command: Command, tmp_path: Path, arguments: tuple[str, ...]
+) -> None:
+    """Nobody makes a file in the kernel's folder that it is in; pictures, camera and drive are not even there."""
+    text = "panels: {side_m: 0.16}\ncamera: {source: 'v4l2:/dev/video99', row_time_us: 30}\n"
+    (tmp_path / "config.yaml").write_text(text)
+    with (tmp_path / "config.yaml").open() as opened:
+        file = f"/proc/self/fd/{opened.fileno()}"
+        status, _, err = command("calibrate", *arguments, "--config", file)
+    assert (status, err) == (2, f"ledpi: {file}: cannot be written: No such file or directory\n")
+    assert (tmp_path / "config.yaml").read_text() == text
+
+
 def test_a_key_is_changed_and_comments_stay() -> None:
     """Also where the section is not there yet."""
     text = changed_yaml(CONFIG, {("camera", "row_time_us"): 31.75, ("serial", "baud"): 9600})

@@ -184,8 +184,11 @@ def test_a_simulated_board_gives_the_simulated_lens(
 
     # Three frames at each of ten places, two of them at rest.
     command("simulate", "take", "--scene", "board", "--frames", "30", "--set", "camera.frame_duration_us=166667")
+    Path("config.yaml").write_text("panels: {side_m: 0.16}\n")
     command("calibrate", "camera", "take")
     captured = capsys.readouterr()
+    assert "no config.yaml was changed; to use it: camera.intrinsics: camera.yaml" in captured.out
+    assert Path("config.yaml").read_text() == "panels: {side_m: 0.16}\n"  # a recording's lens may be any camera's
     assert "0 views; tilt the board: its left side away" in captured.err
     assert "30 pictures, 10 with the board" in captured.out
     deviations = yaml.safe_load(Path("camera.yaml").read_text())["ledpi"]["deviations"]
