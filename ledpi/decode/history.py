@@ -1,12 +1,12 @@
 """The history of a track's panel: a record, and every way in which a frame may change it.
 
 A panel is not read yet (`last` is None), read (`identity`), or was read and is not confirmed at the moment
-(`uninformative` frames since `last`). If it turns out to be another thing, the history starts again; only
-`FrequencySearch` keeps its frames.
+(`uninformative` frames since `last`). If it turns out to be another thing, the history begins again with that frame.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 from ledpi.core.records import Frame, PanelSpec
@@ -54,10 +54,6 @@ class FrequencySearch(NamedTuple):
         observations = (*self.observations[1 - SEARCH_FRAMES :], Observation(samples=samples, frame=frame))
         return self._replace(observations=observations, frames_since_try=self.frames_since_try + 1)
 
-    def keep_newest(self) -> FrequencySearch:
-        """Without the frames before the newest: they may show another panel."""
-        return self._replace(observations=self.observations[-1:], frames_since_try=1)
-
     def mark_failed(self) -> FrequencySearch:
         """After a search that found nothing."""
         return self._replace(frames_since_try=0)
@@ -104,10 +100,14 @@ class History(NamedTuple):
         """With the prediction that follows from `identity`."""
         return self._replace(last=identity._replace(prediction=prediction))
 
-    def add_frame(self, samples: CellSamples, frame: Frame) -> tuple[History, list[Evidence | None]]:
-        """With one more frame in the memories, and what it adds to each. The caller then decides on the identity."""
+    def add_frame(self, samples: CellSamples, frame: Frame, *, searched: bool) -> tuple[History, list[Evidence | None]]:
+        """With one more frame in the memories, and what it adds to each. The caller then decides on the identity.
+
+        `searched`: frequencies are searched for, so the frame itself is kept, too.
+        """
         further, added = zip(*(memory.add_frame(samples, frame) for memory in self.memories), strict=True)
-        return self._replace(memories=further, search=self.search.add_frame(samples, frame)), list(added)
+        search = self.search.add_frame(samples, frame) if searched else self.search
+        return self._replace(memories=further, search=search), list(added)
 
     def identify_as(self, identity: Identity) -> History:
         """The memories show this panel."""
@@ -122,9 +122,16 @@ class History(NamedTuple):
         return self._replace(uninformative=self.uninformative + 1, search=search)
 
     def keep_newest(self) -> History:
-        """Only the newest frame: those before it showed something else, or do not add up."""
+        """Only the newest frame: those before it do not add up, or showed something else at the same frequencies."""
         memories = tuple(PanelMemory(memory.spec).add_frame(*memory.newest)[0] for memory in self.memories)
         return History(memories=memories, search=self.search)
+
+    def begin_again(self, specs: Iterable[PanelSpec]) -> History:
+        """Only the newest frame, and nothing of the frequencies that were found: it shows another panel."""
+        newest = self.memories[0].newest
+        memories = tuple(PanelMemory(spec).add_frame(*newest)[0] for spec in specs)
+        kept = self.search.observations[-1:]
+        return History(memories=memories, search=FrequencySearch(observations=kept, frames_since_try=len(kept)))
 
     def set_search(self, search: FrequencySearch) -> History:
         """The same memories with another `search`."""

@@ -73,6 +73,7 @@ class Reader:
         self, codebooks: Sequence[Codebook], false_id_rate: float, *, search_frequencies: bool = False
     ) -> None:
         self._codebooks = tuple(codebooks)
+        self._specs = tuple(book.spec for book in codebooks)
         self._false_id_rate = false_id_rate
         self._search_frequencies = search_frequencies
 
@@ -98,7 +99,7 @@ class Reader:
         return history.expect(identity, prediction)
 
     def _read_all_frames(self, before: History, samples: CellSamples, frame: Frame) -> Outcome:
-        now, contradicted, gated = _add_frame(before, samples, frame)
+        now, contradicted, gated = self._add_frame(before, samples, frame)
         identity = INNOVATION if gated else self._decide(now, self._false_id_rate)
         if (
             isinstance(identity, Rejected)
@@ -111,7 +112,7 @@ class Reader:
             if isinstance(alone, Identity):
                 now, identity = only, alone
                 if before.last is not None and not _is_same(alone, before.last):
-                    now = now.set_search(now.search.keep_newest())
+                    now = now.begin_again(self._specs)
             elif before.last is not None and not gated:
                 identity = self._confirm_last(now, before.last) or identity
         open_yet = isinstance(identity, Rejected) or now.frames < ADDS_UP_FRAMES or now.search.settling
@@ -131,6 +132,28 @@ class Reader:
         else:
             now = now.clear_identity() if before.last is None or contradicted else _drop_newest(before, now)
         return Outcome(history=now, identity=identity, contradicted=contradicted)
+
+    def _add_frame(self, before: History, samples: CellSamples, frame: Frame) -> Added:
+        """The history with one more frame, and whether that frame passes the innovation gate."""
+        now, added = before.add_frame(samples, frame, searched=self._search_frequencies)
+        last = before.last
+        if last is None:
+            return Added(now)
+        newest, identity = added[last.group], last.reading.cell_bands
+        if contradicts(newest, identity):
+            if now.frames > ADDS_UP_FRAMES and not now.search.settling:
+                # They did add up: what is there now is something else, at any frequencies.
+                return Added(now.begin_again(self._specs), contradicted=True)
+            return Added(now.keep_newest(), contradicted=True)
+        like = (
+            0.0
+            if newest is None
+            else expected_log_likelihood_ratio(newest, identity) / _typical_nats(before.memories[last.group], last)
+        )
+        if like > TYPICAL_SHARE and not last.is_contradicted_by(samples, frame):
+            return Added(now)
+        alone = now.memories[last.group].newest_evidence()
+        return Added(now, gated=not confirms(alone, identity) if like < UNLIKE else contradicts(alone, identity))
 
     def _confirm_last(self, now: History, last: Identity) -> Identity | None:
         """The last identity, if all frames together still support it at the lower odds of the hysteresis."""
@@ -198,29 +221,6 @@ class Reader:
 def _is_same(one: Identity, other: Identity) -> bool:
     """Whether both are the same codeword in the same orientation."""
     return (one.reading.id, one.reading.quarter_turns) == (other.reading.id, other.reading.quarter_turns)
-
-
-def _add_frame(before: History, samples: CellSamples, frame: Frame) -> Added:
-    """The history with one more frame, and whether that frame passes the innovation gate."""
-    now, added = before.add_frame(samples, frame)
-    last = before.last
-    if last is None:
-        return Added(now)
-    newest, identity = added[last.group], last.reading.cell_bands
-    if contradicts(newest, identity):
-        if now.frames > ADDS_UP_FRAMES and not now.search.settling:
-            # They did add up: what is there now is something else, at any frequencies.
-            now = now.set_search(now.search.keep_newest())
-        return Added(now.keep_newest(), contradicted=True)
-    like = (
-        0.0
-        if newest is None
-        else expected_log_likelihood_ratio(newest, identity) / _typical_nats(before.memories[last.group], last)
-    )
-    if like > TYPICAL_SHARE and not last.is_contradicted_by(samples, frame):
-        return Added(now)
-    alone = now.memories[last.group].newest_evidence()
-    return Added(now, gated=not confirms(alone, identity) if like < UNLIKE else contradicts(alone, identity))
 
 
 def _typical_nats(memory: PanelMemory, identity: Identity) -> float:

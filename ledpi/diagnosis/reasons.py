@@ -65,7 +65,7 @@ REASONS: dict[str, Explained] = {
     ),
     "identify.id_not_in_panels_ids": Explained("read, but not one of the panels that exist", "list it in panels.ids"),
     "suppression.same_id": Explained(
-        "one ID in two places; neither is reported", "give each panel an ID of its own; a glossy floor may mirror one"
+        "one ID in several places; none is reported", "give each panel an ID of its own; a glossy floor may mirror one"
     ),
     "suppression.same_panel": Explained("two squares for one panel; the better one is kept", ""),
     "pose.unsolved": Explained("no pose in front of the camera fits the corners", "calibrate the lens"),
@@ -79,8 +79,10 @@ REASONS: dict[str, Explained] = {
     ),
     "fix.panels_contradict": Explained("panels do not hang as the map says", "correct the map"),
     "uemura.no_square": Explained("with decode.method: uemura only: no square", "use likelihood"),
-    "uemura.cell_without_bands": Explained("the same: a cell shows no bands", "use likelihood, or a shorter exposure"),
-    "uemura.not_in_dictionary": Explained("the same: no codeword", "use likelihood"),
+    "uemura.cell_without_bands": Explained(
+        "with decode.method: uemura only: a cell shows no bands", "use likelihood, or a shorter exposure"
+    ),
+    "uemura.not_in_dictionary": Explained("with decode.method: uemura only: no codeword", "use likelihood"),
     "capture.timestamp": Explained("a frame has no time, or one that is not after the last", ""),
     "capture.exposure": Explained("the camera did not expose as asked", "set what the camera can do"),
     "capture.unreadable": Explained("a picture of a recording cannot be read (or truncated, or of the wrong_size)", ""),

@@ -12,6 +12,7 @@ from ledpi.config.panels import PanelSettings
 from ledpi.core.records import CameraInfo, Detection, Frame, Intrinsics, PanelSpec, Quad, Rejected, read_only
 from ledpi.decode.agenda import Agenda
 from ledpi.decode.cells import CellSamples, sample_cells
+from ledpi.decode.history import Identity
 from ledpi.decode.identify import decision
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.locate import Locator
@@ -186,14 +187,14 @@ class LikelihoodPath:
             if isinstance(outcome.identity, Rejected):
                 work.reject(quad.corners_px, outcome.identity)
                 continue
-            detections.append(self._detection(quad, outcome.identity.reading, track))
+            detections.append(self._detection(quad, outcome.identity, track))
         work.add_time("identify", since)
         return detections
 
-    def _detection(self, quad: Quad, reading: decision.Reading, track: Track) -> Detection:
+    def _detection(self, quad: Quad, identity: Identity, track: Track) -> Detection:
         assert quad.covariance_px2 is not None, "the localisation measures it"
-        tuned, velocity = track.history.search.found, track.state.velocity_px_s
-        if tuned is not None and tuned.measured:
+        reading, tuned, velocity = identity.reading, track.history.search.found, track.state.velocity_px_s
+        if tuned is not None and tuned.measured and track.history.memories[identity.group].spec == tuned.spec:
             self.off_frequency[reading.id] = tuned.spec
         return Detection(
             id=reading.id,

@@ -19,7 +19,8 @@ class Results:
     seconds: dict[str, float]  # by stage
     trace: Trace | None
     rejected: list[Rejected] = field(default_factory=list)
-    detections: list[Detection] = field(default_factory=list)
+    detections: list[Detection] = field(default_factory=list)  # all, as what was suppressed still speaks against others
+    suppressed: list[Detection] = field(default_factory=list)
     markers: list[MarkerPose] = field(default_factory=list)
     fix: RobotFix | Rejected | None = None
 
@@ -38,19 +39,21 @@ class Results:
 
         Earlier detections are dropped if they and the new ones cannot both be true.
         """
-        self.detections, dropped = suppress_duplicates([*self.detections, *detections])
+        self.detections += detections
+        known = {id(detection) for detection in self.suppressed}
+        dropped = [(d, why) for d, why in suppress_duplicates(self.detections) if id(d) not in known]
         for detection, why in dropped:
+            self.suppressed.append(detection)
             self.reject(detection.corners_px, why)
-        given = {id(detection) for detection in detections}
-        new = [s for s in self.detections if id(s) in given]
+        gone = {id(detection) for detection in self.suppressed}
+        new = [detection for detection in detections if id(detection) not in gone]
         markers = []
         for detection, placed in zip(new, placer.place(frame, new), strict=True):
             if isinstance(placed, Rejected):
                 self.reject(detection.corners_px, placed)
             else:
                 markers.append(placed)
-        left = {id(detection) for detection in self.detections}
-        self.markers = [m for m in self.markers if id(m.detection) in left] + markers
+        self.markers = [m for m in self.markers if id(m.detection) not in gone] + markers
         if markers or dropped:
             self.fix = placer.fix(frame, self.markers)
         return markers

@@ -88,7 +88,7 @@ class PanelMemory(NamedTuple):
 
     @property
     def effective_frames(self) -> float:
-        """Of how running_mean frames the evidence is, as old ones have faded."""
+        """Of how many frames the evidence is, as old ones have faded."""
         return min(self.frames, 1.0 / (1.0 - FORGETTING))
 
     @property
@@ -131,7 +131,11 @@ class PanelMemory(NamedTuple):
             return total
         if isinstance(total, Rejected):
             return known
-        return known._replace(score=known.score + total.score, information=known.information + total.information)
+        return known._replace(
+            score=known.score + total.score,
+            information=known.information + total.information,
+            residual=known.residual + total.residual,
+        )
 
     def comparison_evidence(self) -> Evidence | None:
         """The evidence of the frames after the first, whatever the panel looks like."""

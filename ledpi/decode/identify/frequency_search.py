@@ -93,10 +93,8 @@ def propose_frequencies(observations: Sequence[Observation], spec: PanelSpec, co
 
 def off_frequency_note(marker_id: int, found: PanelSpec) -> str:
     """A note for the user on a panel that blinks at other frequencies than configured."""
-    observations = " and ".join(f"{hz:.0f}" for hz in found.waves_hz)
-    return (
-        f"panel {marker_id} blinks at about {observations} Hz, not as configured; `ledpi calibrate panel` measures it"
-    )
+    seen_hz = " and ".join(f"{hz:.0f}" for hz in found.waves_hz)
+    return f"panel {marker_id} blinks at about {seen_hz} Hz, not as configured; `ledpi calibrate panel` measures it"
 
 
 def _residuals(observations: Sequence[Observation]) -> tuple[Floats, Floats]:

@@ -13,8 +13,8 @@ SAME_PLACE = Rejected(stage="suppression", reason="same_panel")
 SAME_ID = Rejected(stage="suppression", reason="same_id")
 
 
-def suppress_duplicates(detections: Iterable[Detection]) -> tuple[list[Detection], list[tuple[Detection, Rejected]]]:
-    """The best detection of each panel, and what was dropped. An ID in two places at once is dropped in both."""
+def suppress_duplicates(detections: Iterable[Detection]) -> list[tuple[Detection, Rejected]]:
+    """What is not the best detection of its panel, and an ID that is in several places at once: in all of them."""
     kept: list[Detection] = []
     dropped: list[tuple[Detection, Rejected]] = []
     for detection in sorted(detections, key=lambda s: -s.margin):
@@ -25,4 +25,4 @@ def suppress_duplicates(detections: Iterable[Detection]) -> tuple[list[Detection
             kept.append(detection)
     ids = [s.id for s in kept]
     dropped += [(s, SAME_ID) for s in kept if ids.count(s.id) > 1]
-    return [s for s in kept if ids.count(s.id) == 1], dropped
+    return dropped

@@ -23,9 +23,11 @@ def panel_frame(seq: int, corners: Floats, marker_id: int = 7) -> Frame:
     return canvas.frame(seed=seq, seq=seq)
 
 
+CODEBOOK = Codebook.build(list(range(50)), load_dictionary("DICT_4X4_50"), SPEC)
+
+
 def reader_at(false_id_rate: float) -> Reader:
-    dictionary = load_dictionary("DICT_4X4_50")
-    return Reader([Codebook.build(list(range(50)), dictionary, SPEC)], false_id_rate)
+    return Reader([CODEBOOK], false_id_rate)
 
 
 @pytest.fixture
@@ -58,6 +60,16 @@ def test_a_square_that_was_taken_elsewhere_once_does_not_outlast_its_frame(
     assert isinstance(read, Rejected)
     history, read = further(reader, history, panel_frame(frames + 1, corners), corners)
     assert read_id(read) == 7
+
+
+def test_frames_are_kept_only_where_frequencies_are_searched_for(reader: Reader) -> None:
+    """Else their sum is enough: a track would be ten times as large."""
+    searching = Reader([CODEBOOK], FALSE_ID_RATE, search_frequencies=True)
+    for each, kept in ((reader, False), (searching, True)):
+        history = History.empty((SPEC,))
+        for seq in range(5):
+            history, _ = further(each, history, panel_frame(seq, NEAR), NEAR)
+        assert bool(history.search.observations) is kept
 
 
 def test_while_nothing_adds_up_each_frame_still_speaks_for_itself(reader: Reader) -> None:

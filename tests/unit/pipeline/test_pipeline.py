@@ -198,12 +198,13 @@ def test_a_trace_says_where_something_was_dropped() -> None:
     np.testing.assert_allclose(where, [[450, 300]], atol=1)
 
 
-def test_one_id_in_two_places_is_in_neither() -> None:
+@pytest.mark.parametrize("places", [2, 3, 4, 5])
+def test_one_id_in_several_places_is_in_none(places: int) -> None:
     """Which of them is the one on the map cannot be told; the panel beside them is not affected."""
-    twice = [(square(150, 150, 90), word(7)), (square(450, 150, 110), word(7, 1))]
-    decoded = pipeline().decode(frame_of(*twice, (square(300, 350, 90), word(23))))
+    shown = [(square(90 + 230 * (n % 3), 100 + 250 * (n // 3), 90 + 8 * n), word(7, n % 4)) for n in range(places)]
+    decoded = pipeline().decode(frame_of(*shown, (square(550, 350, 90), word(23))))
     assert ids(decoded) == [23]
-    assert keys(decoded).count("suppression.same_id") == 2
+    assert keys(decoded).count("suppression.same_id") == places
 
 
 def touched_frame(corners: Floats, seq: int = 0, sheet: float = 0.3) -> Frame:
@@ -382,6 +383,23 @@ def test_oscillators_that_are_off_are_found_out(black_hz: float, white_hz: float
     assert found[frames:] == [[7]] * (24 - frames)
     told = path.likelihood.off_frequency[7]
     assert (told.black_hz, told.white_hz) == pytest.approx((black_hz, white_hz), abs=2.0)
+
+
+@pytest.mark.parametrize("side_px", [100, 38])
+def test_frequencies_that_were_found_are_of_one_panel(side_px: int) -> None:
+    """Another one in its place, which blinks as announced, is read as such, and not reported as off."""
+    corners = square(310.3, 240.6, side_px, 4)
+    off = dataclasses.replace(SPEC, black_hz=1262.0, white_hz=2431.0)
+    path = pipeline("panels.search_frequencies=true", stream=True)
+    found = []
+    for n in range(40):
+        marker_id, spec = (7, off) if n < 20 else (23, SPEC)
+        canvas = Canvas()
+        canvas.panel(corners, word(marker_id), light=0.2, spec=spec, start_us=n * PERIOD_US)
+        frame = dataclasses.replace(canvas.frame(n, seq=n), row0_readout_ns=round(1e9 + 1e3 * n * PERIOD_US))
+        found.append(ids(path.decode(frame)))
+    assert (found[19], found[-1]) == ([7], [23])
+    assert list(path.likelihood.off_frequency) == [7]
 
 
 def test_of_an_oscillator_that_is_off_the_phase_may_stand_still() -> None:
