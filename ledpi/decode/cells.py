@@ -61,7 +61,6 @@ class CellSamples:
     valid: Mask | None  # (n·n, k·k), None where all are
     rows: Singles  # (n·n, k·k), picture row of each sample
     cell_px: tuple[float, float]  # width and height of a cell, in pixels
-    sides_px: tuple[complex, complex]  # across and down the panel, in the picture: the mean of opposite sides
     independence: float  # what a sample counts for: less than 1 where its neighbours share its noise
     linear: bool = False  # interpolated by straight lines
 
@@ -85,7 +84,7 @@ def sample_cells(
     On the lattice `like`, where the panel's size still suits it: pictures on one lattice can be compared.
     """
     corners_px = quad.corners_px if quad.lattice_px is None else quad.lattice_px
-    cell_px, sides_px = _sizes_px(corners_px, cells)
+    cell_px = _cell_px(corners_px, cells)
     if not min(cell_px) >= MIN_CELL_PX:
         return TOO_SMALL
     k = min(max(MIN_LATTICE, round(max(cell_px) * (1 - 2 * INSET))), MAX_LATTICE)
@@ -108,18 +107,15 @@ def sample_cells(
         valid=valid,
         rows=rows,
         cell_px=cell_px,
-        sides_px=sides_px,
         independence=min(1.0, variance * cell_px[0] * cell_px[1] * ((1 - 2 * INSET) / k) ** 2),
         linear=saturated,
     )
 
 
-def _sizes_px(corners: Floats, cells: int) -> tuple[tuple[float, float], tuple[complex, complex]]:
-    """`cell_px`, a mean length of opposite sides, and `sides_px` of `CellSamples`."""
+def _cell_px(corners: Floats, cells: int) -> tuple[float, float]:
+    """`cell_px` of `CellSamples`: by the mean length of opposite sides."""
     a, b, c, d = (complex(x, y) for x, y in corners.tolist())
-    top, right, bottom, left = b - a, c - b, c - d, d - a
-    cell_px = (abs(top) + abs(bottom)) / (2 * cells), (abs(right) + abs(left)) / (2 * cells)
-    return cell_px, ((top + bottom) / 2, (right + left) / 2)
+    return (abs(b - a) + abs(c - d)) / (2 * cells), (abs(c - b) + abs(d - a)) / (2 * cells)
 
 
 def _uncovered(hidden: Floats, points: Lattice, cell_px: tuple[float, float], valid: Mask | None) -> Mask | None:

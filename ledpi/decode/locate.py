@@ -160,7 +160,7 @@ class Locator:
         best = max(fits, key=lambda fit: fit.explained if isinstance(fit, Fitted) else -math.inf)
         if isinstance(best, Rejected):
             return best
-        if best.explained < MIN_EXPLAINED:
+        if not best.explained >= MIN_EXPLAINED:
             return MISFIT
         side_px = quad_side(best.corners_px.tolist())
         if not side_px >= smallest_px:
@@ -173,7 +173,7 @@ class Locator:
     def _quad(self, fit: Fitted | Rejected) -> Quad | Rejected:
         if isinstance(fit, Rejected):
             return fit
-        if fit.explained < (MIN_EXPLAINED_HIDDEN if fit.hidden.any() else MIN_EXPLAINED_FINELY):
+        if not fit.explained >= (MIN_EXPLAINED_HIDDEN if fit.hidden.any() else MIN_EXPLAINED_FINELY):
             return MISFIT
         if self._dark_sides(fit).any():
             return MISFIT  # a lattice beside, though none of those tried fits better

@@ -1,7 +1,6 @@
 /* The light of a panel's cells, on a lattice of points in each: `sample_cells` of decode/cells.py. */
 #include <math.h>
 #include <stdlib.h>
-#include <string.h>
 
 #include "core.h"
 #include "kernels.h"

@@ -130,7 +130,7 @@ static LEDPI_INLINE void gather_of(const Evidence *evidence, const double *share
     }
 }
 
-LEDPI_SIMD void ledpi_gather(const Evidence *evidence, const double *shares, double matrix[MOST][MOST], double *right) {
+LEDPI_SIMD static void gather(const Evidence *evidence, const double *shares, double matrix[MOST][MOST], double *right) {
     memset(matrix, 0, sizeof(double) * MOST * MOST);
     memset(right, 0, sizeof(double) * MOST);
     if (evidence->parameters == 4)
@@ -151,7 +151,7 @@ static double exactly(const Evidence *evidence, const float *white, bool negated
             const double is_white = white ? white[c] : 0.0;
             shares[c * parameters + i] = share_of(evidence, negated ? 1.0 - is_white : is_white, i);
         }
-    ledpi_gather(evidence, shares, matrix, right);
+    gather(evidence, shares, matrix, right);
     for (ptrdiff_t i = 0; i < parameters; i++) matrix[i][i] += 1.0 / evidence->prior[i];
     for (ptrdiff_t k = 0; k < parameters; k++) { /* Gauss and Jordan: the matrix becomes its inverse */
         const double pivot = matrix[k][k];

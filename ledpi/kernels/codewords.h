@@ -21,8 +21,6 @@ static inline double share_of(const Evidence *evidence, double white, ptrdiff_t 
 
 /* What all cells that share the bands of a codeword say of these: matrix (parameters, parameters) and right side. `shares`
  * (cells, parameters) are `share_of` each cell and wave. */
-void ledpi_gather(const Evidence *evidence, const double *shares, double matrix[MOST][MOST], double *right);
-
 /* Which cells (cells,) the evidence holds nothing of. Returns how many. */
 ptrdiff_t ledpi_put_erased(const Evidence *evidence, uint8_t *erased);
 

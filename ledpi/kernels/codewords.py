@@ -75,13 +75,13 @@ def rank_codewords(score: Floats, information: Floats, prior: Floats, codewords:
     return Fit.from_output(chosen, erased, numbers, parameters)
 
 
-def class_flip_gains(score: Floats, information: Floats, cell_bands: Floats, other: Floats) -> tuple[Floats, float]:
-    """(cells,) the gain of each cell by bands `other` (cells, P) in place of `cell_bands`; and their `weakest_row`."""
+def class_flip_gains(score: Floats, information: Floats, cell_bands: Floats, other: Floats) -> Floats:
+    """(cells,) the gain of each cell by bands `other` (cells, P) in place of `cell_bands`."""
     cells, parameters = cell_bands.shape
     gain, room = np.empty((2, cells))
     given = (pointer(doubles(array)) for array in (score, information, cell_bands, other))
-    weakest_row: float = lib.ledpi_class_flip_gains(cells, parameters, *given, pointer(gain), pointer(room))
-    return gain, weakest_row
+    lib.ledpi_class_flip_gains(cells, parameters, *given, pointer(gain), pointer(room))
+    return gain
 
 
 def near_pattern_likelihood(

@@ -1,5 +1,4 @@
 /* What each sample of a panel's cells is explained by, and the normal equations of that. */
-#include <math.h>
 #include <string.h>
 
 #include "cells.h"

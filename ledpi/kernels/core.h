@@ -68,14 +68,14 @@ enum { LEDPI_MOST_LEVELS = 10, LEDPI_MOST_SHARES = 2, LEDPI_LIMITS = 18, LEDPI_S
 typedef struct {
     const uint8_t *picture;
     ptrdiff_t height, width, scale, levels, shares;
-    int32_t brighter_than[10], lit_by[2], shortest;
+    int32_t brighter_than[LEDPI_MOST_LEVELS], lit_by[LEDPI_MOST_SHARES], shortest;
 } FindLevel;
 
 /* What is looked for: squares of at least `smallest_px`, of `cells` along a side. */
 typedef struct {
     double smallest_px;
     ptrdiff_t cells;
-    double limits[18]; /* as `Limits` of decode/finding/outlines.py, which explains them */
+    double limits[LEDPI_LIMITS]; /* as `Limits` of decode/finding/outlines.py, which explains them */
 } FindWanted;
 
 /* Squares (most, LEDPI_SQUARE): four corners' x and y, side_px, misfit, tolerance_px; which of them are of different
@@ -83,7 +83,7 @@ typedef struct {
 typedef struct {
     double *squares;
     int64_t *distinct;
-    ptrdiff_t most, count, distinct_count, at_border, not_four_sided, too_small;
+    ptrdiff_t most, distinct_count, at_border, not_four_sided, too_small;
 } FindResult;
 
 ptrdiff_t ledpi_find_room(ptrdiff_t height, ptrdiff_t width);

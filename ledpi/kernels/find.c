@@ -93,7 +93,6 @@ void ledpi_find(const FindLevel *levels, ptrdiff_t count, const FindWanted *want
         find_brighter(level, wanted, room, &squares, found);
         find_lit(level, wanted, room, &squares, found);
     }
-    found->count = squares;
     found->distinct_count = ledpi_distinct((const Square *)found->squares, squares, (const Limits *)wanted->limits, found->distinct);
     found->distinct_count = ledpi_drop_cells((const Square *)found->squares, found->distinct_count, wanted->cells, (const Limits *)wanted->limits,
                                                 found->distinct);

@@ -1,5 +1,4 @@
 /* Between rays and pixels: OpenCV's model of a lens, radial k1 k2 k3 and tangential p1 p2. */
-#include <math.h>
 
 #include "core.h"
 #include "pose.h"

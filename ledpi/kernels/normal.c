@@ -1,5 +1,4 @@
 /* Normal equations: sums of products, and the elimination of what is not asked for. */
-#include <math.h>
 
 #include "normal.h"
 #include "simd.h"

@@ -91,9 +91,6 @@ void ledpi_panel_lines(const Line *lines, const double *along, ptrdiff_t count, 
 void ledpi_panel_sample(const Panel *panel, const View *view, const float *h, const float *unknown, const Lines *across,
                         const Line *down, float v, Samples *out);
 
-/* A wave's value at `cycles`, and its slope per cycle (panel_light.c). */
-double ledpi_wave_at(const float *table, double cycles, double *slope);
-
 /* Squares of the light that bands explain, and that they should. */
 typedef struct {
     double seen, expected;

@@ -264,7 +264,7 @@ static void put_matrix(const Fitting *fit, const Products *products, double *mat
 static bool solve_step(Fitting *fit, Work *work) {
     const ptrdiff_t size = fit->size;
     const double freedom = (double)(work->samples - size);
-    if (!(freedom > 0.0)) return false;
+    if (!(freedom > 0.0) || !isfinite(work->left)) return false;
     fit->variance = fmax(work->left / freedom, 1e-9);
     const double used = fmax(work->used, 1e-12), about_mean = work->light2 - work->light * work->light / used;
     fit->explained = 1.0 - work->left / fmax(work->inside, 1e-12) * used / fmax(about_mean, 1e-12);

@@ -103,17 +103,6 @@ Profile ledpi_panel_profile(const float *unknown, const Line *down) {
     return profile;
 }
 
-double ledpi_wave_at(const float *table, double cycles, double *slope) {
-    double turn = cycles - (double)(ptrdiff_t)cycles; /* what is cut off may be negative */
-    if (turn < 0.0) turn += 1.0;
-    const double at = turn * WAVE_STEPS;
-    ptrdiff_t step = (ptrdiff_t)at;
-    step = step < WAVE_STEPS ? step : WAVE_STEPS - 1;
-    const double here = table[step], next = table[step + 1 < WAVE_STEPS ? step + 1 : 0];
-    *slope = (next - here) * WAVE_STEPS;
-    return here + (at - (double)step) * (next - here);
-}
-
 /* Of eight places: waves there and their slopes, what is predicted, and its slopes by place across and down. */
 typedef struct {
     Eight wave[2], later[2], slope[2];

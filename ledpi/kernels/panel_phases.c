@@ -40,14 +40,22 @@ static float explained(const Sums *s, int a, int b, float both, float ridge) {
     return determinant > 0.0f ? (ya * ya * bb - 2.0f * ya * yb * ab + yb * yb * aa) / determinant : 0.0f;
 }
 
+static float wave_at(const float *table, double cycles) {
+    double turn = cycles - (double)(ptrdiff_t)cycles; /* what is cut off may be negative */
+    if (turn < 0.0) turn += 1.0;
+    const double at = turn * WAVE_STEPS;
+    ptrdiff_t step = (ptrdiff_t)at;
+    step = step < WAVE_STEPS ? step : WAVE_STEPS - 1;
+    const double here = table[step], next = table[step + 1 < WAVE_STEPS ? step + 1 : 0];
+    return (float)(here + (at - (double)step) * (next - here));
+}
+
 static void put_waves(const Panel *panel, const View *view, ptrdiff_t rows, float wave[2][PHASES][MOST_ROWS]) {
     for (int k = 0; k < 2; k++)
         for (int p = 0; p < PHASES; p++)
             for (ptrdiff_t r = 0; r < rows; r++) {
-                double slope;
                 const double row = view->first_y + view->shrink * (double)r;
-                wave[k][p][r] = (float)ledpi_wave_at(panel->waves + k * WAVE_STEPS,
-                                                     0.5 * p / PHASES + row * panel->cycles_a_row[k], &slope);
+                wave[k][p][r] = wave_at(panel->waves + k * WAVE_STEPS, 0.5 * p / PHASES + row * panel->cycles_a_row[k]);
             }
 }
 

@@ -104,7 +104,7 @@ static void step_from(const Look *from, const double step[6], Look *to) {
 
 void ledpi_fit(const Body *body, const Lens *lens, int starts, const Stop *stop, Fit *fits, double *off_px, double *trial_px) {
     Look best[MOST_STARTS], trial;
-    double damping[MOST_STARTS] = {0}, step[MOST_STARTS][6], root[6][6], information[MOST_STARTS][6][6];
+    double damping[MOST_STARTS] = {0}, step[MOST_STARTS][6], root[6][6];
     ptrdiff_t residuals = 2 * body->points;
     for (int k = 0; k < starts; k++) {
         for (int i = 0; i < 9; i++) best[k].rotation[i] = fits[k].rotation[i];
@@ -116,7 +116,6 @@ void ledpi_fit(const Body *body, const Lens *lens, int starts, const Stop *stop,
         bool at_end = true;
         for (int k = 0; k < starts; k++) {
             gain[k] = 0.0;
-            for (int i = 0; i < 36; i++) (&information[k][0][0])[i] = (&best[k].information[0][0])[i];
             factor(best[k].information, damping[k], root);
             solve(root, best[k].pull, step[k]);
             for (int i = 0; i < 6; i++) gain[k] += step[k][i] * best[k].pull[i];
@@ -140,7 +139,7 @@ void ledpi_fit(const Body *body, const Lens *lens, int starts, const Stop *stop,
         for (int i = 0; i < 9; i++) fits[k].rotation[i] = best[k].rotation[i];
         for (int i = 0; i < 3; i++) fits[k].position[i] = best[k].position[i];
         fits[k].chi2 = best[k].chi2;
-        factor(stop->rounds > 0 ? information[k] : best[k].information, 0.0, root);
+        factor(best[k].information, 0.0, root);
         for (int column = 0; column < 6; column++) {
             double unit[6] = {0}, out[6];
             unit[column] = 1.0;

@@ -57,8 +57,6 @@ def _plain(value: Any, arrays: ArrayStore, shared: SharedRecords) -> Any:
         return arrays.add(value)
     if isinstance(value, np.generic):
         return value.item()
-    if isinstance(value, complex):
-        return [value.real, value.imag]
     if isinstance(value, Lattice):
         return value.k
     if isinstance(value, CellSamples | Frame):

@@ -67,7 +67,6 @@ class StateParser:
             valid=node["valid"].optional(lambda valid: valid.array(np.bool_, *shape)),
             rows=node["rows"].array(np.float32, *shape, max_abs=MAX_PX),
             cell_px=node["cell_px"].pair(lambda px: px.real(0.0, MAX_PX)),
-            sides_px=node["sides_px"].pair(_complex),
             independence=node["independence"].real(0.0, 1.0),
             linear=node["linear"].boolean(),
         )
@@ -193,7 +192,3 @@ def _mean(node: Node, bands: int, grid: Lattice) -> Mean:
         count=node["count"].array(np.float32, *shape),
         waves=node["waves"].array(np.float32, bands, *shape),
     )
-
-
-def _complex(node: Node) -> complex:
-    return complex(*node.pair(lambda part: part.real(-MAX_PX, MAX_PX)))

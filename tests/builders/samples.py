@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from ledpi.core.records import Floats, Frame, Intrinsics
+from ledpi.core.records import Floats, Frame, Intrinsics, Mask
 from ledpi.decode.cells import CellSamples, sample_cells
+from ledpi.decode.evidence.evidence import Evidence
 from ledpi.decode.identify.codebook import Codebook
 from ledpi.decode.identify.decision import Reading, read_codeword
 from tests.builders.decode import quad, reason
@@ -21,3 +22,9 @@ def bands_of(frame: Frame, corners: Floats, book: Codebook) -> Floats:
     reading = read_codeword(samples_of(frame, corners), frame, book)
     assert isinstance(reading, Reading), reason(reading)
     return reading.cell_bands
+
+
+def erased_cells(evidence: Evidence) -> Mask:
+    """(16,) the cells of which it holds nothing."""
+    blocks = evidence.own_information
+    return ~blocks.any(axis=(1, 2))

@@ -25,7 +25,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ledpi.core.records import Floats, Frame, Mask, PanelSpec, Rejected
+from ledpi.core.records import Floats, Frame, PanelSpec, Rejected
 from ledpi.decode.cells import CellSamples
 from ledpi.decode.evidence.noise import WHITE, Correlation, lags_of, white_noise_expected
 from ledpi.decode.evidence.waves import band_prior
@@ -55,12 +55,6 @@ class Evidence(NamedTuple):
     prior: Floats  # (P,) expected variance of x
     residual: float  # log-likelihood of what no bands explain; noise if the model is right
     noise: Correlation = WHITE  # of the noise that it was weighed by
-
-    @property
-    def erased(self) -> Mask:
-        """(cells,) the cells of which it holds nothing."""
-        own = self.information.reshape(self.score.size, -1).diagonal().reshape(self.score.shape)
-        return np.asarray(~own.any(axis=1))
 
     @property
     def own_information(self) -> Floats:

@@ -26,12 +26,7 @@ def rank_codewords(evidence: Evidence, white: Singles) -> Fit:
 
 def class_flip_gain(evidence: Evidence, cell_bands: Floats) -> Floats:
     """(cells,) log-likelihood ratio of each cell in the other class to its class in `cell_bands` (cells, P)."""
-    return kernel.class_flip_gains(evidence.score, evidence.information, cell_bands, flip_classes(cell_bands))[0]
-
-
-def weakest_row(evidence: Evidence, cell_bands: Floats) -> float:
-    """Least log odds of a row or column of cells with the bands `cell_bands` (cells, P) to one with none."""
-    return kernel.class_flip_gains(evidence.score, evidence.information, cell_bands, cell_bands)[1]
+    return kernel.class_flip_gains(evidence.score, evidence.information, cell_bands, flip_classes(cell_bands))
 
 
 def near_pattern_likelihood(evidence: Evidence, codeword: Singles, nearest: int, furthest: int) -> float:

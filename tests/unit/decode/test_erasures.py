@@ -30,7 +30,7 @@ from tests.builders.decode import (
     square,
     word,
 )
-from tests.builders.samples import samples_of
+from tests.builders.samples import erased_cells, samples_of
 
 BOOK = Codebook.build(list(range(50)), load_dictionary("DICT_4X4_50"), SPEC)
 PRIOR = band_prior(Canvas().frame(None), SPEC)
@@ -66,14 +66,14 @@ def test_of_a_dead_cell_nothing_is_known_and_of_all_others_something(side: float
     gains[1, 2] = 0.0
     evidence = single_evidence(*shown(7, gains, side, 1), SPEC)
     assert isinstance(evidence, Evidence)
-    assert np.flatnonzero(evidence.erased).tolist() == [6]
+    assert np.flatnonzero(erased_cells(evidence)).tolist() == [6]
 
 
 def test_cells_of_unlike_brightness_are_all_lit() -> None:
     """Down to half of the others' light."""
     evidence = single_evidence(*shown(7, np.random.default_rng(2).uniform(0.5, 1.0, (4, 4)), 60.0, 1), SPEC)
     assert isinstance(evidence, Evidence)
-    assert not evidence.erased.any()
+    assert not erased_cells(evidence).any()
 
 
 def test_a_far_panel_with_a_dead_cell_is_read() -> None:

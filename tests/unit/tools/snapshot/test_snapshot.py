@@ -144,7 +144,6 @@ def samples_of(light: Floats) -> CellSamples:
         valid=None,
         rows=points.v,
         cell_px=(6.0, 6.0),
-        sides_px=(12 + 0j, 12j),
         independence=1.0,
     )
 
