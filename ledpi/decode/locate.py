@@ -8,9 +8,8 @@ import numpy as np
 
 from ledpi.core.geometry import box, project_to_quad, quad_side
 from ledpi.core.records import Floats, Frame, Intrinsics, Mask, PanelSpec, Quad, Rejected
-from ledpi.core.shutter import contrast
 from ledpi.decode.cells import MIN_CELL_PX
-from ledpi.decode.evidence.waves import FAINT_DEPTH
+from ledpi.decode.evidence.waves import FAINT_DEPTH, band_depth
 from ledpi.decode.model.fit import MISFIT, NO_BANDS, UNCERTAIN, Effort, Fitted, Fitter
 from ledpi.decode.model.light import FEWEST_PX, ROUGHLY, Window
 from ledpi.decode.model.prior import BLUR, COMMON, OWN, RIM, SHAPE
@@ -56,7 +55,7 @@ class Locator:
 
     def _from_afar(self, frame: Frame, corners_px: Floats, specs: tuple[PanelSpec, ...]) -> Fitted | Rejected:
         """On a coarse grid, then on a fine one: first with even cells, so that only corners move it, then with all."""
-        depth = self._depth(frame)
+        depth = band_depth(frame, self._specs)
         deep, faint = depth > DEEP, depth <= FAINT_DEPTH
         coarse = Effort(
             rounds=8,
@@ -130,12 +129,9 @@ class Locator:
 
         `known`: the unknowns of its last fit, with its corners in the same order.
         """
-        fine = Effort(rounds=6, reweightings=1, faint=self._depth(frame) <= FAINT_DEPTH)
+        fine = Effort(rounds=6, reweightings=1, faint=band_depth(frame, self._specs) <= FAINT_DEPTH)
         fit = self._fitted(frame, corners_px, fine, self._specs, known)
         return self._quad(fit if known[RIM:SHAPE].max() > MAX_SIGMA else self._best_placed(frame, fit))
-
-    def _depth(self, frame: Frame) -> float:
-        return max(contrast(hz, frame.exposure_us, s.duty) for s in self._specs for hz in s.waves_hz) / 2.0
 
     def _fitted(
         self,
@@ -153,7 +149,7 @@ class Locator:
         window = Window.crop(frame, corners_px, REACH, fewest_px)
         if window is None:
             return NO_LIGHT
-        lit, depth = 1.0 + MAX_ROOM_LIGHT, self._depth(frame)
+        lit, depth = 1.0 + MAX_ROOM_LIGHT, band_depth(frame, self._specs)
         if effort.roughly and effort.phasing and window.dimmed > (lit - depth) / (lit + depth) * window.bright:
             return NO_BANDS
         fits = [self._fitter.fit(frame, window, corners_px, spec, effort, known) for spec in specs]

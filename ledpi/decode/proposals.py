@@ -12,8 +12,8 @@ import numpy as np
 
 from ledpi.core.geometry import corners_apart, quad_side
 from ledpi.core.records import CameraInfo, Floats, Frame, PanelSpec, Rejected
-from ledpi.core.shutter import contrast
 from ledpi.decode.cells import MIN_CELL_PX
+from ledpi.decode.evidence.waves import band_depth
 from ledpi.decode.finding.lattices import LatticeFinder
 from ledpi.decode.finding.outlines import Finder
 
@@ -66,8 +66,7 @@ class Proposer:
 
     def _band_rows(self, frame: Frame) -> int | None:
         """Rows of the longest dark band, where bands are so deep that they cut a panel into pieces."""
-        depths = [contrast(hz, frame.exposure_us, spec.duty) / 2.0 for spec in self._specs for hz in spec.waves_hz]
-        if max(depths) < DEEP:
+        if band_depth(frame, self._specs) <= DEEP:
             return None
         slowest = min(hz for spec in self._specs for hz in spec.waves_hz)
         return 1 + math.ceil(0.5e6 / (slowest * frame.row_time_us))

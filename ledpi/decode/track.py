@@ -155,48 +155,24 @@ class Tracker:
             if t.state.seen_ns == self._now_ns
         )
 
-    def _new_quads(self, quads: list[Quad]) -> list[Quad]:
-        """The quads that this frame has not shown before; of two that share most of their place what leaves less."""
-        found, places = list[Quad](), list[Place]()
-        for quad in quads:
-            place = _place(quad.corners_px)
-            if self.is_followed(quad.corners_px) or _is_near_any(place, places):
-                continue
-            rivals = [t for t in self._tracks if t.state.seen_ns == self._now_ns and _share_place(place, t.place)]
-            if all(quad.residual < t.state.residual for t in rivals):
-                self._tracks = [t for t in self._tracks if t not in rivals]
-                found.append(quad)
-                places.append(place)
-        return found
+    def associate(self, quad: Quad) -> tuple[Quad, Track] | None:
+        """Data association: the nearest track that the quad continues, or one that it begins; its corners in its order.
 
-    def associate(self, quads: list[Quad]) -> list[tuple[Quad, Track]]:
-        """Data association: each quad with the track that it continues or begins, its corners in the track's order.
-
-        Nearest pairs come first and no track is used twice, so that neighbours do not swap. A square that this frame
-        has already shown, or to which two candidates have led, is used once.
+        None for what this frame has shown before: of two that share most of their place that stays which leaves less.
         """
-        quads = self._new_quads(quads)
+        place = _place(quad.corners_px)
+        rivals = [t for t in self._tracks if t.state.seen_ns == self._now_ns and _share_place(place, t.place)]
+        if self.is_followed(quad.corners_px) or any(quad.residual >= t.state.residual for t in rivals):
+            return None
+        self._tracks = [t for t in self._tracks if t not in rivals]
         unseen = [t for t in self._tracks if t.state.seen_ns != self._now_ns]
-        pairs = [
-            (distance, i, j)
-            for i, quad in enumerate(quads)
-            for j, track in enumerate(unseen)
-            if (distance := _distance(quad, track, self._now_ns)) is not None
-        ]
-        partner: dict[int, int] = {}
-        for _, i, j in sorted(pairs):
-            if i not in partner and j not in partner.values():
-                partner[i] = j
-        followed = []
-        for i, quad in enumerate(quads):
-            if i in partner:
-                track = unseen[partner[i]]
-                quad = self._update(track, quad)
-            else:
-                track = Track(TrackState.from_quad(quad, self._now_ns), self._no_frame)
-                self._tracks.append(track)
-            followed.append((quad, track))
-        return followed
+        apart = [(distance, t) for t in unseen if (distance := _distance(quad, t, self._now_ns)) is not None]
+        if apart:
+            _, track = min(apart, key=lambda pair: pair[0])
+            return self._update(track, quad), track
+        track = Track(TrackState.from_quad(quad, self._now_ns), self._no_frame)
+        self._tracks.append(track)
+        return quad, track
 
     def _update(self, track: Track, quad: Quad) -> Quad:
         """The quad in the track's order, once the track's state has it."""

@@ -127,10 +127,10 @@ class LikelihoodPath:
             quad = self._localise(frame, candidate, work)
             found: list[Detection] = []
             if not isinstance(quad, Rejected):
-                associated = self._tracker.associate([quad])
-                if not associated:
+                associated = self._tracker.associate(quad)
+                if associated is None:
                     work.reject(candidate.corners_px, SAME_PLACE)
-                sampled = self._sample(frame, associated, sampled_squares, work)
+                sampled = self._sample(frame, [associated] if associated else [], sampled_squares, work)
                 found = self._identify(frame, sampled, work)
                 yield found
             if not self._stream and not found and (quad is MISFIT or isinstance(quad, Quad)):

@@ -22,6 +22,11 @@ FULL_DEPTH = 0.5  # bands as deep as this outshine all noise
 FAINT_DEPTH, MOST_HARMONIC = 0.1, 0.2
 
 
+def band_depth(frame: Frame, specs: Sequence[PanelSpec]) -> float:
+    """Of the deepest bands that this exposure leaves of any of these panels, over the mean light."""
+    return max(shutter.contrast(hz, frame.exposure_us, spec.duty) for spec in specs for hz in spec.waves_hz) / 2.0
+
+
 def band_prior(frame: Frame, spec: PanelSpec) -> Floats:
     """(P,) variance of each wave's cosine and sine: a depth whose mean square is the expected one, in any phase."""
     return _prior_of(frame.exposure_us, spec.waves_hz, spec.duty).copy()

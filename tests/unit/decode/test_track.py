@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ledpi.core.records import Floats
+from ledpi.core.records import Floats, Quad
 from ledpi.decode.history import Identity
 from ledpi.decode.identify.decision import Reading
 from ledpi.decode.track import Track, Tracker
@@ -26,10 +26,14 @@ SHOWN = Identity(
 def follow(tracker: Tracker, number: int, *corners: Floats) -> list[Track]:
     """The track of each square of frame `number`, in the order of the squares."""
     tracker.begin_frame(number * FRAME_NS)
-    followed = tracker.associate([quad(c) for c in corners])
-    assert len(followed) == len(corners)
-    by_place = {tuple(q.corners_px.mean(axis=0).round(6)): track for q, track in followed}
-    return [by_place[tuple(c.mean(axis=0).round(6))] for c in corners]
+    return [track_of(tracker, quad(c)) for c in corners]
+
+
+def track_of(tracker: Tracker, found: Quad) -> Track:
+    """That a square continues or begins; it must be new in this frame."""
+    followed = tracker.associate(found)
+    assert followed is not None
+    return followed[1]
 
 
 @pytest.fixture
@@ -102,12 +106,11 @@ def test_two_squares_side_by_side_do_not_swap(tracker: Tracker) -> None:
     assert follow(tracker, 2, square(257, 200, 40), square(212, 200, 40)) == [right, left]
 
 
-def test_a_track_is_continued_once(tracker: Tracker) -> None:
-    """Of two squares near its place the nearer one continues it, the other begins a track of its own."""
-    (first,) = follow(tracker, 1, PLACE)
-    further, nearer = follow(tracker, 2, square(315, 200, 60), square(303, 200, 60))
-    assert nearer is first
-    assert further is not first
+def test_a_square_continues_the_nearest_track(tracker: Tracker) -> None:
+    """Of two whose places it may come from; and each of them once."""
+    first, second = follow(tracker, 1, PLACE, square(334, 200, 60))
+    assert follow(tracker, 2, square(319, 200, 60)) == [second]
+    assert follow(tracker, 3, square(319, 200, 60), square(280, 200, 60)) == [second, first]
 
 
 @pytest.mark.parametrize(("height", "goes_on"), [(1.0, True), (0.85, True), (0.7, False)])
@@ -122,11 +125,12 @@ def test_a_square_that_is_a_third_lower_at_once_is_another(tracker: Tracker, hei
 def test_corners_keep_the_tracks_order(tracker: Tracker) -> None:
     """A square that turns past 45° is found from another corner on, but its corners stay what they were."""
     tracker.begin_frame(FRAME_NS)
-    tracker.associate([quad(square(300, 200, 60, 42))])
+    tracker.associate(quad(square(300, 200, 60, 42)))
     found = square(300, 200, 60, 48)
     tracker.begin_frame(2 * FRAME_NS)
-    ((followed, _),) = tracker.associate([quad(np.roll(found, 1, axis=0))])
-    np.testing.assert_allclose(followed.corners_px, found)
+    followed = tracker.associate(quad(np.roll(found, 1, axis=0)))
+    assert followed is not None
+    np.testing.assert_allclose(followed[0].corners_px, found)
 
 
 def test_as_many_tracks_come_back_as_squares_went_in(tracker: Tracker) -> None:
@@ -141,16 +145,18 @@ def test_a_square_is_not_followed_twice(tracker: Tracker) -> None:
     (first,) = follow(tracker, 1, PLACE)
     tracker.begin_frame(2 * FRAME_NS)
     assert tracker.continue_track(first, quad(PLACE)) is not None
-    ((_, beside),) = tracker.associate([quad(PLACE + 0.1), quad(square(400, 200, 60))])
+    assert tracker.associate(quad(PLACE + 0.1)) is None
+    beside = track_of(tracker, quad(square(400, 200, 60)))
     assert beside is not first
     tracker.begin_frame(3 * FRAME_NS)
     assert tracker.unread_tracks() == [beside, first]
 
 
 def test_two_candidates_for_one_square_make_one_track(tracker: Tracker) -> None:
-    """A bezel and the panel within it lead to the same square, to a hundredth of a pixel; what is larger is another."""
+    """A bezel and the panel within it lead to the same square, to a hundredth of a pixel."""
     tracker.begin_frame(FRAME_NS)
-    assert len(tracker.associate([quad(PLACE), quad(PLACE + 0.01), quad(square(300, 200, 66))])) == 2
+    track_of(tracker, quad(PLACE))
+    assert tracker.associate(quad(PLACE + 0.01)) is None
 
 
 # Four columns, of which three are PLACE; and a bezel around it.
@@ -161,11 +167,11 @@ AROUND_PLACE = [np.array([[270.0, 170], [350, 170], [350, 230], [270, 230]]), sq
 def test_a_square_that_was_not_read_does_not_hide_one_around_it(tracker: Tracker, around: Floats) -> None:
     """It may be a part of a panel; a candidate a pixel off leads to it again. Of both that is one which leaves less."""
     tracker.begin_frame(FRAME_NS)
-    ((_, first),) = tracker.associate([replace(quad(PLACE), residual=0.02)])
+    first = track_of(tracker, replace(quad(PLACE), residual=0.02))
     assert tracker.is_followed(PLACE + 1.0)
     assert not tracker.is_followed(around)
-    assert tracker.associate([replace(quad(around), residual=0.03)]) == []
-    ((_, other),) = tracker.associate([replace(quad(around), residual=0.01)])
+    assert tracker.associate(replace(quad(around), residual=0.03)) is None
+    other = track_of(tracker, replace(quad(around), residual=0.01))
     tracker.begin_frame(2 * FRAME_NS)
     assert tracker.unread_tracks() == [other] != [first]
 
@@ -176,26 +182,27 @@ def test_a_panel_that_was_read_hides_what_is_around_it(tracker: Tracker, around:
     (first,) = follow(tracker, 1, PLACE)
     first.history = first.history.identify_as(SHOWN)
     assert tracker.is_followed(around)
-    assert tracker.associate([quad(around)]) == []
+    assert tracker.associate(quad(around)) is None
 
 
 def test_tracks_that_meet_become_one(tracker: Tracker) -> None:
     """Of a bezel and the panel within it, say, one of which had been told wrongly before."""
-    first, second = follow(tracker, 1, PLACE, square(302, 200, 66))
+    first, second = follow(tracker, 1, PLACE, square(302, 200, 78))
     tracker.begin_frame(2 * FRAME_NS)
-    assert tracker.continue_track(first, quad(PLACE)) is not None
-    assert tracker.continue_track(second, quad(PLACE + 0.01)) is None
+    between = square(301, 200, 68)
+    assert tracker.continue_track(first, quad(between)) is not None
+    assert tracker.continue_track(second, quad(between + 0.01)) is None
     tracker.begin_frame(3 * FRAME_NS)
     assert tracker.unread_tracks() == [first]
 
 
 def test_what_overlaps_a_panel_is_followed_no_longer(tracker: Tracker) -> None:
     """However much older it is: a part of the panel, or what is around it."""
-    _, second = follow(tracker, 1, PLACE, square(302, 200, 66))
+    _, second = follow(tracker, 1, PLACE, square(302, 200, 78))
     second.history = second.history.identify_as(SHOWN)
     tracker.begin_frame(2 * FRAME_NS)
     assert tracker.read_tracks() == [second]
-    assert tracker.continue_track(second, quad(square(302, 200, 66))) is not None
+    assert tracker.continue_track(second, quad(square(302, 200, 78))) is not None
     assert tracker.unread_tracks() == []
 
 
