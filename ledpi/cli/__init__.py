@@ -16,7 +16,7 @@ os.environ.setdefault("OPENCV_FOR_THREADS_NUM", "1")
 # What is wrong with a picture is said by ledpi, in one line.
 os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
 # It decodes no picture that is larger: of any format, and before it asks for the memory.
-os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", "25000000")  # the square of config_values.MAX_SIDE_PX
+os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", "25000000")  # the square of config.values.MAX_SIDE_PX
 
 import typer
 
@@ -29,7 +29,10 @@ _CommandLineError: type[Exception] = typer.BadParameter.__mro__[1]
 
 app = typer.Typer(
     name="ledpi",
-    help="The lighting is the marker: reads blinking LED panels with a rolling-shutter camera.",
+    help="""The lighting is the marker: reads blinking LED panels with a rolling-shutter camera.
+
+    Example: ledpi run --set camera.source=simulated --set serial.port=/tmp/robot
+    """,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,

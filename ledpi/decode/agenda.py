@@ -33,9 +33,9 @@ class Agenda:
         return due
 
     def schedule(self, candidates: list[Candidate]) -> list[Candidate]:
-        """The best candidates and those whose turn it is, in alternation: new places, then those tried longest ago.
+        """The first candidates and those whose turn it is, in alternation: new places, then those tried longest ago.
 
-        `candidates` come best first. Places without a candidate are forgotten.
+        `candidates` come in the order in which a frame by itself would try them. Places without a candidate are forgotten.
         """
         if not candidates:
             self.middles, self.turns = self.middles[:0], self.turns[:0]

@@ -2,9 +2,9 @@
 
 A codeword of the dictionary says which cells carry which class, so its likelihood is that of *one* fit to the whole
 panel: no cell is ever decided alone. Depth and phase are not known beforehand; they are integrated out under a
-Gaussian whose width is the depth that the exposure leaves of a square wave (`shutter.harmonic_amplitude`). Three
-alternatives are weighed against the best codeword: no bands at all, the best other ID, and all patterns that are no
-codeword.
+Gaussian whose width is the depth that the exposure leaves of a square wave (`shutter.harmonic_amplitude`). The best
+codeword must win against its alternatives: no bands at all, the best other ID, all patterns that are no codeword, and
+one class in all cells.
 
 On an antiphase panel a codeword and its negative are one pattern, half a cycle apart; only codewords that differ
 from all others' negatives are in its `Codebook`.
