@@ -32,7 +32,7 @@ def open_camera(
         recording = load_recording_with(config, Path(place))
         return RecordingCamera(recording, paced=paced, loop=frames is not None, frames=frames)
     if frames is not None or not paced:
-        raise CameraError(f"camera.source: {kind} has its own pace and no end; must be a replay")
+        raise CameraError(f"--frames, --unpaced: only for camera.source: simulated or recording:PATH, not {kind}")
     from ledpi.camera.recovering import RecoveringCamera
 
     device = partial(_open_device, config, kind, place)

@@ -87,5 +87,5 @@ def read_grey(path: Path) -> Pixels:
     except cv2.error:
         picture = None
     if picture is None:
-        raise CalibrationError(f"{path}: is not a picture that can be decoded; remove it from the folder")
+        raise CalibrationError(f"{path}: is not a picture that can be decoded")
     return np.asarray(picture, dtype=np.uint8)

@@ -34,6 +34,8 @@ def sort_out(paths: list[Path]) -> tuple[list[tuple[str, Path]], list[Path]]:
             pictures.append(path)
         elif path.is_file():
             raise RecordingError(f"{path}: is no picture ({', '.join(sorted(SUFFIXES))}) and no folder")
+        elif path.exists():
+            raise RecordingError(f"{path}: is a pipe, a device or the like; must be a picture or a folder")
         else:
             raise RecordingError(f"{path}: no such file or folder")
     return recordings, pictures

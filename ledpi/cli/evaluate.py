@@ -68,7 +68,9 @@ def evaluate(
         None, min=1, help="Of each condition: takes that are judged; of decoys, frames. Default: 300; of wild, 400."
     ),
     seed: int = typer.Option(1, min=0, help="Decides all that is random: the same seed, the same results."),
-    exposure_us: list[float] = typer.Option([], min=1, help="May be repeated. Default: 10000 and 150; robustness: 10000."),
+    exposure_us: list[float] = typer.Option(
+        [], min=1, help="May be repeated. Default: 10000 and 150; robustness: 10000."
+    ),
     transfer: list[TransferName] = typer.Option([TransferName.SRGB], help="May be repeated."),
     distance: list[float] = typer.Option([], min=0.05, max=1000, help="In place of the suite's own, in metres."),
     angle: list[float] = typer.Option([], min=-88, max=88, help="In place of the suite's own, in degrees."),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -138,8 +137,8 @@ def _check(task: Task, settings: Config, pair: tuple[float, float]) -> None:
     from ledpi.tools.panel.verdict import findings
 
     black_hz, white_hz = pair
-    if not (0 < black_hz < math.inf and 0 < white_hz < math.inf):
-        raise ConfigError(f"--check {black_hz:g} {white_hz:g}: frequencies must be positive")
+    if not all(10 <= hz <= 100_000 for hz in pair):  # as in the configuration
+        raise ConfigError(f"--check {black_hz:g} {white_hz:g}: must be of 10 to 100000 Hz")
     rows = auto_rows(task, pair)
     found = findings(task, black_hz, white_hz, rows, settings.panels.phase)
     if any(finding.unusable for finding in found):

@@ -93,7 +93,7 @@ def _plan(
 
     spec, camera = settings.panels.spec(marker_id), settings.camera
     if (phase or spec.phase) == PhaseName.ANTIPHASE:  # one frequency is enough
-        black, white = (black if white is None else white), (white if black is None else black)
+        black, white = (white if black is None else black), (black if white is None else white)
     try:
         spec = replace(
             spec,

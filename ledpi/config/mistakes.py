@@ -6,6 +6,7 @@ import difflib
 from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
 
 from ledpi.core.errors import LedpiError
 from ledpi.core.wording import shortened, shortened_name
@@ -18,11 +19,14 @@ _WORDING = {
     "int_parsing": "must be a whole number",
     "int_from_float": "must be a whole number",
     "string_type": "must be text",
-    "string_too_short": "is too short: must have 12 characters or more",
     "string_pattern_mismatch": "must be letters, digits and any of . _ ~ + / = -",
     "path_type": "must be a path",
     "bool_type": "must be true or false",
     "list_type": "must be a list",
+    "tuple_type": "must be a list, as in [7, 23]",
+    "too_short": "must not be empty",
+    "date_parsing": "must be a date, as in 2026-11-25",
+    "date_from_datetime_parsing": "must be a date, as in 2026-11-25",
     "model_type": "must be a section",
     "dict_type": "must be a mapping from IDs, as in {7: {side_m: 0.3}}",
 }
@@ -59,11 +63,18 @@ def explain(error: ValidationError, model: type[BaseModel]) -> str:
     elif first["type"] == "missing":
         text = f"{key}: must be given (it has no default)"
     else:
-        message = first["msg"].removeprefix("Value error, ").replace("Input should be", "must be")
-        auto = " or auto" if branch == "number" else ""
-        text = f"{key}: {_WORDING.get(first['type'], message)}{auto}, not {shortened(first['input'])}"
+        auto, given = " or auto" if branch == "number" else "", first["input"]
+        text = f"{key}: {_wording(first)}{auto}, not {'null' if given is None else shortened(given)}"
     others = len(problems) - 1
     return text + (f" (and {others} more)" if others > 0 else "")
+
+
+def _wording(problem: ErrorDetails) -> str:
+    if problem["type"] == "string_too_short":
+        least = problem["ctx"]["min_length"]
+        return "must not be empty" if least == 1 else f"is too short: must have {least} characters or more"
+    message = problem["msg"].removeprefix("Value error, ").replace("Input should be", "must be")
+    return _WORDING.get(problem["type"], message)
 
 
 def _section_at(model: type[BaseModel], location: tuple[int | str, ...]) -> type[BaseModel]:

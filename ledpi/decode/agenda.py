@@ -35,7 +35,7 @@ class Agenda:
     def schedule(self, candidates: list[Candidate]) -> list[Candidate]:
         """The first candidates and those whose turn it is, in alternation: new places, then those tried longest ago.
 
-        `candidates` come in the order in which a frame by itself would try them. Places without a candidate are forgotten.
+        `candidates` come as a frame by itself would try them. Places without a candidate are forgotten.
         """
         if not candidates:
             self.middles, self.turns = self.middles[:0], self.turns[:0]

@@ -294,7 +294,10 @@ def complaint(
         (["--set", "panels.side_m=1", "--set", "serial.prot=x"], "serial.prot: unknown key; did you mean port?"),
         (["--set", "panels.side_m=1", "--set", "camera.source=recording:gone"], "gone/recording.yaml: is missing"),
         (["--set", "camera.source=simulated", "--set", "camera.intrinsics=gone.yaml"], "gone.yaml: cannot be read"),
-        (["--set", "panels.side_m=1", "--unpaced"], "camera.source: picamera2 has its own pace"),
+        (
+            ["--set", "panels.side_m=1", "--unpaced"],
+            "--frames, --unpaced: only for camera.source: simulated or recording:PATH, not picamera2",
+        ),
         (["--set", "panels.side_m=1", "--set", "camera.source=v4l2:/dev/null"], "camera.row_time_us: must be a number"),
     ],
 )

@@ -47,6 +47,9 @@ class ResultsFolder:
             raise ConfigError(f"{path}: is no JSON; remove the folder, or give another --out") from None
         if not isinstance(there, dict):
             raise ConfigError(f"{path}: must be settings; remove the folder, or give another --out")
+        if there.keys() == settings.keys() and [*self.path.iterdir()] == [path]:  # it ended before its first unit
+            path.write_text(json.dumps(settings, indent=1) + "\n", encoding="utf-8")
+            return
         for key in settings:
             if there.get(key) != settings[key]:
                 raise ConfigError(

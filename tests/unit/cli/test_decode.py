@@ -345,6 +345,7 @@ def test_a_broken_recording_among_whole_ones_is_reported_before_anything_is_prin
     ("name", "message"),
     [
         ("nowhere", "nowhere: no such file or folder"),
+        ("/dev/null", "/dev/null: is a pipe, a device or the like; must be a picture or a folder"),
         ("empty", "empty: holds no recording"),
         ("notes.txt", "notes.txt: is no picture"),
     ],

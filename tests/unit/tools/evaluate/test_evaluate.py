@@ -109,6 +109,16 @@ def test_other_settings_go_to_another_folder() -> None:
         run("evaluate", "--out", "mine", *SMALL)
 
 
+def test_a_run_that_ended_before_its_first_unit_blocks_nothing() -> None:
+    """Its folder has no results that others could be mixed with."""
+    run("evaluate", "--out", "out", *SMALL, "--method", "aruco")
+    for path in Path("out").iterdir():
+        if path.name != "settings.json":
+            path.unlink()
+    run("evaluate", "--out", "out", *SMALL, "--method", "aruco", "--seed", "2")
+    assert json.loads(Path("out/settings.json").read_text())["seed"] == 2
+
+
 def test_the_page_shows_tables_plots_and_the_command() -> None:
     """Beside every table the command that gives it again; each picture that is linked is there."""
     run("evaluate", "--out", "out", *SMALL, "--angle", "45", "--method", "aruco", "--roll")

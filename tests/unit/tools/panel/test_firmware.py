@@ -142,6 +142,7 @@ def test_an_id_that_cannot_be_told_in_antiphase_is_refused() -> None:
         (["--black", "1000"], r"black_hz: 1000 Hz flickers: .* from 1250 Hz on; the nearest good one is 1253.33 Hz"),
         (["--white", "25000"], r"white_hz: 25000 Hz leaves the interrupts no time; the nearest is 20000.0000 Hz"),
         (["--phase", "antiphase"], "--black, --white, --phase: .* must be equal, not 1250 and 2450"),
+        (["--phase", "antiphase", "--black", "1300", "--white", "1400"], "must be equal, not 1300 and 1400"),
         (["--phase", "antiphase", "--black", "1300"], "black_hz: 1300 Hz is on a null"),
         (["--white", "inf"], "white_hz: a frequency must be positive and finite, not inf"),
         (["--white", "-5"], "black_hz and white_hz must be positive"),
