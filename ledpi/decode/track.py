@@ -158,13 +158,17 @@ class Tracker:
     def associate(self, quad: Quad) -> tuple[Quad, Track] | None:
         """Data association: the nearest track that the quad continues, or one that it begins; its corners in its order.
 
-        None for what this frame has shown before: of two that share most of their place that stays which leaves less.
+        None for what this frame has shown before. Panels hide what is behind them, so of two squares about one middle
+        that stays which leaves less; but a smaller one drops no larger one, as each of a panel's cells is even.
         """
         place = _place(quad.corners_px)
-        rivals = [t for t in self._tracks if t.state.seen_ns == self._now_ns and _share_place(place, t.place)]
-        if self.is_followed(quad.corners_px) or any(quad.residual >= t.state.residual for t in rivals):
+        rivals = [t for t in self._tracks if t.state.seen_ns == self._now_ns and _overlap(place, t.place)]
+        at_most, at_least = place[1] * MAX_GROWTH, place[1] / MAX_GROWTH
+        is_beaten = any(t.place[1] > at_least and quad.residual >= t.state.residual for t in rivals)
+        if self.is_followed(quad.corners_px) or is_beaten:
             return None
-        self._tracks = [t for t in self._tracks if t not in rivals]
+        beaten = [t for t in rivals if t.place[1] < at_most and quad.residual < t.state.residual]
+        self._tracks = [t for t in self._tracks if t not in beaten]
         unseen = [t for t in self._tracks if t.state.seen_ns != self._now_ns]
         apart = [(distance, t) for t in unseen if (distance := _distance(quad, t, self._now_ns)) is not None]
         if apart:
@@ -183,10 +187,6 @@ class Tracker:
 
 def _overlap(one: Place, other: Place) -> bool:
     return math.dist(one[0], other[0]) < OVERLAP * max(one[1], other[1])
-
-
-def _share_place(one: Place, other: Place) -> bool:
-    return _overlap(one, other) and max(one[1], other[1]) < MAX_GROWTH * min(one[1], other[1])
 
 
 def _place(corners_px: Floats) -> Place:

@@ -176,6 +176,18 @@ def test_a_square_that_was_not_read_does_not_hide_one_around_it(tracker: Tracker
     assert tracker.unread_tracks() == [other] != [first]
 
 
+def test_a_part_that_leaves_more_than_the_whole_is_no_panel(tracker: Tracker) -> None:
+    """Half of a panel, found before the whole and after it; what leaves less, as a single even cell may, stays too."""
+    part, whole, cell = square(300, 215, 38), square(300, 200, 60), square(310, 210, 20)
+    tracker.begin_frame(FRAME_NS)
+    track_of(tracker, replace(quad(part), residual=0.02))
+    panel = track_of(tracker, replace(quad(whole), residual=0.01))
+    assert tracker.associate(replace(quad(part), residual=0.02)) is None
+    beside = track_of(tracker, replace(quad(cell), residual=0.005))
+    tracker.begin_frame(2 * FRAME_NS)
+    assert tracker.unread_tracks() == [beside, panel]
+
+
 @pytest.mark.parametrize("around", AROUND_PLACE)
 def test_a_panel_that_was_read_hides_what_is_around_it(tracker: Tracker, around: Floats) -> None:
     """Its ID is known, and so is where it is."""
