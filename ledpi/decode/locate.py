@@ -26,6 +26,7 @@ MIN_EXPLAINED, MIN_EXPLAINED_FINELY = 0.5, 0.9
 # And where something seems to hide a side less than a fifth, as a lattice that is a part of a cell off looks so, too.
 MIN_EXPLAINED_HIDDEN = 0.96
 MAX_SIGMA = 1.0 / 8.0  # of a cell: further off, slopes no longer tell what a shift does to a cell's light
+LEAST_HIDDEN = MAX_SIGMA  # of a cell: a lattice that is off by less is not another one
 # Where bands are not deep, a coarse fit is of as few pixels as its grid has lines: its blur is theirs. The next begins
 # with a little more than a lens has, as what is blurred more is found from further off.
 START_BLUR_PX = 1.2
@@ -111,7 +112,7 @@ class Locator:
     def _beside(self, fit: Fitted) -> list[Floats]:
         """Lattices (4, 2) that look like one with a hidden side or a dark row: moved by as much, or shorter by it."""
         n, is_dark = self._cells, self._dark_sides(fit)
-        if fit.explained < MIN_EXPLAINED_FINELY or not (fit.hidden.max() >= MAX_SIGMA or is_dark.any()):
+        if fit.explained < MIN_EXPLAINED_FINELY or not (fit.hidden.max() >= LEAST_HIDDEN or is_dark.any()):
             return []
         above, right, below, left = (np.where(is_dark, 1.0, fit.hidden) / n).tolist()
         across, down = left - right, above - below
@@ -131,7 +132,7 @@ class Locator:
         """
         fine = Effort(rounds=6, reweightings=1, faint=band_depth(frame, self._specs) <= FAINT_DEPTH)
         fit = self._fitted(frame, corners_px, fine, self._specs, known)
-        return self._quad(fit if known[RIM:SHAPE].max() > MAX_SIGMA else self._best_placed(frame, fit))
+        return self._quad(fit if known[RIM:SHAPE].max() > LEAST_HIDDEN else self._best_placed(frame, fit))
 
     def _fitted(
         self,

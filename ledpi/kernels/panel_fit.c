@@ -23,7 +23,7 @@ enum {
 #define SHALLOW 0.25 /* of the squares that bands should explain */
 #define NATS_NEEDED 11.3
 #define MOST_SIGHT 6.0 /* steps aside for one inwards: from 80° aside */
-static const double MOST_SIGMA = 1.0;
+static const double MOST_BLUR_CELLS = 1.0;
 /* Unknowns stay where the equation means something: the blur within 0.4 … 2 px, other lengths in cells. */
 static const struct {
     ptrdiff_t at, count;
@@ -100,7 +100,7 @@ static void put_lines(const Fitting *fit, const double h[9], Work *work) {
             const double a_pixel = n / area, spread[2] = {exp(unknown[BLUR] + unknown[SMEAR]), exp(unknown[BLUR] - unknown[SMEAR])};
             const double of_rows = a_pixel * along[1] * spread[0], of_columns = a_pixel * along[0] * spread[1];
             const double sigma = ledpi_length(of_rows, of_columns);
-            const Blur blur = {fmin(fmax(fit->view.shrink * sigma, 1e-3), MOST_SIGMA),
+            const Blur blur = {fmin(fmax(fit->view.shrink * sigma, 1e-3), MOST_BLUR_CELLS),
                                (of_rows * of_rows - of_columns * of_columns) / fmax(sigma * sigma, 1e-12)};
             work->grid[axis][i] = ledpi_panel_line(fit->along[i], fit->panel.cells, blur, &walls);
         }

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -93,20 +94,10 @@ class Fitter:
         tables = waves(spec, frame.exposure_us, frame.row_time_us, window.shrink)
         per_row = frame.row_time_us * 1e-6
         outcome, fit = self._solver.fit(
-            light=window.light,
-            rows=window.light.shape[0],
-            columns=window.light.shape[1],
-            first_x=window.first[0],
-            first_y=window.first[1],
-            shrink=window.shrink,
-            saturated=SATURATED,
-            lens=NONE if self._lens is None else self._lens,
-            **self._pinhole(frame),
+            **self._view(frame, window),
             cells=cells,
             waves=tables,
             cycles_a_row=(spec.black_hz * per_row, spec.white_hz * per_row),
-            scale=1.0 / (window.bright - window.dark),
-            dark=window.dark,
             lines=len(lines),
             along=lines,
             prior=given,
@@ -118,27 +109,43 @@ class Fitter:
         self.sampled += fit.sampled
         if outcome != lib.LEDPI_FITTED:
             return WHY.get(outcome, DIVERGED)
-        lattice, lit = np.array(list(fit.corners)).reshape(4, 2), np.array(list(fit.lit)).reshape(4, 2)
-        if not (np.isfinite(lattice).all() and np.isfinite(lit).all()):
-            return DIVERGED
-        return Fitted(
-            lattice_px=read_only(lattice),
-            corners_px=read_only(lit),
-            hidden=read_only(np.array(list(fit.hidden))[[2, 1, 3, 0]]),
-            covariance_px2=read_only(np.array(list(fit.covariance)).reshape(8, 8)),
-            settled=fit.settled,
-            explained=fit.explained,
-            residual=fit.variance * (window.bright - window.dark),
-            unknown=read_only(unknown),
-            spec=spec,
-        )
+        return _fitted(fit, unknown, window, spec)
 
-    def _pinhole(self, frame: Frame) -> dict[str, tuple[float, float]]:
-        """Focal lengths and the principal point, in pixels; a guess where they are not known."""
-        if (known := self._intrinsics) is not None:
-            return {"focal": (known.fx, known.fy), "centre": (known.cx, known.cy)}
+    def _view(self, frame: Frame, window: Window) -> dict[str, Any]:
+        """What the solver is told of the light, and of the lens: a guess where that is not known."""
         height, width = frame.pixels.shape
-        return {"focal": (width, width), "centre": (width / 2, height / 2)}
+        known = self._intrinsics
+        return {
+            "light": window.light,
+            "rows": window.light.shape[0],
+            "columns": window.light.shape[1],
+            "first_x": window.first[0],
+            "first_y": window.first[1],
+            "shrink": window.shrink,
+            "saturated": SATURATED,
+            "scale": 1.0 / (window.bright - window.dark),
+            "dark": window.dark,
+            "lens": NONE if self._lens is None else self._lens,
+            "focal": (width, width) if known is None else (known.fx, known.fy),
+            "centre": (width / 2, height / 2) if known is None else (known.cx, known.cy),
+        }
+
+
+def _fitted(fit: Any, unknown: Floats, window: Window, spec: PanelSpec) -> Fitted | Rejected:
+    lattice, lit = np.array(list(fit.corners)).reshape(4, 2), np.array(list(fit.lit)).reshape(4, 2)
+    if not (np.isfinite(lattice).all() and np.isfinite(lit).all()):
+        return DIVERGED
+    return Fitted(
+        lattice_px=read_only(lattice),
+        corners_px=read_only(lit),
+        hidden=read_only(np.array(list(fit.hidden))[[2, 1, 3, 0]]),
+        covariance_px2=read_only(np.array(list(fit.covariance)).reshape(8, 8)),
+        settled=fit.settled,
+        explained=fit.explained,
+        residual=fit.variance * (window.bright - window.dark),
+        unknown=read_only(unknown),
+        spec=spec,
+    )
 
 
 def _pitch_px(corners_px: Floats, cells: int) -> tuple[float, float]:
