@@ -29,6 +29,14 @@ static inline ptrdiff_t unknowns(const Panel *panel, ptrdiff_t gains) {
     return gains + SLOPES + panel->cells * panel->waves;
 }
 
+/* The ways in which a homography can be wrong, of a place (u, v) in −1..1 where light changes so much across and down. */
+static inline void put_slopes(float u, float v, float by_u, float by_v, float slopes[SLOPES]) {
+    const float both = u * by_u + v * by_v;
+    slopes[0] = by_u, slopes[1] = u * by_u, slopes[2] = v * by_u;
+    slopes[3] = by_v, slopes[4] = u * by_v, slopes[5] = v * by_v;
+    slopes[6] = u * both, slopes[7] = v * both;
+}
+
 /* How the logarithm of `picture` changes across the panel and down it, per unit of either: `across` and `down` (cells,
  * points). `room` (samples + 3·side·k) is to work in. */
 void ledpi_slopes(const Panel *panel, const float *picture, float *room, float *across, float *down);

@@ -59,13 +59,10 @@ static inline void put_cell(const Panel *panel, const Terms *terms, ptrdiff_t ce
     for (ptrdiff_t y = 0; y < k; y++)
         for (ptrdiff_t x = 0; x < k; x++, i++, columns += width) {
             const float weight = terms->weight[i], u = 2.0f * us[x] - 1.0f, v = 2.0f * vs[y] - 1.0f;
-            const float by_u = weight * terms->across[i], by_v = weight * terms->down[i], both = u * by_u + v * by_v;
             float *slopes = columns + 1 + waves;
             columns[0] = weight;
             for (ptrdiff_t j = 0; j < waves; j++) columns[1 + j] = terms->bands[i] * terms->waves[j * panel->samples + i];
-            slopes[0] = by_u, slopes[1] = u * by_u, slopes[2] = v * by_u;
-            slopes[3] = by_v, slopes[4] = u * by_v, slopes[5] = v * by_v;
-            slopes[6] = u * both, slopes[7] = v * both;
+            put_slopes(u, v, weight * terms->across[i], weight * terms->down[i], slopes);
             slopes[8] = terms->residual[i];
             for (ptrdiff_t j = 2 + waves + SLOPES; j < width; j++) columns[j] = 0.0f;
         }

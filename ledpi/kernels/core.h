@@ -37,7 +37,7 @@ void ledpi_predict(ptrdiff_t side, ptrdiff_t k, ptrdiff_t waves, const float *pi
                        const float *mean_waves, const float *along, const double *bands, float *root, float *basis,
                        float *residual_bands, float *room);
 
-void ledpi_weigh_prediction(ptrdiff_t cells, ptrdiff_t points, ptrdiff_t ways, const float *picture, const float *root,
+void ledpi_weigh_prediction(ptrdiff_t cells, ptrdiff_t points, const float *picture, const float *root,
                     const float *basis, const float *residual_bands, const float *depth, const double *hz, const double *phase,
                     double since_s, double row_time_s, const float *light, const uint8_t *valid, const float *rows,
                     double independence, double ridge, float *room, double *of);

@@ -9,13 +9,13 @@
 #include "simd.h"
 
 #define TURN 6.283185307179586 /* rad */
-enum { MAX_NUISANCES = LEDPI_NUISANCES, VECTORS = 3 }; /* 1 + SLOPES; `compare` */
+enum { WAYS = LEDPI_NUISANCES, VECTORS = 3 }; /* of `put_ways`, and of `compare` */
 
-/* What is expected, as in decode/evidence/prediction.py: picture, root, residual_bands (cells, points), basis (ways,
+/* What is expected, as in decode/evidence/prediction.py: picture, root, residual_bands (cells, points), basis (WAYS,
  * cells·points), and the bands of each cell: frequency, phase (rad), depth (cells,); and when the frame's rows were read out.
  * */
 typedef struct {
-    ptrdiff_t cells, points, ways;
+    ptrdiff_t cells, points;
     const float *picture, *root, *basis, *residual_bands, *depth;
     const double *hz, *phase;
     double since_s, row_time_s;
@@ -37,25 +37,13 @@ static inline double dot(const float *a, const float *b, ptrdiff_t count) {
     return sum;
 }
 
-static inline double sum_of(const float *a, ptrdiff_t count) {
-    Four first = {0}, second = {0};
-    ptrdiff_t i = 0;
-    for (; i + 8 <= count; i += 8) {
-        first += *(const Four *)(a + i);
-        second += *(const Four *)(a + i + 4);
-    }
-    double sum = all_of(first + second);
-    for (; i < count; i++) sum += a[i];
-    return sum;
-}
-
 /* Of VECTORS (cells·points) each, weighted: what the frame adds to the picture beyond what it should, the bands it should
  * show, and how these have changed since the picture. */
 LEDPI_SIMD static void compare(const Prediction *expected, const float *light, const uint8_t *valid, const float *rows,
                                float *restrict off, float *restrict bands, float *restrict change) {
     const ptrdiff_t cells = expected->cells, points = expected->points, size = cells * points;
     for (ptrdiff_t i = 0; valid && i < size; i++) off[i] = valid[i] ? expected->picture[i] : 0.0f;
-    const float scale = (float)(sum_of(valid ? off : expected->picture, size) / sum_of(light, size));
+    const float scale = (float)(ledpi_sum(valid ? off : expected->picture, size) / ledpi_sum(light, size));
     for (ptrdiff_t c = 0, from = 0; c < cells; c++, from += points) {
         const double cycles = expected->hz[c] * expected->since_s;
         const float start = (float)(cycles - floor(cycles) - expected->phase[c] / TURN), depth = expected->depth[c];
@@ -71,17 +59,17 @@ LEDPI_SIMD static void compare(const Prediction *expected, const float *light, c
         if (!valid[i]) off[i] = bands[i] = change[i] = 0.0f;
 }
 
-/* Solves a symmetric positive matrix (ways, ways) for right sides (ways, VECTORS), in place. Gauss. */
-static void solve(ptrdiff_t ways, double matrix[MAX_NUISANCES][MAX_NUISANCES], double right[MAX_NUISANCES][VECTORS]) {
-    for (ptrdiff_t k = 0; k < ways; k++)
-        for (ptrdiff_t i = k + 1; i < ways; i++) {
+/* Solves a symmetric positive matrix for right sides (WAYS, VECTORS), in place. Gauss. */
+static void solve(double matrix[WAYS][WAYS], double right[WAYS][VECTORS]) {
+    for (ptrdiff_t k = 0; k < WAYS; k++)
+        for (ptrdiff_t i = k + 1; i < WAYS; i++) {
             const double factor = matrix[i][k] / matrix[k][k];
-            for (ptrdiff_t j = k; j < ways; j++) matrix[i][j] -= factor * matrix[k][j];
+            for (ptrdiff_t j = k; j < WAYS; j++) matrix[i][j] -= factor * matrix[k][j];
             for (int j = 0; j < VECTORS; j++) right[i][j] -= factor * right[k][j];
         }
-    for (ptrdiff_t k = ways - 1; k >= 0; k--)
+    for (ptrdiff_t k = WAYS - 1; k >= 0; k--)
         for (int j = 0; j < VECTORS; j++) {
-            for (ptrdiff_t i = k + 1; i < ways; i++) right[k][j] -= matrix[k][i] * right[i][j];
+            for (ptrdiff_t i = k + 1; i < WAYS; i++) right[k][j] -= matrix[k][i] * right[i][j];
             right[k][j] /= matrix[k][k];
         }
 }
@@ -90,18 +78,18 @@ static void solve(ptrdiff_t ways, double matrix[MAX_NUISANCES][MAX_NUISANCES], d
  * orthonormal any more; `ridge` is of the square of a vector that may be all but gone. */
 LEDPI_SIMD static void project(const Prediction *expected, const uint8_t *valid, double ridge, float *room,
                                float *restrict vectors) {
-    const ptrdiff_t size = expected->cells * expected->points, ways = expected->ways;
-    double right[MAX_NUISANCES][VECTORS], gram[MAX_NUISANCES][MAX_NUISANCES];
-    for (ptrdiff_t k = 0; k < ways; k++)
+    const ptrdiff_t size = expected->cells * expected->points;
+    double right[WAYS][VECTORS], gram[WAYS][WAYS];
+    for (ptrdiff_t k = 0; k < WAYS; k++)
         for (int j = 0; j < VECTORS; j++) right[k][j] = dot(expected->basis + k * size, vectors + j * size, size); /* 0 where not valid */
     if (valid) {
-        for (ptrdiff_t k = 0; k < ways; k++) {
+        for (ptrdiff_t k = 0; k < WAYS; k++) {
             for (ptrdiff_t i = 0; i < size; i++) room[i] = valid[i] ? expected->basis[k * size + i] : 0.0f;
-            for (ptrdiff_t j = 0; j < ways; j++) gram[k][j] = dot(room, expected->basis + j * size, size) + (j == k ? ridge : 0.0);
+            for (ptrdiff_t j = 0; j < WAYS; j++) gram[k][j] = dot(room, expected->basis + j * size, size) + (j == k ? ridge : 0.0);
         }
-        solve(ways, gram, right);
+        solve(gram, right);
     }
-    for (ptrdiff_t k = 0; k < ways; k++)
+    for (ptrdiff_t k = 0; k < WAYS; k++)
         for (int j = 0; j < VECTORS; j++) {
             const float *own = expected->basis + k * size, share = (float)right[k][j];
             float *vector = vectors + j * size;
@@ -113,19 +101,19 @@ LEDPI_SIMD static void project(const Prediction *expected, const uint8_t *valid,
 
 /* Log-likelihood ratio of the frame's light (cells, points), `valid` unless that is NULL, with the bands to without:
  * `of[0]` of all cells together, `of[1]` what cells that speak against them weigh. `room` is (VECTORS + 1, cells·points). */
-LEDPI_SIMD void ledpi_weigh_prediction(ptrdiff_t cells, ptrdiff_t points, ptrdiff_t ways, const float *picture, const float *root,
+LEDPI_SIMD void ledpi_weigh_prediction(ptrdiff_t cells, ptrdiff_t points, const float *picture, const float *root,
                                const float *basis, const float *residual_bands, const float *depth, const double *hz,
                                const double *phase, double since_s, double row_time_s, const float *light,
                                const uint8_t *valid, const float *rows, double independence, double ridge, float *room,
                                double *of) {
-    const Prediction expected = {cells, points, ways, picture, root, basis, residual_bands, depth, hz, phase, since_s, row_time_s};
+    const Prediction expected = {cells, points, picture, root, basis, residual_bands, depth, hz, phase, since_s, row_time_s};
     const ptrdiff_t size = cells * points;
     float *off = room, *bands = room + size, *change = room + 2 * size;
     compare(&expected, light, valid, rows, off, bands, change);
     project(&expected, valid, ridge, room + VECTORS * size, room);
     int32_t count = 0;
     for (ptrdiff_t i = 0; i < size; i++) count += off[i] != 0.0f;
-    const double variance = dot(off, off, size) / (count - ways > 1 ? (double)(count - ways) : 1.0);
+    const double variance = dot(off, off, size) / (count - WAYS > 1 ? (double)(count - WAYS) : 1.0);
     const double scale = independence / (variance < 1e-12 ? 1e-12 : variance);
     of[0] = of[1] = 0.0;
     for (ptrdiff_t c = 0; c < cells; c++) {
@@ -138,7 +126,7 @@ LEDPI_SIMD void ledpi_weigh_prediction(ptrdiff_t cells, ptrdiff_t points, ptrdif
     }
 }
 
-/* Ways in which gain and corners may be wrong, weighted: `basis` (MAX_NUISANCES, samples). `room` (3·samples + 3·side·k). */
+/* Ways in which gain and corners may be wrong, weighted: `basis` (WAYS, samples). `room` (3·samples + 3·side·k). */
 static void put_ways(const Panel *panel, const float *picture, const float *root, float *room, float *basis) {
     const ptrdiff_t k = panel->k, samples = panel->samples;
     float *across = room, *down = across + samples;
@@ -148,16 +136,16 @@ static void put_ways(const Panel *panel, const float *picture, const float *root
         for (ptrdiff_t y = 0; y < k; y++)
             for (ptrdiff_t x = 0; x < k; x++, i++) {
                 const float u = 2.0f * us[x] - 1.0f, v = 2.0f * vs[y] - 1.0f;
-                const float by_u = root[i] * across[i], by_v = root[i] * down[i], both = u * by_u + v * by_v;
-                const float ways[MAX_NUISANCES] = {root[i], by_u, u * by_u, v * by_u, by_v, u * by_v, v * by_v, u * both, v * both};
-                for (int way = 0; way < MAX_NUISANCES; way++) basis[way * samples + i] = ways[way];
+                float ways[WAYS] = {root[i]};
+                put_slopes(u, v, root[i] * across[i], root[i] * down[i], ways + 1);
+                for (int way = 0; way < WAYS; way++) basis[way * samples + i] = ways[way];
             }
     }
 }
 
 /* Gram and Schmidt, each vector (size) twice, as single precision asks for. What the others explain all of becomes 0. */
 LEDPI_SIMD static void make_orthonormal(float *vectors, ptrdiff_t size) {
-    for (ptrdiff_t j = 0; j < MAX_NUISANCES; j++) {
+    for (ptrdiff_t j = 0; j < WAYS; j++) {
         float *own = vectors + j * size;
         const double before = dot(own, own, size);
         for (int round = 0; round < 2; round++)
@@ -180,7 +168,7 @@ LEDPI_SIMD void ledpi_predict(ptrdiff_t side, ptrdiff_t k, ptrdiff_t waves, cons
     const Panel panel = {side, k, waves, side * side, k * k, side * side * k * k, NULL, along};
     const ptrdiff_t samples = panel.samples, points = panel.points;
     for (ptrdiff_t i = 0; i < samples; i++) root[i] = picture[i] * (count[i] / (count[i] + 1.0f));
-    const float per_weight = (float)((double)samples / sum_of(root, samples));
+    const float per_weight = (float)((double)samples / ledpi_sum(root, samples));
     for (ptrdiff_t i = 0; i < samples; i++) root[i] = sqrtf(root[i] * per_weight);
     put_ways(&panel, picture, root, room, basis);
     make_orthonormal(basis, samples);

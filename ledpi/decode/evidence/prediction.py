@@ -106,7 +106,6 @@ class Prediction:
             *(
                 cells,
                 points,
-                len(self.basis),
                 pointer(self.picture),
                 pointer(self.root),
                 pointer(self.basis),
