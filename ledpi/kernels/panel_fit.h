@@ -1,0 +1,74 @@
+/* A panel's fit under way: what the files panel_fit.c, panel_sums.c, panel_step.c and panel_corners.c share. */
+#ifndef LEDPI_PANEL_FIT_H
+#define LEDPI_PANEL_FIT_H
+
+#include "normal.h"
+#include "panel.h"
+
+enum {
+    BLOCKS = 3, /* that are weighed together, along a cell */
+    MOST_BLOCKS = MOST_CELLS * MOST_CELLS * BLOCKS * BLOCKS + 4 * MOST_CELLS,
+};
+/* A fit under way. */
+typedef struct {
+    View view;
+    Panel panel;
+    Point corners[4], lit[4];
+    const PanelFit *asked;
+    const double *along, *prior;
+    ptrdiff_t lines, reweightings, own, owns, size; /* unknowns of a cell that are sought, of all cells, in all */
+    double *unknown, *covariance, explained, variance, sought[2]; /* phases, as the grid has them */
+} Fitting;
+
+/* Sums of products of the columns; of COMMON, of each cell's OWN with COMMON, and of these among each other. */
+typedef struct {
+    float common[DENSE * DENSE], mixed[MOST_OWN][DENSE], own[MOST_OWN * MOST_OWN];
+} Products;
+
+typedef struct {
+    Line grid[2][LEDPI_MOST_LINES];
+    Lines across[LEDPI_MOST_LINES / LEDPI_WIDTH];
+    float numbers[9], unknown[MOST_UNKNOWN]; /* of the homography; as they are before this round */
+    float columns[2 * LEDPI_MOST_LINES * DENSE];
+    Products products;
+    double matrix[MOST_UNKNOWN * (MOST_UNKNOWN + 1)], step[MOST_UNKNOWN];
+    float by_row[2][MOST_CELLS * MOST_CELLS * MOST_ROWS];
+    double weight[MOST_BLOCKS], squares[MOST_BLOCKS], sum[MOST_BLOCKS], count[MOST_BLOCKS];
+    double left, inside, used, light, light2; /* sums, weighed: of squared residuals, of weights, of light and its square */
+    double decrease; /* of the squared residuals, that the step should bring: a share of them */
+    ptrdiff_t samples, sampled; /* of this round, of all */
+} Work;
+
+static inline ptrdiff_t ledpi_panel_rows(const Fitting *fit) { return fit->view.rows < MOST_ROWS ? fit->view.rows : MOST_ROWS; }
+
+static inline int ledpi_ascending(const void *a, const void *b) {
+    const double one = *(const double *)a, other = *(const double *)b;
+    return (one > other) - (one < other);
+}
+
+/* Puts the lines of the grid where homography h and the unknowns have them (panel_sums.c). */
+void ledpi_panel_put_grid(Fitting *fit, const double h[9], Work *work);
+
+/* Sums over the grid; by rows where `phasing`. */
+void ledpi_panel_sum_up(const Fitting *fit, bool phasing, Work *work);
+
+/* Weighs each block by how large its residuals are beside the usual ones of the cells' blocks. */
+void ledpi_panel_weigh_blocks(ptrdiff_t cells, Work *work);
+
+/* The step, in the matrix's order of unknowns; leaves what that was eliminated to (panel_step.c). */
+bool ledpi_panel_solve_step(Fitting *fit, Work *work);
+
+/* Takes the step. Returns how far it moves the homography. */
+double ledpi_panel_take_step(Fitting *fit, const double h[9], Work *work);
+
+/* Corners of a square that reaches from `low` to `high`, (across, down) each, in −1..1, once the homography has been wrong by
+ * these WAYS (panel_corners.c). */
+void ledpi_panel_move(const double h[9], const double *ways, const double low[2], const double high[2], Point corners[4]);
+
+/* Corners of what is lit, and how many cells of each side (left, right, above, below) something hides. */
+void ledpi_panel_put_lit(Fitting *fit, const double h[9], double hidden[4]);
+
+/* The corners' covariance by what is known of all unknowns. */
+void ledpi_panel_put_covariance(Fitting *fit, const double h[9], Work *work);
+
+#endif
