@@ -96,7 +96,7 @@ def _second_pass(
     samples: CellSamples,
     frame: Frame,
     codebook: Codebook,
-    false_id_rate: float = FALSE_ID_RATE,
+    false_id_rate: float,
 ) -> Reading | Rejected:
     """The codeword of the first pass, or one that it left open, by the exact waveform; or a reason against it.
 
