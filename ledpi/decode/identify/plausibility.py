@@ -20,8 +20,9 @@ DEVIATIONS = 3.0  # allowed to either, for noise
 # by a quarter of their depth, a deviation. (The lead it needs allows for more.)
 MODEL_VARIANCE = 1.0 / 16.0
 # Bands of nearly full depth outshine all noise, and explain all but a few percent of what there is to see (1.5 % on
-# photographs of real lamps), unless the corners are wrong. What a codeword leaves open then is as much as there is
-# wrong with the model; so its lead over its alternatives must be more than that.
+# photographs of real lamps), unless the corners are wrong: of what is left within cells, and of what each cell's own
+# bands explain beyond the codeword's. The latter is as much as there is wrong with the model; so the codeword's lead
+# over its alternatives must be more than that, too.
 MIN_EXPLAINED = 50.0
 # Log odds by which a row of cells may be without bands, over having its codeword's: where the exposure has left
 # none of its class it was by 1.2 at most, of 577 readings; rows of all other panels were with them by 8 and more.
@@ -58,7 +59,8 @@ def settles_deep_bands(evidence: Evidence, fit: Fit, lead: float) -> bool:
     """Whether a codeword explains nearly all that deep bands show, and its lead is more than the rest."""
     if not is_deep_anywhere(evidence.prior):
         return True
-    return fit.of_cells - fit.likelihood[0] < lead and fit.likelihood[0] > MIN_EXPLAINED * evidence.residual
+    left = fit.of_cells - fit.likelihood[0]
+    return left < lead and fit.likelihood[0] > MIN_EXPLAINED * max(left, evidence.residual)
 
 
 def _free_bands_gain(evidence: Evidence, fit: Fit) -> float:

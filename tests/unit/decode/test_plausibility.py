@@ -45,12 +45,19 @@ def test_what_a_word_leaves_beyond_noise_and_a_sixteenth_of_what_it_explains_cou
     assert misfit_inflation(evidence, fit) == pytest.approx(inflation, rel=0.02)
 
 
-@pytest.mark.parametrize(("lead", "settled"), [(100.0, False), (150.0, True)])
-def test_where_bands_are_deep_a_word_leaves_less_than_its_lead(lead: float, settled: bool) -> None:
-    """One cell may have all that it leaves, here some 100 nats: it is no measure of the noise."""
+@pytest.mark.parametrize(
+    ("lead", "explained", "settled"), [(100.0, 7660.0, False), (150.0, 7660.0, True), (150.0, 4590.0, False)]
+)
+def test_where_bands_are_deep_a_word_leaves_less_than_its_lead(lead: float, explained: float, settled: bool) -> None:
+    """One cell may have all that it leaves, here 118 nats: it is no measure of the noise.
+
+    But it must be less than a fiftieth of what the word explains.
+    """
     depth = 1.2
-    evidence = panel_with(3000.0 * (FAINT / depth) ** 2, 100.0, depth)
+    evidence = panel_with(explained / 153.3 * 3000.0 * (FAINT / depth) ** 2, 100.0, depth)
     fit = rank_codewords(evidence, WHITE[None])
+    assert fit.likelihood[0] == pytest.approx(explained, rel=0.01)
+    assert fit.of_cells - fit.likelihood[0] == pytest.approx(118.0, abs=1.0)
     assert misfit_inflation(evidence, fit) == 1.0
     assert settles_deep_bands(evidence, fit, lead) is settled
 
