@@ -244,7 +244,7 @@ def test_only_ids_that_exist_are_drawn(ids: tuple[int, ...] | None) -> None:
 def test_of_no_id_that_exists_nothing_can_be_drawn() -> None:
     """It is said, rather than an empty scene judged."""
     with pytest.raises(ConfigError, match=r"panels\.ids: has none that can be read"):
-        draw_take(condition(), PanelSettings(side_m=0.16, ids=()), 1, 0)
+        draw_take(condition(), PanelSettings(side_m=0.16, ids=(50,)), 1, 0)
 
 
 @pytest.mark.parametrize(("angle_deg", "most_px"), [(0.0, 0.3), (45.0, 0.4)])
