@@ -198,8 +198,8 @@ def _judge(fit: Fit, evidence: Evidence, codebook: Codebook, false_id_rate: floa
     other = _odds_against_other_ids(fit, codebook)
     if other < needed:
         return AMBIGUOUS
-    margin, lead = min(none, other, outside) / inflation, min(other, outside) - needed
-    if margin < needed or not settles_deep_bands(evidence, fit, lead) or not all_rows_blink(fit):
+    margin = min(none, other, outside) / inflation
+    if margin < needed or not settles_deep_bands(evidence, fit, min(other, outside), needed) or not all_rows_blink(fit):
         return INCONSISTENT
     return Reading(
         id=int(codebook.ids[best]),

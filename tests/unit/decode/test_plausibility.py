@@ -46,12 +46,12 @@ def test_what_a_word_leaves_beyond_noise_and_a_sixteenth_of_what_it_explains_cou
 
 
 @pytest.mark.parametrize(
-    ("lead", "explained", "settled"), [(100.0, 7660.0, False), (150.0, 7660.0, True), (150.0, 4590.0, False)]
+    ("lead", "explained", "settled"), [(40.0, 7660.0, False), (60.0, 7660.0, True), (1000.0, 4590.0, False)]
 )
-def test_where_bands_are_deep_a_word_leaves_less_than_its_lead(lead: float, explained: float, settled: bool) -> None:
-    """One cell may have all that it leaves, here 118 nats: it is no measure of the noise.
+def test_where_bands_are_deep_a_word_leads_by_more_than_is_wrong(lead: float, explained: float, settled: bool) -> None:
+    """It leaves 118 nats, evenly in 16 cells of 4 bands: 11.3 = 32·ln(1 + lead/118) is reached at 50.
 
-    But it must be less than a fiftieth of what the word explains.
+    And it must explain fifty times of what it leaves.
     """
     depth = 1.2
     evidence = panel_with(explained / 153.3 * 3000.0 * (FAINT / depth) ** 2, 100.0, depth)
@@ -59,7 +59,19 @@ def test_where_bands_are_deep_a_word_leaves_less_than_its_lead(lead: float, expl
     assert fit.likelihood[0] == pytest.approx(explained, rel=0.01)
     assert fit.of_cells - fit.likelihood[0] == pytest.approx(118.0, abs=1.0)
     assert misfit_inflation(evidence, fit) == 1.0
-    assert settles_deep_bands(evidence, fit, lead) is settled
+    assert settles_deep_bands(evidence, fit, lead, 11.3) is settled
+
+
+@pytest.mark.parametrize(("lead", "settled"), [(200.0, False), (40_000.0, True)])
+def test_an_error_that_one_cell_has_all_of_may_be_larger_in_another(lead: float, settled: bool) -> None:
+    """Of 4 bands alone 11.3 = 2·ln(1 + lead/left) would ask for 280 times of what is left, here some 100 nats."""
+    depth, information = 1.2, 3000.0 * 50.0 * (FAINT / 1.2) ** 2
+    evidence = panel_with(information, 0.0, depth)
+    score = evidence.score.copy()
+    score[5, np.where(WHITE[5] > 0, 0, 2)] += np.sqrt(2.0 * 100.0 * information)
+    evidence = evidence._replace(score=score)
+    fit = rank_codewords(evidence, WHITE[None])
+    assert settles_deep_bands(evidence, fit, lead, 11.3) is settled
 
 
 def decide_with(unlike: float) -> Reading | Rejected:
