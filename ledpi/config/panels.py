@@ -44,9 +44,8 @@ class PanelSettings(Section):
     duty: Duty = 0.5
     phase: Phase = "free"
     upright: StrictBool = False  # all hang with their y axis up, on walls
-    ids: Annotated[tuple[MarkerId, ...], Field(min_length=1)] | None = (
-        None  # that exist; all but those a part of another can show
-    )
+    # Those that exist. None: all but those that a part of another can show.
+    ids: Annotated[tuple[MarkerId, ...], Field(min_length=1)] | None = None
     search_frequencies: StrictBool = False  # of oscillators that are off by a percent, as RC oscillators are
     overrides: dict[MarkerId, PanelOverride] = Field(default_factory=dict)
 
