@@ -252,7 +252,8 @@ def main() -> int:
     arguments = parser.parse_args()
     out: Path = arguments.out.absolute()
     out.mkdir(parents=True, exist_ok=True)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    for number in (signal.SIGTERM, signal.SIGINT):  # a shell's background jobs, and what these start, ignore SIGINT
+        signal.signal(number, signal.default_int_handler)
     run_log, monitor_log = out / "run.log", out / "monitor.log"
     with (
         tempfile.TemporaryDirectory() as folder,

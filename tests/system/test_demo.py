@@ -109,7 +109,9 @@ def processes_with(mark: str) -> list[str]:
 
 
 def run(out: Path, mark: str, *options: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "scripts/demo.py", "--out", str(out), *options]
+    # As a shell starts its background jobs, which must end by themselves, too: with SIGINT ignored.
+    ignoring = ["sh", "-c", 'trap "" INT; exec "$@"', "sh"]
+    command = [*ignoring, sys.executable, "scripts/demo.py", "--out", str(out), *options]
     environment = os.environ | {"PYTHONPATH": str(ROOT), "LEDPI_TEST_MARK": mark}
     return subprocess.run(
         command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=HUNG_S, check=False
