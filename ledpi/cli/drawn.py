@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ledpi.core.errors import ConfigError, RecordingError
-from ledpi.core.files import write_beside
+from ledpi.core.files import put_in_place, write_beside
 
 if TYPE_CHECKING:
     from ledpi.core.records import Pixels
@@ -30,7 +30,7 @@ def write_drawn(path: Path, drawn: Pixels, option: str) -> None:
     fresh = None
     try:
         fresh = write_beside(path, data.tobytes())
-        fresh.replace(path)
+        put_in_place(fresh, path)
     except OSError as error:
         if fresh is not None:
             with contextlib.suppress(OSError):

@@ -1,7 +1,7 @@
-"""Reads files that may hold anything, and writes new ones where others may write: in /var/lib/ledpi, say.
+"""Reads files that may hold anything, and writes new ones where others may write, as in /var/lib/ledpi.
 
 Only regular files are read, and no more of them than is allowed: a pipe would be waited for, a device has no end. What
-is wrong with one is one line with its name.
+is wrong with one is one line with its name. What is written survives a power cut: whole under its name, or not there.
 """
 
 from __future__ import annotations
@@ -89,7 +89,8 @@ def _check_regular(status: os.stat_result) -> None:
 
 
 def write_beside(path: Path, content: bytes) -> Path:
-    """Writes a new file in `path`'s folder, to be given its name. Raises OSError, and leaves nothing then.
+    """Writes a new file in `path`'s folder, for `put_in_place`. It is on the disk on return, and not in memory alone:
+    else a power cut could leave the name with nothing behind it. Raises OSError, and leaves nothing then.
 
     Its own name is one that nobody foresees, and it must be new: else another user of the folder could have put a link
     there, and who calibrates as root would overwrite whatever it leads to.
@@ -100,10 +101,29 @@ def write_beside(path: Path, content: bytes) -> Path:
         try:
             file.write(content)
             file.flush()
+            os.fsync(file.fileno())
         except BaseException:
             fresh.unlink(missing_ok=True)
             raise
     return fresh
+
+
+def put_in_place(fresh: Path, path: Path) -> None:
+    """Gives what `write_beside` wrote its name, in place of an older file, in one step. Raises OSError."""
+    fresh.replace(path)
+    sync_folder(path.parent)
+
+
+def sync_folder(folder: Path) -> None:
+    """Puts a folder's names on the disk, where its file system has a way to. Raises OSError."""
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        os.fsync(descriptor)
+    except OSError as error:
+        if error.errno != errno.EINVAL:  # as network file systems say
+            raise
+    finally:
+        os.close(descriptor)
 
 
 def read_text(path: Path, error: type[LedpiError], at_most: int = MAX_TEXT_BYTES) -> str:

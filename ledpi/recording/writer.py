@@ -19,6 +19,7 @@ from pydantic import BaseModel
 from typing_extensions import Self
 
 from ledpi.core.errors import RecordingError
+from ledpi.core.files import put_in_place, write_beside
 from ledpi.core.records import CameraInfo, Frame, PanelSpec, Pixels
 from ledpi.markers.dictionaries import is_file
 from ledpi.recording.format import (
@@ -70,9 +71,9 @@ class RecordingWriter:
                 shutil.copyfile(self._dictionary_file, folder / self._dictionary_file.name)
         values = {"format": FORMAT, "note": self._note}
         values |= self._header.model_dump(mode="json", exclude_defaults=True)
-        # A new file, and through no link.
-        with _writing(self._folder / HEADER_FILE) as path, path.open("x", encoding="utf-8") as file:
-            file.write(yaml.safe_dump(values, sort_keys=False, allow_unicode=True))
+        with _writing(self._folder / HEADER_FILE) as path:
+            text: str = yaml.safe_dump(values, sort_keys=False, allow_unicode=True)
+            put_in_place(write_beside(path, text.encode()), path)
         self._frames = self._create(FRAMES_FILE)
         return self
 

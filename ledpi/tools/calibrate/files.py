@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import contextlib
+import errno
+import os
 from pathlib import Path
 
 from ledpi.core.errors import CalibrationError
-from ledpi.core.files import write_beside
+from ledpi.core.files import put_in_place, read_bytes, sync_folder, write_beside
 
 PICTURE_SUFFIX = ".png"
+MAX_KEPT_BYTES = 64 * 1024 * 1024  # of an older file that is copied: a picture
+# Said by FAT, by network file systems, and of other users' files (fs.protected_hardlinks).
+_NO_SECOND_NAME = (errno.EPERM, errno.EOPNOTSUPP, errno.EMLINK)
 
 
 def check_with_picture(path: Path) -> None:
@@ -39,21 +44,20 @@ def picture_beside(path: Path) -> Path:
 def write_keeping_old(path: Path, content: str | bytes) -> Path | None:
     """Writes `content`, text as UTF-8. A file that is already there is kept beside it as NAME.bak-1, -2, …
 
-    Returns the kept file, if there was one. Raises CalibrationError where `path` cannot be written; the older
-    file is then untouched.
+    At every moment `path` is whole, the older file or the new one, whenever the power is cut. Returns the kept file, if
+    there was one. Raises CalibrationError where `path` cannot be written; the older file is then untouched.
     """
     _check_is_file(path)
     fresh = None
     try:
         fresh = write_beside(path, content.encode() if isinstance(content, str) else content)
-        kept = _next_backup(path) if path.exists() else None
-        if kept is not None:
-            path.rename(kept)
-        fresh.replace(path)
+        kept = _keep(path) if path.exists() else None
+        put_in_place(fresh, path)
     except OSError as error:
+        raise _refused(path, error) from None
+    finally:
         if fresh is not None:
             _forget(fresh)
-        raise _refused(path, error) from None
     return kept
 
 
@@ -67,13 +71,27 @@ def _refused(path: Path, error: OSError) -> CalibrationError:
     return CalibrationError(f"{path}: cannot be written: {error.strerror}")
 
 
-def _forget(half_written: Path) -> None:
+def _forget(fresh: Path) -> None:
     with contextlib.suppress(OSError):
-        half_written.unlink(missing_ok=True)
+        fresh.unlink(missing_ok=True)
 
 
-def _next_backup(path: Path) -> Path:
+def _keep(path: Path) -> Path:
+    """Gives the file a second name, NAME.bak-1, -2, …; a copy has it where a file may have no second one."""
     number = 1
-    while (backup := path.with_name(f"{path.name}.bak-{number}")).exists():
-        number += 1
-    return backup
+    while True:
+        kept = path.with_name(f"{path.name}.bak-{number}")
+        try:
+            os.link(path, kept, follow_symlinks=False)
+            break
+        except FileExistsError:
+            number += 1
+        except OSError as error:
+            if error.errno not in _NO_SECOND_NAME:
+                raise
+            if not os.path.lexists(kept):
+                write_beside(kept, read_bytes(path, CalibrationError, MAX_KEPT_BYTES)).rename(kept)
+                break
+            number += 1
+    sync_folder(path.parent)
+    return kept
