@@ -18,9 +18,10 @@ FLAGS = "-fsanitize=address,undefined,float-cast-overflow -fno-sanitize-recover=
 LEFT_OUT = shutil.ignore_patterns(".*", "*.so", "build", "*.egg-info", "docs", "tests", "benchmarks", "__pycache__")
 READ_BESIDE = """
 import numpy as np
-from ledpi.kernels.library import lib, pointer
-blobs, used, lattice = np.zeros(11), np.zeros(2, np.uint8), np.zeros((17, 17), np.int32)
-lib.ledpi_lattices(pointer(blobs), 2, 1, pointer(used), 1, pointer(lattice))
+from ledpi.kernels.library import ffi, lib, pointer
+pixels, room, corners = np.zeros(99, np.uint8), np.zeros(lib.ledpi_lattice_room(10, 10), np.uint8), np.zeros((1, 4, 2))
+pictures = ffi.new("PyramidPicture[]", [(pointer(pixels), 10, 10)])
+lib.ledpi_lattice_squares(pictures, 1, 4, pointer(room), 1, pointer(corners))
 """
 
 

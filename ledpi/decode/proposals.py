@@ -14,8 +14,8 @@ from ledpi.core.geometry import corners_apart, quad_side
 from ledpi.core.records import CameraInfo, Floats, Frame, PanelSpec, Rejected
 from ledpi.decode.cells import MIN_CELL_PX
 from ledpi.decode.evidence.waves import band_depth
-from ledpi.decode.finding.lattices import LatticeFinder
 from ledpi.decode.finding.outlines import Finder
+from ledpi.kernels.find import LatticeSearcher
 
 DEEP = 0.5  # depth of bands that cut a panel into pieces
 SAME = 0.25  # of a cell: proposals no further apart lead to the same fit
@@ -51,7 +51,7 @@ class Proposer:
     def __init__(self, camera: CameraInfo, cells: int, specs: Sequence[PanelSpec]) -> None:
         self._cells, self._specs = cells, tuple(specs)
         self._outlines = Finder(camera.width, camera.height, cells * MIN_CELL_PX, cells)
-        self._lattices = LatticeFinder(cells)
+        self._lattices = LatticeSearcher(camera.height, camera.width, cells)
 
     def propose(self, frame: Frame) -> tuple[list[Candidate], list[Rejected]]:
         """Distinct candidates, the largest first, as a texture's are small; and what was dropped."""
@@ -59,7 +59,7 @@ class Proposer:
         found, dropped = list[Floats](), list[Rejected]()
         for seen in [frame] if band_rows is None else _bridged(frame, band_rows):
             outlines, refused = self._outlines.find(seen)
-            found += [*self._lattices.find(self._outlines.pyramid(seen)), *outlines]
+            found += [*self._lattices.search(self._outlines.pyramid(seen)).copy(), *outlines]
             dropped += refused
         ranked = sorted(found, key=lambda at: -quad_side(at.tolist()))
         return self._distinct(ranked[:MOST], band_rows or 0), dropped

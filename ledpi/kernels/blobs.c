@@ -1,7 +1,4 @@
-/* Bright blobs of a picture: runs of rows, joined where they touch.
- *
- * Blobs (most, 6) of 4-connected pixels of `lit` (height, width), 0 or 255, no larger than `most_area`; from the top down.
- * `runs` (most_runs, 4) and `sums` (most_runs, 6) are room. What there is no room for is left out. */
+/* Bright blobs of a picture: runs of rows, joined where they touch. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -50,11 +47,8 @@ static int from_the_top(const void *one, const void *other) {
     return (a > b) - (a < b);
 }
 
-ptrdiff_t ledpi_blobs(const uint8_t *lit, ptrdiff_t height, ptrdiff_t width, double most_area, ptrdiff_t most_runs,
-                      int32_t *run_room, double *sum_room, ptrdiff_t most, double *found_blobs) {
-    BlobRun *const runs = (BlobRun *)run_room;
-    double (*const sums)[LEDPI_BLOB] = (double (*)[LEDPI_BLOB])sum_room;
-    Blob *const blobs = (Blob *)found_blobs;
+ptrdiff_t ledpi_blobs(const uint8_t *lit, ptrdiff_t height, ptrdiff_t width, double most_area, ptrdiff_t most_runs, BlobRun *runs,
+                      double (*sums)[LEDPI_BLOB], ptrdiff_t most, Blob *blobs) {
     const ptrdiff_t count = put_runs(lit, height, width, most_runs, runs);
     ptrdiff_t found = 0;
     memset(sums, 0, sizeof *sums * (size_t)count);

@@ -59,7 +59,7 @@ double ledpi_near_pattern_likelihood(ptrdiff_t cells, ptrdiff_t parameters, cons
 double ledpi_likeliest_far_pattern(ptrdiff_t cells, ptrdiff_t parameters, const double *score, const double *information,
                               const double *prior, const float *codeword, ptrdiff_t correctable, float *pattern);
 
-/* ---- Proposals: outlines of four-sided things (find.c), lattices of bright blobs (blobs.c, lattices.c) */
+/* ---- Proposals: outlines of four-sided things (find.c), lattices of cells (lattice_squares.c) */
 
 enum { LEDPI_MOST_LEVELS = 10, LEDPI_MOST_SHARES = 2, LEDPI_LIMITS = 18, LEDPI_SQUARE = 11 };
 
@@ -89,13 +89,15 @@ typedef struct {
 ptrdiff_t ledpi_find_room(ptrdiff_t height, ptrdiff_t width);
 void ledpi_find(const FindLevel *levels, ptrdiff_t count, const FindWanted *wanted, uint8_t *room, FindResult *result);
 
-enum { LEDPI_BLOB_RUN = 4, LEDPI_BLOB = 6, LEDPI_LATTICE_SPAN = 17 };
+/* A picture of a pyramid: the first is the frame, each further one half of the one before. */
+typedef struct {
+    const uint8_t *pixels;
+    ptrdiff_t height, width;
+} PyramidPicture;
 
-ptrdiff_t ledpi_blobs(const uint8_t *lit, ptrdiff_t height, ptrdiff_t width, double most_area, ptrdiff_t most_runs,
-                      int32_t *runs, double *sums, ptrdiff_t most, double *blobs);
-
-ptrdiff_t ledpi_lattices(const double *blobs, ptrdiff_t count, ptrdiff_t least, uint8_t *used, ptrdiff_t most,
-                         int32_t *lattices);
+ptrdiff_t ledpi_lattice_room(ptrdiff_t height, ptrdiff_t width);
+ptrdiff_t ledpi_lattice_squares(const PyramidPicture *pictures, ptrdiff_t count, ptrdiff_t cells, uint8_t *room, ptrdiff_t most,
+                                double *corners);
 
 /* ---- A panel's picture, fitted to light (panel_fit.c) */
 

@@ -1,4 +1,4 @@
-"""Squares in the pictures of a pyramid (find.c), and lattices of blobs (blobs.c, lattices.c)."""
+"""Squares in the pictures of a pyramid (find.c), and panels by the lattices of their cells (lattice_squares.c)."""
 
 from __future__ import annotations
 
@@ -6,13 +6,12 @@ from collections.abc import Sequence
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ledpi.core.records import Floats, Pixels
 from ledpi.kernels.library import ffi, lib, pointer
 
 MOST_SQUARES = 4096  # in a frame: more is texture, and would take a second to look at
-MOST_RUNS, MOST_BLOBS, MOST_LATTICES = 40_000, 1_500, 12  # of a picture: what has more is texture
+MOST_LATTICE_SQUARES = 1024
 
 # A picture, the shortest way around things in it, grey levels that what is lit is brighter than, and shares of the
 # contrast by which it is, in 256ths.
@@ -46,25 +45,21 @@ class SquareSearcher:
 
 
 class LatticeSearcher:
-    """Finds lattices of bright blobs, in room that it keeps."""
+    """Finds lattices of cells in the pictures of a pyramid, in room that it keeps."""
 
-    def __init__(self) -> None:
-        span = lib.LEDPI_LATTICE_SPAN
-        self._runs = np.empty((MOST_RUNS, lib.LEDPI_BLOB_RUN), np.int32)
-        self._sums = np.empty((MOST_RUNS, lib.LEDPI_BLOB))
-        self._blobs, self._used = np.empty((MOST_BLOBS, lib.LEDPI_BLOB)), np.empty(MOST_BLOBS, np.uint8)
-        self._lattices = np.empty((MOST_LATTICES, span, span), np.int32)
+    def __init__(self, height: int, width: int, cells: int) -> None:
+        """`height`, `width`: of the largest picture. `cells`: along a panel's side."""
+        self._cells, self._room = cells, np.empty(lib.ledpi_lattice_room(height, width), np.uint8)
+        self._corners = np.empty((MOST_LATTICE_SQUARES, 4, 2))
 
-    def search(self, lit: Pixels, most_area: float, least: int) -> tuple[Floats, NDArray[np.int32]]:
-        """Blobs (B, 6), x and y second and third; and lattices (L, span, span) of at least `least`, by number or −1.
+    def search(self, pyramid: Sequence[Pixels]) -> Floats:
+        """Corners (K, 4, 2) of what may be panels, in the picture that the `pyramid` begins with; until the next.
 
-        Of what is `lit` (H, W), 0 or 255. Both are the searcher's own.
+        Each further picture is half of the one before.
         """
-        count = lib.ledpi_blobs(
-            *(pointer(lit), *lit.shape, most_area),
-            *(MOST_RUNS, pointer(self._runs), pointer(self._sums), MOST_BLOBS, pointer(self._blobs)),
+        pictures = [(pointer(picture), *picture.shape) for picture in pyramid]
+        count = lib.ledpi_lattice_squares(
+            *(ffi.new("PyramidPicture[]", pictures), len(pictures), self._cells),
+            *(pointer(self._room), len(self._corners), pointer(self._corners)),
         )
-        found = lib.ledpi_lattices(
-            *(pointer(self._blobs), count, least, pointer(self._used), MOST_LATTICES, pointer(self._lattices))
-        )
-        return self._blobs[:count], self._lattices[:found]
+        return self._corners[:count]

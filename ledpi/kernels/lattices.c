@@ -122,11 +122,7 @@ static ptrdiff_t grow(const Blob *blobs, ptrdiff_t count, ptrdiff_t seed, const 
     return last;
 }
 
-/* Lattices (most, span, span) of at least `least` of the blobs: the number of each, −1 where there is none. `used` (count)
- * is room. */
-ptrdiff_t ledpi_lattices(const double *all, ptrdiff_t count, ptrdiff_t least, uint8_t *used, ptrdiff_t most,
-                         int32_t *lattices) {
-    const Blob *const blobs = (const Blob *)all;
+ptrdiff_t ledpi_lattices(const Blob *blobs, ptrdiff_t count, ptrdiff_t least, uint8_t *used, ptrdiff_t most, int32_t *lattices) {
     ptrdiff_t found = 0;
     memset(used, 0, (size_t)count);
     for (ptrdiff_t seed = 0; seed < count && found < most; seed++) {

@@ -11,8 +11,8 @@ import pytest
 
 from ledpi.core.geometry import quad_side
 from ledpi.core.records import Floats, Frame, Pixels
-from ledpi.decode.finding.lattices import LatticeFinder
 from ledpi.decode.proposals import MOST, Candidate, Proposer
+from ledpi.kernels.find import LatticeSearcher
 from tests.builders.decode import (
     SHORT_US,
     SPEC,
@@ -151,7 +151,7 @@ def middles(corners: Floats, cells: int = 4) -> Floats:
 
 
 def lattices_of(picture: Pixels, cells: int = 4) -> list[Floats]:
-    return LatticeFinder(cells).find([picture])
+    return list(LatticeSearcher(*picture.shape, cells).search([picture]))
 
 
 TRAPEZIUM = np.array([[270.0, 170], [350, 195], [350, 285], [270, 310]])
