@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -27,13 +26,16 @@ if TYPE_CHECKING:
     from ledpi.recording.reader import Recording
 
 
+OLD_STATE_FILE = "state.bin"  # of older recordings: what the decoder remembered
+
+
 @app.command()
 def decode(
     paths: list[Path] = typer.Argument(metavar="PATH…", help="Recordings, folders that hold some, or pictures."),
     config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
     set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
     single_frame: bool = typer.Option(False, "--single-frame", help="Each frame alone, no memory of those before."),
-    as_live: bool = typer.Option(False, "--as-live", help="As it was live: the same frames, budgets and memory."),
+    as_live: bool = typer.Option(False, "--as-live", help="As it was live: the same frames and budgets."),
     method: str | None = typer.Option(None, "--method", help="Overrides decode.method: likelihood or uemura."),
     steps: Path | None = typer.Option(
         None, "--steps", metavar="DIR", help="Also draw the method's steps: a picture a frame, DIR/NNNNNN.png."
@@ -93,7 +95,6 @@ def _decode_recording(
     from ledpi.config.camera_yaml import lens_of
     from ledpi.core.row_clock import row_time_note
     from ledpi.decode.identify.frequency_search import off_frequency_note
-    from ledpi.pipeline.state_file import resume_from
     from ledpi.recording.picture import read_picture
 
     camera = recording.camera
@@ -102,7 +103,8 @@ def _decode_recording(
     lens = lens_of(camera, settings.camera.intrinsics)
     pipeline = _pipeline(settings, camera, lens, stream=stream, source_panel=recording.panel_values)
     bad = 0
-    resumed = as_live and stream and resume_from(recording.folder, pipeline)
+    if as_live and (recording.folder / OLD_STATE_FILE).exists():
+        _note(f"{recording.folder}: {OLD_STATE_FILE} is not read; the first second may differ from what was live")
     for entry in recording.frames:
         if as_live and not entry.decoded:
             continue
@@ -111,8 +113,7 @@ def _decode_recording(
         picture = np.empty((camera.height, camera.width), np.uint8)
         fault = read_picture(entry.picture, picture)
         if fault is None:
-            with _blaming_state(recording.folder, entry.seq) if resumed else nullcontext():
-                _decode(recording.frame(entry, picture), name, pipeline, lens, steps)
+            _decode(recording.frame(entry, picture), name, pipeline, lens, steps)
         else:
             _note(fault.message)
             _print(_nothing(entry.seq, entry.row0_readout_ns, fault.rejected), name)
@@ -121,18 +122,6 @@ def _decode_recording(
     for marker_id, found in pipeline.likelihood.off_frequency.items():
         _note(f"{recording.folder}: {off_frequency_note(marker_id, found)}")
     return bad
-
-
-@contextmanager
-def _blaming_state(folder: Path, seq: int) -> Iterator[None]:
-    """A state may be well-formed, and still be none that a pipeline was ever in. Raises RecordingError."""
-    from ledpi.pipeline.state_file import STATE_FILE
-
-    try:
-        yield
-    except (ArithmeticError, ValueError, AssertionError, LookupError, TypeError, MemoryError) as error:
-        what = f"frame {seq} cannot be decoded after what it says ({type(error).__name__}); must be as ledpi wrote it"
-        raise RecordingError(f"{folder / STATE_FILE}: {what}") from None
 
 
 def _decode_pictures(

@@ -22,7 +22,7 @@ def rewind(
 
     The daemon goes on meanwhile. It writes where it may (/var/lib/ledpi-takes as a service), and from there the
     recording is copied to OUT; of a service with sudo, as only root may read what it writes. `ledpi decode --as-live
-    OUT` gives what was decoded live, from the first frame on. Without a tap: systemctl kill -s USR1 ledpi.
+    OUT` gives what was decoded live; its first second may differ. Without a tap: systemctl kill -s USR1 ledpi.
 
     Example: ledpi rewind takes/what-was-that
     """

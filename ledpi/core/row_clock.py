@@ -11,7 +11,7 @@ import math
 from collections import deque
 from dataclasses import replace
 from statistics import median
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 from ledpi.core.records import CameraInfo, Frame
 
@@ -30,14 +30,6 @@ SIGNIFICANT_SIGMA = 5.0  # standard errors that a deviation must have, where tim
 MIN_FOR_MEDIAN = 8
 
 
-class ClockState(NamedTuple):
-    """What a `RowClock` has taken in."""
-
-    ratios: tuple[float, ...]
-    last: tuple[int, int] | None  # seq and row 0's read-out, ns
-    ratio: float
-
-
 class RowClock:
     """Takes in when frames were read out; says by how much their rows are slower than reported."""
 
@@ -48,15 +40,6 @@ class RowClock:
         self._ratios: deque[float] = deque(maxlen=INTERVALS)
         self._last: tuple[int, int] | None = None
         self.ratio = 1.0  # true row time over the reported one; 1 unless the frames surely say otherwise
-
-    def state(self) -> ClockState:
-        """What `resume` goes on from."""
-        return ClockState(tuple(self._ratios), self._last, self.ratio)
-
-    def resume(self, state: ClockState) -> None:
-        """Goes on as the one that gave this state would."""
-        self._ratios = deque(state.ratios, maxlen=INTERVALS)
-        self._last, self.ratio = state.last, state.ratio
 
     def add(self, seq: int, row0_readout_ns: int) -> None:
         """The next frame. Gaps in `seq` and jumps in time are legal, and left out."""

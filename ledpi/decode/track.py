@@ -76,14 +76,6 @@ class Track:
         return _place(self.state.corners_px)
 
 
-class Followed(NamedTuple):
-    """What a `Tracker` remembers."""
-
-    tracks: tuple[tuple[TrackState, History], ...]
-    before_ns: int
-    now_ns: int
-
-
 class Tracker:
     """The tracks of one stream. Call `begin_frame` for each frame, then `continue_track`, then `associate` the rest."""
 
@@ -91,15 +83,6 @@ class Tracker:
         self._no_frame = History.empty(specs)
         self._tracks: list[Track] = []
         self._before_ns = self._now_ns = 0
-
-    def state(self) -> Followed:
-        """What `resume` goes on from. Nothing in it changes: of a track, both parts are records."""
-        return Followed(tuple((t.state, t.history) for t in self._tracks), self._before_ns, self._now_ns)
-
-    def resume(self, state: Followed) -> None:
-        """Goes on as the one that gave this state would."""
-        self._tracks = [Track(where, history) for where, history in state.tracks]
-        self._before_ns, self._now_ns = state.before_ns, state.now_ns
 
     def begin_frame(self, now_ns: int) -> None:
         """Starts a frame. Tracks end after MAX_GAP_NS without their square, and all end where time does not advance."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Iterator, Sequence
-from copy import copy
 from typing import TypeAlias
 
 from ledpi.config.panels import PanelSettings
@@ -19,7 +18,7 @@ from ledpi.decode.locate import Locator
 from ledpi.decode.model.fit import MISFIT
 from ledpi.decode.proposals import Candidate, Proposer
 from ledpi.decode.reader import Reader
-from ledpi.decode.track import CONTRADICTED, SAME_PLACE, Followed, Track, Tracker
+from ledpi.decode.track import CONTRADICTED, SAME_PLACE, Track, Tracker
 from ledpi.markers.codewords import corners_of_turned, covariance_of_turned
 from ledpi.markers.dictionaries import load_dictionary
 from ledpi.pipeline.results import Results
@@ -57,15 +56,6 @@ class LikelihoodPath:
     def forget(self) -> None:
         """Follows nothing."""
         self._tracker, self._agenda = Tracker(self._specs), Agenda()
-
-    def state(self) -> tuple[Followed, Agenda]:
-        """What `resume` goes on from, between two frames."""
-        return self._tracker.state(), copy(self._agenda)
-
-    def resume(self, followed: Followed, agenda: Agenda) -> None:
-        """Goes on as the one that gave this state would."""
-        self._tracker.resume(followed)
-        self._agenda = copy(agenda)
 
     @property
     def spent(self) -> int:

@@ -21,7 +21,6 @@ from ledpi.core.row_clock import MIN_DEVIATION, RowClock
 from ledpi.markers.dictionaries import load_dictionary
 from ledpi.pipeline.likelihood import LikelihoodPath
 from ledpi.pipeline.results import Results
-from ledpi.pipeline.state import PipelineState
 from ledpi.pipeline.trace import Trace
 from ledpi.pipeline.uemura import UemuraPath
 from ledpi.pose.fix import Robot
@@ -67,24 +66,6 @@ class Pipeline:
         self._row_clock = RowClock(camera)
         self.likelihood = LikelihoodPath(camera, panels, groups, intrinsics, stream=stream)
         self._read = self.likelihood.read if method == "likelihood" else UemuraPath(dictionary, groups).read
-
-    def state(self) -> PipelineState:
-        """What `resume` goes on from, between two frames."""
-        followed, agenda = self.likelihood.state()
-        return PipelineState(
-            followed=followed,
-            agenda=agenda,
-            clock=self._row_clock.state(),
-            placed=self._placer.state(),
-            off_frequency=tuple(self.likelihood.off_frequency.items()),
-        )
-
-    def resume(self, state: PipelineState) -> None:
-        """Goes on as the one that gave this state would: of the same camera, panels, lens and map."""
-        self.likelihood.resume(state.followed, state.agenda)
-        self.likelihood.off_frequency = dict(state.off_frequency)
-        self._row_clock.resume(state.clock)
-        self._placer.resume(state.placed)
 
     def decode(
         self, frame: Frame, trace: Trace | None = None, on_partial: Callable[[Decoded], None] = lambda partial: None

@@ -39,14 +39,6 @@ class Branches:
         self._up = None if up_in_camera is None else tuple(up_in_camera.tolist())
         self._hypotheses: dict[int, Hypothesis] = {}
 
-    def state(self) -> tuple[tuple[int, Hypothesis], ...]:
-        """By ID; what `resume` goes on from."""
-        return tuple(self._hypotheses.items())
-
-    def resume(self, state: tuple[tuple[int, Hypothesis], ...]) -> None:
-        """Goes on as the one that gave this state would."""
-        self._hypotheses = dict(state)
-
     def choose(self, marker_id: int, solutions: Solutions, now_ns: int) -> tuple[PlanarSolution, PlanarSolution | None]:
         """The pose to believe, and the other one where it cannot be excluded.
 

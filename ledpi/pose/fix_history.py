@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -26,27 +25,12 @@ class Candidate:
     rejected: tuple[int, ...]
 
 
-class FixHistoryState(NamedTuple):
-    """What a `FixHistory` remembers."""
-
-    last: Candidate | None = None
-    at_ns: int = 0
-
-
 class FixHistory:
     """The last fix of one stream."""
 
     def __init__(self) -> None:
         self._last: Candidate | None = None
         self._at_ns = 0
-
-    def state(self) -> FixHistoryState:
-        """What `resume` goes on from."""
-        return FixHistoryState(self._last, self._at_ns)
-
-    def resume(self, state: FixHistoryState) -> None:
-        """Goes on as the one that gave this state would."""
-        self._last, self._at_ns = state
 
     def remember(self, fix: Candidate, now_ns: int) -> None:
         """The fix at `now_ns` of the camera's clock is the last one."""

@@ -3,26 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
 
 import numpy as np
 
 from ledpi.core.records import Detection, Frame, Intrinsics, MarkerPose, PlanarSolution, Rejected, RobotFix
 from ledpi.core.shutter import row_mid_exposure_ns
-from ledpi.pose.branches import Branches, Hypothesis
+from ledpi.pose.branches import Branches
 from ledpi.pose.corners import centre_px, corners_at_row
 from ledpi.pose.fix import FixSolver, Robot
-from ledpi.pose.fix_history import FixHistoryState
 from ledpi.pose.planar import solve_squares
 
 _STILL = np.zeros((4, 2))
-
-
-class Placed(NamedTuple):
-    """What a `Placer` remembers."""
-
-    hypotheses: tuple[tuple[int, Hypothesis], ...]  # by ID
-    fix_history: FixHistoryState
 
 
 class Placer:
@@ -55,16 +46,6 @@ class Placer:
         self._fixes: FixSolver | None = None
         if robot is not None and robot.panels is not None and self._intrinsics is not None:
             self._fixes = FixSolver(self._intrinsics, robot, robot.panels, self._sides_m)
-
-    def state(self) -> Placed:
-        """What `resume` goes on from."""
-        return Placed(self._branches.state(), FixHistoryState() if self._fixes is None else self._fixes.history.state())
-
-    def resume(self, state: Placed) -> None:
-        """Goes on as the one that gave this state would."""
-        self._branches.resume(state.hypotheses)
-        if self._fixes is not None:
-            self._fixes.history.resume(state.fix_history)
 
     def place(self, frame: Frame, detections: list[Detection]) -> list[MarkerPose | Rejected]:
         """Of each detection its pose, or why it has none."""

@@ -9,7 +9,6 @@ from typing import NamedTuple
 import numpy as np
 
 from ledpi.core.records import Decoded, Frame
-from ledpi.pipeline.state import PipelineState
 
 
 class KeptFrame(NamedTuple):
@@ -19,7 +18,6 @@ class KeptFrame(NamedTuple):
     frame: Frame  # without its picture
     decoded: Decoded
     search_budget: int
-    state: PipelineState | None  # before it; of some frames
     side_bytes: int  # that all of this takes, beside the picture
 
 

@@ -8,12 +8,10 @@ from __future__ import annotations
 
 import queue
 import time
-from collections.abc import Callable
 
 import numpy as np
 
 from ledpi.core.records import Decoded, Frame
-from ledpi.pipeline.state import PipelineState
 from ledpi.runtime.frame_buffers import FrameBuffers, KeptFrame, follows
 
 # A disk may pause for a second; of large pictures there are fewer, as a service's memory is limited.
@@ -29,20 +27,13 @@ class RecordQueue(FrameBuffers):
         self.dropped = 0  # frames that found no room
         self._waiting: queue.SimpleQueue[KeptFrame | None] = queue.SimpleQueue()
         self._last: Frame | None = None  # that came
-        self._state: PipelineState | None = None  # before the first that is kept
         self._is_closed = False
 
-    def keep(self, frame: Frame, decoded: Decoded, search_budget: int, state: Callable[[], PipelineState]) -> None:
-        """A frame that was just decoded, and that might spend so much. Copies its picture; waits for nobody.
-
-        The first only gives the state that the recording begins with: `state` tells what the pipeline is left with.
-        """
+    def keep(self, frame: Frame, decoded: Decoded, search_budget: int) -> None:
+        """Keeps a frame that was just decoded, and that might spend so much. Copies its picture; waits for nobody."""
         self.seen += 1
         last, self._last = self._last, frame.drop_picture()
-        if last is None:
-            self._state = state()
-            return
-        if not follows(frame, last):  # a camera that was opened anew counts anew; no recording holds both
+        if last is not None and not follows(frame, last):  # a camera was opened anew; no recording holds both
             self.close()
             return
         with self._changing:
@@ -51,8 +42,7 @@ class RecordQueue(FrameBuffers):
         if slot is None:
             return
         np.copyto(self._pictures[slot], frame.pixels)
-        kept = KeptFrame(slot, self._last, decoded, search_budget, self._state, 0)
-        self._state = None
+        kept = KeptFrame(slot, self._last, decoded, search_budget, 0)
         with self._changing:
             if not self._is_closed:
                 self._waiting.put(kept)

@@ -36,8 +36,6 @@ class Rewind:
         except MemoryError:  # poses need no past
             budget = 0
             self._ring = RewindRing(camera.height, camera.width, period_ms, settings.seconds, budget)
-        self._ring.begin(pipeline.state())
-        self._pipeline = pipeline
         shown = Shown(camera, pipeline.panels.dictionary, pipeline.panels.spec(), source)
         self._writer = RewindWriter(self._ring, takes_folder(), shown)
         # A replay has gaps between its rounds, and what it shows is recorded already.
@@ -62,7 +60,7 @@ class Rewind:
 
     def keep(self, frame: Frame, decoded: Decoded, search_budget: int) -> None:
         """A frame that was just decoded, while its pixels are there, and what it might spend on searching."""
-        self._ring.keep(frame, decoded, search_budget, self._pipeline.state)
+        self._ring.keep(frame, decoded, search_budget)
         if _contradicts(decoded) and self._is_new(CONTRADICTED, frame.row0_readout_ns):
             self._fault = CONTRADICTED
 

@@ -98,11 +98,10 @@ class RewindWriter:
 
     def _write(self, job: _Job, left: list[KeptFrame]) -> Path:
         """`left`: what is not written yet, the oldest last."""
-        camera, state = self._shown.camera, job.kept[0].state
-        assert state is not None
+        camera = self._shown.camera
         make_room(self._folder, job.cause, len(job.kept) * camera.width * camera.height)
         note = f"the last seconds of {self._shown.source}: {job.cause}"
-        with new_take(self._folder, self._shown, job.cause, note, state) as take:
+        with new_take(self._folder, self._shown, job.cause, note) as take:
             while left:
                 if self._stop.is_set():
                     part, all_of_them = take.path.with_name(take.path.name + PART), len(job.kept)

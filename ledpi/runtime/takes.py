@@ -15,8 +15,6 @@ from typing import NamedTuple, TextIO
 from ledpi.core.errors import RecordingError
 from ledpi.core.records import CameraInfo, Frame, PanelSpec
 from ledpi.pipeline.output import decoded_as_json
-from ledpi.pipeline.state import PipelineState
-from ledpi.pipeline.state_file import STATE_FILE, as_bytes
 from ledpi.recording.writer import RecordingWriter
 from ledpi.runtime.frame_buffers import KeptFrame
 from ledpi.runtime.recorder import LIVE_FILE
@@ -25,6 +23,9 @@ PART = ".part"  # how the name of a recording ends until it is whole
 AUTOMATIC = ("camera_lost", "contradicted")  # causes that nobody asked for
 MAX_AUTOMATIC = 5  # recordings of these that stay
 MIN_FREE_BYTES = 100_000_000  # that a disk has left afterwards: a full one stops more than this
+
+# The decoder that decodes it again does not remember what the daemon did.
+RUN_IN = "decoded again, its first second may differ"
 
 _OLD = re.compile(rf"\d{{8}}T\d{{6}}Z-({'|'.join(AUTOMATIC)})(-\d+)?({re.escape(PART)})?")
 
@@ -55,21 +56,22 @@ class Take:
 
 
 @contextmanager
-def new_take(folder: Path, shown: Shown, cause: str, note: str, state: PipelineState) -> Iterator[Take]:
-    """One whose name says when and why, and that begins with `state`; its name ends in `.part` until the end.
+def new_take(folder: Path, shown: Shown, cause: str, note: str) -> Iterator[Take]:
+    """One whose name says when and why; its name ends in `.part` until the end.
 
     What is there when an exception comes stays so; without a frame, nothing does. Raises RecordingError or OSError.
     """
     path = _new_path(folder, cause)
     part, take = path.with_name(path.name + PART), None
     try:
-        with RecordingWriter(
-            part, camera=shown.camera, dictionary=shown.dictionary, panel=shown.panel, note=note
-        ) as writer:
-            (part / STATE_FILE).write_bytes(as_bytes(state))
-            with (part / LIVE_FILE).open("x", encoding="utf-8", buffering=1) as live:
-                take = Take(path, writer, live)
-                yield take
+        with (
+            RecordingWriter(
+                part, camera=shown.camera, dictionary=shown.dictionary, panel=shown.panel, note=f"{note}; {RUN_IN}"
+            ) as writer,
+            (part / LIVE_FILE).open("x", encoding="utf-8", buffering=1) as live,
+        ):
+            take = Take(path, writer, live)
+            yield take
     except BaseException:
         if take is None or take.written == 0:  # without a frame it is none
             shutil.rmtree(part, ignore_errors=True)
@@ -87,7 +89,7 @@ def takes_folder() -> Path:
 
 def make_room(folder: Path, cause: str, wanted_bytes: int) -> None:
     """Forgets the oldest of those that nobody asked for. Raises RecordingError where the disk is too full."""
-    folder.mkdir(parents=True, exist_ok=True)
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)  # whoever may not use the tap gets no picture here either
     if cause in AUTOMATIC:
         old = sorted(path for path in folder.iterdir() if _OLD.fullmatch(path.name) and path.is_dir())
         for path in old[: max(0, len(old) - MAX_AUTOMATIC + 1)]:

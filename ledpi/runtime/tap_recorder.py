@@ -40,7 +40,6 @@ class TapRecorder:
 
     def __init__(self, pipeline: Pipeline, camera: CameraInfo, source: str) -> None:
         """`camera`: with the lens that poses are solved with."""
-        self._pipeline = pipeline
         self._shown = Shown(camera, pipeline.panels.dictionary, pipeline.panels.spec(), source)
         self._folder = takes_folder()
         self._changing = threading.Lock()
@@ -52,7 +51,7 @@ class TapRecorder:
         """A frame that was just decoded, while its pixels are there, and what it might spend on searching."""
         running = self._running
         if running is not None:
-            running.queue.keep(frame, decoded, search_budget, self._pipeline.state)
+            running.queue.keep(frame, decoded, search_budget)
 
     def record(self, request: Request) -> dict[str, Any]:
         """Until the time is over, `stop`, or the end of the daemon. Returns where it is. Raises RecordingError."""
@@ -114,9 +113,8 @@ class TapRecorder:
         first = queue.next(until_s)
         if first is None:
             raise RecordingError("no frame was decoded meanwhile, and nothing is written")
-        assert first.state is not None
         note = f"{self._shown.source}: as a client of the tap asked"
-        with new_take(self._folder, self._shown, RECORDED, note, first.state) as take:
+        with new_take(self._folder, self._shown, RECORDED, note) as take:
             kept: KeptFrame | None = first
             while kept is not None:
                 self._write_one(take, queue, kept)

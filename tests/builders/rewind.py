@@ -1,4 +1,4 @@
-"""A stream of simulated frames, decoded live, with what the pipeline remembered before some of them."""
+"""A stream of simulated frames, decoded live; and whether what was recorded of it is decoded as it was live."""
 
 from __future__ import annotations
 
@@ -11,16 +11,12 @@ import numpy as np
 
 from ledpi.camera.simulated import SimulatedCamera, open_simulated
 from ledpi.config.settings import Config, load_config
-from ledpi.core.geometry import matrix_from_quaternion, transform
-from ledpi.core.records import CameraInfo, Decoded, Frame, MarkerPose
+from ledpi.core.records import CameraInfo, Decoded, Frame
 from ledpi.pipeline.output import decoded_as_json
 from ledpi.pipeline.pipeline import Pipeline
-from ledpi.pipeline.state import PipelineState
-from ledpi.pose.fix import Robot
-from ledpi.pose.panel_map import MapPanel
+from ledpi.runtime.rewind_ring import RUN_IN_NS
 from tests.builders.daemon import SIMULATED
 
-EVERY = 15  # frames, between two states
 HEIGHT, WIDTH = 480, 640  # of numbered frames
 DRIVE = (240, 320)  # height and width of the simulated drive
 PERIOD_NS = 20_000_000  # of numbered frames
@@ -32,22 +28,20 @@ class Stream:
 
     config: Config
     camera: CameraInfo
-    robot: Robot | None
     frames: list[Frame]
     live: list[Decoded]
-    states: dict[int, PipelineState]  # before the frame of that index
 
     def pipeline(self) -> Pipeline:
         """Another one, which has seen nothing."""
-        return Pipeline(self.camera, self.config.panels, intrinsics=self.camera.intrinsics, robot=self.robot)
+        return Pipeline(self.camera, self.config.panels, intrinsics=self.camera.intrinsics)
 
 
-def stream(count: int, *settings: str, robot: Robot | None = None) -> Stream:
+def stream(count: int, *settings: str) -> Stream:
     """The simulated drive."""
     camera, frames = _drive(settings)
     while len(frames) < count and isinstance(frame := camera.read(np.empty(DRIVE, np.uint8)), Frame):
         frames.append(frame)
-    return decoded_live(load_config(None, (*SIMULATED, *settings)), camera.info, frames[:count], robot)
+    return decoded_live(load_config(None, (*SIMULATED, *settings)), camera.info, frames[:count])
 
 
 @cache
@@ -56,42 +50,12 @@ def _drive(settings: tuple[str, ...]) -> tuple[SimulatedCamera, list[Frame]]:
     return open_simulated(load_config(None, (*SIMULATED, *settings)), paced=False), []
 
 
-def decoded_live(config: Config, info: CameraInfo, frames: list[Frame], robot: Robot | None = None) -> Stream:
+def decoded_live(config: Config, info: CameraInfo, frames: list[Frame]) -> Stream:
     """These frames, one after the other."""
-    made = Stream(config, info, robot, frames, [], {})
+    made = Stream(config, info, frames, [])
     pipeline = made.pipeline()
-    for index, frame in enumerate(frames):
-        if index % EVERY == 0:
-            made.states[index] = pipeline.state()
-        made.live.append(pipeline.decode(frame))
+    made.live.extend(map(pipeline.decode, frames))
     return made
-
-
-def robot_in(decoded: Decoded) -> Robot:
-    """A robot that is its camera, and a map in which it stood at the origin when it decoded this."""
-    places = {marker.detection.id: MapPanel(map_from_marker=_place(marker)) for marker in decoded.markers}
-    return Robot(base_link_from_camera=np.eye(4), panels=places)
-
-
-def _place(marker: MarkerPose) -> Any:
-    assert marker.solution is not None
-    pose = marker.solution.camera_from_marker
-    return transform(matrix_from_quaternion(pose.quaternion_wxyz), pose.position_m)
-
-
-def exactly(decoded: Decoded) -> tuple[Any, ...]:
-    """All of it to the last bit, but for times."""
-    numbers: list[Any] = []
-    for marker in decoded.markers:
-        numbers += [marker.detection.id, marker.detection.margin, marker.detection.corners_px.tobytes()]
-        for solution in (marker.solution, marker.alternate):
-            if solution is not None:
-                pose = solution.camera_from_marker
-                parts = (pose.position_m, pose.quaternion_wxyz, pose.covariance)
-                numbers += [part.tobytes() for part in parts if part is not None]
-    if decoded.robot is not None:
-        numbers.append(decoded.robot.map_from_base_link.position_m.tobytes())
-    return (*numbers, *(why.key for why in decoded.rejected), decoded.seq)
 
 
 def without_times(lines: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
@@ -102,6 +66,34 @@ def without_times(lines: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
 def as_lines(decoded: Sequence[Decoded]) -> list[dict[str, Any]]:
     """What `ledpi decode` prints of them, but for times."""
     return without_times([decoded_as_json(each, "") for each in decoded])
+
+
+def differences_once_settled(live: Sequence[dict[str, Any]], again: Sequence[dict[str, Any]]) -> list[str]:
+    """Names what a decoder that began with these frames says otherwise than live after the first second.
+
+    Of twenty frames one may have a panel more or less; places agree within three of their deviations.
+    """
+    assert [line["seq"] for line in again] == [line["seq"] for line in live]
+    begin_ns = live[0]["sensor_timestamp_ns"] + RUN_IN_NS
+    both = [pair for pair in zip(live, again, strict=True) if pair[0]["sensor_timestamp_ns"] >= begin_ns]
+    assert both, "a recording of more than a second"
+    other_ids = [f"frame {one['seq']}: other IDs" for one, other in both if _by_id(one).keys() != _by_id(other).keys()]
+    moved = [
+        f"frame {one['seq']}: ID {marker_id} is elsewhere"
+        for one, other in both
+        for marker_id in _by_id(one).keys() & _by_id(other).keys()
+        if _deviations(_by_id(one)[marker_id], _by_id(other)[marker_id]) > 3.0
+    ]
+    return moved + (other_ids if len(other_ids) > len(both) / 20 else [])
+
+
+def _by_id(line: dict[str, Any]) -> dict[int, dict[str, Any]]:
+    return {marker["id"]: marker for marker in line["markers"]}
+
+
+def _deviations(marker: dict[str, Any], other: dict[str, Any]) -> float:
+    off = np.abs(np.subtract(marker["position_m"], other["position_m"]))
+    return float((off / np.sqrt(np.array(marker["covariance"])[[0, 7, 14]])).max())
 
 
 def later(frame: Frame, ns: int, seq: int = 0) -> Frame:

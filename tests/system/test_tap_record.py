@@ -24,7 +24,7 @@ from ledpi.tap.client import connect
 from ledpi.tap.protocol import Request
 from ledpi.view.hub import Hub
 from tests.builders.daemon import DEADLINE_S, ROOT, SIMULATED, SIMULATED_YAML, daemon, end
-from tests.builders.rewind import stream, without_times
+from tests.builders.rewind import differences_once_settled, stream, without_times
 from tests.builders.tap import at, reach, wait_until
 
 LEDPI = [sys.executable, "-c", "from ledpi.cli import main; main()"]
@@ -75,28 +75,29 @@ def some_frames(lines: Lines, count: int) -> None:
 
 
 @pytest.mark.parametrize("settings", [(), (OFF,)])
-def test_a_second_is_recorded_as_the_tap_told_it(takes: Path, tmp_path: Path, settings: tuple[str, ...]) -> None:
+def test_two_seconds_are_recorded_as_the_tap_told_them(takes: Path, tmp_path: Path, settings: tuple[str, ...]) -> None:
     """Each frame, from the first on; with the last seconds kept beside, and without."""
     path = tmp_path / "tap.sock"
     with daemon(*SIMULATED, at(path), *settings), reach(path) as client:
         lines = client.lines()
         hello = next(lines)
         some_frames(lines, 40)
-        answer, frames = until(lines, "done", client.send("record", seconds=1))
+        answer, frames = until(lines, "done", client.send("record", seconds=2))
     take = Path(answer["path"])
     assert hello["may"] == (["record"] if settings else ["save", "record"])
     assert recorded(takes) == [take]
     assert take.name.endswith("-recorded")
     assert answer["dropped"] == 0
     again = decoded_again(take)
-    assert again == live(take)
+    assert [line["seq"] for line in again] == [line["seq"] for line in live(take)]
     assert len(again) == answer["frames"] == len(load_recording(take).frames)
-    assert again[0]["markers"]  # in its very first frame, as they were followed
+    assert live(take)[0]["markers"]  # in its very first frame, as they were followed
     told = {line["seq"]: line for line in frames}
-    common = [line for line in again if line["seq"] in told]
+    common = [line for line in live(take) if line["seq"] in told]
     assert len(common) > 5
     for line in common:
         assert {key: told[line["seq"]][key] for key in line} == line
+    assert differences_once_settled(live(take), again) == []
 
 
 def test_record_stop_ends_it_and_a_second_one_is_refused(takes: Path, tmp_path: Path) -> None:
@@ -137,8 +138,7 @@ def test_the_daemons_end_makes_it_whole(takes: Path, tmp_path: Path, how: signal
         assert end(process, signal.SIGTERM if how == signal.SIGHUP else None).status == 0
     assert recorded(takes) == [Path(answer["path"])]
     assert len(live(Path(answer["path"]))) == answer["frames"] > 5
-    if not answer["dropped"]:
-        assert decoded_again(Path(answer["path"])) == live(Path(answer["path"]))
+    assert len(decoded_again(Path(answer["path"]))) == answer["frames"]
 
 
 def test_a_disk_that_fills_up_is_told(takes: Path, tmp_path: Path) -> None:
@@ -201,15 +201,15 @@ def test_a_disk_that_is_too_full_is_told(takes: Path, monkeypatch: pytest.Monkey
         running = begun(recorder, pool)
         for index, (frame, decoded) in enumerate(zip(drive.frames, drive.live, strict=True)):
             if index == 5:
-                wait_until(lambda: len(list(takes.glob("*-recorded.part/frames/*.png"))) == 4)
+                wait_until(lambda: len(list(takes.glob("*-recorded.part/frames/*.png"))) == 5)
                 monkeypatch.setattr(takes_module, "MIN_FREE_BYTES", 10**18)
             recorder.keep(frame, decoded, 150_000)
-        with pytest.raises(RecordingError, match=r"the disk has \d+ MB left; \d+ MB are needed; 4 frames are in /"):
+        with pytest.raises(RecordingError, match=r"the disk has \d+ MB left; \d+ MB are needed; 5 frames are in /"):
             running.result(DEADLINE_S)
     with pytest.raises(RecordingError, match=r"the disk has \d+ MB left; \d+ MB are needed$"):
         recorder.record(Request(do="record", seconds=600.0))
     (part,) = recorded(takes)
-    assert len(load_recording(part).frames) == 4
+    assert len(load_recording(part).frames) == 5
 
 
 def test_without_a_frame_nothing_is_written(takes: Path) -> None:

@@ -7,26 +7,19 @@ import tracemalloc
 
 import pytest
 
-from ledpi.pipeline.state import PipelineState
 from ledpi.runtime.record_queue import MAX_BYTES, MAX_FRAMES, MIN_FRAMES, RecordQueue
-from tests.builders.rewind import DRIVE, EVERY, HEIGHT, WIDTH, Stream, later, nothing_in, numbered, stream
+from tests.builders.rewind import DRIVE, HEIGHT, WIDTH, Stream, later, nothing_in, numbered, stream
 
 
 @pytest.fixture(scope="module")
 def drive() -> Stream:
-    return stream(EVERY + 1)
+    return stream(16)
 
 
-@pytest.fixture(scope="module")
-def state(drive: Stream) -> PipelineState:
-    """Of a pipeline that follows panels."""
-    return drive.states[EVERY]
-
-
-def keep(queue: RecordQueue, state: PipelineState, *seqs: int) -> None:
+def keep(queue: RecordQueue, *seqs: int) -> None:
     for seq in seqs:
         of = numbered(seq)
-        queue.keep(of, nothing_in(of), 1000 + seq, lambda: state)
+        queue.keep(of, nothing_in(of), 1000 + seq)
 
 
 def rest(queue: RecordQueue) -> list[int]:
@@ -40,30 +33,30 @@ def rest(queue: RecordQueue) -> list[int]:
     return seqs
 
 
-def test_it_begins_with_the_state_after_the_first_frame(state: PipelineState) -> None:
-    """That frame itself is no part of it: what was remembered before it is not known."""
+def test_it_gives_what_comes_in_order() -> None:
+    """From the first frame on."""
     queue = RecordQueue(HEIGHT, WIDTH)
-    keep(queue, state, 5, 6, 7)
+    keep(queue, 5, 6, 7)
     first = queue.next(time.monotonic() + 60)
     assert first is not None
-    assert (first.frame.seq, first.state) == (6, state)
-    assert rest(queue) == [7]
+    assert first.frame.seq == 5
+    assert rest(queue) == [6, 7]
 
 
-def test_what_finds_no_room_is_dropped_and_counted(state: PipelineState) -> None:
+def test_what_finds_no_room_is_dropped_and_counted() -> None:
     """The newest go, so what waits has no gap; with room again there is one, in order."""
     queue = RecordQueue(HEIGHT, WIDTH)
-    keep(queue, state, *range(MAX_FRAMES + 11))
+    keep(queue, *range(MAX_FRAMES + 10))
     assert queue.dropped == 10
     oldest = queue.next(time.monotonic() + 60)
     assert oldest is not None
     queue.give_back(oldest)
-    keep(queue, state, 200)
-    assert rest(queue) == [*range(2, MAX_FRAMES + 1), 200]
+    keep(queue, 200)
+    assert rest(queue) == [*range(1, MAX_FRAMES), 200]
     assert queue.dropped == 10
 
 
-def test_its_memory_is_bounded_and_there_before_the_first_frame(state: PipelineState) -> None:
+def test_its_memory_is_bounded_and_there_before_the_first_frame() -> None:
     """Of large pictures there are fewer; no frame asks for as much as a tenth of a picture."""
     assert RecordQueue(2000, 3000).frames == MIN_FRAMES
     assert RecordQueue(1232, 1640).frames * 1232 * 1640 <= MAX_BYTES
@@ -73,7 +66,7 @@ def test_its_memory_is_bounded_and_there_before_the_first_frame(state: PipelineS
     try:
         before = tracemalloc.get_traced_memory()[0]
         for of, result in coming:
-            queue.keep(of, result, 0, lambda: state)
+            queue.keep(of, result, 0)
         peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
@@ -81,39 +74,39 @@ def test_its_memory_is_bounded_and_there_before_the_first_frame(state: PipelineS
     assert peak - before < HEIGHT * WIDTH / 10
 
 
-def test_after_the_end_nothing_is_taken(state: PipelineState) -> None:
+def test_after_the_end_nothing_is_taken() -> None:
     """Nor counted: it is no part of the recording."""
     queue = RecordQueue(HEIGHT, WIDTH)
-    keep(queue, state, *range(10))
+    keep(queue, *range(10))
     queue.close()
-    keep(queue, state, *range(10, 20))
-    assert rest(queue) == list(range(1, 10))
+    keep(queue, *range(10, 20))
+    assert rest(queue) == list(range(10))
     assert queue.dropped == 0
 
 
-def test_time_ends_it_also_while_frames_wait(state: PipelineState) -> None:
+def test_time_ends_it_also_while_frames_wait() -> None:
     """One that is never empty would never end; what waits is still taken."""
     queue = RecordQueue(HEIGHT, WIDTH)
-    keep(queue, state, *range(10))
+    keep(queue, *range(10))
     assert queue.next(time.monotonic() - 1.0) is not None
-    keep(queue, state, *range(10, 20))
-    assert rest(queue) == list(range(2, 10))
+    keep(queue, *range(10, 20))
+    assert rest(queue) == list(range(1, 10))
 
 
-def test_time_that_runs_backward_ends_it(state: PipelineState) -> None:
+def test_time_that_runs_backward_ends_it() -> None:
     """A camera that was opened anew may count anew; no recording holds both."""
     queue = RecordQueue(HEIGHT, WIDTH)
-    keep(queue, state, *range(100, 110), *range(20))
-    assert rest(queue) == list(range(101, 110))
+    keep(queue, *range(100, 110), *range(20))
+    assert rest(queue) == list(range(100, 110))
 
 
-def test_what_is_abandoned_is_counted(state: PipelineState) -> None:
+def test_what_is_abandoned_is_counted() -> None:
     """The daemon ends, and has no time for it."""
     queue = RecordQueue(HEIGHT, WIDTH)
-    keep(queue, state, *range(10))
+    keep(queue, *range(10))
     assert queue.next(time.monotonic() + 60) is not None
     queue.abandon()
-    assert queue.dropped == 8
+    assert queue.dropped == 9
 
 
 def test_keeping_costs_little_beside_decoding(drive: Stream) -> None:
@@ -127,7 +120,7 @@ def test_keeping_costs_little_beside_decoding(drive: Stream) -> None:
             began = time.perf_counter()
             result = pipeline.decode(of)
             between = time.perf_counter()
-            queue.keep(of, result, 0, pipeline.state)
+            queue.keep(of, result, 0)
             keeping.append(time.perf_counter() - between)
             decoding.append(between - began)
     assert queue.dropped > 0

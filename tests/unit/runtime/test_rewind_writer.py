@@ -1,33 +1,39 @@
-"""What was kept, as a recording: decoded again it gives what it gave live, to the last bit."""
+"""What was kept, as a recording: decoded again it gives what it gave live, once its panels are found and read again."""
 
 from __future__ import annotations
 
 import json
 import subprocess
 import sys
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
+import yaml
 
-from ledpi.cli.decode import _blaming_state
+from ledpi.cli.decode import OLD_STATE_FILE
 from ledpi.core.errors import RecordingError
-from ledpi.core.records import Decoded, PanelSpec
-from ledpi.pipeline.state_file import STATE_FILE, resume_from
-from ledpi.recording.picture import read_picture
-from ledpi.recording.reader import load_recording
+from ledpi.core.records import PanelSpec
 from ledpi.runtime import takes
 from ledpi.runtime.recorder import LIVE_FILE
 from ledpi.runtime.rewind_ring import RewindRing
 from ledpi.runtime.rewind_writer import MAX_WAITING, RewindWriter
 from ledpi.runtime.takes import MAX_AUTOMATIC, Shown
 from tests.builders import ROOT
-from tests.builders.rewind import DRIVE, EVERY, Stream, as_lines, decoded_live, exactly, stream, without_times
+from tests.builders.rewind import (
+    DRIVE,
+    Stream,
+    as_lines,
+    decoded_live,
+    differences_once_settled,
+    stream,
+    without_times,
+)
 
 COMMAND = [sys.executable, "-c", "from ledpi.cli import main; main()"]
 SPEC = PanelSpec(side_m=0.16, black_hz=1250.0, white_hz=2450.0)
-COUNT, FIRST = 2 * EVERY + 1, EVERY
+COUNT = 16
 PATIENCE_S = 120.0
 
 
@@ -36,12 +42,12 @@ def drive() -> Stream:
     return stream(COUNT)
 
 
-def ring_with(drive: Stream, decoded: list[Decoded], budgets: list[int]) -> RewindRing:
-    """All from FIRST on, the state before it included."""
+def ring_with(drive: Stream, first: int = 0, budgets: Sequence[int] = ()) -> RewindRing:
+    """All from the frame `first` on; with budgets, where each frame had one of its own."""
     ring = RewindRing(*DRIVE, 35.0, 10.0, 300_000_000)
-    ring.begin(drive.states[FIRST])
-    for frame, result, budget in zip(drive.frames[FIRST:], decoded, budgets, strict=True):
-        ring.keep(frame, result, budget, lambda: drive.states[FIRST])
+    frames, live = drive.frames[first:], drive.live[first:]
+    for frame, result, budget in zip(frames, live, budgets or [150_000] * len(frames), strict=True):
+        ring.keep(frame, result, budget)
     return ring
 
 
@@ -52,19 +58,12 @@ def writer_of(ring: RewindRing, folder: Path, drive: Stream) -> RewindWriter:
     return writer
 
 
-def saved(drive: Stream, folder: Path, budgets: list[int] | None = None) -> tuple[Path, list[Decoded]]:
-    """A recording of the stream from FIRST on, and what was decoded live, with other budgets for each frame."""
-    pipeline = drive.pipeline()
-    pipeline.resume(drive.states[FIRST])
-    budgets = budgets or [150_000] * (len(drive.frames) - FIRST)
-    live = []
-    for frame, budget in zip(drive.frames[FIRST:], budgets, strict=True):
-        pipeline.likelihood.search_budget = budget
-        live.append(pipeline.decode(frame))
-    ring = ring_with(drive, live, budgets)
+def saved(drive: Stream, folder: Path, first: int = 0, budgets: Sequence[int] = ()) -> Path:
+    """A recording of the stream from the frame `first` on."""
+    ring = ring_with(drive, first, budgets)
     writer = writer_of(ring, folder, drive)
     try:
-        return writer.write("asked", ring.take()).result(PATIENCE_S), live
+        return writer.write("asked", ring.take()).result(PATIENCE_S)
     finally:
         writer.close()
 
@@ -78,31 +77,53 @@ def lines_of(text: str) -> list[dict[str, object]]:
     return without_times([json.loads(line) for line in text.splitlines()])
 
 
-def test_it_decodes_to_the_last_bit(drive: Stream, tmp_path: Path) -> None:
-    """From the first frame on, with the pictures and the state that were written."""
-    folder, live = saved(drive, tmp_path)
-    recording = load_recording(folder)
-    pipeline = drive.pipeline()
-    assert resume_from(folder, pipeline)
-    again = []
-    for entry in recording.frames:
-        picture = np.empty(DRIVE, np.uint8)
-        assert read_picture(entry.picture, picture) is None
-        again.append(exactly(pipeline.decode(recording.frame(entry, picture))))
-    assert again == [exactly(decoded) for decoded in live]
-    assert live[0].markers  # and the first of them shows a panel already
-
-
-def test_decode_as_live_says_what_live_did(drive: Stream, tmp_path: Path) -> None:
-    """The command's lines are those of live.jsonl, where each frame had a budget of its own."""
-    budgets = [[25_000, 1_000_000, 60_000][k % 3] for k in range(COUNT - FIRST)]
-    folder, live = saved(drive, tmp_path, budgets)
+def test_a_recording_from_the_daemons_start_decodes_as_it_did_live(drive: Stream, tmp_path: Path) -> None:
+    """To the last bit, where each frame had a budget of its own: the command's lines are those of live.jsonl."""
+    budgets = [[25_000, 1_000_000, 60_000][k % 3] for k in range(COUNT)]
+    pipeline, live = drive.pipeline(), []
+    for frame, budget in zip(drive.frames, budgets, strict=True):
+        pipeline.likelihood.search_budget = budget
+        live.append(pipeline.decode(frame))
+    folder = saved(replace(drive, live=live), tmp_path, budgets=budgets)
     done = decode("--as-live", folder)
-    assert done.returncode == 0, done.stderr
+    assert (done.returncode, done.stderr) == (0, "")
     assert lines_of(done.stdout) == as_lines(live)
     assert lines_of((folder / LIVE_FILE).read_text()) == as_lines(live)
-    (folder / STATE_FILE).unlink()
-    assert lines_of(decode("--as-live", folder).stdout) != as_lines(live)  # it does matter
+    assert lines_of(decode(folder).stdout) != as_lines(live)  # budgets matter
+
+
+def test_one_that_begins_later_decodes_as_it_did_live_after_a_second(tmp_path: Path) -> None:
+    """By then its panels are found and read again; and its note says so."""
+    drive = stream(96)
+    folder = saved(drive, tmp_path, 30)
+    live = as_lines(drive.live[30:])
+    assert live[0]["markers"]
+    again = lines_of(decode("--as-live", folder).stdout)
+    assert differences_once_settled(live, again) == []
+    assert "first second" in load_note(folder)
+
+
+def test_only_the_daemons_own_user_may_read_it(drive: Stream, tmp_path: Path) -> None:
+    """Whoever may not use the tap gets no picture from the folder either."""
+    saved(drive, tmp_path / "takes")
+    assert (tmp_path / "takes").stat().st_mode & 0o077 == 0
+
+
+def load_note(folder: Path) -> str:
+    return str(yaml.safe_load((folder / "recording.yaml").read_text())["note"])
+
+
+def test_a_state_that_an_older_version_wrote_is_not_read(drive: Stream, tmp_path: Path) -> None:
+    """Whatever it holds: that is said once, in one line, and the recording is decoded."""
+    folder = saved(drive, tmp_path)
+    plain = decode("--as-live", folder)
+    with (folder / OLD_STATE_FILE).open("wb") as state:
+        state.write(b"\x80\x04\x95")
+        state.truncate(10 * 2**30)  # without taking room on the disk
+    done = decode("--as-live", folder)
+    assert done.returncode == 0
+    assert lines_of(done.stdout) == lines_of(plain.stdout)
+    assert done.stderr == f"ledpi: {folder}: state.bin is not read; the first second may differ from what was live\n"
 
 
 def test_a_driver_that_misreports_its_rows_is_seen_through_as_it_was_live(tmp_path: Path) -> None:
@@ -117,33 +138,14 @@ def test_a_driver_that_misreports_its_rows_is_seen_through_as_it_was_live(tmp_pa
         true.camera, row_time_us=true.camera.row_time_us * report, exposure_us=true.camera.exposure_us * report
     )
     drive = decoded_live(true.config, info, frames)
-    assert drive.states[FIRST].clock.ratio == pytest.approx(1 / report, rel=1e-3)
-    folder, live = saved(drive, tmp_path)
-    assert lines_of(decode("--as-live", folder).stdout) == as_lines(live)
-
-
-def test_a_wrong_state_is_one_line(drive: Stream, tmp_path: Path) -> None:
-    """Exit status 2, the file, what is wrong; nothing is decoded."""
-    folder, _ = saved(drive, tmp_path)
-    (folder / STATE_FILE).write_bytes(b"\x80\x04\x95")
-    done = decode("--as-live", folder)
-    assert (done.returncode, done.stdout) == (2, "")
-    assert done.stderr == f"ledpi: {folder / STATE_FILE}: begins with no line of JSON; must be as ledpi writes it\n"
-    assert decode(folder).returncode == 0  # it is a recording all the same
-
-
-def test_a_state_that_brings_a_frame_down_is_one_line(tmp_path: Path) -> None:
-    """Well-formed, but none that a pipeline was ever in: whatever comes of it is told as the file's fault."""
-    with (
-        pytest.raises(RecordingError, match=r"state.bin: frame 7 cannot be decoded after what it says \(LinAlgError\)"),
-        _blaming_state(tmp_path, 7),
-    ):
-        np.linalg.inv(np.zeros((2, 2)))
+    folder = saved(drive, tmp_path)
+    assert lines_of(decode("--as-live", folder).stdout) == as_lines(drive.live)
+    assert any(decoded.markers for decoded in drive.live)
 
 
 def test_a_recording_that_is_cut_off_is_one(drive: Stream, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The daemon ends meanwhile: the name says that it is a part, and that part decodes as it did live."""
-    ring = ring_with(drive, drive.live[FIRST:], [150_000] * (COUNT - FIRST))
+    ring = ring_with(drive)
     writer = writer_of(ring, tmp_path, drive)
     give_back, given = ring.give_back, []
 
@@ -158,21 +160,21 @@ def test_a_recording_that_is_cut_off_is_one(drive: Stream, tmp_path: Path, monke
     writer.close()
     (part,) = tmp_path.iterdir()
     assert part.name.endswith("-asked.part")
-    assert lines_of(decode("--as-live", part).stdout) == as_lines(drive.live[FIRST : FIRST + 12])
-    assert len(given) == COUNT - FIRST  # every room is free again
+    assert lines_of(decode("--as-live", part).stdout) == as_lines(drive.live[:12])
+    assert len(given) == COUNT  # every room is free again
 
 
 def test_a_disk_that_is_too_full_is_reported(drive: Stream, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Before anything is written, as a disk that ledpi has filled stops more than ledpi; the rooms are free again."""
     monkeypatch.setattr(takes, "MIN_FREE_BYTES", 10**18)
-    ring = ring_with(drive, drive.live[FIRST:], [150_000] * (COUNT - FIRST))
+    ring = ring_with(drive)
     before = ring.room
     writer = writer_of(ring, tmp_path / "takes", drive)
     with pytest.raises(RecordingError, match=r"the disk has \d+ MB left; \d+ MB are needed"):
         writer.write("asked", ring.take()).result(PATIENCE_S)
     writer.close()
     assert list((tmp_path / "takes").iterdir()) == []
-    assert ring.room == before + COUNT - FIRST
+    assert ring.room == before + COUNT
 
 
 def test_those_that_nobody_asked_for_do_not_pile_up(drive: Stream, tmp_path: Path) -> None:
@@ -181,7 +183,7 @@ def test_those_that_nobody_asked_for_do_not_pile_up(drive: Stream, tmp_path: Pat
     kept = ["20250101T000000Z-asked", "20250101T000000Z-camera_lost-mine", "notes"]
     for name in (*old, *kept, "20260101T000000Z-contradicted-2.part"):
         (tmp_path / name).mkdir()
-    ring = ring_with(drive, drive.live[FIRST:], [150_000] * (COUNT - FIRST))
+    ring = ring_with(drive)
     writer = writer_of(ring, tmp_path, drive)
     path = writer.write("camera_lost", ring.take()).result(PATIENCE_S)
     writer.close()
@@ -190,12 +192,11 @@ def test_those_that_nobody_asked_for_do_not_pile_up(drive: Stream, tmp_path: Pat
 
 def test_two_in_one_second_have_names_of_their_own(drive: Stream, tmp_path: Path) -> None:
     """Neither is written over the other."""
-    ring = ring_with(drive, drive.live[FIRST:], [150_000] * (COUNT - FIRST))
+    ring = ring_with(drive)
     writer = writer_of(ring, tmp_path, drive)
     kept = ring.take()
     half = len(kept) // 2
-    with_state = [kept[half]._replace(state=drive.states[FIRST]), *kept[half + 1 :]]
-    paths = {writer.write("asked", part).result(PATIENCE_S) for part in (kept[:half], with_state)}
+    paths = {writer.write("asked", part).result(PATIENCE_S) for part in (kept[:half], kept[half:])}
     writer.close()
     assert set(tmp_path.iterdir()) == paths
     assert len(paths) == 2
@@ -203,7 +204,7 @@ def test_two_in_one_second_have_names_of_their_own(drive: Stream, tmp_path: Path
 
 def test_more_than_it_can_write_is_refused(drive: Stream, tmp_path: Path) -> None:
     """Each waits with its pictures' rooms; so only some may, and the rooms of what is refused are free again."""
-    ring = ring_with(drive, drive.live[FIRST:], [150_000] * (COUNT - FIRST))
+    ring = ring_with(drive)
     shown = Shown(camera=drive.camera, dictionary="DICT_4X4_50", panel=SPEC, source="simulated")
     writer = RewindWriter(ring, tmp_path, shown)  # it is not started, and writes nothing
     for _ in range(MAX_WAITING):
