@@ -1,9 +1,10 @@
 """Why each four-sided thing that was dropped is no panel that is read, in words; and what the whole picture lacks.
 
-The reasons of the path say at which stage something was dropped. A person asks what is wrong with the panel. So the
-picture is looked at again, and the first of these that holds is said: it is a panel of another kind (`what_if`, or its
-cells by all frames, `mistakes`); it is too bright; the exposure hides its bands; it is too dim; it is blurred; a part
-of it is hidden. Else the reason of the path is put in words.
+The reasons of the path say at which stage something was dropped. A person asks what is wrong with the panel. If its
+ID was read, the path knows why it is not reported. Else the picture is looked at again, and the first of these that
+holds is said: it is a panel of another kind (`what_if`, or its cells by all frames, `mistakes`); it is too bright; the
+exposure hides its bands; it is too dim; it is blurred; a part of it is hidden. Else the reason of the path is put in
+words.
 """
 
 from __future__ import annotations
@@ -40,7 +41,6 @@ BRIGHTEST_PERCENT = 99.9  # of a picture's pixels: its brightest parts
 # shows none such.
 _BLINKS = (
     *("identify.not_in_dictionary", "identify.ambiguous", "identify.inconsistent_cells"),
-    *("identify.id_not_in_panels_ids", "suppression.same_id", "pose.unsolved", "pose.not_square"),
     *("track.innovation", "track.contradicted"),
 )
 _NO_BANDS = ("fit.no_bands", "identify.no_bands")
@@ -54,6 +54,7 @@ class NotRead:
     corners_px: Floats  # (4, 2)
     why: str  # as `identify.no_bands`
     cells_nats: Floats | None = None  # (n, n) log-likelihood ratio of white to black, where cells were looked at
+    marker_id: int | None = None  # that was read, and is not reported
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,13 +67,15 @@ class Diagnosis:
     helps: str  # "" where nothing is to be done
     kind: Kind
     cells_nats: Floats | None = None
+    marker_id: int | None = None  # that was read, and is not reported
 
     @property
     def line(self) -> str:
         """As in `panel at 400, 238 is not read: looks like ID 11 mirrored`, without what helps."""
         x, y = self.corners_px.mean(axis=0)
         if self.kind == "panel":
-            return f"panel at {x:.0f}, {y:.0f} is not read: {self.says}"
+            missing = "read" if self.marker_id is None else "reported"
+            return f"panel at {x:.0f}, {y:.0f} is not {missing}: {self.says}"
         return f"{self.kind} at {x:.0f}, {y:.0f}, if it is a panel: {self.says}"
 
 
@@ -91,7 +94,9 @@ def not_read_in(trace: Trace) -> list[NotRead]:
     for dropped in trace.dropped:
         square = looked_at.get(dropped.corners_px.tobytes())
         nats = None if square is None else classes_unread(square)
-        found.append(NotRead(corners_px=dropped.corners_px, why=dropped.why.key, cells_nats=nats))
+        found.append(
+            NotRead(corners_px=dropped.corners_px, why=dropped.why.key, cells_nats=nats, marker_id=dropped.marker_id)
+        )
     return found
 
 
@@ -139,13 +144,13 @@ def picture_notes(frame: Frame, panels: PanelSettings) -> list[Note]:
 
 
 def found_cells(one: NotRead) -> bool:
-    """Whether the cells of a panel were found there."""
-    return one.why.startswith("identify.")
+    """Whether the cells of a panel were found there, and no ID."""
+    return one.marker_id is None and one.why.startswith("identify.")
 
 
 def worth_a_guess(frame: Frame, one: NotRead) -> bool:
     """Whether it may be a panel of another kind, which takes time to find out."""
-    if side_px(one.corners_px) < SMALLEST_PX:
+    if one.marker_id is not None or side_px(one.corners_px) < SMALLEST_PX:
         return False
     return one.why.partition(".")[0] in _AFTER_FIT or look_at(frame, one.corners_px).brighter >= LIT
 
@@ -156,7 +161,20 @@ _SHARPER = "focus the lens: turn it until the focus score of ledpi view is highe
 
 
 def _diagnosis(frame: Frame, panels: PanelSettings, one: NotRead, supposed: Sequence[Supposed]) -> Diagnosis:
-    mistake = next((s.mistake for s in supposed if same_place(one.corners_px, s.corners_px)), None)
+    if one.marker_id is not None:
+        says, helps = _not_reported(one.marker_id, one.why, panels)
+        return Diagnosis(
+            corners_px=one.corners_px,
+            why=one.why,
+            says=says,
+            helps=helps,
+            kind="panel",
+            cells_nats=one.cells_nats,
+            marker_id=one.marker_id,
+        )
+    reading = next((s for s in supposed if same_place(one.corners_px, s.corners_px)), None)
+    corners_px = one.corners_px if reading is None else reading.corners_px
+    mistake = None if reading is None else reading.mistake
     if mistake is None and one.cells_nats is not None:
         mistake = mistake_of(one.cells_nats, load_dictionary(panels.dictionary))
     look, is_large = look_at(frame, one.corners_px), side_px(one.corners_px) >= SMALLEST_PX
@@ -170,8 +188,19 @@ def _diagnosis(frame: Frame, panels: PanelSettings, one: NotRead, supposed: Sequ
     means, helps = mistake or explained(one.why)
     if mistake is None and one.why in _NO_BANDS:
         means = f"nothing there blinks at {panels.spec().blinking()}"
-    return Diagnosis(
-        corners_px=one.corners_px, why=one.why, says=means, helps=helps, kind=kind, cells_nats=one.cells_nats
+    return Diagnosis(corners_px=corners_px, why=one.why, says=means, helps=helps, kind=kind, cells_nats=one.cells_nats)
+
+
+def _not_reported(marker_id: int, why: str, panels: PanelSettings) -> Mistake:
+    """Says why the path does not report an ID that it has read."""
+    if why != "identify.id_not_in_panels_ids":
+        means, helps = explained(why)
+        return Mistake(f"this is ID {marker_id}, but {means}", helps)
+    if panels.ids is not None:
+        return Mistake(f"this is ID {marker_id}, which panels.ids does not list", f"add {marker_id} to panels.ids")
+    return Mistake(
+        f"this is ID {marker_id}, or a part of another panel that looks the same",
+        f"list all your panels in panels.ids, {marker_id} among them",
     )
 
 
@@ -179,8 +208,6 @@ def _symptom(frame: Frame, panels: PanelSettings, one: NotRead, look: Look) -> M
     """What the picture shows to be wrong with something that may be a panel."""
     if look.full_share > MOST_FULL:
         return Mistake(f"too bright: {100 * look.full_share:.0f} % of its pixels are full", _LESS_LIGHT)
-    if one.why == "identify.id_not_in_panels_ids" or one.why.startswith(("suppression.", "pose.")):
-        return None  # it is read
     if (null := _null(frame, panels)) is not None:
         return null
     if (step := band_step(frame, panels.spec(), look.level)) < LEAST_STEP:

@@ -92,7 +92,7 @@ class Pipeline:
         """Whether there is a panel of this ID."""
         exists = detection.id in self._existing
         if not exists:
-            work.reject(detection.corners_px, NOT_EXISTING)
+            work.reject(detection.corners_px, NOT_EXISTING, detection.id)
         return exists
 
     def _correct_row_time(self, frame: Frame) -> Frame:

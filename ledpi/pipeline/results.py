@@ -28,11 +28,11 @@ class Results:
         """What a stage has taken since then (`time.perf_counter`)."""
         self.seconds[stage] += time.perf_counter() - since_s
 
-    def reject(self, corners_px: Floats, why: Rejected) -> None:
-        """Counts something four-sided that was no panel, or has no pose."""
+    def reject(self, corners_px: Floats, why: Rejected, marker_id: int | None = None) -> None:
+        """Counts something four-sided that was no panel, or was read (as `marker_id`) and is not reported."""
         self.rejected.append(why)
         if self.trace is not None:
-            self.trace.dropped.append(Dropped(corners_px=corners_px, why=why))
+            self.trace.dropped.append(Dropped(corners_px=corners_px, why=why, marker_id=marker_id))
 
     def add(self, frame: Frame, detections: list[Detection], placer: Placer) -> list[MarkerPose]:
         """Places the new detections, and the robot by all there are. Returns the new markers.
@@ -44,13 +44,13 @@ class Results:
         dropped = [(d, why) for d, why in suppress_duplicates(self.detections) if id(d) not in known]
         for detection, why in dropped:
             self.suppressed.append(detection)
-            self.reject(detection.corners_px, why)
+            self.reject(detection.corners_px, why, detection.id)
         gone = {id(detection) for detection in self.suppressed}
         new = [detection for detection in detections if id(detection) not in gone]
         markers = []
         for detection, placed in zip(new, placer.place(frame, new), strict=True):
             if isinstance(placed, Rejected):
-                self.reject(detection.corners_px, placed)
+                self.reject(detection.corners_px, placed, detection.id)
             else:
                 markers.append(placed)
         self.markers = [m for m in self.markers if id(m.detection) not in gone] + markers

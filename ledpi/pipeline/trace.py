@@ -19,6 +19,7 @@ class Dropped:
 
     corners_px: Floats  # (4, 2) as the picture shows it
     why: Rejected
+    marker_id: int | None = None  # where it was read, and is not reported
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -59,6 +59,10 @@ FAULTS: dict[str, Fault] = {
     "other grid": Fault(
         says="looks like ID 11 of DICT_5X5_50", panel={"codeword": load_dictionary("DICT_5X5_50").codeword(11)}
     ),
+    "not listed": Fault(says="this is ID 11, which panels.ids does not list", settings=("panels.ids=[7, 3]",)),
+    "like a part": Fault(
+        says="this is ID 3, or a part of another panel", panel={"codeword": load_dictionary(DICTIONARY).codeword(3)}
+    ),
     "half hidden": Fault(says="partly hidden", lights=(_before(0.5),)),
     "out of focus": Fault(says="out of focus", sensor={"defocus_px": 22.0}, alone=True),
     "too dim": Fault(says="too dim", panel={"brightness": 0.006}, room=Room(level=0.001)),

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from ledpi.core.records import Frame
-from ledpi.diagnosis.diagnose import Diagnosis, not_read_in
+from ledpi.diagnosis.diagnose import Diagnosis, NotRead, diagnose, not_read_in
+from ledpi.diagnosis.mistakes import swapped
+from ledpi.diagnosis.what_if import Supposed
 from ledpi.diagnosis.why_not import Why, WhyNot
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.pipeline.trace import Trace
@@ -50,6 +52,17 @@ def test_what_is_wrong_is_said_at_its_place(name: str, stream: bool) -> None:
     assert fault.says in found[0].says
     assert found[0].helps
     assert found[0].kind != "shape"
+
+
+def test_what_a_guess_reads_is_outlined_where_it_is_read() -> None:
+    """Not where a rough square was dropped, which may lie beside it."""
+    config = config_of(RIGHT)
+    frame = camera_of(RIGHT, config, paced=False).read(np.empty((480, 640), np.uint8))
+    assert isinstance(frame, Frame)
+    panel = np.array(PLACE_PX) + SIDE_PX / 2 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    rough = NotRead(corners_px=panel + np.array([0.3 * SIDE_PX, 0.0]), why="fit.uncertain")
+    (told,) = diagnose(frame, config.panels, [rough], supposed=[Supposed(panel, swapped(11))])
+    assert (told.corners_px == panel).all()
 
 
 @pytest.mark.parametrize("stream", [False, True], ids=["alone", "stream"])
