@@ -10,7 +10,7 @@ import typer
 from ledpi.cli import app
 from ledpi.cli.drawn import check_apart, write_drawn
 from ledpi.cli.progress import progress
-from ledpi.core.errors import CameraError, ConfigError, RecordingError, TapError
+from ledpi.core.errors import CameraError, ConfigError, RecordingError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -52,12 +52,12 @@ def snapshot(
     It shows the bands, amplified, the cells, the poses, and why a panel is not read.
     The frame is decoded alone, without memory of those before; without --frame, a camera's first that shows a panel,
     if one of half a second does. Standard output says what was read, and from where; and, for each panel that was not
-    read, what is wrong with it and what helps. A daemon that runs here has the camera: its frame is taken, unless
-    --frame or a --set of the section `camera` asks for the camera.
+    read, what is wrong with it and what helps. A daemon that runs here has the camera: its frame is taken, and its
+    settings hold. --frame, another --config, or a --set of the section `camera` asks for the camera.
 
     Example: ledpi snapshot recordings/drive --frame 42 --out frame42.png
     """
-    from ledpi.config.settings import find_config, load_config
+    from ledpi.config.robot import load_robot
     from ledpi.pipeline.pipeline import Pipeline
     from ledpi.tools.snapshot.page import draw
     from ledpi.tools.snapshot.record import explain, take
@@ -69,21 +69,17 @@ def snapshot(
         raise RecordingError(f"{path}: no such file or folder")
     if path is not None and out.exists() and out.samefile(path):
         raise ConfigError(f"--out {out}: is the picture that is read; must be another file")
-    file, overrides = find_config(config), list(set_)
-    if method is not None:
-        overrides.append(f"decode.method={method}")
+    overrides = [*set_, *([] if method is None else [f"decode.method={method}"])]
     asks_for_camera = frame is not None or any(item.startswith("camera") for item in set_)
-    daemon = _from_daemon() if path is None and not asks_for_camera else None
-    brings_panel = daemon is not None or (path is not None and path.is_dir())
-    own_size = ("panels.side_m=1",) if brings_panel else ()
-    settings = load_config(file, tuple(overrides), without_file=own_size)
-    source = daemon or _open(path, settings, frame)
+    daemon = _of_daemon(config, overrides) if path is None and not asks_for_camera else None
+    source, settings = daemon or _open(path, config, overrides, frame)
     check_apart(out.parent, source.pictures, "--out")
     pipeline = Pipeline(
         source.camera,
         settings.panels,
         intrinsics=source.intrinsics,
         source_panel=source.panel,
+        robot=load_robot(settings),
         method=settings.decode.method,
         stream=False,
     )
@@ -95,29 +91,34 @@ def snapshot(
         typer.echo(f"  {says}\n    → {helps}" if helps else f"  {says}")
 
 
-def _open(path: Path | None, settings: Config, seq: int | None) -> _Source:
+def _open(path: Path | None, config: Path | None, overrides: list[str], seq: int | None) -> tuple[_Source, Config]:
+    """What is not the daemon's, with the settings of the configuration."""
+    from ledpi.config.settings import find_config, load_config
+
+    own_size = ("panels.side_m=1",) if path is not None and path.is_dir() else ()
+    settings = load_config(find_config(config), tuple(overrides), without_file=own_size)
     if path is None:
-        return _from_camera(settings, seq)
+        return _from_camera(settings, seq), settings
     if path.is_dir():
-        return _from_recording(path, settings, seq)
+        return _from_recording(path, settings, seq), settings
     if seq:
         raise ConfigError(f"--frame {seq}: {path} is a picture, not a recording; it has no frame but 0")
-    return _from_picture(path, settings)
+    return _from_picture(path, settings), settings
 
 
-def _from_daemon() -> _Source | None:
-    """None where no daemon runs here."""
-    from ledpi.tap.client import connect
+def _of_daemon(config: Path | None, overrides: list[str]) -> tuple[_Source, Config] | None:
+    """A frame of the daemon that runs here, with its settings; None where none does."""
+    from ledpi.tap.frames import settings_of
     from ledpi.tools.snapshot.from_camera import LOOK_FRAMES
-    from ledpi.tools.snapshot.from_daemon import showing_a_panel
+    from ledpi.tools.snapshot.from_daemon import connected, showing_a_panel
 
-    try:
-        tap = connect()
-    except TapError:
+    tap = connected(config)
+    if tap is None:
         return None
     with tap:
-        taken = showing_a_panel(tap, LOOK_FRAMES)
-    return _Source(taken.title, taken.frame, taken.camera, taken.panel, taken.camera.intrinsics)
+        settings = settings_of(tap.hello, overrides)
+        taken = showing_a_panel(tap, settings, LOOK_FRAMES)
+    return _Source(taken.title, taken.frame, taken.camera, None, taken.camera.intrinsics), settings
 
 
 def _from_camera(settings: Config, seq: int | None) -> _Source:

@@ -172,14 +172,24 @@ def load_config(path: Path | None, overrides: tuple[str, ...] = (), *, without_f
     if path is None:
         _size_of_own_panels(raw)
     rename_method(raw, where)
-    config = _resolve_paths(validated(Config, raw, where, ConfigError), base, from_command_line)
+    config = _resolve_paths(build_config(raw, where), base, from_command_line)
     config._from_command_line = frozenset(from_command_line)
     config._file = None if path is None else path.absolute()
+    check_together(config, where)
+    return config
+
+
+def build_config(raw: dict[str, Any], where: str) -> Config:
+    """Validates each value by itself. Raises ConfigError."""
+    return validated(Config, raw, where, ConfigError)
+
+
+def check_together(config: Config, where: str) -> None:
+    """Raises ConfigError where values that are right one by one contradict each other."""
     check_panels(config.panels, where)
     if config.camera.row_time_us != "auto":
         check_bands_visible(config.panels, config.camera.row_time_us, where)
     check_method(config.decode.method, config.panels, f"{where}: decode.method")
-    return config
 
 
 def check_method(method: Method, panels: PanelSettings, where: str) -> None:

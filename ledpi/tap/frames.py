@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
+from ledpi.config.overrides import apply_override
 from ledpi.config.panels import PanelSettings
+from ledpi.config.settings import Config, build_config, check_together
 from ledpi.core.errors import ConfigError, TapError
-from ledpi.core.records import CameraInfo, Floats, Frame, Intrinsics, PanelValues
+from ledpi.core.records import CameraInfo, Floats, Frame, Intrinsics
 from ledpi.diagnosis.diagnose import NotRead
 from ledpi.diagnosis.why_not import WhyNot
-from ledpi.markers.dictionaries import load_dictionary
 
 WITH_REASONS = ("rejected", "evidence")  # extras of a picture from which `not_read_of` knows all
 SAME_PX = 1.0  # corners of one square, which are told twice, rounded
@@ -29,28 +30,47 @@ def camera_of(hello: dict[str, Any]) -> CameraInfo:
         raise TapError(f"the daemon's hello holds no whole camera: {error}") from None
 
 
-def panel_of(hello: dict[str, Any]) -> PanelValues:
-    """The panels that the daemon looks for. Raises TapError."""
-    try:
-        return PanelValues(**hello["panels"])
-    except (KeyError, TypeError) as error:
-        raise TapError(f"the daemon's hello holds no whole panel: {error}") from None
+def settings_of(hello: dict[str, Any], overrides: Sequence[str] = ()) -> Config:
+    """The daemon's own settings, as far as decoding its pictures hangs on them, and `--set` overrides of them.
 
-
-def settings_of(hello: dict[str, Any]) -> PanelSettings:
-    """The same as settings, to decode with. Raises TapError where the dictionary cannot be read from here."""
+    A panel has the side that the map gives it. Raises TapError where they cannot be used here, as where its dictionary
+    is a file that cannot be read; ConfigError for an override.
+    """
     try:
-        settings = PanelSettings(**asdict(panel_of(hello)))
-        load_dictionary(settings.dictionary)
-    except (ValueError, ConfigError) as error:
+        raw: dict[str, Any] = {
+            "panels": _panels_of(hello),
+            "decode": _given(method=hello.get("method")),
+            "robot": {"camera_mount": _given(**(hello.get("camera_mount") or {}))},
+        }
+        check_together(build_config(raw, "hello"), "hello")
+    except (KeyError, TypeError, ValueError, AttributeError, ConfigError) as error:
         raise TapError(f"the daemon's panels cannot be used here: {error}") from None
+    for item in overrides:
+        apply_override(raw, item)
+    settings = build_config(raw, "configuration")
+    check_together(settings, "configuration")
     return settings
+
+
+def _panels_of(hello: dict[str, Any]) -> dict[str, Any]:
+    """The section `panels`, without the keys of a newer daemon."""
+    panels = {key: value for key, value in hello["panels"].items() if key in PanelSettings.model_fields}
+    overrides = {int(marker_id): dict(values) for marker_id, values in panels.get("overrides", {}).items()}
+    for marker_id, panel in (hello.get("map") or {}).items():
+        own = overrides.get(int(marker_id), {})
+        if panel["side_m"] != (own.get("side_m") or panels["side_m"]):
+            overrides[int(marker_id)] = own | {"side_m": panel["side_m"]}
+    return panels | {"overrides": overrides}
+
+
+def _given(**values: Any) -> dict[str, Any]:
+    return {key: value for key, value in values.items() if value is not None}
 
 
 def why_not_of(hello: dict[str, Any]) -> WhyNot:
     """For the pictures of this daemon. Raises TapError."""
     camera = camera_of(hello)
-    return WhyNot(camera, settings_of(hello), camera.intrinsics)
+    return WhyNot(camera, settings_of(hello).panels, camera.intrinsics)
 
 
 def not_read_of(picture: dict[str, Any]) -> list[NotRead]:
@@ -61,7 +81,7 @@ def not_read_of(picture: dict[str, Any]) -> list[NotRead]:
         corners = np.array(rejected["corners_px"], np.float64)
         look = next((x for x in looks if np.abs(np.array(x["corners_px"]) - corners).max() < SAME_PX), None)
         nats = None if look is None else _square(look.get("cells_nats") or [])
-        found.append(NotRead(corners_px=corners, why=rejected["why"], cells_nats=nats))
+        found.append(NotRead(corners_px=corners, why=rejected["why"], cells_nats=nats, marker_id=rejected.get("id")))
     return found
 
 

@@ -74,7 +74,10 @@ def hello(setup: Setup, may: Sequence[str]) -> dict[str, Any]:
             "transfer": camera.transfer,
             **(lens or dict.fromkeys(("fx", "fy", "cx", "cy", "distortion"))),
         },
-        "panels": panels.model_dump(include={"dictionary", "side_m", "black_hz", "white_hz", "duty", "phase"}),
+        "panels": panels.model_dump(mode="json"),
+        "method": setup.values.get("decode.method"),
+        "camera_mount": {key: setup.values.get(f"robot.camera_mount.{key}") for key in ("position_m", "rpy_deg")},
+        "config_path": setup.config_path,
         "map": None if setup.panel_map is None else _map(setup.panel_map, panels),
         "may": list(may),
         "dropped": 0,
@@ -129,7 +132,8 @@ def picture(shown: Shown, request: Request, panels: PanelSettings) -> dict[str, 
     }
     if shown.trace is not None and "rejected" in request.extras:
         values["rejected"] = [
-            {"corners_px": _corners(dropped.corners_px), "why": dropped.why.key} for dropped in shown.trace.dropped
+            {"corners_px": _corners(dropped.corners_px), "why": dropped.why.key, "id": dropped.marker_id}
+            for dropped in shown.trace.dropped
         ]
     if shown.trace is not None and "evidence" in request.extras:
         values["looks"] = [_look(square, panels) for square in shown.trace.squares]

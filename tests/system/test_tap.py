@@ -270,19 +270,42 @@ def test_snapshot_takes_the_daemons_frame_and_says_so(tmp_path: Path, monkeypatc
         assert (tmp_path / "x.png").stat().st_size > 10_000
 
 
+def test_snapshot_has_the_daemons_settings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Which panels there are, and of what size: a panel of half the side hangs at half the distance.
+
+    Neither the defaults nor a config.yaml where it is called say so.
+    """
+    (tmp_path / "config.yaml").write_text("panels: {side_m: 0.4, ids: [1]}\n", encoding="utf-8")
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "run"))
+    (tmp_path / "run/ledpi").mkdir(parents=True, mode=0o700)
+    write_recording(tmp_path / "take", 30, rows=5 * 504)
+    settings = (
+        f"camera.source=recording:{tmp_path / 'take'}",
+        "panels.overrides={7: {side_m: 0.08}}",
+        "panels.ids=[7]",
+    )
+    with daemon(*settings, at(tmp_path / "run/ledpi/tap.sock"), options=FOR_EVER):
+        reach(tmp_path / "run/ledpi/tap.sock").close()
+        done = subprocess.run(
+            [*LEDPI, "snapshot", "--out", "x.png"], cwd=tmp_path, capture_output=True, text=True, timeout=DEADLINE_S
+        )
+    said = re.search(r"running daemon .*: ID 7 at \S+ \S+ (\S+) m", done.stdout)
+    assert said is not None, done.stdout + done.stderr
+    assert float(said[1]) == pytest.approx(0.5, rel=0.02)
+
+
 def test_snapshot_of_the_camera_itself_asks_no_daemon(
     running: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Where a frame's number or a setting of the camera is given."""
+    """Where a frame's number, a setting of the camera, or another configuration than the daemon's is given."""
     (tmp_path / "ledpi").mkdir(mode=0o700)
     (tmp_path / "ledpi/tap.sock").symlink_to(running)
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     config = tmp_path / "config.yaml"
     config.write_text("panels: {side_m: 0.16}\n" + SIMULATED_YAML, encoding="utf-8")
-    for asks in (("--frame", "3"), ("--set", "camera.exposure_us=9000")):
+    for asks in (("--frame", "3"), ("--set", "camera.exposure_us=9000"), ()):
         done = ledpi("snapshot", "--config", str(config), *asks, "--out", str(tmp_path / "x.png"))
         assert "x.png: simulated, frame" in done.stdout
-    assert "running daemon" in ledpi("snapshot", "--config", str(config), "--out", str(tmp_path / "x.png")).stdout
 
 
 # ---- The page's own lines

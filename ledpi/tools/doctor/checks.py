@@ -42,7 +42,7 @@ def examine(config: Config) -> Iterator[Finding]:
         yield from _camera(config)
     else:
         with tap:
-            yield from running.examine(tap)
+            yield from running.examine(tap, config)
     yield _panel_ids(config.panels)
     yield _map(config)
     if tap is None:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Iterator
 from typing import Any
 
 from ledpi.camera.exposure_notes import vanishing
+from ledpi.config.origins import values_of
 from ledpi.config.settings import Config
 from ledpi.core.errors import TapError
+from ledpi.core.wording import shortened_name
 from ledpi.tap.client import Client, connect
 from ledpi.tap.frames import WITH_REASONS, frame_of, not_read_of, read_px_of, settings_of, why_not_of
 from ledpi.tools.doctor.finding import Finding, bad, ok, unknown
@@ -16,6 +19,7 @@ from ledpi.tools.doctor.in_view import findings_of
 
 HEALTH_S = 3.0  # within which a daemon says how it is, which it does each second
 PICTURES = 6  # that are looked at: a stream searches the whole picture in every third frame
+MOST_NAMED = 3  # values that are told of
 HOT_C = 80.0  # from which a Pi becomes slower
 UNDER_VOLTAGE, THROTTLED = 1 << 0, 1 << 2  # bits of the Pi's `vcgencmd get_throttled`
 
@@ -34,16 +38,34 @@ def connected(config: Config) -> Client | None:
     return None
 
 
-def examine(tap: Client) -> Iterator[Finding]:
-    """The daemon, and the panels before its camera."""
+def examine(tap: Client, config: Config) -> Iterator[Finding]:
+    """The daemon, whether it runs with this configuration, and the panels before its camera."""
     yield ok("daemon", f"runs (pid {tap.hello.get('pid')}), and has the camera: it was asked")
     try:
+        yield from other_settings(tap.ask("config")["values"], config)
         health = _health(tap)
         if health is not None:
             yield from (finding for finding in checks(tap.hello, health) if finding.name != "map")
         yield from _in_view(tap)
     except TapError as error:
         yield unknown("panels", f"could not be looked for: {error}")
+
+
+def other_settings(of_daemon: dict[str, Any], config: Config) -> list[Finding]:
+    """Which values the daemon runs with that this configuration has otherwise, as after a change without a reload."""
+    here = values_of(config)
+    other = [key for key in here if key in of_daemon and of_daemon[key] != here[key] and not key.startswith("view.")]
+    if not other:
+        return []
+    said = ", ".join(f"{key} {_value(of_daemon[key])}, not {_value(here[key])}" for key in other[:MOST_NAMED])
+    more = f" (and {len(other) - MOST_NAMED} more)" if len(other) > MOST_NAMED else ""
+    remedy = "where this configuration is right: `sudo systemctl reload ledpi`, or start the daemon anew with it"
+    return [bad("settings", f"the daemon runs with {said}{more}", remedy)]
+
+
+def _value(value: Any) -> str:
+    """As config.yaml has it."""
+    return shortened_name(json.dumps(value, ensure_ascii=False))
 
 
 def _health(tap: Client) -> dict[str, Any] | None:
@@ -92,7 +114,7 @@ def _exposure(hello: dict[str, Any]) -> Finding | None:
     if not exposure_us:
         return None
     try:
-        panels = settings_of(hello)
+        panels = settings_of(hello).panels
         weak = " and ".join(f"{hz:g} Hz" for hz in vanishing(panels, exposure_us))
     except (TapError, ValueError) as error:
         return bad("panels", str(error), "correct the configuration's panels")

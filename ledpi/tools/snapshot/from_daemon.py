@@ -2,35 +2,52 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from pathlib import Path
 from typing import NamedTuple
 
-from ledpi.config.panels import PanelSettings
-from ledpi.core.errors import ConfigError, TapError
-from ledpi.core.records import CameraInfo, Frame, PanelValues
+from ledpi.config.robot import load_robot
+from ledpi.config.settings import Config
+from ledpi.core.errors import TapError
+from ledpi.core.records import CameraInfo, Frame
 from ledpi.pipeline.pipeline import Pipeline
-from ledpi.tap.client import Client
-from ledpi.tap.frames import camera_of, frame_of, panel_of
+from ledpi.tap.client import Client, connect
+from ledpi.tap.frames import camera_of, frame_of
 
 
 class Taken(NamedTuple):
-    """A frame, and what the daemon says of its camera and its panels."""
+    """A frame, and what the daemon says of its camera."""
 
     title: str
     frame: Frame
     camera: CameraInfo
-    panel: PanelValues
 
 
-def showing_a_panel(tap: Client, of_frames: int) -> Taken:
-    """The first that shows a panel by itself; where none of so many does, the last, to show why. Raises TapError."""
-    camera, panel = camera_of(tap.hello), panel_of(tap.hello)
+def connected(config: Path | None) -> Client | None:
+    """To the daemon that runs here; None where none does, or where it has another configuration than `config`."""
     try:
-        alone = Pipeline(camera, PanelSettings(**asdict(panel)), intrinsics=camera.intrinsics, stream=False)
-    except (ValueError, ConfigError) as error:  # a dictionary of its own, say, that cannot be read from here
-        raise TapError(f"{tap.path}: the daemon's panels cannot be used here: {error}") from None
+        tap = connect()
+    except TapError:
+        return None
+    used = tap.hello.get("config_path")
+    if config is None or (used is not None and Path(used) == config.absolute()):
+        return tap
+    tap.close()
+    return None
+
+
+def showing_a_panel(tap: Client, settings: Config, of_frames: int) -> Taken:
+    """The first that shows a panel by itself; where none of so many does, the last, to show why. Raises TapError."""
+    camera = camera_of(tap.hello)
+    alone = Pipeline(
+        camera,
+        settings.panels,
+        intrinsics=camera.intrinsics,
+        robot=load_robot(settings),
+        method=settings.decode.method,
+        stream=False,
+    )
     for _ in range(of_frames):
         frame = frame_of(tap.hello, tap.picture())
         if alone.decode(frame).markers:
             break
-    return Taken(f"running daemon (pid {tap.hello.get('pid')}), frame {frame.seq}", frame, camera, panel)
+    return Taken(f"running daemon (pid {tap.hello.get('pid')}), frame {frame.seq}", frame, camera)

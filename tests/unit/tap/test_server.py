@@ -13,16 +13,21 @@ import tempfile
 import threading
 import time
 from collections.abc import Iterator
+from dataclasses import replace
+from datetime import date
 from pathlib import Path
 from statistics import median
 
+import numpy as np
 import pytest
 
-from ledpi.core.errors import TapError
+from ledpi.config.panels import PanelOverride, PanelSettings
+from ledpi.core.errors import ConfigError, TapError
 from ledpi.pipeline.trace import Trace
+from ledpi.pose.panel_map import MapPanel
 from ledpi.tap.client import connect
 from ledpi.tap.crowd import MOST_FOLLOWERS
-from ledpi.tap.frames import camera_of, frame_of, panel_of
+from ledpi.tap.frames import camera_of, frame_of, settings_of
 from ledpi.tap.protocol import MAX_REQUEST_BYTES
 from ledpi.tap.server import MOST_WAITING_BYTES, PACE_S, Tap
 from tests.builders import ROOT
@@ -475,5 +480,37 @@ def test_a_records_camera_comes_back_whole(tap: Tap) -> None:
     with connect(tap.path) as client, Stream(tap):
         again = frame_of(client.hello, client.picture())
     assert camera_of(client.hello) == CAMERA
-    assert panel_of(client.hello).side_m == 0.16
+    assert settings_of(client.hello).panels.side_m == 0.16
     assert (again.exposure_us, again.row_time_us, again.transfer) == (1000.0, 20.0, "linear")
+
+
+def test_a_daemons_settings_come_back_whole(tap: Tap) -> None:
+    """The section `panels`, the method and the mount. A side that the map gives is the panel's; --set is on top."""
+    panels = PanelSettings(
+        side_m=0.16,
+        ids=(3, 7, 9),
+        upright=True,
+        search_frequencies=True,
+        overrides={7: PanelOverride(black_hz=1262.0, measured=date(2026, 11, 25)), 9: PanelOverride(side_m=0.2)},
+    )
+    at = np.eye(4)
+    panel_map = {3: MapPanel(map_from_marker=at, side_m=0.3), 7: MapPanel(map_from_marker=at, side_m=0.08)}
+    values = {"decode.method": "uemura", "robot.camera_mount.rpy_deg": [0.0, -90.0, 0.0]}
+    tap.begin(replace(SETUP, panels=panels, panel_map=panel_map, values=values, config_path="/etc/ledpi/config.yaml"))
+    with connect(tap.path) as client:
+        settings, wider = settings_of(client.hello), settings_of(client.hello, ["panels.overrides.9.side_m=0.4"])
+        assert client.hello["config_path"] == "/etc/ledpi/config.yaml"
+    own = {3: PanelOverride(side_m=0.3), 7: panels.overrides[7].model_copy(update={"side_m": 0.08})}
+    assert settings.panels == panels.model_copy(update={"overrides": {**panels.overrides, **own}})
+    assert (settings.decode.method, settings.robot.camera_mount.rpy_deg) == ("uemura", (0.0, -90.0, 0.0))
+    assert wider.panels.overrides[9].side_m == 0.4
+
+
+def test_a_daemons_settings_that_cannot_be_used_here_are_said(tap: Tap) -> None:
+    """As a dictionary that only the daemon may read; a mistake of --set is the user's own."""
+    with connect(tap.path) as client:
+        hidden = client.hello | {"panels": client.hello["panels"] | {"dictionary": "/root/words.yaml"}}
+        with pytest.raises(TapError, match=r"the daemon's panels cannot be used here: .*words\.yaml"):
+            settings_of(hidden)
+        with pytest.raises(ConfigError, match=r"panels\.ids: must be a list"):
+            settings_of(client.hello, ["panels.ids=7"])

@@ -7,10 +7,12 @@ from typing import Any
 
 import pytest
 
+from ledpi.config.origins import values_of
+from ledpi.config.settings import load_config
 from ledpi.core.records import Pixels
 from ledpi.tap.client import connect
 from ledpi.tools.doctor.finding import ok
-from ledpi.tools.doctor.running import checks, examine
+from ledpi.tools.doctor.running import checks, examine, other_settings
 from tests.builders.made_up_daemon import HEALTH, HELLO, PANEL, MadeUpDaemon
 
 
@@ -46,6 +48,16 @@ def test_what_is_wrong_is_told_with_what_to_do(hello: Any, health: Any, name: st
     assert all(f.remedy for f in checks(HELLO | hello, HEALTH | health) if f.state == "bad")
 
 
+def test_a_daemon_with_other_settings_than_these_is_told() -> None:
+    """With both values, and how to make it take these; the page's own settings are no daemon's."""
+    daemon = load_config(None, ("panels.side_m=0.16", "panels.overrides={7: {side_m: 0.3}}", "view.token=secretsecret"))
+    here = load_config(None, ("panels.side_m=0.08", "panels.overrides={7: {side_m: 0.3}}"))
+    (finding,) = other_settings(values_of(daemon), here)
+    assert (finding.state, finding.said) == ("bad", "the daemon runs with panels.side_m 0.16, not 0.08")
+    assert "systemctl reload ledpi" in finding.remedy
+    assert other_settings(values_of(daemon), daemon) == []
+
+
 class Flickering(MadeUpDaemon):
     """Of two pictures one shows its panel, and the other only that something is there."""
 
@@ -63,7 +75,7 @@ def test_a_panel_that_one_of_the_pictures_shows_is_read(tmp_path: Path) -> None:
     daemon = Flickering(tmp_path / "tap.sock")
     try:
         with connect(str(tmp_path / "tap.sock")) as tap:
-            findings = list(examine(tap))
+            findings = list(examine(tap, load_config(None, ("panels.side_m=0.16",))))
     finally:
         daemon.close()
     assert [finding for finding in findings if finding.name == "panels"] == [ok("panels", "ID 7 read")]
