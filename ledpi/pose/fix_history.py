@@ -9,9 +9,8 @@ import numpy as np
 from ledpi.core.geometry import rotation_vector
 from ledpi.core.records import MAX_GAP_NS, Floats
 from ledpi.pose.branches import EXCLUDED_BY
+from ledpi.pose.motion import MAX_SPEED_M_S, MAX_TURN_RAD_S
 
-# How far a robot may have come since: no wheeled robot that looks for panels is quicker.
-MAX_SPEED_M_S, MAX_TURN_RAD_S = 3.0, 6.0
 NEAR = 22.5  # χ² of 6 that chance exceeds once in 1,000 times: what is further away is not where the robot went
 
 

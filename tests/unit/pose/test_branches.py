@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -24,6 +25,21 @@ def yawed(degrees: float, chi2: float, *, leans_deg: float = 0.0, sigma_deg: flo
     covariance = np.diag([1e-6] * 3 + [math.radians(sigma_deg) ** 2] * 3)
     pose = Pose(position_m=np.array([0, 0, 2.0]), quaternion_wxyz=quaternion, covariance=covariance)
     return PlanarSolution(camera_from_marker=pose, reprojection_px=0.1, chi2=chi2)
+
+
+def camera_turned(solution: PlanarSolution, degrees: float) -> PlanarSolution:
+    """As a camera sees the panel that has turned by so much to its right."""
+    half = math.radians(-degrees) / 2
+    c, s = math.cos(half), math.sin(half)  # of a turn about y
+    before = solution.camera_from_marker
+    w, x, y, z = before.quaternion_wxyz
+    a, _, b = before.position_m
+    turned = replace(
+        before,
+        quaternion_wxyz=np.array([c * w - s * y, c * x + s * z, c * y + s * w, c * z - s * x]),
+        position_m=np.array([math.cos(2 * half) * a + math.sin(2 * half) * b, 0, math.cos(2 * half) * b]),
+    )
+    return replace(solution, camera_from_marker=turned)
 
 
 def pair(chi2_left: float, chi2_right: float, *, angle_deg: float = 20.0) -> tuple[PlanarSolution, ...]:
@@ -93,10 +109,11 @@ def test_the_same_frame_again_is_no_new_evidence() -> None:
 
 
 def test_a_turn_of_the_camera_does_not_confuse_the_two() -> None:
-    """Both turn by 15° from one frame to the next, so that right is now where left was going."""
+    """It turns by 15° from one frame to the next, so that right is seen now as left was."""
     branches = Branches()
     branches.choose(7, (yawed(-12.0, 1.0), yawed(12.0, 30.0)), FRAME_NS)
-    best, other = branches.choose(7, (yawed(27.0, 1.0), yawed(3.0, 2.0)), 2 * FRAME_NS)
+    both = camera_turned(yawed(12.0, 1.0), 15.0), camera_turned(yawed(-12.0, 2.0), 15.0)
+    best, other = branches.choose(7, both, 2 * FRAME_NS)
     assert best.chi2 == 2.0
     assert other is not None
 
@@ -116,6 +133,42 @@ def test_after_half_a_second_anything_may_have_happened() -> None:
         branches.choose(7, pair(1.0, 9.0), k * FRAME_NS + 1)
     best, _ = branches.choose(7, pair(2.0, 1.0), 600_000_000)
     assert side(best) == "right"
+
+
+def after_a_gap(gap_s: float, *after: tuple[PlanarSolution, ...]) -> list[tuple[str | None, ...]]:
+    """What is believed of frames that come so long after 20 that were clearly for the left."""
+    branches = Branches()
+    watched([pair(1.0, 60.0)] * 20, branches)
+    at = [20 * FRAME_NS + round(gap_s * 1e9) + k * FRAME_NS for k in range(len(after))]
+    chosen = [branches.choose(7, solutions, now_ns) for solutions, now_ns in zip(after, at, strict=True)]
+    return [(side(best), side(other)) for best, other in chosen]
+
+
+def test_where_a_robot_may_have_passed_the_panel_unseen_the_frame_decides() -> None:
+    """2 m away, from 20° to the left to 20° to the right in 0.45 s: 3 m/s, which a robot may do. Both, if it cannot."""
+    assert after_a_gap(0.45, pair(60.0, 1.0))[0][0] == "right"
+    assert None not in after_a_gap(0.45, pair(1.0, 1.5))[0]
+    assert after_a_gap(0.45, pair(1.0, 60.0)) == [("left", None)]
+
+
+def test_in_a_short_gap_no_robot_comes_to_the_other_side() -> None:
+    """27 m/s: the memory holds, though the frame itself says little."""
+    assert after_a_gap(0.05, pair(1.0, 1.5)) == [("left", None)]
+
+
+def test_a_frame_that_contradicts_the_memory_has_both_told() -> None:
+    """At once, however much is remembered, and however little it says."""
+    assert after_a_gap(0.017, pair(1.5, 1.0)) == [("left", "right")]
+    assert after_a_gap(0.017, pair(60.0, 1.0)) == [("left", "right")]
+
+
+def test_two_panels_of_one_id_do_not_share_a_past() -> None:
+    """From one frame to the next the camera is seen from a place where no robot can have come: it is another panel.
+
+    Where it is just the place of the first one's mirror pose, its own evidence contradicts what is remembered.
+    """
+    assert after_a_gap(0.017, pair(3.0, 1.0, angle_deg=50.0)) == [("right", "left")]
+    assert after_a_gap(0.017, pair(20.0, 1.0)) == [("left", "right")]
 
 
 def test_panels_do_not_share_a_past() -> None:
