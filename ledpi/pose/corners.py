@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
-from ledpi.core.records import Floats
+from ledpi.core.records import Detection, Floats, Frame, Intrinsics
 
 # What the fit does not show of a corner's error: the lens model, the panel's own build. At 2 m 0.1 mm is 0.03 px, by
 # which a side may be shifted, and turned; with more, poses of a panel near by would be given several times their
 # deviations.
 FLOOR_PX = 0.03 * math.sqrt(2.0)
+# Deviations of a robot's motion, along and about each axis, before two frames have shown it: indoor robots drive at up
+# to 1 or 2 m/s, and turn on the spot by up to 2 or 3 rad/s.
+SPEED_SIGMA_M_S, TURN_SIGMA_RAD_S = 1.0, 1.5
 
 
 def centre_px(corners_px: Floats) -> tuple[float, float]:
@@ -34,6 +38,43 @@ def corners_at_row(corners_px: Floats, velocity_px_s: Floats | None, row: float 
         return corners_px
     late_s = (corners_px[..., 1:] - row) * (row_time_us * 1e-6)
     return corners_px - velocity_px_s * late_s
+
+
+def corners_at(
+    frame: Frame, rows: Floats, detections: Sequence[Detection], sides_m: Sequence[float], intrinsics: Intrinsics
+) -> tuple[Floats, Floats]:
+    """Corners of N detections (N, 4, 2), as if all were exposed when `rows` (N,) were, and their covariances (N, 8, 8).
+
+    Where a velocity is not known, the covariance includes how far robots' cameras move between the rows.
+    """
+    corners, covariances = [], []
+    for seen, row, side_m in zip(detections, rows.tolist(), sides_m, strict=True):
+        covariance = seen.covariance_px2
+        if seen.velocity_px_s is None:
+            late_s = np.repeat(seen.corners_px[:, 1] - row, 2) * (frame.row_time_us * 1e-6)
+            moved = np.outer(late_s, late_s) * velocity_covariance(seen.corners_px, side_m, intrinsics)
+            covariance = covariance + moved
+        corners.append(corners_at_row(seen.corners_px, seen.velocity_px_s, row, frame.row_time_us))
+        covariances.append(covariance)
+    return np.array(corners), np.array(covariances)
+
+
+def velocity_covariance(corners_px: Floats, side_m: float, intrinsics: Intrinsics) -> Floats:
+    """(8, 8) px²/s² of how a square's corners (4, 2) move before a robot's camera, of which nothing else is known.
+
+    A point (x, y, 1)·Z moves by L·(v, ω) in the picture, v and ω being the camera's velocities and L the interaction
+    matrix (Chaumette & Hutchinson, IEEE Robotics & Automation Magazine, 2006). The longest side tells the depth.
+    """
+    focal_px = np.array([intrinsics.fx, intrinsics.fy])
+    longest_px = np.hypot(*(corners_px - np.roll(corners_px, 1, axis=0)).T).max()
+    near = np.full(4, longest_px / (focal_px[0] * side_m))  # 1/Z
+    (x, y), none = ((corners_px - (intrinsics.cx, intrinsics.cy)) / focal_px).T, np.zeros(4)
+    interaction = np.array(
+        [[-near, none, x * near, x * y, -1.0 - x * x, y], [none, -near, y * near, 1.0 + y * y, -x * y, -x]]
+    )
+    deviations = np.repeat([SPEED_SIGMA_M_S, TURN_SIGMA_RAD_S], 3)
+    slopes = (interaction.transpose(2, 0, 1) * focal_px[:, None] * deviations).reshape(8, 6)
+    return np.asarray(slopes @ slopes.T)
 
 
 def whiteners(covariances_px2: Floats) -> Floats:

@@ -26,7 +26,7 @@ from ledpi.core.records import (
 )
 from ledpi.core.shutter import row_mid_exposure_ns
 from ledpi.pose.branches import EXCLUDED_BY
-from ledpi.pose.corners import centre_px, corners_at_row, whiteners
+from ledpi.pose.corners import centre_px, corners_at, whiteners
 from ledpi.pose.fix_history import Candidate, FixHistory, distance2
 from ledpi.pose.panel_map import PanelMap
 from ledpi.pose.planar import square_corners
@@ -77,6 +77,7 @@ class FixSolver:
         self._camera_from_base = inverse(robot.base_link_from_camera)
         self._panels = panels
         self._marker_from_map = {i: inverse(panel.map_from_marker) for i, panel in panels.items()}
+        self._sides_m = sides_m
         self._squares = {i: square_corners(sides_m[i]) for i in panels if i in sides_m}
         self.history = FixHistory()
 
@@ -116,8 +117,9 @@ class FixSolver:
         places[:, :3, 3] -= middle
         map_from_middle = transform(np.eye(3), middle)
         detections = [m.detection for m in known]
-        corners = np.array([corners_at_row(s.corners_px, s.velocity_px_s, row, frame.row_time_us) for s in detections])
-        whiten = whiteners(np.array([s.covariance_px2 for s in detections]))
+        sides_m = [self._sides_m[i] for i in ids]
+        corners, covariances = corners_at(frame, np.full(len(ids), row), detections, sides_m, self._intrinsics)
+        whiten = whiteners(covariances)
         starts, preferred = [], []
         for marker in known:
             marker_from_middle = self._marker_from_map[marker.detection.id] @ map_from_middle

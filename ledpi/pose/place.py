@@ -9,11 +9,9 @@ import numpy as np
 from ledpi.core.records import Detection, Frame, Intrinsics, MarkerPose, PlanarSolution, Rejected, RobotFix
 from ledpi.core.shutter import row_mid_exposure_ns
 from ledpi.pose.branches import Branches
-from ledpi.pose.corners import centre_px, corners_at_row
+from ledpi.pose.corners import centre_px, corners_at
 from ledpi.pose.fix import FixSolver, Robot
 from ledpi.pose.planar import solve_squares
-
-_STILL = np.zeros((4, 2))
 
 
 class Placer:
@@ -56,14 +54,9 @@ class Placer:
             self._begin()
         if not detections:
             return []
-        velocities = np.array([_STILL if s.velocity_px_s is None else s.velocity_px_s for s in detections])
-        corners = np.array([s.corners_px for s in detections])
-        solved = solve_squares(
-            corners_at_row(corners, velocities, np.array(rows)[:, None, None], frame.row_time_us),
-            np.array([s.covariance_px2 for s in detections]),
-            [self._sides_m[s.id] for s in detections],
-            self._intrinsics,
-        )
+        sides_m = [self._sides_m[s.id] for s in detections]
+        corners, covariances = corners_at(frame, np.array(rows), detections, sides_m, self._intrinsics)
+        solved = solve_squares(corners, covariances, sides_m, self._intrinsics)
         placed: list[MarkerPose | Rejected] = []
         for detection, row, solutions in zip(detections, rows, solved, strict=True):
             if isinstance(solutions, Rejected):

@@ -98,8 +98,14 @@ def frame(seq: int = 0) -> Frame:
 
 
 def detection(marker_id: int, corners: Floats) -> Detection:
+    """Of a panel that has been followed, before a camera that stands still."""
     return Detection(
-        id=marker_id, corners_px=corners, covariance_px2=covariance_px2(corners), margin=40.0, frames_used=4
+        id=marker_id,
+        corners_px=corners,
+        covariance_px2=covariance_px2(corners),
+        margin=40.0,
+        frames_used=4,
+        velocity_px_s=np.zeros((4, 2)),
     )
 
 
