@@ -16,13 +16,13 @@ from typing import Any
 
 from ledpi.camera.capture_settings import check_mode, fixed_controls, frame_rows, row_time
 from ledpi.camera.gain import FIRST_GAIN
-from ledpi.camera.holder import who_holds
 from ledpi.camera.picamera_stream import ASKED_AHEAD, FAILURES, PicameraCamera
 from ledpi.camera.sensors import BIT_DEPTH, MODE
 from ledpi.camera.timing import frame_duration_us
 from ledpi.camera.tuning import linear_tuning, white_gains
 from ledpi.config.settings import CameraSettings
 from ledpi.core.errors import CameraError, CameraLostError
+from ledpi.core.holder import who_holds
 from ledpi.core.records import CameraInfo
 
 _BUFFERS = ASKED_AHEAD + 1 + 3  # those asked for, one more in picamera2, and three for the camera to go on

@@ -15,9 +15,9 @@ import time
 import cv2
 import numpy as np
 
-from ledpi.camera.holder import who_holds
 from ledpi.config.settings import CameraSettings
 from ledpi.core.errors import CameraError, CameraLostError, RowTimeUnknownError
+from ledpi.core.holder import who_holds
 from ledpi.core.records import CameraInfo, Frame, Pixels, Rejected
 
 _MANUAL_EXPOSURE = 1  # V4L2_EXPOSURE_MANUAL

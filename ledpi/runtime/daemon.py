@@ -256,6 +256,7 @@ class Daemon:
             self._observers.tick(time.monotonic_ns(), lost=self._liveness.lost)
             totals = self._totals()
             watchdog.update(self._steps(totals))
+            self._publisher.name_others()
             if now_s - health_s >= HEALTH_EVERY_S:
                 self._times, self._processor = self._health.times(), read_processor()
                 totals = self._totals()

@@ -1,8 +1,10 @@
-"""A serial port: opened, written to without waiting for the other end, honest about what still queues."""
+"""A serial port: opened for nobody else, written to without waiting for the other end, honest about what queues."""
 
 from __future__ import annotations
 
 import errno
+import fcntl
+import glob
 import os
 import re
 import select
@@ -14,7 +16,7 @@ from contextlib import suppress
 import serial
 
 from ledpi.core.errors import WireError
-from ledpi.wire.codec import DELIMITER
+from ledpi.core.holder import who_holds
 
 BITS_PER_BYTE = 10  # 8N1: start bit, eight of data, stop bit
 # The transmit FIFO of the Pi's PL011 (16 bytes on BCM2835 to BCM2837), which TIOCOUTQ does not see. The next
@@ -25,18 +27,44 @@ QUEUED_RETRY_NS = 1_000_000
 
 _REMEDIES = {
     errno.EACCES: "permission denied (is this user in the group dialout?)",
+    errno.EPERM: "not permitted (a service may open only the devices of its unit's DeviceAllow=)",
     errno.EAGAIN: "in use by another process",
     errno.EBUSY: "in use by another process",
     errno.ENOTTY: "not a serial port",
 }
+_IN_USE = _REMEDIES[errno.EBUSY]
+_CONTROL = 2  # of termios' list: the place of c_cflag
+
+
+class _OwnPort(serial.Serial):
+    """Nobody else may open it meanwhile (root may), and closing it resets no controller."""
+
+    def open(self) -> None:
+        """As pyserial's, then TIOCEXCL, and without HUPCL: an Arduino is reset where DTR rises, so it stays up."""
+        super().open()
+        with suppress(OSError, termios.error):  # a driver that cannot
+            fcntl.ioctl(self.fileno(), termios.TIOCEXCL)
+            settings = termios.tcgetattr(self.fileno())
+            settings[_CONTROL] &= ~termios.HUPCL
+            termios.tcsetattr(self.fileno(), termios.TCSANOW, settings)
+
+    def close(self) -> None:
+        """As pyserial's. Where another process has it open too, TIOCEXCL would stay."""
+        if self.is_open:
+            with suppress(OSError, termios.error):
+                fcntl.ioctl(self.fileno(), termios.TIOCNXCL)
+        super().close()
 
 
 def open_port(port: str, baud: int, *, read_timeout_s: float = 0.0) -> serial.Serial:
-    """An open, exclusively locked serial port, 8N1 without flow control. Raises WireError with the reason."""
+    """An open serial port that is ours alone, 8N1 without flow control. Raises WireError with the reason."""
     try:
-        return serial.Serial(port, baud, timeout=read_timeout_s, exclusive=True)
+        return _OwnPort(port, baud, timeout=read_timeout_s, exclusive=True)
     except (OSError, ValueError, termios.error) as error:
-        raise WireError(f"{port}: cannot be opened: {reason(error)}") from None
+        why = reason(error)
+    if why == _IN_USE and (holder := who_holds(glob.escape(port))) is not None:
+        why = f"{why}, {holder}"
+    raise WireError(f"{port}: cannot be opened: {why}")
 
 
 def reason(error: Exception) -> str:
@@ -51,14 +79,18 @@ def reason(error: Exception) -> str:
 class SerialLine:
     """One open port. Every method that touches it raises WireError when the port is lost."""
 
-    def __init__(self, port: str, baud: int, clock: Callable[[], int] = time.monotonic_ns) -> None:
+    def __init__(
+        self, port: str, baud: int, *, ahead: bytes = b"", clock: Callable[[], int] = time.monotonic_ns
+    ) -> None:
+        """`ahead`: written before each frame, so that bytes of others, or half a frame of ours, are none of it."""
         self._port = port
+        self._ahead = ahead
         self._clock = clock  # ns
         self._serial = open_port(port, baud)
         self._byte_ns = BITS_PER_BYTE * 1_000_000_000 / baud
         self._free_ns = 0  # when, at the baud rate, the last byte that was written has left
         self._known_free = False  # since the last write the kernel has said that nothing queues and there is room
-        self._cut = True  # the line may hold the beginning of a frame: ours, or what was there before
+        self._ahead_ns = round(len(ahead) * self._byte_ns)
 
     def busy_ns(self, now_ns: int) -> int:
         """0 where a frame may be written now; else how long to wait before asking again.
@@ -76,8 +108,8 @@ class SerialLine:
         return free_in_ns
 
     def first_byte_ns(self, now_ns: int) -> int:
-        """When the first byte of a frame written now leaves: after all that was written before it."""
-        return max(now_ns, self._free_ns)
+        """When the first byte of a frame written now leaves: after all that was written before, and what is ahead."""
+        return max(now_ns, self._free_ns) + self._ahead_ns
 
     def is_drained(self, now_ns: int) -> bool:
         """Whether every byte that was written has left."""
@@ -86,24 +118,25 @@ class SerialLine:
     def write(self, frame: bytes, latest_ns: int | None = None) -> bool | None:
         """Writes a whole frame; False where the port took only a part of it. Never waits.
 
-        Where it is later than `latest_ns`, nothing is written, and None returned. Not by pyserial's `write`: where a
-        port that was said to have room has none, that waits, or spins.
+        None where nothing was written: it is later than `latest_ns`, there is no room after all, or another process
+        is writing this very moment. Not by pyserial's `write`: that would wait, or spin.
         """
-        data = DELIMITER + frame if self._cut else frame
+        data = self._ahead + frame
+        if latest_ns is not None:
+            latest_ns -= self._ahead_ns
         try:
             port = self._serial.fileno()
             # In one line, so that next to nothing comes between the look at the clock and the write.
             written = os.write(port, data) if latest_ns is None or self._clock() <= latest_ns else None
         except BlockingIOError:
-            written = 0
+            written = None
         except OSError as error:
             raise self._lost(error) from None
+        self._known_free = False
         if written is None:
             return None
-        self._free_ns = self.first_byte_ns(self._clock()) + round(len(data) * self._byte_ns)
-        self._known_free = False
-        self._cut = written < len(data)
-        return not self._cut
+        self._free_ns = max(self._clock(), self._free_ns) + round(len(data) * self._byte_ns)
+        return written == len(data)
 
     def close(self) -> None:
         """Closes the port at once. What still queues is thrown away: the kernel would wait 30 s for it."""

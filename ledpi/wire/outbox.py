@@ -21,7 +21,7 @@ from ledpi.wire.message import (
 )
 
 STATUS_PERIOD_NS = 160_000_000  # at least 5 a second are promised; this leaves 40 ms for a busy line
-# A status that will be due so soon follows the next pose at once. Sent by itself it could be on the line, for 3.5 ms,
+# A status that will be due so soon follows the next pose at once. Sent by itself it could be on the line, for 3.6 ms,
 # when the next frame's poses are ready; a camera of 25 fps or more has a pose for it to follow in this time.
 STATUS_FOLLOWS_NS = 40_000_000
 
@@ -46,7 +46,7 @@ class Outbox:
         self._fix: tuple[RobotFix, int] | None = None  # with its mid-exposure on the host's clock
         self._markers: dict[_Key, tuple[MarkerPose, int]] = {}
         self._sent_fix_ns: int | None = None  # mid-exposure of the newest fix that went out
-        self._undo: Callable[[], None] = lambda: None  # puts back the pose that was taken last
+        self._undo: Callable[[], None] = lambda: None  # puts back what was taken last
         self._status = StatusMessage(state=State.STARTING, no_fix=NoFix.NOT_RUNNING)
         self._status_due_ns: int | None = None  # None: now
         self._status_waits = False  # a fix has gone ahead of a status that was due
@@ -105,6 +105,7 @@ class Outbox:
                 self._let_status_follow(first_byte_ns)
                 return fix
         if status_due:
+            self._undo = self._put_back_status
             self._status_waits = False
             self._status_due_ns = first_byte_ns + self._status_period_ns
             return self._status_at(first_byte_ns)
@@ -120,8 +121,11 @@ class Outbox:
         return first_byte_ns + min(AGE_SLACK_NS, self._max_age_ns - 1000 * message.age_us)
 
     def put_back(self) -> None:
-        """The pose that was taken last did not go out: it is the next, unless a newer one has come."""
+        """What was taken last did not go out: it is the next, unless a newer one has come."""
         self._undo()
+
+    def _put_back_status(self) -> None:
+        self._status_due_ns = None
 
     def _put_back_fix(self, fix: tuple[RobotFix, int], sent_before_ns: int | None) -> None:
         self._sent_fix_ns = sent_before_ns

@@ -11,8 +11,9 @@ from dataclasses import dataclass
 
 from ledpi.config.settings import SerialSettings
 from ledpi.core.errors import WireError
+from ledpi.core.holder import described, openers
 from ledpi.core.records import Decoded
-from ledpi.wire.codec import encode
+from ledpi.wire.codec import DELIMITER, encode
 from ledpi.wire.line import SerialLine
 from ledpi.wire.mavlink import HEARTBEAT_PERIOD_NS, Mavlink
 from ledpi.wire.message import FixMessage, MarkerMessage, Message, StatusMessage
@@ -22,6 +23,7 @@ BACKOFF_FIRST_S = 0.1
 BACKOFF_LAST_S = 0.5  # a port that is back is found within this time
 GOODBYE_S = 0.4  # for the last status to leave; the whole daemon must end within 1 s
 JOIN_S = 1.0
+OTHERS_EVERY_S = 5.0  # who else has the port open is looked for: some milliseconds of work
 RECENT = 15  # packets that say how long it takes to make one
 
 _log = logging.getLogger("ledpi")
@@ -75,6 +77,8 @@ class Publisher:
         self._error: str | None = None
         self._sequence = 0
         self._making_ns = deque([0], maxlen=RECENT)  # from the clock's reading, which is in the packet, to its writing
+        self._others: set[int] = set()  # processes that have the port open too
+        self._look_s = 0.0  # when they are looked for next
         self._lent: SerialLine | None = None  # while the thread waits and the line is free: to whoever publishes
         self._borrowed = False
         self._lost: WireError | OSError | None = None  # what the borrower met
@@ -112,6 +116,17 @@ class Publisher:
             self._outbox.set_status(status)
             self._wake.notify()
 
+    def name_others(self) -> None:
+        """Tells the journal who else has the port open, once each. From one thread, as often as it likes."""
+        now_s = time.monotonic()
+        if not self._connected or now_s < self._look_s:
+            return
+        self._look_s = now_s + OTHERS_EVERY_S
+        others = openers([self._settings.port])
+        for pid in sorted(others - self._others):
+            _log.warning("serial_shared port=%s with=%s", self._settings.port, json.dumps(described(pid)))
+        self._others = others
+
     def stop(self) -> None:
         """Sends a last status, "stopping", if the port is up, and ends the thread within 1 s."""
         with self._wake:
@@ -148,7 +163,7 @@ class Publisher:
         backoff_s = BACKOFF_FIRST_S
         while not self._stopping:
             try:
-                line = SerialLine(self._settings.port, self._settings.baud)
+                line = self._open()
                 backoff_s = BACKOFF_FIRST_S
                 try:
                     self._use(line)
@@ -159,6 +174,11 @@ class Publisher:
                 self._pause(backoff_s)
                 backoff_s = min(2 * backoff_s, BACKOFF_LAST_S)
         self._note(connected=False, error=self._error)
+
+    def _open(self) -> SerialLine:
+        """A delimiter is ahead of each frame: foreign bytes cost a packet at most. MAVLink has none."""
+        ahead = DELIMITER if self._mavlink is None else b""
+        return SerialLine(self._settings.port, self._settings.baud, ahead=ahead)
 
     def _use(self, line: SerialLine) -> None:
         """Sends until told to stop. Raises WireError when the port is lost."""
@@ -197,22 +217,23 @@ class Publisher:
         if message is not None:
             self._send(line, message, now_ns, first_byte_ns)
 
-    def _send(self, line: SerialLine, message: Message, begun_ns: int, first_byte_ns: int) -> None:
-        """A pose whose age a pause has made untrue goes back into the outbox, for its age to be taken anew."""
+    def _send(self, line: SerialLine, message: Message, begun_ns: int, first_byte_ns: int) -> bool:
+        """Whether it is done. If not, it is back in the outbox: the port took nothing, or its age has become untrue."""
         frame = self._encode(message, first_byte_ns)
         if frame is None:
-            return
+            return True
         self._making_ns.append(time.monotonic_ns() - begun_ns)
         whole = line.write(frame, self._outbox.latest_ns(message, first_byte_ns))
         with self._wake:
             if whole is None:
                 self._outbox.put_back()
-                return
+                return False
             self._count_sent()
             if whole:
                 self._written[type(message)] += 1
             else:
                 self._cut += 1
+        return True
 
     def _count_sent(self) -> None:
         if self._mavlink is None:
@@ -234,11 +255,12 @@ class Publisher:
         deadline_ns = time.monotonic_ns() + round(GOODBYE_S * 1e9)
         with self._wake:
             message = self._outbox.stopping_status()
-        while (wait_ns := line.busy_ns(time.monotonic_ns())) and time.monotonic_ns() + wait_ns < deadline_ns:
-            time.sleep(wait_ns / 1e9)
-        now_ns = time.monotonic_ns()
-        if wait_ns == 0:
-            self._send(line, message, now_ns, line.first_byte_ns(now_ns))
+        is_said = False
+        while not is_said and (now_ns := time.monotonic_ns()) + (wait_ns := line.busy_ns(now_ns)) < deadline_ns:
+            if wait_ns:
+                time.sleep(wait_ns / 1e9)
+            else:
+                is_said = self._send(line, message, now_ns, line.first_byte_ns(now_ns))
         while not line.is_drained(time.monotonic_ns()) and time.monotonic_ns() < deadline_ns:
             time.sleep(0.001)
 

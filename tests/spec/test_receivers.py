@@ -58,6 +58,15 @@ def test_a_corrupted_stream_gives_the_whole_frames_and_no_other() -> None:
     assert faults(stream, whole) == []
 
 
+@needs_gcc
+def test_a_zero_ahead_of_each_frame_is_nothing() -> None:
+    """As ledpi writes it: between two frames there are two, and both receivers take the empty frame for none."""
+    stream = b"".join(b"\0" + vector.frame for vector in VECTORS)
+    for received in (received_in_c(stream), received_in_python(stream)):
+        assert received.messages == [decode(vector.frame[:-1])[1] for vector in VECTORS]
+        assert received.counters.bad == {}
+
+
 WHOLE = st.sampled_from([vector.frame for vector in VECTORS])  # with their delimiters
 PIECES = st.one_of(
     WHOLE,
@@ -217,11 +226,11 @@ def test_a_robot_drives_on_a_young_fix_only(guard: Path, story: str, answers: st
 BAUD = 115200
 PACKETS = 1200
 STARTED_S = 0.05
-PACKET_S = 40 * (10 * CLOCK_HZ // BAUD) / CLOCK_HZ  # the emulator sends a byte in whole clock cycles
+PACKET_S = 41 * (10 * CLOCK_HZ // BAUD) / CLOCK_HZ  # the emulator sends a byte in whole clock cycles
 
 
 def full_line() -> bytes:
-    """Packets back to back, in the wire's proportions: two markers and a fix a frame, at times a status."""
+    """Packets back to back, each after a zero, in the wire's proportions: two markers and a fix a frame, at times a status."""
     level = (1.0, 0.0, 0.0, 0.0)
     pose = WirePose(position_m=(1.5, -0.25, 0.0), quaternion_wxyz=level, deviation_m=None, deviation_rad=None)
     frames = []
@@ -232,7 +241,7 @@ def full_line() -> bytes:
             frames.append(encode(FixMessage(age_us=30_000, pose=pose, panels_used=2), n))
         else:
             frames.append(encode(MarkerMessage(id=n % 50, age_us=30_000, pose=pose), n))
-    return b"".join(frames)
+    return b"".join(b"\0" + frame for frame in frames)
 
 
 @pytest.fixture(scope="module")

@@ -19,10 +19,10 @@ import pytest
 
 from ledpi.camera import picamera
 from ledpi.camera.factory import open_camera
-from ledpi.camera.holder import who_holds
 from ledpi.camera.recovering import RecoveringCamera
 from ledpi.config.settings import SerialSettings, load_config
 from ledpi.core.errors import CameraLostError
+from ledpi.core.holder import who_holds
 from ledpi.runtime.daemon import Daemon
 from ledpi.wire import State
 from ledpi.wire.line import SerialLine

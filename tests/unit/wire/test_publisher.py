@@ -6,11 +6,14 @@ import itertools
 import os
 import select
 import statistics
+import subprocess
+import sys
+import termios
 import threading
 import time
 import tty
 from collections.abc import Callable, Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +21,7 @@ import pytest
 
 from ledpi.config.settings import SerialSettings
 from ledpi.wire import FixMessage, MarkerMessage, Message, NoFix, Receiver, State, StatusMessage
-from ledpi.wire.codec import encode
+from ledpi.wire.codec import DELIMITER, encode
 from ledpi.wire.line import SerialLine
 from ledpi.wire.publisher import Publisher
 from tests.builders.wire import decoded_now
@@ -57,6 +60,9 @@ class FarEnd:
 
     def marker_ids(self) -> list[int]:
         return [message.id for message in self.messages if isinstance(message, MarkerMessage)]
+
+    def fileno(self) -> int:
+        return self._slave
 
     def is_full(self) -> bool:
         return not select.select([], [self._slave], [], 0)[1]
@@ -138,8 +144,8 @@ def test_the_age_runs_from_mid_exposure_to_the_first_byte(far_end: FarEnd, start
     arrived_ns = far_end.arrived_ns[far_end.messages.index(far_end.of(FixMessage)[0])]
     fix = far_end.of(FixMessage)[0]
     assert isinstance(fix, FixMessage)
-    status_on_the_line_us = 41 * 10 / 115200 * 1e6
-    assert 30_000 <= fix.age_us <= (arrived_ns - mid_ns) / 1000 + status_on_the_line_us
+    status_and_zero_us = (41 + 1) * 10 / 115200 * 1e6
+    assert 30_000 <= fix.age_us <= (arrived_ns - mid_ns) / 1000 + status_and_zero_us
 
 
 def test_the_age_counts_the_making_of_the_packet(
@@ -164,13 +170,13 @@ def test_the_age_counts_the_making_of_the_packet(
 
 
 def test_the_age_counts_the_bytes_that_have_not_left(far_end: FarEnd, start: Start) -> None:
-    """At 9600 baud a packet takes 41.7 ms: each of a frame's markers is that much older than the last."""
+    """At 9600 baud a packet and its zero take 42.7 ms: each of a frame's markers is that much older than the last."""
     publisher = start(far_end.path, baud=9600, max_age_ms=1000.0)
     far_end.read_until(lambda: len(far_end.messages) == 1)
     publisher.publish(decoded_now(1, 2, 3, 4))
     far_end.read_until(lambda: len(far_end.marker_ids()) == 4)
     ages_us = [message.age_us for message in far_end.messages if isinstance(message, MarkerMessage)]
-    packet_us = 40 * 10 / 9600 * 1e6
+    packet_us = 41 * 10 / 9600 * 1e6
     assert all(later - earlier >= packet_us - 1 for earlier, later in itertools.pairwise(ages_us))
 
 
@@ -302,7 +308,7 @@ def test_a_port_lost_while_a_pose_is_written_is_the_publishers_to_open(far_end: 
 
 def test_a_write_never_waits(far_end: FarEnd) -> None:
     """Where a port has no room after all, the packet is cut; the next one begins with a delimiter."""
-    line = SerialLine(far_end.path, 115200)
+    line = SerialLine(far_end.path, 115200, ahead=DELIMITER)
     packet = encode(StatusMessage(state=State.RUNNING, no_fix=NoFix.NO_PANEL), 1)
     whole = len(list(itertools.takewhile(lambda written: written, (line.write(packet) for _ in itertools.count()))))
     assert whole > 1
@@ -394,11 +400,88 @@ def test_a_port_that_is_none_is_reported_in_one_line(start: Start, path: str, re
     assert publisher.counters.error == f"{path}: cannot be opened: {reason}"
 
 
+# ---- The port is ours
+
+
+@contextmanager
+def another_program(code: str, port: str) -> Iterator[subprocess.Popen[bytes]]:
+    """Python without ledpi and pyserial, as any program: it has `port` open, and has said so."""
+    opens = "import fcntl, os, sys, time; port = os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY); "
+    command = [sys.executable, "-c", f"{opens}{code}", port]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        process.stdout.readline()
+        yield process
+        process.kill()
+
+
+HOLDS = "print(flush=True); sys.stdin.read()"
+LOCKS = f"fcntl.flock(port, fcntl.LOCK_EX); {HOLDS}"
+WRITES = "print(flush=True); [(os.write(port, bytes({octets})), time.sleep(0.003)) for _ in iter(int, 1)]"
+
+
 def test_a_port_that_another_process_holds_is_waited_for(far_end: FarEnd, start: Start) -> None:
-    """Two writers would spoil each other's frames."""
-    holder = SerialLine(far_end.path, 115200)
-    publisher = start(far_end.path)
-    wait_until(lambda: publisher.counters.error is not None)
-    assert publisher.counters.error == f"{far_end.path}: cannot be opened: in use by another process"
-    holder.close()
+    """Two writers would spoil each other's frames; who it is, and how to stop it, is said."""
+    with another_program(LOCKS, far_end.path) as other:
+        publisher = start(far_end.path)
+        wait_until(lambda: publisher.counters.error is not None)
+        error = str(publisher.counters.error)
+    assert error.startswith(f"{far_end.path}: cannot be opened: in use by another process, held by python")
+    assert f"(process {other.pid}); stop it with: sudo " in error
     far_end.read_until(lambda: len(far_end.messages) == 1)
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="needs root, to be another user")
+def test_nobody_else_may_open_it(far_end: FarEnd) -> None:
+    """By TIOCEXCL: other programs need not know of it, as they must of a lock. Closed, it is free again."""
+    os.chmod(far_end.path, 0o666)
+
+    def refused() -> bool:
+        command = ["head", "-c", "0", far_end.path]
+        done = subprocess.run(command, user=65534, env={"LC_ALL": "C"}, capture_output=True, text=True, check=False)
+        assert done.stderr == "" or "Device or resource busy" in done.stderr
+        return done.returncode != 0
+
+    line = SerialLine(far_end.path, 115200)
+    assert refused()
+    line.close()
+    assert not refused()
+
+
+def test_closing_it_resets_no_controller(far_end: FarEnd) -> None:
+    """With HUPCL, DTR would fall, and rise when the port is opened again: an Arduino's reset."""
+    line = SerialLine(far_end.path, 115200)
+    line.close()
+    assert not termios.tcgetattr(far_end.fileno())[2] & termios.HUPCL
+
+
+def test_who_else_has_it_open_is_named_once(
+    far_end: FarEnd, start: Start, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One that was there before, for which TIOCEXCL comes too late."""
+    monkeypatch.setattr("ledpi.wire.publisher.OTHERS_EVERY_S", 0.0)
+    with another_program(HOLDS, far_end.path) as other:
+        publisher = start(far_end.path)
+        wait_until(lambda: publisher.counters.connected)
+        for _ in range(3):
+            publisher.name_others()
+    (named,) = [entry.getMessage() for entry in caplog.records if entry.levelname == "WARNING"]
+    assert named.startswith(f'serial_shared port={far_end.path} with="python')
+    assert f"(process {other.pid}); stop it with: sudo " in named
+
+
+@pytest.mark.parametrize("octets", [b"AT\r\n", bytes(range(1, 50)), b"\0", b"\x05\x01\x01"])
+def test_foreign_bytes_cost_no_packet(far_end: FarEnd, start: Start, octets: bytes) -> None:
+    """A zero is on either side of each frame: what another program writes in between is a bad frame of its own."""
+    with another_program(WRITES.format(octets=list(octets)), far_end.path):
+        publisher = start(far_end.path, baud=4_000_000)
+        until = time.monotonic() + 1.0
+        while time.monotonic() < until:
+            publisher.publish(decoded_now(7, fix=True))
+            far_end.read(0.004)
+        publisher.stop()
+        sent = publisher.counters.sent
+        far_end.read_until(lambda: len(far_end.messages) >= sent)
+    counters = far_end.receiver.counters
+    assert (counters.lost, counters.restarts, counters.good) == (0, 0, sent)
+    assert (sum(counters.bad.values()) > 20) is (octets != b"\0")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import glob
 import os
+from collections.abc import Iterable
 from pathlib import Path
 
 
@@ -14,10 +15,13 @@ def who_holds(pattern: str) -> str | None:
     without root only one's own are seen of the latter.
     """
     paths = glob.glob(pattern)
-    holder = _locker(paths) or _opener(paths)
-    if holder is None:
-        return None
-    return f"held by {_name(holder)} (process {holder}); stop it with: {_stop_command(holder)}"
+    holder = _locker(paths) or min(openers(paths), default=None)
+    return None if holder is None else f"held by {described(holder)}"
+
+
+def described(pid: int) -> str:
+    """As `python3 (process 812); stop it with: sudo systemctl stop ledpi`."""
+    return f"{_name(pid)} (process {pid}); stop it with: {_stop_command(pid)}"
 
 
 def _locker(paths: list[str]) -> int | None:
@@ -50,16 +54,17 @@ def locker_in(locks: str, files: list[os.stat_result]) -> int | None:
     return None
 
 
-def _opener(paths: list[str]) -> int | None:
+def openers(paths: Iterable[str]) -> set[int]:
+    """The processes beside this one that have one of `paths` open; without root, of this user's only."""
     wanted = {os.path.realpath(path) for path in paths}
-    for link in glob.glob("/proc/[0-9]*/fd/*"):
-        pid = int(link.split("/")[2])
+    found = set()
+    for link in glob.iglob("/proc/[0-9]*/fd/*"):
         try:
-            if pid != os.getpid() and os.readlink(link) in wanted:
-                return pid
+            if os.readlink(link) in wanted:
+                found.add(int(link.split("/")[2]))
         except OSError:  # ended meanwhile, or another user's
             continue
-    return None
+    return found - {os.getpid()}
 
 
 def _name(pid: int) -> str:

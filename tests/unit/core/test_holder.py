@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from ledpi.camera.holder import locker_in, who_holds
+from ledpi.core.holder import locker_in, who_holds
 from tests.builders.daemon import HOLD
 
 
