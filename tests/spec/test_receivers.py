@@ -230,7 +230,7 @@ PACKET_S = 41 * (10 * CLOCK_HZ // BAUD) / CLOCK_HZ  # the emulator sends a byte 
 
 
 def full_line() -> bytes:
-    """Packets back to back, each after a zero, in the wire's proportions: two markers and a fix a frame, at times a status."""
+    """Packets back to back, each after a zero: two markers and a fix a frame, at times a status."""
     level = (1.0, 0.0, 0.0, 0.0)
     pose = WirePose(position_m=(1.5, -0.25, 0.0), quaternion_wxyz=level, deviation_m=None, deviation_rad=None)
     frames = []
