@@ -34,7 +34,7 @@ from ledpi.runtime.rewind import ASKED
 from ledpi.runtime.ring import FrameRing
 from ledpi.runtime.status import status
 from ledpi.runtime.systemd import notify
-from ledpi.runtime.tapping import health, setup_of
+from ledpi.runtime.tapping import RecentPackets, health, setup_of
 from ledpi.runtime.threads import keep_memory, switch_promptly
 from ledpi.runtime.watchdog import Watchdog
 from ledpi.tap.server import Tap
@@ -247,7 +247,7 @@ class Daemon:
     def _watch(self, at_each_tick: Callable[[], None]) -> None:
         """Keeps status and health up to date until it is time to stop."""
         last, health_s, minute_s = self._totals(), time.monotonic(), time.monotonic()
-        watchdog = Watchdog()
+        watchdog, recent = Watchdog(), RecentPackets(last.packets)
         while not self._stop.wait(TICK_S) and not self._asked_to_stop and self._publisher.failure is None:
             at_each_tick()
             now_s = time.monotonic()
@@ -260,8 +260,9 @@ class Daemon:
             if now_s - health_s >= HEALTH_EVERY_S:
                 self._times, self._processor = self._health.times(), read_processor()
                 totals = self._totals()
+                packets = recent.add(totals.packets)
                 if self._observers.has_followers:
-                    self._observers.send_health(health(last, totals, now_s - health_s, self._status()))
+                    self._observers.send_health(health(last, totals, now_s - health_s, self._status(), packets))
                 if not is_service():
                     _log.info(second_line(last, totals, now_s - health_s))
                 elif now_s - minute_s >= MINUTE_S:

@@ -10,6 +10,8 @@ from ledpi.core.records import Frame
 # Without a frame for so many ticks of 0.1 s the camera is lost: 0.2 s at least, six frame periods of the slowest camera
 # in scope (33 ms). Ticks, as the clock also goes on while the whole process is held up, which is no camera's fault.
 LOST_TICKS = 3
+# While frames come late, it is the computer that is slow, and the next may come as late as the last did.
+LOST_BEHIND_TICKS = 30
 BEHIND_NS = 200_000_000
 
 
@@ -64,7 +66,8 @@ class Liveness:
             return self._late or self._is_behind()
 
     def _is_lost(self) -> bool:
-        return self._said_lost or self._ticks >= LOST_TICKS
+        behind = self._late or self._is_behind()
+        return self._said_lost or self._ticks >= (LOST_BEHIND_TICKS if behind else LOST_TICKS)
 
     def _is_behind(self) -> bool:
         return self._in_work_ns is not None and time.monotonic_ns() - self._in_work_ns > BEHIND_NS

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import logging
 import os
+from collections import deque
+from collections.abc import Mapping
 from typing import Any
 
 from ledpi.config.origins import origins_of, values_of
@@ -17,6 +19,9 @@ from ledpi.tap.messages import Setup
 from ledpi.tap.places import AUTO, to_serve
 from ledpi.tap.server import Tap
 from ledpi.wire.message import StatusMessage
+from ledpi.wire.publisher import PublisherCounters
+
+RECENT_S = 5  # long enough for several packets of each kind, and short enough to be now
 
 _log = logging.getLogger("ledpi")
 
@@ -67,8 +72,25 @@ def setup_of(
     )
 
 
-def health(before: Totals, now: Totals, seconds: float, status: StatusMessage) -> dict[str, Any]:
-    """The line of each second, but for what the tap itself knows."""
+class RecentPackets:
+    """What became of the packets of the last seconds: counters since the start hide what is wrong now."""
+
+    def __init__(self, now: PublisherCounters) -> None:
+        self._counters = deque([now], maxlen=RECENT_S + 1)
+
+    def add(self, now: PublisherCounters) -> dict[str, int]:
+        """Takes in the counters of this second; returns those of the last RECENT_S, or of as many as there are."""
+        self._counters.append(now)
+        first = self._counters[0]
+        names = ("sent", "replaced", "stale", "refused")
+        counts = {name: getattr(now, name) - getattr(first, name) for name in names}
+        return {"seconds": len(self._counters) - 1, **counts}
+
+
+def health(
+    before: Totals, now: Totals, seconds: float, status: StatusMessage, recent: Mapping[str, int]
+) -> dict[str, Any]:
+    """The line of each second, but for what the tap itself knows. `recent`: as `RecentPackets` gives it."""
     packets = now.packets
     return {
         "state": status.state.name.lower(),
@@ -88,5 +110,6 @@ def health(before: Totals, now: Totals, seconds: float, status: StatusMessage) -
             "dropped": packets.unsent,
             "connected": packets.connected,
             "error": packets.error,
+            "recent": dict(recent),
         },
     }

@@ -27,6 +27,7 @@ BEGIN_S = 2.0  # after which a recording is taken to have begun
 KEPT_HEALTH = 300  # seconds
 KEPT_TRACK = 300  # places of the robot, TRACK_NS apart
 TRACK_NS = 200_000_000
+OLD_MS, GONE_MS = 500.0, 2000.0  # of the robot's last place: it is old, and shown no longer
 SECRET = ("view.token",)  # keys whose values are shown to nobody
 
 _log = logging.getLogger("ledpi.view")
@@ -47,6 +48,7 @@ class Hub:
         self._heard_s = 0.0
         self._health: dict[str, Any] | None = None
         self._decoded: dict[str, Any] | None = None
+        self._placed: dict[str, Any] | None = None  # the last line with a fix
         self._panels = PanelTable()
         self._history: deque[dict[str, Any]] = deque(maxlen=KEPT_HEALTH)
         self._track: deque[tuple[float, float, int]] = deque(maxlen=KEPT_TRACK)
@@ -85,7 +87,8 @@ class Hub:
                 "checks": self._checks(),
                 "recording": self._recording is not None,
                 "panels": self._panels.rows(now_ns),
-                "robot": self._robot(now_ns),
+                "robot": (robot := self._robot(now_ns)),
+                "no_fix": self._no_fix(robot),
                 "map": None if self._hello is None else panels_from_above(self._hello),
             }
 
@@ -191,6 +194,8 @@ class Hub:
             self._history.append({"at_ns": time.monotonic_ns()} | {k: line.get(k) for k in _KEPT})
         elif kind == "decoded":
             self._decoded = line
+            if line.get("robot") is not None:
+                self._placed = line
             self._panels.see(line)
             self._keep_track(line)
         elif line.get("id") in self._waited_for:
@@ -240,11 +245,32 @@ class Hub:
         return [asdict(finding) for finding in checks(self._hello, self._health)]
 
     def _robot(self, now_ns: int) -> dict[str, Any] | None:
-        if self._decoded is None or not self._connected:
+        """Where it was last, if that is not too long ago."""
+        placed = self._placed
+        if placed is None or not self._connected:
             return None
-        robot = robot_from_above(self._decoded.get("robot"))
-        age_ms = round((now_ns - self._decoded["exposed_ns"]) / 1e6, 1)
-        return None if robot is None else robot | {"age_ms": age_ms, "seq": self._decoded["seq"]}
+        robot = robot_from_above(placed["robot"])
+        age_ms = round((now_ns - placed["exposed_ns"]) / 1e6, 1)
+        return None if robot is None or age_ms > GONE_MS else robot | {"age_ms": age_ms, "seq": placed["seq"]}
+
+    def _no_fix(self, robot: dict[str, Any] | None) -> str | None:
+        """Why the robot has no place now, so that it fits what the map shows; None where it has one."""
+        if self._health is None or self._decoded is None or not self._connected:
+            return None
+        if robot is not None and robot["age_ms"] <= OLD_MS:
+            return None
+        said = str(self._health.get("no_fix"))
+        if said not in _OF_FRAMES:
+            return said
+        reasons = [key.removeprefix("fix.") for key in self._decoded["rejected"] if key.startswith("fix.")]
+        return reasons[0] if reasons else "stale" if self._decoded["markers"] else "no_panel"
 
 
+_OF_FRAMES = (
+    "none",
+    "no_panel",
+    "not_in_map",
+    "rejected",
+    "stale",
+)  # what a second says, and a newer frame knows better
 _KEPT = ("frames_per_s", "decoded_per_s", "decoded", "dropped_frames", "latency_ms", "temperature_c")

@@ -16,7 +16,7 @@ from ledpi.config.settings import load_config
 from ledpi.core.records import Decoded, Frame, Pixels, Rejected
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.runtime.daemon import Daemon
-from ledpi.runtime.liveness import BEHIND_NS, LOST_TICKS, Liveness
+from ledpi.runtime.liveness import BEHIND_NS, LOST_BEHIND_TICKS, LOST_TICKS, Liveness
 from ledpi.wire import NoFix, State, StatusMessage
 from tests.builders.daemon import SIMULATED, OtherCamera, controller, daemon, daemon_in_thread, end
 
@@ -67,6 +67,17 @@ def test_a_decoder_is_behind_while_its_frame_is_old_and_after_one_that_was() -> 
     liveness.ends()
     assert not liveness.behind
     assert not liveness.lost
+
+
+def test_a_slow_computer_has_lost_no_camera() -> None:
+    """Its last frame was late, so the next one may be, too; silence of 3 s is the camera's."""
+    liveness = Liveness()
+    liveness.begins(frame(2 * BEHIND_NS))
+    liveness.ends()
+    for _ in range(LOST_BEHIND_TICKS):
+        assert not liveness.lost
+        liveness.tick()
+    assert liveness.lost
 
 
 # ---- In the daemon

@@ -22,6 +22,7 @@ from ledpi.runtime.health import Health
 from ledpi.runtime.processor import Processor, read_processor
 from ledpi.runtime.reporting import Totals, event, minute_line
 from ledpi.runtime.ring import RingCounters
+from ledpi.runtime.tapping import RECENT_S, RecentPackets
 from ledpi.wire import StatusMessage
 from ledpi.wire.publisher import PublisherCounters
 from tests.builders import ROOT
@@ -228,6 +229,20 @@ def test_an_event_is_one_line_of_keys_and_values() -> None:
     error = 'no "such" device\n'
     line = event("start", port="/dev/ttyACM0", error=error, calibrated=False, map=None, exposure_us=10000.0)
     assert line == 'start port=/dev/ttyACM0 error="no \\"such\\" device\\n" calibrated=no exposure_us=10000'
+
+
+def test_of_the_packets_the_last_seconds_are_counted() -> None:
+    """What was lost before is forgotten."""
+
+    def counters(**changed: int) -> PublisherCounters:
+        names = ("fixes", "statuses", "markers", "replaced", "stale", "refused", "cut", "opened")
+        return PublisherCounters(**(dict.fromkeys(names, 0) | changed), connected=True, error=None)
+
+    recent = RecentPackets(counters())
+    assert recent.add(counters(stale=500)) == {"seconds": 1, "sent": 0, "replaced": 0, "stale": 500, "refused": 0}
+    for second in range(1, RECENT_S + 1):
+        told = recent.add(counters(markers=60 * second, replaced=second, stale=500))
+    assert told == {"seconds": RECENT_S, "sent": 60 * RECENT_S, "replaced": RECENT_S, "stale": 0, "refused": 0}
 
 
 def test_the_minutes_line_has_every_counter() -> None:

@@ -20,6 +20,9 @@ from ledpi.tools.doctor.in_view import findings_of
 HEALTH_S = 3.0  # within which a daemon says how it is, which it does each second
 PICTURES = 6  # that are looked at: a stream searches the whole picture in every third frame
 MOST_NAMED = 3  # values that are told of
+# Of the poses of the last seconds, that may be dropped: a controller that gets fewer steers by older ones. A frame that
+# comes while the one before is on the line loses single poses, and that is as it should be.
+MOST_DROPPED = 0.1
 HOT_C = 80.0  # from which a Pi becomes slower
 UNDER_VOLTAGE, THROTTLED = 1 << 0, 1 << 2  # bits of the Pi's `vcgencmd get_throttled`
 
@@ -141,7 +144,32 @@ def _line(health: dict[str, Any]) -> Finding | None:
     if not wire.get("connected"):
         said = str(wire.get("error") or "the port cannot be opened")
         return bad("serial port", said, "plug the controller in, or set serial.port: ls /dev/serial/by-id")
-    return ok("serial port", f"{wire.get('packets', 0)} packets sent, {wire.get('dropped', 0)} dropped")
+    recent = wire.get("recent")
+    if not isinstance(recent, dict) or not recent.get("seconds"):
+        return ok("serial port", f"{wire.get('packets', 0)} packets sent, {wire.get('dropped', 0)} dropped")
+    return _recent_line(**{name: int(recent.get(name, 0)) for name in _RECENT})
+
+
+_RECENT = ("seconds", "sent", "replaced", "stale", "refused")
+
+
+def _recent_line(*, seconds: int, sent: int, replaced: int, stale: int, refused: int) -> Finding:
+    """What became of the packets of the last seconds. A status packet is due each second at least."""
+    last = f"of the last {seconds} s"
+    due, dropped = sent + replaced + stale + refused, replaced + stale + refused
+    if sent == 0 and (seconds > 1 or dropped):
+        said = f"is open, but takes nothing: none of {due} packets {last} left"
+        return bad("serial port", said, "see that the controller runs and reads; unplug it and plug it in again")
+    if dropped <= MOST_DROPPED * due:
+        return ok("serial port", f"{sent / seconds:.0f} packets a second; {dropped} of {due} {last} were dropped")
+    if stale >= max(replaced, refused):
+        said = f"{stale} of {due} packets {last} were older than serial.max_age_ms, and not sent"
+        return bad("serial port", said, "end other programs; a smaller picture; or a larger serial.max_age_ms")
+    if replaced >= refused:
+        said = f"{replaced} of {due} packets {last} found the line busy, and a newer one was sent instead"
+        return bad("serial port", said, "a higher serial.baud, here and in the controller")
+    said = f"{refused} of {due} packets {last} were out of the packet's range, or from the future"
+    return bad("serial port", said, "check the lens, the map, and the camera's clock: `ledpi snapshot`")
 
 
 def _processor(health: dict[str, Any]) -> Finding | None:

@@ -14,9 +14,11 @@ from rich.text import Text
 
 from ledpi.core.geometry import matrix_from_quaternion
 from ledpi.diagnosis.reasons import explained
+from ledpi.tools.doctor.running import checks
 
 if TYPE_CHECKING:
     from ledpi.diagnosis.why_not import Why
+    from ledpi.tools.doctor.finding import Finding
 
 RATE_S = 2.0  # over which detections are counted
 GONE_S = 10.0  # after which a panel that is not seen leaves the table
@@ -40,6 +42,7 @@ class Live:
         self._before: dict[str, int] = {}  # rejected, a second before
         self._panels: dict[int, _Panel] = {}
         self._fix: tuple[dict[str, Any], float] | None = None
+        self._wrong: list[Finding] = []
         self._why: Why | None = None  # of the newest picture that was explained
         self._dropped = 0
         self._lost = False
@@ -53,6 +56,7 @@ class Live:
             self._hello, self._health, self._before, self._why, self._lost = line, {}, {}, None, False
         elif kind == "health":
             self._before, self._health = self._health.get("rejected", {}), line
+            self._wrong = [finding for finding in checks(self._hello, line) if finding.state == "bad"]
         elif kind == "decoded":
             self._decoded(line)
 
@@ -83,7 +87,14 @@ class Live:
             table.add_row(str(marker_id), *_cells(panel, now_s), style="dim" if old else "")
         nothing = Text("no panel seen in the last 10 s", style="dim")
         panels = table if self._panels else nothing
-        return Group(self._daemon(), panels, *self._why_lines(), self._fix_line(now_s), *self._health_lines())
+        told = (*self._why_lines(), *self._wrong_lines(), self._fix_line(now_s), *self._health_lines())
+        return Group(self._daemon(), panels, *told)
+
+    def _wrong_lines(self) -> list[Text]:
+        """What is wrong with the daemon, as `ledpi doctor` tells it."""
+        if self._lost:
+            return []
+        return [Text(f"{one.name}: {one.said}; {one.remedy}", style="yellow") for one in self._wrong]
 
     def _why_lines(self) -> list[Text]:
         """What is not read, and why; what most likely is no panel is left out."""

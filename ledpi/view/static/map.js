@@ -67,7 +67,7 @@ function drawRobot(svg, robot, unit) {
 
 function tellPlace(robot) {
   if (!robot) {
-    $("place").textContent = "The last frame does not say where the robot is.";
+    $("place").textContent = "The last frames do not say where the robot is.";
     return;
   }
   const [x, y] = robot.position_m, heading = number((180 * robot.heading_rad) / Math.PI, 1);

@@ -5,7 +5,8 @@ import { cells, number } from "./drawing.js";
 
 const NO_FIX = {
   not_running: "", no_frames: "the camera delivers nothing", uncalibrated: "the lens is not calibrated", no_map: "no map is set",
-  no_panel: "no panel is in view", not_in_map: "no panel of the map is in view", rejected: "the panels contradict the map",
+  no_panel: "no panel is in view", not_in_map: "no panel of the map is in view", panels_contradict: "panels do not hang as the map says",
+  ambiguous: "one panel is in view, and its mirror pose is not excluded", rejected: "the panels' poses do not agree with the map",
   stale: "the last one is too old", behind: "frames come faster than they are decoded", unknown: "unknown",
 };
 const GOOD_MS = 6000; // that a good notice stays
@@ -14,12 +15,12 @@ let lastLink = "", starts = 0, goodUntil = 0;
 export function serverIsGone() { lastLink = "down"; }
 
 // Returns whether the daemon is back.
-export function tellLink({ link, health, daemon, panels }) {
+export function tellLink({ link, health, daemon, panels, no_fix }) {
   const up = link.state === "up";
   const says = up ? (health ? health.state.replaceAll("_", " ") : "connected") : link.state === "down" ? "no daemon" : "silent";
   $("state").textContent = says;
   $("state").className = `pill ${!up ? "down" : health && health.state !== "running" ? "warn" : "up"}`;
-  const why = up && health ? NO_FIX[health.no_fix] ?? "" : "";
+  const why = up && no_fix ? NO_FIX[no_fix] ?? no_fix.replaceAll("_", " ") : "";
   $("fix").textContent = why ? `no position on the map: ${why}` : "";
   const back = up && lastLink !== "" && lastLink !== "up";
   if (!up) {

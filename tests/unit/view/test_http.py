@@ -20,7 +20,7 @@ from ledpi.view import connections, pictures
 from ledpi.view.guard import HEADERS, MAX_BODY_BYTES, Guard
 from ledpi.view.hub import Hub
 from ledpi.view.server import ViewServer
-from tests.builders.made_up_daemon import PANEL, MadeUpDaemon
+from tests.builders.made_up_daemon import HEALTH, PANEL, MadeUpDaemon
 from tests.builders.tap import wait_until
 
 TOKEN = "a-token-of-this-test"
@@ -180,6 +180,24 @@ def test_every_page_knows_that_a_recording_runs(site: Site, daemon: MadeUpDaemon
     assert site.ask("POST", "/api/record", RIGHT).status == 200
     daemon.end_recording()
     wait_until(lambda: site.ask("GET", "/api/state").json()["recording"] is False)
+
+
+def test_the_head_line_says_nothing_against_the_map(
+    site: Site, daemon: MadeUpDaemon, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A second without a fix is over once a frame has one; without one, the newest frame says why."""
+    monkeypatch.setitem(HEALTH, "no_fix", "rejected")
+    robot = {"position_m": [1.0, 2.0, 0.0], "quaternion_wxyz": [1.0, 0.0, 0.0, 0.0], "panels_used": [7]}
+    site.state_once("up")
+
+    def state() -> dict[str, Any]:
+        return site.ask("GET", "/api/state").json()
+
+    daemon.frame = {"rejected": {"fix.ambiguous": 1}}
+    wait_until(lambda: (now := state())["robot"] is None and now["no_fix"] == "ambiguous")
+    daemon.frame = {"robot": robot}
+    wait_until(lambda: state()["robot"] is not None)
+    assert state()["no_fix"] is None
 
 
 # ---- Without a daemon, and with a bad one

@@ -20,6 +20,20 @@ def found(hello: dict[str, Any] | None = None, health: dict[str, Any] | None = N
     return {f.name: (f.state, f.said) for f in checks(HELLO | (hello or {}), HEALTH | (health or {}))}
 
 
+def wire(**recent: int) -> dict[str, Any]:
+    """Of a daemon that has sent much before its last 5 s."""
+    counts = {"seconds": 5, "sent": 0, "replaced": 0, "stale": 0, "refused": 0} | recent
+    return {"packets": 100_000, "dropped": 0, "connected": True, "error": None, "recent": counts}
+
+
+def test_a_line_that_loses_few_poses_is_well() -> None:
+    """What was lost long ago is no fault of now."""
+    assert found({}, {"wire": wire(sent=290, replaced=10) | {"dropped": 5000}})["serial port"] == (
+        "ok",
+        "58 packets a second; 10 of 300 of the last 5 s were dropped",
+    )
+
+
 def test_a_daemon_that_is_well_has_nothing_to_put_right() -> None:
     """Without a map it sends no place, which may be meant so."""
     states = {name: state for name, (state, _) in found().items()}
@@ -36,6 +50,11 @@ def test_a_daemon_that_is_well_has_nothing_to_put_right() -> None:
         ({}, {"state": "camera_lost"}, "camera", "is lost"),
         ({}, {"no_fix": "behind"}, "frames", "faster than they are decoded"),
         ({}, {"wire": {"connected": False, "error": "no such port"}}, "serial port", "no such port"),
+        ({}, {"wire": wire(sent=0, replaced=300)}, "serial port", "takes nothing: none of 300 packets of the last 5 s"),
+        ({}, {"wire": wire(sent=0)}, "serial port", "takes nothing"),
+        ({}, {"wire": wire(sent=100, stale=200)}, "serial port", "200 of 300 packets of the last 5 s were older than"),
+        ({}, {"wire": wire(sent=200, replaced=100)}, "serial port", "100 of 300 packets of the last 5 s found"),
+        ({}, {"wire": wire(sent=200, refused=100)}, "serial port", "out of the packet's range"),
         ({}, {"throttled": 1}, "processor", "voltage is too low"),
         ({}, {"temperature_c": 85.0}, "processor", "too hot"),
     ],

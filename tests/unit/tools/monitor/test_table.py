@@ -53,6 +53,16 @@ def test_without_pictures_the_counts_of_reasons_are_told() -> None:
     assert "not read" not in shown(table)
 
 
+def test_what_is_wrong_with_the_daemon_is_said() -> None:
+    """As `ledpi doctor` says it: of the last seconds."""
+    table = live()
+    recent = {"seconds": 5, "sent": 0, "replaced": 40, "stale": 0, "refused": 0}
+    table.take(HEALTH | TOLD | {"wire": HEALTH["wire"] | {"recent": recent}})
+    assert "serial port: is open, but takes nothing" in shown(table)
+    table.take(HEALTH | TOLD)
+    assert "takes nothing" not in shown(table)
+
+
 def test_no_more_is_said_than_fits() -> None:
     """Of twenty lamps, some."""
     table = live()
