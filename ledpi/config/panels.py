@@ -12,7 +12,7 @@ from pydantic import AfterValidator, Field, StrictBool
 from ledpi.config.values import Duty, Hertz, MarkerId, Section, SideM, check_cycles_fit
 from ledpi.core.errors import ConfigError
 from ledpi.core.records import PanelSpec, PanelValues, Phase
-from ledpi.markers.codewords import format_ranges
+from ledpi.markers.codewords import Dictionary, format_ranges
 from ledpi.markers.dictionaries import FILE_ENDINGS, dictionary_names, is_file, load_dictionary, meant_name
 
 
@@ -44,7 +44,7 @@ class PanelSettings(Section):
     duty: Duty = 0.5
     phase: Phase = "free"
     upright: StrictBool = False  # all hang with their y axis up, on walls
-    # Those that exist. None: all but those that a part of another can show.
+    # Those that exist. None: all but those that a part or a reflection of a panel can show.
     ids: Annotated[tuple[MarkerId, ...], Field(min_length=1)] | None = None
     search_frequencies: StrictBool = False  # of oscillators that are off by a percent, as RC oscillators are
     overrides: dict[MarkerId, PanelOverride] = Field(default_factory=dict)
@@ -57,14 +57,24 @@ class PanelSettings(Section):
         return PanelSpec(**values)
 
     def existing_ids(self) -> frozenset[int]:
-        """The IDs that may be reported: `ids`, or else all but those that a part of another panel can show.
+        """The IDs that may be reported: `ids`, or else all but those that a part or a reflection of a panel can show.
 
-        Raises ValueError for an unknown dictionary.
+        Raises ValueError for an unknown dictionary, and for one that has no other.
         """
         if self.ids is not None:
             return frozenset(self.ids)
         dictionary = load_dictionary(self.dictionary)
-        return frozenset(range(len(dictionary.codewords))) - frozenset(dictionary.part_like_ids())
+        like = {
+            *dictionary.part_like_ids(),
+            *(i for phase in self._phases() for i in dictionary.reflection_like_ids(phase)),
+        }
+        existing = frozenset(range(len(dictionary.codewords))) - like
+        if not existing:
+            raise ValueError(
+                f"a part or a reflection of a panel can show each ID of {self.dictionary}, so none would be reported; "
+                "panels.ids must list the panels that exist"
+            )
+        return existing
 
     def unreported_note(self, ids: Iterable[int]) -> str:
         """Names those of `ids` that the dictionary has, and that are not reported; "" where all are."""
@@ -75,7 +85,18 @@ class PanelSettings(Section):
         one = len(missing) == 1
         ids_are = f"{'ID' if one else 'IDs'} {format_ranges(missing)} {'is' if one else 'are'}"
         note = f"{ids_are} reported only if panels.ids lists {'it' if one else 'them'}"
-        return note if self.ids is not None else f"{note}: a part of another panel can look the same"
+        return note if self.ids is not None else f"{note}: a part or a reflection of a panel can look the same"
+
+    def reflection_note(self) -> str:
+        """Names those of `ids` that one of them shows in a mirror; "" where none does, as where `ids` is not set."""
+        if self.ids is None:
+            return ""
+        dictionary, listed = load_dictionary(self.dictionary), sorted(set(self.ids))
+        own = Dictionary(name=self.dictionary, codewords=dictionary.codewords[listed])
+        like = sorted({listed[k] for phase in self._phases() for k in own.reflection_like_ids(phase)})
+        if not like:
+            return ""
+        return f"a mirror, window or glossy floor can show {format_ranges(like)} where there is no such panel"
 
     def frequencies_hz(self) -> tuple[float, ...]:
         """Every frequency that a panel blinks at, sorted. Raises ValueError where the panels' values contradict."""
@@ -92,11 +113,18 @@ class PanelSettings(Section):
         except ValueError as error:
             own = panels.spec().blinking()
             raise ConfigError(f"panels.overrides: contradict the recording's own panel, of {own}: {error}") from None
+        try:
+            panels.existing_ids()
+        except ValueError as error:
+            raise ConfigError(f"panels.ids: {error}") from None
         return panels
 
     def has_antiphase(self) -> bool:
         """Whether the classes of any panel blink in antiphase."""
-        return any(spec.phase == "antiphase" for spec in self._specs())
+        return "antiphase" in self._phases()
+
+    def _phases(self) -> set[Phase]:
+        return {spec.phase for spec in self._specs()}
 
     def _specs(self) -> list[PanelSpec]:
         return [self.spec(), *(self.spec(marker_id) for marker_id in self.overrides)]
@@ -125,6 +153,10 @@ def check_panels(panels: PanelSettings, where: str) -> None:
                 raise ValueError(dictionary.none_readable(spec.phase))
         except ValueError as error:
             raise ConfigError(f"{where}: {key}: {error}") from None
+    try:
+        panels.existing_ids()
+    except ValueError as error:
+        raise ConfigError(f"{where}: panels.ids: {error}") from None
 
 
 def check_bands_visible(panels: PanelSettings, row_time_us: float, where: str) -> None:

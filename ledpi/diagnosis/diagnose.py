@@ -199,7 +199,7 @@ def _not_reported(marker_id: int, why: str, panels: PanelSettings) -> Mistake:
     if panels.ids is not None:
         return Mistake(f"this is ID {marker_id}, which panels.ids does not list", f"add {marker_id} to panels.ids")
     return Mistake(
-        f"this is ID {marker_id}, or a part of another panel that looks the same",
+        f"this is ID {marker_id}, or a part or a reflection of a panel that looks the same",
         f"list all your panels in panels.ids, {marker_id} among them",
     )
 

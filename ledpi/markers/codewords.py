@@ -80,6 +80,23 @@ class Dictionary:
         side, most = self.cells_per_side, min(MOST_CORRECTED, self.correctable_cells())
         return tuple(i for i, codeword in enumerate(self.codewords) if _cells_off_repeating(codeword, side) <= most)
 
+    def reflection_like_ids(self, phase: Phase = "free") -> tuple[int, ...]:
+        """The IDs that a panel can show in a mirror: its own ID at a wrong place, or another panel's.
+
+        Their mirror images look like a codeword in any rotation, but for as many cells as can be corrected. The
+        relation holds both ways, so of a pair both are given.
+        """
+        known, mirrored = _as_numbers(self.rotated_codewords()), _as_numbers(self.codewords[:, :, ::-1])
+        every_cell = _as_numbers(np.ones_like(self.codewords[:1]))
+        if phase == "antiphase":
+            known = np.concatenate([known, known ^ every_cell])
+        off = [np.uint64(0)]
+        if min(MOST_CORRECTED, self.correctable_cells(phase)):
+            side = self.cells_per_side
+            off += _as_numbers(np.eye(side * side, dtype=np.bool_).reshape(-1, side, side)).tolist()
+        like = np.any([np.isin(mirrored ^ np.uint64(cell), known) for cell in off], axis=0)
+        return tuple(np.flatnonzero(like).tolist())
+
     def none_readable(self, phase: Phase) -> str:
         """What to say where `readable_ids` has none."""
         return f"no ID of {self.name} can be distinguished from the others in {phase}; panels.phase must be free"
@@ -89,6 +106,13 @@ class Dictionary:
         distance = self.distances(phase)
         readable = distance.min(axis=1) > 0
         return int(distance[readable].min(initial=distance.shape[1]) - 1) // 2
+
+
+def _as_numbers(codewords: Bits) -> NDArray[np.uint64]:
+    """(…, n, n) as one number each (n ≤ 8), by which they can be compared and looked up."""
+    flat = codewords.reshape(-1, codewords.shape[-1] ** 2)
+    padded = np.pad(flat, ((0, 0), (0, 64 - flat.shape[1])))
+    return np.packbits(padded, axis=1).view(np.uint64).ravel()
 
 
 def _cells_off_repeating(codeword: Bits, side: int) -> int:

@@ -31,7 +31,7 @@ STAGES: dict[Method, tuple[str, ...]] = {
     "uemura": ("uemura", "pose"),
 }
 
-NOT_EXISTING = Rejected(stage="identify", reason="id_not_in_panels_ids")  # or one that a part of another panel can show
+NOT_EXISTING = Rejected(stage="identify", reason="id_not_in_panels_ids")  # or a part or reflection of a panel
 
 
 class Pipeline:

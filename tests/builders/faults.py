@@ -61,7 +61,8 @@ FAULTS: dict[str, Fault] = {
     ),
     "not listed": Fault(says="this is ID 11, which panels.ids does not list", settings=("panels.ids=[7, 3]",)),
     "like a part": Fault(
-        says="this is ID 3, or a part of another panel", panel={"codeword": load_dictionary(DICTIONARY).codeword(3)}
+        says="this is ID 3, or a part or a reflection of a panel",
+        panel={"codeword": load_dictionary(DICTIONARY).codeword(3)},
     ),
     "half hidden": Fault(says="partly hidden", lights=(_before(0.5),)),
     "out of focus": Fault(says="out of focus", sensor={"defocus_px": 22.0}, alone=True),

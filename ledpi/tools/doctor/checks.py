@@ -68,7 +68,8 @@ def _panel_ids(panels: PanelSettings) -> Finding:
     if note := panels.unreported_note(panels.overrides):
         return bad("panel IDs", f"panels.overrides: {note}", "list every panel that there is in panels.ids")
     if panels.ids is not None:
-        return ok("panel IDs", f"panels.ids: {format_ranges(sorted(panels.ids))}")
+        listed = f"panels.ids: {format_ranges(sorted(panels.ids))}"
+        return ok("panel IDs", "; ".join(filter(None, (listed, panels.reflection_note()))))
     words = len(load_dictionary(panels.dictionary).codewords)
     return ok("panel IDs", panels.unreported_note(range(words)) or f"all of {panels.dictionary}")
 

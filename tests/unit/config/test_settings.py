@@ -223,16 +223,44 @@ def test_panels_without_override_are_common(tmp_path: Path) -> None:
     assert (panels.spec(7).side_m, panels.spec(8).side_m) == (0.3, 0.2)
 
 
-def test_ids_that_a_part_of_another_panel_can_show_must_be_listed() -> None:
+def test_ids_that_a_part_or_a_reflection_of_a_panel_can_show_must_be_listed() -> None:
     """The others exist unless panels.ids says which ones do."""
     given = ("panels.side_m=0.16",)
     unsaid, said = (load_config(None, (*given, *ids)).panels for ids in ((), ("panels.ids=[3, 7]",)))
-    assert set(range(50)) - unsaid.existing_ids() == {3, 17, 22, 30, 33, 37}
+    assert set(range(50)) - unsaid.existing_ids() == {3, 8, 9, 17, 22, 30, 33, 37, 47}
     assert said.existing_ids() == {3, 7}
-    note = "ID 3 is reported only if panels.ids lists it: a part of another panel can look the same"
+    note = "ID 3 is reported only if panels.ids lists it: a part or a reflection of a panel can look the same"
     assert unsaid.unreported_note([3, 7, 50]) == note
     assert said.unreported_note([3, 7, 8]) == "ID 8 is reported only if panels.ids lists it"
     assert said.unreported_note([3, 7]) == ""
+
+
+def test_listed_ids_that_a_mirror_can_show_are_named() -> None:
+    """Word 9 is its own mirror image; 70 and 124 of the larger dictionary are each other's, which 70 alone is not."""
+    for dictionary, ids, named in (
+        ("DICT_4X4_50", "[7, 9]", "9"),
+        ("DICT_4X4_250", "[7, 70, 124]", "70, 124"),
+        ("DICT_4X4_250", "[7, 70]", ""),
+        ("DICT_4X4_50", "null", ""),
+    ):
+        given = ("panels.side_m=0.16", f"panels.dictionary={dictionary}", f"panels.ids={ids}")
+        note = load_config(None, given).panels.reflection_note()
+        said = f"a mirror, window or glossy floor can show {named} where there is no such panel"
+        assert note == (said if named else "")
+
+
+def test_a_dictionary_of_mirror_images_needs_its_ids_listed(tmp_path: Path) -> None:
+    """Else no ID would be reported, of whatever panel; one line says so."""
+    text = "nmarkers: 2\nmarkersize: 4\nmarker_0: '1101001010100100'\nmarker_1: '1011010001010010'\n"
+    (tmp_path / "words.yml").write_text(text)
+    config = write(tmp_path, f"panels: {{side_m: 0.2, dictionary: {tmp_path}/words.yml}}")
+    with pytest.raises(ConfigError) as caught:
+        load_config(config)
+    assert str(caught.value) == (
+        f"{config}: panels.ids: a part or a reflection of a panel can show each ID of {tmp_path}/words.yml, so none "
+        "would be reported; panels.ids must list the panels that exist"
+    )
+    assert load_config(config, ("panels.ids=[0, 1]",)).panels.existing_ids() == {0, 1}
 
 
 def test_paths_in_the_file_are_relative_to_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

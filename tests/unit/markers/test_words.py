@@ -49,6 +49,38 @@ def test_a_word_of_halves_is_what_half_a_panel_shows() -> None:
     assert load_dictionary("DICT_5X5_50").part_like_ids() == load_dictionary("DICT_7X7_50").part_like_ids() == ()
 
 
+def test_words_that_a_mirror_shows() -> None:
+    """Of two that are each other's mirror images both, however the second is turned; and one that is its own."""
+    one = drawn("1101 / 0010 / 1010 / 0100")
+    other = np.rot90(drawn("1011 / 0100 / 0101 / 0010"))
+    own = drawn("1001 / 0110 / 0110 / 0000")
+    alone = drawn("1000 / 1100 / 0010 / 0000")
+    words = Dictionary(name="words", codewords=np.stack([one, other, own, alone]))
+    assert words.reflection_like_ids() == (0, 1, 2)
+    assert Dictionary(name="some", codewords=np.stack([one, alone])).reflection_like_ids() == ()
+    assert load_dictionary("DICT_4X4_50").reflection_like_ids() == (8, 9, 17, 47)
+    assert {70, 124} <= set(load_dictionary("DICT_4X4_250").reflection_like_ids())
+    assert load_dictionary("DICT_6X6_50").reflection_like_ids() == ()
+
+
+def test_a_mirror_image_may_be_off_by_what_can_be_corrected() -> None:
+    """By a cell, where all words differ in three; where two differ in two only, none can be corrected."""
+    one = drawn("0111 / 0000 / 0001 / 0101")
+    off, near = drawn("0110 / 0000 / 1000 / 1010"), drawn("0110 / 0000 / 1001 / 1011")
+    pair = Dictionary(name="pair", codewords=np.stack([one, off]))
+    three = Dictionary(name="three", codewords=np.stack([one, off, near]))
+    assert (pair.correctable_cells() >= 1, pair.reflection_like_ids()) == (True, (0, 1))
+    assert (three.correctable_cells(), three.reflection_like_ids()) == (0, ())
+
+
+def test_in_antiphase_a_mirror_also_shows_the_negative() -> None:
+    """A word and its negative are one pattern, half a cycle apart."""
+    one = drawn("0111 / 0000 / 0001 / 0101")
+    words = Dictionary(name="words", codewords=np.stack([one, drawn("0001 / 1111 / 0111 / 0101")]))
+    assert words.reflection_like_ids() == ()
+    assert words.reflection_like_ids("antiphase") == (0, 1)
+
+
 def test_corners_of_a_turned_panel_by_hand() -> None:
     """After one quarter turn clockwise the marker's top left corner is at the picture's top right."""
     quad = np.array([[10.0, 20], [30, 20], [30, 40], [10, 40]])  # clockwise from the top left

@@ -111,13 +111,21 @@ def test_a_panel_in_the_map_that_is_not_reported_is_named(tmp_path: Path) -> Non
         for ids in ((), ("panels.ids=[3]",))
     )
     assert (alone.state, alone.stops_daemon, listed.state) == ("bad", False, "ok")
-    assert "ID 3 is reported only if panels.ids lists it: a part of another panel can look the same" in alone.said
+    assert (
+        "ID 3 is reported only if panels.ids lists it: a part or a reflection of a panel can look the same"
+        in alone.said
+    )
 
 
 @pytest.mark.parametrize(
     ("settings", "state", "said"),
     [
-        ((), "ok", "IDs 3, 17, 22, 30, 33, 37 are reported only if panels.ids lists them: a part of another panel can"),
+        (
+            (),
+            "ok",
+            "IDs 3, 8 to 9, 17, 22, 30, 33, 37, 47 are reported only if panels.ids lists them: a part or a refl",
+        ),
+        (("panels.ids=[23, 9]",), "ok", "panels.ids: 9, 23; a mirror, window or glossy floor can show 9 where there"),
         (("panels.ids=[23, 3]",), "ok", "panels.ids: 3, 23"),
         (("panels.dictionary=DICT_5X5_50",), "ok", "all of DICT_5X5_50"),
         (("panels.overrides={17: {duty: 0.4}}",), "bad", "panels.overrides: ID 17 is reported only if panels.ids"),

@@ -105,7 +105,7 @@ def test_a_duty_that_was_measured_is_a_half_as_far_as_noise_goes() -> None:
 
 def test_an_id_that_is_reported_only_if_it_is_listed_is_named() -> None:
     """A part of another panel can look like 3."""
-    note = "ID 3 is reported only if panels.ids lists it: a part of another panel can look the same"
+    note = "ID 3 is reported only if panels.ids lists it: a part or a reflection of a panel can look the same"
     assert run("--id", "3", "--out", "unlisted").splitlines()[-1] == note
     assert "panels.ids" not in run("--id", "3", "--out", "listed", "--set", "panels.ids=[3]")
 

@@ -210,7 +210,7 @@ def test_an_id_outside_of_the_dictionary_is_refused_and_nothing_written() -> Non
 
 def test_an_id_that_is_reported_only_if_it_is_listed_is_named() -> None:
     """A part of another panel can look like 3."""
-    note = "ID 3 is reported only if panels.ids lists it: a part of another panel can look the same"
+    note = "ID 3 is reported only if panels.ids lists it: a part or a reflection of a panel can look the same"
     assert run("3", "--out", "sheets").splitlines()[1:] == [note]
 
 
