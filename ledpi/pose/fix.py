@@ -33,8 +33,6 @@ from ledpi.pose.planar import square_corners
 from ledpi.pose.refine import Fits, fit_body, projected, skew
 
 NOT_IN_MAP = Rejected(stage="fix", reason="not_in_map")
-AMBIGUOUS = Rejected(stage="fix", reason="ambiguous")
-CONTRADICTION = Rejected(stage="fix", reason="panels_contradict")
 
 # Panels agree where their joint χ² is one that chance exceeds once in 1,000 times: 3.09 deviations of a normal.
 AGREE_Z = 3.09
@@ -84,7 +82,7 @@ class FixSolver:
     def solve(self, frame: Frame, markers: Sequence[MarkerPose]) -> RobotFix | Rejected:
         """map_from_base_link from the panels of a frame, or why there is none. `markers` must not be empty.
 
-        Where several poses fit, or two panels contradict each other, the last fix decides, or there is none.
+        Where several poses fit, the last fix decides, or there is none; where panels contradict each other, others do.
         """
         known = [m for m in markers if m.detection.id in self._panels and m.solution is not None]
         if not known:
@@ -94,9 +92,8 @@ class FixSolver:
         now_ns = row_mid_exposure_ns(frame, row)
         candidates = self._candidates(self._observe(known, row, frame))
         chosen = self.history.choose(candidates, now_ns)
-        if chosen is None:
-            return CONTRADICTION if candidates[0].rejected else AMBIGUOUS
-        self.history.remember(chosen, now_ns)
+        if isinstance(chosen, Rejected):
+            return chosen
         pose = Pose(
             position_m=read_only(chosen.map_from_base[:3, 3]),
             quaternion_wxyz=read_only(quaternion_from_matrix(chosen.map_from_base[:3, :3])),

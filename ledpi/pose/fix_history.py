@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from dataclasses import dataclass
+from itertools import combinations, product
 
 import numpy as np
 
 from ledpi.core.geometry import rotation_vector
-from ledpi.core.records import MAX_GAP_NS, Floats
+from ledpi.core.records import MAX_GAP_NS, Floats, Rejected
 from ledpi.pose.branches import EXCLUDED_BY
+from ledpi.pose.credibility import Credibility
 from ledpi.pose.motion import MAX_SPEED_M_S, MAX_TURN_RAD_S
 
+AMBIGUOUS = Rejected(stage="fix", reason="ambiguous")
+CONTRADICTION = Rejected(stage="fix", reason="panels_contradict")
+
 NEAR = 22.5  # χ² of 6 that chance exceeds once in 1,000 times: what is further away is not where the robot went
+MISPLACED = np.diag([0.5**2] * 6)  # covariance of how far off a panel is, m and rad, that was hung or measured wrong
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -25,28 +32,69 @@ class Candidate:
 
 
 class FixHistory:
-    """The last fix of one stream."""
+    """The last fix of one stream, and what its panels have said of one another."""
 
     def __init__(self) -> None:
         self._last: Candidate | None = None
-        self._at_ns = 0
+        self._at_ns, self._believed = 0, False
+        self._credibility = Credibility()
 
-    def remember(self, fix: Candidate, now_ns: int) -> None:
-        """The fix at `now_ns` of the camera's clock is the last one."""
-        self._last, self._at_ns = fix, now_ns
+    def choose(self, candidates: list[Candidate], now_ns: int) -> Candidate | Rejected:
+        """The only credible candidate, or the one that the last fix leads to and to no other; and remembers it."""
+        last = self._last if abs(now_ns - self._at_ns) <= MAX_GAP_NS else None
+        way = _way((now_ns - self._at_ns) * 1e-9)
+        self._compare_panels(candidates)
+        if last is not None:
+            self._compare_with(last, way, candidates)
+        credible = [c for c in candidates if self._credibility.is_credible(c.used, c.rejected)]
+        chosen = credible[0] if len(credible) == 1 else None
+        if last is not None and self._believed and len(credible) > 1:
+            chosen = self._continuing(last, way, credible)
+        if chosen is not None or len(candidates) == 1:  # one that is not believed is compared with what comes after it
+            self._last, self._at_ns, self._believed = chosen or candidates[0], now_ns, chosen is not None
+        if chosen is None:
+            return CONTRADICTION if not credible or credible[0].rejected else AMBIGUOUS
+        return chosen
 
-    def choose(self, candidates: list[Candidate], now_ns: int) -> Candidate | None:
-        """The only candidate, or the one that the last fix leads to and to no other; else None."""
-        if len(candidates) == 1:
-            return candidates[0]
-        elapsed_s = (now_ns - self._at_ns) * 1e-9
-        if self._last is None or not candidates or abs(elapsed_s) > MAX_GAP_NS * 1e-9:
+    def _compare_panels(self, candidates: list[Candidate]) -> None:
+        """Those of one frame: they agree if all candidates use both, and do not if some use either and none both."""
+        for one, other in combinations(sorted({*candidates[0].used, *candidates[0].rejected}), 2):
+            of_both = [(one in c.used) + (other in c.used) for c in candidates]
+            if min(of_both) == 2:
+                self._credibility.compare(one, other, -EXCLUDED_BY)
+            elif max(of_both) == 1:
+                self._credibility.compare(one, other, EXCLUDED_BY)
+
+    def _compare_with(self, last: Candidate, way: Floats, candidates: list[Candidate]) -> None:
+        """Panels of the last fix with others that are alone now: a robot cannot leap from fix to fix.
+
+        Where those leave two poses open, they contradict it if both do.
+        """
+        evidence: dict[tuple[int, ...], list[float]] = defaultdict(list)
+        for candidate in candidates:
+            if not {*last.used} & {*candidate.used, *candidate.rejected}:
+                evidence[candidate.used].append(_against_continuing(last, way, candidate))
+        for used, chi2 in evidence.items():
+            if len(chi2) == 1 or min(chi2) > 0.0:
+                for one, other in product(last.used, used):
+                    self._credibility.compare(one, other, min(chi2))
+
+    def _continuing(self, last: Candidate, way: Floats, candidates: list[Candidate]) -> Candidate | None:
+        """The one of several candidates that the last fix leads to, if it has not been contradicted by their panels."""
+        if any(self._credibility.are_opposed(last.used, c.used) for c in candidates):
             return None
-        last = self._last
-        grown = last.covariance + _way(elapsed_s)
+        grown = last.covariance + way
         ranked = sorted((distance2(last, c, grown + c.covariance), k) for k, c in enumerate(candidates))
         (nearest, k), (next_one, _) = ranked[:2]
         return candidates[k] if nearest < NEAR and next_one > nearest + EXCLUDED_BY else None
+
+
+def _against_continuing(last: Candidate, way: Floats, candidate: Candidate) -> float:
+    """Evidence, as χ², that a fix does not go on from the last one, as one of them is by panels that hang elsewhere."""
+    covariance = last.covariance + candidate.covariance + way
+    elsewhere = covariance + MISPLACED
+    chi2 = distance2(last, candidate, covariance) - distance2(last, candidate, elsewhere)
+    return chi2 + float(np.linalg.slogdet(covariance)[1] - np.linalg.slogdet(elsewhere)[1])
 
 
 def distance2(a: Candidate, b: Candidate, covariance: Floats) -> float:

@@ -10,7 +10,7 @@ from ledpi.config.settings import RewindSettings
 from ledpi.core.errors import RecordingError
 from ledpi.core.records import CameraInfo, Decoded, Frame
 from ledpi.pipeline.pipeline import Pipeline
-from ledpi.pose.fix import CONTRADICTION
+from ledpi.pose.fix_history import CONTRADICTION
 from ledpi.runtime.memory import default_budget_bytes, spare_bytes
 from ledpi.runtime.reporting import event
 from ledpi.runtime.rewind_ring import RewindRing

@@ -21,7 +21,7 @@ from ledpi.camera.recovering import LOST
 from ledpi.config.settings import RewindSettings, load_config
 from ledpi.core.errors import RecordingError
 from ledpi.core.records import Frame, Pixels, Rejected, RobotFix
-from ledpi.pose.fix import CONTRADICTION
+from ledpi.pose.fix_history import CONTRADICTION
 from ledpi.recording.reader import load_recording
 from ledpi.runtime.recorder import LIVE_FILE
 from ledpi.runtime.rewind import AGAIN_NS, Rewind
