@@ -39,6 +39,17 @@ def open_camera(
     return RecoveringCamera(device) if recover else device()
 
 
+def is_same_camera(one: Config, other: Config) -> bool:
+    """Whether `open_camera` opens the same, set up in the same way: what runs by the one will do for the other.
+
+    A lens is no matter of the camera, and panels are none but for the frame period; to the simulator they are.
+    """
+    if one.camera.source == "simulated":
+        return (one.camera, one.panels) == (other.camera, other.panels)
+    with_one_lens = other.camera.model_copy(update={"intrinsics": one.camera.intrinsics})
+    return one.camera == with_one_lens and one.panels.frequencies_hz() == other.panels.frequencies_hz()
+
+
 def _open_device(config: Config, kind: str, place: str) -> Camera:
     """Raises CameraLostError for what the system refuses, too: no descriptor left, say, or a node that vanishes."""
     try:

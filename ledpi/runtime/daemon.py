@@ -11,9 +11,11 @@ from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 from ledpi.camera.base import Camera
 from ledpi.camera.exposure_notes import exposure_notes
+from ledpi.camera.factory import is_same_camera
 from ledpi.camera.gain_follower import GainFollower
 from ledpi.camera.recovering import LOST
 from ledpi.config.camera_yaml import lens_of
@@ -49,7 +51,27 @@ MINUTE_S = 60.0
 JOIN_S = 0.4  # for each worker; the whole daemon ends within 1 s
 CLOSE_S = 2.0  # for a camera, which a reload opens again. A driver that hangs must not keep the controller's last word
 
+STARTING = StatusMessage(state=State.STARTING, no_fix=NoFix.NOT_RUNNING)
+
 _log = logging.getLogger("ledpi")
+
+
+class Left(NamedTuple):
+    """What a daemon leaves to the next one: running, and not to be opened again."""
+
+    camera: Camera | None
+    publisher: Publisher | None
+
+    def close(self) -> None:
+        """Where there is no next one."""
+        if self.camera is not None:
+            with suppress(CameraError, OSError):
+                self.camera.close()
+        if self.publisher is not None:
+            self.publisher.stop()
+
+
+NOTHING_LEFT = Left(camera=None, publisher=None)
 
 
 class Daemon:
@@ -63,13 +85,15 @@ class Daemon:
         lossless: bool = False,
         resets: Resets | None = None,
         tap: Tap | None = None,
+        publisher: Publisher | None = None,
     ) -> None:
         """`lossless`: capture waits for the decoder, for a camera that has no pace of its own.
 
         `resets`: where jumps and changes of the map are counted, with those of the daemons before. `tap`: who follows
-        sees what is decoded.
+        sees what is decoded. `publisher`: one that a daemon before has left, with its port.
         """
         info = camera.info
+        self._config = config
         self._camera = camera
         self._lossless = lossless
         self._calibrated = lens_of(info, config.camera.intrinsics)
@@ -93,7 +117,12 @@ class Daemon:
         resets = resets or Resets()
         mavlink = _mavlink(config, robot.base_link_from_camera, resets)
         resets.update_map(robot.panels)
-        self._publisher = Publisher(config.serial, mavlink, map_resets=resets.maps)
+        if publisher is None:
+            self._publisher = Publisher(config.serial, mavlink, map_resets=resets.maps)
+        else:
+            self._publisher = publisher
+            publisher.begin_anew(config.serial, mavlink, map_resets=resets.maps)
+        self._left = NOTHING_LEFT
         self._health = Health()
         self._times = StageTimes()
         self._processor = read_processor()
@@ -122,6 +151,19 @@ class Daemon:
         """
         self._asked_to_stop = True
 
+    def hand_over(self, config: Config) -> None:
+        """Ends `run` soon, for a daemon with this configuration: what that would open in the same way stays open."""
+        self._left = Left(
+            camera=self._camera if is_same_camera(self._config, config) else None,
+            publisher=self._publisher if self._publisher.fits(config.serial) else None,
+        )
+        self.stop()
+
+    @property
+    def left(self) -> Left:
+        """After `run`: what runs on for the next one."""
+        return self._left
+
     def save(self, cause: str = ASKED) -> Future[Path]:
         """Writes the last seconds; the recording's folder once it is whole, or RecordingError. From any thread.
 
@@ -139,7 +181,7 @@ class Daemon:
         gc.freeze()  # what start-up has made, and stays: looking through it for garbage took 15 ms, now and then
         if self._calibrated is None:
             _log.warning("camera.intrinsics is not set: IDs are sent flagged uncalibrated, without poses")
-        self._publisher.set_status(StatusMessage(state=State.STARTING, no_fix=NoFix.NOT_RUNNING))
+        self._publisher.set_status(STARTING)
         self._publisher.start()
         self._observers.start()
         for thread in self._threads:
@@ -157,14 +199,21 @@ class Daemon:
     def _close(self) -> None:
         self._stop.set()
         self._observers.end()
-        closing = threading.Thread(target=self._close_camera, name="close", daemon=True)
-        closing.start()
-        closing.join(CLOSE_S)
-        self._threads[0].join(JOIN_S)
+        if self._left.camera is not None:
+            self._threads[0].join(JOIN_S)
+        if self._left.camera is None or self._threads[0].is_alive():  # a camera that hangs is opened again
+            self._left = self._left._replace(camera=None)
+            closing = threading.Thread(target=self._close_camera, name="close", daemon=True)
+            closing.start()
+            closing.join(CLOSE_S)
+            self._threads[0].join(JOIN_S)
         self._ring.close()
         self._threads[1].join(JOIN_S)
         self._send_status()  # the last status counts every frame
-        self._publisher.stop()
+        if self._left.publisher is None:
+            self._publisher.stop()
+        else:
+            self._publisher.set_status(STARTING)
         self._observers.close()
 
     def _close_camera(self) -> None:

@@ -11,7 +11,7 @@ from ledpi.config.panels import check_bands_visible
 from ledpi.config.settings import Config
 from ledpi.core.errors import LedpiError, RecordingError
 from ledpi.core.wording import one_line
-from ledpi.runtime.daemon import Daemon
+from ledpi.runtime.daemon import NOTHING_LEFT, Daemon, Left
 from ledpi.runtime.reload import Reading
 from ledpi.runtime.reporting import Totals, event
 from ledpi.runtime.systemd import notify
@@ -70,6 +70,7 @@ class Service:
                     self._daemon.stop()
         finally:
             notify("STOPPING=1")
+            self._daemon.left.close()
             close_tap(self._tap)
 
     def _handle_requests(self) -> None:
@@ -94,31 +95,34 @@ class Service:
             self._refuse(result)
         else:
             self._next = result
-            self._daemon.stop()
+            self._daemon.hand_over(result)
 
     def _change_to(self, config: Config) -> Daemon:
         """What only the camera shows to be wrong brings the old configuration back."""
-        notify("WATCHDOG=1")  # the old daemon has ended as it should; a camera, or two, is about to be opened
-        tap = self._tap
+        notify("WATCHDOG=1")  # the old daemon has ended as it should; a camera, or two, may be about to be opened
+        tap, left = self._tap, self._daemon.left
         try:
             tap = open_tap(config, self._tap)
-            daemon = self._start(config, tap)
+            daemon = self._start(config, tap, left)
         except Exception as error:
             close_tap(tap, but=self._tap)
             self._refuse(error)
-            return self._start(self._config, self._tap)
+            return self._start(self._config, self._tap, left)
         close_tap(self._tap, but=tap)
         self._config, self._tap = config, tap
         return daemon
 
-    def _start(self, config: Config, tap: Tap | None) -> Daemon:
-        camera = self._open_camera(config)
+    def _start(self, config: Config, tap: Tap | None, left: Left = NOTHING_LEFT) -> Daemon:
+        camera = left.camera or self._open_camera(config)
         try:
             shown = config.panels if camera.panel is None else config.panels.override_with(camera.panel)
             check_bands_visible(shown, camera.info.row_time_us, "configuration")
-            daemon = Daemon(config, camera, lossless=self._lossless, resets=self._resets, tap=tap)
+            daemon = Daemon(
+                config, camera, lossless=self._lossless, resets=self._resets, tap=tap, publisher=left.publisher
+            )
         except BaseException:
-            camera.close()
+            if camera is not left.camera:
+                camera.close()
             raise
         info = camera.info
         _log.info(

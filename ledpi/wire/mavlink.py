@@ -79,6 +79,10 @@ class Mavlink:
         """The packet that was encoded last has gone out: the next has the next number."""
         self._packer.seq = (self._packer.seq + 1) % 256
 
+    def continue_after(self, other: Mavlink) -> None:
+        """Goes on with the other's packet number."""
+        self._packer.seq = other._packer.seq
+
     def _heartbeat(self, status: StatusMessage) -> Any:
         d = self._dialect
         states = {

@@ -62,15 +62,11 @@ class Publisher:
         """`mavlink`: speaks that in place of our own protocol. `map_resets`: changes of the map so far."""
         self._settings = settings
         self._mavlink = mavlink
-        self._outbox = Outbox(
-            max_age_ms=settings.max_age_ms,
-            status_period_ns=STATUS_PERIOD_NS if mavlink is None else HEARTBEAT_PERIOD_NS,
-            map_resets=map_resets,
-        )
+        self._outbox = _outbox(settings, mavlink, map_resets)
         self._wake = threading.Condition()  # guards the outbox and all below; not held while the port is used
         self._stopping = False
         self.failure: BaseException | None = None  # what ended the thread: a bug, as no port's fault does
-        self._written = {FixMessage: 0, StatusMessage: 0, MarkerMessage: 0}
+        self._written: dict[type[Message], int] = dict.fromkeys((FixMessage, StatusMessage, MarkerMessage), 0)
         self._cut = 0
         self._opened = 0
         self._connected = False
@@ -85,8 +81,27 @@ class Publisher:
         self._thread = threading.Thread(target=self._run, name="publisher", daemon=True)
 
     def start(self) -> None:
-        """Starts the thread, which opens the port and opens it again until `stop`."""
-        self._thread.start()
+        """Starts the thread, which opens the port and opens it again until `stop`. Does nothing where it runs."""
+        if self._thread.ident is None:
+            self._thread.start()
+
+    def fits(self, settings: SerialSettings) -> bool:
+        """Whether it speaks to that port, as is asked for there."""
+        mine = self._settings
+        return (mine.port, mine.baud, mine.protocol) == (settings.port, settings.baud, settings.protocol)
+
+    def begin_anew(self, settings: SerialSettings, mavlink: Mavlink | None, *, map_resets: int) -> None:
+        """Goes on with another configuration, that it `fits`, and the port stays open: to open it resets an Arduino.
+
+        Poses that wait are forgotten, and counters begin at 0; the packets' numbers go on.
+        """
+        with self._wake:
+            if mavlink is not None and self._mavlink is not None:
+                mavlink.continue_after(self._mavlink)
+            self._settings, self._mavlink = settings, mavlink
+            self._outbox = _outbox(settings, mavlink, map_resets)
+            self._written, self._cut = dict.fromkeys(self._written, 0), 0
+            self._wake.notify()
 
     def publish(self, decoded: Decoded) -> None:
         """Hands over a frame's poses; newer ones replace those that still wait. Never waits for the port.
@@ -278,3 +293,11 @@ class Publisher:
             _log.info("serial_open port=%s", self._settings.port)
         elif news:
             _log.warning("serial_lost error=%s", json.dumps(error, ensure_ascii=False))
+
+
+def _outbox(settings: SerialSettings, mavlink: Mavlink | None, map_resets: int) -> Outbox:
+    return Outbox(
+        max_age_ms=settings.max_age_ms,
+        status_period_ns=STATUS_PERIOD_NS if mavlink is None else HEARTBEAT_PERIOD_NS,
+        map_resets=map_resets,
+    )

@@ -161,6 +161,15 @@ def end(process: subprocess.Popen[str], signal_number: int | None = None) -> End
     return Ended(process.returncode, log.splitlines(), time.monotonic() - started)
 
 
+def wait_for_log(process: subprocess.Popen[str], text: str) -> str:
+    """The next line of its log that has this text."""
+    assert process.stderr is not None
+    for entry in process.stderr:
+        if text in entry:
+            return entry
+    raise AssertionError(f"the daemon ended and never said {text!r}")
+
+
 def slowness() -> float:
     """By how much longer than planned a short sleep takes here: a busy machine gets as much more time."""
     started = time.monotonic()

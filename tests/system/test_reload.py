@@ -13,14 +13,17 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
+from typing import ClassVar
 
 import pytest
 
 from ledpi.camera.base import Camera
 from ledpi.camera.simulated import open_simulated
 from ledpi.config.settings import Config, load_config
+from ledpi.core.records import Frame, Pixels
 from ledpi.runtime.reload import Reading
 from ledpi.runtime.service import Service
+from ledpi.wire import MarkerMessage, State
 from tests.builders.daemon import (
     COMMAND,
     DEADLINE_S,
@@ -28,10 +31,12 @@ from tests.builders.daemon import (
     SIMULATED_YAML,
     Controller,
     Ended,
+    OtherCamera,
     controller,
     daemon,
     end,
     slowness,
+    wait_for_log,
     write_recording,
 )
 
@@ -110,14 +115,6 @@ def running(folder: Path, command: list[str] = COMMAND) -> Iterator[tuple[subpro
         with daemon(f"serial.port={line.port}", options=options, command=command, deadline_s=deadline_s) as process:
             line.wait_for(lambda c: bool(c.markers))
             yield process, line
-
-
-def wait_for_log(process: subprocess.Popen[str], text: str) -> str:
-    assert process.stderr is not None
-    for entry in process.stderr:
-        if text in entry:
-            return entry
-    raise AssertionError(f"the daemon ended and never said {text!r}")
 
 
 def refusal(process: subprocess.Popen[str]) -> str:
@@ -237,6 +234,128 @@ def test_where_no_thread_can_be_begun_that_is_the_result(monkeypatch: pytest.Mon
     assert str(reading.result()) == "can't start new thread"
 
 
+# ---- What stays open
+
+
+OTHER = {
+    "nothing": ("", ""),
+    "panels": ("side_m: 0.16", "side_m: 0.158"),
+    "age": ("baud: 115200", "baud: 115200, max_age_ms: 90"),
+    "camera": ("width: 320", "width: 336"),
+    "baud": ("baud: 115200", "baud: 230400"),
+}
+
+
+@pytest.mark.parametrize(
+    ("change", "camera_stays", "port_stays"),
+    [("nothing", 1, 1), ("panels", 0, 1), ("age", 1, 1), ("camera", 0, 1), ("baud", 1, 0)],
+)
+def test_what_a_reload_does_not_change_stays_open(
+    tmp_path: Path, change: str, camera_stays: bool, port_stays: bool
+) -> None:
+    """An Arduino is reset by each opening of its port. The stream goes on, the numbers too, and no "stopping" is said.
+
+    The camera is the simulator, which shows other panels where those of the configuration are others.
+    """
+    file = tmp_path / "config.yaml"
+    with controller() as line:
+        text = f"panels: {{side_m: 0.16}}\n{SIMULATED_YAML}serial: {{port: {line.port}, baud: 115200}}\n"
+        file.write_text(text)
+        with daemon(options=("--config", str(file))) as process:
+            line.wait_for(lambda c: len(c.markers) > 3)
+            file.write_text(text.replace(*OTHER[change]))
+            process.send_signal(signal.SIGHUP)
+            log = [wait_for_log(process, "INFO start ") for _ in range(2)]
+            before = len(line.got)
+            line.wait_for(lambda c: sum(isinstance(message, MarkerMessage) for _, message in c.got[before:]) > 3)
+            stopping = sum(status.state is State.STOPPING for _, status in line.statuses)
+            log += end(process, signal.SIGTERM).log
+    opened = sum("serial_open" in entry for entry in log)
+    assert (opened == 0, stopping == 0) == (port_stays, port_stays)
+    assert (sum("time 0 of its scene" in entry for entry in log) == 0) == camera_stays
+    assert line.receiver.counters.lost == 0
+    assert line.receiver.counters.restarts == (0 if port_stays else 1)
+
+
+class Counted(OtherCamera):
+    """A camera that knows how often it was opened, and whether it is closed."""
+
+    opened: ClassVar[list[Counted]] = []
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.closed = False
+        self.opened.append(self)
+
+    def read(self, into: Pixels) -> Frame | None:
+        return self._camera.read(into)
+
+    def close(self) -> None:
+        self.closed = True
+        super().close()
+
+
+@pytest.mark.parametrize(
+    ("change", "opened"),
+    [
+        ("camera.intrinsics=null", 1),
+        ("panels.side_m=0.2", 1),
+        ("decode.method=uemura", 1),
+        ("serial.port=/nowhere/else", 1),
+        ("panels.black_hz=1300", 2),  # another frame period may suit these
+        ("camera.exposure_us=5000", 2),
+        ("camera.source=v4l2:/dev/video1", 2),
+    ],
+)
+def test_a_device_runs_on_unless_it_would_be_set_up_otherwise(change: str, opened: int) -> None:
+    """To close and open a camera takes a second or two without a pose. In the end it is closed."""
+    given = ("panels.side_m=0.16", "camera.source=v4l2:/dev/video0", "camera.row_time_us=33.67", "tap.socket=null")
+    configs = iter([load_config(None, given), load_config(None, (*given, change))])
+    Counted.opened.clear()
+    service = Service(lambda: next(configs), lambda _: Counted())
+    first = service._daemon
+    running = threading.Thread(target=service.run)
+    running.start()
+    service.reload()
+    deadline = time.monotonic() + 60
+    while service._daemon is first:
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    assert [camera.closed for camera in Counted.opened] == [True] * (opened - 1) + [False]
+    service.stop()
+    running.join(60)
+    assert all(camera.closed for camera in Counted.opened)
+
+
+def test_a_camera_that_hangs_is_opened_again() -> None:
+    """Its reader does not come back to be handed over."""
+    config = load_config(None, (*SIMULATED, "serial.port=/nowhere/port"))
+    ends = threading.Event()
+
+    class Hanging(Counted):
+        def read(self, into: Pixels) -> Frame | None:
+            ends.wait(60)
+            return None
+
+        def close(self) -> None:
+            super().close()
+            ends.set()
+
+    Counted.opened.clear()
+    service = Service(lambda: config, lambda _: Counted() if Counted.opened else Hanging())
+    running = threading.Thread(target=service.run)
+    running.start()
+    service.reload()
+    deadline = time.monotonic() + 60
+    while len(Counted.opened) < 2:
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    service.stop()
+    running.join(60)
+    assert [type(camera) for camera in Counted.opened] == [Hanging, Counted]
+    assert all(camera.closed for camera in Counted.opened)
+
+
 @pytest.mark.parametrize(
     ("error", "said"),
     [(RuntimeError("library"), "RuntimeError: library"), (OSError(24, "full"), "OSError: [Errno 24] full")],
@@ -246,6 +365,7 @@ def test_an_error_while_the_new_daemon_is_made_brings_the_old_configuration_back
 ) -> None:
     """One that nobody has foreseen, or the system's, and when the old daemon has ended already."""
     config = load_config(None, (*SIMULATED, "serial.port=/nowhere/port"))
+    configs = iter([config, load_config(None, (*SIMULATED, "serial.port=/nowhere/port", "camera.exposure_us=5000"))])
     opened: list[Camera] = []
 
     def open_second_never(_: Config) -> Camera:
@@ -255,7 +375,7 @@ def test_an_error_while_the_new_daemon_is_made_brings_the_old_configuration_back
         return opened[-1]
 
     caplog.set_level("INFO", "ledpi")
-    service = Service(lambda: config, open_second_never)
+    service = Service(lambda: next(configs), open_second_never)
     running = threading.Thread(target=service.run)
     running.start()
     service.reload()

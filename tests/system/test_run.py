@@ -203,7 +203,10 @@ def test_a_bad_frame_is_counted_and_skipped(tmp_path: Path) -> None:
         with daemon(*settings, options=("--unpaced",)) as process:
             ended = end(process)
     assert ended.status == 0
-    assert [entry for entry in ended.log if str(picture) in entry] == [entry for entry in ended.log if "WARN" in entry]
+    warned = [
+        entry for entry in ended.log if "WARN" in entry and "serial_shared" not in entry
+    ]  # the test holds the port
+    assert [entry for entry in ended.log if str(picture) in entry] == warned
     assert len([entry for entry in ended.log if str(picture) in entry]) == 1
     assert "ended: 7 frames, 0 dropped, 7 decoded, 7 markers" in ended.log[-1]
     assert "capture.truncated 1" in ended.log[-1]
