@@ -94,6 +94,7 @@ class _OneLine(logging.Formatter):
 
 def _add_commands() -> None:
     from ledpi.cli import (  # noqa: F401, each adds its command to `app`
+        bridge,
         calibrate,
         calibrate_board,
         calibrate_camera,

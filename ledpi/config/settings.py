@@ -6,12 +6,14 @@ A wrong key or value is a `ConfigError` of one line: file, key, what is wrong, w
 from __future__ import annotations
 
 import os
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, PrivateAttr
 
 from ledpi.config.mistakes import validated
+from ledpi.config.outputs import OutputName, OutputSettings
 from ledpi.config.overrides import apply_override
 from ledpi.config.panels import PanelSettings, check_bands_visible, check_panels
 from ledpi.config.renamed import rename_method
@@ -84,7 +86,7 @@ class RobotSettings(Section):
 class SerialSettings(Section):
     """The section `serial`."""
 
-    port: Annotated[str, Field(min_length=1)] = "/dev/ledpi-controller"
+    port: Annotated[str, Field(min_length=1)] | None = "/dev/ledpi-controller"
     baud: Annotated[int, Field(ge=1200, le=4_000_000)] = 115200
     protocol: Literal["ledpi", "mavlink"] = "ledpi"
     mavlink_profile: Literal["ardupilot", "px4"] = "ardupilot"
@@ -126,6 +128,7 @@ class Config(Section):
     map: Path | None = None
     robot: RobotSettings = RobotSettings()
     serial: SerialSettings = SerialSettings()
+    outputs: Annotated[dict[OutputName, OutputSettings], Field(default_factory=dict)]
     rewind: RewindSettings = RewindSettings()
     tap: TapSettings = TapSettings()
     view: ViewSettings = ViewSettings()
@@ -225,6 +228,9 @@ def _resolve_paths(config: Config, base: Path, from_command_line: set[str]) -> C
         start = Path() if key in from_command_line else base
         return (start / os.path.expanduser(path)).absolute()
 
+    def absolute_of_output(name: str, path: Path, key: str) -> Path:
+        return absolute(path, f"outputs.{name}.{key}")
+
     camera = config.camera
     changes: dict[str, Any] = {}
     if camera.intrinsics is not None:
@@ -238,6 +244,9 @@ def _resolve_paths(config: Config, base: Path, from_command_line: set[str]) -> C
         changes_top["panels"] = config.panels.model_copy(update={"dictionary": words})
     if config.map is not None:
         changes_top["map"] = absolute(config.map, "map")
+    changes_top["outputs"] = {
+        name: output.resolve_paths(partial(absolute_of_output, name)) for name, output in config.outputs.items()
+    }
     if config.tap.socket not in (None, "auto"):
         changes_top["tap"] = TapSettings(socket=str(absolute(config.tap.socket, "tap.socket")))
     return config.model_copy(update=changes_top)

@@ -86,7 +86,7 @@ def second_line(before: Totals, now: Totals, seconds: float) -> str:
     """For a person who watches: what the last second brought, and what was lost so far."""
     health, packets = now.health, now.packets
     stages = " ".join(f"{name} {p50:.1f}" for name, (p50, _) in now.times.stages_ms.items())
-    port = "port open" if packets.connected else f"no port ({packets.error})"
+    port = "port open" if packets.connected else f"no port ({packets.error})" if packets.error else "no port"
     return (
         f"{(now.ring.published - before.ring.published) / seconds:.0f} frames/s, "
         f"{(health.decoded - before.health.decoded) / seconds:.0f} decoded/s, "

@@ -108,6 +108,7 @@ def health(
         "wire": {
             "packets": packets.sent,
             "dropped": packets.unsent,
+            "port": packets.port,
             "connected": packets.connected,
             "error": packets.error,
             "recent": dict(recent),

@@ -99,11 +99,16 @@ def _map(panel_map: PanelMap, panels: PanelSettings) -> dict[str, Any]:
 
 def decoded(shown: Shown) -> dict[str, Any]:
     """The line of each frame, but for `dropped`, which is each client's own."""
-    frame = shown.frame
+    frame, offset_ns = shown.frame, shown.frame.host_offset_ns
+    values = decoded_as_json(shown.decoded, "")
+    for told, marker in zip(values["markers"], shown.decoded.markers, strict=True):
+        told["exposed_ns"] = marker.mid_exposure_ns + offset_ns
+    if shown.decoded.robot is not None:
+        values["robot"]["exposed_ns"] = shown.decoded.robot.mid_exposure_ns + offset_ns
     return {
         "type": "decoded",
-        **decoded_as_json(shown.decoded, ""),
-        "exposed_ns": row_mid_exposure_ns(frame, (shown.rows - 1) / 2) + frame.host_offset_ns,
+        **values,
+        "exposed_ns": row_mid_exposure_ns(frame, (shown.rows - 1) / 2) + offset_ns,
         "decoded_ns": shown.done_ns,
         "exposure_us": frame.exposure_us,
         "analogue_gain": frame.analogue_gain,

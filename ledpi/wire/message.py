@@ -151,7 +151,7 @@ def marker_message(marker: MarkerPose, *, age_us: int, alternate: bool = False) 
     return MarkerMessage(
         id=marker.detection.id,
         age_us=age_us,
-        pose=None if solution is None else _wire_pose(solution.camera_from_marker),
+        pose=None if solution is None else wire_pose(solution.camera_from_marker),
         uncalibrated=solution is None,
         ambiguous=marker.alternate is not None,
         alternate=alternate,
@@ -160,11 +160,12 @@ def marker_message(marker: MarkerPose, *, age_us: int, alternate: bool = False) 
 
 def fix_message(fix: RobotFix, *, age_us: int, map_resets: int = 0) -> FixMessage:
     """The message of a robot's fix. Raises WireError for a pose that must not be sent."""
-    pose = _wire_pose(fix.map_from_base_link)
+    pose = wire_pose(fix.map_from_base_link)
     return FixMessage(age_us=age_us, pose=pose, panels_used=len(fix.panels_used), map_resets=map_resets % 256)
 
 
-def _wire_pose(pose: Pose) -> WirePose:
+def wire_pose(pose: Pose) -> WirePose:
+    """A pose with the deviations of its covariance. Raises WireError for one that must not be sent."""
     x, y, z = (float(v) for v in pose.position_m)
     qw, qx, qy, qz = (float(v) for v in pose.quaternion_wxyz)
     return WirePose(

@@ -41,6 +41,7 @@ class PublisherCounters:
     refused: int  # not fit to be sent: out of range, or from the future
     cut: int  # packets that the port took only in part
     opened: int  # times the port was opened
+    port: str | None  # None: there is none, and poses go to the tap alone
     connected: bool
     error: str | None  # why the port is not open, or was last lost
 
@@ -56,7 +57,7 @@ class PublisherCounters:
 
 
 class Publisher:
-    """Writes poses and a status heartbeat to the motor controller. Only `stop` waits for the port."""
+    """Writes poses and a status heartbeat to the motor controller, if there is a port. Only `stop` waits for it."""
 
     def __init__(self, settings: SerialSettings, mavlink: Mavlink | None = None, *, map_resets: int = 0) -> None:
         """`mavlink`: speaks that in place of our own protocol. `map_resets`: changes of the map so far."""
@@ -81,8 +82,10 @@ class Publisher:
         self._thread = threading.Thread(target=self._run, name="publisher", daemon=True)
 
     def start(self) -> None:
-        """Starts the thread, which opens the port and opens it again until `stop`. Does nothing where it runs."""
-        if self._thread.ident is None:
+        """Starts the thread, which opens the port and opens it again until `stop`. Does nothing where it runs already,
+        or where there is no port.
+        """
+        if self._settings.port is not None and self._thread.ident is None:
             self._thread.start()
 
     def fits(self, settings: SerialSettings) -> bool:
@@ -107,8 +110,10 @@ class Publisher:
         """Hands over a frame's poses; newer ones replace those that still wait. Never waits for the port.
 
         Where the line is free the first packet is written here and now: waking the thread for it would take longer
-        than making it. The thread sends the rest, once the line is free again.
+        than making it. The thread sends the rest, once the line is free again. Without a port nothing is kept.
         """
+        if self._settings.port is None:
+            return
         with self._wake:
             self._outbox.put(decoded)
             line, self._lent = self._lent, None
@@ -163,6 +168,7 @@ class Publisher:
                 refused=self._outbox.refused,
                 cut=self._cut,
                 opened=self._opened,
+                port=self._settings.port,
                 connected=self._connected,
                 error=self._error,
             )
@@ -175,6 +181,7 @@ class Publisher:
 
     def _serve(self) -> None:
         """Opens the port, and opens it again, until told to stop."""
+        assert self._settings.port is not None
         backoff_s = BACKOFF_FIRST_S
         while not self._stopping:
             try:

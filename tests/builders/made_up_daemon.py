@@ -77,7 +77,7 @@ def decoded(seq: int, **changes: Any) -> dict[str, Any]:
         "seq": seq,
         "sensor_timestamp_ns": now_ns,
         "decode_ms": 2.0,
-        "markers": [PANEL],
+        "markers": [PANEL | {"exposed_ns": now_ns}],
         "robot": None,
         "rejected": {},
         "exposed_ns": now_ns,
@@ -92,8 +92,15 @@ class MadeUpDaemon:
     """Listens at `path`; a frame each 20 ms, each with a picture that differs from the last."""
 
     def __init__(
-        self, path: Path, *, hello: dict[str, Any] | None = None, picture: dict[str, Any] | None = None
+        self,
+        path: Path,
+        *,
+        hello: dict[str, Any] | None = None,
+        picture: dict[str, Any] | None = None,
+        numbered: bool = False,
     ) -> None:
+        """`numbered`: the panel's x is the frame's number, in mm."""
+        self.numbered, self.frames_shown = numbered, 0
         self.hello, self.extra = HELLO | (hello or {}), picture or {}
         self.disk_is_full = True
         self.frame: dict[str, Any] = {}
@@ -164,7 +171,10 @@ class MadeUpDaemon:
         seq = 0
         while not self._closing.wait(0.02):
             seq += 1
+            self.frames_shown = seq
             line = decoded(seq, **self.frame)
+            if self.numbered:
+                line["markers"][0]["position_m"] = [seq / 1000, 0.0, 2.0]
             wanted, self._wanted = self._wanted, []
             for client in list(self._clients):
                 self._send(client, line)

@@ -249,6 +249,7 @@ def test_the_minutes_line_has_every_counter() -> None:
     health.add(decoded())
     packets = PublisherCounters(
         **dict.fromkeys(("fixes", "statuses", "markers", "replaced", "stale", "refused", "cut", "opened"), 3),
+        port="/dev/ttyACM0",
         connected=True,
         error=None,
     )

@@ -51,7 +51,7 @@ def ledpi(*arguments: str) -> subprocess.CompletedProcess[str]:
 
 
 def test_the_lines_are_those_of_decode(tmp_path: Path) -> None:
-    """Frame by frame, to the last digit."""
+    """Frame by frame, to the last digit; only the tap knows when a pose was true on this machine's clock."""
     write_recording(tmp_path / "take", 30)
     said = ledpi("decode", str(tmp_path / "take")).stdout.splitlines()
     wanted = {line["seq"]: line for line in map(json.loads, said)}
@@ -61,6 +61,8 @@ def test_the_lines_are_those_of_decode(tmp_path: Path) -> None:
         lines = [line for line in client.lines() if line["type"] == "decoded"]
     assert len(lines) > 10
     for line in lines:
+        times_ns = [marker.pop("exposed_ns") for marker in line["markers"]]
+        assert all(abs(time_ns - line["exposed_ns"]) < 9e6 for time_ns in times_ns)  # half a picture's read-out
         same = wanted[line["seq"]].keys() - {"recording", "decode_ms"}
         assert {key: line[key] for key in same} == {key: wanted[line["seq"]][key] for key in same}
         assert line["exposed_ns"] < line["decoded_ns"]

@@ -49,7 +49,8 @@ def examine(config: Config) -> Iterator[Finding]:
         yield _serial_port(config)
     if config.serial.protocol == "mavlink":
         yield _mavlink()
-    yield machine.serial_console(config.serial.port)
+    if config.serial.port is not None:
+        yield machine.serial_console(config.serial.port)
     yield machine.disk()
     yield machine.clock()
     yield machine.throttling()
@@ -93,6 +94,8 @@ def _serial_port(config: Config) -> Finding:
     from ledpi.wire.line import open_port
 
     settings = config.serial
+    if settings.port is None:
+        return unknown("serial port", running.NO_PORT)
     try:
         open_port(settings.port, settings.baud).close()
     except WireError as error:

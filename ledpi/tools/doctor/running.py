@@ -24,6 +24,7 @@ MOST_NAMED = 3  # values that are told of
 # comes while the one before is on the line loses single poses, and that is as it should be.
 MOST_DROPPED = 0.1
 HOT_C = 80.0  # from which a Pi becomes slower
+NO_PORT = "serial.port is null: poses go to the tap alone"
 UNDER_VOLTAGE, THROTTLED = 1 << 0, 1 << 2  # bits of the Pi's `vcgencmd get_throttled`
 
 
@@ -141,6 +142,8 @@ def _line(health: dict[str, Any]) -> Finding | None:
     wire = health.get("wire")
     if not isinstance(wire, dict):
         return None
+    if wire.get("port", "") is None:
+        return unknown("serial port", NO_PORT)
     if not wire.get("connected"):
         said = str(wire.get("error") or "the port cannot be opened")
         return bad("serial port", said, "plug the controller in, or set serial.port: ls /dev/serial/by-id")

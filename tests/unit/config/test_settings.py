@@ -72,7 +72,7 @@ def test_a_dash_on_the_command_line_is_text() -> None:
 
 MISTAKES = [
     ("camera.sorce=x", "camera.sorce: unknown key; did you mean source? allowed here: analogue_gain,"),
-    ("camra.source=x", "camra: unknown key; did you mean camera? allowed here: camera, decode, map, panels"),
+    ("camra.source=x", "camra: unknown key; did you mean camera? allowed here: camera, decode, map, outputs"),
     ("camera.auto=1", "camera.auto: unknown key; allowed here: analogue_gain"),
     ("7=3", "7: unknown key; allowed here: camera"),
     ("camera=3", "camera: must be a section with the keys analogue_gain, exposure_us, frame_duration_us"),

@@ -485,3 +485,19 @@ def test_foreign_bytes_cost_no_packet(far_end: FarEnd, start: Start, octets: byt
     counters = far_end.receiver.counters
     assert (counters.lost, counters.restarts, counters.good) == (0, 0, sent)
     assert (sum(counters.bad.values()) > 20) is (octets != b"\0")
+
+
+def test_without_a_port_nothing_is_opened_or_kept() -> None:
+    """`serial.port: null`: poses go to the tap alone, and none counts as lost."""
+    publisher = Publisher(SerialSettings(port=None))
+    publisher.start()
+    publisher.publish(decoded_now(7))
+    publisher.stop()
+    counters = publisher.counters
+    assert (counters.port, counters.connected, counters.opened, counters.sent, counters.unsent) == (
+        None,
+        False,
+        0,
+        0,
+        0,
+    )

@@ -1,0 +1,1 @@
+"""Bridges: what the tap tells, sent on to others by processes of their own."""

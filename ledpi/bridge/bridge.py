@@ -1,0 +1,173 @@
+"""A bridge: one thread follows the tap, another serves the target. The daemon waits for neither.
+
+    tap ──▶ mailbox (the newest frame) ──▶ target
+
+What the target does not take at once is dropped and counted. A target that is lost is opened again, and the daemon too.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from dataclasses import dataclass
+
+from ledpi.bridge.mailbox import Mail, Mailbox
+from ledpi.bridge.target import BridgeError, Line, Target, TargetLostError
+from ledpi.core.errors import TapError
+from ledpi.runtime.reporting import event
+from ledpi.tap.client import Client, connect
+
+TICK_S = 0.1
+RETRY_DAEMON_S = 0.3
+BACKOFF_FIRST_S, BACKOFF_LAST_S = 0.1, 0.5
+REPORT_S = 60.0
+
+_log = logging.getLogger("ledpi.bridge")
+
+
+@dataclass(slots=True)
+class Counters:
+    """Frames since the start, and what became of them."""
+
+    sent: int = 0
+    replaced: int = 0  # by a newer one, before the target took it
+    stale: int = 0  # older than allowed when its turn came
+    refused: int = 0  # the target had no room, or the frame does not fit it
+    absent: int = 0  # there was no target
+    opened: int = 0  # times that the target was reached
+
+
+class Bridge:
+    """Runs until `stop`, which any thread or signal handler may call."""
+
+    def __init__(self, name: str, target: Target, socket_path: str, max_age_ms: float) -> None:
+        self.counters = Counters()
+        self._name, self._target, self._socket_path = name, target, socket_path
+        self._max_age_ns = round(max_age_ms * 1e6)
+        self._mailbox = Mailbox()
+        self._setup: Line | None = None
+        self._state = "no_daemon"
+        self._is_open = False
+        self._stopping = False
+        self._said: str | None = None  # of the target's absence, the last time
+        self._retry_s, self._backoff_s = 0.0, BACKOFF_FIRST_S
+        self._tap: Client | None = None
+        self._reader = threading.Thread(target=self._follow, name="tap", daemon=True)
+
+    def stop(self) -> None:
+        """Takes no lock."""
+        self._stopping = True
+
+    def run(self) -> None:
+        """Serves the target. Raises BridgeError where it never was reached and a person has to act."""
+        self._reader.start()
+        reported_s = time.monotonic()
+        try:
+            while not self._stopping:
+                self._serve(self._mailbox.take(TICK_S))
+                if time.monotonic() - reported_s >= REPORT_S:
+                    reported_s = time.monotonic()
+                    self._report()
+        finally:
+            self._target.close()
+            if (tap := self._tap) is not None:
+                tap.close()
+            self._report()
+
+    def _follow(self) -> None:
+        """Puts what the daemon says into the mailbox, and says when it is gone."""
+        while not self._stopping:
+            try:
+                self._tap = tap = connect(self._socket_path)
+            except TapError:
+                time.sleep(RETRY_DAEMON_S)
+                continue
+            for line in tap.lines(reconnect=True):
+                self._mailbox.put(_mail_of(line))
+
+    def _serve(self, mail: Mail) -> None:
+        self._setup = mail.setup or self._setup
+        self._state = mail.state or self._state
+        self.counters.replaced = self._mailbox.replaced
+        if not self._is_open and not self._open():
+            self.counters.absent += mail.frame is not None
+            return
+        try:
+            if mail.setup is not None:
+                self._target.tell_setup(mail.setup)
+            if mail.state is not None or mail.health is not None:
+                self._target.tell_state(self._state, mail.health)
+            if mail.frame is not None:
+                self._send(mail.frame)
+            self._target.tick()
+        except TargetLostError as error:
+            self._lose(error)
+
+    def _send(self, frame: Line) -> None:
+        now_ns = time.monotonic_ns()
+        if now_ns - frame["exposed_ns"] > self._max_age_ns:
+            self.counters.stale += 1
+        elif self._target.send(frame, now_ns):
+            self.counters.sent += 1
+        else:
+            self.counters.refused += 1
+
+    def _open(self) -> bool:
+        if time.monotonic() < self._retry_s:
+            return False
+        try:
+            self._target.open()
+            self._is_open = True
+            if self._setup is not None:
+                self._target.tell_setup(self._setup)
+            self._target.tell_state(self._state, None)
+        except TargetLostError as error:
+            self._lose(error)
+            return False
+        except BridgeError as error:
+            if self.counters.opened == 0:
+                raise
+            self._lose(error)  # it was well once, as a certificate before its end: the other side may put it right
+            return False
+        self._said, self._backoff_s = None, BACKOFF_FIRST_S
+        self.counters.opened += 1
+        _log.info(event("target_open", output=self._name))
+        return False  # what has waited meanwhile is not new any more
+
+    def _lose(self, error: TargetLostError | BridgeError) -> None:
+        """Notes it, each reason once."""
+        if self._is_open:
+            self._target.close()
+        if str(error) != self._said:
+            self._said = str(error)
+            _log.warning(event("target_lost", output=self._name, error=error, then="it is tried again"))
+        self._is_open = False
+        self._retry_s = time.monotonic() + self._backoff_s
+        self._backoff_s = min(2 * self._backoff_s, BACKOFF_LAST_S)
+
+    def _report(self) -> None:
+        done = self.counters
+        _log.info(
+            event(
+                "bridge",
+                output=self._name,
+                sent=done.sent,
+                replaced=done.replaced,
+                stale=done.stale,
+                refused=done.refused,
+                absent=done.absent,
+                opened=done.opened,
+            )
+        )
+
+
+def _mail_of(line: Line) -> Mail:
+    kind = line["type"]
+    if kind == "hello":
+        return Mail(setup=line, state="running")
+    if kind == "decoded":
+        return Mail(frame=line)
+    if kind == "health":
+        return Mail(health=line, state=str(line["state"]))
+    return Mail(state="no_daemon") if kind == "lost" else Mail()

@@ -1,0 +1,53 @@
+"""`kind: udp`: a datagram for each frame. Nobody answers, so nothing ever waits."""
+
+from __future__ import annotations
+
+import socket
+
+from ledpi.bridge.payload import payload_of
+from ledpi.bridge.sockets import lost
+from ledpi.bridge.target import Line
+from ledpi.config.outputs import OutputSettings
+
+
+class UdpTarget:
+    """An address that may or may not listen."""
+
+    def __init__(self, settings: OutputSettings) -> None:
+        self._host, self._port = settings.address
+        self._payload = payload_of(settings.format)
+        self._socket: socket.socket | None = None
+        self._address: tuple[object, ...] = ()
+
+    def open(self) -> None:
+        try:
+            family, kind, protocol, _, self._address = socket.getaddrinfo(
+                self._host, self._port, type=socket.SOCK_DGRAM
+            )[0]
+        except OSError as error:
+            raise lost(self._host, error) from None
+        self._socket = socket.socket(family, kind, protocol)
+        self._socket.setblocking(False)
+
+    def tell_setup(self, hello: Line) -> None:
+        """Nothing: a listener may come at any time, and would have missed it."""
+
+    def send(self, frame: Line, now_ns: int) -> bool:
+        return self._write(self._payload.frame(frame, now_ns))
+
+    def tell_state(self, state: str, health: Line | None) -> None:
+        self._write(self._payload.state(state, health))
+
+    def tick(self) -> None:
+        """Nothing: there is no connection."""
+
+    def close(self) -> None:
+        if self._socket is not None:
+            self._socket.close()
+
+    def _write(self, data: bytes) -> bool:
+        assert self._socket is not None
+        try:
+            return not data or self._socket.sendto(data, self._address) == len(data)
+        except OSError:  # no route, no room: the next one may pass
+            return False

@@ -1,0 +1,29 @@
+"""A kind's name → its target. What a kind needs beyond ledpi is imported only here."""
+
+from __future__ import annotations
+
+from importlib import import_module
+
+from ledpi.bridge.target import BridgeError, Target
+from ledpi.config.outputs import Kind, OutputSettings
+
+# By kind: the module and class, and the extra of pyproject.toml that brings what it imports.
+TARGETS: dict[Kind, tuple[str, str, str | None]] = {
+    "stdout": ("stdout", "StdoutTarget", None),
+    "udp": ("datagrams", "UdpTarget", None),
+    "tcp": ("stream", "TcpTarget", None),
+    "mqtt": ("mqtt", "MqttTarget", "mqtt"),
+    "nt": ("nt", "NtTarget", "nt"),
+}
+
+
+def open_target(name: str, settings: OutputSettings) -> Target:
+    """The target, not yet connected. Raises BridgeError where its packages are missing, or its files cannot be read."""
+    module, target, extra = TARGETS[settings.kind]
+    try:
+        made: Target = getattr(import_module(f"ledpi.bridge.{module}"), target)(settings)
+    except ImportError as error:
+        raise BridgeError(
+            f"outputs.{name}: kind {settings.kind} needs the package {error.name}: pip install 'ledpi[{extra}]'"
+        ) from None
+    return made

@@ -1,0 +1,168 @@
+"""`kind: mqtt`: a broker (MQTT 3.1.1, by paho-mqtt). docs/outputs.md has the topics.
+
+paho's own thread would queue what a slow broker does not take, and deliver it late. So there is none: the bridge's
+thread drives the connection. The broker acknowledges each message (quality of service 1). While it is behind with that,
+nothing is published, as what lies in its buffer is old when it is read.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import ssl
+import time
+from typing import Any
+
+import paho.mqtt.client as paho
+from paho.mqtt.enums import CallbackAPIVersion
+
+from ledpi.bridge.password import read_password
+from ledpi.bridge.payload import JsonPayload, with_age
+from ledpi.bridge.sockets import keep_nothing_old, lost
+from ledpi.bridge.target import CONNECT_S, UNANSWERED_MS, BridgeError, Line, TargetLostError
+from ledpi.config.outputs import OutputSettings
+from ledpi.tap.protocol import write_line
+
+BEHIND_S = 0.1  # without an acknowledgement: the broker is behind, and the next frames are dropped
+KEEPALIVE_S = 5  # a broker says after 1.5 times that that we are gone
+REFUSED = {  # MQTT 3.1.1's return codes of CONNACK that a person has to see to
+    4: "refuses the user or the password; see user and password_file",
+    5: "does not let this user in; see user and password_file, and the broker's own lists",
+}
+NOT_YET_VALID = 9  # OpenSSL's X509_V_ERR_CERT_NOT_YET_VALID: a Pi without a clock, until it has asked the network
+GONE = "gone"  # the state that the broker tells if we end without a word
+
+
+class MqttTarget:
+    """One broker."""
+
+    def __init__(self, settings: OutputSettings) -> None:
+        self._settings = settings
+        self._where = "{}:{}".format(*settings.address)
+        self._way = f"tls: {str(settings.tls).lower()}"
+        self._topic = settings.topic
+        self._payload = JsonPayload()
+        self._password = None if settings.password_file is None else read_password(settings.password_file)
+        self._client: paho.Client | None = None
+        self._refused: int | None = None  # what the broker said to us
+        self._waiting_s: dict[int, float] = {}  # messages without an acknowledgement, by number: sent when
+
+    def open(self) -> None:
+        self._client = client = self._new_client()
+        try:
+            client.connect(*self._settings.address, keepalive=KEEPALIVE_S)
+            connection: Any = client.socket()
+            keep_nothing_old(connection)
+        except ssl.SSLCertVerificationError as error:
+            raise self._untrusted(error) from None
+        except ssl.SSLError as error:
+            raise BridgeError(f"{self._where}: speaks no TLS ({error.reason}); is the port right?") from None
+        except ConnectionResetError:
+            raise TargetLostError(f"{self._where}: closes the connection; is the port right for {self._way}?") from None
+        except OSError as error:
+            raise lost(self._where, error) from None
+        try:
+            self._await_welcome(client)
+        except BaseException:
+            connection.close()
+            raise
+
+    def tell_setup(self, hello: Line) -> None:
+        self._publish("setup", write_line(hello).rstrip(), keep=True)
+
+    def send(self, frame: Line, now_ns: int) -> bool:
+        if not self._has_room():
+            return False
+        self._publish("frame", self._payload.frame(frame, now_ns).rstrip())
+        if frame["robot"] is not None:
+            self._publish("robot", write_line(with_age(frame["robot"], now_ns)).rstrip())
+        return True
+
+    def tell_state(self, state: str, health: Line | None) -> None:
+        if not self._has_room():
+            return
+        if health is not None:
+            self._publish("health", write_line(health).rstrip())
+        self._publish("status", _status(state), keep=True)
+
+    def tick(self) -> None:
+        client = self._client
+        assert client is not None
+        if (code := client.loop(timeout=0.0)) != paho.MQTT_ERR_SUCCESS:
+            raise TargetLostError(f"{self._where}: the connection is lost ({paho.error_string(code).rstrip('.')})")
+
+    def close(self) -> None:
+        client, self._client = self._client, None
+        if client is not None and client.is_connected():
+            client.publish(f"{self._topic}/status", _status(GONE), retain=True)
+            client.disconnect()
+            client.loop(timeout=0.0)
+
+    def _new_client(self) -> paho.Client:
+        client = paho.Client(CallbackAPIVersion.VERSION2, protocol=paho.MQTTv311, reconnect_on_failure=False)
+        client.connect_timeout = CONNECT_S
+        client.will_set(f"{self._topic}/status", _status(GONE), qos=1, retain=True)
+        if self._settings.user is not None:
+            client.username_pw_set(self._settings.user, self._password)
+        if self._settings.tls:
+            client.tls_set_context(self._tls())
+        client.on_connect = self._hear_welcome
+        client.on_publish = self._hear_acknowledgement
+        self._waiting_s = {}
+        return client
+
+    def _tls(self) -> ssl.SSLContext:
+        ca_file = self._settings.ca_file
+        try:
+            return ssl.create_default_context(cafile=None if ca_file is None else str(ca_file))
+        except (OSError, ssl.SSLError) as error:
+            raise BridgeError(f"{ca_file}: no certificates can be read from it ({error.strerror or error})") from None
+
+    def _untrusted(self, error: ssl.SSLCertVerificationError) -> BridgeError | TargetLostError:
+        said = f"{self._where}: its certificate is not accepted ({error.verify_message})"
+        if error.verify_code == NOT_YET_VALID:
+            return TargetLostError(f"{said}; is this machine's clock right?")
+        return BridgeError(f"{said}; renew it, or see host and ca_file")
+
+    def _hear_welcome(self, client: paho.Client, data: object, flags: object, reason: Any, more: object) -> None:
+        codes = {"Bad user name or password": 4, "Not authorized": 5}  # as paho names them of either version
+        self._refused = codes.get(str(reason), -1) if reason.is_failure else 0
+
+    def _hear_acknowledgement(
+        self, client: paho.Client, data: object, number: int, reason: object, more: object
+    ) -> None:
+        self._waiting_s.pop(number, None)
+
+    def _await_welcome(self, client: paho.Client) -> None:
+        self._refused = None
+        until_s = time.monotonic() + CONNECT_S
+        while self._refused is None and time.monotonic() < until_s:
+            if client.loop(timeout=0.05) not in (paho.MQTT_ERR_SUCCESS, paho.MQTT_ERR_CONN_REFUSED):
+                break
+        refused = -1 if self._refused is None else self._refused
+        if refused in REFUSED:
+            raise BridgeError(f"{self._where}: the broker {REFUSED[refused]}")
+        if refused != 0:
+            raise TargetLostError(f"{self._where}: takes the connection, and is no broker that lets us in")
+
+    def _has_room(self) -> bool:
+        self.tick()
+        assert self._client is not None
+        waited_s = time.monotonic() - min(self._waiting_s.values(), default=math.inf)
+        if waited_s > UNANSWERED_MS / 1000:
+            raise TargetLostError(f"{self._where}: the broker does not answer")
+        return waited_s < BEHIND_S and not self._client.want_write()
+
+    def _publish(self, topic: str, data: bytes, *, keep: bool = False) -> None:
+        """`keep`: the broker tells it to whoever comes later, too; so nothing that grows old."""
+        client = self._client
+        assert client is not None
+        sent_s = time.monotonic()
+        done = client.publish(f"{self._topic}/{topic}", data, qos=1, retain=keep)
+        self._waiting_s[done.mid] = sent_s
+        if done.rc != paho.MQTT_ERR_SUCCESS:
+            raise TargetLostError(f"{self._where}: the connection is lost ({paho.error_string(done.rc).rstrip('.')})")
+
+
+def _status(state: str) -> bytes:
+    return json.dumps({"state": state, "unix_ns": time.time_ns()} if state != GONE else {"state": state}).encode()

@@ -1,0 +1,129 @@
+"""A frame as bytes for targets that take bytes: a line of JSON, or packets of the wire."""
+
+from __future__ import annotations
+
+import time
+from typing import Any, Literal, Protocol
+
+import numpy as np
+
+from ledpi.bridge.target import Line
+from ledpi.core.errors import WireError
+from ledpi.core.records import Pose
+from ledpi.tap.protocol import write_line
+from ledpi.wire.codec import encode
+from ledpi.wire.message import FixMessage, MarkerMessage, Message, NoFix, State, StatusMessage, wire_pose
+
+
+class Payload(Protocol):
+    """What is sent of a frame and of the daemon's state."""
+
+    def frame(self, frame: Line, now_ns: int) -> bytes:
+        """One frame's bytes; none where nothing was seen, if the form has nothing to say of that."""
+
+    def state(self, state: str, health: Line | None) -> bytes:
+        """The daemon's state in bytes."""
+
+
+def payload_of(form: Literal["json", "wire"]) -> Payload:
+    """By the configuration's word."""
+    return JsonPayload() if form == "json" else WirePayload()
+
+
+def with_age(values: Line, now_ns: int) -> Line:
+    """Adds how old it is (µs), and when it was exposed as Unix time (ns); both of `exposed_ns`."""
+    age_ns = now_ns - values["exposed_ns"]
+    return values | {"age_us": age_ns // 1000, "unix_ns": time.time_ns() - age_ns}
+
+
+class JsonPayload:
+    """The tap's own lines, each with its age."""
+
+    def frame(self, frame: Line, now_ns: int) -> bytes:
+        return write_line(with_age(frame, now_ns))
+
+    def state(self, state: str, health: Line | None) -> bytes:
+        return write_line(health or {"type": "state", "state": state})
+
+
+class WirePayload:
+    """Packets as on the serial line, the fix first. The sequence number begins at 0, so that a restart is seen."""
+
+    def __init__(self) -> None:
+        self._sequence = 0
+
+    def frame(self, frame: Line, now_ns: int) -> bytes:
+        packets = []
+        for messages in (_fixes, _markers):
+            try:
+                packets += [self._encode(message) for message in messages(frame, now_ns)]
+            except WireError:  # out of a packet's range: never sent, as on the serial line
+                continue
+        return b"".join(packets)
+
+    def state(self, state: str, health: Line | None) -> bytes:
+        return self._encode(_status(state, health or {}))
+
+    def _encode(self, message: Message) -> bytes:
+        frame = encode(message, self._sequence)
+        self._sequence = self._sequence % 0xFFFF + 1
+        return frame
+
+
+def _fixes(frame: Line, now_ns: int) -> list[Message]:
+    fix = frame["robot"]
+    if fix is None:
+        return []
+    return [
+        FixMessage(
+            age_us=(now_ns - fix["exposed_ns"]) // 1000,
+            pose=wire_pose(pose_of(fix)),
+            panels_used=len(fix["panels_used"]),
+        )
+    ]
+
+
+def _markers(frame: Line, now_ns: int) -> list[Message]:
+    messages: list[Message] = []
+    for marker in frame["markers"]:
+        age_us = (now_ns - marker["exposed_ns"]) // 1000
+        uncalibrated, other = marker["position_m"] is None, marker["alternate"]
+        pose = None if uncalibrated else wire_pose(pose_of(marker))
+        messages.append(
+            MarkerMessage(
+                id=marker["id"],
+                age_us=age_us,
+                pose=pose,
+                uncalibrated=uncalibrated,
+                ambiguous=other is not None,
+            )
+        )
+        if other is not None:
+            pose = wire_pose(pose_of(other))
+            messages.append(MarkerMessage(id=marker["id"], age_us=age_us, pose=pose, ambiguous=True, alternate=True))
+    return messages
+
+
+def _status(state: str, health: Line) -> StatusMessage:
+    known = State.__members__.get(state.upper(), State.STOPPING)  # no_daemon: it has ended
+    no_fix = NoFix.__members__.get(str(health.get("no_fix", "not_running")).upper(), NoFix.UNKNOWN)
+    return StatusMessage(
+        state=known,
+        no_fix=no_fix,
+        panels_in_view=health.get("in_view"),
+        temperature_c=health.get("temperature_c"),
+        throttling=health.get("throttled"),
+        uptime_s=health.get("uptime_s"),
+        frames=health.get("frames"),
+        frames_dropped=health.get("dropped_frames"),
+    )
+
+
+def pose_of(values: dict[str, Any]) -> Pose:
+    """The pose of a marker, an alternate or a robot of the tap, as a record."""
+    covariance = values.get("covariance")
+    return Pose(
+        position_m=np.array(values["position_m"]),
+        quaternion_wxyz=np.array(values["quaternion_wxyz"]),
+        covariance=None if covariance is None else np.array(covariance).reshape(6, 6),
+    )

@@ -1,0 +1,45 @@
+"""`ledpi bridge`: what the daemon sees, sent on."""
+
+from __future__ import annotations
+
+import signal
+from pathlib import Path
+
+import typer
+
+from ledpi.cli import app
+
+
+@app.command()
+def bridge(
+    name: str = typer.Argument(metavar="NAME", help="One of `outputs` in the configuration."),
+    config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
+    set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
+) -> None:
+    """Send poses to MQTT, NetworkTables, UDP, TCP or a pipe.
+
+    It reads the running daemon's tap, which it never slows down. Neither the daemon nor the target need be there yet;
+    both may come and go. A frame that cannot be sent at once is dropped and counted. Ends with Ctrl-C or SIGTERM.
+
+    Exit status 2: a person has to act (a wrong password, an expired certificate, a missing package).
+
+    Example: ledpi bridge field --set 'outputs={field: {kind: udp, host: 10.0.0.2, port: 5000}}'
+    """
+    from ledpi.bridge.bridge import Bridge
+    from ledpi.bridge.factory import open_target
+    from ledpi.config.settings import find_config, load_config
+    from ledpi.core.errors import ConfigError
+    from ledpi.runtime.reporting import log_to_standard_error
+
+    log_to_standard_error()
+    settings = load_config(find_config(config), tuple(set_), without_file=("panels.side_m=1",))
+    if settings.tap.socket is None:
+        raise ConfigError("tap.socket: is null, so the daemon tells nothing; must be auto, or the daemon's path")
+    if name not in settings.outputs:
+        known = ", ".join(settings.outputs) or "none"
+        raise ConfigError(f"outputs.{name}: is not in the configuration; it has: {known}")
+    target = open_target(name, settings.outputs[name])
+    running = Bridge(name, target, str(settings.tap.socket), settings.serial.max_age_ms)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: running.stop())
+    running.run()

@@ -1,0 +1,83 @@
+"""The section `outputs`: where else poses go, each by a bridge of its own (`ledpi bridge`)."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, Field, model_validator
+from typing_extensions import Self
+
+from ledpi.config.values import Section
+
+Kind = Literal["stdout", "udp", "tcp", "mqtt", "nt"]
+# The keys that each kind takes beside `kind`, and its port where none is given. Those with `host` need one.
+KEYS: dict[Kind, tuple[str, ...]] = {
+    "stdout": ("format",),
+    "udp": ("host", "port", "format"),
+    "tcp": ("host", "port", "format"),
+    "mqtt": ("host", "port", "topic", "tls", "ca_file", "user", "password_file"),
+    "nt": ("host", "port", "topic"),
+}
+PORTS: dict[Kind, int] = {"mqtt": 1883, "nt": 5810}
+MQTT_TLS_PORT = 8883
+
+
+def _of_the_form(pattern: str, wanted: str) -> AfterValidator:
+    def check(text: str) -> str:
+        if re.fullmatch(pattern, text):
+            return text
+        raise ValueError(f"must be {wanted}")
+
+    return AfterValidator(check)
+
+
+# A unit's name holds it: ledpi-bridge@NAME.
+OutputName = Annotated[str, _of_the_form(r"[a-z][a-z0-9_-]{0,31}", "a name of small letters, digits, _ and -")]
+_WORD = r"[A-Za-z_][A-Za-z0-9_]*"  # as ROS 2 has it; MQTT and NetworkTables take it too
+Topic = Annotated[
+    str, _of_the_form(rf"(?=.{{1,200}}$){_WORD}(/{_WORD})*", "words of letters, digits and _, with / between")
+]
+
+
+class OutputSettings(Section):
+    """One of `outputs`. Which keys it takes depends on its kind."""
+
+    kind: Kind
+    host: Annotated[str, Field(min_length=1, max_length=253)] | None = None
+    port: Annotated[int, Field(ge=1, le=65535)] | None = None
+    format: Literal["json", "wire"] = "json"
+    topic: Topic = "ledpi"
+    tls: bool = False
+    ca_file: Path | None = None
+    user: Annotated[str, Field(min_length=1, max_length=200)] | None = None
+    password_file: Path | None = None
+
+    @model_validator(mode="after")
+    def _has_keys_of_its_kind(self) -> Self:
+        takes = KEYS[self.kind]
+        for key in sorted(self.model_fields_set - {"kind", *takes}):
+            raise ValueError(f"has {key}, which is not for {self.kind}; {self.kind} takes {', '.join(takes)}")
+        if "host" in takes and self.host is None:
+            raise ValueError(f"must have a host: the address that {self.kind} sends to")
+        if "port" in takes and self.port is None and self.kind not in PORTS:
+            raise ValueError(f"must have a port; {self.kind} has none of its own")
+        if self.ca_file is not None and not self.tls:
+            raise ValueError("has ca_file, which needs tls: true")
+        if (self.password_file is None) != (self.user is None):
+            raise ValueError("must have user and password_file together, or neither")
+        return self
+
+    @property
+    def address(self) -> tuple[str, int]:
+        """Host and port. Only of a kind that has them."""
+        assert self.host is not None
+        usual = MQTT_TLS_PORT if self.tls else PORTS.get(self.kind, 0)
+        return self.host, self.port or usual
+
+    def resolve_paths(self, absolute: Callable[[Path, str], Path]) -> OutputSettings:
+        """The same, its files by their whole paths, as `absolute` makes them of a path and its key."""
+        given = {key: getattr(self, key) for key in ("ca_file", "password_file")}
+        return self.model_copy(update={key: absolute(path, key) for key, path in given.items() if path is not None})

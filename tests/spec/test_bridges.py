@@ -1,0 +1,132 @@
+"""What every bridge keeps to, whatever it leads to: one contract, run by all kinds with real far ends.
+
+A daemon's end of the tap shows a frame each 20 ms. Its panel's x holds the frame's number, in millimetres.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.builders.bridges import MOSQUITTO, Far, Mqtt, Nt, Running, Stdout, Tcp, Udp, bridge
+from tests.builders.made_up_daemon import MadeUpDaemon
+from tests.builders.tap import Raw, wait_until
+
+MAX_AGE_US = 100_000  # serial.max_age_ms
+FAR_ENDS = {far.kind: far for far in (Stdout, Udp, Tcp, Mqtt, Nt)}
+# What a far end had taken in before it was blocked is its own: it may read that late. By the time since it woke, in
+# bytes of a stream's buffers at both ends, this many frames.
+IN_ITS_BUFFERS = 60
+
+
+@pytest.fixture(params=FAR_ENDS)
+def far(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Far]:
+    if request.param == "mqtt" and MOSQUITTO is None:
+        pytest.skip("mosquitto is not installed")
+    if request.param == "nt":
+        pytest.importorskip("ntcore", reason="pyntcore is not installed (no wheel for this Python or machine)")
+    end = FAR_ENDS[request.param](tmp_path)
+    end.start()
+    yield end
+    end.close()
+
+
+@pytest.fixture
+def daemon(tmp_path: Path) -> Iterator[MadeUpDaemon]:
+    made_up = MadeUpDaemon(tmp_path / "tap.sock", numbered=True)
+    yield made_up
+    made_up.close()
+    Raw.close_all()
+
+
+@pytest.fixture
+def running(far: Far, daemon: MadeUpDaemon, tmp_path: Path) -> Iterator[Running]:
+    read = far.read if isinstance(far, Stdout) else None
+    with bridge(far.settings, tmp_path / "tap.sock", tmp_path, read) as one:
+        wait_until(lambda: len(far.frames) > 5)
+        yield one
+
+
+def frames_after(far: Far, since: int) -> list[tuple[int, int, int]]:
+    """Waits for a few new ones."""
+    wait_until(lambda: len(far.frames) > since + 5)
+    return far.frames[since:]
+
+
+def test_frames_arrive_in_order_with_their_age(far: Far, running: Running) -> None:
+    """Each once, none older than allowed, and the age grows no less than the clock says."""
+    frames = frames_after(far, len(far.frames))
+    numbers = [seq for _, seq, _ in frames]
+    assert numbers == sorted(set(numbers))
+    assert all(0 <= age_us <= MAX_AGE_US for _, _, age_us in frames)
+    counters = running.end()
+    assert counters["sent"] >= len(frames)
+    assert counters["opened"] == 1
+
+
+def test_a_far_end_that_vanishes_is_found_again_and_told_nothing_old(far: Far, running: Running) -> None:
+    """Frames of the meantime are counted, and gone for good."""
+    if isinstance(far, Stdout):
+        pytest.skip("a pipe cannot come back")
+    far.vanish()
+    before = far.frames[-1][1]
+    time.sleep(1.0)
+    since = len(far.frames)
+    far.start()
+    frames = frames_after(far, since)
+    assert frames[0][1] > before + 40  # 50 a second
+    assert all(age_us <= MAX_AGE_US for _, _, age_us in frames)
+    counters = running.end()
+    if not isinstance(far, Udp):  # which never knows
+        assert counters["absent"] >= 30
+        assert counters["opened"] >= 2
+
+
+def test_a_far_end_that_blocks_gets_no_more_than_its_buffers_hold(far: Far, running: Running) -> None:
+    """What comes after it woke is new."""
+    far.block()
+    time.sleep(2.5)
+    since, woke_ns = len(far.frames), time.monotonic_ns()
+    far.unblock()
+    wait_until(lambda: any(at_ns - woke_ns > 2e9 for at_ns, _, _ in far.frames[since:]))
+    frames = far.frames[since:]
+    late = [seq for at_ns, seq, age_us in frames if at_ns - woke_ns > 1e9 and age_us > MAX_AGE_US]
+    assert late == []
+    numbers = [seq for _, seq, _ in frames]
+    assert numbers == sorted(set(numbers))
+    skipped = max(b - a for a, b in zip([frames[0][1] - 1, *numbers], numbers, strict=False))
+    assert skipped > 125 - 2 * IN_ITS_BUFFERS or isinstance(far, Udp)
+    assert running.process.poll() is None
+
+
+def test_a_far_end_that_blocks_delays_no_other_follower_of_the_tap(far: Far, running: Running, tmp_path: Path) -> None:
+    """They get every frame."""
+    far.block()
+    other = Raw(tmp_path / "tap.sock")
+    seqs = [other.next("decoded")["seq"] for _ in range(50)]
+    assert seqs == list(range(seqs[0], seqs[0] + 50))
+    far.unblock()
+
+
+def test_garbage_from_the_far_end_does_no_harm(far: Far, running: Running) -> None:
+    """It is read and thrown away."""
+    far.send_garbage()
+    assert frames_after(far, len(far.frames))
+    assert running.process.poll() is None
+
+
+def test_a_daemon_that_ends_and_comes_back_is_followed_again(
+    far: Far, running: Running, daemon: MadeUpDaemon, tmp_path: Path
+) -> None:
+    """Its frames begin at 1 again."""
+    daemon.close()
+    time.sleep(0.3)
+    since = len(far.frames)
+    again = MadeUpDaemon(tmp_path / "tap.sock", numbered=True)
+    frames = frames_after(far, since)
+    again.close()
+    assert frames[0][1] < frames[-1][1] < daemon.frames_shown + 500
+    assert running.process.poll() is None

@@ -1,0 +1,189 @@
+"""An MQTT bridge and a broker that asks for a password, over TLS: what is told, and what a person has to put right."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.builders import ROOT
+from tests.builders.bridges import LEDPI, MOSQUITTO, Mqtt, bridge
+from tests.builders.made_up_daemon import MadeUpDaemon
+from tests.builders.tap import wait_until
+
+pytestmark = pytest.mark.skipif(
+    MOSQUITTO is None or shutil.which("openssl") is None or shutil.which("mosquitto_passwd") is None,
+    reason="mosquitto or openssl is not installed",
+)
+PASSWORD = "correct-horse"
+
+
+def openssl(*words: str, folder: Path) -> None:
+    subprocess.run(["openssl", *words], cwd=folder, check=True, capture_output=True)
+
+
+def certificates(folder: Path) -> None:
+    """An authority, and a broker's certificate that it has signed; another one that has ended."""
+    new = ("req", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes")
+    openssl(*new, "-x509", "-days", "30", "-subj", "/CN=ca", "-keyout", "ca.key", "-out", "ca.pem", folder=folder)
+    (folder / "san").write_text("subjectAltName=DNS:localhost,IP:127.0.0.1\n", encoding="utf-8")
+    openssl(*new, "-subj", "/CN=localhost", "-keyout", "broker.key", "-out", "broker.csr", folder=folder)
+    sign = ("x509", "-req", "-in", "broker.csr", "-CA", "ca.pem", "-CAkey", "ca.key", "-CAcreateserial")
+    openssl(*sign, "-extfile", "san", "-days", "30", "-out", "broker.pem", folder=folder)
+    openssl(*sign, "-extfile", "san", "-days", "-1", "-out", "ended.pem", folder=folder)
+    subprocess.run(
+        ["mosquitto_passwd", "-b", "-c", "users", "robot", PASSWORD], cwd=folder, check=True, capture_output=True
+    )
+
+
+class Secure(Mqtt):
+    """With TLS and a password."""
+
+    def __init__(self, folder: Path, certificate: str) -> None:
+        files = (f"cafile {folder}/ca.pem", f"certfile {folder}/{certificate}", f"keyfile {folder}/broker.key")
+        super().__init__(folder, *files, "allow_anonymous false", f"password_file {folder}/users")
+
+    def prepare(self, client: Any) -> None:
+        client.tls_set(str(self.folder / "ca.pem"))
+        client.tls_insecure_set(True)  # the ended one is looked at, too
+        client.username_pw_set("robot", PASSWORD)
+
+
+def settings(broker: Mqtt, **changes: Any) -> dict[str, Any]:
+    """Of the bridge."""
+    values = {"kind": "mqtt", "host": "localhost", "port": broker.port, "tls": True, "user": "robot"}
+    files = {"ca_file": f"{broker.folder}/ca.pem", "password_file": f"{broker.folder}/password"}
+    return values | files | changes
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """With certificates and a password."""
+    certificates(tmp_path)
+    (tmp_path / "password").write_text(PASSWORD + "\n", encoding="utf-8")
+    (tmp_path / "password").chmod(0o600)
+    return tmp_path
+
+
+@pytest.fixture
+def broker(folder: Path) -> Iterator[Mqtt]:
+    far = Secure(folder, "broker.pem")
+    far.start()
+    yield far
+    far.close()
+
+
+@pytest.fixture
+def daemon(folder: Path) -> Iterator[MadeUpDaemon]:
+    made_up = MadeUpDaemon(folder / "tap.sock", numbered=True)
+    yield made_up
+    made_up.close()
+
+
+def states(broker: Mqtt) -> list[str]:
+    """That were told, in order."""
+    return [json.loads(data)["state"] for topic, data, _ in broker.messages if topic == "ledpi/status"]
+
+
+def test_the_broker_is_told_everything_and_no_secret(broker: Mqtt, daemon: MadeUpDaemon, folder: Path) -> None:
+    """Frames, health, setup and status; nowhere the password."""
+    with bridge(settings(broker), folder / "tap.sock", folder) as running:
+        wait_until(lambda: len(broker.frames) > 10)
+        wait_until(lambda: {"ledpi/health", "ledpi/setup"} <= {topic for topic, _, _ in broker.messages})
+        setup = next(json.loads(data) for topic, data, _ in broker.messages if topic == "ledpi/setup")
+        assert setup["panels"]["side_m"] == 0.16
+        assert states(broker)[-1] == "running"
+        assert PASSWORD not in running.log
+        assert not any(PASSWORD.encode() in data for _, data, _ in broker.messages)
+
+
+def test_the_last_will_says_that_a_killed_bridge_is_gone(broker: Mqtt, daemon: MadeUpDaemon, folder: Path) -> None:
+    """The broker keeps it for whoever comes later."""
+    with bridge(settings(broker), folder / "tap.sock", folder) as running:
+        wait_until(lambda: len(broker.frames) > 3)
+        running.process.kill()
+        wait_until(lambda: states(broker)[-1] == "gone")
+
+
+def test_a_daemon_that_was_killed_is_told_of(broker: Mqtt, daemon: MadeUpDaemon, folder: Path) -> None:
+    """By the bridge, which waits for another."""
+    with bridge(settings(broker), folder / "tap.sock", folder):
+        wait_until(lambda: len(broker.frames) > 3)
+        daemon.close()
+        wait_until(lambda: states(broker)[-1] == "no_daemon")
+
+
+def refusal(values: dict[str, Any], folder: Path) -> str:
+    """The last line of a bridge that ends with status 2."""
+    outputs = f"outputs={json.dumps({'far': values})}"
+    command = [*LEDPI, "bridge", "far", "--set", outputs, "--set", f"tap.socket={folder}/tap.sock"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=30, check=False)
+    assert done.returncode == 2, done.stderr
+    assert "Traceback" not in done.stderr
+    return done.stderr.splitlines()[-1]
+
+
+def test_a_wrong_password_ends_it(broker: Mqtt, folder: Path) -> None:
+    """With the keys to look at, and without the password."""
+    (folder / "password").write_text("battery-staple\n", encoding="utf-8")
+    said = refusal(settings(broker), folder)
+    assert f"localhost:{broker.port}: the broker" in said
+    assert "see user and password_file" in said
+    assert "battery-staple" not in said
+
+
+def test_a_certificate_of_another_authority_ends_it(broker: Mqtt, folder: Path) -> None:
+    """The system's authorities have not signed it."""
+    values = settings(broker)
+    del values["ca_file"]
+    assert "its certificate is not accepted" in refusal(values, folder)
+
+
+def test_an_ended_certificate_ends_it(folder: Path) -> None:
+    """It says that it has expired."""
+    far = Secure(folder, "ended.pem")
+    far._subscriber = object()
+    far.start()
+    try:
+        said = refusal(settings(far), folder)
+    finally:
+        far.vanish()
+    assert "certificate has expired" in said
+    assert said.endswith("renew it, or see host and ca_file")
+
+
+def test_a_port_without_tls_is_told_of(daemon: MadeUpDaemon, folder: Path) -> None:
+    """A plain broker only closes the connection, as one does that is restarted: it is tried again."""
+    far = Mqtt(folder)
+    far.start()
+    try:
+        with bridge(settings(far), folder / "tap.sock", folder) as running:
+            wait_until(lambda: "closes the connection; is the port right for tls: true?" in running.log)
+    finally:
+        far.close()
+
+
+def test_a_wrong_host_is_tried_again_and_told_once(daemon: MadeUpDaemon, folder: Path) -> None:
+    """It may be that the network is not yet there."""
+    values = {"kind": "mqtt", "host": "no-such-host.invalid"}
+    with bridge(values, folder / "tap.sock", folder) as running:
+        wait_until(lambda: "no machine of that name" in running.log)
+        counters = running.end()
+        assert running.log.count("target_lost") == 1
+    assert counters["sent"] == 0
+
+
+def test_a_missing_package_is_named_with_its_extra(folder: Path) -> None:
+    """As where only `pip install ledpi` was done."""
+    hidden = "import sys; sys.modules['paho'] = None; from ledpi.cli import main; main()"
+    outputs = 'outputs={"far": {"kind": "mqtt", "host": "x"}}'
+    command = [LEDPI[0], "-c", hidden, "bridge", "far", "--set", outputs]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=30, check=False)
+    assert done.returncode == 2
+    assert "outputs.far: kind mqtt needs the package paho" in done.stderr
+    assert done.stderr.rstrip().endswith("pip install 'ledpi[mqtt]'")
