@@ -139,7 +139,7 @@ class Publisher:
     def name_others(self) -> None:
         """Tells the journal who else has the port open, once each. From one thread, as often as it likes."""
         now_s = time.monotonic()
-        if not self._connected or now_s < self._look_s:
+        if not self._connected or now_s < self._look_s or self._settings.port is None:
             return
         self._look_s = now_s + OTHERS_EVERY_S
         others = openers([self._settings.port])
@@ -181,7 +181,6 @@ class Publisher:
 
     def _serve(self) -> None:
         """Opens the port, and opens it again, until told to stop."""
-        assert self._settings.port is not None
         backoff_s = BACKOFF_FIRST_S
         while not self._stopping:
             try:
@@ -199,6 +198,7 @@ class Publisher:
 
     def _open(self) -> SerialLine:
         """A delimiter is ahead of each frame: foreign bytes cost a packet at most. MAVLink has none."""
+        assert self._settings.port is not None  # else the thread would not run
         ahead = DELIMITER if self._mavlink is None else b""
         return SerialLine(self._settings.port, self._settings.baud, ahead=ahead)
 
