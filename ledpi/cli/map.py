@@ -1,4 +1,4 @@
-"""`ledpi map`: a map of panels from and to WPILib's field layout."""
+"""`ledpi map`: a map of panels from and to WPILib's field layout, and from Limelight's field map."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _OUT = "File to write; an older one is kept as NAME.bak-1."
 
 map_app = typer.Typer(
     name="map",
-    help="Maps of panels, from and to WPILib's AprilTag field layout.\n\n"
+    help="Maps of panels: from WPILib's AprilTag field layout or Limelight's, and to WPILib's.\n\n"
     "Example: ledpi map import 2024-crescendo.json markers.yaml",
     no_args_is_help=True,
     rich_markup_mode=None,
@@ -25,10 +25,12 @@ app.add_typer(map_app)
 
 @map_app.command("import")
 def import_(
-    layout: Path = typer.Argument(metavar="LAYOUT", help="Field layout, JSON."),
+    layout: Path = typer.Argument(metavar="LAYOUT", help="WPILib's field layout (JSON), or Limelight's .fmap."),
     out: Path = typer.Argument(Path("markers.yaml"), metavar="OUT", help=_OUT),
 ) -> None:
-    """WPILib's AprilTag field layout → markers.yaml.
+    """WPILib's AprilTag field layout, or Limelight's → markers.yaml.
+
+    WPILib's origin is a corner of the field and its layout holds no sizes; Limelight's is the field's middle.
 
     Example: ledpi map import 2024-crescendo.json markers.yaml
     """
@@ -37,7 +39,7 @@ def import_(
     from ledpi.tools.calibrate.files import write_keeping_old
 
     panels = load_layout(layout)
-    kept = write_keeping_old(out, map_text(panels, f"From {layout.name}, a field layout of WPILib's."))
+    kept = write_keeping_old(out, map_text(panels, f"From {layout.name}, a field layout."))
     typer.echo(_written(out, len(panels), kept))
 
 

@@ -1,7 +1,8 @@
-"""WPILib's AprilTag field layout (JSON) ↔ a map of panels.
+"""WPILib's AprilTag field layout (JSON) ↔ a map of panels; and Limelight's field map, which only comes in.
 
 The layout's tags are `{"ID", "pose": {"translation": {x, y, z}, "rotation": {"quaternion": {W, X, Y, Z}}}}` in metres;
-a tag's own x comes out of it, its z points up (WPILib's documentation, "AprilTags: coordinate system").
+a tag's own x comes out of it, its z points up (WPILib's documentation, "AprilTags: coordinate system"). Since 2027 they
+are called `field-tags`.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field
 
+from ledpi.config.map_limelight import limelight_panels
 from ledpi.config.map_yaml import BY_EYE_DEG, BY_TAPE_M
 from ledpi.config.mistakes import validated
 from ledpi.config.values import Finite, MarkerId, NoBooleans, PlaceM
@@ -61,23 +63,32 @@ class _Layout(NoBooleans):
     field: _Field | None = None
 
 
+class _Layout2027(NoBooleans):
+    tags: Annotated[list[_Tag], Field(min_length=1, alias="field-tags")]
+    field: _Field | None = Field(None, alias="field-dimensions")
+
+
 def load_layout(path: Path) -> PanelMap:
-    """Reads a field layout. Raises ConfigError with file and key."""
+    """Reads a field layout, or Limelight's `.fmap`. Raises ConfigError with file and key."""
     try:
         raw = json.loads(read_text(path, ConfigError))
     except (ValueError, RecursionError) as error:
         raise ConfigError(f"{path}: not valid JSON: {error}") from None
     if not isinstance(raw, dict):
         raise ConfigError(f"{path}: must be a field layout, an object with `tags`")
-    layout = validated(_Layout, raw, str(path), ConfigError)
+    if "fiducials" in raw:
+        return limelight_panels(raw, path)
+    name = "field-tags" if "field-tags" in raw else "tags"
+    model: type[_Layout | _Layout2027] = _Layout2027 if name == "field-tags" else _Layout
+    layout = validated(model, raw, str(path), ConfigError)
     panels: dict[int, MapPanel] = {}
     for index, tag in enumerate(layout.tags):
         if tag.ID in panels:
-            raise ConfigError(f"{path}: tags.{index}.ID: {tag.ID} is there twice; each ID once")
+            raise ConfigError(f"{path}: {name}.{index}.ID: {tag.ID} is there twice; each ID once")
         q, t = tag.pose.rotation.quaternion, tag.pose.translation
         quaternion = np.array([q.W, q.X, q.Y, q.Z])
         if abs(float(np.linalg.norm(quaternion)) - 1) > 0.01:
-            raise ConfigError(f"{path}: tags.{index}.pose.rotation.quaternion: must have length 1")
+            raise ConfigError(f"{path}: {name}.{index}.pose.rotation.quaternion: must have length 1")
         place = transform(matrix_from_quaternion(quaternion) @ FACING_FROM_MARKER, np.array([t.x, t.y, t.z]))
         panels[tag.ID] = MapPanel(
             map_from_marker=read_only(place),

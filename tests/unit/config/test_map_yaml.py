@@ -173,6 +173,68 @@ def test_a_field_layout_of_wpilib_is_read(tmp_path: Path) -> None:
     np.testing.assert_allclose(panels[4].map_from_marker[:3, 3], [16.579342, 5.547868, 1.451102])
 
 
+def test_a_field_layout_of_2027_is_read(tmp_path: Path) -> None:
+    """The tags and the field have other names since then, and the panels are the same."""
+    path, new = tmp_path / "layout.json", tmp_path / "new.json"
+    path.write_text(json.dumps(LAYOUT))
+    more = {"name": "Room", "season": "2027", "program": "frc"}
+    new.write_text(json.dumps({**more, "field-dimensions": LAYOUT["field"], "field-tags": LAYOUT["tags"]}))
+    was, now = load_layout(path), load_layout(new)
+    assert now.keys() == was.keys()
+    for marker_id, panel in was.items():
+        np.testing.assert_array_equal(now[marker_id].map_from_marker, panel.map_from_marker)
+    new.write_text(json.dumps({"field-tags": [{"ID": True}], "field-dimensions": LAYOUT["field"]}))
+    with pytest.raises(ConfigError, match=r"field-tags\.0\.ID: takes no true or false"):
+        load_layout(new)
+
+
+def fiducial(marker_id: int, *place: float, cosine: float = -1.0) -> dict[str, Any]:
+    """At x y z, its own x along the field's, or against it."""
+    x, y, z = place
+    rows = [cosine, 0, 0, x, 0, cosine, 0, y, 0, 0, 1, z, 0, 0, 0, 1]
+    return {"family": "apriltag3_36h11_classic", "id": marker_id, "size": 165.1, "transform": rows, "unique": 1}
+
+
+def test_a_field_map_of_limelight_is_read(tmp_path: Path) -> None:
+    """The same tags as in the field layout: here from the field's middle, sizes in millimetres."""
+    path = tmp_path / "field.fmap"
+    fiducials = [fiducial(4, 8.308842, 1.442368, 1.451102), fiducial(7, -8.3086, 1.442368, 1.451102, cosine=1.0)]
+    path.write_text(json.dumps({"type": "frc", "fiducials": fiducials}))
+    panels = load_layout(path)
+    np.testing.assert_allclose(panels[7].map_from_marker[:3, :3], [[0, 0, 1], [1, 0, 0], [0, 1, 0]], atol=1e-9)
+    np.testing.assert_allclose(panels[4].map_from_marker[:3, :3], [[0, 0, -1], [-1, 0, 0], [0, 1, 0]], atol=1e-9)
+    np.testing.assert_allclose(panels[4].map_from_marker[:3, 3], [8.308842, 1.442368, 1.451102])
+    assert panels[4].side_m == pytest.approx(0.1651)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda tags: tags[1].update(id=4), "fiducials.1.id: 4 is there twice"),
+        (
+            lambda tags: tags[0]["transform"].pop(),
+            "fiducials.0.transform: must be 16 numbers, a 4 × 4 matrix row by row",
+        ),
+        (lambda tags: tags[0].update(transform=[1.0] * 16), "fiducials.0.transform: must be a rotation and a place"),
+        (
+            lambda tags: tags[0]["transform"].__setitem__(3, 8308.8),
+            "fiducials.0.transform: x: must be less than or equal",
+        ),
+        (lambda tags: tags[0].update(size=0), "fiducials.0.size: must be greater than or equal to 1"),
+        (lambda tags: tags.clear(), "fiducials: must not be empty"),
+    ],
+)
+def test_a_mistake_in_a_field_map_of_limelight_is_named(tmp_path: Path, change: Any, message: str) -> None:
+    """As in a map of ours."""
+    fiducials = [fiducial(4, 8.3, 1.4, 1.45), fiducial(7, -8.3, 1.4, 1.45)]
+    change(fiducials)
+    path = tmp_path / "field.fmap"
+    path.write_text(json.dumps({"type": "frc", "fiducials": fiducials}))
+    with pytest.raises(ConfigError) as error:
+        load_layout(path)
+    assert message in str(error.value)
+
+
 def test_a_field_layout_goes_out_as_it_came_in(tmp_path: Path) -> None:
     """Every number, but for the sign that two equal quaternions may differ in."""
     path = tmp_path / "layout.json"
