@@ -73,19 +73,11 @@ def announced_specs(panels: PanelSettings) -> list[PanelSpec]:
 
 def read_grey(path: Path) -> Pixels:
     """A picture file as grey values (H, W). Raises CalibrationError where it is none."""
-    import cv2
-    import numpy as np
-
     from ledpi.core.files import read_bytes
     from ledpi.recording.picture import MAX_BYTES
+    from ledpi.recording.still import decode_grey
 
-    # The file's own orientation mark is passed over: lens and shutter belong to the sensor's rows and columns.
-    flags = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
-    data = np.frombuffer(read_bytes(path, CalibrationError, MAX_BYTES), np.uint8)
-    try:
-        picture = cv2.imdecode(data, flags) if data.size else None
-    except cv2.error:
-        picture = None
+    picture = decode_grey(read_bytes(path, CalibrationError, MAX_BYTES))
     if picture is None:
         raise CalibrationError(f"{path}: is not a picture that can be decoded")
-    return np.asarray(picture, dtype=np.uint8)
+    return picture

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pytest
 
 from ledpi.core.records import CameraInfo
 from ledpi.recording.still import read_still
@@ -23,3 +24,13 @@ def test_rows_stay_as_the_sensor_exposed_them(tmp_path: Path) -> None:
     assert cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)[0, 0] > 200  # OpenCV sees the mark
     camera = CameraInfo(width=32, height=32, exposure_us=9967.0, row_time_us=33.67, transfer="srgb")
     assert read_still(path, camera).pixels[0, 0] < 40
+
+
+@pytest.mark.parametrize("bits", [8, 10, 12, 14, 16])
+def test_values_of_fewer_than_16_bits_are_read(tmp_path: Path, bits: int) -> None:
+    """A sensor's 10 or 12 bits are stored in 16, and read by their own full scale."""
+    light = np.linspace(0.0, 1.0, 32 * 32).reshape(32, 32)
+    path = tmp_path / "deep.png"
+    cv2.imwrite(str(path), np.round(light * (2**bits - 1)).astype(np.uint16))
+    camera = CameraInfo(width=32, height=32, exposure_us=9967.0, row_time_us=33.67, transfer="linear")
+    np.testing.assert_allclose(read_still(path, camera).pixels, 255 * light, atol=1.0)
