@@ -7,7 +7,6 @@ from collections import Counter
 from dataclasses import dataclass
 from typing import Any
 
-from ledpi.api.lens import Lens
 from ledpi.api.marker import Marker, marker_of
 from ledpi.api.picture import check_size
 from ledpi.config.panels import check_bands_visible
@@ -22,19 +21,17 @@ class Panels:
     """What a reader looks for, and through which lens."""
 
     overrides: tuple[str, ...]  # of the configuration, as --set takes them
-    lens: Intrinsics | Lens | None
+    lens: Intrinsics | None
 
     def config(self, *further: str) -> Config:
         """Raises ConfigError where a value cannot be."""
         return load_config(None, (*self.overrides, *further))
 
     def lens_for(self, picture: Pixels) -> Intrinsics | None:
-        """Raises PictureError for a picture of another size than the lens's, ConfigError for a lens that cannot be."""
-        height, width = picture.shape
-        lens = self.lens.for_size(width, height) if isinstance(self.lens, Lens) else self.lens
-        if lens is not None:
-            check_size(picture, lens.width, lens.height, "the lens says")
-        return lens
+        """Raises PictureError for a picture of another size than the lens's."""
+        if self.lens is not None:
+            check_size(picture, self.lens.width, self.lens.height, "the lens says")
+        return self.lens
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -12,7 +12,7 @@ from ledpi.api.marker import Marker
 from ledpi.api.picture import checked_picture
 from ledpi.api.stream import Stream
 from ledpi.config.camera_yaml import load_intrinsics
-from ledpi.core.records import Phase, Pixels, Transfer
+from ledpi.core.records import Intrinsics, Phase, Pixels, Transfer
 
 EXPOSURE_US = 10_000.0  # where a program does not say: the configuration's default
 
@@ -20,8 +20,8 @@ EXPOSURE_US = 10_000.0  # where a program does not say: the configuration's defa
 class Reader:
     """Knows the panels and the lens. Not shared between threads.
 
-    `side_m` is the outer edge of the lit grid, in metres. `lens` is the path of a camera.yaml (ours or ROS's), a
-    `Lens`, or None: then there are IDs and corners, but no poses. `transfer` is the camera's tone: "srgb" as most
+    `side_m` is the outer edge of the lit grid, in metres. `lens` is the path of a camera.yaml, ours or another tool's,
+    a `Lens`, or None: then there are IDs and corners, but no poses. `transfer` is the camera's tone: "srgb" as most
     deliver it, "linear" as `ledpi run` sets the Pi's. All others are as the configuration's keys of these names.
 
     Raises ConfigError where a value cannot be, CalibrationError where the lens's file cannot be used.
@@ -54,8 +54,7 @@ class Reader:
             override("panels.ids", None if ids is None else list(ids)),
             override("camera.transfer", transfer),
         )
-        known = lens if lens is None or isinstance(lens, Lens) else load_intrinsics(Path(lens).expanduser())
-        self._panels = Panels(overrides=overrides, lens=known)
+        self._panels = Panels(overrides=overrides, lens=_intrinsics(lens))
         self._panels.config()  # checked here, where they are given
         self._decoder: tuple[object, Decoder] | None = None  # of the last picture's kind
         self._rejected: dict[str, int] = {}
@@ -92,3 +91,9 @@ class Reader:
         exposure = Exposure(row_time_us=row_time_us, exposure_us=exposure_us)
         check_exposure(self._panels, exposure)
         return Stream(self._panels, exposure)
+
+
+def _intrinsics(lens: str | PathLike[str] | Lens | None) -> Intrinsics | None:
+    if lens is None or isinstance(lens, Lens):
+        return None if lens is None else lens.intrinsics()
+    return load_intrinsics(Path(lens).expanduser())

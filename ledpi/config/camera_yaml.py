@@ -1,18 +1,23 @@
-"""camera.yaml: the lens, in the form of ROS camera_info: each side can read the other's files."""
+"""camera.yaml: the lens, written in the form of ROS camera_info, and read in that and other tools' forms."""
 
 from __future__ import annotations
 
+import logging
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import yaml
-from pydantic import AfterValidator, BaseModel
+from pydantic import AfterValidator, BaseModel, ValidationError
 
-from ledpi.config.mistakes import validated
+from ledpi.config.lens_forms import LensForm, of_model, read_lens_form
+from ledpi.config.mistakes import explain
 from ledpi.config.values import Coefficient, Finite, SidePx, check_lens, numbers
 from ledpi.core.errors import CalibrationError
 from ledpi.core.files import read_yaml
 from ledpi.core.records import CameraInfo, Intrinsics
+from ledpi.kernels.lens import WIDEST_DEG, blind_part, is_widest
+
+_log = logging.getLogger(__name__)
 
 
 def _camera_matrix(data: list[float]) -> list[float]:
@@ -22,47 +27,56 @@ def _camera_matrix(data: list[float]) -> list[float]:
     raise ValueError("must be [fx, 0, cx, 0, fy, cy, 0, 0, 1] with positive fx and fy")
 
 
-class _CameraMatrix(BaseModel):
-    data: Annotated[list[Finite], AfterValidator(_camera_matrix)]
-
-
-class _Coefficients(BaseModel):
-    data: Annotated[list[Coefficient], AfterValidator(numbers(4, 5))]
-
-
 class _CameraInfo(BaseModel):
     """What is read of a file; anything else in it is passed over."""
 
     image_width: SidePx
     image_height: SidePx
-    camera_matrix: _CameraMatrix
-    distortion_model: Literal["plumb_bob"] = "plumb_bob"  # ROS takes it for granted too where it is missing
-    distortion_coefficients: _Coefficients
+    camera_matrix: Annotated[list[Finite], AfterValidator(_camera_matrix)]
+    distortion_coefficients: list[Coefficient]
 
 
 def load_intrinsics(path: Path, for_size: tuple[int, int] | None = None) -> Intrinsics:
-    """Reads camera.yaml, ours or one made by ROS. Raises CalibrationError with file and key.
+    """Reads camera.yaml, ours or one of those that `lens_forms` knows. Raises CalibrationError with file and key.
 
-    The coefficients are OpenCV's k1 k2 p1 p2 and, where there is a fifth, k3. `for_size` is the
-    (width, height) of the pictures that it is wanted for. A calibration at another size is refused: another
-    sensor mode may show another part of the scene, and nothing tells how to convert.
+    `for_size` is the (width, height) of the pictures that it is wanted for. A calibration at another size is refused:
+    another sensor mode may show another part of the scene, and nothing tells how to convert. Warns where the lens
+    shows several directions at one pixel.
     """
-    raw = read_yaml(path, CalibrationError)
-    if not isinstance(raw, dict):
-        raise CalibrationError(f"{path}: must hold ROS camera_info (image_width, camera_matrix, …)")
-    info = validated(_CameraInfo, raw, str(path), CalibrationError)
-    size = (info.image_width, info.image_height)
+    form = read_lens_form(path)
+    try:
+        lens = _intrinsics(form)
+    except CalibrationError as error:
+        key, colon, rest = str(error).partition(":")
+        name, dot, place = key.partition(".")
+        raise CalibrationError(f"{path}: {form.names.get(name, name)}{dot}{place}{colon}{rest}") from None
+    size = (lens.width, lens.height)
     if for_size is not None and size != for_size:
         raise CalibrationError(
             f"{path}: was made for pictures of {size[0]} × {size[1]} pixels, but the camera delivers "
             f"{for_size[0]} × {for_size[1]}: calibrate at that size"
         )
-    fx, _, cx, _, fy, cy, *_ = info.camera_matrix.data
+    note = blind_note(lens)
+    if note is not None:
+        _log.warning("%s: %s", path, note)
+    return lens
+
+
+def _intrinsics(form: LensForm) -> Intrinsics:
+    """Raises CalibrationError, which begins with the key."""
     try:
-        check_lens(*size, fx=fx, fy=fy, cx=cx, cy=cy)
+        info = _CameraInfo.model_validate(form.values)
+    except ValidationError as error:
+        raise CalibrationError(explain(error, _CameraInfo)) from None
+    fx, _, cx, _, fy, cy, *_ = info.camera_matrix
+    try:
+        check_lens(info.image_width, info.image_height, fx=fx, fy=fy, cx=cx, cy=cy)
     except ValueError as error:
-        raise CalibrationError(f"{path}: camera_matrix.data: {error}") from None
-    k1, k2, p1, p2, k3 = [*info.distortion_coefficients.data, 0.0][:5]
+        raise CalibrationError(f"camera_matrix: {error}") from None
+    try:
+        model, distortion = of_model(form.model, info.distortion_coefficients)
+    except ValueError as error:
+        raise CalibrationError(f"distortion_coefficients: {error}") from None
     return Intrinsics(
         width=info.image_width,
         height=info.image_height,
@@ -70,7 +84,24 @@ def load_intrinsics(path: Path, for_size: tuple[int, int] | None = None) -> Intr
         fy=fy,
         cx=cx,
         cy=cy,
-        distortion=(k1, k2, p1, p2, k3),
+        distortion=distortion,
+        distortion_model=model,
+    )
+
+
+def blind_note(lens: Intrinsics) -> str | None:
+    """What to say of a lens that does not give each pixel a direction of its own; None where it does."""
+    share, from_px = blind_part(lens)
+    if not share:
+        return None
+    why = (
+        f"it sees further than {WIDEST_DEG:.0f}° aside"
+        if is_widest(lens)
+        else "its distortion folds within the picture"
+    )
+    return (
+        f"{why}: from {from_px:.0f} px off its middle on, {max(1, round(100 * share))}% of the picture, pixels have no "
+        "direction, and panels are not read"
     )
 
 
@@ -94,13 +125,14 @@ def own_section(path: Path) -> dict[str, Any]:
 def camera_yaml_text(intrinsics: Intrinsics, ledpi: dict[str, Any]) -> str:
     """The text of a camera.yaml. `ledpi` is our own section, which ROS passes over: how good it is."""
     k = [float(value) for value in intrinsics.matrix().ravel()]
+    bent = [float(value) for value in intrinsics.distortion]
     content: dict[str, Any] = {
         "image_width": intrinsics.width,
         "image_height": intrinsics.height,
         "camera_name": "ledpi",
         "camera_matrix": {"rows": 3, "cols": 3, "data": k},
-        "distortion_model": "plumb_bob",
-        "distortion_coefficients": {"rows": 1, "cols": 5, "data": [float(v) for v in intrinsics.distortion]},
+        "distortion_model": intrinsics.distortion_model,
+        "distortion_coefficients": {"rows": 1, "cols": len(bent), "data": bent},
         "rectification_matrix": {"rows": 3, "cols": 3, "data": [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]},
         "projection_matrix": {"rows": 3, "cols": 4, "data": [*k[0:3], 0.0, *k[3:6], 0.0, *k[6:9], 0.0]},
         "ledpi": ledpi,

@@ -1,4 +1,4 @@
-"""Rotations, quads and homographies, and the camera as a map between rays and pixels. Pure arithmetic."""
+"""Rotations, quads and homographies. Pure arithmetic."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ledpi.core.records import Floats, Intrinsics
+from ledpi.core.records import Floats
 
 
 def quaternion_from_matrix(matrix: Floats) -> Floats:
@@ -52,45 +52,6 @@ def rotation_angle_deg(a: Floats, b: Floats) -> float:
     y = aw * by - ay * bw - az * bx + ax * bz
     z = aw * bz - az * bw - ax * by + ay * bx
     return math.degrees(2.0 * math.atan2(math.sqrt(x * x + y * y + z * z), abs(w)))
-
-
-def distort(rays_xy: Floats, intrinsics: Intrinsics) -> Floats:
-    """Pixels (N, 2) of rays given as (x/z, y/z) (N, 2). OpenCV's model: radial k1 k2 k3, tangential p1 p2."""
-    k1, k2, p1, p2, k3 = intrinsics.distortion
-    x, y = rays_xy[..., 0], rays_xy[..., 1]
-    r2 = x * x + y * y
-    radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    xy2 = 2.0 * x * y
-    out = np.empty_like(rays_xy)
-    out[..., 0] = intrinsics.fx * (x * radial + p1 * xy2 + p2 * (r2 + 2.0 * x * x)) + intrinsics.cx
-    out[..., 1] = intrinsics.fy * (y * radial + p1 * (r2 + 2.0 * y * y) + p2 * xy2) + intrinsics.cy
-    return out
-
-
-def undistort(pixels: Floats, intrinsics: Intrinsics) -> Floats:
-    """Rays (x/z, y/z) (N, 2) that pixels (N, 2) look along: the inverse of `distort`, by Newton's method.
-
-    Four rounds leave less than 1e-6 px for lenses that displace no pixel by more than a fifth of its radius.
-    """
-    k1, k2, p1, p2, k3 = intrinsics.distortion
-    x0 = (pixels[..., 0] - intrinsics.cx) / intrinsics.fx
-    y0 = (pixels[..., 1] - intrinsics.cy) / intrinsics.fy
-    x, y = x0, y0
-    if any(intrinsics.distortion):
-        for _ in range(4):
-            r2 = x * x + y * y
-            radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
-            slope = 2.0 * (k1 + r2 * (2.0 * k2 + r2 * 3.0 * k3))  # d radial / dx = slope · x
-            xy = x * y
-            error_x = x * radial + 2.0 * p1 * xy + p2 * (r2 + 2.0 * x * x) - x0
-            error_y = y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * xy - y0
-            j_xx = radial + slope * x * x + 2.0 * p1 * y + 6.0 * p2 * x
-            j_yy = radial + slope * y * y + 6.0 * p1 * y + 2.0 * p2 * x
-            j_xy = slope * xy + 2.0 * (p1 * x + p2 * y)  # the Jacobian is symmetric
-            determinant = j_xx * j_yy - j_xy * j_xy
-            x = x - (j_yy * error_x - j_xy * error_y) / determinant
-            y = y - (j_xx * error_y - j_xy * error_x) / determinant
-    return np.stack([x, y], axis=-1)
 
 
 def matrix_from_rotation_vector(vector: Floats) -> Floats:

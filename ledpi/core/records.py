@@ -7,7 +7,7 @@ x right, y up, z out of the panel.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, TypeVar
 
@@ -22,6 +22,15 @@ Mask = NDArray[np.bool_]
 Number = TypeVar("Number", bound=np.generic)
 Transfer = Literal["linear", "srgb"]
 Phase = Literal["free", "antiphase"]  # between a panel's classes
+DistortionModel = Literal["plumb_bob", "rational_polynomial", "thin_prism", "equidistant"]  # of a lens, as ROS names it
+
+# Each model's coefficients, in OpenCV's order; kernels/lens.c has the equations.
+COEFFICIENTS: Mapping[DistortionModel, tuple[str, ...]] = {
+    "plumb_bob": ("k1", "k2", "p1", "p2", "k3"),
+    "rational_polynomial": ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"),
+    "thin_prism": ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4"),
+    "equidistant": ("k1", "k2", "k3", "k4"),
+}
 
 # Of a stream: after a longer gap anything may have happened, and all begins anew (the recording format says so).
 MAX_GAP_NS = 500_000_000
@@ -39,7 +48,7 @@ def read_only(array: NDArray[Number]) -> NDArray[Number]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Intrinsics:
-    """Pinhole camera with OpenCV's five-parameter lens distortion, for pictures of `width` × `height`."""
+    """A camera and its lens by one of OpenCV's models, for pictures of `width` × `height`."""
 
     width: int
     height: int
@@ -47,12 +56,24 @@ class Intrinsics:
     fy: float
     cx: float
     cy: float
-    distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)  # k1 k2 p1 p2 k3
+    distortion: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0, 0.0)  # as COEFFICIENTS of the model
+    distortion_model: DistortionModel = "plumb_bob"
 
     def __post_init__(self) -> None:
+        if len(self.distortion) != len(COEFFICIENTS[self.distortion_model]):
+            wanted = " ".join(COEFFICIENTS[self.distortion_model])
+            raise ValueError(
+                f"distortion of {self.distortion_model} must be {wanted}, not {len(self.distortion)} numbers"
+            )
         values = (self.fx, self.fy, self.cx, self.cy, *self.distortion)
         if not all(np.isfinite(values)) or self.fx <= 0 or self.fy <= 0:
             raise ValueError("intrinsics: fx and fy must be positive and every value finite")
+
+    def mirrored(self) -> Intrinsics:
+        """The lens that makes the same pictures with left and right exchanged: terms that are even in x change sign."""
+        values = dict(zip(COEFFICIENTS[self.distortion_model], self.distortion, strict=True))
+        turned = tuple(-value if name in ("p2", "s1", "s2") else value for name, value in values.items())
+        return replace(self, cx=self.width - 1 - self.cx, distortion=turned)
 
     def matrix(self) -> Floats:
         """The 3 × 3 camera matrix."""

@@ -122,8 +122,7 @@ class WhatIf:
         panels = panels.model_copy(update={"ids": every})
         lens = self._lens
         if flipped and lens is not None:
-            k1, k2, p1, p2, k3 = lens.distortion
-            lens = replace(lens, cx=lens.width - 1 - lens.cx, distortion=(k1, k2, p1, -p2, k3))
+            lens = lens.mirrored()
         return _Guess(Pipeline(self._camera, panels, intrinsics=lens, stream=False), flipped, says)
 
     def _flipped_back(self, corners: Floats) -> Floats:

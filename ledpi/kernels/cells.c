@@ -150,8 +150,8 @@ LEDPI_SIMD static void put_places(const double h[9], const Lens *lens, ptrdiff_t
             }
             for (ptrdiff_t i = 0; lens && i < k; i++) {
                 const double u = us[i], w = 1.0 / (h[6] * u + w0);
-                double at[2];
-                ledpi_distort(lens, (h[0] * u + x0) * w, (h[3] * u + y0) * w, at);
+                double at[2], by[2][2];
+                ledpi_distort(lens, (h[0] * u + x0) * w, (h[3] * u + y0) * w, at, by);
                 columns[i] = (float)at[0];
                 rows[i] = (float)at[1];
             }

@@ -8,8 +8,8 @@ import numpy as np
 
 from ledpi.core.records import Floats, Frame, Intrinsics, Singles
 from ledpi.core.tone import linear_light
+from ledpi.kernels.lens import bending_lens_of
 from ledpi.kernels.library import NONE, doubles, ffi, lib, pointer
-from ledpi.kernels.pose import bending_lens_of
 
 STEPS = 512  # between two pixels, for which there are weights
 

@@ -139,7 +139,13 @@ enum { LEDPI_MOST_SIDE = 8, LEDPI_MOST_LINES = 160 };
 int ledpi_fit_panel(PanelFit *fit, uint8_t *room);
 ptrdiff_t ledpi_panel_room(void);
 
-/* ---- Poses (planar.c, refine.c, lens.c) */
+/* ---- Rays and pixels (lens.c) */
+
+void ledpi_project_points(const double *lens, ptrdiff_t count, const double *points, double *pixels, double *slopes);
+void ledpi_distort_rays(const double *lens, ptrdiff_t count, const double *rays, double *pixels);
+void ledpi_undistort_pixels(const double *lens, ptrdiff_t count, const double *pixels, double *rays);
+
+/* ---- Poses (planar.c, refine.c) */
 
 void ledpi_solve_squares(const double *lens, const double *stop, ptrdiff_t count, const double *corners_px,
                          const double *whiteners, const double *sides_m, double *solutions, uint8_t *solved);

@@ -87,8 +87,16 @@ void ledpi_panel_put_covariance(Fitting *fit, const double h[9], Work *work) {
             by[2 * i + 1][at] = (moved[i].y - here[i].y) / little;
         }
     }
-    const double a_ray = fit->view.lens ? fit->view.lens->fx * fit->view.lens->fy : 1.0;
-    const double scale = a_ray * inflation_of(fit, work);
+    for (int i = 0; fit->view.lens && i < 4; i++) { /* so far by rays, from here on by pixels */
+        double seen[2], by_ray[2][2];
+        ledpi_distort(fit->view.lens, here[i].x, here[i].y, seen, by_ray);
+        for (int k = 0; k < COMMON; k++) {
+            const double x = by[2 * i][k], y = by[2 * i + 1][k];
+            by[2 * i][k] = by_ray[0][0] * x + by_ray[0][1] * y;
+            by[2 * i + 1][k] = by_ray[1][0] * x + by_ray[1][1] * y;
+        }
+    }
+    const double scale = inflation_of(fit, work);
     for (int i = 0; i < 8; i++) eliminate_right(fit, work->matrix, by[i]);
     for (int i = 0; i < 8; i++)
         for (int j = 0; j < 8; j++) {

@@ -25,8 +25,8 @@ static int outlook(Fitting *fit, const double h[9], Work *work) {
 
 static void seen_through(const Lens *lens, Point corners[4]) {
     for (int i = 0; lens && i < 4; i++) {
-        double seen[2];
-        ledpi_distort(lens, corners[i].x, corners[i].y, seen);
+        double seen[2], by[2][2];
+        ledpi_distort(lens, corners[i].x, corners[i].y, seen, by);
         corners[i] = (Point){seen[0], seen[1]};
     }
 }

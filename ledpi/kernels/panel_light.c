@@ -108,19 +108,30 @@ typedef struct {
     Eight wave[2], later[2], slope[2];
 } Terms;
 
+/* The pixels of eight rays, as lens.c has them; far out of view what has none. */
+static LEDPI_INLINE void put_bent(const Lens *l, Eight *x, Eight *y) {
+    const float p1 = (float)l->p1, p2 = (float)l->p2;
+    const Eight r2 = *x * *x + *y * *y, xy = *x * *y;
+    Eight length = 1.0f + r2 * ((float)l->k1 + r2 * ((float)l->k2 + r2 * (float)l->k3));
+    if (l->equidistant != 0.0)
+        for (int lane = 0; lane < LEDPI_WIDTH; lane++) {
+            const float r = sqrtf(r2[lane]) + 1e-9f, t = atanf(r), t2 = t * t;
+            length[lane] = t * (1.0f + t2 * ((float)l->k1 + t2 * ((float)l->k2 + t2 * ((float)l->k3 + t2 * (float)l->k4)))) / r;
+        }
+    else
+        length /= 1.0f + r2 * ((float)l->k4 + r2 * ((float)l->k5 + r2 * (float)l->k6));
+    const Eight right = *x * length + 2.0f * p1 * xy + p2 * (r2 + 2.0f * *x * *x) + r2 * ((float)l->s1 + (float)l->s2 * r2);
+    const Eight down = *y * length + p1 * (r2 + 2.0f * *y * *y) + 2.0f * p2 * xy + r2 * ((float)l->s3 + (float)l->s4 * r2);
+    *x = (float)l->fx * right + (float)l->cx, *y = (float)l->fy * down + (float)l->cy;
+    for (int lane = 0; lane < LEDPI_WIDTH; lane++)
+        if (r2[lane] > (float)l->most_r2) (*x)[lane] = -INFINITY;
+}
+
 /* Where the eight places are seen, in the view's pixels; the picture's row. */
 static LEDPI_INLINE void put_places(const View *view, const float *h, Eight u, float v, Eight *x, Eight *y, Eight *row) {
     const Eight w = 1.0f / (h[6] * u + (h[7] * v + h[8]));
     *x = (h[0] * u + (h[1] * v + h[2])) * w, *y = (h[3] * u + (h[4] * v + h[5])) * w;
-    if (view->lens) {
-        const Lens *l = view->lens;
-        const float p1 = (float)l->p1, p2 = (float)l->p2;
-        const Eight r2 = *x * *x + *y * *y, xy = *x * *y;
-        const Eight radial = 1.0f + r2 * ((float)l->k1 + r2 * ((float)l->k2 + r2 * (float)l->k3));
-        const Eight right = *x * radial + 2.0f * p1 * xy + p2 * (r2 + 2.0f * *x * *x);
-        const Eight down = *y * radial + p1 * (r2 + 2.0f * *y * *y) + 2.0f * p2 * xy;
-        *x = (float)l->fx * right + (float)l->cx, *y = (float)l->fy * down + (float)l->cy;
-    }
+    if (view->lens) put_bent(view->lens, x, y);
     const float size = (float)(1.0 / view->shrink);
     *row = *y;
     *x = (*x - (float)view->first_x) * size, *y = (*y - (float)view->first_y) * size;

@@ -29,10 +29,18 @@ static void put_sight(const View *view, const double h[9], double sight[2]) {
         sight[k] = fmin(fmax(dot(to[k], to[2]) / sqrt(dot(to[k], to[k])) / inwards, -MOST_SIGHT), MOST_SIGHT);
 }
 
+/* A small step from ray (x, y), as it is seen. */
+static void put_in_pixels(const Lens *lens, double x, double y, double *right, double *down) {
+    double seen[2], by[2][2];
+    const double step[2] = {*right, *down};
+    ledpi_distort(lens, x, y, seen, by);
+    *right = by[0][0] * step[0] + by[0][1] * step[1], *down = by[1][0] * step[0] + by[1][1] * step[1];
+}
+
 /* Lines of the grid in both directions. The picture's blur is the same all over: in cells it is as broad as these are
  * narrow, across their own lines, half way along each. */
 static void put_lines(const Fitting *fit, const double h[9], Work *work) {
-    const double n = (double)fit->panel.cells, per_ray = fit->view.lens ? fit->view.lens->fx : 1.0;
+    const double n = (double)fit->panel.cells;
     for (int axis = 0; axis < 2; axis++) {
         const double *unknown = fit->unknown, *rim = unknown + RIM + 2 * axis;
         const Walls walls = {unknown[GAP], {rim[0], rim[1]}, unknown[DEPTH], unknown[GLOW], fit->panel.sight[axis]};
@@ -40,9 +48,13 @@ static void put_lines(const Fitting *fit, const double h[9], Work *work) {
             const double u = axis ? 0.5 : fit->along[i] / n, v = axis ? fit->along[i] / n : 0.5;
             const double w = 1.0 / (h[6] * u + h[7] * v + h[8]);
             const double x = (h[0] * u + h[1] * v + h[2]) * w, y = (h[3] * u + h[4] * v + h[5]) * w;
-            const double xu = (h[0] - x * h[6]) * w, xv = (h[1] - x * h[7]) * w;
-            const double yu = (h[3] - y * h[6]) * w, yv = (h[4] - y * h[7]) * w;
-            const double area = fmax(fabs(xu * yv - xv * yu) * per_ray, 1e-12);
+            double xu = (h[0] - x * h[6]) * w, xv = (h[1] - x * h[7]) * w;
+            double yu = (h[3] - y * h[6]) * w, yv = (h[4] - y * h[7]) * w;
+            if (fit->view.lens) {
+                put_in_pixels(fit->view.lens, x, y, &xu, &yu);
+                put_in_pixels(fit->view.lens, x, y, &xv, &yv);
+            }
+            const double area = fmax(fabs(xu * yv - xv * yu), 1e-12);
             const double *const along = axis ? (double[]){xu, yu} : (double[]){xv, yv}; /* the line, which goes across the other axis */
             const double a_pixel = n / area, spread[2] = {exp(unknown[BLUR] + unknown[SMEAR]), exp(unknown[BLUR] - unknown[SMEAR])};
             const double of_rows = a_pixel * along[1] * spread[0], of_columns = a_pixel * along[0] * spread[1];

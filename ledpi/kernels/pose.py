@@ -1,28 +1,16 @@
-"""The poses of squares (planar.c, refine.c, lens.c)."""
+"""The poses of squares (planar.c, refine.c)."""
 
 from __future__ import annotations
-
-from functools import lru_cache
 
 import numpy as np
 
 from ledpi.core.records import Floats, Intrinsics, Mask
+from ledpi.kernels.lens import lens_of
 from ledpi.kernels.library import doubles, lib, pointer
 
 FIT = 49  # numbers: rotation, position, chi2, covariance
 # Where a solution's numbers are: its position, quaternion, reprojection_px, chi2, covariance.
 POSITION, QUATERNION, REPROJECTION, CHI2, COVARIANCE = slice(0, 3), slice(3, 7), 7, 8, slice(9, 45)
-
-
-@lru_cache(maxsize=16)
-def lens_of(intrinsics: Intrinsics) -> Floats:
-    """`Lens` of pose.h."""
-    return np.array([intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy, *intrinsics.distortion])
-
-
-def bending_lens_of(intrinsics: Intrinsics | None) -> Floats | None:
-    """The same, where there is a lens and it bends."""
-    return lens_of(intrinsics) if intrinsics is not None and any(intrinsics.distortion) else None
 
 
 def solve_squares(

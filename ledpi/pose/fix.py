@@ -25,12 +25,13 @@ from ledpi.core.records import (
     read_only,
 )
 from ledpi.core.shutter import row_mid_exposure_ns
+from ledpi.kernels.lens import projected
 from ledpi.pose.branches import EXCLUDED_BY
 from ledpi.pose.corners import centre_px, corners_at, whiteners
 from ledpi.pose.fix_history import Candidate, FixHistory, distance2
 from ledpi.pose.panel_map import PanelMap
 from ledpi.pose.planar import square_corners
-from ledpi.pose.refine import Fits, fit_body, projected, skew
+from ledpi.pose.refine import Fits, fit_body, skew
 
 NOT_IN_MAP = Rejected(stage="fix", reason="not_in_map")
 

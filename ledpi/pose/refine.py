@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
 from ledpi.core.records import Floats, Intrinsics
@@ -18,7 +17,6 @@ STOP = np.array([ROUNDS, CONVERGED, BEATEN_BY])  # as C takes them
 # skew(v) = v @ _SKEW: the matrix of the cross product v × …
 _SKEW = np.zeros((3, 9))
 _SKEW[0, [5, 7]], _SKEW[1, [2, 6]], _SKEW[2, [1, 3]] = (-1, 1), (1, -1), (-1, 1)
-_STILL = np.zeros(3)
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,14 +34,6 @@ def skew(vectors: Floats) -> Floats:
     """(…, 3, 3): skew(v) @ u = v × u."""
     matrices: Floats = (vectors @ _SKEW).reshape(*vectors.shape, 3)
     return matrices
-
-
-def projected(points: Floats, intrinsics: Intrinsics) -> tuple[Floats, Floats]:
-    """Pixels (…, 2) of points (…, 3) in the camera's frame, and their derivative (…, 2, 3) by the point."""
-    shape = points.shape[:-1]
-    matrix, distortion = intrinsics.matrix(), np.array(intrinsics.distortion)
-    pixels, slopes = cv2.projectPoints(points.reshape(-1, 1, 3), _STILL, _STILL, matrix, distortion)[:2]
-    return pixels.reshape(*shape, 2), slopes[:, 3:6].reshape(*shape, 2, 3)
 
 
 def turned(rotations: Floats, turns: Floats) -> Floats:

@@ -11,13 +11,13 @@ from collections.abc import Callable, Iterator
 from pathlib import Path, PurePosixPath
 from typing import Annotated, Any, TypeVar
 
-from pydantic import AfterValidator, BaseModel, Field, ValidationError, model_validator
+from pydantic import AfterValidator, BaseModel, Field, ValidationError, ValidationInfo, field_validator, model_validator
 from typing_extensions import Self
 
 from ledpi.config import values as values
 from ledpi.core.errors import RecordingError
 from ledpi.core.files import read_text, read_yaml
-from ledpi.core.records import Phase, Transfer
+from ledpi.core.records import COEFFICIENTS, DistortionModel, Phase, Transfer
 from ledpi.core.wording import shortened, shortened_name
 from ledpi.markers.dictionaries import is_file, load_dictionary
 
@@ -74,7 +74,14 @@ class CameraSection(BaseModel):
     fy: Positive | None = None
     cx: Real | None = None
     cy: Real | None = None
-    distortion: Annotated[tuple[Coefficient, ...], AfterValidator(values.numbers(5))] | None = None  # k1 k2 p1 p2 k3
+    distortion_model: DistortionModel = "plumb_bob"
+    distortion: tuple[Coefficient, ...] | None = None  # k1 k2 p1 p2 k3, or as many as the model has
+
+    @field_validator("distortion")
+    @classmethod
+    def _is_of_its_model(cls, given: tuple[float, ...] | None, info: ValidationInfo) -> tuple[float, ...] | None:
+        model = info.data.get("distortion_model")
+        return given if given is None or model is None else values.numbers(len(COEFFICIENTS[model]))(given)
 
 
 class PanelSection(BaseModel):

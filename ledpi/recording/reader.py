@@ -143,14 +143,14 @@ def load_recording(folder: Path, *, as_reported: bool = False) -> Recording:
 
 def _camera_info(section: CameraSection, path: Path) -> CameraInfo:
     values = section.model_dump()
-    lens = {key: values.pop(key) for key in _LENS_KEYS}
+    model, lens = values.pop("distortion_model"), {key: values.pop(key) for key in _LENS_KEYS}
     missing = [key for key, value in lens.items() if value is None]
     if not missing:
         try:
             check_lens(section.width, section.height, **{key: lens[key] for key in ("fx", "fy", "cx", "cy")})
         except ValueError as error:
             raise RecordingError(f"{path}: camera.{error}") from None
-        intrinsics = Intrinsics(width=section.width, height=section.height, **lens)
+        intrinsics = Intrinsics(width=section.width, height=section.height, **lens, distortion_model=model)
         return CameraInfo(**values, intrinsics=intrinsics)
     if len(missing) < len(lens):
         wanted = ", ".join(_LENS_KEYS)

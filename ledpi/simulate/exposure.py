@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ledpi.core.geometry import distort, undistort
 from ledpi.core.records import Floats, Intrinsics
 from ledpi.core.shutter import row_weights
+from ledpi.kernels.lens import distort
 from ledpi.simulate.optics import (
     SUPERSAMPLING,
     Blur,
@@ -25,6 +25,7 @@ from ledpi.simulate.optics import (
     look_up,
     node_pixels,
     plane_homography,
+    rays_of,
     region_of,
     seen_at,
     spread,
@@ -135,7 +136,7 @@ def _drift(surface: Surface, pose_at: PoseAt, sensor: SimulatedSensor, seq: int)
     if region is None:
         return None
     pixels = node_pixels(region)
-    rays = undistort(pixels, lens)
+    rays = rays_of(pixels, lens)
     early, late = (_place_at_pose(rays, pose, now, lens) for pose in (before, after))
     return _Drift(
         region=region,

@@ -16,8 +16,8 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from ledpi.core.geometry import distort, undistort
 from ledpi.core.records import Floats, Intrinsics
+from ledpi.kernels.lens import distort, undistort, widest_ray
 from ledpi.simulate.scene import SimulatedSensor
 from ledpi.simulate.surface import Image, Surface
 
@@ -106,18 +106,28 @@ def region_of(surface: Surface, camera_from_surface: Floats, intrinsics: Intrins
     in_camera = points @ camera_from_surface[:3, :3].T + camera_from_surface[:3, 3]
     if not shows_front(camera_from_surface) or np.any(in_camera[:, 2] <= 0.01):
         return None
-    limit = 1.3 * _view_limit(intrinsics)
-    pixels = distort(np.clip(in_camera[:, :2] / in_camera[:, 2:], -limit, limit), intrinsics)
+    rays = in_camera[:, :2] / in_camera[:, 2:]
+    limit = _view_limit(intrinsics)
+    lengths = np.maximum(np.linalg.norm(rays, axis=1, keepdims=True), 1e-12)
+    pixels = distort(rays * np.minimum(1.0, limit / lengths), intrinsics)
     low, high = np.floor(pixels.min(axis=0)), np.ceil(pixels.max(axis=0))
     return Region(int(low[0]), int(low[1]), int(high[0]) + 1, int(high[1]) + 1).grown(margin)
 
 
 @lru_cache(maxsize=16)
-def _view_limit(intrinsics: Intrinsics) -> Floats:
-    """The largest |x/z| and |y/z| in view, (2,)."""
+def _view_limit(intrinsics: Intrinsics) -> float:
+    """A little more than the longest ray (x/z, y/z) in view, but none without a pixel."""
     right, bottom = intrinsics.width - 1.0, intrinsics.height - 1.0
     edge = [(x, y) for x in (0.0, right / 2, right) for y in (0.0, bottom / 2, bottom)]
-    return np.asarray(np.abs(undistort(np.array(edge), intrinsics)).max(axis=0))
+    return min(1.3 * float(np.linalg.norm(rays_of(np.array(edge), intrinsics), axis=1).max()), widest_ray(intrinsics))
+
+
+def rays_of(pixels: Floats, intrinsics: Intrinsics) -> Floats:
+    """Rays (N, 2) of pixels (N, 2); of those that the lens shows nothing at, the widest one in that direction."""
+    rays = undistort(pixels, intrinsics)
+    away = (pixels - (intrinsics.cx, intrinsics.cy)) / (intrinsics.fx, intrinsics.fy)
+    widest = away * (widest_ray(intrinsics) / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-12))
+    return np.where(np.isfinite(rays), rays, widest)
 
 
 def _chebyshev_nodes() -> Floats:
@@ -230,7 +240,7 @@ def irradiance(
     rows, columns = planes[0].shape
     per_metre = np.array([columns / surface.size_m[0], -rows / surface.size_m[1]])
     to_plane = np.asarray(np.linalg.inv(plane_homography(camera_from_surface)), np.float64)
-    on_plane_m = apply_homography(to_plane, undistort(node_pixels(region, SUPERSAMPLING), intrinsics))
+    on_plane_m = apply_homography(to_plane, rays_of(node_pixels(region, SUPERSAMPLING), intrinsics))
     texels = on_plane_m * per_metre + np.array([(columns - 1) / 2.0, (rows - 1) / 2.0])
     maps = spread(texels, region, SUPERSAMPLING)
     return tuple(blur.apply(look_up(plane, *maps)) for plane in planes)

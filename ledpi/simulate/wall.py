@@ -7,9 +7,8 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from ledpi.core.geometry import undistort
 from ledpi.core.records import Floats
-from ledpi.simulate.optics import Blur, node_pixels, spread, whole_picture
+from ledpi.simulate.optics import Blur, node_pixels, rays_of, spread, whole_picture
 from ledpi.simulate.scene import Room, SimulatedSensor
 from ledpi.simulate.surface import Image
 from ledpi.simulate.trajectory import Trajectory
@@ -27,7 +26,7 @@ class Wall:
         self._sensor = sensor
         lens = sensor.intrinsics
         self._pixels = node_pixels(whole_picture(lens))
-        self._rays = np.column_stack([undistort(self._pixels, lens), np.ones(len(self._pixels))])
+        self._rays = np.column_stack([rays_of(self._pixels, lens), np.ones(len(self._pixels))])
         blur_texels = max(Blur.from_sensor(sensor).rms_px, 0.3) * _TEXELS / (_SPAN * lens.fx)
         self._painted: Image = np.asarray(cv2.GaussianBlur(_painted(room), (0, 0), blur_texels), np.float32)
 

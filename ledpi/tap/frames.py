@@ -25,7 +25,7 @@ def camera_of(hello: dict[str, Any]) -> CameraInfo:
     camera = hello.get("camera", {})
     names = ("width", "height", "exposure_us", "row_time_us", "transfer", "frame_length_rows")
     try:
-        return CameraInfo(**{name: camera[name] for name in names}, intrinsics=_lens_of(camera))
+        return CameraInfo(**{name: camera[name] for name in names}, intrinsics=lens_told(camera))
     except (KeyError, TypeError, ValueError) as error:
         raise TapError(f"the daemon's hello holds no whole camera: {error}") from None
 
@@ -113,8 +113,12 @@ def frame_of(hello: dict[str, Any], picture: dict[str, Any]) -> Frame:
         raise TapError(f"the daemon's picture holds no whole frame: {error}") from None
 
 
-def _lens_of(camera: dict[str, Any]) -> Intrinsics | None:
-    if camera["fx"] is None:
+def lens_told(camera: dict[str, Any]) -> Intrinsics | None:
+    """The lens of the hello's `camera`; None where the daemon has none. Raises KeyError, TypeError, ValueError."""
+    if camera.get("fx") is None:
         return None
     values = {name: camera[name] for name in ("width", "height", "fx", "fy", "cx", "cy")}
-    return Intrinsics(**values, distortion=tuple(camera["distortion"]))
+    given = {name: camera[name] for name in ("distortion", "distortion_model") if camera.get(name) is not None}
+    if "distortion" in given:
+        given["distortion"] = tuple(given["distortion"])
+    return Intrinsics(**values, **given)

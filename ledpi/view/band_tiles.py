@@ -7,8 +7,9 @@ from typing import Any
 import cv2
 import numpy as np
 
-from ledpi.core.records import Floats, Frame, Intrinsics, Pixels, Quad
+from ledpi.core.records import Floats, Frame, Pixels, Quad
 from ledpi.decode.cells import CellSamples, sample_cells
+from ledpi.tap.frames import lens_told
 from ledpi.tools.snapshot.enlarged import TILE, bands_tile
 
 
@@ -25,7 +26,7 @@ def paint_bands(
     for marker in decoded["markers"]:
         corners = np.array(marker["corners_px"], np.float64)
         quad = Quad(corners_px=corners)
-        samples = sample_cells(frame, quad, cells, _lens(hello))
+        samples = sample_cells(frame, quad, cells, lens_told(hello["camera"]))
         if isinstance(samples, CellSamples):
             tile, share = bands_tile(samples)
             _paint(onto, tile[..., 0], corners)
@@ -53,12 +54,3 @@ def _frame(pixels: Pixels, decoded: dict[str, Any], hello: dict[str, Any]) -> Fr
         row_time_us=camera["row_time_us"],
         transfer=camera.get("transfer", "linear"),
     )
-
-
-def _lens(hello: dict[str, Any]) -> Intrinsics | None:
-    camera = hello["camera"]
-    if camera.get("fx") is None:
-        return None
-    values = {key: float(camera[key]) for key in ("fx", "fy", "cx", "cy")}
-    k1, k2, p1, p2, k3 = camera.get("distortion") or (0.0,) * 5
-    return Intrinsics(width=camera["width"], height=camera["height"], distortion=(k1, k2, p1, p2, k3), **values)

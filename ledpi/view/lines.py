@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from ledpi.core.records import COEFFICIENTS
+
 _NUMBER = (int, float)
 
 
@@ -25,7 +27,7 @@ def _hello(line: dict[str, Any]) -> None:
         for key in ("cx", "cy"):
             _number(camera, key)
         if camera.get("distortion") is not None:
-            _numbers(camera, "distortion", 5)
+            _numbers(camera, "distortion", len(COEFFICIENTS.get(camera.get("distortion_model", "plumb_bob"), ())))
     for key in ("side_m", "black_hz", "white_hz"):
         _positive(panels, key)
     for marker_id, panel in (_of(line, "map", (dict, type(None))) or {}).items():

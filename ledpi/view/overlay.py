@@ -6,16 +6,16 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-import cv2
 import numpy as np
 
 from ledpi.core.geometry import matrix_from_quaternion, project_to_quad
 from ledpi.core.records import Floats
 from ledpi.diagnosis.diagnose import Diagnosis
 from ledpi.diagnosis.reasons import explained
+from ledpi.kernels.lens import projected
 from ledpi.markers.codewords import Dictionary
 from ledpi.markers.dictionaries import load_dictionary
-from ledpi.tap.frames import not_read_of
+from ledpi.tap.frames import lens_told, not_read_of
 from ledpi.tools.monitor.table import yaw_deg
 
 CELL_SHARE = 0.9  # of a cell's pitch that is coloured
@@ -97,13 +97,11 @@ def _cells(corners: Floats, white: np.ndarray) -> list[dict[str, Any]]:
 
 def _axes(marker: dict[str, Any], hello: dict[str, Any]) -> list[list[float]] | None:
     """Centre, and tips of x, y and z, half a side long; None without pose or lens."""
-    camera = hello["camera"]
-    if marker["position_m"] is None or camera.get("fx") is None:
+    lens = lens_told(hello["camera"])
+    if marker["position_m"] is None or lens is None:
         return None
-    turn = cv2.Rodrigues(matrix_from_quaternion(np.array(marker["quaternion_wxyz"])))[0]
-    matrix = np.array([[camera["fx"], 0, camera["cx"]], [0, camera["fy"], camera["cy"]], [0, 0, 1.0]])
     ends_m = np.concatenate([np.zeros((1, 3)), hello["panels"]["side_m"] / 2 * np.eye(3)])
-    lens = np.array(camera.get("distortion") or [0.0] * 5)
-    seen = cv2.projectPoints(ends_m, turn, np.array(marker["position_m"]), matrix, lens)[0]
-    tips: list[list[float]] = np.round(seen.reshape(4, 2), 1).tolist()
-    return tips
+    turn = matrix_from_quaternion(np.array(marker["quaternion_wxyz"]))
+    seen, _ = projected(ends_m @ turn.T + np.array(marker["position_m"]), lens)
+    tips: list[list[float]] = np.round(seen, 1).tolist()
+    return tips if np.isfinite(seen).all() else None

@@ -11,7 +11,7 @@ from ledpi.simulate.scene import SimulatedSensor
 from ledpi.simulate.scenes import ov5647_lens, still_scene
 
 INTRINSICS = ov5647_lens()
-LENS = Lens(fx=INTRINSICS.fx, fy=INTRINSICS.fy, cx=INTRINSICS.cx, cy=INTRINSICS.cy, distortion=INTRINSICS.distortion)
+LENS = Lens.from_matrix(INTRINSICS.matrix(), INTRINSICS.distortion, size=(640, 480))
 ROW_TIME_US = 33.67
 SPEC = PanelSpec(side_m=0.16, black_hz=1250.0, white_hz=2450.0)
 

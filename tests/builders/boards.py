@@ -7,8 +7,8 @@ from functools import cache
 import cv2
 import numpy as np
 
-from ledpi.core.geometry import undistort
 from ledpi.core.records import Floats, Intrinsics, Pixels
+from ledpi.kernels.lens import undistort
 from ledpi.tools.calibrate.boards import TEXELS, Board, BoardView
 
 BOARD = Board(columns=6, rows=5)

@@ -15,9 +15,9 @@ from ledpi.core.geometry import quad_side
 from ledpi.core.records import Floats, Frame, Intrinsics, PanelSpec, Rejected, read_only
 from ledpi.decode.model.light import Window, grid, waves
 from ledpi.decode.model.prior import prior
+from ledpi.kernels.lens import bending_lens_of
 from ledpi.kernels.library import NONE, lib
 from ledpi.kernels.panel import MOST_LINES, Solver
-from ledpi.kernels.pose import bending_lens_of
 
 DIVERGED = Rejected(stage="fit", reason="diverged")
 NO_BANDS = Rejected(stage="fit", reason="no_bands")

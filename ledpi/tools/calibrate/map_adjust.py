@@ -18,9 +18,10 @@ from scipy.sparse import block_diag, csc_matrix, identity
 from scipy.sparse.linalg import splu
 
 from ledpi.core.records import Floats, Intrinsics
+from ledpi.kernels.lens import projected
 from ledpi.pose.corners import FLOOR_PX, whiteners
 from ledpi.pose.planar import square_corners
-from ledpi.pose.refine import projected, skew, turned
+from ledpi.pose.refine import skew, turned
 from ledpi.tools.calibrate.map_views import PanelView, View
 
 ROUNDS = 30

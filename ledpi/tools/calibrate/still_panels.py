@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ledpi.core.errors import CalibrationError
-from ledpi.core.geometry import undistort, unit_square_homography
+from ledpi.core.geometry import unit_square_homography
 from ledpi.core.records import Floats, Frame, Intrinsics
 from ledpi.core.tone import SATURATED, linear_light
+from ledpi.kernels.lens import undistort
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.pipeline.trace import Trace
 from ledpi.tools.calibrate.band_search import PanelLight

@@ -11,7 +11,7 @@ import numpy as np
 from ledpi.camera.exposure_notes import depths, other_exposure, vanishing
 from ledpi.camera.factory import open_camera
 from ledpi.camera.timing import MIN_PHASE_ADVANCE_CYCLES
-from ledpi.config.camera_yaml import load_intrinsics
+from ledpi.config.camera_yaml import blind_note, load_intrinsics
 from ledpi.config.settings import Config
 from ledpi.core.errors import CalibrationError, LedpiError
 from ledpi.core.records import CameraInfo, Frame, Intrinsics, Rejected
@@ -21,7 +21,7 @@ from ledpi.tools.doctor.finding import Finding, bad, ok, unknown
 
 FRAMES = 12
 # From a telephoto lens to a wide-angle one, in picture widths; the Pi's cameras are at 1.0 and 1.2 in the 640×480 mode.
-FOCAL_WIDTHS = (0.3, 4.0)
+FOCAL_WIDTHS = (0.2, 4.0)
 
 
 def camera(config: Config) -> tuple[list[Finding], CameraInfo | None]:
@@ -129,6 +129,9 @@ def plausible(lens: Intrinsics, path: Path) -> Finding:
     is_lens = all(least <= focal / lens.width <= most for focal in (lens.fx, lens.fy))
     is_square = abs(lens.fx / lens.fy - 1) < 0.1
     is_central = abs(lens.cx / lens.width - 0.5) < 0.2 and abs(lens.cy / lens.height - 0.5) < 0.2
+    note = blind_note(lens)
+    if note is not None:
+        return bad("intrinsics", f"{said}; {note}", "`ledpi calibrate camera`, with views all over the picture")
     if is_lens and is_square and is_central:
         return ok("intrinsics", said)
     return bad("intrinsics", f"{said}: no such lens", "calibrate again, with views that fill the picture")

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ledpi.core.geometry import undistort
 from ledpi.core.records import Floats
+from ledpi.kernels.lens import undistort
 from ledpi.simulate.optics import project
 from ledpi.simulate.scene import SimulatedSensor
 from ledpi.simulate.trajectory import facing_camera

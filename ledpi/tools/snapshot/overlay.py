@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import TypeAlias
 
-import cv2
 import numpy as np
 
 from ledpi.core.geometry import matrix_from_quaternion
 from ledpi.core.records import Floats, MarkerPose
 from ledpi.diagnosis.diagnose import Diagnosis
+from ledpi.kernels.lens import projected
 from ledpi.tools.snapshot.drawing import (
     AXES,
     DROPPED,
@@ -66,10 +66,11 @@ def _draw_axes(canvas: Canvas, marker: MarkerPose, snapshot: Snapshot, scale: fl
         return
     pose = marker.solution.camera_from_marker
     half_m = snapshot.panels.spec(marker.detection.id).side_m / 2
-    turn = cv2.Rodrigues(matrix_from_quaternion(pose.quaternion_wxyz))[0]
     ends_m = np.concatenate([np.zeros((1, 3)), half_m * np.eye(3)])
-    seen = cv2.projectPoints(ends_m, turn, pose.position_m, lens.matrix(), np.array(lens.distortion))[0]
-    start, *tips = scaled(seen.reshape(4, 2), scale)
+    seen, _ = projected(ends_m @ matrix_from_quaternion(pose.quaternion_wxyz).T + pose.position_m, lens)
+    if not np.isfinite(seen).all():
+        return
+    start, *tips = scaled(seen, scale)
     for tip, colour in zip(tips, AXES, strict=True):
         line(canvas, start, tip, colour)
 

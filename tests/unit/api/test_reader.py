@@ -234,7 +234,48 @@ def test_a_lens_of_other_pictures_is_refused(near: Pixels) -> None:
 def test_a_matrix_that_is_no_camera_s_is_refused(matrix: Any) -> None:
     """Of another size, or with skew."""
     with pytest.raises(ledpi.LedpiError, match=r"^lens: the camera matrix must be "):
-        ledpi.Lens.from_matrix(matrix)
+        ledpi.Lens.from_matrix(matrix, size=(640, 480))
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        (
+            {"distortion": (0.1, -0.2, 0.001, 0.002)},
+            "distortion are 4 numbers without the model's name: must have the mod",
+        ),
+        ({"distortion": (0.1, -0.2, 0.001)}, "distortion must be 4, 5, 8 or 12 numbers"),
+        (
+            {"distortion": (0.1,) * 5, "model": "equidistant"},
+            "distortion must be 4 numbers, k1 k2 k3 k4, for an equidist",
+        ),
+        (
+            {"model": "scaramuzza"},
+            "model must be one of plumb_bob, rational_polynomial, thin_prism, equidistant, not 'sca",
+        ),
+        ({"size": 640}, "size must be (width, height) of the pictures, not 640"),
+        ({"size": (0, 480)}, "size must be (width, height) of the pictures, not (0, 480)"),
+    ],
+)
+def test_a_lens_that_may_be_another_is_refused(values: dict[str, Any], said: str) -> None:
+    """A fisheye's four coefficients are none of plumb_bob's, and a size must be given."""
+    with pytest.raises(ledpi.LedpiError) as caught:
+        ledpi.Lens.from_matrix([500, 0, 320, 0, 500, 240, 0, 0, 1], **{"size": (640, 480), **values})
+    assert str(caught.value).startswith(f"lens: {said}")
+
+
+def test_a_lens_of_another_size_is_refused(near: Pixels) -> None:
+    """The numbers of pictures twice as large would put the panel at twice its distance."""
+    twice = ledpi.Lens.from_matrix(np.diag([2.0, 2.0, 1.0]) @ INTRINSICS.matrix(), size=(1280, 960))
+    with pytest.raises(ledpi.PictureError, match=r"^image: must be 1280 × 960 pixels, as the lens says, not 640 × 480"):
+        reader(lens=twice).read(near, row_time_us=ROW_TIME_US)
+
+
+def test_a_fisheye_s_coefficients_are_those_of_a_fisheye() -> None:
+    """k1 to k4 of cv2.fisheye, named so, are an equidistant lens's."""
+    matrix, bent = [300, 0, 320, 0, 300, 240, 0, 0, 1], np.array([[0.1], [0.02], [-0.01], [0.001]])
+    lens = ledpi.Lens.from_matrix(matrix, bent, size=(640, 480), model="equidistant").intrinsics()
+    assert (lens.distortion, lens.distortion_model) == ((0.1, 0.02, -0.01, 0.001), "equidistant")
 
 
 # ---- The package

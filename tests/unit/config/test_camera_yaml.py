@@ -10,6 +10,7 @@ import yaml
 from ledpi.config.camera_yaml import camera_yaml_text, load_intrinsics
 from ledpi.core.errors import CalibrationError
 from ledpi.core.records import Intrinsics
+from tests.builders.lenses import PUBLIC
 
 # As ROS' camera_calibration_parsers writes it (YAML 1.2, where 1e-05 is a number).
 MADE_BY_ROS = """\
@@ -57,9 +58,19 @@ def test_a_file_of_ros_is_read(tmp_path: Path) -> None:
 
 
 def test_four_coefficients_are_enough(tmp_path: Path) -> None:
-    """k3 is 0 where a file has k1 k2 p1 p2 only, and the model's name may be missing."""
-    text = MADE_BY_ROS.replace("-0.0005, 0]", "-0.0005]").replace("distortion_model: plumb_bob\n", "")
-    assert load_intrinsics(written(tmp_path, text)) == LENS
+    """k3 is 0 where a file has k1 k2 p1 p2 only."""
+    assert load_intrinsics(written(tmp_path, MADE_BY_ROS.replace("-0.0005, 0]", "-0.0005]"))) == LENS
+
+
+def test_five_coefficients_need_no_name(tmp_path: Path) -> None:
+    """No other model has five: the model's name may be missing, as ROS takes plumb_bob for granted."""
+    assert load_intrinsics(written(tmp_path, MADE_BY_ROS.replace("distortion_model: plumb_bob\n", ""))) == LENS
+
+
+@pytest.mark.parametrize("name", PUBLIC)
+def test_every_model_comes_back(tmp_path: Path, name: str) -> None:
+    """A lens of any model is written and read without a loss."""
+    assert load_intrinsics(written(tmp_path, camera_yaml_text(PUBLIC[name], {}))) == PUBLIC[name]
 
 
 def test_what_is_written_comes_back(tmp_path: Path) -> None:
@@ -96,15 +107,17 @@ def test_a_file_for_another_size_is_refused(tmp_path: Path) -> None:
         ("image_width: 640", "image_width: wide", "image_width: must be a whole number, not 'wide'"),
         ("image_width: 640\n", "", "image_width: must be given"),
         ("image_height: 480", "image_height: 0", "image_height: must be greater than or equal to 1, not 0"),
-        ("plumb_bob", "equidistant", "distortion_model: must be 'plumb_bob', not 'equidistant'"),
-        ("-0.0005, 0]", "]", "distortion_coefficients.data: must be 4 or 5 numbers"),
-        ("data: [0.125", "data: [.nan", "distortion_coefficients.data.0: must be a finite number, not nan"),
-        ("238.75, 0, 0, 1]", "238.75]", "camera_matrix.data: must be 9 numbers"),
-        ("[605.5, 0,", "[605.5, 2,", "camera_matrix.data: must be [fx, 0, cx, 0, fy, cy, 0, 0, 1]"),
-        ("[605.5, 0,", "[0, 0,", "camera_matrix.data: must be [fx, 0, cx, 0, fy, cy, 0, 0, 1]"),
-        ("[605.5, 0,", "[3.6, 0,", "camera_matrix.data: fx: must be 64 to 64000 pixels for pictures of 640 × 480"),
-        ("322.25", "-2000", "camera_matrix.data: cx: must be -640 to 1280 pixels for pictures of 640 × 480, not -2000"),
-        ("camera_matrix:\n", "camera_matrix: 3\nother:\n", "camera_matrix: must be a section, not 3"),
+        ("plumb_bob", "fov", "distortion_model: 'fov' is not known; must be plumb_bob (radtan), rational_polynomial, "),
+        ("distortion_model: plumb_bob", "camera_model: omni", "camera_model: 'omni' is not known; must be plumb_bob"),
+        ("plumb_bob", "plumb_bob\ncamera_model: fisheye", "contradicts itself: distortion_model: plumb_bob, camera_mo"),
+        ("-0.0005, 0]", "]", "distortion_coefficients: must be 4, 5, 8 or 12 numbers"),
+        ("data: [0.125", "data: [.nan", "distortion_coefficients.0: must be a finite number, not nan"),
+        ("238.75, 0, 0, 1]", "238.75]", "camera_matrix: must be 9 numbers"),
+        ("[605.5, 0,", "[605.5, 2,", "camera_matrix: must be [fx, 0, cx, 0, fy, cy, 0, 0, 1]"),
+        ("[605.5, 0,", "[0, 0,", "camera_matrix: must be [fx, 0, cx, 0, fy, cy, 0, 0, 1]"),
+        ("[605.5, 0,", "[3.6, 0,", "camera_matrix: fx: must be 64 to 64000 pixels for pictures of 640 × 480"),
+        ("322.25", "-2000", "camera_matrix: cx: must be -640 to 1280 pixels for pictures of 640 × 480, not -2000"),
+        ("camera_matrix:\n", "camera_matrix: 3\nother:\n", "camera_matrix: must be a list, not 3"),
         ("  cols: 5", "  cols: [5", "not valid YAML"),
     ],
 )
@@ -125,4 +138,4 @@ def test_a_file_that_is_none_is_named(tmp_path: Path) -> None:
     path.write_bytes(b"\xff\xfe")
     assert message(path) == f"{path}: byte 0 is not UTF-8 text"
     path.write_text("just words")
-    assert message(path) == f"{path}: must hold ROS camera_info (image_width, camera_matrix, …)"
+    assert message(path).startswith(f"{path}: must hold a lens: ROS camera_info (image_width, camera_matrix, …), or ")

@@ -1,4 +1,4 @@
-"""Rotations, squares in perspective and the lens, against OpenCV's own functions and what is known by hand."""
+"""Rotations and squares in perspective, against OpenCV's own functions and what is known by hand."""
 
 from __future__ import annotations
 
@@ -11,14 +11,12 @@ import pytest
 from ledpi.core.geometry import (
     box,
     corners_apart,
-    distort,
     matrix_from_quaternion,
     project_to_quad,
     quaternion_from_matrix,
     rotation_angle_deg,
-    undistort,
 )
-from ledpi.core.records import Floats, Intrinsics
+from ledpi.core.records import Floats
 
 HALF = math.sqrt(0.5)
 
@@ -33,38 +31,9 @@ KNOWN = [
     ((0, 0, 180), (0, 0, 0, 1)),
 ]
 
-# Pi Camera v1, a wide lens with strong barrel, and every coefficient at once.
-LENSES = [
-    (0.13, -0.25, 0.0, 0.0, 0.0),
-    (-0.30, 0.10, 0.0, 0.0, 0.0),
-    (-0.25, 0.08, 0.003, -0.002, -0.01),
-]
-
-
-def camera(distortion: tuple[float, float, float, float, float]) -> Intrinsics:
-    return Intrinsics(width=640, height=480, fx=600, fy=603, cx=317, cy=244, distortion=distortion)
-
 
 def rodrigues(vector: Floats) -> Floats:
     return np.asarray(cv2.Rodrigues(vector)[0], dtype=np.float64)
-
-
-def project(rays_xy: Floats, lens: Intrinsics) -> Floats:
-    points = np.column_stack([rays_xy, np.ones(len(rays_xy))])
-    pixels = cv2.projectPoints(points, np.zeros(3), np.zeros(3), lens.matrix(), np.array(lens.distortion))[0]
-    return np.asarray(pixels, dtype=np.float64).reshape(-1, 2)
-
-
-def grid_of_rays() -> Floats:
-    """(N, 2): rays that cover the picture of `camera`."""
-    rays: Floats = (grid_of_pixels() - [317, 244]) / [600, 603]
-    return rays
-
-
-def grid_of_pixels() -> Floats:
-    """(N, 2): a grid over the whole picture, its corners included."""
-    columns, rows = np.meshgrid(np.linspace(0, 639, 17), np.linspace(0, 479, 13))
-    return np.stack([columns.ravel(), rows.ravel()], axis=1)
 
 
 def random_rotation_vectors(count: int) -> list[Floats]:
@@ -124,29 +93,6 @@ def test_a_small_angle_between_rounded_quaternions() -> None:
     half = np.radians(0.01)
     b = np.cos(half) * a + np.sin(half) * np.array([0.995565, 0.083410, 0.011986, -0.041817])
     assert rotation_angle_deg(1.000001 * a, 0.999999 * b) == pytest.approx(0.02, rel=1e-6)
-
-
-@pytest.mark.parametrize("distortion", LENSES)
-def test_distort_is_opencvs_projection(distortion: tuple[float, float, float, float, float]) -> None:
-    """Rays land where cv2.projectPoints puts them."""
-    lens = camera(distortion)
-    rays = grid_of_rays()
-    np.testing.assert_allclose(distort(rays, lens), project(rays, lens), rtol=0, atol=1e-9)
-
-
-@pytest.mark.parametrize("distortion", [*LENSES, (0, 0, 0, 0, 0), (-0.2, 0, 0, 0, 0), (0.2, 0, 0, 0, 0)])
-def test_undistort_undoes_opencvs_projection(distortion: tuple[float, float, float, float, float]) -> None:
-    """Where cv2.projectPoints puts a ray, that ray is found again, to 1e-6 px."""
-    lens = camera(distortion)
-    rays = grid_of_rays()
-    np.testing.assert_allclose(undistort(project(rays, lens), lens), rays, rtol=0, atol=1e-6 / 600)
-
-
-def test_undistort_reaches_the_pictures_corners() -> None:
-    """Every pixel of a picture with a fifth of barrel at its corners is inverted to 1e-6 px."""
-    lens = Intrinsics(width=640, height=480, fx=500, fy=500, cx=320, cy=240, distortion=(-0.2, 0, 0, 0, 0))
-    pixels = grid_of_pixels()
-    np.testing.assert_allclose(distort(undistort(pixels, lens), lens), pixels, rtol=0, atol=1e-6)
 
 
 def test_the_middle_of_a_square_is_where_its_diagonals_cross() -> None:

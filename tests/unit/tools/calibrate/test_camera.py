@@ -15,7 +15,7 @@ import yaml
 from ledpi.config.camera_yaml import load_intrinsics
 from ledpi.config.settings import load_config
 from ledpi.core.errors import CalibrationError
-from ledpi.core.geometry import undistort
+from ledpi.kernels.lens import undistort
 from ledpi.tools.calibrate.boards import BoardView, find_board, other_board
 from ledpi.tools.calibrate.camera import calibrate_camera
 from ledpi.tools.calibrate.files import write_keeping_old
