@@ -15,7 +15,7 @@ _OUT = "File to write; an older one is kept as NAME.bak-1."
 
 map_app = typer.Typer(
     name="map",
-    help="Maps of panels: from WPILib's AprilTag field layout or Limelight's, and to WPILib's.\n\n"
+    help="Maps of panels, from and to WPILib's AprilTag field layout.\n\n"
     "Example: ledpi map import 2024-crescendo.json markers.yaml",
     no_args_is_help=True,
     rich_markup_mode=None,
