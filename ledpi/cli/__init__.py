@@ -94,6 +94,7 @@ class _OneLine(logging.Formatter):
 
 def _add_commands() -> None:
     from ledpi.cli import (  # noqa: F401, each adds its command to `app`
+        backup,
         bridge,
         calibrate,
         calibrate_board,
@@ -101,6 +102,7 @@ def _add_commands() -> None:
         calibrate_map,
         calibrate_panel,
         calibrate_shutter,
+        config,
         decode,
         doctor,
         evaluate,

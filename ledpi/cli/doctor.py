@@ -56,10 +56,16 @@ def _findings(config: Path | None, set_: list[str]) -> Iterator[Finding]:
     try:
         settings = load_config(file, tuple(set_))
     except LedpiError as error:
-        yield bad("configuration", str(error), "put it right, and try again", stops_daemon=True)
+        yield bad("configuration", str(error), _remedy(file), stops_daemon=True)
         return
     yield configuration(file, asked_for=config is not None)
     yield from examine(settings)
+
+
+def _remedy(file: Path | None) -> str:
+    if file is None:
+        return "ledpi config init --set panels.side_m=0.16   (the lit grid's outer edge, in metres)"
+    return f"correct it; `ledpi config check --config {file}` lists all mistakes"
 
 
 def verdict(findings: list[Finding]) -> str:

@@ -48,11 +48,20 @@ def validated(model: type[M], raw: Any, where: str, error_type: type[LedpiError]
 
 def explain(error: ValidationError, model: type[BaseModel]) -> str:
     """One line for the first thing that is wrong in a `model`, with the number of the others."""
-    problems = error.errors()
-    # A misspelt key leaves the right one missing: it is the cause.
-    first = next((problem for problem in problems if problem["type"] in _UNKNOWN), problems[0])
-    location = first["loc"]
-    unknown = first["type"] in _UNKNOWN
+    first, *others = explain_all(error, model)
+    return first + (f" (and {len(others)} more)" if others else "")
+
+
+def explain_all(error: ValidationError, model: type[BaseModel]) -> list[str]:
+    """A line for each thing that is wrong in a `model`."""
+    # A misspelt key leaves the right one missing: it is the cause, and comes first.
+    problems = sorted(error.errors(), key=lambda problem: problem["type"] not in _UNKNOWN)
+    return [_explained(problem, model) for problem in problems]
+
+
+def _explained(problem: ErrorDetails, model: type[BaseModel]) -> str:
+    location = problem["loc"]
+    unknown = problem["type"] in _UNKNOWN
     branch = location[-1] if not unknown and location[-1] in _BRANCHES else None
     key = ".".join(shortened_name(part) for part in (location if branch is None else location[:-1]))
     if unknown:
@@ -60,13 +69,12 @@ def explain(error: ValidationError, model: type[BaseModel]) -> str:
         close = difflib.get_close_matches(shortened_name(location[-1]), allowed, n=1)
         hint = f"did you mean {close[0]}? " if close else ""
         text = f"{key}: unknown key; {hint}allowed here: {', '.join(allowed)}"
-    elif first["type"] == "missing":
+    elif problem["type"] == "missing":
         text = f"{key}: must be given (it has no default)"
     else:
-        auto, given = " or auto" if branch == "number" else "", first["input"]
-        text = f"{key}: {_wording(first)}{auto}, not {'null' if given is None else shortened(given)}"
-    others = len(problems) - 1
-    return text + (f" (and {others} more)" if others > 0 else "")
+        auto, given = " or auto" if branch == "number" else "", problem["input"]
+        text = f"{key}: {_wording(problem)}{auto}, not {'null' if given is None else shortened(given)}"
+    return text
 
 
 def _wording(problem: ErrorDetails) -> str:

@@ -8,12 +8,11 @@ from ledpi.core.errors import ConfigError
 from ledpi.core.files import parse_yaml
 from ledpi.core.wording import shortened, shortened_name
 
+Key = tuple[str | int, ...]  # ("panels", "overrides", 7, "black_hz")
 
-def apply_override(raw: dict[str, Any], item: str) -> set[str]:
-    """Puts a value in its place. Returns the keys that it gives: more than one where it is a whole section.
 
-    Raises ConfigError.
-    """
+def parse_override(item: str) -> tuple[Key, Any]:
+    """Splits KEY=VALUE, and reads the value as YAML. Raises ConfigError."""
     key, equals, text = item.partition("=")
     if not equals or not key:
         raise ConfigError(f"--set {item}: must be KEY=VALUE, as in --set camera.source=simulated")
@@ -24,7 +23,16 @@ def apply_override(raw: dict[str, Any], item: str) -> set[str]:
     if isinstance(value, (dict, list)) and not text.lstrip().startswith(("{", "[")):
         value = text  # `recording:` and `-` are words here, although YAML reads a mapping and a list
     # A key of digits is a panel's ID, and YAML reads that as a number.
-    *sections, last = (int(part) if part.isdecimal() else part for part in key.split("."))
+    return tuple(int(part) if part.isdecimal() else part for part in key.split(".")), value
+
+
+def apply_override(raw: dict[str, Any], item: str) -> set[str]:
+    """Puts a value in its place. Returns the keys that it gives: more than one where it is a whole section.
+
+    Raises ConfigError.
+    """
+    key, value = parse_override(item)
+    *sections, last = key
     node: Any = raw
     for name in sections:
         if node.get(name) is None:
@@ -33,7 +41,7 @@ def apply_override(raw: dict[str, Any], item: str) -> set[str]:
         if not isinstance(node, dict):
             raise ConfigError(f"--set {item}: {name} is a value, not a section")
     node[last] = value
-    return _keys_of(key, value)
+    return _keys_of(".".join(map(str, key)), value)
 
 
 def _keys_of(key: str, value: object) -> set[str]:

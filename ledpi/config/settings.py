@@ -36,6 +36,9 @@ from ledpi.core.records import Transfer
 from ledpi.core.wording import shortened
 from ledpi.markers.dictionaries import is_file
 
+NO_CONFIGURATION = (
+    "no configuration: --config FILE, ./config.yaml or /etc/ledpi/config.yaml; `ledpi config init` writes one"
+)
 SEARCH_PATH = (Path("config.yaml"), Path("/etc/ledpi/config.yaml"))
 
 
@@ -153,6 +156,14 @@ def find_config(explicit: Path | None) -> Path | None:
     return next((path for path in SEARCH_PATH if path.is_file()), None)
 
 
+def found_config(explicit: Path | None) -> Path:
+    """The same, for commands that need a file. Raises ConfigError."""
+    path = find_config(explicit)
+    if path is None:
+        raise ConfigError(NO_CONFIGURATION)
+    return path
+
+
 def load_config(path: Path | None, overrides: tuple[str, ...] = (), *, without_file: tuple[str, ...] = ()) -> Config:
     """Reads a configuration and applies `--set key.key=value` overrides (values are YAML).
 
@@ -161,9 +172,9 @@ def load_config(path: Path | None, overrides: tuple[str, ...] = (), *, without_f
     Raises ConfigError.
     """
     if path is None and not (overrides or without_file):
-        raise ConfigError("no configuration: --config FILE, ./config.yaml or /etc/ledpi/config.yaml")
+        raise ConfigError(NO_CONFIGURATION)
     where = str(path) if path is not None else "configuration"
-    raw = _sections(path) if path is not None else {}
+    raw = sections(path) if path is not None else {}
     raw.setdefault("panels", {})  # so that the message names the key that must be given
     base = path.parent if path is not None else Path()
     if path is None:
@@ -175,7 +186,7 @@ def load_config(path: Path | None, overrides: tuple[str, ...] = (), *, without_f
     if path is None:
         _size_of_own_panels(raw)
     rename_method(raw, where)
-    config = _resolve_paths(build_config(raw, where), base, from_command_line)
+    config = resolve_paths(build_config(raw, where), base, from_command_line)
     config._from_command_line = frozenset(from_command_line)
     config._file = None if path is None else path.absolute()
     check_together(config, where)
@@ -204,7 +215,8 @@ def check_method(method: Method, panels: PanelSettings, where: str) -> None:
         )
 
 
-def _sections(path: Path) -> dict[str, Any]:
+def sections(path: Path) -> dict[str, Any]:
+    """Reads the file. Raises ConfigError where it holds no sections."""
     raw = read_yaml(path, ConfigError)
     if raw is None:
         return {}
@@ -221,7 +233,7 @@ def _size_of_own_panels(raw: dict[str, Any]) -> None:
         panels.setdefault("side_m", 0.16)
 
 
-def _resolve_paths(config: Config, base: Path, from_command_line: set[str]) -> Config:
+def resolve_paths(config: Config, base: Path, from_command_line: set[str]) -> Config:
     """Paths in the file are relative to it, paths given with --set to the working directory."""
 
     def absolute(path: Path | str, key: str) -> Path:

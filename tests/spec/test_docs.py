@@ -116,7 +116,7 @@ def test_the_help_of_every_command_has_an_example(monkeypatch: pytest.MonkeyPatc
     assert without == []
 
 
-@pytest.mark.parametrize("group", [[], ["calibrate"], ["panel"], ["map"]])
+@pytest.mark.parametrize("group", [[], ["calibrate"], ["config"], ["panel"], ["map"]])
 def test_a_list_of_commands_is_not_cut_short(
     group: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

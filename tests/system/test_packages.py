@@ -116,7 +116,8 @@ def test_a_wheel_holds_every_file_of_the_package(machine: str, dist: Path) -> No
     packed = zipfile.ZipFile(wheel(dist, machine))
     names = {name for name in packed.namelist() if name.startswith("ledpi/") and not name.endswith("/")}
     tree = [path for path in (ROOT / "ledpi").rglob("*") if path.is_file() and "__pycache__" not in path.parts]
-    tree += (ROOT / "ledpi/tools/panel/sources").iterdir()  # a link
+    links = ("tools/panel/sources", "shipped-files/examples", "shipped-files/systemd")
+    tree += [path for link in links for path in (ROOT / "ledpi" / link).iterdir()]
     wanted = {str(path.relative_to(ROOT)) for path in tree if path.suffix not in (".so", ".md", ".elf", ".hex")}
     assert names == wanted | {"ledpi/kernels/_core.abi3.so"}
     elf_machine = {"x86_64": 62, "aarch64": 183}[machine]  # e_machine

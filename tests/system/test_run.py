@@ -288,7 +288,7 @@ def complaint(
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ([], "no configuration: --config FILE, ./config.yaml or /etc/ledpi/config.yaml"),
+        ([], "or /etc/ledpi/config.yaml; `ledpi config init` writes one"),
         (["--config", "none.yaml"], "none.yaml: cannot be read"),
         (["--set", "serial.baud=9600"], "panels.side_m: must be given"),
         (["--set", "panels.side_m=0"], "panels.side_m: must be greater than or equal to 0.001"),

@@ -41,16 +41,19 @@ def picture_beside(path: Path) -> Path:
     return path.with_suffix(PICTURE_SUFFIX)
 
 
-def write_keeping_old(path: Path, content: str | bytes) -> Path | None:
+def write_keeping_old(path: Path, content: str | bytes, *, mode: int | None = None) -> Path | None:
     """Writes `content`, text as UTF-8. A file that is already there is kept beside it as NAME.bak-1, -2, …
 
     At every moment `path` is whole, the older file or the new one, whenever the power is cut. Returns the kept file, if
-    there was one. Raises CalibrationError where `path` cannot be written; the older file is then untouched.
+    there was one. `mode`: its permissions, if not the usual ones. Raises CalibrationError where `path` cannot be
+    written; the older file is then untouched.
     """
     _check_is_file(path)
     fresh = None
     try:
         fresh = write_beside(path, content.encode() if isinstance(content, str) else content)
+        if mode is not None:
+            fresh.chmod(mode)
         kept = _keep(path) if path.exists() else None
         put_in_place(fresh, path)
     except OSError as error:

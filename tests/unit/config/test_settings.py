@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from ledpi.config.settings import Config, find_config, load_config
+from ledpi.config.settings import NO_CONFIGURATION, Config, find_config, load_config
 from ledpi.core.errors import ConfigError
 from tests.builders import ROOT
 from tests.builders.config import known_keys, written_values
@@ -153,7 +153,7 @@ def test_missing_size_names_the_key(tmp_path: Path) -> None:
 
 def test_without_any_configuration_it_is_reported_where_one_is_sought() -> None:
     """Rather than which key is missing from none."""
-    assert message(None) == "no configuration: --config FILE, ./config.yaml or /etc/ledpi/config.yaml"
+    assert message(None) == NO_CONFIGURATION
 
 
 @pytest.mark.parametrize(

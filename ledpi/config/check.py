@@ -1,0 +1,78 @@
+"""All that is wrong with a configuration at once, for a person who corrects it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from ledpi.config.camera_yaml import load_intrinsics
+from ledpi.config.mistakes import explain_all
+from ledpi.config.overrides import apply_override
+from ledpi.config.panels import check_bands_visible, check_panels
+from ledpi.config.renamed import rename_method
+from ledpi.config.robot import load_robot
+from ledpi.config.settings import Config, check_method, resolve_paths, sections
+from ledpi.core.errors import LedpiError
+from ledpi.core.files import parse_yaml
+
+
+def mistakes_in(file: Path, overrides: Sequence[str] = (), *, with_files: bool = True) -> list[str]:
+    """One line each. `with_files`: looks at the lens and the map that it names, too. `overrides`: as of --set."""
+    from_command_line: set[str] = set()
+    try:
+        raw = sections(file)
+        for item in overrides:
+            from_command_line |= apply_override(raw, item)
+    except LedpiError as error:
+        return [str(error)]
+    found, config = _values(raw, str(file), file.parent, from_command_line)
+    return found if config is None or not with_files else found + _files(config)
+
+
+def mistakes_in_text(text: str, where: str) -> list[str]:
+    """As `mistakes_in` without files, of a text that is not yet in a file."""
+    try:
+        return _values(parse_yaml(text, where, LedpiError), where, Path(), set())[0]
+    except LedpiError as error:
+        return [str(error)]
+
+
+def _values(
+    raw: dict[str, Any], where: str, base: Path, from_command_line: set[str]
+) -> tuple[list[str], Config | None]:
+    """What is wrong with keys and values; and the configuration, where each value is right by itself."""
+    raw.setdefault("panels", {})
+    rename_method(raw, where)
+    try:
+        config = resolve_paths(Config.model_validate(raw), base, from_command_line)
+    except ValidationError as error:
+        return [f"{where}: {text}" for text in explain_all(error, Config)], None
+    panels, row_time_us = config.panels, config.camera.row_time_us
+    checks: list[Callable[[], None]] = [
+        lambda: check_panels(panels, where),
+        lambda: check_method(config.decode.method, panels, f"{where}: decode.method"),
+    ]
+    if row_time_us != "auto":
+        checks.append(lambda: check_bands_visible(panels, float(row_time_us), where))
+    return _said_by(checks), config
+
+
+def _files(config: Config) -> list[str]:
+    lens, size = config.camera.intrinsics, (config.camera.width, config.camera.height)
+    checks: list[Callable[[], object]] = [lambda: load_robot(config)]
+    if lens is not None:
+        checks.append(lambda: load_intrinsics(lens, size))
+    return _said_by(checks)
+
+
+def _said_by(checks: Sequence[Callable[[], object]]) -> list[str]:
+    said = []
+    for check in checks:
+        try:
+            check()
+        except (LedpiError, ValueError) as error:
+            said.append(str(error))
+    return said

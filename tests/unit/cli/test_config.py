@@ -1,0 +1,244 @@
+"""`ledpi config`, `backup` and `restore`: a configuration is written, shown, checked, changed, saved and put back."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+from ledpi.config.settings import load_config
+from ledpi.tools import backup
+from tests.builders import ROOT
+from tests.builders.command import complaint, in_process
+
+LENS = """image_width: 640
+image_height: 480
+camera_matrix: {data: [640, 0, 320, 0, 640, 240, 0, 0, 1]}
+distortion_coefficients: {data: [0, 0, 0, 0, 0]}
+"""
+MAP = "panels: {7: {position_m: [0, 0, 2], quaternion_wxyz: [1, 0, 0, 0]}}\n"
+
+
+class Done(NamedTuple):
+    """What a command came to."""
+
+    status: int
+    out: str
+    err: str
+
+
+Ledpi = Callable[..., Done]
+
+
+@pytest.fixture
+def ledpi(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Ledpi:
+    run = in_process(monkeypatch, capsys)
+    return lambda *arguments: Done(*run(*arguments))
+
+
+@pytest.fixture(autouse=True)
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty folder, and no service's configuration."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("ledpi.config.settings.SEARCH_PATH", (Path("config.yaml"),))
+    monkeypatch.setattr(backup, "RULES", tmp_path / "rules.d")
+    return tmp_path
+
+
+# ---- init
+
+
+def test_init_writes_every_key_with_its_comment(here: Path, ledpi: Ledpi) -> None:
+    """The file that the project shows, and the next step."""
+    done = ledpi("config", "init")
+    assert done.status == 0
+    assert (here / "config.yaml").read_text() == (ROOT / "config.yaml").read_text()
+    assert "ledpi config set panels.side_m=" in done.out
+
+
+def test_init_sets_what_it_is_told(here: Path, ledpi: Ledpi) -> None:
+    """With all comments; and copies what belongs to the service."""
+    assert ledpi("config", "init", "--set", "panels.ids=[7, 23]", "--files", "extra").status == 0
+    text = (here / "config.yaml").read_text()
+    assert "ids: [7, 23]" in text
+    assert text.count("#") == (ROOT / "config.yaml").read_text().count("#")
+    assert (here / "extra/systemd/ledpi.service").read_bytes() == (ROOT / "systemd/ledpi.service").read_bytes()
+    assert (here / "extra/examples/linux_robot.py").exists()
+
+
+def test_init_overwrites_nothing(here: Path, ledpi: Ledpi) -> None:
+    """Neither a file nor a folder, and writes no configuration that is wrong."""
+    (here / "config.yaml").write_text("mine")
+    assert "is there already" in complaint(ledpi("config", "init"))
+    assert (here / "config.yaml").read_text() == "mine"
+    assert "panels.side_m: must be in metres" in complaint(
+        ledpi("config", "init", "new.yaml", "--set", "panels.side_m=160")
+    )
+    assert "no folder" in complaint(ledpi("config", "init", "nowhere/new.yaml"))
+    assert [path.name for path in here.iterdir()] == ["config.yaml"]
+
+
+@pytest.mark.parametrize("command", [("run",), ("config", "show"), ("config", "check"), ("backup", "b"), ("doctor",)])
+def test_without_a_configuration_init_is_named(command: tuple[str, ...], ledpi: Ledpi) -> None:
+    """By every command that needs one."""
+    done = ledpi(*command)
+    assert "`ledpi config init` writes one" in done.out + done.err
+
+
+# ---- show
+
+
+def test_show_says_where_each_value_is_from(here: Path, ledpi: Ledpi) -> None:
+    """The file, --set or the default; a token is not shown."""
+    (here / "config.yaml").write_text("panels: {side_m: 0.2}\nview: {token: abcdefghijkl}\n")
+    done = ledpi("config", "show", "--set", "serial.baud=9600")
+    rows = {line.split()[0]: line.split(maxsplit=1)[1] for line in done.out.splitlines()}
+    assert rows["panels.side_m"].split() == ["0.2", str(here / "config.yaml")]
+    assert rows["serial.baud"].split() == ["9600", "--set"]
+    assert rows["panels.duty"].split() == ["0.5", "default"]
+    assert "abcdefghijkl" not in done.out
+    told = json.loads(ledpi("config", "show", "--json").out)
+    assert told["panels.side_m"] == {"value": 0.2, "from": str(here / "config.yaml")}
+
+
+# ---- check
+
+
+def test_check_tells_all_mistakes_at_once(here: Path, ledpi: Ledpi) -> None:
+    """Each with the file and the key; a misspelt key first, as it may be the cause of another."""
+    (here / "config.yaml").write_text("panel: {}\ncamera: {width: 3, exposure_us: long}\npanels: {side_m: 160}\n")
+    done = ledpi("config", "check")
+    assert done.status == 2
+    lines = done.out.splitlines()
+    assert lines[0].startswith("config.yaml: panel: unknown key; did you mean panels?")
+    assert [line.split(": ")[1] for line in lines[1:-1]] == ["camera.width", "camera.exposure_us", "panels.side_m"]
+    assert lines[-1] == "config.yaml: 4 mistakes"
+
+
+def test_check_looks_into_the_files_that_are_named(here: Path, ledpi: Ledpi) -> None:
+    """And at values that contradict each other."""
+    (here / "config.yaml").write_text("panels: {side_m: 0.16, ids: [77]}\nmap: m.yaml\ncamera: {intrinsics: c.yaml}\n")
+    said = ledpi("config", "check").out
+    assert "panels.ids: DICT_4X4_50 has only the IDs 0 to 49, not 77" in said
+    assert f"{here}/m.yaml: cannot be read" in said
+    assert f"{here}/c.yaml: cannot be read" in said
+    (here / "config.yaml").write_text("panels: {side_m: 0.16}\nmap: m.yaml\ncamera: {intrinsics: c.yaml}\n")
+    (here / "m.yaml").write_text(MAP)
+    (here / "c.yaml").write_text(LENS)
+    done = ledpi("config", "check")
+    assert (done.status, done.out) == (0, "config.yaml: no mistake\n")
+
+
+# ---- set
+
+
+def test_set_changes_keys_and_nothing_else(here: Path, ledpi: Ledpi) -> None:
+    """Comments stay, and so does the older file."""
+    ledpi("config", "init")
+    before = (here / "config.yaml").read_text()
+    done = ledpi("config", "set", "panels.side_m=0.158", "panels.overrides.7.black_hz=1262", "panels.ids=[7]")
+    assert done.status == 0, done.err
+    after = (here / "config.yaml").read_text()
+    assert [line for line in before.splitlines() if line not in after.splitlines()] == [
+        line for line in before.splitlines() if line.startswith(("  side_m:", "  ids:", "  overrides:"))
+    ]
+    assert load_config(Path("config.yaml")).panels.spec(7).black_hz == 1262
+    assert (here / "config.yaml.bak-1").read_text() == before
+
+
+@pytest.mark.parametrize(
+    ("item", "said"),
+    [
+        ("panels.side=0.2", "panels.side: unknown key; did you mean side_m?"),
+        ("panels.side_m=160", "must be in metres"),
+        ("panels.ids=[99]", "has only the IDs 0 to 49"),
+        ("panels.side_m", "must be KEY=VALUE"),
+    ],
+)
+def test_set_writes_nothing_that_is_wrong(here: Path, item: str, said: str, ledpi: Ledpi) -> None:
+    """Though another key of the same call is right."""
+    ledpi("config", "init")
+    before = (here / "config.yaml").read_bytes()
+    assert said in complaint(ledpi("config", "set", "serial.baud=9600", item))
+    assert (here / "config.yaml").read_bytes() == before
+    assert not (here / "config.yaml.bak-1").exists()
+
+
+# ---- backup, restore
+
+
+@pytest.fixture
+def robot(here: Path, ledpi: Ledpi) -> Path:
+    """A folder with all that a robot has."""
+    folder = here / "robot"
+    (folder / "lens").mkdir(parents=True)
+    (here / "rules.d").mkdir()
+    (folder / "config.yaml").write_text(
+        "# mine\npanels: {side_m: 0.2, overrides: {7: {black_hz: 1262, measured: 2026-11-25}}}\n"
+        "camera: {intrinsics: lens/camera.yaml}\nmap: markers.yaml\n"
+    )
+    (folder / "lens/camera.yaml").write_text(LENS)
+    (folder / "markers.yaml").write_text(MAP)
+    (here / "rules.d/60-ledpi.rules").write_text('ACTION=="add"\n')
+    assert ledpi("backup", "robot.ledpi", "--config", folder / "config.yaml").status == 0
+    return folder
+
+
+def test_what_was_saved_comes_back_to_the_byte(here: Path, robot: Path, ledpi: Ledpi) -> None:
+    """On another computer, say, at another place: lens and map go where the configuration names them."""
+    (here / "other/lens").mkdir(parents=True)
+    (here / "rules.d/60-ledpi.rules").unlink()
+    done = ledpi("restore", "robot.ledpi", "--config", here / "other/config.yaml")
+    assert done.status == 0, done.err
+    for name in ("config.yaml", "lens/camera.yaml", "markers.yaml"):
+        assert (here / "other" / name).read_bytes() == (robot / name).read_bytes()
+    assert (here / "rules.d/60-ledpi.rules").read_text() == 'ACTION=="add"\n'
+    assert "udevadm control --reload" in done.out
+    assert "Everything is there already." in ledpi("restore", "robot.ledpi", "--config", here / "other/config.yaml").out
+
+
+def test_what_is_replaced_is_kept(here: Path, robot: Path, ledpi: Ledpi) -> None:
+    """Beside it; and only its owner reads a backup, as the page's token is in it."""
+    (robot / "markers.yaml").write_text("panels: {}\n")
+    assert ledpi("restore", "robot.ledpi", "--config", robot / "config.yaml").status == 0
+    assert (robot / "markers.yaml").read_text() == MAP
+    assert (robot / "markers.yaml.bak-1").read_text() == "panels: {}\n"
+    assert not (robot / "config.yaml.bak-1").exists()  # it was the same
+    assert (here / "robot.ledpi").stat().st_mode & 0o077 == 0
+
+
+def _changed(path: Path, name: str, content: str) -> None:
+    """The archive, with another file of this name."""
+    with zipfile.ZipFile(path) as archive:
+        files = {each: archive.read(each) for each in archive.namelist()}
+    with zipfile.ZipFile(path, "w") as archive:
+        for each, old in (files | {name: content.encode()}).items():
+            archive.writestr(each, old)
+
+
+def test_a_backup_of_a_newer_version_is_named(here: Path, robot: Path, ledpi: Ledpi) -> None:
+    """And nothing is written."""
+    _changed(here / "robot.ledpi", backup.CONTENTS, '{"ledpi_backup": 2, "ledpi": "9.0.0", "made": "", "files": []}')
+    said = complaint(ledpi("restore", "robot.ledpi", "--config", here / "new.yaml"))
+    assert "is a backup of version 2, made by ledpi 9.0.0; this ledpi reads version 1" in said
+    assert not (here / "new.yaml").exists()
+
+
+def test_what_is_no_whole_backup_is_refused(here: Path, robot: Path, ledpi: Ledpi) -> None:
+    """Cut off, something else, or with a file in it that is wrong: nothing is written."""
+    whole = (here / "robot.ledpi").read_bytes()
+    (here / "cut").write_bytes(whole[: len(whole) // 2])
+    (here / "text").write_text("no archive")
+    for name in ("cut", "text"):
+        assert "is no whole backup" in complaint(ledpi("restore", name, "--config", here / "new.yaml"))
+    _changed(here / "robot.ledpi", "2-markers.yaml", "panels: [")
+    assert "not valid YAML" in complaint(ledpi("restore", "robot.ledpi", "--config", here / "new.yaml"))
+    rule = {"kind": "udev rule", "path": "../../passwd", "name": "0-config.yaml"}
+    head = json.dumps({"ledpi_backup": 1, "ledpi": "", "made": "", "files": [rule]})
+    _changed(here / "robot.ledpi", backup.CONTENTS, head)
+    assert "is no whole backup" in complaint(ledpi("restore", "robot.ledpi", "--config", here / "new.yaml"))
+    assert not (here / "new.yaml").exists()
