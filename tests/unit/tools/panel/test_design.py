@@ -429,7 +429,8 @@ def test_a_check_begins_with_its_verdict() -> None:
 def test_ids_that_are_reported_only_if_they_are_listed_are_named() -> None:
     """As long as none are listed."""
     given = ("--check", "1250", "2450", "--distance", "1", "--fps", "58.93")
-    assert "note: IDs 3, 8 to 9, 17, 22, 30, 33, 37, 47 are reported only if panels.ids lists them: a part or" in run(*given)[1]
+    note = "note: IDs 3, 8 to 9, 17, 22, 30, 33, 37, 47 are reported only if panels.ids lists them: a part or"
+    assert note in run(*given)[1]
     assert "panels.ids" not in run(*given, "--set", "panels.ids=[7]")[1]
 
 
