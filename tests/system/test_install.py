@@ -108,9 +108,22 @@ def test_the_group_of_the_tap_is_made_once(tmp_path: Path, there: bool, running:
 @pytest.mark.parametrize("changed", [False, True])
 def test_uninstalling_keeps_a_rule_that_was_changed(tmp_path: Path, changed: bool) -> None:
     """Like the configuration; it is named."""
-    rules = tmp_path / "60-ledpi.rules"
-    rules.write_text((ROOT / "systemd/60-ledpi.rules").read_text(encoding="utf-8") + "# mine\n" * changed)
+    rules = tmp_path / "61-ledpi.rules"
+    rules.write_text((ROOT / "systemd/61-ledpi.rules").read_text(encoding="utf-8") + "# mine\n" * changed)
     (tmp_path / "home").mkdir()
     made_up = f"home={tmp_path}/home; command={tmp_path}/ledpi; unit={tmp_path}/unit; rules={rules}; "
     said = run(made_up + "uninstall")
     assert (rules.exists(), str(rules) in said, (tmp_path / "home").exists()) == (changed, changed, False)
+
+
+@pytest.mark.parametrize("new_is_there", [False, True])
+def test_a_rule_of_an_older_version_moves_to_the_name_that_works(tmp_path: Path, new_is_there: bool) -> None:
+    """As its owner has changed it. Beside a newer one it stays, and is named."""
+    old, new = tmp_path / "60-ledpi.rules", tmp_path / "61-ledpi.rules"
+    old.write_text("# mine")
+    if new_is_there:
+        new.write_text("# newer")
+    said = run(f"rules={new}; move_rule; move_rule")
+    assert new.read_text() == ("# newer" if new_is_there else "# mine")
+    assert old.exists() is new_is_there
+    assert str(old) in said

@@ -57,9 +57,9 @@ def test_the_service_is_closed_in(unit: Path) -> None:
 
 
 def test_the_devices_that_the_daemon_needs_stay_usable() -> None:
-    """Cameras, the media graph, frame buffers and both kinds of serial port; nothing hides them."""
+    """Cameras, the media graph, frame buffers and all kinds of serial port; nothing hides them."""
     allowed = {line.split()[0] for line in UNIT.values("DeviceAllow") if line.endswith(" rw")}
-    serial = {"char-ttyAMA", "char-ttyS", "char-ttyACM", "char-ttyUSB"}
+    serial = {f"char-{name}" for name in ("ttyAMA", "ttyS", "ttyACM", "ttyUSB", "ttyGS", "ttySC", "ttyMAX", "rfcomm")}
     assert allowed == {"char-video4linux", "char-media", "char-dma_heap"} | serial
     assert UNIT.values("PrivateDevices") == ["no"]
     assert UNIT.values("SupplementaryGroups") == ["video dialout"]
@@ -167,12 +167,12 @@ def test_no_watchdog_watches_us(limit: str | None, pid: str | None, monkeypatch:
 
 def test_the_udev_rules_are_well_formed() -> None:
     """Comments, and lines of known keys, known operators and quoted values; each GOTO has its LABEL."""
-    rules = (UNIT.path.parent / "60-ledpi.rules").read_text(encoding="utf-8")
+    rules = (UNIT.path.parent / "61-ledpi.rules").read_text(encoding="utf-8")
     keys = r"(SUBSYSTEMS?|KERNEL|SYMLINK|GROUP|MODE|GOTO|LABEL|ENV\{\w+\})"
     term = rf'{keys}(==|!=|\+=|=)"[^"]+"'
-    lines = [line for line in rules.splitlines() if line and not line.startswith("# ")]
+    lines = [line for line in rules.splitlines() if line and not line.startswith("#")]
     examples = re.findall(r"^# ((?:ENV|KERNEL).*)$", rules, re.MULTILINE)
-    assert len(examples) == 2
+    assert len(examples) == 3
     for line in lines + examples:
         assert re.fullmatch(rf"{term}(, {term})*", line), line
     assert re.findall(r'GOTO="(\w+)"', rules) == re.findall(r'LABEL="(\w+)"', rules)
@@ -180,11 +180,11 @@ def test_the_udev_rules_are_well_formed() -> None:
 
 def test_no_board_is_the_controller_unless_someone_says_so() -> None:
     """A panel's own Arduino is a ttyACM too, and must not be sent poses: no rule in force gives the name."""
-    rules = (UNIT.path.parent / "60-ledpi.rules").read_text(encoding="utf-8")
+    rules = (UNIT.path.parent / "61-ledpi.rules").read_text(encoding="utf-8")
     assert [line for line in rules.splitlines() if "SYMLINK" in line and not line.startswith("#")] == []
 
 
 def test_the_rules_name_the_port_that_is_the_default() -> None:
     """serial.port's default is the link that they make."""
-    rules = (UNIT.path.parent / "60-ledpi.rules").read_text(encoding="utf-8")
+    rules = (UNIT.path.parent / "61-ledpi.rules").read_text(encoding="utf-8")
     assert {f"/dev/{name}" for name in re.findall(r'SYMLINK\+="([^"]+)"', rules)} == {SerialSettings().port}

@@ -7,12 +7,12 @@ from pathlib import Path
 
 from ledpi.config.panels import PanelSettings
 from ledpi.config.robot import load_robot, unreadable_note
-from ledpi.config.settings import SEARCH_PATH, Config
+from ledpi.config.settings import SEARCH_PATH, Config, SerialSettings
 from ledpi.core.errors import LedpiError, WireError
 from ledpi.core.wording import counted
 from ledpi.markers.codewords import format_ranges
 from ledpi.markers.dictionaries import load_dictionary
-from ledpi.tools.doctor import camera, machine, running
+from ledpi.tools.doctor import camera, machine, ports, running
 from ledpi.tools.doctor.finding import Finding, bad, ok, unknown
 
 
@@ -37,20 +37,18 @@ def examine(config: Config) -> Iterator[Finding]:
         yield machine.permissions(("/dev/media*", "/dev/dma_heap/*"))
     elif kind == "v4l2":
         yield machine.permissions((place,))
-    tap = running.connected(config)
+    tap, daemon = running.connected(config), None
     if tap is None:
         yield from _camera(config)
     else:
+        daemon = tap.hello.get("pid")
         with tap:
             yield from running.examine(tap, config)
     yield _panel_ids(config.panels)
     yield _map(config)
-    if tap is None:
-        yield _serial_port(config)
+    yield from _serial(config.serial, daemon)
     if config.serial.protocol == "mavlink":
         yield _mavlink()
-    if config.serial.port is not None:
-        yield machine.serial_console(config.serial.port)
     yield machine.disk()
     yield machine.clock()
     yield machine.throttling()
@@ -89,21 +87,34 @@ def _map(config: Config) -> Finding:
     return ok("map", f"{config.map}: {counted(len(panels), 'panel')}")
 
 
-def _serial_port(config: Config) -> Finding:
+def _serial(settings: SerialSettings, daemon: int | None) -> Iterator[Finding]:
+    """`daemon`: the process that has the port, if one runs."""
+    port = settings.port
+    if daemon is None:
+        yield unknown("serial port", running.NO_PORT) if port is None else _serial_port(port, settings.baud)
+    if port is None:
+        return
+    notes = (ports.shared(port, but=daemon), ports.name(port), ports.pins(port), ports.allowed(port), ports.rule())
+    yield from (note for note in notes if note is not None)
+    yield ports.console(port)
+
+
+def _serial_port(port: str, baud: int) -> Finding:
     """Opened as the daemon does; without it the daemon runs, and tries again and again."""
     from ledpi.wire.line import open_port
 
-    settings = config.serial
-    if settings.port is None:
-        return unknown("serial port", running.NO_PORT)
     try:
-        open_port(settings.port, settings.baud).close()
+        open_port(port, baud).close()
     except WireError as error:
-        remedy = machine.serial_remedy()
-        if "in use" in str(error):
-            remedy = "another process has it: `sudo systemctl stop ledpi`, if that is the daemon"
-        return bad("serial port", str(error), remedy)
-    return ok("serial port", f"{settings.port}, {settings.baud} baud")
+        what, in_use, holder = str(error).partition(", held by ")
+        if in_use:
+            return bad("serial port", what, f"it is held by {holder}")
+        if "in use" in what:
+            return bad(
+                "serial port", what, "`sudo ledpi doctor` names it; `sudo systemctl stop ledpi`, if it is the daemon"
+            )
+        return bad("serial port", what, ports.remedy())
+    return ok("serial port", f"{port}, {baud} baud")
 
 
 def _mavlink() -> Finding:

@@ -1,4 +1,4 @@
-"""The machine: Python and its packages, serial console, permissions, disk, clock, throttling.
+"""The machine: Python and its packages, permissions, disk, clock, throttling.
 
 What is specific to a Pi is by its documentation, **not seen on hardware**.
 """
@@ -46,28 +46,6 @@ def picamera2() -> Finding:
     else:
         remedy = "sudo apt install python3-picamera2, and a virtual environment with --system-site-packages"
     return bad("picamera2", said, remedy, stops_daemon=True)
-
-
-def serial_remedy(by_id: Path = Path("/dev/serial/by-id")) -> str:
-    """What to set serial.port to: the names of what is plugged in, which stay whatever else is."""
-    plugged_in = sorted(str(path) for path in by_id.glob("*"))
-    if not plugged_in:
-        return "plug the controller in; `ls /dev/serial/by-id` then shows what to set serial.port to"
-    return f"set serial.port to the controller's name: {' or '.join(plugged_in)}"
-
-
-def serial_console(port: str, cmdline: Path = Path("/proc/cmdline")) -> Finding:
-    """Whether Linux writes its log to the controller's port."""
-    consoles = [word.removeprefix("console=").split(",")[0] for word in _text(cmdline).split() if "console=" in word]
-    mine = os.path.realpath(port)
-    taken = [name for name in consoles if os.path.realpath(f"/dev/{name}") == mine]
-    if taken:
-        return bad(
-            "serial console",
-            f"Linux uses {port} as its console ({taken[0]})",
-            "sudo raspi-config nonint do_serial_cons 1, then restart",
-        )
-    return ok("serial console", f"not on {port}")
 
 
 def permissions(patterns: tuple[str, ...]) -> Finding:
@@ -151,10 +129,3 @@ def _run(command: list[str], timeout_s: float) -> subprocess.CompletedProcess[st
 def _last_line(done: subprocess.CompletedProcess[str]) -> str:
     lines = done.stderr.strip().splitlines()
     return lines[-1] if lines else f"the import ended Python with status {done.returncode}"
-
-
-def _text(path: Path) -> str:
-    try:
-        return path.read_text(encoding="utf-8", errors="replace")
-    except OSError:
-        return ""

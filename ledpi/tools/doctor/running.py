@@ -14,6 +14,7 @@ from ledpi.core.errors import TapError
 from ledpi.core.wording import shortened_name
 from ledpi.tap.client import Client, connect
 from ledpi.tap.frames import WITH_REASONS, frame_of, not_read_of, read_px_of, settings_of, why_not_of
+from ledpi.tools.doctor import ports
 from ledpi.tools.doctor.finding import Finding, bad, ok, unknown
 from ledpi.tools.doctor.in_view import findings_of
 
@@ -146,7 +147,7 @@ def _line(health: dict[str, Any]) -> Finding | None:
         return unknown("serial port", NO_PORT)
     if not wire.get("connected"):
         said = str(wire.get("error") or "the port cannot be opened")
-        return bad("serial port", said, "plug the controller in, or set serial.port: ls /dev/serial/by-id")
+        return bad("serial port", said, ports.remedy())
     recent = wire.get("recent")
     if not isinstance(recent, dict) or not recent.get("seconds"):
         return ok("serial port", f"{wire.get('packets', 0)} packets sent, {wire.get('dropped', 0)} dropped")

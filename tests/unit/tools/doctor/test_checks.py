@@ -172,15 +172,6 @@ def test_a_missing_controller_does_not_stop_the_daemon(tmp_path: Path) -> None:
     assert not findings["serial port"].stops_daemon
 
 
-def test_the_ports_that_are_plugged_in_are_offered(tmp_path: Path) -> None:
-    """By the names that stay; which of two is the controller only a person knows."""
-    assert machine.serial_remedy(tmp_path).startswith("plug the controller in; ")
-    for name in ("usb-Arduino_Uno-if00", "usb-FTDI_FT232R-if00"):
-        (tmp_path / name).touch()
-    offered = f"{tmp_path}/usb-Arduino_Uno-if00 or {tmp_path}/usb-FTDI_FT232R-if00"
-    assert machine.serial_remedy(tmp_path) == f"set serial.port to the controller's name: {offered}"
-
-
 def test_a_line_has_its_mark_its_name_and_its_remedy() -> None:
     """The remedy on a line of its own."""
     assert line(bad("disk", "full", "delete")) == "✗ disk               full\n                     → delete"
@@ -308,16 +299,6 @@ def test_the_firmware_s_bits_are_read(said: str, state: str, text: str) -> None:
     found = machine.throttled(said)
     assert found.state == state
     assert text in found.said
-
-
-def test_a_console_on_the_controller_s_port_is_seen(tmp_path: Path) -> None:
-    """As Raspberry Pi OS has it at first: boot messages would reach the motor controller."""
-    cmdline = tmp_path / "cmdline"
-    cmdline.write_text("console=ttyAMA0,115200 console=tty1 root=PARTUUID=1-02 rootwait\n")
-    found = machine.serial_console("/dev/ttyAMA0", cmdline)
-    assert found.state == "bad"
-    assert "raspi-config" in found.remedy
-    assert machine.serial_console("/dev/ttyUSB0", cmdline).state == "ok"
 
 
 def test_a_clock_that_was_never_set_is_seen() -> None:
