@@ -15,12 +15,14 @@ from ledpi.cli import app
 from ledpi.cli.decode_inputs import check_inputs, check_names_differ, distinct, sort_out, steps_folders
 from ledpi.cli.drawn import write_drawn
 from ledpi.cli.progress import progress
+from ledpi.cli.stills import says_all, still_of
 from ledpi.core.errors import ConfigError, RecordingError
 from ledpi.core.records import CameraInfo, Decoded, Frame, Intrinsics, PanelValues, Rejected
 from ledpi.core.wording import one_line
 from ledpi.pipeline.output import decoded_as_json
 
 if TYPE_CHECKING:
+    from ledpi.cli.stills import Still
     from ledpi.config.settings import Config
     from ledpi.pipeline.pipeline import Pipeline
     from ledpi.recording.reader import Recording
@@ -43,9 +45,9 @@ def decode(
 ) -> None:
     """Recordings or pictures → one JSON object a frame.
 
-    They go to standard output, a line each. A recording brings its own camera and panel values, for which
-    only --set is stronger (as a side or a lens that was measured again); for pictures they come from the
-    configuration. A line's "recording" is the folder's name, or its path below the folder that was
+    They go to standard output, a line each. A recording, and a picture that the live page has saved, bring their own
+    camera and panel values. Only --set overrides them, for example after measuring the panel again. For other pictures
+    they come from the configuration. A line's "recording" is the folder's name, or its path below the folder that was
     given; recordings that share a name are told apart by their whole paths. A picture that cannot be read is named
     on standard error, the others are still decoded, and the exit status is 2. Where there are several recordings,
     --steps gives each a folder of its name.
@@ -60,15 +62,19 @@ def decode(
     # Recordings bring their panel's size; pictures without a configuration are refused below.
     settings = load_config(file, tuple(overrides), without_file=("panels.side_m=1",))
     recordings, pictures = sort_out(paths)
-    if pictures and file is None and "panels.side_m" not in settings.from_command_line:
-        raise ConfigError("pictures need a configuration: --config FILE, or at least --set panels.side_m=METRES")
+    bare = [path for path in pictures if not says_all(path)]
+    if bare and file is None and "panels.side_m" not in settings.from_command_line:
+        raise ConfigError(
+            f"{bare[0]}: does not say how large its panels are: --set panels.side_m=METRES, or a configuration"
+        )
     if steps is not None:
         check_names_differ([name for name, _ in recordings])
     # All of them before a line is printed: half an experiment must not pass for the whole.
     loaded = [
         (name, load_recording_with(settings, folder, as_reported=as_live)) for name, folder in distinct(recordings)
     ]
-    check_inputs(loaded, pictures, settings, as_live=as_live)
+    check_inputs(loaded, settings, as_live=as_live)
+    stills = [(path, still_of(path, settings, overrides)) for path in pictures]
     drawn = steps_folders(steps, loaded, pictures)
     bad = 0
     with progress("decoding", sum(len(recording.frames) for _, recording in loaded) + len(pictures)) as advance:
@@ -76,7 +82,7 @@ def decode(
             bad += _decode_recording(
                 name, recording, settings, folder, stream=not single_frame, as_live=as_live, advance=advance
             )
-        bad += _decode_pictures(pictures, settings, steps, advance=advance)
+        bad += _decode_pictures(stills, steps, advance=advance)
     if bad:
         raise typer.Exit(2)
 
@@ -124,28 +130,22 @@ def _decode_recording(
     return bad
 
 
-def _decode_pictures(
-    pictures: list[Path], settings: Config, steps: Path | None, *, advance: Callable[[int], None]
-) -> int:
+def _decode_pictures(stills: list[tuple[Path, Still]], steps: Path | None, *, advance: Callable[[int], None]) -> int:
     """Prints every picture, each on its own: nothing is known of the time between them."""
-    from ledpi.config.camera_yaml import lens_of
-    from ledpi.recording.still import read_still, still_camera
+    from ledpi.recording.still import read_still
 
-    if not pictures:
-        return 0
-    info = still_camera(settings.camera)
-    lens = lens_of(info, settings.camera.intrinsics)
-    pipeline = _pipeline(settings, info, lens, stream=False)
-    bad = 0
-    for seq, path in enumerate(pictures):
+    bad, used, pipeline = 0, None, None
+    for seq, (path, still) in enumerate(stills):
+        if pipeline is None or used != still:
+            pipeline, used = _pipeline(still.settings, still.camera, still.lens, stream=False), still
         try:
-            frame = read_still(path, info, seq)
+            frame = read_still(path, still.camera, seq)
         except RecordingError as error:
             _note(str(error))
             _print(_nothing(seq, 0, Rejected(stage="capture", reason="unreadable")), str(path))
             bad += 1
         else:
-            _decode(frame, str(path), pipeline, lens, steps)
+            _decode(frame, str(path), pipeline, still.lens, steps)
         advance(1)
     return bad
 

@@ -47,11 +47,10 @@ def distinct(recordings: list[tuple[str, Path]]) -> list[tuple[str, Path]]:
     return [(name if sharing[name] == 1 else str(folder), folder) for name, folder in recordings]
 
 
-def check_inputs(loaded: list[tuple[str, Recording]], pictures: list[Path], settings: Config, *, as_live: bool) -> None:
-    """Raises LedpiError where what was asked for cannot be had of all of them."""
+def check_inputs(loaded: list[tuple[str, Recording]], settings: Config, *, as_live: bool) -> None:
+    """Raises LedpiError where what was asked for cannot be had of all recordings."""
     from ledpi.config.camera_yaml import lens_of
     from ledpi.config.settings import check_method
-    from ledpi.recording.still import still_camera
 
     for _, recording in loaded:
         shown = settings.panels.override_with(recording.panel_values)
@@ -59,8 +58,6 @@ def check_inputs(loaded: list[tuple[str, Recording]], pictures: list[Path], sett
         if as_live and all(entry.decoded is None for entry in recording.frames):
             raise RecordingError(f"{recording.folder}: --as-live: does not say which frames were decoded live")
         lens_of(recording.camera, settings.camera.intrinsics)
-    if pictures:
-        lens_of(still_camera(settings.camera), settings.camera.intrinsics)
 
 
 def check_names_differ(names: list[str]) -> None:

@@ -10,6 +10,7 @@ import typer
 from ledpi.cli import app
 from ledpi.cli.drawn import check_apart, write_drawn
 from ledpi.cli.progress import progress
+from ledpi.cli.stills import says_all, still_of
 from ledpi.core.errors import CameraError, ConfigError, RecordingError
 
 if TYPE_CHECKING:
@@ -94,8 +95,10 @@ def snapshot(
 def _open(path: Path | None, config: Path | None, overrides: list[str], seq: int | None) -> tuple[_Source, Config]:
     """What is not the daemon's, with the settings of the configuration."""
     from ledpi.config.settings import find_config, load_config
+    from ledpi.recording.still import read_still
 
-    own_size = ("panels.side_m=1",) if path is not None and path.is_dir() else ()
+    brings_panel = path is not None and (path.is_dir() or says_all(path))
+    own_size = ("panels.side_m=1",) if brings_panel else ()
     settings = load_config(find_config(config), tuple(overrides), without_file=own_size)
     if path is None:
         return _from_camera(settings, seq), settings
@@ -103,7 +106,8 @@ def _open(path: Path | None, config: Path | None, overrides: list[str], seq: int
         return _from_recording(path, settings, seq), settings
     if seq:
         raise ConfigError(f"--frame {seq}: {path} is a picture, not a recording; it has no frame but 0")
-    return _from_picture(path, settings), settings
+    still = still_of(path, settings, overrides)
+    return _Source(path.name, read_still(path, still.camera), still.camera, None, still.lens), still.settings
 
 
 def _of_daemon(config: Path | None, overrides: list[str]) -> tuple[_Source, Config] | None:
@@ -174,16 +178,6 @@ def _from_recording(folder: Path, settings: Config, seq: int | None) -> _Source:
     title = f"{folder.resolve().name}, frame {entry.seq}"
     lens, pictures = lens_of(camera.info, settings.camera.intrinsics), tuple(entry.picture for entry in frames)
     return _Source(title, recording.frame(entry, picture), camera.info, camera.panel, lens, pictures)
-
-
-def _from_picture(path: Path, settings: Config) -> _Source:
-    from ledpi.config.camera_yaml import load_intrinsics
-    from ledpi.recording.still import read_still, still_camera
-
-    camera = still_camera(settings.camera)
-    lens = settings.camera.intrinsics
-    intrinsics = None if lens is None else load_intrinsics(lens, (camera.width, camera.height))
-    return _Source(path.name, read_still(path, camera), camera, None, intrinsics)
 
 
 def reasons(why: Why) -> list[tuple[str, str]]:

@@ -29,7 +29,7 @@ def load_recording_with(config: Config, folder: Path, *, as_reported: bool = Fal
         recording,
         dictionary=config.panels.dictionary if _given(config, "panels.dictionary") else recording.dictionary,
         panel=_panel(config, recording),
-        camera=_camera(config, recording.camera),
+        camera=camera_with(config, recording.camera),
         frames=tuple(replace(entry, exposure_us=config.camera.exposure_us) for entry in recording.frames)
         if _given(config, "camera.exposure_us")
         else recording.frames,
@@ -61,7 +61,8 @@ def _panel(config: Config, recording: Recording) -> PanelSpec:
         raise ConfigError(f"--set panels: with what {recording.folder} says of its panel: {error}") from None
 
 
-def _camera(config: Config, camera: CameraInfo) -> CameraInfo:
+def camera_with(config: Config, camera: CameraInfo) -> CameraInfo:
+    """A recording's or a picture's camera with what --set gave. Raises CalibrationError for a lens."""
     asked = config.camera
     if _given(config, "camera.exposure_us"):
         camera = replace(camera, exposure_us=asked.exposure_us)

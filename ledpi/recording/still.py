@@ -22,7 +22,10 @@ _DEPTHS = (8, 10, 12, 14, 16)  # bits, of the 16 in which sensors' values are st
 def still_camera(settings: CameraSettings) -> CameraInfo:
     """What the configuration says of the camera that took a picture. Raises ConfigError where it leaves that open."""
     if settings.row_time_us == "auto":
-        raise ConfigError("pictures do not say their row time: --set camera.row_time_us=33.67 (or what it was)")
+        raise ConfigError(
+            "a picture file has no row time: add --set camera.row_time_us=33.67 (OV5647; other cameras: "
+            "docs/raspberry-pi.md#other-cameras)"
+        )
     return CameraInfo(
         width=settings.width,
         height=settings.height,

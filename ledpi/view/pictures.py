@@ -13,6 +13,7 @@ import numpy as np
 from ledpi.core.errors import TapError
 from ledpi.core.records import Floats, Pixels
 from ledpi.diagnosis.why_not import WhyNot
+from ledpi.recording.picture_text import with_text
 from ledpi.tap.frames import WITH_REASONS, frame_of, not_read_of, why_not_of
 from ledpi.view.band_tiles import paint_bands
 from ledpi.view.encode import amplified, as_jpeg, as_png, focus, histogram
@@ -48,8 +49,12 @@ class Shown:
         return told, bytes(self._once("jpeg", lambda: as_jpeg(self.pixels)))
 
     def png(self) -> bytes:
-        """Of the pixels as they are."""
-        return as_png(self.pixels)
+        """Of the pixels as they are, with what decodes them: camera, lens and panels."""
+        told = {key: self.hello.get(key) for key in ("camera", "panels", "method", "camera_mount", "map")}
+        exposure_us = self.line["decoded"].get("exposure_us")
+        if exposure_us is not None:
+            told["camera"] = self.hello["camera"] | {"exposure_us": exposure_us}
+        return with_text(as_png(self.pixels), told)
 
     def _bands(self) -> tuple[bytes, float | None]:
         """The picture's bands amplified as JPEG; and what is full scale at the panels, a share of their light."""

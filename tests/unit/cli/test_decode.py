@@ -20,6 +20,8 @@ import pytest
 from ledpi.camera.simulated import SimulatedCamera
 from ledpi.cli import main
 from ledpi.core.records import CameraInfo, Frame, PanelSpec
+from ledpi.recording.picture_text import with_text
+from ledpi.recording.reader import load_recording
 from ledpi.recording.writer import RecordingWriter
 from ledpi.simulate.scene import SimulatedSensor
 from ledpi.simulate.scenes import ov5647_lens, still_scene
@@ -387,8 +389,8 @@ def test_that_is_reported_before_anything_is_printed(ledpi: Run, kept: Path, tak
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ([], "pictures need a configuration"),
-        (["--set", "panels.side_m=0.16"], "pictures do not say their row time: --set camera.row_time_us="),
+        ([], "does not say how large its panels are: --set panels.side_m=METRES"),
+        (["--set", "panels.side_m=0.16"], "a picture file has no row time: add --set camera.row_time_us=33.67"),
     ],
 )
 def test_pictures_need_what_they_do_not_say(ledpi: Run, take: Path, arguments: list[str], message: str) -> None:
@@ -531,3 +533,41 @@ def test_ctrl_c_before_a_command_has_begun_is_no_traceback(monkeypatch: pytest.M
     with pytest.raises(SystemExit) as ended:
         main()
     assert ended.value.code == 130
+
+
+# ---- Pictures that say what they are
+
+
+@pytest.fixture
+def telling(kept: Path, tmp_path: Path) -> Path:
+    """A picture of panel 7, 8 cm and not 16: so it hangs at half the distance; with its own lens and row time."""
+    recording = load_recording(kept / "one")
+    lens = asdict(recording.camera.intrinsics)
+    names = ("width", "height", "row_time_us", "exposure_us", "frame_length_rows", "transfer")
+    camera = {name: getattr(recording.camera, name) for name in names} | lens
+    told = {"camera": camera, "panels": {"side_m": 0.16, "overrides": {"7": {"side_m": 0.08}}, "ids": [7]}}
+    path = tmp_path / "frame.png"
+    path.write_bytes(with_text(recording.frames[0].picture.read_bytes(), told))
+    return path
+
+
+def test_a_picture_that_says_so_needs_no_configuration(telling: Path, ledpi: Run) -> None:
+    """Row time, exposure, lens and panels are its own."""
+    status, output, errors = ledpi(telling)
+    assert status == 0, errors
+    (marker,) = json.loads(output)["markers"]
+    assert marker["id"] == 7
+    assert marker["position_m"][2] == pytest.approx(0.5, rel=0.02)
+
+
+def test_set_overrides_what_a_picture_says(telling: Path, ledpi: Run) -> None:
+    """As it does for a recording."""
+    _, output, _ = ledpi(telling, "--set", "panels.overrides.7.side_m=0.32")
+    (marker,) = json.loads(output)["markers"]
+    assert marker["position_m"][2] == pytest.approx(2.0, rel=0.02)
+
+
+def test_what_a_picture_says_and_cannot_be_is_named(telling: Path, ledpi: Run) -> None:
+    """With the file."""
+    telling.write_bytes(with_text(telling.read_bytes(), {"camera": {"width": "wide"}}))
+    assert f"{telling}: what it says of its camera and panels cannot be used" in complaint(ledpi(telling))

@@ -16,6 +16,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from ledpi.recording.picture_text import text_of
+from ledpi.tap.frames import camera_of, settings_of
 from ledpi.view import connections, pictures
 from ledpi.view.guard import HEADERS, MAX_BODY_BYTES, Guard
 from ledpi.view.hub import Hub
@@ -150,11 +152,15 @@ def test_the_configuration_says_where_values_are_from_and_hides_the_token(site: 
 
 
 def test_a_frame_can_be_kept_without_loss(site: Site, daemon: MadeUpDaemon) -> None:
-    """As PNG of the picture's own pixels."""
+    """As PNG of the picture's own pixels; it says what decodes it."""
     site.state_once("up")
     site.frame()
     answer = site.ask("GET", "/api/frame.png")
     assert (answer.status, answer.headers["Content-Type"], answer.body[:4]) == (200, "image/png", b"\x89PNG")
+    told = text_of(answer.body)
+    assert told is not None
+    assert camera_of(told).exposure_us == daemon.hello["camera"]["exposure_us"]
+    assert settings_of(told).panels.side_m == daemon.hello["panels"]["side_m"]
 
 
 def test_commands_are_handed_on(site: Site, daemon: MadeUpDaemon) -> None:

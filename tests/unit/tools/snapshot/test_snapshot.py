@@ -305,7 +305,7 @@ ROW_TIME = ("--set", "panels.side_m=0.16", "--set", "camera.row_time_us=33.67")
         (("take", "--out", "nowhere/out.png"), "--out nowhere/out.png: cannot be written: No such file or directory"),
         (("take", "--set", "camera.sauce=1"), "configuration: camera.sauce"),
         (("no.png",), "no configuration: --config FILE"),
-        (PICTURE, "pictures do not say their row time: --set camera.row_time_us=33.67"),
+        (PICTURE, "a picture file has no row time: add --set camera.row_time_us=33.67"),
         (("no.png", *ROW_TIME), "no.png: cannot be read as a picture; must be 640 × 480"),
         (("empty.png", *ROW_TIME), "empty.png: cannot be read as a picture; must be 640 × 480"),
         (("small.png", *ROW_TIME), "small.png: is 20 × 10; must be 640 × 480"),
