@@ -38,6 +38,12 @@ from ledpi.wire import MarkerMessage, Receiver
 
 ROOT = Path(__file__).resolve().parents[1]
 CONFIG, SOURCE = "config.yaml", "camera.source=simulated"
+NEXT = """
+Next, in this folder:
+    source .venv/bin/activate       # then `ledpi` is a command
+    ledpi simulate take; ledpi decode take
+    ledpi --help
+README.md goes on with a panel, a Pi, and your own program."""
 OPTIONS = ("--config", CONFIG, "--set", SOURCE)
 PICTURE_SEQ = 236  # the robot at its nearest
 SHOW_EVERY_S = 0.5  # of each panel
@@ -272,7 +278,10 @@ def main() -> int:
         print(f"ledpi run or ledpi monitor failed: see {run_log} and {monitor_log}", file=sys.stderr)
     elif not tally.right.total() + tally.wrong:
         print(f"{TOO_SLOW} ({run_log})", file=sys.stderr)
-    return 0 if ended and drawn and tally.right and not tally.wrong else 1
+    good = ended and drawn and tally.right and not tally.wrong
+    if good:
+        print(NEXT)
+    return 0 if good else 1
 
 
 if __name__ == "__main__":

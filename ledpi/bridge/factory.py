@@ -6,6 +6,7 @@ from importlib import import_module
 
 from ledpi.bridge.target import BridgeError, Target
 from ledpi.config.outputs import Kind, OutputSettings
+from ledpi.core.wording import install_command
 
 # By kind: the module and class, and the extra of pyproject.toml that brings what it imports.
 TARGETS: dict[Kind, tuple[str, str, str | None]] = {
@@ -23,7 +24,6 @@ def open_target(name: str, settings: OutputSettings) -> Target:
     try:
         made: Target = getattr(import_module(f"ledpi.bridge.{module}"), target)(settings)
     except ImportError as error:
-        raise BridgeError(
-            f"outputs.{name}: kind {settings.kind} needs the package {error.name}: pip install 'ledpi[{extra}]'"
-        ) from None
+        said = f"outputs.{name}: kind {settings.kind} needs the package {error.name}"
+        raise BridgeError(f"{said}: {install_command(extra or settings.kind)}") from None
     return made

@@ -11,6 +11,7 @@ import typer
 from ledpi.cli.calibrate import calibrate, name_in_config, settings_for
 from ledpi.cli.progress import progress
 from ledpi.core.errors import CalibrationError
+from ledpi.core.wording import install_command
 
 if TYPE_CHECKING:
     from ledpi.config.settings import Config
@@ -44,7 +45,7 @@ def map_(
         from ledpi.tools.calibrate.map import calibrate_map
         from ledpi.tools.calibrate.map_picture import map_picture  # noqa: F401, missing is told before the long work
     except ImportError as error:
-        raise CalibrationError(f"{error.name} is missing: pip install 'ledpi[calibrate]'") from None
+        raise CalibrationError(f"{error.name} is missing: {install_command('calibrate')}") from None
     from ledpi.core.geometry import FACING_FROM_MARKER, matrix_from_rpy_deg, transform
     from ledpi.tools.calibrate.config_file import check_changeable
     from ledpi.tools.calibrate.files import check_with_picture

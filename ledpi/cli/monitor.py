@@ -42,11 +42,11 @@ def monitor(
 ) -> None:
     """Watch the running daemon, or print the serial stream.
 
-    Without PORT it shows, as a table that stays up to date, which panels the daemon sees, the fix, and its health; with
-    --json the lines of its tap. It waits for a daemon that is started anew. With PORT it prints what a motor controller
-    reads, and at the end how many packets were lost or bad. Ends with Ctrl-C, after --seconds, or when the port's other
-    end hangs up. Exit status 2 if no daemon answers, or if the port cannot be opened, or carries MAVLink, which
-    autopilots' own tools show.
+    Without PORT it shows, as a table that stays up to date, which panels the daemon sees, the fix, and its health; into
+    a pipe or a file, a line a second. With --json it prints the lines of its tap. It waits for a daemon that is started
+    anew. With PORT it prints what a motor controller reads, and at the end how many packets were lost or bad. Ends with
+    Ctrl-C, after --seconds, or when the port's other end hangs up. Exit status 2 if no daemon answers, or if the port
+    cannot be opened, or carries MAVLink, which autopilots' own tools show.
 
     Example: ledpi monitor
     """

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from ledpi.tap.client import Client
 
 SHOW_EVERY_S = 0.1
+LINE_EVERY_S = 1.0  # where nobody watches
 ASK_EVERY_S = 0.5  # for a picture, to say why panels in it are not read
 
 
@@ -32,7 +33,7 @@ def print_lines(socket_path: str, seconds: float | None) -> None:
 
 
 def show_table(socket_path: str, seconds: float | None) -> None:
-    """A table that stays up to date; where nobody watches, as in a pipe, once at the end. Raises TapError."""
+    """A table that stays up to date; into a pipe a line a second, and the table at the end. Raises TapError."""
     from rich.live import Live as Screen
 
     from ledpi.tap.client import connect
@@ -53,9 +54,12 @@ def show_table(socket_path: str, seconds: float | None) -> None:
             if why_not is not None and now_s - asked_s >= ASK_EVERY_S:
                 asked_s = now_s
                 _ask(tap)
-            if now_s - shown_s >= SHOW_EVERY_S:
+            if now_s - shown_s >= (SHOW_EVERY_S if screen.console.is_terminal else LINE_EVERY_S):
                 shown_s = now_s
-                screen.update(live.shown(now_s), refresh=True)
+                if screen.console.is_terminal:
+                    screen.update(live.shown(now_s), refresh=True)
+                elif line["type"] != "hello":
+                    typer.echo(live.line(now_s))
         screen.update(live.shown(time.monotonic()), refresh=True)
 
 

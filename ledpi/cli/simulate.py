@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,6 +12,7 @@ from ledpi.cli import app
 from ledpi.cli.progress import progress
 from ledpi.core.errors import ConfigError
 from ledpi.core.str_enum import StrEnum
+from ledpi.core.wording import counted
 
 if TYPE_CHECKING:
     from ledpi.config.panels import PanelSettings
@@ -69,6 +71,7 @@ def simulate(
         )
         built = _still(settings, id_ or _STILL_IDS, *place)
     _record(out, built, settings.panels, frames=frames, seed=seed)
+    typer.echo(f"{out}: {counted(frames, 'frame')}, with the truth; next: ledpi decode {shlex.quote(str(out))}")
 
 
 def _settings(config: Path | None, set_: list[str], exposure_us: float | None, transfer: TransferName | None) -> Config:

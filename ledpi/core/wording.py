@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import reprlib
+import shlex
+import sys
 
 VALUE_LENGTH = 60  # characters of a value in a message
 LINE_LENGTH = 800  # of a message: a path may have 4096, and what is taken for one any number
@@ -30,6 +32,11 @@ def shortened(value: object) -> str:
 def shortened_name(name: object) -> str:
     """A key, an ID or other words as they are, without quotes; cut likewise."""
     return _cut(name[: VALUE_LENGTH + 1] if isinstance(name, str) else _SHORT.repr(name))
+
+
+def install_command(extra: str) -> str:
+    """What installs an extra for the interpreter that runs: another `pip` on the path would install it elsewhere."""
+    return f"{shlex.quote(sys.executable)} -m pip install 'ledpi[{extra}]'"
 
 
 class _Short(reprlib.Repr):

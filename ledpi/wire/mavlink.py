@@ -7,7 +7,6 @@ ENU (x east, y north, z up; REP-103). docs/mavlink.md says what ArduPilot and PX
 from __future__ import annotations
 
 import math
-import sys
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
@@ -15,6 +14,7 @@ import numpy as np
 from ledpi.core.errors import ConfigError, WireError
 from ledpi.core.geometry import matrix_from_quaternion, quaternion_from_matrix, rpy_deg_from_matrix
 from ledpi.core.records import Floats
+from ledpi.core.wording import install_command
 from ledpi.wire.message import FixMessage, MarkerMessage, Message, NoFix, State, StatusMessage
 from ledpi.wire.resets import Resets
 
@@ -40,8 +40,7 @@ def load_dialect() -> Any:
         from pymavlink.dialects.v20 import common
     except ImportError:
         raise ConfigError(
-            "serial.protocol: mavlink needs pymavlink, which is not installed: "
-            f"{sys.executable} -m pip install 'ledpi[mavlink]'"
+            f"serial.protocol: mavlink needs pymavlink, which is not installed: {install_command('mavlink')}"
         ) from None
     return common
 

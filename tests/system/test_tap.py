@@ -238,6 +238,14 @@ def test_monitor_shows_a_line_for_each_panel(running: Path) -> None:
     assert "no port" in done.stdout
 
 
+def test_monitor_prints_a_line_a_second_into_a_pipe(running: Path) -> None:
+    """What it sees, why there is no fix, and how the daemon is; the table comes at the end."""
+    done = ledpi("monitor", "--tap", str(running), "--seconds", "4")
+    lines = [line for line in done.stdout.splitlines() if re.match(r"ID 7 1\.0\d\d m [-+][\d.]+° \| no fix: ", line)]
+    assert 2 <= len(lines) <= 5, done.stdout
+    assert "running" in lines[-1]
+
+
 def test_monitor_prints_lines_as_they_are(running: Path) -> None:
     """With their times and numbers, the hello first."""
     done = ledpi("monitor", "--json", "--tap", str(running), "--seconds", "1.5")

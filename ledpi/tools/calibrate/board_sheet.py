@@ -7,6 +7,7 @@ from io import BytesIO
 import numpy as np
 
 from ledpi.core.errors import CalibrationError
+from ledpi.core.wording import install_command
 from ledpi.markers.codewords import Bits
 from ledpi.tools.calibrate.boards import TEXELS, Board
 
@@ -37,7 +38,7 @@ def sheet_pdf(board: Board, square_mm: float, paper: str, caption: str) -> bytes
         from matplotlib.figure import Figure
         from matplotlib.patches import Rectangle as Patch
     except ImportError:
-        raise CalibrationError("matplotlib is not installed: pip install 'ledpi[calibrate]'") from None
+        raise CalibrationError(f"matplotlib is not installed: {install_command('calibrate')}") from None
     check_fit(board, square_mm, paper)
     width, height = PAPERS_MM[paper]
     figure = Figure(figsize=(width / MM_PER_INCH, height / MM_PER_INCH))

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from ledpi.core.wording import install_command
 from ledpi.tools.evaluate.conditions import PLAIN
 from ledpi.tools.evaluate.plots import LABELS, draw_rates, has_matplotlib
 from ledpi.tools.evaluate.table import TableRow, wilson, write_csv
@@ -30,7 +31,7 @@ def write_results(folder: Path, rows: Sequence[TableRow], intro: str, commands: 
     write_csv(folder / CSV_FILE, rows)
     notes = []
     if not has_matplotlib():
-        notes.append("no plots: matplotlib is not installed: pip install 'ledpi[evaluate]'")
+        notes.append(f"no plots: matplotlib is not installed: {install_command('evaluate')}")
     parts = ["# ledpi evaluate", intro]
     for group in _groups(rows, lambda row: (row.exposure_us, row.transfer)):
         of = f"{group[0].exposure_us:g} µs, {group[0].transfer}"

@@ -11,6 +11,7 @@ from ledpi.config.panels import PanelSettings
 from ledpi.config.settings import check_method
 from ledpi.core.errors import ConfigError
 from ledpi.core.records import Transfer
+from ledpi.core.wording import install_command
 from ledpi.tools.evaluate.conditions import Condition, Suite, suite_conditions
 from ledpi.tools.evaluate.draw import FRAMES_A_TAKE
 from ledpi.tools.evaluate.reading import METHODS, PANEL_METHODS, PRINTED, WILD_METHODS, Method
@@ -84,7 +85,7 @@ class Plan:
             if method not in own and (suite == "wild" or method in WILD_METHODS):
                 raise ConfigError(f"--method {method}: is not for the suite {suite}, which has {', '.join(own)}")
             if method == "apriltag" and not self.apriltag:
-                raise ConfigError("--method apriltag: is not installed: pip install 'ledpi[evaluate]'")
+                raise ConfigError(f"--method apriltag: is not installed: {install_command('evaluate')}")
             if method == "uemura":
                 check_method(method, self.panels, "--method")
         unable = {"apriltag": not self.apriltag, "uemura": self.panels.has_antiphase()}

@@ -17,6 +17,7 @@ import numpy as np
 
 from ledpi.core.errors import ConfigError
 from ledpi.core.records import Floats
+from ledpi.core.wording import install_command
 
 TAKES = 400  # of a row, if the command line does not say
 TAKES_A_CAMERA = 4  # a recording has one camera; this many takes of a row share it
@@ -120,6 +121,6 @@ def _points(key: str, dimensions: int, seed: int, doublings: int) -> Floats:
     try:
         from scipy.stats import qmc
     except ImportError:
-        raise ConfigError("--suite wild: needs scipy: pip install 'ledpi[evaluate]'") from None
+        raise ConfigError(f"--suite wild: needs scipy: {install_command('evaluate')}") from None
     rng = np.random.default_rng((seed, zlib.crc32(key.encode())))
     return np.asarray(qmc.Sobol(dimensions, scramble=True, seed=rng).random_base2(doublings))

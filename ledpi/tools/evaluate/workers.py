@@ -13,6 +13,7 @@ from concurrent.futures.process import BrokenProcessPool
 from typing import Any
 
 from ledpi.core.errors import ConfigError, LedpiError
+from ledpi.core.wording import install_command
 from ledpi.tools.evaluate.units import Unit, run_unit
 
 CONNECT_S = 10
@@ -69,7 +70,7 @@ def run_on_cluster(units: Sequence[Unit], address: str) -> Generator[dict[str, A
         from distributed import Client
         from distributed import as_completed as as_completed_there
     except ImportError:
-        raise ConfigError("--scheduler: needs dask.distributed: pip install 'ledpi[cluster]'") from None
+        raise ConfigError(f"--scheduler: needs dask.distributed: {install_command('cluster')}") from None
     if not re.fullmatch(r"(\w+://)?.+:\d+", address):
         raise ConfigError(f"--scheduler {address}: must be as tcp://HOST:PORT")
     try:

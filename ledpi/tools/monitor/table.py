@@ -13,6 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from ledpi.core.geometry import matrix_from_quaternion
+from ledpi.core.wording import one_line
 from ledpi.diagnosis.reasons import explained
 from ledpi.tools.doctor.running import checks
 
@@ -89,6 +90,21 @@ class Live:
         panels = table if self._panels else nothing
         told = (*self._why_lines(), *self._wrong_lines(), self._fix_line(now_s), *self._health_lines())
         return Group(self._daemon(), panels, *told)
+
+    def line(self, now_s: float) -> str:
+        """The same in one line, for a log: `ID 7 1.002 m +0.4° | no fix: no map | running, 58 frames/s`."""
+        if self._lost:
+            return self._daemon().plain
+        seen = [
+            f"ID {marker_id} {' '.join(_cells(panel, now_s)[:2])}"
+            for marker_id, panel in sorted(self._panels.items())
+            if now_s - panel.times_s[-1] <= OLD_S
+        ]
+        health = self._health
+        state = [f"{health['state'].replace('_', ' ')}, {health['frames_per_s']:.0f} frames/s"] if health else []
+        told = (*self._why_lines(), *self._wrong_lines())
+        parts = [", ".join(seen) or "no panel", self._fix_line(now_s).plain, *state, *(one.plain for one in told)]
+        return one_line(" | ".join(parts))
 
     def _wrong_lines(self) -> list[Text]:
         """What is wrong with the daemon, as `ledpi doctor` tells it."""

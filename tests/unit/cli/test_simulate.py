@@ -32,6 +32,12 @@ def run(*arguments: str) -> int:
     return result.exit_code
 
 
+def test_it_says_what_it_wrote_and_what_to_do_with_it() -> None:
+    """The folder, as a shell takes it."""
+    result = CliRunner().invoke(APP, ["my take", "--frames", "1"])
+    assert result.stdout == "my take: 1 frame, with the truth; next: ledpi decode 'my take'\n"
+
+
 def test_still_panels_at_a_distance_and_an_angle(tmp_path: Path) -> None:
     """Two panels side by side, 2 m away, exposed for as many whole rows as fit in 150 µs."""
     arguments = ("--distance", "2", "--angle", "-30", "--id", "3", "--id", "9", "--exposure-us", "150")
