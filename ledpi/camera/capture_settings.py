@@ -97,6 +97,14 @@ def fixed_controls(
     }
 
 
+def check_limits(asked: Mapping[str, Any], camera_controls: Mapping[str, Any]) -> None:
+    """Raises CameraError for what this camera says that it cannot do, and so a person must change."""
+    for key, name in (("camera.exposure_us", "ExposureTime"), ("camera.analogue_gain", "AnalogueGain")):
+        least, most = (camera_controls.get(name) or (None, None))[:2]
+        if least is not None and most is not None and not least <= asked[name] <= most:
+            raise CameraError(f"{key}: must be {least:g} to {most:g} with this camera, not {asked[name]:g}")
+
+
 def disagreement(metadata: Mapping[str, Any], asked: Mapping[str, Any], row_time_us: float) -> str | None:
     """The key to set and what the camera did, where a frame was not made as asked. None where it was."""
     exposure, wanted = metadata.get("ExposureTime", 0), asked["ExposureTime"]

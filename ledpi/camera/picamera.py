@@ -14,14 +14,15 @@ from collections.abc import Sequence
 from types import ModuleType
 from typing import Any
 
-from ledpi.camera.capture_settings import check_mode, fixed_controls, frame_rows, row_time
+from ledpi.camera.capture_settings import check_limits, check_mode, fixed_controls, frame_rows, row_time
 from ledpi.camera.gain import FIRST_GAIN
 from ledpi.camera.picamera_stream import ASKED_AHEAD, FAILURES, PicameraCamera
+from ledpi.camera.picamera_version import OLDEST, UPDATE, is_too_old, picamera2_version, unforeseen
 from ledpi.camera.sensors import BIT_DEPTH, MODE
 from ledpi.camera.timing import frame_duration_us
 from ledpi.camera.tuning import linear_tuning, white_gains
 from ledpi.config.settings import CameraSettings
-from ledpi.core.errors import CameraError, CameraLostError
+from ledpi.core.errors import CameraError, CameraLostError, LedpiError
 from ledpi.core.holder import who_holds
 from ledpi.core.records import CameraInfo
 
@@ -41,6 +42,17 @@ def open_picamera(settings: CameraSettings, frequencies_hz: Sequence[float]) -> 
             f"has another row time), not {settings.width} and {settings.height}"
         )
     libcamera, picamera2 = _import_picamera2()
+    try:
+        return _open(libcamera, picamera2, settings, frequencies_hz)
+    except (LedpiError, *FAILURES):
+        raise
+    except Exception as error:  # what another version does not know, or does otherwise
+        raise unforeseen(error, libcamera) from error
+
+
+def _open(
+    libcamera: ModuleType, picamera2: ModuleType, settings: CameraSettings, frequencies_hz: Sequence[float]
+) -> PicameraCamera:
     model = first_model(libcamera)
     try:
         tuning = picamera2.Picamera2.load_tuning_file(f"{model}.json")
@@ -59,11 +71,11 @@ def open_picamera(settings: CameraSettings, frequencies_hz: Sequence[float]) -> 
         picam2.set_controls(asked)  # goes to the camera with its start
         picam2.start(show_preview=False)
         limits = picam2.camera_controls["AnalogueGain"][:2] if settings.analogue_gain == "auto" else None
-        opened = camera = PicameraCamera(picam2, picamera2.MappedArray, info, limits)
+        opened = camera = PicameraCamera(picam2, picamera2.MappedArray, info, limits, libcamera)
         camera.settle(asked)
         return camera
     except BaseException as error:
-        with contextlib.suppress(*FAILURES):  # of one that is half started; the first error counts
+        with contextlib.suppress(Exception):  # of one that is half started; the first error counts
             opened.close()
         if isinstance(error, FAILURES):  # no memory for its buffers as the machine boots, say
             raise CameraLostError(f"picamera2: {error}") from None
@@ -100,6 +112,10 @@ def _import_picamera2() -> tuple[ModuleType, ModuleType]:
         raise CameraError(
             f"picamera2: cannot be imported ({error}); on Bookworm, install under constraints/bookworm.txt"
         ) from None
+    except Exception as error:  # the two do not fit each other
+        raise unforeseen(error, None) from error
+    if is_too_old(found := picamera2_version()):
+        raise CameraError(f"picamera2 {found} is too old; must be {OLDEST} or newer: {UPDATE}")
     return libcamera, picamera2
 
 
@@ -137,6 +153,7 @@ def _configure(
         colour_gains=colour_gains,
         noise_reduction_off=libcamera.controls.draft.NoiseReductionModeEnum.Off,
     )
+    check_limits(asked, picam2.camera_controls)
     info = CameraInfo(
         width=MODE[0],
         height=MODE[1],

@@ -9,17 +9,22 @@ from collections import deque
 from collections.abc import Mapping
 from concurrent.futures import CancelledError
 from concurrent.futures import TimeoutError as NoResultError  # Python's own TimeoutError from 3.11 on
+from types import ModuleType
 from typing import Any
 
 import numpy as np
 
 from ledpi.camera.capture_settings import disagreement
+from ledpi.camera.picamera_version import unforeseen
 from ledpi.camera.timing import exposure_honoured
 from ledpi.core.errors import CameraError, CameraLostError
 from ledpi.core.records import CameraInfo, Frame, Pixels, Rejected
 
 STALL_PERIODS = 5  # without a frame for so many periods, the camera has stalled
-_SETTLE_FRAMES = 30  # controls act after 2 frames and the first 2 are bad: no agreement by then is a refusal
+# Controls go with the next frame that is asked for, act 2 later, and the first 2 are bad. Some versions forget what is
+# asked before the start: so it is asked again.
+_ASK_AGAIN_FRAMES = 12
+_SETTLE_FRAMES = 3 * _ASK_AGAIN_FRAMES  # no agreement by then is a refusal
 _START_S = 2.0  # for the first frame: the sensor is powered up and its firmware loaded
 # Frames that are asked for ahead of time, 130 ms at 60 a second. Where this thread is held up, so many wait for it, and
 # one more in picamera2; what comes after that is missed. The camera needs three buffers to go on meanwhile. (Where one
@@ -33,12 +38,18 @@ class PicameraCamera:
     """A started camera whose metadata agrees with what was asked. Made by `open_picamera`."""
 
     def __init__(
-        self, picam2: Any, mapped_array: Any, info: CameraInfo, gain_limits: tuple[float, float] | None
+        self,
+        picam2: Any,
+        mapped_array: Any,
+        info: CameraInfo,
+        gain_limits: tuple[float, float] | None,
+        libcamera: ModuleType | None = None,
     ) -> None:
         self._picam2 = picam2
         self._mapped_array = mapped_array  # picamera2.MappedArray
         self._info = info
         self._gain_limits = gain_limits
+        self._libcamera = libcamera  # whose version an error is to name
         assert info.frame_length_rows is not None
         self._period_s = info.frame_length_rows * info.row_time_us * 1e-6
         self._in_use = threading.Lock()  # held while a request is waited for or in our hands
@@ -72,6 +83,10 @@ class PicameraCamera:
             return self._read(into)
         except FAILURES as error:
             raise CameraLostError(f"picamera2: {error}") from None
+        except CameraError:
+            raise
+        except Exception as error:  # as another version has it; a new start may do better
+            raise CameraLostError(str(unforeseen(error, self._libcamera))) from error
 
     def _read(self, into: Pixels) -> Frame | Rejected | None:
         with self._in_use:
@@ -97,14 +112,16 @@ class PicameraCamera:
         self._picam2.cancel_all_and_flush()  # ends a waiting read
         with self._in_use:
             while self._asked:
-                with contextlib.suppress(CancelledError, NoResultError, RuntimeError, OSError):
+                with contextlib.suppress(CancelledError, Exception):
                     self._asked.popleft().get_result(timeout=0).release()
             self._picam2.close()
 
     def settle(self, asked: Mapping[str, Any]) -> None:
-        """Waits until the camera does what was asked. Raises CameraError where it does not."""
+        """Waits until the camera does what was asked, and asks again. Raises CameraLostError where it never does."""
         difference: str | None = None
         for number in range(_SETTLE_FRAMES):
+            if number and number % _ASK_AGAIN_FRAMES == 0:
+                self._picam2.set_controls(dict(asked))
             request = self._next_request(STALL_PERIODS * self._period_s if number else _START_S)
             assert request is not None, "nobody else has this camera yet"
             metadata = request.get_metadata()
@@ -113,7 +130,7 @@ class PicameraCamera:
             if difference is None:
                 break
         if difference is not None:
-            raise CameraError(f"picamera2: {difference}")
+            raise CameraLostError(f"picamera2: {difference}")
         age_ns = time.monotonic_ns() - metadata.get("SensorTimestamp", 0)
         if not 0 <= age_ns < 1_000_000_000:
             raise CameraError("picamera2: SensorTimestamp is not of CLOCK_MONOTONIC; update libcamera")

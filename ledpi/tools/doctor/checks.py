@@ -9,7 +9,7 @@ from ledpi.config.panels import PanelSettings
 from ledpi.config.robot import load_robot, unreadable_note
 from ledpi.config.settings import SEARCH_PATH, Config, SerialSettings
 from ledpi.core.errors import LedpiError, WireError
-from ledpi.core.wording import counted
+from ledpi.core.wording import counted, one_line
 from ledpi.markers.codewords import format_ranges
 from ledpi.markers.dictionaries import load_dictionary
 from ledpi.tools.doctor import camera, machine, ports, running
@@ -39,11 +39,11 @@ def examine(config: Config) -> Iterator[Finding]:
         yield machine.permissions((place,))
     tap, daemon = running.connected(config), None
     if tap is None:
-        yield from _camera(config)
+        yield from _to_its_end("camera", _camera(config))
     else:
         daemon = tap.hello.get("pid")
         with tap:
-            yield from running.examine(tap, config)
+            yield from _to_its_end("daemon", running.examine(tap, config))
     yield _panel_ids(config.panels)
     yield _map(config)
     yield from _serial(config.serial, daemon)
@@ -52,6 +52,15 @@ def examine(config: Config) -> Iterator[Finding]:
     yield machine.disk()
     yield machine.clock()
     yield machine.throttling()
+
+
+def _to_its_end(name: str, findings: Iterator[Finding]) -> Iterator[Finding]:
+    """What nobody has foreseen is a finding, too: the page goes on."""
+    try:
+        yield from findings
+    except Exception as error:
+        said = f"could not be looked at: {type(error).__name__}: {one_line(str(error))}"
+        yield bad(name, said, "`ledpi run` says more", stops_daemon=True)
 
 
 def _camera(config: Config) -> Iterator[Finding]:

@@ -16,6 +16,7 @@ import time
 from pathlib import Path
 
 from ledpi import __version__
+from ledpi.camera.picamera_version import OLDEST, UPDATE, is_too_old, picamera2_version
 from ledpi.tools.doctor.finding import Finding, bad, ok, unknown
 
 CALIBRATION_FOLDER = Path("/var/lib/ledpi")  # as scripts/install makes it
@@ -37,9 +38,14 @@ def packages() -> Finding:
 
 def picamera2() -> Finding:
     """picamera2 and libcamera, and that they fit this numpy."""
-    done = _python("import importlib.metadata as m, libcamera, picamera2; print('picamera2', m.version('picamera2'))")
+    done = _python(
+        "import libcamera, picamera2; print(getattr(libcamera.CameraManager, 'version', 'of unknown version'))"
+    )
+    found = picamera2_version()
+    if done.returncode == 0 and is_too_old(found):
+        return bad("picamera2", f"{found} is too old; must be {OLDEST} or newer", UPDATE, stops_daemon=True)
     if done.returncode == 0:
-        return ok("picamera2", done.stdout.strip())
+        return ok("picamera2", f"picamera2 {found or 'of unknown version'}, libcamera {done.stdout.strip()}")
     said = _last_line(done)
     if "numpy" in said and "No module" not in said:
         remedy = "numpy does not fit the system's picamera2; install again: sudo scripts/install"

@@ -143,7 +143,9 @@ def allowed(port: str, unit: Path = UNIT, devices: Path = Path("/proc/devices"))
 
 def shared(port: str, but: int | None) -> Finding | None:
     """Whether processes beside the one with the ID `but` have the port open; None where none is seen."""
-    others = openers([port]) - {but}
+    target = os.path.realpath(port)
+    is_port = target.startswith("/dev/pts/") or (SYS / "class/tty" / os.path.basename(target)).exists()
+    others = openers([port]) - {but} if is_port else set()
     if not others:
         return None
     named = "; ".join(described(pid) for pid in sorted(others))
