@@ -223,6 +223,7 @@ class Detection:
     margin: float  # natural-log likelihood ratio to the best explanation that is not this ID
     frames_used: int
     velocity_px_s: Floats | None = None  # (4, 2) of the corners, where they were followed
+    velocity_covariance: Floats | None = None  # (8, 8) px²/s²; None: exact
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

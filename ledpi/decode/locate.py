@@ -13,6 +13,7 @@ from ledpi.decode.evidence.waves import FAINT_DEPTH, band_depth
 from ledpi.decode.model.fit import MISFIT, NO_BANDS, UNCERTAIN, Effort, Fitted, Fitter
 from ledpi.decode.model.light import FEWEST_PX, ROUGHLY, Window
 from ledpi.decode.model.prior import BLUR, COMMON, OWN, RIM, SHAPE
+from ledpi.decode.model.sides import side_covariance
 from ledpi.decode.proposals import DEEP
 
 TOO_SMALL = Rejected(stage="fit", reason="too_small")
@@ -177,7 +178,7 @@ class Locator:
         return Quad(
             corners_px=fit.corners_px,
             lattice_px=fit.lattice_px,
-            covariance_px2=fit.covariance_px2,
+            covariance_px2=fit.covariance_px2 + side_covariance(fit.lattice_px, fit.unknown, fit.hidden, self._cells),
             unknown=fit.unknown,
             residual=fit.residual,
             hidden=fit.hidden if fit.hidden.any() else None,

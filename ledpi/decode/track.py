@@ -39,21 +39,30 @@ class TrackState(NamedTuple):
     """The state of a track: where the last frame with its square has shown it, and how it moves."""
 
     corners_px: Floats  # (4, 2) in the order of the track's first frame
+    covariance_px2: Floats | None  # (8, 8) of the corners
     velocity_px_s: Floats | None  # (4, 2), None where it was seen once
+    velocity_covariance: Floats | None  # (8, 8) px²/s²
     seen_ns: int  # row 0's read-out of the frame
     unknown: Floats | None  # what its picture was fitted with, if in this order of corners
     residual: float  # that its fit left
 
     @classmethod
-    def from_quad(cls, quad: Quad, now_ns: int, velocity_px_s: Floats | None = None) -> TrackState:
+    def from_quad(cls, quad: Quad, now_ns: int) -> TrackState:
         """The state of a square that was measured as `quad`."""
-        return cls(quad.corners_px, velocity_px_s, now_ns, quad.unknown, quad.residual)
+        return cls(quad.corners_px, quad.covariance_px2, None, None, now_ns, quad.unknown, quad.residual)
 
     def update(self, quad: Quad, now_ns: int) -> TrackState:
         """The state after a new measurement `quad`, whose corners are in the track's order."""
-        step = (quad.corners_px - self.corners_px) / ((now_ns - self.seen_ns) * 1e-9)
-        before = self.velocity_px_s
-        return TrackState.from_quad(quad, now_ns, step if before is None else before + NEW_VELOCITY * (step - before))
+        elapsed_s = (now_ns - self.seen_ns) * 1e-9
+        velocity = (quad.corners_px - self.corners_px) / elapsed_s
+        covariance = None
+        if quad.covariance_px2 is not None and self.covariance_px2 is not None:
+            covariance = (quad.covariance_px2 + self.covariance_px2) / elapsed_s**2
+        if self.velocity_px_s is not None:
+            velocity = self.velocity_px_s + NEW_VELOCITY * (velocity - self.velocity_px_s)
+        if covariance is not None and self.velocity_covariance is not None:
+            covariance = (1.0 - NEW_VELOCITY) ** 2 * self.velocity_covariance + NEW_VELOCITY**2 * covariance
+        return TrackState.from_quad(quad, now_ns)._replace(velocity_px_s=velocity, velocity_covariance=covariance)
 
     def predicted_px(self, now_ns: int) -> Floats:
         """(4, 2) the predicted corners, at constant velocity."""
@@ -211,5 +220,9 @@ def _align_corners(quad: Quad, before_px: Floats) -> Quad:
         return quad
     parts = quad.lattice_px, quad.hidden
     lattice, hidden = (None if part is None else np.roll(part, -turns, axis=0) for part in parts)
-    corners_px = np.roll(quad.corners_px, -turns, axis=0)
-    return replace(quad, corners_px=corners_px, lattice_px=lattice, hidden=hidden, unknown=None)
+    corners_px, covariance = np.roll(quad.corners_px, -turns, axis=0), quad.covariance_px2
+    if covariance is not None:
+        covariance = np.roll(covariance, (-2 * turns, -2 * turns), axis=(0, 1))
+    return replace(
+        quad, corners_px=corners_px, covariance_px2=covariance, lattice_px=lattice, hidden=hidden, unknown=None
+    )

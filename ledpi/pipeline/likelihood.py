@@ -183,7 +183,8 @@ class LikelihoodPath:
 
     def _detection(self, quad: Quad, identity: Identity, track: Track) -> Detection:
         assert quad.covariance_px2 is not None, "the localisation measures it"
-        reading, tuned, velocity = identity.reading, track.history.search.found, track.state.velocity_px_s
+        reading, tuned = identity.reading, track.history.search.found
+        velocity, velocity_covariance = track.state.velocity_px_s, track.state.velocity_covariance
         if tuned is not None and tuned.measured and track.history.memories[identity.group].spec == tuned.spec:
             self.off_frequency[reading.id] = tuned.spec
         return Detection(
@@ -193,6 +194,9 @@ class LikelihoodPath:
             margin=reading.margin,
             frames_used=track.history.frames,
             velocity_px_s=None if velocity is None else read_only(corners_of_turned(velocity, reading.quarter_turns)),
+            velocity_covariance=None
+            if velocity_covariance is None
+            else read_only(covariance_of_turned(velocity_covariance, reading.quarter_turns)),
         )
 
     def _prepare_next(self, frame: Frame, sampled_squares: list[_Sampled], work: Results) -> None:

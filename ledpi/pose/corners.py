@@ -16,6 +16,7 @@ FLOOR_PX = 0.03 * math.sqrt(2.0)
 # Deviations of a robot's motion, along and about each axis, before two frames have shown it: indoor robots drive at up
 # to 1 or 2 m/s, and turn on the spot by up to 2 or 3 rad/s.
 SPEED_SIGMA_M_S, TURN_SIGMA_RAD_S = 1.0, 1.5
+IMPOSSIBLE = 26.1  # χ² of eight coordinates that chance exceeds once in 1,000 times
 
 
 def centre_px(corners_px: Floats) -> tuple[float, float]:
@@ -45,18 +46,31 @@ def corners_at(
 ) -> tuple[Floats, Floats]:
     """Corners of N detections (N, 4, 2), as if all were exposed when `rows` (N,) were, and their covariances (N, 8, 8).
 
-    Where a velocity is not known, the covariance includes how far robots' cameras move between the rows.
+    These include how far the corners may have moved between the rows: by what is not known of their velocities.
     """
     corners, covariances = [], []
     for seen, row, side_m in zip(detections, rows.tolist(), sides_m, strict=True):
-        covariance = seen.covariance_px2
-        if seen.velocity_px_s is None:
-            late_s = np.repeat(seen.corners_px[:, 1] - row, 2) * (frame.row_time_us * 1e-6)
-            moved = np.outer(late_s, late_s) * velocity_covariance(seen.corners_px, side_m, intrinsics)
-            covariance = covariance + moved
-        corners.append(corners_at_row(seen.corners_px, seen.velocity_px_s, row, frame.row_time_us))
-        covariances.append(covariance)
+        velocity, covariance = _velocity(seen, side_m, intrinsics)
+        late_s = np.repeat(seen.corners_px[:, 1] - row, 2) * (frame.row_time_us * 1e-6)
+        corners.append(corners_at_row(seen.corners_px, velocity, row, frame.row_time_us))
+        covariances.append(seen.covariance_px2 + np.outer(late_s, late_s) * covariance)
     return np.array(corners), np.array(covariances)
+
+
+def _velocity(seen: Detection, side_m: float, intrinsics: Intrinsics) -> tuple[Floats | None, Floats]:
+    """A detection's velocity (4, 2) px/s and its covariance (8, 8): as it was measured, or of all that a robot may do.
+
+    Of two fits one may be off by more than it says. Then corners seem to move as before no robot's camera, and how they
+    move is not known.
+    """
+    velocity, measured = seen.velocity_px_s, seen.velocity_covariance
+    if velocity is not None and measured is None:
+        return velocity, np.zeros((8, 8))
+    prior = velocity_covariance(seen.corners_px, side_m, intrinsics)
+    if velocity is None or measured is None:
+        return None, prior
+    chi2 = float(velocity.ravel() @ np.linalg.solve(prior + measured, velocity.ravel()))
+    return (velocity, measured) if chi2 < IMPOSSIBLE else (None, prior)
 
 
 def velocity_covariance(corners_px: Floats, side_m: float, intrinsics: Intrinsics) -> Floats:

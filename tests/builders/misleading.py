@@ -13,10 +13,19 @@ from ledpi.core.geometry import matrix_from_quaternion
 from ledpi.core.records import Floats, MarkerPose, Pose
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.simulate.render import Renderer
-from ledpi.simulate.scene import Panel, PanelAppearance, Room, Scene, SimulatedSensor, uneven_gains
+from ledpi.simulate.scene import (
+    Light,
+    Panel,
+    PanelAppearance,
+    Room,
+    Scene,
+    SimulatedSensor,
+    SquareWave,
+    uneven_gains,
+)
 from ledpi.simulate.scenes import ov5647_lens, whole_rows_us
 from ledpi.simulate.sensor import sensor_info
-from ledpi.simulate.trajectory import Gliding, Still, facing_camera
+from ledpi.simulate.trajectory import Gliding, Still, facing_camera, rotation
 from tests.builders.decode import panel_settings
 from tests.builders.simulate import SPEC, load_dictionary
 
@@ -68,6 +77,73 @@ def turning(seed: int, turn_rad_s: float, exposure_us: float = 10_000.0) -> Scen
     return Scene(sensor=sensor(exposure_us), panels=panels, camera_motion=motion, room=any_room(rng))
 
 
+def behind_an_edge(seed: int, frames: int, exposure_us: float = 10_000.0) -> Scene:
+    """Something dark slides before a panel's side, until it hides a sixth of it, by its edge or at an angle to it."""
+    rng = np.random.default_rng(seed)
+    panel = any_panel(rng, 0.6, 2.0)
+    pose, nearer = panel.motion.scene_from_body(0.0), rng.uniform(0.75, 0.97)
+    outward = pose[:3, int(rng.integers(2))] * rng.choice([-1, 1]) * (1, 1, 0)
+    tilt = math.radians(rng.choice([0.0, rng.normal(0, 3), rng.uniform(-45, 45)]))
+    outward = rotation(np.array([0.0, 0.0, tilt])) @ outward / np.linalg.norm(outward)
+    corners_m = (
+        np.array([[-1, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]]) * SPEC.side_m / 2 @ pose[:3, :3].T + pose[:3, 3]
+    )
+    place_m, width_m = nearer * pose[:3, 3], 3 * nearer * SPEC.side_m
+    reach_m = corners_m / corners_m[:, 2:] * place_m[2] @ outward  # of the panel, as seen in the edge's plane
+    hidden_m = np.ptp(reach_m)
+    start_m = place_m + (reach_m.max() + 0.03 * hidden_m - place_m @ outward + width_m / 2) * outward
+    edge = Light(
+        shape="rectangle",
+        width_m=width_m,
+        height_m=width_m,
+        level=float(rng.choice([0.0, 0.02, 0.05])),
+        motion=Gliding(
+            start=facing_camera(start_m, roll_deg=math.degrees(math.atan2(outward[1], outward[0]))),
+            velocity_m_s=-0.2 * hidden_m / (frames * 504 * ROW_TIME_US * 1e-6) * outward,
+            start_s=1.0,
+        ),
+    )
+    return Scene(sensor=sensor(exposure_us), panels=(panel,), lights=(edge,), room=any_room(rng))
+
+
+def touched(seed: int, exposure_us: float = 600.0) -> Scene:
+    """LED strips beside a panel, steady or blinking, before or behind its plane, or blinds behind it, or both."""
+    rng = np.random.default_rng(seed)
+    panel = any_panel(rng, 0.6, 2.0)
+    pose, lights = panel.motion.scene_from_body(0.0), []
+    kind = rng.choice(["strips", "blinds", "both"])
+    for _ in range(0 if kind == "blinds" else int(rng.integers(1, 3))):
+        axis, width_m, length_m = int(rng.integers(2)), rng.uniform(0.005, 0.03), rng.uniform(0.2, 0.5)
+        away_m = SPEC.side_m / 2 + rng.choice([0.0, rng.uniform(-0.01, 0.02)]) + width_m / 2
+        strip = pose.copy()
+        strip[:3, :3] = pose[:3, :3] @ rotation(np.array([0.0, 0.0, math.radians(rng.normal(0, 2))]))
+        strip[:3, 3] = (pose[:3, 3] + rng.choice([-1, 1]) * away_m * pose[:3, axis]) * rng.choice([0.98, 1.02])
+        size_m = (width_m, length_m) if axis == 0 else (length_m, width_m)
+        wave = SquareWave(frequency_hz=rng.uniform(300, 5000), duty=rng.uniform(0.3, 0.9))
+        light = Light(
+            shape="rectangle",
+            width_m=size_m[0],
+            height_m=size_m[1],
+            level=rng.uniform(0.2, 0.95),
+            motion=Still(strip),
+            wave=wave if rng.random() < 0.5 else None,
+        )
+        lights.append(light)
+    if kind != "strips":
+        place_m = 1.03 * pose[:3, 3] + rng.uniform(-0.1, 0.1, 3) * (1, 1, 0)
+        blinds = Light(
+            shape="lattice",
+            width_m=rng.uniform(0.3, 0.8),
+            height_m=rng.uniform(0.3, 0.8),
+            level=rng.uniform(0.15, 0.8),
+            panes=(1, int(rng.integers(5, 20))),
+            bar=rng.uniform(0.1, 0.5),
+            motion=Still(facing_camera(place_m)),
+        )
+        lights.append(blinds)
+    return Scene(sensor=sensor(exposure_us), panels=(panel,), lights=tuple(lights), room=any_room(rng))
+
+
 @dataclass(frozen=True)
 class Judged:
     """A pose beside the truth."""
@@ -77,6 +153,11 @@ class Judged:
     off_deg: float
     deviations: float  # by how many the place is off
     plain: bool  # without an alternate
+
+    @property
+    def misleads(self) -> bool:
+        """Whether a robot would take it for right, and it is 10° off or more, or its place six deviations."""
+        return self.plain and (self.off_deg > 10.0 or self.deviations > 6.0)
 
 
 def poses(scene: Scene, seed: int, frames: int, *, stream: bool) -> Iterator[Judged]:

@@ -139,12 +139,12 @@ def test_an_uncalibrated_camera_gives_ids_without_poses() -> None:
 
 
 def test_where_two_poses_fit_both_are_given() -> None:
-    """2.4 m away and turned by 5°: to which side cannot be told. Of one turned by 40° it can."""
+    """3.6 m away and turned by 12°: to which side cannot be told. Of one turned by 40° it can."""
 
     def seen(yaw_deg: float) -> Floats:
         turn = cv2.Rodrigues(np.array([0, np.radians(yaw_deg), 0]))[0] @ np.diag([1.0, -1.0, -1.0])
         square_m = 0.08 * np.array([[-1.0, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]])
-        points = square_m @ turn.T + (0.01, 0.02, 2.4)
+        points = square_m @ turn.T + (0.01, 0.02, 3.6)
         return np.asarray(points[:, :2] / points[:, 2:] * PINHOLE.fx + (PINHOLE.cx, PINHOLE.cy))
 
     def third_of(yaw_deg: float) -> MarkerPose:
@@ -152,7 +152,7 @@ def test_where_two_poses_fit_both_are_given() -> None:
         decoded = [stream.decode(frame_of((seen(yaw_deg), word(7)), seq=seq)) for seq in range(3)]
         return decoded[-1].markers[0]
 
-    facing, turned = third_of(5), third_of(40)
+    facing, turned = third_of(12), third_of(40)
     assert facing.solution is not None
     assert facing.alternate is not None
     assert facing.solution.reprojection_px <= facing.alternate.reprojection_px

@@ -6,18 +6,20 @@ import cv2
 import numpy as np
 import pytest
 
-from ledpi.core.records import Floats
+from ledpi.core.records import Detection, Floats
 from ledpi.pose.corners import (
     FLOOR_PX,
     SPEED_SIGMA_M_S,
     TURN_SIGMA_RAD_S,
     centre_px,
+    corners_at,
     corners_at_row,
     independent,
     velocity_covariance,
     whiteners,
 )
 from tests.builders.decode import LENS
+from tests.builders.map import frame as made_frame
 
 UPRIGHT = np.array([[100.0, 50], [180, 50], [180, 130], [100, 130]])
 
@@ -90,3 +92,30 @@ def test_an_unknown_motion_moves_corners_as_a_camera_would() -> None:
     expected = velocity_covariance(seen(square), 0.16, LENS)
     scale = np.sqrt(np.diag(expected))
     np.testing.assert_allclose(np.cov(moved.T) / np.outer(scale, scale), expected / np.outer(scale, scale), atol=0.1)
+
+
+def moved(velocity_px_s: Floats | None, sigma_px_s: float = 6.0) -> Floats:
+    """(8,) by how many pixels the motion between rows may have moved each coordinate of a square 80 px high."""
+    seen = Detection(
+        id=7,
+        corners_px=UPRIGHT,
+        covariance_px2=np.zeros((8, 8)),
+        margin=30.0,
+        frames_used=2,
+        velocity_px_s=velocity_px_s,
+        velocity_covariance=None if velocity_px_s is None else sigma_px_s**2 * np.eye(8),
+    )
+    _, (covariance,) = corners_at(made_frame(), np.array([90.0]), [seen], [0.16], LENS)
+    return np.asarray(np.sqrt(np.diag(covariance)))
+
+
+def test_a_velocity_that_was_measured_leaves_little_open() -> None:
+    """40 rows of 33.67 µs from the middle, of ±6 px/s; where none was measured, 100 times as much."""
+    late_s = 40 * 33.67e-6
+    np.testing.assert_allclose(moved(np.tile([500.0, 0.0], (4, 1))), late_s * 6.0, rtol=1e-6)
+    assert (moved(None) > 100 * late_s * 6.0).all()
+
+
+def test_a_velocity_that_no_camera_causes_is_not_believed() -> None:
+    """The upper side alone moves, by 9 px within a frame: one of the two fits was off, and no motion is known."""
+    np.testing.assert_array_equal(moved(np.array([[0.0, -540.0], [0, -540], [0, 0], [0, 0]])), moved(None))
