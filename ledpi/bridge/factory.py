@@ -15,6 +15,7 @@ TARGETS: dict[Kind, tuple[str, str, str | None]] = {
     "tcp": ("stream", "TcpTarget", None),
     "mqtt": ("mqtt", "MqttTarget", "mqtt"),
     "nt": ("nt", "NtTarget", "nt"),
+    "zenoh": ("zenoh_ros", "ZenohTarget", "zenoh"),
 }
 
 

@@ -106,6 +106,8 @@ def _add_commands() -> None:
         decode,
         doctor,
         evaluate,
+        export,
+        import_,
         map,
         monitor,
         panel,

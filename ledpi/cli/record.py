@@ -17,14 +17,16 @@ from ledpi.core.wording import counted
 if TYPE_CHECKING:
     from ledpi.camera.base import Camera
     from ledpi.config.settings import Config
-    from ledpi.runtime.recorder import Recorded, Recorder
+    from ledpi.core.records import CameraInfo
+    from ledpi.pipeline.pipeline import Pipeline
+    from ledpi.runtime.recorder import Recorded, Recorder, TakeWriter
 
 TICK_S = 0.1
 
 
 @app.command()
 def record(
-    out: Path = typer.Argument(metavar="OUT", help="Folder for the recording: new, or empty."),
+    out: Path = typer.Argument(metavar="OUT", help="Folder for the recording, or a bag OUT.mcap: new."),
     seconds: float = typer.Option(10.0, "--seconds", min=0.1, max=86400, help="Ends after so long."),
     frames: int | None = typer.Option(None, "--frames", min=1, help="Ends after so many frames, if that is sooner."),
     max_mb: float = typer.Option(2000.0, "--max-mb", min=1.0, help="Ends before the pictures take more than this."),
@@ -33,7 +35,8 @@ def record(
 ) -> None:
     """Record the camera at its full rate, and decode live meanwhile.
 
-    The recording holds all that `ledpi decode` needs. What was decoded live is in OUT/live.jsonl; `ledpi decode
+    The recording holds all that `ledpi decode` needs. OUT.mcap is a bag of ROS 2 messages, which `ledpi import` makes a
+    recording of. What was decoded live is in OUT/live.jsonl; `ledpi decode
     --as-live OUT` gives the same again. Ctrl-C ends it early; what was recorded until then is whole, also where the
     disk was full. A frame takes some 170 kB.
 
@@ -63,7 +66,6 @@ def _recorder(out: Path, settings: Config, camera: Camera) -> Recorder:
     from ledpi.config.camera_yaml import lens_of
     from ledpi.config.robot import load_robot
     from ledpi.pipeline.pipeline import Pipeline
-    from ledpi.recording.writer import RecordingWriter
     from ledpi.runtime.recorder import Recorder
 
     lens = lens_of(camera.info, settings.camera.intrinsics)
@@ -75,14 +77,23 @@ def _recorder(out: Path, settings: Config, camera: Camera) -> Recorder:
         method=settings.decode.method,
         robot=load_robot(settings),
     )
-    writer = RecordingWriter(
-        out,
-        camera=replace(camera.info, intrinsics=lens),
-        dictionary=pipeline.panels.dictionary,
-        panel=pipeline.panels.spec(),
-        note=f"recorded from {settings.camera.source}",
-    )
-    return Recorder(camera, writer, pipeline, out)
+    return Recorder(camera, _writer(out, settings, replace(camera.info, intrinsics=lens), pipeline), pipeline)
+
+
+def _writer(out: Path, settings: Config, camera: CameraInfo, pipeline: Pipeline) -> TakeWriter:
+    """Of a folder, or of a bag."""
+    from ledpi.cli.bags_extra import needs_bags
+    from ledpi.recording.writer import RecordingWriter
+    from ledpi.runtime.recorder import FolderWriter
+
+    dictionary, panel = pipeline.panels.dictionary, pipeline.panels.spec()
+    note = f"recorded from {settings.camera.source}"
+    if out.suffix == ".mcap":
+        with needs_bags():
+            from ledpi.bags.bag_writer import BagWriter
+        return BagWriter(out, camera=camera, dictionary=dictionary, panel=panel, note=note)
+    writer = RecordingWriter(out, camera=camera, dictionary=dictionary, panel=panel, note=note)
+    return FolderWriter(out, writer)
 
 
 def _run(recorder: Recorder, *, seconds: float, frames: int | None, max_bytes: float) -> None:

@@ -12,7 +12,7 @@ from typing_extensions import Self
 
 from ledpi.config.values import Section
 
-Kind = Literal["stdout", "udp", "tcp", "mqtt", "nt"]
+Kind = Literal["stdout", "udp", "tcp", "mqtt", "nt", "zenoh"]
 # The keys that each kind takes beside `kind`, and its port where none is given. Those with `host` need one.
 KEYS: dict[Kind, tuple[str, ...]] = {
     "stdout": ("format",),
@@ -20,8 +20,9 @@ KEYS: dict[Kind, tuple[str, ...]] = {
     "tcp": ("host", "port", "format"),
     "mqtt": ("host", "port", "topic", "tls", "ca_file", "user", "password_file"),
     "nt": ("host", "port", "topic"),
+    "zenoh": ("host", "port", "topic", "domain", "camera_frame"),
 }
-PORTS: dict[Kind, int] = {"mqtt": 1883, "nt": 5810}
+PORTS: dict[Kind, int] = {"mqtt": 1883, "nt": 5810, "zenoh": 7447}
 MQTT_TLS_PORT = 8883
 
 
@@ -54,6 +55,8 @@ class OutputSettings(Section):
     ca_file: Path | None = None
     user: Annotated[str, Field(min_length=1, max_length=200)] | None = None
     password_file: Path | None = None
+    domain: Annotated[int, Field(ge=0, le=232)] = 0
+    camera_frame: Topic = "camera_optical_frame"
 
     @model_validator(mode="after")
     def _has_keys_of_its_kind(self) -> Self:

@@ -100,6 +100,9 @@ class Header(BaseModel):
 
     camera: CameraSection
     panel: PanelSection
+    wall_clock_offset_ns: Annotated[int, Field(strict=True, ge=-(2**63), lt=2**63)] | None = (
+        None  # its times + this: Unix
+    )
 
 
 class FrameLine(BaseModel):

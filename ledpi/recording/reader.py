@@ -68,6 +68,7 @@ class Recording:
     panel: PanelSpec
     frames: tuple[FrameEntry, ...]  # at least one; seq and time strictly increasing
     truth: Mapping[int, tuple[TruthMarker, ...]] | None  # by seq
+    wall_clock_offset_ns: int | None = None  # what to add to its times to get Unix time, where that is known
     row_time_ratio: float = 1.0  # of `camera` and `frames`, corrected, over what the files say: 1 unless they misreport
 
     @property
@@ -137,6 +138,7 @@ def load_recording(folder: Path, *, as_reported: bool = False) -> Recording:
         panel=panel,
         frames=frames,
         truth=_load_truth(folder / TRUTH_FILE, [entry.seq for entry in frames], cut_off),
+        wall_clock_offset_ns=header.wall_clock_offset_ns,
         row_time_ratio=1.0 if as_reported else clock.ratio,
     )
 

@@ -6,6 +6,7 @@ So what is there when the writing is cut off is a recording of the frames until 
 from __future__ import annotations
 
 import shutil
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
@@ -54,9 +55,7 @@ class RecordingWriter:
         self._dictionary_file = Path(dictionary) if is_file(dictionary) else None
         if self._dictionary_file is not None:  # a recording holds all that it takes to read it
             dictionary = self._dictionary_file.name
-        self._header = Header(
-            camera=_camera_section(camera), panel=PanelSection(dictionary=dictionary, **asdict(panel))
-        )
+        self._header = header_of(camera, dictionary, panel)
         self._note = note
         self._frames: FileIO | None = None
         self._truth: FileIO | None = None
@@ -69,11 +68,8 @@ class RecordingWriter:
             (folder / "frames").mkdir(parents=True)
             if self._dictionary_file is not None:
                 shutil.copyfile(self._dictionary_file, folder / self._dictionary_file.name)
-        values = {"format": FORMAT, "note": self._note}
-        values |= self._header.model_dump(mode="json", exclude_defaults=True)
         with _writing(self._folder / HEADER_FILE) as path:
-            text: str = yaml.safe_dump(values, sort_keys=False, allow_unicode=True)
-            put_in_place(write_beside(path, text.encode()), path)
+            put_in_place(write_beside(path, header_text(self._header, self._note).encode()), path)
         self._frames = self._create(FRAMES_FILE)
         return self
 
@@ -93,34 +89,35 @@ class RecordingWriter:
         png: bytes | None = None,
         decoded: bool | None = None,
         search_budget: int | None = None,
+        wall_clock_offset_ns: int | None = None,
     ) -> int:
         """Adds a frame, and what is to be seen in it where that is known. On return the kernel has it all.
 
         `png`: its picture, where `encode_picture` was called elsewhere. `decoded`: whether it was decoded while it was
-        recorded, and `search_budget` what it might spend. Returns the picture's bytes.
+        recorded, and `search_budget` what it might spend. `wall_clock_offset_ns`: what to add to the camera's clock
+        to get Unix time; the first frame's is kept. Returns the picture's bytes.
         """
         if self._frames is None:
             raise ValueError("a RecordingWriter writes only inside its `with` block")
-        line = FrameLine(
-            seq=frame.seq,
-            file=f"frames/{frame.seq:06d}.png",
-            sensor_timestamp_ns=frame.row0_readout_ns,
-            exposure_us=frame.exposure_us,
-            analogue_gain=frame.analogue_gain,
-            decoded=decoded,
-            search_budget=search_budget,
-        )
+        line = frame_line(frame, decoded=decoded, search_budget=search_budget)
         entry = frame_entry(self._folder, line)
         self._check(frame, entry)
         png = encode_picture(frame.pixels) if png is None else png
         _write_picture(entry.picture, png)
         self._append(self._frames, line)
+        if self._last is None and wall_clock_offset_ns is not None:
+            self._set_clock(wall_clock_offset_ns)
         self._last = entry
         if truth is not None:
             self._truth = self._truth or self._create(TRUTH_FILE)
             markers = tuple(_truth_line_marker(marker) for marker in truth)
             self._append(self._truth, TruthLine(seq=frame.seq, markers=markers))
         return len(png)
+
+    def _set_clock(self, offset_ns: int) -> None:
+        """One line more at the header's end: a recording begins before its first frame, and only that tells."""
+        with _writing(self._folder / HEADER_FILE) as path, path.open("ab") as file:
+            file.write(f"wall_clock_offset_ns: {offset_ns}\n".encode())
 
     def _check(self, frame: Frame, entry: FrameEntry) -> None:
         camera, where = self._camera, f"{self._folder}: frame {frame.seq}"
@@ -156,6 +153,36 @@ def _writing(path: Path) -> Iterator[Path]:
         yield path
     except OSError as error:
         raise RecordingError(f"{path}: cannot be written: {error.strerror}") from None
+
+
+def header_of(camera: CameraInfo, dictionary: str, panel: PanelSpec) -> Header:
+    """What recording.yaml says of its camera and panels."""
+    return Header(camera=_camera_section(camera), panel=PanelSection(dictionary=dictionary, **asdict(panel)))
+
+
+def header_text(header: Header, note: str) -> str:
+    """recording.yaml."""
+    values = {"format": FORMAT, "note": note} | header.model_dump(mode="json", exclude_defaults=True)
+    text: str = yaml.safe_dump(values, sort_keys=False, allow_unicode=True)
+    return text
+
+
+def frame_line(frame: Frame, *, decoded: bool | None = None, search_budget: int | None = None) -> FrameLine:
+    """A line of frames.jsonl."""
+    return FrameLine(
+        seq=frame.seq,
+        file=f"frames/{frame.seq:06d}.png",
+        sensor_timestamp_ns=frame.row0_readout_ns,
+        exposure_us=frame.exposure_us,
+        analogue_gain=frame.analogue_gain,
+        decoded=decoded,
+        search_budget=search_budget,
+    )
+
+
+def unix_offset_ns(frame: Frame) -> int:
+    """What to add to the frame's clock to get Unix time, as this machine's clocks stand now."""
+    return time.time_ns() - time.monotonic_ns() + frame.host_offset_ns
 
 
 def encode_picture(pixels: Pixels) -> bytes:

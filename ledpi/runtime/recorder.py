@@ -17,18 +17,20 @@ from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple, TextIO
+from types import TracebackType
+from typing import Any, NamedTuple, Protocol, TextIO
 
 import numpy as np
+from typing_extensions import Self
 
 from ledpi.camera.base import Camera
 from ledpi.camera.gain_follower import GainFollower
 from ledpi.camera.recovering import LOST
 from ledpi.core.errors import RecordingError
-from ledpi.core.records import Frame, Rejected
+from ledpi.core.records import Decoded, Frame, Rejected
 from ledpi.pipeline.output import decoded_as_json
 from ledpi.pipeline.pipeline import Pipeline
-from ledpi.recording.writer import RecordingWriter, encode_picture
+from ledpi.recording.writer import RecordingWriter, encode_picture, unix_offset_ns
 from ledpi.runtime.threads import switch_promptly
 
 LIVE_FILE = "live.jsonl"
@@ -50,21 +52,77 @@ class Recorded:
     picture_bytes: int = 0
 
 
+class FolderWriter:
+    """A recording's folder, with what was decoded in OUT/live.jsonl."""
+
+    def __init__(self, folder: Path, writer: RecordingWriter) -> None:
+        self._folder, self._writer = folder, writer
+        self._live: TextIO | None = None
+        self.write = writer.write
+
+    def __enter__(self) -> Self:
+        self._writer.__enter__()
+        try:
+            self._live = (self._folder / LIVE_FILE).open("x", encoding="utf-8", buffering=1)
+        except OSError as error:
+            raise self._failure(error) from None
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._writer.__exit__(kind, error, trace)
+        if self._live is not None:
+            self._live.close()
+
+    def write_live(self, frame: Frame, decoded: Decoded) -> None:
+        """A line, whole."""
+        assert self._live is not None
+        try:
+            self._live.write(json.dumps(decoded_as_json(decoded, self._folder.name)) + "\n")
+        except OSError as error:
+            raise self._failure(error) from None
+
+    def _failure(self, error: OSError) -> RecordingError:
+        return RecordingError(f"{self._folder / LIVE_FILE}: cannot be written: {error.strerror}")
+
+
 class _Job(NamedTuple):
     frame: Frame
     png: Future[bytes]
     decoded: bool
 
 
+class TakeWriter(Protocol):
+    """What takes the frames, and what was decoded of them meanwhile; a context. Raises RecordingError."""
+
+    def __enter__(self) -> object: ...
+
+    def __exit__(self, *error: Any) -> None: ...
+
+    def write(
+        self,
+        frame: Frame,
+        *,
+        png: bytes | None = None,
+        decoded: bool | None = None,
+        search_budget: int | None = None,
+        wall_clock_offset_ns: int | None = None,
+    ) -> int:
+        """Adds a frame; returns its picture's bytes."""
+
+    def write_live(self, frame: Frame, decoded: Decoded) -> None:
+        """Adds what was decoded of a frame, which may be written later. From another thread."""
+
+
 class Recorder:
     """One recording from one camera. `stop` ends it, from any thread or signal handler; what was captured is kept."""
 
-    def __init__(self, camera: Camera, writer: RecordingWriter, pipeline: Pipeline, folder: Path) -> None:
+    def __init__(self, camera: Camera, writer: TakeWriter, pipeline: Pipeline) -> None:
         self.done = Recorded()
         self._camera = camera
         self._writer = writer
         self._pipeline = pipeline
-        self._folder = folder
         self._gain = GainFollower(camera)
         self._jobs: queue.Queue[_Job | None] = queue.Queue(WAITING)
         self._to_decode: queue.SimpleQueue[Frame | None] = queue.SimpleQueue()
@@ -131,7 +189,13 @@ class Recorder:
                 try:
                     budget = self._pipeline.likelihood.search_budget if job.decoded else None
                     png = job.png.result()
-                    size = self._writer.write(job.frame, png=png, decoded=job.decoded, search_budget=budget)
+                    size = self._writer.write(
+                        job.frame,
+                        png=png,
+                        decoded=job.decoded,
+                        search_budget=budget,
+                        wall_clock_offset_ns=unix_offset_ns(job.frame),
+                    )
                 except Exception as error:  # a full disk: what is there is a recording
                     self._failure = error
                     self._stopping = True
@@ -140,19 +204,12 @@ class Recorder:
                 self.done.picture_bytes += size
 
     def _decode(self) -> None:
-        try:
-            with (self._folder / LIVE_FILE).open("x", encoding="utf-8", buffering=1) as live:
-                self._decode_into(live)
-        except OSError as error:
-            raise RecordingError(f"{self._folder / LIVE_FILE}: cannot be written: {error.strerror}") from None
-
-    def _decode_into(self, live: TextIO) -> None:
         while (frame := self._to_decode.get()) is not None:
             decoded = self._pipeline.decode(frame)
             self._gain.update(frame, decoded)
             self.done.decoded += 1
             self._decoder_is_free.set()
-            live.write(json.dumps(decoded_as_json(decoded, self._folder.name)) + "\n")
+            self._writer.write_live(frame, decoded)
 
     def _guard(self, loop: Callable[[], None]) -> None:
         try:

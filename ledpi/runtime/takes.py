@@ -15,7 +15,7 @@ from typing import NamedTuple, TextIO
 from ledpi.core.errors import RecordingError
 from ledpi.core.records import CameraInfo, Frame, PanelSpec
 from ledpi.pipeline.output import decoded_as_json
-from ledpi.recording.writer import RecordingWriter
+from ledpi.recording.writer import RecordingWriter, unix_offset_ns
 from ledpi.runtime.frame_buffers import KeptFrame
 from ledpi.runtime.recorder import LIVE_FILE
 
@@ -50,7 +50,9 @@ class Take:
 
     def write(self, kept: KeptFrame, frame: Frame) -> None:
         """Adds what was kept, and `frame`, the same with its picture. Raises RecordingError or OSError."""
-        self._writer.write(frame, decoded=True, search_budget=kept.search_budget)
+        self._writer.write(
+            frame, decoded=True, search_budget=kept.search_budget, wall_clock_offset_ns=unix_offset_ns(frame)
+        )
         self.written += 1
         self._live.write(json.dumps(decoded_as_json(kept.decoded, self.path.name)) + "\n")
 

@@ -305,6 +305,39 @@ while True:
 """
 
 
+class Zenoh(InProcess):
+    """A router, and a participant that knows rmw_zenoh's names and ROS 2's own types only."""
+
+    kind = "zenoh"
+    program = """
+import json, sys, time
+import zenoh
+from rosbags.typesys import Stores, get_typestore
+
+config = zenoh.Config()
+config.insert_json5("mode", json.dumps("router"))
+config.insert_json5("listen/endpoints", json.dumps([f"tcp/127.0.0.1:{sys.argv[1]}"]))
+config.insert_json5("scouting/multicast/enabled", "false")
+session = zenoh.open(config)
+types = get_typestore(Stores.ROS2_JAZZY)
+kind = "geometry_msgs/msg/PoseWithCovarianceStamped"
+
+
+def hear(sample):
+    message = types.deserialize_cdr(bytes(sample.payload), kind)
+    stamp_ns = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+    line = {"at_ns": time.monotonic_ns(), "seq": round(message.pose.pose.position.x * 1000)}
+    line["age_us"] = (time.time_ns() - stamp_ns) // 1000
+    print(json.dumps(line), flush=True)
+
+
+name = f"geometry_msgs::msg::dds_::PoseWithCovarianceStamped_/{types.hash_rihs01(kind)}"
+subscriber = session.declare_subscriber(f"0/ledpi/panel_7/{name}", hear)
+print("ready", flush=True)
+time.sleep(1e6)
+"""
+
+
 class Stdout(Far):
     """The pipe of the bridge's own process."""
 

@@ -11,12 +11,12 @@ from pathlib import Path
 
 import pytest
 
-from tests.builders.bridges import MOSQUITTO, Far, Mqtt, Nt, Running, Stdout, Tcp, Udp, bridge
+from tests.builders.bridges import MOSQUITTO, Far, Mqtt, Nt, Running, Stdout, Tcp, Udp, Zenoh, bridge
 from tests.builders.made_up_daemon import MadeUpDaemon
 from tests.builders.tap import Raw, wait_until
 
 MAX_AGE_US = 100_000  # serial.max_age_ms
-FAR_ENDS = {far.kind: far for far in (Stdout, Udp, Tcp, Mqtt, Nt)}
+FAR_ENDS = {far.kind: far for far in (Stdout, Udp, Tcp, Mqtt, Nt, Zenoh)}
 # What a far end had taken in before it was blocked is its own: it may read that late. By the time since it woke, in
 # bytes of a stream's buffers at both ends, this many frames.
 IN_ITS_BUFFERS = 60
@@ -28,6 +28,8 @@ def far(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Far]:
         pytest.skip("mosquitto is not installed")
     if request.param == "nt":
         pytest.importorskip("ntcore", reason="pyntcore is not installed (no wheel for this Python or machine)")
+    if request.param == "zenoh":
+        pytest.importorskip("zenoh", reason="eclipse-zenoh is not installed")
     end = FAR_ENDS[request.param](tmp_path)
     end.start()
     yield end
@@ -74,11 +76,11 @@ def test_a_far_end_that_vanishes_is_found_again_and_told_nothing_old(far: Far, r
     far.vanish()
     before = far.frames[-1][1]
     time.sleep(1.0)
-    since = len(far.frames)
+    since, back_ns = len(far.frames), time.monotonic_ns()
     far.start()
     frames = frames_after(far, since)
     assert frames[0][1] > before + 40  # 50 a second
-    assert all(age_us <= MAX_AGE_US for _, _, age_us in frames)
+    assert all(at_ns - 1000 * age_us > back_ns - 1000 * MAX_AGE_US for at_ns, _, age_us in frames)
     counters = running.end()
     if not isinstance(far, Udp):  # which never knows
         assert counters["absent"] >= 30
@@ -98,7 +100,8 @@ def test_a_far_end_that_blocks_gets_no_more_than_its_buffers_hold(far: Far, runn
     numbers = [seq for _, seq, _ in frames]
     assert numbers == sorted(set(numbers))
     skipped = max(b - a for a, b in zip([frames[0][1] - 1, *numbers], numbers, strict=False))
-    assert skipped > 125 - 2 * IN_ITS_BUFFERS or isinstance(far, Udp)
+    if not isinstance(far, Udp | Nt | Zenoh):  # which loses some, or whose messages carry the time of their exposure
+        assert skipped > 125 - 2 * IN_ITS_BUFFERS
     assert running.process.poll() is None
 
 

@@ -41,6 +41,7 @@ PURE = [
     "ledpi.view.encode",
     "ledpi.view.guard",
     "ledpi.view.lines",
+    "ledpi.ros.contents",
     "ledpi.tools.calibrate.bands",
     "ledpi.tools.calibrate.boards",
     "ledpi.tools.calibrate.camera",
@@ -62,7 +63,7 @@ IMPURE_CALLS = {"open", "imread", "imwrite", "VideoCapture", "fromfile", "tofile
 # From the ground up: a package imports those before it. Workshop tools may use each other.
 LAYERS = (
     *("core", "markers", "kernels", "pose", "decode", "uemura", "config", "recording", "simulate", "camera"),
-    *("pipeline", "diagnosis", "api", "wire", "tap", "runtime", "bridge", "tools", "view", "cli"),
+    *("pipeline", "diagnosis", "api", "wire", "tap", "runtime", "ros", "bags", "bridge", "tools", "view", "cli"),
 )
 
 WORKSHOP = {"ledpi.tools.calibrate", "ledpi.tools.panel", "ledpi.tools.evaluate", "scipy", "matplotlib"}

@@ -25,7 +25,7 @@ from ledpi.core.records import CameraInfo, Decoded, Frame, PanelSpec, Pixels, Re
 from ledpi.pipeline.pipeline import Pipeline
 from ledpi.recording.reader import load_recording
 from ledpi.recording.writer import RecordingWriter
-from ledpi.runtime.recorder import BEHIND, LIVE_FILE, WAITING, Recorder
+from ledpi.runtime.recorder import BEHIND, LIVE_FILE, WAITING, FolderWriter, Recorder
 from tests.builders import ROOT
 from tests.builders.daemon import SIMULATED as SETTINGS
 
@@ -75,7 +75,7 @@ def gate() -> Iterator[threading.Event]:
 def recorder(folder: Path, camera: Camera, pipeline: type[Pipeline] = Pipeline) -> Recorder:
     panels = load_config(None, ("panels.side_m=0.16",)).panels
     writer = RecordingWriter(folder, camera=INFO, dictionary="DICT_4X4_50", panel=SPEC)
-    return Recorder(camera, writer, pipeline(INFO, panels, intrinsics=None), folder)
+    return Recorder(camera, FolderWriter(folder, writer), pipeline(INFO, panels, intrinsics=None))
 
 
 def record(*arguments: str) -> subprocess.CompletedProcess[str]:

@@ -1,0 +1,143 @@
+"""`kind: zenoh`: ROS 2's own topics over Zenoh, as rmw_zenoh names and packs them. No ROS is needed here.
+
+Of what ROS 2 speaks, Zenoh is the one with wheels for 64-bit ARM; rmw_zenoh comes with ROS 2 from Jazzy on. Its names:
+the data's key is DOMAIN/TOPIC/TYPE/HASH, each node and publisher tells of itself by a liveliness token below @ros2_lv,
+and with each message goes an attachment of sequence number, time and the publisher's number (rmw_zenoh, design.md).
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from typing import Any
+
+import zenoh
+
+from ledpi.bridge.target import Line, TargetLostError
+from ledpi.config.outputs import OutputSettings
+from ledpi.ros.contents import Message, Names, frame_messages, health_message
+from ledpi.ros.types import to_cdr, type_hash
+
+NODE = "ledpi"
+OPEN_S = 0.25  # that one look for the router takes
+QOS = "::,10:,:,:,,"  # rmw's default but for the depth: what is default is left empty
+GID_BYTES = 16
+
+
+class ZenohTarget:
+    """A router (`ros2 run rmw_zenoh_cpp rmw_zenohd`), and with it every node that it knows."""
+
+    def __init__(self, settings: OutputSettings) -> None:
+        host, port = settings.address
+        self._where = f"{host}:{port}"
+        self._endpoint = f"tcp/{f'[{host}]' if ':' in host else host}:{port}"
+        self._domain = settings.domain
+        self._names = Names(topic=f"/{settings.topic}", camera_frame=settings.camera_frame)
+        self._session: Any = None
+        self._publishers: dict[str, _Publisher] = {}
+        self._tokens: list[Any] = []
+
+    def open(self) -> None:
+        """Zenoh itself goes on looking while it has not found the router."""
+        if self._session is None:
+            self._session = zenoh.open(self._config())
+            node = f"{self._token_begin(0)}/NN/%/%/{NODE}"
+            self._tokens = [self._session.liveliness().declare_token(node)]
+        until_s = time.monotonic() + OPEN_S
+        while not self._has_router():
+            if time.monotonic() > until_s:
+                raise TargetLostError(f"{self._where}: no Zenoh router answers; is rmw_zenohd started there?")
+            time.sleep(0.02)
+
+    def tell_setup(self, hello: Line) -> None:
+        """Nothing: each message stands for itself."""
+
+    def send(self, frame: Line, now_ns: int) -> bool:
+        self.tick()
+        for message in frame_messages(frame, self._names, time.time_ns() - time.monotonic_ns()):
+            self._put(message)
+        return True
+
+    def tell_state(self, state: str, health: Line | None) -> None:
+        self.tick()
+        self._put(health_message(state, health, self._names, time.time_ns()))
+
+    def tick(self) -> None:
+        if not self._has_router():
+            raise TargetLostError(f"{self._where}: the router is gone")
+
+    def close(self) -> None:
+        session, self._session = self._session, None
+        self._publishers.clear()
+        self._tokens.clear()
+        if session is not None:
+            session.close()
+
+    def _config(self) -> Any:
+        """As rmw_zenoh's own sessions: a peer that asks the router who else there is."""
+        config = zenoh.Config()
+        values = {
+            "mode": "peer",
+            "connect/endpoints": [self._endpoint],
+            "connect/timeout_ms": -1,  # goes on trying
+            "connect/retry": {"period_init_ms": 200, "period_max_ms": 500, "period_increase_factor": 1.5},
+            "connect/exit_on_failure": False,
+            "listen/endpoints": ["tcp/localhost:0"],
+            "scouting/multicast/enabled": False,
+            "scouting/gossip/enabled": True,
+            "queries_default_timeout": 1000,
+        }
+        for key, value in values.items():
+            config.insert_json5(key, json.dumps(value))
+        return config
+
+    def _has_router(self) -> bool:
+        return bool(self._session.info.routers_zid())
+
+    def _token_begin(self, entity: int) -> str:
+        return f"@ros2_lv/{self._domain}/{self._session.info.zid()}/0/{entity}"
+
+    def _put(self, message: Message) -> None:
+        publisher = self._publishers.get(message.topic)
+        if publisher is None:
+            publisher = self._publishers[message.topic] = self._declare(message)
+        publisher.put(to_cdr(message.type, message.values))
+
+    def _declare(self, message: Message) -> _Publisher:
+        entity = len(self._publishers) + 1
+        kind, its_hash = dds_type(message.type), type_hash(message.type)
+        topic = message.topic.replace("/", "%")
+        token = f"{self._token_begin(entity)}/MP/%/%/{NODE}/{topic}/{kind}/{its_hash}/{QOS}"
+        self._tokens.append(self._session.liveliness().declare_token(token))
+        return _Publisher(self._session, f"{self._domain}{message.topic}/{kind}/{its_hash}", entity)
+
+
+class _Publisher:
+    """One topic's."""
+
+    def __init__(self, session: Any, key: str, entity: int) -> None:
+        self._publisher = session.declare_publisher(key, congestion_control=zenoh.CongestionControl.DROP, express=True)
+        self._gid = (int(str(session.info.zid()), 16) + entity).to_bytes(GID_BYTES + 1, "little")[:GID_BYTES]
+        self._sequence = 0
+
+    def put(self, data: bytes) -> None:
+        """What cannot leave at once is dropped by Zenoh."""
+        self._sequence += 1
+        self._publisher.put(data, attachment=attachment(self._sequence, time.time_ns(), self._gid))
+
+
+def dds_type(name: str) -> str:
+    """`geometry_msgs/msg/Pose` as `geometry_msgs::msg::dds_::Pose_`."""
+    package, kind, last = name.split("/")
+    return f"{package}::{kind}::dds_::{last}_"
+
+
+def attachment(sequence: int, time_ns: int, gid: bytes) -> bytes:
+    """Three keys with their values, in Zenoh's own serialization: lengths as LEB128, numbers little endian."""
+
+    def sized(data: bytes) -> bytes:
+        return bytes([len(data)]) + data  # all are shorter than 128
+
+    numbers = (("sequence_number", sequence), ("source_timestamp", time_ns))
+    parts = [sized(key.encode()) + number.to_bytes(8, "little", signed=True) for key, number in numbers]
+    return b"".join(parts) + sized(b"source_gid") + sized(gid)

@@ -1,0 +1,45 @@
+"""`ledpi import`: a bag or a video as a recording."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import typer
+
+from ledpi.cli import app
+
+VIDEOS = {".mp4", ".mkv", ".avi", ".mov", ".webm"}
+
+
+@app.command("import")
+def import_(
+    path: Path = typer.Argument(metavar="BAG", help="An .mcap file, a ROS bag, or a video."),
+    out: Path = typer.Argument(metavar="OUT", help="Folder for the recording: new, or empty."),
+    topic: str | None = typer.Option(None, "--topic", help="Of the pictures, where a bag has several."),
+    config: Path | None = typer.Option(None, "--config", help="Default: ./config.yaml, /etc/ledpi/config.yaml."),
+    set_: list[str] = typer.Option([], "--set", metavar="KEY=VALUE", help="Overrides a key of the configuration."),
+) -> None:
+    """A bag or a video as a recording, for `ledpi decode`.
+
+    A bag of `ledpi export` or `ledpi record OUT.mcap` gives the recording as it was. Any other must hold 8-bit grey
+    pictures; row time, exposure, tone and panels come from the configuration. Compression of a video takes much of the
+    bands away.
+
+    Example: ledpi import kitchen.mcap takes/kitchen
+    """
+    from ledpi.cli.bags_extra import needs_bags
+    from ledpi.config.settings import find_config, load_config
+
+    with needs_bags():
+        from ledpi.bags.importing import import_bag, import_video
+
+    def warn(said: str) -> None:
+        typer.echo(said, err=True)
+
+    settings = load_config(find_config(config), tuple(set_), without_file=("panels.side_m=0.16",))
+    is_video = path.suffix.lower() in VIDEOS
+    frames = import_video(settings, path, out, warn) if is_video else import_bag(settings, path, out, topic, warn)
+    count = 0
+    for count in frames:  # noqa: B007, the last one is told
+        pass
+    typer.echo(f"{out}: {count} frames")

@@ -1,0 +1,183 @@
+"""A frame of the tap → the contents of ROS 2 messages, as plain dictionaries with the messages' own fields.
+
+Who has ROS fills its messages from them (ros/ledpi_ros), who has none writes their bytes (`types.py`): bags, and the
+bridge to Zenoh. Frames of reference are REP-103's and REP-105's: the camera's optical frame is `camera`, a panel's has
+x right, y up, z out of it. docs/ros.md lists the topics.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ledpi.core.geometry import matrix_from_quaternion, quaternion_from_matrix
+from ledpi.core.records import CameraInfo, Floats
+
+Values = dict[str, Any]
+
+POSE = "geometry_msgs/msg/PoseWithCovarianceStamped"
+DOCK_POSE = "geometry_msgs/msg/PoseStamped"
+TF = "tf2_msgs/msg/TFMessage"
+DETECTIONS = "vision_msgs/msg/Detection3DArray"
+DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
+CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
+COMPRESSED_IMAGE = "sensor_msgs/msg/CompressedImage"
+STRING = "std_msgs/msg/String"
+
+UNKNOWN_VARIANCE = 1e6  # m² or rad²: a filter gives it no weight
+# A dock's x points into it, as a robot that has driven in faces, its z points up: Nav2 then needs no further rotation.
+MARKER_FROM_DOCK = np.array([[0.0, -1, 0], [0, 0, 1], [-1, 0, 0]])
+OK, WARN, ERROR, STALE = 0, 1, 2, 3  # levels of diagnostic_msgs/DiagnosticStatus
+
+
+class Message(NamedTuple):
+    """One message: where it belongs, of what type, when it is true (ns), and what it holds."""
+
+    topic: str
+    type: str
+    stamp_ns: int
+    values: Values
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Names:
+    """What topics and frames of reference are called."""
+
+    topic: str = "/ledpi"
+    camera_frame: str = "camera_optical_frame"
+    map_frame: str = "map"
+    dock_id: int | None = None  # the panel on a dock, if there is one
+
+
+def frame_messages(frame: Values, names: Names, unix_offset_ns: int) -> list[Message]:
+    """The messages of one `decoded` line. `unix_offset_ns`: what to add to its times to get Unix time.
+
+    Detections are published of every frame, as "nothing seen" is news too. No listener could tell a panel's pose from
+    its mirror image, so where both are possible it is in the detections alone, with both.
+    """
+    stamp_ns = frame["exposed_ns"] + unix_offset_ns
+    placed = [marker for marker in frame["markers"] if marker["position_m"] is not None]
+    found = [_detection(marker, names, unix_offset_ns) for marker in placed]
+    header = _header(stamp_ns, names.camera_frame)
+    messages = [Message(f"{names.topic}/detections", DETECTIONS, stamp_ns, {"header": header, "detections": found})]
+    certain = [marker for marker in placed if marker["alternate"] is None]
+    if certain:
+        transforms = [_transform(marker, names, unix_offset_ns) for marker in certain]
+        messages.append(Message("/tf", TF, stamp_ns, {"transforms": transforms}))
+    for marker in certain:
+        at_ns = marker["exposed_ns"] + unix_offset_ns
+        messages.append(_pose(f"{names.topic}/panel_{marker['id']}", marker, at_ns, names.camera_frame))
+        if marker["id"] == names.dock_id:
+            messages.append(_dock(marker, at_ns, names))
+    if (robot := frame["robot"]) is not None:
+        messages.append(_pose(f"{names.topic}/pose", robot, robot["exposed_ns"] + unix_offset_ns, names.map_frame))
+    return messages
+
+
+def health_message(state: str, health: Values | None, names: Names, stamp_ns: int) -> Message:
+    """The daemon's state for `ros2 topic echo /diagnostics` and rqt_runtime_monitor."""
+    health = health or {}
+    level = {"running": OK, "starting": WARN, "stopping": WARN, "camera_lost": ERROR}.get(state, STALE)
+    keys = ("no_fix", "frames_per_s", "decoded_per_s", "dropped_frames", "in_view")
+    said: Values = {key: health[key] for key in keys if key in health}
+    said |= {f"rejected.{key}": count for key, count in health.get("rejected", {}).items()}
+    if health.get("temperature_c") is not None:
+        said["temperature_c"] = health["temperature_c"]
+    status = {
+        "level": level,
+        "name": f"{names.topic.strip('/')}: daemon",
+        "message": state.replace("_", " "),
+        "hardware_id": names.camera_frame,
+        "values": [{"key": key, "value": str(value)} for key, value in said.items()],
+    }
+    return Message("/diagnostics", DIAGNOSTICS, stamp_ns, {"header": _header(stamp_ns, ""), "status": [status]})
+
+
+def camera_info_message(camera: CameraInfo, topic: str, stamp_ns: int, frame_id: str) -> Message:
+    """The lens, as OpenCV and ROS have it (`plumb_bob`); zeros where it is not calibrated, as ROS says that."""
+    lens = camera.intrinsics
+    k = np.zeros((3, 3)) if lens is None else lens.matrix()
+    projection = np.hstack([k, np.zeros((3, 1))])
+    values = {
+        "header": _header(stamp_ns, frame_id),
+        "height": camera.height,
+        "width": camera.width,
+        "distortion_model": "plumb_bob",
+        "d": [] if lens is None else list(lens.distortion),
+        "k": k.ravel().tolist(),
+        "r": np.eye(3).ravel().tolist(),
+        "p": projection.ravel().tolist(),
+        "binning_x": 0,
+        "binning_y": 0,
+        "roi": {"x_offset": 0, "y_offset": 0, "height": 0, "width": 0, "do_rectify": False},
+    }
+    return Message(topic, CAMERA_INFO, stamp_ns, values)
+
+
+def image_message(png: bytes, topic: str, stamp_ns: int, frame_id: str) -> Message:
+    """A grey picture as PNG, without loss."""
+    values = {"header": _header(stamp_ns, frame_id), "format": "mono8; png compressed mono8", "data": png}
+    return Message(topic, COMPRESSED_IMAGE, stamp_ns, values)
+
+
+def _detection(marker: Values, names: Names, unix_offset_ns: int) -> Values:
+    """One panel; a second hypothesis is its mirror pose, where that is not excluded."""
+    score = 1.0 / (1.0 + math.exp(-min(marker["margin"], 700.0)))  # of this ID against the best other explanation
+    hypotheses = [
+        {"hypothesis": {"class_id": str(marker["id"]), "score": score}, "pose": _with_covariance(pose)}
+        for pose in (marker, marker["alternate"])
+        if pose is not None
+    ]
+    return {
+        "header": _header(marker["exposed_ns"] + unix_offset_ns, names.camera_frame),
+        "results": hypotheses,
+        "bbox": {"center": _pose_of(marker), "size": {"x": 0.0, "y": 0.0, "z": 0.0}},
+        "id": str(marker["id"]),
+    }
+
+
+def _pose(topic: str, of: Values, stamp_ns: int, frame_id: str) -> Message:
+    return Message(topic, POSE, stamp_ns, {"header": _header(stamp_ns, frame_id), "pose": _with_covariance(of)})
+
+
+def _dock(marker: Values, stamp_ns: int, names: Names) -> Message:
+    """For Nav2's docking server."""
+    rotation = matrix_from_quaternion(np.array(marker["quaternion_wxyz"])) @ MARKER_FROM_DOCK
+    pose = {"position_m": marker["position_m"], "quaternion_wxyz": quaternion_from_matrix(rotation).tolist()}
+    values = {"header": _header(stamp_ns, names.camera_frame), "pose": _pose_of(pose)}
+    return Message("/detected_dock_pose", DOCK_POSE, stamp_ns, values)
+
+
+def _transform(marker: Values, names: Names, unix_offset_ns: int) -> Values:
+    pose = _pose_of(marker)
+    return {
+        "header": _header(marker["exposed_ns"] + unix_offset_ns, names.camera_frame),
+        "child_frame_id": f"panel_{marker['id']}",
+        "transform": {"translation": pose["position"], "rotation": pose["orientation"]},
+    }
+
+
+def _with_covariance(pose: Values) -> Values:
+    """What is not known has a variance that gives it no weight."""
+    covariance = pose.get("covariance")
+    if covariance is None:
+        unknown: Floats = UNKNOWN_VARIANCE * np.eye(6)
+        covariance = unknown.ravel().tolist()
+    return {"pose": _pose_of(pose), "covariance": [float(number) for number in covariance]}
+
+
+def _pose_of(pose: Values) -> Values:
+    x, y, z = pose["position_m"]
+    qw, qx, qy, qz = pose["quaternion_wxyz"]
+    return {
+        "position": {"x": float(x), "y": float(y), "z": float(z)},
+        "orientation": {"x": float(qx), "y": float(qy), "z": float(qz), "w": float(qw)},
+    }
+
+
+def _header(stamp_ns: int, frame_id: str) -> Values:
+    seconds, nanoseconds = divmod(stamp_ns, 1_000_000_000)
+    return {"stamp": {"sec": seconds, "nanosec": nanoseconds}, "frame_id": frame_id}

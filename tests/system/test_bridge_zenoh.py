@@ -1,0 +1,105 @@
+"""A daemon's poses in ROS 2, without ROS: a participant that knows only rmw_zenoh's names and ROS 2's IDL."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("zenoh", reason="eclipse-zenoh is not installed")
+pytest.importorskip("rosbags", reason="rosbags is not installed")
+
+from tests.builders import ROOT
+from tests.builders.bridges import bridge, free_port
+from tests.builders.daemon import daemon, write_recording
+from tests.builders.tap import at, reach
+
+# A router, and a node that subscribes to all that it is told of by liveliness tokens, as ROS 2's tools do.
+PARTICIPANT = """
+import json, sys, time
+import zenoh
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+config = zenoh.Config()
+config.insert_json5("mode", json.dumps("router"))
+config.insert_json5("listen/endpoints", json.dumps([f"tcp/127.0.0.1:{sys.argv[1]}"]))
+config.insert_json5("scouting/multicast/enabled", "false")
+session = zenoh.open(config)
+types = get_typestore(Stores.ROS2_JAZZY)
+subscribers = {}
+
+
+def text(values):
+    return {key: text(value) for key, value in vars(values).items() if key != "__msgtype__"} if hasattr(
+        values, "__msgtype__") else [text(value) for value in values] if isinstance(values, list) else (
+        values.tolist() if hasattr(values, "tolist") else values)
+
+
+def meet(sample):
+    parts = str(sample.key_expr).split("/")
+    if parts[5] != "MP" or sample.kind != zenoh.SampleKind.PUT:
+        return
+    _, domain, _, _, _, _, enclave, namespace, node, topic, kind, its_hash, qos = parts
+    topic, name = topic.replace("%", "/"), kind.replace("::dds_::", "::").replace("::", "/").rstrip("_")
+    if name not in types.fielddefs or topic in subscribers:
+        return
+    assert types.hash_rihs01(name) == its_hash, name
+
+    def hear(sample):
+        message = text(types.deserialize_cdr(bytes(sample.payload), name))
+        print(json.dumps({"topic": topic, "type": name, "node": node, "message": message}), flush=True)
+
+    subscribers[topic] = session.declare_subscriber(f"{domain}{topic}/{kind}/{its_hash}", hear)
+
+
+tokens = session.liveliness().declare_subscriber("@ros2_lv/0/**", meet, history=True)
+print("ready", flush=True)
+time.sleep(1e6)
+"""
+
+
+def heard_of(take: Path, folder: Path, frames: int) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+    """What the participant heard, and the tap's lines of a daemon that replays `take`."""
+    port, path = free_port(), folder / "tap.sock"
+    command = [sys.executable, "-c", PARTICIPANT, str(port)]
+    participant = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True)
+    assert participant.stdout is not None
+    assert participant.stdout.readline() == "ready\n"
+    source = f"camera.source=recording:{take}"
+    settings = {"kind": "zenoh", "host": "127.0.0.1", "port": port}
+    with bridge(settings, path, folder) as running:
+        with daemon(source, at(path), "serial.max_age_ms=1000", options=("--frames", str(frames))), reach(path) as tap:
+            told = [line for line in tap.lines() if line["type"] == "decoded"]
+        counters = running.end()
+    participant.kill()
+    heard = [json.loads(line) for line in participant.stdout]
+    participant.stdout.close()
+    participant.wait()
+    assert counters["refused"] == counters["stale"] == 0
+    return heard, told
+
+
+def test_every_pose_arrives_with_its_covariance_and_tf(tmp_path: Path) -> None:
+    """From the first that both were there for; each as the tap tells it."""
+    write_recording(tmp_path / "take", 30, rows=3 * 504)
+    heard, told = heard_of(tmp_path / "take", tmp_path, 30)
+    poses = [each["message"] for each in heard if each["topic"] == "/ledpi/panel_7"]
+    transforms = [each["message"]["transforms"] for each in heard if each["topic"] == "/tf"]
+    certain = [line["markers"][0] for line in told if line["markers"] and line["markers"][0]["alternate"] is None]
+    offset_ns = time.time_ns() - time.monotonic_ns()
+    assert len(certain) > 15
+    for arrived in (poses, transforms):
+        assert len(certain) - 8 <= len(arrived) <= len(certain)  # discovery takes a few frames
+    for pose in poses:
+        stamp = pose["header"]["stamp"]
+        exposed_ns = stamp["sec"] * 10**9 + stamp["nanosec"] - offset_ns
+        marker = min(certain, key=lambda one, at_ns=exposed_ns: abs(one["exposed_ns"] - at_ns))
+        np.testing.assert_allclose(pose["pose"]["covariance"], marker["covariance"], rtol=1e-12)
+    assert {transform["child_frame_id"] for (transform,) in transforms} == {"panel_7"}
+    assert {each["node"] for each in heard} == {"ledpi"}

@@ -1,0 +1,317 @@
+"""Bags: what others read in ours, what we read in others', and that a recording survives both ways."""
+
+from __future__ import annotations
+
+import filecmp
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+
+pytest.importorskip("rosbags")
+pytest.importorskip("mcap_ros2")
+
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+from rosbags.highlevel import AnyReader
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+
+from ledpi.recording.reader import load_recording
+from tests.builders import ROOT
+from tests.builders.command import Run, in_process
+from tests.builders.daemon import DEADLINE_S, write_recording
+
+LEDPI = [sys.executable, "-m", "ledpi"]
+FRAMES = 12
+OWN_ROW_TIME = ("--set", "camera.row_time_us=33.67", "--set", "camera.exposure_us=9966.32")
+
+
+@pytest.fixture(scope="module")
+def take(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Panel 7, a metre away; taken on a day of 2026."""
+    folder = tmp_path_factory.mktemp("bags") / "take"
+    write_recording(folder, FRAMES)
+    with (folder / "recording.yaml").open("a", encoding="utf-8") as file:
+        file.write("wall_clock_offset_ns: 1790000000123456789\n")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def bag(take: Path) -> Path:
+    out = take.parent / "take.mcap"
+    done = ledpi("export", take, out)
+    assert done.returncode == 0, done.stderr
+    return out
+
+
+@pytest.fixture(scope="module")
+def wanted(take: Path) -> dict[int, dict[str, Any]]:
+    """What `ledpi decode` says, by sensor time."""
+    lines = map(json.loads, ledpi("decode", take).stdout.splitlines())
+    return {line["sensor_timestamp_ns"]: line for line in lines}
+
+
+@pytest.fixture
+def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
+    return in_process(monkeypatch, capsys)
+
+
+def ledpi(*arguments: object, **options: Any) -> subprocess.CompletedProcess[str]:
+    command = [*LEDPI, *map(str, arguments)]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=DEADLINE_S, check=False, **options)
+
+
+def decoded(path: Path, topic: str | None = None) -> list[Any]:
+    """Every message, or a topic's, by mcap-ros2-support."""
+    with path.open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        return [each.decoded_message for each in reader.iter_decoded_messages(topics=topic)]
+
+
+def exposed_ns(line: dict[str, Any], row: float) -> int:
+    """Unix time of a row's mid-exposure, by the shutter's equation."""
+    return int(line["sensor_timestamp_ns"]) + round(row * 33670 - 9966.32e3 / 2) + 1790000000123456789
+
+
+# ---- What others read in ours
+
+
+def test_mcap_ros2_support_finds_every_pose(bag: Path, wanted: dict[int, dict[str, Any]]) -> None:
+    """Another author's CDR: poses and covariances as `ledpi decode` gives them, at the panel's own time."""
+    found = decoded(bag, "/ledpi/panel_7")
+    lines = [line for line in wanted.values() if line["markers"] and line["markers"][0]["alternate"] is None]
+    assert len(found) == len(lines) > 3
+    for message, line in zip(found, lines, strict=True):
+        (marker,) = line["markers"]
+        position, turned = message.pose.pose.position, message.pose.pose.orientation
+        np.testing.assert_allclose([position.x, position.y, position.z], marker["position_m"], atol=1e-9)
+        np.testing.assert_allclose([turned.w, turned.x, turned.y, turned.z], marker["quaternion_wxyz"], atol=1e-9)
+        np.testing.assert_allclose(list(message.pose.covariance), marker["covariance"], rtol=1e-9)
+        stamp_ns = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+        row = np.mean(marker["corners_px"], axis=0)[1]
+        assert abs(stamp_ns - exposed_ns(line, row)) < 200_000  # of the diagonals' crossing, six rows at most
+        assert message.header.frame_id == "camera_optical_frame"
+
+
+def test_mcap_reads_every_message_and_its_index(bag: Path) -> None:
+    """Each topic has its schema; each frame its picture, its lens and its detections."""
+    with bag.open("rb") as file:
+        summary = make_reader(file).get_summary()
+        assert summary is not None
+        assert summary.statistics is not None
+        counts = {summary.channels[key].topic: n for key, n in summary.statistics.channel_message_counts.items()}
+    everywhere = ("/camera/image_raw/compressed", "/camera/camera_info", "/ledpi/detections", "/ledpi/decoded")
+    assert {topic: counts[topic] for topic in everywhere} == dict.fromkeys(everywhere, FRAMES)
+    assert len(decoded(bag)) == sum(counts.values())
+
+
+def test_rosbags_reads_pictures_lens_and_transforms(bag: Path, take: Path, tmp_path: Path) -> None:
+    """As a ROS 2 bag's folder, which its tool makes of a file; the pictures are the recording's, to the bit."""
+    with AnyReader([bag]) as reader:
+        got: dict[str, list[Any]] = {}
+        for connection, _, data in reader.messages():
+            got.setdefault(connection.topic, []).append(reader.deserialize(data, connection.msgtype))
+    first = cv2.imdecode(got["/camera/image_raw/compressed"][0].data, cv2.IMREAD_UNCHANGED)
+    entry = load_recording(take).frames[0]
+    np.testing.assert_array_equal(first, cv2.imread(str(entry.picture), cv2.IMREAD_UNCHANGED))
+    lens = load_recording(take).camera.intrinsics
+    assert lens is not None
+    np.testing.assert_allclose(got["/camera/camera_info"][0].k, lens.matrix().ravel())
+    transform = got["/tf"][-1].transforms[0]
+    assert (transform.header.frame_id, transform.child_frame_id) == ("camera_optical_frame", "panel_7")
+    assert got["/ledpi/detections"][-1].detections[0].results[0].hypothesis.class_id == "7"
+
+
+# ---- And back
+
+
+def test_a_recording_comes_back_as_it_was(bag: Path, take: Path, tmp_path: Path) -> None:
+    """Every file of it, to the byte."""
+    done = ledpi("import", bag, tmp_path / "back")
+    assert (done.returncode, done.stderr) == (0, "")
+    names = [str(path.relative_to(take)) for path in take.rglob("*") if path.is_file()]
+    assert len(names) == FRAMES + 2
+    assert filecmp.cmpfiles(take, tmp_path / "back", names, shallow=False) == (names, [], [])
+
+
+def test_a_bag_that_is_cut_off_is_read_up_to_there(bag: Path, tmp_path: Path) -> None:
+    """As after a power failure: one line says so."""
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(bag.read_bytes()[: bag.stat().st_size * 2 // 3])
+    done = ledpi("import", cut, tmp_path / "back")
+    assert done.returncode == 0
+    assert done.stderr == f"{cut}: is cut off; what stands before that is read\n"
+    assert 3 < len(load_recording(tmp_path / "back").frames) < FRAMES
+
+
+# ---- What we read in others'
+
+
+def foreign_bag(folder: Path, take: Path, *, encoding: str = "mono8", info: bool = True, topics: int = 1) -> Path:
+    """By rosbags: uncompressed pictures, as a camera's driver publishes them."""
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    kinds = store.types
+    recording = load_recording(take)
+    lens = recording.camera.intrinsics
+    assert lens is not None
+    with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        image, camera_info = "sensor_msgs/msg/Image", "sensor_msgs/msg/CameraInfo"
+        connections = [writer.add_connection(f"/cam{k}/image_raw", image, typestore=store) for k in range(topics)]
+        told = writer.add_connection("/cam0/camera_info", camera_info, typestore=store)
+        for entry in recording.frames:
+            picture = cv2.imread(str(entry.picture), cv2.IMREAD_UNCHANGED)
+            assert picture is not None
+            if encoding == "bgr8":
+                picture = cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR)
+            time_ns = entry.row0_readout_ns + 10**18
+            stamp = kinds["builtin_interfaces/msg/Time"](*divmod(time_ns, 10**9))
+            header = kinds["std_msgs/msg/Header"](stamp, "cam")
+            height, width = picture.shape[:2]
+            step = picture.size // height
+            message = kinds[image](header, height, width, encoding, 0, step, picture.ravel())
+            if info:
+                region = kinds["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False)
+                k = lens.matrix().ravel()
+                zeros = np.zeros(12)
+                values = (header, height, width, "plumb_bob", np.array(lens.distortion), k, np.eye(3).ravel(), zeros)
+                data = store.serialize_cdr(kinds[camera_info](*values, 0, 0, region), camera_info)
+                writer.write(told, time_ns, data)
+            for connection in connections:
+                writer.write(connection, time_ns, store.serialize_cdr(message, image))
+    return folder
+
+
+def test_a_bag_of_a_mono_camera_becomes_a_recording(take: Path, tmp_path: Path) -> None:
+    """With its lens; row time and exposure are given. It decodes as the same pictures did."""
+    bag = foreign_bag(tmp_path / "foreign", take)
+    done = ledpi("import", bag, tmp_path / "back", *OWN_ROW_TIME)
+    assert (done.returncode, done.stderr) == (0, "")
+    lines = [json.loads(line) for line in ledpi("decode", tmp_path / "back").stdout.splitlines()]
+    before = [json.loads(line) for line in ledpi("decode", take).stdout.splitlines()]
+    assert [[marker["corners_px"] for marker in line["markers"]] for line in lines] == [
+        [marker["corners_px"] for marker in line["markers"]] for line in before
+    ]
+    assert lines[-1]["markers"][0]["position_m"] is not None
+    assert yaml.safe_load((tmp_path / "back/recording.yaml").read_text())["wall_clock_offset_ns"] == 0
+
+
+def refused(run: Run, *arguments: object) -> str:
+    """One line, and status 2."""
+    status, _, errors = run("import", *arguments)
+    assert status == 2
+    (line,) = errors.splitlines()
+    return line
+
+
+def test_what_a_bag_cannot_give_is_one_line(take: Path, tmp_path: Path, run: Run) -> None:
+    """Colours, several cameras, no row time, no such topic, no bag at all."""
+    colour = foreign_bag(tmp_path / "colour", take, encoding="bgr8")
+    two = foreign_bag(tmp_path / "two", take, topics=2)
+    out, second = tmp_path / "out", ("--topic", "/cam1/image_raw")
+    assert "/cam0/image_raw: is bgr8; must be 8-bit grey (mono8)" in refused(run, colour, out, *OWN_ROW_TIME)
+    several = refused(run, two, tmp_path / "other", *OWN_ROW_TIME)
+    assert "several topics; --topic /cam0/image_raw or /cam1/image_raw" in several
+    assert "does not say its row time: add --set camera.row_time_us=33.67" in refused(run, two, out, *second)
+    assert "has no pictures on /x" in refused(run, two, out, "--topic", "/x")
+    assert "no such file or folder" in refused(run, tmp_path / "none.mcap", out)
+    (tmp_path / "text.mcap").write_text("no bag\n" * 100, encoding="utf-8")
+    assert "is no MCAP file" in refused(run, tmp_path / "text.mcap", out)
+    assert "is no bag that can be read" in refused(run, ROOT / "README.md", out)
+
+
+def test_a_bag_without_camera_info_gives_a_recording_without_a_lens(take: Path, tmp_path: Path) -> None:
+    """And one line that says so."""
+    bag = foreign_bag(tmp_path / "foreign", take, info=False)
+    done = ledpi("import", bag, tmp_path / "back", *OWN_ROW_TIME)
+    assert done.returncode == 0
+    assert "has no camera info: the recording has no lens" in done.stderr
+    assert load_recording(tmp_path / "back").camera.intrinsics is None
+
+
+def test_a_video_becomes_a_recording(take: Path, tmp_path: Path) -> None:
+    """Its pictures in grey, at the video's own times."""
+    clip = tmp_path / "clip.avi"
+    writer = cv2.VideoWriter(str(clip), cv2.VideoWriter.fourcc(*"MJPG"), 50.0, (640, 480))
+    for entry in load_recording(take).frames:
+        picture = cv2.imread(str(entry.picture))
+        assert picture is not None
+        writer.write(picture)
+    writer.release()
+    done = ledpi("import", clip, tmp_path / "back", *OWN_ROW_TIME)
+    assert done.returncode == 0, done.stderr
+    times_ns = [entry.row0_readout_ns for entry in load_recording(tmp_path / "back").frames]
+    assert len(times_ns) == FRAMES
+    np.testing.assert_allclose(np.diff(times_ns), 20e6, atol=1e3)
+
+
+# ---- Written as it happens
+
+SIMULATED = ("--set", "panels.side_m=0.16", "--set", "camera.source=simulated")
+
+
+def test_record_writes_a_bag_that_becomes_a_recording(tmp_path: Path) -> None:
+    """What was decoded live is in it, and today's date."""
+    done = ledpi("record", tmp_path / "a.mcap", "--frames", 20, *SIMULATED)
+    assert done.returncode == 0, done.stderr
+    assert ledpi("import", tmp_path / "a.mcap", tmp_path / "back").returncode == 0
+    recording = load_recording(tmp_path / "back")
+    assert len(recording.frames) == 20
+    assert any(entry.decoded for entry in recording.frames)
+    assert recording.wall_clock_offset_ns is not None
+    unix_s = (recording.frames[0].row0_readout_ns + recording.wall_clock_offset_ns) / 1e9
+    assert abs(time.time() - unix_s) < DEADLINE_S
+    assert decoded(tmp_path / "a.mcap", "/ledpi/detections")
+
+
+def test_a_bag_whose_recorder_was_killed_is_read(tmp_path: Path) -> None:
+    """All but its last frames."""
+    out = tmp_path / "a.mcap"
+    command = [*LEDPI, "record", str(out), "--seconds", "60", *SIMULATED]
+    process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    deadline_s = time.monotonic() + DEADLINE_S
+    while not out.exists() or out.stat().st_size < 2_000_000:
+        assert time.monotonic() < deadline_s
+        time.sleep(0.05)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    done = ledpi("import", out, tmp_path / "back")
+    assert done.returncode == 0, done.stderr
+    assert len(load_recording(tmp_path / "back").frames) > 5
+
+
+def test_a_full_disk_is_one_line(take: Path, tmp_path: Path) -> None:
+    """A file that may not grow further stands in for it."""
+
+    def limit() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (500_000, 500_000))
+
+    done = ledpi("export", take, tmp_path / "b.mcap", preexec_fn=limit)
+    assert done.returncode == 2
+    assert done.stderr == f"ledpi: {tmp_path}/b.mcap: cannot be written: File too large\n"
+
+
+def test_a_bag_is_not_written_over(bag: Path, take: Path, run: Run) -> None:
+    """It may be the only one."""
+    status, _, errors = run("export", take, bag)
+    assert (status, errors) == (2, f"ledpi: {bag}: is there already; give a new name\n")
+
+
+def test_a_missing_package_is_named_with_its_extra(take: Path, tmp_path: Path) -> None:
+    """As where only `pip install ledpi` was done."""
+    hidden = "import sys; sys.modules['mcap'] = None; from ledpi.cli import main; main()"
+    command = [sys.executable, "-c", hidden, "export", str(take), str(tmp_path / "x.mcap")]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=DEADLINE_S, check=False)
+    assert done.returncode == 2
+    assert "pip install 'ledpi[bags]'" in done.stderr
+    assert not os.path.exists(tmp_path / "x.mcap")
