@@ -12,7 +12,7 @@
  *
  * Lines on the serial line, each answered by one line; wait for the answer before the next:
  *   id         which ID is shown             → ok id 7
- *   id 9       show it, and keep it          → ok id 9
+ *   id 10      show it, and keep it          → ok id 10
  *   any other                                → error: …
  */
 #include <avr/cpufunc.h>

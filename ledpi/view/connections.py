@@ -1,4 +1,8 @@
-"""A bounded number of connections, each with a time limit: what a web server meets on a network."""
+"""A bounded number of connections, each with a time limit: what a web server meets on a network.
+
+Whoever has not shown the token gives way: a connection that comes when all places are taken gets the oldest such one.
+So connections that ask for nothing, from wherever they come, keep nobody out.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +25,7 @@ _BUSY = (
 
 
 class BoundedServer(ThreadingHTTPServer):
-    """A thread for each connection, MOST of them."""
+    """A thread for each connection, MOST of them. Where all are taken, the oldest without the token gives way."""
 
     daemon_threads = True
     block_on_close = False
@@ -30,7 +34,9 @@ class BoundedServer(ThreadingHTTPServer):
 
     def __init__(self, address: tuple[str, int], handler: type[BaseHTTPRequestHandler]) -> None:
         self.address_family = socket.AF_INET6 if ":" in address[0] else socket.AF_INET
-        self._free = threading.BoundedSemaphore(MOST)
+        self._changing = threading.Lock()
+        self._unknown: dict[socket.socket, None] = {}  # connections that have not shown the token, the oldest first
+        self._trusted: set[socket.socket] = set()
         super().__init__(address, handler)
 
     def server_bind(self) -> None:
@@ -42,20 +48,46 @@ class BoundedServer(ThreadingHTTPServer):
 
     def process_request(self, request: Any, client_address: Any) -> None:
         """In a thread of its own; one too many is told so, and closed."""
-        if self._free.acquire(blocking=False):
-            super().process_request(request, client_address)
+        oldest = None
+        with self._changing:
+            if is_full := len(self._unknown) + len(self._trusted) >= MOST:
+                oldest = next(iter(self._unknown), None)
+                self._unknown.pop(oldest, None)
+            if not is_full or oldest is not None:
+                self._unknown[request] = None
+        if is_full and oldest is None:
+            with suppress(OSError):
+                request.settimeout(0.2)
+                request.sendall(_BUSY)
+            self.shutdown_request(request)
             return
-        with suppress(OSError):
-            request.settimeout(0.2)
-            request.sendall(_BUSY)
-        self.shutdown_request(request)
+        if oldest is not None:
+            with suppress(OSError):  # it is gone already
+                oldest.shutdown(socket.SHUT_RDWR)  # which ends its thread
+        try:
+            super().process_request(request, client_address)
+        except RuntimeError:  # no thread is to be had
+            self._leave(request)
+            raise
+
+    def trust(self, request: socket.socket) -> None:
+        """The connection has shown the token: it keeps its place."""
+        with self._changing:
+            if request in self._unknown:
+                del self._unknown[request]
+                self._trusted.add(request)
+
+    def _leave(self, request: socket.socket) -> None:
+        with self._changing:
+            self._unknown.pop(request, None)
+            self._trusted.discard(request)
 
     def process_request_thread(self, request: Any, client_address: Any) -> None:
         """Gives its place back, however it ends."""
         try:
             super().process_request_thread(request, client_address)
         finally:
-            self._free.release()
+            self._leave(request)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """A connection that breaks is no fault of ours; anything else is told."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hmac
-import ipaddress
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -41,16 +40,15 @@ class Guard:
     """Judges requests by their heads."""
 
     token: str
-    open_to_read: bool  # without a token: on this machine's own address, where none is configured
     names: frozenset[str]  # that this machine is called by, besides its numbers
 
-    def refuse(self, method: str, path: str, headers: Mapping[str, str]) -> Refusal | None:
+    def refuse(self, path: str, headers: Mapping[str, str]) -> Refusal | None:
         """Why a request is not answered; None if it is. `headers`: names in lower case."""
         return (
             self._host(headers.get("host", ""))
             or _body(headers)
             or (_site(headers) if path.startswith("/api/") else None)
-            or (self._secret(method, headers) if path.startswith("/api/") else None)
+            or (self._secret(headers) if path.startswith("/api/") else None)
         )
 
     def _host(self, host: str) -> Refusal | None:
@@ -62,10 +60,9 @@ class Guard:
         called = name[:60] or "a host without a name"
         return Refusal(status=421, says=f"this is not {called}; must be {known}, or this machine's number")
 
-    def _secret(self, method: str, headers: Mapping[str, str]) -> Refusal | None:
+    def _secret(self, headers: Mapping[str, str]) -> Refusal | None:
+        """On this machine's own address, too: its other users are kept from the tap, and so from its pictures."""
         scheme, _, given = headers.get("authorization", "").partition(" ")
-        if not scheme and method == "GET" and self.open_to_read:
-            return None
         if scheme.lower() == "bearer" and hmac.compare_digest(given.strip().encode(), self.token.encode()):
             return None
         return Refusal(status=401, says="wrong token, or none; open the address that `ledpi view` has printed")
@@ -94,8 +91,3 @@ def host_of(header: str) -> str:
     if host.startswith("["):
         return host[1:].partition("]")[0]
     return host.rpartition(":")[0] if ":" in host else host
-
-
-def is_loopback(host: str) -> bool:
-    """Whether only this machine can reach it."""
-    return host == "localhost" or (is_ip(host) and ipaddress.ip_address(host).is_loopback)

@@ -50,6 +50,9 @@ class Shown:
 
     def png(self) -> bytes:
         """Of the pixels as they are, with what decodes them: camera, lens and panels."""
+        return bytes(self._once("png", self._make_png))
+
+    def _make_png(self) -> bytes:
         told = {key: self.hello.get(key) for key in ("camera", "panels", "method", "camera_mount", "map")}
         exposure_us = self.line["decoded"].get("exposure_us")
         if exposure_us is not None:

@@ -13,11 +13,11 @@ import json
 import logging
 import struct
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from http.server import BaseHTTPRequestHandler
 from importlib import resources
 from typing import Any
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import SplitResult, parse_qs, urlsplit
 
 from ledpi import __version__
 from ledpi.core.errors import TapError
@@ -87,12 +87,13 @@ class Handler(BaseHTTPRequestHandler):
 
     def _handle(self, method: str) -> None:
         self._came_ns = time.monotonic_ns()
-        url = urlsplit(self.path)
         headers = {name.lower(): value for name, value in self.headers.items()}
-        refusal = self.server.guard.refuse(method, url.path, headers)
+        url, refusal = self._judge(headers)
         if refusal is not None:
             self._refuse(refusal)
             return
+        if url.path.startswith("/api/"):
+            self.server.trust(self.connection)
         body = self.rfile.read(int(headers.get("content-length", "0")))
         if method == "GET" and url.path in self.server.files:
             content, kind = self.server.files[url.path]
@@ -110,6 +111,14 @@ class Handler(BaseHTTPRequestHandler):
             self._refuse(Refusal(status=503, says=str(error)), close=False)
         except ValueError as error:
             self._refuse(Refusal(status=400, says=str(error)))
+
+    def _judge(self, headers: Mapping[str, str]) -> tuple[SplitResult, Refusal | None]:
+        """What is asked for, and why it is not answered; None if it is."""
+        try:
+            url = urlsplit(self.path)
+        except ValueError:  # a bracket that is not closed, say
+            return urlsplit("/"), Refusal(status=400, says="what is asked for must be a path, as /api/state")
+        return url, self.server.guard.refuse(url.path, headers)
 
     # ---- Answers
 
@@ -221,7 +230,7 @@ class Handler(BaseHTTPRequestHandler):
     def handle_expect_100(self) -> bool:
         """Before it sends a body, a client may ask whether it will be taken."""
         headers = {name.lower(): value for name, value in self.headers.items()}
-        refusal = self.server.guard.refuse(self.command, urlsplit(self.path).path, headers)
+        _, refusal = self._judge(headers)
         if refusal is None:
             return super().handle_expect_100()
         self._refuse(refusal)

@@ -180,8 +180,14 @@ class MadeUpDaemon:
                 self._send(client, line)
             for client, request in wanted:
                 pixels = self.picture(seq)
-                head = {"type": "picture", "id": request["id"], "width": 64, "height": 48, "format": "gray8"}
-                head |= {"bytes": pixels.size, "decoded": line, "pixels_max_share": 0.0}
+                head = {"type": "picture", "id": request["id"], "format": "gray8"}
+                head |= {
+                    "height": pixels.shape[0],
+                    "width": pixels.shape[1],
+                    "bytes": pixels.size,
+                    "decoded": line,
+                    "pixels_max_share": 0.0,
+                }
                 self._send(
                     client, head | {key: self.extra.get(key, []) for key in _EXTRAS if asks(request, key)}, pixels
                 )
@@ -189,11 +195,11 @@ class MadeUpDaemon:
                 for client in list(self._clients):
                     self._send(client, HEALTH)
 
-    @staticmethod
-    def picture(seq: int) -> Pixels:
-        """(48, 64) uint8: stripes that move."""
-        rows = (np.arange(48) + seq) * 10 % 256
-        return np.repeat(rows.astype(np.uint8)[:, None], 64, axis=1)
+    def picture(self, seq: int) -> Pixels:
+        """Stripes that move, as large as `hello` says: (48, 64) uint8."""
+        height, width = (self.hello["camera"][key] for key in ("height", "width"))
+        rows = (np.arange(height) + seq) * 10 % 256
+        return np.repeat(rows.astype(np.uint8)[:, None], width, axis=1)
 
     def _send(self, client: socket.socket, line: dict[str, Any], pixels: Pixels | None = None) -> None:
         data = json.dumps(line).encode() + b"\n" + (b"" if pixels is None else pixels.tobytes())

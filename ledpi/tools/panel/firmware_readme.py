@@ -66,7 +66,7 @@ Over USB, 9600 baud, 8N1. One line to the panel, one line back; wait for it befo
 | you send | it answers | |
 |---|---|---|
 | `id` | `ok id {firmware.marker_id}` | what is shown |
-| `id 9` | `ok id 9` | shown at once, and after every power-up |
+| `id 10` | `ok id 10` | shown at once, and after every power-up |
 | anything else | `error: …` | nothing changes |
 
 The Arduino IDE's serial monitor, set to "New Line", will do. Many boards restart when their port is opened, and listen

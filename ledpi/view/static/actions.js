@@ -1,6 +1,6 @@
 // The buttons, and the configuration.
 
-import { $, LoginNeeded, ask, hasToken, login } from "./server.js";
+import { $, LoginNeeded, ask, login } from "./server.js";
 import { cells, html } from "./drawing.js";
 import { forgetBest } from "./light.js";
 import { choose, shownFrame } from "./picture.js";
@@ -14,7 +14,6 @@ export function tellButtons(state) {
   const kept_s = state.health ? state.health.kept_s : null;
   let reason = "";
   if (!up) reason = "Saving and recording need a running daemon.";
-  else if (!hasToken()) reason = "Saving and recording need the token: open the address that ledpi view has printed.";
   else if (!may.length) reason = "The daemon permits this page no saving: ledpi view must run as the daemon's user, as root, or in group ledpi.";
   $("save").disabled = !!reason || !may.includes("save");
   $("record").disabled = !!reason || !may.includes("record");

@@ -8,7 +8,6 @@ if (location.hash.startsWith("#token=")) {
   sessionStorage.setItem("token", token);
   history.replaceState(null, "", location.pathname); // it is not left in the address bar
 }
-export const hasToken = () => token !== "";
 
 export class Refused extends Error {}
 export class LoginNeeded extends Error {}

@@ -9,7 +9,7 @@ import struct
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import closing
+from contextlib import closing, suppress
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,7 @@ from ledpi.tap.frames import camera_of, settings_of
 from ledpi.view import connections, pictures
 from ledpi.view.guard import HEADERS, MAX_BODY_BYTES, Guard
 from ledpi.view.hub import Hub
-from ledpi.view.server import ViewServer
+from ledpi.view.server import _ANSWERS, ViewServer
 from tests.builders.made_up_daemon import HEALTH, PANEL, MadeUpDaemon
 from tests.builders.tap import wait_until
 
@@ -33,18 +33,19 @@ WAIT_S = 30.0  # for anything at all, on a slow machine
 class Site:
     """A server in this process, and a client."""
 
-    def __init__(self, path: Path, *, open_to_read: bool = True) -> None:
+    def __init__(self, path: Path) -> None:
         self.hub = Hub(str(path))
-        guard = Guard(token=TOKEN, open_to_read=open_to_read, names=frozenset({"localhost", "robot.local"}))
+        guard = Guard(token=TOKEN, names=frozenset({"localhost", "robot.local"}))
         self.server = ViewServer(("127.0.0.1", 0), guard, self.hub)
         self.port = self.server.server_port
         self._thread = threading.Thread(target=self.server.serve_forever, args=(0.02,), daemon=True)
         self._thread.start()
         self.hub.start()
 
-    def ask(self, method: str, path: str, headers: dict[str, str] | None = None, body: bytes | None = None) -> Answer:
+    def ask(self, method: str, path: str, headers: dict[str, str] = RIGHT, body: bytes | None = None) -> Answer:
+        """With the token, unless the headers are others."""
         with closing(http.client.HTTPConnection("127.0.0.1", self.port, timeout=WAIT_S)) as connection:
-            connection.request(method, path, body, headers or {})
+            connection.request(method, path, body, headers)
             answer = connection.getresponse()
             return Answer(answer.status, dict(answer.getheaders()), answer.read())
 
@@ -270,22 +271,16 @@ def test_nothing_is_changed_by_get(site: Site, daemon: MadeUpDaemon) -> None:
     assert daemon.asked("save") == []
 
 
-def test_on_the_network_nothing_is_told_without_the_token(tmp_path: Path) -> None:
+def test_nothing_is_told_without_the_token(site: Site, daemon: MadeUpDaemon) -> None:
     """The page itself holds no data, and asks for the token; all that it asks for is 401 without."""
-    site = Site(tmp_path / "tap.sock", open_to_read=False)
-    try:
-        for path in ("/api/state", "/api/frame", "/api/frame.png", "/api/history", "/api/config", "/api/nothing"):
-            assert site.ask("GET", path).status == 401
-            assert site.ask("GET", path, {"Authorization": "Bearer wrong"}).status == 401
-        assert site.ask("GET", "/api/state", RIGHT).status == 200
-        assert TOKEN.encode() not in b"".join(site.ask("GET", path).body for path in ("/", "/main.js", "/view.css"))
-    finally:
-        site.close()
-
-
-def test_a_wrong_token_is_wrong_where_none_is_needed_too(site: Site) -> None:
-    """Whoever has mistyped it is told."""
-    assert site.ask("GET", "/api/state", {"Authorization": "Bearer wrong"}).status == 401
+    site.state_once("up")
+    for path in sorted({"/api/nothing", *(path for _, path in _ANSWERS)} - {"/favicon.ico"}):
+        for headers in ({}, {"Authorization": "Bearer wrong"}):
+            assert site.ask("GET", path, headers).status == 401
+            assert site.ask("HEAD", path, headers).status == 501
+    assert daemon.asked("picture") == []
+    assert site.ask("GET", "/api/state").status == 200
+    assert TOKEN.encode() not in b"".join(site.ask("GET", path).body for path in ("/", "/main.js", "/view.css"))
 
 
 @pytest.mark.parametrize("host", ["evil.example", "localhost.evil.example", "127.0.0.1.evil.example:80", "", "robot"])
@@ -300,7 +295,7 @@ def test_a_foreign_name_that_leads_here_is_refused(site: Site, host: str) -> Non
 )
 def test_own_names_and_numbers_are_answered(site: Site, host: str) -> None:
     """With and without a port."""
-    assert site.ask("GET", "/api/state", {"Host": host}).status == 200
+    assert site.ask("GET", "/api/state", {"Host": host} | RIGHT).status == 200
 
 
 @pytest.mark.parametrize("asker", ["cross-site", "same-site"])
@@ -314,7 +309,7 @@ def test_another_sites_page_gets_nothing(site: Site, daemon: MadeUpDaemon, asker
 
 @pytest.mark.parametrize(
     ("method", "path", "status"),
-    [("GET", "/", 200), ("GET", "/api/state", 200), ("GET", "/no", 404), ("POST", "/api/save", 401), ("PUT", "/", 501)],
+    [("GET", "/", 200), ("GET", "/api/state", 200), ("GET", "/no", 404), ("POST", "/api/save", 503), ("PUT", "/", 501)],
 )
 def test_every_answer_has_the_headers(site: Site, method: str, path: str, status: int) -> None:
     """Against frames, sniffing, foreign scripts and caches; and no foreign site is let in."""
@@ -379,7 +374,15 @@ def test_a_body_of_no_known_length_is_refused(site: Site, header: str, status: i
 
 
 @pytest.mark.parametrize(
-    "sent", [b"\0" * 100 + b"\r\n\r\n", b"GET\r\n\r\n", b"GET / HTTP/9.9\r\n\r\n", b"A" * 70_000 + b"\r\n\r\n"]
+    "sent",
+    [
+        b"\0" * 100 + b"\r\n\r\n",
+        b"GET\r\n\r\n",
+        b"GET / HTTP/9.9\r\n\r\n",
+        b"GET http://[ HTTP/1.1\r\n\r\n",
+        b"POST http://[ HTTP/1.1\r\nExpect: 100-continue\r\n\r\n",
+        b"A" * 70_000 + b"\r\n\r\n",
+    ],
 )
 def test_what_is_no_request_is_refused(site: Site, sent: bytes) -> None:
     """With an answer that repeats nothing of it, and the next client is served."""
@@ -425,7 +428,7 @@ def test_one_viewer_too_many_is_told(site: Site, monkeypatch: pytest.MonkeyPatch
     try:
         first, second = small.raw(), small.raw()
         for connection in (first, second):
-            connection.sendall(_request("GET /"))
+            connection.sendall(_request("GET /api/history"))
             assert connection.recv(12) == b"HTTP/1.1 200"
         with small.raw() as third:
             assert _all(third).startswith(b"HTTP/1.1 503 ")
@@ -440,6 +443,35 @@ def test_one_viewer_too_many_is_told(site: Site, monkeypatch: pytest.MonkeyPatch
         second.close()
     finally:
         small.close()
+
+
+def test_connections_that_drip_keep_nobody_out(site: Site) -> None:
+    """Sixty of one address ask for nothing; of another address, and of the same one, a request is answered."""
+    dripping = [socket.create_connection(("127.0.0.1", site.port), source_address=("127.0.0.2", 0)) for _ in range(60)]
+    for connection in dripping:
+        with suppress(OSError):  # the oldest have given way already
+            connection.sendall(b"GET /api/")
+    for address in ("127.0.0.1", "127.0.0.2"):
+        start_s = time.monotonic()
+        with socket.create_connection(("127.0.0.1", site.port), source_address=(address, 0)) as late:
+            late.sendall(_request("GET /api/history"))
+            assert late.recv(12) == b"HTTP/1.1 200"
+        assert time.monotonic() - start_s < connections.IDLE_S / 2  # none of the sixty had to end first
+    for connection in dripping:
+        connection.close()
+
+
+def test_who_has_shown_the_token_does_not_give_way(site: Site) -> None:
+    """However many come after it."""
+    with site.raw() as viewer:
+        viewer.sendall(_request("GET /api/history"))
+        assert viewer.recv(12) == b"HTTP/1.1 200"
+        others = [site.raw() for _ in range(2 * connections.MOST)]
+        assert site.ask("GET", "/api/history").status == 200
+        viewer.sendall(_request("GET /api/history", "Connection: close"))
+        assert _all(viewer).count(b"HTTP/1.1 200") == 1
+        for other in others:
+            other.close()
 
 
 def test_a_viewer_that_never_reads_delays_no_other(site: Site, daemon: MadeUpDaemon) -> None:

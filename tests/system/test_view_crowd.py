@@ -1,0 +1,119 @@
+"""The live page under a crowd, and before another user of the machine."""
+
+from __future__ import annotations
+
+import http.client
+import os
+import pwd
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+
+from ledpi.view.pictures import KINDS
+from tests.builders import ROOT
+from tests.builders.made_up_daemon import HELLO, MadeUpDaemon
+from tests.builders.view import Page, view, wait_for
+
+VIEWERS = 50
+WATCHED_S = 8.0
+LARGE = {"camera": HELLO["camera"] | {"width": 640, "height": 480, "fx": 640.0, "fy": 640.0, "cx": 320.0, "cy": 240.0}}
+
+
+@pytest.fixture
+def page(tmp_path: Path) -> Iterator[Page]:
+    """Of a daemon that shows pictures of 640 × 480."""
+    daemon = MadeUpDaemon(tmp_path / "tap.sock", hello=LARGE)
+    with view(tmp_path) as opened:
+        wait_for(lambda: opened.ask("/api/state")["link"]["state"] == "up", "the daemon")
+        yield opened
+    daemon.close()
+
+
+def resident_mb(page: Page) -> float:
+    status = Path(f"/proc/{page.process.pid}/status").read_text()
+    return int(status.split("VmRSS:")[1].split()[0]) / 1024
+
+
+def test_many_viewers_take_little_memory(page: Page) -> None:
+    """Fifty of all kinds of pictures: 45 MB more at most. Each thread with memory of its own took 70, and 120 later."""
+    before_mb, until_s, got = resident_mb(page), time.monotonic() + WATCHED_S, [0] * VIEWERS
+
+    def watch(viewer: int) -> None:
+        kind, headers = KINDS[viewer % len(KINDS)], {"Authorization": f"Bearer {page.token}"}
+        while time.monotonic() < until_s:
+            connection = http.client.HTTPConnection("127.0.0.1", page.port, timeout=30)
+            with suppress(OSError, http.client.HTTPException):  # two are more than there are places
+                while time.monotonic() < until_s:
+                    connection.request("GET", f"/api/frame?kind={kind}", headers=headers)
+                    answer = connection.getresponse()
+                    answer.read()
+                    got[viewer] += answer.status == 200
+            connection.close()
+            time.sleep(0.2)
+
+    viewers = [threading.Thread(target=watch, args=(k,)) for k in range(VIEWERS)]
+    for viewer in viewers:
+        viewer.start()
+    for viewer in viewers:
+        viewer.join()
+    assert sum(count > 0 for count in got) >= 48
+    assert resident_mb(page) - before_mb < 45.0
+
+
+ANOTHER_USER = """
+import os, socket, sys
+os.setgroups([])
+os.setgid(65534)
+os.setuid(65534)
+port, tap = int(sys.argv[1]), sys.argv[2]
+for path in ("/api/frame", "/api/frame?kind=bands", "/api/frame.png", "/api/state", "//api/frame", "/api/%66rame"):
+    for header in ("", "Authorization: Bearer \\r\\n", "Authorization: \\r\\n", "Cookie: token=1\\r\\n"):
+        connection = socket.socket()
+        connection.settimeout(20)
+        connection.connect(("127.0.0.1", port))
+        connection.sendall(f"GET {path} HTTP/1.1\\r\\nHost: localhost\\r\\n{header}\\r\\n".encode())
+        print(connection.recv(12).decode().split()[1])
+        connection.close()
+try:
+    socket.socket(socket.AF_UNIX).connect(tap)
+except PermissionError:
+    print("refused")
+"""
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can become another user")
+def test_another_user_of_the_machine_gets_no_picture(page: Page, tmp_path: Path) -> None:
+    """Neither from the tap nor from the page, whatever is asked without the token."""
+    assert pwd.getpwuid(65534).pw_name == "nobody"
+    (tmp_path / "tap.sock").chmod(0o600)  # as the daemon leaves it
+    asked = subprocess.run(
+        [sys.executable, "-c", ANOTHER_USER, str(page.port), str(tmp_path / "tap.sock")],
+        capture_output=True, text=True, check=False, cwd=ROOT,
+    )  # fmt: skip
+    assert asked.returncode == 0, asked.stderr
+    *statuses, tap = asked.stdout.split()
+    assert set(statuses) <= {"401", "404"}
+    assert len(statuses) == 24
+    assert tap == "refused"
+
+
+def test_a_crowd_that_asks_for_nothing_keeps_nobody_out(page: Page) -> None:
+    """Sixty connections of one address drip; one of another is answered before any of them has to end."""
+    dripping = []
+    for _ in range(60):
+        connection = socket.create_connection(("127.0.0.1", page.port), source_address=("127.0.0.3", 0))
+        with suppress(OSError):
+            connection.sendall(b"G")
+        dripping.append(connection)
+    start_s = time.monotonic()
+    assert page.ask("/api/state")["link"]["state"] == "up"
+    assert time.monotonic() - start_s < 10.0  # a request may drip for 20 s
+    for connection in dripping:
+        connection.close()
