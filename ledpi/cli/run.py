@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import os
 import signal
+import traceback
 from pathlib import Path
 
 import typer
@@ -35,17 +36,21 @@ def run(
     from ledpi.camera.factory import open_camera
     from ledpi.config.settings import find_config, load_config
     from ledpi.core.errors import LedpiError, TransientError
+    from ledpi.core.wording import one_line
     from ledpi.runtime.reporting import log_to_standard_error
     from ledpi.runtime.service import Service
-    from ledpi.runtime.threads import end_threads
+    from ledpi.runtime.threads import NO_THREAD, end_threads, is_no_thread
 
     log_to_standard_error()
     file = find_config(config)
-    service = Service(
-        lambda: load_config(file, tuple(set_)),
-        lambda settings: open_camera(settings, paced=not unpaced, frames=frames, recover=True),
-        lossless=unpaced,
-    )
+    try:
+        service = Service(
+            lambda: load_config(file, tuple(set_)),
+            lambda settings: open_camera(settings, paced=not unpaced, frames=frames, recover=True),
+            lossless=unpaced,
+        )
+    except RuntimeError as error:
+        raise (TransientError(NO_THREAD) if is_no_thread(error) else error) from None
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: service.stop())
     signal.signal(signal.SIGHUP, lambda *_: service.reload())
@@ -54,9 +59,14 @@ def run(
         service.reload()
     try:
         totals = service.run()
-    except (LedpiError, OSError) as error:
+    except Exception as error:
+        if not (isinstance(error, LedpiError | OSError) or is_no_thread(error)):
+            end_threads(status=1, said=traceback.format_exc())
+            raise
         # All was well when it started: what has come between may pass. If not, the next start says what to put right.
-        raise TransientError(str(error)) from error
+        failure = TransientError(NO_THREAD if is_no_thread(error) else str(error))
+        end_threads(status=1, said=f"ledpi: {one_line(str(failure))}\n")
+        raise failure from error
     health = totals.health
     logging.getLogger("ledpi").info(
         "ended: %d frames, %d dropped, %d decoded, %d markers, rejected: %s",

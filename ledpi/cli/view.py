@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import stat
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,7 +12,7 @@ import typer
 from ledpi.cli import app
 
 if TYPE_CHECKING:
-    from ledpi.config.settings import ViewSettings
+    from ledpi.config.settings import Config, ViewSettings
     from ledpi.view.hub import Hub
     from ledpi.view.server import ViewServer
 
@@ -40,7 +41,9 @@ def view(
 
     log_to_standard_error()
     _share_memory()
-    settings = load_config(find_config(config), tuple(set_), without_file=("panels.side_m=1",))
+    file = find_config(config)
+    settings = load_config(file, tuple(set_), without_file=("panels.side_m=1",))
+    _warn_of_readable_token(settings, file)
     if settings.tap.socket is None:
         raise ConfigError("tap.socket: is null, so the daemon shows nothing; must be auto, or the daemon's path")
     hub = Hub(str(settings.tap.socket))
@@ -54,6 +57,19 @@ def view(
     server.shutdown()
     server.server_close()
     hub.close()
+
+
+def _warn_of_readable_token(settings: Config, file: Path | None) -> None:
+    """Says where other users of the machine find the token."""
+    import logging
+
+    if settings.view.token is None or "view.token" in settings.from_command_line or file is None:
+        return
+    if file.stat().st_mode & stat.S_IROTH:
+        remedy = f"chgrp ledpi {file}; chmod 640 {file}"
+        logging.getLogger("ledpi.view").warning(
+            "view.token: every user of this machine can read it in %s; remedy: %s", file, remedy
+        )
 
 
 def _share_memory() -> None:

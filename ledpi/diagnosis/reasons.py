@@ -85,6 +85,10 @@ REASONS: dict[str, Explained] = {
     "uemura.not_in_dictionary": Explained("with decode.method: uemura only: no codeword", "use likelihood"),
     "capture.timestamp": Explained("a frame has no time, or one that is not after the last", ""),
     "capture.exposure": Explained("the camera did not expose as asked", "set what the camera can do"),
+    "capture.repeated": Explained(
+        "the camera gave the very same picture again, with a new time",
+        "its driver hangs: unplug it, or start the machine anew",
+    ),
     "capture.unreadable": Explained("a picture of a recording cannot be read (or truncated, or of the wrong_size)", ""),
     "camera.lost": Explained("the camera stalls, fails or is unplugged; it is opened again", "check the cable"),
 }

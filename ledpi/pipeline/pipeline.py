@@ -20,6 +20,7 @@ from ledpi.core.records import (
 from ledpi.core.row_clock import MIN_DEVIATION, RowClock
 from ledpi.markers.dictionaries import load_dictionary
 from ledpi.pipeline.likelihood import LikelihoodPath
+from ledpi.pipeline.repeats import REPEATED, Repeats
 from ledpi.pipeline.results import Results
 from ledpi.pipeline.trace import Trace
 from ledpi.pipeline.uemura import UemuraPath
@@ -64,6 +65,7 @@ class Pipeline:
         sides_m = {marker_id: panels.spec(marker_id).side_m for marker_id in range(len(dictionary.codewords))}
         self._placer = Placer(intrinsics, sides_m, stream=stream, robot=robot)
         self._row_clock = RowClock(camera)
+        self._repeats = Repeats()
         self.likelihood = LikelihoodPath(camera, panels, groups, intrinsics, stream=stream)
         self._read = self.likelihood.read if method == "likelihood" else UemuraPath(dictionary, groups).read
 
@@ -79,6 +81,9 @@ class Pipeline:
         """
         frame = self._correct_row_time(frame)
         work = Results(dict.fromkeys(STAGES[self._method], 0.0), trace)
+        if self._stream and self._repeats.is_repeated(frame):
+            work.rejected.append(REPEATED)
+            return work.final_result(frame)
         for read in self._read(frame, work):
             detections = [detection for detection in read if self._exists(detection, work)]
             if detections:

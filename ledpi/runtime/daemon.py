@@ -182,12 +182,12 @@ class Daemon:
         if self._calibrated is None:
             _log.warning("camera.intrinsics is not set: IDs are sent flagged uncalibrated, without poses")
         self._publisher.set_status(STARTING)
-        self._publisher.start()
-        self._observers.start()
-        for thread in self._threads:
-            thread.start()
-        notify("READY=1")
         try:
+            self._publisher.start()
+            self._observers.start()
+            for thread in self._threads:
+                thread.start()
+            notify("READY=1")
             self._watch(at_each_tick)
         finally:
             self._close()
@@ -200,15 +200,19 @@ class Daemon:
         self._stop.set()
         self._observers.end()
         if self._left.camera is not None:
-            self._threads[0].join(JOIN_S)
+            _join(self._threads[0])
         if self._left.camera is None or self._threads[0].is_alive():  # a camera that hangs is opened again
             self._left = self._left._replace(camera=None)
             closing = threading.Thread(target=self._close_camera, name="close", daemon=True)
-            closing.start()
-            closing.join(CLOSE_S)
-            self._threads[0].join(JOIN_S)
+            try:
+                closing.start()
+            except RuntimeError:  # the system has no further thread
+                self._close_camera()
+            else:
+                closing.join(CLOSE_S)
+            _join(self._threads[0])
         self._ring.close()
-        self._threads[1].join(JOIN_S)
+        _join(self._threads[1])
         self._send_status()  # the last status counts every frame
         if self._left.publisher is None:
             self._publisher.stop()
@@ -330,6 +334,12 @@ class Daemon:
             ring=self._ring.counters(),
             packets=self._publisher.counters,
         )
+
+
+def _join(thread: threading.Thread) -> None:
+    """Waits for a thread, a moment at most; not for one that could not be started."""
+    if thread.ident is not None:
+        thread.join(JOIN_S)
 
 
 def _warn(config: Config, pipeline: Pipeline, info: CameraInfo, robot: Robot) -> None:

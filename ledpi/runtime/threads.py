@@ -7,6 +7,7 @@ import logging
 import os
 import sys
 import threading
+from contextlib import suppress
 
 # A thread that wants to run waits at most so long for one that computes in Python. The default is 5 ms: so long would
 # poses that are ready wait, twice (woken, and before the packet is written), while the picture is searched; and so long
@@ -34,12 +35,22 @@ def keep_memory() -> None:
         mallopt(_TRIM_THRESHOLD, _KEPT_BYTES)
 
 
-def end_threads(status: int) -> None:
-    """Ends the process with this status where a thread of it still works; else nothing.
+NO_THREAD = "the system gives this process no further thread; end others, or raise TasksMax= of the unit or ulimit -u"
+
+
+def is_no_thread(error: BaseException) -> bool:
+    """Whether Python could not start a thread, for which it has no exception of its own."""
+    return isinstance(error, RuntimeError) and "start new thread" in str(error)
+
+
+def end_threads(status: int, said: str = "") -> None:
+    """Ends the process with this status, and these last words, where a thread of it still works; else nothing.
 
     A frame may be in work that takes longer than anybody waits for it, or a driver may hang. Python would kill such a
     thread as it comes back from C++ (OpenCV's or libcamera's), and C++ abort the process for that.
     """
     if any(thread.daemon for thread in threading.enumerate()):
+        with suppress(OSError):
+            print(said, end="", file=sys.stderr, flush=True)
         logging.shutdown()
         os._exit(status)

@@ -68,8 +68,12 @@ class Commands:
             return error(f"{do}: {_BUSY[do]}", request.id)
         thread = threading.Thread(target=self._run, args=(command, follower, request), name=f"tap {do}", daemon=True)
         self._running.add(do)
+        try:
+            thread.start()
+        except RuntimeError:
+            self._running.discard(do)
+            return error(f"{do}: the system gives the daemon no further thread; ask again later", request.id)
         self._threads[do] = thread
-        thread.start()
         return None
 
     def done(self) -> Iterator[tuple[Follower, dict[str, Any]]]:

@@ -49,6 +49,14 @@ class Crowd:
             ):
                 self._part(fd)
 
+    def wait_for_bell(self, seconds: float) -> None:
+        """Until the bell rings; what clients send, read or want waits."""
+        poll = select.poll()
+        poll.register(self._bell, select.POLLIN)
+        if poll.poll(1e3 * seconds):
+            with suppress(BlockingIOError):
+                os.eventfd_read(self._bell)
+
     def requests(self) -> Iterator[tuple[Follower, Request]]:
         """What clients ask, one line of each. What is no request is answered here."""
         for follower in list(self):

@@ -33,9 +33,11 @@ from ledpi.tap.protocol import Do, Extra, Request, error, write_line
 PICTURE_EVERY_S = 0.05
 # That may wait for clients before another picture is made: who does not read its own keeps others waiting, not memory.
 MOST_WAITING_BYTES = 1 << 23
-# Between two turns, in each of which a client may ask one thing: one that floods the tap must not keep the interpreter,
-# which the decoder needs, busy.
+# Between two turns, in each of which a client may ask one thing.
 PACE_S = 0.002
+# Of a processor's time, that clients may take by what they ask, connect and read: however many flood the tap, the
+# decoder needs the interpreter. After a turn for them only frames and health are sent, until so much has passed.
+CLIENTS_SHARE = 0.05
 # Frames that are passed over for one of which the whole picture was searched, where somebody wants to know what was
 # rejected: a stream searches in every third.
 MOST_PASSED = 3
@@ -71,7 +73,7 @@ class Tap:
         self._asked: list[tuple[Follower, Request]] = []  # for pictures
         self._wanted: frozenset[Extra] | None = None  # what the next picture comes with; None: there is to be none
         self._passed = 0  # frames since then that were not searched
-        self._pictured_s = self._turned_s = 0.0
+        self._pictured_s = self._turned_s = self._heard_from_s = 0.0
         self._thread = threading.Thread(target=self._run, name="tap", daemon=True)
 
     def start(self) -> None:
@@ -169,14 +171,20 @@ class Tap:
     def _turn(self) -> None:
         """Waits for something to do, and does it."""
         time.sleep(max(0.0, min(PACE_S, self._turned_s + PACE_S - time.monotonic())))
-        self._crowd.wait(PICTURE_EVERY_S if self._asked and self._wanted is None else _TURN_S)
+        pause_s, worked_s = self._heard_from_s - time.monotonic(), time.thread_time()
+        if pause_s > 0.0:
+            self._crowd.wait_for_bell(pause_s)
+        else:
+            self._crowd.wait(PICTURE_EVERY_S if self._asked and self._wanted is None else _TURN_S)
+            for follower, request in self._crowd.requests():
+                self._take_up(follower, request)
         self._turned_s = time.monotonic()
-        for follower, request in self._crowd.requests():
-            self._take_up(follower, request)
         self._answer_commands()
         self._greet()
         self._pass_on()
         self._crowd.send()
+        if pause_s <= 0.0:
+            self._heard_from_s = time.monotonic() + (time.thread_time() - worked_s) / CLIENTS_SHARE
         self._asked = [(follower, request) for follower, request in self._asked if not follower.is_gone]
         self._ask_for_picture()
         self._followed = len(self._crowd) > 0

@@ -52,7 +52,8 @@ class BoundedServer(ThreadingHTTPServer):
         with self._changing:
             if is_full := len(self._unknown) + len(self._trusted) >= MOST:
                 oldest = next(iter(self._unknown), None)
-                self._unknown.pop(oldest, None)
+            if oldest is not None:
+                del self._unknown[oldest]
             if not is_full or oldest is not None:
                 self._unknown[request] = None
         if is_full and oldest is None:

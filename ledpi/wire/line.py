@@ -8,6 +8,7 @@ import glob
 import os
 import re
 import select
+import stat
 import termios
 import time
 from collections.abc import Callable
@@ -59,12 +60,24 @@ class _OwnPort(serial.Serial):
 def open_port(port: str, baud: int, *, read_timeout_s: float = 0.0) -> serial.Serial:
     """An open serial port that is ours alone, 8N1 without flow control. Raises WireError with the reason."""
     try:
+        if _is_terminal(port):
+            raise OSError(errno.ENOTTY, os.strerror(errno.ENOTTY))
         return _OwnPort(port, baud, timeout=read_timeout_s, exclusive=True)
     except (OSError, ValueError, termios.error) as error:
         why = reason(error)
     if why == _IN_USE and (holder := who_holds(glob.escape(port))) is not None:
         why = f"{why}, {holder}"
     raise WireError(f"{port}: cannot be opened: {why}")
+
+
+def _is_terminal(port: str) -> bool:
+    """Whether it is one of Linux's own terminals, which take what nobody reads: /dev/ptmx, a console, /dev/tty.
+
+    Raises OSError where it is not there. Numbers: the kernel's Documentation/admin-guide/devices.txt.
+    """
+    found = os.stat(port)
+    major, minor = os.major(found.st_rdev), os.minor(found.st_rdev)
+    return stat.S_ISCHR(found.st_mode) and (major == 5 or (major == 4 and minor < 64))
 
 
 def reason(error: Exception) -> str:

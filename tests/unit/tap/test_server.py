@@ -317,6 +317,63 @@ def test_a_flood_of_requests_waits_in_its_own_buffer(tap: Tap) -> None:
     assert time.monotonic() - began_s > (FLOOD - 1) * PACE_S
 
 
+FLOOD_OF = {
+    "questions": """
+clients = [connected() for _ in range(40)]
+while True:
+    for client in clients:
+        try: client.send(b'{"do": "config", "id": 1}\\n' * 8)
+        except BlockingIOError: pass
+        try: client.recv(1 << 16)
+        except BlockingIOError: pass
+""",
+    "pictures": """
+clients = [connected() for _ in range(40)]
+while True:
+    for client in clients:
+        try: client.send(b'{"do": "picture", "id": 1, "with": ["rejected", "evidence"]}\\n' * 8)
+        except BlockingIOError: pass
+        try: client.recv(1 << 20)
+        except BlockingIOError: pass
+""",
+    "connections": """
+while True: connected().close()
+""",
+}
+_FLOODING = """
+import socket, sys
+def connected():
+    client = socket.socket(socket.AF_UNIX)
+    client.connect(sys.argv[1])
+    client.setblocking(False)
+    return client
+print(flush=True)
+"""
+
+
+@pytest.mark.parametrize("kind", FLOOD_OF)
+def test_a_flood_takes_a_tenth_of_a_processor_at_most(tap: Tap, kind: str) -> None:
+    """Whatever clients ask for, however often they come; a frame is passed on all the same."""
+    client = follow(tap)
+    command = [sys.executable, "-c", _FLOODING + FLOOD_OF[kind], str(tap.path)]
+    with Stream(tap, 0.02), subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as flood:
+        assert flood.stdout is not None
+        flood.stdout.readline()
+        time.sleep(0.5)
+        worked_s, began_s = processor_s(tap), time.monotonic()
+        seqs = [client.line()["seq"] for _ in range(100)]
+        share = (processor_s(tap) - worked_s) / (time.monotonic() - began_s)
+        flood.kill()
+    assert share < 0.1
+    assert seqs == sorted(set(seqs))
+
+
+def processor_s(tap: Tap) -> float:
+    """What the tap's thread has used so far."""
+    stat = Path(f"/proc/self/task/{tap._thread.native_id}/stat").read_text().rpartition(")")[2].split()
+    return (int(stat[11]) + int(stat[12])) / os.sysconf("SC_CLK_TCK")
+
+
 def test_the_65th_client_is_sent_away(tap: Tap) -> None:
     """And may come when another has gone."""
     clients = [follow(tap) for _ in range(MOST_FOLLOWERS)]

@@ -131,6 +131,25 @@ def test_a_token_of_the_configuration_is_used(tmp_path: Path) -> None:
             assert connection.getresponse().status == 401
 
 
+@pytest.mark.parametrize("mode", [0o644, 0o640])
+def test_a_token_that_every_user_can_read_is_warned_of(
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    caplog: pytest.LogCaptureFixture,
+    tmp_path: Path,
+    mode: int,
+) -> None:
+    """With the remedy: it would keep nobody of this machine out."""
+    (tmp_path / "config.yaml").write_text(
+        "panels: {side_m: 0.16}\nview: {token: chosen-by-me-1, listen: '192.0.2.1:80'}"
+    )
+    (tmp_path / "config.yaml").chmod(mode)
+    monkeypatch.chdir(tmp_path)
+    in_process(monkeypatch, capsys, "view")()
+    told = "view.token: every user of this machine can read it in config.yaml; remedy: chgrp ledpi config.yaml"
+    assert (told in caplog.text) == (mode == 0o644)
+
+
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_it_ends_well(tmp_path: Path, number: signal.Signals) -> None:
     """By a service manager or Ctrl-C, while somebody waits for a picture: status 0."""

@@ -391,7 +391,11 @@ def test_stop_ends_when_the_receiver_does_not_read(far_end: FarEnd, start: Start
 
 @pytest.mark.parametrize(
     ("path", "reason"),
-    [("pyproject.toml", "not a serial port"), ("tests", "is a directory")],
+    [
+        ("pyproject.toml", "not a serial port"),
+        ("tests", "is a directory"),
+        ("/dev/ptmx", "not a serial port"),  # each that opens it gets a terminal, at whose other end nobody reads
+    ],
 )
 def test_a_port_that_is_none_is_reported_in_one_line(start: Start, path: str, reason: str) -> None:
     """The error is there for the health line; the daemon goes on."""
