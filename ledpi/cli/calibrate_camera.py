@@ -67,7 +67,7 @@ def camera(
         check_changeable(file)
     found = _live_views(settings, board) if pictures is None else _views_in(pictures, board)
     try:
-        result = calibrate_camera(found.views, board, *found.size)
+        result = calibrate_camera(found.views, found.board, *found.size)
     except CalibrationError as error:
         raise CalibrationError(f"{folder or 'live'}: {error}") from None
     written = _write(out, result)
@@ -81,6 +81,7 @@ def camera(
 class _Found:
     pictures: int
     views: list[BoardView]
+    board: Board  # as its maker laid it out
     size: tuple[int, int]  # width and height of all pictures
 
 
@@ -101,28 +102,32 @@ def _live_views(settings: Config, board: Board) -> _Found:
         return open_camera(settings.model_copy(update={"camera": changed}))
 
     collection, info = collect_views(open_at, board, lambda text: typer.echo(text, err=True), metered=not replay)
-    return _Found(collection.frames, collection.views, (info.width, info.height))
+    return _Found(collection.frames, collection.views, collection.board, (info.width, info.height))
 
 
 def _views_in(folder: Path, board: Board) -> _Found:
-    from ledpi.tools.calibrate.boards import find_board, other_board
+    from ledpi.tools.calibrate.boards import BoardFinder, other_board
 
     views: list[BoardView] = []
     others: Counter[str] = Counter()
-    size = (0, 0)
+    first: tuple[str, int, int] | None = None
+    finder, broken = BoardFinder(board), []
     paths = _picture_files(folder)
     with progress("looking for the board", len(paths)) as advance:
         for path in paths:
-            picture = read_grey(path)
+            try:
+                picture = read_grey(path)
+            except CalibrationError as error:
+                broken.append(f"{error}: left out")
+                continue
             height, width = picture.shape
-            if path == paths[0]:
-                size = (width, height)
-            if (width, height) != size:
+            first = first or (path.name, width, height)
+            if (width, height) != first[1:]:
                 raise CalibrationError(
-                    f"{path}: is {width} × {height} pixels, {paths[0].name} is {size[0]} × {size[1]}; "
+                    f"{path}: is {width} × {height} pixels, {first[0]} is {first[1]} × {first[2]}; "
                     "all must be of one camera at one size"
                 )
-            view = find_board(path.name, picture, board)
+            view = finder.find(path.name, picture)
             if view is not None:
                 views.append(view)
             elif (other := None if views else other_board(picture, board)) is not None:
@@ -130,9 +135,13 @@ def _views_in(folder: Path, board: Board) -> _Found:
                 if others[other] >= MIN_OTHER_BOARD_PICTURES:  # the search for what is not there takes long
                     break
             advance(1)
-    if not views:
-        raise CalibrationError(f"{folder}: {_no_board(board, len(paths), others)}")
-    return _Found(len(paths), views, size)
+    for line in broken:
+        typer.echo(line, err=True)
+    if first is None or not views:
+        raise CalibrationError(f"{folder}: {_no_board(board, len(paths) - len(broken), others)}")
+    if (note := finder.note(board)) is not None:
+        typer.echo(note, err=True)
+    return _Found(len(paths), views, finder.board, first[1:])
 
 
 def _no_board(board: Board, pictures: int, others: Counter[str]) -> str:
@@ -147,9 +156,10 @@ def _picture_files(folder: Path) -> list[Path]:
     from ledpi.recording.still import SUFFIXES
 
     try:
-        paths = sorted(path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES)
+        found = [path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES]
     except OSError as error:
         raise CalibrationError(f"{folder}: cannot be read: {error.strerror}") from None
+    paths = sorted(path for path in found if not path.name.startswith("."))  # ._NAME.jpg is what a Mac leaves beside
     if not paths:
         raise CalibrationError(f"{folder}: no pictures in it ({', '.join(sorted(SUFFIXES))})")
     return paths

@@ -14,13 +14,12 @@ from typing import Any, get_args
 
 from ledpi.config.camera_yaml import camera_yaml_text
 from ledpi.core.errors import CalibrationError
-from ledpi.tools.calibrate.boards import Board, Kind, find_board
+from ledpi.tools.calibrate.boards import SIDES, Board, BoardFinder, Kind
 from ledpi.tools.calibrate.camera import MIN_VIEWS, CameraCalibration, calibrate_camera, quality
 from ledpi.tools.calibrate.collecting import ENOUGH_VIEWS, Collection
 from ledpi.tools.calibrate.coverage import corner_counts
 from ledpi.view.pictures import Pictures
 
-SIDE = range(3, 21)  # inner corners along a side
 LONGEST_S = 900.0  # after which a watch that was forgotten ends
 PAUSE_S = 0.1  # between two pictures: a search takes about as long
 BLIND = 10  # pictures without the board, until that is said
@@ -31,8 +30,8 @@ def board_of(kind: str, columns: int, rows: int) -> Board:
     """Raises ValueError that says what would be right."""
     if kind not in get_args(Kind):
         raise ValueError(f"kind must be {' or '.join(get_args(Kind))}")
-    if columns not in SIDE or rows not in SIDE:
-        raise ValueError(f"cols and rows must be {SIDE[0]} to {SIDE[-1]} inner corners")
+    if columns not in SIDES or rows not in SIDES:
+        raise ValueError(f"cols and rows must be {SIDES[0]} to {SIDES[-1]} inner corners")
     return Board(kind="charuco" if kind == "charuco" else "chessboard", columns=columns, rows=rows)
 
 
@@ -41,6 +40,7 @@ class BoardWatch:
 
     def __init__(self, board: Board, pictures: Pictures) -> None:
         self._board, self._pictures = board, pictures
+        self._finder = BoardFinder(board)
         self._collection: Collection | None = None
         self._result: CameraCalibration | None = None
         self._said = "show the board to the camera"
@@ -88,7 +88,8 @@ class BoardWatch:
             height, width = shown.pixels.shape
             if self._collection is None or (self._collection.width, self._collection.height) != (width, height):
                 self._collection = Collection(board=self._board, width=width, height=height)
-            view = find_board(f"picture {number}", shown.pixels, self._board)
+            view = self._finder.find(f"picture {number}", shown.pixels)
+            self._collection.board = self._finder.board
             blind = 0 if view is not None else blind + 1
             if view is not None and self._collection.add(view):
                 self._fit(self._collection)
@@ -103,7 +104,7 @@ class BoardWatch:
         if len(collection.views) < MIN_VIEWS:
             return
         try:
-            self._result = calibrate_camera(collection.views, self._board, collection.width, collection.height)
+            self._result = calibrate_camera(collection.views, collection.board, collection.width, collection.height)
             self._lens_said = ""
         except CalibrationError as error:
             self._lens_said = str(error)

@@ -8,7 +8,7 @@ import numpy as np
 
 from ledpi.camera.base import Camera
 from ledpi.core.records import CameraInfo, Frame, Rejected
-from ledpi.tools.calibrate.boards import Board, BoardView, find_board, other_board
+from ledpi.tools.calibrate.boards import Board, BoardFinder, BoardView, other_board
 from ledpi.tools.calibrate.collecting import Collection, next_exposure
 
 OpenAt = Callable[[tuple[float, float] | None], Camera]  # (exposure µs, gain), or None for the configured ones
@@ -29,6 +29,7 @@ def collect_views(
     camera = open_at(None)
     collection = Collection(board=board, width=camera.info.width, height=camera.info.height)
     said, blind, changes, other = "", 0, 0, ""
+    finder = BoardFinder(board)
     try:
         while (wanted := collection.missing()) is not None:
             text = f"{len(collection.views)} views; {NO_BOARD + other if blind > BLIND_FRAMES else wanted}"
@@ -39,7 +40,10 @@ def collect_views(
             if isinstance(frame, Rejected):
                 continue
             collection.frames += 1
-            view = find_board(f"frame {frame.seq}", frame.pixels, board)
+            view = finder.find(f"frame {frame.seq}", frame.pixels)
+            if view is not None and collection.board is not finder.board:
+                collection.board = finder.board
+                say(finder.note(board) or "the board is seen")
             blind = 0 if view is not None else blind + 1
             if blind % BLIND_FRAMES == BLIND_FRAMES - 1:
                 other = _seen_instead(frame, board)
