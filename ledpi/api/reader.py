@@ -12,7 +12,7 @@ from ledpi.api.marker import Marker
 from ledpi.api.picture import checked_picture
 from ledpi.api.stream import Stream
 from ledpi.config.camera_yaml import load_intrinsics
-from ledpi.core.records import Intrinsics, Phase, Pixels, Transfer
+from ledpi.core.records import Intrinsics, Phase, Pixels, RowsFrom, Transfer
 
 EXPOSURE_US = 10_000.0  # where a program does not say: the configuration's default
 
@@ -43,6 +43,7 @@ class Reader:
         phase: Phase = "free",
         ids: Sequence[int] | None = None,
         transfer: Transfer = "srgb",
+        rows_from: RowsFrom = "above",
     ) -> None:
         overrides = (
             override("panels.side_m", side_m),
@@ -53,6 +54,7 @@ class Reader:
             override("panels.phase", phase),
             override("panels.ids", None if ids is None else list(ids)),
             override("camera.transfer", transfer),
+            override("camera.rows_from", rows_from),
         )
         self._panels = Panels(overrides=overrides, lens=_intrinsics(lens))
         self._panels.config()  # checked here, where they are given
@@ -67,9 +69,9 @@ class Reader:
     def read(self, image: Pixels, *, row_time_us: float, exposure_us: float = EXPOSURE_US) -> list[Marker]:
         """The markers in one picture, by itself, the surest first.
 
-        `image`: (height, width) uint8, grey, its rows as the sensor exposed them: not turned, scaled or rectified. It
-        is neither kept nor changed. `row_time_us` is between the starts of two rows, `exposure_us` how long a row is
-        exposed. Markers' times count from the start of row 0's read-out.
+        `image`: (height, width) uint8, grey, its rows as the sensor exposed them: not scaled or rectified, and turned
+        by 180° only where `rows_from` says so. It is neither kept nor changed. `row_time_us` is between the starts of
+        two rows, `exposure_us` how long a row is exposed. Markers' times count from the start of row 0's read-out.
 
         Raises PictureError, a ValueError, for another picture or another size than the lens's, ConfigError for a time
         that no camera has.

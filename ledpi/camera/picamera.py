@@ -161,5 +161,6 @@ def _configure(
         row_time_us=row_time_us,
         transfer="linear" if settings.transfer == "auto" else settings.transfer,
         frame_length_rows=rows,
+        rows_from=settings.rows_from,
     )
     return asked, info

@@ -124,6 +124,7 @@ def open_v4l2(settings: CameraSettings, device: str) -> V4l2Camera:
         exposure_us=exposure_us,
         row_time_us=settings.row_time_us,
         transfer="srgb" if settings.transfer == "auto" else settings.transfer,
+        rows_from=settings.rows_from,
     )
     return V4l2Camera(device, capture, info)
 

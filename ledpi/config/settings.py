@@ -32,7 +32,7 @@ from ledpi.config.values import (
 )
 from ledpi.core.errors import ConfigError
 from ledpi.core.files import read_yaml
-from ledpi.core.records import Transfer
+from ledpi.core.records import RowsFrom, Transfer
 from ledpi.core.wording import shortened
 from ledpi.markers.dictionaries import is_file
 
@@ -61,6 +61,7 @@ class CameraSettings(Section):
     analogue_gain: GainOrAuto = "auto"
     row_time_us: RowTimeOrAuto = "auto"
     transfer: Literal["auto", Transfer] = "auto"
+    rows_from: RowsFrom = "above"
     intrinsics: Path | None = None
 
 

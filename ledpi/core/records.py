@@ -21,6 +21,7 @@ Pixels = NDArray[np.uint8]
 Mask = NDArray[np.bool_]
 Number = TypeVar("Number", bound=np.generic)
 Transfer = Literal["linear", "srgb"]
+RowsFrom = Literal["above", "below"]
 Phase = Literal["free", "antiphase"]  # between a panel's classes
 DistortionModel = Literal["plumb_bob", "rational_polynomial", "thin_prism", "equidistant"]  # of a lens, as ROS names it
 
@@ -142,6 +143,7 @@ class CameraInfo:
     transfer: Transfer
     frame_length_rows: int | None = None  # rows in a frame's period, blanking included, where known
     intrinsics: Intrinsics | None = None  # where the source itself knows (a recording, the simulator)
+    rows_from: RowsFrom = "above"  # which of the picture's rows are read out first
 
     @property
     def frame_period_ms(self) -> float:
@@ -169,7 +171,7 @@ class Frame:
     seq: int
     row0_readout_ns: int  # start of row 0's read-out; row 0's exposure began exposure_us earlier
     exposure_us: float
-    row_time_us: float  # between the starts of two rows
+    row_time_us: float  # between the starts of two rows; negative where the last row is read out first
     transfer: Transfer
     analogue_gain: float | None = None
     host_offset_ns: int = 0  # what to add to the camera's clock to get this machine's CLOCK_MONOTONIC
@@ -177,11 +179,16 @@ class Frame:
     def __post_init__(self) -> None:
         if self.pixels.ndim != 2 or self.pixels.dtype != np.uint8:
             raise ValueError(f"pixels must be (H, W) uint8, not {self.pixels.shape} {self.pixels.dtype}")
-        if not (self.exposure_us > 0 and self.row_time_us > 0):
-            raise ValueError("exposure_us and row_time_us must be positive")
+        if not (self.exposure_us > 0 and self.row_time_us != 0):
+            raise ValueError("exposure_us must be positive, and row_time_us not zero")
         # Row after row without gaps, as C reads it; a part of another picture is copied.
         object.__setattr__(self, "pixels", np.ascontiguousarray(self.pixels))
         self.pixels.flags.writeable = False
+
+    def turned(self) -> Frame:
+        """The same picture, as one that was turned by 180° after it was read out: its last row came first."""
+        scan_ns = round((self.pixels.shape[0] - 1) * self.row_time_us * 1e3)
+        return replace(self, row0_readout_ns=self.row0_readout_ns + scan_ns, row_time_us=-self.row_time_us)
 
     def drop_picture(self) -> Frame:
         """What may be kept of it: the picture's room will hold another."""

@@ -69,7 +69,7 @@ class Proposer:
         if band_depth(frame, self._specs) <= DEEP:
             return None
         slowest = min(hz for spec in self._specs for hz in spec.waves_hz)
-        return 1 + math.ceil(0.5e6 / (slowest * frame.row_time_us))
+        return 1 + math.ceil(0.5e6 / (slowest * abs(frame.row_time_us)))
 
     def _distinct(self, ranked: list[Floats], dark_rows: int) -> list[Candidate]:
         """The candidates that are large enough, of those that lead to one fit the first."""

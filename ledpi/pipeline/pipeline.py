@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 
 from ledpi.config.panels import PanelSettings
 from ledpi.config.settings import Method
@@ -66,6 +67,7 @@ class Pipeline:
         self._placer = Placer(intrinsics, sides_m, stream=stream, robot=robot)
         self._row_clock = RowClock(camera)
         self._repeats = Repeats()
+        self._rows_from = camera.rows_from
         self.likelihood = LikelihoodPath(camera, panels, groups, intrinsics, stream=stream)
         self._read = self.likelihood.read if method == "likelihood" else UemuraPath(dictionary, groups).read
 
@@ -79,19 +81,22 @@ class Pipeline:
         each step made of the frame, and each candidate that was dropped; what `find` itself drops has no corners yet,
         and is only counted.
         """
+        read_out_ns = frame.row0_readout_ns
         frame = self._correct_row_time(frame)
+        if self._rows_from == "below":
+            frame = frame.turned()
         work = Results(dict.fromkeys(STAGES[self._method], 0.0), trace)
         if self._stream and self._repeats.is_repeated(frame):
             work.rejected.append(REPEATED)
-            return work.final_result(frame)
+            return replace(work.final_result(frame), row0_readout_ns=read_out_ns)
         for read in self._read(frame, work):
             detections = [detection for detection in read if self._exists(detection, work)]
             if detections:
                 start = time.perf_counter()
                 markers = work.add(frame, detections, self._placer)
                 work.add_time("pose", start)
-                on_partial(work.partial_result(frame, markers))
-        return work.final_result(frame)
+                on_partial(replace(work.partial_result(frame, markers), row0_readout_ns=read_out_ns))
+        return replace(work.final_result(frame), row0_readout_ns=read_out_ns)
 
     def _exists(self, detection: Detection, work: Results) -> bool:
         """Whether there is a panel of this ID."""

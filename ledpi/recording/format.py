@@ -17,7 +17,7 @@ from typing_extensions import Self
 from ledpi.config import values as values
 from ledpi.core.errors import RecordingError
 from ledpi.core.files import read_text, read_yaml
-from ledpi.core.records import COEFFICIENTS, DistortionModel, Phase, Transfer
+from ledpi.core.records import COEFFICIENTS, DistortionModel, Phase, RowsFrom, Transfer
 from ledpi.core.wording import shortened, shortened_name
 from ledpi.markers.dictionaries import is_file, load_dictionary
 
@@ -69,6 +69,7 @@ class CameraSection(BaseModel):
     row_time_us: RowTime
     exposure_us: Microseconds
     transfer: Transfer
+    rows_from: RowsFrom = "above"
     frame_length_rows: Rows | None = None  # a V4L2 camera cannot tell
     fx: Positive | None = None  # fx to distortion: all, or none where the camera was not calibrated
     fy: Positive | None = None

@@ -71,6 +71,8 @@ def camera_with(config: Config, camera: CameraInfo) -> CameraInfo:
         camera = replace(camera, row_time_us=asked.row_time_us, frame_length_rows=None)
     if _given(config, "camera.transfer") and asked.transfer != "auto":
         camera = replace(camera, transfer=asked.transfer)
+    if _given(config, "camera.rows_from"):
+        camera = replace(camera, rows_from=asked.rows_from)
     if _given(config, "camera.intrinsics"):
         path = asked.intrinsics
         camera = replace(

@@ -32,6 +32,7 @@ def still_camera(settings: CameraSettings) -> CameraInfo:
         exposure_us=settings.exposure_us,
         row_time_us=settings.row_time_us,
         transfer="srgb" if settings.transfer == "auto" else settings.transfer,
+        rows_from=settings.rows_from,
     )
 
 

@@ -25,7 +25,8 @@ def camera_of(hello: dict[str, Any]) -> CameraInfo:
     camera = hello.get("camera", {})
     names = ("width", "height", "exposure_us", "row_time_us", "transfer", "frame_length_rows")
     try:
-        return CameraInfo(**{name: camera[name] for name in names}, intrinsics=lens_told(camera))
+        values = {name: camera[name] for name in names}
+        return CameraInfo(**values, rows_from=camera.get("rows_from", "above"), intrinsics=lens_told(camera))
     except (KeyError, TypeError, ValueError) as error:
         raise TapError(f"the daemon's hello holds no whole camera: {error}") from None
 

@@ -72,6 +72,7 @@ def hello(setup: Setup, may: Sequence[str]) -> dict[str, Any]:
             "exposure_us": camera.exposure_us,
             "frame_length_rows": camera.frame_length_rows,
             "transfer": camera.transfer,
+            "rows_from": camera.rows_from,
             **(lens or dict.fromkeys(("fx", "fy", "cx", "cy", "distortion", "distortion_model"))),
         },
         "panels": panels.model_dump(mode="json"),

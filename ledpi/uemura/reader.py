@@ -148,7 +148,7 @@ class UemuraReader:
 def band_widths_rows(frame: Frame, spec: PanelSpec) -> tuple[float, float]:
     """Expected height of a band of the black class and of the white one."""
     rows = frame.pixels.shape[0]
-    scan_time_s = rows * frame.row_time_us * 1e-6
+    scan_time_s = rows * abs(frame.row_time_us) * 1e-6
     black, white = (band_width_rows(hz, rows=rows, scan_time_s=scan_time_s) for hz in (spec.black_hz, spec.white_hz))
     return black, white
 

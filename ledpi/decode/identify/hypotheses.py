@@ -127,7 +127,7 @@ def odds_against_single_light(fit: Fit, samples: CellSamples, frame: Frame, code
     All frequencies are tried, so close that one is within a quarter of a cycle over the panel's rows.
     """
     spec, rows = codebook.spec, samples.rows
-    step_hz = 0.5e6 / (float(rows.max() - rows.min()) * frame.row_time_us)
+    step_hz = 0.5e6 / (float(rows.max() - rows.min()) * abs(frame.row_time_us))
     lowest, highest = LIGHTS[0] * min(spec.waves_hz), LIGHTS[1] * max(spec.waves_hz)
     tried = np.arange(lowest, highest + 2 * step_hz, step_hz).tolist()
     as_deep = np.full(4, band_prior(frame, spec).max())

@@ -193,6 +193,20 @@ def test_a_part_of_a_wider_array_is_a_picture(near: Pixels) -> None:
     assert marker.id == 7
 
 
+def test_pictures_turned_by_180_degrees_are_read_from_below() -> None:
+    """A camera that is mounted upside down: a far panel is read as in the pictures that were not turned."""
+    taken = pictures(12, distance_m=3.5)
+    read = {}
+    for turned, rows_from in ((False, "above"), (True, "below"), (True, "above")):
+        stream = reader(lens=None, rows_from=rows_from).stream(row_time_us=ROW_TIME_US)
+        seen = [image[::-1, ::-1].copy() if turned else image for image, _ in taken]
+        found = [stream.read(image, time_ns=time_ns) for image, (_, time_ns) in zip(seen, taken, strict=True)]
+        read[turned, rows_from] = sum(markers[0].id == 7 for markers in found if markers)
+    assert read[False, "above"] >= 6
+    assert read[True, "below"] >= read[False, "above"] - 1
+    assert read[True, "above"] < read[True, "below"]
+
+
 # ---- Values that cannot be
 
 

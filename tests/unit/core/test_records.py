@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from ledpi.core.records import Frame, Intrinsics, PanelSpec, Rejected, read_only
+from ledpi.core.shutter import row_mid_exposure_ns
 
 
 def frame(**changes: Any) -> Frame:
@@ -46,14 +47,22 @@ def test_a_part_of_another_picture_is_copied() -> None:
     assert frame(pixels=whole.view()).pixels.ctypes.data == whole.ctypes.data
 
 
+def test_a_turned_frame_s_last_row_was_read_out_first() -> None:
+    """Of a picture that was turned by 180°: each row at the time at which the sensor read it."""
+    upright = frame()
+    turned, last = upright.turned(), upright.pixels.shape[0] - 1
+    for row in (0, 1, last):
+        assert row_mid_exposure_ns(turned, row) == pytest.approx(row_mid_exposure_ns(upright, last - row), abs=1)
+
+
 @pytest.mark.parametrize(
     ("changes", "expected"),
     [
         ({"pixels": np.zeros((4, 6, 3), np.uint8)}, r"must be \(H, W\) uint8, not \(4, 6, 3\)"),
         ({"pixels": np.zeros((4, 6), np.float32)}, r"must be \(H, W\) uint8, not \(4, 6\) float32"),
-        ({"exposure_us": 0.0}, "exposure_us and row_time_us must be positive"),
-        ({"row_time_us": -1.0}, "exposure_us and row_time_us must be positive"),
-        ({"exposure_us": float("nan")}, "exposure_us and row_time_us must be positive"),
+        ({"exposure_us": 0.0}, "exposure_us must be positive, and row_time_us not zero"),
+        ({"row_time_us": 0.0}, "exposure_us must be positive, and row_time_us not zero"),
+        ({"exposure_us": float("nan")}, "exposure_us must be positive, and row_time_us not zero"),
     ],
 )
 def test_a_bad_frame_is_refused(changes: dict[str, Any], expected: str) -> None:
