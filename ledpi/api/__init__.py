@@ -1,8 +1,10 @@
 """What `import ledpi` offers to Python programs: a reader of pictures, its lens, and the markers that it finds."""
 
+from ledpi.api.fix import Fix
 from ledpi.api.lens import Lens
 from ledpi.api.marker import Marker
 from ledpi.api.reader import Reader
+from ledpi.api.reason import Reason
 from ledpi.api.stream import Stream
 
-__all__ = ["Lens", "Marker", "Reader", "Stream"]
+__all__ = ["Fix", "Lens", "Marker", "Reader", "Reason", "Stream"]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -12,6 +13,11 @@ from ledpi.core.records import Floats, MarkerPose, PlanarSolution
 
 # An upright panel that faces the camera: the marker's x, y, z (right, up, out of it) along the camera's x, −y, −z.
 _FACING = np.diag([1.0, -1.0, -1.0])
+
+_PLAIN = (
+    *("id", "corners_px", "margin", "frames_used", "time_ns"),
+    *("position_m", "quaternion_wxyz", "covariance"),
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -57,6 +63,14 @@ class Marker:
         """
         turned = self._turned()
         return None if turned is None else math.atan2(turned[1, 0], turned[1, 1])
+
+    def to_dict(self) -> dict[str, Any]:
+        """Numbers, lists and None only, as JSON has them, under the names of the attributes."""
+        values = {
+            name: value.tolist() if isinstance(value := getattr(self, name), np.ndarray) else value
+            for name in (*_PLAIN, "distance_m", "yaw", "pitch", "roll")
+        }
+        return values | {"mirrored": None if self.mirrored is None else self.mirrored.to_dict()}
 
     def _turned(self) -> Floats | None:
         """The rotation from the upright panel that faces the camera: yaw about y · pitch about x · roll about z."""

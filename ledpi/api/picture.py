@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import threading
+from typing import Any, TypeAlias
+
 import numpy as np
+from numpy.typing import NDArray
 
 from ledpi.core.errors import PictureError
 from ledpi.core.records import Pixels
 
+# What programs have: cv2.imread gives None where it cannot read a file, and its stubs know no dtype.
+Image: TypeAlias = "NDArray[Any] | None"
 _GREY = "must be grey, (height, width) uint8"
 
 
@@ -38,6 +44,20 @@ def check_size(picture: Pixels, width: int, height: int, because: str) -> None:
     raise PictureError(
         f"image: must be {width} × {height} pixels, as {because}, not {picture.shape[1]} × {picture.shape[0]}{below}"
     )
+
+
+class OneAtATime:
+    """Guards what is not to be shared between threads: `with` it, two calls at once raise PictureError."""
+
+    def __init__(self, what: str) -> None:
+        self._what, self._lock = what, threading.Lock()
+
+    def __enter__(self) -> None:
+        if not self._lock.acquire(blocking=False):
+            raise PictureError(f"this {self._what} is in use by another thread; make one for each thread")
+
+    def __exit__(self, *_: object) -> None:
+        self._lock.release()
 
 
 def _shape(image: np.ndarray[tuple[int, ...], np.dtype[np.generic]]) -> str:

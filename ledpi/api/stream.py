@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import operator
 
-from ledpi.api.exposed import Decoder, Exposure, Panels
+from ledpi.api.exposed import Decoder, Exposure, Panels, Read
+from ledpi.api.fix import Fix
 from ledpi.api.marker import Marker
-from ledpi.api.picture import checked_picture
+from ledpi.api.picture import Image, OneAtATime, checked_picture
 from ledpi.core.errors import PictureError
-from ledpi.core.records import Pixels
 from ledpi.core.wording import shortened
 
 
@@ -21,14 +21,20 @@ class Stream:
         self._decoder: Decoder | None = None  # of the first picture's size
         self._seq = 0
         self._last_ns: int | None = None
-        self._rejected: dict[str, int] = {}
+        self._read: Read | None = None
+        self._guard = OneAtATime("stream")
 
     @property
     def rejected(self) -> dict[str, int]:
         """What in the last picture was no marker: how often each reason of docs/troubleshooting.md."""
-        return dict(self._rejected)
+        return {} if self._read is None else dict(self._read.rejected)
 
-    def read(self, image: Pixels, *, time_ns: int) -> list[Marker]:
+    @property
+    def fix(self) -> Fix | None:
+        """Where the last picture says the robot is; None where it does not, or there is no map."""
+        return None if self._read is None else self._read.fix
+
+    def read(self, image: Image, *, time_ns: int) -> list[Marker]:
         """The markers in the next picture, the surest first.
 
         `image` is as for `Reader.read`. `time_ns` is when row 0's read-out began, in nanoseconds of any one clock, as
@@ -36,8 +42,13 @@ class Stream:
         may be left out; after half a second without one, all begins anew.
 
         Raises PictureError, a ValueError, for another picture, another size than the first one's or the lens's, or a
-        time that is not after the one before; the stream goes on as if there had been none.
+        time that is not after the one before; the stream goes on as if there had been none. So does
+        another thread that calls it meanwhile.
         """
+        with self._guard:
+            return self._next(image, time_ns)
+
+    def _next(self, image: Image, time_ns: int) -> list[Marker]:
         picture = checked_picture(image)
         try:
             time_ns = operator.index(time_ns)
@@ -47,6 +58,6 @@ class Stream:
             raise PictureError(f"time_ns: must be after the picture's before, {self._last_ns}, not {time_ns}")
         if self._decoder is None:
             self._decoder = Decoder(self._panels, self._exposure, picture, stream=True)
-        markers, self._rejected = self._decoder.read(picture, self._seq, time_ns)
+        self._read = self._decoder.read(picture, self._seq, time_ns)
         self._seq, self._last_ns = self._seq + 1, time_ns
-        return markers
+        return list(self._read.markers)

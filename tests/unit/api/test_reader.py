@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import doctest
+import json
 import math
 import subprocess
 import sys
@@ -213,13 +214,22 @@ def test_pictures_turned_by_180_degrees_are_read_from_below() -> None:
 @pytest.mark.parametrize(
     ("values", "said"),
     [
-        ({"side_m": 160}, "configuration: panels.side_m: must be in metres, 10 at most (160 mm are 0.16), not 160"),
-        ({"side_m": float("nan")}, "configuration: panels.side_m: must be "),
-        ({"dictionary": "DICT_9X9"}, "configuration: panels.dictionary: must be one of "),
-        ({"ids": [700]}, "configuration: panels.ids: DICT_4X4_50 has only the IDs 0 to 49, not 700"),
-        ({"white_hz": 2.45}, "configuration: panels.white_hz: must be "),
-        ({"transfer": "gamma"}, "configuration: camera.transfer: must be "),
+        ({"side_m": 160}, "side_m: must be in metres, 10 at most (160 mm are 0.16), not 160"),
+        ({"side_m": float("nan")}, "side_m: must be "),
+        ({"dictionary": "DICT_9X9"}, "dictionary: must be one of "),
+        ({"ids": [700]}, "ids: DICT_4X4_50 has only the IDs 0 to 49, not 700"),
+        ({"white_hz": 2.45}, "white_hz: must be "),
+        ({"transfer": "gamma"}, "transfer: must be "),
         ({"lens": "nowhere.yaml"}, "nowhere.yaml: "),
+        ({"lens": 5}, "lens: must be a path, not 5"),
+        ({"ids": "23"}, "ids: must be whole numbers, as [7, 23], not '23'"),
+        ({"ids": 7}, "ids: must be whole numbers, as [7, 23], not 7"),
+        ({"ids": [7.5]}, "ids: must be whole numbers, as [7, 23], not [7.5]"),
+        ({"overrides": {7: {"side": 0.3}}}, "overrides.7.side: unknown key; did you mean side_m?"),
+        ({"overrides": [7]}, 'overrides: must be as {7: {"side_m": 0.3}}, not [7]'),
+        ({"camera_mount": {"rpy": [0, 0, 0]}}, "camera_mount.rpy: unknown key"),
+        ({"map": 3}, "map: must be a path, not 3"),
+        ({"upright": "yes, all"}, "upright: must be true or false"),
     ],
 )
 def test_a_value_that_cannot_be_is_refused_at_once(values: dict[str, Any], said: str) -> None:
@@ -229,12 +239,85 @@ def test_a_value_that_cannot_be_is_refused_at_once(values: dict[str, Any], said:
     assert str(caught.value).startswith(said)
 
 
+@pytest.mark.parametrize(
+    ("exposed", "said"),
+    [
+        ({"row_time_us": 33.67, "exposure_us": 10}, "exposure_us: must be at least row_time_us, 33.67 "),
+        ({"row_time_us": "auto"}, "row_time_us: must be a number of microseconds, not 'auto'"),
+        ({"row_time_us": None}, "row_time_us: must be "),
+        ({"row_time_us": 33.67, "exposure_us": [10000]}, "exposure_us: must be "),
+    ],
+)
+def test_times_that_cannot_be_are_named(exposed: dict[str, Any], said: str, near: Pixels) -> None:
+    """10 µs were meant as 10 ms; what is no number is no time."""
+    with pytest.raises(ledpi.LedpiError) as caught:
+        reader().read(near, **exposed)
+    assert str(caught.value).startswith(said)
+
+
+def test_two_threads_at_once_are_refused(near: Pixels) -> None:
+    """Rather than mixed up; afterwards the reader goes on."""
+    shared = reader()
+    stream = shared.stream(row_time_us=33.67)
+    with shared._guard, pytest.raises(ledpi.PictureError, match="this reader is in use by another thread"):
+        shared.read(near, row_time_us=33.67)
+    with stream._guard, pytest.raises(ledpi.PictureError, match="this stream is in use by another thread"):
+        stream.read(near, time_ns=1)
+    assert [marker.id for marker in shared.read(near, row_time_us=33.67)] == [7]
+
+
+# ---- More than markers
+
+
+def test_a_panel_of_another_size_is_placed_by_it(near: Pixels) -> None:
+    """Of half the side, at half the distance."""
+    whole, half = reader(), reader(overrides={7: {"side_m": 0.08}})
+    (far,), (close,) = (one.read(near, row_time_us=33.67) for one in (whole, half))
+    assert far.distance_m is not None
+    assert close.distance_m == pytest.approx(far.distance_m / 2, rel=1e-3)
+
+
+def test_a_map_tells_where_the_robot_is(near: Pixels, tmp_path: Path) -> None:
+    """Before the panel, at its distance, the camera's mount counted in; without a map there is no fix."""
+    (tmp_path / "markers.yaml").write_text("panels: {7: {position_m: [0, 0, 1], yaw_deg: 180}}\n")
+    placed = reader(map=tmp_path / "markers.yaml", upright=True, camera_mount={"position_m": [0.1, 0, 0]})
+    (marker,) = placed.read(near, row_time_us=33.67)
+    assert placed.fix is not None
+    assert marker.distance_m is not None
+    assert np.hypot(*placed.fix.position_m[:2]) == pytest.approx(marker.distance_m + 0.1, abs=0.02)
+    assert placed.fix.panels_used == (7,)
+    assert json.loads(json.dumps(placed.fix.to_dict()))["panels_used"] == [7]
+    plain = reader()
+    plain.read(near, row_time_us=33.67)
+    assert plain.fix is None
+
+
+def test_why_a_panel_is_not_read_is_told(near: Pixels) -> None:
+    """In words, with its place; of one that is read, nothing."""
+    (reason,) = reader(ids=[3]).why_not(near, row_time_us=33.67)
+    assert reason.says == "this is ID 7, which panels.ids does not list"
+    assert reason.is_panel
+    assert reason.helps
+    assert reader().why_not(near, row_time_us=33.67) == []
+
+
+def test_a_marker_is_a_dictionary_for_json(near: Pixels) -> None:
+    """With the attributes' names; None where there is no pose."""
+    (marker,) = reader().read(near, row_time_us=33.67)
+    told = json.loads(json.dumps(marker.to_dict()))
+    assert told["id"] == 7
+    assert told["position_m"] == pytest.approx(marker.position_m.tolist())  # type: ignore[union-attr]
+    assert told["yaw"] == pytest.approx(marker.yaw)
+    (bare,) = reader(lens=None).read(near, row_time_us=33.67)
+    assert bare.to_dict()["distance_m"] is None
+
+
 @pytest.mark.parametrize("exposed", [{"row_time_us": 33.67e-6}, {"row_time_us": 33.67, "exposure_us": 0.01}])
 def test_times_in_seconds_are_refused(exposed: dict[str, float], near: Pixels) -> None:
     """By both, before a picture is read."""
-    with pytest.raises(ledpi.LedpiError, match=r"^configuration: camera\.(row_time|exposure)_us: must be "):
+    with pytest.raises(ledpi.LedpiError, match=r"^(row_time|exposure)_us: must be "):
         reader().read(near, **exposed)
-    with pytest.raises(ledpi.LedpiError, match=r"^configuration: camera\.(row_time|exposure)_us: must be "):
+    with pytest.raises(ledpi.LedpiError, match=r"^(row_time|exposure)_us: must be "):
         reader().stream(**exposed)
 
 
